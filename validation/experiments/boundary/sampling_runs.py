@@ -204,8 +204,8 @@ def exact_nodes(context: Context, shape: str, spacing: float, level: int, backen
     """Node values against the exact closest triangle of trimesh, and signs against the winding number, in float32."""
     import trimesh
 
-    from refsim.boundary.mesh import winding
     from refsim.sparse_grid.reference import node_table
+    from refsim.winding_number.reference import solid_angles
 
     made = SHAPES[shape](level)
     mesh = mesh_of(made, shape)
@@ -218,7 +218,7 @@ def exact_nodes(context: Context, shape: str, spacing: float, level: int, backen
     distance = trimesh.proximity.closest_point(made, place + mesh.origin)[1]
     found = field.distance[rows]
     clear = distance > 1e-5
-    signs = np.array([winding(p, mesh.corners) > 0.5 for p in place[clear]])
+    signs = np.concatenate([solid_angles(p[None], mesh.corners)[0].sum(1) for p in place[clear]]) > 2 * np.pi
     context.progress(1.0)
     return Result(
         {
