@@ -22,14 +22,15 @@ def stock(simulation: Simulation | Plan) -> dict[str, Any]:
     """
     if isinstance(simulation, Plan):
         plan, state = simulation, simulation.state
-        values = {"position": state.position, "velocity": state.velocity, "mass": state.mass, **state.values}
+        place = plan.grid.local(state.position).astype(plan.grid.dtype)  # as a run holds it
+        values = {"position": plan.grid.absolute(place), "velocity": state.velocity, "mass": state.mass, **state.values}
         values.setdefault(
             "volume", np.full(plan.grid.count, plan.grid.spacing**plan.grid.dim)
         )  # of a lattice's particle
+        kinds = {name: f.numpy_dtype(plan.grid.dtype) for name, f in plan.fields.items()} | {"position": float}
 
         def field(name: str) -> np.ndarray:
-            far = name == "position" and any(plan.grid.origin)
-            return values[name].astype(float if far else plan.fields[name].numpy_dtype(plan.grid.dtype))
+            return values[name].astype(kinds[name])
     else:
         plan, field = simulation.plan, simulation.field
     x, v, m = (field(name).astype(float) for name in ("position", "velocity", "mass"))

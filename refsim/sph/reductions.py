@@ -96,18 +96,17 @@ def stepped(i, position, position_residual, velocity, acceleration, build_positi
     stopped = False
     for c in range(3):
         v = velocity[i, c] + timestep[0] * acceleration[i, c]
-        x, rest = position[i, c], type(v)(0)
         if position_residual is not None:
-            x, rest = drifted(x, position_residual[i, c], timestep[1] * v)
+            x, position_residual[i, c] = drifted(position[i, c], position_residual[i, c], timestep[1] * v)
         else:
-            x = x + timestep[1] * v
+            x = position[i, c] + timestep[1] * v
         if bounds is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
             if x < bounds.lower[c] or x > bounds.upper[c]:
                 x = min(max(x, bounds.lower[c]), bounds.upper[c])
-                v, rest = type(v)(0), type(v)(0)
+                v = type(v)(0)
                 stopped = True
-        if position_residual is not None:
-            position_residual[i, c] = rest
+                if position_residual is not None:
+                    position_residual[i, c] = type(v)(0)
         velocity[i, c] = v
         position[i, c] = x
         moved = x - build_position[i, c]

@@ -359,6 +359,8 @@ HARMLESS = {
         ("first, last = (real(0), real(1))  ->  first, last = (real(0), real(2))", "cut off at one by its caller"),
     ],
     "corrected_step": [
+        ("position_residual[i, c] = real(0)  ->  position_residual[i, c] = -real(0)", "zero"),
+        ("position_residual[i, c] = real(0)  ->  position_residual[i, c] = real(0) * 1.01", "zero"),
         ("begun = real(1)", "only the sign is looked at"),
         ("t < real(1)  ->  t < real(2)", "two says that there is none"),
         ("real = type(timestep[0])", "only the type is taken"),
@@ -524,6 +526,8 @@ HARMLESS = {
     ],
     "weigh_and_pack": [("exchanges.count[i] = found  ->  exchanges.count[i] = found * 1.01", "cut off to an integer")],
     "stepped": [
+        ("position_residual[i, c] = type(v)(0)  ->  position_residual[i, c] = -type(v)(0)", "zero"),
+        ("position_residual[i, c] = type(v)(0)  ->  position_residual[i, c] = type(v)(0) * 1.01", "zero"),
         ("squared = type(timestep[0])(0)", "only the type is taken"),
         (
             "gradient[i] = inverse[i] * residual[i]  ->  gradient[i] = inverse[i] * residual[i] * 1.01",

@@ -107,13 +107,13 @@ def corrected_step(
     u = velocity[i, 0] + timestep[0] * acceleration[i, 0]
     v = velocity[i, 1] + timestep[0] * acceleration[i, 1]
     w = velocity[i, 2] + timestep[0] * acceleration[i, 2]
-    rx, ry, rz = real(0), real(0), real(0)
     if position_residual is not None:
-        x, rx = drifted(x0, position_residual[i, 0], timestep[1] * u)
-        y, ry = drifted(y0, position_residual[i, 1], timestep[1] * v)
-        z, rz = drifted(z0, position_residual[i, 2], timestep[1] * w)
+        x, position_residual[i, 0] = drifted(x0, position_residual[i, 0], timestep[1] * u)
+        y, position_residual[i, 1] = drifted(y0, position_residual[i, 1], timestep[1] * v)
+        z, position_residual[i, 2] = drifted(z0, position_residual[i, 2], timestep[1] * w)
     else:
         x, y, z = x0 + timestep[1] * u, y0 + timestep[1] * v, z0 + timestep[1] * w
+    corrected = False
     if penetration.swept:
         begun = real(1)
         if not outside_box(x0, y0, z0, penetration):
@@ -122,7 +122,7 @@ def corrected_step(
             t = entry(x0, y0, z0, x - x0, y - y0, z - z0, solid_field, penetration)
             if t < real(1):
                 x, y, z = x0 + t * (x - x0), y0 + t * (y - y0), z0 + t * (z - z0)
-                rx, ry, rz = real(0), real(0), real(0)
+                corrected = True
     if penetration.everywhere or not outside_box(x, y, z, penetration):
         share = rebound(identity[i], corrections[i], penetration)
         allowed = real(0)
@@ -136,25 +136,27 @@ def corrected_step(
             u, v, w = u + jump * nx, v + jump * ny, w + jump * nz
             distance = pushed(depth, steep, share)
             x, y, z = x + distance * nx, y + distance * ny, z + distance * nz
-            rx, ry, rz = real(0), real(0), real(0)
+            corrected = True
             if push == 0:
                 corrections[i] += 1
                 allowed = -solid_field.spacing / real(LEFT)
     stopped = False
     squared = real(0)
     for c in range(3):
-        place, speed, rest = x, u, rx
+        place, speed = x, u
         if c == 1:
-            place, speed, rest = y, v, ry
+            place, speed = y, v
         elif c == 2:
-            place, speed, rest = z, w, rz
+            place, speed = z, w
+        held = corrected
         if bounds is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
             if place < bounds.lower[c] or place > bounds.upper[c]:
                 place = min(max(place, bounds.lower[c]), bounds.upper[c])
-                speed, rest = real(0), real(0)
-                stopped = True
-        if position_residual is not None:
-            position_residual[i, c] = rest
+                speed = real(0)
+                stopped = held = True
+        if position_residual is not None:  # noqa: SIM102
+            if held:
+                position_residual[i, c] = real(0)
         velocity[i, c] = speed
         position[i, c] = place
         moved = place - build_position[i, c]
