@@ -70,12 +70,12 @@ def read_mesh(path: str | os.PathLike[str], what: str = "mesh") -> Any:
 
 @contextlib.contextmanager
 def _silent() -> Iterator[None]:
-    """Readers log tracebacks, print and warn about what they then raise, or about colours that nobody needs."""
+    """Readers log tracebacks, print and warn about what they then raise, or about colours, which no method needs."""
     log = logging.getLogger("trimesh")
     before, log.disabled = log.disabled, True
     try:
         with warnings.catch_warnings(), open(os.devnull, "w") as nowhere:
-            warnings.simplefilter("ignore", DeprecationWarning)
+            warnings.simplefilter("ignore")
             with contextlib.redirect_stdout(nowhere), contextlib.redirect_stderr(nowhere):
                 yield
     finally:
