@@ -137,7 +137,7 @@ def _marked_ratio(results: Results) -> list[float]:
 
 # P3 and P4: the velocity along the normal keeps particles on the surface, that along the tangent spreads them.
 
-SOLIDS = ("sphere", "torus", "cube", "funnel", "pebble")
+SOLIDS = ("sphere", "torus", "cube", "needle", "plate")
 PARTICLES = 1000
 
 
