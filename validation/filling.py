@@ -81,7 +81,7 @@ class Recorded:
 
 
 class Pictures(dict[str, Any]):
-    """Data of pictures by name, read when they are asked for."""
+    """Data of pictures by name, each read once, when first needed."""
 
     def __missing__(self, name: str) -> Any:
         self[name] = numbers(read_data(ROOT / "figures", name))

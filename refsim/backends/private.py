@@ -1,6 +1,6 @@
 """Private names of Numba and numba-cuda. They stand in this module alone; each is looked up once.
 
-A feature that needs such names asks for them by `names`. Where one of them is gone it does without: kernels then are
+A feature that needs such names takes them from `names`. Where one of them is gone it does without: kernels then are
 compiled, kept and launched in the public way. `lost` says what that costs, and `refsim doctor` prints it.
 """
 

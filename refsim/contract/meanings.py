@@ -41,6 +41,7 @@ ARGUMENTS = {
     "grid": "background grid: blocks and cells of the particles, an object of refsim (refsim.mpm.grid.MpmGrid)",
     "inset_position": "vertices after they are moved inwards [m]",
     "inside_after": "1 for blocks behind which, along x, nodes are inside [-]",
+    "interior_number": "numbers of the particles whose surface is sought, by which ties are decided [-]",
     "interior_position": "positions of the particles whose surface is sought [m]",
     "nearest": "particle nearest to each sample, -1 if none is nearer than 2 h [-]",
     "node_force": "force of the surface on each node [N]",
@@ -83,6 +84,8 @@ ARGUMENTS = {
     "vertex_edge": "cut edge of each vertex: 3 times the cell and the axis [-]",
     "vertex_normal": "unit normal at each vertex [-]",
     "vertex_position": "position of each vertex of the surface [m]",
+    "viewpoint": "places about which the winding number is wanted [m]",
+    "winding_number": "winding number of the mesh about each place [-]",
 }
 MEMBERS = {
     "Cohesion.alpha": "alpha of J(16) [-]",

@@ -184,7 +184,7 @@ class Simulation:
         if name not in self.plan.fields:
             raise InputError(f"field: this scene has no field {name!r}; {suggestion(name, self.plan.fields)}")
         needed = self._needed(name)
-        if needed and name not in self._current:
+        if (needed or name == "acceleration") and name not in self._current:
             for _ in self.replay_passes(only=needed):
                 pass
         if not needed and self.last is None and self._is_of_steps(name):
@@ -352,7 +352,7 @@ class Simulation:
 
     def launch(self, only: Collection[int] | None = None) -> Iterator[tuple[str, tuple[str, ...]]]:
         """Launch the passes of a step, or those of these numbers; after each, its operation and the fields it wrote."""
-        if only is None or any("acceleration" in self.force_passes[k][1].written for k in only):
+        if only is None or self._needed("acceleration") <= set(only):  # also where no pass adds to it
             self.backend.assign(self.fields["acceleration"], 0.0)
         for k, ((name, rare, call), (_, p)) in enumerate(zip(self.force_calls, self.force_passes)):
             if (not rare) if only is None else k in only:

@@ -17,14 +17,20 @@ def grid_offset(x, j, surface_term):
 
 @formula
 def equally_near(squared):
-    """Squared distance [h^2] below which particles are as near as the nearest, whose own is `squared`."""
+    """Squared distance [h^2] below which particles are as near as the nearest, whose own is `squared` (before (3.4)).
+
+    r_2 = (r + EQUALLY_NEAR)^2, of two distances that rounding makes differ.
+    """
     far = math.sqrt(squared) + type(squared)(EQUALLY_NEAR)
     return min(far * far, type(squared)(REACH * REACH))
 
 
 @formula
 def comes_before(p, other, interior_number):
-    """Whether particle p, of two equally near ones, has the lower number; of the images of one, the first."""
+    """Whether particle p, of two equally near ones, has the lower number (before (3.4)), dimensionless.
+
+    number[p] < number[other], or, of two images of one particle, p < other.
+    """
     own, its = interior_number[p], interior_number[other]
     return own < its or (own == its and p < other)
 

@@ -714,6 +714,8 @@ def test_ledgers_of_heat():
     assert printed.ledger(field) == {"heat": 5.0 - 0.25 + 4.0}
     still = HeatConduction(literal=("M11",), scheme="explicit", conductivity=0.0)
     assert still.ledger(field) == {"heat": 80.0 - 18.0 + 70.0}
+    total, size, exchangeable = HeatConduction().balance(field)  # what the particle above the mean can give
+    assert (total, size, exchangeable) == near((132.0, 168.0, 8 * (10 - 132 / 61)))
 
 
 def test_ledgers_of_corrected_positions():

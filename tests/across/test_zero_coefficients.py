@@ -178,6 +178,7 @@ TERMS = {
 OTHERS = {
     "shape_matching.stiffness": "alone it leaves the damping, which needs the regions' rigid motion",
     "heat_conduction.temperature": "a temperature",
+    "heat_conduction.largest_drift": "any",
     "heat_conduction.melting_point": "a temperature",
     "heat_conduction.conductivity": "see IDENTITIES",
     "mpm_liquid.cell_size": "two spacings",

@@ -626,10 +626,10 @@ def test_list_takes_a_filter(capsys):
 
 
 def test_doctor_shows_an_exception_as_what_it_is(capsys, monkeypatch):
-    def broken(self, on_demand=True):
+    def broken(self, name):
         raise TypeError("no kernel of this\nkind")
 
-    monkeypatch.setattr(doctor.Simulation, "evaluate", broken)
+    monkeypatch.setattr(doctor.Simulation, "field", broken)
     assert main(["doctor"]) == 4
     out = capsys.readouterr().out
     assert "backend numpy stops with an error in the self-test: TypeError: no kernel of this kind (" in out

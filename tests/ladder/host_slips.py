@@ -108,6 +108,8 @@ GROUPS = {
     "ledgers": (
         "refsim.melting:Melting.ledger",
         "refsim.heat:HeatConduction.ledger",
+        "refsim.heat:HeatConduction._stored",
+        "refsim.heat:HeatConduction.balance",
         "refsim.boundary.one_way_coupling:MeshBoundary.ledger",
     ),
     "groups": (

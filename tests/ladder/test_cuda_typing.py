@@ -252,7 +252,7 @@ def support_launches(dtype):
         (device.copy_scalars, (scalars, scalars)),
         (device.copy_vectors, (vectors, vectors)),
         (device.invert, (integers, integers)),
-        (device.choose_step, (scalars, np.zeros((2, 4)), 1.0, 0.0, 1e-6, 9.0, scalars, np.zeros(10))),
+        (device.choose_step, (scalars, np.zeros((2, 4)), 1.0, 0.0, 1e-6, 9.0, 0.0, scalars, np.zeros(10))),
         (device.note_displacement, (scalars, np.zeros(10))),
     ]
 

@@ -735,7 +735,7 @@ def test_different_settings_for_one_field_are_refused(borrower, other):
         ({"method": "umbrella"}, "method = 'umbrella' is not possible; choose from number_density, fan_scan, two_step"),
         ({"scan_radius": "double"}, "scan_radius = 'double'"),
         ({"scan_normal": "none"}, "scan_normal = 'none'"),
-        ({"literal": ("E4",)}, "literal has E4; only E5, E6, E10, E23 or all"),
+        ({"literal": ("E4",)}, "literal has E4; only E5, E6, E10, E23, paper or all"),
     ],
 )
 def test_bad_settings_get_one_sentence(settings, words):

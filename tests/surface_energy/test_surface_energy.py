@@ -373,7 +373,7 @@ def test_printed_readings_do_what_they_say():
         ({"normals": "best"}, "normals = 'best' is not possible; choose from mls, gradient, facets, offsets"),
         ({"quadrature": "gauss"}, "quadrature = 'gauss' is not possible; choose from facets, poisson"),
         ({"inset": 2.0}, "inset = 2.0"),
-        ({"literal": ("E2",)}, "only M1, M14, M31, M32 or all"),
+        ({"literal": ("E2",)}, "only M1, M14, M31, M32, paper or all"),
     ],
 )
 def test_bad_parameters_are_told(parameters, words):

@@ -56,10 +56,11 @@ def test_sum_of_pairs_on_implicit_pressure():
     """The same for Akinci 2013 on IISPH, whose pressures are those of the step before."""
     simulation = blob(Akinci2013(surface_tension=1.0), ImplicitPressure())
     for _ in range(3):
-        before = simulation.field("position").astype(float)
-        simulation.step()
+        before, slow = (simulation.field(name).astype(float) for name in ("position", "velocity"))
+        done = simulation.step()
+    a = (simulation.field("velocity") - slow) / done.length
     simulation.set_field("position", before)
-    a, m = (simulation.field(name).astype(float) for name in ("acceleration", "mass"))
+    m = simulation.field("mass").astype(float)
     _, _, virial = pair_virials(simulation)
     assert simulation.field("pressure").max() > 0
     assert virial.sum() == pytest.approx((m[:, None] * before * a).sum(), abs=1e-5 * np.abs(virial).sum())

@@ -42,6 +42,6 @@ def test_the_experiment_of_the_page_is_found_and_holds(free_fall, tmp_path):
     (performed,) = perform([free_fall.part(options)], options, stream=io.StringIO())
     assert {check.name: check.verdict for check in performed.checks} == {"fallen.short": "pass", "fallen.long": "pass"}
     assert [path.name for path in performed.drawn.values()] == ["free_fall.png"]
-    assert set(json.loads((options.figures / "free_fall.json").read_text())) == {"short", "long"}
+    assert set(json.loads((options.figures / "free_fall.json").read_text())) == {"short", "long", "measured"}
     claim = read_claims()["parabola"]
     assert claim.judge(free_fall.claims["parabola"].values(performed.results)) == claim.verdict == "confirmed"

@@ -267,7 +267,7 @@ def scene(**changes):
         ({"effects": (JiangZhu2023(surface_tension=1.0, area_ratio=0.02),)}, "area_ratio = 0.02 is above"),
         ({"effects": (JiangZhu2023(surface_tension=1.0, area_term="color", area_acceleration=99.0),)}, "is above"),
         ({"effects": (JiangZhu2023(surface_tension=1.0, pair_mode="either", area_ratio=0.0),)}, "boil or fall apart"),
-        ({"cloud": Cloud(position=[[1e5, 0, 0]])}, "use float64"),
+        ({"cloud": Cloud(position=[[0, 0, 0], [1e5, 0, 0]])}, "use float64"),
     ],
 )
 def test_what_was_found_unstable_is_said_beforehand(changes, words):

@@ -30,7 +30,7 @@ def known(*starts):
 
 STEADY = Claim(
     "steady", "fake", "fake", "Steady", "It is steady.", "here", "plain", "confirmed", "size", "m", "at_most", 3.0, 2.0,
-    (1.9, 2.1), 3,
+    (1.9, 2.1), 5,
 )  # fmt: skip
 FIRST = Value("first", "fake", "start_0", "value", "first size", "m", 2.0, (1.9, 2.1), "nothing")
 
@@ -42,24 +42,24 @@ def found(starts, claim=STEADY, value=FIRST, rounding=()):
 
 
 def test_what_is_within_the_published_spread_holds():
-    assert found([2.0, 1.95, 2.3]) == {"steady": "", "first": ""}
-    assert found([1.899, 1.899, 2.0]) == {"steady": "", "first": ""}, "spreads are published with four digits"
+    assert found([2.0, 2.0, 2.0, 1.95, 2.3]) == {"steady": "", "first": ""}
+    assert found([1.899, 1.899, 1.899, 2.0, 2.0]) == {"steady": "", "first": ""}, "spreads are published with four digits"
 
 
 def test_an_altered_number_is_noticed():
-    why = found([2.2, 2.2, 2.2])
+    why = found(5 * [2.2])
     assert why["steady"].startswith("steady: size is 2.2, published is confirmed, 2 m (1.9 to 2.1); find what changed")
     assert why["first"].startswith("first: first size is 2.2, published is 2 m (1.9 to 2.1); find what changed it")
     other = dataclasses.replace(STEADY, measured=2.2, spread=(2.15, 2.25))
-    assert "published is confirmed, 2.2 m (2.15 to 2.25)" in found([2.0, 2.0, 2.0], claim=other)["steady"]
+    assert "published is confirmed, 2.2 m (2.15 to 2.25)" in found(5 * [2.0], claim=other)["steady"]
     one = dataclasses.replace(FIRST, measured=2.2, spread=(2.2, 2.2))
-    assert found([2.0, 2.0, 2.0], value=one)["first"]
+    assert found(5 * [2.0], value=one)["first"]
 
 
 def test_another_verdict_is_noticed_even_where_numbers_are_rounding():
-    assert "the verdict is mixed" in found([2.0, 2.0, 4.0])["steady"]
-    assert found([1e-3, 1e-3, 1e-3], rounding=["steady"])["steady"] == ""
-    assert "the verdict is refuted" in found([4.0, 4.0, 4.0], rounding=["steady"])["steady"]
+    assert "the verdict is mixed" in found([2.0, 2.0, 2.0, 2.0, 4.0])["steady"]
+    assert found(5 * [1e-3], rounding=["steady"])["steady"] == ""
+    assert "the verdict is refuted" in found(5 * [4.0], rounding=["steady"])["steady"]
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
