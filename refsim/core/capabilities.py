@@ -238,6 +238,7 @@ class KeepsBalance:
     __slots__ = ()
 
     balanced: ClassVar[str] = ""  # the total, in a word
+    stops_as: ClassVar[str] = ""  # reason of a run that stops because of a drift
     remedy: ClassVar[str] = ""  # what a user does about a drift
     largest_drift: float  # share of what can be exchanged above which the run stops
 

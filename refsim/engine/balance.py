@@ -56,6 +56,6 @@ class Balances:
                 f" {drift:.3g} J, {100 * share:.2g} % of what can be exchanged, although nothing enters or leaves"
             )
             if 0 < effect.largest_drift < share:
-                raise RunStopped(f"{effect.balanced}_lost", f"{words}: {effect.remedy}.")
+                raise RunStopped(effect.stops_as, f"{words}: {effect.remedy}.")
             if f"{effect.name} balance" not in s.remarks:
                 s.remark(f"{effect.name} balance", f"{words}; rounding explains {rounding:.2g} J: {effect.remedy}.")

@@ -128,6 +128,7 @@ class HeatConduction(
     periodic: ClassVar[bool] = True
     ledger_units: ClassVar[Mapping[str, str]] = {"heat": "J"}
     balanced: ClassVar[str] = "heat"
+    stops_as: ClassVar[str] = "heat_lost"
     remedy: ClassVar[str] = "take another scheme, a shorter step or float64, or raise largest_drift"
     source: ClassVar[str] = "Shao & Song"
     errata: ClassVar[tuple[str, ...]] = ("M5", "M6", "M8", "M9", "M11")

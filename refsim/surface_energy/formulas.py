@@ -29,7 +29,7 @@ def equally_near(squared):
 def comes_before(p, other, interior_number):
     """Whether particle p, of two equally near ones, has the lower number (before (3.4)), dimensionless.
 
-    number[p] < number[other], or, of two images of one particle, p < other.
+    yes = (number[p], p) < (number[other], other), where the images of one particle bear one number.
     """
     own, its = interior_number[p], interior_number[other]
     return own < its or (own == its and p < other)

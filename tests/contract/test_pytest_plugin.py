@@ -36,7 +36,8 @@ def run(folder, *options):
     plugin = () if KNOWN else ("-p", "refsim.pytest_plugin")
     command = [sys.executable, "-m", "pytest", "-q", *plugin, "-W", "error", "--junit-xml", "out.xml", *options]
     path = os.pathsep.join([str(folder), *sys.path])
-    done = subprocess.run(command, cwd=folder, env=os.environ | {"PYTHONPATH": path}, capture_output=True, text=True)
+    own = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST_")}  # not xdist's
+    done = subprocess.run(command, cwd=folder, env=own | {"PYTHONPATH": path}, capture_output=True, text=True)
     outcomes, messages = {}, {}
     for test in xml.etree.ElementTree.parse(folder / "out.xml").iter("testcase"):
         kinds = [child.tag for child in test if child.tag in ("failure", "skipped", "error")]

@@ -879,7 +879,9 @@ def judged(names, part=0, parts=1, seconds=None, functions=()):
     command = [sys.executable, __file__, *names, "--part", f"{part}/{parts}", "--functions", *functions]
     environment = dict(os.environ, NUMBA_DISABLE_JIT="1", PYTHONPATH=path)
     try:
-        done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=seconds)
+        done = subprocess.run(
+            command, capture_output=True, text=True, env=environment, timeout=None if seconds == math.inf else seconds
+        )
     except subprocess.TimeoutExpired:
         return None
     if done.returncode:

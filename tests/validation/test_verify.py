@@ -43,7 +43,9 @@ def found(starts, claim=STEADY, value=FIRST, rounding=()):
 
 def test_what_is_within_the_published_spread_holds():
     assert found([2.0, 2.0, 2.0, 1.95, 2.3]) == {"steady": "", "first": ""}
-    assert found([1.899, 1.899, 1.899, 2.0, 2.0]) == {"steady": "", "first": ""}, "spreads are published with four digits"
+    assert found([1.899, 1.899, 1.899, 2.0, 2.0]) == {"steady": "", "first": ""}, (
+        "spreads are published with four digits"
+    )
 
 
 def test_an_altered_number_is_noticed():
