@@ -75,7 +75,7 @@ COMPARED = {"float32": 5, "float64": 20}  # steps before two backends are compar
 # after five steps, because a liquid at rest has almost none. The pairing tests accuracy; this tests whole runs.
 TOLERANCE = {"float32": 0.1, "float64": 1e-8}
 # Fields that are rounding errors before any deformation, by the scale of their errors: a length, a rate.
-OF_SPACING = ("region_anchor", "region_center")
+OF_SPACING = ("region_anchor", "region_center", "position_residual")
 OF_SHAKING = ("region_spin",)
 ELSEWHERE = ("refsim/contract", "refsim/study/cost.py")  # judge pairings and predict seconds; no other task uses them
 FLAGS = {"float32": 2e-3, "float64": 0.0}  # share of flags that may differ

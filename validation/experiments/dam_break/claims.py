@@ -117,7 +117,8 @@ def released(context: Context, columns: int, until: float, seed: int, method: st
     detection = SurfaceDetection(method=method, release_pressure=True)
     cloud = runs.jittered(columns, 1, seed)
     scene = runs.column_scene(columns, 1, 4.0, (detection,), cloud)
-    liquid = msgspec.structs.replace(scene.effects[0], clamp_pressure=clamp)
+    bound = 1.5 if clamp else 10.0  # of the density: where pressures pull, single particles fall into each other
+    liquid = msgspec.structs.replace(scene.effects[0], clamp_pressure=clamp, density_bound=bound)
     simulation = context.simulation(msgspec.structs.replace(scene, effects=(liquid, *scene.effects[1:])), backend)
     noise, marked = [], []
 
