@@ -122,3 +122,12 @@ def test_table_1_takes_the_median_of_its_turns(tmp_path):
     write_data(picture, found, tmp_path)
     assert redraw(picture, tmp_path).stat().st_size > 10_000
     assert dong_table_1.EXPERIMENT.tables({}) == []
+
+
+@pytest.mark.parametrize("quick", [True, False])
+def test_frames_of_the_block_come_in_order(quick):
+    """A frame that stands after a later one would show that one."""
+    falls = [run.parameters["frames"] for run in EXPERIMENT.runs(Options(quick=quick)) if "frames" in run.parameters]
+    assert falls
+    for frames in falls:
+        assert list(frames) == sorted(set(frames))

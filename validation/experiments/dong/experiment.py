@@ -36,7 +36,7 @@ def planned(options: Options) -> list[Run]:
         made.append(Run(f"printed_{name}", runs.printed, parameters, 8.0, reason))
     made.append(Run("printed_limits", runs.printed_limits, backend, 3.0, reason))
     for arm, tension in ARMS.items():
-        frames = [*scenes.FRAMES, *(scenes.LATER if options.quick else LATE)]
+        frames = sorted({*scenes.FRAMES, *(scenes.LATER if options.quick else LATE)})
         parameters = {"tension": tension, "frames": frames, **backend}
         key, estimate = ("fall", 2.0) if options.quick else ("rest", 40.0)
         made.append(Run(f"{key}_{arm}", runs.fall, parameters, estimate))
