@@ -181,7 +181,7 @@ def splash_picture(data: Mapping[str, Any]) -> Any:
         for column, frame in enumerate(frames):
             place = axes[line][column]
             _draw_room(place, {**frame, "part": [0] * len(frame["part"])}, data["spacing_m"], TOP)
-            counts = f"frame {frame['frame']}: {_counts(frame, 'parts')}, {frame['lone']} lone particles"
+            counts = f"frame {frame['frame']}: {_counts(frame, 'parts')}, {frame['lone']} lone"
             place.set_title(counts, fontsize=8, loc="center", weight="normal")
         axes[line][0].text(-0.04, 0.5, words, transform=axes[line][0].transAxes, rotation=90, ha="right",
                            va="center", fontsize=9.5)  # fmt: skip
