@@ -31,7 +31,10 @@ def data(results: Results) -> dict[str, Any]:
         "date": first.about.get("date"),
         "threads": first.values["threads"],
         "particles": particles,
-        "rows": [{"case": case, "model": model, "frame_ms": found} for (case, model), found in rows.items()],
+        "rows": [
+            {"case": case, "model": model, "frame_ms": found, "median_ms": statistics.median(found)}
+            for (case, model), found in rows.items()
+        ],
     }
 
 
