@@ -15,8 +15,8 @@ sys.path.insert(0, str(ROOT))
 
 from refsim.core.errors import InputError  # noqa: E402
 from validation.__main__ import every_picture  # noqa: E402
-from validation.drawing import redraw  # noqa: E402
 from validation.experiment import chosen  # noqa: E402
+from validation.perform import redraw  # noqa: E402
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

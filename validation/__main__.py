@@ -21,7 +21,7 @@ if not __package__:
 from refsim.core.errors import InputError, RefsimError
 from validation import (
     accuracy,
-    answers,
+    answers_page,
     claims,
     effects_cost,
     limits_page,
@@ -236,7 +236,7 @@ def panels(given: argparse.Namespace) -> int:
         print("\n".join(comparison.lines))
         return EXIT_FAILED if comparison.worse else EXIT_FINE
     if given.write:
-        print(*answers.write(), sep="\n")
+        print(*answers_page.write(), sep="\n")
         return EXIT_FINE
     some = chosen(given.names, accuracy.panels(discover()), "panel")
     return told(accuracy.perform_panels(some, options_of(given)), given.json)
@@ -256,7 +256,11 @@ def device_limits(given: argparse.Namespace) -> int:
 
 def cpu_scaling(given: argparse.Namespace) -> int:
     """Measure scaling with threads, or draw what is stored."""
-    print(*scaling.perform(given.draw, given.quick), sep="\n")
+    if given.quick:
+        print(*scaling.markdown(scaling.measure(5, (1, 2), 2)), sep="\n")
+        return EXIT_FINE
+    made = [] if given.draw else [scaling.renew()]
+    print(*made, *limits_page.write(), sep="\n")
     return EXIT_FINE
 
 

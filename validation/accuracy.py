@@ -9,18 +9,19 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, TextIO
 
 from refsim.backends.ahead import cores
 from refsim.core.errors import InputError
+from validation import answers
+from validation.answers import duration, group_of, is_peer, time_to
 from validation.checks import ACCURACY, Check, Checks
-from validation.experiment import Experiment, Options, Part, Picture, Results, Run
+from validation.experiment import Band, Experiment, Options, Panel, Part, Picture, Points, Results
 from validation.gpu_readings import gpu_runs, keep, without_gpu
 from validation.perform import Performed, perform
-from validation.reading import first_kept, kept_error
 from validation.results import read_json, real
 from validation.tables import Table
 from validation.work_precision import (
@@ -41,62 +42,6 @@ from validation.work_precision import (
 
 SCHEMA = "refsim accuracy and cost, version 1"
 MISSING = "missing: "  # how the reason begins why a program that is not installed gave no reading
-Points = Mapping[str, Mapping[str, Any]]
-
-
-@dataclass(frozen=True)
-class Band:
-    """What the reference itself leaves open: errors below `width` say nothing."""
-
-    width: float
-    words: str
-
-
-@dataclass(frozen=True)
-class Panel:
-    """One observable with a reference.
-
-    name, title   the figure is accuracy_cost_<name>
-    observable    the error in words, for the axis and for sentences
-    reference     what the error is taken from
-    stated        the error that the headline is about
-    runs          what is to be computed under the options; results come from `validation.reading.measured`
-    space, time, arithmetic, tolerance   keys of settings that differ in nothing but the spacing (coarse to fine), the
-                  step (long to short), the dtype (float32, float64) or a solver's tolerance (loose to tight); or the
-                  reason why this source of error is not there. A reading that is not shown and has the knob "source"
-                  adds its distributions to the words of that source
-    space_theory, time_theory   orders that are expected, or None
-    check_bar     error above which a reading that is not shown and has the knob "checks" (values of other knobs) speaks
-                  against all points with those values: they are drawn, and not advised
-    exact         whether the reference is exact, so that errors themselves converge to zero
-    band          the reference's own spread, from the points
-    effects       (what is switched on, key without, key with)
-    group         knob whose values the headline compares, "program" say
-    lines         (words, keys): settings that differ in one knob, in its order, joined by a line in the picture
-    checks        calls `check(name, value)` for what has a bar, from the report
-    omissions     what the panel leaves out on purpose, with the reason
-    """
-
-    name: str
-    title: str
-    observable: str
-    reference: str
-    stated: float
-    runs: Callable[[Options], Sequence[Run]]
-    space: Sequence[str] | str
-    time: Sequence[str] | str
-    arithmetic: Sequence[str] | str
-    tolerance: Sequence[str] | str
-    space_theory: float | None = 2.0
-    time_theory: float | None = 2.0
-    check_bar: float = math.inf
-    exact: bool = True
-    band: Callable[[Points], Band | None] = lambda points: None
-    effects: Sequence[tuple[str, str, str]] = ()
-    group: str = "backend"
-    lines: Sequence[tuple[str, Sequence[str]]] = ()
-    checks: Callable[[Mapping[str, Any], Checks], None] = lambda report, check: None
-    omissions: Callable[[Options], Sequence[str]] = lambda options: ()
 
 
 def panels(experiments: Mapping[str, Experiment]) -> dict[str, tuple[str, Panel]]:
@@ -117,7 +62,7 @@ def part_of(experiment: str, panel: Panel, options: Options) -> Part:
         return make_report(panel, results, options)
 
     def draw(data: Mapping[str, Any]) -> Any:
-        from validation.accuracy_picture import answer_picture
+        from validation.accuracy_picture import answer_picture  # loads Matplotlib
 
         return answer_picture(data)
 
@@ -260,22 +205,6 @@ def _point(readings: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     }
 
 
-def time_to(point: Mapping[str, Any], bar: float) -> dict[str, float] | None:
-    """Median wall seconds (and their deviation) until the error is at most `bar` for good; None where it never is."""
-    if point["stopped"]:
-        return None
-    if not point["curves"]:
-        return {"seconds": point["seconds"], "mad": point["mad"]} if point["error"] <= bar else None
-    found = []
-    for curve in point["curves"]:
-        error = [real(e) for e in curve["error"]]
-        k = first_kept(error, bar)
-        if k is None or not kept_error(error) <= bar:  # "for good" is through all of the last third
-            return None
-        found.append(curve["wall"][k])
-    return dict(zip(("seconds", "mad"), middle(found)))
-
-
 def elsewhere(point: Mapping[str, Any], points: Points, bar: float) -> str:
     """What speaks against a setting although its own error is small: the worst of what checks it; "" for nothing."""
     worst, said = bar, ""
@@ -353,16 +282,6 @@ def _order(panel: Panel, name: str, knob: str, theory: float | None, there: Sequ
     if name == "space" and panel.exact:
         return order_from_errors(size, [p["error"] for p in there], theory)
     return order_from_values(size, [p["value"] for p in there], theory)
-
-
-def is_peer(point: Mapping[str, Any]) -> bool:
-    """Whether a point was measured with another program."""
-    return str(point["knobs"].get("program", "refsim")) != "refsim"
-
-
-def group_of(point: Mapping[str, Any], knob: str) -> str:
-    """The name of another program, or the value of a knob."""
-    return str(point["knobs"].get("program" if is_peer(point) else knob, ""))
 
 
 def headline(panel: Panel, shown: Points) -> dict[str, Any]:
@@ -470,8 +389,6 @@ def omissions(panel: Panel, points: Points, options: Options) -> list[str]:
 
 def advice(panel: Panel, points: Points, band: Band | None) -> str:
     """One sentence that says what to choose, by the rules of `validation.answers.choose`."""
-    from validation import answers  # which reads reports
-
     observable = answers.observable_of(panel.name, panel.title, panel.group)
     if not any(p["shown"] and not p["stopped"] and p["error"] is not None for p in points.values()):
         return "No setting came to an end, so that there is nothing to choose."
@@ -510,14 +427,6 @@ def advice(panel: Panel, points: Points, band: Band | None) -> str:
                 text += f", which is less than the reference can tell ({spread * observable.scale:.2g})"
             said.append(text)
     return "; ".join(said) + "."
-
-
-def duration(seconds: float) -> str:
-    """Seconds in words, three digits."""
-    for unit, size in (("s", 1.0), ("ms", 1e-3)):
-        if seconds >= size:
-            return f"{seconds / size:.3g} {unit}"
-    return f"{seconds / 1e-6:.3g} us"
 
 
 # Tables

@@ -11,7 +11,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from validation.accuracy import group_of, is_peer
+from validation import answers
+from validation.answers import group_of, is_peer
 from validation.drawing import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, YELLOW
 from validation.reading import first_kept
 from validation.results import floats, real
@@ -25,8 +26,6 @@ NARROW = 62  # characters of a short line
 
 def answer_picture(data: Mapping[str, Any]) -> Any:
     """Error against time: one line a method, targets, the uncertainty of the reference, advised points by name."""
-    from validation import answers
-
     observable = answers.observable_of(data["panel"], data["title"], data["headline"]["group"])
     points = data["points"]
     found = answers.candidates(points, observable)

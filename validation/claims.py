@@ -16,19 +16,18 @@ import json
 import math
 import re
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 from refsim.core.errors import InputError
 from validation import checks
 from validation.checks import CLAIM, RULES, expected, number, read_expected
-from validation.experiment import Options, Part, Results, Run, discover
+from validation.experiment import Family, Options, Part, discover
 from validation.filling import Recorded, filled, filled_page, stored_values
 from validation.perform import perform
-from validation.results import Result, finite, origin
+from validation.results import finite, origin
 from validation.tables import Table
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "claims.md"
@@ -94,48 +93,6 @@ class Claim:
         return CONFIRMED if all(kept) else MIXED if any(kept) else REFUTED
 
 
-@dataclass(frozen=True)
-class Measure:
-    """How a claim is measured: runs whose results are stored, and the values that follow, one for each start.
-
-    quick   whether the quick sizes can judge it
-    timed   its runs are timed: they run alone, on all threads, after the others
-    family  the claims that it is measured with, see `measures`
-    """
-
-    runs: Callable[[Options], Sequence[Run]]
-    values: Callable[[Results], Sequence[float]]
-    quick: bool = True
-    timed: bool = False
-    family: Family | None = None
-
-    def of(self, results: Mapping[str, Any], full: bool = True) -> list[float]:
-        """The values that follow if the runs gave the numbers `results`, by key, or all the same ones under ""."""
-        keys = [run.key for run in self.runs(Options(quick=not full))]
-        return [float(v) for v in self.values({key: Result(results[key if key in results else ""]) for key in keys})]
-
-
-@dataclass(frozen=True)
-class Family:
-    """Claims that are measured alike.
-
-    claims  their names
-    fails   how they could have failed, in a sentence
-    null    what the null model is, in words
-    model   values of a claim's measure on the null model, which must refute the claim
-    """
-
-    claims: tuple[str, ...]
-    fails: str
-    null: str
-    model: Callable[[Measure], Sequence[float]]
-
-
-def alike(values: Mapping[str, Any]) -> Callable[[Measure], Sequence[float]]:
-    """Null model of a comparison: every run gives the same numbers."""
-    return lambda measure: measure.of({"": dict(values)})
-
-
 @dataclass
 class Found:
     """What was measured of a claim now, and where; `missing` says why nothing was."""
@@ -154,18 +111,6 @@ class Found:
     def holds(self) -> bool:
         """Whether what was measured says what is written; true where nothing was measured."""
         return not self.values or self.verdict == self.claim.verdict
-
-
-def measures(module: ModuleType) -> dict[str, Measure]:
-    """Every `Measure` of a module with its family, by its name in small letters, which is that of its claim.
-
-    Families are the entries of the module's `FAMILIES`. Raises ValueError for one that names what is no measure.
-    """
-    found = {name.lower(): value for name, value in vars(module).items() if isinstance(value, Measure)}
-    families = {name: family for family in getattr(module, "FAMILIES", ()) for name in family.claims}
-    if unknown := set(families) - set(found):
-        raise ValueError(f"{module.__name__}: families name {sorted(unknown)}, which are no measures")
-    return {name: dataclasses.replace(value, family=families.get(name)) for name, value in found.items()}
 
 
 def read_claims(folder: Path | None = None) -> dict[str, Claim]:

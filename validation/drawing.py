@@ -5,26 +5,20 @@ from __future__ import annotations
 import base64
 import contextlib
 import functools
-import gzip
 import importlib.util
 import io
-import json
 import sys
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from refsim.core.errors import InputError
 from refsim.render.looks import Camera
 from refsim.render.space import Body, Stage
-from validation.results import finite, origin, read_json
-
-if TYPE_CHECKING:
-    from validation.experiment import Picture
+from validation.results import read_json
 
 # Okabe & Ito's palette, distinct for every kind of colour vision; red and blue where a paper uses them.
 BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, VERMILION, PURPLE = (
@@ -69,23 +63,6 @@ def save_picture(figure: Any, path: Path) -> None:
     )
 
 
-def write_data(picture: Picture, results: Mapping[str, Any], folder: Path) -> Path:
-    """Write the data of a picture, one key a line, in place of the file that is there; numbers with DIGITS digits,
-    compressed (.json.gz) above LONG_DATA bytes. MEASURED says when, at which commit and where they were computed."""
-    name, data = picture.name, shortened(finite(picture.collect(results)))
-    behind = [results[key] for key in picture.needs or results]
-    data |= {MEASURED: origin(behind)}
-    lines = [f"{json.dumps(key)}: {json.dumps(value, allow_nan=False)}" for key, value in data.items()]
-    text = "{\n" + ",\n".join(lines) + "\n}\n"
-    folder.mkdir(parents=True, exist_ok=True)
-    short, long = folder / f"{name}.json", folder / f"{name}.json.gz"
-    compressed = len(text) > LONG_DATA
-    path, other = (long, short) if compressed else (short, long)
-    path.write_bytes(gzip.compress(text.encode(), 9, mtime=0) if compressed else text.encode())
-    other.unlink(missing_ok=True)
-    return path
-
-
 def shortened(value: Any) -> Any:
     """Plain values with DIGITS significant digits: more are not seen, and do not compress."""
     if isinstance(value, dict):
@@ -123,22 +100,6 @@ def read_origin(folder: Path, name: str) -> Mapping[str, Any]:
 def _read(folder: Path, name: str) -> Any:
     long = folder / f"{name}.json.gz"
     return read_json(long if long.exists() else folder / f"{name}.json")
-
-
-def redraw(picture: Picture, folder: Path) -> Path:
-    """Draw a picture from its data file. Raises InputError where that is missing."""
-    try:
-        data = read_data(folder, picture.name)
-    except (OSError, ValueError) as error:
-        raise InputError(f"There is no data to draw {picture.name} from ({error}); run the experiment first.") from None
-    path = folder / picture.file
-    with style():
-        figure = picture.draw(data)
-        save_picture(figure, path)
-        import matplotlib.pyplot as plt
-
-        plt.close(figure)
-    return path
 
 
 @contextlib.contextmanager

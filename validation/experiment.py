@@ -8,9 +8,11 @@ stable (`stability`) and panels of error against time (`accuracy`) each bring ru
 
 from __future__ import annotations
 
+import dataclasses
 import difflib
 import functools
 import importlib
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -24,11 +26,10 @@ from validation.results import Result
 from validation.tables import Table
 
 if TYPE_CHECKING:
-    from validation.accuracy import Panel
-    from validation.claims import Measure
     from validation.trials import HardCase, StabilityMap
 
 Results = Mapping[str, Result]
+Points = Mapping[str, Mapping[str, Any]]
 COMMANDS = {VERDICT: "run", CLAIM: "claims", HARD_CASE: "stability", ACCURACY: "accuracy"}
 T = TypeVar("T")
 
@@ -124,6 +125,103 @@ class Part:
 
 
 @dataclass(frozen=True)
+class Measure:
+    """How a claim is measured: runs whose results are stored, and the values that follow, one for each start.
+
+    quick   whether the quick sizes can judge it
+    timed   its runs are timed: they run alone, on all threads, after the others
+    family  the claims that it is measured with, see `measures`
+    """
+
+    runs: Callable[[Options], Sequence[Run]]
+    values: Callable[[Results], Sequence[float]]
+    quick: bool = True
+    timed: bool = False
+    family: Family | None = None
+
+    def of(self, results: Mapping[str, Any], full: bool = True) -> list[float]:
+        """The values that follow if the runs gave the numbers `results`, by key, or all the same ones under ""."""
+        keys = [run.key for run in self.runs(Options(quick=not full))]
+        return [float(v) for v in self.values({key: Result(results[key if key in results else ""]) for key in keys})]
+
+
+@dataclass(frozen=True)
+class Family:
+    """Claims that are measured alike.
+
+    claims  their names
+    fails   how they could have failed, in a sentence
+    null    what the null model is, in words
+    model   values of a claim's measure on the null model, which must refute the claim
+    """
+
+    claims: tuple[str, ...]
+    fails: str
+    null: str
+    model: Callable[[Measure], Sequence[float]]
+
+
+def alike(values: Mapping[str, Any]) -> Callable[[Measure], Sequence[float]]:
+    """Null model of a comparison: every run gives the same numbers."""
+    return lambda measure: measure.of({"": dict(values)})
+
+
+@dataclass(frozen=True)
+class Band:
+    """What the reference itself leaves open: errors below `width` say nothing."""
+
+    width: float
+    words: str
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One observable with a reference.
+
+    name, title   the figure is accuracy_cost_<name>
+    observable    the error in words, for the axis and for sentences
+    reference     what the error is taken from
+    stated        the error that the headline is about
+    runs          what is to be computed under the options; results come from `validation.reading.measured`
+    space, time, arithmetic, tolerance   keys of settings that differ in nothing but the spacing (coarse to fine), the
+                  step (long to short), the dtype (float32, float64) or a solver's tolerance (loose to tight); or the
+                  reason why this source of error is not there. A reading that is not shown and has the knob "source"
+                  adds its distributions to the words of that source
+    space_theory, time_theory   orders that are expected, or None
+    check_bar     error above which a reading that is not shown and has the knob "checks" (values of other knobs) speaks
+                  against all points with those values: they are drawn, and not advised
+    exact         whether the reference is exact, so that errors themselves converge to zero
+    band          the reference's own spread, from the points
+    effects       (what is switched on, key without, key with)
+    group         knob whose values the headline compares, "program" say
+    lines         (words, keys): settings that differ in one knob, in its order, joined by a line in the picture
+    checks        calls `check(name, value)` for what has a bar, from the report
+    omissions     what the panel leaves out on purpose, with the reason
+    """
+
+    name: str
+    title: str
+    observable: str
+    reference: str
+    stated: float
+    runs: Callable[[Options], Sequence[Run]]
+    space: Sequence[str] | str
+    time: Sequence[str] | str
+    arithmetic: Sequence[str] | str
+    tolerance: Sequence[str] | str
+    space_theory: float | None = 2.0
+    time_theory: float | None = 2.0
+    check_bar: float = math.inf
+    exact: bool = True
+    band: Callable[[Points], Band | None] = lambda points: None
+    effects: Sequence[tuple[str, str, str]] = ()
+    group: str = "backend"
+    lines: Sequence[tuple[str, Sequence[str]]] = ()
+    checks: Callable[[Mapping[str, Any], Checks], None] = lambda report, check: None
+    omissions: Callable[[Options], Sequence[str]] = lambda options: ()
+
+
+@dataclass(frozen=True)
 class Experiment:
     """One experiment.
 
@@ -158,6 +256,18 @@ class Experiment:
         """Its own runs, with the verdicts on them."""
         drawn = tuple(p for p in self.pictures if not {case.name for case in self.hard_cases} & set(p.needs))
         return Part(VERDICT, self.name, self.name, self.runs(options), self.checked, drawn, self.tables)
+
+
+def measures(module: ModuleType) -> dict[str, Measure]:
+    """Every `Measure` of a module with its family, by its name in small letters, which is that of its claim.
+
+    Families are the entries of the module's `FAMILIES`. Raises ValueError for one that names what is no measure.
+    """
+    found = {name.lower(): value for name, value in vars(module).items() if isinstance(value, Measure)}
+    families = {name: family for family in getattr(module, "FAMILIES", ()) for name in family.claims}
+    if unknown := set(families) - set(found):
+        raise ValueError(f"{module.__name__}: families name {sorted(unknown)}, which are no measures")
+    return {name: dataclasses.replace(value, family=families.get(name)) for name, value in found.items()}
 
 
 @functools.cache

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import datetime
+import gzip
+import json
 import math
 import os
 import platform
@@ -20,10 +22,10 @@ from refsim.cluster import perform as elsewhere
 from refsim.cluster.tasks import Task
 from refsim.core.errors import InputError, RunStopped
 from validation.checks import Check, failed
-from validation.drawing import redraw, write_data
+from validation.drawing import LONG_DATA, MEASURED, read_data, save_picture, shortened, style
 from validation.experiment import Options, Part, Picture, Run
 from validation.reading import processor, source
-from validation.results import Result, load, result_folder, save
+from validation.results import Result, finite, load, origin, result_folder, save
 from validation.running import Context
 from validation.tables import Table
 
@@ -321,6 +323,39 @@ def stored_kernels() -> int:
     from refsim.backends.compile import cache_root  # loads Numba, which a process may do only once it is ready
 
     return sum(1 for _ in cache_root().rglob("*.nbc"))
+
+
+def write_data(picture: Picture, results: Mapping[str, Any], folder: Path) -> Path:
+    """Write the data of a picture, one key a line, in place of the file that is there; numbers with DIGITS digits,
+    compressed (.json.gz) above LONG_DATA bytes. MEASURED says when, at which commit and where they were computed."""
+    name, data = picture.name, shortened(finite(picture.collect(results)))
+    behind = [results[key] for key in picture.needs or results]
+    data |= {MEASURED: origin(behind)}
+    lines = [f"{json.dumps(key)}: {json.dumps(value, allow_nan=False)}" for key, value in data.items()]
+    text = "{\n" + ",\n".join(lines) + "\n}\n"
+    folder.mkdir(parents=True, exist_ok=True)
+    short, long = folder / f"{name}.json", folder / f"{name}.json.gz"
+    compressed = len(text) > LONG_DATA
+    path, other = (long, short) if compressed else (short, long)
+    path.write_bytes(gzip.compress(text.encode(), 9, mtime=0) if compressed else text.encode())
+    other.unlink(missing_ok=True)
+    return path
+
+
+def redraw(picture: Picture, folder: Path) -> Path:
+    """Draw a picture from its data file. Raises InputError where that is missing."""
+    try:
+        data = read_data(folder, picture.name)
+    except (OSError, ValueError) as error:
+        raise InputError(f"There is no data to draw {picture.name} from ({error}); run the experiment first.") from None
+    path = folder / picture.file
+    with style():
+        figure = picture.draw(data)
+        save_picture(figure, path)
+        import matplotlib.pyplot as plt
+
+        plt.close(figure)
+    return path
 
 
 def machine(gpu: bool = False) -> dict[str, Any]:

@@ -228,22 +228,13 @@ def picture(found: Mapping[str, Any] | None) -> Any:
     return figure
 
 
-def perform(draw_only: bool, quick: bool) -> list[Path]:
-    """Measure, unless stored numbers are only to be drawn, and renew page and pictures; returns what was written.
-
-    quick  tens of particles on one and two threads: prints the table and writes nothing
+def renew() -> Path:
+    """Measure, and store it; returns where.
 
     Raises RuntimeError where the measurement has fewer systems or threads than the stored one, which is kept.
     """
-    from validation import limits_page
-
-    if quick:
-        print("\n".join(markdown(measure(5, (1, 2), 2))))
-        return []
-    if draw_only:
-        return limits_page.write()
     found, before = measure(), stored()
     if not complete(found, before):
         raise RuntimeError(f"{STORED.name} is kept: it has more threads or systems than this machine measured")
     STORED.write_text(json.dumps(found, indent=1) + "\n")
-    return [STORED, *limits_page.write()]
+    return STORED

@@ -30,7 +30,8 @@ from refsim.core.energy import EnergyAccount, EnergyState, amount
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.core.operation import Operation, Program, register
-from refsim.mpm.grid import FARTHEST, Background, MpmGrid
+from refsim.mpm.grid import Background, MpmGrid
+from refsim.mpm.limits import FARTHEST
 from refsim.mpm.step import Step
 from refsim.sph import LIQUID, acceleration_of
 from refsim.sph.flow import at_least, fast_flow

@@ -6,7 +6,7 @@ The argument of the spline is the offset f = x/h - j of a particle from its base
 import math
 
 from refsim.backends.compile import formula
-from refsim.mpm.grid import FARTHEST
+from refsim.mpm.limits import FARTHEST
 
 STICKY, SLIP, SEPARATING = 1, 2, 3
 CLUSTER, CORRECTED = 1, 3  # readings of the embedding; 0 is none, 2 the thesis's

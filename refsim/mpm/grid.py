@@ -6,7 +6,6 @@ a result does not depend on when that happened.
 
 from __future__ import annotations
 
-import importlib
 import itertools
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -16,16 +15,15 @@ import numpy as np
 from refsim.backends.arrays import Backend
 from refsim.core.errors import RunStopped
 from refsim.core.operation import REGISTRY
+from refsim.mpm.limits import FARTHEST
 from refsim.sparse_grid import Blocks, PointList
 
 BITS = 21  # of a block's coordinate in its key, as the sparse grid has them
-FARTHEST = (1 << 20) - 16  # cells from the origin up to which there are blocks
 NODES = 64  # of a block
 SETS = ("particles", "carriers", "samples")
 SLACK = {"cuda": 1}  # blocks by which a new table reaches further, where making one costs more than passing over it
 UNSEEN = 8  # steps, of half a cell each at most, in which a particle crosses no more than one block
 OUT_OF_ORDER = 0.05  # share of particles out of order in memory, above which they are sorted
-DEEP = 2  # a block around which all blocks are complete
 
 
 class Bins(NamedTuple):
@@ -156,8 +154,8 @@ class MpmGrid:
         if self.sorting is not None and self._unseen > 0 and not moved:
             return False
         from refsim.backends import device
+        from refsim.mpm import sorting_cuda as programs  # loads numba.cuda
 
-        programs = importlib.import_module("refsim.mpm.sorting_cuda")
         n, empty = position.shape[0], self.backend.empty
         self._unseen = UNSEEN
         if self.sorting is not None and not moved:
@@ -187,7 +185,8 @@ class MpmGrid:
         already, but for a few.
         """
         assert self.sorting is not None
-        programs = importlib.import_module("refsim.mpm.sorting_cuda")
+        from refsim.mpm import sorting_cuda as programs
+
         cell = self._array("order_cell", (position.shape[0],), np.int32)
         programs.sort_particles(position, self, cell, gaps=True)
         return self.sorting.bins.point if self._noted()[2] > OUT_OF_ORDER * position.shape[0] else None

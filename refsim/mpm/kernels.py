@@ -17,7 +17,7 @@ from refsim.mpm.formulas import (
     wall_velocity,
 )
 from refsim.mpm.formulas import inverse_spread as inverted
-from refsim.mpm.grid import FARTHEST
+from refsim.mpm.limits import FARTHEST
 from refsim.neighbours.formulas import BITS, OFFSET
 from refsim.sparse_grid.formulas import find_node, node_coordinates, step_node
 from refsim.surface_energy.formulas import grid_offset, spline_weight

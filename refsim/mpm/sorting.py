@@ -8,8 +8,8 @@ import numpy as np
 from refsim.backends.chunks import CHUNKS, limits
 from refsim.backends.compile import formula, kernel
 from refsim.mpm.formulas import base_coordinate
-from refsim.mpm.grid import FARTHEST
 from refsim.mpm.kernels import key_of, write_keys
+from refsim.mpm.limits import FARTHEST
 from refsim.neighbours.formulas import lower_bound
 from refsim.sparse_grid.block_search import points_by_block
 from refsim.sparse_grid.formulas import block_bits

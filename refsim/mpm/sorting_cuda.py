@@ -5,8 +5,8 @@ import numpy as np
 from refsim.backends import device
 from refsim.backends.compile import cuda, cuda_kernel, formula
 from refsim.mpm.formulas import base_coordinate
-from refsim.mpm.grid import DEEP, FARTHEST
 from refsim.mpm.kernels import key_of, write_keys
+from refsim.mpm.limits import DEEP, FARTHEST
 from refsim.neighbours.formulas import BITS, OFFSET, lower_bound
 from refsim.sparse_grid import block_table_cuda
 from refsim.sparse_grid.block_search_cuda import fill_cells, number, sort_cells, sorted_points

@@ -1,12 +1,19 @@
-"""The order of the packages: each imports only what stands before it, and modules import each other in no circle."""
+"""The order of the packages: each imports only what stands before it, and modules import each other in no circle.
+
+Modules of `validation/` import each other in no circle either, and refsim imports none of them.
+"""
 
 import ast
 import graphlib
 import pathlib
 
+import pytest
+
 import refsim
 
 ROOT = pathlib.Path(refsim.__file__).parent
+VALIDATION = ROOT.parent / "validation"
+BY_NAME = ("import_module", "__import__", "resolve_name", "find_spec", "run_module")
 ORDER = (
     "core", "backends", "smoothing", "neighbours", "sparse_grid", "winding_number", "scene", "sph", "heat",
     "shape_matching", "isosurface", "surface_normal", "surface_detection", "surface_tension", "surface_energy",
@@ -19,14 +26,14 @@ def modules(root=ROOT):
     """{module: path} of the package."""
     found = {}
     for path in root.rglob("*.py"):
-        parts = ("refsim", *path.relative_to(root).with_suffix("").parts)
+        parts = (root.name, *path.relative_to(root).with_suffix("").parts)
         found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
     return found
 
 
-def imports(root=ROOT):
-    """{module: modules that it imports}, at its top and inside its functions."""
-    paths = modules(root)
+def imports(*roots):
+    """{module: modules that it imports}, at its top, inside its functions, and by a name that is written out."""
+    paths = {module: path for root in roots or (ROOT,) for module, path in modules(root).items()}
     found = {}
     for module, path in paths.items():
         found[module] = set()
@@ -37,6 +44,9 @@ def imports(root=ROOT):
                 for alias in node.names:
                     inside = f"{node.module}.{alias.name}"
                     found[module].add(inside if inside in paths else node.module)
+            elif isinstance(node, ast.Call) and ast.unparse(node.func).rpartition(".")[2] in BY_NAME:
+                given = {arg.value for arg in node.args if isinstance(arg, ast.Constant)}
+                found[module] |= {name.partition(":")[0] for name in given if isinstance(name, str)} & paths.keys()
     return found
 
 
@@ -55,10 +65,39 @@ def test_packages_import_only_what_stands_before_them():
 
 
 def test_no_modules_import_each_other_in_a_circle():
-    graphlib.TopologicalSorter(imports()).prepare()
+    graphlib.TopologicalSorter(imports(ROOT, VALIDATION)).prepare()
+
+
+def test_refsim_imports_nothing_of_validation():
+    found = imports(ROOT, VALIDATION)
+    assert not [
+        f"{module} imports {other}" for module in modules() for other in found[module] & modules(VALIDATION).keys()
+    ]
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "from refsim import walls",
+        "import importlib\n\nimportlib.import_module('refsim.walls')",
+        "from importlib import import_module\n\nimport_module('refsim.walls', None)",
+        "__import__('refsim.walls')",
+        "import pkgutil\n\npkgutil.resolve_name('refsim.walls:look')",
+    ],
+)
+def test_a_circle_is_noticed(tmp_path, line):
+    root = tmp_path / "refsim"
+    root.mkdir()
+    (root / "__init__.py").write_text("")
+    (root / "scene.py").write_text(f"def look():\n    {line.replace(chr(10), chr(10) + '    ')}\n")
+    (root / "walls.py").write_text("import refsim.scene\n")
+    with pytest.raises(graphlib.CycleError):
+        graphlib.TopologicalSorter(imports(root)).prepare()
 
 
 def test_an_upward_import_is_noticed(tmp_path):
+    tmp_path /= "refsim"
+    tmp_path.mkdir()
     for folder in ("core", "scene"):
         (tmp_path / folder).mkdir()
         (tmp_path / folder / "__init__.py").write_text("")

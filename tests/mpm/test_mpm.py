@@ -25,7 +25,7 @@ from refsim import (
 from refsim.__main__ import main
 from refsim.core.operation import REGISTRY
 from refsim.mpm import Counting, reference
-from refsim.mpm.grid import FARTHEST
+from refsim.mpm.limits import FARTHEST
 from refsim.surface_energy import Tension, surface_term
 from refsim.surface_energy.effect import CROWDED, OVERFULL, UNEVEN
 from validation.experiments.mpm_droplet.scene import drop_scene, ellipsoid

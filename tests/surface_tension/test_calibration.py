@@ -9,7 +9,6 @@ import pytest
 
 from refsim import InputError, calibrate, load_scene
 from refsim.surface_tension.calibration import MAP, SETTINGS, sigma_map
-from validation.drawing import redraw, write_data
 from validation.experiments.dong import scene as dong_scene
 from validation.experiments.laplace import experiment as laplace
 from validation.experiments.oscillation import experiment as oscillation
@@ -18,6 +17,7 @@ from validation.experiments.water_drop import experiment as water_drop
 from validation.experiments.water_drop import runs as water
 from validation.measure import sigma_map as condensing
 from validation.measure.drops import device_points, fit_laplace, fit_oscillation, points
+from validation.perform import redraw, write_data
 from validation.results import Result, finite
 
 EXAMPLE = Path(__file__).parents[2] / "refsim" / "examples" / "water_drop.toml"

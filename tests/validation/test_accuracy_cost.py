@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 
 from refsim.core.errors import InputError, RunStopped
-from validation import accuracy, accuracy_picture, drawing, results
+from validation import accuracy, accuracy_picture, results
 from validation.__main__ import main
-from validation.accuracy import Band, Panel
 from validation.checks import ACCURACY, Check, Checks
-from validation.experiment import Experiment, Options, Picture, Run, discover
+from validation.experiment import Band, Experiment, Options, Panel, Picture, Run, discover
 from validation.experiments.boundary import tank_runs
 from validation.experiments.dam_break import accuracy as dam_panels
 from validation.experiments.dam_break import accuracy_runs as dam_runs
@@ -28,7 +27,7 @@ from validation.experiments.surface_reconstruction import accuracy as surface_pa
 from validation.gpu_readings import gpu_runs, keep, reported, without_gpu
 from validation.metrics import shapes
 from validation.metrics.droplet import radius_variation_scale
-from validation.perform import EXIT_FAILED, EXIT_STOPPED, exit_code
+from validation.perform import EXIT_FAILED, EXIT_STOPPED, exit_code, write_data
 from validation.reading import Reading, distribution, environment, first_kept, kept_error, measured
 from validation.report import report
 from validation.results import Result
@@ -382,7 +381,7 @@ def written(tmp_path):
         if where:
             made["where"] = [{**made["where"][0], **where}]
         picture = Picture(name, lambda found: made, None)
-        return str(drawing.write_data(picture, {}, tmp_path))
+        return str(write_data(picture, {}, tmp_path))
 
     return write
 

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from validation import answers
+from validation import answers, answers_page
 from validation.answers import Observable, Reference, candidates, choose, uncertainty
 from validation.drawing import style
 
@@ -98,7 +98,7 @@ def test_the_nearest_is_none_that_keeps_its_error_by_chance():
 
 def test_cells_of_the_table_are_short_and_the_notes_say_the_rest():
     found = answers.table()
-    lines = [line for line in answers.markdown(found) if line.startswith("|")]
+    lines = [line for line in answers_page.markdown(found) if line.startswith("|")]
     for line in lines[2:]:
         _, _, errors, *cells, _ = line.split("|")
         assert "%" in errors
@@ -106,7 +106,7 @@ def test_cells_of_the_table_are_short_and_the_notes_say_the_rest():
         assert max(map(len, cells[1:])) <= 50
         assert len(cells[0]) <= 80 or "no meaning" in cells[0]
     front = next(row for row in found["observables"] if row["name"] == "front")
-    noted = "\n".join(answers.notes(front))
+    noted = "\n".join(answers_page.notes(front))
     for cell in front["answers"]:
         for note in cell["cpu"]["notes"]:
             assert note in noted or note.startswith("below the uncertainty")
@@ -207,10 +207,10 @@ def test_programs_stand_apart():
 def test_the_page_and_the_packaged_table_are_what_the_command_makes():
     found = answers.table()
     again = "python -m validation accuracy --write"
-    assert answers.TABLE.read_text() == answers.as_json(found), again
-    text = answers.PAGE.read_text()
-    assert answers.page(text, found) == text, again
-    assert json.loads(answers.TABLE.read_text()) == found
+    assert answers_page.TABLE.read_text() == answers.as_json(found), again
+    text = answers_page.PAGE.read_text()
+    assert answers_page.page(text, found) == text, again
+    assert json.loads(answers_page.TABLE.read_text()) == found
 
 
 def test_every_panel_has_an_answer_and_no_advised_point_is_unsettled():

@@ -14,22 +14,8 @@ from refsim import HeatConduction
 from validation import checks
 from validation import claims as claiming
 from validation.__main__ import main
-from validation.claims import (
-    CONFIRMED,
-    FEW,
-    MIXED,
-    NOT_TESTABLE,
-    REFUTED,
-    STARTS,
-    Claim,
-    Family,
-    Found,
-    Measure,
-    alike,
-    measures,
-    read_claims,
-)
-from validation.experiment import Experiment, Options, Run, discover
+from validation.claims import CONFIRMED, FEW, MIXED, NOT_TESTABLE, REFUTED, STARTS, Claim, Found, read_claims
+from validation.experiment import Experiment, Family, Measure, Options, Run, alike, discover, measures
 from validation.experiments.dam_break import claims as dam_break
 from validation.experiments.droplet import claims as droplet
 from validation.experiments.heat import claims as heat

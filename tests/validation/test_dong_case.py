@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from refsim import make_plan
-from validation.drawing import redraw, write_data
 from validation.experiment import Options
 from validation.experiments.dong import pictures, runs, scene
 from validation.experiments.dong.experiment import EXPERIMENT
 from validation.experiments.dong_table_1 import experiment as dong_table_1
 from validation.metrics.spread import layers, parts, seen_from_above
+from validation.perform import redraw, write_data
 from validation.results import Result
 from validation.running import refusal
 

@@ -257,7 +257,7 @@ def test_a_partial_measurement_does_not_replace_a_whole_one(monkeypatch, tmp_pat
     monkeypatch.setattr(scaling, "STORED", kept)
     monkeypatch.setattr(scaling, "measure", lambda: of((1, 2)))
     with pytest.raises(RuntimeError, match=r"cpu_scaling\.json is kept"):
-        scaling.perform(False, False)
+        scaling.renew()
     assert json.loads(kept.read_text()) == of((1, 2, 4))
     with style():
         figure = scaling.picture(of((1, 2, 4)))

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from refsim.core.effect import EFFECTS
-from validation.drawing import write_data
 from validation.experiment import Options
 from validation.experiments.models import pictures, runs, scene
 from validation.experiments.models.experiment import EXPERIMENT, tables
+from validation.perform import write_data
 from validation.running import Context
 
 

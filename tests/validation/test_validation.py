@@ -396,11 +396,11 @@ def test_pictures_are_drawn_from_their_files_alone(options, monkeypatch):
     picture.unlink()
     monkeypatch.setattr(results, "load", None)
     CALLS.clear()
-    drawing.redraw(case.pictures[0], options.figures)
+    performing.redraw(case.pictures[0], options.figures)
     assert picture.read_bytes() == before
     assert CALLS == []
     with pytest.raises(InputError, match="run the experiment first"):
-        drawing.redraw(case.pictures[0], options.figures / "nowhere")
+        performing.redraw(case.pictures[0], options.figures / "nowhere")
 
 
 def load_script(name):
@@ -475,8 +475,8 @@ def draw_all(case, found, folder):
         patch.setattr(drawing, "body_picture", small)
         for picture in case.pictures:
             if set(picture.needs) <= set(found):
-                drawing.write_data(picture, found, folder)
-                assert drawing.redraw(picture, folder).stat().st_size > 4000
+                performing.write_data(picture, found, folder)
+                assert performing.redraw(picture, folder).stat().st_size > 4000
 
 
 def as_stored(folder, result):

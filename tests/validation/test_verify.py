@@ -8,8 +8,8 @@ import pytest
 
 from validation import claims, verify
 from validation.__main__ import main
-from validation.claims import Claim, Measure
-from validation.experiment import Experiment, Options, Run, discover
+from validation.claims import Claim
+from validation.experiment import Experiment, Measure, Options, Run, discover
 from validation.perform import EXIT_FAILED, EXIT_FINE, EXIT_INPUT
 from validation.results import Result
 from validation.verify import Selection, Value

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from validation.accuracy import Panel
-from validation.experiment import Options, Run
+from validation.experiment import Options, Panel, Run
 from validation.experiments.boundary import sampling_runs, tank_runs
 from validation.peers import libigl, splishsplash_sampling
 from validation.work_precision import REPEATS

@@ -7,8 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from refsim.boundary.sampling import MOST_ITERATIONS, sample
-from validation.claims import Family, Measure, alike
-from validation.experiment import Options, Results, Run
+from validation.experiment import Family, Measure, Options, Results, Run, alike
 from validation.experiments.boundary import flow_runs, rivals
 from validation.experiments.boundary.sampling_runs import evenness, radius_for
 from validation.experiments.boundary.sampling_shapes import SHAPES, mesh_of

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from validation.checks import Checks
-from validation.claims import measures
-from validation.experiment import Experiment, Options, Picture, Results, Run
+from validation.experiment import Experiment, Options, Picture, Results, Run, measures
 from validation.experiments.boundary import accuracy, claims, flow_runs, pictures, sampling_runs, stability
 from validation.experiments.boundary.flow_runs import ARMS, POUR
 from validation.experiments.boundary.sampling_shapes import SHAPES

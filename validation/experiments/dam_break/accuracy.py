@@ -6,9 +6,8 @@ import functools
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from validation.accuracy import Band, Panel, Points
 from validation.checks import Checks
-from validation.experiment import Options, Run
+from validation.experiment import Band, Options, Panel, Points, Run
 from validation.experiments.dam_break import accuracy_runs
 from validation.experiments.dam_break.runs import TRUTH_RADIUS
 from validation.metrics.dam_break import data_tolerance

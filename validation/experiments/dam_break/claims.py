@@ -14,8 +14,7 @@ from scipy.spatial import cKDTree
 
 from refsim import JiangZhu2023, Simulation, SurfaceDetection
 from refsim.backends.arrays import unavailable
-from validation.claims import Family, Measure, alike
-from validation.experiment import Options, Results, Run
+from validation.experiment import Family, Measure, Options, Results, Run, alike
 from validation.experiments.dam_break import runs
 from validation.metrics.dam_break import front_position
 from validation.metrics.surface_truth import arc_cover_surface, detection_score

@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 
 from validation.checks import Checks
-from validation.claims import measures
-from validation.experiment import Experiment, Options, Picture, Results, Run
+from validation.experiment import Experiment, Options, Picture, Results, Run, measures
 from validation.experiments.dam_break import accuracy, claims, pictures, runs, stability
 from validation.experiments.dam_break.claims import COSTLY_QUICK, costs_planned
 from validation.metrics.dam_break import FRONT_DATA, data_tolerance

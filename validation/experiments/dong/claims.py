@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from refsim import Cloud, CsfWang2019, Dong2016, Scene
-from validation.claims import Family, Measure, alike
-from validation.experiment import Options, Results, Run
+from validation.experiment import Family, Measure, Options, Results, Run, alike
 from validation.experiments.dong import runs
 from validation.experiments.dong import scene as scenes
 from validation.experiments.droplet.runs import relaxed

@@ -10,8 +10,7 @@ import math
 from typing import Any
 
 from validation.checks import Checks
-from validation.claims import measures
-from validation.experiment import Experiment, Options, Picture, Results, Run
+from validation.experiment import Experiment, Options, Picture, Results, Run, measures
 from validation.experiments.dong import claims, pictures, runs
 from validation.experiments.dong import scene as scenes
 from validation.results import real

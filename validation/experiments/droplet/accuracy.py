@@ -7,9 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from validation.accuracy import Band, Panel, Points
 from validation.checks import Checks
-from validation.experiment import Options, Run
+from validation.experiment import Band, Options, Panel, Points, Run
 from validation.experiments.droplet import accuracy_runs
 from validation.experiments.droplet.runs import ROUND
 from validation.experiments.droplet.scene import VARIANTS

@@ -13,8 +13,7 @@ import numpy as np
 
 from refsim import Cloud, JiangZhu2023, Scene, WeaklyCompressible
 from refsim.surface_tension.jiang_zhu_2023 import kirkwood_buff_sigma, unit_moment
-from validation.claims import Family, Measure, alike
-from validation.experiment import Options, Results, Run
+from validation.experiment import Family, Measure, Options, Results, Run, alike
 from validation.experiments.droplet import runs
 from validation.experiments.droplet.scene import VARIANTS, droplet_scene, particles
 from validation.metrics.shapes import lattice_ball

@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 
 from refsim.heat import kernels, pair_exchange, schemes
-from validation.claims import Family, Measure, alike
-from validation.experiment import Options, Results, Run
+from validation.experiment import Family, Measure, Options, Results, Run, alike
 from validation.experiments.heat import exact
 from validation.experiments.heat.conductor import Conductor, cosine_slab
 from validation.experiments.melting.scene import SCALE

@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from validation.checks import Checks
-from validation.claims import measures
-from validation.experiment import Experiment, Options, Picture, Results, Run
+from validation.experiment import Experiment, Options, Picture, Results, Run, measures
 from validation.experiments.heat import accuracy, claims, pictures, runs, stability
 from validation.experiments.heat.pictures import SCHEMES
 from validation.results import real

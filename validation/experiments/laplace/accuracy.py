@@ -9,8 +9,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from refsim.surface_tension.calibration import sigma_map
-from validation.accuracy import Band, Panel, Points
-from validation.experiment import Options, Run
+from validation.experiment import Band, Options, Panel, Points, Run
 from validation.measure.drops import MODELS, Point, at_base, base, measure
 from validation.results import Result
 from validation.running import Context

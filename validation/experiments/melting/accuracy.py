@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 
 from refsim import Scene, ShapeMatching, SolidBox
-from validation.accuracy import Panel
 from validation.checks import Checks
-from validation.experiment import Options, Run
+from validation.experiment import Options, Panel, Run
 from validation.results import Result
 from validation.running import Context, first_call_seconds
 from validation.turns import Outcome, in_turns

@@ -20,8 +20,7 @@ from refsim import (
 )
 from refsim.backends.arrays import unavailable
 from refsim.shape_matching.phases import FLUID, INTERIOR
-from validation.claims import Family, Measure, alike
-from validation.experiment import Options, Results, Run
+from validation.experiment import Family, Measure, Options, Results, Run, alike
 from validation.experiments.melting import device, runs
 from validation.experiments.melting.scene import HALF_WIDTH, SOUND, SPACING, SUPPORT, VISCOSITY
 from validation.metrics.droplet import surface_mesh

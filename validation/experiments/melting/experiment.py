@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from refsim.backends.arrays import unavailable
 from validation.checks import Checks
-from validation.claims import measures
-from validation.experiment import Experiment, Options, Picture, Results, Run
+from validation.experiment import Experiment, Options, Picture, Results, Run, measures
 from validation.experiments.melting import accuracy, claims, device, floating, pictures, runs, stability
 from validation.experiments.melting.runs import ON_GPU, PAPER, SOLID_SHARES, WIDTHS
 from validation.results import real

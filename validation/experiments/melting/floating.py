@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from validation.accuracy import Panel
-from validation.experiment import Options, Run
+from validation.experiment import Options, Panel, Run
 from validation.experiments.melting import float_runs
 from validation.work_precision import REPEATS
 

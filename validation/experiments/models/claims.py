@@ -10,8 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from validation.claims import Family, Measure, alike
-from validation.experiment import Options, Results, Run
+from validation.experiment import Family, Measure, Options, Results, Run, alike
 from validation.experiments.models import runs
 from validation.metrics.droplet import nearest_neighbour_distance
 from validation.metrics.shapes import lattice_ball, lattice_cube

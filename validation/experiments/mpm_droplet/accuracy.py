@@ -6,9 +6,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from validation.accuracy import Band, Panel
 from validation.checks import Checks
-from validation.experiment import Options, Run
+from validation.experiment import Band, Options, Panel, Run
 from validation.experiments.mpm_droplet import accuracy_runs, frequency_runs
 from validation.work_precision import REPEATS
 

@@ -14,8 +14,7 @@ from refsim import Box, MpmLiquid, MpmWalls, Scene
 from refsim.core.operation import REGISTRY
 from refsim.mpm import READINGS
 from refsim.sparse_grid.reference import node_table
-from validation.claims import Family, Measure, alike
-from validation.experiment import Options, Results, Run
+from validation.experiment import Family, Measure, Options, Results, Run, alike
 from validation.experiments.mpm_droplet.stability import STEPS
 from validation.metrics.mpm import CELL, DENSITY, MODULUS, Transfers, round_trip
 from validation.results import Result, real

@@ -10,8 +10,7 @@ from typing import Any
 
 from refsim.mpm import READINGS
 from validation.checks import Checks
-from validation.claims import measures
-from validation.experiment import Experiment, Options, Picture, Results, Run
+from validation.experiment import Experiment, Options, Picture, Results, Run, measures
 from validation.experiments.mpm_droplet import accuracy, claims, drops, fine_runs, pictures, runs, stability
 from validation.experiments.mpm_droplet.scene import CELLS
 from validation.results import real

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from refsim import Cloud, Gravity, MpmLiquid, Scene, Simulation, SurfaceEnergy
 from refsim.core.errors import InputError, RunStopped
-from refsim.mpm.grid import FARTHEST
+from refsim.mpm.limits import FARTHEST
 from refsim.mpm.reference import SYMMETRIC
 from refsim.scene.scene import make_plan
 from validation.results import Result

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from validation.accuracy import Panel
 from validation.checks import Checks
-from validation.experiment import Options, Run
+from validation.experiment import Options, Panel, Run
 from validation.experiments.surface_reconstruction.runs import WORDS, normals, peer_normals, words_of
 from validation.peers import pysplashsurf
 from validation.work_precision import REPEATS

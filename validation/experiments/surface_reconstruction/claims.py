@@ -10,8 +10,7 @@ from collections.abc import Callable
 import numpy as np
 
 from refsim.backends.arrays import unavailable
-from validation.claims import Family, Measure, alike
-from validation.experiment import Options, Results, Run
+from validation.experiment import Family, Measure, Options, Results, Run, alike
 from validation.experiments.surface_reconstruction import runs, shapes
 from validation.results import Result, real
 from validation.running import Context

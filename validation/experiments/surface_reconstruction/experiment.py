@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from validation.checks import Checks
-from validation.claims import measures
-from validation.experiment import Experiment, Options, Picture, Results, Run
+from validation.experiment import Experiment, Options, Picture, Results, Run, measures
 from validation.experiments.surface_reconstruction import accuracy, claims, pictures, runs
 from validation.experiments.surface_reconstruction.shapes import RADII
 from validation.tables import Table

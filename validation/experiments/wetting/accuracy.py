@@ -7,9 +7,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from refsim import calibrate_contact_angle
-from validation.accuracy import Band, Panel
 from validation.checks import Checks
-from validation.experiment import Options, Run
+from validation.experiment import Band, Options, Panel, Run
 from validation.measure.wetting import Point, measure
 from validation.results import Result
 from validation.running import Context
