@@ -20,7 +20,9 @@ from refsim.io.results import Run, RunFrame, open_run
 from refsim.melting import Melting
 from refsim.mpm import MpmLiquid, MpmWalls
 from refsim.scene.files import load_scene
-from refsim.scene.scene import Ball, Box, Cloud, Plan, Scene, make_plan
+from refsim.scene.plan import Plan, make_plan
+from refsim.scene.scene import Scene
+from refsim.scene.shapes import Ball, Box, Cloud
 from refsim.scene.solids import SolidBall, SolidBox, SolidCells, SolidMesh, SolidTorus
 from refsim.shape_matching import ShapeMatching
 from refsim.sph import Gravity, WeaklyCompressible

@@ -42,7 +42,7 @@ from refsim import (
     WeaklyCompressible,
 )
 from refsim.engine.binding import step_launches
-from refsim.scene.scene import make_plan
+from refsim.scene.plan import make_plan
 from refsim.study.memory import bytes_of
 from validation.work_precision import REPEATS, unsettled
 

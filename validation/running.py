@@ -12,7 +12,7 @@ import numpy as np
 
 from refsim import Plan, Scene, Simulation
 from refsim.core.errors import InputError
-from refsim.scene.scene import make_plan
+from refsim.scene.plan import make_plan
 
 
 @dataclass

@@ -16,7 +16,7 @@ import numpy as np
 from refsim import Plan, Scene, Simulation
 from refsim.core.errors import InputError, RunStopped
 from refsim.engine.stock import check_particles
-from refsim.scene.scene import make_plan
+from refsim.scene.plan import make_plan
 from validation.results import Result
 from validation.running import Context, momenta, search_log
 

@@ -14,7 +14,8 @@ from refsim.core.plain import plain as plain
 from refsim.core.tables import in_bytes as in_bytes
 from refsim.core.tables import in_time as in_time
 from refsim.core.tables import table as table
-from refsim.scene.scene import Plan, Scene, make_plan
+from refsim.scene.plan import Plan, make_plan
+from refsim.scene.scene import Scene
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,9 @@ from refsim.core.errors import RefsimError
 from refsim.core.operation import BACKENDS, REGISTRY
 from refsim.core.versions import versions
 from refsim.engine.simulation import Simulation
-from refsim.scene.scene import Cloud, Plan, Scene, make_plan
+from refsim.scene.plan import Plan, make_plan
+from refsim.scene.scene import Scene
+from refsim.scene.shapes import Cloud
 from refsim.sph import WeaklyCompressible
 
 TESTED = "sph.density"

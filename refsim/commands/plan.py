@@ -27,7 +27,7 @@ from refsim.core.operation import BACKENDS, PROCEDURES, REGISTRY
 from refsim.engine.stepping import stable_steps, step_limits
 from refsim.scene.accounts import accounts
 from refsim.scene.files import load_scene
-from refsim.scene.scene import Plan
+from refsim.scene.plan import Plan
 from refsim.sph import gravity_of
 from refsim.study.cost import Prediction, every_backend
 from refsim.study.memory import bytes_of, neighbour_list

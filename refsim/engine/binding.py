@@ -10,7 +10,7 @@ import numpy as np
 from refsim.backends.arrays import Backend
 from refsim.core.effect import Effect, Pass
 from refsim.core.operation import PROCEDURES, REGISTRY, Current, backend_of
-from refsim.scene.scene import Plan
+from refsim.scene.plan import Plan
 
 
 def fused(passes: Sequence[tuple[Effect, Pass]], backend: str) -> list[tuple[tuple[Effect, ...], Pass]]:

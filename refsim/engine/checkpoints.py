@@ -20,7 +20,7 @@ from refsim.engine.run import Run
 from refsim.io.checkpoint import Checkpoint, whole_checkpoint
 from refsim.io.scenes import scene_from_checkpoint, scene_to_checkpoint
 from refsim.neighbours import SearchLog
-from refsim.scene.scene import Plan, make_plan
+from refsim.scene.plan import Plan, make_plan
 
 
 class Clock(msgspec.Struct, frozen=True, kw_only=True):

@@ -33,7 +33,8 @@ from refsim.engine.stock import check_particles, stock
 from refsim.io.checkpoint import cannot_write, previous_path, replace_file
 from refsim.io.frames import Frame, ParticleWriter, origin_of
 from refsim.io.results import PARTICLES, REPORT
-from refsim.scene.scene import Plan, Scene
+from refsim.scene.plan import Plan
+from refsim.scene.scene import Scene
 
 CHECKPOINT = "checkpoint.h5"
 ONE_BY_ONE = (

@@ -11,7 +11,7 @@ import math
 from typing import TYPE_CHECKING
 
 from refsim.neighbours import NeighbourSearch, Particles
-from refsim.scene.scene import Plan
+from refsim.scene.plan import Plan
 
 if TYPE_CHECKING:
     from refsim.engine.stepping import Advance

@@ -11,7 +11,7 @@ import numpy as np
 from refsim.backends.arrays import Backend
 from refsim.core.effect import Effect, Extremes, Pass, StepLimit
 from refsim.engine.timings import Timings
-from refsim.scene.scene import Plan
+from refsim.scene.plan import Plan
 
 Calls = list[tuple[str, Callable[[], None]]]  # operation and its launch
 

@@ -41,7 +41,8 @@ from refsim.engine.timings import Timings
 from refsim.io.checkpoint import Checkpoint, write_checkpoint
 from refsim.io.scenes import check_same_scene
 from refsim.neighbours import NeighbourSearch
-from refsim.scene.scene import Plan, Scene, make_plan
+from refsim.scene.plan import Plan, make_plan
+from refsim.scene.scene import Scene
 from refsim.sph import CROWD, DENSE, LIQUID
 
 Compiling = Callable[[int, int], Callable[[], Any]]

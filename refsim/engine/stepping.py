@@ -15,7 +15,7 @@ from refsim.core.effect import Extremes, Pass, StepLimit
 from refsim.core.errors import RunStopped
 from refsim.engine.branches import Touched, needed_before, touched
 from refsim.engine.run import Calls, Run
-from refsim.scene.scene import Plan
+from refsim.scene.plan import Plan
 from refsim.sph import CROWD
 
 SMALLEST_STEP = 1e-6  # share of the first step below which the run is taken to have diverged

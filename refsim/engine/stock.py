@@ -10,7 +10,7 @@ import numpy as np
 from refsim.core.capabilities import KeepsLedger
 from refsim.core.errors import RunStopped
 from refsim.engine.simulation import Simulation
-from refsim.scene.scene import Plan
+from refsim.scene.plan import Plan
 from refsim.sph import gravity_of
 
 

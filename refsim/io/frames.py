@@ -48,7 +48,7 @@ if TYPE_CHECKING:
     import h5py
     from filelock import FileLock
 
-    from refsim.scene.scene import Plan
+    from refsim.scene.plan import Plan
 
 T = TypeVar("T")
 

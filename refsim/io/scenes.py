@@ -12,7 +12,9 @@ import numpy as np
 from refsim.core.errors import InputError
 from refsim.io.checkpoint import Checkpoint
 from refsim.scene.files import parse_scene, scene_to_dict, scene_to_toml
-from refsim.scene.scene import Cloud, Plan, Scene, make_plan
+from refsim.scene.plan import Plan, make_plan
+from refsim.scene.scene import Scene
+from refsim.scene.shapes import Cloud
 from refsim.scene.solids import Solid, SolidCells, SolidMesh
 
 

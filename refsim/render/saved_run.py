@@ -17,7 +17,7 @@ from refsim.core.errors import InputError
 from refsim.engine.checkpoints import load_checkpoint
 from refsim.engine.driver import PARTICLES
 from refsim.io.frames import Frame, particle_table, read_particles
-from refsim.scene.scene import Plan
+from refsim.scene.plan import Plan
 from refsim.sph import gravity_of
 
 READ_AT_ONCE = 256_000_000  # bytes of frames

@@ -24,7 +24,8 @@ from refsim.core.effect import EFFECTS, Effect
 from refsim.core.energy import EnergyAudit
 from refsim.core.errors import InputError
 from refsim.core.reading import open_regular
-from refsim.scene.scene import Ball, Box, Cloud, Scene
+from refsim.scene.scene import Scene
+from refsim.scene.shapes import Ball, Box, Cloud
 from refsim.scene.solids import SolidBall, SolidBox, SolidCells, SolidMesh, SolidTorus
 
 VERSION = 1  # of scene files; docs/public_names.md says when it grows

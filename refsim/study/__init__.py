@@ -18,7 +18,8 @@ from refsim.core.errors import InputError
 from refsim.core.tables import in_time
 from refsim.engine.simulation import Simulation
 from refsim.scene.files import load_scene, suggestion
-from refsim.scene.scene import Plan, Scene, make_plan
+from refsim.scene.plan import Plan, make_plan
+from refsim.scene.scene import Scene
 from refsim.study import cost
 from refsim.study.convergence import Convergence, converge
 from refsim.study.observables import Observable, observable_of

@@ -20,7 +20,8 @@ from refsim.core.checked import suggestion
 from refsim.core.errors import InputError
 from refsim.core.tables import in_bytes, in_time
 from refsim.scene.files import parse_scene
-from refsim.scene.scene import Scene, make_plan
+from refsim.scene.plan import make_plan
+from refsim.scene.scene import Scene
 from refsim.study.cost import Prediction, predict
 
 MOST_THREADS = 2  # for the CPU, as in the table's timings

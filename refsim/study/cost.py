@@ -35,7 +35,8 @@ from refsim.core.operation import BACKENDS
 from refsim.engine.simulation import Simulation
 from refsim.engine.stepping import DeviceStepper, stable_steps, step_limits
 from refsim.io.checkpoint import replace_file
-from refsim.scene.scene import Plan, Scene, make_plan
+from refsim.scene.plan import Plan, make_plan
+from refsim.scene.scene import Scene
 from refsim.study.memory import bytes_of
 from refsim.study.refine import fitting, refined
 from refsim.study.runs import machine, scene_digest, source_digest

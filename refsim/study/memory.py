@@ -10,7 +10,7 @@ import numpy as np
 from refsim.core.capabilities import HoldsOtherMemory, having
 from refsim.engine.binding import fused
 from refsim.neighbours.limits import NEIGHBOUR_CAPACITY, PARTICLES_PER_CELL, WALL_CAPACITY, with_margin
-from refsim.scene.scene import Plan
+from refsim.scene.plan import Plan
 
 
 def bytes_of(plan: Plan, backend: str) -> dict[str, int]:

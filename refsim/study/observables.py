@@ -23,7 +23,7 @@ from refsim.core.errors import InputError
 from refsim.engine.simulation import Simulation
 from refsim.neighbours.reference import nearest_image
 from refsim.scene.files import suggestion
-from refsim.scene.scene import Plan
+from refsim.scene.plan import Plan
 
 OVER_ALL: dict[str, Callable[[np.ndarray], Any]] = {"mean": np.mean, "max": np.max, "min": np.min}
 LINK = 2.0  # spacings up to which two particles of the liquid count as connected

@@ -10,7 +10,9 @@ import msgspec
 
 from refsim.core.effect import Discretisation, Effect, Extremes
 from refsim.core.errors import InputError
-from refsim.scene.scene import Ball, Box, Cloud, Scene, lattice_mass, solid_volume
+from refsim.scene.particles import lattice_mass, solid_volume
+from refsim.scene.scene import Scene
+from refsim.scene.shapes import Ball, Box, Cloud
 from refsim.scene.solids import Solid, SolidBox, SolidCells, body_cells
 
 RATIO = 1.5  # of the spacings of two levels

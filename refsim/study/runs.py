@@ -26,7 +26,8 @@ from refsim.engine.driver import CHECKPOINT
 from refsim.engine.simulation import Simulation
 from refsim.io.checkpoint import latest_checkpoint, replace_file
 from refsim.scene.files import scene_to_toml
-from refsim.scene.scene import Scene, make_plan
+from refsim.scene.plan import make_plan
+from refsim.scene.scene import Scene
 from refsim.study.observables import Observable
 
 NOT_READ = ("cluster", "commands", "contract", "render", "study", "sweep")  # packages that change no result of a run

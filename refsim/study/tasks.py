@@ -12,7 +12,7 @@ from refsim.cluster.tasks import Report, Task
 from refsim.core.errors import InputError
 from refsim.core.versions import versions
 from refsim.engine.simulation import Simulation
-from refsim.scene.scene import make_plan
+from refsim.scene.plan import make_plan
 from refsim.study.memory import bytes_of
 from refsim.study.observables import observable_of
 from refsim.study.runs import REPEATS, Reading, Setting, keep, kept, measure, source_digest

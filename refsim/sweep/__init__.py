@@ -26,7 +26,8 @@ from refsim.core.errors import InputError
 from refsim.core.tables import in_time, table
 from refsim.io.checkpoint import replace_file
 from refsim.scene.files import load_scene, scene_from_dict, scene_to_dict, suggestion
-from refsim.scene.scene import Scene, make_plan
+from refsim.scene.plan import make_plan
+from refsim.scene.scene import Scene
 from refsim.study.observables import Observable, observable_of
 from refsim.study.runs import Reading, Setting, keep, kept, key_of
 from refsim.study.tasks import task_of, whole_name

@@ -50,7 +50,7 @@ print("kept", len(test_registry.RULES), "rules")
 
 SCENE = """
 import numpy as np
-from refsim.scene.scene import make_plan
+from refsim.scene.plan import make_plan
 from refsim.scene.files import parse_scene
 from refsim.engine.simulation import Simulation
 

@@ -23,7 +23,8 @@ from refsim.core.errors import REASONS
 from refsim.core.operation import REGISTRY
 from refsim.engine.postmortem import AFTER_THESE
 from refsim.scene.files import parse_scene
-from refsim.scene.scene import Scene, make_plan
+from refsim.scene.plan import make_plan
+from refsim.scene.scene import Scene
 from refsim.sweep import Sweep
 from validation.__main__ import every_picture
 from validation.__main__ import parser as validation_parser

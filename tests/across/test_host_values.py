@@ -52,7 +52,7 @@ from refsim.heat import enthalpy_of, temperature_at
 from refsim.heat.shapes import lattice_sum
 from refsim.mpm import LARGEST_VOLUME, LEAST_VOLUME, OPEN
 from refsim.mpm.formulas import determinant
-from refsim.scene.scene import lattice_mass
+from refsim.scene.particles import lattice_mass
 from refsim.sph import DensityBounds, lattice_number_density
 from refsim.surface_energy.effect import CROWDED, OVERFULL
 from refsim.surface_tension.cohesion import capillary_limit, compression

@@ -7,7 +7,7 @@ import pytest
 from refsim.__main__ import main
 from refsim.core.tables import in_time
 from refsim.scene.files import load_scene, parse_scene
-from refsim.scene.scene import make_plan
+from refsim.scene.plan import make_plan
 from refsim.study import advice
 from refsim.study.cost import Prediction
 

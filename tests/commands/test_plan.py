@@ -8,7 +8,7 @@ import pytest
 from refsim import Akinci2013, Box, CsfWang2019, Dong2016, He2014, JiangZhu2023, Scene, WeaklyCompressible
 from refsim.commands.plan import _text, describe_plan
 from refsim.core.capabilities import KnowsLimits, Margin
-from refsim.scene.scene import make_plan
+from refsim.scene.plan import make_plan
 from refsim.surface_tension.jiang_zhu_2023 import LARGEST_AREA
 
 D = 0.01

@@ -82,9 +82,9 @@ GROUPS = {
         "refsim.surface_energy.effect:SurfaceEnergy.step_limits",
     ),
     "start": (
-        "refsim.scene.scene:_solid_particles",
-        "refsim.scene.scene:lattice_mass",
-        "refsim.scene.scene:Ball.positions",
+        "refsim.scene.particles:_solid_particles",
+        "refsim.scene.particles:lattice_mass",
+        "refsim.scene.shapes:Ball.positions",
         "refsim.scene.solids:SolidBall.inside",
         "refsim.scene.solids:SolidBall.extent",
         "refsim.scene.solids:SolidTorus.inside",
@@ -155,7 +155,7 @@ HARMLESS: dict[str, list[tuple[str, str]]] = {
         ("0.5 * (edge[1:] + edge[:-1])[:, None] + half * node", "the nodes of Gauss lie symmetrically"),
         ("np.polynomial.legendre.leggauss(8)", "eight nodes reach the rounding, and so do nine"),
     ],
-    "refsim.scene.scene:Ball.positions": [
+    "refsim.scene.shapes:Ball.positions": [
         ("math.ceil(self.radius / grid.spacing) + 1  ->  math.ceil(self.radius / grid.spacing) + 2", "cut off again"),
         ("np.arange(-reach, reach) + 0.5", "the same places beside one more that is cut off"),
         ("np.stack(np.meshgrid(*axes", "any negative number stands for what is left"),

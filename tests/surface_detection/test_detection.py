@@ -14,7 +14,7 @@ from refsim.core.operation import REGISTRY
 from refsim.core.walls import WallParticles, WallRows
 from refsim.neighbours.reference import neighbour_list, pair_blocks
 from refsim.neighbours.rows import NeighbourRows
-from refsim.scene.scene import make_plan
+from refsim.scene.plan import make_plan
 from refsim.smoothing import smoothing
 from refsim.smoothing.reference import kernel_value
 from refsim.sph import Fluid

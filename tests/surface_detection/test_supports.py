@@ -7,7 +7,7 @@ import pytest
 
 from refsim import Box, BoxWalls, Cloud, JiangZhu2023, Scene, Simulation, SurfaceDetection, WeaklyCompressible
 from refsim.core.errors import InputError
-from refsim.scene.scene import make_plan
+from refsim.scene.plan import make_plan
 from validation.metrics.surface_truth import arc_cover_surface, cap_cover_surface
 
 SUPPORTS = (1.05, 1.1, 1.2, 1.3, 1.4, 2**0.5, 1.5, 1.6, 1.7, 1.8, 2.0, 2.3, 2.6, 3.0, 3.2, 3.5, 4.0, 4.5)

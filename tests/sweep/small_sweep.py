@@ -2,7 +2,7 @@
 
 import dataclasses
 
-from refsim.scene.scene import make_plan
+from refsim.scene.plan import make_plan
 from refsim.study import runs, tasks
 from refsim.study.observables import observable_of
 from refsim.sweep import points_of, read_sweep

@@ -9,7 +9,7 @@ import pytest
 from refsim import SolidMesh
 from refsim.core import cases
 from refsim.core.operation import REGISTRY
-from refsim.scene.scene import make_plan
+from refsim.scene.plan import make_plan
 from refsim.scene.solids import body_cells
 from validation.checks import FAIL
 from validation.drawing import unpacked

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from refsim import Box, Cloud, InputError, JiangZhu2023, RunStopped, Scene, WeaklyCompressible
-from refsim.scene.scene import make_plan
+from refsim.scene.plan import make_plan
 from validation import perform, stability, stability_page
 from validation.__main__ import main
 from validation.experiment import Experiment, Options, Part, Run, discover

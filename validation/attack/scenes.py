@@ -112,7 +112,7 @@ def _steps(path: Path, folder: Path) -> tuple[str, str]:
     from refsim.engine.driver import simulate
     from refsim.engine.simulation import Simulation
     from refsim.scene.files import load_scene
-    from refsim.scene.scene import make_plan
+    from refsim.scene.plan import make_plan
 
     plan = make_plan(load_scene(path))
     walls = 0 if plan.walls is None else len(plan.walls.position)
@@ -188,9 +188,9 @@ def _tables(scene: dict[str, Any]) -> list[tuple[dict[str, Any], Any]]:
 
 
 def _parts() -> list[type]:
-    from refsim.scene import scene, solids
+    from refsim.scene import shapes, solids
 
-    return [scene.Box, scene.Ball, scene.Cloud, solids.SolidBox, solids.SolidBall, solids.SolidTorus, solids.SolidMesh,
+    return [shapes.Box, shapes.Ball, shapes.Cloud, solids.SolidBox, solids.SolidBall, solids.SolidTorus, solids.SolidMesh,
             solids.SolidCells]  # fmt: skip
 
 

@@ -13,7 +13,7 @@ from refsim.backends.arrays import Backend
 from refsim.core.operation import REGISTRY
 from refsim.mpm import READINGS, Embedding, Liquid
 from refsim.mpm.grid import MpmGrid
-from refsim.scene.scene import make_plan
+from refsim.scene.plan import make_plan
 from refsim.sparse_grid.reference import node_table
 
 CELL = 0.2  # h [m]

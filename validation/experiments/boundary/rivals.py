@@ -26,7 +26,7 @@ from refsim.backends.arrays import Backend
 from refsim.backends.compile import cpu_kernel
 from refsim.core.errors import RunStopped
 from refsim.neighbours import NeighbourSearch
-from refsim.scene.scene import Plan, make_plan
+from refsim.scene.plan import Plan, make_plan
 from validation.experiments.boundary.flow_runs import GRAVITY, inside_of, resting_cup, resting_scene
 from validation.experiments.boundary.flow_shapes import SPACING, mesh_file
 from validation.results import Result

@@ -14,7 +14,7 @@ from refsim.boundary.mesh import SurfaceMesh, surface_mesh
 from refsim.boundary.sampling import relaxed, sample
 from refsim.boundary.signed_distance import signed_distance
 from refsim.core.walls import WallParticles
-from refsim.scene.scene import make_plan
+from refsim.scene.plan import make_plan
 from refsim.winding_number.reference import solid_angles
 from validation.experiments.boundary.flow_shapes import SHAPES as SOLIDS
 from validation.experiments.boundary.flow_shapes import SPACING, mesh_file

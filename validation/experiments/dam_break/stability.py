@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from refsim import Box, Cloud, Scene, SurfaceDetection
-from refsim.scene.scene import make_plan
+from refsim.scene.plan import make_plan
 from validation.experiments.dam_break.runs import (
     DENSITY,
     GRAVITY,

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from refsim import Cloud, Dong2016, Scene, Simulation
 from refsim.core.effect import Extremes
 from refsim.core.errors import RunStopped
-from refsim.scene.scene import make_plan
+from refsim.scene.plan import make_plan
 from validation.experiments.dong import scene as scenes
 from validation.metrics.droplet import (
     cubic_moment,

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from refsim import Scene, Simulation
 from refsim.core.errors import InputError, RunStopped
-from refsim.scene.scene import make_plan
+from refsim.scene.plan import make_plan
 from refsim.surface_tension.jiang_zhu_2023 import kirkwood_buff_sigma
 from validation.experiments.droplet.scene import droplet_scene, particles
 from validation.metrics.droplet import nearest_neighbour_distance, radius_variation

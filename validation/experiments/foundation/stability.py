@@ -38,7 +38,7 @@ from refsim.engine.driver import simulate
 from refsim.io.checkpoint import read_checkpoint, write_checkpoint
 from refsim.neighbours.reference import pair_blocks
 from refsim.scene.files import scene_to_toml
-from refsim.scene.scene import Plan, make_plan
+from refsim.scene.plan import Plan, make_plan
 from validation.results import Result
 from validation.running import Context, momenta
 from validation.trials import Cell, HardCase, StabilityMap, Trial, largest_stable, silent_up_to

@@ -11,7 +11,7 @@ import numpy as np
 from refsim import Box, HeatConduction, Scene, Simulation
 from refsim.core.errors import InputError, RunStopped
 from refsim.engine.stock import stock
-from refsim.scene.scene import make_plan
+from refsim.scene.plan import make_plan
 from validation.results import Result
 from validation.running import Context
 from validation.trials import Cell, HardCase, StabilityMap, Trial, largest_stable

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from refsim import Akinci2013, Cloud, Dong2016, ImplicitPressure, Scene, Simulation, WeaklyCompressible
 from refsim.core.effect import Effect
 from refsim.core.errors import InputError, RunStopped
-from refsim.scene.scene import make_plan
+from refsim.scene.plan import make_plan
 from refsim.surface_tension.cohesion import COLLAPSE, PairCohesion, compression
 from validation.experiments.droplet.stability import BOILS, pieces
 from validation.measure.drops import MODELS as SETTINGS

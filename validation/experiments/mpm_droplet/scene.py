@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from refsim import MpmLiquid, MpmWalls, Scene, SurfaceEnergy
-from refsim.scene.scene import Cloud
+from refsim.scene.shapes import Cloud
 
 CELLS = {2: 1 / 64, 3: 1 / 32}  # h [m]
 STEPS = {2: 2e-4, 3: 4e-4}  # s: 1.4 stable steps with lambda = 1000

@@ -19,7 +19,7 @@ from refsim import Cloud, Gravity, MpmLiquid, Scene, Simulation, SurfaceEnergy
 from refsim.core.errors import InputError, RunStopped
 from refsim.mpm.limits import FARTHEST
 from refsim.mpm.reference import SYMMETRIC
-from refsim.scene.scene import make_plan
+from refsim.scene.plan import make_plan
 from validation.results import Result
 from validation.running import Context
 from validation.trials import Cell, HardCase, StabilityMap, Trial, largest_stable

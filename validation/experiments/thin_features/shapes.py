@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from refsim.core.effect import Discretisation
-from refsim.scene.scene import Box
+from refsim.scene.shapes import Box
 
 Cloud = tuple[NDArray[np.float64], bool]  # positions, and whether they stand in a tank that is open above
 JITTERS = (0.0, 0.1, 0.2)  # of the spacing, along every axis, uniformly to both sides

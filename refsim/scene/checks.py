@@ -1,0 +1,229 @@
+"""What a scene is refused for, or noted on: numbers, neighbours, places of particles, masses and fixed steps."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from refsim.core.capabilities import LimitsMassRatio
+from refsim.core.effect import EFFECTS, Discretisation, Effect, Extremes, InitialState, Nodes, require
+from refsim.core.errors import InputError
+from refsim.core.reading import GREATEST
+from refsim.neighbours import MOST_NEIGHBOURS
+from refsim.scene.scene import Scene
+
+COARSE = 1e-4  # [spacings] a coarser resolution of positions gives a note: accelerations are off by twice that share
+LEAST = 1e-30  # smallest length [m] and time [s] that a scene may have
+SMALLEST = 1e-100  # magnitude of any other number that is not zero
+LONGEST_FIXED = 1.6  # stable steps that a fixed step may span; longer ones gained energy without diverging in tests
+
+
+def check_numbers(scene: Scene) -> None:
+    """Raise InputError for the scene's own numbers, and for numbers of its parts that no product may have."""
+    require(
+        "scene",
+        spacing=(scene.spacing, "positive"),
+        support_radius=(scene.support_radius, "positive"),
+        end_time=(scene.end_time, "not negative"),
+        step=(scene.step, "not negative"),
+        step_factor=(scene.step_factor, "positive"),
+        skin=(scene.skin, "not negative"),
+    )
+    if scene.step_factor > 1:
+        raise InputError(
+            f"scene: step_factor = {scene.step_factor} would take more than the stable step; give at most 1."
+        )
+    if scene.dim not in (2, 3):
+        raise InputError(f"scene: dim = {scene.dim} is not possible; give 2 or 3.")
+    if scene.dtype not in ("float32", "float64"):
+        raise InputError(f"scene: dtype = {scene.dtype!r} is not possible; give 'float32' or 'float64'.")
+    if scene.support_radius < scene.spacing:
+        raise InputError(
+            f"scene: support_radius = {scene.support_radius} m is below one spacing ({scene.spacing} m), so that no"
+            " particle would have a neighbour; give at least 1.5 spacings."
+        )
+    if scene.energy_audit is not None:
+        scene.energy_audit.check()
+    for name in ("spacing", "support_radius", "end_time", "step", "step_factor", "skin"):
+        _check_magnitude("scene", name, getattr(scene, name), LEAST)
+    for name in ("period", "period_lower"):
+        for axis, value in zip("xyz", getattr(scene, name)):
+            rule = "not negative" if name == "period" else "finite"
+            require("scene", **{f"{name} along {axis}": (value, rule)})
+            _check_magnitude("scene", f"{name} along {axis}", value, LEAST)
+    if scene.dim == 2 and scene.period[2] != 0:
+        raise InputError("scene: period has a z part in a 2D scene; set it to 0.")
+    check_neighbours(scene, "support_radius", scene.support_radius)
+    for kind, parts in (("fluid", scene.fluid), ("solid", scene.solid)):
+        for number, part in enumerate(parts, 1):
+            _check_magnitudes(f"[[{kind}]] number {number}", part)
+    for effect in scene.effects:
+        _check_magnitudes(getattr(effect, "name", "scene"), effect)
+
+
+def _check_magnitudes(place: str, part: Any) -> None:
+    for f in msgspec.structs.fields(part) if isinstance(part, msgspec.Struct) else ():
+        values = getattr(part, f.name)
+        if f.type is not Any:  # arrays of particles and cells are looked at where they are read
+            several = isinstance(values, tuple)
+            for axis, value in enumerate(values if several else (values,)):
+                if f.name != "velocity":  # reported with its particle
+                    name = f"{f.name} along {'xyz'[axis]}" if several and len(values) == 3 else f.name
+                    _check_magnitude(place, name, value, 0.0 if "temperature" in f.name else SMALLEST)
+
+
+def _check_magnitude(place: str, name: str, value: Any, least: float = 0.0) -> None:
+    """Raise InputError for a number that is not finite, or whose magnitude is outside the accepted range."""
+    if not isinstance(value, int | float) or value == 0 or least <= abs(value) <= GREATEST:
+        return
+    words = f"{value:g}" if isinstance(value, float) else f"{str(value)[:12]}..."
+    if isinstance(value, float) and not math.isfinite(value):
+        raise InputError(f"{place}: {name} = {words} is not possible; give a finite number.")
+    kind = "small" if abs(value) < least else "large"
+    raise InputError(f"{place}: {name} = {words} is too {kind} to be meant in SI units; correct it.")
+
+
+def check_neighbours(scene: Scene, what: str, radius: float) -> None:
+    """Raise InputError where a particle of the lattice has more neighbours within `radius` [m] than one may have."""
+    reach = radius / scene.spacing * (1 + scene.skin)
+    number = (math.pi if scene.dim == 2 else 4 / 3 * math.pi) * reach**scene.dim
+    if number > MOST_NEIGHBOURS:
+        raise InputError(
+            f"scene: {what} = {radius:g} m with a skin of {scene.skin:g} reaches over {reach:.3g} spacings"
+            f" ({scene.spacing:g} m) and so over {number:.3g} neighbours, more than the {MOST_NEIGHBOURS:,} that a"
+            " particle may have; check the units, 2 to 3 spacings are common."
+        )
+
+
+def check_fixed_step(scene: Scene, grid: Discretisation, effects: Mapping[str, Effect]) -> None:
+    """Raise InputError for a fixed step far beyond what is stable with particles at rest."""
+    limits = {name: limit for e in effects.values() for name, limit in e.step_limits(grid, effects).items()}
+    at_rest = {name: limit.at(Extremes(0.0, 0.0)) for name, limit in limits.items()}
+    if not at_rest:
+        return
+    name = min(at_rest, key=lambda limit: at_rest[limit])
+    if not at_rest[name] >= LEAST:
+        raise InputError(
+            f"scene: the stable step of particles at rest is {at_rest[name]:g} s ({name}); check the units of the"
+            " effects' parameters."
+        )
+    if scene.step > LONGEST_FIXED * at_rest[name]:
+        raise InputError(
+            f"scene: step = {scene.step:g} s is {scene.step / at_rest[name]:.3g} times the stable one at rest"
+            f" ({at_rest[name]:.3g} s, {name}); give at most {LONGEST_FIXED:g} times that, or 0."
+        )
+
+
+def check_periodic(scene: Scene, effects: Mapping[str, Effect]) -> None:
+    """Raise InputError for an effect that knows no nearest images in a scene with a period."""
+    for name, effect in effects.items() if any(scene.period) else ():
+        if not effect.periodic:
+            able = ", ".join(sorted(other for other, kind in EFFECTS.items() if kind.periodic))
+            raise InputError(
+                f"{name}: this effect does not act across the border of a periodic box; leave out the scene's period or"
+                f" the effect (with a period a scene can have {able})."
+            )
+
+
+def resolved(position: np.ndarray, grid: Discretisation) -> float:
+    """Distance of two numbers of the run's dtype at the farthest coordinate [spacings]."""
+    return float(np.spacing(np.abs(position).max().astype(grid.dtype))) / grid.spacing
+
+
+def coarse_places(grid: Discretisation, state: InitialState) -> tuple[str, ...]:
+    """A note if the dtype does not resolve distances well enough, because the particles' own extent is wide."""
+    step = resolved(state.position, grid)
+    if step <= COARSE:
+        return ()
+    return (
+        f"the particles reach {np.abs(state.position).max():.4g} m from the place that positions are relative to, where"
+        f" {grid.dtype} resolves distances to {step:.2g} spacings only, and accelerations to about twice that share:"
+        " use float64",
+    )
+
+
+def unequal_masses(state: InitialState, effects: Mapping[str, Effect]) -> Iterator[str]:
+    """A note where the ratio of masses is above what the forces of an effect were measured with."""
+    ratio = float(state.mass.max() / state.mass.min())
+    for name, effect in effects.items():
+        if not isinstance(effect, LimitsMassRatio):
+            continue
+        largest = effect.largest_mass_ratio(effects)
+        if ratio > largest * (1 + 1e-6):
+            yield (
+                f"{name}: the heaviest particle has {ratio:.4g} times the mass of the lightest; up to"
+                f" {largest:g} times was measured to gain no energy: take masses that differ less, or watch the energy"
+                " by energy_audit"
+            )
+
+
+def check_places(state: InitialState, bounds: Any, solids: Nodes | None) -> None:
+    """Raise InputError for solids outside the walls, or in the liquid."""
+    if solids is None:
+        return
+    from scipy.spatial import cKDTree
+
+    own = state.position[: len(solids.lattice.key)]
+    if bounds is not None:
+        outside = np.flatnonzero(((own < bounds.lower) | (own > bounds.upper)).any(1))
+        if len(outside):
+            raise InputError(
+                f"scene: [[solid]] number {solids.lattice.body[outside[0]] + 1} reaches outside the walls"
+                f" ({len(outside)} of its particles); move it in or make the walls wider."
+            )
+    liquid = state.position[len(own) :]
+    if len(liquid) and len(own):
+        reach = 0.5 * solids.spacing
+        near, _ = cKDTree(own).query(liquid, distance_upper_bound=reach)
+        inside = np.flatnonzero(near < reach * (1 - 1e-6))
+        if len(inside):
+            raise InputError(
+                f"scene: {len(inside)} particles of the fluid are less than half a spacing from a solid's; leave"
+                " them out of the fluid."
+            )
+
+
+def check_particles(position: np.ndarray, velocity: np.ndarray, mass: np.ndarray, scene: Scene) -> None:
+    for name, values in (("position", position), ("velocity", velocity), ("mass", mass)):
+        with np.errstate(over="ignore"):  # reported below
+            rounded = values.astype(scene.dtype)
+            bad = np.flatnonzero(~(np.abs(rounded) <= GREATEST).reshape(len(values), -1).all(1))
+        if len(bad):
+            raise InputError(
+                f"scene: the {name} of particle {bad[0]} is not a finite number, in {scene.dtype} and below"
+                f" {GREATEST:g} ({len(bad)} such particles); correct the input."
+            )
+    if (mass <= 0).any():
+        first = int(np.flatnonzero(mass <= 0)[0])
+        raise InputError(f"scene: the mass of particle {first} is {mass[first]} kg; give a positive mass.")
+    for values, name, unit in ((position, "z", "m"), (velocity, "v_z", "m/s")) if scene.dim == 2 else ():
+        if values[:, 2].any():
+            first = int(np.flatnonzero(values[:, 2])[0])
+            raise InputError(
+                f"scene: particle {first} has {name} = {values[first, 2]} {unit} in a 2D scene; set {name} to 0."
+            )
+    for axis, length in enumerate(scene.period):
+        x, low = position[:, axis], scene.period_lower[axis]
+        outside = np.flatnonzero((length > 0) & ((x < low) | (x >= low + length)))
+        if len(outside):
+            raise InputError(
+                f"scene: particle {outside[0]} starts at {'xyz'[axis]} = {x[outside[0]]:.6g} m, outside the periodic"
+                f" box from {low:g} to {low + length:g} m ({len(outside)} such particles); move it in, or change period"
+                " or period_lower."
+            )
+
+
+def check_coincident(position: np.ndarray, dtype: str) -> None:
+    from refsim.neighbours import coincident_pairs
+
+    same = coincident_pairs(position.astype(dtype))
+    if same:
+        a, b = same[0]
+        raise InputError(
+            f"scene: particles {a} and {b} are at the same place ({len(same)} such pairs in {dtype});"
+            " remove the duplicates or move them apart."
+        )

@@ -1,0 +1,101 @@
+"""The particles that a scene starts with: those of its shapes and solids, their velocities and masses."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from refsim.core.capabilities import KnowsParticleMass, having
+from refsim.core.effect import Discretisation, Effect, InitialState, Nodes, require
+from refsim.core.errors import InputError
+from refsim.scene.checks import check_particles
+from refsim.scene.scene import Scene
+from refsim.scene.shapes import Ball, as_floats
+from refsim.scene.solids import countable
+
+WIDEST_SHARE = 3.0  # factor by which a part's mass may differ from that of its lattice: bodies of a few cells
+
+
+def initial_state(
+    scene: Scene, grid: Discretisation, effects: Mapping[str, Effect], solids: Nodes | None
+) -> InitialState:
+    positions, velocities, masses = [], [], []
+    if solids is not None:
+        positions, velocities, masses = map(list, zip(_solid_particles(solids, grid, effects)))
+    for part in scene.fluid:
+        points = part.positions(grid)
+        mass = getattr(part, "mass", None)
+        if mass is None:
+            mass = lattice_mass(grid, effects)
+        elif isinstance(part, Ball):
+            share = fitting_share("fluid ball", mass, len(points) * lattice_mass(grid, effects))
+            points = np.array(part.center) + share ** (1 / grid.dim) * (points - np.array(part.center))
+            mass = mass / max(1, len(points))
+        positions.append(points)
+        velocities.append(_per_particle("velocity", part.velocity, points.shape))
+        masses.append(_per_particle("mass", mass, (len(points),)))
+        countable("scene: its parts together", [sum(map(len, positions))])
+    if not sum(map(len, positions)):
+        raise InputError("scene: there are no particles; add a fluid box, ball or cloud, or a solid.")
+    position, velocity, mass = map(np.concatenate, (positions, velocities, masses))
+    check_particles(position, velocity, mass, scene)
+    bodies = [] if solids is None else np.diff(solids.lattice.first)
+    sizes = (*map(int, bodies), *map(len, positions[solids is not None :]))
+    return InitialState(position, velocity, mass, sizes)
+
+
+def _solid_particles(
+    solids: Nodes, grid: Discretisation, effects: Mapping[str, Effect]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Position, velocity and mass of the nodes of solids; each has the volume of a particle of the liquid in bulk."""
+    if "shape_matching" not in effects:
+        raise InputError("scene: nothing holds its solids together; add effect 'shape_matching'.")
+    position = (solids.lattice.cell + 0.5) * grid.spacing
+    mass = solids.of_bodies("density") * solid_volume(grid, effects)
+    velocity = solids.of_bodies("velocity")
+    for k, body in enumerate(solids.bodies):
+        own = slice(*solids.lattice.first[k : k + 2])
+        if body.mass is not None:
+            mass[own] *= fitting_share(f"[[solid]] number {k + 1}", body.mass, mass[own].sum())
+        velocity[own] += np.cross(body.spin, position[own] - position[own].mean(0))
+    return position, velocity, mass
+
+
+def fitting_share(place: str, mass: float, lattice: float) -> float:
+    """A part's mass over that of its lattice particles [kg]. Raises InputError where the two do not fit."""
+    require(place, mass=(mass, "positive"))
+    share = mass / lattice if lattice > 0 else 1.0
+    if not 1 / WIDEST_SHARE <= share <= WIDEST_SHARE:
+        raise InputError(
+            f"{place}: mass = {mass:g} kg is {share:.3g} times that of its particles at its density ({lattice:.4g} kg);"
+            " correct its mass, size or density, or leave the mass out."
+        )
+    return share
+
+
+def solid_volume(grid: Discretisation, effects: Mapping[str, Effect]) -> float:
+    """Volume of a particle of a solid [m^dim]: that of a particle of the liquid in bulk."""
+    liquid = next((e for e in having(effects, KnowsParticleMass) if e.of_liquid), None)
+    return grid.spacing**grid.dim if liquid is None else liquid.particle_volume(grid)
+
+
+def lattice_mass(grid: Discretisation, effects: Mapping[str, Effect]) -> float:
+    """Mass of a lattice particle: the liquid's, else that of the first effect that gives one, else 1."""
+    liquid_first = sorted(having(effects, KnowsParticleMass), key=lambda effect: not effect.of_liquid)
+    return liquid_first[0].particle_mass(grid) if liquid_first else 1.0
+
+
+def _per_particle(name: str, values: Any, shape: tuple[int, ...]) -> np.ndarray:
+    """One value for all particles, or one for each, as an array of this shape."""
+    try:
+        found = as_floats(values)
+        if found.shape not in (shape, shape[1:]):
+            raise ValueError
+        return np.broadcast_to(found, shape)
+    except (TypeError, ValueError):
+        each = "3 numbers" if len(shape) == 2 else "one number"
+        raise InputError(
+            f"fluid cloud: {name} does not fit {shape[0]} particles; give {each} for all, or for each of them."
+        ) from None

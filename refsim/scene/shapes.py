@@ -1,0 +1,127 @@
+"""Shapes of the fluid: lattice blocks, balls cut out of the lattice, and particles given one by one."""
+
+from __future__ import annotations
+
+import io
+import math
+import warnings
+from typing import Any
+
+import numpy as np
+
+from refsim.core.checked import Checked
+from refsim.core.effect import Discretisation, require
+from refsim.core.errors import InputError
+from refsim.core.reading import open_regular
+from refsim.scene.solids import countable
+
+Vector = tuple[float, float, float]
+
+
+class Box(Checked, tag="box", tag_field="shape", frozen=True, kw_only=True):
+    """Lattice block of `cells` particles per axis, each in the middle of its cell.
+
+    lower     corner of the block [m]
+    cells     particles along x, y and z (1 along z in 2D)
+    velocity  of every particle [m/s]
+    """
+
+    lower: Vector = (0.0, 0.0, 0.0)
+    cells: tuple[int, int, int]
+    velocity: Vector = (0.0, 0.0, 0.0)
+
+    def positions(self, grid: Discretisation) -> np.ndarray:
+        """Positions (n, 3) [m]."""
+        if min(self.cells) < 1 or (grid.dim == 2 and self.cells[2] != 1):
+            raise InputError(
+                f"fluid box: cells = {list(self.cells)} is not possible in {grid.dim}D; give at least 1 along each"
+                " axis, and 1 along z in 2D."
+            )
+        countable(f"fluid box: cells = {list(self.cells)}", self.cells)
+        axes = [(np.arange(n) + 0.5) * grid.spacing + low for n, low in zip(self.cells, self.lower)]
+        if grid.dim == 2:
+            axes[2] = np.zeros(1)
+        return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+class Ball(Checked, tag="ball", tag_field="shape", frozen=True, kw_only=True):
+    """Ball (disc in 2D) cut out of the lattice.
+
+    center    [m]
+    radius    [m]
+    velocity  of every particle [m/s]
+    mass      of the whole ball [kg; kg/m in 2D]; the distances of its particles follow, so that its density stays. Left
+              out, each particle has the mass of the fluid's lattice
+    """
+
+    center: Vector = (0.0, 0.0, 0.0)
+    radius: float
+    velocity: Vector = (0.0, 0.0, 0.0)
+    mass: float | None = None
+
+    def positions(self, grid: Discretisation) -> np.ndarray:
+        """Positions (n, 3) [m]."""
+        require("fluid ball", radius=(self.radius, "positive"))
+        reach = math.ceil(self.radius / grid.spacing) + 1
+        countable(f"fluid ball: a radius of {self.radius} m at a spacing of {grid.spacing} m", [2 * reach] * grid.dim)
+        steps = (np.arange(-reach, reach) + 0.5) * grid.spacing
+        axes = [steps, steps, steps if grid.dim == 3 else np.zeros(1)]
+        points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+        return points[(points**2).sum(1) <= self.radius**2] + np.array(self.center)
+
+
+class Cloud(Checked, tag="cloud", tag_field="shape", frozen=True, kw_only=True):
+    """Particles given one by one.
+
+    position  (n, 3) or (n, 2) coordinates [m]; from TOML a list of lists
+    file      instead of `position`: a .npy file or a text file with one particle a line (comma separated)
+    velocity  one for all [m/s], or (n, 3)
+    mass      (n,) [kg; kg/m in 2D]; left out, the fluid's lattice mass
+    """
+
+    position: Any = None
+    file: str = ""
+    velocity: Any = (0.0, 0.0, 0.0)
+    mass: Any = None
+
+    def positions(self, grid: Discretisation) -> np.ndarray:
+        """Positions (n, 3) [m]."""
+        values = self.position
+        if (values is None) == (not self.file):
+            raise InputError("fluid cloud: positions must be given exactly once; give either position or file.")
+        if self.file:
+            try:
+                with open_regular(self.file) as file, warnings.catch_warnings():
+                    warnings.simplefilter("ignore")  # an empty file is reported below
+                    if self.file.endswith(".npy"):
+                        values = np.lib.format.open_memmap(self.file, "r")  # which compares shape and size before
+                    else:
+                        with io.TextIOWrapper(file, encoding="utf-8") as lines:
+                            values = np.loadtxt(lines, delimiter=",", ndmin=2)
+            except OSError as error:
+                why = error.strerror or error
+                raise InputError(f"fluid cloud: cannot read {self.file!r} ({why}); give a readable file.") from None
+            except Exception as error:  # a damaged header of a .npy file is parsed as Python, with any of its errors
+                raise InputError(
+                    f"fluid cloud: cannot read positions from {self.file!r} ({error}); give a .npy file or one line of"
+                    " comma-separated numbers for each particle."
+                ) from None
+        try:
+            points = as_floats(values)
+        except (TypeError, ValueError):
+            raise InputError("fluid cloud: position must be a list of coordinates; give (n, 3) numbers.") from None
+        if points.ndim != 2 or points.shape[1] not in (2, 3):
+            raise InputError(
+                f"fluid cloud: position has shape {points.shape}; give one row of 2 or 3 numbers for each particle."
+            )
+        if points.shape[1] == 2:
+            points = np.hstack([points, np.zeros((len(points), 1))])
+        return points
+
+
+def as_floats(values: Any) -> np.ndarray:
+    """Numbers as an array of float64. Raises TypeError or ValueError for anything else."""
+    found = np.asarray(values)
+    if found.dtype.kind not in "iuf":
+        raise TypeError(f"{found.dtype} are no numbers")
+    return found.astype(float)
