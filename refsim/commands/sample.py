@@ -12,7 +12,7 @@ from refsim.boundary.mesh import load_mesh
 from refsim.boundary.sampling import LITERAL, MOST_ITERATIONS, sample
 from refsim.commands import Command, CommandResult, in_bytes, in_time, register, table
 from refsim.core.errors import InputError
-from refsim.io.frames import write_vtp
+from refsim.io.vtp import write_vtp
 
 DESCRIPTION = (
     "Spread particles evenly over a closed triangle mesh: signed distance in a narrow band, g A/(pi r^2) particles,"

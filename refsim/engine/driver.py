@@ -31,8 +31,9 @@ from refsim.engine.progress import Progress, compiling_bar, wanted
 from refsim.engine.simulation import Simulation
 from refsim.engine.stock import check_particles, stock
 from refsim.io.checkpoint import cannot_write, previous_path, replace_file
-from refsim.io.frames import Frame, ParticleWriter, origin_of
+from refsim.io.frames import Frame, ParticleWriter
 from refsim.io.results import PARTICLES, REPORT
+from refsim.io.vtkhdf import origin_of
 from refsim.scene.plan import Plan
 from refsim.scene.scene import Scene
 

@@ -20,8 +20,9 @@ from refsim.core.fields import Field
 from refsim.core.reading import open_regular
 from refsim.core.tables import Table, html_table, table
 from refsim.io.checkpoint import Checkpoint
-from refsim.io.frames import read_file, read_index, read_origin
+from refsim.io.frames import read_file
 from refsim.io.scenes import scene_from_checkpoint
+from refsim.io.vtkhdf import read_index, read_origin
 from refsim.scene.scene import Scene
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ from refsim.contract import export
 from refsim.core.effect import EFFECTS
 from refsim.core.errors import InputError, RunStopped
 from refsim.core.operation import REGISTRY
-from refsim.io import checkpoint, frames
+from refsim.io import checkpoint, transactions
 from refsim.scene import files
 from validation.perform import EXIT_FAILED, EXIT_FINE
 
@@ -59,7 +59,7 @@ def test_the_options_are_those_of_the_commands():
         ("scene files", files.VERSION),
         ("test vectors", export.FORMAT),
         ("checkpoints", checkpoint.VERSION),
-        ("particle files", int(re.search(rb"version (\d+)", frames.HEAD.pattern)[1])),
+        ("particle files", int(re.search(rb"version (\d+)", transactions.HEAD.pattern)[1])),
     ],
 )
 def test_the_versions_are_those_of_the_code(name, version):

@@ -9,7 +9,7 @@ import pytest
 from refsim.__main__ import main
 from refsim.contract import whole_runs
 from refsim.engine.simulation import Simulation
-from refsim.io.frames import write_vtp
+from refsim.io.vtp import write_vtp
 from refsim.scene.files import load_scene
 
 SCENE = """

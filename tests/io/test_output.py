@@ -19,8 +19,9 @@ import vtk
 from vtk.util.numpy_support import vtk_to_numpy
 
 from refsim.core.errors import InputError, RunStopped
-from refsim.io import frames as output
-from refsim.io.frames import Frame, ParticleWriter, read_particles, write_vtp
+from refsim.io import transactions, vtkhdf
+from refsim.io.frames import Frame, ParticleWriter, read_particles
+from refsim.io.vtp import write_vtp
 
 posix = pytest.mark.skipif(os.name != "posix", reason="signals and file size limits of POSIX")
 
@@ -182,7 +183,7 @@ def test_double_positions_no_fields_and_many_frames(tmp_path):
 
 
 def test_frames_larger_than_a_chunk(tmp_path, monkeypatch):
-    monkeypatch.setattr(output, "CHUNK_ROWS", 64)
+    monkeypatch.setattr(vtkhdf, "CHUNK_ROWS", 64)
     path = tmp_path / "run.vtkhdf"
     frames = [frame(step, n) for step, n in enumerate([200, 199, 300])]
     with ParticleWriter(path, FIELDS) as writer:
@@ -395,7 +396,7 @@ def test_damage_anywhere_is_told_before_hdf5_sees_it(tmp_path, monkeypatch):
         path.write_bytes(content)
         words = refused(path, monkeypatch)
         assert words.startswith(f"particle file {path} ")
-        assert words.endswith(output.ADVICE)
+        assert words.endswith(transactions.ADVICE)
         assert "\n" not in words
 
 
@@ -405,7 +406,7 @@ def test_a_damaged_file_is_not_mended_from_a_journal(tmp_path, monkeypatch):
     writer = ParticleWriter(path, FIELDS)
     write_frames(writer, [frame(0), frame(1)])
     with monkeypatch.context() as patch:
-        patch.setattr(output, "_apply", lambda *_: (_ for _ in ()).throw(Stop))
+        patch.setattr(transactions, "_apply", lambda *_: (_ for _ in ()).throw(Stop))
         with pytest.raises(Stop):
             write_frames(writer, [frame(2)])
     writer._close_files()
@@ -423,7 +424,7 @@ def test_a_reader_leaves_the_journal_of_a_living_writer_alone(tmp_path, monkeypa
     writer = ParticleWriter(path, FIELDS)
     write_frames(writer, [frame(0), frame(1)])
     with monkeypatch.context() as patch:
-        patch.setattr(output, "_apply", lambda *_: (_ for _ in ()).throw(Stop))
+        patch.setattr(transactions, "_apply", lambda *_: (_ for _ in ()).throw(Stop))
         with pytest.raises(Stop):
             write_frames(writer, [frame(2)])
     held = journal.read_bytes()
@@ -498,7 +499,7 @@ def frame(step):
 
 
 def python(code, path, **options):
-    folder = os.path.dirname(os.path.dirname(os.path.abspath(output.__file__)))
+    folder = os.path.dirname(os.path.dirname(os.path.abspath(transactions.__file__)))
     return subprocess.Popen([sys.executable, "-c", PREAMBLE + code, str(path), folder], text=True, **options)
 
 
@@ -561,18 +562,18 @@ class Stop(BaseException):
 
 def test_a_stop_between_any_two_writes(tmp_path, monkeypatch):
     """Die before or in the first, second, ... write of an append: always the old frames or the new ones."""
-    real = output.write_all
+    real = transactions.write_all
     space = 0
 
     def counted(file, data):
         nonlocal space
         space -= 1
         if space < 0:
-            real(file, memoryview(data)[: 0 if len(data) <= output.PAGE else len(data) // 2])
+            real(file, memoryview(data)[: 0 if len(data) <= transactions.PAGE else len(data) // 2])
             raise Stop
         real(file, data)
 
-    monkeypatch.setattr(output, "write_all", counted)
+    monkeypatch.setattr(transactions, "write_all", counted)
     frames = [frame(step, 100 + step) for step in range(4)]
     outcomes = set()
     for allowed in range(100):
@@ -667,18 +668,18 @@ assert refused
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EIO])
 def test_every_single_write_refused(tmp_path, monkeypatch, number):
     """The disk refuses the first, second, ... write of an append; the same writer goes on when there is space."""
-    real = output.write_all
+    real = transactions.write_all
     space = 0
 
     def counted(file, data):
         nonlocal space
         space -= 1
         if space < 0:
-            real(file, memoryview(data)[: 0 if len(data) <= output.PAGE else len(data) // 2])
+            real(file, memoryview(data)[: 0 if len(data) <= transactions.PAGE else len(data) // 2])
             raise OSError(number, os.strerror(number))
         real(file, data)
 
-    monkeypatch.setattr(output, "write_all", counted)
+    monkeypatch.setattr(transactions, "write_all", counted)
     frames = [frame(step, 100 + step) for step in range(4)]
     for allowed in range(100):
         path = tmp_path / f"run{allowed}.vtkhdf"

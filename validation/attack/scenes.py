@@ -190,8 +190,8 @@ def _tables(scene: dict[str, Any]) -> list[tuple[dict[str, Any], Any]]:
 def _parts() -> list[type]:
     from refsim.scene import shapes, solids
 
-    return [shapes.Box, shapes.Ball, shapes.Cloud, solids.SolidBox, solids.SolidBall, solids.SolidTorus, solids.SolidMesh,
-            solids.SolidCells]  # fmt: skip
+    return [shapes.Box, shapes.Ball, shapes.Cloud, solids.SolidBox, solids.SolidBall, solids.SolidTorus,
+            solids.SolidMesh, solids.SolidCells]  # fmt: skip
 
 
 def _part(draw: random.Random) -> dict[str, Any]:

@@ -1,0 +1,320 @@
+"""Appends to a particle file as transactions, and the digest that tells a damaged one.
+
+HDF5 alone can lose the whole file when its writer dies in the middle of an append, so each append is a transaction:
+HDF5 works on the file as if it were written to, while its writes are held in memory; then what lies behind the old end
+goes to the disk, where no reader looks yet, and then the few pages that change inside the old file, first into a
+journal beside it and then into place, the page with the number of steps last. On the disk there is at every other
+instant a closed HDF5 file.
+
+HDF5 can crash on a damaged file, so a digest is compared before HDF5 opens it. The file begins with a page of 4096
+bytes that HDF5 and its readers pass over (a user block): lines of text padded with zero bytes, `refsim particles`,
+`version`, `bytes` (of the file; what lies behind them was left by a stopped append) and `digest`. The digest is the sum
+modulo 2^256 of BLAKE2b (32 bytes, little-endian, salted with the page's number) over all other pages of 4096 bytes, so
+that an append hashes only what it changes. The head changes in the same transaction as the other pages.
+"""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import os
+import re
+import struct
+from collections.abc import Mapping
+from contextlib import suppress
+from io import BufferedReader, FileIO
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from refsim.core.errors import InputError
+from refsim.core.reading import open_regular
+from refsim.io.checkpoint import write_all
+
+if TYPE_CHECKING:
+    from filelock import FileLock
+
+
+PAGE = 4096  # a page is written whole even by a process that is being killed
+
+
+HEAD = re.compile(rb"refsim particles\nversion 1\nbytes (\d{1,19})\ndigest ([0-9a-f]{64})\n\0*")
+ADVICE = "give another path, or move the file away (a resumed run then begins a new one)"
+
+
+def _head(size: int, digest: int) -> bytes:
+    """The first page of a file of `size` bytes."""
+    return f"refsim particles\nversion 1\nbytes {size}\ndigest {digest:064x}\n".encode().ljust(PAGE, b"\0")
+
+
+def _page_digest(number: int, page: bytes | memoryview) -> int:
+    """What a page adds to the digest; the head and pages that are not there add nothing."""
+    if number == 0 or not page:
+        return 0
+    return int.from_bytes(hashlib.blake2b(page, digest_size=32, salt=number.to_bytes(16, "little")).digest(), "little")
+
+
+def _stated(file: FileIO | BufferedReader, head: bytes = b"") -> tuple[int, int]:
+    """(bytes, digest) in `head`, or else in the first page of the file. Raises InputError."""
+    if not head:
+        file.seek(0)
+        head = file.read(PAGE)
+    found = HEAD.fullmatch(head)
+    size = int(found[1]) if found else 0
+    if found and len(head) == PAGE and size <= os.fstat(file.fileno()).st_size:
+        return size, int(found[2], 16)
+    if found:
+        why = "is cut short"
+    elif head.startswith(b"\x89HDF\r\n\x1a\n"):
+        why = "is an HDF5 file without the digest that particle files begin with (refsim 0.1.0 wrote such files)"
+    else:
+        why = "is damaged, or not a particle file of refsim (it does not begin as one)"
+    raise InputError(f"particle file {file.name} {why}; {ADVICE}")
+
+
+def _check(file: FileIO | BufferedReader, pages: Mapping[int, bytes]) -> None:
+    """Compare the digest of the file, as it will be with `pages` (by offset) in place. Raises InputError."""
+    size, digest = _stated(file, pages.get(0, b""))
+    total = 0
+    file.seek(PAGE)
+    for offset in range(PAGE, size, PAGE):
+        page, new = file.read(PAGE), pages.get(offset, b"")
+        total += _page_digest(offset // PAGE, (new + page[len(new) :])[: size - offset])
+    if total % 2**256 != digest:
+        raise InputError(f"particle file {file.name} is damaged (it does not match its digest); {ADVICE}")
+
+
+def check_path(path: Path) -> None:
+    """Complete the last transaction on `path` unless its writer lives, and compare the digest. Raises InputError."""
+    pages: dict[int, bytes] = {}
+    try:
+        with suppress(OSError), open(journal_path(path), "r+b", buffering=0) as journal:
+            pages = _journalled(journal)[1]  # which a living writer is putting in place
+            lock = _lock(journal_path(path))
+            try:
+                with open(path, "r+b", buffering=0) as file:
+                    return recover(file, journal)
+            finally:
+                unlock(lock)
+        with open_regular(path) as file:
+            return _check(file, pages)
+    except FileNotFoundError:
+        raise InputError(f"particle file {path} does not exist; give a file that refsim wrote") from None
+    except OSError as error:
+        raise InputError(f"particle file {path} cannot be read ({error.strerror}); {ADVICE}") from error
+
+
+JOURNAL_MAGIC = b"refsimJ1"
+
+
+class Staged:
+    """A file for h5py to work on: reads see the file below, writes stay in memory until `commit`."""
+
+    def __init__(self, file: FileIO | None) -> None:
+        self.tail = bytearray()  # what lies behind the end of the file below
+        self._file = file
+        self._base, self._digest = _stated(file) if file else (0, 0)
+        self._size = self._base
+        self._pages: dict[int, bytearray] = {}  # changed pages of the file below, by number
+        self._position = 0
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        self._position = {os.SEEK_SET: 0, os.SEEK_CUR: self._position, os.SEEK_END: self._size}[whence] + offset
+        return self._position
+
+    def tell(self) -> int:
+        return self._position
+
+    def flush(self) -> None:
+        pass
+
+    def truncate(self, size: int) -> int:
+        self._size = size
+        behind = max(size - self._base, 0)
+        del self.tail[behind:]
+        self.tail.extend(bytes(behind - len(self.tail)))
+        return size
+
+    def read(self, size: int) -> bytes:
+        """Not used: h5py takes an object with `read` for a file, and reads with `readinto`."""
+        data = bytearray(size)
+        self.readinto(memoryview(data))
+        return bytes(data)
+
+    def readinto(self, buffer: memoryview) -> int:
+        view = memoryview(buffer).cast("B")
+        start, end = self._position, self._position + len(view)
+        view[:] = bytes(len(view))
+        if start < self._base:
+            assert self._file is not None
+            below = min(end, self._base)
+            self._file.seek(start)
+            done = 0
+            while done < below - start and (got := self._file.readinto(view[done : below - start])):
+                done += got
+            for number in range(start // PAGE, -(-below // PAGE)):
+                page = self._pages.get(number)
+                if page is not None:
+                    first, last = max(start, number * PAGE), min(below, (number + 1) * PAGE)
+                    view[first - start : last - start] = page[first - number * PAGE : last - number * PAGE]
+        if end > self._base:
+            first = max(start, self._base)
+            piece = self.tail[first - self._base : end - self._base]
+            view[first - start : first - start + len(piece)] = piece
+        self._position = end
+        return len(view)
+
+    def write(self, data: memoryview) -> int:
+        view = memoryview(data).cast("B")
+        start, end = self._position, self._position + len(view)
+        self._size = max(self._size, end)
+        below = min(end, self._base)
+        for number in range(start // PAGE, -(-below // PAGE) if start < below else 0):
+            page = self._pages.get(number)
+            if page is None:
+                page = self._pages[number] = bytearray(self._page_below(number))
+            first, last = max(start, number * PAGE), min(below, (number + 1) * PAGE)
+            page[first - number * PAGE : last - number * PAGE] = view[first - start : last - start]
+        if end > self._base:
+            first = max(start, self._base)
+            gap = first - self._base - len(self.tail)
+            if gap > 0:
+                self.tail.extend(bytes(gap))
+            self.tail[first - self._base : end - self._base] = view[first - start :]
+        self._position = end
+        return len(view)
+
+    def _page_below(self, number: int) -> bytes:
+        assert self._file is not None
+        self._file.seek(number * PAGE)
+        return self._file.read(max(min(PAGE, self._base - number * PAGE), 0))
+
+    def seal(self) -> None:
+        """Write the head, with the digest of what the file now holds."""
+        whole = -(-self._base // PAGE)  # pages from there on are in the tail alone
+        digest = self._digest
+        for number in {*self._pages, *range(min(self._base, self._size) // PAGE, whole)}:
+            self.seek(number * PAGE)
+            now = self.read(max(min(PAGE, self._size - number * PAGE), 0))
+            digest += _page_digest(number, now) - _page_digest(number, self._page_below(number) if self._file else b"")
+        with memoryview(self.tail) as tail:
+            for number in range(whole, -(-self._size // PAGE)):
+                start = number * PAGE - self._base
+                digest += _page_digest(number, tail[start : start + PAGE])
+        self.seek(0)
+        self.write(memoryview(_head(self._size, digest % 2**256)))
+
+    def commit(self, journal: FileIO, last: int) -> None:
+        """Put the writes into the file, the page that holds the byte `last` after all others.
+
+        On an OSError the file is as before, or, when the disk refuses even to change what it already holds,
+        the journal has what is missing.
+        """
+        assert self._file is not None
+        numbers = sorted(self._pages, key=lambda number: (number in (last // PAGE, last // PAGE + 1), number))
+        pages = [
+            (number * PAGE, bytes(self._pages[number]))
+            for number in numbers
+            if self._pages[number] != self._page_below(number)
+        ]
+        try:
+            if self.tail:
+                self._file.seek(self._base)
+                write_all(self._file, self.tail)
+                os.fsync(self._file.fileno())
+            write_all(journal, _journal_entry(self._size, pages))
+            os.fsync(journal.fileno())
+        except OSError:
+            with suppress(OSError):
+                journal.truncate(0)
+            with suppress(OSError):
+                self._file.truncate(self._base)
+            raise
+        _apply(self._file, self._size, pages)
+        journal.truncate(0)
+
+
+def _apply(file: FileIO, size: int, pages: list[tuple[int, bytes]]) -> None:
+    for offset, page in pages:
+        file.seek(offset)
+        write_all(file, page)
+    if size < os.fstat(file.fileno()).st_size:
+        file.truncate(size)
+    os.fsync(file.fileno())
+
+
+def journal_path(path: Path) -> Path:
+    return path.with_name(f"{path.name}.journal")
+
+
+def locked_journal(path: Path) -> tuple[FileIO, FileLock]:
+    """The journal at `path` and its lock. Raises OSError, BlockingIOError where another writer holds it."""
+    if path.exists() and not path.is_file():
+        raise OSError(errno.EINVAL, "its journal is a pipe or a device, and not a file", str(path))
+    os.stat(f"{path.parent}{os.sep}")  # the lock would make the folder
+    lock = _lock(path)
+    try:
+        return open(path, "a+b", buffering=0), lock
+    except BaseException:
+        unlock(lock)
+        raise
+
+
+def _lock(journal: Path) -> FileLock:
+    """The lock that a living writer holds for its journal, taken: a file beside it, of which the system keeps account.
+
+    Raises BlockingIOError where another process holds it, OSError where it cannot be written.
+    """
+    from filelock import FileLock, Timeout
+
+    lock = FileLock(f"{journal}.lock", blocking=False, thread_local=False)
+    try:
+        lock.acquire()
+    except Timeout:
+        raise BlockingIOError(errno.EAGAIN, "locked", str(journal)) from None
+    except OSError as error:
+        if error.errno not in (errno.ENOLCK, errno.ENOTSUP):  # a file system without locks
+            raise
+    return lock
+
+
+def unlock(lock: FileLock) -> None:
+    """Release the lock, and remove its file."""
+    with suppress(OSError):  # where a file in use cannot be removed, the next writer finds and takes it
+        os.unlink(lock.lock_file)
+    lock.release()
+
+
+def _journal_entry(size: int, pages: list[tuple[int, bytes]]) -> bytes:
+    body = struct.pack("<QQ", size, len(pages)) + b"".join(
+        struct.pack("<QQ", offset, len(page)) + page for offset, page in pages
+    )
+    return JOURNAL_MAGIC + body + hashlib.sha256(body).digest()
+
+
+def _journalled(journal: FileIO) -> tuple[int, dict[int, bytes]]:
+    """(size of the file, pages by offset in the order of writing) of the transaction in `journal`; no pages where none
+    is whole."""
+    journal.seek(0)
+    entry = journal.read()
+    body, digest = entry[len(JOURNAL_MAGIC) : -32], entry[-32:]
+    if not entry.startswith(JOURNAL_MAGIC) or hashlib.sha256(body).digest() != digest:
+        return 0, {}
+    size, count = struct.unpack_from("<QQ", body)
+    pages, at = {}, 16
+    for _ in range(count):
+        offset, length = struct.unpack_from("<QQ", body, at)
+        pages[offset] = body[at + 16 : at + 16 + length]
+        at += 16 + length
+    return size, pages
+
+
+def recover(file: FileIO, journal: FileIO) -> None:
+    """Compare the digest, complete the transaction in `journal`, if there is a whole one, and empty it.
+
+    Raises OSError, InputError where the file does not match its digest; both files are then as before.
+    """
+    size, pages = _journalled(journal)
+    _check(file, pages)
+    if pages:
+        _apply(file, size, list(pages.items()))
+    journal.truncate(0)
