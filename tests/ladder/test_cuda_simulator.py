@@ -237,9 +237,9 @@ def test_capacity_grows_until_everything_fits(cuda):
 
 
 def test_collapsed_clump_stops_the_run_before_memory_does(cuda, monkeypatch):
-    import refsim.neighbours.cell_list_cuda as programs
+    from refsim.neighbours import cell_order_cuda, columns_cuda
 
-    for module in (neighbours, programs):
+    for module in (neighbours, cell_order_cuda, columns_cuda):
         monkeypatch.setattr(module, "MOST_NEIGHBOURS", 8)
     with pytest.raises(RunStopped, match="collapsed into a clump"):
         built(cuda, 0.1 * cloud(20, 3), 3)
@@ -458,7 +458,7 @@ def test_ways_are_compared_in_cells_up_to_two_apart(cuda, dim, walls):
 
 @pytest.mark.parametrize("capacity", [2, 3, 6, 20])
 def test_occupied_cells_are_found_or_counted(cuda, capacity):
-    from refsim.neighbours import cell_list_cuda as programs
+    from refsim.neighbours import cell_table_cuda as programs
 
     position = 1.1 * np.array([[0, 0, 0], [0, 0, 0], [1, 0, 0], [1, 0, 0], [1, 0, 0], [0, 3, 0]]) + 0.5
     table = programs.CellTable(cuda, 1.0, cuda.asarray(position))

@@ -177,7 +177,11 @@ def support_launches(dtype):
     from refsim.core.walls import Bounds
     from refsim.mpm import kernels as mpm
     from refsim.mpm import sorting_cuda as mpm_sorting
+    from refsim.neighbours import cell_boxes_cuda as cell_boxes
     from refsim.neighbours import cell_list_cuda as search
+    from refsim.neighbours import cell_order_cuda as cell_order
+    from refsim.neighbours import cell_table_cuda as cell_table
+    from refsim.neighbours import columns_cuda as columns
     from refsim.neighbours.formulas import periodic_cells
     from refsim.sparse_grid import Blocks
     from refsim.sparse_grid import block_search_cuda as sparse
@@ -192,36 +196,36 @@ def support_launches(dtype):
     period = period_group((1.0, 0.0, 2.0), dtype)
     cells = periodic_cells(period, 0.2)
     return [
-        (search.cell_keys, (vectors, 1.0, None, keys, None)),
-        (search.cell_keys, (vectors, 1.0, None, keys, integers)),
-        (search.cell_keys, (vectors, 1.0, cells, keys, integers)),
-        (search.occupied_cells, (keys, keys, integers, integers, integers)),
-        (search.cell_ranges, (keys, integers, keys, integers, None, ranges, ranges)),
-        (search.cell_ranges, (keys, integers, keys, integers, cells, ranges, ranges)),
-        (search.pack_places, (vectors, fours)),
-        (search.build_list, (vectors, integers, ranges, ranges, fours, one, 1, None, integers, listed)),
-        (search.build_list, (vectors, integers, ranges, ranges, fours, one, 1, None, integers, shared)),
-        (search.build_list, (vectors, integers, ranges, ranges, fours, one, 1, period, integers, listed)),
+        (cell_table.cell_keys, (vectors, 1.0, None, keys, None)),
+        (cell_table.cell_keys, (vectors, 1.0, None, keys, integers)),
+        (cell_table.cell_keys, (vectors, 1.0, cells, keys, integers)),
+        (cell_table.occupied_cells, (keys, keys, integers, integers, integers)),
+        (columns.cell_ranges, (keys, integers, keys, integers, None, ranges, ranges)),
+        (columns.cell_ranges, (keys, integers, keys, integers, cells, ranges, ranges)),
+        (columns.pack_places, (vectors, fours)),
+        (columns.build_list, (vectors, integers, ranges, ranges, fours, one, 1, None, integers, listed)),
+        (columns.build_list, (vectors, integers, ranges, ranges, fours, one, 1, None, integers, shared)),
+        (columns.build_list, (vectors, integers, ranges, ranges, fours, one, 1, period, integers, listed)),
         (device.pack_all, ((vectors, vectors), (scalars, scalars), (fours, fours), fours)),
         (device.gather_all_scalars, ((scalars, scalars), keys, (scalars, scalars))),
         (device.gather_all_vectors, ((vectors, vectors), keys, (vectors, vectors))),
         (device.copy_all_scalars, ((scalars, scalars), (scalars, scalars), scalars)),
         (device.copy_all_vectors, ((vectors, vectors), (vectors, vectors), vectors)),
-        (search.clear_counts, (integers, integers)),
-        (search.box_of_cells, (keys, integers)),
-        (search.count_cells, (keys, *4 * (integers,))),
-        (search.fill_buckets, 6 * (integers,)),
-        (search.order_buckets, (*5 * (integers,), keys)),
+        (cell_order.clear_counts, (integers, integers)),
+        (cell_order.box_of_cells, (keys, integers)),
+        (cell_order.count_cells, (keys, *4 * (integers,))),
+        (cell_order.fill_buckets, 6 * (integers,)),
+        (cell_order.order_buckets, (*5 * (integers,), keys)),
         (device.add_up_tiles, (integers, integers)),
         (device.add_up_before, (integers, integers)),
         (device.add_up_within, (integers, integers, integers)),
-        (search.near_cells, (keys, integers, None, n, integers)),
-        (search.near_cells, (keys, integers, keys, n, integers)),
-        (search.cell_boxes, (vectors, vectors, vectors, scalars, integers, integers, scalars, vectors, vectors)),
-        (search.join_boxes, (integers, vectors, vectors, vectors, vectors)),
-        (search.join_boxes, (None, vectors, vectors, vectors, vectors)),
-        (search.compare_all, (vectors, vectors, scalars)),
-        (search.compare_boxes, (vectors, vectors, keys, integers, one, scalars, integers)),
+        (cell_boxes.near_cells, (keys, integers, None, n, integers)),
+        (cell_boxes.near_cells, (keys, integers, keys, n, integers)),
+        (cell_boxes.cell_boxes, (vectors, vectors, vectors, scalars, integers, integers, scalars, vectors, vectors)),
+        (cell_boxes.join_boxes, (integers, vectors, vectors, vectors, vectors)),
+        (cell_boxes.join_boxes, (None, vectors, vectors, vectors, vectors)),
+        (cell_boxes.compare_all, (vectors, vectors, scalars)),
+        (cell_boxes.compare_boxes, (vectors, vectors, keys, integers, one, scalars, integers)),
         (search.count_missed, (vectors, vectors, scalars, None, None, listed, 1, 8, one, integers)),
         (search.count_missed, (vectors, vectors, scalars, None, period, listed, 1, 8, one, integers)),
         (search.count_missed, (vectors, vectors, scalars, Bounds(scalars, scalars), None, listed, 1, 8, one, integers)),
