@@ -320,7 +320,7 @@ def child_seconds() -> float:
 
 def stored_kernels() -> int:
     """Number of compiled kernels in the cache."""
-    from refsim.backends.compile import cache_root  # loads Numba, which a process may do only once it is ready
+    from refsim.backends.cache import cache_root  # loads Numba, which a process may do only once it is ready
 
     return sum(1 for _ in cache_root().rglob("*.nbc"))
 

@@ -16,8 +16,9 @@ from typing import Any
 import numba
 import numpy as np
 
+from refsim.backends.cache import recorded
 from refsim.backends.cache_files import is_stored
-from refsim.backends.compile import Kernel, recorded
+from refsim.backends.compile import Kernel
 from refsim.backends.scratch import Scratch
 from refsim.backends.workers import Task, Worker
 

@@ -2,33 +2,27 @@
 
 A scalar formula is written once in plain Python and marked `@formula`. A kernel's body, marked `@kernel`, says what one
 particle (node, sample, cell) does; the loop over particles is made for each backend. Compiled code is cached on disk
-under a digest of every source behind a kernel, because Numba's own cache looks at one file only and would return old
-numbers after an edit in another.
+(`refsim.backends.cache`).
 """
 
 from __future__ import annotations
 
 import atexit
-import contextlib
 import functools
 import gc
-import hashlib
 import inspect
 import linecache
 import os
 import pathlib
-import re
-import shutil
 import sys
-import tempfile
 import types
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import numba
 from numba import njit
 
-from refsim.backends.cache_files import check_files, in_turn, is_stored, refuse_foreign
+from refsim.backends.cache import cache_folder, cached, write_once
 from refsim.backends.launching import direct_launch, kinds_of
 from refsim.backends.linking import linked
 from refsim.backends.private import names, supported
@@ -40,9 +34,6 @@ THREADS_PER_BLOCK = 128
 SIMULATED_THREADS = 8  # each is a Python thread
 choose_layer()
 atexit.register(gc.freeze)  # or Python looks for cycles among all that Numba holds, for 0.2 s, only to end
-_REFSIM = pathlib.Path(__file__).parents[1]
-_CACHES_KEPT = 200
-_CACHE_NAME = re.compile("[0-9a-f]{16}")  # of the folders that `cache_folder` makes: it deletes no other
 ANY_ORDER = {"reassoc", "contract", "arcp", "nsz"}
 COMPILE_OPTIONS: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}  # C never calls them
 
@@ -74,165 +65,6 @@ def cuda_formula(function: Callable) -> Any:
     The simulator replaces `cuda` in the module of a kernel or of a device function, and in no other.
     """
     return _load_cuda().jit(device=True)(function) if simulated() else formula(function)
-
-
-_IMPORT = re.compile(r"^(?:from[ \t]+([\w.]+)[ \t]+import[ \t]+(\([^)]*\)|[^\n]*)|import[ \t]+([\w.]+))", re.MULTILINE)
-
-
-def _package_of(path: pathlib.Path) -> pathlib.Path:
-    """Top folder of the package that a source belongs to; the source's own folder if that is no package."""
-    package = path.parent
-    while (package.parent / "__init__.py").exists():
-        package = package.parent
-    return package
-
-
-def sources_behind(path: pathlib.Path) -> list[pathlib.Path]:
-    """The file and every source of its own package that it imports, directly or through others."""
-    package = _package_of(path)
-    found, waiting = set(), [path]
-    while waiting:
-        file = waiting.pop()
-        if file in found or not file.exists():
-            continue
-        found.add(file)
-        for module, listed, plain in _IMPORT.findall(file.read_text()):
-            target = (module or plain).split(".")
-            if target[0] != package.name:
-                continue
-            stem = package.parent.joinpath(*target)
-            inside = [stem / f"{name}.py" for name in re.findall(r"\w+", listed)]
-            only_modules = bool(inside) and all(p.exists() for p in inside)
-            waiting += inside if only_modules else [*inside, stem.with_suffix(".py"), stem / "__init__.py"]
-    return sorted(found)
-
-
-_GROUP = re.compile(r"^class \w+\(NamedTuple\):\n(?:[ \t].*\n|\n)+", re.MULTILINE)
-
-
-@functools.cache
-def _groups_of(package: pathlib.Path) -> str:
-    """Files and definitions of all parameter groups of a package.
-
-    A kernel takes groups that it does not import. Its compiled code names their classes and reads members by number.
-    """
-    files = sorted(package.rglob("*.py")) if (package / "__init__.py").exists() else ()
-    return "".join(f"{_place(file)} {group}" for file in files for group in _GROUP.findall(file.read_text()))
-
-
-def _place(source: pathlib.Path) -> str:
-    """Name of a source for the digest: within refsim, whose copies, in several environments say, share their kernels.
-
-    Another package's folder counts, since it stands for what else the package imports.
-    """
-    return (source.relative_to(_REFSIM.parent) if source.is_relative_to(_REFSIM) else source).as_posix()
-
-
-@functools.cache
-def source_digest(path: pathlib.Path) -> str:
-    """Digest of a kernel file, of everything of its package behind it (names and contents), and of parameter groups."""
-    digest = hashlib.sha256(f"{numba.__version__} {sys.version_info[:2]} {_groups_of(_package_of(path))}".encode())
-    for source in sources_behind(path):
-        digest.update(_place(source).encode())
-        digest.update(source.read_bytes())
-    return digest.hexdigest()[:16]
-
-
-def cache_root() -> pathlib.Path:
-    """Folder of all caches: $REFSIM_CACHE_DIR, else the user's cache folder."""
-    chosen = os.environ.get("REFSIM_CACHE_DIR")
-    if chosen:
-        return pathlib.Path(chosen)
-    import platformdirs  # where it is needed: it takes 20 ms
-
-    return platformdirs.user_cache_path("refsim", appauthor=False)
-
-
-@functools.cache
-def cache_folder(path: pathlib.Path) -> str:
-    """Cache folder for the kernels of a source file; the folders longest unused are cleared away.
-
-    Raises InputError if a folder that can be written to belongs to another user or is open to all.
-    """
-    root = cache_root()
-    folder = root / source_digest(path)
-    try:
-        root.mkdir(mode=0o700, parents=True, exist_ok=True)
-        folder.mkdir(mode=0o700, exist_ok=True)
-        os.utime(folder)
-        named = (p for p in root.iterdir() if _CACHE_NAME.fullmatch(p.name) and p.is_dir())
-        for stale in sorted(named, key=lambda p: p.stat().st_mtime)[:-_CACHES_KEPT]:
-            shutil.rmtree(stale, ignore_errors=True)
-    except OSError:  # a read-only home still works: Numba then compiles in every process
-        pass
-    if os.access(folder, os.W_OK):
-        refuse_foreign(root)
-        refuse_foreign(folder)
-    return str(folder)
-
-
-def _cached(dispatcher: Any, function: Callable, origin: tuple[str, str] | None = None) -> Any:
-    """The dispatcher with refsim's cache; `origin` are module and name under which other processes find the kernel."""
-    if not hasattr(dispatcher, "enable_caching"):  # plain Python under NUMBA_DISABLE_JIT and in the simulator
-        return dispatcher
-    dispatcher.__class__ = _recordable(dispatcher.__class__)
-    if names("cache") is None:
-        return dispatcher
-    path = pathlib.Path(function.__code__.co_filename)
-    folder = str(path.parent) if path.parent.parent == cache_root() else cache_folder(path)  # a wrapper, or a source
-    if not os.access(folder, os.W_OK):
-        return dispatcher
-    before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, folder
-    mask = os.umask(0o077)  # Numba makes a folder of its own inside
-    try:
-        dispatcher.enable_caching()
-    finally:
-        os.umask(mask)
-        numba.config.CACHE_DIR = before
-    refuse_foreign(pathlib.Path(dispatcher._cache.cache_path))
-    check_files(dispatcher._cache)
-    compile_here, lock = dispatcher.compile, pathlib.Path(folder, f"{function.__qualname__}.lock")
-    dispatcher.origin = origin
-
-    def store(signature: Any) -> Any:
-        """Compile in this process and store the code, unless another process has meanwhile."""
-        with in_turn(lock):
-            return compile_here(signature)
-
-    def compile_or_load(signature: Any) -> Any:
-        if is_stored(dispatcher, signature):
-            return compile_here(signature)  # loads
-        return store(signature)  # loads it, if another process has stored it
-
-    dispatcher.store, dispatcher.compile = store, compile_or_load
-    return dispatcher
-
-
-_record: list[tuple[Any, tuple]] | None = None
-
-
-@contextlib.contextmanager
-def recorded() -> Iterator[list[tuple[Any, tuple]]]:
-    """Let kernels for the CPU enter themselves and their arguments in a list instead of running."""
-    global _record
-    before, _record = _record, []
-    try:
-        yield _record
-    finally:
-        _record = before
-
-
-@functools.cache
-def _recordable(kind: type) -> type:
-    """Numba's class of a compiled function, with calls that `recorded` can catch."""
-
-    def call(self: Any, *arguments: Any) -> Any:
-        if _record is None:
-            return kind.__call__(self, *arguments)
-        _record.append((self, arguments))
-        return None
-
-    return type(f"Recordable{kind.__name__}", (kind,), {"__call__": call})
 
 
 _compiling = 0  # compilations in progress: a kernel compiles the functions that it calls
@@ -290,7 +122,7 @@ def _for_cpu(function: Callable, origin: tuple[str, str], ordered: bool, packed:
     dispatcher = njit(**supported(COMPILE_OPTIONS), fastmath=set(flags), nogil=True)(function)
     if hasattr(dispatcher, "compile"):
         _set_compiler(dispatcher, packed)
-    return _cached(dispatcher, function, origin)
+    return cached(dispatcher, function, origin)
 
 
 class CudaKernel:
@@ -329,7 +161,7 @@ class CudaKernel:
             options["extensions"] = [_AbsentArgument()]
             if registers is not None:
                 options["max_registers"] = registers
-        self.dispatcher = _cached(_load_cuda().jit(**options)(function), function)
+        self.dispatcher = cached(_load_cuda().jit(**options)(function), function)
         self.launches: Any = None if simulated() else {}
 
     def __call__(self, *arguments: Any) -> None:
@@ -477,7 +309,7 @@ class Kernel:
         text = self.source(backend)
         module = types.ModuleType(f"{self.__module__}.{self.__name__}_{backend}")
         path = pathlib.Path(cache_folder(pathlib.Path(self.body.__code__.co_filename)), f"{self.__name__}_{backend}.py")
-        _write_once(path, text)
+        write_once(path, text)
         linecache.cache[str(path)] = (len(text), None, text.splitlines(keepends=True), str(path))
         module.__dict__.update(body=self.body, over_rows=over_rows, __file__=str(path))
         if backend == "cuda":
@@ -487,21 +319,6 @@ class Kernel:
         function = module.__dict__[self.__name__]
         function.__doc__ = self.__doc__
         return function
-
-
-def _write_once(path: pathlib.Path, text: str) -> None:
-    """Write a file unless it is there already: Numba takes its age for its version."""
-    if path.exists():
-        return
-    with contextlib.suppress(OSError):  # of a read-only folder: nothing is cached then
-        handle, draft = tempfile.mkstemp(dir=path.parent)
-        try:
-            with os.fdopen(handle, "w") as file:
-                file.write(text)
-            with contextlib.suppress(FileExistsError):  # another process was faster
-                os.link(draft, path)
-        finally:
-            os.unlink(draft)
 
 
 def kernel(

@@ -121,7 +121,7 @@ def _threads() -> dict[str, Any]:
 
 
 def _cache() -> dict[str, Any]:
-    from refsim.backends.compile import cache_root
+    from refsim.backends.cache import cache_root
 
     root = cache_root()
     files = [p for p in root.rglob("*") if p.is_file()] if root.is_dir() else []

@@ -475,7 +475,7 @@ def steps_of(plan: Plan, constants: Constants) -> float:
 
 
 def _file(scene: Scene, backend: str, threads: int | None) -> Path:
-    from refsim.backends.compile import cache_root
+    from refsim.backends.cache import cache_root
 
     digest = scene_digest(scene)
     digest.update(repr((FORMAT, backend, threads, source_digest(), machine())).encode())

@@ -8,9 +8,9 @@ import sys
 
 import pytest
 
-from refsim.backends import compile as compiling
+from refsim.backends import cache
+from refsim.backends.cache import sources_behind
 from refsim.backends.cache_files import refuse_foreign
-from refsim.backends.compile import sources_behind
 from refsim.core.errors import InputError
 from tests.backends.launched import Launch
 
@@ -200,13 +200,13 @@ def test_sources_behind_a_kernel(tiny):
 
 def test_copies_of_refsim_share_their_kernels(tmp_path, monkeypatch):
     """Copies of another package do not, since what else they import may differ."""
-    own, copy = compiling._REFSIM, tmp_path / "refsim"
+    own, copy = cache._REFSIM, tmp_path / "refsim"
     shutil.copytree(own, copy, ignore=shutil.ignore_patterns("__pycache__"))
     here, there = own / "sph" / "kernels.py", copy / "sph" / "kernels.py"
-    assert compiling.source_digest.__wrapped__(there) != compiling.source_digest(here)
-    monkeypatch.setattr(compiling, "_REFSIM", copy)
-    compiling._groups_of.cache_clear()
-    assert compiling.source_digest.__wrapped__(there) == compiling.source_digest(here)
+    assert cache.source_digest.__wrapped__(there) != cache.source_digest(here)
+    monkeypatch.setattr(cache, "_REFSIM", copy)
+    cache._groups_of.cache_clear()
+    assert cache.source_digest.__wrapped__(there) == cache.source_digest(here)
 
 
 def test_a_cache_that_cannot_be_written_does_no_harm(tiny):
@@ -321,11 +321,11 @@ def test_a_cache_made_under_any_umask_is_the_users_own(tiny):
 
 def test_only_folders_of_the_cache_are_cleared_away(tmp_path, monkeypatch):
     monkeypatch.setenv("REFSIM_CACHE_DIR", str(tmp_path))
-    monkeypatch.setattr(compiling, "_CACHES_KEPT", 1)
+    monkeypatch.setattr(cache, "_CACHES_KEPT", 1)
     old, own = tmp_path / "0123456789abcdef", tmp_path / "photographs"
     for age, folder in enumerate((old, own)):
         folder.mkdir()
         os.utime(folder, (age, age))
     (source := tmp_path / "kernel.py").write_text("")
-    made = compiling.cache_folder(source)
+    made = cache.cache_folder(source)
     assert sorted(p.name for p in tmp_path.iterdir() if p.is_dir()) == sorted([pathlib.Path(made).name, "photographs"])

@@ -145,7 +145,7 @@ def test_bytes_are_the_plan_s():
 
 @pytest.fixture
 def cache(tmp_path, monkeypatch):
-    monkeypatch.setattr("refsim.backends.compile.cache_root", lambda: tmp_path)
+    monkeypatch.setattr("refsim.backends.cache.cache_root", lambda: tmp_path)
     return tmp_path
 
 

@@ -45,7 +45,7 @@ def given(tmp_path, **more):
 
 @pytest.fixture
 def scenes(monkeypatch, tmp_path):
-    monkeypatch.setattr("refsim.backends.compile.cache_root", lambda: tmp_path / "cache")
+    monkeypatch.setattr("refsim.backends.cache.cache_root", lambda: tmp_path / "cache")
     monkeypatch.setattr(
         run_time,
         "SCENES",

@@ -62,10 +62,10 @@ def _answer(package: Path) -> tuple[float, str]:
     """(what the kernel computes from 1, the warnings)."""
     import numpy as np
 
-    from refsim.backends import cache_files, compile
+    from refsim.backends import cache, cache_files
 
     cache_files._told.clear()
-    compile.cache_folder.cache_clear()
+    cache.cache_folder.cache_clear()
     chosen = os.environ.get("REFSIM_CACHE_DIR")
     os.environ["REFSIM_CACHE_DIR"] = str(package.parent / "cache")
     name = f"{package.name}.cpu"
@@ -79,7 +79,7 @@ def _answer(package: Path) -> tuple[float, str]:
         os.environ.pop("REFSIM_CACHE_DIR")
         if chosen is not None:
             os.environ["REFSIM_CACHE_DIR"] = chosen
-        compile.cache_folder.cache_clear()
+        cache.cache_folder.cache_clear()
     return float(values[0]), " ".join(str(w.message) for w in said)
 
 
