@@ -29,7 +29,7 @@ def equally_near(squared):
 def comes_before(p, other, interior_number):
     """Whether particle p, of two equally near ones, has the lower number (before (3.4)), dimensionless.
 
-    yes = (number[p], p) < (number[other], other), where the images of one particle bear one number.
+    yes = (number[p], p) < (number[other], other), with one number for all images of a particle.
     """
     own, its = interior_number[p], interior_number[other]
     return own < its or (own == its and p < other)
