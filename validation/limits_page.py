@@ -22,11 +22,13 @@ Tasks = Mapping[str, Mapping[str, Any]]
 
 
 def newest(folder: Path = REPORTS) -> tuple[str, Tasks]:
-    """(device and date, values of the tasks by name and row) of the report with the latest reading; ("", {})."""
+    """(device and date, values of the tasks by name and row) of the newest report that has the limits; ("", {})."""
     found: tuple[str, str, Tasks] = ("", "", {})
     for file in sorted(folder.glob("*.json")):
         tasks = json.loads(file.read_text()).get("whole check", {}).get("tasks", [])
         own = [t for t in tasks if t["task"].split()[0] in ("limits", "timing", "melting") and not t["error"]]
+        if not any(t["task"].startswith("limits") for t in own):
+            continue
         latest = max((str(t["date"]) for t in own), default="")
         if latest > found[1]:
             device = next((str(r["value"]) for t in tasks for r in t["rows"] if r["name"] == "device"), file.stem)
