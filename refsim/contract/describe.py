@@ -103,7 +103,7 @@ def _changed(usual: Inputs, inputs: Inputs, overrides: Mapping[str, Any]) -> Ite
             yield f"another {name}"
             continue
         for member, one, other in zip(value._fields, value, before):
-            if (np.ndim(one) == 0 and one != other) or callable(override) is False:
+            if (np.ndim(one) == 0 and one != other) or (isinstance(override, Mapping) and member in override):
                 codes = {number: word for word, number in cases.CODES.get((type(value), member), {}).items()}
                 word = f" ({codes[int(one)]})" if codes else ""
                 yield f"{name}.{member} = {one:g}{word}"

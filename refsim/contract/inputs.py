@@ -218,11 +218,18 @@ def on_backend(value: Any, backend: Backend) -> Any:
 
 
 def with_variant(inputs: Inputs, variant: Mapping[str, Any]) -> Inputs:
-    """Inputs with a variant's overrides; a callable override is called with (case, grid)."""
+    """Inputs with a variant's overrides; see Operation."""
     if not variant:
         return inputs.replaced()
     grid = inputs.case.grid(inputs.dtype)
-    return inputs.replaced(**{k: v(inputs.case, grid) if callable(v) else v for k, v in variant.items()})
+
+    def made(name: str, override: Any) -> Any:
+        if isinstance(override, Mapping):
+            group = inputs[name]
+            return group._replace(**{key: type(getattr(group, key))(value) for key, value in override.items()})
+        return override(inputs.case, grid) if callable(override) else override
+
+    return inputs.replaced(**{name: made(name, override) for name, override in variant.items()})
 
 
 def bindings(

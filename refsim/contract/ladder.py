@@ -257,7 +257,7 @@ def _closed_form(target: Target, trial: str, exact: cases.Exact) -> Outcome:
 def _same(given: Any, override: Any) -> bool:
     if given is None or override is None:
         return given is override
-    return not isinstance(override, tuple) or tuple(given) == tuple(override)
+    return not isinstance(override, Mapping) or all(getattr(given, name) == value for name, value in override.items())
 
 
 def typed(name: str, value: Any, dtype: str) -> Any:

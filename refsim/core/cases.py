@@ -131,6 +131,16 @@ def groups(*names: str) -> Callable[[GroupMaker], GroupMaker]:
     return mark
 
 
+def other(group: str, **members: Any) -> GroupMaker:
+    """A function for an operation's variants: the case's own parameter group with other members."""
+
+    def made(case: Case, grid: Discretisation) -> Any:
+        own = GROUPS[group](case, grid)[group]
+        return own._replace(**{name: type(getattr(own, name))(value) for name, value in members.items()})
+
+    return made
+
+
 def derived(*names: str) -> Callable[[Callable[[Any, str], Any]], Callable[[Any, str], Any]]:
     """Mark a function of (inputs, name) that makes an argument from others, as they and their order are then."""
 

@@ -1,7 +1,8 @@
 """One equation, its programs, its hard inputs: the registry that makes the tests.
 
-A program is named by its backend ("numpy", "cpu", "cuda") or, where a backend has another algorithm beside the plain
-one, by backend and algorithm ("cuda:fused"). One reference judges them all.
+An operation is registered on its reference, by the decorator `operation`. A program is named by its backend ("numpy",
+"cpu", "cuda") or, where a backend has another algorithm beside the plain one, by backend and algorithm ("cuda:fused").
+One reference judges them all.
 
 Arguments are bound by name. A program names the arrays and parameter groups it takes; its outputs stand last.
 The reference takes the same names, less the neighbour structures and the outputs, and returns
@@ -16,9 +17,12 @@ import importlib
 import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
-from typing import Any
+from typing import Any, TypeVar
 
 BACKENDS = ("numpy", "cpu", "cuda")
+SYMMETRY = "translation rotation reordering"  # invariants of what depends on separations
+Reference = TypeVar("Reference", bound=Callable)
+Names = str | tuple[str, ...]  # a string holds them with spaces between
 
 
 @dataclass(frozen=True)
@@ -42,7 +46,7 @@ class Program:
     names: Mapping[str, str] = field(default_factory=dict)
     tolerance: float | None = None
     reason: str = ""
-    variants: tuple[Mapping[str, Any], ...] | None = None
+    variants: tuple[Any, ...] | None = None
     work: tuple[str, ...] = ()
     folder: str = ""
 
@@ -69,8 +73,9 @@ class Operation:
     entrywise   outputs of the whole set with a bound for each entry, whose scale counts the terms itself
     optional    arguments that are None where the scene has no such thing
     tolerance   c in the bound c * neighbours * eps * sum|terms|, with its reason in `tolerance_reason`
-    variants    argument overrides under which the operation is tested (None drops an optional term); the first is the
-                plain one, without what is optional, or with what `refsim.core.cases.plain_keeps` names
+    variants    argument overrides under which the operation is tested: None drops an optional term, a mapping gives
+                members of a parameter group, a function of (case, grid) makes the value; the first is the plain one,
+                without what is optional, or with what `refsim.core.cases.plain_keeps` names
     invariants  names of the contract's conservation and symmetry checks that hold
     broken      those that a variant does not keep, by the variant's number
     cases       names of hard inputs beside the common ones
@@ -236,6 +241,75 @@ def register(operation: Operation) -> Operation:
     return operation
 
 
+def operation(
+    equation: str,
+    name: str = "",
+    *,
+    paper: str,
+    outputs: Names = "",
+    adds: Names = "",
+    exact: Names = "",
+    entrywise: Names | bool = "",
+    optional: Names = "",
+    variants: tuple[str | Mapping[str, Any], ...] = (),
+    invariants: Names = "",
+    broken: Mapping[int, Names] | None = None,
+    cases: Names = "",
+    programs: Mapping[str, str | Program] | None = None,
+    reason: str = "",
+    **more: Any,
+) -> Callable[[Reference], Reference]:
+    """Register an operation on its reference, which stays the plain function that it is.
+
+    name       where it is not that of the folder and the function, "sph.state"
+    outputs    by default those to which it adds
+    entrywise  True for all outputs that are not exact
+    variants   of each the names of what is left out, or the overrides (`without`), where a string names a function of
+               (case, grid) in the folder's cases.py; by default one without all that is optional, and one with it
+    programs   by name; of one that differs by its module alone, the module
+    reason     `tolerance_reason`
+    more       other fields of Operation
+    """
+
+    def enter_on(reference: Reference) -> Reference:
+        folder = reference.__module__.rpartition(".")[0]
+        written, flags, left_out = _names(outputs or adds), _names(exact), _names(optional)
+        chosen = variants or ((dict.fromkeys(left_out), {}) if left_out else ({},))
+        register(
+            Operation(
+                name=name or f"{folder.rpartition('.')[2]}.{reference.__name__}",
+                folder=folder,
+                paper=paper,
+                equation=equation,
+                function=reference.__name__,
+                outputs=written,
+                exact=flags,
+                adds=_names(adds),
+                entrywise=tuple(n for n in written if n not in flags) if entrywise is True else _names(entrywise or ""),
+                optional=left_out,
+                variants=tuple(_overrides(variant, folder) for variant in chosen),
+                invariants=_names(invariants),
+                broken={number: _names(names) for number, names in (broken or {}).items()},
+                cases=_names(cases),
+                programs={key: _entry(program, folder) for key, program in (programs or {}).items()},
+                **(more | ({"tolerance_reason": reason} if reason else {})),
+            )
+        )
+        return reference
+
+    return enter_on
+
+
+def operations(**common: Any) -> Callable[..., Callable[[Reference], Reference]]:
+    """`operation` with what the operations of a reference share, `operations(paper="Jiang & Zhu 2023")`."""
+    return functools.partial(operation, **common)
+
+
+def without(names: str, **overrides: Any) -> dict[str, Any]:
+    """A variant that leaves out the arguments of these names and overrides others."""
+    return dict.fromkeys(names.split()) | overrides
+
+
 def add_program(operation: str, name: str, program: Program) -> None:
     """Enter another method's program of a registered operation; each program's name is entered once."""
     entered = REGISTRY[operation]
@@ -281,9 +355,37 @@ def enter(procedure: Procedure) -> Procedure:
     return procedure
 
 
+@dataclass(frozen=True)
+class Made:
+    """Value of an argument that a function of (case, grid) in a folder's cases.py makes, imported at first use."""
+
+    folder: str
+    function: str
+
+    def __call__(self, case: Any, grid: Any) -> Any:
+        return getattr(importlib.import_module(f"{self.folder}.cases"), self.function)(case, grid)
+
+
 def backend_of(program: str) -> str:
     """The backend on which the program of this name runs."""
     return program.partition(":")[0]
+
+
+def _names(given: Names) -> tuple[str, ...]:
+    return tuple(given.split()) if isinstance(given, str) else given
+
+
+def _entry(program: str | Program, folder: str) -> Program:
+    if isinstance(program, str):
+        return Program(program)
+    made = program.variants and tuple(_overrides(variant, folder) for variant in program.variants)
+    return replace(program, variants=made)
+
+
+def _overrides(variant: str | Mapping[str, Any], folder: str) -> dict[str, Any]:
+    if isinstance(variant, str):
+        return dict.fromkeys(variant.split())
+    return {name: Made(folder, value) if isinstance(value, str) else value for name, value in variant.items()}
 
 
 @functools.cache

@@ -18,11 +18,12 @@ from refsim.core.cases import (
     groups,
     lattice,
     particles,
+    period_around,
     takes,
 )
 from refsim.core.period import period_group
 from refsim.heat import HeatConduction
-from refsim.heat.shapes import MUELLER, POLY6, SPIKY, Conduction, conduction_group
+from refsim.heat.shapes import MOST_PASSES, MUELLER, POLY6, SPIKY, Conduction, conduction_group
 
 SLOW = 1.0  # k dt/(rho c d^2) of the common cases, on average
 STORED = REST_DENSITY * 1000.0  # rho c [J/(m^3 K)] of the common cases, about
@@ -97,6 +98,16 @@ def _conduction(case, grid):
     mean = "arithmetic" if case.clamp else "harmonic"
     effect = HeatConduction(literal=literal, laplacian=laplacian, mean=mean, residual=tight)
     return {"conduction": effect.conduction(grid)}
+
+
+def wide_box(case, grid):
+    """A periodic box as long as the colours of the pairs need it."""
+    return period_around(case, grid, 4.5 * case.support_radius)
+
+
+def planned(case, grid):
+    """The number of passes is found on the GPU, not on the host."""
+    return HeatConduction().conduction(grid)._replace(planned_passes=np.int32(MOST_PASSES))
 
 
 def _conduction_follows(group, inputs, kernel):

@@ -11,7 +11,23 @@ import math
 
 import numpy as np
 
+from refsim.core.operation import SYMMETRY, operations, without
 from refsim.neighbours.reference import pair_blocks
+
+_STEEP = "steep_volumes steep_conductivities"
+_REASON = "the scale counts the temperatures once for each pass; the few roundings of one exchange"
+_MELTS = "melting_point latent_heat enthalpy"
+operation = operations(
+    paper="standard", cases=_STEEP, optional="reservoir period", variants=("reservoir period", "reservoir", "period"),
+    invariants=SYMMETRY, broken={1: "rotation"},
+)  # fmt: skip
+_scheme = operations(
+    paper="standard", cases=_STEEP, outputs="enthalpy temperature", reach=0, optional=f"reservoir period {_MELTS}",
+    variants=(f"reservoir period {_MELTS}", f"reservoir {_MELTS}", f"period {_MELTS}", "reservoir period"),
+    tolerance=1.0, reason=_REASON, invariants=SYMMETRY, broken={1: "rotation"},
+    programs={"cpu": "schemes", "cuda": "schemes"},
+)  # fmt: skip
+_SOLID = {"optional": "reservoir period", "variants": ("reservoir period", "reservoir", "period")}
 
 SPIKY, MUELLER, POLY6 = range(3)
 
@@ -77,6 +93,10 @@ def exchange_sums(i, j, g, inverse):
     return inverse * np.bincount(i, g, len(inverse))
 
 
+@operation(
+    "s_i/dt = sum_j |G_ij|/C_i of (4)", outputs="exchange_rate", tolerance=8.0,
+    reason="a few roundings in each of distance, shape, mean conductivity, products and sum",
+)  # fmt: skip
 def exchange_rate(position, mass, volume, heat_capacity, conductivity, reservoir, conduction, period):
     """s_i/dt = sum_j |G_ij|/C_i [1/s], 0 for reservoirs: explicit steps keep the range up to dt = 1/(the largest)."""
     i, j, g = pairs(position, volume, conductivity, (0.0, 1.0), conduction, period)
@@ -129,6 +149,7 @@ def _taken_up(t, start, scale, enthalpy, heat_capacity, melting_point, latent_he
 # The schemes
 
 
+@_scheme("forward Euler on (4)", reach=1)
 def explicit(
     position, mass, volume, heat_capacity, conductivity, reservoir, melting_point, latent_heat, timestep, conduction,
     period, enthalpy, temperature,
@@ -146,6 +167,10 @@ def explicit(
     return _both(t, h, _scale(i, j, g, inverse, [start]), c, latent)
 
 
+@_scheme(
+    "(4) with Shao & Song M7 as printed (R1)", paper="Shao & Song 2017", outputs="temperature", reach=2, **_SOLID,
+    invariants="translation",
+)  # fmt: skip
 def one_sided(
     position, mass, volume, heat_capacity, conductivity, reservoir, timestep, conduction, period, temperature
 ):  # fmt: skip
@@ -174,6 +199,11 @@ def one_sided(
     return {"temperature": (before, np.full(len(before), 4 * size))}
 
 
+@_scheme(
+    "(4) with Shao & Song M5 to M9 (R3)", paper="Shao & Song 2017", outputs="temperature", optional="reservoir period",
+    variants=("reservoir period", without("reservoir", period="wide_box"), "period"), invariants="",
+    programs={"cpu": "pair_exchange", "cuda": "pair_exchange"},
+)  # fmt: skip
 def pair_exchange(
     position, mass, volume, heat_capacity, conductivity, reservoir, timestep, conduction, period, temperature
 ):  # fmt: skip
@@ -247,6 +277,7 @@ def rounds(position, side, dim, period):
             yield from (turns[k] for k in sorted(turns))
 
 
+@_scheme("(4) for all neighbours at once (NPX)", paper="Shao & Song 2017", reach=2)
 def single_pass(
     position, mass, volume, heat_capacity, conductivity, reservoir, melting_point, latent_heat, timestep, conduction,
     period, enthalpy, temperature,
@@ -265,6 +296,13 @@ def single_pass(
     return _both(t, h, _scale(i, j, g / (1 + s[i] + s[j]), inverse, [start], 3), c, latent)
 
 
+@_scheme(
+    "backward Euler, of which (4) is one pair (CHEB)",
+    variants=(
+        without(f"reservoir period {_MELTS}", conduction="planned"), f"reservoir {_MELTS}", f"period {_MELTS}",
+        "reservoir period",
+    ),
+)  # fmt: skip
 def chebyshev(
     position, mass, volume, heat_capacity, conductivity, reservoir, melting_point, latent_heat, timestep, conduction,
     period, enthalpy, temperature,
@@ -308,6 +346,9 @@ def chebyshev_passes(s_max, tolerance):
     return max(1, math.ceil(math.log(tolerance / 2) / math.log(sigma)))
 
 
+@_scheme(
+    "backward Euler, of which (4) is one pair (PCG)", tolerance=4.0, reason=f"{_REASON}; the residual of the solution"
+)
 def conjugate_gradient(
     position, mass, volume, heat_capacity, conductivity, reservoir, melting_point, latent_heat, timestep, conduction,
     period, enthalpy, temperature,
@@ -325,6 +366,7 @@ def conjugate_gradient(
                      latent_heat)  # fmt: skip
 
 
+@_scheme("RKL2; RKL1 with latent heat", paper="Meyer, Balsara & Aslam 2014")
 def runge_kutta_legendre(
     position, mass, volume, heat_capacity, conductivity, reservoir, melting_point, latent_heat, timestep, conduction,
     period, enthalpy, temperature,
@@ -364,6 +406,7 @@ def runge_kutta_legendre(
     return _both(y, None, _scale(i, j, g, inverse, [start, y], 2 * stages), c, latent)
 
 
+@_scheme("backward Euler with latent heat (Shao & Song M12)", **_SOLID)
 def enthalpy_jacobi(
     position, mass, volume, heat_capacity, conductivity, reservoir, melting_point, latent_heat, timestep, conduction,
     period, enthalpy, temperature,
@@ -413,6 +456,10 @@ def newton(position, mass, volume, heat_capacity, conductivity, reservoir, melti
     return h, t, most
 
 
+@operation(
+    "V = m/rho of (4)", paper="Shao & Song 2017", outputs="volume", optional="", variants=(), tolerance=2.0,
+    reason="one division", invariants="reordering", broken={}, cases="",
+)  # fmt: skip
 def particle_volume(mass, density, rows=None):
     """V_i = m_i/rho_i [m^3; m^2 in 2D]."""
     value = np.asarray(mass, dtype=float) / np.asarray(density, dtype=float)

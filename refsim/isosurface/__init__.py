@@ -15,7 +15,8 @@ import numpy as np
 
 from refsim.backends.arrays import Backend
 from refsim.core.errors import InputError
-from refsim.core.operation import REGISTRY, Operation, register
+from refsim.core.operation import REGISTRY
+from refsim.isosurface import reference as reference
 from refsim.isosurface.table import CaseTable, case_table
 from refsim.sparse_grid import Blocks, SparseGrid, nodes
 
@@ -136,46 +137,3 @@ def extract(
         blocks, backend.asarray(node_value), Contour(real(cell_size), real(level)), cells.vertex_edge, vertices
     )
     return Mesh(vertices, cells.facets)
-
-
-_HERE = "refsim.isosurface"
-_PAPER = "Lorensen & Cline 1987"
-register(
-    Operation(
-        name="isosurface.classify",
-        folder=_HERE,
-        paper=_PAPER,
-        equation="states of a cell's corners",
-        function="classify",
-        outputs=("crossings", "cell_case"),
-        exact=("crossings", "cell_case"),
-        tolerance=0.0,
-        tolerance_reason="integers",
-    )
-)
-register(
-    Operation(
-        name="isosurface.facets",
-        folder=_HERE,
-        paper=_PAPER,
-        equation="table of cases; inside corners that are diagonal on a face are separate",
-        function="facets",
-        outputs=("vertex_edge", "facets"),
-        exact=("vertex_edge", "facets"),
-        tolerance=0.0,
-        tolerance_reason="integers",
-    )
-)
-register(
-    Operation(
-        name="isosurface.edge_points",
-        folder=_HERE,
-        paper=_PAPER,
-        equation="linear crossing of an edge",
-        function="edge_points",
-        outputs=("vertex_position",),
-        entrywise=("vertex_position",),
-        tolerance=4.0,
-        tolerance_reason="one rounding in each of the two differences, the quotient, the sum and the product",
-    )
-)

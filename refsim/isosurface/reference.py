@@ -7,7 +7,10 @@ import math
 
 import numpy as np
 
+from refsim.core.operation import operations
 from refsim.sparse_grid.reference import Lookup, dimension
+
+operation = operations(paper="Lorensen & Cline 1987")
 
 
 def _corner_states(blocks, node_state):
@@ -20,6 +23,10 @@ def _corner_states(blocks, node_state):
     return known[corner]
 
 
+@operation(
+    "states of a cell's corners", outputs="crossings cell_case", exact="crossings cell_case", tolerance=0.0,
+    reason="integers",
+)  # fmt: skip
 def classify(blocks, node_state):
     """Cut edges and corner states (dimensionless): bits 1 <- state_0 + state_a = 1; case = sum_c state_c 2^c.
 
@@ -142,6 +149,10 @@ def _cell_facets(case, dim):
     return result
 
 
+@operation(
+    "table of cases; inside corners that are diagonal on a face are separate", outputs="vertex_edge facets",
+    exact="vertex_edge facets", tolerance=0.0, reason="integers",
+)  # fmt: skip
 def facets(blocks, crossings, cell_case, edge_first, facet_first, table):
     """Edge 3 i + a of each vertex, vertices of each facet = v(edges of the case); dimensionless numbers.
 
@@ -173,6 +184,10 @@ def facets(blocks, crossings, cell_case, edge_first, facet_first, table):
     }
 
 
+@operation(
+    "linear crossing of an edge", outputs="vertex_position", entrywise=True,
+    reason="one rounding in each of the two differences, the quotient, the sum and the product",
+)  # fmt: skip
 def edge_points(blocks, node_value, contour, vertex_edge):
     """Vertices x = h (j + t e_a) [m], t = (c - f0)/(f1 - f0) with the values at the edge's ends."""
     find = Lookup(blocks)

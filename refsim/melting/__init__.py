@@ -15,9 +15,9 @@ from refsim.core.capabilities import KeepsLedger
 from refsim.core.effect import Discretisation, Effect, Pass
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
-from refsim.core.operation import Operation, Program, register
 from refsim.core.scalars import int32
 from refsim.heat import MELTING_POINT
+from refsim.melting import reference as reference
 from refsim.shape_matching.phases import FLUID
 from refsim.sph import liquid_of
 
@@ -124,32 +124,3 @@ class Melting(Effect, KeepsLedger, frozen=True, kw_only=True):
                 *map(grid.real, last),
             )
         }
-
-
-_HERE = "refsim.melting"
-register(
-    Operation(
-        name="melting.melt",
-        folder=_HERE,
-        paper="Shao & Song 2017",
-        equation="Shao & Song, section 2: T >= T_melt at surfaces, with M12, M13",
-        function="melt",
-        programs={"cpu": Program("reductions"), "cuda": Program("reductions_cuda")},
-        outputs=("melted", "melted_count", "mass", "rest_density", "conductivity", "heat_capacity", "phase"),
-        exact=("melted", "melted_count", "phase"),
-        optional=("enthalpy", "latent_heat", "conductivity", "heat_capacity"),
-        tolerance_reason="copies",
-        variants=(dict.fromkeys(("enthalpy", "latent_heat", "conductivity", "heat_capacity")), {}),
-    )
-)
-register(
-    Operation(
-        name="melting.detach",
-        folder=_HERE,
-        paper="Shao & Song 2017",
-        equation="Shao & Song, section 2 and figure 3, with M16 to M18",
-        function="detach",
-        outputs=("direct", "rebuild"),
-        exact=("direct", "rebuild"),
-    )
-)

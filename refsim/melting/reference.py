@@ -2,10 +2,20 @@
 
 import numpy as np
 
+from refsim.core.operation import operations
+
+operation = operations(paper="Shao & Song 2017")
+
 FLUID, SURFACE = 0, 1
 EMPTY = -1
 
 
+@operation(
+    "Shao & Song, section 2: T >= T_melt at surfaces, with M12, M13",
+    outputs="melted melted_count mass rest_density conductivity heat_capacity phase", exact="melted melted_count phase",
+    optional="enthalpy latent_heat conductivity heat_capacity", reason="copies",
+    programs={"cpu": "reductions", "cuda": "reductions_cuda"},
+)  # fmt: skip
 def melt(
     identity, temperature, enthalpy, melting_point, latent_heat, melting, phase, mass, rest_density, conductivity,
     heat_capacity, melted,
@@ -43,6 +53,7 @@ def melt(
     }
 
 
+@operation("Shao & Song, section 2 and figure 3, with M16 to M18", outputs="direct rebuild", exact="direct rebuild")
 def detach(melted, melted_count, region, direct):
     """direct = -1 in every slot of a melted node and in every slot that holds one (Shao & Song M16).
 

@@ -22,10 +22,12 @@ from refsim.core.cases import (
     derived,
     groups,
     lattice,
+    other,
     particles,
     takes,
 )
 from refsim.mpm import (
+    OPEN,
     READINGS,
     RULES,
     Contact,
@@ -109,6 +111,9 @@ def _embedding(case, grid):
     return {"embedding": Embedding(np.int32(1))}
 
 
+as_printed, corrected = other("embedding", reading=2), other("embedding", reading=3)
+
+
 @groups("step_extremes")
 def _step_extremes(case, grid):
     return {"step_extremes": np.zeros(4, grid.dtype)}
@@ -139,6 +144,15 @@ def _planes(case, grid):
         lower[axis], upper[axis] = np.quantile(case.position[:, axis] / h, (0.25, 0.8)).round()
     rules = np.array([3, 1, 2, 3, 3, 2], np.int32)
     return {"planes": WallNodes(lower.astype(np.int32), upper.astype(np.int32), rules)}
+
+
+def wide_domain(case, grid):
+    """Walls of every kind, eight cells apart or more, the lower ones a little inside the particles."""
+    lower, upper = np.full(3, -OPEN), np.full(3, OPEN)
+    for axis in range(case.dim if case.count else 0):
+        ends = np.quantile(case.position[:, axis] / (2 * case.spacing), (0.1, 0.9)).round()
+        lower[axis], upper[axis] = ends[0], max(ends[1], ends[0] + 8)
+    return WallNodes(lower.astype(np.int32), upper.astype(np.int32), np.array([2, 1, 3, 2, 1, 3], np.int32))
 
 
 _OF_THE_GRID = "the case's grid is made for it"

@@ -7,6 +7,7 @@ change by the rounding of a particle's position in its cell.
 
 import numpy as np
 
+from refsim.core.operation import operations, without
 from refsim.sparse_grid.reference import Lookup, node_table
 from refsim.sph.reference import carried
 
@@ -16,6 +17,14 @@ CLUSTER, THESIS, CORRECTED = 1, 2, 3
 STICKY, SLIP, SEPARATING = 1, 2, 3
 ROWS_BEHIND = 3  # of nodes behind a mirror that the liquid may reach
 SYMMETRIC = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])  # where (a, b) stands in (xx, xy, xz, yy, yz, zz)
+
+operation = operations(
+    paper="thesis on reconstructed-surface tension in MPM",
+    cases="on_nodes on_nodes_2d many_in_a_cell one_in_each_block near_the_last_cell",
+)
+_EMBEDDED = "cluster_share inverse_spread embedding"
+_LONE = f"{_EMBEDDED} carrier_first carrier_position carrier_moment build_position position_residual"
+_SUMS = "a few roundings for each of place, weights and field, and a sum over the 27 nodes or some ten points"
 
 
 def _f(array):
@@ -129,6 +138,11 @@ def sorted_bins(cell, blocks):
     return np.searchsorted(np.asarray(cell)[order], np.arange(64 * blocks + 1)).astype(np.int32), order
 
 
+@operation(
+    "base node floor(x/h - 1/2)", outputs="cell", exact="cell", optional="carrier_position surface_sample",
+    reason="the position on the grid is computed in float64 with two roundings",
+    programs={"cpu": "sorting", "cuda": "sorting_cuda"},
+)  # fmt: skip
 def cells(position, carrier_position, surface_sample, grid):
     """Number of the base node j = floor(x/h - 1/2) of each particle (n,), and its margin, dimensionless."""
     cell = np.empty(len(position), np.int32)
@@ -138,6 +152,11 @@ def cells(position, carrier_position, surface_sample, grid):
     return {"cell": (cell.astype(float), margin)}
 
 
+@operation(
+    "quadratic B-spline, (3.16) with thesis M19", outputs="base_node spline_weight spline_slope", exact="base_node",
+    tolerance=8.0, reason="one rounding of the position in the cell, and a few of the polynomial",
+    invariants="reordering",
+)  # fmt: skip
 def weights(position, background):
     """Base node j = floor(x/h - 1/2), and B and h B' at j, j + 1, j + 2 along each axis, dimensionless."""
     x = _f(position) * background.inverse_cell
@@ -192,6 +211,16 @@ def _pushed(velocity, acceleration, timestep):
     return velocity if acceleration is None else velocity + float(timestep[1]) * _f(acceleration)
 
 
+@operation(
+    "(4.10), (4.15), (4.17) with thesis M3, M4, M6", outputs="node_mass node_momentum", entrywise=True,
+    optional=f"acceleration {_EMBEDDED} kernel_gradient",
+    variants=(
+        f"{_EMBEDDED} acceleration kernel_gradient", "kernel_gradient",
+        without("acceleration", embedding="as_printed"), f"{_EMBEDDED} acceleration",
+    ),
+    tolerance=32.0, reason=_SUMS, invariants="reordering",
+    programs={"cpu": "particle_to_grid", "cuda": "particle_to_grid_cuda"},
+)  # fmt: skip
 def particle_to_grid(
     position, velocity, mass, affine, volume_ratio, acceleration, liquid, background, timestep, cluster_share,
     inverse_spread, embedding, kernel_gradient, grid,
@@ -226,6 +255,11 @@ def particle_to_grid(
     return _nodes(total, bound)
 
 
+@operation(
+    "(4.15)", adds="node_mass node_momentum", entrywise=True, optional="acceleration",
+    variants=(without("acceleration", embedding="as_printed"), ""), tolerance=32.0, reason=_SUMS,
+    programs={"cpu": "particle_to_grid", "cuda": "particle_to_grid_cuda"},
+)  # fmt: skip
 def carriers_to_grid(
     carrier_position, carrier_owner, position, velocity, mass, affine, volume_ratio, acceleration, liquid, background,
     timestep, cluster_share, inverse_spread, embedding, grid,
@@ -296,6 +330,11 @@ def _with_images(mass, momentum, size, planes, blocks):
     return np.where(there, whole[group], 0.0), added(sign * momentum), added(size), sign, none
 
 
+@operation(
+    "(4.11), (4.19), and the walls", outputs="node_velocity", optional="node_pull field planes mirrors",
+    variants=("node_pull field planes mirrors", "mirrors", {"planes": "wide_domain"}),
+    reason="one rounding in each of quotient, product and sum, the sum of a node and its images",
+)  # fmt: skip
 def grid_update(node_mass, node_momentum, node_pull, field, planes, mirrors, background, timestep, grid):
     """(4.19) v_j = ((mv)_j + dt f_j)/m_j + dt g [m/s], f the surface's force, and the walls.
 
@@ -348,6 +387,10 @@ def _moments(position, background, grid, node_velocity):
     )
 
 
+@operation(
+    "(4.14): moments of the embedded points", outputs="carrier_moment", entrywise=True, tolerance=32.0, reason=_SUMS,
+    programs={"cpu": "grid_to_particle", "cuda": "grid_to_particle_cuda"},
+)  # fmt: skip
 def grid_to_carriers(node_velocity, carrier_position, background, grid):
     """v = sum_j B v_j [m/s] and sum_j B v_j (x_j - x_q)^T [m^2/s], row by row, of every embedded point."""
     v, v_scale, m, m_scale = _moments(carrier_position, background, grid, node_velocity)
@@ -355,6 +398,16 @@ def grid_to_carriers(node_velocity, carrier_position, background, grid):
     return {"carrier_moment": (value, bound)}
 
 
+@operation(
+    "(4.8), (4.12), (4.13), (4.16) with thesis M5, M9, M10",
+    outputs="displacement step_extremes velocity affine volume_ratio deformation position_residual position",
+    optional=f"{_EMBEDDED} carrier_first carrier_position carrier_moment build_position deformation position_residual",
+    variants=(
+        f"{_LONE} deformation", "deformation position_residual", without("build_position", embedding="as_printed"),
+        without("deformation build_position", embedding="corrected"), _LONE,
+    ),
+    tolerance=48.0, reason=_SUMS, programs={"cpu": "grid_to_particle", "cuda": "grid_to_particle_cuda"},
+)  # fmt: skip
 def grid_to_particle(
     node_velocity, liquid, background, timestep, cluster_share, inverse_spread, embedding, carrier_first,
     carrier_position, carrier_moment, build_position, grid, volume_ratio, deformation, position_residual, position,
@@ -447,6 +500,13 @@ def _permanent(m):
     return a + b + m[:, 0, 2] * (m[:, 1, 0] * m[:, 2, 1] + m[:, 1, 1] * m[:, 2, 0])
 
 
+@operation(
+    "embedded points and their D_p, with thesis M11, M12",
+    outputs="carrier_first carrier_position carrier_owner cluster_share inverse_spread",
+    exact="carrier_first carrier_owner", entrywise="carrier_position", tolerance=16.0,
+    reason="a few roundings for each product, and twenty in the inverse of a matrix whose entries are at most one",
+    programs={"cpu": "embedding", "cuda": "embedding"},
+)  # fmt: skip
 def embed(position, surface_sample, sample_owner, background):
     """Points x_s and x_o = 2 x_p - x_s [m] by owner p, w = 1/(2 C_p + 1), and E_p^-1, dimensionless.
 
@@ -479,6 +539,10 @@ def embed(position, surface_sample, sample_owner, background):
     }
 
 
+@operation(
+    "k_wall = -k cos(theta) at the edge of the wetted area (Young)", adds="node_force", tolerance=8.0,
+    reason="splines, products and sum", cases="",
+)  # fmt: skip
 def contact(sample_position, sample_line, spline_cells, blocks, surface_term, contact):
     """f_j = k cos(theta) sum_s B_j(x_s) l_s [N], added to the force on node j; l_s [m^(d-2)] are the outward normals of
     the edge of the wetted area."""
@@ -498,6 +562,11 @@ def contact(sample_position, sample_line, spline_cells, blocks, surface_term, co
     return {"node_force": (value, scale)}
 
 
+@operation(
+    "none in the thesis; stress mu (A + A^T) through (4.10)", outputs="affine", entrywise=True,
+    optional="inverse_spread", tolerance=16.0,
+    reason="a few roundings for each sum, product and the product of two matrices", invariants="reordering",
+)  # fmt: skip
 def viscosity(volume_ratio, inverse_spread, viscous_stress, timestep, affine):
     """A - dt J (4 mu/(rho0 h^2)) (A + A^T) E^-1 [1/s], row by row; E = 1 without embedded points."""
     a, ratio = _f(affine).reshape(-1, 3, 3), _f(volume_ratio)
@@ -511,6 +580,10 @@ def viscosity(volume_ratio, inverse_spread, viscous_stress, timestep, affine):
     return {"affine": (value.reshape(-1, 9), scale.reshape(-1, 9))}
 
 
+@operation(
+    "none in the thesis; J sum_j B_j(x_p) m_j/(rho0 h^d), m_j of 4.2.4", outputs="greatest_crowding crowding",
+    tolerance=32.0, reason=_SUMS, invariants="reordering", programs={"cpu": "crowding", "cuda": "crowding_cuda"},
+)  # fmt: skip
 def count(position, volume_ratio, node_mass, background, counting, grid):
     """q_p = J_p rho_p/rho0, dimensionless, with the counted density rho_p = sum_j B_j(x_p) m_j/h^d; and the largest."""
     stencils = Stencils(position, node_table(grid.blocks), background)
@@ -524,6 +597,11 @@ def count(position, volume_ratio, node_mass, background, counting, grid):
     }
 
 
+@operation(
+    "none in the thesis; J <- J (1 - min(1, dt/tau) (1 - q0/q))", outputs="deformation volume_ratio", entrywise=True,
+    optional="deformation", tolerance=16.0, reason="two quotients, two products, two differences, and a root",
+    invariants="reordering", cases="",
+)  # fmt: skip
 def recount(crowding, recounting, timestep, background, deformation, volume_ratio):
     """Where q > q0: J <- J + s (J q0/q - J), s = min(1, dt/tau), dimensionless; F is stretched
     equally along all axes to the same J."""

@@ -6,6 +6,27 @@ of the particle arrays. region (S, n^3), n = 2 w + 1: numbers of the members, -1
 
 import numpy as np
 
+from refsim.core.operation import Program, operations
+
+operation = operations(paper="Shao & Song 2017")
+_AFTER = "Shao & Song 2017, after Rivers & James 2007"
+_COLLAPSED = "members_in_a_point members_on_a_line members_on_a_short_line members_on_a_plane members_on_a_small_plane"
+
+
+def _sums(tolerance):
+    """Further algorithms for sums over regions: threads that share a region (Shao & Song 2017, 3.2), boxes of cells."""
+    fast = {
+        "tolerance": 2 * tolerance,
+        "reason": "as the sum over members; terms are relative to one point of the body",
+        "work": ("boxes.first", "boxes.second"),
+    }
+    return {
+        "cuda:reduction": "parallel_reduction_cuda",
+        "cpu:fast": Program("fast_summation", **fast),
+        "cuda:fast": Program("fast_summation_cuda", **fast),
+    }
+
+
 FLUID, SURFACE, INTERIOR = 0, 1, 2
 EMPTY = -1
 
@@ -21,6 +42,7 @@ def _offsets(slots):
     return np.stack(np.meshgrid(*[np.arange(side) - side // 2] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
+@operation("M figure 2, arrayN, with Shao & Song M18, M19", outputs="direct", exact="direct")
 def direct_neighbours(phase, place, lattice):
     """Direct neighbours (S, 27): slot (a + 1) 9 + (b + 1) 3 + (e + 1) = the solid node of one body at g + (a, b, e).
 
@@ -36,6 +58,10 @@ def direct_neighbours(phase, place, lattice):
     return {"direct": _certain(direct)}
 
 
+@operation(
+    "M figure 3, arrayR, with Shao & Song M14, M15", outputs="region region_count", exact="region region_count",
+    optional="rebuild", programs={"cpu": "region_filling", "cuda": "region_filling_cuda"},
+)  # fmt: skip
 def regions(direct, rebuild, lattice, region, region_count):
     """Region of a node = nodes at most w steps away over direct neighbours, in their slots; dimensionless.
 
@@ -57,6 +83,7 @@ def regions(direct, rebuild, lattice, region, region_count):
     return {"region": _certain(region), "region_count": _certain(count)}
 
 
+@operation("M section 2: SBP and IBP", outputs="phase", exact="phase")
 def classify(identity, direct, phase):
     """phase = 1 where a node has fewer than 27 direct neighbours, itself among them, 2 with all, else 0 (flag)."""
     count = (np.asarray(direct) != EMPTY).sum(1)
@@ -67,6 +94,7 @@ def classify(identity, direct, phase):
     return {"phase": _certain(result)}
 
 
+@operation("m = m_k/cnt_k", paper=_AFTER, outputs="region_share solid_position", reason="one quotient, and a copy")
 def gather(position, mass, place, region_count):
     """Position of each node [m] and its share m = m_k/cnt_k in each of its regions [kg]; none for liquid."""
     rows = np.asarray(place)[: len(region_count)]
@@ -107,6 +135,11 @@ def _quadratic_form(a):
     return np.array([[(mixed * a).sum() for mixed in row] for row in MIXED])
 
 
+@operation(
+    "c, A and argmax tr(R^T A)", paper=_AFTER, outputs="region_center region_anchor rotation", tolerance=16.0,
+    reason="products and sums of A, and the sweeps of the eigensolver, over the gap of the eigenvalues",
+    cases=_COLLAPSED, programs=_sums(16.0),
+)  # fmt: skip
 def match(solid_position, region_share, region, matching, rotation):
     """Best rigid motion of every region: c = sum m x/M, A = sum m (x - c)(x0 - c0)^T, R = argmax tr(R^T A), det R = 1.
 
@@ -153,6 +186,11 @@ def match(solid_position, region_share, region, matching, rotation):
     }
 
 
+@operation(
+    "g_i = sum_r [R_r (x0_i - c0_r) + c_r]/cnt_i, v += alpha (g - x)/dt", paper=_AFTER,
+    outputs="acceleration solid_velocity", adds="acceleration", tolerance=8.0,
+    reason="a rotation, a sum, and the quotient of a difference", programs=_sums(8.0),
+)  # fmt: skip
 def pull(
     velocity, solid_position, region, region_count, region_anchor, rotation, place, matching, timestep, acceleration
 ):  # fmt: skip
@@ -183,6 +221,11 @@ def pull(
     }
 
 
+@operation(
+    "v_c = sum m v/M, omega = I^-1 L", paper="standard", outputs="region_velocity region_spin", tolerance=16.0,
+    reason="products and sums of I and L, and Cholesky's steps, over the least eigenvalue of I", cases=_COLLAPSED,
+    programs=_sums(16.0),
+)  # fmt: skip
 def region_motion(solid_position, solid_velocity, region_share, region, region_center, matching):
     """Rigid motion of every region: v_c = sum m v/M [m/s]; omega = I^-1 L [1/s], I += e tr(I) 1, 0 where tr(I) = 0.
 
@@ -213,6 +256,10 @@ def region_motion(solid_position, solid_velocity, region_share, region, region_c
     return {"region_velocity": (mean, mean_scale), "region_spin": (spin, spin_scale)}
 
 
+@operation(
+    "v_i += (beta/cnt_i) sum_r [v_r + omega_r x (x_i - c_r) - v_i]", paper="standard", adds="acceleration",
+    tolerance=8.0, reason="a cross product, a sum and a product", programs=_sums(8.0),
+)  # fmt: skip
 def damp(
     solid_position, solid_velocity, region, region_count, region_center, region_velocity, region_spin, place, matching,
     timestep, acceleration,

@@ -93,6 +93,11 @@ def _field(case, grid):
     return {"field": np.array([0.3, -9.81, 1.7], dtype=grid.dtype)}
 
 
+def short_steps(case, grid):
+    """Steps in which positions change by less than their rounding."""
+    return np.array([8e-7, 1e-6], grid.dtype) * grid.real(case.spacing)
+
+
 def _smoothing_follows(group, inputs, kernel):
     """The factors; and for the gradients' kernel the support radius, which is that of the scene as well."""
     own = {} if group is kernel else {"support_radius": kernel.support_radius, "dim": kernel.dim}

@@ -9,8 +9,14 @@ import math
 
 import numpy as np
 
+from refsim.core.operation import SYMMETRY, operations, without
 from refsim.neighbours.reference import other_particles, pair_blocks
 from refsim.smoothing.reference import kernel_slope, kernel_value, viscosity_laplacian
+
+operation = operations(paper="Jiang & Zhu 2023")
+_WARMTH = "temperature temperature_range exchange_rate"
+_CROWDING = "density rest_density density_bounds"
+_REDUCTIONS = {"cpu": "reductions", "cuda": "reductions_cuda"}
 
 
 def _rows(array, rows):
@@ -18,6 +24,12 @@ def _rows(array, rows):
     return array if rows is None else array[rows]
 
 
+@operation(
+    "J(7), J(8) and its first moment", outputs="number_density asymmetry density",
+    optional="number_density asymmetry walls period",
+    variants=("number_density asymmetry walls period", "period", "number_density asymmetry", "asymmetry period"),
+    invariants=SYMMETRY, broken={2: "rotation"}, programs={"cuda:packed": "density_cuda"},
+)  # fmt: skip
 def density(position, mass, walls, smoothing, fluid, period=None, rows=None):
     """Densities [kg/m^dim], number densities [1/m^dim] and asymmetries [m^(1 - dim)], self included.
 
@@ -46,6 +58,10 @@ def density(position, mass, walls, smoothing, fluid, period=None, rows=None):
     return {"density": (rho, rho), "number_density": (delta, delta), "asymmetry": (asymmetry, reach)}
 
 
+@operation(
+    "J(9)", paper="Jiang & Zhu 2023; Tait", outputs="pressure",
+    reason="one rounding for each factor of the power, counted in the scale by the exponent", invariants="reordering",
+)  # fmt: skip
 def state(density, fluid, rows=None):
     """Pressure [Pa] from density [kg/m^dim]: J(9) p = c^2 (rho - rho0), or Tait with exponent g.
 
@@ -60,6 +76,16 @@ def state(density, fluid, rows=None):
     return {"pressure": (pressure, float(fluid.stiffness) * int(fluid.exponent) * (power + 1) + cohesion)}
 
 
+@operation(
+    "J(10), J(11) with Jiang & Zhu E3", adds="acceleration", optional="walls viscosity period",
+    variants=("walls viscosity period", "period", "", "walls period"), tolerance=8.0,
+    invariants=f"{SYMMETRY} linear_momentum galilean dissipation", broken={0: "dissipation", 2: "rotation"},
+)  # fmt: skip
+@operation(
+    "J(10)", "sph.pressure", adds="acceleration", optional="walls viscosity period",
+    variants=("viscosity walls period", "viscosity", "viscosity period"), tolerance=8.0,
+    invariants=f"{SYMMETRY} linear_momentum angular_momentum", broken={1: "rotation angular_momentum"},
+)  # fmt: skip
 def momentum(position, velocity, mass, density, pressure, walls, smoothing, fluid, viscosity, period=None, rows=None):
     """Acceleration [m/s^2] by pressure and viscosity.
 
@@ -97,6 +123,10 @@ def momentum(position, velocity, mass, density, pressure, walls, smoothing, flui
     return {"acceleration": (value, scale)}
 
 
+@operation(
+    "J(11) with Jiang & Zhu E3, without J(10)", "sph.viscosity", adds="acceleration", optional="period", tolerance=8.0,
+    invariants=f"{SYMMETRY} linear_momentum galilean dissipation", broken={1: "rotation"},
+)  # fmt: skip
 def viscous(position, velocity, mass, density, smoothing, viscosity, period=None, rows=None):
     """Acceleration [m/s^2] a_i = (mu/rho_i) sum_j (m_j/rho_j) (v_j - v_i) lap W_ij, J(11) with Jiang & Zhu E3."""
     v = np.asarray(velocity, dtype=float)
@@ -112,6 +142,13 @@ def viscous(position, velocity, mass, density, smoothing, viscosity, period=None
     return {"acceleration": (value, scale)}
 
 
+@operation(
+    "momentum equation with zeta = 5 eta/3, viscous part", "sph.central_viscosity", paper="Espanol & Revenga 2003",
+    adds="acceleration", optional="period", tolerance=12.0,
+    reason="one rounding in each of squared distance (twice), Laplacian, volume, velocity difference, projection,"
+    " quotient, product and sum", invariants=f"{SYMMETRY} linear_momentum angular_momentum galilean dissipation",
+    broken={1: "rotation angular_momentum"},
+)  # fmt: skip
 def central_viscous(position, velocity, mass, density, smoothing, central_viscosity, period=None, rows=None):
     """Acceleration [m/s^2] a_i = (2 k/rho_i) sum_j (m_j/rho_j) F_ij e_ij e_ij.(v_j - v_i), k = (dim + 2) mu.
 
@@ -136,12 +173,22 @@ def central_viscous(position, velocity, mass, density, smoothing, central_viscos
     return {"acceleration": (value, scale)}
 
 
+@operation("J(6), g", paper="standard", adds="acceleration", invariants="reordering")
 def gravity(field, rows=None):
     """Uniform acceleration a_i = g [m/s^2], g of J(6); one row for all particles."""
     field = np.asarray(field, dtype=float)[None, :]
     return {"acceleration": (field, np.abs(field))}
 
 
+@operation(
+    "max |v|^2, max |a|^2, max s/dt, max (T - range), number of rho > b rho0", paper="standard", outputs="extremes",
+    optional=f"{_WARMTH} {_CROWDING}",
+    variants=(
+        f"{_WARMTH} {_CROWDING}", f"temperature_range exchange_rate {_CROWDING}", f"{_WARMTH} rest_density",
+        "exchange_rate", "",
+    ),
+    programs=_REDUCTIONS,
+)  # fmt: skip
 def extremes(
     velocity, acceleration, temperature, temperature_range, exchange_rate, density, rest_density, density_bounds
 ):
@@ -190,6 +237,12 @@ def carried(position, residual, shift, size):
     return (x + added, np.abs(x) + small), (rest, small + np.where(close, 2 * np.abs(place), 0.0))
 
 
+@operation(
+    "leap-frog with a changing step", paper="standard", outputs="displacement position_residual velocity position",
+    optional="bounds position_residual",
+    variants=("bounds position_residual", "position_residual", without("bounds", timestep="short_steps"), ""),
+    reason="one rounding in each product and sum", invariants="reordering", cases="slow_and_far", programs=_REDUCTIONS,
+)  # fmt: skip
 def kick_drift(acceleration, build_position, bounds, timestep, position_residual, velocity, position):
     """Leap-frog: v += (dt_previous + dt)/2 a [m/s], x += dt v [m], stopped at the walls' planes `bounds` [m].
 

@@ -28,18 +28,11 @@ from refsim.core.effect import Discretisation, Effect, Pass, require
 from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
-from refsim.core.operation import Operation, register
 from refsim.core.scalars import int32
 from refsim.smoothing import lattice, smoothing
 from refsim.sph import ASYMMETRY, LIQUID, NUMBER_DENSITY, PRESSURE, liquid_of
-from refsim.surface_normal import (
-    CORRECTED_NORMAL,
-    SHAPES,
-    SURFACE_NORMAL,
-    color_gradient_pass,
-    corrected_pass,
-    normal_term,
-)
+from refsim.surface_detection import reference as reference
+from refsim.surface_normal import CORRECTED_NORMAL, SURFACE_NORMAL, color_gradient_pass, corrected_pass, normal_term
 
 if TYPE_CHECKING:
     from refsim.sph import WeaklyCompressible
@@ -395,67 +388,3 @@ def detection_in(others: Mapping[str, Effect]) -> SurfaceDetection:
     """The scene's surface detection, or one with the default settings where the scene has none."""
     found = others.get(SurfaceDetection.name)
     return found if isinstance(found, SurfaceDetection) else SurfaceDetection()
-
-
-_HERE = "refsim.surface_detection"
-_FIRST_STEP: dict[str, Any] = {
-    "folder": _HERE,
-    "function": "near_surface",
-    "outputs": ("near_surface",),
-    "exact": ("near_surface",),
-    "invariants": ("reordering",),
-}
-register(
-    Operation(
-        name="surface_detection.near_surface",
-        paper="Jiang & Zhu 2023",
-        equation="J(12)",
-        optional=("asymmetry",),
-        variants=({"asymmetry": None},),
-        **_FIRST_STEP,
-    )
-)
-register(
-    Operation(
-        name="surface_detection.candidates",
-        paper="Jiang & Zhu 2023, with the first moment beside it",
-        equation="J(12), improved by Jiang & Zhu E23",
-        **_FIRST_STEP,
-    )
-)
-register(
-    Operation(
-        name="surface_detection.fan_scan",
-        folder=_HERE,
-        paper="Jiang & Zhu 2023, after Marrone et al. 2010",
-        equation="J(13) with Jiang & Zhu E5, E6, E20; least eigenvalue of the second moment",
-        function="fan_scan",
-        outputs=("surface",),
-        exact=("surface",),
-        optional=("walls", "candidates", "thin_feature"),
-        tolerance=16.0,
-        tolerance_reason="roundings of the distance, the unit normal and their product, relative to the distance; for"
-        " each neighbour those of the second moment and its determinants, relative to the sum of squares",
-        variants=(
-            {"walls": None, "candidates": None, "thin_feature": None},
-            {},
-            {"walls": None, "candidates": None},
-            {"candidates": None, "thin_feature": None},
-        ),
-        invariants=("translation", "reordering"),
-        cases=SHAPES,
-    )
-)
-register(
-    Operation(
-        name="surface_detection.release_pressure",
-        folder=_HERE,
-        paper="Koshizuka & Oka 1996, as cited by Jiang & Zhu 2023",
-        equation="p = 0 on S",
-        function="release_pressure",
-        outputs=("pressure",),
-        tolerance=0.0,
-        tolerance_reason="a choice between a copy and zero",
-        invariants=("reordering",),
-    )
-)

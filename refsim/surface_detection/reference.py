@@ -7,7 +7,9 @@ where it holds), "and" the smaller, "or" the larger, "not" the negative of its p
 
 import numpy as np
 
+from refsim.core.operation import operation
 from refsim.neighbours.reference import other_particles, pair_blocks
+from refsim.surface_normal.reference import SHAPES
 
 ENOUGH = 3
 
@@ -17,6 +19,15 @@ def _rows(array, rows):
     return array if rows is None else array[rows]
 
 
+@operation(
+    "J(12), improved by Jiang & Zhu E23", "surface_detection.candidates",
+    paper="Jiang & Zhu 2023, with the first moment beside it", outputs="near_surface", exact="near_surface",
+    invariants="reordering",
+)  # fmt: skip
+@operation(
+    "J(12)", paper="Jiang & Zhu 2023", outputs="near_surface", exact="near_surface", optional="asymmetry",
+    variants=("asymmetry",), invariants="reordering",
+)  # fmt: skip
 def near_surface(number_density, asymmetry, near_surface_limit, rows=None):
     """Near-surface flags (n,), number_density (n,) [1/m^dim]: J(12) delta_i <= lambda delta0.
 
@@ -75,6 +86,15 @@ def _thinness(position, walls, fan_scan, thin_feature, rows):
     return margin
 
 
+@operation(
+    "J(13) with Jiang & Zhu E5, E6, E20; least eigenvalue of the second moment",
+    paper="Jiang & Zhu 2023, after Marrone et al. 2010", outputs="surface", exact="surface",
+    optional="walls candidates thin_feature",
+    variants=("walls candidates thin_feature", "", "walls candidates", "candidates thin_feature"), tolerance=16.0,
+    reason="roundings of the distance, the unit normal and their product, relative to the distance; for each"
+    " neighbour those of the second moment and its determinants, relative to the sum of squares",
+    invariants="translation reordering", cases=SHAPES,
+)  # fmt: skip
 def fan_scan(position, surface_normal, candidates, walls, fan_scan, thin_feature, rows=None):
     """Surface flags (n,); position (n, 3) [m], surface_normal (n, 3) inward, candidates (n,) or None.
 
@@ -111,6 +131,10 @@ def fan_scan(position, surface_normal, candidates, walls, fan_scan, thin_feature
     return {"surface": ((surface > 0).astype(np.uint8), np.abs(surface))}
 
 
+@operation(
+    "p = 0 on S", paper="Koshizuka & Oka 1996, as cited by Jiang & Zhu 2023", outputs="pressure", tolerance=0.0,
+    reason="a choice between a copy and zero", invariants="reordering",
+)  # fmt: skip
 def release_pressure(surface, pressure, rows=None):
     """Pressure (n,) [Pa]: p = 0 where surface (n,) is set, unchanged elsewhere."""
     own = _rows(pressure, rows)

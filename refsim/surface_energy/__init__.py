@@ -12,16 +12,16 @@ from __future__ import annotations
 
 from typing import Any, ClassVar, Literal, NamedTuple
 
-import msgspec
 import numpy as np
 
 from refsim.core.capabilities import HasErrata
 from refsim.core.checked import Printed
 from refsim.core.effect import Effect, require
 from refsim.core.errors import InputError
-from refsim.core.operation import Operation, Program, add_program, register
+from refsim.core.operation import Program, add_program
 from refsim.core.scalars import int32
 from refsim.sparse_grid import inverse_cell
+from refsim.surface_energy import reference as reference
 
 NORMALS = ("mls", "gradient", "facets", "offsets")
 QUADRATURES = ("facets", "poisson")
@@ -161,119 +161,5 @@ def surface_term(tension: Tension, dim: int, dtype: str, cell_size: float) -> Su
     )
 
 
-_HERE = "refsim.surface_energy"
-_PAPER = "thesis on surface tension in MPM, 2019"
-
-
-def _enter(name: str, equation: str, outputs: tuple[str, ...], **options: Any) -> None:
-    exact = options.pop("exact", ())
-    if "recorded" in options:
-        recorded = Program("recorded.programs", **options.pop("recorded"))
-        options["programs"] = {**options.pop("programs", {}), "cuda:recorded": recorded}
-    register(
-        Operation(
-            name=f"surface_energy.{name}", folder=_HERE, paper=_PAPER, equation=equation,
-            function=options.pop("function", name), outputs=outputs, exact=exact,
-            entrywise=tuple(o for o in outputs if o not in exact), **options,
-        )
-    )  # fmt: skip
-
-
-def tension_of(case: Any) -> Tension:
-    """Parameters of a case: few sweeps, so that errors are not smoothed; errata as printed if the case says so."""
-    return Tension(surface_tension=0.07, iterations=4, literal=("M1", "M31") if case.literal else ())
-
-
-def _changed(**parameters: Any) -> Any:
-    """A variant's surface: that of the case with other parameters."""
-
-    def made(case: Any, grid: Any) -> SurfaceTerm:
-        tension = msgspec.structs.replace(tension_of(case), **parameters)
-        return surface_term(tension, case.dim, grid.dtype, 2 * case.spacing)
-
-    return made
-
-
-SHAPES = (
-    "drop", "disc", "filament_row", "two_rows", "on_nodes", "block_of_lattice", "sheet_of_lattice", "close_drops",
-    "narrow_cavity", "spray",
-)  # fmt: skip
-_COUNTED = {"cpu": Program("counts"), "cuda": Program("counts_cuda")}
-_INTEGERS = {"tolerance": 0.0, "tolerance_reason": "integers"}
-_enter(
-    "node_states", "Algorithm 1, lines 5 to 9", ("node_state",), exact=("node_state",), tolerance=16.0, cases=SHAPES,
-    recorded={},
-    tolerance_reason="three differences and their squares; compared exactly beyond it",
-)  # fmt: skip
-_enter(
-    "exit_points", "Algorithm 1, lines 10 to 17", ("vertex_position",), tolerance=8.0, cases=SHAPES,
-    recorded={},
-    tolerance_reason="three differences, squares, root and sum; the root's conditioning stands in the scale",
-)  # fmt: skip
-_enter(
-    "facet_samples", "centroid and area of a facet, before (4.5)", ("sample_position", "sample_area", "facet_normal"),
-    tolerance=8.0, tolerance_reason="differences of vertices, products, sum of three squares and root", recorded={},
-)  # fmt: skip
-_enter(
-    "candidates", "even candidates on the surface, for (4.5)", ("candidate_facet", "candidate_position"),
-    exact=("candidate_facet",), tolerance=8.0, tolerance_reason="root, differences, products and sums",
-)  # fmt: skip
-_enter(
-    "poisson_disk", "Poisson-disk samples, for (4.5)", ("accepted",), exact=("accepted",), tolerance=16.0,
-    tolerance_reason="a distance; compared exactly beyond it",
-)  # fmt: skip
-_enter(
-    "offsets", "section 4.3.1: p_s, n_s and the points of (3.4)", ("nearest", "offset_direction", "fit_position"),
-    exact=("nearest",), optional=("fit_position",), tolerance=16.0, cases=SHAPES,
-    tolerance_reason="two positions in float64, their difference, root, quotient, product and sum",
-    variants=({"fit_position": None}, {}), recorded={},
-)  # fmt: skip
-_enter(
-    "sample_counts", "C_p of section 4.3.1", ("sample_count",), exact=("sample_count",), programs=_COUNTED, recorded={},
-    **_INTEGERS,
-)  # fmt: skip
-_enter(
-    "fit_weights", "(3.7)", ("fit_splines", "node_weight"), tolerance=8.0,
-    tolerance_reason="three splines of three roundings each, products, sum and quotient", recorded={},
-)  # fmt: skip
-_FITS: tuple[dict[str, Any], ...] = (
-    {}, {"surface_term": _changed(literal=("M14",))}, {"surface_term": _changed(relaxation=1.9, iterations=3)},
-)  # fmt: skip
-_enter(
-    "fit", "(3.5), (3.6), Algorithm 2 with thesis M14", ("residual", "coefficients"), tolerance=16.0,
-    tolerance_reason="splines, products and sums of two matrix products in each sweep", variants=_FITS,
-    recorded={"variants": tuple(fit | {"residual": None} for fit in _FITS)},
-)  # fmt: skip
-_NORMAL_ALONE = {"surface_value": None, "surface_gradient": None}
-for _name, _equation in (
-    ("mls_normals", "(3.8), (3.10) to (3.13), (3.17) to (3.19)"),
-    ("spline_normals", "(3.8), (3.9)"),
-):
-    _enter(
-        _name, _equation, ("surface_value", "surface_gradient", "sample_normal"),
-        optional=("surface_value", "surface_gradient"), tolerance=16.0,
-        tolerance_reason="splines, products, a sum of 27, and the quotient by the length",
-        variants=(_NORMAL_ALONE, {}), recorded={"variants": (_NORMAL_ALONE,)},
-    )  # fmt: skip
-_enter(
-    "inset", "thesis M31", ("inset_position",), tolerance=4.0, tolerance_reason="two products and a sum", recorded={},
-)  # fmt: skip
-_enter(
-    "surface_force", "(4.18) with thesis M1", ("node_force",), tolerance=8.0, cases=SHAPES,
-    tolerance_reason="splines, projection, products and sum", recorded={},
-    variants=({}, {"surface_term": _changed(literal=("M1",))}),
-)  # fmt: skip
-_enter(
-    "components", "connected inside nodes", ("node_label",), exact=("node_label",), cases=SHAPES,
-    programs={"cpu": Program("components"), "cuda": Program("components_cuda")}, recorded={}, **_INTEGERS,
-)  # fmt: skip
-_enter(
-    "component_sizes", "particles of each component", ("component_size",), exact=("component_size",), cases=SHAPES,
-    programs=_COUNTED, recorded={}, **_INTEGERS,
-)  # fmt: skip
-_enter(
-    "extents", "rank of the second moment", ("extent",), exact=("extent",), tolerance=16.0, cases=SHAPES,
-    tolerance_reason="moments of some ten particles and a determinant; compared exactly beyond it",
-)  # fmt: skip
 for _name in ("classify", "facets"):
-    add_program(f"isosurface.{_name}", "cuda:recorded", Program("recorded.programs", folder=_HERE))
+    add_program(f"isosurface.{_name}", "cuda:recorded", Program("recorded.programs", folder="refsim.surface_energy"))

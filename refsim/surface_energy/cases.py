@@ -3,6 +3,7 @@
 import functools
 import math
 
+import msgspec
 import numpy as np
 
 from refsim.backends.arrays import Backend
@@ -10,9 +11,34 @@ from refsim.core.cases import CASES, VARIATIONS, Case, Exact, Variation, case, c
 from refsim.isosurface.cases import cell_size, extraction
 from refsim.sparse_grid import Blocks, SparseGrid, nodes
 from refsim.sparse_grid.reference import node_table
-from refsim.surface_energy import Dice, SurfaceTerm, Tension, reference, surface_term, tension_of
+from refsim.surface_energy import Dice, SurfaceTerm, Tension, reference, surface_term
 
 UNITS = float(1 << 20)  # units of area in a cell's face
+
+
+def tension_of(case) -> Tension:
+    """Parameters of a case: few sweeps, so that errors are not smoothed; errata as printed if the case says so."""
+    return Tension(surface_tension=0.07, iterations=4, literal=("M1", "M31") if case.literal else ())
+
+
+def _surface_with(case, grid, **parameters) -> SurfaceTerm:
+    tension = msgspec.structs.replace(tension_of(case), **parameters)
+    return surface_term(tension, case.dim, grid.dtype, 2 * case.spacing)
+
+
+def without_sweeps(case, grid):
+    """The fit of thesis M14."""
+    return _surface_with(case, grid, literal=("M14",))
+
+
+def relaxed_further(case, grid):
+    """A fit of three sweeps of over-relaxation."""
+    return _surface_with(case, grid, relaxation=1.9, iterations=3)
+
+
+def printed_sign(case, grid):
+    """The force of thesis M1."""
+    return _surface_with(case, grid, literal=("M1",))
 
 
 def listed(case, position, dtype, shift=0.0):

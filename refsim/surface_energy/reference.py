@@ -8,8 +8,21 @@ import math
 
 import numpy as np
 
+from refsim.core.operation import Program, operations, without
 from refsim.neighbours.reference import pair_blocks
 from refsim.sparse_grid.reference import Lookup, dimension
+
+operation = operations(paper="thesis on surface tension in MPM, 2019")
+_SHAPES = "drop disc filament_row two_rows on_nodes block_of_lattice sheet_of_lattice close_drops narrow_cavity spray"
+_RECORDED = {"cuda:recorded": "recorded.programs"}
+_COUNTED = {"cpu": "counts", "cuda": "counts_cuda", **_RECORDED}
+_FITS = {}, {"surface_term": "without_sweeps"}, {"surface_term": "relaxed_further"}
+_normals_of = operations(
+    paper="thesis on surface tension in MPM, 2019", outputs="surface_value surface_gradient sample_normal",
+    entrywise=True, optional="surface_value surface_gradient", tolerance=16.0,
+    reason="splines, products, a sum of 27, and the quotient by the length",
+    programs={"cuda:recorded": Program("recorded.programs", variants=("surface_value surface_gradient",))},
+)  # fmt: skip
 
 LEAST_SUM = 1e-12  # of a node's splines; a node with a smaller sum is not active
 EQUALLY_NEAR = 1e-4  # [h] by which particles farther than the nearest count as equally near
@@ -43,6 +56,10 @@ def _stencil(place, surface_term, dim, width):
     return node, apart
 
 
+@operation(
+    "Algorithm 1, lines 5 to 9", outputs="node_state", exact="node_state", tolerance=16.0,
+    reason="three differences and their squares; compared exactly beyond it", cases=_SHAPES, programs=_RECORDED,
+)  # fmt: skip
 def node_states(interior_position, cells, blocks, surface_term):
     """Algorithm 1, lines 5 to 9, a flag: s_g = 1 where |x_g - x_v| < r for some particle v; each marks its nodes."""
     dim = dimension(blocks)
@@ -71,6 +88,11 @@ def _edge_ends(blocks, node_state, vertex_edge):
     return np.where(lower_inside[:, None], start, start + step), axis, np.where(lower_inside, 1, -1)
 
 
+@operation(
+    "Algorithm 1, lines 10 to 17", outputs="vertex_position", entrywise=True, tolerance=8.0,
+    reason="three differences, squares, root and sum; the root's conditioning stands in the scale", cases=_SHAPES,
+    programs=_RECORDED,
+)  # fmt: skip
 def exit_points(interior_position, cells, blocks, node_state, surface_term, vertex_edge):
     """Algorithm 1, lines 10 to 17: x = x_g1 + s h max_v(a + sqrt(r^2/h^2 - q^2)) e_a [m] over |x_g1 - x_v| < r."""
     inside, axis, sign = _edge_ends(blocks, node_state, vertex_edge)
@@ -98,6 +120,10 @@ def exit_points(interior_position, cells, blocks, node_state, surface_term, vert
     return {"vertex_position": (value, scale)}
 
 
+@operation(
+    "centroid and area of a facet, before (4.5)", outputs="sample_position sample_area facet_normal", entrywise=True,
+    tolerance=8.0, reason="differences of vertices, products, sum of three squares and root", programs=_RECORDED,
+)  # fmt: skip
 def facet_samples(vertex_position, facets):
     """Centroid x_s = mean of the corners [m], area A_s = |u x v|/2 (length in the plane) and normal of each facet."""
     corner = np.asarray(vertex_position, dtype=float)[np.asarray(facets)]
@@ -134,6 +160,10 @@ def _mixed(a, b, c):
     return word
 
 
+@operation(
+    "even candidates on the surface, for (4.5)", outputs="candidate_facet candidate_position", exact="candidate_facet",
+    entrywise=True, tolerance=8.0, reason="root, differences, products and sums",
+)  # fmt: skip
 def candidates(vertex_position, facets, area_before, dice):
     """Place x = a + s (b - a) + t (c - a) [m] of each candidate, s = sqrt(u) (1 - w), t = sqrt(u) w, in the facet at
     which the running sum of areas passes its share."""
@@ -160,6 +190,10 @@ def candidates(vertex_position, facets, area_before, dice):
     }
 
 
+@operation(
+    "Poisson-disk samples, for (4.5)", outputs="accepted", exact="accepted", tolerance=16.0,
+    reason="a distance; compared exactly beyond it",
+)  # fmt: skip
 def poisson_disk(candidate_position, candidate_cells, blocks, dice, surface_term):
     """Darts one after another: a = 1 (flag) where no taken candidate stands nearer than the disk's radius."""
     u = _in_cells(candidate_position, surface_term)
@@ -178,6 +212,12 @@ def poisson_disk(candidate_position, candidate_cells, blocks, dice, surface_term
     return {"accepted": (taken, np.full(len(u), margin))}
 
 
+@operation(
+    "section 4.3.1: p_s, n_s and the points of (3.4)", outputs="nearest offset_direction fit_position", exact="nearest",
+    entrywise=True, optional="fit_position", tolerance=16.0,
+    reason="two positions in float64, their difference, root, quotient, product and sum", cases=_SHAPES,
+    programs=_RECORDED,
+)  # fmt: skip
 def offsets(interior_position, interior_number, cells, blocks, surface_term, sample_position, sample_cells):
     """Section 4.3.1: p_s = argmin_v |x_s - x_v| < 2 h, else -1; n_s = (x_s - x_p)/|x_s - x_p|; q_s = x_s + epsilon n_s.
 
@@ -219,6 +259,10 @@ def offsets(interior_position, interior_number, cells, blocks, surface_term, sam
     }
 
 
+@operation(
+    "C_p of section 4.3.1", outputs="sample_count", exact="sample_count", tolerance=0.0, reason="integers",
+    programs=_COUNTED,
+)  # fmt: skip
 def sample_counts(nearest, sample_count):
     """C_p = number of samples s with p_s = p, dimensionless."""
     count = len(sample_count)
@@ -260,6 +304,10 @@ def _matrix(place, blocks, surface_term):
     return row[there], at[there], weight[there]
 
 
+@operation(
+    "(3.7)", outputs="fit_splines node_weight", entrywise=True, tolerance=8.0,
+    reason="three splines of three roundings each, products, sum and quotient", programs=_RECORDED,
+)  # fmt: skip
 def fit_weights(fit_position, fit_cells, blocks, surface_term):
     """B(x_r/h - j - k) for k = 0, 1, 2 along each axis; (3.7): Lambda_j = 1/sum_r B_j(x_r); dimensionless.
 
@@ -288,6 +336,11 @@ def fit_weights(fit_position, fit_cells, blocks, surface_term):
     }
 
 
+@operation(
+    "(3.5), (3.6), Algorithm 2 with thesis M14", outputs="residual coefficients", entrywise=True, variants=_FITS,
+    tolerance=16.0, reason="splines, products and sums of two matrix products in each sweep",
+    programs={"cuda:recorded": Program("recorded.programs", variants=tuple(f | without("residual") for f in _FITS))},
+)  # fmt: skip
 def fit(fit_splines, fit_cells, blocks, surface_term, node_weight, active):
     """(3.6), Algorithm 2: C <- C + w Lambda B^T (b - B C) from C = 0, C and b in units of h, dimensionless.
 
@@ -326,6 +379,7 @@ def fit(fit_splines, fit_cells, blocks, surface_term, node_weight, active):
     }
 
 
+@_normals_of("(3.8), (3.10) to (3.13), (3.17) to (3.19)")
 def mls_normals(query_position, spline_cells, blocks, surface_term, coefficients, outward):
     """(3.8) f/h = sum_j C_j B_j; (3.17) c = (4/h^2) sum_j B_j C_j (x_j - y); n = c/|c|, or the direction handed in
     where c is 0 or points against it. C in units of h, all dimensionless.
@@ -335,6 +389,7 @@ def mls_normals(query_position, spline_cells, blocks, surface_term, coefficients
     return _normals(query_position, blocks, surface_term, coefficients, outward, True)
 
 
+@_normals_of("(3.8), (3.9)")
 def spline_normals(query_position, spline_cells, blocks, surface_term, coefficients, outward):
     """(3.8) f/h = sum_j C_j B_j; (3.9) g = sum_j C_j grad B_j; n = g/|g|, or the direction handed in where g is 0
     or points against it. C in units of h, all dimensionless."""
@@ -378,6 +433,7 @@ def _normals(query_position, blocks, surface_term, coefficients, outward, least_
     }
 
 
+@operation("thesis M31", outputs="inset_position", entrywise=True, reason="two products and a sum", programs=_RECORDED)
 def inset(vertex_position, vertex_normal, surface_term):
     """x <- x - (r - delta) n [m] of every vertex (thesis M31)."""
     x, n = np.asarray(vertex_position, dtype=float), np.asarray(vertex_normal, dtype=float)
@@ -385,6 +441,10 @@ def inset(vertex_position, vertex_normal, surface_term):
     return {"inset_position": (x - back, np.abs(x) + np.abs(back))}
 
 
+@operation(
+    "(4.18) with thesis M1", outputs="node_force", entrywise=True, variants=("", {"surface_term": "printed_sign"}),
+    tolerance=8.0, reason="splines, projection, products and sum", cases=_SHAPES, programs=_RECORDED,
+)  # fmt: skip
 def surface_force(sample_position, sample_area, sample_normal, spline_cells, blocks, surface_term):
     """(4.18*): f_j = -k sum_s A_s (I - n n^T) grad B_j(x_s) [N]; thesis M1 turns the sign of k."""
     dim = dimension(blocks)
@@ -405,6 +465,10 @@ def surface_force(sample_position, sample_area, sample_normal, spline_cells, blo
     return {"node_force": (value, scale * np.bincount(at[there], minlength=count)[:, None])}
 
 
+@operation(
+    "connected inside nodes", outputs="node_label", exact="node_label", tolerance=0.0, reason="integers", cases=_SHAPES,
+    programs={"cpu": "components", "cuda": "components_cuda", "cuda:recorded": "recorded.programs"},
+)  # fmt: skip
 def components(blocks, node_state):
     """l_i = lowest number (dimensionless) of the inside nodes that edges between inside nodes join to i; -1 outside."""
     find = Lookup(blocks)
@@ -431,6 +495,10 @@ def components(blocks, node_state):
     return {"node_label": (label, np.full(len(label), np.inf))}
 
 
+@operation(
+    "particles of each component", outputs="component_size", exact="component_size", tolerance=0.0, reason="integers",
+    cases=_SHAPES, programs=_COUNTED,
+)  # fmt: skip
 def component_sizes(cells, node_label):
     """n_p = particles whose cell's lowest node has the label of p's, dimensionless; 0 outside all components."""
     label = [int(node_label[c]) if c >= 0 else -1 for c in np.asarray(cells.cell)]
@@ -438,6 +506,10 @@ def component_sizes(cells, node_label):
     return {"component_size": (np.array(value, dtype=int), np.full(len(label), np.inf))}
 
 
+@operation(
+    "rank of the second moment", outputs="extent", exact="extent", tolerance=16.0,
+    reason="moments of some ten particles and a determinant; compared exactly beyond it", cases=_SHAPES,
+)  # fmt: skip
 def extents(interior_position, cells, blocks, surface_term):
     """d_p = number (dimensionless) of eigenvalues l > (1/8)^2 of the second moment, in units of h, of the particles
     nearer than h to each particle p."""

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from refsim.core.effect import Discretisation, Pass
 from refsim.core.fields import Field
-from refsim.core.operation import Operation, register
 from refsim.core.scalars import int32
+from refsim.surface_normal import reference as reference
 
 if TYPE_CHECKING:
     from refsim.sph import WeaklyCompressible
@@ -56,41 +56,3 @@ def _pass(operation: str, reads: tuple[str, ...], output: str, candidates: str |
     if candidates is not None:
         reads = (*reads, candidates)
     return Pass(operation, reads, (output,), on_demand=on_demand, names=names)
-
-
-_HERE = "refsim.surface_normal"
-_INVARIANTS = ("translation", "rotation", "reordering")
-# Hard inputs of normals and of the fan scan, beside those of every operation.
-SHAPES = ("two_layers", "three_layers", "jittered_film", "bent_filament", "cavity", "tank_corner", "notch")
-_VARIANTS: tuple[dict[str, Any], ...] = ({"walls": None, "candidates": None}, {}, {"candidates": None}, {"walls": None})
-register(
-    Operation(
-        name="surface_normal.color_gradient",
-        folder=_HERE,
-        paper="Jiang & Zhu 2023",
-        equation="J(19) with Jiang & Zhu E10",
-        function="color_gradient",
-        outputs=("surface_normal",),
-        optional=("walls", "candidates"),
-        tolerance=8.0,
-        variants=_VARIANTS,
-        invariants=_INVARIANTS,
-        cases=SHAPES,
-    )
-)
-register(
-    Operation(
-        name="surface_normal.corrected",
-        folder=_HERE,
-        paper="Jiang & Zhu 2023",
-        equation="J(20), J(15) with Jiang & Zhu E10",
-        function="corrected",
-        outputs=("corrected_normal",),
-        optional=("walls", "candidates"),
-        tolerance=12.0,
-        tolerance_reason="the roundings of one pair, and once more those of the denominator",
-        variants=_VARIANTS,
-        invariants=_INVARIANTS,
-        cases=SHAPES,
-    )
-)

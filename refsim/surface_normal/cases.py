@@ -7,7 +7,8 @@ import numpy as np
 from refsim.core.cases import Case, Exact, case, closed_form, groups, lattice, particles, takes, vectors
 from refsim.smoothing import smoothing
 from refsim.sph import liquid_of
-from refsim.surface_normal import SHAPES, NormalTerm, normal_term, reference
+from refsim.surface_normal import NormalTerm, normal_term, reference
+from refsim.surface_normal.reference import SHAPES
 
 
 @particles("surface_normal", "corrected_normal", "area_normal")

@@ -7,8 +7,19 @@ or None. `rows` picks particles.
 
 import numpy as np
 
+from refsim.core.operation import SYMMETRY, operations
 from refsim.neighbours.reference import pair_blocks
 from refsim.smoothing.reference import kernel_slope, kernel_value
+
+# Hard inputs of normals and of the fan scan, beside those of every operation.
+SHAPES = ("two_layers", "three_layers", "jittered_film", "bent_filament", "cavity", "tank_corner", "notch")
+operation = operations(
+    paper="Jiang & Zhu 2023",
+    cases=SHAPES,
+    optional="walls candidates",
+    variants=("walls candidates", "", "candidates", "walls"),
+    invariants=SYMMETRY,
+)
 
 
 def _rows(array, rows):
@@ -36,6 +47,7 @@ def _only_candidates(output, value, scale, candidates, rows):
     return {output: (value, scale)}
 
 
+@operation("J(19) with Jiang & Zhu E10", outputs="surface_normal", tolerance=8.0)
 def color_gradient(position, mass, density, candidates, walls, gradient_smoothing, normal_term, rows=None):
     """Colour-gradient normals, inward, dimensionless; zero for particles that are no candidates.
 
@@ -60,6 +72,10 @@ def color_gradient(position, mass, density, candidates, walls, gradient_smoothin
     return _only_candidates("surface_normal", value, scale, candidates, rows)
 
 
+@operation(
+    "J(20), J(15) with Jiang & Zhu E10", outputs="corrected_normal", tolerance=12.0,
+    reason="the roundings of one pair, and once more those of the denominator",
+)  # fmt: skip
 def corrected(
     position,
     mass,

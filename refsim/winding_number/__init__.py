@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from refsim.core.operation import Operation, register
+from refsim.winding_number import reference as reference
 
 FAR = 3.0  # radii of a cluster from its middle: beyond, it counts as one dipole
 LEAST = 16  # triangles of a cluster
@@ -66,19 +66,3 @@ def clusters(corners: np.ndarray, dtype: str) -> Clusters:
         center.astype(dtype), dipole.astype(dtype), (FAR * radius).astype(dtype), first.astype(np.int32),
         corners.reshape(-1, 9).astype(dtype),
     )  # fmt: skip
-
-
-register(
-    Operation(
-        name="winding_number.winding",
-        folder="refsim.winding_number",
-        paper="Jacobson, Kavan & Sorkine-Hornung 2013; Barill, Dickson, Schmidt, Levin & Jacobson 2018",
-        equation="Jacobson eq. 5: sum of solid angles over 4 pi; Barill eq. 4: far clusters by their dipole",
-        function="winding",
-        cases=("wound_bodies",),
-        outputs=("winding_number",),
-        entrywise=("winding_number",),
-        tolerance=16.0,
-        tolerance_reason="one rounding in each difference, length, product, sum and angle of a triangle",
-    )
-)

@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from refsim.core.operation import operation
+
 UNDECIDED = (
     1e-5  # relative distance from a triangle's plane, or from a cluster's reach, within which a row is not judged
 )
@@ -20,6 +22,12 @@ def solid_angles(points, corners):
     return 2 * np.arctan2(above, below), scale
 
 
+@operation(
+    "Jacobson eq. 5: sum of solid angles over 4 pi; Barill eq. 4: far clusters by their dipole",
+    paper="Jacobson, Kavan & Sorkine-Hornung 2013; Barill, Dickson, Schmidt, Levin & Jacobson 2018",
+    outputs="winding_number", entrywise=True, tolerance=16.0,
+    reason="one rounding in each difference, length, product, sum and angle of a triangle", cases="wound_bodies",
+)  # fmt: skip
 def winding(viewpoint, clusters):
     """Jacobson eq. 5, Barill eq. 4: w = sum Omega/(4 pi) [dimensionless], Omega = N.d/|d|^3 beyond the reach."""
     points, first = np.asarray(viewpoint, dtype=float), np.asarray(clusters.first)

@@ -27,7 +27,8 @@ from refsim.surface_detection import (
     half_space_moment,
     two_layer_variance,
 )
-from refsim.surface_normal import SHAPES, NormalTerm
+from refsim.surface_normal import NormalTerm
+from refsim.surface_normal.reference import SHAPES
 from validation.metrics.surface_truth import arc_cover_surface, cap_cover_surface
 
 METHODS = ("number_density", "fan_scan", "two_step")

@@ -20,6 +20,7 @@ import msgspec
 import numpy as np
 
 from refsim.boundary.akinci_2012 import wall_kernel_sums
+from refsim.boundary.one_way_coupling import reference as reference
 from refsim.boundary.penetration import CORRECTIONS, correction_pass, penetration_groups
 from refsim.core.capabilities import BringsWalls, CorrectsPositions, HasErrata, HoldsOtherMemory, KeepsLedger
 from refsim.core.checked import Printed
@@ -27,7 +28,6 @@ from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, require
 from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
-from refsim.core.operation import Operation, register
 from refsim.core.walls import WallParticles, WallViscosity
 from refsim.smoothing import lattice, smoothing
 from refsim.sph import LIQUID, acceleration_of, liquid_of, pressure_is_replaced
@@ -297,37 +297,3 @@ def layer_factors(
     area = 0.5 * math.sqrt(3) * apart**2
     others = [sum(of_plane(abs(k - m) * spacing) for m in range(layers) if m != k) for k in range(layers)]
     return tuple(lacking * (area * own + other) for other in others)
-
-
-register(
-    Operation(
-        name="one_way_coupling.wall_pressure",
-        folder="refsim.boundary.one_way_coupling",
-        paper="patent CN104318598A, 2014; Adami, Hu & Adams 2012",
-        equation="patent P6, pressure, with E30",
-        function="extrapolated_wall_pressure",
-        outputs=("acceleration",),
-        adds=("acceleration",),
-        tolerance=16.0,
-        tolerance_reason="as sph.pressure, with the roundings of a mean of the liquid's pressure and of its"
-        " extrapolation to the wall",
-        invariants=("translation", "reordering"),
-    )
-)
-register(
-    Operation(
-        name="one_way_coupling.wall_viscosity",
-        folder="refsim.boundary.one_way_coupling",
-        paper="patent CN104318598A, 2014; Akinci et al. 2012",
-        equation="patent P6, viscous force, with E30",
-        function="wall_viscosity",
-        outputs=("acceleration",),
-        adds=("acceleration",),
-        tolerance=8.0,
-        optional=("wall_motion", "period"),
-        tolerance_reason="one rounding in each of distance, Laplacian, mass, product and sum, and the squared density",
-        variants=({"wall_motion": None, "period": None}, {}, {"wall_motion": None}),
-        invariants=("translation", "rotation", "reordering"),
-        broken={1: ("translation", "rotation"), 2: ("rotation",)},
-    )
-)

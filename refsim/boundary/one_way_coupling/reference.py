@@ -2,10 +2,17 @@
 
 import numpy as np
 
+from refsim.core.operation import SYMMETRY, operation
 from refsim.neighbours.reference import pair_blocks
 from refsim.smoothing.reference import kernel_slope, kernel_value, viscosity_laplacian
 
 
+@operation(
+    "patent P6, viscous force, with E30", paper="patent CN104318598A, 2014; Akinci et al. 2012", adds="acceleration",
+    optional="wall_motion period", variants=("wall_motion period", "", "wall_motion"), tolerance=8.0,
+    reason="one rounding in each of distance, Laplacian, mass, product and sum, and the squared density",
+    invariants=SYMMETRY, broken={1: "translation rotation", 2: "rotation"},
+)  # fmt: skip
 def wall_viscosity(
     position, velocity, density, walls, smoothing, fluid, wall_viscosity, wall_motion=None, period=None, rows=None
 ):
@@ -31,6 +38,12 @@ def wall_viscosity(
     return {"acceleration": (value, scale)}
 
 
+@operation(
+    "patent P6, pressure, with E30", "one_way_coupling.wall_pressure",
+    paper="patent CN104318598A, 2014; Adami, Hu & Adams 2012", adds="acceleration", tolerance=16.0,
+    reason="as sph.pressure, with the roundings of a mean of the liquid's pressure and of its extrapolation to the"
+    " wall", invariants="translation reordering",
+)  # fmt: skip
 def extrapolated_wall_pressure(position, density, pressure, walls, smoothing, fluid, wall_gravity, rows=None):
     """Patent P6 with E30: a_i = -s sum_b Psi_b p_b/rho_i^2 grad W_ib [m/s^2], after Adami, Hu & Adams 2012, (27).
 

@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from refsim.boundary.penetration import reference as reference
 from refsim.core.effect import Pass
 from refsim.core.fields import Field
-from refsim.core.operation import Operation, Program, register
 from refsim.core.scalars import int32
 
 CORRECTIONS = Field(
@@ -70,47 +70,3 @@ def marked_box(solid_field: Any) -> tuple[np.ndarray, np.ndarray]:
     block = np.stack([(keys >> shift & 0x1FFFFF) - (1 << 20) for shift in (0, 21, 42)], axis=1)
     h = float(solid_field.spacing)
     return origin + 4 * h * block.min(0), origin + 4 * h * (block.max(0) + 1)
-
-
-register(
-    Operation(
-        name="penetration.kick_drift",
-        folder="refsim.boundary.penetration",
-        paper="patent CN104318598A, 2014",
-        equation="leap-frog and patent P8 with E26 to E28",
-        function="kick_drift",
-        programs={"cpu": Program("reductions"), "cuda": Program("reductions_cuda")},
-        outputs=("displacement", "corrections", "position_residual", "velocity", "position"),
-        exact=("corrections",),
-        optional=("bounds", "position_residual"),
-        cases=("towards_edges", "outside_the_grid"),
-        tolerance_reason="one rounding in each product and sum; the scale counts those of distance and normal",
-        variants=(
-            {
-                "bounds": None,
-                "position_residual": None,
-                "timestep": lambda case, grid: _long(case, grid, 0.25),
-            },
-            {},
-            {"bounds": None, "penetration": lambda case, grid: _other(case, grid, swept=0, printed=1)},
-            {
-                "bounds": None,
-                "timestep": lambda case, grid: _long(case, grid, 0.25),
-                "penetration": lambda case, grid: _other(case, grid, everywhere=1),
-            },
-        ),
-        invariants=("reordering",),
-    )
-)
-
-
-def _long(case: Any, grid: Any, spacings: float) -> Any:
-    """Time steps in which a particle of the tests moves by about `spacings` spacings."""
-    return np.array([0.8, 1.0], dtype=grid.dtype) * grid.real(spacings * case.spacing)
-
-
-def _other(case: Any, grid: Any, **changes: int) -> Penetration:
-    from refsim.core.cases import GROUPS
-
-    own = GROUPS["penetration"](case, grid)["penetration"]
-    return own._replace(**{name: np.int32(value) for name, value in changes.items()})

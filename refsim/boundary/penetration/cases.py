@@ -8,7 +8,7 @@ import numpy as np
 from refsim.boundary.mesh import surface_mesh
 from refsim.boundary.penetration import Penetration, marked_box, penetration_groups
 from refsim.boundary.signed_distance import DistanceField, signed_distance
-from refsim.core.cases import Case, Exact, case, closed_form, cloud, groups, particles, takes
+from refsim.core.cases import Case, Exact, case, closed_form, cloud, groups, other, particles, takes
 from refsim.sparse_grid import inverse_cell
 
 UNIT = 0.625  # spacing of the bands [spacings of the case]
@@ -54,6 +54,14 @@ def _solid(case, grid):
     coarse = case.count > 0 and np.abs(middle).max() > 1e5 * case.spacing
     center = middle + case.spacing * np.array([5.13 if coarse else 0.13, -0.21, 0.07])
     return penetration_groups(octahedron(center, case.spacing, grid.dtype), grid.dtype, 0.4, 0.1, True, False, False)
+
+
+as_printed, everywhere = other("penetration", swept=0, printed=1), other("penetration", everywhere=1)
+
+
+def long_steps(case, grid):
+    """Time steps in which a particle moves by about a quarter of a spacing."""
+    return np.array([0.8, 1.0], dtype=grid.dtype) * grid.real(0.25 * case.spacing)
 
 
 # `everywhere` interpolates more distances, with the same result.

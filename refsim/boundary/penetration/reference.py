@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from refsim.core.operation import operation, without
 from refsim.sparse_grid.reference import Lookup
 from refsim.sph.reference import carried
 
@@ -104,6 +105,18 @@ def entry(start, path, sampled, penetration):
     return found, least
 
 
+@operation(
+    "leap-frog and patent P8 with E26 to E28", paper="patent CN104318598A, 2014",
+    outputs="displacement corrections position_residual velocity position", exact="corrections",
+    optional="bounds position_residual",
+    variants=(
+        without("bounds position_residual", timestep="long_steps"), "", without("bounds", penetration="as_printed"),
+        without("bounds", timestep="long_steps", penetration="everywhere"),
+    ),
+    reason="one rounding in each product and sum; the scale counts those of distance and normal",
+    invariants="reordering", cases="towards_edges outside_the_grid",
+    programs={"cpu": "reductions", "cuda": "reductions_cuda"},
+)  # fmt: skip
 def kick_drift(
     acceleration, identity, build_position, bounds, timestep, solid_field, penetration, corrections,
     position_residual, velocity, position,

@@ -17,12 +17,13 @@ import numpy as np
 
 from refsim.backends.arrays import Backend, choose
 from refsim.boundary.mesh import SurfaceMesh
+from refsim.boundary.sampling import reference as reference
 from refsim.boundary.signed_distance import LEAST_BAND, DistanceField, NarrowBand, signed_distance
 from refsim.core.checked import Printed
 from refsim.core.effect import literal_errata
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
-from refsim.core.operation import REGISTRY, Operation, Program, register
+from refsim.core.operation import REGISTRY
 from refsim.isosurface import Contour, edges_and_facets
 from refsim.neighbours import NeighbourSearch
 from refsim.scene.solids import countable
@@ -304,55 +305,3 @@ def _total_and_largest(backend: Backend, length: Any) -> tuple[float, float]:
         total, largest = device.computed(lambda xp, a: (float(a.sum(dtype=np.float64)), float(a.max())), length)
         return total, largest
     return float(length.sum(dtype=np.float64)), float(length.max())
-
-
-def _as_printed(case: Any, grid: Any) -> Relaxation:
-    """The step as printed (patent E24) for the contract's cases."""
-    return relaxation_step(case.list_radius / (CUTOFF * WIDTH), STEP, 5, True, grid.dtype)
-
-
-_HERE = "refsim.boundary.sampling"
-_PAPER = "patent CN104318598A, 2014"
-register(
-    Operation(
-        name="sampling.areas",
-        folder=_HERE,
-        paper=_PAPER,
-        equation="patent P2: area A of a facet",
-        function="areas",
-        outputs=("facet_area",),
-        entrywise=("facet_area",),
-        tolerance=8.0,
-        tolerance_reason="one rounding in each difference, product, sum and root",
-    )
-)
-register(
-    Operation(
-        name="sampling.place",
-        folder=_HERE,
-        paper=_PAPER,
-        equation="patent P2 with E25: g A/(pi r^2) particles by a running sum",
-        function="place",
-        outputs=("placed",),
-        entrywise=("placed",),
-        tolerance=8.0,
-        tolerance_reason="one rounding in each share, difference, product and sum",
-    )
-)
-register(
-    Operation(
-        name="sampling.relax",
-        folder=_HERE,
-        paper=_PAPER,
-        equation="patent P3 and P4 with E24: tangential repulsion and projection along the normal",
-        function="relax",
-        programs={"cpu": Program("relaxation")},
-        outputs=("relaxed_position", "step_length"),
-        cases=("piled_up",),
-        variants=({}, {"relaxation": _as_printed}),
-        invariants=("reordering",),
-        tolerance=16.0,
-        tolerance_reason="one rounding in each of distance, exponential, product and sum, and those of the interpolated"
-        " distance and slope",
-    )
-)

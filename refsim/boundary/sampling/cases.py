@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from refsim.boundary.sampling import HEXAGONAL, facet_counts, reference, relaxation_step
+from refsim.boundary.sampling import CUTOFF, HEXAGONAL, STEP, WIDTH, facet_counts, reference, relaxation_step
 from refsim.boundary.signed_distance.cases import SHAPES, bodies
 from refsim.core.cases import CASES, Case, Exact, case, closed_form, groups
 
@@ -25,6 +25,11 @@ def _facets(case, grid):
 @groups("relaxation")
 def _relaxation(case, grid):
     return {"relaxation": relaxation_step(case.list_radius / 2.4, 0.5, 5, False, grid.dtype)}
+
+
+def as_printed(case, grid):
+    """The step as printed (patent E24)."""
+    return relaxation_step(case.list_radius / (CUTOFF * WIDTH), STEP, 5, True, grid.dtype)
 
 
 @case

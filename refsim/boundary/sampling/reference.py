@@ -5,7 +5,10 @@ import math
 import numpy as np
 
 from refsim.boundary.signed_distance.reference import interpolate
+from refsim.core.operation import operations
 from refsim.neighbours.reference import other_particles, pair_blocks
+
+operation = operations(paper="patent CN104318598A, 2014")
 
 
 def _mixed(a, b, c):
@@ -25,6 +28,10 @@ def _share(a, b, c):
     return (_mixed(a, b, c) >> 8) / 2.0**24
 
 
+@operation(
+    "patent P2: area A of a facet", outputs="facet_area", entrywise=True, tolerance=8.0,
+    reason="one rounding in each difference, product, sum and root",
+)  # fmt: skip
 def areas(facet_corner, facets_of_mesh):
     """Patent P2: A = |(b - a) x (c - a)|/2 [m^2] of each facet."""
     corner = np.asarray(facet_corner, dtype=float)[np.asarray(facets_of_mesh)]
@@ -34,6 +41,10 @@ def areas(facet_corner, facets_of_mesh):
     return {"facet_area": (np.sqrt((cross**2).sum(1)) / 2, size)}
 
 
+@operation(
+    "patent P2 with E25: g A/(pi r^2) particles by a running sum", outputs="placed", entrywise=True, tolerance=8.0,
+    reason="one rounding in each share, difference, product and sum",
+)  # fmt: skip
 def place(facet_corner, facets_of_mesh, facet_last, sample_seed):
     """Patent P2 with E25: x = (1 - s) a + s ((1 - w) b + w c) [m] in the facet f with N_(f-1) <= i < N_f."""
     corner = np.asarray(facet_corner, dtype=float)[np.asarray(facets_of_mesh)]
@@ -55,6 +66,12 @@ def _direction(i, j, seed):
     return (1 if i < j else -1) * np.array([away * math.cos(turn), away * math.sin(turn), z])
 
 
+@operation(
+    "patent P3 and P4 with E24: tangential repulsion and projection along the normal",
+    outputs="relaxed_position step_length", variants=("", {"relaxation": "as_printed"}), tolerance=16.0,
+    reason="one rounding in each of distance, exponential, product and sum, and those of the interpolated distance"
+    " and slope", invariants="reordering", cases="piled_up", programs={"cpu": "relaxation"},
+)  # fmt: skip
 def relax(position, distance_field, relaxation, rows=None):
     """Patent P3 and P4 with E24: x <- x + lambda r v_t - phi n, and the length of that step, both [m].
 

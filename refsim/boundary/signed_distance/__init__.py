@@ -17,8 +17,9 @@ import numpy as np
 
 from refsim.backends.arrays import Backend, choose
 from refsim.boundary.mesh import SurfaceMesh, areas
+from refsim.boundary.signed_distance import reference as reference
 from refsim.core.errors import InputError
-from refsim.core.operation import REGISTRY, Operation, register
+from refsim.core.operation import REGISTRY
 from refsim.scene.overlaps import edge_numbers
 from refsim.scene.solids import countable
 from refsim.sparse_grid import Blocks, inverse_cell, nodes
@@ -335,112 +336,3 @@ def block_rows(keys: np.ndarray) -> np.ndarray:
     """(rows + 1,) int32 first block of each row of blocks along x, and their number."""
     begins = np.flatnonzero(np.diff(keys >> 21)) + 1
     return np.concatenate([[0], begins, [len(keys)]] if len(keys) else [[0]]).astype(np.int32)
-
-
-_HERE = "refsim.boundary.signed_distance"
-_PAPER = "patent CN104318598A, 2014"
-_SHAPES = ("needle", "thin_plate", "thick_box")
-_PLACE = "node positions are rounded products of coordinate and spacing; differences of them add a few roundings"
-register(
-    Operation(
-        name="signed_distance.count_blocks",
-        folder=_HERE,
-        paper=_PAPER,
-        equation="patent P1: one bounding box for each triangle",
-        function="count_blocks",
-        cases=_SHAPES,
-        outputs=("block_count",),
-        exact=("block_count",),
-        tolerance=32.0,
-        tolerance_reason="integers; a block whose distance is within rounding of the limit is undecided",
-    )
-)
-register(
-    Operation(
-        name="signed_distance.list_blocks",
-        folder=_HERE,
-        paper=_PAPER,
-        equation="patent P1: sorted keys",
-        function="list_blocks",
-        cases=_SHAPES,
-        outputs=("pair_key", "pair_triangle"),
-        exact=("pair_key", "pair_triangle"),
-        tolerance=32.0,
-        tolerance_reason="integers; as for signed_distance.count_blocks",
-    )
-)
-register(
-    Operation(
-        name="signed_distance.nearest",
-        folder=_HERE,
-        paper=_PAPER,
-        equation="patent P1: least |phi| in the band, ties to the lower triangle",
-        function="nearest",
-        cases=_SHAPES,
-        outputs=("unsigned_distance", "closest"),
-        exact=("closest",),
-        entrywise=("unsigned_distance",),
-        tolerance=16.0,
-        tolerance_reason=_PLACE,
-    )
-)
-register(
-    Operation(
-        name="signed_distance.signs",
-        folder=_HERE,
-        paper=_PAPER,
-        equation="patent P1 with E26: angle-weighted pseudonormal of the closest feature, or the winding number",
-        function="signs",
-        cases=_SHAPES,
-        optional=("winding_clusters", "unclear"),
-        variants=({"winding_clusters": None, "unclear": None}, {}),
-        outputs=("distance",),
-        entrywise=("distance",),
-        tolerance=16.0,
-        tolerance_reason=_PLACE,
-    )
-)
-register(
-    Operation(
-        name="signed_distance.fill",
-        folder=_HERE,
-        paper=_PAPER,
-        equation="patent E26: interior beyond the band",
-        function="fill",
-        cases=_SHAPES,
-        outputs=("distance", "inside_after"),
-        exact=("inside_after",),
-        entrywise=("distance",),
-        tolerance=1.0,
-        tolerance_reason="values are copied",
-    )
-)
-register(
-    Operation(
-        name="signed_distance.interpolate",
-        folder=_HERE,
-        paper=_PAPER,
-        equation="patent P1: trilinear value and slope",
-        function="interpolate",
-        cases=_SHAPES,
-        outputs=("query_distance", "query_gradient"),
-        entrywise=("query_distance", "query_gradient"),
-        tolerance=16.0,
-        tolerance_reason="one rounding in each difference, product and sum of three interpolations of values up to the"
-        " band",
-    )
-)
-register(
-    Operation(
-        name="signed_distance.project",
-        folder=_HERE,
-        paper=_PAPER,
-        equation="patent P1: exact closest triangle, from those of the cell's corners",
-        function="project",
-        cases=_SHAPES,
-        outputs=("projected", "projected_normal"),
-        entrywise=("projected", "projected_normal"),
-        tolerance=16.0,
-        tolerance_reason=_PLACE,
-    )
-)

@@ -2,8 +2,12 @@
 
 import numpy as np
 
+from refsim.core.operation import operations
 from refsim.sparse_grid.reference import node_table
 from refsim.winding_number.reference import winding
+
+operation = operations(paper="patent CN104318598A, 2014", cases="needle thin_plate thick_box")
+_PLACE = "node positions are rounded products of coordinate and spacing; differences of them add a few roundings"
 
 BLOCK_BYTES = 2e6  # stays in the cache
 OFFSET = 2**20
@@ -84,6 +88,10 @@ def _pairs(triangles, band_grid):
         yield block[distance <= reach], min(margin.min(), on_border if (distance <= reach).any() else 1.0)
 
 
+@operation(
+    "patent P1: one bounding box for each triangle", outputs="block_count", exact="block_count", tolerance=32.0,
+    reason="integers; a block whose distance is within rounding of the limit is undecided",
+)  # fmt: skip
 def count_blocks(triangles, band_grid):
     """Patent P1: n_t = number of blocks within the band of each triangle [dimensionless], out of its grown box."""
     found = list(_pairs(triangles, band_grid))
@@ -91,6 +99,10 @@ def count_blocks(triangles, band_grid):
     return {"block_count": (count, np.array([margin for _, margin in found], dtype=float))}
 
 
+@operation(
+    "patent P1: sorted keys", outputs="pair_key pair_triangle", exact="pair_key pair_triangle", tolerance=32.0,
+    reason="integers; as for signed_distance.count_blocks",
+)  # fmt: skip
 def list_blocks(triangles, band_grid, block_first):
     """Patent P1: key = (bz + 2^20) 2^42 + (by + 2^20) 2^21 + bx + 2^20 and triangle of each pair; dimensionless."""
     keys, owner, margins = [], [], []
@@ -120,6 +132,10 @@ def _nearest(place, triangles):
     return least, which, other
 
 
+@operation(
+    "patent P1: least |phi| in the band, ties to the lower triangle", outputs="unsigned_distance closest",
+    exact="closest", entrywise=True, tolerance=16.0, reason=_PLACE,
+)  # fmt: skip
 def nearest(triangles, band_grid, band_blocks, triangle_lists):
     """Patent P1: |phi_j| = min_t |x_j - t| [m], at most the band; lowest triangle with the closest feature, or -1."""
     band = float(band_grid.band)
@@ -134,6 +150,10 @@ def nearest(triangles, band_grid, band_blocks, triangle_lists):
     }
 
 
+@operation(
+    "patent P1 with E26: angle-weighted pseudonormal of the closest feature, or the winding number", outputs="distance",
+    entrywise=True, optional="winding_clusters unclear", tolerance=16.0, reason=_PLACE,
+)  # fmt: skip
 def signs(triangles, band_grid, band_blocks, closest, unsigned_distance, winding_clusters, unclear):
     """Patent P1 with E26: phi = -|phi| [m] where (x - c).n < 0, n the pseudonormal of the closest feature.
 
@@ -157,6 +177,10 @@ def signs(triangles, band_grid, band_blocks, closest, unsigned_distance, winding
     return {"distance": (value, scale)}
 
 
+@operation(
+    "patent E26: interior beyond the band", outputs="distance inside_after", exact="inside_after", entrywise=True,
+    tolerance=1.0, reason="values are copied",
+)  # fmt: skip
 def fill(band_grid, row_first, closest, distance):
     """Patent E26: beyond the band phi = -band inside and +band outside [m], the side of the last node in it before."""
     value = np.array(distance, dtype=float)
@@ -185,6 +209,10 @@ def _node_values(field):
     return places, rows
 
 
+@operation(
+    "patent P1: trilinear value and slope", outputs="query_distance query_gradient", entrywise=True, tolerance=16.0,
+    reason="one rounding in each difference, product and sum of three interpolations of values up to the band",
+)  # fmt: skip
 def interpolate(query, distance_field):
     """Patent P1: phi = sum_c w_c phi_c [m] over the corners of the cell, and its slope d phi/dx [dimensionless]."""
     field = distance_field
@@ -234,6 +262,10 @@ def _walked(point, own, corners, across):
         best = following
 
 
+@operation(
+    "patent P1: exact closest triangle, from those of the cell's corners", outputs="projected projected_normal",
+    entrywise=True, tolerance=16.0, reason=_PLACE,
+)  # fmt: skip
 def project(query, triangles, distance_field):
     """Nearest point c [m], |x - c| = min over the triangles closest to the corners of the cell and their neighbours."""
     field = distance_field

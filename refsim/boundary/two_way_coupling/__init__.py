@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from refsim.boundary.two_way_coupling import reference as reference
 from refsim.core.capabilities import HasErrata, LimitsMassRatio
 from refsim.core.checked import Printed
 from refsim.core.effect import Discretisation, Effect, Pass, StepLimit
 from refsim.core.energy import EnergyAccount, EnergyState, compression_amount, compression_energy
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
-from refsim.core.operation import Operation, Program, register
 from refsim.core.scalars import int32
 from refsim.shape_matching import PHASE
 from refsim.shape_matching.phases import FLUID
@@ -169,70 +169,3 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, frozen=True, kw_only=Tr
             seconds = 0.125 * (0.5 * grid.support_radius) ** 2 * lightest / liquid.dynamic_viscosity
             limits["viscous"] = StepLimit.constant(seconds)
         return limits
-
-
-_HERE = "refsim.boundary.two_way_coupling"
-_PAPER = "Shao & Song 2017"
-PACKED = {"cuda:packed": Program("packed_cuda")}
-register(
-    Operation(
-        name="two_way_coupling.contribution",
-        folder=_HERE,
-        paper=_PAPER,
-        equation="Shao & Song (1), phi, with M4",
-        function="contribution",
-        programs=PACKED,
-        outputs=("relative_contribution",),
-        tolerance_reason="one rounding in each of distance, kernel, sum and quotient",
-        invariants=("translation", "rotation", "reordering"),
-    )
-)
-register(
-    Operation(
-        name="two_way_coupling.density",
-        folder=_HERE,
-        paper=_PAPER,
-        equation="Shao & Song (1), p = B ((rho/rho0)^7 - 1), V = m/rho",
-        function="density",
-        programs=PACKED,
-        outputs=("density", "pressure", "volume"),
-        optional=("walls",),
-        tolerance=8.0,
-        tolerance_reason="one rounding in each of distance, kernel, product and sum; the scale counts the power's",
-        variants=({"walls": None}, {}),
-        invariants=("translation", "rotation", "reordering"),
-    )
-)
-register(
-    Operation(
-        name="two_way_coupling.pressure",
-        folder=_HERE,
-        paper=_PAPER,
-        equation="Shao & Song (2) with M1, M2",
-        function="forces",
-        programs=PACKED,
-        outputs=("acceleration",),
-        adds=("acceleration",),
-        optional=("walls", "viscosity"),
-        tolerance=8.0,
-        variants=({"viscosity": None, "walls": None}, {"viscosity": None}),
-        invariants=("translation", "rotation", "reordering", "linear_momentum", "angular_momentum"),
-    )
-)
-register(
-    Operation(
-        name="two_way_coupling.forces",
-        folder=_HERE,
-        paper=_PAPER,
-        equation="Shao & Song (2), (3) with M1 to M3",
-        function="forces",
-        programs=PACKED,
-        outputs=("acceleration",),
-        adds=("acceleration",),
-        optional=("walls", "viscosity"),
-        tolerance=8.0,
-        variants=({"walls": None, "viscosity": None}, {}),
-        invariants=("translation", "rotation", "reordering", "linear_momentum", "galilean", "dissipation"),
-        broken={0: ("dissipation",)},
-    )
-)

@@ -6,8 +6,11 @@ Arrays: position, velocity (n, 3); mass, density, pressure, volume, rest_density
 
 import numpy as np
 
+from refsim.core.operation import SYMMETRY, operations
 from refsim.neighbours.reference import other_particles, pair_blocks
 from refsim.smoothing.reference import kernel_slope, kernel_value, viscosity_laplacian
+
+operation = operations(paper="Shao & Song 2017", programs={"cuda:packed": "packed_cuda"})
 
 FLUID, SURFACE, INTERIOR = 0, 1, 2
 
@@ -17,6 +20,10 @@ def _rows(array, rows, kind=float):
     return array if rows is None else array[rows]
 
 
+@operation(
+    "Shao & Song (1), phi, with M4", outputs="relative_contribution",
+    reason="one rounding in each of distance, kernel, sum and quotient", invariants=SYMMETRY,
+)  # fmt: skip
 def contribution(position, phase, smoothing, coupling, rows=None):
     """Weights in Shao & Song (1): 1 in the liquid, 0 inside solids, phi_k = 1/(V_min sum_k' W_kk') at surfaces.
 
@@ -34,6 +41,11 @@ def contribution(position, phase, smoothing, coupling, rows=None):
     return {"relative_contribution": (value, value)}
 
 
+@operation(
+    "Shao & Song (1), p = B ((rho/rho0)^7 - 1), V = m/rho", outputs="density pressure volume", optional="walls",
+    tolerance=8.0, reason="one rounding in each of distance, kernel, product and sum; the scale counts the power's",
+    invariants=SYMMETRY,
+)  # fmt: skip
 def density(position, mass, rest_density, phase, relative_contribution, walls, smoothing, coupling, rows=None):
     """Shao & Song (1): rho_i = m_i sum_j W_ij + m_i sum_k phi_k W_ik [kg/m^dim], self included; solids keep rho0_i.
 
@@ -61,6 +73,14 @@ def density(position, mass, rest_density, phase, relative_contribution, walls, s
     }
 
 
+@operation(
+    "Shao & Song (2), (3) with M1 to M3", adds="acceleration", optional="walls viscosity", tolerance=8.0,
+    invariants=f"{SYMMETRY} linear_momentum galilean dissipation", broken={0: "dissipation"},
+)  # fmt: skip
+@operation(
+    "Shao & Song (2) with M1, M2", "two_way_coupling.pressure", adds="acceleration", optional="walls viscosity",
+    variants=("viscosity walls", "viscosity"), tolerance=8.0, invariants=f"{SYMMETRY} linear_momentum angular_momentum",
+)  # fmt: skip
 def forces(
     position, velocity, mass, density, rest_density, phase, pressure, volume, relative_contribution, walls, smoothing,
     coupling, viscosity, rows=None,

@@ -18,11 +18,11 @@ import numpy as np
 from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, require
 from refsim.core.energy import EnergyAccount
 from refsim.core.fields import Field
-from refsim.core.operation import Operation, Program, register
 from refsim.core.scalars import int32
 from refsim.smoothing import lattice, smoothing
 from refsim.smoothing.reference import kernel_slope
 from refsim.sph import LIQUID, SETS, liquid_of
+from refsim.sph.iisph import reference as reference
 
 PRESSURE = Field("pressure", "Pa", "pressure p of the implicit solution, and the start of the next one", state=True)
 OWN_DISPLACEMENT = Field("own_displacement", "m/Pa", "d_ii: displacement by the particle's own pressure", 3)
@@ -128,53 +128,3 @@ class ImplicitPressure(Effect, frozen=True, kw_only=True):
 
     def step_limits(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, StepLimit]:
         return {"courant": StepLimit.crossing(self.courant * grid.support_radius)}
-
-
-_HERE = "refsim.sph.iisph"
-_PAPER = "Ihmsen et al. 2014"
-_SYMMETRY = ("translation", "rotation", "reordering")
-
-
-def _step(name: str, equation: str, outputs: tuple[str, ...], tolerance: float, reason: str, **more: Any) -> None:
-    register(
-        Operation(
-            name=f"iisph.{name}",
-            folder=_HERE,
-            paper=_PAPER,
-            equation=equation,
-            function=name,
-            outputs=outputs,
-            tolerance=tolerance,
-            tolerance_reason=reason,
-            **more,
-        )
-    )
-
-
-_step(
-    "predict", "d_ii, a_ii, rho_adv", ("own_displacement", "diagonal", "advected_density"), 12.0,
-    "distance, slope, mass, two velocities and their kicks in each term, and a square",
-    optional=("walls",), variants=({"walls": None}, {}), invariants=_SYMMETRY,
-)  # fmt: skip
-_step(
-    "displace", "sum_j d_ij p_j", ("pair_displacement",), 12.0,
-    "distance, slope, mass, pressure, density twice, direction, product, sum", invariants=_SYMMETRY,
-)  # fmt: skip
-_step(
-    "relax", "pressure update", ("density_error", "new_pressure"), 16.0,
-    "four displacements, slope, direction and mass in each term, and the quotient by a_ii",
-    optional=("walls",), variants=({"walls": None}, {}), invariants=_SYMMETRY,
-)  # fmt: skip
-_step(
-    "push", "pressure force", ("acceleration",), 12.0, "distance, slope, two ratios, direction, product, sum",
-    adds=("acceleration",), optional=("walls",), variants=({"walls": None}, {}),
-    invariants=(*_SYMMETRY, "linear_momentum", "angular_momentum"),
-)  # fmt: skip
-_step("halve", "p = 0.5 p(before)", ("pressure",), 0.0, "half of a number is exact", invariants=("reordering",))
-_step("keep", "p <- the relaxed p", ("pressure",), 0.0, "a copy", invariants=("reordering",))
-_step(
-    "solve", "all steps of one solution", (*(f.name for f in WORK), "pressure", "acceleration"), 32.0,
-    "the roundings of every step, which the scale carries on", reach=8,
-    programs={"cpu": Program("iteration"), "cuda": Program("iteration")},
-    adds=("acceleration",), optional=("walls",), variants=({"walls": None}, {}), invariants=_SYMMETRY,
-)  # fmt: skip

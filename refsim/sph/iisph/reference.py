@@ -6,8 +6,11 @@ Arrays: position, velocity, acceleration, displacements (n, 3); the others (n,);
 
 import numpy as np
 
+from refsim.core.operation import SYMMETRY, operations
 from refsim.neighbours.reference import pair_blocks
 from refsim.smoothing.reference import kernel_slope
+
+operation = operations(paper="Ihmsen et al. 2014")
 
 
 class _Pairs:
@@ -43,6 +46,10 @@ def _wall(position, walls, smoothing, fluid, rows):
     return near.sums(terms), near.sums(np.abs(terms))
 
 
+@operation(
+    "d_ii, a_ii, rho_adv", outputs="own_displacement diagonal advected_density", optional="walls", tolerance=12.0,
+    reason="distance, slope, mass, two velocities and their kicks in each term, and a square", invariants=SYMMETRY,
+)  # fmt: skip
 def predict(position, velocity, mass, density, acceleration, walls, smoothing, fluid, timestep, rows=None):
     """Coefficients of the pressure equation, with t the kick and dt the drift in place of dt and dt (s = t dt).
 
@@ -74,6 +81,10 @@ def predict(position, velocity, mass, density, acceleration, walls, smoothing, f
     }
 
 
+@operation(
+    "sum_j d_ij p_j", outputs="pair_displacement", tolerance=12.0,
+    reason="distance, slope, mass, pressure, density twice, direction, product, sum", invariants=SYMMETRY,
+)  # fmt: skip
 def displace(position, mass, density, pressure, smoothing, timestep, rows=None):
     """s_i = sum_j d_ij p_j = -s sum_j (m_j p_j/rho_j^2) grad W_ij [m]."""
     return _displaced(_Pairs(position, position, smoothing, rows), mass, density, pressure, timestep)
@@ -86,6 +97,10 @@ def _displaced(near, mass, density, pressure, timestep):
     return {"pair_displacement": (near.sums(terms), near.sums(np.abs(terms)))}
 
 
+@operation(
+    "pressure update", outputs="density_error new_pressure", optional="walls", tolerance=16.0,
+    reason="four displacements, slope, direction and mass in each term, and the quotient by a_ii", invariants=SYMMETRY,
+)  # fmt: skip
 def relax(
     position, mass, density, pressure, own_displacement, pair_displacement, diagonal, advected_density, walls,
     smoothing, fluid, implicit, timestep, rows=None,
@@ -134,6 +149,11 @@ def _relaxed(
     }
 
 
+@operation(
+    "pressure force", adds="acceleration", optional="walls", tolerance=12.0,
+    reason="distance, slope, two ratios, direction, product, sum",
+    invariants=f"{SYMMETRY} linear_momentum angular_momentum",
+)  # fmt: skip
 def push(position, mass, density, pressure, walls, smoothing, fluid, rows=None):
     """Acceleration [m/s^2] a_i = -sum_j m_j (p_i/rho_i^2 + p_j/rho_j^2) grad W_ij; walls m_j -> rho0 V_b, p_j -> 0."""
     near, wall = _Pairs(position, position, smoothing, rows), _wall(position, walls, smoothing, fluid, rows)
@@ -150,6 +170,9 @@ def _pushed(near, wall, mass, density, pressure):
     return {"acceleration": (value, np.abs(ratio[own, None]) * wall[1] + near.sums(sizes))}
 
 
+@operation(
+    "p = 0.5 p(before)", outputs="pressure", tolerance=0.0, reason="half of a number is exact", invariants="reordering"
+)
 def halve(pressure, rows=None):
     """p <- p/2 [Pa]."""
     value = np.asarray(pressure, dtype=float)
@@ -157,6 +180,7 @@ def halve(pressure, rows=None):
     return {"pressure": (value, np.abs(value))}
 
 
+@operation("p <- the relaxed p", outputs="pressure", tolerance=0.0, reason="a copy", invariants="reordering")
 def keep(new_pressure, rows=None):
     """p <- the relaxed p [Pa]."""
     value = np.asarray(new_pressure, dtype=float)
@@ -164,6 +188,13 @@ def keep(new_pressure, rows=None):
     return {"pressure": (value, np.abs(value))}
 
 
+@operation(
+    "all steps of one solution",
+    outputs="own_displacement diagonal advected_density pair_displacement density_error new_pressure pressure"
+    " acceleration", adds="acceleration", reach=8, optional="walls", tolerance=32.0,
+    reason="the roundings of every step, which the scale carries on", invariants=SYMMETRY,
+    programs={"cpu": "iteration", "cuda": "iteration"},
+)  # fmt: skip
 def solve(position, velocity, mass, density, walls, smoothing, fluid, implicit, timestep, pressure, acceleration):
     """All steps of a solution, in turn; p = 0.5 p(before) at first [Pa], a_i = push [m/s^2].
 

@@ -19,7 +19,6 @@ from refsim.core.checked import Printed
 from refsim.core.effect import Discretisation, Effect, Pass, require
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
-from refsim.core.operation import Operation, Program, register
 from refsim.sph import liquid_of
 from refsim.surface_normal import SURFACE_NORMAL, color_gradient_pass, normal_term
 from refsim.surface_tension.akinci_2013.reference import cohesion_function
@@ -204,55 +203,3 @@ class Akinci2013(PairCohesion, HasErrata, frozen=True, kw_only=True):
     def _has_area(self) -> bool:
         """Whether the area term is computed: not if its coefficient is zero."""
         return self.area_acceleration != 0 and (self._coheres() or self.area_acceleration is not None)
-
-
-EDGE = (
-    " not in the bound: the area term does not vanish at r = h, so that a pair which a rounding moves across r = h"
-    " changes a by K_ij eps |n_i - n_j|, at most 3.2 s^2 eps with s = rho0 over the least density near by: the longest"
-    " normal is that of a half-space of liquid, h int W dA over its surface, which is below 1.6, times s for"
-    " V_j = m_j/rho_j, and K_ij is at most s"
-)
-_HERE = "refsim.surface_tension.akinci_2013"
-_PAPER = "Akinci, Akinci & Teschner 2013"
-_SYMMETRY = ("translation", "rotation", "reordering")
-register(
-    Operation(
-        name="akinci_2013.tension",
-        folder=_HERE,
-        paper=_PAPER,
-        equation="cohesion, area term and K_ij",
-        function="tension",
-        programs={
-            "cuda:fused": Program(
-                "fused_cuda",
-                "tension_and_momentum",
-                also=("sph.momentum",),
-                names={"smoothing": "gradient_smoothing"},
-                variants=({"period": None}, {"area_term": None, "area_normal": None, "walls": None, "period": None}),
-            )
-        },
-        outputs=("acceleration",),
-        adds=("acceleration",),
-        optional=("area_normal", "spline", "area_term"),
-        tolerance=12.0,
-        tolerance_reason="one rounding in each of distance, K_ij, the cubes of the spline, direction, product and sum;"
-        + EDGE,
-        variants=({"area_term": None, "area_normal": None}, {}, {"spline": None}),
-        invariants=(*_SYMMETRY, "linear_momentum", "angular_momentum"),
-        broken={1: ("linear_momentum", "angular_momentum"), 2: ("linear_momentum", "angular_momentum")},
-    )
-)
-register(
-    Operation(
-        name="akinci_2013.adhesion",
-        folder=_HERE,
-        paper=_PAPER,
-        equation="adhesion A(r), with the walls' Psi_b",
-        function="adhesion",
-        outputs=("acceleration",),
-        adds=("acceleration",),
-        tolerance=12.0,
-        tolerance_reason="one rounding in each of distance, direction, product and sum, and two roots",
-        invariants=_SYMMETRY,
-    )
-)

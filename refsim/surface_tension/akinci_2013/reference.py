@@ -8,7 +8,10 @@ import math
 
 import numpy as np
 
+from refsim.core.operation import SYMMETRY, Program, operations
 from refsim.neighbours.reference import other_particles, pair_blocks
+
+operation = operations(paper="Akinci, Akinci & Teschner 2013")
 
 
 def cohesion_function(r, h, dim):
@@ -27,6 +30,22 @@ def adhesion_function(r, h, dim):
     return 0.007 / h**dim * np.maximum(inside, 0) ** 0.25
 
 
+@operation(
+    "cohesion, area term and K_ij", adds="acceleration", optional="area_normal spline area_term",
+    variants=("area_term area_normal", "", "spline"), tolerance=12.0,
+    reason="one rounding in each of distance, K_ij, the cubes of the spline, direction, product and sum; not in the"
+    " bound: the area term does not vanish at r = h, so that a pair which a rounding moves across r = h changes a by"
+    " K_ij eps |n_i - n_j|, at most 3.2 s^2 eps with s = rho0 over the least density near by: the longest normal is"
+    " that of a half-space of liquid, h int W dA over its surface, which is below 1.6, times s for V_j = m_j/rho_j,"
+    " and K_ij is at most s", invariants=f"{SYMMETRY} linear_momentum angular_momentum",
+    broken={1: "linear_momentum angular_momentum", 2: "linear_momentum angular_momentum"},
+    programs={
+        "cuda:fused": Program(
+            "fused_cuda", "tension_and_momentum", also=("sph.momentum",), names={"smoothing": "gradient_smoothing"},
+            variants=("period", "area_term area_normal walls period"),
+        )
+    },
+)  # fmt: skip
 def tension(position, mass, density, area_normal, smoothing, fluid, spline, area_term, rows=None):
     """Acceleration F/m [m/s^2] by cohesion and area term, each unless None.
 
@@ -55,6 +74,10 @@ def tension(position, mass, density, area_normal, smoothing, fluid, spline, area
     return {"acceleration": (value, scale)}
 
 
+@operation(
+    "adhesion A(r), with the walls' Psi_b", adds="acceleration", tolerance=12.0,
+    reason="one rounding in each of distance, direction, product and sum, and two roots", invariants=SYMMETRY,
+)  # fmt: skip
 def adhesion(position, walls, smoothing, fluid, adhesion, rows=None):
     """Acceleration [m/s^2] a_i = -beta sum_b Psi_b A(r) e_ib, Psi_b = rho0 V_b.
 

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from refsim.core.effect import Discretisation, Effect, Pass, require
 from refsim.core.energy import EnergyAccount
-from refsim.core.operation import Operation, register
 from refsim.smoothing.shapes import CUBIC_SPLINE, NORMALISATION
 from refsim.sph import liquid_of
 from refsim.surface_tension.becker_teschner_2007.reference import attraction_function
@@ -103,19 +102,3 @@ class BeckerTeschner2007(PairCohesion, frozen=True, kw_only=True):
         mass = liquid_of(others).particle_mass(grid)
         h, least = grid.support_radius, self._least_distance(grid)
         return lambda r: -kappa / mass * attraction_function(r, h, grid.dim, least) * r
-
-
-register(
-    Operation(
-        name="becker_teschner_2007.cohesion",
-        folder="refsim.surface_tension.becker_teschner_2007",
-        paper="Becker & Teschner 2007",
-        equation="surface tension by attraction",
-        function="cohesion",
-        outputs=("acceleration",),
-        adds=("acceleration",),
-        tolerance=12.0,
-        tolerance_reason="one rounding in each of distance, kernel, product and sum, and a few in the spline's cubic",
-        invariants=("translation", "rotation", "reordering"),
-    )
-)

@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 
+from refsim.core.operation import SYMMETRY, operation
 from refsim.neighbours.reference import other_particles, pair_blocks
 
 
@@ -20,6 +21,11 @@ def attraction_function(r, h, dim, least_distance):
     return np.where((r < h) & (q < 1), w, 0.0)
 
 
+@operation(
+    "surface tension by attraction", paper="Becker & Teschner 2007", adds="acceleration", tolerance=12.0,
+    reason="one rounding in each of distance, kernel, product and sum, and a few in the spline's cubic",
+    invariants=SYMMETRY,
+)  # fmt: skip
 def cohesion(position, mass, smoothing, attraction, rows=None):
     """Acceleration [m/s^2] a_i = -(kappa/m_i) sum_j m_j W(max(r, d)) x_ij."""
     h, dim = float(smoothing.support_radius), int(smoothing.dim)

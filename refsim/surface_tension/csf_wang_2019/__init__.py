@@ -19,13 +19,13 @@ from refsim.core.capabilities import HasErrata, KnowsLimits, Margin
 from refsim.core.checked import Printed
 from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, require
 from refsim.core.fields import Field
-from refsim.core.operation import Operation, register
 from refsim.core.scalars import int32
 from refsim.smoothing import lattice, smoothing
 from refsim.smoothing.reference import kernel_slope, kernel_value
 from refsim.sph import LIQUID, NUMBER_DENSITY, SETS, liquid_of
 from refsim.surface_detection import NEAR_SURFACE, detection_in, near_surface_pass
 from refsim.surface_tension.cohesion import BECAME_DROPS, capillary_limit, stiffness_margin, stiffness_note
+from refsim.surface_tension.csf_wang_2019 import reference as reference
 from refsim.surface_tension.jiang_zhu_2023 import CORRECTED_DENSITY
 
 INTERFACE_NORMAL = Field("interface_normal", "1/m", "normal n by the corrected kernel, inward", 3)
@@ -200,53 +200,3 @@ class CsfWang2019(Effect, KnowsLimits, HasErrata, frozen=True, kw_only=True):
 
     def _acts(self) -> bool:
         return self.surface_tension > 0 or any(self.tension_gradient)
-
-
-_HERE = "refsim.surface_tension.csf_wang_2019"
-_PAPER = "Wang, Zhu & Yin 2019, reconstructed"
-_SYMMETRY = ("translation", "rotation", "reordering")
-register(
-    Operation(
-        name="csf_wang_2019.normal",
-        folder=_HERE,
-        paper=_PAPER,
-        equation="n_i by the corrected kernel",
-        function="normal",
-        outputs=("interface_normal",),
-        optional=("walls",),
-        tolerance=12.0,
-        tolerance_reason="the roundings of one pair, and once more those of the denominator",
-        variants=({"walls": None}, {}),
-        invariants=_SYMMETRY,
-    )
-)
-register(
-    Operation(
-        name="csf_wang_2019.curvature",
-        folder=_HERE,
-        paper=_PAPER,
-        equation="kappa_i, renormalised divergence of the unit normals",
-        function="curvature",
-        outputs=("curvature",),
-        tolerance=16.0,
-        tolerance_reason="two unit normals, direction, slope and volume in each of two sums, and their quotient",
-        invariants=_SYMMETRY,
-    )
-)
-register(
-    Operation(
-        name="csf_wang_2019.force",
-        folder=_HERE,
-        paper=_PAPER,
-        equation="sigma kappa n and the force along grad sigma",
-        function="force",
-        outputs=("acceleration",),
-        adds=("acceleration",),
-        optional=("marangoni",),
-        tolerance=16.0,
-        tolerance_reason="distance, slope, volume, rise and direction in a sum, its projection, and the product",
-        variants=({"marangoni": None}, {}),
-        invariants=_SYMMETRY,
-        broken={1: ("translation", "rotation")},  # a gradient of the tension is fixed in space
-    )
-)

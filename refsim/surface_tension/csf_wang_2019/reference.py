@@ -6,8 +6,11 @@ Arrays: position, normals (n, 3); mass, density, curvature (n,); SI units. `rows
 
 import numpy as np
 
+from refsim.core.operation import SYMMETRY, operations
 from refsim.neighbours.reference import other_particles, pair_blocks
 from refsim.smoothing.reference import kernel_slope, kernel_value
+
+operation = operations(paper="Wang, Zhu & Yin 2019, reconstructed")
 
 
 def _gradient(separation, distance, smoothing):
@@ -15,6 +18,10 @@ def _gradient(separation, distance, smoothing):
     return (kernel_slope(distance, smoothing) / apart)[..., None] * separation
 
 
+@operation(
+    "n_i by the corrected kernel", outputs="interface_normal", optional="walls", tolerance=12.0,
+    reason="the roundings of one pair, and once more those of the denominator", invariants=SYMMETRY,
+)  # fmt: skip
 def normal(position, mass, density, walls, smoothing, gradient_smoothing, rows=None):
     """Normals, inward [1/m]: n_i = sum_j V_j grad W_ij / sum_k V_k W_ik, walls as liquid, self in the denominator."""
     volume = np.asarray(mass, dtype=float) / np.asarray(density, dtype=float)
@@ -32,6 +39,10 @@ def normal(position, mass, density, walls, smoothing, gradient_smoothing, rows=N
     return {"interface_normal": (value / filled[:, None], scale / filled[:, None])}
 
 
+@operation(
+    "kappa_i, renormalised divergence of the unit normals", outputs="curvature", tolerance=16.0,
+    reason="two unit normals, direction, slope and volume in each of two sums, and their quotient", invariants=SYMMETRY,
+)  # fmt: skip
 def curvature(position, mass, density, interface_normal, gradient_smoothing, continuum, rows=None):
     """Curvature [1/m], positive where liquid bulges; 0 where |n| is at most the threshold.
 
@@ -68,6 +79,11 @@ def curvature(position, mass, density, interface_normal, gradient_smoothing, con
     return {"curvature": (value, scale)}
 
 
+@operation(
+    "sigma kappa n and the force along grad sigma", adds="acceleration", optional="marangoni", tolerance=16.0,
+    reason="distance, slope, volume, rise and direction in a sum, its projection, and the product", invariants=SYMMETRY,
+    broken={1: "translation rotation"},
+)  # fmt: skip
 def force(position, mass, density, interface_normal, curvature, gradient_smoothing, continuum, marangoni, rows=None):
     """Acceleration [m/s^2], zero off the surface; c = `share` compensates for the half of |n| outside the liquid.
 

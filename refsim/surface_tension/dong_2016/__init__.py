@@ -20,7 +20,6 @@ from refsim.core.effect import Discretisation, Effect, Pass, require
 from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
-from refsim.core.operation import Operation, register
 from refsim.core.scalars import int32
 from refsim.sph import liquid_of
 from refsim.surface_normal import SURFACE_NORMAL, color_gradient_pass, normal_term
@@ -249,70 +248,3 @@ class Dong2016(PairCohesion, HasErrata, frozen=True, kw_only=True):
     def _corrects(self) -> bool:
         """Whether the correction is computed: not if its coefficient is zero."""
         return self.correction != 0 and (self._coheres() or self.correction is not None)
-
-
-_HERE = "refsim.surface_tension.dong_2016"
-_PAPER = "Dong, Zhang & Chen 2016"
-_SYMMETRY = ("translation", "rotation", "reordering")
-register(
-    Operation(
-        name="dong_2016.tension",
-        folder=_HERE,
-        paper=_PAPER,
-        equation="D(6), D(7); D(8) to D(11) with Dong E21",
-        function="tension",
-        outputs=("acceleration",),
-        adds=("acceleration",),
-        optional=("surface_normal", "molecular_force", "normal_correction"),
-        tolerance=12.0,
-        tolerance_reason="one rounding in each of distance, powers, kernel, quotients, product and sum",
-        variants=({"normal_correction": None, "surface_normal": None}, {}, {"molecular_force": None}),
-        invariants=(*_SYMMETRY, "linear_momentum", "angular_momentum"),
-        broken={1: ("angular_momentum",), 2: ("angular_momentum",)},
-    )
-)
-register(
-    Operation(
-        name="dong_2016.density",
-        folder=_HERE,
-        paper=_PAPER,
-        equation="D(3)",
-        function="density",
-        outputs=("number_density", "density"),
-        optional=("number_density", "walls"),
-        variants=({"walls": None, "number_density": None}, {}),
-        invariants=_SYMMETRY,
-    )
-)
-register(
-    Operation(
-        name="dong_2016.momentum",
-        folder=_HERE,
-        paper=_PAPER,
-        equation="D(4), D(5)",
-        function="momentum",
-        outputs=("acceleration",),
-        adds=("acceleration",),
-        optional=("walls", "viscosity"),
-        tolerance=12.0,
-        tolerance_reason="one rounding in each of distance, slope, two squared volumes, quotients, product and sum",
-        variants=({"walls": None, "viscosity": None}, {}),
-        invariants=(*_SYMMETRY, "linear_momentum", "angular_momentum", "galilean", "dissipation"),
-        broken={0: ("dissipation",), 1: ("angular_momentum",)},
-    )
-)
-register(
-    Operation(
-        name="dong_2016.shepard_filter",
-        folder="refsim.surface_tension.jiang_zhu_2023",
-        paper=_PAPER,
-        equation="Shepard filter of all densities; J(14), J(15)",
-        function="corrected_density",
-        outputs=("corrected_density",),
-        optional=("walls", "near_surface"),
-        tolerance=8.0,
-        tolerance_reason="the roundings of one pair in each of two sums, and their quotient",
-        variants=({"near_surface": None, "walls": None}, {"near_surface": None}),
-        invariants=_SYMMETRY,
-    )
-)

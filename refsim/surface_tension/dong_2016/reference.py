@@ -6,8 +6,11 @@ Arrays: position, velocity, normals (n, 3); mass, density, pressure (n,); SI uni
 
 import numpy as np
 
+from refsim.core.operation import SYMMETRY, operations
 from refsim.neighbours.reference import other_particles, pair_blocks
 from refsim.smoothing.reference import kernel_slope, kernel_value
+
+operation = operations(paper="Dong, Zhang & Chen 2016")
 
 
 def _rows(array, rows):
@@ -23,6 +26,7 @@ def force_function(r, h, rest_distance):
     return np.where(r < h, shape, 0.0)
 
 
+@operation("D(3)", outputs="number_density density", optional="number_density walls", invariants=SYMMETRY)
 def density(position, mass, walls, smoothing, fluid, rows=None):
     """Densities [kg/m^dim] and number densities [1/m^dim], self included.
 
@@ -39,6 +43,12 @@ def density(position, mass, walls, smoothing, fluid, rows=None):
     return {"density": (own * number, own * number), "number_density": (number, number)}
 
 
+@operation(
+    "D(4), D(5)", adds="acceleration", optional="walls viscosity", tolerance=12.0,
+    reason="one rounding in each of distance, slope, two squared volumes, quotients, product and sum",
+    invariants=f"{SYMMETRY} linear_momentum angular_momentum galilean dissipation",
+    broken={0: "dissipation", 1: "angular_momentum"},
+)  # fmt: skip
 def momentum(position, velocity, mass, density, pressure, walls, smoothing, fluid, viscosity, rows=None):
     """Acceleration [m/s^2] by pressure and viscosity.
 
@@ -76,6 +86,13 @@ def momentum(position, velocity, mass, density, pressure, walls, smoothing, flui
     return {"acceleration": (value, scale)}
 
 
+@operation(
+    "D(6), D(7); D(8) to D(11) with Dong E21", adds="acceleration",
+    optional="surface_normal molecular_force normal_correction",
+    variants=("normal_correction surface_normal", "", "molecular_force"), tolerance=12.0,
+    reason="one rounding in each of distance, powers, kernel, quotients, product and sum",
+    invariants=f"{SYMMETRY} linear_momentum angular_momentum", broken={1: "angular_momentum", 2: "angular_momentum"},
+)  # fmt: skip
 def tension(position, mass, density, surface_normal, smoothing, molecular_force, normal_correction, rows=None):
     """Acceleration F/m [m/s^2] by pair force and correction, each unless None; surface_normal = h n_i.
 

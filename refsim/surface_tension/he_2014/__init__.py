@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 from refsim.core.effect import Discretisation, Effect, Pass, require
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
-from refsim.core.operation import Operation, register
 from refsim.smoothing import lattice, smoothing
 from refsim.smoothing.reference import kernel_slope, kernel_value
 from refsim.sph import SETS, liquid_of
 from refsim.surface_tension.cohesion import BECAME_DROPS, DENSITY_KEPT, KEEPS_DENSITY, PairCohesion
+from refsim.surface_tension.he_2014 import reference as reference
 
 COLOR = Field("color", "-", "smoothed color c, 1 inside the liquid")
 COLOR_GRADIENT_SQUARED = Field("color_gradient_squared", "1/m^2", "|grad c|^2")
@@ -178,54 +178,3 @@ class He2014(PairCohesion, frozen=True, kw_only=True):
 
     def _has_energy(self) -> bool:
         return bool(self.kappa or self.surface_tension)
-
-
-_HERE = "refsim.surface_tension.he_2014"
-_PAPER = "He et al. 2014"
-_SYMMETRY = ("translation", "rotation", "reordering")
-register(
-    Operation(
-        name="he_2014.color",
-        folder=_HERE,
-        paper=_PAPER,
-        equation="smoothed color c",
-        function="color",
-        outputs=("color",),
-        optional=("walls",),
-        variants=({"walls": None}, {}),
-        invariants=_SYMMETRY,
-    )
-)
-register(
-    Operation(
-        name="he_2014.squared_gradient",
-        folder=_HERE,
-        paper=_PAPER,
-        equation="|grad c|^2",
-        function="squared_gradient",
-        outputs=("color_gradient_squared",),
-        tolerance=16.0,
-        tolerance_reason="those of one pair twice, for the square, and the quotient",
-        invariants=_SYMMETRY,
-    )
-)
-register(
-    Operation(
-        name="he_2014.tension",
-        folder=_HERE,
-        paper=_PAPER,
-        equation="gradient energy; air pressure",
-        function="tension",
-        outputs=("acceleration",),
-        adds=("acceleration",),
-        optional=("color_gradient_squared", "gradient_energy", "air_pressure"),
-        tolerance=12.0,
-        tolerance_reason="one rounding in each of distance, slope, volume, two factors, direction, product and sum",
-        variants=(
-            {"gradient_energy": None, "color_gradient_squared": None},
-            {},
-            {"air_pressure": None},
-        ),
-        invariants=(*_SYMMETRY, "linear_momentum", "angular_momentum"),
-    )
-)

@@ -6,8 +6,11 @@ Arrays: position (n, 3); mass, density, color (n,); SI units. `rows` picks parti
 
 import numpy as np
 
+from refsim.core.operation import SYMMETRY, operations
 from refsim.neighbours.reference import pair_blocks
 from refsim.smoothing.reference import kernel_slope, kernel_value
+
+operation = operations(paper="He et al. 2014")
 
 
 def _gradient(separation, distance, smoothing):
@@ -15,6 +18,7 @@ def _gradient(separation, distance, smoothing):
     return (kernel_slope(distance, smoothing) / apart)[..., None] * separation
 
 
+@operation("smoothed color c", outputs="color", optional="walls", invariants=SYMMETRY)
 def color(position, mass, density, walls, smoothing, rows=None):
     """c_i = sum_j V_j W_ij + sum_b V_b W_ib, self included; dimensionless."""
     volume = np.asarray(mass, dtype=float) / np.asarray(density, dtype=float)
@@ -27,6 +31,10 @@ def color(position, mass, density, walls, smoothing, rows=None):
     return {"color": (value, value)}
 
 
+@operation(
+    "|grad c|^2", outputs="color_gradient_squared", tolerance=16.0,
+    reason="those of one pair twice, for the square, and the quotient", invariants=SYMMETRY,
+)  # fmt: skip
 def squared_gradient(position, mass, density, color, gradient_smoothing, rows=None):
     """|grad c_i|^2 [1/m^2], grad c_i = (1/c_i) sum_j V_j c_j grad W_ij; the scale squares the sum of moduli."""
     volume = np.asarray(mass, dtype=float) / np.asarray(density, dtype=float)
@@ -40,6 +48,13 @@ def squared_gradient(position, mass, density, color, gradient_smoothing, rows=No
     return {"color_gradient_squared": ((gradient**2).sum(1), 2 * (size**2).sum(1))}
 
 
+@operation(
+    "gradient energy; air pressure", adds="acceleration",
+    optional="color_gradient_squared gradient_energy air_pressure",
+    variants=("gradient_energy color_gradient_squared", "", "air_pressure"), tolerance=12.0,
+    reason="one rounding in each of distance, slope, volume, two factors, direction, product and sum",
+    invariants=f"{SYMMETRY} linear_momentum angular_momentum",
+)  # fmt: skip
 def tension(
     position, mass, density, color_gradient_squared, gradient_smoothing, gradient_energy, air_pressure, rows=None
 ):

@@ -25,7 +25,6 @@ from refsim.core.effect import Discretisation, Effect, Pass, require
 from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
-from refsim.core.operation import Operation, Program, register
 from refsim.core.scalars import int32
 from refsim.smoothing.shapes import NORMALISATION, POLY6
 from refsim.sph import NUMBER_DENSITY, liquid_of
@@ -47,6 +46,7 @@ from refsim.surface_tension.cohesion import (
     pressure_of_moment,
     tension_of_moment,
 )
+from refsim.surface_tension.jiang_zhu_2023 import reference as reference
 from refsim.surface_tension.jiang_zhu_2023.modes import AREA_TERMS, PAIR_MODES
 
 CORRECTED_DENSITY = Field("corrected_density", "kg/m^3 (kg/m^2 in 2D)", "density rho* near the surface, J(14)")
@@ -448,115 +448,3 @@ class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
         """The area term that is computed: "none" if its coefficient is zero."""
         left_out = {"corrected": self.area_ratio == 0, "color": self.area_acceleration == 0}
         return "none" if left_out.get(self.area_term, True) else self.area_term
-
-
-_HERE = "refsim.surface_tension.jiang_zhu_2023"
-_PAPER = "Jiang & Zhu 2023"
-_SYMMETRY = ("translation", "rotation", "reordering")
-register(
-    Operation(
-        name="jiang_zhu_2023.corrected_density",
-        folder=_HERE,
-        paper=_PAPER,
-        equation="J(14), J(15) with Jiang & Zhu E8",
-        function="corrected_density",
-        outputs=("corrected_density",),
-        optional=("walls", "near_surface"),
-        tolerance=8.0,
-        tolerance_reason="the roundings of one pair in each of two sums, and their quotient",
-        variants=({"walls": None, "near_surface": None}, {}),
-        invariants=_SYMMETRY,
-    )
-)
-register(
-    Operation(
-        name="jiang_zhu_2023.replace_density",
-        folder=_HERE,
-        paper=_PAPER,
-        equation="J(14), in place of J(7)",
-        function="replace_density",
-        outputs=("density",),
-        tolerance=0.0,
-        tolerance_reason="a copy",
-        invariants=("reordering",),
-    )
-)
-register(
-    Operation(
-        name="jiang_zhu_2023.soft_weight",
-        folder=_HERE,
-        paper="in place of the surface set of Jiang & Zhu 2023",
-        equation="Jiang & Zhu E9: smoothstep of |h grad c|, J(19)",
-        function="soft_weight",
-        outputs=("surface_weight",),
-        tolerance=8.0,
-        tolerance_reason="roundings of the normal's length, of the ramp and of the cubic",
-        invariants=("rotation", "reordering"),
-    )
-)
-_EDGE = (
-    "one rounding in each of distance, two or three kernels, products and sum; not in the bound: the area term does not"
-    " vanish at r = h, so that a pair which a rounding moves across r = h changes a by (eps/rho_i) V_j |n*_i - n*_j| in"
-    " J(21) and eps' |n_i - n_j| in J(18), at most 3.2 s eps' (as akinci_2013.tension)"
-)
-_PAIR: dict[str, Any] = {
-    "folder": _HERE,
-    "paper": _PAPER,
-    "function": "tension",
-    "outputs": ("acceleration",),
-    "adds": ("acceleration",),
-    "optional": ("surface_weight", "surface", "area_normal", "cohesion", "area"),
-    "tolerance": 12.0,
-}
-_MODES = {name: {"pairs": PairSelection(int32(number))} for name, number in PAIR_MODES.items()}
-_SOFT = _MODES["soft"] | {"surface": None}
-_ALL = _MODES["all"] | {"surface_weight": None, "surface": None}
-_EITHER, _BOTH, _ONE_SIDED = (_MODES[m] | {"surface_weight": None} for m in ("either", "both", "one_sided"))
-
-
-def _fused(*variants: dict[str, Any]) -> dict[str, Program]:
-    """The program that sums the pair forces between all pairs in one loop with pressure and viscosity."""
-    every = tuple(variant | _ALL | {"period": None} for variant in variants)
-    return {
-        "cuda:fused": Program(
-            "fused_cuda",
-            "tension_and_momentum",
-            also=("sph.momentum",),
-            names={"smoothing": "gradient_smoothing"},
-            variants=every,
-        )
-    }
-
-
-register(
-    Operation(
-        name="jiang_zhu_2023.cohesion",
-        programs=_fused({"area": None, "area_normal": None, "walls": None}),
-        equation="J(16) with Jiang & Zhu E4, J(17) with Jiang & Zhu E7",
-        variants=tuple(modes | {"area": None, "area_normal": None} for modes in (_ALL, _SOFT, _EITHER)),
-        invariants=(*_SYMMETRY, "linear_momentum", "angular_momentum"),
-        **_PAIR,
-    )
-)
-register(
-    Operation(
-        name="jiang_zhu_2023.area",
-        equation="J(21); J(18) with Jiang & Zhu E11",
-        tolerance_reason=_EDGE,
-        variants=(_ALL | {"cohesion": None}, _SOFT | {"cohesion": None}),
-        invariants=(*_SYMMETRY, "linear_momentum"),
-        **_PAIR,
-    )
-)
-register(
-    Operation(
-        name="jiang_zhu_2023.tension",
-        programs=_fused({}),
-        equation="J(16), J(17), J(21); J(18)",
-        tolerance_reason=_EDGE,
-        variants=(_ALL | {"area": None, "area_normal": None}, _SOFT, _ALL, _EITHER, _BOTH, _ONE_SIDED),
-        invariants=(*_SYMMETRY, "linear_momentum"),
-        broken={5: ("linear_momentum",)},
-        **_PAIR,
-    )
-)

@@ -6,11 +6,38 @@ Arrays: position, normals (n, 3); mass, density, weights, marks (n,); SI units. 
 
 import numpy as np
 
+from refsim.core.operation import SYMMETRY, Program, operations, without
 from refsim.neighbours.reference import pair_blocks
 from refsim.smoothing.reference import kernel_value
 
+operation = operations(paper="Jiang & Zhu 2023")
 INNER = 0.8  # the repulsive kernel's support, as a share of h
 MODES = ("soft", "all", "one_sided", "either", "both")
+
+_TWO_SUMS = "the roundings of one pair in each of two sums, and their quotient"
+_EDGE = (
+    "one rounding in each of distance, two or three kernels, products and sum; not in the bound: the area term does not"
+    " vanish at r = h, so that a pair which a rounding moves across r = h changes a by (eps/rho_i) V_j |n*_i - n*_j| in"
+    " J(21) and eps' |n_i - n_j| in J(18), at most 3.2 s eps' (as akinci_2013.tension)"
+)
+# Numbers of MODES, and what they do without
+_SOFT = without("surface", pairs={"mode": 0})
+_ALL = without("surface_weight surface", pairs={"mode": 1})
+_ONE_SIDED, _EITHER, _BOTH = (without("surface_weight", pairs={"mode": mode}) for mode in (2, 3, 4))
+_pair_force = operations(
+    paper="Jiang & Zhu 2023", adds="acceleration", optional="surface_weight surface area_normal cohesion area",
+    tolerance=12.0,
+)  # fmt: skip
+
+
+def _fused(left_out):
+    """The program that sums the pair forces between all pairs in one loop with pressure and viscosity."""
+    return {
+        "cuda:fused": Program(
+            "fused_cuda", "tension_and_momentum", also=("sph.momentum",), names={"smoothing": "gradient_smoothing"},
+            variants=(without(left_out) | _ALL | without("period"),),
+        )
+    }  # fmt: skip
 
 
 def _rows(array, rows):
@@ -18,6 +45,15 @@ def _rows(array, rows):
     return array if rows is None else array[rows]
 
 
+@operation(
+    "Shepard filter of all densities; J(14), J(15)", "dong_2016.shepard_filter", paper="Dong, Zhang & Chen 2016",
+    outputs="corrected_density", optional="walls near_surface", variants=("near_surface walls", "near_surface"),
+    tolerance=8.0, reason=_TWO_SUMS, invariants=SYMMETRY,
+)  # fmt: skip
+@operation(
+    "J(14), J(15) with Jiang & Zhu E8", outputs="corrected_density", optional="walls near_surface", tolerance=8.0,
+    reason=_TWO_SUMS, invariants=SYMMETRY,
+)  # fmt: skip
 def corrected_density(position, mass, density, near_surface, walls, smoothing, fluid, rows=None):
     """Density [kg/m^dim], corrected where `near_surface` is set, everywhere if it is None; self included, one pass.
 
@@ -42,12 +78,18 @@ def corrected_density(position, mass, density, near_surface, walls, smoothing, f
     return {"corrected_density": (value, 2 * value)}
 
 
+@operation("J(14), in place of J(7)", outputs="density", tolerance=0.0, reason="a copy", invariants="reordering")
 def replace_density(corrected_density, rows=None):
     """rho_i <- rho*_i [kg/m^dim], J(14)."""
     value = _rows(corrected_density, rows)
     return {"density": (value, value)}
 
 
+@operation(
+    "Jiang & Zhu E9: smoothstep of |h grad c|, J(19)", paper="in place of the surface set of Jiang & Zhu 2023",
+    outputs="surface_weight", tolerance=8.0, reason="roundings of the normal's length, of the ramp and of the cubic",
+    invariants="rotation reordering",
+)  # fmt: skip
 def soft_weight(surface_normal, soft, rows=None):
     """w = 3 t^2 - 2 t^3, t = (|n| - lower)/(upper - lower) held in 0..1, n = h grad c of J(19); dimensionless.
 
@@ -74,6 +116,21 @@ def pair_shares(mode, weight_i, weight_j, surface_i, surface_j):
     return acts[name].astype(float)
 
 
+@_pair_force(
+    "J(16), J(17), J(21); J(18)",
+    variants=(_ALL | without("area area_normal"), _SOFT, _ALL, _EITHER, _BOTH, _ONE_SIDED), reason=_EDGE,
+    invariants=f"{SYMMETRY} linear_momentum", broken={5: "linear_momentum"}, programs=_fused(""),
+)  # fmt: skip
+@_pair_force(
+    "J(21); J(18) with Jiang & Zhu E11", "jiang_zhu_2023.area",
+    variants=(_ALL | without("cohesion"), _SOFT | without("cohesion")), reason=_EDGE,
+    invariants=f"{SYMMETRY} linear_momentum",
+)  # fmt: skip
+@_pair_force(
+    "J(16) with Jiang & Zhu E4, J(17) with Jiang & Zhu E7", "jiang_zhu_2023.cohesion",
+    variants=tuple(mode | without("area area_normal") for mode in (_ALL, _SOFT, _EITHER)),
+    invariants=f"{SYMMETRY} linear_momentum angular_momentum", programs=_fused("area area_normal walls"),
+)  # fmt: skip
 def tension(position, mass, density, surface_weight, surface, area_normal, smoothing, pairs, cohesion, area, rows=None):
     """Acceleration F/m [m/s^2] by the pair force and the area term; marks and weights that are None count as 0.
 

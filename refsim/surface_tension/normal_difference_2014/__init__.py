@@ -20,12 +20,12 @@ from refsim.core.capabilities import HasErrata
 from refsim.core.checked import Printed
 from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, require
 from refsim.core.fields import Field
-from refsim.core.operation import Operation, register
 from refsim.core.scalars import int32
 from refsim.smoothing import lattice, smoothing
 from refsim.sph import LIQUID, SETS, liquid_of
 from refsim.surface_normal import SURFACE_NORMAL, color_gradient_pass, normal_term
 from refsim.surface_tension.cohesion import spreading_note
+from refsim.surface_tension.normal_difference_2014 import reference as reference
 
 SAFETY = 0.5  # share of the step 2/omega beyond which the stiffest wave on the lattice grows
 
@@ -120,23 +120,3 @@ def stiffest_wave(shape: str, ratio: float, dim: int) -> float:
         s = (np.sin(phase)[:, None] * slope[:, None] * unit).sum(0)
         largest = max(largest, float(np.linalg.eigvalsh(ratio * lag.sum() * (d - np.outer(s, s)))[-1]))
     return largest
-
-
-register(
-    Operation(
-        name="normal_difference_2014.tension",
-        folder="refsim.surface_tension.normal_difference_2014",
-        paper="patent CN104318598A, 2014",
-        equation="patent P7 with symmetric masses",
-        function="tension",
-        outputs=("acceleration",),
-        adds=("acceleration",),
-        tolerance=8.0,
-        tolerance_reason="one rounding in each of the difference, the mean mass, product and sum; not in the bound: the"
-        " force does not vanish at r = h, so that a pair which a rounding moves across r = h changes a by"
-        " 2 gamma m_j/(m_i + m_j) |n_i - n_j|, |n_i - n_j| at most 3.2 s (as akinci_2013.tension)",
-        variants=({}, {"normal_tension": lambda case, grid: NormalDifference(grid.real(5.0), int32(1))}),
-        invariants=("translation", "rotation", "reordering", "linear_momentum"),
-        broken={1: ("linear_momentum",)},
-    )
-)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from refsim.core.cases import Case, Exact, closed_form, groups, takes
+from refsim.core.cases import Case, Exact, closed_form, groups, other, takes
 from refsim.surface_tension.normal_difference_2014 import NormalDifference, NormalDifference2014
 
 
@@ -11,6 +11,7 @@ def _normal_difference(case, grid):
     return NormalDifference2014(area_acceleration=5.0).prepare(grid, case.effects)
 
 
+as_printed = other("normal_tension", printed_mass=1)
 takes("normal_difference_2014.tension", smoothing="support_radius")
 
 

@@ -2,9 +2,18 @@
 
 import numpy as np
 
+from refsim.core.operation import SYMMETRY, operation
 from refsim.neighbours.reference import other_particles, pair_blocks
 
 
+@operation(
+    "patent P7 with symmetric masses", paper="patent CN104318598A, 2014", adds="acceleration",
+    variants=("", {"normal_tension": "as_printed"}), tolerance=8.0,
+    reason="one rounding in each of the difference, the mean mass, product and sum; not in the bound: the force does"
+    " not vanish at r = h, so that a pair which a rounding moves across r = h changes a by 2 gamma m_j/(m_i + m_j)"
+    " |n_i - n_j|, |n_i - n_j| at most 3.2 s (as akinci_2013.tension)", invariants=f"{SYMMETRY} linear_momentum",
+    broken={1: "linear_momentum"},
+)  # fmt: skip
 def tension(position, mass, surface_normal, smoothing, normal_tension, rows=None):
     """Patent P7: acceleration a_i = -(gamma/m_i) sum_j m_i m_j/((m_i + m_j)/2) (n_i - n_j) [m/s^2].
 

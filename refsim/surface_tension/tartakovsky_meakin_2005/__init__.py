@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from refsim.core.effect import Discretisation, Effect, Pass, require
 from refsim.core.energy import EnergyAccount
-from refsim.core.operation import Operation, register
 from refsim.sph import liquid_of
 from refsim.surface_tension.cohesion import PairCohesion, given_one, nominal_tension, one_of
 from refsim.surface_tension.tartakovsky_meakin_2005.reference import force_function
@@ -86,19 +85,3 @@ class TartakovskyMeakin2005(PairCohesion, frozen=True, kw_only=True):
     def _force_of(self, strength: float, grid: Discretisation, others: Mapping[str, Effect]) -> Any:
         mass = liquid_of(others).particle_mass(grid)
         return lambda r: strength / mass**2 * force_function(r, grid.support_radius)
-
-
-register(
-    Operation(
-        name="tartakovsky_meakin_2005.cohesion",
-        folder="refsim.surface_tension.tartakovsky_meakin_2005",
-        paper="Tartakovsky & Meakin 2005",
-        equation="pair force s cos(3 pi r/(2 h))",
-        function="cosine_cohesion",
-        outputs=("acceleration",),
-        adds=("acceleration",),
-        tolerance=12.0,
-        tolerance_reason="one rounding in each of distance, argument, cosine, direction, product and sum",
-        invariants=("translation", "rotation", "reordering", "linear_momentum", "angular_momentum"),
-    )
-)

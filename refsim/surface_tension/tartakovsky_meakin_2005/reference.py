@@ -6,6 +6,7 @@ Arrays: position (n, 3); mass (n,); SI units. `rows` picks particles.
 
 import numpy as np
 
+from refsim.core.operation import SYMMETRY, operation
 from refsim.neighbours.reference import other_particles, pair_blocks
 
 
@@ -15,6 +16,12 @@ def force_function(r, h):
     return np.where(r < h, np.cos(1.5 * np.pi * r / h), 0.0)
 
 
+@operation(
+    "pair force s cos(3 pi r/(2 h))", "tartakovsky_meakin_2005.cohesion", paper="Tartakovsky & Meakin 2005",
+    adds="acceleration", tolerance=12.0,
+    reason="one rounding in each of distance, argument, cosine, direction, product and sum",
+    invariants=f"{SYMMETRY} linear_momentum angular_momentum",
+)  # fmt: skip
 def cosine_cohesion(position, mass, smoothing, cosine_force, rows=None):
     """Acceleration [m/s^2] a_i = (s/m_i) sum_j cos(3 pi r/(2 h)) e_ij.
 
