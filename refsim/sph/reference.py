@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from refsim.core.operation import SYMMETRY, operations, without
-from refsim.neighbours.reference import other_particles, pair_blocks
+from refsim.neighbours.reference import Sums, other_particles, pair_blocks
 from refsim.smoothing.reference import kernel_slope, kernel_value, viscosity_laplacian
 
 operation = operations(paper="Jiang & Zhu 2023")
@@ -97,30 +97,25 @@ def momentum(position, velocity, mass, density, pressure, walls, smoothing, flui
     volume = np.asarray(mass, dtype=float) / np.asarray(density, dtype=float)
     p = np.asarray(pressure, dtype=float)
     rho_i, p_i, v_i = _rows(density, rows), _rows(pressure, rows), _rows(velocity, rows)
-    value, scale = np.zeros((len(rho_i), 3)), np.zeros((len(rho_i), 3))
+    sums = Sums(len(rho_i), 3)
     share = float(fluid.gradient_share)
-
-    def add(place, terms):
-        value[place] += terms.sum(1)
-        scale[place] += np.abs(terms).sum(1)
-
     for place, separation, distance in pair_blocks(position, position, rows, period):
         apart = distance + 1e-9 * float(smoothing.support_radius)
         gradient = (kernel_slope(distance, smoothing) / apart)[..., None] * separation
         both = share * (p_i[place, None] + p[None, :])
-        add(place, -(volume[None, :] * both / rho_i[place, None])[..., None] * gradient)
+        sums.add(place, -(volume[None, :] * both / rho_i[place, None])[..., None] * gradient)
         if viscosity is not None:
             factor = volume[None, :] * viscosity_laplacian(distance, smoothing) / rho_i[place, None]
             factor = factor * other_particles(place, len(velocity), rows) * float(viscosity.coefficient)
-            add(place, factor[..., None] * (velocity[None, :, :] - v_i[place, None, :]))
+            sums.add(place, factor[..., None] * (velocity[None, :, :] - v_i[place, None, :]))
     if walls is not None:
         wall_mass = float(fluid.rest_density) * np.asarray(walls.volume, dtype=float)
         for place, separation, distance in pair_blocks(position, walls.position, rows, period):
             apart = distance + 1e-9 * float(smoothing.support_radius)
             gradient = (kernel_slope(distance, smoothing) / apart)[..., None] * separation
             factor = float(fluid.wall_share) * share * wall_mass[None, :] * (p_i / rho_i**2)[place, None]
-            add(place, -factor[..., None] * gradient)
-    return {"acceleration": (value, scale)}
+            sums.add(place, -factor[..., None] * gradient)
+    return {"acceleration": sums.total()}
 
 
 @operation(
@@ -132,14 +127,12 @@ def viscous(position, velocity, mass, density, smoothing, viscosity, period=None
     v = np.asarray(velocity, dtype=float)
     volume = np.asarray(mass, dtype=float) / np.asarray(density, dtype=float)
     rho_i, v_i = _rows(density, rows), _rows(velocity, rows)
-    value, scale = np.zeros((len(rho_i), 3)), np.zeros((len(rho_i), 3))
+    sums = Sums(len(rho_i), 3)
     for place, _, distance in pair_blocks(position, position, rows, period):
         factor = volume[None, :] * viscosity_laplacian(distance, smoothing) / rho_i[place, None]
         factor = factor * other_particles(place, len(v), rows) * float(viscosity.coefficient)
-        terms = factor[..., None] * (v[None, :, :] - v_i[place, None, :])
-        value[place] += terms.sum(1)
-        scale[place] += np.abs(terms).sum(1)
-    return {"acceleration": (value, scale)}
+        sums.add(place, factor[..., None] * (v[None, :, :] - v_i[place, None, :]))
+    return {"acceleration": sums.total()}
 
 
 @operation(
@@ -161,16 +154,16 @@ def central_viscous(position, velocity, mass, density, smoothing, central_viscos
     v = np.asarray(velocity, dtype=float)
     volume = np.asarray(mass, dtype=float) / np.asarray(density, dtype=float)
     rho_i, v_i = _rows(density, rows), _rows(velocity, rows)
-    value, scale = np.zeros((len(rho_i), 3)), np.zeros((len(rho_i), 3))
+    sums = Sums(len(rho_i), 3)
     for place, separation, distance in pair_blocks(position, position, rows, period):
         steepness = np.where(distance < h, 6 * amplitude * (1 - distance / h) / h**2, 0.0)
         factor = 2 * float(central_viscosity.coefficient) * volume[None, :] * steepness / rho_i[place, None]
         factor = factor * other_particles(place, len(v), rows)
         unit = separation / np.sqrt(distance**2 + (1e-9 * h) ** 2)[..., None]
         parts = unit * (v[None, :, :] - v_i[place, None, :])
-        value[place] += ((factor * parts.sum(-1))[..., None] * unit).sum(1)
-        scale[place] += (np.abs(factor * np.abs(parts).sum(-1))[..., None] * np.abs(unit)).sum(1)
-    return {"acceleration": (value, scale)}
+        size = np.abs(factor * np.abs(parts).sum(-1))[..., None] * np.abs(unit)
+        sums.add(place, (factor * parts.sum(-1))[..., None] * unit, size)
+    return {"acceleration": sums.total()}
 
 
 @operation("J(6), g", paper="standard", adds="acceleration", invariants="reordering")
