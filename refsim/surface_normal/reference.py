@@ -8,7 +8,7 @@ or None. `rows` picks particles.
 import numpy as np
 
 from refsim.core.operation import SYMMETRY, operations
-from refsim.neighbours.reference import pair_blocks
+from refsim.neighbours.reference import Sums, pair_blocks
 from refsim.smoothing.reference import kernel_slope, kernel_value
 
 # Hard inputs of normals and of the fan scan, beside those of every operation.
@@ -56,20 +56,15 @@ def color_gradient(position, mass, density, candidates, walls, gradient_smoothin
     """
     h = float(gradient_smoothing.support_radius)
     density_i = _rows(density, rows)
-    value, scale = np.zeros((len(density_i), 3)), np.zeros((len(density_i), 3))
-
-    def add(place, terms):
-        value[place] += terms.sum(1)
-        scale[place] += np.abs(terms).sum(1)
-
+    sums = Sums(len(density_i), 3)
     for place, separation, distance in pair_blocks(position, position, rows):
         volume = _neighbour_volumes(mass, density, density_i[place], normal_term)
-        add(place, h * volume[..., None] * _gradient(separation, distance, gradient_smoothing))
+        sums.add(place, h * volume[..., None] * _gradient(separation, distance, gradient_smoothing))
     if walls is not None:
         volume = np.asarray(walls.volume, dtype=float)
         for place, separation, distance in pair_blocks(position, walls.position, rows):
-            add(place, h * volume[None, :, None] * _gradient(separation, distance, gradient_smoothing))
-    return _only_candidates("surface_normal", value, scale, candidates, rows)
+            sums.add(place, h * volume[None, :, None] * _gradient(separation, distance, gradient_smoothing))
+    return _only_candidates("surface_normal", *sums.total(), candidates, rows)
 
 
 @operation(
@@ -96,17 +91,14 @@ def corrected(
     density_i, number_i = _rows(density, rows), _rows(number_density, rows)
     number = np.asarray(number_density, dtype=float)
     volume_k = np.asarray(mass, dtype=float) / np.asarray(density, dtype=float)
-    value, scale = np.zeros((len(density_i), 3)), np.zeros((len(density_i), 3))
+    sums = Sums(len(density_i), 3)
     filled = np.zeros(len(density_i))
     for place, separation, distance in pair_blocks(position, position, rows):
         filled[place] += kernel_value(distance, smoothing) @ volume_k
         volume = _neighbour_volumes(mass, density, density_i[place], normal_term)
         rise = (number[None, :] - number_i[place, None]) / float(normal_term.rest_number_density)
-        terms = (rise * volume)[..., None] * _gradient(separation, distance, gradient_smoothing)
-        value[place] += terms.sum(1)
-        scale[place] += np.abs(terms).sum(1)
+        sums.add(place, (rise * volume)[..., None] * _gradient(separation, distance, gradient_smoothing))
     if walls is not None:
         for place, _, distance in pair_blocks(position, walls.position, rows):
             filled[place] += kernel_value(distance, smoothing) @ np.asarray(walls.volume, dtype=float)
-    value, scale = value / filled[:, None], scale / filled[:, None]
-    return _only_candidates("corrected_normal", value, scale, candidates, rows)
+    return _only_candidates("corrected_normal", *sums.total(filled[:, None]), candidates, rows)

@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 from refsim.core.operation import SYMMETRY, Program, operations
-from refsim.neighbours.reference import other_particles, pair_blocks
+from refsim.neighbours.reference import Sums, other_particles, pair_blocks
 
 operation = operations(paper="Akinci, Akinci & Teschner 2013")
 
@@ -54,7 +54,7 @@ def tension(position, mass, density, area_normal, smoothing, fluid, spline, area
     h, dim = float(smoothing.support_radius), int(smoothing.dim)
     mass, rho = np.asarray(mass, dtype=float), np.asarray(density, dtype=float)
     own = np.arange(len(mass)) if rows is None else np.asarray(rows)
-    value, scale = np.zeros((len(own), 3)), np.zeros((len(own), 3))
+    sums = Sums(len(own), 3)
     for place, separation, distance in pair_blocks(position, position, rows):
         i = own[place]
         near = (distance < h) & other_particles(place, len(mass), rows)
@@ -62,16 +62,16 @@ def tension(position, mass, density, area_normal, smoothing, fluid, spline, area
         if spline is not None:
             unit = separation / (distance + 1e-9 * h)[..., None]
             strength = factor * float(spline.gamma) * mass[None, :]
-            value[place] -= ((strength * cohesion_function(distance, h, dim))[..., None] * unit).sum(1)
+            cohesion = cohesion_function(distance, h, dim)
             # The scale adds the two terms of the spline below h/2, which may cancel.
-            size = cohesion_function(distance, h, dim) + (distance <= h / 2) / (math.pi * h**dim)
-            scale[place] += ((np.abs(strength) * np.abs(size))[..., None] * np.abs(unit)).sum(1)
+            size = np.abs(strength) * np.abs(cohesion + (distance <= h / 2) / (math.pi * h**dim))
+            sums.add(place, -(strength * cohesion)[..., None] * unit, size[..., None] * np.abs(unit))
         if area_term is not None:
             normal = np.asarray(area_normal, dtype=float)
             eps = (factor * float(area_term.coefficient))[..., None]
-            value[place] -= (eps * (normal[i, None, :] - normal[None, :, :])).sum(1)
-            scale[place] += (np.abs(eps) * (np.abs(normal[i, None, :]) + np.abs(normal[None, :, :]))).sum(1)
-    return {"acceleration": (value, scale)}
+            size = np.abs(normal[i, None, :]) + np.abs(normal[None, :, :])
+            sums.add(place, -eps * (normal[i, None, :] - normal[None, :, :]), np.abs(eps) * size)
+    return {"acceleration": sums.total()}
 
 
 @operation(
@@ -86,13 +86,13 @@ def adhesion(position, walls, smoothing, fluid, adhesion, rows=None):
     h, dim = float(smoothing.support_radius), int(smoothing.dim)
     filling = float(fluid.rest_density) * np.asarray(walls.volume, dtype=float)
     count = len(position) if rows is None else len(rows)
-    value, scale = np.zeros((count, 3)), np.zeros((count, 3))
+    sums = Sums(count, 3)
     for place, separation, distance in pair_blocks(position, walls.position, rows):
         q = distance / h
         unit = separation / (distance + 1e-9 * h)[..., None]
         strength = float(adhesion.beta) * filling[None, :] * adhesion_function(distance, h, dim)
         inside = np.where(strength != 0, (2 * q - 1) * (2 - 2 * q), 1.0)
-        value[place] -= (strength[..., None] * unit).sum(1)
         rounding = 1 + 0.25 * ((2 * q + 1) * (2 - 2 * q) + (2 * q - 1) * (2 + 2 * q)) / inside
-        scale[place] += ((np.abs(strength) * np.abs(rounding))[..., None] * np.abs(unit)).sum(1)
-    return {"acceleration": (value, scale)}
+        size = np.abs(strength) * np.abs(rounding)
+        sums.add(place, -strength[..., None] * unit, size[..., None] * np.abs(unit))
+    return {"acceleration": sums.total()}

@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 from refsim.core.operation import SYMMETRY, operation
-from refsim.neighbours.reference import other_particles, pair_blocks
+from refsim.neighbours.reference import Sums, other_particles, pair_blocks
 
 
 def attraction_function(r, h, dim, least_distance):
@@ -31,11 +31,9 @@ def cohesion(position, mass, smoothing, attraction, rows=None):
     h, dim = float(smoothing.support_radius), int(smoothing.dim)
     mass = np.asarray(mass, dtype=float)
     own = np.arange(len(mass)) if rows is None else np.asarray(rows)
-    value, scale = np.zeros((len(own), 3)), np.zeros((len(own), 3))
+    sums = Sums(len(own), 3)
     for place, separation, distance in pair_blocks(position, position, rows):
         factor = attraction_function(distance, h, dim, float(attraction.least_q) * h) * mass[None, :]
         factor = factor * other_particles(place, len(mass), rows) * float(attraction.kappa)
-        terms = -(factor / mass[own[place], None])[..., None] * separation
-        value[place] += terms.sum(1)
-        scale[place] += np.abs(terms).sum(1)
-    return {"acceleration": (value, scale)}
+        sums.add(place, -(factor / mass[own[place], None])[..., None] * separation)
+    return {"acceleration": sums.total()}

@@ -7,7 +7,7 @@ Arrays: position, normals (n, 3); mass, density, curvature (n,); SI units. `rows
 import numpy as np
 
 from refsim.core.operation import SYMMETRY, operations
-from refsim.neighbours.reference import other_particles, pair_blocks
+from refsim.neighbours.reference import Sums, other_particles, pair_blocks
 from refsim.smoothing.reference import kernel_slope, kernel_value
 
 operation = operations(paper="Wang, Zhu & Yin 2019, reconstructed")
@@ -26,17 +26,15 @@ def normal(position, mass, density, walls, smoothing, gradient_smoothing, rows=N
     """Normals, inward [1/m]: n_i = sum_j V_j grad W_ij / sum_k V_k W_ik, walls as liquid, self in the denominator."""
     volume = np.asarray(mass, dtype=float) / np.asarray(density, dtype=float)
     count = len(volume) if rows is None else len(rows)
-    value, scale, filled = np.zeros((count, 3)), np.zeros((count, 3)), np.zeros(count)
+    sums, filled = Sums(count, 3), np.zeros(count)
     sources = [(position, volume)]
     if walls is not None:
         sources.append((walls.position, np.asarray(walls.volume, dtype=float)))
     for source, size in sources:
         for place, separation, distance in pair_blocks(position, source, rows):
             filled[place] += kernel_value(distance, smoothing) @ size
-            terms = size[None, :, None] * _gradient(separation, distance, gradient_smoothing)
-            value[place] += terms.sum(1)
-            scale[place] += np.abs(terms).sum(1)
-    return {"interface_normal": (value / filled[:, None], scale / filled[:, None])}
+            sums.add(place, size[None, :, None] * _gradient(separation, distance, gradient_smoothing))
+    return {"interface_normal": sums.total(filled[:, None])}
 
 
 @operation(
@@ -55,8 +53,7 @@ def curvature(position, mass, density, interface_normal, gradient_smoothing, con
     active = ~(length <= float(continuum.threshold))
     unit = n / np.where(active, length, 1.0)[:, None]
     own = np.arange(len(n)) if rows is None else np.asarray(rows)
-    above, below = np.zeros(len(own)), np.zeros(len(own))
-    above_size, below_size = np.zeros(len(own)), np.zeros(len(own))
+    above, below = Sums(len(own)), Sums(len(own))
     for place, separation, distance in pair_blocks(position, position, rows):
         i = own[place]
         slope = kernel_slope(distance, gradient_smoothing) * active[None, :] * volume[None, :]
@@ -65,17 +62,15 @@ def curvature(position, mass, density, interface_normal, gradient_smoothing, con
         change = (unit[None, :, :] - unit[i, None, :]) * direction
         cosine = (unit[i, None, :] * direction).sum(-1)
         share = np.ones_like(cosine) if continuum.plain else 1 - 0.99 * cosine**2
-        above[place] += (slope * change.sum(-1)).sum(1)
-        above_size[place] += (np.abs(slope) * np.abs(change).sum(-1)).sum(1)
         # The rounding of a unit vector does not depend on how small the difference of two is.
-        above_size[place] += (np.abs(slope) * np.abs(direction).sum(-1)).sum(1)
-        below[place] -= (slope * distance * share).sum(1)
-        below_size[place] += (np.abs(slope) * distance * (1 + cosine**2)).sum(1)
-    there = active[own] & (below != 0)
-    safe = np.where(there, below, 1.0)
+        size = np.abs(change).sum(-1) + np.abs(direction).sum(-1)
+        above.add(place, slope * change.sum(-1), np.abs(slope) * size)
+        below.add(place, -slope * distance * share, np.abs(slope) * distance * (1 + cosine**2))
+    there = active[own] & (below.value != 0)
+    safe = np.where(there, below.value, 1.0)
     factor = float(continuum.factor)
-    value = np.where(there, -factor * above / safe, 0.0)
-    scale = np.where(there, factor * above_size / safe + np.abs(value) * below_size / safe, 0.0)
+    value = np.where(there, -factor * above.value / safe, 0.0)
+    scale = np.where(there, factor * above.scale / safe + np.abs(value) * below.scale / safe, 0.0)
     return {"curvature": (value, scale)}
 
 
@@ -108,11 +103,12 @@ def force(position, mass, density, interface_normal, curvature, gradient_smoothi
     value = sigma[:, None] * kappa * n[own]
     scale = sigma_size[:, None] * np.abs(kappa * n[own])
     if marangoni is not None:
-        gradient, size = np.zeros((len(own), 3)), np.zeros((len(own), 3))
+        sums = Sums(len(own), 3)
         for place, separation, distance in pair_blocks(position, position, rows):
             grad = volume[None, :, None] * _gradient(separation, distance, gradient_smoothing)
-            gradient[place] += (-(separation @ slope)[..., None] * grad).sum(1)
-            size[place] += ((np.abs(separation) @ np.abs(slope))[..., None] * np.abs(grad)).sum(1)
+            moduli = (np.abs(separation) @ np.abs(slope))[..., None] * np.abs(grad)
+            sums.add(place, -(separation @ slope)[..., None] * grad, moduli)
+        gradient, size = sums.total()
         unit = n[own] / safe[:, None]
         value = value + length[:, None] * (gradient - (gradient * unit).sum(1)[:, None] * unit)
         scale = scale + length[:, None] * (size + (size * np.abs(unit)).sum(1)[:, None] * np.abs(unit))

@@ -7,7 +7,7 @@ Arrays: position, velocity, normals (n, 3); mass, density, pressure (n,); SI uni
 import numpy as np
 
 from refsim.core.operation import SYMMETRY, operations
-from refsim.neighbours.reference import other_particles, pair_blocks
+from refsim.neighbours.reference import Sums, other_particles, pair_blocks
 from refsim.smoothing.reference import kernel_slope, kernel_value
 
 operation = operations(paper="Dong, Zhang & Chen 2016")
@@ -60,21 +60,16 @@ def momentum(position, velocity, mass, density, pressure, walls, smoothing, flui
     rho, v = np.asarray(density, dtype=float), np.asarray(velocity, dtype=float)
     squared = (mass / rho) ** 2
     own = np.arange(len(mass)) if rows is None else np.asarray(rows)
-    value, scale = np.zeros((len(own), 3)), np.zeros((len(own), 3))
-
-    def add(place, terms):
-        value[place] += terms.sum(1)
-        scale[place] += np.abs(terms).sum(1)
-
+    sums = Sums(len(own), 3)
     for place, separation, distance in pair_blocks(position, position, rows):
         i = own[place]
         slope = kernel_slope(distance, smoothing) * other_particles(place, len(mass), rows) / mass[i, None]
         slope = slope / (distance + 1e-9 * float(smoothing.support_radius))
         both = (squared * p)[i, None] + (squared * p)[None, :]
-        add(place, -(both * slope)[..., None] * separation)
+        sums.add(place, -(both * slope)[..., None] * separation)
         if viscosity is not None:
             factor = float(viscosity.coefficient) * (squared[i, None] + squared[None, :]) * slope
-            add(place, factor[..., None] * (v[i, None, :] - v[None, :, :]))
+            sums.add(place, factor[..., None] * (v[i, None, :] - v[None, :, :]))
     if walls is not None:
         wall_mass = float(fluid.rest_density) * np.asarray(walls.volume, dtype=float)
         for place, separation, distance in pair_blocks(position, walls.position, rows):
@@ -82,8 +77,8 @@ def momentum(position, velocity, mass, density, pressure, walls, smoothing, flui
             gradient = (kernel_slope(distance, smoothing) / apart)[..., None] * separation
             ratio = (p / rho**2)[own[place], None]
             share = float(fluid.wall_share) * float(fluid.gradient_share)
-            add(place, -(share * wall_mass[None, :] * ratio)[..., None] * gradient)
-    return {"acceleration": (value, scale)}
+            sums.add(place, -(share * wall_mass[None, :] * ratio)[..., None] * gradient)
+    return {"acceleration": sums.total()}
 
 
 @operation(
@@ -102,7 +97,7 @@ def tension(position, mass, density, surface_normal, smoothing, molecular_force,
     h = float(smoothing.support_radius)
     mass, rho = np.asarray(mass, dtype=float), np.asarray(density, dtype=float)
     own = np.arange(len(mass)) if rows is None else np.asarray(rows)
-    value, scale = np.zeros((len(own), 3)), np.zeros((len(own), 3))
+    sums = Sums(len(own), 3)
     for place, separation, distance in pair_blocks(position, position, rows):
         i = own[place]
         other = other_particles(place, len(mass), rows)
@@ -110,17 +105,16 @@ def tension(position, mass, density, surface_normal, smoothing, molecular_force,
             d0, k = float(molecular_force.rest_distance), float(molecular_force.stiffness)
             unit = separation / (distance + 1e-9 * h)[..., None]
             strength = k * mass[None, :] * other
-            value[place] += ((strength * force_function(distance, h, d0))[..., None] * unit).sum(1)
             # The difference of two powers is as uncertain as their sum is large.
-            size = ((h - distance) ** 4 + (h - d0) ** 2 * (h - distance) ** 2) / (h**2 * d0 * (2 * h - d0))
-            scale[place] += ((np.abs(strength) * size * (distance < h))[..., None] * np.abs(unit)).sum(1)
+            powers = ((h - distance) ** 4 + (h - d0) ** 2 * (h - distance) ** 2) / (h**2 * d0 * (2 * h - d0))
+            size = (np.abs(strength) * powers * (distance < h))[..., None] * np.abs(unit)
+            sums.add(place, (strength * force_function(distance, h, d0))[..., None] * unit, size)
         if normal_correction is not None:
             normal = np.asarray(surface_normal, dtype=float)
             volume = (mass / rho)[None, :]
             if normal_correction.symmetric:
                 volume = 2 * mass[None, :] / (rho[i, None] + rho[None, :])
             factor = float(normal_correction.coefficient) * volume * kernel_value(distance, smoothing) * other
-            value[place] -= (factor[..., None] * (normal[i, None, :] - normal[None, :, :])).sum(1)
-            size = np.abs(normal[i, None, :]) + np.abs(normal[None, :, :])
-            scale[place] += (np.abs(factor)[..., None] * size).sum(1)
-    return {"acceleration": (value, scale)}
+            size = np.abs(factor)[..., None] * (np.abs(normal[i, None, :]) + np.abs(normal[None, :, :]))
+            sums.add(place, -factor[..., None] * (normal[i, None, :] - normal[None, :, :]), size)
+    return {"acceleration": sums.total()}

@@ -7,7 +7,7 @@ Arrays: position (n, 3); mass, density, color (n,); SI units. `rows` picks parti
 import numpy as np
 
 from refsim.core.operation import SYMMETRY, operations
-from refsim.neighbours.reference import pair_blocks
+from refsim.neighbours.reference import Sums, pair_blocks
 from refsim.smoothing.reference import kernel_slope, kernel_value
 
 operation = operations(paper="He et al. 2014")
@@ -40,11 +40,10 @@ def squared_gradient(position, mass, density, color, gradient_smoothing, rows=No
     volume = np.asarray(mass, dtype=float) / np.asarray(density, dtype=float)
     c = np.asarray(color, dtype=float)
     own = np.arange(len(c)) if rows is None else np.asarray(rows)
-    gradient, size = np.zeros((len(own), 3)), np.zeros((len(own), 3))
+    sums = Sums(len(own), 3)
     for place, separation, distance in pair_blocks(position, position, rows):
-        terms = (volume * c)[None, :, None] * _gradient(separation, distance, gradient_smoothing)
-        gradient[place] += terms.sum(1) / c[own[place], None]
-        size[place] += np.abs(terms).sum(1) / c[own[place], None]
+        sums.add(place, (volume * c)[None, :, None] * _gradient(separation, distance, gradient_smoothing))
+    gradient, size = sums.total(c[own, None])
     return {"color_gradient_squared": ((gradient**2).sum(1), 2 * (size**2).sum(1))}
 
 
@@ -66,17 +65,14 @@ def tension(
     rho = np.asarray(density, dtype=float)
     volume = np.asarray(mass, dtype=float) / rho
     own = np.arange(len(rho)) if rows is None else np.asarray(rows)
-    value, scale = np.zeros((len(own), 3)), np.zeros((len(own), 3))
+    sums = Sums(len(own), 3)
     for place, separation, distance in pair_blocks(position, position, rows):
         i = own[place]
         gradient = volume[None, :, None] * _gradient(separation, distance, gradient_smoothing) / rho[i, None, None]
         if gradient_energy is not None:
             squared = np.asarray(color_gradient_squared, dtype=float)
             both = float(gradient_energy.kappa) / 4 * (squared[i, None] + squared[None, :])
-            value[place] += (both[..., None] * gradient).sum(1)
-            scale[place] += np.abs(both[..., None] * gradient).sum(1)
+            sums.add(place, both[..., None] * gradient)
         if air_pressure is not None:
-            terms = float(air_pressure.pressure) * gradient
-            value[place] += terms.sum(1)
-            scale[place] += np.abs(terms).sum(1)
-    return {"acceleration": (value, scale)}
+            sums.add(place, float(air_pressure.pressure) * gradient)
+    return {"acceleration": sums.total()}

@@ -7,7 +7,7 @@ Arrays: position, normals (n, 3); mass, density, weights, marks (n,); SI units. 
 import numpy as np
 
 from refsim.core.operation import SYMMETRY, Program, operations, without
-from refsim.neighbours.reference import pair_blocks
+from refsim.neighbours.reference import Sums, pair_blocks
 from refsim.smoothing.reference import kernel_value
 
 operation = operations(paper="Jiang & Zhu 2023")
@@ -149,7 +149,7 @@ def _pair_sums(position, mass, density, marks, area_normal, smoothing, cohesion,
     weight = np.zeros(count) if surface_weight is None else np.asarray(surface_weight, dtype=float)
     marked = np.zeros(count) if surface is None else np.asarray(surface)
     own = np.arange(count) if rows is None else np.asarray(rows)
-    value, scale = np.zeros((len(own), 3)), np.zeros((len(own), 3))
+    sums = Sums(len(own), 3)
     for place, separation, distance in pair_blocks(position, position, rows):
         i = own[place]
         near = (distance < h) & (i[:, None] != np.arange(count)[None, :])
@@ -159,18 +159,17 @@ def _pair_sums(position, mass, density, marks, area_normal, smoothing, cohesion,
             repulsion = float(cohesion.alpha) * _poly6(distance, INNER * h, dim)
             attraction = float(cohesion.beta) * _poly6(distance, h, dim)
             strength = float(cohesion.gamma) * share * mass[None, :]
-            value[place] += ((strength * (repulsion - attraction))[..., None] * unit).sum(1)
-            scale[place] += ((np.abs(strength) * (repulsion + attraction))[..., None] * np.abs(unit)).sum(1)
+            size = (np.abs(strength) * (repulsion + attraction))[..., None] * np.abs(unit)
+            sums.add(place, (strength * (repulsion - attraction))[..., None] * unit, size)
         if area is not None:
             normal = np.asarray(area_normal, dtype=float)
             factor = float(area.coefficient) * share
             if int(area.kind) == 0:
                 rho = np.asarray(density, dtype=float)
                 factor = factor * (mass / rho)[None, :] / rho[i, None]
-            value[place] -= (factor[..., None] * (normal[i, None, :] - normal[None, :, :])).sum(1)
-            size = np.abs(normal[i, None, :]) + np.abs(normal[None, :, :])
-            scale[place] += (np.abs(factor)[..., None] * size).sum(1)
-    return value, scale
+            size = np.abs(factor)[..., None] * (np.abs(normal[i, None, :]) + np.abs(normal[None, :, :]))
+            sums.add(place, -factor[..., None] * (normal[i, None, :] - normal[None, :, :]), size)
+    return sums.total()
 
 
 def _poly6(r, radius, dim):

@@ -3,7 +3,7 @@
 import numpy as np
 
 from refsim.core.operation import SYMMETRY, operation
-from refsim.neighbours.reference import other_particles, pair_blocks
+from refsim.neighbours.reference import Sums, other_particles, pair_blocks
 
 
 @operation(
@@ -22,7 +22,7 @@ def tension(position, mass, surface_normal, smoothing, normal_tension, rows=None
     """
     mass, normal = np.asarray(mass, dtype=float), np.asarray(surface_normal, dtype=float)
     own = np.arange(len(mass)) if rows is None else np.asarray(rows)
-    value, scale = np.zeros((len(own), 3)), np.zeros((len(own), 3))
+    sums = Sums(len(own), 3)
     for place, _, distance in pair_blocks(position, position, rows):
         i = own[place]
         near = (distance < float(smoothing.support_radius)) & other_particles(place, len(mass), rows)
@@ -30,6 +30,6 @@ def tension(position, mass, surface_normal, smoothing, normal_tension, rows=None
         if normal_tension.printed_mass:
             shared = np.broadcast_to(mass[i, None], shared.shape)
         factor = (float(normal_tension.coefficient) * near * shared / mass[i, None])[..., None]
-        value[place] -= (factor * (normal[i, None, :] - normal[None, :, :])).sum(1)
-        scale[place] += (factor * (np.abs(normal[i, None, :]) + np.abs(normal[None, :, :]))).sum(1)
-    return {"acceleration": (value, scale)}
+        size = factor * (np.abs(normal[i, None, :]) + np.abs(normal[None, :, :]))
+        sums.add(place, -factor * (normal[i, None, :] - normal[None, :, :]), size)
+    return {"acceleration": sums.total()}

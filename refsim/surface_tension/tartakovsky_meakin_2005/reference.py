@@ -7,7 +7,7 @@ Arrays: position (n, 3); mass (n,); SI units. `rows` picks particles.
 import numpy as np
 
 from refsim.core.operation import SYMMETRY, operation
-from refsim.neighbours.reference import other_particles, pair_blocks
+from refsim.neighbours.reference import Sums, other_particles, pair_blocks
 
 
 def force_function(r, h):
@@ -30,12 +30,12 @@ def cosine_cohesion(position, mass, smoothing, cosine_force, rows=None):
     h = float(smoothing.support_radius)
     mass = np.asarray(mass, dtype=float)
     own = np.arange(len(mass)) if rows is None else np.asarray(rows)
-    value, scale = np.zeros((len(own), 3)), np.zeros((len(own), 3))
+    sums = Sums(len(own), 3)
     for place, separation, distance in pair_blocks(position, position, rows):
         unit = separation / (distance + 1e-9 * h)[..., None]
         near = (distance < h) & other_particles(place, len(mass), rows)
         factor = near * float(cosine_force.strength) / mass[own[place], None]
-        value[place] += ((factor * force_function(distance, h))[..., None] * unit).sum(1)
-        size = np.abs(force_function(distance, h)) + 1.5 * np.pi * distance / h
-        scale[place] += ((factor * size)[..., None] * np.abs(unit)).sum(1)
-    return {"acceleration": (value, scale)}
+        force = force_function(distance, h)
+        size = factor * (np.abs(force) + 1.5 * np.pi * distance / h)
+        sums.add(place, (factor * force)[..., None] * unit, size[..., None] * np.abs(unit))
+    return {"acceleration": sums.total()}
