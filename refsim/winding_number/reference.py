@@ -3,6 +3,7 @@
 import numpy as np
 
 from refsim.core.operation import operation
+from refsim.neighbours.reference import Sums
 
 UNDECIDED = (
     1e-5  # relative distance from a triangle's plane, or from a cluster's reach, within which a row is not judged
@@ -32,17 +33,14 @@ def winding(viewpoint, clusters):
     """Jacobson eq. 5, Barill eq. 4: w = sum Omega/(4 pi) [dimensionless], Omega = N.d/|d|^3 beyond the reach."""
     points, first = np.asarray(viewpoint, dtype=float), np.asarray(clusters.first)
     corners = np.asarray(clusters.corner, dtype=float).reshape(-1, 3, 3)
-    value, scale = np.zeros(len(points)), np.zeros(len(points))
+    sums = Sums(len(points))
     for k in range(len(first) - 1):
         away = np.asarray(clusters.middle[k], dtype=float) - points
         distance, reach = np.linalg.norm(away, axis=1), float(clusters.reach[k])
         far = distance > reach
         near = np.flatnonzero(~far)
-        terms = away[far] * np.asarray(clusters.dipole[k], dtype=float) / distance[far, None] ** 3
-        value[far] += terms.sum(1)
-        scale[far] += np.abs(terms).sum(1)
+        sums.add(far, away[far] * np.asarray(clusters.dipole[k], dtype=float) / distance[far, None] ** 3)
         angle, rounding = solid_angles(points[near], corners[first[k] : first[k + 1]])
-        value[near] += angle.sum(1)
-        scale[near] += (np.abs(angle) + rounding).sum(1)
-        scale[np.abs(distance - reach) <= UNDECIDED * reach] = np.inf
-    return {"winding_number": (value / (4 * np.pi), scale / (4 * np.pi))}
+        sums.add(near, angle, np.abs(angle) + rounding)
+        sums.scale[np.abs(distance - reach) <= UNDECIDED * reach] = np.inf
+    return {"winding_number": sums.total(4 * np.pi)}

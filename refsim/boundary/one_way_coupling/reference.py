@@ -3,7 +3,7 @@
 import numpy as np
 
 from refsim.core.operation import SYMMETRY, operation
-from refsim.neighbours.reference import pair_blocks
+from refsim.neighbours.reference import Sums, pair_blocks
 from refsim.smoothing.reference import kernel_slope, kernel_value, viscosity_laplacian
 
 
@@ -29,13 +29,14 @@ def wall_viscosity(
         lower, upper, moving = (np.asarray(part, dtype=float) for part in wall_motion)
         x = np.asarray(walls.position, dtype=float)
         wall_velocity[((x < lower) | (x > upper)).any(1)] = moving
-    value, scale = np.zeros((len(rho), 3)), np.zeros((len(rho), 3))
+    sums = Sums(len(rho), 3)
     for place, _, distance in pair_blocks(position, walls.position, rows, period):
         factor = float(wall_viscosity.coefficient) * psi * viscosity_laplacian(distance, smoothing)
         factor = factor / rho[place, None] ** 2
-        value[place] = factor @ wall_velocity - factor.sum(1)[:, None] * v[place]
-        scale[place] = factor @ np.abs(wall_velocity) + factor.sum(1)[:, None] * np.abs(v[place])
-    return {"acceleration": (value, scale)}
+        # The scale counts both velocities, not their difference.
+        sums.add(place, factor[..., None] * wall_velocity[None, :, :])
+        sums.add(place, -factor[..., None] * v[place, None, :])
+    return {"acceleration": sums.total()}
 
 
 @operation(
@@ -53,22 +54,23 @@ def extrapolated_wall_pressure(position, density, pressure, walls, smoothing, fl
     rho, p = np.asarray(density, dtype=float), np.asarray(pressure, dtype=float)
     g = np.array([float(part) for part in wall_gravity])
     own = rho if rows is None else rho[np.asarray(rows)]
-    mean, size = np.zeros(len(own)), np.zeros(len(own))
+    mean, filled = Sums(len(own)), np.zeros(len(own))
     for place, separation, distance in pair_blocks(position, position, rows):
         w = kernel_value(distance, smoothing)
         deeper = rho[None, :] * (separation @ g)
-        mean[place] = (w * (p[None, :] + deeper)).sum(1) / w.sum(1)
-        size[place] = (w * (np.abs(p)[None, :] + np.abs(deeper))).sum(1) / w.sum(1)
-    value, scale = np.zeros((len(own), 3)), np.zeros((len(own), 3))
+        mean.add(place, w * (p[None, :] + deeper), w * (np.abs(p)[None, :] + np.abs(deeper)))
+        filled[place] += w.sum(1)
+    pressure_i, size = mean.total(filled)
+    sums = Sums(len(own), 3)
     psi = float(fluid.rest_density) * np.asarray(walls.volume, dtype=float)
     for place, separation, distance in pair_blocks(position, walls.position, rows):
         apart = distance + 1e-9 * float(smoothing.support_radius)
         gradient = (kernel_slope(distance, smoothing) / apart)[..., None] * separation
         head = float(fluid.rest_density) * (separation @ g)
-        pressure_b = mean[place, None] - head
+        pressure_b = pressure_i[place, None] - head
         if fluid.clamp:
             pressure_b = np.maximum(pressure_b, 0)
         factor = (float(fluid.gradient_share) * psi[None, :] / own[place, None] ** 2)[..., None] * gradient
-        value[place] -= (factor * pressure_b[..., None]).sum(1)
-        scale[place] += (np.abs(factor) * (size[place, None] + np.abs(head))[..., None]).sum(1)
-    return {"acceleration": (value, scale)}
+        largest = size[place, None] + np.abs(head)
+        sums.add(place, -factor * pressure_b[..., None], np.abs(factor) * largest[..., None])
+    return {"acceleration": sums.total()}

@@ -7,7 +7,7 @@ Arrays: position, velocity (n, 3); mass, density, pressure, volume, rest_density
 import numpy as np
 
 from refsim.core.operation import SYMMETRY, operations
-from refsim.neighbours.reference import other_particles, pair_blocks
+from refsim.neighbours.reference import Sums, other_particles, pair_blocks
 from refsim.smoothing.reference import kernel_slope, kernel_value, viscosity_laplacian
 
 operation = operations(paper="Shao & Song 2017", programs={"cuda:packed": "packed_cuda"})
@@ -101,12 +101,7 @@ def forces(
     own_liquid, own_v = liquid[pick], v[pick]
     push, rho_of = size**2 * p, m / size
     across = push / m if coupling.printed_pressure else push
-    value, scale = np.zeros((len(own_liquid), 3)), np.zeros((len(own_liquid), 3))
-
-    def add(place, terms):
-        value[place] += terms.sum(1)
-        scale[place] += np.abs(terms).sum(1)
-
+    sums = Sums(len(own_liquid), 3)
     for place, separation, distance in pair_blocks(position, position, rows):
         a, b = own_liquid[place, None], liquid[None, :]
         apart = distance + 1e-9 * float(smoothing.support_radius)
@@ -120,7 +115,7 @@ def forces(
         solid_first = across[None, :] * phi[pick][place, None]
         strength = np.where(a & b, together, np.where(a & ~b, liquid_first, np.where(~a & b, solid_first, 0.0)))
         own_mass = m[pick][place, None]
-        add(place, -(strength / own_mass)[..., None] * gradient)
+        sums.add(place, -(strength / own_mass)[..., None] * gradient)
         if viscosity is not None:
             mine, its = size[pick][place, None], size[None, :]
             power = 1 if coupling.printed_viscosity else 2
@@ -129,7 +124,7 @@ def forces(
             both = np.where(a & b, mine * its, np.where(a & ~b, first, np.where(~a & b, second, 0.0)))
             factor = float(viscosity.coefficient) * both * viscosity_laplacian(distance, smoothing) / own_mass
             factor = factor * other_particles(place, len(v), rows)
-            add(place, factor[..., None] * (v[None, :, :] - own_v[place, None, :]))
+            sums.add(place, factor[..., None] * (v[None, :, :] - own_v[place, None, :]))
     if walls is not None:
         rho = np.asarray(density, dtype=float)[pick]
         filled = np.asarray(rest_density, dtype=float)[pick] * p[pick] / rho**2 * own_liquid
@@ -137,5 +132,5 @@ def forces(
             apart = distance + 1e-9 * float(smoothing.support_radius)
             gradient = (kernel_slope(distance, smoothing) / apart)[..., None] * separation
             factor = filled[place, None] * np.asarray(walls.volume, dtype=float)[None, :]
-            add(place, -factor[..., None] * gradient)
-    return {"acceleration": (value, scale)}
+            sums.add(place, -factor[..., None] * gradient)
+    return {"acceleration": sums.total()}
