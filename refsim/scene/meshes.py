@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import functools
+import hashlib
 import logging
 import os
 import warnings
@@ -16,10 +18,11 @@ from refsim.core.errors import InputError
 from refsim.core.reading import GREATEST, open_regular
 
 
-def read_mesh(path: str | os.PathLike[str], what: str = "mesh") -> Any:
+def read_mesh(path: str | os.PathLike[str], what: str = "mesh", opened: list[str] | None = None) -> Any:
     """The mesh in a file as trimesh holds it, in numbers that are finite.
 
-    what  first words of the messages
+    what    first words of the messages
+    opened  is given the paths of the files that the mesh names and its reader opens
 
     Raises InputError, in one sentence, for what cannot be read or holds no triangles.
     """
@@ -29,7 +32,10 @@ def read_mesh(path: str | os.PathLike[str], what: str = "mesh") -> Any:
         """Files that a mesh names, such as buffers of .gltf; pipes and devices are refused."""
 
         def get(self, name: str) -> bytes:
-            with open_regular(os.path.join(self.parent, name.strip())) as file:
+            place = os.path.join(self.parent, name.strip())
+            if opened is not None:
+                opened.append(place)
+            with open_regular(place) as file:
                 return file.read()
 
     kind = Path(path).suffix[1:].lower()
@@ -66,6 +72,38 @@ def read_mesh(path: str | os.PathLike[str], what: str = "mesh") -> Any:
         raise InputError(f"{what}: {str(path)!r} cannot be read ({words}); give a mesh file.") from None
     check_triangles(vertices, faces, str(path), what)
     return read
+
+
+def mesh_files(path: str | os.PathLike[str]) -> tuple[Path, ...]:
+    """The file of a mesh and those from which its reader takes more of its geometry, such as buffers of .gltf."""
+    if Path(path).suffix[1:].lower() not in ("gltf", "glb"):
+        return (Path(path),)
+    try:
+        with open_regular(path) as file:
+            digest = hashlib.sha256(file.read()).digest()
+    except OSError:  # reading the mesh reports it
+        return (Path(path),)
+    return (Path(path), *_named_in(os.path.abspath(path), digest))
+
+
+@functools.lru_cache(maxsize=64)
+def _named_in(path: str, digest: bytes) -> tuple[Path, ...]:
+    """The files that a mesh of this content names."""
+    opened: list[str] = []
+    with contextlib.suppress(InputError):
+        read_mesh(path, opened=opened)
+    return tuple(map(Path, dict.fromkeys(opened)))
+
+
+def written_at(path: str | os.PathLike[str]) -> tuple[int, ...]:
+    """When the files of a mesh were written [ns]; 0 for one that is not there, which reading the mesh reports."""
+    times = []
+    for file in mesh_files(path):
+        try:
+            times.append(os.stat(file).st_mtime_ns)
+        except (OSError, ValueError):
+            times.append(0)
+    return tuple(times)
 
 
 @contextlib.contextmanager

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from refsim.core.errors import InputError
-from refsim.scene.meshes import check_triangles, read_mesh
+from refsim.scene.meshes import check_triangles, read_mesh, written_at
 from refsim.scene.overlaps import (
     BESIDE,
     across_edges,
@@ -99,15 +99,12 @@ def placed_mesh(
 ) -> SurfaceMesh:  # fmt: skip
     """The mesh of a file, turned by `rotation` [degrees] about x, then y, then z, scaled to `size` [m] unless that is
     0, and moved to `center` [m] unless None; cached while the file is unchanged."""
-    try:
-        written = os.stat(file).st_mtime_ns
-    except (OSError, ValueError):  # reading the file reports it
-        written = 0
+    written = written_at(file)
     return _placed(file, written, center, size, rotation, what)
 
 
 @functools.lru_cache(maxsize=8)
-def _placed(file: str, written: int, center: Any, size: float, rotation: Any, what: str) -> SurfaceMesh:
+def _placed(file: str, written: tuple[int, ...], center: Any, size: float, rotation: Any, what: str) -> SurfaceMesh:
     mesh = load_mesh(file, what)
     vertices = mesh.vertices
     for axis, angle in enumerate(rotation):

@@ -24,6 +24,7 @@ from refsim.engine.simulation import Simulation
 from refsim.neighbours.reference import nearest_image
 from refsim.scene.files import suggestion
 from refsim.scene.plan import Plan
+from refsim.study.local_modules import forget, local_modules
 
 OVER_ALL: dict[str, Callable[[np.ndarray], Any]] = {"mean": np.mean, "max": np.max, "min": np.min}
 LINK = 2.0  # spacings up to which two particles of the liquid count as connected
@@ -171,6 +172,7 @@ def _at(name: str, simulation: Simulation, values: np.ndarray, point: np.ndarray
 def _from_file(name: str, path: Path, function: str) -> Observable:
     if not path.is_file():
         raise InputError(f"observable {name!r}: there is no file {path}; write the path of a Python file.")
+    forget(local_modules(path))
     try:
         found = runpy.run_path(str(path)).get(function)
     except Exception as error:  # the file is the user's program
@@ -180,7 +182,10 @@ def _from_file(name: str, path: Path, function: str) -> Observable:
     if not callable(found):
         raise InputError(f"observable {name!r}: {path} has no function {function!r}; write FILE.py:function.")
     unit = str(getattr(found, "unit", ""))
-    return Observable(f"{path.stem}.{function}", unit, found, _digest(path.read_text() + function))
+    digest = hashlib.sha256(path.read_bytes() + function.encode())
+    for module, file in sorted(local_modules(path).items()):
+        digest.update(module.encode() + hashlib.sha256(file.read_bytes()).digest())
+    return Observable(f"{path.stem}.{function}", unit, found, digest.hexdigest()[:16])
 
 
 def _source(function: Callable[..., Any]) -> str:

@@ -21,11 +21,13 @@ import numpy as np
 import refsim.core
 from refsim.core.errors import InputError, RunStopped
 from refsim.core.plain import plain
+from refsim.core.reading import open_regular
 from refsim.core.versions import versions
 from refsim.engine.driver import CHECKPOINT
 from refsim.engine.simulation import Simulation
 from refsim.io.checkpoint import latest_checkpoint, replace_file
 from refsim.scene.files import scene_to_toml
+from refsim.scene.meshes import mesh_files
 from refsim.scene.plan import make_plan
 from refsim.scene.scene import Scene
 from refsim.study.observables import Observable
@@ -329,9 +331,19 @@ def scene_digest(scene: Scene) -> Any:
     """A hash that has taken in a scene without its title, which changes no number, and the files that it names."""
     digest = hashlib.sha256(scene_to_toml(msgspec.structs.replace(scene, name="")).encode())
     for part in (*scene.fluid, *scene.solid, *scene.effects):
-        file = Path(getattr(part, "file", "") or "")
-        digest.update(file.read_bytes() if file.is_file() else b"")
+        named = getattr(part, "file", "")
+        for file in mesh_files(named) if named else ():
+            digest.update(_content_digest(file))
     return digest
+
+
+def _content_digest(file: Path) -> bytes:
+    """Digest of a file's content; of nothing where it cannot be read, which its run reports."""
+    try:
+        with open_regular(file) as opened:
+            return hashlib.file_digest(opened, "sha256").digest()
+    except OSError:
+        return b"\0" * 32
 
 
 def kept(folder: Path | None, key: str) -> Reading | None:

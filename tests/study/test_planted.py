@@ -1,6 +1,9 @@
 """Slips of host code: what a key covers, what is read, which end a prediction is for, what is counted."""
 
+import json
+import os
 import shutil
+import sys
 import time
 from pathlib import Path
 
@@ -9,9 +12,10 @@ import numpy as np
 import pytest
 
 import refsim
-from refsim import Box, Gravity, HeatConduction, Scene, Simulation, SolidBox, WeaklyCompressible, make_plan
+from refsim import Box, Gravity, HeatConduction, Scene, Simulation, SolidBox, SolidMesh, WeaklyCompressible, make_plan
 from refsim.commands.plan import describe_plan
 from refsim.study import cost, runs
+from refsim.study.local_modules import forget, local_modules
 from refsim.study.memory import bytes_of
 from refsim.study.observables import observable_of
 from tests.study.test_cost import made, tank
@@ -72,6 +76,80 @@ def test_a_key_follows_the_content_of_a_file_and_not_its_path(kind, tmp_path):
         constants.append(cost._file(scene, "cpu", None))
     assert keys[0] != keys[1]
     assert constants[0] != constants[1]
+
+
+def test_a_key_follows_the_buffers_of_a_mesh_and_so_does_the_mesh(tmp_path):
+    """Geometry of a .gltf lies in .bin files beside it."""
+    import trimesh
+
+    for name, content in trimesh.creation.box((0.1, 0.1, 0.1)).export(file_type="gltf").items():
+        (tmp_path / name.replace("model", "box")).write_bytes(content)
+    body = SolidMesh(file=str(tmp_path / "box.gltf"), center=(0.0, 0.0, 0.0))
+    scene = block(solid=(body,), fluid=(), effects=(WeaklyCompressible(sound_speed=20.0),))
+    observable, found = observable_of("kinetic_energy", make_plan(block())), []
+    buffers = json.loads((tmp_path / "box.gltf").read_text())["buffers"]
+    (vertices,) = [tmp_path / each["uri"] for each in buffers if each["byteLength"] == 8 * 3 * 4]
+    for size in (1, 2):
+        (size * np.fromfile(vertices, "<f4")).astype("<f4").tofile(vertices)
+        os.utime(vertices, ns=(size, size))
+        found.append((key(scene, observable), cost._file(scene, "cpu", None), float(body.extent()[1][0])))
+    assert found[0][0] != found[1][0]
+    assert found[0][1] != found[1][1]
+    assert [reach for *_, reach in found] == pytest.approx([0.05, 0.1])
+
+
+HELPERS = {
+    "beside": ("import helper\n", "helper.py", ""),
+    "through another": ("import first\n", "helper.py", "import helper"),
+    "in a package": ("from parts import helper\n", "parts/helper.py", ""),
+    "relative in a package": ("from parts import first as helper\n", "parts/helper.py", "from .helper import *"),
+    "when it is called": ("", "helper.py", ""),
+    "by its name": ("import importlib\nhelper = importlib.import_module('helper')\n", "helper.py", ""),
+    "from a folder below": ("sys.path.insert(0, here + '/lib')\nimport helper\n", "lib/helper.py", ""),
+}
+
+
+@pytest.mark.parametrize("where", HELPERS)
+def test_a_key_follows_the_modules_that_an_observable_imports(where, tmp_path, monkeypatch):
+    """And what is read is what they hold now, although they were imported before."""
+    begin, place, between = HELPERS[where]
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    for name in ("helper", "first", "parts", "parts.helper", "parts.first"):
+        monkeypatch.delitem(sys.modules, name, raising=False)
+    helper, file, plan = tmp_path / place, tmp_path / "own.py", make_plan(block())
+    helper.parent.mkdir(exist_ok=True)
+    if between:
+        (helper.parent / "first.py").write_text(f"{between}\n")
+    scale = "first.helper.SCALE" if where == "through another" else "helper.SCALE"
+    file.write_text(
+        "import sys, os\nhere = os.path.dirname(os.path.abspath(__file__))\nsys.path.insert(0, here)\n"
+        f"{begin}def value(simulation):\n{'' if begin else '    import helper'}\n    return {scale}\n"
+    )
+    keys, values = [], []
+    for size in ("1.0", "1000.0", "1000.0"):
+        helper.write_text(f"SCALE = {size}\n")
+        observable = observable_of(f"{file}:value", plan)
+        keys.append(key(block(), observable))
+        values.append(observable(None))
+    assert values == [1.0, 1000.0, 1000.0]
+    assert keys[0] != keys[1] == keys[2]
+
+
+def test_what_is_installed_and_what_lies_elsewhere_counts_by_its_version(tmp_path):
+    """Virtual environments below the folder, the standard library, refsim: not their files."""
+    installed = tmp_path / ".venv" / "lib" / "site-packages"
+    installed.mkdir(parents=True)
+    (installed / "thing.py").write_text("")
+    (tmp_path / "own.py").write_text(f"import sys\nsys.path.append({str(installed)!r})\nimport thing, json, refsim\n")
+    assert local_modules(tmp_path / "own.py") == {}
+    (tmp_path / "json.py").write_text("import own\nimport thing\n")
+    assert local_modules(tmp_path / "own.py") == {"json": tmp_path / "json.py"}
+    forget(local_modules(tmp_path / "own.py"))
+    assert sys.modules["json"] is json
+    (tmp_path / "own.py").write_bytes(b"# -*- coding: latin-1 -*-\n# caf\xe9\nimport json\ndef f(s): return 1.0\n")
+    assert list(local_modules(tmp_path / "own.py")) == ["json"]
+    assert observable_of(f"{tmp_path / 'own.py'}:f", make_plan(block()))(None) == 1.0
 
 
 def test_the_digest_of_the_sources_covers_a_line_of_each_package(tmp_path):

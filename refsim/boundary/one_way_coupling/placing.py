@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import os
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +11,7 @@ import numpy as np
 from refsim.boundary.sampling import sample, sample_beneath
 from refsim.boundary.signed_distance import NarrowBand, signed_distance
 from refsim.core.errors import InputError
+from refsim.scene.meshes import written_at
 from refsim.scene.surface_mesh import SurfaceMesh, placed_mesh
 
 BAND = 4.0  # width of the band in its spacings
@@ -52,18 +52,15 @@ def placed_solid(
 
     Raises InputError for a mesh that cannot be read, has no interior, or is smaller than the given spacing.
     """
-    try:
-        written = os.stat(file).st_mtime_ns
-    except (OSError, ValueError):  # reading the file reports it
-        written = 0
+    written = written_at(file)
     with np.errstate(over="warn", divide="warn", invalid="warn"):  # degenerate triangles are handled below
         return _placed(file, written, center, size, rotation, radius, field_spacing, seed, layers, apart)
 
 
 @functools.lru_cache(maxsize=8)
 def _placed(
-    file: str, written: int, center: Any, size: float, rotation: Any, radius: float, field_spacing: float, seed: int,
-    layers: int, apart: float,
+    file: str, written: tuple[int, ...], center: Any, size: float, rotation: Any, radius: float, field_spacing: float,
+    seed: int, layers: int, apart: float,
 ) -> PlacedSolid:  # fmt: skip
     mesh = placed_mesh(file, center, size, rotation)
     extent = float(mesh.extent.max())
