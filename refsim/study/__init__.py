@@ -25,7 +25,7 @@ from refsim.study.convergence import Convergence, converge
 from refsim.study.observables import Observable, observable_of
 from refsim.study.refine import RATIO, notes, refined, spaced
 from refsim.study.result import Study
-from refsim.study.runs import Reading, Setting, keep, kept, key_of, machine, measure
+from refsim.study.runs import Reading, Setting, in_turn, keep, kept, key_of, machine, measure
 from refsim.study.tasks import task_of
 
 KNOBS = ("spacing", "support", "step", "precision", "tolerance", "backend", "effects")
@@ -85,18 +85,19 @@ def study(
         raise InputError(f"Backend {backend!r} cannot be used: {reason}.")
     found = observable_of(observable, plan)
     left_out: list[str] = []
+    remarks: list[str] = []  # about damaged results
     factors = spaced(scene, levels, levels // 2 if finer is None else finer, ratio) if "spacing" in chosen else (1.0,)
     settings = _settings(scene, plan, factors, chosen, backend, found, left_out)
     place = None if folder is None else Path(folder)
     if scheduler is None:
-        runs = _measured(settings, plan, found, reaches, threads, place, say, progress)
+        runs = _measured(settings, plan, found, reaches, threads, place, say, progress, remarks)
     else:
         if place is None or not isinstance(observable, str):
             raise InputError(
                 "study: with a scheduler it needs a folder for the results and an observable that is a text, as workers"
                 " read them; give folder, and FILE.py:function for a function of your own."
             )
-        runs = _elsewhere(settings, observable, found, reaches, threads or 1, place, scheduler, say)
+        runs = _elsewhere(settings, observable, found, reaches, threads or 1, place, scheduler, say, remarks)
     return Study(
         scene=scene,
         observable=found.name if reaches is None else f"time({found.name} = {reaches:g})",
@@ -104,7 +105,7 @@ def study(
         runs=tuple(runs),
         convergence=_convergence(runs),
         error=error,
-        notes=tuple(notes(scene, factors)),
+        notes=(*notes(scene, factors), *remarks),
         machine=machine() if scheduler is None else f"workers of {scheduler}, {threads or 1} threads",
         command=command,
         left_out=tuple(left_out),
@@ -201,10 +202,11 @@ def _measured(
     folder: Path | None,
     say: Say,
     progress: Watch | None,
+    remarks: list[str],
 ) -> list[tuple[Setting, Reading]]:
     """Readings of all settings, the cheapest run first; those that the folder has are not run again."""
     keys = [key_of(setting, observable, reaches, threads) for setting in settings]
-    found = [kept(folder, key) for key in keys]
+    found = [kept(folder, key, remarks) for key in keys]
     open_runs = [k for k, reading in enumerate(found) if reading is None]
     if open_runs:
         expected = _expected([settings[k] for k in open_runs], plan, threads)
@@ -216,8 +218,12 @@ def _measured(
         for count, k in enumerate(sorted(open_runs, key=lambda k: seconds[k]), 1):
             setting = settings[k]
             say(f"{count} of {len(open_runs)}: {setting.label}, {about} {in_time(seconds[k])}")
-            found[k] = reading = measure(setting, observable, reaches, threads, progress)
-            keep(folder, keys[k], setting, reading)
+            with in_turn(folder, keys[k]):
+                reading = kept(folder, keys[k])
+                if reading is None:
+                    reading = measure(setting, observable, reaches, threads, progress)
+                    keep(folder, keys[k], setting, reading)
+            found[k] = reading
             say(f"  {reading.failed}" if reading.failed else f"  {reading.value:.6g} in {in_time(reading.seconds)}")
     return [(setting, reading) for setting, reading in zip(settings, found) if reading is not None]
 
@@ -231,10 +237,11 @@ def _elsewhere(
     folder: Path,
     scheduler: str,
     say: Say,
+    remarks: list[str],
 ) -> list[tuple[Setting, Reading]]:
     """The same by the workers of a scheduler. Raises the error of a run that could not be computed."""
     keys = [key_of(setting, found, reaches, threads, WORKERS) for setting in settings]
-    readings = {key: reading for key in keys if (reading := kept(folder, key)) is not None}
+    readings = {key: reading for key in keys if (reading := kept(folder, key, remarks)) is not None}
     tasks = {
         key: task_of(key, setting, observable, reaches, threads, folder, timed=True)
         for key, setting in zip(keys, settings)
@@ -245,12 +252,13 @@ def _elsewhere(
     by_key = dict(zip(keys, settings))
     for outcome in perform(list(tasks.values()), scheduler=scheduler):
         key = outcome.task.key
-        if outcome.error is not None:
+        on_file = kept(folder, key, remarks)
+        if outcome.error is not None and on_file is None:
             failed = outcome.error
             say(f"{outcome.task.name}: {outcome.error}")
             continue
-        readings[key] = reading = outcome.value
-        if kept(folder, key) is None:  # the worker's folder is another one
+        readings[key] = reading = on_file or outcome.value
+        if on_file is None:  # the worker's folder is another one
             keep(folder, key, by_key[key], reading)
         words = reading.failed or f"{reading.value:.6g} in {in_time(reading.seconds)}"
         say(f"{outcome.task.name}, {outcome.worker}: {words}")

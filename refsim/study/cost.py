@@ -18,7 +18,6 @@ The coarse run is the scene with a larger spacing; see `refsim.study.refine`.
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
 import time
 from dataclasses import asdict, dataclass, field
@@ -34,7 +33,7 @@ from refsim.core.errors import InputError, RunStopped
 from refsim.core.operation import BACKENDS
 from refsim.engine.simulation import Simulation
 from refsim.engine.stepping import DeviceStepper, stable_steps, step_limits
-from refsim.io.checkpoint import replace_file
+from refsim.io.store import read_stored, write_stored
 from refsim.scene.plan import Plan, make_plan
 from refsim.scene.scene import Scene
 from refsim.study.memory import bytes_of
@@ -485,11 +484,13 @@ def _file(scene: Scene, backend: str, threads: int | None) -> Path:
 def load(scene: Scene, backend: str, threads: int | None = None) -> Constants | None:
     """Constants on file for this scene, backend and machine; None if there are none."""
     try:
-        found = json.loads(_file(scene, backend, threads).read_text())
+        found = read_stored(_file(scene, backend, threads))
+        if found is None:
+            return None
         found["course"] = Course(**found["course"])
         found["sizes"] = [(int(count), seconds) for count, seconds in found["sizes"]]
         return Constants(**found)
-    except (OSError, ValueError, KeyError, TypeError):
+    except (InputError, ValueError, KeyError, TypeError):
         return None
 
 
@@ -498,6 +499,6 @@ def store(scene: Scene, constants: Constants) -> None:
     path = _file(scene, constants.backend, constants.threads)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        replace_file(path, json.dumps(asdict(constants)).encode())
+        write_stored(path, asdict(constants))
     except OSError:
         return

@@ -11,7 +11,7 @@ import os
 import platform
 import time
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import AbstractContextManager, nullcontext, suppress
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +25,9 @@ from refsim.core.reading import open_regular
 from refsim.core.versions import versions
 from refsim.engine.driver import CHECKPOINT
 from refsim.engine.simulation import Simulation
+from refsim.io import store
 from refsim.io.checkpoint import latest_checkpoint, replace_file
+from refsim.io.store import read_stored, set_aside, write_stored
 from refsim.scene.files import scene_to_toml
 from refsim.scene.meshes import mesh_files
 from refsim.scene.plan import make_plan
@@ -346,29 +348,44 @@ def _content_digest(file: Path) -> bytes:
         return b"\0" * 32
 
 
-def kept(folder: Path | None, key: str) -> Reading | None:
-    """The reading of an earlier study in this folder; None if there is none, or its file is damaged."""
+def kept(folder: Path | None, key: str, notes: list[str] | None = None) -> Reading | None:
+    """The reading of an earlier study in this folder; None if there is none, or its file is damaged.
+
+    notes  is given a sentence about a damaged file
+    """
     if folder is None:
         return None
-    try:
-        stored = json.loads((folder / f"{key}.json").read_text())["reading"]
-        values: dict[str, Any] = {name: math.nan if value == "nan" else value for name, value in stored.items()}
-        return Reading(**values)
-    except (OSError, ValueError, KeyError, TypeError):
+    path = folder / f"{key}.json"
+    stored = read_stored(path, notes)
+    if stored is None:
         return None
+    try:
+        values = {name: math.nan if value == "nan" else value for name, value in stored["reading"].items()}
+        reading = msgspec.convert(values, Reading)
+        if not reading.failed and not math.isfinite(reading.value):
+            raise ValueError("no finite value")
+    except (KeyError, AttributeError, ValueError):
+        set_aside(path, "holds no reading of a run", notes)
+        return None
+    return reading
 
 
 def keep(folder: Path | None, key: str, setting: Setting, reading: Reading) -> None:
     """Store a reading. Raises InputError where the folder cannot be written."""
     if folder is None:
         return
-    text = json.dumps(
-        {"label": setting.label, "machine": machine(), "reading": plain(dataclasses.asdict(reading))}, indent=1
-    )
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        replace_file(folder / f"{key}.json", text.encode())
+        write_stored(
+            folder / f"{key}.json",
+            {"label": setting.label, "machine": machine(), "reading": plain(dataclasses.asdict(reading))},
+        )
     except OSError as error:
         raise InputError(
             f"study: {folder} cannot be written ({error.strerror or error}); give another folder (--output)."
         ) from error
+
+
+def in_turn(folder: Path | None, key: str) -> AbstractContextManager[None]:
+    """Let one process after the other compute this run: the next one finds its result on file."""
+    return nullcontext() if folder is None else store.in_turn(folder / f"{key}.json")

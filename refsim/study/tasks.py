@@ -15,7 +15,7 @@ from refsim.engine.simulation import Simulation
 from refsim.scene.plan import make_plan
 from refsim.study.memory import bytes_of
 from refsim.study.observables import observable_of
-from refsim.study.runs import REPEATS, Reading, Setting, keep, kept, measure, source_digest
+from refsim.study.runs import REPEATS, Reading, Setting, in_turn, keep, kept, measure, source_digest
 
 RUNNING = "running"  # folder of the checkpoints of runs under way, below that of the results
 
@@ -85,8 +85,11 @@ def compute(report: Report, work: Work) -> Reading:
             " the same on both."
         )
     folder = Path(work.folder)
-    if (done := kept(folder, work.key)) is not None:
-        return done
+    with in_turn(folder, work.key):
+        return kept(folder, work.key) or _computed(report, work, folder)
+
+
+def _computed(report: Report, work: Work, folder: Path) -> Reading:
     end, place = work.setting.scene.end_time, folder / RUNNING / work.key
 
     def progress(simulation: Simulation) -> None:

@@ -25,6 +25,7 @@ from refsim.cluster import perform
 from refsim.core.errors import InputError
 from refsim.core.tables import in_time, table
 from refsim.io.checkpoint import replace_file
+from refsim.io.store import in_turn
 from refsim.scene.files import load_scene, scene_from_dict, scene_to_dict, suggestion
 from refsim.scene.plan import make_plan
 from refsim.scene.scene import Scene
@@ -79,6 +80,7 @@ class Swept:
     computed      runs that were computed now; the others were on file, or are missing
     task_seconds  sum over the runs computed now; `wall` of the whole call [s]
     workers       most of them at one time
+    notes         a sentence for each damaged result that was found
     """
 
     points: tuple[Point, ...]
@@ -89,6 +91,7 @@ class Swept:
     task_seconds: float
     wall: float
     workers: int
+    notes: tuple[str, ...] = ()
 
     @property
     def efficiency(self) -> float:
@@ -135,7 +138,13 @@ class Swept:
             parts.append(f"{failed} without a value")
         if self.missing:
             parts.append(f"{len(self.missing)} not computed")
-        lines = [table(rows, head, right=range(len(head))), "", *reasons, ", ".join(parts)]
+        lines = [
+            table(rows, head, right=range(len(head))),
+            "",
+            *reasons,
+            *(f"note: {note}" for note in self.notes),
+            ", ".join(parts),
+        ]
         if self.computed:
             lines.append(
                 f"{in_time(self.task_seconds)} of {self.workers} workers in {in_time(self.wall)}: efficiency"
@@ -154,6 +163,7 @@ class Swept:
             "wall_seconds": self.wall,
             "workers": self.workers,
             "efficiency": self.efficiency,
+            "notes": list(self.notes),
         }
 
 
@@ -284,7 +294,8 @@ def sweep(
     observable = observable_of(name, _first_plan(points))
     settings = [Setting("sweep", point.label, 1.0, point.scene, given.backend) for point in points]
     keys = [key_of(setting, observable, None, 1, ANYWHERE) for setting in settings]
-    readings = {key: reading for key in keys if (reading := kept(place, key)) is not None}
+    notes: list[str] = []
+    readings = {key: reading for key in keys if (reading := kept(place, key, notes)) is not None}
     on_file = len(readings)
     tasks = {
         key: task_of(key, setting, name, None, 1, place, False, checkpoint_every)
@@ -299,13 +310,18 @@ def sweep(
     with Progress(list(tasks.values()), bar, say) as progress:
         for outcome in perform(list(tasks.values()), jobs=jobs, scheduler=scheduler, watch=progress.watch):
             key = outcome.task.key
-            if outcome.error is not None:
+            stored = kept(place, key, notes)
+            if stored is not None:  # also where another process has computed it meanwhile
+                readings[key] = stored
+            elif outcome.error is not None:
                 missing[key] = " ".join(str(outcome.error).split())
-            else:
+            else:  # the worker's folder is another one
                 readings[key] = outcome.value
-                if kept(place, key) is None:  # the worker's folder is another one
-                    keep(place, key, by_key[key], outcome.value)
+                keep(place, key, by_key[key], outcome.value)
             progress.ended(outcome)
+    for key in missing:  # another process may have computed it since
+        if (stored := kept(place, key, notes)) is not None:
+            readings[key] = stored
     found = Swept(
         points=tuple(points),
         readings=tuple(readings.get(key) for key in keys),
@@ -315,9 +331,11 @@ def sweep(
         task_seconds=progress.task_seconds,
         wall=time.perf_counter() - began,
         workers=progress.workers,
+        notes=tuple(notes),
     )
     _writable(place)
-    replace_file(place / TABLE, found.csv().encode())
+    with in_turn(place / TABLE):
+        replace_file(place / TABLE, found.csv().encode())
     return found
 
 

@@ -2,7 +2,10 @@
 
 import json
 import math
+import shutil
 import sys
+import threading
+import time
 import types
 
 import msgspec
@@ -22,6 +25,7 @@ from refsim import (
     WeaklyCompressible,
 )
 from refsim.__main__ import main
+from refsim.io.store import in_turn
 from refsim.study import runs
 from refsim.study.observables import observable_of
 from refsim.study.refine import refined
@@ -273,8 +277,32 @@ def test_a_damaged_result_is_measured_anew(tmp_path):
     studied("front", folder=tmp_path, knobs=())
     (file,) = tmp_path.glob("*.json")
     good = json.loads(file.read_text())["reading"]["value"]
-    file.write_text(file.read_text()[:40])
-    assert studied("front", folder=tmp_path, knobs=()).base.value == good
+    for damaged in (file.read_text()[:40], file.read_text().replace(f'"value": {good}', '"value": 7.0')):
+        file.write_text(damaged)
+        again = studied("front", folder=tmp_path, knobs=())
+        assert again.base.value == good
+        assert any(f"{file.name} is damaged" in note for note in again.notes)
+    assert len(list(tmp_path.glob("*.damaged*"))) == 2
+
+
+def test_a_run_that_another_process_computes_is_waited_for(tmp_path, monkeypatch):
+    """A study that comes second takes the result of the first, and does not run it again."""
+    first = studied("front", folder=tmp_path / "first", knobs=())
+    (file,) = (tmp_path / "first").glob("*.json")
+    held = threading.Event()
+
+    def other():
+        with in_turn(tmp_path / "second" / file.name):
+            held.set()
+            time.sleep(0.3)
+            shutil.copy(file, tmp_path / "second" / file.name)
+
+    process = threading.Thread(target=other)
+    process.start()
+    held.wait()
+    monkeypatch.setattr(sys.modules["refsim.study"], "measure", lambda *arguments: pytest.fail("it is run again"))
+    assert studied("front", folder=tmp_path / "second", knobs=()).runs[0][1] == first.runs[0][1]
+    process.join()
 
 
 def test_a_key_follows_what_changes_a_number():

@@ -4,12 +4,18 @@ import csv
 import dataclasses
 import json
 import math
+import re
+import shutil
+import subprocess
+import sys
 
 import pytest
 
 from refsim import InputError
 from refsim.__main__ import main
 from refsim.cluster import perform
+from refsim.cluster.tasks import Outcome
+from refsim.io.store import write_stored
 from refsim.study import runs, tasks
 from refsim.sweep import TABLE, sweep
 from tests.sweep.small_sweep import SCENE, SWEEP, files, killed_task, observable, points, same_bits, setting
@@ -91,6 +97,65 @@ def test_what_was_computed_is_not_computed_again(folder, capsys):
     assert "2 runs to do, 4 are on file" in said.err
     assert [row["value"] for row in found["runs"]][:4] == [float(row["value"]) for row in rows]
     assert 0 < found["efficiency"] <= 1
+
+
+@pytest.mark.parametrize(
+    "changed, forged",
+    [("7.0", False), ("null", False), ("null", True), ('"abc"', True), ("1e999", True), ('"nan"', True), ("[1]", True)],
+)
+def test_a_result_that_was_edited_is_set_aside_and_computed_anew(folder, changed, forged, capsys):
+    """Also one whose digest was made to fit, if it holds no number."""
+    before = sweep("grid.toml", folder="out", jobs=2)
+    file = min((folder / "out").glob("*.json"))
+    values = json.loads(file.read_text())
+    (value,) = re.findall(r'"value": ([^,]*),', file.read_text())
+    if forged:
+        del values["sha256"]
+        values["reading"]["value"] = json.loads(changed)
+        write_stored(file, values)
+    else:
+        file.write_text(file.read_text().replace(f'"value": {value}', f'"value": {changed}'))
+    assert main(["sweep", "grid.toml", "--output", "out", "--jobs", "1", "--quiet", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["computed"] == 1
+    assert [row["value"] for row in found["runs"]] == [reading.value for reading in before.readings]
+    (note,) = found["notes"]
+    assert f"{file.name} is damaged (it " in note
+    assert (folder / "out" / f"{file.name}.damaged").is_file()
+
+
+def test_two_sweeps_at_once_both_have_all_values(folder):
+    """Every run takes its turn: the other sweep finds its result on file."""
+    (folder / "own.py").write_text(
+        "import os, time\ndef f(simulation):\n    time.sleep(0.05)\n    return simulation.time\n"
+    )
+    (folder / "grid.toml").write_text(SWEEP.replace("kinetic_energy", "own.py:f"))
+    command = [sys.executable, "-m", "refsim", "sweep", "grid.toml", "--jobs", "2", "--output", "out", "--quiet"]
+    both = [
+        subprocess.Popen([*command, "--checkpoint-every", "1e-9"], stdout=subprocess.PIPE, text=True) for _ in range(2)
+    ]
+    said = [process.communicate(timeout=120)[0] for process in both]
+    assert [process.returncode for process in both] == [0, 0], said
+    rows = list(csv.DictReader((folder / "out" / TABLE).read_text().splitlines()))
+    assert all(float(row["value"]) == pytest.approx(0.002) for row in rows)
+    assert len(rows) == 4
+    assert len(list((folder / "out").glob("*.json"))) == 4
+    assert not list((folder / "out").glob("*.lock"))
+
+
+def test_what_another_process_has_computed_meanwhile_is_not_reported_as_missing(folder, monkeypatch):
+    whole = sweep("grid.toml", folder="whole", jobs=2)
+
+    def fails(tasks, **options):
+        for task in tasks:
+            yield Outcome(task, error=InputError("checkpoint cannot be written"))
+        for file in (folder / "whole").glob("*.json"):  # the other one ends
+            shutil.copy(file, folder / "out" / file.name)
+
+    monkeypatch.setattr("refsim.sweep.perform", fails)
+    found = sweep("grid.toml", folder="out", jobs=2)
+    assert found.readings == whole.readings
+    assert not found.missing
 
 
 def test_a_run_that_diverges_is_a_result_with_a_reason(folder, capsys):
