@@ -22,6 +22,8 @@ from refsim.io.scenes import scene_from_checkpoint, scene_to_checkpoint
 from refsim.neighbours import SearchLog
 from refsim.scene.plan import Plan, make_plan
 
+ROUNDED = 1 + 1e-5  # of a number that was added up, or that a GPU computed in float32
+
 
 class Clock(msgspec.Struct, frozen=True, kw_only=True):
     """Numbers of a run that outlive a step, as `snapshot` writes them beside its arrays; SI units.
@@ -40,10 +42,10 @@ class Clock(msgspec.Struct, frozen=True, kw_only=True):
     stopped_at_walls: int
     limiters: str
     versions: str
-    first_length: float | None = None
-    search_log: str = "{}"
-    energy_audit: str | None = None
-    remarks: str = "{}"
+    search_log: str
+    remarks: str
+    first_length: float | None = None  # None before the first step
+    energy_audit: str | None = None  # None where the scene has none
     origin: str | None = None  # of the positions, as JSON; None of a version whose positions had no residual
 
 
@@ -88,6 +90,9 @@ def load_checkpoint(path: str | os.PathLike[str]) -> SavedRun:
     def wrong(what: str) -> InputError:
         return InputError(f"checkpoint {file}: {what}; start the run again.")
 
+    for field in msgspec.structs.fields(Clock):
+        if field.required and field.encode_name not in saved.attributes:
+            raise wrong(f"it lacks {field.encode_name!r}, so that it is not one of a run of this refsim")
     try:
         clock = msgspec.convert(saved.attributes, Clock)
         limiters = msgspec.json.decode(clock.limiters, type=dict[str, int])
@@ -108,9 +113,16 @@ def load_checkpoint(path: str | os.PathLike[str]) -> SavedRun:
     for name, value in counts.items():
         if not 0 <= value < 2**63:
             raise wrong(f"{name} = {value} is no count")
+    if clock.first_length is None and clock.steps:
+        raise wrong("it lacks 'first_length', the length of the first of its steps")
     for name, length in lengths.items():
         if not 0 <= length <= GREATEST:
             raise wrong(f"{name} = {length} is not possible")
+    for name in ("previous_length", "first_length") if clock.steps else ():
+        if not 0 < lengths[name] <= clock.time * ROUNDED:
+            raise wrong(f"{name} = {lengths[name]:g} s is no step of a run that has come to {clock.time:g} s")
+    if clock.margin > (widest := plan.scene.skin * plan.list_radius) * ROUNDED:
+        raise wrong(f"margin = {clock.margin:g} m is more than the neighbour list's skin of {widest:g} m")
     if not clock.squared_displacement >= 0:
         raise wrong(f"squared_way = {clock.squared_displacement} is not possible")
     if not log.keys() <= {f.name for f in dataclasses.fields(SearchLog)}:
@@ -120,6 +132,8 @@ def load_checkpoint(path: str | os.PathLike[str]) -> SavedRun:
     if origin != plan.grid.origin:
         raise wrong(f"its positions are relative to {list(origin)} m and the scene's to {list(plan.grid.origin)} m")
     residual = "field.position_residual"
+    if clock.origin is None and residual in saved.arrays:
+        raise wrong("it lacks 'origin', the place to which its positions are relative")
     if clock.origin is None and residual in shapes:
         shape, dtype = shapes[residual]
         saved.arrays.setdefault(residual, np.zeros(shape, dtype))
@@ -139,6 +153,9 @@ def load_checkpoint(path: str | os.PathLike[str]) -> SavedRun:
         raise wrong(f"{int((state['mass'] <= 0).sum())} of its particles have no positive mass")
     if not np.array_equal(np.sort(state["identity"]), np.arange(plan.grid.count)):
         raise wrong("its particles' numbers (identity) are not each of 0, 1, 2, ... once")
+    places = state["position"]
+    if len(places) > 1 and (places == places[0]).all():
+        raise wrong(f"its {len(places)} particles are all at one place")
     build_position = saved.arrays["build_position"]
     if plan.grid.dim == 2 and any(v[:, 2].any() for v in (state["position"], state["velocity"], build_position)):
         raise wrong("it has particles with another z or v_z than 0 in a 2D scene")

@@ -248,6 +248,47 @@ def test_a_checkpoint_that_lacks_something_is_refused(tmp_path, lost):
         Simulation.resume(tmp_path / "c.h5")
 
 
+ALWAYS = (
+    "backend", "time", "steps", "previous_length", "first_length", "squared_way", "margin", "set_between_steps",
+    "list_built", "stopped_at_walls", "limiters", "versions", "search_log", "remarks", "origin", "scene",
+)  # fmt: skip
+
+
+def test_a_checkpoint_that_lacks_any_of_its_attributes_is_refused(tmp_path):
+    simulation = Simulation(tank(), "numpy")
+    simulation.step()
+    simulation.checkpoint(tmp_path / "c.h5")
+    saved = read_checkpoint(tmp_path / "c.h5")
+    assert set(saved.attributes) == set(ALWAYS)
+    for lost in ALWAYS:
+        left = {name: value for name, value in saved.attributes.items() if name != lost}
+        write_checkpoint(tmp_path / "c.h5", saved.arrays, left)
+        words = "has no scene" if lost == "scene" else f"lacks '{lost}'"
+        with pytest.raises(InputError, match=rf"{words}.*; start the run again\.$"):
+            load_checkpoint(tmp_path / "c.h5")
+
+
+@pytest.mark.parametrize(
+    "change, words",
+    [
+        ({"previous_length": 1e30}, r"previous_length = 1e\+30 s is no step of a run that has come to"),
+        ({"previous_length": 0.0}, "previous_length = 0 s is no step"),
+        ({"first_length": 1e30}, r"first_length = 1e\+30 s is no step"),
+        ({"first_length": 0.0}, "first_length = 0 s is no step"),
+        ({"margin": 1e30}, r"margin = 1e\+30 m is more than the neighbour list's skin of 0\.00"),
+    ],
+)
+def test_lengths_that_no_run_has_after_its_steps_are_refused(tmp_path, change, words):
+    simulation = Simulation(tank(), "numpy")
+    for _ in range(3):
+        simulation.step()
+    simulation.checkpoint(tmp_path / "c.h5")
+    saved = read_checkpoint(tmp_path / "c.h5")
+    write_checkpoint(tmp_path / "c.h5", saved.arrays, saved.attributes | change)
+    with pytest.raises(InputError, match=words):
+        load_checkpoint(tmp_path / "c.h5")
+
+
 @pytest.mark.parametrize(
     "change, words",
     [
@@ -294,6 +335,7 @@ def with_row(array, row, value):
         ("field.mass", lambda a: a.astype("float64"), "the scene has float32"),
         ("field.identity", lambda a: with_row(a, 3, 4), "identity"),
         ("field.identity", lambda a: with_row(a, 3, 2**31 - 1), "identity"),
+        ("field.position", lambda a: np.tile(a[:1], (len(a), 1)), r"its \d+ particles are all at one place"),
         ("field.position", lambda a: with_row(a, (0, 2), 0.5), "z than 0 in a 2D scene"),
         ("field.velocity", lambda a: with_row(a, (0, 2), 0.5), "v_z than 0 in a 2D scene"),
         ("field.velocity", lambda a: a.astype("complex64"), "the scene has float32"),
