@@ -2,6 +2,9 @@
 
 The digest covers the run's parameters and the code of every module that its function imports, directly or through
 others. Comments, docstrings and layout do not count, so that a result outlives their edits.
+
+result.json begins with the digest of its content and has that of arrays.npz; a folder that does not match is renamed to
+`*.damaged`, and so is one that was written before there were digests.
 """
 
 from __future__ import annotations
@@ -11,10 +14,12 @@ import functools
 import gzip
 import hashlib
 import inspect
+import io
 import json
 import math
 import os
 import shutil
+import sys
 import tempfile
 import zlib
 from collections.abc import Callable, Iterable, Mapping
@@ -23,6 +28,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from refsim.io.store import read_stored, set_aside, write_stored
 
 FORMAT = 1
 # Modules of this package that name, judge, keep, draw and tell what runs give: no result depends on them.
@@ -160,8 +167,10 @@ def save(folder: Path, result: Result) -> None:
     partial = Path(tempfile.mkdtemp(prefix=".partial-", dir=folder.parent))
     try:
         np.savez_compressed(partial / "arrays.npz", **result.arrays)
-        document = {"about": result.about, "values": finite(result.values)}
-        (partial / "result.json").write_text(json.dumps(document, indent=1, allow_nan=False))
+        arrays = hashlib.sha256((partial / "arrays.npz").read_bytes()).hexdigest()
+        write_stored(
+            partial / "result.json", {"arrays": arrays} | finite({"about": result.about, "values": result.values})
+        )
         if folder.exists():
             shutil.rmtree(folder)
         os.replace(partial, folder)
@@ -170,14 +179,26 @@ def save(folder: Path, result: Result) -> None:
 
 
 def load(folder: Path) -> Result | None:
-    """The result in `folder`, or None where there is none that can be read."""
-    try:
-        document = json.loads((folder / "result.json").read_text())
-        with np.load(folder / "arrays.npz") as stored:
-            arrays = {name: stored[name] for name in stored.files}
-    except (OSError, ValueError):
-        return None
-    return Result(document["values"], arrays, document["about"])
+    """The result in `folder`; None where there is none, or a damaged one, which is said and set aside.
+
+    Raises InputError where it cannot be read.
+    """
+    notes: list[str] = []
+    document = read_stored(folder / "result.json", notes, folder)
+    result = None
+    if document is not None:
+        try:
+            content = (folder / "arrays.npz").read_bytes()
+            if hashlib.sha256(content).hexdigest() != document["arrays"]:
+                raise ValueError("not the arrays of this result")
+            with np.load(io.BytesIO(content)) as stored:
+                arrays = {name: stored[name] for name in stored.files}
+            result = Result(document["values"], arrays, document["about"])
+        except (OSError, ValueError, KeyError):
+            set_aside(folder, "holds other arrays than those of its digest", notes)
+    for note in notes:
+        print(note, file=sys.stderr)
+    return result
 
 
 def origin(results: Iterable[Result]) -> dict[str, Any]:

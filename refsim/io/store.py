@@ -38,10 +38,11 @@ def write_stored(path: Path, values: Mapping[str, Any]) -> None:
     replace_file(path, stored_bytes(path.name, values))
 
 
-def read_stored(path: Path, notes: list[str] | None = None) -> dict[str, Any] | None:
+def read_stored(path: Path, notes: list[str] | None = None, whole: Path | None = None) -> dict[str, Any] | None:
     """What `write_stored` wrote; None where there is no file, or a damaged one, which is set aside.
 
     notes  is given a sentence about a damaged file
+    whole  the result's folder, which is then set aside instead of the file alone
 
     Raises InputError where the file cannot be read.
     """
@@ -59,7 +60,7 @@ def read_stored(path: Path, notes: list[str] | None = None) -> dict[str, Any] | 
         found: dict[str, Any] = json.loads(b"{" + content[head.end() :])
         return found
     why = "has no digest at its beginning" if head is None else "does not match its digest"
-    set_aside(path, why, notes)
+    set_aside(whole or path, why, notes)
     return None
 
 

@@ -279,12 +279,30 @@ def test_a_result_is_whole_or_not_there(options, monkeypatch):
     assert list((options.results / "fake").iterdir()) == []
 
 
-def test_an_unreadable_result_is_computed_anew(options):
+def test_a_damaged_result_is_said_set_aside_and_computed_anew(options, capsys):
     perform(fake(), options)
     (folder,) = (options.results / "fake").iterdir()
-    (folder / "result.json").write_text("{")
+    about = json.loads((folder / "result.json").read_text())
+    old = json.dumps({name: about[name] for name in ("about", "values")})
+    for number, (name, damage) in enumerate([
+        ("result.json", lambda content: b"{"),
+        ("result.json", lambda content: content.replace(b'"double": 4', b'"double": 7')),
+        ("result.json", lambda content: old.encode()),
+        ("arrays.npz", lambda content: content[:-1] + b"\1"),
+        ("arrays.npz", lambda content: b""),
+        ("arrays.npz", None),
+    ], 2):  # fmt: skip
+        whole = (folder / name).read_bytes()
+        (folder / name).unlink()
+        if damage is not None:
+            assert damage(whole) != whole
+            (folder / name).write_bytes(damage(whole))
+        perform(fake(), options)
+        assert len(CALLS) == number
+        assert f"{folder} is damaged" in capsys.readouterr().err
+        assert len(list(folder.parent.glob("*.damaged*"))) == number - 1
     perform(fake(), options)
-    assert CALLS == [2, 2]
+    assert len(CALLS) == 7
 
 
 def test_verdicts(tmp_path):
