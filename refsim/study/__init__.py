@@ -222,6 +222,10 @@ def _measured(
                 reading = kept(folder, keys[k])
                 if reading is None:
                     reading = measure(setting, observable, reaches, threads, progress)
+                    if key_of(setting, observable, reaches, threads) != keys[k]:
+                        raise InputError(
+                            f"study: a file of the scene has changed while it ran ({setting.label}); call it again."
+                        )
                     keep(folder, keys[k], setting, reading)
             found[k] = reading
             say(f"  {reading.failed}" if reading.failed else f"  {reading.value:.6g} in {in_time(reading.seconds)}")

@@ -10,9 +10,11 @@ FILE.py:function                  function(simulation) -> float
 from __future__ import annotations
 
 import hashlib
+import pickle
 import re
 import runpy
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -28,6 +30,7 @@ from refsim.study.local_modules import forget, local_modules
 
 OVER_ALL: dict[str, Callable[[np.ndarray], Any]] = {"mean": np.mean, "max": np.max, "min": np.min}
 LINK = 2.0  # spacings up to which two particles of the liquid count as connected
+DEFAULTS = ("__defaults__", "__kwdefaults__")  # of a function's parameters
 Reader = Callable[[Simulation], float]
 
 
@@ -60,7 +63,7 @@ def observable_of(given: str | Callable[[Simulation], float] | Observable, plan:
     if isinstance(given, Observable):
         return given
     if callable(given):
-        return Observable(getattr(given, "__name__", "observable"), "", given, _digest(_source(given)))
+        return Observable(getattr(given, "__name__", "observable"), "", given, _function_digest(given, set()))
     word, _, rest = given.partition(":")
     if word == "front":
         return _front(given, rest or "+x", plan)
@@ -182,10 +185,45 @@ def _from_file(name: str, path: Path, function: str) -> Observable:
     if not callable(found):
         raise InputError(f"observable {name!r}: {path} has no function {function!r}; write FILE.py:function.")
     unit = str(getattr(found, "unit", ""))
-    digest = hashlib.sha256(path.read_bytes() + function.encode())
-    for module, file in sorted(local_modules(path).items()):
-        digest.update(module.encode() + hashlib.sha256(file.read_bytes()).digest())
-    return Observable(f"{path.stem}.{function}", unit, found, digest.hexdigest()[:16])
+    return Observable(f"{path.stem}.{function}", unit, found, digest_of(name))
+
+
+def digest_of(name: str) -> str:
+    """Digest of an observable that is a text: of what it is called, and of a file with the modules that it imports."""
+    path, _, function = name.rpartition(":")
+    if not path.endswith(".py"):
+        return _digest(name)
+    files = {"": Path(path), **local_modules(Path(path))}
+    found = [(module, hashlib.sha256(file.read_bytes()).hexdigest()) for module, file in sorted(files.items())]
+    return _digest(repr((function, found)))
+
+
+def _function_digest(function: Callable[..., Any], seen: set[int]) -> str:
+    """Digest of a function's source, of the values and functions that it names, and of the modules of its file."""
+    import inspect
+
+    seen.add(id(function))
+    parts = [_source(function), _value_digest([getattr(function, name, None) for name in DEFAULTS])]
+    named: dict[str, Any] = {}
+    with suppress(TypeError, ValueError):
+        variables = inspect.getclosurevars(function)
+        named = {**variables.globals, **variables.nonlocals}
+    for word, value in sorted(named.items()):
+        if id(value) not in seen and not inspect.ismodule(value):
+            inner = _function_digest(value, seen) if inspect.isfunction(value) else _value_digest(value)
+            parts.append(f"{word} {inner}")
+    with suppress(TypeError, OSError):
+        for module, file in sorted(local_modules(Path(inspect.getsourcefile(function) or "")).items()):
+            parts.append(f"{module} {hashlib.sha256(file.read_bytes()).hexdigest()}")
+    return _digest("\0".join(parts))
+
+
+def _value_digest(value: Any) -> str:
+    """Digest of a value; of one that cannot be pickled, of how it is shown, which may differ in another process."""
+    try:
+        return hashlib.sha256(pickle.dumps(value)).hexdigest()
+    except Exception:  # objects refuse in any way
+        return repr(value)
 
 
 def _source(function: Callable[..., Any]) -> str:

@@ -13,9 +13,10 @@ from refsim.core.errors import InputError
 from refsim.core.versions import versions
 from refsim.engine.simulation import Simulation
 from refsim.scene.plan import make_plan
+from refsim.scene.scene import Scene
 from refsim.study.memory import bytes_of
-from refsim.study.observables import observable_of
-from refsim.study.runs import REPEATS, Reading, Setting, in_turn, keep, kept, measure, source_digest
+from refsim.study.observables import digest_of, observable_of
+from refsim.study.runs import REPEATS, Reading, Setting, in_turn, keep, kept, measure, scene_digest, source_digest
 
 RUNNING = "running"  # folder of the checkpoints of runs under way, below that of the results
 
@@ -27,6 +28,7 @@ class Work:
     observable  as a text, its file by the whole path
     folder      in which the result is kept, the whole path; below it the run leaves its checkpoints
     made_by     digest of the sources and versions that compute the result
+    read        digest of the files that it reads, as they were when the key was made
     timed       whether its seconds count: then a short run is repeated
     every       seconds of wall time between two checkpoints
     """
@@ -38,6 +40,7 @@ class Work:
     threads: int
     folder: str
     made_by: tuple[tuple[str, str], ...]
+    read: str
     timed: bool
     every: float
 
@@ -52,8 +55,9 @@ def task_of(
     every: float = 60.0,
 ) -> Task:  # fmt: skip
     """The task that computes a run; its memory and its weight follow from the plan."""
-    work = Work(key, setting, whole_name(observable), reaches, threads, str(folder.resolve()), made_by(), timed, every)
-    scene = setting.scene
+    scene, whole = setting.scene, whole_name(observable)
+    read = _read(scene, whole)
+    work = Work(key, setting, whole, reaches, threads, str(folder.resolve()), made_by(), read, timed, every)
     try:
         plan = make_plan(scene)
         memory, particles = bytes_of(plan, setting.backend)["total"], plan.grid.count
@@ -63,6 +67,11 @@ def task_of(
         key, setting.label, compute, (work,), particles * scene.end_time / scene.spacing, memory,
         setting.backend == "cuda",
     )  # fmt: skip
+
+
+def _read(scene: Scene, observable: str) -> str:
+    """Digest of the scene's files and of the observable's."""
+    return f"{scene_digest(scene).hexdigest()} {digest_of(observable)}"
 
 
 def whole_name(observable: str) -> str:
@@ -105,6 +114,10 @@ def _computed(report: Report, work: Work, folder: Path) -> Reading:
         reading = Reading(float("nan"), 0.0, 0.0, 0, 0, 0, 0.0, failed=str(error))
     else:
         reading = read(work.setting, observable)
+    if _read(work.setting.scene, work.observable) != work.read:
+        raise InputError(
+            f"{work.setting.label}: a file that it reads has changed since the command was called; call it again."
+        )
     keep(folder, work.key, work.setting, reading)
     shutil.rmtree(place, ignore_errors=True)
     return reading

@@ -98,6 +98,28 @@ def test_a_key_follows_the_buffers_of_a_mesh_and_so_does_the_mesh(tmp_path):
     assert [reach for *_, reach in found] == pytest.approx([0.05, 0.1])
 
 
+FACTOR = 1.0
+
+
+def test_a_key_follows_the_values_that_a_function_names(monkeypatch):
+    """Those around it, those of its module, its defaults, and what functions that it calls name."""
+    plan, keys = make_plan(block()), []
+
+    def scaled(simulation):
+        return FACTOR * simulation
+
+    def around(value, by=1.0):
+        return (lambda s: value * s, lambda s, by=by: by * s, lambda s: scaled(s))
+
+    for functions in (around(1.0), around(np.ones(2), by=2.0), around(2 * np.ones(2), by=3.0)):
+        keys.append([key(block(), observable_of(function, plan)) for function in functions])
+        again = around(2 * np.ones(2), by=3.0)
+    assert keys[-1] == [key(block(), observable_of(function, plan)) for function in again]
+    monkeypatch.setitem(globals(), "FACTOR", 2.0)
+    keys.append([*keys[-1][:2], key(block(), observable_of(again[2], plan))])
+    assert [len(set(each)) for each in zip(*keys)] == [3, 3, 2]
+
+
 HELPERS = {
     "beside": ("import helper\n", "helper.py", ""),
     "through another": ("import first\n", "helper.py", "import helper"),

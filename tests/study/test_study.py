@@ -9,6 +9,7 @@ import time
 import types
 
 import msgspec
+import numpy as np
 import pytest
 
 import refsim
@@ -16,6 +17,7 @@ from refsim import (
     Ball,
     Box,
     BoxWalls,
+    Cloud,
     Gravity,
     InputError,
     MpmLiquid,
@@ -283,6 +285,19 @@ def test_a_damaged_result_is_measured_anew(tmp_path):
         assert again.base.value == good
         assert any(f"{file.name} is damaged" in note for note in again.notes)
     assert len(list(tmp_path.glob("*.damaged*"))) == 2
+
+
+def test_a_file_of_the_scene_that_changes_during_a_run_leaves_no_result(tmp_path):
+    np.save(tmp_path / "cloud.npy", 0.01 * np.indices((4, 4)).reshape(2, -1).T)
+    scene = msgspec.structs.replace(block(), fluid=(Cloud(file=str(tmp_path / "cloud.npy")),))
+
+    def observable(simulation):
+        np.save(tmp_path / "cloud.npy", 0.01 * np.indices((4, 3)).reshape(2, -1).T)
+        return 1.0
+
+    with pytest.raises(InputError, match=r"a file of the scene has changed while it ran .* call it again"):
+        refsim.study(scene, observable, backend="numpy", knobs=(), folder=tmp_path / "out")
+    assert not list((tmp_path / "out").glob("*.json"))
 
 
 def test_a_run_that_another_process_computes_is_waited_for(tmp_path, monkeypatch):

@@ -185,6 +185,19 @@ def test_a_worker_with_other_sources_refuses(folder, monkeypatch):
     assert not list(folder.glob("*.json"))
 
 
+@pytest.mark.parametrize("name", ["own.py", "helper.py"])
+def test_a_file_that_changes_before_its_run_leaves_no_result(folder, name):
+    """The key is that of the file before."""
+    (folder / "own.py").write_text("import helper\ndef f(simulation):\n    return 1.0\n")
+    (folder / "helper.py").write_text("")
+    (work,) = tasks.task_of("key", setting(folder, 0), "own.py:f", None, 1, folder, False).arguments
+    with open(folder / name, "a") as file:
+        file.write("CHANGED = 1\n")
+    with pytest.raises(InputError, match=r"a file that it reads has changed .* call it again"):
+        tasks.compute(lambda share: None, work)
+    assert not list(folder.glob("*.json"))
+
+
 def test_what_the_machine_lacks_is_not_the_runs_result(folder):
     (folder / "store").mkdir()
     (folder / "store" / "running").write_text("a file")
