@@ -4,6 +4,10 @@ Every equation stands as a readable NumPy reference, a Numba CPU kernel and a CU
 package loads no Numba and compiles nothing.
 """
 
+from refsim.core import stopping  # first, so that Ctrl-C on the command line leaves no traceback from then on
+
+stopping.quiet_while_importing()
+
 from refsim import isosurface, surface_energy
 from refsim.boundary import sampling, signed_distance
 from refsim.boundary.akinci_2012 import BoxWalls

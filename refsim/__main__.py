@@ -12,11 +12,13 @@ import json
 import os
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Any, NoReturn
 
 from refsim.commands import COMMANDS, CommandResult, discover, plain
 from refsim.core.checked import suggestion
-from refsim.core.errors import InputError, RefsimError, RunStopped
+from refsim.core.errors import InputError, RefsimError, RunStopped, refused
+from refsim.core.stopping import heeding
 
 
 class _Parser(argparse.ArgumentParser):
@@ -43,24 +45,41 @@ def main(arguments: Sequence[str] | None = None) -> int:
     arguments = list(sys.argv[1:] if arguments is None else arguments)
     as_json = "--json" in arguments
     try:
-        outcome = _execute(arguments)
+        with heeding():
+            outcome = _execute(arguments)
+            if as_json:
+                _tell(json.dumps(plain(outcome.data), indent=1, allow_nan=False))
+            elif outcome.text:
+                _tell(outcome.text.rstrip("\n"))
+        return outcome.code
     except RefsimError as error:
         return _failed(error, as_json)
     except KeyboardInterrupt:
         return _failed(RunStopped("interrupted", "Interrupted; what was written before is whole."), as_json)
     except MemoryError:
         return _failed(RunStopped("out_of_memory", "No memory is left; take fewer particles."), as_json)
-    except BrokenPipeError:
-        return _closed()
+    except BrokenPipeError:  # the reader has closed standard output, as in `refsim list | head`
+        _leave_output()
+        return 0
+    except OSError as error:
+        return _failed(refused(error), as_json)
+
+
+def _tell(text: str, end: str = "\n") -> None:
+    """Text for standard output. Raises RunStopped("disk_full") or InputError where it cannot be written."""
     try:
-        if as_json:
-            print(json.dumps(plain(outcome.data), indent=1, allow_nan=False))
-        elif outcome.text:
-            print(outcome.text.rstrip("\n"))
-        sys.stdout.flush()
+        print(text, end=end, flush=True)
     except BrokenPipeError:
-        return _closed()
-    return outcome.code
+        raise
+    except OSError as error:
+        _leave_output()
+        raise refused(error, "standard output, after all else was done") from error
+
+
+def _leave_output() -> None:
+    """Write nothing more to standard output, so that what is still to be written there is lost without words."""
+    with suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _execute(arguments: Sequence[str]) -> CommandResult:
@@ -69,7 +88,11 @@ def _execute(arguments: Sequence[str]) -> CommandResult:
     word = next((a for a in arguments if not a.startswith("-")), None)
     if word is not None and word not in COMMANDS:
         raise InputError(f"there is no command {word!r}; {suggestion(word, COMMANDS)}")
-    options, unknown = parser.parse_known_args(arguments)
+    try:
+        options, unknown = parser.parse_known_args(arguments)
+    except SystemExit:  # after --help
+        _tell("", end="")
+        raise
     if unknown:
         command = f"{parser.prog} {options.command}" if options.command else parser.prog
         raise InputError(f"unrecognized arguments: {' '.join(unknown)}; see {command} --help.")
@@ -86,22 +109,18 @@ def _failed(error: RefsimError, as_json: bool) -> int:
     sentence = " ".join(str(error).split())
     sentence += "" if sentence.endswith((".", "?", "!")) else "."
     reason = getattr(error, "reason", None)
-    print(f"refsim: {sentence}" + (f" [{reason}]" if reason else ""), file=sys.stderr)
-    for line in getattr(error, "advice", ()):
-        print(f"  {line}", file=sys.stderr)
+    with suppress(OSError):  # of a terminal that has closed
+        print(f"refsim: {sentence}" + (f" [{reason}]" if reason else ""), file=sys.stderr)
+        for line in getattr(error, "advice", ()):
+            print(f"  {line}", file=sys.stderr)
     if as_json:
         found: dict[str, Any] = {"error": sentence, "reason": reason or "bad_input", "exit_code": error.exit_code}
         report = getattr(error, "report", None)
         if report is not None:
             found["report"] = plain(dataclasses.asdict(report))
-        print(json.dumps(found, indent=1, allow_nan=False))
+        with suppress(OSError, RefsimError):
+            _tell(json.dumps(found, indent=1, allow_nan=False))
     return error.exit_code
-
-
-def _closed() -> int:
-    """The reader has closed standard output (`refsim list | head`): end without a message."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    return 0
 
 
 if __name__ == "__main__":

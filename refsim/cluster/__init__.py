@@ -6,7 +6,7 @@ Contents: perform; the modules tasks (Task, Outcome), pool (processes of this ma
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 
 from refsim.cluster.tasks import Outcome, Task, Watch
 from refsim.core.errors import InputError
@@ -18,8 +18,8 @@ def perform(
     jobs: int | None = None,
     scheduler: str | None = None,
     watch: Watch = lambda shares, workers: None,
-) -> Iterator[Outcome]:
-    """Outcomes of the tasks in the order in which they end.
+) -> Generator[Outcome, None, None]:
+    """Outcomes of the tasks in the order in which they end; what is under way when they are closed ends, too.
 
     jobs       processes of this machine, of one thread each; as many as it has processors by default
     scheduler  address of a Dask scheduler, whose workers do the tasks instead
@@ -29,7 +29,7 @@ def perform(
     input, such as an address where no scheduler answers, and RunStopped("scheduler_lost") where it goes away.
     """
     if not tasks:
-        return iter(())
+        return (outcome for outcome in ())
     if scheduler is not None:
         from refsim.cluster.scheduler import by_scheduler
 

@@ -1,7 +1,8 @@
 """Tasks in processes of this machine.
 
 Each process has an executor of its own, so that a killed one costs its own task alone. A task begins when its memory
-fits beside that of the tasks under way; where tasks need a GPU, each process has one of its own.
+fits beside that of the tasks under way; where tasks need a GPU, each process has one of its own. The processes end with
+the one that started them, however that ends.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ import multiprocessing
 import os
 import signal
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
@@ -20,6 +21,7 @@ from typing import Any
 
 from refsim.cluster.tasks import ATTEMPTS, ONE_THREAD, Outcome, Task, Watch, killed
 from refsim.core.errors import InputError
+from refsim.core.stopping import end_with
 from refsim.core.tables import in_bytes
 
 PAUSE = 0.5  # [s] between two calls of `watch`
@@ -37,7 +39,7 @@ class _Slot:
     began: float = 0.0
 
 
-def by_processes(tasks: Sequence[Task], jobs: int, watch: Watch) -> Iterator[Outcome]:
+def by_processes(tasks: Sequence[Task], jobs: int, watch: Watch) -> Generator[Outcome, None, None]:
     """Outcomes of tasks in `jobs` processes of one thread each, the heaviest task first."""
     devices: list[str | None] = [None] * jobs
     if any(task.gpu for task in tasks):
@@ -46,6 +48,7 @@ def by_processes(tasks: Sequence[Task], jobs: int, watch: Watch) -> Iterator[Out
             raise InputError("no GPU is visible here; take another backend, or a scheduler whose workers have GPUs.")
     context = multiprocessing.get_context("spawn")  # a forked process would inherit the threads of Numba's pool
     shares = context.Array("d", len(tasks), lock=False)
+    parent, alive = context.Pipe(duplex=False)  # the end `alive` is in this process alone
     memory = available_memory()
     waiting = sorted(range(len(tasks)), key=lambda k: -tasks[k].weight)
     free = [_Slot(f"process {k}", device) for k, device in enumerate(devices[: len(tasks)])]
@@ -63,7 +66,7 @@ def by_processes(tasks: Sequence[Task], jobs: int, watch: Watch) -> Iterator[Out
                     slot = free.pop()
                     if slot.executor is None:
                         slot.executor = ProcessPoolExecutor(
-                            1, mp_context=context, initializer=_begin, initargs=(shares,)
+                            1, mp_context=context, initializer=_begin, initargs=(shares, parent)
                         )
                     slot.place, slot.began, shares[place] = place, time.perf_counter(), 0.0
                     attempts[place] += 1
@@ -84,10 +87,15 @@ def by_processes(tasks: Sequence[Task], jobs: int, watch: Watch) -> Iterator[Out
                     error = killed(task, ATTEMPTS)
                 seconds = time.perf_counter() - slot.began
                 yield Outcome(task, None if error else future.result(), error, seconds, slot.name)
+    except BaseException:  # also where the caller wants no more of them: what is under way ends now
+        alive.close()
+        raise
     finally:
         for slot in (*free, *busy.values()):
             if slot.executor is not None:
                 slot.executor.shutdown(cancel_futures=True)
+        alive.close()
+        parent.close()
 
 
 def _too_large(task: Task, memory: float) -> InputError:
@@ -137,10 +145,11 @@ def _environment_of(device: str | None) -> Iterator[None]:
                 os.environ.pop(name, None)
 
 
-def _begin(shares: Any) -> None:
+def _begin(shares: Any, parent: Any) -> None:
     """Make a new process ready."""
     global _shares
     _shares = shares
+    end_with(parent)
     signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C ends it without words; the parent says what is kept
 
 

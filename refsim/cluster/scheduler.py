@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 from contextlib import suppress
 from typing import Any
 
@@ -25,7 +25,7 @@ BETWEEN_REPORTS = 1.0  # [s]
 GPU, MEMORY = "GPU", "MEMORY"  # resources that workers declare
 
 
-def by_scheduler(tasks: Sequence[Task], address: str, watch: Watch) -> Iterator[Outcome]:
+def by_scheduler(tasks: Sequence[Task], address: str, watch: Watch) -> Generator[Outcome, None, None]:
     """Outcomes of tasks on the workers of the scheduler at `address`, in the order in which they end."""
     client = connect(address)
     lost = RunStopped(

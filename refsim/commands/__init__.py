@@ -5,11 +5,13 @@ from __future__ import annotations
 import argparse
 import importlib
 import pkgutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
-from refsim.core.errors import InputError
+from refsim.core.errors import InputError, RunStopped
 from refsim.core.plain import plain as plain
 from refsim.core.tables import in_bytes as in_bytes
 from refsim.core.tables import in_time as in_time
@@ -61,3 +63,16 @@ def planned(scene: Scene, source: str) -> Plan:
         return make_plan(scene)
     except InputError as error:
         raise InputError(f"{source}: {error}") from None
+
+
+@contextmanager
+def kept_in(folder: Path) -> Iterator[None]:
+    """Runs whose results are kept in a folder one by one; an interrupt says so."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        raise RunStopped(
+            "interrupted",
+            f"Interrupted; the results of the finished runs are kept in {folder}, and the same command goes on from"
+            " there.",
+        ) from None

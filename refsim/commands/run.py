@@ -6,16 +6,16 @@ import argparse
 import dataclasses
 import os
 import shlex
-import signal
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 from refsim.backends.loading import load_without_rules
 from refsim.commands import Command, CommandResult, in_time, planned, register, table
 from refsim.core.errors import InputError, RunStopped
+from refsim.core.stopping import heeding
 from refsim.engine.driver import RunReport, simulate
 from refsim.engine.progress import Progress, compiling_bar, say
 from refsim.engine.simulation import Simulation
@@ -113,24 +113,18 @@ def _advice(stop: RunStopped, folder: Path, options: argparse.Namespace) -> tupl
 
 @contextmanager
 def _asked_to_stop() -> Iterator[threading.Event]:
-    """An event that Ctrl-C or SIGTERM sets, so that the run ends between two steps; the second one ends it at once."""
+    """An event that Ctrl-C, SIGTERM or SIGHUP sets: the run ends between two steps; the second one ends it at once."""
     asked = threading.Event()
 
     def ask(number: int, frame: Any) -> None:
         if asked.is_set():
             raise KeyboardInterrupt
         asked.set()
-        say("\nstopping after this step, with a checkpoint; interrupt again to stop at once")
+        with suppress(OSError):  # of a terminal that has closed
+            say("\nstopping after this step, with a checkpoint; interrupt again to stop at once")
 
-    if threading.current_thread() is not threading.main_thread():
+    with heeding(ask):
         yield asked
-        return
-    before = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield asked
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def _text(report: RunReport) -> str:

@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 from refsim import study
-from refsim.commands import Command, CommandResult, register
+from refsim.commands import Command, CommandResult, kept_in, register
 from refsim.core.errors import InputError
 from refsim.study import KNOBS
 from refsim.study.refine import RATIO
@@ -47,22 +47,23 @@ def execute(options: argparse.Namespace) -> CommandResult:
     folder = Path(options.output or f"{Path(options.scene).stem}_study")
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder} is a file; give a folder for the output.")
-    found = study(
-        options.scene,
-        options.observable,
-        levels=options.levels,
-        finer=options.finer,
-        ratio=options.ratio,
-        knobs=[word for word in options.knobs.split(",") if word],
-        error=options.error,
-        reaches=options.reaches,
-        backend=options.backend,
-        threads=options.threads,
-        folder=folder,
-        scheduler=options.scheduler,
-        say=(lambda text: None) if options.quiet else _say,
-        command=_command(options),
-    )
+    with kept_in(folder):
+        found = study(
+            options.scene,
+            options.observable,
+            levels=options.levels,
+            finer=options.finer,
+            ratio=options.ratio,
+            knobs=[word for word in options.knobs.split(",") if word],
+            error=options.error,
+            reaches=options.reaches,
+            backend=options.backend,
+            threads=options.threads,
+            folder=folder,
+            scheduler=options.scheduler,
+            say=(lambda text: None) if options.quiet else _say,
+            command=_command(options),
+        )
     try:
         folder.mkdir(parents=True, exist_ok=True)
         found.report(folder / "study.html")

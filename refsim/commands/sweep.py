@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from refsim.commands import Command, CommandResult, register
+from refsim.commands import Command, CommandResult, kept_in, register
 from refsim.core.errors import InputError
 from refsim.engine.progress import say, wanted
 from refsim.sweep import TABLE, sweep
@@ -39,15 +39,16 @@ def execute(options: argparse.Namespace) -> CommandResult:
     folder = Path(options.output or f"{Path(options.sweep).stem}_sweep")
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder} is a file; give a folder for the output.")
-    found = sweep(
-        options.sweep,
-        folder=folder,
-        jobs=options.jobs,
-        scheduler=options.scheduler,
-        checkpoint_every=options.checkpoint_every,
-        say=(lambda text: None) if options.quiet else say,
-        bar=not options.quiet and wanted(),
-    )
+    with kept_in(folder):
+        found = sweep(
+            options.sweep,
+            folder=folder,
+            jobs=options.jobs,
+            scheduler=options.scheduler,
+            checkpoint_every=options.checkpoint_every,
+            say=(lambda text: None) if options.quiet else say,
+            bar=not options.quiet and wanted(),
+        )
     worked = any(reading is not None and not reading.failed for reading in found.readings)
     code = 0 if worked and not found.missing else FAILED
     return CommandResult(found.data() | {"folder": str(folder)}, f"{found.text()}\n{folder / TABLE}", code)

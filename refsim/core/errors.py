@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from typing import Any
 
 REASONS = {  # why a run stops: the only names that RunStopped takes
@@ -25,7 +26,7 @@ REASONS = {  # why a run stops: the only names that RunStopped takes
     "disk_full": "no space or quota is left; the run can be resumed from the last checkpoint",
     "write_failed": "the disk refused a write for another reason",
     "scheduler_lost": "the scheduler of the workers has gone away; what was finished is kept",
-    "interrupted": "the user stopped the run; it can be resumed from the checkpoint written then",
+    "interrupted": "Ctrl-C, SIGTERM or SIGHUP; the run can be resumed from the checkpoint written then",
 }
 
 
@@ -61,3 +62,16 @@ class RunStopped(RefsimError):
 
     def __str__(self) -> str:
         return self.args[1]
+
+
+NO_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+
+
+def refused(error: OSError, what: str = "") -> RefsimError:
+    """The error to raise for what the system has refused; `what` is said where the error names no file."""
+    why = error.strerror or " ".join(str(error).split()) or type(error).__name__
+    place = what if error.filename is None else str(error.filename)
+    at = f"{place}: " if place else ""
+    if error.errno in NO_SPACE:
+        return RunStopped("disk_full", f"{at}no space is left ({why}); free some, and give the same command again.")
+    return InputError(f"{at}the system refuses it ({why}); give another path, or correct its rights.")

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import closing
 from pathlib import Path
 
 import msgspec
@@ -254,18 +255,19 @@ def _elsewhere(
     say(f"{len(tasks)} runs to do" + (f", {len(readings)} are on file" if readings else ""))
     failed: BaseException | None = None
     by_key = dict(zip(keys, settings))
-    for outcome in perform(list(tasks.values()), scheduler=scheduler):
-        key = outcome.task.key
-        on_file = kept(folder, key, remarks)
-        if outcome.error is not None and on_file is None:
-            failed = outcome.error
-            say(f"{outcome.task.name}: {outcome.error}")
-            continue
-        readings[key] = reading = on_file or outcome.value
-        if on_file is None:  # the worker's folder is another one
-            keep(folder, key, by_key[key], reading)
-        words = reading.failed or f"{reading.value:.6g} in {in_time(reading.seconds)}"
-        say(f"{outcome.task.name}, {outcome.worker}: {words}")
+    with closing(perform(list(tasks.values()), scheduler=scheduler)) as outcomes:
+        for outcome in outcomes:
+            key = outcome.task.key
+            on_file = kept(folder, key, remarks)
+            if outcome.error is not None and on_file is None:
+                failed = outcome.error
+                say(f"{outcome.task.name}: {outcome.error}")
+                continue
+            readings[key] = reading = on_file or outcome.value
+            if on_file is None:  # the worker's folder is another one
+                keep(folder, key, by_key[key], reading)
+            words = reading.failed or f"{reading.value:.6g} in {in_time(reading.seconds)}"
+            say(f"{outcome.task.name}, {outcome.worker}: {words}")
     if failed is not None:
         raise failed
     return [(setting, readings[key]) for setting, key in zip(settings, keys)]

@@ -14,6 +14,7 @@ import os
 import time
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -307,8 +308,11 @@ def sweep(
     by_key = dict(zip(keys, settings))
     if tasks:
         _writable(place)
-    with Progress(list(tasks.values()), bar, say) as progress:
-        for outcome in perform(list(tasks.values()), jobs=jobs, scheduler=scheduler, watch=progress.watch):
+    with (
+        Progress(list(tasks.values()), bar, say) as progress,
+        closing(perform(list(tasks.values()), jobs=jobs, scheduler=scheduler, watch=progress.watch)) as outcomes,
+    ):
+        for outcome in outcomes:
             key = outcome.task.key
             stored = kept(place, key, notes)
             if stored is not None:  # also where another process has computed it meanwhile

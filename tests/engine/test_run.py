@@ -762,11 +762,12 @@ def test_a_killed_run_loses_at_most_the_interval(tmp_path):
 
 
 @posix
-def test_ctrl_c_ends_between_two_steps_with_a_checkpoint(tmp_path):
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_a_run_that_is_asked_to_stop_ends_between_two_steps_with_a_checkpoint(tmp_path, name):
     path, out = tmp_path / "tank.toml", tmp_path / "out"
     path.write_text(scene_to_toml(tank()))
     process = start(path, out, "--checkpoint-every", "0.1")
-    process.send_signal(signal.SIGINT)
+    process.send_signal(getattr(signal, name))
     stdout, stderr = process.communicate(timeout=60)
     assert process.returncode == 3
     assert b"Traceback" not in stderr

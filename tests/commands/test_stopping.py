@@ -1,0 +1,123 @@
+"""Commands that are asked to stop: one sentence, what is kept, and no process that outlives the command."""
+
+import os
+import pathlib
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from refsim.core.stopping import heeding
+
+ROOT = pathlib.Path(__file__).parents[2]
+SCENE = """
+dim = 2
+spacing = 0.01
+support_radius = 0.02
+end_time = 100.0
+[[fluid]]
+shape = "box"
+cells = [4, 6, 1]
+[effects.weakly_compressible]
+sound_speed = 20.0
+"""
+SWEEP = """
+scene = "tank.toml"
+observable = "kinetic_energy"
+backend = "numpy"
+[grid]
+"effects.weakly_compressible.sound_speed" = [20.0, 22.0]
+"""
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+
+
+def start(folder, *words, options=()):
+    """The command `refsim` in a folder, the head of a group of processes."""
+    heeding_ctrl_c = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # not in a background
+    program = heeding_ctrl_c + "import sys; sys.argv[0] = 'refsim'\nfrom refsim.__main__ import main\nsys.exit(main())"
+    return subprocess.Popen(
+        [sys.executable, *options, "-c", program, *words], cwd=folder, text=True, stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE, env={**os.environ, "PYTHONPATH": str(ROOT)}, start_new_session=True,
+    )  # fmt: skip
+
+
+def ended(process, within):
+    """What a process has written, once every process of its group has closed the pipes."""
+    try:
+        return process.communicate(timeout=within)
+    finally:
+        try:
+            os.killpg(process.pid, signal.SIGKILL)
+        except ProcessLookupError:
+            pass
+
+
+@pytest.fixture
+def sweeping(tmp_path):
+    """A sweep whose first run is under way."""
+    (tmp_path / "tank.toml").write_text(SCENE)
+    (tmp_path / "sounds.toml").write_text(SWEEP)
+    process = start(
+        tmp_path, "sweep", "sounds.toml", "--jobs", "1", "--output", "kept", "--quiet", "--checkpoint-every", "0.1"
+    )
+    until = time.monotonic() + 60
+    while not list(tmp_path.glob("kept/running/*/checkpoint.h5")):
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < until
+        time.sleep(0.05)
+    return process
+
+
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_a_sweep_that_is_asked_to_stop_ends_with_its_processes(sweeping, name):
+    began = time.monotonic()
+    sweeping.send_signal(getattr(signal, name))  # to the parent alone
+    out, err = ended(sweeping, 30)
+    assert time.monotonic() - began < 5, "less than 2 s on an idle machine"
+    assert (sweeping.returncode, out) == (3, "")
+    assert err == (
+        "refsim: Interrupted; the results of the finished runs are kept in kept, and the same command goes on from"
+        " there. [interrupted]\n"
+    )
+
+
+def test_the_processes_of_a_killed_sweep_end_with_it(sweeping):
+    sweeping.kill()
+    ended(sweeping, 30)  # the pipes are closed only when no process is left
+
+
+def test_a_study_that_is_asked_to_stop_says_what_is_kept(tmp_path):
+    (tmp_path / "tank.toml").write_text(SCENE)
+    process = start(
+        tmp_path, "study", "tank.toml", "--observable", "kinetic_energy", "--backend", "numpy", "--levels", "1"
+    )
+    assert "runs to do" in process.stderr.readline()
+    process.send_signal(signal.SIGTERM)
+    _, err = ended(process, 30)
+    assert process.returncode == 3
+    assert "the results of the finished runs are kept in tank_study" in err
+    assert "[interrupted]" in err
+    assert "Traceback" not in err
+
+
+def test_ctrl_c_during_the_imports_leaves_no_traceback(tmp_path):
+    process = start(tmp_path, "list", options=("-X", "importtime"))
+    while "numpy" not in process.stderr.readline():
+        pass
+    process.send_signal(signal.SIGINT)
+    out, err = ended(process, 30)
+    assert process.returncode in (-signal.SIGINT, 3)
+    assert out == ""
+    assert "Traceback" not in err
+
+
+def test_a_closed_terminal_is_ignored_under_nohup():
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with heeding():
+            assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+            assert signal.getsignal(signal.SIGTERM) is signal.default_int_handler
+    finally:
+        signal.signal(signal.SIGHUP, before)
