@@ -19,7 +19,7 @@ from typing import Any
 
 import numba
 
-from refsim.backends.cache_files import check_files, in_turn, is_stored, refuse_foreign
+from refsim.backends.cache_files import check_files, in_turn, is_shared, is_stored, refuse_foreign
 from refsim.backends.private import names
 
 _REFSIM = pathlib.Path(__file__).parents[1]
@@ -122,6 +122,11 @@ def cache_folder(path: pathlib.Path) -> str:
     return str(folder)
 
 
+def _folders(folder: pathlib.Path) -> list[pathlib.Path]:
+    """A folder of the cache, that of all caches, and those that Numba has made inside."""
+    return [folder.parent, folder, *(inside for inside in folder.iterdir() if inside.is_dir())]
+
+
 def cached(dispatcher: Any, function: Callable, origin: tuple[str, str] | None = None) -> Any:
     """The dispatcher with refsim's cache; `origin` are module and name under which other processes find the kernel."""
     if not hasattr(dispatcher, "enable_caching"):  # plain Python under NUMBA_DISABLE_JIT and in the simulator
@@ -131,7 +136,7 @@ def cached(dispatcher: Any, function: Callable, origin: tuple[str, str] | None =
         return dispatcher
     path = pathlib.Path(function.__code__.co_filename)
     folder = str(path.parent) if path.parent.parent == cache_root() else cache_folder(path)  # a wrapper, or a source
-    if not os.access(folder, os.W_OK):
+    if not os.access(folder, os.W_OK) or any(map(is_shared, _folders(pathlib.Path(folder)))):
         return dispatcher
     before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, folder
     mask = os.umask(0o077)  # Numba makes a folder of its own inside

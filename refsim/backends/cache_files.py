@@ -46,6 +46,23 @@ def refuse_foreign(folder: Path) -> None:
     )
 
 
+def is_shared(folder: Path) -> bool:
+    """Whether the group of a folder of the cache, but not every user, may write to it; a warning says so once."""
+    try:
+        mode = os.stat(folder).st_mode if hasattr(os, "geteuid") else 0
+    except OSError:
+        return False
+    shared = bool(mode & stat.S_IWGRP) and not mode & stat.S_IWOTH
+    if shared:
+        tell_once(
+            "shared",
+            f"the compile cache {folder} is not used, because its group can write to it and could place code there that"
+            f" refsim would run; run `chmod g-w {folder}`, or set REFSIM_CACHE_DIR to a folder that only you can write"
+            " to.",
+        )
+    return shared
+
+
 def check_files(cache: Any) -> None:
     """Let Numba's `cache` of one kernel check what it reads, and go on without what it cannot write."""
     files = cache._cache_file

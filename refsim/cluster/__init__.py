@@ -29,7 +29,7 @@ def perform(
     input, such as an address where no scheduler answers, and RunStopped("scheduler_lost") where it goes away.
     """
     if not tasks:
-        return (outcome for outcome in ())
+        return (outcome for outcome in list[Outcome]())
     if scheduler is not None:
         from refsim.cluster.scheduler import by_scheduler
 

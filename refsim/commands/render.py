@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import os
 import time
-from pathlib import Path
 from typing import Any
 
 from refsim.commands import Command, CommandResult, in_bytes, in_time, register, table
@@ -52,7 +52,7 @@ def execute(options: argparse.Namespace) -> CommandResult:
     if options.film:
         written = [write_film(options.run, look, options.frames, options.film, options.per_second)]
     else:
-        output = options.output or f"{Path(options.run).resolve().name}.png"
+        output = options.output or f"{os.path.basename(os.path.realpath(options.run))}.png"
         written = write_pictures(options.run, look, options.frames, output)
     seconds = time.perf_counter() - began
     rows = [(path, in_bytes(path.stat().st_size)) for path in written]

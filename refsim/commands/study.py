@@ -10,6 +10,7 @@ from pathlib import Path
 from refsim import study
 from refsim.commands import Command, CommandResult, kept_in, register
 from refsim.core.errors import InputError
+from refsim.io.checkpoint import cannot_write, replace_file
 from refsim.study import KNOBS
 from refsim.study.refine import RATIO
 
@@ -67,9 +68,9 @@ def execute(options: argparse.Namespace) -> CommandResult:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         found.report(folder / "study.html")
-        found.plot().savefig(folder / "study.png", dpi=110)
+        replace_file(folder / "study.png", found.png())
     except OSError as error:
-        raise InputError(f"study: {folder} cannot be written ({error.strerror or error}); give another one.") from error
+        raise cannot_write("study", folder, error, "its runs are kept") from error
     text = f"{found.text()}\n{folder / 'study.html'}, {folder / 'study.png'}"
     return CommandResult(found.data() | {"folder": str(folder)}, text, 0 if found.convergence else FAILED)
 

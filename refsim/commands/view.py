@@ -9,6 +9,7 @@ from pathlib import Path
 
 from refsim.commands import Command, CommandResult, in_bytes, register
 from refsim.core.errors import InputError
+from refsim.io.checkpoint import cannot_write
 
 DESCRIPTION = (
     "Show a run in the browser: turn, play, colour by any field, clip. With --html the page is written to a file, which"
@@ -30,16 +31,19 @@ def execute(options: argparse.Namespace) -> CommandResult:
     from refsim.render.view import view
 
     fields = None if options.fields is None else [name.strip() for name in options.fields.split(",") if name.strip()]
-    if options.html is not None and not Path(options.html).resolve().parent.is_dir():
+    if options.html is not None and not Path(options.html).parent.is_dir():
         raise InputError(f"there is no folder {str(Path(options.html).parent)!r} for the page; make it.")
     page = view(options.run, options.frames, fields)
     path = Path(options.html) if options.html is not None else Path(tempfile.mkdtemp(prefix="refsim_")) / "view.html"
-    page.save(path)
+    try:
+        page.save(path)
+    except OSError as error:
+        raise cannot_write("page", path, error, "nothing is left of it") from error
     size = path.stat().st_size
     words = f"{path}  {in_bytes(size)}"
     if page.left_out:
         words += f"\nfields left out: {', '.join(page.left_out)}; --fields selects others"
-    if options.html is None and not webbrowser.open(path.resolve().as_uri()):
+    if options.html is None and not webbrowser.open(path.absolute().as_uri()):
         words += "\nno browser was found: open the file in one"
     return CommandResult({"file": str(path), "bytes": size, "left_out": list(page.left_out)}, words)
 

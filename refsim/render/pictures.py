@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import errno
+import io
 import os
+import shutil
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,7 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from refsim.core.errors import InputError
+from refsim.core.errors import InputError, RunStopped
+from refsim.io.checkpoint import cannot_write, remove_stale_temporaries, replace_file, temporary_path
 from refsim.io.frames import Frame
 from refsim.render.looks import (
     MAP,
@@ -31,6 +36,8 @@ from refsim.render.surfaces import CELL, METHODS, SurfaceMesh, splash_surface, s
 SIZE = (1280, 960)
 USUAL = 0.005, 0.995  # shares of a frame's particles with values below the ends of the colour bar
 PER_SECOND = 25  # pictures of a film
+LEAST_FREE = 1 << 20  # bytes of a disk below which it counts as full
+FORMATS = {".png": "png", ".webp": "webp", ".jpg": "jpeg"}
 INK = "#1f2933"
 BACKGROUNDS = {"paper": "white", "water": "#e9eef2", "particles": "white"}
 
@@ -327,7 +334,7 @@ def write_pictures(
     Raises InputError for a run, look or path that is not possible.
     """
     path = Path(output)
-    if path.suffix not in (".png", ".webp", ".jpg"):
+    if path.suffix not in FORMATS:
         raise InputError(f"{os.fspath(output)!r} is no picture; give a name that ends in .png, .webp or .jpg.")
     if not path.parent.is_dir():
         raise InputError(f"there is no folder {str(path.parent)!r} for the picture; make it.")
@@ -338,7 +345,12 @@ def write_pictures(
     written = []
     for number, image in series:
         each = path if len(series.chosen) == 1 else path.with_stem(f"{path.stem}_{number:04d}")
-        Image.fromarray(image).save(each)
+        drawn = io.BytesIO()
+        Image.fromarray(image).save(drawn, format=FORMATS[path.suffix])
+        try:
+            replace_file(each, drawn.getvalue())
+        except OSError as error:
+            raise cannot_write("picture", each, error, "pictures before it are whole") from error
         written.append(each)
     return written
 
@@ -367,14 +379,39 @@ def write_film(
     found = open_run(run)
     width, height = (n - n % 2 for n in look.size)
     series = Series(found, look, chosen_frames(frames or "all", len(found.times)))
+    remove_stale_temporaries(path)
+    beside = temporary_path(path)
+    try:
+        beside.touch()
+    except OSError as error:
+        raise cannot_write("film", path, error, "nothing is left of it") from error
     film = imageio_ffmpeg.write_frames(
-        str(path), (width, height), fps=per_second, codec="libx264", quality=None, macro_block_size=2,
-        output_params=["-crf", "20", "-preset", "slow", "-movflags", "+faststart"],
+        str(beside), (width, height), fps=per_second, codec="libx264", quality=None, macro_block_size=2,
+        output_params=["-crf", "20", "-preset", "slow", "-movflags", "+faststart", "-f", "mp4"],
     )  # fmt: skip
     film.send(None)
     try:
         for _, image in series:
-            film.send(np.ascontiguousarray(image[:height, :width]))
+            try:
+                film.send(np.ascontiguousarray(image[:height, :width]))
+            except OSError:
+                raise _film_refused(path) from None
+        film.close()
+        try:
+            frames_written, _ = imageio_ffmpeg.count_frames_and_secs(str(beside))
+        except (OSError, RuntimeError):
+            frames_written = 0
+        if frames_written != len(series.chosen):
+            raise _film_refused(path)
+        os.replace(beside, path)
     finally:
         film.close()
+        with suppress(OSError):
+            beside.unlink(missing_ok=True)
     return path
+
+
+def _film_refused(path: Path) -> InputError | RunStopped:
+    """The error where ffmpeg, which gives no number of the system, could not write a film."""
+    number = errno.ENOSPC if shutil.disk_usage(path.parent).free < LEAST_FREE else errno.EIO
+    return cannot_write("film", path, OSError(number, os.strerror(number)), "nothing is left of it")

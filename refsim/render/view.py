@@ -7,6 +7,7 @@ import gzip
 import html
 import json
 import os
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -87,14 +88,18 @@ def make_view(run: SavedRun, chosen: Sequence[int], fields: Sequence[str] | None
     if run.mesh is not None:
         corners = (run.mesh.mesh.vertices + run.mesh.mesh.origin)[run.mesh.mesh.faces]
         blobs["mesh"] = np.stack([corners, _corner_normals(run.mesh.mesh)]).astype("<f4").tobytes()
+    return View(_page(run.plan.scene.name, head, blobs), left_out)
+
+
+def _page(title: str, head: dict[str, Any], blobs: dict[str, bytes]) -> str:
+    """The page with what its marks stand for, each escaped; marks inside of that are text."""
     data = "\n".join(
         f'<script id="{name}" type="text/plain">{base64.b64encode(gzip.compress(blob, 6, mtime=0)).decode()}</script>'
         for name, blob in blobs.items()
     )
-    title = html.escape(run.plan.scene.name)
     words = json.dumps(head, allow_nan=False).replace("<", "\\u003c")
-    page = PAGE.read_text(encoding="utf-8")
-    return View(page.replace("@TITLE@", title, 1).replace("@HEAD@", words, 1).replace("@DATA@", data, 1), left_out)
+    marks = {"@TITLE@": html.escape(title), "@HEAD@": words, "@DATA@": data}
+    return re.sub("|".join(marks), lambda mark: marks[mark[0]], PAGE.read_text(encoding="utf-8"))
 
 
 def _fields(run: SavedRun, wanted: Sequence[str] | None) -> tuple[list[str], tuple[str, ...]]:

@@ -17,6 +17,8 @@ import numpy as np
 from refsim.core.errors import InputError
 from refsim.core.reading import GREATEST, open_regular
 
+ARCHIVES = ("zip", "gz", "bz2", "xz", "tar", "tgz", "7z", "3mf", "3dxml", "zae")  # a few MB can unpack to all memory
+
 
 def read_mesh(path: str | os.PathLike[str], what: str = "mesh", opened: list[str] | None = None) -> Any:
     """The mesh in a file as trimesh holds it, in numbers that are finite.
@@ -39,6 +41,11 @@ def read_mesh(path: str | os.PathLike[str], what: str = "mesh", opened: list[str
                 return file.read()
 
     kind = Path(path).suffix[1:].lower()
+    if kind in ARCHIVES:
+        raise InputError(
+            f"{what}: {str(path)!r} is an archive, which refsim does not unpack; give the mesh in it, as .obj, .ply or"
+            " .stl."
+        )
     options = {"skip_materials": True} if kind in ("gltf", "glb", "obj", "ply") else {}  # no texture has to be there
     try:
         with open_regular(path) as file, _silent():

@@ -49,7 +49,7 @@ class Observable:
             return float(self.read(simulation))
         except InputError:
             raise
-        except Exception as error:  # a user's own function may fail in any way
+        except (Exception, SystemExit) as error:  # a user's own function may fail in any way, and end the program
             raise InputError(
                 f"observable {self.name}: it cannot be read ({type(error).__name__}: {error}); correct the function."
             ) from error
@@ -178,7 +178,7 @@ def _from_file(name: str, path: Path, function: str) -> Observable:
     forget(local_modules(path))
     try:
         found = runpy.run_path(str(path)).get(function)
-    except Exception as error:  # the file is the user's program
+    except (Exception, SystemExit) as error:  # the file is the user's program
         raise InputError(
             f"observable {name!r}: {path} cannot be run ({type(error).__name__}: {error}); correct it."
         ) from error
@@ -236,5 +236,5 @@ def _source(function: Callable[..., Any]) -> str:
         return repr(getattr(function, "__code__", function))
 
 
-def _digest(text: str) -> str:
-    return hashlib.sha256(text.encode()).hexdigest()[:16]
+def _digest(content: str | bytes) -> str:
+    return hashlib.sha256(content.encode() if isinstance(content, str) else content).hexdigest()[:16]

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from refsim.core.tables import in_bytes, in_time, table
+from refsim.io.checkpoint import replace_file
 from refsim.scene.scene import Scene
 from refsim.study.convergence import Convergence
 from refsim.study.runs import Reading, Setting
@@ -282,9 +283,7 @@ class Study:
 
     def report(self, path: str | os.PathLike[str]) -> Path:
         """Write table, picture and answers as one self-contained HTML file; its path."""
-        drawn = io.BytesIO()
-        self.plot().savefig(drawn, format="png", dpi=110)
-        picture = base64.b64encode(drawn.getvalue()).decode()
+        picture = base64.b64encode(self.png()).decode()
         rows = "".join(_html_row(cells) for cells in self.cells())
         answers = "".join(f"<li>{html.escape(line)}</li>" for line in (*self.answers(), *self.left_out))
         head = "".join(f"<th>{name}</th>" for name in self.HEAD)
@@ -296,8 +295,14 @@ class Study:
             f'<img alt="value against spacing, error against time, cost and change of each setting"'
             f' src="data:image/png;base64,{picture}"><table><tr>{head}</tr>{rows}</table><p>{how}</p></body></html>\n'
         )
-        Path(path).write_text(text, encoding="utf-8")
+        replace_file(Path(path), text.encode())
         return Path(path)
+
+    def png(self) -> bytes:
+        """The picture as a file."""
+        drawn = io.BytesIO()
+        self.plot().savefig(drawn, format="png", dpi=110)
+        return drawn.getvalue()
 
 
 STYLE = (

@@ -57,7 +57,7 @@ def task_of(
     """The task that computes a run; its memory and its weight follow from the plan."""
     scene, whole = setting.scene, whole_name(observable)
     read = _read(scene, whole)
-    work = Work(key, setting, whole, reaches, threads, str(folder.resolve()), made_by(), read, timed, every)
+    work = Work(key, setting, whole, reaches, threads, os.path.realpath(folder), made_by(), read, timed, every)
     try:
         plan = make_plan(scene)
         memory, particles = bytes_of(plan, setting.backend)["total"], plan.grid.count

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import copy
 import csv
+import errno
 import io
 import itertools
 import math
@@ -25,7 +26,7 @@ from refsim.backends.arrays import unavailable
 from refsim.cluster import perform
 from refsim.core.errors import InputError
 from refsim.core.tables import in_time, table
-from refsim.io.checkpoint import replace_file
+from refsim.io.checkpoint import cannot_write, replace_file
 from refsim.io.store import in_turn
 from refsim.scene.files import load_scene, scene_from_dict, scene_to_dict, suggestion
 from refsim.scene.plan import make_plan
@@ -192,7 +193,7 @@ def read_sweep(path: str | os.PathLike[str]) -> Sweep:
 def points_of(given: Sweep, folder: Path, source: str) -> list[Point]:
     """All runs of a sweep. Raises InputError for a parameter or a value that its scene does not have."""
     path = folder / given.scene
-    base = scene_to_dict(load_scene(path.resolve()))
+    base = scene_to_dict(load_scene(os.path.realpath(path)))
     for name, values in given.grid.items():
         if not values:
             raise InputError(f"{source}: [grid] gives no value for {name!r}; give at least one.")
@@ -338,8 +339,11 @@ def sweep(
         notes=tuple(notes),
     )
     _writable(place)
-    with in_turn(place / TABLE):
-        replace_file(place / TABLE, found.csv().encode())
+    try:
+        with in_turn(place / TABLE):
+            replace_file(place / TABLE, found.csv().encode())
+    except OSError as error:
+        raise cannot_write("table", place / TABLE, error, "finished runs are kept") from error
     return found
 
 
@@ -362,7 +366,7 @@ def _from_folder(observable: str, folder: Path) -> str:
 def _writable(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        if not os.access(folder, os.W_OK):
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
     except OSError as error:
-        raise InputError(
-            f"sweep: {folder} cannot be written ({error.strerror or error}); give another folder (--output)."
-        ) from error
+        raise cannot_write("folder", folder, error, "finished runs are kept") from error

@@ -312,6 +312,18 @@ def test_a_cache_that_others_can_write_to_is_refused(tiny, monkeypatch):
         refuse_foreign(tiny.parent / "cache")
 
 
+def test_a_cache_that_its_group_can_write_to_is_not_used(tiny):
+    assert run(tiny) == (4, 1, 0)
+    for folder in (tiny.parent / "cache", cached(tiny, "nbi").parent.parent, cached(tiny, "nbi").parent):
+        folder.chmod(0o770)
+        code, out, err = told(tiny)
+        assert (code, out) == (0, "4.0 0 0\n")
+        assert err.count("UserWarning") == 1
+        assert f"the compile cache {folder} is not used, because its group can write to it" in err
+        folder.chmod(0o700)
+    assert run(tiny) == (4, 0, 1)
+
+
 def test_a_cache_made_under_any_umask_is_the_users_own(tiny):
     code, _, err = told(tiny, "import os\nos.umask(0)\n" + PROGRAM)
     assert code == 0, err

@@ -1,5 +1,6 @@
 """Commands that are asked to stop: one sentence, what is kept, and no process that outlives the command."""
 
+import contextlib
 import os
 import pathlib
 import signal
@@ -48,10 +49,8 @@ def ended(process, within):
     try:
         return process.communicate(timeout=within)
     finally:
-        try:
+        with contextlib.suppress(ProcessLookupError):
             os.killpg(process.pid, signal.SIGKILL)
-        except ProcessLookupError:
-            pass
 
 
 @pytest.fixture

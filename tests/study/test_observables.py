@@ -102,3 +102,14 @@ def test_reading_does_not_change_the_run(simulation):
     value(simulation, "field:density@0.03,0.03")
     value(simulation, "front")
     assert all((simulation.field(name) == values).all() for name, values in before.items())
+
+
+def test_a_file_in_another_encoding_is_read_as_python_reads_it(simulation, tmp_path):
+    (tmp_path / "own.py").write_bytes(b"# -*- coding: latin-1 -*-\n# caf\xe9\ndef f(s):\n    return 2.0\n")
+    assert value(simulation, f"{tmp_path / 'own.py'}:f") == 2
+
+
+def test_a_function_that_ends_the_program_is_told(simulation, tmp_path):
+    (tmp_path / "own.py").write_text("import sys\n\ndef f(s):\n    sys.exit(0)\n")
+    with pytest.raises(InputError, match=r"it cannot be read \(SystemExit: 0\)"):
+        value(simulation, f"{tmp_path / 'own.py'}:f")

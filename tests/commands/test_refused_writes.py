@@ -1,0 +1,158 @@
+"""Commands on full disks and through links: one sentence, and nothing half-written."""
+
+import json
+import os
+import pathlib
+import subprocess
+import sys
+
+import pytest
+
+from refsim.__main__ import main
+from tests.commands.test_cli import one_sentence
+
+ROOT = pathlib.Path(__file__).parents[2]
+SCENE = """
+dim = 2
+spacing = 0.01
+support_radius = 0.02
+end_time = 0.002
+[[fluid]]
+shape = "box"
+cells = [4, 6, 1]
+[effects.weakly_compressible]
+sound_speed = 20.0
+dynamic_viscosity = 2.0
+"""
+SWEEP = 'scene = "tank.toml"\nobservable = "{}"\nbackend = "numpy"\n'
+STUDY = ["study", "tank.toml", "--backend", "numpy", "--levels", "1", "--knobs", "spacing", "--quiet", "--observable"]
+posix = pytest.mark.skipif(os.name != "posix", reason="links and limits of POSIX")
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A folder, where the command stands, with a scene and a sweep of one run."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "tank.toml").write_text(SCENE)
+    (tmp_path / "one.toml").write_text(SWEEP.format("kinetic_energy"))
+    return tmp_path
+
+
+@pytest.fixture
+def ran(folder, capsys):
+    """The same with a run."""
+    assert main(["run", "tank.toml", "--backend", "numpy", "--quiet", "--output", "run"]) == 0
+    capsys.readouterr()
+    return folder
+
+
+@pytest.fixture
+def full():
+    """Files of this process have 1000 bytes at most; a larger one is refused as on a full disk."""
+    resource = pytest.importorskip("resource")
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, before[1]))
+    yield
+    resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full")
+@pytest.mark.parametrize(
+    "words", [["list"], ["run", "--help"], ["list", "--json"], ["run", "tank.toml", "--backend", "numpy", "--quiet"]]
+)
+def test_standard_output_on_a_full_disk(folder, words):
+    with open("/dev/full", "w") as full_disk:
+        done = subprocess.run(
+            [sys.executable, "-m", "refsim", *words], stdout=full_disk, stderr=subprocess.PIPE, text=True,
+            env={**os.environ, "PYTHONPATH": str(ROOT)},
+        )  # fmt: skip
+    assert done.returncode == 3
+    *notes, last = done.stderr.splitlines(keepends=True)
+    assert all(line.startswith("note: ") for line in notes)
+    assert last.startswith("refsim: standard output")
+    assert "[disk_full]" in last
+    one_sentence(last.replace(" [disk_full]", ""))
+    if words[0] == "run" and "--help" not in words:
+        assert json.loads((folder / "tank_run" / "report.json").read_text())["reason"] == ""
+
+
+@pytest.mark.parametrize(
+    "words",
+    [["view", "run", "--html", "new/page.html"], ["render", "run", "-o", "new/p.png", "--size", "320x240"]],
+    ids=["view", "render"],
+)
+def test_nothing_half_written_is_left_on_a_full_disk(ran, full, capsys, words):
+    (ran / "new").mkdir()
+    assert main(words) == 3
+    err = capsys.readouterr().err
+    assert "[disk_full]" in err
+    one_sentence(err.replace(" [disk_full]", ""))
+    assert not list((ran / "new").iterdir())
+
+
+def test_a_film_that_cannot_be_written_whole_is_not_left(ran, full, capsys):
+    pytest.importorskip("imageio_ffmpeg")
+    (ran / "new").mkdir()
+    assert main(["render", "run", "--film", "new/film.mp4", "--size", "320x240"]) == 3
+    assert "film new/film.mp4 was not written" in capsys.readouterr().err
+    assert not list((ran / "new").iterdir())
+
+
+@posix
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["view", "run", "--html", "loop/page.html"], ["view", "loop"], ["render", "run", "-o", "loop/p.png"],
+        ["render", "loop"], ["sweep", "one.toml", "--output", "loop", "--quiet"], ["sweep", "loop"],
+        [*STUDY, "front", "--output", "loop"], ["run", "tank.toml", "--output", "loop"], ["run", "loop"],
+    ],
+)  # fmt: skip
+def test_a_link_to_itself_is_told(ran, capsys, words):
+    os.symlink("loop", "loop")
+    assert main(words) == 2
+    assert "loop" in one_sentence(capsys.readouterr().err)
+
+
+@posix
+@pytest.mark.parametrize("command", ["sweep", "study"])
+def test_a_name_that_is_too_long_is_told(folder, capsys, command):
+    name = 250 * "n"
+    os.rename("one.toml" if command == "sweep" else "tank.toml", f"{name}.toml")
+    if command == "sweep":
+        (folder / "tank.toml").write_text(SCENE)
+    words = ["--observable", "front"] if command == "study" else []
+    assert main([command, f"{name}.toml", *words]) == 2
+    assert "File name too long" in one_sentence(capsys.readouterr().err)
+
+
+@pytest.mark.parametrize("words", [[*STUDY], ["sweep", "own.toml", "--jobs", "1", "--quiet"]], ids=["study", "sweep"])
+def test_an_observable_that_ends_the_program_is_told(folder, capsys, words):
+    (folder / "own.py").write_text("import sys\nsys.exit(0)\n")
+    (folder / "own.toml").write_text(SWEEP.format("own.py:f"))
+    assert main([*words, "own.py:f"] if words[0] == "study" else words) == 2
+    assert "own.py cannot be run (SystemExit: 0); correct it." in one_sentence(capsys.readouterr().err)
+
+
+@posix
+def test_a_link_in_the_place_of_a_result_is_replaced_and_not_followed(ran, capsys):
+    precious = ran / "precious.txt"
+    precious.write_text("precious")
+    (ran / "tank_study").mkdir()
+    links = [ran / name for name in ("tank_study/study.html", "tank_study/study.png", "page.html", "picture.png")]
+    for link in links:
+        link.symlink_to(precious)
+    assert main([*STUDY, "kinetic_energy"]) == 0
+    assert main(["view", "run", "--html", "page.html"]) == 0
+    assert main(["render", "run", "-o", "picture.png", "--size", "320x240"]) == 0
+    assert precious.read_text() == "precious"
+    assert not any(link.is_symlink() for link in links)
+
+
+@pytest.mark.parametrize("suffix", ["zip", "ZIP", "tar.gz", "tar.bz2", "bz2", "3mf"])
+def test_a_mesh_that_is_an_archive_is_not_unpacked(folder, capsys, monkeypatch, suffix):
+    import trimesh
+
+    monkeypatch.setattr(trimesh, "load", lambda *given, **options: pytest.fail("it was read"))
+    (folder / f"m.{suffix}").write_bytes(b"PK\x03\x04")
+    assert main(["sample", f"m.{suffix}", "--radius", "0.1"]) == 2
+    assert "is an archive, which refsim does not unpack; give the mesh in it" in one_sentence(capsys.readouterr().err)
