@@ -382,7 +382,7 @@ def write_film(
     remove_stale_temporaries(path)
     beside = temporary_path(path)
     try:
-        beside.touch()
+        beside.touch(exist_ok=False)
     except OSError as error:
         raise cannot_write("film", path, error, "nothing is left of it") from error
     film = imageio_ffmpeg.write_frames(
