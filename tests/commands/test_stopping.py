@@ -36,8 +36,9 @@ pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
 
 def start(folder, *words, options=()):
     """The command `refsim` in a folder, the head of a group of processes."""
-    heeding_ctrl_c = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # not in a background
-    program = heeding_ctrl_c + "import sys; sys.argv[0] = 'refsim'\nfrom refsim.__main__ import main\nsys.exit(main())"
+    signals = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"  # not in a background
+    signals += "; signal.signal(signal.SIGHUP, signal.SIG_DFL)\n"  # nor under nohup
+    program = signals + "import sys; sys.argv[0] = 'refsim'\nfrom refsim.__main__ import main\nsys.exit(main())"
     return subprocess.Popen(
         [sys.executable, *options, "-c", program, *words], cwd=folder, text=True, stdout=subprocess.PIPE,
         stderr=subprocess.PIPE, env={**os.environ, "PYTHONPATH": str(ROOT)}, start_new_session=True,

@@ -727,7 +727,10 @@ posix = pytest.mark.skipif(os.name != "posix", reason="signals")
 def start(path, out, *more):
     command = [sys.executable, "-m", "refsim", "run", path, "--output", out, "--until", "100", "--quiet", *more]
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    process = subprocess.Popen([*map(str, command)], stderr=subprocess.PIPE, stdout=subprocess.PIPE, env=environment)
+    process = subprocess.Popen(
+        [*map(str, command)], stderr=subprocess.PIPE, stdout=subprocess.PIPE, env=environment,
+        preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_DFL),  # which nohup ignores
+    )  # fmt: skip
     ends = time.monotonic() + 120
     while time.monotonic() < ends and process.poll() is None:
         try:
