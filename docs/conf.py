@@ -42,5 +42,6 @@ def setup(app: Any) -> None:
     import site_pages
 
     app.connect("source-read", site_pages.as_on_the_site)
+    app.connect("doctree-read", site_pages.readable)
     app.connect("autodoc-process-docstring", site_pages.literal_tables)
     app.connect("html-page-context", site_pages.whole_tables)

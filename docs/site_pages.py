@@ -144,7 +144,7 @@ def gallery() -> Iterator[str]:
             if not (ROOT / "figures" / picture.file).exists():
                 continue
             yield '<div class="card">\n'
-            yield f"[![{_caption(picture.name)}](../figures/{picture.file})](../figures/{picture.file})\n"
+            yield f"![{_caption(picture.name)}](../figures/{picture.file})\n"
             yield f"**{_caption(picture.name)}.** {experiment.title[:1].upper()}{experiment.title[1:]}.\n"
             if papers:
                 yield f"{'; '.join(papers)}. [Claims](claims.md): {verdict}.\n"
@@ -181,6 +181,15 @@ def _kind(found: Any) -> str:
     if inspect.isclass(found):
         return "autoexception" if issubclass(found, Exception) else "autoclass"
     return "autofunction" if callable(found) else ""
+
+
+def readable(app: Any, tree: Any) -> None:
+    """Sphinx's event `doctree-read`: pictures are links to their files, and sentences in tables get a width."""
+    for node in tree.findall():
+        if node.tagname == "image":
+            node.setdefault("scale", 100)  # Sphinx links a scaled picture to its file
+        if node.tagname == "entry" and len(node.astext()) > 80:
+            node["classes"].append("sentences")
 
 
 def literal_tables(app: Any, what: str, name: str, found: Any, options: Any, lines: list[str]) -> None:
