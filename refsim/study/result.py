@@ -290,10 +290,11 @@ class Study:
         title = html.escape(f"{self.observable} of {self.scene.name}")
         how = html.escape(f"{self.command or 'refsim.study'}; {self.machine}")
         text = (
-            f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{title}</title><style>{STYLE}</style>'
-            f"</head><body><h1>{title}</h1><ul>{answers}</ul>"
-            f'<img alt="value against spacing, error against time, cost and change of each setting"'
-            f' src="data:image/png;base64,{picture}"><table><tr>{head}</tr>{rows}</table><p>{how}</p></body></html>\n'
+            f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">{PHONES}<title>{title}</title>'
+            f"<style>{STYLE}</style></head><body><h1>{title}</h1><ul>{answers}</ul>"
+            f'<div><img alt="value against spacing, error against time, cost and change of each setting"'
+            f' src="data:image/png;base64,{picture}"></div><div><table><tr>{head}</tr>{rows}</table></div>'
+            f"<p>{how}</p></body></html>\n"
         )
         replace_file(Path(path), text.encode())
         return Path(path)
@@ -305,8 +306,10 @@ class Study:
         return drawn.getvalue()
 
 
+PHONES = '<meta name="viewport" content="width=device-width,initial-scale=1">'
 STYLE = (
-    "body{font:15px/1.5 sans-serif;max-width:70em;margin:2em auto;padding:0 1em}img{max-width:100%}"
+    "body{font:15px/1.5 sans-serif;max-width:70em;margin:2em auto;padding:0 1em;overflow-wrap:anywhere}"
+    "img{max-width:100%;min-width:60em}div{overflow-x:auto;overflow-wrap:normal}"  # picture and table scroll in a box
     "table{border-collapse:collapse}th,td{padding:.2em .7em;text-align:right;border-bottom:1px solid #ccc}"
     "th:nth-child(-n+2),td:nth-child(-n+2){text-align:left}"
 )

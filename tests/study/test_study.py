@@ -31,6 +31,7 @@ from refsim.io.store import in_turn
 from refsim.study import runs
 from refsim.study.observables import observable_of
 from refsim.study.refine import refined
+from tests.render.browser import Browser, chromium
 
 SCENE = """
 spacing = 0.01
@@ -378,6 +379,22 @@ def test_the_report_is_one_file(tmp_path):
     figure = found.plot()
     assert len(figure.axes) == 3
     assert [line.get_xdata()[0] for line in figure.axes[0].lines[:1]] == [found.runs[0][0].scene.spacing]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(chromium() is None, reason="Chromium is not installed")
+def test_the_report_fits_a_phone(tmp_path):
+    """Of 390 pixels; picture and table scroll in their boxes."""
+    found = studied(manufactured(2), knobs=("spacing", "precision", "effects"), command=f"refsim study {'x' * 90}")
+    browser = Browser(tmp_path / "browser")
+    try:
+        browser.call("Emulation.setDeviceMetricsOverride", width=390, height=844, deviceScaleFactor=1, mobile=True)
+        browser.open(found.report(tmp_path / "study.html"))
+        assert browser.value("[innerWidth, document.documentElement.scrollWidth]") == [390, 390]
+        assert browser.value("document.images[0].width") == 60 * 15
+        assert browser.value("document.querySelector('table').offsetWidth") > 390
+    finally:
+        browser.close()
 
 
 # The command
