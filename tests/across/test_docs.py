@@ -369,3 +369,14 @@ def test_figures_stay_light():
     assert {pathlib.Path(name).suffix for name in pictures} == {".png", ".webp"}
     assert not {name: size for name, size in pictures.items() if size > LARGEST_PICTURE}
     assert sum(sizes.values()) <= LARGEST_FOLDER
+
+
+def test_the_style_shrinks_no_picture_below_its_column():
+    """What a browser shows is measured in test_site.py."""
+    style = re.sub(r"/\*.*?\*/", "", (ROOT / "docs" / "_static" / "site.css").read_text(), flags=re.DOTALL)
+    rules = dict(re.findall(r"([^{}]+?)\s*\{([^{}]*)\}", style.replace("\n", " ")))
+    pictures = {name.strip(): rule for name, rule in rules.items() if re.search(r"\bimg\b", name)}
+    assert list(pictures) == [".content img"]
+    assert "max-width: 100%; height: auto" in pictures[".content img"]
+    assert "max-height" not in pictures[".content img"]
+    assert "doctree-read" in (ROOT / "docs" / "conf.py").read_text()  # makes them links

@@ -22,7 +22,21 @@ pytestmark = [
 ]
 NO_NETWORK = dict.fromkeys(("http_proxy", "https_proxy", "HTTP_PROXY", "HTTPS_PROXY"), "http://127.0.0.1:9")
 LOCAL = re.compile(r'(?:href|src)="([^"]+)"')
-WIDTHS = (1280, 420)
+WIDTHS = (1280, 390)
+PICTURES = """(async () => {
+  document.querySelectorAll('details').forEach(one => one.open = true);
+  await Promise.all([...document.images].map(picture => picture.decode()));
+  return [...document.querySelectorAll('article img')].map(picture => {
+    let column = picture.parentElement;
+    while (getComputedStyle(column).display === 'inline') column = column.parentElement;
+    const style = getComputedStyle(column);
+    const room = column.clientWidth - parseFloat(style.paddingLeft) - parseFloat(style.paddingRight);
+    const {width, height} = picture.getBoundingClientRect();
+    return [picture.getAttribute('src'), picture.naturalWidth, picture.naturalHeight, room, width, height];
+  });
+})()"""
+BROKEN_CODE = """[...document.querySelectorAll('.docutils :is(td, th) .pre')]
+  .filter(word => word.getClientRects().length > 1).map(word => word.textContent)"""
 METHOD = re.compile(r"^## Equations?$.*^## Scene$", re.DOTALL | re.MULTILINE)
 
 
@@ -62,6 +76,14 @@ def test_links_and_pictures_lead_somewhere(site):
     pages = sorted(site.glob("*.html"))
     assert {"index.html", "gallery.html", "api.html", "contributing.html", "render.html"} <= {p.name for p in pages}
     assert {page.name: list(broken(page)) for page in pages if any(broken(page))} == {}
+
+
+def test_every_picture_is_a_link_to_its_file(site):
+    linked = r'<a class="[^"]*" href="([^"]+)"><img [^>]*src="\1"'
+    for page in site.rglob("*.html"):
+        article = page.read_text(encoding="utf-8").partition("<article")[2].partition("</article>")[0]
+        pictures = re.findall(r"<img (?![^>]*class=\"toggler)", article)
+        assert len(re.findall(linked, article)) == len(pictures), page.name
 
 
 def test_every_page_is_in_the_navigation(site):
@@ -115,13 +137,36 @@ def test_pages_fit_the_width_and_formulas_are_typeset(site, tmp_path, width):
 
 
 @pytest.mark.skipif(chromium() is None, reason="Chromium is not installed")
+@pytest.mark.parametrize("width", WIDTHS)
+def test_pictures_fill_their_column_and_words_of_code_stay_whole(site, tmp_path, width):
+    """On every page; up to the picture's own width, with its own shape. Tables scroll in their box."""
+    browser, wrong, seen = Browser(tmp_path, width, 900), [], 0
+    try:
+        for page in sorted(site.rglob("*.html")):
+            browser.open(page)
+            for file, own, own_height, room, shown, height in browser.value(PICTURES):
+                seen += 1
+                if abs(shown - min(own, room)) > 1 or abs(height - shown * own_height / own) > 1:
+                    wrong.append(f"{page.name}: {file} of {own} pixels has {shown:g} of {room:g}")
+            wrong += [f"{page.name}: {word} is broken" for word in browser.value(BROKEN_CODE)]
+            if (wide := browser.value("document.documentElement.scrollWidth")) > width:
+                wrong.append(f"{page.name} is {wide} pixels wide")
+    finally:
+        browser.close()
+    assert wrong == []
+    assert seen > 200
+
+
+@pytest.mark.skipif(chromium() is None, reason="Chromium is not installed")
 def test_a_method_has_two_screens(site, tmp_path):
-    """Of 1,080 pixels, at a width of 1,280, with everything folded that begins so."""
+    """Of 1,080 pixels, beside its pictures, at a width of 1,280, with everything folded that begins so."""
     pages = [page.stem for page in (ROOT / "docs").glob("*.md") if METHOD.search(page.read_text())]
     assert len(pages) == 24
     browser = Browser(tmp_path, 1280, 1080)
     try:
-        height = "document.querySelector('article').getBoundingClientRect().height"
+        height = """[...document.querySelectorAll('article img')].filter(picture => picture.checkVisibility())
+          .reduce((rest, picture) => rest - picture.getBoundingClientRect().height,
+                  document.querySelector('article').getBoundingClientRect().height)"""
         for page in pages:
             browser.open(site / f"{page}.html", "document.querySelectorAll('mjx-container').length > 0")
             assert browser.value(height) <= 2 * 1080, page
