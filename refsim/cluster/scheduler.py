@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Generator, Sequence
-from contextlib import suppress
+from collections.abc import Generator, Iterator, Sequence
+from concurrent.futures import CancelledError
+from contextlib import contextmanager, suppress
 from typing import Any
 
 from refsim.cluster.tasks import Outcome, Report, Task, Watch, killed
-from refsim.core.errors import InputError, RunStopped
+from refsim.core.errors import InputError, RefsimError, RunStopped
 from refsim.core.extras import extra
 from refsim.core.tables import in_bytes
 
@@ -28,63 +29,93 @@ GPU, MEMORY = "GPU", "MEMORY"  # resources that workers declare
 def by_scheduler(tasks: Sequence[Task], address: str, watch: Watch) -> Generator[Outcome, None, None]:
     """Outcomes of tasks on the workers of the scheduler at `address`, in the order in which they end."""
     client = connect(address)
-    lost = RunStopped(
-        "scheduler_lost",
-        f"The scheduler at {address} has gone away; what was finished is kept, and the same"
-        " command goes on from there.",
-    )
     shares: dict[str, float] = {}
     try:
-        asked = resources(tasks, _workers(client, address), address)
-        client.subscribe_topic(TOPIC, lambda event: shares.update([event[1]]))
-        waiting = {
-            client.submit(
-                _there, task.key, task.function, task.arguments,
-                key=f"refsim-{task.key}", pure=False, resources=wanted, priority=task.weight,
-            ): task
-            for task, wanted in zip(tasks, asked)
-        }  # fmt: skip
+        with _answers(client, address):
+            asked = resources(tasks, _workers(client, address), address)
+            client.subscribe_topic(TOPIC, lambda event: shares.update([event[1]]))
+            waiting = {
+                client.submit(
+                    _there, task.key, task.function, task.arguments,
+                    key=f"refsim-{task.key}", pure=False, resources=wanted, priority=task.weight,
+                ): task
+                for task, wanted in zip(tasks, asked)
+            }  # fmt: skip
         while waiting:
             time.sleep(PAUSE)
             for future in [future for future in waiting if future.status in ("finished", "error")]:
-                task = waiting.pop(future)
-                shares.pop(task.key, None)
-                yield _outcome(task, future)
-            if waiting and (client.status != "running" or any(f.status in ("lost", "cancelled") for f in waiting)):
-                raise lost
+                with _answers(client, address):
+                    outcome = _outcome(waiting[future], future)
+                if outcome is not None:
+                    shares.pop(waiting.pop(future).key, None)
+                    yield outcome
+            with _answers(client, address):
+                count = len(_known(client))
+                if any(future.status == "cancelled" for future in waiting):
+                    raise CancelledError
             under_way = {task.key for task in waiting.values()}
-            watch({k: s for k, s in list(shares.items()) if k in under_way}, len(_known(client)))
-    except (OSError, TimeoutError) as error:
-        raise lost from error
+            watch({k: s for k, s in list(shares.items()) if k in under_way}, count)
     finally:
-        with suppress(OSError, TimeoutError, RuntimeError):
+        with suppress(Exception):
             client.close(timeout=2)
 
 
-def _outcome(task: Task, future: Any) -> Outcome:
+@contextmanager
+def _answers(client: Any, address: str) -> Iterator[None]:
+    """Raises RunStopped("scheduler_lost") for whatever a client raises whose scheduler goes away.
+
+    These are FutureCancelledError, CommClosedError and other errors of the connection; and once the client has noticed
+    it, any other: RuntimeError of its closed event loop, AttributeError of what it has set to None.
+    """
+    try:
+        yield
+    except RefsimError:
+        raise
+    except Exception as error:
+        if client.status == "running" and not isinstance(error, CancelledError | OSError):
+            raise
+        raise RunStopped(
+            "scheduler_lost",
+            f"The scheduler at {address} has gone away; start one again, and the same command with its address goes on"
+            " from the results of the finished runs.",
+        ) from error
+
+
+def _outcome(task: Task, future: Any) -> Outcome | None:
+    """What became of a task that has ended; None where its value is lost with its worker, and it is redone."""
     from distributed import KilledWorker
 
-    if future.status == "error":
-        error = future.exception(timeout=PATIENCE)
-        if isinstance(error, KilledWorker):
-            error = killed(task, error.allowed_failures + 1)
-        return Outcome(task, error=error)
-    value, seconds, worker = future.result(timeout=PATIENCE)
-    return Outcome(task, value, None, seconds, worker)
+    if future.status != "error":
+        try:
+            value, seconds, worker = future.result(timeout=PATIENCE)
+            return Outcome(task, value, None, seconds, worker)
+        except TimeoutError:
+            return None
+        except Exception:
+            if future.status != "error":  # unlike that of a task that was redone
+                raise
+    error = future.exception(timeout=PATIENCE)
+    if isinstance(error, KilledWorker):
+        error = killed(task, error.allowed_failures + 1)
+    return Outcome(task, error=error)
 
 
 def connect(address: str) -> Any:
     """A client of the scheduler. Raises InputError where Dask distributed is absent or nothing answers."""
     distributed = extra("distributed", "a scheduler (--scheduler)")
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # its errors are told in one sentence
+    for name in ("distributed", *logging.root.manager.loggerDict):  # errors are told in one sentence
+        if name.split(".")[0] in ("distributed", "tornado"):
+            logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     try:
-        return distributed.Client(address, timeout=PATIENCE, set_as_default=False)
-    except (OSError, TimeoutError, ValueError, TypeError) as error:
+        client = distributed.Client(address, timeout=PATIENCE, set_as_default=False)
+    except (OSError, TimeoutError, ValueError, TypeError, ImportError) as error:
         words = " ".join(str(error).split()) or type(error).__name__
         raise InputError(
             f"no scheduler answers at {address} ({words}); start one with `dask scheduler` and give the address that it"
             " prints, such as tcp://10.0.0.1:8786."
         ) from None
+    client.loop.asyncio_loop.set_exception_handler(lambda loop, context: None)  # it would log them
+    return client
 
 
 def _workers(client: Any, address: str) -> dict[str, Any]:
@@ -100,6 +131,9 @@ def _workers(client: Any, address: str) -> dict[str, Any]:
 
 
 def _known(client: Any) -> dict[str, Any]:
+    """The workers that are there. Raises CancelledError where the connection to the scheduler is lost."""
+    if client.status != "running":
+        raise CancelledError
     return dict(client.scheduler_info(n_workers=-1)["workers"])
 
 

@@ -67,7 +67,7 @@ def planned(scene: Scene, source: str) -> Plan:
 
 @contextmanager
 def kept_in(folder: Path) -> Iterator[None]:
-    """Runs whose results are kept in a folder one by one; an interrupt says so."""
+    """Runs whose results are kept in a folder one by one; an interrupt and a scheduler that goes away say so."""
     try:
         yield
     except KeyboardInterrupt:
@@ -76,3 +76,7 @@ def kept_in(folder: Path) -> Iterator[None]:
             f"Interrupted; the results of the finished runs are kept in {folder}, and the same command goes on from"
             " there.",
         ) from None
+    except RunStopped as stopped:
+        if stopped.reason != "scheduler_lost":
+            raise
+        raise RunStopped(stopped.reason, f"{str(stopped).rstrip('.')}, which are kept in {folder}.") from stopped

@@ -1,10 +1,13 @@
 """Tasks on a Dask scheduler with three worker processes of this machine."""
 
 import os
+import re
 import subprocess
 import sys
 import time
+from concurrent.futures import CancelledError
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -48,13 +51,13 @@ def test_a_task_asks_for_its_memory_and_its_gpu():
 class Cluster:
     """A scheduler and its workers, in processes."""
 
-    def __init__(self, folder):
+    def __init__(self, folder, workers=WORKERS):
         self.file, self.processes = folder / "scheduler.json", []
         paths = [str(Path(refsim.__file__).parent.parent), os.environ.get("PYTHONPATH", "")]
         self.environment = os.environ | {"PYTHONPATH": os.pathsep.join(paths), "NUMBA_NUM_THREADS": "1"}
         self.log = (folder / "log").open("w")
         self.scheduler = self.start("dask_scheduler", "--port", "0", "--host", "127.0.0.1", "--no-show")
-        for k in range(WORKERS):
+        for k in range(workers):
             options = ("--no-nanny", "--nthreads", "1", "--name", f"worker {k}", "--local-directory", str(folder))
             self.start("dask_worker", *options)
         import json
@@ -140,9 +143,118 @@ def test_a_scheduler_that_goes_away_ends_with_a_sentence(cluster, monkeypatch):
     found = perform([Task(f"w{k}", "wait", there.wait, (k,)) for k in (0, 600)], scheduler=cluster.address)
     assert next(found).value == 0
     cluster.scheduler.kill()
-    with pytest.raises(RunStopped, match="has gone away; what was finished is kept") as told:
+    with pytest.raises(
+        RunStopped, match=r"has gone away; start one again.*goes on from the results of the fin"
+    ) as told:
         next(found)
     assert told.value.reason == "scheduler_lost"
     monkeypatch.setattr(scheduler, "PATIENCE", 1.0)
     with pytest.raises(InputError, match="no scheduler answers at"):
         by(cluster, [Task("a", "a", there.square, (1,))])
+
+
+KILLING = """
+import os, signal, sys
+from refsim.__main__ import main
+from refsim.cluster import scheduler
+from refsim.sweep import Progress
+
+process, moment = int(sys.argv[1]), sys.argv[2]
+place = Progress if moment == "watch" else scheduler
+call = getattr(place, moment)
+
+def killing(*given):
+    if all(given):  # `watch` has tasks under way
+        os.kill(process, signal.SIGKILL)
+    return call(*given)
+
+setattr(place, moment, killing)
+sys.exit(main(sys.argv[3:]))
+"""
+SWEEP = ("sweep", "grid.toml")
+STUDY = ("study", "tank.toml", "--observable", "kinetic_energy", "--knobs", "precision", "--backend", "numpy")
+
+
+@pytest.fixture
+def killed(folder):
+    """Call a command that kills the scheduler, or the first of two workers, at a moment; all of them end with it."""
+    pytest.importorskip("distributed", reason="Dask distributed is not installed (refsim[cluster])")
+
+    def call(words, moment, *, worker=False):
+        scene = Path("tank.toml").read_text()
+        Path("tank.toml").write_text(scene.replace("end_time = 0.002", "end_time = 0.2"))
+        cluster = Cluster(folder, workers=2)
+        process = cluster.processes[1] if worker else cluster.scheduler
+        words = [*words, "--scheduler", cluster.address, "--output", "out"]
+        try:
+            command = [sys.executable, "-c", KILLING, str(process.pid), moment, *words]
+            return subprocess.run(command, env=cluster.environment, capture_output=True, text=True, timeout=60)
+        finally:
+            cluster.end()
+
+    return call
+
+
+def lost(done, *, kept):
+    """Exit code 3, one sentence below the lines of progress, and as many results at least."""
+    *progress, sentence = done.stderr.splitlines()
+    assert done.returncode == 3
+    assert re.fullmatch(
+        r"refsim: The scheduler at tcp:\S+ has gone away; .* kept in out\. \[scheduler_lost\]", sentence
+    )
+    assert [line for line in progress if not re.match(r"\d runs to do$|\d of 4, ", line)] == []
+    assert len(list(Path("out").glob("*.json"))) >= kept
+
+
+@pytest.mark.parametrize(("moment", "kept"), [("resources", 0), ("watch", 0), ("_outcome", 1)])
+def test_a_scheduler_killed_before_or_in_a_task_or_before_its_result_is_here(killed, moment, kept):
+    lost(killed(SWEEP, moment), kept=kept)
+    if kept:
+        on_file = len(list(Path("out").glob("*.json")))
+        again = sweep("grid.toml", folder="out", jobs=1)
+        assert again.computed == 4 - on_file
+        assert not again.missing
+
+
+def test_a_study_whose_scheduler_is_killed(killed):
+    lost(killed(STUDY, "_outcome"), kept=1)
+
+
+@pytest.mark.parametrize("moment", ["watch", "_outcome"])
+def test_a_worker_killed_in_a_task_or_before_its_result_is_here_costs_nothing_else(killed, moment):
+    done = killed(SWEEP, moment, worker=True)
+    assert done.returncode == 0, done.stderr
+    assert "4 runs, 4 of them computed now" in done.stdout
+    assert len(done.stderr.splitlines()) == 5, done.stderr
+
+
+@pytest.mark.parametrize("status", ["running", "connecting", "closed"])
+@pytest.mark.parametrize("error", [CancelledError(), OSError(), TimeoutError(), RuntimeError(), AttributeError()])
+def test_what_a_client_raises_whose_scheduler_goes_away(error, status):
+    alive = status == "running" and isinstance(error, RuntimeError | AttributeError)
+    with (
+        pytest.raises(type(error) if alive else RunStopped),
+        scheduler._answers(SimpleNamespace(status=status), "tcp://s"),
+    ):
+        raise error
+
+
+def test_a_result_that_is_lost_with_its_worker():
+    pytest.importorskip("distributed", reason="Dask distributed is not installed (refsim[cluster])")
+    task = Task("a", "a", there.square, (1,))
+
+    class Redone:
+        def __init__(self, error, then):
+            self.status, self.error, self.then = "finished", error, then
+
+        def result(self, timeout):
+            self.status = self.then
+            raise self.error
+
+        def exception(self, timeout):
+            return self.error
+
+    assert scheduler._outcome(task, Redone(TimeoutError(), "pending")) is None, "it is waited for"
+    assert scheduler._outcome(task, Redone(ValueError("bad"), "error")).error.args == ("bad",)
+    with pytest.raises(CancelledError):
+        scheduler._outcome(task, Redone(CancelledError(), "cancelled"))
