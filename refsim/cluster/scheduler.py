@@ -43,7 +43,9 @@ def by_scheduler(tasks: Sequence[Task], address: str, watch: Watch) -> Generator
             }  # fmt: skip
         while waiting:
             time.sleep(PAUSE)
-            for future in [future for future in waiting if future.status in ("finished", "error")]:
+            for future in list(waiting):
+                if future.status not in ("finished", "error"):
+                    continue
                 with _answers(client, address):
                     outcome = _outcome(waiting[future], future)
                 if outcome is not None:

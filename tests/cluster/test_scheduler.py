@@ -228,6 +228,22 @@ def test_a_worker_killed_in_a_task_or_before_its_result_is_here_costs_nothing_el
     assert len(done.stderr.splitlines()) == 5, done.stderr
 
 
+@pytest.mark.filterwarnings("default")
+def test_a_value_that_is_lost_with_its_worker_is_no_lost_scheduler(tmp_path):
+    pytest.importorskip("distributed", reason="Dask distributed is not installed (refsim[cluster])")
+    cluster = Cluster(tmp_path, workers=2)
+    try:
+        time.sleep(2)  # until both are there
+        found = perform([Task(f"w{k}", "wait", there.wait, (k,)) for k in (0, 2)], scheduler=cluster.address)
+        first = next(found)
+        time.sleep(2.2)  # the other one has ended, too
+        cluster.processes[2 if first.worker == "worker 0" else 1].kill()
+        time.sleep(0.5)
+        assert [outcome.value for outcome in found] == [2]
+    finally:
+        cluster.end()
+
+
 @pytest.mark.parametrize("status", ["running", "connecting", "closed"])
 @pytest.mark.parametrize("error", [CancelledError(), OSError(), TimeoutError(), RuntimeError(), AttributeError()])
 def test_what_a_client_raises_whose_scheduler_goes_away(error, status):
