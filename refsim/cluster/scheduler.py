@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
 from typing import Any
@@ -26,10 +26,13 @@ BETWEEN_REPORTS = 1.0  # [s]
 GPU, MEMORY = "GPU", "MEMORY"  # resources that workers declare
 
 
-def by_scheduler(tasks: Sequence[Task], address: str, watch: Watch) -> Generator[Outcome, None, None]:
+def by_scheduler(
+    tasks: Sequence[Task], address: str, watch: Watch, say: Callable[[str], None]
+) -> Generator[Outcome, None, None]:
     """Outcomes of tasks on the workers of the scheduler at `address`, in the order in which they end."""
     client = connect(address)
     shares: dict[str, float] = {}
+    count = 0
     try:
         with _answers(client, address):
             asked = resources(tasks, _workers(client, address), address)
@@ -52,9 +55,11 @@ def by_scheduler(tasks: Sequence[Task], address: str, watch: Watch) -> Generator
                     shares.pop(waiting.pop(future).key, None)
                     yield outcome
             with _answers(client, address):
-                count = len(_known(client))
+                before, count = count, len(_known(client))
                 if any(future.status == "cancelled" for future in waiting):
                     raise CancelledError
+            if waiting and before and not count:
+                say(f"no worker is left; the runs wait until one is started with `dask worker {address} --nthreads 1`")
             under_way = {task.key for task in waiting.values()}
             watch({k: s for k, s in list(shares.items()) if k in under_way}, count)
     finally:

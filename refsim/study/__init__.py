@@ -255,7 +255,7 @@ def _elsewhere(
     say(f"{len(tasks)} runs to do" + (f", {len(readings)} are on file" if readings else ""))
     failed: BaseException | None = None
     by_key = dict(zip(keys, settings))
-    with closing(perform(list(tasks.values()), scheduler=scheduler)) as outcomes:
+    with closing(perform(list(tasks.values()), scheduler=scheduler, say=say)) as outcomes:
         for outcome in outcomes:
             key = outcome.task.key
             on_file = kept(folder, key, remarks)

@@ -311,7 +311,9 @@ def sweep(
         _writable(place)
     with (
         Progress(list(tasks.values()), bar, say) as progress,
-        closing(perform(list(tasks.values()), jobs=jobs, scheduler=scheduler, watch=progress.watch)) as outcomes,
+        closing(
+            perform(list(tasks.values()), jobs=jobs, scheduler=scheduler, watch=progress.watch, say=say)
+        ) as outcomes,
     ):
         for outcome in outcomes:
             key = outcome.task.key

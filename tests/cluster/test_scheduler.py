@@ -58,8 +58,7 @@ class Cluster:
         self.log = (folder / "log").open("w")
         self.scheduler = self.start("dask_scheduler", "--port", "0", "--host", "127.0.0.1", "--no-show")
         for k in range(workers):
-            options = ("--no-nanny", "--nthreads", "1", "--name", f"worker {k}", "--local-directory", str(folder))
-            self.start("dask_worker", *options)
+            self.worker(k)
         import json
 
         self.address = json.loads(self.file.read_text())["address"]
@@ -74,6 +73,10 @@ class Cluster:
             assert time.monotonic() < until
             time.sleep(0.1)
         return process
+
+    def worker(self, k):
+        options = ("--no-nanny", "--nthreads", "1", "--name", f"worker {k}")
+        return self.start("dask_worker", *options, "--local-directory", str(self.file.parent))
 
     def end(self):
         for process in self.processes:
@@ -182,7 +185,9 @@ def killed(folder):
 
     def call(words, moment, *, worker=False):
         scene = Path("tank.toml").read_text()
-        Path("tank.toml").write_text(scene.replace("end_time = 0.002", "end_time = 0.2"))
+        Path("tank.toml").write_text(
+            scene.replace("end_time = 0.002", "end_time = 1.0")
+        )  # a run takes longer than PAUSE
         cluster = Cluster(folder, workers=2)
         process = cluster.processes[1] if worker else cluster.scheduler
         words = [*words, "--scheduler", cluster.address, "--output", "out"]
@@ -242,6 +247,31 @@ def test_a_value_that_is_lost_with_its_worker_is_no_lost_scheduler(tmp_path):
         assert [outcome.value for outcome in found] == [2]
     finally:
         cluster.end()
+
+
+@pytest.mark.filterwarnings("default")
+def test_the_loss_of_the_last_worker_is_said_and_another_one_goes_on(tmp_path):
+    pytest.importorskip("distributed", reason="Dask distributed is not installed (refsim[cluster])")
+    cluster = Cluster(tmp_path, workers=1)
+    said = []
+
+    def watch(shares, workers):
+        if shares and not said:
+            cluster.processes[1].kill()
+
+    def say(text):
+        said.append(text)
+        cluster.worker(1)
+
+    try:
+        task = Task("w", "wait", there.wait, (2,))
+        (outcome,) = perform([task], scheduler=cluster.address, watch=watch, say=say)
+    finally:
+        cluster.end()
+    assert (outcome.value, outcome.worker) == (2, "worker 1")
+    assert said == [
+        f"no worker is left; the runs wait until one is started with `dask worker {cluster.address} --nthreads 1`"
+    ]
 
 
 @pytest.mark.parametrize("status", ["running", "connecting", "closed"])
