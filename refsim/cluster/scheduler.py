@@ -46,6 +46,12 @@ def by_scheduler(
             }  # fmt: skip
         while waiting:
             time.sleep(PAUSE)
+            with _answers(client, address):
+                before, count = count, len(_known(client))
+                if any(future.status == "cancelled" for future in waiting):
+                    raise CancelledError
+            if before and not count:
+                say(f"no worker is left; the runs wait until one is started with `dask worker {address} --nthreads 1`")
             for future in list(waiting):
                 if future.status not in ("finished", "error"):
                     continue
@@ -54,12 +60,6 @@ def by_scheduler(
                 if outcome is not None:
                     shares.pop(waiting.pop(future).key, None)
                     yield outcome
-            with _answers(client, address):
-                before, count = count, len(_known(client))
-                if any(future.status == "cancelled" for future in waiting):
-                    raise CancelledError
-            if waiting and before and not count:
-                say(f"no worker is left; the runs wait until one is started with `dask worker {address} --nthreads 1`")
             under_way = {task.key for task in waiting.values()}
             watch({k: s for k, s in list(shares.items()) if k in under_way}, count)
     finally:
