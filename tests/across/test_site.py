@@ -30,9 +30,9 @@ PICTURES = """(async () => {
     let column = picture.parentElement;
     while (getComputedStyle(column).display === 'inline') column = column.parentElement;
     const style = getComputedStyle(column);
-    const room = column.clientWidth - parseFloat(style.paddingLeft) - parseFloat(style.paddingRight);
+    const available = column.clientWidth - parseFloat(style.paddingLeft) - parseFloat(style.paddingRight);
     const {width, height} = picture.getBoundingClientRect();
-    return [picture.getAttribute('src'), picture.naturalWidth, picture.naturalHeight, room, width, height];
+    return [picture.getAttribute('src'), picture.naturalWidth, picture.naturalHeight, available, width, height];
   });
 })()"""
 BROKEN_CODE = """[...document.querySelectorAll('.docutils :is(td, th) .pre')]
@@ -144,10 +144,10 @@ def test_pictures_fill_their_column_and_words_of_code_stay_whole(site, tmp_path,
     try:
         for page in sorted(site.rglob("*.html")):
             browser.open(page)
-            for file, own, own_height, room, shown, height in browser.value(PICTURES):
+            for file, own, own_height, available, shown, height in browser.value(PICTURES):
                 seen += 1
-                if abs(shown - min(own, room)) > 1 or abs(height - shown * own_height / own) > 1:
-                    wrong.append(f"{page.name}: {file} of {own} pixels has {shown:g} of {room:g}")
+                if abs(shown - min(own, available)) > 1 or abs(height - shown * own_height / own) > 1:
+                    wrong.append(f"{page.name}: {file} of {own} pixels has {shown:g} of {available:g}")
             wrong += [f"{page.name}: {word} is broken" for word in browser.value(BROKEN_CODE)]
             if (wide := browser.value("document.documentElement.scrollWidth")) > width:
                 wrong.append(f"{page.name} is {wide} pixels wide")
