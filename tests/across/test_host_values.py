@@ -530,6 +530,8 @@ def test_start_of_a_solid_without_a_liquid_fills_the_lattice():
     body = SolidBox(lower=(0.0, 0.0, 0.0), upper=(0.2, 0.2, 0.2), density=500.0)
     made = Scene(spacing=SPACING, support_radius=H, fluid=(), solid=(body,), effects=(ShapeMatching(),))
     assert make_plan(made).state.mass == near(0.5)
+    heavier = SolidBox(lower=(0.0, 0.0, 0.0), upper=(0.2, 0.2, 0.2), density=500.0, mass=4.2)
+    assert make_plan(made.with_(solid=(heavier,))).state.mass == near(4.2 / 8)
     with pytest.raises(InputError, match="nothing holds its solids together"):
         make_plan(Scene(spacing=SPACING, support_radius=H, fluid=(), solid=(body,), effects=(LIQUID,)))
 
