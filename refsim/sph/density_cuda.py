@@ -59,15 +59,17 @@ def packed_density(i, lane, placed, neighbours, walls, smoothing, fluid, period,
         rho += own_mass * own
         number += own
         if walls is not None:
-            filled = fluid.rest_density * wall_sum(i, placed, walls, smoothing, None, period)
-            rho += filled
-            number += filled / own_mass
-            if asymmetry is not None:
-                bx, by, bz = wall_moment(i, placed, walls, smoothing, period)
+            if asymmetry is None:
+                filled = wall_sum(i, None, placed, walls, smoothing, period)
+            else:
+                filled, bx, by, bz = wall_moment(i, None, placed, walls, smoothing, period)
                 weight = fluid.rest_density / own_mass
                 mx += weight * bx
                 my += weight * by
                 mz += weight * bz
+            filled *= fluid.rest_density
+            rho += filled
+            number += filled / own_mass
         density[i] = rho
         if number_density is not None:
             number_density[i] = number

@@ -1,59 +1,69 @@
-"""What one particle does in weakly compressible SPH."""
+"""What one pair of particles and one particle do in weakly compressible SPH."""
 
 import math
 
 from refsim.backends.compile import formula, kernel
-from refsim.neighbours.formulas import to_nearest_image
-from refsim.neighbours.rows import first_lane, over_lanes, row_of
+from refsim.neighbours.pairs import neighbour_sum, pair
+from refsim.neighbours.rows import first_lane
 from refsim.smoothing.formulas import kernel_slope, kernel_value, viscosity_laplacian
 from refsim.sph import formulas
 from refsim.sph.formulas import central_viscosity_pair, pressure_pair, viscosity_pair, wall_pressure_pair
 
 
+@pair
+def density_pair(r, mass_j, smoothing):
+    """Terms of J(7) [kg/m^dim] and J(8) [1/m^dim]."""
+    w = kernel_value(r, smoothing)
+    return mass_j * w, w
+
+
+@pair
+def density_moment_pair(r, x_ij, mass_j, smoothing):
+    """Terms of J(7), J(8) and sum W_ij x_ij."""
+    mass_w, w = density_pair(r, mass_j, smoothing)
+    return mass_w, w, w * x_ij[0], w * x_ij[1], w * x_ij[2]
+
+
+@pair
+def wall_density_pair(r, volume_j, smoothing):
+    """V_b W_ib, dimensionless."""
+    return volume_j * kernel_value(r, smoothing)
+
+
+@pair
+def wall_moment_pair(r, x_ij, volume_j, smoothing):
+    """V_b W_ib, dimensionless, and V_b W_ib x_ib [m]."""
+    w = wall_density_pair(r, volume_j, smoothing)
+    return w, w * x_ij[0], w * x_ij[1], w * x_ij[2]
+
+
 @kernel(lanes=True)
 def density(i, lane, position, mass, neighbours, walls, smoothing, fluid, period, number_density, asymmetry, density):
     """J(7) [kg/m^dim]; J(8) where `number_density` is requested, |sum W_ij x_ij| where `asymmetry` is."""
-    first, stride, count = row_of(neighbours, i, lane)
-    h = smoothing.support_radius
-    limit = h * h
-    real = type(h)
-    rho, number = real(0), real(0)
-    mx, my, mz = real(0), real(0), real(0)
-    x, y, z = position[i, 0], position[i, 1], position[i, 2]
-    for k in range(count):
-        j = neighbours.entries[first + k * stride]
-        dx, dy, dz = x - position[j, 0], y - position[j, 1], z - position[j, 2]
-        dx, dy, dz = to_nearest_image(dx, dy, dz, period)
-        r2 = dx * dx + dy * dy + dz * dz
-        if r2 < limit:
-            w = kernel_value(math.sqrt(r2), smoothing)
-            rho += mass[j] * w
-            number += w
-            if asymmetry is not None:
-                mx += w * dx
-                my += w * dy
-                mz += w * dz
-    if not number >= real(0):  # keeps the sum of W in every variant, so that the density has the same bits in all
+    own = own_share(smoothing)
+    if asymmetry is None:
+        rho, number = neighbour_sum(density_pair, i, lane, neighbours, position, period, mass, smoothing)
+    else:
+        rho, number, mx, my, mz = neighbour_sum(
+            density_moment_pair, i, lane, neighbours, position, period, mass, smoothing
+        )
+    if not number >= type(own)(0):  # keeps the sum of W in every variant, so that the density has the same bits in all
         rho = number
-    rho = over_lanes(rho, lane)
-    if number_density is not None:
-        number = over_lanes(number, lane)
-    if asymmetry is not None:
-        mx, my, mz = over_lanes(mx, lane), over_lanes(my, lane), over_lanes(mz, lane)
+    rho += mass[i] * own
+    number += own
+    if walls is not None:
+        if asymmetry is None:
+            filled = wall_sum(i, lane, position, walls, smoothing, period)
+        else:
+            filled, bx, by, bz = wall_moment(i, lane, position, walls, smoothing, period)
+            weight = fluid.rest_density / mass[i]
+            mx += weight * bx
+            my += weight * by
+            mz += weight * bz
+        filled *= fluid.rest_density
+        rho += filled
+        number += filled / mass[i]
     if first_lane(lane):
-        own = own_share(smoothing)
-        rho += mass[i] * own
-        number += own
-        if walls is not None:
-            filled = fluid.rest_density * wall_sum(i, position, walls, smoothing, None, period)
-            rho += filled
-            number += filled / mass[i]
-            if asymmetry is not None:
-                bx, by, bz = wall_moment(i, position, walls, smoothing, period)
-                weight = fluid.rest_density / mass[i]
-                mx += weight * bx
-                my += weight * by
-                mz += weight * bz
         density[i] = rho
         if number_density is not None:
             number_density[i] = number
@@ -68,67 +78,40 @@ def own_share(smoothing):
 
 
 @formula
-def wall_sum(i, position, walls, smoothing, lane, period):
-    """Sum of V_b W_ib over the wall particles, or over the lane's share of them; dimensionless."""
-    first, stride, count = row_of(walls, i, lane)
-    h = smoothing.support_radius
-    limit = h * h
-    total = type(h)(0)
-    x, y, z = position[i, 0], position[i, 1], position[i, 2]
-    for k in range(count):
-        b = walls.entries[first + k * stride]
-        dx, dy, dz = x - walls.position[b, 0], y - walls.position[b, 1], z - walls.position[b, 2]
-        dx, dy, dz = to_nearest_image(dx, dy, dz, period)
-        r2 = dx * dx + dy * dy + dz * dz
-        if r2 < limit:
-            total += walls.volume[b] * kernel_value(math.sqrt(r2), smoothing)
-    return total
+def wall_sum(i, lane, position, walls, smoothing, period):
+    """Sum of V_b W_ib over the wall particles; dimensionless."""
+    return neighbour_sum(wall_density_pair, i, lane, walls, position, period, walls.volume, smoothing)
 
 
 @formula
-def wall_moment(i, position, walls, smoothing, period):
-    """Sum of V_b W_ib x_ib over the wall particles [m]."""
-    first, stride, count = row_of(walls, i)
-    h = smoothing.support_radius
-    real = type(h)
-    limit = h * h
-    mx, my, mz = real(0), real(0), real(0)
-    x, y, z = position[i, 0], position[i, 1], position[i, 2]
-    for k in range(count):
-        b = walls.entries[first + k * stride]
-        dx, dy, dz = x - walls.position[b, 0], y - walls.position[b, 1], z - walls.position[b, 2]
-        dx, dy, dz = to_nearest_image(dx, dy, dz, period)
-        r2 = dx * dx + dy * dy + dz * dz
-        if r2 < limit:
-            w = walls.volume[b] * kernel_value(math.sqrt(r2), smoothing)
-            mx += w * dx
-            my += w * dy
-            mz += w * dz
-    return mx, my, mz
+def wall_moment(i, lane, position, walls, smoothing, period):
+    """Sums of V_b W_ib, dimensionless, and of V_b W_ib x_ib [m] over the wall particles."""
+    return neighbour_sum(wall_moment_pair, i, lane, walls, position, period, walls.volume, smoothing)
+
+
+@pair
+def wall_gradient_pair(r, x_ij, volume_j, smoothing, weight):
+    """w V_b grad W_ib [1/m, times the unit of the weight w]."""
+    f = weight * volume_j * slope_over_distance(r, smoothing)
+    return f * x_ij[0], f * x_ij[1], f * x_ij[2]
 
 
 @formula
-def wall_gradient(i, position, walls, smoothing, weight, period):
+def wall_gradient(i, lane, position, walls, smoothing, weight, period):
     """Sum of w V_b grad W_ib over the wall particles [1/m, times the unit of the weight w]."""
-    first, stride, count = row_of(walls, i)
-    h = smoothing.support_radius
-    real = type(h)
-    limit = h * h
-    tiny = real(1e-9) * h
-    gx, gy, gz = real(0), real(0), real(0)
-    x, y, z = position[i, 0], position[i, 1], position[i, 2]
-    for k in range(count):
-        b = walls.entries[first + k * stride]
-        dx, dy, dz = x - walls.position[b, 0], y - walls.position[b, 1], z - walls.position[b, 2]
-        dx, dy, dz = to_nearest_image(dx, dy, dz, period)
-        r2 = dx * dx + dy * dy + dz * dz
-        if r2 < limit:
-            r = math.sqrt(r2)
-            f = weight * walls.volume[b] * kernel_slope(r, smoothing) / (r + tiny)
-            gx += f * dx
-            gy += f * dy
-            gz += f * dz
-    return gx, gy, gz
+    return neighbour_sum(wall_gradient_pair, i, lane, walls, position, period, walls.volume, smoothing, weight)
+
+
+@formula
+def slope_over_distance(r, smoothing):
+    """W'(r)/r [1/m^(dim + 2)], 0 at r = 0: grad W = W'(r)/r x_ij."""
+    return kernel_slope(r, smoothing) / length(r, smoothing)
+
+
+@formula
+def length(r, smoothing):
+    """r + 1e-9 h [m], by which the direction of a pair of equal places is x_ij/r = 0."""
+    return r + type(r)(1e-9) * smoothing.support_radius
 
 
 @kernel
@@ -137,101 +120,92 @@ def state(i, density, fluid, pressure):
     pressure[i] = formulas.state_pressure(density[i], fluid)
 
 
+@pair
+def momentum_pair(
+    r, x_ij, velocity_i, velocity_j, mass_j, density_j, pressure_i, pressure_j, smoothing, fluid, viscosity
+):
+    """J(10) and, unless `viscosity` is None, J(11) [N/m^3]."""
+    apart = length(r, smoothing)
+    share = mass_j / (density_j * apart)  # V_j/r: one division serves both terms
+    f = pressure_pair(share, pressure_i, pressure_j, kernel_slope(r, smoothing), fluid)
+    ax, ay, az = f * x_ij[0], f * x_ij[1], f * x_ij[2]
+    if viscosity is not None:
+        g = viscosity_pair(share * apart, viscosity, viscosity_laplacian(r, smoothing))
+        ax += g * (velocity_j[0] - velocity_i[0])
+        ay += g * (velocity_j[1] - velocity_i[1])
+        az += g * (velocity_j[2] - velocity_i[2])
+    return ax, ay, az
+
+
 @kernel(lanes=True)
 def momentum(
     i, lane, position, velocity, mass, density, pressure, neighbours, walls, smoothing, fluid, viscosity, period,
     acceleration,
 ):  # fmt: skip
     """J(10) and, unless `viscosity` is None, J(11), walls after Akinci 2012; added to the acceleration [m/s^2]."""
-    first, stride, count = row_of(neighbours, i, lane)
-    h = smoothing.support_radius
-    real = type(h)
-    limit = h * h
-    tiny = real(1e-9) * h
-    ax, ay, az = real(0), real(0), real(0)
-    x, y, z = position[i, 0], position[i, 1], position[i, 2]
-    u, v, w = velocity[i, 0], velocity[i, 1], velocity[i, 2]
-    own = pressure[i]
-    for k in range(count):
-        j = neighbours.entries[first + k * stride]
-        dx, dy, dz = x - position[j, 0], y - position[j, 1], z - position[j, 2]
-        dx, dy, dz = to_nearest_image(dx, dy, dz, period)
-        r2 = dx * dx + dy * dy + dz * dz
-        if r2 < limit:
-            r = math.sqrt(r2)
-            apart = r + tiny
-            share = mass[j] / (density[j] * apart)  # V_j/r: one division serves both terms
-            f = pressure_pair(share, own, pressure[j], kernel_slope(r, smoothing), fluid)
-            ax += f * dx
-            ay += f * dy
-            az += f * dz
-            if viscosity is not None:
-                g = viscosity_pair(share * apart, viscosity, viscosity_laplacian(r, smoothing))
-                ax += g * (velocity[j, 0] - u)
-                ay += g * (velocity[j, 1] - v)
-                az += g * (velocity[j, 2] - w)
+    ax, ay, az = neighbour_sum(
+        momentum_pair, i, lane, neighbours, position, period, velocity, mass, density, pressure, smoothing, fluid,
+        viscosity,
+    )  # fmt: skip
     rho = density[i]
-    ax, ay, az = over_lanes(ax / rho, lane), over_lanes(ay / rho, lane), over_lanes(az / rho, lane)
+    ax, ay, az = ax / rho, ay / rho, az / rho
+    if walls is not None:
+        bx, by, bz = wall_pressure(i, lane, position, density, pressure, walls, smoothing, fluid, period)
+        ax += bx
+        ay += by
+        az += bz
     if first_lane(lane):
-        if walls is not None:
-            bx, by, bz = wall_pressure(i, position, density, pressure, walls, smoothing, fluid, None, period)
-            ax += bx
-            ay += by
-            az += bz
         acceleration[i, 0] += ax
         acceleration[i, 1] += ay
         acceleration[i, 2] += az
 
 
+@pair
+def wall_push_pair(r, x_ij, density_i, pressure_i, volume_j, smoothing, fluid):
+    """Akinci 2012: acceleration by the mirrored pressure of a wall particle [m/s^2]."""
+    wall_mass = fluid.rest_density * volume_j
+    f = wall_pressure_pair(wall_mass, pressure_i, density_i, slope_over_distance(r, smoothing), fluid)
+    return f * x_ij[0], f * x_ij[1], f * x_ij[2]
+
+
 @formula
-def wall_pressure(i, position, density, pressure, walls, smoothing, fluid, lane, period):
-    """Akinci 2012: acceleration of particle i by the walls' mirrored pressure, or the lane's share of it [m/s^2]."""
-    first, stride, count = row_of(walls, i, lane)
-    h = smoothing.support_radius
-    real = type(h)
-    limit = h * h
-    tiny = real(1e-9) * h
-    ax, ay, az = real(0), real(0), real(0)
-    x, y, z = position[i, 0], position[i, 1], position[i, 2]
-    for k in range(count):
-        b = walls.entries[first + k * stride]
-        dx, dy, dz = x - walls.position[b, 0], y - walls.position[b, 1], z - walls.position[b, 2]
-        dx, dy, dz = to_nearest_image(dx, dy, dz, period)
-        r2 = dx * dx + dy * dy + dz * dz
-        if r2 < limit:
-            r = math.sqrt(r2)
-            wall_mass = fluid.rest_density * walls.volume[b]
-            f = wall_pressure_pair(wall_mass, pressure[i], density[i], kernel_slope(r, smoothing), fluid) / (r + tiny)
-            ax += f * dx
-            ay += f * dy
-            az += f * dz
-    return ax, ay, az
+def wall_pressure(i, lane, position, density, pressure, walls, smoothing, fluid, period):
+    """Akinci 2012: acceleration of particle i by the walls' mirrored pressure [m/s^2]."""
+    return neighbour_sum(
+        wall_push_pair, i, lane, walls, position, period, density, pressure, walls.volume, smoothing, fluid
+    )
 
 
-@kernel
-def viscous(i, position, velocity, mass, density, neighbours, smoothing, viscosity, period, acceleration):
+@pair
+def viscous_pair(r, velocity_i, velocity_j, mass_j, density_j, smoothing, viscosity):
+    """J(11) [N/m^3]."""
+    f = viscosity_pair(mass_j / density_j, viscosity, viscosity_laplacian(r, smoothing))
+    return f * (velocity_j[0] - velocity_i[0]), f * (velocity_j[1] - velocity_i[1]), f * (velocity_j[2] - velocity_i[2])
+
+
+@kernel(lanes=True)
+def viscous(i, lane, position, velocity, mass, density, neighbours, smoothing, viscosity, period, acceleration):
     """J(11) alone; added to the acceleration [m/s^2]."""
-    first, stride, count = row_of(neighbours, i)
-    h = smoothing.support_radius
-    real = type(h)
-    limit = h * h
-    ax, ay, az = real(0), real(0), real(0)
-    x, y, z = position[i, 0], position[i, 1], position[i, 2]
-    u, v, w = velocity[i, 0], velocity[i, 1], velocity[i, 2]
-    for k in range(count):
-        j = neighbours.entries[first + k * stride]
-        dx, dy, dz = x - position[j, 0], y - position[j, 1], z - position[j, 2]
-        dx, dy, dz = to_nearest_image(dx, dy, dz, period)
-        r2 = dx * dx + dy * dy + dz * dz
-        if r2 < limit:
-            f = viscosity_pair(mass[j] / density[j], viscosity, viscosity_laplacian(math.sqrt(r2), smoothing))
-            ax += f * (velocity[j, 0] - u)
-            ay += f * (velocity[j, 1] - v)
-            az += f * (velocity[j, 2] - w)
-    rho = density[i]
-    acceleration[i, 0] += ax / rho
-    acceleration[i, 1] += ay / rho
-    acceleration[i, 2] += az / rho
+    ax, ay, az = neighbour_sum(
+        viscous_pair, i, lane, neighbours, position, period, velocity, mass, density, smoothing, viscosity
+    )
+    if first_lane(lane):
+        acceleration[i, 0] += ax / density[i]
+        acceleration[i, 1] += ay / density[i]
+        acceleration[i, 2] += az / density[i]
+
+
+@pair
+def central_pair(r, x_ij, velocity_i, velocity_j, mass_j, density_j, smoothing, central_viscosity):
+    """Viscosity along the line of centres [N/m^3]."""
+    laplacian = viscosity_laplacian(r, smoothing)
+    g = central_viscosity_pair(mass_j / density_j, central_viscosity, laplacian)
+    parting = (velocity_j[0] - velocity_i[0]) * x_ij[0]
+    parting += (velocity_j[1] - velocity_i[1]) * x_ij[1]
+    parting += (velocity_j[2] - velocity_i[2]) * x_ij[2]
+    tiny = type(r)(1e-9) * smoothing.support_radius
+    f = g * parting / (r * r + tiny * tiny)  # a product with 1/r^2 may overflow: its factors are taken in any order
+    return f * x_ij[0], f * x_ij[1], f * x_ij[2]
 
 
 @kernel(lanes=True)
@@ -239,33 +213,13 @@ def central_viscous(
     i, lane, position, velocity, mass, density, neighbours, smoothing, central_viscosity, period, acceleration
 ):  # fmt: skip
     """Viscosity along the line of centres; added to the acceleration [m/s^2]."""
-    first, stride, count = row_of(neighbours, i, lane)
-    h = smoothing.support_radius
-    real = type(h)
-    limit = h * h
-    tiny = (real(1e-9) * h) * (real(1e-9) * h)
-    ax, ay, az = real(0), real(0), real(0)
-    x, y, z = position[i, 0], position[i, 1], position[i, 2]
-    u, v, w = velocity[i, 0], velocity[i, 1], velocity[i, 2]
-    for k in range(count):
-        j = neighbours.entries[first + k * stride]
-        dx, dy, dz = x - position[j, 0], y - position[j, 1], z - position[j, 2]
-        dx, dy, dz = to_nearest_image(dx, dy, dz, period)
-        r2 = dx * dx + dy * dy + dz * dz
-        if r2 < limit:
-            laplacian = viscosity_laplacian(math.sqrt(r2), smoothing)
-            g = central_viscosity_pair(mass[j] / density[j], central_viscosity, laplacian)
-            parting = (velocity[j, 0] - u) * dx + (velocity[j, 1] - v) * dy + (velocity[j, 2] - w) * dz
-            f = g * parting / (r2 + tiny)  # a product with 1/r^2 may overflow: its factors are taken in any order
-            ax += f * dx
-            ay += f * dy
-            az += f * dz
-    rho = density[i]
-    ax, ay, az = over_lanes(ax / rho, lane), over_lanes(ay / rho, lane), over_lanes(az / rho, lane)
+    ax, ay, az = neighbour_sum(
+        central_pair, i, lane, neighbours, position, period, velocity, mass, density, smoothing, central_viscosity
+    )
     if first_lane(lane):
-        acceleration[i, 0] += ax
-        acceleration[i, 1] += ay
-        acceleration[i, 2] += az
+        acceleration[i, 0] += ax / density[i]
+        acceleration[i, 1] += ay / density[i]
+        acceleration[i, 2] += az / density[i]
 
 
 @kernel

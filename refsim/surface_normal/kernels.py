@@ -101,7 +101,7 @@ def corrected(
                 ny += f * dy
                 nz += f * dz
         if walls is not None:
-            filled += wall_sum(i, position, walls, smoothing, None, None)
+            filled += wall_sum(i, None, position, walls, smoothing, None)
     corrected_normal[i, 0] = nx / filled
     corrected_normal[i, 1] = ny / filled
     corrected_normal[i, 2] = nz / filled

@@ -27,7 +27,7 @@ def test_a_body_is_shown_with_the_loop_of_the_backend(capsys):
         "J(10)",
         "def pressure_pair(",
         "def momentum(position, velocity, mass, density",
-        "row_of(neighbours, i, lane)",
+        "neighbour_sum(",
     )
     assert all(part in shown for part in parts)
     assert "lanes = len(neighbours.lanes)" in shown

@@ -53,7 +53,7 @@ EXIT_FAILED = 4
 IN_A_PART = 100  # slips that one process judges
 SECONDS = {False: 60, True: 600}  # of processor time, after which a slip has made a trial (shallow, deep) endless
 PATIENCE = 10.0  # times the processor time without a slip, plus a second: likewise
-SHARED = ("refsim.backends.", "refsim.neighbours.rows")  # what every kernel stands on has tests of its own
+SHARED = ("refsim.backends.", "refsim.neighbours.pairs", "refsim.neighbours.rows")  # have tests of their own
 FIRST_CASES = ("three_particles", "cloud_2d", "cloud_3d", "printed_readings")
 TWO_OF = "return (u * a[0] + v * b[0], u * a[1] + v * b[1], u * a[2] + v * b[2], "
 THREE_OF = "return (u * a[0] + v * b[0] + w * c[0], u * a[1] + v * b[1] + w * c[1], u * a[2] + v * b[2] + w * c[2], "
@@ -615,6 +615,7 @@ def sites(tree, flags=False):
         return False
 
     names = {n.id for n in nodes if isinstance(n, ast.Name)}
+    taken = {n.arg for n in nodes if isinstance(n, ast.arg)}
     other = {"j": "i", "b": "i", "i": "j" if "j" in names else ""}
     for number, node in enumerate(nodes):
         if isinstance(node, (ast.BinOp, ast.AugAssign)) and type(node.op) in SWAPPED:
@@ -637,6 +638,13 @@ def sites(tree, flags=False):
                 yield "factor", number, lambda n: setattr(n, "value", n.value * 1.01 if n.value % 1 else n.value + 1)
         elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load) and in_index(node) and other.get(node.id):
             yield "index", number, lambda n: setattr(n, "id", other[n.id])
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load) and partner(node.id) in taken:
+            yield "index", number, lambda n: setattr(n, "id", partner(n.id))
+
+
+def partner(name):
+    """The other particle's field: velocity_j for velocity_i."""
+    return {"_i": name[:-2] + "_j", "_j": name[:-2] + "_i"}.get(name[-2:])
 
 
 def scaled(node):

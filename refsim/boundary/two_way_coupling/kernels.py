@@ -67,7 +67,7 @@ def density(
         total = over_lanes(total, lane)
         rho = mass[i] * (total + relative_contribution[i] * own_share(smoothing))
         if walls is not None:
-            rho += rest_density[i] * over_lanes(wall_sum(i, position, walls, smoothing, lane, None), lane)
+            rho += rest_density[i] * wall_sum(i, lane, position, walls, smoothing, None)
         p = tait_pressure(rho, rest_density[i], coupling)
     if first_lane(lane):
         density[i] = rho

@@ -98,7 +98,7 @@ def packed_density(
         total = over_lanes(total, lane)
         rho = mass[i] * (total + own * own_share(smoothing))
         if walls is not None:
-            rho += rest_density[i] * over_lanes(wall_sum(i, placed, walls, smoothing, lane, None), lane)
+            rho += rest_density[i] * wall_sum(i, lane, placed, walls, smoothing, None)
         p = tait_pressure(rho, rest_density[i], coupling)
     if first_lane(lane):
         density[i] = rho

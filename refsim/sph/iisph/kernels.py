@@ -43,7 +43,7 @@ def predict(
             flow += f * dy * (v - velocity[j, 1] - kick * acceleration[j, 1])
             flow += f * dz * (w - velocity[j, 2] - kick * acceleration[j, 2])
     if walls is not None:
-        bx, by, bz = wall_gradient(i, position, walls, smoothing, fluid.rest_density, None)
+        bx, by, bz = wall_gradient(i, None, position, walls, smoothing, fluid.rest_density, None)
         flow += bx * u
         flow += by * v
         flow += bz * w
@@ -115,7 +115,7 @@ def relax(
             away += (sz - own_displacement[j, 2] * q - pair_displacement[j, 2] + own * g * dz) * dz
             total += mass[j] * g * away
     if walls is not None:
-        bx, by, bz = wall_gradient(i, position, walls, smoothing, fluid.rest_density, None)
+        bx, by, bz = wall_gradient(i, None, position, walls, smoothing, fluid.rest_density, None)
         total += bx * sx + by * sy + bz * sz
     missing = fluid.rest_density - advected_density[i]
     p, a = pressure[i], diagonal[i]
@@ -147,7 +147,7 @@ def push(i, position, mass, density, pressure, neighbours, walls, smoothing, flu
             ay += f * dy
             az += f * dz
     if walls is not None:
-        bx, by, bz = wall_gradient(i, position, walls, smoothing, fluid.rest_density, None)
+        bx, by, bz = wall_gradient(i, None, position, walls, smoothing, fluid.rest_density, None)
         share = own / (rho * rho)
         ax -= share * bx
         ay -= share * by

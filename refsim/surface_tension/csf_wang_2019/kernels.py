@@ -33,11 +33,11 @@ def normal(i, position, mass, density, neighbours, walls, smoothing, gradient_sm
             ny += f * dy
             nz += f * dz
     if walls is not None:
-        bx, by, bz = wall_gradient(i, position, walls, gradient_smoothing, real(1), None)
+        bx, by, bz = wall_gradient(i, None, position, walls, gradient_smoothing, real(1), None)
         nx += bx
         ny += by
         nz += bz
-        filled += wall_sum(i, position, walls, smoothing, None, None)
+        filled += wall_sum(i, None, position, walls, smoothing, None)
     interface_normal[i, 0] = nx / filled
     interface_normal[i, 1] = ny / filled
     interface_normal[i, 2] = nz / filled

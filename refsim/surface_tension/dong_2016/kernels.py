@@ -24,7 +24,7 @@ def density(i, position, mass, neighbours, walls, smoothing, fluid, number_densi
         if r2 < limit:
             number += kernel_value(math.sqrt(r2), smoothing)
     if walls is not None:
-        number += fluid.rest_density * wall_sum(i, position, walls, smoothing, None, None) / mass[i]
+        number += fluid.rest_density * wall_sum(i, None, position, walls, smoothing, None) / mass[i]
     density[i] = mass[i] * number
     if number_density is not None:
         number_density[i] = number
@@ -68,7 +68,7 @@ def momentum(
     m = mass[i]
     ax, ay, az = ax / m, ay / m, az / m
     if walls is not None:
-        bx, by, bz = wall_pressure(i, position, density, pressure, walls, smoothing, fluid, None, None)
+        bx, by, bz = wall_pressure(i, None, position, density, pressure, walls, smoothing, fluid, None)
         ax += bx
         ay += by
         az += bz

@@ -24,7 +24,7 @@ def color(i, position, mass, density, neighbours, walls, smoothing, color):
         if r2 < limit:
             total += mass[j] / density[j] * kernel_value(math.sqrt(r2), smoothing)
     if walls is not None:
-        total += wall_sum(i, position, walls, smoothing, None, None)
+        total += wall_sum(i, None, position, walls, smoothing, None)
     color[i] = total
 
 

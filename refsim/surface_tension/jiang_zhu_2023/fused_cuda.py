@@ -106,12 +106,12 @@ def packed_sums(
         cy -= strength * by
         cz -= strength * bz
     ax, ay, az = ax / rho + cx, ay / rho + cy, az / rho + cz
+    ax, ay, az = over_lanes(ax, lane), over_lanes(ay, lane), over_lanes(az, lane)
     if walls is not None:
-        bx, by, bz = wall_pressure(i, placed, density, pressure, walls, gradient_smoothing, fluid, lane, None)
+        bx, by, bz = wall_pressure(i, lane, placed, density, pressure, walls, gradient_smoothing, fluid, None)
         ax += bx
         ay += by
         az += bz
-    ax, ay, az = over_lanes(ax, lane), over_lanes(ay, lane), over_lanes(az, lane)
     if first_lane(lane):
         acceleration[i, 0] += ax
         acceleration[i, 1] += ay

@@ -17,7 +17,7 @@ def corrected_density(i, position, mass, density, near_surface, neighbours, wall
         # A function of its own keeps the order of the sums: inlined, the compiler would add the walls' share earlier.
         mass_sum, volume_sum = density_sums(i, position, mass, density, neighbours, smoothing)
         if walls is not None:
-            filled = fluid.rest_density * wall_sum(i, position, walls, smoothing, None, None)
+            filled = fluid.rest_density * wall_sum(i, None, position, walls, smoothing, None)
             mass_sum += filled
             volume_sum += filled / rho
         rho = formulas.normalised_density(mass_sum, volume_sum)
