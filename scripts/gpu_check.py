@@ -5,8 +5,8 @@
 Every task runs in a process of its own, because one illegal memory access ends CUDA for the whole process: the
 pairing suite of the contract for each operation and dtype, the neighbour search against the CPU's and against all
 pairs, whole runs against the CPU, every two effects in one small scene against the references, bitwise repetition, and
-times. A task that fails is reported and the others go on. Exit code 0 all well, 2 no GPU, 4 something failed or did not
-end in time.
+launches and bytes against the plan. A task that fails is reported and the others go on. Times are benchmarks
+(`tests/times`). Exit code 0 all well, 2 no GPU, 4 something failed or did not end in time.
 
 In the CUDA simulator the script runs too, with tiny sizes, so that the script itself can be tried without a GPU.
 """
@@ -19,7 +19,6 @@ import datetime
 import functools
 import importlib.metadata
 import json
-import math
 import os
 import pathlib
 import platform
@@ -62,14 +61,14 @@ from refsim.backends import arrays as backend  # noqa: E402
 from refsim.backends import runtime  # noqa: E402
 from refsim.commands.plan import describe_plan  # noqa: E402
 from refsim.core.operation import REGISTRY  # noqa: E402
-from validation import limits, pairs  # noqa: E402
+from refsim.study.memory import bytes_of  # noqa: E402
+from validation import pairs, timed  # noqa: E402
 from validation.results import sources_digest  # noqa: E402
 
 DTYPES = ("float32", "float64")
 WORKERS = 6
 MARK = "gpu_check result: "
 PACKAGES = ("numpy", "numba", "numba-cuda", "cupy-cuda13x", "cuda-bindings", "cuda-core")
-SIZES = limits.SIZES
 COMPARED = {"float32": 5, "float64": 20}  # steps before two backends are compared: rounding grows with each
 # Share of the largest value. On the CPU, float32 and float64 already differ by 2 % in the pressure of the dam break
 # after five steps, because a liquid at rest has almost none. The pairing tests accuracy; this tests whole runs.
@@ -346,203 +345,26 @@ def device_bytes() -> int:
     return cupy.get_default_memory_pool().used_bytes()
 
 
-TENSIONS = {
-    "jiang_zhu": limits.COHESION,
-    "akinci": Akinci2013(surface_tension=0.5),  # cohesion and area term
-}
-BARS = {  # milliseconds a step, nanoseconds a step and particle
-    ("60k", "jiang_zhu"): (0.1, math.inf),
-    ("8M", "jiang_zhu"): (math.inf, 0.5),
-    ("8M", "akinci"): (math.inf, 1 / 1.3),
-}
-
-
-def timing_task(arguments: list[str]) -> list[Row]:
-    """Milliseconds of a step and of its parts on a spinning cube of viscous liquid with cohesion, float32, h = 2 d."""
-    size, model = arguments
-    scene = limits.spinning_cube(4 if runtime.simulated() else SIZES[size], TENSIONS[model])
-    began = time.perf_counter()
-    plan, before = make_plan(scene), device_bytes()
-    simulation = Simulation(plan, "cuda")
-    rows = [row("particles", simulation.count), row("set-up", float(f"{time.perf_counter() - began:.3g}"), "s")]
-    simulation._set("velocity", limits.spinning(plan.state.position))
-    if not runtime.simulated():
+def plan_task(arguments: list[str]) -> list[Row]:
+    """Launches and bytes of a step of each scene of a ladder, and the memory of a large cube, against the plan."""
+    if arguments[0] in timed.TENSIONS:
+        plan = make_plan(timed.spinning_cube(4 if runtime.simulated() else 100, timed.TENSIONS[arguments[0]]))
+        before, simulation = device_bytes(), Simulation(plan, "cuda")
         simulation.step()  # the list then holds the lattice that the plan counts
         said = describe_plan(plan, "cuda")["bytes"]["total"]
-        held = device_bytes() - before
-        rows.append(row("memory held", round(held / simulation.count, 1), "B/particle"))
-        off = abs(held / said - 1)
-        rows.append(judged("memory held, off what the plan says", round(off, 3), 0.1, words=f"{said / 2**20:.0f} MiB"))
-    for _ in range(2 if runtime.simulated() else 60):
-        simulation.step()
-    from validation.experiments.melting.device import clock
-
-    mark, between = clock()
-    wait = simulation.backend.synchronize
-    repeats = 1 if runtime.simulated() else 20
-
-    def measured(label: str, call: Callable[[], Any], times: int = repeats) -> None:
-        call()
-        wait()
-        spans = []
-        for _ in range(3):
-            first = mark()
-            host = time.perf_counter()
-            for _ in range(times):
-                call()
-            host = time.perf_counter() - host
-            spans.append((between(first, mark()) / times, host / times))
-        on_device, on_host = sorted(spans)[1]
-        bound = "the host's launches" if on_host > 0.8 * on_device else "the device"
-        rows.append(row(label, float(f"{1e3 * on_device:.4g}"), "ms", words=f"host {1e3 * on_host:.3g} ms; by {bound}"))
-
-    for name, _, call in simulation.force_calls:
-        measured(name, call)
-    measured("sph.extremes", simulation.extremes_call)
-    search, fields = simulation.search, simulation.fields
-    measured("list: order", lambda: search.order(fields["position"]), 3)
-    order = search.order(fields["position"])
-    measured("list: one vector field in cell order", lambda: search.reorder(fields["velocity"], order), 3)
-    measured("list: build", lambda: search.build(simulation.build_position), 3)
-
-    def rebuild() -> None:
-        simulation.lists.policy.invalidate()
-        simulation.lists.update()
-
-    measured("list: everything, audit included", rebuild, 3)
-    kinds: dict[str, list[float]] = {"step alone": [], "step and a look at the list": [], "step and rebuild": []}
-    for _ in range(2 if runtime.simulated() else 300):
-        built, margin = search.log.rebuilds, simulation.lists.policy.margin
-        began = time.perf_counter()
-        simulation.step()  # waits for the device
-        looked = margin <= 0 < simulation.lists.policy.margin
-        kind = 2 if search.log.rebuilds > built else int(looked)
-        list(kinds.values())[kind].append(time.perf_counter() - began)
-    for kind, spans in kinds.items():
-        if spans:
-            rows.append(row(kind, float(f"{1e3 * np.median(spans):.4g}"), "ms", words=f"median of {len(spans)}"))
-    took = float(
-        sum(len(spans) * np.median(spans) for spans in kinds.values() if spans) / sum(map(len, kinds.values()))
-    )
-    step, each = float(f"{1e3 * took:.4g}"), float(f"{1e9 * took / simulation.count:.4g}")
-    if runtime.simulated():
-        rows += [row("step", step, "ms"), row("step per particle", each, "ns")]
-    else:
-        bars = BARS.get((size, model), (math.inf, math.inf))
-        words = "all three kinds, at their medians and in their shares"
-        rows += [judged("step", step, bars[0], "ms", words), judged("step per particle", each, bars[1], "ns")]
-    rows += [
-        row("most neighbours", search.log.most_neighbours),
-        row("list", float(f"{search.log.list_bytes / 2**20:.5g}"), "MiB"),
-        judged("neighbours missed", search.log.missed_neighbours, 0),
-    ]
-    return rows
-
-
-MELTING = {"figure_4": 22.5, "figure_5": 35.7, "million": math.inf, "figure_6": 42.3}  # the paper's milliseconds
-MELTING_BAR = {"figure_6": 0.5}  # milliseconds a step
-HOST_THREADS = 4  # of the CPU beside which the GPU is timed
-
-
-def melting_scene(size: str, **options: Any) -> Scene:
-    """A scene of table 2, or a tank of a million particles of which a third is solid."""
-    from validation.experiments.melting.scene import made, scene_of, shared_tank
-
-    small = 0.2 if runtime.simulated() else 1.0
-    if size == "million":
-        return made(shared_tank("figure_6", (0.25 if runtime.simulated() else 2.55), 1 / 3), **options)
-    return scene_of(size, small, **options)
-
-
-def melting_task(arguments: list[str]) -> list[Row]:
-    """Milliseconds of a melting step, float32, w = 2: as one graph, by stage as graphs, and by stage on the CPU."""
-    from validation.experiments.melting import device as cost
-    from validation.experiments.melting.runs import grouped
-    from validation.running import stage_seconds
-
-    def shown(name: str, seconds: float, words: str = "") -> Row:
-        return row(name, float(f"{1e3 * seconds:.4g}"), "ms", words=words)
-
-    size = arguments[0]
-    skin = {} if len(arguments) < 2 else {"skin": float(arguments[1])}
-    simulation = Simulation(melting_scene(size, **skin), "cuda")
-    bodies = int(np.diff(simulation.plan.grid.solids.lattice.first).sum())
-    rows = [row("liquid", simulation.count - bodies), row("solid", bodies)]
-    rows.append(row("skin", simulation.plan.scene.skin, "h"))
-    rows.append(row("the step is one graph", int(simulation.stepper.recorded.whole)))
-    taken = cost.steps(simulation, *((2, 2) if runtime.simulated() else (cost.WARM, cost.STEPS)))
-    count = sum(map(len, taken.values()))
-    rows += [shown(kind, float(np.median(all_)), f"{len(all_)} of them") for kind, all_ in taken.items() if all_]
-    mean = sum(map(sum, taken.values())) / count
-    rows.append(judged("step, mean", float(f"{1e3 * mean:.4g}"), MELTING_BAR.get(size, math.inf), "ms"))
-    rows.append(row("paper over refsim", float(f"{1e-3 * MELTING[size] / mean:.3g}"), "-"))
-    rows.append(row("simulated over real time", float(f"{simulation.plan.scene.step / mean:.3g}"), "-"))
-    stages = cost.stages(simulation, len(taken["step with a new list"]) / count, 1 if runtime.simulated() else 20)
-    own = grouped(stages)
-    rows += [shown(f"GPU {name}", seconds) for name, seconds in stages.items()]
-    rows += [shown(f"GPU: {group}", seconds) for group, seconds in own.items()]
-    rows.append(shown("sum of the stages", sum(stages.values())))
-    rows.append(row("solid at the end", int((simulation.field("phase") != 0).sum())))
-    rows.append(judged("speed at the end is finite", float(not np.isfinite(simulation.field("velocity")).all()), 0))
-    if size == "figure_6" and not skin:
-        on_cpu = Simulation(melting_scene(size), "cpu", 1 if runtime.simulated() else HOST_THREADS)
-        warm, steps = (2, 2) if runtime.simulated() else (30, 20)
-        for _ in range(warm):
-            on_cpu.step()
-        on_cpu.timings.stages.clear()
-        began = time.perf_counter()
-        for _ in range(steps):
-            on_cpu.step()
-        rows.append(shown("CPU step", (time.perf_counter() - began) / steps, f"{HOST_THREADS} threads"))
-        host = grouped({name: seconds / steps for name, seconds in stage_seconds(on_cpu).items()})
-        rows += [shown(f"CPU: {group}", seconds) for group, seconds in host.items()]
-        rows += [row(f"CPU over GPU: {name}", float(f"{host[name] / max(own[name], 1e-9):.3g}"), "-") for name in host]
-    return rows
-
-
-def effects_task(arguments: list[str]) -> list[Row]:
-    """Microseconds of a step of each scene of a ladder (docs/effects_cost.md); launches and bytes against the plan."""
-    from refsim.study.memory import bytes_of
-    from validation import effects_cost
-
-    small, rows = runtime.simulated(), []
-    for rung in effects_cost.ladders(small)[arguments[0]].rungs:
+        off = 0.0 if runtime.simulated() else abs((device_bytes() - before) / said - 1)
+        return [judged("memory held, off what the plan says", round(off, 3), 0.1, words=f"{said / 2**20:.0f} MiB")]
+    rows = []
+    for rung in timed.ladders(runtime.simulated())[arguments[0]].rungs:
         simulation = Simulation(rung.scene, "cuda")
-        for _ in range(1 if small else 50):
-            simulation.step()
-        spans = []
-        for _ in range(1 if small else 5):
-            count = 1 if small else 100
-            began = time.perf_counter()
-            for _ in range(count):
-                simulation.step()  # waits for the device
-            spans.append((time.perf_counter() - began) / count)
-        middle = float(np.median(spans))
-        words = f"{simulation.count:,} particles, median of {len(spans)} readings, {min(spans) / middle:.2f} to"
-        rows.append(
-            row(f"step: {rung.words}", float(f"{1e6 * middle:.4g}"), "us", words=f"{words} {max(spans) / middle:.2f}")
-        )
-        with effects_cost.counted_kernels() as kernels:
-            operations = effects_cost.launched(simulation)
-        wrong = effects_cost.differences(simulation, operations)
+        simulation.step()
+        wrong = timed.differences(simulation, timed.launched(simulation))
         rows.append(judged(f"launches and bytes off the plan: {rung.words}", len(wrong), 0, words="; ".join(wrong)))
-        rows.append(row(f"kernels a step: {rung.words}", len(kernels)))
         said, liquid = bytes_of(simulation.plan, "cuda"), simulation._parameters.get("mpm_liquid")
         if liquid is not None and "surface_energy" not in simulation.plan.effects:
             off = abs(liquid["grid"].bytes() - said["background_grid"])
             rows.append(judged(f"bytes of the background grid off the plan: {rung.words}", off, 0, "B"))
     return rows
-
-
-def limits_task(arguments: list[str]) -> list[Row]:
-    """What docs/device_limits.md is made of: the device's speeds, kernels alone, Warp, MPM's surface and table."""
-    kind, *size = arguments
-    return [
-        row(name, value, unit, words=words)
-        if name != limits.DIFFERENCE
-        else judged(name, value, limits.LARGEST_DIFFERENCE, unit, words)
-        for name, value, unit, words in limits.MEASURES[kind](*size)
-    ]
 
 
 def cache_task(_: list[str]) -> list[Row]:
@@ -559,10 +381,7 @@ TASKS: dict[str, Callable[[list[str]], list[Row]]] = {
     "run": run_task,
     "pair": pair_task,
     "cache": cache_task,
-    "timing": timing_task,
-    "melting": melting_task,
-    "effects": effects_task,
-    "limits": limits_task,
+    "plan": plan_task,
 }
 
 
@@ -575,12 +394,8 @@ def planned(quick: bool) -> tuple[list[str], list[str]]:
     together += [f"run {name} {dtype} {100 if quick else 1000}" for name in SCENES for dtype in DTYPES]
     together += [f"pairing {name} {dtype}" for name in REGISTRY for dtype in (DTYPES[:1] if quick else DTYPES)]
     together += [f"pair {first} {second}" for first, second in pairs.pairs()]
-    alone = ["cache first", "cache second"]
-    sizes = [size for size in SIZES if not (quick and size == "8M")]
-    alone += [f"melting {size}" for size in MELTING]
-    alone += [f"effects {ladder}" for ladder in ("sph", "melting", "mpm", "mesh")]
-    alone += [f"timing {size} {model}" for model in TENSIONS for size in sizes]
-    return together, alone + [task for task in limits.tasks() if task.split()[-1] in sizes or " " not in task[7:]]
+    together += [f"plan {name}" for name in (*timed.ladders(), *timed.TENSIONS)]
+    return together, ["cache first", "cache second"]
 
 
 def executed(task: str, deadline: float, devices: queue.SimpleQueue[str] | None = None) -> dict[str, Any]:
@@ -628,11 +443,6 @@ def failed(answer: dict[str, Any]) -> bool:
 def unfinished(answer: dict[str, Any]) -> bool:
     """Whether a task had too little time."""
     return (answer["error"] or "").startswith(("not run", "not ended"))
-
-
-def broken_reading(answer: dict[str, Any]) -> bool:
-    """Whether a task that only measures broke off: earlier readings are then still the best there are."""
-    return bool(answer["error"]) and answer["task"].startswith("limits ")
 
 
 def tell(answer: dict[str, Any]) -> None:
@@ -722,7 +532,7 @@ def write(answers: list[dict[str, Any]], stem: pathlib.Path, device: str) -> Non
     """Put tasks that ran to their end in place of their like in a device's report, JSON and Markdown."""
     stem.parent.mkdir(parents=True, exist_ok=True)
     kept = stored(stem)
-    merged = kept | {a["task"]: a for a in answers if not (unfinished(a) or (broken_reading(a) and a["task"] in kept))}
+    merged = kept | {a["task"]: a for a in answers if not unfinished(a)}
     order = {task: number for number, task in enumerate(["device", *(t for tasks in planned(False) for t in tasks)])}
     tasks = sorted((a for a in merged.values() if a["task"] in order), key=lambda a: order[a["task"]])
     path = stem.with_suffix(".json")
@@ -756,7 +566,7 @@ def work(task: str) -> int:
 def main() -> int:
     """Run everything and write the report."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="float32 pairing, short runs, no 8M timing")
+    parser.add_argument("--quick", action="store_true", help="float32 pairing, short runs")
     parser.add_argument("--missing", action="store_true", help="tasks without evidence that holds on this device")
     parser.add_argument("--only", nargs="+", default=[""], metavar="PREFIX", help="tasks whose names start like these")
     parser.add_argument("--minutes", type=float, default=6.0, help="time for everything")
@@ -775,9 +585,6 @@ def main() -> int:
         return 2
     wanted = tuple(options.only)
     together, alone = ([task for task in tasks if task.startswith(wanted)] for tasks in planned(options.quick))
-    for task in [task for task in alone if limits.left_out(task)]:
-        alone.remove(task)
-        print(f"left out {task}: {limits.left_out(task)}", flush=True)
     answers = [executed("device", deadline)]
     tell(answers[0])
     device = next((str(r["value"]) for r in answers[0]["rows"] if r["name"] == "device"), "unknown device")
@@ -786,8 +593,7 @@ def main() -> int:
         fresh = {task for task, answer in stored(stem).items() if holds(answer) and not failed(answer)}
         together, alone = ([task for task in tasks if task not in fresh] for tasks in (together, alone))
         print(f"{len(together) + len(alone)} tasks have no evidence that holds", flush=True)
-    # Time is reserved for the timing tasks, which run last and have the GPU to themselves.
-    reserve = min(120, 20 * len(alone))
+    reserve = min(120, 20 * len(alone))  # for those that run last and have the GPU to themselves
     places = (options.workers if (os.cpu_count() or 1) >= 8 else 1) * options.devices
     devices: queue.SimpleQueue[str] | None = queue.SimpleQueue() if options.devices > 1 else None
     for place in range(places if devices is not None else 0):

@@ -23,12 +23,10 @@ from validation import (
     accuracy,
     answers_page,
     claims,
-    effects_cost,
-    limits_page,
     own_choices,
-    scaling,
     stability,
     stability_page,
+    times,
     verify,
 )
 from validation.attack import campaign
@@ -93,17 +91,9 @@ def parser() -> argparse.ArgumentParser:
     part = add("own", "measures what each paper's own choices give beside refsim's, in a minute, and writes the table")
     part.set_defaults(perform=own)
 
-    part = add("effects", "measures launches, bytes and microseconds a step as effects are added one by one")
-    part.add_argument("--draw", action="store_true", help="page and picture from the stored numbers; measures nothing")
-    part.set_defaults(perform=effect_ladders)
-
-    part = add("limits", "makes the page of the device's limits from the newest GPU report; measures nothing")
-    part.set_defaults(perform=device_limits)
-
-    part = add("scaling", "measures how a step of each system scales with CPU threads")
-    part.add_argument("--draw", action="store_true", help="page and pictures from the stored numbers; measures nothing")
-    part.add_argument("--quick", action="store_true", help="tens of particles, two threads; writes nothing")
-    part.set_defaults(perform=cpu_scaling)
+    part = add("times", "stores times that benchmarks gave, and makes the pages of effects and of the device's limits")
+    part.add_argument("files", nargs="*", type=Path, metavar="FILE", help="of pytest --benchmark-json")
+    part.set_defaults(perform=timed)
 
     part = add("verify", "computes some published numbers anew and compares them, in a minute")
     part.add_argument("names", nargs="*", metavar="NUMBER", help="all of validation/verify.toml by default")
@@ -242,25 +232,9 @@ def panels(given: argparse.Namespace) -> int:
     return told(accuracy.perform_panels(some, options_of(given)), given.json)
 
 
-def effect_ladders(given: argparse.Namespace) -> int:
-    """Measure what each effect costs, or draw what is stored."""
-    print(*effects_cost.perform(given.draw), sep="\n")
-    return EXIT_FINE
-
-
-def device_limits(given: argparse.Namespace) -> int:
-    """Make the page of the device's limits."""
-    print(*limits_page.write(), sep="\n")
-    return EXIT_FINE
-
-
-def cpu_scaling(given: argparse.Namespace) -> int:
-    """Measure scaling with threads, or draw what is stored."""
-    if given.quick:
-        print(*scaling.markdown(scaling.measure(5, (1, 2), 2)), sep="\n")
-        return EXIT_FINE
-    made = [] if given.draw else [scaling.renew()]
-    print(*made, *limits_page.write(), sep="\n")
+def timed(given: argparse.Namespace) -> int:
+    """Store times, and make their pages."""
+    print(*times.perform(given.files), sep="\n")
     return EXIT_FINE
 
 

@@ -1,0 +1,25 @@
+"""A step of each scene of the ladders, to which effects are added one by one (docs/effects_cost.md)."""
+
+import pytest
+
+from refsim import Simulation
+from validation import timed
+
+RUNGS = [(name, k) for name, ladder in timed.ladders().items() for k in range(len(ladder.rungs))]
+THREADS = 2
+
+
+@pytest.mark.parametrize("backend", ["cpu", "cuda"])
+@pytest.mark.parametrize("name, number", RUNGS)
+def test_step(reading, benchmark, tiny, name, number, backend):
+    rung = timed.ladders(tiny)[name].rungs[number]
+    simulation = Simulation(rung.scene, backend, THREADS if backend == "cpu" else None)
+    more = {"threads": THREADS} if backend == "cpu" else {}
+    reading("effects", backend, f"{name}: {rung.words}", simulation.step, particles=simulation.count, **more)
+    if backend == "cuda":
+        with timed.counted_kernels() as kernels:
+            operations = timed.launched(simulation)
+        benchmark.extra_info["kernels"] = len(kernels)
+    else:
+        operations = timed.launched(simulation)
+    assert timed.differences(simulation, operations) == []

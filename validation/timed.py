@@ -1,0 +1,328 @@
+"""Scenes whose steps are timed by `tests/times`, what their plans say of a step, and what a step launches.
+
+A ladder is a scene to which effects are added one by one; the systems are one scene of each method, at any size; the
+turning cube is the scene of the device's limits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from refsim import (
+    Akinci2013,
+    Box,
+    BoxWalls,
+    Dong2016,
+    Gravity,
+    HeatConduction,
+    JiangZhu2023,
+    Melting,
+    MeshBoundary,
+    MpmLiquid,
+    MpmWalls,
+    Scene,
+    ShapeMatching,
+    Simulation,
+    SolidBox,
+    SurfaceDetection,
+    SurfaceEnergy,
+    TwoWayCoupling,
+    WeaklyCompressible,
+)
+from refsim.engine.binding import step_launches
+from refsim.scene.plan import make_plan
+from refsim.study.memory import bytes_of
+
+PEBBLE = str(Path(__file__).resolve().parent.parent / "refsim" / "examples" / "pebble.obj")
+STEP = 2e-5  # [s], so short that the particles stay where they are and a neighbour list is built once
+EDGE = 79  # particles along the edge of a system's cube: 493,039
+TENSIONS = {
+    "jiang_zhu": JiangZhu2023(surface_tension=0.5, pair_mode="all", area_ratio=0.0, density_correction=False),
+    "akinci": Akinci2013(surface_tension=0.5),  # cohesion and area term
+}
+SOUND, SPIN = 20.0, 1.0  # of the turning cube [m/s], [rad/s]
+LIQUID = WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=5.0)
+
+
+@dataclass(frozen=True)
+class Rung:
+    """A scene of a ladder, and what it has beyond the one before."""
+
+    words: str
+    scene: Scene
+
+
+@dataclass(frozen=True)
+class Ladder:
+    """Scenes to which effects are added one by one."""
+
+    words: str
+    rungs: tuple[Rung, ...]
+
+
+def ladders(small: bool = False) -> dict[str, Ladder]:
+    """All ladders; `small` ones have the same effects and tens of particles."""
+    return {"sph": _sph(small), "melting": _melting(small), "mpm": _mpm(small), "mesh": _mesh(small)}
+
+
+def _climb(
+    words: str, base: Mapping[str, Any], rungs: Sequence[tuple[str, tuple[Any, ...], Mapping[str, Any]]]
+) -> Ladder:
+    made = tuple(Rung(said, Scene(effects=effects, step=STEP, **base, **more)) for said, effects, more in rungs)
+    return Ladder(words, made)
+
+
+def _sph(small: bool) -> Ladder:
+    edge = 3 if small else 16
+    d = 0.01
+    base = {"spacing": d, "support_radius": 2 * d, "fluid": (Box(cells=(edge,) * 3),), "name": "effects_sph"}
+    plain = WeaklyCompressible(sound_speed=4.0, clamp_pressure=False)
+    liquid = WeaklyCompressible(sound_speed=4.0, clamp_pressure=False, dynamic_viscosity=0.5)
+    gravity, walls = Gravity(), BoxWalls(lower=(0.0, 0.0, 0.0), upper=(2 * edge * d, edge * d, 2 * edge * d))
+    tension = JiangZhu2023(surface_tension=0.07)
+    found = SurfaceDetection(each_step=True)
+    own: dict[str, Any] = {}
+    return _climb(
+        "weakly compressible SPH, 3D",
+        base,
+        [
+            ("liquid", (plain,), own),
+            ("+ viscosity", (liquid,), own),
+            ("+ gravity", (liquid, gravity), own),
+            ("+ walls of a box", (liquid, gravity, walls), own),
+            ("+ surface detection in each step", (liquid, gravity, walls, found), own),
+            ("+ surface tension (Jiang & Zhu)", (liquid, gravity, walls, found, tension), own),
+        ],
+    )
+
+
+def _melting(small: bool) -> Ladder:
+    wide, deep = (4, 2) if small else (16, 10)
+    d = 0.01
+    top = wide * d
+    base = {
+        "spacing": d,
+        "support_radius": 2.1 * d,
+        "fluid": (Box(cells=(wide, wide, deep)),),
+        "name": "effects_melting",
+    }
+    low = (0.25 * top, 0.25 * top, deep * d)
+    solid = {"solid": (SolidBox(lower=low, upper=(0.75 * top, 0.75 * top, deep * d + 0.5 * top)),)}
+    liquid = WeaklyCompressible(sound_speed=10.0)
+    walls = BoxWalls(lower=(0.0, 0.0, 0.0), upper=(top, top, 4 * top))
+    fluid = (liquid, Gravity(), walls)
+    bodies = (*fluid, ShapeMatching(), TwoWayCoupling())
+    warm = HeatConduction(temperature=50.0, melting_point=0.0)
+    return _climb(
+        "melting solids in a tank, 3D",
+        base,
+        [
+            ("liquid, gravity, walls of a box", fluid, {}),
+            ("+ a solid: shape matching and coupling", bodies, solid),
+            ("+ conduction of heat", (*bodies, warm), solid),
+            ("+ melting", (*bodies, warm, Melting()), solid),
+        ],
+    )
+
+
+def _mpm(small: bool) -> Ladder:
+    edge = 3 if small else 64
+    d = 0.01
+    base = {
+        "dim": 2, "spacing": d, "support_radius": 3 * d, "fluid": (Box(cells=(edge, edge, 1)),), "name": "effects_mpm",
+    }  # fmt: skip
+    liquid = MpmLiquid(bulk_modulus=1e4)
+    viscous = MpmLiquid(bulk_modulus=1e4, dynamic_viscosity=0.1)
+    gravity = Gravity(acceleration=(0.0, -9.81, 0.0))
+    walls = MpmWalls(lower=(-0.5, 0.0, 0.0), upper=(2.0, 2.0, 0.0))
+    surface = SurfaceEnergy(surface_tension=0.07)
+    return _climb(
+        "material points, 2D",
+        base,
+        [
+            ("liquid", (liquid,), {}),
+            ("+ viscosity", (viscous,), {}),
+            ("+ gravity", (viscous, gravity), {}),
+            ("+ surface energy", (viscous, gravity, surface), {}),
+            ("+ walls, which mirror the surface", (viscous, gravity, surface, walls), {}),
+        ],
+    )
+
+
+def _mesh(small: bool) -> Ladder:
+    edge = 3 if small else 14
+    d = 0.02
+    middle = 0.5 * edge * d
+    place = {"file": PEBBLE, "center": (middle, middle, -1.5 * middle), "size": 2.5 * middle}
+    base = {"spacing": d, "support_radius": 2 * d, "fluid": (Box(cells=(edge,) * 3),), "name": "effects_mesh"}
+    fluid = (WeaklyCompressible(sound_speed=8.0), Gravity())
+    return _climb(
+        "a mesh as boundary, 3D",
+        base,
+        [
+            ("liquid and gravity", fluid, {}),
+            ("+ a mesh: pressure of its particles", (*fluid, MeshBoundary(correction="none", **place)), {}),
+            ("+ friction", (*fluid, MeshBoundary(correction="none", viscosity=0.1, **place)), {}),
+            ("+ adhesion", (*fluid, MeshBoundary(correction="none", viscosity=0.1, adhesion=0.1, **place)), {}),
+            ("+ correction of places", (*fluid, MeshBoundary(viscosity=0.1, adhesion=0.1, **place)), {}),
+        ],
+    )
+
+
+def systems(edge: int = EDGE) -> dict[str, Callable[[], Scene]]:
+    """A scene of each system with about edge^3 particles, float32, by the words of its page."""
+    d = 1.0 / edge
+    cube: dict[str, Any] = {"spacing": d, "support_radius": 2.6 * d, "fluid": (Box(cells=(edge,) * 3),)}
+
+    def akinci() -> Scene:
+        from validation.experiments.timing.runs import spinning_block
+
+        return spinning_block(edge, 0.5)
+
+    def melting() -> Scene:
+        from validation.experiments.melting.scene import made, shared_tank
+
+        return made(shared_tank("figure_6", 2.55 * edge / 100, 1 / 3))
+
+    def mpm() -> Scene:
+        cell = 1 / 64
+        liquid = Box(lower=(0.2, 0.2, 0.2), cells=(edge,) * 3)
+        effects = (MpmLiquid(rest_density=1.0, bulk_modulus=1000.0), SurfaceEnergy(surface_tension=1.0))
+        return Scene(spacing=cell / 2, support_radius=1.5 * cell, step=1e-4, fluid=(liquid,), effects=effects)
+
+    def mesh() -> Scene:
+        top = 0.623  # of the pebble above its centre [m]
+        pebble = MeshBoundary(file=PEBBLE, center=(0.5, 0.5, -top - d), size=1.25, viscosity=0.1, adhesion=0.1)
+        return Scene(effects=(WeaklyCompressible(sound_speed=8.0), Gravity(), pebble), **cube)
+
+    tension, found = JiangZhu2023(surface_tension=0.5), SurfaceDetection(each_step=True)
+    return {
+        "SPH with Akinci": akinci,
+        "Jiang & Zhu with detection": lambda: Scene(effects=(LIQUID, tension, found), **cube),
+        "Dong": lambda: Scene(effects=(LIQUID, Dong2016(surface_tension=0.5)), **cube),
+        "MPM with surface tension": mpm,
+        "melting": melting,
+        "mesh coupling": mesh,
+    }
+
+
+def spinning_cube(edge: int, tension: Any = TENSIONS["jiang_zhu"], **more: Any) -> Scene:
+    """A cube of edge^3 particles of viscous liquid, side 1 m, h = 2 d, float32; `spinning` makes it turn."""
+    spacing = 1.0 / edge
+    return Scene(
+        dtype="float32",
+        spacing=spacing,
+        support_radius=2 * spacing,
+        fluid=(Box(cells=(edge,) * 3),),
+        effects=(WeaklyCompressible(sound_speed=SOUND, dynamic_viscosity=1.0), tension),
+        **more,
+    )
+
+
+def spinning(position: np.ndarray) -> np.ndarray:
+    """Velocities (n, 3) [m/s] of the cube that turns about its axis along z."""
+    return np.cross([0.0, 0.0, SPIN], position - 0.5)
+
+
+def fixed_step(edge: int) -> float:
+    """Length of a step [s]: 0.4 h/(c + v) with the greatest speed v = 1 m/s, which no corner of the cube reaches."""
+    return 0.4 * (2 / edge) / (SOUND + 1.0)
+
+
+def started(edge: int, backend: str = "cuda", warm: int = 60) -> Simulation:
+    """The turning cube with steps of fixed length, after `warm` steps."""
+    plan = make_plan(spinning_cube(edge, step=fixed_step(edge)))
+    plan.state.velocity[:] = spinning(plan.state.position)
+    simulation = Simulation(plan, backend)
+    for _ in range(warm):
+        simulation.step()
+    return simulation
+
+
+# What the plan says, and what a run does
+
+
+def planned(scene: Scene, backend: str) -> dict[str, Any]:
+    """Operations of a step, particles and bytes of a scene by its plan."""
+    plan = make_plan(scene)
+    return {
+        "operations": list(step_launches(plan, backend)),
+        "particles": plan.grid.count,
+        "walls": 0 if plan.walls is None else len(plan.walls.position),
+        "fields": sum(plan.field_bytes().values()),
+        "bytes": bytes_of(plan, backend)["total"],
+    }
+
+
+def launched(simulation: Simulation) -> list[str]:
+    """Operations that one step of a simulation launches, in order; it is advanced by the step.
+
+    On backend "cuda" it is the call that the step's graph is recorded from.
+    """
+    simulation.timings.launches.clear()
+    if simulation.backend.name == "cuda":
+        stepper = simulation.stepper
+        named, stepper.profiled = stepper.profiled, True  # what is called has its name, and is the same
+        try:
+            stepper.recorded.call()
+        finally:
+            stepper.profiled = named
+    else:
+        simulation.step()
+    around = ("neighbours", "sorting")  # between the steps
+    return [name for name, count in simulation.timings.launches.items() for _ in range(count) if name not in around]
+
+
+@contextmanager
+def counted_kernels() -> Iterator[list[str]]:
+    """Names of the CUDA kernels that are launched meanwhile."""
+    from refsim.backends.compile import CudaKernel
+
+    names: list[str] = []
+    launch: Callable[..., None] = CudaKernel.__call__
+
+    def counting(self: Any, *arguments: Any) -> None:
+        names.append(self.__name__)
+        launch(self, *arguments)
+
+    CudaKernel.__call__ = counting  # type: ignore[method-assign]
+    try:
+        yield names
+    finally:
+        CudaKernel.__call__ = launch  # type: ignore[method-assign]
+
+
+def differences(simulation: Simulation, operations: Sequence[str]) -> list[str]:
+    """Where the operations that a step launched, or the bytes of the fields, are not the plan's; one sentence each."""
+    plan, found = simulation.plan, []
+    expected = list(step_launches(plan, simulation.backend.name))
+    if list(operations) != expected:
+        found.append(f"a step launched {', '.join(operations)}; the plan says {', '.join(expected)}")
+    held = sum(array.nbytes for array in simulation.fields.values())
+    said = bytes_of(plan, simulation.backend.name)["fields"]
+    if held != said:
+        found.append(f"the fields hold {held} bytes; the plan says {said}")
+    return found
+
+
+def neighbourhood(simulation: Simulation) -> tuple[int, float, float]:
+    """(particles, mean neighbours within h of sampled particles, mean entries of the list) on backend "cuda"."""
+    from refsim.backends import device
+
+    n, h, listed = simulation.count, simulation.plan.grid.support_radius, simulation._shared["neighbours"]
+    counts = simulation.backend.host(listed.count)
+    rows = np.random.default_rng(0).choice(n, min(n, 2000), replace=False)
+    position = simulation.backend.host(simulation.fields["position"]).astype(float)
+    sampled = device.seen(listed.entries).reshape(-1, n)[:, device.library().asarray(rows)]
+    entries = np.asarray(sampled.get() if hasattr(sampled, "get") else sampled)
+    within = 0
+    for column, i in enumerate(rows):
+        away = position[entries[: counts[i], column]] - position[i]
+        within += int(((away**2).sum(1) < h * h).sum())
+    return n, within / len(rows), float(counts.mean())

@@ -1,0 +1,478 @@
+"""Stored times and their pages: `python -m validation times [FILE ...]`.
+
+FILE is what `pytest tests/times/bench_*.py --benchmark-json FILE` wrote. Its readings go into `times.json`, and the
+tables and pictures of docs/effects_cost.md and docs/device_limits.md are made of what is stored there; without a file
+nothing but the pages is renewed. A kernel's benchmark stands on no page.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from refsim.core.errors import InputError
+from refsim.engine.binding import step_launches
+from refsim.scene.plan import make_plan
+from refsim.study.memory import bytes_of
+from validation.limits import STEP_KERNELS, Work, least
+from validation.timed import ladders
+from validation.work_precision import unsettled
+
+ROOT = Path(__file__).resolve().parent.parent
+STORED = ROOT / "validation" / "times.json"
+DOCS, FIGURES = ROOT / "docs", ROOT / "figures"
+SIZES = ("60k", "1M", "8M")
+NOT_YET = "not measured yet"
+Times = Mapping[str, Mapping[str, Any]]  # by page and backend: {"machine", "readings": {name: {"seconds", ...}}}
+
+
+# The store
+
+
+def stored() -> dict[str, Any]:
+    """What is on file, by page and backend."""
+    return json.loads(STORED.read_text()) if STORED.exists() else {}  # type: ignore[no-any-return]
+
+
+def read(file: Path) -> dict[str, Any]:
+    """The readings of a file of pytest-benchmark, as they are stored. Raises InputError for another file."""
+    try:
+        whole = json.loads(file.read_text())
+        where, commit = whole["machine_info"], whole["commit_info"]
+        about = {"date": whole["datetime"][:10], "commit": commit["id"][:10] + "+" * bool(commit.get("dirty"))}
+        found: dict[str, Any] = {}
+        for bench in whole["benchmarks"]:
+            extra = dict(bench["extra_info"])
+            page, backend, name = extra.pop("page"), extra.pop("backend"), extra.pop("name")
+            machine = where["processor"] if backend != "cuda" else (where["device"] or {"name": "simulator"})["name"]
+            own = found.setdefault(f"{page} {backend}", {"machine": machine, "cores": where["cores"], "readings": {}})
+            own["readings"][name] = {"seconds": bench["stats"]["data"], **extra, **about}
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(
+            f"times: {file} holds no benchmarks of tests/times ({error}); write it with --benchmark-json."
+        ) from error
+    return {key: part for key, part in found.items() if not key.startswith("kernels ")}
+
+
+def merged(before: Times, found: Times) -> dict[str, Any]:
+    """The store with new readings. Raises InputError where another machine measured a part of a table only."""
+    made = {key: dict(part) for key, part in before.items()}
+    for key, part in found.items():
+        kept = made.get(key, {"readings": {}})
+        missing = set(kept["readings"]) - set(part["readings"])
+        if missing and kept["machine"] != part["machine"]:
+            raise InputError(
+                f"times: {key} was measured on {kept['machine']}, and here {len(missing)} of its readings are missing;"
+                " measure them all."
+            )
+        made[key] = {**part, "readings": {**kept["readings"], **part["readings"]}}
+    return made
+
+
+def readings(times: Times, key: str) -> dict[str, Any]:
+    """Readings of a page on a backend by name."""
+    return dict(times[key]["readings"]) if key in times else {}
+
+
+def where(times: Times, key: str, more: str = "") -> str:
+    """Machine and dates of readings."""
+    dates = sorted({reading["date"] for reading in readings(times, key).values()})
+    return f"{times[key]['machine']}{more}, {' to '.join(dict.fromkeys((dates[0], dates[-1])))}" if dates else NOT_YET
+
+
+def median(reading: Mapping[str, Any]) -> float:
+    """Median seconds of one call, of as many as a reading holds."""
+    return float(np.median(reading["seconds"])) / reading.get("calls", 1) / reading.get("steps", 1)
+
+
+def table(heading: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    """A Markdown table."""
+    rule = "| --- |" + " --: |" * (len(heading) - 1)
+    return [f"| {' | '.join(heading)} |", rule, *(f"| {' | '.join(row)} |" for row in rows)]
+
+
+# Effects
+
+
+def planned(backend: str) -> dict[str, dict[str, Any]]:
+    """Operations of a step, particles, and bytes of fields and in all, of each rung of the ladders by its plan."""
+    made = {}
+    for name, ladder in ladders().items():
+        for rung in ladder.rungs:
+            plan = make_plan(rung.scene)
+            made[f"{name}: {rung.words}"] = {
+                "operations": len(step_launches(plan, backend)), "particles": plan.grid.count,
+                "fields": sum(plan.field_bytes().values()),
+                "each": bytes_of(plan, backend)["total"] / plan.grid.count,
+            }  # fmt: skip
+    return made
+
+
+def span(seconds: Sequence[float]) -> str:
+    """Range of readings [us], two digits: more would say that they repeat."""
+    return " to ".join(f"{float(f'{1e6 * value:.2g}'):,.0f}" for value in (min(seconds), max(seconds)))
+
+
+def microseconds(seconds: Sequence[float]) -> str:
+    """Median of a step [us]; the range of the readings behind a circle where it has not settled."""
+    return f"\u25cb {span(seconds)}" if unsettled(seconds) else f"{1e6 * float(np.median(seconds)):,.0f}"
+
+
+def effects(times: Times) -> list[str]:
+    """Tables of docs/effects_cost.md, one a ladder."""
+    plans = {backend: planned(backend) for backend in ("cpu", "cuda")}
+    own, gpu = readings(times, "effects cpu"), readings(times, "effects cuda")
+    heading = ["scene", "operations a step, CPU", "operations, CUDA", "kernels, CUDA", "fields [B a particle]"]
+    heading += ["all [B a particle], CPU", "CUDA", "step [us], 2 CPU threads", "step [us], GPU"]
+    lines: list[str] = []
+    for name, ladder in ladders().items():
+        rows = []
+        for rung in ladder.rungs:
+            key = f"{name}: {rung.words}"
+            cpu, cuda = plans["cpu"][key], plans["cuda"][key]
+            rows.append([
+                rung.words, str(cpu["operations"]), str(cuda["operations"]), str(gpu.get(key, {}).get("kernels", "")),
+                str(cpu["fields"]), f"{cpu['each']:.0f}", f"{cuda['each']:.0f}",
+                microseconds(own[key]["seconds"]) if key in own else NOT_YET,
+                f"{1e6 * median(gpu[key]):.0f}" if key in gpu else NOT_YET,
+            ])  # fmt: skip
+        particles = plans["cpu"][f"{name}: {ladder.rungs[0].words}"]["particles"]
+        lines += [f"### {ladder.words[:1].upper()}{ladder.words[1:]}", "", f"{particles:,} particles of liquid.", ""]
+        lines += [*table(heading, rows), ""]
+    return [*lines, f"CPU: {where(times, 'effects cpu', ', 2 threads')}. GPU: {where(times, 'effects cuda')}."]
+
+
+def effects_picture(times: Times) -> Any:
+    """Launches, bytes and microseconds as effects are added: a row a ladder, a column a quantity."""
+    import matplotlib.pyplot as plt
+
+    from validation.drawing import BLUE, GREY, SKY
+
+    cpu, cuda = planned("cpu"), planned("cuda")
+    own, gpu = readings(times, "effects cpu"), readings(times, "effects cuda")
+    rungs = {name: [f"{name}: {rung.words}" for rung in ladder.rungs] for name, ladder in ladders().items()}
+    heights = [len(keys) for keys in rungs.values()]
+    figure, grid = plt.subplots(len(rungs), 3, figsize=(12.5, 1.2 + 0.42 * sum(heights) + 0.35 * len(rungs)),
+                                sharey="row", gridspec_kw={"height_ratios": heights})  # fmt: skip
+    low = 10.0 ** math.floor(math.log10(0.7e6 * min((median(r) for r in (*own.values(), *gpu.values())), default=1e-6)))
+    for line, (name, keys) in zip(grid, rungs.items()):
+        columns: list[tuple[list[float | None], list[float | None], str]] = [
+            ([cpu[k]["operations"] for k in keys], [gpu.get(k, {}).get("kernels") for k in keys], "launches a step"),
+            ([cpu[k]["each"] for k in keys], [cuda[k]["each"] for k in keys], "bytes a particle"),
+            (*([1e6 * median(of[k]) if k in of else None for k in keys] for of in (own, gpu)), "microseconds a step"),
+        ]
+        for axes, (first, second, words) in zip(line, columns):
+            left = low if axes is line[-1] else 0.0
+            for values, shift, colour in ((first, -0.2, BLUE), (second, 0.2, SKY)):
+                for k, value in enumerate(values):
+                    if value is None:
+                        axes.text(left, k + shift, f" {NOT_YET}", va="center", fontsize=6.5, color=GREY)
+                        continue
+                    axes.barh(k + shift, value - left, 0.36, left=left, color=colour)
+                    axes.text(value, k + shift, f" {value:,.0f}", va="center", fontsize=6.5)
+            if axes is line[-1]:
+                axes.set_xscale("log")
+                for k, key in enumerate(key for key in keys if key in own):
+                    seconds = own[key]["seconds"]
+                    axes.plot([1e6 * min(seconds), 1e6 * max(seconds)], [k - 0.2, k - 0.2], color=GREY, lw=1.0)
+            axes.grid(True, axis="x")
+            axes.grid(False, axis="y")
+            axes.margins(x=0.14)
+            if line is grid[-1]:
+                axes.set_xlabel(words)
+        line[-1].set_xlim(low, 30 * line[-1].get_xlim()[1])
+        line[0].set_yticks(range(len(keys)), [key.partition(": ")[2] for key in keys], fontsize=8)
+        line[0].invert_yaxis()
+        said = f"{ladders()[name].words}, {cpu[keys[0]]['particles']:,} particles of liquid"
+        line[0].set_title(said, loc="left", fontsize=9)
+    handles = [plt.Rectangle((0, 0), 1, 1, color=colour) for colour in (BLUE, SKY)]
+    labels = ["CPU (launches: operations)", "CUDA (launches: kernels)"]
+    figure.legend(handles, labels, loc="outside upper right", ncols=2, fontsize=8, frameon=False)
+    figure.suptitle("What each effect costs; lines: range of the readings", x=0.01, ha="left", fontweight="bold")
+    return figure
+
+
+# Threads
+
+
+def scaling(times: Times) -> dict[str, dict[int, Mapping[str, Any]]]:
+    """Readings of steps by system and number of threads."""
+    found: dict[str, dict[int, Mapping[str, Any]]] = {}
+    for name, reading in readings(times, "scaling cpu").items():
+        found.setdefault(name.rpartition(", ")[0], {})[reading["threads"]] = reading
+    return found
+
+
+def scaling_table(times: Times) -> list[str]:
+    """Milliseconds on one thread, and how many times as fast on more."""
+    found = scaling(times)
+    if not found:
+        return [f"Scaling with CPU threads: {NOT_YET}."]
+    counts = sorted({count for system in found.values() for count in system})
+    rows = []
+    for name, system in found.items():
+        alone = median(system[counts[0]])
+        speeds = [f"{alone / median(system[count]):.2f}" for count in counts[1:]]
+        rows.append([name, f"{system[counts[0]]['particles']:,}", f"{1e3 * alone:,.0f}", *speeds])
+    heading = ["system", "particles", "one thread [ms a step]", *(f"{count} threads" for count in counts[1:])]
+    return [*table(heading, rows), "", f"CPU: {where(times, 'scaling cpu', f', {max(counts)} cores')}."]
+
+
+def scaling_picture(times: Times) -> Any:
+    """How many times as fast a step is as on one thread, over threads, system by system; ranges of the readings."""
+    import matplotlib.pyplot as plt
+
+    from validation.drawing import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION
+
+    figure, axes = plt.subplots(figsize=(6.4, 4.4))
+    axes.set_title("a step on more threads, over one thread")
+    found = scaling(times)
+    if not found:
+        axes.text(0.5, 0.5, NOT_YET, ha="center", transform=axes.transAxes, color=GREY)
+        return figure
+    for (name, system), colour in zip(found.items(), (BLUE, VERMILION, GREEN, ORANGE, PURPLE, SKY), strict=True):
+        counts, alone = sorted(system), float(np.median(system[1]["seconds"]))
+        speeds, fast, slow = (
+            np.array([alone / of(system[count]["seconds"]) for count in counts]) for of in (np.median, min, max)
+        )
+        label = f"{name}, {system[1]['particles']:,} particles"
+        axes.errorbar(counts, speeds, [speeds - slow, fast - speeds], fmt="o-", color=colour, ms=4, lw=1.2, capsize=2,
+                      label=label)  # fmt: skip
+    axes.plot([1, max(counts)], [1, max(counts)], color=GREY, lw=0.8, ls=":", label="as many times as threads")
+    axes.set(xscale="log", yscale="log", xlabel="threads, each on a core of its own", ylabel="times as fast")
+    axes.set_xticks(counts, [str(count) for count in counts])
+    axes.set_yticks(counts, [str(count) for count in counts])
+    axes.minorticks_off()
+    axes.legend(fontsize=7)
+    return figure
+
+
+# Limits of the device
+
+
+@dataclass(frozen=True)
+class Line:
+    """A row of the page's first table.
+
+    name       of the reading; unit: that is shown, "ms", "plain steps" or particle-steps
+    bar, aim   in the unit shown
+    """
+
+    words: str
+    name: str
+    unit: str
+    bar: float | None = None
+    aim: float | None = None
+
+    @property
+    def size(self) -> str:
+        """Of the cube, where Warp and the shares of the copy speed belong to it."""
+        return self.name.split()[0] if "jiang_zhu" in self.name else ""
+
+    def value(self, found: Mapping[str, Any]) -> float | None:
+        """What was measured, in the unit shown."""
+        reading = found.get(self.name)
+        if reading is None:
+            return None
+        if self.unit == FAST:
+            return 1e-9 * float(reading["particles"]) / median(reading)
+        return float(reading["ratio"]) if "ratio" in reading else 1e3 * median(reading)
+
+    def reached(self, value: float | None) -> str:
+        """Whether the bar is reached."""
+        if value is None or self.bar is None:
+            return ""
+        return "yes" if (value >= self.bar if self.unit == FAST else value <= self.bar) else "no"
+
+
+FAST = "G particle-steps/s"
+LINES = (
+    Line("Jiang & Zhu cohesion, 59,319 particles", "60k jiang_zhu", "ms a step", 0.1, 0.07),
+    Line("the same, 1,000,000", "1M jiang_zhu", "ms a step"),
+    Line("the same, 8,000,000", "8M jiang_zhu", FAST, 2.5, 3.5),
+    Line("Akinci, 8,000,000", "8M akinci", FAST, 1.6, 2.0),
+    Line("melting, figure 6, with list builds", "melting figure_6", "ms a step", 0.5, 0.3),
+    Line("MPM surface of a million particles", "surface in turns", "plain steps", 1.5, 1.0),
+    Line("new table of MPM blocks, 2,097,152 particles", "table", "ms", 1.0),
+)
+
+
+def speeds(found: Mapping[str, Any]) -> tuple[float, float] | None:
+    """Bytes that the device copies and operations that it does in a second; None where they were not measured."""
+    if not {"copy", "arithmetic"} <= set(found):
+        return None
+    copied, counted = found["copy"], found["arithmetic"]
+    return copied["bytes"] / median(copied), counted["operations"] / median(counted)
+
+
+def least_of(found: Mapping[str, Any], size: str, kernel: str) -> tuple[Work, float] | None:
+    """Least work of a kernel and its seconds; None where a reading is missing.
+
+    kernel  of `validation.limits`, or "step": all kernels of a step and its share of a list's build, over refsim's step
+            in the turns with Warp
+    """
+
+    def one(name: str) -> Work:
+        own = found[f"{size} {name}"]
+        return least(name, own["particles"], own["neighbours"], own["entries"])
+
+    turns = found.get(f"{size} warp")
+    if f"{size} density" not in found or (kernel == "step" and turns is None):
+        return None
+    if kernel != "step" or turns is None:
+        return one(kernel), median(found[f"{size} {kernel}"])
+    built = one("list")
+    columns = zip(*map(one, STEP_KERNELS), strict=True)
+    work = Work(*(sum(column) + last / turns["serves"] for column, last in zip(columns, built, strict=True)))
+    return work, float(np.median(turns["refsim"]))
+
+
+def shares(found: Mapping[str, Any], size: str, kernel: str) -> list[str]:
+    """Shares of the copy speed and of the arithmetic speed that a kernel reaches, in words."""
+    fast, own = speeds(found), least_of(found, size, kernel)
+    if fast is None or own is None:
+        return [NOT_YET] * 2
+    return [f"{100 * amount / limit / own[1]:.2g} %" for amount, limit in zip(own[0], fast, strict=True)]
+
+
+def warp_words(found: Mapping[str, Any], size: str) -> str:
+    """Warp's best way beside refsim's step in the same turns."""
+    turns = found.get(f"{size} warp")
+    if turns is None:
+        return NOT_YET
+    best, own = min(map(np.median, turns["warp"].values())), np.median(turns["refsim"])
+    return f"Warp {1e3 * best:.3g} ms, refsim {1e3 * own:.3g} ms in turns"
+
+
+def limits(times: Times) -> list[str]:
+    """Tables of docs/device_limits.md on the GPU."""
+    found, rows = readings(times, "device cuda"), []
+    for line in LINES:
+        value = line.value(found)
+        beside = [warp_words(found, line.size), shares(found, line.size, "step")[0]] if line.size else ["", ""]
+        measured = NOT_YET if value is None else f"{value:.3g} {line.unit}"
+        bar, aim = ("" if number is None else f"{number:g}" for number in (line.bar, line.aim))
+        rows.append([line.words, measured, bar, line.reached(value), aim, *beside])
+    lines = table(["work", "measured", "bar", "reached", "aim", "peer", "share of the copy speed"], rows)
+    said, fast = NOT_YET, speeds(found)
+    if fast is not None:
+        said = (
+            f"{1e-12 * fast[0]:.2f} TB/s copied, bytes read and written;"
+            f" {1e-12 * fast[1]:.1f} TFLOP/s of multiply-adds, float32"
+        )
+    lines += ["", f"Device: {where(times, 'device cuda')}. Its speeds: {said}.", ""]
+    heading = ["kernel", "particles", "time [ms]", "least bytes [MB]", "least operations [GFLOP]"]
+    heading += ["share of the copy speed", "share of the arithmetic speed"]
+    rows = []
+    for size in SIZES:
+        for name in (*STEP_KERNELS, "list"):
+            own = least_of(found, size, name)
+            if own is not None:
+                numbers = (1e3 * own[1], 1e-6 * own[0].bytes, 1e-9 * own[0].operations)
+                cells = [f"{found[f'{size} {name}']['particles']:,}", *(f"{float(f'{x:.3g}'):,g}" for x in numbers)]
+                rows.append([name, *cells, *shares(found, size, name)])
+    return [*lines, *table(heading, rows)] if rows else [*lines, f"Kernels: {NOT_YET}."]
+
+
+def limits_picture(times: Times) -> Any:
+    """Left: speed of each kernel over its operations a byte, below the device's two limits. Right: refsim and Warp."""
+    import matplotlib.pyplot as plt
+
+    from validation.drawing import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION
+
+    found = readings(times, "device cuda")
+    figure, (left, right) = plt.subplots(1, 2, figsize=(11.0, 4.4), gridspec_kw={"width_ratios": (1.4, 1.0)})
+    left.set_title("kernels of a step of SPH with cohesion, below the device's limits")
+    right.set_title("step of SPH with cohesion, list included")
+    fast = speeds(found)
+    if fast is None:
+        left.text(0.5, 0.5, NOT_YET, ha="center", transform=left.transAxes, color=GREY)
+    else:
+        copied, counted = (1e-9 * limit for limit in fast)
+        low, edge, high = 0.05, counted / copied, 100.0
+        left.loglog([low, edge, high], [low * copied, counted, counted], color=GREY)
+        words = {"color": GREY, "ha": "right", "fontsize": 8}
+        left.text(0.9, 1.44 * copied, f"copy speed {copied / 1e3:.2f} TB/s", **words)
+        left.text(high, 1.15 * counted, f"arithmetic {counted / 1e3:.1f} TFLOP/s", **words)
+        colours = dict(zip((*STEP_KERNELS, "list"), (BLUE, GREY, VERMILION, ORANGE, GREEN, PURPLE), strict=True))
+        for size, marker in zip(SIZES, "osD"):
+            for name, colour in colours.items():
+                own = least_of(found, size, name)
+                if own is not None:
+                    at, rate = own[0].operations / own[0].bytes, 1e-9 * own[0].operations / own[1]
+                    left.plot(at, rate, marker, color=colour, ms=6, label=name if size == SIZES[0] else None)
+            if f"{size} density" in found:
+                particles = f"{found[f'{size} density']['particles']:,} particles"
+                left.plot([], [], marker, color="white", mec=GREY, label=particles)
+        left.set(xlabel="least operations for each least byte", ylabel="least operations over time [GFLOP/s]")
+        left.legend(fontsize=7, loc="lower right", ncols=2)
+    turned = [size for size in SIZES if f"{size} warp" in found]
+    if not turned:
+        right.text(0.5, 0.5, NOT_YET, ha="center", transform=right.transAxes, color=GREY)
+        return figure
+    for place, size in enumerate(turned):
+        turns = found[f"{size} warp"]
+        bars = {"refsim": np.median(turns["refsim"])}
+        for way in ("each step", "with skin"):
+            bars[f"Warp, {way}"] = min(np.median(own) for name, own in turns["warp"].items() if name.startswith(way))
+        for shift, ((name, value), colour) in enumerate(zip(bars.items(), (BLUE, ORANGE, SKY), strict=True)):
+            at = place + 0.27 * (shift - 1)
+            right.bar(at, 1e3 * value, 0.25, color=colour, label=name if place == 0 else None)
+            right.text(at, 1.05e3 * value, f"{1e3 * value:.3g}", ha="center", fontsize=7)
+    right.set(yscale="log", xlabel="particles", ylabel="ms a step")
+    right.margins(y=0.15)
+    right.set_xticks(range(len(turned)), [f"{found[f'{size} warp']['particles']:,}" for size in turned])
+    right.legend(fontsize=8)
+    return figure
+
+
+# Pages
+
+PARTS: dict[str, tuple[str, Callable[[Times], list[str]]]] = {
+    "effects": ("effects_cost.md", effects),
+    "device limits": ("device_limits.md", limits),
+    "cpu scaling": ("device_limits.md", scaling_table),
+}
+PICTURES: dict[str, Callable[[Times], Any]] = {
+    "effects_cost.png": effects_picture,
+    "device_limits.png": limits_picture,
+    "cpu_scaling.png": scaling_picture,
+}
+
+
+def page(name: str, text: str, times: Times) -> str:
+    """A page of `docs/` with its tables renewed."""
+    from validation.stability_page import replaced
+
+    for part, (owner, made) in PARTS.items():
+        if owner == name:
+            text = replaced(text, part, made(times), DOCS / name)
+    return text
+
+
+def perform(files: Sequence[Path]) -> list[Path]:
+    """Store the readings of the files, renew pages and pictures; returns the paths of what was written."""
+    import matplotlib.pyplot as plt
+
+    from validation.drawing import save_picture, style
+
+    times = stored()
+    for file in files:
+        times = merged(times, read(file))
+    if files:
+        STORED.write_text(json.dumps(times, indent=1) + "\n")
+    pages = [DOCS / name for name in dict.fromkeys(owner for owner, _ in PARTS.values())]
+    for each in pages:
+        each.write_text(page(each.name, each.read_text(), times))
+    with style():
+        for name, drawing in PICTURES.items():
+            figure = drawing(times)
+            save_picture(figure, FIGURES / name)
+            plt.close(figure)
+    return [*([STORED] if files else []), *pages, *(FIGURES / name for name in PICTURES)]
