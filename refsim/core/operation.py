@@ -4,7 +4,8 @@ An operation is registered on its reference, by the decorator `operation`. A pro
 "cpu", "cuda") or, where a backend has another algorithm beside the plain one, by backend and algorithm ("cuda:fused").
 One reference judges them all.
 
-Arguments are bound by name. A program names the arrays and parameter groups it takes; its outputs stand last.
+Arguments are bound by name. A program names the arrays and parameter groups it takes; its outputs stand last. An
+argument of a function that is annotated as a named tuple stands for the tuple's members.
 The reference takes the same names, less the neighbour structures and the outputs, and returns
 `{output: (value, scale)}`, where `scale` is the sum of the absolute terms behind each value; for a flag it
 is the margin: the relative distance of the decision from flipping.
@@ -15,6 +16,7 @@ from __future__ import annotations
 import functools
 import importlib
 import inspect
+import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, TypeVar
@@ -398,4 +400,23 @@ def _arguments(function: Callable) -> tuple[str, ...]:
 @functools.cache
 def _program(folder: str, module: str, function: str, backend: str) -> Callable:
     found = getattr(importlib.import_module(f"{folder}.{module}"), function)
-    return found.on(backend) if hasattr(found, "on") else found  # of a body, the kernel that is made of it
+    return found.on(backend) if hasattr(found, "on") else _ungrouped(found)  # of a body, the kernel that is made of it
+
+
+def _ungrouped(function: Callable) -> Callable:
+    """A program that takes the members of a named tuple where `function` has an argument annotated as one."""
+    taken = list(inspect.signature(function).parameters.values()) if inspect.isfunction(function) else []
+    groups = [getattr(argument.annotation, "_fields", ()) and argument.annotation for argument in taken]
+    if not any(groups):
+        return function
+
+    @functools.wraps(function)
+    def program(*values: Any, **options: Any) -> Any:
+        rest = iter(values)
+        return function(*(g(*itertools.islice(rest, len(g._fields))) if g else next(rest) for g in given), **options)
+
+    given = [group for argument, group in zip(taken, groups) if argument.name != "rows"]
+    names = [n for argument, g in zip(taken, groups) for n in (g._fields if g else (argument.name,))]
+    kind = inspect.Parameter.POSITIONAL_OR_KEYWORD
+    program.__signature__ = inspect.Signature([inspect.Parameter(n, kind) for n in names])  # type: ignore[attr-defined]
+    return program

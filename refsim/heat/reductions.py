@@ -12,11 +12,9 @@ from refsim.heat.shapes import ExchangeRows
 from refsim.neighbours.rows import row_of
 
 
-def weighed(
-    position, mass, volume, heat_capacity, conductivity, reservoir, neighbours, timestep, conduction, period, scratch
-):
+def weighed(body, neighbours, step, scratch):
     """(exchanges, 1/C_i [K/J], s_i, array (1,) of the largest s_i, infinite where a sum is not finite)."""
-    n, real, capacity = len(volume), volume.dtype, len(neighbours.entries)
+    n, real, capacity = len(body.volume), body.volume.dtype, len(neighbours.entries)
     exchanges = ExchangeRows(
         neighbours.start,
         scratch.array("heat count", n, np.int32),
@@ -26,10 +24,7 @@ def weighed(
     inverse, sums = scratch.array("heat inverse", n, real), scratch.array("heat sums", n, real)
     largest = scratch.array("heat largest", 1, real)
     partial = scratch.array("heat largest of chunks", CHUNKS, real)
-    weigh(
-        position, mass, volume, heat_capacity, conductivity, reservoir, neighbours, timestep, conduction, period,
-        exchanges, inverse, sums, partial,
-    )  # fmt: skip
+    weigh(*body, neighbours, *step, exchanges, inverse, sums, partial)
     largest[0] = partial.max()
     return exchanges, inverse, sums, largest
 

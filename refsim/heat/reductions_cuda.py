@@ -18,21 +18,16 @@ from refsim.neighbours.rows import over_lanes, row_of
 from refsim.sph.packed_cuda import entry
 
 
-def weighed(
-    position, mass, volume, heat_capacity, conductivity, reservoir, neighbours, timestep, conduction, period, scratch
-):
+def weighed(body, neighbours, step, scratch):
     """(exchanges, 1/C_i [K/J], s_i, array (1,) of the largest s_i, infinite where a sum is not finite)."""
-    n, real, capacity = volume.shape[0], volume.dtype, neighbours.entries.shape[0]
+    n, real, capacity = body.volume.shape[0], body.volume.dtype, neighbours.entries.shape[0]
     weights = scratch.array("heat weight", capacity, real)
     exchanges = ExchangeColumns(neighbours.count, neighbours.entries, weights, neighbours.lanes)
     inverse, sums = scratch.array("heat inverse", n, real), scratch.array("heat sums", n, real)
     largest = scratch.array("heat largest", 1, real)
     placed = scratch.array("placed", (n, 4), real)
-    begin(position, volume, placed, largest)
-    weigh(
-        placed, mass, volume, heat_capacity, conductivity, reservoir, timestep, conduction, period, exchanges, inverse,
-        sums, largest,
-    )  # fmt: skip
+    begin(body.position, body.volume, placed, largest)
+    weigh(placed, *body[1:], *step, exchanges, inverse, sums, largest)
     return exchanges, inverse, sums, largest
 
 

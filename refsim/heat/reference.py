@@ -8,6 +8,7 @@ None; timestep [kick, drift] [s].
 """
 
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -30,6 +31,32 @@ _scheme = operations(
 _SOLID = {"optional": "reservoir period", "variants": ("reservoir period", "reservoir", "period")}
 
 SPIKY, MUELLER, POLY6 = range(3)
+
+
+class Body(NamedTuple):
+    """Particles that conduct heat."""
+
+    position: Any
+    mass: Any
+    volume: Any
+    heat_capacity: Any
+    conductivity: Any
+    reservoir: Any
+
+
+class Melting(NamedTuple):
+    """Where particles melt; twice None without latent heat."""
+
+    melting_point: Any
+    latent_heat: Any
+
+
+class Step(NamedTuple):
+    """The step, the parameters of conduction, and the periodic box."""
+
+    timestep: Any
+    conduction: Any
+    period: Any
 
 
 # The pairs
@@ -81,6 +108,13 @@ def capacities(mass, volume, heat_capacity, reservoir, conduction):
     c = 1.0 if conduction.unit_capacity else np.asarray(heat_capacity, dtype=float)
     inverse = 1 / (one * c)
     return inverse if reservoir is None else np.where(np.asarray(reservoir) != 0, 0.0, inverse)
+
+
+def exchanges(body, step):
+    """(i, j, g) of `pairs`, and 1/C_i [K/J]."""
+    found = pairs(body.position, body.volume, body.conductivity, *step)
+    inverse = capacities(body.mass, body.volume, body.heat_capacity, body.reservoir, step.conduction)
+    return (*found, inverse)
 
 
 def flow(i, j, g, temperature):
@@ -137,12 +171,12 @@ def _both(t, h, scale, heat_capacity, latent_heat):
     }
 
 
-def _taken_up(t, start, scale, enthalpy, heat_capacity, melting_point, latent_heat):
+def _taken_up(t, start, scale, enthalpy, heat_capacity, melting):
     """With latent heat H = H^n + c (T - T^n) and T = T(H) (Chernoff's formula), else T."""
-    (h, c, latent) = _floats(enthalpy, heat_capacity, latent_heat)
+    h, c, latent = _floats(enthalpy, heat_capacity, melting.latent_heat)
     if h is not None:
         h = h + c * (t - start)
-        t = temperature_of(h, c, melting_point, latent)
+        t = temperature_of(h, c, melting.melting_point, latent)
     return _both(t, h, scale, c, latent)
 
 
@@ -150,20 +184,16 @@ def _taken_up(t, start, scale, enthalpy, heat_capacity, melting_point, latent_he
 
 
 @_scheme("forward Euler on (4)", reach=1)
-def explicit(
-    position, mass, volume, heat_capacity, conductivity, reservoir, melting_point, latent_heat, timestep, conduction,
-    period, enthalpy, temperature,
-):  # fmt: skip
+def explicit(body: Body, melting: Melting, step: Step, enthalpy, temperature):
     """Forward Euler: C_i T_i += dt Q_i, or m_i H_i += dt Q_i [K; J/kg]. Unstable where s_i > 1."""
-    i, j, g = pairs(position, volume, conductivity, timestep, conduction, period)
-    inverse = capacities(mass, volume, heat_capacity, reservoir, conduction)
-    (start, h, c, latent) = _floats(temperature, enthalpy, heat_capacity, latent_heat)
+    i, j, g, inverse = exchanges(body, step)
+    start, h, c, latent = _floats(temperature, enthalpy, body.heat_capacity, melting.latent_heat)
     change = inverse * flow(i, j, g, start)
     if h is None:
         t = start + change
     else:
         h = h + change * c
-        t = temperature_of(h, c, melting_point, latent)
+        t = temperature_of(h, c, melting.melting_point, latent)
     return _both(t, h, _scale(i, j, g, inverse, [start]), c, latent)
 
 
@@ -171,17 +201,14 @@ def explicit(
     "(4) with Shao & Song M7 as printed (R1)", paper="Shao & Song 2017", outputs="temperature", reach=2, **_SOLID,
     invariants="translation",
 )  # fmt: skip
-def one_sided(
-    position, mass, volume, heat_capacity, conductivity, reservoir, timestep, conduction, period, temperature
-):  # fmt: skip
+def one_sided(body: Body, step: Step, temperature):
     """M(4) as read literally (R1): T_i <- T_i + g (T_j - T_i)/C_i / (1 + g (1/C_i + 1/C_j)), neighbour by neighbour.
 
     Every particle takes its neighbours one after another, with their temperatures before the sweep; then, from the new
     temperatures, backwards. With `frozen` (Shao & Song M9) T_i in the difference is that before the sweep, too.
     [degrees C]
     """
-    i, j, g = pairs(position, volume, conductivity, timestep, conduction, period)
-    inverse = capacities(mass, volume, heat_capacity, reservoir, conduction)
+    i, j, g, inverse = exchanges(body, step)
     before = np.array(temperature, dtype=float)
     share = inverse[i] * g / (1 + g * (inverse[i] + inverse[j]))
     first = np.searchsorted(i, np.arange(len(before)))
@@ -192,7 +219,7 @@ def one_sided(
         for k in range(count.max(initial=0)):
             own = np.flatnonzero(count > k)
             pair = first[own] + (count[own] - 1 - k if backwards else k)
-            reached = before[own] if conduction.frozen else running[own]
+            reached = before[own] if step.conduction.frozen else running[own]
             running[own] += share[pair] * (before[j[pair]] - reached)
         before = running
         size = max(size, np.abs(before).max(initial=0))
@@ -204,19 +231,16 @@ def one_sided(
     variants=("reservoir period", without("reservoir", period="wide_box"), "period"), invariants="",
     programs={"cpu": "pair_exchange", "cuda": "pair_exchange"},
 )  # fmt: skip
-def pair_exchange(
-    position, mass, volume, heat_capacity, conductivity, reservoir, timestep, conduction, period, temperature
-):  # fmt: skip
+def pair_exchange(body: Body, step: Step, temperature):
     """M(4) for both particles of a pair at once (R3): E = g (T_j - T_i)/(1 + g (1/C_i + 1/C_j)) goes from j to i [J].
 
     Every pair once, in the order of `rounds`, and once more backwards; half of dt each (Shao & Song M8). [degrees C]
     """
-    position = np.asarray(position, dtype=float)
-    i, j, g = pairs(position, volume, conductivity, timestep, conduction, period)
-    g = float(conduction.sweep_share) * g
-    inverse = capacities(mass, volume, heat_capacity, reservoir, conduction)
+    i, j, g, inverse = exchanges(body, step)
+    g = float(step.conduction.sweep_share) * g
     t = np.array(temperature, dtype=float)
-    order = [np.array(r).T for r in rounds(position, float(conduction.support_radius) / 2, int(conduction.dim), period)]
+    side, dim = float(step.conduction.support_radius) / 2, int(step.conduction.dim)
+    order = [np.array(r).T for r in rounds(body.position, side, dim, step.period)]
     size = np.abs(t).max(initial=0)
     at = i * np.int64(len(t)) + j  # sorted
     for a, b in order + order[::-1]:
@@ -278,21 +302,17 @@ def rounds(position, side, dim, period):
 
 
 @_scheme("(4) for all neighbours at once (NPX)", paper="Shao & Song 2017", reach=2)
-def single_pass(
-    position, mass, volume, heat_capacity, conductivity, reservoir, melting_point, latent_heat, timestep, conduction,
-    period, enthalpy, temperature,
-):  # fmt: skip
+def single_pass(body: Body, melting: Melting, step: Step, enthalpy, temperature):
     """NPX: E_ij = g (T_j - T_i)/(1 + s_i + s_j) [J]; C_i T_i += sum_j E_ij, or m_i H_i += sum_j E_ij."""
-    i, j, g = pairs(position, volume, conductivity, timestep, conduction, period)
-    inverse = capacities(mass, volume, heat_capacity, reservoir, conduction)
-    (start, h, c, latent) = _floats(temperature, enthalpy, heat_capacity, latent_heat)
+    i, j, g, inverse = exchanges(body, step)
+    start, h, c, latent = _floats(temperature, enthalpy, body.heat_capacity, melting.latent_heat)
     s = exchange_sums(i, j, g, inverse)
     change = inverse * flow(i, j, g / (1 + s[i] + s[j]), start)
     if h is None:
         t = start + change
     else:
         h = h + change * c
-        t = temperature_of(h, c, melting_point, latent)
+        t = temperature_of(h, c, melting.melting_point, latent)
     return _both(t, h, _scale(i, j, g / (1 + s[i] + s[j]), inverse, [start], 3), c, latent)
 
 
@@ -303,26 +323,19 @@ def single_pass(
         "reservoir period",
     ),
 )  # fmt: skip
-def chebyshev(
-    position, mass, volume, heat_capacity, conductivity, reservoir, melting_point, latent_heat, timestep, conduction,
-    period, enthalpy, temperature,
-):  # fmt: skip
+def chebyshev(body: Body, melting: Melting, step: Step, enthalpy, temperature):
     """CHEB: backward Euler (C + dt A) T = C T^n by n steps of Chebyshev's iteration, n = ceil(ln(tol/2)/ln sigma).
 
     The eigenvalues of 1 + dt A/C lie in 1..1 + 2 s_max; sigma = rho/(1 + sqrt(1 - rho^2)), rho = s_max/(1 + s_max).
     Beyond `most_passes` steps a truncated iteration may overshoot: then solved to the end (as by conjugate gradients).
     Written as corrections d of a residual r [K] (Saad 2003, algorithm 12.1). [degrees C]
     """
-    i, j, g = pairs(position, volume, conductivity, timestep, conduction, period)
-    inverse = capacities(mass, volume, heat_capacity, reservoir, conduction)
+    i, j, g, inverse = exchanges(body, step)
     start = np.array(temperature, dtype=float)
     s = exchange_sums(i, j, g, inverse).max(initial=0)
-    passes = chebyshev_passes(s, float(conduction.tolerance))
-    if passes > conduction.most_passes:
-        return conjugate_gradient(
-            position, mass, volume, heat_capacity, conductivity, reservoir, melting_point, latent_heat, timestep,
-            conduction, period, enthalpy, temperature,
-        )  # fmt: skip
+    passes = chebyshev_passes(s, float(step.conduction.tolerance))
+    if passes > step.conduction.most_passes:
+        return conjugate_gradient(body, melting, step, enthalpy, temperature)
     t, middle, half = start.copy(), 1 + s, s
     r = inverse * flow(i, j, g, t)
     ratio, d = half / middle, r / middle
@@ -333,8 +346,7 @@ def chebyshev(
             after = 1 / (2 * middle / half - ratio)
             d = after * ratio * d + 2 * after / half * r
             ratio = after
-    return _taken_up(t, start, _scale(i, j, g, inverse, [start, t], passes), enthalpy, heat_capacity, melting_point,
-                     latent_heat)  # fmt: skip
+    return _taken_up(t, start, _scale(i, j, g, inverse, [start, t], passes), enthalpy, body.heat_capacity, melting)
 
 
 def chebyshev_passes(s_max, tolerance):
@@ -349,35 +361,26 @@ def chebyshev_passes(s_max, tolerance):
 @_scheme(
     "backward Euler, of which (4) is one pair (PCG)", tolerance=4.0, reason=f"{_REASON}; the residual of the solution"
 )
-def conjugate_gradient(
-    position, mass, volume, heat_capacity, conductivity, reservoir, melting_point, latent_heat, timestep, conduction,
-    period, enthalpy, temperature,
-):  # fmt: skip
+def conjugate_gradient(body: Body, melting: Melting, step: Step, enthalpy, temperature):
     """PCG: backward Euler (C + dt A) T = C T^n, solved to the end, by elimination. [degrees C]"""
-    i, j, g = pairs(position, volume, conductivity, timestep, conduction, period)
-    inverse = capacities(mass, volume, heat_capacity, reservoir, conduction)
+    i, j, g, inverse = exchanges(body, step)
     start = np.array(temperature, dtype=float)
     n = len(start)
     matrix = np.zeros((n, n))
     matrix[i, j] = -inverse[i] * g
     matrix[np.arange(n), np.arange(n)] = 1 + exchange_sums(i, j, g, inverse)
     t = start + np.linalg.solve(matrix, inverse * flow(i, j, g, start))
-    return _taken_up(t, start, _scale(i, j, g, inverse, [start, t], 20), enthalpy, heat_capacity, melting_point,
-                     latent_heat)  # fmt: skip
+    return _taken_up(t, start, _scale(i, j, g, inverse, [start, t], 20), enthalpy, body.heat_capacity, melting)
 
 
 @_scheme("RKL2; RKL1 with latent heat", paper="Meyer, Balsara & Aslam 2014")
-def runge_kutta_legendre(
-    position, mass, volume, heat_capacity, conductivity, reservoir, melting_point, latent_heat, timestep, conduction,
-    period, enthalpy, temperature,
-):  # fmt: skip
+def runge_kutta_legendre(body: Body, melting: Melting, step: Step, enthalpy, temperature):
     """RKL2 (Meyer, Balsara & Aslam 2014): s stages, s odd with (s^2 + s - 2)/4 >= s_max, in flux form [degrees C].
 
     With latent heat RKL1 on the enthalpy [J/kg], (s^2 + s)/2 >= s_max.
     """
-    i, j, g = pairs(position, volume, conductivity, timestep, conduction, period)
-    inverse = capacities(mass, volume, heat_capacity, reservoir, conduction)
-    (start, h, c, latent) = _floats(temperature, enthalpy, heat_capacity, latent_heat)
+    i, j, g, inverse = exchanges(body, step)
+    start, h, c, latent = _floats(temperature, enthalpy, body.heat_capacity, melting.latent_heat)
     s_max = exchange_sums(i, j, g, inverse).max(initial=0)
     if h is not None:
         stages = 1
@@ -388,7 +391,7 @@ def runge_kutta_legendre(
         for k in range(1, stages + 1):
             mu = (2 * k - 1) / k
             old, y = y, mu * y + (1 - k) / k * old + mu * w1 * c * inverse * flow(i, j, g, t)
-            t = temperature_of(y, c, melting_point, latent)
+            t = temperature_of(y, c, melting.melting_point, latent)
         return _both(t, y, _scale(i, j, g, inverse, [start, t], 2 * stages), c, latent)
     stages = 3
     while (stages**2 + stages - 2) / 4 < s_max:
@@ -407,47 +410,41 @@ def runge_kutta_legendre(
 
 
 @_scheme("backward Euler with latent heat (Shao & Song M12)", **_SOLID)
-def enthalpy_jacobi(
-    position, mass, volume, heat_capacity, conductivity, reservoir, melting_point, latent_heat, timestep, conduction,
-    period, enthalpy, temperature,
-):  # fmt: skip
+def enthalpy_jacobi(body: Body, melting: Melting, step: Step, enthalpy, temperature):
     """Backward Euler with latent heat by nonlinear Jacobi steps: m_i (H_i - H_i^n) = dt sum_j G_ij (T_j - T(H_i)).
 
     a = dt sum_j G_ij/m_i, y = H_i^n + sum_j g (T_j - Tm)/m_i: H = y/(1 + a/c) below 0, y up to the latent heat L,
     (y + a L/c)/(1 + a/c) above [J/kg].
     """
-    i, j, g = pairs(position, volume, conductivity, timestep, conduction, period)
-    inverse = capacities(mass, volume, heat_capacity, reservoir, conduction)
-    (start, h, c, latent) = _floats(temperature, enthalpy, heat_capacity, latent_heat)
-    point = np.asarray(melting_point, dtype=float)
+    i, j, g, inverse = exchanges(body, step)
+    start, h, c, latent = _floats(temperature, enthalpy, body.heat_capacity, melting.latent_heat)
+    point = np.asarray(melting.melting_point, dtype=float)
     s = exchange_sums(i, j, g, inverse)
     old, t, seen = h, start, [start]
-    for _ in range(int(conduction.iterations)):
+    for _ in range(int(step.conduction.iterations)):
         y = old + inverse * c * np.bincount(i, g * (t[j] - point[i]), len(t))
         h = np.where(y < 0, y / (1 + s), np.where(y <= latent, y, (y + s * latent) / (1 + s)))
         h = np.where(inverse == 0, old, h)
         t = temperature_of(h, c, point, latent)
         seen = [start, t]
-    scale = _scale(i, j, g, inverse, [*seen, point], 2 * int(conduction.iterations))
+    scale = _scale(i, j, g, inverse, [*seen, point], 2 * int(step.conduction.iterations))
     return _both(t, h, scale, c, latent)
 
 
-def newton(position, mass, volume, heat_capacity, conductivity, reservoir, melting_point, latent_heat, timestep,
-           conduction, period, enthalpy, temperature, most=60):  # fmt: skip
+def newton(body, melting, step, enthalpy, temperature, most=60):
     """(enthalpy [J/kg], temperature [degrees C], steps): the same equation to round-off by a semi-smooth Newton method.
 
     F(H) = H - H^n - c/C dt Q(T(H)) = 0; the Jacobian takes dT/dH = 1/c outside and 0 inside of the melting range.
     """
-    i, j, g = pairs(position, volume, conductivity, timestep, conduction, period)
-    inverse = capacities(mass, volume, heat_capacity, reservoir, conduction)
-    (start, old, c, latent) = _floats(temperature, enthalpy, heat_capacity, latent_heat)
+    i, j, g, inverse = exchanges(body, step)
+    start, old, c, latent = _floats(temperature, enthalpy, body.heat_capacity, melting.latent_heat)
     n, h, t = len(start), old.copy(), start
     s = exchange_sums(i, j, g, inverse)
-    for step in range(most):
-        t = temperature_of(h, c, melting_point, latent)
+    for passes in range(most):
+        t = temperature_of(h, c, melting.melting_point, latent)
         miss = h - old - c * inverse * flow(i, j, g, t)
         if np.abs(miss).max(initial=0) <= 1e-12 * (np.abs(h).max(initial=0) + np.abs(c * t).max(initial=0)):
-            return h, t, step
+            return h, t, passes
         slope = np.where((h < 0) | (h > latent), 1 / c, 0.0)
         matrix = np.zeros((n, n))
         matrix[i, j] = -c[i] * inverse[i] * g * slope[j]

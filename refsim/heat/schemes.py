@@ -4,6 +4,7 @@ import numpy as np
 
 from refsim.heat import reductions
 from refsim.heat.kernels import add, advance, collect, copy, flow, pass_once, plan_chebyshev, solve_own, sweep, take_up
+from refsim.heat.reference import Body, Melting, Step
 from refsim.heat.stages import (
     EXPLICIT,
     MOST_CONJUGATE_PASSES,
@@ -32,7 +33,7 @@ def turn(*arguments):
     return reductions.turn(*arguments)
 
 
-def step(*arguments):
+def take_step(*arguments):
     """As `reductions.step`, on the backend of the last argument, the scratch memory."""
     if arguments[-1].backend.name == "cuda":
         from refsim.heat import reductions_cuda
@@ -68,10 +69,10 @@ def planned(largest, conduction, scratch, real):
     return table, number
 
 
-def run_stages(plan, exchanges, inverse, heat_capacity, melting_point, latent_heat, scratch, enthalpy, temperature):
+def run_stages(plan, exchanges, inverse, heat_capacity, melting, scratch, enthalpy, temperature):
     """Take the stages of a plan (table, number) one after the other, from the state and into it."""
     table, number = plan
-    melts = melting_point is not None
+    melts = melting.melting_point is not None
     state = enthalpy if melts else temperature
     heat_capacity = heat_capacity if melts else None
     n, real = state.shape[0], state.dtype
@@ -86,8 +87,8 @@ def run_stages(plan, exchanges, inverse, heat_capacity, melting_point, latent_he
     for k in range(table.shape[0]):
         new, target = values[k % 2], warm[k % 2]
         advance(
-            exchanges, state, now, source, flow_start, inverse, heat_capacity, melting_point, latent_heat, table,
-            number, np.int32(k), change, target, new,
+            exchanges, state, now, source, flow_start, inverse, heat_capacity, *melting, table, number, np.int32(k),
+            change, target, new,
         )  # fmt: skip
         now = new
         source = target if melts else new
@@ -113,92 +114,62 @@ def known(largest, enthalpy, temperature, scratch):
 # The schemes
 
 
-def explicit(
-    position, mass, volume, heat_capacity, conductivity, reservoir, melting_point, latent_heat, neighbours, timestep,
-    conduction, period, scratch, enthalpy, temperature,
-):  # fmt: skip
+def explicit(body: Body, melting: Melting, neighbours, step: Step, scratch, enthalpy, temperature):
     """Forward Euler."""
-    exchanges, inverse, _, _ = weighed(
-        position, mass, volume, heat_capacity, conductivity, reservoir, neighbours, timestep, conduction, period,
-        scratch,
-    )  # fmt: skip
+    exchanges, inverse, _, _ = weighed(body, neighbours, step, scratch)
     plan = written([EXPLICIT], scratch, temperature.dtype)
-    run_stages(plan, exchanges, inverse, heat_capacity, melting_point, latent_heat, scratch, enthalpy, temperature)
+    run_stages(plan, exchanges, inverse, body.heat_capacity, melting, scratch, enthalpy, temperature)
 
 
-def one_sided(
-    position, mass, volume, heat_capacity, conductivity, reservoir, neighbours, timestep, conduction, period, scratch,
-    temperature,
-):  # fmt: skip
+def one_sided(body: Body, neighbours, step: Step, scratch, temperature):
     """M(4) read literally (R1): every particle by itself, forwards, then backwards."""
-    exchanges, inverse, _, _ = weighed(
-        position, mass, volume, heat_capacity, conductivity, reservoir, neighbours, timestep, conduction, period,
-        scratch,
-    )  # fmt: skip
+    exchanges, inverse, _, _ = weighed(body, neighbours, step, scratch)
     for backwards in (0, 1):
         old = copied(temperature, "heat start", scratch)
-        sweep(exchanges, inverse, conduction, np.int32(backwards), old, temperature)
+        sweep(exchanges, inverse, step.conduction, np.int32(backwards), old, temperature)
 
 
-def single_pass(
-    position, mass, volume, heat_capacity, conductivity, reservoir, melting_point, latent_heat, neighbours, timestep,
-    conduction, period, scratch, enthalpy, temperature,
-):  # fmt: skip
+def single_pass(body: Body, melting: Melting, neighbours, step: Step, scratch, enthalpy, temperature):
     """NPX: all pairs at once."""
-    exchanges, inverse, sums, _ = weighed(
-        position, mass, volume, heat_capacity, conductivity, reservoir, neighbours, timestep, conduction, period,
-        scratch,
-    )  # fmt: skip
+    exchanges, inverse, sums, _ = weighed(body, neighbours, step, scratch)
     old = copied(temperature, "heat start", scratch)
-    pass_once(exchanges, sums, inverse, old, heat_capacity, melting_point, latent_heat, enthalpy, temperature)
+    pass_once(exchanges, sums, inverse, old, body.heat_capacity, *melting, enthalpy, temperature)
 
 
-def chebyshev(
-    position, mass, volume, heat_capacity, conductivity, reservoir, melting_point, latent_heat, neighbours, timestep,
-    conduction, period, scratch, enthalpy, temperature,
-):  # fmt: skip
+def chebyshev(body: Body, melting: Melting, neighbours, step: Step, scratch, enthalpy, temperature):
     """Backward Euler by Chebyshev's iteration; by conjugate gradients if that would take too many passes.
 
     With `planned_passes` a GPU finds the number of passes itself, so that a step waits for nothing.
     """
-    exchanges, inverse, _, largest = weighed(
-        position, mass, volume, heat_capacity, conductivity, reservoir, neighbours, timestep, conduction, period,
-        scratch,
-    )  # fmt: skip
+    exchanges, inverse, _, largest = weighed(body, neighbours, step, scratch)
     start = None if enthalpy is None else copied(temperature, "heat start", scratch)
     plan, real = None, temperature.dtype
-    if conduction.planned_passes and scratch.backend.name == "cuda":
-        plan = planned(largest, conduction, scratch, real)
+    if step.conduction.planned_passes and scratch.backend.name == "cuda":
+        plan = planned(largest, step.conduction, scratch, real)
     else:
         most = known(largest, enthalpy, temperature, scratch)
         if most is None:
             return
-        passes = max(1, chebyshev_passes(most, float(conduction.tolerance)))
-        if passes <= conduction.most_passes:
+        passes = max(1, chebyshev_passes(most, float(step.conduction.tolerance)))
+        if passes <= step.conduction.most_passes:
             plan = written(list(chebyshev_stages(most, passes)), scratch, real)
     if plan is None:
-        solve(exchanges, inverse, conduction, scratch, temperature)
+        solve(exchanges, inverse, step.conduction, scratch, temperature)
     else:
-        run_stages(plan, exchanges, inverse, heat_capacity, None, None, scratch, None, temperature)
+        run_stages(plan, exchanges, inverse, None, Melting(None, None), scratch, None, temperature)
     if enthalpy is not None:
-        take_up(start, heat_capacity, melting_point, latent_heat, enthalpy, temperature)
+        take_up(start, body.heat_capacity, *melting, enthalpy, temperature)
 
 
-def conjugate_gradient(
-    position, mass, volume, heat_capacity, conductivity, reservoir, melting_point, latent_heat, neighbours, timestep,
-    conduction, period, scratch, enthalpy, temperature,
-):  # fmt: skip
+def conjugate_gradient(body: Body, melting: Melting, neighbours, step: Step, scratch, enthalpy, temperature):
     """Backward Euler by conjugate gradients; with latent heat Chernoff's formula."""
-    exchanges, inverse, _, largest = weighed(
-        position, mass, volume, heat_capacity, conductivity, reservoir, neighbours, timestep, conduction, period,
-        scratch,
-    )  # fmt: skip
+    exchanges, inverse, _, largest = weighed(body, neighbours, step, scratch)
     if known(largest, enthalpy, temperature, scratch) is None:
         return
     start = None if enthalpy is None else copied(temperature, "heat start", scratch)
-    solve(exchanges, inverse, conduction, scratch, temperature)
+    solve(exchanges, inverse, step.conduction, scratch, temperature)
     if enthalpy is not None:
-        take_up(start, heat_capacity, melting_point, latent_heat, enthalpy, temperature)
+        take_up(start, body.heat_capacity, *melting, enthalpy, temperature)
 
 
 def solve(exchanges, inverse, conduction, scratch, temperature):
@@ -214,12 +185,12 @@ def solve(exchanges, inverse, conduction, scratch, temperature):
     flow(exchanges, temperature, residual)
     for array in (direction, image, solution, dots):
         scratch.backend.assign(array, 0)
-    step(inverse, direction, image, dots, solution, residual, gradient, scratch)
+    take_step(inverse, direction, image, dots, solution, residual, gradient, scratch)
     first, passes = None, 1
     while True:
         turn(exchanges, inverse, gradient, dots, direction, turned, image, scratch)
         direction, turned = turned, direction
-        step(inverse, direction, image, dots, solution, residual, gradient, scratch)
+        take_step(inverse, direction, image, dots, solution, residual, gradient, scratch)
         passes += 1
         if first is None or passes % every == 0:
             now, _, before = (float(v) for v in scratch.host(dots))
@@ -231,35 +202,21 @@ def solve(exchanges, inverse, conduction, scratch, temperature):
     return passes
 
 
-def runge_kutta_legendre(
-    position, mass, volume, heat_capacity, conductivity, reservoir, melting_point, latent_heat, neighbours, timestep,
-    conduction, period, scratch, enthalpy, temperature,
-):  # fmt: skip
+def runge_kutta_legendre(body: Body, melting: Melting, neighbours, step: Step, scratch, enthalpy, temperature):
     """RKL2 on temperatures, RKL1 on enthalpies."""
-    exchanges, inverse, _, largest = weighed(
-        position, mass, volume, heat_capacity, conductivity, reservoir, neighbours, timestep, conduction, period,
-        scratch,
-    )  # fmt: skip
+    exchanges, inverse, _, largest = weighed(body, neighbours, step, scratch)
     most = known(largest, enthalpy, temperature, scratch)
     if most is None:
         return
     stages = list((legendre_stages if enthalpy is None else first_legendre_stages)(most))
     plan = written(stages, scratch, temperature.dtype)
-    run_stages(plan, exchanges, inverse, heat_capacity, melting_point, latent_heat, scratch, enthalpy, temperature)
+    run_stages(plan, exchanges, inverse, body.heat_capacity, melting, scratch, enthalpy, temperature)
 
 
-def enthalpy_jacobi(
-    position, mass, volume, heat_capacity, conductivity, reservoir, melting_point, latent_heat, neighbours, timestep,
-    conduction, period, scratch, enthalpy, temperature,
-):  # fmt: skip
+def enthalpy_jacobi(body: Body, melting: Melting, neighbours, step: Step, scratch, enthalpy, temperature):
     """Backward Euler with latent heat, nonlinear Jacobi."""
-    exchanges, inverse, sums, _ = weighed(
-        position, mass, volume, heat_capacity, conductivity, reservoir, neighbours, timestep, conduction, period,
-        scratch,
-    )  # fmt: skip
+    exchanges, inverse, sums, _ = weighed(body, neighbours, step, scratch)
     start = copied(enthalpy, "heat start", scratch)
-    for _ in range(conduction.iterations):
+    for _ in range(step.conduction.iterations):
         old = copied(temperature, "heat warm 0", scratch)
-        solve_own(
-            exchanges, sums, inverse, start, heat_capacity, melting_point, latent_heat, old, enthalpy, temperature
-        )
+        solve_own(exchanges, sums, inverse, start, body.heat_capacity, *melting, old, enthalpy, temperature)

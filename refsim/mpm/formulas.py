@@ -91,12 +91,6 @@ def inverse_spread(xx, xy, xz, yy, yz, zz):
 
 
 @formula
-def determinant(f0, f1, f2, f3, f4, f5, f6, f7, f8):
-    """J = det F, dimensionless, F row by row."""
-    return f0 * (f4 * f8 - f5 * f7) - f1 * (f3 * f8 - f5 * f6) + f2 * (f3 * f7 - f4 * f6)
-
-
-@formula
 def canonical(j, low, high, below, above):
     """The node a on the liquid's side of mirrors at `low` and `high` of which j is an image, dimensionless:
     a = 2 low - j below, 2 high - j above, else j."""

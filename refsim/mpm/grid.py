@@ -15,6 +15,7 @@ import numpy as np
 from refsim.backends.arrays import Backend
 from refsim.core.errors import RunStopped
 from refsim.core.operation import REGISTRY
+from refsim.mpm.groups import Places
 from refsim.mpm.limits import FARTHEST
 from refsim.sparse_grid import Blocks, PointList
 
@@ -118,6 +119,10 @@ class MpmGrid:
     def node_pull(self) -> Any:
         """Force of the surface on the nodes (nodes, 3) [N]."""
         return self._array("node_pull", (self.nodes, 3))
+
+    def places(self, name: str) -> Places:
+        """The points of a set by bin, their cells, and the blocks."""
+        return Places(self.bins[name], self.cells[name], self.blocks)
 
     @property
     def sample_cells(self) -> PointList:

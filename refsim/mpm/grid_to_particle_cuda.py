@@ -9,9 +9,9 @@ import numpy as np
 
 from refsim.backends.compile import cuda, cuda_kernel, formula
 from refsim.backends.runtime import simulated
-from refsim.mpm.formulas import spline_weights
-from refsim.mpm.grid_to_particle import centred, move_particle
-from refsim.mpm.kernels import layer_weights, place
+from refsim.mpm.grid_to_particle import centred, move_particle, put_moments
+from refsim.mpm.groups import Carriers, Cluster, Medium, Moved
+from refsim.mpm.kernels import place, stencil_weights
 from refsim.mpm.particle_to_grid_cuda import REACH, quotient
 from refsim.sparse_grid.block_search_cuda import SUMMING, number
 from refsim.sparse_grid.formulas import node_coordinates
@@ -39,8 +39,9 @@ def layer_moments(n, width, wx, wy, c, values):
 
 
 @formula
-def component_moments(at, width, layers, wx, wy, wz, c, values):
+def component_moments(at, width, layers, weights, c, values):
     """Sums over the stencil from node `at` on: B v, B v i, B v j, B v k of the component c; the plane has one layer."""
+    wx, wy, wz = weights
     a0, x0, y0 = layer_moments(at, width, wx, wy, c, values)
     if layers == 1:
         return a0, x0, y0, type(a0)(0)
@@ -54,12 +55,12 @@ def component_moments(at, width, layers, wx, wy, wz, c, values):
 
 
 @formula
-def stencil_moments(at, width, layers, wx, wy, wz, values):
-    """Sums over the stencil's nodes: B v (3) and B v (j - base)^T (9, row by row); values (nodes, 3) [m/s]."""
-    vx, xx, xy, xz = component_moments(at, width, layers, wx, wy, wz, 0, values)
-    vy, yx, yy, yz = component_moments(at, width, layers, wx, wy, wz, 1, values)
-    vz, zx, zy, zz = component_moments(at, width, layers, wx, wy, wz, 2, values)
-    return vx, vy, vz, xx, xy, xz, yx, yy, yz, zx, zy, zz
+def stencil_moments(at, width, layers, weights, values):
+    """Sums over the stencil's nodes: B v (3) and B v (j - base)^T (9); values (nodes, 3) [m/s]."""
+    vx, xx, xy, xz = component_moments(at, width, layers, weights, 0, values)
+    vy, yx, yy, yz = component_moments(at, width, layers, weights, 1, values)
+    vz, zx, zy, zz = component_moments(at, width, layers, weights, 2, values)
+    return (vx, vy, vz), (xx, xy, xz, yx, yy, yz, zx, zy, zz)
 
 
 @formula
@@ -89,12 +90,13 @@ def load_block(b, blocks, background, node_velocity, values):
 
 
 @formula
-def moments(x, y, z, fx, fy, fz, background, values):
-    """`stencil_moments` at node (x, y, z) of the block, with widths that the compiler knows."""
-    wx, wy = spline_weights(fx), spline_weights(fy)
+def moments(place, f, background, values):
+    """`stencil_moments` at the node of this place in the block, with widths that the compiler knows."""
+    x, y, z = place
+    weights = stencil_weights(f, background)
     if background.layers == 3:
-        return stencil_moments((z * 6 + y) * 6 + x, 6, 3, wx, wy, spline_weights(fz), values)
-    return stencil_moments(y * 10 + x, 10, 1, wx, wy, layer_weights(fz, background), values)
+        return stencil_moments((z * 6 + y) * 6 + x, 6, 3, weights, values)
+    return stencil_moments(y * 10 + x, 10, 1, weights, values)
 
 
 @formula
@@ -123,65 +125,68 @@ def largest_of_rows(values):
 
 @formula
 def put_rows(numbers, count, width, rows, out):
-    """Copy the first `count` rows of `width` values from shared memory to the points with these numbers."""
-    for k in range(width):
-        at = number(cuda.threadIdx.x) + k * GATHERING
-        row = quotient(at, width)
-        if row < count:
-            c = number(at - row * width)
-            out[number(numbers[row]), c] = rows[row, c]
+    """Copy the first `count` rows of `width` values from shared memory to the points with these numbers, if asked."""
+    if out is not None:
+        for k in range(width):
+            at = number(cuda.threadIdx.x) + k * GATHERING
+            row = quotient(at, width)
+            if row < count:
+                c = number(at - row * width)
+                out[number(numbers[row]), c] = rows[row, c]
+
+
+@formula
+def shared_rest(position_residual, ends):
+    """Shared memory for the residuals of the threads' positions, if there are any."""
+    if position_residual is not None:
+        return cuda.shared.array((GATHERING, 3), ends.dtype)
+    return None
 
 
 @cuda_kernel(block_for_each_row=True, threads=GATHERING, rows_of="block_extremes", registers=64)
-def gather(
-    bins, node_velocity, cell, liquid, background, timestep, blocks, cluster_share, inverse_spread, embedding,
-    carrier_first, carrier_position, carrier_moment, build_position, block_extremes, velocity, affine, volume_ratio,
-    deformation, position_residual, position,
-):  # fmt: skip
+def gather(places, node_velocity, medium, cluster, carriers, build_position, block_extremes, moved):
     """Velocity, gradient, volume ratio and position of every particle from the nodes.
 
     block_extremes (b, 5): for each block's particles the largest squared displacement since the list was built, -J, J,
     |tr A| and squared displacement of the step.
     """
     b, thread = number(cuda.blockIdx.x), number(cuda.threadIdx.x)
+    bins, background = places.bins, medium.background
     real = type(background.cell_size)
     far, least, most, fast, jump = real(0), real(-math.inf), real(-math.inf), real(0), real(0)
     begin, end = number(bins.first[64 * b]), number(bins.first[64 * b + 64])
     # Tells the compiler the widths.
-    known = node_velocity.shape[1] == 3 and velocity.shape[1] == 3 and position.shape[1] == 3 and affine.shape[1] == 9
+    known = node_velocity.shape[1] == 3 and moved.velocity.shape[1] == 3
+    known = known and moved.position.shape[1] == 3 and moved.affine.shape[1] == 9
     if begin < end and known:
-        values = cuda.shared.array((REACH, 3), velocity.dtype)
-        best = cuda.shared.array((5, GATHERING), velocity.dtype)
-        matrix = cuda.shared.array((GATHERING, 9), velocity.dtype)
-        speed = cuda.shared.array((GATHERING, 3), velocity.dtype)
-        moved = cuda.shared.array((GATHERING, 3), velocity.dtype)
-        rest = moved
-        if position_residual is not None:
-            rest = cuda.shared.array((GATHERING, 3), velocity.dtype)
+        values = cuda.shared.array((REACH, 3), node_velocity.dtype)
+        best = cuda.shared.array((5, GATHERING), node_velocity.dtype)
+        matrix = cuda.shared.array((GATHERING, 9), node_velocity.dtype)
+        speed = cuda.shared.array((GATHERING, 3), node_velocity.dtype)
+        ends = cuda.shared.array((GATHERING, 3), node_velocity.dtype)
+        rest = shared_rest(moved.position_residual, ends)
+        landed = Moved(speed, matrix, None, None, rest, ends)
         numbers = cuda.shared.array(GATHERING, np.int32)
-        origin = node_coordinates(blocks, b * 64)
-        load_block(b, blocks, background, node_velocity, values)
+        origin = node_coordinates(places.blocks, b * 64)
+        load_block(b, places.blocks, background, node_velocity, values)
         while begin < end:
             if begin + thread < end:
                 i = number(bins.point[begin + thread])
                 numbers[thread] = i
-                fx, fy, fz, x, y, z = place(i, position, cell, origin, background)
-                sums = moments(x, y, z, fx, fy, fz, background, values)
+                f, base = place(i, moved.position, places.cell, origin, background)
+                sums = moments(base, f, background, values)
                 squared, ratio, rate, leap = move_particle(
-                    i, thread, sums, fx, fy, fz, background, liquid, timestep, cluster_share, inverse_spread, embedding,
-                    carrier_first, carrier_position, carrier_moment, build_position, position, position_residual,
-                    volume_ratio, deformation, speed, matrix, moved, rest,
-                )  # fmt: skip
+                    i, thread, sums, f, medium, cluster, carriers, build_position, moved, landed
+                )
                 far, least, most, fast = max(far, squared), max(least, -ratio), max(most, ratio), max(fast, rate)
                 jump = max(jump, leap)
             cuda.syncthreads()
             # All threads write the rows together: neighbouring threads write contiguous memory.
             count = min(GATHERING, end - begin)
-            put_rows(numbers, count, 9, matrix, affine)
-            put_rows(numbers, count, 3, speed, velocity)
-            put_rows(numbers, count, 3, moved, position)
-            if position_residual is not None:
-                put_rows(numbers, count, 3, rest, position_residual)
+            put_rows(numbers, count, 9, matrix, moved.affine)
+            put_rows(numbers, count, 3, speed, moved.velocity)
+            put_rows(numbers, count, 3, ends, moved.position)
+            put_rows(numbers, count, 3, rest, moved.position_residual)
             cuda.syncthreads()
             begin += GATHERING
         best[0, thread], best[1, thread], best[2, thread] = far, least, most
@@ -223,43 +228,32 @@ def reduce_extremes(block_extremes, displacement, step_extremes):
 
 
 def grid_to_particle(
-    node_velocity, liquid, background, timestep, cluster_share, inverse_spread, embedding, carrier_first,
-    carrier_position, carrier_moment, build_position, grid, displacement, step_extremes, velocity, affine,
-    volume_ratio, deformation, position_residual, position,
+    node_velocity, medium: Medium, cluster: Cluster, carriers: Carriers, build_position, grid, displacement,
+    step_extremes, moved: Moved,
 ):  # fmt: skip
     """(4.12), (4.13) or A of the cluster, (4.16), (4.8): velocity, affine matrix, volume ratio and position."""
     extremes = grid.block_extremes
-    gather(
-        grid.bins["particles"], node_velocity, grid.cells["particles"], liquid, background, timestep, grid.blocks,
-        cluster_share, inverse_spread, embedding, carrier_first, carrier_position, carrier_moment, build_position,
-        extremes, velocity, affine, volume_ratio, deformation, position_residual, position,
-    )  # fmt: skip
+    gather(grid.places("particles"), node_velocity, medium, cluster, carriers, build_position, extremes, moved)
     reduce_extremes(extremes, displacement, step_extremes)
 
 
 @cuda_kernel(block_for_each_row=True, threads=GATHERING, rows_of="complete")
-def gather_carriers(bins, node_velocity, carrier_position, carrier_cell, background, blocks, complete, carrier_moment):
+def gather_carriers(places, node_velocity, carrier_position, background, complete, carrier_moment):
     """Moments of the nodes' velocities about every embedded point; a thread block for each row of `complete`."""
-    b = cuda.blockIdx.x
+    bins, b = places.bins, cuda.blockIdx.x
     if bins.first[64 * b + 64] == bins.first[64 * b]:
         return
     values = cuda.shared.array((REACH, 3), node_velocity.dtype)
-    origin = node_coordinates(blocks, b * 64)
-    load_block(b, blocks, background, node_velocity, values)
+    origin = node_coordinates(places.blocks, b * 64)
+    load_block(b, places.blocks, background, node_velocity, values)
     for at in range(bins.first[64 * b] + cuda.threadIdx.x, bins.first[64 * b + 64], cuda.blockDim.x):
-        i = bins.point[at]
-        fx, fy, fz, x, y, z = place(i, carrier_position, carrier_cell, origin, background)
-        sums = moments(x, y, z, fx, fy, fz, background, values)
-        m = centred(sums, fx, fy, fz, background.cell_size)
-        carrier_moment[i, 0], carrier_moment[i, 1], carrier_moment[i, 2] = sums[0], sums[1], sums[2]
-        for c in range(9):
-            carrier_moment[i, 3 + c] = m[c]
+        c = bins.point[at]
+        f, base = place(c, carrier_position, places.cell, origin, background)
+        v, m = moments(base, f, background, values)
+        put_moments(c, v, centred(v, m, f, background.cell_size), carrier_moment)
 
 
 def grid_to_carriers(node_velocity, carrier_position, background, grid, carrier_moment):
     """Sums of B v and B v (x_j - x_q)^T about every embedded point."""
-    cell = grid.cells["carriers"]
-    gather_carriers(
-        grid.bins["carriers"], node_velocity, carrier_position, cell, background, grid.blocks, grid.complete,
-        carrier_moment,
-    )  # fmt: skip
+    places = grid.places("carriers")
+    gather_carriers(places, node_velocity, carrier_position, background, grid.complete, carrier_moment)

@@ -1,6 +1,18 @@
 """What one point or one node does, and the geometry of stencils and clusters that the transfers share."""
 
 from refsim.backends.compile import formula, kernel
+from refsim.backends.tuples import (
+    added,
+    difference,
+    nine,
+    over,
+    product,
+    put,
+    scaled,
+    symmetric,
+    three,
+    transposed,
+)
 from refsim.mpm.formulas import (
     IMAGED_ROWS,
     NOWHERE,
@@ -17,6 +29,7 @@ from refsim.mpm.formulas import (
     wall_velocity,
 )
 from refsim.mpm.formulas import inverse_spread as inverted
+from refsim.mpm.groups import Nodes
 from refsim.mpm.limits import FARTHEST
 from refsim.neighbours.formulas import BITS, OFFSET
 from refsim.sparse_grid.formulas import find_node, node_coordinates, step_node
@@ -44,18 +57,30 @@ def write_keys(i, position, inverse_cell, bits, keys):
 
 @formula
 def place(i, position, cell, origin, background):
-    """(offsets f of point i along x, y, z, coordinates of its base node in the block whose first node is `origin`)."""
+    """(offsets f of point i, coordinates of its base node in the block whose first node is `origin`)."""
     local = cell[i] & 63
     if background.layers == 3:
         x, y, z = local & 3, (local >> 2) & 3, local >> 4
         fx = fraction(position[i, 0], origin[0] + x, background)
         fy = fraction(position[i, 1], origin[1] + y, background)
         fz = fraction(position[i, 2], origin[2] + z, background)
-        return fx, fy, fz, x, y, z
+        return (fx, fy, fz), (x, y, z)
     x, y = local & 7, local >> 3
     fx = fraction(position[i, 0], origin[0] + x, background)
     fy = fraction(position[i, 1], origin[1] + y, background)
-    return fx, fy, type(fx)(0), x, y, 0
+    return (fx, fy, type(fx)(0)), (x, y, 0)
+
+
+@formula
+def stencil_weights(f, background):
+    """Weights along x, y and z."""
+    return spline_weights(f[0]), spline_weights(f[1]), layer_weights(f[2], background)
+
+
+@formula
+def stencil_slopes(f, background):
+    """Slopes along x, y and z."""
+    return spline_slopes(f[0]), spline_slopes(f[1]), layer_slopes(f[2], background)
 
 
 @formula
@@ -108,17 +133,6 @@ def spread_of(i, inverse_spread):
     )  # fmt: skip
 
 
-@formula
-def viscous_row(ax, ay, az, sx, sy, sz, inverse, factor):
-    """A row of A - factor S E^-1: (ax, ay, az) of A, (sx, sy, sz) of S = A + A^T."""
-    xx, xy, xz, yy, yz, zz = inverse
-    return (
-        ax - factor * (sx * xx + sy * xy + sz * xz),
-        ay - factor * (sx * xy + sy * yy + sz * yz),
-        az - factor * (sx * xz + sy * yz + sz * zz),
-    )
-
-
 @kernel
 def viscosity(i, volume_ratio, inverse_spread, viscous_stress, timestep, affine):
     """A <- A - dt (4 mu J/(rho0 h^2)) (A + A^T) E^-1 [1/s], row by row: what the stress mu (A + A^T) adds to (4.10).
@@ -130,38 +144,26 @@ def viscosity(i, volume_ratio, inverse_spread, viscous_stress, timestep, affine)
     inverse = round_spread(factor)
     if inverse_spread is not None:
         inverse = spread_of(i, inverse_spread)
-    xx, xy, xz = affine[i, 0], affine[i, 1], affine[i, 2]
-    yx, yy, yz = affine[i, 3], affine[i, 4], affine[i, 5]
-    zx, zy, zz = affine[i, 6], affine[i, 7], affine[i, 8]
-    first = viscous_row(xx, xy, xz, xx + xx, xy + yx, xz + zx, inverse, factor)
-    second = viscous_row(yx, yy, yz, yx + xy, yy + yy, yz + zy, inverse, factor)
-    third = viscous_row(zx, zy, zz, zx + xz, zy + yz, zz + zz, inverse, factor)
-    for c in range(3):
-        affine[i, c], affine[i, 3 + c], affine[i, 6 + c] = first[c], second[c], third[c]
+    a = nine(affine, i)
+    strain = added(a, transposed(a))
+    put(affine, i, difference(a, scaled(product(strain, symmetric(inverse)), factor)))
 
 
 @kernel(rows_of="cluster_share")
-def embed_samples(
-    i, position, surface_sample, order, first, cell_size, carrier_first, carrier_position, carrier_owner,
-    cluster_share, inverse_spread,
-):  # fmt: skip
+def embed_samples(i, position, samples, cell_size, carriers, carrier_first, cluster_share, inverse_spread):
     """Samples x_s of particle i and their mirror images 2 x_p - x_s [m], w = 1/(2 C + 1), and E^-1, dimensionless."""
     real = type(cell_size)
+    first = samples.first
     count = first[i + 1] - first[i]
     share = real(1) / real(2 * count + 1)
     xx, xy, xz, yy, yz, zz = real(1), real(0), real(0), real(1), real(0), real(1)
     for k in range(first[i], first[i + 1]):
-        s = order[k]
-        d = (
-            surface_sample[s, 0] - position[i, 0],
-            surface_sample[s, 1] - position[i, 1],
-            surface_sample[s, 2] - position[i, 2],
-        )
-        for c in range(3):
-            carrier_position[2 * k, c] = surface_sample[s, c]
-            carrier_position[2 * k + 1, c] = position[i, c] - d[c]
-        carrier_owner[2 * k] = i
-        carrier_owner[2 * k + 1] = i
+        sample = three(samples.position, samples.order[k])
+        d = difference(sample, three(position, i))
+        put(carriers.carrier_position, 2 * k, sample)
+        put(carriers.carrier_position, 2 * k + 1, difference(three(position, i), d))
+        carriers.carrier_owner[2 * k] = i
+        carriers.carrier_owner[2 * k + 1] = i
         two = real(8) * share / (cell_size * cell_size)
         xx += two * d[0] * d[0]
         xy += two * d[0] * d[1]
@@ -172,9 +174,7 @@ def embed_samples(
     carrier_first[i] = 2 * first[i]
     carrier_first[i + 1] = 2 * first[i + 1]  # the next particle writes the same number
     cluster_share[i] = share
-    inverse = inverted(xx, xy, xz, yy, yz, zz)
-    for c in range(6):
-        inverse_spread[i, c] = inverse[c]
+    put(inverse_spread, i, inverted(xx, xy, xz, yy, yz, zz))
 
 
 @kernel
@@ -196,70 +196,67 @@ def recount(i, crowding, recounting, timestep, background, deformation, volume_r
 
 
 @kernel
-def update_nodes(
-    n, node_mass, node_momentum, node_pull, field, planes, mirrors, least_mass, timestep, blocks, node_velocity
-):  # fmt: skip
+def update_nodes(n, nodes, field, planes, mirrors, background, timestep, blocks, node_velocity):
     """(4.19) and the walls: v_j [m/s]."""
     if mirrors is not None:
-        v = mirrored_update(n, node_mass, node_momentum, blocks, least_mass, node_pull, field, planes, timestep)
+        v = mirrored_update(n, nodes, field, planes, background, timestep, blocks)
     else:
-        v = node_update(
-            n, node_mass[n], node_momentum[n, 0], node_momentum[n, 1], node_momentum[n, 2], blocks, least_mass,
-            node_pull, field, planes, timestep,
-        )  # fmt: skip
-    node_velocity[n, 0] = v[0]
-    node_velocity[n, 1] = v[1]
-    node_velocity[n, 2] = v[2]
+        v = node_update(n, nodes, field, planes, background, timestep, blocks)
+    put(node_velocity, n, v)
 
 
-def grid_update(node_mass, node_momentum, node_pull, field, planes, mirrors, background, timestep, grid, node_velocity):
+def grid_update(nodes: Nodes, field, planes, mirrors, background, timestep, grid, node_velocity):
     """(4.19) v_j = ((mv)_j + dt f_j)/m_j + dt g [m/s], and the walls."""
-    update_nodes(
-        node_mass, node_momentum, node_pull, field, planes, mirrors, background.least_mass, timestep, grid.blocks,
-        node_velocity,
-    )  # fmt: skip
+    update_nodes(nodes, field, planes, mirrors, background, timestep, grid.blocks, node_velocity)
 
 
 @formula
-def node_update(node, mass, mx, my, mz, blocks, least_mass, node_pull, field, planes, timestep):
-    """(4.19) with the walls: v_j [m/s]; zero on a node with at most `least_mass`."""
-    real = type(mass)
-    zero = real(0)
-    if not mass > least_mass:
-        return zero, zero, zero
-    step = timestep[1]
-    if node_pull is not None:
-        mx += step * node_pull[node, 0]
-        my += step * node_pull[node, 1]
-        mz += step * node_pull[node, 2]
-    vx, vy, vz = mx / mass, my / mass, mz / mass
+def pushed(n, momentum, pull, step):
+    """Row n of the momenta after the impulse of a force, of which there may be none; so for velocities."""
+    p = three(momentum, n)
+    if pull is not None:
+        p = added(p, scaled(three(pull, n), step))
+    return p
+
+
+@formula
+def accelerated(momentum, mass, field, step):
+    """v = p/m + dt g [m/s]; there may be no g."""
+    v = over(momentum, mass)
     if field is not None:
-        vx += step * field[0]
-        vy += step * field[1]
-        vz += step * field[2]
-    if planes is not None:
-        jx, jy, jz = node_coordinates(blocks, node)
-        vx, vy, vz = at_walls(jx, jy, jz, vx, vy, vz, planes)
-    return vx, vy, vz
+        v = added(v, scaled((field[0], field[1], field[2]), step))
+    return v
 
 
 @formula
-def at_walls(jx, jy, jz, vx, vy, vz, planes):
+def node_update(node, nodes, field, planes, background, timestep, blocks):
+    """(4.19) with the walls: v_j [m/s]; zero on a node with at most `least_mass`."""
+    mass, zero = nodes.node_mass[node], type(background.least_mass)(0)
+    if not mass > background.least_mass:
+        return zero, zero, zero
+    v = accelerated(pushed(node, nodes.node_momentum, nodes.node_pull, timestep[1]), mass, field, timestep[1])
+    if planes is not None:
+        v = at_walls(node_coordinates(blocks, node), v, planes)
+    return v
+
+
+@formula
+def at_walls(j, v, planes):
     """Velocity of node j at the walls [m/s]: 0 in a sticky one, without the component into a slip or separating one."""
-    lx, ux = jx <= planes.lower[0], jx >= planes.upper[0]
-    ly, uy = jy <= planes.lower[1], jy >= planes.upper[1]
-    lz, uz = jz <= planes.lower[2], jz >= planes.upper[2]
+    lx, ux = j[0] <= planes.lower[0], j[0] >= planes.upper[0]
+    ly, uy = j[1] <= planes.lower[1], j[1] >= planes.upper[1]
+    lz, uz = j[2] <= planes.lower[2], j[2] >= planes.upper[2]
     r = planes.rules
     if (
         (lx and r[0] == STICKY) or (ux and r[1] == STICKY) or (ly and r[2] == STICKY)
         or (uy and r[3] == STICKY) or (lz and r[4] == STICKY) or (uz and r[5] == STICKY)
     ):  # fmt: skip
-        zero = type(vx)(0)
+        zero = type(v[0])(0)
         return zero, zero, zero
     return (
-        wall_velocity(vx, lx, ux, r[0], r[1]),
-        wall_velocity(vy, ly, uy, r[2], r[3]),
-        wall_velocity(vz, lz, uz, r[4], r[5]),
+        wall_velocity(v[0], lx, ux, r[0], r[1]),
+        wall_velocity(v[1], ly, uy, r[2], r[3]),
+        wall_velocity(v[2], lz, uz, r[4], r[5]),
     )
 
 
@@ -270,9 +267,7 @@ def within_rows(j, low, high, low_rule, high_rule):
 
 
 @formula
-def mirrored_update(
-    node, node_mass, node_momentum, blocks, least_mass, node_pull, field, planes, timestep,
-):  # fmt: skip
+def mirrored_update(node, nodes, field, planes, background, timestep, blocks):
     """(4.19) at walls that mirror the liquid [m/s]: masses, momenta and forces of a node's images are added to its own.
 
     The velocity is that of the node on the liquid's side; a node behind the wall moves as its image.
@@ -285,12 +280,8 @@ def mirrored_update(
     near_y = within_rows(jy, low[1], high[1], r[2], r[3])
     near_z = within_rows(jz, low[2], high[2], r[4], r[5])
     if not (near_x or near_y or near_z):
-        mass = node_mass[node]
-        return node_update(
-            node, mass, node_momentum[node, 0], node_momentum[node, 1], node_momentum[node, 2], blocks, least_mass,
-            node_pull, field, None, timestep,
-        )  # fmt: skip
-    real = type(least_mass)
+        return node_update(node, nodes, field, None, background, timestep, blocks)
+    real = type(background.least_mass)
     if (
         buried(jx, low[0], high[0], r[0], r[1]) or buried(jy, low[1], high[1], r[2], r[3])
         or buried(jz, low[2], high[2], r[4], r[5])
@@ -299,7 +290,7 @@ def mirrored_update(
     ax = canonical(jx, low[0], high[0], r[0] > 0, r[1] > 0)
     ay = canonical(jy, low[1], high[1], r[2] > 0, r[3] > 0)
     az = canonical(jz, low[2], high[2], r[4] > 0, r[5] > 0)
-    mass, mx, my, mz = real(0), real(0), real(0), real(0)
+    mass, momentum = real(0), (real(0), real(0), real(0))
     for kz in range(3):
         iz = image(az, kz, low[2], high[2], r[4] > 0, r[5] > 0)
         for ky in range(3):
@@ -312,22 +303,12 @@ def mirrored_update(
                 if n < 0:
                     continue
                 sx, sy, sz = signs(kx, ky, kz, r)
-                mass += node_mass[n]
-                px, py, pz = node_momentum[n, 0], node_momentum[n, 1], node_momentum[n, 2]
-                if node_pull is not None:
-                    px += timestep[1] * node_pull[n, 0]
-                    py += timestep[1] * node_pull[n, 1]
-                    pz += timestep[1] * node_pull[n, 2]
-                mx += real(sx) * px
-                my += real(sy) * py
-                mz += real(sz) * pz
-    if not mass > least_mass:
+                mass += nodes.node_mass[n]
+                px, py, pz = pushed(n, nodes.node_momentum, nodes.node_pull, timestep[1])
+                momentum = added(momentum, (real(sx) * px, real(sy) * py, real(sz) * pz))
+    if not mass > background.least_mass:
         return real(0), real(0), real(0)
-    vx, vy, vz = mx / mass, my / mass, mz / mass
-    if field is not None:
-        vx += timestep[1] * field[0]
-        vy += timestep[1] * field[1]
-        vz += timestep[1] * field[2]
+    vx, vy, vz = accelerated(momentum, mass, field, timestep[1])
     stuck_x, rests_x = on_mirror(ax, low[0], high[0], r[0], r[1])
     stuck_y, rests_y = on_mirror(ay, low[1], high[1], r[2], r[3])
     stuck_z, rests_z = on_mirror(az, low[2], high[2], r[4], r[5])

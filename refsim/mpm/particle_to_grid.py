@@ -10,112 +10,62 @@ stencil and gradient g, both times mass; g is a tuple, row by row, in units of m
 """
 
 from refsim.backends.compile import formula, kernel
-from refsim.mpm.formulas import CLUSTER, spline_slopes, spline_weights, stress_moment
-from refsim.mpm.kernels import layer_slopes, layer_weights, place, round_spread, spread_of
+from refsim.backends.tuples import added, difference, less_times, nine, scaled, symmetric, three, times
+from refsim.mpm.formulas import CLUSTER, stress_moment
+from refsim.mpm.groups import Cluster, Medium, Owned, Particles
+from refsim.mpm.kernels import place, pushed, round_spread, spread_of, stencil_slopes, stencil_weights
 from refsim.sparse_grid.formulas import node_coordinates
 
 
 @formula
-def affine_momentum(mass, vx, vy, vz, g, fx, fy, fz):
-    """q = m v - g f [kg m/s]: the field's value at the base node, f the offset of the point from it."""
-    qx = mass * vx - g[0] * fx - g[1] * fy - g[2] * fz
-    qy = mass * vy - g[3] * fx - g[4] * fy - g[5] * fz
-    qz = mass * vz - g[6] * fx - g[7] * fy - g[8] * fz
-    return qx, qy, qz
-
-
-@formula
-def gradient(i, affine, scale, pressed, inverse):
-    """g = scale A - pressed E^-1: velocity gradient and stress of particle i as one affine field.
-
-    inverse  (xx, xy, xz, yy, yz, zz) of E^-1 = (h^2/4) D^-1
-    """
-    return (
-        scale * affine[i, 0] - pressed * inverse[0],
-        scale * affine[i, 1] - pressed * inverse[1],
-        scale * affine[i, 2] - pressed * inverse[2],
-        scale * affine[i, 3] - pressed * inverse[1],
-        scale * affine[i, 4] - pressed * inverse[3],
-        scale * affine[i, 5] - pressed * inverse[4],
-        scale * affine[i, 6] - pressed * inverse[2],
-        scale * affine[i, 7] - pressed * inverse[4],
-        scale * affine[i, 8] - pressed * inverse[5],
-    )
-
-
-@formula
-def particle_field(
-    i, fx, fy, fz, velocity, mass, affine, volume_ratio, acceleration, liquid, background, timestep,
-    cluster_share, inverse_spread, embedding, kernel_gradient,
-):  # fmt: skip
-    """(mass [kg], q, g [kg m/s], K [J s]) of particle i: (4.10), (4.15), and (4.17) as a MLS force; with thesis M6 as
-    printed K is not part of g."""
-    h = background.cell_size
-    real = type(h)
-    step = timestep[1]
-    vx, vy, vz = velocity[i, 0], velocity[i, 1], velocity[i, 2]
-    if acceleration is not None:
-        vx += step * acceleration[i, 0]
-        vy += step * acceleration[i, 1]
-        vz += step * acceleration[i, 2]
-    moment = stress_moment(volume_ratio[i], mass[i], liquid, step)
-    own = mass[i]
-    inverse = round_spread(h)
+def of_cluster(i, mass, moment, cluster_share, inverse_spread, embedding):
+    """(mass, K, E^-1) of particle i itself: in a cluster its share; E^-1 = (h^2/4) D^-1."""
+    inverse = round_spread(mass)
     if cluster_share is not None:
-        own *= cluster_share[i]
+        mass *= cluster_share[i]
         if embedding.reading == CLUSTER:
             moment *= cluster_share[i]
             inverse = spread_of(i, inverse_spread)
-    pressed = moment * background.inverse_moment * h
-    if kernel_gradient is not None:
-        pressed = real(0)
-    g = gradient(i, affine, own * h, pressed, inverse)
-    qx, qy, qz = affine_momentum(own, vx, vy, vz, g, fx, fy, fz)
-    return own, qx, qy, qz, g, moment
+    return mass, moment, inverse
 
 
 @formula
-def carrier_field(
-    c, fx, fy, fz, carrier_position, carrier_owner, position, velocity, mass, affine, volume_ratio, acceleration,
-    liquid, background, timestep, cluster_share, inverse_spread, embedding,
-):  # fmt: skip
+def affine_field(i, f, particles, medium, cluster, pressed):
+    """(mass [kg], q, g [kg m/s], K [J s]) of particle i for a point with offset f: (4.10), (4.15).
+
+    The stress, (4.17) as a MLS force, is part of g only if `pressed`: g = m h A - (4/h) K E^-1; q = m v - g f.
+    """
+    h = medium.background.cell_size
+    step = medium.timestep[1]
+    v = pushed(i, particles.velocity, particles.acceleration, step)
+    mass = particles.mass[i]
+    moment = stress_moment(particles.volume_ratio[i], mass, medium.liquid, step)
+    own, moment, inverse = of_cluster(i, mass, moment, cluster.cluster_share, cluster.inverse_spread, cluster.embedding)
+    stress = moment * medium.background.inverse_moment * h if pressed else type(h)(0)
+    g = difference(scaled(nine(particles.affine, i), own * h), scaled(symmetric(inverse), stress))
+    return own, less_times(scaled(v, own), g, f), g, moment
+
+
+@formula
+def particle_field(i, f, particles, medium, cluster, kernel_gradient):
+    """`affine_field` of particle i about itself; with thesis M6 as printed K is not part of g."""
+    return affine_field(i, f, particles, medium, cluster, kernel_gradient is None)
+
+
+@formula
+def carrier_field(c, f, carriers, particles, medium, cluster):
     """(mass, q, g) of an embedded point: the field of its owner, with its share of the owner's mass."""
-    h = background.cell_size
-    real = type(h)
-    step = timestep[1]
-    p = carrier_owner[c]
-    vx, vy, vz = velocity[p, 0], velocity[p, 1], velocity[p, 2]
-    if acceleration is not None:
-        vx += step * acceleration[p, 0]
-        vy += step * acceleration[p, 1]
-        vz += step * acceleration[p, 2]
-    own = mass[p] * cluster_share[p]
-    pressed = real(0)
-    inverse = round_spread(h)
-    if embedding.reading == CLUSTER:
-        moment = cluster_share[p] * stress_moment(volume_ratio[p], mass[p], liquid, step)
-        pressed = moment * background.inverse_moment * h
-        inverse = spread_of(p, inverse_spread)
-    g = gradient(p, affine, own * h, pressed, inverse)
-    qx, qy, qz = affine_momentum(own, vx, vy, vz, g, fx, fy, fz)
-    if embedding.reading == CLUSTER:  # the field of the owner, centred on the owner
-        dx = (carrier_position[c, 0] - position[p, 0]) / h
-        dy = (carrier_position[c, 1] - position[p, 1]) / h
-        dz = (carrier_position[c, 2] - position[p, 2]) / h
-        qx += g[0] * dx + g[1] * dy + g[2] * dz
-        qy += g[3] * dx + g[4] * dy + g[5] * dz
-        qz += g[6] * dx + g[7] * dy + g[8] * dz
-    return own, qx, qy, qz, g
+    p, whole = carriers.carrier_owner[c], cluster.embedding.reading == CLUSTER
+    own, q, g, _ = affine_field(p, f, particles, medium, cluster, whole)
+    if whole:  # centred on the owner
+        d = difference(three(carriers.carrier_position, c), three(particles.position, p))
+        h = medium.background.cell_size
+        q = added(q, times(g, (d[0] / h, d[1] / h, d[2] / h)))
+    return own, q, g
 
 
 # Sums on the nodes. The four numbers of a node, mass and momentum, are adjacent in memory and take the same operations
 # in straight code, so that the compiler packs them into one register.
-
-
-@formula
-def plus(a, b):
-    """a + b."""
-    return a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3]
 
 
 @formula
@@ -130,39 +80,42 @@ def add_node(nodes, n, w, a):
 @formula
 def add_row(nodes, n, w, wx, q, gx):
     """Add w B_j(x) (q + i gx) to the row of three nodes that begins at n."""
-    q1 = plus(q, gx)
+    q1 = added(q, gx)
     add_node(nodes, n, w * wx[0], q)
     add_node(nodes, n + 1, w * wx[1], q1)
-    add_node(nodes, n + 2, w * wx[2], plus(q1, gx))
+    add_node(nodes, n + 2, w * wx[2], added(q1, gx))
 
 
 @formula
 def add_layer(nodes, n, width, w, wx, wy, q, gx, gy):
     """Add w B_j(x) B_j(y) (q + i gx + j gy) to the layer of nine nodes that begins at n."""
-    q1 = plus(q, gy)
+    q1 = added(q, gy)
     add_row(nodes, n, w * wy[0], wx, q, gx)
     add_row(nodes, n + width, w * wy[1], wx, q1, gx)
-    add_row(nodes, n + 2 * width, w * wy[2], wx, plus(q1, gy), gx)
+    add_row(nodes, n + 2 * width, w * wy[2], wx, added(q1, gy), gx)
 
 
 @formula
-def add_affine(nodes, at, width, background, wx, wy, wz, mass, qx, qy, qz, g):
+def add_affine(nodes, at, background, weights, mass, q, g):
     """Add B_j (mass, q + g (j - base)) to the nodes of a stencil that begins at node `at`."""
-    zero = type(mass)(0)
-    q = (mass, qx, qy, qz)
+    zero, width = type(mass)(0), background.width
+    wx, wy, wz = weights
+    own = (mass, q[0], q[1], q[2])
     gx, gy, gz = (zero, g[0], g[3], g[6]), (zero, g[1], g[4], g[7]), (zero, g[2], g[5], g[8])
-    add_layer(nodes, at, width, wz[0], wx, wy, q, gx, gy)
+    add_layer(nodes, at, width, wz[0], wx, wy, own, gx, gy)
     if background.layers == 3:
-        q1 = plus(q, gz)
+        second = added(own, gz)
         deep = width * width
-        add_layer(nodes, at + deep, width, wz[1], wx, wy, q1, gx, gy)
-        add_layer(nodes, at + 2 * deep, width, wz[2], wx, wy, plus(q1, gz), gx, gy)
+        add_layer(nodes, at + deep, width, wz[1], wx, wy, second, gx, gy)
+        add_layer(nodes, at + 2 * deep, width, wz[2], wx, wy, added(second, gz), gx, gy)
 
 
 @formula
-def add_gradient(nodes, at, width, background, wx, wy, wz, sx, sy, sz, t):
-    """Add T (h grad B_j) to the momentum of a stencil; T symmetric, (xx, xy, xz, yy, yz, zz)."""
-    zero = type(background.cell_size)(0)
+def add_gradient(nodes, at, background, weights, slopes, p):
+    """Add p (h grad B_j) to the momentum of a stencil."""
+    zero = type(p)(0)
+    wx, wy, wz = weights
+    sx, sy, sz = slopes
     for k in range(3):
         if k < background.layers:
             for j in range(3):
@@ -170,11 +123,8 @@ def add_gradient(nodes, at, width, background, wx, wy, wz, sx, sy, sz, t):
                     dx = sx[i] * wy[j] * wz[k]
                     dy = wx[i] * sy[j] * wz[k]
                     dz = wx[i] * wy[j] * sz[k]
-                    n = at + (k * width + j) * width + i
-                    x = t[0] * dx + t[1] * dy + t[2] * dz
-                    y = t[1] * dx + t[3] * dy + t[4] * dz
-                    z = t[2] * dx + t[4] * dy + t[5] * dz
-                    add_node(nodes, n, type(x)(1), (zero, x, y, z))
+                    n = at + (k * background.width + j) * background.width + i
+                    add_node(nodes, n, type(p)(1), (zero, p * dx, p * dy, p * dz))
 
 
 @formula
@@ -186,33 +136,24 @@ def clear(scratch, b):
 
 
 @kernel(ordered=True, packed=True)
-def scatter_particles(
-    b, bins, position, velocity, mass, affine, volume_ratio, acceleration, cell, liquid, background, timestep,
-    cluster_share, inverse_spread, embedding, kernel_gradient, blocks, scratch,
-):  # fmt: skip
+def scatter_particles(b, places, particles, medium, cluster, kernel_gradient, scratch):
     """Sums of the particles of block b on the nodes in their reach."""
+    bins, background = places.bins, medium.background
     if bins.first[b] == bins.first[b + 1]:
         return
-    width = background.width
-    origin = node_coordinates(blocks, b * 64)
+    origin = node_coordinates(places.blocks, b * 64)
     clear(scratch, b)
     nodes = scratch[b]
     for k in range(bins.first[b], bins.first[b + 1]):
         i = bins.point[k]
-        fx, fy, fz, x, y, z = place(i, position, cell, origin, background)
-        own, qx, qy, qz, g, moment = particle_field(
-            i, fx, fy, fz, velocity, mass, affine, volume_ratio, acceleration, liquid, background, timestep,
-            cluster_share, inverse_spread, embedding, kernel_gradient,
-        )  # fmt: skip
-        wx, wy, wz = spline_weights(fx), spline_weights(fy), layer_weights(fz, background)
-        at = (z * width + y) * width + x
-        add_affine(nodes, at, width, background, wx, wy, wz, own, qx, qy, qz, g)
+        f, (x, y, z) = place(i, particles.position, places.cell, origin, background)
+        own, q, g, moment = particle_field(i, f, particles, medium, cluster, kernel_gradient)
+        weights = stencil_weights(f, background)
+        at = (z * background.width + y) * background.width + x
+        add_affine(nodes, at, background, weights, own, q, g)
         if kernel_gradient is not None:
-            zero = type(own)(0)
-            p = -moment / background.cell_size
-            t = (p, zero, zero, p, zero, p)
-            slopes = layer_slopes(fz, background)
-            add_gradient(nodes, at, width, background, wx, wy, wz, spline_slopes(fx), spline_slopes(fy), slopes, t)
+            slopes = stencil_slopes(f, background)
+            add_gradient(nodes, at, background, weights, slopes, -moment / background.cell_size)
 
 
 @kernel(rows_of="scratch")
@@ -251,49 +192,35 @@ def collect(b, bins, blocks, add, scratch, node_mass, node_momentum):
 
 
 def particle_to_grid(
-    position, velocity, mass, affine, volume_ratio, acceleration, liquid, background, timestep, cluster_share,
-    inverse_spread, embedding, kernel_gradient, grid, node_mass, node_momentum,
-):  # fmt: skip
+    particles: Particles, medium: Medium, cluster: Cluster, kernel_gradient, grid, node_mass, node_momentum
+):
     """(4.10), (4.15), (4.17): m_j and (mv)_j with the impulse of the liquid's stress."""
-    bins, scratch = grid.bins["particles"], grid.scratch
-    scatter_particles(
-        bins, position, velocity, mass, affine, volume_ratio, acceleration, grid.cells["particles"], liquid,
-        background, timestep, cluster_share, inverse_spread, embedding, kernel_gradient, grid.blocks, scratch,
-    )  # fmt: skip
-    collect(bins, grid.blocks, False, scratch, node_mass, node_momentum)
+    places, scratch = grid.places("particles"), grid.scratch
+    scatter_particles(places, particles, medium, cluster, kernel_gradient, scratch)
+    collect(places.bins, grid.blocks, False, scratch, node_mass, node_momentum)
 
 
 @kernel(rows_of="scratch", ordered=True, packed=True)
-def scatter_carriers(
-    b, bins, carrier_position, carrier_owner, carrier_cell, position, velocity, mass, affine, volume_ratio,
-    acceleration, liquid, background, timestep, cluster_share, inverse_spread, embedding, blocks, scratch,
-):  # fmt: skip
+def scatter_carriers(b, places, carriers, particles, medium, cluster, scratch):
     """Sums of the embedded points of block b on the nodes in their reach."""
+    bins, background = places.bins, medium.background
     if bins.first[b] == bins.first[b + 1]:
         return
-    width = background.width
-    origin = node_coordinates(blocks, b * 64)
+    origin = node_coordinates(places.blocks, b * 64)
     clear(scratch, b)
     nodes = scratch[b]
     for k in range(bins.first[b], bins.first[b + 1]):
         c = bins.point[k]
-        fx, fy, fz, x, y, z = place(c, carrier_position, carrier_cell, origin, background)
-        own, qx, qy, qz, g = carrier_field(
-            c, fx, fy, fz, carrier_position, carrier_owner, position, velocity, mass, affine, volume_ratio,
-            acceleration, liquid, background, timestep, cluster_share, inverse_spread, embedding,
-        )  # fmt: skip
-        wx, wy, wz = spline_weights(fx), spline_weights(fy), layer_weights(fz, background)
-        add_affine(nodes, (z * width + y) * width + x, width, background, wx, wy, wz, own, qx, qy, qz, g)
+        f, (x, y, z) = place(c, carriers.carrier_position, places.cell, origin, background)
+        own, q, g = carrier_field(c, f, carriers, particles, medium, cluster)
+        at = (z * background.width + y) * background.width + x
+        add_affine(nodes, at, background, stencil_weights(f, background), own, q, g)
 
 
 def carriers_to_grid(
-    carrier_position, carrier_owner, position, velocity, mass, affine, volume_ratio, acceleration, liquid, background,
-    timestep, cluster_share, inverse_spread, embedding, grid, node_mass, node_momentum,
-):  # fmt: skip
+    carriers: Owned, particles: Particles, medium: Medium, cluster: Cluster, grid, node_mass, node_momentum
+):
     """(4.15) of the embedded points, added to m_j and (mv)_j."""
-    bins, scratch = grid.bins["carriers"], grid.scratch
-    scatter_carriers(
-        bins, carrier_position, carrier_owner, grid.cells["carriers"], position, velocity, mass, affine, volume_ratio,
-        acceleration, liquid, background, timestep, cluster_share, inverse_spread, embedding, grid.blocks, scratch,
-    )  # fmt: skip
-    collect(bins, grid.blocks, True, scratch, node_mass, node_momentum)
+    places, scratch = grid.places("carriers"), grid.scratch
+    scatter_carriers(places, carriers, particles, medium, cluster, scratch)
+    collect(places.bins, grid.blocks, True, scratch, node_mass, node_momentum)

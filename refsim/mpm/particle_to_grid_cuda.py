@@ -9,8 +9,8 @@ atomic addition of floats: results repeat bit for bit.
 import numpy as np
 
 from refsim.backends.compile import cuda, cuda_kernel, formula
-from refsim.mpm.formulas import spline_slopes, spline_weights
-from refsim.mpm.kernels import layer_slopes, layer_weights, place
+from refsim.mpm.groups import Cluster, Medium, Owned, Particles
+from refsim.mpm.kernels import place, stencil_slopes, stencil_weights
 from refsim.mpm.particle_to_grid import carrier_field, particle_field
 from refsim.sparse_grid.block_search_cuda import number
 from refsim.sparse_grid.formulas import node_coordinates
@@ -44,13 +44,14 @@ def chosen(j, three):
 
 
 @formula
-def add_affine_row(total, j, layers, wx, wy, wz, mass, qx, qy, qz, g):
+def add_affine_row(total, j, layers, weights, mass, q, g):
     """Add B (mass, q + g (j - base)) of one point to the row's sums."""
     real = type(mass)
+    wx, wy, wz = weights
     w_row = chosen(j, wy)
-    x = qx + real(j) * g[1]
-    y = qy + real(j) * g[4]
-    z = qz + real(j) * g[7]
+    x = q[0] + real(j) * g[1]
+    y = q[1] + real(j) * g[4]
+    z = q[2] + real(j) * g[7]
     for k in range(3):
         if k < layers:
             w = w_row * wz[k]
@@ -67,8 +68,10 @@ def add_affine_row(total, j, layers, wx, wy, wz, mass, qx, qy, qz, g):
 
 
 @formula
-def add_gradient_row(total, j, background, wx, wy, wz, sx, sy, sz, t):
-    """Add T (h grad B) of one point to the row's sums."""
+def add_gradient_row(total, j, background, weights, slopes, p):
+    """Add p (h grad B) of one point to the row's sums."""
+    wx, wy, wz = weights
+    sx, sy, sz = slopes
     w_row, s_row = chosen(j, wy), chosen(j, sy)
     for k in range(3):
         if k < background.layers:
@@ -76,9 +79,9 @@ def add_gradient_row(total, j, background, wx, wy, wz, sx, sy, sz, t):
                 dx = sx[i] * w_row * wz[k]
                 dy = wx[i] * s_row * wz[k]
                 dz = wx[i] * w_row * sz[k]
-                total[(3 * k + i) * 4 + 1] += t[0] * dx + t[1] * dy + t[2] * dz
-                total[(3 * k + i) * 4 + 2] += t[1] * dx + t[3] * dy + t[4] * dz
-                total[(3 * k + i) * 4 + 3] += t[2] * dx + t[4] * dy + t[5] * dz
+                total[(3 * k + i) * 4 + 1] += p * dx
+                total[(3 * k + i) * 4 + 2] += p * dy
+                total[(3 * k + i) * 4 + 3] += p * dz
 
 
 @formula
@@ -118,45 +121,38 @@ def deposit(total, cell, row, background, shared, scratch, b):
 
 
 @formula
-def keep_field(records, at, fx, fy, fz, mass, qx, qy, qz, g, moment):
+def keep_field(records, at, f, mass, q, g, moment):
     """Store a point at place `at` in shared memory."""
-    records[0, at], records[1, at], records[2, at], records[3, at] = fx, fy, fz, mass
-    records[4, at], records[5, at], records[6, at] = qx, qy, qz
-    records[7, at], records[8, at], records[9, at] = g[0], g[1], g[2]
-    records[10, at], records[11, at], records[12, at] = g[3], g[4], g[5]
-    records[13, at], records[14, at], records[15, at] = g[6], g[7], g[8]
-    records[16, at] = moment
+    records[3, at], records[16, at] = mass, moment
+    for c in range(3):
+        records[c, at], records[4 + c, at] = f[c], q[c]
+    for c in range(9):
+        records[7 + c, at] = g[c]
 
 
 @formula
 def add_kept_row(total, row, background, records, at, kernel_gradient):
     """Add the point at place `at` in shared memory to the row's sums."""
-    wx, wy = spline_weights(records[0, at]), spline_weights(records[1, at])
-    wz = layer_weights(records[2, at], background)
+    f = (records[0, at], records[1, at], records[2, at])
+    weights = stencil_weights(f, background)
+    q = (records[4, at], records[5, at], records[6, at])
     g = (
         records[7, at], records[8, at], records[9, at], records[10, at], records[11, at], records[12, at],
         records[13, at], records[14, at], records[15, at],
     )  # fmt: skip
-    mass, qx, qy, qz = records[3, at], records[4, at], records[5, at], records[6, at]
     if background.layers == 3:
-        add_affine_row(total, row, 3, wx, wy, wz, mass, qx, qy, qz, g)
+        add_affine_row(total, row, 3, weights, records[3, at], q, g)
     else:
-        add_affine_row(total, row, 1, wx, wy, wz, mass, qx, qy, qz, g)
+        add_affine_row(total, row, 1, weights, records[3, at], q, g)
     if kernel_gradient is not None:
         p = -records[16, at] / background.cell_size
-        zero = type(p)(0)
-        sx, sy = spline_slopes(records[0, at]), spline_slopes(records[1, at])
-        sz = layer_slopes(records[2, at], background)
-        add_gradient_row(total, row, background, wx, wy, wz, sx, sy, sz, (p, zero, zero, p, zero, p))
+        add_gradient_row(total, row, background, weights, stencil_slopes(f, background), p)
 
 
 @cuda_kernel(block_for_each_row=True, threads=ROWS)
-def scatter_particles(
-    bins, position, velocity, mass, affine, volume_ratio, acceleration, cell, liquid, background, timestep,
-    cluster_share, inverse_spread, embedding, kernel_gradient, blocks, scratch,
-):  # fmt: skip
+def scatter_particles(places, particles, medium, cluster, kernel_gradient, scratch):
     """Sums of each block's particles on the nodes in their reach."""
-    b = number(cuda.blockIdx.x)
+    bins, background, b = places.bins, medium.background, number(cuda.blockIdx.x)
     if bins.first[64 * b] == bins.first[64 * b + 64]:
         return
     thread = number(cuda.threadIdx.x)
@@ -167,20 +163,18 @@ def scatter_particles(
     total = cuda.local.array(36, scratch.dtype)
     for n in range(36):
         total[n] = type(background.cell_size)(0)
-    origin = node_coordinates(blocks, b * 64)
-    known = position.shape[1] == 3 and velocity.shape[1] == 3 and affine.shape[1] == 9  # to the compiler, too
+    origin = node_coordinates(places.blocks, b * 64)
+    known = particles.position.shape[1] == 3 and particles.velocity.shape[1] == 3  # to the compiler, too
+    known = known and particles.affine.shape[1] == 9
     # Every thread loads one particle, three of each cell, so that all threads have equally many to add up.
     cell_of, rank = quotient(thread, 3), thread - 3 * quotient(thread, 3)
     at, end = bins.first[64 * b + cell_of] + rank, bins.first[64 * b + cell_of + 1]
     while cuda.syncthreads_or(np.int32(first < last)) and known:
         if at < end:
             i = number(bins.point[number(at)])
-            fx, fy, fz, _, _, _ = place(i, position, cell, origin, background)
-            own, qx, qy, qz, g, moment = particle_field(
-                i, fx, fy, fz, velocity, mass, affine, volume_ratio, acceleration, liquid, background, timestep,
-                cluster_share, inverse_spread, embedding, kernel_gradient,
-            )  # fmt: skip
-            keep_field(records, number(rank * APART + cell_of), fx, fy, fz, own, qx, qy, qz, g, moment)
+            f, _ = place(i, particles.position, places.cell, origin, background)
+            own, q, g, moment = particle_field(i, f, particles, medium, cluster, kernel_gradient)
+            keep_field(records, number(rank * APART + cell_of), f, own, q, g, moment)
         cuda.syncthreads()
         for k in range(3):
             if first + k < last:
@@ -191,12 +185,9 @@ def scatter_particles(
 
 
 @cuda_kernel(block_for_each_row=True, threads=ROWS)
-def scatter_carriers(
-    bins, carrier_position, carrier_owner, carrier_cell, position, velocity, mass, affine, volume_ratio, acceleration,
-    liquid, background, timestep, cluster_share, inverse_spread, embedding, blocks, scratch,
-):  # fmt: skip
+def scatter_carriers(places, carriers, particles, medium, cluster, scratch):
     """Sums of each block's embedded points on the nodes in their reach."""
-    b = cuda.blockIdx.x
+    bins, background, b = places.bins, medium.background, cuda.blockIdx.x
     start, end = bins.first[64 * b], bins.first[64 * b + 64]
     if start == end:
         return
@@ -208,17 +199,14 @@ def scatter_carriers(
     total = cuda.local.array(36, scratch.dtype)
     for n in range(36):
         total[n] = type(background.cell_size)(0)
-    origin = node_coordinates(blocks, b * 64)
+    origin = node_coordinates(places.blocks, b * 64)
     while start < end:
         stop = min(start + CHUNK, end)
         for at in range(start + thread, stop, ROWS):
             c = bins.point[at]
-            fx, fy, fz, _, _, _ = place(c, carrier_position, carrier_cell, origin, background)
-            own, qx, qy, qz, g = carrier_field(
-                c, fx, fy, fz, carrier_position, carrier_owner, position, velocity, mass, affine, volume_ratio,
-                acceleration, liquid, background, timestep, cluster_share, inverse_spread, embedding,
-            )  # fmt: skip
-            keep_field(records, at - start + ((at - start) >> 3), fx, fy, fz, own, qx, qy, qz, g, own)
+            f, _ = place(c, carriers.carrier_position, places.cell, origin, background)
+            own, q, g = carrier_field(c, f, carriers, particles, medium, cluster)
+            keep_field(records, at - start + ((at - start) >> 3), f, own, q, g, own)
         cuda.syncthreads()
         for at in range(max(first, start), min(last, stop)):
             add_kept_row(total, row, background, records, at - start + ((at - start) >> 3), None)
@@ -270,26 +258,18 @@ def collect(bins, blocks, add, scratch, node_momentum, node_mass):
 
 
 def particle_to_grid(
-    position, velocity, mass, affine, volume_ratio, acceleration, liquid, background, timestep, cluster_share,
-    inverse_spread, embedding, kernel_gradient, grid, node_mass, node_momentum,
-):  # fmt: skip
+    particles: Particles, medium: Medium, cluster: Cluster, kernel_gradient, grid, node_mass, node_momentum
+):
     """(4.10), (4.15), (4.17): m_j and (mv)_j with the impulse of the liquid's stress."""
-    bins, scratch = grid.bins["particles"], grid.scratch
-    scatter_particles(
-        bins, position, velocity, mass, affine, volume_ratio, acceleration, grid.cells["particles"], liquid,
-        background, timestep, cluster_share, inverse_spread, embedding, kernel_gradient, grid.blocks, scratch,
-    )  # fmt: skip
-    collect(bins, grid.blocks, False, scratch, node_momentum, node_mass)
+    places, scratch = grid.places("particles"), grid.scratch
+    scatter_particles(places, particles, medium, cluster, kernel_gradient, scratch)
+    collect(places.bins, grid.blocks, False, scratch, node_momentum, node_mass)
 
 
 def carriers_to_grid(
-    carrier_position, carrier_owner, position, velocity, mass, affine, volume_ratio, acceleration, liquid, background,
-    timestep, cluster_share, inverse_spread, embedding, grid, node_mass, node_momentum,
-):  # fmt: skip
+    carriers: Owned, particles: Particles, medium: Medium, cluster: Cluster, grid, node_mass, node_momentum
+):
     """(4.15) of the embedded points, added to m_j and (mv)_j."""
-    bins, scratch = grid.bins["carriers"], grid.scratch
-    scatter_carriers(
-        bins, carrier_position, carrier_owner, grid.cells["carriers"], position, velocity, mass, affine, volume_ratio,
-        acceleration, liquid, background, timestep, cluster_share, inverse_spread, embedding, grid.blocks, scratch,
-    )  # fmt: skip
-    collect(bins, grid.blocks, True, scratch, node_momentum, node_mass)
+    places, scratch = grid.places("carriers"), grid.scratch
+    scatter_carriers(places, carriers, particles, medium, cluster, scratch)
+    collect(places.bins, grid.blocks, True, scratch, node_momentum, node_mass)

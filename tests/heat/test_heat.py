@@ -264,13 +264,12 @@ def test_nonlinear_jacobi_converges_to_newton():
     scene = bar(1.0, scheme="nonlinear_jacobi", iterations=200, **ICE)
     simulation = Simulation(scene)
     simulation.step()
-    names = ("position", "mass", "volume", "heat_capacity", "conductivity", "melting_point", "latent_heat")
     start = Simulation(scene)
-    given = {name: start.field(name) for name in (*names, "enthalpy", "temperature")}
-    conduction = scene.effects[0].conduction(simulation.plan.grid)
-    enthalpy, temperature, steps = reference.newton(
-        **given, reservoir=None, timestep=(0.0, scene.step), conduction=conduction, period=None
-    )
+    body = reference.Body(*(None if name == "reservoir" else start.field(name) for name in reference.Body._fields))
+    melting = reference.Melting(start.field("melting_point"), start.field("latent_heat"))
+    step = reference.Step((0.0, scene.step), scene.effects[0].conduction(simulation.plan.grid), None)
+    state = start.field("enthalpy"), start.field("temperature")
+    enthalpy, temperature, steps = reference.newton(body, melting, step, *state)
     assert steps < 20
     assert abs(simulation.field("enthalpy") - enthalpy).max() < 1e-6 * abs(enthalpy).max()
     assert abs(simulation.field("temperature") - temperature).max() < 1e-4

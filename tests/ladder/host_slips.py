@@ -125,7 +125,7 @@ GROUPS = {
         "refsim.mpm:MpmWalls.domain",
         "refsim.mpm:MpmWalls.nodes",
         "refsim.mpm:MpmWalls.stand",
-        "refsim.mpm.formulas:determinant",
+        "refsim.backends.tuples:determinant",
         "refsim.surface_energy.effect:SurfaceEnergy.contact_pull",
     ),
     "verdicts": (

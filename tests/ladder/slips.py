@@ -55,17 +55,11 @@ SECONDS = {False: 60, True: 600}  # of processor time, after which a slip has ma
 PATIENCE = 10.0  # times the processor time without a slip, plus a second: likewise
 SHARED = ("refsim.backends.", "refsim.neighbours.pairs", "refsim.neighbours.rows")  # have tests of their own
 FIRST_CASES = ("three_particles", "cloud_2d", "cloud_3d", "printed_readings")
-TWO_OF = "return (u * a[0] + v * b[0], u * a[1] + v * b[1], u * a[2] + v * b[2], "
-THREE_OF = "return (u * a[0] + v * b[0] + w * c[0], u * a[1] + v * b[1] + w * c[1], u * a[2] + v * b[2] + w * c[2], "
-GRADIENT = {
-    "x": "x = t[0] * dx + t[1] * dy + t[2] * dz",
-    "y": "y = t[1] * dx + t[3] * dy + t[4] * dz",
-    "z": "z = t[2] * dx + t[4] * dy + t[5] * dz",
-}
-
 
 SIZE = "size = w1 * w1 + w2 * w2 + w3 * w3"
 NARROWED = f"return ({', '.join(f'real(v[{k}])' for k in range(16))})  ->  return ("
+DEFORMED = "put(deformation, i, ("
+DIAGONAL = ("size", *["real(0)"] * 3, "size", *["real(0)"] * 3, "last")
 CLEARED = "scratch[b, n, c] = type(scratch[b, n, c])(0)"
 SLOPES = "f0 + w * (f1 - f0), gx / h, gy / h, (f1 - f0) / h"
 SIGNS = "return (xn * yt * zt, xt * yn * zt, xt * yt * zn)"
@@ -255,8 +249,6 @@ HARMLESS = {
             "padding",
         )
     ],
-    "two_of": [(f"{TWO_OF}u * a[3] + v * b[3])  ->  {TWO_OF}", "padding")],
-    "three_of": [(f"{THREE_OF}u * a[3] + v * b[3] + w * c[3])  ->  {THREE_OF}", "padding")],
     "moments": [
         *(
             (f"{row(k)}, sums[{k}, 3] = {right}  ->  {row(k)}, sums[{(k + 1) % 3}, 3] = {right}", "padding")
@@ -279,7 +271,8 @@ HARMLESS = {
     "gather_carriers": [("work = np.zeros((4, 4), ", "a larger work space")],
     "gather": [("work = np.zeros((4, 4), ", "a larger work space")],
     "deform": [
-        (f"deformation[i, c] = real(0)  ->  deformation[i, c] = {zero}", "a zero has no sign and no size")
+        (f"{DEFORMED}{', '.join(DIAGONAL)}))  ->  {DEFORMED}{', '.join((*DIAGONAL[:k], zero))}", "a zero has no sign")
+        for k in (1, 2, 3, 5, 6, 7)
         for zero in ("-real(0)", "real(0) * 1.01")
     ],
     "clear": [
@@ -290,12 +283,6 @@ HARMLESS = {
         (f"zero = type(scratch[0, 0, 0])(0)  ->  zero = type(scratch[{at}])(0)", "only the type is taken")
         for at in ("1, 0, 0", "0, 1, 0", "0, 0, 1")
     ],
-    "plus": [
-        (
-            "return (a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3])  ->  return (a[0] - b[0]",
-            "the second mass is zero",
-        )
-    ],
     "layer_weights": [
         (f"return (real(1), real(0), real(0))  ->  return (real(1), {rest})", "in the plane only the first is read")
         for rest in ("real(1), real(0)", "real(0), real(1)")
@@ -304,24 +291,7 @@ HARMLESS = {
         (f"return (real(0), real(0), real(0))  ->  return (real(0), {rest})", "in the plane only the first is read")
         for rest in ("real(1), real(0)", "real(0), real(1)")
     ],
-    # T is isotropic
-    "add_gradient": [
-        ("range(3)  ->  range(4)", "only layers of the grid are visited"),
-        *(
-            (f"{GRADIENT[line]}  ->  {changed}", "what stands beside the diagonal of T is zero")
-            for line, changed in (
-                ("x", "x = t[0] * dx - t[1]"),
-                ("x", "x = t[0] * dx + t[1] * dy - t[2]"),
-                ("x", "x = t[0] * dx + t[2] * dy"),
-                ("y", "y = t[2] * dx"),
-                ("y", "y = t[1] * dx + t[3] * dy - t[4]"),
-                ("y", "y = t[1] * dx + t[3] * dy + t[2]"),
-                ("z", "z = t[2] * dx - t[4]"),
-                ("z", "z = t[2] * dx + t[2] * dy"),
-                ("z", "z = t[2] * dx + t[4] * dy + t[0]"),
-            )
-        ),
-    ],
+    "add_gradient": [("range(3)  ->  range(4)", "only layers of the grid are visited")],
     # of sparse grids
     "cell_coordinate": [
         ("scaled = float(x) * inverse_cell - shift", "no program of a CPU shifts the cells"),

@@ -23,7 +23,7 @@ LADDER = pathlib.Path(__file__).parent
 KERNELS = ("kernel", "cpu_kernel", "cuda_kernel")
 COMPILED_ONLY = "test_cuda_typing.py"  # runs no kernel
 IMPORT_SECONDS = 0.3
-IMPORTED = ("numpy", "math", "refsim.core.operation")  # by references
+IMPORTED = ("numpy", "math", "typing", "refsim.core.operation")  # by references
 UNIT = re.compile(r"\[[^\]]*\]|dimensionless|flags?\b", re.IGNORECASE)
 EQUATION = re.compile(r"=|<-|\b[A-Z]\(\d+\)")
 
@@ -176,9 +176,10 @@ def mixed_files(operations, root):
                 yield f"{path.relative_to(root)} names {name}, which only one backend has"
 
 
-def arguments(node):
-    """What a program takes, by name: of a body without the number of the row and the lane."""
-    names = [a.arg for a in node.args.args if a.arg != "rows"]
+def arguments(path, name, root):
+    """What a program takes, by name: a body without the row's number and the lane, of a named tuple the members."""
+    node = functions(path)[name]
+    names = [n for a in node.args.args if a.arg != "rows" for n in members(path, a.annotation, root) or (a.arg,)]
     found = decorator(node, "kernel")
     if found is None:
         return names
@@ -186,11 +187,21 @@ def arguments(node):
     return names[2 if lanes else 1 :]
 
 
+def members(path, annotation, root):
+    """Names of the members of the named tuple that an annotation names; none of any other."""
+    name = getattr(annotation, "id", "")
+    for file, _ in ((path, name), *imported(path, root)[1].get(name, ())):
+        found = functions(file).get(name)
+        if isinstance(found, ast.ClassDef):
+            return [part.target.id for part in found.body if isinstance(part, ast.AnnAssign)]
+    return []
+
+
 def unequal_signatures(operations, root):
     """Programs that do not name the same arguments, or whose outputs do not stand last."""
     taken = {}
     for operation, program, path, name in programs(operations, root):
-        taken.setdefault(operation.name, {})[program] = arguments(functions(path)[name])
+        taken.setdefault(operation.name, {})[program] = arguments(path, name, root)
     known = {name for found in taken.values() for program in found.values() for name in program}
     for operation in operations:
         found = taken[operation.name]

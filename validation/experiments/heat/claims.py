@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from refsim.heat import kernels, pair_exchange, schemes
+from refsim.heat import kernels, pair_exchange
 from validation.experiment import Family, Measure, Options, Results, Run, alike
 from validation.experiments.heat import exact
 from validation.experiments.heat.conductor import Conductor, cosine_slab
@@ -26,10 +26,6 @@ LARGE = (1.0, 2.0, 4.0, 8.75, 35.0)  # k dt/(rho c d^2) of steps that are long f
 NUMBERS = (2.0, 3.0, 4.0, 6.0, 8.75)  # k dt/(rho c d^2) of long steps; the paper's are 100 times smaller
 SEEDS = (1, 2, 3, 4, 5)
 PASSES = (1, 2, 4, 8)
-WEIGHING = (
-    "position", "mass", "volume", "heat_capacity", "conductivity", "reservoir", "neighbours", "timestep", "conduction",
-    "period", "scratch",
-)  # fmt: skip
 
 
 def column(scheme: str, seed: int | None = None) -> tuple[Conductor, np.ndarray]:
@@ -42,14 +38,13 @@ def swept(made: Conductor, order: Any, seconds: float, passes: int, reverse: boo
 
     order  of the pairs, from `pair_exchange.colours`
     """
-    given = {**made.given, "timestep": np.array([0.0, seconds])}
     t, conduction = made.temperature, made.conduction._replace(sweep_share=np.float64(1 / passes))
     if made.scheme == "one_sided":
-        given["timestep"] = np.array([0.0, seconds / passes])
-        exchanges, inverse, _, _ = schemes.weighed(*(given[name] for name in WEIGHING))
+        exchanges, inverse, _, _ = made.weighed(seconds / passes)
         for k in range(passes):
             kernels.sweep(exchanges, inverse, conduction, np.int32(reverse and k % 2), t.copy(), t)
         return
+    given = {**made.given, "timestep": np.array([0.0, seconds])}
     inverse = 1.0 / (given["mass"] * given["heat_capacity"])
     members, first, colours = order
     cells, ends = pair_exchange.joined(colours)

@@ -14,6 +14,7 @@ from refsim.core.effect import Discretisation
 from refsim.core.operation import REGISTRY
 from refsim.core.period import period_group
 from refsim.heat import HeatConduction, enthalpy_of
+from refsim.heat.reference import Body, Step
 from refsim.heat.shapes import lattice_sum
 from refsim.heat.stages import chebyshev_passes, first_legendre_stages, legendre_stages, stage_passes
 from refsim.neighbours.rows import NeighbourColumns, NeighbourRows
@@ -159,17 +160,20 @@ class Conductor:
             return planned
         return self._solved(seconds)
 
+    def weighed(self, seconds: float) -> tuple[Any, ...]:
+        """Exchanges, 1/C_i, s_i and the largest s_i of a step, as schemes have them."""
+        from refsim.heat import schemes
+
+        given = {**self.given, "timestep": np.array([0.0, seconds])}
+        body, step = (kind(*(given[name] for name in kind._fields)) for kind in (Body, Step))
+        return schemes.weighed(body, given["neighbours"], step, given["scratch"])
+
     def _solved(self, seconds: float) -> int:
         """Passes that conjugate gradients take."""
         from refsim.heat import schemes
 
-        names = (
-            "position", "mass", "volume", "heat_capacity", "conductivity", "reservoir", "neighbours", "timestep",
-            "conduction", "period", "scratch",
-        )  # fmt: skip
-        given = {**self.given, "timestep": np.array([0.0, seconds])}
-        exchanges, inverse, _, _ = schemes.weighed(*(given[name] for name in names))
-        return schemes.solve(exchanges, inverse, self.conduction, given["scratch"], self.temperature.copy())
+        exchanges, inverse, _, _ = self.weighed(seconds)
+        return schemes.solve(exchanges, inverse, self.conduction, self.given["scratch"], self.temperature.copy())
 
 
 def cosine_slab(
