@@ -30,6 +30,7 @@ html_title = f"refsim {VERSION}"
 html_extra_path = ["_site"]
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
+html_js_files = ["checks.js"]
 html_show_sphinx = False
 html_copy_source = False
 autodoc_typehints = "none"

@@ -29,7 +29,7 @@ NAVIGATION = {
         "render", "study", "sweep", "gallery", "contract",
     ),
     "What holds": (
-        "guarantees", "claims", "errata", "nightly", "accuracy_cost", "accuracy_cost_panels",
+        "guarantees", "checks", "errata", "nightly", "accuracy_cost", "accuracy_cost_panels",
         "effects_cost", "device_limits", "stability", "energy_audit",
     ),
     "Liquids and walls": (
@@ -57,6 +57,10 @@ def as_on_the_site(app: Any, page: str, source: list[str]) -> None:
     if page == "gallery":
         text = text.replace("<!-- films -->", "\n".join(films()))
         text = text.replace("<!-- gallery -->", "\n".join(gallery()))
+    if page == "checks":
+        from validation.page import table
+
+        text = text.replace("<!-- checks -->", "\n".join(table()))
     if page == "api":
         text = text.replace("<!-- api -->", "\n".join(api()))
     if page.startswith("lessons/"):
@@ -130,10 +134,10 @@ def films() -> Iterator[str]:
 
 def gallery() -> Iterator[str]:
     """A card for each figure: thumbnail, what it shows, paper, claims and their verdicts, command."""
-    from validation.claims import read_claims
+    from validation.checks import CLAIM, read_all
     from validation.experiment import discover
 
-    claims = list(read_claims().values())
+    claims = read_all(CLAIM)
     yield '<div class="gallery">\n'
     for name, experiment in discover().items():
         own = [claim for claim in claims if claim.experiment == name]
@@ -147,7 +151,7 @@ def gallery() -> Iterator[str]:
             yield f"![{_caption(picture.name)}](../figures/{picture.file})\n"
             yield f"**{_caption(picture.name)}.** {experiment.title[:1].upper()}{experiment.title[1:]}.\n"
             if papers:
-                yield f"{'; '.join(papers)}. [Claims](claims.md): {verdict}.\n"
+                yield f"{'; '.join(papers)}. [Claims](checks.md): {verdict}.\n"
             yield f"`python -m validation run {name}`\n"
             yield "</div>\n"
     yield "</div>\n"

@@ -168,9 +168,9 @@ def verdicts() -> Any:
     """How many claims of each source were confirmed, mixed, refuted, or cannot be tested."""
     import matplotlib.pyplot as plt
 
-    from validation import claims
+    from validation import checks
 
-    found = collections.Counter((claim.system, claim.verdict) for claim in claims.read_claims().values())
+    found = collections.Counter((claim.system, claim.verdict) for claim in checks.read_all(checks.CLAIM))
     systems = list(SOURCES)[::-1]
     figure, axes = plt.subplots(figsize=(7.6, 0.9 + 0.32 * len(systems)))
     left = np.zeros(len(systems))

@@ -21,9 +21,10 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
 from refsim.core.errors import RefsimError  # noqa: E402
+from validation import judging  # noqa: E402
 from validation.__main__ import add_options, options_of  # noqa: E402
 from validation.accuracy import panels, perform_panels  # noqa: E402
-from validation.claims import measure, read_claims  # noqa: E402
+from validation.checks import CLAIM, FAIL  # noqa: E402
 from validation.experiment import Experiment, Options, Part, discover  # noqa: E402
 from validation.perform import EXIT_FAILED, Performed, exit_code, machine, perform, stored_kernels  # noqa: E402
 from validation.report import WIDTH, Whole, as_json, summary, write_page  # noqa: E402
@@ -95,7 +96,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except RefsimError as error:
         print(error, file=sys.stderr)
         return error.exit_code
-    claims = measure(list(read_claims().values()), options, compute=False)
+    claims = judging.claims_of(perform(judging.parts((), [CLAIM], options), options, compute=False))
     whole = Whole(
         title="refsim: the main job" if options.quick else "refsim: the published sizes",
         performed=performed,
@@ -110,7 +111,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     print(summary(whole, page), file=out)
     if given.json:
         print(as_json(performed))
-    return exit_code(performed) or (0 if all(found.holds for found in claims) else EXIT_FAILED)
+    return exit_code(performed) or (EXIT_FAILED if any(check and check.verdict == FAIL for _, check in claims) else 0)
 
 
 if __name__ == "__main__":

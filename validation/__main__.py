@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import argparse
 import datetime
+import json
 import os
 import sys
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NoReturn
@@ -19,22 +21,14 @@ if not __package__:
     sys.exit(2)
 
 from refsim.core.errors import InputError, RefsimError
-from validation import (
-    accuracy,
-    answers_page,
-    claims,
-    own_choices,
-    stability,
-    stability_page,
-    times,
-    verify,
-)
+from validation import accuracy, answers_page, judging, own_choices, page, times
 from validation.attack import campaign
-from validation.checks import ACCURACY, CLAIM, HARD_CASE, KINDS, VERDICT, bars
-from validation.experiment import Experiment, Options, Picture, chosen, discover
+from validation.checks import ACCURACY, CLAIM, HARD_CASE, KINDS, VALUE, VERDICT
+from validation.experiment import Options, Picture, chosen, discover
 from validation.measure import command
 from validation.perform import EXIT_FAILED, EXIT_FINE, Performed, exit_code, perform
 from validation.report import as_json, report
+from validation.results import finite
 
 
 class Parser(argparse.ArgumentParser):
@@ -61,25 +55,22 @@ def parser() -> argparse.ArgumentParser:
     )
     part.set_defaults(perform=listed)
 
-    part = add("run", "runs experiments and checks what they give against its bars, with tables and pictures")
-    part.add_argument("names", nargs="*", metavar="EXPERIMENT", help="all by default")
-    add_options(part, "--only", "--jobs")
-    part.set_defaults(perform=run)
-
-    part = add("claims", "measures what the papers claim, and says whether the written verdicts hold")
-    part.add_argument("names", nargs="*", metavar="CLAIM | SYSTEM", help="all by default")
-    add_options(part, "--jobs")
-    part.add_argument(
-        "--write", action="store_true", help="write what was measured into expected.toml and docs/claims.md"
-    )
-    part.set_defaults(perform=measure_claims)
-
-    part = add("stability", "runs hard cases, whose outcomes are on file, and measures maps of what is stable")
-    part.add_argument("names", nargs="*", metavar="EXPERIMENT | CASE | MAP", help="all by default")
-    add_options(part, "--jobs")
-    part.add_argument("--markdown", action="store_true", help="print the page's rows from the outcomes on file")
-    part.add_argument("--write", action="store_true", help="renew docs/stability.md from the outcomes on file")
-    part.set_defaults(perform=hard_cases)
+    performed = {"check": [VERDICT, CLAIM, HARD_CASE], "run": [VERDICT], "claims": [CLAIM], "stability": [HARD_CASE]}
+    for name, words in (
+        ("check", "performs checks, and says whether what they give keeps what is on file, with tables and pictures"),
+        ("run", "the same for the verdicts alone: runs experiments and holds what they give against its bars"),
+        ("claims", "the same for the claims alone: measures what the papers claim"),
+        ("stability", "the same for the hard cases and the maps of what is stable alone"),
+    ):
+        part = add(name, words)
+        part.add_argument("names", nargs="*", metavar="NAME", help="experiments, checks, maps, sources; all by default")
+        add_options(part, "--only", "--jobs")
+        if name == "check":
+            part.add_argument("--kind", nargs="+", choices=performed[name], help="all by default")
+        if CLAIM in performed[name]:
+            words = "write what was measured of claims into expected.toml and onto the pages"
+            part.add_argument("--write", action="store_true", help=words)
+        part.set_defaults(perform=check, kind=performed[name], write=False)
 
     part = add("accuracy", "measures error against wall time")
     part.add_argument("names", nargs="*", metavar="PANEL", help="all by default")
@@ -96,7 +87,7 @@ def parser() -> argparse.ArgumentParser:
     part.set_defaults(perform=timed)
 
     part = add("verify", "computes some published numbers anew and compares them, in a minute")
-    part.add_argument("names", nargs="*", metavar="NUMBER", help="all of validation/verify.toml by default")
+    part.add_argument("names", nargs="*", metavar="NUMBER", help="all by default")
     part.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes; one a core")
     part.add_argument("--threads", type=int, help="CPU threads of a single process; all by default")
     part.add_argument("--json", action="store_true", help="one JSON object on standard output")
@@ -158,65 +149,48 @@ def listed(given: argparse.Namespace) -> int:
     kinds = [name for name in given.names if name in KINDS]
     some = chosen([name for name in given.names if name not in KINDS], known, "experiment or kind")
     for experiment in some:
-        parts = contents(experiment)
+        parts = judging.contents(experiment, [VERDICT, CLAIM, HARD_CASE, VALUE])
+        parts |= {panel.name: (ACCURACY, panel.title) for panel in experiment.panels}
         if not given.names:
-            numbers = {kind: len(parts[kind]) for kind in KINDS if parts[kind]}
+            numbers = Counter(kind for kind, _ in parts.values())
             counts = ", ".join(f"{n} {COUNTED[kind]}{'s' * (n > 1)}" for kind, n in numbers.items())
             print(f"{experiment.name:22}  {experiment.title} ({counts})")
             continue
-        for kind in kinds or KINDS:
-            for name, words in parts[kind].items():
+        for name, (kind, words) in parts.items():
+            if kind in (kinds or KINDS):
                 print(f"{experiment.name:22}  {kind:9}  {name:32}  {words}")
     return EXIT_FINE
 
 
-COUNTED = dict(zip(KINDS, ("bar", "claim", "hard case", "panel")))
-
-
-def contents(experiment: Experiment) -> dict[str, dict[str, str]]:
-    """Names and words of an experiment's checks, by kind."""
-    own = [claim for claim in claims.read_claims().values() if claim.experiment == experiment.name]
-    hard = {case.name: case.hard for case in experiment.hard_cases}
-    return {
-        VERDICT: {name: bar["what"] for name, bar in bars(experiment.name).items()},
-        CLAIM: {claim.name: f"{claim.verdict}: {claim.what or claim.says}" for claim in own},
-        HARD_CASE: hard | {m.name: m.title for m in experiment.maps},
-        ACCURACY: {panel.name: panel.title for panel in experiment.panels},
-    }
+COUNTED = dict(zip(KINDS, ("bar", "claim", "hard case", "panel", "value")))
 
 
 def every_picture() -> dict[str, Picture]:
     """All pictures by name: of experiments, of their hard cases and maps, and of panels."""
     options, known = Options(), discover()
-    parts = [part for e in known.values() for part in (e.part(options), stability.part_of(e, options))]
+    parts = [part for e in known.values() for part in (e.part(options), judging.trial_part(e, options))]
     parts += [accuracy.part_of(name, panel, options) for name, panel in accuracy.panels(known).values()]
     return {picture.name: picture for part in parts for picture in part.pictures}
 
 
-def run(given: argparse.Namespace) -> int:
-    """Run experiments."""
+def check(given: argparse.Namespace) -> int:
+    """Perform checks."""
+    if given.write and given.quick:
+        raise InputError(f"{given.command}: --write takes the published sizes; leave --quick out.")
     options = options_of(given)
-    some = chosen(given.names, discover(), "experiment")
-    return told(perform([experiment.part(options) for experiment in some], options, given.jobs), given.json)
+    performed = perform(judging.parts(given.names, given.kind, options), options, given.jobs)
+    if CLAIM in given.kind:
+        page.keep(performed, options.figures)
+    if given.write:
+        page.write(judging.claims_of(performed))
+        page.draw_matrix()
+    return told(performed, given.json, written=given.write)
 
 
 def own(given: argparse.Namespace) -> int:
     """Measure `literal = "paper"` of every system."""
     print(*own_choices.write(), sep="\n")
     return EXIT_FINE
-
-
-def hard_cases(given: argparse.Namespace) -> int:
-    """Run hard cases and maps."""
-    options = options_of(given)
-    if given.markdown:
-        for experiment in discover().values():
-            print("\n".join([f"\n{experiment.name}: {experiment.title}", *stability.markdown(experiment)]))
-        return EXIT_FINE
-    if given.write:
-        print(*stability_page.write(discover()), sep="\n")
-        return EXIT_FINE
-    return told(perform(stability.parts(given.names, discover(), options), options, given.jobs), given.json)
 
 
 def panels(given: argparse.Namespace) -> int:
@@ -238,48 +212,34 @@ def timed(given: argparse.Namespace) -> int:
     return EXIT_FINE
 
 
-def measure_claims(given: argparse.Namespace) -> int:
-    """Measure claims."""
-    some = claims.chosen(given.names, claims.read_claims())
-    if given.write and given.quick:
-        raise InputError("claims: --write takes the published sizes; leave --quick out.")
-    options = options_of(given)
-    found = claims.measure(some, options, given.jobs)
-    claims.write_figures(found, options.figures)
-    if given.write:
-        claims.write(found)
-        now = claims.read_claims()
-        found = [claims.Found(now[each.claim.name], each.values, each.missing) for each in found]
-    print(claims.table(found), file=sys.stderr if given.json else sys.stdout)
-    for why in dict.fromkeys(each.missing for each in found if each.missing):
-        names = ", ".join(each.claim.name for each in found if each.missing == why)
-        print(f"not measured: {names} ({why})", file=sys.stderr if given.json else sys.stdout)
-    if given.json:
-        print(claims.as_json(found))
-    return EXIT_FINE if all(each.holds for each in found) else EXIT_FAILED
-
-
 def verified(given: argparse.Namespace) -> int:
     """Compute published numbers anew."""
-    names, selection = given.names, None
-    if given.draw is not None:
-        if names:
-            raise InputError("verify: --draw takes no names; leave them out.")
+    if given.draw is None:
+        entries = judging.selected(given.names)
+    elif given.names:
+        raise InputError("verify: --draw takes no names; leave them out.")
+    else:
         seed = int(datetime.date.today().strftime("%Y%m%d")) if given.seed is None else given.seed
-        selection = verify.drawn(given.draw, seed)
-        print(f"seed {seed}: {', '.join(selection.claims)}", file=sys.stderr)
-    found = verify.verify(names, given.jobs, given.threads, selection)
-    print(verify.as_json(found) if given.json else verify.table(found))
-    print(*verify.deviating(found), sep="\n", end="\n" if verify.deviating(found) else "", file=sys.stderr)
-    return EXIT_FAILED if verify.deviating(found) else EXIT_FINE
+        entries = judging.drawn(given.draw, seed)
+        print(f"seed {seed}: {', '.join(entry.name for entry in entries)}", file=sys.stderr)
+    found = judging.verify(entries, given.jobs, given.threads)
+    if given.json:
+        named = {e.name: {"published": judging.published(e), "now": c and (c.values or [c.value]), "why": why}
+                 for e, c, why in found}  # fmt: skip
+        print(json.dumps(finite(named), indent=1, allow_nan=False))
+    else:
+        print(judging.verified_table(found))
+    deviating = [why for _, _, why in found if why]
+    print(*deviating, sep="\n", end="\n" if deviating else "", file=sys.stderr)
+    return EXIT_FAILED if deviating else EXIT_FINE
 
 
-def told(performed: Sequence[Performed], json: bool) -> int:
-    """Report, and the exit code."""
-    report(performed, sys.stderr if json else sys.stdout)
-    if json:
+def told(performed: Sequence[Performed], as_object: bool, written: bool = False) -> int:
+    """Report, and the exit code; a claim whose verdict has been `written` is on file, and fails no more."""
+    report(performed, sys.stderr if as_object else sys.stdout)
+    if as_object:
         print(as_json(performed))
-    return exit_code(performed)
+    return exit_code([each for each in performed if not (written and each.part.kind == CLAIM)])
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

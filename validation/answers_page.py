@@ -8,7 +8,7 @@ from typing import Any
 
 from validation.answers import FIGURES, OBSERVABLES, ROOT, as_json, duration, percent, report, table
 from validation.drawing import save_picture, style
-from validation.stability_page import replaced
+from validation.filling import replaced
 
 TABLE = ROOT / "refsim" / "study" / "answers.json"
 PAGE = ROOT / "docs" / "accuracy_cost.md"

@@ -1,9 +1,13 @@
-"""Checks: numbers that runs gave, held against the bars of their experiment.
+"""Checks: what stands on file, what a run gave, and the one judgement between them.
 
-The bars stand in `experiments/<experiment>/expected.toml`, one table a quantity, under its kind: `[verdict.NAME]`,
-`[claim.NAME]` (`validation.claims`), `[hard_case.NAME]` (`validation.stability`) and `[accuracy.NAME]`. A verdict and
-an accuracy point have `what` in words, `unit`, at most one rule (`at_most`, `at_least`, `equals`; without one the
-number is only shown), the value in the `paper` where it gives one, and the bar's `source`.
+A check is an entry `[check.NAME]` of an experiment's `expected.toml`. It has a `kind`, says `what` is measured, and has
+the `source` of its bar and at most one rule (`at_most`, `at_least`, `equals`). Its `reason` says what a reader must
+know beside the number; numbers in it are templates (`validation.filling`). The kinds:
+
+verdict, accuracy  a quantity of a run (of a panel of error against time), passes its bar or fails; shown without one
+claim              a sentence of a paper; confirmed if every start keeps the bar, refuted if none does, else mixed
+hard case          a scene that breaks codes, and how it ends: a `Trial` (`validation.trials`)
+value              a published number of a single run, with its spread
 """
 
 from __future__ import annotations
@@ -11,34 +15,139 @@ from __future__ import annotations
 import functools
 import math
 import tomllib
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from validation.results import real
 
-VERDICT, CLAIM, HARD_CASE, ACCURACY = "verdict", "claim", "hard_case", "accuracy"
-KINDS = (VERDICT, CLAIM, HARD_CASE, ACCURACY)
+VERDICT, CLAIM, HARD_CASE, ACCURACY, VALUE = KINDS = ("verdict", "claim", "hard case", "accuracy", "value")
 PASS, FAIL, SHOWN = "pass", "fail", "shown"
+CONFIRMED, REFUTED, MIXED, NOT_TESTABLE = "confirmed", "refuted", "mixed", "not testable"
+WARNED, REFUSED, STOPPED, FAILS = "warned", "refused", "stopped", "fails"  # how a hard case ends that does not pass
+STARTS = 5  # least number, unless the claim says why nothing can differ (`fixed`) or that these are all (`complete`)
+FEW = 3  # least number where they are all that there are
+DIGITS = 1e-3  # relative; twice the rounding of a number with four digits
 FOLDER = Path(__file__).parent / "experiments"
 RULES = {
     "at_most": (lambda value, bar: value <= bar, "at most"),
     "at_least": (lambda value, bar: value >= bar, "at least"),
     "equals": (lambda value, bar: value == bar, "exactly"),
 }
-_KEYS = {"what", "unit", "paper", "source", *RULES}
+_MEASURED = {"what", "unit", "measured", "spread", "starts", "over"}
+KEYS: dict[str, tuple[set[str], set[str]]] = {  # by kind: what an entry needs, and what else it may have
+    VERDICT: ({"what", "unit", "source"}, {"paper", "reason", *RULES}),
+    ACCURACY: ({"what", "unit", "source"}, {"paper", "reason", *RULES}),
+    CLAIM: (
+        {"system", "title", "says", "source", "reading", "verdict"},
+        {*_MEASURED, "null", "reason", "fixed", "complete", "verify", *RULES},
+    ),
+    HARD_CASE: ({"what", "holds", "trial", "verdict"}, {"given", "short", "seconds", "reason"}),
+    VALUE: ({"what", "unit", "source", "run", "quantity", "measured", "spread"}, {"reason"}),
+}
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One check as it stands on file.
+
+    what      the quantity in words; of a hard case what is hard
+    source    where the bar, the sentence or the spread comes from
+    rule      at_most, at_least or equals, or ""; bound: its number
+    reason    what a reader must know beside the number; why a claim cannot be tested, or a hard case does not pass
+    verdict   on file, of claims and hard cases
+    measured  of claims and values: median over the starts (seeds, sizes, states); spread: least and largest
+    starts    how many; over: what they are, in the plural; complete: whether these are all that there are
+    fixed     why nothing can differ between starts, where there is one
+    null      the same quantity of the null model of the claim's family
+    verify    "number" or "verdict": what of a claim `python -m validation verify` compares
+    system, title, says, reading   of a claim: whose it is, in one sentence, in the source's words, how they are read
+    holds     of a hard case: what must hold; trial, given: function of the experiment and its arguments;
+              short: it takes a second or so; seconds: that it may take
+    run, quantity   of a value: where it comes from, `values[quantity]` of the run of that key
+    """
+
+    name: str
+    experiment: str
+    kind: str
+    what: str = ""
+    unit: str = "-"
+    source: str = ""
+    paper: str = ""
+    rule: str = ""
+    bound: float = math.nan
+    reason: str = ""
+    verdict: str = ""
+    measured: float = math.nan
+    spread: tuple[float, float] = (math.nan, math.nan)
+    starts: int = 0
+    over: str = ""
+    complete: bool = False
+    fixed: str = ""
+    null: float = math.nan
+    verify: str = ""
+    system: str = ""
+    title: str = ""
+    says: str = ""
+    reading: str = ""
+    holds: str = ""
+    trial: str = ""
+    given: Mapping[str, Any] = field(default_factory=dict)
+    short: bool = False
+    seconds: float = 1.0
+    run: str = ""
+    quantity: str = ""
+
+    def keeps(self, value: float) -> bool:
+        """Whether a value keeps the bar; NaN does not."""
+        return bool(RULES[self.rule][0](value, self.bound))
+
+    def bar(self) -> str:
+        """The bar in words, or ""."""
+        return f"{RULES[self.rule][1]} {number(self.bound)}" if self.rule else self.holds
+
+    def within(self, value: float) -> bool:
+        """Whether a number is inside of the spread, which has four digits; NaN is not."""
+        low, high = self.spread
+        return low - DIGITS * abs(low) <= value <= high + DIGITS * abs(high)
+
+    def judge(self, values: Sequence[float], outcome: str = "") -> str:
+        """The verdict on a number, on the values of a claim's starts, or on how a hard case ended.
+
+        Of few starts a claim is not testable. A hard case passes if it ends as on file, or misses fewer checks than
+        that: which of them are missed differs between processors, as splashes are chaotic; what the run warned of may
+        go well.
+        """
+        if self.kind == CLAIM:
+            if len(values) < (1 if self.fixed else FEW if self.complete else STARTS):
+                return NOT_TESTABLE
+            kept = list(map(self.keeps, values))
+            return CONFIRMED if all(kept) else MIXED if any(kept) else REFUTED
+        if self.kind == HARD_CASE:
+            kind, _, missed = outcome.partition(": ")
+            known, _, may_miss = self.verdict.partition(": ")
+            if kind in (FAILS, WARNED):
+                held = kind == known and set(missed.split(", ")) <= set(may_miss.split(", "))
+            else:
+                held = outcome == self.verdict or (outcome == PASS and known == WARNED)
+            return PASS if held else FAIL
+        if self.kind == VALUE:
+            return PASS if self.within(values[0]) else FAIL
+        return SHOWN if not self.rule else PASS if self.keeps(values[0]) else FAIL
 
 
 @dataclass(frozen=True)
 class Check:
     """One quantity that was measured, and the verdict on it.
 
-    name     quantity, with the run after a dot where several runs measure it
+    name     of the entry, with the run after a dot where several runs measure it
     what     the quantity in words
-    paper    the paper's value, or "" where it gives none
+    value    of a claim the median over its starts, whose `values` are kept
+    paper    the paper's value, or what stands on file, or ""
     bar      the bar in words, or ""
-    verdict  PASS, FAIL or SHOWN
+    verdict  PASS, FAIL or SHOWN; a claim fails if its verdict is not the one on file
+    found    the verdict on a claim, how a hard case ended
     """
 
     name: str
@@ -48,60 +157,113 @@ class Check:
     paper: str
     bar: str
     verdict: str
+    kind: str = VERDICT
+    values: tuple[float, ...] = ()
+    found: str = ""
 
     def plain(self) -> dict[str, Any]:
         """What `--json` prints of it; a value that is not finite is null."""
+        if self.kind == CLAIM:
+            return {"values": self.values, "written": self.paper.partition(":")[0], "verdict": self.found}
         value = self.value if math.isfinite(self.value) else None
         return {"value": value, "unit": self.unit, "paper": self.paper, "bar": self.bar, "verdict": self.verdict}
 
+    def measured(self) -> str:
+        """The value in words, with the range over the starts."""
+        return spread_words(self.values) if self.values else number(self.value)
 
-def expected(experiment: str, kind: str, folder: Path | None = None) -> Mapping[str, Mapping[str, Any]]:
-    """The entries of one kind by name; none where the experiment has no file. Raises ValueError for other kinds."""
-    return read_expected((folder or FOLDER) / experiment / "expected.toml").get(kind, {})
+    def said(self) -> str:
+        """The verdict in words."""
+        if self.kind != CLAIM:
+            return self.verdict
+        return self.found if self.verdict == PASS else f"now {self.found}"
+
+
+def checked(entry: Entry, values: Sequence[float], outcome: str = "", run: str = "", words: str = "") -> Check:
+    """The verdict on what was measured; `run` and its `words` name the run that a number comes from."""
+    verdict, name, what = entry.judge(values, outcome), entry.name, entry.what
+    if entry.kind == CLAIM:
+        written = f"{entry.verdict}: {in_range(entry)}" if entry.starts else entry.verdict
+        return Check(
+            name, entry.title, median(values), entry.unit, written, entry.bar(),
+            PASS if verdict == entry.verdict else FAIL, CLAIM, tuple(values), verdict,
+        )  # fmt: skip
+    if entry.kind == HARD_CASE:
+        return Check(name, f"{what}: {outcome}", values[0], entry.unit, "", f"on file: {entry.verdict}", verdict,
+                     HARD_CASE, found=outcome)  # fmt: skip
+    name, what = (f"{name}.{run}", f"{what}, {words or run}") if run else (name, what)
+    return Check(name, what, values[0], entry.unit, entry.paper, entry.bar(), verdict, entry.kind)
 
 
 @functools.cache
-def read_expected(path: Path) -> Mapping[str, Mapping[str, Any]]:
-    """The entries of a file by kind and name; none without the file."""
+def _read(path: Path) -> tuple[Entry, ...]:
     entries = tomllib.loads(path.read_text()) if path.exists() else {}
-    if unknown := set(entries) - set(KINDS):
-        raise ValueError(f"{path}: there is no kind {sorted(unknown)}; choose from {', '.join(KINDS)}")
-    return entries
+    if unknown := set(entries) - {"check"}:
+        raise ValueError(f"{path}: an entry is [check.NAME]; there are {sorted(unknown)}")
+    return tuple(_entry(name, path.parent.name, given) for name, given in entries.get("check", {}).items())
 
 
-def bars(experiment: str, kind: str = VERDICT, folder: Path | None = None) -> Mapping[str, Mapping[str, Any]]:
-    """The bars of an experiment's verdicts or accuracy points. Raises ValueError for one that is not complete."""
-    entries = expected(experiment, kind, folder)
-    for name, entry in entries.items():
-        if set(entry) - _KEYS or len(_rules(entry)) > 1 or not {"what", "unit", "source"} <= set(entry):
-            raise ValueError(
-                f"{experiment}: [{kind}.{name}] needs what, unit, source and at most one rule, has {sorted(entry)}"
-            )
-    return entries
+def read(experiment: str, kind: str, folder: Path | None = None) -> dict[str, Entry]:
+    """The entries of one kind by name, none without a file. Raises ValueError for an entry that is not complete."""
+    found = _read((folder or FOLDER) / experiment / "expected.toml")
+    return {entry.name: entry for entry in found if entry.kind == kind}
 
 
-def _rules(entry: Mapping[str, Any]) -> list[str]:
-    return [rule for rule in RULES if rule in entry]
+def read_all(kind: str = "", folder: Path | None = None) -> list[Entry]:
+    """The entries of all experiments, of one kind or of all."""
+    found = (entry for path in sorted((folder or FOLDER).glob("*/expected.toml")) for entry in _read(path))
+    return [entry for entry in found if not kind or entry.kind == kind]
+
+
+def forget() -> None:
+    """Read files anew, which have been written to."""
+    _read.cache_clear()
+
+
+def _entry(name: str, experiment: str, given: Mapping[str, Any]) -> Entry:
+    where, kind = f"{experiment}: [check.{name}]", given.get("kind", "")
+    if kind not in KINDS:
+        raise ValueError(f"{where} has no kind {kind!r}; choose from {', '.join(KINDS)}")
+    needed, possible = KEYS[kind]
+    rules = [rule for rule in RULES if rule in given]
+    if kind == CLAIM and (rules or given.get("verdict") != NOT_TESTABLE):
+        needed = needed | _MEASURED
+    lacking, unknown = needed - set(given), set(given) - needed - possible - {"kind"}
+    if lacking or unknown or len(rules) > 1:
+        said = f"lacks {sorted(lacking)}" if lacking else f"has {sorted(unknown) if unknown else rules}"
+        raise ValueError(f"{where} {said}; a {kind} needs {', '.join(sorted(needed))} and at most one rule")
+    known = given.get("verdict", "")
+    if kind == CLAIM:
+        if known not in (CONFIRMED, REFUTED, MIXED, NOT_TESTABLE):
+            raise ValueError(f"{where} has the verdict {known!r}")
+        if not rules and (known != NOT_TESTABLE or not given.get("reason")):
+            raise ValueError(f"{where} needs one rule, or a reason why it cannot be tested")
+    if kind == HARD_CASE and (known.partition(":")[0] not in (PASS, WARNED, REFUSED, STOPPED, FAILS)
+                              or ("reason" in given) == (known == PASS)):  # fmt: skip
+        raise ValueError(f"{where} needs an outcome as its verdict and, unless that is a pass, a reason")
+    made = {key: value for key, value in given.items() if key not in RULES}
+    if rules:
+        made |= {"rule": rules[0], "bound": given[rules[0]]}
+    if "spread" in made:
+        made["spread"] = tuple(made["spread"])
+    return Entry(name, experiment, **made)
 
 
 class Checks:
     """Holds numbers against the bars of an experiment, and keeps the checks in their order (`made`)."""
 
     def __init__(self, experiment: str, kind: str = VERDICT, folder: Path | None = None) -> None:
-        self.bars, self.made = bars(experiment, kind, folder), list[Check]()
+        self.entries, self.made = read(experiment, kind, folder), list[Check]()
 
     def __call__(self, name: str, value: float | None, run: str = "", words: str = "") -> Check:
         """Check one number; `run` and its `words` name the run that it comes from. None and NaN pass no rule."""
-        entry, value = self.bars[name], real(value)
-        bar, verdict = "", SHOWN
-        for rule in _rules(entry):
-            test, relation = RULES[rule]
-            bar = f"{relation} {number(entry[rule])}"
-            verdict = PASS if test(value, entry[rule]) else FAIL
-        what = entry["what"] + (f", {words or run}" if run else "")
-        paper = str(entry.get("paper", ""))
-        self.made.append(Check(f"{name}.{run}" if run else name, what, value, entry["unit"], paper, bar, verdict))
+        self.made.append(checked(self.entries[name], [real(value)], run=run, words=words))
         return self.made[-1]
+
+
+def failed(checks: Iterable[Check]) -> bool:
+    """Whether any check failed."""
+    return any(check.verdict == FAIL for check in checks)
 
 
 def number(value: float) -> str:
@@ -113,6 +275,28 @@ def number(value: float) -> str:
     return f"{value:.4g}"
 
 
-def failed(checks: Iterable[Check]) -> bool:
-    """Whether any check failed."""
-    return any(check.verdict == FAIL for check in checks)
+def spread_words(values: Sequence[float]) -> str:
+    """Median and range of some values."""
+    low, middle, high = ("infinite" if math.isinf(v) else number(v) for v in (min(values), median(values), max(values)))
+    return middle if low == high else f"{middle} ({low} to {high})"
+
+
+def median(values: Sequence[float]) -> float:
+    """The median; of an even number that are not all finite, the upper one. NaN counts as the largest."""
+    ordered = sorted(values, key=lambda value: (math.isnan(value), value))
+    half = len(ordered) // 2
+    if len(ordered) % 2 or not all(map(math.isfinite, ordered)):
+        return ordered[half]
+    return 0.5 * (ordered[half - 1] + ordered[half])
+
+
+def in_range(entry: Entry) -> str:
+    """Effect and range on file, with their unit and three digits: "1.02 times (0.88 to 1.17)"."""
+    unit = "" if entry.unit == "-" else f" {entry.unit}"
+    low, middle, high = map(short, (entry.spread[0], entry.measured, entry.spread[1]))
+    return f"{middle}{unit}" if low == middle == high else f"{middle}{unit} ({low} to {high})"
+
+
+def short(value: float) -> str:
+    """A number with three significant digits."""
+    return "infinite" if math.isinf(value) else number(float(f"{value:.3g}"))

@@ -1,9 +1,8 @@
 """What an experiment is: runs, whose results are stored, and checks of what they gave.
 
-A folder of `validation/experiments/` whose module `experiment` has an `EXPERIMENT` is one; its bars and sources stand
-beside it in `expected.toml` (`validation.checks`). Checks are of four kinds. Verdicts and their pictures come from the
-runs of the experiment itself (`python -m validation run`); claims of a paper (`claims`), hard cases and maps of what is
-stable (`stability`) and panels of error against time (`accuracy`) each bring runs of their own.
+A folder of `validation/experiments/` whose module `experiment` has an `EXPERIMENT` is one; its checks stand beside it
+in `expected.toml` (`validation.checks`). Verdicts and their pictures come from the runs of the experiment itself;
+claims of a paper, hard cases and maps of what is stable, and panels of error against time bring runs of their own.
 """
 
 from __future__ import annotations
@@ -21,16 +20,16 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from refsim.core.errors import InputError
 from validation import experiments as folder_of_experiments
-from validation.checks import ACCURACY, CLAIM, HARD_CASE, VERDICT, Check, Checks
+from validation.checks import ACCURACY, CLAIM, HARD_CASE, VALUE, VERDICT, Check, Checks, read
 from validation.results import Result
 from validation.tables import Table
 
 if TYPE_CHECKING:
-    from validation.trials import HardCase, StabilityMap
+    from validation.trials import StabilityMap
 
 Results = Mapping[str, Result]
 Points = Mapping[str, Mapping[str, Any]]
-COMMANDS = {VERDICT: "run", CLAIM: "claims", HARD_CASE: "stability", ACCURACY: "accuracy"}
+COMMANDS = {VERDICT: "run", CLAIM: "claims", HARD_CASE: "stability", ACCURACY: "accuracy", VALUE: "verify"}
 T = TypeVar("T")
 
 
@@ -231,7 +230,8 @@ class Experiment:
     pictures    of the runs and of the hard cases
     tables      further tables, from the results that are there
     claims      how each claim of its `expected.toml` is measured, by name
-    hard_cases, maps   scenes that are hard, whose outcomes stand in `expected.toml`, and how far a setting can go
+    trials      the functions that the hard cases of its `expected.toml` name
+    maps        how far a setting can go
     panels      error against time
     """
 
@@ -242,7 +242,7 @@ class Experiment:
     pictures: tuple[Picture, ...] = ()
     tables: Callable[[Results], Sequence[Table]] = lambda results: ()
     claims: Mapping[str, Measure] = field(default_factory=dict)
-    hard_cases: tuple[HardCase, ...] = ()
+    trials: Mapping[str, Callable[..., Result]] = field(default_factory=dict)
     maps: tuple[StabilityMap, ...] = ()
     panels: tuple[Panel, ...] = ()
 
@@ -254,7 +254,8 @@ class Experiment:
 
     def part(self, options: Options) -> Part:
         """Its own runs, with the verdicts on them."""
-        drawn = tuple(p for p in self.pictures if not {case.name for case in self.hard_cases} & set(p.needs))
+        hard = read(self.name, HARD_CASE).keys()
+        drawn = tuple(p for p in self.pictures if not hard & set(p.needs))
         return Part(VERDICT, self.name, self.name, self.runs(options), self.checked, drawn, self.tables)
 
 

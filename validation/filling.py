@@ -8,14 +8,16 @@ table whose last cell names claims, the cell before is written from them.
 
 from __future__ import annotations
 
+import contextlib
+import dataclasses
 import json
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from validation.checks import number
+from validation.checks import CLAIM, Entry, number
 from validation.drawing import read_data
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -71,13 +73,10 @@ def numbers(value: Any) -> Any:
 class Recorded:
     """What a template may name of a claim."""
 
-    def __init__(
-        self, measured: float, spread: Sequence[float], starts: int, values: Sequence[float | None],
-        keeps: Callable[[float], bool],
-    ) -> None:  # fmt: skip
-        self.median, self.low, self.high = Number(measured), Number(spread[0]), Number(spread[1])
-        self.starts, self.values = starts, numbers(list(values))
-        self.keeping = sum(map(keeps, self.values))
+    def __init__(self, entry: Entry, values: Sequence[float | None]) -> None:
+        self.median, self.low, self.high = map(Number, (entry.measured, *entry.spread))
+        self.starts, self.values = entry.starts, numbers(list(values))
+        self.keeping = sum(map(entry.keeps, self.values))
 
 
 class Pictures(dict[str, Any]):
@@ -88,10 +87,36 @@ class Pictures(dict[str, Any]):
         return self[name]
 
 
-def stored_values() -> dict[str, list[float | None]]:
-    """The values of all claims, one for each start; null is infinite."""
+def stored() -> dict[str, dict[str, Any]]:
+    """What was measured of each claim: its values, one for each start (null is infinite), and where."""
     path = ROOT / "figures" / "claims.json"
-    return {name: each["values"] for name, each in json.loads(path.read_text()).items()} if path.exists() else {}
+    return json.loads(path.read_text()) if path.exists() else {}
+
+
+def records(entries: Iterable[Entry]) -> dict[str, Recorded]:
+    """What templates may name of the claims."""
+    kept = stored()
+    return {e.name: Recorded(e, kept.get(e.name, {"values": []})["values"]) for e in entries if e.kind == CLAIM}
+
+
+def with_reasons(entries: Sequence[Entry]) -> list[Entry]:
+    """The entries with the numbers in their reasons, where they have been measured."""
+    known, made = records(entries), []
+    for entry in entries:
+        with contextlib.suppress(ValueError):  # a start has been added, and is not measured yet
+            entry = dataclasses.replace(entry, reason=filled(entry.reason, known, known.get(entry.name)))
+        made.append(entry)
+    return made
+
+
+def replaced(text: str, name: str, lines: Sequence[str], page: Path) -> str:
+    """The page with other lines between the marks of the part. Raises ValueError where the marks are missing."""
+    begin, end = f"<!-- {name} -->\n", f"\n<!-- end of {name} -->"
+    before, mark, rest = text.partition(begin)
+    _, last, after = rest.partition(end)
+    if not mark or not last:
+        raise ValueError(f"{page.name} lacks the lines {begin.strip()!r} and {end.strip()!r}")
+    return f"{before}{begin}\n" + "\n".join(lines) + f"\n{end}{after}"
 
 
 def filled(template: str, records: Mapping[str, Recorded], own: Recorded | None = None) -> str:

@@ -151,7 +151,7 @@ def markdown(stored: Mapping[str, Any]) -> list[str]:
 
 def page(text: str, stored: Mapping[str, Any]) -> str:
     """docs/accuracy_cost.md with this table renewed."""
-    from validation.stability_page import replaced
+    from validation.filling import replaced
 
     return replaced(text, "own choices", markdown(stored), PAGE)
 

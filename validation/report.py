@@ -15,8 +15,7 @@ from html import escape
 from pathlib import Path
 from typing import Any, TextIO
 
-from validation.checks import FAIL, PASS, SHOWN, Check, number
-from validation.claims import Found, spread_words, written
+from validation.checks import CLAIM, FAIL, PASS, SHOWN, Check, Entry, in_range, number
 from validation.perform import Performed
 from validation.tables import Table, aligned
 
@@ -65,7 +64,7 @@ def notes(performed: Sequence[Performed]) -> list[str]:
             keys = [key for key, reason in each.skipped.items() if reason == why]
             made.append(f"{name}: left out {', '.join(keys)} ({why})")
         made += [f"{name}: {key} stopped. {why}" for key, why in each.stopped.items()]
-        if each.reused:
+        if each.reused and each.part.kind != CLAIM:
             dates = sorted({str(each.results[key].about.get("date")) for key in each.reused if key in each.results})
             made.append(
                 f"{name}: reused {', '.join(each.reused)}, computed on {' and '.join(dates)} (--fresh computes anew)"
@@ -75,17 +74,18 @@ def notes(performed: Sequence[Performed]) -> list[str]:
 
 def check_table(performed: Sequence[Performed]) -> str:
     """All checks; the experiment is named once. "" without any."""
-    rows, last = [["experiment", "quantity", "paper", "measured", "", "bar", "verdict"]], ""
+    rows, last = [["experiment", "quantity", "paper, on file", "measured", "", "bar", "verdict"]], ""
     for each in performed:
         for c in each.checks:
-            name = each.part.name if each.part.name != last else ""
-            rows.append([name, *_cells(c)])
-            last = each.part.name
+            name = each.part.folder if each.part.kind == CLAIM else each.part.name
+            rows.append([name if name != last else "", *_cells(c)])
+            last = name
     return "\n".join(aligned(rows, [False, False, False, True, False, False, False])) if len(rows) > 1 else ""
 
 
 def _cells(check: Check) -> list[str]:
-    return [check.what, check.paper, number(check.value), check.unit, check.bar, check.verdict]
+    what = f"{check.what} ({check.name})" if check.kind == CLAIM else check.what
+    return [what, check.paper, check.measured(), check.unit, check.bar, check.said()]
 
 
 def as_json(performed: Sequence[Performed]) -> str:
@@ -107,7 +107,7 @@ class Whole:
     title: str
     performed: Sequence[Performed]
     titles: Mapping[str, str]
-    claims: Sequence[Found]
+    claims: Sequence[tuple[Entry, Check | None]]
     seconds: float
     kernels: int
     machine: Mapping[str, Any]
@@ -147,8 +147,8 @@ def summary(whole: Whole, page: Path) -> str:
     lines += ["", *_plain(Table("", rows[0], rows[1:]))] if len(rows) > 1 else []
     count = {verdict: sum(c.verdict == verdict for _, c in whole.checks) for verdict in (PASS, FAIL, SHOWN)}
     said = f"{count[PASS]} checks passed, {count[FAIL]} failed, {count[SHOWN]} are shown without a bar."
-    measured = [found for found in whole.claims if found.values]
-    changed = [found for found in measured if not found.holds]
+    measured = [check for _, check in whole.claims if check is not None]
+    changed = [check for check in measured if check.verdict == FAIL]
     if measured:
         said += f" Claims measured: {len(measured)}, {len(changed)} with a verdict other than written."
     total, compiling = (
@@ -164,7 +164,7 @@ def summary(whole: Whole, page: Path) -> str:
     ]
     bad = [f"failed: {name} {c.name}: {number(c.value)}, bar {c.bar}" for name, c in whole.checks if c.verdict == FAIL]
     bad += [f"stopped: {each.part.name} {key}: {why}" for each in whole.performed for key, why in each.stopped.items()]
-    bad += [f"claim {f.claim.name}: written {f.claim.verdict}, now {f.verdict}" for f in changed]
+    bad += [f"claim {c.name}: written {c.paper.partition(':')[0]}, now {c.found}" for c in changed]
     free = LINES - len(lines) - len(last) - 2
     if len(bad) > free:
         bad = [*bad[: free - 1], f"... and {len(bad) - free + 1} more, see the report"]
@@ -294,19 +294,17 @@ def _section(each: Performed, title: str, head: Sequence[str]) -> list[str]:
 
 def _verdict_cells(check: Check) -> list[str]:
     *words, verdict = _cells(check)
-    return [*map(escape, words), f'<span class="{escape(verdict)}">{escape(verdict)}</span>']
+    return [*map(escape, words), f'<span class="{escape(check.verdict)}">{escape(verdict)}</span>']
 
 
-def _claims(claims: Sequence[Found]) -> str:
+def _claims(claims: Sequence[tuple[Entry, Check | None]]) -> str:
     rows = []
-    for found in claims:
-        claim = found.claim
-        now = spread_words(found.values) if found.values else f"({found.missing or 'not measured here'})"
-        verdict = claim.verdict if found.holds else f"{claim.verdict}, now {found.verdict}"
-        mark = f'<span class="{PASS if found.holds else FAIL}">{escape(verdict)}</span>'
-        then = written(claim) if claim.starts else ""
-        rest = [then, now, claim.what or claim.says, claim.bar(), claim.name]
-        rows.append([escape(claim.system), escape(claim.title), mark, *map(escape, rest)])
+    for entry, check in claims:
+        now = check.measured() if check else "(not measured here)"
+        verdict = entry.verdict if check is None or check.verdict == PASS else f"{entry.verdict}, now {check.found}"
+        mark = f'<span class="{check.verdict if check else PASS}">{escape(verdict)}</span>'
+        rest = [in_range(entry) if entry.starts else "", now, entry.what or entry.says, entry.bar(), entry.name]
+        rows.append([escape(entry.system), escape(entry.title), mark, *map(escape, rest)])
     return _html(["system", "claim", "verdict", "written", "measured now", "quantity", "bar", "name"], rows)
 
 

@@ -34,8 +34,8 @@ from refsim.io.store import read_stored, set_aside, write_stored
 FORMAT = 1
 # Modules of this package that name, judge, keep, draw and tell what runs give: no result depends on them.
 PRESENTING = (
-    "accuracy", "accuracy_picture", "answers", "checks", "claims", "drawing", "experiment", "filling", "gpu_readings",
-    "perform", "report", "results", "stability", "stability_page", "tables", "verify",
+    "accuracy", "accuracy_picture", "answers", "checks", "drawing", "experiment", "filling", "gpu_readings", "judging",
+    "maps", "page", "perform", "report", "results", "tables",
 )  # fmt: skip
 DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
 _HERE = Path(__file__).resolve().parent

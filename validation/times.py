@@ -448,7 +448,7 @@ PICTURES: dict[str, Callable[[Times], Any]] = {
 
 def page(name: str, text: str, times: Times) -> str:
     """A page of `docs/` with its tables renewed."""
-    from validation.stability_page import replaced
+    from validation.filling import replaced
 
     for part, (owner, made) in PARTS.items():
         if owner == name:

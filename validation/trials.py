@@ -1,6 +1,7 @@
 """What hard cases and stability maps are made of: a trial that notes what held and how it ended, and a bisection.
 
-An experiment names its own as `hard_cases` and `maps`; `validation.stability` performs and judges them.
+A hard case is a function `trial(context, backend, **given)` that a check of that kind names; it returns the result of a
+`Trial`. `validation.judging` performs and judges it.
 """
 
 from __future__ import annotations
@@ -8,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,33 +18,12 @@ from refsim import Plan, Scene, Simulation
 from refsim.core.errors import InputError, RunStopped
 from refsim.engine.stock import check_particles
 from refsim.scene.plan import make_plan
+from validation.checks import FAILS, PASS, REFUSED, STOPPED, WARNED
 from validation.results import Result
 from validation.running import Context, momenta, search_log
 
-PASS, WARNED, REFUSED, STOPPED, FAILS = "pass", "warned", "refused", "stopped", "fails"
 STANDING = "brakes free rotation"  # of the note on every free liquid with J(11): it foresees no other failure
 ROUNDINGS = 32  # of the dtype: what a sum of equal and opposite pair forces may leave of a momentum
-
-
-@dataclass(frozen=True)
-class HardCase:
-    """One scene that is hard, and what must hold in it.
-
-    name        in the table of outcomes, one word
-    hard        what is hard about it
-    holds       what must hold, for a reader; the function checks it
-    function    `function(context, backend, **parameters)`, which returns a Trial's result
-    short       it takes a second or so: run by pytest and with --quick
-    seconds     that it may take otherwise, for the progress bar
-    """
-
-    name: str
-    hard: str
-    holds: str
-    function: Callable[..., Result]
-    parameters: Mapping[str, Any] = field(default_factory=dict)
-    short: bool = False
-    seconds: float = 1.0
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,6 @@ import sys
 import pytest
 
 from validation import checks, experiments
-from validation.claims import read_claims
 from validation.experiment import Options, discover
 from validation.perform import perform
 
@@ -43,5 +42,5 @@ def test_the_experiment_of_the_page_is_found_and_holds(free_fall, tmp_path):
     assert {check.name: check.verdict for check in performed.checks} == {"fallen.short": "pass", "fallen.long": "pass"}
     assert [path.name for path in performed.drawn.values()] == ["free_fall.png"]
     assert set(json.loads((options.figures / "free_fall.json").read_text())) == {"short", "long", "measured"}
-    claim = read_claims()["parabola"]
+    claim = checks.read("free_fall", checks.CLAIM)["parabola"]
     assert claim.judge(free_fall.claims["parabola"].values(performed.results)) == claim.verdict == "confirmed"

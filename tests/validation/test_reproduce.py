@@ -18,8 +18,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from validation.checks import FAIL, PASS, SHOWN, Check
-from validation.claims import Found, read_claims
+from validation.checks import CLAIM, FAIL, PASS, SHOWN, Check, read_all
 from validation.experiment import Experiment, Options, Picture, Run, discover
 from validation.perform import Performed, perform
 from validation.report import LINES, WIDTH, Whole, page, seconds_table, summary, write_page
@@ -70,7 +69,7 @@ def made_up(name="fake", verdict=PASS, checks=1, runs=1):
 def performed(experiments, folder):
     options = Options(quick=True, results=folder / "results", figures=folder / "figures")
     done = perform([each.part(options) for each in experiments], options, stream=io.StringIO())
-    claims = [Found(claim, missing="not measured here") for claim in read_claims().values()]
+    claims = [(claim, None) for claim in read_all(CLAIM)]
     titles = {each.name: each.title for each in experiments}
     return Whole("refsim: <a test>", done, titles, claims, 12.3, 7, {"processor": "A & B"}, options.figures)
 
@@ -226,7 +225,7 @@ def test_page_holds_every_picture_table_and_verdict_and_loads_nothing(tmp_path):
     assert "<script" not in text
     assert text.count("a &lt;quantity&gt; &amp; &quot;more&quot;") == 3, "twice by experiment, once in what failed"
     assert text.count("<caption>A &lt;table&gt;</caption>") == 2
-    assert all(claim.name in text for claim in read_claims().values())
+    assert all(claim.name in text for claim in read_all(CLAIM))
     assert "run_0" in text.partition('id="seconds"')[2]
 
 

@@ -304,6 +304,6 @@ EXPERIMENT = Experiment(
     ),
     tables=lambda results: [*sampling_tables(results), *flow_tables(results)],
     claims=measures(claims),
-    hard_cases=stability.CASES,
+    trials=vars(stability),
     panels=accuracy.PANELS,
 )  # fmt: skip

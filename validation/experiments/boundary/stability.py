@@ -22,7 +22,7 @@ from validation.experiments.boundary.sampling_runs import evenness
 from validation.experiments.boundary.sampling_shapes import cube, mesh_of, needle, sphere, tilted
 from validation.results import Result
 from validation.running import Context
-from validation.trials import HardCase, Trial
+from validation.trials import Trial
 
 
 def _box(size: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> tuple[np.ndarray, np.ndarray]:
@@ -67,10 +67,9 @@ def _crossed() -> SurfaceMesh:
     return surface_mesh(np.concatenate([one, other]), np.concatenate([faces, more + len(one)]), "crossed")
 
 
-REFUSED, REPAIRED = "refused in one sentence", "repaired with a note, then even"
-MESHES: dict[str, tuple[Callable[[], SurfaceMesh], str]] = {  # how it is made, and what must hold
-    "open": (_opened, REFUSED), "not_manifold": (_not_manifold, REPAIRED), "duplicated": (_duplicated, REPAIRED),
-    "inside_out": (_inside_out, REPAIRED), "zero_area": (_zero_area, REPAIRED), "crossed": (_crossed, REPAIRED),
+MESHES: dict[str, Callable[[], SurfaceMesh]] = {
+    "open": _opened, "not_manifold": _not_manifold, "duplicated": _duplicated, "inside_out": _inside_out,
+    "zero_area": _zero_area, "crossed": _crossed,
 }  # fmt: skip
 
 
@@ -78,7 +77,7 @@ def bad_mesh(context: Context, backend: str, kind: str) -> Result:
     """A defective mesh: refused, or repaired with a note and then sampled as evenly as a sound one."""
     trial = Trial(context, backend)
     with trial.ending():
-        mesh = MESHES[kind][0]()
+        mesh = MESHES[kind]()
         found = sample(mesh, 0.04, backend=backend)
         trial.check("repairs noted", len(mesh.notes), at_least=1)
         trial.check("volume off", abs(mesh.volume - 1), at_most=1e-9)
@@ -210,40 +209,3 @@ def coincident(context: Context, backend: str) -> Result:
             places.append(simulation.field("position"))
         trial.check("difference [d]", np.abs(places[0] - places[1]).max() / SPACING, at_most=1e-3)
     return trial.result()
-
-
-CASES = (
-    *(
-        HardCase(f"mesh_{kind}", f"a mesh: {kind.replace('_', ' ')}", says, bad_mesh, {"kind": kind}, True, 2.0)
-        for kind, (_, says) in MESHES.items()
-    ),
-    *(
-        HardCase(name, hard, holds, function, more, True, 3.0)
-        for name, hard, holds, function, more in (
-            ("mesh_too_small", "a mesh smaller than the spacing", REFUSED, too_coarse, {}),
-            ("mesh_thin_plate", "a plate thinner than a radius", "all particles, on a finer grid", thin_plate,
-             {"thickness": 0.012}),
-            ("mesh_sheet", "a plate of a tenth of a millimetre", REFUSED, thin_plate, {"thickness": 1e-4}),
-            ("mesh_needle", "the tip of a needle", "right signs", needle_edges, {}),
-            ("sampling_piled", "coincident boundary particles", "they part, on the surface", piled, {}),
-            ("mesh_far_away", "a mesh 1e4 m away in float32", "the same particles", far_away, {}),
-        )
-    ),
-    *(
-        HardCase(name, hard, holds, shots, more, seconds=5.0)
-        for name, hard, holds, more in (
-            ("flow_thin_plate", "a plate half a spacing thick, particles at 3 spacings a step", "no particle passes",
-             {"shape": "plate", "spacings": 3.0, "thin": 0.5}),
-            ("flow_needle_edges", "a needle's point and edges, 2 spacings a step", "no particle is inside",
-             {"shape": "needle", "spacings": 2.0, "begin": 0.1}),
-            ("flow_starts_outside", "paths that begin half a metre outside the grid", "no particle is inside",
-             {"shape": "sphere", "spacings": 3.0, "begin": 0.5}),
-            ("flow_far_away", "a mesh 1e4 m from the origin in float32", "no particle passes the plate",
-             {"shape": "plate", "spacings": 3.0, "shift": 1e4}),
-            ("flow_too_small", "a mesh smaller than the spacing", REFUSED,
-             {"shape": "sphere", "spacings": 2.0, "size": 0.004}),
-        )
-    ),
-    HardCase("flow_coincident", "every boundary particle twice at its place", "liquid moves as on one", coincident,
-             seconds=8.0),
-)  # fmt: skip

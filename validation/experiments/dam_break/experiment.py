@@ -89,7 +89,7 @@ def checks(results: Results, check: Checks) -> None:
         run, words, methods = str(size["particles"]), f"{size['particles']:,} particles", size["methods"]
         for method in ("number_density", "two_step", "fan_scan"):
             seconds = 1e3 * methods[method]["whole"]
-            check("detection_time", seconds, f"{method}.{run}", f"{runs.WORDS[method]}, {words}")
+            check("detection_seconds", seconds, f"{method}.{run}", f"{runs.WORDS[method]}, {words}")
         judged = "detection_ratio" if size["particles"] >= FIGURE_FROM else "detection_ratio_small"
         for name, part in (
             (judged, "whole"),
@@ -235,6 +235,6 @@ EXPERIMENT = Experiment(
     ),
     tables=tables,
     claims=measures(claims),
-    hard_cases=stability.CASES,
+    trials=vars(stability),
     panels=accuracy.PANELS,
 )

@@ -18,7 +18,6 @@ from validation.experiments.dam_break.runs import (
     HEIGHT,
     SETTINGS,
     TRUTH_RADIUS,
-    WORDS,
     column_scene,
     detect,
 )
@@ -26,7 +25,7 @@ from validation.metrics.surface_truth import arc_cover_surface, cap_cover_surfac
 from validation.metrics.voids import find_voids
 from validation.results import Result
 from validation.running import Context
-from validation.trials import HardCase, Trial
+from validation.trials import Trial
 
 COLUMNS = 40
 SPLASH = (0.8, 0.9, 1.0, 1.1, 1.2)  # s
@@ -195,42 +194,3 @@ def sheet(context: Context, backend: str, method: str, layers: int, side: int = 
         trial.check("particles that are no surface", int((~truth).sum()), equals=0)
         trial.check("missed", int((truth & ~flags).sum()), equals=0)
     return trial.result()
-
-
-CASES = (
-    HardCase(
-        "voids", "a column that starts cold, hydrostatic, and between walls as printed, cold and hydrostatic",
-        "no voids with calibrated walls from either start; voids with printed walls from both, which names the cause",
-        voids, seconds=40.0,
-    ),
-    *(
-        HardCase(
-            f"beside_walls_{dim}d_{method}", f"a tank at rest in {dim}D: {WORDS[method]} at walls, edges, corners",
-            "nothing found off the free surface, nothing of it missed but at the contact line", beside_walls,
-            {"method": method, **({} if dim == 2 else {"depth": 8, "columns": 12})}, short=dim == 2,
-            seconds=1.0 if dim == 2 else 4.0,
-        )
-        for dim in (2, 3)
-        for method in SETTINGS
-    ),
-    *(
-        HardCase(
-            f"splash_{method}", f"sprays, and liquid along walls, in four splashes from 0.8 to 1.2 s: {WORDS[method]}",
-            "no particle with fewer than 3 neighbours missed; false alarms beside walls within 2 points of those away",
-            in_motion, {"method": method}, seconds=30.0,
-        )
-        for method in SETTINGS
-    ),
-    HardCase(
-        "spray", "lone particles, pairs and triples, in the air and on a wall, 2D", "all are surface", spray, short=True
-    ),
-    HardCase("spray_3d", "the same in 3D", "the same", spray, {"depth": 8}, seconds=5.0),
-    *(
-        HardCase(
-            f"sheet_{layers}_{method}", f"a flat sheet of {layers} layer{'s' * (layers > 1)} in 3D: {WORDS[method]}",
-            "all are surface", sheet, {"method": method, "layers": layers}, seconds=3.0,
-        )
-        for layers in (1, 2)
-        for method in ("number_density", "fan_scan", "two_step", "second_moment")
-    ),
-)  # fmt: skip

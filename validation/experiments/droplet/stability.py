@@ -20,7 +20,7 @@ from validation.metrics.droplet import nearest_neighbour_distance, radius_variat
 from validation.metrics.shapes import lattice_ball
 from validation.results import Result
 from validation.running import Context, momenta
-from validation.trials import Cell, HardCase, StabilityMap, Trial, largest_stable, silent_up_to
+from validation.trials import Cell, StabilityMap, Trial, largest_stable, silent_up_to
 
 SPACING = 1.0 / 17.0  # of the films and filaments, as in the droplet
 CAPILLARY = 0.49  # s: sqrt(rho0 R^3/sigma) of the drop with the volume of a 1 m cube, rho0 = sigma = 1
@@ -428,42 +428,3 @@ MAPS = (
         ),
     ),
 )
-
-CASES = (
-    *(
-        HardCase(
-            f"drop_step_x{f}", f"the default drop with a fixed step of {f} times the stable one",
-            "kinetic energy within the surface energy, momentum kept; or refused", long_step, {"factor": float(f)},
-            short=f in (1, 8), seconds=3.0,
-        )
-        for f in (1, 2, 4, 8)
-    ),
-    HardCase("step_factor_4", "a step_factor of 4", "refused", factor_above_one, short=True),
-    HardCase(
-        "tension_x100", "a hundred times the tension with the step of the simple one", "refused", hundredfold,
-        {"fixed": True}, short=True,
-    ),
-    HardCase(
-        "tension_x100_own_step", "the same with the runner's own step",
-        "kinetic energy within the surface energy, momentum kept, no clumps; or a named stop", hundredfold,
-        {"fixed": False}, seconds=10.0,
-    ),
-    HardCase(
-        "film_1", "a film of one layer", "kinetic energy within the surface energy, momentum kept, no clumps", film,
-        {"layers": 1}, short=True,
-    ),
-    HardCase("film_2", "a film of two layers", "the same", film, {"layers": 2}, seconds=3.0),
-    HardCase(
-        "filament", "a thread 162 spacings long and 6 thick breaks up",
-        "the same; three drops or more, and at most 1 % of the particles in crumbs", filament, seconds=40.0,
-    ),
-    *(
-        HardCase(
-            f"oh_{oh:g}_{shape}", f"a drop at Oh = {oh:g} from a {shape}",
-            "momentum kept; one piece, kinetic energy within what a cube releases, no clumps; or said beforehand",
-            low_viscosity, {"ohnesorge": oh, "shape": shape}, seconds=6.0,
-        )
-        for oh in (0.13, 0.04, 0.0)
-        for shape in ("cube", "ball")
-    ),
-)  # fmt: skip

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from validation.experiment import Experiment
-from validation.experiments.foundation.stability import CASES, MAPS
+from validation.experiments.foundation import stability
 
 EXPERIMENT = Experiment(
-    name="foundation", title="the liquid, its walls, its list and its files", hard_cases=CASES, maps=MAPS
+    name="foundation",
+    title="the liquid, its walls, its list and its files",
+    trials=vars(stability),
+    maps=stability.MAPS,
 )

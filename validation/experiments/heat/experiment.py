@@ -92,7 +92,7 @@ def checks(results: Results, check: Checks) -> None:
         rows = rows_of(results, f"slab_{name}")
         for row in rows:
             key = f"slab_{name}_{row['number']:g}".replace(".", "_")
-            own = key in check.bars
+            own = key in check.entries
             run = "" if own else f"{name}_{row['number']:g}"
             check(key if own else "slab_error", row["error"], run, f"{SCHEMES[name]}, {row['number']:g}")
         if rows:
@@ -229,7 +229,7 @@ EXPERIMENT = Experiment(
     ),
     tables=tables,
     claims=measures(claims),
-    hard_cases=stability.CASES,
+    trials=vars(stability),
     maps=stability.MAPS,
     panels=accuracy.PANELS,
 )  # fmt: skip

@@ -195,6 +195,6 @@ EXPERIMENT = Experiment(
     ),
     tables=tables,
     claims=measures(claims),
-    hard_cases=stability.CASES,
+    trials=vars(stability),
     panels=(*accuracy.PANELS, *floating.PANELS),
 )  # fmt: skip

@@ -12,7 +12,7 @@ from matplotlib.colors import Normalize
 from numpy.typing import NDArray
 
 from refsim.render.space import Body
-from validation.checks import bars
+from validation.checks import VERDICT, read
 from validation.drawing import GREY, ball_picture, body_picture, packed, stacked_bars, unpacked, view_matrix
 from validation.experiment import Results
 from validation.experiments.melting.runs import ON_GPU, PAPER, SOLID_SHARES, WIDTHS, grouped
@@ -313,7 +313,7 @@ def speed_data(results: Results) -> dict[str, Any]:
         later = np.diff(series["time"], prepend=-1.0) > 0  # the last entry may repeat the one before
         own = {name: np.asarray(series[name])[later].tolist() for name in ("time", "fastest", "solid")}
         rows.append({"words": words, "step": values["options"].get("step"), **own})
-    bar = bars("melting")["fastest"]["at_most"]
+    bar = read("melting", VERDICT)["fastest"].bound
     return {"title": "Figure 5: the fastest particle in every ten steps", "bar": bar, "rows": rows}
 
 

@@ -24,7 +24,7 @@ from refsim.shape_matching.phases import FLUID, SURFACE
 from validation.experiments.melting.scene import SOUND, SPACING, SUPPORT, VISCOSITY
 from validation.results import Result
 from validation.running import Context
-from validation.trials import HardCase, Trial
+from validation.trials import Trial
 
 CUBE = SolidBox(lower=(0.4, 0.4, 0.8), upper=(1.4, 1.4, 1.8))
 FASTEST = SOUND  # [m/s]: above it the liquid's equation of state means nothing
@@ -79,14 +79,14 @@ def all_or_nothing(context: Context, backend: str, temperature: float, layers: l
 
 
 def melting_body(
-    context: Context, backend: str, cells: list[list[int]], density: float = 917.0, bookkeeping: str = "immiscible",
+    context: Context, backend: str, body: str, density: float = 917.0, bookkeeping: str = "immiscible",
     steps: int = 300,
 ) -> Result:  # fmt: skip
-    """A body of these cells falls into warm water and melts."""
+    """A body of BODIES falls into warm water and melts."""
     trial = Trial(context, backend)
     with trial.ending():
-        body = SolidCells(cells=cells, density=density)
-        simulation = trial.start(pool((body,), (-10.0, 60.0), 0.5, bookkeeping))
+        cells = BODIES[body]
+        simulation = trial.start(pool((SolidCells(cells=cells, density=density),), (-10.0, 60.0), 0.5, bookkeeping))
         gone = _watched(trial, simulation, steps)
         trial.check("particles left solid", len(cells) - sum(gone), at_most=0.9 * len(cells))
         ratio = float((simulation.field("density") / simulation.field("rest_density")).max())
@@ -106,12 +106,9 @@ def refused_bookkeeping(context: Context, backend: str) -> Result:
 
 
 DEFORMATIONS = {
-    "inverted": (np.diag([1.0, 1.0, -1.0]), "every region is inverted"),
-    "coplanar": (np.diag([1.0, 1.0, 0.0]), "every region is pressed flat"),
-    "collinear": (np.diag([1.0, 0.0, 0.0]), "every region is pressed into a line"),
-    "point": (np.zeros((3, 3)), "every region is pressed into a point"),
-    "flipped": (np.diag([1.0, -1.0, -1.0]), "the body is turned by 180 degrees at once"),
-}
+    "inverted": np.diag([1.0, 1.0, -1.0]), "coplanar": np.diag([1.0, 1.0, 0.0]), "collinear": np.diag([1.0, 0.0, 0.0]),
+    "point": np.zeros((3, 3)), "flipped": np.diag([1.0, -1.0, -1.0]),
+}  # fmt: skip
 
 
 def mapped(context: Context, backend: str, kind: str, dtype: str = "float32") -> Result:
@@ -126,7 +123,7 @@ def mapped(context: Context, backend: str, kind: str, dtype: str = "float32") ->
         simulation = trial.start(scene)
         x = simulation.field("position").astype(float)
         rest = np.linalg.norm(x[:, None] - x[None], axis=2)
-        there = (x - x.mean(0)) @ DEFORMATIONS[kind][0].T + x.mean(0)
+        there = (x - x.mean(0)) @ DEFORMATIONS[kind].T + x.mean(0)
         simulation.backend.assign(simulation.fields["position"], there.astype(dtype))
         trial.advance(simulation, steps=800)
         now = simulation.field("position").astype(float)
@@ -161,60 +158,7 @@ def _box(low: tuple[int, int, int], edges: tuple[int, int, int]) -> list[list[in
 
 
 BODIES = {
-    "plate_of_one_layer": (_box((1, 1, 6), (7, 7, 1)), "a plate of one layer, in which every particle is a surface"),
-    "chain": (_box((1, 4, 6), (7, 1, 1)), "a chain of seven particles"),
-    "single_particle": ([[4, 4, 6]], "a body of one particle"),
-    "bridge": (
-        [*_box((1, 3, 6), (2, 3, 3)), *_box((3, 4, 7), (3, 1, 1)), *_box((6, 3, 6), (2, 3, 3))],
-        "two blocks on a bridge of one particle's thickness, which melts first",
-    ),
-}
-HEAVY, LIGHT = 10000.0, 100.0  # ten times as dense as water, and a tenth
-BOUNDED = "speed and density stay bounded; only surfaces melt; no particle is lost"
-CASES = (
-    HardCase(
-        "everything_melts", "a cube hot through and through: a whole layer melts in each step",
-        "98, 26 and 1 particles melt in three steps", all_or_nothing,
-        {"temperature": 5.0, "layers": [98, 26, 1]}, short=True,
-    ),
-    HardCase(
-        "exactly_at_the_melting_point", "every temperature is the melting point", "it melts as if hotter",
-        all_or_nothing, {"temperature": 0.0, "layers": [98, 26, 1]}, short=True,
-    ),
-    HardCase(
-        "nothing_melts", "every temperature is just below the melting point", "nothing melts", all_or_nothing,
-        {"temperature": -1e-30, "layers": [0]}, short=True,
-    ),
-    *(
-        HardCase(name, hard, BOUNDED, melting_body, {"cells": cells}, short=True)
-        for name, (cells, hard) in BODIES.items()
-    ),
-    *(
-        HardCase(
-            f"{words}_{mode}", f"melt of {density:g} kg/m^3 in water of 1000, bookkeeping {mode!r}", BOUNDED,
-            melting_body, {"cells": _box((2, 2, 5), (5, 5, 5)), "density": density, "bookkeeping": mode},
-            short=True, seconds=3.0,
-        )
-        for words, density in (("ten_times_as_dense", HEAVY), ("a_tenth_as_dense", LIGHT))
-        for mode in ("immiscible", "water")
-    ),
-    HardCase(
-        "mass_kept_density_switched", "keep the melt's mass and switch its rest density", "refused, with why",
-        refused_bookkeeping, short=True,
-    ),
-    *(
-        HardCase(
-            f"region_{kind}", hard,
-            "it comes back to its shape, slow in the end, without drift", mapped, {"kind": kind}, short=True,
-        )
-        for kind, (_, hard) in DEFORMATIONS.items()
-    ),
-    HardCase(
-        "bodies_that_touch", "two bodies whose cells touch", "regions never mix", one_voxel_apart, {"gap": 0},
-        short=True,
-    ),
-    HardCase(
-        "bodies_one_voxel_apart", "two bodies one cell apart", "regions never mix", one_voxel_apart, {"gap": 1},
-        short=True,
-    ),
-)  # fmt: skip
+    "plate": _box((1, 1, 6), (7, 7, 1)), "chain": _box((1, 4, 6), (7, 1, 1)), "single": [[4, 4, 6]],
+    "bridge": [*_box((1, 3, 6), (2, 3, 3)), *_box((3, 4, 7), (3, 1, 1)), *_box((6, 3, 6), (2, 3, 3))],
+    "cube": _box((2, 2, 5), (5, 5, 5)),
+}  # fmt: skip

@@ -96,6 +96,6 @@ EXPERIMENT = Experiment(
     ),
     tables=tables,
     claims=measures(claims),
-    hard_cases=stability.CASES,
+    trials=vars(stability),
     maps=stability.MAPS,
 )

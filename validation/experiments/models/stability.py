@@ -7,7 +7,6 @@ and Oh = mu/sqrt(rho sigma R) are those of the nominal tension. h = 2.6 d and S 
 from __future__ import annotations
 
 import math
-from typing import Any
 from unittest import mock
 
 import msgspec
@@ -26,10 +25,9 @@ from validation.metrics.droplet import nearest_neighbour_distance
 from validation.metrics.shapes import lattice_ball, lattice_cube
 from validation.results import Result
 from validation.running import Context, momenta
-from validation.trials import Cell, HardCase, StabilityMap, Trial, largest_stable, silent_up_to
+from validation.trials import Cell, StabilityMap, Trial, largest_stable, silent_up_to
 
 MODELS = ("jiang_zhu", "akinci", "akinci_iisph", "dong", "becker_teschner", "tartakovsky_meakin", "he", "csf")
-COHESIVE = ("jiang_zhu", "akinci", "dong", "becker_teschner", "tartakovsky_meakin")
 STIFFNESS = 0.01
 UNBOUND = 1e6  # of the density: the maps ask which tensions end in a drop, however dense it was on the way
 CALM = 0.3  # Ohnesorge number
@@ -452,41 +450,6 @@ def inertia_cell(context: Context, backend: str, model: str, side: int = 8) -> R
     found = largest_stable(trouble, 4.0, 1.0, 256.0, factor=1.1)
     return found.result(silent_up_to(made, 1.0, 256.0, but=tuple(FORESEEN.values())))
 
-
-def _each(name: str, hard: str, holds: str, function: Any, short: tuple[str, ...] = (), **parameters: Any) -> list:
-    """One hard case for every model."""
-    models = parameters.pop("models", MODELS)
-    return [
-        HardCase(
-            f"{name}_{model}", f"{hard}: {words_of(model)}", holds, function, {"model": model, **parameters},
-            short=model in short, seconds=4.0,
-        )
-        for model in models
-    ]  # fmt: skip
-
-
-_REST = "one piece, no clumps, at rest, momentum kept"
-CASES = (
-    *_each("small_drop", "a drop of 123 particles", _REST, at_rest, short=("akinci",), count=123),
-    *_each("short_support", "h = 1.5 d, 552 particles", _REST, at_rest, count=552, support=1.5),
-    *_each(
-        "lone_particles", "a spray of lone particles, pairs and triples",
-        "lone ones fly straight, groups keep momentum", spray, short=("dong",),
-    ),
-    *_each("spin", "two turns without viscosity, from rest, float64", "angular momentum to 0.1 %", spinning),
-    *_each(
-        "head_on", "two drops meet head on, We = 4", "one piece, momentum kept, motion dies down", collision, offset=0.0
-    ),
-    *_each("off_centre", "two drops meet a radius off centre, We = 4", "the same", collision, offset=1.0),
-    *_each("torn", "a drop torn by a shear", "particles and momentum kept, no energy gained, tripled length", torn),
-    *_each(
-        "low_oh_cube", "a cube at Oh = 0.04", "one piece, energy within what it releases; or said beforehand", cube
-    ),
-    *_each(
-        "collapse", "cohesion that is not balanced", "silent at P_int = 0.04 rho0 c^2, warned of at 0.2, refused at"
-        " 1/4; with the bound lifted it collapses", collapse, models=COHESIVE,
-    ),
-)  # fmt: skip
 
 MAPS = (
     StabilityMap(

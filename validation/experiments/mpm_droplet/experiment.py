@@ -516,7 +516,7 @@ EXPERIMENT = Experiment(
     ),
     tables=tables,
     claims=measures(claims),
-    hard_cases=stability.CASES,
+    trials=vars(stability),
     maps=stability.MAPS,
     panels=accuracy.PANELS,
 )

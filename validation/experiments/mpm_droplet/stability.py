@@ -22,7 +22,7 @@ from refsim.mpm.reference import SYMMETRIC
 from refsim.scene.plan import make_plan
 from validation.results import Result
 from validation.running import Context
-from validation.trials import Cell, HardCase, StabilityMap, Trial, largest_stable
+from validation.trials import Cell, StabilityMap, Trial, largest_stable
 
 CELLS = {2: 1 / 64, 3: 1 / 32}
 DENSITY, TENSION, MODULUS = 1.0, 1.0, 1000.0
@@ -438,71 +438,6 @@ STEPS = StabilityMap(
         )
         for row, (reading, inset) in READINGS.items()
         for column, given in LIQUIDS.items()
-    ),
-)  # fmt: skip
-KEPT = "momenta are kept, J stays above 0.2, every place is finite"
-CASES = (
-    HardCase(
-        "mpm_isolated", "sixty particles out of each other's reach", "no tension on them: each flies straight on",
-        isolated, {"smallest": 0}, short=True,
-    ),
-    HardCase(
-        "mpm_isolated_under_tension", "the same, with tension on each", "a named stop", isolated,
-        {"smallest": 1}, short=True,
-    ),
-    HardCase(
-        "mpm_filament", "a row one particle wide, whose clumping J cannot see",
-        "recognised as a filament; a named stop", filament, seconds=15.0,
-    ),
-    HardCase(
-        "mpm_sheet", "a sheet of 40 by 1 cells", f"it draws in, {KEPT}; or a named stop", sheet, seconds=10.0
-    ),
-    HardCase(
-        "mpm_close_drops", "two drops with a gap of 2 h, less than 2 r", f"one surface, they merge; {KEPT}",
-        close_drops, {"gap": 2.0}, seconds=20.0,
-    ),
-    HardCase("mpm_cavity", "a hole of 2.2 h, narrower than 2 r", f"no surface in it; {KEPT}", cavity, seconds=10.0),
-    HardCase(
-        "mpm_far_end", "a drop 40 cells before the grid's last cell", KEPT, far_end,
-        {"cells": 40.0, "velocity": 0.0}, short=True,
-    ),
-    HardCase(
-        "mpm_over_the_end", "a drop that flies over the grid's last cell", "a named stop", far_end,
-        {"cells": 8.0, "velocity": 12.0}, short=True,
-    ),
-    HardCase("mpm_on_nodes", "particles exactly on nodes", KEPT, on_nodes, seconds=10.0),
-    HardCase(
-        "mpm_spin", "a disc that turns with 20 rad/s", f"{KEPT}; at most a tenth of its energy lost", spin,
-        seconds=20.0,
-    ),
-    HardCase(
-        "mpm_tension_x10", "tenfold tension at lambda = 1000", KEPT, square, {"tension": 10.0, "modulus": MODULUS},
-        seconds=15.0,
-    ),
-    HardCase("mpm_many_samples", "more than ten samples to a particle, no inset", KEPT, many_samples, seconds=5.0),
-    HardCase(
-        "mpm_compressed", "tension against a hundredth of the stiffness: J below 0.2", "a named stop", square,
-        {"tension": 10.0, "modulus": 10.0}, short=True,
-    ),
-    HardCase("mpm_no_particle", "no particle", "refused", no_particle, short=True),
-    HardCase("mpm_one", "one particle, plain liquid", "it falls freely", one, {"tension": -1.0}, short=True),
-    HardCase("mpm_one_under_tension", "one particle under tension", "refused", one, {"tension": 1.0}, short=True),
-    *(
-        HardCase(
-            f"mpm_printed_{embedding}", f"the source as printed, embedding {embedding!r}, steps of 0.3 ms",
-            "a named stop within 13 steps", as_printed,
-            {"dim": 2, "embedding": embedding, "step": 3e-4, "sign": False, "within": 13, "cells": 20}, short=True,
-        )
-        for embedding in ("none", "thesis", "gradient_corrected")
-    ),
-    *(
-        HardCase(
-            f"mpm_sign_corrected_{words}", f"only the sign corrected, in space, steps of {step:g} s",
-            f"J below 1/2 within {halved} steps, a named stop within {within}", as_printed,
-            {"dim": 3, "embedding": "thesis", "step": step, "sign": True, "within": within, "cells": 10,
-             "halved_within": halved},
-        )
-        for words, step, halved, within in (("long", 2e-4, 4, 4), ("short", 2e-5, 71, 100))
     ),
 )  # fmt: skip
 MAPS = (STEPS,)

@@ -10,90 +10,22 @@ import pytest
 
 from refsim import Box, Cloud, InputError, JiangZhu2023, RunStopped, Scene, WeaklyCompressible
 from refsim.scene.plan import make_plan
-from validation import perform, stability, stability_page
+from validation import checks, judging, maps, perform
 from validation.__main__ import main
 from validation.experiment import Experiment, Options, Part, Run, discover
 from validation.experiments.droplet.stability import pieces
 from validation.metrics.voids import find_voids
 from validation.results import Result, finite
 from validation.running import Context
-from validation.trials import Cell, HardCase, StabilityMap, Trial, largest_stable, silent_up_to
+from validation.trials import Cell, StabilityMap, Trial, largest_stable, silent_up_to
 
-ROOT = pathlib.Path(__file__).parents[2]
-EXPERIMENTS = discover()
-SHORT = [(name, case) for name, experiment in EXPERIMENTS.items() for case in experiment.hard_cases if case.short]
+SHORT = [entry for entry in checks.read_all(checks.HARD_CASE) if entry.short]
 
 
-@pytest.mark.parametrize(("system", "case"), SHORT, ids=[case.name for _, case in SHORT])
-def test_a_hard_case_ends_as_on_file(system, case):
-    result = case.function(Context(threads=1), backend="cpu", **case.parameters)
-    assert result.values["outcome"] == stability.outcomes(system)[case.name].outcome, result.values
-
-
-# What is on file
-
-
-def test_every_case_has_its_outcome_on_file_and_none_is_left_over():
-    names = [part.name for e in EXPERIMENTS.values() for part in (*e.hard_cases, *e.maps)]
-    assert len(set(names)) == len(names)
-    for name, experiment in EXPERIMENTS.items():
-        assert set(stability.outcomes(name)) == {case.name for case in experiment.hard_cases}
-
-
-def test_an_outcome_that_is_no_pass_says_why(tmp_path):
-    for k, text in enumerate(('outcome = "refused"', 'outcome = "pass"\nwhy = "x"', "", 'outcome = "pass"\nx = 1')):
-        write_expected(tmp_path / str(k), f"[hard_case.a]\n{text}\n")
-        with pytest.raises(ValueError, match="needs an outcome"):
-            stability.outcomes(str(k), tmp_path)
-
-
-def write_expected(folder, text):
-    folder.mkdir()
-    (folder / "expected.toml").write_text(text)
-
-
-def test_every_case_of_the_anchors_is_there():
-    names = " ".join(case.name for experiment in EXPERIMENTS.values() for case in experiment.hard_cases)
-    words = (
-        "coincident particles_1 apart_1e-12 film filament mass_ratio tension_x100 nothing step_x1 step_x2 step_x4"
-        " step_x8 impact edge cell_borders far_away leaves overflow empty killed disk_full other_backend oh_ voids"
-        " beside_walls spray"
-    )
-    for word in words.split():
-        assert word in names, word
-
-
-def test_the_page_is_what_the_command_writes():
-    text = (ROOT / "docs" / "stability.md").read_text()
-    assert stability_page.page(text, EXPERIMENTS) == text, "python -m validation stability --write"
-
-
-def test_every_part_of_the_page_is_generated():
-    marks = "".join(f"<!-- {name} -->\n@old@\n<!-- end of {name} -->\n" for name in stability_page.PARTS)
-    text = stability_page.page(marks, EXPERIMENTS)
-    assert "@old@" not in text
-    for name, experiment in EXPERIMENTS.items():
-        for row, case in zip(stability.markdown(experiment), experiment.hard_cases, strict=True):
-            assert f"{row}\n" in text
-            failed = stability.outcomes(name)[case.name].outcome.startswith("fails")
-            assert (f"\n- `{case.name}`, " in text) == failed
-    with pytest.raises(ValueError, match="lacks the lines"):
-        stability_page.replaced("no marks", "totals", [])
-
-
-def test_the_matrix_counts_and_crosses_every_case():
-    found = stability_page.systems(EXPERIMENTS)
-    assert sum(map(len, found.values())) == sum(len(e.hard_cases) for e in EXPERIMENTS.values())
-    for system, cases in found.items():
-        rows, alone = stability_page.crossed(system, cases)
-        assert sum(map(len, rows.values())) + len(alone) == len(cases)
-    rows, alone = stability_page.crossed("models", {"spin_akinci": "pass", "spin_akinci_iisph": "fails", "x": "warned"})
-    assert rows == {"spin": {"akinci": "pass", "akinci_iisph": "fails"}}
-    assert alone == {"x": "warned"}
-    with pytest.raises(ValueError, match="none of pass"):
-        stability_page.kind("unknown")
-    tiles = [patch for axes in stability_page.matrix(EXPERIMENTS).axes for patch in axes.patches]
-    assert len(tiles) == sum(map(len, found.values()))
+@pytest.mark.parametrize("entry", SHORT, ids=[entry.name for entry in SHORT])
+def test_a_hard_case_ends_as_on_file(entry):
+    result = discover()[entry.experiment].trials[entry.trial](Context(threads=1), backend="cpu", **entry.given)
+    assert result.values["outcome"] == entry.verdict, result.values
 
 
 # The outcomes
@@ -137,30 +69,29 @@ def limit(context, backend, largest, runner):
 
 def fake(outcome="pass", largest=2.0, runner=1.0):
     cells = (Cell("a", "b", limit, {"largest": largest, "runner": runner}),)
-    case = HardCase("thin", "a thin thing", "it holds", ends, {"outcome": outcome}, short=True)
     limits = StabilityMap("limits", "Limits", "x", "calm.", "Take 1.", cells)
-    return Experiment("fake", "a thin thing", hard_cases=(case,), maps=(limits,))
-
-
-def judged(tmp_path, experiment, text):
-    write_expected(tmp_path / "fake", text)
-    options = Options(results=tmp_path / "results", figures=tmp_path / "figures")
-    part = stability.part_of(experiment, options, folder=tmp_path)
-    return perform.perform([part], options, stream=io.StringIO())
+    return outcome, Experiment("fake", "a thin thing", trials={"ends": ends}, maps=(limits,))
 
 
 @pytest.mark.parametrize(
-    ("system", "text", "code"),
+    ("system", "on_file", "code"),
     [
-        (fake(), '[hard_case.thin]\noutcome = "pass"\n', 0),
-        (fake("stopped: diverged"), '[hard_case.thin]\noutcome = "stopped: diverged"\nwhy = "thin"\n', 0),
-        (fake("stopped: diverged"), '[hard_case.thin]\noutcome = "pass"\n', 4),
-        (fake(), "", 4),
-        (fake(largest=0.5), '[hard_case.thin]\noutcome = "pass"\n', 4),
+        (fake(), 'verdict = "pass"', 0),
+        (fake("stopped: diverged"), 'verdict = "stopped: diverged"\nreason = "thin"', 0),
+        (fake("stopped: diverged"), 'verdict = "pass"', 4),
+        (fake(largest=0.5), 'verdict = "pass"', 4),
     ],
 )
-def test_a_changed_outcome_or_a_limit_beyond_the_stable_fails(tmp_path, system, text, code):
-    outcomes = judged(tmp_path, system, text)
+def test_a_changed_outcome_or_a_limit_beyond_the_stable_fails(tmp_path, system, on_file, code):
+    outcome, experiment = system
+    (tmp_path / "fake").mkdir()
+    (tmp_path / "fake" / "expected.toml").write_text(
+        '[check.thin]\nkind = "hard case"\nwhat = "a thin thing"\nholds = "it holds"\ntrial = "ends"\n'
+        f'given = {{ outcome = "{outcome}" }}\nshort = true\n{on_file}\n'
+    )
+    options = Options(results=tmp_path / "results", figures=tmp_path / "figures")
+    part = judging.trial_part(experiment, options, folder=tmp_path)
+    outcomes = perform.perform([part], options, stream=io.StringIO())
     assert perform.exit_code(outcomes) == code
     assert (tmp_path / "figures" / "limits.png").stat().st_size > 1000
     assert "a thin thing" in str(outcomes[0].tables[0])
@@ -181,34 +112,32 @@ def test_a_map_is_drawn_from_its_file_where_nothing_failed_and_where_all_did(tmp
         for row, a, b in (("open", 4.0, math.inf), ("none", 0.0, 1.0))
     ]
     data = json.loads(json.dumps(finite({"title": "t", "quantity": "q", "cells": cells})))
-    figure = stability.draw_map(data)
+    figure = maps.draw_map(data)
     said = {text.get_text() for axes in figure.axes for text in axes.texts}
     assert said == {"at least 4.0", "none", "runner: 1.0"}
 
 
 def test_numbers_of_a_map_have_two_digits():
-    said = [stability.two_digits(value) for value in (0.0371, 1.74, 25.2, 512.0, 15_870.0, 1.23e-5, math.inf)]
+    said = [maps.two_digits(value) for value in (0.0371, 1.74, 25.2, 512.0, 15_870.0, 1.23e-5, math.inf)]
     assert said == ["0.037", "1.7", "25", "510", "16,000", "1.2e-05", "none"]
 
 
 def test_the_command(tmp_path, capsys):
-    assert main(["list", "hard_case"]) == 0
+    assert main(["list", "hard case"]) == 0
     assert "tension_x100" in capsys.readouterr().out
-    assert main(["stability", "--markdown"]) == 0
-    assert "| `tension_x100` |" in capsys.readouterr().out
     assert main(["stability", "no_such_case"]) == 2
-    assert "There is no experiment, hard case or map 'no_such_case'" in capsys.readouterr().err
+    assert "There is no hard case 'no_such_case'" in capsys.readouterr().err
     folders = ["--results", str(tmp_path / "results"), "--figures", str(tmp_path / "figures")]
-    assert main(["stability", "empty_scene", "--jobs", "0", *folders]) == 2
-    assert main(["stability", "empty_scene", "empty_cloud", "--json", "--jobs", "2", *folders]) == 0
+    assert main(["stability", "tension_x100", "--jobs", "0", *folders]) == 2
+    assert main(["check", "tension_x100", "step_factor_4", "--json", "--jobs", "2", *folders]) == 0
     found = json.loads(capsys.readouterr().out)
-    assert {name: entry["verdict"] for name, entry in found.items()} == {"empty_scene": "pass", "empty_cloud": "pass"}
+    assert [entry["verdict"] for entry in found.values()] == ["pass", "pass"]
 
 
 def test_what_is_timed_waits_until_nothing_else_runs(tmp_path):
     options = Options(results=tmp_path / "results", figures=tmp_path / "figures")
-    (own,) = stability.parts(["empty_scene", "empty_cloud"], EXPERIMENTS, options)
-    timed = Run("timed", stored_before, {"folder": str(tmp_path / "results" / "foundation"), "threads": 2})
+    (own,) = judging.parts(["tension_x100", "step_factor_4"], [checks.HARD_CASE], options)
+    timed = Run("timed", stored_before, {"folder": str(tmp_path / "results" / "droplet"), "threads": 2})
     others = Part("verdict", "others", "others", [timed], lambda results: ())
     (_, last) = perform.perform([own, others], options, jobs=2, stream=io.StringIO())
     assert last.results["timed"].values == {"stored": 2}
@@ -216,24 +145,6 @@ def test_what_is_timed_waits_until_nothing_else_runs(tmp_path):
 
 def stored_before(context, folder, threads):
     return Result({"stored": len(list(pathlib.Path(folder).iterdir()))})
-
-
-@pytest.mark.parametrize(
-    "outcome, expected, holds",
-    [
-        ("pass", "pass", True),
-        ("fails: a", "fails: a, b", True),
-        ("fails: a, c", "fails: a, b", False),
-        ("fails: a", "pass", False),
-        ("pass", "fails: a", False),
-        ("warned: a", "fails: a", False),
-        ("pass", "warned: a", True),
-        ("fails: a", "warned: a", False),
-        ("stopped: diverged", "stopped: collapsed", False),
-    ],
-)
-def test_an_outcome_may_miss_no_other_checks_than_the_one_on_file(outcome, expected, holds):
-    assert stability.foreseen(outcome, expected) is holds
 
 
 # Measures

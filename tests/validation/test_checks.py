@@ -1,0 +1,565 @@
+"""Checks: what is on file is complete, agrees with its records and pages, and is judged as it says."""
+
+import dataclasses
+import json
+import math
+import pathlib
+import re
+import types
+
+import numpy as np
+import pytest
+
+from refsim import HeatConduction
+from validation import checks, filling, judging, page
+from validation.__main__ import main
+from validation.checks import (
+    CLAIM,
+    CONFIRMED,
+    FEW,
+    HARD_CASE,
+    MIXED,
+    NOT_TESTABLE,
+    REFUTED,
+    STARTS,
+    VALUE,
+    Entry,
+    checked,
+    read_all,
+)
+from validation.experiment import Experiment, Family, Measure, Options, Run, alike, discover, measures
+from validation.experiments.dam_break import claims as dam_break
+from validation.experiments.droplet import claims as droplet
+from validation.experiments.heat import claims as heat
+from validation.experiments.melting import scene as melting_scene
+from validation.experiments.models import claims as models
+from validation.filling import Recorded, filled, filled_page
+from validation.perform import EXIT_FAILED, EXIT_FINE, EXIT_INPUT, perform
+from validation.results import Result
+from validation.running import Context
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+ENTRIES = filling.with_reasons(read_all())
+CLAIMS = {entry.name: entry for entry in ENTRIES if entry.kind == CLAIM}
+TESTABLE = [name for name, claim in CLAIMS.items() if claim.rule]
+MEASURED = [name for name in TESTABLE if CLAIMS[name].starts]
+HEAT = ("heat", "melting")  # systems of one paper, which prints one K
+
+
+# What is on file
+
+
+def test_every_claim_has_a_measure_and_every_hard_case_a_trial_and_none_is_left_over():
+    measured = {(name, claim) for name, experiment in discover().items() for claim in experiment.claims}
+    assert measured == {(CLAIMS[name].experiment, name) for name in TESTABLE}
+    hard = [entry for entry in ENTRIES if entry.kind == HARD_CASE]
+    assert all(callable(discover()[entry.experiment].trials[entry.trial]) for entry in hard)
+    names = [entry.name for entry in ENTRIES if entry.kind in (CLAIM, HARD_CASE, VALUE)]
+    assert len(set(names)) == len(names)
+
+
+def test_every_bar_has_a_source_and_a_number_of_few_words():
+    for entry in ENTRIES:
+        assert entry.kind == HARD_CASE or len(entry.source) > (2 if entry.kind == CLAIM else 10), entry.name
+        assert "{" not in entry.reason, entry.name
+
+
+def few(claim):
+    return claim.starts < (1 if claim.fixed else FEW if claim.complete else STARTS)
+
+
+@pytest.mark.parametrize("name", MEASURED)
+def test_what_is_written_follows_from_the_numbers_beside_it(name):
+    claim = CLAIMS[name]
+    low, high = claim.spread
+    assert low <= claim.measured <= high
+    assert claim.judge([low, *[claim.measured] * (claim.starts - 2), high][: claim.starts]) == claim.verdict
+
+
+def test_a_claim_without_numbers_or_with_few_starts_says_so():
+    for claim in CLAIMS.values():
+        if few(claim):
+            assert claim.verdict == NOT_TESTABLE
+        assert claim.reason or claim.verdict != NOT_TESTABLE, claim.name
+        assert not (claim.fixed and claim.starts >= FEW), f"{claim.name}: nothing differs, and yet many starts"
+        assert claim.over or not claim.starts
+    assert {claim.verdict for claim in CLAIMS.values()} == {CONFIRMED, REFUTED, MIXED, NOT_TESTABLE}
+
+
+@pytest.mark.parametrize("name", TESTABLE)
+def test_the_null_model_of_a_family_refutes_every_claim(name):
+    """Without its effect a claim must fail, by its own measure and its own bar."""
+    claim = CLAIMS[name]
+    values = judging.null_of(claim, discover()[claim.experiment])
+    assert values, "put it into a family of FAMILIES"
+    assert not any(map(claim.keeps, values))
+    if claim.starts:
+        assert claim.null == pytest.approx(float(np.median(values)), rel=1e-3, abs=1e-12)
+
+
+def test_titles_readings_and_families_are_said():
+    titles = [claim.title for claim in CLAIMS.values()]
+    assert len(set(titles)) == len(titles)
+    assert all(claim.reading for claim in CLAIMS.values())
+    for experiment in discover().values():
+        families = {how.family for how in experiment.claims.values()}
+        assert all(family.fails.endswith(".") and family.null for family in families)
+
+
+def test_one_reading_of_the_printed_conductivities_holds_everywhere():
+    """K of the figures is in hundredths in the scenes of melting, in the claims on heat, and in their words."""
+    setting = melting_scene.figure_5(0.3)
+    (conduction,) = (e for e in melting_scene.made(setting).effects if isinstance(e, HeatConduction))
+    assert conduction.conductivity[0] == pytest.approx(melting_scene.SCALE * setting.bodies[0][2])
+    rows = heat.delivered(Context(), "pair_exchange").values["rows"]
+    assert [row["K"] for row in rows] == pytest.approx([melting_scene.SCALE * k for k in (10, 30, 50, 70)])
+    for claim in CLAIMS.values():
+        if claim.system in HEAT and "K of the figures" in claim.reading:
+            assert "in hundredths of a m^2/s" in claim.reading
+        if claim.system in HEAT and re.search(r"\bK =", claim.what):
+            assert "in hundredths of a m^2/s" in claim.reading
+
+
+@pytest.mark.parametrize("name", MEASURED)
+def test_every_value_behind_a_claim_is_published(name):
+    claim = CLAIMS[name]
+    published = json.loads((ROOT / "figures" / "claims.json").read_text())[name]
+    values = [math.inf if value is None else value for value in published["values"]]
+    assert len(values) == claim.starts
+    assert float(f"{np.median(values):.4g}") == claim.measured
+    assert [float(f"{x:.4g}") for x in (min(values), max(values))] == list(claim.spread)
+    assert published["verdict"] == claim.verdict
+    assert published["machine"]["processor"]
+    assert published["date"]
+    assert published["commit"]
+
+
+def test_numbers_on_the_pages_are_those_of_the_records():
+    for path in sorted((ROOT / "docs").glob("*.md")):
+        text = path.read_text()
+        assert page.renewed(text) == text, f"{path.name}: run python -m validation claims --write"
+
+
+def test_reasons_and_pages_are_filled():
+    entry = claim(measured=0.866, spread=(0.8, 1.13), starts=3, bound=0.9)
+    record = Recorded(entry, [0.8, 0.866, None])
+    reason = "{low.less:.0f} to {high.more:.0f} % in {keeping} of {starts}: {values[1]}, {values[2]}"
+    assert filled(reason, {}, record) == "20 to 13 % in 2 of 3: 0.866, infinite"
+    mark, kept = "<!-- {one.median.percent:.0f} -->%s<!-- . --> %%\n", "| it is so | kept | one |"
+    text = filled_page(
+        mark % 7 + "| it is so | by hand | `one` |\n" + kept, {"one": record}, lambda name: f"found of {name}"
+    )
+    assert text == mark % 87 + "| it is so | found of one | `one` |\n" + kept
+    for wrong in ("{two.low}", "{low.half}", "{values[9]}", "{picture[none][rows]}"):
+        with pytest.raises(ValueError, match="names what no record holds"):
+            filled(wrong, {}, record)
+    with pytest.raises(ValueError, match="lacks the lines"):
+        filling.replaced("no marks", "totals", [], pathlib.Path("page.md"))
+
+
+def test_every_check_is_a_row_of_the_page():
+    text = "".join(page.table())
+    assert text.count('<tr class="check"') == len(ENTRIES)
+    for entry in ENTRIES:
+        assert f"<code>{entry.name}</code>" in text
+        assert f"validation {page.COMMANDS[entry.kind]} " in text
+    for file in set(re.findall(r'href="_images/([^"]+)"', text)):
+        assert (ROOT / "figures" / file).exists()
+
+
+def test_the_matrix_counts_and_crosses_every_case():
+    hard = [entry for entry in ENTRIES if entry.kind == HARD_CASE]
+    rows, alone = page.crossed("models", {"spin_akinci": "pass", "spin_akinci_iisph": "fails", "x": "warned"})
+    assert rows == {"spin": {"akinci": "pass", "akinci_iisph": "fails"}}
+    assert alone == {"x": "warned"}
+    tiles = [patch for axes in page.matrix().axes for patch in axes.patches]
+    assert len(tiles) == len(hard)
+
+
+# How it is judged
+
+
+def claim(**changes):
+    given = {"name": "one", "experiment": "e", "kind": CLAIM, "system": "s", "title": "It is small",
+             "says": "It is small.", "source": "here", "reading": "as printed", "verdict": CONFIRMED,
+             "what": "a size", "rule": "at_most", "bound": 1.0}  # fmt: skip
+    return Entry(**{**given, **changes})
+
+
+@pytest.mark.parametrize(
+    ("values", "verdict"),
+    [
+        ([0.5, 1.0, 0.7, 0.5, 0.5], CONFIRMED),
+        ([1.2, 1.1, 2.0, 2.0, math.inf], REFUTED),
+        ([0.5, 1.1, 1.2, 1.2, 1.2], MIXED),
+        ([math.nan, 2.0, 2.0, 2.0, 2.0], REFUTED),
+        ([math.inf, 0.1, 0.1, 0.1, 0.1], MIXED),
+        ([0.5, 0.5, 0.5, 0.5], NOT_TESTABLE),
+        ([], NOT_TESTABLE),
+    ],
+)
+def test_all_starts_confirm_none_refutes_and_few_judge_nothing(values, verdict):
+    assert claim().judge(values) == verdict
+
+
+def test_three_starts_judge_where_there_are_no_others():
+    assert claim(complete=True).judge([0.5] * 3) == CONFIRMED
+    assert claim(complete=True).judge([0.5] * 2) == NOT_TESTABLE
+
+
+def test_one_start_judges_where_nothing_can_differ():
+    assert claim(fixed="a closed form").judge([0.5]) == CONFIRMED
+    assert claim(fixed="a closed form").judge([1.5]) == REFUTED
+    assert claim(fixed="a closed form").judge([]) == NOT_TESTABLE
+
+
+@pytest.mark.parametrize(
+    "outcome, expected, verdict",
+    [
+        ("pass", "pass", "pass"),
+        ("fails: a", "fails: a, b", "pass"),
+        ("fails: a, c", "fails: a, b", "fail"),
+        ("fails: a", "pass", "fail"),
+        ("pass", "fails: a", "fail"),
+        ("warned: a", "fails: a", "fail"),
+        ("pass", "warned: a", "pass"),
+        ("fails: a", "warned: a", "fail"),
+        ("stopped: diverged", "stopped: collapsed", "fail"),
+    ],
+)
+def test_an_outcome_may_miss_no_other_checks_than_the_one_on_file(outcome, expected, verdict):
+    assert Entry("a", "e", HARD_CASE, verdict=expected).judge([1], outcome) == verdict
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 2.2])
+def test_what_is_beyond_the_spread_deviates(value):
+    entry = Entry("a", "e", VALUE, spread=(1.9, 2.1))
+    assert not entry.within(value)
+    assert entry.judge([value]) == "fail"
+    assert entry.judge([1.899]) == "pass", "spreads are published with four digits"
+
+
+def test_a_null_model_of_a_comparison_gives_every_run_the_same():
+    def runs(options):
+        return [Run(key, number_of, {"value": 1.0}) for key in ("own", "rival")]
+
+    ratio = Measure(runs, lambda results: [results["own"].values["value"] / results["rival"].values["value"]])
+    assert list(alike({"value": 3.0})(ratio)) == [1.0]
+    assert ratio.of({"": {"value": 1.0}, "own": {"value": 2.0}}) == [2.0]
+
+
+def test_a_family_that_names_no_measure_is_refused():
+    module = types.ModuleType("made")
+    module.SMALL = Measure(lambda options: [], lambda results: [])
+    module.FAMILIES = (Family(("small", "tall"), "It could be large.", "a large one", alike({})),)
+    with pytest.raises(ValueError, match="tall"):
+        measures(module)
+    module.FAMILIES = (Family(("small",), "It could be large.", "a large one", alike({})),)
+    assert measures(module)["small"].family is module.FAMILIES[0]
+
+
+def test_a_drop_at_rest_on_few_starts_is_not_left_out():
+    """Starts from which neither drop comes to rest count: the claim that one is sooner does not hold there."""
+    how = discover()["models"].claims["sooner_than_csf"]
+    keys = [run.key for run in how.runs(Options())]
+    round_ = {"surface": {"end": {"area": 1.0, "thrown": 0}}, "particles": 4913}
+    rest = {key: {"wall": 1.0} if key.startswith("cube_") and key.endswith("zhu") else None for key in keys}
+    still = {key: {"rest": rest[key], **round_} for key in keys}
+    assert how.of(still) == [0.0, *[math.inf] * 4]
+    assert CLAIMS["sooner_than_csf"].judge(how.of(still)) == MIXED
+
+
+def test_what_was_measured_is_held_against_what_is_written():
+    for verdict, values, holds in (
+        (CONFIRMED, [0.5] * 5, True), (CONFIRMED, [1.5] * 5, False), (CONFIRMED, [0.5, *[1.5] * 4], False),
+        (REFUTED, [1.5] * 5, True),
+    ):  # fmt: skip
+        assert (checked(claim(verdict=verdict), values).verdict == "pass") == holds
+
+
+CLAIMED = 'kind="claim"\nsystem="s"\nsays="x"\n'
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (CLAIMED + 'verdict="not testable"\nsource="y"\ntitle="t"\nreading="r"', "a reason"),
+        (CLAIMED + 'verdict="not testable"\nsource="y"\ntitle="t"\nreason="z"', "reading"),
+        (CLAIMED + 'verdict="perhaps"\nsource="y"', "lacks"),
+        (CLAIMED + 'verdict="not testable"\nsource="y"\ntitle="t"\nreading="r"\nreason="z"\nmood="good"', "mood"),
+        ('kind="verdict"\nwhat="a"\nunit="m"\nat_most=1', "source"),
+        ('kind="verdict"\nwhat="a"\nunit="m"\nsource="s"\nat_most=1\nat_least=0', "at most one rule"),
+        ('kind="hard case"\nwhat="a"\nholds="b"\ntrial="c"\nverdict="refused"', "a reason"),
+        ('kind="hard case"\nwhat="a"\nholds="b"\ntrial="c"\nverdict="pass"\nreason="d"', "a reason"),
+        ('kind="value"\nwhat="size"\nspread=[1, 2]\nmeasured=1', "lacks"),
+        ('kind="opinion"\nwhat="a"', "choose from verdict, claim"),
+    ],
+)
+def test_an_incomplete_entry_is_refused(text, words, tmp_path):
+    (tmp_path / "e").mkdir()
+    (tmp_path / "e" / "expected.toml").write_text(f"[check.a]\n{text}")
+    with pytest.raises(ValueError, match=words):
+        read_all(folder=tmp_path)
+
+
+# The command
+
+
+def number_of(context, value):
+    return Result({"value": value})
+
+
+@pytest.fixture
+def own(tmp_path, monkeypatch):
+    """A file and one measure of our own; its values are set by the test."""
+    (tmp_path / "e").mkdir()
+    (tmp_path / "e" / "expected.toml").write_text(
+        '[check.small]\nkind = "claim"\nsystem = "s"\ntitle = "It is small"\nsays = "It is small indeed."\n'
+        'source = "(1)"\nreading = "as printed"\nwhat = "its size"\nunit = "m"\nat_most = 1\nmeasured = 0.5\n'
+        'spread = [0.5, 0.5]\nstarts = 5\nover = "seeds"\nnull = nan\nverdict = "confirmed"\n\n'
+        '[check.nice]\nkind = "claim"\nsystem = "s"\ntitle = "It is nice"\nsays = "It is nice indeed."\n'
+        'source = "(2)"\nreading = "as printed"\nverdict = "not testable"\nreason = "No measure."\n'
+    )
+    values = [0.25, 0.5, 0.75, 0.5, 0.5]
+
+    def runs(options):
+        return [Run(f"size_{k}", number_of, {"value": value}) for k, value in enumerate(values)]
+
+    large = Family(("small",), "It could be large.", "a large one", alike({"value": 9.0}))
+    one = Measure(runs, lambda results: [result.values["value"] for result in results.values()], family=large)
+    monkeypatch.setattr(checks, "FOLDER", tmp_path)
+    monkeypatch.setattr(page, "write_pages", lambda: None)
+    for module in (judging, page):
+        monkeypatch.setattr(module, "discover", lambda: {"e": Experiment("e", "title", claims={"small": one})})
+    folders = ["--results", str(tmp_path / "results"), "--figures", str(tmp_path / "figures")]
+    monkeypatch.setattr(page, "MATRIX", tmp_path / "matrix.png")
+    return values, folders, tmp_path
+
+
+def small():
+    return next(entry for entry in read_all(CLAIM) if entry.name == "small")
+
+
+def test_the_command_measures_stores_and_writes(own, capsys):
+    values, folders, folder = own
+    assert main(["claims", "--write", *folders]) == EXIT_FINE
+    printed = capsys.readouterr().out
+    assert "0.5 (0.25 to 0.75)" in printed
+    assert "No measure." in printed
+    written = small()
+    assert (written.measured, written.spread, written.starts, written.null) == (0.5, (0.25, 0.75), 5, 9.0)
+    text = "".join(page.table())
+    assert "0.5 m (0.25 to 0.75), 5 seeds" in text
+    assert "It could be large. Null model: a large one, which gives 9." in text
+    assert "“It is small indeed.” ((1))" in text
+    assert json.loads((folder / "figures" / "claims.json").read_text())["small"]["values"] == values
+    assert len(list((folder / "results" / "e").iterdir())) == 5
+
+
+def test_a_verdict_that_no_longer_holds_is_told_and_can_be_written(own, capsys):
+    values, folders, _ = own
+    values[2] = 1.5
+    assert main(["check", "small", *folders]) == EXIT_FAILED
+    assert "now mixed" in capsys.readouterr().out
+    assert small().verdict == CONFIRMED
+    assert main(["claims", "--write", *folders]) == EXIT_FINE
+    assert small().verdict == MIXED
+
+
+def test_without_computing_only_stored_results_count(own):
+    values, folders, folder = own
+    options = Options(results=folder / "results", figures=folder / "figures")
+
+    def stored():
+        performed = perform(judging.parts((), [CLAIM], options), options, compute=False)
+        return [check and check.values for _, check in judging.claims_of(performed)]
+
+    assert stored() == [None, None]
+    main(["claims", *folders])
+    assert stored() == [tuple(values), None]
+
+
+def test_bad_input_gets_a_sentence(own, capsys):
+    _, folders, _ = own
+    assert main(["claims", "smell", *folders]) == EXIT_INPUT
+    assert "no claim 'smell'; did you mean 'small'?" in capsys.readouterr().err
+    assert main(["claims", "--write", "--quick", *folders]) == EXIT_INPUT
+
+
+def test_processes_give_what_one_gives(tmp_path):
+    """Two closed forms of the droplet in two processes, stored and read back."""
+    options = Options(quick=True, results=tmp_path / "r", figures=tmp_path / "f")
+    performed = perform(judging.parts(["repulsion_3d", "repulsion_2d"], [CLAIM], options), options, jobs=2)
+    found = [check for _, check in judging.claims_of(performed)]
+    assert [check.value for check in found] == pytest.approx([1.968, 0.222], abs=1e-3)
+    assert all(check.verdict == "pass" for check in found)
+    (folder, *_) = (tmp_path / "r" / "droplet").iterdir()
+    assert json.loads((folder / "result.json").read_text())["about"]["date"]
+
+
+# Published numbers, computed anew
+
+
+def made(context, value):
+    return Result({"value": value})
+
+
+STEADY = claim(name="steady", experiment="fake", what="size", unit="m", bound=3.0, measured=2.0, spread=(1.9, 2.1),
+               starts=5, verify="number")  # fmt: skip
+FIRST = Entry("first", "fake", VALUE, "first size", "m", "nothing", measured=2.0, spread=(1.9, 2.1), run="start_0",
+              quantity="value")  # fmt: skip
+
+
+def verified(starts, steady=STEADY, value=FIRST):
+    runs = [Run(f"start_{k}", made, {"value": value}) for k, value in enumerate(starts)]
+    measure = Measure(lambda options: runs, lambda results: [each.values["value"] for each in results.values()])
+    known = {"fake": Experiment("fake", "for tests", runs=lambda options: runs, claims={"steady": measure})}
+    return {entry.name: why for entry, _, why in judging.verify([steady, value], 1, None, known)}
+
+
+def test_what_is_within_the_published_spread_holds():
+    assert verified([2.0, 2.0, 2.0, 1.95, 2.3]) == {"steady": "", "first": ""}
+    assert verified([1.899, 1.899, 1.899, 2.0, 2.0]) == {"steady": "", "first": ""}
+
+
+def test_an_altered_number_is_noticed():
+    why = verified(5 * [2.2])
+    assert why["steady"].startswith("steady: size is 2.2, published is confirmed, 2 m (1.9 to 2.1); find what changed")
+    assert why["first"].startswith("first: first size is 2.2, published is 2 m (1.9 to 2.1); find what changed it")
+    other = dataclasses.replace(STEADY, measured=2.2, spread=(2.15, 2.25))
+    assert "published is confirmed, 2.2 m (2.15 to 2.25)" in verified(5 * [2.0], steady=other)["steady"]
+    assert verified(5 * [2.0], value=dataclasses.replace(FIRST, measured=2.2, spread=(2.2, 2.2)))["first"]
+
+
+def test_another_verdict_is_noticed_even_where_numbers_are_rounding():
+    rounding = dataclasses.replace(STEADY, verify="verdict")
+    assert "the verdict is mixed" in verified([2.0, 2.0, 2.0, 2.0, 4.0])["steady"]
+    assert verified(5 * [1e-3], steady=rounding)["steady"] == ""
+    assert "the verdict is refuted" in verified(5 * [4.0], steady=rounding)["steady"]
+
+
+def test_a_stopped_run_is_said(monkeypatch):
+    def stop(context, value):
+        from refsim.core.errors import RunStopped
+
+        raise RunStopped("diverged", "It stopped here.")
+
+    monkeypatch.setitem(globals(), "made", stop)
+    assert verified([2.0, 2.0, 2.0]) == {
+        name: f"{name}: It stopped here. (reason: diverged)" for name in ("steady", "first")
+    }
+
+
+def test_every_system_has_a_number_that_is_verified_and_can_be_compared_on_any_machine():
+    selected = judging.selected()
+    assert {entry.system for entry in selected if entry.system} == {entry.system for entry in CLAIMS.values()}
+    assert "solutions" in {entry.experiment for entry in selected if entry.kind == VALUE}, "the base liquid"
+    for entry in selected:
+        if entry.kind == VALUE:
+            assert len(judging.value_part(entry, discover()[entry.experiment], Options()).runs) == 1
+            continue
+        how = discover()[entry.experiment].claims[entry.name]
+        runs = how.runs(Options())
+        assert entry.starts
+        assert runs
+        assert not how.timed, f"{entry.name}: times differ between machines"
+        assert not any(run.alone or run.skip for run in runs)
+        assert entry.verify == "number" or max(map(abs, entry.spread)) < 1e-12, f"{entry.name}: more than rounding"
+
+
+def test_the_command_compares_with_what_is_written(monkeypatch, capsys):
+    assert main(["verify", "repulsion_3d", "--jobs", "1", "--json"]) == EXIT_FINE
+    assert json.loads(capsys.readouterr().out)["repulsion_3d"]["now"] == [pytest.approx(1.968, abs=5e-4)]
+    altered = dataclasses.replace(CLAIMS["repulsion_3d"], measured=1.978, spread=(1.978, 1.978))
+    monkeypatch.setattr(judging, "selected", lambda names: [altered])
+    assert main(["verify", "repulsion_3d", "--jobs", "1"]) == EXIT_FAILED
+    told = capsys.readouterr()
+    assert "deviates" in told.out
+    assert "run `python -m validation claims repulsion_3d --write`" in told.err
+
+
+def test_a_draw_is_repeated_by_its_seed(capsys):
+    first = judging.drawn(5, seed=3)
+    assert first == judging.drawn(5, seed=3) != judging.drawn(5, seed=4)
+    assert not {entry.name for entry in first} & {entry.name for entry in judging.selected()}
+    everything = judging.drawn(10_000, seed=1)
+    assert len(everything) > 30
+    assert not any(discover()[entry.experiment].claims[entry.name].timed for entry in everything)
+    assert main(["verify", "--draw", "0"]) == EXIT_INPUT
+    assert main(["verify", "repulsion_3d", "--draw", "1"]) == EXIT_INPUT
+    assert main(["verify", "--draw", "1", "--seed", "5", "--jobs", "1"]) == EXIT_FINE
+    assert "seed 5: " in capsys.readouterr().err
+
+
+def test_only_what_is_chosen_can_be_named(capsys):
+    assert main(["verify", "repulsion_3"]) == EXIT_INPUT
+    assert "There is no verified number 'repulsion_3'; did you mean 'repulsion_3d'?" in capsys.readouterr().err
+
+
+def test_continuous_integration_verifies():
+    assert "\npython -m validation verify\n" in (ROOT / ".ci" / "run").read_text()
+
+
+# Tiny runs of what the claims measure
+
+
+def test_the_explicit_scheme_keeps_the_range_up_to_half_and_loses_it_from_one_on():
+    assert heat.long_steps(Context(), "explicit", 0.5).values["beyond"] < 1e-9
+    assert heat.long_steps(Context(), "explicit", 1.0).values["beyond"] > 1.0
+
+
+def test_thrown_particles_have_a_surface():
+    whole = models.whole_area({"surface": {"end": {"area": 1.0, "thrown": 0}}, "particles": 1000})
+    torn = models.whole_area({"surface": {"end": {"area": 1.0, "thrown": 100}}, "particles": 1000})
+    assert whole == 1.0
+    assert torn == pytest.approx(0.9 ** (2 / 3) + 1.0)
+
+
+def test_area_term_keeps_momentum_and_turns_the_drop():
+    both = droplet.area_force(Context(), 125, 1, "all", "cpu").values
+    one_sided = droplet.area_force(Context(), 125, 1, "one_sided", "cpu").values
+    assert both["area"]["linear"] < 1e-13 < 1e-4 < both["area"]["angular"]
+    assert both["without"]["angular"] < 1e-13
+    assert one_sided["area"]["linear"] > 1e-3
+
+
+def test_density_near_the_surface_gains_by_the_correction():
+    error = droplet.surface_density(Context(), 343, 1, "cpu").values["error"]
+    assert 0.05 < error["corrected"] < error["raw"]
+
+
+def test_released_pressure_and_splash_runs():
+    """Without a clamp, the pressure that J(12) sets to zero is negative: the noise falls."""
+    noise = {}
+    for method in ("number_density", "two_step"):
+        values = dam_break.released(Context(), 8, 0.2, 1, method, False, "cpu").values
+        assert 0 <= values["marked"] < 0.5
+        noise[method] = values["noise"]
+    assert 0 < noise["number_density"] < noise["two_step"]
+    assert dam_break.splash(Context(), 8, 0.5, 1, True, "cpu").values["detached"] >= 0
+
+
+def test_runs_of_the_published_sizes_are_those_of_the_cases():
+    """What a case has computed serves its claims: same key, same parameters."""
+    from validation.experiments.dam_break.experiment import EXPERIMENT as DAM_BREAK
+    from validation.experiments.droplet.experiment import EXPERIMENT as DROPLET
+
+    for case, measure in ((DROPLET, droplet.AREA_ROUNDS), (DAM_BREAK, dam_break.FIGURE_5_UPPER)):
+        known = {run.key: run for run in case.runs(Options())}
+        shared = [run for run in measure.runs(Options()) if not run.key.startswith("claim_")]
+        assert len(shared) >= 5
+        for run in shared:
+            assert (run.function, run.parameters) == (known[run.key].function, known[run.key].parameters)
+
+
+def test_a_drop_that_never_comes_to_rest_is_infinitely_later():
+    def results(mine, its):
+        return {key: Result({"steady": its}) for key in droplet.FROM} | {
+            f"claim_steady_soft_{key}": Result({"steady": mine}) for key in droplet.FROM
+        }
+
+    values = droplet.STEADY_SOONER_SOFT.values
+    assert values(results({"wall": 3.0}, {"wall": 2.0})) == [1.5] * 5
+    assert values(results(None, {"wall": 2.0})) == [math.inf] * 5
+    assert values(results({"wall": 3.0}, None)) == [0.0] * 5
+    assert values(results(None, None)) == [math.inf] * 5

@@ -1,0 +1,295 @@
+"""What is published of checks: the numbers on file and on the pages, and the rows of docs/checks.md.
+
+The site makes the rows while it is built (`docs/site_pages.py`), from the entries on file and what was stored beside
+figures; numbers on other pages are renewed by `python -m validation claims --write`.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from html import escape
+from pathlib import Path
+from typing import Any
+
+from validation import checks
+from validation.checks import CLAIM, FAILS, HARD_CASE, PASS, REFUSED, STOPPED, VALUE, WARNED, Check, Entry, short
+from validation.drawing import GREY, read_origin, save_picture, style
+from validation.experiment import COMMANDS, Experiment, discover
+from validation.filling import ROOT, filled_page, records, stored, with_reasons
+from validation.judging import null_of
+from validation.perform import Performed
+from validation.results import finite, origin
+
+MATRIX = ROOT / "figures" / "stability_matrix.png"
+SYSTEMS = {  # of a paper's claims, and what the page calls their source; others are of this project
+    "jiang_zhu_2023": "Jiang & Zhu 2023", "dong_2016": "Dong, Zhang & Chen 2016", "mpm": "thesis on MPM: transfers",
+    "surface_energy": "thesis on MPM: surface", "heat": "Shao & Song 2017: heat",
+    "melting": "Shao & Song 2017: melting", "one_way_coupling": "patent CN104318598A",
+}  # fmt: skip
+
+
+# Numbers on file and on the pages
+
+
+def write(found: Sequence[tuple[Entry, Check | None]]) -> None:
+    """Put what was measured of claims into the experiments' files, and renew the pages."""
+    for entry, check in found:
+        if check is not None:
+            middle, low, high = map(_rounded, (check.value, min(check.values), max(check.values)))
+            values = {"measured": middle, "spread": [low, high], "starts": len(check.values), "verdict": check.found}
+            if null := null_of(entry, discover()[entry.experiment]):
+                values["null"] = _rounded(checks.median(null))
+            _rewrite(checks.FOLDER / entry.experiment / "expected.toml", entry.name, values)
+    checks.forget()
+    write_pages()
+
+
+def _rewrite(path: Path, name: str, values: Mapping[str, Any]) -> None:
+    text = path.read_text()
+    begin = re.search(rf"^\[check\.{re.escape(name)}\]$", text, re.MULTILINE).start()  # type: ignore[union-attr]
+    stop = text.find("\n[", begin + 1)
+    entry = text[begin : stop if stop > 0 else None]
+    for key, value in values.items():
+        entry, count = re.subn(rf"^{key} = .*$", f"{key} = {_toml(value)}", entry, flags=re.MULTILINE)
+        if count != 1:
+            raise ValueError(f"[check.{name}] has {count} lines {key} = ...")
+    path.write_text(text[:begin] + entry + (text[stop:] if stop > 0 else ""))
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.4g}")
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, float) and not math.isfinite(value):
+        return "nan" if math.isnan(value) else ("inf" if value > 0 else "-inf")
+    if isinstance(value, list):
+        return f"[{', '.join(map(_toml, value))}]"
+    return json.dumps(value)
+
+
+def write_pages() -> None:
+    """Renew the numbers of all pages."""
+    for page in (ROOT / "docs").glob("*.md"):
+        text = page.read_text()
+        if (new := renewed(text)) != text:
+            page.write_text(new)
+
+
+def renewed(text: str) -> str:
+    """A page with the numbers and findings on file."""
+    entries = {entry.name: entry for entry in with_reasons(checks.read_all(CLAIM))}
+    return filled_page(text, records(entries.values()), lambda name: finding(entries[name]))
+
+
+def finding(entry: Entry) -> str:
+    """Verdict and effect of a claim in a table of the page of its method."""
+    said = f"{entry.what}: {checks.in_range(entry)}" if entry.starts else entry.reason
+    return f"{entry.verdict}. {sentence(said)}".replace("|", "\\|")
+
+
+def sentence(words: str) -> str:
+    """The words as a sentence."""
+    return f"{words[0].upper()}{words[1:]}{'' if words.endswith('.') else '.'}"
+
+
+def keep(performed: Sequence[Performed], folder: Path) -> None:
+    """Write every value of the claims that were measured to `claims.json` among the figures."""
+    path = folder / "claims.json"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    kept = json.loads(path.read_text()) if path.exists() else {}
+    for each in performed:
+        for check in each.checks if each.part.kind == CLAIM else ():
+            kept[check.name] = finite(
+                {"values": check.values, "unit": check.unit, "bar": check.bar, "verdict": check.found,
+                 **origin(each.results.values())}
+            )  # fmt: skip
+    lines = [f"{json.dumps(key)}: {json.dumps(value, allow_nan=False)}" for key, value in kept.items()]
+    path.write_text("{\n" + ",\n".join(lines) + "\n}\n")
+
+
+# The rows of docs/checks.md
+
+
+def table() -> Iterator[str]:
+    """Every check as a row of one HTML table, with what opens below it; docs/_static/checks.js filters the rows."""
+    entries, known, kept = with_reasons(checks.read_all()), discover(), stored()
+    of = {entry.name: system_of(entry, known) for entry in entries}
+    verdicts = dict.fromkeys(verdict_of(entry) for entry in entries)
+    yield '<form id="filter">'
+    yield _choice("system", sorted(set(of.values())))
+    yield _choice("kind", [kind for kind in checks.KINDS if any(e.kind == kind for e in entries)])
+    yield _choice("verdict", list(verdicts))
+    yield _choice("backend", ["cpu", "cuda"])
+    yield '<input name="words" type="search" placeholder="words" aria-label="words"> <output></output></form>'
+    yield '<div class="wide"><table id="checks"><thead><tr>'
+    yield "".join(f"<th>{head}</th>" for head in ("check", "verdict", "measured", "bar")) + "</tr></thead><tbody>"
+    for entry in entries:
+        yield _row(entry, known[entry.experiment], kept.get(entry.name, {}), of[entry.name])
+    yield "</tbody></table></div>"
+
+
+def system_of(entry: Entry, known: Mapping[str, Experiment]) -> str:
+    """The paper whose claim it is, or what the experiment is about."""
+    return SYSTEMS.get(entry.system, entry.system) if entry.system else entry.experiment.replace("_", " ")
+
+
+def verdict_of(entry: Entry) -> str:
+    """Verdict on file in one word; "bar" of what is judged at every run, "shown" of what has no bar."""
+    if entry.kind in (CLAIM, HARD_CASE):
+        return entry.verdict.partition(":")[0]
+    return "published" if entry.kind == VALUE else "bar" if entry.rule else "shown"
+
+
+def _choice(name: str, values: Sequence[str]) -> str:
+    options = "".join(f"<option>{escape(value)}</option>" for value in values)
+    return f'<select name="{name}" aria-label="{name}"><option value="">every {name}</option>{options}</select>'
+
+
+def _row(entry: Entry, experiment: Experiment, kept: Mapping[str, Any], system: str) -> str:
+    """A row, and a second one with sources, readings, pictures and the command."""
+    verdict, backend = verdict_of(entry), "cuda" if "gpu" in (kept.get("machine") or {}) else "cpu"
+    measured = checks.in_range(entry) if entry.starts or entry.kind == VALUE else entry.verdict.partition(": ")[2]
+    if entry.starts:
+        measured += f", {entry.starts} {entry.over}"
+    data = f'data-system="{escape(system)}" data-kind="{entry.kind}" data-verdict="{verdict}" data-backend="{backend}"'
+    cells = [escape(entry.title or entry.what), f'<b class="{verdict.replace(" ", "-")}">{verdict}</b>',
+             escape(measured), escape(entry.bar() or entry.paper)]  # fmt: skip
+    name = f"<br><code>{escape(entry.name)}</code>"
+    opened = "".join(f"<dt>{head}</dt><dd>{words}</dd>" for head, words in _details(entry, experiment, kept) if words)
+    return (
+        f'<tr class="check" {data}><td><details><summary>{cells[0]}</summary>{name}<dl>{opened}</dl></details></td>'
+        + "".join(f"<td>{cell}</td>" for cell in cells[1:])
+        + "</tr>"
+    )
+
+
+def _details(entry: Entry, experiment: Experiment, kept: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """(heading, HTML) of what a row opens."""
+    yield "quantity", escape(entry.what if entry.title else "")
+    yield "source", escape(f"“{entry.says}” ({entry.source})" if entry.says else entry.source)
+    yield "reading", escape(entry.reading)
+    yield "remark", escape(sentence(entry.reason) if entry.reason else "")
+    yield "one start is enough", escape(entry.fixed)
+    how = experiment.claims.get(entry.name)
+    if how is not None and how.family is not None:
+        null = "" if math.isnan(entry.null) else f", which gives {short(entry.null)}"
+        yield "how it could have failed", escape(f"{how.family.fails} Null model: {how.family.null}{null}.")
+    runs = {entry.name} if entry.kind == HARD_CASE else set()
+    shown = [p for p in experiment.pictures if runs & set(p.needs)] or experiment.pictures[: 0 if runs else 3]
+    pictures = [p for p in shown if (ROOT / "figures" / p.file).exists()]
+    links = (f'<a href="_images/{p.file}">{escape(p.name.replace("_", " "))}</a>' for p in pictures)
+    yield "pictures", ", ".join(links)
+    name = entry.name if entry.kind in (CLAIM, HARD_CASE, VALUE) else entry.experiment
+    yield "command", f"<code>python -m validation {COMMANDS[entry.kind]} {escape(name)}</code>"
+    measured = kept or (read_origin(ROOT / "figures", pictures[0].name) if pictures and not runs else {})
+    if measured.get("commit"):
+        place = (measured.get("machine") or {}).get("processor", "")
+        yield "measured", escape(f"{measured['date']}, commit {measured['commit'][:8]}, {place}")
+
+
+# The outcomes of the hard cases as a picture
+
+OUTCOMES = {
+    PASS: "#cfe8dc", WARNED: "#f3dc8f", REFUSED: "#bcdcf2", STOPPED: "#5b9bd1", FAILS: "#D55E00",
+}  # fmt: skip
+WORDS = {PASS: "passes", WARNED: "warned beforehand", STOPPED: "stops with a reason"}
+GRIDS = {  # cases that cross with models: suffix of the case's name, words
+    "models": {
+        "jiang_zhu": "Jiang & Zhu", "akinci_iisph": "Akinci, IISPH", "akinci": "Akinci", "dong": "Dong",
+        "becker_teschner": "Becker & Teschner", "tartakovsky_meakin": "Tartakovsky & Meakin", "he": "He", "csf": "CSF",
+    },
+    "dam_break": {
+        "number_density": "number density", "fan_scan": "fan scan", "two_step_printed": "two-step, printed",
+        "two_step": "two-step", "second_moment": "second moment",
+    },
+}  # fmt: skip
+ACROSS = 7  # cases in a line of an experiment without models
+
+
+def crossed(name: str, cases: Mapping[str, str]) -> tuple[dict[str, dict[str, str]], dict[str, str]]:
+    """(outcomes by model by row of the experiment's grid, outcomes of the cases that stand alone)."""
+    rows: dict[str, dict[str, str]] = {}
+    alone = {}
+    for case, found in cases.items():
+        # the longest suffix that fits: "akinci_iisph" before "akinci"
+        suffix = max((s for s in GRIDS.get(name, ()) if case.endswith(f"_{s}")), key=len, default="")
+        if suffix:
+            rows.setdefault(case.removesuffix(f"_{suffix}"), {})[suffix] = found
+        else:
+            alone[case] = found
+    return rows, alone
+
+
+def matrix() -> Any:
+    """A tile for each hard case, coloured by its outcome; case by model where the cases cross with models."""
+    import matplotlib.pyplot as plt
+    from matplotlib.patches import Rectangle
+
+    found: dict[str, dict[str, str]] = {}
+    for entry in checks.read_all(HARD_CASE):
+        found.setdefault(entry.experiment, {})[entry.name] = verdict_of(entry)
+    left = [name for name in found if name in (*GRIDS, "heat")]
+    figure, columns = plt.subplots(1, 2, figsize=(15.0, 7.4), layout="none", gridspec_kw={"width_ratios": (1.0, 1.15)})
+    figure.subplots_adjust(left=0.01, right=0.995, top=0.95, bottom=0.005, wspace=0.03)
+    bottoms = []
+    for axes, names in zip(columns, (left, [name for name in found if name not in left])):
+        y = 0.0
+        for name in names:
+            y = _tiles(axes, name, found[name], y)
+        axes.set_axis_off()
+        bottoms.append(y)
+    for axes in columns:
+        axes.set(xlim=(0, 10), ylim=(max(bottoms), -0.2))
+    count = Counter(outcome for cases in found.values() for outcome in cases.values())
+    handles = [Rectangle((0, 0), 1, 1, color=colour) for colour in OUTCOMES.values()]
+    labels = [f"{WORDS.get(outcome, outcome)}: {count[outcome]}" for outcome in OUTCOMES]
+    figure.legend(handles, labels, loc="upper right", ncols=len(OUTCOMES), fontsize=10, frameon=False)
+    figure.suptitle(f"Outcomes of {count.total()} hard cases", x=0.01, ha="left", fontweight="bold", fontsize=13)
+    return figure
+
+
+def _tiles(axes: Any, name: str, cases: Mapping[str, str], y: float) -> float:
+    """One experiment from `y` down: its grid, then the cases that stand alone; returns where it ends."""
+    axes.text(0, y + 0.55, sentence(name.replace("_", " "))[:-1], fontweight="bold", fontsize=9.5, va="center")
+    y += 1.0
+    rows, alone = crossed(name, cases)
+    if rows:
+        models = list(GRIDS[name])
+        width = (10 - 2.1) / len(models)
+        for k, model in enumerate(models):
+            words = GRIDS[name][model].replace(" & ", "\n& ").replace(", ", ",\n")
+            axes.text(2.1 + (k + 0.5) * width, y + 0.55, words, fontsize=6.8, ha="center", va="center", color=GREY)
+        y += 1.1
+        for row, outcomes in rows.items():
+            axes.text(2.05, y + 0.5, row.replace("_", " "), fontsize=7.5, ha="right", va="center")
+            for model, outcome in outcomes.items():
+                words = "" if outcome == PASS else outcome
+                _tile(axes, 2.1 + models.index(model) * width, y, width, outcome, words)
+            y += 0.85
+    width = 10 / ACROSS
+    for place, (case, outcome) in enumerate(alone.items()):
+        words = re.sub("^(drop|mpm|heat)_", "", case).replace("_", " ")
+        _tile(axes, (place % ACROSS) * width, y + 0.85 * (place // ACROSS), width, outcome, words)
+    return y + 0.85 * -(-len(alone) // ACROSS) + 0.35
+
+
+def _tile(axes: Any, x: float, y: float, width: float, outcome: str, words: str) -> None:
+    import textwrap
+
+    from matplotlib.patches import Rectangle
+
+    axes.add_patch(Rectangle((x, y), width - 0.04, 0.8, color=OUTCOMES[outcome], lw=0))
+    axes.text(x + 0.5 * width, y + 0.4, textwrap.fill(words, 16), fontsize=7, ha="center", va="center",
+              color="white" if outcome == FAILS else "black", linespacing=0.95)  # fmt: skip
+
+
+def draw_matrix() -> Path:
+    """Draw the picture of the outcomes; returns its path."""
+    with style():
+        save_picture(matrix(), MATRIX)
+    return MATRIX
