@@ -13,7 +13,7 @@ from refsim.core.operation import REGISTRY
 from refsim.engine.stock import stock
 from refsim.heat import reference
 from refsim.heat.shapes import lattice_moment
-from validation.checks import bars
+from validation.checks import VERDICT, read
 from validation.experiments.heat import exact, runs
 from validation.experiments.heat import experiment as case
 from validation.running import Context
@@ -385,9 +385,9 @@ def test_a_sphere_cools_as_the_series_says():
 def test_every_bound_of_the_case_is_held_against_something():
     """Names of bounds are made of schemes and steps; none may go astray."""
     slabs = {f"slab_{s}_{n:g}".replace(".", "_") for s in case.PLAIN for n in runs.NUMBERS if s != "explicit"}
-    named = {name for name in bars("heat") if name.startswith("slab_")} - {"slab_error", "slab_drift"}
+    named = {name for name in read("heat", VERDICT) if name.startswith("slab_")} - {"slab_error", "slab_drift"}
     assert named == slabs
-    assert {f"order_{scheme}" for scheme in case.PLAIN} <= set(bars("heat"))
+    assert {f"order_{scheme}" for scheme in case.PLAIN} <= set(read("heat", VERDICT))
 
 
 def test_every_scheme_has_an_operation():
