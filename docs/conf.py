@@ -35,7 +35,7 @@ html_show_sphinx = False
 html_copy_source = False
 autodoc_typehints = "none"
 autodoc_member_order = "bysource"
-nitpicky = False
+nitpicky = True
 
 
 def setup(app: Any) -> None:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import collections
-import json
 import os
 import sys
 import tempfile
@@ -27,7 +26,6 @@ from refsim.__main__ import main as refsim_command  # noqa: E402
 from refsim.core import cases  # noqa: E402
 from refsim.core.errors import InputError  # noqa: E402
 from refsim.core.operation import REGISTRY  # noqa: E402
-from scripts import nightly  # noqa: E402
 from validation.drawing import BLUE, GREEN, GREY, ORANGE, SKY, save_picture, style  # noqa: E402
 from validation.experiment import chosen  # noqa: E402
 from validation.perform import EXIT_FINE  # noqa: E402
@@ -305,11 +303,6 @@ def public() -> Any:
     return figure
 
 
-def nights() -> Any:
-    """Outcome and time of each task of the night, from validation/nightly.json."""
-    return nightly.drawing(json.loads(nightly.Place().record.read_text(encoding="utf-8")))
-
-
 PICTURES: dict[str, Callable[[], Any]] = {
     "styles.webp": styles,
     "dam_break.png": dam_break,
@@ -320,7 +313,6 @@ PICTURES: dict[str, Callable[[], Any]] = {
     "main_job.png": main_job,
     "commands.png": commands,
     "public.png": public,
-    "nightly.png": nights,
 }
 
 

@@ -1,6 +1,6 @@
 """Host code against numbers computed here: reports, energies, step limits, initial values, ledgers, parameter groups.
 
-The name of a test begins with the group of tests/ladder/host_slips.py that it judges. Nothing is compiled.
+`nox -s mutants` changes that code and asks whether they notice. Nothing is compiled.
 """
 
 import itertools

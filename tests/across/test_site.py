@@ -1,13 +1,11 @@
-"""The site: built without a network and without a warning; its links and pictures are there; formulas are typeset."""
+"""The site: built without a network and without a warning, which Sphinx gives for links, pictures and lost pages."""
 
-import html
 import importlib.util
 import os
 import pathlib
 import re
 import subprocess
 import sys
-import urllib.parse
 
 import pytest
 
@@ -21,7 +19,6 @@ pytestmark = [
     pytest.mark.skipif(bool(MISSING), reason=f"{', '.join(MISSING)} (extra [docs]) is not installed"),
 ]
 NO_NETWORK = dict.fromkeys(("http_proxy", "https_proxy", "HTTP_PROXY", "HTTPS_PROXY"), "http://127.0.0.1:9")
-LOCAL = re.compile(r'(?:href|src)="([^"]+)"')
 WIDTHS = (1280, 390)
 PICTURES = """(async () => {
   document.querySelectorAll('details').forEach(one => one.open = true);
@@ -52,44 +49,12 @@ def site(tmp_path_factory):
     return folder / "html"
 
 
-def identities(path, known={}):  # noqa: B006, a cache
-    if path not in known:
-        known[path] = set(re.findall(r'\bid="([^"]+)"', path.read_text(encoding="utf-8")))
-    return known[path]
-
-
-def broken(page):
-    """Links and sources of a page that lead nowhere inside of the site, and scripts and styles from elsewhere."""
-    for found in LOCAL.findall(page.read_text(encoding="utf-8")):
-        target = urllib.parse.urlsplit(html.unescape(found))
-        if target.scheme or target.netloc:
-            if re.search(rf'src="{re.escape(found)}"', page.read_text(encoding="utf-8")):
-                yield found
-            continue
-        path = (page.parent / urllib.parse.unquote(target.path)).resolve() if target.path else page
-        anchor = urllib.parse.unquote(target.fragment)
-        if not path.exists() or (anchor and path.suffix == ".html" and anchor not in identities(path)):
-            yield found
-
-
-def test_links_and_pictures_lead_somewhere(site):
-    pages = sorted(site.glob("*.html"))
-    assert {"index.html", "gallery.html", "api.html", "contributing.html", "render.html"} <= {p.name for p in pages}
-    assert {page.name: list(broken(page)) for page in pages if any(broken(page))} == {}
-
-
 def test_every_picture_is_a_link_to_its_file(site):
     linked = r'<a class="[^"]*" href="([^"]+)"><img [^>]*src="\1"'
     for page in site.rglob("*.html"):
         article = page.read_text(encoding="utf-8").partition("<article")[2].partition("</article>")[0]
         pictures = re.findall(r"<img (?![^>]*class=\"toggler)", article)
         assert len(re.findall(linked, article)) == len(pictures), page.name
-
-
-def test_every_page_is_in_the_navigation(site):
-    text = (site / "index.html").read_text(encoding="utf-8")
-    for page in (ROOT / "docs").glob("*.md"):
-        assert page.stem == "index" or f'href="{page.stem}.html"' in text, f"{page.stem} is not in NAVIGATION"
 
 
 def test_the_gallery_shows_a_film_of_each_system(site):
@@ -110,14 +75,6 @@ def test_the_gallery_shows_every_figure_with_its_command(site):
         drawn = [picture for picture in experiment.pictures if (ROOT / "figures" / picture.file).exists()]
         assert not drawn or f"python -m validation run {name}</span>" in re.sub(r"</span> *<span[^>]*>", " ", text)
         assert all(picture.file in text for picture in drawn)
-
-
-def test_every_public_name_is_in_the_api(site):
-    import refsim
-
-    text = (site / "api.html").read_text(encoding="utf-8")
-    public = [name for name in refsim.__all__ if not name.startswith("_")]
-    assert [name for name in public if f'id="refsim.{name}"' not in text and f"refsim.{name}" not in text] == []
 
 
 @pytest.mark.skipif(chromium() is None, reason="Chromium is not installed")

@@ -21,7 +21,7 @@ def test_stored_pictures_have_a_function_and_a_page():
     assert all(f"(../figures/pages/{name})" in pages for name in script.PICTURES)
 
 
-OF_FILES = ("verdicts.png", "main_job.png", "commands.png", "public.png", "nightly.png")
+OF_FILES = ("verdicts.png", "main_job.png", "commands.png", "public.png")
 
 
 @pytest.mark.parametrize("name", OF_FILES)

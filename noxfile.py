@@ -1,0 +1,184 @@
+"""Environments and nights: `nox -l` lists, `nox -s NAME` runs, `nox -s nightly` runs what takes longer than .ci/run.
+
+A task of the night runs in the environment that nox itself runs in, and ends at its time limit with all processes that
+it has started. `--report FILE` writes outcomes and durations; exit code 1 if a session failed.
+"""
+
+from __future__ import annotations
+
+import configparser
+import contextlib
+import datetime
+import os
+import shutil
+import sqlite3
+from pathlib import Path
+
+import nox
+
+CORES = str(min(4, os.cpu_count() or 1))
+SEED = f"{datetime.date.today():%Y%m%d}"  # other attacks and checks every night
+SLIPS = "tests/ladder/test_slips.py"
+PYTHON, VALIDATION = ("python",), ("python", "-m", "validation")
+PYTEST = (*PYTHON, "-m", "pytest", "-q")
+NIGHT = {  # minutes, and the command
+    "slow": (240, (*PYTEST, "-m", "slow", "--ignore", SLIPS)),
+    "slips": (240, (*PYTEST, "-m", "slow", "-n", CORES, SLIPS)),
+    "attack": (75, (*VALIDATION, "attack", "--minutes", "60", "--seed", SEED)),
+    "peers": (180, (*VALIDATION, "run", "boundary", "mpm_droplet", "surface_reconstruction", "timing", "--peers")),
+    "lessons": (30, (*PYTHON, "scripts/lessons.py")),
+    "checks": (960, (*VALIDATION, "check", "--jobs", CORES)),
+    "verify": (40, (*VALIDATION, "verify", "--draw", "20")),
+    "linkcheck": (20, (*PYTHON, "-m", "sphinx", "-q", "-b", "linkcheck", "docs", "build/linkcheck")),
+}
+MUTATED = {  # functions of the host whose values closed forms know
+    "backends/tuples": "determinant",
+    "boundary/one_way_coupling/__init__": "step_limits ledger prepare",
+    "boundary/two_way_coupling/__init__": "energy step_limits initial prepare",
+    "core/effect": "constant crossing falling exchanging at",
+    "core/energy": "amount compression_energy compression_amount _zero_pressure pair_potential phi",
+    "engine/audit": "pair_sum energies _unsure look",
+    "engine/stepping": "step_limits stable_steps check_extremes",
+    "engine/stock": "stock",
+    "heat/__init__": "step_limits greatest_diffusivity particle_mass initial of_particles _reservoir _range enthalpy_of"
+    " temperature_at ledger _stored balance",
+    "melting/__init__": "ledger prepare",
+    "mpm/__init__": "energy step_limits _viscous_factor sound_speed particle_mass initial background prepare domain"
+    " nodes stand verdict",
+    "scene/particles": "_solid_particles lattice_mass",
+    "scene/shapes": "positions",
+    "scene/solids": "inside extent",
+    "shape_matching/__init__": "initial",
+    "sph/__init__": "energy step_limits lattice_number_density rest_number_density particle_mass particle_volume shares"
+    " prepare central_coefficient greatest_speed largest_mass_ratio",
+    "sph/iisph/__init__": "step_limits",
+    "surface_energy/effect": "step_limits contact_pull verdict remark",
+    "surface_tension/cohesion": "pair_account pair_mass step_limits capillary_limit compression"
+    " balanced_pressure collapse_number check_collapse",
+    "surface_tension/normal_difference_2014/__init__": "step_limits",
+}
+MUTANTS = """
+[cosmic-ray]
+module-path = {modules}
+timeout = 60.0
+excluded-modules = []
+test-command = "python -m pytest -n 0 -q -x -p no:cacheprovider tests/across/test_host_values.py"
+[cosmic-ray.distributor]
+name = "local"
+[cosmic-ray.filters.operators-filter]
+exclude-operators = [
+    "core/ReplaceBinaryOperator_.*_(BitAnd|BitOr|BitXor|LShift|RShift|FloorDiv|Mod|Pow|Add)",
+    "core/ReplaceBinaryOperator_Bit.*",
+    "core/ReplaceComparisonOperator_.*_(Is|IsNot|Eq|NotEq|LtE|GtE)",
+    "core/RemoveDecorator",
+]
+"""
+SURVIVE = 8  # per cent of the mutants at most: those that change no value, such as one more node of a quadrature
+TOOLS = ("pytest>=8", "pytest-xdist>=3.6", "pytest-benchmark>=4")  # configured in pyproject.toml
+TESTS = ("tests/journeys", "tests/smoothing", "tests/io/test_checkpoint.py", "tests/scene/test_checked.py")
+OF_EXTRAS = (
+    "tests/contract/test_examples.py", "tests/contract/test_whole_runs.py", "tests/cluster", "tests/render",
+    "tests/io/test_results.py", "tests/across/test_site.py",
+)  # fmt: skip
+BESIDE = ("tests", "validation", "scripts", "docs", "figures", "pyproject.toml", "setup.cfg", "README.md", ".gitignore")
+
+PYTHONS = ("3.11", "3.12", "3.13")  # the oldest is that of setup.cfg
+
+nox.options.sessions = ["nightly"]
+nox.options.error_on_missing_interpreters = False
+
+
+def task(name: str) -> None:
+    """Make a session of a task of the night."""
+    minutes, command = NIGHT[name]
+
+    def run(session: nox.Session) -> None:
+        session.run("timeout", "-k", "10", f"{minutes}m", *command, *session.posargs, external=True)
+
+    run.__doc__ = " ".join(command)
+    nox.session(run, name=name, venv_backend="none")
+
+
+for _name in NIGHT:
+    task(_name)
+
+
+@nox.session(venv_backend="none")
+def nightly(session: nox.Session) -> None:
+    """Every task of the night, and the environments."""
+    for name in (*NIGHT, *(f"environments-{version}" for version in PYTHONS), "lowest", "extras", "mutants"):
+        session.notify(name)
+
+
+def settings() -> configparser.ConfigParser:
+    """The content of setup.cfg."""
+    read = configparser.ConfigParser(interpolation=None)
+    read.read("setup.cfg", encoding="utf-8")
+    return read
+
+
+def installed(session: nox.Session, tests: tuple[str, ...], extras: str, *packages: str) -> None:
+    """Install the wheel with an extra, and test it from a copy of the repository without refsim/."""
+    folder = Path(session.create_tmp()).resolve()
+    session.run("python", "-m", "pip", "wheel", "-q", "--no-deps", "-w", str(folder), ".")
+    (wheel,) = folder.glob("refsim-*.whl")
+    session.install(f"{wheel}{extras}", *packages)
+    copy = folder / "without_package"
+    shutil.rmtree(copy, ignore_errors=True)
+    for name in BESIDE:
+        if Path(name).is_dir():
+            shutil.copytree(name, copy / name, ignore=shutil.ignore_patterns("__pycache__", "quick"))
+        else:
+            shutil.copy(name, copy / name)
+    session.chdir(copy)
+    around = {"REFSIM_CACHE_DIR": str(folder / "cache"), "PYTHONPATH": None}
+    session.run("python", "-m", "refsim", "doctor", env=around)
+    session.run("python", "-m", "pytest", "-q", "-p", "no:cacheprovider", *tests, env=around)
+
+
+@nox.session(python=PYTHONS)
+def environments(session: nox.Session) -> None:
+    """The wheel with each Python and the newest dependencies."""
+    installed(session, TESTS, "", *TOOLS)
+
+
+@nox.session(python=PYTHONS[0])
+def lowest(session: nox.Session) -> None:
+    """The wheel with the lowest versions that setup.cfg allows."""
+    lines = settings()["options"]["install_requires"].split()
+    installed(session, TESTS, "", *TOOLS, *(line.replace(">=", "==") for line in lines))
+
+
+@nox.session(python=PYTHONS[0])
+def extras(session: nox.Session) -> None:
+    """The wheel with every extra but that of a GPU, Warp and Taichi; the tests that need them, and the site."""
+    names = [name for name in settings()["options.extras_require"] if name not in ("cuda", "dev")]
+    installed(session, OF_EXTRAS, f"[{','.join(names)}]", "warp-lang", "taichi")
+
+
+@nox.session(python=PYTHONS[0])
+def mutants(session: nox.Session) -> None:
+    """Whether closed forms notice a changed sign, factor or condition of host code: cosmic-ray, in a copy."""
+    session.install(".[test]", "cosmic-ray")
+    folder = Path(session.create_tmp()).resolve() / "copy"
+    shutil.rmtree(folder, ignore_errors=True)
+    for name in ("refsim", "tests", "validation"):
+        shutil.copytree(name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copy("pyproject.toml", folder)
+    session.chdir(folder)
+    chosen = {name: words for name, words in MUTATED.items() if name in (session.posargs or MUTATED)}
+    Path("mutants.toml").write_text(MUTANTS.format(modules=[f"refsim/{name}.py" for name in chosen]))
+    session.run("cosmic-ray", "init", "mutants.toml", "mutants.sqlite")
+    session.run("cr-filter-operators", "mutants.sqlite", "mutants.toml")
+    with contextlib.closing(sqlite3.connect("mutants.sqlite")) as found:
+        kept = [(f"refsim/{name}.py", function) for name, words in chosen.items() for function in words.split()]
+        found.execute("create table kept (module, function)")
+        found.executemany("insert into kept values (?, ?)", kept)
+        found.execute("delete from work_items where job_id not in (select job_id from mutation_specs join kept"
+                      " on module_path = module and definition_name = function)")  # fmt: skip
+        found.execute("delete from mutation_specs where job_id not in (select job_id from work_items)")
+        found.commit()
+    around = {"NUMBA_DISABLE_JIT": "1", "PYTHONPATH": str(folder)}
+    session.run("cosmic-ray", "exec", "mutants.toml", "mutants.sqlite", env=around)
+    session.run("cr-report", "mutants.sqlite", "--surviving-only", "--no-show-pending")
+    session.run("cr-rate", "mutants.sqlite", "--fail-over", str(SURVIVE))
