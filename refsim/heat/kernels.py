@@ -1,4 +1,4 @@
-"""What one particle does in heat conduction.
+"""What one neighbour and one particle do in heat conduction.
 
 An exchange is a pair (i, j) within the support radius with its weight g = dt G_ij [J/K]; `schemes` says in which order
 the kernels are launched, `reductions` finds the exchanges and the sums over all particles.
@@ -12,7 +12,8 @@ from refsim.backends.compile import formula, kernel
 from refsim.heat.formulas import melted, pair_share, pair_weight, single_pass_share, temperature_of
 from refsim.heat.stages import chebyshev_omega, chebyshev_passes
 from refsim.neighbours.formulas import to_nearest_image
-from refsim.neighbours.rows import first_lane, over_lanes, row_of
+from refsim.neighbours.pairs import neighbour_sum, pair
+from refsim.neighbours.rows import first_lane, row_of
 
 
 @formula
@@ -39,10 +40,23 @@ def inverse_capacity(i, mass, volume, heat_capacity, reservoir, conduction):
 def weight(i, j, position, volume, conductivity, seconds, conduction, period):
     """g of a pair [J/K]: 0 beyond h and for coincident particles; NaN where the distance is NaN."""
     q = scaled_distance(i, j, position, period, conduction)
+    return weight_at(q, volume[i], volume[j], conductivity[i], conductivity[j], seconds, conduction)
+
+
+@formula
+def weight_at(q, volume_i, volume_j, conductivity_i, conductivity_j, seconds, conduction):
+    """g of a pair at the distance q h [J/K]: 0 beyond h and for coincident particles."""
     real = type(q)
     if q >= real(1) or q <= real(1e-9):
         return real(0)
-    return pair_weight(q, volume[i], volume[j], conductivity[i], conductivity[j], seconds, conduction)
+    return pair_weight(q, volume_i, volume_j, conductivity_i, conductivity_j, seconds, conduction)
+
+
+@pair
+def rate_pair(r, volume_i, volume_j, conductivity_i, conductivity_j, conduction):
+    """|G_ij| [W/K]."""
+    q = r * conduction.inverse_radius
+    return abs(weight_at(q, volume_i, volume_j, conductivity_i, conductivity_j, type(q)(1), conduction))
 
 
 @kernel(lanes=True)
@@ -51,32 +65,27 @@ def exchange_rate(
     exchange_rate,
 ):  # fmt: skip
     """s_i/dt = sum_j |G_ij|/C_i [1/s]."""
-    first, stride, count = row_of(neighbours, i, lane)
-    real = type(conduction.support_radius)
-    total = real(0)
-    for k in range(count):
-        j = neighbours.entries[first + k * stride]
-        total += abs(weight(i, j, position, volume, conductivity, real(1), conduction, period))
-    total = over_lanes(total, lane)
+    total = neighbour_sum(rate_pair, i, lane, neighbours, position, period, volume, conductivity, conduction)
     if first_lane(lane):
         exchange_rate[i] = total * inverse_capacity(i, mass, volume, heat_capacity, reservoir, conduction)
 
 
+@pair
+def flow_pair(weight_ij, temperature_j, own):
+    """g (T_j - T) [J] for a particle at T = `own` [degrees C]."""
+    return weight_ij * (temperature_j - own)
+
+
 @formula
 def flow_to(i, lane, own, temperature, exchanges):
-    """dt Q_i = sum_j g (T_j - T) [J], or the lane's share of it, for particle i at T = `own` [degrees C]."""
-    first, stride, count = row_of(exchanges, i, lane)
-    total = type(own)(0)
-    for k in range(count):
-        at = first + k * stride
-        total += exchanges.weight[at] * (temperature[exchanges.entries[at]] - own)
-    return total
+    """dt Q_i = sum_j g (T_j - T) [J] for particle i at T = `own` [degrees C]."""
+    return neighbour_sum(flow_pair, i, lane, exchanges, None, None, temperature, own)
 
 
 @kernel(lanes="exchanges")
 def flow(i, lane, exchanges, temperature, flow):
     """dt Q_i = sum_j g (T_j - T_i) [J]."""
-    total = over_lanes(flow_to(i, lane, temperature[i], temperature, exchanges), lane)
+    total = flow_to(i, lane, temperature[i], temperature, exchanges)
     if first_lane(lane):
         flow[i] = total
 
@@ -102,7 +111,7 @@ def advance(
     `flow_start`.
     """
     if k < number[0]:
-        total = over_lanes(flow_to(i, lane, temperature[i], temperature, exchanges), lane)
+        total = flow_to(i, lane, temperature[i], temperature, exchanges)
         if first_lane(lane):
             if k == 0:
                 flow_start[i] = total
@@ -150,19 +159,18 @@ def plan_chebyshev(i, largest, conduction, table, number):
             table[k, 0], table[k, 1], table[k, 2], table[k, 3] = 1.0 - omega, step, step, 0.0
 
 
+@pair
+def single_pass_pair(weight_ij, exchange_sum_i, exchange_sum_j, old_i, old_j):
+    """g (T_j - T_i)/(1 + s_i + s_j) [J]."""
+    return single_pass_share(weight_ij, exchange_sum_i, exchange_sum_j) * (old_j - old_i)
+
+
 @kernel(lanes="exchanges")
 def pass_once(
     i, lane, exchanges, exchange_sum, inverse, old, heat_capacity, melting_point, latent_heat, enthalpy, temperature
 ):
     """NPX: C_i T_i += sum_j g (T_j - T_i)/(1 + s_i + s_j), with the `old` temperatures [degrees C; J/kg]."""
-    first, stride, count = row_of(exchanges, i, lane)
-    own, sum_i = old[i], exchange_sum[i]
-    total = type(own)(0)
-    for k in range(count):
-        at = first + k * stride
-        j = exchanges.entries[at]
-        total += single_pass_share(exchanges.weight[at], sum_i, exchange_sum[j]) * (old[j] - own)
-    change = inverse[i] * over_lanes(total, lane)
+    change = inverse[i] * neighbour_sum(single_pass_pair, i, lane, exchanges, None, None, exchange_sum, old)
     if first_lane(lane):
         if enthalpy is None:
             temperature[i] = old[i] + change
@@ -195,7 +203,7 @@ def solve_own(
     temperature,
 ):  # fmt: skip
     """Nonlinear Jacobi: each particle's own equation with the other `old` temperatures [J/kg; degrees C]."""
-    total = over_lanes(flow_to(i, lane, melting_point[i], old, exchanges), lane)
+    total = flow_to(i, lane, melting_point[i], old, exchanges)
     if first_lane(lane):
         value, rate = start[i], inverse[i]
         if rate != type(rate)(0):

@@ -9,6 +9,7 @@ from refsim.backends.chunks import CHUNKS, limits
 from refsim.backends.compile import formula, kernel
 from refsim.heat.kernels import inverse_capacity, weight
 from refsim.heat.shapes import ExchangeRows
+from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import row_of
 
 
@@ -76,17 +77,17 @@ def step_ratio(above, below, real):
     return real(above / below) if below > 0 else real(0)
 
 
+@pair
+def flow_along_pair(weight_ij, gradient_j, direction_j, share, own):
+    """g (p_j - p_i) [J], p_i = `own`."""
+    return weight_ij * (gradient_j + share * direction_j - own)
+
+
 @formula
 def flow_along(i, lane, gradient, direction, share, exchanges):
-    """sum_j g (p_j - p_i) [J], or the lane's share of it, for the new direction p = z + share * p_before [K]."""
-    first, stride, count = row_of(exchanges, i, lane)
+    """sum_j g (p_j - p_i) [J] for the new direction p = z + share * p_before [K]."""
     own = gradient[i] + share * direction[i]
-    total = type(own)(0)
-    for k in range(count):
-        at = first + k * stride
-        j = exchanges.entries[at]
-        total += exchanges.weight[at] * (gradient[j] + share * direction[j] - own)
-    return total
+    return neighbour_sum(flow_along_pair, i, lane, exchanges, None, None, gradient, direction, share, own)
 
 
 @formula

@@ -9,8 +9,7 @@ import numpy as np
 
 from refsim.backends.compile import THREADS_PER_BLOCK, cuda, cuda_kernel
 from refsim.backends.primitives import four_of, largest_of_block, set_four, sum_of_block
-from refsim.heat.formulas import pair_weight
-from refsim.heat.kernels import inverse_capacity
+from refsim.heat.kernels import inverse_capacity, weight_at
 from refsim.heat.reductions import flow_along, step_ratio, stepped, turned
 from refsim.heat.shapes import ExchangeColumns
 from refsim.neighbours.formulas import to_nearest_image
@@ -68,9 +67,7 @@ def weigh(
                 following, after = after, entry(exchanges, first, stride, count, k + np.uint64(3))
                 dx, dy, dz = to_nearest_image(x - xj, y - yj, z - zj, period)
                 q = math.sqrt(dx * dx + dy * dy + dz * dz) * conduction.inverse_radius
-                g = type(q)(0)
-                if not (q >= type(q)(1) or q <= type(q)(1e-9)):
-                    g = pair_weight(q, own_volume, volume_j, own_conductivity, conductivity_j, timestep[1], conduction)
+                g = weight_at(q, own_volume, volume_j, own_conductivity, conductivity_j, timestep[1], conduction)
                 exchanges.weight[first + k * stride] = g
                 total += g
                 xj, yj, zj, volume_j, conductivity_j = xn, yn, zn, next_volume, next_conductivity
@@ -115,7 +112,7 @@ def turn_blocks(exchanges, inverse, gradient, dots, old, image, partial, directi
     if i < direction.shape[0]:
         share = step_ratio(dots[0], dots[2], direction.dtype.type)
         own = gradient[i] + share * old[i]
-        flow = over_lanes(flow_along(i, (lane, lanes), gradient, old, share, exchanges), (lane, lanes))
+        flow = flow_along(i, (lane, lanes), gradient, old, share, exchanges)
         if lane == 0:
             total = turned(i, own, flow, inverse, direction, image)
     shared = cuda.shared.array(THREADS_PER_BLOCK, np.float64)

@@ -20,8 +20,9 @@ of its parameters say what the loop reads:
 After the pair function come the particle, its lane (None in a kernel without lanes), the list, the positions, the
 period or None, and then what the pair function names, in its order, each field once. The first group has the support
 radius. A list with positions of its own, as of walls, is one of other particles. Without positions (None) the sum goes
-over all entries of the list, near and far. A branch on a parameter that is None leaves no code. Where the list carries
-packed fields, those are read, ahead of their use (`refsim.neighbours.packing`).
+over all entries of the list, near and far; its numbers have the type of FIELD, or of the first value that is no field.
+A branch on a parameter that is None leaves no code. Where the list carries packed fields, those are read, ahead of
+their use (`refsim.neighbours.packing`).
 """
 
 from __future__ import annotations
@@ -45,11 +46,11 @@ DISTANCE, SEPARATION = "r", "x_ij"
 VECTOR, SCALAR, INTEGER, OTHER = "vector", "scalar", "integer", "other"  # kinds of what the loop is given
 
 LOOP = """\
-def sums(pair, i, lane, listed, position, period, {given}):
+def sums(pair, i, lane, listed, places, box, {given}):
     first, stride, count = row_of(listed, i, lane)
     real = {real}
-    {own}
     {zeros}
+    {own}
     for k in range(count):
         at = first + k * stride
         j = listed.entries[at]
@@ -58,19 +59,19 @@ def sums(pair, i, lane, listed, position, period, {given}):
     return {totals}
 """
 NEAR_LOOP = """\
-def sums(pair, i, lane, listed, position, period, {given}):
+def sums(pair, i, lane, listed, places, box, {given}):
     first, stride, count = row_of(listed, i, lane)
     h = {smoothing}.support_radius
     real = type(h)
     limit = h * h
-    x, y, z = position[i, 0], position[i, 1], position[i, 2]
-    {own}
     {zeros}
+    {own}
+    x, y, z = places[i, 0], places[i, 1], places[i, 2]
     for k in range(count):
         at = first + k * stride
         j = listed.entries[at]
         dx, dy, dz = x - {source}[j, 0], y - {source}[j, 1], z - {source}[j, 2]
-        dx, dy, dz = to_nearest_image(dx, dy, dz, period)
+        dx, dy, dz = to_nearest_image(dx, dy, dz, box)
         r2 = dx * dx + dy * dy + dz * dz
         if r2 < limit:
             {theirs}
@@ -81,7 +82,7 @@ def sums(pair, i, lane, listed, position, period, {given}):
 
 def pair(function: Callable) -> Callable:
     """Mark a pair function; other pair functions may call it, too."""
-    return formula(function, inlined=True)
+    return formula(function)
 
 
 def neighbour_sum(pair: Any, i: Any, lane: Any, listed: Any, position: Any, period: Any, *given: Any) -> Any:
@@ -153,6 +154,7 @@ def loop_source(pair: Callable, listed: tuple[str, ...], near: bool, given: Mapp
     parts = [field_of(name) for name in inspect.signature(pair).parameters]
     sums = range(terms(pair))
     held = [name for name, index in parts if index == "ij"]
+    other = next((name for name, kind in given.items() if (name, "") in parts), "")
     lines = {
         "own": [f"{name}_i = {entry_of(name, given[name], 'i')}" for name, index in parts if index == "i"],
         "theirs": [f"{name}_j = {entry_of(name, given[name], 'j')}" for name, index in parts if index == "j"]
@@ -164,9 +166,9 @@ def loop_source(pair: Callable, listed: tuple[str, ...], near: bool, given: Mapp
         NEAR_LOOP if near else LOOP,
         lines,
         given=", ".join(given),
-        smoothing=next((name for name, kind in given.items() if (name, "") in parts), ""),
-        real=f"listed.{held[0]}.dtype.type" if held else "",
-        source="listed.position" if "position" in listed else "position",
+        smoothing=other,
+        real=f"listed.{held[0]}.dtype.type" if held else f"type({other})",
+        source="listed.position" if "position" in listed else "places",
         totals=", ".join(f"over_lanes(s{n}, lane)" for n in sums),
     )
 

@@ -88,6 +88,24 @@ for _function, _chosen in ((row_of, _row_of), (first_lane, _first_lane), (over_l
 
 
 @formula
+def add_vector(array, i, lane, x, y, z):  # noqa: ANN001, ANN201
+    """array[i] += (x, y, z), which all lanes of the row hold."""
+    if first_lane(lane):
+        array[i, 0] += x
+        array[i, 1] += y
+        array[i, 2] += z
+
+
+@formula
+def set_vector(array, i, lane, x, y, z):  # noqa: ANN001, ANN201
+    """array[i] = (x, y, z), which all lanes of the row hold."""
+    if first_lane(lane):
+        array[i, 0] = x
+        array[i, 1] = y
+        array[i, 2] = z
+
+
+@formula
 def lane_slots(lane):  # noqa: ANN001, ANN201
     """(first, step) of a lane's share of the slots 0, 1, 2, ...; all of them without lanes."""
     return (0, 1) if lane is None else (lane[0], lane[1])

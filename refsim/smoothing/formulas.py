@@ -69,3 +69,15 @@ def viscosity_laplacian(r, smoothing):
     if q >= real(1):
         return real(0)
     return smoothing.laplacian_scale * (real(1) - q)
+
+
+@formula
+def safe_distance(r, smoothing):
+    """r + 1e-9 h [m]: divided by it, the direction x_ij/r = 0 of particles in one place is a number."""
+    return r + type(r)(1e-9) * smoothing.support_radius
+
+
+@formula
+def gradient_factor(r, smoothing):
+    """f = W'(r)/r [1/m^(dim + 2)], with grad W_ij = f x_ij."""
+    return kernel_slope(r, smoothing) / safe_distance(r, smoothing)

@@ -4,8 +4,8 @@ import math
 
 from refsim.backends.compile import formula, kernel
 from refsim.neighbours.pairs import neighbour_sum, pair
-from refsim.neighbours.rows import first_lane
-from refsim.smoothing.formulas import kernel_slope, kernel_value, viscosity_laplacian
+from refsim.neighbours.rows import add_vector, first_lane
+from refsim.smoothing.formulas import gradient_factor, kernel_slope, kernel_value, safe_distance, viscosity_laplacian
 from refsim.sph import formulas
 from refsim.sph.formulas import central_viscosity_pair, pressure_pair, viscosity_pair, wall_pressure_pair
 
@@ -92,7 +92,7 @@ def wall_moment(i, lane, position, walls, smoothing, period):
 @pair
 def wall_gradient_pair(r, x_ij, volume_j, smoothing, weight):
     """w V_b grad W_ib [1/m, times the unit of the weight w]."""
-    f = weight * volume_j * slope_over_distance(r, smoothing)
+    f = weight * volume_j * gradient_factor(r, smoothing)
     return f * x_ij[0], f * x_ij[1], f * x_ij[2]
 
 
@@ -100,18 +100,6 @@ def wall_gradient_pair(r, x_ij, volume_j, smoothing, weight):
 def wall_gradient(i, lane, position, walls, smoothing, weight, period):
     """Sum of w V_b grad W_ib over the wall particles [1/m, times the unit of the weight w]."""
     return neighbour_sum(wall_gradient_pair, i, lane, walls, position, period, walls.volume, smoothing, weight)
-
-
-@formula
-def slope_over_distance(r, smoothing):
-    """W'(r)/r [1/m^(dim + 2)], 0 at r = 0: grad W = W'(r)/r x_ij."""
-    return kernel_slope(r, smoothing) / length(r, smoothing)
-
-
-@formula
-def length(r, smoothing):
-    """r + 1e-9 h [m], by which the direction of a pair of equal places is x_ij/r = 0."""
-    return r + type(r)(1e-9) * smoothing.support_radius
 
 
 @kernel
@@ -125,7 +113,7 @@ def momentum_pair(
     r, x_ij, velocity_i, velocity_j, mass_j, density_j, pressure_i, pressure_j, smoothing, fluid, viscosity
 ):
     """J(10) and, unless `viscosity` is None, J(11) [N/m^3]."""
-    apart = length(r, smoothing)
+    apart = safe_distance(r, smoothing)
     share = mass_j / (density_j * apart)  # V_j/r: one division serves both terms
     f = pressure_pair(share, pressure_i, pressure_j, kernel_slope(r, smoothing), fluid)
     ax, ay, az = f * x_ij[0], f * x_ij[1], f * x_ij[2]
@@ -154,17 +142,14 @@ def momentum(
         ax += bx
         ay += by
         az += bz
-    if first_lane(lane):
-        acceleration[i, 0] += ax
-        acceleration[i, 1] += ay
-        acceleration[i, 2] += az
+    add_vector(acceleration, i, lane, ax, ay, az)
 
 
 @pair
 def wall_push_pair(r, x_ij, density_i, pressure_i, volume_j, smoothing, fluid):
     """Akinci 2012: acceleration by the mirrored pressure of a wall particle [m/s^2]."""
     wall_mass = fluid.rest_density * volume_j
-    f = wall_pressure_pair(wall_mass, pressure_i, density_i, slope_over_distance(r, smoothing), fluid)
+    f = wall_pressure_pair(wall_mass, pressure_i, density_i, gradient_factor(r, smoothing), fluid)
     return f * x_ij[0], f * x_ij[1], f * x_ij[2]
 
 
@@ -189,10 +174,8 @@ def viscous(i, lane, position, velocity, mass, density, neighbours, smoothing, v
     ax, ay, az = neighbour_sum(
         viscous_pair, i, lane, neighbours, position, period, velocity, mass, density, smoothing, viscosity
     )
-    if first_lane(lane):
-        acceleration[i, 0] += ax / density[i]
-        acceleration[i, 1] += ay / density[i]
-        acceleration[i, 2] += az / density[i]
+    rho = density[i]
+    add_vector(acceleration, i, lane, ax / rho, ay / rho, az / rho)
 
 
 @pair
@@ -216,10 +199,8 @@ def central_viscous(
     ax, ay, az = neighbour_sum(
         central_pair, i, lane, neighbours, position, period, velocity, mass, density, smoothing, central_viscosity
     )
-    if first_lane(lane):
-        acceleration[i, 0] += ax / density[i]
-        acceleration[i, 1] += ay / density[i]
-        acceleration[i, 2] += az / density[i]
+    rho = density[i]
+    add_vector(acceleration, i, lane, ax / rho, ay / rho, az / rho)
 
 
 @kernel

@@ -1,8 +1,9 @@
-"""What one particle does in surface detection."""
+"""What one neighbour and one particle do in surface detection."""
 
 import math
 
 from refsim.backends.compile import formula, kernel
+from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import row_of
 from refsim.surface_detection import formulas
 from refsim.surface_detection.formulas import in_scan_region, moment_weight
@@ -33,10 +34,15 @@ def fan_scan(i, position, surface_normal, candidates, neighbours, walls, fan_sca
         if walls is not None:
             near, occupied = scan(i, position, walls, walls.position, normal, fan_scan, near, occupied)
         if thin_feature is not None and occupied and near >= ENOUGH:
-            sums = moments(i, position, neighbours, position, fan_scan, own_moments(fan_scan))
+            w, x, y, z, xx, xy, xz, yy, yz, zz = neighbour_sum(
+                moment_pair, i, None, neighbours, position, None, fan_scan
+            )
+            w += type(w)(1)  # its own
             if walls is not None:
-                sums = moments(i, position, walls, walls.position, fan_scan, sums)
-            thin = formulas.is_thin(*sums, thin_feature)
+                more = neighbour_sum(moment_pair, i, None, walls, position, None, fan_scan)
+                w, x, y, z, xx = w + more[0], x + more[1], y + more[2], z + more[3], xx + more[4]
+                xy, xz, yy, yz, zz = xy + more[5], xz + more[6], yy + more[7], yz + more[8], zz + more[9]
+            thin = formulas.is_thin(w, x, y, z, xx, xy, xz, yy, yz, zz, thin_feature)
     surface[i] = near < ENOUGH or not occupied or thin
 
 
@@ -74,38 +80,13 @@ def scan(i, position, listed, source, normal, fan_scan, near, occupied):
     return near, occupied
 
 
-@formula
-def moments(i, position, listed, source, fan_scan, sums):
-    """Sums of w, w u and w u u^T over the particles at `source` in the list, u = x_ij/h, w = 1 - |u|^2, added to
-    `sums`; dimensionless."""
-    first, stride, count = row_of(listed, i)
+@pair
+def moment_pair(x_ij, fan_scan):
+    """w, w u and w u u^T with u = x_ij/h, w = 1 - |u|^2; dimensionless."""
     h = fan_scan.support_radius
-    weight, mx, my, mz, xx, xy, xz, yy, yz, zz = sums
-    x, y, z = position[i, 0], position[i, 1], position[i, 2]
-    for k in range(count):
-        j = listed.entries[first + k * stride]
-        dx, dy, dz = (x - source[j, 0]) / h, (y - source[j, 1]) / h, (z - source[j, 2]) / h
-        r2 = dx * dx + dy * dy + dz * dz
-        if r2 < type(h)(1):
-            w = moment_weight(r2)
-            weight += w
-            mx += w * dx
-            my += w * dy
-            mz += w * dz
-            xx += w * dx * dx
-            xy += w * dx * dy
-            xz += w * dx * dz
-            yy += w * dy * dy
-            yz += w * dy * dz
-            zz += w * dz * dz
-    return weight, mx, my, mz, xx, xy, xz, yy, yz, zz
-
-
-@formula
-def own_moments(fan_scan):
-    """The sums of `moments` over the particle alone: weight 1 at u = 0."""
-    zero = type(fan_scan.support_radius)(0)
-    return type(zero)(1), zero, zero, zero, zero, zero, zero, zero, zero, zero
+    x, y, z = x_ij[0] / h, x_ij[1] / h, x_ij[2] / h
+    w = moment_weight(x * x + y * y + z * z)
+    return w, w * x, w * y, w * z, w * x * x, w * x * y, w * x * z, w * y * y, w * y * z, w * z * z
 
 
 @kernel

@@ -102,8 +102,6 @@ HARMLESS = {
     "kick_drift": [("squared = type(timestep[0])(0)", "only the type is taken")],
     "corrected": [("nx, ny, nz, filled = (real(0)", "zero over anything")],
     "unit": [("zero = type(length)(0)", "a normal without direction is not looked at")],
-    "tension": [("nx, ny, nz = (real(0)", "set again where they are used")],
-    "pair_sums": [("nx, ny, nz = (real(0)", "set again where they are used")],
     "rigid_motion": [
         ("spin = (real(0)", "set again where it is used"),
         ("trace = real(2) * (sums[6] + sums[7] + sums[8])  ->  trace = real(3)", "both sides are divided by it"),
@@ -116,7 +114,6 @@ HARMLESS = {
         )
     ],
     "adhesion_pair": [("q <= real(0.5) or q >= real(1)", "beyond the support no pair is looked at")],
-    "squared_gradient": [(f"g{c} += f * d{c}", "only its square is taken") for c in "xyz"],
     "step_node": [("return -1  ->  return -2", "any negative number says that there is no node")],
     "base_coordinate": [("return FARTHEST + 1  ->  return FARTHEST + 2", "any number beyond all nodes does")],
     "mirrored_update": [
@@ -213,8 +210,8 @@ HARMLESS = {
     "motion_slot": [("return nothing_12(type(", "only the type is taken")],
     "damp_end": [("region_count[s] > 0 and timestep[0] > 0", "of the two lengths of a step both are positive or none")],
     "_mean": [("return float(here.mean()) if len(here)", "without particles an iteration does nothing")],
+    "marked_pair": [("found = type(zero)(1)", "only whether a row is idle depends on it")],
     "row_weights": [
-        ("one = real(1)", "only whether a row is idle depends on it"),
         ("weight_i, surface_i = (zero, 0)", "belongs to the mode that is not taken"),
         ("base == zero and slope != zero", "looks for idle rows in vain, or not at all"),
     ],
@@ -356,10 +353,6 @@ HARMLESS = {
     ],
     "place": [("one = type(facet_corner[a, 0])(1)", "only the type is taken")],
     "goal_slot": [("zero = type(matching.spacing)(0)", "only filled slots are required")],
-    "curvature": [
-        (f"curvature[i] = real(0)  ->  curvature[i] = {zero}", "a zero has no sign and no size")
-        for zero in ("-real(0)", "real(0) * 1.01")
-    ],
     "particle_crowding": [
         (f"wz = (real(1), real(0), real(0))  ->  wz = (real(1), {rest})", "in the plane only the first is read")
         for rest in ("real(1), real(0)", "real(0), real(1)")

@@ -1,12 +1,33 @@
-"""What one particle does at the boundary particles of a mesh."""
-
-import math
+"""What one neighbour and one particle do at the boundary particles of a mesh."""
 
 from refsim.backends.compile import formula, kernel
 from refsim.boundary.one_way_coupling.formulas import boundary_pressure, boundary_pressure_pair, boundary_viscosity_pair
-from refsim.neighbours.formulas import to_nearest_image
-from refsim.neighbours.rows import row_of
-from refsim.smoothing.formulas import kernel_slope, kernel_value, viscosity_laplacian
+from refsim.neighbours.pairs import neighbour_sum, pair
+from refsim.neighbours.rows import add_vector
+from refsim.smoothing.formulas import kernel_slope, kernel_value, safe_distance, viscosity_laplacian
+from refsim.sph.kernels import own_share
+
+
+@pair
+def wall_viscosity_pair(r, density_i, position_j, volume_j, smoothing, fluid, wall_viscosity, wall_motion):
+    """Patent P6, viscous part: factor of the velocity difference [1/s], and the same of a particle that moves."""
+    g = boundary_viscosity_pair(
+        fluid.rest_density * volume_j, density_i, wall_viscosity, viscosity_laplacian(r, smoothing)
+    )
+    moving = type(r)(0)
+    if wall_motion is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
+        if moves(position_j, wall_motion):
+            moving += g
+    return g, moving
+
+
+@formula
+def moves(place, wall_motion):
+    """Whether a boundary particle stands beyond one of the planes of `wall_motion`."""
+    for c in range(3):  # noqa: SIM110  (Numba compiles no generators)
+        if place[c] < wall_motion.lower[c] or place[c] > wall_motion.upper[c]:
+            return True
+    return False
 
 
 @kernel
@@ -14,25 +35,10 @@ def wall_viscosity(
     i, position, velocity, density, walls, smoothing, fluid, wall_viscosity, wall_motion, period, acceleration
 ):  # fmt: skip
     """Patent P6, viscous part; boundary particles are at rest, or move beyond the planes of `wall_motion` [m/s^2]."""
-    first, stride, count = row_of(walls, i)
-    h = smoothing.support_radius
-    limit = h * h
-    total, moving = type(h)(0), type(h)(0)
-    x, y, z = position[i, 0], position[i, 1], position[i, 2]
-    rho = density[i]
-    for k in range(count):
-        b = walls.entries[first + k * stride]
-        dx, dy, dz = x - walls.position[b, 0], y - walls.position[b, 1], z - walls.position[b, 2]
-        dx, dy, dz = to_nearest_image(dx, dy, dz, period)
-        r2 = dx * dx + dy * dy + dz * dz
-        if r2 < limit:
-            wall_mass = fluid.rest_density * walls.volume[b]
-            laplacian = viscosity_laplacian(math.sqrt(r2), smoothing)
-            g = boundary_viscosity_pair(wall_mass, rho, wall_viscosity, laplacian)
-            total += g
-            if wall_motion is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
-                if wall_moves(b, walls, wall_motion):
-                    moving += g
+    total, moving = neighbour_sum(
+        wall_viscosity_pair, i, None, walls, position, period, density, walls.position, walls.volume, smoothing, fluid,
+        wall_viscosity, wall_motion,
+    )  # fmt: skip
     for c in range(3):
         change = -total * velocity[i, c]
         if wall_motion is not None:
@@ -40,13 +46,22 @@ def wall_viscosity(
         acceleration[i, c] += change
 
 
-@formula
-def wall_moves(b, walls, wall_motion):
-    """Whether boundary particle b stands beyond one of the planes of `wall_motion`."""
-    for c in range(3):
-        if walls.position[b, c] < wall_motion.lower[c] or walls.position[b, c] > wall_motion.upper[c]:
-            return True
-    return False
+@pair
+def head_pair(r, x_ij, density_j, pressure_j, smoothing, wall_gravity):
+    """W_ij and W_ij (p_j + rho_j g.x_ij)."""
+    w = kernel_value(r, smoothing)
+    head = wall_gravity.x * x_ij[0] + wall_gravity.y * x_ij[1] + wall_gravity.z * x_ij[2]
+    return w, w * (pressure_j + density_j * head)
+
+
+@pair
+def wall_push_pair(r, x_ij, density_i, volume_j, smoothing, fluid, mean, wall_gravity):
+    """Patent P6 with the pressure p_b of the boundary particle (patent E30) [m/s^2]."""
+    pressure = boundary_pressure(mean, wall_gravity, x_ij[0], x_ij[1], x_ij[2], fluid)
+    slope = kernel_slope(r, smoothing)
+    f = boundary_pressure_pair(fluid.rest_density * volume_j, density_i, pressure, slope, fluid)
+    f /= safe_distance(r, smoothing)
+    return f * x_ij[0], f * x_ij[1], f * x_ij[2]
 
 
 @kernel
@@ -54,41 +69,13 @@ def extrapolated_wall_pressure(
     i, position, density, pressure, neighbours, walls, smoothing, fluid, wall_gravity, acceleration
 ):  # fmt: skip
     """Patent P6 with the boundary particles' pressures p_b (patent E30); added to the acceleration [m/s^2]."""
-    wall_first, wall_stride, wall_count = row_of(walls, i)
-    if wall_count > 0:
-        first, stride, count = row_of(neighbours, i)
-        h = smoothing.support_radius
-        real = type(h)
-        limit = h * h
-        x, y, z = position[i, 0], position[i, 1], position[i, 2]
-        weights = kernel_value(real(0), smoothing)
-        total = weights * pressure[i]
-        for k in range(count):
-            j = neighbours.entries[first + k * stride]
-            dx, dy, dz = x - position[j, 0], y - position[j, 1], z - position[j, 2]
-            r2 = dx * dx + dy * dy + dz * dz
-            if r2 < limit:
-                w = kernel_value(math.sqrt(r2), smoothing)
-                head = wall_gravity.x * dx + wall_gravity.y * dy + wall_gravity.z * dz
-                weights += w
-                total += w * (pressure[j] + density[j] * head)
-        mean = total / weights
-        tiny = real(1e-9) * h
-        ax, ay, az = real(0), real(0), real(0)
-        rho = density[i]
-        for k in range(wall_count):
-            b = walls.entries[wall_first + k * wall_stride]
-            dx, dy, dz = x - walls.position[b, 0], y - walls.position[b, 1], z - walls.position[b, 2]
-            r2 = dx * dx + dy * dy + dz * dz
-            if r2 < limit:
-                r = math.sqrt(r2)
-                pressure_b = boundary_pressure(mean, wall_gravity, dx, dy, dz, fluid)
-                wall_mass = fluid.rest_density * walls.volume[b]
-                slope = kernel_slope(r, smoothing)
-                f = boundary_pressure_pair(wall_mass, rho, pressure_b, slope, fluid) / (r + tiny)
-                ax += f * dx
-                ay += f * dy
-                az += f * dz
-        acceleration[i, 0] += ax
-        acceleration[i, 1] += ay
-        acceleration[i, 2] += az
+    if walls.count[i] > 0:
+        weights, total = neighbour_sum(
+            head_pair, i, None, neighbours, position, None, density, pressure, smoothing, wall_gravity
+        )
+        own = own_share(smoothing)
+        mean = (total + own * pressure[i]) / (weights + own)
+        ax, ay, az = neighbour_sum(
+            wall_push_pair, i, None, walls, position, None, density, walls.volume, smoothing, fluid, mean, wall_gravity
+        )
+        add_vector(acceleration, i, None, ax, ay, az)

@@ -1,6 +1,4 @@
-"""What one particle does in two-way coupling."""
-
-import math
+"""What one neighbour and one particle do in two-way coupling."""
 
 from refsim.backends.compile import formula, kernel
 from refsim.boundary.two_way_coupling.formulas import (
@@ -11,37 +9,38 @@ from refsim.boundary.two_way_coupling.formulas import (
     volume_ratio,
     weighted_pressure,
 )
-from refsim.neighbours.rows import first_lane, over_lanes, row_of
+from refsim.neighbours.pairs import neighbour_sum, pair
+from refsim.neighbours.rows import add_vector, first_lane
 from refsim.shape_matching.phases import FLUID, INTERIOR, SURFACE
-from refsim.smoothing.formulas import kernel_slope, kernel_value, viscosity_laplacian
+from refsim.smoothing.formulas import gradient_factor, kernel_slope, kernel_value, safe_distance, viscosity_laplacian
 from refsim.sph.kernels import own_share, wall_sum
+
+
+@pair
+def contribution_pair(r, phase_j, smoothing, coupling):
+    """W_kk' of a solid's particle [1/m^dim]."""
+    counted = phase_j == SURFACE if coupling.printed_volume else phase_j != FLUID
+    return kernel_value(r, smoothing) if counted else type(r)(0)
 
 
 @kernel(lanes=True)
 def contribution(i, lane, position, phase, neighbours, smoothing, coupling, relative_contribution):
     """Weight of particle i in Shao & Song (1): 1 in the liquid, phi_i at a solid's surface, 0 inside; dimensionless."""
-    first, stride, count = row_of(neighbours, i, lane)
-    h = smoothing.support_radius
-    real = type(h)
-    total = real(0)
-    if phase[i] == SURFACE:
-        x, y, z = position[i, 0], position[i, 1], position[i, 2]
-        for k in range(count):
-            j = neighbours.entries[first + k * stride]
-            counted = phase[j] == SURFACE if coupling.printed_volume else phase[j] != FLUID
-            if counted:
-                dx, dy, dz = x - position[j, 0], y - position[j, 1], z - position[j, 2]
-                r2 = dx * dx + dy * dy + dz * dz
-                if r2 < h * h:
-                    total += kernel_value(math.sqrt(r2), smoothing)
-    total = over_lanes(total, lane)
+    own = own_share(smoothing)
+    weight = type(own)(0)
+    if phase[i] == FLUID:
+        weight = type(own)(1)
+    elif phase[i] == SURFACE:
+        total = neighbour_sum(contribution_pair, i, lane, neighbours, position, None, phase, smoothing, coupling)
+        weight = volume_ratio(total + own, coupling)
     if first_lane(lane):
-        weight = real(0)
-        if phase[i] == FLUID:
-            weight = real(1)
-        elif phase[i] == SURFACE:
-            weight = volume_ratio(total + own_share(smoothing), coupling)
         relative_contribution[i] = weight
+
+
+@pair
+def density_pair(r, relative_contribution_j, smoothing):
+    """Shao & Song (1) without m_i: phi_j W_ij [1/m^dim]."""
+    return relative_contribution_j * kernel_value(r, smoothing)
 
 
 @kernel(lanes=True)
@@ -53,18 +52,7 @@ def density(
     rho = rest_density[i]
     p = type(rho)(0)
     if phase[i] == FLUID:
-        first, stride, count = row_of(neighbours, i, lane)
-        h = smoothing.support_radius
-        limit = h * h
-        total = type(h)(0)
-        x, y, z = position[i, 0], position[i, 1], position[i, 2]
-        for k in range(count):
-            j = neighbours.entries[first + k * stride]
-            dx, dy, dz = x - position[j, 0], y - position[j, 1], z - position[j, 2]
-            r2 = dx * dx + dy * dy + dz * dz
-            if r2 < limit:
-                total += relative_contribution[j] * kernel_value(math.sqrt(r2), smoothing)
-        total = over_lanes(total, lane)
+        total = neighbour_sum(density_pair, i, lane, neighbours, position, None, relative_contribution, smoothing)
         rho = mass[i] * (total + relative_contribution[i] * own_share(smoothing))
         if walls is not None:
             rho += rest_density[i] * wall_sum(i, lane, position, walls, smoothing, None)
@@ -73,6 +61,45 @@ def density(
         density[i] = rho
         pressure[i] = p
         volume[i] = mass[i] / rho
+
+
+@pair
+def force_pair(
+    r, x_ij, velocity_i, velocity_j, mass_i, mass_j, phase_i, phase_j, pressure_i, pressure_j, volume_i, volume_j,
+    relative_contribution_i, relative_contribution_j, smoothing, coupling, viscosity,
+):  # fmt: skip
+    """Shao & Song (2), (3) and the forces between liquids [N]; zero between two solids' particles."""
+    real = type(r)
+    own_fluid, fluid = phase_i == FLUID, phase_j == FLUID
+    fx, fy, fz = real(0), real(0), real(0)
+    if own_fluid or fluid:
+        mine, push = volume_i * volume_i * pressure_i, volume_j * volume_j * pressure_j
+        both = volume_i * volume_j
+        weight_i, weight_j = real(1), real(1)
+        if own_fluid and not fluid:
+            mine = mine / mass_i if coupling.printed_pressure else mine
+            push, weight_j = real(0), relative_contribution_j
+            both = volume_i * weight_j
+        elif not own_fluid:
+            mine, weight_i = real(0), relative_contribution_i
+            push = push / mass_j if coupling.printed_pressure else push
+            both = volume_j * weight_i
+        elif coupling.density_weighted:
+            p = weighted_pressure(pressure_i, pressure_j, mass_i / volume_i, mass_j / volume_j)
+            mine, push = volume_i * volume_i * p, volume_j * volume_j * p
+        f = coupled_pressure_pair(mine, push, weight_i, weight_j, kernel_slope(r, smoothing))
+        f /= safe_distance(r, smoothing)
+        fx += f * x_ij[0]
+        fy += f * x_ij[1]
+        fz += f * x_ij[2]
+        if viscosity is not None:
+            if own_fluid != fluid and not coupling.printed_viscosity:
+                both *= volume_i if own_fluid else volume_j
+            g = coupled_viscosity_pair(both, viscosity, viscosity_laplacian(r, smoothing))
+            fx += g * (velocity_j[0] - velocity_i[0])
+            fy += g * (velocity_j[1] - velocity_i[1])
+            fz += g * (velocity_j[2] - velocity_i[2])
+    return fx, fy, fz
 
 
 @kernel(lanes=True)
@@ -86,50 +113,10 @@ def forces(
     """
     if phase[i] == INTERIOR:
         return
-    first, stride, count = row_of(neighbours, i, lane)
-    h = smoothing.support_radius
-    real = type(h)
-    limit = h * h
-    tiny = real(1e-9) * h
-    fx, fy, fz = real(0), real(0), real(0)
-    x, y, z = position[i, 0], position[i, 1], position[i, 2]
-    u, v, w = velocity[i, 0], velocity[i, 1], velocity[i, 2]
-    own_fluid = phase[i] == FLUID
-    own_volume, own_weight = volume[i], relative_contribution[i]
-    own_push = own_volume * own_volume * pressure[i]
-    across = own_push / mass[i] if coupling.printed_pressure else own_push
-    for k in range(count):
-        j = neighbours.entries[first + k * stride]
-        fluid = phase[j] == FLUID
-        dx, dy, dz = x - position[j, 0], y - position[j, 1], z - position[j, 2]
-        r2 = dx * dx + dy * dy + dz * dz
-        if r2 < limit and (own_fluid or fluid):
-            r = math.sqrt(r2)
-            size = volume[j]
-            push = size * size * pressure[j]
-            both = own_volume * size
-            mine, weight_i, weight_j = own_push, real(1), real(1)
-            if own_fluid and not fluid:
-                mine, push, weight_j = across, real(0), relative_contribution[j]
-                both = own_volume * weight_j
-            elif not own_fluid:
-                mine, weight_i = real(0), own_weight
-                push = push / mass[j] if coupling.printed_pressure else push
-                both = size * weight_i
-            elif coupling.density_weighted:
-                p = weighted_pressure(pressure[i], pressure[j], mass[i] / own_volume, mass[j] / size)
-                mine, push = own_volume * own_volume * p, size * size * p
-            f = coupled_pressure_pair(mine, push, weight_i, weight_j, kernel_slope(r, smoothing)) / (r + tiny)
-            fx += f * dx
-            fy += f * dy
-            fz += f * dz
-            if viscosity is not None:
-                if own_fluid != fluid and not coupling.printed_viscosity:
-                    both *= own_volume if own_fluid else size
-                g = coupled_viscosity_pair(both, viscosity, viscosity_laplacian(r, smoothing))
-                fx += g * (velocity[j, 0] - u)
-                fy += g * (velocity[j, 1] - v)
-                fz += g * (velocity[j, 2] - w)
+    fx, fy, fz = neighbour_sum(
+        force_pair, i, lane, neighbours, position, None, velocity, mass, phase, pressure, volume,
+        relative_contribution, smoothing, coupling, viscosity,
+    )  # fmt: skip
     ax, ay, az = fx / mass[i], fy / mass[i], fz / mass[i]
     if walls is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
         if phase[i] == FLUID:
@@ -137,32 +124,19 @@ def forces(
             ax += bx
             ay += by
             az += bz
-    ax, ay, az = over_lanes(ax, lane), over_lanes(ay, lane), over_lanes(az, lane)
-    if first_lane(lane):
-        acceleration[i, 0] += ax
-        acceleration[i, 1] += ay
-        acceleration[i, 2] += az
+    add_vector(acceleration, i, lane, ax, ay, az)
+
+
+@pair
+def wall_push_pair(r, x_ij, density_i, rest_density_i, pressure_i, volume_j, smoothing):
+    """Shao & Song (2) at a wall particle [m/s^2]."""
+    f = coupled_wall_pressure_pair(rest_density_i * volume_j, pressure_i, density_i, gradient_factor(r, smoothing))
+    return f * x_ij[0], f * x_ij[1], f * x_ij[2]
 
 
 @formula
 def wall_push(i, lane, position, density, rest_density, pressure, walls, smoothing):
-    """Acceleration [m/s^2] of particle i by walls after Shao & Song (2), or the lane's share of it."""
-    first, stride, count = row_of(walls, i, lane)
-    h = smoothing.support_radius
-    real = type(h)
-    tiny = real(1e-9) * h
-    ax, ay, az = real(0), real(0), real(0)
-    for k in range(count):
-        b = walls.entries[first + k * stride]
-        dx = position[i, 0] - walls.position[b, 0]
-        dy = position[i, 1] - walls.position[b, 1]
-        dz = position[i, 2] - walls.position[b, 2]
-        r2 = dx * dx + dy * dy + dz * dz
-        if r2 < h * h:
-            r = math.sqrt(r2)
-            wall_mass = rest_density[i] * walls.volume[b]
-            f = coupled_wall_pressure_pair(wall_mass, pressure[i], density[i], kernel_slope(r, smoothing)) / (r + tiny)
-            ax += f * dx
-            ay += f * dy
-            az += f * dz
-    return ax, ay, az
+    """Acceleration [m/s^2] of particle i by walls after Shao & Song (2)."""
+    return neighbour_sum(
+        wall_push_pair, i, lane, walls, position, None, density, rest_density, pressure, walls.volume, smoothing
+    )

@@ -200,13 +200,13 @@ def packed_forces(
             uj, vj, wj, pressure_j = un, vn, wn, next_pressure
             mass_j, contribution_j, liquid_j = next_mass, next_contribution, next_liquid
     ax, ay, az = fx / own_mass, fy / own_mass, fz / own_mass
+    ax, ay, az = over_lanes(ax, lane), over_lanes(ay, lane), over_lanes(az, lane)
     if walls is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
         if own_fluid:
             bx, by, bz = wall_push(i, lane, placed, density, rest_density, pressure, walls, smoothing)
             ax += bx
             ay += by
             az += bz
-    ax, ay, az = over_lanes(ax, lane), over_lanes(ay, lane), over_lanes(az, lane)
     if first_lane(lane):
         acceleration[i, 0] += ax
         acceleration[i, 1] += ay

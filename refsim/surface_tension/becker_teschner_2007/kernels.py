@@ -1,32 +1,21 @@
-"""What one particle does in Becker & Teschner 2007."""
-
-import math
+"""What one neighbour and one particle do in Becker & Teschner 2007."""
 
 from refsim.backends.compile import kernel
-from refsim.neighbours.rows import row_of
+from refsim.neighbours.pairs import neighbour_sum, pair
+from refsim.neighbours.rows import add_vector
 from refsim.surface_tension.becker_teschner_2007 import formulas
 
 
-@kernel
-def cohesion(i, position, mass, neighbours, smoothing, attraction, acceleration):
+@pair
+def cohesion_pair(r, x_ij, mass_j, smoothing, attraction):
+    """-m_j W(r) x_ij."""
+    f = formulas.attraction_pair(mass_j, r * smoothing.inverse_radius, attraction)
+    return f * x_ij[0], f * x_ij[1], f * x_ij[2]
+
+
+@kernel(lanes=True)
+def cohesion(i, lane, position, mass, neighbours, smoothing, attraction, acceleration):
     """Attraction -kappa m_j/m_i W(r) x_ij; added to the acceleration [m/s^2]."""
-    first, stride, count = row_of(neighbours, i)
-    h = smoothing.support_radius
-    real = type(h)
-    limit = h * h
+    ax, ay, az = neighbour_sum(cohesion_pair, i, lane, neighbours, position, None, mass, smoothing, attraction)
     strength = attraction.strength / mass[i]
-    ax, ay, az = real(0), real(0), real(0)
-    x, y, z = position[i, 0], position[i, 1], position[i, 2]
-    for k in range(count):
-        j = neighbours.entries[first + k * stride]
-        dx, dy, dz = x - position[j, 0], y - position[j, 1], z - position[j, 2]
-        r2 = dx * dx + dy * dy + dz * dz
-        if r2 < limit:
-            q = math.sqrt(r2) * smoothing.inverse_radius
-            f = formulas.attraction_pair(mass[j], q, attraction)
-            ax += f * dx
-            ay += f * dy
-            az += f * dz
-    acceleration[i, 0] += strength * ax
-    acceleration[i, 1] += strength * ay
-    acceleration[i, 2] += strength * az
+    add_vector(acceleration, i, lane, strength * ax, strength * ay, strength * az)

@@ -1,88 +1,92 @@
-"""What one particle does under the continuum surface force."""
+"""What one neighbour and one particle do under the continuum surface force."""
 
 import math
 
-from refsim.backends.compile import kernel
-from refsim.neighbours.rows import row_of
-from refsim.smoothing.formulas import kernel_slope, kernel_value
-from refsim.sph.kernels import wall_gradient, wall_sum
+from refsim.backends.compile import formula, kernel
+from refsim.neighbours.pairs import neighbour_sum, pair
+from refsim.neighbours.rows import add_vector, first_lane, set_vector
+from refsim.smoothing.formulas import gradient_factor, kernel_slope, kernel_value, safe_distance
+from refsim.sph.kernels import own_share, wall_gradient, wall_sum
 from refsim.surface_tension.csf_wang_2019 import formulas
 
 
-@kernel
-def normal(i, position, mass, density, neighbours, walls, smoothing, gradient_smoothing, interface_normal):
+@pair
+def normal_pair(r, x_ij, mass_j, density_j, gradient_smoothing, smoothing):
+    """V_j grad W_ij, inward [1/m], and V_j W_ij."""
+    volume = mass_j / density_j
+    f = formulas.normal_pair(volume, kernel_slope(r, gradient_smoothing)) / safe_distance(r, gradient_smoothing)
+    return f * x_ij[0], f * x_ij[1], f * x_ij[2], volume * kernel_value(r, smoothing)
+
+
+@kernel(lanes=True)
+def normal(i, lane, position, mass, density, neighbours, walls, smoothing, gradient_smoothing, interface_normal):
     """n_i = sum_j V_j grad W_ij / sum_k V_k W_ik, walls as liquid, inward [1/m]."""
-    first, stride, count = row_of(neighbours, i)
-    h = smoothing.support_radius
-    real = type(h)
-    limit = h * h
-    tiny = real(1e-9) * h
-    nx, ny, nz = real(0), real(0), real(0)
-    filled = mass[i] / density[i] * kernel_value(real(0), smoothing)
-    x, y, z = position[i, 0], position[i, 1], position[i, 2]
-    for k in range(count):
-        j = neighbours.entries[first + k * stride]
-        dx, dy, dz = x - position[j, 0], y - position[j, 1], z - position[j, 2]
-        r2 = dx * dx + dy * dy + dz * dz
-        if r2 < limit:
-            r = math.sqrt(r2)
-            volume = mass[j] / density[j]
-            filled += volume * kernel_value(r, smoothing)
-            f = formulas.normal_pair(volume, kernel_slope(r, gradient_smoothing)) / (r + tiny)
-            nx += f * dx
-            ny += f * dy
-            nz += f * dz
+    nx, ny, nz, filled = neighbour_sum(
+        normal_pair, i, lane, neighbours, position, None, mass, density, gradient_smoothing, smoothing
+    )
+    filled += mass[i] / density[i] * own_share(smoothing)
     if walls is not None:
-        bx, by, bz = wall_gradient(i, None, position, walls, gradient_smoothing, real(1), None)
+        bx, by, bz = wall_gradient(i, lane, position, walls, gradient_smoothing, type(filled)(1), None)
         nx += bx
         ny += by
         nz += bz
-        filled += wall_sum(i, None, position, walls, smoothing, None)
-    interface_normal[i, 0] = nx / filled
-    interface_normal[i, 1] = ny / filled
-    interface_normal[i, 2] = nz / filled
+        filled += wall_sum(i, lane, position, walls, smoothing, None)
+    set_vector(interface_normal, i, lane, nx / filled, ny / filled, nz / filled)
 
 
-@kernel
-def curvature(i, position, mass, density, interface_normal, neighbours, gradient_smoothing, continuum, curvature):
-    """Renormalised divergence of the unit normals over the active neighbours [1/m]; 0 off the surface."""
-    first, stride, count = row_of(neighbours, i)
-    h = gradient_smoothing.support_radius
-    real = type(h)
-    limit = h * h
-    tiny = real(1e-9) * h
-    nx, ny, nz = interface_normal[i, 0], interface_normal[i, 1], interface_normal[i, 2]
-    own = nx * nx + ny * ny + nz * nz
-    if own <= continuum.threshold * continuum.threshold:
-        curvature[i] = real(0)
-        return
-    own = real(1) / math.sqrt(own)
-    nx, ny, nz = nx * own, ny * own, nz * own
+@formula
+def active(squared, continuum):
+    """Whether |n|^2 [1/m^2] is above the threshold, squared; so is a NaN, so that it stays visible."""
+    return not squared <= continuum.threshold * continuum.threshold
+
+
+@pair
+def curvature_pair(r, x_ij, mass_j, density_j, interface_normal_i, interface_normal_j, gradient_smoothing, continuum):
+    """Terms of divergence and spread of the unit normals; none of a neighbour off the surface."""
+    real = type(r)
+    nx, ny, nz = interface_normal_i
+    mx, my, mz = interface_normal_j
+    squared = mx * mx + my * my + mz * mz
     divergence, spread = real(0), real(0)
-    x, y, z = position[i, 0], position[i, 1], position[i, 2]
-    for k in range(count):
-        j = neighbours.entries[first + k * stride]
-        dx, dy, dz = x - position[j, 0], y - position[j, 1], z - position[j, 2]
-        r2 = dx * dx + dy * dy + dz * dz
-        if r2 < limit:
-            mx, my, mz = interface_normal[j, 0], interface_normal[j, 1], interface_normal[j, 2]
-            length = mx * mx + my * my + mz * mz
-            if not length <= continuum.threshold * continuum.threshold:  # also for NaN, so that it stays visible
-                length = real(1) / math.sqrt(length)
-                r = math.sqrt(r2)
-                apart = r + tiny
-                weight = mass[j] / density[j] * kernel_slope(r, gradient_smoothing)
-                change = ((mx * length - nx) * dx + (my * length - ny) * dy + (mz * length - nz) * dz) / apart
-                divergence += weight * change
-                cosine = (nx * dx + ny * dy + nz * dz) / apart
-                spread -= weight * r * formulas.tangential_share(cosine, continuum)
-    curvature[i] = formulas.curvature(divergence, spread, continuum)
+    if active(squared, continuum):
+        own, other = real(1) / math.sqrt(nx * nx + ny * ny + nz * nz), real(1) / math.sqrt(squared)
+        nx, ny, nz = nx * own, ny * own, nz * own
+        apart = safe_distance(r, gradient_smoothing)
+        weight = mass_j / density_j * kernel_slope(r, gradient_smoothing)
+        change = (mx * other - nx) * x_ij[0] + (my * other - ny) * x_ij[1] + (mz * other - nz) * x_ij[2]
+        cosine = (nx * x_ij[0] + ny * x_ij[1] + nz * x_ij[2]) / apart
+        divergence += weight * (change / apart)
+        spread -= weight * r * formulas.tangential_share(cosine, continuum)
+    return divergence, spread
 
 
-@kernel
+@kernel(lanes=True)
+def curvature(i, lane, position, mass, density, interface_normal, neighbours, gradient_smoothing, continuum, curvature):
+    """Renormalised divergence of the unit normals over the active neighbours [1/m]; 0 off the surface."""
+    nx, ny, nz = interface_normal[i, 0], interface_normal[i, 1], interface_normal[i, 2]
+    found = type(nx)(0)
+    if active(nx * nx + ny * ny + nz * nz, continuum):
+        divergence, spread = neighbour_sum(
+            curvature_pair, i, lane, neighbours, position, None, mass, density, interface_normal, gradient_smoothing,
+            continuum,
+        )  # fmt: skip
+        found = formulas.curvature(divergence, spread, continuum)
+    if first_lane(lane):
+        curvature[i] = found
+
+
+@pair
+def marangoni_pair(r, x_ij, mass_j, density_j, gradient_smoothing, marangoni):
+    """V_j (sigma_j - sigma_i) grad W_ij [N/m^2]."""
+    rise = -(marangoni.x * x_ij[0] + marangoni.y * x_ij[1] + marangoni.z * x_ij[2])
+    f = mass_j / density_j * rise * gradient_factor(r, gradient_smoothing)
+    return f * x_ij[0], f * x_ij[1], f * x_ij[2]
+
+
+@kernel(lanes=True)
 def force(
-    i, position, mass, density, interface_normal, curvature, neighbours, gradient_smoothing, continuum, marangoni,
-    acceleration,
+    i, lane, position, mass, density, interface_normal, curvature, neighbours, gradient_smoothing, continuum,
+    marangoni, acceleration,
 ):  # fmt: skip
     """Normal force sigma kappa n and, unless `marangoni` is None, tangential force; added to the acceleration [m/s^2].
 
@@ -90,38 +94,20 @@ def force(
     """
     nx, ny, nz = interface_normal[i, 0], interface_normal[i, 1], interface_normal[i, 2]
     squared = nx * nx + ny * ny + nz * nz
-    if squared <= continuum.threshold * continuum.threshold:
-        return
-    strength = continuum.tension
-    if marangoni is not None:
-        strength += marangoni.x * position[i, 0] + marangoni.y * position[i, 1] + marangoni.z * position[i, 2]
-    f = strength * curvature[i]
-    ax, ay, az = f * nx, f * ny, f * nz
-    if marangoni is not None:
-        first, stride, count = row_of(neighbours, i)
-        h = gradient_smoothing.support_radius
-        real = type(h)
-        limit = h * h
-        tiny = real(1e-9) * h
-        gx, gy, gz = real(0), real(0), real(0)
-        x, y, z = position[i, 0], position[i, 1], position[i, 2]
-        for k in range(count):
-            j = neighbours.entries[first + k * stride]
-            dx, dy, dz = x - position[j, 0], y - position[j, 1], z - position[j, 2]
-            r2 = dx * dx + dy * dy + dz * dz
-            if r2 < limit:
-                r = math.sqrt(r2)
-                rise = -(marangoni.x * dx + marangoni.y * dy + marangoni.z * dz)
-                f = mass[j] / density[j] * rise * kernel_slope(r, gradient_smoothing) / (r + tiny)
-                gx += f * dx
-                gy += f * dy
-                gz += f * dz
-        along = (gx * nx + gy * ny + gz * nz) / squared
-        length = math.sqrt(squared)
-        ax += length * (gx - along * nx)
-        ay += length * (gy - along * ny)
-        az += length * (gz - along * nz)
-    scale = continuum.share / density[i]
-    acceleration[i, 0] += scale * ax
-    acceleration[i, 1] += scale * ay
-    acceleration[i, 2] += scale * az
+    if active(squared, continuum):
+        strength = continuum.tension
+        if marangoni is not None:
+            strength += marangoni.x * position[i, 0] + marangoni.y * position[i, 1] + marangoni.z * position[i, 2]
+        f = strength * curvature[i]
+        ax, ay, az = f * nx, f * ny, f * nz
+        if marangoni is not None:
+            gx, gy, gz = neighbour_sum(
+                marangoni_pair, i, lane, neighbours, position, None, mass, density, gradient_smoothing, marangoni
+            )
+            along = (gx * nx + gy * ny + gz * nz) / squared
+            length = math.sqrt(squared)
+            ax += length * (gx - along * nx)
+            ay += length * (gy - along * ny)
+            az += length * (gz - along * nz)
+        scale = continuum.share / density[i]
+        add_vector(acceleration, i, lane, scale * ax, scale * ay, scale * az)

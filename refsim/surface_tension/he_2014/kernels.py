@@ -1,91 +1,78 @@
-"""What one particle does in He et al. 2014."""
-
-import math
+"""What one neighbour and one particle do in He et al. 2014."""
 
 from refsim.backends.compile import kernel
-from refsim.neighbours.rows import row_of
-from refsim.smoothing.formulas import kernel_slope, kernel_value
-from refsim.sph.kernels import wall_sum
+from refsim.neighbours.pairs import neighbour_sum, pair
+from refsim.neighbours.rows import add_vector, first_lane
+from refsim.smoothing.formulas import kernel_slope, kernel_value, safe_distance
+from refsim.sph.kernels import own_share, wall_sum
 from refsim.surface_tension.he_2014 import formulas
 
 
-@kernel
-def color(i, position, mass, density, neighbours, walls, smoothing, color):
+@pair
+def color_pair(r, mass_j, density_j, smoothing):
+    """V_j W_ij, dimensionless."""
+    return mass_j / density_j * kernel_value(r, smoothing)
+
+
+@kernel(lanes=True)
+def color(i, lane, position, mass, density, neighbours, walls, smoothing, color):
     """c_i = sum_j V_j W_ij + sum_b V_b W_ib, self included; dimensionless."""
-    first, stride, count = row_of(neighbours, i)
-    h = smoothing.support_radius
-    limit = h * h
-    total = mass[i] / density[i] * kernel_value(type(h)(0), smoothing)
-    x, y, z = position[i, 0], position[i, 1], position[i, 2]
-    for k in range(count):
-        j = neighbours.entries[first + k * stride]
-        dx, dy, dz = x - position[j, 0], y - position[j, 1], z - position[j, 2]
-        r2 = dx * dx + dy * dy + dz * dz
-        if r2 < limit:
-            total += mass[j] / density[j] * kernel_value(math.sqrt(r2), smoothing)
+    total = neighbour_sum(color_pair, i, lane, neighbours, position, None, mass, density, smoothing)
+    total += mass[i] / density[i] * own_share(smoothing)
     if walls is not None:
-        total += wall_sum(i, None, position, walls, smoothing, None)
-    color[i] = total
+        total += wall_sum(i, lane, position, walls, smoothing, None)
+    if first_lane(lane):
+        color[i] = total
 
 
-@kernel
-def squared_gradient(i, position, mass, density, color, neighbours, gradient_smoothing, color_gradient_squared):
+@pair
+def gradient_pair(r, x_ij, mass_j, density_j, color_j, gradient_smoothing):
+    """V_j c_j grad W_ij [1/m]."""
+    slope = kernel_slope(r, gradient_smoothing)
+    f = formulas.color_gradient_pair(mass_j / density_j, color_j, slope) / safe_distance(r, gradient_smoothing)
+    return f * x_ij[0], f * x_ij[1], f * x_ij[2]
+
+
+@kernel(lanes=True)
+def squared_gradient(i, lane, position, mass, density, color, neighbours, gradient_smoothing, color_gradient_squared):
     """|grad c_i|^2 with grad c_i = (1/c_i) sum_j V_j c_j grad W_ij [1/m^2]."""
-    first, stride, count = row_of(neighbours, i)
-    h = gradient_smoothing.support_radius
-    real = type(h)
-    limit = h * h
-    tiny = real(1e-9) * h
-    gx, gy, gz = real(0), real(0), real(0)
-    x, y, z = position[i, 0], position[i, 1], position[i, 2]
-    for k in range(count):
-        j = neighbours.entries[first + k * stride]
-        dx, dy, dz = x - position[j, 0], y - position[j, 1], z - position[j, 2]
-        r2 = dx * dx + dy * dy + dz * dz
-        if r2 < limit:
-            r = math.sqrt(r2)
-            slope = kernel_slope(r, gradient_smoothing)
-            f = formulas.color_gradient_pair(mass[j] / density[j], color[j], slope) / (r + tiny)
-            gx += f * dx
-            gy += f * dy
-            gz += f * dz
+    gx, gy, gz = neighbour_sum(
+        gradient_pair, i, lane, neighbours, position, None, mass, density, color, gradient_smoothing
+    )
     c = color[i]
     gx, gy, gz = gx / c, gy / c, gz / c
-    color_gradient_squared[i] = gx * gx + gy * gy + gz * gz
+    if first_lane(lane):
+        color_gradient_squared[i] = gx * gx + gy * gy + gz * gz
 
 
-@kernel
+@pair
+def tension_pair(
+    r, x_ij, mass_j, density_j, color_gradient_squared_i, color_gradient_squared_j, gradient_smoothing,
+    gradient_energy, air_pressure,
+):  # fmt: skip
+    """Gradient energy and air pressure, each unless None [N/m^3]."""
+    slope = kernel_slope(r, gradient_smoothing)
+    volume = mass_j / density_j
+    f = type(r)(0)
+    if gradient_energy is not None:
+        f += formulas.gradient_energy_pair(
+            volume, color_gradient_squared_i, color_gradient_squared_j, slope, gradient_energy
+        )
+    if air_pressure is not None:
+        f += formulas.air_pressure_pair(volume, slope, air_pressure)
+    f /= safe_distance(r, gradient_smoothing)
+    return f * x_ij[0], f * x_ij[1], f * x_ij[2]
+
+
+@kernel(lanes=True)
 def tension(
-    i, position, mass, density, color_gradient_squared, neighbours, gradient_smoothing, gradient_energy, air_pressure,
-    acceleration,
+    i, lane, position, mass, density, color_gradient_squared, neighbours, gradient_smoothing, gradient_energy,
+    air_pressure, acceleration,
 ):  # fmt: skip
     """Gradient energy and air pressure, each unless None; added to the acceleration [m/s^2]."""
-    first, stride, count = row_of(neighbours, i)
-    h = gradient_smoothing.support_radius
-    real = type(h)
-    limit = h * h
-    tiny = real(1e-9) * h
-    ax, ay, az = real(0), real(0), real(0)
-    x, y, z = position[i, 0], position[i, 1], position[i, 2]
-    for k in range(count):
-        j = neighbours.entries[first + k * stride]
-        dx, dy, dz = x - position[j, 0], y - position[j, 1], z - position[j, 2]
-        r2 = dx * dx + dy * dy + dz * dz
-        if r2 < limit:
-            r = math.sqrt(r2)
-            slope = kernel_slope(r, gradient_smoothing)
-            volume = mass[j] / density[j]
-            f = real(0)
-            if gradient_energy is not None:
-                both = color_gradient_squared[i], color_gradient_squared[j]
-                f += formulas.gradient_energy_pair(volume, both[0], both[1], slope, gradient_energy)
-            if air_pressure is not None:
-                f += formulas.air_pressure_pair(volume, slope, air_pressure)
-            f /= r + tiny
-            ax += f * dx
-            ay += f * dy
-            az += f * dz
+    ax, ay, az = neighbour_sum(
+        tension_pair, i, lane, neighbours, position, None, mass, density, color_gradient_squared, gradient_smoothing,
+        gradient_energy, air_pressure,
+    )  # fmt: skip
     rho = density[i]
-    acceleration[i, 0] += ax / rho
-    acceleration[i, 1] += ay / rho
-    acceleration[i, 2] += az / rho
+    add_vector(acceleration, i, lane, ax / rho, ay / rho, az / rho)

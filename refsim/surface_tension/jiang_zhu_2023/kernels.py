@@ -1,48 +1,38 @@
-"""What one particle does in Jiang & Zhu 2023."""
+"""What one neighbour and one particle do in Jiang & Zhu 2023."""
 
 import math
 
 from refsim.backends.compile import formula, kernel
-from refsim.neighbours.rows import first_lane, over_lanes, row_of
-from refsim.smoothing.formulas import kernel_value
-from refsim.sph.kernels import wall_sum
+from refsim.neighbours.pairs import neighbour_sum, pair
+from refsim.neighbours.rows import add_vector, first_lane
+from refsim.smoothing.formulas import kernel_value, safe_distance
+from refsim.sph.kernels import own_share, wall_sum
 from refsim.surface_tension.jiang_zhu_2023 import formulas
 
 
-@kernel
-def corrected_density(i, position, mass, density, near_surface, neighbours, walls, smoothing, fluid, corrected_density):
+@pair
+def corrected_density_pair(r, mass_j, density_j, smoothing):
+    """Terms m_j W_ij [kg/m^dim] and (m_j/rho_j) W_ij of J(14)."""
+    w = mass_j * kernel_value(r, smoothing)
+    return w, w / density_j
+
+
+@kernel(lanes=True)
+def corrected_density(
+    i, lane, position, mass, density, near_surface, neighbours, walls, smoothing, fluid, corrected_density
+):
     """J(14), J(15) near the surface, everywhere if `near_surface` is None; else the density itself [kg/m^dim]."""
     rho = density[i]
     if near_surface is None or near_surface[i] != 0:
-        # A function of its own keeps the order of the sums: inlined, the compiler would add the walls' share earlier.
-        mass_sum, volume_sum = density_sums(i, position, mass, density, neighbours, smoothing)
+        mass_sum, volume_sum = neighbour_sum(
+            corrected_density_pair, i, lane, neighbours, position, None, mass, density, smoothing
+        )
+        own = mass[i] * own_share(smoothing)
         if walls is not None:
-            filled = fluid.rest_density * wall_sum(i, None, position, walls, smoothing, None)
-            mass_sum += filled
-            volume_sum += filled / rho
-        rho = formulas.normalised_density(mass_sum, volume_sum)
-    corrected_density[i] = rho
-
-
-@formula
-def density_sums(i, position, mass, density, neighbours, smoothing):
-    """(sum_j m_j W_ij [kg/m^dim], sum_k (m_k/rho_k) W_ik [-]) over the fluid, self included."""
-    first, stride, count = row_of(neighbours, i)
-    h = smoothing.support_radius
-    limit = h * h
-    own = mass[i] * kernel_value(type(h)(0), smoothing)
-    mass_sum = own
-    volume_sum = own / density[i]
-    x, y, z = position[i, 0], position[i, 1], position[i, 2]
-    for k in range(count):
-        j = neighbours.entries[first + k * stride]
-        dx, dy, dz = x - position[j, 0], y - position[j, 1], z - position[j, 2]
-        r2 = dx * dx + dy * dy + dz * dz
-        if r2 < limit:
-            w = mass[j] * kernel_value(math.sqrt(r2), smoothing)
-            mass_sum += w
-            volume_sum += w / density[j]
-    return mass_sum, volume_sum
+            own += fluid.rest_density * wall_sum(i, lane, position, walls, smoothing, None)
+        rho = formulas.normalised_density(mass_sum + own, volume_sum + own / rho)
+    if first_lane(lane):
+        corrected_density[i] = rho
 
 
 @kernel
@@ -58,69 +48,60 @@ def soft_weight(i, surface_normal, soft, surface_weight):
     surface_weight[i] = formulas.soft_weight(math.sqrt(x * x + y * y + z * z), soft)
 
 
+@pair
+def tension_pair(
+    r, x_ij, mass_j, density_i, density_j, surface_weight_j, surface_j, area_normal_i, area_normal_j, smoothing,
+    base, slope, cohesion, area,
+):  # fmt: skip
+    """J(16) with J(17), and J(21) or J(18), each unless None [m/s^2]."""
+    real = type(r)
+    ax, ay, az = real(0), real(0), real(0)
+    share = base
+    if surface_weight_j is not None:
+        share += slope * surface_weight_j
+    if surface_j is not None:
+        share += slope * real(surface_j)
+    if cohesion is not None:
+        pull = formulas.cohesion_pair(mass_j, r * smoothing.inverse_radius, cohesion)
+        f = share * pull / safe_distance(r, smoothing)
+        ax += f * x_ij[0]
+        ay += f * x_ij[1]
+        az += f * x_ij[2]
+    if area is not None:
+        g = share * (formulas.area_strength(density_i, area) * formulas.area_pair(mass_j, density_j, area))
+        ax -= g * (area_normal_i[0] - area_normal_j[0])
+        ay -= g * (area_normal_i[1] - area_normal_j[1])
+        az -= g * (area_normal_i[2] - area_normal_j[2])
+    return ax, ay, az
+
+
 @kernel(lanes=True)
 def tension(
     i, lane, position, mass, density, surface_weight, surface, area_normal, neighbours, smoothing, pairs, cohesion,
     area, acceleration,
 ):  # fmt: skip
     """J(16) with J(17), and J(21) or J(18), each unless None; added to the acceleration [m/s^2]."""
-    ax, ay, az = pair_sums(
-        i, lane, position, mass, density, surface_weight, surface, area_normal, neighbours, smoothing, pairs, cohesion,
-        area,
-    )  # fmt: skip
-    ax, ay, az = over_lanes(ax, lane), over_lanes(ay, lane), over_lanes(az, lane)
-    if first_lane(lane):
-        acceleration[i, 0] += ax
-        acceleration[i, 1] += ay
-        acceleration[i, 2] += az
+    zero = type(smoothing.support_radius)(0)
+    base, slope = row_weights(i, lane, zero, surface_weight, surface, neighbours, pairs)
+    if base != zero or slope != zero:
+        ax, ay, az = neighbour_sum(
+            tension_pair, i, lane, neighbours, position, None, mass, density, surface_weight, surface, area_normal,
+            smoothing, base, slope, cohesion, area,
+        )  # fmt: skip
+        add_vector(acceleration, i, lane, ax, ay, az)
 
 
-@formula
-def pair_sums(
-    i, lane, position, mass, density, surface_weight, surface, area_normal, neighbours, smoothing, pairs, cohesion, area
-):
-    """Acceleration of particle i by the pairs of its row, or of the lane's share of them [m/s^2]."""
-    first, stride, count = row_of(neighbours, i, lane)
-    h = smoothing.support_radius
-    real = type(h)
-    limit = h * h
-    tiny = real(1e-9) * h
-    ax, ay, az = real(0), real(0), real(0)
-    base, slope = row_weights(i, lane, real(0), surface_weight, surface, neighbours, pairs)
-    if base == real(0) and slope == real(0):
-        return ax, ay, az
-    bx, by, bz = real(0), real(0), real(0)
-    nx, ny, nz = real(0), real(0), real(0)
-    if area is not None:
-        nx, ny, nz = area_normal[i, 0], area_normal[i, 1], area_normal[i, 2]
-    x, y, z = position[i, 0], position[i, 1], position[i, 2]
-    for k in range(count):
-        j = neighbours.entries[first + k * stride]
-        dx, dy, dz = x - position[j, 0], y - position[j, 1], z - position[j, 2]
-        r2 = dx * dx + dy * dy + dz * dz
-        if r2 < limit:
-            share = base
-            if surface_weight is not None:
-                share += slope * surface_weight[j]
-            if surface is not None:
-                share += slope * real(surface[j])
-            if cohesion is not None:
-                r = math.sqrt(r2)
-                f = share * formulas.cohesion_pair(mass[j], r * smoothing.inverse_radius, cohesion) / (r + tiny)
-                ax += f * dx
-                ay += f * dy
-                az += f * dz
-            if area is not None:
-                g = share * formulas.area_pair(mass[j], density[j], area)
-                bx += g * (nx - area_normal[j, 0])
-                by += g * (ny - area_normal[j, 1])
-                bz += g * (nz - area_normal[j, 2])
-    if area is not None:
-        strength = formulas.area_strength(density[i], area)
-        ax -= strength * bx
-        ay -= strength * by
-        az -= strength * bz
-    return ax, ay, az
+@pair
+def marked_pair(surface_weight_j, surface_j, zero):
+    """1 for a neighbour with a weight, a NaN or a mark, else 0."""
+    found = zero
+    if surface_weight_j is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
+        if surface_weight_j != zero:
+            found = type(zero)(1)
+    if surface_j is not None:  # noqa: SIM102
+        if surface_j != 0:
+            found = type(zero)(1)
+    return found
 
 
 @formula
@@ -129,23 +110,13 @@ def row_weights(i, lane, zero, surface_weight, surface, neighbours, pairs):
 
     A particle of the bulk thus reads the weights of its neighbours and nothing else of them. Dimensionless.
     """
-    first, stride, count = row_of(neighbours, i, lane)
-    real = type(zero)
-    one = real(1)
     weight_i, surface_i = zero, 0
     if surface_weight is not None:
         weight_i = surface_weight[i]
     if surface is not None:
         surface_i = surface[i]
     base, slope = formulas.pair_weight(pairs.mode, weight_i, surface_i)
-    if base == zero and slope != zero:
-        largest = zero
-        for k in range(count):
-            j = neighbours.entries[first + k * stride]
-            if surface_weight is not None:  # a NaN counts as 1, so that it stays visible
-                largest = max(largest, zero if surface_weight[j] == zero else one)
-            if surface is not None:
-                largest = max(largest, real(surface[j]))
-        if largest == zero:
+    if base == zero and slope != zero:  # noqa: SIM102
+        if neighbour_sum(marked_pair, i, lane, neighbours, None, None, surface_weight, surface, zero) == zero:
             slope = zero
     return base, slope

@@ -1,33 +1,22 @@
-"""What one particle does in Tartakovsky & Meakin 2005."""
-
-import math
+"""What one neighbour and one particle do in Tartakovsky & Meakin 2005."""
 
 from refsim.backends.compile import kernel
-from refsim.neighbours.rows import row_of
+from refsim.neighbours.pairs import neighbour_sum, pair
+from refsim.neighbours.rows import add_vector
+from refsim.smoothing.formulas import safe_distance
 from refsim.surface_tension.tartakovsky_meakin_2005 import formulas
 
 
-@kernel
-def cosine_cohesion(i, position, mass, neighbours, smoothing, cosine_force, acceleration):
+@pair
+def cosine_pair(r, x_ij, smoothing, cosine_force):
+    """cos(3 pi r/(2 h)) e_ij, dimensionless."""
+    f = formulas.force_shape(r, cosine_force) / safe_distance(r, smoothing)
+    return f * x_ij[0], f * x_ij[1], f * x_ij[2]
+
+
+@kernel(lanes=True)
+def cosine_cohesion(i, lane, position, mass, neighbours, smoothing, cosine_force, acceleration):
     """Pair force s cos(3 pi r/(2 h)) e_ij over m_i; added to the acceleration [m/s^2]."""
-    first, stride, count = row_of(neighbours, i)
-    h = smoothing.support_radius
-    real = type(h)
-    limit = h * h
-    tiny = real(1e-9) * h
+    ax, ay, az = neighbour_sum(cosine_pair, i, lane, neighbours, position, None, smoothing, cosine_force)
     strength = cosine_force.strength / mass[i]
-    ax, ay, az = real(0), real(0), real(0)
-    x, y, z = position[i, 0], position[i, 1], position[i, 2]
-    for k in range(count):
-        j = neighbours.entries[first + k * stride]
-        dx, dy, dz = x - position[j, 0], y - position[j, 1], z - position[j, 2]
-        r2 = dx * dx + dy * dy + dz * dz
-        if r2 < limit:
-            r = math.sqrt(r2)
-            f = formulas.force_shape(r, cosine_force) / (r + tiny)
-            ax += f * dx
-            ay += f * dy
-            az += f * dz
-    acceleration[i, 0] += strength * ax
-    acceleration[i, 1] += strength * ay
-    acceleration[i, 2] += strength * az
+    add_vector(acceleration, i, lane, strength * ax, strength * ay, strength * az)
