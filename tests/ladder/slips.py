@@ -100,6 +100,9 @@ def row(k):
 # function -> (start of the altered line, why it changes no answer)
 HARMLESS = {
     "kick_drift": [("squared = type(timestep[0])(0)", "only the type is taken")],
+    "tension": [("nx, ny, nz = (real(0)", "set again where they are used")],
+    "pair_sums": [("nx, ny, nz = (real(0)", "set again where they are used")],
+    "squared_gradient": [(f"g{c} += f * d{c}", "only its square is taken") for c in "xyz"],
     "corrected": [("nx, ny, nz, filled = (real(0)", "zero over anything")],
     "unit": [("zero = type(length)(0)", "a normal without direction is not looked at")],
     "rigid_motion": [
@@ -212,6 +215,7 @@ HARMLESS = {
     "_mean": [("return float(here.mean()) if len(here)", "without particles an iteration does nothing")],
     "marked_pair": [("found = type(zero)(1)", "only whether a row is idle depends on it")],
     "row_weights": [
+        ("one = real(1)", "only whether a row is idle depends on it"),
         ("weight_i, surface_i = (zero, 0)", "belongs to the mode that is not taken"),
         ("base == zero and slope != zero", "looks for idle rows in vain, or not at all"),
     ],
@@ -353,6 +357,10 @@ HARMLESS = {
     ],
     "place": [("one = type(facet_corner[a, 0])(1)", "only the type is taken")],
     "goal_slot": [("zero = type(matching.spacing)(0)", "only filled slots are required")],
+    "curvature": [
+        (f"curvature[i] = real(0)  ->  curvature[i] = {zero}", "a zero has no sign and no size")
+        for zero in ("-real(0)", "real(0) * 1.01")
+    ],
     "particle_crowding": [
         (f"wz = (real(1), real(0), real(0))  ->  wz = (real(1), {rest})", "in the plane only the first is read")
         for rest in ("real(1), real(0)", "real(0), real(1)")
