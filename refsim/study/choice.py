@@ -1,0 +1,229 @@
+"""Which measured setting is advised for an error: the rules, for one panel and one kind of machine.
+
+1. A setting is a candidate if it keeps the error, was not stopped, computes the scene with all its effects and no more,
+   and nothing speaks against it elsewhere.
+2. A step beyond the stable one is no candidate: the runner gives a note on it.
+3. float64 is no candidate where float32 with the same knobs has the same error within its noise, or 1 %.
+4. Of the candidates whose timing has settled (`unsettled`) the fastest is advised. Where none has settled, none is.
+   Timings are those of equal runs: where starts differ in what they cost, the range of the starts stands beside.
+5. A settled candidate is not advised either where an unsettled one is faster beyond its scatter: where the slowest
+   reading of that one is below the fastest reading of the settled one. The cheaper one is then named with its readings.
+6. A setting that keeps an error which a finer spacing with the same other knobs does not keep is no candidate for it:
+   errors of opposite sign cancel there.
+7. An error below the uncertainty of the reference is marked as such.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from refsim.study.panels import OWN, Panel, Point
+
+REPEATS = 5  # fewer are no statistics
+SCATTER = 0.05  # robust standard deviation over the median, above which a time is called unstable
+SPREAD = 1.5  # the slow end (90 %) over the fast end (10 %) of the repeats, above which it is, too
+NORMAL = 1.4826  # standard deviation of a normal distribution over its median absolute deviation
+SURE = 3.0  # standard deviations that a difference must exceed
+LEAST_ERROR = 0.01  # relative difference of two errors that does not matter
+
+
+def middle(values: Sequence[float]) -> tuple[float, float]:
+    """Median and median absolute deviation; NaN for no values."""
+    if not len(values):
+        return math.nan, math.nan
+    median = float(np.median(values))
+    return median, float(np.median(np.abs(np.asarray(values, dtype=float) - median)))
+
+
+def instability(seconds: Sequence[float]) -> str:
+    """Why a median of these times is not to be trusted; "" where it is."""
+    if len(seconds) < REPEATS:
+        return f"only {len(seconds)} of {REPEATS} repeats"
+    median, deviation = middle(seconds)
+    if not median > 0:
+        return "no time passed"
+    if NORMAL * deviation > SCATTER * median:
+        return f"scatters by {100 * NORMAL * deviation / median:.0f} %"
+    fast, slow = np.quantile(seconds, (0.1, 0.9))
+    if slow > SPREAD * fast:
+        return f"slow repeats take {slow / fast:.1f} times the fast ones"
+    return ""
+
+
+def unsettled(seconds: Sequence[float]) -> str:
+    """Why a time is not advised: `instability`, or an interquartile range of SCATTER of the median or more; "" if
+    neither."""
+    why = instability(seconds)
+    if why:
+        return why
+    low, median, high = np.quantile(seconds, (0.25, 0.5, 0.75))
+    return "" if high - low < SCATTER * median else f"interquartile range {100 * (high - low) / median:.0f} %"
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One point of a panel as the rules see it; `error` is relative."""
+
+    point: Point
+    error: float
+
+    @property
+    def wall(self) -> float:
+        """Median seconds to the error that it keeps."""
+        return middle(self.point.seconds)[0]
+
+    def seconds(self, error: float) -> float | None:
+        """Median seconds until it keeps a relative error; None where it does not."""
+        if self.point.reached:
+            return next((s for bar, s in self.point.reached if bar <= error * (1 + 1e-9)), None)
+        return self.wall if self.error <= error else None
+
+    @property
+    def unsettled(self) -> str:
+        """Why the timing has not settled; "" where it has."""
+        return unsettled(self.point.noise or self.point.seconds)
+
+    @property
+    def scatter(self) -> tuple[float, float]:
+        """Its fastest and slowest readings over the median."""
+        return self._range(self.point.noise or self.point.seconds)
+
+    @property
+    def starts(self) -> tuple[float, float] | None:
+        """The cheapest and the dearest start over the median, where starts differ by more than the timing."""
+        seconds = self.point.seconds
+        return self._range(seconds) if not self.unsettled and unsettled(seconds) else None
+
+    def _range(self, seconds: Sequence[float]) -> tuple[float, float]:
+        median = self.wall
+        return (min(seconds) / median, max(seconds) / median) if len(seconds) and median > 0 else (1.0, 1.0)
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What the rules say for one error.
+
+    advised  the candidate, or None
+    seconds  to the error
+    why      why none is advised; "" for one
+    notes    what was passed over, and what limits the answer
+    read     where none is advised: the candidate that was read fastest; None where none reaches the error
+    nearest  where none reaches the error: the one of the least error that is not kept by chance
+    """
+
+    advised: Candidate | None
+    seconds: float = math.nan
+    why: str = ""
+    notes: tuple[str, ...] = ()
+    read: Candidate | None = None
+    nearest: Candidate | None = None
+
+    @property
+    def named(self) -> Candidate | None:
+        """The setting that the answer names."""
+        return self.advised or self.read or self.nearest
+
+
+def candidates(panel: Panel) -> list[Candidate]:
+    """Points of the panel's scene that came to an end."""
+    made = []
+    for key, point in panel.points.items():
+        another = key.removeprefix("cuda_").startswith(panel.about.other_scenes)
+        error = panel.error(point)
+        if not another and point.shown and math.isfinite(error):
+            made.append(Candidate(point, error))
+    return made
+
+
+def kinds(panel: Panel) -> dict[str, list[Candidate]]:
+    """Candidates by where they are advised: "cpu", "gpu" and "peer"."""
+    made: dict[str, list[Candidate]] = {"cpu": [], "gpu": [], "peer": []}
+    for c in candidates(panel):
+        made["peer" if c.point.program != OWN else "gpu" if c.point.gpu else "cpu"].append(c)
+    return made
+
+
+def refused(candidate: Candidate, others: Sequence[Candidate]) -> str:
+    """Why a candidate may not be advised, whatever its time; "" if it may."""
+    point, knobs = candidate.point, candidate.point.knobs
+    if point.against:
+        return point.against
+    if knobs.get("step", 1.0) > 1.0 and "scheme" not in knobs:
+        return "the runner gives a note on a step beyond the stable one"
+    if knobs.get("dtype") == "float64":
+        same = {**knobs, "dtype": "float32"}
+        for other in others:
+            noise = SURE * NORMAL * math.hypot(point.error_mad, other.point.error_mad)
+            if other.point.knobs == same and abs(other.error - candidate.error) <= max(
+                noise, LEAST_ERROR * other.error
+            ):
+                return "float32 has the same error"
+    return ""
+
+
+def by_chance(candidate: Candidate, error: float, others: Sequence[Candidate]) -> Candidate | None:
+    """The candidate of a finer spacing, other knobs equal, that does not keep the error; None where there is none."""
+    knobs = candidate.point.knobs
+    for other in others:
+        theirs = other.point.knobs
+        finer = theirs.get("spacing", 0.0) < knobs.get("spacing", 0.0)
+        if finer and {**theirs, "spacing": 0.0} == {**knobs, "spacing": 0.0} and other.error > error:
+            return other
+    return None
+
+
+def choose(found: Sequence[Candidate], error: float, uncertainty: float = 0.0) -> Choice:
+    """The cheapest settled setting for a relative error; see the rules above.
+
+    uncertainty  of the reference, relative
+    """
+    allowed = [c for c in found if not refused(c, found)]
+    if not found:
+        return Choice(None, why="not measured")
+    reach = [(seconds, c) for c in allowed if (seconds := c.seconds(error)) is not None]
+    notes = []
+    for pair in list(reach):
+        finer = by_chance(pair[1], error, allowed)
+        if finer is not None:
+            reach.remove(pair)
+            said = f"{pair[1].point.words} keeps {percent(pair[1].error)} by chance"
+            notes.append(f"passed over: {said}, {finer.point.words} {percent(finer.error)}")
+    if error < uncertainty:
+        notes.append(f"below the uncertainty of the reference ({percent(uncertainty)})")
+    if not reach:
+        if not allowed:
+            return Choice(None, why="not reached: no setting may be advised", notes=tuple(notes))
+        best = min((c for c in allowed if by_chance(c, c.error, allowed) is None), key=lambda c: c.error)
+        why = f"not reached: {best.point.words} keeps {percent(best.error)} after {duration(best.wall)}"
+        return Choice(None, why=why, notes=tuple(notes), nearest=best)
+    settled = [(seconds, c) for seconds, c in reach if not c.unsettled]
+    least, nearest = min(reach, key=lambda pair: pair[0])
+    fast, slow = (duration(least * share) for share in nearest.scatter)
+    read = f"{nearest.point.words} was read at {duration(least)} ({fast} to {slow}), but {nearest.unsettled}"
+    if not settled:
+        said = f"{len(reach)} settings reach it" if len(reach) > 1 else "one setting reaches it"
+        return Choice(None, least, f"not advised: {said}, none in a settled time; {read}", tuple(notes), nearest)
+    seconds, best = min(settled, key=lambda pair: pair[0])
+    if any(s * c.scatter[1] < seconds * best.scatter[0] for s, c in reach if c.unsettled):
+        later = f"{best.point.words} in a settled {duration(seconds)} costs more"
+        return Choice(None, least, f"not advised: {read}; {later}", tuple(notes), nearest)
+    if least < seconds:
+        notes.append(f"passed over: {read}")
+    return Choice(best, seconds, notes=tuple(notes))
+
+
+def percent(value: float) -> str:
+    """A share in per cent, two digits."""
+    return f"{float(f'{100 * value:.2g}'):g} %"
+
+
+def duration(seconds: float) -> str:
+    """Seconds in words, three digits."""
+    for unit, size in (("s", 1.0), ("ms", 1e-3)):
+        if seconds >= size:
+            return f"{seconds / size:.3g} {unit}"
+    return f"{seconds / 1e-6:.3g} us"

@@ -1,0 +1,231 @@
+"""Panels: observables with a reference, and the settings that were measured of each, as plain files beside this one.
+
+panels.toml says what each panel observes and against which reference; NAME.json holds its points, one a line, with the
+machine, commit and date of their measurement.
+"""
+
+from __future__ import annotations
+
+import functools
+import importlib.resources
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import msgspec
+
+from refsim.core.checked import suggestion
+from refsim.core.errors import InputError
+
+SCHEMA = "refsim panel, version 1"
+TWO_GRIDS = 3.0  # safety factor of the grid convergence index where the order is assumed, not observed (Roache 1994)
+OWN = "refsim"
+FOLDER = importlib.resources.files("refsim") / "study" / "panels"
+
+
+class About(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What a panel observes, against what.
+
+    words         the observable
+    relative      what an error of 1 is
+    observed      how the value is read, with its unit
+    reference     what the error is taken from, in words
+    page          of docs/ that explains it
+    base          key of the setting from which others differ in one thing
+    value, scale  error = |value of a point - value|/scale
+    uncertainty, uncertain  of the reference, relative, and why
+    limit_of      keys of two spacings, coarse and fine, whose Richardson limit of first order is the reference
+    spread        another width of the picture, in words
+    unit          of the value where errors are given in it, too
+    method        knob whose values are the picture's lines
+    more          errors in the table beside those of all panels
+    remark        what the reader must know, one sentence
+    no_meaning    (error, why): neither this error nor a smaller one has a meaning
+    other_scenes  how keys of settings begin that compute another scene: with an effect more, or one less
+    bars          key of a setting -> (error that it keeps at most, why)
+    """
+
+    words: str
+    relative: str
+    observed: str
+    reference: str
+    page: str
+    base: str
+    value: float = 0.0
+    scale: float = 1.0
+    uncertainty: float = 0.0
+    uncertain: str = "uncertainty of the reference"
+    limit_of: tuple[str, str] | None = None
+    spread: tuple[float, str] | None = None
+    unit: str = ""
+    method: str = "backend"
+    more: tuple[float, ...] = ()
+    remark: str = ""
+    no_meaning: tuple[float, str] | None = None
+    other_scenes: tuple[str, ...] = ()
+    bars: dict[str, tuple[float, str]] = {}
+
+
+class Point(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """One setting, measured.
+
+    key, words      name within the panel, and the setting in words
+    program         "refsim", or another program
+    knobs           what distinguishes it: spacing, step (share of the stable one), dtype, backend ...
+    setting         what else its run takes
+    place           number of the panel's place where it was measured
+    value, error    median of the readings, and of their relative errors; `value_mad`, `error_mad`: median absolute
+                    deviations
+    seconds         wall seconds to that error, one for each reading
+    noise           seconds of equal work, where readings are of unequal work; else empty
+    step_seconds    median of a step; `steps` of the run
+    bytes           of the fields; `launches` of a step; `joules` of the run
+    parts, beside   medians of the parts of `seconds`, and of what comes on top
+    distribution    {"what": {"median", "p99", "max"}} of quantities that each particle or datum has
+    reached         (error, seconds until the run keeps it), from large errors to small ones; empty without a curve
+    failed          why the setting failed; "" if it did not; `spent`: seconds until then
+    against         what speaks against it elsewhere
+    speaks_against  knobs of the settings that its own error would speak against
+    shown           whether it is a point of the panel; else its error alone is wanted
+    scene           digest of the scene
+    """
+
+    key: str
+    words: str
+    place: int
+    knobs: dict[str, Any]
+    program: str = OWN
+    setting: dict[str, Any] = {}
+    value: float | None = None
+    value_mad: float = 0.0
+    error: float | None = None
+    error_mad: float = 0.0
+    seconds: list[float] = []
+    noise: list[float] = []
+    steps: int = 0
+    step_seconds: float | None = None
+    particles: int = 0
+    bytes: int | None = None
+    launches: int | None = None
+    joules: float | None = None
+    parts: dict[str, float] = {}
+    beside: dict[str, float] = {}
+    distribution: dict[str, dict[str, float | None]] = {}
+    reached: list[tuple[float, float]] = []
+    failed: str = ""
+    spent: float = 0.0
+    against: str = ""
+    speaks_against: dict[str, Any] = {}
+    shown: bool = True
+    scene: str = ""
+
+    @property
+    def gpu(self) -> bool:
+        """Whether it was measured on a GPU."""
+        return bool(self.knobs.get("backend") == "cuda")
+
+
+class Place(msgspec.Struct, frozen=True):
+    """Where and when points were measured; `device` is the GPU, "" on a CPU."""
+
+    machine: str
+    threads: int
+    date: str
+    commit: str | None = None
+    device: str = ""
+    driver: str = ""
+    cores: int | None = None
+    load: list[float] | None = None
+    versions: dict[str, str] = {}
+
+
+@dataclass(frozen=True)
+class Panel:
+    """An observable, what it is held against, and its measured points by key."""
+
+    name: str
+    about: About
+    places: tuple[Place, ...]
+    points: Mapping[str, Point]
+    starts: Mapping[str, tuple[float, float]]
+
+    def reference(self) -> tuple[float, float, float]:
+        """(value, scale, relative uncertainty) of what errors are taken from.
+
+        Of `limit_of`: v_f + (v_f - v_c)/(r - 1) with the ratio r of the spacings, scale 1 of it, and TWO_GRIDS times
+        the last term.
+        """
+        about = self.about
+        if about.limit_of is None:
+            return about.value, about.scale, about.uncertainty
+        coarse, fine = (self.points[key] for key in about.limit_of)
+        assert coarse.value is not None and fine.value is not None
+        change = (fine.value - coarse.value) / (coarse.knobs["spacing"] / fine.knobs["spacing"] - 1.0)
+        limit = fine.value + change
+        return limit, abs(limit), TWO_GRIDS * abs(change / limit)
+
+    def error(self, point: Point) -> float:
+        """Relative error of a point; NaN where it failed."""
+        if point.failed or point.value is None:
+            return math.nan
+        if self.about.limit_of is None:
+            return math.nan if point.error is None else point.error
+        value, scale, _ = self.reference()
+        return abs(point.value - value) / scale
+
+    def where(self, gpu: bool) -> str:
+        """Machines of its own points, in words."""
+        used = dict.fromkeys(p.place for p in self.points.values() if p.gpu == gpu and p.program == OWN)
+        places = [self.places[k] for k in used]
+        if gpu:
+            return "; ".join(dict.fromkeys(f"{p.device}, {p.date}" for p in places))
+        return "; ".join(dict.fromkeys(f"{p.machine}, {p.threads} threads, {p.date}" for p in places))
+
+
+@functools.cache
+def abouts() -> dict[str, About]:
+    """What every panel observes, by name."""
+    return msgspec.toml.decode((FOLDER / "panels.toml").read_bytes(), type=dict[str, About])
+
+
+@functools.cache
+def panel(name: str) -> Panel:
+    """A panel with its points. Raises InputError for an unknown one."""
+    known = abouts()
+    if name not in known:
+        raise InputError(f"there is no panel {name!r}; {suggestion(name, known)}")
+    return parse((FOLDER / f"{name}.json").read_text(encoding="utf-8"))
+
+
+def parse(text: str) -> Panel:
+    """The panel of a file NAME.json. Raises InputError for another file."""
+    try:
+        data = json.loads(text)
+        if data["schema"] != SCHEMA:
+            raise ValueError(f"its schema is {data['schema']!r}, not {SCHEMA!r}")
+        points = msgspec.convert(data["points"], list[Point])
+        places = msgspec.convert(data["places"], tuple[Place, ...])
+        return Panel(data["name"], abouts()[data["name"]], places, {p.key: p for p in points}, data.get("starts", {}))
+    except (KeyError, TypeError, ValueError) as error:  # msgspec.ValidationError is a ValueError
+        raise InputError(f"this is no stored panel ({error}); measure it anew (refsim study).") from None
+
+
+def as_text(panel: Panel) -> str:
+    """The panel as its file: one point a line, without what is at its default."""
+    head = {"schema": SCHEMA, "name": panel.name, "places": msgspec.to_builtins(panel.places)}
+    if panel.starts:
+        head["starts"] = dict(panel.starts)
+    defaults = dict(zip(Point.__struct_fields__[-len(Point.__struct_defaults__) :], Point.__struct_defaults__))
+    lines = []
+    for point in panel.points.values():
+        plain = msgspec.to_builtins(point)
+        unusual = {n: v for n, v in plain.items() if n not in defaults or v != msgspec.to_builtins(_made(defaults[n]))}
+        lines.append(json.dumps(unusual, allow_nan=False))
+    return json.dumps(head)[:-1] + ', "points": [\n' + ",\n".join(lines) + "\n]}\n"
+
+
+def _made(default: Any) -> Any:
+    factory = getattr(default, "factory", None)
+    return factory() if factory else default
