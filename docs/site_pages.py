@@ -29,7 +29,7 @@ NAVIGATION = {
         "render", "study", "sweep", "gallery", "contract",
     ),
     "What holds": (
-        "guarantees", "checks", "errata", "nightly", "accuracy_cost", "accuracy_cost_panels",
+        "guarantees", "checks", "errata", "nightly", "accuracy_cost",
         "effects_cost", "device_limits", "stability", "energy_audit",
     ),
     "Liquids and walls": (

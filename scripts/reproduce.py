@@ -1,11 +1,11 @@
 """Reproduce the papers' experiments, judge them, draw their pictures and write one report.
 
 `--quick`, the main job, runs the dam break with surface detection, the cube that becomes a sphere, the timing table,
-and one small scene of each other system. `--full` (the default) runs every experiment at its published size and every
-panel of what accuracy costs. Runs that are not timed run side by side, in as many processes as there are cores (or
-`--threads`); timed ones run alone. Results are kept in results/ and reused, so that an interrupted run continues where
-it stopped. Pictures are in figures/ (quick ones in figures/quick/), every table and verdict is in results/report.html.
-Exit code: 0 all well, 2 bad input, 3 a run stopped, 4 a check failed.
+and one small scene of each other system. `--full` (the default) runs every experiment at its published size. Runs that
+are not timed run side by side, in as many processes as there are cores (or `--threads`); timed ones run alone. Results
+are kept in results/ and reused, so that an interrupted run continues where it stopped. Pictures are in figures/ (quick
+ones in figures/quick/), every table and verdict is in results/report.html. Exit code: 0 all well, 2 bad input, 3 a run
+stopped, 4 a check failed.
 """
 
 from __future__ import annotations
@@ -23,7 +23,6 @@ sys.path.insert(0, str(ROOT))
 from refsim.core.errors import RefsimError  # noqa: E402
 from validation import judging  # noqa: E402
 from validation.__main__ import add_options, options_of  # noqa: E402
-from validation.accuracy import panels, perform_panels  # noqa: E402
 from validation.checks import CLAIM, FAIL  # noqa: E402
 from validation.experiment import Experiment, Options, Part, discover  # noqa: E402
 from validation.perform import EXIT_FAILED, Performed, exit_code, machine, perform, stored_kernels  # noqa: E402
@@ -91,8 +90,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         experiments = discover()
         first, *then = planned(experiments, options)
         performed += perform(first, options, jobs, shown=shown, then=then)
-        if not options.quick:
-            performed += perform_panels(list(panels(experiments).values()), options)
     except RefsimError as error:
         print(error, file=sys.stderr)
         return error.exit_code

@@ -21,9 +21,11 @@ if not __package__:
     sys.exit(2)
 
 from refsim.core.errors import InputError, RefsimError
-from validation import accuracy, answers_page, judging, own_choices, page, times
+from refsim.study.choice import REPEATS
+from refsim.study.panels import abouts
+from validation import accuracy, accuracy_page, judging, own_choices, page, times
 from validation.attack import campaign
-from validation.checks import ACCURACY, CLAIM, HARD_CASE, KINDS, VALUE, VERDICT
+from validation.checks import CLAIM, HARD_CASE, KINDS, VALUE, VERDICT
 from validation.experiment import Options, Picture, chosen, discover
 from validation.measure import command
 from validation.perform import EXIT_FAILED, EXIT_FINE, Performed, exit_code, perform
@@ -72,11 +74,14 @@ def parser() -> argparse.ArgumentParser:
             part.add_argument("--write", action="store_true", help=words)
         part.set_defaults(perform=check, kind=performed[name], write=False)
 
-    part = add("accuracy", "measures error against wall time")
+    part = add("accuracy", "measures panels of error against time, and shows them beside their stored points")
     part.add_argument("names", nargs="*", metavar="PANEL", help="all by default")
-    add_options(part, "--only")
-    part.add_argument("--compare", nargs=2, metavar=("OLD", "NEW"), help="judge two reports; measures nothing")
-    part.add_argument("--write", action="store_true", help="renew docs/accuracy_cost.md and what refsim advise knows")
+    part.add_argument("--backend", default="cpu", help="cpu or cuda (cpu)")
+    part.add_argument("--threads", type=int, default=2, metavar="N", help="CPU threads (2)")
+    part.add_argument("--repeats", type=int, default=REPEATS, metavar="N", help=f"readings of a setting ({REPEATS})")
+    part.add_argument("--peers", action="store_true", help="the settings of other programs instead")
+    part.add_argument("--write", action="store_true", help="store what was measured and renew docs/accuracy_cost.md")
+    part.add_argument("--draw", action="store_true", help="page and pictures from the stored points; measures nothing")
     part.set_defaults(perform=panels)
 
     part = add("own", "measures what each paper's own choices give beside refsim's, in a minute, and writes the table")
@@ -150,7 +155,6 @@ def listed(given: argparse.Namespace) -> int:
     some = chosen([name for name in given.names if name not in KINDS], known, "experiment or kind")
     for experiment in some:
         parts = judging.contents(experiment, [VERDICT, CLAIM, HARD_CASE, VALUE])
-        parts |= {panel.name: (ACCURACY, panel.title) for panel in experiment.panels}
         if not given.names:
             numbers = Counter(kind for kind, _ in parts.values())
             counts = ", ".join(f"{n} {COUNTED[kind]}{'s' * (n > 1)}" for kind, n in numbers.items())
@@ -162,14 +166,13 @@ def listed(given: argparse.Namespace) -> int:
     return EXIT_FINE
 
 
-COUNTED = dict(zip(KINDS, ("bar", "claim", "hard case", "panel", "value")))
+COUNTED = dict(zip(KINDS, ("bar", "claim", "hard case", "value")))
 
 
 def every_picture() -> dict[str, Picture]:
-    """All pictures by name: of experiments, of their hard cases and maps, and of panels."""
+    """All pictures by name: of experiments, of their hard cases and maps."""
     options, known = Options(), discover()
     parts = [part for e in known.values() for part in (e.part(options), judging.trial_part(e, options))]
-    parts += [accuracy.part_of(name, panel, options) for name, panel in accuracy.panels(known).values()]
     return {picture.name: picture for part in parts for picture in part.pictures}
 
 
@@ -194,16 +197,12 @@ def own(given: argparse.Namespace) -> int:
 
 
 def panels(given: argparse.Namespace) -> int:
-    """Measure error against time, or compare two reports."""
-    if given.compare:
-        comparison = accuracy.compare(*map(accuracy.read_report, given.compare))
-        print("\n".join(comparison.lines))
-        return EXIT_FAILED if comparison.worse else EXIT_FINE
-    if given.write:
-        print(*answers_page.write(), sep="\n")
+    """Measure error against time, or draw what is stored."""
+    if given.draw:
+        print(*accuracy_page.write(), sep="\n")
         return EXIT_FINE
-    some = chosen(given.names, accuracy.panels(discover()), "panel")
-    return told(accuracy.perform_panels(some, options_of(given)), given.json)
+    chosen(given.names, dict(abouts()), "panel")  # names that there are
+    return accuracy.perform(given.names, given.backend, given.threads, given.repeats, given.peers, given.write)
 
 
 def timed(given: argparse.Namespace) -> int:

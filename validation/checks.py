@@ -4,10 +4,10 @@ A check is an entry `[check.NAME]` of an experiment's `expected.toml`. It has a 
 the `source` of its bar and at most one rule (`at_most`, `at_least`, `equals`). Its `reason` says what a reader must
 know beside the number; numbers in it are templates (`validation.filling`). The kinds:
 
-verdict, accuracy  a quantity of a run (of a panel of error against time), passes its bar or fails; shown without one
-claim              a sentence of a paper; confirmed if every start keeps the bar, refuted if none does, else mixed
-hard case          a scene that breaks codes, and how it ends: a `Trial` (`validation.trials`)
-value              a published number of a single run, with its spread
+verdict    a quantity of a run, passes its bar or fails; shown without one
+claim      a sentence of a paper; confirmed if every start keeps the bar, refuted if none does, else mixed
+hard case  a scene that breaks codes, and how it ends: a `Trial` (`validation.trials`)
+value      a published number of a single run, with its spread
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from typing import Any
 
 from validation.results import real
 
-VERDICT, CLAIM, HARD_CASE, ACCURACY, VALUE = KINDS = ("verdict", "claim", "hard case", "accuracy", "value")
+VERDICT, CLAIM, HARD_CASE, VALUE = KINDS = ("verdict", "claim", "hard case", "value")
 PASS, FAIL, SHOWN = "pass", "fail", "shown"
 CONFIRMED, REFUTED, MIXED, NOT_TESTABLE = "confirmed", "refuted", "mixed", "not testable"
 WARNED, REFUSED, STOPPED, FAILS = "warned", "refused", "stopped", "fails"  # how a hard case ends that does not pass
@@ -38,7 +38,6 @@ RULES = {
 _MEASURED = {"what", "unit", "measured", "spread", "starts", "over"}
 KEYS: dict[str, tuple[set[str], set[str]]] = {  # by kind: what an entry needs, and what else it may have
     VERDICT: ({"what", "unit", "source"}, {"paper", "reason", *RULES}),
-    ACCURACY: ({"what", "unit", "source"}, {"paper", "reason", *RULES}),
     CLAIM: (
         {"system", "title", "says", "source", "reading", "verdict"},
         {*_MEASURED, "null", "reason", "fixed", "complete", "verify", *RULES},

@@ -2,7 +2,7 @@
 
 A folder of `validation/experiments/` whose module `experiment` has an `EXPERIMENT` is one; its checks stand beside it
 in `expected.toml` (`validation.checks`). Verdicts and their pictures come from the runs of the experiment itself;
-claims of a paper, hard cases and maps of what is stable, and panels of error against time bring runs of their own.
+claims of a paper, hard cases and maps of what is stable bring runs of their own.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ import dataclasses
 import difflib
 import functools
 import importlib
-import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -20,7 +19,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from refsim.core.errors import InputError
 from validation import experiments as folder_of_experiments
-from validation.checks import ACCURACY, CLAIM, HARD_CASE, VALUE, VERDICT, Check, Checks, read
+from validation.checks import CLAIM, HARD_CASE, VALUE, VERDICT, Check, Checks, read
 from validation.results import Result
 from validation.tables import Table
 
@@ -29,7 +28,7 @@ if TYPE_CHECKING:
 
 Results = Mapping[str, Result]
 Points = Mapping[str, Mapping[str, Any]]
-COMMANDS = {VERDICT: "run", CLAIM: "claims", HARD_CASE: "stability", ACCURACY: "accuracy", VALUE: "verify"}
+COMMANDS = {VERDICT: "run", CLAIM: "claims", HARD_CASE: "stability", VALUE: "verify"}
 T = TypeVar("T")
 
 
@@ -104,7 +103,7 @@ class Picture:
 class Part:
     """The runs of one kind of checks that an experiment has under the user's options.
 
-    name    of the experiment, the claim or the panel
+    name    of the experiment or the claim
     folder  in which its results are kept, below the folder of results
     checks, tables   from the results that are there; pictures are drawn where all that they need is there
     """
@@ -166,61 +165,6 @@ def alike(values: Mapping[str, Any]) -> Callable[[Measure], Sequence[float]]:
 
 
 @dataclass(frozen=True)
-class Band:
-    """What the reference itself leaves open: errors below `width` say nothing."""
-
-    width: float
-    words: str
-
-
-@dataclass(frozen=True)
-class Panel:
-    """One observable with a reference.
-
-    name, title   the figure is accuracy_cost_<name>
-    observable    the error in words, for the axis and for sentences
-    reference     what the error is taken from
-    stated        the error that the headline is about
-    runs          what is to be computed under the options; results come from `validation.reading.measured`
-    space, time, arithmetic, tolerance   keys of settings that differ in nothing but the spacing (coarse to fine), the
-                  step (long to short), the dtype (float32, float64) or a solver's tolerance (loose to tight); or the
-                  reason why this source of error is not there. A reading that is not shown and has the knob "source"
-                  adds its distributions to the words of that source
-    space_theory, time_theory   orders that are expected, or None
-    check_bar     error above which a reading that is not shown and has the knob "checks" (values of other knobs) speaks
-                  against all points with those values: they are drawn, and not advised
-    exact         whether the reference is exact, so that errors themselves converge to zero
-    band          the reference's own spread, from the points
-    effects       (what is switched on, key without, key with)
-    group         knob whose values the headline compares, "program" say
-    lines         (words, keys): settings that differ in one knob, in its order, joined by a line in the picture
-    checks        calls `check(name, value)` for what has a bar, from the report
-    omissions     what the panel leaves out on purpose, with the reason
-    """
-
-    name: str
-    title: str
-    observable: str
-    reference: str
-    stated: float
-    runs: Callable[[Options], Sequence[Run]]
-    space: Sequence[str] | str
-    time: Sequence[str] | str
-    arithmetic: Sequence[str] | str
-    tolerance: Sequence[str] | str
-    space_theory: float | None = 2.0
-    time_theory: float | None = 2.0
-    check_bar: float = math.inf
-    exact: bool = True
-    band: Callable[[Points], Band | None] = lambda points: None
-    effects: Sequence[tuple[str, str, str]] = ()
-    group: str = "backend"
-    lines: Sequence[tuple[str, Sequence[str]]] = ()
-    checks: Callable[[Mapping[str, Any], Checks], None] = lambda report, check: None
-    omissions: Callable[[Options], Sequence[str]] = lambda options: ()
-
-
-@dataclass(frozen=True)
 class Experiment:
     """One experiment.
 
@@ -232,7 +176,6 @@ class Experiment:
     claims      how each claim of its `expected.toml` is measured, by name
     trials      the functions that the hard cases of its `expected.toml` name
     maps        how far a setting can go
-    panels      error against time
     """
 
     name: str
@@ -244,7 +187,6 @@ class Experiment:
     claims: Mapping[str, Measure] = field(default_factory=dict)
     trials: Mapping[str, Callable[..., Result]] = field(default_factory=dict)
     maps: tuple[StabilityMap, ...] = ()
-    panels: tuple[Panel, ...] = ()
 
     def checked(self, results: Results) -> list[Check]:
         """The verdicts on what is there."""

@@ -38,7 +38,7 @@ def jiang_zhu(literal: tuple[str, ...]) -> Measured:
 
 def detection(literal: tuple[str, ...]) -> Measured:
     """1 - F1 of the panel `detection_2d`, against the exact cover."""
-    from validation.experiments.dam_break.accuracy_runs import TRUTH_RADIUS, detection_scene, load_state
+    from validation.experiments.dam_break.detector_runs import TRUTH_RADIUS, detection_scene, load_state
     from validation.metrics.surface_truth import arc_cover_surface, detection_score
 
     simulation = Simulation(detection_scene("dam_break_2d", {"literal": literal}, "float64"))

@@ -6,8 +6,8 @@ until a source behind their run function changes, and drawing or statistics are 
 
 from __future__ import annotations
 
+import datetime
 import functools
-import hashlib
 import os
 import subprocess
 import time
@@ -20,8 +20,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from validation.results import Result
-
-LATE = 2 / 3  # share of a run after which its error counts as what it keeps
 
 
 @dataclass(frozen=True)
@@ -92,31 +90,6 @@ def distribution(values: ArrayLike) -> dict[str, float]:
     return {"median": float(np.median(size)), "p99": float(np.quantile(size, 0.99)), "max": float(size.max())}
 
 
-def kept_error(error: Sequence[float]) -> float:
-    """The error that a run keeps: its largest after two thirds of the samples; NaN where one is not finite."""
-    late = np.asarray(error, dtype=float)[int(LATE * len(error)) :]
-    return float(late.max()) if len(late) and np.isfinite(late).all() else float("nan")
-
-
-def first_kept(error: Sequence[float], bar: float) -> int | None:
-    """Number of the first sample from which on no error is above `bar`; None where the last one is."""
-    above = ~(np.asarray(error, dtype=float) <= bar)
-    if not len(above) or above[-1]:
-        return None
-    return int(np.flatnonzero(above).max(initial=-1)) + 1
-
-
-def scene_digest(plan: Any) -> str:
-    """Digest of a plan's scene: its settings, and its particles bit by bit."""
-    from refsim.io.scenes import scene_to_checkpoint
-
-    text, arrays = scene_to_checkpoint(plan)
-    digest = hashlib.sha256(text.encode())
-    for name in sorted(arrays):
-        digest.update(name.encode() + np.ascontiguousarray(arrays[name]).tobytes())
-    return digest.hexdigest()[:16]
-
-
 def environment(threads: int | None, backend: str) -> dict[str, Any]:
     """Where and with what a reading was taken: versions, source, threads, clocks, load; the device's where one is used.
 
@@ -126,6 +99,7 @@ def environment(threads: int | None, backend: str) -> dict[str, Any]:
 
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     found: dict[str, Any] = {
+        "date": datetime.date.today().isoformat(),
         "backend": backend,
         "processor": processor(),
         "cores": cores,
@@ -194,19 +168,3 @@ def device() -> dict[str, Any]:
     except (OSError, subprocess.SubprocessError):
         return {}
     return dict(zip(words.split(","), (part.strip() for part in done.stdout.splitlines()[0].split(","))))
-
-
-def joules(backend: str) -> float | None:
-    """Energy that the device (the processor's package) has taken so far [J]; None where no counter is readable."""
-    if backend == "cuda":
-        try:
-            import pynvml  # of nvidia-ml-py; not a dependency
-
-            pynvml.nvmlInit()
-            return 1e-3 * pynvml.nvmlDeviceGetTotalEnergyConsumption(pynvml.nvmlDeviceGetHandleByIndex(0))
-        except Exception:  # errors of its own kinds; without the counter the energy is not reported
-            return None
-    try:
-        return 1e-6 * float(Path("/sys/class/powercap/intel-rapl:0/energy_uj").read_text())
-    except (OSError, ValueError):
-        return None

@@ -34,7 +34,7 @@ from refsim.io.store import read_stored, set_aside, write_stored
 FORMAT = 1
 # Modules of this package that name, judge, keep, draw and tell what runs give: no result depends on them.
 PRESENTING = (
-    "accuracy", "accuracy_picture", "answers", "checks", "drawing", "experiment", "filling", "gpu_readings", "judging",
+    "accuracy", "accuracy_page", "checks", "drawing", "experiment", "filling", "judging",
     "maps", "page", "perform", "report", "results", "tables",
 )  # fmt: skip
 DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)

@@ -19,10 +19,10 @@ import numpy as np
 from refsim.core.errors import InputError
 from refsim.engine.binding import step_launches
 from refsim.scene.plan import make_plan
+from refsim.study.choice import unsettled
 from refsim.study.memory import bytes_of
 from validation.limits import STEP_KERNELS, Work, least
 from validation.timed import ladders
-from validation.work_precision import unsettled
 
 ROOT = Path(__file__).resolve().parent.parent
 STORED = ROOT / "validation" / "times.json"

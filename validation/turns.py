@@ -5,16 +5,16 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import chain
 from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from validation.reading import Reading, environment, measured
+from refsim.study.choice import REPEATS, unsettled
+from validation.reading import Reading, measured
 from validation.results import Result
 from validation.running import Context
-from validation.work_precision import REPEATS, unsettled
 
 LASTS = 0.05  # s of a run, at least: what takes less is repeated within it
 WAITS = 1.0  # s after which a run ends all the same, for what surrounds the timed part
@@ -132,38 +132,6 @@ def mean_parts(parts: Sequence[Mapping[str, float]]) -> dict[str, float]:
     """Mean of each name's values; 0 where one has no such name."""
     names = dict.fromkeys(name for each in parts for name in each)
     return {name: mean(each.get(name, 0.0) for each in parts) for name in names}
-
-
-def repeated(
-    context: Context, own: Callable[..., Result], settings: Mapping[str, Mapping[str, Any]],
-    other: Callable[..., Result], peers: Mapping[str, Mapping[str, Any]], backend: str, threads: int | None,
-    repeats: int,
-) -> Result:  # fmt: skip
-    """Readings of settings and peers whose every run is a result with one reading: of each number that in the middle.
-
-    own, other  take the setting (the peer) by name, threads, and the repeat, which may be the seed of its start
-    """
-    quiet = replace(context, progress=lambda done: None)
-    compiling: dict[str, float | None] = {}
-
-    def run(key: str, k: int) -> dict[str, Any]:
-        if key in peers:
-            made = other(quiet, **peers[key], threads=threads or 2, repeat=k)
-        else:
-            made = own(quiet, **settings[key], threads=threads, repeat=k)
-        (reading,) = made.values["readings"]
-        compiling.setdefault(key, reading["compile"])
-        return reading
-
-    def whole(reading: Mapping[str, Any]) -> float:
-        return sum(reading["per_step"]) * reading["steps"]
-
-    found = rounds(context, [*settings, *peers], run, whole, repeats)
-    readings = [
-        {**runs[0], "compile": compiling[key], "noise": [] if k else read.noise}
-        for key, read in found.items() for k, runs in enumerate(read.runs)
-    ]  # fmt: skip
-    return Result({"readings": readings, "where": environment(threads, backend)})
 
 
 def in_turns(

@@ -1,9 +1,8 @@
-"""`refsim advise`: the cheapest setting for an error of an observable of the papers' scenes."""
+"""`refsim advise`: the cheapest setting for an error of a panel's observable."""
 
 from __future__ import annotations
 
 import argparse
-import math
 import os
 from pathlib import Path
 
@@ -11,6 +10,7 @@ from refsim.commands import Command, CommandResult, register, table
 from refsim.core.errors import InputError
 from refsim.io.checkpoint import cannot_write, replace_file
 from refsim.study import advice
+from refsim.study.panels import abouts
 
 DESCRIPTION = """The cheapest measured setting for a relative error of an observable, what it took, and what it would
 take on this machine; the setting's scene is written where it has one. Without an observable, list them. For another
@@ -20,10 +20,10 @@ scene: refsim study."""
 def configure(parser: argparse.ArgumentParser) -> None:
     """Arguments of `refsim advise`."""
     add = parser.add_argument
-    add("observable", nargs="?", help="one of the table; none lists them")
+    add("observable", nargs="?", help="one of the panels; none lists them")
     add("--error", type=float, default=0.01, metavar="E", help="relative error to reach (0.01)")
     add("--gpu", action="store_true", help="the setting for a GPU; the prediction is for this machine's")
-    add("--measured", action="store_true", help="the table's seconds alone: nothing is measured on this machine")
+    add("--measured", action="store_true", help="the stored seconds alone: nothing is measured on this machine")
     add("--output", metavar="FILE", help="where the scene is written (OBSERVABLE.toml)")
     add("--overwrite", action="store_true", help="replace a file that is there")
 
@@ -31,30 +31,20 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def execute(options: argparse.Namespace) -> CommandResult:
     """Advise on an observable, or list what there is."""
     if options.observable is None:
-        known = advice.table()
-        rows = [(name, row["words"], "" if "answers" in row else "not measured") for name, row in known.items()]
-        listed = {name: row["words"] for name, row in known.items()}
-        return CommandResult({"observables": listed}, table(rows, ("observable", "", "")))
+        listed = {name: about.words for name, about in abouts().items()}
+        return CommandResult({"observables": listed}, table(list(listed.items()), ("observable", "")))
     found = advice.find(options.observable, options.error, "gpu" if options.gpu else "cpu")
     path = Path(options.output or f"{options.observable}.toml")
-    if found.scene:
-        _check(path, found.scene, options.overwrite)
+    if found.toml:
+        _check(path, found.toml, options.overwrite)
     elif options.output:
-        raise InputError(f"advise: this row of {options.observable} has no scene; leave --output out.")
+        raise InputError(f"advise: this setting of {options.observable} has no scene; leave --output out.")
     if not options.measured:
         found = advice.scaled(found)
-    text = advice.text_of(found)
-    data = {
-        "observable": options.observable,
-        "error": found.error,
-        "row": {key: value for key, value in found.observable.items() if key != "answers"},
-        "answer": {**found.cell},
-        "seconds_here": found.own if math.isfinite(found.own) else None,
-        "scene": None,
-    }
-    if found.scene:
+    text, data = advice.text_of(found), advice.data_of(found)
+    if found.toml:
         try:
-            replace_file(path, found.scene.encode())
+            replace_file(path, found.toml.encode())
         except OSError as error:
             raise cannot_write("scene", path, error, "nothing was written") from error
         data["scene"] = str(path)

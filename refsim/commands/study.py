@@ -9,24 +9,31 @@ from pathlib import Path
 
 from refsim import study
 from refsim.commands import Command, CommandResult, kept_in, register
+from refsim.core.checked import suggestion
 from refsim.core.errors import InputError
 from refsim.io.checkpoint import cannot_write, replace_file
+from refsim.scene.scene import Scene
 from refsim.study import KNOBS
+from refsim.study.panels import abouts, panel
+from refsim.study.panels.measured import measured, observable
+from refsim.study.panels.scenes import packaged
 from refsim.study.refine import RATIO
+from refsim.study.result import Reference
 
 DESCRIPTION = """Run a scene at several spacings, and with every other setting changed alone, and say how accurate the
 observable is, where its error comes from, and which setting is the cheapest for an error. Each run's result is kept in
-the study's folder, so that the same command goes on where it was stopped."""
+the study's folder, so that the same command goes on where it was stopped. The name of a panel (refsim advise lists
+them) stands for its packaged scene and observable; --points measures the panel's settings anew, beside those on
+file."""
 FAILED = 3
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Arguments of `refsim study`."""
     add = parser.add_argument
-    add("scene", help="scene file (TOML)")
+    add("scene", help="scene file (TOML), or the name of a panel")
     add(
         "--observable",
-        required=True,
         metavar="WHAT",
         help="front (front:-y), kinetic_energy, field:NAME@X,Y,Z (or @mean, @max, @min), or FILE.py:function",
     )
@@ -36,6 +43,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("--ratio", type=float, default=RATIO, help=f"of two spacings, about ({RATIO:g})")
     add("--knobs", default=",".join(KNOBS), metavar="LIST", help=f"what to change ({','.join(KNOBS)})")
     add("--error", type=float, default=0.01, metavar="E", help="relative error to reach (0.01)")
+    add("--with-spacing", default="", metavar="LIST", help="parameters in proportion to the spacing, by name")
+    add("--points", nargs="*", metavar="KEY", help="of a panel: measure these settings, all by default")
     add("--backend", default="cpu", help="cpu, cuda or numpy (cpu)")
     add("--threads", type=int, metavar="N", help="CPU threads (one for 1,024 particles, at most all)")
     add("--scheduler", metavar="ADDRESS", help="do the runs on the workers of a Dask scheduler")
@@ -44,19 +53,32 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def execute(options: argparse.Namespace) -> CommandResult:
-    """Study a scene file; table, picture and page are written into the study's folder."""
+    """Study a scene file or a panel; table, picture and page are written into the study's folder."""
+    scene: Scene | str = options.scene
+    reference = None
+    if options.scene in abouts() and not Path(options.scene).is_file():
+        if options.points is not None:
+            return _points(options)
+        scene = _packaged(options)
+        reference = Reference(*panel(options.scene).reference(), panel(options.scene).about.reference)
+    elif options.points is not None:
+        raise InputError(f"study: --points is for panels; {suggestion(options.scene, abouts())}")
+    if options.observable is None:
+        raise InputError("study: give what is to be studied: --observable WHAT.")
     folder = Path(options.output or f"{Path(options.scene).stem}_study")
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder} is a file; give a folder for the output.")
     with kept_in(folder):
         found = study(
-            options.scene,
+            scene,
             options.observable,
+            with_spacing=[word for word in options.with_spacing.split(",") if word],
             levels=options.levels,
             finer=options.finer,
             ratio=options.ratio,
             knobs=[word for word in options.knobs.split(",") if word],
             error=options.error,
+            reference=reference,
             reaches=options.reaches,
             backend=options.backend,
             threads=options.threads,
@@ -73,6 +95,31 @@ def execute(options: argparse.Namespace) -> CommandResult:
         raise cannot_write("study", folder, error, "its runs are kept") from error
     text = f"{found.text()}\n{folder / 'study.html'}, {folder / 'study.png'}"
     return CommandResult(found.data() | {"folder": str(folder)}, text, 0 if found.convergence else FAILED)
+
+
+def _packaged(options: argparse.Namespace) -> Scene:
+    """The panel's scene; observable and what is in proportion to the spacing are the panel's where none are given."""
+    of = panel(options.scene)
+    scene = packaged(of.name)
+    if scene is None:
+        raise InputError(f"study: panel {of.name!r} has no packaged scene; refsim advise {of.name} says what is known.")
+    options.observable = options.observable or observable(of.name)
+    options.with_spacing = options.with_spacing or ",".join(of.about.with_spacing)
+    return scene
+
+
+def _points(options: argparse.Namespace) -> CommandResult:
+    """Measure the panel's settings."""
+    say = (lambda text: None) if options.quiet else _say
+    found = measured(panel(options.scene), options.points, backend=options.backend, threads=options.threads, say=say)
+    value, _, uncertainty = found.stored.reference()
+    about = found.stored.about
+    data = {
+        "panel": options.scene, "observable": about.observed, "reference": value, "uncertainty": uncertainty,
+        "source": about.reference, "points": found.rows(), "left_out": list(found.left_out),
+    }  # fmt: skip
+    failed = all(point.failed for point in found.here.points.values())
+    return CommandResult(data, found.text(), FAILED if failed else 0)
 
 
 def _command(options: argparse.Namespace) -> str:

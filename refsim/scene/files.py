@@ -117,6 +117,44 @@ def scene_to_dict(scene: Scene) -> dict[str, Any]:
     return tables
 
 
+def put(tables: Mapping[str, Any], name: str, value: Any, source: str) -> None:
+    """Set a parameter in a scene's tables, such as effects.gravity.acceleration or fluid.1.cells; parts count from 1.
+
+    Raises InputError, beginning with `source`, where the scene lacks the table or the part.
+    """
+    place, last = _place(tables, name, source)
+    place[last] = value
+
+
+def lookup(tables: Mapping[str, Any], name: str, source: str) -> Any:
+    """The value of such a parameter. Raises InputError where the scene does not have it."""
+    place, last = _place(tables, name, source)
+    if last not in place:
+        raise InputError(f"{source}: the scene has no parameter {name!r}; {suggestion(last, list(place))}")
+    return place[last]
+
+
+def _place(tables: Mapping[str, Any], name: str, source: str) -> tuple[Any, str]:
+    """The table that holds a parameter, and the parameter's own name."""
+    *parents, last = name.split(".")
+    place: Any = tables
+    for word in parents:
+        if isinstance(place, list):
+            inner = place[int(word) - 1] if word.isdecimal() and 0 < int(word) <= len(place) else None
+            hint = f"it has numbers 1 to {len(place)}."
+        else:
+            inner = place.get(word)
+            hint = suggestion(word, [key for key, held in place.items() if isinstance(held, dict | list)])
+        if not isinstance(inner, dict | list):
+            raise InputError(f"{source}: the scene has no parameter {name!r}, for lack of {word!r}; {hint}")
+        place = inner
+    if not isinstance(place, dict):
+        raise InputError(
+            f"{source}: {name!r} is no parameter; write the part's number and then a name, as fluid.1.cells."
+        )
+    return place, last
+
+
 def scene_to_toml(scene: Scene) -> str:
     """The scene as TOML text, every value written out; numbers come back bit for bit."""
     tables = scene_to_dict(scene)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 
 import msgspec
@@ -25,7 +26,7 @@ from refsim.study import cost
 from refsim.study.convergence import Convergence, converge
 from refsim.study.observables import Observable, observable_of
 from refsim.study.refine import RATIO, notes, refined, spaced
-from refsim.study.result import Study
+from refsim.study.result import Reference, Study
 from refsim.study.runs import Reading, Setting, in_turn, keep, kept, key_of, machine, measure
 from refsim.study.tasks import task_of
 
@@ -46,7 +47,9 @@ def study(
     finer: int | None = None,
     ratio: float = RATIO,
     knobs: Iterable[str] = KNOBS,
+    with_spacing: Sequence[str] = (),
     error: float = 0.01,
+    reference: Reference | None = None,
     reaches: float | None = None,
     backend: str = "cpu",
     threads: int | None = None,
@@ -65,7 +68,9 @@ def study(
     finer       how many of them are finer than the scene's; half of them, rounded down, by default
     ratio       of neighbouring spacings, about; the boxes' cells must fit
     knobs       which of "spacing", "support", "step", "precision", "tolerance", "backend" and "effects" to change
+    with_spacing  parameters in proportion to the spacing, such as effects.weakly_compressible.dynamic_viscosity
     error       relative error for which the cheapest setting is given
+    reference   what the value is held against
     reaches     the study is of the first time [s] at which the observable has this value
     folder      where the runs' results are kept: a study that is called again goes on from there
     scheduler   address of a Dask scheduler, whose workers do the runs, on one thread each unless `threads` says more;
@@ -88,7 +93,7 @@ def study(
     left_out: list[str] = []
     remarks: list[str] = []  # about damaged results
     factors = spaced(scene, levels, levels // 2 if finer is None else finer, ratio) if "spacing" in chosen else (1.0,)
-    settings = _settings(scene, plan, factors, chosen, backend, found, left_out)
+    settings = _settings(scene, plan, factors, chosen, with_spacing, backend, found, left_out)
     place = None if folder is None else Path(folder)
     if scheduler is None:
         runs = _measured(settings, plan, found, reaches, threads, place, say, progress, remarks)
@@ -104,12 +109,13 @@ def study(
         observable=found.name if reaches is None else f"time({found.name} = {reaches:g})",
         unit=found.unit if reaches is None else "s",
         runs=tuple(runs),
-        convergence=_convergence(runs),
+        convergence=_convergence(runs, 0.0 if reference is None else reference.scale),
         error=error,
         notes=(*notes(scene, factors), *remarks),
         machine=machine() if scheduler is None else f"workers of {scheduler}, {threads or 1} threads",
         command=command,
         left_out=tuple(left_out),
+        reference=reference,
     )
 
 
@@ -126,34 +132,36 @@ def _settings(
     plan: Plan,
     factors: Sequence[float],
     knobs: Sequence[str],
+    with_spacing: Sequence[str],
     backend: str,
     observable: Observable,
     left_out: list[str],
 ) -> list[Setting]:
     """All runs of a study; what cannot be changed in this scene is said in `left_out`."""
     made = [
-        Setting("spacing", f"spacing {scene.spacing / f:.4g} m", f, refined(scene, f) if f != 1 else scene, backend)
+        Setting("spacing", f"spacing {scene.spacing / f:.4g} m", f, at, backend)
         for f in factors
+        for at in [scene if f == 1 else refined(scene, f, with_spacing)]
     ]
-    replace = msgspec.structs.replace
+    changed = msgspec.structs.replace
     if "support" in knobs and plan.list_radius == 0:
         left_out.append("another support radius left out: no effect of this scene sums over neighbours")
     elif "support" in knobs:
         wider = WIDER * scene.support_radius
         label = f"support radius {wider:.4g} m"
-        made.append(Setting("support", label, 1.0, replace(scene, support_radius=wider), backend))
+        made.append(Setting("support", label, 1.0, changed(scene, support_radius=wider), backend))
     if "step" in knobs:
-        halved = replace(scene, step=scene.step / 2, step_factor=scene.step_factor / (1 if scene.step else 2))
+        halved = changed(scene, step=scene.step / 2, step_factor=scene.step_factor / (1 if scene.step else 2))
         made.append(Setting("step", "half the step", 1.0, halved, backend))
     if "precision" in knobs:
         other = "float64" if scene.dtype == "float32" else "float32"
-        made.append(Setting("precision", other, 1.0, replace(scene, dtype=other), backend))
+        made.append(Setting("precision", other, 1.0, changed(scene, dtype=other), backend))
     if "tolerance" in knobs:
         for k, name, value in _tolerances(scene):
-            tighter = replace(scene.effects[k], **{name: value / TIGHTER})
+            tighter = changed(scene.effects[k], **{name: value / TIGHTER})
             effects = (*scene.effects[:k], tighter, *scene.effects[k + 1 :])
             label = f"{tighter.name}: {name} {value / TIGHTER:g}"
-            made.append(Setting("tolerance", label, 1.0, replace(scene, effects=effects), backend))
+            made.append(Setting("tolerance", label, 1.0, changed(scene, effects=effects), backend))
     if "backend" in knobs:
         others = [name for name in ("cpu", "cuda") if name != backend]
         for name in others:
@@ -189,9 +197,9 @@ def _without(scene: Scene, plan: Plan, backend: str, observable: Observable, lef
     return made
 
 
-def _convergence(runs: Sequence[tuple[Setting, Reading]]) -> Convergence | None:
+def _convergence(runs: Sequence[tuple[Setting, Reading]], scale: float) -> Convergence | None:
     worked = [(s.scene.spacing, r.value) for s, r in runs if s.kind == "spacing" and not r.failed]
-    return converge(*zip(*worked)) if worked else None
+    return replace(converge(*zip(*worked)), scale=scale) if worked else None
 
 
 def _measured(

@@ -1,16 +1,8 @@
-"""What an accuracy costs in the papers' scenes: the table of docs/accuracy_cost.md, and its rows on this machine.
-
-The table, answers.json beside this module, has for each observable and relative error the cheapest setting that was
-measured; `validation/answers.py` in the repository makes it.
-"""
+"""What an accuracy costs in the panels: the cheapest measured setting for any error, and its seconds here."""
 
 from __future__ import annotations
 
-import functools
-import importlib.resources
-import json
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -19,131 +11,162 @@ from refsim.backends.threads import threads_for
 from refsim.core.checked import suggestion
 from refsim.core.errors import InputError
 from refsim.core.tables import in_bytes, in_time
-from refsim.scene.files import parse_scene
+from refsim.scene.files import scene_to_toml
 from refsim.scene.plan import make_plan
 from refsim.scene.scene import Scene
+from refsim.study.choice import Candidate, Choice, choose, duration, kinds, percent
 from refsim.study.cost import Prediction, predict
+from refsim.study.panels import Panel, abouts, panel
+from refsim.study.panels.scenes import scene_of
 
-MOST_THREADS = 2  # for the CPU, as in the table's timings
+MOST_THREADS = 2  # for the CPU, as in the panels' timings
 
 
 @dataclass(frozen=True)
 class Advice:
-    """One row of the table.
+    """The answer for an observable and a relative error.
 
-    observable  its entry in the table
-    error       relative error [-]: that of the row, or the one that was given where the row's setting keeps it
-    cell        the row: keys "cpu", "gpu", "peer", or "no_meaning"
-    kind        "cpu" or "gpu": which of the row's settings is meant
+    kind        "cpu" or "gpu"
+    choice      what the rules say; None where the error has no meaning, or on a GPU that was not measured
+    peer        the same of other programs, on a CPU; None where none was measured
+    no_meaning  why the error has none; "" where it has
+    scene       of the named setting; None where it has none
     own         seconds on this machine; NaN where there is no scene to predict them from
     own_note    what they are, or why there are none
-    scene       TOML text of the scene; "" where there is none
     """
 
-    observable: Mapping[str, Any]
+    panel: Panel
     error: float
-    cell: Mapping[str, Any]
     kind: str = "cpu"
+    choice: Choice | None = None
+    peer: Choice | None = None
+    no_meaning: str = ""
+    scene: Scene | None = None
     own: float = math.nan
     own_note: str = ""
-    scene: str = ""
+
+    @property
+    def toml(self) -> str:
+        """The scene as a file; "" without one."""
+        return "" if self.scene is None else scene_to_toml(self.scene)
 
 
-@functools.cache
-def table() -> dict[str, dict[str, Any]]:
-    """The table's observables by name."""
-    text = (importlib.resources.files("refsim") / "study" / "answers.json").read_text(encoding="utf-8")
-    return {row["name"]: row for row in json.loads(text)["observables"]}
+def answer(of: Panel, error: float, kind: str = "cpu") -> Advice:
+    """The rules' answer for a relative error."""
+    limit = of.about.no_meaning
+    if limit and error <= limit[0]:
+        return Advice(of, error, kind, no_meaning=limit[1])
+    found, uncertainty = kinds(of), of.reference()[2]
+    chosen = choose(found[kind], error, uncertainty) if found[kind] else None
+    peer = choose(found["peer"], error) if found["peer"] else None
+    reached = None if chosen is None else chosen.advised or chosen.read
+    scene = None if reached is None else scene_of(of, reached.point)
+    return Advice(of, error, kind, chosen, peer, scene=scene)
 
 
 def find(observable: str, error: float, kind: str = "cpu") -> Advice:
-    """The row for an observable and a relative error: that of the largest error in the table that is no larger.
-
-    Where that row has no meaning, the row above it counts if its setting keeps the error.
-
-    Raises InputError for an unknown observable and for an error that no row has.
-    """
-    known = table()
+    """`answer` of the panel of this name. Raises InputError for an unknown one, and for an impossible error."""
+    known = abouts()
     if observable not in known:
         raise InputError(f"advise: there is no observable {observable!r}; {suggestion(observable, known)}")
-    row = known[observable]
     if not 0 < error < 1:
         raise InputError(f"advise: an error of {error:g} is not possible; give a share between 0 and 1, 0.01 for 1 %.")
-    cells = sorted(row["answers"], key=lambda cell: -cell["error"])
-    first = next((k for k, cell in enumerate(cells) if cell["error"] <= error * (1 + 1e-9)), None)
-    if first is None:
-        raise InputError(
-            f"advise: the table ends at an error of {cells[-1]['error']:g}; give that or more, or measure with refsim"
-            " study."
-        )
-    cell, kept = cells[first], cells[first]["error"]
-    if "no_meaning" in cell and first and kept < error and named(cells[first - 1], kind).get("keeps", 1.0) <= error:
-        cell, kept = cells[first - 1], error
-    return Advice(row, kept, cell, kind, scene=named(cell, kind).get("scene", ""))
-
-
-def named(cell: Mapping[str, Any], kind: str = "cpu") -> Mapping[str, Any]:
-    """The setting that a row names: the advised one, or the one read fastest where no timing has settled."""
-    found: Mapping[str, Any] = cell.get(kind) or {}
-    return found.get("read", found)
+    return answer(panel(observable), error, kind)
 
 
 def scaled(advice: Advice) -> Advice:
     """The advice with seconds on this machine, predicted with constants that are measured here (some seconds)."""
-    if not advice.scene:
+    if advice.scene is None or advice.choice is None or advice.choice.named is None:
         return advice
     backend = "cuda" if advice.kind == "gpu" else "cpu"
-    setting = named(advice.cell, advice.kind)
     reason = unavailable(backend)
     if reason is not None:
         return replace(advice, own_note=f"not predicted: {reason}")
-    scene: Scene = parse_scene(advice.scene, advice.observable["name"])
-    threads = min(MOST_THREADS, threads_for(make_plan(scene).grid.count)) if backend == "cpu" else None
-    found: Prediction | None = predict(scene, backend, threads=threads)
+    threads = min(MOST_THREADS, threads_for(make_plan(advice.scene).grid.count)) if backend == "cpu" else None
+    found: Prediction | None = predict(advice.scene, backend, threads=threads)
     assert found is not None
     # the setting may reach the error before its run ends
-    share = min(setting["seconds"] / setting["whole"], 1.0) if setting["whole"] else 1.0
+    point = advice.choice.named.point
+    whole = (point.step_seconds or 0.0) * point.steps
+    share = min(advice.choice.seconds / whole, 1.0) if point.reached and whole else 1.0
     where = "the GPU" if threads is None else "one CPU thread" if threads == 1 else f"{threads} CPU threads"
     note = f"predicted for {where} of this machine"
     return replace(advice, own=found.seconds * share, own_note=f"{note}; {found.note}" if found.note else note)
 
 
+def keeps(of: Panel, candidate: Candidate) -> str:
+    """The error that a setting keeps; also in the observable's own unit, where its number is another one."""
+    about = of.about
+    scale = of.reference()[1]
+    own = f" ({candidate.error * scale:.2g} {about.unit})" if about.unit and (about.limit_of or scale > 1) else ""
+    return percent(candidate.error) + ("" if about.unit == "%" else own)
+
+
 def text_of(advice: Advice) -> str:
-    """The row as text."""
-    row, cell = advice.observable, advice.cell
-    head = f"{row['words']}: an error of {percent(advice.error)} {row['relative']}"
-    if "no_meaning" in cell:
-        return f"{head}\n  no meaning: {cell['no_meaning']}"
-    found, gpu = cell[advice.kind], advice.kind == "gpu"
-    if found is None:
-        return f"{head}\n  not measured on a GPU; leave --gpu out."
-    lines, setting = [head], named(cell, advice.kind)
-    where = row["gpu"] if gpu else f"{row['machine']} ({', '.join(row['dates'])})"
-    if "why" in found:
-        lines.append(f"  {found['why']}")
-    if "setting" in setting:
-        took = in_time(setting["seconds"])
-        if setting is not found:
-            took = f"{in_time(setting['fastest'])} to {in_time(setting['slowest'])}, not settled,"
-        elif setting["starts"]:
-            took += f" ({' to '.join(map(in_time, setting['starts']))} over the starts)"
-        lines.append(f"  setting    {setting['setting']}; keeps {percent(setting['keeps'])} ({setting['keeps_own']})")
-        lines.append(f"  measured   {took} on {where}")
-        if setting["bytes"]:
-            lines.append(f"  memory     {in_bytes(setting['bytes'])} in fields")
+    """The answer as text."""
+    about, choice, gpu = advice.panel.about, advice.choice, advice.kind == "gpu"
+    lines = [f"{about.words}: an error of {percent(advice.error)} {about.relative}"]
+    if advice.no_meaning:
+        return f"{lines[0]}\n  no meaning: {advice.no_meaning}"
+    if choice is None:
+        return f"{lines[0]}\n  not measured on a GPU; leave --gpu out."
+    if choice.why:
+        lines.append(f"  {choice.why}")
+    setting = choice.advised or choice.read
+    if setting is not None:
+        took = duration(choice.seconds)
+        if choice.advised is None:
+            fast, slow = (duration(choice.seconds * share) for share in setting.scatter)
+            took = f"{fast} to {slow}, not settled,"
+        elif setting.starts:
+            took += f" ({' to '.join(duration(choice.seconds * share) for share in setting.starts)} over the starts)"
+        lines.append(f"  setting    {setting.point.words}; keeps {keeps(advice.panel, setting)}")
+        lines.append(f"  measured   {took} on {advice.panel.where(gpu)}")
+        if setting.point.bytes:
+            lines.append(f"  memory     {in_bytes(setting.point.bytes)} in fields")
     if math.isfinite(advice.own):
         lines.append(f"  here       {in_time(advice.own)}, {advice.own_note}")
     elif advice.own_note:
         lines.append(f"  here       {advice.own_note}")
-    if cell["peer"] and not gpu:
-        peer = cell["peer"]
-        lines.append(f"  best peer  {peer.get('why') or in_time(peer['seconds']) + ', ' + peer['setting']}")
-    lines += [f"  note       {note}" for note in found["notes"]]
-    if row["remark"]:
-        lines.append(f"  note       {row['remark']}")
+    if advice.peer is not None and not gpu:
+        best = advice.peer
+        said = best.why if best.advised is None else f"{duration(best.seconds)}, {best.advised.point.words}"
+        lines.append(f"  best peer  {said}")
+    lines += [f"  note       {note}" for note in choice.notes]
+    if about.remark:
+        lines.append(f"  note       {about.remark}")
     return "\n".join(lines)
 
 
-def percent(value: float) -> str:
-    """A share in per cent, two digits."""
-    return f"{float(f'{100 * value:.2g}'):g} %"
+def data_of(advice: Advice) -> dict[str, Any]:
+    """The answer as plain values."""
+    about, choice = advice.panel.about, advice.choice
+
+    def plain(found: Choice | None) -> dict[str, Any] | None:
+        if found is None:
+            return None
+        made: dict[str, Any] = {"why": found.why, "notes": list(found.notes)}
+        if found.named is not None:
+            point = found.named.point
+            made |= {
+                "key": point.key, "setting": point.words, "program": point.program, "keeps": found.named.error,
+                "seconds": found.seconds if math.isfinite(found.seconds) else None, "bytes": point.bytes,
+                "settled": not found.named.unsettled,
+            }  # fmt: skip
+        return made
+
+    return {
+        "observable": advice.panel.name,
+        "words": about.words,
+        "relative": about.relative,
+        "reference": about.reference,
+        "uncertainty": advice.panel.reference()[2],
+        "error": advice.error,
+        "no_meaning": advice.no_meaning or None,
+        "backend": "cuda" if advice.kind == "gpu" else "cpu",
+        "answer": plain(choice),
+        "peer": plain(advice.peer),
+        "measured_on": advice.panel.where(advice.kind == "gpu"),
+        "seconds_here": advice.own if math.isfinite(advice.own) else None,
+        "scene": None,
+    }

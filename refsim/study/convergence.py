@@ -28,6 +28,7 @@ class Convergence:
     asymptotic    whether order and extrapolation can be used
     words         why not, or how the uncertainty was found
     safety        factor F by which `uncertainty` exceeds the estimated error of the finest level
+    scale         an error of 1, in the unit of `value`; 0 for |value|
     """
 
     value: float
@@ -36,24 +37,28 @@ class Convergence:
     asymptotic: bool
     words: str
     safety: float = CAUTIOUS
+    scale: float = 0.0
 
     def bound(self, value: float) -> float:
-        """Largest error that a level with this value is taken to have, relative to |Q0|: its grid convergence index, or
-        its distance from the finest value and the uncertainty of that one.
+        """Largest error that a level with this value is taken to have, relative to the scale: its grid convergence
+        index, or its distance from the finest value and the uncertainty of that one.
         """
         if self.asymptotic:
             return self.safety * self.error(value)
         return self.error(value) + self.relative
 
     def error(self, value: float) -> float:
-        """|Q - Q0| relative to |Q0|; infinite where Q0 is zero and Q is not."""
-        off = abs(value - self.value)
-        return off / abs(self.value) if self.value else (0.0 if off == 0 else math.inf)
+        """|Q - Q0| relative to the scale; infinite where that is zero and Q is not Q0."""
+        return self._share(abs(value - self.value))
 
     @property
     def relative(self) -> float:
-        """The uncertainty relative to |value|."""
-        return self.uncertainty / abs(self.value) if self.value else (0.0 if self.uncertainty == 0 else math.inf)
+        """The uncertainty relative to the scale."""
+        return self._share(self.uncertainty)
+
+    def _share(self, off: float) -> float:
+        scale = self.scale or abs(self.value)
+        return off / scale if scale else (0.0 if off == 0 else math.inf)
 
 
 def observed_order(spacing: Sequence[float], value: Sequence[float]) -> float:

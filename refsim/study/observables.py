@@ -5,6 +5,9 @@ kinetic_energy                    of all particles [J; J/m in 2D], with velociti
 field:density@0.1,0.05,0          a field at a point [m], as an average weighted with a smoothing kernel
 field:velocity.x@mean             a component of a field over all particles: mean, max or min
 FILE.py:function                  function(simulation) -> float
+
+A function of one's own may watch the run: with the attribute `times`, a function of the scene that gives moments [s],
+it is read at each of them, and its attribute `reduce` makes one number of the moments and what was read.
 """
 
 from __future__ import annotations
@@ -13,7 +16,7 @@ import hashlib
 import pickle
 import re
 import runpy
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,6 +29,7 @@ from refsim.engine.simulation import Simulation
 from refsim.neighbours.reference import nearest_image
 from refsim.scene.files import suggestion
 from refsim.scene.plan import Plan
+from refsim.scene.scene import Scene
 from refsim.study.local_modules import forget, local_modules
 
 OVER_ALL: dict[str, Callable[[np.ndarray], Any]] = {"mean": np.mean, "max": np.max, "min": np.min}
@@ -36,17 +40,39 @@ Reader = Callable[[Simulation], float]
 
 @dataclass(frozen=True)
 class Observable:
-    """A number of a simulation: how it is called, its unit, how it is read, and a digest of what reads it."""
+    """A number of a simulation: how it is called, its unit, how it is read, and a digest of what reads it.
+
+    times, reduce  see above; None for a number that is read at the end
+    """
 
     name: str
     unit: str
     read: Reader
     digest: str
+    times: Callable[[Scene], Sequence[float]] | None = None
+    reduce: Callable[[np.ndarray, list[Any]], float] | None = None
 
     def __call__(self, simulation: Simulation) -> float:
         """Its value now. Raises InputError where it cannot be read."""
+        return float(self._tried(lambda: float(self.read(simulation))))
+
+    def moments(self, scene: Scene) -> list[float]:
+        """Moments [s] at which it is read, in order; none where it is read at the end."""
+        times = self.times
+        return [] if times is None else self._tried(lambda: sorted(map(float, times(scene))))
+
+    def sample(self, simulation: Simulation) -> Any:
+        """What is read now, before it is reduced. Raises InputError where that fails."""
+        return self._tried(lambda: self.read(simulation))
+
+    def reduced(self, times: Sequence[float], values: list[Any]) -> float:
+        """The number that moments [s] and what was read then give. Raises InputError where that fails."""
+        reduce = self.reduce or (lambda times, values: values[-1])
+        return float(self._tried(lambda: float(reduce(np.array(times), values))))
+
+    def _tried(self, attempt: Callable[[], Any]) -> Any:
         try:
-            return float(self.read(simulation))
+            return attempt()
         except InputError:
             raise
         except (Exception, SystemExit) as error:  # a user's own function may fail in any way, and end the program
@@ -63,7 +89,8 @@ def observable_of(given: str | Callable[[Simulation], float] | Observable, plan:
     if isinstance(given, Observable):
         return given
     if callable(given):
-        return Observable(getattr(given, "__name__", "observable"), "", given, _function_digest(given, set()))
+        watch = getattr(given, "times", None), getattr(given, "reduce", None)
+        return Observable(getattr(given, "__name__", "observable"), "", given, _function_digest(given, set()), *watch)
     word, _, rest = given.partition(":")
     if word == "front":
         return _front(given, rest or "+x", plan)
@@ -185,7 +212,8 @@ def _from_file(name: str, path: Path, function: str) -> Observable:
     if not callable(found):
         raise InputError(f"observable {name!r}: {path} has no function {function!r}; write FILE.py:function.")
     unit = str(getattr(found, "unit", ""))
-    return Observable(f"{path.stem}.{function}", unit, found, digest_of(name))
+    watch = getattr(found, "times", None), getattr(found, "reduce", None)
+    return Observable(f"{path.stem}.{function}", unit, found, digest_of(name), *watch)
 
 
 def digest_of(name: str) -> str:

@@ -10,6 +10,7 @@ import msgspec
 
 from refsim.core.effect import Discretisation, Effect, Extremes
 from refsim.core.errors import InputError
+from refsim.scene.files import lookup, put, scene_from_dict, scene_to_dict
 from refsim.scene.particles import lattice_mass, solid_volume
 from refsim.scene.scene import Scene
 from refsim.scene.shapes import Ball, Box, Cloud
@@ -21,10 +22,11 @@ LARGEST_MISFIT = 0.03  # share of an edge by which a box may differ from the sce
 EXACT = 1e-9
 
 
-def refined(scene: Scene, factor: float) -> Scene:
+def refined(scene: Scene, factor: float, with_spacing: Sequence[str] = ()) -> Scene:
     """The scene with the spacing divided by `factor` and the same bodies, walls and times.
 
-    Divided by `factor`: spacing, support radius, and the lengths that an effect names in `with_spacing`. Multiplied by
+    Divided by `factor`: spacing, support radius, the lengths that an effect names in `with_spacing`, and the parameters
+    named here (such as effects.weakly_compressible.dynamic_viscosity, where it is an artificial one). Multiplied by
     it: the cells of boxes, rounded. Balls and solids keep the mass that they have in the scene. A fixed step is divided
     by `factor`, or by more where the stable step of particles at rest falls faster. What is counted in cells
     (half_width of shape_matching, radii of surface_energy) stays.
@@ -45,10 +47,10 @@ def refined(scene: Scene, factor: float) -> Scene:
     step = scene.step / factor
     if step > 0:
         rest = resting_step(scene, scene.spacing, scene.support_radius)
-        finer = resting_step(scene, spacing, support_radius)
-        step = min(step, scene.step * finer / rest) if math.isfinite(rest) else step
+        stable = resting_step(scene, spacing, support_radius)
+        step = min(step, scene.step * stable / rest) if math.isfinite(rest) else step
     fluid, solid = _with_masses(scene)
-    return msgspec.structs.replace(
+    finer = msgspec.structs.replace(
         scene,
         spacing=spacing,
         support_radius=support_radius,
@@ -57,6 +59,18 @@ def refined(scene: Scene, factor: float) -> Scene:
         solid=solid,
         effects=tuple(_effect(effect, factor) for effect in scene.effects),
     )
+    return _scaled(finer, factor, with_spacing) if with_spacing else finer
+
+
+def _scaled(scene: Scene, factor: float, names: Sequence[str]) -> Scene:
+    """The scene with these parameters divided by `factor`."""
+    tables = scene_to_dict(scene)
+    for name in names:
+        value = lookup(tables, name, scene.name)
+        if not isinstance(value, float | int):
+            raise InputError(f"{scene.name}: {name!r} is no number that could be in proportion to the spacing.")
+        put(tables, name, value / factor, scene.name)
+    return scene_from_dict(tables, scene.name)
 
 
 def _with_masses(scene: Scene) -> tuple[tuple, tuple]:

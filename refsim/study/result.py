@@ -46,12 +46,31 @@ class Advice:
 
 
 @dataclass(frozen=True)
+class Reference:
+    """What a value is held against.
+
+    scale        an error of 1, in the value's unit
+    uncertainty  of the reference, relative to the scale
+    """
+
+    value: float
+    scale: float
+    uncertainty: float
+    words: str
+
+    def error(self, value: float) -> float:
+        """Relative error of a value."""
+        return abs(value - self.value) / self.scale
+
+
+@dataclass(frozen=True)
 class Study:
     """Result of `refsim.study`.
 
     runs         every setting that was run, with its reading
     convergence  over the spacings; None where no spacing gave a value
     error        relative error for which the cheapest setting is given
+    reference    what the value is held against; its scale then stands in place of |Q0| and |Q_scene| below
     """
 
     scene: Scene
@@ -64,6 +83,7 @@ class Study:
     machine: str = ""
     command: str = ""
     left_out: tuple[str, ...] = field(default_factory=tuple)
+    reference: Reference | None = None
 
     def of(self, kind: str) -> list[tuple[Setting, Reading]]:
         """The runs of a kind that gave a value."""
@@ -73,6 +93,11 @@ class Study:
     def base(self) -> Reading | None:
         """The run of the scene as it is; None where it failed."""
         return next((r for s, r in self.of("spacing") if s.factor == 1), None)
+
+    def _relative(self, change: float, to: float) -> float | None:
+        """A change relative to the reference's scale, or to a value; None for zero."""
+        scale = abs(to) if self.reference is None else self.reference.scale
+        return change / scale if scale else None
 
     def rows(self) -> list[dict[str, Any]]:
         """One row for each run, as plain values.
@@ -98,7 +123,9 @@ class Study:
             "seconds": reading.seconds,
             "bytes": reading.bytes,
             "value": None if reading.failed else reading.value,
-            "change": None if reading.failed or not reference else (reading.value - reference) / abs(reference),
+            "change": None
+            if reading.failed or reference is None
+            else self._relative(reading.value - reference, reference),
             "cost": None if base is None or not base.seconds or reading.failed else reading.seconds / base.seconds,
             "failed": reading.failed,
         }
@@ -118,8 +145,9 @@ class Study:
             found["spacing"] = self.convergence.bound(base.value)
         for kind in ("support", "step", "precision", "tolerance", "backend"):
             changes = [abs(r.value - base.value) for _, r in self.of(kind)]
-            if changes and base.value:
-                found[kind] = TWICE.get(kind, 1.0) * max(changes) / abs(base.value)
+            change = self._relative(max(changes), base.value) if changes else None
+            if change is not None:
+                found[kind] = TWICE.get(kind, 1.0) * change
         return found
 
     def cheapest(self, error: float | None = None) -> Advice | None:
@@ -152,10 +180,10 @@ class Study:
         rounding = self.sources().get("precision", 0.0)
         single = self.scene.dtype == "float32"
         made: list[tuple[Setting | None, float, float, float]] = [(None, 1.0, 1.0, rounding if single else 0.0)]
-        if base is None or limit is None or not (base.seconds and base.bytes and base.value):
+        if base is None or limit is None or not (base.seconds and base.bytes and (base.value or self.reference)):
             return made
         for setting, r in (*self.of("precision"), *self.of("backend")):
-            change = abs(r.value - base.value) / abs(base.value)
+            change = self._relative(abs(r.value - base.value), base.value) or 0.0
             if setting.scene.dtype == "float64" and single:
                 if rounding <= limit.relative:  # float32 serves as well
                     continue
@@ -199,6 +227,12 @@ class Study:
             share = f" ({percent(limit.relative)})" if known else ", uncertainty unknown"
             unit = f" {self.unit}" if self.unit else ""
             lines.append(f"{self.observable} = {limit.value:.6g}{band}{unit}{share}; {limit.words}")
+        if self.reference is not None and limit is not None:
+            given, base = self.reference, self.base
+            share = f" (± {percent(given.uncertainty)})" if given.uncertainty else ""
+            off = "" if base is None else f"the scene as it is has an error of {percent(given.error(base.value))}, "
+            lines.append(f"reference {given.value:.6g}{share}, {given.words}: {off}the value above of"
+                         f" {percent(given.error(limit.value))}")  # fmt: skip
         sources = self.sources()
         if sources:
             parts = ", ".join(f"{name} {percent(e)}" for name, e in sorted(sources.items(), key=lambda item: -item[1]))
@@ -260,6 +294,7 @@ class Study:
             "order": None if limit is None else limit.order,
             "asymptotic": limit is not None and limit.asymptotic,
             "words": "" if limit is None else limit.words,
+            "reference": None if self.reference is None else vars(self.reference),
             "sources": self.sources(),
             "cheapest": {name: None if found is None else vars(found) for name, found in advice.items()},
             "runs": self.rows(),

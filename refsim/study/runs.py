@@ -68,6 +68,7 @@ class Reading:
     seconds    of wall time that its steps took, without compiling; `processor_seconds` the same of the processor
     bytes      of the arrays that it held at its end
     mass       of all particles at its start [kg; kg/m in 2D]
+    curve      (seconds, value) at the moments of an observable that watches the run and reads numbers
     failed     one sentence if there is no value; "" otherwise
     """
 
@@ -81,6 +82,7 @@ class Reading:
     rebuilds: int = 0
     failed: str = ""
     mass: float = 0.0
+    curve: tuple[tuple[float, float], ...] = ()
 
 
 def measure(
@@ -97,7 +99,7 @@ def measure(
 
     repeats      most runs of a short setting
     checkpoints  folder in which the run leaves a checkpoint after every `every` seconds of wall time and from which it
-                 goes on, bit for bit; a run with `reaches` begins anew
+                 goes on, bit for bit; a run with `reaches`, or with an observable that watches it, begins anew
 
     The value belongs to the end time itself: it is interpolated between the steps before and after. With `reaches` it
     is the time at which the observable has that value, interpolated between its samples.
@@ -106,7 +108,7 @@ def measure(
     A run that cannot be made or stops gives a Reading with the sentence why. Raises RunStopped for a reason of
     `NOT_OF_THE_RUN`, which says nothing about the setting.
     """
-    place = None if reaches is not None else checkpoints
+    place = None if reaches is not None or observable.times is not None else checkpoints
     best = _run(setting, observable, reaches, threads, progress, place, every)
     for _ in range(repeats - 1):
         if best.failed or best.seconds > SHORT:
@@ -134,8 +136,11 @@ def _run(
             raise
         return Reading(math.nan, 0.0, 0.0, 0, 0, 0, 0.0, failed=str(error))
     clock = _Clock(simulation, progress, checkpoints, every)
+    curve: list[tuple[float, float]] = []
     try:
-        if reaches is None:
+        if observable.times is not None and reaches is None:
+            value = _watched(simulation, observable, clock, curve)
+        elif reaches is None:
             value = _at_end(simulation, observable, clock)
         else:
             value = _when(simulation, observable, reaches, clock)
@@ -148,6 +153,7 @@ def _run(
     return Reading(
         value, clock.seconds, clock.processor_seconds, held_bytes(simulation), simulation.count, simulation.steps,
         simulation.time, search.log.rebuilds if search else 0, failed, float(simulation.plan.state.mass.sum()),
+        tuple(curve),
     )  # fmt: skip
 
 
@@ -208,6 +214,21 @@ class _Clock:
             why = getattr(error, "strerror", None) or error
             raise RunStopped("write_failed", f"{checkpoint} cannot be written ({why}).") from error
         self.kept_at = time.perf_counter()
+
+
+def _watched(simulation: Simulation, observable: Observable, clock: _Clock, curve: list[tuple[float, float]]) -> float:
+    """The observable from its moments, each the first step's end at or after it; the run goes to the scene's end."""
+    times, values = [], []
+    for at in observable.moments(simulation.plan.scene):
+        while simulation.time < at:
+            clock.step()
+        times.append(simulation.time)
+        values.append(observable.sample(simulation))
+        if isinstance(values[-1], float):
+            curve.append((clock.seconds, values[-1]))
+    while simulation.time < simulation.plan.scene.end_time:
+        clock.step()
+    return observable.reduced(times, values)
 
 
 def _at_end(simulation: Simulation, observable: Observable, clock: _Clock) -> float:

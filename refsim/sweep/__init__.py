@@ -28,7 +28,7 @@ from refsim.core.errors import InputError
 from refsim.core.tables import in_time, table
 from refsim.io.checkpoint import cannot_write, replace_file
 from refsim.io.store import in_turn
-from refsim.scene.files import load_scene, scene_from_dict, scene_to_dict, suggestion
+from refsim.scene.files import load_scene, put, scene_from_dict, scene_to_dict, suggestion
 from refsim.scene.plan import make_plan
 from refsim.scene.scene import Scene
 from refsim.study.observables import Observable, observable_of
@@ -207,7 +207,7 @@ def points_of(given: Sweep, folder: Path, source: str) -> list[Point]:
             if name == SEED:
                 _seed(tables, value, source)
             else:
-                _put(tables, name, value, source)
+                put(tables, name, value, source)
         words = ", ".join(f"{name} = {value}" for name, value in chosen.items())
         points.append(Point(chosen, scene_from_dict(tables, f"{source}: {given.scene} with {words}")))
     return points
@@ -219,27 +219,6 @@ def _combinations(given: Sweep) -> Iterator[dict[str, Any]]:
         for values in itertools.product(*given.grid.values()):
             for seed in seeds:
                 yield listed | dict(zip(given.grid, values)) | seed
-
-
-def _put(tables: dict[str, Any], name: str, value: Any, source: str) -> None:
-    """Set a parameter such as effects.gravity.acceleration or fluid.1.cells; parts count from 1."""
-    *parents, last = name.split(".")
-    place: Any = tables
-    for word in parents:
-        if isinstance(place, list):
-            inner = place[int(word) - 1] if word.isdecimal() and 0 < int(word) <= len(place) else None
-            hint = f"it has numbers 1 to {len(place)}."
-        else:
-            inner = place.get(word)
-            hint = suggestion(word, [key for key, held in place.items() if isinstance(held, dict | list)])
-        if not isinstance(inner, dict | list):
-            raise InputError(f"{source}: the scene has no parameter {name!r}, for lack of {word!r}; {hint}")
-        place = inner
-    if not isinstance(place, dict):
-        raise InputError(
-            f"{source}: {name!r} is no parameter; write the part's number and then a name, as fluid.1.cells."
-        )
-    place[last] = value
 
 
 def _seed(tables: Any, seed: int, source: str) -> None:

@@ -36,7 +36,7 @@ DOCS = sorted((ROOT / "docs").rglob("*.md"))
 PAGES = [*DOCS, *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md"))]
 NO_EFFECT = (
     "index.md", "guarantees.md", "scene_files.md", "accuracy_cost.md", "contract.md", "results.md", "nightly.md",
-    "accuracy_cost_panels.md", "effects_cost.md", "device_limits.md",
+    "effects_cost.md", "device_limits.md",
     "study.md", "render.md", "waiting_time.md", "api.md", "gallery.md", "changelog.md",
     "contributing.md", "journeys.md", "solutions.md", "lessons.md", "sweep.md", "public_names.md",
 )  # fmt: skip

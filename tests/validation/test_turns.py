@@ -6,9 +6,8 @@ import itertools
 import numpy as np
 import pytest
 
-from validation.reading import Reading, measured
 from validation.running import Context
-from validation.turns import LASTS, MOST, PATIENCE, _noise, mean_parts, middle_third, repeated, rounds
+from validation.turns import LASTS, MOST, PATIENCE, _noise, mean_parts, middle_third, rounds
 
 
 def read(seconds, repeats=5):
@@ -79,24 +78,6 @@ def test_the_middle_third_of_a_readings_runs_counts():
     assert middle_third([3.0], float) == [3.0]
     assert middle_third([3.0, 1.0], float) == [1.0, 3.0]
     assert middle_third([5.0, 1.0, 3.0], float) == [3.0]
-
-
-def test_of_the_runs_of_one_start_that_in_the_middle_is_the_reading():
-    """Each number is a start of its own; the first run of a setting says what compiling took."""
-    speed, first = itertools.cycle((0.03, 0.01, 0.02)), iter([7.0])
-
-    def once(context, key, threads, repeat):
-        seconds = next(speed)
-        made = Reading(
-            key, "words", {}, error=0.1 * repeat, seconds=[seconds], per_step=[seconds / 10], steps=10,
-            compile=next(first, None),
-        )  # fmt: skip
-        return measured([made], 1, "cpu")
-
-    found = repeated(Context(), once, {"one": {"key": "one"}}, once, {}, "cpu", 1, 5).values["readings"]
-    assert [r["error"] for r in found] == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.4])
-    assert {r["compile"] for r in found} == {7.0}
-    assert all(r["seconds"] == [0.02] for r in found)
 
 
 def test_settings_take_turns_in_an_order_that_changes():

@@ -380,7 +380,6 @@ def test_json_has_null_for_what_is_not_finite(options):
         (["run", "dam_brake"], "did you mean 'dam_break'?"),
         (["run", "zzz"], "choose from boundary, dam_break"),
         (["stability", "zzz"], "no hard case 'zzz'"),
-        (["accuracy", "zzz"], "no panel 'zzz'; choose from"),
         (["claims", "zzz"], "no claim 'zzz'"),
         (["run", "droplet", "--quick", "--backend", "abacus"], "there is no such backend"),
     ],

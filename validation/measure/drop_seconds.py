@@ -21,8 +21,8 @@ from typing import Any
 import numpy as np
 
 from refsim import RunStopped, Simulation
+from refsim.study.choice import instability, middle
 from validation.measure.drops import KICK, THIN, Point, device_points, in_panel, points, scene, start
-from validation.work_precision import instability, middle
 
 FILE = Path(__file__).resolve().parent.parent / "data" / "drop_seconds.json"
 ROUNDS = 5  # blocks of each drop, taken in turns, so that a disturbance falls on all

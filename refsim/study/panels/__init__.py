@@ -44,6 +44,9 @@ class About(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     remark        what the reader must know, one sentence
     no_meaning    (error, why): neither this error nor a smaller one has a meaning
     other_scenes  how keys of settings begin that compute another scene: with an effect more, or one less
+    with_spacing  parameters of the packaged scene, by name, that are in proportion to the spacing
+    shaken        whether each reading starts from particles displaced otherwise, so that errors have a noise
+    falls         whether the error falls during a run, so that the seconds to an error are those until it is kept
     bars          key of a setting -> (error that it keeps at most, why)
     """
 
@@ -56,7 +59,7 @@ class About(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     value: float = 0.0
     scale: float = 1.0
     uncertainty: float = 0.0
-    uncertain: str = "uncertainty of the reference"
+    uncertain: str = "three times the last correction of the limit"
     limit_of: tuple[str, str] | None = None
     spread: tuple[float, str] | None = None
     unit: str = ""
@@ -65,6 +68,9 @@ class About(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     remark: str = ""
     no_meaning: tuple[float, str] | None = None
     other_scenes: tuple[str, ...] = ()
+    with_spacing: tuple[str, ...] = ()
+    shaken: bool = False
+    falls: bool = False
     bars: dict[str, tuple[float, str]] = {}
 
 
@@ -161,7 +167,8 @@ class Panel:
         if about.limit_of is None:
             return about.value, about.scale, about.uncertainty
         coarse, fine = (self.points[key] for key in about.limit_of)
-        assert coarse.value is not None and fine.value is not None
+        assert coarse.value is not None
+        assert fine.value is not None
         change = (fine.value - coarse.value) / (coarse.knobs["spacing"] / fine.knobs["spacing"] - 1.0)
         limit = fine.value + change
         return limit, abs(limit), TWO_GRIDS * abs(change / limit)

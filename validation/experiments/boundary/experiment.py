@@ -9,7 +9,7 @@ import numpy as np
 
 from validation.checks import Checks
 from validation.experiment import Experiment, Options, Picture, Results, Run, measures
-from validation.experiments.boundary import accuracy, claims, flow_runs, pictures, sampling_runs, stability
+from validation.experiments.boundary import claims, flow_runs, pictures, sampling_runs, stability
 from validation.experiments.boundary.flow_runs import ARMS, POUR
 from validation.experiments.boundary.sampling_shapes import SHAPES
 from validation.results import real
@@ -305,5 +305,4 @@ EXPERIMENT = Experiment(
     tables=lambda results: [*sampling_tables(results), *flow_tables(results)],
     claims=measures(claims),
     trials=vars(stability),
-    panels=accuracy.PANELS,
 )  # fmt: skip

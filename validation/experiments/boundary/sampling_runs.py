@@ -401,28 +401,33 @@ def quality(
 
 
 def quality_by_splishsplash(
-    context: Context, key: str, words: str, knobs: Mapping[str, Any], count: int, threads: int, repeats: int
+    context: Context, settings: Mapping[str, Mapping[str, Any]], threads: int, repeats: int
 ) -> Result:
-    """The same shape sampled by SPlisHSPlasH, with as many particles, as a reading like the others."""
+    """The same shape sampled by SPlisHSPlasH, with as many particles ("count"), as readings like the others."""
     made = SHAPES["organic"](4)
-    radius = radius_for(mesh_of(made, "organic").area, count)
-    last: dict[str, Any] = {}
+    area = mesh_of(made, "organic").area
+    last: dict[str, dict[str, Any]] = {}
 
     def sampled(key: str, k: int) -> float:
-        last.update(splishsplash_sampling.run(made.vertices, made.faces, radius, threads))
-        return float(last.get("seconds", 0.0))
+        radius = radius_for(area, settings[key]["count"])
+        last[key] = splishsplash_sampling.run(made.vertices, made.faces, radius, threads)
+        return float(last[key].get("seconds", 0.0))
 
-    spent = rounds(context, [key], sampled, float, repeats)[key]
-    seconds = spent.means(float)
-    common = {"key": key, "words": words, "knobs": knobs, "expected": True}
-    if "missing" in last:
-        return measured([Reading(**common, stopped=f"missing: {last['missing']}")], threads, "peer")
-    error = evenness(last["position"])["variation"]
-    reading = Reading(
-        **common, error=error, value=error, seconds=seconds, per_step=seconds, parts={"sampling": seconds},
-        particles=last["particles"], noise=spent.noise,
-    )  # fmt: skip
-    return measured([reading], threads, "peer", version=last["version"])
+    spent = rounds(context, settings, sampled, float, repeats)
+    readings = []
+    for key, setting in settings.items():
+        common = {"key": key, "words": setting["words"], "knobs": setting["knobs"], "expected": True}
+        if "missing" in last[key]:
+            readings.append(Reading(**common, stopped=f"missing: {last[key]['missing']}"))
+            continue
+        error, seconds = evenness(last[key]["position"])["variation"], spent[key].means(float)
+        readings.append(
+            Reading(
+                **common, error=error, value=error, seconds=seconds, per_step=seconds, parts={"sampling": seconds},
+                particles=last[key]["particles"], noise=spent[key].noise,
+            )
+        )  # fmt: skip
+    return measured(readings, threads, "peer")
 
 
 def distance(

@@ -13,7 +13,7 @@ import numpy as np
 
 from validation.checks import Checks
 from validation.experiment import Experiment, Options, Picture, Results, Run, measures
-from validation.experiments.dam_break import accuracy, claims, pictures, runs, stability
+from validation.experiments.dam_break import claims, pictures, runs, stability
 from validation.experiments.dam_break.claims import COSTLY_QUICK, costs_planned
 from validation.metrics.dam_break import FRONT_DATA, data_tolerance
 from validation.results import floats, real
@@ -236,5 +236,4 @@ EXPERIMENT = Experiment(
     tables=tables,
     claims=measures(claims),
     trials=vars(stability),
-    panels=accuracy.PANELS,
 )

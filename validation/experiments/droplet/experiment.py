@@ -10,7 +10,7 @@ from typing import Any
 
 from validation.checks import Checks
 from validation.experiment import Experiment, Options, Picture, Results, Run, measures
-from validation.experiments.droplet import accuracy, claims, pictures, runs, stability
+from validation.experiments.droplet import claims, pictures, runs, stability
 from validation.experiments.droplet.scene import VARIANTS
 from validation.results import Result, real
 from validation.tables import Table
@@ -142,5 +142,4 @@ EXPERIMENT = Experiment(
     claims=measures(claims),
     trials=vars(stability),
     maps=stability.MAPS,
-    panels=accuracy.PANELS,
 )

@@ -6,7 +6,7 @@ from typing import Any
 
 from validation.checks import Checks
 from validation.experiment import Experiment, Options, Picture, Results, Run, measures
-from validation.experiments.heat import accuracy, claims, pictures, runs, stability
+from validation.experiments.heat import claims, pictures, runs, stability
 from validation.experiments.heat.pictures import SCHEMES
 from validation.results import real
 from validation.tables import Table
@@ -231,5 +231,4 @@ EXPERIMENT = Experiment(
     claims=measures(claims),
     trials=vars(stability),
     maps=stability.MAPS,
-    panels=accuracy.PANELS,
 )  # fmt: skip

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from validation.checks import Checks
 from validation.experiment import Experiment, Options, Picture, Results, Run
-from validation.experiments.laplace import accuracy, pictures
+from validation.experiments.laplace import pictures
 from validation.measure.drops import MODELS, SEEDED, fit_laplace
 from validation.measure.sigma_map import at_base, drop_run, map_run, words_of
 from validation.results import real
@@ -178,13 +177,6 @@ def _row(entry: dict[str, Any]) -> list[Any]:
     ]
 
 
-def check_panel(report: Mapping[str, Any], check: Checks) -> None:
-    """The largest drop of Akinci's model is judged."""
-    point = report["points"].get("akinci_r24")
-    if point is not None and not point["stopped"]:
-        check("jump_error", point["error"], "akinci_r24", point["words"])
-
-
 EXPERIMENT = Experiment(
     name="laplace",
     title="pressure jump of drops against 1/R, every model: what the surface tension really is",
@@ -195,5 +187,4 @@ EXPERIMENT = Experiment(
         Picture("sigma_map", pictures.map_data, pictures.map_picture, ("map",)),
     ),
     tables=tables,
-    panels=tuple(replace(panel, checks=check_panel) for panel in accuracy.PANELS),
 )

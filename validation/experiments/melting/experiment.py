@@ -5,7 +5,7 @@ from __future__ import annotations
 from refsim.backends.arrays import unavailable
 from validation.checks import Checks
 from validation.experiment import Experiment, Options, Picture, Results, Run, measures
-from validation.experiments.melting import accuracy, claims, device, floating, pictures, runs, stability
+from validation.experiments.melting import claims, device, pictures, runs, stability
 from validation.experiments.melting.runs import ON_GPU, PAPER, SOLID_SHARES, WIDTHS
 from validation.results import real
 from validation.tables import Table
@@ -196,5 +196,4 @@ EXPERIMENT = Experiment(
     tables=tables,
     claims=measures(claims),
     trials=vars(stability),
-    panels=(*accuracy.PANELS, *floating.PANELS),
 )  # fmt: skip

@@ -11,7 +11,7 @@ from typing import Any
 from refsim.mpm import READINGS
 from validation.checks import Checks
 from validation.experiment import Experiment, Options, Picture, Results, Run, measures
-from validation.experiments.mpm_droplet import accuracy, claims, drops, fine_runs, pictures, runs, stability
+from validation.experiments.mpm_droplet import claims, drops, fine_runs, pictures, runs, stability
 from validation.experiments.mpm_droplet.scene import CELLS
 from validation.results import real
 from validation.tables import Table
@@ -518,5 +518,4 @@ EXPERIMENT = Experiment(
     claims=measures(claims),
     trials=vars(stability),
     maps=stability.MAPS,
-    panels=accuracy.PANELS,
 )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,6 @@ import numpy as np
 from refsim import calibrate
 from validation.checks import Checks
 from validation.experiment import Experiment, Options, Picture, Results, Run
-from validation.experiments.laplace import accuracy
 from validation.experiments.oscillation import pictures
 from validation.measure.drops import MODELS
 from validation.measure.sigma_map import WORST_MISFIT, drop_run, map_run
@@ -89,13 +87,6 @@ def tables(results: Results) -> list[Table]:
     return [Table("Mode n = 2 of kicked drops", heading, rows, note)] if rows else []
 
 
-def check_panel(report: Mapping[str, Any], check: Checks) -> None:
-    """The largest drop of Akinci's model is judged."""
-    point = report["points"].get("akinci_r24")
-    if point is not None and not point["stopped"]:
-        check("frequency_error", point["error"], "akinci_r24", point["words"])
-
-
 EXPERIMENT = Experiment(
     name="oscillation",
     title="frequency of kicked drops, mode n = 2, every model: tension by Rayleigh",
@@ -103,5 +94,4 @@ EXPERIMENT = Experiment(
     checks=checks,
     pictures=(Picture("oscillation", pictures.data, pictures.picture, ("map",)),),
     tables=tables,
-    panels=tuple(replace(panel, checks=check_panel) for panel in accuracy.OSCILLATION_PANELS),
 )

@@ -8,7 +8,7 @@ from typing import Any
 
 from validation.checks import Checks
 from validation.experiment import Experiment, Options, Picture, Results, Run
-from validation.experiments.solutions import accuracy, pictures, runs, tension, terms
+from validation.experiments.solutions import pictures, runs, tension, terms
 from validation.results import Result
 from validation.tables import Table
 
@@ -208,5 +208,4 @@ EXPERIMENT = Experiment(
         ),
     ),
     tables=tables,
-    panels=accuracy.PANELS,
 )

@@ -6,7 +6,7 @@ import numpy as np
 
 from validation.checks import Checks
 from validation.experiment import Experiment, Options, Picture, Results, Run, measures
-from validation.experiments.surface_reconstruction import accuracy, claims, pictures, runs
+from validation.experiments.surface_reconstruction import claims, pictures, runs
 from validation.experiments.surface_reconstruction.shapes import RADII
 from validation.tables import Table
 
@@ -153,5 +153,4 @@ EXPERIMENT = Experiment(
     ),
     tables=tables,
     claims=measures(claims),
-    panels=accuracy.PANELS,
 )

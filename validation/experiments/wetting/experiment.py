@@ -11,7 +11,7 @@ import numpy as np
 from refsim import calibrate_contact_angle
 from validation.checks import Checks
 from validation.experiment import Experiment, Options, Picture, Results, Run
-from validation.experiments.wetting import accuracy, pictures
+from validation.experiments.wetting import pictures
 from validation.measure.wetting import ROWS, SIZE, Point, condensed, measure, read_rows
 from validation.results import Result, real
 from validation.running import Context
@@ -98,5 +98,4 @@ EXPERIMENT = Experiment(
     checks=checks,
     pictures=(Picture("wetting", pictures.data, pictures.picture, ("map",)),),
     tables=tables,
-    panels=accuracy.PANELS,
 )

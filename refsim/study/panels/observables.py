@@ -1,0 +1,92 @@
+"""Observables of the panels: functions of a simulation, one for each packaged scene, called as the panel is.
+
+`times` and `reduce` of a function say when it is read and how one number follows (`refsim/study/observables.py`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from refsim.engine.simulation import Simulation
+from refsim.scene.scene import Scene
+from refsim.study.observables import observable_of
+
+DIRECTIONS, CONE = 200, np.radians(10)
+FALL = np.sqrt(0.5 / (2 * 9.81))  # sqrt(L/(2g)) of the dam break [s]
+BASIN, EDGE = 1.6, 0.8  # of the floating box [m]
+
+
+def watched(times: Callable[[Scene], Any], reduce: Callable[[np.ndarray, list[Any]], float]) -> Callable[[Any], Any]:
+    """Give a function the moments at which it is read, and what makes one number of them."""
+
+    def give(read: Any) -> Any:
+        read.times, read.reduce = times, reduce
+        return read
+
+    return give
+
+
+def mean(times: np.ndarray, values: list[Any]) -> float:
+    """Mean of the values."""
+    return float(np.mean(values))
+
+
+def kept(times: np.ndarray, values: list[Any]) -> float:
+    """What a falling value keeps: the largest of the last third; NaN where one of them is not finite."""
+    late = np.asarray(values, dtype=float)[int(2 / 3 * len(values)) :]
+    return float(late.max()) if np.isfinite(late).all() else float("nan")
+
+
+def _mean_front(times: np.ndarray, values: list[Any]) -> float:
+    return float(np.interp(np.linspace(1.0, 3.0, 41), times / FALL, values).mean())
+
+
+@watched(lambda scene: FALL * np.linspace(0.95, 3.05, 43), _mean_front)
+def front(simulation: Simulation) -> float:
+    """Edge of the connected liquid over the column's width of 0.5 m; its mean from t sqrt(2g/L) = 1 to 3."""
+    return observable_of("front", simulation.plan)(simulation) / 0.5
+
+
+@watched(lambda scene: np.linspace(0.0, scene.end_time, 46), kept)
+def droplet(simulation: Simulation) -> float:
+    """std/mean over Fibonacci directions of the greatest distance from the centre within 10 degrees; what is kept."""
+    offset = simulation.field("position").astype(float)
+    offset -= offset.mean(0)
+    radius = np.linalg.norm(offset, axis=1)
+    number = np.arange(DIRECTIONS)
+    z = 1 - (2 * number + 1) / DIRECTIONS
+    angle, ring = np.pi * (3 - np.sqrt(5)) * number, np.sqrt(1 - z**2)
+    axis = np.column_stack([ring * np.cos(angle), ring * np.sin(angle), z])
+    within = offset @ axis.T > np.cos(CONE) * radius[:, None]
+    outermost = np.where(within, radius[:, None], 0.0).max(axis=0)
+    return float(outermost.std() / outermost.mean())
+
+
+@watched(lambda scene: scene.end_time - 1.0 + np.linspace(0.0, 1.0, 41), mean)
+def coupling(simulation: Simulation) -> float:
+    """Height of the box's centre over the water's level, over its edge; mean of the last second.
+
+    The level is half a spacing over the highest particles of columns a spacing wide, beside the box.
+    """
+    place, spacing = simulation.field("position").astype(float), simulation.plan.grid.spacing
+    solids = simulation.plan.grid.solids
+    assert solids is not None
+    count = len(solids.lattice.key)
+    water = place[count:]
+    water = water[np.abs(water[:, :2] - 0.5 * BASIN).max(1) > 0.4 * BASIN]
+    column = np.unique((water[:, :2] // spacing).astype(int), axis=0, return_inverse=True)[1].ravel()
+    highest = np.full(column.max() + 1, -np.inf)
+    np.maximum.at(highest, column, water[:, 2])
+    return float(place[:count, 2].mean() - np.median(highest) - 0.5 * spacing) / EDGE
+
+
+def spinning_body(simulation: Simulation) -> float:
+    """L_z/I_zz about the centre of mass at the end, over that of the start, 2 pi/s."""
+    position, velocity, mass = (simulation.field(name).astype(float) for name in ("position", "velocity", "mass"))
+    x = position - np.average(position, axis=0, weights=mass)
+    v = velocity - np.average(velocity, axis=0, weights=mass)
+    turning = (mass * (x[:, 0] * v[:, 1] - x[:, 1] * v[:, 0])).sum()
+    return float(turning / (mass * (x[:, 0] ** 2 + x[:, 1] ** 2)).sum() / (2 * np.pi))

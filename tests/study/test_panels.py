@@ -1,0 +1,304 @@
+"""Panels: the rules that choose a setting, packaged scenes and observables, and what was measured of them."""
+
+import math
+
+import msgspec
+import numpy as np
+import pytest
+
+from refsim.core.errors import InputError
+from refsim.engine.simulation import Simulation
+from refsim.scene.plan import make_plan
+from refsim.study.choice import Candidate, candidates, choose, instability, kinds, unsettled
+from refsim.study.observables import observable_of
+from refsim.study.panels import FOLDER, OWN, About, Panel, Place, Point, abouts, as_text, panel, parse
+from refsim.study.panels import measured as measuring
+from refsim.study.panels.measured import broken, measured, merged, observable
+from refsim.study.panels.observables import kept
+from refsim.study.panels.scenes import packaged, scene_of, shaken
+from refsim.study.runs import Reading, Setting, measure
+
+STEADY = [1.0, 1.01, 0.99, 1.0, 1.005]
+SCATTERED = [1.0, 1.3, 0.7, 1.2, 0.8]
+SKEWED = [1.0, 1.0, 1.0, 1.01, 1.09, 1.08, 1.06, 1.0]  # a small deviation from the median, a wide middle half
+PACKAGED = [name for name in abouts() if packaged(name) is not None]
+
+
+def point(key, error, seconds, scatter=STEADY, **more):
+    knobs = more.pop("knobs", {"dtype": "float32"})
+    given = {"value": error, "error": error, "seconds": [seconds * s for s in scatter], "particles": 100}
+    return Point(key, f"keeps {error}", 0, knobs, **(given | more))
+
+
+def made(*points, **about):
+    words = dict.fromkeys(("words", "relative", "observed", "reference", "page"), "a")
+    return Panel("a", About(**words, base="b", **about), (Place("m", 1, "2026-01-01"),), {p.key: p for p in points}, {})
+
+
+def chosen(of, error):
+    return choose(candidates(of), error, of.reference()[2])
+
+
+def key(choice):
+    return choice.advised and choice.advised.point.key
+
+
+def test_the_cheapest_that_keeps_the_error_is_advised():
+    of = made(point("rough", 0.2, 1.0), point("fine", 0.01, 5.0), point("best", 0.001, 50.0), point("slow", 0.01, 9.0))
+    assert key(chosen(of, 0.5)) == "rough"
+    choice = chosen(of, 0.01)
+    assert (key(choice), choice.seconds, choice.notes) == ("fine", 5.0, ())
+    none = chosen(of, 0.0001)
+    assert none.advised is None
+    assert none.why == "not reached: keeps 0.001 keeps 0.1 % after 50 s"
+    assert chosen(made(), 0.1).why == "not measured"
+
+
+@pytest.mark.parametrize("scatter", [SCATTERED, SKEWED, STEADY[:4]])
+def test_an_unsettled_timing_is_never_advised_and_never_passed_over_in_silence(scatter):
+    cheap = point("cheap", 0.01, 1.0, scatter)
+    choice = chosen(made(cheap, point("settled", 0.01, 1.015)), 0.05)
+    assert key(choice) == "settled"
+    assert choice.notes[0].startswith("passed over: keeps 0.01 was read at ")
+    none = chosen(made(cheap), 0.05)
+    assert none.advised is None
+    assert none.why.startswith("not advised: one setting reaches it, none in a settled time; keeps 0.01 was read at ")
+
+
+def test_a_costlier_setting_is_not_advised_where_an_unsettled_one_is_faster_beyond_its_scatter():
+    cheap = point("cheap", 0.01, 1.0, SCATTERED)
+    choice = chosen(made(cheap, point("settled", 0.01, 3.0)), 0.05)
+    assert choice.advised is None
+    assert choice.why == (
+        "not advised: keeps 0.01 was read at 1 s (700 ms to 1.3 s), but scatters by 30 %; keeps 0.01 in a settled 3 s"
+        " costs more"
+    )
+    assert key(chosen(made(cheap, point("settled", 0.01, 1.2)), 0.05)) == "settled"
+
+
+@pytest.mark.parametrize(
+    ("seconds", "said"),
+    [(STEADY, ""), (STEADY[:4], "only 4 of 5"), (SCATTERED, "scatters by 30"), ([0.0] * 5, "no time")],
+)
+def test_unstable_times_are_flagged(seconds, said):
+    assert instability(seconds).startswith(said)
+    assert bool(unsettled(seconds)) == bool(said)
+    assert instability([1.0] * 8 + [2.0, 2.0]).startswith("slow repeats take 2.0 times")
+
+
+def test_an_error_that_a_finer_spacing_does_not_keep_is_kept_by_chance():
+    coarse, middle, fine = (
+        point(str(d), error, 0.2 / d, knobs={"spacing": d}) for d, error in ((0.2, 0.002), (0.1, 0.02), (0.05, 0.004))
+    )
+    of = made(coarse, middle, fine)
+    assert key(chosen(of, 0.05)) == "0.2"
+    choice = chosen(of, 0.01)
+    assert key(choice) == "0.05"
+    assert choice.notes == ("passed over: keeps 0.002 keeps 0.2 % by chance, keeps 0.02 2 %",)
+    none = chosen(made(coarse, fine), 0.001)
+    assert none.advised is None
+    assert none.nearest.point.key == "0.05"
+
+
+def test_float64_is_advised_only_where_it_changes_the_error():
+    def advised(single, double, mad=0.0):
+        both = (("float32", single, 3.0), ("float64", double, 1.0))
+        of = made(*(point(d, e, s, knobs={"dtype": d}, error_mad=mad) for d, e, s in both))
+        return key(chosen(of, 0.05))
+
+    assert advised(0.02, 0.02) == "float32"
+    assert advised(0.02, 0.0199) == "float32"
+    assert advised(0.02, 0.01) == "float64"
+    assert advised(0.02, 0.01, mad=0.01) == "float32"
+    assert key(chosen(made(point("float64", 0.02, 1.0, knobs={"dtype": "float64"})), 0.05)) == "float64"
+
+
+def test_what_the_runner_warns_of_and_what_fails_elsewhere_is_no_candidate():
+    others = (
+        point("long", 0.01, 1.0, knobs={"dtype": "float32", "step": 1.4}),
+        point("lucky", 0.01, 2.0, against="from a turned cube it keeps 0.1"),
+        point("stopped", 0.01, 0.5, failed="diverged"),
+        point("hidden", 0.01, 0.5, shown=False),
+        point("extra_effect", 0.01, 0.5),
+        point("cuda_extra_effect", 0.01, 0.5),
+    )
+    good = point("good", 0.01, 3.0, knobs={"dtype": "float32", "step": 1.0})
+    assert key(chosen(made(*others, good, other_scenes=("extra_",)), 0.05)) == "good"
+    assert chosen(made(*others, other_scenes=("extra_",)), 0.05).why == "not reached: no setting may be advised"
+
+
+def test_an_error_below_the_reference_s_uncertainty_is_marked():
+    of = made(point("fine", 0.001, 1.0), uncertainty=0.02)
+    assert chosen(of, 0.05).notes == ()
+    assert chosen(of, 0.01).notes == ("below the uncertainty of the reference (2 %)",)
+
+
+def test_errors_are_taken_from_the_converged_value():
+    """v(d) = 2 + d: the limit is 2 and the error d/2; the uncertainty is 3 times the last correction."""
+    points = [point(f"d{n}", 9.9, 1.0, value=2 + 1 / n, knobs={"spacing": 1 / n}) for n in (5, 10, 20)]
+    of = made(*points, limit_of=("d10", "d20"))
+    assert {c.point.key: c.error for c in candidates(of)} == pytest.approx({"d5": 0.1, "d10": 0.05, "d20": 0.025})
+    assert of.reference() == pytest.approx((2.0, 2.0, 3 * 0.05 / 2))
+    assert key(chosen(of, 0.03)) == "d20"
+    assert chosen(of, 0.03).notes
+
+
+def test_seconds_are_those_until_the_error_is_kept():
+    run = Candidate(point("run", 0.01, 4.0, reached=[(0.5, 1.0), (0.05, 2.0), (0.01, 4.0)]), 0.01)
+    assert [run.seconds(error) for error in (0.9, 0.2, 0.05, 0.01, 0.009)] == [1.0, 2.0, 2.0, 4.0, None]
+
+
+def test_kinds_of_machines_and_programs_stand_apart():
+    gpu = point("cuda_ours", 0.01, 1.0, knobs={"backend": "cuda"})
+    found = kinds(made(point("ours", 0.01, 3.0), gpu, point("theirs", 0.01, 1.0, program="other")))
+    assert {kind: [c.point.key for c in some] for kind, some in found.items()} == {
+        "cpu": ["ours"], "gpu": ["cuda_ours"], "peer": ["theirs"],
+    }  # fmt: skip
+
+
+# What is stored
+
+
+@pytest.mark.parametrize("name", abouts())
+def test_stored_panels_are_whole(name):
+    """Their files are those that are written of them; every point was measured somewhere; the base is among them."""
+    of = panel(name)
+    assert (FOLDER / f"{name}.json").read_text() == as_text(of)
+    assert of.about.base in of.points
+    assert {*of.about.bars, *(of.about.limit_of or ())} <= of.points.keys()
+    for p in of.points.values():
+        assert p.failed or len(p.seconds) >= 5 or not p.shown
+        assert of.places[p.place].commit
+        assert bool(of.places[p.place].device) == p.gpu
+
+
+def test_bars_that_stored_points_break():
+    """Single drops of 24 spacings differ from their mean by more: each keeps a part of its frozen order."""
+    assert [sentence.split(":")[0] for name in abouts() for sentence in broken(panel(name))] == [
+        "surface_tension_jump, akinci_r24"
+    ]
+
+
+def test_what_was_measured_holds_what_is_said_of_it():
+    heat, spin, drop = (panel(name).points for name in ("heat", "spinning_body", "droplet"))
+    assert heat["runge_kutta_legendre_8"].knobs["passes"] <= 1.4  # (s^2 + s - 2)/4 >= 27.4: 11 stages for a step of 8
+    assert spin["n6_w2_s800"].error <= 0.25 * spin["n6_w2_s200"].error  # first order in the step
+    own = min(s for c in kinds(panel("droplet"))["cpu"] if (s := c.seconds(0.005)) is not None)
+    assert own < min(np.median(p.seconds) for p in drop.values() if p.program != OWN)
+
+
+@pytest.mark.parametrize("text", ["{}", "[1]", '{"schema": "another"}', "no json"])
+def test_another_file_is_refused_with_a_sentence(text):
+    with pytest.raises(InputError, match="no stored panel"):
+        parse(text)
+    with pytest.raises(InputError, match="did you mean front"):
+        panel("frnt")
+
+
+# Packaged scenes
+
+
+@pytest.mark.parametrize("name", PACKAGED)
+def test_settings_of_a_packaged_panel_have_scenes(name):
+    """With the particles and, on the same fields, the bytes that were measured."""
+    of = panel(name)
+    count = 0
+    for p in of.points.values():
+        scene = None if "start" in p.setting else scene_of(of, p)
+        if scene is not None and not p.failed:
+            plan = make_plan(scene)
+            assert plan.grid.count == p.particles
+            assert plan.scene.dtype == p.knobs["dtype"]
+            count += 1
+    assert count > 5
+    assert scene_of(of, of.points[of.about.base]).spacing == packaged(name).spacing
+
+
+STORED = {  # settings whose value is computed here and is the stored one: (readings, relative tolerance)
+    ("front", "d10"): 5e-3,
+    ("droplet", "d9"): 0.12,  # rounding decides how its symmetry breaks: seeds differ by 30 %
+    ("spinning_body", "n6_w2_s50"): 1e-5,
+    ("coupling", "n4"): 6e-2,  # stored before solids kept their mass at every spacing
+}
+
+
+@pytest.mark.parametrize(("name", "setting"), STORED)
+def test_a_packaged_study_gives_the_stored_value(name, setting, monkeypatch):
+    monkeypatch.setattr(measuring, "MOST", 1)
+    found = measured(panel(name), [setting], threads=1)
+    (row,) = found.rows()
+    assert row["value"] == pytest.approx(row["stored_value"], rel=STORED[name, setting])
+    assert row["particles"] == panel(name).points[setting].particles
+    assert row["bytes"] == panel(name).points[setting].bytes
+    assert "stored value" in found.text()
+    again = merged(found)
+    assert again.points.keys() == panel(name).points.keys()
+    assert again.points[setting].place == len(again.places) - 1
+    assert parse(as_text(again)).points[setting].value == row["value"]
+
+
+def test_what_cannot_be_measured_is_said(monkeypatch):
+    with pytest.raises(InputError, match="no packaged scene; python -m validation accuracy contact_angle"):
+        measured(panel("contact_angle"))
+    with pytest.raises(InputError, match="has no setting 'd11'"):
+        measured(panel("front"), ["d11"])
+    found = measured(panel("droplet"), ["turned_all_1", "step1.4"])
+    assert [line.split(" left out: ")[1] for line in found.left_out] == [
+        "its start is cut from a lattice that is turned (seed 1)", "a fixed step beyond the stable one",
+    ]  # fmt: skip
+    failing = Reading(math.nan, 1.0, 1.0, 0, 5, 3, 0.1, failed="collapsed.")
+    monkeypatch.setattr(measuring, "measure", lambda *given, **more: failing)
+    found = measured(panel("front"), ["d10"])
+    assert found.here.points["d10"].failed == "collapsed."
+    assert "d = L/10, float32, cpu: collapsed." in found.text()
+
+
+def test_readings_start_from_displaced_particles_where_the_panel_says_so():
+    scene = packaged("front")
+    lattice = make_plan(scene).state.position
+    once, again, other = (shaken(scene, seed).fluid[0].position for seed in (1, 1, 2))
+    assert (once == again).all()
+    assert not (once[:, :2] == other[:, :2]).any()
+    assert np.sqrt(((once - lattice)[:, :2] ** 2).mean()) == pytest.approx(0.01 * scene.spacing, rel=0.2)
+    assert (once[:, 2] == lattice[:, 2]).all()
+
+
+# Observables that watch a run
+
+
+def watching(times, reduce):
+    def time(simulation):
+        return float(simulation.time)
+
+    time.times, time.reduce = times, reduce
+    return time
+
+
+def test_an_observable_is_read_at_its_moments_and_reduced():
+    scene = msgspec.structs.replace(packaged("spinning_body"), end_time=0.1)
+    plan, seen = make_plan(scene), {}
+
+    def reduce(times, values):
+        seen["times"], seen["values"] = times.tolist(), values
+        return sum(values)
+
+    read = observable_of(watching(lambda scene: [0.08, 0.02], reduce), plan)
+    found = measure(Setting("spacing", "", 1.0, scene, "cpu"), read, threads=1, repeats=1)
+    assert found.value == pytest.approx(0.1)
+    assert seen["times"] == pytest.approx([0.02, 0.08], abs=1e-12)
+    assert [value for _, value in found.curve] == seen["values"]
+    assert found.curve[0][0] < found.curve[1][0] < found.seconds
+    assert found.time >= scene.end_time
+    assert found.steps >= 20
+    broken_times = observable_of(watching(lambda scene: 1 / 0, reduce), plan)
+    assert "cannot be read (ZeroDivisionError" in measure(Setting("", "", 1.0, scene, "cpu"), broken_times).failed
+
+
+def test_panels_observables_are_files_functions():
+    plan = make_plan(packaged("droplet"))
+    found = observable_of(observable("droplet"), plan)
+    assert found.name == "observables.droplet"
+    assert len(found.moments(plan.scene)) == 46
+    assert found.sample(Simulation(plan, "numpy")) == pytest.approx(0.148, abs=0.01)  # of a cube
+    assert kept(np.arange(6), [9.0, 5.0, 4.0, 3.0, 1.0, 2.0]) == 2.0
+    assert math.isnan(kept(np.arange(3), [1.0, 1.0, math.nan]))

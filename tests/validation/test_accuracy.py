@@ -1,0 +1,214 @@
+"""Panels in the repository: the page that their points make, their runs without a packaged scene, and readings."""
+
+import math
+
+import numpy as np
+import pytest
+
+from refsim.study.choice import candidates
+from refsim.study.panels import OWN, abouts, panel
+from refsim.study.panels.scenes import packaged
+from validation import accuracy, accuracy_page, panel_peers, panel_runs
+from validation.__main__ import main
+from validation.drawing import style
+from validation.experiments.boundary import tank_runs
+from validation.experiments.dam_break import detector_runs
+from validation.experiments.mpm_droplet import frequency_runs
+from validation.experiments.solutions import pressure_runs
+from validation.reading import Reading, distribution, environment, measured
+from validation.running import Context
+from validation.work_precision import order_from_errors, pareto
+
+
+def test_the_page_is_what_the_stored_points_make():
+    text = accuracy_page.PAGE.read_text()
+    assert accuracy_page.page(text) == text, "python -m validation accuracy --draw"
+
+
+def test_cells_of_the_table_are_short():
+    for name in abouts():
+        for line in accuracy_page.rows(panel(name)):
+            _, _, errors, *cells, _ = line.split("|")
+            assert "%" in errors
+            assert len(cells) == 6
+            assert max(map(len, cells[1:])) <= 50
+            assert len(cells[0]) <= 80 or "no meaning" in cells[0]
+
+
+def test_the_picture_names_what_the_table_advises_and_draws_the_unsettled_hollow():
+    import matplotlib.pyplot as plt
+
+    of = panel("front")
+    with style():
+        figure = accuracy_page.picture(of)
+        plt.close(figure)
+    axes = figure.axes[0]
+    said = " ".join(" ".join(text.get_text().split()) for text in axes.texts)
+    for error in accuracy_page.targets(of):
+        advised = accuracy_page.answer(of, error).choice.advised
+        assert advised is None or advised.point.words in said
+    assert "uncertainty of the reference" in said
+    hollow = [line for line in axes.lines if line.get_markerfacecolor() == "white" and len(line.get_xdata()) == 1]
+    assert len(hollow) == sum(bool(c.unsettled) for c in candidates(of))
+    legend = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert any(text.startswith("failed: ") for text in legend)
+
+
+@pytest.mark.parametrize("name", abouts())
+def test_every_panel_can_be_measured_anew(name):
+    """By its packaged scene or by a run that is there, with the settings on file; so can other programs' points."""
+    assert (packaged(name) is not None) != (name in accuracy.RUNS)
+    programs = {p.program for p in panel(name).points.values()} - {OWN}
+    assert bool(programs) == (name in accuracy.PEERS)
+    for where in (accuracy.RUNS.get(name), accuracy.PEERS.get(name)):
+        assert where is None or callable(accuracy._run(where))
+
+
+def test_unknown_panels_get_a_sentence(capsys):
+    assert main(["accuracy", "dropplet"]) == 2
+    assert "no panel 'dropplet'; did you mean 'droplet'?" in capsys.readouterr().err
+    assert main(["accuracy", "heat", "--peers"]) == 2
+    assert "has no points of other programs" in capsys.readouterr().err
+
+
+def readings(*more):
+    first = Reading("d10", "w", {}, error=9.0, value=2.6, seconds=[1.0] * 5, per_step=[0.1], particles=200, steps=3)
+    return measured([first, *more], 1, "cpu")
+
+
+def test_a_reading_becomes_a_point_beside_the_stored_one():
+    of = panel("front")
+    gone = Reading("d14", "d = L/14", {}, stopped="diverged in step 3", spent=2.0)
+    absent = Reading("peer_d10", "theirs", {}, stopped="missing: it is not there", expected=True)
+    found = accuracy.beside(of, readings(gone, absent))
+    point = found.here.points["d10"]
+    value, scale, _ = of.reference()
+    assert point.error == pytest.approx(abs(2.6 - value) / scale)
+    assert (point.knobs, point.setting) == (of.points["d10"].knobs, of.points["d10"].setting)
+    assert found.here.places[point.place].date == environment(1, "cpu")["date"]
+    assert (found.here.points["d14"].failed, found.here.points["d14"].spent) == ("diverged in step 3", 2.0)
+    assert found.left_out == ("SPlisHSPlasH, DFSPH, d = L/10 left out: it is not there",)
+    assert "stored value" in found.text()
+
+
+LIQUIDS = {  # panel: (the run's function of one setting, what it keeps at the coarsest, arguments that shorten it)
+    "tank_pressure": ("n6", tank_runs.rested, 0.4, {}),
+    "implicit_pressure": ("implicit_10", pressure_runs.rested, 0.1, {}),
+    "surface_tension_jump": ("akinci_r8", panel_runs.drop, 0.3, {}),
+    "mpm_frequency": ("r5.5", frequency_runs.swung, 0.1, {"periods": 0.6}),
+}
+
+
+@pytest.mark.parametrize("name", LIQUIDS)
+def test_the_coarsest_point_of_a_liquid_is_measured(name):
+    """Its error is finite and no larger than what the method keeps there; steps and seconds are counted."""
+    key, once, bar, shorter = LIQUIDS[name]
+    point = panel(name).points[key]
+    found = once(Context(threads=1), {"words": point.words, "knobs": point.knobs, **point.setting}, 0, **shorter)
+    assert not found.stopped
+    assert 0 < found.error < bar
+    assert found.steps > 10
+    assert found.seconds > 0
+    assert found.particles == point.particles
+    if not shorter and name != "surface_tension_jump":  # whose drops are of another seed
+        assert found.value == pytest.approx(point.value, rel=0.02)
+
+
+def test_implicit_pressure_is_larger_at_walls():
+    """The particles at the floor, away from the sides, have two to three times the pressure of the water above them."""
+    run = Context(threads=1).simulation(pressure_runs.tank(20, "float64", 1e-3, 1.0), "cpu")
+    reach, found = 0.15 * pressure_runs.WIDTH, []
+    while run.time < 1.5:
+        run.step()
+        if run.time > 1.0:
+            place, pressure = run.field("position"), run.field("pressure")
+            first = (place[:, 1] < 0.5 / 20) & (np.abs(place[:, 0] - 0.5 * pressure_runs.WIDTH) < reach)
+            known = pressure_runs.DENSITY * pressure_runs.GRAVITY * (pressure_runs.HEIGHT - place[first, 1])
+            found.append(float((pressure[first] / known).mean()))
+    assert 2 < np.mean(found) < 3
+
+
+def test_a_stop_and_a_known_tension(monkeypatch):
+    """A drop that does not last is a failure with its reason; a frequency is the root of the tension."""
+    setting = {"by": "rayleigh", "model": "akinci", "radius": 8.0, "knobs": {"backend": "cpu", "dtype": "float32"}}
+    flat, error = panel_runs.flat_tension("akinci")
+    assert 0 < error < 0.1 * flat
+    row = {"stopped": "", "rayleigh": 1.21 * flat, "steps": 5, "particles": 9}
+    monkeypatch.setattr(panel_runs.drops, "measure", lambda point: row)
+    found = panel_runs.drop(Context(threads=1), setting, 0)
+    assert (found.value, found.error) == (pytest.approx(1.1), pytest.approx(0.1))
+    monkeypatch.setattr(panel_runs.drops, "measure", lambda point: {"stopped": "clumped"})
+    assert panel_runs.drop(Context(threads=1), setting, 0).stopped == "clumped"
+
+
+def test_detectors_give_the_stored_value():
+    points = panel("detection_2d").points
+    steps = ("two_step_0.90_half_color_float32", "two_step_printed_0.90_half_color_float32")
+    keys = ("number_density_0.90_float32", *steps)
+    settings = {k: {"words": points[k].words, "knobs": points[k].knobs, **points[k].setting} for k in keys}
+    found = accuracy.beside(panel("detection_2d"), detector_runs.detectors_2d(Context(), settings, "cpu", 1, 2))
+    for key in keys:
+        assert found.here.points[key].value == pytest.approx(points[key].value, abs=2e-3)
+    exact = found.here.points[keys[1]]
+    assert sum(exact.parts.values()) == pytest.approx(np.mean(exact.seconds))
+    assert exact.distribution["misplaced surface [spacings]"]["max"] < 10
+
+
+def test_misplaced_surface_is_the_distance_between_both_sets():
+    x = np.array([[0.0, 0, 0], [1, 0, 0], [3, 0, 0], [7, 0, 0]])
+    flags, truth = np.array([1, 1, 0, 0], bool), np.array([1, 0, 1, 0], bool)
+    assert sorted(detector_runs.misplaced(x, flags, truth)) == [0.0, 1.0, 2.0]
+    assert detector_runs.misplaced(x, truth, truth).max() == 0.0
+    assert np.isnan(detector_runs.misplaced(x, np.zeros(4, bool), truth)).all()
+
+
+def test_stored_states_are_those_that_are_named():
+    from validation.experiments.dam_break.state import STORED, load_state
+
+    for name, (columns, depth, moment) in STORED.items():
+        state = load_state(name)
+        assert state.position.shape == (2 * columns**2 * depth, 3)
+        assert state.position.dtype == np.float32
+        assert np.isfinite(state.position).all()
+        assert state.time == pytest.approx(moment, abs=0.01)
+
+
+def test_peers_are_read_as_refsim_is(monkeypatch):
+    """A front that moves evenly from 1 to 2 widths; a drop that keeps 0.02 from its second sample on."""
+    settings = {"peer_d10": {"words": "w", "knobs": {}, "columns": 10}}
+    times = np.linspace(0, 4.6, 93) * panel_peers.FALL
+    column = {"time": times, "front": 0.5 * (1 + times / times[-1]), "wall": [0.0, 3.0], "steps": 7, "particles": 200}
+    monkeypatch.setattr(panel_peers.splishsplash, "run_column", lambda given, threads: column)
+    (read,) = panel_peers.fronts(Context(), settings, 1, 2).values["readings"]
+    assert (read["value"], read["seconds"]) == (pytest.approx(1 + 2.0 / 4.6, abs=1e-3), [3.0, 3.0])
+    drop = {"time": [0, 1, 2], "error": [0.2, 0.02, 0.02], "wall": [0.0, 1.5, 3.0], "steps": 2, "particles": 9}
+    monkeypatch.setattr(panel_peers.splishsplash, "run_drop", lambda given, threads: drop)
+    given = {"peer": {"words": "w", "knobs": {}, "settings": {}}}
+    (read,) = panel_peers.drops(Context(), given, 1, 2).values["readings"]
+    assert (read["value"], read["seconds"]) == (0.02, [1.5, 1.5])
+    monkeypatch.setattr(panel_peers.splishsplash, "run_drop", lambda given, threads: {"missing": "it is not there"})
+    (read,) = panel_peers.drops(Context(), given, 1, 2).values["readings"]
+    assert read["stopped"] == "missing: it is not there"
+
+
+# Statistics
+
+
+def test_pareto_front_holds_what_nothing_beats():
+    points = [(2.0, 1.0), (1.0, 2.0), (2.0, 2.0), (0.5, math.inf), (math.nan, 0.1), (1.0, 2.0)]
+    assert pareto([{"error": e, "seconds": s} for e, s in points]) == [0, 1]
+
+
+def test_order_from_errors():
+    size = [0.1, 0.05, 0.025, 0.0125]
+    exact = order_from_errors(size, [3 * s**2 for s in size], 2.0)
+    assert exact.asymptotic
+    assert exact.order == pytest.approx(2.0)
+    assert not order_from_errors(size, [1.0, 0.5, 0.6, 0.1], 2.0).asymptotic
+    assert "2 of 3 sizes" in order_from_errors(size[:2], [1.0, 0.5], 2.0).words
+
+
+def test_distributions_are_of_magnitudes():
+    found = distribution([-3.0, 1.0, 2.0])
+    assert (found["median"], found["max"]) == (2.0, 3.0)
+    assert math.isnan(distribution([])["median"])

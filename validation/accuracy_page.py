@@ -1,0 +1,281 @@
+"""docs/accuracy_cost.md and its pictures from the stored points (`python -m validation accuracy --draw`)."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from refsim.core.tables import in_bytes
+from refsim.study.advice import Advice, answer, keeps
+from refsim.study.choice import Candidate, Choice, by_chance, candidates, duration, kinds, percent, refused
+from refsim.study.panels import OWN, Panel, Point, abouts, panel
+from validation.drawing import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, YELLOW, save_picture, style
+from validation.filling import replaced
+
+ROOT = Path(__file__).resolve().parent.parent
+FIGURES, PAGE = ROOT / "figures", ROOT / "docs" / "accuracy_cost.md"
+TARGETS = (0.1, 0.05, 0.01, 0.001)
+HOLLOW, BELOW, ABSENT = "\u25cb", "\u2020", "\u2013"  # not settled; below the reference's uncertainty; not measured
+COLOURS, MARKERS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY), ("o", "s", "^", "D", "v", "P", "X", "p", "*", "<")
+
+
+def targets(of: Panel) -> list[float]:
+    """Errors of the panel's rows, from large to small."""
+    return sorted({*TARGETS, *of.about.more}, reverse=True)
+
+
+def rows(of: Panel) -> list[str]:
+    """The panel's lines of the table: one for the errors of equal answers."""
+    about = of.about
+    name = f"[{about.words}]({about.page}), `{of.name}`; {about.relative}"
+    groups: dict[tuple[str, ...], list[str]] = {}
+    for error in targets(of):
+        own = f" ({error * about.scale:.2g} {about.unit})" if about.scale not in (1.0, 100.0) else ""
+        groups.setdefault(tuple(_cells(of, error)), []).append(percent(error) + own)
+    lines = []
+    for cells, errors in groups.items():
+        lines.append(f"| {name} | {', '.join(errors)} | {' | '.join(cells)} |")
+        name = ""
+    return lines
+
+
+def _cells(of: Panel, error: float) -> list[str]:
+    """Cells behind the error: setting, what it keeps, seconds, seconds on a GPU, memory, the best peer's seconds."""
+    found = answer(of, error)
+    if found.no_meaning:
+        return [f"no meaning: {found.no_meaning}", "", "", "", "", ""]
+    choice, gpu = found.choice, _on_gpu(answer(of, error, "gpu"))
+    peer = "" if found.peer is None else _time(found.peer, lambda c: f" ({c.point.program})", peer=True)
+    assert choice is not None
+    if choice.named is None:
+        return [choice.why, "", "", gpu, "", peer]
+    kept = keeps(of, choice.named) + (f" {BELOW}" if error < of.reference()[2] else "")
+    words = choice.named.point.words
+    if choice.nearest is not None:
+        return [f"not reached; nearest: {words}", kept, "", gpu, "", peer]
+    memory = in_bytes(choice.named.point.bytes) if choice.named.point.bytes else ""
+    return [words if choice.advised else f"{HOLLOW} {words}", kept, _time(choice), gpu, memory, peer]
+
+
+def _time(choice: Choice, after: Callable[[Candidate], str] = lambda c: "", peer: bool = False) -> str:
+    """Seconds of an advised setting, with those of its starts where they differ; of an unsettled one the range."""
+    named = choice.named
+    if named is None:
+        return choice.why
+    if choice.nearest is not None:
+        return f"not reached ({named.point.program + ': ' if peer else ''}{percent(named.error)})"
+    if choice.advised is None:
+        return f"{HOLLOW} " + " to ".join(duration(choice.seconds * share) for share in named.scatter) + after(named)
+    starts = " to ".join(duration(choice.seconds * share) for share in named.starts or ())
+    return duration(choice.seconds) + (f" (starts: {starts})" if starts and not peer else "") + after(named)
+
+
+def _on_gpu(found: Advice) -> str:
+    return ABSENT if found.choice is None else _time(found.choice)
+
+
+HEAD = [
+    "| observable | error | cheapest setting | keeps | CPU, at most 2 threads | GPU | memory | best peer |",
+    "| --- | --: | --- | --: | --: | --: | --: | --: |",
+]
+
+
+def notes(of: Panel) -> list[str]:
+    """What the table leaves out: why a setting is not advised or was passed over, settings of a GPU, and peers."""
+    said: dict[str, list[str]] = {}
+    for error in targets(of):
+        for kind in ("cpu", "gpu"):
+            found = answer(of, error, kind)
+            choice, words = found.choice, []
+            if choice is None:
+                continue
+            if choice.read is not None:
+                words.append(f"{HOLLOW} {choice.read.point.words}: {choice.read.unsettled}")
+            elif kind == "gpu" and choice.advised is not None:
+                words.append(choice.advised.point.words)
+            words += [note for note in choice.notes if not note.startswith("below the uncertainty")]
+            if found.peer is not None and kind == "cpu":
+                best = found.peer.advised
+                words.append(found.peer.why if best is None else f"best peer {best.point.words}")
+            for each in words:
+                said.setdefault(each, []).append(percent(error))
+    return [f"- {', '.join(errors)}: {words}." for words, errors in said.items()]
+
+
+def changes(of: Panel) -> list[str]:
+    """What differs in one knob from the base setting: its value, error and seconds; then parts of the base's time."""
+    base = of.points[of.about.base]
+    lines = []
+    for point in of.points.values():
+        knobs = {name for name in base.knobs.keys() | point.knobs.keys() if _knob(base, name) != _knob(point, name)}
+        effect = point.key.removeprefix("cuda_").startswith(of.about.other_scenes)
+        if point.program != OWN or (point.gpu if effect else len(knobs) != 1):
+            continue
+        if point.seconds:
+            cost = f"{_median(point) / _median(base):.2f}" if _median(base) else ""
+            lines.append(f"| {point.words} | {point.value:.4g} | {percent(of.error(point))} | {cost} |")
+        elif point.failed:
+            lines.append(f"| {point.words} | {point.failed} | | |")
+    if not lines:
+        return []
+    first = f"| {base.words} | {base.value:.4g} | {percent(of.error(base))} | 1 |"
+    made = [f"One change at a time; value: {of.about.observed}.", ""]
+    made += ["| setting | value | error | time over the first |", "| --- | --: | --: | --: |", first, *lines, ""]
+    total = math.fsum(base.parts.values())
+    parts = [f"{name} {100 * part / total:.0f} %" for name, part in base.parts.items()] if total else []
+    parts += [f"{name} {100 * part / total:.0f} % on top" for name, part in base.beside.items()] if total else []
+    said = [f"{what}: median {d['median']:.2g}, 99 % {d['p99']:.2g}, largest {d['max']:.2g}"
+            for what, d in base.distribution.items()]  # fmt: skip
+    words = ([f"Time of the first: {', '.join(parts)}."] if parts else []) + [f"{each}." for each in said]
+    return [*made, *([" ".join(words), ""] if words else [])]
+
+
+def _knob(point: Point, name: str) -> Any:
+    return None if name in ("passes", "bytes", "iterations") else point.knobs.get(name)
+
+
+def _median(point: Point) -> float:
+    return Candidate(point, 0.0).wall
+
+
+def pictures(of: Panel) -> list[str]:
+    """The panel's part of the page below the table."""
+    about = of.about
+    gpu = of.where(True)
+    remark = f" {about.remark[0].upper()}{about.remark[1:]}." if about.remark else ""
+    uncertain = f" It is known to {percent(of.reference()[2])}: {about.uncertain}." if of.reference()[2] else ""
+    lines = [f"### {about.words[0].upper()}{about.words[1:]}", ""]
+    lines += [f"![Error against time: {about.words}](../figures/accuracy_cost_{of.name}.png)", ""]
+    lines += [f"Reference: {about.reference}.{uncertain}{remark}"]
+    lines += [f"Measured on {of.where(False)}{'; ' + gpu if gpu else ''}.", ""]
+    listed = notes(of)
+    return [*lines, *listed, *([""] if listed else []), *changes(of)]
+
+
+def page(text: str) -> str:
+    """docs/accuracy_cost.md with its generated parts renewed."""
+    known = [panel(name) for name in abouts()]
+    text = replaced(text, "answers", HEAD + [line for each in known for line in rows(each)], PAGE)
+    return replaced(text, "pictures", [line for each in known for line in pictures(each)][:-1], PAGE)
+
+
+def write() -> list[Path]:
+    """Renew page and pictures; returns their paths."""
+    import matplotlib.pyplot as plt
+
+    PAGE.write_text(page(PAGE.read_text()))
+    made = [PAGE]
+    for name in abouts():
+        made.append(FIGURES / f"accuracy_cost_{name}.png")
+        with style():
+            figure = picture(panel(name))
+            save_picture(figure, made[-1])
+        plt.close(figure)
+    return made
+
+
+# The picture
+
+
+def picture(of: Panel) -> Any:
+    """Error against time: one line a method, targets, the uncertainty of the reference, advised points by name."""
+    import matplotlib.pyplot as plt
+
+    about, found, uncertainty = of.about, candidates(of), of.reference()[2]
+    figure, axes = plt.subplots(figsize=(7.6, 4.3))
+    _methods(axes, of, found)
+    axes.set(xscale="log", yscale="log")
+    low, high = axes.get_xlim()
+    low, high = min(low, 0.08 if low < 0.5 else 0.8), max(high, 12.0)
+    failed = [p for p in of.points.values() if p.shown and p.failed]
+    if failed:
+        high *= (high / low) ** 0.07
+        more = f"; and {len(failed) - 1} more" if len(failed) > 1 else ""
+        words = textwrap.fill(
+            f"failed: {textwrap.shorten(failed[0].words, 60)}: {failed[0].failed.split()[0]}{more}", 34
+        )
+        place = 1.1 * axes.get_ylim()[0]
+        for k, p in enumerate(sorted(failed, key=lambda p: p.spent)):
+            place = max(p.spent, place if k == 0 else 1.25 * place)
+            axes.plot(high * (low / high) ** 0.03, place, "x", color=VERMILION, ms=7, mew=1.8, label="" if k else words)
+    axes.set_xlim(low, high)
+    shaded = [(uncertainty, ORANGE, "uncertainty of the reference")] if uncertainty else []
+    shaded += [(about.spread[0], YELLOW, about.spread[1])] if about.spread else []
+    bottom, top = axes.get_ylim()
+    axes.set_ylim(bottom * (bottom / top) ** (0.05 * len(shaded) + 0.06 * bool(shaded)), top)  # room for their words
+    for k, (width, colour, words) in enumerate(shaded):
+        axes.axvspan(low, 100 * width, color=colour, alpha=0.12, lw=0)
+        side = "left" if 100 * width < math.sqrt(low * high) else "right"
+        axes.text(100 * width, 0.02 + 0.05 * k, f" {words}: {percent(width)} ", ha=side, fontsize=7, color="#8a5a00",
+                  transform=axes.get_xaxis_transform())  # fmt: skip
+    for error in TARGETS:
+        if low < 100 * error < high:
+            axes.axvline(100 * error, color=GREY, ls=":", lw=0.9)
+    _named(axes, of)
+    _plain_ticks(axes.xaxis)
+    _plain_ticks(axes.yaxis, duration)
+    axes.set(xlabel=f"error [% {about.relative}]", ylabel="wall time")
+    axes.grid(True, which="major")
+    axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=7)
+    figure.suptitle(f"{about.words[:1].upper()}{about.words[1:]}", x=0.01, ha="left", fontweight="bold")
+    return figure
+
+
+def _methods(axes: Any, of: Panel, found: Sequence[Candidate]) -> None:
+    """Points of each method, and a line through its best ones; on a GPU dashed and small."""
+    own = kinds(of)["cpu"]
+    passed = {c.point.key for c in own if refused(c, own) or by_chance(c, c.error, own)}
+    methods: dict[str, tuple[list[Candidate], list[Candidate]]] = {}  # of a CPU, of a GPU
+    for c in found:
+        name = c.point.program if c.point.program != OWN else str(c.point.knobs.get(of.about.method, OWN))
+        gpu = c.point.gpu and "cuda" not in name
+        methods.setdefault(name.replace(", GPU", ""), ([], []))[gpu].append(c)
+    for k, (name, both) in enumerate(methods.items()):
+        colour, mark = COLOURS[k % len(COLOURS)], MARKERS[k % len(MARKERS)]
+        for members, line, size in zip(both, ("-", "--"), (6, 4.5)):
+            sound = sorted((c for c in members if c.point.key not in passed), key=lambda c: c.error)
+            best = [c for c in sound if not any(o.error <= c.error and o.wall < c.wall for o in sound)]
+            axes.plot([100 * c.error for c in best], [c.wall for c in best], line, color=colour, lw=1.2, alpha=0.8)
+            for c in members:
+                axes.plot(100 * c.error, c.wall, mark, ms=size, color=colour, mfc="white" if c.unsettled else colour,
+                          mew=1.2, alpha=0.35 if c.point.key in passed else 1.0)  # fmt: skip
+        axes.plot([], [], mark, color=colour, label=name)
+    if any(gpu for _, gpu in methods.values()):
+        axes.plot([], [], "--", color=GREY, label="dashed, small: on a GPU")
+    axes.plot([], [], "o", color=GREY, mfc="white", mew=1.2, label="hollow: timing has not settled")
+    if passed:
+        axes.plot([], [], "o", color=GREY, alpha=0.35, label="pale: passed over at its own error")
+
+
+def _named(axes: Any, of: Panel) -> None:
+    """Letters on the settings that the table names, and what they are beside the axes."""
+    errors: dict[str, list[str]] = {}
+    named: dict[str, tuple[Candidate, bool]] = {}
+    for kind in ("cpu", "gpu"):
+        for error in targets(of):
+            choice = answer(of, error, kind).choice
+            setting = None if choice is None else choice.advised or choice.read
+            if choice is not None and setting is not None:
+                errors.setdefault(setting.point.key, []).append(percent(error))
+                named[setting.point.key] = setting, choice.advised is not None
+    listed = []
+    for letter, (c, advised) in zip("abcdefgh", sorted(named.values(), key=lambda pair: -pair[0].error)):
+        at = (100 * c.error, c.wall)
+        axes.plot(*at, "o", ms=12, mfc="none", mec=BLACK if advised else GREY, mew=1.3, zorder=5)
+        axes.annotate(letter, at, (8, 6), textcoords="offset points", fontsize=8, zorder=6, fontweight="bold",
+                      bbox={"fc": "white", "ec": "none", "alpha": 0.6, "pad": 0.3})  # fmt: skip
+        words = textwrap.indent(textwrap.fill(c.point.words, 36), "    ")
+        listed.append(f"{letter}: for {', '.join(errors[c.point.key])}{'' if advised else ', not settled'}\n{words}")
+    axes.text(1.02, 0.0, "\n".join(listed), transform=axes.transAxes, va="bottom", fontsize=7)
+
+
+def _plain_ticks(axis: Any, words: Callable[[float], str] = "{:g}".format) -> None:
+    """Numbers instead of powers on a logarithmic axis; between the decades where it spans few of them."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    low, high = sorted(axis.get_view_interval())
+    axis.set(major_locator=LogLocator(subs=(1.0, 2.0, 5.0) if high / low < 30 else (1.0,), numticks=12))
+    axis.set(major_formatter=FuncFormatter(lambda value, place: words(value)), minor_formatter=NullFormatter())

@@ -1,0 +1,110 @@
+"""Runs of panels without a packaged scene: melting that a program of its own steps, drops that are stirred first.
+
+Each measures settings in turn, as `validation.accuracy` asks for them.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping
+from functools import partial
+from typing import Any
+
+from refsim import calibrate_contact_angle
+from refsim.backends.arrays import choose, set_threads
+from refsim.surface_tension.calibration import sigma_map
+from validation.experiments.heat.runs import melting_sphere, stefan
+from validation.measure import drops, wetting
+from validation.results import Result
+from validation.running import Context
+from validation.turns import Once, Outcome, in_turns
+
+SEED = 10  # of the first repeat of a drop: the maps hold seeds 1 to 3
+ANGLE = 90.0  # requested [degrees]
+Settings = Mapping[str, Mapping[str, Any]]
+
+
+def _melting(
+    once: Once, context: Context, settings: Settings, backend: str, threads: int | None, repeats: int
+) -> Result:
+    there = choose(backend)
+    set_threads(there, threads)
+    try:
+        for setting in {s["scheme"]: s for s in settings.values()}.values():
+            once(context, {**setting, "cells": 4}, 0)  # compiles
+        return in_turns(context, settings, once, threads, repeats, backend)
+    finally:
+        set_threads(there, None)
+
+
+def _front(context: Context, setting: Mapping[str, Any], repeat: int) -> Outcome:
+    """The melted depth's largest error [%], from the first held layer on."""
+    backend = setting["knobs"]["backend"]
+    found = stefan(Context(), setting["scheme"], setting["cells"], (setting["number"],), backend)
+    (row,) = found.values["rows"]
+    particles = len(found.arrays["x"]) * 36
+    steps = round(found.values["until"] / (row["number"] * row["size"] ** 2))
+    return Outcome(row["shifted"], row["shifted"], row["seconds"], steps, particles)
+
+
+def _melt_time(context: Context, setting: Mapping[str, Any], repeat: int) -> Outcome:
+    """Time in which the ball melts, over that of the one-dimensional program."""
+    backend = setting["knobs"]["backend"]
+    found = melting_sphere(Context(), setting["scheme"], setting["cells"], setting["number"], backend=backend).values
+    wider = 1 + 0.5 / setting["cells"]  # lengths grow by this, times by its square
+    share = found["melted"] / (found["melted_exactly"] * wider**2)
+    steps = round(found["melted"] * setting["cells"] ** 2 / setting["number"])
+    return Outcome(share, abs(share - 1), found["seconds"], steps, found["particles"])
+
+
+melt_fronts = partial(_melting, _front)
+melt_times = partial(_melting, _melt_time)
+
+
+def flat_tension(model: str) -> tuple[float, float]:
+    """Tension of a flat surface over the nominal one in 2D, and its standard error, from the map's pressure jumps."""
+    entry = next(e for e in sigma_map() if e["model"] == model and e["dim"] == 2 and drops.at_base(model, e))
+    return entry["flat_laplace"], entry["flat_laplace_error"]
+
+
+def drop(context: Context, setting: Mapping[str, Any], repeat: int) -> Outcome:
+    """A drop of its own seed: R P over the flat tension, or its frequency over Lamb's with the flat tension."""
+    by, model, knobs = setting["by"], setting["model"], setting["knobs"]
+    point = drops.Point(
+        model, 2, radius=setting["radius"], seed=SEED + repeat, kicked=by == "rayleigh", backend=knobs["backend"],
+        dtype=knobs["dtype"], **drops.base(model),
+    )  # fmt: skip
+    began = time.perf_counter()
+    row = drops.measure(point)
+    spent = time.perf_counter() - began
+    if row["stopped"]:
+        return Outcome(0.0, 0.0, spent, 1, row.get("particles", 0), stopped=row["stopped"])
+    share = row[by] / flat_tension(model)[0]
+    value = math.sqrt(max(share, 0.0)) if by == "rayleigh" else share
+    return Outcome(value, abs(value - 1), spent, row["steps"], row["particles"])
+
+
+def tensions(context: Context, settings: Settings, backend: str, threads: int | None, repeats: int) -> Result:
+    """`drop` of every setting in turn, each repeat with another seed."""
+    for setting in settings.values():  # compiles
+        drop(context, {**setting, "radius": 4.0}, 0)
+    return in_turns(context, settings, drop, threads, repeats, backend)
+
+
+def _sessile(context: Context, setting: Mapping[str, Any], repeat: int) -> Outcome:
+    """A drop of its own seed on a plane, stirred, at rest and observed: its angle [degrees]."""
+    found = calibrate_contact_angle(ANGLE, 1.0, spacing=1.0, rest_density=1.0, dim=2)
+    began = time.perf_counter()
+    point = wetting.Point(found.share, 2, radius=setting["radius"], seed=SEED + repeat)
+    row = wetting.measure(point, setting["knobs"]["backend"])
+    spent = time.perf_counter() - began
+    if row["stopped"] or row["fate"] != "cap":
+        return Outcome(0.0, 0.0, spent, 1, row.get("particles", 0), stopped=row["stopped"] or f"{row['fate']}: no cap")
+    return Outcome(row["angle"], abs(row["angle"] - ANGLE), spent, row["steps"], row["particles"])
+
+
+def angles(context: Context, settings: Settings, backend: str, threads: int | None, repeats: int) -> Result:
+    """`_sessile` of every setting in turn, each repeat with another seed."""
+    wetting.measure(wetting.Point(12.0, 2, radius=3.0), backend)  # compiles
+    return in_turns(context, settings, _sessile, threads, repeats, backend)
