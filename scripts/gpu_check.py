@@ -191,89 +191,56 @@ def search_task(arguments: list[str]) -> list[Row]:
     return rows
 
 
-def dam_break(dtype: str, quick: bool) -> Scene:
+def dam_break() -> Scene:
     """A 2D column with walls and surface detection."""
     cells = (4, 6, 1) if runtime.simulated() else (40, 80, 1)
     spacing = 1.0 / cells[1]
-    return Scene(
-        name="dam_break",
-        dim=2,
-        dtype=dtype,
-        spacing=spacing,
-        support_radius=2 * spacing,
-        fluid=(Box(cells=cells),),
-        effects=(
-            WeaklyCompressible(sound_speed=45.0, dynamic_viscosity=0.5, state="tait"),
-            Gravity(acceleration=(0.0, -9.81, 0.0)),
-            BoxWalls(lower=(0.0, 0.0, 0.0), upper=(2.0, 2.0, 0.0)),
-            SurfaceDetection(),
-        ),
+    effects = (
+        WeaklyCompressible(sound_speed=45.0, dynamic_viscosity=0.5, state="tait"),
+        Gravity(acceleration=(0.0, -9.81, 0.0)),
+        BoxWalls(lower=(0.0, 0.0, 0.0), upper=(2.0, 2.0, 0.0)),
+        SurfaceDetection(),
     )
+    return Scene(dim=2, spacing=spacing, support_radius=2 * spacing, fluid=(Box(cells=cells),), effects=effects)
 
 
-def droplet(dtype: str, quick: bool) -> Scene:
-    """17^3 particles, from cube to sphere."""
-    edge, spacing = (3 if runtime.simulated() else 17), 1e-3
-    return Scene(
-        name="droplet",
-        dtype=dtype,
-        spacing=spacing,
-        support_radius=2 * spacing,
-        fluid=(Box(cells=(edge,) * 3),),
-        effects=(
-            WeaklyCompressible(sound_speed=3.0, dynamic_viscosity=0.05),
-            JiangZhu2023(surface_tension=0.07, density_correction=True),
-        ),
-    )
+def drop_of(*effects: Any, cube: bool = False) -> Callable[[], Scene]:
+    """A ball, or a cube of 17^3 particles, of liquid under these effects."""
 
-
-def drop_of(*effects: Any) -> Callable[[str, bool], Scene]:
-    """A ball of liquid under these effects."""
-
-    def scene(dtype: str, quick: bool) -> Scene:
-        spacing = 1e-3
-        return Scene(
-            dtype=dtype,
-            spacing=spacing,
-            support_radius=2 * spacing,
-            fluid=(Ball(radius=(2 if runtime.simulated() else 6) * spacing),),
-            effects=effects,
-        )
+    def scene() -> Scene:
+        spacing, small = 1e-3, runtime.simulated()
+        liquid = Box(cells=((3 if small else 17),) * 3) if cube else Ball(radius=(2 if small else 6) * spacing)
+        return Scene(spacing=spacing, support_radius=2 * spacing, fluid=(liquid,), effects=effects)
 
     return scene
 
 
-def pebble(dtype: str, quick: bool) -> Scene:
+def pebble() -> Scene:
     """The example refsim/examples/mesh_boundary.toml from first contact on: before, pressures are rounding errors."""
     scene = load_scene(ROOT / "refsim" / "examples" / "mesh_boundary.toml")
     column = msgspec.structs.replace(scene.fluid[0], lower=(-0.05, -0.05, 0.056), velocity=(0.0, 0.0, -1.0))
-    return msgspec.structs.replace(scene, dtype=dtype, fluid=(column,))
+    return msgspec.structs.replace(scene, fluid=(column,))
 
 
-def melting(dtype: str, quick: bool) -> Scene:
+def melting() -> Scene:
     """A small version of the melting case's first scene: heat, solids, coupling and melting."""
     from validation.experiments.melting.scene import scene_of
 
-    return scene_of("figure_4", 0.2 if runtime.simulated() else 0.4, dtype=dtype)
+    return scene_of("figure_4", 0.2 if runtime.simulated() else 0.4)
 
 
-def energy(dtype: str, quick: bool) -> Scene:
+def energy() -> Scene:
     """A cube of the material point method under surface energy."""
-    cell = 1 / 64
-    return Scene(
-        dtype=dtype,
-        spacing=cell / 2,
-        support_radius=1.5 * cell,
-        step=2e-4,
-        fluid=(Box(lower=(0.4, 0.4, 0.4), cells=((4 if runtime.simulated() else 12),) * 3),),
-        effects=(MpmLiquid(rest_density=1.0, bulk_modulus=1000.0), SurfaceEnergy(surface_tension=1.0)),
-    )
+    cell, edge = 1 / 64, 4 if runtime.simulated() else 12
+    liquid = Box(lower=(0.4, 0.4, 0.4), cells=(edge,) * 3)
+    effects = (MpmLiquid(rest_density=1.0, bulk_modulus=1000.0), SurfaceEnergy(surface_tension=1.0))
+    return Scene(spacing=cell / 2, support_radius=1.5 * cell, step=2e-4, fluid=(liquid,), effects=effects)
 
 
 LIQUID = WeaklyCompressible(sound_speed=3.0, dynamic_viscosity=0.05)
-SCENES: dict[str, Callable[[str, bool], Scene]] = {
+SCENES: dict[str, Callable[[], Scene]] = {
     "dam_break": dam_break,
-    "droplet": droplet,
+    "droplet": drop_of(LIQUID, JiangZhu2023(surface_tension=0.07, density_correction=True), cube=True),
     "akinci": drop_of(LIQUID, Akinci2013(surface_tension=0.07)),
     "dong": drop_of(LIQUID, Dong2016(surface_tension=0.07)),
     "implicit": drop_of(LIQUID, ImplicitPressure(), Akinci2013(surface_tension=0.07)),
@@ -288,7 +255,7 @@ def run_task(arguments: list[str]) -> list[Row]:
     name, dtype, steps = arguments[0], arguments[1], int(arguments[2])
     compared = 2 if runtime.simulated() else COMPARED[dtype]
     steps = max(steps if not runtime.simulated() else 3, compared)
-    scene = SCENES[name](dtype, False)
+    scene = msgspec.structs.replace(SCENES[name](), dtype=dtype)
     oracle = Simulation(scene, "numpy" if runtime.simulated() else "cpu")
     runs = [Simulation(scene, "cuda") for _ in range(2)]
     for _ in range(compared):
@@ -370,7 +337,7 @@ def plan_task(arguments: list[str]) -> list[Row]:
 def cache_task(_: list[str]) -> list[Row]:
     """Seconds until a kernel's first launch has run; the second process finds it on disk."""
     began = time.perf_counter()
-    Simulation(droplet("float32", True), "cuda").step()
+    Simulation(SCENES["droplet"](), "cuda").step()
     return [row("first step of the droplet in a process", float(f"{time.perf_counter() - began:.3g}"), "s")]
 
 
@@ -399,31 +366,17 @@ def planned(quick: bool) -> tuple[list[str], list[str]]:
 
 
 def executed(task: str, deadline: float, devices: queue.SimpleQueue[str] | None = None) -> dict[str, Any]:
-    """Run a task on a GPU that it takes from `devices`: {"task", "rows", "seconds", "error"}."""
-    if devices is None:
-        return executed_on(None, task, deadline)
-    taken = devices.get()
-    try:
-        return executed_on(taken, task, deadline)
-    finally:
-        devices.put(taken)
-
-
-def executed_on(device: str | None, task: str, deadline: float) -> dict[str, Any]:
-    """Run a task in a process of its own, on one of the machine's GPUs or on the first."""
-    began = time.monotonic()
-    left = deadline - began
+    """Run a task in a process of its own, on a GPU that it takes from `devices`: task, rows, seconds, error."""
+    device = None if devices is None else devices.get()
+    began, around = time.monotonic(), {} if device is None else {"CUDA_VISIBLE_DEVICES": device}
     answer: dict[str, Any] = {"task": task, "rows": [], "error": None}
-    if left < 5:
-        return answer | {"error": "not run: no time was left", "seconds": 0.0}
     try:
+        if deadline - began < 5:
+            return answer | {"error": "not run: no time was left", "seconds": 0.0}
         process = subprocess.run(
-            [sys.executable, __file__, "--task", task],
-            capture_output=True,
-            text=True,
-            timeout=min(left, 240),
-            env=os.environ | ({} if device is None else {"CUDA_VISIBLE_DEVICES": device}),
-        )
+            [sys.executable, __file__, "--task", task], capture_output=True, text=True,
+            timeout=min(deadline - began, 240), env=os.environ | around,
+        )  # fmt: skip
         lines = [line for line in process.stdout.splitlines() if line.startswith(MARK)]
         if lines:
             answer |= json.loads(lines[-1].removeprefix(MARK))
@@ -432,6 +385,9 @@ def executed_on(device: str | None, task: str, deadline: float) -> dict[str, Any
             answer["error"] = f"the process ended with code {process.returncode}: {without_paths(last)[:300]}"
     except subprocess.TimeoutExpired:
         answer["error"] = f"not ended after {time.monotonic() - began:.0f} s"
+    finally:
+        if devices is not None:
+            devices.put(device)
     return answer | {"seconds": round(time.monotonic() - began, 1)}
 
 

@@ -1,14 +1,13 @@
-"""Draw the schematics of the methods: `python scripts/schematics.py [NAME ...]` writes figures/schematics/NAME.png.
+"""Draw the schematics of the methods: `python scripts/schematics.py [NAME ...]` writes figures/schematics/NAME.
 
 Regions, surfaces, samples, cells and the order of a step come from the formulas, references and plans of refsim.
 """
 
 from __future__ import annotations
 
-import argparse
 import itertools
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +30,6 @@ from refsim import (  # noqa: E402  # noqa: E402
     smoothing,
 )
 from refsim.core.effect import Lattice  # noqa: E402
-from refsim.core.errors import InputError  # noqa: E402
 from refsim.isosurface.table import edges, facets  # noqa: E402
 from refsim.shape_matching import reference as matching  # noqa: E402
 from refsim.surface_detection import FanScan  # noqa: E402
@@ -41,19 +39,8 @@ from refsim.surface_energy import Tension  # noqa: E402
 from refsim.surface_energy.reference_reconstruction import ReferenceReconstruction  # noqa: E402
 from refsim.surface_normal import NormalTerm  # noqa: E402
 from refsim.surface_normal import reference as normals  # noqa: E402
-from validation.drawing import (  # noqa: E402
-    BLUE,
-    GREEN,
-    GREY,
-    INTERIOR_BLUE,
-    ORANGE,
-    SKY,
-    SURFACE_RED,
-    save_picture,
-    style,
-)  # fmt: skip
-from validation.experiment import chosen  # noqa: E402
-from validation.perform import EXIT_FINE  # noqa: E402
+from scripts.pictures import command  # noqa: E402
+from validation.drawing import BLUE, GREEN, GREY, INTERIOR_BLUE, ORANGE, SKY, SURFACE_RED  # noqa: E402
 
 FOLDER = ROOT / "figures" / "schematics"
 PALE = "#dbe6f1"
@@ -414,39 +401,10 @@ def regions() -> Any:
 
 
 SCHEMATICS: dict[str, Callable[[], Any]] = {
-    drawing.__name__: drawing
+    f"{drawing.__name__}.png": drawing
     for drawing in (fan_scan, step_flow, level_set, marching_cases, surface_samples, lattice, regions)
 }
 
 
-def draw(name: str, folder: Path = FOLDER) -> Path:
-    """Draw one schematic and write folder/NAME.png."""
-    import matplotlib.pyplot as plt
-
-    folder.mkdir(parents=True, exist_ok=True)
-    path = folder / f"{name}.png"
-    with style():
-        figure = SCHEMATICS[name]()
-        save_picture(figure, path)
-        plt.close(figure)
-    return path
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; returns its exit code: 2 for a name that is no schematic."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("names", nargs="*", metavar="NAME", help=f"{', '.join(SCHEMATICS)}; all by default")
-    parser.add_argument("--folder", type=Path, default=FOLDER, help="to write the pictures into")
-    given = parser.parse_args(arguments)
-    try:
-        chosen(given.names, SCHEMATICS, "schematic")
-    except InputError as error:
-        print(error, file=sys.stderr)
-        return error.exit_code
-    for name in given.names or SCHEMATICS:
-        print(draw(name, given.folder))
-    return EXIT_FINE
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(command(__doc__, SCHEMATICS, FOLDER, None))

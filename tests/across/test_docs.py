@@ -346,10 +346,10 @@ def test_the_version_is_one():
 
 
 def test_figures_stay_light():
-    """Plots are PNG with a palette, shaded pictures WebP; long data is compressed."""
+    """Plots are PNG with a palette, shaded pictures WebP, diagrams SVG; long data is compressed."""
     files = [path for path in (ROOT / "figures").rglob("*") if path.is_file() and "quick" not in path.parts]
     sizes = {path.relative_to(ROOT).as_posix(): path.stat().st_size for path in files}
     pictures = {name: size for name, size in sizes.items() if not name.endswith((".json", ".json.gz"))}
-    assert {pathlib.Path(name).suffix for name in pictures} == {".png", ".webp"}
+    assert {pathlib.Path(name).suffix for name in pictures} == {".png", ".webp", ".svg"}
     assert not {name: size for name, size in pictures.items() if size > LARGEST_PICTURE}
     assert sum(sizes.values()) <= LARGEST_FOLDER
