@@ -132,6 +132,8 @@ def test_reports_sum_mass_momenta_and_energies():
         assert "effects" not in found
     simulation.fields["position"][0, 1] = 2.5  # above the upper wall
     assert stock(simulation)["outside_walls"] == 1
+    simulation.fields["position"][0, 2] = 2.5  # along another axis, too: one particle
+    assert stock(simulation)["outside_walls"] == 1
     simulation.fields["position"][1, 2] = -1.5  # below the lower one
     assert stock(simulation)["outside_walls"] == 2
     simulation.fields["position"][...] = [[0.0, 2.0, -1.0], [2.0, 0.0, 2.0]]  # on the walls is not behind them

@@ -3,21 +3,13 @@
 Run as `NUMBA_DISABLE_JIT=1 python slips.py OPERATION...`: kernels are then Python functions, and a slip is put in by
 giving a function the code of its altered source. The operations must share one program. Prints one JSON object, see
 `inject`; with `--part K/N` of every Nth slip only. Kinds: sign, factor, index, condition.
-
-`python slips.py --publish [--jobs N] [--minutes M] [NAME...]` judges in N processes what has not been judged since its
-code changed, of all programs or of those operations and packages. It writes the numbers to validation/kernel_slips.json
-and into docs/nightly.md. What the time does not suffice for keeps its older numbers. Exit code 4 if a slip survived
-that is not among HARMLESS, or if the time did not suffice.
 """
 
 import argparse
 import ast
-import concurrent.futures
 import contextlib
 import copy
-import datetime
 import functools
-import hashlib
 import inspect
 import itertools
 import json
@@ -46,11 +38,6 @@ from refsim.sparse_grid import block_search
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
-RECORD = ROOT / "validation" / "kernel_slips.json"
-PAGE = ROOT / "docs" / "nightly.md"
-BEGIN, END = "<!-- kernel slips -->\n", "<!-- end of kernel slips -->"
-EXIT_FAILED = 4
-IN_A_PART = 100  # slips that one process judges
 SECONDS = {False: 60, True: 600}  # of processor time, after which a slip has made a trial (shallow, deep) endless
 PATIENCE = 10.0  # times the processor time without a slip, plus a second: likewise
 SHARED = ("refsim.backends.", "refsim.neighbours.pairs", "refsim.neighbours.rows")  # have tests of their own
@@ -735,15 +722,14 @@ def too_long(number, frame):
     raise TimeoutError("this trial does not end")
 
 
-def planted(operation, names=None):
-    """(function, kind, number, change) for every slip of an operation's program, or of its functions called `names`."""
+def planted(operation):
+    """(function, kind, number, change) for every slip of an operation's program."""
     for function in functions_behind(operation):
-        if names is None or key(function) in names:
-            for site in sites(parsed(function), bool(operation.exact)):
-                yield function, *site
+        for site in sites(parsed(function), bool(operation.exact)):
+            yield function, *site
 
 
-def inject(operations, part=0, parts=1, names=None):
+def inject(operations, part=0, parts=1):
     """Every slip of `planted` in the program that the operations share; of `parts` parts, one.
 
     {"noticed": {operation: {kind: number}}, "functions": {name: {"planted": {kind: number}, "survived": [slips that no
@@ -756,9 +742,7 @@ def inject(operations, part=0, parts=1, names=None):
         limits[operation.name, deep] = 1 + PATIENCE * (time.process_time() - begun)
     users = programs_with()  # while every function's source can still be read
     caught, found = {operation.name: {} for operation in operations}, {}
-    for function, group in itertools.groupby(
-        list(planted(operations[0], names))[part::parts], key=lambda slip: slip[0]
-    ):
+    for function, group in itertools.groupby(list(planted(operations[0]))[part::parts], key=lambda slip: slip[0]):
         right, of = function.__code__, found.setdefault(key(function), {"planted": {}, "survived": []})
         others = [operation for operation in users[key(function)] if operation not in operations]
         for _, kind, number, change in group:
@@ -804,178 +788,28 @@ def programs():
     return list(found.values())
 
 
-def code_digest(names):
-    """Digest of what a program's slips are made in and judged by: its functions, references, cases and closed forms."""
-    behind = {function: None for name in names for function in functions_behind(REGISTRY[name])}
-    folders = {pathlib.Path(inspect.getfile(function)).parent for function in behind}
-    folders |= {ROOT / REGISTRY[name].folder.replace(".", "/") for name in names}
-    texts = [*map(inspect.getsource, behind)]
-    for folder in sorted(folders):
-        texts += [file.read_text() for file in [folder / "reference.py"] if file.exists()]
-        texts += [part for file in [folder / "cases.py"] if file.exists() for part in cases_of(file, names)]
-    return hashlib.sha256("\0".join(texts).encode()).hexdigest()[:12]
-
-
-@functools.cache
-def statements(file):
-    """(statement, names that it only defines, operations whose closed form it is) of a file of cases."""
-    found = []
-    for part in ast.parse(file.read_text()).body:
-        marks, own = getattr(part, "decorator_list", ()), []
-        of = [
-            argument.value
-            for mark in marks
-            if isinstance(mark, ast.Call) and ast.unparse(mark.func) == "closed_form"
-            for argument in mark.args
-        ]
-        if isinstance(part, (ast.FunctionDef, ast.ClassDef)) and not marks:
-            own = [part.name]
-        elif isinstance(part, (ast.Import, ast.ImportFrom)):
-            for alias in part.names:
-                one = copy.copy(part)
-                one.names = [alias]
-                found.append((one, [alias.asname or alias.name], []))
-            continue
-        elif isinstance(part, ast.Assign) and all(isinstance(target, ast.Name) for target in part.targets):
-            own = [target.id for target in part.targets]
-        found.append((part, own, of))
-    return found
-
-
-def cases_of(file, names):
-    """Source of what a file of cases holds for the operations: no closed form of others, nor what only those use."""
-    helpers = {name: part for part, own, _ in statements(file) for name in own}
-    taken = [part for part, own, of in statements(file) if not own and (not of or set(of) & set(names))]
-    for part in taken:
-        called = {node.id for node in ast.walk(part) if isinstance(node, ast.Name)} & set(helpers)
-        taken += [helpers.pop(name) for name in sorted(called)]
-    return [ast.unparse(part) for part in taken]
-
-
-def judged(names, part=0, parts=1, seconds=None, functions=()):
-    """`inject` in a process of its own; None where it does not end in time. Raises RuntimeError if it fails."""
+def judged(names, part=0, parts=1):
+    """`inject` in a process of its own. Raises RuntimeError if it fails."""
     path = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))
-    command = [sys.executable, __file__, *names, "--part", f"{part}/{parts}", "--functions", *functions]
+    command = [sys.executable, __file__, *names, "--part", f"{part}/{parts}"]
     environment = dict(os.environ, NUMBA_DISABLE_JIT="1", PYTHONPATH=path)
-    try:
-        done = subprocess.run(
-            command, capture_output=True, text=True, env=environment, timeout=None if seconds == math.inf else seconds
-        )
-    except subprocess.TimeoutExpired:
-        return None
+    done = subprocess.run(command, capture_output=True, text=True, env=environment)
     if done.returncode:
         raise RuntimeError(f"{'+'.join(names)}: {done.stderr}")
     return json.loads(done.stdout)
 
 
-def publish(jobs, minutes, wanted=()):
-    """Judge what the record does not hold; returns whether every program is judged and every slip noticed.
-
-    A function that several programs call is judged once. Programs with few slips come first. With `wanted`, programs of
-    other operations and packages are left as they are.
-    """
-    from validation.attack.campaign import commit
-
-    end, before = time.monotonic() + 60 * minutes, json.loads(RECORD.read_text()) if RECORD.exists() else {}
-    found, stale, waiting, answers, whole = dict(before), [], [], {}, True
-    for names in programs():
-        digest = code_digest(names)
-        if before.get("+".join(names), {}).get("digest") == digest:
-            continue
-        if wanted and not {names[0].partition(".")[0], *names} & set(wanted):
-            whole = False
-        else:
-            stale.append((names, digest, needed(REGISTRY[names[0]])))
-    for names, _, functions in sorted(stale, key=lambda item: len(list(planted(REGISTRY[item[0][0]])))):
-        own = [name for name, flags in functions if (name, flags) not in answers]
-        slips = len(list(planted(REGISTRY[names[0]], own)))
-        parts = math.ceil(slips / IN_A_PART)
-        answers |= {function: [None] * parts for function in functions if function not in answers}
-        waiting += [(names, own, part, parts) for part in range(parts)]
-    about = {"date": f"{datetime.datetime.now(datetime.UTC):%Y-%m-%d}", "commit": commit(RECORD.name, PAGE.name)}
-
-    def one(item):
-        names, own, part, parts = item
-        left = end - time.monotonic()
-        try:
-            answer = judged(names, part, parts, left, own) if left > 0 else None
-        except RuntimeError as error:  # its functions count as not judged, and the others are kept
-            print(error, file=sys.stderr)
-            answer = None
-        said = "did not end" if answer is None else together(answer["functions"].values())[1]
-        print(f"{'+'.join(names)} {part + 1}/{parts}: {said}", file=sys.stderr)
-        return answer
-
-    with concurrent.futures.ThreadPoolExecutor(jobs) as pool:
-        for (names, own, part, _), answer in zip(waiting, pool.map(one, waiting)):
-            for name in own if answer is not None else ():
-                slips = answer["functions"].get(name, {"planted": {}, "survived": []})
-                answers[name, bool(REGISTRY[names[0]].exact)][part] = slips
-            for names, digest, functions in stale:
-                parts = [part for function in functions for part in answers[function]]
-                if None not in parts:
-                    made, survived = together(parts)
-                    found["+".join(names)] = {**about, "digest": digest, "planted": made, "survived": survived}
-            RECORD.write_text(json.dumps(in_order(found), indent=1) + "\n")
-    record = in_order(found)
-    RECORD.write_text(json.dumps(record, indent=1) + "\n")
-    before, _, rest = PAGE.read_text().partition(BEGIN)
-    PAGE.write_text(f"{before}{BEGIN}\n{table(record)}\n{END}{rest.partition(END)[2]}")
-    gaps = [slip for entry in record.values() for slip in entry["survived"] if not harmless(slip)]
-    left = [names for names, digest, _ in stale if record.get("+".join(names), {}).get("digest") != digest]
-    return whole and not left and not gaps
-
-
-def needed(operation):
-    """(name, whether flags are planted in) of every function behind an operation."""
-    return [(key(function), bool(operation.exact)) for function in functions_behind(operation)]
-
-
-def in_order(found):
-    """The record of all programs that have been judged."""
-    return {name: found[name] for name in map("+".join, programs()) if name in found}
-
-
-def table(record):
-    """The record as the page shows it, a row for the programs of each package."""
-    groups = {}
-    for name, entry in record.items():
-        groups.setdefault(name.partition(".")[0], []).append(entry)
-    lines = ["| package | programs | slips planted | noticed | change no answer | not noticed |", "| --- " * 6 + "|"]
-    for group, entries in (*sorted(groups.items()), ("all", list(record.values()))):
-        made = sum(sum(entry["planted"].values()) for entry in entries)
-        same = sum(harmless(slip) for entry in entries for slip in entry["survived"])
-        left = sum(len(entry["survived"]) for entry in entries) - same
-        lines.append(f"| {group} | {len(entries)} | {made} | {made - same - left} | {same} | {left} |")
-    days = sorted({f"on {entry['date']} at commit {entry['commit'][:10]}" for entry in record.values()})
-    missing = len(programs()) - len(record)
-    said = f" {missing} of {len(programs())} programs have not been judged." if missing else ""
-    return f"Judged {', '.join(days)}.{said}\n\n" + "\n".join(lines) + "\n"
-
-
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument(
-        "operations",
-        nargs="*",
-        metavar="OPERATION",
-        help="operations that share one program; with --publish also packages",
-    )
+    parser.add_argument("operations", nargs="*", metavar="OPERATION", help="operations that share one program")
     parser.add_argument("--part", default="0/1", metavar="K/N", help="slips K, K + N, K + 2 N, ...")
-    parser.add_argument("--functions", nargs="*", metavar="NAME", help="slips of these functions only")
-    parser.add_argument("--publish", action="store_true", help="judge every program; write the record and the page")
-    parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="processes")
-    parser.add_argument("--minutes", type=float, default=math.inf, help="time for everything")
     given = parser.parse_args()
     warnings.simplefilter("ignore")
     cases.discover()
-    if given.publish:
-        return 0 if publish(given.jobs, given.minutes, given.operations) else EXIT_FAILED
     signal.signal(signal.SIGPROF, too_long)
     operations, part = [REGISTRY[name] for name in given.operations], map(int, given.part.split("/"))
-    print(json.dumps(inject(operations, *part, given.functions or None)))
-    return 0
+    print(json.dumps(inject(operations, *part)))
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

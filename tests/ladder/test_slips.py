@@ -5,7 +5,6 @@ reasons.
 """
 
 import importlib.util
-import json
 import pathlib
 import sys
 
@@ -63,15 +62,3 @@ def test_parts_are_the_whole():
     parts = [slips.judged(["sph.gravity"], part, 2)["functions"].values() for part in range(2)]
     planted, _ = slips.together(slip for part in parts for slip in part)
     assert sum(planted.values()) == len(whole) > 1
-
-
-def test_a_digest_holds_what_an_operation_uses():
-    """Its own closed forms and their helpers, and none of those of others."""
-    held = "\n".join(slips.cases_of(slips.ROOT / "refsim/heat/cases.py", ["heat.explicit"]))
-    names = ("a_pair_forward", "_moved", "steep_volumes", "a_pair_by_legendre", "_swept_twice")
-    assert [name for name in names if f"def {name}(" in held] == ["a_pair_forward", "_moved", "steep_volumes"]
-
-
-def test_the_page_shows_the_record():
-    record = json.loads(slips.RECORD.read_text())
-    assert slips.table(record) in slips.PAGE.read_text()
