@@ -9,6 +9,7 @@ from contextlib import nullcontext
 from types import SimpleNamespace
 from unittest import mock
 
+import msgspec
 import numpy as np
 import pytest
 from scipy.integrate import quad
@@ -416,6 +417,9 @@ def test_steps_with_tension():
     assert found[1.0] == near(2 * found[4.0])
     wave = stiffest_wave("wendland_c2", 2.1, 3)  # omega^2 d/gamma; half of the step 2/omega
     assert found[4.0] == near(1 / math.sqrt(wave * 4.0 / 0.1))
+    mueller = msgspec.structs.replace(LIQUID, kernels="mueller")  # poly6, and spiky for its gradient
+    own = effect.step_limits(grid(), named(mueller))["normal_tension"].length
+    assert own == near(1 / math.sqrt(stiffest_wave("spiky", 2.1, 3) * 4.0 / 0.1))
 
 
 def test_steps_of_conduction():
