@@ -23,6 +23,7 @@ from refsim.heat import HeatConduction
 from refsim.io.results import Run, RunFrame, open_run
 from refsim.melting import Melting
 from refsim.mpm import MpmLiquid, MpmWalls
+from refsim.particle_shifting import ParticleShifting
 from refsim.scene.files import load_scene
 from refsim.scene.plan import Plan, make_plan
 from refsim.scene.scene import Scene
@@ -68,6 +69,7 @@ __all__ = [
     "MpmLiquid",
     "MpmWalls",
     "NormalDifference2014",
+    "ParticleShifting",
     "Plan",
     "Run",
     "RunFrame",

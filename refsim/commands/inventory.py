@@ -128,7 +128,6 @@ def _overview(operations: dict[str, dict[str, Any]], effects: dict[str, dict[str
         [
             f"{len(operations)} operations; refsim list METHOD shows those of a method",
             table(rows, right=(1,)),
-            "",
             f"{len(effects)} effects, tables [effects.NAME] of a scene file; refsim list NAME shows the parameters",
             table(told),
         ]

@@ -17,7 +17,7 @@ from refsim.core import cases
 from refsim.core.fields import Field
 from refsim.core.operation import REGISTRY, Operation, backend_of
 from refsim.core.period import Period
-from refsim.core.walls import with_list
+from refsim.core.walls import WallParticles, liquid_with_list, with_list
 from refsim.neighbours import NeighbourSearch
 from refsim.neighbours.reference import pair_blocks
 
@@ -144,8 +144,9 @@ def prepare(
     neighbours = search.build(position)
     walls = inputs["walls"]
     static = search.static_set(walls.position)
-    volume = backend.asarray(walls.volume[static.order])
-    return inputs, neighbours, with_list(static.position, volume, search.build_against(position, static))
+    walls = WallParticles(walls.position[static.order], walls.volume[static.order])
+    listed_walls = with_list(static.position, backend.asarray(walls.volume), search.build_against(position, static))
+    return inputs.replaced(walls=walls), neighbours, listed_walls
 
 
 def all_pairs(inputs: Inputs, backend: Backend, period: Period | None = None) -> tuple[Any, Any]:
@@ -201,6 +202,11 @@ def value_of(operation: Operation, name: str, inputs: Inputs, neighbours: Any, w
         return on_backend(inputs.output(operation, name), backend)
     if name == "neighbours":
         return neighbours
+    if name == "liquid_near_walls":
+        case, position = inputs.case, inputs["position"]
+        radius = case.list_radius * (1 + case.skin)
+        near = listed(inputs["walls"].position, position, radius, False, backend, period_of(operation, inputs))
+        return liquid_with_list(backend.asarray(position), near)
     if name == "scratch":
         return Scratch(backend)
     if name == "walls" and not inputs.dropped(name):

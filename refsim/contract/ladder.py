@@ -591,7 +591,7 @@ def bad_input(target: Target) -> Iterator[Trial]:
     """T9: a NaN in one particle's values stays visible in every answer that depends on them, and changes no other.
 
     What depends on them is what the oracle changes where they change. Flags cannot show a NaN; a position that is
-    not finite, or has such a residual, is the search's to report.
+    not finite, or has such a residual or shift, is the search's to report.
     """
     usual = _Usual(target, "cloud_3d")
     operation, inputs = target.operation, usual.inputs
@@ -599,7 +599,7 @@ def bad_input(target: Target) -> Iterator[Trial]:
     if operation.exact and all(n in operation.exact and inputs.per_particle(n) for n in written):
         return
     for name in operation.arguments("numpy"):
-        if name in ("position", "position_residual") or not inputs.per_particle(name):
+        if name in ("position", "position_residual", "shift") or not inputs.per_particle(name):
             continue
         if inputs[name] is not None and inputs[name].dtype.kind == "f":
             yield Trial("T9", f"NaN in {name}", functools.partial(_spoiled, usual, name))

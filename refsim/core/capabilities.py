@@ -71,6 +71,10 @@ class BringsWalls:
 
     wall_share: ClassVar[float] = 2.0  # times the particle's pressure with which they push; the least of a scene counts
 
+    def extrapolates(self) -> bool:
+        """Whether its particles take a pressure that is extrapolated from the liquid (`adami_2012`)."""
+        return False
+
     def walls(self, grid: Discretisation, others: Mapping[str, Effect]) -> WallParticles | None:
         """Positions and volumes of the boundary particles; None if there are none."""
         raise NotImplementedError  # an effect with this capability defines it

@@ -14,8 +14,8 @@ class Field:
     components  1 for a scalar (n,), 3 for a vector (n, 3)
     dtype       "real" (the run's dtype) or a NumPy dtype name
     state       True where the value outlives the step: it is reordered with the particles and checkpointed
-    rows        number of rows where it is not that of the particles, or "solids" until the plan has counted the
-                nodes of the scene's solids: such a table is never reordered
+    rows        number of rows where it is not that of the particles, or "solids" or "walls" until the plan has counted
+                the nodes of the scene's solids or its wall particles: such a table is never reordered
     """
 
     name: str

@@ -58,6 +58,30 @@ class WallColumns(NamedTuple):
     entries: Any
 
 
+class LiquidRows(NamedTuple):
+    """Positions of the liquid particles and, row by row, those near each wall particle (CPU)."""
+
+    position: Any
+    start: Any
+    count: Any
+    entries: Any
+
+
+class LiquidColumns(NamedTuple):
+    """Positions of the liquid particles and, column by column, those near each wall particle (GPU)."""
+
+    position: Any
+    count: Any
+    entries: Any
+
+
+def liquid_with_list(position: Any, neighbours: Any) -> LiquidRows | LiquidColumns:
+    """The liquid's positions together with a list of wall particles, whichever of the two forms it has."""
+    if hasattr(neighbours, "start"):
+        return LiquidRows(position, neighbours.start, neighbours.count, neighbours.entries)
+    return LiquidColumns(position, neighbours.count, neighbours.entries)
+
+
 def with_list(position: Any, volume: Any, neighbours: Any) -> WallRows | WallColumns:
     """Wall particles together with their list, whichever of the two forms it has."""
     if hasattr(neighbours, "start"):

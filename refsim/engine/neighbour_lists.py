@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from refsim.core.capabilities import CorrectsPositions, having
+from refsim.core.capabilities import BringsWalls, CorrectsPositions, having
 from refsim.core.errors import RunStopped
-from refsim.core.walls import WallParticles, with_list
+from refsim.core.walls import WallParticles, liquid_with_list, with_list
 from refsim.engine.list_policy import ListPolicy
 from refsim.engine.run import Run
 from refsim.neighbours import NeighbourSearch, Particles
@@ -37,10 +37,11 @@ class NeighbourLists:
         correctors = having(plan.effects, CorrectsPositions)
         self.auditable = not any(effect.corrects_positions() for effect in correctors)
         self.velocities_set = False
-        self._lists: tuple[Any, Any] | None = None
+        self._lists: tuple[Any, Any, Any] | None = None
         self._static: Any = None
         self._walls: tuple[Any, Any] | None = None  # their positions and volumes on the backend, in cell order
-        run._shared["neighbours"] = None
+        self.around_walls = any(effect.extrapolates() for effect in having(plan.effects, BringsWalls))
+        run._shared |= {"neighbours": None, "liquid_near_walls": None}
         if plan.walls is not None:
             walls = plan.walls._replace(position=grid.local(plan.walls.position))
             self._prepare_walls(walls, np.dtype(grid.dtype))
@@ -52,6 +53,14 @@ class NeighbourLists:
         self._static = self.search.static_set(walls.position)
         volume = self.run.backend.asarray(walls.volume[self._static.order].astype(dtype))
         self._walls = (self._static.position, volume)
+
+    def in_first_order(self, values: np.ndarray) -> np.ndarray:
+        """A table of the wall particles in the order in which the effects gave them."""
+        if self._static is None:
+            return values
+        ordered = np.empty_like(values)
+        ordered[self._static.order] = values
+        return ordered
 
     @contextmanager
     def empty(self) -> Iterator[list[tuple[Any, tuple[Any, ...]]]]:
@@ -65,7 +74,9 @@ class NeighbourLists:
             from refsim.neighbours.rows import NeighbourRows  # loads Numba
 
             near = NeighbourRows(np.empty(0, np.int64), np.empty(0, np.int32), np.empty(0, np.uint32))
-            run._shared["neighbours"] = near
+            run._shared |= {
+                "neighbours": near, "liquid_near_walls": liquid_with_list(run.fields["position"], near)
+            }  # fmt: skip
             if self._walls is not None:
                 run._shared["walls"] = with_list(*self._walls, near)
             launched = self.search.programs.calls(run.build_position, run.fields.values(), run._shared.get("bounds"))
@@ -127,10 +138,13 @@ class NeighbourLists:
         assert self.search is not None
         near = self.search.build(run.build_position)
         at_walls = None if self._walls is None else self.search.build_against(run.build_position, self._static)
+        around = self.search.build_around(run.build_position, self._static) if self.around_walls else None
         self.policy.after_build()
-        if known is None or near is not known[0] or at_walls is not known[1]:
-            self._lists = (near, at_walls)
+        if known is None or any(new is not old for new, old in zip((near, at_walls, around), known)):
+            self._lists = (near, at_walls, around)
             run._shared["neighbours"] = near
+            if around is not None:
+                run._shared["liquid_near_walls"] = liquid_with_list(run.fields["position"], around)
             if self._walls is not None:
                 run._shared["walls"] = with_list(*self._walls, at_walls)
             run.rebind()

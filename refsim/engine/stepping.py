@@ -16,7 +16,7 @@ from refsim.core.errors import RunStopped
 from refsim.engine.branches import Touched, needed_before, touched
 from refsim.engine.run import Calls, Run
 from refsim.scene.plan import Plan
-from refsim.sph import CROWD
+from refsim.sph import CROWD, LARGEST_SHIFT
 
 SMALLEST_STEP = 1e-6  # share of the first step below which the run is taken to have diverged
 
@@ -105,6 +105,11 @@ def too_small(simulation: Run, limiter: str, length: float) -> NoReturn:
     )
 
 
+def shifted(simulation: Run, length: float) -> float:
+    """Bound of the displacements beside dt v [m] in a step in which the fastest particle moves by `length` [m]."""
+    return LARGEST_SHIFT * length if "shift" in simulation.fields else 0.0
+
+
 class HostStepper:
     """Launches the passes one by one and chooses the step in between."""
 
@@ -141,7 +146,7 @@ class HostStepper:
             s.timings.run(name, call)
         squared, stopped = (float(x) for x in s.backend.host(s.displacement))
         gained = kick * extremes.acceleration
-        moved = (extremes.speed + gained) * length
+        moved = (extremes.speed + gained) * length + shifted(s, extremes.speed * length)
         return Advance(length, limiter, limits, moved, gained, squared, int(stopped), int(extremes.dense))
 
 
@@ -211,7 +216,8 @@ class DeviceStepper:
         self.in_step_with = s.steps + 1
         limits = stable_steps(s.limits, extremes)
         gained = 0.5 * (s.previous_length + length) * extremes.acceleration
-        moved, squared = (extremes.speed + gained) * length, float(clock[device.WAY])
+        moved = (extremes.speed + gained) * length + shifted(s, extremes.speed * length)
+        squared = float(clock[device.WAY])
         stopped, dense = int(clock[device.STOPPED]), int(extremes.dense)
         return Advance(length, name, limits, moved, gained, squared, stopped, dense)
 

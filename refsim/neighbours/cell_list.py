@@ -333,13 +333,17 @@ class CellSearch:
     def build_against(self, position, prepared):
         return self._build("static", position, self.keys(position), *prepared, exclude_self=False)
 
+    def build_around(self, position, prepared):
+        around = prepared[0]
+        return self._build("around", around, self.keys(around), position, *self.cells, exclude_self=False)
+
     def _build(self, name, position, keys, source, cells, first, exclude_self):
         n = len(position)
         start, count = np.empty(n, np.int64), np.empty(n, np.int32)
         needed = np.zeros(CHUNKS, np.int64)
         index = self.storage.get(name)
         if index is None or len(index) < CHUNKS:
-            capacity = NEIGHBOUR_CAPACITY if exclude_self else WALL_CAPACITY
+            capacity = WALL_CAPACITY if name == "static" else NEIGHBOUR_CAPACITY
             index = np.empty(max(CHUNKS, capacity * n), np.uint32)
         radius = position.dtype.type(self.reach)
         while True:

@@ -10,7 +10,7 @@ from refsim.backends.runtime import simulated
 from refsim.neighbours.cell_boxes_cuda import LOOK_AHEAD, CellBoxes
 from refsim.neighbours.cell_order_cuda import Sorter
 from refsim.neighbours.cell_table_cuda import CellTable, cell_keys
-from refsim.neighbours.columns_cuda import ListOf
+from refsim.neighbours.columns_cuda import ListOf, pack_places
 from refsim.neighbours.formulas import at_bounds, periodic_cells, to_nearest_image
 
 ROWS_TOGETHER = 1 if simulated() else 8  # threads that audit a particle
@@ -140,6 +140,18 @@ class CellSearch:
             self._build(static)
         static.ready = False
         return static.result
+
+    def build_around(self, position, prepared):
+        around, table = prepared
+        own, held = self.lists["own"], self.lists.get("around")
+        if held is None or held.source is not position or held.table is not own.queries:
+            held = self.lists["around"] = ListOf(self, around, position, own.queries, table)
+        while True:
+            pack_places(position, held.placed)
+            held.launch()
+            held.mirror.read()
+            if held.fits():
+                return held.result
 
     def reorder(self, array, order):
         moved = self.backend.empty(array.shape, array.dtype)

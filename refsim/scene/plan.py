@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from refsim.core.capabilities import BringsWalls, JudgesStart, NeedsCellOrder, having
-from refsim.core.effect import EFFECTS, Discretisation, Effect, InitialState, Nodes, Pass
+from refsim.core.effect import EFFECTS, Discretisation, Effect, InitialState, Pass
 from refsim.core.errors import InputError
 from refsim.core.fields import BASE, POSITION_RESIDUAL, Field
 from refsim.core.period import period_group
@@ -153,14 +153,13 @@ def _planned(scene: Scene) -> Plan:
     if any(scene.period):
         shared["period"] = period_group(scene.period, scene.dtype)
     parameters = {}
-    walls = []
+    made = [effect.walls(grid, effects) for effect in having(effects, BringsWalls)]
+    walls = [part for part in made if part is not None]
+    rows = {"solids": 0 if solids is None else len(solids.lattice.key), "walls": sum(len(w.volume) for w in walls)}
     for name, effect in effects.items():
-        fields |= {f.name: _counted(f, solids) for f in effect.fields(effects)}
+        fields |= {f.name: _counted(f, rows) for f in effect.fields(effects)}
         shared |= effect.shares(grid, effects)
         parameters[name] = effect.prepare(grid, effects)
-        made = effect.walls(grid, effects) if isinstance(effect, BringsWalls) else None
-        if made is not None:
-            walls.append(made)
     if scene.energy_audit is not None:
         accounts(grid, effects)
     check_fixed_step(scene, grid, effects)
@@ -257,10 +256,9 @@ def _effects(scene: Scene) -> dict[str, Effect]:
     return effects
 
 
-def _counted(f: Field, solids: Nodes | None) -> Field:
-    """A field whose rows are counted, where it is a table of the nodes of solids."""
-    nodes = 0 if solids is None else len(solids.lattice.key)
-    return dataclasses.replace(f, rows=nodes) if f.rows == "solids" else f
+def _counted(f: Field, rows: Mapping[str, int]) -> Field:
+    """A field whose rows are counted, where it is a table of the nodes of solids or of the wall particles."""
+    return dataclasses.replace(f, rows=rows[f.rows]) if isinstance(f.rows, str) else f
 
 
 def _initial_values(

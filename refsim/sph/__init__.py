@@ -17,6 +17,7 @@ from refsim.core.capabilities import (
     BalancesCohesion,
     BringsWalls,
     HasErrata,
+    HasPlanes,
     JudgesStart,
     KnowsLimits,
     KnowsParticleMass,
@@ -40,14 +41,23 @@ LIQUID = "weakly_compressible"  # name of the effect that brings the liquid
 DENSITY = Field("density", "kg/m^3 (kg/m^2 in 2D)", "density rho, J(7)")
 NUMBER_DENSITY = Field("number_density", "1/m^3 (1/m^2 in 2D)", "number density delta, J(8)")
 ASYMMETRY = Field("asymmetry", "1/m^2 (1/m in 2D)", "length of the first moment of J(8), |sum_j W_ij x_ij|")
+DENSITY_EXCESS = Field("density_excess", "kg/m^3 (kg/m^2 in 2D)", "density over the rest density, rho - rho0")
+ADVANCED_EXCESS = Field(
+    "advanced_excess", "kg/m^3 (kg/m^2 in 2D)", "rho - rho0 at the end of the step before", state=True
+)
+SUMMED_DENSITY = Field("summed_density", "kg/m^3 (kg/m^2 in 2D)", "density J(7), beside an advanced one")
 PRESSURE = Field("pressure", "Pa", "pressure p, J(9)")
 
 # rho0 c h/mu up to which liquid between walls and drops were found to gain no energy (docs/stability.md)
+LARGEST_SHIFT = 0.5  # of v_max dt: longest displacement of a step beside dt v (Sun et al. 2017)
 LEAST_VISCOUS = {"wendland": 250.0, "mueller": 80.0, "cubic_spline": 80.0}
 # Ratio of the largest to the smallest mass up to which a heavy particle in a block gains less than 1 % of the energy
 # exchanged (docs/stability.md). Beyond it J(7) makes its neighbours too dense, and J(10) is not the gradient of their
 # energy.
 MASS_RATIO = 1.5
+MOST_DIFFUSIVE = (
+    0.17  # delta up to which the acoustic step 0.4 h/c resolves diffusion: its fastest rate is 28 delta c/h
+)
 DENSE, CROWD = 1.1, 1e-3  # share of the particles that may be denser than DENSE rho0 without a note (docs/sph.md)
 SETS = {
     "wendland": ("wendland_c2", "wendland_c2"),
@@ -80,6 +90,15 @@ class ViscosityTerm(NamedTuple):
     """Parameters of the viscous term in kernels."""
 
     coefficient: float  # dynamic viscosity [Pa s]; negative for the printed sign of J(11)
+
+
+class Diffusion(NamedTuple):
+    """Parameters of the diffusion of the density in kernels."""
+
+    coefficient: float  # delta h_s c [m^2/s], h_s = h/2
+    x: float  # rho0 g/c^2 [kg/m^(dim + 1)], the slope of the density at rest
+    y: float
+    z: float
 
 
 class CentralViscosity(NamedTuple):
@@ -128,7 +147,7 @@ class WeaklyCompressible(
     Effect, KnowsParticleMass, LimitsSpeed, LimitsMassRatio, KnowsLimits, JudgesStart, HasErrata, frozen=True,
     kw_only=True,
 ):  # fmt: skip
-    """Liquid whose pressure follows from its summed density.
+    """Liquid whose pressure follows from its density, summed or advanced.
 
     rest_density       rho0 [kg/m^3; kg/m^2 in 2D]
     sound_speed        numerical sound speed c [m/s]
@@ -137,7 +156,9 @@ class WeaklyCompressible(
                        rotating liquid) or "central" (Espanol & Revenga 2003, along the line of centres: it conserves
                        angular momentum)
     state              "linear" (J(9)) or "tait" (exponent 7)
-    clamp_pressure     negative pressures become zero
+    density            "summation" (J(7)) or "continuity" (the continuity equation, advanced from step to step)
+    diffusion          delta of the diffusion of an advanced density, after Fourtakas et al. 2019; 0 for none
+    clamp_pressure     negative pressures become zero; by default with a summed density
     kernels            "wendland" (Wendland C2 throughout), "mueller" (poly6 for sums, spiky for gradients) or
                        "cubic_spline" (throughout)
     density_bound      the run stops where more than 0.1 % of the particles are denser than this times rho0
@@ -157,7 +178,9 @@ class WeaklyCompressible(
     dynamic_viscosity: float = 0.0
     viscosity: Literal["laplacian", "central"] = "laplacian"
     state: Literal["linear", "tait"] = "linear"
-    clamp_pressure: bool = True
+    density: Literal["summation", "continuity"] = "summation"
+    diffusion: float = 0.1
+    clamp_pressure: bool | None = None
     kernels: Literal["wendland", "mueller", "cubic_spline"] = "wendland"
     density_bound: float = 1.5
     literal: Printed = ()
@@ -175,36 +198,89 @@ class WeaklyCompressible(
                 " note; give 1.5 or more."
             )
         self.printed()
+        self._check_density(others)
         if self.central() and "E3" in self.literal:
             raise InputError(
                 f"{self.name}: literal 'E3' is the printed sign of J(11), which viscosity = 'central' does not use;"
                 " leave one of them out."
             )
 
+    def _check_density(self, others: Mapping[str, Effect]) -> None:
+        """Raise InputError where the density cannot be advanced as it is said to be."""
+        if not 0 <= self.diffusion <= MOST_DIFFUSIVE:
+            raise InputError(
+                f"{self.name}: diffusion = {self.diffusion:g} is not possible; give 0 to {MOST_DIFFUSIVE:g}, above"
+                " which the acoustic step is too long for it."
+            )
+        if self.density == "summation":
+            return
+        for effect in others.values():
+            summed = sorted({"sph.density", "sph.state", "sph.pressure", "sph.momentum"} & set(effect.replaces()))
+            if summed:
+                raise InputError(
+                    f"{self.name}: density = 'continuity' and {effect.name}, which replaces {summed[0]}, exclude each"
+                    " other; set density = 'summation'."
+                )
+            if isinstance(effect, BringsWalls) and not effect.extrapolates():
+                raise InputError(
+                    f"{self.name}: density = 'continuity' needs walls with an extrapolated pressure; set model ="
+                    f" 'extrapolated' in {effect.name}, or density = 'summation'."
+                )
+
+    def advances(self) -> bool:
+        """Whether its density follows from the continuity equation."""
+        return self.density == "continuity"
+
+    def clamps(self) -> bool:
+        """Whether negative pressures become zero."""
+        return not self.advances() if self.clamp_pressure is None else self.clamp_pressure
+
     def central(self) -> bool:
         """Whether the viscosity is not zero and acts along the line of centres."""
         return self.viscosity == "central" and self.dynamic_viscosity > 0
 
     def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
-        return (DENSITY,) if pressure_is_replaced(others) else (DENSITY, PRESSURE)
+        own = (DENSITY,) if pressure_is_replaced(others) else (DENSITY, PRESSURE)
+        if not self.advances():
+            return own
+        return (*own, DENSITY_EXCESS, ADVANCED_EXCESS, *((SUMMED_DENSITY,) if self._sums_wanted(others) else ()))
 
     def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
         viscous = self.dynamic_viscosity > 0
         names = {"smoothing": "gradient_smoothing"}
         reads = ("position", "velocity", "mass", "density")
         friction = Pass("sph.central_viscosity", reads, updates=("acceleration",), names=names)
+        extrapolated = any(effect.extrapolates() for effect in having(others, BringsWalls))
         return (
-            Pass(
-                "sph.density", ("position", "mass"), ("density", "number_density", "asymmetry"), algorithm="packed"
-            ),  # where a backend has it
+            *self._density_passes(others),
             Pass("sph.state", ("density",), ("pressure",)),
             Pass(
                 "sph.momentum" if viscous and not self.central() else "sph.pressure",
                 (*reads, "pressure"),
                 updates=("acceleration",),
-                names=names,
+                names=names | ({"walls": None} if extrapolated else {}),
             ),
             *((friction,) if self.central() else ()),
+        )
+
+    def _sums_wanted(self, others: Mapping[str, Effect]) -> bool:
+        """Whether another effect needs a sum of J(8), which an advanced density does without."""
+        rest = (effect for effect in others.values() if effect is not self)
+        return any(f in (NUMBER_DENSITY, ASYMMETRY) for effect in rest for f in effect.fields(others))
+
+    def _density_passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
+        sums = ("number_density", "asymmetry")
+        if not self.advances():
+            return (Pass("sph.density", ("position", "mass"), ("density", *sums), algorithm="packed"),)
+        reads, names = ("position", "velocity", "mass", "advanced_excess"), {"smoothing": "gradient_smoothing"}
+        summed = Pass(
+            "sph.density", ("position", "mass"), ("summed_density", *sums), names={"density": "summed_density"},
+            algorithm="packed",
+        )  # fmt: skip
+        return (
+            Pass("sph.continuity", reads, ("density_excess", "density"), names=names),
+            *((summed,) if self._sums_wanted(others) else ()),
+            Pass("sph.keep_density", ("density_excess",), updates=("advanced_excess",), stage="motion"),
         )
 
     def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
@@ -252,8 +328,13 @@ class WeaklyCompressible(
             least = self.rest_density * self.sound_speed * grid.support_radius / LEAST_VISCOUS[self.kernels]
             yield Margin("dynamic_viscosity [Pa s]", self.dynamic_viscosity, least, least=True)
 
-    def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount:
-        """Work of compression of J(9) or Tait, unless another effect computes the pressure."""
+    def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount | None:
+        """Work of compression of J(9) or Tait, unless another effect computes the pressure.
+
+        None of an advanced density, whose diffusion does work that is not summed.
+        """
+        if self.advances():
+            return None
         if pressure_is_replaced(others):
             return EnergyAccount()
         exponent = 7 if self.state == "tait" else 1
@@ -264,11 +345,38 @@ class WeaklyCompressible(
         def compression(state: EnergyState) -> Any:
             mass, density = state.field("mass"), state.field("density")
             work = share * compression_energy(
-                mass, density, self.rest_density, stiffness, exponent, cohesion, self.clamp_pressure
+                mass, density, self.rest_density, stiffness, exponent, cohesion, self.clamps()
             )
             return compression_amount(work, mass * (stiffness * exponent + cohesion) / self.rest_density, grid.dtype)
 
         return EnergyAccount({"compression": compression})
+
+    def initial(
+        self, grid: Discretisation, state: InitialState, others: Mapping[str, Effect]
+    ) -> Mapping[str, np.ndarray]:
+        """Density of liquid at rest: that of the pressure rho0 g depth in each part that stands on a wall."""
+        if not self.advances():
+            return {}
+        excess = np.zeros(grid.count)
+        pull = np.array(acceleration_of(others))
+        strength = float(np.linalg.norm(pull))
+        floors = [effect.domain(grid) for effect in having(others, HasPlanes)]
+        if strength > 0 and floors:
+            down = pull / strength
+            lower, upper = floors[0]
+            first = 0
+            for size in state.sizes:
+                x, part = state.position[first : first + size], slice(first, first + size)
+                first += size
+                apart = np.where(down < 0, x.min(0) - lower, upper - x.max(0))
+                if (apart < grid.spacing)[down != 0].all():
+                    depth = x @ down
+                    depth = depth - depth.min() + 0.5 * grid.spacing
+                    head = self.rest_density * strength * depth
+                    exponent = 7 if self.state == "tait" else 1
+                    ratio = 1 + head * exponent / (self.rest_density * self.sound_speed**2)
+                    excess[part] = self.rest_density * (ratio ** (1 / exponent) - 1)
+        return {ADVANCED_EXCESS.name: excess}
 
     def largest_mass_ratio(self, others: Mapping[str, Effect]) -> float:
         summed = not any("sph.density" in effect.replaces() for effect in others.values())
@@ -290,12 +398,15 @@ class WeaklyCompressible(
         return lattice_number_density(self.sum_kernel(), grid.support_radius, grid.spacing, grid.dim)
 
     def particle_mass(self, grid: Discretisation) -> float:
-        """m = rho0/delta0 [kg; kg/m in 2D], so that the interior of a lattice has exactly the rest density."""
-        return self.rest_density / self.rest_number_density(grid)
+        """m = rho0/delta0 [kg; kg/m in 2D], so that the interior of a lattice has exactly the rest density.
+
+        rho0 d^dim where the density is advanced.
+        """
+        return self.rest_density * self.particle_volume(grid)
 
     def particle_volume(self, grid: Discretisation) -> float:
-        """1/delta0 [m^dim]."""
-        return 1 / self.rest_number_density(grid)
+        """1/delta0 [m^dim]; d^dim where the density is advanced."""
+        return grid.spacing**grid.dim if self.advances() else 1 / self.rest_number_density(grid)
 
     def shares(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
         sums, gradients = SETS[self.kernels]
@@ -307,7 +418,7 @@ class WeaklyCompressible(
                 grid.real(self.rest_density),
                 grid.real(self.rest_density * self.sound_speed**2 / exponent),
                 int32(exponent),
-                int32(self.clamp_pressure),
+                int32(self.clamps()),
                 grid.real(cohesive_pressure(grid, others)),
                 grid.real(0.5 if "E24" in self.printed() else 1.0),
                 grid.real(least_wall_share(others)),
@@ -320,9 +431,16 @@ class WeaklyCompressible(
         viscous = self.dynamic_viscosity > 0 and not self.central()
         central = grid.real(central_coefficient(self.dynamic_viscosity, grid.dim))
         return {
+            **({"diffusion": self._diffusion(grid, others)} if self.advances() else {}),
             "viscosity": ViscosityTerm(grid.real(sign * self.dynamic_viscosity)) if viscous else None,
             "central_viscosity": CentralViscosity(central) if self.central() else None,
         }
+
+    def _diffusion(self, grid: Discretisation, others: Mapping[str, Effect]) -> Diffusion | None:
+        if self.diffusion == 0:
+            return None
+        at_rest = [self.rest_density * g / self.sound_speed**2 for g in acceleration_of(others)]
+        return Diffusion(*map(grid.real, (0.5 * self.diffusion * grid.support_radius * self.sound_speed, *at_rest)))
 
     def step_limits(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, StepLimit]:
         stiffening = 2 * cohesive_pressure(grid, others) / self.rest_density

@@ -19,10 +19,11 @@ from refsim.core.cases import (
     groups,
     particles,
     takes,
+    vectors,
 )
-from refsim.core.walls import Bounds, WallParticles
+from refsim.core.walls import Bounds, WallMotion, WallParticles
 from refsim.smoothing import SHAPES, Smoothing, smoothing
-from refsim.sph import LIQUID, CentralViscosity, DensityBounds, Fluid, ViscosityTerm, WeaklyCompressible
+from refsim.sph import LIQUID, CentralViscosity, DensityBounds, Diffusion, Fluid, ViscosityTerm, WeaklyCompressible
 
 FLUID = LIQUID
 
@@ -60,6 +61,18 @@ def _asymmetry(case, random):
     return 0.12 * scale * random.uniform(0.0, 1.0, case.count)
 
 
+@particles("advanced_excess", "density_excess")
+def _density_excess(case, random):
+    """Within a hundredth of the rest density."""
+    return 0.01 * REST_DENSITY * random.uniform(-1.0, 1.0, case.count)
+
+
+@particles("shift")
+def _shift(case, random):
+    """Of some hundredths of a spacing."""
+    return 0.03 * case.spacing * vectors(case, random)
+
+
 @particles("pressure")
 def _pressure(case, random):
     """Of either sign, so that no result depends on clamping."""
@@ -88,6 +101,13 @@ def _central_viscosity(case, grid):
     return {"central_viscosity": liquid.prepare(grid, {liquid.name: liquid})["central_viscosity"]}
 
 
+@groups("diffusion")
+def _diffusion(case, grid):
+    """delta = 0.1, c = 20 m/s; the slope of the density at rest is oblique."""
+    slope = (0.3, -9.81, 1.7 if case.dim == 3 else 0.0)
+    return {"diffusion": Diffusion(*map(grid.real, (grid.support_radius, *(REST_DENSITY * g / 400 for g in slope))))}
+
+
 @groups("field")
 def _field(case, grid):
     return {"field": np.array([0.3, -9.81, 1.7], dtype=grid.dtype)}
@@ -114,6 +134,7 @@ VARIATIONS[Fluid] = Variation(
 )
 takes("sph.state", fluid="rest_density stiffness exponent clamp internal_pressure")
 takes("sph.pressure", "sph.momentum", fluid="rest_density gradient_share wall_share")
+takes("sph.continuity", fluid="rest_density")
 takes("sph.viscosity", "sph.central_viscosity", smoothing="support_radius dim")
 
 
@@ -169,6 +190,65 @@ def two_particles_in_the_plane():
         {"density": own * (mass + 3 / 16 * mass[::-1]), "number_density": np.full(2, 19 / 16 * own),
          "asymmetry": np.full(2, 3 / 16 * own)},
     )  # fmt: skip
+
+
+@closed_form("sph.continuity")
+def compressed_pair():
+    """v_1 - v_2 = (4, 2, 5), 2 of it towards the second: d rho_1/dt = rho_1 V_2 2 |W'(h/2)|, W' = 5/8 W(0); 0.25 s."""
+    slope = 5 / 8 * W0
+    excess = np.array([100.0, -200.0])
+    rate = (1000 + excess) * np.array([3.0 / 800.0, 2.0 / 1100.0]) * 2 * slope
+    return Exact(
+        PAIR,
+        {
+            "mass": np.array([2.0, 3.0]), "velocity": np.array([[7.0, 2.0, 0.0], [3.0, 0.0, -5.0]]), "fluid": WATER,
+            "advanced_excess": excess, "timestep": np.array([0.5, 0.25]), "diffusion": None,
+        },
+        {"density_excess": excess + 0.25 * rate, "density": 1000 + excess + 0.25 * rate},
+    )  # fmt: skip
+
+
+@closed_form("sph.continuity")
+def diffusing_pair():
+    """At rest: d rho_1/dt = 2 k V_2 (rho_2 - rho_1 - s) |W'(h/2)|, s = 40 the difference at rest; for 0.25 s."""
+    slope = 2 * 0.5 * 5 / 8 * W0
+    excess = np.array([100.0, -200.0])
+    difference = -300.0 - 40.0
+    rate = slope * difference * np.array([3.0 / 800.0, -2.0 / 1100.0])
+    return Exact(
+        PAIR,
+        {
+            "mass": np.array([2.0, 3.0]), "velocity": np.zeros((2, 3)), "fluid": WATER, "advanced_excess": excess,
+            "timestep": np.array([0.5, 0.25]), "diffusion": Diffusion(0.5, 7.0, 40.0, -3.0),
+        },
+        {"density_excess": excess + 0.25 * rate, "density": 1000 + excess + 0.25 * rate},
+    )  # fmt: skip
+
+
+@closed_form("sph.continuity")
+def moving_walls():
+    """One wall particle at rest below, one that moves at the same distance above: V_b (v - v_b).e |W'(h/2)| of each."""
+    place = np.array([[0.0, -1.0, 0.0], [0.0, 1.0, 0.0]])
+    case = Case("between_walls", 3, np.zeros((1, 3)), spacing=1.0, support_radius=2.0, wall_position=place)
+    far = np.full(3, np.inf)
+    rate = 1100 * 0.25 * 5 / 8 * W0 * (-2.0 + (2.0 - 5.0))
+    excess = 100.0 + 0.25 * rate
+    return Exact(
+        case,
+        {
+            "mass": np.array([2.0]), "velocity": np.array([[1.0, 2.0, 0.0]]), "fluid": WATER, "diffusion": None,
+            "advanced_excess": np.array([100.0]), "timestep": np.array([0.5, 0.25]),
+            "walls": WallParticles(place, np.full(2, 0.25)),
+            "wall_motion": WallMotion(-far, np.array([np.inf, 0.5, np.inf]), np.array([3.0, 5.0, 0.0])),
+        },
+        {"density_excess": np.array([excess]), "density": np.array([1000 + excess])},
+    )  # fmt: skip
+
+
+@closed_form("sph.keep_density")
+def kept():
+    """The same value."""
+    return Exact(PAIR, {"density_excess": np.array([1.5, -2.25])}, {"advanced_excess": np.array([1.5, -2.25])})
 
 
 @closed_form("sph.state")
@@ -372,7 +452,7 @@ def carried_on():
         {
             "velocity": np.array([[2.0**-40, 2.0**-40, 0.5]]), "acceleration": np.zeros((1, 3)),
             "position_residual": np.array([[2.0**-40, -(2.0**-39), 0.0]]), "build_position": position,
-            "timestep": np.array([1.0, 1.0]), "bounds": None,
+            "timestep": np.array([1.0, 1.0]), "shift": None, "bounds": None,
         },
         {
             "position": position + [0.0, 0.0, 0.5], "velocity": np.array([[2.0**-40, 2.0**-40, 0.5]]),
@@ -391,6 +471,7 @@ def one_leap():
             "acceleration": np.array([[2.0, 0.0, 0.0], [0.0, 0.0, 0.0]]),
             "build_position": np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 2.0]]),
             "timestep": np.array([0.5, 0.25]),
+            "shift": None,
             "bounds": None,
         },
         {
@@ -402,6 +483,24 @@ def one_leap():
 
 
 @closed_form("sph.kick_drift")
+def shifted():
+    """x = 0.25 * 2 + 0.125, and -0.5 for the second particle, which is at rest."""
+    return Exact(
+        PAIR,
+        {
+            "velocity": np.array([[2.0, 0.0, 0.0], [0.0, 0.0, 0.0]]), "acceleration": np.zeros((2, 3)),
+            "build_position": PAIR.position, "timestep": np.array([0.5, 0.25]), "bounds": None,
+            "shift": np.array([[0.125, 0.0, 0.0], [0.0, -0.5, 0.0]]),
+        },
+        {
+            "velocity": np.array([[2.0, 0.0, 0.0], [0.0, 0.0, 0.0]]),
+            "position": np.array([[0.625, 0.0, 0.0], [0.0, 0.5, 0.0]]),
+            "displacement": np.array([0.390625, 0.0]),
+        },
+    )  # fmt: skip
+
+
+@closed_form("sph.kick_drift")
 def stopped_by_a_plane():
     """The first particle would pass the plane x = 0.25: it stops there and loses its normal velocity."""
     far = np.full(3, np.inf)
@@ -410,7 +509,7 @@ def stopped_by_a_plane():
         {
             "velocity": np.array([[2.0, 1.0, 0.0], [0.0, 0.0, 0.0]]), "acceleration": np.zeros((2, 3)),
             "build_position": PAIR.position, "timestep": np.array([0.5, 0.25]),
-            "bounds": Bounds(-far, np.array([0.25, np.inf, np.inf])),
+            "shift": None, "bounds": Bounds(-far, np.array([0.25, np.inf, np.inf])),
         },
         {
             "velocity": np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 0.0]]),

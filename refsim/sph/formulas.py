@@ -21,6 +21,26 @@ def state_pressure(density, fluid):
 
 
 @formula
+def continuity_pair(volume_j, approach, slope):
+    """Continuity equation for one neighbour: (d rho_i/dt)/rho_i = V_j (v_i - v_j).x_ij W'(r)/r [1/s].
+
+    `approach` = (v_i - v_j).x_ij [m^2/s], `slope` = W'(r)/r; Colagrossi & Landrini 2003.
+    """
+    return volume_j * approach * slope
+
+
+@formula
+def diffusion_pair(volume_j, excess_i, excess_j, head, slope, diffusion):
+    """Fourtakas et al. 2019 for one neighbour: part of d rho_i/dt [kg/(m^dim s)]; `slope` = W'(r)/r.
+
+    delta h_s c psi_ij.grad W_ij V_j = -2 delta h_s c (rho_j - rho_i + x_ij.g rho0/c^2) W'(r)/r V_j, `head` the last
+    term: the difference at rest does not count. Molteni & Colagrossi 2009 where it is 0.
+    """
+    difference = excess_j - excess_i + head
+    return -type(slope)(2) * diffusion.coefficient * volume_j * difference * slope
+
+
+@formula
 def pressure_pair(volume_j, pressure_i, pressure_j, slope, fluid):
     """J(10) for one neighbour: factor of e_ij in the force density [N/m^3], -s V_j (p_i + p_j) W'(r).
 

@@ -102,6 +102,76 @@ def wall_gradient(i, lane, position, walls, smoothing, weight, period):
     return neighbour_sum(wall_gradient_pair, i, lane, walls, position, period, walls.volume, smoothing, weight)
 
 
+@formula
+def nonzero(r):
+    """r, and 1 m in place of 0, where what it divides is 0 as well."""
+    return r if r > type(r)(0) else type(r)(1)
+
+
+@pair
+def continuity_pair(
+    r, x_ij, velocity_i, velocity_j, mass_j, advanced_excess_i, advanced_excess_j, smoothing, fluid, diffusion
+):
+    """(d rho_i/dt)/rho_i by the flow [1/s], and d rho_i/dt by diffusion [kg/(m^dim s)]."""
+    slope = kernel_slope(r, smoothing) / nonzero(r)
+    volume = mass_j / (fluid.rest_density + advanced_excess_j)
+    approach = (velocity_i[0] - velocity_j[0]) * x_ij[0]
+    approach += (velocity_i[1] - velocity_j[1]) * x_ij[1]
+    approach += (velocity_i[2] - velocity_j[2]) * x_ij[2]
+    spread = type(r)(0)
+    if diffusion is not None:
+        head = x_ij[0] * diffusion.x + x_ij[1] * diffusion.y + x_ij[2] * diffusion.z
+        spread = formulas.diffusion_pair(volume, advanced_excess_i, advanced_excess_j, head, slope, diffusion)
+    return formulas.continuity_pair(volume, approach, slope), spread
+
+
+@pair
+def wall_continuity_pair(r, x_ij, velocity_i, place_j, volume_j, smoothing, wall_motion):
+    """(d rho_i/dt)/rho_i by a wall particle [1/s], which is at rest or moves beyond the planes of `wall_motion`."""
+    approach = velocity_i[0] * x_ij[0] + velocity_i[1] * x_ij[1] + velocity_i[2] * x_ij[2]
+    if wall_motion is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
+        if wall_moves(place_j, wall_motion):
+            moving = wall_motion.velocity
+            approach -= moving[0] * x_ij[0] + moving[1] * x_ij[1] + moving[2] * x_ij[2]
+    return formulas.continuity_pair(volume_j, approach, kernel_slope(r, smoothing) / nonzero(r))
+
+
+@kernel(lanes=True)
+def continuity(
+    i, lane, position, velocity, mass, advanced_excess, neighbours, walls, wall_motion, smoothing, fluid, diffusion,
+    period, timestep, density_excess, density,
+):  # fmt: skip
+    """Continuity equation with diffusion: density after the latest step [kg/m^dim], and its excess over rho0."""
+    rate, spread = neighbour_sum(
+        continuity_pair, i, lane, neighbours, position, period, velocity, mass, advanced_excess, smoothing, fluid,
+        diffusion,
+    )  # fmt: skip
+    if walls is not None:
+        rate += neighbour_sum(
+            wall_continuity_pair, i, lane, walls, position, period, velocity, walls.position, walls.volume, smoothing,
+            wall_motion,
+        )  # fmt: skip
+    if first_lane(lane):
+        rest, excess = fluid.rest_density, advanced_excess[i]
+        excess += timestep[1] * ((rest + excess) * rate + spread)
+        density_excess[i] = excess
+        density[i] = rest + excess
+
+
+@formula
+def wall_moves(place, wall_motion):
+    """Whether a wall particle at `place` [m] stands beyond one of the planes of `wall_motion`."""
+    low, high = wall_motion.lower, wall_motion.upper
+    below = place[0] < low[0] or place[1] < low[1] or place[2] < low[2]
+    return below or place[0] > high[0] or place[1] > high[1] or place[2] > high[2]
+
+
+@kernel
+def keep_density(i, density_excess, advanced_excess):
+    """The excess of the density at the end of the step [kg/m^dim], from which the next one goes on."""
+    advanced_excess[i] = density_excess[i]
+
+
 @kernel
 def state(i, density, fluid, pressure):
     """J(9) or Tait's equation of state [Pa]."""

@@ -85,10 +85,10 @@ def extremes_chunk(
 
 
 @formula
-def stepped(i, position, position_residual, velocity, acceleration, build_position, bounds, timestep):
+def stepped(i, position, position_residual, velocity, acceleration, build_position, bounds, timestep, shift):
     """Leap-frog with a changing step: v += (dt_previous + dt)/2 a, x += dt v, stopped at the walls' planes.
 
-    Where there is a residual, x + residual is advanced.
+    Where there is a residual, x + residual is advanced; a `shift` [m] adds to dt v.
 
     Returns (squared displacement since the list was built [m^2], whether a wall's plane stopped the particle).
     """
@@ -96,10 +96,13 @@ def stepped(i, position, position_residual, velocity, acceleration, build_positi
     stopped = False
     for c in range(3):
         v = velocity[i, c] + timestep[0] * acceleration[i, c]
+        change = timestep[1] * v
+        if shift is not None:
+            change += shift[i, c]
         if position_residual is not None:
-            x, position_residual[i, c] = drifted(position[i, c], position_residual[i, c], timestep[1] * v)
+            x, position_residual[i, c] = drifted(position[i, c], position_residual[i, c], change)
         else:
-            x = position[i, c] + timestep[1] * v
+            x = position[i, c] + change
         if bounds is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
             if x < bounds.lower[c] or x > bounds.upper[c]:
                 x = min(max(x, bounds.lower[c]), bounds.upper[c])
@@ -117,25 +120,27 @@ def stepped(i, position, position_residual, velocity, acceleration, build_positi
 
 
 def kick_drift(
-    acceleration, build_position, bounds, timestep, displacement, position_residual, velocity, position
+    acceleration, build_position, bounds, timestep, shift, displacement, position_residual, velocity, position
 ):  # fmt: skip
     """Leap-frog step; `displacement` is the largest squared displacement since the list was built [m^2] and the number
     of particles that a wall's plane stopped."""
     partial = np.zeros((CHUNKS, len(displacement)), displacement.dtype)
-    step_chunk(acceleration, build_position, bounds, timestep, position_residual, velocity, position, partial)
+    step_chunk(acceleration, build_position, bounds, timestep, shift, position_residual, velocity, position, partial)
     displacement[:] = partial[:, 0].max(), partial[:, 1].sum()
 
 
 @kernel
 def step_chunk(
-    chunk, acceleration, build_position, bounds, timestep, position_residual, velocity, position, partial
+    chunk, acceleration, build_position, bounds, timestep, shift, position_residual, velocity, position, partial
 ):  # fmt: skip
     """`kick_drift` of a chunk of the particles: its largest squared displacement [m^2] and number of stops."""
     largest = partial.dtype.type(0)
     begin, end = limits(chunk, position.shape[0])
     stopped = 0
     for i in range(begin, end):
-        squared, hit = stepped(i, position, position_residual, velocity, acceleration, build_position, bounds, timestep)
+        squared, hit = stepped(
+            i, position, position_residual, velocity, acceleration, build_position, bounds, timestep, shift
+        )
         largest = max(largest, squared)
         stopped += hit
     partial[chunk, 0], partial[chunk, 1] = largest, stopped

@@ -80,12 +80,14 @@ def reduce_extremes(
 
 
 def kick_drift(
-    acceleration, build_position, bounds, timestep, displacement, position_residual, velocity, position
+    acceleration, build_position, bounds, timestep, shift, displacement, position_residual, velocity, position
 ):  # fmt: skip
     """Leap-frog step; `displacement` is the largest squared displacement since the list was built [m^2] and the number
     of particles that a wall's plane stopped."""
     device.fill(displacement, 0)
-    step_and_reduce(acceleration, build_position, bounds, timestep, displacement, position_residual, velocity, position)
+    step_and_reduce(
+        acceleration, build_position, bounds, timestep, shift, displacement, position_residual, velocity, position
+    )
 
 
 @cuda_formula
@@ -102,7 +104,7 @@ def reduce_step(squared, stopped, displacement):
 
 @cuda_kernel
 def step_and_reduce(
-    acceleration, build_position, bounds, timestep, displacement, position_residual, velocity, position
+    acceleration, build_position, bounds, timestep, shift, displacement, position_residual, velocity, position
 ):  # fmt: skip
     """Leap-frog step; the largest displacement and the stops go into `displacement`, which is zero before."""
     i = cuda.grid(1)
@@ -110,6 +112,6 @@ def step_and_reduce(
     squared, stopped = real(0), False
     if i < position.shape[0]:
         squared, stopped = stepped(
-            i, position, position_residual, velocity, acceleration, build_position, bounds, timestep
+            i, position, position_residual, velocity, acceleration, build_position, bounds, timestep, shift
         )
     reduce_step(squared, stopped, displacement)

@@ -59,6 +59,72 @@ def density(position, mass, walls, smoothing, fluid, period=None, rows=None):
 
 
 @operation(
+    "continuity equation with diffusion",
+    paper="Colagrossi & Landrini 2003; Molteni & Colagrossi 2009; Fourtakas et al. 2019",
+    outputs="density_excess density", optional="walls wall_motion diffusion period",
+    variants=(
+        "walls wall_motion diffusion period", "walls wall_motion period", "period wall_motion", "period",
+        "walls wall_motion",
+    ),
+    tolerance=12.0, reason="one rounding in each of distance, slope, volume, velocity difference, projection,"
+    " quotients, product and sum", invariants=f"{SYMMETRY} galilean",
+    broken={1: "rotation", 2: "rotation galilean", 3: "translation rotation galilean", 4: "rotation"},
+)  # fmt: skip
+def continuity(
+    position, velocity, mass, advanced_excess, walls, wall_motion, smoothing, fluid, diffusion, period, timestep,
+    rows=None,
+):  # fmt: skip
+    """Density [kg/m^dim] a step after rho0 + advanced_excess, and its excess over rho0.
+
+    d rho_i/dt = rho_i sum_j V_j (v_i - v_j).grad W_ij + rho_i sum_b V_b (v_i - v_b).grad W_ib + D_i, V_j = m_j/rho_j;
+    D_i = delta h_s c sum_j V_j psi_ij.grad W_ij, psi_ij = 2 (rho_j - rho_i - rho0 g.x_ji/c^2) x_ji/|x_ij|^2.
+    `timestep` [s] has the step's length second; v_b = 0, or that of `wall_motion` beyond its planes.
+    """
+    rest, dt = float(fluid.rest_density), float(timestep[1])
+    before = np.asarray(advanced_excess, dtype=float)
+    velocity = np.asarray(velocity, dtype=float)
+    volume = np.asarray(mass, dtype=float) / (rest + before)
+    e, v = _rows(before, rows), _rows(velocity, rows)
+    strain, spread = Sums(len(e)), Sums(len(e))
+    for place, separation, distance in pair_blocks(position, position, rows, period):
+        apart = np.where(distance > 0, distance, 1.0)
+        gradient = (kernel_slope(distance, smoothing) / apart)[..., None] * separation
+        parting = v[place, None, :] - velocity[None, :, :]
+        size = volume[None, :] * (np.abs(gradient) * (np.abs(v)[place, None, :] + np.abs(velocity)[None, :, :])).sum(-1)
+        strain.add(place, volume[None, :] * (gradient * parting).sum(-1), size)
+        if diffusion is not None:
+            slope = np.array([float(part) for part in (diffusion.x, diffusion.y, diffusion.z)])
+            difference = before[None, :] - e[place, None] + separation @ slope
+            most = np.abs(before)[None, :] + np.abs(e)[place, None] + np.abs(separation) @ np.abs(slope)
+            psi = -2 * separation / (apart**2)[..., None]
+            factor = float(diffusion.coefficient) * volume[None, :] * (psi * gradient).sum(-1)
+            spread.add(place, factor * difference, np.abs(factor) * most)
+    if walls is not None:
+        x, wall_volume = np.asarray(walls.position, dtype=float), np.asarray(walls.volume, dtype=float)
+        wall_velocity = np.zeros((len(wall_volume), 3))
+        if wall_motion is not None:
+            lower, upper, moving = (np.asarray(part, dtype=float) for part in wall_motion)
+            wall_velocity[((x < lower) | (x > upper)).any(1)] = moving
+        for place, separation, distance in pair_blocks(position, x, rows, period):
+            apart = np.where(distance > 0, distance, 1.0)
+            gradient = (kernel_slope(distance, smoothing) / apart)[..., None] * separation
+            parting = v[place, None, :] - wall_velocity[None, :, :]
+            most = np.abs(v)[place, None, :] + np.abs(wall_velocity)[None, :, :]
+            sized = wall_volume[None, :] * (np.abs(gradient) * most).sum(-1)
+            strain.add(place, wall_volume[None, :] * (gradient * parting).sum(-1), sized)
+    excess = e + dt * ((rest + e) * strain.value + spread.value)
+    size = np.abs(e) + dt * ((rest + np.abs(e)) * strain.scale + spread.scale)
+    return {"density_excess": (excess, size), "density": (rest + excess, rest + size)}
+
+
+@operation("rho of the step before", paper="standard", outputs="advanced_excess", invariants="reordering")
+def keep_density(density_excess, rows=None):
+    """advanced_excess = density_excess [kg/m^dim]: rho - rho0 when the next step begins."""
+    excess = _rows(density_excess, rows)
+    return {"advanced_excess": (excess, np.abs(excess))}
+
+
+@operation(
     "J(9)", paper="Jiang & Zhu 2023; Tait", outputs="pressure",
     reason="one rounding for each factor of the power, counted in the scale by the exponent", invariants="reordering",
 )  # fmt: skip
@@ -232,12 +298,15 @@ def carried(position, residual, shift, size):
 
 @operation(
     "leap-frog with a changing step", paper="standard", outputs="displacement position_residual velocity position",
-    optional="bounds position_residual",
-    variants=("bounds position_residual", "position_residual", without("bounds", timestep="short_steps"), ""),
+    optional="bounds position_residual shift",
+    variants=(
+        "bounds position_residual shift", "position_residual shift",
+        without("bounds shift", timestep="short_steps"), "shift", "",
+    ),
     reason="one rounding in each product and sum", invariants="reordering", cases="slow_and_far", programs=_REDUCTIONS,
 )  # fmt: skip
-def kick_drift(acceleration, build_position, bounds, timestep, position_residual, velocity, position):
-    """Leap-frog: v += (dt_previous + dt)/2 a [m/s], x += dt v [m], stopped at the walls' planes `bounds` [m].
+def kick_drift(acceleration, build_position, bounds, timestep, shift, position_residual, velocity, position):
+    """Leap-frog: v += (dt_previous + dt)/2 a [m/s], x += dt v + shift [m], stopped at the walls' planes `bounds` [m].
 
     With a residual, x + residual is advanced, and the rest of its rounding is the new one; 0 at a plane.
     displacement: [largest squared displacement since the list was built [m^2], number of stopped particles].
@@ -247,10 +316,12 @@ def kick_drift(acceleration, build_position, bounds, timestep, position_residual
     old_v, old_x = np.asarray(velocity, dtype=float), np.asarray(position, dtype=float)
     v = old_v + kick * a
     v_scale = np.abs(old_v) + np.abs(kick * a)
-    x, x_scale = old_x + drift * v, np.abs(old_x) + np.abs(drift) * v_scale
+    extra = np.zeros_like(v) if shift is None else np.asarray(shift, dtype=float)
+    change, size = drift * v + extra, np.abs(drift) * v_scale + np.abs(extra)
+    x, x_scale = old_x + change, np.abs(old_x) + size
     answer, rest = {}, None
     if position_residual is not None:
-        (x, x_scale), rest = carried(position, position_residual, drift * v, np.abs(drift) * v_scale)
+        (x, x_scale), rest = carried(position, position_residual, change, size)
     stopped = np.zeros(len(x), dtype=bool)
     if bounds is not None:
         lower, upper = np.asarray(bounds.lower, dtype=float), np.asarray(bounds.upper, dtype=float)

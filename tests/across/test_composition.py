@@ -32,6 +32,7 @@ from refsim import (
     MpmLiquid,
     MpmWalls,
     NormalDifference2014,
+    ParticleShifting,
     Scene,
     ShapeMatching,
     Simulation,
@@ -56,6 +57,9 @@ VISCOUS = WeaklyCompressible(sound_speed=12.0, clamp_pressure=False, dynamic_vis
 GRAVITY = Gravity()
 WALLS = BoxWalls(lower=(0, 0, 0), upper=(0.6, 0.6, 0.6))
 CENTRAL = WeaklyCompressible(sound_speed=12.0, clamp_pressure=False, dynamic_viscosity=0.3, viscosity="central")
+ADVANCED = WeaklyCompressible(sound_speed=12.0, density="continuity")
+HOLDING = BoxWalls(lower=(0, 0, 0), upper=(0.6, 0.6, 0.6), model="extrapolated")
+SHIFTING = ParticleShifting()
 DETECTION = SurfaceDetection()
 DETECTION_EACH_STEP = SurfaceDetection(each_step=True)
 DETECTION_THIN = SurfaceDetection(thin_features="second_moment")
@@ -95,6 +99,11 @@ SETS = [
     (MPM, SURFACE),
     (SURFACE_WET, MPM_WALLS, MPM),
     (VISCOUS,),
+    (ADVANCED,),
+    (ADVANCED, GRAVITY, HOLDING),
+    (LIQUID, GRAVITY, HOLDING),
+    (ADVANCED, GRAVITY, HOLDING, DETECTION, SHIFTING),
+    (ADVANCED, TENSION),
     (CENTRAL,),
     (CENTRAL, IMPLICIT),
     (CENTRAL, GRAVITY, WALLS, AKINCI),
@@ -126,6 +135,7 @@ SETS = [
 # Fields of each of SETS, written by hand from the methods' equations, in the order of SETS.
 EVERY_SCENE = "position velocity acceleration mass identity position_residual"
 SPH = "density pressure"
+ADVANCES = "density_excess advanced_excess"
 POINTS = "affine volume_ratio cell step_extremes"  # of MPM: C, J, the cell, the extremes for the step's length
 EXTENT = "extent crowding greatest_crowding"  # of MPM with a surface
 FLAGS = "surface scan_candidates asymmetry surface_normal number_density"
@@ -145,6 +155,11 @@ ASKED = [
     f"{POINTS} {EXTENT} cluster_share inverse_spread",
     f"{POINTS} {EXTENT}",
     SPH,
+    f"{SPH} {ADVANCES}",
+    f"{SPH} {ADVANCES} wall_pressure",
+    f"{SPH} wall_pressure",
+    f"{SPH} {ADVANCES} wall_pressure {FLAGS} near_surface summed_density shift",
+    f"{SPH} {ADVANCES} surface_normal surface_weight number_density corrected_normal summed_density",
     SPH,
     f"{SPH} {JACOBI}",
     f"{SPH} surface_normal",
@@ -484,11 +499,15 @@ def test_where_an_effect_does_not_exist_the_bits_are_the_same(tmp_path):
     """A copy of the package without the surface folders and MPM, which uses one; kernels run as Python in both."""
     source = pathlib.Path(refsim.__file__).parent
     shutil.copytree(source, tmp_path / "refsim", ignore=shutil.ignore_patterns("__pycache__"))
-    for folder in (tmp_path / "refsim" / "mpm", *(tmp_path / "refsim").glob("surface_*")):
+    for folder in (
+        tmp_path / "refsim" / "mpm",
+        tmp_path / "refsim" / "particle_shifting",
+        *(tmp_path / "refsim").glob("surface_*"),
+    ):
         shutil.rmtree(folder)
     contents = tmp_path / "refsim" / "__init__.py"
     text = contents.read_text()
-    torn = re.sub(r".*(?:surface_|refsim\.mpm|Mpm|SurfaceDetection|SurfaceEnergy|JiangZhu).*\n", "", text)
+    torn = re.sub(r".*(?:surface_|refsim\.mpm|Mpm|hifting|SurfaceDetection|SurfaceEnergy|JiangZhu).*\n", "", text)
     assert torn != text
     contents.write_text(torn)
     bits, modules = printed(tmp_path)

@@ -16,8 +16,8 @@ VALIDATION = ROOT.parent / "validation"
 BY_NAME = ("import_module", "__import__", "resolve_name", "find_spec", "run_module")
 ORDER = (
     "core", "backends", "smoothing", "neighbours", "sparse_grid", "winding_number", "scene", "sph", "heat",
-    "shape_matching", "isosurface", "surface_normal", "surface_detection", "surface_tension", "surface_energy",
-    "melting", "mpm", "boundary", "io", "engine", "contract", "cluster", "study", "sweep", "render",
+    "shape_matching", "isosurface", "surface_normal", "surface_detection", "surface_tension", "particle_shifting",
+    "surface_energy", "melting", "mpm", "boundary", "io", "engine", "contract", "cluster", "study", "sweep", "render",
     "commands", "pytest_plugin", "examples",
 )  # fmt: skip
 

@@ -30,6 +30,7 @@ from refsim import (
     MpmLiquid,
     MpmWalls,
     NormalDifference2014,
+    ParticleShifting,
     Scene,
     ShapeMatching,
     Simulation,
@@ -110,6 +111,7 @@ IDENTITIES = {
     ],
     "csf_wang_2019": [(CsfWang2019(surface_tension=0.0), (LIQUID,), ())],
     "normal_difference_2014": [(NormalDifference2014(area_acceleration=0.0), (LIQUID,), ())],
+    "particle_shifting": [(ParticleShifting(strength=0.0), (LIQUID,), ())],
     "box_walls": [(BoxWalls(open_faces=FACES, **TANK), (LIQUID, PULL), ())],
     "mpm_walls": [(MpmWalls(open_faces=FACES, **TANK), (MPM, PULL), ())],
 }
@@ -176,6 +178,7 @@ TERMS = {
 }  # fmt: skip
 # Numbers that may be zero and are no coefficient of a force or a flux, with what zero means.
 OTHERS = {
+    "weakly_compressible.diffusion": "an advanced density without diffusion",
     "shape_matching.stiffness": "alone it leaves the damping, which needs the regions' rigid motion",
     "heat_conduction.temperature": "a temperature",
     "heat_conduction.largest_drift": "any",
@@ -222,6 +225,7 @@ SAMPLES = [
     (MpmWalls(**TANK), (MPM,)),
     (ImplicitPressure(), (LIQUID,)),
     (SurfaceDetection(), (LIQUID,)),
+    (ParticleShifting(), (LIQUID, SurfaceDetection())),
     (TwoWayCoupling(), (CLAMPED, SHAPE)),
     (Melting(), (CLAMPED, SHAPE, TwoWayCoupling(), HeatConduction(**FROZEN))),
     (MeshBoundary(file=str(PEBBLE), center=(0.2, 0.2, -0.4), size=0.4), (LIQUID,)),

@@ -23,6 +23,7 @@ from refsim import (
     HeatConduction,
     JiangZhu2023,
     MpmLiquid,
+    ParticleShifting,
     RunStopped,
     Scene,
     Simulation,
@@ -262,6 +263,9 @@ def test_walls_near_each_particle(cuda):
     near = search.build_against(cuda.asarray(ordered), static)
     (_, _, distance), *_ = pair_blocks(ordered, walls[static.order])
     for own, true in zip(columns(cuda, near), distance, strict=True):
+        assert sorted(own) == list(np.flatnonzero(true < RADIUS * (1 + SKIN)))
+    around = search.build_around(search.programs.lists["own"].position, static)
+    for own, true in zip(columns(cuda, around), distance.T, strict=True):
         assert sorted(own) == list(np.flatnonzero(true < RADIUS * (1 + SKIN)))
 
 
@@ -629,6 +633,19 @@ def dam_break(dtype):
     )
 
 
+def basin(dtype):
+    spacing = 0.02
+    liquid = WeaklyCompressible(sound_speed=8.0, dynamic_viscosity=0.2, viscosity="central", density="continuity")
+    return Scene(
+        dim=2, dtype=dtype, spacing=spacing, support_radius=2.6 * spacing, skin=0.05,
+        fluid=(Box(cells=(5, 4, 1), velocity=(1.0, 0.0, 0.0)),),
+        effects=(
+            liquid, Gravity(acceleration=(2.0, -9.81, 0.0)), SurfaceDetection(), ParticleShifting(),
+            BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.14, 0.2, 0.0), open_faces=("+y",), model="extrapolated"),
+        ),
+    )  # fmt: skip
+
+
 def droplet(dtype):
     spacing = 0.01
     return Scene(
@@ -648,7 +665,12 @@ def droplet(dtype):
 # Steps are few because rounding differences grow with every one of them; the tolerances allow for that growth.
 @pytest.mark.parametrize(
     ("scene", "dtype", "steps", "tolerance"),
-    [(dam_break, "float64", 8, 1e-9), (dam_break, "float32", 3, 1e-4), (droplet, "float64", 4, 1e-9)],
+    [
+        (dam_break, "float64", 8, 1e-9),
+        (dam_break, "float32", 3, 1e-4),
+        (basin, "float64", 5, 1e-9),
+        (droplet, "float64", 4, 1e-9),
+    ],
 )
 def test_run_follows_the_references_and_repeats_bit_for_bit(scene, dtype, steps, tolerance):
     oracle, run, again = (Simulation(scene(dtype), name) for name in ("numpy", "cuda", "cuda"))

@@ -20,7 +20,7 @@ from refsim.backends.scratch import Scratch
 from refsim.contract.inputs import Inputs, with_variant
 from refsim.core import cases
 from refsim.core.operation import REGISTRY, backend_of
-from refsim.core.walls import WallColumns
+from refsim.core.walls import LiquidColumns, WallColumns
 from refsim.neighbours.rows import NeighbourColumns
 
 CAPABILITY = (8, 0)
@@ -142,6 +142,8 @@ def operation_arguments(name, program, variant, dtype):
             return Scratch(Zeros("cuda"))
         if argument == "neighbours":
             return NeighbourColumns(count, entries)
+        if argument == "liquid_near_walls":
+            return LiquidColumns(inputs["position"], count, entries)
         if argument == "walls" and inputs["walls"] is not None:
             return WallColumns(*inputs["walls"], count, entries)
         return inputs[argument]

@@ -76,6 +76,13 @@ def test_wall_list_holds_all_pairs(name, dtype):
     for place, needed, allowed in certain(position, static.position, search.reach):
         assert (table[place] <= allowed).all()
         assert (table[place] >= needed).all()
+    search.build(position)
+    around = np.zeros_like(table.T)
+    for i, row in enumerate(rows(search.build_around(position, static))):
+        np.add.at(around[i], row, 1)
+    for place, needed, allowed in certain(static.position, position, search.reach):
+        assert (around[place] <= allowed).all()
+        assert (around[place] >= needed).all()
 
 
 @pytest.mark.parametrize("dtype", ["float32", "float64"])

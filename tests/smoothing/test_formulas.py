@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from refsim import InputError
-from refsim.boundary.akinci_2012 import box_layer, calibrated_factor, wall_kernel_sums
+from refsim.boundary.akinci_2012 import box_layers, calibrated_factor, wall_kernel_sums
 from refsim.smoothing import SHAPES, formulas, reference, smoothing
 from refsim.smoothing.formulas import kernel_slope, kernel_value, viscosity_laplacian
 from refsim.sph import Fluid, lattice_number_density
@@ -145,7 +145,7 @@ def test_calibrated_walls_give_the_first_layer_the_rest_density(shape, dim, rati
     assert g == pytest.approx(factor, abs=5e-5)
     cells = 13
     upper = (cells * spacing,) * 3
-    wall = box_layer((0, 0, 0), upper, spacing, dim)
+    wall = box_layers((0, 0, 0), upper, spacing, dim)
     kernel = smoothing(shape, h, dim)
     volume = g / wall_kernel_sums(wall, shape, h, dim)
     axes = [(np.arange(cells) + 0.5) * spacing] * dim

@@ -13,20 +13,25 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
+from refsim.boundary.adami_2012 import PASSES, WALL_PRESSURE, Lean
 from refsim.core.capabilities import BringsWalls, HasErrata, HasPlanes
 from refsim.core.checked import Printed
 from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, require
 from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
+from refsim.core.fields import Field
 from refsim.core.period import Lengths
 from refsim.core.walls import Bounds, WallMotion, WallParticles, WallViscosity
 from refsim.scene.solids import countable
 from refsim.smoothing import lattice, smoothing
-from refsim.sph import LIQUID, least_wall_share, liquid_of, pressure_is_replaced
+from refsim.sph import LIQUID, acceleration_of, gravity_of, least_wall_share, liquid_of, pressure_is_replaced
 
 if TYPE_CHECKING:
     from refsim.core.effect import InitialState
 
+WIDE = (
+    2.5  # spacings of the support radius, from which on one layer pushes less the nearer a particle is (docs/liquid.md)
+)
 FACES = ("-x", "+x", "-y", "+y", "-z", "+z")
 
 
@@ -34,6 +39,8 @@ class BoxWalls(Effect, BringsWalls, HasPlanes, HasErrata, frozen=True, kw_only=T
     """Walls around the box from `lower` to `upper` [m].
 
     lower, upper  corners of the box [m]; in 2D the z components are ignored, and those along a period of the scene
+    model         "mirrored" (one layer whose pressure mirrors the liquid's, Akinci et al.) or "extrapolated" (layers as
+                  deep as the support whose pressure is extrapolated from the liquid, Adami et al.)
     open_faces    faces without wall, of "-x", "+x", "-y", "+y", "-z", "+z"
     viscosity     mu_b of the friction between liquid and wall particles [Pa s]; 0 for free slip
     moving_faces  faces that move in their own plane and drag the liquid by their friction
@@ -51,6 +58,7 @@ class BoxWalls(Effect, BringsWalls, HasPlanes, HasErrata, frozen=True, kw_only=T
 
     lower: tuple[float, float, float]
     upper: tuple[float, float, float]
+    model: Literal["mirrored", "extrapolated"] = "mirrored"
     open_faces: tuple[Literal["-x", "+x", "-y", "+y", "-z", "+z"], ...] = ()
     viscosity: float = 0.0
     moving_faces: tuple[Literal["-x", "+x", "-y", "+y", "-z", "+z"], ...] = ()
@@ -118,23 +126,33 @@ class BoxWalls(Effect, BringsWalls, HasPlanes, HasErrata, frozen=True, kw_only=T
                 f" {rivals[0]}, whose friction acts at all walls, or leave it out."
             )
 
+    def extrapolates(self) -> bool:
+        return self.model == "extrapolated"
+
+    def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
+        return (WALL_PRESSURE,) if self.extrapolates() else ()
+
     def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
+        made = PASSES if self.extrapolates() else ()
         if self.viscosity == 0:
-            return ()
+            return made
         reads, names = ("position", "velocity", "density"), {"smoothing": "gradient_smoothing"}
-        return (Pass("one_way_coupling.wall_viscosity", reads, updates=("acceleration",), names=names),)
+        return (*made, Pass("one_way_coupling.wall_viscosity", reads, updates=("acceleration",), names=names))
 
     def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
-        if self.viscosity == 0:
-            return {}
-        groups: dict[str, Any] = {"wall_viscosity": WallViscosity(grid.real(self.viscosity)), "wall_motion": None}
-        if self.moving_faces:
-            planes = np.full((2, 3), [[-np.inf], [np.inf]])
-            for face in self.moving_faces:
-                side, axis = "-+".index(face[0]), "xyz".index(face[1])
-                planes[side, axis] = (self.lower, self.upper)[side][axis]
-            groups["wall_motion"] = WallMotion(*(np.array(v, grid.dtype) for v in (*planes, self.velocity)))
+        groups: dict[str, Any] = {"lean": Lean(*map(grid.real, acceleration_of(others)))} if self.extrapolates() else {}
+        if self.viscosity > 0:
+            groups["wall_viscosity"] = WallViscosity(grid.real(self.viscosity))
         return groups
+
+    def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
+        wide = grid.support_radius / grid.spacing
+        if self.extrapolates() or grid.dim == 2 or wide < WIDE or gravity_of(others) is None:
+            return ()
+        return (
+            f"{self.name}: model = 'mirrored' does not carry the weight of liquid in 3D at a support radius of"
+            f" {wide:.3g} spacings; take less than {WIDE:g}, or model = 'extrapolated'",
+        )
 
     def step_limits(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, StepLimit]:
         if self.viscosity == 0:
@@ -144,9 +162,9 @@ class BoxWalls(Effect, BringsWalls, HasPlanes, HasErrata, frozen=True, kw_only=T
     def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount | None:
         """None of its own: walls at rest do no work. The liquid's compression includes their part of the density.
 
-        No account of walls that move, whose work is not summed.
+        No account of walls that move or whose pressure is extrapolated: their work is not summed.
         """
-        if self.moving_faces:
+        if self.moving_faces or self.extrapolates():
             return None
         if pressure_is_replaced(others) or least_wall_share(others) == 1:
             return EnergyAccount()
@@ -155,9 +173,12 @@ class BoxWalls(Effect, BringsWalls, HasPlanes, HasErrata, frozen=True, kw_only=T
     def walls(self, grid: Discretisation, others: Mapping[str, Effect]) -> WallParticles | None:
         """Positions (m, 3) [m] half a spacing outside the box and volumes (m,) [m^dim]; None with all faces open."""
         lower, upper = self._corners(grid)
-        position = box_layer(lower, upper, grid.spacing, grid.dim, self.open_faces, grid.period)
+        count = math.ceil(grid.support_radius / grid.spacing * (1 - 1e-9)) + 1 if self.extrapolates() else 1
+        position = box_layers(lower, upper, grid.spacing, grid.dim, count, self.open_faces, grid.period)
         if not len(position):
             return None
+        if self.extrapolates():
+            return WallParticles(position, np.full(len(position), liquid_of(others).particle_volume(grid)))
         shape = liquid_of(others).sum_kernel()
         factor = 1.0 if "g" in self.printed() else calibrated_factor(shape, grid.support_radius, grid.spacing, grid.dim)
         sums = wall_kernel_sums(position, shape, grid.support_radius, grid.dim, grid.period)
@@ -176,10 +197,17 @@ class BoxWalls(Effect, BringsWalls, HasPlanes, HasErrata, frozen=True, kw_only=T
         return math.hypot(*self.velocity) if self.moving_faces else 0.0
 
     def shares(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
+        groups: dict[str, Any] = {}
+        if self.moving_faces:
+            planes = np.full((2, 3), [[-np.inf], [np.inf]])
+            for face in self.moving_faces:
+                side, axis = "-+".index(face[0]), "xyz".index(face[1])
+                planes[side, axis] = (self.lower, self.upper)[side][axis]
+            groups["wall_motion"] = WallMotion(*(np.array(v, grid.dtype) for v in (*planes, self.velocity)))
         lower, upper = self.domain(grid)
-        if not np.isfinite([*lower, *upper]).any():
-            return {}
-        return {"bounds": Bounds(lower.astype(grid.dtype), upper.astype(grid.dtype))}
+        if np.isfinite([*lower, *upper]).any():
+            groups["bounds"] = Bounds(lower.astype(grid.dtype), upper.astype(grid.dtype))
+        return groups
 
     def initial(
         self, grid: Discretisation, state: InitialState, others: Mapping[str, Effect]
@@ -201,33 +229,35 @@ class BoxWalls(Effect, BringsWalls, HasPlanes, HasErrata, frozen=True, kw_only=T
         return {}
 
 
-def box_layer(
-    lower: tuple, upper: tuple, spacing: float, dim: int, open_faces: tuple[str, ...] = (), period: Lengths = (0, 0, 0)
-) -> np.ndarray:
-    """One layer of points (m, 3) [m] half a spacing outside the box, edges and corners included.
+def box_layers(
+    lower: tuple, upper: tuple, spacing: float, dim: int, layers: int = 1, open_faces: tuple[str, ...] = (),
+    period: Lengths = (0, 0, 0),
+) -> np.ndarray:  # fmt: skip
+    """Layers of points (m, 3) [m], the first half a spacing outside the box, edges and corners included.
 
     Along a `period` [m] they begin half a spacing inside and go once around.
     """
-    axes, faces = [], []
+    axes, beyond = [], []
     for axis in range(3):
         if axis >= dim:
             axes.append(np.zeros(1))
-            continue
-        if period[axis] > 0:
+        elif period[axis] > 0:
             around = max(1, round(period[axis] / spacing))
             axes.append(lower[axis] + (np.arange(around) + 0.5) * period[axis] / around)
-            continue
-        low, high = lower[axis] - 0.5 * spacing, upper[axis] + 0.5 * spacing
-        axes.append(np.linspace(low, high, max(2, round((high - low) / spacing) + 1)))
-        faces += [(axis, 0, "-" + "xyz"[axis]), (axis, len(axes[axis]) - 1, "+" + "xyz"[axis])]
-    shape = tuple(len(a) for a in axes)
-    chosen = np.zeros(shape, dtype=bool)
-    for axis, place, name in faces:
-        if name not in open_faces:
-            cut: list[Any] = [slice(None)] * 3
-            cut[axis] = place
-            chosen[tuple(cut)] = True
-    index = np.argwhere(chosen)
+        else:
+            low, high = lower[axis] - 0.5 * spacing, upper[axis] + 0.5 * spacing
+            inner = np.linspace(low, high, max(2, round((high - low) / spacing) + 1))
+            deeper = spacing * np.arange(1, layers)
+            axes.append(np.concatenate([low - deeper[::-1], inner, high + deeper]))
+        inside = np.arange(len(axes[-1]))
+        bounded = axis < dim and period[axis] == 0
+        beyond.append((bounded & (inside < layers), bounded & (inside >= len(inside) - layers)))
+    open_ones = [["-" + name in open_faces, "+" + name in open_faces] for name in "xyz"]
+    index = np.indices([len(a) for a in axes]).reshape(3, -1).T
+    out = np.stack([[beyond[c][side][index[:, c]] for side in (0, 1)] for c in range(3)])  # (3, 2, m)
+    walled = out & ~np.array(open_ones)[:, :, None]
+    kept = walled.any((0, 1)) & ~(out & ~walled).any((0, 1)) if layers > 1 else walled.any((0, 1))
+    index = index[kept]
     return np.stack([axes[c][index[:, c]] for c in range(3)], axis=1)
 
 

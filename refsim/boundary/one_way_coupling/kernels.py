@@ -1,11 +1,11 @@
 """What one neighbour and one particle do at the boundary particles of a mesh."""
 
-from refsim.backends.compile import formula, kernel
+from refsim.backends.compile import kernel
 from refsim.boundary.one_way_coupling.formulas import boundary_pressure, boundary_pressure_pair, boundary_viscosity_pair
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import add_vector
 from refsim.smoothing.formulas import kernel_slope, kernel_value, safe_distance, viscosity_laplacian
-from refsim.sph.kernels import own_share
+from refsim.sph.kernels import own_share, wall_moves
 
 
 @pair
@@ -16,18 +16,9 @@ def wall_viscosity_pair(r, density_i, position_j, volume_j, smoothing, fluid, wa
     )
     moving = type(r)(0)
     if wall_motion is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
-        if moves(position_j, wall_motion):
+        if wall_moves(position_j, wall_motion):
             moving += g
     return g, moving
-
-
-@formula
-def moves(place, wall_motion):
-    """Whether a boundary particle stands beyond one of the planes of `wall_motion`."""
-    for c in range(3):  # noqa: SIM110  (Numba compiles no generators)
-        if place[c] < wall_motion.lower[c] or place[c] > wall_motion.upper[c]:
-            return True
-    return False
 
 
 @kernel

@@ -77,7 +77,7 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, frozen=True, kw_only=Tr
 
     def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
         self.printed()
-        if not liquid_of(others).clamp_pressure:
+        if not liquid_of(others).clamps():
             raise InputError(
                 f"{self.name}: negative pressures would make solids stick to the liquid; set clamp_pressure = true in"
                 " weakly_compressible."

@@ -1,0 +1,59 @@
+"""Inputs and closed forms of walls after Adami, Hu & Adams 2012."""
+
+import math
+
+import numpy as np
+
+from refsim.boundary.adami_2012 import Lean
+from refsim.core.cases import Case, Exact, closed_form, groups
+from refsim.core.walls import WallParticles
+
+W0 = 21 / (16 * math.pi)  # W(0) of Wendland C2, h = 2 m; W(h/2) = 3/16 W(0), |W'(h/2)| = 5/8 W(0)
+
+
+@groups("lean")
+def _lean(case, grid):
+    return {"lean": Lean(*map(grid.real, (2.0, -9.0, 1.5 if case.dim == 3 else 0.0)))}
+
+
+@groups("wall_pressure")
+def _wall_pressure(case, grid):
+    """Of either sign."""
+    count = len(case.wall_position)
+    return {"wall_pressure": (4e4 * case.random("wall_pressure").uniform(-0.5, 1.0, count)).astype(grid.dtype)}
+
+
+def _beside(wall_position):
+    position = np.array([[0.0, 0.0, 0.0], [0.0, 2.0, 0.0]])
+    return Case("beside_walls", 3, position, spacing=1.0, support_radius=2.0, wall_position=wall_position)
+
+
+@closed_form("adami_2012.extrapolation")
+def mean_of_two():
+    """A wall particle 1 m from both: mean of p_1 + rho_1 g.(0, 1, 0) and p_2 - rho_2 g.(0, 1, 0); 0 far away."""
+    place = np.array([[0.0, 1.0, 0.0], [0.0, 9.0, 0.0]])
+    wanted = 0.5 * (300.0 + 1000.0 * -9.0 + 500.0 - 500.0 * -9.0)
+    return Exact(
+        _beside(place),
+        {
+            "density": np.array([1000.0, 500.0]), "pressure": np.array([300.0, 500.0]), "lean": Lean(2.0, -9.0, 1.5),
+            "walls": WallParticles(place, np.full(2, 0.5)), "period": None,
+        },
+        {"wall_pressure": np.array([wanted, 0.0])},
+    )  # fmt: skip
+
+
+@closed_form("adami_2012.wall_force")
+def pushed_by_its_wall():
+    """a = V_w (p_i + p_w) |W'(h/2)|/rho_i away from the wall particle, on both sides of it."""
+    place = np.array([[0.0, 1.0, 0.0]])
+    slope = 5 / 8 * W0
+    push = 0.25 * np.array([(300.0 + 200.0) / 1000.0, (500.0 + 200.0) / 500.0]) * slope
+    return Exact(
+        _beside(place),
+        {
+            "density": np.array([1000.0, 500.0]), "pressure": np.array([300.0, 500.0]),
+            "walls": WallParticles(place, np.array([0.25])), "wall_pressure": np.array([200.0]),
+        },
+        {"acceleration": np.array([[0.0, -push[0], 0.0], [0.0, push[1], 0.0]])},
+    )  # fmt: skip

@@ -1,0 +1,44 @@
+"""What a wall particle takes from the liquid, and a liquid particle from the walls."""
+
+from refsim.backends.compile import kernel
+from refsim.boundary.adami_2012.formulas import extrapolated_pair, wall_force_pair
+from refsim.neighbours.pairs import neighbour_sum, pair
+from refsim.neighbours.rows import first_lane
+from refsim.smoothing.formulas import kernel_slope, kernel_value
+from refsim.sph.kernels import nonzero
+
+
+@pair
+def weighted_pair(r, x_ij, density_j, pressure_j, smoothing, lean):
+    """Terms of the numerator [Pa/m^dim] and of the denominator [1/m^dim] of (27)."""
+    w = kernel_value(r, smoothing)
+    return w * extrapolated_pair(pressure_j, density_j, x_ij, lean), w
+
+
+@kernel
+def extrapolation(i, density, pressure, liquid_near_walls, walls, smoothing, lean, period, wall_pressure):
+    """Adami 2012 (27): pressure of wall particle i [Pa]; 0 where no liquid is within reach."""
+    total, weights = neighbour_sum(
+        weighted_pair, i, None, liquid_near_walls, walls.position, period, density, pressure, smoothing, lean
+    )
+    zero = type(smoothing.support_radius)(0)
+    wall_pressure[i] = total / weights if weights > zero else zero
+
+
+@pair
+def pushing_pair(r, x_ij, pressure_i, wall_pressure_j, volume_j, smoothing):
+    """J(10) of a wall particle [N/m^3]."""
+    f = wall_force_pair(volume_j, pressure_i, wall_pressure_j, kernel_slope(r, smoothing) / nonzero(r))
+    return f * x_ij[0], f * x_ij[1], f * x_ij[2]
+
+
+@kernel(lanes=True)
+def wall_force(i, lane, position, density, pressure, wall_pressure, neighbours, walls, smoothing, period, acceleration):
+    """J(10) with the walls; added to the acceleration [m/s^2]."""
+    ax, ay, az = neighbour_sum(
+        pushing_pair, i, lane, walls, position, period, pressure, wall_pressure, walls.volume, smoothing
+    )
+    if first_lane(lane):
+        acceleration[i, 0] += ax / density[i]
+        acceleration[i, 1] += ay / density[i]
+        acceleration[i, 2] += az / density[i]

@@ -1,0 +1,52 @@
+"""NumPy oracle of walls after Adami, Hu & Adams 2012: all pairs, float64."""
+
+import numpy as np
+
+from refsim.core.operation import SYMMETRY, operations
+from refsim.neighbours.reference import Sums, pair_blocks
+from refsim.smoothing.reference import kernel_slope, kernel_value
+
+operation = operations(paper="Adami, Hu & Adams 2012")
+
+
+@operation(
+    "(27)", outputs="wall_pressure", entrywise=True, optional="period", tolerance=16.0,
+    reason="one rounding in each of distance, kernel, head, product and sum, and those of the quotient",
+)  # fmt: skip
+def extrapolation(position, density, pressure, walls, smoothing, lean, period=None):
+    """Pressure of each wall particle [Pa]; 0 where no liquid is within reach.
+
+    (27) p_w = sum_f W_wf (p_f + rho_f (g - a_w).(x_w - x_f)) / sum_f W_wf.
+    """
+    rho, p = np.asarray(density, dtype=float), np.asarray(pressure, dtype=float)
+    upward = np.array([float(part) for part in lean])
+    count = len(walls.position)
+    sums, weights, terms = Sums(count), np.zeros(count), np.zeros(count)
+    for place, separation, distance in pair_blocks(walls.position, position, None, period):
+        w = kernel_value(distance, smoothing)
+        weights[place] += w.sum(1)
+        terms[place] += (w > 0).sum(1)
+        head = rho[None, :] * (separation @ upward)
+        largest = np.abs(p)[None, :] + rho[None, :] * (np.abs(separation) @ np.abs(upward))
+        sums.add(place, w * (p[None, :] + head), w * largest)
+    near = np.where(weights > 0, weights, 1.0)
+    return {"wall_pressure": (sums.value / near, (1 + terms) * sums.scale / near)}
+
+
+@operation(
+    "J(10) with wall particles", paper="Adami, Hu & Adams 2012; Jiang & Zhu 2023", adds="acceleration",
+    optional="period", tolerance=8.0, invariants=SYMMETRY, broken={1: "rotation"},
+)  # fmt: skip
+def wall_force(position, density, pressure, wall_pressure, walls, smoothing, period=None, rows=None):
+    """Acceleration [m/s^2] a_i = -(1/rho_i) sum_w V_w (p_i + p_w) grad W_iw."""
+    pick = slice(None) if rows is None else np.asarray(rows)
+    rho, p = np.asarray(density, dtype=float)[pick], np.asarray(pressure, dtype=float)[pick]
+    of_wall, volume = np.asarray(wall_pressure, dtype=float), np.asarray(walls.volume, dtype=float)
+    sums = Sums(len(rho), 3)
+    for place, separation, distance in pair_blocks(position, walls.position, rows, period):
+        apart = np.where(distance > 0, distance, 1.0)
+        gradient = (kernel_slope(distance, smoothing) / apart)[..., None] * separation
+        both = volume[None, :] * (p[place, None] + of_wall[None, :]) / rho[place, None]
+        size = volume[None, :] * (np.abs(p)[place, None] + np.abs(of_wall)[None, :]) / rho[place, None]
+        sums.add(place, -both[..., None] * gradient, size[..., None] * np.abs(gradient))
+    return {"acceleration": sums.total()}

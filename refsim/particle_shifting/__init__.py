@@ -1,0 +1,116 @@
+"""Particle shifting after Sun et al. 2017: displacements that keep the particles evenly spaced.
+
+Contents: ParticleShifting, Shifting; operation particle_shifting.shift.
+
+Displacements beside dt v keep the linear momentum, since velocities stay, but neither angular momentum nor energy. At a
+detected surface only their tangential part acts. Free drops and collisions do without them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar, Literal, NamedTuple
+
+from refsim.core.capabilities import CorrectsPositions, HasPlanes, having
+from refsim.core.effect import Discretisation, Effect, Pass, require
+from refsim.core.errors import InputError
+from refsim.core.fields import Field
+from refsim.particle_shifting import reference as reference
+from refsim.smoothing import smoothing
+from refsim.sph import LARGEST_SHIFT, LIQUID, NUMBER_DENSITY, SETS, liquid_of
+from refsim.surface_detection import NEAR_SURFACE, SurfaceDetection, near_surface_pass
+from refsim.surface_normal import SURFACE_NORMAL, color_gradient_pass, normal_term
+
+SHIFT = Field("shift", "m", "displacement of a step beside dt v", 3)
+DETECTION = SurfaceDetection.name
+
+
+class Shifting(NamedTuple):
+    """Parameters of the shift as the kernels take them."""
+
+    length: float  # A 2 h_s [m]
+    inverse_neighbour: float  # 1/W(d) [m^dim]
+    largest: float  # of v_max dt
+
+
+class ParticleShifting(Effect, CorrectsPositions, frozen=True, kw_only=True):
+    """Displacements down the gradient of the particles' concentration.
+
+    strength  A, 0 for none; Sun et al. 2017 have 1, with which vortices at Re 50 to 200 decay too fast
+    surface   "detected": at the surface that `surface_detection` finds only the tangential part acts; "none": the
+              liquid has no surface, as in a periodic box or between walls on all sides
+    """
+
+    name: ClassVar[str] = "particle_shifting"
+    periodic: ClassVar[bool] = True
+
+    strength: float = 2.2
+    surface: Literal["detected", "none"] = "detected"
+
+    def needs(self) -> tuple[str, ...]:
+        return (LIQUID, DETECTION) if self._at_surface() else (LIQUID,)
+
+    def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
+        require(self.name, strength=(self.strength, "not negative"))
+        if self.strength == 0:
+            return
+        if "shape_matching" in others:
+            raise InputError(f"{self.name}: it would tear solids apart; leave it out of a scene with shape_matching.")
+        if self.surface == "none":
+            for axis in range(grid.dim):
+                closed = grid.period[axis] > 0 or any(
+                    all(abs(float(corner[axis])) < float("inf") for corner in effect.domain(grid))
+                    for effect in having(others, HasPlanes)
+                )
+                if not closed:
+                    raise InputError(
+                        f"{self.name}: surface = 'none', but the scene is open along {'xyz'[axis]}; set surface ="
+                        f" 'detected' and add the effect {DETECTION}."
+                    )
+        for effect in others.values():
+            if effect is not self and isinstance(effect, CorrectsPositions) and effect.corrects_positions():
+                raise InputError(f"{self.name} and {effect.name} would both correct positions; keep one of them.")
+
+    def corrects_positions(self) -> bool:
+        return self.strength > 0
+
+    def _at_surface(self) -> bool:
+        return self.surface == "detected" and self.strength > 0
+
+    def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
+        if self.strength == 0:
+            return ()
+        return (SHIFT, *((NUMBER_DENSITY, NEAR_SURFACE, SURFACE_NORMAL) if self._at_surface() else ()))
+
+    def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
+        if self.strength == 0:
+            return ()
+        reads: tuple[str, ...] = ("position", "mass", "density")
+        names: dict[str, str | None] = {"smoothing": "gradient_smoothing"}
+        detected: tuple[Pass, ...] = ()
+        if self._at_surface():
+            reads = (*reads, "near_surface", "surface_normal")
+            detected = (near_surface_pass(), color_gradient_pass())
+        return (*detected, Pass("particle_shifting.shift", reads, ("shift",), names=names, stage="motion"))
+
+    def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
+        if self.strength == 0:
+            return {}
+        from refsim.smoothing.reference import kernel_value
+
+        liquid = liquid_of(others)
+        kernel = smoothing(SETS[liquid.kernels][1], grid.support_radius, grid.dim)
+        group = Shifting(
+            grid.real(self.strength * grid.support_radius),
+            grid.real(1 / float(kernel_value(grid.spacing, kernel))),
+            grid.real(LARGEST_SHIFT),
+        )
+        found: dict[str, Any] = {"shifting": group}
+        if self._at_surface():
+            detection: SurfaceDetection = others[DETECTION]  # type: ignore[assignment]
+            found |= normal_term(liquid, grid)
+            found["near_surface_limit"] = detection.prepare(grid, others)["near_surface_limit"]
+        return found
+
+    def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
+        """None: its displacements do work that is not summed."""

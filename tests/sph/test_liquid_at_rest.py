@@ -1,0 +1,215 @@
+"""The liquid with an advanced density: tanks rest and weigh what they hold, vortices decay as they should."""
+
+import math
+
+import numpy as np
+import pytest
+
+from refsim import (
+    Box,
+    BoxWalls,
+    Gravity,
+    InputError,
+    ParticleShifting,
+    Scene,
+    Simulation,
+    SurfaceDetection,
+    WeaklyCompressible,
+    make_plan,
+)
+from refsim.core.operation import REGISTRY
+
+G, DENSITY, DEPTH = 9.81, 1000.0, 1.0
+SOUND = 10 * math.sqrt(G * DEPTH)
+
+
+def tank(cells, ratio, dim, dtype="float64", effects=(), **liquid):
+    """Water 1 m deep in a box of its own width; the viscosity is that of an artificial viscosity of 0.02."""
+    spacing = DEPTH / cells
+    up = dim - 1
+    pull, upper = [0.0, 0.0, 0.0], [DEPTH] * 3
+    pull[up], upper[up] = -G, 2 * DEPTH
+    viscosity = DENSITY * 0.02 * 0.5 * ratio * spacing * SOUND / (2 * (dim + 2))
+    liquid = {"density": "continuity", "viscosity": "central"} | liquid
+    return Scene(
+        dim=dim, dtype=dtype, spacing=spacing, support_radius=ratio * spacing,
+        fluid=(Box(cells=(cells, cells, cells if dim == 3 else 1)),),
+        effects=(
+            WeaklyCompressible(sound_speed=SOUND, dynamic_viscosity=viscosity, **liquid),
+            Gravity(acceleration=tuple(pull)),
+            BoxWalls(lower=(0.0, 0.0, 0.0), upper=tuple(upper), model="extrapolated"), *effects,
+        ),
+    )  # fmt: skip
+
+
+def shaken(simulation, size, seed=3):
+    """The simulation with each particle moved by up to `size` spacings along each axis."""
+    grid, position = simulation.plan.grid, simulation.field("position")
+    moves = np.random.default_rng(seed).uniform(-size, size, position.shape) * grid.spacing
+    moves[:, grid.dim :] = 0
+    simulation.set_field("position", position + moves)
+    return simulation
+
+
+def push_of_walls(simulation):
+    """Force of the walls on the liquid (3,) [N]."""
+    plan, operation = simulation.plan, REGISTRY["adami_2012.wall_force"]
+    given = {name: simulation.field(name) for name in ("position", "density", "pressure", "wall_pressure")}
+    given |= {"walls": plan.walls, "smoothing": plan.shared["gradient_smoothing"], "period": None}
+    push = operation.program("numpy")(*(given[name] for name in operation.arguments("numpy")))
+    return simulation.field("mass") @ push["acceleration"][0]
+
+
+@pytest.mark.parametrize(
+    ("cells", "ratio", "dim", "shake"), [(16, 3.0, 2, 0.0), (16, 3.2, 2, 0.1), (16, 2.6, 2, 0.0), (8, 3.0, 3, 0.0)]
+)
+def test_a_tank_rests_and_weighs_what_it_holds(cells, ratio, dim, shake):
+    """From the lattice, and shaken with particle shifting; mean values of the last half second."""
+    shifting = (SurfaceDetection(), ParticleShifting()) if shake else ()
+    simulation = shaken(Simulation(tank(cells, ratio, dim, effects=shifting), "cpu", threads=2), shake)
+    slopes, weights, total = [], [], simulation.count * simulation.plan.grid.spacing**dim * DENSITY * G
+    while simulation.time < 4.0:
+        simulation.step()
+        if simulation.time > 3.5 and simulation.steps % 5 == 0:
+            height, pressure = simulation.field("position")[:, dim - 1], simulation.field("pressure")
+            inner = (height > 3 * DEPTH / cells) & (height < DEPTH - 3 * DEPTH / cells)
+            slopes.append(-np.polyfit(height[inner], pressure[inner], 1)[0] / (DENSITY * G))
+            weights.append(push_of_walls(simulation)[dim - 1] / total)
+    assert np.sqrt((simulation.field("velocity") ** 2).sum(1).mean()) <= 1e-3 * SOUND
+    assert abs(np.mean(slopes) - 1) <= (0.04 if ratio < 3 else 0.025)
+    assert abs(np.mean(weights) - 1) <= 0.005
+    assert abs(2 * simulation.field("position")[:, dim - 1].mean() / DEPTH - 1) <= 0.005
+    assert simulation.stopped_at_walls == 0
+
+
+def vortices(cells, dtype="float64"):
+    """Periodic Taylor-Green vortices at Re 100, velocities of one metre a second at the start, on the lattice."""
+    spacing = 1.0 / cells
+    scene = Scene(
+        dim=2, dtype=dtype, spacing=spacing, support_radius=3.2 * spacing, period=(1.0, 1.0, 0.0),
+        fluid=(Box(cells=(cells, cells, 1)),),
+        effects=(
+            WeaklyCompressible(
+                sound_speed=10.0, dynamic_viscosity=10.0, viscosity="central", density="continuity"
+            ),
+            ParticleShifting(surface="none"),
+        ),
+    )  # fmt: skip
+    simulation = Simulation(scene, "cpu", threads=2)
+    x = simulation.field("position")
+    simulation.set_field("velocity", flow(x, 0.0))
+    pressure = -0.25 * DENSITY * np.cos(4 * np.pi * x[:, :2]).sum(1)
+    simulation.set_field("advanced_excess", pressure / 100.0)
+    return simulation
+
+
+def flow(x, time):
+    """Velocities (n, 3) [m/s] of the exact solution."""
+    k = 2 * np.pi
+    u = np.stack([-np.cos(k * x[:, 0]) * np.sin(k * x[:, 1]), np.sin(k * x[:, 0]) * np.cos(k * x[:, 1])], axis=1)
+    return np.pad(u * math.exp(-2 * k**2 / 100 * time), ((0, 0), (0, 1)))
+
+
+@pytest.mark.parametrize(("cells", "error"), [(25, 0.04), pytest.param(50, 0.022, marks=pytest.mark.slow)])
+def test_vortices_decay_as_they_should(cells, error):
+    simulation = vortices(cells)
+    while simulation.time < 1.0:
+        simulation.step()
+    half = 0.5 * simulation.previous_length
+    velocity = simulation.field("velocity") + half * simulation.field("acceleration")
+    exact = flow(simulation.field("position"), simulation.time)
+    assert np.linalg.norm(velocity - exact) <= error * np.linalg.norm(exact)
+    start = np.linalg.norm(flow(simulation.field("position"), 0.0))
+    rate = math.log(start / np.linalg.norm(velocity)) / simulation.time
+    assert abs(rate / (8 * np.pi**2 / 100) - 1) <= 0.015
+
+
+def test_shifting_keeps_the_linear_momentum_of_vortices_and_loses_little_else():
+    simulation = vortices(25, "float32")
+    size = np.abs(simulation.field("velocity")).sum()
+    for _ in range(50):
+        simulation.step()
+    assert np.abs(simulation.field("velocity").sum(0)).max() <= 1e-4 * size
+
+
+def test_a_run_goes_on_bit_for_bit_from_a_checkpoint(tmp_path):
+    scene = tank(8, 2.6, 2, "float32", (SurfaceDetection(), ParticleShifting()))
+    one = shaken(Simulation(scene, "cpu"), 0.1)
+    for step in range(40):
+        if step == 20:
+            one.checkpoint(tmp_path / "checkpoint.npz")
+        one.step()
+    other = Simulation.resume(tmp_path / "checkpoint.npz", "cpu")
+    for _ in range(20):
+        other.step()
+    for name in ("position", "velocity", "advanced_excess"):
+        assert np.array_equal(one.field(name), other.field(name)), name
+
+
+def test_reading_a_field_does_not_advance_the_density():
+    simulation = shaken(Simulation(tank(8, 2.6, 2), "cpu"), 0.1)
+    for _ in range(3):
+        simulation.step()
+    first = simulation.field("density")
+    simulation.evaluate()
+    assert np.array_equal(simulation.field("density"), first)
+    assert np.ptp(first) > 0
+
+
+def test_liquid_begins_with_the_pressure_of_rest_and_a_falling_box_without():
+    resting = Simulation(tank(8, 2.6, 2), "cpu")
+    depth = DEPTH - resting.field("position")[:, 1]
+    assert resting.field("pressure") == pytest.approx(DENSITY * G * depth, rel=1e-9)
+    scene = tank(8, 2.6, 2)
+    raised = Scene(
+        dim=2, spacing=scene.spacing, support_radius=scene.support_radius, effects=scene.effects,
+        fluid=(Box(lower=(0.0, 0.5, 0.0), cells=(8, 8, 1)),),
+    )  # fmt: skip
+    assert not Simulation(raised, "cpu").field("pressure").any()
+
+
+def test_it_costs_nothing_where_the_density_is_summed():
+    plan = make_plan(tank(8, 2.6, 2, density="summation"))
+    assert not {"density_excess", "advanced_excess", "summed_density", "shift"} & set(plan.fields)
+    assert not {"sph.continuity", "sph.keep_density"} & set(plan.launches(on_demand=True))
+
+
+def without_walls(**changes):
+    return lambda: make_plan(
+        Scene(
+            dim=2, spacing=0.1, support_radius=0.26, fluid=(Box(cells=(4, 4, 1)),),
+            effects=(WeaklyCompressible(sound_speed=10.0, **changes),),
+        )
+    )  # fmt: skip
+
+
+def with_effects(*effects):
+    return lambda: make_plan(tank(6, 2.6, 2, effects=effects))
+
+
+def with_mirrored_walls():
+    scene = tank(6, 2.6, 2)
+    walls = BoxWalls(lower=(0.0, 0.0, 0.0), upper=(1.0, 2.0, 0.0))
+    kept = [effect for effect in scene.effects if not isinstance(effect, BoxWalls)]
+    return make_plan(
+        Scene(
+            dim=2, spacing=scene.spacing, support_radius=scene.support_radius, fluid=scene.fluid, effects=(*kept, walls)
+        )
+    )
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (without_walls(density="continuity", diffusion=-0.1), "diffusion = -0.1 is not possible; give 0 to 0.17"),
+        (without_walls(density="continuity", diffusion=0.5), "diffusion = 0.5 is not possible; give 0 to 0.17"),
+        (with_effects(ParticleShifting()), "needs effect 'surface_detection'; add it"),
+        (with_effects(ParticleShifting(strength=-1.0)), "strength = -1.0 is not possible"),
+        (with_mirrored_walls, "needs walls with an extrapolated pressure; set model = 'extrapolated' in box_walls"),
+    ],
+)  # fmt: skip
+def test_bad_input_is_refused_in_a_sentence(make, words):
+    with pytest.raises(InputError) as refused:
+        make()
+    assert words in str(refused.value)
+    assert str(refused.value).count(". ") == 0
