@@ -10,6 +10,8 @@ of large sums would add to the momentum, because a body that keeps its shape rou
 On a CPU a thread sums one number over all boxes; `fast_summation_cuda` has the CUDA kernels.
 """
 
+from typing import Any, NamedTuple
+
 import numpy as np
 
 from refsim.backends.compile import formula, kernel
@@ -27,6 +29,34 @@ from refsim.shape_matching.kernels import (
 from refsim.shape_matching.phases import EMPTY
 
 
+class Goals(NamedTuple):
+    """Regions as the pull takes them."""
+
+    region: Any
+    region_count: Any
+    region_anchor: Any
+    rotation: Any
+
+
+class Members(NamedTuple):
+    """Regions as their motion takes them."""
+
+    region_share: Any
+    region: Any
+    region_count: Any
+    region_center: Any
+
+
+class Motions(NamedTuple):
+    """Regions as the damping takes them."""
+
+    region: Any
+    region_count: Any
+    region_center: Any
+    region_velocity: Any
+    region_spin: Any
+
+
 def match(solid_position, region_share, region, region_count, boxes, matching, region_center, region_anchor, rotation):
     """Center, rotation and anchor of every region."""
     match_cells(solid_position, region_share, boxes)
@@ -36,43 +66,26 @@ def match(solid_position, region_share, region, region_count, boxes, matching, r
     )
 
 
-def pull(
-    velocity, solid_position, region, region_count, region_anchor, rotation, place, boxes, matching, timestep,
-    acceleration, solid_velocity,
-):  # fmt: skip
+def pull(velocity, solid_position, goals: Goals, place, boxes, matching, timestep, acceleration, solid_velocity):
     """Pull of every node towards its goal; added to the acceleration."""
-    goal_cells(solid_position, region_count, region_anchor, rotation, boxes, matching)
+    goal_cells(solid_position, goals.region_count, goals, boxes, matching)
     sum_boxes(matching.half_width, boxes, boxes.first[:13])
-    goal_nodes(
-        velocity, solid_position, region, region_count, region_anchor, rotation, place, boxes, matching, timestep,
-        acceleration, solid_velocity,
-    )  # fmt: skip
+    goal_nodes(velocity, solid_position, goals, place, boxes, matching, timestep, acceleration, solid_velocity)
 
 
-def region_motion(
-    solid_position, solid_velocity, region_share, region, region_count, region_center, boxes, matching, region_velocity,
-    region_spin,
-):  # fmt: skip
+def region_motion(solid_position, solid_velocity, members: Members, boxes, matching, region_velocity, region_spin):
     """Velocity and spin of every region."""
-    motion_cells(solid_position, solid_velocity, region_share, boxes)
+    motion_cells(solid_position, solid_velocity, members.region_share, boxes)
     sum_boxes(matching.half_width, boxes, boxes.first[:17])
-    motion_nodes(
-        solid_position, solid_velocity, region_share, region, region_count, region_center, boxes, matching,
-        region_velocity, region_spin,
-    )  # fmt: skip
+    motion_nodes(solid_position, solid_velocity, members, boxes, matching, region_velocity, region_spin)
 
 
-def damp(
-    solid_position, solid_velocity, region, region_count, region_center, region_velocity, region_spin, place, boxes,
-    matching, timestep, acceleration,
-):  # fmt: skip
+def damp(solid_position, solid_velocity, motions: Motions, place, boxes, matching, timestep, acceleration):
     """Damping of every node towards the rigid motion of its regions; added to the acceleration."""
-    damp_cells(solid_position, solid_velocity, region_count, region_center, region_velocity, region_spin, boxes)
+    damp_cells(solid_position, solid_velocity, motions.region_count, motions, boxes)
     sum_boxes(matching.half_width, boxes, boxes.first[:7])
-    damp_nodes(
-        solid_position, solid_velocity, region, region_count, region_center, region_velocity, region_spin, place, boxes,
-        matching, timestep, acceleration,
-    )  # fmt: skip
+    count = motions.region_count
+    damp_nodes(solid_position, solid_velocity, count, motions, place, boxes, matching, timestep, acceleration)
 
 
 # Terms of the cells and sums of the boxes
@@ -160,12 +173,13 @@ def match_box(s, solid_position, boxes):
 
 
 @formula
-def goal_cell(cell, solid_position, region_count, region_anchor, rotation, boxes, spacing):
+def goal_cell(cell, solid_position, goals, boxes, spacing):
     """R, and anchor + x - R d g, of the region of the node in one cell; and their number."""
     row = boxes.first
     clear(cell, row, 13)
     s = boxes.node[cell]
-    if s != EMPTY and region_count[s] > 0:
+    if s != EMPTY and goals.region_count[s] > 0:
+        rotation = goals.rotation
         a, b, e = from_middle(s, boxes)
         x = away(s, solid_position, boxes)
         d = np.float64(spacing)
@@ -175,7 +189,7 @@ def goal_cell(cell, solid_position, region_count, region_anchor, rotation, boxes
         for i in range(3):
             row[3 * i, cell], row[3 * i + 1, cell], row[3 * i + 2, cell] = first[i], second[i], third[i]
             there = d * (first[i] * a + second[i] * b + third[i] * e)
-            row[9 + i, cell] = np.float64(region_anchor[s, i]) + x[i] - there
+            row[9 + i, cell] = np.float64(goals.region_anchor[s, i]) + x[i] - there
         row[12, cell] = 1.0
 
 
@@ -251,20 +265,20 @@ def too_small(mass, sums, matching):
 
 
 @formula
-def damp_cell(cell, solid_position, solid_velocity, region_count, region_center, region_velocity, region_spin, boxes):
+def damp_cell(cell, solid_position, solid_velocity, motions, boxes):
     """omega, and v - omega x (x + center), of the region of the node in one cell; and their number."""
     row = boxes.first
     clear(cell, row, 7)
     s = boxes.node[cell]
-    if s != EMPTY and region_count[s] > 0:
+    if s != EMPTY and motions.region_count[s] > 0:
         o = boxes.origin[s]
         x = away(s, solid_position, boxes)
-        c = region_place(s, x, region_center)
-        w = exact(region_spin[s])
+        c = region_place(s, x, motions.region_center)
+        w = exact(motions.region_spin[s])
         for i in range(3):
             row[i, cell] = w[i]
             j, k = (i + 1) % 3, (i + 2) % 3
-            v = np.float64(region_velocity[s, i]) - np.float64(solid_velocity[o, i])
+            v = np.float64(motions.region_velocity[s, i]) - np.float64(solid_velocity[o, i])
             row[3 + i, cell] = v - (w[j] * c[k] - w[k] * c[j])
         row[6, cell] = 1.0
 
@@ -299,38 +313,33 @@ def match_nodes(
 
 
 @kernel(ordered=True)
-def goal_nodes(
-    s, velocity, solid_position, region, region_count, region_anchor, rotation, place, boxes, matching, timestep,
-    acceleration, solid_velocity,
-):  # fmt: skip
+def goal_nodes(s, velocity, solid_position, goals, place, boxes, matching, timestep, acceleration, solid_velocity):
     """Pull of node s [m/s^2] from the sums of its box or, if its region is not the whole box, member by member."""
     found, sums = goal_box(s, solid_position, boxes, matching.spacing)
-    if found != region_count[s]:
-        sums = goal_sums(s, solid_position, region, region_anchor, rotation, matching)
-    goal_end(s, sums, region_count, place, velocity, matching, timestep, acceleration, solid_velocity)
+    if found != goals.region_count[s]:
+        sums = goal_sums(s, solid_position, goals.region, goals.region_anchor, goals.rotation, matching)
+    goal_end(s, sums, goals.region_count, place, velocity, matching, timestep, acceleration, solid_velocity)
 
 
 @kernel(ordered=True)
-def motion_nodes(
-    s, solid_position, solid_velocity, region_share, region, region_count, region_center, boxes, matching,
-    region_velocity, region_spin,
-):  # fmt: skip
+def motion_nodes(s, solid_position, solid_velocity, members, boxes, matching, region_velocity, region_spin):
     """Velocity and spin of node s' region from its box or, if it is not the whole box, member by member."""
-    found, mass, sums = motion_box(s, solid_position, solid_velocity, region_center, boxes)
-    if found != region_count[s] or found <= 1 or too_small(mass, sums, matching):
-        mass, sums = motion_sums(s, solid_position, solid_velocity, region_share, region, region_center)
+    share, region, count, center = members
+    found, mass, sums = motion_box(s, solid_position, solid_velocity, center, boxes)
+    if found != count[s] or found <= 1 or too_small(mass, sums, matching):
+        mass, sums = motion_sums(s, solid_position, solid_velocity, share, region, center)
     motion_end(s, mass, sums, solid_velocity, matching, region_velocity, region_spin)
 
 
 @kernel(rows_of="region_count", ordered=True)
 def damp_nodes(
-    s, solid_position, solid_velocity, region, region_count, region_center, region_velocity, region_spin, place, boxes,
-    matching, timestep, acceleration,
-):  # fmt: skip
+    s, solid_position, solid_velocity, region_count, motions, place, boxes, matching, timestep, acceleration
+):
     """Damping of node s [m/s^2] from the sums of its box or, if its region is not the whole box, member by member."""
     found, sums = damp_box(s, solid_position, solid_velocity, boxes)
     if found != region_count[s]:
-        sums = damp_sums(s, solid_position, solid_velocity, region, region_center, region_velocity, region_spin)
+        region, _, center, mean, spin = motions
+        sums = damp_sums(s, solid_position, solid_velocity, region, center, mean, spin)
     damp_end(s, sums, region_count, place, matching, timestep, acceleration)
 
 
@@ -344,9 +353,9 @@ def match_cells(s, solid_position, region_share, boxes):
 
 
 @kernel(rows_of="region_count", ordered=True)
-def goal_cells(s, solid_position, region_count, region_anchor, rotation, boxes, matching):
+def goal_cells(s, solid_position, region_count, goals, boxes, matching):
     """Terms of the cell of node s."""
-    goal_cell(boxes.cell[s], solid_position, region_count, region_anchor, rotation, boxes, matching.spacing)
+    goal_cell(boxes.cell[s], solid_position, goals, boxes, matching.spacing)
 
 
 @kernel(rows_of="region_share", ordered=True)
@@ -356,11 +365,9 @@ def motion_cells(s, solid_position, solid_velocity, region_share, boxes):
 
 
 @kernel(rows_of="region_count", ordered=True)
-def damp_cells(s, solid_position, solid_velocity, region_count, region_center, region_velocity, region_spin, boxes):
+def damp_cells(s, solid_position, solid_velocity, region_count, motions, boxes):
     """Terms of the cell of node s."""
-    damp_cell(
-        boxes.cell[s], solid_position, solid_velocity, region_count, region_center, region_velocity, region_spin, boxes
-    )
+    damp_cell(boxes.cell[s], solid_position, solid_velocity, motions, boxes)
 
 
 @formula

@@ -7,6 +7,9 @@ takes to pass over all cells axis by axis, and in the run's own precision.
 from refsim.backends.compile import cuda, cuda_kernel, formula
 from refsim.shape_matching import parallel_reduction_cuda as reduction
 from refsim.shape_matching.fast_summation import (
+    Goals,
+    Members,
+    Motions,
     damp_cell,
     damp_nodes,
     goal_cell,
@@ -32,62 +35,38 @@ def match(solid_position, region_share, region, region_count, boxes, matching, r
     )
 
 
-def pull(
-    velocity, solid_position, region, region_count, region_anchor, rotation, place, boxes, matching, timestep,
-    acceleration, solid_velocity,
-):  # fmt: skip
+def pull(velocity, solid_position, goals: Goals, place, boxes, matching, timestep, acceleration, solid_velocity):
     """Pull of every node towards its goal; added to the acceleration."""
     if matching.half_width <= NARROW:
-        reduction.pull(
-            velocity, solid_position, region, region_count, region_anchor, rotation, place, matching, timestep,
-            acceleration, solid_velocity,
-        )  # fmt: skip
+        reduction.pull(velocity, solid_position, *goals, place, matching, timestep, acceleration, solid_velocity)
         return
-    goal_cells(solid_position, region_count, region_anchor, rotation, boxes, matching, boxes.node)
+    goal_cells(solid_position, goals, boxes, matching, boxes.node)
     sum_boxes(boxes, matching.half_width, 13)
-    goal_nodes(
-        velocity, solid_position, region, region_count, region_anchor, rotation, place, boxes, matching, timestep,
-        acceleration, solid_velocity,
-    )  # fmt: skip
+    goal_nodes(velocity, solid_position, goals, place, boxes, matching, timestep, acceleration, solid_velocity)
 
 
-def region_motion(
-    solid_position, solid_velocity, region_share, region, region_count, region_center, boxes, matching, region_velocity,
-    region_spin,
-):  # fmt: skip
+def region_motion(solid_position, solid_velocity, members: Members, boxes, matching, region_velocity, region_spin):
     """Velocity and spin of every region."""
     if matching.half_width <= NARROW:
+        share, region, _, center = members
         reduction.region_motion(
-            solid_position, solid_velocity, region_share, region, region_center, matching, region_velocity, region_spin
+            solid_position, solid_velocity, share, region, center, matching, region_velocity, region_spin
         )
         return
-    motion_cells(solid_position, solid_velocity, region_share, boxes, boxes.node)
+    motion_cells(solid_position, solid_velocity, members.region_share, boxes, boxes.node)
     sum_boxes(boxes, matching.half_width, 17)
-    motion_nodes(
-        solid_position, solid_velocity, region_share, region, region_count, region_center, boxes, matching,
-        region_velocity, region_spin,
-    )  # fmt: skip
+    motion_nodes(solid_position, solid_velocity, members, boxes, matching, region_velocity, region_spin)
 
 
-def damp(
-    solid_position, solid_velocity, region, region_count, region_center, region_velocity, region_spin, place, boxes,
-    matching, timestep, acceleration,
-):  # fmt: skip
+def damp(solid_position, solid_velocity, motions: Motions, place, boxes, matching, timestep, acceleration):
     """Damping of every node towards the rigid motion of its regions; added to the acceleration."""
     if matching.half_width <= NARROW:
-        reduction.damp(
-            solid_position, solid_velocity, region, region_count, region_center, region_velocity, region_spin, place,
-            matching, timestep, acceleration,
-        )  # fmt: skip
+        reduction.damp(solid_position, solid_velocity, *motions, place, matching, timestep, acceleration)
         return
-    damp_cells(
-        solid_position, solid_velocity, region_count, region_center, region_velocity, region_spin, boxes, boxes.node
-    )
+    damp_cells(solid_position, solid_velocity, motions, boxes, boxes.node)
     sum_boxes(boxes, matching.half_width, 7)
-    damp_nodes(
-        solid_position, solid_velocity, region, region_count, region_center, region_velocity, region_spin, place, boxes,
-        matching, timestep, acceleration,
-    )  # fmt: skip
+    count = motions.region_count
+    damp_nodes(solid_position, solid_velocity, count, motions, place, boxes, matching, timestep, acceleration)
 
 
 @cuda_kernel
@@ -99,11 +78,11 @@ def match_cells(solid_position, region_share, boxes, node):
 
 
 @cuda_kernel
-def goal_cells(solid_position, region_count, region_anchor, rotation, boxes, matching, node):
+def goal_cells(solid_position, goals, boxes, matching, node):
     """Terms of every cell."""
     cell = cuda.grid(1)
     if cell < node.shape[0]:
-        goal_cell(cell, solid_position, region_count, region_anchor, rotation, boxes, matching.spacing)
+        goal_cell(cell, solid_position, goals, boxes, matching.spacing)
 
 
 @cuda_kernel
@@ -115,15 +94,11 @@ def motion_cells(solid_position, solid_velocity, region_share, boxes, node):
 
 
 @cuda_kernel
-def damp_cells(
-    solid_position, solid_velocity, region_count, region_center, region_velocity, region_spin, boxes, node
-):  # fmt: skip
+def damp_cells(solid_position, solid_velocity, motions, boxes, node):
     """Terms of every cell."""
     cell = cuda.grid(1)
     if cell < node.shape[0]:
-        damp_cell(
-            cell, solid_position, solid_velocity, region_count, region_center, region_velocity, region_spin, boxes
-        )
+        damp_cell(cell, solid_position, solid_velocity, motions, boxes)
 
 
 @formula

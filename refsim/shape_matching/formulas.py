@@ -7,6 +7,7 @@ A slot of a node's table stands for the lattice cell at an offset from the node'
 import math
 
 from refsim.backends.compile import formula
+from refsim.backends.tuples import difference, outer, over
 
 
 @formula
@@ -70,8 +71,9 @@ def turned(q, x, y, z):
 
 
 @formula
-def davenport(xx, xy, xz, yx, yy, yz, zx, zy, zz, matrix):
-    """Davenport's symmetric K(A): q^T K q = tr(R(q)^T A); dimensionless, A = (xx, xy, ...) after its largest entry."""
+def davenport(a, matrix):
+    """Davenport's symmetric K(A): q^T K q = tr(R(q)^T A); dimensionless, A after its largest entry."""
+    xx, xy, xz, yx, yy, yz, zx, zy, zz = a
     matrix[0, 0], matrix[0, 1], matrix[0, 2], matrix[0, 3] = xx + yy + zz, zy - yz, xz - zx, yx - xy
     matrix[1, 1], matrix[1, 2], matrix[1, 3] = xx - yy - zz, xy + yx, xz + zx
     matrix[2, 2], matrix[2, 3] = yy - xx - zz, yz + zy
@@ -195,18 +197,12 @@ def centred(moments):
 
     moments: m, m x, m g, m x g^T summed over a region.
     """
-    real = type(moments[0])
-    m = moments
-    xx, xy, xz = m[7] - m[1] * m[4] / m[0], m[8] - m[1] * m[5] / m[0], m[9] - m[1] * m[6] / m[0]
-    yx, yy, yz = m[10] - m[2] * m[4] / m[0], m[11] - m[2] * m[5] / m[0], m[12] - m[2] * m[6] / m[0]
-    zx, zy, zz = m[13] - m[3] * m[4] / m[0], m[14] - m[3] * m[5] / m[0], m[15] - m[3] * m[6] / m[0]
+    a = difference(moments[7:16], over(outer(moments[1:4], moments[4:7]), moments[0]))
+    xx, xy, xz, yx, yy, yz, zx, zy, zz = a
     most = max(max(max(abs(xx), abs(xy)), max(abs(xz), abs(yx))), max(max(abs(yy), abs(yz)), max(abs(zx), abs(zy))))
     most = max(most, abs(zz))
-    if not most > real(0):
-        return (xx, xy, xz, yx, yy, yz, zx, zy, zz), real(0)
-    return (
-        xx / most, xy / most, xz / most, yx / most, yy / most, yz / most, zx / most, zy / most, zz / most,
-    ), most  # fmt: skip
+    zero = type(most)(0)
+    return (over(a, most), most) if most > zero else (a, zero)
 
 
 @formula
@@ -236,7 +232,7 @@ def best_rotation(moments, before, floor, lost, precision, matrix, basis):
     a, most = centred(moments)
     if most > lost:
         weight = max(floor, real(16) * lost / most)
-        davenport(a[0], a[1], a[2], a[3], a[4], a[5], a[6], a[7], a[8], matrix)
+        davenport(a, matrix)
         for p in range(4):
             for q in range(4):
                 matrix[p, q] += weight * before[p] * before[q]

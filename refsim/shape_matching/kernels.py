@@ -8,6 +8,7 @@ import numpy as np
 
 from refsim.backends.compile import formula, kernel
 from refsim.backends.runtime import simulated
+from refsim.backends.tuples import added, converted
 from refsim.neighbours.formulas import BITS
 from refsim.shape_matching import formulas
 from refsim.shape_matching.formulas import (
@@ -84,25 +85,6 @@ def gather(s, position, mass, place, region_count, region_share, solid_position)
         solid_position[s, c] = position[i, c]
     count = region_count[s]
     region_share[s] = mass[i] / type(mass[i])(count) if count > 0 else type(mass[i])(0)
-
-
-@formula
-def added(a, b):
-    """Sum of two tuples of 16."""
-    return (
-        a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3], a[4] + b[4], a[5] + b[5], a[6] + b[6], a[7] + b[7],
-        a[8] + b[8], a[9] + b[9], a[10] + b[10], a[11] + b[11], a[12] + b[12], a[13] + b[13], a[14] + b[14],
-        a[15] + b[15],
-    )  # fmt: skip
-
-
-@formula
-def added_12(a, b):
-    """Sum of two tuples of 12."""
-    return (
-        a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3], a[4] + b[4], a[5] + b[5], a[6] + b[6], a[7] + b[7],
-        a[8] + b[8], a[9] + b[9], a[10] + b[10], a[11] + b[11],
-    )  # fmt: skip
 
 
 @formula
@@ -208,23 +190,10 @@ def match_end(s, sums, solid_position, region_share, region, matching, region_ce
         exact, size = careful_sums(s, solid_position, region_share, region, matching.half_width)
         n, w = np.float64(region.shape[1]), np.float64(matching.half_width)
         lost = 2 * w * n * EPSILON * size + exact[0] * np.float64(position_doubt(s, solid_position, matching))
-        before = (
-            np.float64(rotation[s, 0]), np.float64(rotation[s, 1]), np.float64(rotation[s, 2]),
-            np.float64(rotation[s, 3]),
-        )  # fmt: skip
-        best = solved_rotation(exact, before, np.float64(matching.twist_floor), lost)
-        q = (real(best[0]), real(best[1]), real(best[2]), real(best[3]))
-        sums = narrowed(exact, real)
+        before = converted((rotation[s, 0], rotation[s, 1], rotation[s, 2], rotation[s, 3]), np.float64)
+        q = converted(solved_rotation(exact, before, np.float64(matching.twist_floor), lost), real)
+        sums = converted(exact, real)
     match_write(s, sums, q, matching, region_center, region_anchor, rotation)
-
-
-@formula
-def narrowed(v, real):
-    """A tuple of 16 as `real`."""
-    return (
-        real(v[0]), real(v[1]), real(v[2]), real(v[3]), real(v[4]), real(v[5]), real(v[6]), real(v[7]), real(v[8]),
-        real(v[9]), real(v[10]), real(v[11]), real(v[12]), real(v[13]), real(v[14]), real(v[15]),
-    )  # fmt: skip
 
 
 @formula
@@ -341,7 +310,7 @@ def motion_sums(s, solid_position, solid_velocity, region_share, region, region_
         j = region[s, slot]
         if j != EMPTY:
             mass += region_share[j]
-            sums = added_12(
+            sums = added(
                 sums, motion_slot(s, slot, solid_position, solid_velocity, region_share, region, region_center)
             )
     return mass, sums

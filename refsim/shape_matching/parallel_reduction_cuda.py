@@ -4,10 +4,9 @@ import numpy as np
 
 from refsim.backends.compile import cuda, cuda_kernel, formula
 from refsim.backends.primitives import sum_of_lanes
+from refsim.backends.tuples import added
 from refsim.shape_matching.kernels import (
     LANES,
-    added,
-    added_12,
     damp_end,
     damp_slot,
     goal_end,
@@ -131,13 +130,13 @@ def region_motion(
             slot, other, _ = _opposites(pair, matching.half_width)
             if region[s, slot] != EMPTY:
                 mass += region_share[region[s, slot]]
-                sums = added_12(
+                sums = added(
                     sums,
                     motion_slot(s, slot, solid_position, solid_velocity, region_share, region, region_center),
                 )
             if region[s, other] != EMPTY and pair < middle:
                 mass += region_share[region[s, other]]
-                sums = added_12(
+                sums = added(
                     sums,
                     motion_slot(s, other, solid_position, solid_velocity, region_share, region, region_center),
                 )

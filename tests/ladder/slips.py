@@ -44,7 +44,6 @@ SHARED = ("refsim.backends.", "refsim.neighbours.pairs", "refsim.neighbours.rows
 FIRST_CASES = ("three_particles", "cloud_2d", "cloud_3d", "printed_readings")
 
 SIZE = "size = w1 * w1 + w2 * w2 + w3 * w3"
-NARROWED = f"return ({', '.join(f'real(v[{k}])' for k in range(16))})  ->  return ("
 DEFORMED = "put(deformation, i, ("
 DIAGONAL = ("size", *["real(0)"] * 3, "size", *["real(0)"] * 3, "last")
 CLEARED = "scratch[b, n, c] = type(scratch[b, n, c])(0)"
@@ -76,7 +75,6 @@ LAST = "least, most = (REACH - OFFSET, OFFSET - 1 - REACH)"
 NUMBERS, WRAPPED = "numbers = [int(float(length) / side * ", "// even * even for length in period[:3]]"
 KEYS = " | cell[:, 1] + OFFSET << BITS | cell[:, 2] + OFFSET"
 BEFORE = "i // step % (1 << bits) > 0 and "
-SEVEN = "".join(f"real(v[{k}]), " for k in range(7))
 
 
 def row(k):
@@ -167,7 +165,6 @@ HARMLESS = {
         name: [(f"{line}type(solid_position[s, 0])(0))", "of no members")]
         for name, line in (("match_slot", "return nothing_16("), ("match_sums", "sums = nothing_16("))
     },
-    "narrowed": [(f"{NARROWED}{SEVEN}", "only the first seven are read")],
     "solved_rotation": [("matrix, basis = (np.empty((4, 4)", "a larger work space")],
     "best_rotation": [
         ("real = type(moments[0])", "only the type is taken"),

@@ -43,10 +43,9 @@ def sort_samples(sample_cell, first, unsorted, counts, point):
 
 
 @cuda_kernel(threads=CELLS, rows_of="planes")
-def sum_pulls(
-    sample_position, sample_area, sample_normal, first, point, filled, counts, blocks, surface_term, pulls, planes
-):  # fmt: skip
+def sum_pulls(samples, first, point, filled, counts, blocks, surface_term, pulls, planes):
     """(4.18*): sum of A_s (I - n n^T) h grad B_k(x_s) of each cell's samples, for each node k that they reach."""
+    sample_position, sample_normal = samples.sample_position, samples.sample_normal
     most = pulls.shape[1] - 1
     plane, n = cuda.grid(1) // most, cuda.grid(1) % most
     space = blocks.neighbour.shape[1] == 27
@@ -54,7 +53,7 @@ def sum_pulls(
         real = type(surface_term.cell_size)
         cell = filled[n]
         jx, jy, jz = node_coordinates(blocks, cell)
-        total = cuda.local.array(27, sample_area.dtype)
+        total = cuda.local.array(27, pulls.dtype)
         for k in range(27):
             total[k] = real(0)
         for at in range(first[cell], first[cell + 1]):
@@ -65,7 +64,7 @@ def sum_pulls(
             if space:
                 fz = formulas.grid_offset(sample_position[s, 2], jz, surface_term)
                 wz, sz = formulas.spline_weight(fz, plane), formulas.spline_slope(fz, plane)
-            nx, ny, nz, area = sample_normal[s, 0], sample_normal[s, 1], sample_normal[s, 2], sample_area[s]
+            nx, ny, nz, area = sample_normal[s, 0], sample_normal[s, 1], sample_normal[s, 2], samples.sample_area[s]
             for ky in range(3):
                 wy, sy = formulas.spline_weight(fy, ky), formulas.spline_slope(fy, ky)
                 for kx in range(3):

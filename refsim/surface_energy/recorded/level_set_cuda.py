@@ -269,11 +269,9 @@ def first_cuts(blocks, crossings, cell_case, table, node_label, edge_first, face
 
 
 @cuda_kernel(block_for_each_row=True, threads=CELLS, rows_of="cut_total")
-def write_facets(
-    blocks, crossings, cell_case, edge_first, facet_first, table, counts, vertex_edge, facets, first, node_label,
-    members, cut_total,
-):  # fmt: skip
+def write_facets(blocks, cuts, counts, first, node_label, members, cut_total):
     """Vertices by their edges, facets by their vertices; and the particles of each component."""
+    crossings, cell_case, edge_first, facet_first, table, vertex_edge, facets = cuts
     i = CELLS * cuda.blockIdx.x + cuda.threadIdx.x
     if counts[VERTICES] > 0:
         isosurface_kernels.write_facets(

@@ -6,12 +6,14 @@ search begins with the nearest particle of a vertex or a sample close by.
 """
 
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from refsim.backends.compile import cuda, cuda_formula, cuda_kernel, formula
 from refsim.backends.primitives import across_lanes
 from refsim.backends.runtime import simulated
+from refsim.backends.tuples import put
 from refsim.sparse_grid.block_search_cuda import number
 from refsim.sparse_grid.formulas import block_bits, node_coordinates, step_node
 from refsim.surface_energy import formulas, kernels
@@ -30,11 +32,58 @@ LANES = 2 if simulated() else 4
 MARGIN = 2 * formulas.EQUALLY_NEAR  # [h] by which a row of cells must be farther to have no particle as near
 
 
+class Spheres(NamedTuple):
+    """The particles of the liquid, sorted by cell."""
+
+    position: Any
+    number: Any
+    placed: Any  # [h] in their blocks, cell by cell
+    cells: Any
+
+
+class Vertices(NamedTuple):
+    """Vertices of the surface, by the names of their work arrays."""
+
+    vertex_position: Any
+    vertex_nearest: Any
+    vertex_outward: Any
+    vertex_normal: Any
+    inset_position: Any
+
+
+class Samples(NamedTuple):
+    """Samples of the surface, one to a facet, by the names of their work arrays."""
+
+    sample_place: Any
+    nearest: Any
+    facet_normal: Any
+    outward: Any
+    sample_normal: Any
+    sample_position: Any
+    sample_area: Any
+    sample_count: Any
+
+
+class FitPoints(NamedTuple):
+    """Points of the fit, by the names of their work arrays."""
+
+    fit_position: Any
+    fit_cell: Any
+    fit_place: Any
+    held_points: Any
+
+
+class Components(NamedTuple):
+    """Labels of the nodes' components, particles of each, and the least number of a component with tension."""
+
+    node_label: Any
+    members: Any
+    least: Any
+
+
 @cuda_formula
-def nearest_of_lanes(
-    lane, i, x, y, z, seed, interior_position, interior_number, placed, cells, blocks, surface_term
-):  # fmt: skip
-    """(nearest particle, unit vector away from it) of a position [m] in cell i, as `kernels.offsets` finds them.
+def nearest_of_lanes(lane, i, x, seed, spheres, blocks, surface_term):
+    """(nearest particle, unit vector away from it) of a position x [m] in cell i, as `kernels.offsets` finds them.
 
     `seed` is a particle that may be the nearest, or -1; each lane may have another one. The lanes take the rows of
     cells by turns, and look at those that reach nearer than the nearest particle so far; where another particle is as
@@ -43,16 +92,17 @@ def nearest_of_lanes(
     bits, b = block_bits(blocks), i >> 6
     space = bits == 2
     real = type(surface_term.cell_size)
+    cells, placed = spheres.cells, spheres.placed
     jx, jy, jz = node_coordinates(blocks, CELLS * b)
-    ox = formulas.grid_offset(x, jx, surface_term)
-    oy = formulas.grid_offset(y, jy, surface_term)
-    oz = formulas.grid_offset(z, jz, surface_term)
+    ox = formulas.grid_offset(x[0], jx, surface_term)
+    oy = formulas.grid_offset(x[1], jy, surface_term)
+    oz = formulas.grid_offset(x[2], jz, surface_term)
     best = real(formulas.REACH * formulas.REACH)
     second, found = best, np.int32(-1)
     if seed >= 0:
-        ux = ox - formulas.grid_offset(interior_position[seed, 0], jx, surface_term)
-        uy = oy - formulas.grid_offset(interior_position[seed, 1], jy, surface_term)
-        uz = oz - formulas.grid_offset(interior_position[seed, 2], jz, surface_term)
+        ux = ox - formulas.grid_offset(spheres.position[seed, 0], jx, surface_term)
+        uy = oy - formulas.grid_offset(spheres.position[seed, 1], jy, surface_term)
+        uz = oz - formulas.grid_offset(spheres.position[seed, 2], jz, surface_term)
         squared = ux * ux + uy * uy + uz * uz
         if squared < best:
             best, found = squared, np.int32(seed)
@@ -82,7 +132,7 @@ def nearest_of_lanes(
                         ux, uy, uz = px - placed[k, 0], py - placed[k, 1], pz - placed[k, 2]
                         squared = ux * ux + uy * uy + uz * uz
                         if turn == 1:
-                            if squared < limit and formulas.comes_before(cells.point[k], found, interior_number):
+                            if squared < limit and formulas.comes_before(cells.point[k], found, spheres.number):
                                 found = np.int32(cells.point[k])
                         elif squared < second and cells.point[k] != found:
                             if squared < best:
@@ -90,13 +140,13 @@ def nearest_of_lanes(
                             else:
                                 second = squared
         if turn == 1:
-            found = lowest_lane(lane, found, interior_number)
+            found = lowest_lane(lane, found, spheres.number)
         else:
             best, second, found = nearest_lane(lane, best, second, found)
             limit = formulas.equally_near(best)
             if not second < limit:
                 break
-    nx, ny, nz = kernels.away_from(found, ox, oy, oz, jx, jy, jz, interior_position, surface_term)
+    nx, ny, nz = kernels.away_from(found, ox, oy, oz, jx, jy, jz, spheres.position, surface_term)
     return found, nx, ny, nz
 
 
@@ -156,11 +206,13 @@ def lowest_lane(lane, found, interior_number):
 
 
 @cuda_formula
-def farthest_of_lanes(lane, i, ax, ay, az, towards, placed, cells, blocks, surface_term):
+def farthest_of_lanes(lane, i, axis, towards, spheres, blocks, surface_term):
     """(farthest exit [h] from the spheres around node i along an axis, the particle in the sphere's centre or -1)."""
     bits, b = block_bits(blocks), i >> 6
     space = bits == 2
     real = type(surface_term.cell_size)
+    cells, placed = spheres.cells, spheres.placed
+    ax, ay, az = axis
     ix, iy, iz = local_place(i, bits)
     farthest, found = real(0), np.int32(-1)
     for row in range(lane, 16 if space else 4, LANES):
@@ -189,10 +241,7 @@ def farthest_of_lanes(lane, i, ax, ay, az, towards, placed, cells, blocks, surfa
 
 
 @cuda_kernel(lanes=LANES, rows_of="vertex_edge")
-def place_vertices(
-    interior_position, interior_number, placed, cells, blocks, node_state, surface_term, vertex_edge, counts,
-    vertex_position, vertex_nearest, outward,
-):  # fmt: skip
+def place_vertices(spheres, blocks, node_state, surface_term, vertex_edge, counts, vertices):
     """Algorithm 1, lines 10 to 17: vertices on the union of spheres [m], and directions away from the liquid."""
     v, lane = cuda.grid(1) // LANES, cuda.grid(1) % LANES
     if v < counts[VERTICES]:
@@ -206,54 +255,46 @@ def place_vertices(
             i = step_node(blocks, i, ax, ay, az)
             towards = -1
         jx, jy, jz = node_coordinates(blocks, i)
-        farthest, seed = farthest_of_lanes(lane, i, ax, ay, az, towards, placed, cells, blocks, surface_term)
+        farthest, seed = farthest_of_lanes(lane, i, (ax, ay, az), towards, spheres, blocks, surface_term)
         length = real(towards) * min(farthest, real(1))
         x = h * (real(jx) + real(ax) * length)
         y = h * (real(jy) + real(ay) * length)
         z = h * (real(jz) + real(az) * length)
         own = node_at(x, y, z, 0.0, i >> 6, blocks, surface_term)
-        p, nx, ny, nz = nearest_of_lanes(
-            lane, own, x, y, z, seed, interior_position, interior_number, placed, cells, blocks, surface_term
-        )
+        p, nx, ny, nz = nearest_of_lanes(lane, own, (x, y, z), seed, spheres, blocks, surface_term)
         if lane == 0:
-            vertex_position[v, 0], vertex_position[v, 1], vertex_position[v, 2] = x, y, z
-            outward[v, 0], outward[v, 1], outward[v, 2] = nx, ny, nz
-            vertex_nearest[v] = p
+            put(vertices.vertex_position, v, (x, y, z))
+            put(vertices.vertex_outward, v, (nx, ny, nz))
+            vertices.vertex_nearest[v] = p
 
 
 @cuda_kernel(lanes=LANES, rows_of="facets")
-def place_points(
-    interior_position, interior_number, placed, cells, blocks, surface_term, vertex_edge, vertex_position,
-    vertex_nearest, facets, counts, sample_place, nearest, facet_normal, outward, fit_position, fit_cell, fit_place,
-    held_points,
-):  # fmt: skip
+def place_points(spheres, blocks, surface_term, vertex_edge, vertices, facets, counts, samples, points):
     """One sample to a facet, its nearest particle, the points of the fit [m] and their cells."""
     s, lane = cuda.grid(1) // LANES, cuda.grid(1) % LANES
-    samples = counts[MADE]
-    if s < samples:
-        x, y, z, _, fx, fy, fz = kernels.facet_sample(s, vertex_position, facets)
+    made = counts[MADE]
+    if s < made:
+        x, y, z, _, fx, fy, fz = kernels.facet_sample(s, vertices.vertex_position, facets)
         guess = (vertex_edge[facets[s, 0]] // 3) >> 6
         own = node_at(x, y, z, 0.0, guess, blocks, surface_term)
-        seed = vertex_nearest[facets[s, lane % facets.shape[1]]]
-        p, nx, ny, nz = nearest_of_lanes(
-            lane, own, x, y, z, seed, interior_position, interior_number, placed, cells, blocks, surface_term
-        )
+        seed = vertices.vertex_nearest[facets[s, lane % facets.shape[1]]]
+        p, nx, ny, nz = nearest_of_lanes(lane, own, (x, y, z), seed, spheres, blocks, surface_term)
         for k in range(lane, 2, LANES):
             r = s
             if k == 0:
-                sample_place[s, 0], sample_place[s, 1], sample_place[s, 2] = x, y, z
-                facet_normal[s, 0], facet_normal[s, 1], facet_normal[s, 2] = fx, fy, fz
-                outward[s, 0], outward[s, 1], outward[s, 2] = nx, ny, nz
-                nearest[s] = p
+                put(samples.sample_place, s, (x, y, z))
+                put(samples.facet_normal, s, (fx, fy, fz))
+                put(samples.outward, s, (nx, ny, nz))
+                samples.nearest[s] = p
             else:
-                r = samples + s
+                r = made + s
                 distance = surface_term.offset * surface_term.cell_size
                 x, y, z = x + distance * nx, y + distance * ny, z + distance * nz
-            fit_position[r, 0], fit_position[r, 1], fit_position[r, 2] = x, y, z
+            put(points.fit_position, r, (x, y, z))
             cell = node_at(x, y, z, 0.5, own >> 6, blocks, surface_term)
-            fit_cell[r] = cell
+            points.fit_cell[r] = cell
             if cell >= 0:
-                fit_place[r] = cuda.atomic.add(held_points, cell, 1)
+                points.fit_place[r] = cuda.atomic.add(points.held_points, cell, 1)
 
 
 @formula
@@ -269,10 +310,7 @@ def implicit_normal(q, position, guess, blocks, surface_term, coefficients, outw
 
 
 @cuda_kernel(rows_of="either")
-def find_normals(
-    sample_place, sample_outward, vertex_position, vertex_outward, vertex_edge, facets, blocks, surface_term,
-    coefficients, mls, counts, either, sample_normal, vertex_normal, inset_position,
-):  # fmt: skip
+def find_normals(samples, vertices, vertex_edge, facets, blocks, surface_term, coefficients, mls, counts, either):
     """Normals of the implicit surface at samples and vertices, and vertices moved back to the liquid's surface [m].
 
     The first threads, as many as the capacity of facets, take samples, the others vertices.
@@ -281,39 +319,34 @@ def find_normals(
     v = s - facets.shape[0]
     if s < counts[MADE]:
         guess = (vertex_edge[facets[s, 0]] // 3) >> 6
-        implicit_normal(s, sample_place, guess, blocks, surface_term, coefficients, sample_outward, mls, sample_normal)
+        place, outward, normal = samples.sample_place, samples.outward, samples.sample_normal
+        implicit_normal(s, place, guess, blocks, surface_term, coefficients, outward, mls, normal)
     elif 0 <= v < counts[VERTICES]:
         guess = (vertex_edge[v] // 3) >> 6
-        implicit_normal(
-            v, vertex_position, guess, blocks, surface_term, coefficients, vertex_outward, mls, vertex_normal
-        )
+        place, outward, normal = vertices.vertex_position, vertices.vertex_outward, vertices.vertex_normal
+        implicit_normal(v, place, guess, blocks, surface_term, coefficients, outward, mls, normal)
         distance = surface_term.inset * surface_term.cell_size
         for c in range(3):
-            inset_position[v, c] = vertex_position[v, c] - distance * vertex_normal[v, c]
+            vertices.inset_position[v, c] = place[v, c] - distance * normal[v, c]
 
 
 @cuda_kernel(lanes=LANES, rows_of="facets")
-def place_samples(
-    interior_position, interior_number, placed, cells, blocks, surface_term, vertex_edge, inset_position, facets,
-    node_label, members, least, sample_position, sample_area, nearest, sample_count, counts,
-):  # fmt: skip
+def place_samples(spheres, blocks, surface_term, vertex_edge, inset_position, facets, components, samples, counts):
     """Samples after the inset, their nearest particles, and areas, 0 on components of fewer than `least` particles."""
     s, lane = cuda.grid(1) // LANES, cuda.grid(1) % LANES
     if s < counts[MADE]:
         x, y, z, area, _, _, _ = kernels.facet_sample(s, inset_position, facets)
         guess = (vertex_edge[facets[s, 0]] // 3) >> 6
         own = node_at(x, y, z, 0.0, guess, blocks, surface_term)
-        p, _, _, _ = nearest_of_lanes(
-            lane, own, x, y, z, nearest[s], interior_position, interior_number, placed, cells, blocks, surface_term
-        )
+        p, _, _, _ = nearest_of_lanes(lane, own, (x, y, z), samples.nearest[s], spheres, blocks, surface_term)
         if lane == 0:
             has_tension = False
             if p < 0:
                 counts[UNFOUND] = 1
             else:
-                cuda.atomic.add(sample_count, p, 1)
-                label = node_label[cells.cell[p]]
-                has_tension = label >= 0 and members[label] >= least
-            sample_position[s, 0], sample_position[s, 1], sample_position[s, 2] = x, y, z
-            sample_area[s] = area if has_tension else type(area)(0)
-            nearest[s] = p
+                cuda.atomic.add(samples.sample_count, p, 1)
+                label = components.node_label[spheres.cells.cell[p]]
+                has_tension = label >= 0 and components.members[label] >= components.least
+            put(samples.sample_position, s, (x, y, z))
+            samples.sample_area[s] = area if has_tension else type(area)(0)
+            samples.nearest[s] = p

@@ -15,6 +15,7 @@ from refsim.backends import device
 from refsim.sparse_grid import PointList
 from refsim.sparse_grid.block_search_cuda import fill_cells, sum_blocks, write_first
 from refsim.surface_energy.recorded import cells_cuda, fit_cuda, force_cuda, level_set_cuda, samples_cuda
+from refsim.surface_energy.recorded.samples_cuda import Components, FitPoints, Samples, Spheres, Vertices
 
 Arrays = Mapping[str, Any]
 
@@ -57,6 +58,11 @@ def listed(a: Arrays) -> PointList:
     return PointList(a["first"], a["unsorted"], a["cell"])
 
 
+def named(kind: Any, a: Arrays) -> Any:
+    """A named tuple of the work arrays of its members' names."""
+    return kind(*(a[name] for name in kind._fields))
+
+
 def sort_particles(a: Arrays, position: Any, blocks: Any, term: Any, sure: Any) -> None:
     """Particles by cell, by counting; counters are set to 0."""
     counts, total = a["counts"], a["total"]
@@ -87,27 +93,21 @@ def write_cuts(a: Arrays, blocks: Any, table: Any) -> None:
     level_set_cuda.first_cuts(
         blocks, crossings, case, table, a["node_label"], a["edge_first"], a["facet_first"], a["cut_total"]
     )
-    level_set_cuda.write_facets(
-        blocks, crossings, case, a["edge_first"], a["facet_first"], table, a["counts"], a["vertex_edge"], a["facets"],
-        a["first"], a["node_label"], a["members"], a["cut_total"],
-    )  # fmt: skip
+    cuts = crossings, case, a["edge_first"], a["facet_first"], table, a["vertex_edge"], a["facets"]
+    level_set_cuda.write_facets(blocks, cuts, a["counts"], a["first"], a["node_label"], a["members"], a["cut_total"])
 
 
 def place_vertices(a: Arrays, position: Any, number: Any, blocks: Any, term: Any) -> None:
     """Vertices on the union of spheres [m] and unit vectors away from their nearest particles."""
-    samples_cuda.place_vertices(
-        position, number, a["placed"], listed(a), blocks, a["node_state"], term, a["vertex_edge"], a["counts"],
-        a["vertex_position"], a["vertex_nearest"], a["vertex_outward"],
-    )  # fmt: skip
+    spheres, vertices = Spheres(position, number, a["placed"], listed(a)), named(Vertices, a)
+    samples_cuda.place_vertices(spheres, blocks, a["node_state"], term, a["vertex_edge"], a["counts"], vertices)
 
 
 def place_points(a: Arrays, position: Any, number: Any, blocks: Any, term: Any) -> None:
     """Samples of facets, unit vectors away from their nearest particles, and the points of the fit [m]."""
-    samples_cuda.place_points(
-        position, number, a["placed"], listed(a), blocks, term, a["vertex_edge"], a["vertex_position"],
-        a["vertex_nearest"], a["facets"], a["counts"], a["sample_place"], a["nearest"], a["facet_normal"], a["outward"],
-        a["fit_position"], a["fit_cell"], a["fit_place"], a["held_points"],
-    )  # fmt: skip
+    spheres, vertices = Spheres(position, number, a["placed"], listed(a)), named(Vertices, a)
+    surface = a["vertex_edge"], vertices, a["facets"], a["counts"], named(Samples, a), named(FitPoints, a)
+    samples_cuda.place_points(spheres, blocks, term, *surface)
 
 
 def sort_points(a: Arrays, blocks: Any, term: Any) -> None:
@@ -133,20 +133,15 @@ def sweep(a: Arrays, blocks: Any, term: Any) -> None:
 
 def find_normals(a: Arrays, blocks: Any, term: Any, mls: Any) -> None:
     """Normals at samples and vertices, by (3.17) or, where `mls` is None, by (3.9); vertices after the inset [m]."""
-    samples_cuda.find_normals(
-        a["sample_place"], a["outward"], a["vertex_position"], a["vertex_outward"], a["vertex_edge"], a["facets"],
-        blocks, term, a["coefficients"], mls, a["counts"], a["either"], a["sample_normal"], a["vertex_normal"],
-        a["inset_position"],
-    )  # fmt: skip
+    surface = named(Samples, a), named(Vertices, a), a["vertex_edge"], a["facets"]
+    samples_cuda.find_normals(*surface, blocks, term, a["coefficients"], mls, a["counts"], a["either"])
 
 
 def place_samples(a: Arrays, position: Any, number: Any, blocks: Any, term: Any, least: Any) -> None:
     """Samples after the inset; areas are 0 on components of fewer than `least` particles."""
-    samples_cuda.place_samples(
-        position, number, a["placed"], listed(a), blocks, term, a["vertex_edge"], a["inset_position"], a["facets"],
-        a["node_label"], a["members"], least, a["sample_position"], a["sample_area"], a["nearest"], a["sample_count"],
-        a["counts"],
-    )  # fmt: skip
+    spheres, components = Spheres(position, number, a["placed"], listed(a)), (a["node_label"], a["members"], least)
+    surface = a["vertex_edge"], a["inset_position"], a["facets"], Components(*components), named(Samples, a)
+    samples_cuda.place_samples(spheres, blocks, term, *surface, a["counts"])
 
 
 def pull(a: Arrays, blocks: Any, term: Any) -> None:
@@ -159,10 +154,8 @@ def pull(a: Arrays, blocks: Any, term: Any) -> None:
     number_cells(a, held, first)
     fit_cuda.fill_points(a["fit_cell"], a["fit_place"], first, 1, counts, a["fit_unsorted"])
     force_cuda.sort_samples(a["fit_cell"], first, a["fit_unsorted"], counts, a["sample_point"])
-    force_cuda.sum_pulls(
-        a["sample_position"], a["sample_area"], a["sample_normal"], first, a["sample_point"], a["filled"], counts,
-        blocks, term, a["pulls"], a["planes"],
-    )  # fmt: skip
+    bins = first, a["sample_point"], a["filled"], counts
+    force_cuda.sum_pulls(named(Samples, a), *bins, blocks, term, a["pulls"], a["planes"])
     force_cuda.pull_nodes(first, a["rank"], blocks, a["pulls"], term, a["node_force"], a["total"])
 
 
