@@ -185,7 +185,7 @@ def goal_cell(cell, solid_position, goals, boxes, spacing):
         d = np.float64(spacing)
         i, j, k = exact(rotation[s, 1:])
         q = (np.float64(rotation[s, 0]), i, j, k)
-        first, second, third = turned(q, 1.0, 0.0, 0.0), turned(q, 0.0, 1.0, 0.0), turned(q, 0.0, 0.0, 1.0)
+        first, second, third = turned(q, (1.0, 0.0, 0.0)), turned(q, (0.0, 1.0, 0.0)), turned(q, (0.0, 0.0, 1.0))
         for i in range(3):
             row[3 * i, cell], row[3 * i + 1, cell], row[3 * i + 2, cell] = first[i], second[i], third[i]
             there = d * (first[i] * a + second[i] * b + third[i] * e)

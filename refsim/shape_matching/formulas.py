@@ -7,7 +7,7 @@ A slot of a node's table stands for the lattice cell at an offset from the node'
 import math
 
 from refsim.backends.compile import formula
-from refsim.backends.tuples import difference, outer, over
+from refsim.backends.tuples import added, difference, dot, outer, over, scaled
 
 
 @formula
@@ -18,9 +18,10 @@ def slot_offset(slot, half_width):
 
 
 @formula
-def match_term(share, dx, dy, dz, a, b, e):
+def match_term(share, x, g):
     """Terms of a region's sums, m = m_k/cnt_k [kg]: m, m x, m g and m x g^T, x [m] and g [cells] from its node."""
-    mx, my, mz = share * dx, share * dy, share * dz
+    mx, my, mz = share * x[0], share * x[1], share * x[2]
+    a, b, e = g
     return (
         share, mx, my, mz, share * a, share * b, share * e,
         mx * a, mx * b, mx * e, my * a, my * b, my * e, mz * a, mz * b, mz * e,
@@ -28,9 +29,10 @@ def match_term(share, dx, dy, dz, a, b, e):
 
 
 @formula
-def motion_term(share, rx, ry, rz, u, v, w):
+def motion_term(share, r, u):
     """Terms of P = sum m v, L = sum m r x v and sum m r r^T (xx, yy, zz, xy, xz, yz), r [m] from the center."""
-    mu, mv, mw = share * u, share * v, share * w
+    mu, mv, mw = share * u[0], share * u[1], share * u[2]
+    rx, ry, rz = r
     mx, my, mz = share * rx, share * ry, share * rz
     return (
         mu, mv, mw, ry * mw - rz * mv, rz * mu - rx * mw, rx * mv - ry * mu,
@@ -39,28 +41,28 @@ def motion_term(share, rx, ry, rz, u, v, w):
 
 
 @formula
-def goal_term(rotation, anchor, a, b, e, spacing):
-    """Where a region takes a member, from node r [m]: g = R (x0_i - x0_r) + [R (x0_r - c0_r) + c_r - x_r].
+def goal_term(rotation, anchor, g, spacing):
+    """Where a region takes a member, from node r [m]: goal = R (x0_i - x0_r) + [R (x0_r - c0_r) + c_r - x_r].
 
-    The bracket is the anchor; (a, b, e) = x0_r - x0_i in cells.
+    The bracket is the anchor; g = x0_r - x0_i in cells.
     """
-    x, y, z = turned(rotation, -spacing * a, -spacing * b, -spacing * e)
-    return anchor[0] + x, anchor[1] + y, anchor[2] + z
+    return added((anchor[0], anchor[1], anchor[2]), turned(rotation, scaled(g, -spacing)))
 
 
 @formula
-def rigid_term(velocity, spin, rx, ry, rz):
+def rigid_term(velocity, spin, r):
     """Velocity of a region's rigid motion [m/s]: v = v_c + omega x r, r [m] from its center."""
     return (
-        velocity[0] + spin[1] * rz - spin[2] * ry,
-        velocity[1] + spin[2] * rx - spin[0] * rz,
-        velocity[2] + spin[0] * ry - spin[1] * rx,
+        velocity[0] + spin[1] * r[2] - spin[2] * r[1],
+        velocity[1] + spin[2] * r[0] - spin[0] * r[2],
+        velocity[2] + spin[0] * r[1] - spin[1] * r[0],
     )
 
 
 @formula
-def turned(q, x, y, z):
-    """R(q) (x, y, z) [unit of the vector] for the quaternion q = (w, i, j, k): v + 2 u x (u x v + w v)."""
+def turned(q, v):
+    """R(q) v [unit of the vector] for the quaternion q = (w, i, j, k): v + 2 u x (u x v + w v)."""
+    x, y, z = v
     real = type(x)
     tx, ty, tz = real(2) * (q[2] * z - q[3] * y), real(2) * (q[3] * x - q[1] * z), real(2) * (q[1] * y - q[2] * x)
     return (
@@ -128,12 +130,6 @@ def diagonalised(matrix, basis, precision):
 
 
 @formula
-def dot(a, b):
-    """s = a . b of two vectors [product of their units]."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@formula
 def nearby_rotation(first, second, third, before, precision):
     """The best rotation by Newton's steps from the one before: (whether it is near and determined, q); dimensionless.
 
@@ -145,9 +141,9 @@ def nearby_rotation(first, second, third, before, precision):
     q = (before[0], before[1], before[2], before[3])
     found = False
     for _ in range(8):
-        one = turned(q, real(1), real(0), real(0))
-        two = turned(q, real(0), real(1), real(0))
-        three = turned(q, real(0), real(0), real(1))
+        one = turned(q, (real(1), real(0), real(0)))
+        two = turned(q, (real(0), real(1), real(0)))
+        three = turned(q, (real(0), real(0), real(1)))
         xx, yy, zz = dot(one, first), dot(two, second), dot(three, third)
         xy, yx, xz, zx = dot(one, second), dot(two, first), dot(one, third), dot(three, first)
         yz, zy = dot(two, third), dot(three, second)
@@ -274,9 +270,7 @@ def rigid_motion(mass, sums, floor):
         inertia = (xx, yy, zz, -sums[9] / trace, -sums[10] / trace, -sums[11] / trace)
         momentum = (sums[3] / trace, sums[4] / trace, sums[5] / trace)
         first = solved(inertia, momentum, floor)
-        rest = times(inertia, first)
-        more = solved(inertia, (momentum[0] - rest[0], momentum[1] - rest[1], momentum[2] - rest[2]), floor)
-        spin = (first[0] + more[0], first[1] + more[1], first[2] + more[2])
+        spin = added(first, solved(inertia, difference(momentum, times(inertia, first)), floor))
     return v, spin
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from refsim.backends.compile import formula, kernel
 from refsim.backends.runtime import simulated
-from refsim.backends.tuples import added, converted
+from refsim.backends.tuples import added, converted, difference, over, put, scaled, three
 from refsim.neighbours.formulas import BITS
 from refsim.shape_matching import formulas
 from refsim.shape_matching.formulas import (
@@ -90,13 +90,13 @@ def gather(s, position, mass, place, region_count, region_share, solid_position)
 @formula
 def nothing_16(zero):
     """Sums of no terms."""
-    return match_term(zero, zero, zero, zero, zero, zero, zero)
+    return match_term(zero, (zero, zero, zero), (zero, zero, zero))
 
 
 @formula
 def nothing_12(zero):
     """Sums of no terms."""
-    return motion_term(zero, zero, zero, zero, zero, zero, zero)
+    return motion_term(zero, (zero, zero, zero), (zero, zero, zero))
 
 
 @formula
@@ -111,16 +111,8 @@ def match_slot(s, slot, solid_position, region_share, region, half_width):
 @formula
 def match_member(s, j, offset, solid_position, region_share):
     """Terms of member j of the region of node s, `offset` cells from it."""
-    real = type(solid_position[s, 0])
-    return match_term(
-        region_share[j],
-        solid_position[j, 0] - solid_position[s, 0],
-        solid_position[j, 1] - solid_position[s, 1],
-        solid_position[j, 2] - solid_position[s, 2],
-        real(offset[0]),
-        real(offset[1]),
-        real(offset[2]),
-    )
+    x = difference(three(solid_position, j), three(solid_position, s))
+    return match_term(region_share[j], x, converted(offset, type(x[0])))
 
 
 @kernel(ordered=True)
@@ -152,12 +144,11 @@ def careful_sums(s, solid_position, region_share, region, half_width):
         slot = last - k // 2 if k % 2 else k // 2
         j = region[s, slot]
         if j != EMPTY:
-            m, (a, b, e) = np.float64(region_share[j]), slot_offset(slot, half_width)
-            x = np.float64(solid_position[j, 0]) - np.float64(solid_position[s, 0])
-            y = np.float64(solid_position[j, 1]) - np.float64(solid_position[s, 1])
-            z = np.float64(solid_position[j, 2]) - np.float64(solid_position[s, 2])
-            sums = added(sums, match_term(m, x, y, z, np.float64(a), np.float64(b), np.float64(e)))
-            size += m * (abs(x) + abs(y) + abs(z))
+            m, g = np.float64(region_share[j]), converted(slot_offset(slot, half_width), np.float64)
+            there, here = three(solid_position, j), three(solid_position, s)
+            x = difference(converted(there, np.float64), converted(here, np.float64))
+            sums = added(sums, match_term(m, x, g))
+            size += m * (abs(x[0]) + abs(x[1]) + abs(x[2]))
     return sums, size
 
 
@@ -200,19 +191,13 @@ def match_end(s, sums, solid_position, region_share, region, matching, region_ce
 def match_write(s, sums, q, matching, region_center, region_anchor, rotation):
     """Center and anchor of the region of node s, from its sums and its rotation q."""
     zero = type(sums[0])(0)
-    for c in range(3):
-        region_center[s, c] = zero
-        region_anchor[s, c] = zero
+    center, anchor = (zero, zero, zero), (zero, zero, zero)
     if sums[0] > zero:
-        rest = matching.spacing / sums[0]
-        x, y, z = turned(q, rest * sums[4], rest * sums[5], rest * sums[6])
-        for c in range(4):
-            rotation[s, c] = q[c]
-        for c in range(3):
-            region_center[s, c] = sums[1 + c] / sums[0]
-        region_anchor[s, 0] = region_center[s, 0] - x
-        region_anchor[s, 1] = region_center[s, 1] - y
-        region_anchor[s, 2] = region_center[s, 2] - z
+        put(rotation, s, q)
+        center = over(sums[1:4], sums[0])
+        anchor = difference(center, turned(q, scaled(sums[4:7], matching.spacing / sums[0])))
+    put(region_center, s, center)
+    put(region_anchor, s, anchor)
 
 
 @formula
@@ -229,14 +214,8 @@ def goal_slot(s, slot, solid_position, region, region_anchor, rotation, matching
 @formula
 def goal_member(s, r, offset, solid_position, region_anchor, rotation, matching):
     """Displacement of node s to its goal in the region of node r [m]; r is `offset` cells from s."""
-    real = type(matching.spacing)
-    x, y, z = goal_term(
-        rotation[r], region_anchor[r], real(offset[0]), real(offset[1]), real(offset[2]), matching.spacing
-    )
-    x += solid_position[r, 0] - solid_position[s, 0]
-    y += solid_position[r, 1] - solid_position[s, 1]
-    z += solid_position[r, 2] - solid_position[s, 2]
-    return x, y, z
+    goal = goal_term(rotation[r], region_anchor[r], converted(offset, type(matching.spacing)), matching.spacing)
+    return added(goal, difference(three(solid_position, r), three(solid_position, s)))
 
 
 @kernel(ordered=True)
@@ -253,14 +232,11 @@ def pull(
 def goal_sums(s, solid_position, region, region_anchor, rotation, matching):
     """Sum of goal_slot over the slots, member by member [m]."""
     zero = type(matching.spacing)(0)
-    gx, gy, gz = zero, zero, zero
+    sums = zero, zero, zero
     for slot in range(region.shape[1]):
         if region[s, slot] != EMPTY:
-            x, y, z = goal_slot(s, slot, solid_position, region, region_anchor, rotation, matching)
-            gx += x
-            gy += y
-            gz += z
-    return gx, gy, gz
+            sums = added(sums, goal_slot(s, slot, solid_position, region, region_anchor, rotation, matching))
+    return sums
 
 
 @formula
@@ -280,15 +256,9 @@ def motion_slot(s, slot, solid_position, solid_velocity, region_share, region, r
     j = region[s, slot]
     if j == EMPTY:
         return nothing_12(type(region_center[s, 0])(0))
-    return motion_term(
-        region_share[j],
-        solid_position[j, 0] - solid_position[s, 0] - region_center[s, 0],
-        solid_position[j, 1] - solid_position[s, 1] - region_center[s, 1],
-        solid_position[j, 2] - solid_position[s, 2] - region_center[s, 2],
-        solid_velocity[j, 0] - solid_velocity[s, 0],
-        solid_velocity[j, 1] - solid_velocity[s, 1],
-        solid_velocity[j, 2] - solid_velocity[s, 2],
-    )
+    r = difference(three(solid_position, j), three(solid_position, s))
+    u = difference(three(solid_velocity, j), three(solid_velocity, s))
+    return motion_term(region_share[j], difference(r, three(region_center, s)), u)
 
 
 @kernel(ordered=True)
@@ -332,20 +302,11 @@ def motion_end(s, mass, sums, solid_velocity, matching, region_velocity, region_
 def damp_slot(s, slot, solid_position, solid_velocity, region, region_center, region_velocity, region_spin):
     """Velocity of node s in the rigid motion of one slot's region less its own [m/s]; zeros if the slot is empty."""
     zero = type(solid_position[s, 0])(0)
-    u, v, w = zero, zero, zero
     r = region[s, slot]
-    if r != EMPTY:
-        u, v, w = rigid_term(
-            region_velocity[r],
-            region_spin[r],
-            solid_position[s, 0] - solid_position[r, 0] - region_center[r, 0],
-            solid_position[s, 1] - solid_position[r, 1] - region_center[r, 1],
-            solid_position[s, 2] - solid_position[r, 2] - region_center[r, 2],
-        )
-        u -= solid_velocity[s, 0]
-        v -= solid_velocity[s, 1]
-        w -= solid_velocity[s, 2]
-    return u, v, w
+    if r == EMPTY:
+        return zero, zero, zero
+    arm = difference(difference(three(solid_position, s), three(solid_position, r)), three(region_center, r))
+    return difference(rigid_term(region_velocity[r], region_spin[r], arm), three(solid_velocity, s))
 
 
 @kernel(rows_of="region_count", ordered=True)
@@ -362,16 +323,12 @@ def damp(
 def damp_sums(s, solid_position, solid_velocity, region, region_center, region_velocity, region_spin):
     """Sum of damp_slot over the slots, member by member [m/s]."""
     zero = type(solid_position[s, 0])(0)
-    su, sv, sw = zero, zero, zero
+    sums = zero, zero, zero
+    regions = region, region_center, region_velocity, region_spin
     for slot in range(region.shape[1]):
         if region[s, slot] != EMPTY:
-            u, v, w = damp_slot(
-                s, slot, solid_position, solid_velocity, region, region_center, region_velocity, region_spin
-            )
-            su += u
-            sv += v
-            sw += w
-    return su, sv, sw
+            sums = added(sums, damp_slot(s, slot, solid_position, solid_velocity, *regions))
+    return sums
 
 
 @formula

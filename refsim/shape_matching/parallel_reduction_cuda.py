@@ -4,7 +4,7 @@ import numpy as np
 
 from refsim.backends.compile import cuda, cuda_kernel, formula
 from refsim.backends.primitives import sum_of_lanes
-from refsim.backends.tuples import added
+from refsim.backends.tuples import added, entrywise
 from refsim.shape_matching.kernels import (
     LANES,
     damp_end,
@@ -43,30 +43,10 @@ def _opposite(offset):
     return -offset[0], -offset[1], -offset[2]
 
 
-@formula
-def _summed_3(lane, values):
+@entrywise
+def _summed(part, lane):
     """Sums of what the lanes hold."""
-    a, b, c = values
-    return sum_of_lanes(a, lane, LANES), sum_of_lanes(b, lane, LANES), sum_of_lanes(c, lane, LANES)
-
-
-@formula
-def _summed_12(lane, v):
-    """Sums of what the lanes hold."""
-    a, b = _summed_3(lane, (v[0], v[1], v[2])), _summed_3(lane, (v[3], v[4], v[5]))
-    c, d = _summed_3(lane, (v[6], v[7], v[8])), _summed_3(lane, (v[9], v[10], v[11]))
-    return a[0], a[1], a[2], b[0], b[1], b[2], c[0], c[1], c[2], d[0], d[1], d[2]
-
-
-@formula
-def _summed_16(lane, v):
-    """Sums of what the lanes hold."""
-    a = _summed_12(lane, v)
-    b = _summed_3(lane, (v[12], v[13], v[14]))
-    return (
-        a[0], a[1], a[2], a[3], a[4], a[5], a[6], a[7], a[8], a[9], a[10], a[11], b[0], b[1], b[2],
-        sum_of_lanes(v[15], lane, LANES),
-    )  # fmt: skip
+    return sum_of_lanes(part, lane, LANES)
 
 
 @cuda_kernel(lanes=LANES)
@@ -85,7 +65,7 @@ def match(solid_position, region_share, region, matching, region_center, region_
             if j != EMPTY and pair < middle:
                 terms = match_member(s, j, _opposite(offset), solid_position, region_share)
                 sums = added(sums, terms)
-        sums = _summed_16(lane, sums)
+        sums = _summed(sums, lane)
         if lane == 0:
             match_end(s, sums, solid_position, region_share, region, matching, region_center, region_anchor, rotation)
 
@@ -100,18 +80,17 @@ def pull(
     if s < solid_velocity.shape[0]:
         middle = region.shape[1] // 2
         zero = rotation.dtype.type(0)
-        x, y, z = zero, zero, zero
+        goals = zero, zero, zero
         for pair in range(lane, middle + 1, LANES):
             slot, other, offset = _opposites(pair, matching.half_width)
             r = region[s, slot]
             if r != EMPTY:
-                a, b, e = goal_member(s, r, offset, solid_position, region_anchor, rotation, matching)
-                x, y, z = x + a, y + b, z + e
+                goals = added(goals, goal_member(s, r, offset, solid_position, region_anchor, rotation, matching))
             r = region[s, other]
             if r != EMPTY and pair < middle:
-                a, b, e = goal_member(s, r, _opposite(offset), solid_position, region_anchor, rotation, matching)
-                x, y, z = x + a, y + b, z + e
-        sums = _summed_3(lane, (x, y, z))
+                own = goal_member(s, r, _opposite(offset), solid_position, region_anchor, rotation, matching)
+                goals = added(goals, own)
+        sums = _summed(goals, lane)
         if lane == 0:
             goal_end(s, sums, region_count, place, velocity, matching, timestep, acceleration, solid_velocity)
 
@@ -130,17 +109,13 @@ def region_motion(
             slot, other, _ = _opposites(pair, matching.half_width)
             if region[s, slot] != EMPTY:
                 mass += region_share[region[s, slot]]
-                sums = added(
-                    sums,
-                    motion_slot(s, slot, solid_position, solid_velocity, region_share, region, region_center),
-                )
+                own = motion_slot(s, slot, solid_position, solid_velocity, region_share, region, region_center)
+                sums = added(sums, own)
             if region[s, other] != EMPTY and pair < middle:
                 mass += region_share[region[s, other]]
-                sums = added(
-                    sums,
-                    motion_slot(s, other, solid_position, solid_velocity, region_share, region, region_center),
-                )
-        mass, sums = sum_of_lanes(mass, lane, LANES), _summed_12(lane, sums)
+                own = motion_slot(s, other, solid_position, solid_velocity, region_share, region, region_center)
+                sums = added(sums, own)
+        mass, sums = sum_of_lanes(mass, lane, LANES), _summed(sums, lane)
         if lane == 0:
             motion_end(s, mass, sums, solid_velocity, matching, region_velocity, region_spin)
 
@@ -155,18 +130,13 @@ def damp(
     if s < region_count.shape[0]:
         middle = region.shape[1] // 2
         zero = acceleration.dtype.type(0)
-        u, v, w = zero, zero, zero
+        sums = zero, zero, zero
+        regions = region, region_center, region_velocity, region_spin
         for pair in range(lane, middle + 1, LANES):
             slot, other, _ = _opposites(pair, matching.half_width)
-            a, b, e = damp_slot(
-                s, slot, solid_position, solid_velocity, region, region_center, region_velocity, region_spin
-            )
-            u, v, w = u + a, v + b, w + e
+            sums = added(sums, damp_slot(s, slot, solid_position, solid_velocity, *regions))
             if pair < middle:
-                a, b, e = damp_slot(
-                    s, other, solid_position, solid_velocity, region, region_center, region_velocity, region_spin
-                )
-                u, v, w = u + a, v + b, w + e
-        sums = _summed_3(lane, (u, v, w))
+                sums = added(sums, damp_slot(s, other, solid_position, solid_velocity, *regions))
+        sums = _summed(sums, lane)
         if lane == 0:
             damp_end(s, sums, region_count, place, matching, timestep, acceleration)

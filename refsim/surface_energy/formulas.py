@@ -3,6 +3,7 @@
 import math
 
 from refsim.backends.compile import formula
+from refsim.backends.tuples import dot
 
 LEAST_SUM = 1e-12  # of a node's splines; a node with a smaller sum is not active
 REACH = 2  # [h] up to which the nearest particle is looked for
@@ -13,6 +14,16 @@ EQUALLY_NEAR = 1e-4  # [h] by which particles farther than the nearest count as 
 def grid_offset(x, j, surface_term):
     """u = x/h - j of a position x [m] from node j, dimensionless; the difference is taken in float64."""
     return type(surface_term.cell_size)(float(x) * surface_term.inverse_cell - float(j))
+
+
+@formula
+def place_over(position, p, j, surface_term):
+    """u = x/h - j of point p along the three axes, dimensionless."""
+    return (
+        grid_offset(position[p, 0], j[0], surface_term),
+        grid_offset(position[p, 1], j[1], surface_term),
+        grid_offset(position[p, 2], j[2], surface_term),
+    )
 
 
 @formula
@@ -68,18 +79,10 @@ def exit_length(along, across_squared, surface_term):
 
 
 @formula
-def triangle_vector(ux, uy, uz, vx, vy, vz):
-    """Area times normal [m^2] of a triangle with sides u and v: A n = 1/2 u x v."""
-    real = type(ux)
-    half = real(0.5)
-    return half * (uy * vz - uz * vy), half * (uz * vx - ux * vz), half * (ux * vy - uy * vx)
-
-
-@formula
-def tangential(nx, ny, nz, gx, gy, gz):
+def tangential(n, g):
     """(I - n n^T) g, in the unit of g [1/m]: = g - n (n.g)."""
-    along = nx * gx + ny * gy + nz * gz
-    return gx - nx * along, gy - ny * along, gz - nz * along
+    along = dot(n, g)
+    return g[0] - n[0] * along, g[1] - n[1] * along, g[2] - n[2] * along
 
 
 @formula

@@ -7,6 +7,7 @@ import math
 
 from refsim.backends import arrays
 from refsim.backends.compile import formula, kernel
+from refsim.backends.tuples import added, cross, difference, dot, over, put, scaled, three
 from refsim.sparse_grid.formulas import node_coordinates, step_node
 from refsim.surface_energy import formulas
 
@@ -19,7 +20,7 @@ def node_states(i, interior_position, cells, blocks, surface_term, node_state):
 
     The cells that touch the node come first: inside the liquid the first particle decides.
     """
-    jx, jy, jz = node_coordinates(blocks, i)
+    j = node_coordinates(blocks, i)
     space = blocks.neighbour.shape[1] == 27
     node_state[i] = 0
     for ring in range(2):
@@ -33,24 +34,22 @@ def node_states(i, interior_position, cells, blocks, surface_term, node_state):
                     if cell < 0:
                         continue
                     for k in range(cells.first[cell], cells.first[cell + 1]):
-                        p = cells.point[k]
-                        ux = formulas.grid_offset(interior_position[p, 0], jx, surface_term)
-                        uy = formulas.grid_offset(interior_position[p, 1], jy, surface_term)
-                        uz = formulas.grid_offset(interior_position[p, 2], jz, surface_term)
-                        if ux * ux + uy * uy + uz * uz < surface_term.radius_squared:
+                        u = formulas.place_over(interior_position, cells.point[k], j, surface_term)
+                        if dot(u, u) < surface_term.radius_squared:
                             node_state[i] = 1
                             return
 
 
 @formula(inlined=True)
-def farther_exit(farthest, ux, uy, uz, ax, ay, az, towards, surface_term):
+def farther_exit(farthest, u, axis, towards, surface_term):
     """Algorithm 1, line 15: max(`farthest`, l) [h], where l leads out of the sphere of a particle at u, along an axis.
 
     `farthest` itself where the sphere does not hold the edge's inside end.
     """
     real = type(farthest)
-    along = ux * real(ax) + uy * real(ay) + uz * real(az)
-    across = ux * ux * real(1 - ax) + uy * uy * real(1 - ay) + uz * uz * real(1 - az)
+    ax, ay, az = axis
+    along = u[0] * real(ax) + u[1] * real(ay) + u[2] * real(az)
+    across = u[0] * u[0] * real(1 - ax) + u[1] * u[1] * real(1 - ay) + u[2] * u[2] * real(1 - az)
     if along * along + across < surface_term.radius_squared:
         farthest = max(farthest, formulas.exit_length(real(towards) * along, across, surface_term))
     return farthest
@@ -69,7 +68,7 @@ def exit_points(v, interior_position, cells, blocks, node_state, surface_term, v
         node = step_node(blocks, node, ax, ay, az)
         towards = -1
     farthest = real(0)
-    jx, jy, jz = node_coordinates(blocks, node)
+    j = node_coordinates(blocks, node)
     space = blocks.neighbour.shape[1] == 27
     for dz in range(-2 if space else 0, 2 if space else 1):
         for dy in range(-2, 2):
@@ -78,57 +77,39 @@ def exit_points(v, interior_position, cells, blocks, node_state, surface_term, v
                 if cell < 0:
                     continue
                 for k in range(cells.first[cell], cells.first[cell + 1]):
-                    p = cells.point[k]
-                    ux = formulas.grid_offset(interior_position[p, 0], jx, surface_term)
-                    uy = formulas.grid_offset(interior_position[p, 1], jy, surface_term)
-                    uz = formulas.grid_offset(interior_position[p, 2], jz, surface_term)
-                    farthest = farther_exit(farthest, ux, uy, uz, ax, ay, az, towards, surface_term)
+                    u = formulas.place_over(interior_position, cells.point[k], j, surface_term)
+                    farthest = farther_exit(farthest, u, (ax, ay, az), towards, surface_term)
     length = real(towards) * min(farthest, real(1))
-    vertex_position[v, 0] = h * (real(jx) + real(ax) * length)
-    vertex_position[v, 1] = h * (real(jy) + real(ay) * length)
-    vertex_position[v, 2] = h * (real(jz) + real(az) * length)
+    vertex_position[v, 0] = h * (real(j[0]) + real(ax) * length)
+    vertex_position[v, 1] = h * (real(j[1]) + real(ay) * length)
+    vertex_position[v, 2] = h * (real(j[2]) + real(az) * length)
 
 
 @kernel
 def facet_samples(f, vertex_position, facets, sample_position, sample_area, facet_normal):
     """One sample to a facet: its centroid [m], area [m^(dim-1)] and unit normal."""
-    x, y, z, area, nx, ny, nz = facet_sample(f, vertex_position, facets)
-    sample_position[f, 0] = x
-    sample_position[f, 1] = y
-    sample_position[f, 2] = z
+    x, area, n = facet_sample(f, vertex_position, facets)
+    put(sample_position, f, x)
     sample_area[f] = area
-    facet_normal[f, 0] = nx
-    facet_normal[f, 1] = ny
-    facet_normal[f, 2] = nz
+    put(facet_normal, f, n)
 
 
 @formula
 def facet_sample(f, vertex_position, facets):
     """(centroid [m], area [m^(dim-1)], unit normal) of facet f; no normal where the facet has no area."""
-    a, b = facets[f, 0], facets[f, 1]
-    ux = vertex_position[b, 0] - vertex_position[a, 0]
-    uy = vertex_position[b, 1] - vertex_position[a, 1]
-    uz = vertex_position[b, 2] - vertex_position[a, 2]
-    real = type(ux)
+    a = three(vertex_position, facets[f, 0])
+    u = difference(three(vertex_position, facets[f, 1]), a)
+    real = type(u[0])
+    half = real(0.5)
     if facets.shape[1] == 2:
-        x = vertex_position[a, 0] + real(0.5) * ux
-        y = vertex_position[a, 1] + real(0.5) * uy
-        z = vertex_position[a, 2]
-        nx, ny, nz = uy, -ux, real(0)
+        x = a[0] + half * u[0], a[1] + half * u[1], a[2]
+        n = u[1], -u[0], real(0)
     else:
-        c = facets[f, 2]
-        wx = vertex_position[c, 0] - vertex_position[a, 0]
-        wy = vertex_position[c, 1] - vertex_position[a, 1]
-        wz = vertex_position[c, 2] - vertex_position[a, 2]
-        third = real(1) / real(3)
-        x = vertex_position[a, 0] + third * (ux + wx)
-        y = vertex_position[a, 1] + third * (uy + wy)
-        z = vertex_position[a, 2] + third * (uz + wz)
-        nx, ny, nz = formulas.triangle_vector(ux, uy, uz, wx, wy, wz)
-    area = math.sqrt(nx * nx + ny * ny + nz * nz)
-    if area > real(0):
-        nx, ny, nz = nx / area, ny / area, nz / area
-    return x, y, z, area, nx, ny, nz
+        w = difference(three(vertex_position, facets[f, 2]), a)
+        x = added(a, scaled(added(u, w), real(1) / real(3)))
+        n = scaled(cross(u, w), half)
+    area = math.sqrt(dot(n, n))
+    return x, area, over(n, area) if area > real(0) else n
 
 
 @kernel
@@ -155,13 +136,10 @@ def candidates(k, vertex_position, facets, area_before, dice, candidate_facet, c
         root = math.sqrt(u)
         w = formulas.unit_share(formulas.hash_word(dice.seed, k, 2), one)
         s, t, c = root * (one - w), root * w, facets[f, 2]
-    x = vertex_position[a, 0] + s * (vertex_position[b, 0] - vertex_position[a, 0])
-    y = vertex_position[a, 1] + s * (vertex_position[b, 1] - vertex_position[a, 1])
-    z = vertex_position[a, 2] + s * (vertex_position[b, 2] - vertex_position[a, 2])
+    origin, first, second = three(vertex_position, a), three(vertex_position, b), three(vertex_position, c)
+    x = added(origin, scaled(difference(first, origin), s))
     candidate_facet[k] = f
-    candidate_position[k, 0] = x + t * (vertex_position[c, 0] - vertex_position[a, 0])
-    candidate_position[k, 1] = y + t * (vertex_position[c, 1] - vertex_position[a, 1])
-    candidate_position[k, 2] = z + t * (vertex_position[c, 2] - vertex_position[a, 2])
+    put(candidate_position, k, added(x, scaled(difference(second, origin), t)))
 
 
 def poisson_disk(candidate_position, candidate_cells, blocks, dice, surface_term, accepted):
@@ -186,10 +164,8 @@ def throw_darts(k, candidate_position, candidate_cells, blocks, dice, surface_te
     if i < 0:
         accepted[k] = REJECTED
         return
-    jx, jy, jz = node_coordinates(blocks, i)
-    ox = formulas.grid_offset(candidate_position[k, 0], jx, surface_term)
-    oy = formulas.grid_offset(candidate_position[k, 1], jy, surface_term)
-    oz = formulas.grid_offset(candidate_position[k, 2], jz, surface_term)
+    j = node_coordinates(blocks, i)
+    own = formulas.place_over(candidate_position, k, j, surface_term)
     turn = formulas.hash_word(dice.seed, k, 3)
     limit = surface_term.disk * surface_term.disk
     space = blocks.neighbour.shape[1] == 27
@@ -204,10 +180,8 @@ def throw_darts(k, candidate_position, candidate_cells, blocks, dice, surface_te
                     other = candidate_cells.point[m]
                     if accepted[other] == REJECTED or other == k:
                         continue
-                    ux = formulas.grid_offset(candidate_position[other, 0], jx, surface_term) - ox
-                    uy = formulas.grid_offset(candidate_position[other, 1], jy, surface_term) - oy
-                    uz = formulas.grid_offset(candidate_position[other, 2], jz, surface_term) - oz
-                    if ux * ux + uy * uy + uz * uz < limit:
+                    u = difference(formulas.place_over(candidate_position, other, j, surface_term), own)
+                    if dot(u, u) < limit:
                         theirs = formulas.hash_word(dice.seed, other, 3)
                         if theirs < turn or (theirs == turn and other < k):
                             if accepted[other] == ACCEPTED:
@@ -230,10 +204,8 @@ def offsets(
     h = surface_term.cell_size
     real = type(h)
     i = sample_cells.cell[s]
-    jx, jy, jz = node_coordinates(blocks, i)
-    ox = formulas.grid_offset(sample_position[s, 0], jx, surface_term)
-    oy = formulas.grid_offset(sample_position[s, 1], jy, surface_term)
-    oz = formulas.grid_offset(sample_position[s, 2], jz, surface_term)
+    j = node_coordinates(blocks, i)
+    o = formulas.place_over(sample_position, s, j, surface_term)
     space = blocks.neighbour.shape[1] == 27
     limit = real(formulas.REACH * formulas.REACH)
     best, second, found = limit, limit, -1
@@ -251,10 +223,8 @@ def offsets(
                             continue
                         for k in range(cells.first[cell], cells.first[cell + 1]):
                             p = cells.point[k]
-                            ux = ox - formulas.grid_offset(interior_position[p, 0], jx, surface_term)
-                            uy = oy - formulas.grid_offset(interior_position[p, 1], jy, surface_term)
-                            uz = oz - formulas.grid_offset(interior_position[p, 2], jz, surface_term)
-                            squared = ux * ux + uy * uy + uz * uz
+                            u = difference(o, formulas.place_over(interior_position, p, j, surface_term))
+                            squared = dot(u, u)
                             if turn == 1:
                                 if squared < limit and formulas.comes_before(p, found, interior_number):
                                     found = p
@@ -265,11 +235,8 @@ def offsets(
         limit = formulas.equally_near(best)
         if not second < limit:
             break
-    nx, ny, nz = away_from(found, ox, oy, oz, jx, jy, jz, interior_position, surface_term)
     nearest[s] = found
-    offset_direction[s, 0] = nx
-    offset_direction[s, 1] = ny
-    offset_direction[s, 2] = nz
+    put(offset_direction, s, away_from(found, o, j, interior_position, surface_term))
     if fit_position is not None:
         distance = surface_term.offset * h
         for c in range(3):
@@ -278,22 +245,19 @@ def offsets(
 
 
 @formula
-def away_from(found, ox, oy, oz, jx, jy, jz, interior_position, surface_term):
+def away_from(found, o, j, interior_position, surface_term):
     """Section 4.3.1: n = (o - x_p)/|o - x_p|, dimensionless, of a position o over node j.
 
     0 without a particle `found`, and where the position is the particle's.
     """
-    real = type(surface_term.cell_size)
+    zero = type(surface_term.cell_size)(0)
     if found < 0:
-        return real(0), real(0), real(0)
-    ux = ox - formulas.grid_offset(interior_position[found, 0], jx, surface_term)
-    uy = oy - formulas.grid_offset(interior_position[found, 1], jy, surface_term)
-    uz = oz - formulas.grid_offset(interior_position[found, 2], jz, surface_term)
-    squared = ux * ux + uy * uy + uz * uz
-    if not squared > real(0):
-        return real(0), real(0), real(0)
-    length = math.sqrt(squared)
-    return ux / length, uy / length, uz / length
+        return zero, zero, zero
+    u = difference(o, formulas.place_over(interior_position, found, j, surface_term))
+    squared = dot(u, u)
+    if not squared > zero:
+        return zero, zero, zero
+    return over(u, math.sqrt(squared))
 
 
 def fit_weights(fit_position, fit_cells, blocks, surface_term, fit_splines, node_weight):
@@ -311,22 +275,12 @@ def splines_of_points(r, fit_position, fit_cells, blocks, surface_term, fit_spli
         for k in range(9):
             fit_splines[r, k] = real(0)
         return
-    fx, fy, fz = cell_fractions(r, fit_position, base, blocks, surface_term)
+    fx, fy, fz = formulas.place_over(fit_position, r, node_coordinates(blocks, base), surface_term)
     space = blocks.neighbour.shape[1] == 27
     for k in range(3):
         fit_splines[r, k] = formulas.spline_weight(fx, k)
         fit_splines[r, 3 + k] = formulas.spline_weight(fy, k)
         fit_splines[r, 6 + k] = formulas.spline_weight(fz, k) if space else real(k == 0)
-
-
-@formula
-def cell_fractions(q, query_position, base, blocks, surface_term):
-    """f = y/h - j of position q over the lowest node j of its splines, dimensionless."""
-    jx, jy, jz = node_coordinates(blocks, base)
-    fx = formulas.grid_offset(query_position[q, 0], jx, surface_term)
-    fy = formulas.grid_offset(query_position[q, 1], jy, surface_term)
-    fz = formulas.grid_offset(query_position[q, 2], jz, surface_term)
-    return fx, fy, fz
 
 
 @kernel
@@ -404,8 +358,8 @@ def mls_normals(
 ):  # fmt: skip
     """(3.8) and (3.17): value [h], dimensionless gradient and unit normal of the implicit surface at position q."""
     base = spline_cells.cell[q]
-    value, gx, gy, gz = mls_gradient(q, query_position, base, blocks, surface_term, coefficients)
-    store_normal(q, value, gx, gy, gz, outward, surface_value, surface_gradient, sample_normal)
+    value, gradient = mls_gradient(q, query_position, base, blocks, surface_term, coefficients)
+    store_normal(q, value, gradient, outward, surface_value, surface_gradient, sample_normal)
 
 
 @kernel
@@ -415,13 +369,13 @@ def spline_normals(
 ):  # fmt: skip
     """(3.8) and (3.9): value [h], dimensionless gradient and unit normal of the implicit surface at position q."""
     base = spline_cells.cell[q]
-    value, gx, gy, gz = spline_gradient(q, query_position, base, blocks, surface_term, coefficients)
-    store_normal(q, value, gx, gy, gz, outward, surface_value, surface_gradient, sample_normal)
+    value, gradient = spline_gradient(q, query_position, base, blocks, surface_term, coefficients)
+    store_normal(q, value, gradient, outward, surface_value, surface_gradient, sample_normal)
 
 
 @formula
 def mls_gradient(q, query_position, base, blocks, surface_term, coefficients):
-    """(value [h], three components of the gradient) of the implicit surface at position q: (3.8) and (3.17).
+    """(value [h], gradient) of the implicit surface at position q: (3.8) and (3.17).
 
     C and lengths in units of h: 4/h^2 sum_j B_j C_j (x_j - y) is 4 sum_j B_j C_j (k - f), dimensionless. 0 where no
     block holds `base`, the lowest node of the position's splines.
@@ -429,8 +383,8 @@ def mls_gradient(q, query_position, base, blocks, surface_term, coefficients):
     real = type(surface_term.cell_size)
     value, gx, gy, gz = real(0), real(0), real(0), real(0)
     if base < 0:
-        return value, gx, gy, gz
-    fx, fy, fz = cell_fractions(q, query_position, base, blocks, surface_term)
+        return value, (gx, gy, gz)
+    fx, fy, fz = formulas.place_over(query_position, q, node_coordinates(blocks, base), surface_term)
     space = blocks.neighbour.shape[1] == 27
     for kz in range(3 if space else 1):
         wz = formulas.spline_weight(fz, kz) if space else real(1)
@@ -447,12 +401,12 @@ def mls_gradient(q, query_position, base, blocks, surface_term, coefficients):
                     gy += term * ay
                     gz += term * az
     four = real(4)
-    return value, four * gx, four * gy, four * gz
+    return value, (four * gx, four * gy, four * gz)
 
 
 @formula
 def spline_gradient(q, query_position, base, blocks, surface_term, coefficients):
-    """(value [h], three components of the gradient) of the implicit surface at position q: (3.8) and (3.9).
+    """(value [h], gradient) of the implicit surface at position q: (3.8) and (3.9).
 
     C in units of h: sum_j C_j h grad B_j is dimensionless. 0 where no block holds `base`, the lowest node of the
     position's splines.
@@ -460,8 +414,8 @@ def spline_gradient(q, query_position, base, blocks, surface_term, coefficients)
     real = type(surface_term.cell_size)
     value, gx, gy, gz = real(0), real(0), real(0), real(0)
     if base < 0:
-        return value, gx, gy, gz
-    fx, fy, fz = cell_fractions(q, query_position, base, blocks, surface_term)
+        return value, (gx, gy, gz)
+    fx, fy, fz = formulas.place_over(query_position, q, node_coordinates(blocks, base), surface_term)
     space = blocks.neighbour.shape[1] == 27
     for kz in range(3 if space else 1):
         wz = formulas.spline_weight(fz, kz) if space else real(1)
@@ -476,34 +430,28 @@ def spline_gradient(q, query_position, base, blocks, surface_term, coefficients)
                     gx += formulas.spline_slope(fx, kx) * wy * wz * c
                     gy += wx * sy * wz * c
                     gz += wx * wy * sz * c
-    return value, gx, gy, gz
+    return value, (gx, gy, gz)
 
 
 @formula
-def store_normal(q, value, gx, gy, gz, outward, surface_value, surface_gradient, sample_normal):
-    """Value [h] and gradient = (gx, gy, gz), if their arrays are given, and the unit normal."""
+def store_normal(q, value, gradient, outward, surface_value, surface_gradient, sample_normal):
+    """Value [h] and gradient = g, if their arrays are given, and the unit normal."""
     if surface_value is not None:
         surface_value[q] = value
     if surface_gradient is not None:
-        surface_gradient[q, 0] = gx
-        surface_gradient[q, 1] = gy
-        surface_gradient[q, 2] = gz
-    nx, ny, nz = oriented_normal(gx, gy, gz, outward[q, 0], outward[q, 1], outward[q, 2])
-    sample_normal[q, 0] = nx
-    sample_normal[q, 1] = ny
-    sample_normal[q, 2] = nz
+        put(surface_gradient, q, gradient)
+    put(sample_normal, q, oriented_normal(gradient, three(outward, q)))
 
 
 @formula
-def oriented_normal(gx, gy, gz, nx, ny, nz):
+def oriented_normal(g, n):
     """Unit vector = g/|g| (dimensionless); the direction n instead where g is 0 or points against n."""
-    real = type(gx)
-    length = math.sqrt(gx * gx + gy * gy + gz * gz)
-    if length > real(0):
-        gx, gy, gz = gx / length, gy / length, gz / length
-        if gx * nx + gy * ny + gz * nz >= real(0):
-            return gx, gy, gz
-    return nx, ny, nz
+    length = math.sqrt(dot(g, g))
+    if length > type(length)(0):
+        g = over(g, length)
+        if dot(g, n) >= type(length)(0):
+            return g
+    return n
 
 
 @kernel
@@ -518,7 +466,7 @@ def inset(v, vertex_position, vertex_normal, surface_term, inset_position):
 def surface_force(i, sample_position, sample_area, sample_normal, spline_cells, blocks, surface_term, node_force):
     """(4.18*): force on node i [N], -k sum_s A_s (I - n n^T) grad B_i(x_s); k has the sign of thesis M1."""
     real = type(surface_term.cell_size)
-    tx, ty, tz = real(0), real(0), real(0)
+    total = real(0), real(0), real(0)
     space = blocks.neighbour.shape[1] == 27
     for kz in range(3 if space else 1):
         for ky in range(3):
@@ -539,18 +487,10 @@ def surface_force(i, sample_position, sample_area, sample_normal, spline_cells, 
                     if space:
                         fz = formulas.grid_offset(sample_position[s, 2], jz, surface_term)
                         wz, sz = formulas.spline_weight(fz, kz), formulas.spline_slope(fz, kz)
-                    ux, uy, uz = formulas.tangential(
-                        sample_normal[s, 0], sample_normal[s, 1], sample_normal[s, 2],
-                        sx * wy * wz, wx * sy * wz, wx * wy * sz,
-                    )  # fmt: skip
-                    area = sample_area[s]
-                    tx += area * ux
-                    ty += area * uy
-                    tz += area * uz
-    strength = -surface_term.tension / surface_term.cell_size
-    node_force[i, 0] = strength * tx
-    node_force[i, 1] = strength * ty
-    node_force[i, 2] = strength * tz
+                    slope = sx * wy * wz, wx * sy * wz, wx * wy * sz
+                    u = formulas.tangential(three(sample_normal, s), slope)
+                    total = added(total, scaled(u, sample_area[s]))
+    put(node_force, i, scaled(total, -surface_term.tension / surface_term.cell_size))
 
 
 @kernel
@@ -565,14 +505,11 @@ def extents(p, interior_position, cells, blocks, surface_term, extent):
     if i < 0:
         extent[p] = 0
         return
-    jx, jy, jz = node_coordinates(blocks, i)
-    ox = formulas.grid_offset(interior_position[p, 0], jx, surface_term)
-    oy = formulas.grid_offset(interior_position[p, 1], jy, surface_term)
-    oz = formulas.grid_offset(interior_position[p, 2], jz, surface_term)
+    j = node_coordinates(blocks, i)
+    own = formulas.place_over(interior_position, p, j, surface_term)
     space = blocks.neighbour.shape[1] == 27
     zero, one = real(0), real(1)
-    n, mx, my, mz = zero, zero, zero, zero
-    xx, xy, xz, yy, yz, zz = zero, zero, zero, zero, zero, zero
+    n, mean, square = zero, (zero, zero, zero), (zero, zero, zero, zero, zero, zero)
     for dz in range(-1 if space else 0, 2 if space else 1):
         for dy in range(-1, 2):
             for dx in range(-1, 2):
@@ -581,24 +518,16 @@ def extents(p, interior_position, cells, blocks, surface_term, extent):
                     continue
                 for k in range(cells.first[cell], cells.first[cell + 1]):
                     q = cells.point[k]
-                    ux = formulas.grid_offset(interior_position[q, 0], jx, surface_term) - ox
-                    uy = formulas.grid_offset(interior_position[q, 1], jy, surface_term) - oy
-                    uz = formulas.grid_offset(interior_position[q, 2], jz, surface_term) - oz
-                    if ux * ux + uy * uy + uz * uz < one:
+                    u = difference(formulas.place_over(interior_position, q, j, surface_term), own)
+                    x, y, z = u
+                    if dot(u, u) < one:
                         n += one
-                        mx += ux
-                        my += uy
-                        mz += uz
-                        xx += ux * ux
-                        xy += ux * uy
-                        xz += ux * uz
-                        yy += uy * uy
-                        yz += uy * uz
-                        zz += uz * uz
+                        mean = added(mean, u)
+                        square = added(square, (x * x, x * y, x * z, y * y, y * z, z * z))
     least = one / real(64)
-    mx, my, mz = mx / n, my / n, mz / n
-    xx, yy, zz = xx / n - mx * mx - least, yy / n - my * my - least, zz / n - mz * mz - least
-    xy, xz, yz = xy / n - mx * my, xz / n - mx * mz, yz / n - my * mz
+    x, y, z = over(mean, n)
+    xx, xy, xz, yy, yz, zz = difference(over(square, n), (x * x, x * y, x * z, y * y, y * z, z * z))
+    xx, yy, zz = xx - least, yy - least, zz - least
     extent[p] = formulas.positive_roots(
         xx + yy + zz,
         xx * yy - xy * xy + (xx * zz - xz * xz) + (yy * zz - yz * yz),

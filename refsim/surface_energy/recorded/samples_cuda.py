@@ -13,7 +13,7 @@ import numpy as np
 from refsim.backends.compile import cuda, cuda_formula, cuda_kernel, formula
 from refsim.backends.primitives import across_lanes
 from refsim.backends.runtime import simulated
-from refsim.backends.tuples import put
+from refsim.backends.tuples import added, difference, dot, put, scaled, three
 from refsim.sparse_grid.block_search_cuda import number
 from refsim.sparse_grid.formulas import block_bits, node_coordinates, step_node
 from refsim.surface_energy import formulas, kernels
@@ -93,17 +93,15 @@ def nearest_of_lanes(lane, i, x, seed, spheres, blocks, surface_term):
     space = bits == 2
     real = type(surface_term.cell_size)
     cells, placed = spheres.cells, spheres.placed
-    jx, jy, jz = node_coordinates(blocks, CELLS * b)
-    ox = formulas.grid_offset(x[0], jx, surface_term)
-    oy = formulas.grid_offset(x[1], jy, surface_term)
-    oz = formulas.grid_offset(x[2], jz, surface_term)
+    j = node_coordinates(blocks, CELLS * b)
+    ox = formulas.grid_offset(x[0], j[0], surface_term)
+    oy = formulas.grid_offset(x[1], j[1], surface_term)
+    oz = formulas.grid_offset(x[2], j[2], surface_term)
     best = real(formulas.REACH * formulas.REACH)
     second, found = best, np.int32(-1)
     if seed >= 0:
-        ux = ox - formulas.grid_offset(spheres.position[seed, 0], jx, surface_term)
-        uy = oy - formulas.grid_offset(spheres.position[seed, 1], jy, surface_term)
-        uz = oz - formulas.grid_offset(spheres.position[seed, 2], jz, surface_term)
-        squared = ux * ux + uy * uy + uz * uz
+        u = difference((ox, oy, oz), formulas.place_over(spheres.position, seed, j, surface_term))
+        squared = dot(u, u)
         if squared < best:
             best, found = squared, np.int32(seed)
     best, second, found = nearest_lane(lane, best, second, found)
@@ -146,8 +144,7 @@ def nearest_of_lanes(lane, i, x, seed, spheres, blocks, surface_term):
             limit = formulas.equally_near(best)
             if not second < limit:
                 break
-    nx, ny, nz = kernels.away_from(found, ox, oy, oz, jx, jy, jz, spheres.position, surface_term)
-    return found, nx, ny, nz
+    return found, kernels.away_from(found, (ox, oy, oz), j, spheres.position, surface_term)
 
 
 @formula
@@ -261,10 +258,10 @@ def place_vertices(spheres, blocks, node_state, surface_term, vertex_edge, count
         y = h * (real(jy) + real(ay) * length)
         z = h * (real(jz) + real(az) * length)
         own = node_at(x, y, z, 0.0, i >> 6, blocks, surface_term)
-        p, nx, ny, nz = nearest_of_lanes(lane, own, (x, y, z), seed, spheres, blocks, surface_term)
+        p, n = nearest_of_lanes(lane, own, (x, y, z), seed, spheres, blocks, surface_term)
         if lane == 0:
             put(vertices.vertex_position, v, (x, y, z))
-            put(vertices.vertex_outward, v, (nx, ny, nz))
+            put(vertices.vertex_outward, v, n)
             vertices.vertex_nearest[v] = p
 
 
@@ -274,24 +271,23 @@ def place_points(spheres, blocks, surface_term, vertex_edge, vertices, facets, c
     s, lane = cuda.grid(1) // LANES, cuda.grid(1) % LANES
     made = counts[MADE]
     if s < made:
-        x, y, z, _, fx, fy, fz = kernels.facet_sample(s, vertices.vertex_position, facets)
+        x, _, normal = kernels.facet_sample(s, vertices.vertex_position, facets)
         guess = (vertex_edge[facets[s, 0]] // 3) >> 6
-        own = node_at(x, y, z, 0.0, guess, blocks, surface_term)
+        own = node_at(x[0], x[1], x[2], 0.0, guess, blocks, surface_term)
         seed = vertices.vertex_nearest[facets[s, lane % facets.shape[1]]]
-        p, nx, ny, nz = nearest_of_lanes(lane, own, (x, y, z), seed, spheres, blocks, surface_term)
+        p, n = nearest_of_lanes(lane, own, x, seed, spheres, blocks, surface_term)
         for k in range(lane, 2, LANES):
             r = s
             if k == 0:
-                put(samples.sample_place, s, (x, y, z))
-                put(samples.facet_normal, s, (fx, fy, fz))
-                put(samples.outward, s, (nx, ny, nz))
+                put(samples.sample_place, s, x)
+                put(samples.facet_normal, s, normal)
+                put(samples.outward, s, n)
                 samples.nearest[s] = p
             else:
                 r = made + s
-                distance = surface_term.offset * surface_term.cell_size
-                x, y, z = x + distance * nx, y + distance * ny, z + distance * nz
-            put(points.fit_position, r, (x, y, z))
-            cell = node_at(x, y, z, 0.5, own >> 6, blocks, surface_term)
+                x = added(x, scaled(n, surface_term.offset * surface_term.cell_size))
+            put(points.fit_position, r, x)
+            cell = node_at(x[0], x[1], x[2], 0.5, own >> 6, blocks, surface_term)
             points.fit_cell[r] = cell
             if cell >= 0:
                 points.fit_place[r] = cuda.atomic.add(points.held_points, cell, 1)
@@ -302,11 +298,10 @@ def implicit_normal(q, position, guess, blocks, surface_term, coefficients, outw
     """Unit normal of the implicit surface at position q: (3.17), or without `mls` (3.9)."""
     base = node_at(position[q, 0], position[q, 1], position[q, 2], 0.5, guess, blocks, surface_term)
     if mls is not None:
-        _, gx, gy, gz = kernels.mls_gradient(q, position, base, blocks, surface_term, coefficients)
+        _, gradient = kernels.mls_gradient(q, position, base, blocks, surface_term, coefficients)
     else:
-        _, gx, gy, gz = kernels.spline_gradient(q, position, base, blocks, surface_term, coefficients)
-    nx, ny, nz = kernels.oriented_normal(gx, gy, gz, outward[q, 0], outward[q, 1], outward[q, 2])
-    normal[q, 0], normal[q, 1], normal[q, 2] = nx, ny, nz
+        _, gradient = kernels.spline_gradient(q, position, base, blocks, surface_term, coefficients)
+    put(normal, q, kernels.oriented_normal(gradient, three(outward, q)))
 
 
 @cuda_kernel(rows_of="either")
@@ -335,10 +330,10 @@ def place_samples(spheres, blocks, surface_term, vertex_edge, inset_position, fa
     """Samples after the inset, their nearest particles, and areas, 0 on components of fewer than `least` particles."""
     s, lane = cuda.grid(1) // LANES, cuda.grid(1) % LANES
     if s < counts[MADE]:
-        x, y, z, area, _, _, _ = kernels.facet_sample(s, inset_position, facets)
+        x, area, _ = kernels.facet_sample(s, inset_position, facets)
         guess = (vertex_edge[facets[s, 0]] // 3) >> 6
-        own = node_at(x, y, z, 0.0, guess, blocks, surface_term)
-        p, _, _, _ = nearest_of_lanes(lane, own, (x, y, z), samples.nearest[s], spheres, blocks, surface_term)
+        own = node_at(x[0], x[1], x[2], 0.0, guess, blocks, surface_term)
+        p, _ = nearest_of_lanes(lane, own, x, samples.nearest[s], spheres, blocks, surface_term)
         if lane == 0:
             has_tension = False
             if p < 0:
@@ -347,6 +342,6 @@ def place_samples(spheres, blocks, surface_term, vertex_edge, inset_position, fa
                 cuda.atomic.add(samples.sample_count, p, 1)
                 label = components.node_label[spheres.cells.cell[p]]
                 has_tension = label >= 0 and components.members[label] >= components.least
-            put(samples.sample_position, s, (x, y, z))
+            put(samples.sample_position, s, x)
             samples.sample_area[s] = area if has_tension else type(area)(0)
             samples.nearest[s] = p
