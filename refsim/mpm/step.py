@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import Literal
 
 from refsim.core.effect import Pass
 
@@ -41,30 +42,43 @@ class Step:
 
     def passes(self) -> Iterator[Pass]:
         """The passes of a step, in order."""
+        deformation = ("deformation",) if self.deforms else ()
+        cluster = CLUSTER if self.embedded else ()
+        state = ("cell", *STATE, *cluster, *(("acceleration",) if self.accelerated else ()))
+        pull = ("node_pull",) if self.tension else ()
+
+        # Places: in which cell everything is, after J has taken the crowding of the step before
         if self.recounts:
-            yield self.recount()  # with the crowding of the step before, ahead of all transfers
+            yield self._pass("mpm.recount", ("crowding",), updates=("volume_ratio", *deformation), stage="begin")
         if self.embedded:
-            yield self.embed()
-        yield self.find_cells()
+            yield self._pass("mpm.embed", ("position", "samples"), ("carriers", *CLUSTER))
+        yield self._pass("mpm.cells", ("position", *(("samples",) if self.surface else ()), *cluster), ("cell",))
 
+        # Particles to grid: mass and momentum of the nodes, with the impulse of pressure and viscous stress
         if self.viscous:
-            yield self.add_viscous_stress()
-        yield self.particles_to_grid()
+            names: dict[str, str | None] = {"inverse_spread": "inverse_spread" if self.reading == "cluster" else None}
+            reads = ("cell", "volume_ratio", *cluster)
+            yield Pass("mpm.viscosity", reads, updates=("affine",), names=names, stage="motion")
+        yield self._pass("mpm.particle_to_grid", state, ("node_momentum",))
         if self.embedded:
-            yield self.carriers_to_grid()
+            yield self._pass("mpm.carriers_to_grid", state, updates=("node_momentum",))
         if self.surface:
-            yield self.count_crowding()
+            reads = ("position", "volume_ratio", "cell", "node_momentum")
+            yield self._pass("mpm.count", reads, ("greatest_crowding", "crowding"))
 
+        # Forces on the grid: tension of the surface, (4.18), and pull of the walls at the edge of the wetted area
         if self.tension:
-            yield self.surface_force()
+            yield self._force("surface_energy.surface_force", writes=pull)
         if self.contact:
-            yield self.contact_force()
+            yield self._force("mpm.contact", updates=pull, line="surface.sample_line")
+        yield self._pass("mpm.grid_update", ("node_momentum", *pull), ("node_velocity",))
 
-        yield self.update_grid()
-
+        # Grid to particles: velocity, affine field, J or F, and the new position
         if self.embedded:
-            yield self.grid_to_carriers()
-        yield self.grid_to_particles()
+            yield self._pass("mpm.grid_to_carriers", ("cell", "node_velocity"), ("carrier_moment",))
+        reads = ("cell", "node_velocity", *cluster, *(("carrier_moment",) if self.embedded else ()))
+        moved = ("velocity", "affine", "volume_ratio", "step_extremes", "position", *deformation)
+        yield self._pass("mpm.grid_to_particle", reads, updates=moved)
 
     @property
     def surface(self) -> bool:
@@ -76,87 +90,7 @@ class Step:
         """Whether its samples are embedded as points around particles."""
         return self.reading not in (None, "none")
 
-    # Places: in which cell everything is
-
-    def recount(self) -> Pass:
-        """J relaxes towards the density that the grid counted in the step before."""
-        return self._pass("mpm.recount", ("crowding",), updates=("volume_ratio", *self._deformation), begin=True)
-
-    def embed(self) -> Pass:
-        """Each sample of the surface and its mirror image become points of the cluster of their particle."""
-        return self._pass("mpm.embed", ("position", "samples"), ("carriers", *CLUSTER))
-
-    def find_cells(self) -> Pass:
-        """Blocks and cells of particles, embedded points and samples."""
-        return self._pass("mpm.cells", ("position", *self._samples, *self._cluster), ("cell",))
-
-    # Particles to grid
-
-    def add_viscous_stress(self) -> Pass:
-        """The viscous stress acts through the affine field that the particles bring to the grid."""
-        names = {"inverse_spread": "inverse_spread" if self.reading == "cluster" else None}
-        reads = ("cell", "volume_ratio", *self._cluster)
-        return Pass("mpm.viscosity", reads, updates=("affine",), names=names, stage="motion")
-
-    def particles_to_grid(self) -> Pass:
-        """Mass and momentum of the nodes, with the impulse of the pressure."""
-        return self._pass("mpm.particle_to_grid", ("cell", *self._state), ("node_momentum",))
-
-    def carriers_to_grid(self) -> Pass:
-        """The same of the embedded points, added."""
-        return self._pass("mpm.carriers_to_grid", ("cell", *self._state), updates=("node_momentum",))
-
-    def count_crowding(self) -> Pass:
-        """The density that the grid counts at the particles, over the density that follows from J."""
-        reads = ("position", "volume_ratio", "cell", "node_momentum")
-        return self._pass("mpm.count", reads, ("greatest_crowding", "crowding"))
-
-    # Forces on the grid
-
-    def surface_force(self) -> Pass:
-        """Tension of the surface on the nodes, (4.18)."""
-        return self._force("surface_energy.surface_force", writes=("node_pull",))
-
-    def contact_force(self) -> Pass:
-        """Pull of the walls at the edge of the wetted area, added."""
-        return self._force("mpm.contact", updates=("node_pull",), line="surface.sample_line")
-
-    # The grid
-
-    def update_grid(self) -> Pass:
-        """Nodal velocities after forces, gravity and walls."""
-        pull = ("node_pull",) if self.tension else ()
-        return self._pass("mpm.grid_update", ("node_momentum", *pull), ("node_velocity",))
-
-    # Grid to particles
-
-    def grid_to_carriers(self) -> Pass:
-        """Moments of the nodal velocities at the embedded points."""
-        return self._pass("mpm.grid_to_carriers", ("cell", "node_velocity"), ("carrier_moment",))
-
-    def grid_to_particles(self) -> Pass:
-        """Velocity, affine field, J or F, and the new position of each particle."""
-        carried = ("carrier_moment",) if self.embedded else ()
-        moved = ("velocity", "affine", "volume_ratio", "step_extremes", "position", *self._deformation)
-        return self._pass("mpm.grid_to_particle", ("cell", "node_velocity", *self._cluster, *carried), updates=moved)
-
     # Inside
-
-    @property
-    def _cluster(self) -> tuple[str, ...]:
-        return CLUSTER if self.embedded else ()
-
-    @property
-    def _samples(self) -> tuple[str, ...]:
-        return ("samples",) if self.surface else ()
-
-    @property
-    def _deformation(self) -> tuple[str, ...]:
-        return ("deformation",) if self.deforms else ()
-
-    @property
-    def _state(self) -> tuple[str, ...]:
-        return (*STATE, *self._cluster, *(("acceleration",) if self.accelerated else ()))
 
     def _names(self) -> Mapping[str, str | None]:
         """Names of the arguments that are no fields; None for those that this step does not have."""
@@ -174,10 +108,9 @@ class Step:
 
     def _pass(
         self, operation: str, reads: tuple[str, ...], writes: tuple[str, ...] = (), updates: tuple[str, ...] = (),
-        begin: bool = False,
+        stage: Literal["begin", "motion"] = "motion",
     ) -> Pass:  # fmt: skip
-        names = self._names()
-        return Pass(operation, reads, writes, updates, names=names, stage="begin" if begin else "motion")
+        return Pass(operation, reads, writes, updates, names=self._names(), stage=stage)
 
     def _force(
         self, operation: str, writes: tuple[str, ...] = (), updates: tuple[str, ...] = (), line: str | None = None

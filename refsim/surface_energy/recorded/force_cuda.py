@@ -65,12 +65,12 @@ def sum_pulls(samples, first, point, filled, counts, blocks, surface_term, pulls
             if space:
                 fz = formulas.grid_offset(sample_position[s, 2], jz, surface_term)
                 wz, sz = formulas.spline_weight(fz, plane), formulas.spline_slope(fz, plane)
-            n, area = three(sample_normal, s), samples.sample_area[s]
+            normal, area = three(sample_normal, s), samples.sample_area[s]
             for ky in range(3):
                 wy, sy = formulas.spline_weight(fy, ky), formulas.spline_slope(fy, ky)
                 for kx in range(3):
                     wx, sx = formulas.spline_weight(fx, kx), formulas.spline_slope(fx, kx)
-                    ux, uy, uz = formulas.tangential(n, (sx * wy * wz, wx * sy * wz, wx * wy * sz))
+                    ux, uy, uz = formulas.tangential(normal, (sx * wy * wz, wx * sy * wz, wx * wy * sz))
                     k = 9 * ky + 3 * kx
                     total[k] += area * ux
                     total[k + 1] += area * uy
