@@ -54,6 +54,10 @@ class Backend:
         """The operation, by `algorithm` where the backend has it, on the values that `lookup` gives by name."""
         return operation.bind(operation.chosen(self.name, algorithm), lookup)
 
+    def library(self) -> tuple[Any, Callable[[Any], Any], Callable[[Any], Any]]:
+        """(NumPy or CuPy, what shows it an array of this backend, what makes one)."""
+        return np, np.asarray, np.asarray
+
     def synchronize(self) -> None:
         """Wait until everything launched has run."""
 
@@ -92,6 +96,9 @@ class CudaBackend(Backend):
 
     def invert(self, order: Any, places: Any) -> None:
         self.device.invert(order, places)
+
+    def library(self) -> tuple[Any, Callable[[Any], Any], Callable[[Any], Any]]:
+        return self.device.library(), self.device.seen, self.device.wrapped
 
     def synchronize(self) -> None:
         self.cuda.synchronize()

@@ -370,17 +370,10 @@ class HeatConduction(
         if self.calibrated and "M5" not in printed and "M6" not in printed:
             factor = 1 / lattice_moment(laplacian, grid.support_radius, grid.spacing, grid.dim)
         return conduction_group(
-            grid,
-            laplacian,
-            factor,
-            self.tolerance,
-            self.residual,
-            1.0 if "M8" in printed else 0.5,
-            self.mean == "harmonic",
-            "M11" in printed,
-            "M9" in printed,
-            iterations=self.iterations,
-        )
+            grid, laplacian=laplacian, factor=factor, tolerance=self.tolerance, residual=self.residual,
+            sweep_share=1.0 if "M8" in printed else 0.5, harmonic=self.mean == "harmonic",
+            unit_capacity="M11" in printed, frozen="M9" in printed, iterations=self.iterations,
+        )  # fmt: skip
 
     def _planned_passes(self, grid: Discretisation, others: Mapping[str, Effect], conduction: Conduction) -> int:
         """Passes that suffice for the longest step, or the fixed one, up to s_i of `CROWDED` times the lattice's."""

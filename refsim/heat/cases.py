@@ -122,7 +122,7 @@ def _conduction_follows(group, inputs, kernel):
         factor *= STORED if case.literal else 1 / STORED
         own["factor"] = factor
     grid = Case("", int(group.dim), case.position, case.spacing, float(group.support_radius)).grid("float64")
-    made = conduction_group(grid, int(group.laplacian), factor)._asdict()
+    made = conduction_group(grid, laplacian=int(group.laplacian), factor=factor)._asdict()
     if group.planned_passes:  # a GPU that finds the number of passes does not look at their bound
         own["most_passes"] = group.most_passes
     return own | {name: made[name] for name in ("inverse_radius", "inverse_volume", "scale")}

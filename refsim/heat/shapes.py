@@ -100,6 +100,7 @@ def lattice_sum(conduction: Conduction, grid: Discretisation) -> float:
 
 def conduction_group(
     grid: Discretisation,
+    *,
     laplacian: int = SPIKY,
     factor: float = 1.0,
     tolerance: float = 4e-3,

@@ -18,6 +18,7 @@ from refsim.core.operation import REGISTRY
 from refsim.isosurface import Mesh, edges_and_facets
 from refsim.sparse_grid import Blocks, PointList, SparseGrid, nodes
 from refsim.surface_energy import LARGEST_INSET, Dice, SurfaceTerm, Tension, surface_term
+from refsim.surface_energy.surface import Liquid
 from refsim.surface_energy.surface import Samples as Samples
 from refsim.surface_energy.surface import Surface as Surface
 
@@ -69,17 +70,17 @@ class Reconstruction:
                 return found
         self._seconds = {}
         blocks, cells = self._stage("cells", self._cells, position)
+        liquid = Liquid(position, number, blocks, cells)
         mesh = self._stage("level set and facets", self._mesh, position, blocks, cells)
         place, area, facet_normal, facet = self._stage("samples", self._samples, mesh, blocks, step)
-        nearest, away, fit_position = self._stage("offsets", self.offsets, position, number, blocks, cells, place, True)
+        nearest, away, fit_position = self._stage("offsets", self.offsets, liquid, place, True)
         coefficients = self._stage("fit", self._fit, blocks, fit_position)
         normal = self._stage("normals", self._normals, blocks, coefficients, place, away, facet_normal, facet)
         inset_mesh = mesh
         if self.tension.inset_distance() is not None:
             inset_mesh, place, area, nearest = self._stage(
-                "inset", self._inset, position, number, blocks, cells, mesh, coefficients, place, area, normal, facet,
-                volume,
-            )  # fmt: skip
+                "inset", self._inset, liquid, mesh, coefficients, place, area, normal, facet, volume
+            )
         size, area = self._stage("components", self._components, blocks, cells, nearest, area)
         count = self.sample_counts(nearest, position.shape[0])
         return Surface(
@@ -141,22 +142,14 @@ class Reconstruction:
         """Largest number of particles in one cell."""
         if surface.most_in_a_cell is not None:
             return surface.most_in_a_cell
-        first = surface.cells.first
-        if self.backend.name == "cuda":
-            from refsim.backends import device
-
-            first = device.seen(first)
+        first = self.backend.library()[1](surface.cells.first)
         return int((first[1:] - first[:-1]).max()) if len(first) > 1 else 0
 
     def finds_all(self, surface: Surface) -> bool:
         """Whether every sample has a particle."""
         if surface.unfound is not None:
             return not surface.unfound
-        numbers = surface.samples.nearest
-        if self.backend.name == "cuda":
-            from refsim.backends import device
-
-            numbers = device.seen(numbers)
+        numbers = self.backend.library()[1](surface.samples.nearest)
         return not len(numbers) or int(numbers.min()) >= 0
 
     # Stages
@@ -200,13 +193,12 @@ class Reconstruction:
         self._run("facet_samples", mesh.vertices, mesh.facets, place, area, normal)
         return place, area, normal
 
-    def offsets(
-        self, position: Any, number: Any, blocks: Blocks, cells: PointList, place: Any, fitted: bool
-    ) -> tuple[Any, ...]:
+    def offsets(self, liquid: Liquid, place: Any, fitted: bool) -> tuple[Any, ...]:
         """(nearest particle, direction away from it, points of the fit if `fitted`) of places (s, 3) [m]."""
         count = place.shape[0]
         nearest, away = self._empty(count, np.int32), self._empty((count, 3))
         points = self._empty((2 * count, 3)) if fitted else None
+        position, number, blocks, cells = liquid
         own = self.grid.cells_alone(place, blocks)
         self._run("offsets", position, number, cells, blocks, self.term, place, own, nearest, away, points)
         return nearest, away, points
@@ -240,15 +232,15 @@ class Reconstruction:
         return normal
 
     def _inset(
-        self, position: Any, number: Any, blocks: Blocks, cells: PointList, mesh: Mesh, coefficients: Any, place: Any,
-        area: Any, normal: Any, facet: Any, volume: float | None,
+        self, liquid: Liquid, mesh: Mesh, coefficients: Any, place: Any, area: Any, normal: Any, facet: Any,
+        volume: float | None,
     ) -> tuple[Mesh, Any, Any, Any]:  # fmt: skip
         """The surface pulled back by r - delta along the normals at its vertices; samples and areas go with it."""
-        _, outward, _ = self.offsets(position, number, blocks, cells, mesh.vertices, False)
+        _, outward, _ = self.offsets(liquid, mesh.vertices, False)
         if self.tension.normals in ("facets", "offsets"):
             vertex_normal = outward
         else:
-            vertex_normal = self._smooth_normals(blocks, coefficients, mesh.vertices, outward)
+            vertex_normal = self._smooth_normals(liquid.blocks, coefficients, mesh.vertices, outward)
         vertices = self._empty(mesh.vertices.shape)
         term = self.term
         if volume is not None:
@@ -262,7 +254,7 @@ class Reconstruction:
             moved = self._empty(place.shape)
             self._run("inset", place, normal, term, moved)
             place = moved
-        nearest, _, _ = self.offsets(position, number, blocks, cells, place, False)
+        nearest, _, _ = self.offsets(liquid, place, False)
         return inset_mesh, place, area, nearest
 
     def _enclosing(self, mesh: Mesh, vertex_normal: Any, volume: float) -> float:
@@ -270,14 +262,7 @@ class Reconstruction:
 
         The volume within facets whose corners move along straight lines is a polynomial of degree dim in the distance.
         """
-        xp: Any
-        seen: Any
-        if self.backend.name == "cuda":
-            from refsim.backends import device
-
-            xp, seen = device.library(), device.seen
-        else:
-            xp, seen = np, np.asarray
+        xp, seen, _ = self.backend.library()
         facets, h = seen(mesh.facets), float(self.term.cell_size)
         if not len(facets):
             return float(self.term.inset)
@@ -307,15 +292,7 @@ class Reconstruction:
         self._run("components", blocks, self._state, label)
         self._run("component_sizes", cells, label, size)
         least = self.tension.least_component(self.dim)
-        xp: Any
-        seen: Any
-        wrapped: Any
-        if self.backend.name == "cuda":
-            from refsim.backends import device
-
-            xp, seen, wrapped = device.library(), device.seen, device.wrapped
-        else:
-            xp, seen, wrapped = np, np.asarray, np.asarray
+        xp, seen, wrapped = self.backend.library()
         p = seen(nearest)
         if not len(p):
             return size, area
@@ -341,31 +318,17 @@ class Reconstruction:
 
     def _places(self, flags: Any) -> Any:
         """Where `flags` are not zero, int32."""
-        if self.backend.name == "cuda":
-            from refsim.backends import device
-
-            return device.wrapped(device.library().flatnonzero(device.seen(flags)).astype(np.int32))
-        return np.flatnonzero(flags).astype(np.int32)
+        xp, seen, wrapped = self.backend.library()
+        return wrapped(xp.flatnonzero(seen(flags)).astype(np.int32))
 
     def _gathered(self, values: Any, places: Any) -> Any:
-        if self.backend.name == "cuda":
-            from refsim.backends import device
-
-            return device.wrapped(device.seen(values)[device.seen(places)])
-        return values[places]
+        _, seen, wrapped = self.backend.library()
+        return wrapped(seen(values)[seen(places)])
 
     def _area_before(self, area: Any) -> tuple[Any, float]:
         """(running sum of areas in whole units, their sum in units of h^(dim-1))."""
         per_unit = AREA_UNITS / float(self.term.cell_size) ** (self.dim - 1)
-        xp: Any
-        seen: Any
-        wrapped: Any
-        if self.backend.name == "cuda":
-            from refsim.backends import device
-
-            xp, seen, wrapped = device.library(), device.seen, device.wrapped
-        else:
-            xp, seen, wrapped = np, np.asarray, np.asarray
+        xp, seen, wrapped = self.backend.library()
         before = xp.zeros(area.shape[0] + 1, np.int64)
         before[1:] = xp.cumsum(xp.rint(seen(area).astype(float) * per_unit).astype(np.int64))
         return wrapped(before), float(before[-1]) / AREA_UNITS
@@ -374,15 +337,7 @@ class Reconstruction:
         """Areas of Poisson-disk samples times the change of their facet's area."""
         _, old, _ = self._facet_samples(mesh)
         _, new, _ = self._facet_samples(inset_mesh)
-        xp: Any
-        seen: Any
-        wrapped: Any
-        if self.backend.name == "cuda":
-            from refsim.backends import device
-
-            xp, seen, wrapped = device.library(), device.seen, device.wrapped
-        else:
-            xp, seen, wrapped = np, np.asarray, np.asarray
+        xp, seen, wrapped = self.backend.library()
         own = seen(facet)
         before, after = seen(old)[own], seen(new)[own]
         change = xp.where(before > 0, after / xp.where(before > 0, before, self.dtype.type(1)), self.dtype.type(1))

@@ -19,7 +19,7 @@ from refsim.isosurface import reference as isosurface
 from refsim.sparse_grid import Blocks, PointList
 from refsim.sparse_grid.reference import Lookup, covering
 from refsim.surface_energy import LARGEST_INSET, Dice, SurfaceTerm, Tension, reference, surface_term
-from refsim.surface_energy.surface import Samples, Surface
+from refsim.surface_energy.surface import Liquid, Samples, Surface
 
 AREA_UNITS = 1 << 20  # of h^(dim-1) in the running sum of areas
 CANDIDATES = 8  # for each Poisson-disk sample
@@ -59,7 +59,8 @@ class ReferenceReconstruction:
             place, area, facet = facet_place, facet_area, np.arange(len(mesh.facets))
         else:
             place, area, facet = self._poisson_samples(mesh, facet_area, blocks, step)
-        nearest, away, points = self.offsets(position, number, blocks, cells, place, True)
+        liquid = Liquid(position, number, blocks, cells)
+        nearest, away, points = self.offsets(liquid, place, True)
 
         # fit and normals
         coefficients = np.zeros(64 * len(blocks.keys), self.dtype)
@@ -72,7 +73,7 @@ class ReferenceReconstruction:
         # inset: vertices move back along their normals, and with them the samples and their areas
         inset_mesh, fitted_place = mesh, place
         if self.tension.inset_distance() is not None:
-            _, outward, _ = self.offsets(position, number, blocks, cells, mesh.vertices, False)
+            _, outward, _ = self.offsets(liquid, mesh.vertices, False)
             if kind in ("mls", "gradient"):
                 outward = self._fitted_normals(mesh.vertices, blocks, coefficients, outward)
             if volume is not None:
@@ -85,7 +86,7 @@ class ReferenceReconstruction:
                 place = self._of(reference.inset(place, normal, term), "inset_position")
                 change = np.divide(after, facet_area, out=np.ones_like(after), where=facet_area > 0)
                 area = area * change[facet]
-            nearest, _, _ = self.offsets(position, number, blocks, cells, place, False)
+            nearest, _, _ = self.offsets(liquid, place, False)
 
         # components of few particles have no tension
         label = self._of(reference.components(blocks, state), "node_label")
@@ -122,10 +123,9 @@ class ReferenceReconstruction:
         """Whether every sample has a particle."""
         return not surface.unfound
 
-    def offsets(
-        self, position: Any, number: Any, blocks: Blocks, cells: PointList, place: Any, fitted: bool
-    ) -> tuple[Any, ...]:
+    def offsets(self, liquid: Liquid, place: Any, fitted: bool) -> tuple[Any, ...]:
         """(nearest particle, direction away from it, points of the fit if `fitted`) of places (s, 3) [m]."""
+        position, number, blocks, cells = liquid
         found = reference.offsets(position, number, cells, blocks, self.term, place, None)
         nearest, away = self._of(found, "nearest"), self._of(found, "offset_direction")
         return nearest, away, self._of(found, "fit_position") if fitted else None

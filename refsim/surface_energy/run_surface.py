@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -14,7 +13,7 @@ from refsim.isosurface import Mesh
 from refsim.surface_energy import Tension
 from refsim.surface_energy.reconstruction import Reconstruction
 from refsim.surface_energy.reference_reconstruction import ReferenceReconstruction
-from refsim.surface_energy.surface import Samples
+from refsim.surface_energy.surface import Liquid, Samples
 
 IMAGED = 5.0  # cells from a wall within which particles have an image: beyond that no sample at the wall is affected
 CLUMPED = 4.0  # times the particles of a full cell in one cell: J would have to be below a quarter to represent it
@@ -128,7 +127,7 @@ class SurfaceOfRun(SurfaceSamples):
 
     def reconstruct_enclosing(self, position: Any, identity: Any, mass: Any, volume_ratio: Any) -> None:
         """The surface of particles at `position` (n, 3) [m] that encloses their volume, sum m J/rho0."""
-        xp, seen, _ = self._library()
+        xp, seen, _ = self.backend.library()
         self.reconstruct(position, identity, seen(mass).astype(xp.float64) * seen(volume_ratio))
 
     def reconstruct(self, position: Any, identity: Any, held: Any = None) -> None:
@@ -142,7 +141,7 @@ class SurfaceOfRun(SurfaceSamples):
         owner = None
         if self.faces:
             position, owner = self._with_images(position)
-            _, seen, wrapped = self._library()
+            _, seen, wrapped = self.backend.library()
             identity = wrapped(seen(identity)[owner])
             held = None if held is None else held[owner]
         volume = None if held is None else float(held.sum()) / self.rest_density
@@ -165,17 +164,9 @@ class SurfaceOfRun(SurfaceSamples):
         else:
             self._keep_free(position, identity, owner)
 
-    def _library(self) -> tuple[Any, Callable[[Any], Any], Callable[[Any], Any]]:
-        """(NumPy or CuPy, what shows it an array of this backend, what makes one)."""
-        if self.backend.name != "cuda":
-            return np, np.asarray, np.asarray
-        from refsim.backends import device
-
-        return device.library(), device.seen, device.wrapped
-
     def _with_images(self, position: Any) -> tuple[Any, Any]:
         """(particles and their images in the walls near them, the particle of each)."""
-        xp, seen, wrapped = self._library()
+        xp, seen, wrapped = self.backend.library()
         place, owner = seen(position), xp.arange(position.shape[0], dtype=np.int32)
         for axis in range(self.dim):
             places, owners = [place], [owner]
@@ -193,7 +184,7 @@ class SurfaceOfRun(SurfaceSamples):
 
         A wall is a plane of nodes, so that no facet crosses it. position of particles and images, owner of each.
         """
-        xp, seen, wrapped = self._library()
+        xp, seen, wrapped = self.backend.library()
         found, samples = self.latest, self.latest.samples
         place, facets, dtype = seen(found.sample_place), seen(found.mesh.facets), np.dtype(self.dtype)
         before, after = seen(found.mesh.vertices), seen(found.inset_mesh.vertices)
@@ -215,7 +206,8 @@ class SurfaceOfRun(SurfaceSamples):
             lines.append(line)
             normals.append(out)
         edge, line, normal = (xp.ascontiguousarray(xp.concatenate(p).astype(dtype)) for p in (places, lines, normals))
-        nearest, _, _ = self.reconstruction.offsets(position, identity, found.blocks, found.cells, wrapped(edge), False)
+        liquid = Liquid(position, identity, found.blocks, found.cells)
+        nearest, _, _ = self.reconstruction.offsets(liquid, wrapped(edge), False)
         beside = seen(nearest)
         tense = (beside >= 0) & (
             seen(found.component_size)[xp.maximum(beside, 0)] >= self.tension.least_component(self.dim)
@@ -242,7 +234,7 @@ class SurfaceOfRun(SurfaceSamples):
 
         Facets turn left seen from outside, so that the normal is the edge turned about the wall's: edge x inward.
         """
-        xp, _, _ = self._library()
+        xp, _, _ = self.backend.library()
         if self.dim == 2:
             row, corner = xp.nonzero(touches)
             middle = place[facets[row, corner]]

@@ -19,6 +19,15 @@ class Samples(NamedTuple):
     count: Any  # (particles,) int32, samples of which each particle is the nearest
 
 
+class Liquid(NamedTuple):
+    """Particles (n, 3) [m], the number of each (n,), blocks about them, and the particles of each cell."""
+
+    position: Any
+    number: Any
+    blocks: Blocks
+    cells: PointList
+
+
 @dataclass
 class Surface:
     """All that one reconstruction makes; arrays on the backend.

@@ -301,13 +301,7 @@ def band_blocks(backend: Backend, triangles: Triangles, grid: BandGrid) -> tuple
         backend, "list_blocks", triangles=triangles, band_grid=grid, block_first=first, pair_key=key,
         pair_triangle=triangle,
     )  # fmt: skip
-    xp: Any
-    see: Any
-    give: Any
-    if backend.name == "cuda":
-        xp, see, give = device.library(), device.seen, device.wrapped
-    else:
-        xp, see, give = np, np.asarray, np.asarray
+    xp, see, give = backend.library()
     key, triangle = see(key), see(triangle)
     order = xp.argsort(key, kind="stable")
     key, triangle = key[order], triangle[order]
