@@ -11,9 +11,7 @@ from refsim import Ball, Box, BoxWalls, Cloud, InputError, Scene, Simulation, Su
 from refsim.core import cases
 from refsim.core.effect import EFFECTS, Discretisation, Effect
 from refsim.core.operation import REGISTRY
-from refsim.core.walls import WallParticles, WallRows
-from refsim.neighbours.reference import neighbour_list, pair_blocks
-from refsim.neighbours.rows import NeighbourRows
+from refsim.core.walls import WallParticles
 from refsim.scene.plan import make_plan
 from refsim.smoothing import smoothing
 from refsim.smoothing.reference import kernel_value
@@ -28,7 +26,6 @@ from refsim.surface_detection import (
     two_layer_variance,
 )
 from refsim.surface_normal import NormalTerm
-from refsim.surface_normal.reference import SHAPES
 from validation.metrics.surface_truth import arc_cover_surface, cap_cover_surface
 
 METHODS = ("number_density", "fan_scan", "two_step")
@@ -405,17 +402,6 @@ def test_normals_of_a_disc_point_inward(kind):
     assert length[radius < 4].max() < 1e-9 * length[ring].min()
 
 
-@pytest.mark.parametrize("operation", ["surface_normal.color_gradient", "surface_normal.corrected"])
-def test_normals_are_computed_for_candidates_only(operation):
-    values = numbers(jittered_disc(), None, 2, "float64")
-    program = REGISTRY[operation]
-    everywhere = oracle(program, values)[0]
-    values["candidates"] = (np.arange(len(everywhere)) % 3 == 0).astype(np.uint8)
-    chosen = oracle(program, values)[0]
-    np.testing.assert_array_equal(chosen, everywhere * values["candidates"][:, None])
-    assert np.abs(everywhere).min(0)[:2].max() > 0
-
-
 # The oracle's flags and margins
 
 
@@ -492,7 +478,7 @@ def test_the_bottom_of_a_notch_is_a_tie():
     assert margin[bottom].max() < 1e-12
 
 
-# CPU against the oracle
+# Arguments of the operations
 
 
 def numbers(position, walls, dim, dtype, masses=None):
@@ -528,72 +514,6 @@ def numbers(position, walls, dim, dtype, masses=None):
 def oracle(operation, values):
     ((value, scale),) = operation.program("numpy")(**{k: values[k] for k in operation.arguments("numpy")}).values()
     return value, scale
-
-
-def rows(found):
-    count = np.array([len(f) for f in found], np.int32)
-    start = (np.cumsum(count) - count).astype(np.int64)
-    return start, count, np.concatenate([*found, [0]]).astype(np.uint32)
-
-
-def cpu(operation, values, like):
-    h = float(values["fan_scan"].support_radius)
-    position, walls = values["position"], values["walls"]
-    listed = {**values, "neighbours": NeighbourRows(*rows(neighbour_list(position, h)))}
-    if walls is not None:
-        near = [np.flatnonzero(line < h) for _, _, block in pair_blocks(position, walls.position) for line in block]
-        listed["walls"] = WallRows(*walls, *rows(near))
-    (name,) = operation.outputs
-    out = np.full(like.shape, 7, np.uint8 if operation.exact else position.dtype)
-    operation.program("cpu")(*(out if k == name else listed[k] for k in operation.arguments("cpu")))
-    return out
-
-
-def arrangements(with_walls):
-    """(name, dim, position, walls, masses) in spacings: the shapes with or without walls, a pair and two clouds."""
-    for name in SHAPES:
-        position, walls = shape(name)
-        if (len(walls) > 0) == with_walls:
-            yield name, 2 if not position[:, 2].any() else 3, position, walls if with_walls else None, None
-    if not with_walls:
-        block = lattice(Box(cells=(5, 5, 1)))
-        yield "coincident pair", 2, np.vstack([block, block[12]]), None, None
-    for dim in (2, 3):
-        rng = np.random.default_rng(11)
-        cloud = np.zeros((120, 3))
-        cloud[:, :dim] = rng.uniform(0, 10 if dim == 2 else 5, (120, dim))
-        walls = cloud[:30] * [1, 0, 1] - [0, 0.7, 0] if with_walls else None
-        yield "cloud", dim, cloud, walls, rng.uniform(200, 2000, len(cloud))
-
-
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
-@pytest.mark.parametrize("with_walls", [False, True])
-@pytest.mark.parametrize("literal", [False, True])
-def test_cpu_agrees_with_the_oracle_on_hard_inputs(dtype, with_walls, literal):
-    eps = np.finfo(dtype).eps
-    ties = 0
-    for name, dim, position, walls, masses in arrangements(with_walls):
-        values = numbers(position, walls, dim, dtype, masses)
-        if with_walls:
-            values["candidates"] = (np.arange(len(position)) % 4 > 0).astype(np.uint8)
-        if literal:
-            values["normal_term"] = values["normal_term"]._replace(own_density=np.int32(1))
-            values["fan_scan"] = values["fan_scan"]._replace(printed=np.int32(1))
-        for operation in REGISTRY.values():
-            looks = operation.name.startswith(("surface_normal.", "surface_detection."))
-            if not looks or operation.name.endswith("release_pressure"):
-                continue
-            value, scale = oracle(operation, values)
-            computed = cpu(operation, values, value)
-            if operation.exact:
-                decided = scale > operation.tolerance * eps
-                ties += (~decided).sum()
-                np.testing.assert_array_equal(computed[decided], value[decided], err_msg=f"{operation.name} {name}")
-            else:
-                most = max(1, *(len(f) for f in neighbour_list(values["position"], 2.6)))
-                excess = np.abs(computed - value) - operation.tolerance * most * eps * scale
-                assert excess.max() <= 0, (operation.name, name, excess.max())
-    assert ties < 20  # the notches' bottoms and few others: the exact comparison is not excused away
 
 
 # As part of a scene

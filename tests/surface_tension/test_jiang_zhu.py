@@ -18,13 +18,8 @@ from refsim import (
     WeaklyCompressible,
     make_plan,
 )
-from refsim.core.effect import Discretisation, StepLimit
-from refsim.core.operation import REGISTRY
-from refsim.core.walls import WallParticles, with_list
-from refsim.neighbours.reference import neighbour_list
-from refsim.neighbours.rows import NeighbourRows
+from refsim.core.effect import Discretisation
 from refsim.smoothing import smoothing
-from refsim.sph import Fluid
 from refsim.surface_tension.jiang_zhu_2023 import (
     AreaTerm,
     PairSelection,
@@ -130,16 +125,6 @@ def test_printed_sign_attracts_where_the_adopted_one_repels():
         assert np.sign(value[0, 0]) == sign
 
 
-def test_pair_acceleration_is_the_closed_form():
-    """T1: two particles, a = gamma m_j (alpha W(r, 0.8h) - beta W(r, h)) along e_ij."""
-    r, gamma, m = 0.4, 2.5, (1.5, 0.5)
-    groups = prepared(gamma=gamma, area_term="none", pair_mode="all")
-    value = oracle_tension(np.array([[0.0, 0, 0], [0.0, 0, r]]), np.array(m), groups)[0]
-    norm = 315 / (64 * math.pi)
-    c = 0.6 * norm / 0.8**3 * (1 - (r / 0.8) ** 2) ** 3 - 0.9 * norm * (1 - r**2) ** 3
-    np.testing.assert_allclose(value, [[0, 0, -gamma * m[1] * c], [0, 0, gamma * m[0] * c]], rtol=1e-8)
-
-
 # Nominal tension and cohesive pressure
 
 
@@ -227,80 +212,6 @@ def test_momentum_of_the_pair_modes(mode, area_term):
         assert angular > 1e6 * round_off  # Jiang & Zhu E12
 
 
-# Pairing: the CPU kernels against the all-pairs oracle
-
-
-def rows_of(position, radius):
-    found = neighbour_list(position, radius)
-    count = np.array([len(f) for f in found], dtype=np.int32)
-    start = np.concatenate(([0], np.cumsum(count[:-1]))).astype(np.int64)
-    return NeighbourRows(start, count, np.concatenate([*found, np.zeros(1)]).astype(np.uint32))
-
-
-def wall_rows(position, wall, radius):
-    distance = np.linalg.norm(position[:, None] - wall[None], axis=2)
-    found = [np.flatnonzero(line < radius) for line in distance]
-    count = np.array([len(f) for f in found], dtype=np.int32)
-    start = np.concatenate(([0], np.cumsum(count[:-1]))).astype(np.int64)
-    return NeighbourRows(start, count, np.concatenate([*found, np.zeros(1)]).astype(np.uint32))
-
-
-def compare(name, values, counts):
-    """Run the registered CPU program and the reference on the same, already rounded, inputs."""
-    operation = REGISTRY[name]
-    real = values["position"].dtype if "position" in values else values["surface_normal"].dtype
-    result = operation.program("numpy")(*(values[a] for a in operation.arguments("numpy")))
-    operation.program("cpu")(*(values[a] for a in operation.arguments("cpu")))
-    for output, (expected, scale) in result.items():
-        counts_here = counts.reshape(-1, *[1] * (np.ndim(scale) - 1))
-        bound = operation.tolerance * (counts_here + 1) * np.finfo(real).eps * scale
-        assert np.all(np.abs(values[output] - expected) <= bound), name
-        assert np.any(scale > 0)
-
-
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
-@pytest.mark.parametrize(
-    "mode, area_term",
-    [("soft", "corrected"), ("all", "none"), ("either", "color"), ("both", "color"), ("one_sided", "color")],
-)
-def test_tension_pairs_with_its_oracle(dtype, mode, area_term):
-    c = cloud()
-    groups = prepared(dtype=dtype, pair_mode=mode, area_term=area_term)
-    values = {name: array.astype(dtype) for name, array in vars(c).items()}
-    normal = {"corrected": values["corrected_normal"], "color": values["surface_normal"], "none": None}
-    values |= groups | {
-        "surface": c.surface if mode in ("either", "both", "one_sided") else None,
-        "surface_weight": values["surface_weight"] if mode == "soft" else None,
-        "area_normal": normal[area_term],
-        "neighbours": rows_of(values["position"], 1.1),
-        "smoothing": smoothing("wendland_c2", 1.0, 3, dtype),
-        "acceleration": np.zeros((len(c.mass), 3), dtype),
-    }
-    compare("jiang_zhu_2023." + ("cohesion" if area_term == "none" else "tension"), values, values["neighbours"].count)
-
-
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
-def test_density_correction_and_soft_weight_pair_with_their_oracles(dtype):
-    c = cloud()
-    wall = np.random.default_rng(5).uniform(0, 2, (20, 3)).astype(dtype)
-    walls = WallParticles(wall, np.full(len(wall), 0.03, dtype))
-    values = {name: array.astype(dtype) for name, array in vars(c).items()}
-    values |= prepared(dtype=dtype) | {
-        "near_surface": c.surface,
-        "neighbours": rows_of(values["position"], 1.1),
-        "walls": with_list(*walls, wall_rows(values["position"], wall, 1.1)),
-        "smoothing": smoothing("wendland_c2", 1.0, 3, dtype),
-        "fluid": Fluid(*np.array([1.0, 100.0], dtype), np.int32(1), np.int32(1), *np.array([0.0, 1.0, 2.0], dtype)),
-        "corrected_density": np.zeros(len(c.mass), dtype),
-        "surface_normal": (0.5 * c.surface_normal).astype(dtype),
-        "surface_weight": np.zeros(len(c.mass), dtype),
-    }
-    compare("jiang_zhu_2023.corrected_density", values, values["neighbours"].count)
-    assert np.all(values["corrected_density"][c.surface == 0] == values["density"][c.surface == 0])
-    compare("jiang_zhu_2023.replace_density", values, values["neighbours"].count)
-    compare("jiang_zhu_2023.soft_weight", values, np.zeros(len(c.mass)))
-
-
 # Density correction J(14), J(15)
 
 
@@ -355,18 +266,6 @@ def test_a_scene_pays_only_for_what_its_pair_mode_uses(mode):
     assert ("surface" in plan.fields) == (mode not in ("soft", "all"))
 
 
-def test_no_tension_leaves_the_state_bitwise_alone():
-    plain = Simulation(drop(wobble=0.2), "cpu")
-    idle = Simulation(drop(wobble=0.2, surface_tension=0.0), "cpu")
-    assert idle.plan.launches() == plain.plan.launches()
-    assert set(idle.plan.fields) == set(plain.plan.fields)
-    for _ in range(5):
-        plain.step()
-        idle.step()
-    assert np.array_equal(plain.field("position"), idle.field("position"))
-    assert np.abs(plain.field("velocity")).max() > 0
-
-
 def test_detection_shares_its_passes_with_tension():
     scene = drop(surface_tension=1.0, pair_mode="either", density_correction=True, area_term="color")
     alone = make_plan(scene).launches()
@@ -382,14 +281,6 @@ def test_detection_shares_its_passes_with_tension():
     limit = plan.parameters["jiang_zhu_2023"]["near_surface_limit"].number_density
     fluid = plan.effects["weakly_compressible"]
     assert limit == pytest.approx(0.95 * fluid.rest_number_density(plan.grid))
-
-
-def test_capillary_step_limit():
-    scene = drop(surface_tension=2.0)
-    plan = make_plan(scene)
-    limits = plan.effects["jiang_zhu_2023"].step_limits(plan.grid, plan.effects)
-    half = scene.support_radius / 2
-    assert limits == {"capillary": StepLimit.constant(pytest.approx(0.25 * math.sqrt(half**3 / (4 * math.pi))))}
 
 
 def radius_variation(position):
