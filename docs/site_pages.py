@@ -33,7 +33,8 @@ NAVIGATION = {
         "effects_cost", "device_limits", "stability", "energy_audit",
     ),
     "Liquids and walls": (
-        "sph", "liquid", "solutions", "iisph", "boundary_akinci_2012", "one_way_coupling", "signed_distance", "boundary_sampling",
+        "sph", "liquid", "solutions", "iisph", "boundary_akinci_2012", "one_way_coupling", "signed_distance",
+        "boundary_sampling",
     ),
     "Surface tension": (
         "surface_detection", "jiang_zhu_2023", "models", "akinci_2013", "dong_2016", "becker_teschner_2007",
