@@ -6,21 +6,20 @@ from refsim.backends.compile import kernel
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import first_lane
 from refsim.particle_shifting.formulas import SMALLEST_NORMAL, shifting_pair
-from refsim.smoothing.formulas import kernel_slope, kernel_value
-from refsim.sph.kernels import nonzero
+from refsim.smoothing.formulas import gradient_factor, kernel_value
 
 
 @pair
 def crowding_pair(r, x_ij, mass_j, density_j, smoothing, shifting):
     """Gradient of the concentration by a neighbour [1/m]."""
-    f = shifting_pair(mass_j / density_j, kernel_value(r, smoothing), kernel_slope(r, smoothing) / nonzero(r), shifting)
+    f = shifting_pair(mass_j / density_j, kernel_value(r, smoothing), gradient_factor(r, smoothing), shifting)
     return f * x_ij[0], f * x_ij[1], f * x_ij[2]
 
 
 @pair
 def wall_crowding_pair(r, x_ij, volume_j, smoothing, shifting):
     """Gradient of the concentration by a wall particle [1/m]."""
-    f = shifting_pair(volume_j, kernel_value(r, smoothing), kernel_slope(r, smoothing) / nonzero(r), shifting)
+    f = shifting_pair(volume_j, kernel_value(r, smoothing), gradient_factor(r, smoothing), shifting)
     return f * x_ij[0], f * x_ij[1], f * x_ij[2]
 
 

@@ -73,8 +73,8 @@ def viscosity_laplacian(r, smoothing):
 
 @formula
 def safe_distance(r, smoothing):
-    """r + 1e-9 h [m]: divided by it, the direction x_ij/r = 0 of particles in one place is a number."""
-    return r + type(r)(1e-9) * smoothing.support_radius
+    """r [m], h in place of r = 0: divided by it, the direction x_ij/r = 0 of particles in one place is a number."""
+    return r if r > type(r)(0) else smoothing.support_radius
 
 
 @formula

@@ -102,18 +102,12 @@ def wall_gradient(i, lane, position, walls, smoothing, weight, period):
     return neighbour_sum(wall_gradient_pair, i, lane, walls, position, period, walls.volume, smoothing, weight)
 
 
-@formula
-def nonzero(r):
-    """r, and 1 m in place of 0, where what it divides is 0 as well."""
-    return r if r > type(r)(0) else type(r)(1)
-
-
 @pair
 def continuity_pair(
     r, x_ij, velocity_i, velocity_j, mass_j, advanced_excess_i, advanced_excess_j, smoothing, fluid, diffusion
 ):
     """(d rho_i/dt)/rho_i by the flow [1/s], and d rho_i/dt by diffusion [kg/(m^dim s)]."""
-    slope = kernel_slope(r, smoothing) / nonzero(r)
+    slope = gradient_factor(r, smoothing)
     volume = mass_j / (fluid.rest_density + advanced_excess_j)
     approach = (velocity_i[0] - velocity_j[0]) * x_ij[0]
     approach += (velocity_i[1] - velocity_j[1]) * x_ij[1]
@@ -133,7 +127,7 @@ def wall_continuity_pair(r, x_ij, velocity_i, place_j, volume_j, smoothing, wall
         if wall_moves(place_j, wall_motion):
             moving = wall_motion.velocity
             approach -= moving[0] * x_ij[0] + moving[1] * x_ij[1] + moving[2] * x_ij[2]
-    return formulas.continuity_pair(volume_j, approach, kernel_slope(r, smoothing) / nonzero(r))
+    return formulas.continuity_pair(volume_j, approach, gradient_factor(r, smoothing))
 
 
 @kernel(lanes=True)
@@ -256,8 +250,8 @@ def central_pair(r, x_ij, velocity_i, velocity_j, mass_j, density_j, smoothing, 
     parting = (velocity_j[0] - velocity_i[0]) * x_ij[0]
     parting += (velocity_j[1] - velocity_i[1]) * x_ij[1]
     parting += (velocity_j[2] - velocity_i[2]) * x_ij[2]
-    tiny = type(r)(1e-9) * smoothing.support_radius
-    f = g * parting / (r * r + tiny * tiny)  # a product with 1/r^2 may overflow: its factors are taken in any order
+    apart = safe_distance(r, smoothing)
+    f = g * parting / (apart * apart)  # a product with 1/r^2 may overflow: its factors are taken in any order
     return f * x_ij[0], f * x_ij[1], f * x_ij[2]
 
 

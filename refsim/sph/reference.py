@@ -166,7 +166,7 @@ def momentum(position, velocity, mass, density, pressure, walls, smoothing, flui
     sums = Sums(len(rho_i), 3)
     share = float(fluid.gradient_share)
     for place, separation, distance in pair_blocks(position, position, rows, period):
-        apart = distance + 1e-9 * float(smoothing.support_radius)
+        apart = np.where(distance > 0, distance, 1.0)
         gradient = (kernel_slope(distance, smoothing) / apart)[..., None] * separation
         both = share * (p_i[place, None] + p[None, :])
         sums.add(place, -(volume[None, :] * both / rho_i[place, None])[..., None] * gradient)
@@ -177,7 +177,7 @@ def momentum(position, velocity, mass, density, pressure, walls, smoothing, flui
     if walls is not None:
         wall_mass = float(fluid.rest_density) * np.asarray(walls.volume, dtype=float)
         for place, separation, distance in pair_blocks(position, walls.position, rows, period):
-            apart = distance + 1e-9 * float(smoothing.support_radius)
+            apart = np.where(distance > 0, distance, 1.0)
             gradient = (kernel_slope(distance, smoothing) / apart)[..., None] * separation
             factor = float(fluid.wall_share) * share * wall_mass[None, :] * (p_i / rho_i**2)[place, None]
             sums.add(place, -factor[..., None] * gradient)
@@ -225,7 +225,7 @@ def central_viscous(position, velocity, mass, density, smoothing, central_viscos
         steepness = np.where(distance < h, 6 * amplitude * (1 - distance / h) / h**2, 0.0)
         factor = 2 * float(central_viscosity.coefficient) * volume[None, :] * steepness / rho_i[place, None]
         factor = factor * other_particles(place, len(v), rows)
-        unit = separation / np.sqrt(distance**2 + (1e-9 * h) ** 2)[..., None]
+        unit = separation / np.where(distance > 0, distance, 1.0)[..., None]
         parts = unit * (v[None, :, :] - v_i[place, None, :])
         size = np.abs(factor * np.abs(parts).sum(-1))[..., None] * np.abs(unit)
         sums.add(place, (factor * parts.sum(-1))[..., None] * unit, size)

@@ -43,7 +43,7 @@ takes("surface_normal.color_gradient", normal_term="own_density")
 
 # h = 2 m: in 3D Wendland W(0) = 21/(16 pi), W(h/2) = 3/16 W(0), W'(h/2) = -5/8 W(0) per metre.
 W0 = 21 / (16 * math.pi)
-SLOPE = -5 / 8 * W0 / (1 + 2e-9)  # with the length of x_ij/(r + 1e-9 h) at r = 1 m
+SLOPE = -5 / 8 * W0
 PAIR = Case("normal_pair", 3, np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), spacing=1.0, support_radius=2.0)
 TERM = NormalTerm(4.0, np.int32(0))
 

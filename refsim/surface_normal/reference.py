@@ -28,7 +28,7 @@ def _rows(array, rows):
 
 
 def _gradient(separation, distance, smoothing):
-    apart = distance + 1e-9 * float(smoothing.support_radius)
+    apart = np.where(distance > 0, distance, 1.0)
     return (kernel_slope(distance, smoothing) / apart)[..., None] * separation
 
 

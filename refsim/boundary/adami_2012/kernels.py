@@ -4,8 +4,7 @@ from refsim.backends.compile import kernel
 from refsim.boundary.adami_2012.formulas import extrapolated_pair, wall_force_pair
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import first_lane
-from refsim.smoothing.formulas import kernel_slope, kernel_value
-from refsim.sph.kernels import nonzero
+from refsim.smoothing.formulas import gradient_factor, kernel_value
 
 
 @pair
@@ -28,7 +27,7 @@ def extrapolation(i, density, pressure, liquid_near_walls, walls, smoothing, lea
 @pair
 def pushing_pair(r, x_ij, pressure_i, wall_pressure_j, volume_j, smoothing):
     """J(10) of a wall particle [N/m^3]."""
-    f = wall_force_pair(volume_j, pressure_i, wall_pressure_j, kernel_slope(r, smoothing) / nonzero(r))
+    f = wall_force_pair(volume_j, pressure_i, wall_pressure_j, gradient_factor(r, smoothing))
     return f * x_ij[0], f * x_ij[1], f * x_ij[2]
 
 

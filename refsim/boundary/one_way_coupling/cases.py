@@ -81,7 +81,7 @@ def _pushing(pressure, gravity, expected, clamp):
         "pushing", 3, np.zeros((1, 3)), spacing=1.0, support_radius=2.0, wall_position=np.array([[0.0, 0.6, 0.8]])
     )
     slope = 210 * 0.5 * 0.5**3 / (math.pi * 16)
-    push = 1000 * 0.25 * expected / 500.0**2 * slope / (1 + 2e-9)  # e_b = x/(r + 1e-9 h)
+    push = 1000 * 0.25 * expected / 500.0**2 * slope
     return Exact(
         case,
         {

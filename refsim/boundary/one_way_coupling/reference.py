@@ -64,7 +64,7 @@ def extrapolated_wall_pressure(position, density, pressure, walls, smoothing, fl
     sums = Sums(len(own), 3)
     psi = float(fluid.rest_density) * np.asarray(walls.volume, dtype=float)
     for place, separation, distance in pair_blocks(position, walls.position, rows):
-        apart = distance + 1e-9 * float(smoothing.support_radius)
+        apart = np.where(distance > 0, distance, 1.0)
         gradient = (kernel_slope(distance, smoothing) / apart)[..., None] * separation
         head = float(fluid.rest_density) * (separation @ g)
         pressure_b = pressure_i[place, None] - head

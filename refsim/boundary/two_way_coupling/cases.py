@@ -49,7 +49,7 @@ takes("two_way_coupling.forces", coupling="printed_pressure printed_viscosity de
 # kernel's Laplacian is 45/(64 pi).
 
 W0 = 21 / (16 * math.pi)
-SLOPE = 5 / 4 * W0 / 2 / (1 + 2e-9)
+SLOPE = 5 / 4 * W0 / 2
 PAIR = Case("coupled_pair", 3, np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), spacing=1.0, support_radius=2.0)
 WATER_AND_ICE = np.array([FLUID, SURFACE], np.int32)
 

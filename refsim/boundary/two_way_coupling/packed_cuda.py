@@ -17,7 +17,7 @@ from refsim.boundary.two_way_coupling.formulas import (
 from refsim.boundary.two_way_coupling.kernels import wall_push
 from refsim.neighbours.rows import first_lane, over_lanes, row_of
 from refsim.shape_matching.phases import FLUID, INTERIOR, SURFACE
-from refsim.smoothing.formulas import kernel_slope, kernel_value, viscosity_laplacian
+from refsim.smoothing.formulas import kernel_slope, kernel_value, safe_distance, viscosity_laplacian
 from refsim.sph.kernels import own_share, wall_sum
 from refsim.sph.packed_cuda import entry
 
@@ -147,7 +147,6 @@ def packed_forces(
     h = smoothing.support_radius
     real = type(h)
     limit = h * h
-    tiny = real(1e-9) * h
     fx, fy, fz = real(0), real(0), real(0)
     x, y, z, own_volume = four_of(placed, i)
     u, v, w, own_pressure = four_of(moving, i)
@@ -185,7 +184,9 @@ def packed_forces(
                 elif coupling.density_weighted:
                     p = weighted_pressure(own_pressure, pressure_j, own_mass / own_volume, mass_j / size)
                     mine, push = own_volume * own_volume * p, size * size * p
-                f = coupled_pressure_pair(mine, push, weight_i, weight_j, kernel_slope(r, smoothing)) / (r + tiny)
+                f = coupled_pressure_pair(mine, push, weight_i, weight_j, kernel_slope(r, smoothing)) / safe_distance(
+                    r, smoothing
+                )
                 fx += f * dx
                 fy += f * dy
                 fz += f * dz

@@ -104,7 +104,7 @@ def forces(
     sums = Sums(len(own_liquid), 3)
     for place, separation, distance in pair_blocks(position, position, rows):
         a, b = own_liquid[place, None], liquid[None, :]
-        apart = distance + 1e-9 * float(smoothing.support_radius)
+        apart = np.where(distance > 0, distance, 1.0)
         gradient = (kernel_slope(distance, smoothing) / apart)[..., None] * separation
         together = push[pick][place, None] + push[None, :]
         if coupling.density_weighted:
@@ -129,7 +129,7 @@ def forces(
         rho = np.asarray(density, dtype=float)[pick]
         filled = np.asarray(rest_density, dtype=float)[pick] * p[pick] / rho**2 * own_liquid
         for place, separation, distance in pair_blocks(position, walls.position, rows):
-            apart = distance + 1e-9 * float(smoothing.support_radius)
+            apart = np.where(distance > 0, distance, 1.0)
             gradient = (kernel_slope(distance, smoothing) / apart)[..., None] * separation
             factor = filled[place, None] * np.asarray(walls.volume, dtype=float)[None, :]
             sums.add(place, -factor[..., None] * gradient)

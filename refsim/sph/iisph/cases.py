@@ -48,7 +48,7 @@ takes("iisph.solve", implicit="relaxation most least_diagonal")  # always two it
 
 # h = 2 m: in 3D Wendland W(0) = 21/(16 pi), W'(h/2) = -5/8 W(0) per metre.
 PAIR = Case("implicit_pair", 3, np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), spacing=1.0, support_radius=2.0)
-SLOPE = 5 / 8 * 21 / (16 * math.pi) / (1 + 2e-9)
+SLOPE = 5 / 8 * 21 / (16 * math.pi)
 MASS, DENSITY = np.array([2.0, 3.0]), np.array([1000.0, 500.0])
 WATER = Fluid(1000.0, 4e5, np.int32(1), np.int32(0))
 STEP = np.array([0.5, 0.25])

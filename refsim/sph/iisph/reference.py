@@ -23,7 +23,7 @@ class _Pairs:
         for place, separation, distance in pair_blocks(position, source, rows):
             slope = kernel_slope(distance, smoothing)
             row, j = np.nonzero(slope)
-            apart = distance[row, j] + 1e-9 * float(smoothing.support_radius)
+            apart = np.where(distance[row, j] > 0, distance[row, j], 1.0)
             found.append((place.start + row, j, (slope[row, j] / apart)[:, None] * separation[row, j]))
         self.row, self.j, self.gradient = (np.concatenate(parts) for parts in zip(*found))
         self.i = self.own[self.row]

@@ -44,7 +44,7 @@ SPLINE = CohesionSpline(0.5, 0.5 * 4 / math.pi)
 @closed_form("akinci_2013.tension")
 def attracted_pair():
     """a_1 = -K gamma m_2 C(h/2) e_12 with K = 5/4."""
-    pull = 5 / 4 * 0.5 / (16 * math.pi) / (1 + 2e-9)
+    pull = 5 / 4 * 0.5 / (16 * math.pi)
     return Exact(
         PAIR,
         {
@@ -61,7 +61,7 @@ def attracted_pair():
 @closed_form("akinci_2013.tension")
 def repelled_pair():
     """At r = h/4 the core repels: 2 (3/4)^3 (1/4)^3 - 1/64 = -5/2048 = C pi h^3/32."""
-    push = 5 / 4 * 0.5 * 4 / math.pi * 5 / 2048 / (1 + 4e-9)
+    push = 5 / 4 * 0.5 * 4 / math.pi * 5 / 2048
     return Exact(
         NEAR,
         {
@@ -90,7 +90,7 @@ def pair_with_normals():
 @closed_form("akinci_2013.tension:fused")
 def pair_at_rest():
     """Without pressure and at equal velocities only cohesion acts: a_1 = -K gamma m_2 C(h/2) e_12 with K = 5/4."""
-    pull = 5 / 4 * 0.5 / (16 * math.pi) / (1 + 2e-9)
+    pull = 5 / 4 * 0.5 / (16 * math.pi)
     return Exact(
         PAIR,
         {
@@ -107,7 +107,7 @@ def drawn_to_a_wall():
     case = Case(
         "akinci_wall", 3, np.zeros((1, 3)), spacing=1.0, support_radius=2.0, wall_position=np.array([[0.0, -1.5, 0.0]])
     )
-    pull = 3.0 * 1000 * 0.25 * 0.007 / (8 * math.sqrt(2)) / (1 + 2e-9 / 1.5)
+    pull = 3.0 * 1000 * 0.25 * 0.007 / (8 * math.sqrt(2))
     return Exact(
         case,
         {"walls": WallParticles(case.wall_position, np.array([0.25])), "adhesion": Adhesion(3.0, 3.0 * 0.007 / 8)},

@@ -7,7 +7,7 @@ import numpy as np
 from refsim.backends.compile import kernel
 from refsim.backends.primitives import four_of
 from refsim.neighbours.rows import first_lane, over_lanes, row_of
-from refsim.smoothing.formulas import kernel_slope, viscosity_laplacian
+from refsim.smoothing.formulas import kernel_slope, safe_distance, viscosity_laplacian
 from refsim.sph.formulas import pressure_pair, viscosity_pair
 from refsim.sph.kernels import wall_pressure
 from refsim.sph.packed_cuda import entry, packed_fields
@@ -43,7 +43,6 @@ def packed_sums(
     h = gradient_smoothing.support_radius
     real = type(h)
     limit = h * h
-    tiny = real(1e-9) * h
     ax, ay, az = real(0), real(0), real(0)
     bx, by, bz = real(0), real(0), real(0)
     nx, ny, nz = real(0), real(0), real(0)
@@ -74,7 +73,7 @@ def packed_sums(
             r2 = dx * dx + dy * dy + dz * dz
             if r2 < limit:
                 r = math.sqrt(r2)
-                apart = r + tiny
+                apart = safe_distance(r, gradient_smoothing)
                 volume = m / (rho_j * apart)  # V_j/r
                 f = pressure_pair(volume, own, pressure_j, kernel_slope(r, gradient_smoothing), fluid)
                 ax += f * dx

@@ -60,7 +60,7 @@ def tension(position, mass, density, area_normal, smoothing, fluid, spline, area
         near = (distance < h) & other_particles(place, len(mass), rows)
         factor = near * 2 * float(fluid.rest_density) / (rho[i, None] + rho[None, :])
         if spline is not None:
-            unit = separation / (distance + 1e-9 * h)[..., None]
+            unit = separation / np.where(distance > 0, distance, 1.0)[..., None]
             strength = factor * float(spline.gamma) * mass[None, :]
             cohesion = cohesion_function(distance, h, dim)
             # The scale adds the two terms of the spline below h/2, which may cancel.
@@ -89,7 +89,7 @@ def adhesion(position, walls, smoothing, fluid, adhesion, rows=None):
     sums = Sums(count, 3)
     for place, separation, distance in pair_blocks(position, walls.position, rows):
         q = distance / h
-        unit = separation / (distance + 1e-9 * h)[..., None]
+        unit = separation / np.where(distance > 0, distance, 1.0)[..., None]
         strength = float(adhesion.beta) * filling[None, :] * adhesion_function(distance, h, dim)
         inside = np.where(strength != 0, (2 * q - 1) * (2 - 2 * q), 1.0)
         rounding = 1 + 0.25 * ((2 * q + 1) * (2 - 2 * q) + (2 * q - 1) * (2 + 2 * q)) / inside

@@ -40,7 +40,6 @@ takes("csf_wang_2019.force", continuum="tension threshold share")
 PAIR = Case("interface_pair", 3, np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), spacing=1.0, support_radius=2.0)
 W0 = 21 / (16 * math.pi)
 SLOPE = 5 / 8 * W0
-UNIT = 1 / (1 + 2e-9)  # length of x_ij/(r + 1e-9 h) at r = 1 m
 VOLUME = np.array([2 / 1000, 3 / 600])
 GIVEN = {"mass": np.array([2.0, 3.0]), "density": np.array([1000.0, 600.0])}
 CONTINUUM = Continuum(0.5, 0.1, 2.0, 2.0, np.int32(0))
@@ -49,7 +48,7 @@ CONTINUUM = Continuum(0.5, 0.1, 2.0, 2.0, np.int32(0))
 @closed_form("csf_wang_2019.normal")
 def two_normals():
     """n_1 = V_2 W'(r) e_12/(V_1 W(0) + V_2 W(r)) points towards particle 2."""
-    length = VOLUME[::-1] * SLOPE * UNIT / (W0 * (VOLUME + 3 / 16 * VOLUME[::-1]))
+    length = VOLUME[::-1] * SLOPE / (W0 * (VOLUME + 3 / 16 * VOLUME[::-1]))
     return Exact(PAIR, GIVEN, {"interface_normal": np.array([[0.0, length[0], 0.0], [0.0, -length[1], 0.0]])})
 
 
@@ -60,7 +59,7 @@ def two_curvatures():
     From particle 2 the pair's direction has the cosine 0.6: the share is 1 - 0.99 0.36.
     """
     normal = np.array([[3.0, 0.0, 0.0], [4.0, 3.0, 0.0]])
-    value = np.array([-2 * 0.6 * UNIT, -2 * 0.6 * UNIT / (1 - 0.99 * 0.36 * UNIT**2)])
+    value = np.array([-2 * 0.6, -2 * 0.6 / (1 - 0.99 * 0.36)])
     given = GIVEN | {"interface_normal": normal, "continuum": CONTINUUM}
     return Exact(PAIR, given, {"curvature": value})
 
@@ -77,7 +76,7 @@ def two_plain_curvatures():
         "interface_normal": normal,
         "continuum": CONTINUUM._replace(factor=3.0, plain=np.int32(1)),
     }
-    return Exact(three, given, {"curvature": np.array([-1.8 * UNIT, -1.8 * UNIT, 0.0])})
+    return Exact(three, given, {"curvature": np.array([-1.8, -1.8, 0.0])})
 
 
 @closed_form("csf_wang_2019.force")
@@ -87,7 +86,7 @@ def bulging_and_drawn():
     g_1 = V_2 (s.y) |W'| y with s = 0.25 along y: the pair's own share of the gradient.
     """
     normal = np.array([[0.0, 0.0, 2.0], [0.0, 0.0, 0.05]])
-    gradient = VOLUME[1] * 0.25 * SLOPE * UNIT
+    gradient = VOLUME[1] * 0.25 * SLOPE
     value = 2 / 1000 * np.array([0.0, 2 * gradient, 0.5 * 4.0 * 2.0])
     given = GIVEN | {
         "interface_normal": normal,

@@ -14,7 +14,7 @@ operation = operations(paper="Wang, Zhu & Yin 2019, reconstructed")
 
 
 def _gradient(separation, distance, smoothing):
-    apart = distance + 1e-9 * float(smoothing.support_radius)
+    apart = np.where(distance > 0, distance, 1.0)
     return (kernel_slope(distance, smoothing) / apart)[..., None] * separation
 
 
@@ -58,7 +58,7 @@ def curvature(position, mass, density, interface_normal, gradient_smoothing, con
         i = own[place]
         slope = kernel_slope(distance, gradient_smoothing) * active[None, :] * volume[None, :]
         slope = slope * other_particles(place, len(n), rows)
-        direction = separation / (distance + 1e-9 * float(gradient_smoothing.support_radius))[..., None]
+        direction = separation / np.where(distance > 0, distance, 1.0)[..., None]
         change = (unit[None, :, :] - unit[i, None, :]) * direction
         cosine = (unit[i, None, :] * direction).sum(-1)
         share = np.ones_like(cosine) if continuum.plain else 1 - 0.99 * cosine**2

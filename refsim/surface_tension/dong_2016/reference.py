@@ -64,7 +64,7 @@ def momentum(position, velocity, mass, density, pressure, walls, smoothing, flui
     for place, separation, distance in pair_blocks(position, position, rows):
         i = own[place]
         slope = kernel_slope(distance, smoothing) * other_particles(place, len(mass), rows) / mass[i, None]
-        slope = slope / (distance + 1e-9 * float(smoothing.support_radius))
+        slope = slope / np.where(distance > 0, distance, 1.0)
         both = (squared * p)[i, None] + (squared * p)[None, :]
         sums.add(place, -(both * slope)[..., None] * separation)
         if viscosity is not None:
@@ -73,7 +73,7 @@ def momentum(position, velocity, mass, density, pressure, walls, smoothing, flui
     if walls is not None:
         wall_mass = float(fluid.rest_density) * np.asarray(walls.volume, dtype=float)
         for place, separation, distance in pair_blocks(position, walls.position, rows):
-            apart = distance + 1e-9 * float(smoothing.support_radius)
+            apart = np.where(distance > 0, distance, 1.0)
             gradient = (kernel_slope(distance, smoothing) / apart)[..., None] * separation
             ratio = (p / rho**2)[own[place], None]
             share = float(fluid.wall_share) * float(fluid.gradient_share)
@@ -103,7 +103,7 @@ def tension(position, mass, density, surface_normal, smoothing, molecular_force,
         other = other_particles(place, len(mass), rows)
         if molecular_force is not None:
             d0, k = float(molecular_force.rest_distance), float(molecular_force.stiffness)
-            unit = separation / (distance + 1e-9 * h)[..., None]
+            unit = separation / np.where(distance > 0, distance, 1.0)[..., None]
             strength = k * mass[None, :] * other
             # The difference of two powers is as uncertain as their sum is large.
             powers = ((h - distance) ** 4 + (h - d0) ** 2 * (h - distance) ** 2) / (h**2 * d0 * (2 * h - d0))

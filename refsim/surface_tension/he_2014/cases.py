@@ -38,7 +38,7 @@ plain_keeps(
 # h = 2 m: in 3D Wendland W(0) = 21/(16 pi), W(h/2) = 3/16 W(0), W'(h/2) = -5/8 W(0) per metre.
 PAIR = Case("energetic_pair", 3, np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), spacing=1.0, support_radius=2.0)
 W0 = 21 / (16 * math.pi)
-SLOPE = 5 / 8 * W0 / (1 + 2e-9)
+SLOPE = 5 / 8 * W0
 GIVEN = {"mass": np.array([2.0, 3.0]), "density": np.array([1000.0, 600.0])}
 VOLUME = np.array([2 / 1000, 3 / 600])
 

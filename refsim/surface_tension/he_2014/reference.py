@@ -14,7 +14,7 @@ operation = operations(paper="He et al. 2014")
 
 
 def _gradient(separation, distance, smoothing):
-    apart = distance + 1e-9 * float(smoothing.support_radius)
+    apart = np.where(distance > 0, distance, 1.0)
     return (kernel_slope(distance, smoothing) / apart)[..., None] * separation
 
 

@@ -105,7 +105,7 @@ def half_way():
 
 
 def _cohesion(share):
-    pull = share * 0.5 * W0 * SHAPE / (1 + 2e-9)  # with the length of x_ij/(r + 1e-9 h) at r = 1 m
+    pull = share * 0.5 * W0 * SHAPE
     return np.array([[0.0, -3 * pull, 0.0], [0.0, 2 * pull, 0.0]])
 
 

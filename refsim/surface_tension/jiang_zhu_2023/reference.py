@@ -155,7 +155,7 @@ def _pair_sums(position, mass, density, marks, area_normal, smoothing, cohesion,
         near = (distance < h) & (i[:, None] != np.arange(count)[None, :])
         share = near * pair_shares(mode, weight[i, None], weight[None, :], marked[i, None], marked[None, :])
         if cohesion is not None:
-            unit = separation / (distance + 1e-9 * h)[..., None]
+            unit = separation / np.where(distance > 0, distance, 1.0)[..., None]
             repulsion = float(cohesion.alpha) * _poly6(distance, INNER * h, dim)
             attraction = float(cohesion.beta) * _poly6(distance, h, dim)
             strength = float(cohesion.gamma) * share * mass[None, :]

@@ -36,10 +36,10 @@ def _push(force):
 @closed_form("tartakovsky_meakin_2005.cohesion")
 def attracted_pair():
     """At r = h/2 the force is s cos(3 pi/4) = -s/sqrt 2."""
-    return Exact(_pair(1.0), GIVEN, {"acceleration": _push(-12 / math.sqrt(2) / (1 + 2e-9))})
+    return Exact(_pair(1.0), GIVEN, {"acceleration": _push(-12 / math.sqrt(2))})
 
 
 @closed_form("tartakovsky_meakin_2005.cohesion")
 def repelled_pair():
     """At r = h/6 it is s cos(pi/4) = s/sqrt 2."""
-    return Exact(_pair(1 / 3), GIVEN, {"acceleration": _push(12 / math.sqrt(2) / (1 + 6e-9))})
+    return Exact(_pair(1 / 3), GIVEN, {"acceleration": _push(12 / math.sqrt(2))})

@@ -32,7 +32,7 @@ def cosine_cohesion(position, mass, smoothing, cosine_force, rows=None):
     own = np.arange(len(mass)) if rows is None else np.asarray(rows)
     sums = Sums(len(own), 3)
     for place, separation, distance in pair_blocks(position, position, rows):
-        unit = separation / (distance + 1e-9 * h)[..., None]
+        unit = separation / np.where(distance > 0, distance, 1.0)[..., None]
         near = (distance < h) & other_particles(place, len(mass), rows)
         factor = near * float(cosine_force.strength) / mass[own[place], None]
         force = force_function(distance, h)
