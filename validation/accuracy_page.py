@@ -263,7 +263,7 @@ def _named(axes: Any, of: Panel) -> None:
                 named[setting.point.key] = setting, choice.advised is not None
     listed = []
     for letter, (c, advised) in zip("abcdefgh", sorted(named.values(), key=lambda pair: -pair[0].error)):
-        at = (100 * c.error, c.wall)
+        at = (100 * of.error(c.point), c.wall)
         axes.plot(*at, "o", ms=12, mfc="none", mec=BLACK if advised else GREY, mew=1.3, zorder=5)
         axes.annotate(letter, at, (8, 6), textcoords="offset points", fontsize=8, zorder=6, fontweight="bold",
                       bbox={"fc": "white", "ec": "none", "alpha": 0.6, "pad": 0.3})  # fmt: skip

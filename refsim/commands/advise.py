@@ -22,6 +22,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("observable", nargs="?", help="one of the panels; none lists them")
     add("--error", type=float, default=0.01, metavar="E", help="relative error to reach (0.01)")
+    add("--seconds", type=float, metavar="S", help="instead: the least error within so many measured seconds")
     add("--gpu", action="store_true", help="the setting for a GPU; the prediction is for this machine's")
     add("--measured", action="store_true", help="the stored seconds alone: nothing is measured on this machine")
     add("--output", metavar="FILE", help="where the scene is written (OBSERVABLE.toml)")
@@ -33,7 +34,11 @@ def execute(options: argparse.Namespace) -> CommandResult:
     if options.observable is None:
         listed = {name: about.words for name, about in abouts().items()}
         return CommandResult({"observables": listed}, table(list(listed.items()), ("observable", "")))
-    found = advice.find(options.observable, options.error, "gpu" if options.gpu else "cpu")
+    kind = "gpu" if options.gpu else "cpu"
+    if options.seconds is None:
+        found = advice.find(options.observable, options.error, kind)
+    else:
+        found = advice.within(options.observable, options.seconds, kind)
     path = Path(options.output or f"{options.observable}.toml")
     if found.toml:
         _check(path, found.toml, options.overwrite)

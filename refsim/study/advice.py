@@ -14,7 +14,7 @@ from refsim.core.tables import in_bytes, in_time
 from refsim.scene.files import scene_to_toml
 from refsim.scene.plan import make_plan
 from refsim.scene.scene import Scene
-from refsim.study.choice import Candidate, Choice, choose, duration, kinds, percent
+from refsim.study.choice import Candidate, Choice, choose, duration, kinds, least_error, percent
 from refsim.study.cost import Prediction, predict
 from refsim.study.panels import Panel, abouts, panel
 from refsim.study.panels.scenes import scene_of
@@ -72,6 +72,20 @@ def find(observable: str, error: float, kind: str = "cpu") -> Advice:
     if not 0 < error < 1:
         raise InputError(f"advise: an error of {error:g} is not possible; give a share between 0 and 1, 0.01 for 1 %.")
     return answer(panel(observable), error, kind)
+
+
+def within(observable: str, seconds: float, kind: str = "cpu") -> Advice:
+    """The answer for the least error that can be had within so many seconds on the panels' machine.
+
+    Raises InputError as `find` does, and where no setting is that fast.
+    """
+    if not 0 < seconds < math.inf:
+        raise InputError(f"advise: {seconds:g} seconds are not possible; give a positive number.")
+    of = find(observable, 0.5, kind).panel
+    error = least_error(kinds(of)[kind], seconds)
+    if error is None:
+        raise InputError(f"advise: no measured setting of {observable} takes {duration(seconds)} or less; give more.")
+    return answer(of, error, kind)
 
 
 def scaled(advice: Advice) -> Advice:

@@ -11,6 +11,8 @@
 6. A setting that keeps an error which a finer spacing with the same other knobs does not keep is no candidate for it:
    errors of opposite sign cancel there.
 7. An error below the uncertainty of the reference is marked as such.
+8. Physics decides once: the error of a setting that was measured on a CPU and on a GPU is the larger one on both:
+   none is advised for an error that it keeps by chance of its rounding.
 """
 
 from __future__ import annotations
@@ -78,9 +80,11 @@ class Candidate:
 
     def seconds(self, error: float) -> float | None:
         """Median seconds until it keeps a relative error; None where it does not."""
+        if self.error > error:
+            return None
         if self.point.reached:
             return next((s for bar, s in self.point.reached if bar <= error * (1 + 1e-9)), None)
-        return self.wall if self.error <= error else None
+        return self.wall
 
     @property
     def unsettled(self) -> str:
@@ -140,11 +144,21 @@ def candidates(panel: Panel) -> list[Candidate]:
 
 
 def kinds(panel: Panel) -> dict[str, list[Candidate]]:
-    """Candidates by where they are advised: "cpu", "gpu" and "peer"."""
+    """Candidates by where they are advised, "cpu", "gpu" and "peer", with the larger error of both machines."""
     made: dict[str, list[Candidate]] = {"cpu": [], "gpu": [], "peer": []}
-    for c in candidates(panel):
-        made["peer" if c.point.program != OWN else "gpu" if c.point.gpu else "cpu"].append(c)
+    found = candidates(panel)
+    largest: dict[str, float] = {}
+    for c in found:
+        largest[_setting(c)] = max(c.error, largest.get(_setting(c), 0.0))
+    for c in found:
+        kind = "peer" if c.point.program != OWN else "gpu" if c.point.gpu else "cpu"
+        made[kind].append(Candidate(c.point, largest[_setting(c)]))
     return made
+
+
+def _setting(candidate: Candidate) -> str:
+    """The key of a setting, whatever it ran on."""
+    return candidate.point.key.removeprefix("cuda_")
 
 
 def refused(candidate: Candidate, others: Sequence[Candidate]) -> str:
@@ -214,6 +228,17 @@ def choose(found: Sequence[Candidate], error: float, uncertainty: float = 0.0) -
     if least < seconds:
         notes.append(f"passed over: {read}")
     return Choice(best, seconds, notes=tuple(notes))
+
+
+def least_error(found: Sequence[Candidate], seconds: float) -> float | None:
+    """The least error for which a settled setting is advised within so many seconds; None where there is none."""
+    allowed = [c for c in found if not refused(c, found)]
+    least: list[float] = []
+    for c in allowed:
+        kept = [max(error, c.error) for error, spent in c.point.reached or [(c.error, c.wall)] if spent <= seconds]
+        if kept and not c.unsettled and by_chance(c, min(kept), allowed) is None:
+            least.append(min(kept))
+    return min(least, default=None)
 
 
 def percent(value: float) -> str:

@@ -26,6 +26,8 @@ def folder(tmp_path, monkeypatch):
         (["nothing-like-it"], "choose from front, droplet"),
         (["front", "--error", "2"], "an error of 2 is not possible; give a share between 0 and 1"),
         (["front", "--error", "0"], "an error of 0 is not possible"),
+        (["front", "--seconds", "0"], "0 seconds are not possible; give a positive number"),
+        (["front", "--seconds", "1e-4"], "no measured setting of front takes 100 us or less; give more"),
         (["melting", "--output", "melting.toml"], "has no scene; leave --output out"),
     ],
 )
@@ -61,6 +63,16 @@ def test_the_answer_is_for_the_error_itself():
     assert "an error of 4 %" in advice.text_of(found)
     assert advice.find("contact_angle", 0.033).choice.advised.error < 0.033
     assert advice.find("contact_angle", 0.01).no_meaning
+
+
+def test_the_least_error_that_seconds_buy(folder, capsys):
+    found = advice.within("front", 0.3)
+    assert found.choice.advised.wall <= 0.3
+    assert found.choice.advised.error == found.error
+    faster = advice.within("droplet", 0.1)
+    assert faster.error > advice.within("droplet", 2.0).error
+    assert main(["advise", "front", "--seconds", "0.3", "--measured"]) == 0
+    assert f"keeps {advice.keeps(found.panel, found.choice.advised)}" in capsys.readouterr().out
 
 
 def test_with_gpu_the_answer_is_that_of_a_gpu(folder, capsys):

@@ -9,7 +9,7 @@ import pytest
 from refsim.core.errors import InputError
 from refsim.engine.simulation import Simulation
 from refsim.scene.plan import make_plan
-from refsim.study.choice import Candidate, candidates, choose, instability, kinds, unsettled
+from refsim.study.choice import Candidate, candidates, choose, instability, kinds, least_error, unsettled
 from refsim.study.observables import observable_of
 from refsim.study.panels import FOLDER, OWN, About, Panel, Place, Point, abouts, as_text, panel, parse
 from refsim.study.panels import measured as measuring
@@ -154,6 +154,23 @@ def test_kinds_of_machines_and_programs_stand_apart():
     assert {kind: [c.point.key for c in some] for kind, some in found.items()} == {
         "cpu": ["ours"], "gpu": ["cuda_ours"], "peer": ["theirs"],
     }  # fmt: skip
+
+
+def test_physics_decides_once():
+    """A setting that keeps an error on one machine only is advised for it on neither."""
+    gpu = point("cuda_a", 0.06, 1.0, knobs={"backend": "cuda"})
+    found = kinds(made(point("a", 0.04, 3.0), gpu, point("b", 0.01, 9.0)))
+    assert {c.point.key: c.error for kind in found for c in found[kind]} == {"a": 0.06, "cuda_a": 0.06, "b": 0.01}
+    assert key(choose(found["cpu"], 0.05)) == "b"
+    assert choose(found["gpu"], 0.05).advised is None
+
+
+def test_the_least_error_within_some_seconds():
+    falling = point("falling", 0.01, 8.0, reached=[(0.5, 1.0), (0.05, 2.0), (0.01, 8.0)])
+    found = kinds(
+        made(point("rough", 0.2, 1.0), falling, point("fine", 0.001, 50.0), point("new", 0.1, 0.1, SCATTERED))
+    )
+    assert [least_error(found["cpu"], s) for s in (0.5, 1.5, 3.0, 10.0, 60.0)] == [None, 0.2, 0.05, 0.01, 0.001]
 
 
 # What is stored
