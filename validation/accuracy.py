@@ -29,8 +29,6 @@ BOUNDARY, DAM, MPM = (f"validation.experiments.{name}" for name in ("boundary", 
 RUNS = {  # panel: its run, called with (context, settings, backend, threads, repeats)
     "detection_2d": f"{DAM}.detector_runs:detectors_2d",
     "detection_3d": f"{DAM}.detector_runs:detectors_3d",
-    "heat": "validation.experiments.heat.runs:slabs",
-    "melt_front": "validation.panel_runs:melt_fronts",
     "melting": "validation.panel_runs:melt_times",
     "contact_angle": "validation.panel_runs:angles",
     "surface_tension_jump": "validation.panel_runs:tensions",

@@ -1,4 +1,4 @@
-"""Runs of panels without a packaged scene: melting that a program of its own steps, drops that are stirred first.
+"""Runs of panels without a packaged scene: a ball that melts in held water, and drops that are stirred first.
 
 Each measures settings in turn, as `validation.accuracy` asks for them.
 """
@@ -8,44 +8,20 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Mapping
-from functools import partial
 from typing import Any
 
 from refsim import calibrate_contact_angle
 from refsim.backends.arrays import choose, set_threads
 from refsim.surface_tension.calibration import sigma_map
-from validation.experiments.heat.runs import melting_sphere, stefan
+from validation.experiments.heat.runs import melting_sphere
 from validation.measure import drops, wetting
 from validation.results import Result
 from validation.running import Context
-from validation.turns import Once, Outcome, in_turns
+from validation.turns import Outcome, in_turns
 
 SEED = 10  # of the first repeat of a drop: the maps hold seeds 1 to 3
 ANGLE = 90.0  # requested [degrees]
 Settings = Mapping[str, Mapping[str, Any]]
-
-
-def _melting(
-    once: Once, context: Context, settings: Settings, backend: str, threads: int | None, repeats: int
-) -> Result:
-    there = choose(backend)
-    set_threads(there, threads)
-    try:
-        for setting in {s["scheme"]: s for s in settings.values()}.values():
-            once(context, {**setting, "cells": 4}, 0)  # compiles
-        return in_turns(context, settings, once, threads, repeats, backend)
-    finally:
-        set_threads(there, None)
-
-
-def _front(context: Context, setting: Mapping[str, Any], repeat: int) -> Outcome:
-    """The melted depth's largest error [%], from the first held layer on."""
-    backend = setting["knobs"]["backend"]
-    found = stefan(Context(), setting["scheme"], setting["cells"], (setting["number"],), backend)
-    (row,) = found.values["rows"]
-    particles = len(found.arrays["x"]) * 36
-    steps = round(found.values["until"] / (row["number"] * row["size"] ** 2))
-    return Outcome(row["shifted"], row["shifted"], row["seconds"], steps, particles)
 
 
 def _melt_time(context: Context, setting: Mapping[str, Any], repeat: int) -> Outcome:
@@ -58,8 +34,16 @@ def _melt_time(context: Context, setting: Mapping[str, Any], repeat: int) -> Out
     return Outcome(share, abs(share - 1), found["seconds"], steps, found["particles"])
 
 
-melt_fronts = partial(_melting, _front)
-melt_times = partial(_melting, _melt_time)
+def melt_times(context: Context, settings: Settings, backend: str, threads: int | None, repeats: int) -> Result:
+    """`_melt_time` of every setting in turn."""
+    there = choose(backend)
+    set_threads(there, threads)
+    try:
+        for setting in {s["scheme"]: s for s in settings.values()}.values():
+            _melt_time(context, {**setting, "cells": 4}, 0)  # compiles
+        return in_turns(context, settings, _melt_time, threads, repeats, backend)
+    finally:
+        set_threads(there, None)
 
 
 def flat_tension(model: str) -> tuple[float, float]:

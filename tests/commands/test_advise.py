@@ -138,7 +138,7 @@ def test_every_panel_has_an_answer_and_no_advised_point_is_unsettled(name):
                 assert found.choice.advised.error <= error
             if found.scene is not None:
                 point, plan = found.choice.named.point, make_plan(found.scene)
-                assert sum(plan.field_bytes().values()) * plan.grid.count == point.bytes
+                assert point.bytes in (None, sum(plan.field_bytes().values()) * plan.grid.count)
 
 
 def test_the_list_and_json(folder, capsys):

@@ -221,9 +221,8 @@ def test_settings_of_a_packaged_panel_have_scenes(name):
     of = panel(name)
     count = 0
     for p in of.points.values():
-        scene = None if "start" in p.setting else scene_of(of, p)
-        if scene is not None and not p.failed:
-            plan = make_plan(scene)
+        if p.program == OWN and not p.failed and not measuring._without(of, p):
+            plan = make_plan(scene_of(of, p))
             assert plan.grid.count == p.particles
             assert plan.scene.dtype == p.knobs["dtype"]
             count += 1
@@ -235,6 +234,9 @@ STORED = {  # settings whose value is computed here and is the stored one: (read
     ("front", "d10"): 5e-3,
     ("droplet", "d9"): 0.12,  # rounding decides how its symmetry breaks: seeds differ by 30 %
     ("spinning_body", "n6_w2_s50"): 1e-5,
+    ("heat", "implicit_8"): 1e-5,
+    ("heat", "runge_kutta_legendre_8"): 1e-5,
+    ("melt_front", "runge_kutta_legendre_10_2"): 1e-5,
     ("coupling", "n4"): 6e-2,  # stored before solids kept their mass at every spacing
 }
 
@@ -246,7 +248,7 @@ def test_a_packaged_study_gives_the_stored_value(name, setting, monkeypatch):
     (row,) = found.rows()
     assert row["value"] == pytest.approx(row["stored_value"], rel=STORED[name, setting])
     assert row["particles"] == panel(name).points[setting].particles
-    assert row["bytes"] == panel(name).points[setting].bytes
+    assert panel(name).points[setting].bytes in (None, row["bytes"])
     assert "stored value" in found.text()
     again = merged(found)
     assert again.points.keys() == panel(name).points.keys()
@@ -259,6 +261,7 @@ def test_what_cannot_be_measured_is_said(monkeypatch):
         measured(panel("contact_angle"))
     with pytest.raises(InputError, match="has no setting 'd11'"):
         measured(panel("front"), ["d11"])
+    assert "give at most 1.6 times that" in measured(panel("heat"), ["explicit_2"]).left_out[0]
     found = measured(panel("droplet"), ["turned_all_1", "step1.4"])
     assert [line.split(" left out: ")[1] for line in found.left_out] == [
         "its start is cut from a lattice that is turned (seed 1)", "a fixed step beyond the stable one",

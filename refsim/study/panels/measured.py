@@ -146,7 +146,14 @@ def _without(panel: Panel, point: Point) -> str:
     """Why a setting cannot be measured by its packaged scene; "" where it can."""
     if "start" in point.setting:
         return f"its start is {point.setting['start']}"
-    return "" if scene_of(panel, point) else "a fixed step beyond the stable one"
+    scene = scene_of(panel, point)
+    if scene is None:
+        return "a fixed step beyond the stable one"
+    try:
+        make_plan(scene)
+    except InputError as error:
+        return str(error)
+    return ""
 
 
 def _reading(panel: Panel, point: Point, number: int, threads: int | None) -> Reading:

@@ -16,6 +16,7 @@ from refsim.study.observables import observable_of
 
 DIRECTIONS, CONE = 200, np.radians(10)
 FALL = np.sqrt(0.5 / (2 * 9.81))  # sqrt(L/(2g)) of the dam break [s]
+STEFAN = 0.42877773257020996  # front of melt_front over 2 sqrt(a t): Neumann's solution for Stefan numbers 0.5 and 0.1
 BASIN, EDGE = 1.6, 0.8  # of the floating box [m]
 
 
@@ -90,3 +91,26 @@ def spinning_body(simulation: Simulation) -> float:
     v = velocity - np.average(velocity, axis=0, weights=mass)
     turning = (mass * (x[:, 0] * v[:, 1] - x[:, 1] * v[:, 0])).sum()
     return float(turning / (mass * (x[:, 0] ** 2 + x[:, 1] ** 2)).sum() / (2 * np.pi))
+
+
+def heat(simulation: Simulation) -> float:
+    """Root mean square of T - T_exact of the cosine at the end [% of the range of 100 degrees C]."""
+    x, length = simulation.field("position")[:, 0].astype(float), 4.0
+    decay = np.exp(-((np.pi / length) ** 2) * simulation.time)
+    off = simulation.field("temperature").astype(float) - 50 - 50 * np.cos(np.pi * x / length) * decay
+    return float(np.sqrt((off**2).mean()))
+
+
+def _largest_error(times: np.ndarray, values: list[Any]) -> float:
+    known = 2 * STEFAN * np.sqrt(times)
+    late = times >= (0.25 - 1e-9) * times[-1]
+    return float(100 * np.abs(np.array(values) / known - 1)[late].max())
+
+
+@watched(lambda scene: scene.step * np.arange(1, round(scene.end_time / scene.step) + 1), _largest_error)
+def melt_front(simulation: Simulation) -> float:
+    """Melted depth from the first held layer on [m]; its largest error [%] over the last three quarters of the time."""
+    spacing, wide = simulation.plan.grid.spacing, simulation.plan.grid.period[1] / simulation.plan.grid.spacing
+    ice = slice(simulation.plan.state.sizes[0], None)
+    molten = np.clip(simulation.field("enthalpy")[ice] / simulation.field("latent_heat")[ice], 0, 1).sum()
+    return float(molten * spacing / round(wide) ** 2 + 0.5 * spacing)

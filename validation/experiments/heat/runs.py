@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -21,10 +20,8 @@ from refsim.engine.stock import stock
 from refsim.heat import reference
 from validation.experiments.heat import exact
 from validation.experiments.heat.conductor import SUPPORT, Conductor, cosine_slab, lattice
-from validation.reading import Reading, distribution, measured
 from validation.results import Result
 from validation.running import Context
-from validation.turns import rounds
 
 NUMBERS = (0.5, 2.0, 8.0, 32.0)
 SPACING, LENGTH, END = 0.2, 40, 6.4  # of the slab: [m], spacings along x, [s]
@@ -412,65 +409,3 @@ def speed(context: Context, threads: int, number: float = 2.0, rounds: int = 7) 
     ratio = {name: float(np.median(np.array(v[1:]) / np.array(spent["density"][1:]))) for name, v in spent.items()}
     passes = {name: conductor.passes(number) for name, conductor in made.items()}
     return Result({"particles": len(position), "threads": threads, "seconds": median, "ratio": ratio, "passes": passes})
-
-
-# What accuracy costs
-
-SLAB, SLAB_ACROSS = 4.0, 10  # [m] along x; spacings across, the same particles for every scheme
-SLAB_UNTIL = 1.6  # [s]: 40 units of k t/(rho c d^2) at 20 spacings
-
-
-def started(setting: Mapping[str, Any], backend: str = "cpu") -> tuple[Conductor, np.ndarray, int]:
-    """A setting's slab, the depth of its particles [m], and its number of steps."""
-    cells, spacing = setting["cells"], SLAB / setting["cells"]
-    dtype, options = setting["knobs"]["dtype"], setting["options"]
-    made, x = cosine_slab(setting["scheme"], cells, SLAB_ACROSS, spacing, dtype=dtype, backend=backend, **options)
-    return made, x, max(1, round(SLAB_UNTIL / (setting["number"] * spacing**2)))
-
-
-def slabs(
-    context: Context, settings: Mapping[str, Mapping[str, Any]], backend: str, threads: int | None, repeats: int
-) -> Result:
-    """Every setting in turn: rms error of the cosine [% of the range] and seconds of stepping.
-
-    settings  key to {"words", "knobs" (with "dtype"), "scheme", "cells", "number", "options", "shown"}
-    """
-    there = choose(backend)
-    set_threads(there, threads)
-    ended, compiling, passes = {}, {}, {}
-
-    def stepped(key: str, k: int) -> float:
-        made, x, steps = started(settings[key], backend)
-        made.run(SLAB_UNTIL, steps)
-        ended[key] = made.temperature.astype(float) - exact.cosine(x, SLAB, SLAB_UNTIL)
-        return float(made.seconds)
-
-    try:
-        for key, setting in settings.items():
-            began = time.perf_counter()
-            made, _, steps = started(setting, backend)
-            made.step(SLAB_UNTIL / steps)
-            compiling[key] = time.perf_counter() - began
-            passes[key] = started(setting)[0].passes(SLAB_UNTIL / steps)
-        spent = {key: [stepped(key, 0)] for key, setting in settings.items() if not setting["shown"]}
-        shown = [key for key, setting in settings.items() if setting["shown"]]
-        found = rounds(context, shown, stepped, float, repeats)
-        spent |= {key: read.means(float) for key, read in found.items()}
-    finally:
-        set_threads(there, None)
-    readings = []
-    for key, setting in settings.items():
-        steps, error = started(setting)[2], float(np.sqrt((ended[key] ** 2).mean()))
-        lost = not error < 1e3
-        readings.append(
-            Reading(
-                key, setting["words"],
-                {**setting["knobs"], "passes": passes[key] * steps / (SLAB_UNTIL / 0.04)},
-                error=math.nan if lost else error, value=math.nan if lost else error, seconds=spent[key],
-                per_step=[seconds / steps for seconds in spent[key]], parts={"stepping": spent[key]},
-                compile=compiling[key], distribution={} if lost else {"|T - exact| [deg C]": distribution(ended[key])},
-                stopped="blown up: unstable beyond s = 1" if lost else "", expected=lost, particles=len(ended[key]),
-                steps=steps, shown=setting["shown"], noise=found[key].noise if key in found else (),
-            )
-        )  # fmt: skip
-    return measured(readings, threads, backend)
