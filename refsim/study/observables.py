@@ -257,10 +257,11 @@ def _value_digest(value: Any) -> str:
 def _source(function: Callable[..., Any]) -> str:
     """What a function computes, as text: its source where there is one."""
     import inspect
+    import tokenize
 
     try:
         return inspect.getsource(function)
-    except (OSError, TypeError):
+    except (OSError, TypeError, SyntaxError, tokenize.TokenError):  # the last of a text that is no Python file
         return repr(getattr(function, "__code__", function))
 
 
