@@ -1,0 +1,174 @@
+"""Liquids that break codes: few particles, particles at one place, unequal masses, nothing that acts, borders, leavers.
+
+Hard cases that need a flow or a bisection are checks of experiments (`tests/validation/test_trials.py`). Kills and full
+disks stand in `test_run.py`, drops far from the origin in `test_far_away.py`.
+"""
+
+import numpy as np
+import pytest
+
+from refsim import Box, Cloud, Gravity, InputError, JiangZhu2023, RunStopped, Scene, Simulation, SurfaceDetection
+from refsim import WeaklyCompressible as Liquid
+from refsim.engine.stock import check_particles
+from refsim.io.checkpoint import read_checkpoint, write_checkpoint
+
+D, H, SOUND, DENSITY = 0.01, 0.026, 20.0, 1000.0  # [m], [m], [m/s], [kg/m^3]
+ROUNDINGS = 32 * 1.2e-7  # of float32, over sum of m |v|
+
+
+def liquid(fluid, *effects, viscosity=0.5, **changes):
+    own = Liquid(rest_density=DENSITY, sound_speed=SOUND, dynamic_viscosity=viscosity, kernels="wendland")
+    parts = fluid if isinstance(fluid, tuple) else (fluid,)
+    return Scene(**{"spacing": D, "support_radius": H, "fluid": parts, "effects": (own, *effects), **changes})
+
+
+def tension(sigma=0.03 * DENSITY * SOUND**2 * H / 7.8):
+    """An internal pressure of 3 % of rho0 c^2."""
+    return JiangZhu2023(surface_tension=sigma)
+
+
+def block(n):
+    return D * (np.stack(np.meshgrid(*[np.arange(n)] * 3, indexing="ij"), axis=-1).reshape(-1, 3) + 0.5)
+
+
+def advanced(scene, steps):
+    """A run after some steps: no particle lost, all finite, no neighbour missed."""
+    run = scene if isinstance(scene, Simulation) else Simulation(scene)
+    for _ in range(steps):
+        run.step()
+    check_particles(run)
+    assert run.search.log.missed_neighbours == 0
+    return run
+
+
+def run_until(run, time):
+    while run.time < time:
+        run.step()
+
+
+def momentum(run):
+    mass, velocity = run.field("mass").astype(float)[:, None], run.field("velocity").astype(float)
+    return (mass * velocity).sum(0), float((mass[:, 0] * np.linalg.norm(velocity, axis=1)).sum())
+
+
+def fastest(run):
+    return float(np.linalg.norm(run.field("velocity").astype(float), axis=1).max())
+
+
+def test_particles_that_meet_at_one_place_in_a_run_part_slowly_and_keep_momentum(tmp_path):
+    run = advanced(liquid(Box(cells=(6, 6, 6)), tension()), 5)
+    run.checkpoint(tmp_path / "edited.h5")
+    saved = read_checkpoint(tmp_path / "edited.h5")
+    x = saved.arrays["field.position"]
+    j = int(np.argsort(np.linalg.norm(x - x[100], axis=1))[1])
+    for name in ("field.position", "build_position", "field.velocity"):
+        saved.arrays[name][j] = saved.arrays[name][100]
+    write_checkpoint(tmp_path / "edited.h5", saved.arrays, saved.attributes)
+    edited = Simulation.resume(tmp_path / "edited.h5")
+    before, _ = momentum(edited)
+    after, scale = momentum(advanced(edited, 200))
+    assert np.linalg.norm(after - before) <= ROUNDINGS * scale
+    assert fastest(edited) <= 0.5 * SOUND
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4])
+def test_a_few_particles_fall_freely_and_are_all_surface(count):
+    points = D * np.array([[0.0, 0, 0], [0.4, 0, 0], [0.2, 0.5, 0], [0.1, 0.2, 0.6]])[:count]
+    run = advanced(liquid(Cloud(position=points), Gravity(), tension(), SurfaceDetection(each_step=True)), 300)
+    run.evaluate()
+    reached = -9.81 * (run.time - run.last.length / 2)  # velocities are half a step behind
+    assert run.field("velocity")[:, 2].astype(float).mean() == pytest.approx(reached, rel=1e-4)
+    assert run.field("surface").sum() == count
+    sideways = run.field("position").astype(float).mean(0) - points.mean(0)
+    assert np.abs(sideways[:2]).max() <= 1e-3 * D
+
+
+def test_particles_almost_at_one_place_move_in_float64_and_are_refused_in_float32():
+    points = block(4)
+    points = np.vstack([points, points[21] + [1e-12 * D, 0, 0], [[1.0, 0, 0]], [[1.0 + 1e-12 * D, 0, 0]]])
+    run = advanced(liquid(Cloud(position=points), tension(), dtype="float64"), 100)
+    total, scale = momentum(run)
+    assert np.linalg.norm(total) <= 32 * 2.3e-16 * scale
+    assert fastest(run) <= 0.5 * SOUND
+    with pytest.raises(InputError):
+        Simulation(liquid(Cloud(position=points), tension(), dtype="float32"))
+
+
+@pytest.mark.parametrize("fluid", [(), Cloud(position=np.zeros((0, 3)))])
+def test_a_scene_without_particles_says_what_to_add(fluid):
+    with pytest.raises(InputError, match="add a fluid"):
+        Simulation(liquid(fluid))
+
+
+@pytest.mark.parametrize("heavy", ["one", "half"])
+def test_masses_of_1000_to_1_stop_by_name_or_stay_slow(heavy):
+    """J(7) makes the neighbours of one heavy particle hundreds of times too dense; half a block of light ones lasts."""
+    points = block(8)
+    mass = np.full(len(points), DENSITY * D**3)
+    mass[219 if heavy == "one" else points[:, 0] > points[:, 0].mean()] *= 1000 if heavy == "one" else 1e-3
+    run = Simulation(liquid(Cloud(position=points, mass=mass)))
+    if heavy == "one":
+        with pytest.raises(RunStopped) as stopped:
+            run_until(run, 0.05)
+        assert stopped.value.reason == "compressed"
+        return
+    run_until(run, 0.05)
+    total, scale = momentum(run)
+    assert np.linalg.norm(total) <= ROUNDINGS * scale
+    energy = 0.5 * float((run.field("mass") * (run.field("velocity").astype(float) ** 2).sum(1)).sum())
+    assert energy <= 0.05 * mass.sum() * SOUND**2
+
+
+@pytest.mark.parametrize("velocity", [(0.0, 0.0, 0.0), (0.3, -0.2, 0.1)])
+def test_where_nothing_acts_rest_is_bitwise_and_motion_keeps_velocity_and_shape(velocity):
+    cube = Box(cells=(6, 6, 6), velocity=velocity)
+    run = Simulation(liquid(cube, Gravity(acceleration=(0.0, 0.0, 0.0)), tension(0.0), viscosity=0.0))
+    start = run.field("position").astype(float)
+    advanced(run, 100)
+    change = float(np.abs(run.field("velocity") - np.array(velocity, dtype=np.float32)).max())
+    displacement = np.abs(run.field("position").astype(float) - start - np.array(velocity) * run.time).max()
+    moving = any(velocity)
+    assert change <= 1e-5 * SOUND * moving
+    assert displacement <= 1e-3 * D * moving
+
+
+@pytest.mark.parametrize(("dtype", "bound"), [("float32", 1e-2), ("float64", 1e-9)])
+def test_particles_on_the_borders_of_cells_move_as_beside_them(dtype, bound):
+    """The list reaches to 3 spacings: every third layer lies on a border."""
+    spacing = 2.0**-6
+    lattice = spacing * np.stack(np.meshgrid(*[np.arange(9) - 4.0] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    density, place = [], []
+    for shift in (0.0, 0.5 * spacing):
+        cloud = Cloud(position=lattice + shift)
+        run = Simulation(liquid(cloud, tension(), spacing=spacing, support_radius=2.5 * spacing, skin=0.2, dtype=dtype))
+        run.evaluate()
+        density.append(run.field("density").astype(float))
+        place.append(advanced(run, 30).field("position").astype(float) - shift)
+        total, scale = momentum(run)
+        assert np.linalg.norm(total) <= 32 * float(np.finfo(dtype).eps) * scale
+    assert np.abs(density[0] / density[1] - 1).max() <= 200 * float(np.finfo(dtype).eps)
+    assert np.abs(place[0] - place[1]).max() <= bound * spacing
+
+
+def test_a_particle_that_leaves_at_9_c_is_not_lost_and_disturbs_no_other():
+    cube, flung = Box(cells=(6, 6, 6)), Cloud(position=[[0.5, 0.0, 0.0]], velocity=(9 * SOUND, 0.0, 0.0))
+    step = 0.5 * 0.4 * H / (10 * SOUND)
+    alone, both = (advanced(liquid(parts, tension(), step=step), 300) for parts in ((cube,), (cube, flung)))
+    assert float(both.field("velocity")[-1, 0]) == pytest.approx(9 * SOUND, rel=1e-6)
+    assert np.abs(both.field("position")[:-1] - alone.field("position")).max() <= 0.02 * D
+
+
+def test_two_particles_a_million_spacings_off_cost_no_memory():
+    lone = Cloud(position=[[1e6 * D, 0.0, 0.0], [-1e6 * D, 0.0, 0.0]])
+    assert advanced(liquid((Box(cells=(6, 6, 6)), lone), tension()), 50).search.log.list_bytes <= 1e6
+
+
+@pytest.mark.parametrize("count", [3000, 4200])
+def test_the_list_grows_to_every_pair_until_particles_count_as_collapsed(count):
+    points = np.random.default_rng(4).uniform(0.0, 0.5 * H, (count, 3))
+    scene = liquid(Cloud(position=points, mass=np.full(count, DENSITY * D**3 / count)))
+    if count > 4096:
+        with pytest.raises(RunStopped, match="collapsed"):
+            advanced(scene, 3)
+    else:
+        assert advanced(scene, 3).search.log.most_neighbours == count - 1
