@@ -19,7 +19,6 @@ from validation.checks import (
     CLAIM,
     FAIL,
     HARD_CASE,
-    NOT_TESTABLE,
     REFUSED,
     STOPPED,
     VALUE,
@@ -257,8 +256,3 @@ def null_of(entry: Entry, experiment: Experiment) -> list[float]:
     """The values of a claim on its family's null model; none without a family."""
     how = experiment.claims[entry.name]
     return [float(value) for value in how.family.model(how)] if how.family is not None else []
-
-
-def untested(entry: Entry) -> bool:
-    """Whether a claim cannot be tested."""
-    return entry.verdict == NOT_TESTABLE

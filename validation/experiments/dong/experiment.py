@@ -175,13 +175,6 @@ EXPERIMENT = Experiment(
             "dong_figure_4", pictures.splash_data, pictures.splash_picture, ("rest_with", "rest_without"), shaded=True
         ),
         Picture("dong_fall", pictures.splash_data, pictures.splash_picture, ("fall_with", "fall_without"), shaded=True),
-        Picture(
-            "dong_fall_own_solver",
-            pictures.own_splash_data,
-            pictures.splash_picture,
-            ("own_fall_with", "own_fall_without"),
-            shaded=True,
-        ),
         Picture("dong_figure_5", pictures.rest_data, pictures.rest_picture, ("rest_with", "rest_without")),
         Picture("dong_sweep", pictures.sweep_data, pictures.sweep_picture, tuple(runs.sweep_pairs())),
         Picture("dong_figure_6", pictures.merging_data, pictures.merging_picture, ("rest_with",), shaded=True),

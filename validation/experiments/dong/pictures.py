@@ -146,11 +146,6 @@ def _counts(frame: Mapping[str, Any], *names: str) -> str:
     return ", ".join(f"{frame[name]} {name if frame[name] != 1 else name[:-1]}" for name in names)
 
 
-def own_splash_data(results: Results) -> dict[str, Any]:
-    """Figure 4 with Dong's own solver, D(3) to D(5)."""
-    return splash_data(results, "own_", "; Dong's own solver, D(3) to D(5)")
-
-
 def splash_data(results: Results, solver: str = "", words: str = "") -> dict[str, Any]:
     """Figure 4: from above at frames 60 to 90, with and without tension; of the quick runs where they are the ones."""
     arms = {"with": "with tension", "without": "without tension"}

@@ -135,8 +135,6 @@ EXPERIMENT = Experiment(
         Picture("figure_2_force_curve", pictures.force_data, pictures.force_picture),
         Picture("figure_6", pictures.frame_data, pictures.frame_picture, ("cube_4913",), shaded=True),
         Picture("figure_7", pictures.surface_data, pictures.surface_picture_of, ("cube_4913",)),
-        Picture("droplet_measures", pictures.measure_data, pictures.measure_picture, ("cube_4913",)),
-        Picture("droplet_pair_modes", pictures.mode_data, pictures.mode_picture, ("cube_4913", "mode_text")),
     ),
     tables=tables,
     claims=measures(claims),

@@ -11,12 +11,9 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 
 from validation.drawing import (
-    BLACK,
     BLUE,
-    GREEN,
     GREY,
     ORANGE,
-    PURPLE,
     SKY,
     VERMILION,
     WATER,
@@ -199,117 +196,4 @@ def force_picture(data: Mapping[str, Any]) -> Any:
     axes.set(title="Inter-particle force of Jiang & Zhu 2023, J(17)")
     axes.grid(True)
     axes.legend(loc="upper right")
-    return figure
-
-
-MEASURES = (
-    ("radius_variation", "radius variation", True),
-    ("cubic_moment", r"$q_4$", False),
-    ("kinetic_energy", "kinetic energy / peak", True),
-    ("nn_5", "nearest neighbour / spacing", False),
-)
-
-
-def measure_data(results: Results) -> dict[str, Any]:
-    """Shape, energy and spacing over time, from each start."""
-    data: dict[str, Any] = {
-        "title": "From the start to rest",
-        "bars": {"radius_variation": 0.005, "kinetic_energy": 1e-3},
-    }
-    data["runs"] = {}
-    for key, words in ROWS.items():
-        if key in results:
-            values = results[key].values
-            names = ("time", "radius_variation", "cubic_moment", "kinetic_energy", "nn_min", "nn_5", "nn_mean")
-            data["runs"][f"{words}, {values['particles']:,}"] = {
-                "capillary_time_s": values["capillary_time"],
-                "lattice": values["lattice"],
-                **{name: values["series"][name] for name in names},
-            }
-    return data
-
-
-def measure_picture(data: Mapping[str, Any]) -> Any:
-    """Four panels against time in capillary times."""
-    figure, panels = plt.subplots(2, 2, figsize=(9.6, 6.2), sharex=True)
-    looks = ((BLUE, "-"), (ORANGE, "--"), (GREEN, "-."))
-    for (name, words, logarithmic), axes in zip(MEASURES, panels.ravel()):
-        for (label, run), (colour, dash) in zip(data["runs"].items(), looks):
-            time = floats(run["time"]) / run["capillary_time_s"]
-            values = floats(run[name])
-            if name == "kinetic_energy":
-                values = values / np.nanmax(values)
-                values[0] = np.nan
-            axes.plot(time, values, dash, color=colour, label=label if name != "nn_5" else None)
-            if name == "nn_5":
-                axes.plot(time, floats(run["nn_min"]), dash, color=colour, lw=0.9)
-                axes.plot(time, floats(run["nn_mean"]), dash, color=colour, lw=0.9)
-        if name in data["bars"]:
-            axes.axhline(data["bars"][name], color=VERMILION, lw=1.2, ls=":")
-            axes.text(0.99, data["bars"][name], "bar", color=VERMILION, fontsize=8, ha="right", va="bottom",
-                      transform=axes.get_yaxis_transform())  # fmt: skip
-        if name == "radius_variation":
-            lattice = next(iter(data["runs"].values()))["lattice"]
-            for shape, value in lattice.items():
-                axes.axhline(value, color=GREY, lw=0.8)
-                axes.text(0.99, value, f"lattice {shape}", color=GREY, fontsize=8, ha="right", va="bottom",
-                          transform=axes.get_yaxis_transform())  # fmt: skip
-        if name == "nn_5":
-            axes.axhline(0.7, color=VERMILION, lw=1.2, ls=":")
-            axes.axhline(0.4, color=VERMILION, lw=1.2, ls=":")
-            axes.text(0.99, 0.58, "upper bar: 5th percentile", color=VERMILION, fontsize=8, ha="right", va="top",
-                      transform=axes.get_yaxis_transform())  # fmt: skip
-            axes.text(0.99, 0.4, "lower bar: least", color=VERMILION, fontsize=8, ha="right", va="top",
-                      transform=axes.get_yaxis_transform())  # fmt: skip
-            axes.set_title("mean (top), 5th percentile (thick), least (bottom)", fontweight="normal", fontsize=9)
-            axes.set_ylim(0, 1.05)
-        if name == "cubic_moment":
-            axes.set_title(r"$q_4$: cube -0.127, ball 0, octahedron above 0", fontweight="normal", fontsize=9)
-        if logarithmic:
-            axes.set_yscale("log")
-        axes.set_ylabel(words)
-        axes.grid(True)
-    panels[0, 1].axhline(0, color=GREY, lw=0.8)
-    panels[0, 1].legend(loc="lower right")
-    for axes in panels[1]:
-        axes.set_xlabel(r"time / $\sqrt{\rho R^3/\sigma}$")
-    return figure
-
-
-def mode_data(results: Results) -> dict[str, Any]:
-    """Energy, shape and momentum over time, for every reading of which pairs act."""
-    data: dict[str, Any] = {"title": "Which pairs act", "runs": {}}
-    for key, result in results.items():
-        if key == "cube_4913" or key.startswith("mode_"):
-            values = result.values
-            names = ("time", "kinetic_energy", "radius_variation", "momentum", "momentum_scale")
-            data["runs"][values["words"]] = {
-                "capillary_time_s": values["capillary_time"],
-                "stopped": values["stopped"],
-                **{name: values["series"][name] for name in names},
-            }
-    return data
-
-
-def mode_picture(data: Mapping[str, Any]) -> Any:
-    """Kinetic energy, roughness and lost momentum against time."""
-    figure, panels = plt.subplots(1, 3, figsize=(11.4, 4.2), sharex=True)
-    looks = ((BLUE, "-"), (GREEN, "--"), (PURPLE, "-."), (ORANGE, "-"), (SKY, "-."), (VERMILION, "-"), (BLACK, ":"))
-    for (words, run), (colour, dash) in zip(data["runs"].items(), looks):
-        time = floats(run["time"]) / run["capillary_time_s"]
-        energy, scale = floats(run["kinetic_energy"]), floats(run["momentum_scale"])
-        drift = np.linalg.norm(floats(run["momentum"]), axis=1) / np.maximum(np.nanmax(scale), 1e-300)
-        lines = (energy, floats(run["radius_variation"]), drift)
-        for axes, values in zip(panels, lines):
-            values = np.where(values > 0, values, np.nan)
-            axes.plot(time, values, dash, color=colour, label=words if axes is panels[0] else None)
-            if run["stopped"]:
-                axes.plot(time[-1], values[-1], "x", color=colour, ms=8, mew=2)
-    for axes, limits in zip(panels, ((1e-5, 1e2), (5e-4, 1.0), (1e-9, 2.0))):
-        axes.set_ylim(limits)
-    titles = ("a  Kinetic energy [J]", "b  Radius variation", "c  Momentum / largest sum of m |v|")
-    for axes, title in zip(panels, titles):
-        axes.set(yscale="log", title=title, xlabel=r"time / $\sqrt{\rho R^3/\sigma}$")
-        axes.grid(True)
-    figure.legend(loc="outside lower center", ncols=3)
     return figure

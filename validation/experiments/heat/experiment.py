@@ -221,11 +221,6 @@ EXPERIMENT = Experiment(
         Picture(
             "heat_fronts", pictures.fronts_data, pictures.fronts, (f"stefan_{BEST}", f"melting_{BEST}_20", "oracle")
         ),
-        Picture("heat_orders", pictures.orders_data, pictures.orders, ("spacing", f"step_{BEST}", "spheres_20")),
-        Picture(
-            "heat_ledger", pictures.ledger_data, pictures.ledger,
-            ("ledger_implicit_float64", "ledger_one_sided_float64"),
-        ),
     ),
     tables=tables,
     claims=measures(claims),

@@ -184,10 +184,6 @@ EXPERIMENT = Experiment(
             "melting_figure_7", pictures.time_data, pictures.time_picture,
             tuple(f"{kind}_{figure}" for figure in PAPER for kind in KINDS),
         ),
-        Picture(
-            "melting_share", pictures.share_data, pictures.share_picture,
-            tuple(f"share_{round(100 * share)}" for share in SOLID_SHARES),
-        ),
         Picture("melting_savings", pictures.savings_data, pictures.savings_picture, ("savings",)),
         Picture(
             "melting_gpu", pictures.gpu_data, pictures.gpu_picture, tuple(f"gpu_{figure}" for figure in ON_GPU)

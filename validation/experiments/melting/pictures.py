@@ -15,7 +15,7 @@ from refsim.render.space import Body
 from validation.checks import VERDICT, read
 from validation.drawing import GREY, ball_picture, body_picture, packed, stacked_bars, unpacked, view_matrix
 from validation.experiment import Results
-from validation.experiments.melting.runs import ON_GPU, PAPER, SOLID_SHARES, WIDTHS, grouped
+from validation.experiments.melting.runs import ON_GPU, PAPER, WIDTHS, grouped
 from validation.experiments.melting.scene import SPACING
 from validation.metrics.droplet import contour
 from validation.results import real
@@ -327,39 +327,6 @@ def speed_picture(data: Mapping[str, Any]) -> Any:
     axes.set_ylim(bottom=0)
     axes.grid(True)
     axes.legend(loc="upper left")
-    axes.set_title(data["title"])
-    return figure
-
-
-def share_data(results: Results) -> dict[str, Any]:
-    """Milliseconds of each stage of a step in one tank of which more and more is solid."""
-    rows = []
-    for share in SOLID_SHARES:
-        values = results[f"share_{round(100 * share)}"].values
-        rows.append(
-            {
-                "liquid": values["liquid"], "solid": values["solid"], "milliseconds": 1e3 * values["seconds"],
-                "threads": values["threads"],
-                "stages": {name: 1e3 * s for name, s in grouped(values["stages"]).items()},
-            }
-        )  # fmt: skip
-    count = rows[0]["liquid"] + rows[0]["solid"]
-    return {"title": f"A step by the share of solid: {count:,} particles in one tank", "rows": rows}
-
-
-def share_picture(data: Mapping[str, Any]) -> Any:
-    """A bar for each share, cut into stages."""
-    rows = data["rows"]
-    figure, axes = plt.subplots(figsize=(9.6, 3.0))
-    ends = stacked_bars(axes, [row["stages"] for row in rows], COLOURS)
-    for k, (row, left) in enumerate(zip(rows, ends)):
-        axes.text(left, k, f"  {row['milliseconds']:.0f} ms", va="center", fontsize=8.5)
-    shares = [row["solid"] / (row["liquid"] + row["solid"]) for row in rows]
-    axes.set_yticks(range(len(rows)), [f"{100 * share:.0f} % solid" for share in shares], fontsize=8)
-    axes.invert_yaxis()
-    axes.grid(axis="x")
-    axes.set_xlabel(f"milliseconds a step, CPU, {rows[0]['threads']} threads")
-    axes.legend(loc="upper center", bbox_to_anchor=(0.45, -0.22), ncols=5)
     axes.set_title(data["title"])
     return figure
 

@@ -384,38 +384,3 @@ def example(context: Context, backend: str, until: float, shown: Sequence[float]
          "steps": run.steps, "millimetres": 1e3 * ledger.h},
         kept,
     )  # fmt: skip
-
-
-def stages(context: Context, backend: str, size: float, threads: int | None, repeats: int = 7) -> Result:
-    """Median seconds of each stage of a whole step, reconstruction and transfers, of the box after twenty steps."""
-    scale = size / math.prod(SIDES) ** (1 / 3)
-    place = box([round(2 * scale * side) / 2 for side in SIDES], seed=3)
-    run = context.simulation(drop_scene(place, 3, dtype="float32"), backend, threads)
-    for _ in range(20):
-        run.step()
-    surface = run._shared["surface"]
-    surface.reconstruction.timed = True
-
-    def waiting(call: Callable[[], None]) -> Callable[[], None]:
-        def done() -> None:
-            call()
-            run.backend.synchronize()
-
-        return done
-
-    run.motion_calls = [(name, waiting(call)) for name, call in run.motion_calls]
-    spent: dict[str, list[float]] = {}
-    for k in range(repeats):
-        before = dict(run.timings.stages)
-        run.step()
-        for name, total in run.timings.stages.items():
-            if name != "surface_energy.reconstruct":
-                spent.setdefault(name, []).append(total - before.get(name, 0.0))
-        for name, seconds in surface.latest.seconds.items():
-            spent.setdefault(name, []).append(seconds)
-        context.progress((k + 1) / repeats)
-    surface.reconstruction.timed = False
-    return Result(
-        {"particles": run.count, "samples": int(surface.latest.samples.area.shape[0]), "backend": backend,
-         "stages": {name: float(np.median(values)) for name, values in spent.items()}}
-    )  # fmt: skip

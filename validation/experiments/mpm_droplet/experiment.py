@@ -149,7 +149,6 @@ def bodies(options: Options) -> list[Run]:
         seconds = 150.0 if scene.get("dim") == 3 else 30.0
         add(f"held_{key}", drops.held, seconds, **{"until": 2.0, **scene})
     add("small_held", drops.held, 1.0, True, body="meet", until=0.02)
-    add("stages", drops.stages, 10.0, size=20.0, threads=options.threads)
     add("example", drops.example, 60.0, until=0.25, shown=[0.0, 0.005, 0.01, 0.02, 0.05, 0.25])
     add("small_box", drops.rounding, 4.0, True, shape="box", size=5.0, until=0.02, tension=ENCLOSING, liquid=RESTFUL)
     add("small_rest", drops.at_rest, 1.0, True, dim=2, radius=5.5, until=0.05)
@@ -510,7 +509,6 @@ EXPERIMENT = Experiment(
             pictures.frequency_picture,
             ("swing_2d_22", "swing_3d_9", "potential_flow_2d", "potential_flow_3d"),
         ),
-        Picture("mpm_pipeline", pictures.pipeline_data, pictures.pipeline_picture, ("stages",)),
         Picture("mpm_example", pictures.example_data, pictures.example_picture, ("example",)),
         Picture("mpm_sheet", pictures.sheet_data, pictures.sheet_picture, ("sheet",)),
     ),

@@ -27,7 +27,6 @@ from validation.drawing import (
 )
 from validation.experiment import Results
 from validation.experiments.mpm_droplet import fine_runs
-from validation.experiments.surface_reconstruction.pictures import pipeline
 from validation.metrics.droplet import contour
 from validation.results import floats, real
 
@@ -649,31 +648,3 @@ def example_picture(data: Mapping[str, Any]) -> Any:
         shaded(axes, frame, extent)
         axes.set_title(f"{1e3 * at:g} ms", loc="center", fontweight="normal")
     return figure
-
-
-STAGES = (
-    ("cells", "particles\nby cell"), ("level set and facets", "level set,\nmarching cubes"), ("samples", "samples"),
-    ("offsets", "nearest particles,\noffsets"), ("fit", "spline fit\n(LSPIA)"), ("normals", "normals"),
-    ("inset", "inset, samples\nanew"), ("components", "components\nunder tension"),
-    ("mpm.embed", "embedded\npoints"),
-    ("mpm.cells", "particles into\nthe grid's cells"), ("mpm.particle_to_grid", "particles\nto grid"),
-    ("mpm.carriers_to_grid", "embedded points\nto grid"), ("surface_energy.surface_force", "surface force"),
-    ("mpm.grid_update", "grid update"), ("back", "grid to\nparticles"),
-)  # fmt: skip
-
-
-def pipeline_data(results: Results) -> dict[str, Any]:
-    """Seconds of each stage of a whole step."""
-    values = results["stages"].values
-    spent = dict(values["stages"])
-    back = sum(spent.pop(name, 0.0) for name in ("mpm.grid_to_carriers", "mpm.grid_to_particle"))
-    known = {name for name, _ in STAGES}
-    return {
-        "title": "Figure 4.7: a whole step", **{name: values[name] for name in ("particles", "samples", "backend")},
-        "stages": {**{name: seconds for name, seconds in spent.items() if name in known}, "back": back},
-    }  # fmt: skip
-
-
-def pipeline_picture(data: Mapping[str, Any]) -> Any:
-    """The stages as boxes."""
-    return pipeline(data, STAGES)
