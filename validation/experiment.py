@@ -21,7 +21,7 @@ from refsim.core.errors import InputError
 from validation import experiments as folder_of_experiments
 from validation.checks import CLAIM, HARD_CASE, VALUE, VERDICT, Check, Checks, read
 from validation.results import Result
-from validation.tables import Table
+from validation.tables import Table, of_values
 
 if TYPE_CHECKING:
     from validation.trials import StabilityMap
@@ -172,7 +172,7 @@ class Experiment:
     runs        what is to be computed under the options
     checks      calls `check(name, value)` for every quantity of the results that are there
     pictures    of the runs and of the hard cases
-    tables      further tables, from the results that are there
+    tables      from the results that are there; by default their numbers
     claims      how each claim of its `expected.toml` is measured, by name
     trials      the functions that the hard cases of its `expected.toml` name
     maps        how far a setting can go
@@ -183,7 +183,7 @@ class Experiment:
     runs: Callable[[Options], Sequence[Run]] = lambda options: ()
     checks: Callable[[Results, Checks], None] = lambda results, check: None
     pictures: tuple[Picture, ...] = ()
-    tables: Callable[[Results], Sequence[Table]] = lambda results: ()
+    tables: Callable[[Results], Sequence[Table]] = of_values
     claims: Mapping[str, Measure] = field(default_factory=dict)
     trials: Mapping[str, Callable[..., Result]] = field(default_factory=dict)
     maps: tuple[StabilityMap, ...] = ()

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from validation.checks import number
+from validation.results import Result
+
+ACROSS = 8  # columns of a table of values
 
 
 @dataclass(frozen=True)
@@ -36,3 +40,25 @@ def aligned(rows: Sequence[Sequence[str]], right: Sequence[bool]) -> list[str]:
         return "  ".join(parts).rstrip()
 
     return [line(rows[0]), "  ".join("-" * w for w in widths), *map(line, rows[1:])]
+
+
+def of_values(results: Mapping[str, Result]) -> list[Table]:
+    """What runs gave: a row a run, a column a number or words; runs that give the same have a table together."""
+    alike: dict[tuple[str, ...], list[tuple[str, dict[str, Any]]]] = {}
+    for key, result in results.items():
+        row = dict(_plain(result.values))
+        alike.setdefault(tuple(row), []).append((key, row))
+    made = []
+    for names, rows in alike.items():
+        for some in (names[k : k + ACROSS] for k in range(0, len(names), ACROSS)):
+            made.append(Table("Values of runs", ["run", *some], [[key, *(row[n] for n in some)] for key, row in rows]))
+    return made
+
+
+def _plain(values: Mapping[str, Any], before: str = "", deeper: bool = True) -> Iterator[tuple[str, Any]]:
+    """(name, value) of the numbers and words among the values, and among the mappings in them."""
+    for name, value in values.items():
+        if isinstance(value, Mapping) and deeper:
+            yield from _plain(value, f"{before}{name}.", deeper=False)
+        elif value is None or isinstance(value, str | int | float):
+            yield f"{before}{name}", value

@@ -192,7 +192,6 @@ def test_experiments_show_the_published_map(shown, tmp_path):
         found |= {f"akinci_2d_R{r['radius']:g}_1": Result(condensing.with_motion(r)) for r in rows_of()}
     verdicts = {m.name: m.verdict for m in case.checked(found)}
     assert "fail" not in verdicts.values()
-    assert all(str(table) for table in case.tables(found))
     for picture in case.pictures:
         write_data(picture, found, tmp_path)
         assert redraw(picture, tmp_path).stat().st_size > 10_000
@@ -232,7 +231,6 @@ def test_a_water_drop_is_held_against_the_newtons_per_metre_that_were_asked_for(
     verdicts = {m.name: m.verdict for m in water_drop.EXPERIMENT.checked(found)}
     failed = {name for name, verdict in verdicts.items() if verdict == "fail"}
     assert failed == {"requested.b.laplace", "deviations.b.laplace"}
-    assert "+6.0 %" in str(water_drop.EXPERIMENT.tables(found)[0])
     (picture,) = water_drop.EXPERIMENT.pictures
     write_data(picture, found, tmp_path)
     assert redraw(picture, tmp_path).stat().st_size > 10_000

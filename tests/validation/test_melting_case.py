@@ -153,7 +153,6 @@ def test_quick_leaves_nothing_out():
     assert needed <= keys
     empty: dict[str, Result] = {}
     assert melting.EXPERIMENT.checked(empty) == []
-    assert melting.tables(empty) == []
 
 
 def test_columns_of_rays_find_the_cells_in_a_mesh(tmp_path):

@@ -139,11 +139,3 @@ def test_a_cohesion_of_refsim_that_slips_is_found(monkeypatch):
     )
     _, failed = _judged("splishsplash")
     assert "peer_equal.splishsplash.far_cohesion" in failed
-
-
-def test_the_table_of_terms(monkeypatch):
-    monkeypatch.setattr(terms.PEERS["warp"], "run", _like_warp)
-    result, _ = _judged("warp")
-    (table,) = case.tables({"terms_warp": result})
-    assert [row[:2] for row in table.rows] == [["warp 0", name] for name in terms.TERMS["warp"]]
-    assert table.rows[1][2] == pytest.approx(1.5)

@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
-import numpy as np
-
 from validation.checks import Checks
 from validation.experiment import Experiment, Options, Picture, Results, Run, measures
 from validation.experiments.boundary import claims, flow_runs, pictures, sampling_runs, stability
 from validation.experiments.boundary.flow_runs import ARMS, POUR
 from validation.experiments.boundary.sampling_shapes import SHAPES
 from validation.results import real
-from validation.tables import Table
 from validation.work_precision import order_from_errors
 
 SPACINGS = [0.2, 0.1, 0.05]
@@ -98,67 +92,6 @@ def sampling_checks(results: Results, check: Checks) -> None:
             check("peer_field_ratio", values["field_ratio"])
 
 
-def sampling_tables(results: Results) -> list[Table]:
-    """Scorecard, errors of the distance, the printed rule, other programs."""
-    made = []
-    rows: list[list[Any]] = []
-    for shape in SHAPES:
-        if f"sampling_{shape}" in results:
-            v = results[f"sampling_{shape}"].values
-            rows.append(
-                [
-                    shape, v["particles"], v["expected"], v["mean_over_2r"], v["least"], v["variation"], v["off"],
-                    v["holes"], v["blue"], v["force_noise"], v["iterations"], v["seconds"],
-                ]
-            )  # fmt: skip
-    if rows:
-        head = [
-            "shape", "particles", "g A/(pi r^2)", "mean/2r", "least/mean", "variation", "|phi|/r", "holes", "blue",
-            "force noise", "iterations", "s",
-        ]  # fmt: skip
-        made.append(Table("Sampling scorecard", head, rows))
-    rows = []
-    for shape in MEASURED:
-        if f"distance_{shape}" in results:
-            for r in results[f"distance_{shape}"].values["rows"]:
-                rows.append([shape, r["spacing"], r["rms"], r["largest"], r["largest_in_spacings"], r["bytes"]])
-    if rows:
-        head = ["shape", "spacing m", "rms error m", "largest m", "largest/spacing", "bytes"]
-        words = "Closed forms for sphere, torus and cube; exact closest triangle for the organic shape."
-        made.append(Table("Trilinear distance within half a spacing of the surface", head, rows, words))
-    if "sampling_printed" in results:
-        rows = [
-            [name, r["iterations"], "yes" if r["converged"] else "no", r["residual"], r["least"], r["variation"]]
-            for name, r in results["sampling_printed"].values["rows"].items()
-        ]
-        head = ["step", "iterations", "threshold met", "displacements/(r N)", "least/mean", "variation"]
-        made.append(Table("Adopted and printed step (patent E24) on a cube", head, rows))
-    if "sampling_peers" in results:
-        v = results["sampling_peers"].values
-        rows = []
-        programs = [("refsim", "own", "sampling", "quality", v["particles"], v["iterations"])]
-        if "sampling_ratio" in v:
-            programs += [
-                ("refsim, stopped early", "own", "as_even", "as_even", v["particles"], v["as_even"]["iterations"]),
-                ("pySPlisHSPlasH, Poisson disks", "other", "sampling", "peer_quality", v["peer_particles"], None),
-            ]
-        for words, whose, what, quality, particles, iterations in programs:
-            spent = float(np.median(v[whose][what]))
-            rows.append([words, spent, particles, iterations, *(v[quality][k] for k in ("least", "variation", "blue"))])
-        if "sampling_ratio" not in v:
-            rows.append([f"pySPlisHSPlasH: {v['missing']['sampling']}", *6 * [None]])
-        made.append(
-            Table(
-                f"Other programs, {v['triangles']:,} triangles, {v['threads']} threads",
-                ["program", "s", "particles", "iterations", "least/mean", "variation", "blue"], rows,
-                f"A node of refsim's field takes {1e6 * float(np.median(v['own']['field'])):.3g} us"
-                + (f", a query of libigl's {1e6 * float(np.median(v['other']['field'])):.3g} us."
-                   if "field_ratio" in v else f"; libigl: {v['missing']['field']}."),
-            )
-        )  # fmt: skip
-    return made
-
-
 RAINED = ("sphere", "torus", "cube", "needle", "plate", "funnel", "pebble")
 CORRECTIONS = {"none": "no correction", "point": "where the step ends", "swept": "swept"}
 SHARES = (0.5, 1.0, 1.55)  # of the runner's step, which 1 stands for; it refuses fixed steps over 1.6
@@ -231,49 +164,6 @@ def flow_checks(results: Results, check: Checks) -> None:
         check("marked_cost", ratio)
 
 
-def flow_tables(results: Results) -> list[Table]:
-    """Penetrations over the step, and what becomes of the poured liquid."""
-    made = []
-    rows = []
-    for shape in RAINED:
-        for correction, words in CORRECTIONS.items():
-            own = {s: results.get(f"flow_rain_{shape}_{correction}_{s:g}") for s in SHARES}
-            if any(own.values()):
-                rows.append([shape, words, *(_rained(r.values) if r else "-" for r in own.values())])
-    if rows:
-        heading = ["shape", "correction", *("own step" if s == 1 else f"dt x {s:g}" for s in SHARES)]
-        note = "Of 2,560 particles: found inside after any step (inside at the end), greatest depth in spacings."
-        made.append(Table("Rain on solids: particles inside", heading, rows, note))
-    rows = []
-    for gamma in GAMMAS:
-        if f"flow_sigma_{gamma:g}" in results:
-            v = results[f"flow_sigma_{gamma:g}"].values
-            rows.append([gamma, v["particles"], v["core_density"], v["pressure"], v["sigma"], v["extent"]])
-    if rows:
-        heading = ["gamma m/s^2", "particles", "density in the middle", "pressure Pa", "p R/2 N/m", "extent/R"]
-        note = "Patent P7 alone, 0.2 s. A tension would hold the drop: density 1 or more, extent near 1."
-        made.append(Table("A drop under the normal difference alone", heading, rows, note))
-    rows = []
-    for shape in POUR:
-        for arm, words in ARMS.items():
-            result = results.get(f"flow_pour_{shape}_{arm}")
-            if result:
-                end, middle = result.values["frames"][-1], result.values["frames"][2]
-                parts = [middle["components"], middle["holes"], end["components"], end["lone"], end["holes"]]
-                rows.append([shape, words, *parts, f"{end['nearest_5']:.2f}"])
-    if rows:
-        heading = ["shape", "tension", "parts half-way", "holes", "parts at the end", "lone", "holes", "nearest, 5 %"]
-        made.append(
-            Table("Poured liquid", heading, rows, "Parts: particles within 1.5 spacings. Holes: tunnels on a raster.")
-        )
-    return made
-
-
-def _rained(values: Mapping[str, Any]) -> str:
-    words = f"{values['ever_inside']} ({values['inside_at_end']}), {real(values['deepest_spacings']):.2f}"
-    return words + (f", {values['reason']}" if values["reason"] else "")
-
-
 EXPERIMENT = Experiment(
     name="boundary",
     title="meshes as boundaries: distance, particles, penetration, a tank at rest, pouring by tension",
@@ -302,7 +192,6 @@ EXPERIMENT = Experiment(
     ),
     Picture("boundary_tank", pictures.tank_data, pictures.tank_picture, ("flow_tank",)),
     ),
-    tables=lambda results: [*sampling_tables(results), *flow_tables(results)],
     claims=measures(claims),
     trials=vars(stability),
 )  # fmt: skip

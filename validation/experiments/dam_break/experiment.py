@@ -15,9 +15,8 @@ from validation.checks import Checks
 from validation.experiment import Experiment, Options, Picture, Results, Run, measures
 from validation.experiments.dam_break import claims, pictures, runs, stability
 from validation.experiments.dam_break.claims import COSTLY_QUICK, costs_planned
-from validation.metrics.dam_break import FRONT_DATA, data_tolerance
+from validation.metrics.dam_break import FRONT_DATA
 from validation.results import floats, real
-from validation.tables import Table
 
 FIGURE_FROM = 2000  # particles from which on figure 5 is judged; below, launches take a part of the time
 FIGURE_5 = tuple(f"detection_cost_{k + 1}" for k in range(len(COSTLY_QUICK)))  # it takes more where there are more
@@ -122,105 +121,6 @@ LABELS = {
 }
 
 
-def tables(results: Results) -> list[Table]:
-    """Detection over time, and what detection costs."""
-    made = []
-    if "detection_2d" in results:
-        values = results["detection_2d"].values
-        rows = []
-        for k in range(0, len(values["time"]), 3):
-            row: list[Any] = [f"{values['time'][k]:.2f}", values["truth"][k]]
-            for method in runs.METHODS:
-                row += [f"{values['over_time'][method][name][k]:.3f}" for name in ("precision", "recall")]
-            rows.append(row)
-        heading = ["t [s]", "surface"]
-        heading += [f"{short} {letter}" for short in ("density", "scan", "two-step") for letter in ("P", "R")]
-        made.append(
-            Table(
-                "Surface detection over the 2D collapse: precision P and recall R of the number density, the fan scan"
-                " and the two-step detector",
-                heading,
-                rows,
-                f"Truth: exact arc cover, radius {values['truth_radius']:g} spacings.",
-            )
-        )
-    for key in ("detection_2d", "detection_3d"):
-        if key in results:
-            made.append(first_steps(key[-2:].upper(), results[key].values["first_step"]))
-    costs = sizes(results)
-    if costs:
-        rows = []
-        for size in costs:
-            methods = size["methods"]
-            row = [size["particles"], f"{100 * size['scanned_share']:.1f} %"]
-            row += [f"{1e3 * methods[m]['whole']:.3f}" for m in ("number_density", "two_step", "fan_scan")]
-            row += [f"{methods['two_step']['whole'] / methods['fan_scan']['whole']:.2f}"]
-            row += [f"{1e3 * methods['two_step'][part]:.3f}" for part in ("moment_sum", "normals", "scan")]
-            row += [f"{1e3 * size['number_density_pass']:.3f}"]
-            row += [f"{methods['two_step']['charged'] / methods['fan_scan']['whole']:.2f}"]
-            together = size["all_threads"]
-            row += [f"{together['two_step']['whole'] / together['fan_scan']['whole']:.2f}"]
-            rows.append(row)
-        made.append(
-            Table(
-                "Detection time [ms] on one thread, lower quartiles of the readings",
-                [
-                    "particles",
-                    "scanned",
-                    "density",
-                    "two-step",
-                    "fan scan",
-                    "ratio",
-                    "first moment",
-                    "normals",
-                    "scan",
-                    "J(8)",
-                    "ratio with J(8)",
-                    "ratio, all threads",
-                ],
-                rows,
-                "Whole detection: threshold, normals and scan, in two steps also what the first moment adds to the"
-                " density pass; these parts are those of two steps. J(8), the number density, comes with the density"
-                " pass of every step and is charged to none, and where it says so to two steps, in full.",
-            )
-        )
-    if "front_2d" in results:
-        rows = []
-        for key in ("front_2d", "front_3d"):
-            if key in results:
-                for name, fit in results[key].values["front"].items():
-                    rows.append(
-                        [key[-2:].upper(), LABELS[name], f"{fit['offset']:+.3f}", f"{100 * fit['largest']:+.1f} %",
-                         f"{100 * fit['rms']:.1f} %", fit["points"]]
-                    )  # fmt: skip
-        made.append(
-            Table(
-                "Surge front against published series, after one fitted time offset each",
-                ["run", "series", "offset of t sqrt(2g/L)", "largest deviation", "rms", "points"],
-                rows,
-                f"The experiments deviate from each other by up to {100 * data_tolerance():.1f} %.",
-            )
-        )
-    return made
-
-
-def first_steps(words: str, found: Mapping[str, Mapping[str, float]]) -> Table:
-    """The rules tried as the first of two steps."""
-    rows = [
-        [
-            runs.FIRST_STEPS[name][0],
-            runs.FIRST_STEPS[name][1],
-            *(f"{100 * values[part]:.1f}" for part in ("largest_loss", "mean_loss")),
-            f"{values['precision']:.3f}",
-            *(f"{100 * values[part]:.0f} %" for part in ("share", "largest_share")),
-        ]
-        for name, values in found.items()
-    ]
-    heading = ["scanned if", "cost beside J(8)", "largest loss", "mean loss", "precision", "scanned", "at most"]
-    note = "Loss: points of recall that the fan scan alone has and two steps have not, at the samples of the collapse."
-    return Table(f"First steps tried in the {words} collapse", heading, rows, note)
-
-
 EXPERIMENT = Experiment(
     name="dam_break",
     title="collapse of a liquid column: surface detection (figures 4 and 5) and the surge front",
@@ -233,7 +133,6 @@ EXPERIMENT = Experiment(
         Picture("front", pictures.front_data, pictures.front_picture, ("front_2d",)),
         Picture("voids", pictures.void_data, pictures.void_picture, ("voids",)),
     ),
-    tables=tables,
     claims=measures(claims),
     trials=vars(stability),
 )

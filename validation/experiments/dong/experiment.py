@@ -6,7 +6,6 @@ calibrated runs. Release height, the time between frames, sound speed and viscos
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 from validation.checks import Checks
@@ -14,7 +13,6 @@ from validation.experiment import Experiment, Options, Picture, Results, Run, me
 from validation.experiments.dong import claims, pictures, runs
 from validation.experiments.dong import scene as scenes
 from validation.results import real
-from validation.tables import Table
 
 TERMS = {"both": (True, True), "cohesion": (True, False), "correction": (False, True), "neither": (False, False)}
 WORDS = {"both": "both terms", "cohesion": "cohesion alone", "correction": "correction alone", "neither": "no tension"}
@@ -119,51 +117,6 @@ def checks(results: Results, check: Checks) -> None:
             check("largest_at_rest", at["with"][pictures.REST]["largest"])
 
 
-def tables(results: Results) -> list[Table]:
-    """What lies on the floor, and what the printed numbers do."""
-    made = []
-    landed = {f"{arm} tension": found for arm, found in blocks(results).items()}
-    landed |= {f"{arm} tension, D(3) to D(5)": found for arm, found in blocks(results, "own_").items()}
-    if landed:
-        rows = []
-        for words, found in landed.items():
-            for row in found:
-                if row["frame"] in (*scenes.FRAMES, *scenes.LATER, *pictures.MERGING):
-                    cells = [row["parts"], row["lone"], row["holes"], f"{row['largest']:.2f}", f"{row['area']:.2f}"]
-                    rows.append([words, row["frame"], *cells, f"{row['stretch']:.2f}", row["layers"]])
-        heading = ["", "frame", "parts", "lone", "holes", "largest part", "floor per particle", "stretch", "layers"]
-        note = (
-            "Parts have 5 particles or more, each within 1.5 spacings of another. Holes are seen from above and larger"
-            " than one spacing squared. Stretch: the smallest circle about a part over the floor that it covers."
-        )
-        made.append(Table("Dong, figures 4 to 6: the block on the floor", heading, rows, note))
-    rows = []
-    for name, words in WORDS.items():
-        if f"printed_{name}" in results:
-            values = results[f"printed_{name}"].values
-            cells = [f"{values['greatest_acceleration']:.1e}", f"{values['series']['moved'][-1]:.1e}"]
-            rows.append([words, *cells, f"{values['series']['moment'][-1] - values['series']['moment'][0]:.1e}"])
-    if rows:
-        heading = ["printed numbers", "greatest acceleration, m/s^2", "moved in 400 frames, spacings", "change of q4"]
-        radius = results[f"printed_{next(iter(TERMS))}"].values["radius"] if "printed_both" in results else math.nan
-        note = (
-            f"k = lambda = mu = 0.001, h = 1.5 d, dt = 0.005 s. The nominal tension of the lattice is so small that the"
-            f" period of the mode n = 4 of a drop of {radius:.2f} m would be minutes."
-        )
-        made.append(Table("What the printed numbers do to the cube of 0.5 m", heading, rows, note))
-    if "printed_limits" in results:
-        values = results["printed_limits"].values
-        stopped = values["soft_stopped"] and f", {values['soft_stopped']}"
-        rows = [
-            [f"10 U = {values['sound_speed']:.0f} m/s", f"{1e3 * values['limit']:.2f}", values["refused"]],
-            [f"0.2 h/dt = {values['soft_sound_speed']:.2f} m/s", "5.00",
-             f"compressed by {100 * real(values['soft']):.0f} %{stopped}"],
-        ]  # fmt: skip
-        note = f"The block lands with U = {values['impact_speed']:.2f} m/s; the printed step is 5 ms."
-        made.append(Table("The printed step and the falling block", ["sound speed", "stable step, ms", ""], rows, note))
-    return made
-
-
 EXPERIMENT = Experiment(
     name="dong",
     title="Dong 2016: cube through octahedron to ball, a block that falls with and without tension",
@@ -179,6 +132,5 @@ EXPERIMENT = Experiment(
         Picture("dong_sweep", pictures.sweep_data, pictures.sweep_picture, tuple(runs.sweep_pairs())),
         Picture("dong_figure_6", pictures.merging_data, pictures.merging_picture, ("rest_with",), shaded=True),
     ),
-    tables=tables,
     claims=measures(claims),
 )

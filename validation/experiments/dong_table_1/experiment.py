@@ -13,8 +13,6 @@ from validation.experiment import Experiment, Options, Picture, Results, Run
 from validation.experiments.dong import runs
 from validation.experiments.dong import scene as scenes
 from validation.experiments.dong_table_1 import pictures
-from validation.results import real
-from validation.tables import Table
 
 TURNS = (1, 2, 3)
 CASES = {"droplet": "the cube of 4,913", "oil": "twelve drops of oil, 500 each"}
@@ -57,33 +55,10 @@ def checks(results: Results, check: Checks) -> None:
                 check(f"frame_over_{rival}", share, case, words)
 
 
-def tables(results: Results) -> list[Table]:
-    """Table 1."""
-    rows = []
-    for model, words in scenes.MODELS.items():
-        cells: list[str] = []
-        for case in CASES:
-            found = per_frame(results, case, model)
-            if not found:
-                return []
-            step = [1e3 * real(results[key_of(case, model, turn)].values["step"]) for turn in TURNS]
-            cells.append(f"{1e3 * statistics.median(found):.1f} ({1e3 * min(found):.1f} to {1e3 * max(found):.1f})")
-            cells.append(f"{statistics.median(step):.2f}")
-        rows.append([words, *cells])
-    heading = ["model", *(part for words in CASES.values() for part in (f"{words}, ms/frame", "ms/step"))]
-    note = (
-        "A frame is 0.005 s, one or two steps; medians over frames 21 to 40 and three turns (least to largest)."
-        " Support, viscosity, nominal tension: one for all. That the paper's second scene holds a second liquid is an"
-        " assumption; here twelve drops of one oil (900 kg/m^3) run into each other."
-    )
-    return [Table("Dong, table 1: time per frame", heading, rows, note)]
-
-
 EXPERIMENT = Experiment(
     name="dong_table_1",
     title="Dong 2016, table 1: seconds per frame beside the plain pair force and the continuum force",
     runs=planned,
     checks=checks,
     pictures=(Picture("dong_table_1", pictures.data, pictures.picture, NEEDS),),
-    tables=tables,
 )

@@ -6,14 +6,11 @@ side. They stand in `scene.py`, in one place.
 
 from __future__ import annotations
 
-from typing import Any
-
 from validation.checks import Checks
 from validation.experiment import Experiment, Options, Picture, Results, Run, measures
 from validation.experiments.droplet import claims, pictures, runs, stability
 from validation.experiments.droplet.scene import VARIANTS
 from validation.results import Result, real
-from validation.tables import Table
 
 SHAPES = {
     "cube_4913": ("cube", 4913, "cube of 17^3"),
@@ -21,10 +18,6 @@ SHAPES = {
     "box_4862": ("box", 4913, "turned box"),
 }
 
-ENDS = (
-    ("radius_variation", "{:.4f}"), ("nn_min", "{:.2f}"), ("nn_5", "{:.2f}"), ("bulk_error", "{:+.3f}"),
-    ("kinetic_share", "{:.1e}"), ("momentum", "{:.0e}"), ("angular_momentum", "{:.0e}"),
-)  # fmt: skip
 COLUMNS = {
     "radius_variation": "radius variation", "nn_min": "NN min", "nn_5": "NN 5 %", "bulk_error": "bulk density",
     "kinetic_share": "KE end/peak", "momentum": "P", "angular_momentum": "L",
@@ -77,36 +70,6 @@ def checks(results: Results, check: Checks) -> None:
             check(name, results[key].values["end"][part])
 
 
-def tables(results: Results) -> list[Table]:
-    """Every pair mode and the literal text beside the default."""
-    made = []
-    rows = []
-    for shape, key in (("cut", "cut_5039"), ("box", "box_4862")):
-        for seed in (1, *SEEDS):
-            found = key if seed == 1 else f"seed_{shape}_{seed}"
-            if found in results:
-                end = results[found].values["end"]
-                cells = [form.format(end[name]) for name, form in ENDS if end[name] is not None]
-                rows.append([SHAPES[key][2], seed, *cells])
-    if len(rows) > 2:
-        heading = ["start", "seed", *(COLUMNS[name] for name, _ in ENDS)]
-        made.append(Table("Spread over the start's rotation; seed 1 is judged", heading, rows, ""))
-    keys = [k for k in ("cube_4913", *(f"mode_{v}" for v in VARIANTS)) if k in results]
-    if len(keys) < 2:
-        return made
-    rows = []
-    for key in keys:
-        values = results[key].values
-        end = values["end"]
-        row: list[Any] = [values["words"]]
-        for name, form in ENDS:
-            row.append(None if end[name] is None else form.format(end[name]))
-        rows.append([*row, outcome(results[key])])
-    heading = ["pairs", *(COLUMNS[name] for name, _ in ENDS), "outcome"]
-    note = "NN in spacings; P and L over the largest sum of moduli; float32."
-    return [*made, Table("Which pairs act: from a cube of 17^3 to rest, or not", heading, rows, note)]
-
-
 def outcome(result: Result) -> str:
     """What became of a drop, in words."""
     values = result.values
@@ -136,7 +99,6 @@ EXPERIMENT = Experiment(
         Picture("figure_6", pictures.frame_data, pictures.frame_picture, ("cube_4913",), shaded=True),
         Picture("figure_7", pictures.surface_data, pictures.surface_picture_of, ("cube_4913",)),
     ),
-    tables=tables,
     claims=measures(claims),
     trials=vars(stability),
     maps=stability.MAPS,

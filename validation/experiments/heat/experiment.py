@@ -9,7 +9,6 @@ from validation.experiment import Experiment, Options, Picture, Results, Run, me
 from validation.experiments.heat import claims, pictures, runs, stability
 from validation.experiments.heat.pictures import SCHEMES
 from validation.results import real
-from validation.tables import Table
 from validation.work_precision import Order, order_from_errors
 
 PLAIN = tuple(name for name in SCHEMES if name != "nonlinear_jacobi")
@@ -149,64 +148,6 @@ def checks(results: Results, check: Checks) -> None:
             check(bar, max(real(row["beyond"]) for row in rows), range_key(name, melts), words)
 
 
-def tables(results: Results) -> list[Table]:
-    """Errors by scheme and step, orders, sphere, fronts, ledgers."""
-    orders = {"spacing, RKL2": order_of(rows, 2.0)} if (rows := rows_of(results, "spacing")) else {}
-    for name in PLAIN:
-        if rows := rows_of(results, f"step_{name}"):
-            orders[f"step, {SCHEMES[name]}"] = order_of(rows, THEORY[name])
-    for words, what in (("sphere", "sphere"), ("Stefan", "stefan")):
-        for said, error in (("as it is", "raw"), ("from the first held layer", "shifted")):
-            if order := order_over(results, REFINED[what][0], error):
-                orders[f"{words}, spacing, {said}"] = order
-    kept = {
-        name: [results[key].values for dtype in DTYPES if (key := f"ledger_{name}_{dtype}") in results]
-        for name in (*KEEPING, "one_sided")
-    }
-    made = [
-        Table(
-            "A cosine in a slab", ["scheme", *(f"{n:g}" for n in runs.NUMBERS)],
-            [[SCHEMES[name], *(row["error"] for row in rows)]
-             for name in PLAIN if (rows := rows_of(results, f"slab_{name}"))],
-            "rms error in % of the range, by k dt/(rho c d^2); half a cosine in 40 spacings, h = 2.5 d, float64.",
-        ),
-        Table(
-            "Observed orders of convergence", ["in", "order"], [[name, order.words] for name, order in orders.items()],
-            "Spacing against the exact solution, step against the same particles with a step that costs nothing.",
-        ),
-        Table(
-            "A sphere that cools, R = 10 d", ["scheme", "number", "as it is", "shifted"],
-            [[SCHEMES[name], f"{row['number']:.3g}", row["raw"], row["shifted"]]
-             for name in PLAIN for row in rows_of(results, f"sphere_{name}")],
-            "rms error in % of the range; jittered by 0.2 d; surface where the particles end, or half a spacing out.",
-        ),
-        Table(
-            "Stefan's problem with two phases, 40 spacings",
-            ["scheme", "number", "as it is", "shifted", "highest", "lowest"],
-            [[SCHEMES[name], f"{row['number']:.3g}", *(row[key] for key in ("raw", "shifted", "highest", "lowest"))]
-             for name in MELTING for row in rows_of(results, f"stefan_{name}")],
-            "Largest error of the melted depth in %, from a quarter of the time on; wall 50, ice -10 deg C.",
-        ),
-        Table(
-            "1,000 steps of melting ice", ["scheme", *DTYPES, "melted"],
-            [[SCHEMES[name], *(f"{values['largest']:.1e}" for values in own), own[0]["melted"]]
-             for name, own in kept.items() if own],
-            "Largest change of the heat over what could be moved; melted: share of the particles.",
-        ),
-    ]  # fmt: skip
-    if "speed" in results:
-        values = results["speed"].values
-        title = f"{values['particles']:,} particles, float32, {values['threads']} threads"
-        rows = [
-            [name, values["passes"].get(name, 1), f"{1e6 * seconds / values['particles']:.3f}", values["ratio"][name]]
-            for name, seconds in values["seconds"].items()
-        ]
-        heading = ["scheme", "passes", "us per particle", "times a density pass"]
-        note = "Every step computes the weights of all pairs anew, which is a pass of its own."
-        made.append(Table(f"A step of k dt/(rho c d^2) = 2, {title}", heading, rows, note))
-    return [table for table in made if table.rows]
-
-
 EXPERIMENT = Experiment(
     name="heat",
     title="conduction of heat: slab, sphere, Stefan's problem and a melting sphere by every scheme, and who keeps heat",
@@ -222,7 +163,6 @@ EXPERIMENT = Experiment(
             "heat_fronts", pictures.fronts_data, pictures.fronts, (f"stefan_{BEST}", f"melting_{BEST}_20", "oracle")
         ),
     ),
-    tables=tables,
     claims=measures(claims),
     trials=vars(stability),
     maps=stability.MAPS,

@@ -14,7 +14,6 @@ from validation.experiments.laplace import pictures
 from validation.measure.drops import MODELS, SEEDED, fit_laplace
 from validation.measure.sigma_map import at_base, drop_run, map_run, words_of
 from validation.results import real
-from validation.tables import Table
 
 LARGE = 10.0  # radius in spacings from which on the target holds
 LEADING = "akinci"  # the model that calibrate takes where none is named
@@ -106,77 +105,6 @@ def apart_by(entry: Mapping[str, Any]) -> float:
     return abs(laplace - rayleigh) / (0.5 * (laplace + rayleigh)) if min(laplace, rayleigh) > 0 else math.nan
 
 
-def tables(results: Results) -> list[Table]:
-    """The drops measured now, then the sigma map: one row a setting."""
-    made = [_drops_table(results)] if measured_now(results) else []
-    for dim in (2, 3):
-        rows = [_row(entry) for entry in settings(results) if entry["dim"] == dim]
-        if rows:
-            heading = ["model", "h/d", "S", "kernels", "drops", "Laplace", "+-", "Rayleigh", "+-", "apart", "stopped"]
-            note = (
-                "Tensions over the nominal one. Laplace: slope of the jump against (dim - 1)/R, from three radii on;"
-                " Rayleigh: mean over drops whose frequency could be read. S = sigma/(rho c^2 d), nominal."
-            )
-            made.append(Table(f"Surface tension of drops, {dim}D", heading, rows, note))
-    three = [e for e in settings(results) if e["dim"] == 3 and len(e["drops_by_radius"]) > 2]
-    return [*made, _sizes_table(three)] if three else made
-
-
-def _sizes_table(entries: list[dict[str, Any]]) -> Table:
-    rows: list[list[Any]] = []
-    for entry in sorted(entries, key=lambda e: (math.isnan(farthest_apart(e)), farthest_apart(e))):
-        for drop in entry["drops_by_radius"]:
-            numbers = (drop["laplace"], drop["rayleigh"])
-            share = apart_by(drop)
-            words = f"{100 * share:.1f} %" if math.isfinite(share) else None
-            cells = [f"{drop['radius']:g} d", drop["seeds"], *(f"{v:.3f}" for v in numbers), words]
-            rows.append([name_of(entry) if drop is entry["drops_by_radius"][0] else "", *cells])
-        limits = [(real(entry[f"flat_{n}"]), real(entry[f"flat_{n}_error"])) for n in ("laplace", "rayleigh")]
-        said = [f"{value:.2f} +- {error:.2f}" if math.isfinite(value) else None for value, error in limits]
-        (first, _), (second, _) = limits
-        both = 0.5 * (first + second)
-        apart = f"{100 * abs(first - second) / both:.1f} %" if min(first, second) > 0 else None
-        rows.append(["", "flat", "", *said, apart])
-    note = (
-        "Tensions over the nominal one, means of the seeds. Flat: limit for R to infinity, by lines in 1/R (Tolman) of"
-        " the jump's tension for R >= 3 h and of the frequency's."
-    )
-    return Table(
-        "Jump and frequency by size, 3D", ["setting", "R", "seeds", "Laplace", "Rayleigh", "apart"], rows, note
-    )
-
-
-def _drops_table(results: Results) -> Table:
-    rows: list[list[Any]] = []
-    for row in measured_now(results):
-        cells = [f"{row['dim']}D", f"{row['radius']:g}", row["seed"]]
-        if row["stopped"]:
-            rows.append([*cells, *[None] * 3, row["stopped"]])
-            continue
-        numbers = (row["effective_radius"], row["pressure"], row["laplace"])
-        rows.append([*cells, *(f"{value:.4g}" for value in numbers), ""])
-    heading = ["", "R/d", "seed", "R at its density", "jump", "R jump/(dim - 1)", "stopped"]
-    return Table(
-        f"Drops of {MODELS[LEADING][0]} measured now (nominal tension, spacing and density are 1)", heading, rows
-    )
-
-
-def _row(entry: dict[str, Any]) -> list[Any]:
-    apart = apart_by(entry)
-    stopped = ", ".join(f"{count} {reason}" for reason, count in entry["stopped"].items())
-    numbers = [real(entry[n]) for n in ("laplace", "laplace_error", "rayleigh", "rayleigh_spread")]
-    return [
-        MODELS[entry["model"]][0],
-        f"{entry['support']:g}",
-        f"{entry['stiffness']:g}",
-        entry["kernels"],
-        entry["drops"],
-        *(f"{v:.2f}" if math.isfinite(v) else None for v in numbers),
-        f"{100 * apart:.0f} %" if math.isfinite(apart) else None,
-        stopped,
-    ]
-
-
 EXPERIMENT = Experiment(
     name="laplace",
     title="pressure jump of drops against 1/R, every model: what the surface tension really is",
@@ -186,5 +114,4 @@ EXPERIMENT = Experiment(
         Picture("laplace", pictures.jump_data, pictures.jump_picture, ("map",)),
         Picture("sigma_map", pictures.map_data, pictures.map_picture, ("map",)),
     ),
-    tables=tables,
 )

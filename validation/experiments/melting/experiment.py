@@ -6,9 +6,7 @@ from refsim.backends.arrays import unavailable
 from validation.checks import Checks
 from validation.experiment import Experiment, Options, Picture, Results, Run, measures
 from validation.experiments.melting import claims, device, pictures, runs, stability
-from validation.experiments.melting.runs import ON_GPU, PAPER, SOLID_SHARES, WIDTHS
-from validation.results import real
-from validation.tables import Table
+from validation.experiments.melting.runs import ON_GPU, PAPER, WIDTHS
 
 SHARES = {"figure_4": [0.9, 0.5, 0.1], "figure_5": [0.8, 0.5, 0.2], "figure_6": [0.8, 0.5, 0.2]}
 UNTIL = 4.0  # [s]
@@ -104,61 +102,6 @@ def milliseconds(stages: dict[str, float]) -> list[float]:
     return [1e3 * seconds for seconds in runs.grouped(stages).values()]
 
 
-def tables(results: Results) -> list[Table]:
-    """The scenes, table 2 by stage, and half-widths."""
-    had = {key: result.values for key, result in results.items()}
-    scenes, costs, on_gpu, widths, shares, saved = [], [], [], [], [], []
-    others = {"own_pressure": "Figure 5, each by its own pressure", "as_printed": "Figure 4, K as printed under it"}
-    for key, title in (TITLES | others).items():
-        if v := had.get(key):
-            s = v["series"]
-            scenes.append([title, v["particles"], sum(v["solids"]), v["times"][-1], s["solid"][-1], v["together"],
-                           *(max(s[name]) for name in ("fragments", "fastest", "densest"))])  # fmt: skip
-    for figure, (words, paper) in PAPER.items():
-        for kind, name in KINDS.items():
-            if v := had.get(f"{kind}_{figure}"):
-                costs.append([words, name, v["liquid"], v["solid"], *milliseconds(v["stages"]), 1e3 * v["seconds"],
-                              paper, v["step"] / v["seconds"]])  # fmt: skip
-    for figure in ON_GPU:
-        if v := had.get(f"gpu_{figure}"):
-            whole = [1e3 * real(v[name]) for name in ("one_graph", "with_list", "seconds")]
-            paper = PAPER[figure][1] if figure in PAPER else float("nan")
-            on_gpu.append([v["liquid"], v["solid"], *(1e3 * t for t in v["stages"].values()), *whole, paper,
-                           v["step"] / v["seconds"]])  # fmt: skip
-    for width in WIDTHS:
-        for row in had.get(f"width_{width}", {"rows": ()})["rows"]:
-            own = [row[name] for name in ("summation", "dtype", "stiffness", "bend", "error")]
-            widths.append([width, *own, 1e9 * row["seconds"] / row["nodes"]])
-    for share in SOLID_SHARES:
-        if v := had.get(f"share_{round(100 * share)}"):
-            shares.append([v["liquid"], v["solid"], v["solid"] / (v["liquid"] + v["solid"]),
-                           *milliseconds(v["stages"]), 1e3 * v["seconds"]])  # fmt: skip
-    found = had.get("savings", {"rows": ()})["rows"]
-    for row in found:
-        saved.append([row["scene"], row["particles"], row["operations"], row["bytes"] / row["particles"],
-                      *(1e3 * t for t in row["stages"].values()), 1e3 * row["seconds"],
-                      100 * (1 - row["seconds"] / found[0]["seconds"])])  # fmt: skip
-    made = (
-        ("Scenes", ["scene", "particles", "solid", "last frame [s]", "solid then", "most in a step", "pieces",
-                    "fastest [m/s]", "densest [rho0]"], scenes, ""),
-        ("Seconds a step",
-         ["Table 2", "by", "liquid", "solid", *runs.GROUPS, "step", "paper", "of real time"], costs,
-         "Milliseconds; the paper's on a GTX 690. The stand-in has explicit heat and searches every region in every"
-         " step; it is not Iwasaki 2010, and figure 7's own numbers are lost."),
-        ("Table 2 on a GPU",
-         ["liquid", "solid", *runs.GROUPS, "one graph", "with a new list", "step", "paper", "of real time"], on_gpu,
-         "Milliseconds; each stage is timed alone, the list over all steps. The step is the mean over all steps."),
-        ("Half-width and summation: a bar of 20 x 8 x 8 nodes",
-         ["w", "sums", "dtype", "stiffness [1/s]", "bend [d]", "from float64 gather [d]", "ns a node"], widths, ""),
-        ("Milliseconds a step by the share of solid, one tank",
-         ["liquid", "solid", "share", *runs.GROUPS, "step"], shares, ""),
-        ("Pay for what is used",
-         ["figure 4 with", "particles", "operations", "bytes a particle", *runs.GROUPS, "ms a step", "saved [%]"],
-         saved, ""),
-    )  # fmt: skip
-    return [Table(title, heading, rows, note) for title, heading, rows, note in made if rows]
-
-
 EXPERIMENT = Experiment(
     name="melting",
     title="melting in fluid-solid interaction: scenes, times, conservation, regions",
@@ -189,7 +132,6 @@ EXPERIMENT = Experiment(
             "melting_gpu", pictures.gpu_data, pictures.gpu_picture, tuple(f"gpu_{figure}" for figure in ON_GPU)
         ),
     ),
-    tables=tables,
     claims=measures(claims),
     trials=vars(stability),
 )  # fmt: skip

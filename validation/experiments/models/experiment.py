@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from validation.checks import Checks
 from validation.experiment import Experiment, Options, Picture, Results, Run, measures
-from validation.experiments.droplet.experiment import COLUMNS, ENDS
 from validation.experiments.models import claims, pictures, runs, stability
 from validation.experiments.models.scene import MODELS
-from validation.results import real
-from validation.tables import Table
 
 
 def planned(options: Options) -> list[Run]:
@@ -33,40 +28,6 @@ def checks(results: Results, check: Checks) -> None:
         rest = values["rest"]
         check("rest_time", float("nan") if rest is None else rest["time"], key, words)
         check("rest_seconds", float("nan") if rest is None else rest["wall"], key, words)
-
-
-def tables(results: Results) -> list[Table]:
-    """Jiang & Zhu's table 1: seconds until a model is at rest by one criterion, and what it has come to by then."""
-    made = []
-    for shape in ("cube", "cut"):
-        rows = []
-        for name, model in MODELS.items():
-            if f"{shape}_{name}" not in results:
-                continue
-            values = results[f"{shape}_{name}"].values
-            rest, end = values["rest"], values["end"]
-            cells: list[Any] = [model.words, None if model.paper is None else f"{model.paper:.1f}"]
-            cells += (
-                ["never", "-", "-"] if rest is None else [f"{rest['wall']:.1f}", rest["steps"], f"{rest['time']:.2f}"]
-            )
-            cells.append(f"{1e3 * real(values['series']['wall'][-1]) / max(1, values['series']['steps'][-1]):.2f}")
-            cells += [None if end[column] is None else form.format(end[column]) for column, form in ENDS]
-            rows.append([*cells, values["stopped"]])
-        if rows:
-            heading = [
-                "model",
-                "paper, s",
-                "at rest after, s",
-                "steps",
-                "time",
-                "ms a step",
-                *(COLUMNS[c] for c, _ in ENDS),
-                "stopped",
-            ]
-            note = "At rest: kinetic energy below 1e-3 of its peak from then on. The paper does not give its criterion."
-            count = next(r.values["particles"] for key, r in results.items() if key.startswith(shape))
-            made.append(Table(f"Table 1: from a cube of {count:,} particles to rest", heading, rows, note))
-    return made
 
 
 EXPERIMENT = Experiment(
@@ -94,7 +55,6 @@ EXPERIMENT = Experiment(
             tuple(f"{shape}_{m}" for shape in pictures.SHAPES for m in MODELS),
         ),
     ),
-    tables=tables,
     claims=measures(claims),
     trials=vars(stability),
     maps=stability.MAPS,

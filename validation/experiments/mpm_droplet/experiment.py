@@ -13,8 +13,6 @@ from validation.checks import Checks
 from validation.experiment import Experiment, Options, Picture, Results, Run, measures
 from validation.experiments.mpm_droplet import claims, drops, fine_runs, pictures, runs, stability
 from validation.experiments.mpm_droplet.scene import CELLS
-from validation.results import real
-from validation.tables import Table
 
 COLUMNS = {
     "grid_mass": "mass on the grid", "grid_momentum": "momentum on the grid", "momentum": "momentum there and back",
@@ -264,16 +262,6 @@ def check_bodies(results: Results, check: Checks) -> None:
         check("sheet_speed", abs(values["speed"] / values["culick"] - 1))
 
 
-def ideal_ratios(results: Results) -> dict[tuple[int, float], float]:
-    """Frequency of ideal liquid over Rayleigh's, by dimension and amplitude."""
-    made = {}
-    for dim in (2, 3):
-        if f"potential_flow_{dim}d" in results:
-            values = results[f"potential_flow_{dim}d"].values
-            made |= {(dim, a): ratio for a, ratio in zip(values["amplitudes"], values["ratios"])}
-    return made
-
-
 def pressures(results: Results) -> dict[tuple[int, str], list[dict[str, float]]]:
     """Mean pressure of drops at rest over Laplace's, by dimension and inset, from small to large."""
     made: dict[tuple[int, str], list[dict[str, float]]] = {}
@@ -295,184 +283,6 @@ def orders(rows: list[dict[str, float]]) -> list[tuple[float, float]]:
     """(R, log2 of the error |p/p_L - 1| at R over that at 2 R) for every radius whose double was run as well."""
     error = {row["radius"]: abs(row["pressure"] - 1) for row in rows}
     return [(radius, math.log2(error[radius] / error[2 * radius])) for radius in error if 2 * radius in error]
-
-
-def body_tables(results: Results) -> list[Table]:
-    """Shapes at the end, pressures, frequencies with what shifts them, angles, and the sheet."""
-    made: list[Table] = []
-    rows: list[list[Any]] = []
-    for key in (*ROUNDED, "small_box", "collision_2d", "collision_3d", "sheet"):
-        if key in results:
-            v = results[key].values
-            last = v.get("last", {})
-            shape = [f"{last[n]['mean']:.4f}" for n in SHAPES] if last else [""] * 4
-            ledger = [f"{v[n]:.1e}" for n in (*KEPT, "energy_rise")]
-            rows.append([key, v["particles"], v["stopped"] or "to the end", *shape, *ledger])
-    if rows:
-        heading = ["run", "particles", "ran", "sphericity", "volume", "anisotropy", "of particles", "momentum"]
-        note = (
-            "Shapes are means over the last quarter; momenta over m v_max (R), the centre in cells; energy: highest"
-            " over the start, less one."
-        )
-        made.append(
-            Table(
-                "Drops that round off, meet and draw back",
-                [*heading, "angular momentum", "centre", "energy"],
-                rows,
-                note,
-            )
-        )
-    rows = []
-    for key in (k for k in ROUNDED if k in results and k.startswith("box")):
-        v = results[key].values
-        spread = [f"{v['last'][n][m]:.4f}" for n in SHAPES[2:] for m in ("mean", "largest")]
-        even = [f"{real(v['inside'][n]):.4f}" for n in ("mean", "deviation", "range")]
-        rows.append([key, f"{v['radius_in_cells']:.2f}", v["particles"], *spread, *even])
-    if rows:
-        heading = ["run", "R/h", "particles", "body", "largest", "of particles", "largest", "rho J/rho0", "deviation"]
-        note = (
-            "Anisotropies: means and largest over the last quarter. rho J: of the particles more than two cells deep at"
-            " the end, and the range of its means over octants."
-        )
-        made.append(Table("A box becomes a ball: is the liquid round, and even?", [*heading, "octants"], rows, note))
-    rows = []
-    for (dim, name), found in pressures(results).items():
-        for r in found:
-            gain = dict(orders(found)).get(r["radius"])
-            cells = [f"{r['pressure']:.4f}", "" if gain is None else f"{gain:.2f}", f"{r['spread']:.4f}"]
-            cells += [f"{r['volume']:.4f}", f"{r['noise']:.1e}"]
-            rows.append([f"{dim}D, {name} inset", f"{r['cells']:.2f}", *cells])
-    if rows:
-        heading = ["drop", "R/h", "p/p_L", "order from R to 2 R", "range over lattices", "volume in the surface"]
-        heading += ["kinetic/surface energy"]
-        note = "Volume-weighted pressure, mean over the second half of the run."
-        made.append(Table("Pressure of drops at rest over Laplace's", heading, rows, note))
-    rows = []
-    ideal = ideal_ratios(results)
-    for key in (k for k in results if k.startswith(("swing_", "small_swing"))):
-        v = results[key].values
-        exact = ideal.get((v["dim"], v["amplitude"]), math.nan)
-        known = exact * v["compressible"] / math.sqrt(real(v["inertia"]))
-        parts = [f"{x:.4f}" if math.isfinite(x) else "" for x in (exact, known, v["ratio"] / known)]
-        rows.append([key.removeprefix("swing_"), f"{v['radius_in_cells']:.2f}", v["amplitude"], f"{v['ratio']:.4f}",
-                     f"{v['damping_of_period']:.3f}", f"{real(v['inertia']):.4f}", f"{v['compressible']:.4f}",
-                     *parts])  # fmt: skip
-    if rows:
-        heading = ["run", "R/h", "amplitude", "w/w_R", "damping of a period", "inertia", "compressible", "amplitude's"]
-        heading += ["all three", "rest"]
-        note = (
-            "Inertia: what the grid sees over the particles'; compressible: exact frequency over Rayleigh's;"
-            " amplitude's: that of ideal liquid at this amplitude; rest: measured over the product of the three."
-        )
-        made.append(Table("Mode 2 against Rayleigh's frequency, and what shifts it", heading, rows, note))
-    rows = []
-    for key in (k for k in results if k.startswith(("floor_", "small_floor"))):
-        v = results[key].values
-        cells = [
-            f"{v['angle']:.1f}",
-            f"{v['angle_of_mass']:.1f}",
-            f"{v['spread']:.1f}",
-            f"{v['radius']:.2f}",
-            f"{v['roughness']:.3f}",
-        ]
-        rows.append([key.removeprefix("floor_"), v["asked"], *cells])
-    if rows:
-        heading = [
-            "drop",
-            "asked, degrees",
-            "measured",
-            "by its centre of mass",
-            "deviation over time",
-            "radius, cells",
-            "roughness",
-        ]
-        note = (
-            "Circle or ball through the free surface more than 1.5 cells above the floor: its angle with the floor,"
-            " mean over the second half; and that of the cap whose centre of mass stands as high as the particles'."
-        )
-        made.append(Table("Drops on a floor", heading, rows, note))
-    rows = []
-    for key in (k for k in results if k.startswith("erratum_")):
-        v = results[key].values
-        cells = [""] * 5
-        if "pressure" in v:
-            cells = [f"{v['area']:.3f}", f"{v['pressure']:.3f}", f"{v['energy_rise']:+.1e}", f"{v['momentum']:.0e}",
-                     f"{v['angular']:.0e}"]  # fmt: skip
-        printed = v["printed"]
-        where = "plane" if v["dim"] == 2 else "space"
-        rows.append([where, printed or "-", ERRATA[printed], v["stopped"] or "to the end",
-                     *cells])  # fmt: skip
-    if rows:
-        heading = ["in", "printed", "what it does", "ran", "area", "p/p_L", "energy", "momentum", "angular momentum"]
-        note = (
-            "A square of 12 cells for 0.15 s and a cube of 6 for 0.06 s: one erratum as printed, all else as adopted."
-            " Area over that of the disc (ball) and pressure over Laplace's, means over the second half."
-        )
-        made.append(Table("What each correction buys", heading, rows, note))
-    rows = []
-    for key in (k for k in results if k.startswith(("held_", "small_held"))):
-        v = results[key].values
-        name = key.removeprefix("held_")
-        never = f"not within {v['until']:g} s"
-        cells = [never if v["noted"] is None else f"{v['noted']:.2f} s"]
-        cells.append(f"{v['time']:.2f} s, {v['stopped']}" if v["stopped"] else never)
-        cells += [f"{v['crowding']:.2f}", f"{real(v['inside']):.3f}"]
-        cells.append("" if v["angular"] is None else f"{100 * v['angular']:+.2f} %")
-        rows.append([HELD[name][0] if name in HELD else name, *cells])
-    if rows:
-        heading = ["scene", "note", "stop", "crowding", "rho J/rho0 inside", "angular momentum"]
-        note = (
-            "When the runner notes that particles gather, and when it stops; largest crowding until then; counted"
-            " density of particles two cells deep at the end; growth of the angular momentum."
-        )
-        made.append(Table("How long each scene holds", heading, rows, note))
-    if "sheet" in results:
-        v = results["sheet"].values
-        cells = [[f"{v['speed']:.3f}", f"{v['culick']:.3f}", f"{v['speed'] / v['culick']:.3f}"]]
-        made.append(Table("A sheet draws back", ["speed of an end, m/s", "Taylor and Culick", "ratio"], cells))
-    return made
-
-
-def tables(results: Results) -> list[Table]:
-    """What the transfers keep, the ledgers of the square, and the other program."""
-    made = []
-    if "transfers" in results:
-        found = results["transfers"].values["readings"]
-        rows: list[list[Any]] = [[name, *(f"{found[name][c]:.2g}" for c in COLUMNS)] for name in READINGS]
-        note = "Relative errors of an affine field of a ball of particles with samples; the power balance is to be 1."
-        made.append(Table("What the readings of the embedding keep", ["reading", *COLUMNS.values()], rows, note))
-    rows = []
-    for name in READINGS:
-        if f"square_{name}" in results:
-            values = results[f"square_{name}"].values
-            series = values["series"]
-            cells = [f"{values[c]:.1e}" for c in ("momentum", "angular", "centre")]
-            shape = [f"{series['perimeter'][-1]:.3f}", f"{values['least_ratio']:.3f}", f"{values['energy_rise']:+.1e}"]
-            rows.append([name, values["stopped"] or "to the end", *cells, *shape])
-    if rows:
-        heading = ["reading", "ran", "momentum", "angular momentum", "centre, cells", "perimeter", "least J", "energy"]
-        note = "Perimeter over that of the disc at the end; energy: highest over that at the start, less one."
-        made.append(Table("A square of 20 cells becomes a disc", heading, rows, note))
-    made += body_tables(results)
-    for key, values in peers(results).items():
-        if values["missing"]:
-            made.append(Table("Other programs", ["program", "result"], [["Taichi", f"left out: {values['missing']}"]]))
-        else:
-            place = f"{values['threads']} threads" if key == "peer_taichi" else f"a GPU, in memory: {values['order']}"
-            n = values["particles"]
-            rows = []
-            for words, whose in ((f"Taichi {values['version']}", "peer"), ("refsim", "own")):
-                spent = sorted(1e6 * seconds / n for seconds in values[whose])
-                rows.append([words, f"{spent[len(spent) // 2]:.4f}", f"{spent[0]:.4f} to {spent[-1]:.4f}"])
-            made.append(
-                Table(
-                    f"Plain MLS-MPM liquid in space, {n:,} particles, float32, {place}, in turns",
-                    ["program", "us per particle and step", "range"], rows,
-                    f"Ratio {values['ratio']:.2f}; sorting is included here. Greatest difference of the results"
-                    f" {values['difference']:.1e}.",
-                )
-            )  # fmt: skip
-    return made
 
 
 EXPERIMENT = Experiment(
@@ -512,7 +322,6 @@ EXPERIMENT = Experiment(
         Picture("mpm_example", pictures.example_data, pictures.example_picture, ("example",)),
         Picture("mpm_sheet", pictures.sheet_data, pictures.sheet_picture, ("sheet",)),
     ),
-    tables=tables,
     claims=measures(claims),
     trials=vars(stability),
     maps=stability.MAPS,

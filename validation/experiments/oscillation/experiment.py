@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -13,9 +12,8 @@ from validation.checks import Checks
 from validation.experiment import Experiment, Options, Picture, Results, Run
 from validation.experiments.oscillation import pictures
 from validation.measure.drops import MODELS
-from validation.measure.sigma_map import WORST_MISFIT, drop_run, map_run
+from validation.measure.sigma_map import drop_run, map_run
 from validation.results import real
-from validation.tables import Table
 
 MODEL = "akinci"
 OTHERS = (4, 5, 6)  # seeds of drops that calibrate has not seen
@@ -67,31 +65,10 @@ def requested(row: Mapping[str, Any]) -> dict[str, float]:
     return {name.capitalize(): abs(row[name] / ratio - 1) for name in ("laplace", "rayleigh")}
 
 
-def tables(results: Results) -> list[Table]:
-    """Every kicked drop of the map."""
-    if "map" not in results:
-        return []
-    rows = []
-    for row in results["map"].values["rows"]:
-        if row["stopped"] or not math.isfinite(real(row.get("rayleigh"))):
-            continue
-        cells: list[Any] = [MODELS[row["model"]][0], f"{row['dim']}D", f"{row['support']:g}", f"{row['stiffness']:g}"]
-        cells += [row["kernels"], f"{row['radius']:g}", str(row["seed"])]
-        numbers = (row["rayleigh"], row["rayleigh"] / row["laplace"], row["damping"] / row["lamb"], row["misfit"])
-        rows.append([*cells, *(f"{value:.2f}" for value in numbers)])
-    heading = ["model", "", "h/d", "S", "kernels", "R/d", "seed", "Rayleigh", "over Laplace", "damping/Lamb", "misfit"]
-    note = (
-        f"Rayleigh: rho R^3 (omega^2 + beta^2)/k over the nominal tension, k = 8 in 3D, 6 in 2D. Above a misfit of"
-        f" {WORST_MISFIT:g} no frequency is read."
-    )
-    return [Table("Mode n = 2 of kicked drops", heading, rows, note)] if rows else []
-
-
 EXPERIMENT = Experiment(
     name="oscillation",
     title="frequency of kicked drops, mode n = 2, every model: tension by Rayleigh",
     runs=planned,
     checks=checks,
     pictures=(Picture("oscillation", pictures.data, pictures.picture, ("map",)),),
-    tables=tables,
 )

@@ -10,7 +10,6 @@ from validation.checks import Checks
 from validation.experiment import Experiment, Options, Picture, Results, Run
 from validation.experiments.solutions import pictures, runs, tension, terms
 from validation.results import Result
-from validation.tables import Table
 
 FORMS = ("laplacian", "central")
 CELLS = {
@@ -157,31 +156,6 @@ def checks(results: Results, check: Checks) -> None:
             check(f"peer_explained{precise}", values[f"{term}.explained"], f"{program}.{term}")
 
 
-def tables(results: Results) -> list[Table]:
-    """Every quantity with its order, and every term beside those of other programs."""
-    rows: list[list[str | float | int | None]] = []
-    for name, one in series(results).items():
-        problem = name.partition("_")[0]
-        for quantity in (*JUDGED[problem], *(("inviscid",) if problem == "ellipse" else ())):
-            if quantity in one and len(one["spacing"]) == 3:
-                rows.append([name, quantity, *one[quantity], order(one["spacing"], one[quantity])])
-    heading = ["problem", "quantity", "at 4 d", "at 2 d", "at d", "order"]
-    made = [Table("Errors against solutions", heading, rows)] if rows else []
-    beside: list[list[str | float | int | None]] = [
-        [
-            f"{program} {results[key].values['version']}",
-            term,
-            *(results[key].values[name] for name in (term, f"{term}.explained")),
-        ]
-        for program, names in terms.TERMS.items()
-        if (key := f"terms_{program}") in results
-        for term in names
-    ]
-    if beside:
-        made.append(Table("Terms beside other programs", ["program", "term", "difference", "explained"], beside))
-    return made
-
-
 def _behind(titles: Container[str]) -> tuple[str, ...]:
     """Keys of the runs of some problems."""
     return tuple(run.key for run in _solved("cpu") if run.key.partition("_")[0] in titles)
@@ -207,5 +181,4 @@ EXPERIMENT = Experiment(
             _behind(pictures.WITH_TENSION),
         ),
     ),
-    tables=tables,
 )

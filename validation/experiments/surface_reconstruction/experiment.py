@@ -2,19 +2,12 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from validation.checks import Checks
 from validation.experiment import Experiment, Options, Picture, Results, Run, measures
 from validation.experiments.surface_reconstruction import claims, pictures, runs
 from validation.experiments.surface_reconstruction.shapes import RADII
-from validation.tables import Table
 
 BEST_KEY, DEFAULT_KEY = "gradient_0.25_1", "mls_0.5_10"
-MESH_WORDS = {
-    "least_angle": "smallest angle of a triangle", "least_angle_inset": "the same after the inset",
-    "jump_facets": "jump of facet normals over an edge", "jump_fit": "jump of fitted normals",
-}  # fmt: skip
 
 
 def planned(options: Options) -> list[Run]:
@@ -77,67 +70,6 @@ def checks(results: Results, check: Checks) -> None:
             check("peer_time", 1e6 * values[name]["median"], name, words)
 
 
-def tables(results: Results) -> list[Table]:
-    """Errors of all settings, smooth samples, mesh quality, solvers, normals and stages."""
-    had, made = {key: result.values for key, result in results.items()}, list[Table]()
-    for shape in RADII:
-        if v := had.get(f"normals_{shape}"):
-            title = (
-                f"Normals of a {shape} of radius 9 h, {v['particles']:,} particles, {v['samples']:,} samples: degrees"
-            )
-            heading = ["normals", "mean", "95 %", "largest", "against n_s"]
-            rows = [[row[n] for n in ("words", "mean", "p95", "max", "against_offsets")] for row in v["rows"].values()]
-            note = "Samples stand at distance r from the particles; the true normal is that at the nearest point."
-            made.append(Table(title, heading, rows, note))
-    if v := had.get("smooth"):
-        title = f"The fit alone: {v['samples']:,} samples on a sphere, directions off by {v['input']:.1f} degrees"
-        rows = [[r["offset"], r["iterations"], r["mls"], r["gradient"]] for r in v["rows"]]
-        made.append(Table(title, ["epsilon/h", "sweeps", "MLS (3.17)", "gradient (3.9)"], rows, "Mean error, degrees."))
-    if v := had.get("meshes"):
-        rows = [
-            [shape, words, *(row[key][part] for part in ("min", "median", "p95", "max"))]
-            for shape, row in v["rows"].items() for key, words in MESH_WORDS.items()
-        ]  # fmt: skip
-        heading = ["shape", "what", "least", "median", "95 %", "largest"]
-        made.append(Table("Marching cubes before the fit, and after: degrees", heading, rows))
-    if v := had.get("solvers"):
-        title = f"The same fit by others: {v['samples']:,} samples, {v['active']:,} active nodes, float64"
-        heading = ["solver", "ms", "rms residual / epsilon", "error, degrees", "numbers per node"]
-        rows = [[r["words"], 1e3 * r["seconds"], r["residual"], r["error"], r["numbers_per_node"]] for r in v["rows"]]
-        note = "Seconds include setting up: weights for LSPIA, the product B^T B for the others."
-        made.append(Table(title, heading, rows, note))
-    if v := had.get("fit_scaling"):
-        first = v["rows"][0]["seconds"]
-        title = f"{v['sweeps']} sweeps: {v['points']:,} points, {v['nodes']:,} nodes, float32"
-        rows = [[r["threads"] or "GPU", 1e3 * r["seconds"], 1e3 * r["spread"], first / r["seconds"]] for r in v["rows"]]
-        note = f"It keeps {v['bytes_per_node']:.1f} bytes a node and {v['bytes_per_point']:.0f} a point."
-        made.append(Table(title, ["threads", "ms", "deviation", "gain"], rows, note))
-    if v := had.get("normals_cost"):
-        heading = ["dtype", "normals", "ns", "spread", "registers"]
-        rows = [[r["dtype"], runs.WORDS[r["kind"]], r["nanoseconds"], r["spread"], r["registers"]] for r in v["rows"]]
-        made.append(Table(f"A normal on {v['backend']}", heading, rows))
-    for row in had.get("stages", {"rows": ()})["rows"]:
-        size = f"{row['particles']:,} particles, {row['samples']:,} samples"
-        title = f"Stages, {size}, {row['quadrature']}: milliseconds"
-        made.append(Table(title, ["stage", "ms"], [[name, 1e3 * s] for name, s in row["stages"].items()]))
-    if v := had.get("beside_transfers"):
-        rows = [[1e3 * float(np.median(v[key])) for key in ("own", "force", "plain")]]
-        title = f"Surface and force beside a plain step, {v['particles']:,} particles, {v['backend']}: ms"
-        note = f"Ratio {v['ratio']:.2f} ({min(v['ratios']):.2f} to {max(v['ratios']):.2f}), in turns."
-        made.append(Table(title, ["surface and force", "force alone", "plain step"], rows, note))
-    if (v := had.get("peer_pysplashsurf")) and v["missing"]:
-        made.append(Table("Other programs", ["program", "result"], [["pysplashsurf", f"left out: {v['missing']}"]]))
-    elif v:
-        title = f"Level set and marching cubes, {v['particles']:,} particles, {v['threads']} threads"
-        rows = [
-            [f"pysplashsurf {v['version']}", 1e6 * v["peer"]["median"], v["peer_facets"]],
-            ["refsim", 1e6 * v["refsim"]["median"], v["facets"]],
-        ]
-        note = f"Ratio {v['ratio']:.2f} ({min(v['ratios']):.2f} to {max(v['ratios']):.2f}), alternating runs."
-        made.append(Table(title, ["program", "us per particle", "triangles"], rows, note))
-    return made
-
-
 EXPERIMENT = Experiment(
     name="surface_reconstruction",
     title="a surface out of particles: normals, convergence of the fit, meshes, time",
@@ -151,6 +83,5 @@ EXPERIMENT = Experiment(
         Picture("surface_convergence", pictures.convergence_data, pictures.convergence_picture, ("convergence",)),
         Picture("surface_pipeline", pictures.pipeline_data, pictures.pipeline_picture, ("stages",)),
     ),
-    tables=tables,
     claims=measures(claims),
 )

@@ -23,7 +23,6 @@ from validation.measure.drops import MODELS, base, in_panel
 from validation.measure.sigma_map import WORST_MISFIT, map_run
 from validation.results import Result, real
 from validation.running import Context
-from validation.tables import Table
 from validation.work_precision import pareto
 
 BARS = (0.25, 0.1, 0.05, 0.025)  # errors that a user may accept
@@ -163,45 +162,10 @@ def checks(results: Results, check: Checks) -> None:
             check("float64", share, model, MODELS[model][0])
 
 
-def seconds_in_words(point: Mapping[str, Any]) -> str | None:
-    """The seconds of a point, or None."""
-    return f"{point['seconds']:.1f}" if math.isfinite(real(point["seconds"])) else None
-
-
 def machines(timings: Mapping[str, Any]) -> str:
     """Where the seconds were measured."""
     words = {"cpu": "one thread of", "cuda": "one"}
     return "; ".join(f"{words[kind]} {timings[kind]['machine']}, {timings[kind]['date']}" for kind in sorted(timings))
-
-
-def tables(results: Results) -> list[Table]:
-    """Every point, and which model to take for which accuracy."""
-    if not {"map", "seconds"} <= results.keys():
-        return []
-    made = of(results)
-    rows: list[list[Any]] = []
-    for p in made:
-        place = [words_of(p), f"{p['radius']:g}", p["dtype"], p["backend"]]
-        if p["stopped"]:
-            rows.append([*place, None, None, None, None, p["stopped"]])
-            continue
-        shares = [f"{100 * p[n]:.1f} %" if math.isfinite(real(p[n])) else None for n in ("sigma", "frequency")]
-        rough = f"{p['roughness']:.4f}" if math.isfinite(real(p["roughness"])) else None
-        rows.append([*place, *shares, rough, seconds_in_words(p), ""])
-    heading = ["model", "R/d", "dtype", "backend", "sigma off", "frequency off", "roughness", "seconds", ""]
-    note = "Off what calibrate promises, or, where it refuses, off the mean of the largest drop's jump and frequency."
-    taken: list[list[Any]] = []
-    for bar, p in advice(made):
-        which = [words_of(p), f"{p['radius']:g}", p["dtype"], seconds_in_words(p)] if p else ["none"]
-        taken.append([f"{100 * bar:g} %", *which, *[None] * (4 - len(which))])
-    said = (
-        "The cheapest whose tension and frequency are both within the bar, at this size and every larger one, of models"
-        " whose tension calibrate knows that well."
-    )
-    return [
-        Table("Errors and cost of drops, 3D", heading, rows, note),
-        Table("Which model for which accuracy", ["within", "model", "R/d", "dtype", "seconds"], taken, said),
-    ]
 
 
 def data(results: Results) -> dict[str, Any]:
@@ -224,5 +188,4 @@ EXPERIMENT = Experiment(
     runs=planned,
     checks=checks,
     pictures=(Picture("tension_cost", data, pictures.picture, ("map", "seconds")),),
-    tables=tables,
 )

@@ -5,14 +5,11 @@ The limit on the second moment was chosen on clouds of other seeds (1 to 4) and 
 
 from __future__ import annotations
 
-from typing import Any
-
 from validation.checks import Checks
 from validation.experiment import Experiment, Options, Results, Run
 from validation.experiments.thin_features import runs
 from validation.experiments.thin_features.shapes import FAMILIES
 from validation.results import real
-from validation.tables import Table
 
 SEEDS = (21, 22, 23)
 THIN = ("films", "filaments")
@@ -52,28 +49,9 @@ def checks(results: Results, check: Checks) -> None:
             check(rule, loss, f"{key}.{normal}", named)
 
 
-def tables(results: Results) -> list[Table]:
-    """Precision and recall of every detector on every family."""
-    rows: list[list[Any]] = []
-    for result in results.values():
-        values = result.values
-        cells = [
-            f"{real(values['score'][name]['precision']):.3f} {real(values['score'][name]['recall']):.3f}"
-            for name in runs.DETECTORS
-        ]
-        rows.append([WORDS[values["family"]], f"{values['dim']}D", values["particles"], *cells])
-    note = (
-        f"Two steps, against the exact cover with a radius of {runs.TRUTH_RADIUS:g} d; h = {runs.SUPPORT:g} d; d is the"
-        " spacing."
-    )
-    heading = ["cloud", "", "particles", *runs.WORDS.values()]
-    return [Table("Thin features: precision and recall", heading, rows, note)] if rows else []
-
-
 EXPERIMENT = Experiment(
     name="thin_features",
     title="surface detection of films and filaments: the fan scan with and without the second moment",
     runs=planned,
     checks=checks,
-    tables=tables,
 )

@@ -7,7 +7,6 @@ from typing import Any
 from validation.checks import Checks
 from validation.experiment import Experiment, Options, Picture, Results, Run
 from validation.experiments.viscosity import pictures, runs
-from validation.tables import Table
 
 RADII = {2: (8.0, 16.0, 32.0), 3: (5.0, 7.0, 10.0)}  # in spacings
 KICKED = {2: 16.0, 3: 7.0}
@@ -52,36 +51,10 @@ def checks(results: Results, check: Checks) -> None:
             check("damping_off", abs(row["damping.central"] - 1), key, words)
 
 
-def tables(results: Results) -> list[Table]:
-    """Every drop that spins."""
-    rows = []
-    for key, result in results.items():
-        if key.startswith("swing"):
-            continue
-        row = result.values
-        rows.append(
-            [
-                f"{row['dim']}D",
-                f"{row['radius']:g}",
-                str(row["particles"]),
-                f"{row['change.central']:.1e}",
-                f"{row['change.laplacian']:.2f}",
-                *(f"{row[name]:.3f}" for name in ("braking.laplacian", "damping.laplacian", "damping.central")),
-            ]
-        )
-    heading = ["", "R/d", "particles", "change of L, central", "J(11)", "braking, J(11)", "damping, J(11)", "central"]
-    note = (
-        f"h = {runs.SUPPORT:g} d. Rates over 5 nu/R^2 in 3D, 4 nu/R^2 in 2D: braking of the rigid rotation, Lamb's"
-        " damping of n = 2."
-    )
-    return [Table("Spinning drops", heading, rows, note)] if rows else []
-
-
 EXPERIMENT = Experiment(
     name="viscosity",
     title="spin-down and damping (n = 2) of free drops with either form of the viscosity",
     runs=planned,
     checks=checks,
     pictures=(Picture("viscosity", pictures.data, pictures.picture),),
-    tables=tables,
 )

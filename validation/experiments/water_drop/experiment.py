@@ -8,7 +8,6 @@ from validation.checks import Checks
 from validation.experiment import Experiment, Options, Picture, Results, Run
 from validation.experiments.water_drop import pictures, runs
 from validation.measure.drops import MODELS
-from validation.tables import Table
 
 KERNELS = ("wendland", "mueller")
 UNSEEN = (4, 5, 6)  # seeds that are not in the map
@@ -55,39 +54,10 @@ def checks(results: Results, check: Checks) -> None:
         check("misfit", row["misfit"], key, words)
 
 
-def tables(results: Results) -> list[Table]:
-    """Every drop in SI units."""
-    rows: list[list[Any]] = []
-    for result in results.values():
-        row = dict(result.values)
-        if row["stopped"]:
-            rows.append([words_of(row), *[None] * 7, row["stopped"]])
-            continue
-        shares = off(row)
-        rows.append(
-            [
-                words_of(row),
-                f"{1e3 * row['nominal']:.2f}",
-                f"{row['jump']:.1f}",
-                *(cell for name in shares for cell in (f"{1e3 * row[name]:.2f}", f"{100 * shares[name]:+.1f} %")),
-                f"{row['frequency']:.2f} ({row['asked_frequency']:.2f})",
-                f"{100 * row['uncertainty']:.1f} %",
-                "",
-            ]
-        )
-    heading = ["drop", "nominal", "jump, Pa", "Laplace", "off", "Rayleigh", "off", "Hz (requested)", "+-", "stopped"]
-    note = (
-        f"Radius 1 mm, {1e3 * runs.TENSION:g} mN/m requested; tensions in mN/m. +-: what `calibrate` states. Viscosity"
-        f" {1e3 * runs.THIN:g} mPa s."
-    )
-    return [Table("A drop of water, coefficients from calibrate", heading, rows, note)] if rows else []
-
-
 EXPERIMENT = Experiment(
     name="water_drop",
     title="a millimetre of water, coefficients from calibrate(0.0728 N/m): jump and frequency against the request",
     runs=planned,
     checks=checks,
     pictures=(Picture("water_drop", pictures.data, pictures.picture),),
-    tables=tables,
 )

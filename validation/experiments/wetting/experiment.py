@@ -15,7 +15,6 @@ from validation.experiments.wetting import pictures
 from validation.measure.wetting import ROWS, SIZE, Point, condensed, measure, read_rows
 from validation.results import Result, real
 from validation.running import Context
-from validation.tables import Table
 
 ASKED = {2: (70.0, 110.0), 3: (70.0, 90.0, 115.0)}  # degrees
 UNSEEN = 4  # seed that is not in the map
@@ -75,27 +74,10 @@ def settings(results: Results) -> list[dict[str, Any]]:
     return results["map"].values["settings"] if "map" in results else []
 
 
-def tables(results: Results) -> list[Table]:
-    """The wetting map: one row for each coefficient and setting."""
-    made = []
-    for entry in settings(results):
-        rows = []
-        for drop in entry["drops"]:
-            numbers = (real(drop[name]) for name in ("angle", "spread", "circle"))
-            fates = ", ".join(f"{count} {fate}" for fate, count in drop["fates"].items())
-            cells = [f"{value:.1f}" if math.isfinite(value) else None for value in numbers]
-            rows.append([f"{drop['share']:g}", *cells, fates])
-        heading = ["beta/gamma", "angle", "+-", "by the circle", "drops"]
-        note = "Angles in degrees; +-: standard deviation over seeds, sizes and starts."
-        made.append(Table(f"Contact angle, {pictures.words_of(entry)}", heading, rows, note))
-    return made
-
-
 EXPERIMENT = Experiment(
     name="wetting",
     title="sessile drops on a plane: contact angle against adhesion",
     runs=planned,
     checks=checks,
     pictures=(Picture("wetting", pictures.data, pictures.picture, ("map",)),),
-    tables=tables,
 )
