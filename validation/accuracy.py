@@ -27,26 +27,26 @@ from validation.running import Context
 STORED = Path(__file__).resolve().parent.parent / "refsim" / "study" / "panels"
 BOUNDARY, DAM, MPM = (f"validation.experiments.{name}" for name in ("boundary", "dam_break", "mpm_droplet"))
 RUNS = {  # panel: its run, called with (context, settings, backend, threads, repeats)
-    "detection_2d": f"{DAM}.detector_runs:detectors_2d",
-    "detection_3d": f"{DAM}.detector_runs:detectors_3d",
-    "melting": "validation.panel_runs:melt_times",
-    "contact_angle": "validation.panel_runs:angles",
-    "surface_tension_jump": "validation.panel_runs:tensions",
-    "surface_tension_frequency": "validation.panel_runs:tensions",
-    "tank_pressure": f"{BOUNDARY}.tank_runs:tanks",
-    "implicit_pressure": "validation.experiments.solutions.pressure_runs:tanks",
-    "mpm_pressure": f"{MPM}.accuracy_runs:pressures",
-    "mpm_frequency": f"{MPM}.frequency_runs:frequencies",
+    "detection_2d": "validation.panel_runs.detection:detectors_2d",
+    "detection_3d": "validation.panel_runs.detection:detectors_3d",
+    "melting": "validation.panel_runs.drops_and_melting:melt_times",
+    "contact_angle": "validation.panel_runs.drops_and_melting:angles",
+    "surface_tension_jump": "validation.panel_runs.drops_and_melting:tensions",
+    "surface_tension_frequency": "validation.panel_runs.drops_and_melting:tensions",
+    "tank_pressure": "validation.panel_runs.tank:tanks",
+    "implicit_pressure": "validation.panel_runs.implicit_pressure:tanks",
+    "mpm_pressure": "validation.panel_runs.mpm_pressure:pressures",
+    "mpm_frequency": "validation.panel_runs.mpm_frequency:frequencies",
     "surface_normals": "validation.experiments.surface_reconstruction.runs:normals",
-    "boundary_sampling": f"{BOUNDARY}.sampling_runs:quality",
-    "signed_distance": f"{BOUNDARY}.sampling_runs:distance",
+    "boundary_sampling": f"{BOUNDARY}.runs:quality",
+    "signed_distance": f"{BOUNDARY}.runs:distance",
 }
 PEERS = {  # panel: its run by another program, called with (context, settings, threads, repeats)
     "front": "validation.panel_peers:fronts",
     "droplet": "validation.panel_peers:drops",
     "surface_normals": "validation.experiments.surface_reconstruction.runs:peer_normals",
-    "boundary_sampling": f"{BOUNDARY}.sampling_runs:quality_by_splishsplash",
-    "signed_distance": f"{BOUNDARY}.sampling_runs:distance_by_libigl",
+    "boundary_sampling": f"{BOUNDARY}.runs:quality_by_splishsplash",
+    "signed_distance": f"{BOUNDARY}.runs:distance_by_libigl",
 }
 
 

@@ -51,6 +51,8 @@ KEYS: dict[str, tuple[set[str], set[str]]] = {  # by kind: what an entry needs, 
 class Entry:
     """One check as it stands on file.
 
+    experiment  in whose folder it stands, or another one of that folder, which the entry names; its name begins the
+              check's own then, as in `[check.spurious_momentum]`
     what      the quantity in words; of a hard case what is hard
     source    where the bar, the sentence or the spread comes from
     rule      at_most, at_least or equals, or ""; bound: its number
@@ -204,8 +206,7 @@ def _read(path: Path) -> tuple[Entry, ...]:
 
 def read(experiment: str, kind: str, folder: Path | None = None) -> dict[str, Entry]:
     """The entries of one kind by name, none without a file. Raises ValueError for an entry that is not complete."""
-    found = _read((folder or FOLDER) / experiment / "expected.toml")
-    return {entry.name: entry for entry in found if entry.kind == kind}
+    return {entry.name: entry for entry in read_all(kind, folder) if entry.experiment == experiment}
 
 
 def read_all(kind: str = "", folder: Path | None = None) -> list[Entry]:
@@ -227,7 +228,7 @@ def _entry(name: str, experiment: str, given: Mapping[str, Any]) -> Entry:
     rules = [rule for rule in RULES if rule in given]
     if kind == CLAIM and (rules or given.get("verdict") != NOT_TESTABLE):
         needed = needed | _MEASURED
-    lacking, unknown = needed - set(given), set(given) - needed - possible - {"kind"}
+    lacking, unknown = needed - set(given), set(given) - needed - possible - {"kind", "experiment"}
     if lacking or unknown or len(rules) > 1:
         said = f"lacks {sorted(lacking)}" if lacking else f"has {sorted(unknown) if unknown else rules}"
         raise ValueError(f"{where} {said}; a {kind} needs {', '.join(sorted(needed))} and at most one rule")
@@ -240,12 +241,12 @@ def _entry(name: str, experiment: str, given: Mapping[str, Any]) -> Entry:
     if kind == HARD_CASE and (known.partition(":")[0] not in (PASS, WARNED, REFUSED, STOPPED, FAILS)
                               or ("reason" in given) == (known == PASS)):  # fmt: skip
         raise ValueError(f"{where} needs an outcome as its verdict and, unless that is a pass, a reason")
-    made = {key: value for key, value in given.items() if key not in RULES}
+    made = {"experiment": experiment} | {key: value for key, value in given.items() if key not in RULES}
     if rules:
         made |= {"rule": rules[0], "bound": given[rules[0]]}
     if "spread" in made:
         made["spread"] = tuple(made["spread"])
-    return Entry(name, experiment, **made)
+    return Entry(name.removeprefix(f"{given.get('experiment', '')}_"), **made)
 
 
 class Checks:

@@ -1,7 +1,8 @@
 """What an experiment is: runs, whose results are stored, and checks of what they gave.
 
-A folder of `validation/experiments/` whose module `experiment` has an `EXPERIMENT` is one; its checks stand beside it
-in `expected.toml` (`validation.checks`). Verdicts and their pictures come from the runs of the experiment itself;
+A folder of `validation/experiments/` whose module `runs` has an `EXPERIMENT` is one; its checks stand beside it in
+`expected.toml` (`validation.checks`), its pictures in `pictures.py`, what it is made of in `scene.py`. Verdicts and
+their pictures come from the runs of the experiment itself;
 claims of a paper, hard cases and maps of what is stable bring runs of their own.
 """
 
@@ -215,14 +216,30 @@ def measures(module: ModuleType) -> dict[str, Measure]:
 
 @functools.cache
 def discover(folder: ModuleType = folder_of_experiments) -> dict[str, Experiment]:
-    """The experiments by name. Raises ValueError for one that is not called as its folder is."""
+    """The experiments by name, each with the pictures, claims and trials of its folder.
+
+    `EXPERIMENT` of a module `runs` is that of the folder's name; `OTHER_EXPERIMENT` is one that shares its scenes.
+    Pictures of the first are `PICTURES` of the module `pictures`, of the other `OTHER_PICTURES`. Raises ValueError for
+    an experiment that is not called as its folder is.
+    """
     found = {}
-    for path in sorted(path for place in folder.__path__ for path in Path(place).glob("*/experiment.py")):
-        name = path.parent.name
-        found[name] = importlib.import_module(f"{folder.__name__}.{name}.experiment").EXPERIMENT
-        if found[name].name != name:
-            raise ValueError(f"the experiment in {path.parent} is called {found[name].name!r}")
-    return found
+    for path in sorted(path for place in folder.__path__ for path in Path(place).glob("*/runs.py")):
+        module = importlib.import_module(f"{folder.__name__}.{path.parent.name}.runs")
+        drawn = (
+            importlib.import_module(f"{module.__package__}.pictures")
+            if path.with_name("pictures.py").exists()
+            else None
+        )
+        if (name := module.EXPERIMENT.name) != path.parent.name:
+            raise ValueError(f"the experiment in {path.parent} is called {name!r}")
+        for prefix in (key.removesuffix("EXPERIMENT") for key in vars(module) if key.endswith("EXPERIMENT")):
+            own = getattr(module, f"{prefix}EXPERIMENT")
+            known = read(own.name, CLAIM)
+            found[own.name] = dataclasses.replace(
+                own, pictures=getattr(drawn, f"{prefix}PICTURES", ()), trials=vars(module),
+                claims={name: measure for name, measure in measures(module).items() if name in known},
+            )  # fmt: skip
+    return dict(sorted(found.items()))
 
 
 def chosen(names: Iterable[str], known: Mapping[str, T], what: str) -> list[T]:

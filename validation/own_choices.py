@@ -24,8 +24,7 @@ Measured = dict[str, Any]  # "value", and "remark" on how the run ended
 
 def _drop(changes: Mapping[str, Any]) -> Measured:
     """Radius variation of the drop that a cube of 13^3 particles has become after 2.2 s."""
-    from validation.experiments.droplet.experiment import outcome
-    from validation.experiments.droplet.runs import relaxed
+    from validation.experiments.droplet.runs import outcome, relaxed
 
     result = relaxed(Context(), "", changes, "cube", 13**3, "cpu", samples=24)
     return {"value": result.values["end"]["radius_variation"], "remark": outcome(result)}
@@ -38,8 +37,8 @@ def jiang_zhu(literal: tuple[str, ...]) -> Measured:
 
 def detection(literal: tuple[str, ...]) -> Measured:
     """1 - F1 of the panel `detection_2d`, against the exact cover."""
-    from validation.experiments.dam_break.detector_runs import TRUTH_RADIUS, detection_scene, load_state
     from validation.metrics.surface_truth import arc_cover_surface, detection_score
+    from validation.panel_runs.detection import TRUTH_RADIUS, detection_scene, load_state
 
     simulation = Simulation(detection_scene("dam_break_2d", {"literal": literal}, "float64"))
     simulation.evaluate()
@@ -57,7 +56,7 @@ def dong(literal: tuple[str, ...]) -> Measured:
 
 def thesis(literal: tuple[str, ...]) -> Measured:
     """Off 1: pressure over Laplace's of the square of 12 cells of docs/errata.md, at the step of that table."""
-    from validation.experiments.mpm_droplet.drops import follow
+    from validation.experiments.mpm_droplet.runs import follow
     from validation.experiments.mpm_droplet.scene import box, drop_scene
 
     scene = drop_scene(box([12.0] * 2), 2, tension={"literal": literal}, liquid={"literal": literal})
@@ -72,14 +71,14 @@ def thesis(literal: tuple[str, ...]) -> Measured:
 
 def shao_song(literal: tuple[str, ...]) -> Measured:
     """Error of half a cosine in an insulated slab of 40 spacings, k dt/(rho c d^2) = 2, over its range."""
-    from validation.experiments.heat import exact
+    from validation.experiments.heat import scene as heat_scene
 
     d, cells, until, steps = 0.2, 40, 6.4, 80
     axes = [(np.arange(n) + 0.5) * d for n in (cells, 6, 6)]
     place = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     stored = 1.0 if literal else 4.0e6  # rho c [J/(m^3 K)]: the paper's K is a diffusivity (M11)
     heat = HeatConduction(
-        temperature=tuple(exact.cosine(place[:, 0], cells * d, 0.0)), conductivity=stored, heat_capacity=4000.0,
+        temperature=tuple(heat_scene.cosine(place[:, 0], cells * d, 0.0)), conductivity=stored, heat_capacity=4000.0,
         density=1000.0, literal=literal,
     )  # fmt: skip
     scene = Scene(spacing=d, support_radius=2.5 * d, dtype="float64", step=until / steps, period=(0.0, 6 * d, 6 * d),
@@ -89,14 +88,14 @@ def shao_song(literal: tuple[str, ...]) -> Measured:
     for _ in range(steps):
         run.step()
     last = run.field("temperature").astype(float)
-    error = np.sqrt(((last - exact.cosine(place[:, 0], cells * d, until)) ** 2).mean()) / np.ptp(first)
+    error = np.sqrt(((last - heat_scene.cosine(place[:, 0], cells * d, until)) ** 2).mean()) / np.ptp(first)
     lost = float(first.mean() - last.mean())
     return {"value": float(error), "remark": f"mean temperature {-lost:+.2g} K" if abs(lost) > 1e-9 else "heat kept"}
 
 
 def patent(literal: tuple[str, ...]) -> Measured:
     """Pressure of the tank of the panel `tank_pressure`, root mean square over that at the bottom."""
-    from validation.experiments.boundary.tank_runs import rested
+    from validation.panel_runs.tank import rested
 
     setting = {"cells": 10, "knobs": {"dtype": "float32", "backend": "cpu"}, "literal": literal}
     found = rested(Context(), setting, 0)

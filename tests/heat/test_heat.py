@@ -14,8 +14,7 @@ from refsim.engine.stock import stock
 from refsim.heat import reference
 from refsim.heat.shapes import lattice_moment
 from validation.checks import VERDICT, read
-from validation.experiments.heat import exact, runs
-from validation.experiments.heat import experiment as case
+from validation.experiments.heat import runs, scene
 from validation.running import Context
 
 BAR = (Box(cells=(8, 4, 4)), Box(lower=(0.8, 0.0, 0.0), cells=(8, 4, 4)))
@@ -360,13 +359,13 @@ def test_closed_forms_against_the_anchors():
     """lambda of one-phase Stefan problems (Alexiades & Solomon), the sphere's mean by its own series, the limits."""
     known = {0.01: 0.070593276561, 0.1: 0.220016272743, 0.5: 0.464785920646, 2.0: 0.800601362806}
     for number, root in known.items():
-        assert exact.stefan_root(number, 0.0, 1.0) == pytest.approx(root, rel=1e-9)
+        assert scene.stefan_root(number, 0.0, 1.0) == pytest.approx(root, rel=1e-9)
     r = (np.arange(4000) + 0.5) / 4000
-    mean = (3 * r**2 * exact.cooled_sphere(r, 1.0, 0.05)).mean()
+    mean = (3 * r**2 * scene.cooled_sphere(r, 1.0, 0.05)).mean()
     n = np.arange(1, 200)
     assert mean == pytest.approx(6 / math.pi**2 * (np.exp(-((n * math.pi) ** 2) * 0.05) / n**2).sum(), rel=1e-5)
-    plane = exact.melting_shell(1e4, 1e4 + 1, 100, 50.0, -10.0, 100.0, 0.1)
-    root = exact.stefan_root(50.0, -10.0, 100.0)
+    plane = scene.melting_shell(1e4, 1e4 + 1, 100, 50.0, -10.0, 100.0, 0.1)
+    root = scene.stefan_root(50.0, -10.0, 100.0)
     assert 1 - plane.ice[-1] == pytest.approx(2 * root * math.sqrt(plane.time[-1]), rel=3e-3)
 
 
@@ -384,10 +383,10 @@ def test_a_sphere_cools_as_the_series_says():
 
 def test_every_bound_of_the_case_is_held_against_something():
     """Names of bounds are made of schemes and steps; none may go astray."""
-    slabs = {f"slab_{s}_{n:g}".replace(".", "_") for s in case.PLAIN for n in runs.NUMBERS if s != "explicit"}
+    slabs = {f"slab_{s}_{n:g}".replace(".", "_") for s in runs.JUDGED_PLAIN for n in runs.NUMBERS if s != "explicit"}
     named = {name for name in read("heat", VERDICT) if name.startswith("slab_")} - {"slab_error", "slab_drift"}
     assert named == slabs
-    assert {f"order_{scheme}" for scheme in case.PLAIN} <= set(read("heat", VERDICT))
+    assert {f"order_{scheme}" for scheme in runs.JUDGED_PLAIN} <= set(read("heat", VERDICT))
 
 
 def test_every_scheme_has_an_operation():

@@ -43,7 +43,7 @@ from refsim.neighbours.reference import neighbour_list, pair_blocks
 from refsim.study.memory import bytes_of
 from tests.across import test_composition as composition
 from validation import pairs
-from validation.experiments.heat.conductor import cosine_slab
+from validation.experiments.heat.scene import cosine_slab
 
 pytestmark = pytest.mark.skipif(
     not runtime.simulated(), reason="runs in the CUDA simulator only: set NUMBA_ENABLE_CUDASIM=1 NUMBA_DISABLE_JIT=1"

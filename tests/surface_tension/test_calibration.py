@@ -9,12 +9,10 @@ import pytest
 
 from refsim import InputError, calibrate, load_scene
 from refsim.surface_tension.calibration import MAP, SETTINGS, sigma_map
+from validation.experiment import discover
 from validation.experiments.dong import scene as dong_scene
-from validation.experiments.laplace import experiment as laplace
-from validation.experiments.oscillation import experiment as oscillation
-from validation.experiments.spurious import experiment as spurious
-from validation.experiments.water_drop import experiment as water_drop
-from validation.experiments.water_drop import runs as water
+from validation.experiments.laplace import runs as laplace
+from validation.experiments.water_drop import runs as water_drop
 from validation.measure import sigma_map as condensing
 from validation.measure.drops import device_points, fit_laplace, fit_oscillation, points
 from validation.perform import redraw, write_data
@@ -183,9 +181,9 @@ def test_a_planted_frequency_is_found():
     assert misfit < 1e-3
 
 
-@pytest.mark.parametrize("shown", [laplace, oscillation, spurious], ids=lambda shown: shown.EXPERIMENT.name)
+@pytest.mark.parametrize("shown", ["laplace", "oscillation", "spurious"])
 def test_experiments_show_the_published_map(shown, tmp_path):
-    case = shown.EXPERIMENT
+    case = discover()[shown]
     values = finite(condensing.published(None, "").values)
     found = {"map": Result(values)}
     if case.name == "laplace":
@@ -200,7 +198,7 @@ def test_experiments_show_the_published_map(shown, tmp_path):
 def test_the_tension_of_another_drop_is_held_against_the_requested_one():
     ratio = calibrate(1.0, "akinci", spacing=1.0, rest_density=1.0, radius=10.0).ratio
     row = {"model": "akinci", "dim": 3, "radius": 10.0, "laplace": 1.04 * ratio, "rayleigh": 0.9 * ratio}
-    assert oscillation.requested(row) == pytest.approx({"Laplace": 0.04, "Rayleigh": 0.1})
+    assert laplace.requested(row) == pytest.approx({"Laplace": 0.04, "Rayleigh": 0.1})
     assert calibrate(2.0, "akinci", spacing=1.0, rest_density=1.0, radius=10.0).nominal == pytest.approx(2 / ratio)
 
 
@@ -231,16 +229,16 @@ def test_a_water_drop_is_held_against_the_newtons_per_metre_that_were_asked_for(
     verdicts = {m.name: m.verdict for m in water_drop.EXPERIMENT.checked(found)}
     failed = {name for name, verdict in verdicts.items() if verdict == "fail"}
     assert failed == {"requested.b.laplace", "deviations.b.laplace"}
-    (picture,) = water_drop.EXPERIMENT.pictures
+    (picture,) = discover()["water_drop"].pictures
     write_data(picture, found, tmp_path)
     assert redraw(picture, tmp_path).stat().st_size > 10_000
 
 
 def test_the_scene_of_the_water_drop_and_the_example_hold_what_calibrate_gives():
-    found = water.coefficients("akinci", "wendland", 3, 10.0)
+    found = water_drop.coefficients("akinci", "wendland", 3, 10.0)
     assert found.nominal * found.ratio == pytest.approx(0.0728)
     still = np.zeros((1, 3))
-    effects = water.water(found, "wendland", 3, 10.0, still, still, 0.004).effects
+    effects = water_drop.water(found, "wendland", 3, 10.0, still, still, 0.004).effects
     assert (effects[0].sound_speed, effects[1]) == (found.sound_speed, found.effect)
     example = load_scene(EXAMPLE)
     liquid, tension = example.effects

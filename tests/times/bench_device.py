@@ -130,7 +130,7 @@ def test_step(reading, benchmark, tiny, size, tension, backend):
 @cuda_alone
 @pytest.mark.parametrize("figure", ["figure_4", "figure_5", "figure_6", "million"])
 def test_melting(reading, tiny, figure, backend):
-    from validation.experiments.melting.device import scene_named
+    from validation.experiments.melting.runs import scene_named
 
     simulation = Simulation(scene_named(figure, 0.2 if tiny else 1.0), backend)
     more = {"particles": simulation.count, "steps": 1 if tiny else 200}

@@ -8,13 +8,14 @@ import pytest
 from refsim.study.choice import candidates
 from refsim.study.panels import OWN, abouts, panel
 from refsim.study.panels.scenes import packaged
-from validation import accuracy, accuracy_page, panel_peers, panel_runs
+from validation import accuracy, accuracy_page, panel_peers
 from validation.__main__ import main
 from validation.drawing import style
-from validation.experiments.boundary import tank_runs
-from validation.experiments.dam_break import detector_runs
-from validation.experiments.mpm_droplet import frequency_runs
-from validation.experiments.solutions import pressure_runs
+from validation.panel_runs import detection as detector_runs
+from validation.panel_runs import drops_and_melting as panel_runs
+from validation.panel_runs import implicit_pressure as pressure_runs
+from validation.panel_runs import mpm_frequency as frequency_runs
+from validation.panel_runs import tank as tank_runs
 from validation.reading import Reading, distribution, environment, measured
 from validation.running import Context
 from validation.work_precision import order_from_errors, pareto
@@ -163,7 +164,7 @@ def test_misplaced_surface_is_the_distance_between_both_sets():
 
 
 def test_stored_states_are_those_that_are_named():
-    from validation.experiments.dam_break.state import STORED, load_state
+    from validation.experiments.dam_break.scene import STORED, load_state
 
     for name, (columns, depth, moment) in STORED.items():
         state = load_state(name)

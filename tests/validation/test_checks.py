@@ -28,11 +28,11 @@ from validation.checks import (
     read_all,
 )
 from validation.experiment import Experiment, Family, Measure, Options, Run, alike, discover, measures
-from validation.experiments.dam_break import claims as dam_break
-from validation.experiments.droplet import claims as droplet
-from validation.experiments.heat import claims as heat
+from validation.experiments.dam_break import runs as dam_break
+from validation.experiments.droplet import runs as droplet
+from validation.experiments.heat import runs as heat
 from validation.experiments.melting import scene as melting_scene
-from validation.experiments.models import claims as models
+from validation.experiments.models import runs as models
 from validation.filling import Recorded, filled, filled_page
 from validation.perform import EXIT_FAILED, EXIT_FINE, EXIT_INPUT, perform
 from validation.results import Result
@@ -541,8 +541,8 @@ def test_released_pressure_and_splash_runs():
 
 def test_runs_of_the_published_sizes_are_those_of_the_cases():
     """What a case has computed serves its claims: same key, same parameters."""
-    from validation.experiments.dam_break.experiment import EXPERIMENT as DAM_BREAK
-    from validation.experiments.droplet.experiment import EXPERIMENT as DROPLET
+    from validation.experiments.dam_break.runs import EXPERIMENT as DAM_BREAK
+    from validation.experiments.droplet.runs import EXPERIMENT as DROPLET
 
     for case, measure in ((DROPLET, droplet.AREA_ROUNDS), (DAM_BREAK, dam_break.FIGURE_5_UPPER)):
         known = {run.key: run for run in case.runs(Options())}

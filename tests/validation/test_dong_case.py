@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from refsim import make_plan
-from validation.experiment import Options
+from validation.experiment import Options, discover
 from validation.experiments.dong import pictures, runs, scene
-from validation.experiments.dong.experiment import EXPERIMENT
-from validation.experiments.dong_table_1 import experiment as dong_table_1
+from validation.experiments.dong.runs import EXPERIMENT
 from validation.metrics.spread import layers, parts, seen_from_above
 from validation.perform import redraw, write_data
 from validation.results import Result
@@ -98,14 +97,14 @@ def test_dongs_own_solver_runs_beside_the_shared_liquid():
 
 def test_every_picture_has_its_runs():
     planned = {run.key for quick in (False, True) for run in EXPERIMENT.runs(Options(quick=quick))}
-    assert {name for picture in EXPERIMENT.pictures for name in picture.needs} <= planned
+    assert {name for picture in discover()["dong"].pictures for name in picture.needs} <= planned
     frames = next(run for run in EXPERIMENT.runs(Options()) if run.key == "rest_with").parameters["frames"]
     assert {*scene.FRAMES, *scene.LATER, *pictures.MERGING, pictures.REST} <= set(frames)
 
 
 def test_table_1_takes_the_median_of_its_turns(tmp_path):
-    runs_of = dong_table_1.EXPERIMENT.runs(Options())
-    assert {run.key for run in runs_of} == set(dong_table_1.NEEDS)
+    runs_of = runs.TABLE_1_EXPERIMENT.runs(Options())
+    assert {run.key for run in runs_of} == set(runs.NEEDS)
     seconds = {"dong": 0.004, "iif": 0.002, "csf": 0.005}
     found = {}
     for run in runs_of:
@@ -113,10 +112,10 @@ def test_table_1_takes_the_median_of_its_turns(tmp_path):
         step = seconds[model] * (10 if turn == 3 else 1)  # a turn that was disturbed
         values = {"model": model, "case": case, "step": step, "steps": 40, "frames": 40, "particles": 7, "threads": 2}
         found[run.key] = Result(values)
-    shares = {m.name: m.value for m in dong_table_1.EXPERIMENT.checked(found)}
+    shares = {m.name: m.value for m in runs.TABLE_1_EXPERIMENT.checked(found)}
     assert shares["frame_over_iif.oil"] == pytest.approx(2.0)
     assert shares["frame_over_csf.droplet"] == pytest.approx(0.8)
-    (picture,) = dong_table_1.EXPERIMENT.pictures
+    (picture,) = discover()["dong_table_1"].pictures
     write_data(picture, found, tmp_path)
     assert redraw(picture, tmp_path).stat().st_size > 10_000
 

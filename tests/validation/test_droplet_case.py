@@ -4,9 +4,9 @@ import numpy as np
 
 from validation.experiment import Options
 from validation.experiments.droplet import pictures
-from validation.experiments.droplet.experiment import EXPERIMENT as DROPLET
-from validation.experiments.timing import experiment as timing
+from validation.experiments.droplet.runs import EXPERIMENT as DROPLET
 from validation.experiments.timing import pictures as timing_pictures
+from validation.experiments.timing import runs as timing
 from validation.metrics.shapes import lattice_cube
 from validation.results import Result
 

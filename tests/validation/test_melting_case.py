@@ -13,9 +13,9 @@ from refsim.scene.plan import make_plan
 from refsim.scene.solids import body_cells
 from validation.checks import FAIL
 from validation.drawing import unpacked
-from validation.experiment import Options
-from validation.experiments.melting import experiment as melting
-from validation.experiments.melting import pictures, rival, runs, shapes
+from validation.experiment import Options, discover
+from validation.experiments.melting import pictures, scene
+from validation.experiments.melting import runs as melting
 from validation.experiments.melting.scene import FIGURES, made, scene_of, shared_tank
 from validation.results import Result, finite
 from validation.running import Context
@@ -33,13 +33,13 @@ def test_two_methods_cannot_make_one_argument():
 def test_animals_are_closed_meshes_of_their_own():
     import trimesh
 
-    found = {animal: trimesh.Trimesh(*shapes.mesh(animal, 0.1)) for animal in shapes.ANIMALS}
+    found = {animal: trimesh.Trimesh(*scene.mesh(animal, 0.1)) for animal in scene.ANIMALS}
     for mesh in found.values():
         assert mesh.is_watertight
         assert mesh.body_count == 1
         points = np.random.default_rng(1).uniform(-1.5, 1.5, (4000, 3))
     for animal, mesh in found.items():
-        inside = (shapes.field(shapes.ANIMALS[animal], points) < 0).mean() * 27
+        inside = (scene.field(scene.ANIMALS[animal], points) < 0).mean() * 27
         assert mesh.volume == pytest.approx(inside, rel=0.1)
     assert found["rabbit"].extents[2] > found["rabbit"].extents[0], "ears up"
     assert found["duck"].extents[2] < found["duck"].extents[0], "afloat"
@@ -75,7 +75,7 @@ def test_a_share_of_the_tank_is_solid():
 @pytest.fixture(scope="module")
 def cube():
     """The ice cube of figure 4, small, until it is half molten."""
-    return runs.melt(Context(threads=1), "figure_4", 0.3, "cpu", [0.9, 0.5], 2.0)
+    return melting.melt(Context(threads=1), "figure_4", 0.3, "cpu", [0.9, 0.5], 2.0)
 
 
 def test_a_run_keeps_frames_and_what_it_watched(cube):
@@ -112,7 +112,7 @@ def test_surface_of_a_block_is_closed():
 
 def test_regions_fill_level_by_level():
     """Each pass keeps what the one before wrote; entries lie where arrayR wants them."""
-    result = runs.filling(Context())
+    result = melting.filling(Context())
     passes, cells = result.arrays["passes"], result.arrays["cells"]
     assert (passes[0] >= 0).sum() == 1
     for before, after in itertools.pairwise(passes):
@@ -125,7 +125,7 @@ def test_regions_fill_level_by_level():
 
 
 def test_regions_of_a_few_rounds_and_those_of_the_rival():
-    assert runs.region_rounds(Context(), 2, rounds=20, side=4).values["wrong"] == 0
+    assert melting.region_rounds(Context(), 2, rounds=20, side=4).values["wrong"] == 0
     plan = make_plan(scene_of("figure_4", 0.3))
     lattice = plan.grid.solids.lattice
     nodes = len(lattice.key)
@@ -136,20 +136,20 @@ def test_regions_of_a_few_rounds_and_those_of_the_rival():
     )
     ours, theirs = np.empty((nodes, 125), np.int32), np.empty((nodes, 125), np.int32)
     REGISTRY["shape_matching.regions"].program("cpu")(direct, None, lattice, ours, count)
-    rival.all_regions(direct, lattice.cell, np.int32(2), theirs, count)
+    melting.all_regions(direct, lattice.cell, np.int32(2), theirs, count)
     assert (ours == theirs).all()
 
 
 def test_every_operation_counts_in_one_stage():
     stages = {"neighbours": 1.0, "heat.chebyshev": 2.0, "shape_matching.regions": 3.0, "shape_matching.gather": 4.0}
-    total = runs.grouped({**stages, "two_way_coupling.forces": 5.0, "melting.melt": 6.0, "shape_matching.pull": 7.0})
+    total = melting.grouped({**stages, "two_way_coupling.forces": 5.0, "melting.melt": 6.0, "shape_matching.pull": 7.0})
     assert list(total.values()) == [1.0, 5.0, 2.0, 9.0, 11.0]
 
 
 def test_quick_leaves_nothing_out():
     keys = {run.key for run in melting.planned(Options(quick=True))}
     assert keys == {run.key for run in melting.planned(Options())}
-    needed = {name for picture in melting.EXPERIMENT.pictures for name in picture.needs}
+    needed = {name for picture in discover()["melting"].pictures for name in picture.needs}
     assert needed <= keys
     empty: dict[str, Result] = {}
     assert melting.EXPERIMENT.checked(empty) == []
@@ -159,7 +159,7 @@ def test_columns_of_rays_find_the_cells_in_a_mesh(tmp_path):
     """The same cells as by a ray for each point; also where rays meet the diagonals of a box."""
     import trimesh
 
-    file, _ = shapes.write_mesh("duck", tmp_path)
+    file, _ = scene.write_mesh("duck", tmp_path)
     box = tmp_path / "box.stl"
     trimesh.creation.box((1.0, 0.6, 0.4)).export(box)
     for path, size in ((file, 2.0), (str(box), 2.0)):

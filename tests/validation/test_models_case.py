@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from refsim.core.effect import EFFECTS
-from validation.experiment import Options
+from validation.experiment import Options, discover
 from validation.experiments.models import pictures, runs, scene
-from validation.experiments.models.experiment import EXPERIMENT
+from validation.experiments.models.runs import EXPERIMENT
 from validation.perform import write_data
 from validation.running import Context
 
@@ -54,4 +54,4 @@ def test_pictures_have_their_data(small, tmp_path):
     becker = curves["Becker & Teschner 2007"]
     assert (becker <= 0).all()  # no repulsion, whatever is said of it (Jiang & Zhu E15)
     assert all((curves[name][0] > 0) for name in curves if name != "Becker & Teschner 2007")
-    assert write_data(EXPERIMENT.pictures[0], {}, tmp_path).exists()
+    assert write_data(discover()["models"].pictures[0], {}, tmp_path).exists()

@@ -10,9 +10,8 @@ from refsim.boundary.akinci_2012 import calibrated_factor
 from refsim.smoothing import lattice, smoothing
 from refsim.smoothing.reference import kernel_slope, kernel_value, viscosity_laplacian
 from refsim.sph import lattice_number_density
-from validation.experiment import Options
-from validation.experiments.solutions import exact, pictures, runs, tension, tension_exact
-from validation.experiments.solutions import experiment as case
+from validation.experiment import Options, discover
+from validation.experiments.solutions import pictures, runs, scene
 from validation.running import Context
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -20,12 +19,12 @@ ROOT = Path(__file__).resolve().parents[2]
 
 def test_compressed_heights_are_in_balance():
     rest, gravity, sound = np.linspace(0.0, 1.0, 4001), 9.81, 15.0
-    height, top = exact.compressed(rest, 1.0, gravity, sound)
+    height, top = scene.compressed(rest, 1.0, gravity, sound)
     assert height[0] == pytest.approx(0.0, abs=1e-12)
     assert height[-1] == pytest.approx(top, rel=1e-12)
     middle = 0.5 * (height[1:] + height[:-1])
     pressure = sound**2 * 1000.0 * (np.diff(rest) / np.diff(height) - 1)
-    wanted = exact.hydrostatic(middle, top, 1000.0, gravity, sound)
+    wanted = scene.hydrostatic(middle, top, 1000.0, gravity, sound)
     np.testing.assert_allclose(pressure, wanted, atol=1e-2)
     np.testing.assert_allclose(np.diff(wanted) / np.diff(middle), -gravity * np.diff(rest[1:]) / np.diff(middle) * 1000,
                                rtol=1e-3)  # fmt: skip
@@ -33,7 +32,7 @@ def test_compressed_heights_are_in_balance():
 
 def test_a_small_ellipse_swings_with_root_two_and_lambs_damping():
     time, friction = np.linspace(0.0, 10.0, 4001), 0.1  # f = 2 nu; Lamb 1932, art. 355, in 2D: 4 nu/R^2 = 2 f/R^2
-    a, b = exact.ellipse(time, 1.0, 1.0, 1e-3, friction)
+    a, b = scene.ellipse(time, 1.0, 1.0, 1e-3, friction)
     np.testing.assert_allclose(a * b, 1.0, rtol=1e-8)
     rate = np.sqrt(2.0 - (2 * friction) ** 2)
     np.testing.assert_allclose(a - 1, 1e-3 / rate * np.exp(-2 * friction * time) * np.sin(rate * time), atol=3e-6)
@@ -41,14 +40,14 @@ def test_a_small_ellipse_swings_with_root_two_and_lambs_damping():
 
 def test_a_free_ellipse_keeps_its_energy():
     time = np.linspace(0.0, 8.0, 401)
-    a, b = exact.ellipse(time, 1.0, 0.7, 0.5, 0.0)
+    a, b = scene.ellipse(time, 1.0, 0.7, 0.5, 0.0)
     sigma = np.gradient(np.log(a), time, edge_order=2)
     energy = (sigma**2 + 0.7**2) * (a**2 + b**2)
     np.testing.assert_allclose(energy, energy[0], rtol=2e-3)
 
 
 def test_spin_down_begins_with_4_and_ends_with_3_39():
-    left = exact.spin_down(np.array([0.0, 1e-3, 1.0, 2.0]), 1.0)
+    left = scene.spin_down(np.array([0.0, 1e-3, 1.0, 2.0]), 1.0)
     assert left[0] == pytest.approx(1.0)
     assert left[1] == pytest.approx(1 - 4e-3, rel=1e-4)
     assert np.log(left[2] / left[3]) == pytest.approx(1.8411837813**2, rel=1e-6)
@@ -56,13 +55,13 @@ def test_spin_down_begins_with_4_and_ends_with_3_39():
 
 def test_waves_are_fitted():
     time = np.linspace(0, 4, 200)
-    omega, gamma = exact.wave(np.pi, 0.5, 9.81, 0.012, "central")
-    assert gamma == 2 * exact.wave(np.pi, 0.5, 9.81, 0.012, "laplacian")[1] == pytest.approx(2 * 0.012 * np.pi**2)
+    omega, gamma = scene.wave(np.pi, 0.5, 9.81, 0.012, "central")
+    assert gamma == 2 * scene.wave(np.pi, 0.5, 9.81, 0.012, "laplacian")[1] == pytest.approx(2 * 0.012 * np.pi**2)
     assert omega == pytest.approx(np.sqrt(9.81 * np.pi * np.tanh(np.pi / 2)), rel=2e-3)
-    _, decay, rate, rest = exact.fitted(time, 0.3 * exact.swing(time, 0.4, 5.0), gamma, omega)
+    _, decay, rate, rest = scene.fitted(time, 0.3 * scene.swing(time, 0.4, 5.0), gamma, omega)
     assert (decay, rate) == pytest.approx((0.4, 5.0))
     assert rest < 1e-9
-    assert exact.peak(time, np.cos(time - 1.234)) == pytest.approx(1.234, abs=1e-4)
+    assert scene.peak(time, np.cos(time - 1.234)) == pytest.approx(1.234, abs=1e-4)
 
 
 @pytest.mark.parametrize("damping", [1e-3, 0.03, 0.2])
@@ -74,16 +73,16 @@ def test_prosperettis_wave_fulfils_its_equation(damping):
     s = np.array([[0.2], [0.5], [1.5]])
     shape = (s + 2 * n) ** 2 + square - 4 * n**2 * np.sqrt(1 + s / n)
     for velocity, wanted in ((False, (1 - square / shape) / s), (True, np.sqrt(square) / shape)):
-        height = tension_exact.prosperetti(time, square, n, velocity)
+        height = scene.prosperetti(time, square, n, velocity)
         assert np.trapezoid(height * np.exp(-s * time), time) == pytest.approx(wanted[:, 0], rel=1e-5)
 
 
 def test_prosperettis_wave_begins_as_it_is_started():
     time = np.linspace(0.0, 0.02, 201)
-    rest = tension_exact.prosperetti(time, 2.0**2, 0.05)
+    rest = scene.prosperetti(time, 2.0**2, 0.05)
     assert rest[0] == pytest.approx(1.0)
     assert np.polyfit(time, rest, 2)[1] == pytest.approx(0.0, abs=0.01)
-    flat = tension_exact.prosperetti(time, 2.0**2, 0.05, velocity=True)
+    flat = scene.prosperetti(time, 2.0**2, 0.05, velocity=True)
     assert flat[0] == pytest.approx(0.0, abs=1e-12)
     assert np.polyfit(time, flat, 3)[2] == pytest.approx(2.0, rel=0.01)
 
@@ -92,13 +91,13 @@ def test_a_wall_carries_what_it_lifts():
     """The profile x(z) of a meniscus (Landau & Lifshitz, section 61), integrated: z'' = z (1 + z'^2)^1.5."""
     from scipy.integrate import solve_ivp
 
-    height, area = tension_exact.meniscus(1.0, np.radians(70.0))
+    height, area = scene.meniscus(1.0, np.radians(70.0))
     found = solve_ivp(
         lambda x, y: [y[1], y[0] * (1 + y[1] ** 2) ** 1.5, y[0]], (0.0, 8.0),
         [height, -1 / np.tan(np.radians(70.0)), 0.0], rtol=1e-11, atol=1e-13,
     )  # fmt: skip
     assert found.y[2, -1] == pytest.approx(area, rel=1e-3)
-    assert np.allclose(tension_exact.meniscus(1.0, np.radians(110.0)), (-height, -area))
+    assert np.allclose(scene.meniscus(1.0, np.radians(110.0)), (-height, -area))
 
 
 def _around(dim, reach):
@@ -179,8 +178,8 @@ def test_plates_begin_at_rest_and_end_in_the_steady_flow():
     """Both series solve u_t = nu u_yy + F between the plates, with the plates' velocities at the ends."""
     height = np.linspace(0.0, 2.0, 81)
     for flow, steady, push, wall in (
-        (lambda time: exact.couette(height, time, 2.0, 3.0, 0.5), 1.5 * height, 0.0, 3.0),
-        (lambda time: exact.poiseuille(height, time, 2.0, 0.7, 0.5), 0.7 * height * (2 - height), 0.7, 0.0),
+        (lambda time: scene.couette(height, time, 2.0, 3.0, 0.5), 1.5 * height, 0.0, 3.0),
+        (lambda time: scene.poiseuille(height, time, 2.0, 0.7, 0.5), 0.7 * height * (2 - height), 0.7, 0.0),
     ):
         assert np.abs(flow(1e-3)[height < 1.8]).max() < 1e-3
         np.testing.assert_allclose(flow(100.0), steady, atol=1e-12)
@@ -220,8 +219,8 @@ def test_what_the_programs_deliver_in_shear():
 
 
 def test_orders():
-    assert case.order([0.4, 0.2, 0.1], [0.16, 0.09, 0.01]) == pytest.approx(2.0)
-    assert np.isnan(case.order([0.1], [0.2]))
+    assert runs.order([0.4, 0.2, 0.1], [0.16, 0.09, 0.01]) == pytest.approx(2.0)
+    assert np.isnan(runs.order([0.1], [0.2]))
 
 
 LARGEST = {
@@ -242,19 +241,19 @@ def test_the_runs_at_small_size(monkeypatch):
     monkeypatch.setattr(runs, "SAMPLES", (0.002, 0.004))
     short = {"STIRRED": 0.1, "RESTED": 0.1, "PERIODS": 0.2, "WIDE": 5.0, "CLIMBED": 2.05, "MEANS": 1}
     for name, value in short.items():
-        monkeypatch.setattr(tension, name, value)
+        monkeypatch.setattr(runs, name, value)
     monkeypatch.setattr(
-        case, "CELLS",
+        runs, "CELLS",
         {"tank": (6, 8), "wave": (4, 5), "ellipse": (3, 4), "disc": (3, 4), "vortex": (6, 8), "vortices": (7, 8),
          "couette": (12, 14), "poiseuille": (12, 14), "capillary": (9, 10), "drop": (3, 4), "meniscus": (2, 3),
          "jurin": (3, 4)},
     )  # fmt: skip
-    (quick,) = case.planned(Options(quick=True))
+    (quick,) = runs.planned(Options(quick=True))
     assert quick.parameters == {"cells": 10, "backend": "cpu"}
-    planned = case.planned(Options(backend="numpy"))
-    compared = {f"terms_{program}" for program in case.terms.COMPARED}
+    planned = runs.planned(Options(backend="numpy"))
+    compared = {f"terms_{program}" for program in runs.terms.COMPARED}
     assert {run.key for run in planned if run.skip == "measured with --peers"} == compared
-    assert [run.key for run in planned if run.key in case.VARIED] == list(case.VARIED)
+    assert [run.key for run in planned if run.key in runs.VARIED] == list(runs.VARIED)
     results = {
         run.key: run.function(
             Context(),
@@ -268,7 +267,7 @@ def test_the_runs_at_small_size(monkeypatch):
     }
     column = results["tank_8"].arrays
     assert np.polyfit(column["height"], column["pressure"], 1)[0] < -0.5
-    made = case.EXPERIMENT.checked(results)
+    made = runs.EXPERIMENT.checked(results)
     verdicts = {check.name: check.verdict for check in made}
     assert verdicts["disc_kept.3"] == verdicts["disc_kept.4"] == "pass"
     assert verdicts["drop_kept.3"] == verdicts["drop_kept.4"] == "pass"
@@ -288,7 +287,7 @@ def test_the_runs_at_small_size(monkeypatch):
         "meniscus_lifted_off.110",
         "jurin_risen_off",
     } <= set(verdicts)
-    without, periodic, tense = case.EXPERIMENT.pictures
+    without, periodic, tense = discover()["solutions"].pictures
     assert (len(without.needs), len(periodic.needs), len(tense.needs)) == (24, 18, 15)
     drawn = ((without, pictures.TITLES), (periodic, pictures.PERIODIC), (tense, pictures.WITH_TENSION))
     for picture, titles in drawn:

@@ -5,7 +5,7 @@ import math
 
 import pytest
 
-from validation.experiments.tension_cost import experiment as tension_cost
+from validation.experiments.laplace import runs as tension_cost
 from validation.measure import drop_seconds
 from validation.measure.drops import Point, in_panel
 from validation.measure.sigma_map import ROWS

@@ -10,8 +10,7 @@ from refsim.surface_normal import NormalTerm
 from refsim.surface_normal.reference import color_gradient
 from refsim.surface_tension.akinci_2013 import AreaMinimisation
 from refsim.surface_tension.akinci_2013 import reference as akinci
-from validation.experiments.solutions import experiment as case
-from validation.experiments.solutions import terms
+from validation.experiments.solutions import runs as case
 from validation.running import Context
 
 SMALL = {"side": 6, "seed": 2}
@@ -27,36 +26,36 @@ DIFFER = {  # terms with other formulas, and the least difference that these mak
 
 
 def _judged(program):
-    result = terms.COMPARED[program](Context(), **SMALL)
+    result = case.COMPARED[program](Context(), **SMALL)
     made = case.EXPERIMENT.checked({f"terms_{program}": result})
-    assert len(made) == 2 * len(terms.TERMS[program])
+    assert len(made) == 2 * len(case.TERMS[program])
     return result, {check.name for check in made if check.verdict == "fail"}
 
 
-@pytest.mark.parametrize("program", terms.COMPARED)
+@pytest.mark.parametrize("program", case.COMPARED)
 def test_terms_of_a_program(program):
-    if reason := terms.PEERS[program].missing():
+    if reason := case.PEERS[program].missing():
         pytest.skip(reason)
     result, failed = _judged(program)
     assert not failed
-    for name in terms.TERMS[program]:
+    for name in case.TERMS[program]:
         least = DIFFER.get(f"{program}.{name}", 0.0)
-        assert (least > 0) == (name not in terms.EQUAL[program])
+        assert (least > 0) == (name not in case.EQUAL[program])
         assert result.values[name] >= least
 
 
 def _kernels(support, name):
-    return smoothing(name, support, 3), Fluid(terms.DENSITY, terms.DENSITY * terms.SOUND**2, 1, clamp=0)
+    return smoothing(name, support, 3), Fluid(case.TERMS_DENSITY, case.TERMS_DENSITY * case.SOUND**2, 1, clamp=0)
 
 
 def _like_splishsplash(position, velocity, threads, spacing, density, stiffness, viscosity, tension):
-    support, heavy = 2 * spacing, np.full(len(position), 0.8 * terms.DENSITY * spacing**3)
+    support, heavy = 2 * spacing, np.full(len(position), 0.8 * case.TERMS_DENSITY * spacing**3)
     kernel, fluid = _kernels(support, "cubic_spline")
     summed = sph.density(position, heavy, None, kernel, fluid)["density"][0]
-    sums = terms.Sums(position, velocity, summed, heavy[0], support)
+    sums = case.Sums(position, velocity, summed, heavy[0], support)
     normal = color_gradient(position, heavy, summed, None, None, kernel, NormalTerm(1.0, 0))["surface_normal"][0]
     area = akinci.tension(position, heavy, summed, normal, kernel, fluid, None, AreaMinimisation(tension))
-    share = density / terms.DENSITY  # the area term does not change with the rest density
+    share = density / case.TERMS_DENSITY  # the area term does not change with the rest density
     other = sums.central(np.ones(len(position)), 0.01 * support**2) if viscosity else 0.0
     other = other + area["acceleration"][0] + (share * sums.cohesion() if tension else 0.0)
     return {
@@ -73,7 +72,7 @@ def _like_splishsplash(position, velocity, threads, spacing, density, stiffness,
 def _like_pysph(position, velocity, threads, support, mass, density, sound, viscosity):
     kernel, fluid = _kernels(support, "cubic_spline")
     summed = sph.density(position, np.full(len(position), mass), None, kernel, fluid)["density"][0]
-    sums, softening = terms.Sums(position, velocity, summed, mass, support), 0.0025 * support**2
+    sums, softening = case.Sums(position, velocity, summed, mass, support), 0.0025 * support**2
     return {
         "density": summed,
         "normal": sums.normal() / support,
@@ -108,8 +107,8 @@ SLIPS = {  # field of a program that is 0.1 % off, and the terms that this makes
         "other": ("viscous", "cohesion", "far_cohesion", "area"),
         "normal": ("normal",),
     },
-    "pysph": {name: (name,) for name in terms.TERMS["pysph"]},
-    "warp": {name: (name,) for name in terms.TERMS["warp"]},
+    "pysph": {name: (name,) for name in case.TERMS["pysph"]},
+    "warp": {name: (name,) for name in case.TERMS["warp"]},
 }
 
 
@@ -123,19 +122,19 @@ def test_a_program_that_slips_is_found(monkeypatch, program, field):
         found = LIKE[program](*given, **settings)
         return {**found, field: 1.001 * found[field]} if field else found
 
-    monkeypatch.setattr(terms.PEERS[program], "run", slipping)
+    monkeypatch.setattr(case.PEERS[program], "run", slipping)
     _, failed = _judged(program)
     wrong = SLIPS[program].get(field, ())
     assert {name.rpartition(".")[2] for name in failed if name.startswith("peer_explained")} == set(wrong)
-    equal = set(wrong) & set(terms.EQUAL[program])
+    equal = set(wrong) & set(case.EQUAL[program])
     assert {name.rpartition(".")[2] for name in failed if name.startswith("peer_equal")} == equal
 
 
 def test_a_cohesion_of_refsim_that_slips_is_found(monkeypatch):
-    evaluate = terms.Liquid.evaluate
-    monkeypatch.setattr(terms.PEERS["splishsplash"], "run", _like_splishsplash)
+    evaluate = case.Liquid.evaluate
+    monkeypatch.setattr(case.PEERS["splishsplash"], "run", _like_splishsplash)
     monkeypatch.setattr(
-        terms.Liquid, "evaluate", lambda self, gamma=0.0, **others: evaluate(self, gamma=1.001 * gamma, **others)
+        case.Liquid, "evaluate", lambda self, gamma=0.0, **others: evaluate(self, gamma=1.001 * gamma, **others)
     )
     _, failed = _judged("splishsplash")
     assert "peer_equal.splishsplash.far_cohesion" in failed

@@ -13,7 +13,7 @@ from refsim.scene.plan import make_plan
 from validation import checks, judging, maps, perform
 from validation.__main__ import main
 from validation.experiment import Experiment, Options, Part, Run, discover
-from validation.experiments.droplet.stability import pieces
+from validation.experiments.droplet.runs import pieces
 from validation.metrics.voids import find_voids
 from validation.results import Result, finite
 from validation.running import Context

@@ -26,10 +26,9 @@ from validation import perform as performing
 from validation.checks import Check, Checks
 from validation.experiment import Experiment, Options, Picture, Run, discover
 from validation.experiments.dam_break import runs as dam_runs
-from validation.experiments.dam_break.experiment import EXPERIMENT as DAM_BREAK
-from validation.experiments.droplet import experiment as droplet
-from validation.experiments.droplet import runs as droplet_runs
-from validation.experiments.timing import experiment as timing
+from validation.experiments.dam_break.runs import EXPERIMENT as DAM_BREAK
+from validation.experiments.droplet import runs as droplet
+from validation.experiments.timing import runs as timing
 from validation.measure import command as measuring
 from validation.peers import splishsplash
 from validation.report import as_json, report
@@ -437,11 +436,11 @@ def test_experiments_are_found_by_their_folders(tmp_path, monkeypatch):
     text = "from validation.experiment import Experiment\nEXPERIMENT = Experiment('mine', 'title')\n"
     for name in ("mine", "plain"):
         (folder / name).mkdir()
-    (folder / "mine" / "experiment.py").write_text(text)
+    (folder / "mine" / "runs.py").write_text(text)
     monkeypatch.syspath_prepend(tmp_path)
     module = importlib.import_module("someones_cases")
     assert list(discover(module)) == ["mine"]
-    (folder / "plain" / "experiment.py").write_text(text)
+    (folder / "plain" / "runs.py").write_text(text)
     discover.cache_clear()
     with pytest.raises(ValueError, match="is called 'mine'"):
         discover(module)
@@ -485,7 +484,7 @@ def draw_all(case, found, folder):
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(drawing, "body_picture", small)
-        for picture in case.pictures:
+        for picture in discover()[case.name].pictures:
             if set(picture.needs) <= set(found):
                 performing.write_data(picture, found, folder)
                 assert performing.redraw(picture, folder).stat().st_size > 4000
@@ -545,7 +544,7 @@ def test_ledger_finds_a_lost_particle_and_gained_energy():
 
 
 def test_tiny_droplet(tmp_path):
-    result = droplet_runs.relax(Context(), "cube", 1331, "cpu", until=0.12, samples=6)
+    result = droplet.relax(Context(), "cube", 1331, "cpu", until=0.12, samples=6)
     found = {"cube_4913": as_stored(tmp_path / "one", result)}
     values = found["cube_4913"].values
     assert values["particles"] == 1331
@@ -559,7 +558,7 @@ def test_tiny_droplet(tmp_path):
 
 def test_droplet_starts_have_the_stated_counts_and_one_volume():
     for shape, count, exact in (("cube", 4913, 4913), ("cut", 5039, 5039), ("box", 4913, 4862)):
-        position, spacing, axes = droplet_runs.particles(shape, count)
+        position, spacing, axes = droplet.particles(shape, count)
         assert len(position) == exact
         assert len(position) * spacing**3 == pytest.approx(1.0, rel=0.02)
         assert axes.T @ axes == pytest.approx(np.eye(3), abs=1e-12)
@@ -570,8 +569,8 @@ def test_a_drop_that_stops_is_a_result_with_its_reason(monkeypatch):
         sample(simulation, 0.0)
         raise RunStopped("non_finite", "gone")
 
-    monkeypatch.setattr(droplet_runs, "advance", stop)
-    values = droplet_runs.relax(Context(), "cube", 64, "cpu").values
+    monkeypatch.setattr(droplet, "advance", stop)
+    values = droplet.relax(Context(), "cube", 64, "cpu").values
     assert values["stopped"] == "non_finite at 0.000 s"
     assert values["steady"] is None
     assert droplet.outcome(Result({**values, "end": results.finite(values["end"])})).startswith("stopped: non_finite")

@@ -245,7 +245,7 @@ def mass_ratios(given: argparse.Namespace) -> int:
 
 def store_states(given: argparse.Namespace) -> int:
     """Compute the states."""
-    from validation.experiments.dam_break.state import store
+    from validation.experiments.dam_break.scene import store
 
     store()
     return 0

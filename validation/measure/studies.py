@@ -21,8 +21,8 @@ from refsim.study.observables import observable_of
 from refsim.study.refine import fitting, refined
 from refsim.study.result import Study, percent
 from refsim.study.runs import Reading, Setting, measure
-from validation.experiments.heat.exact import stefan_root
-from validation.experiments.solutions import exact
+from validation.experiments.heat.scene import stefan_root
+from validation.experiments.solutions import scene
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENES = ROOT / "docs" / "examples" / "study" / "solved"
@@ -71,10 +71,10 @@ class Solved:
 MIDDLE = np.array([5e-4])  # m, half the distance of the plates
 SOLVED = {
     "couette": Solved(
-        "field:velocity.x@2.5e-4,5e-4", lambda: float(exact.couette(MIDDLE, 0.1, 1e-3, 1.25e-5, 1e-6)[0])
+        "field:velocity.x@2.5e-4,5e-4", lambda: float(scene.couette(MIDDLE, 0.1, 1e-3, 1.25e-5, 1e-6)[0])
     ),
     "poiseuille": Solved(
-        "field:velocity.x@2.5e-4,5e-4", lambda: float(exact.poiseuille(MIDDLE, 0.225, 1e-3, 1e-4, 1e-6)[0])
+        "field:velocity.x@2.5e-4,5e-4", lambda: float(scene.poiseuille(MIDDLE, 0.225, 1e-3, 1e-4, 1e-6)[0])
     ),
     "slab": Solved("field:temperature@0.025,0.025", lambda: slab(0.025, 20.0, 0.1, 100.0, 400.0 / (8960.0 * 385.0))),
     "melting_wall": Solved(  # the wall is a fifth of the particles; the ice is 0.08 m deep

@@ -20,9 +20,9 @@ from validation.drawing import (
     unpacked,
     view_matrix,
 )  # fmt: skip
-from validation.experiment import Results
-from validation.experiments.boundary.flow_runs import ARMS, DENSITY, GRAVITY, POUR
-from validation.experiments.boundary.sampling_shapes import SHAPES
+from validation.experiment import Picture, Results
+from validation.experiments.boundary.runs import ARMS, DENSITY, GRAVITY, MEASURED, POUR, RAINED
+from validation.experiments.boundary.scene import SHAPES
 from validation.results import floats, real
 
 VIEW = view_matrix(azimuth=32.0, elevation=24.0)
@@ -231,3 +231,28 @@ def tank_picture(data: Mapping[str, Any]) -> Any:
     axes.set(xlabel="pressure [Pa]", ylabel="height [m]", title=data["title"])
     axes.legend()
     return figure
+
+
+PICTURES = (
+    Picture(
+        "boundary_sampling",
+        shape_data,
+        shape_picture,
+        tuple(f"sampling_{shape}" for shape in SHAPES),
+        shaded=True,
+    ),
+    Picture(
+        "boundary_convergence",
+        convergence_data,
+        convergence_picture,
+        ("sampling_printed", *(f"distance_{shape}" for shape in MEASURED)),
+    ),
+    Picture("boundary_pouring", pour_data, pour_picture, ("flow_pour_sphere_difference",), shaded=True),
+    Picture(
+        "boundary_penetration",
+        rain_data,
+        rain_picture,
+        tuple(f"flow_rain_{s}_{c}_1" for s in RAINED for c in ("none", "swept")),
+    ),
+    Picture("boundary_tank", tank_data, tank_picture, ("flow_tank",)),
+)

@@ -10,9 +10,8 @@ import numpy as np
 from matplotlib.lines import Line2D
 
 from validation.drawing import BLACK, BLUE, GREEN, GREY, INTERIOR_BLUE, ORANGE, PURPLE, SKY, SURFACE_RED, VERMILION
-from validation.experiment import Results
-from validation.experiments.dam_break.runs import METHODS, WORDS
-from validation.experiments.dam_break.stability import STARTS, WIDEST
+from validation.experiment import Picture, Results
+from validation.experiments.dam_break.runs import FIGURE_5, METHODS, STARTS, WIDEST, WORDS
 from validation.metrics.dam_break import data_tolerance, load_front_data, ritter_front
 from validation.results import floats
 
@@ -291,3 +290,12 @@ def void_picture(data: Mapping[str, Any]) -> Any:
     axes.legend(ncols=2, loc="upper center", bbox_to_anchor=(0.5, -0.22))
     axes.axhline(2.0, color=GREY, lw=0.8)
     return figure
+
+
+PICTURES = (
+    Picture("figure_4", detection_data, detection_picture, ("detection_2d",)),
+    Picture("figure_4_scores", score_data, score_picture, ("detection_2d",)),
+    Picture("figure_5", cost_data, cost_picture, FIGURE_5),
+    Picture("front", front_data, front_picture, ("front_2d",)),
+    Picture("voids", void_data, void_picture, ("voids",)),
+)

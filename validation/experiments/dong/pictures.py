@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import statistics
 from collections.abc import Mapping
 from typing import Any
 
@@ -23,8 +24,10 @@ from validation.drawing import (
     view_matrix,
     visible_balls,
 )
-from validation.experiment import Results
+from validation.experiment import Picture, Results
+from validation.experiments.dong import runs
 from validation.experiments.dong import scene as scenes
+from validation.experiments.dong.runs import NEEDS, rayleigh_period
 from validation.results import Result
 
 CUBE_VIEW = view_matrix(azimuth=10.0, elevation=7.0)  # nearly along an axis, as in the paper
@@ -32,8 +35,6 @@ TOP, SIDE_VIEW = view_matrix(azimuth=-90.0, elevation=90.0), view_matrix(azimuth
 COLOURS = [(0.16, 0.50, 0.80), (0.90, 0.45, 0.13), (0.20, 0.62, 0.40), (0.65, 0.35, 0.65), (0.80, 0.65, 0.15)]
 GLASS = (0.55, 0.72, 0.86)  # of what belongs to no larger part
 CUBE_EXTENT, ROOM_EXTENT = 1.3, 0.54  # half widths: in R, in m
-MERGING = (60, 120, 160, 240, 320, 480, 800, 1600)  # frames
-REST = 1600
 MILLI = 1e-3
 
 
@@ -62,7 +63,6 @@ def cube_data(results: Results) -> dict[str, Any]:
             }
         )  # fmt: skip
     keep = ("time", "moment", "points", "corners")
-    from validation.experiments.dong.runs import rayleigh_period
 
     return {
         "title": "Dong, figure 3: a cube of 0.5 m without gravity",
@@ -193,7 +193,7 @@ def rest_data(results: Results) -> dict[str, Any]:
         "title": "Dong, figure 5: at rest, from the side",
         "spacing_m": results["rest_with"].values["spacing"],
         "rows": [
-            {"words": words, **_room(results[f"rest_{arm}"], REST, SIDE_VIEW)}
+            {"words": words, **_room(results[f"rest_{arm}"], scenes.REST, SIDE_VIEW)}
             for arm, words in (("with", "with tension"), ("without", "without tension"))
         ],
     }
@@ -218,7 +218,7 @@ def merging_data(results: Results) -> dict[str, Any]:
     return {
         "title": "Dong, figure 6: the droplets merge",
         "spacing_m": result.values["spacing"],
-        "frames": [_room(result, frame, TOP) for frame in MERGING],
+        "frames": [_room(result, frame, TOP) for frame in scenes.MERGING],
         "series": {name: [row[name] for row in rows] for name in ("time", "parts", "lone", "largest")},
     }
 
@@ -250,7 +250,6 @@ DARK = 8e-4  # excess of area above which letters on the map's colours are white
 
 def sweep_data(results: Results) -> dict[str, Any]:
     """Area of small drops over k and lambda, and which of them are at rest."""
-    from validation.experiments.dong import runs
 
     rows = []
     for key, pair in runs.sweep_pairs().items():
@@ -296,3 +295,65 @@ def sweep_picture(data: Mapping[str, Any]) -> Any:
     figure.colorbar(image, ax=axes, label="area over a ball's, less one", shrink=0.9)
     figure.suptitle(data["title"] + " (numbers: thousandths)", fontsize=10.5, fontweight="bold")
     return figure
+
+
+PICTURES = (
+    Picture("dong_figure_3", cube_data, cube_picture, ("cube_4913",), shaded=True),
+    Picture("dong_figure_4", splash_data, splash_picture, ("rest_with", "rest_without"), shaded=True),
+    Picture("dong_fall", splash_data, splash_picture, ("fall_with", "fall_without"), shaded=True),
+    Picture("dong_figure_5", rest_data, rest_picture, ("rest_with", "rest_without")),
+    Picture("dong_sweep", sweep_data, sweep_picture, tuple(runs.sweep_pairs())),
+    Picture("dong_figure_6", merging_data, merging_picture, ("rest_with",), shaded=True),
+)
+
+
+# Picture of Dong's table 1.
+
+
+TABLE_1_COLOURS = {"dong": BLUE, "iif": ORANGE, "csf": GREY}
+
+
+def data(results: Results) -> dict[str, Any]:
+    """Milliseconds of a frame, turn by turn."""
+    rows: dict[tuple[str, str], list[float]] = {}
+    for result in results.values():
+        values = result.values
+        rows.setdefault((values["case"], values["model"]), []).append(1e3 * runs.per_frame(values))
+    first = next(iter(results.values()))
+    particles = {result.values["case"]: result.values["particles"] for result in results.values()}
+    return {
+        "title": "Dong, table 1: time per frame of 5 ms",
+        "machine": first.about.get("machine"),
+        "date": first.about.get("date"),
+        "threads": first.values["threads"],
+        "particles": particles,
+        "rows": [
+            {"case": case, "model": model, "frame_ms": found, "median_ms": statistics.median(found)}
+            for (case, model), found in rows.items()
+        ],
+    }
+
+
+def picture(data: Mapping[str, Any]) -> Any:
+    """A group of bars for each scene; marks are the turns."""
+    words = {"droplet": "the cube, {:,} particles", "oil": "twelve drops of one oil, {:,} particles"}
+    cases = list(data["particles"])
+    longest = max(max(r["frame_ms"]) for r in data["rows"])
+    figure, axes = plt.subplots(figsize=(7.6, 3.0))
+    for k, (model, colour) in enumerate(TABLE_1_COLOURS.items()):
+        for line, case in enumerate(cases):
+            found = next(r["frame_ms"] for r in data["rows"] if (r["case"], r["model"]) == (case, model))
+            y = -line + 0.27 * (1 - k)
+            label = scenes.MODELS[model] if line == 0 else None
+            axes.barh(y, statistics.median(found), 0.24, color=colour, label=label)
+            axes.plot(found, np.full(len(found), y), "|", color="black", ms=7)
+            axes.text(max(found) + 0.012 * longest, y, f"{statistics.median(found):.1f}", va="center", fontsize=8)
+    axes.set_yticks([-line for line in range(len(cases))], [words[c].format(data["particles"][c]) for c in cases])
+    said = f"milliseconds a frame, {data['threads'] or 'all'} threads; bars: medians, strokes: single turns"
+    axes.set(xlabel=said, xlim=(0, 1.1 * longest), title=data["title"])
+    axes.grid(True, axis="x")
+    figure.legend(loc="outside lower center", ncols=3, fontsize=8)
+    return figure
+
+
+TABLE_1_PICTURES = (Picture("dong_table_1", data, picture, NEEDS),)

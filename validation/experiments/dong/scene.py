@@ -184,3 +184,7 @@ def oil_drops(number: int = 12, count: int = 500, seed: int = 1) -> tuple[NDArra
         drops.append(ball + place + random.uniform(-0.05, 0.05, ball.shape) * spacing)
     position = np.concatenate(drops)
     return position - position.mean(0), spacing
+
+
+MERGING = (60, 120, 160, 240, 320, 480, 800, 1600)  # frames  # of the picture of the block that becomes one part
+REST = 1600

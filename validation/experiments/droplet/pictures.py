@@ -23,7 +23,7 @@ from validation.drawing import (
     view_matrix,
     visible_balls,
 )
-from validation.experiment import Results
+from validation.experiment import Picture, Results
 from validation.metrics.droplet import surface_mesh
 from validation.results import floats
 
@@ -197,3 +197,10 @@ def force_picture(data: Mapping[str, Any]) -> Any:
     axes.grid(True)
     axes.legend(loc="upper right")
     return figure
+
+
+PICTURES = (
+    Picture("figure_2_force_curve", force_data, force_picture),
+    Picture("figure_6", frame_data, frame_picture, ("cube_4913",), shaded=True),
+    Picture("figure_7", surface_data, surface_picture_of, ("cube_4913",)),
+)

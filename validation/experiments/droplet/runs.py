@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
 
+import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
-from refsim import Simulation
-from refsim.core.errors import RunStopped
+from refsim import Cloud, JiangZhu2023, Scene, Simulation, WeaklyCompressible
+from refsim.core.errors import InputError, RunStopped
+from refsim.scene.plan import make_plan
+from refsim.surface_tension.jiang_zhu_2023 import kirkwood_buff_sigma, unit_moment
+from validation.checks import Checks
+from validation.experiment import Experiment, Family, Measure, Options, Results, Run, alike
 from validation.experiments.droplet.scene import END_TIME, VARIANTS, droplet_scene, particles
 from validation.metrics.droplet import (
     cubic_moment,
@@ -20,8 +27,10 @@ from validation.metrics.droplet import (
     sphericity,
     surface_mesh,
 )
-from validation.results import Result
+from validation.metrics.shapes import lattice_ball
+from validation.results import Result, real
 from validation.running import Context, advance, momenta, search_log, stage_seconds
+from validation.trials import Cell, StabilityMap, Trial, largest_stable, silent_up_to
 
 SAMPLES = 72
 BULK = 0.6  # of R: particles inside count as bulk
@@ -152,3 +161,831 @@ def relaxed(
 def _share(vector: np.ndarray, scales: list[float]) -> float:
     largest = max(scales)
     return float(np.linalg.norm(vector)) / largest if largest > 0 else 0.0
+
+
+# What Jiang & Zhu 2023 claim of their force and its correction, measured on drops.
+#
+# Quick sizes are drops of 11^3 particles, the published ones those of the experiment's own runs; starts are rotations
+# of a cut cube, so that no symmetry of a lattice flatters the answer.
+
+
+SMALL, FULL = 1331, 5039  # particles
+SEEDS = (1, 2, 3, 4, 5)
+DEFAULTS = {seed: f"cut_{FULL}" if seed == 1 else f"seed_cut_{seed}" for seed in SEEDS}  # the experiment's runs
+SUPPORT = 2.6  # of the default droplet, in spacings
+
+
+def drop(options: Options, seed: int, key: str, **changes: Any) -> Run:
+    """A cut cube to rest; `changes` are parameters of `runs.relax`."""
+    count = SMALL if options.quick else FULL
+    parameters = {"shape": "cut", "count": count, "backend": options.backend, "seed": seed, **changes}
+    if seed == 1:
+        parameters.pop("seed")  # the experiment's own run: its result serves
+    name = f"claim_{key}_{parameters['count']}_{seed}"
+    if key == "default" and not options.quick:
+        name = DEFAULTS[seed]
+    return Run(name, relax, parameters, estimate=3.0 if parameters["count"] == SMALL else 40.0)
+
+
+def starts(options: Options) -> Sequence[int]:
+    """Seeds of the rotations."""
+    return SEEDS[:3] if options.quick else SEEDS
+
+
+def end(results: Results, key: str, part: str) -> list[float]:
+    """A number of each run's final state by seed, for keys that begin so; the default's runs are the experiment's."""
+    found = {seed: results[name] for seed, name in DEFAULTS.items() if key == "default" and name in results}
+    for name, result in results.items():
+        if name.startswith(f"claim_{key}_"):
+            found[int(name.rsplit("_", 1)[1])] = result
+    return [real(found[seed].values["end"][part]) for seed in sorted(found)]
+
+
+def compared(over: str, under: str, part: str) -> Callable[[Results], list[float]]:
+    """Ratio of an end's number between two sets of runs, start by start."""
+
+    def values(results: Results) -> list[float]:
+        return [a / b for a, b in zip(end(results, over, part), end(results, under, part), strict=True)]
+
+    return values
+
+
+def both(key: str, **changes: Any) -> Callable[[Options], list[Run]]:
+    """The default and a changed drop from every start."""
+
+    def planned(options: Options) -> list[Run]:
+        return [
+            run
+            for seed in starts(options)
+            for run in (drop(options, seed, "default"), drop(options, seed, key, **changes))
+        ]
+
+    return planned
+
+
+# J(21) and momentum, by pair mode: the force of the area term alone, in float64, where what is left is not rounding.
+# A run cannot tell: the viscous force J(11) is not central either, and turns a drop as well.
+
+
+def area_force(context: Context, count: int, seed: int, mode: str, backend: str) -> Result:
+    """Sum of the area term's forces and of their torques, over the sums of moduli, on a drop after 0.1 s.
+
+    `without` is the same for all forces but the area term and viscosity.
+    """
+    position, spacing, _ = particles("cut", count, seed)
+    moving = context.simulation(droplet_scene(position, spacing, dtype="float64"), backend)
+    advance(moving, [0.1], lambda simulation, wall: None, context)
+    position, mass = moving.field("position"), moving.field("mass")[:, None]
+    force = {}
+    for area in ("corrected", "none"):
+        changes = {**VARIANTS["default" if mode == "all" else mode].changes, "viscosity": 0.0, "dtype": "float64"}
+        changes["tension"] = {**changes.get("tension", {}), "area_term": area}
+        looked = context.simulation(droplet_scene(position, spacing, **changes), backend)
+        looked.evaluate(on_demand=False)
+        force[area] = mass * looked.field("acceleration")
+    found = {}
+    for name, value in (("area", force["corrected"] - force["none"]), ("without", force["none"])):
+        found[name] = lost(position, value)
+    return Result(found)
+
+
+def lost(position: np.ndarray, force: np.ndarray) -> dict[str, float]:
+    """Sum of the forces over the sum of |f|, and of the torques over the sum of |x| |f|; position, force (n, 3)."""
+    length, torque = np.linalg.norm(force, axis=1), np.cross(position, force)
+    return {
+        "linear": float(np.linalg.norm(force.sum(0)) / length.sum()),
+        "angular": float(np.linalg.norm(torque.sum(0)) / (np.linalg.norm(position, axis=1) * length).sum()),
+    }
+
+
+def momentum(mode: str, force: str, part: str) -> Measure:
+    """What a force does to the linear or angular momentum, start by start."""
+
+    def planned(options: Options) -> list[Run]:
+        made = []
+        for seed in SEEDS:
+            parameters = {"count": SMALL, "seed": seed, "mode": mode, "backend": options.backend}
+            made.append(Run(f"claim_area_force_{mode}_{seed}", area_force, parameters, estimate=2.0))
+        return made
+
+    return Measure(planned, lambda found: [result.values[force][part] for result in found.values()])
+
+
+LINEAR_MOMENTUM_ALL = momentum("all", "area", "linear")
+ANGULAR_MOMENTUM_ALL = momentum("all", "area", "angular")
+LINEAR_MOMENTUM_SOFT = momentum("soft", "area", "linear")
+ANGULAR_MOMENTUM_SOFT = momentum("soft", "area", "angular")
+LINEAR_MOMENTUM_EITHER = momentum("either", "area", "linear")
+ANGULAR_MOMENTUM_EITHER = momentum("either", "area", "angular")
+LINEAR_MOMENTUM_BOTH = momentum("both", "area", "linear")
+ANGULAR_MOMENTUM_BOTH = momentum("both", "area", "angular")
+LINEAR_MOMENTUM_ONE_SIDED = momentum("one_sided", "area", "linear")
+ANGULAR_MOMENTUM_ONE_SIDED = momentum("one_sided", "area", "angular")
+ANGULAR_MOMENTUM_WITHOUT_AREA = momentum("all", "without", "angular")
+
+# The area term and its normals.
+
+AREA_ROUNDS = Measure(
+    both("no_area", tension={"area_term": "none"}), compared("no_area", "default", "radius_variation"), quick=False
+)
+AREA_CALMS = Measure(
+    both("no_area", tension={"area_term": "none"}), compared("no_area", "default", "kinetic_share"), quick=False
+)
+STRENGTHS = (0.5, 1.0, 1.5)  # of the default coefficient of each area term
+
+
+def area_runs(options: Options) -> list[Run]:
+    """Both area terms, each at three strengths, from every start."""
+    spacing = (1.0 / (SMALL if options.quick else FULL)) ** (1.0 / 3.0)
+    gamma = 1.0 / kirkwood_buff_sigma(1.0, 1.0, SUPPORT * spacing, 3)
+    made = []
+    for seed in starts(options):
+        for strength in STRENGTHS:
+            corrected, color = {"area_ratio": 0.012 * strength}, {
+                "area_term": "color", "area_acceleration": float(f"{1e-3 * gamma * strength:.6g}"),
+            }  # fmt: skip
+            if strength == 1.0:
+                made.append(drop(options, seed, "default"))
+            else:
+                made.append(drop(options, seed, f"corrected{strength}", tension=corrected))
+            made.append(drop(options, seed, f"color{strength}", tension=color))
+    return made
+
+
+def smoothest(part: str) -> Callable[[Results], list[float]]:
+    """Least value with J(20) over that with J(19), each at its best strength, start by start."""
+
+    def values(results: Results) -> list[float]:
+        best = {}
+        for kind in ("corrected", "color"):
+            keys = ["default" if kind == "corrected" and s == 1.0 else f"{kind}{s}" for s in STRENGTHS]
+            best[kind] = np.min([end(results, key, part) for key in keys], axis=0)
+        return (best["corrected"] / best["color"]).tolist()
+
+    return values
+
+
+NORMALS_SMOOTH = Measure(area_runs, smoothest("radius_variation"), quick=False)
+NORMALS_CALM = Measure(area_runs, smoothest("kinetic_share"), quick=False)
+
+# The density correction.
+
+
+def surface_density(context: Context, count: int, seed: int, backend: str) -> Result:
+    """Density error near the surface of a jittered ball, rms over N, by J(7) and by J(14); the truth is rho0."""
+    position = lattice_ball(count).astype(float)
+    position += np.random.default_rng(seed).uniform(-0.05, 0.05, position.shape)
+    found = {}
+    for name, corrects in (("raw", False), ("corrected", True)):
+        scene = Scene(
+            spacing=1.0,
+            support_radius=SUPPORT,
+            dtype="float64",
+            fluid=(Cloud(position=position),),
+            effects=(
+                WeaklyCompressible(rest_density=1.0, sound_speed=40.0, kernels="mueller"),
+                JiangZhu2023(gamma=0.0, density_correction=corrects),
+            ),
+        )
+        simulation = context.simulation(scene, backend)
+        simulation.evaluate()
+        found[name] = simulation
+    near = found["corrected"].field("near_surface") != 0
+    error = {name: float(np.sqrt(((s.field("density")[near] - 1.0) ** 2).mean())) for name, s in found.items()}
+    return Result({"error": error, "near_surface": int(near.sum()), "particles": len(position)})
+
+
+def _density_runs(options: Options) -> list[Run]:
+    return [
+        Run(f"claim_density_{seed}", surface_density, {"count": SMALL, "seed": seed, "backend": options.backend}, 2.0)
+        for seed in SEEDS
+    ]
+
+
+CORRECTION_ACCURATE = Measure(
+    _density_runs, lambda found: [r.values["error"]["corrected"] / r.values["error"]["raw"] for r in found.values()]
+)
+CORRECTION_STEADIES = Measure(
+    both("raw_density", tension={"density_correction": False}),
+    compared("raw_density", "default", "radius_variation"),
+    quick=False,
+)
+
+# Time to steady state: pairs confined to the surface over all pairs.
+
+FROM = {
+    "cube_4913": ("cube", 4913, 1), "cube_5832": ("cube", 5832, 1), "cut_5039": ("cut", 5039, 1),
+    "box_4862": ("box", 4913, 1), "seed_cut_2": ("cut", 5039, 2),
+}  # fmt: skip
+
+
+def steady_ratio(variant: str) -> Measure:
+    """Wall seconds until steady over those of all pairs, from two lattice cubes, two cut ones and a turned box.
+
+    Infinite where the drop is never steady, zero where only that of all pairs is not.
+    """
+
+    def planned(options: Options) -> list[Run]:
+        made = []
+        for key, (shape, count, seed) in FROM.items():
+            parameters: dict[str, Any] = {"shape": shape, "count": count, "backend": options.backend}
+            if seed != 1:
+                parameters["seed"] = seed
+            made.append(Run(key, relax, parameters, estimate=15.0))  # the experiment's own, but for one
+            changed = {**parameters, "variant": variant}
+            made.append(Run(f"claim_steady_{variant}_{key}", relax, changed, estimate=18.0))
+        return made
+
+    def values(results: Results) -> list[float]:
+        found = []
+        for key in FROM:
+            mine, its = results[f"claim_steady_{variant}_{key}"].values["steady"], results[key].values["steady"]
+            found.append(float("inf") if mine is None else mine["wall"] / its["wall"] if its else 0.0)
+        return found
+
+    return Measure(planned, values, quick=False, timed=True)
+
+
+STEADY_SOONER_SOFT = steady_ratio("soft")
+STEADY_SOONER_TEXT = steady_ratio("text")
+
+
+# J(17): no run, only integration and roots.
+
+
+def force_extremes(context: Context, dim: int, alpha: float, beta: float) -> Result:
+    """Greatest repulsion over greatest attraction of C(r), and its first moment of force."""
+    q = np.linspace(0.0, 1.0, 200_001)
+    inner = np.where(q < 0.8, (1 - (q / 0.8) ** 2) ** 3, 0.0) / 0.8**dim
+    curve = alpha * inner - beta * (1 - q**2) ** 3
+    moment = unit_moment(dim, alpha, beta, dim)
+    return Result({"ratio": float(curve.max() / -curve.min()), "moment": moment})
+
+
+def repulsion(dim: int) -> Measure:
+    """Greatest repulsion over greatest attraction with the printed coefficients."""
+
+    def planned(options: Options) -> list[Run]:
+        return [Run(f"claim_curve_{dim}d", force_extremes, {"dim": dim, "alpha": 0.6, "beta": 0.9}, 0.1)]
+
+    return Measure(planned, lambda found: [result.values["ratio"] for result in found.values()])
+
+
+REPULSION_3D = repulsion(3)
+REPULSION_2D = repulsion(2)
+
+# Null models
+
+
+def _without_reaction(measure: Measure) -> list[float]:
+    """Forces that no particle returns: random ones on a ball."""
+    position = lattice_ball(SMALL).astype(float)
+    found = lost(position, np.random.default_rng(1).normal(size=position.shape))
+    return measure.of({"": {"area": found, "without": found}})
+
+
+def _end(**values: float) -> Callable[[Measure], Sequence[float]]:
+    return alike({"end": values})
+
+
+def _only_attraction(measure: Measure) -> list[float]:
+    """J(17) whose repulsion has the range of its attraction."""
+    q = np.linspace(0.0, 1.0, 1001)
+    curve = (0.6 - 0.9) * (1 - q**2) ** 3
+    return measure.of({"": {"ratio": float(curve.max() / -curve.min())}})
+
+
+MODES = ("all", "soft", "either", "both", "one_sided")
+MOMENTA = tuple(f"{part}_momentum_{mode}" for part in ("linear", "angular") for mode in MODES)
+FAMILIES = (
+    Family(
+        (*MOMENTA, "angular_momentum_without_area"), "Forces or torques could be left over when they are summed.",
+        "random forces, to which no particle returns the opposite", _without_reaction,
+    ),
+    Family(
+        ("correction_accurate",), "(14) could be as far from the density as (7).", "both have the same error",
+        alike({"error": {"corrected": 0.1, "raw": 0.1}}),
+    ),
+    Family(
+        ("correction_steadies", "normals_smooth", "area_rounds"),
+        "A drop with the term could be as rough as one without it.", "both drops are alike",
+        _end(radius_variation=0.01),
+    ),
+    Family(
+        ("normals_calm", "area_calms"), "A drop with the term could move as much as one without it.",
+        "both drops are alike", _end(kinetic_share=0.01),
+    ),
+    Family(
+        ("repulsion_3d", "repulsion_2d"), "The greatest repulsion could be smaller than the greatest attraction.",
+        "a repulsion with the range of the attraction", _only_attraction,
+    ),
+    Family(
+        ("steady_sooner_soft", "steady_sooner_text"), "Fewer pairs could take as long to a drop at rest.",
+        "both take the same time", alike({"steady": {"wall": 2.0}}),
+    ),
+)  # fmt: skip
+
+
+# Hard cases of a drop, and the largest stable step, tension and area coefficient in every pair mode.
+
+
+SPACING = 1.0 / 17.0  # of the films and filaments, as in the droplet
+CAPILLARY = 0.49  # s: sqrt(rho0 R^3/sigma) of the drop with the volume of a 1 m cube, rho0 = sigma = 1
+OHNESORGE = 0.13 / 0.1  # of that drop, over its viscosity [1/(Pa s)]
+RELEASED = 6.0 - 4.836  # J: surface energy of a 1 m cube less that of its ball, sigma = 1 N/m
+BOILS = 0.1  # of the peak: kinetic energy of a drop that should have come to rest
+
+HARD_MODES: dict[str, dict[str, Any]] = {
+    "all, balanced": {},
+    "all, not balanced": {"balance_pressure": False},
+    "soft": {"pair_mode": "soft"},
+    "one_sided": {"pair_mode": "one_sided"},
+    "either": {"pair_mode": "either"},
+    "both": {"pair_mode": "both"},
+}
+MUELLER = {"kernels": "mueller", "support": 2.6}
+WENDLAND = {"kernels": "wendland", "support": 2.7}
+CUBIC = {"kernels": "cubic_spline", "support": 2.6}
+
+
+class Drop(NamedTuple):
+    """What became of a drop."""
+
+    stopped: str  # reason, or ""
+    peak: float  # kinetic energy [J]
+    late: float  # mean kinetic energy of the last fifth [J]
+    moving: float  # peak of sum m |v| [kg m/s]
+    thrown: int  # particles that are not of the largest piece
+    radius: float  # largest distance from the centre, over R
+    roughness: float
+    near: float  # nearest neighbour, 5th percentile [d]
+
+
+def pieces(position: NDArray, reach: float) -> NDArray[np.int64]:
+    """Sizes of the pieces of a cloud (n, 3) whose particles are nearer than `reach` [m], the largest first."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
+    pairs = cKDTree(position).query_pairs(reach, output_type="ndarray")
+    n = len(position)
+    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
+    _, label = connected_components(graph, directed=False)
+    return np.sort(np.bincount(label))[::-1]
+
+
+def settle(context: Context, backend: str, scene: Any, until: float) -> Drop:
+    """Let a drop move to `until` [s]; a stop is an answer."""
+    simulation = context.simulation(scene, backend)
+    spacing, energy, moving, stopped = simulation.plan.grid.spacing, [0.0], [0.0], ""
+    try:
+        for at in np.linspace(0.0, until, 61)[1:]:
+            while simulation.time < at:
+                simulation.step()
+            now = momenta(simulation)
+            energy.append(now["kinetic_energy"])
+            moving.append(now["momentum_scale"])
+    except RunStopped as stop:
+        stopped = stop.reason
+    x = simulation.field("position").astype(float)
+    if not np.isfinite(x).all():
+        return Drop(stopped or "non_finite", math.inf, math.inf, math.inf, len(x), math.inf, math.nan, math.nan)
+    radius = spacing * (3 * len(x) / (4 * math.pi)) ** (1 / 3)
+    return Drop(
+        stopped=stopped,
+        peak=max(energy),
+        late=float(np.mean(energy[-12:])),
+        moving=max(moving),
+        thrown=len(x) - int(pieces(x, 2.0 * spacing)[0]),
+        radius=float(np.linalg.norm(x - x.mean(0), axis=1).max()) / radius,
+        roughness=radius_variation(x),
+        near=float(np.quantile(nearest_neighbour_distance(x), 0.05)) / spacing,
+    )
+
+
+def trouble_of(drop: Drop) -> str:
+    """Why a drop is not whole and at rest; "" if it is."""
+    if drop.stopped:
+        return f"stopped: {drop.stopped}"
+    if drop.thrown:
+        return f"{drop.thrown} particles thrown off"
+    if drop.late > BOILS * drop.peak:
+        return f"boils: {100 * drop.late / drop.peak:.0f} % of the peak's kinetic energy at the end"
+    return ""
+
+
+# Hard cases
+
+
+def long_step(context: Context, backend: str, factor: float, count: int = 729, until: float = 0.6) -> Result:
+    """The default drop with a fixed step of `factor` times the first stable one."""
+    trial = Trial(context, backend)
+    position, spacing, _ = particles("cube", count)
+    scene = droplet_scene(position, spacing)
+    first = trial.start(scene).step()
+    _watched(trial, msgspec.structs.replace(scene, step=factor * first.length), until)
+    return trial.result()
+
+
+def factor_above_one(context: Context, backend: str) -> Result:
+    """A step_factor above 1 is refused."""
+    trial = Trial(context, backend)
+    position, spacing, _ = particles("cube", 27)
+    with trial.ending():
+        trial.start(droplet_scene(position, spacing, step_factor=4.0))
+    trial.check("the sentence names the largest", "at most 1" in trial.message, equals=1)
+    return trial.result()
+
+
+def hundredfold(context: Context, backend: str, fixed: bool, count: int = 729) -> Result:
+    """A hundred times the tension: with the step that suits the simple one, or with the runner's own."""
+    trial = Trial(context, backend)
+    position, spacing, _ = particles("cube", count)
+    scene = droplet_scene(position, spacing, surface_tension=100.0)
+    if fixed:
+        first = trial.start(droplet_scene(position, spacing)).step()
+        scene = msgspec.structs.replace(scene, step=first.length)
+    _watched(trial, scene, 3.0 * CAPILLARY / 10.0, tension=100.0)
+    return trial.result()
+
+
+def film(context: Context, backend: str, layers: int, side: int = 15, until: float = 0.4) -> Result:
+    """A flat film of one or more layers draws in."""
+    trial = Trial(context, backend)
+    axes = [np.arange(n) - 0.5 * (n - 1) for n in (side, side, layers)]
+    position = SPACING * np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    simulation = _watched(trial, droplet_scene(position, SPACING), until, area=2 * (side * SPACING) ** 2)
+    if simulation is not None:
+        x = simulation.field("position").astype(float)
+        trial.show("extent at the end over the start's", float(np.ptp(x[:, 0]) / np.ptp(position[:, 0])))
+        trial.show("pieces", len(pieces(x, 2 * SPACING)))
+    return trial.result(position=np.zeros((0, 3)) if simulation is None else x)
+
+
+def filament(
+    context: Context, backend: str, radius: float = 3.0, wave: float = 27.0, waves: int = 6, until: float = 1.2
+) -> Result:
+    """A thread of liquid whose thickness swells and wanes by a quarter, at the wavelength of 9 radii that grows fastest
+    (Rayleigh), breaks into drops."""
+    trial = Trial(context, backend)
+    reach, length = math.ceil(1.25 * radius), round(wave * waves)
+    axes = [np.arange(-reach, reach + 1)] * 2 + [np.arange(length) - 0.5 * (length - 1)]
+    lattice = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    local = radius * (1 + 0.25 * np.cos(2 * math.pi * lattice[:, 2] / wave))
+    position = SPACING * lattice[np.hypot(lattice[:, 0], lattice[:, 1]) <= local]
+    area = 2 * math.pi * radius * length * SPACING**2
+    simulation = _watched(trial, droplet_scene(position, SPACING), until, area=area)
+    x = np.zeros((0, 3))
+    if simulation is not None:
+        x = simulation.field("position").astype(float)
+        found = pieces(x, 2 * SPACING)
+        trial.show("pieces", found.tolist())
+        trial.check("drops of more than 100 particles", int((found > 100).sum()), at_least=3)
+        trial.check("particles in crumbs of fewer than 5, share", float(found[found < 5].sum()) / len(x), at_most=0.01)
+    return trial.result(position=x)
+
+
+def low_viscosity(context: Context, backend: str, ohnesorge: float, shape: str, count: int = 1331) -> Result:
+    """A drop at a low Ohnesorge number mu/sqrt(rho0 sigma R), from a cube's or from a ball's shape."""
+    trial = Trial(context, backend)
+    with trial.ending():
+        position, spacing = start(shape, count)
+        scene = droplet_scene(position, spacing, viscosity=ohnesorge / OHNESORGE)
+        drop = settle(context, backend, scene, 3 * CAPILLARY)
+        if drop.stopped:
+            raise RunStopped(drop.stopped, f"The drop stops: {drop.stopped}.")
+        simulation = context.started[-1][1]
+        trial.show("momentum scale", drop.moving)
+        trial.account(simulation, isolated=True)
+        for what, value, bound in (
+            ("particles thrown off", drop.thrown, {"equals": 0}),
+            ("kinetic energy over the surface energy that a cube releases", drop.peak / RELEASED, {"at_most": 1.0}),
+            ("nearest neighbour, 5th percentile [d]", drop.near, {"at_least": 0.5}),
+        ):
+            trial.check_unless_noted(simulation, "viscosity", what, value, **bound)
+        trial.show("roughness", drop.roughness)
+        trial.show("kinetic energy at the end over the peak's", drop.late / drop.peak)
+    return trial.result()
+
+
+def start(shape: str, count: int) -> tuple[NDArray, float]:
+    """Positions [m] and spacing [m] of a drop with the volume of a 1 m cube: "cube", "cut" or "ball"."""
+    if shape == "ball":
+        spacing = count ** (-1.0 / 3.0)
+        return lattice_ball(count, spacing), spacing
+    position, spacing, _ = particles(shape, count)
+    return position, spacing
+
+
+def _watched(trial: Trial, scene: Scene, until: float, tension: float = 1.0, area: float = 6.0) -> Simulation | None:
+    """Run an isolated drop; kinetic energy is held against its surface energy. None where it does not end."""
+    simulation = None
+    with trial.ending():
+        running = trial.start(scene)
+        peak, scale = [0.0], [0.0]
+
+        def watch(simulation: Simulation) -> None:
+            now = momenta(simulation)
+            peak.append(now["kinetic_energy"])
+            scale.append(now["momentum_scale"])
+
+        trial.advance(running, until=until, watch=watch, every=8)
+        trial.show("momentum scale", max(scale))
+        trial.account(running, isolated=True)
+        trial.check("kinetic energy over the start's surface energy", max(peak) / (tension * area), at_most=1.0)
+        near = nearest_neighbour_distance(running.field("position").astype(float)) / scene.spacing
+        trial.check("nearest neighbour, 5th percentile [d]", float(np.quantile(near, 0.05)), at_least=0.4)
+        simulation = running
+    return simulation
+
+
+# Maps
+
+
+def step_cell(
+    context: Context, backend: str, mode: str, scene: Mapping[str, Any], count: int = 1000, until: float = 1.0
+) -> Result:
+    """The largest multiple of the runner's own step with which a drop moves as it does with half of it."""
+    position, spacing, _ = particles("cut", count)
+    made = droplet_scene(position, spacing, tension=HARD_MODES[mode], **scene)
+    plan = make_plan(made)
+    limiter = {}
+
+    def run(factor: float) -> Drop:
+        # A scene refuses a factor above 1, a plan does not.
+        forced = dataclasses.replace(plan, scene=msgspec.structs.replace(made, step_factor=factor))
+        drop = settle(context, backend, forced, until)
+        limiter[factor] = max(context.started[-1][1].limiters.items(), key=lambda item: item[1], default=("", 0))[0]
+        context.started[:-1] = []  # the state of what has been judged is not needed
+        return drop
+
+    reference = run(0.5)
+
+    def trouble(factor: float) -> str:
+        drop = run(factor)
+        if drop.stopped:
+            return f"stopped: {drop.stopped}"
+        if drop.thrown > reference.thrown + 0.01 * len(position):
+            return f"{drop.thrown} particles thrown off"
+        if drop.peak > 1.5 * reference.peak:
+            return f"{drop.peak / reference.peak:.1f} times the kinetic energy"
+        if drop.late > max(3.0 * reference.late, BOILS * reference.peak):
+            return f"does not come to rest: {drop.late / max(reference.late, 1e-300):.0f} times the energy at the end"
+        return ""
+
+    return largest_stable(trouble, 1.0, 0.25, 16.0).result(1.0, limiter=limiter.get(1.0, ""))
+
+
+def tension_cell(
+    context: Context, backend: str, mode: str, scene: Mapping[str, Any], count: int = 1000, dtype: str = "float32"
+) -> Result:
+    """The largest tension at a fixed sound speed and Ohnesorge number with which a cut cube becomes a drop at rest.
+
+    As P_int/(rho0 c^2), the share of the bulk modulus that the pair force between all particles would take.
+    """
+    position, spacing, _ = particles("cut", count)
+
+    def made(number: float) -> Scene:
+        sigma = number * _modulus(spacing, scene)
+        viscosity = 0.1 * math.sqrt(sigma)
+        return droplet_scene(
+            position,
+            spacing,
+            **{**scene, "surface_tension": sigma, "viscosity": viscosity},
+            tension={**HARD_MODES[mode], "area_ratio": 0.005},
+        )
+
+    def trouble(number: float) -> str:
+        sigma = number * _modulus(spacing, scene)
+        try:
+            drop = settle(context, backend, made(number), 4 * CAPILLARY / math.sqrt(sigma))
+        except InputError:
+            return "refused"
+        context.started[:-1] = []
+        return trouble_of(drop)
+
+    found = largest_stable(trouble, 0.02, 1e-3, 4.0)
+    return found.result(silent_up_to(made, 1e-3, 4.0, but=("viscosity",)))
+
+
+def _modulus(spacing: float, scene: Mapping[str, Any]) -> float:
+    """sigma [N/m] for which P_int = rho0 c^2, with rho0 = 1 kg/m^3, c = 40 m/s."""
+    from refsim.surface_tension.jiang_zhu_2023 import kirkwood_buff_pressure
+
+    h = scene["support"] * spacing
+    return 40.0**2 * kirkwood_buff_sigma(1.0, 1.0, h, 3) / kirkwood_buff_pressure(1.0, 1.0, h, 3)
+
+
+def area_cell(
+    context: Context,
+    backend: str,
+    mode: str,
+    scene: Mapping[str, Any],
+    term: str,
+    share_of_step: float = 1.0,
+    count: int = 1000,
+) -> Result:
+    """The largest coefficient of the area term with which a cut cube becomes a drop at rest.
+
+    term  "corrected": area_ratio of J(21); "color": eps'/(gamma rho0) of J(18)
+    """
+    position, spacing, _ = particles("cut", count)
+    gamma = 1.0 / kirkwood_buff_sigma(1.0, 1.0, scene["support"] * spacing, 3)
+
+    def made(value: float) -> Scene:
+        if term == "corrected":
+            area = {"area_term": "corrected", "area_ratio": value}
+        else:
+            area = {"area_term": "color", "area_acceleration": value * gamma}
+        return droplet_scene(
+            position, spacing, tension={**HARD_MODES[mode], **area}, step_factor=share_of_step, **scene
+        )
+
+    def trouble(value: float) -> str:
+        drop = settle(context, backend, made(value), 4 * CAPILLARY)
+        context.started[:-1] = []
+        return trouble_of(drop)
+
+    least, first, most = (1e-3, 0.01, 1.0) if term == "corrected" else (1e-4, 1e-3, 0.1)
+    return largest_stable(trouble, first, least, most).result(silent_up_to(made, least, most, but=("viscosity",)))
+
+
+def inertia_cell(
+    context: Context, backend: str, mode: str, scene: Mapping[str, Any], shape: str, count: int = 1331
+) -> Result:
+    """The largest 1/Oh with which a start becomes a drop in one piece."""
+    position, spacing = start(shape, count)
+
+    def trouble(inverse: float) -> str:
+        drop = settle(context, backend, made(inverse), 3 * CAPILLARY)
+        context.started[:-1] = []
+        if drop.stopped:
+            return f"stopped: {drop.stopped}"
+        if drop.thrown:
+            return f"{drop.thrown} particles thrown off"
+        return f"kinetic energy {drop.peak / RELEASED:.1f} times that released" if drop.peak > RELEASED else ""
+
+    def made(inverse: float) -> Scene:
+        return droplet_scene(position, spacing, tension=HARD_MODES[mode], viscosity=1 / (OHNESORGE * inverse), **scene)
+
+    return largest_stable(trouble, 4.0, 1.0, 512.0, factor=1.2).result(silent_up_to(made, 1.0, 512.0))
+
+
+REGIMES: dict[str, dict[str, Any]] = {
+    "acoustic (c = 40, mu = 0.1)": {**MUELLER, "sound_speed": 40.0, "viscosity": 0.1},
+    "viscous (c = 40, mu = 2)": {**MUELLER, "sound_speed": 40.0, "viscosity": 2.0},
+    "capillary (c = 12, mu = 0.1)": {**MUELLER, "sound_speed": 12.0, "viscosity": 0.1},
+}
+AREAS: dict[str, dict[str, Any]] = {
+    "J(21), Mueller set, 2.6 d": {"scene": MUELLER, "term": "corrected"},
+    "the same, a third of the step": {"scene": MUELLER, "term": "corrected", "share_of_step": 1 / 3},
+    "J(21), Mueller set, 3.0 d": {"scene": {**MUELLER, "support": 3.0}, "term": "corrected"},
+    "J(21), Wendland, 2.7 d": {"scene": WENDLAND, "term": "corrected"},
+    "J(21), Wendland, 2.2 d": {"scene": {**WENDLAND, "support": 2.2}, "term": "corrected"},
+    "J(18), Mueller set, 2.6 d": {"scene": MUELLER, "term": "color"},
+    "J(18), Wendland, 2.7 d": {"scene": WENDLAND, "term": "color"},
+    "J(21), cubic spline, 2.6 d": {"scene": CUBIC, "term": "corrected"},
+    "J(18), cubic spline, 2.6 d": {"scene": CUBIC, "term": "color"},
+}
+MAPS = (
+    StabilityMap(
+        name="stability_drop_step",
+        title="Largest stable step of a drop (cut cube of 1,000 particles)",
+        quantity="step over the runner's own",
+        criterion="no stop, at most 1.5 times the kinetic energy met with half the step, and as much rest at the end.",
+        advice="Keep step_factor at 1: the reserve is about two steps, and a fixed step may use no more than that.",
+        cells=tuple(
+            Cell(mode, column, step_cell, {"mode": mode, "scene": scene}, seconds=30.0)
+            for mode in HARD_MODES
+            for column, scene in REGIMES.items()
+        ),
+    ),
+    StabilityMap(
+        name="stability_drop_tension",
+        title="Largest tension of a drop at a given sound speed (cut cube of 1,000 particles)",
+        quantity="P_int/(rho0 c^2) of the nominal tension, Ohnesorge number 0.13",
+        criterion="no stop, one piece, less than a tenth of the peak's kinetic energy after 4 capillary times.",
+        advice="Choose the sound speed so that P_int is about 3 % of rho0 c^2.",
+        cells=tuple(
+            Cell(mode, column, tension_cell, {"mode": mode, "scene": scene}, seconds=30.0)
+            for mode in HARD_MODES
+            for column, scene in (("Mueller set, 2.6 d", MUELLER), ("Wendland, 2.7 d", WENDLAND))
+        ),
+    ),
+    StabilityMap(
+        name="stability_drop_area",
+        title="Largest area coefficient of a drop (cut cube of 1,000 particles)",
+        quantity="eps_r of J(21), or eps'/(gamma rho0) of J(18)",
+        criterion="no stop, one piece, less than a tenth of the peak's kinetic energy after 4 capillary times.",
+        advice="Bound the coefficient, not the step: a third of the step moves the limit by nothing that matters.",
+        cells=tuple(
+            Cell(mode, column, area_cell, {"mode": mode, **parameters}, seconds=40.0)
+            for mode in HARD_MODES
+            for column, parameters in AREAS.items()
+        ),
+    ),
+    StabilityMap(
+        name="stability_drop_inertia",
+        title="Lowest Ohnesorge number of a start (1,331 particles)",
+        quantity="1/Oh",
+        criterion="no stop, one piece after 3 capillary times, kinetic energy within what a cube's surface releases.",
+        advice="Give a drop an Ohnesorge number of 0.2 at least, whatever it starts from: below, it heats itself.",
+        cells=tuple(
+            Cell(mode, f"{shape} start", inertia_cell, {"mode": mode, "scene": MUELLER, "shape": shape}, seconds=30.0)
+            for mode in ("all, balanced", "all, not balanced", "soft")
+            for shape in ("cube", "cut", "ball")
+        ),
+    ),
+)
+
+
+# A cube of liquid without gravity becomes a drop (figures 2, 6 and 7).
+#
+# The settings are this project's (Jiang & Zhu E17): the paper gives no surface tension, stiffness, viscosity, step or
+# side. They stand in `scene.py`, in one place.
+
+
+SHAPES = {
+    "cube_4913": ("cube", 4913, "cube of 17^3"),
+    "cut_5039": ("cut", 5039, "cube of 5,039"),
+    "box_4862": ("box", 4913, "turned box"),
+}
+
+COLUMNS = {
+    "radius_variation": "radius variation", "nn_min": "NN min", "nn_5": "NN 5 %", "bulk_error": "bulk density",
+    "kinetic_share": "KE end/peak", "momentum": "P", "angular_momentum": "L",
+}  # fmt: skip
+JUDGED_SEEDS = (2, 3, 4, 5)  # of other rotations, beside the seed 1 that is judged
+
+
+def planned(options: Options) -> list[Run]:
+    """The runs under the options."""
+    reason = "takes minutes with the others; run without --quick" if options.quick else ""
+    made = []
+    for key, (shape, count, _) in SHAPES.items():
+        parameters = {"shape": shape, "count": count, "backend": options.backend}
+        made.append(Run(key, relax, parameters, estimate=12.0, skip=reason if shape != "cube" else ""))
+    for shape, count in (("cut", 5039), ("box", 4913)):
+        for seed in JUDGED_SEEDS:
+            parameters = {"shape": shape, "count": count, "backend": options.backend, "seed": seed}
+            made.append(Run(f"seed_{shape}_{seed}", relax, parameters, estimate=14.0, skip=reason))
+    for variant in VARIANTS:
+        if variant != "default":
+            parameters = {"shape": "cube", "count": 4913, "backend": options.backend, "variant": variant}
+            made.append(Run(f"mode_{variant}", relax, parameters, estimate=16.0, skip=reason))
+    return made
+
+
+def checks(results: Results, check: Checks) -> None:
+    """The verdicts on the default model from every start."""
+    for key, (_, _, words) in SHAPES.items():
+        if key not in results:
+            continue
+        values = results[key].values
+        end = {name: real(value) for name, value in values["end"].items()}
+        for name in ("radius_variation", "nn_5", "nn_min", "kinetic_share", "momentum", "angular_momentum"):
+            check(name, end[name], key, words)
+        check("bulk_error", abs(end["bulk_error"]), key, words)
+        check("sphericity", end["sphericity"], key, words)
+        steady = values["steady"]
+        time = float("nan") if steady is None else steady["time"] / values["capillary_time"]
+        check("steady_time", time, key, words)
+        check("rebuilds", values["search"].get("rebuilds", 0), key, words)
+        check("missed_neighbours", values["search"].get("missed_neighbours", 0), key, words)
+    for shape in ("cube", "ball"):
+        key = next((k for k in SHAPES if k in results), None)
+        if key is not None:
+            lattice = real(results[key].values["lattice"][shape])
+            check("lattice_variation", lattice, shape, f"lattice {shape}")
+    for key, name in (("mode_text", "text_energy"), ("mode_one_sided", "one_sided_momentum")):
+        if key in results:
+            part = "kinetic_share" if name == "text_energy" else "momentum"
+            check(name, results[key].values["end"][part])
+
+
+def outcome(result: Result) -> str:
+    """What became of a drop, in words."""
+    values = result.values
+    end = {name: real(value) for name, value in values["end"].items()}
+    if values["stopped"]:
+        return f"stopped: {values['stopped']}"
+    said = []
+    if not end["extent"] < 1.6:
+        said.append("flies apart")
+    elif end["radius_variation"] <= ROUND:
+        said.append("round")
+    else:
+        said.append("nearly round" if end["radius_variation"] <= 0.02 else "not round")
+    said.append("at rest" if end["kinetic_share"] <= CALM else "not at rest")
+    if end["momentum"] > 1e-4:
+        said.append("drifts")
+    return ", ".join(said)
+
+
+EXPERIMENT = Experiment(
+    name="droplet",
+    title="a cube of liquid becomes a drop (figures 2, 6 and 7), every pair mode and the literal text beside it",
+    runs=planned,
+    checks=checks,
+    maps=MAPS,
+)

@@ -9,16 +9,12 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from validation.drawing import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, YELLOW
-from validation.experiment import Results
-from validation.experiments.heat import exact, runs
+from validation.experiment import Picture, Results
+from validation.experiments.heat import runs, scene
+from validation.experiments.heat.runs import BEST
+from validation.experiments.heat.scene import SCHEMES
 from validation.results import floats
 
-SCHEMES = {
-    "one_sided": "M(4), each particle by itself (R1)", "pair_exchange": "M(4), both of a pair (R3)",
-    "single_pass": "single pass (NPX)", "implicit": "implicit (Chebyshev)",
-    "conjugate_gradient": "conjugate gradients", "runge_kutta_legendre": "Runge-Kutta-Legendre", "explicit": "explicit",
-    "nonlinear_jacobi": "nonlinear Jacobi",
-}  # fmt: skip
 COLOURS = {
     "one_sided": VERMILION, "pair_exchange": ORANGE, "single_pass": SKY, "implicit": BLUE,
     "conjugate_gradient": PURPLE, "runge_kutta_legendre": GREEN, "explicit": GREY, "nonlinear_jacobi": YELLOW,
@@ -88,11 +84,11 @@ def profiles_data(results: Results) -> dict[str, Any]:
     x = np.linspace(0, 1, 201)
     return {
         "title": "Profiles beside the exact ones",
-        "slab": {"curves": slab, "exact": _curve(depth, exact.cosine(depth, runs.LENGTH * runs.SPACING, runs.END))},
-        "sphere": {"curves": sphere, "exact": _curve(radius, exact.cooled_sphere(radius, 1.05, 0.1))},
+        "slab": {"curves": slab, "exact": _curve(depth, scene.cosine(depth, runs.LENGTH * runs.SPACING, runs.END))},
+        "sphere": {"curves": sphere, "exact": _curve(radius, scene.cooled_sphere(radius, 1.05, 0.1))},
         "stefan": {
             "curves": ice,
-            "exact": _curve(x - spacing / 2, exact.stefan_profile(x, until, runs.WALL, runs.START, root)),
+            "exact": _curve(x - spacing / 2, scene.stefan_profile(x, until, runs.WALL, runs.START, root)),
         },
     }  # fmt: skip
 
@@ -179,3 +175,15 @@ def fronts(data: Mapping[str, Any]) -> Any:
     left.legend(fontsize=7.5, loc="center right", bbox_to_anchor=(-0.12, 0.5))
     right.legend(fontsize=7.5)
     return figure
+
+
+PICTURES = (
+    Picture("heat_schemes", schemes_data, schemes, ("slab_implicit", f"slab_{BEST}")),
+    Picture(
+        "heat_profiles",
+        profiles_data,
+        profiles,
+        ("slab_one_sided", "slab_runge_kutta_legendre", f"sphere_{BEST}", f"stefan_{BEST}", "stefan_implicit"),
+    ),
+    Picture("heat_fronts", fronts_data, fronts, (f"stefan_{BEST}", f"melting_{BEST}_20", "oracle")),
+)

@@ -1,27 +1,37 @@
 """Runs of heat conduction: slab, orders, sphere, Stefan's problem, a melting sphere, ledgers and ranges.
 
-Everywhere k = rho = c = 1 (SI units), h = 2.5 d; `number` is k dt/(rho c d^2).
-"""
+Everywhere k = rho = c = 1 (SI units), h = 2.5 d; `number` is k dt/(rho c d^2)."""
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import time
+from collections.abc import Callable
 from typing import Any
 
+import msgspec
 import numpy as np
 
-from refsim import Box, HeatConduction, Scene, WeaklyCompressible
+from refsim import Box, HeatConduction, Scene, Simulation, WeaklyCompressible
 from refsim.backends.arrays import choose, set_threads
 from refsim.core.effect import Discretisation
+from refsim.core.errors import InputError, RunStopped
 from refsim.core.operation import REGISTRY
 from refsim.core.period import period_group
 from refsim.engine.stock import stock
-from refsim.heat import reference
-from validation.experiments.heat import exact
-from validation.experiments.heat.conductor import SUPPORT, Conductor, cosine_slab, lattice
-from validation.results import Result
+from refsim.heat import kernels, pair_exchange, reference
+from refsim.scene.plan import make_plan
+from validation.checks import Checks
+from validation.experiment import Experiment, Family, Measure, Options, Results, Run, alike
+from validation.experiments.heat import scene
+from validation.experiments.heat.scene import SCHEMES, SUPPORT, Conductor, cosine_slab, lattice
+from validation.experiments.melting.scene import SCALE
+from validation.experiments.melting.scene import STEP as PAPER_STEP
+from validation.results import Result, real
 from validation.running import Context
+from validation.trials import Cell, StabilityMap, Trial, largest_stable
+from validation.work_precision import Order, order_from_errors
 
 NUMBERS = (0.5, 2.0, 8.0, 32.0)
 SPACING, LENGTH, END = 0.2, 40, 6.4  # of the slab: [m], spacings along x, [s]
@@ -56,7 +66,7 @@ def slab(context: Context, scheme: str) -> Result:
         start, work = slab.heat(), slab.passes(END / steps) / number
         slab.run(END, steps)
         drift = slab.heat() / start - 1 if np.isfinite(slab.temperature).all() else math.inf
-        error = rms(slab.temperature - exact.cosine(x, LENGTH * SPACING, END))
+        error = rms(slab.temperature - scene.cosine(x, LENGTH * SPACING, END))
         rows.append({"number": number, "error": error, "drift": drift, "work": work, "seconds": slab.seconds})
         profiles[f"profile_{number:g}"] = slab.temperature.reshape(LENGTH, -1).mean(1)
         context.progress((share + 1) / len(NUMBERS))
@@ -85,7 +95,7 @@ def pair_orders(context: Context, numbers: tuple[float, ...] = (2.0, 8.0, 32.0))
             steps = round(END / (number * SPACING**2))
             s = g[order] * (END / steps / 2)
             sweep = list(zip(i[order].tolist(), j[order].tolist(), (s / (1 + 2 * s)).tolist()))
-            start = exact.cosine(position[:, 0], LENGTH * SPACING, 0.0)
+            start = scene.cosine(position[:, 0], LENGTH * SPACING, 0.0)
             t = start.tolist()
             for _ in range(steps):
                 for pairs in (sweep, reversed(sweep)):
@@ -93,7 +103,7 @@ def pair_orders(context: Context, numbers: tuple[float, ...] = (2.0, 8.0, 32.0))
                         moved = share * (t[b] - t[a])
                         t[a] += moved
                         t[b] -= moved
-            truth = exact.cosine(position[:, 0], LENGTH * SPACING, END)
+            truth = scene.cosine(position[:, 0], LENGTH * SPACING, END)
             found[words].append({"number": number, "error": rms(np.array(t) - truth)})
     return Result({"orders": found})
 
@@ -108,7 +118,7 @@ def order_in_spacing(context: Context, cells: tuple[int, ...] = (10, 20, 40, 80)
         slab, x = slab_of("runge_kutta_legendre", n, length / n)
         steps = math.ceil(END / (2.0 * (length / n) ** 2))
         slab.run(END, steps)
-        rows.append({"size": length / n, "error": rms(slab.temperature - exact.cosine(x, length, END))})
+        rows.append({"size": length / n, "error": rms(slab.temperature - scene.cosine(x, length, END))})
     return Result({"rows": rows})
 
 
@@ -163,7 +173,7 @@ def sphere(context: Context, scheme: str, cells: int, numbers: tuple[float, ...]
     spacing, until = 1.0 / cells, 0.1
     r = np.linalg.norm(position, axis=1)[~held] * spacing
     truth = {
-        name: exact.cooled_sphere(r, 1.0 + shift * spacing, until) for name, shift in (("raw", 0), ("shifted", 0.5))
+        name: scene.cooled_sphere(r, 1.0 + shift * spacing, until) for name, shift in (("raw", 0), ("shifted", 0.5))
     }
     rows, arrays = [], {"r": r.astype(np.float32)}
     for share, number in enumerate(numbers):
@@ -195,7 +205,7 @@ def stefan(context: Context, scheme: str, cells: int, numbers: tuple[float, ...]
     position = lattice((cells + layers, wide, wide), spacing) - [layers * spacing, 0.0, 0.0]
     held = position[:, 0] < 0
     period = (0.0, wide * spacing, wide * spacing)
-    root = exact.stefan_root(WALL, START, LATENT)
+    root = scene.stefan_root(WALL, START, LATENT)
     start = np.where(held, WALL, START)
     rows, arrays = [], {"x": position[:: wide * wide, 0]}
     for share, number in enumerate(numbers):
@@ -227,17 +237,17 @@ def stefan(context: Context, scheme: str, cells: int, numbers: tuple[float, ...]
 
 def oracle(context: Context, cells: int = 400) -> Result:
     """The melting sphere in one dimension, and how near that program comes to what is known in two limits."""
-    made = exact.melting_shell(0.0, 1.0, cells, WALL, START, LATENT, 0.6)
+    made = scene.melting_shell(0.0, 1.0, cells, WALL, START, LATENT, 0.6)
     context.progress(0.6)
-    slow = exact.melting_shell(0.0, 1.0, 40, 0.02, 0.0, 1.0, 12.0)
-    plane = exact.melting_shell(1e4, 1e4 + 1, cells // 2, WALL, START, LATENT, 0.1)
-    root = exact.stefan_root(WALL, START, LATENT)
-    half = exact.melting_shell(0.0, 1.0, cells // 2, WALL, START, LATENT, 0.6)
+    slow = scene.melting_shell(0.0, 1.0, 40, 0.02, 0.0, 1.0, 12.0)
+    plane = scene.melting_shell(1e4, 1e4 + 1, cells // 2, WALL, START, LATENT, 0.1)
+    root = scene.stefan_root(WALL, START, LATENT)
+    half = scene.melting_shell(0.0, 1.0, cells // 2, WALL, START, LATENT, 0.6)
     return Result(
         {
             "melted": made.time[-1],
             "refinement": float(abs(half.at(made.time) - made.ice).max()),
-            "quasi_steady": slow.time[-1] / exact.quasi_steady_melting_time(0.02, 1.0) - 1,
+            "quasi_steady": slow.time[-1] / scene.quasi_steady_melting_time(0.02, 1.0) - 1,
             "plane": (1 - plane.ice[-1]) / (2 * root * math.sqrt(plane.time[-1])) - 1,
         },
         {"time": made.time, "ice": made.ice},
@@ -258,7 +268,7 @@ def melting_sphere(
         scheme, position * spacing, spacing, np.where(held, WALL, START), held=held, ice=(0.0, LATENT),
         largest_number=1e9, backend=backend,
     )  # fmt: skip
-    truth = exact.melting_shell(0.0, 1.0, 200, WALL, START, LATENT, 0.6)
+    truth = scene.melting_shell(0.0, 1.0, 200, WALL, START, LATENT, 0.6)
     step = number * spacing**2
     steps, times, ice = math.ceil(0.8 / step), [0.0], [1.0]
     while ice[-1] > 0 and len(times) <= steps:
@@ -409,3 +419,594 @@ def speed(context: Context, threads: int, number: float = 2.0, rounds: int = 7) 
     ratio = {name: float(np.median(np.array(v[1:]) / np.array(spent["density"][1:]))) for name, v in spent.items()}
     passes = {name: conductor.passes(number) for name, conductor in made.items()}
     return Result({"particles": len(position), "threads": threads, "seconds": median, "ratio": ratio, "passes": passes})
+
+
+# What the paper on melting claims of its conduction of heat, equation (4), measured on a cosine in a slab.
+#
+# Read literally (R1: each particle by itself) and as it keeps the heat (R3: both particles of a pair). K of the figures
+# is read in hundredths of a m^2/s, as in the scenes of melting (`validation.experiments.melting.scene.SCALE`).
+
+
+CELLS, ACROSS, CLAIM_SPACING, UNTIL = 20, 10, 0.2, 1.6  # [1], [1], [m], [s]
+LARGE = (1.0, 2.0, 4.0, 8.75, 35.0)  # k dt/(rho c d^2) of steps that are long for an explicit scheme
+CLAIM_NUMBERS = (2.0, 3.0, 4.0, 6.0, 8.75)  # k dt/(rho c d^2) of long steps; the paper's are 100 times smaller
+SEEDS = (1, 2, 3, 4, 5)
+PASSES = (1, 2, 4, 8)
+
+
+def column(scheme: str, seed: int | None = None) -> tuple[Conductor, np.ndarray]:
+    """The slab of all claims, and the depth of its particles [m]."""
+    return cosine_slab(scheme, CELLS, ACROSS, CLAIM_SPACING, seed)
+
+
+def swept(made: Conductor, order: Any, seconds: float, passes: int, reverse: bool) -> None:
+    """One step of M(4) in so many passes of equal parts; every second one backwards, or none.
+
+    order  of the pairs, from `pair_exchange.colours`
+    """
+    t, conduction = made.temperature, made.conduction._replace(sweep_share=np.float64(1 / passes))
+    if made.scheme == "one_sided":
+        exchanges, inverse, _, _ = made.weighed(seconds / passes)
+        for k in range(passes):
+            kernels.sweep(exchanges, inverse, conduction, np.int32(reverse and k % 2), t.copy(), t)
+        return
+    given = {**made.given, "timestep": np.array([0.0, seconds])}
+    inverse = 1.0 / (given["mass"] * given["heat_capacity"])
+    members, first, colours = order
+    cells, ends = pair_exchange.joined(colours)
+    for k in range(passes):
+        pair_exchange.exchange_colours(
+            cells, ends, members, first, np.int32(reverse and k % 2), given["position"], given["volume"],
+            given["conductivity"], inverse, given["timestep"], conduction, given["period"], t,
+        )  # fmt: skip
+
+
+def reversal(context: Context, scheme: str, number: float) -> Result:
+    """rms error [% of the range] after 1, 2, 4 and 8 passes a step, all forward, and every second one backwards."""
+    steps = max(1, round(UNTIL / (number * CLAIM_SPACING**2)))
+    found: dict[str, list[float]] = {"forward": [], "reversed": []}
+    for words, reverse in (("forward", False), ("reversed", True)):
+        for passes in PASSES:
+            made, x = column(scheme)
+            order = pair_exchange.colours(np, made.given["position"], made.conduction, made.given["period"])
+            for _ in range(steps):
+                swept(made, order, UNTIL / steps, passes, reverse)
+            error = made.temperature - scene.cosine(x, CELLS * CLAIM_SPACING, UNTIL)
+            found[words].append(float(np.sqrt((error**2).mean())))
+        context.progress(0.5)
+    return Result({"passes": PASSES, **found})
+
+
+def long_steps(context: Context, scheme: str, number: float) -> Result:
+    """How far 20 steps on a jump leave the range of the start, over it; 1e6 where they blow up."""
+    made, x = column(scheme)
+    made.temperature[...] = np.where(x > CELLS * CLAIM_SPACING / 2, 100.0, 0.0)
+    beyond = 0.0
+    for _ in range(20):
+        made.step(number * CLAIM_SPACING**2)
+        beyond = max(beyond, float(made.temperature.max()) / 100 - 1, -float(made.temperature.min()) / 100)
+    return Result({"beyond": min(beyond, 1e6) if math.isfinite(beyond) else 1e6})
+
+
+def numbering(context: Context, scheme: str, seed: int, number: float = 2.0) -> Result:
+    """rms difference [% of the range] of a slab whose particles are numbered otherwise."""
+    steps, found = round(UNTIL / (number * CLAIM_SPACING**2)), []
+    for own in (None, seed):
+        made, x = column(scheme, own)
+        made.run(UNTIL, steps)
+        depth = np.rint(x / CLAIM_SPACING - 0.5).astype(int)
+        found.append(np.bincount(depth, made.temperature) / np.bincount(depth))
+    return Result({"difference": float(np.sqrt(((found[0] - found[1]) ** 2).mean()))})
+
+
+def delivered(context: Context, scheme: str, seed: int | None = None) -> Result:
+    """Diffusivity that the cosine's decay shows, over that of the particles, for K of figures 4 to 6.
+
+    d = 0.2, h = 0.5, dt = 0.005 as in table 1; the printed form conducts with 2 K (Shao & Song M6), so that K stands
+    for a number of 2 K dt/d^2. With a `seed` the particles are numbered otherwise.
+    """
+    rows = []
+    for diffusivity in (SCALE * k for k in (10.0, 30.0, 50.0, 70.0)):
+        number, steps = 2 * diffusivity * PAPER_STEP / CLAIM_SPACING**2, 8
+        made, x = column(scheme, seed)
+        seconds = number * CLAIM_SPACING**2
+        made.run(steps * seconds, steps)
+        mode = np.cos(math.pi * x / (CELLS * CLAIM_SPACING))
+        left = float((made.temperature - 50) @ mode / (50 * mode @ mode))
+        rate = -math.log(left) / ((math.pi / (CELLS * CLAIM_SPACING)) ** 2 * steps * seconds)
+        rows.append({"K": diffusivity, "delivered": rate * 2 * diffusivity})
+    return Result({"rows": rows})
+
+
+def _runs(
+    key: str, function: Callable[..., Result], parameters: list[dict[str, Any]]
+) -> Callable[[Options], list[Run]]:
+    def made(options: Options) -> list[Run]:
+        return [Run(f"claim_{key}_{k}", function, given, estimate=20.0) for k, given in enumerate(parameters)]
+
+    return made
+
+
+def _each(value: Callable[[Result], float]) -> Callable[[Results], list[float]]:
+    return lambda results: [value(result) for result in results.values()]
+
+
+def _ratio(passes: int) -> Callable[[Results], list[float]]:
+    at = PASSES.index(passes)
+    return _each(lambda result: real(result.values["reversed"][at]) / real(result.values["forward"][at]))
+
+
+def _reversals(scheme: str) -> Callable[[Options], list[Run]]:
+    return _runs(f"reversal_{scheme}", reversal, [{"scheme": scheme, "number": number} for number in CLAIM_NUMBERS])
+
+
+HEAT_REVERSED_PAIRS_2 = Measure(_reversals("pair_exchange"), _ratio(2))
+HEAT_REVERSED_PAIRS_4 = Measure(_reversals("pair_exchange"), _ratio(4))
+HEAT_REVERSED_PAIRS_8 = Measure(_reversals("pair_exchange"), _ratio(8))
+HEAT_REVERSED_SINGLE_2 = Measure(_reversals("one_sided"), _ratio(2))
+HEAT_REVERSED_SINGLE_4 = Measure(_reversals("one_sided"), _ratio(4))
+HEAT_REVERSED_SINGLE_8 = Measure(_reversals("one_sided"), _ratio(8))
+HEAT_LONG_STEPS_HOLD = Measure(
+    _runs("long", long_steps, [
+        {"scheme": scheme, "number": number} for scheme in ("one_sided", "pair_exchange") for number in (8.75, 1e3, 3e6)
+    ]),
+    _each(lambda result: real(result.values["beyond"])),
+)  # fmt: skip
+HEAT_EXPLICIT_BREAKS = Measure(
+    _runs("explicit", long_steps, [{"scheme": "explicit", "number": number} for number in LARGE]),
+    _each(lambda result: real(result.values["beyond"])),
+)
+HEAT_ORDER_MATTERS = Measure(
+    _runs("order", numbering, [{"scheme": "one_sided", "seed": seed} for seed in SEEDS]),
+    _each(lambda result: real(result.values["difference"])),
+)
+
+
+def _material(scheme: str) -> Measure:
+    """Diffusivity that K = 70 delivers over that of K = 10, over seven, for five numberings."""
+    return Measure(
+        _runs(f"material_{scheme}", delivered, [{"scheme": scheme, "seed": seed} for seed in SEEDS]),
+        _each(lambda r: real(r.values["rows"][-1]["delivered"]) / real(r.values["rows"][0]["delivered"]) / 7),
+    )
+
+
+HEAT_MATERIAL_COUNTS_SINGLE = _material("one_sided")
+HEAT_MATERIAL_COUNTS_PAIRS = _material("pair_exchange")
+
+# Null models
+
+
+def _other_scheme(scheme: str, number: float) -> Callable[[Measure], list[float]]:
+    """What another scheme does with a long step on the same jump."""
+
+    def model(measure: Measure) -> list[float]:
+        return measure.of({"": dict(long_steps(Context(), scheme, number).values)})
+
+    return model
+
+
+def _same_numbering(measure: Measure) -> list[float]:
+    """Explicit conduction, which takes all temperatures of the step before."""
+    return measure.of({"": dict(numbering(Context(), "explicit", 1, 0.1).values)})
+
+
+FAMILIES = (
+    Family(
+        tuple(f"heat_reversed_{way}_{passes}" for way in ("single", "pairs") for passes in (2, 4, 8)),
+        "Passes backwards could leave the same error as passes forwards.", "both leave the same error",
+        alike({"forward": [0.5] * 4, "reversed": [0.5] * 4}),
+    ),
+    Family(
+        ("heat_long_steps_hold",), "Temperatures could leave the range of the start.",
+        "the explicit scheme with k dt/(rho c d^2) = 8.75", _other_scheme("explicit", 8.75),
+    ),
+    Family(
+        ("heat_explicit_breaks",), "The explicit scheme could keep the range at long steps.",
+        "the implicit scheme R3 with k dt/(rho c d^2) = 8.75", _other_scheme("pair_exchange", 8.75),
+    ),
+    Family(
+        ("heat_order_matters",), "The numbering of particles could be without effect.",
+        "explicit conduction, whose sums do not depend on it", _same_numbering,
+    ),
+    Family(
+        ("heat_material_counts_single", "heat_material_counts_pairs"), "All materials could conduct alike.",
+        "every K delivers the same", alike({"rows": [{"delivered": 1.0}] * 4}),
+    ),
+)  # fmt: skip
+
+
+# Hard cases of heat conduction, and the largest stable step of every scheme.
+
+
+HARD_SPACING, DENSITY, CAPACITY = 0.1, 1000.0, 1000.0  # [m], [kg/m^3], [J/(kg K)]; the conductivity is 1 W/(m K)
+UNIT = HARD_SPACING**2 * DENSITY * CAPACITY  # [s]: the step of k dt/(rho c d^2) = 1
+WARM, COLD, HARD_LATENT = 50.0, -10.0, 3e4  # [deg C], [deg C], [J/kg]
+ICE = {"melting_point": 0.0, "latent_heat": HARD_LATENT}
+BOUNDED_ICE = {"single_pass": 1e-12, "nonlinear_jacobi": 1e-12, "implicit": 1e-3}
+KEEPING = ("single_pass", "pair_exchange", "conjugate_gradient", "implicit", "runge_kutta_legendre")
+BOUNDED = {  # share of the range by which a scheme may leave it: what its solve leaves, or rounding
+    "single_pass": 1e-12, "pair_exchange": 1e-12, "one_sided": 1e-12, "conjugate_gradient": 1e-3, "implicit": 1e-3,
+}  # fmt: skip
+BOUNDED_ICE = {"single_pass": 1e-12, "nonlinear_jacobi": 1e-12, "implicit": 1e-3}
+KEEPING = ("single_pass", "pair_exchange", "conjugate_gradient", "implicit", "runge_kutta_legendre")
+KEPT = 1e-12
+
+
+def halves(number: float, scheme: str, cells: tuple[int, int, int] = (8, 4, 4), **options: Any) -> Scene:
+    """A warm half beside a cold one, in steps of k dt/(rho c d^2) = `number`."""
+    given = {
+        "temperature": (WARM, COLD), "conductivity": 1.0, "heat_capacity": CAPACITY, "largest_number": 1e9,
+        "largest_drift": 0.0, **options,  # each scheme's own promise is checked
+    }  # fmt: skip
+    fluid = (Box(cells=cells), Box(lower=(cells[0] * HARD_SPACING, 0.0, 0.0), cells=cells))
+    return Scene(
+        spacing=HARD_SPACING, support_radius=2.5 * HARD_SPACING, fluid=fluid, step=number * UNIT, dtype="float64",
+        effects=(HeatConduction(scheme=scheme, **given),),
+    )  # fmt: skip
+
+
+def heat(simulation: Simulation) -> float:
+    """The ledger's heat [J]."""
+    return stock(simulation)["effects"]["heat_conduction"]["heat"]
+
+
+def watched(
+    trial: Trial, scene: Scene, steps: int, volume: np.ndarray | None = None, beyond: float | None = None
+) -> Simulation:
+    """Steps of a scene; what its scheme promises is checked: the range, and the heat."""
+    simulation = trial.start(scene)
+    if volume is not None:
+        for name, factor in (("volume", 1.0), ("mass", DENSITY)):
+            simulation.fields[name][...] = simulation.backend.asarray(factor * volume)
+    (effect,) = scene.effects
+    start = simulation.field("temperature")
+    low, high = float(start.min()), float(start.max())
+    extent = max(high - low, 1e-300)
+    mass, before = simulation.field("mass").astype(float), heat(simulation)
+    size = CAPACITY * float((mass * max(abs(low), abs(high))).sum()) + effect.melts * HARD_LATENT * float(mass.sum())
+    words = f"{effect.scheme}{', ice' if effect.melts else ''}"
+    for _ in range(steps):
+        simulation.step()
+        now = simulation.field("temperature")
+        out = max(float(now.max()) - high, low - float(now.min()), 0.0) / extent
+        if beyond is not None:
+            trial.check(f"{words}: beyond the range", out, at_most=beyond)
+        else:
+            trial.show(f"{words}: beyond the range", max(out, trial.shown.get(f"{words}: beyond the range", 0.0)))
+    change = abs(heat(simulation) - before) / size
+    if effect.scheme in KEEPING and not effect.held:
+        trial.check(f"{words}: heat", change, at_most=KEPT)
+    elif not effect.held:
+        trial.show(f"{words}: heat", change)
+    return simulation
+
+
+def each_scheme(context: Context, backend: str, what: str, number: float, steps: int) -> Result:
+    """Every scheme with volumes 100 : 1, with conductivities 1000 : 1, or with neither, in long steps."""
+    trial = Trial(context, backend)
+    count = 2 * 8 * 4 * 4
+    random = np.random.default_rng(5)
+    options: dict[str, Any] = {}
+    volume = None
+    if what == "volumes":
+        volume = HARD_SPACING**3 * random.choice([1.0, 0.01], count)
+    if what == "conductivities":
+        options["conductivity"] = tuple(random.choice([1.0, 1e-3], count).tolist())
+    with trial.ending():
+        for scheme, beyond in BOUNDED.items():
+            watched(trial, halves(number, scheme, **options), steps, volume, beyond)
+        watched(trial, halves(number, "runge_kutta_legendre", **options), steps, volume)
+        for scheme, beyond in BOUNDED_ICE.items():
+            watched(trial, halves(number, scheme, **options, **ICE), steps, volume, beyond)
+    return trial.result()
+
+
+def explicit_long(context: Context, backend: str) -> Result:
+    """An explicit step of 20 in k dt/(rho c d^2) is refused: 0.29 is stable."""
+    trial = Trial(context, backend)
+    with trial.ending():
+        trial.start(halves(20.0, "explicit"))
+    return trial.result()
+
+
+def explicit_forced(context: Context, backend: str, number: float = 2.0) -> Result:
+    """The explicit scheme made to take steps of 2 all the same, and the others with the same steps."""
+    trial = Trial(context, backend)
+    with trial.ending():
+        for scheme, beyond in BOUNDED.items():
+            watched(trial, halves(number, scheme), 50, beyond=beyond)
+        watched(trial, halves(number, "runge_kutta_legendre"), 50, beyond=1e-3)
+        simulation = trial.start(forced(number))
+        while simulation.steps < 2000:
+            simulation.step()
+    return trial.result()
+
+
+def forced(number: float) -> Any:
+    """A plan of the explicit scheme with a step that a scene would refuse."""
+    plan = make_plan(halves(0.1, "explicit"))
+    return dataclasses.replace(plan, scene=msgspec.structs.replace(plan.scene, step=number * UNIT))
+
+
+def at_melting_point(context: Context, backend: str) -> Result:
+    """Everything exactly at the melting point, as ice: nothing moves, nothing melts, to the last bit."""
+    trial = Trial(context, backend)
+    with trial.ending():
+        for scheme in ("runge_kutta_legendre", "implicit", "single_pass", "nonlinear_jacobi"):
+            scene = halves(2.0, scheme, temperature=(0.0, 0.0), **ICE)
+            simulation = watched(trial, scene, 5)
+            off = float(abs(simulation.field("temperature")).max() + abs(simulation.field("enthalpy")).max())
+            trial.check(f"{scheme}: temperature and enthalpy of ice at 0", off, equals=0)
+            scene = halves(2.0, scheme, temperature=(0.0, COLD), **ICE)
+            cooled = watched(trial, scene, 20)
+            trial.check(f"{scheme}: melted beside colder ice", float(cooled.field("enthalpy").max()), at_most=1e-9)
+    return trial.result()
+
+
+def nothing_melts(context: Context, backend: str) -> Result:
+    """Ice of two temperatures below its melting point: no enthalpy rises above 0, and heat evens out."""
+    trial = Trial(context, backend)
+    with trial.ending():
+        for scheme in ("runge_kutta_legendre", "implicit", "single_pass", "nonlinear_jacobi"):
+            simulation = watched(trial, halves(2.0, scheme, temperature=(-1.0, COLD), **ICE), 40)
+            trial.check(f"{scheme}: highest enthalpy", float(simulation.field("enthalpy").max()), at_most=0.0)
+            spread = float(np.ptp(simulation.field("temperature"))) / 9.0
+            trial.check(f"{scheme}: spread of temperatures left", spread, at_most=0.99)
+    return trial.result()
+
+
+def everything_melts(context: Context, backend: str) -> Result:
+    """A block of ice beside one that is held at 50 deg C melts to the last particle and becomes as warm."""
+    trial = Trial(context, backend)
+    with trial.ending():
+        for scheme in ("runge_kutta_legendre", "implicit", "nonlinear_jacobi"):
+            scene = halves(3.0, scheme, cells=(4, 4, 4), held=(0,), **ICE)
+            simulation = watched(trial, scene, 160, beyond=1e-3)
+            inner = slice(64, None)
+            least = float(simulation.field("enthalpy")[inner].min()) / HARD_LATENT
+            trial.check(f"{scheme}: least enthalpy over the latent heat", least, at_least=1.0)
+            trial.check(f"{scheme}: coldest", float(simulation.field("temperature")[inner].min()), at_least=45.0)
+            trial.check(f"{scheme}: warmest", float(simulation.field("temperature").max()), at_most=WARM * (1 + 1e-3))
+    return trial.result()
+
+
+def layer_at_once(context: Context, backend: str) -> Result:
+    """A step so long that the ice's whole first layer melts in it: no particle of the layer is left behind."""
+    trial = Trial(context, backend)
+    latent = 3e3  # 3 K
+    with trial.ending():
+        for scheme in ("runge_kutta_legendre", "implicit", "nonlinear_jacobi", "single_pass"):
+            scene = halves(2.0, scheme, temperature=(WARM, -0.5), melting_point=0.0, latent_heat=latent)
+            simulation = watched(trial, scene, 1)
+            first = np.isclose(simulation.field("position")[:, 0], 8.5 * HARD_SPACING)
+            share = simulation.field("enthalpy")[first] / latent
+            trial.check(f"{scheme}: least molten share in the layer", float(share.min()), at_least=1.0)
+            x, there = simulation.field("position"), simulation.field("enthalpy")
+            turned = np.lexsort((x[:, 2], 4 * HARD_SPACING - x[:, 1], x[:, 0]))
+            mirrored = there[np.lexsort((x[:, 2], x[:, 1], x[:, 0]))]
+            off = float(abs(there[turned] - mirrored).max()) / latent
+            trial.check(f"{scheme}: difference from its mirror image", off, at_most=1e-9)
+    return trial.result()
+
+
+def giant_step(context: Context, backend: str, number: float = 3e6) -> Result:
+    """One step of s_max = 1e7: backward Euler ends at the mean temperature."""
+    trial = Trial(context, backend)
+    mean = 0.5 * (WARM + COLD)
+    with trial.ending():
+        for scheme, beyond in BOUNDED.items():
+            simulation = watched(trial, halves(number, scheme), 1, beyond=beyond)
+            off = float(abs(simulation.field("temperature") - mean).max()) / (WARM - COLD)
+            if scheme in ("implicit", "conjugate_gradient"):
+                trial.check(f"{scheme}: distance from the mean", off, at_most=0.01)
+            else:
+                trial.show(f"{scheme}: distance from the mean", off)
+        for scheme, beyond in BOUNDED_ICE.items():
+            watched(trial, halves(number, scheme, **ICE), 1, beyond=beyond)
+    return trial.result()
+
+
+# The map
+
+
+def step_cell(context: Context, backend: str, scheme: str, melts: bool, steps: int = 20) -> Result:
+    """The largest k dt/(rho c d^2) in which a warm and a cold half stay within their range, to a thousandth.
+
+    With latent heat the cold half is ice and the warm one a reservoir.
+    """
+
+    def trouble(number: float) -> str:
+        options: dict[str, Any] = {**ICE, "held": (0,)} if melts else {}
+        scene: Any = forced(number) if scheme == "explicit" else halves(number, scheme, **options)
+        beyond = 0.0
+        try:
+            simulation = context.simulation(scene, backend)
+            context.started[:] = []
+            for _ in range(steps):
+                simulation.step()
+                now = simulation.field("temperature")
+                beyond = max(
+                    beyond, (float(now.max()) - WARM) / (WARM - COLD), (COLD - float(now.min())) / (WARM - COLD)
+                )
+        except RunStopped as stop:
+            return f"stopped: {stop.reason}"
+        except InputError:
+            return "refused"
+        return f"{100 * beyond:.2g} % beyond the range" if not beyond <= 1e-3 else ""
+
+    options = {**ICE, "held": (0,)} if melts else {}
+    plan = make_plan(halves(0.1, scheme, largest_number=HeatConduction().largest_number, **options))
+    limit = plan.effects["heat_conduction"].step_limits(plan.grid, plan.effects)["conduction"]
+    return largest_stable(trouble, 0.25, 0.05, 1e4, factor=1.2).result(limit.length / UNIT)
+
+
+PLAIN = (
+    "explicit", "runge_kutta_legendre", "implicit", "conjugate_gradient", "single_pass", "pair_exchange", "one_sided",
+)  # fmt: skip
+MELTING = ("runge_kutta_legendre", "implicit", "conjugate_gradient", "single_pass", "nonlinear_jacobi")
+
+MAPS = (
+    StabilityMap(
+        name="stability_heat_step",
+        title="Largest stable step of conduction",
+        quantity="k dt/(rho c d^2)",
+        criterion="no temperature of a warm and a cold half (with latent heat: of ice beside a reservoir) leaves"
+        " their range by more than 0.1 % in 20 steps.",
+        advice="Take any scheme but the explicit one up to the default limit of 10; RKL with latent heat keeps its"
+        " range up to 3, and limits its steps to that.",
+        cells=tuple(
+            Cell(name, column, step_cell, {"scheme": name, "melts": names is MELTING}, 5.0)
+            for column, names in (("no latent heat", PLAIN), ("latent heat", MELTING))
+            for name in names
+        ),
+    ),
+)  # fmt: skip
+
+
+# Heat conduction: slab, sphere, Stefan's problem and a melting sphere by every scheme, orders, ledgers and ranges.
+
+
+JUDGED_PLAIN = tuple(name for name in SCHEMES if name != "nonlinear_jacobi")
+JUDGED_MELTING = ("runge_kutta_legendre", "implicit", "conjugate_gradient", "nonlinear_jacobi", "single_pass")
+JUDGED_KEEPING = ("pair_exchange", "single_pass", "implicit", "conjugate_gradient", "runge_kutta_legendre")
+SPHERES, COLUMNS = (7, 10, 14, 20), (20, 40, 80)
+JUDGED_BOUNDED = (
+    ("single_pass", False), ("conjugate_gradient", False), ("implicit", False), ("single_pass", True),
+    ("nonlinear_jacobi", True), ("implicit", True),
+)  # fmt: skip
+THEORY = {
+    "explicit": 1.0, "one_sided": None, "single_pass": 1.0, "pair_exchange": 2.0, "implicit": 1.0,
+    "conjugate_gradient": 1.0, "runge_kutta_legendre": 2.0,
+}  # fmt: skip
+BEST = "runge_kutta_legendre"
+DTYPES = ("float64", "float32")
+
+
+def planned(options: Options) -> list[Run]:
+    """The runs under the options."""
+    slow = "takes minutes with the others; run without --quick" if options.quick else ""
+    fast = ("implicit", BEST, "single_pass")
+    sphere, stefan = {"cells": 10, "numbers": [0.25, 2.0, 8.0]}, {"cells": 40, "numbers": [0.5, 2.0, 8.0]}
+    return [
+        *(Run(f"slab_{name}", slab, {"scheme": name}, 40.0 if name == "pair_exchange" else 4.0,
+              "" if name in fast else slow) for name in JUDGED_PLAIN),
+        *(Run(f"step_{name}", order_in_step, {"scheme": name}, 5.0, slow) for name in JUDGED_PLAIN),
+        Run("pair_orders", pair_orders, {}, 20.0, slow),
+        Run("spacing", order_in_spacing, {}, 4.0),
+        *(Run(f"sphere_{name}", sphere, {"scheme": name, **sphere}, 8.0, slow)
+          for name in JUDGED_PLAIN if name != "one_sided"),
+        *(Run(f"spheres_{cells}", sphere, {"scheme": BEST, "cells": cells, "numbers": [0.5]}, 0.002 * cells**3,
+              slow if cells > 14 else "") for cells in SPHERES),
+        *(Run(f"stefan_{name}", stefan, {"scheme": name, **stefan}, 6.0, "" if name == BEST else slow)
+          for name in JUDGED_MELTING),
+        *(Run(f"columns_{cells}", stefan, {"scheme": BEST, "cells": cells, "numbers": [2.0]}, 4.0)
+          for cells in COLUMNS),
+        Run("oracle", oracle, {}, 8.0, slow),
+        *(Run(f"melting_{name}_{cells}", melting_sphere, {"scheme": name, "cells": cells, "number": number},
+              0.005 * cells**3, slow if cells > 10 else "")
+          for name, cells, number in ((BEST, 10, 2.0), (BEST, 20, 2.0), ("implicit", 20, 0.5))),
+        *(Run(f"ledger_{name}_{dtype}", ledger, {"scheme": name, "dtype": dtype}, 10.0, slow)
+          for name in (*JUDGED_KEEPING, "one_sided") for dtype in DTYPES),
+        *(Run(range_key(name, melts), ranges, {"scheme": name, "melts": melts}, 3.0, slow)
+          for name, melts in JUDGED_BOUNDED),
+        Run("speed", speed, {"threads": options.threads or 2}, 20.0, slow),
+    ]  # fmt: skip
+
+
+def range_key(scheme: str, melts: bool) -> str:
+    """Key of the run in which a scheme's temperatures are held against their range."""
+    return f"range_{scheme}{'_ice' if melts else ''}"
+
+
+def rows_of(results: Results, key: str) -> list[dict[str, Any]]:
+    """The rows of a run; none where it was not performed."""
+    return results[key].values["rows"] if key in results else []
+
+
+def order_of(rows: list[dict[str, Any]], theory: float | None, error: str = "error") -> Order:
+    """Observed order over sizes."""
+    return order_from_errors([real(row["size"]) for row in rows], [real(row[error]) for row in rows], theory)
+
+
+def order_over(results: Results, keys: list[str], error: str) -> Order | None:
+    """Observed order over several runs of one row each; None where one of them was not performed."""
+    rows = [row for key in keys for row in rows_of(results, key)]
+    return order_of(rows, 1.0, error) if len(rows) == len(keys) else None
+
+
+REFINED = {  # check: (keys of the runs, what their sizes are called)
+    "sphere": ([f"spheres_{cells}" for cells in SPHERES], "R = {:.0f} d"),
+    "stefan": ([f"columns_{cells}" for cells in COLUMNS], "{:.0f} spacings"),
+}
+
+
+def checks(results: Results, check: Checks) -> None:
+    """What each bar is held against."""
+    for name in JUDGED_PLAIN:
+        rows = rows_of(results, f"slab_{name}")
+        for row in rows:
+            key = f"slab_{name}_{row['number']:g}".replace(".", "_")
+            own = key in check.entries
+            run = "" if own else f"{name}_{row['number']:g}"
+            check(key if own else "slab_error", row["error"], run, f"{SCHEMES[name]}, {row['number']:g}")
+        if rows:
+            drift = max(abs(real(row["drift"])) for row in rows)
+            check("slab_drift" if name in JUDGED_KEEPING else "drift", drift, name, SCHEMES[name])
+    if "pair_orders" in results:
+        for words, rows in results["pair_orders"].values["orders"].items():
+            for row in rows:
+                check("pair_order", row["error"], f"{words.replace(' ', '_')}_{row['number']:g}",
+                     f"{words}, {row['number']:g}")  # fmt: skip
+    if rows := rows_of(results, "spacing"):
+        check("order_in_spacing", order_of(rows, 2.0).order)
+    for name in JUDGED_PLAIN:
+        if rows := rows_of(results, f"step_{name}"):
+            check(f"order_{name}", order_of(rows, THEORY[name]).order)
+    for what, (keys, words) in REFINED.items():
+        for key in keys:
+            for row in rows_of(results, key):
+                check(f"{what}_raw", row["raw"], key, words.format(1 / row["size"]))
+                check(f"{what}_shifted", row["shifted"], key, words.format(1 / row["size"]))
+        if order := order_over(results, keys, "raw"):
+            check(f"{what}_order", order.order)
+        for name in JUDGED_PLAIN if what == "sphere" else JUDGED_MELTING:
+            for row in rows_of(results, f"{what}_{name}"):
+                run, number = f"{name}_{row['number']:.2g}", f"{row['number']:.2g}"
+                check(f"{what}_scheme", row["shifted"], run, SCHEMES[name] if what == "sphere" else f"{name}, {number}")
+    if "oracle" in results:
+        for name in ("refinement", "quasi_steady", "plane"):
+            check(f"oracle_{name}", abs(real(results["oracle"].values[name])))
+    for key in (f"{BEST}_10", f"{BEST}_20", "implicit_20"):
+        if f"melting_{key}" in results:
+            values = results[f"melting_{key}"].values
+            bar = "melting_front" if key == f"{BEST}_20" else "melting_front_other"
+            words = f"{values['scheme']}, R = {values['cells']} d"
+            check(bar, values["raw"], f"{key}_raw", f"{words}, as it is")
+            check(bar, values["shifted"], f"{key}_shifted", f"{words}, from the first held layer")
+            late = 100 * (values["melted"] / values["melted_exactly"] - 1)
+            check("melting_time", late, key, words)
+    for name in (*JUDGED_KEEPING, "one_sided"):
+        for dtype in DTYPES:
+            if f"ledger_{name}_{dtype}" in results:
+                values = results[f"ledger_{name}_{dtype}"].values
+                check(f"ledger_{dtype}" if name in JUDGED_KEEPING else "ledger_one_sided", values["largest"],
+                     name if name in JUDGED_KEEPING else dtype, f"{SCHEMES[name]}, {dtype}")  # fmt: skip
+                if values["melted"]:
+                    check("ledger_melted", values["melted"], f"{name}_{dtype}", f"{name}, {dtype}")
+    if "speed" in results:
+        for name, ratio in results["speed"].values["ratio"].items():
+            check("speed", ratio, name.replace(" ", "_"), name)
+    for name, melts in JUDGED_BOUNDED:
+        if rows := rows_of(results, range_key(name, melts)):
+            bar = "range_solved" if name in ("conjugate_gradient", "implicit") else "range"
+            words = f"{SCHEMES[name]}{', with latent heat' if melts else ''}"
+            check(bar, max(real(row["beyond"]) for row in rows), range_key(name, melts), words)
+
+
+EXPERIMENT = Experiment(
+    name="heat",
+    title="conduction of heat: slab, sphere, Stefan's problem and a melting sphere by every scheme, and who keeps heat",
+    runs=planned,
+    checks=checks,
+    maps=MAPS,
+)  # fmt: skip

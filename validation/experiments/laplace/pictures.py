@@ -7,12 +7,16 @@ from collections.abc import Mapping
 from typing import Any
 
 import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.ticker import FixedLocator, NullLocator, StrMethodFormatter
 
 from refsim.surface_tension.calibration import BASE
 from validation.drawing import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION
-from validation.experiment import Results
+from validation.experiment import Picture, Results
+from validation.experiments.laplace.runs import data, drop_words, setting_words
 from validation.measure.drops import FITTED_FROM, MODELS, SEEDED, base
-from validation.measure.sigma_map import at_base
+from validation.measure.sigma_map import WORST_MISFIT, at_base
+from validation.measure.wetting import cap_volume
 from validation.results import real
 
 COLOURS = dict(zip(MODELS, (BLACK, VERMILION, ORANGE, BLUE, SKY, GREEN, PURPLE, GREY, "#8c6d31", "#bbbbbb", "#d62fae")))
@@ -137,3 +141,309 @@ def _models(axes: Any, entries: list[dict[str, Any]]) -> list[float]:
     axes.set(xlim=(0, LARGEST), ylim=(-len(place) + 0.4, 0.6))
     axes.grid(True, axis="x")
     return seen
+
+
+PICTURES = (
+    Picture("laplace", jump_data, jump_picture, ("map",)),
+    Picture("sigma_map", map_data, map_picture, ("map",)),
+)
+
+
+# Tension by Rayleigh against tension by Laplace, drop by drop.
+
+
+def oscillation_data(results: Results) -> dict[str, Any]:
+    """Both tensions of every kicked drop whose frequency can be read."""
+    names = ("model", "dim", "support", "stiffness", "radius", "seed", "laplace", "rayleigh", "misfit")
+    rows = [
+        {n: row[n] for n in names}
+        for row in results["map"].values["rows"]
+        if not row["stopped"] and math.isfinite(real(row.get("rayleigh"))) and row["misfit"] <= WORST_MISFIT
+    ]
+    now = [result.values for key, result in results.items() if key != "map"]
+    fine = [
+        {n: row[n] for n in names} for row in now if not row["stopped"] and math.isfinite(real(row.get("rayleigh")))
+    ]
+    return {"title": "Tension by Rayleigh against tension by Laplace", "drops": rows, "now": fine}
+
+
+AGREE = 0.1  # relative difference up to which both measures agree
+SHOWN = "akinci"  # the model whose drops stand out
+
+
+def picture(data: Mapping[str, Any]) -> Any:
+    """On the line a drop has one surface tension; above it something else holds the shape, too."""
+    figure, panels = plt.subplots(1, 2, figsize=(9.6, 5.0), sharey=True)
+    share = ""
+    for axes, dim in zip(panels, (2, 3)):
+        axes.fill_between([0.3, 30], [0.3 * (1 - AGREE), 30 * (1 - AGREE)], [0.3 * (1 + AGREE), 30 * (1 + AGREE)],
+                          color="#dddddd", lw=0, label="equal within 10 %")  # fmt: skip
+        drops = [d for d in data["drops"] if d["dim"] == dim and d["laplace"] > 0]
+        counted = []
+        for own, colour, words in (
+            ([d for d in drops if d["model"] != SHOWN], SKY, "other models"),
+            ([d for d in drops if d["model"] == SHOWN], VERMILION, MODELS[SHOWN][0]),
+        ):
+            near = sum(abs(d["rayleigh"] / d["laplace"] - 1) <= AGREE for d in own)
+            counted.append(f"{near} of {len(own)} drops of {words}")
+            x, y = [d["laplace"] for d in own], [d["rayleigh"] for d in own]
+            axes.plot(x, y, "o", ms=4.5, color=colour, mec="white", mew=0.4, label=words)
+        share = f"3D: {counted[1]} and {counted[0]} have one surface tension"
+        now = [d for d in data.get("now", ()) if d["dim"] == dim]
+        if now:
+            x, y = [d["laplace"] for d in now], [d["rayleigh"] for d in now]
+            ring = {"marker": "o", "ms": 8, "mfc": "none", "mec": "black", "mew": 1.0, "ls": "none"}
+            axes.plot(x, y, label=f"{MODELS[SHOWN][0]}, measured now", **ring)
+        axes.set(xscale="log", yscale="log")
+        ticks = (0.5, 1, 2, 5, 10, 20)
+        for axis in (axes.xaxis, axes.yaxis):
+            axis.set(major_locator=FixedLocator(ticks), major_formatter=StrMethodFormatter("{x:g}"))
+            axis.set(minor_locator=NullLocator())
+        axes.set(xlim=(0.5, 12), ylim=(0.5, 27))
+        beyond = sum(
+            d["dim"] == dim and not (0.5 <= d["laplace"] <= 12 and 0.5 <= d["rayleigh"] <= 27) for d in data["drops"]
+        )
+        words = f"; {beyond} drops lie outside" if beyond else ""
+        axes.set(title=f"{dim}D, mode n = 2{words}", xlabel="tension by the pressure jump, over the nominal one")
+        axes.grid(True)
+    panels[0].set_ylabel("tension by the frequency, over the nominal one")
+    handles: dict[str, Any] = {}
+    for axes in panels:
+        handles |= {label: handle for handle, label in zip(*axes.get_legend_handles_labels())}
+    figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=4, fontsize=8)
+    figure.suptitle(share, fontweight="bold")
+    return figure
+
+
+OSCILLATION_PICTURES = (Picture("oscillation", oscillation_data, picture, ("map",)),)
+
+
+# Spurious speed and capillary number of drops at rest.
+
+
+# Quantity, what it is called, and the interval that is drawn; None: as the drops are.
+SPURIOUS_SHOWN = (
+    ("spurious", "rms speed over sqrt(sigma/(rho R))", None),
+    ("capillary", "capillary number mu max|v|/sigma", None),
+    ("momentum", "linear momentum over sum m|v|", (1e-9, 3.0)),
+    ("angular_momentum", "angular momentum over sum m|x||v|", (1e-5, 3.0)),
+    ("nn_5", "nearest neighbour, 5th percentile [d]", (0.0, 1.05)),
+    ("roughness", "radius variation", None),
+)
+
+
+def spurious_data(results: Results) -> dict[str, Any]:
+    """Every drop at the map's base."""
+    names = ("model", "dim", "radius", "seed", *(name for name, _, _ in SPURIOUS_SHOWN))
+    rows = [{n: r[n] for n in names} for r in results["map"].values["rows"] if at_base(r) and not r["stopped"]]
+    return {"title": "Spurious motion of drops at rest", "drops": rows}
+
+
+def spurious_picture(data: Mapping[str, Any]) -> Any:
+    """One mark a drop, larger for larger drops; 2D full, 3D open."""
+    figure, grid = plt.subplots(2, 3, figsize=(12.0, 7.6), sharey=True)
+    place = {name: -k for k, name in enumerate(MODELS)}
+    for axes, (name, label, limits) in zip(grid.flat, SPURIOUS_SHOWN):
+        for d in data["drops"]:
+            if d[name] is None:
+                continue
+            colour, full = COLOURS[d["model"]], d["dim"] == 2
+            face = colour if full else "white"
+            y = place[d["model"]] + (0.15 if full else -0.15)
+            axes.plot(d[name], y, "o", ms=3 + 0.2 * d["radius"], color=colour, mfc=face, alpha=0.85)
+        if name != "nn_5":
+            axes.set_xscale("log")
+        if limits is not None:
+            axes.set_xlim(*limits)
+        axes.set_xlabel(label)
+        axes.grid(True, axis="x", which="major")
+        for model, y in place.items():
+            if not any(d["model"] == model for d in data["drops"]):
+                axes.text(
+                    0.5, y, "no drop lasted", transform=axes.get_yaxis_transform(), fontsize=8, color=GREY, va="center"
+                )
+    for line in grid:
+        line[0].set_yticks(list(place.values()), [MODELS[name][0] for name in place])
+        line[0].set_ylim(-len(place) + 0.4, 0.6)
+    figure.suptitle(
+        "Drops at rest, Oh = 0.03, h = 2.6 d (IISPH 2 d), S = 0.01: full marks 2D, open ones 3D, by size of the drop",
+        fontsize=10.5,
+    )
+    return figure
+
+
+SPURIOUS_PICTURES = (Picture("spurious", spurious_data, spurious_picture, ("map",)),)
+
+
+# Errors of drops against the seconds that they take.
+
+
+COST_SHOWN = (
+    ("sigma", "tension by the jump, off the promised one"),
+    ("frequency", "frequency of n = 2, off the promised one"),
+    ("roughness", "roughness at rest"),
+)
+MARKS = {
+    ("float32", "cpu"): "o",
+    ("float64", "cpu"): "s",
+    ("float32", "cuda"): "^",
+    ("float64", "cuda"): "v",
+    ("float64", "numpy"): "D",
+}
+
+
+def cost_picture(data: Mapping[str, Any]) -> Any:
+    """One line a model through its resolutions; below, the cheapest for each accuracy in words."""
+    figure, panels = plt.subplots(1, 3, figsize=(12.0, 5.6), sharex=True)
+    alive = [p for p in data["points"] if not p["stopped"] and real(p["seconds"]) > 0]
+    names = ("model", "kernels", "dtype", "backend", "radius")
+    front = {tuple(p[n] for n in names) for p in data["front"]}
+    for axes, (name, label) in zip(panels, COST_SHOWN):
+        for model, kernels, dtype, backend in dict.fromkeys(tuple(p[n] for n in names[:4]) for p in alive):
+            line = (model, kernels, dtype, backend)
+            own = sorted((p for p in alive if tuple(p[n] for n in names[:4]) == line), key=lambda p: p["radius"])
+            own = [p for p in own if real(p[name]) > 0]
+            if not own:
+                continue
+            plain, based = (dtype, backend) == ("float32", "cpu"), kernels == base(model)["kernels"]
+            if plain:
+                style = STYLES[model] if based else ":"
+                axes.plot([p["seconds"] for p in own], [p[name] for p in own], style, lw=1.1, color=COLOURS[model])
+            for p in own:
+                axes.plot(
+                    p["seconds"], p[name], MARKS[dtype, backend], ms=1.5 + 0.45 * p["radius"], color=COLOURS[model],
+                    mfc=COLOURS[model] if plain and based else "white", alpha=0.9,
+                    label=drop_words(p) if plain and p is own[0] else None,
+                )  # fmt: skip
+                if (*line, p["radius"]) in front:
+                    axes.plot(p["seconds"], p[name], "o", ms=13, mfc="none", color=GREY, mew=0.9)
+        axes.set(xscale="log", yscale="log", xlabel="seconds of the whole run")
+        axes.set_title(label, fontsize=9.5)
+        axes.grid(True, which="major")
+        if name != "roughness":
+            axes.axhline(0.05, color=GREY, lw=0.9, ls="--")
+            axes.set_ylim(2e-4, 2)
+    marks = [plt.Line2D([], [], ls="", marker=m, ms=6, color=GREY, mfc="none") for m in MARKS.values()]
+    words = [f"{dtype}, {backend}" for dtype, backend in MARKS]
+    seen = {(p["dtype"], p["backend"]) for p in alive}
+    kept = [k for k, how in enumerate(MARKS) if how in seen]
+    handles: dict[str, Any] = {}
+    for axes in panels:
+        handles |= {label: handle for handle, label in zip(*axes.get_legend_handles_labels())}
+    handles |= {words[k]: marks[k] for k in kept}
+    figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=5, fontsize=8)
+    said = []
+    for entry in data["advice"]:
+        p = entry["point"]
+        what = f"{drop_words(p)}, R = {p['radius']:g} d, {p['dtype']}, {p['seconds']:.0f} s" if p else "none"
+        said.append(f"within {100 * entry['bar']:g} %: {what}")
+    half = math.ceil(len(said) / 2)
+    lines = "      ".join(said[:half]) + "\n" + "      ".join(said[half:])
+    figure.suptitle(
+        f"{data['title']}\nSeconds: {data['machines']}\nCheapest whose tension and frequency are both\n{lines}",
+        fontsize=9.5,
+        x=0.01,
+        ha="left",
+    )
+    return figure
+
+
+COST_PICTURES = (Picture("tension_cost", data, cost_picture, ("map", "seconds")),)
+
+
+# Contact angle against the coefficient of adhesion, and the outlines of drops.
+
+
+WETTING_COLOURS = (BLACK, BLUE, SKY, VERMILION, ORANGE, PURPLE)
+
+
+def wetting_at_base(entry: Mapping[str, Any]) -> bool:
+    """Whether the map's axes cross at this setting."""
+    return all(entry[name] == value for name, value in BASE.items())
+
+
+def wetting_data(results: Results) -> dict[str, Any]:
+    """The map, and the outlines of the drops that were measured now."""
+    drawn = [
+        {name: result.values[name] for name in ("dim", "asked", "angle", "circle", "particles", "density", "profile")}
+        for key, result in results.items()
+        if key != "map" and not result.values["stopped"]
+    ]
+    drawn.sort(key=lambda drop: (drop["dim"], drop["asked"]))
+    return {
+        "title": "Contact angle of sessile drops, Akinci 2013 (triangles: up, leaves the plane; down, a film)",
+        "settings": results["map"].values["settings"],
+        "drops": drawn,
+    }
+
+
+def wetting_picture(data: Mapping[str, Any]) -> Any:
+    """Above: the angle against beta/gamma at the base, and its cosine along the axes; below: outlines of drops."""
+    drops = data["drops"]
+    figure = plt.figure(figsize=(11.0, 7.0 if drops else 3.9))
+    above, below = figure.subfigures(2, 1, height_ratios=(1.35, 1)) if drops else (figure, None)
+    panels = above.subplots(1, 3)
+    for dim, colour in ((2, BLUE), (3, VERMILION)):
+        for entry in (e for e in data["settings"] if e["dim"] == dim and wetting_at_base(e)):
+            _line(panels[0], entry, colour, f"{dim}D", angle=True)
+    panels[0].set(ylim=(0, 180), yticks=range(0, 181, 30), ylabel="contact angle [degrees]")
+    panels[0].set(title="h = 2.6 d, S = 0.01, mueller")
+    for axes, dim in zip(panels[1:], (2, 3)):
+        entries = sorted((e for e in data["settings"] if e["dim"] == dim), key=lambda e: not wetting_at_base(e))
+        for entry, colour in zip(entries, WETTING_COLOURS):
+            if any(drop["angle"] is not None for drop in entry["drops"]):
+                _line(axes, entry, colour, setting_words(entry).partition(", ")[2], angle=False)
+        axes.axhline(0, color=GREY, lw=0.8, ls=":")
+        axes.set(ylim=(-1.05, 1.4), ylabel="cosine of the contact angle", title=f"{dim}D")
+    for axes in panels:
+        axes.set_xlabel("adhesion over cohesion, beta/gamma")
+        axes.grid(True)
+        axes.legend(loc="upper right" if axes is panels[0] else "upper left", fontsize=7.5, ncols=1)
+    if below is not None:
+        for axes, drop in zip(np.atleast_1d(below.subplots(1, len(drops))), drops):
+            _outline(axes, drop)
+    figure.suptitle(data["title"], fontsize=11)
+    return figure
+
+
+def _line(axes: Any, entry: Mapping[str, Any], colour: str, label: str, angle: bool) -> None:
+    caps = [drop for drop in entry["drops"] if drop["angle"] is not None]
+    share = [drop["share"] for drop in caps]
+    values = np.array([drop["angle"] for drop in caps])
+    spread = np.array([real(drop["spread"]) for drop in caps])
+    shown, bars = values, np.nan_to_num(spread)
+    if not angle:
+        shown, bars = np.cos(np.radians(values)), np.nan_to_num(spread) * np.pi / 180 * np.sin(np.radians(values))
+    axes.errorbar(share, shown, bars, fmt="-o", ms=4.5, lw=1.2, capsize=2, color=colour, label=label)
+    if angle:
+        circle = [real(drop["circle"]) for drop in caps]
+        axes.plot(share, circle, "o", ms=4.5, color=colour, mfc="white", label=f"{label}, by the circle")
+        for drop in entry["drops"]:
+            for fate, mark, y in (("film", "v", 3), ("detached", "^", 177)):
+                if drop["angle"] is None and fate in drop["fates"]:
+                    axes.plot(drop["share"], y, mark, ms=6, color=colour)
+
+
+def _outline(axes: Any, drop: Mapping[str, Any]) -> None:
+    """Mean radii of the slices, and the cap with the drop's volume and the angle that was read."""
+    radius = np.array(drop["profile"])
+    z = np.arange(len(radius)) + 0.5
+    axes.plot(np.concatenate([-radius, radius]), np.concatenate([z, z]), "o", ms=3.5, color=BLUE, label="slices")
+    for angle, colour, style, label in (
+        (drop["angle"], VERMILION, "-", "cap"),
+        (drop["asked"], GREEN, "--", "requested"),
+    ):
+        turn = math.radians(angle)
+        size = (drop["particles"] / drop["density"] / cap_volume(turn, drop["dim"])) ** (1 / drop["dim"])
+        along = np.linspace(-turn, turn, 200)
+        axes.plot(
+            size * np.sin(along), size * (np.cos(along) - math.cos(turn)), style, lw=1.2, color=colour, label=label
+        )
+    axes.axhline(0, color=BLACK, lw=1.5)
+    axes.set_aspect("equal")
+    axes.set_title(f"{drop['dim']}D: {drop['angle']:.0f} of {drop['asked']:.0f} degrees", fontsize=9)
+    axes.set_xlabel("[d]")
+    axes.legend(loc="lower center", fontsize=7)
+
+
+WETTING_PICTURES = (Picture("wetting", wetting_data, wetting_picture, ("map",)),)

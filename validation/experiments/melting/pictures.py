@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from refsim.render.space import Body
 from validation.checks import VERDICT, read
 from validation.drawing import GREY, ball_picture, body_picture, packed, stacked_bars, unpacked, view_matrix
-from validation.experiment import Results
-from validation.experiments.melting.runs import ON_GPU, PAPER, WIDTHS, grouped
+from validation.experiment import Picture, Results
+from validation.experiments.melting.runs import KINDS, ON_GPU, PAPER, TITLES, WIDTHS, grouped
 from validation.experiments.melting.scene import SPACING
 from validation.metrics.droplet import contour
 from validation.results import real
@@ -399,3 +399,44 @@ def width_picture(data: Mapping[str, Any]) -> Any:
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
     figure.suptitle(data["title"], fontweight="bold", x=0.01, ha="left", fontsize=11)
     return figure
+
+
+PICTURES = (
+    Picture("melting_figure_3", filling_data, filling_picture, ("filling",)),
+    Picture(
+        "melting_figure_4",
+        stage_data("figure_4", TITLES["figure_4"]),
+        stage_picture(-68.0, 16.0, False),
+        ("figure_4",),
+        shaded=True,
+    ),
+    Picture(
+        "melting_figure_5",
+        stage_data("figure_5", TITLES["figure_5"]),
+        stage_picture(-68.0, 22.0, True),
+        ("figure_5",),
+        shaded=True,
+    ),
+    Picture(
+        "melting_figure_6",
+        stage_data("figure_6", TITLES["figure_6"]),
+        stage_picture(-72.0, 24.0, True),
+        ("figure_6",),
+        shaded=True,
+    ),
+    Picture("melting_speed", speed_data, speed_picture, ("figure_5", "own_pressure")),
+    Picture(
+        "melting_half_width",
+        width_data,
+        width_picture,
+        tuple(f"width_{width}" for width in WIDTHS),
+    ),
+    Picture(
+        "melting_figure_7",
+        time_data,
+        time_picture,
+        tuple(f"{kind}_{figure}" for figure in PAPER for kind in KINDS),
+    ),
+    Picture("melting_savings", savings_data, savings_picture, ("savings",)),
+    Picture("melting_gpu", gpu_data, gpu_picture, tuple(f"gpu_{figure}" for figure in ON_GPU)),
+)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import time
+from collections.abc import Callable
 from typing import Any
 
 import msgspec
@@ -16,6 +17,9 @@ from scipy.spatial.distance import pdist
 
 from refsim import (
     Box,
+    BoxWalls,
+    Cloud,
+    Gravity,
     HeatConduction,
     Melting,
     Scene,
@@ -23,14 +27,19 @@ from refsim import (
     Simulation,
     SolidBall,
     SolidBox,
+    SolidCells,
     TwoWayCoupling,
     WeaklyCompressible,
 )
+from refsim.backends import runtime
+from refsim.backends.arrays import unavailable
+from refsim.backends.compile import cpu_kernel, formula
 from refsim.core.operation import REGISTRY
 from refsim.melting import MeltingRule
 from refsim.scene.solids import lattice_of
 from refsim.shape_matching.phases import EMPTY, FLUID, INTERIOR, SURFACE
-from validation.experiments.melting import rival as rival_search
+from validation.checks import Checks
+from validation.experiment import Experiment, Family, Measure, Options, Results, Run, alike
 from validation.experiments.melting.scene import (
     FIGURES,
     HALF_WIDTH,
@@ -43,8 +52,10 @@ from validation.experiments.melting.scene import (
     scene_of,
     shared_tank,
 )
+from validation.metrics.droplet import surface_mesh
 from validation.results import Result
 from validation.running import Context, first_call_seconds, momenta, search_log, stage_seconds
+from validation.trials import Trial
 
 PAPER = {"figure_4": ("35k + 5k", 22.5), "figure_5": ("48.5k + 12k", 35.7), "figure_6": ("40.5k + 20k", 42.3)}  # ms
 ON_GPU = (*PAPER, "million")
@@ -319,7 +330,7 @@ def step_cost(
     for _ in range(max(warm, 2)):
         simulation.step()
     if rival:
-        search = rival_search.RegionSearch(simulation)
+        search = RegionSearch(simulation)
         search()  # compiles
     whole, searching = [], 0.0
     simulation.timings.stages.clear()
@@ -503,3 +514,649 @@ def filling(context: Context, half_width: int = 2) -> Result:
         {"node": node, "cell": lattice.cell[node], "half_width": half_width, "gone": sorted(gone)},
         {"passes": np.array(passes), "cells": lattice.cell, "solid": (phase != FLUID).astype(np.uint8)},
     )
+
+
+# What a melting step costs on a GPU: stage by stage, each stage as a CUDA graph of its own, and beside the CPU.
+
+
+WARM, STEPS = 30, 200  # steps before the clock runs, and under it
+
+
+def clock() -> tuple[Callable[[], Any], Callable[[Any, Any], float]]:
+    """(mark, seconds between two marks) on the device; on the host in the simulator."""
+    if runtime.simulated():
+        return time.perf_counter, lambda a, b: b - a
+    import cupy
+
+    def mark() -> Any:
+        event = cupy.cuda.Event()
+        event.record()
+        return event
+
+    def between(a: Any, b: Any) -> float:
+        b.synchronize()
+        return 1e-3 * float(cupy.cuda.get_elapsed_time(a, b))
+
+    return mark, between
+
+
+def steps(simulation: Simulation, warm: int, count: int) -> dict[str, list[float]]:
+    """Wall seconds of steps, those with a new neighbour list apart; every step waits for the device."""
+    for _ in range(warm):
+        simulation.step()
+    taken: dict[str, list[float]] = {"step": [], "step with a new list": []}
+    assert simulation.search is not None
+    for _ in range(count):
+        built, began = simulation.search.log.rebuilds, time.perf_counter()
+        simulation.step()
+        kind = "step with a new list" if simulation.search.log.rebuilds > built else "step"
+        taken[kind].append(time.perf_counter() - began)
+    return taken
+
+
+def stages(simulation: Simulation, rebuilt: float, repeats: int = 20) -> dict[str, float]:
+    """Device seconds of every operation of a step, each timed alone; `rebuilt` is the share of steps with a new list.
+
+    Fields are put back after each, so that all see the same state.
+    """
+    from refsim.backends import device
+
+    mark, between = clock()
+    kept = {name: np.array(simulation.backend.host(values)) for name, values in simulation.fields.items()}
+    found: dict[str, float] = {}
+    forces = [(name, call) for name, rare, call in simulation.force_calls if not rare]
+    motion = [("sph.extremes", simulation.extremes_call), *simulation.motion_calls]
+    for name, call in [*simulation.begin_calls, *forces, *motion]:
+        repeated = device.Recorded(call)
+        repeated()  # compiles
+        repeated()  # records
+        first = mark()
+        for _ in range(repeats):
+            repeated()
+        last = mark()
+        simulation.backend.synchronize()
+        found[name] = between(first, last) / repeats
+        for field, values in kept.items():
+            simulation.backend.assign(simulation.fields[field], values)
+    began = time.perf_counter()
+    simulation.lists.policy.invalidate()
+    simulation.lists.update()
+    simulation.backend.synchronize()
+    found["neighbours"] = rebuilt * (time.perf_counter() - began)
+    return found
+
+
+def list_seconds(taken: dict[str, list[float]], alone: float) -> float:
+    """Seconds a step for new lists: what steps with one take beyond the others; `alone` where one kind is missing."""
+    plain, renewed = taken["step"], taken["step with a new list"]
+    if not plain or not renewed:
+        return alone
+    return len(renewed) / (len(plain) + len(renewed)) * max(float(np.median(renewed) - np.median(plain)), 0.0)
+
+
+def scene_named(name: str, size: float) -> Scene:
+    """A figure's scene, or "million": a tank of 999,702 particles at size 1, a third of them solid."""
+    if name == "million":
+        return made(shared_tank("figure_6", 2.55 * size, 1 / 3), name)
+    return scene_of(name, size)
+
+
+def on_gpu(context: Context, figure: str, size: float, warm: int = WARM, count: int = STEPS) -> Result:
+    """Seconds a step on the GPU: all of it, as one graph, with a new neighbour list, and by the paper's stages."""
+    simulation = context.simulation(scene_named(figure, size), "cuda")
+    taken = steps(simulation, warm, count)
+    context.progress(0.7)
+    renewed = len(taken["step with a new list"]) / count
+    stage = stages(simulation, renewed)
+    stage["neighbours"] = list_seconds(taken, stage["neighbours"])
+    bodies = int(np.diff(simulation.plan.grid.solids.lattice.first).sum())
+    return Result(
+        {
+            "figure": figure, "liquid": simulation.count - bodies, "solid": bodies,
+            "seconds": sum(map(sum, taken.values())) / count, "renewed": renewed,
+            "one_graph": float(np.median(taken["step"])) if taken["step"] else float("nan"),
+            "with_list": float(np.median(taken["step with a new list"])) if renewed else float("nan"),
+            "stages": grouped(stage), "operations": stage, "step": simulation.plan.scene.step,
+            "solid_left": int((simulation.field("phase") != 0).sum()),
+        }
+    )  # fmt: skip
+
+
+def beside_cpu(context: Context, figure: str, size: float, threads: int) -> Result:
+    """Seconds of each of the paper's stages on the GPU and on so many threads of the CPU."""
+    scene = scene_of(figure, size)
+    on_gpu = context.simulation(scene, "cuda")
+    taken = steps(on_gpu, WARM, STEPS)
+    stage = stages(on_gpu, len(taken["step with a new list"]) / STEPS)
+    gpu = grouped(stage | {"neighbours": list_seconds(taken, stage["neighbours"])})
+    on_cpu = context.simulation(scene, "cpu", threads)
+    for _ in range(WARM):
+        on_cpu.step()
+    on_cpu.timings.stages.clear()
+    for _ in range(20):
+        on_cpu.step()
+    cpu = grouped({name: seconds / 20 for name, seconds in stage_seconds(on_cpu).items()})
+    seconds = sum(map(sum, taken.values())) / STEPS
+    return Result({"gpu": gpu, "cpu": cpu, "seconds": seconds, "step": scene.step, "particles": on_gpu.count})
+
+
+# Stand-in for the paper's rival: every region is searched anew in every step, breadth first.
+#
+# It is not the method of Iwasaki et al. 2010, with which figure 7 compares.
+
+
+@formula
+def _search(s: int, direct: Any, cell: Any, half_width: int, region: Any) -> int:
+    """Members of the region of node s by a queue of its own; how many there are."""
+    side = 2 * half_width + 1
+    slots = side * side * side
+    queue = np.empty(slots, np.int32)
+    level = np.empty(slots, np.int32)
+    for slot in range(slots):
+        region[s, slot] = EMPTY
+    if direct[s, 13] == EMPTY:
+        return 0
+    queue[0], level[0] = s, 0
+    region[s, slots // 2] = s
+    head, count = 0, 1
+    while head < count:
+        node = queue[head]
+        if level[head] < half_width:
+            for near in range(27):
+                other = direct[node, near]
+                if other != EMPTY:
+                    a = cell[other, 0] - cell[s, 0] + half_width
+                    b = cell[other, 1] - cell[s, 1] + half_width
+                    e = cell[other, 2] - cell[s, 2] + half_width
+                    slot = (a * side + b) * side + e
+                    if region[s, slot] == EMPTY:
+                        region[s, slot] = other
+                        queue[count], level[count] = other, level[head] + 1
+                        count += 1
+        head += 1
+    return count
+
+
+@cpu_kernel(ordered=True)
+def all_regions(direct: Any, cell: Any, half_width: int, region: Any, region_count: Any) -> None:
+    """Every region, breadth first."""
+    for s in range(region_count.shape[0]):
+        region_count[s] = _search(s, direct, cell, half_width, region)
+
+
+class RegionSearch:
+    """The rival's search on the tables of a simulation."""
+
+    def __init__(self, simulation: Simulation) -> None:
+        self.simulation, self.cell = simulation, simulation.plan.grid.solids.lattice.cell
+
+    def __call__(self) -> None:
+        field = self.simulation.fields
+        width = np.int32((round(field["region"].shape[1] ** (1 / 3)) - 1) // 2)
+        all_regions(field["direct"], self.cell, width, field["region"], field["region_count"])
+
+
+# What the paper on melting claims of its scenes: order of melting, volume and mass, shares of solid, sums, time.
+
+
+SMALL = 0.4  # size of the scenes that are followed to the end
+CLAIM_FIGURES = ("figure_4", "figure_5", "figure_6")
+RADII = (0.5, 0.55, 0.6, 0.65, 0.7)  # of the ice balls whose volume is measured [m]
+
+
+def scenes(options: Options) -> list[Run]:
+    """The figures' scenes, small, until a tenth of the solid is left."""
+    shared = {"size": SMALL, "backend": options.backend, "shares": [0.5, 0.1], "until": 4.0}
+    return [Run(f"melt_{figure}", melt, {"figure": figure, **shared}, estimate=10.0) for figure in CLAIM_FIGURES]
+
+
+def of_scenes(value: Callable[[dict], float]) -> Callable[[Results], list[float]]:
+    """One number of each scene."""
+    return lambda results: [float(value(results[key].values)) for key in sorted(results)]
+
+
+def volume(place: np.ndarray) -> float:
+    """Volume that the smoothed surface of a block of particles encloses [m^3]; place (n, 3) [m]."""
+    vertices, faces = surface_mesh(place, SPACING)
+    corner = vertices[faces] - vertices.mean(0)
+    return float(np.einsum("ij,ij->i", corner[:, 0], np.cross(corner[:, 1], corner[:, 2])).sum() / 6)
+
+
+def melted(context: Context, radius: float, bookkeeping: str, backend: str, seconds: float = 1.2) -> Result:
+    """A ball of ice in a tank of warm water, with and without melting: volume and change of mass at the end.
+
+    The volume is that within the smoothed surface; `left` is the share of the ball that has not melted.
+    """
+    wide = 12
+    cells = np.stack(np.meshgrid(*[np.arange(wide)] * 3, indexing="ij"), -1).reshape(-1, 3)
+    inside = np.linalg.norm(cells - 0.5 * (wide - 1), axis=1) * SPACING < radius
+    heat = HeatConduction(
+        temperature=(-10.0, 80.0), conductivity=0.3 * 1000 * 4186, heat_capacity=4186.0, melting_point=0.0
+    )
+    effects = (
+        WeaklyCompressible(sound_speed=SOUND, dynamic_viscosity=VISCOSITY, state="tait", kernels="cubic_spline"),
+        Gravity(),
+        BoxWalls(lower=(0.0, 0.0, 0.0), upper=(wide * SPACING, wide * SPACING, 2 * wide * SPACING)),
+        ShapeMatching(half_width=HALF_WIDTH),
+        TwoWayCoupling(),
+        heat,
+    )
+    found = {}
+    for name, more in (("kept", ()), ("melted", (Melting(bookkeeping=bookkeeping),))):
+        scene = Scene(
+            spacing=SPACING, support_radius=SUPPORT, fluid=(Cloud(position=SPACING * (cells[~inside] + 0.5)),),
+            solid=(SolidCells(cells=cells[inside], density=917.0),), effects=(*effects, *more), step=0.004,
+            dtype="float64",
+        )  # fmt: skip
+        simulation = context.simulation(scene, backend)
+        solid, mass = int((simulation.field("phase") != FLUID).sum()), float(simulation.field("mass").sum())
+        while simulation.time < seconds:
+            simulation.step()
+            context.progress(0.5 * len(found) + 0.5 * simulation.time / seconds)
+        found[name] = {
+            "volume": volume(simulation.field("position")),
+            "left": int((simulation.field("phase") != FLUID).sum()) / solid,
+            "mass_change": float(simulation.field("mass").sum()) / mass - 1,
+        }
+    return Result(
+        {
+            "before": found["kept"]["volume"], "after": found["melted"]["volume"], "left": found["melted"]["left"],
+            "mass_change": found["melted"]["mass_change"],
+        }
+    )  # fmt: skip
+
+
+def pools(bookkeeping: str) -> Callable[[Options], list[Run]]:
+    """Balls of five sizes."""
+    return lambda options: [
+        Run(f"claim_volume_{bookkeeping}_{radius:g}", melted,
+            {"radius": radius, "bookkeeping": bookkeeping, "backend": options.backend}, estimate=10.0)
+        for radius in RADII
+    ]  # fmt: skip
+
+
+def shares(options: Options) -> list[Run]:
+    """Tanks of 60,840 particles (with --quick 3,900) of which more and more is solid."""
+    size = SMALL if options.quick else 1.0
+    shared = {"figure": "figure_6", "size": size, "backend": options.backend, "threads": options.threads}
+    shared |= {"warm": 4, "rounds": 5, "steps": 3}
+    return [
+        Run(f"share_{round(100 * share)}", step_cost, {**shared, "solid_share": share}, estimate=8.0)
+        for share in SOLID_SHARES
+    ]
+
+
+def slower(results: Results) -> list[float]:
+    """Time with 20, 40 and 60 % of solid over that with one layer."""
+    seconds = {key: results[key].values["seconds"] for key in results}
+    return [seconds[f"share_{share}"] / seconds["share_0"] for share in (20, 40, 60)]
+
+
+def sums(options: Options) -> list[Run]:
+    """A bent bar with every summation, at half-widths 1 to 4."""
+    parameters = {"backend": options.backend, "steps": 30 if options.quick else 60}
+    return [Run(f"width_{w}", stiffness, {"half_width": w, **parameters}, 3.0) for w in WIDTHS]
+
+
+def by_members(results: Results) -> list[float]:
+    """Seconds of the additions of a reduction over those of fast summation, float32, for each half-width."""
+    found = []
+    for result in results.values():
+        seconds = {row["summation"]: row["seconds"] for row in result.values["rows"] if row["dtype"] == "float32"}
+        found.append(seconds["reduction"] / seconds["fast"])
+    return found
+
+
+def full(options: Options) -> list[Run]:
+    """The scenes of figures 4 to 6 on a GPU: the experiment's own runs."""
+    missing = unavailable("cuda") or ""
+    return [Run(f"gpu_{f}", on_gpu, {"figure": f, "size": 1.0}, estimate=15.0, skip=missing) for f in CLAIM_FIGURES]
+
+
+def of_real_time(results: Results) -> list[float]:
+    """A scene's step over the wall time that it takes, lists included."""
+    return [result.values["step"] / result.values["seconds"] for result in results.values()]
+
+
+def on_both(options: Options) -> list[Run]:
+    """The scene of figure 6 on a GPU and on four threads of its host."""
+    parameters = {"figure": "figure_6", "size": 1.0, "threads": 4}
+    return [Run("both", beside_cpu, parameters, estimate=60.0, skip=unavailable("cuda") or "")]
+
+
+def faster(results: Results) -> list[float]:
+    """Time on the CPU over that on the GPU, of each stage."""
+    values = results["both"].values
+    return [values["cpu"][stage] / values["gpu"][stage] for stage in values["gpu"]]
+
+
+def growth(results: Results) -> list[float]:
+    """Volume that the surface encloses after melting over that without melting, less one."""
+    return [abs(result.values["after"] / result.values["before"] - 1) for result in results.values()]
+
+
+def gain(results: Results) -> list[float]:
+    """Change of the mass, over that before."""
+    return [abs(result.values["mass_change"]) for result in results.values()]
+
+
+MELTING_OUTSIDE_IN = Measure(scenes, of_scenes(lambda v: v["inside_melted"]))
+MELTING_VOLUME_KEPT = Measure(pools("immiscible"), growth)
+MELTING_VOLUME_KEPT_AS_WATER = Measure(pools("water"), growth)
+MELTING_MASS_NOT_KEPT_AS_WATER = Measure(pools("water"), gain)
+MELTING_SOLIDS_SLOWER = Measure(shares, slower, quick=False, timed=True)
+MELTING_SUMS_IN_PARALLEL = Measure(sums, by_members, timed=True)
+MELTING_GPU_PER_STAGE = Measure(on_both, faster, quick=False, timed=True)
+MELTING_REAL_TIME = Measure(full, of_real_time, quick=False, timed=True)
+
+# Null models
+
+
+class _Anywhere:
+    """A simulation of which the inner particles melt as often as the outer ones."""
+
+    def __init__(self) -> None:
+        self.phases = np.full(1000, INTERIOR, np.int32)
+
+    def field(self, name: str) -> np.ndarray:
+        """Phases, all of the interior at first; nothing moves."""
+        return self.phases.copy() if name == "phase" else np.zeros((1000, 3))
+
+
+def _melts_anywhere(measure: Measure) -> list[float]:
+    """A tenth of the particles melts, chosen at random."""
+    simulation = _Anywhere()
+    watch = Watch(simulation)  # type: ignore[arg-type]
+    simulation.phases[np.random.default_rng(1).random(1000) < 0.1] = FLUID
+    watch.after_step()
+    return measure.of({"": {"inside_melted": watch.inside_melted}})
+
+
+def _shrinks(measure: Measure) -> list[float]:
+    """A block of particles, and the same with a tenth of it gone; its mass stays."""
+    axis = SPACING * np.arange(10.0)
+    place = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), -1).reshape(-1, 3)
+    return measure.of({"": {"before": volume(place), "after": volume(place[100:]), "mass_change": 0.0}})
+
+
+def _twice_as_long(measure: Measure) -> list[float]:
+    """The reduction takes twice as long."""
+    rows = [{"dtype": "float32", "summation": s, "seconds": t} for s, t in (("reduction", 0.02), ("fast", 0.01))]
+    return measure.of({"": {"rows": rows}})
+
+
+FAMILIES = (
+    Family(
+        ("melting_outside_in",), "Particles could melt inside a solid.",
+        "a tenth of a solid's particles melts anywhere",
+        _melts_anywhere,
+    ),
+    Family(
+        ("melting_volume_kept", "melting_volume_kept_as_water", "melting_mass_not_kept_as_water"),
+        "The surface could enclose another volume afterwards; the mass could stay.",
+        "a block that loses a tenth of its particles, with the mass of all", _shrinks,
+    ),
+    Family(
+        ("melting_solids_slower",), "A step could take as long with more solid.", "all shares take the same time",
+        alike({"seconds": 0.07}),
+    ),
+    Family(
+        ("melting_sums_in_parallel",), "The reduction's additions could take longer than fast summation.",
+        "a reduction that takes twice as long", _twice_as_long,
+    ),
+    Family(
+        ("melting_gpu_per_stage",), "A stage could take as long on the GPU.", "both take the same time",
+        alike({"cpu": dict.fromkeys("abc", 1.0), "gpu": dict.fromkeys("abc", 1.0)}),
+    ),
+    Family(
+        ("melting_real_time",), "A step could take longer than the time that it covers.",
+        "the paper's own 35.7 ms for a step of 5 ms", alike({"step": 0.005, "seconds": 0.0357}),
+    ),
+)  # fmt: skip
+
+
+# Hard cases of solids, of what holds them together, of their coupling and of melting.
+
+
+CUBE = SolidBox(lower=(0.4, 0.4, 0.8), upper=(1.4, 1.4, 1.8))
+FASTEST = SOUND  # [m/s]: above it the liquid's equation of state means nothing
+
+
+def pool(
+    solid: tuple[Any, ...] = (CUBE,), temperature: Any = (-10.0, 40.0), conductivity: float = 0.3,
+    bookkeeping: Any = "immiscible", **more: Any,
+) -> Scene:  # fmt: skip
+    """Bodies over a basin of 9 x 9 x 4 particles; K in m^2/s."""
+    effects = (
+        WeaklyCompressible(sound_speed=SOUND, dynamic_viscosity=VISCOSITY, state="tait", kernels="cubic_spline"),
+        Gravity(),
+        BoxWalls(lower=(0, 0, 0), upper=(1.8, 1.8, 3.0)),
+        ShapeMatching(),
+        TwoWayCoupling(),
+        HeatConduction(
+            temperature=temperature, conductivity=conductivity, melting_point=0.0, mean="arithmetic", literal=("M11",)
+        ),
+        Melting(bookkeeping=bookkeeping),
+    )
+    options = {"spacing": SPACING, "support_radius": SUPPORT, "step": 0.004} | more
+    return Scene(fluid=(Box(cells=(9, 9, 4)),), solid=solid, effects=effects, **options)
+
+
+def _watched(trial: Trial, simulation: Simulation, steps: int) -> list[int]:
+    """Step, and check that what melts lay at a surface and that speeds stay bounded; how many melted in each step."""
+    phase, gone, speed = simulation.field("phase"), [], 0.0
+    for _ in range(steps):
+        simulation.step()
+        now = simulation.field("phase")
+        melted = (phase != FLUID) & (now == FLUID)
+        trial.check("melted from inside", int((phase[melted] != SURFACE).sum()), equals=0)
+        gone.append(int(melted.sum()))
+        phase = now
+        speed = max(speed, float(np.linalg.norm(simulation.field("velocity").astype(float), axis=1).max()))
+    trial.check("greatest speed [m/s]", speed, at_most=FASTEST)
+    trial.account(simulation)
+    return gone
+
+
+def all_or_nothing(context: Context, backend: str, temperature: float, layers: list[int]) -> Result:
+    """A cube that is as warm everywhere, and no conduction: whole layers melt, one a step, or nothing does."""
+    trial = Trial(context, backend)
+    with trial.ending():
+        simulation = trial.start(pool(temperature=temperature, conductivity=0.0))
+        gone = _watched(trial, simulation, 60)
+        for k, wanted in enumerate(layers):
+            trial.check(f"melted in step {k + 1}", gone[k], equals=wanted)
+        trial.check("melted in all", sum(gone), equals=sum(layers))
+    return trial.result()
+
+
+def melting_body(
+    context: Context, backend: str, body: str, density: float = 917.0, bookkeeping: str = "immiscible",
+    steps: int = 300,
+) -> Result:  # fmt: skip
+    """A body of BODIES falls into warm water and melts."""
+    trial = Trial(context, backend)
+    with trial.ending():
+        cells = BODIES[body]
+        simulation = trial.start(pool((SolidCells(cells=cells, density=density),), (-10.0, 60.0), 0.5, bookkeeping))
+        gone = _watched(trial, simulation, steps)
+        trial.check("particles left solid", len(cells) - sum(gone), at_most=0.9 * len(cells))
+        ratio = float((simulation.field("density") / simulation.field("rest_density")).max())
+        trial.check("greatest density over rest density", ratio, at_most=1.6)
+        mass, rho = simulation.field("mass").astype(float), simulation.field("rest_density").astype(float)
+        trial.show("rest volume", float((mass / rho).sum()))
+    return trial.result()
+
+
+def refused_bookkeeping(context: Context, backend: str) -> Result:
+    """To keep the mass of the melt and switch its rest density is refused."""
+    trial = Trial(context, backend)
+    with trial.ending():
+        trial.start(pool(bookkeeping="keep_mass"))
+    trial.check("the sentence says why", "Tait" in trial.message, equals=1)
+    return trial.result()
+
+
+DEFORMATIONS = {
+    "inverted": np.diag([1.0, 1.0, -1.0]), "coplanar": np.diag([1.0, 1.0, 0.0]), "collinear": np.diag([1.0, 0.0, 0.0]),
+    "point": np.zeros((3, 3)), "flipped": np.diag([1.0, -1.0, -1.0]),
+}  # fmt: skip
+
+
+def mapped(context: Context, backend: str, kind: str, dtype: str = "float32") -> Result:
+    """A free cube whose particles are mapped through its middle, and let go: it comes back to its shape."""
+    trial = Trial(context, backend)
+    with trial.ending():
+        body = SolidBox(lower=(0, 0, 0), upper=(1.0, 1.0, 1.0))
+        scene = Scene(
+            spacing=SPACING, support_radius=SUPPORT, fluid=(), solid=(body,), step=0.005, dtype=dtype,
+            effects=(ShapeMatching(half_width=1),),
+        )  # fmt: skip
+        simulation = trial.start(scene)
+        x = simulation.field("position").astype(float)
+        rest = np.linalg.norm(x[:, None] - x[None], axis=2)
+        there = (x - x.mean(0)) @ DEFORMATIONS[kind].T + x.mean(0)
+        simulation.backend.assign(simulation.fields["position"], there.astype(dtype))
+        trial.advance(simulation, steps=800)
+        now = simulation.field("position").astype(float)
+        speed = float(np.linalg.norm(simulation.field("velocity").astype(float), axis=1).max())
+        change = float(np.abs(np.linalg.norm(now[:, None] - now[None], axis=2) - rest).max()) / SPACING
+        drift = float(np.abs(now.mean(0) - x.mean(0)).max()) / SPACING
+        trial.check("greatest speed at the end [m/s]", speed, at_most=5.0)
+        trial.check("drift of the center of mass [d]", drift, at_most=1e-3)
+        trial.check("change of a distance [d]", change, at_most=0.01)
+    return trial.result()
+
+
+def one_voxel_apart(context: Context, backend: str, gap: int) -> Result:
+    """Two boxes whose cells touch (gap 0) or are one cell apart melt in warm water; their tables never mix."""
+    trial = Trial(context, backend)
+    with trial.ending():
+        left = [[a, b, e] for a in range(1, 4) for b in range(3, 6) for e in range(5, 8)]
+        right = [[a + 3 + gap, b, e] for a, b, e in left]
+        simulation = trial.start(
+            pool((SolidCells(cells=left), SolidCells(cells=right, density=500.0)), (-10.0, -10.0, 60.0), 0.5)
+        )
+        _watched(trial, simulation, 150)
+        region = simulation.field("region")
+        owner = np.repeat([0, 1], [len(left), len(right)])
+        row, slot = np.nonzero(region >= 0)
+        trial.check("members of the other body", int((owner[region[row, slot]] != owner[row]).sum()), equals=0)
+    return trial.result()
+
+
+def _box(low: tuple[int, int, int], edges: tuple[int, int, int]) -> list[list[int]]:
+    return (np.stack(np.meshgrid(*map(np.arange, edges), indexing="ij"), -1).reshape(-1, 3) + low).tolist()
+
+
+BODIES = {
+    "plate": _box((1, 1, 6), (7, 7, 1)), "chain": _box((1, 4, 6), (7, 1, 1)), "single": [[4, 4, 6]],
+    "bridge": [*_box((1, 3, 6), (2, 3, 3)), *_box((3, 4, 7), (3, 1, 1)), *_box((6, 3, 6), (2, 3, 3))],
+    "cube": _box((2, 2, 5), (5, 5, 5)),
+}  # fmt: skip
+
+
+# Melting in fluid-solid interaction (Shao & Song 2017): scenes of figures 4 to 6, table 2, conservation, regions.
+
+
+SHARES = {"figure_4": [0.9, 0.5, 0.1], "figure_5": [0.8, 0.5, 0.2], "figure_6": [0.8, 0.5, 0.2]}
+UNTIL = 4.0  # [s]
+SEARCHED = (1, 2, 3)  # half-widths whose regions are compared with a search
+KEPT = (("float64", "immiscible"), ("float32", "immiscible"), ("float64", "water"))  # dtype and bookkeeping
+KINDS = {"cost": "refsim", "rival": "stand-in for the rival"}
+QUICK = 0.4  # size of the scenes with --quick
+TITLES = {
+    "figure_4": "Figure 4, an ice cube in warm water",
+    "figure_5": "Figure 5, bodies of equal conductivity",
+    "figure_6": "Figure 6, rabbits and ducks in two streams",
+}
+
+
+def planned(options: Options) -> list[Run]:
+    """The runs under the options."""
+    quick, backend, threads = options.quick, {"backend": options.backend}, {"threads": options.threads}
+    size = {"size": QUICK if quick else 1.0}
+    shorter = {"step": 0.002} if not quick else {}  # of figure 5, see docs/melting.md
+    scenes = {
+        figure: {"figure": figure, "shares": shares, "until": UNTIL, **size, **backend}
+        for figure, shares in SHARES.items()
+    }
+    scenes["figure_5"] |= shorter
+    own = {**scenes["figure_5"], "weighted": False}  # every particle of a pair pushes by its own pressure
+    printed = {**scenes["figure_4"], "size": QUICK, "shares": [0.5, 0.0], "scale": 1.0, "largest_number": 10.0}
+    cost = {**size, **backend, **threads, "warm": 40, "rounds": 5, "steps": 4}
+    few = {"warm": 3, "rounds": 2, "steps": 2} if quick else {}
+    return [
+        *(Run(figure, melt, scene, 8.0 if quick else 120.0) for figure, scene in scenes.items()),
+        Run("own_pressure", melt, own, 120.0, "takes as long as figure 5; run without --quick" if quick else ""),
+        Run("as_printed", melt, printed, 4.0),
+        Run("filling", filling, estimate=0.5),
+        *(Run(f"regions_{width}", region_rounds, {"half_width": width}, 2.0) for width in SEARCHED),
+        Run("lattice", free_lattice, {"steps": 400 if quick else 10000, **backend}, 8.0),
+        *(Run(f"kept_{dtype}_{books}", conserved,
+              {"dtype": dtype, "bookkeeping": books, "steps": 200 if quick else 1000, **backend}, 5.0)
+          for dtype, books in KEPT),
+        *(Run(f"{kind}_{figure}", step_cost, {"figure": figure, "rival": kind == "rival", **cost},
+              1.0 if quick else 12.0) for figure in PAPER for kind in KINDS),
+        *shares(options),
+        *(Run(f"gpu_{figure}", on_gpu, {"figure": figure, **size}, 10.0, unavailable("cuda") or "")
+          for figure in ON_GPU),
+        *(Run(f"width_{width}", stiffness, {"half_width": width, "steps": 30 if quick else 60, **backend}, 3.0)
+          for width in WIDTHS),
+        Run("savings", savings, {**size, **backend, **threads, **few}, 1.0 if quick else 20.0),
+    ]  # fmt: skip
+
+
+def checks(results: Results, check: Checks) -> None:
+    """Conservation, regions and bookkeeping are judged against their bars; times are shown."""
+    for figure in SHARES:
+        if figure in results:
+            values = results[figure].values
+            series = values["series"]
+            check("from_inside", values["inside_melted"], figure)
+            check("fragments", max(series["fragments"]), figure)
+            check("fastest", max(series["fastest"]), figure)
+            check("volume", abs(series["rest_volume"][-1] / series["rest_volume"][0] - 1), figure)
+            check("mass", series["mass"][-1] / series["mass"][0] - 1, figure)
+    if "own_pressure" in results:
+        check("fastest_own_pressure", max(results["own_pressure"].values["series"]["fastest"]))
+    if "as_printed" in results:
+        check("printed_time", results["as_printed"].values["times"][-1])
+    for width in SEARCHED:
+        if f"regions_{width}" in results:
+            check("wrong_regions", results[f"regions_{width}"].values["wrong"], f"w_{width}")
+    if "lattice" in results:
+        values = results["lattice"].values
+        for name in ("angular_momentum", "momentum", "shape"):
+            check(f"lattice_{name}", values[name])
+    for dtype, bookkeeping in KEPT:
+        key = f"kept_{dtype}_{bookkeeping}"
+        if key in results:
+            values, words = results[key].values, f"{dtype}, {bookkeeping}"
+            if bookkeeping == "immiscible":
+                check(f"heat_{dtype}", values["heat_drift"])
+                check(f"momentum_{dtype}", values["momentum"])
+            check(f"mass_unexplained_{dtype}", values["mass_unexplained"], bookkeeping, words)
+            check(f"volume_{dtype}", values["volume_change"], bookkeeping, words)
+    for figure, (words, paper) in PAPER.items():
+        if f"cost_{figure}" in results:
+            seconds = results[f"cost_{figure}"].values["seconds"]
+            check("step", 1e3 * seconds, figure, words)
+            check("step_ratio", 1e3 * seconds / paper, figure, words)
+            if f"rival_{figure}" in results:
+                rival = results[f"rival_{figure}"].values["seconds"]
+                check("rival_ratio", rival / seconds, figure, words)
+
+
+def milliseconds(stages: dict[str, float]) -> list[float]:
+    """The paper's stages in milliseconds."""
+    return [1e3 * seconds for seconds in grouped(stages).values()]
+
+
+EXPERIMENT = Experiment(
+    name="melting",
+    title="melting in fluid-solid interaction: scenes, times, conservation, regions",
+    runs=planned,
+    checks=checks,
+
+)  # fmt: skip

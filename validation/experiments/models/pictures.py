@@ -31,7 +31,7 @@ from validation.drawing import (
     view_matrix,
     visible_balls,
 )
-from validation.experiment import Results
+from validation.experiment import Picture, Results
 from validation.experiments.models.scene import MODELS
 from validation.results import real
 
@@ -239,3 +239,23 @@ def rest_picture(data: Mapping[str, Any]) -> Any:
     for place in axes:
         place.grid(True, axis="x")
     return figure
+
+
+PICTURES = (
+    Picture("figure_3_force_curves", curve_data, curve_picture),
+    Picture("dong_figure_1", dong_data, dong_picture),
+    Picture("models_panel", panel_data, panel_picture, tuple(f"cube_{m}" for m in MODELS), shaded=True),
+    Picture(
+        "models_panel_cut",
+        cut_panel_data,
+        panel_picture,
+        tuple(f"cut_{m}" for m in MODELS),
+        shaded=True,
+    ),
+    Picture(
+        "models_table_1",
+        rest_data,
+        rest_picture,
+        tuple(f"{shape}_{m}" for shape in SHAPES for m in MODELS),
+    ),
+)

@@ -25,8 +25,9 @@ from validation.drawing import (
     unpacked,
     view_matrix,
 )
-from validation.experiment import Results
-from validation.experiments.mpm_droplet import fine_runs
+from validation.experiment import Picture, Results
+from validation.experiments.mpm_droplet import runs as fine_runs
+from validation.experiments.mpm_droplet.runs import ANGLES, orders, pressures
 from validation.metrics.droplet import contour
 from validation.results import floats, real
 
@@ -496,7 +497,6 @@ def floor_picture(data: Mapping[str, Any]) -> Any:
 
 def pressure_data(results: Results) -> dict[str, Any]:
     """Pressures at rest against resolution."""
-    from validation.experiments.mpm_droplet.experiment import orders, pressures
 
     found = pressures(results)
     return {
@@ -648,3 +648,35 @@ def example_picture(data: Mapping[str, Any]) -> Any:
         shaded(axes, frame, extent)
         axes.set_title(f"{1e3 * at:g} ms", loc="center", fontweight="normal")
     return figure
+
+
+PICTURES = (
+    Picture("mpm_square", square_data, square_picture, ("square_cluster",)),
+    Picture("mpm_readings", readings_data, readings_picture, ("transfers",)),
+    Picture("mpm_surfaces", surfaces_data, surfaces_picture, tuple(SURFACES), shaded=True),
+    Picture("mpm_ledgers", ledgers_data, ledgers_picture, tuple(LEDGERS)),
+    Picture("mpm_box", box_data, box_picture, ("box", "box_default")),
+    Picture(
+        "mpm_settling",
+        settling_data,
+        settling_picture,
+        ("box", "box_thin"),
+    ),
+    Picture("mpm_drops", drops_data, drops_picture, DROPS, shaded=True),
+    Picture("mpm_collision", collision_data, collision_picture, ("collision_2d", "collision_3d")),
+    Picture(
+        "mpm_floor",
+        floor_data,
+        floor_picture,
+        tuple(f"{size}_{a}" for size in ("floor_2d", "floor_3d") for a in ANGLES),
+    ),
+    Picture("mpm_pressure", pressure_data, pressure_picture, ("rest_2d_22_enclosing_0",)),
+    Picture(
+        "mpm_frequency",
+        frequency_data,
+        frequency_picture,
+        ("swing_2d_22", "swing_3d_9", "potential_flow_2d", "potential_flow_3d"),
+    ),
+    Picture("mpm_example", example_data, example_picture, ("example",)),
+    Picture("mpm_sheet", sheet_data, sheet_picture, ("sheet",)),
+)

@@ -1,20 +1,358 @@
-"""Runs of the MPM droplet: transfers by themselves, a square that becomes a disc, and the same work in Taichi."""
+"""What is measured of a body of liquid with a surface: shape, pressure, ledgers, frequency, contact angle."""
 
 from __future__ import annotations
 
+import dataclasses
+import itertools
 import math
+import pathlib
 import statistics
 import time
+from collections.abc import Callable, Mapping, Sequence
+from statistics import fmean
 from typing import Any
 
+import msgspec
 import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array, diags_array
+from scipy.sparse.linalg import spsolve
 
-from refsim import Box, Cloud, Gravity, MpmLiquid, MpmWalls, RunStopped, Scene, Simulation, SurfaceEnergy
+from refsim import Box, Cloud, Gravity, MpmLiquid, MpmWalls, Scene, Simulation, SurfaceEnergy
+from refsim.core.errors import InputError, RunStopped
+from refsim.core.operation import REGISTRY
 from refsim.mpm import READINGS
-from validation.metrics.mpm import Transfers, ball, round_trip
+from refsim.mpm.limits import FARTHEST
+from refsim.mpm.reference import SYMMETRIC
+from refsim.render.surfaces import distances
+from refsim.scene.files import load_scene
+from refsim.scene.plan import make_plan
+from refsim.sparse_grid.reference import node_table
+from refsim.surface_energy import Tension
+from validation.checks import Checks
+from validation.experiment import Experiment, Family, Measure, Options, Results, Run, alike
+from validation.experiments.mpm_droplet.scene import (
+    CELLS,
+    MODULUS,
+    box,
+    drop_scene,
+    ellipsoid,
+    lattice,
+    radius_of,
+    turned,
+)
+from validation.metrics.mpm import CELL, DENSITY, Transfers, ball, round_trip
+from validation.metrics.mpm import MODULUS as BULK_MODULUS
 from validation.peers import taichi_mpm
-from validation.results import Result
+from validation.results import Result, real
 from validation.running import Context
+from validation.trials import Cell, StabilityMap, Trial, largest_stable
+
+Array = NDArray[np.float64]
+
+
+def mesh_size(
+    vertices: Array, facets: NDArray[np.integer], dim: int, origin: Array | None = None
+) -> tuple[float, float]:
+    """(area, volume) of a closed mesh with outward facets; length and area in the plane.
+
+    origin  (3,) a place in the plane that closes a mesh which ends on one
+    """
+    corner = np.asarray(vertices, dtype=float)[facets]
+    corner = corner - (corner[0, 0] if origin is None else origin)
+    if dim == 2:
+        a, b = corner[:, 0], corner[:, 1]
+        return float(np.linalg.norm(b - a, axis=1).sum()), float(abs((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum()) / 2)
+    a, b, c = (corner[:, k] for k in range(3))
+    area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()
+    return float(area), float(abs((a * np.cross(b, c)).sum()) / 6)
+
+
+def sphericity(area: float, volume: float, dim: int) -> float:
+    """Wadell's: area of the ball (disc) of the same volume over the area."""
+    if dim == 2:
+        return 2 * math.sqrt(math.pi * volume) / area
+    return math.pi ** (1 / 3) * (6 * volume) ** (2 / 3) / area
+
+
+def anisotropy(position: Array, dim: int) -> float:
+    """Range of the principal second moments of the particles over their mean."""
+    offset = (position - position.mean(0))[:, :dim]
+    moments = np.linalg.eigvalsh(offset.T @ offset)
+    return float((moments[-1] - moments[0]) / moments.mean())
+
+
+def anisotropy_of_chance(count: int, dim: int, draws: int = 200) -> float:
+    """Mean anisotropy of `count` particles placed at random in a ball (disc): what their number alone makes."""
+    random = np.random.default_rng(0)
+    found = []
+    for _ in range(draws):
+        place = random.normal(size=(count, dim))
+        place *= (random.uniform(size=count) ** (1 / dim) / np.linalg.norm(place, axis=1))[:, None]
+        found.append(anisotropy(place, dim))
+    return float(np.mean(found))
+
+
+def anisotropy_of_cut(radius: float, dim: int, per: int = 2, draws: int = 40) -> float:
+    """Mean anisotropy of the sites of a lattice, turned at random, within a ball (disc) of `radius` cells: what the
+    distance of the particles alone leaves to a round body."""
+    random = np.random.default_rng(0)
+    found = []
+    for seed in range(draws):
+        site = turned(lattice(0.5 * per * radius + 1, dim, random.uniform(-0.25, 0.25, 3)), seed) * 2 / per
+        found.append(anisotropy(site[(site**2).sum(1) < radius**2], dim))
+    return float(np.mean(found))
+
+
+def body_anisotropy(vertices: Array, facets: NDArray[np.integer], dim: int) -> float:
+    """Range over mean of the principal second moments of the even body within a closed mesh.
+
+    Each facet makes a simplex with the first vertex: its moment is det/(d + 2)! (sum a a^T + s s^T), s = sum a.
+    """
+    corner = np.asarray(vertices, dtype=float)[facets][:, :, :dim]
+    corner = corner - corner[0, 0]
+    sign = np.linalg.det(corner)
+    total = corner.sum(1)
+    second = np.einsum("f,fka,fkb->ab", sign, corner, corner) + np.einsum("f,fa,fb->ab", sign, total, total)
+    volume, first = sign.sum() / math.factorial(dim), sign @ total / math.factorial(dim + 1)
+    moments = np.linalg.eigvalsh(second / math.factorial(dim + 2) - np.outer(first, first) / volume)
+    return float((moments.max() - moments.min()) / abs(moments.mean()))
+
+
+def surface_of(run: Simulation) -> Any:
+    """The surface that the latest step reconstructed, at its beginning."""
+    return run._shared["surface"].latest
+
+
+class Ledger:
+    """Series of all that is kept or lost, from the start of a run on."""
+
+    def __init__(self, run: Simulation) -> None:
+        self.run, self.dim = run, run.plan.grid.dim
+        liquid = run.plan.effects["mpm_liquid"]
+        self.h, self.modulus = liquid.cell(run.plan.grid), liquid.bulk_modulus
+        surface = run.plan.effects["surface_energy"]
+        self.tension = surface.surface_tension
+        self.wet = surface.wets(run.plan.effects)  # on a floor at y = 0
+        self.pull = surface.contact_pull()
+        self.mass = run.field("mass").astype(float)
+        self.volume = float(self.mass.sum() / liquid.rest_density)
+        flat = self.dim == 2
+        self.radius = math.sqrt(self.volume / math.pi) if flat else (3 * self.volume / (4 * math.pi)) ** (1 / 3)
+        self.round_area = 2 * math.pi * self.radius if flat else 4 * math.pi * self.radius**2
+        self.centre = self.run.field("position").astype(float).mean(0)
+        self.series: dict[str, list[float]] = {}
+        self.fastest = 0.0
+
+    def note(self) -> None:
+        """One more row. Energies in J, the rest relative; momenta over m v R with the fastest particle so far."""
+        run, dim, mass = self.run, self.dim, self.mass
+        x, v, ratio = (run.field(name).astype(float) for name in ("position", "velocity", "volume_ratio"))
+        surface = surface_of(run)
+        there = run.backend
+        mesh = surface.inset_mesh
+        floor = np.zeros(3) if self.wet else None
+        area, volume = mesh_size(there.host(mesh.vertices), there.host(mesh.facets), dim, floor)
+        self.fastest = max(self.fastest, float(np.sqrt((v**2).sum(1).max())))
+        v0 = self.volume / len(x)
+        kinetic = 0.5 * float((mass * (v**2).sum(1)).sum())
+        bulk = 0.5 * self.modulus * v0 * float(((ratio - 1) ** 2).sum())
+        pulled = self.tension * float(there.host(surface.samples.area).sum(dtype=float))
+        if self.wet:  # k A - k cos(theta) A_wet; by the divergence theorem the edge's lines give (d - 1) A_wet
+            held = run._shared["surface"]
+            place, line = there.host(held.sample_position), there.host(held.sample_line)
+            pulled -= self.pull * float((place * line).sum(dtype=float)) / (dim - 1)
+        # volume-weighted: the plain mean of lambda (1 - J) is too large by lambda times the variance of J
+        pressure = -self.modulus * float(((ratio - 1) * ratio).sum() / ratio.sum())
+        row = {
+            "time": run.time, "kinetic": kinetic, "bulk": bulk, "surface": pulled, "energy": kinetic + bulk + pulled,
+            "area": area / self.round_area, "volume": volume / self.volume, "sphericity": sphericity(area, volume, dim),
+            "pressure": pressure * self.radius / ((dim - 1) * self.tension) if self.tension else 0.0,
+            "momentum": float(np.abs(mass @ v).max()),
+            "angular": float(np.abs(self._turning(x, v)).max()),
+            "centre": float(np.abs(x.mean(0) - self.centre).max() / self.h),
+            "anisotropy": body_anisotropy(there.host(mesh.vertices), there.host(mesh.facets), dim),
+            "particle_anisotropy": anisotropy(x, dim), "least_ratio": float(ratio.min()),
+            "greatest_ratio": float(ratio.max()),
+        }  # fmt: skip
+        for name, value in row.items():
+            self.series.setdefault(name, []).append(value)
+
+    def _turning(self, x: Array, v: Array) -> Array:
+        """Angular momentum about the first centre: sum m (x cross v), and what the affine matrices carry, A D."""
+        turning = (self.mass[:, None] * np.cross(x - self.centre, v)).sum(0)
+        if "inverse_spread" not in self.run.fields:
+            return turning
+        moment = self.run.field("affine").reshape(-1, 3, 3).astype(float) @ spreads(self.run)
+        moment = (self.mass[:, None, None] * moment).sum(0)
+        return turning + [moment[2, 1] - moment[1, 2], moment[0, 2] - moment[2, 0], moment[1, 0] - moment[0, 1]]
+
+    def summary(self) -> dict[str, Any]:
+        """Drifts over the whole run, and the last values."""
+        s = self.series
+        scale = float(self.mass.sum()) * self.fastest or 1.0  # where nothing moves momenta are zero
+        late = len(s["time"]) // 2
+        return {
+            "momentum": max(s["momentum"]) / scale, "angular": max(s["angular"]) / (scale * self.radius),
+            "centre": max(s["centre"]), "energy_rise": max(s["energy"]) / s["energy"][0] - 1,
+            "least_ratio": min(s["least_ratio"]), "greatest_ratio": max(s["greatest_ratio"]),
+            "pressure": float(np.mean(s["pressure"][late:])), "area": float(np.mean(s["area"][late:])),
+            "kinetic": float(np.mean(s["kinetic"][late:])) / (self.tension * self.round_area),
+            "volume": s["volume"][-1], "sphericity": s["sphericity"][-1], "anisotropy": s["anisotropy"][-1],
+            "particle_anisotropy": s["particle_anisotropy"][-1],
+            "radius_in_cells": self.radius / self.h, "particles": len(self.mass),
+        }  # fmt: skip
+
+
+def evenness(run: Simulation, depth: float = 2.0) -> dict[str, float]:
+    """How evenly particles fill a round body, and whether J knows: rho J/rho0 of those `depth` cells and more below its
+    surface.
+
+    rho is the grid's: masses through the spline to the nodes, over the cell's volume, and back. mean and deviation over
+    the particles; range: of the means over the octants (quadrants)
+    """
+    dim, liquid = run.plan.grid.dim, run.plan.effects["mpm_liquid"]
+    h = liquid.cell(run.plan.grid)
+    x, mass, ratio = (run.field(name).astype(float) for name in ("position", "mass", "volume_ratio"))
+    place = x[:, :dim] / h
+    base = np.floor(place - 0.5).astype(int)
+    f = place - base
+    weight = np.stack([0.5 * (1.5 - f) ** 2, 0.75 - (f - 1) ** 2, 0.5 * (f - 0.5) ** 2])
+    base -= base.min(0)
+    nodes = np.zeros(base.max(0) + 3)
+    density = np.zeros(len(x))
+    stencil = [np.array(offset) for offset in np.ndindex(*[3] * dim)]
+    shares = [np.prod([weight[offset[c], :, c] for c in range(dim)], axis=0) for offset in stencil]
+    for offset, share in zip(stencil, shares):
+        np.add.at(nodes, tuple((base + offset).T), mass * share)
+    for offset, share in zip(stencil, shares):
+        density += share * nodes[tuple((base + offset).T)] / h**dim
+    away = (x - x.mean(0))[:, :dim]
+    volume = float((mass * ratio).sum()) / liquid.rest_density
+    radius = math.sqrt(volume / math.pi) if dim == 2 else (3 * volume / (4 * math.pi)) ** (1 / 3)
+    deep = np.linalg.norm(away, axis=1) < radius - depth * h
+    if not deep.any():
+        return dict.fromkeys(("mean", "deviation", "range"), float("nan"))
+    share = (density * ratio)[deep] / liquid.rest_density
+    side = (away[deep] > 0) @ (1 << np.arange(dim))
+    means = [share[side == k].mean() for k in range(2**dim) if (side == k).any()]
+    return {"mean": float(share.mean()), "deviation": float(share.std()), "range": float(np.ptp(means))}
+
+
+def deformation(position: Array, dim: int) -> float:
+    """Mode 2 about x: (<x^2> - <y^2>)/(<x^2> + <y^2>), in space with the mean of y and z."""
+    offset = position - position.mean(0)
+    along = float((offset[:, 0] ** 2).mean())
+    across = float((offset[:, 1:dim] ** 2).mean())
+    return (along - across) / (along + across)
+
+
+def damped_cosine(time: Array, value: Array, guess: float) -> dict[str, float]:
+    """Fit of a exp(-g t) cos(w t + p) + c: undamped frequency sqrt(w^2 + g^2) [1/s], its standard error, damping."""
+    from scipy.optimize import curve_fit
+
+    def curve(t: Array, a: float, w: float, g: float, p: float, c: float) -> Array:
+        return a * np.exp(-g * t) * np.cos(w * t + p) + c
+
+    fits = []
+    for share in (0.94, 0.98, 1.02):
+        try:
+            found, spread = curve_fit(curve, time, value, p0=[value[0], share * guess, 0.1, 0.0, 0.0], maxfev=20000)
+        except RuntimeError:
+            continue
+        fits.append((float(((curve(time, *found) - value) ** 2).mean()), found, spread))
+    if not fits:
+        return dict.fromkeys(("frequency", "error", "damping", "amplitude", "misfit"), float("nan"))
+    misfit, found, spread = min(fits, key=lambda f: f[0])
+    return {
+        "frequency": float(math.hypot(found[1], found[2])), "error": float(math.sqrt(spread[1, 1])),
+        "damping": float(found[2]), "amplitude": float(abs(found[0])), "misfit": math.sqrt(misfit),
+    }  # fmt: skip
+
+
+def rayleigh(radius: float, dim: int, tension: float = 1.0, density: float = 1.0) -> float:
+    """Frequency of mode 2 [rad/s]: sqrt(6 k/(rho R^3)) in the plane, sqrt(8 k/(rho R^3)) in space (Rayleigh 1879)."""
+    return math.sqrt((6 if dim == 2 else 8) * tension / (density * radius**3))
+
+
+def compressible(radius: float, dim: int, modulus: float, tension: float = 1.0, density: float = 1.0) -> float:
+    """Frequency of mode 2 of a liquid with sound speed sqrt(lambda/rho), over Rayleigh's.
+
+    Inside, the pressure is a Bessel function of q r, q = w/c; with the outer condition of Rayleigh's drop the frequency
+    obeys w^2 = w_R^2 q R f'(q R)/(2 f(q R)), f = J_2 in the plane, j_2 in space.
+    """
+    from scipy.special import jv, jvp, spherical_jn
+
+    first = rayleigh(radius, dim, tension, density)
+    frequency, sound = first, math.sqrt(modulus / density)
+    for _ in range(50):
+        z = frequency * radius / sound
+        if dim == 2:
+            share = z * jvp(2, z) / (2 * jv(2, z))
+        else:
+            share = z * spherical_jn(2, z, derivative=True) / (2 * spherical_jn(2, z))
+        frequency = first * math.sqrt(share)
+    return frequency / first
+
+
+def spreads(run: Simulation) -> Array:
+    """D of each particle's cluster (n, 3, 3) [m^2], h^2/4 along an axis without embedded points."""
+    packed = run.field("inverse_spread").astype(float)
+    inverse = packed[:, [[0, 1, 2], [1, 3, 4], [2, 4, 5]]]
+    return run.plan.effects["mpm_liquid"].cell(run.plan.grid) ** 2 / 4 * np.linalg.inv(inverse)
+
+
+def inertia_share(run: Simulation) -> float:
+    """What the grid sees of the inertia of a linear field, over the particles': 1 + sum m tr D/sum m |x|^2.
+
+    A particle brings its spread D to the grid (h^2/4 along each axis, more in a cluster) beside its place.
+    """
+    dim = run.plan.grid.dim
+    spread = np.trace(spreads(run)[:, :dim, :dim], axis1=1, axis2=2)
+    offset = run.field("position").astype(float)
+    offset = (offset - offset.mean(0))[:, :dim]
+    mass = run.field("mass").astype(float)
+    return float(1 + (mass * spread).sum() / (mass * (offset**2).sum(1)).sum())
+
+
+def contact(position: Array, floor: float, h: float, dim: int) -> dict[str, float]:
+    """Ball (circle) through the free surface of a drop on a floor, and its angle with the floor [degrees].
+
+    position  (s, dim) of surface samples [m], y upwards; those nearer to the floor than 1.5 cells, where the
+              reconstruction rounds the edge, are left out
+    """
+    points = position[position[:, 1] > floor + 1.5 * h][:, :dim]
+    if len(points) < 8:
+        return dict.fromkeys(("angle", "radius", "roughness"), float("nan"))
+    matrix = np.column_stack([2 * points, np.ones(len(points))])
+    found, *_ = np.linalg.lstsq(matrix, (points**2).sum(1), rcond=None)
+    centre = found[:dim]
+    radius = math.sqrt(found[dim] + float(centre @ centre))
+    away = np.linalg.norm(points - centre, axis=1)
+    angle = math.degrees(math.acos(min(1.0, max(-1.0, (floor - centre[1]) / radius))))
+    return {"angle": angle, "radius": radius / h, "roughness": float(away.std() / radius)}
+
+
+def angle_of_mass(height: float, volume: float, dim: int) -> float:
+    """Contact angle [degrees] of the cap of this volume [m^dim] whose centre of mass stands so high over its floor [m].
+
+    Unlike `contact` it uses the particles, not the reconstructed surface.
+    """
+    from scipy.optimize import brentq
+
+    def above(angle: float) -> float:
+        c, s = math.cos(angle), math.sin(angle)
+        if dim == 2:  # segment of the unit circle
+            size, moment = angle - s * c, 2 * s**3 / 3
+        else:
+            size, moment = math.pi * (2 - 3 * c + c**3) / 3, math.pi * s**4 / 4
+        return (volume / size) ** (1 / dim) * (moment / size - c) - height
+
+    return math.degrees(brentq(above, math.radians(5), math.radians(175)))
+
+
+# Runs of the MPM droplet: transfers by themselves, a square that becomes a disc, and the same work in Taichi.
+
 
 SPIN = 20.0  # rad/s
 FRAMES = (0.016, 0.033)  # s, beside the start and the end: half of an oscillation and a whole one
@@ -184,3 +522,1366 @@ def plain_block(context: Context, block: dict[str, Any], threads: int, backend: 
         run.backend.synchronize()
         spent.append(time.perf_counter() - began)
     return run, statistics.fmean(spent[block["warm"] :])  # sorting, in every few steps on a GPU, counts
+
+
+# Runs of bodies of liquid under surface tension: at rest, rounding off, swinging, colliding, on a floor, a sheet.
+
+
+EXAMPLE = pathlib.Path(__file__).resolve().parents[3] / "refsim" / "examples" / "mpm_droplet.toml"
+THESIS = "M9, M10"  # the embedding as printed
+DROP_SPIN = 20.0  # rad/s, of the disc that turns
+SIDES = (1.3, 1.0, 0.8)  # of the box that becomes a sphere
+
+
+def follow(
+    context: Context,
+    run: Simulation,
+    until: float,
+    rows: int,
+    shown: Sequence[float] = (),
+    each: Callable[[Simulation], None] | None = None,
+) -> tuple[Ledger, dict[str, np.ndarray], str]:
+    """Step to `until` [s]: (ledger of `rows` rows, surfaces nearest after the times `shown`, why it stopped or "").
+
+    each  called after every step
+    """
+    ledger, kept, stopped = Ledger(run), {}, ""
+    noted, waiting = 0, sorted(shown)
+    try:
+        while run.time < until - 1e-9:
+            run.step()
+            if each is not None:
+                each(run)
+            if run.time >= noted * until / rows or run.time >= until - 1e-9:
+                noted += 1
+                ledger.note()
+                context.progress(run.time / until)
+            while waiting and run.time >= waiting[0] - 1e-9:
+                mesh = surface_of(run).inset_mesh
+                place = f"{len(shown) - len(waiting)}"
+                kept[f"vertices_{place}"] = run.backend.host(mesh.vertices) / ledger.h
+                kept[f"facets_{place}"] = run.backend.host(mesh.facets)
+                waiting.pop(0)
+    except RunStopped as stop:
+        stopped = f"{stop.reason} in step {run.steps}"
+        if not ledger.series:
+            raise
+    return ledger, kept, stopped
+
+
+def rounding(
+    context: Context, backend: str, shape: str, size: float, until: float, shown: Sequence[float] = (),
+    tension: Mapping[str, Any] | None = None, liquid: Mapping[str, Any] | None = None, rows: int = 120, seed: int = 3,
+    per: int = 2, cell: float | None = None,
+) -> Result:  # fmt: skip
+    """A box of 1.3 : 1 : 0.8, or a cube (square), whose surface draws it to a ball.
+
+    shape  "box" (turned off the axes by `seed`), "cube" or "square"; size  side of the cube of the same volume [cells]
+    per    particles along a cell; cell  h [m]
+    """
+    dim = 2 if shape == "square" else 3
+    if shape == "box":
+        scale = size / math.prod(SIDES) ** (1 / 3)
+        place = box([round(per * scale * side) / per for side in SIDES], seed=seed, per=per)
+    else:
+        place = box([size] * dim, per=per)
+    scene = drop_scene(place, dim, tension=dict(tension or {}), liquid=dict(liquid or {}), cell=cell, per=per)
+    run = context.simulation(scene, backend)
+    ledger, kept, stopped = follow(context, run, until, rows, shown)
+    return Result(
+        {"stopped": stopped, "dim": dim, "shown": list(shown), "steps": run.steps, "series": ledger.series,
+         "last": late(ledger.series), "chance": anisotropy_of_chance(run.count, dim),
+         "cut": anisotropy_of_cut(radius_of(run.count, dim, per), dim, per),
+         "inside": evenness(run), **ledger.summary()},
+        kept,
+    )  # fmt: skip
+
+
+def erratum(context: Context, backend: str, printed: str, dim: int, size: float, until: float) -> Result:
+    """A square or a cube becomes round with one erratum of the thesis as printed, or none (""), all else as adopted."""
+    literal: dict[str, Any] = {"literal": (printed,)} if printed else {}
+    surface = literal if printed in Tension.errata else {"embedding": "thesis"} if printed == THESIS else {}
+    liquid = literal if printed and printed != THESIS and printed not in Tension.errata else {}
+    run = context.simulation(drop_scene(box([size] * dim), dim, tension=surface, liquid=liquid), backend)
+    nothing = {"stopped": "", "dim": dim, "printed": printed, "steps": 0}
+    try:
+        ledger, _, stopped = follow(context, run, until, 60)
+    except RunStopped as stop:
+        return Result({**nothing, "stopped": f"{stop.reason} in step {run.steps}", "steps": run.steps})
+    return Result({**nothing, **ledger.summary(), "stopped": stopped, "steps": run.steps})
+
+
+def held(
+    context: Context, backend: str, body: str, until: float, dim: int = 2, tension: Mapping[str, Any] | None = None,
+    liquid: Mapping[str, Any] | None = None, step: float | None = None,
+) -> Result:  # fmt: skip
+    """How long a scene holds: when the runner's note comes, and when and why it stops.
+
+    body  "square" of 20 cells, "box" of R = 6.3 cells as in `rounding`; "rest", "turn" (20 rad/s, from J = 1) and
+          "swing" (10 %) of a disc of 11 cells or a ball of 6; "meet" as in `collision`, "sheet" as in `sheet`
+    """
+    balanced, velocity = body in ("rest", "swing"), None
+    if body in ("square", "box"):
+        scale = 10.0 / math.prod(SIDES) ** (1 / 3)
+        place = box([20.0] * 2) if body == "square" else box([round(2 * scale * s) / 2 for s in SIDES], seed=3)
+    elif body == "sheet":
+        place, tension, step = box([40.0, 1.0]), {"surface_tension": 0.1, **(tension or {})}, 0.0
+    else:
+        single = ellipsoid({"meet": 8.0}.get(body, 11.0) if dim == 2 else 6.0, dim, 0.1 if body == "swing" else 0.0)
+        place = single
+        if body == "meet":
+            apart = np.array([10.0, 2.0])
+            place = np.vstack([single - apart, single + apart])
+            velocity = np.sign(-place[:, :1]) * [1.0, 0.0, 0.0]
+        if body == "turn":
+            velocity = DROP_SPIN * CELLS[dim] * np.stack([-place[:, 1], place[:, 0], 0 * place[:, 0]], axis=1)
+    moving = {} if velocity is None else {"velocity": velocity}
+    scene = drop_scene(
+        place, dim, tension=dict(tension or {}), liquid=dict(liquid or {}), balanced=balanced, step=step, **moving
+    )
+    run = context.simulation(scene, backend)
+    noted: list[float] = []
+    greatest = 0.0
+
+    def look(run: Simulation) -> None:
+        nonlocal greatest
+        greatest = max(greatest, float(run.field("greatest_crowding")[0]))
+        if run.remarks and not noted:
+            noted.append(run.time)
+
+    ledger, _, stopped = follow(context, run, until, 60, each=look)
+    turning = ledger.series["angular"]
+    return Result(
+        {"noted": noted[0] if noted else None, "stopped": stopped.split(" in ")[0], "time": run.time, "until": until,
+         "crowding": greatest, "inside": evenness(run)["mean"], "dim": dim,
+         "angular": turning[-1] / turning[0] - 1 if body == "turn" else None, "steps": run.steps}
+    )  # fmt: skip
+
+
+def late(series: Mapping[str, Sequence[float]], share: float = 0.25) -> dict[str, dict[str, float]]:
+    """Least, mean and largest of the shape's measures over the last quarter of a run."""
+    begin = int((1 - share) * len(series["time"]))
+    made = {}
+    for name in ("volume", "sphericity", "anisotropy", "particle_anisotropy", "pressure", "area"):
+        values = np.array(series[name][begin:])
+        made[name] = {"least": float(values.min()), "mean": float(values.mean()), "largest": float(values.max())}
+    return made
+
+
+def at_rest(
+    context: Context, backend: str, dim: int, radius: float, until: float, seed: int = 0, modulus: float = MODULUS,
+    tension: Mapping[str, Any] | None = None, dtype: str = "float64", step: float | None = None,
+    shown: Sequence[float] = (),
+) -> Result:  # fmt: skip
+    """A disc or a ball cut from a turned lattice, with the J that holds its pressure: the pressure it settles at."""
+    place = ellipsoid(radius, dim, seed=seed)
+    scene = drop_scene(
+        place, dim, tension=dict(tension or {}), liquid={"bulk_modulus": modulus}, balanced=True, dtype=dtype, step=step
+    )
+    run = context.simulation(scene, backend)
+    ledger, kept, stopped = follow(context, run, until, 60, shown)
+    return Result(
+        {"stopped": stopped, "dim": dim, "shown": list(shown), "series": ledger.series, **ledger.summary(),
+         "steps": run.steps},
+        kept,
+    )  # fmt: skip
+
+
+def oscillation(
+    context: Context, backend: str, dim: int, radius: float, amplitude: float, periods: float,
+    modulus: float = MODULUS, tension: Mapping[str, Any] | None = None, normalised: bool = True,
+    embedding: str = "cluster", shown: Sequence[float] = (),
+) -> Result:  # fmt: skip
+    """An ellipse or a spheroid, longer by `amplitude`, swings; frequency against Rayleigh's, and what shifts it.
+
+    shown       periods after which the surface is kept
+    normalised  lambda in proportion to 1/R, so that the liquid's compression by its surface is the same for all radii
+    """
+    place = ellipsoid(radius, dim, amplitude)
+    radius = radius_of(len(place), dim)
+    if normalised:
+        modulus = modulus * 11.0 / radius if dim == 2 else modulus
+    surface = {"embedding": embedding, **(tension or {})}
+    scene = drop_scene(place, dim, tension=surface, liquid={"bulk_modulus": modulus}, balanced=True)
+    run = context.simulation(scene, backend)
+    metres = radius * CELLS[dim]
+    first = rayleigh(metres, dim)
+    until = periods * 2 * math.pi / first
+    times, value = [], []
+
+    def note(run: Simulation) -> None:
+        if run.steps % 4 == 0:
+            times.append(run.time)
+            value.append(deformation(run.field("position"), dim))
+
+    instants = [share * 2 * math.pi / first for share in shown]
+    ledger, kept, stopped = follow(context, run, until, 60, instants, note)
+    fit = damped_cosine(np.array(times), np.array(value), first)
+    series = ledger.series
+    area = float(np.mean(series["area"])) / round_area_of_ellipse(amplitude, dim)
+    inertia = inertia_share(run) if embedding != "none" else float("nan")
+    return Result(
+        {
+            "stopped": stopped, "dim": dim, "radius_in_cells": radius, "amplitude": amplitude, "modulus": modulus,
+            "ratio": fit["frequency"] / first, "ratio_error": fit["error"] / first, "damping": fit["damping"],
+            "damping_of_period": fit["damping"] * 2 * math.pi / first, "misfit": fit["misfit"],
+            "fitted_amplitude": fit["amplitude"], "inertia": inertia, "area_share": area,
+            "compressible": compressible(metres, dim, modulus), "series": series, **ledger.summary(),
+            "swing": {"time": times[::4], "value": value[::4]}, "steps": run.steps, "shown": instants,
+        },
+        kept,
+    )  # fmt: skip
+
+
+def round_area_of_ellipse(amplitude: float, dim: int) -> float:
+    """Mean area over a swing of an ellipse (spheroid) of this amplitude over that of the ball: 1 + O(amplitude^2)."""
+    # in the plane 1 + 3 s^2/8 on average with a = R (1 + s cos wt); in space 1 + s^2/5
+    return 1 + (0.375 if dim == 2 else 0.2) * amplitude**2
+
+
+def potential_flow(context: Context, amplitudes: Sequence[float], modes: int = 12, dim: int = 2) -> Result:
+    """Mode 2 of a drop of ideal liquid at finite amplitude: frequency over Rayleigh's.
+
+    The same ellipses (spheroids), by another method: r(angle) and the potential on the surface as series of cosines
+    (Legendre polynomials), the potential inside as sum c_n r^n Y_n by least squares, Bernoulli's equation and the
+    curvature, DOP853 of SciPy.
+    """
+    from scipy.integrate import solve_ivp
+
+    count = 4 * modes
+    angle = (np.arange(count) + 0.5) * math.pi / (2 * count)
+    n = np.arange(0, 2 * modes + 1, 2)
+    shape, first_slope, second_slope = surface_series(angle, n, dim)
+    to_series = np.linalg.pinv(shape)
+    kept = np.where(n > 1.4 * modes, 0, 1)  # products fold back onto the highest modes
+    measure = np.ones(count) if dim == 2 else np.sin(angle)
+    share = np.cos(angle) ** 2 - np.sin(angle) ** 2 / (dim - 1), np.cos(angle) ** 2 + np.sin(angle) ** 2 / (dim - 1)
+    rows = []
+    for done, amplitude in enumerate(amplitudes):
+        long, short = 1 + amplitude, (1 + amplitude) ** (-1 / (dim - 1))
+        start = long * short / np.hypot(short * np.cos(angle), long * np.sin(angle))
+
+        def slope(_: float, state: np.ndarray) -> np.ndarray:
+            radius, potential = shape @ state[: len(n)], shape @ state[len(n) :]
+            turn, bend = first_slope @ state[: len(n)], second_slope @ state[: len(n)]
+            power = radius[:, None] ** n
+            inside = np.linalg.lstsq(power * shape, potential, rcond=None)[0]
+            outward, around = (n * power / radius[:, None] * shape) @ inside, (power * first_slope) @ inside / radius
+            rising = outward - turn / radius * around
+            curvature = (radius**2 + 2 * turn**2 - radius * bend) / (radius**2 + turn**2) ** 1.5
+            if dim == 3:  # about the axis
+                curvature = curvature + (1 - turn / radius / np.tan(angle)) / np.hypot(radius, turn)
+            pushed = -0.5 * (outward**2 + around**2) - curvature + (dim - 1) + outward * rising
+            return np.concatenate([kept * (to_series @ rising), kept * (to_series @ pushed)])
+
+        first = rayleigh(1.0, dim)
+        instants = np.linspace(0, 3 * math.pi / first, 600)
+        begin = np.concatenate([to_series @ start, np.zeros(len(n))])
+        found = solve_ivp(slope, (0, instants[-1]), begin, t_eval=instants, rtol=1e-8, atol=1e-10, method="DOP853")
+        weight = measure[:, None] * (shape @ found.y[: len(n)]) ** (dim + 2)
+        swing = (weight * share[0][:, None]).sum(0) / (weight * share[1][:, None]).sum(0)
+        rows.append(damped_cosine(instants, swing, first)["frequency"] / first)
+        context.progress((done + 1) / len(amplitudes))
+    return Result({"amplitudes": list(amplitudes), "ratios": rows})
+
+
+def surface_series(angle: np.ndarray, n: np.ndarray, dim: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """cos(n angle), or in space P_n(cos angle), and its first two slopes over the angle: each (angles, n)."""
+    if dim == 2:
+        cosine = np.cos(np.outer(angle, n))
+        return cosine, -n * np.sin(np.outer(angle, n)), -(cosine * n**2)
+    from numpy.polynomial import Legendre
+
+    x, y = np.cos(angle), np.sin(angle)
+    found = [Legendre.basis(int(k)) for k in n]
+    value, rise, bend = (np.stack([p.deriv(m)(x) for p in found], axis=1) for m in range(3))
+    return value, -y[:, None] * rise, (y**2)[:, None] * bend - x[:, None] * rise
+
+
+def collision(
+    context: Context, backend: str, dim: int, radius: float, speed: float, until: float, shown: Sequence[float],
+    embedding: str = "cluster", step: float | None = None, tension: Mapping[str, Any] | None = None,
+) -> Result:  # fmt: skip
+    """Two drops meet off their axis, each at `speed` [m/s]: ledgers until they are one."""
+    single = ellipsoid(radius, dim)
+    apart = np.array([radius + 2.0, 0.25 * radius, 0.0])[:dim]
+    place = np.vstack([single - apart, single + apart])
+    velocity = np.zeros((len(place), 3))
+    velocity[: len(single), 0], velocity[len(single) :, 0] = speed, -speed
+    scene = drop_scene(place, dim, velocity=velocity, tension={"embedding": embedding, **(tension or {})}, step=step)
+    run = context.simulation(scene, backend)
+    ledger, kept, stopped = follow(context, run, until, 120, shown)
+    # both drops turn about the common centre: L is not zero here, its drift is
+    first = ledger.series["angular"][0]
+    drift = max(abs(a - first) for a in ledger.series["angular"])
+    summary = ledger.summary()
+    scale = float(ledger.mass.sum()) * ledger.fastest * ledger.radius
+    return Result(
+        {"stopped": stopped, "dim": dim, "shown": list(shown), "series": ledger.series, **summary,
+         "angular": drift / scale, "steps": run.steps},
+        kept,
+    )  # fmt: skip
+
+
+def on_floor(
+    context: Context, backend: str, dim: int, radius: float, angle: float, until: float, shown: Sequence[float] = (),
+    tension: Mapping[str, Any] | None = None, liquid: Mapping[str, Any] | None = None,
+) -> Result:  # fmt: skip
+    """Half a disc or ball on a slipping floor takes its contact angle: circle through its free surface over time."""
+    place = ellipsoid(radius, dim, seed=1)
+    place = place[place[:, 1] > 0]
+    room = float(math.ceil(4 * radius))
+    walls = {"lower": (-room, 0.0, -room), "upper": (room, room, room), "rule": "slip"}
+    wet = {"contact_angle": float(angle), **(tension or {})}
+    scene = drop_scene(place, dim, tension=wet, liquid=dict(liquid or {}), walls=walls)
+    run = context.simulation(scene, backend)
+    h, angles_seen, times = CELLS[dim], [], []
+    fits: list[dict[str, float]] = []
+
+    def note(run: Simulation) -> None:
+        if run.steps % 10 == 0:
+            samples = surface_of(run).samples
+            position = run.backend.host(samples.position).astype(float)
+            fits.append(contact(position, 0.0, h, dim))
+            height = float(run.field("position")[:, 1].mean())
+            fits[-1]["angle_of_mass"] = angle_of_mass(height, run.count * (h / 2) ** dim, dim)
+            times.append(run.time)
+            angles_seen.append(fits[-1]["angle"])
+
+    ledger, kept, stopped = follow(context, run, until, 60, shown, note)
+    late = fits[len(fits) // 2 :]
+    made = {name: float(np.mean([f[name] for f in late])) for name in late[0]}
+    spread = float(np.std([f["angle"] for f in late]))
+    return Result(
+        {"stopped": stopped, "dim": dim, "asked": angle, "shown": list(shown), "time": times, "angles": angles_seen,
+         **ledger.summary(), **made, "spread": spread, "series": ledger.series, "steps": run.steps},
+        kept,
+    )  # fmt: skip
+
+
+def sheet(context: Context, backend: str, length: float, thick: float, tension: float, until: float,
+          shown: Sequence[float], embedding: str = "cluster") -> Result:  # fmt: skip
+    """A sheet of liquid in the plane draws back from its ends: their speed against Taylor and Culick's."""
+    place = box([length, thick])
+    scene = drop_scene(place, 2, tension={"surface_tension": tension, "embedding": embedding}, step=0.0)
+    run = context.simulation(scene, backend)
+    times, width = [], []
+
+    def note(run: Simulation) -> None:
+        x = run.field("position")[:, 0]
+        times.append(run.time)
+        width.append(float(x.max() - x.min()) / CELLS[2])
+
+    ledger, kept, stopped = follow(context, run, until, 60, shown, note)
+    culick = math.sqrt(2 * tension / (thick * CELLS[2]))
+    t, w = np.array(times), np.array(width)
+    held = (w < 0.9 * length) & (w > 0.5 * length)
+    speed = -0.5 * float(np.polyfit(t[held], w[held], 1)[0]) * CELLS[2] if held.sum() > 5 else float("nan")
+    return Result(
+        {"stopped": stopped, "dim": 2, "shown": list(shown), "series": ledger.series, **ledger.summary(),
+         "speed": speed, "culick": culick, "width": {"time": times[::5], "value": width[::5]}, "steps": run.steps},
+        kept,
+    )  # fmt: skip
+
+
+def example(context: Context, backend: str, until: float, shown: Sequence[float]) -> Result:
+    """The scene file refsim/examples/mpm_droplet.toml, as `refsim run` runs it, and its surface."""
+    plan = load_scene(EXAMPLE)
+    run = context.simulation(plan, backend)
+    ledger, kept, stopped = follow(context, run, until, 60, shown)
+    return Result(
+        {"stopped": stopped, "dim": 3, "shown": list(shown), "series": ledger.series, **ledger.summary(),
+         "steps": run.steps, "millimetres": 1e3 * ledger.h},
+        kept,
+    )  # fmt: skip
+
+
+# Drops in space at twice the resolution of `drops`, for pictures: the smooth surface around their particles.
+
+
+FINE_CELL = 1 / 64  # h [m], half of that of `drops` in space
+NODE = 0.75  # cells between the nodes at which the distance is kept
+UNIT = 0.01  # cells, of the distances that are kept
+RUNS: dict[str, dict[str, Any]] = {
+    # at the default lambda and step the neck that closes is compressed too far
+    "collision": {
+        "body": "collision", "radius": 10.0, "shown": [0.0, 0.02, 0.05, 0.1, 0.15, 0.2], "modulus": 2000.0,
+        "step": 5e-5,
+    },
+    "merging": {"body": "merging", "radius": 10.0, "shown": [0.0, 0.01, 0.03, 0.06, 0.1, 0.3], "viscosity": 0.05},
+    **{
+        f"floor_{angle}": {
+            "body": "floor", "radius": 12.0, "shown": [0.0, 0.05, 0.1, 0.15, 0.2, 0.5], "viscosity": 0.05,
+            "angle": angle,
+        }
+        for angle in (60, 90, 120)
+    },
+}  # fmt: skip
+
+
+def kept_distance(position: NDArray) -> tuple[NDArray[np.int16], NDArray[np.int8]]:
+    """The grid's first node (3,) and the distance at its nodes in UNIT cells, cut off at 127, of particles [cells]."""
+    first, phi, _ = distances(position, 0.5, NODE)
+    return first.astype(np.int16), np.clip(np.round(phi / UNIT), -127, 127).astype(np.int8)
+
+
+def smooth(
+    context: Context, backend: str, body: str, radius: float, shown: Sequence[float], viscosity: float = 0.0,
+    angle: float | None = None, modulus: float = MODULUS, step: float = 0.0,
+) -> Result:  # fmt: skip
+    """Surfaces of a body at the times `shown` [s], and why the run stopped or "".
+
+    body    "collision": balls of `radius` [cells] that meet off their axis, each at 1 m/s; "merging": two that touch,
+            at rest; "floor": half a ball on a slipping floor whose contact angle is `angle` [degrees]
+    """
+    place = ellipsoid(radius, 3, seed=1 if body == "floor" else None)
+    tension: dict[str, Any] = {}
+    walls: Mapping[str, Any] | None = None
+    speed = 0.0
+    if body == "floor":
+        far = float(math.ceil(4 * radius))
+        place, tension = place[place[:, 1] > 0], {"contact_angle": angle}
+        walls = {"lower": (-far, 0.0, -far), "upper": (far, far, far), "rule": "slip"}
+    else:
+        speed = 1.0 if body == "collision" else 0.0
+        apart = np.array([radius + 2.0, 0.25 * radius, 0.0] if body == "collision" else [radius, 0.0, 0.0])
+        place = np.vstack([place - apart, place + apart])
+    velocity = np.zeros((len(place), 3))
+    velocity[:, 0] = -speed * np.sign(place[:, 0])
+    scene = drop_scene(place, 3, velocity=velocity, tension=tension, walls=walls, cell=FINE_CELL, step=step,
+                       liquid={"dynamic_viscosity": viscosity, "bulk_modulus": modulus})  # fmt: skip
+    run = context.simulation(scene, backend)
+    kept, stopped, waiting = {}, "", sorted(shown)
+    try:
+        while waiting:
+            if run.time >= waiting[0] - 1e-9:
+                k = len(shown) - len(waiting)
+                kept[f"first_{k}"], kept[f"distance_{k}"] = kept_distance(
+                    run.field("position").astype(float) / FINE_CELL
+                )
+                waiting.pop(0)
+                continue
+            run.step()
+            context.progress(run.time / max(shown))
+    except RunStopped as stop:
+        stopped = f"{stop.reason} in step {run.steps}"
+    return Result({"shown": list(shown), "stopped": stopped, "steps": run.steps, "particles": run.count}, kept)
+
+
+# What the thesis claims of its transfers and its embedding (chapter 4).
+
+
+SEEDS = (1, 2, 3, 4, 5)
+SIZES = (6, 7, 8, 9, 10)  # cells along the edge of a block
+LIQUIDS_COMPARED = ("square, lambda 1000, k 1", "square, lambda 10,000, k 1", "cube, lambda 1000, k 1")
+ROOMS = (12, 14, 16, 20, 24)  # cells along the edge of a box full of liquid
+STRIDE = 0.3 * CELL / math.sqrt(BULK_MODULUS / DENSITY)  # s: the runner's own step for a liquid at rest
+
+
+def momentum(context: Context, seed: int) -> Result:
+    """Momentum there and back, by the four readings of the embedding."""
+    return Result({name: round_trip(name, seed=seed)["momentum"] for name in READINGS})
+
+
+def vortices(context: Context, cells: int, affine: bool, backend: str, until: float = 0.4) -> Result:
+    """Rate at which four vortices in a box full of liquid without viscosity lose their energy [1/s].
+
+    With affine matrices (APIC), or without (PIC): then they are set to zero before every step.
+    """
+    h = 1 / cells
+    scene = Scene(
+        spacing=h / 2, support_radius=1.5 * h, dim=2, dtype="float64", fluid=(Box(cells=(2 * cells, 2 * cells, 1)),),
+        effects=(
+            MpmLiquid(rest_density=1.0, bulk_modulus=100.0),
+            MpmWalls(lower=(0, 0, 0), upper=(1, 1, 0), rule="slip"),
+        ),
+    )  # fmt: skip
+    run = context.simulation(scene, backend)
+    x, mass = 2 * math.pi * run.field("position"), run.field("mass")
+    velocity = np.zeros_like(x)
+    velocity[:, 0] = np.sin(x[:, 0]) * np.cos(x[:, 1])
+    velocity[:, 1] = -np.cos(x[:, 0]) * np.sin(x[:, 1])
+    slope = np.zeros((len(x), 3, 3))
+    slope[:, 0, 0] = 2 * math.pi * np.cos(x[:, 0]) * np.cos(x[:, 1])
+    slope[:, 0, 1] = -2 * math.pi * np.sin(x[:, 0]) * np.sin(x[:, 1])
+    slope[:, 1, 0], slope[:, 1, 1] = -slope[:, 0, 1], -slope[:, 0, 0]
+    order = run._host("identity")
+    run._set("velocity", velocity[order])
+    run._set("affine", slope.reshape(-1, 9)[order])
+    energy = [0.5 * float(mass @ (velocity**2).sum(1))]
+    while run.time < until:
+        if not affine:
+            run.backend.assign(run.fields["affine"], 0.0)
+        run.step()
+        context.progress(run.time / until)
+    energy.append(0.5 * float(mass @ (run.field("velocity") ** 2).sum(1)))
+    return Result({"rate": math.log(energy[0] / energy[1]) / run.time, "steps": run.steps})
+
+
+def breathing(context: Context, cells: int, implicit: bool, periods: float = 2.0) -> Result:
+    """Energy that a square block, let go at 0.98 of its volume, has lost after its sound has gone back and forth twice.
+
+    Both schemes have the same transfers and steps. Backward Euler: the grid's velocities minimise
+    sum m_j |v_j - v*_j|^2/2 + sum V0 lambda (J (1 + dt tr A_p(v)) - 1)^2/2, which is quadratic in them.
+    """
+    axis = 0.5 * CELL * (np.arange(2 * cells) + 0.5)
+    place = np.stack(np.meshgrid(axis, axis, indexing="ij"), -1).reshape(-1, 2) + 0.03
+    n = len(place)
+    mass = np.full(n, DENSITY * (0.5 * CELL) ** 2)
+    state: dict[str, Any] = {
+        "position": np.pad(place, ((0, 0), (0, 1))), "velocity": np.zeros((n, 3)), "affine": np.zeros((n, 9)),
+        "volume_ratio": np.full(n, 0.98),
+    }  # fmt: skip
+
+    def energy() -> float:
+        bulk = 0.5 * BULK_MODULUS * (mass / DENSITY) @ (state["volume_ratio"] - 1) ** 2
+        return float(0.5 * mass @ (state["velocity"] ** 2).sum(1) + bulk)
+
+    start = energy()
+    steps = round(periods * 2 * cells * CELL / math.sqrt(BULK_MODULUS / DENSITY) / STRIDE)
+    for k in range(steps):
+        ratio = state["volume_ratio"].copy()
+        pressed = ratio if not implicit else np.ones(n)
+        t = Transfers(
+            state["position"], state["velocity"], state["affine"], ratio=pressed, mass=mass, step=STRIDE, dim=2
+        )
+        t.to_grid()
+        if implicit:
+            t.run("mpm.grid_update")
+            v = t.values["node_velocity"]
+            heavy = np.flatnonzero(t.values["node_mass"] > 1e-12 * mass[0])
+            v[heavy, :2] = backward_euler(t, ratio, heavy)
+            t.values["volume_ratio"][:] = ratio
+            t.run("mpm.grid_to_particle")
+        else:
+            t.back()
+        for name in state:
+            state[name] = t.values[name]
+        context.progress((k + 1) / steps)
+    return Result({"lost": 1 - energy() / start, "steps": steps})
+
+
+def backward_euler(t: Transfers, ratio: np.ndarray, heavy: np.ndarray) -> np.ndarray:
+    """Velocities (m, 2) [m/s] of the nodes `heavy` after an implicit step; `t` holds those without pressure."""
+    n, table = len(ratio), node_table(t.values["grid"].blocks)
+    base, weight, slope = np.zeros((n, 3), np.int32), np.zeros((n, 9)), np.zeros((n, 9))
+    REGISTRY["mpm.weights"].program("cpu")(t.values["position"], t.values["background"], base, weight, slope)
+    number = {(int(x), int(y)): k for k, (x, y, _) in enumerate(table[heavy])}
+    rows, columns, entries = [], [], []
+    for i in range(3):
+        for j in range(3):
+            node = np.array([number.get((int(a) + i, int(b) + j), -1) for a, b, _ in base])
+            there = node >= 0
+            arm = CELL * (base[:, :2] + [i, j]) - t.values["position"][:, :2]
+            for c in range(2):  # tr A_p = (4/h^2) sum_j B_j (x_j - x_p).v_j
+                rows.append(np.flatnonzero(there))
+                columns.append(2 * node[there] + c)
+                entries.append((4 / CELL**2 * weight[:, i] * weight[:, 3 + j] * arm[:, c])[there])
+    trace = csr_array(
+        (np.concatenate(entries), (np.concatenate(rows), np.concatenate(columns))), shape=(n, 2 * len(heavy))
+    )
+    inertia = np.repeat(t.values["node_mass"][heavy], 2)
+    volume = t.mass / DENSITY
+    stiffness = trace.T @ diags_array(t.step**2 * volume * BULK_MODULUS * ratio**2) @ trace
+    push = t.step * trace.T @ (volume * BULK_MODULUS * (1 - ratio) * ratio)
+    known = inertia * t.values["node_velocity"][heavy, :2].ravel() + push
+    return spsolve((diags_array(inertia) + stiffness).tocsc(), known).reshape(-1, 2)
+
+
+def _momenta(options: Options) -> list[Run]:
+    return [Run(f"claim_momentum_{seed}", momentum, {"seed": seed}, estimate=3.0) for seed in SEEDS]
+
+
+def _vortices(options: Options) -> list[Run]:
+    return [
+        Run(
+            f"claim_vortices_{cells}_{'apic' if affine else 'pic'}", vortices,
+            {"cells": cells, "affine": affine, "backend": options.backend}, estimate=4.0,
+        )
+        for cells in ROOMS
+        for affine in (True, False)
+    ]  # fmt: skip
+
+
+def _blocks(options: Options) -> list[Run]:
+    return [
+        Run(
+            f"claim_breathing_{cells}_{'implicit' if implicit else 'explicit'}", breathing,
+            {"cells": cells, "implicit": implicit}, estimate=6.0,
+        )
+        for cells in SIZES
+        for implicit in (False, True)
+    ]  # fmt: skip
+
+
+def _steps(row: str) -> Callable[[Options], list[Run]]:
+    """Cells of the stability map, so that they are computed once: without embedding, and with it."""
+
+    def runs(options: Options) -> list[Run]:
+        cells = {(cell.row, cell.column): cell for cell in STEPS.cells}
+        chosen = [cells[each, column] for column in LIQUIDS_COMPARED for each in ("none, no inset", row)]
+        return [
+            Run(f"{STEPS.name}.{c.key}", c.function, {**c.parameters, "backend": options.backend}, estimate=c.seconds)
+            for c in chosen
+        ]
+
+    return runs
+
+
+def _each(name: str) -> Callable[[Results], list[float]]:
+    return lambda results: [real(result.values[name]) for result in results.values()]
+
+
+def _pairs(name: str) -> Callable[[Results], list[float]]:
+    """The second over the first of every two runs."""
+
+    def values(results: Results) -> list[float]:
+        found = [real(result.values[name]) for result in results.values()]
+        return [b / a if a else math.inf for a, b in zip(found[::2], found[1::2], strict=True)]
+
+    return values
+
+
+MPM_MOMENTUM_NONE = Measure(_momenta, _each("none"))
+MPM_MOMENTUM_CLUSTER = Measure(_momenta, _each("cluster"))
+MPM_MOMENTUM_THESIS = Measure(_momenta, _each("thesis"))
+MPM_MOMENTUM_GRADIENT_CORRECTED = Measure(_momenta, _each("gradient_corrected"))
+MPM_PIC_IS_VISCOUS = Measure(_vortices, _pairs("rate"))
+MPM_EXPLICIT_KEEPS_ENERGY = Measure(_blocks, _pairs("lost"))
+MPM_CLUSTER_STEADIES = Measure(_steps("cluster, no inset"), _pairs("largest"), quick=False)
+MPM_THESIS_STEADIES = Measure(_steps("thesis (4.14), no inset"), _pairs("largest"), quick=False)
+
+
+def _fails(measure: Measure) -> list[float]:
+    """The printed embedding, in the place of any other."""
+    found = momentum(Context(), SEEDS[0]).values["thesis"]
+    return measure.of({"": dict.fromkeys(READINGS, found)})
+
+
+FAMILIES = (
+    Family(
+        tuple(f"mpm_momentum_{name}" for name in ("none", "cluster", "thesis", "gradient_corrected")),
+        "Momentum could be lost between particles and grid.", "the embedding as printed, which loses it", _fails,
+    ),
+    Family(
+        ("mpm_pic_is_viscous",), "Vortices could last as long without affine matrices.", "both lose energy alike",
+        alike({"rate": 0.5}),
+    ),
+    Family(
+        ("mpm_explicit_keeps_energy",), "An implicit step could lose as little energy.", "both lose energy alike",
+        alike({"lost": 0.1}),
+    ),
+    Family(
+        ("mpm_cluster_steadies", "mpm_thesis_steadies"),
+        "Embedded points could leave the largest stable step as it is.",
+        "the same largest step", alike({"largest": 0.01}),
+    ),
+)  # fmt: skip
+
+
+# Hard cases of MPM with surface tension, outcomes of the printed readings, largest stable step of each embedding.
+#
+# Units: rho0 = k = 1, lambda = 1000, cells of 1/64 m in the plane and 1/32 m in space.
+
+
+HARD_CELLS = {2: 1 / 64, 3: 1 / 32}
+HARD_DENSITY, TENSION, HARD_MODULUS = 1.0, 1.0, 1000.0
+MOMENTUM = 1e-10  # of m v_max: the project's bar in float64
+ANGULAR = 1e-4  # of m v_max R: the project's bar
+REMADE = 1e-3  # of m v_max R: what surfaces made anew may change, see `Turning`
+HARD_SPIN = 20.0  # rad/s
+
+
+def block(cells: tuple[int, ...], shift: tuple[float, float, float] = (0.13, -0.21, 0.37)) -> NDArray:
+    """A block of 2^dim particles to a cell (n, 3), in cells, off the nodes by `shift`."""
+    axes = [np.arange(2 * n) * 0.5 + 0.25 for n in cells]
+    place = np.array(list(itertools.product(*axes)))
+    return np.pad(place, ((0, 0), (0, 3 - len(cells)))) + np.array(shift) * (np.arange(3) < len(cells))
+
+
+def disc(radius: float, dim: int = 2) -> NDArray:
+    """Particles of a lattice within `radius` cells of the origin (n, 3), in cells."""
+    place = block((2 * math.ceil(radius) + 2,) * dim, (-math.ceil(radius) - 1.13,) * 3)
+    return place[np.linalg.norm(place, axis=1) < radius]
+
+
+def liquid(
+    place: NDArray, dim: int = 2, velocity: Any = None, modulus: float = HARD_MODULUS, tension: float = TENSION,
+    step: float = 0.0, printed: tuple[str, ...] = (), extra: tuple[Any, ...] = (), **surface: Any,
+) -> Scene:  # fmt: skip
+    """Particles at `place` [cells] under surface tension; `printed` readings of the liquid, no surface where k < 0."""
+    h = HARD_CELLS[dim]
+    effects = (MpmLiquid(rest_density=HARD_DENSITY, bulk_modulus=modulus, literal=printed),)
+    effects += (SurfaceEnergy(surface_tension=tension, **surface),) if tension >= 0 else ()
+    cloud = Cloud(position=h * place, **({} if velocity is None else {"velocity": velocity}))
+    return Scene(
+        spacing=h / 2, support_radius=1.5 * h, dim=dim, dtype="float64", step=step, fluid=(cloud,),
+        effects=(*effects, *extra),
+    )  # fmt: skip
+
+
+class HardLedger:
+    """What a free body must keep: seen along a run, checked at its end."""
+
+    def __init__(self) -> None:
+        self.rows: list[dict[str, float]] = []
+
+    def __call__(self, run: Simulation) -> None:
+        """Take down the state."""
+        x, v, m, ratio = (run.field(name) for name in ("position", "velocity", "mass", "volume_ratio"))
+        surface = run._shared.get("surface")
+        area = float(surface.sample_area.sum()) if surface is not None and surface.latest is not None else math.nan
+        centre = (m[:, None] * x).sum(0) / m.sum()
+        angular = _turning(m, (x, v, run.field("affine")), _spread(run))
+        liquid, tension = run.plan.effects["mpm_liquid"], run.plan.effects.get("surface_energy")
+        kinetic = 0.5 * float(m @ (v**2).sum(1))
+        bulk = 0.5 * liquid.bulk_modulus / liquid.rest_density * float(m @ (ratio - 1) ** 2)
+        self.rows.append(
+            {
+                "momentum": float(np.abs(m @ v).max()), "speed": float(np.sqrt((v**2).sum(1).max())),
+                "angular": angular, "kinetic": kinetic, "ratio": float(ratio.min()),
+                "energy": kinetic + bulk + (tension.surface_tension if tension else 0.0) * area,
+                "extent": float(np.ptp(x, axis=0).max()), "size": float(np.linalg.norm(x - centre, axis=1).max()),
+                "mass": float(m.sum()), "steps": run.steps,
+                "samples": float(surface.latest.samples.count.max()) if area == area else 0.0,
+            }
+        )  # fmt: skip
+
+    def last(self, name: str) -> float:
+        """The latest value."""
+        return self.rows[-1][name]
+
+    def drift(self, name: str = "momentum") -> float:
+        """Largest change of a momentum over m v_max (times the body's size for the angular one)."""
+        scale = self.scale(name)
+        return max(abs(row[name] - self.rows[0][name]) for row in self.rows) / scale if scale > 0 else 0.0
+
+    def scale(self, name: str) -> float:
+        """m v_max, times the body's size for the angular one."""
+        scale = self.last("mass") * max(row["speed"] for row in self.rows)
+        return scale * self.rows[0]["size"] if name == "angular" else scale
+
+
+class Turning:
+    """Angular momentum of a free body about its centre [kg m^2/s], and where it changes.
+
+    A cluster's second moment D is made anew with the surface, between two steps, and the affine matrix A stays, so that
+    affine fields are kept: what A D carries is another number then. Transfers and forces themselves keep it.
+
+    in_steps   what all steps have changed
+    remade     what all surfaces made anew have changed
+    """
+
+    def __init__(self) -> None:
+        self.in_steps = self.remade = self.total = 0.0
+        self.before: tuple[NDArray, NDArray, NDArray] | None = None
+        self.greatest = {"in_steps": 0.0, "remade": 0.0}
+
+    def __call__(self, run: Simulation) -> None:
+        """Look at the state after every step, and before the first."""
+        mass, now = run.field("mass"), tuple(run.field(name) for name in ("position", "velocity", "affine"))
+        spread = _spread(run)
+        total = _turning(mass, now, spread)
+        if self.before is not None:
+            began = _turning(mass, self.before, spread)
+            self.in_steps += total - began
+            self.remade += began - self.total
+            for name in self.greatest:
+                self.greatest[name] = max(self.greatest[name], abs(getattr(self, name)))
+        self.before, self.total = now, total
+
+
+def free_body(
+    trial: Trial, scene: Scene, until: float, momentum: float = MOMENTUM, angular: float = ANGULAR, every: int = 10,
+    in_steps: float = MOMENTUM,
+) -> HardLedger:  # fmt: skip
+    """Run a body that nothing holds: no particle is lost, momenta stay, and J stays possible.
+
+    angular   bound of the whole drift of angular momentum, over m v_max R; in_steps: of what steps change of it
+    """
+    ledger, turning = HardLedger(), Turning()
+
+    def watch(run: Simulation) -> None:
+        turning(run)
+        if run.steps % every == 0 or run.time >= until:
+            ledger(run)
+
+    trial.advance(trial.start(scene), until=until, watch=watch)
+    scale = ledger.scale("angular")
+    trial.check("linear momentum over m v_max", ledger.drift(), at_most=momentum)
+    trial.check("angular momentum over m v_max R", ledger.drift("angular"), at_most=angular)
+    trial.check("angular momentum that steps change, over m v_max R", turning.greatest["in_steps"] / scale,
+                at_most=in_steps)  # fmt: skip
+    trial.show("angular momentum that surfaces made anew change, over m v_max R", turning.greatest["remade"] / scale)
+    trial.check("least J", min(row["ratio"] for row in ledger.rows), at_least=0.2)
+    trial.show("steps", ledger.last("steps"))
+    return ledger
+
+
+def _spread(run: Simulation) -> NDArray:
+    """D of each particle (n, 3, 3) [m^2]."""
+    unit = HARD_CELLS[run.plan.grid.dim] ** 2 / 4
+    if run.steps and "inverse_spread" in run.fields:
+        return unit * np.linalg.inv(run.field("inverse_spread")[:, SYMMETRIC])
+    return np.broadcast_to(unit * np.eye(3), (run.count, 3, 3))
+
+
+def _own_spin(affine: NDArray, spread: NDArray) -> NDArray:
+    """Angular momentum over mass (n, 3) [m^2/s] of each particle about itself: that of A D."""
+    moment = affine.reshape(-1, 3, 3) @ spread
+    return np.stack([moment[:, c - 1, c - 2] - moment[:, c - 2, c - 1] for c in range(3)], axis=1)
+
+
+def _turning(mass: NDArray, state: tuple[NDArray, ...], spread: NDArray) -> float:
+    """Angular momentum about the centre of mass, about z [kg m^2/s]; `state` is position, velocity, affine matrix."""
+    position, velocity, affine = state
+    centre = (mass[:, None] * position).sum(0) / mass.sum()
+    spin = np.cross(position - centre, velocity) + _own_spin(affine, spread)
+    return float((mass[:, None] * spin).sum(0)[2])
+
+
+# Hard cases
+
+
+def isolated(context: Context, backend: str, smallest: int) -> Result:
+    """Sixty particles without neighbours fly apart; with smallest = 1 surface tension acts on each."""
+    trial = Trial(context, backend)
+    random = np.random.default_rng(7)
+    place = 8.0 * np.array(list(itertools.product(range(10), range(6), [0.0]))) + [0.3, 0.1, 0.0]
+    velocity = np.pad(random.normal(size=(60, 2)), ((0, 0), (0, 1)))
+    with trial.ending():
+        run = trial.start(liquid(place, velocity=velocity, smallest=smallest))
+        start = run.field("position")
+        trial.advance(run, until=0.01)
+        displacement = np.abs(run.field("position") - start - run.time * velocity).max()
+        trial.check("displacement less v t [h]", displacement / HARD_CELLS[2], at_most=1e-9)
+        trial.check("area under tension", float(run._shared["surface"].sample_area.sum()), equals=0)
+    return trial.result()
+
+
+def filament(context: Context, backend: str, tension: float = TENSION) -> Result:
+    """A row of particles one particle wide."""
+    trial = Trial(context, backend)
+    place = np.zeros((80, 3))
+    place[:, 0] = 0.5 * np.arange(80) + 0.13
+    place[:, 1] = 0.41
+    with trial.ending():
+        run = trial.start(liquid(place, tension=tension))
+        run.evaluate()
+        trial.check("inner particles recognised as a filament", int((run.field("extent") == 1).sum()), at_least=76)
+        trial.advance(run, until=0.5)
+    return trial.result()
+
+
+def hard_sheet(context: Context, backend: str) -> Result:
+    """A sheet of 40 by 1 cells, two particles thick, draws in."""
+    trial = Trial(context, backend)
+    with trial.ending():
+        ledger = free_body(trial, liquid(block((40, 1)), tension=0.1), 0.3)
+        trial.check("extent over the start's", ledger.last("extent") / ledger.rows[0]["extent"], at_most=0.95)
+    return trial.result()
+
+
+def close_drops(context: Context, backend: str, gap: float) -> Result:
+    """Two drops nearer than 2 r share one surface, and run together."""
+    trial = Trial(context, backend)
+    one = disc(6.0)
+    with trial.ending():
+        place = np.vstack([one, one + [12.0 + gap, 0.37, 0.0]])
+        ledger = free_body(trial, liquid(place), 0.2, angular=REMADE)
+        size = context.started[-1][1]._shared["surface"].latest.component_size
+        trial.check("particles in one component", float(np.asarray(size).min()), equals=len(place))
+        trial.check("extent over the start's", ledger.last("extent") / ledger.rows[0]["extent"], at_most=0.98)
+    return trial.result()
+
+
+def cavity(context: Context, backend: str) -> Result:
+    """A hole narrower than 2 r has no surface: without tension it closes only as the liquid around it moves."""
+    trial = Trial(context, backend)
+    place = disc(9.0)
+    place = place[np.linalg.norm(place, axis=1) > 1.1]
+    with trial.ending():
+        free_body(trial, liquid(place), 0.1)
+        sample = context.started[-1][1]._shared["surface"].sample_position / HARD_CELLS[2]
+        trial.check("samples in the hole", int((np.linalg.norm(sample, axis=1) < 3).sum()), equals=0)
+    return trial.result()
+
+
+def far_end(context: Context, backend: str, cells: float, velocity: float) -> Result:
+    """A drop `cells` before the last cell of the grid; with a velocity [m/s] it flies over it."""
+    trial = Trial(context, backend)
+    with trial.ending():
+        place = disc(3.0) + [FARTHEST - cells, -FARTHEST + cells, 0.0]
+        free_body(trial, liquid(place, velocity=(velocity, 0.0, 0.0)), 0.02)
+    return trial.result()
+
+
+def on_nodes(context: Context, backend: str) -> Result:
+    """A square whose particles stand on nodes and in the middle between them: every floor is a tie."""
+    trial = Trial(context, backend)
+    with trial.ending():
+        place = block((8, 8), (-0.25, -0.25, 0.0))
+        assert not np.any((2 * place) % 1)
+        free_body(trial, liquid(place), 0.1)
+    return trial.result()
+
+
+def spin(context: Context, backend: str) -> Result:
+    """A disc of radius 8 h turns with 20 rad/s."""
+    trial = Trial(context, backend)
+    place = disc(8.0)
+    centre = place.mean(0)
+    velocity = HARD_SPIN * HARD_CELLS[2] * np.cross([0, 0, 1], place - centre)
+    with trial.ending():
+        ledger = free_body(trial, liquid(place, velocity=velocity), 0.2, angular=REMADE)
+        share = min(row["kinetic"] for row in ledger.rows) / ledger.rows[0]["kinetic"]
+        trial.check("least kinetic energy over the start's", share, at_least=0.9)
+    return trial.result()
+
+
+def hard_square(context: Context, backend: str, tension: float, modulus: float, cells: int = 10) -> Result:
+    """A square becomes a disc under another tension or stiffness."""
+    trial = Trial(context, backend)
+    with trial.ending():
+        free_body(trial, liquid(block((cells, cells)), tension=tension, modulus=modulus), 0.1, angular=REMADE)
+    return trial.result()
+
+
+def many_samples(context: Context, backend: str) -> Result:
+    """A ball whose surface stays at r: some particles are the nearest of more than ten samples."""
+    trial = Trial(context, backend)
+    with trial.ending():
+        ledger = free_body(trial, liquid(block((4, 4, 4)), 3, inset=-1.0), 0.01, every=1, angular=REMADE)
+        trial.check("largest C_p", max(row["samples"] for row in ledger.rows), at_least=11)
+    return trial.result()
+
+
+def no_particle(context: Context, backend: str) -> Result:
+    """A scene without particles."""
+    trial = Trial(context, backend)
+    with trial.ending():
+        trial.start(liquid(np.zeros((0, 3))))
+    trial.check("the sentence says what to add", "add a fluid" in trial.message, equals=1)
+    return trial.result()
+
+
+def one(context: Context, backend: str, tension: float) -> Result:
+    """One particle: plain liquid falls freely; with surface tension the scene is refused."""
+    trial = Trial(context, backend)
+    with trial.ending():
+        pull = np.array([0.3, -9.81, 0.0])
+        made = liquid(np.array([[0.3, 0.1, 0.0]]), tension=tension, extra=(Gravity(acceleration=tuple(pull)),))
+        run = trial.start(made)
+        start, v, displacement = run.field("position"), np.zeros(3), np.zeros(3)
+        for _ in range(50):
+            length = run.step().length
+            v = v + length * pull
+            displacement = displacement + length * v
+        trial.account(run)
+        error = np.abs(run.field("position") - start - displacement).max() / np.abs(displacement).max()
+        trial.check("displacement against free fall, relative", error, at_most=1e-12)
+    return trial.result()
+
+
+def as_printed(
+    context: Context, backend: str, dim: int, embedding: str, step: float, sign: bool, within: int, cells: int,
+    halved_within: int = 0,
+) -> Result:  # fmt: skip
+    """The source's scheme, with its own sign or with the sign alone corrected, until it ends.
+
+    halved_within  steps within which a J falls below 1/2; a run is then taken for
+                   failed; its block then stands on the grid's nodes, and samples are the source's, Poisson disks
+    """
+    trial = Trial(context, backend)
+    place = block((cells,) * dim, *([(0.0, 0.0, 0.0)] if halved_within else []))
+    made = liquid(
+        place, dim, step=step, embedding=embedding, literal=("M31",) if sign else ("M1", "M31"),
+        **({"quadrature": "poisson"} if halved_within else {}),
+    )  # fmt: skip
+    run, halved = None, 0
+    with trial.ending():
+        run = context.simulation(unguarded(made, step), backend)
+        while run.steps < within:
+            run.step()
+            if not halved and run.field("volume_ratio").min() < 0.5:
+                halved = run.steps
+    trial.check("ended by itself", trial.ended.startswith("stopped"), equals=1)
+    if halved_within:
+        trial.check("a J falls below 1/2", halved, at_least=1)
+        trial.check("step in which it first does", halved, at_most=halved_within)
+    trial.show("step in which J first falls below 1/2", halved)
+    if run is not None:
+        trial.check("steps", run.steps, at_most=within)
+        trial.check("places that are finite", int(np.isfinite(run.field("position")).all()), equals=1)
+    return trial.result()
+
+
+def unguarded(made: Scene, step: float) -> Any:
+    """A plan with a fixed step [s], however long: a scene refuses one beyond what is stable."""
+    plan = make_plan(msgspec.structs.replace(made, step=1e-9))
+    return dataclasses.replace(plan, scene=msgspec.structs.replace(made, step=step))
+
+
+# The largest stable step
+
+
+def natural(dim: int, modulus: float, tension: float) -> float:
+    """min(h/c, sqrt(rho0 h^3/(2 pi k))) [s]."""
+    h = HARD_CELLS[dim]
+    return min(h / math.sqrt(modulus / HARD_DENSITY), math.sqrt(HARD_DENSITY * h**3 / (2 * math.pi * tension)))
+
+
+def step_cell(
+    context: Context, backend: str, dim: int, cells: int, until: float, modulus: float, tension: float,
+    embedding: str, inset: float,
+) -> Result:  # fmt: skip
+    """The largest step, over min(acoustic, capillary), with which a square or a cube rounds off."""
+    made = liquid(
+        block((cells,) * dim), dim, modulus=modulus, tension=tension, embedding=embedding, inset=inset,
+    )  # fmt: skip
+    unit = natural(dim, modulus, tension)
+    try:
+        own, refused = context.simulation(made, backend).step().length / unit, False
+    except InputError:
+        own, refused = 0.0, True
+
+    def trouble(number: float) -> str:
+        run = context.simulation(unguarded(made, number * unit), backend)
+        context.started[:-1] = []
+        ledger = HardLedger()
+        try:
+            run.step()
+            ledger(run)
+            while run.time < until:
+                run.step()
+                if run.steps % 25 == 0:
+                    ledger(run)
+            ledger(run)
+        except RunStopped as stop:
+            return f"stopped: {stop.reason} in step {run.steps}"
+        most = max(row["energy"] for row in ledger.rows) / ledger.rows[0]["energy"]
+        return f"{most:.2f} times the energy" if most > ENERGY else ""
+
+    return largest_stable(trouble, 0.5, LEAST, 4.0, factor=1.15).result(own, refused=refused)
+
+
+LEAST = 0.01  # of the natural step: the smallest that is tried
+ENERGY = 1.02  # times the energy after the first step, which a stable run never exceeds
+HARD_READINGS = {
+    "cluster": ("cluster", 0.25), "cluster, no inset": ("cluster", -1.0),
+    "none": ("none", 0.25), "none, no inset": ("none", -1.0),
+    "gradient-corrected": ("gradient_corrected", 0.25),
+    "gradient-corrected, no inset": ("gradient_corrected", -1.0),
+    "thesis (4.14)": ("thesis", 0.25), "thesis (4.14), no inset": ("thesis", -1.0),
+}  # fmt: skip
+LIQUIDS: Mapping[str, dict[str, Any]] = {
+    "square, lambda 1000, k 1": {"modulus": 1000.0, "tension": 1.0},
+    "square, lambda 100, k 1": {"modulus": 100.0, "tension": 1.0},
+    "square, lambda 10,000, k 1": {"modulus": 10000.0, "tension": 1.0},
+    "square, lambda 1000, k 0.1": {"modulus": 1000.0, "tension": 0.1},
+    # as many capillary times sqrt(rho0 R^3/k) as 0.1 s at k = 1
+    "square, lambda 1000, k 10": {"modulus": 1000.0, "tension": 10.0, "until": 0.03},
+    "cube, lambda 1000, k 1": {"modulus": 1000.0, "tension": 1.0, "dim": 3, "cells": 10, "until": 0.04},
+}
+PLANE = {"dim": 2, "cells": 20, "until": 0.1}
+STEPS = StabilityMap(
+    name="stability_mpm_step",
+    title="The longest stable step of each embedding, over min(h/c, sqrt(rho0 h^3/(2 pi k)))",
+    quantity="step over min(acoustic, capillary)",
+    criterion="a square of 20 cells rounds off for 0.1 s (0.03 s with k = 10), or a cube of 10 cells for 0.04 s,"
+    " without a stop and without gaining 2 % of energy.",
+    advice="Take the cluster with its inset and the runner's own step.",
+    cells=tuple(
+        Cell(
+            row, column, step_cell, {**PLANE, **given, "embedding": reading, "inset": inset},
+            100.0 if inset < 0 and given["tension"] / given["modulus"] >= 0.01 else 25.0,
+        )
+        for row, (reading, inset) in HARD_READINGS.items()
+        for column, given in LIQUIDS.items()
+    ),
+)  # fmt: skip
+MAPS = (STEPS,)
+
+
+# The material point method with surface tension: transfers, drops that round off, rest, swing, meet and stand on
+# floors, and its speed beside Taichi.
+
+
+COLUMNS = {
+    "grid_mass": "mass on the grid", "grid_momentum": "momentum on the grid", "momentum": "momentum there and back",
+    "velocity": "v", "gradient": "A at the surface", "power": "power balance",
+}  # fmt: skip
+
+
+ENCLOSING = {"enclose_volume": True}
+# What brings the box to rest: no liquid comes to rest without viscosity, and soonest with about the one that damps mode
+# 2 critically, rho w R^2/5 = 0.25. lambda is twice that of the other drops, so that the surface's pressure takes half a
+# per cent of the volume.
+RESTFUL = {"dynamic_viscosity": 0.3, "bulk_modulus": 2000.0}
+# The box again, in other cells and turns, fuller, and less viscous: (side of its cube [cells], particles along a cell,
+# seed of its turn, viscosity)
+BOXES = {
+    "turn_5": (10.0, 2, 5, 0.3), "turn_7": (10.0, 2, 7, 0.3), "coarse": (6.5, 2, 3, 0.3), "fine": (15.0, 2, 3, 0.3),
+    "full": (10.0, 3, 3, 0.3), "thin": (10.0, 2, 3, 0.12),
+}  # fmt: skip
+DAMPED = {"dynamic_viscosity": 0.05}
+RADII = {2: (5.5, 11.0, 22.0), 3: (4.0, 6.0, 8.0, 12.0)}
+JUDGED_SEEDS = (0, 1, 2)
+SWINGS = {"2d_5.5": (2, 5.5, 0.1), "2d_8": (2, 8.0, 0.1), "2d_11": (2, 11.0, 0.1), "2d_16": (2, 16.0, 0.1),
+          "2d_22": (2, 22.0, 0.1), "2d_16_small": (2, 16.0, 0.03), "2d_16_half": (2, 16.0, 0.05),
+          "2d_16_double": (2, 16.0, 0.2), "3d_4": (3, 4.0, 0.1), "3d_6": (3, 6.2, 0.1), "3d_9": (3, 9.0, 0.1),
+          "3d_12": (3, 12.0, 0.1), "3d_9_half": (3, 9.0, 0.05), "3d_9_double": (3, 9.0, 0.2)}  # fmt: skip
+ANGLES = (60, 90, 120)
+# Blocks beside Taichi on a GPU: cells along an axis, order of the particles in memory, turns
+PEER_BLOCKS = ((64, "lattice", 3), (64, "cells", 3), (64, "random", 3), (128, "lattice", 2), (128, "random", 1),
+               (128, "cells", 1))  # fmt: skip
+# Errata whose printed reading a run can take, and what it does
+ERRATA = {
+    "": "all corrections",
+    "M1": "the surface's force with the other sign",
+    "M3": "stress without the volume",
+    "M4": "stress without J",
+    "M5": "J moves without dt",
+    "M6": "stress through grad B",
+    "M7": "velocities of before the update",
+    THESIS: "embedding of (4.12), (4.14)",
+    "M13": "A starts as the unit matrix",
+    "M14": "a fit that never fits",
+    "M27": "twice the stress",
+    "M31": "the surface at r",
+    "M32": "15 cases",
+}
+
+RECOUNT = {"recount_time": 2e-3}  # ten steps
+# How long scenes hold: (what it is, parameters of `drops.held`)
+HELD: dict[str, tuple[str, dict[str, Any]]] = {
+    "square": ("square that becomes a disc", {"body": "square"}),
+    "square_none": ("the same, nothing embedded", {"body": "square", "tension": {"embedding": "none"}}),
+    "square_half": ("the same, half the step", {"body": "square", "step": 1e-4}),
+    "square_viscous": ("the same, viscosity 0.05", {"body": "square", "liquid": DAMPED}),
+    "square_recount": ("the same, recount_time of ten steps", {"body": "square", "tension": RECOUNT}),
+    "rest": ("disc at rest", {"body": "rest"}),
+    "rest_viscous": ("the same, viscosity 0.05", {"body": "rest", "liquid": DAMPED}),
+    "rest_recount": ("the same, recount_time of ten steps", {"body": "rest", "tension": RECOUNT}),
+    "turn": ("disc that turns, 20 rad/s", {"body": "turn"}),
+    "turn_gradient": ('the same, volume = "gradient"', {"body": "turn", "liquid": {"volume": "gradient"}}),
+    "turn_recount": (
+        'the same, volume = "gradient" and recount_time of ten steps',
+        {"body": "turn", "liquid": {"volume": "gradient"}, "tension": RECOUNT},
+    ),
+    "swing": ("disc that swings by 10 %", {"body": "swing"}),
+    "meet": ("two discs that meet", {"body": "meet"}),
+    "sheet": ("sheet, one cell thick", {"body": "sheet"}),
+    "ball": ("ball at rest, R = 6 h, in space", {"body": "rest", "dim": 3, "until": 1.0}),
+    "box": ("box that becomes a ball, in space", {"body": "box", "dim": 3, "until": 0.5}),
+}  # fmt: skip
+
+
+def bodies(options: Options) -> list[Run]:
+    """Drops under surface tension."""
+    backend, quick = options.backend, options.quick
+    made: list[Run] = []
+
+    def add(key: str, function: Any, estimate: float, small: bool = False, **parameters: Any) -> None:
+        if small == quick:
+            slow = estimate > 500 and backend != "cuda"
+            skip = "takes more than ten minutes on two threads; run with --backend cuda" if slow else ""
+            made.append(Run(key, function, {"backend": backend, **parameters}, estimate, skip))
+
+    shown = [0.0, 0.02, 0.04, 0.08, 0.16, 0.5]
+    settled = {"shape": "box", "until": 0.55, "tension": ENCLOSING}
+    add("box", rounding, 110.0, size=10.0, shown=shown, liquid=RESTFUL, **settled)
+    for name, (size, per, seed, viscosity) in BOXES.items():
+        liquid = {**RESTFUL, "dynamic_viscosity": viscosity}
+        seconds = 110.0 * (size / 10) ** 5 * (per / 2) ** 3
+        add(f"box_{name}", rounding, seconds, size=size, cell=CELLS[3] * 10 / size, per=per, seed=seed,
+            liquid=liquid, **settled)  # fmt: skip
+    add("box_default", rounding, 40.0, shape="box", size=10.0, until=0.3, shown=[0.3])
+    add("cube", rounding, 35.0, shape="cube", size=10.0, until=0.28, shown=[0.0, 0.02, 0.04, 0.28])
+    for dim, radii in RADII.items():
+        for radius in radii:
+            for name, tension in (("default", {}), ("enclosing", ENCLOSING)):
+                for seed in JUDGED_SEEDS if dim == 2 else JUDGED_SEEDS[:1]:
+                    key = f"rest_{dim}d_{radius:g}_{name}_{seed}"
+                    until = 0.4 if dim == 2 else 0.12
+                    add(key, at_rest, 1e-3 * radius**3 * (20 if dim == 3 else 2), dim=dim, radius=radius,
+                        until=until, seed=seed, tension=tension, shown=[0.0, until / 4, until / 2, until])  # fmt: skip
+    for key, (dim, radius, amplitude) in SWINGS.items():
+        seconds = radius**3 * (0.1 if dim == 3 else 4e-3)
+        add(f"swing_{key}", oscillation, seconds, dim=dim, radius=radius, amplitude=amplitude,
+            periods=2.0 if dim == 2 else 1.5, shown=[0.0, 0.25, 0.5, 1.0])  # fmt: skip
+    smooth = {"level_set_radius": 1.8, "normals": "gradient", "offset": 0.25, "iterations": 1}
+    for key, tension, embedding in (
+        ("poisson", {"quadrature": "poisson"}, "cluster"), ("wide", smooth, "cluster"), ("bare", {}, "none"),
+        ("enclosing", ENCLOSING, "cluster"),
+    ):  # fmt: skip
+        add(f"swing_2d_11_{key}", oscillation, 20.0, dim=2, radius=11.0, amplitude=0.1, periods=2.0,
+            tension=tension, embedding=embedding)  # fmt: skip
+    for dim in (2, 3) if not quick else ():
+        found = {"amplitudes": [0.01, 0.03, 0.05, 0.1, 0.15, 0.2], "dim": dim}
+        made.append(Run(f"potential_flow_{dim}d", potential_flow, found, 10.0))
+    add("collision_2d", collision, 15.0, dim=2, radius=8.0, speed=1.0, until=0.3, shown=[0.0, 0.05, 0.15, 0.3])
+    add("collision_3d", collision, 60.0, dim=3, radius=5.0, speed=1.0, until=0.2, step=2e-4,
+        shown=[0.0, 0.02, 0.05, 0.1, 0.15, 0.2])  # fmt: skip
+    for angle in ANGLES:
+        add(f"floor_2d_{angle}", on_floor, 20.0, dim=2, radius=11.0, angle=angle, until=0.8, liquid=DAMPED,
+            shown=[0.0, 0.1, 0.2, 0.8])  # fmt: skip
+        add(f"floor_3d_{angle}", on_floor, 60.0, dim=3, radius=6.0, angle=angle, until=0.5,
+            shown=[0.0, 0.1, 0.2, 0.5],
+            liquid=DAMPED)  # fmt: skip
+    for key, parameters in RUNS.items():
+        add(f"fine_{key}", smooth, 200.0, **parameters)
+    add("sheet", sheet, 10.0, length=40.0, thick=1.0, tension=0.1, until=0.07, shown=[0.0, 0.02, 0.04, 0.06])
+    for printed in ERRATA:
+        for dim, size, until in ((2, 12.0, 0.15), (3, 6.0, 0.06)):
+            key = f"erratum_{dim}d_{printed.replace(', ', '_') or 'none'}"
+            add(key, erratum, 6.0, printed=printed, dim=dim, size=size, until=until)
+    for key, (_, scene) in HELD.items():
+        seconds = 150.0 if scene.get("dim") == 3 else 30.0
+        add(f"held_{key}", held, seconds, **{"until": 2.0, **scene})
+    add("small_held", held, 1.0, True, body="meet", until=0.02)
+    add("example", example, 60.0, until=0.25, shown=[0.0, 0.005, 0.01, 0.02, 0.05, 0.25])
+    add("small_box", rounding, 4.0, True, shape="box", size=5.0, until=0.02, tension=ENCLOSING, liquid=RESTFUL)
+    add("small_rest", at_rest, 1.0, True, dim=2, radius=5.5, until=0.05)
+    add("small_floor", on_floor, 2.0, True, dim=2, radius=5.5, angle=60, until=0.05, liquid=DAMPED)
+    add("small_swing", oscillation, 3.0, True, dim=2, radius=5.5, amplitude=0.1, periods=0.5)
+    return made
+
+
+def planned(options: Options) -> list[Run]:
+    """The runs under the options."""
+    reason = "takes minutes with the others; run without --quick" if options.quick else ""
+    made = [Run("transfers", transfers, {}, estimate=5.0)]
+    for dim in (2, 3):
+        made.append(Run(f"free_fall_{dim}d", free_fall, {"backend": options.backend, "dim": dim}, estimate=3.0))
+    for name in READINGS:
+        parameters = {
+            "backend": options.backend,
+            "embedding": name,
+            "cells": 20,
+            "until": 0.2 if options.quick else 0.6,
+        }
+        estimate = 10.0 if options.quick else 40.0
+        made.append(Run(f"square_{name}", square, parameters, estimate, reason if name != "cluster" else ""))
+    made += bodies(options)
+    peer: dict[str, Any] = {"cells": 24 if options.quick else 40, "steps": 10, "rounds": 3 if options.quick else 5}
+    peer |= {"threads": options.threads or 2, "backend": options.backend}
+    asked = "" if options.peers else "measured with --peers"
+    if options.backend != "cuda":
+        return [*made, Run("peer_taichi", against_taichi, peer, estimate=60.0, skip=asked)]
+    for cells, order, rounds in PEER_BLOCKS[: 1 if options.quick else None]:
+        block = peer | {"cells": cells, "order": order, "rounds": rounds, "steps": 100}
+        made.append(Run(f"peer_taichi_{cells}_{order}", against_taichi, block, 0.1 * cells * rounds, asked))
+    return made
+
+
+def checks(results: Results, check: Checks) -> None:
+    """The cluster's errors and ledgers are judged, the printed readings' shown."""
+    if "transfers" in results:
+        values = results["transfers"].values
+        for name in COLUMNS:
+            value = values["readings"]["cluster"][name]
+            check(f"cluster_{name}", abs(value - 1) if name == "power" else value)
+        for reading in ("thesis", "gradient_corrected"):
+            check("reading_gradient", values["readings"][reading]["gradient"], reading)
+        check("rotation", values["rotation"])
+    for dim in (2, 3):
+        if f"free_fall_{dim}d" in results:
+            check("free_fall", results[f"free_fall_{dim}d"].values["error"], f"{dim}d")
+    for reading in READINGS:
+        if f"square_{reading}" in results:
+            values = results[f"square_{reading}"].values
+            rule = "square" if reading == "cluster" else "reading"
+            for name in ("momentum", "angular", "centre", "least_ratio", "energy_rise"):
+                check(f"{rule}_{name}", values[name], reading)
+    check_bodies(results, check)
+    for key, values in peers(results).items():
+        if not values["missing"]:
+            words = "Taichi" if key == "peer_taichi" else f"Taichi, {values['particles']:,} ({values['order']})"
+            rule = "peer_ratio" if key == "peer_taichi" else "peer_ratio_gpu"
+            check(rule, values["ratio"], key.removeprefix("peer_"), words)
+            check("peer_difference", values["difference"], key.removeprefix("peer_"), words)
+
+
+def peers(results: Results) -> dict[str, Mapping[str, Any]]:
+    """What the runs beside Taichi found."""
+    return {key: result.values for key, result in results.items() if key.startswith("peer_taichi")}
+
+
+KEPT = ("momentum", "angular", "centre")
+JUDGED = ("box", "box_turn_5", "box_turn_7", "box_fine", "box_full")
+ROUNDED = ("box", *(f"box_{name}" for name in BOXES), "box_default", "cube")
+SHAPES = ("sphericity", "volume", "anisotropy", "particle_anisotropy")
+
+
+def check_bodies(results: Results, check: Checks) -> None:
+    """Shapes, pressures, frequencies, angles and ledgers of the drops."""
+    for key in (*ROUNDED, "small_box"):
+        if key not in results:
+            continue
+        values = results[key].values
+        rule = "box" if key in JUDGED else "shape"
+        last = values["last"]
+        check(f"{rule}_sphericity", last["sphericity"]["least"], key)
+        check(f"{rule}_sphericity_most", last["sphericity"]["largest"], key)
+        volume = max(abs(last["volume"][name] - 1) for name in ("least", "largest"))
+        check(f"{rule}_volume", volume, key)
+        check(f"{rule}_anisotropy", last["anisotropy"]["largest"], key)
+        check(f"{rule}_particle_anisotropy", last["particle_anisotropy"]["largest"], key)
+    kept = (*ROUNDED, "small_box", "collision_2d", "collision_3d", "sheet")
+    for key in (k for k in kept if k in results):
+        values = results[key].values
+        rules = {name: f"drop_{name}" for name in (*KEPT, "energy_rise")}
+        if key not in JUDGED:
+            rules["energy_rise"] = "energy_rise"
+        if key not in ROUNDED:
+            rules["angular"] = "angular"
+        for name, rule in rules.items():
+            check(rule, values[name], key)
+    for (dim, name), rows in pressures(results).items():
+        for row in rows:
+            rule = {(2, 11.0): "laplace_2d", (3, 6.0): "laplace_3d"}.get((dim, row["radius"]), "laplace")
+            check(rule, abs(row["pressure"] - 1), f"{dim}d_{row['radius']:g}_{name}")
+        for small, value in orders(rows):
+            check("laplace_order", value, f"{dim}d_{small:g}_{name}")
+    for key in (k for k in results if k.startswith("swing_")):
+        rule = "swing_2d_16" if key == "swing_2d_16" else "swing"
+        check(rule, abs(results[key].values["ratio"] - 1), key.removeprefix("swing_"))
+    for key in (k for k in results if k.startswith("floor_")):
+        values = results[key].values
+        check("contact_angle", abs(values["angle"] - values["asked"]), key.removeprefix("floor_"))
+    if "sheet" in results:
+        values = results["sheet"].values
+        check("sheet_speed", abs(values["speed"] / values["culick"] - 1))
+
+
+def pressures(results: Results) -> dict[tuple[int, str], list[dict[str, float]]]:
+    """Mean pressure of drops at rest over Laplace's, by dimension and inset, from small to large."""
+    made: dict[tuple[int, str], list[dict[str, float]]] = {}
+    for dim, radii in RADII.items():
+        for name in ("default", "enclosing"):
+            for radius in radii:
+                keys = [f"rest_{dim}d_{radius:g}_{name}_{seed}" for seed in JUDGED_SEEDS]
+                found = [results[key].values for key in keys if key in results]
+                if found:
+                    values = [v["pressure"] for v in found]
+                    row = {"radius": radius, "cells": found[0]["radius_in_cells"], "pressure": fmean(values),
+                           "spread": max(values) - min(values), "noise": fmean(v["kinetic"] for v in found),
+                           "volume": fmean(v["volume"] for v in found)}  # fmt: skip
+                    made.setdefault((dim, name), []).append(row)
+    return made
+
+
+def orders(rows: list[dict[str, float]]) -> list[tuple[float, float]]:
+    """(R, log2 of the error |p/p_L - 1| at R over that at 2 R) for every radius whose double was run as well."""
+    error = {row["radius"]: abs(row["pressure"] - 1) for row in rows}
+    return [(radius, math.log2(error[radius] / error[2 * radius])) for radius in error if 2 * radius in error]
+
+
+EXPERIMENT = Experiment(
+    name="mpm_droplet",
+    title="transfers of MPM, drops that round off, rest, swing, meet and stand on floors, speed beside Taichi",
+    runs=planned,
+    checks=checks,
+    maps=MAPS,
+)

@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from validation.drawing import BLUE, GREY, VERMILION
-from validation.experiment import Results
+from validation.experiment import Picture, Results
+from validation.experiments.solutions.runs import _behind
 
 TITLES = {
     "tank": ("Tank: pressure", {"error": "all", "bulk": "h from the edges"}),
@@ -108,3 +109,20 @@ def _drawn(data: Mapping[str, Any], titles: Titles, rows: tuple[int, int]) -> An
         axes.grid(True)
         axes.legend(fontsize=7, handlelength=3.5, loc="upper center", bbox_to_anchor=(0.5, -0.2))
     return figure
+
+
+PICTURES = (
+    Picture("solutions", collect, draw, _behind(TITLES)),
+    Picture(
+        "solutions_periodic",
+        collect_periodic,
+        draw_periodic,
+        _behind(PERIODIC),
+    ),
+    Picture(
+        "solutions_tension",
+        collect_with_tension,
+        draw_with_tension,
+        _behind(WITH_TENSION),
+    ),
+)

@@ -1,21 +1,43 @@
 """Runs of the base SPH liquid in 2D against solutions of its equations. Lengths in m, rho0 = 1000 kg/m^2.
 
 Columns and discs start at the positions of equal masses in hydrostatic balance, p = c^2 (rho - rho0), so that no
-pressure wave of the start covers what is measured. The sound speed is ten times the largest speed of the problem.
-"""
+pressure wave of the start covers what is measured. The sound speed is ten times the largest speed of the problem."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Container, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from refsim import Ball, Box, BoxWalls, Cloud, Gravity, Scene, Simulation, WeaklyCompressible
+from refsim import (
+    Akinci2013,
+    Ball,
+    Box,
+    BoxWalls,
+    Cloud,
+    Gravity,
+    Scene,
+    Simulation,
+    WeaklyCompressible,
+    calibrate_contact_angle,
+)
 from refsim.core.effect import Discretisation
-from validation.experiments.solutions import exact
+from refsim.core.walls import WallParticles
+from refsim.neighbours.reference import pair_blocks
+from refsim.smoothing import smoothing
+from refsim.smoothing.reference import kernel_slope
+from refsim.sph import reference as sph
+from refsim.surface_tension.akinci_2013 import reference as akinci
+from refsim.surface_tension.contact_angle import ContactAngle
+from validation.checks import Checks
+from validation.experiment import Experiment, Options, Results, Run
+from validation.experiments.solutions import scene
+from validation.experiments.viscosity import runs as spinning
+from validation.peers import pysph_terms, splishsplash_terms, warp_terms
 from validation.results import Result
 from validation.running import Context, advance
 
@@ -74,7 +96,7 @@ def _scene(
 def _column(spacing: float, cells: tuple[int, int], sound: float) -> tuple[NDArray, float]:
     """(positions of a column of cells in hydrostatic balance, its height [m])."""
     position = Box(cells=(*cells, 1)).positions(Discretisation(2, "float64", spacing, SUPPORT * spacing, 0))
-    position[:, 1], top = exact.compressed(position[:, 1], cells[1] * spacing, GRAVITY, sound)
+    position[:, 1], top = scene.compressed(position[:, 1], cells[1] * spacing, GRAVITY, sound)
     return position, top
 
 
@@ -103,7 +125,7 @@ def tank(context: Context, cells: int, backend: str) -> Result:
     advance(simulation, [SETTLED * (1 + k / MEANS) for k in range(MEANS)], sample, context)
     height, pressure = np.mean(heights, axis=0), np.mean(pressures, axis=0)
     scale = DENSITY * GRAVITY * HEIGHT
-    off = (pressure - exact.hydrostatic(height, top, DENSITY, GRAVITY, sound)) / scale
+    off = (pressure - scene.hydrostatic(height, top, DENSITY, GRAVITY, sound)) / scale
     reach = SUPPORT * spacing
     bulk = (height > reach) & (height < top - reach)
     values = {
@@ -128,7 +150,7 @@ def wave(context: Context, cells: int, form: str, backend: str, crest: float = C
     spacing, sound = DEPTH / cells, 10 * math.sqrt(GRAVITY * DEPTH)
     position, top = _column(spacing, (round(LENGTH / spacing), cells), sound)
     k = math.pi / LENGTH
-    omega, gamma = exact.wave(k, top, GRAVITY, WAVE_VISCOSITY, form)
+    omega, gamma = scene.wave(k, top, GRAVITY, WAVE_VISCOSITY, form)
 
     def flow(x: NDArray) -> NDArray:
         made = np.zeros_like(x)
@@ -141,7 +163,7 @@ def wave(context: Context, cells: int, form: str, backend: str, crest: float = C
     cloud = Cloud(position=position, velocity=crest * omega * flow(position))
     simulation = context.simulation(_scene("wave", spacing, (cloud,), effects, sound, WAVE_VISCOSITY, form), backend)
     time, part = _projected(context, simulation, flow, np.linspace(0, PERIODS * 2 * math.pi / omega, 161))
-    amplitude, decay, rate, residual = exact.fitted(time, part, gamma, omega)
+    amplitude, decay, rate, residual = scene.fitted(time, part, gamma, omega)
     values = {
         "cells": cells,
         "spacing": spacing,
@@ -152,7 +174,7 @@ def wave(context: Context, cells: int, form: str, backend: str, crest: float = C
         "residual": residual / abs(amplitude),
     }
     values |= {"period_off": abs(values["period"] - 1), "decay_off": abs(values["decay"] - 1)}
-    return Result(values, {"time": time, "part": part / (crest * omega), "theory": exact.swing(time, gamma, omega)})
+    return Result(values, {"time": time, "part": part / (crest * omega), "theory": scene.swing(time, gamma, omega)})
 
 
 def ellipse(context: Context, cells: int, backend: str, mach: float = MACH) -> Result:
@@ -170,8 +192,8 @@ def ellipse(context: Context, cells: int, backend: str, mach: float = MACH) -> R
     until = SWINGS * 2 * math.pi / (math.sqrt(2) * PULL)
     time, (along, across) = _pulled(context, "ellipse", spacing, sound, position, velocity, viscosity, "central", until,
                                     lambda x, v: 2 * np.sqrt((x[:, :2] ** 2).mean(0)), backend)  # fmt: skip
-    a, b = exact.ellipse(time, radius, PULL, STRAIN, 2 * viscosity)
-    ideal, _ = exact.ellipse(time, radius, PULL, STRAIN, 0.0)
+    a, b = scene.ellipse(time, radius, PULL, STRAIN, 2 * viscosity)
+    ideal, _ = scene.ellipse(time, radius, PULL, STRAIN, 0.0)
     last = time > 0.5 * until
     values = {
         "cells": cells,
@@ -180,7 +202,7 @@ def ellipse(context: Context, cells: int, backend: str, mach: float = MACH) -> R
         "radius": radius,
         "error": _rms(along - a) / radius,
         "inviscid": _rms(along - ideal) / radius,
-        "period": float(exact.peak(time[last], along[last]) / exact.peak(time[last], a[last])),
+        "period": float(scene.peak(time[last], along[last]) / scene.peak(time[last], a[last])),
     }
     values["period_off"] = abs(values["period"] - 1)
     return Result(values, {"time": time, "along": along, "across": across, "a": a, "b": b})
@@ -197,7 +219,7 @@ def disc(context: Context, cells: int, form: str, backend: str) -> Result:
     time, (momentum,) = _pulled(context, "disc", spacing, sound, position, velocity, SPIN_VISCOSITY, form, SPUN,
                                 lambda x, v: np.array([np.cross(x, v)[:, 2].sum()]), backend)  # fmt: skip
     left = momentum / momentum[0]
-    theory = exact.spin_down(time, SPIN_VISCOSITY / radius**2) if form == "laplacian" else np.ones_like(time)
+    theory = scene.spin_down(time, SPIN_VISCOSITY / radius**2) if form == "laplacian" else np.ones_like(time)
     values = {"cells": cells, "spacing": spacing, "form": form, "particles": len(position), "radius": radius}
     values["error"] = _rms(left - theory)
     if form == "laplacian":
@@ -266,7 +288,7 @@ def couette(context: Context, cells: int, form: str, backend: str, friction: flo
     """Liquid between a plate at rest and one that begins to move, `cells` particles apart; measured as `_between`."""
 
     def solution(height: NDArray, time: float) -> NDArray:
-        return exact.couette(height, time, GAP, PLATE_SPEED, PLATE_VISCOSITY)
+        return scene.couette(height, time, GAP, PLATE_SPEED, PLATE_VISCOSITY)
 
     return _between(context, cells, form, backend, friction, solution, moving=True)
 
@@ -276,7 +298,7 @@ def poiseuille(context: Context, cells: int, form: str, backend: str, friction: 
     push = 8 * PLATE_VISCOSITY * PLATE_SPEED / GAP**2
 
     def solution(height: NDArray, time: float) -> NDArray:
-        return exact.poiseuille(height, time, GAP, push, PLATE_VISCOSITY)
+        return scene.poiseuille(height, time, GAP, push, PLATE_VISCOSITY)
 
     return _between(context, cells, form, backend, friction, solution, push=push)
 
@@ -338,7 +360,7 @@ def _disc(spacing: float, pull: float, sound: float) -> tuple[NDArray, float]:
     position = Ball(radius=1.0).positions(Discretisation(2, "float64", spacing, SUPPORT * spacing, 0))
     total = len(position) * spacing**2 / math.pi  # square of the radius of this mass at rest density
     square = (position**2).sum(1)
-    now, edge = exact.compressed(0.5 * square, 0.5 * total, pull, sound)
+    now, edge = scene.compressed(0.5 * square, 0.5 * total, pull, sound)
     return position * np.sqrt(2 * now / square)[:, None], math.sqrt(2 * edge)
 
 
@@ -396,3 +418,685 @@ def _projected(
 
 def _rms(values: NDArray) -> float:
     return float(np.sqrt(np.mean(values**2)))
+
+
+# Runs of the base SPH liquid with a surface tension in 2D, against solutions: d = 1, rho0 = 1, sigma = 1.
+#
+# The tension is Akinci's with the coefficients that refsim's own calibration gives for sigma and a contact angle.
+
+
+TENSION_SUPPORT = 2.6  # h/d
+JITTER, STIRS, STIR = 0.1, 20, 0.7  # of the lattice; random kicks, ever weaker, in sqrt(sigma/(rho d))
+STIRRED, RESTED = 2.0, 6.0  # stages of the flat surface, in 1/omega_0
+TENSION_CREST, FRICTION, TENSION_PERIODS = (
+    0.06,
+    0.1,
+    2.0,
+)  # a'(0)/omega_0 in half wave lengths; nu k^2/omega_0; followed
+OHNESORGE = 0.3  # mu/sqrt(rho sigma l) of the meniscus, l = sqrt(sigma/(rho g))
+WIDE, DEEP, CLIMBED, TENSION_MEANS = (
+    10.0,
+    2.0,
+    30.0,
+    40,
+)  # tank in l; time until the mean in sqrt(l/g), and samples in it
+
+
+def _tension_scene(
+    name: str, found: ContactAngle, position: NDArray, velocity: NDArray, viscosity: float, width: float, gravity: float
+) -> Scene:
+    """Liquid between walls at x = 0 and `width`, on a floor at y = 0, with the tension `found`."""
+    liquid = WeaklyCompressible(
+        rest_density=1.0,
+        sound_speed=found.tension.sound_speed,
+        dynamic_viscosity=viscosity,
+        viscosity="central",
+        kernels="mueller",
+    )
+    walls = BoxWalls(lower=(0.0, 0.0, 0.0), upper=(width, 10 * width, 0.0), open_faces=("+y",))
+    pull = (Gravity(acceleration=(0.0, -gravity, 0.0)),) if gravity else ()
+    return Scene(
+        name=name,
+        dim=2,
+        dtype="float64",
+        spacing=1.0,
+        support_radius=TENSION_SUPPORT,
+        fluid=(Cloud(position=position, velocity=velocity),),
+        effects=(liquid, found.effect, walls, *pull),
+    )
+
+
+def _stirred(context: Context, made: Scene, times: tuple[float, float], seed: int, backend: str) -> Simulation:
+    """The liquid after random kicks, ever weaker, during the first of `times`, and at rest until the second."""
+    random = np.random.default_rng(seed)
+    simulation = context.simulation(made, backend)
+    for k in range(STIRS):
+        kick = np.zeros_like(simulation.field("velocity"))
+        kick[:, :2] = random.normal(size=(len(kick), 2)) / math.sqrt(2)
+        simulation.set_field("velocity", simulation.field("velocity") + STIR * (1 - k / STIRS) * kick)
+        advance(simulation, [times[0] * (k + 1) / STIRS], lambda simulation, wall: None, context)
+    advance(simulation, [times[1]], lambda simulation, wall: None, context)
+    return simulation
+
+
+def _block(across: int, up: int, seed: int) -> NDArray:
+    """Positions of a block on the floor, shifted at random."""
+    x, y = np.meshgrid(np.arange(across) + 0.5, np.arange(up) + 0.5, indexing="ij")
+    position = np.stack([x.ravel(), y.ravel(), np.zeros(across * up)], axis=1)
+    position[:, :2] += JITTER * np.random.default_rng(seed).uniform(-1, 1, (across * up, 2))
+    return position
+
+
+def capillary(context: Context, cells: int, backend: str, seed: int = 1) -> Result:
+    """A capillary wave of half a wave length, `cells` long and deep, between walls that slip; contact angle 90 degrees.
+
+    The flat liquid is stirred and comes to rest; it then starts with the velocities of a potential flow. The amplitude
+    is 2 sum m cos(k x)/(rho L), as the depth at x is H + a cos(k x), less that of the start.
+    error   root mean square of omega_0 a/a'(0) - Prosperetti's
+    crest   greatest height over Prosperetti's; crest_off from 1
+    side    part of the velocity in the flow after a thirtieth of a period, within 1.2 spacings of the side walls, over
+            the same farther than 4 from all walls
+    """
+    found = calibrate_contact_angle(90.0, 1.0, spacing=1.0, rest_density=1.0, dim=2)
+    k = math.pi / cells
+    omega = math.sqrt(k**3)
+    viscosity = FRICTION * omega / k**2
+    start = _block(cells, cells, seed)
+    flat = _tension_scene("flat", found, start, np.zeros_like(start), viscosity, float(cells), 0.0)
+    rested = _stirred(context, flat, (STIRRED / omega, (STIRRED + RESTED) / omega), seed, backend)
+    rested.evaluate()
+    x = rested.field("position")
+    density = float(rested.field("density")[np.abs(x[:, 1] - 0.5 * cells) < 0.25 * cells].mean())
+    top = len(x) / (density * cells)
+
+    def flow(x: NDArray) -> NDArray:
+        made = np.zeros_like(x)
+        made[:, 0] = -np.sin(k * x[:, 0]) * np.cosh(k * x[:, 1]) / math.sinh(k * top)
+        made[:, 1] = np.cos(k * x[:, 0]) * np.sinh(k * x[:, 1]) / math.sinh(k * top)
+        return made
+
+    velocity = TENSION_CREST * cells * omega * flow(x)
+    simulation = context.simulation(
+        _tension_scene("capillary", found, x, velocity, viscosity, float(cells), 0.0), backend
+    )
+    seen: list[tuple[float, float]] = []
+    sides: list[float] = []
+
+    def sample(simulation: Simulation, wall: float) -> None:
+        if not sides and simulation.time * omega >= 2 * math.pi / 30:
+            x, v = simulation.field("position"), simulation.field("velocity")
+            u, apart = flow(x), np.minimum(x[:, 0], cells - x[:, 0])
+            by, off = apart < 1.2, (apart > 4) & (x[:, 1] > 4)
+            parts = [(v[part] * u[part]).sum() / (u[part] ** 2).sum() for part in (by, off)]
+            sides.append(float(parts[0] / parts[1]))
+        high = 2 * np.cos(k * simulation.field("position")[:, 0]).sum() / (density * cells)
+        seen.append((simulation.time, float(high)))
+
+    advance(simulation, np.linspace(0.0, TENSION_PERIODS * 2 * math.pi / omega, 121).tolist(), sample, context)
+    time, height = np.array(seen).T
+    part = (height - height[0]) / (TENSION_CREST * cells)
+    theory = scene.prosperetti(time, omega**2, viscosity * k**2, velocity=True)
+    values = {
+        "cells": cells,
+        "spacing": 1.0 / cells,
+        "particles": len(x),
+        "density": density,
+        "uncertainty": found.tension.uncertainty,
+        "error": float(np.sqrt(np.mean((part - theory) ** 2))),
+        "crest": float(part.max() / theory.max()),
+        "side": sides[0],
+    }
+    values["crest_off"] = abs(values["crest"] - 1)
+    return Result(values, {"time": time * omega / (2 * math.pi), "part": part, "theory": theory})
+
+
+def drop(context: Context, cells: int, form: str, backend: str, seed: int = 1) -> Result:
+    """A free drop of radius `cells` that its tension holds together, turning slowly as a rigid body.
+
+    error  root mean square of L/L(0) - exact; rate  of log L at the end over the exact (not with the central form)
+    """
+    position, radius = spinning.relaxed(context, 2, float(cells), seed)
+    viscosity = spinning.CALM * math.sqrt(cells)
+    velocity = np.cross([0.0, 0.0, spinning.SPIN / cells**1.5], position)
+    simulation = context.simulation(spinning.scene(form, 2, position, velocity, viscosity), backend)
+    seen: list[tuple[float, float]] = []
+
+    def sample(simulation: Simulation, wall: float) -> None:
+        x, v = simulation.field("position"), simulation.field("velocity")
+        seen.append((simulation.time, float(np.cross(x, v)[:, 2].sum())))
+
+    until = spinning.TURNED / spinning.rate(2, viscosity, radius)
+    advance(simulation, np.linspace(0.0, until, 61).tolist(), sample, context)
+    time, momentum = np.array(seen).T
+    left = momentum / momentum[0]
+    theory = scene.spin_down(time, viscosity / radius**2) if form == "laplacian" else np.ones_like(time)
+    values = {"cells": cells, "spacing": 1.0 / cells, "form": form, "particles": len(position), "radius": radius}
+    values["error"] = float(np.sqrt(np.mean((left - theory) ** 2)))
+    if form == "laplacian":
+        values["rate"] = float(np.log(left[-1]) / np.log(theory[-1]))
+        values["rate_off"] = abs(values["rate"] - 1)
+    return Result(values, {"time": time, "left": left, "theory": theory})
+
+
+def meniscus(context: Context, cells: int, angle: float, backend: str, seed: int = 1) -> Result:
+    """Liquid in a tank of ten capillary lengths, l = `cells`, whose walls it meets at a contact angle [degrees].
+
+    The depth of a column of half a capillary length is 1.5 l and what stands above, over the density below: layers at
+    a wall have a density of their own.
+    lifted  area that a wall lifts above the level in the middle, over l^2; lifted_off  from cos(angle)
+    """
+    found = calibrate_contact_angle(angle, 1.0, spacing=1.0, rest_density=1.0, dim=2)
+    length, gravity = float(cells), 1.0 / cells**2
+    width, unit = WIDE * length, math.sqrt(length / gravity)
+    start = _block(round(width), round(DEEP * length), seed)
+    viscosity = OHNESORGE * math.sqrt(length)
+    made = _tension_scene("meniscus", found, start, np.zeros_like(start), viscosity, width, gravity)
+    simulation = _stirred(context, made, (2 * unit, CLIMBED * unit), seed, backend)
+    columns = np.linspace(0.0, width, 2 * round(WIDE) + 1)
+    above, below = [], []
+
+    def sample(simulation: Simulation, wall: float) -> None:
+        x, y = simulation.field("position")[:, :2].T
+        high, low = y > 1.5 * length, np.abs(y - length) < 0.5 * length
+        above.append(np.histogram(x[high], columns)[0])
+        below.append(np.histogram(x[low], columns)[0])
+
+    times = CLIMBED * unit + unit * np.arange(1, TENSION_MEANS + 1) / 4
+    advance(simulation, times.tolist(), sample, context)
+    place, apart = 0.5 * (columns[1:] + columns[:-1]), float(columns[1] - columns[0])
+    height = (1.5 + np.sum(above, axis=0) / np.sum(below, axis=0)) * length
+    level = float(height[np.abs(place - 0.5 * width) < length].mean())
+    lifted = float((height - level).sum() * apart / 2 / length**2)
+    wanted = scene.meniscus(1.0, math.radians(angle))[1]
+    values = {"cells": cells, "spacing": 1.0 / cells, "angle": angle, "particles": len(start), "lifted": lifted}
+    values |= {"wanted": wanted, "lifted_off": abs(lifted - wanted), "level": level / length}
+    return Result(values, {"place": place / length, "height": height / length})
+
+
+def jurin(context: Context, cells: int, backend: str, angle: float = 70.0, seed: int = 1) -> Result:
+    """A column three widths high between two plates `cells` apart on a floor, met at a contact angle [degrees].
+
+    The plates carry a part of the weight. In a reservoir the column would rise until they carried all of it above the
+    level: h = F/(rho g w), F their vertical force on the upper half, where the floor is far. Gravity is such that
+    Jurin's h is one width.
+    risen  F over 2 sigma cos(angle), in the mean of `MEANS` samples; risen_off  from 1
+    """
+    found = calibrate_contact_angle(angle, 1.0, spacing=1.0, rest_density=1.0, dim=2)
+    width, wanted = float(cells), 2 * math.cos(math.radians(angle))
+    gravity = wanted / width**2
+    unit = math.sqrt(width / gravity)
+    start = _block(cells, 3 * cells, seed)
+    viscosity = OHNESORGE * math.sqrt(width)
+    made = _tension_scene("jurin", found, start, np.zeros_like(start), viscosity, width, gravity)
+    simulation = _stirred(context, made, (2 * unit, CLIMBED * unit), seed, backend)
+    plan = simulation.plan
+    x = plan.walls.position[:, 0]
+    plates = WallParticles(*(part[(x < 0) | (x > width)] for part in plan.walls))
+    groups = {**plan.shared, **plan.parameters[found.effect.name]}
+    lifted: list[float] = []
+
+    def sample(simulation: Simulation, wall: float) -> None:
+        simulation.evaluate()
+        position, velocity, mass, density, pressure = (
+            simulation.field(name) for name in ("position", "velocity", "mass", "density", "pressure")
+        )
+        state, kernel, fluid = (
+            (position, velocity, mass, density, pressure),
+            groups["gradient_smoothing"],
+            groups["fluid"],
+        )
+        near, without = (
+            sph.momentum(*state, walls, kernel, fluid, None)["acceleration"][0] for walls in (plates, None)
+        )
+        pull, _ = akinci.adhesion(position, plates, groups["smoothing"], fluid, groups["adhesion"])["acceleration"]
+        upper = position[:, 1] > 1.5 * width
+        lifted.append(float((mass * (near - without + pull)[:, 1])[upper].sum()))
+
+    advance(simulation, (CLIMBED * unit + unit * np.arange(1, TENSION_MEANS + 1) / 4).tolist(), sample, context)
+    values = {"cells": cells, "spacing": 1.0 / cells, "angle": angle, "particles": len(start)}
+    values |= {"risen": float(np.mean(lifted) / wanted), "scatter": float(np.std(lifted) / wanted)}
+    values["risen_off"] = abs(values["risen"] - 1)
+    return Result(values, {"lifted": np.array(lifted) / wanted})
+
+
+# Density and accelerations beside those of other programs, term by term on the same cloud in 3D.
+#
+# Support radius of two spacings. With SPlisHSPlasH and PySPH the cubic spline and p = c^2 max(rho - rho0, 0); with the
+# SPH example of NVIDIA Warp the kernels of Mueller et al. 2003 and p = c^2 (rho - rho0).
+
+
+TERMS_DENSITY, SOUND, VISCOSITY, SPACING = 1000.0, 10.0, 0.01, 0.1  # kg/m^3, m/s, m^2/s, m
+TENSION = 1.0  # gamma [m^4/(kg s^2)] of the cohesion, and eps [m/s^2] of the area term
+LIGHT = 1.0  # second rest density [kg/m^3], at which the area term outweighs the cohesion
+TERMS_SUPPORT, MASS = 2 * SPACING, TERMS_DENSITY * SPACING**3  # m, kg; SPlisHSPlasH chooses its own mass
+DENSE, SHAKEN = 0.85, 0.1  # distances over the lattice's; displacement over the spacing
+TERMS_WIDE = 1.25  # distances over the lattice's, for a cloud without a pair closer than h/2
+THREADS = 1
+TERMS = {  # by program
+    "splishsplash": ("density", "pressure", "viscous", "normal", "cohesion", "far_cohesion", "area"),
+    "pysph": ("density", "pressure", "momentum", "central", "morris", "normal"),
+    "warp": ("density", "pressure", "viscous"),
+}
+EQUAL = {  # terms for which the program has refsim's formula
+    "splishsplash": ("density", "normal", "far_cohesion", "area"),
+    "pysph": ("density", "pressure", "normal"),
+    "warp": ("density", "viscous"),
+}
+DOUBLE = ("pysph",)  # programs in double precision
+PEERS = {"splishsplash": splishsplash_terms, "pysph": pysph_terms, "warp": warp_terms}
+Fields = dict[str, NDArray]
+
+
+def splishsplash(context: Context, side: int, seed: int) -> Result:
+    """SPlisHSPlasH, single precision: values as in `_compared`."""
+    position, velocity = cloud(side, seed)
+    flow = _step(position, velocity, stiffness=TERMS_DENSITY * SOUND**2, viscosity=VISCOSITY)
+    theirs = _tension(position, velocity) | {
+        "density": flow["density"],
+        "pressure": flow["pressure"],
+        "viscous": flow["other"],
+    }
+    liquid = Liquid(context, position, velocity, float(flow["mass"]), float(flow["support"]))
+    plain, area = liquid.evaluate(), liquid.evaluate(area=TENSION)
+    ours = {
+        "density": np.maximum(plain["density"], TERMS_DENSITY),
+        "pressure": plain["acceleration"],
+        "viscous": liquid.evaluate(viscosity="central")["acceleration"] - plain["acceleration"],
+        "normal": area["surface_normal"],
+        "cohesion": liquid.evaluate(gamma=TENSION)["acceleration"] - plain["acceleration"],
+        "area": area["acceleration"] - plain["acceleration"],
+    }
+    sums = Sums(position, velocity, plain["density"], liquid.mass, liquid.support)
+    own = ours | {
+        "pressure": sums.pressure(),
+        "viscous": sums.central(np.ones(len(position)), 0.01 * sums.support**2),
+        "cohesion": sums.cohesion(),
+    }
+
+    position, velocity = cloud(side, seed, TERMS_WIDE)
+    theirs["far_cohesion"] = _tension(position, velocity)["cohesion"]
+    wide = Liquid(context, position, velocity, liquid.mass, liquid.support)
+    far = wide.evaluate(gamma=TENSION)["acceleration"] - wide.evaluate()["acceleration"]
+    ours["far_cohesion"] = own["far_cohesion"] = far
+    return _compared("splishsplash", ours, own, theirs, flow["version"])
+
+
+def _step(position: NDArray, velocity: NDArray, **changed: float) -> dict[str, Any]:
+    """Fields of SPlisHSPlasH without pressure, viscosity and tension, but for what is `changed`."""
+    rest = {"spacing": SPACING, "density": TERMS_DENSITY, "stiffness": 0.0, "viscosity": 0.0, "tension": 0.0}
+    return _present(splishsplash_terms.run(position, velocity, THREADS, **(rest | changed)))
+
+
+def _tension(position: NDArray, velocity: NDArray) -> Fields:
+    """Normal, cohesion and area term of SPlisHSPlasH.
+
+    Its one coefficient k of the tension makes a = k (rho0 C + N), cohesion and area term, with C and N independent of
+    the rest density rho0: two runs at different rho0 give both.
+    """
+    heavy = _step(position, velocity, tension=TENSION)
+    light = _step(position, velocity, tension=TENSION, density=LIGHT)
+    cohesion = (heavy["other"] - light["other"]) / (1 - LIGHT / TERMS_DENSITY)
+    return {"normal": heavy["normal"], "cohesion": cohesion, "area": heavy["other"] - cohesion}
+
+
+def pysph(context: Context, side: int, seed: int) -> Result:
+    """PySPH, double precision: values as in `_compared`."""
+    position, velocity = cloud(side, seed)
+    theirs = _present(
+        pysph_terms.run(
+            position, velocity, THREADS,
+            support=TERMS_SUPPORT, mass=MASS, density=TERMS_DENSITY, sound=SOUND, viscosity=VISCOSITY,
+        )
+    )  # fmt: skip
+    theirs["normal"] = TERMS_SUPPORT * theirs["normal"]  # it leaves out the factor h
+    liquid = Liquid(context, position, velocity, MASS, TERMS_SUPPORT)
+    plain = liquid.evaluate()
+    ours = {
+        "density": plain["density"],
+        "pressure": plain["acceleration"],
+        "momentum": plain["acceleration"],
+        "central": liquid.evaluate(viscosity="central")["acceleration"] - plain["acceleration"],
+        "morris": liquid.evaluate(viscosity="laplacian")["acceleration"] - plain["acceleration"],
+        "normal": liquid.evaluate(area=TENSION)["surface_normal"],
+    }
+    sums = Sums(position, velocity, plain["density"], MASS, TERMS_SUPPORT)
+    softening = 0.01 * (0.5 * TERMS_SUPPORT) ** 2
+    own = ours | {
+        "pressure": sums.mixed_pressure(),
+        "momentum": sums.pressure(),
+        "normal": sums.normal(),
+        "central": sums.central(TERMS_DENSITY / plain["density"], softening),
+        "morris": sums.morris(softening),
+    }
+    return _compared("pysph", ours, own, theirs, theirs["version"])
+
+
+def warp(context: Context, side: int, seed: int) -> Result:
+    """The SPH example of NVIDIA Warp, single precision: values as in `_compared`."""
+    position, velocity = cloud(side, seed)
+    theirs = _present(
+        warp_terms.run(
+            position, velocity,
+            support=TERMS_SUPPORT, mass=MASS, density=TERMS_DENSITY, sound=SOUND, viscosity=TERMS_DENSITY * VISCOSITY,
+        )
+    )  # fmt: skip
+    liquid = Liquid(context, position, velocity, MASS, TERMS_SUPPORT, kernels="mueller")
+    plain = liquid.evaluate()
+    ours = {
+        "density": plain["density"],
+        "pressure": plain["acceleration"],
+        "viscous": liquid.evaluate(viscosity="laplacian")["acceleration"] - plain["acceleration"],
+    }
+    return _compared("warp", ours, ours | {"pressure": -0.5 * ours["pressure"]}, theirs, theirs["version"])
+
+
+def cloud(side: int, seed: int, distances: float = DENSE) -> tuple[NDArray, NDArray]:
+    """Positions [m] and velocities [m/s] (side^3, 3): a strained, shaken lattice; exact in single precision."""
+    random = np.random.default_rng(seed)
+    lattice = (np.indices((side,) * 3).reshape(3, -1).T + 0.5) * SPACING
+    position = distances * lattice + SHAKEN * SPACING * random.uniform(-1, 1, lattice.shape)
+    velocity = random.normal(size=lattice.shape)
+    return position.astype(np.float32).astype(float), velocity.astype(np.float32).astype(float)
+
+
+def _present(answer: dict[str, Any]) -> dict[str, Any]:
+    """The answer of a program; raises RuntimeError where it did not run."""
+    if "missing" in answer:
+        raise RuntimeError(answer["missing"])
+    return answer
+
+
+def _compared(program: str, ours: Fields, own: Fields, theirs: Mapping[str, Any], version: str) -> Result:
+    """Differences to another program.
+
+    <term>            root mean square difference between the programs over the root mean square of refsim's
+    <term>.explained  the same after that program's formulas have been put in place of refsim's, on refsim's density
+    """
+    density = ours["density"]
+    values: dict[str, Any] = {"particles": len(density), "version": version}
+    values["compressed"] = float((density > TERMS_DENSITY).mean())
+    for name in TERMS[program]:
+        scale = np.linalg.norm(ours[name])
+        values[name] = float(np.linalg.norm(theirs[name] - ours[name]) / scale)
+        values[f"{name}.explained"] = float(np.linalg.norm(theirs[name] - own[name]) / scale)
+    return Result(values)
+
+
+@dataclass(frozen=True)
+class Liquid:
+    """The cloud in refsim, in double precision; SI units."""
+
+    context: Context
+    position: NDArray
+    velocity: NDArray
+    mass: float
+    support: float
+    kernels: Literal["cubic_spline", "mueller"] = "cubic_spline"
+
+    def evaluate(
+        self, viscosity: Literal["", "laplacian", "central"] = "", gamma: float = 0.0, area: float = 0.0
+    ) -> Fields:
+        """Fields "density", "acceleration", and "surface_normal" with the area term."""
+        liquid = WeaklyCompressible(
+            rest_density=TERMS_DENSITY,
+            sound_speed=SOUND,
+            dynamic_viscosity=TERMS_DENSITY * VISCOSITY if viscosity else 0.0,
+            viscosity=viscosity or "laplacian",
+            kernels=self.kernels,
+            clamp_pressure=self.kernels == "cubic_spline",
+        )
+        tension = Akinci2013(gamma=gamma, area_acceleration=area, balance_pressure=False)
+        given = Cloud(position=self.position, velocity=self.velocity, mass=np.full(len(self.position), self.mass))
+        scene = Scene(
+            spacing=SPACING,
+            support_radius=self.support,
+            dtype="float64",
+            fluid=(given,),
+            effects=(liquid, tension) if gamma or area else (liquid,),
+        )
+        simulation = self.context.simulation(scene, "cpu")
+        simulation.evaluate()
+        names = ("density", "acceleration", "surface_normal")
+        return {name: simulation.field(name) for name in names[: 3 if area else 2]}
+
+
+@dataclass(frozen=True)
+class Sums:
+    """Sums of the other programs over all pairs, cubic spline; SI units. `support` is the radius h of the kernel."""
+
+    position: NDArray
+    velocity: NDArray
+    density: NDArray
+    mass: float
+    support: float
+
+    def pressure(self) -> NDArray:
+        """-sum_j m (p_i/rho_i^2 + p_j/rho_j^2) grad W."""
+        share = self._pressure() / self.density**2
+        return self._sum(lambda i, apart, square, slope: -self.mass * _along(share[i, None] + share, slope, apart))
+
+    def mixed_pressure(self) -> NDArray:
+        """-sum_j m (p_i + p_j)/(rho_i rho_j) grad W."""
+        p, rho = self._pressure(), self.density
+
+        def term(i: NDArray, apart: NDArray, square: NDArray, slope: NDArray) -> NDArray:
+            return -self.mass * _along((p[i, None] + p) / (rho[i, None] * rho), slope, apart)
+
+        return self._sum(term)
+
+    def normal(self) -> NDArray:
+        """h sum_j m/rho_j grad W."""
+        volume = self.mass / self.density
+        return self.support * self._sum(lambda i, apart, square, slope: _along(volume, slope, apart))
+
+    def cohesion(self) -> NDArray:
+        """-gamma sum_j m K_ij C(r) x_ij/r, where the factor 32/(pi h^9) of C(r) is missing at h^6/64 for r <= h/2."""
+        h, rho = self.support, self.density
+
+        def term(i: NDArray, apart: NDArray, square: NDArray, slope: NDArray) -> NDArray:
+            r = np.sqrt(square)
+            shape = 32 / (np.pi * h**9) * np.maximum(h - r, 0.0) ** 3 * r**3
+            spline = np.where(r > 0.5 * h, shape, 2 * shape - h**6 / 64)
+            factor = -TENSION * self.mass * 2 * TERMS_DENSITY / (rho[i, None] + rho) * spline
+            return _along(factor, np.divide(1.0, r, out=np.zeros_like(r), where=r > 0), apart)
+
+        return self._sum(term)
+
+    def central(self, own: NDArray, softening: float) -> NDArray:
+        """2 (dim + 2) nu f_i sum_j m/rho_j v_ij.x_ij/(r^2 + softening) grad W; `own` is f_i."""
+
+        def term(i: NDArray, apart: NDArray, square: NDArray, slope: NDArray) -> NDArray:
+            speed = ((self.velocity[i, None, :] - self.velocity) * apart).sum(-1)
+            share = 10 * VISCOSITY * self.mass * own[i, None] / self.density
+            return _along(share * speed / (square + softening), slope, apart)
+
+        return self._sum(term)
+
+    def morris(self, softening: float) -> NDArray:
+        """4 nu sum_j m/(rho_i + rho_j) x_ij.grad W/(r^2 + softening) v_ij."""
+
+        def term(i: NDArray, apart: NDArray, square: NDArray, slope: NDArray) -> NDArray:
+            share = 4 * VISCOSITY * self.mass / (self.density[i, None] + self.density)
+            return _along(share * square / (square + softening), slope, self.velocity[i, None, :] - self.velocity)
+
+        return self._sum(term)
+
+    def _pressure(self) -> NDArray:
+        return SOUND**2 * np.maximum(self.density - TERMS_DENSITY, 0.0)
+
+    def _sum(self, term: Callable[[NDArray, NDArray, NDArray, NDArray], NDArray]) -> NDArray:
+        """Sum over j of term(i, x_i - x_j, r^2, W'/r), for blocks of particles i."""
+        kernel = smoothing("cubic_spline", self.support, 3)
+        found = np.zeros_like(self.position)
+        for i, apart, distance in pair_blocks(self.position, self.position):
+            met = distance > 0
+            slope = np.where(met, kernel_slope(distance, kernel) / np.where(met, distance, 1.0), 0.0)
+            found[i] = term(i, apart, distance**2, slope).sum(1)
+        return found
+
+
+def _along(factor: NDArray, slope: NDArray, direction: NDArray) -> NDArray:
+    """Vectors (block, n, 3)."""
+    return (factor * slope)[..., None] * direction
+
+
+COMPARED: dict[str, Callable[..., Result]] = {"splishsplash": splishsplash, "pysph": pysph, "warp": warp}
+
+
+# The base SPH liquid held against solutions of its equations, at three spacings each.
+
+
+FORMS = ("laplacian", "central")
+CELLS = {
+    "tank": (20, 40, 80),
+    "wave": (10, 20, 40),
+    "ellipse": (10, 20, 40),
+    "disc": (10, 20, 40),
+    "vortex": (20, 40, 80),
+    "vortices": (20, 40, 80),
+    "couette": (12, 24, 48),
+    "poiseuille": (12, 24, 48),
+    "capillary": (12, 24, 48),
+    "drop": (6, 12, 24),
+    "meniscus": (4, 8, 12),
+    "jurin": (8, 12, 16),
+}
+WITH_FORMS = dict.fromkeys(("wave", "disc", "vortex", "vortices", "couette", "poiseuille", "drop"), FORMS)
+WITH_FORMS["meniscus"] = ("70", "110")  # [degrees]
+JUDGED = {  # quantities by problem: those with a measured order, and those that are judged at the smallest spacing
+    "tank": ("error", "bulk"),
+    "wave": ("period_off", "decay_off"),
+    "ellipse": ("error", "period_off"),
+    "disc": ("rate_off",),
+    "vortex": ("rate_off", "error"),
+    "vortices": ("rate_off", "error"),
+    "couette": ("error", "steady"),
+    "poiseuille": ("error", "steady"),
+    "capillary": ("crest_off", "error", "side"),
+    "drop": ("rate_off",),
+    "meniscus": ("lifted_off",),
+    "jurin": ("risen_off",),
+}
+ORDERED = {
+    "tank": "error",
+    "ellipse": "error",
+    "couette": "steady",
+}  # whose order is judged: surfaces are of first order in the spacing
+VARIED: dict[str, tuple[Callable[..., Result], dict[str, Any], tuple[str, ...]]] = {  # run, parameters, quantities
+    "varied_crest_0.005": (wave, {"cells": 20, "form": "central", "crest": 0.005}, ("period", "decay")),
+    "varied_crest_0.06": (wave, {"cells": 20, "form": "central", "crest": 0.06}, ("period", "decay")),
+    "varied_creeping_laplacian": (vortices, {"cells": 40, "form": "laplacian", "reynolds": 0.5}, ("rate",)),
+    "varied_creeping_central": (vortices, {"cells": 40, "form": "central", "reynolds": 0.5}, ("rate",)),
+    "varied_mu_laplacian": (couette, {"cells": 24, "form": "laplacian", "friction": 1.0}, ("steady",)),
+    "varied_mach_0.05": (ellipse, {"cells": 20, "mach": 0.05}, ("error", "period")),
+}
+PEER = {"side": 12, "seed": 1}  # of every comparison of terms
+SECONDS = 5e-6  # of a particle in a step, for the progress bar
+
+
+def planned(options: Options) -> list[Run]:
+    """Every problem at three spacings, with both viscosities where they differ; with --quick a tank of 50 particles."""
+    if options.quick:
+        return [_run("tank", 10, "", options.backend)]
+    varied = [
+        Run(key, function, {**parameters, "backend": options.backend}, estimate=10.0)
+        for key, (function, parameters, _) in VARIED.items()
+    ]
+    return [*_solved(options.backend), *varied, *_judged_compared(options)]
+
+
+def _solved(backend: str) -> list[Run]:
+    return [
+        _run(problem, cells, form, backend)
+        for problem, sizes in CELLS.items()
+        for form in WITH_FORMS.get(problem, ("",))
+        for cells in sizes
+    ]
+
+
+def _judged_compared(options: Options) -> list[Run]:
+    """Terms beside those of every other program, where it is installed."""
+    without = "" if options.peers else "measured with --peers"
+    return [
+        Run(f"terms_{program}", compare, PEER, skip=without or PEERS[program].missing())
+        for program, compare in COMPARED.items()
+    ]
+
+
+def _run(problem: str, cells: int, form: str, backend: str) -> Run:
+    parameters: dict[str, Any] = {"cells": cells, "backend": backend}
+    if form:
+        parameters |= {"angle": float(form)} if problem == "meniscus" else {"form": form}
+    key = "_".join(filter(None, (problem, form, str(cells))))
+    tense = problem in ("jurin", "capillary", "drop", "meniscus")
+    return Run(
+        key, globals()[problem], parameters,
+        estimate=5.0 * (cells / 12) ** 3 if tense else SECONDS * 200 * cells**3,
+    )  # fmt: skip
+
+
+def series(results: Results) -> dict[str, dict[str, list[float]]]:
+    """Spacings and quantities of every problem (with its viscosity), from the largest spacing to the smallest."""
+    found: dict[str, dict[str, list[float]]] = {}
+    for key, result in results.items():
+        if key.startswith("terms_") or key in VARIED:
+            continue
+        one = found.setdefault(key.rpartition("_")[0], {})
+        for name, value in result.values.items():
+            if isinstance(value, float):
+                one.setdefault(name, []).append(value)
+    return found
+
+
+def order(spacing: Sequence[float], error: Sequence[float]) -> float:
+    """Exponent p of error ~ spacing^p between the largest and the smallest spacing; NaN from one spacing alone."""
+    if len(spacing) < 2:
+        return math.nan
+    return math.log(error[0] / error[-1]) / math.log(spacing[0] / spacing[-1])
+
+
+def checks(results: Results, check: Checks) -> None:
+    """Errors at the smallest spacing, and orders between the largest and the smallest."""
+    for name, one in series(results).items():
+        problem, _, form = name.partition("_")
+        cells = len(one["spacing"])
+        for quantity in JUDGED[problem]:
+            if quantity not in one:
+                continue
+            if cells == len(CELLS[problem]):
+                check(f"{problem}_{quantity}", one[quantity][-1], form)
+                rule = "order" if ORDERED.get(problem) == quantity else "order_shown"
+                if quantity != "side":  # no error
+                    check(rule, order(one["spacing"], one[quantity]), f"{name}.{quantity}")
+        if name in ("disc_central", "drop_central"):
+            for value, size in zip(one["error"], one["spacing"]):
+                check(f"{problem}_kept", value, f"{1 / size:.0f}", f"R = {1 / size:.0f} d")
+        if problem == "tank":
+            for value, size in zip(one["error"], one["spacing"]):
+                check("tank_any", value * HEIGHT / (SUPPORT * size), f"{1 / size:.0f}", f"H = {1 / size:.0f} d")
+
+    for key, (_, _, quantities) in VARIED.items():
+        for quantity in quantities if key in results else ():
+            check(f"varied_{quantity}", results[key].values[quantity], key.removeprefix("varied_"))
+    for program, names in TERMS.items():
+        if f"terms_{program}" not in results:
+            continue
+        values = results[f"terms_{program}"].values
+        precise = "_double" if program in DOUBLE else ""
+        for term in names:
+            equal = term in EQUAL[program]
+            check(f"peer_equal{precise}" if equal else "peer", values[term], f"{program}.{term}")
+            check(f"peer_explained{precise}", values[f"{term}.explained"], f"{program}.{term}")
+
+
+def _behind(titles: Container[str]) -> tuple[str, ...]:
+    """Keys of the runs of some problems."""
+    return tuple(run.key for run in _solved("cpu") if run.key.partition("_")[0] in titles)
+
+
+EXPERIMENT = Experiment(
+    name="solutions",
+    title="the base SPH liquid against solutions: tank, waves, ellipse, spin-down, Taylor-Green, plates, meniscus",
+    runs=planned,
+    checks=checks,
+)

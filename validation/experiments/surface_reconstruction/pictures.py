@@ -14,8 +14,8 @@ from matplotlib.patches import FancyArrowPatch, FancyBboxPatch
 
 from validation.checks import number
 from validation.drawing import BLUE, GREEN, GREY, ORANGE, VERMILION, view_matrix
-from validation.experiment import Results
-from validation.experiments.surface_reconstruction.shapes import RADII
+from validation.experiment import Picture, Results
+from validation.experiments.surface_reconstruction.scene import RADII
 from validation.results import floats
 
 VIEW = view_matrix(azimuth=32.0, elevation=24.0)
@@ -207,3 +207,11 @@ def pipeline(data: Mapping[str, Any], boxes: Sequence[tuple[str, str]], columns:
         f" {1e3 * total:.3g} ms in all"
     )
     return figure
+
+
+PICTURES = (
+    Picture("surface_normals", error_data, error_picture, ("normals_sphere", "normals_ellipsoid")),
+    Picture("surface_meshes", mesh_data, mesh_picture, ("meshes",)),
+    Picture("surface_convergence", convergence_data, convergence_picture, ("convergence",)),
+    Picture("surface_pipeline", pipeline_data, pipeline_picture, ("stages",)),
+)

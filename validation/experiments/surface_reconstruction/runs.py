@@ -10,16 +10,19 @@ from typing import Any
 
 import numpy as np
 
-from refsim.backends.arrays import Backend, choose, set_threads
+from refsim.backends.arrays import Backend, choose, set_threads, unavailable
 from refsim.core.operation import REGISTRY
 from refsim.isosurface import Mesh
 from refsim.sparse_grid import nodes
 from refsim.surface_energy import Tension
 from refsim.surface_energy.reconstruction import Reconstruction, Surface
-from validation.experiments.surface_reconstruction import shapes
+from validation.checks import Checks
+from validation.experiment import Experiment, Family, Measure, Options, Results, Run, alike
+from validation.experiments.surface_reconstruction import scene
+from validation.experiments.surface_reconstruction.scene import RADII
 from validation.peers import pysplashsurf
 from validation.reading import Reading, distribution, measured
-from validation.results import Result
+from validation.results import Result, real
 from validation.running import Context
 from validation.turns import mean_parts, rounds
 
@@ -63,14 +66,14 @@ def reconstruct(
 
 def normal_errors(context: Context, shape: str, backend: str, seed: int = 0, radius: float = RADIUS) -> Result:
     """Angles between normals and the true ones [degrees], for every setting, on one jittered cloud."""
-    place = shapes.cloud(shape, radius, seed)
+    place = scene.cloud(shape, radius, seed)
     rows, arrays = {}, {}
     chosen = settings()
     for k, (key, parameters) in enumerate(chosen.items()):
         made, surface, _ = reconstruct(place, backend, inset=-1.0, **parameters)
         sample = made.backend.host(surface.samples.position) / CELL
         normal = made.backend.host(surface.samples.normal)
-        angle = shapes.angles(normal, shapes.true_normals(sample, shape, radius))
+        angle = scene.angles(normal, scene.true_normals(sample, shape, radius))
         away = made.backend.host(surface.offset_direction)
         rows[key] = {
             "words": words_of(parameters), **parameters,
@@ -86,8 +89,8 @@ def normal_errors(context: Context, shape: str, backend: str, seed: int = 0, rad
 def smooth_samples(context: Context, backend: str, count: int = 2480, input_error: float = 11.8) -> Result:
     """The fit alone: samples exactly on a sphere, directions with a mean error of `input_error` degrees."""
     there = choose(backend)
-    true = shapes.fibonacci_sphere(count)
-    away = shapes.tilted(true, input_error)
+    true = scene.fibonacci_sphere(count)
+    away = scene.tilted(true, input_error)
     sample = CELL * RADIUS * true
     rows = []
     for offset in (0.25, 0.5, 1.0):
@@ -97,10 +100,10 @@ def smooth_samples(context: Context, backend: str, count: int = 2480, input_erro
                 tension = Tension(surface_tension=1.0, normals=kind, offset=offset, iterations=sweeps)
                 made = Reconstruction(there, 3, "float64", CELL, tension)
                 normal = fitted_normals(made, sample, away)
-                row[kind] = float(shapes.angles(there.host(normal), true).mean())
+                row[kind] = float(scene.angles(there.host(normal), true).mean())
             rows.append(row)
             context.progress(len(rows) / 15)
-    return Result({"samples": count, "input": float(shapes.angles(away, true).mean()), "rows": rows})
+    return Result({"samples": count, "input": float(scene.angles(away, true).mean()), "rows": rows})
 
 
 def fitted_normals(made: Reconstruction, sample: np.ndarray, away: np.ndarray) -> Any:
@@ -115,12 +118,12 @@ def fitted_normals(made: Reconstruction, sample: np.ndarray, away: np.ndarray) -
 
 def convergence(context: Context, backend: str, offset: float = 1.0) -> Result:
     """Residual and normal error against sweeps, for two relaxations, on the particle cloud and on smooth samples."""
-    place = shapes.cloud("sphere", RADIUS)
+    place = scene.cloud("sphere", RADIUS)
     made, surface, _ = reconstruct(place, backend, inset=-1.0, offset=offset, normals="gradient")
     there = made.backend
     rough = there.host(surface.sample_place), there.host(surface.offset_direction)
-    true = shapes.fibonacci_sphere(2480)
-    smooth = CELL * RADIUS * true, shapes.tilted(true, 11.8)
+    true = scene.fibonacci_sphere(2480)
+    smooth = CELL * RADIUS * true, scene.tilted(true, 11.8)
     counts = (1, 2, 3, 5, 10, 20, 30, 50, 100, 200, 300, 500, 1000)
     curves: dict[str, Any] = {"sweeps": counts}
     for name, (sample, away) in {"cloud": rough, "smooth": smooth}.items():
@@ -133,8 +136,8 @@ def convergence(context: Context, backend: str, offset: float = 1.0) -> Result:
                 fit = Reconstruction(there, 3, "float64", CELL, tension)
                 normal = there.host(fitted_normals(fit, sample, away))
                 residuals.append(rms_residual(fit, sample, away) / offset)
-                outward = shapes.true_normals(sample / CELL, "sphere", RADIUS)
-                errors.append(float(shapes.angles(normal, outward).mean()))
+                outward = scene.true_normals(sample / CELL, "sphere", RADIUS)
+                errors.append(float(scene.angles(normal, outward).mean()))
             curves[f"{name}_{relaxation:g}"] = {"residual": residuals, "error": errors}
             context.progress(len(curves) / 5)
     return Result({"curves": curves, "spectrum": spectrum()})
@@ -164,7 +167,7 @@ def fit_system(
 
     from refsim.surface_energy.reference import _matrix
 
-    place = shapes.cloud("sphere", radius, seed, dim)
+    place = scene.cloud("sphere", radius, seed, dim)
     made, surface, _ = reconstruct(place, "cpu", dim=dim, inset=-1.0, **parameters)
     h = float(made.term.cell_size)
     points = np.vstack(
@@ -195,8 +198,8 @@ def spectrum() -> dict[str, Any]:
 def meshes(context: Context, backend: str) -> Result:
     """How good the triangles are, how much normals jump from facet to facet, and whether the surface is closed."""
     rows, arrays = {}, {}
-    for shape in shapes.RADII:
-        place = shapes.cloud(shape, RADIUS)
+    for shape in scene.RADII:
+        place = scene.cloud(shape, RADIUS)
         made, surface, _ = reconstruct(place, backend, **DEFAULT)
         host = made.backend.host
         mesh = Mesh(*(host(a) for a in surface.mesh))
@@ -204,8 +207,8 @@ def meshes(context: Context, backend: str) -> Result:
         facet_normal, normal = host(surface.facet_normal), host(surface.samples.normal)
         pairs = neighbouring_facets(mesh.facets)
         least = smallest_angles(mesh.vertices, mesh.facets)
-        jump = {"facets": shapes.angles(facet_normal[pairs[:, 0]], facet_normal[pairs[:, 1]])}
-        jump["fit"] = shapes.angles(normal[pairs[:, 0]], normal[pairs[:, 1]])
+        jump = {"facets": scene.angles(facet_normal[pairs[:, 0]], facet_normal[pairs[:, 1]])}
+        jump["fit"] = scene.angles(normal[pairs[:, 0]], normal[pairs[:, 1]])
         edges, unmatched = edge_counts(mesh.facets)
         radius = np.linalg.norm(moved / CELL, axis=1)
         rows[shape] = {
@@ -298,7 +301,7 @@ def stages(context: Context, backend: str, counts: list[int], threads: int | Non
     rows = []
     try:
         for k, count in enumerate(counts):
-            place = shapes.lattice_block(count)
+            place = scene.lattice_block(count)
             for quadrature in ("facets", "poisson"):
                 made, surface, position = reconstruct(place, backend, "float32", timed=True, quadrature=quadrature)
                 spent: dict[str, list[float]] = {}
@@ -328,10 +331,13 @@ def beside_transfers(context: Context, backend: str, cells: int, rounds: int, re
 
     cells  of the cube's edge, with eight particles each
     """
-    from validation.experiments.mpm_droplet.runs import BLOCK, plain_block  # it imports from here
+    from validation.experiments.mpm_droplet.runs import (
+        BLOCK,
+        plain_block,  # it imports from here
+    )
 
     there = choose(backend)
-    place = shapes.lattice_block(8 * cells**3)
+    place = scene.lattice_block(8 * cells**3)
     position = there.asarray((CELL * place).astype(np.float32))
     made = Reconstruction(there, 3, "float32", CELL, Tension(surface_tension=1.0), reused=True)
     found = []
@@ -369,7 +375,7 @@ def normals_cost(
     rows = []
     try:
         for dtype in ("float32", "float64"):
-            made, surface, _ = reconstruct(shapes.lattice_block(count), backend, dtype, inset=-1.0)
+            made, surface, _ = reconstruct(scene.lattice_block(count), backend, dtype, inset=-1.0)
             sample, away = (
                 there.asarray(np.tile(there.host(a), (copies, 1)))
                 for a in (surface.sample_place, surface.offset_direction)
@@ -416,7 +422,7 @@ def solvers(context: Context, threads: int | None, repeats: int = 9, radius: flo
     matrix, goal, active, surface = fit_system(3, radius, offset=0.5)
     normal_matrix = (matrix.T @ matrix).tocsr()
     side = matrix.T @ goal
-    true = shapes.true_normals(surface.sample_place / CELL, "sphere", radius)
+    true = scene.true_normals(surface.sample_place / CELL, "sphere", radius)
     made = Reconstruction(there, 3, "float64", CELL, Tension(surface_tension=1.0, normals="gradient"))
     rows: list[dict[str, Any]] = []
 
@@ -429,7 +435,7 @@ def solvers(context: Context, threads: int | None, repeats: int = 9, radius: flo
             {
                 "name": name, "words": words, "seconds": seconds, "spread": spread, "turns": spent[name],
                 "residual": float(np.sqrt(((goal - matrix @ solution) ** 2).mean()) / goal.max()),
-                "error": float(shapes.angles(normal, true).mean()), "numbers_per_node": numbers / len(active),
+                "error": float(scene.angles(normal, true).mean()), "numbers_per_node": numbers / len(active),
             }
         )  # fmt: skip
 
@@ -481,7 +487,7 @@ def fit_scaling(
     """
     there = choose(backend)
     tension = {**DEFAULT, "iterations": sweeps}
-    made, surface, _ = reconstruct(shapes.lattice_block(count), backend, "float32", inset=-1.0, **tension)
+    made, surface, _ = reconstruct(scene.lattice_block(count), backend, "float32", inset=-1.0, **tension)
     place = there.host(surface.sample_place)
     away = there.host(surface.offset_direction)
     shift = np.float32(float(made.term.offset) * CELL)
@@ -544,7 +550,7 @@ def against_pysplashsurf(context: Context, count: int, rounds: int, threads: int
         return Result({"missing": missing})
     there = choose("cpu")
     set_threads(there, threads)
-    place = shapes.lattice_block(count)
+    place = scene.lattice_block(count)
     position = (CELL * place).astype(np.float32)
     made = Reconstruction(there, 3, "float32", CELL, Tension(surface_tension=1.0))
     own, other = [], []
@@ -600,7 +606,7 @@ def normals(
             began = time.perf_counter()
             tension = Tension(surface_tension=1.0, inset=-1.0, **setting["tension"])
             made[key] = Reconstruction(there, 3, dtype, CELL, tension, timed=True)
-            place = CELL * shapes.cloud("sphere", setting.get("radius", RADIUS))
+            place = CELL * scene.cloud("sphere", setting.get("radius", RADIUS))
             positions[key] = there.asarray(place.astype(dtype))
             made[key].surface(positions[key])
             compiling[key] = time.perf_counter() - began
@@ -619,7 +625,7 @@ def normals(
             sample = there.host(surface.samples.position).astype(float) / CELL
             normal = there.host(surface.samples.normal).astype(float)
             radius = setting.get("radius", RADIUS)
-            angle = shapes.angles(normal, shapes.true_normals(sample, "sphere", radius))
+            angle = scene.angles(normal, scene.true_normals(sample, "sphere", radius))
             parts = {name: [row[name] for row in spent[key]] for name in own[key]}
             beside = {"mesh": [row["cells"] + row["level set and facets"] for row in spent[key]]}
             seconds = np.sum(list(parts.values()), axis=0).tolist()
@@ -641,7 +647,7 @@ def peer_normals(context: Context, settings: Mapping[str, Mapping[str, Any]], th
 
     settings  key to {"words", "knobs", "share", "smoothing" (see `validation.peers.pysplashsurf.run_normals`)}
     """
-    position = CELL * shapes.cloud("sphere", RADIUS)
+    position = CELL * scene.cloud("sphere", RADIUS)
     last: dict[str, dict[str, Any]] = {}
 
     def computed(key: str, k: int) -> dict[str, Any]:
@@ -657,7 +663,7 @@ def peer_normals(context: Context, settings: Mapping[str, Mapping[str, Any]], th
             readings.append(Reading(**common, stopped=f"missing: {last[key]['missing']}"))
             continue
         place, normal = (np.asarray(last[key][name], dtype=float) for name in ("place", "normal"))
-        angle = shapes.angles(normal, shapes.true_normals(place / CELL, "sphere", RADIUS))
+        angle = scene.angles(normal, scene.true_normals(place / CELL, "sphere", RADIUS))
         seconds = found[key].means(itemgetter("seconds"))
         readings.append(
             Reading(
@@ -667,3 +673,279 @@ def peer_normals(context: Context, settings: Mapping[str, Mapping[str, Any]], th
             )
         )  # fmt: skip
     return measured(readings, threads, "peer")
+
+
+# What the thesis claims of its reconstructed surface (chapter 3), measured on particle clouds cut by a sphere.
+#
+# Starts are jitters of the cloud's lattice. Times come from the experiment's runs `solvers` and `normals_cost`.
+
+
+SEEDS = (1, 2, 3, 4, 5)
+
+
+def reconstruction(context: Context, seed: int, backend: str) -> Result:
+    """Errors of normals by kind, jumps over edges, the fit's largest eigenvalue and what it keeps, on one cloud."""
+    place = scene.cloud("sphere", RADIUS, seed)
+    values: dict[str, float] = {}
+    for kind in ("mls", "gradient", "facets"):
+        parameters = {**DEFAULT, "normals": kind}
+        made, surface, _ = reconstruct(place, backend, inset=-1.0, **parameters)
+        sample = made.backend.host(surface.samples.position) / CELL
+        normal = made.backend.host(surface.samples.normal)
+        true = scene.true_normals(sample, "sphere", RADIUS)
+        pairs = neighbouring_facets(made.backend.host(surface.mesh.facets))
+        values[f"error_{kind}"] = float(scene.angles(normal, true).mean())
+        jump = scene.angles(normal[pairs[:, 0]], normal[pairs[:, 1]])
+        values[f"jump_{kind}"] = float(np.quantile(jump, 0.95))
+    least = smallest_angles(made.backend.host(surface.mesh.vertices), made.backend.host(surface.mesh.facets))
+    values["slivers"] = float((least < 10).mean())
+    matrix, _, active, _ = fit_system(2, RADIUS, offset=0.5, seed=seed)
+    dense = matrix.toarray()
+    root = np.sqrt(1 / dense.sum(0))
+    largest = np.linalg.eigvalsh(root[:, None] * (dense.T @ dense) * root[None, :])[-1]
+    values["beyond_one"] = float(abs(largest - 1))
+    matrix, _, active, _ = fit_system(3, RADIUS, offset=0.5, seed=seed)
+    product = (matrix.T @ matrix).nnz
+    values["kept_share"] = (3 * len(active) + 9 * matrix.shape[0]) / (1.5 * product + 4 * len(active))
+    return Result(values)
+
+
+def _clouds(options: Options) -> list[Run]:
+    return [
+        Run(f"claim_surface_{seed}", reconstruction, {"seed": seed, "backend": options.backend}, estimate=6.0)
+        for seed in SEEDS
+    ]
+
+
+def _each(value: Callable[[Result], float]) -> Callable[[Results], list[float]]:
+    return lambda results: [value(result) for result in results.values()]
+
+
+def _ratio(above: str, below: str) -> Callable[[Results], list[float]]:
+    return _each(lambda result: real(result.values[above]) / real(result.values[below]))
+
+
+def _solvers(options: Options) -> list[Run]:
+    return [Run("solvers", solvers, {"threads": options.threads}, estimate=30.0)]
+
+
+def _normals(options: Options) -> list[Run]:
+    parameters = {"backend": options.backend, "threads": options.threads}
+    return [Run("normals_cost", normals_cost, parameters, estimate=3.0)]
+
+
+def _normals_on_gpu(options: Options) -> list[Run]:
+    parameters = {"backend": "cuda", "threads": None, "count": 1_000_000, "copies": 128}
+    return [Run("normals_on_gpu", normals_cost, parameters, estimate=60.0, skip=unavailable("cuda") or "")]
+
+
+def _fits(options: Options) -> list[Run]:
+    """The fit to large surfaces on four threads of a host and on its GPU."""
+    missing = unavailable("cuda") or ""
+    return [
+        Run(f"fit_on_{backend}_{count}", fit_scaling, {"backend": backend, "threads": threads, "count": count},
+            estimate=15.0, skip=missing)
+        for count in COUNTS for backend, threads in (("cpu", [4]), ("cuda", []))
+    ]  # fmt: skip
+
+
+def _gain(results: Results) -> list[float]:
+    def seconds(backend: str, count: int) -> float:
+        return real(results[f"fit_on_{backend}_{count}"].values["rows"][0]["seconds"])
+
+    return [seconds("cpu", count) / seconds("cuda", count) for count in COUNTS]
+
+
+COUNTS = (200_000, 400_000, 600_000, 800_000, 1_000_000)  # particles of a block whose surface is fitted
+FIFTHS = 5  # into which the turns are cut: each gives a value
+
+
+def _ratios(above: list[float], below: list[float]) -> list[float]:
+    """The median turn's ratio in each fifth of the turns: what else the machine does slows both programs of a turn."""
+    turns = np.array([real(a) / real(b) for a, b in zip(above, below, strict=True)])
+    return [float(np.median(part)) for part in np.array_split(turns, FIFTHS)]
+
+
+def _times(above: str, below: str) -> Callable[[Results], list[float]]:
+    """Seconds of one solver over those of another; "most" in a name stands for all threads."""
+
+    def values(results: Results) -> list[float]:
+        found = results["solvers"].values
+        seconds = {row["name"]: row["turns"] for row in found["rows"]}
+        first, second = (name.replace("most", str(found["threads"])) for name in (above, below))
+        return _ratios(seconds[first], seconds[second])
+
+    return values
+
+
+def _costs(results: Results) -> list[float]:
+    """Nanoseconds of MLS normals over those of the gradient, in the dtype in which they compare worse."""
+    (found,) = results.values()
+    rows = {(row["dtype"], row["kind"]): row["turns"] for row in found.values["rows"]}
+    both = [_ratios(rows[dtype, "mls"], rows[dtype, "gradient"]) for dtype in ("float32", "float64")]
+    return max(both, key=np.median)
+
+
+SURFACE_FIT_BEATS_GRADIENTS = Measure(_solvers, _times("cg_10", "lspia_10_most"), quick=False, timed=True)
+SURFACE_FIT_BEATS_FACTORS = Measure(_solvers, _times("direct", "lspia_10_most"), quick=False, timed=True)
+SURFACE_MLS_IS_CHEAPER = Measure(_normals, _costs, quick=False, timed=True)
+
+
+def _registers(results: Results) -> list[float]:
+    """Registers of the MLS kernel over those of the gradient's, in the dtype in which they compare worse."""
+    rows = {(row["dtype"], row["kind"]): row["registers"] for row in results["normals_on_gpu"].values["rows"]}
+    return [max(rows[dtype, "mls"] / rows[dtype, "gradient"] for dtype in ("float32", "float64"))]
+
+
+SURFACE_MLS_TAKES_FEWER_REGISTERS = Measure(_normals_on_gpu, _registers, quick=False, timed=True)
+SURFACE_FIT_SCALES = Measure(_fits, _gain, quick=False, timed=True)
+SURFACE_MLS_IS_CHEAPER_ON_GPU = Measure(_normals_on_gpu, _costs, quick=False, timed=True)
+SURFACE_FIT_CONVERGES = Measure(_clouds, _each(lambda result: real(result.values["beyond_one"])))
+SURFACE_FIT_KEEPS_LITTLE = Measure(_clouds, _each(lambda result: real(result.values["kept_share"])))
+SURFACE_FACETS_ARE_SLIVERS = Measure(_clouds, _each(lambda result: real(result.values["slivers"])))
+SURFACE_FIT_SMOOTHS_NORMALS = Measure(_clouds, _ratio("jump_mls", "jump_facets"))
+SURFACE_MLS_AS_GOOD_AS_GRADIENT = Measure(_clouds, _ratio("error_mls", "error_gradient"))
+
+# Null models
+
+
+def _unweighted(measure: Measure) -> list[float]:
+    """The iteration (3.6) with equal weights in the place of (3.7)."""
+    matrix, _, _, _ = fit_system(2, RADIUS, offset=0.5, seed=SEEDS[0])
+    dense = matrix.toarray()
+    return measure.of({"": {"beyond_one": float(abs(np.linalg.eigvalsh(dense.T @ dense)[-1] - 1))}})
+
+
+def _equilateral(measure: Measure) -> list[float]:
+    """Triangles with equal sides."""
+    corner = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.5, 0.75**0.5, 0.0]])
+    least = smallest_angles(corner, np.array([[0, 1, 2]]))
+    return measure.of({"": {"slivers": float((least < 10).mean())}})
+
+
+def _random_normals(measure: Measure) -> list[float]:
+    """MLS normals in random directions, beside gradients that are off by 5 degrees."""
+    true, guess = np.random.default_rng(1).normal(size=(2, 1000, 3))
+    true, guess = (each / np.linalg.norm(each, axis=1)[:, None] for each in (true, guess))
+    found = {"error_mls": scene.angles(guess, true).mean(), "error_gradient": 5.0}
+    return measure.of({"": {name: float(value) for name, value in found.items()}})
+
+
+def _same_time(measure: Measure) -> list[float]:
+    """All programs take the same time and the same registers."""
+    turns, solvers = [0.01] * 9, ("lspia_10_1", "lspia_10_2", "cg_10", "direct")
+    rows = [
+        {"name": name, "turns": turns, "seconds": 0.01, "dtype": "", "kind": name, "registers": 64} for name in solvers
+    ]
+    rows += [
+        {"dtype": dtype, "kind": kind, "turns": turns, "registers": 64, "name": "", "seconds": 0.01}
+        for dtype in ("float32", "float64") for kind in ("mls", "gradient")
+    ]  # fmt: skip
+    return measure.of({"": {"rows": rows, "threads": 2}})
+
+
+FAMILIES = (
+    Family(
+        ("surface_fit_converges",), "The largest eigenvalue could be another than one.",
+        "equal weights instead of (3.7)",
+        _unweighted,
+    ),
+    Family(
+        ("surface_fit_keeps_little",), "The fit could keep as much as the normal equations take.",
+        "a fit that keeps as much", alike({"kept_share": 1.0}),
+    ),
+    Family(
+        ("surface_facets_are_slivers",), "Marching cubes could make well-shaped triangles.", "equilateral triangles",
+        _equilateral,
+    ),
+    Family(
+        ("surface_fit_smooths_normals",), "Fitted normals could jump as much as those of facets.", "both jump alike",
+        alike({"jump_mls": 0.2, "jump_facets": 0.2}),
+    ),
+    Family(
+        ("surface_mls_as_good_as_gradient",), "MLS normals could be farther from the surface's than the gradient's.",
+        "normals in random directions", _random_normals,
+    ),
+    Family(
+        (
+            "surface_fit_scales", "surface_fit_beats_gradients", "surface_fit_beats_factors", "surface_mls_is_cheaper",
+            "surface_mls_is_cheaper_on_gpu", "surface_mls_takes_fewer_registers",
+        ),
+        "The program could take as long, or as many registers, as the one that it is compared with.",
+        "both take the same", _same_time,
+    ),
+)  # fmt: skip
+
+
+# A surface out of particles: how good its normals are, how the fit converges, how good the mesh is, what it costs.
+
+
+BEST_KEY, DEFAULT_KEY = "gradient_0.25_1", "mls_0.5_10"
+
+
+def planned(options: Options) -> list[Run]:
+    """The runs under the options."""
+    quick, backend, threads = options.quick, {"backend": options.backend}, {"threads": options.threads}
+    slow = "takes a minute with the others; run without --quick" if quick else ""
+    on_gpu = slow if options.backend == "cuda" else "a bar for the GPU, measured with --backend cuda"
+    counts = [8_000, 64_000] if quick else [8_000, 64_000, 1_000_000]
+    scaled = [n for n in (1, 2, 4, 8, 16) if n <= (options.threads or there_threads())]
+    peer = {"count": 64_000 if quick else 524_288, "rounds": 3, "threads": options.threads or 2}
+    return [
+        *(Run(f"normals_{shape}", normal_errors, {"shape": shape, **backend}, 8.0) for shape in RADII),
+        Run("meshes", meshes, backend, 2.0),
+        Run("smooth", smooth_samples, backend, 15.0, slow),
+        Run("convergence", convergence, backend, 30.0, slow),
+        Run("stages", stages, {"counts": counts, **backend, **threads}, 4.0 if quick else 30.0),
+        Run("beside_transfers", beside_transfers, {"cells": 50, "rounds": 3, **backend}, 30.0, on_gpu),
+        Run("normals_cost", normals_cost, {**backend, **threads}, 3.0),
+        Run("solvers", solvers, threads, 30.0, slow),
+        Run("fit_scaling", fit_scaling, {"threads": scaled if options.backend == "cpu" else [], **backend}, 30.0,
+            slow),
+        Run("peer_pysplashsurf", against_pysplashsurf, peer, 40.0,
+            "" if options.peers else "measured with --peers"),
+    ]  # fmt: skip
+
+
+def checks(results: Results, check: Checks) -> None:
+    """Normals, topology, convergence and the ratio to the peer; absolute times are shown."""
+    for shape in RADII:
+        if f"normals_{shape}" in results:
+            rows = results[f"normals_{shape}"].values["rows"]
+            for name, key, part in (
+                ("best_mean", BEST_KEY, "mean"), ("best_max", BEST_KEY, "max"), ("default_mean", DEFAULT_KEY, "mean"),
+                ("default_max", DEFAULT_KEY, "max"), ("facet_mean", "facets", "mean"),
+            ):  # fmt: skip
+                check(name, rows[key][part], shape)
+        if "meshes" in results:
+            row = results["meshes"].values["rows"][shape]
+            check("euler", row["euler"], shape)
+            check("unmatched", row["unmatched"], shape)
+    if "smooth" in results:
+        rows = results["smooth"].values["rows"]
+        (row,) = (row for row in rows if row["offset"] == 0.25 and row["iterations"] == 300)
+        check("smooth_error", row["gradient"])
+    if "convergence" in results:
+        largest = results["convergence"].values["spectrum"]["largest"]
+        check("largest_eigenvalue", abs(largest - 1))
+    if "stages" in results:
+        for row in results["stages"].values["rows"]:
+            words = f"{row['particles']:,} particles, {row['quadrature']}"
+            name = f"{row['particles']}_{row['quadrature']}"
+            check("stage_time", 1e3 * sum(row["stages"].values()), name, words)
+    if "beside_transfers" in results:
+        values = results["beside_transfers"].values
+        check("over_transfers", values["ratio"], "cuda", f"{values['particles']:,} particles")
+    if "peer_pysplashsurf" in results and not results["peer_pysplashsurf"].values["missing"]:
+        values = results["peer_pysplashsurf"].values
+        check("peer_ratio", values["ratio"], "pysplashsurf", "pysplashsurf")
+        for name, words in (("refsim", "refsim"), ("peer", "pysplashsurf")):
+            check("peer_time", 1e6 * values[name]["median"], name, words)
+
+
+EXPERIMENT = Experiment(
+    name="surface_reconstruction",
+    title="a surface out of particles: normals, convergence of the fit, meshes, time",
+    runs=planned,
+    checks=checks,
+)

@@ -8,8 +8,8 @@ from typing import Any
 import matplotlib.pyplot as plt
 
 from validation.drawing import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, stacked_bars
-from validation.experiment import Results
-from validation.experiments.timing.runs import grouped
+from validation.experiment import Picture, Results
+from validation.experiments.timing.runs import STEADY, grouped
 
 COLOURS = {
     "neighbours": GREY, "density": SKY, "forces": BLUE, "detection": GREEN, "tension": VERMILION, "other": PURPLE,
@@ -85,3 +85,6 @@ def steady_picture(data: Mapping[str, Any]) -> Any:
         f"{machine['processor']}, {machine['cores']} cores", loc="right", fontsize=8, color=GREY, fontweight="normal"
     )
     return figure
+
+
+PICTURES = (Picture("table_1", steady_data, steady_picture, tuple(STEADY)),)

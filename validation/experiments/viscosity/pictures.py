@@ -9,7 +9,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from validation.drawing import BLUE, GREY, VERMILION
-from validation.experiment import Results
+from validation.experiment import Picture, Results
 
 COLOURS = {"laplacian": VERMILION, "central": BLUE}
 WORDS = {"laplacian": "J(11)", "central": "central"}
@@ -55,3 +55,6 @@ def picture(data: Mapping[str, Any]) -> Any:
         axes.legend(fontsize=7)
     figure.suptitle(data["title"], fontsize=10.5)
     return figure
+
+
+PICTURES = (Picture("viscosity", data, picture),)

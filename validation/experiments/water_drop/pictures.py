@@ -9,7 +9,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from validation.drawing import BLUE, GREY, VERMILION
-from validation.experiment import Results
+from validation.experiment import Picture, Results
 
 COLOURS = {"wendland": BLUE, "mueller": VERMILION}
 
@@ -69,3 +69,6 @@ def picture(data: Mapping[str, Any]) -> Any:
     jump.legend(fontsize=8, loc="lower right")
     figure.suptitle(f"{data['title']}; grey: 5 % about the requested tension; bars: calibrate's +-", fontsize=10.5)
     return figure
+
+
+PICTURES = (Picture("water_drop", data, picture),)

@@ -1,0 +1,1758 @@
+"""Runs of boundary sampling: scorecards, the distance's error and order, and other programs on the same work."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import time
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from refsim import (
+    Akinci2013,
+    Box,
+    BoxWalls,
+    Cloud,
+    Gravity,
+    MeshBoundary,
+    NormalDifference2014,
+    Scene,
+    Simulation,
+    WeaklyCompressible,
+)
+from refsim.backends.arrays import Backend, choose, set_threads
+from refsim.backends.compile import cpu_kernel
+from refsim.boundary.mesh import SurfaceMesh, load_mesh, surface_mesh
+from refsim.boundary.sampling import HEXAGONAL, MOST_ITERATIONS, relaxed, sample
+from refsim.boundary.signed_distance import NarrowBand, signed_distance
+from refsim.core.effect import Extremes
+from refsim.core.errors import RunStopped
+from refsim.core.walls import WallParticles
+from refsim.neighbours import NeighbourSearch
+from refsim.scene.plan import Plan, make_plan
+from refsim.sparse_grid.reference import node_table
+from refsim.winding_number.reference import solid_angles
+from validation.checks import Checks
+from validation.experiment import Experiment, Family, Measure, Options, Results, Run, alike
+from validation.experiments.boundary.scene import FLOW_SHAPES as SOLIDS
+from validation.experiments.boundary.scene import (
+    SHAPES,
+    SPACING,
+    SUPPORT,
+    cube,
+    cup,
+    known_distance,
+    mesh_file,
+    mesh_of,
+    needle,
+    sphere,
+    tilted,
+)
+from validation.metrics.shapes import lattice_ball
+from validation.peers import libigl, splishsplash_sampling
+from validation.reading import Reading, distribution, measured
+from validation.results import Result, real
+from validation.running import Context, search_log
+from validation.trials import Trial
+from validation.turns import rounds
+from validation.work_precision import order_from_errors
+
+DARTS = 30  # places for each particle at which holes are sought
+EXACT_QUERIES = 1000
+FORCES = 2000  # places at which the wall's force is evaluated
+SMOOTH_PART = 0.75  # cosine of the angle between normals near each other beyond which a place counts as at an edge
+HOLE = 1.0  # distance from every particle, in mean spacings, at which another one would fit
+
+
+def radius_for(area: float, count: int) -> float:
+    """r [m] for which g A/(pi r^2) is `count`."""
+    return math.sqrt(HEXAGONAL * area / (math.pi * count))
+
+
+def evenness(position: np.ndarray) -> dict[str, float]:
+    """Distances to the nearest other particle: mean [m], least over mean, coefficient of variation."""
+    nearest = cKDTree(position).query(position, k=2)[0][:, 1]
+    mean = float(nearest.mean())
+    return {"mean": mean, "least": float(nearest.min()) / mean, "variation": float(nearest.std()) / mean}
+
+
+def holes(position: np.ndarray, darts: np.ndarray, size: float) -> int:
+    """Places of `darts` (m, 3) further than `size` [m] from every particle, of two nearer than that one only."""
+    distance = cKDTree(position).query(darts)[0]
+    left = darts[distance > size][np.argsort(-distance[distance > size])]
+    count = 0
+    while len(left):
+        count += 1
+        left = left[np.linalg.norm(left - left[0], axis=1) > size]
+    return count
+
+
+def wall_force_noise(
+    position: np.ndarray, normal: np.ndarray, place: np.ndarray, out: np.ndarray, apart: float
+) -> float:
+    """Unevenness of the wall's force on a resting layer of liquid: rms of what varies and of what is tangential, over
+    its mean.
+
+    place, out  (m, 3) places [m] on the surface, and the normals there
+    apart       2 r [m], of the particles and of the layer from the wall
+
+    The force for one pressure is -sum_b V_b grad W, V_b = 1/sum_k W_bk (patent P5, P6), by Wendland's kernel of support
+    2.7 spacings; it varies from its mean within 3 spacings. Places at edges do not count: the force is no normal one
+    there. nan where there are no others.
+    """
+    h = 2.7 * apart
+    tree = cKDTree(position)
+
+    def value(r: np.ndarray) -> np.ndarray:
+        q = r / h
+        return (1 - q) ** 4 * (4 * q + 1)
+
+    def slope(r: np.ndarray) -> np.ndarray:
+        q = r / h
+        return -20 * q * (1 - q) ** 3 / h
+
+    near = tree.query_ball_point(position, h)
+    volume = np.array([1 / value(np.linalg.norm(position[k] - x, axis=1)).sum() for x, k in zip(position, near)])
+    forces, there = [], []
+    for x, n in zip(place + apart * out, out):
+        k = tree.query_ball_point(x, h)
+        if len(k) and (normal[k] @ n).min() > SMOOTH_PART:
+            away = x - position[k]
+            r = np.linalg.norm(away, axis=1)
+            force = -(volume[k] * slope(r) / r) @ away
+            forces.append((force @ n, np.linalg.norm(force - (force @ n) * n)))
+            there.append(x)
+    if not forces:
+        return math.nan
+    along, across = np.array(forces).T
+    around = cKDTree(there).query_ball_point(there, 3 * apart)
+    varies = along - np.array([along[k].mean() for k in around])  # the solid's curvature changes it more slowly
+    return float(np.sqrt((varies**2 + across**2).mean()) / along.mean())
+
+
+def score(position: np.ndarray, normal: np.ndarray, made: Any, radius: float, seed: int = 0) -> dict[str, float]:
+    """How good a sampling of the trimesh mesh `made` is."""
+    import trimesh
+
+    spread = blueness(position, made.area)
+    darts, face = trimesh.sample.sample_surface(made, DARTS * len(position), seed=seed)
+    rows = np.random.default_rng(seed).choice(len(position), min(EXACT_QUERIES, len(position)), replace=False)
+    off = trimesh.proximity.closest_point(made, position[rows])[1]
+    expected = HEXAGONAL * made.area / (math.pi * radius**2)
+    return {
+        "particles": len(position), "expected": expected, "count_error": abs(len(position) - expected) / expected,
+        **spread, "mean_over_2r": spread["mean"] / (2 * radius), "off": float(off.max()) / radius,
+        "holes": holes(position, darts, HOLE * spread["mean"]),
+        "force_noise": wall_force_noise(
+            position, normal, darts[:FORCES], np.asarray(made.face_normals)[face[:FORCES]], 2 * radius
+        ),
+    }  # fmt: skip
+
+
+def scorecard(context: Context, shape: str, count: int, backend: str, threads: int | None, seed: int = 0) -> Result:
+    """Particles on one shape: how even they are, and what it took."""
+    there = choose(backend)
+    made = SHAPES[shape]()
+    mesh = mesh_of(made, shape)
+    radius = radius_for(mesh.area, count)
+    set_threads(there, threads)
+    try:
+        sample(mesh, 2 * radius, backend=there, seed=seed)  # compiles
+        began = time.perf_counter()
+        found = sample(mesh, radius, backend=there, seed=seed)
+        seconds = time.perf_counter() - began
+    finally:
+        set_threads(there, None)
+    context.progress(0.6)
+    values = score(found.position, found.normal, made, radius)
+    values |= {
+        "shape": shape, "radius": radius, "iterations": found.iterations, "converged": found.converged,
+        "seconds": seconds, "triangles": len(mesh.faces), "notes": list(found.notes),
+    }  # fmt: skip
+    return Result(values, {"position": found.position, "normal": found.normal, "residuals": found.residuals})
+
+
+def printed(context: Context, shape: str, count: int, backend: str, iterations: int) -> Result:
+    """The adopted rule beside the printed one (patent E24): displacements over the iterations."""
+    made = SHAPES[shape]()
+    mesh = mesh_of(made, shape)
+    radius = radius_for(mesh.area, count)
+    rows: dict[str, Any] = {}
+    arrays = {}
+    for name, literal in (("adopted", ()), ("printed", ("E24",))):
+        found = sample(mesh, radius, backend=backend, literal=literal, most_iterations=iterations)
+        rows[name] = {
+            "iterations": found.iterations, "converged": found.converged, "residual": found.residual,
+            **evenness(found.position),
+        }  # fmt: skip
+        arrays[name] = found.residuals
+        context.progress(0.5 * len(rows))
+    return Result({"rows": rows}, arrays)
+
+
+def near_surface(made: Any, spacing: float, count: int, seed: int) -> np.ndarray:
+    """Places (count, 3) within a spacing of the surface."""
+    import trimesh
+
+    place, _ = trimesh.sample.sample_surface(made, count, seed=seed)
+    return place + np.random.default_rng(seed).uniform(-0.5, 0.5, place.shape) * spacing
+
+
+def distance_errors(
+    context: Context, shape: str, spacings: list[float], level: int, backend: str, dtype: str = "float64"
+) -> Result:
+    """Error of the trilinear distance near the surface, against the closed form or the exact closest triangle."""
+    import trimesh
+
+    made = SHAPES[shape](level)
+    mesh = mesh_of(made, shape)
+    there = choose(backend)
+    rows = []
+    for k, spacing in enumerate(spacings):
+        analytic = shape in ("sphere", "torus", "cube")
+        place = near_surface(made, spacing, 4000 if analytic else EXACT_QUERIES, k)
+        if analytic:
+            known = known_distance(shape, place)
+        else:
+            known = -trimesh.proximity.signed_distance(made, place)
+        band = signed_distance(mesh, spacing, backend=there, dtype=dtype)
+        distance, _ = band.at(there.asarray(place.astype(dtype)))
+        error = np.abs(there.host(distance) - known)
+        clear = np.abs(known) > 2 * error.max()
+        rows.append(
+            {
+                "spacing": spacing, "rms": float(np.sqrt((error**2).mean())), "largest": float(error.max()),
+                "largest_in_spacings": float(error.max()) / spacing, "bytes": band.nbytes,
+                "wrong_signs": int((np.sign(there.host(distance)) != np.sign(known))[clear].sum()),
+                "triangles": len(mesh.faces),
+            }
+        )  # fmt: skip
+        context.progress((k + 1) / len(spacings))
+    return Result({"shape": shape, "rows": rows})
+
+
+def exact_nodes(context: Context, shape: str, spacing: float, level: int, backend: str) -> Result:
+    """Node values against the exact closest triangle of trimesh, and signs against the winding number, in float32."""
+    import trimesh
+
+    from refsim.sparse_grid.reference import node_table
+    from refsim.winding_number.reference import solid_angles
+
+    made = SHAPES[shape](level)
+    mesh = mesh_of(made, shape)
+    there = choose(backend)
+    band = signed_distance(mesh, spacing, backend=there)
+    field = type(band.field)(*(there.host(p) if hasattr(p, "shape") and p.shape else p for p in band.field))
+    inside = np.flatnonzero(field.closest >= 0)
+    rows = np.random.default_rng(1).choice(inside, min(EXACT_QUERIES, len(inside)), replace=False)
+    place = band.spacing * node_table(field)[rows]
+    distance = trimesh.proximity.closest_point(made, place + mesh.origin)[1]
+    found = field.distance[rows]
+    clear = distance > 1e-5
+    signs = np.concatenate([solid_angles(p[None], mesh.corners)[0].sum(1) for p in place[clear]]) > 2 * np.pi
+    context.progress(1.0)
+    return Result(
+        {
+            "shape": shape, "nodes": len(rows), "error": float(np.abs(np.abs(found) - distance).max()) / spacing,
+            "wrong_signs": int(np.count_nonzero((found[clear] < 0) != signs)),
+        }
+    )  # fmt: skip
+
+
+def marked_region(context: Context, count: int, repeats: int, threads: int | None) -> Result:
+    """Cost of asking the field where particles are, when few and when all of them are near the boundary.
+
+    A particle outside the marked blocks is answered by one search in the table of keys; testing every particle means
+    the distance from the mesh, here by an exact query for a few of them.
+    """
+    import trimesh
+
+    there = choose("cpu")
+    made = SHAPES["organic"](5)
+    mesh = mesh_of(made, "organic")
+    band = signed_distance(mesh, 0.02)
+    random = np.random.default_rng(0)
+    far = random.uniform(2.0, 4.0, (count, 3)).astype(np.float32)
+    near = near_surface(made, 0.04, count, 1).astype(np.float32)
+    rows = {}
+    set_threads(there, threads)
+    try:
+        for name, place in (("far", far), ("near", near)):
+            band.at(place)
+            spent = []
+            for _ in range(repeats):
+                began = time.perf_counter()
+                band.at(place)
+                spent.append(time.perf_counter() - began)
+            rows[name] = 1e9 * float(np.median(spent)) / count
+    finally:
+        set_threads(there, None)
+    few = near[:200].astype(float)
+    trimesh.proximity.closest_point(made, few)
+    began = time.perf_counter()
+    trimesh.proximity.closest_point(made, few)
+    rows["every"] = 1e9 * (time.perf_counter() - began) / len(few)
+    context.progress(1.0)
+    return Result({"nanoseconds": rows, "particles": count, "triangles": len(mesh.faces), "threads": threads})
+
+
+def against_peers(context: Context, level: int, count: int, threads: int, rounds: int, scale: float) -> Result:
+    """A mesh to particles, beside pySPlisHSPlasH's surface sampling, and a field's nodes, beside libigl, in turn.
+
+    scale  of the other program's disks, so that it makes as many particles
+
+    refsim's sampling is timed twice: to its end, and stopped as soon as it is as even as the other program's.
+    """
+    there = choose("cpu")
+    made = SHAPES["organic"](level)
+    mesh = mesh_of(made, "organic")
+    radius = radius_for(mesh.area, count)
+    values: dict[str, Any] = {"triangles": len(mesh.faces), "radius": radius, "threads": threads}
+    set_threads(there, threads)
+    own: dict[str, list[float]] = {"sampling": [], "as_even": [], "field": []}
+    other: dict[str, list[float]] = {"sampling": [], "field": []}
+    peer: dict[str, Any] = {}
+    nodes: dict[str, Any] = {}
+    few: dict[str, Any] = {}
+    folder = TemporaryDirectory()
+    file = Path(folder.name) / "mesh.obj"
+    made.export(file)
+    try:
+        sample(mesh, 4 * radius)
+        for k in range(rounds):
+            began = time.perf_counter()
+            band = signed_distance(mesh, radius)
+            nodes_there = band.field.distance.shape[0]
+            own["field"].append((time.perf_counter() - began) / nodes_there)
+            del band
+            began = time.perf_counter()
+            found = sample(load_mesh(file), radius)  # the other program reads the file, too
+            own["sampling"].append(time.perf_counter() - began)
+            context.progress((3 * k + 1) / (3 * rounds))
+            peer = splishsplash_sampling.run(made.vertices, made.faces, radius, threads, scale)
+            if "missing" not in peer:
+                other["sampling"].append(peer["seconds"])
+                spread = blueness(peer.pop("position"), mesh.area)
+                if not few:
+                    few = as_even_as(spread, mesh, radius)
+                began = time.perf_counter()
+                sample(load_mesh(file), radius, most_iterations=few["iterations"])
+                own["as_even"].append(time.perf_counter() - began)
+            context.progress((3 * k + 2) / (3 * rounds))
+            nodes = libigl.run(made.vertices, made.faces, near_surface(made, 2 * radius, 20_000, k), threads)
+            if "missing" not in nodes:
+                other["field"].append(nodes["seconds_per_query"])
+            context.progress((k + 1) / rounds)
+    finally:
+        set_threads(there, None)
+    folder.cleanup()
+    values |= {"particles": len(found.position), "nodes": nodes_there, "own": own, "other": other}
+    values["quality"] = blueness(found.position, mesh.area)
+    values["iterations"] = found.iterations
+    values["missing"] = {"sampling": peer.get("missing", ""), "field": nodes.get("missing", "")}
+    if "missing" not in peer:
+        values["peer_quality"], values["as_even"] = spread, few
+        values["peer_particles"] = peer["particles"]
+        values["sampling_ratio"] = float(np.median(other["sampling"]) / np.median(own["sampling"]))
+        values["as_even_ratio"] = float(np.median(other["sampling"]) / np.median(own["as_even"]))
+    if "missing" not in nodes:
+        values["field_ratio"] = float(np.median(other["field"]) / np.median(own["field"]))
+    return Result(values)
+
+
+def blueness(position: np.ndarray, area: float) -> dict[str, float]:
+    """`evenness`, and the least distance over that of the densest packing of as many particles (blue-noise ratio)."""
+    spread = evenness(position)
+    hexagonal = math.sqrt(2 * area / (math.sqrt(3) * len(position)))
+    return {**spread, "blue": spread["least"] * spread["mean"] / hexagonal}
+
+
+class _AsEven(Exception):
+    """The relaxation has come as far as was asked."""
+
+
+def as_even_as(wanted: dict[str, float], mesh: Any, radius: float) -> dict[str, Any]:
+    """After how many iterations the particles are as even as `wanted`, in variation and blue-noise ratio."""
+    reached: dict[str, Any] = {}
+
+    def look(iteration: int, position: Any) -> None:
+        spread = blueness(np.asarray(position, dtype=float), mesh.area)
+        reached.update(iterations=iteration, **spread)
+        if spread["variation"] <= wanted["variation"] and spread["blue"] >= wanted["blue"]:
+            raise _AsEven
+
+    with suppress(_AsEven):
+        sample(mesh, radius, watch=look)
+    return reached
+
+
+# What accuracy costs
+
+PLACES = 4000
+
+
+def quality(
+    context: Context, settings: Mapping[str, Mapping[str, Any]], backend: str, threads: int | None, repeats: int
+) -> Result:
+    """Coefficient of variation of the spacing on the organic shape, and seconds, for each number of iterations."""
+    there = choose(backend)
+    set_threads(there, threads)
+    mesh = mesh_of(SHAPES["organic"](4), "organic")
+    radius = {key: radius_for(mesh.area, setting["count"]) for key, setting in settings.items()}
+    made: dict[str, Any] = {}
+
+    def sampled(key: str, k: int) -> float:
+        setting = settings[key]
+        began = time.perf_counter()
+        made[key] = sample(
+            mesh, radius[key], most_iterations=setting["iterations"], backend=there, dtype=setting["knobs"]["dtype"]
+        )
+        return time.perf_counter() - began
+
+    readings = []
+    try:
+        first = {key: sampled(key, 0) for key in settings}
+        spent = rounds(context, settings, sampled, float, repeats)
+        for key, setting in settings.items():
+            found, seconds = made[key], spent[key].means(float)
+            nearest = cKDTree(found.position).query(found.position, k=2)[0][:, 1]
+            error = evenness(found.position)["variation"]
+            readings.append(
+                Reading(
+                    key, setting["words"], {**setting["knobs"], "iterations": found.iterations}, error=error,
+                    value=error, seconds=seconds, per_step=[s / max(found.iterations, 1) for s in seconds],
+                    parts={"sampling": seconds}, compile=first[key],
+                    distribution={"distance to the nearest / mean - 1": distribution(nearest / nearest.mean() - 1)},
+                    particles=len(found.position), steps=found.iterations, noise=spent[key].noise,
+                )
+            )  # fmt: skip
+    finally:
+        set_threads(there, None)
+    return measured(readings, threads, backend)
+
+
+def quality_by_splishsplash(
+    context: Context, settings: Mapping[str, Mapping[str, Any]], threads: int, repeats: int
+) -> Result:
+    """The same shape sampled by SPlisHSPlasH, with as many particles ("count"), as readings like the others."""
+    made = SHAPES["organic"](4)
+    area = mesh_of(made, "organic").area
+    last: dict[str, dict[str, Any]] = {}
+
+    def sampled(key: str, k: int) -> float:
+        radius = radius_for(area, settings[key]["count"])
+        last[key] = splishsplash_sampling.run(made.vertices, made.faces, radius, threads)
+        return float(last[key].get("seconds", 0.0))
+
+    spent = rounds(context, settings, sampled, float, repeats)
+    readings = []
+    for key, setting in settings.items():
+        common = {"key": key, "words": setting["words"], "knobs": setting["knobs"], "expected": True}
+        if "missing" in last[key]:
+            readings.append(Reading(**common, stopped=f"missing: {last[key]['missing']}"))
+            continue
+        error, seconds = evenness(last[key]["position"])["variation"], spent[key].means(float)
+        readings.append(
+            Reading(
+                **common, error=error, value=error, seconds=seconds, per_step=seconds, parts={"sampling": seconds},
+                particles=last[key]["particles"], noise=spent[key].noise,
+            )
+        )  # fmt: skip
+    return measured(readings, threads, "peer")
+
+
+def distance(
+    context: Context, settings: Mapping[str, Mapping[str, Any]], backend: str, threads: int | None, repeats: int
+) -> Result:
+    """Root mean square error of the trilinear distance from a ball near its surface, seconds and bytes."""
+    there = choose(backend)
+    set_threads(there, threads)
+    made = SHAPES["sphere"](6)
+    mesh = mesh_of(made, "sphere")
+    place = near_surface(made, 0.04, PLACES, 0)
+    known = known_distance("sphere", place)
+    bands: dict[str, Any] = {}
+
+    def banded(key: str, k: int) -> float:
+        knobs = settings[key]["knobs"]
+        began = time.perf_counter()
+        bands[key] = signed_distance(mesh, knobs["spacing"], backend=there, dtype=knobs["dtype"])
+        there.synchronize()
+        return time.perf_counter() - began
+
+    readings = []
+    try:
+        first = {key: banded(key, 0) for key in settings}
+        spent = rounds(context, settings, banded, float, repeats)
+        for key, setting in settings.items():
+            band, seconds = bands[key], spent[key].means(float)
+            points = there.asarray(place.astype(setting["knobs"]["dtype"]))
+            error = there.host(band.at(points)[0]).astype(float) - known
+            rms = float(np.sqrt((error**2).mean()))
+            knobs = {**setting["knobs"], "bytes": band.nbytes}
+            readings.append(
+                Reading(
+                    key, f"{setting['words']}, {band.nbytes / 2**20:.2f} MiB", knobs, error=rms, value=rms,
+                    seconds=seconds, per_step=seconds, parts={"field": seconds}, compile=first[key],
+                    distribution={"error [m]": distribution(error)}, particles=PLACES, bytes=band.nbytes // PLACES,
+                    noise=spent[key].noise,
+                )
+            )  # fmt: skip
+    finally:
+        set_threads(there, None)
+    return measured(readings, threads, backend)
+
+
+def distance_by_libigl(
+    context: Context, settings: Mapping[str, Mapping[str, Any]], threads: int, repeats: int
+) -> Result:
+    """The field with libigl's distances at its nodes, trilinear between them; seconds of libigl's tree and queries."""
+    there = choose("cpu")
+    made = SHAPES["sphere"](6)
+    mesh = mesh_of(made, "sphere")
+    place = near_surface(made, 0.04, PLACES, 0)
+    known = known_distance("sphere", place)
+    bands = {key: signed_distance(mesh, s["knobs"]["spacing"], dtype="float64") for key, s in settings.items()}
+    nodes = {key: band.spacing * node_table(band.blocks) + mesh.origin for key, band in bands.items()}
+    found: dict[str, dict[str, Any]] = {}
+
+    def queried(key: str, k: int) -> float:
+        found[key] = libigl.run(made.vertices, made.faces, nodes[key], threads)
+        missing = found[key].get("missing", "")
+        return 0.0 if missing else found[key]["tree"] + found[key]["seconds_per_query"] * len(nodes[key])
+
+    spent = rounds(context, settings, queried, float, repeats)
+    readings = []
+    for key, setting in settings.items():
+        common = {"key": key, "words": setting["words"], "knobs": setting["knobs"], "expected": True}
+        if "missing" in found[key]:
+            readings.append(Reading(**common, stopped=f"missing: {found[key]['missing']}"))
+            continue
+        seconds = spent[key].means(float)
+        own = bands[key]
+        distance = np.clip(found[key]["distance"], -own.band, own.band)
+        other = replace(own, field=own.field._replace(distance=distance))
+        error = there.host(other.at(place)[0]) - known
+        rms = float(np.sqrt((error**2).mean()))
+        readings.append(
+            Reading(
+                **common, error=rms, value=rms, seconds=seconds, per_step=seconds, parts={"field": seconds},
+                distribution={"error [m]": distribution(error)}, particles=PLACES, bytes=distance.nbytes // PLACES,
+                noise=spent[key].noise,
+            )
+        )  # fmt: skip
+    return measured(readings, threads, "peer")
+
+
+# Runs of liquid at meshes: rain, a resting tank, pouring, and what the patent's tension amounts to.
+
+
+DENSITY, SOUND, GRAVITY = 1000.0, 20.0, 9.81
+RAIN = 2560  # particles
+INSIDE = 0.01  # of a spacing: depth from which on a particle counts as inside
+
+
+def liquid(sound: float = SOUND, viscosity: float = 0.5, **changes: Any) -> WeaklyCompressible:
+    """Water-like liquid."""
+    return WeaklyCompressible(rest_density=DENSITY, sound_speed=sound, dynamic_viscosity=viscosity, **changes)
+
+
+def depth(band: NarrowBand, position: NDArray) -> NDArray:
+    """How deep particles are inside the solid [m]; negative outside."""
+    return -band.at(np.ascontiguousarray(position, dtype=float))[0]
+
+
+def rain_drops(count: int = RAIN, seed: int = 1) -> NDArray:
+    """Scattered particles over the solid, at least 1.2 spacings apart, in a column 18 wide."""
+    random = np.random.default_rng(seed)
+    half, gap = 9 * SPACING, 1.2 * SPACING
+    height = 2.6 * count * gap**3 / (2 * half) ** 2
+    kept: list[NDArray] = []
+    cells: dict[tuple[int, ...], list[NDArray]] = {}
+    while len(kept) < count:
+        p = random.uniform((-half, -half, 0), (half, half, height))
+        cell = tuple((p // gap).astype(int))
+        near = (
+            q
+            for a in (-1, 0, 1)
+            for b in (-1, 0, 1)
+            for c in (-1, 0, 1)
+            for q in cells.get((cell[0] + a, cell[1] + b, cell[2] + c), ())
+        )
+        if all(((p - q) ** 2).sum() > gap * gap for q in near):
+            kept.append(p)
+            cells.setdefault(cell, []).append(p)
+    return np.array(kept)
+
+
+def rain(
+    context: Context, shape: str, correction: str, share: float, backend: str, count: int = RAIN, seed: int = 1
+) -> Result:
+    """Rain at 2 m/s on a shape, at `share` of the runner's step: who is found inside the solid after a step.
+
+    share 1 is the runner's own step; other shares are fixed steps, so many times the first one.
+    """
+    with mesh_file(SOLIDS[shape]()) as file:
+        return _rained(context, file, correction, share, backend, rain_drops(count, seed))
+
+
+def _rained(context: Context, file: str, correction: str, share: float, backend: str, drops: NDArray) -> Result:
+    boundary = MeshBoundary(file=file, correction=correction)  # type: ignore[arg-type]
+    drops = drops + np.array([0, 0, 10 * SPACING])
+    floor = BoxWalls(lower=(-0.15, -0.15, -0.15), upper=(0.15, 0.15, 1.0), open_faces=("+z",))
+    options: dict[str, Any] = {}
+    runner = 0.4 * SUPPORT / (SOUND + 2)
+    if share != 1:
+        options["step"] = share * runner
+    scene = Scene(
+        spacing=SPACING, support_radius=SUPPORT, fluid=(Cloud(position=drops, velocity=(0.0, 0.0, -2.0)),),
+        effects=(liquid(), Gravity(), floor, boundary), **options,
+    )  # fmt: skip
+    simulation = context.simulation(scene, backend)
+    band = boundary.placed(simulation.plan.grid).band
+    ever = np.zeros(len(drops), dtype=bool)
+    deepest, reason, lengths = 0.0, "", []
+    try:
+        while simulation.time < 0.17:
+            lengths.append(simulation.step().length)
+            found = depth(band, simulation.field("position"))
+            ever |= found > INSIDE * SPACING
+            deepest = max(deepest, float(found.max()))
+            if simulation.steps % 16 == 0:
+                context.progress(simulation.time / 0.17)
+    except RunStopped as stop:
+        reason = stop.reason
+    at_end = depth(band, simulation.field("position")) > INSIDE * SPACING
+    corrections = int(simulation.field("corrections").sum()) if correction != "none" else 0
+    return Result(
+        {
+            "ever_inside": int(ever.sum()), "inside_at_end": int(at_end.sum()), "deepest_spacings": deepest / SPACING,
+            "corrections": corrections, "reason": reason, "steps": simulation.steps,
+            "step_s": float(np.mean(lengths)) if lengths else math.nan, "outside": _outside(simulation),
+        }
+    )  # fmt: skip
+
+
+def _outside(simulation: Simulation) -> int:
+    """Particles whose position is not finite."""
+    return int((~np.isfinite(simulation.field("position")).all(1)).sum())
+
+
+CELLS = (10, 10, 14)
+GAP = 1.0  # between walls and first layer at the start, in spacings
+TANK_SUPPORT = 3.0 * SPACING  # where sums over the lattice deliver 99.7 % of a pressure gradient; 97.8 % at 2.7
+
+
+def resting_scene(file: str, cells: tuple[int, int, int] = CELLS, **changes: Any) -> Scene:
+    """Liquid in a cup that is a mesh, a spacing from its walls."""
+    tall = cells[2] * SPACING
+    return Scene(
+        spacing=SPACING, support_radius=TANK_SUPPORT, dtype="float64",
+        fluid=(Box(lower=((GAP - 0.5) * SPACING,) * 3, cells=cells),),
+        effects=(
+            liquid(sound=10 * math.sqrt(2 * GRAVITY * tall), viscosity=2.0), Gravity(),
+            MeshBoundary(file=file, **changes),
+        ),
+    )  # fmt: skip
+
+
+def resting_cup(cells: tuple[int, int, int] = CELLS) -> Any:
+    """The cup for it, six spacings higher than the liquid."""
+    return cup(inside_of(cells), 4 * SPACING)
+
+
+def inside_of(cells: tuple[int, int, int]) -> tuple[float, float, float]:
+    """Lengths of the cup's inside [m]."""
+    a, b = ((n - 1 + 2 * GAP) * SPACING for n in cells[:2])
+    return a, b, (cells[2] + 6) * SPACING
+
+
+def resting_tank(context: Context, steps: int, backend: str) -> Result:
+    """A tank at rest: particles kept, pressure by depth over the last tenth of the steps, noise of the wall's force."""
+    with mesh_file(resting_cup()) as file:
+        scene = resting_scene(file)
+        simulation = context.simulation(scene, backend)
+        band = next(e for e in scene.effects if e.name == "mesh_boundary").placed(simulation.plan.grid).band
+        mass = simulation.field("mass")
+        places, pressures, forces, speeds = [], [], [], []
+        for step in range(steps):
+            simulation.step()
+            if step >= steps - steps // 10:
+                velocity = simulation.field("velocity")
+                forces.append(float((mass * (simulation.field("acceleration")[:, 2] + GRAVITY)).sum()))
+                if step % 10 == 0:
+                    places.append(simulation.field("position"))
+                    pressures.append(simulation.field("pressure"))
+                    speeds.append(float(np.sqrt((velocity**2).sum(1).max())))
+            if step % 50 == 0:
+                context.progress(step / steps)
+        position = simulation.field("position")
+        inside = depth(band, position)
+    place, p = np.mean(places, axis=0), np.mean(pressures, axis=0)
+    z, low, high = place[:, 2], place.min(0), place.max(0)
+    middle = ((place - low > 2.5 * SPACING) & (high - place > 2.5 * SPACING))[:, :2].all(1)
+    # Boundary particles stand for a layer a spacing thick, half of it outside: the liquid begins there.
+    area = np.prod([inner - SPACING for inner in inside_of(CELLS)[:2]])
+    level = float(0.5 * SPACING + mass.sum() / DENSITY / area)
+    deep = z < level - 3 * SPACING  # where densities lack nothing above
+    known = DENSITY * GRAVITY * (level - z)
+    slope, offset = np.polyfit(z[deep & middle], p[deep & middle], 1)
+    errors = p[deep] / known[deep] - 1
+    core = float(np.median((p / known)[deep & middle]) - 1)
+    weight = float(mass.sum() * GRAVITY)
+    force = np.array(forces)
+    lost = int(((position[:, 2] < 0) | (np.abs(position).max(1) > 1)).sum())
+    return Result(
+        {
+            "steps": steps, "particles": len(z), "lost": lost, "inside": int((inside > INSIDE * SPACING).sum()),
+            "pressure_error": core, "pressure_everywhere": float(np.median(errors)),
+            "pressure_spread": float(errors.std()), "gradient_error": float(-slope / (DENSITY * GRAVITY) - 1),
+            "level_m": level, "surface_m": float(-offset / slope), "top_m": surface_height(place[middle]),
+            "force_error": float(force.mean() / weight - 1), "force_noise": float(force.std() / weight),
+            "greatest_speed": float(np.max(speeds)), "search": search_log(simulation),
+            "corrections": int(simulation.field("corrections").sum()),
+        },
+        {"position": position.astype(np.float32), "height": z.astype(np.float32), "pressure": p.astype(np.float32)},
+    )  # fmt: skip
+
+
+def surface_height(place: NDArray) -> float:
+    """Height [m] of a liquid's level: half a spacing over the highest particles of columns a spacing wide."""
+    column = np.unique((place[:, :2] // SPACING).astype(int), axis=0, return_inverse=True)[1].ravel()
+    highest = np.full(column.max() + 1, -np.inf)
+    np.maximum.at(highest, column, place[:, 2])
+    return float(np.median(highest) + 0.5 * SPACING)
+
+
+# Pouring: three arms
+
+ARMS = {"none": "no tension", "cohesion": "pairwise cohesion", "difference": "normal difference (patent P7)"}
+POUR = {"sphere": 0.3, "torus": 0.3, "plate": 0.3, "funnel": 0.4, "pebble": 0.3}  # simulated seconds
+GAMMA = 0.1  # of the normal difference [m/s^2]
+TENSION = 1.0  # nominal, of the cohesion [N/m]
+
+
+def tension(arm: str) -> tuple[Any, ...]:
+    """The effect of an arm."""
+    if arm == "cohesion":
+        return (Akinci2013(surface_tension=TENSION, area_acceleration=0.0),)
+    return (NormalDifference2014(area_acceleration=GAMMA),) if arm == "difference" else ()
+
+
+def pour(context: Context, shape: str, arm: str, backend: str, seconds: float = 0.0) -> Result:
+    """A column of liquid falls on a shape, or into it; components and holes of what it becomes, at several times."""
+    until = seconds or POUR[shape]
+    with mesh_file(SOLIDS[shape]()) as file:
+        boundary = MeshBoundary(file=file, viscosity=0.2)
+        wide = 8
+        low = 5.5 * SPACING if shape == "funnel" else 6.5 * SPACING
+        column = Box(
+            lower=(-0.5 * wide * SPACING, -0.5 * wide * SPACING, low), cells=(wide, wide, 18), velocity=(0.0, 0.0, -0.8)
+        )
+        floor = BoxWalls(lower=(-0.16, -0.16, -0.12), upper=(0.16, 0.16, 0.6), open_faces=("+z",))
+        scene = Scene(
+            spacing=SPACING, support_radius=SUPPORT, fluid=(column,),
+            effects=(liquid(), Gravity(), floor, boundary, *tension(arm)),
+        )  # fmt: skip
+        simulation = context.simulation(scene, backend)
+        placed = boundary.placed(simulation.plan.grid)
+        frames, values, inside = [], [], 0
+        for at in np.linspace(0, until, 7)[1:]:
+            while simulation.time < at:
+                simulation.step()
+            position = simulation.field("position").astype(float)
+            inside = max(inside, int((depth(placed.band, position) > INSIDE * SPACING).sum()))
+            frames.append(position)
+            values.append({"time": float(at), **texture(position)})
+            context.progress(at / until)
+        speed = np.sqrt((simulation.field("velocity") ** 2).sum(1))
+    return Result(
+        {
+            "frames": values, "inside": inside, "particles": simulation.count, "steps": simulation.steps,
+            "corrections": int(simulation.field("corrections").sum()), "greatest_speed": float(speed.max()),
+        },
+        {"position": np.array(frames, dtype=np.float32), "solid": placed.position.astype(np.float32)},
+    )  # fmt: skip
+
+
+def texture(position: NDArray) -> dict[str, float]:
+    """Components of a liquid, lone particles, holes of its sheets, and how evenly its particles stand.
+
+    Particles belong together within 1.5 spacings. A hole is a ring in which the liquid's film has a gap: loops of the
+    graph that no triangles fill, counted by the Euler characteristic of edges and triangles of its thin parts.
+    """
+    tree = cKDTree(position)
+    pairs = tree.query_pairs(1.5 * SPACING, output_type="ndarray")
+    count = len(position)
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
+    number, label = connected_components(graph, directed=False)
+    sizes = np.bincount(label)
+    nearest = tree.query(position, k=2)[0][:, 1] / SPACING
+    return {
+        "components": int(number), "lone": int((sizes == 1).sum()), "largest_share": float(sizes.max() / count),
+        "holes": flow_holes(position), "nearest_5": float(np.quantile(nearest, 0.05)),
+    }  # fmt: skip
+
+
+def flow_holes(position: NDArray, cell: float = 0.5 * SPACING, reach: float = 0.85 * SPACING) -> int:
+    """Tunnels through a union of balls of `reach` [m] on a raster: components + cavities - Euler's number.
+
+    A net of strands has many; a closed sheet has none. Tunnels that the solid itself fills count, too.
+    """
+    from scipy.ndimage import label
+
+    low = position.min(0) - 2 * reach
+    shape = np.ceil((position.max(0) + 2 * reach - low) / cell).astype(int) + 1
+    if shape.prod() > 3e7:  # flung particles: look at the middle nine tenths
+        keep = (np.abs(position - np.median(position, axis=0)) < np.quantile(np.abs(position), 0.95)).all(1)
+        return flow_holes(position[keep], cell, reach)
+    axes = [low[c] + cell * np.arange(shape[c]) for c in range(3)]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    near = cKDTree(position).query(points.reshape(-1, 3), distance_upper_bound=reach)[0].reshape(shape) < reach
+    filled = np.pad(near, 1)
+    components = label(filled, np.ones((3, 3, 3)))[1]
+    cavities = label(~filled)[1] - 1
+    return int(components + cavities - euler(filled))
+
+
+def euler(filled: NDArray) -> int:
+    """Euler characteristic of a union of closed cubes: corners - edges + faces - cubes."""
+
+    def grown(axes: tuple[int, ...]) -> NDArray:
+        found = filled
+        for axis in axes:
+            ahead = [slice(None)] * 3
+            behind = [slice(None)] * 3
+            ahead[axis], behind[axis] = slice(1, None), slice(None, -1)
+            found = found[tuple(ahead)] | found[tuple(behind)]
+        return found
+
+    total = 0
+    for number in range(8):
+        axes = tuple(c for c in range(3) if number >> c & 1)
+        total += (-1) ** (3 - len(axes)) * int(grown(axes).sum())
+    return total
+
+
+# The patent's tension alone
+
+
+def drop_scene(gamma: float, count: int = 1021, clamp: bool = True, step: float = 0.0, **changes: Any) -> Scene:
+    """A ball cut from the lattice, without gravity."""
+    position = lattice_ball(count).astype(float) * SPACING
+    fluid = liquid(sound=20.0, viscosity=1.0, clamp_pressure=clamp)
+    return Scene(
+        spacing=SPACING, support_radius=SUPPORT, dtype="float64", fluid=(Cloud(position=position),), step=step,
+        effects=(fluid, NormalDifference2014(area_acceleration=gamma)), **changes,
+    )  # fmt: skip
+
+
+def own_tension(context: Context, gamma: float, count: int, backend: str) -> Result:
+    """A drop under the patent's term alone for 0.2 s: density and pressure in its middle, and how far it reaches.
+
+    sigma is that of Laplace's law, p = 2 sigma/R; it means something only where the drop holds together.
+    """
+    simulation = context.simulation(drop_scene(gamma, count), backend)
+    energy = []
+    while simulation.time < 0.2:
+        simulation.step()
+        if simulation.steps % 20 == 0:
+            energy.append(float((simulation.field("velocity") ** 2).sum()))
+            context.progress(simulation.time / 0.2)
+    simulation.evaluate()
+    position, pressure = simulation.field("position"), simulation.field("pressure")
+    mass, density = simulation.field("mass"), simulation.field("density")
+    away = np.linalg.norm(position - position.mean(0), axis=1)
+    radius = float((0.75 / math.pi * (mass / DENSITY).sum()) ** (1 / 3))
+    core = away < 0.5 * radius
+    inner = float(pressure[core].mean())
+    return Result(
+        {
+            "gamma": gamma, "particles": simulation.count, "radius": radius, "pressure": inner,
+            "sigma": 0.5 * inner * radius, "spread": float(pressure[core].std() / max(abs(inner), 1e-300)),
+            "core_density": float(density[core].mean() / DENSITY), "energy_share": energy[-1] / max(energy),
+            "extent": float(away.max() / radius),
+        }
+    )  # fmt: skip
+
+
+def own_bound(context: Context, gamma: float, backend: str, layers: int = 15, steps: int = 300) -> Result:
+    """Largest step of the patent's term alone: particles in the middle of a lattice, all others held, leap-frog.
+
+    A step holds if displacements of 1e-6 spacings, at random, have not grown a thousandfold. Beside it 2/omega of the
+    stiffest wave on the lattice, from which the runner's limit is taken.
+    """
+    position = (
+        np.stack(np.meshgrid(*3 * [np.arange(layers)], indexing="ij"), axis=-1).reshape(-1, 3) - layers // 2
+    ) * SPACING
+    scene = Scene(
+        spacing=SPACING, support_radius=SUPPORT, dtype="float64", fluid=(Cloud(position=position),),
+        effects=(
+            WeaklyCompressible(rest_density=DENSITY, sound_speed=1e-4, clamp_pressure=False),
+            NormalDifference2014(area_acceleration=gamma),
+        ),
+    )  # fmt: skip
+    simulation = context.simulation(scene, backend)
+    free = np.abs(simulation.field("position")).max(1) < (layers // 2 - 2 * SUPPORT / SPACING + 0.01) * SPACING
+    start = np.random.default_rng(0).normal(0, 1e-6 * SPACING, position.shape) * free[:, None]
+    identity = np.array(simulation.fields["identity"])
+
+    def holds(step: float) -> bool:
+        moved, velocity = start.copy(), np.zeros_like(start)
+        for _ in range(steps):
+            simulation.backend.assign(simulation.fields["position"], (position + moved)[identity])
+            simulation.evaluate()
+            velocity += step * simulation.field("acceleration") * free[:, None]
+            moved += step * velocity
+            if np.abs(moved).max() > 1e-3 * SPACING:
+                return False
+        return True
+
+    limit = simulation.limits["normal_tension"].at(Extremes(0.0, 0.0))
+    low, high = 0.5 * limit, 8 * limit
+    for k in range(8):
+        middle = math.sqrt(low * high)
+        low, high = (middle, high) if holds(middle) else (low, middle)
+        context.progress((k + 1) / 8)
+    return Result(
+        {"gamma": gamma, "largest_step": low, "limit": limit, "predicted": 2 * limit, "free": int(free.sum())}
+    )
+
+
+def marked_cost(context: Context, everywhere: bool, backend: str, repeats: int = 60) -> Result:
+    """Seconds of the correction's pass for a large block of which a small part is near the solid."""
+    with mesh_file(SOLIDS["sphere"]()) as file:
+        boundary = MeshBoundary(file=file, every_particle=everywhere)
+        block = Box(lower=(-0.4, -0.4, 0.06), cells=(48, 48, 44))
+        scene = Scene(spacing=SPACING, support_radius=SUPPORT, fluid=(block,), effects=(liquid(), Gravity(), boundary))
+        simulation = context.simulation(scene, backend)
+        simulation.step()
+        call = dict(simulation.motion_calls)["penetration.kick_drift"]
+        simulation.backend.assign(simulation.timestep, np.zeros(2, np.float32))
+        seconds = []
+        for _ in range(repeats):
+            began = time.perf_counter()
+            call()
+            seconds.append(time.perf_counter() - began)
+    fifths = [float(np.median(part)) for part in np.array_split(np.array(seconds), 5)]
+    return Result({"seconds": float(np.median(seconds)), "fifths": fifths, "particles": simulation.count})
+
+
+# Two other couplings, small, on the same boundary particles: distance-based forces and direct forcing.
+#
+# Mueller, Schirm, Teschner, Heidelberger & Gross 2004 push (and hold) particles with a polynomial shaped as
+# Lennard-Jones forces of the distance; here it only pushes, because its pull crowds liquid on the wall until it
+# passes. Becker, Tessendorf & Teschner 2009 let a step end without the solid, search the boundary particles near the
+# places reached, and correct velocities and places there (the correction of Ihmsen et al. 2010 for a solid at rest).
+# Neither puts the solid into the liquid's density.
+#
+# The patent's third rival, impulses at the boundary (Oh, Kim & Roh 2009), is not here: what its description lacks
+# stands on docs/one_way_coupling.md.
+
+
+SKIN = 0.2  # of the lists of boundary particles, in support radii
+
+
+@cpu_kernel
+def distance_forces(
+    position: Any, wall: Any, rows: Any, reach: float, rest: float, stiffness: float, acceleration: Any
+) -> None:
+    """a_i = k sum_b ((h - r)^4 - (h - r0)^2 (h - r)^2)/(h^2 r0 (2 h - r0)) e_ib [m/s^2], r < r0: k at 0, none at r0."""
+    scale = stiffness / (reach**2 * rest * (2 * reach - rest))
+    for i in range(acceleration.shape[0]):
+        x, y, z = position[i, 0], position[i, 1], position[i, 2]
+        ax, ay, az = 0.0, 0.0, 0.0
+        for k in range(rows.start[i], rows.start[i] + rows.count[i]):
+            b = rows.entries[k]
+            dx, dy, dz = x - wall[b, 0], y - wall[b, 1], z - wall[b, 2]
+            r = math.sqrt(dx * dx + dy * dy + dz * dz)
+            if 0 < r < rest:
+                left = (reach - r) ** 2
+                f = scale * left * (left - (reach - rest) ** 2) / r
+                ax += f * dx
+                ay += f * dy
+                az += f * dz
+        acceleration[i, 0], acceleration[i, 1], acceleration[i, 2] = ax, ay, az
+
+
+@cpu_kernel
+def direct_forcing(position: Any, velocity: Any, wall: Any, normal: Any, rows: Any, rest: float) -> None:
+    """Where r < r0: w = (r0 - r)/r0, n = sum w n_b, x += (sum w (r0 - r)/sum w) n/|n|, v -= min(v.n, 0) n/|n|^2."""
+    for i in range(position.shape[0]):
+        x, y, z = position[i, 0], position[i, 1], position[i, 2]
+        weight, shift = 0.0, 0.0
+        nx, ny, nz = 0.0, 0.0, 0.0
+        for k in range(rows.start[i], rows.start[i] + rows.count[i]):
+            b = rows.entries[k]
+            dx, dy, dz = x - wall[b, 0], y - wall[b, 1], z - wall[b, 2]
+            r = math.sqrt(dx * dx + dy * dy + dz * dz)
+            if r < rest:
+                w = (rest - r) / rest
+                weight += w
+                shift += w * (rest - r)
+                nx += w * normal[b, 0]
+                ny += w * normal[b, 1]
+                nz += w * normal[b, 2]
+        length = math.sqrt(nx * nx + ny * ny + nz * nz)
+        if weight > 0 and length > 0:
+            nx, ny, nz = nx / length, ny / length, nz / length
+            shift /= weight
+            position[i, 0] += shift * nx
+            position[i, 1] += shift * ny
+            position[i, 2] += shift * nz
+            inwards = min(velocity[i, 0] * nx + velocity[i, 1] * ny + velocity[i, 2] * nz, 0.0)
+            velocity[i, 0] -= inwards * nx
+            velocity[i, 1] -= inwards * ny
+            velocity[i, 2] -= inwards * nz
+
+
+class Rival:
+    """A simulation without a solid, and what is done beside its steps; float64 on the CPU.
+
+    queries  number of searches for boundary particles
+    """
+
+    def __init__(self, simulation: Simulation, wall: NDArray, normal: NDArray) -> None:
+        self.simulation = simulation
+        self.plan, self.backend = simulation.plan, simulation.backend
+        simulation.lists.auditable = False  # its particles are moved by others, too
+        grid = self.plan.grid
+        self.search = NeighbourSearch(Backend("cpu"), 3, "float64", grid.support_radius, SKIN)
+        self.static = self.search.static_set(wall)
+        order = np.asarray(self.static.order)
+        self.wall, self.normal = np.ascontiguousarray(wall[order]), np.ascontiguousarray(normal[order])
+        self.built: NDArray | None = None
+        self.rows: Any = None
+        self.sorted_at = -1
+        self.queries = 0
+
+    def near(self, anew: bool) -> Any:
+        """The boundary particles near every particle, searched where particles have left the skin, or `anew`."""
+        place, sorted_at = self.simulation.fields["position"], self.simulation.search.log.rebuilds  # type: ignore
+        stale = anew or self.built is None or sorted_at != self.sorted_at
+        if stale or ((place - self.built) ** 2).sum(1).max() > self.search.allowed_displacement**2:
+            self.built, self.sorted_at = place.copy(), sorted_at
+            self.rows = self.search.build_against(self.built, self.static)
+            self.queries += 1
+        return self.rows
+
+    def step(self) -> None:
+        """One step; each rival has its own."""
+        raise NotImplementedError
+
+    def field(self, name: str) -> NDArray:
+        """A field of the liquid."""
+        return self.simulation.field(name)
+
+
+class DistanceForces(Rival):
+    """Mueller 2004: zero one spacing from a boundary particle, stiff enough for the liquid to fall from its height."""
+
+    def __init__(self, simulation: Simulation, wall: NDArray, normal: NDArray, stiffness: float) -> None:
+        super().__init__(simulation, wall, normal)
+        self.stiffness = stiffness
+        self.acceleration = np.zeros((simulation.count, 3))
+
+    def step(self) -> None:
+        fields, grid = self.simulation.fields, self.plan.grid
+        rows = self.near(anew=False)
+        given = (fields["position"], self.wall, rows, grid.support_radius, grid.spacing, self.stiffness)
+        distance_forces(*given, self.acceleration)
+        length = self.plan.scene.step
+        fields["velocity"] += (0.5 if self.simulation.steps == 0 else 1.0) * length * self.acceleration
+        self.simulation.step()
+
+
+class DirectForcing(Rival):
+    """Becker 2009: no particle ends a step nearer than a spacing to a boundary particle."""
+
+    def step(self) -> None:
+        self.simulation.step()
+        fields = self.simulation.fields
+        rows = self.near(anew=True)  # at the places reached
+        direct_forcing(fields["position"], fields["velocity"], self.wall, self.normal, rows, self.plan.grid.spacing)
+
+
+# What is measured of all three
+
+RIVAL_CELLS = (7, 7, 9)  # of the first tank in which they are compared
+SHARES = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0)  # of the runner's step
+SECONDS = 0.6  # simulated
+CALM = 0.15  # [m/s], root mean square speed at the end, of a tank that holds
+COUPLINGS = {"own": "one-way coupling", "distance": "distance-based forces", "forcing": "direct forcing"}
+
+
+def tank(coupling: str, file: str, cells: tuple[int, int, int], share: float) -> Scene:
+    """The tank at rest with a fixed step; only the project's own coupling puts the solid into the scene."""
+    scene = resting_scene(file, cells)
+    if coupling != "own":
+        scene = msgspec.structs.replace(scene, effects=scene.effects[:-1])
+    sound = scene.effects[0].sound_speed  # type: ignore[attr-defined]
+    return msgspec.structs.replace(scene, step=share * 0.4 * scene.support_radius / sound)
+
+
+def planned(scene: Scene) -> Plan:
+    """The plan with the scene's step, also where the runner would refuse it as too long."""
+    stable = make_plan(msgspec.structs.replace(scene, step=0.0))
+    return dataclasses.replace(stable, scene=scene)
+
+
+def stiffness_of(cells: tuple[int, int, int]) -> float:
+    """k [m/s^2] for which a tenth of a spacing stops what has fallen from the liquid's height: g H/(d/10)."""
+    return GRAVITY * cells[2] * SPACING / (0.1 * SPACING)
+
+
+def coupled(coupling: str, simulation: Simulation, solid: Any, cells: tuple[int, int, int]) -> Any:
+    """The simulation, or a rival around it."""
+    if coupling == "distance":
+        return DistanceForces(simulation, solid.position, solid.normal, stiffness_of(cells))
+    return DirectForcing(simulation, solid.position, solid.normal) if coupling == "forcing" else simulation
+
+
+def rest(
+    context: Context, coupling: str, share: float, backend: str, seconds: float = SECONDS,
+    cells: tuple[int, int, int] = RIVAL_CELLS,
+) -> Result:  # fmt: skip
+    """A tank at rest for a while: does it hold, and how much does the wall's force vary?
+
+    The wall's force is the rate of the liquid's momentum, plus its weight.
+    """
+    with mesh_file(resting_cup(cells)) as file:
+        scene = tank(coupling, file, cells, share)
+        simulation = context.simulation(planned(scene), backend)
+        solid = MeshBoundary(file=file).placed(simulation.plan.grid)
+        run = coupled(coupling, simulation, solid, cells)
+        mass = simulation.field("mass")
+        weight = float(mass.sum() * GRAVITY)
+        momentum, forces, speed, reason = 0.0, [], math.nan, ""
+        steps = round(seconds / scene.step)
+        try:
+            for k in range(steps):
+                run.step()
+                now = float(mass @ simulation.field("velocity")[:, 2])
+                forces.append((now - momentum) / scene.step + weight)
+                momentum = now
+                if k % 20 == 0:
+                    context.progress(k / steps)
+        except RunStopped as stop:
+            reason = stop.reason
+        position = simulation.field("position")
+        inner = inside_of(cells)
+        outside = (position < 0) | (position > np.array(inner))
+        lost = int((outside.any(1) | ~np.isfinite(position).all(1)).sum())
+        speed = float(np.sqrt((simulation.field("velocity") ** 2).sum(1).mean()))
+    last = np.array(forces[-len(forces) // 5 :])
+    noise = float(last.std() / weight) if len(last) else math.inf
+    searches = simulation.search.log.rebuilds + getattr(run, "queries", 0)  # type: ignore[union-attr]
+    return Result(
+        {
+            "step": scene.step, "share": share, "lost": lost, "speed": speed, "noise": noise, "reason": reason,
+            "force": float(last.mean() / weight) if len(last) else math.nan,
+            "searches": searches / max(simulation.steps, 1),
+            "holds": bool(not reason and lost == 0 and speed < CALM),
+        }
+    )  # fmt: skip
+
+
+def cost(context: Context, cells: tuple[int, int, int], steps: int, backend: str) -> Result:
+    """Milliseconds a step without a solid and with each coupling, in turn; what it adds, in fifths."""
+    with mesh_file(resting_cup(cells)) as file:
+        runs = {}
+        for coupling in ("bare", *COUPLINGS):
+            scene = tank(coupling, file, cells, 0.25)
+            simulation = context.simulation(scene, backend)
+            solid = MeshBoundary(file=file).placed(simulation.plan.grid)
+            runs[coupling] = coupled(coupling, simulation, solid, cells)
+            for _ in range(3):
+                runs[coupling].step()
+        spent: dict[str, list[float]] = {coupling: [] for coupling in runs}
+        for k in range(steps):
+            for coupling, run in runs.items():
+                began = time.perf_counter()
+                run.step()
+                spent[coupling].append(time.perf_counter() - began)
+            context.progress((k + 1) / steps)
+    fifths = {c: [float(np.median(part)) for part in np.array_split(np.array(each), 5)] for c, each in spent.items()}
+    shares = {c: [(t - b) / t for t, b in zip(fifths[c], fifths["bare"])] for c in COUPLINGS}
+    milliseconds = {c: 1e3 * float(np.median(each)) for c, each in spent.items()}
+    return Result({"milliseconds": milliseconds, "shares": shares, "particles": simulation.count})
+
+
+# What the patent claims: how boundary particles spread; steps, noise and cost against the rivals of `rivals`.
+
+
+TANKS = {
+    "": RIVAL_CELLS, "_small": (6, 6, 8), "_wide": (8, 8, 6), "_flat": (9, 7, 5), "_narrow": (5, 6, 10),
+}  # fmt: skip  # particles, in which largest steps are sought
+STARTS = (0.8, 0.9, 1.0, 1.1, 1.2)  # shares of the runner's step at which noise is compared
+CALMED = 2.0  # [s], by when the tanks rest
+BLOCK = (20, 20, 16)  # particles of the tank that is timed
+
+
+def _rests(*couplings: str) -> Callable[[Options], list[Run]]:
+    def runs(options: Options) -> list[Run]:
+        made = []
+        for tank, cells in TANKS.items():
+            for coupling in couplings:
+                for share in SHARES:
+                    given = {"coupling": coupling, "share": share, "backend": options.backend}
+                    given |= {"cells": cells} if tank else {}
+                    made.append(Run(f"rival{tank}_{coupling}_{share:g}", rest, given, 10.0))
+        return made
+
+    return runs
+
+
+def _calmed(*couplings: str) -> Callable[[Options], list[Run]]:
+    def runs(options: Options) -> list[Run]:
+        return [
+            Run(f"rival_noise_{coupling}_{share:g}", rest,
+                {"coupling": coupling, "share": share, "backend": options.backend, "seconds": CALMED}, 15.0)
+            for coupling in couplings for share in STARTS
+        ]  # fmt: skip
+
+    return runs
+
+
+def largest_share(results: Results, coupling: str, tank: str = "") -> float:
+    """The largest step, as a share of the runner's, up to which all steps hold; 0 for none."""
+    largest = 0.0
+    for share in SHARES:
+        found = results.get(f"rival{tank}_{coupling}_{share:g}")
+        if found is None or not found.values["holds"]:
+            break
+        largest = share
+    return largest
+
+
+def _steps_over(rival: str) -> Measure:
+    """The coupling's largest step over the rival's, tank by tank; infinite where the rival holds at none."""
+
+    def values(results: Results) -> list[float]:
+        found = []
+        for tank in TANKS:
+            own, other = (largest_share(results, coupling, tank) for coupling in ("own", rival))
+            found.append(own / other if other else float("inf"))
+        return found
+
+    return Measure(_rests("own", rival), values)
+
+
+def _noise_over(rival: str) -> Measure:
+    def values(results: Results) -> list[float]:
+        found = []
+        for share in STARTS:
+            own, other = (results[f"rival_noise_{c}_{share:g}"].values["noise"] for c in ("own", rival))
+            found.append(real(own) / real(other))
+        return found
+
+    return Measure(_calmed("own", rival), values)
+
+
+def _cost(options: Options) -> list[Run]:
+    parameters = {"cells": BLOCK, "steps": 40, "backend": options.backend}
+    return [Run("rival_cost", cost, parameters, 40.0)]
+
+
+def _share_over(rival: str) -> Measure:
+    """Share of a step less the rival's: a rival may cost less than can be timed, and a ratio would divide by it."""
+
+    def values(results: Results) -> list[float]:
+        return [own - other for own, other in zip(_of_step(results, "own"), _of_step(results, rival))]
+
+    return Measure(_cost, values, timed=True)
+
+
+def _of_step(results: Results, coupling: str) -> list[float]:
+    return [real(share) for share in results["rival_cost"].values["shares"][coupling]]
+
+
+def _own_share(results: Results) -> list[float]:
+    return _of_step(results, "own")
+
+
+def _pours(options: Options) -> list[Run]:
+    return [
+        Run(f"flow_pour_{shape}_{arm}", pour, {"shape": shape, "arm": arm, "backend": options.backend}, 8.0)
+        for shape in POUR for arm in ("cohesion", "difference")
+    ]  # fmt: skip
+
+
+def _holes(results: Results) -> list[float]:
+    """Holes half-way and at the end, of the normal difference over those of cohesion, shape by shape."""
+    counts = {key: sum(real(results[key].values["frames"][k]["holes"]) for k in (2, 5)) for key in results}
+    return [counts[f"flow_pour_{shape}_difference"] / max(counts[f"flow_pour_{shape}_cohesion"], 1.0) for shape in POUR]
+
+
+def _marked(options: Options) -> list[Run]:
+    return [
+        Run(f"flow_marked_{int(everywhere)}", marked_cost,
+            {"everywhere": everywhere, "backend": options.backend}, 9.0)
+        for everywhere in (False, True)
+    ]  # fmt: skip
+
+
+def _marked_ratio(results: Results) -> list[float]:
+    """Seconds of the marked pass over those of the other, in each fifth of the repeats."""
+    marked, every = (results[f"flow_marked_{k}"].values["fifths"] for k in (0, 1))
+    return [real(a) / real(b) for a, b in zip(marked, every)]
+
+
+# P3 and P4: the velocity along the normal keeps particles on the surface, that along the tangent spreads them.
+
+CLAIM_SOLIDS = ("sphere", "torus", "cube", "needle", "plate")
+PARTICLES = 1000
+
+
+def distances(made: object, position: np.ndarray, radius: float) -> float:
+    """Largest distance of a place from the trimesh mesh `made` [r]."""
+    import trimesh
+
+    return float(trimesh.proximity.closest_point(made, position)[1].max()) / radius
+
+
+def spread(context: Context, shape: str, backend: str) -> Result:
+    """Boundary particles of a solid before and after they have moved: unevenness of their distances, and how far off
+    the surface they are [r]."""
+    made = SHAPES[shape]()
+    mesh = mesh_of(made, shape)
+    radius = radius_for(mesh.area, PARTICLES)
+    placed, moved = (
+        sample(mesh, radius, backend=backend, most_iterations=most).position for most in (0, MOST_ITERATIONS)
+    )
+    return Result(
+        {
+            "before": evenness(placed)["variation"], "after": evenness(moved)["variation"],
+            "off": distances(made, moved, radius),
+        }
+    )  # fmt: skip
+
+
+def _spread_runs(options: Options) -> list[Run]:
+    return [Run(f"claim_spread_{s}", spread, {"shape": s, "backend": options.backend}, 5.0) for s in CLAIM_SOLIDS]
+
+
+def _thrown_off(measure: Measure) -> list[float]:
+    """The same measure on random places of a sphere, each moved by r along its normal."""
+    place = np.random.default_rng(1).normal(size=(PARTICLES, 3))
+    place /= np.linalg.norm(place, axis=1)[:, None]
+    made = SHAPES["sphere"]()
+    radius = radius_for(made.area, PARTICLES)
+    reach = float(np.linalg.norm(np.asarray(made.vertices), axis=1).max())
+    found = evenness(place)["variation"]
+    return measure.of({"": {"before": found, "after": found, "off": distances(made, place * (reach + radius), radius)}})
+
+
+COUPLING_NO_NET = Measure(_pours, _holes, quick=False)
+COUPLING_STEP_OVER_DISTANCE = _steps_over("distance")
+COUPLING_STEP_OVER_FORCING = _steps_over("forcing")
+COUPLING_NOISE_OVER_DISTANCE = _noise_over("distance")
+COUPLING_NOISE_OVER_FORCING = _noise_over("forcing")
+COUPLING_SHARE_OF_STEP = Measure(_cost, _own_share, timed=True)
+COUPLING_SHARE_OVER_DISTANCE = _share_over("distance")
+COUPLING_SHARE_OVER_FORCING = _share_over("forcing")
+COUPLING_MARKED_REGION = Measure(_marked, _marked_ratio, timed=True)
+SAMPLING_STAYS_ON_SURFACE = Measure(_spread_runs, lambda found: [real(r.values["off"]) for r in found.values()])
+SAMPLING_SPREADS = Measure(
+    _spread_runs, lambda found: [real(r.values["after"]) / real(r.values["before"]) for r in found.values()]
+)
+
+FAMILIES = (
+    Family(
+        ("coupling_step_over_distance", "coupling_step_over_forcing"),
+        "A rival could hold a tank at a step as long, or longer.",
+        "a rival that holds at the same steps", alike({"holds": True}),
+    ),
+    Family(
+        ("coupling_noise_over_distance", "coupling_noise_over_forcing"),
+        "The rival's wall could push as evenly.", "a rival with the same noise", alike({"noise": 0.01}),
+    ),
+    Family(
+        ("coupling_no_net",),
+        "Liquid poured with the normal difference could have as many holes as with cohesion alone.",
+        "both pour the same liquid", alike({"frames": [{"holes": 7}] * 6}),
+    ),
+    Family(
+        ("coupling_share_of_step", "coupling_share_over_distance", "coupling_share_over_forcing"),
+        "The coupling could take most of a step, or as much of it as the rivals do.",
+        "every coupling takes nine tenths of a step",
+        alike({"shares": dict.fromkeys(COUPLINGS, [0.9] * 3)}),
+    ),
+    Family(
+        ("coupling_marked_region",),
+        "Looking cells up could take as long as the test that it saves.", "both passes take the same time",
+        alike({"fifths": [0.01] * 5}),
+    ),
+    Family(
+        ("sampling_stays_on_surface", "sampling_spreads"),
+        "Particles could leave the surface, or end as unevenly as they begin.",
+        "random places on a sphere, moved by r along the normal and not along the tangent", _thrown_off,
+    ),
+)  # fmt: skip
+
+
+# Hard cases of meshes, of sampling, and of liquid at meshes.
+
+
+def _box(size: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> tuple[np.ndarray, np.ndarray]:
+    import trimesh
+
+    made = tilted(trimesh.creation.box(size))
+    return np.array(made.vertices), np.array(made.faces)
+
+
+def _opened() -> SurfaceMesh:
+    made = sphere(3)
+    return surface_mesh(made.vertices, made.faces[made.triangles_center[:, 2] < 0], "open")
+
+
+def _not_manifold() -> SurfaceMesh:
+    vertices, faces = _box()
+    fin = np.array([[faces[0, 0], faces[0, 1], len(vertices)]])
+    return surface_mesh(np.concatenate([vertices, [[3.0, 3.0, 3.0]]]), np.concatenate([faces, fin]), "fin")
+
+
+def _duplicated() -> SurfaceMesh:
+    vertices, faces = _box()
+    return surface_mesh(vertices, np.concatenate([faces, faces[:3]]), "duplicated")
+
+
+def _inside_out() -> SurfaceMesh:
+    vertices, faces = _box()
+    return surface_mesh(vertices, faces[:, ::-1], "inside out")
+
+
+def _zero_area() -> SurfaceMesh:
+    vertices, faces = _box()
+    a, b, c = faces[0]
+    middle, m = 0.5 * (vertices[a] + vertices[b]), len(vertices)
+    new = np.array([[a, m, c], [m, b, c], [a, b, m]])
+    return surface_mesh(np.concatenate([vertices, [middle]]), np.concatenate([faces[1:], new]), "flat triangle")
+
+
+def _crossed() -> SurfaceMesh:
+    """A box of 0.9 m^3 and one that reaches 0.125 m out of it at both ends, 0.1 m^3 in all."""
+    (one, faces), (other, more) = _box((1.0, 1.0, 0.9)), _box((0.5, 0.8, 1.15))
+    return surface_mesh(np.concatenate([one, other]), np.concatenate([faces, more + len(one)]), "crossed")
+
+
+MESHES: dict[str, Callable[[], SurfaceMesh]] = {
+    "open": _opened, "not_manifold": _not_manifold, "duplicated": _duplicated, "inside_out": _inside_out,
+    "zero_area": _zero_area, "crossed": _crossed,
+}  # fmt: skip
+
+
+def bad_mesh(context: Context, backend: str, kind: str) -> Result:
+    """A defective mesh: refused, or repaired with a note and then sampled as evenly as a sound one."""
+    trial = Trial(context, backend)
+    with trial.ending():
+        mesh = MESHES[kind]()
+        found = sample(mesh, 0.04, backend=backend)
+        trial.check("repairs noted", len(mesh.notes), at_least=1)
+        trial.check("volume off", abs(mesh.volume - 1), at_most=1e-9)
+        _check_even(trial, found.position)
+    return trial.result()
+
+
+def _check_even(trial: Trial, position: np.ndarray, least: float = 0.7) -> None:
+    spread = evenness(position)
+    trial.check("values that are not finite", int((~np.isfinite(position)).sum()), equals=0)
+    trial.check("least over mean spacing", spread["least"], at_least=least)
+    trial.check("variation of the spacing", spread["variation"], at_most=0.06)
+
+
+def too_coarse(context: Context, backend: str) -> Result:
+    """A mesh smaller than the spacing of the grid."""
+    trial = Trial(context, backend)
+    with trial.ending():
+        signed_distance(mesh_of(cube(), "cube"), 3.0, backend=backend)
+    return trial.result()
+
+
+def thin_plate(context: Context, backend: str, thickness: float) -> Result:
+    """A plate thinner than the particles, tilted: the grid is made finer, and both sides get particles."""
+    trial = Trial(context, backend)
+    with trial.ending():
+        mesh = surface_mesh(*_box((1.0, 0.8, thickness)), "plate")
+        found = sample(mesh, 0.03, backend=backend)
+        trial.check("count off", abs(len(found.position) - found.expected), at_most=1.0)
+        trial.check("values that are not finite", int((~np.isfinite(found.position)).sum()), equals=0)
+        trial.show("notes", list(found.notes))
+    return trial.result()
+
+
+def needle_edges(context: Context, backend: str) -> Result:
+    """A cone with a tip of 7 degrees: signs at the tip and along the rim."""
+    trial = Trial(context, backend)
+    with trial.ending():
+        made = needle()
+        mesh = mesh_of(made, "needle")
+        band = signed_distance(mesh, 0.02, backend=backend)
+        random = np.random.default_rng(0)
+        tip = np.array(made.vertices)[np.argmax(np.linalg.norm(made.vertices, axis=1))]
+        place = tip + random.uniform(-0.04, 0.04, (600, 3))
+        distance = band.backend.host(band.at(band.backend.asarray(place))[0])
+        inside = solid_angles(place - mesh.origin, mesh.corners)[0].sum(1) > 2 * np.pi
+        clear = np.abs(distance) > 0.01  # half a spacing: nearer the trilinear distance rounds the tip off
+        trial.check("wrong signs", int(((distance < 0) != inside)[clear].sum()), equals=0)
+        _check_even(trial, sample(mesh, 0.012, backend=backend).position, least=0.5)
+    return trial.result()
+
+
+def piled(context: Context, backend: str) -> Result:
+    """All particles at one place at the start."""
+    trial = Trial(context, backend)
+    with trial.ending():
+        there = choose(backend)
+        band = signed_distance(mesh_of(sphere(3), "ball"), 0.1, backend=there)
+        start = there.asarray(np.repeat(np.array([[0.0, 0.0, 0.99]], np.float32), 100, axis=0))
+        end = there.host(relaxed(there, band.local, start, 0.1, 0, False, 200)[0])
+        trial.check("least distance of two particles over r", evenness(end)["mean"] / 0.1, at_least=0.5)
+        trial.check("furthest from the ball", float(np.abs(np.linalg.norm(end, axis=1) - 1).max()), at_most=0.02)
+    return trial.result()
+
+
+def far_away(context: Context, backend: str) -> Result:
+    """A mesh 1e4 m from the origin, in float32: the same particles as beside it."""
+    trial = Trial(context, backend)
+    with trial.ending():
+        made = sphere(3)
+        near = sample(mesh_of(made, "ball"), 0.08, backend=backend)
+        shift = np.array([16384.0, -8192.0, 4096.0])
+        far = sample(surface_mesh(np.array(made.vertices) + shift, made.faces, "far"), 0.08, backend=backend)
+        trial.check("largest difference [m]", float(np.abs(far.position - shift - near.position).max()), at_most=1e-9)
+    return trial.result()
+
+
+# Liquid at meshes
+
+STEP, HARD_SOUND = 2e-4, 20.0  # [s], [m/s]
+LIQUID = WeaklyCompressible(sound_speed=HARD_SOUND, dynamic_viscosity=0.5)
+
+
+def shots(
+    context: Context, backend: str, shape: str, spacings: float, shift: float = 0.0, begin: float = 0.045,
+    steps: int = 60, thin: float = 1.0, **changes: Any,
+) -> Result:  # fmt: skip
+    """Lone particles that fly down on a solid at `spacings` a step from `begin` [m] over its middle; none gets in."""
+    trial = Trial(context, backend)
+    made = SOLIDS[shape]()
+    made.apply_scale((1, 1, thin))
+    x, y = np.meshgrid(np.arange(-3, 4), np.arange(-3, 4))
+    at = np.stack([0.012 * x.ravel(), 0.012 * y.ravel(), np.full(x.size, begin)], axis=1)
+    at[:, 2] += 0.1 * SPACING * np.arange(x.size) % SPACING
+    fluid = Cloud(position=at + [0, 0, shift], velocity=(0.0, 0.0, -spacings * SPACING / STEP))
+    with mesh_file(made) as file, trial.ending():
+        boundary = MeshBoundary(**{"file": file, "center": (0.0, 0.0, shift), "field_spacing": 0.0025, **changes})
+        scene = Scene(
+            spacing=SPACING, support_radius=1.1 * SPACING, fluid=(fluid,), effects=(LIQUID, boundary), step=STEP
+        )
+        simulation = trial.start(scene)
+        solid = boundary.placed(simulation.plan.grid)
+
+        def watch(simulation: Any) -> None:
+            depth = -solid.distance(simulation.field("position").astype(float)).min() / SPACING
+            trial.check("greatest depth [d]", depth, at_most=0.2 if shift else 0.02)
+
+        trial.advance(simulation, steps=steps, watch=watch)
+        trial.check("corrections", simulation.field("corrections").sum(), at_least=1)
+        if shape == "plate":
+            over = np.abs(at[:, :2]).max(1) < 0.05
+            lowest = float((simulation.field("position")[over, 2] - shift).min())
+            trial.check("height over the plate's middle [m]", lowest, at_least=-0.003)
+    return trial.result()
+
+
+def coincident(context: Context, backend: str) -> Result:
+    """Every boundary particle stands there twice, with half the volume each: liquid falls on them as on one."""
+    trial = Trial(context, backend)
+    with mesh_file(SOLIDS["plate"]()) as file, trial.ending():
+        block = Box(lower=(-0.03, -0.03, 0.013), cells=(6, 6, 4))
+        effects = (LIQUID, Gravity(), MeshBoundary(file=file))
+        plan = make_plan(Scene(spacing=SPACING, support_radius=2.7 * SPACING, fluid=(block,), effects=effects))
+        twice = WallParticles(np.repeat(plan.walls.position, 2, axis=0), 0.5 * np.repeat(plan.walls.volume, 2))
+        places = []
+        for walls in (plan.walls, twice):
+            simulation = trial.start(dataclasses.replace(plan, walls=walls))
+            trial.advance(simulation, steps=40)
+            places.append(simulation.field("position"))
+        trial.check("difference [d]", np.abs(places[0] - places[1]).max() / SPACING, at_most=1e-3)
+    return trial.result()
+
+
+# Solids given as meshes: distance, particles spread over them, and liquid that meets them (patent CN104318598A).
+
+
+SPACINGS = [0.2, 0.1, 0.05]
+SMOOTH = ("sphere", "torus")
+MEASURED = (*SMOOTH, "cube", "organic")
+EXACT = ("needle", "organic")
+
+
+def sampling_planned(options: Options) -> list[Run]:
+    """Sampling and signed distance."""
+    backend, threads = {"backend": options.backend}, {"threads": options.threads}
+    slow = "takes a minute with the others; run without --quick" if options.quick else ""
+    size = (
+        {"level": 5, "count": 20_000, "scale": 1.44}
+        if options.quick
+        else {"level": 6, "count": 1_000_000, "scale": 1.28}
+    )
+    peers = {**size, "rounds": 3, "threads": options.threads or 2}
+    iterations = 200 if options.quick else 400
+    return [
+        *(Run(f"sampling_{shape}", scorecard, {"shape": shape, "count": 5000, **backend, **threads}, 6.0)
+          for shape in SHAPES),
+        Run("sampling_printed", printed,
+            {"shape": "cube", "count": 2000, "iterations": iterations, **backend}, 5.0),
+        *(Run(f"distance_{shape}", distance_errors,
+              {"shape": shape, "spacings": SPACINGS, "level": 6 if shape in SMOOTH else 4, **backend}, 6.0)
+          for shape in MEASURED),
+        *(Run(f"nodes_{shape}", exact_nodes, {"shape": shape, "spacing": 0.04, "level": 4, **backend},
+              4.0) for shape in EXACT),
+        Run("marked_region", marked_region, {"count": 100_000, "repeats": 5, **threads}, 6.0, slow),
+        Run("sampling_peers", against_peers, peers, 900.0,
+            "" if options.peers else "measured with --peers"),
+    ]  # fmt: skip
+
+
+def sampling_checks(results: Results, check: Checks) -> None:
+    """Sampling and signed distance."""
+
+    for shape in SHAPES:
+        if f"sampling_{shape}" in results:
+            row = results[f"sampling_{shape}"].values
+            for name, key in (
+                ("count", "count_error"), ("least", "least"), ("variation", "variation"), ("off", "off"),
+                ("holes", "holes"), ("blue", "blue"), ("force", "force_noise"),
+                ("iterations", "iterations"), ("seconds", "seconds"),
+            ):  # fmt: skip
+                check(f"sampling_{name}", row[key], shape)
+    if "sampling_printed" in results:
+        rows = results["sampling_printed"].values["rows"]
+        check("printed_residual", rows["printed"]["residual"])
+        check("adopted_residual", rows["adopted"]["residual"])
+    for shape in MEASURED:
+        if f"distance_{shape}" in results:
+            rows = results[f"distance_{shape}"].values["rows"]
+            if shape in SMOOTH:
+                order = order_from_errors([r["spacing"] for r in rows], [r["rms"] for r in rows], 2.0)
+                check("distance_order", order.order, shape)
+                check("distance_smooth", rows[-1]["largest_in_spacings"], shape)
+            if shape == "cube":
+                check("distance_edges", max(r["largest_in_spacings"] for r in rows))
+            check("distance_signs", sum(r["wrong_signs"] for r in rows), shape)
+    for shape in EXACT:
+        if f"nodes_{shape}" in results:
+            check("node_error", results[f"nodes_{shape}"].values["error"], shape)
+            check(
+                "distance_signs", results[f"nodes_{shape}"].values["wrong_signs"], f"nodes_{shape}", f"{shape}, nodes"
+            )
+    if "marked_region" in results:
+        spent = results["marked_region"].values["nanoseconds"]
+        check("marked_region", spent["far"], "far", "all of them far from the boundary")
+        check("marked_region", spent["near"], "near", "all of them near it")
+        check("every_particle", spent["every"])
+    if "sampling_peers" in results:
+        values = results["sampling_peers"].values
+        if "sampling_ratio" in values:
+            check("peer_sampling_ratio", values["sampling_ratio"])
+            check("peer_sampling_quality", values["quality"]["variation"] / values["peer_quality"]["variation"])
+            check("peer_sampling_blue", values["quality"]["blue"] / values["peer_quality"]["blue"])
+            check("peer_sampling_count", abs(values["peer_particles"] / values["particles"] - 1))
+            check("peer_sampling_as_even", values["as_even_ratio"])
+        if "field_ratio" in values:
+            check("peer_field_ratio", values["field_ratio"])
+
+
+RAINED = ("sphere", "torus", "cube", "needle", "plate", "funnel", "pebble")
+CORRECTIONS = {"none": "no correction", "point": "where the step ends", "swept": "swept"}
+JUDGED_SHARES = (0.5, 1.0, 1.55)  # of the runner's step, which 1 stands for; it refuses fixed steps over 1.6
+GAMMAS = (0.02, 0.1, 0.4)
+QUICK_RAIN, QUICK_POUR = 640, 0.1  # particles; simulated seconds
+
+
+def flow_planned(options: Options) -> list[Run]:
+    """Liquid at meshes; the quick ones are one rain, one pour and a drop."""
+    reason = "takes minutes; run without --quick" if options.quick else ""
+    backend = {"backend": options.backend}
+    fewer = {"count": QUICK_RAIN} if options.quick else {}
+    shorter = {"seconds": QUICK_POUR} if options.quick else {}
+    rains = [
+        (shape, correction, share)
+        for shape in RAINED
+        for correction in CORRECTIONS
+        for share in (JUDGED_SHARES if correction != "point" else JUDGED_SHARES[1:])
+    ]
+    return [
+        *(Run(f"flow_rain_{s}_{c}_{share:g}", rain,
+              {"shape": s, "correction": c, "share": share, **backend, **fewer}, 5.0,
+              "" if (s, c, share) == ("sphere", "swept", 1) else reason) for s, c, share in rains),
+        *(Run(f"flow_pour_{shape}_{arm}", pour, {"shape": shape, "arm": arm, **backend, **shorter}, 8.0,
+              "" if (shape, arm) == ("sphere", "difference") else reason) for shape in POUR for arm in ARMS),
+        Run("flow_tank", resting_tank, {"steps": 10_000, **backend}, 100.0, reason),
+        *(Run(f"flow_marked_{int(every)}", marked_cost, {"everywhere": every, **backend}, 9.0, reason,
+              timed=True) for every in (False, True)),
+        *(Run(f"flow_sigma_{gamma:g}", own_tension,
+              {"gamma": gamma, "count": 257 if options.quick else 515, **backend}, 6.0,
+              "" if gamma == GAMMAS[1] else reason) for gamma in GAMMAS),
+        Run("flow_bound", own_bound, {"gamma": 1.0, **backend}, 30.0, reason),
+    ]  # fmt: skip
+
+
+def flow_checks(results: Results, check: Checks) -> None:
+    """No leaks at the runner's own step, the tank at rest, and what is shown of the rest."""
+    for shape in RAINED:
+        key = f"flow_rain_{shape}_swept_1"
+        if key in results:
+            check("rain_leaks", results[key].values["ever_inside"], shape)
+        for correction in ("none", "swept"):
+            runs = {share: results.get(f"flow_rain_{shape}_{correction}_{share:g}") for share in JUDGED_SHARES}
+            if all(runs.values()):
+                largest = max([s for s, r in runs.items() if r and not r.values["ever_inside"]], default=0.0)
+                check(f"rain_step_{correction}", largest, shape)
+    if "flow_tank" in results:
+        values = results["flow_tank"].values
+        check("tank_lost", values["lost"] + values["inside"])
+        check("tank_pressure", abs(real(values["pressure_error"])))
+        check("tank_everywhere", abs(real(values["pressure_everywhere"])))
+        check("tank_gradient", values["gradient_error"])
+        check("tank_force", abs(real(values["force_error"])))
+        check("tank_noise", values["force_noise"])
+    for gamma in GAMMAS:
+        key = f"flow_sigma_{gamma:g}"
+        if key in results:
+            density = real(results[key].values["core_density"])
+            check("own_density", density, f"{gamma:g}", f"gamma = {gamma:g} m/s^2")
+            check("own_sigma", results[key].values["sigma"], f"{gamma:g}", f"gamma = {gamma:g} m/s^2")
+    if "flow_bound" in results:
+        values = results["flow_bound"].values
+        check("own_bound", real(values["largest_step"]) / real(values["predicted"]))
+    for shape in POUR:
+        for arm in ARMS:
+            if (key := f"flow_pour_{shape}_{arm}") in results:
+                check("pour_leaks", results[key].values["inside"], f"{shape}_{arm}")
+    if {"flow_marked_0", "flow_marked_1"} <= set(results):
+        ratio = real(results["flow_marked_1"].values["seconds"]) / real(results["flow_marked_0"].values["seconds"])
+        check("marked_cost", ratio)
+
+
+EXPERIMENT = Experiment(
+    name="boundary",
+    title="meshes as boundaries: distance, particles, penetration, a tank at rest, pouring by tension",
+    runs=lambda options: [*sampling_planned(options), *flow_planned(options)],
+    checks=lambda results, check: (sampling_checks(results, check), flow_checks(results, check)),
+
+)  # fmt: skip

@@ -1,0 +1,469 @@
+"""Hard cases of weakly compressible liquid between walls, its largest stable step and lowest viscosity."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from refsim import (
+    Ball,
+    Box,
+    BoxWalls,
+    Gravity,
+    JiangZhu2023,
+    Scene,
+    Simulation,
+    SurfaceDetection,
+    WeaklyCompressible,
+)
+from refsim.boundary.akinci_2012 import calibrated_factor, wall_kernel_sums
+from refsim.core.errors import RunStopped
+from refsim.core.walls import WallParticles
+from refsim.scene.plan import Plan, make_plan
+from validation.checks import Checks
+from validation.experiment import Experiment, Options, Results, Run
+from validation.experiments.dam_break.runs import DENSITY, HEIGHT, SETTINGS, column_scene, detect
+from validation.experiments.droplet.runs import SPACING as FILAMENT_SPACING
+from validation.experiments.droplet.runs import filament
+from validation.experiments.heat.runs import each_scheme
+from validation.metrics.droplet import nearest_neighbour_distance
+from validation.results import Result
+from validation.running import Context, momenta
+from validation.trials import Cell, StabilityMap, Trial, largest_stable, silent_up_to
+
+SPACING, SUPPORT = 0.01, 0.026  # [m]
+SOUND, STABILITY_DENSITY = 20.0, 1000.0  # [m/s], [kg/m^3]
+GRAVITY = 9.81
+
+
+def liquid(
+    fluid: Any,
+    *effects: Any,
+    viscosity: float = 0.5,
+    kernels: str = "wendland",
+    state: str = "tait",
+    **changes: Any,
+) -> Scene:
+    """Water-like liquid of the given parts, without gravity and tension unless `effects` bring them."""
+    parts = fluid if isinstance(fluid, tuple) else (fluid,)
+    own = WeaklyCompressible(
+        rest_density=STABILITY_DENSITY, sound_speed=SOUND, dynamic_viscosity=viscosity, kernels=kernels, state=state
+    )
+    return Scene(
+        **{"spacing": SPACING, "support_radius": SUPPORT, "fluid": parts, "effects": (own, *effects), **changes}
+    )
+
+
+def tank(columns: int = 16, **changes: Any) -> Scene:
+    """A column of columns x 2 columns particles in 2D that collapses in a tank four times as long.
+
+    Its numerical viscosity stands to the spacing as in the dam break.
+    """
+    size = columns * SPACING
+    changes = {"viscosity": 320.0 * SPACING, **changes}
+    walls = BoxWalls(lower=(0.0, 0.0, 0.0), upper=(4 * size, 4 * size, 0.0))
+    return liquid(
+        Box(cells=(columns, 2 * columns, 1)), Gravity(acceleration=(0.0, -GRAVITY, 0.0)), walls, dim=2, **changes
+    )
+
+
+def tension(**changes: Any) -> JiangZhu2023:
+    """Tension whose internal pressure is 3 % of rho0 c^2, as in the droplet."""
+    return JiangZhu2023(**{"surface_tension": 0.03 * STABILITY_DENSITY * SOUND**2 * SUPPORT / 7.8, **changes})
+
+
+def collapse(
+    context: Context, backend: str, factor: float = 0.0, viscosity: float = 320.0 * SPACING, columns: int = 16
+) -> Result:
+    """A collapsing column with a fixed step of `factor` times the first stable one; 0: the runner's own steps."""
+    trial = Trial(context, backend)
+    with trial.ending():
+        scene = tank(columns, viscosity=viscosity)
+        step = factor * trial.start(scene).step().length if factor else 0.0
+        simulation = trial.start(msgspec.structs.replace(scene, step=step))
+        height = 2 * columns * SPACING
+        energy, potential = _Energy(simulation), GRAVITY * 0.5 * height
+        trial.advance(simulation, until=4 * math.sqrt(height / GRAVITY), watch=energy, every=4)
+        share = energy.rise / (STABILITY_DENSITY * 2 * (columns * SPACING) ** 2 * potential)
+        trial.check_unless_noted(
+            simulation, "viscosity", "rise of kinetic + potential energy over the start's", share, at_most=0.01
+        )
+        trial.check("particles outside the tank", _outside(simulation), equals=0)
+        trial.show("stopped at walls", simulation.stopped_at_walls)
+    return trial.result()
+
+
+def closed_box(columns: int = 16, mach: float = 0.075, **changes: Any) -> Scene:
+    """A block that fills half of a closed 2D box and moves towards its other half, without gravity."""
+    size = 2 * columns * SPACING
+    block = Box(cells=(columns, 2 * columns, 1), velocity=(mach * SOUND, 0.0, 0.0))
+    return liquid(block, BoxWalls(lower=(0.0, 0.0, 0.0), upper=(size, size, 0.0)), dim=2, **changes)
+
+
+def thrown_about(context: Context, backend: str, until: float = 1.0) -> Result:
+    """A block between the walls of a closed box: no gravity, no viscosity, nothing that could bring energy."""
+    trial = Trial(context, backend)
+    with trial.ending():
+        simulation = trial.start(closed_box(viscosity=0.0))
+        energy = [momenta(simulation)["kinetic_energy"]]
+
+        def watch(simulation: Simulation) -> None:
+            energy.append(momenta(simulation)["kinetic_energy"])
+
+        trial.advance(simulation, until=until, watch=watch, every=4)
+        trial.check_unless_noted(
+            simulation, "viscosity", "kinetic energy over the start's", max(energy) / energy[0], at_most=1.01
+        )
+        trial.check("particles outside the box", _outside(simulation), equals=0)
+    return trial.result()
+
+
+def impact(context: Context, backend: str, what: str, mach: float = 0.3) -> Result:
+    """A cube hits a wall, or two cubes hit each other, at 0.3 of the sound speed."""
+    trial = Trial(context, backend)
+    n, speed = 10, mach * SOUND
+    size = n * SPACING
+    room = BoxWalls(lower=(-2 * size, -2 * size, 0.0), upper=(3 * size, 3 * size, 8 * size))
+    if what == "wall":
+        fluid: Any = Box(lower=(0.0, 0.0, 1.5 * SPACING), cells=(n, n, n), velocity=(0.0, 0.0, -speed))
+        effects: tuple = (room,)
+    else:
+        above = Box(lower=(0.3 * SPACING, 0.2 * SPACING, size + SPACING), cells=(n, n, n), velocity=(0, 0, -speed))
+        fluid, effects = (Box(cells=(n, n, n), velocity=(0.0, 0.0, speed)), above), ()
+    with trial.ending():
+        simulation = trial.start(liquid(fluid, *effects, viscosity=1.0))
+        before = momenta(simulation)
+        peak = []
+
+        def watch(simulation: Simulation) -> None:
+            peak.append(momenta(simulation)["kinetic_energy"])
+
+        trial.advance(simulation, until=3 * size / speed, watch=watch, every=4)
+        trial.check("kinetic energy over the start's", max(peak) / before["kinetic_energy"], at_most=1.01)
+        trial.check("greatest speed over the impact's", _speed(simulation) / speed, at_most=3.0)
+        near = _nearest(simulation.field("position"))
+        trial.check("least distance [d]", float(near.min()) / SPACING, at_least=0.1)
+        if what == "wall":
+            trial.check("particles outside the box", _outside(simulation), equals=0)
+            trial.show("stopped at walls", simulation.stopped_at_walls)
+        else:
+            after = momenta(simulation)["momentum"]
+            drift = float(np.linalg.norm(after - before["momentum"])) / before["momentum_scale"]
+            trial.check("momentum gained over sum of m |v|", drift, at_most=32 * 1.2e-7)
+    return trial.result()
+
+
+def sharp_edge(context: Context, backend: str, edge: str) -> Result:
+    """A 2D drop falls on the edge of a wedge of 60 degrees, on the end of an upright plate one particle thin, or with
+    half of it beyond the end of a level plate. The walls' particles alone hold it: there are no planes."""
+    trial = Trial(context, backend)
+    with trial.ending():
+        plan, inside = _edge_plan(edge)
+        simulation = trial.start(plan)
+        start = momenta(simulation)["kinetic_energy"] / float(simulation.field("mass").astype(float).sum())
+        trial.advance(simulation, until=0.25)
+        x = simulation.field("position").astype(float)
+        trial.check("particles inside the wall", int(inside(x).sum()), equals=0)
+        below = start + GRAVITY * (x[:, 1].max() - x[:, 1].min() + 0.4)
+        share = _speed(simulation) / math.sqrt(2 * below)
+        trial.check("greatest speed over that of free fall", share, at_most=1.5)
+        trial.check("least distance [d]", float(_nearest(x).min()) / SPACING, at_least=0.05)
+    return trial.result(position=simulation.field("position"), walls=plan.walls.position)
+
+
+def _edge_plan(edge: str) -> tuple[Plan, Any]:
+    """A drop above an edge at the origin; and a function that says who is inside the wall's body."""
+    reach = np.arange(0, 41) * SPACING
+    if edge == "wedge":
+        slope = math.radians(60)  # of each side
+        right = np.stack([reach * math.cos(slope), -reach * math.sin(slope)], axis=1)
+        wall = np.vstack([right, right[1:] * [-1.0, 1.0]])
+
+        def inside(x: np.ndarray) -> np.ndarray:
+            deep = -x[:, 1] * math.cos(slope) - np.abs(x[:, 0]) * math.sin(slope)
+            return (deep > 0) & (x[:, 1] > -0.95 * reach[-1] * math.sin(slope))
+
+    elif edge == "upright plate":
+        wall = np.stack([0 * reach, -reach], axis=1)
+
+        def inside(x: np.ndarray) -> np.ndarray:  # on the plate's particles: it has no inside, and is not crossed
+            return (np.abs(x[:, 0]) < 0.25 * SPACING) & (x[:, 1] < 0) & (x[:, 1] > -0.95 * reach[-1])
+
+    else:
+        wall = np.stack([-reach, 0 * reach], axis=1)
+
+        def inside(x: np.ndarray) -> np.ndarray:  # under the plate, farther from its end than a drop can flow round
+            return (x[:, 1] < 0) & (x[:, 0] < -4 * SPACING)
+
+    wall = np.hstack([wall, np.zeros((len(wall), 1))])
+    radius = 8.2 * SPACING
+    drop = Ball(center=(0.15 * SPACING, radius + 1.2 * SPACING, 0.0), radius=radius, velocity=(0.0, -1.0, 0.0))
+    scene = liquid(drop, Gravity(acceleration=(0.0, -GRAVITY, 0.0)), dim=2)
+    volume = calibrated_factor("wendland_c2", SUPPORT, SPACING, 2) / wall_kernel_sums(wall, "wendland_c2", SUPPORT, 2)
+    return dataclasses.replace(make_plan(scene), walls=WallParticles(wall, volume)), inside
+
+
+# Measures
+
+
+def _nearest(position: np.ndarray) -> np.ndarray:
+    from validation.metrics.droplet import nearest_neighbour_distance
+
+    return nearest_neighbour_distance(position.astype(float))
+
+
+def _speed(simulation: Simulation) -> float:
+    return float(np.linalg.norm(simulation.field("velocity").astype(float), axis=1).max())
+
+
+def _outside(simulation: Simulation) -> int:
+    from refsim.engine.stock import stock
+
+    return stock(simulation)["outside_walls"]
+
+
+class _Energy:
+    """Kinetic and potential energy over a run; `rise` is how far it ever came above the start's [J; J/m in 2D]."""
+
+    def __init__(self, simulation: Simulation, gravity: float = GRAVITY) -> None:
+        self.gravity = gravity
+        self.start, self.rise = self.of(simulation), 0.0
+
+    def of(self, simulation: Simulation) -> float:
+        mass, height = (simulation.field(name).astype(float) for name in ("mass", "position"))
+        return momenta(simulation)["kinetic_energy"] + self.gravity * float(mass @ height[:, 1])
+
+    def __call__(self, simulation: Simulation) -> None:
+        self.rise = max(self.rise, self.of(simulation) - self.start)
+
+
+# The map
+
+
+def step_cell(context: Context, backend: str, state: str, kernels: str, viscosity: float) -> Result:
+    """The largest share of the runner's own step with which the column collapses as it does with half of it."""
+    columns = 12
+    height = 2 * columns * SPACING
+    weight = STABILITY_DENSITY * 2 * (columns * SPACING) ** 2 * GRAVITY * 0.5 * height
+    plan = make_plan(tank(columns, viscosity=viscosity, kernels=kernels, state=state))
+    limiter: dict[str, int] = {}
+
+    def run(factor: float) -> tuple[str, float]:
+        forced = dataclasses.replace(plan, scene=msgspec.structs.replace(plan.scene, step_factor=factor))
+        simulation = context.simulation(forced, backend)
+        energy = _Energy(simulation)
+        try:
+            while simulation.time < 4 * math.sqrt(height / GRAVITY):
+                simulation.step()
+                if simulation.steps % 8 == 0:
+                    energy(simulation)
+        except RunStopped as stop:
+            return f"stopped: {stop.reason}", math.inf
+        limiter.update(simulation.limiters)
+        return "a particle outside the tank" if _outside(simulation) else "", energy.rise / weight
+
+    _, unavoidable = run(0.5)  # what the viscosity lets pass whatever the step
+
+    def trouble(factor: float) -> str:
+        said, rise = run(factor)
+        return said or (f"energy rises by {100 * rise:.0f} %" if rise > 1.5 * unavoidable + 0.02 else "")
+
+    found = largest_stable(trouble, 1.0, 0.25, 16.0)
+    return found.result(1.0, limiter=max(limiter, key=lambda k: limiter[k]) if limiter else "")
+
+
+_COLUMNS = {"mu = 3.2 Pa s (acoustic)": 3.2, "mu = 40 Pa s (viscous)": 40.0}
+STEP_MAP = StabilityMap(
+    name="stability_tank_step",
+    title="Largest stable step of a collapsing column (2D, walls)",
+    quantity="step over the runner's own",
+    criterion="the run ends, no particle leaves, the energy rises by at most 1.5 times that of half the step + 2 %.",
+    advice="Keep step_factor at 1; what lies above it is a reserve, not an offer.",
+    cells=tuple(
+        Cell(f"{state}, {kernels}", column, step_cell, {"state": state, "kernels": kernels, "viscosity": viscosity})
+        for state in ("tait", "linear")
+        for kernels in ("wendland", "mueller")
+        for column, viscosity in _COLUMNS.items()
+    ),
+)
+
+
+def viscosity_cell(context: Context, backend: str, scene: str, kernels: str, columns: int) -> Result:
+    """The largest c h/nu with which a liquid between walls gains no energy."""
+
+    def made(number: float) -> Scene:
+        viscosity = STABILITY_DENSITY * SOUND * SUPPORT / number
+        return (tank if scene == "tank" else closed_box)(columns, viscosity=viscosity, kernels=kernels)
+
+    def trouble(number: float) -> str:
+        simulation = context.simulation(made(number), backend)
+        energy = _Energy(simulation, gravity=GRAVITY if scene == "tank" else 0.0)
+        until = 1.0 if scene == "box" else 4 * math.sqrt(2 * columns * SPACING / GRAVITY)
+        try:
+            while simulation.time < until:
+                simulation.step()
+                if simulation.steps % 8 == 0:
+                    energy(simulation)
+        except RunStopped as stop:
+            return f"stopped: {stop.reason}"
+        finally:
+            context.started[:-1] = []
+        rise = energy.rise / energy.start
+        return f"energy rises by {100 * rise:.0f} %" if rise > 0.01 else ""
+
+    return largest_stable(trouble, 128.0, 8.0, 16384.0, factor=1.2).result(silent_up_to(made, 8.0, 16384.0))
+
+
+VISCOSITY_MAP = StabilityMap(
+    name="stability_viscosity",
+    title="Lowest viscosity of liquid between walls (2D)",
+    quantity="c h/nu",
+    criterion="kinetic and potential energy never rise by 1 % of the start's.",
+    advice="Give liquid between walls a viscosity of rho0 c h/250 with Wendland kernels, rho0 c h/80 with others.",
+    cells=tuple(
+        Cell(
+            f"{words}, {columns} wide", kernels, viscosity_cell,
+            {"scene": scene, "kernels": kernels, "columns": columns}, seconds=20.0 if columns == 12 else 60.0,
+        )
+        for scene, words in (("tank", "column in a tank"), ("box", "block in a box"))
+        for columns in (12, 24)
+        for kernels in ("wendland", "mueller", "cubic_spline")
+    ),
+)  # fmt: skip
+
+MAPS = (STEP_MAP, VISCOSITY_MAP)
+
+
+# The liquid, its walls, its list and its files: hard cases that have no paper of their own.
+
+
+EXPERIMENT = Experiment(
+    name="foundation",
+    title="the liquid, its walls, its list and its files",
+    maps=MAPS,
+)
+
+
+# States of the hard cases that fail, for a picture of each.
+
+
+MACH, SIDE = 0.3, 10  # of the impact; particles along the cube
+WITHIN = 0.25  # s until the drop's fate at an edge is clear
+COLUMNS = 20  # of the tank
+
+
+def failing_impact(context: Context, backend: str) -> Result:
+    """A cube that hits a wall at 0.3 c, when two of its particles are closest."""
+    size = SIDE * SPACING
+    walls = BoxWalls(lower=(-2 * size, -2 * size, 0.0), upper=(3 * size, 3 * size, 8 * size))
+    cube = Box(lower=(0.0, 0.0, 1.5 * SPACING), cells=(SIDE,) * 3, velocity=(0.0, 0.0, -MACH * SOUND))
+    run: Simulation = context.simulation(liquid(cube, walls, viscosity=1.0), backend)
+    least, kept, at = np.inf, np.zeros((0, 3)), 0.0
+    until = 3 * size / (MACH * SOUND)
+    while run.time < until:
+        run.step()
+        place = run.field("position").astype(float)
+        if (near := float(nearest_neighbour_distance(place).min())) < least:
+            least, kept, at = near, place, run.time
+        context.progress(run.time / until)
+    return Result(
+        {
+            "time": at,
+            "least": least / SPACING,
+            "spacing": SPACING,
+            "wrong": int((nearest_neighbour_distance(kept) < 0.1 * SPACING).sum()),
+        },
+        {"position": kept, "nearest": nearest_neighbour_distance(kept) / SPACING},
+    )
+
+
+def edge(context: Context, backend: str, what: str) -> Result:
+    """A drop that has fallen on an edge: who is inside the wall."""
+    plan, inside = _edge_plan(what)
+    run: Simulation = context.simulation(plan, backend)
+    while run.time < WITHIN:
+        run.step()
+    place = run.field("position").astype(float)
+    wrong = inside(place)
+    walls = np.asarray(plan.walls.position)  # type: ignore[union-attr]
+    return Result(
+        {"time": run.time, "spacing": SPACING, "wrong": int(wrong.sum())},
+        {"position": place, "walls": walls, "flags": wrong},
+    )
+
+
+def upright_edges(context: Context, backend: str) -> Result:
+    """A tank at rest in 3D: what the number density takes for surface below it."""
+    scene = column_scene(COLUMNS, COLUMNS)
+    d = scene.spacing
+    size = COLUMNS * d
+    tank = msgspec.structs.replace(scene.effects[2], upper=(size, 4 * size, size))
+    detection = SurfaceDetection(**SETTINGS["number_density"])
+    made = msgspec.structs.replace(
+        scene, fluid=(Box(cells=(COLUMNS,) * 3),), effects=(*scene.effects[:2], tank, detection)
+    )
+    run: Simulation = context.simulation(made, backend)
+    run.evaluate()
+    place = run.field("position").astype(float)
+    wrong = run.field("surface").astype(bool) & (place[:, 1] < size - d)
+    return Result({"spacing": d, "wrong": int(wrong.sum())}, {"position": place, "flags": wrong})
+
+
+def sheet(context: Context, backend: str, side: int = 11) -> Result:
+    """A flat sheet of one layer in 3D: which of its particles the fan scan misses."""
+    d = 0.5 * HEIGHT / 10
+    axis = np.arange(side) * d
+    place = np.stack(np.meshgrid(axis, [0.0], axis, indexing="ij"), axis=-1).reshape(-1, 3) + [0.5, 1.0, 0.25]
+    seen = detect(context, "fan_scan", 10, 20, 4.0, (place, np.full(len(place), DENSITY * d**3)), backend)
+    wrong = ~seen.field("surface").astype(bool)
+    return Result({"spacing": d, "wrong": int(wrong.sum())}, {"position": place, "flags": wrong})
+
+
+def drawn_in(context: Context, backend: str) -> Result:
+    """A thread that should break into drops, after 1.2 s."""
+    found = filament(context, backend)
+    values = {"pieces": found.values["shown"]["pieces"], "spacing": FILAMENT_SPACING}
+    return Result(values, {"position": found.arrays["position"]})
+
+
+def rounding(context: Context, backend: str) -> Result:
+    """Change of heat over the heat in three steps of s_max = 1e7, by scheme, and its bar."""
+    found = each_scheme(context, backend, what="", number=3e6, steps=3)
+    return Result({"checks": found.values["checks"]})
+
+
+# What the hard cases look like that fail: states for pictures of docs/stability.md.
+
+
+def planned(options: Options) -> list[Run]:
+    """A run for each kind of failure; with --quick the short ones."""
+    backend = {"backend": options.backend}
+    reason = "takes a minute; run without --quick" if options.quick else ""
+    return [
+        Run("impact", failing_impact, backend, 5.0),
+        Run("edge_wedge", edge, {**backend, "what": "wedge"}, 3.0),
+        Run("edge_level_plate", edge, {**backend, "what": "level plate"}, 3.0),
+        Run("upright_edges", upright_edges, backend, 3.0),
+        Run("sheet", sheet, backend, 2.0),
+        Run("filament", drawn_in, backend, 40.0, reason),
+        Run("rounding", rounding, backend, 20.0, reason),
+    ]
+
+
+def checks(results: Results, check: Checks) -> None:
+    """How many particles are wrong; shown."""
+    for key, result in results.items():
+        if "wrong" in result.values:
+            check("wrong", result.values["wrong"], key)
+
+
+FAILURES_EXPERIMENT = Experiment(
+    name="known_failures",
+    title="what the hard cases look like that fail",
+    runs=planned,
+    checks=checks,
+)

@@ -1,0 +1,1 @@
+"""Runs of panels of error against time that no packaged scene gives."""
