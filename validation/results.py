@@ -22,7 +22,7 @@ import shutil
 import sys
 import tempfile
 import zlib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -52,27 +52,29 @@ class Result:
 
 
 @functools.cache
-def sources_digest(module_file: str, without: tuple[str, ...] = ()) -> str:
+def sources_digest(module_file: str, without: tuple[str, ...] = (), function: str = "") -> str:
     """Digest of the code in which a run's function stands, and of what this imports of refsim and validation.
 
-    without  paths of modules and packages that the run imports and does not compute with
+    without   paths of modules and packages that the run imports and does not compute with
+    function  of the module: what it does not reach does not count; all counts without
     """
-    digest = hashlib.sha256()
-    for file in modules_behind(Path(module_file).resolve(), tuple(_ROOT / path for path in without)):
+    digest, own = hashlib.sha256(), Path(module_file).resolve()
+    for file in modules_behind(own, tuple(_ROOT / path for path in without), function):
         place = file.relative_to(_ROOT) if file.is_relative_to(_ROOT) else Path(file.name)
-        digest.update(f"{place.as_posix()}\0{_code_digest(file)}\n".encode())
+        code = _digest_of(_reached(file, function)) if file == own and function else _code_digest(file)
+        digest.update(f"{place.as_posix()}\0{code}\n".encode())
     return digest.hexdigest()[:16]
 
 
-def modules_behind(file: Path, without: tuple[Path, ...] = ()) -> list[Path]:
+def modules_behind(file: Path, without: tuple[Path, ...] = (), function: str = "") -> list[Path]:
     """A module's file and those of all modules of this repository that it imports, directly or through others.
 
     A method's package counts with all of its modules but the contract's cases: its operations load their programs when
     they are first used. A name that refsim exports counts with the module that defines it, and not with all of refsim.
-    Modules of PRESENTING and below `without` do not count.
+    Modules of PRESENTING and below `without` do not count, nor what `function` of the first module does not reach.
     """
-    found: set[Path] = set()
-    waiting = [file]
+    found = {file} if function else set[Path]()
+    waiting = _imports(_reached(file, function)) if function else [file]
     while waiting:
         file = waiting.pop()
         left_out = (file.parent == _HERE and file.stem in PRESENTING) or any(map(file.is_relative_to, without))
@@ -82,10 +84,35 @@ def modules_behind(file: Path, without: tuple[Path, ...] = ()) -> list[Path]:
     return sorted(found)
 
 
+def _reached(file: Path, name: str) -> list[ast.stmt]:
+    """Statements at the top of a module that one of its names needs, directly or through others."""
+    binding: dict[str, list[ast.stmt]] = {}
+    for statement in _tree(file).body:
+        nodes = [statement] if isinstance(statement, DOCUMENTED) else list(ast.walk(statement))
+        names = {getattr(node, "name", "") for node in nodes if isinstance(node, DOCUMENTED)}
+        names |= {node.id for node in nodes if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)}
+        names |= {(node.asname or node.name).partition(".")[0] for node in nodes if isinstance(node, ast.alias)}
+        for bound in names:
+            binding.setdefault(bound, []).append(statement)
+    waiting, found = [name], list[ast.stmt]()
+    while waiting:
+        for statement in binding.pop(waiting.pop(), ()):
+            found.append(statement)
+            waiting += [node.id for node in ast.walk(statement) if isinstance(node, ast.Name)]
+    return [statement for statement in _tree(file).body if statement in found]
+
+
 @functools.cache
 def _imported_by(file: Path) -> list[Path]:
+    found = _imports(_tree(file).body)
+    if file.name == "__init__.py" and (file.parent / "cases.py").exists():
+        found += [other for other in file.parent.glob("*.py") if other.name != "cases.py"]
+    return found
+
+
+def _imports(statements: Sequence[ast.stmt]) -> list[Path]:
     found: set[Path | None] = set()
-    waiting: list[ast.AST] = list(_tree(file).body)
+    waiting: list[ast.AST] = list(statements)
     while waiting:
         node = waiting.pop()
         if isinstance(node, ast.ImportFrom):
@@ -99,8 +126,6 @@ def _imported_by(file: Path) -> list[Path]:
             for part in ("body", "orelse", "handlers", "finalbody", "cases"):
                 inside = getattr(node, part, [])
                 waiting += inside if isinstance(inside, list) else []
-    if file.name == "__init__.py" and (file.parent / "cases.py").exists():
-        found |= {other for other in file.parent.glob("*.py") if other.name != "cases.py"}
     return [other for other in found if other is not None]
 
 
@@ -131,7 +156,11 @@ def _tree(file: Path) -> ast.Module:
 @functools.cache
 def _code_digest(file: Path) -> str:
     """Digest of a module's code without its comments, docstrings and layout."""
-    return hashlib.sha256(_dumped(_tree(file)).encode()).hexdigest()
+    return _digest_of(_tree(file))
+
+
+def _digest_of(code: Any) -> str:
+    return hashlib.sha256(_dumped(code).encode()).hexdigest()
 
 
 def _dumped(node: Any) -> str:
@@ -156,7 +185,7 @@ def _dumped(node: Any) -> str:
 def result_folder(root: Path, experiment: str, key: str, function: Callable, parameters: Mapping[str, Any]) -> Path:
     """Where the result of `function(**parameters)` belongs; raises TypeError for parameters JSON does not know."""
     text = json.dumps(parameters, sort_keys=True, allow_nan=False)
-    sources = sources_digest(inspect.getfile(function))
+    sources = sources_digest(inspect.getfile(function), function=function.__name__)
     digest = hashlib.sha256(f"{FORMAT} {function.__name__} {sources} {text}".encode()).hexdigest()[:12]
     return root / experiment / f"{key}-{digest}"
 

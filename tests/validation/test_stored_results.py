@@ -54,6 +54,22 @@ async def later(): await None
     )
 
 
+def test_of_the_functions_own_module_only_what_it_reaches_counts(tmp_path):
+    def digest(text):
+        path = tmp_path / f"{abs(hash(text))}.py"
+        path.write_text(text)
+        return results._digest_of(results._reached(path, "run"))
+
+    first = "import math\nSIZE = 2\ndef helper(x):\n    return x * SIZE\ndef run():\n    return helper(1)\n"
+    assert digest(first + "def judged():\n    return math.pi\nBAR = 3\n") == digest(first)
+    assert digest(first.replace("SIZE = 2", "SIZE = 3")) != digest(first)
+    behind = {
+        file.relative_to(ROOT).as_posix() for file in results.modules_behind(Path(heat_runs.__file__), (), "slab")
+    }
+    assert "validation/running.py" in behind
+    assert "validation/experiments/melting/scene.py" not in behind, "that is of the claims"
+
+
 def test_another_method_does_not_count():
     behind = {file.relative_to(ROOT).as_posix() for file in results.modules_behind(Path(heat_runs.__file__))}
     assert {"refsim/heat/kernels.py", "refsim/heat/reference.py", "validation/running.py"} <= behind
