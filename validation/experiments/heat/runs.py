@@ -627,8 +627,6 @@ KEEPING = ("single_pass", "pair_exchange", "conjugate_gradient", "implicit", "ru
 BOUNDED = {  # share of the range by which a scheme may leave it: what its solve leaves, or rounding
     "single_pass": 1e-12, "pair_exchange": 1e-12, "one_sided": 1e-12, "conjugate_gradient": 1e-3, "implicit": 1e-3,
 }  # fmt: skip
-BOUNDED_ICE = {"single_pass": 1e-12, "nonlinear_jacobi": 1e-12, "implicit": 1e-3}
-KEEPING = ("single_pass", "pair_exchange", "conjugate_gradient", "implicit", "runge_kutta_legendre")
 KEPT = 1e-12
 
 
@@ -886,18 +884,18 @@ def planned(options: Options) -> list[Run]:
     """The runs under the options."""
     slow = "takes minutes with the others; run without --quick" if options.quick else ""
     fast = ("implicit", BEST, "single_pass")
-    sphere, stefan = {"cells": 10, "numbers": [0.25, 2.0, 8.0]}, {"cells": 40, "numbers": [0.5, 2.0, 8.0]}
+    ball, ice = {"cells": 10, "numbers": [0.25, 2.0, 8.0]}, {"cells": 40, "numbers": [0.5, 2.0, 8.0]}
     return [
         *(Run(f"slab_{name}", slab, {"scheme": name}, 40.0 if name == "pair_exchange" else 4.0,
               "" if name in fast else slow) for name in JUDGED_PLAIN),
         *(Run(f"step_{name}", order_in_step, {"scheme": name}, 5.0, slow) for name in JUDGED_PLAIN),
         Run("pair_orders", pair_orders, {}, 20.0, slow),
         Run("spacing", order_in_spacing, {}, 4.0),
-        *(Run(f"sphere_{name}", sphere, {"scheme": name, **sphere}, 8.0, slow)
+        *(Run(f"sphere_{name}", sphere, {"scheme": name, **ball}, 8.0, slow)
           for name in JUDGED_PLAIN if name != "one_sided"),
         *(Run(f"spheres_{cells}", sphere, {"scheme": BEST, "cells": cells, "numbers": [0.5]}, 0.002 * cells**3,
               slow if cells > 14 else "") for cells in SPHERES),
-        *(Run(f"stefan_{name}", stefan, {"scheme": name, **stefan}, 6.0, "" if name == BEST else slow)
+        *(Run(f"stefan_{name}", stefan, {"scheme": name, **ice}, 6.0, "" if name == BEST else slow)
           for name in JUDGED_MELTING),
         *(Run(f"columns_{cells}", stefan, {"scheme": BEST, "cells": cells, "numbers": [2.0]}, 4.0)
           for cells in COLUMNS),

@@ -1710,9 +1710,9 @@ def bodies(options: Options) -> list[Run]:
         seconds = radius**3 * (0.1 if dim == 3 else 4e-3)
         add(f"swing_{key}", oscillation, seconds, dim=dim, radius=radius, amplitude=amplitude,
             periods=2.0 if dim == 2 else 1.5, shown=[0.0, 0.25, 0.5, 1.0])  # fmt: skip
-    smooth = {"level_set_radius": 1.8, "normals": "gradient", "offset": 0.25, "iterations": 1}
+    wide = {"level_set_radius": 1.8, "normals": "gradient", "offset": 0.25, "iterations": 1}
     for key, tension, embedding in (
-        ("poisson", {"quadrature": "poisson"}, "cluster"), ("wide", smooth, "cluster"), ("bare", {}, "none"),
+        ("poisson", {"quadrature": "poisson"}, "cluster"), ("wide", wide, "cluster"), ("bare", {}, "none"),
         ("enclosing", ENCLOSING, "cluster"),
     ):  # fmt: skip
         add(f"swing_2d_11_{key}", oscillation, 20.0, dim=2, radius=11.0, amplitude=0.1, periods=2.0,

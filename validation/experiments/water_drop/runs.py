@@ -178,8 +178,8 @@ def planned(options: Options) -> list[Run]:
 
 
 def _run(kernels: str, dim: int, seed: int) -> Run:
-    drop: dict[str, Any] = {"model": "akinci", "kernels": kernels, "dim": dim, "cells": CELLS[dim], "seed": seed}
-    return Run(f"{kernels}_{dim}d_{seed}", drop, drop, estimate=6.0 if dim == 2 else 30.0)
+    given: dict[str, Any] = {"model": "akinci", "kernels": kernels, "dim": dim, "cells": CELLS[dim], "seed": seed}
+    return Run(f"{kernels}_{dim}d_{seed}", drop, given, estimate=6.0 if dim == 2 else 30.0)
 
 
 def words_of(row: dict[str, Any]) -> str:
