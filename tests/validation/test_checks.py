@@ -1,6 +1,7 @@
 """Checks: what is on file is complete, agrees with its records and pages, and is judged as it says."""
 
 import dataclasses
+import inspect
 import json
 import math
 import pathlib
@@ -56,6 +57,16 @@ def test_every_claim_has_a_measure_and_every_hard_case_a_trial_and_none_is_left_
     assert all(callable(discover()[entry.experiment].trials[entry.trial]) for entry in hard)
     names = [entry.name for entry in ENTRIES if entry.kind in (CLAIM, HARD_CASE, VALUE)]
     assert len(set(names)) == len(names)
+
+
+def test_every_run_takes_the_parameters_that_it_is_given():
+    planned = []
+    for experiment in discover().values():
+        for options in (Options(peers=True), Options(quick=True), Options(backend="cuda", peers=True)):
+            planned += [*experiment.runs(options), *(r for m in experiment.claims.values() for r in m.runs(options))]
+            planned += [run for run in judging.trial_part(experiment, options).runs if not run.skip]
+    for run in planned:
+        inspect.signature(run.function).bind(Context(), **run.parameters)
 
 
 def test_every_bar_has_a_source_and_a_number_of_few_words():
