@@ -127,3 +127,19 @@ def test_a_method_has_two_screens(site, tmp_path):
             assert browser.value(height) <= 2 * 1080, page
     finally:
         browser.close()
+
+
+@pytest.mark.skipif(chromium() is None, reason="Chromium is not installed")
+def test_the_page_of_checks_filters_its_rows(site, tmp_path):
+    shown = "[...document.querySelectorAll('#checks tr.check')].filter(row => !row.hidden).length"
+    choose = "(() => { const form = document.getElementById('filter'); form.elements.%s.value = '%s';"
+    browser = Browser(tmp_path, 1280, 900)
+    try:
+        browser.open(site / "checks.html")
+        counts = [browser.value(shown)]
+        for name, value in (("kind", "claim"), ("verdict", "refuted"), ("words", "no such words")):
+            browser.value(choose % (name, value) + " form.dispatchEvent(new Event('input')); return 0; })()")
+            counts.append(browser.value(shown))
+    finally:
+        browser.close()
+    assert counts[0] > counts[1] > counts[2] > counts[3] == 0
