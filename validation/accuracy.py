@@ -25,7 +25,7 @@ from validation.results import Result, finite
 from validation.running import Context
 
 STORED = Path(__file__).resolve().parent.parent / "refsim" / "study" / "panels"
-BOUNDARY, DAM, MPM = (f"validation.experiments.{name}" for name in ("boundary", "dam_break", "mpm_droplet"))
+BOUNDARY = "validation.experiments.boundary"
 RUNS = {  # panel: its run, called with (context, settings, backend, threads, repeats)
     "detection_2d": "validation.panel_runs.detection:detectors_2d",
     "detection_3d": "validation.panel_runs.detection:detectors_3d",

@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from validation.trials import StabilityMap
 
 Results = Mapping[str, Result]
-Points = Mapping[str, Mapping[str, Any]]
 COMMANDS = {VERDICT: "run", CLAIM: "claims", HARD_CASE: "stability", VALUE: "verify"}
 T = TypeVar("T")
 

@@ -7,7 +7,7 @@ import pytest
 
 from refsim import make_plan
 from validation.experiment import Options, discover
-from validation.experiments.dong import pictures, runs, scene
+from validation.experiments.dong import runs, scene
 from validation.experiments.dong.runs import EXPERIMENT
 from validation.metrics.spread import layers, parts, seen_from_above
 from validation.perform import redraw, write_data
@@ -99,7 +99,7 @@ def test_every_picture_has_its_runs():
     planned = {run.key for quick in (False, True) for run in EXPERIMENT.runs(Options(quick=quick))}
     assert {name for picture in discover()["dong"].pictures for name in picture.needs} <= planned
     frames = next(run for run in EXPERIMENT.runs(Options()) if run.key == "rest_with").parameters["frames"]
-    assert {*scene.FRAMES, *scene.LATER, *pictures.MERGING, pictures.REST} <= set(frames)
+    assert {*scene.FRAMES, *scene.LATER, *scene.MERGING, scene.REST} <= set(frames)
 
 
 def test_table_1_takes_the_median_of_its_turns(tmp_path):

@@ -239,7 +239,7 @@ def test_the_runs_at_small_size(monkeypatch):
     for name, value in {"SETTLED": 0.05, "MEANS": 3, "PERIODS": 0.5, "SWINGS": 0.6, "SPUN": 0.3, "MIXED": 0.1}.items():
         monkeypatch.setattr(runs, name, value)
     monkeypatch.setattr(runs, "SAMPLES", (0.002, 0.004))
-    short = {"STIRRED": 0.1, "RESTED": 0.1, "PERIODS": 0.2, "WIDE": 5.0, "CLIMBED": 2.05, "MEANS": 1}
+    short = {"STIRRED": 0.1, "RESTED": 0.1, "TENSION_PERIODS": 0.2, "WIDE": 5.0, "CLIMBED": 2.05, "TENSION_MEANS": 1}
     for name, value in short.items():
         monkeypatch.setattr(runs, name, value)
     monkeypatch.setattr(
@@ -251,7 +251,7 @@ def test_the_runs_at_small_size(monkeypatch):
     (quick,) = runs.planned(Options(quick=True))
     assert quick.parameters == {"cells": 10, "backend": "cpu"}
     planned = runs.planned(Options(backend="numpy"))
-    compared = {f"terms_{program}" for program in runs.terms.COMPARED}
+    compared = {f"terms_{program}" for program in runs.COMPARED}
     assert {run.key for run in planned if run.skip == "measured with --peers"} == compared
     assert [run.key for run in planned if run.key in runs.VARIED] == list(runs.VARIED)
     results = {

@@ -578,7 +578,7 @@ def test_a_drop_that_stops_is_a_result_with_its_reason(monkeypatch):
 
 def test_a_missing_peer_is_reported_not_crashed_on(monkeypatch):
     monkeypatch.setattr(splishsplash, "missing", lambda: "it is not installed")
-    found = {name: timing.runs.against_splishsplash(Context(), 3, 2, 1, 1) for name in timing.PEERS}
+    found = {name: timing.against_splishsplash(Context(), 3, 2, 1, 1) for name in timing.PEERS}
     assert timing.EXPERIMENT.checked(found) == []
     assert "it is not installed" in str(timing.EXPERIMENT.tables(found)[0])
 
@@ -593,7 +593,7 @@ def test_a_broken_peer_is_reported_with_its_last_words(monkeypatch, tmp_path):
 
 @pytest.mark.slow
 def test_step_costs_at_small_size(tmp_path):
-    found = {"steps": as_stored(tmp_path / "s", timing.runs.step_costs(Context(), 8, "cpu", 1, count=216))}
+    found = {"steps": as_stored(tmp_path / "s", timing.step_costs(Context(), 8, "cpu", 1, count=216))}
     assert all(m.verdict == checks.SHOWN and m.value > 0 for m in timing.EXPERIMENT.checked(found))
     prices = {row["words"]: row for row in found["steps"].values["prices"]}
     assert prices["gravity"]["launches"] == 1
