@@ -14,8 +14,8 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 ROOT = Path(__file__).resolve().parent.parent
 FOLDER = ROOT / "docs" / "_site" / "films"
@@ -25,15 +25,8 @@ from refsim.core.errors import InputError  # noqa: E402
 from validation.experiment import chosen  # noqa: E402
 
 
-@dataclass(frozen=True)
-class Film:
-    """An example, and how it is drawn.
-
-    name     of the example, and of the film
-    source   paper, thesis or patent of the method
-    shows    what is seen, one sentence
-    options  of `refsim render`, as they are typed
-    """
+class Film(NamedTuple):
+    """An example, the paper, thesis or patent of its method, what is seen, and options of `refsim render`."""
 
     name: str
     source: str
@@ -42,33 +35,24 @@ class Film:
 
     def commands(self) -> tuple[str, str, str]:
         """The three commands that make the film."""
+        drawn = f"--film {self.name}.mp4 {self.options} --size 640x480"
         return (
-            f"refsim example {self.name}",
-            f"refsim run {self.name}.toml",
-            f"refsim render {self.name}_run --film {self.name}.mp4 {self.options} --size 640x480",
-        )
+            f"refsim example {self.name}", f"refsim run {self.name}.toml", f"refsim render {self.name}_run {drawn}",
+        )  # fmt: skip
 
 
 WATER = "--frames 0:100:2 --style water"
-FILMS = {
-    film.name: film
-    for film in (
-        Film(
-            "dam_break_2d", "Jiang & Zhu 2023", "A column of liquid collapses in a tank, coloured by speed.",
-            "--frames 0:70 --color velocity",
-        ),
-        Film(
-            "cohesion", "Dong, Zhang & Chen 2016", "A cube of liquid becomes a drop by cohesion.",
-            "--frames 0:40 --style water",
-        ),
-        Film(
-            "mpm_droplet", "a thesis on surface tension in MPM", "A box of liquid becomes a drop by surface energy.",
-            WATER,
-        ),
-        Film("melting", "Shao & Song 2017", "A ball of ice falls into warm water and melts.", WATER),
-        Film("mesh_boundary", "patent CN104318598A", "A column of liquid falls on a pebble, a triangle mesh.", WATER),
-    )
-}  # fmt: skip
+MADE = (
+    Film("dam_break_2d", "Jiang & Zhu 2023", "A column of liquid collapses in a tank, coloured by speed.",
+         "--frames 0:70 --color velocity"),
+    Film("cohesion", "Dong, Zhang & Chen 2016", "A cube of liquid becomes a drop by cohesion.",
+         "--frames 0:40 --style water"),
+    Film("mpm_droplet", "a thesis on surface tension in MPM", "A box of liquid becomes a drop by surface energy.",
+         WATER),
+    Film("melting", "Shao & Song 2017", "A ball of ice falls into warm water and melts.", WATER),
+    Film("mesh_boundary", "patent CN104318598A", "A column of liquid falls on a pebble, a triangle mesh.", WATER),
+)  # fmt: skip
+FILMS = {film.name: film for film in MADE}
 
 
 def make(film: Film) -> int:
