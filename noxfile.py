@@ -62,7 +62,7 @@ MUTANTS = """
 module-path = {modules}
 timeout = 60.0
 excluded-modules = []
-test-command = "python -m pytest -n 0 -q -x -p no:cacheprovider tests/across/test_host_values.py"
+test-command = "python -m pytest -n 0 -qx tests/across/test_host_values.py tests/ladder/test_parameters.py"
 [cosmic-ray.distributor]
 name = "local"
 [cosmic-ray.filters.operators-filter]

@@ -1,6 +1,7 @@
-"""Host code against numbers computed here: reports, energies, step limits, initial values, ledgers, parameter groups.
+"""Host code against numbers computed here: reports, energies, step limits, initial values, ledgers.
 
-`nox -s mutants` changes that code and asks whether they notice. Nothing is compiled.
+Parameter groups are computed anew in tests/ladder/test_parameters.py. `nox -s mutants` changes that code and asks
+whether both notice. Nothing is compiled.
 """
 
 import itertools
@@ -52,7 +53,7 @@ from refsim.engine.stepping import check_extremes, stable_steps, step_limits
 from refsim.engine.stock import stock
 from refsim.heat import enthalpy_of, temperature_at
 from refsim.heat.shapes import lattice_sum
-from refsim.mpm import LARGEST_VOLUME, LEAST_VOLUME, OPEN
+from refsim.mpm import LARGEST_VOLUME, LEAST_VOLUME
 from refsim.scene.particles import lattice_mass
 from refsim.sph import DensityBounds, lattice_number_density
 from refsim.surface_energy.effect import CROWDED, OVERFULL
@@ -735,151 +736,6 @@ def test_ledgers_of_corrected_positions():
 # Parameter groups
 
 
-def test_groups_of_the_weakly_compressible_liquid():
-    for kind, exponent in (("linear", 1), ("tait", 7)):
-        for literal, share in (((), 1.0), (("E24",), 0.5)):
-            liquid = WeaklyCompressible(sound_speed=13.0, rest_density=900.0, state=kind, literal=literal)
-            found = liquid.shares(grid(), named(liquid, Balanced()))["fluid"]
-            assert tuple(found) == near((900.0, 900 * 169 / exponent, exponent, 1, 700.0, share, 2.0))
-    mueller = WeaklyCompressible(sound_speed=13.0, kernels="mueller", clamp_pressure=False).shares(grid(), {})
-    plain = WeaklyCompressible(sound_speed=13.0, kernels="mueller").shares(grid(), {})
-    assert (mueller["fluid"].clamp, plain["fluid"].clamp) == (0, 1)
-    assert mueller["smoothing"] != mueller["gradient_smoothing"]
-    one = LIQUID.shares(grid(), {})
-    assert one["smoothing"] == one["gradient_smoothing"]
-    assert mueller["smoothing"] != one["smoothing"]
-    assert LIQUID.greatest_speed(grid()) == 130.0
-
-
-def test_groups_of_viscosity():
-    """mu, with the printed sign -mu; along the line of centres (dim + 2) mu; none without viscosity."""
-    found = LIQUID.prepare(grid(), {})
-    assert found["viscosity"].coefficient == 0.7
-    assert found["central_viscosity"] is None
-    printed = WeaklyCompressible(sound_speed=13.0, dynamic_viscosity=0.7, literal=("E3",))
-    assert printed.prepare(grid(), {})["viscosity"].coefficient == -0.7
-    central = WeaklyCompressible(sound_speed=13.0, dynamic_viscosity=0.7, viscosity="central")
-    for dim in (2, 3):
-        found = central.prepare(grid(dim), {})
-        assert found["viscosity"] is None
-        assert found["central_viscosity"].coefficient == near((dim + 2) * 0.7)
-    assert WeaklyCompressible(sound_speed=13.0).prepare(grid(), {}) == {"viscosity": None, "central_viscosity": None}
-
-
-def test_groups_of_coupling():
-    for kind, exponent in (("linear", 1), ("tait", 7)):
-        liquid = WeaklyCompressible(sound_speed=13.0, rest_density=900.0, state=kind)
-        found = TwoWayCoupling().prepare(grid(), named(liquid))
-        volume = 1 / liquid.rest_number_density(grid())
-        assert tuple(found["coupling"]) == near((volume, 169 / exponent, exponent, 0, 0, 0, 0))
-        assert found["viscosity"] is None
-    for options, flags in (
-        ({"literal": ("M4",)}, (1, 0, 0, 0)),
-        ({"literal": ("M2",)}, (0, 1, 0, 0)),
-        ({"literal": ("M3",)}, (0, 0, 1, 0)),
-        ({"density_weighted": True}, (0, 0, 0, 1)),
-    ):  # fmt: skip
-        found = TwoWayCoupling(**options).prepare(grid(), named(LIQUID))
-        assert tuple(found["coupling"])[3:] == flags
-        assert found["viscosity"].coefficient == 0.7
-
-
-def test_groups_of_a_mesh():
-    """Gravity for the boundary particles' pressure, friction, and Akinci's adhesion 0.007/h^3."""
-    plain = MeshBoundary(file="none", correction="none")
-    assert plain.prepare(grid(), named(LIQUID)) == {"wall_gravity": (0.0, 0.0, 0.0)}
-    assert plain.prepare(grid(), named(LIQUID, GRAVITY)) == {"wall_gravity": (1.0, -2.0, -9.0)}
-    rough = MeshBoundary(file="none", correction="none", literal=("E30",), viscosity=0.6, adhesion=0.5)
-    found = rough.prepare(grid(), named(LIQUID))
-    assert found == {"wall_viscosity": (0.6,), "adhesion": (0.5, near(0.007 * 0.5 / H**3))}
-    smooth = MeshBoundary(file="none", correction="none", literal=("E30",))
-    assert smooth.prepare(grid(), named(LIQUID)) == {}
-    distances = SimpleNamespace(band=SimpleNamespace(field="distances"))
-    for options, flags in (
-        ({}, (True, False)),
-        ({"correction": "point"}, (False, False)),
-        ({"literal": ("E27",)}, (True, True)),
-    ):
-        mesh = MeshBoundary(file="none", **options)
-        with (
-            mock.patch.object(MeshBoundary, "placed", return_value=distances),
-            mock.patch("refsim.boundary.one_way_coupling.penetration_groups") as groups,
-        ):
-            groups.return_value = {"penetration": 1}
-            assert mesh.prepare(grid(), named(LIQUID)) == {"wall_gravity": (0.0, 0.0, 0.0), "penetration": 1}
-        groups.assert_called_once_with("distances", "float64", 0.0, 0.1, *flags, False)
-
-
-def test_groups_of_melting():
-    """The melt takes density and mass of the liquid, conductivity and capacity of the last part."""
-    heat = HeatConduction(conductivity=(2.0, 0.1, 0.6), heat_capacity=(2000.0, 1000.0, 4000.0), melting_point=0.0)
-    mass = LIQUID.particle_mass(grid())
-    for bookkeeping, flag in (("immiscible", 0), ("water", 1)):
-        found = Melting(bookkeeping=bookkeeping).prepare(grid(), named(LIQUID, heat))
-        assert tuple(found["melting"]) == near((flag, 900.0, mass, 0.6, 4000.0))
-
-
-def test_groups_of_the_background_grid():
-    for dim, layers, width in ((2, 1, 10), (3, 3, 6)):
-        liquid = MpmLiquid(bulk_modulus=3600.0, rest_density=900.0, cell_size=0.3)
-        mass = 900 * 0.1**dim
-        assert tuple(liquid.background(grid(dim))) == near((0.3, 1 / 0.3, 4 / 0.09, layers, width, 1e-24 * mass))
-    assert MpmLiquid(bulk_modulus=3600.0).background(grid()).cell_size == 0.2
-
-
-def test_groups_of_the_grid_liquid():
-    liquid = MpmLiquid(bulk_modulus=3600.0, rest_density=900.0, cell_size=0.3, dynamic_viscosity=0.7)
-    found = liquid.prepare(grid(), named(liquid))
-    assert tuple(found["liquid"]) == (900.0, 3600.0, 0, 0, 0, 0)
-    assert [found[name] for name in ("field", "planes", "mirrors", "contact", "kernel_gradient")] == [None] * 5
-    assert tuple(found["embedding"]) == (0,)
-    assert found["viscous_stress"].factor == near(4 * 0.7 / (900 * 0.09))
-    assert found["counting"].cell_mass == near(900 * 0.027)
-    assert tuple(found["recounting"]) == (1.05, 0.0)
-    assert liquid.prepare(grid(2), named(liquid))["counting"].cell_mass == near(900 * 0.09)
-    for literal, flags in ((("M4",), (1, 0, 0, 0)), (("M3",), (0, 1, 0, 0)), (("M5",), (0, 0, 1, 0))):
-        printed = MpmLiquid(bulk_modulus=3600.0, literal=literal)
-        assert tuple(printed.prepare(grid(), named(printed))["liquid"])[2:] == flags
-    for volume, flag in (("gradient", 1), ("full_gradient", 0)):
-        other = MpmLiquid(bulk_modulus=3600.0, volume=volume)
-        assert other.prepare(grid(), named(other))["liquid"].forgets_shear == flag
-    double = MpmLiquid(bulk_modulus=3600.0, literal=("M27", "M6"))
-    found = double.prepare(grid(), named(double))
-    assert found["liquid"].stress == 7200.0
-    assert tuple(found["kernel_gradient"]) == (1,)
-
-
-def test_groups_of_the_grid_liquid_between_walls():
-    """Contact angle 60 degrees pulls with k/2; as printed (M7) no force acts and no wall stands."""
-    walls = MpmWalls(lower=(0.0, 0.0, 0.0), upper=(3.0, 3.0, 3.0))
-    surface = SurfaceEnergy(surface_tension=0.4, contact_angle=60.0, recount_time=0.5)
-    liquid = MpmLiquid(bulk_modulus=3600.0, cell_size=0.3)
-    found = liquid.prepare(grid(), named(liquid, walls, surface, GRAVITY))
-    assert found["field"].tolist() == [1.0, -2.0, -9.0]
-    assert found["planes"].lower.tolist() == [0] * 3
-    assert found["planes"].upper.tolist() == [10] * 3
-    assert tuple(found["mirrors"]) == (1,)
-    assert found["contact"].pull == near(0.2)
-    assert tuple(found["embedding"]) == (1,)
-    assert tuple(found["recounting"]) == (1.05, 0.5)
-    dry = SurfaceEnergy(surface_tension=0.4)
-    found = liquid.prepare(grid(), named(liquid, walls, dry))
-    assert found["mirrors"] is None
-    assert found["contact"] is None
-    assert found["planes"] is not None
-    still = liquid.prepare(grid(), named(liquid, Gravity(acceleration=(0.0, 0.0, 0.0))))
-    assert still["field"] is None
-    idle = MpmLiquid(bulk_modulus=3600.0, cell_size=0.3, literal=("M7",))
-    found = idle.prepare(grid(), named(idle, walls, surface, GRAVITY))
-    assert [found[name] for name in ("field", "planes", "mirrors", "contact")] == [None] * 4
-    assert found["liquid"].stress == 0.0
-    every = ("-x", "+x", "-y", "+y", "-z", "+z")
-    none = MpmWalls(lower=(0.0, 0.0, 0.0), upper=(3.0, 3.0, 3.0), open_faces=every)
-    assert liquid.prepare(grid(), named(liquid, none))["planes"] is None
-    for angle, pull in ((0.0, 0.4), (90.0, 0.0), (120.0, -0.2), (180.0, -0.4)):
-        assert SurfaceEnergy(surface_tension=0.4, contact_angle=angle).contact_pull() == near(pull)
-
-
 def test_groups_of_walls_on_the_grid():
     lower, upper = (1.0, 2.0, 3.0), (4.0, 5.0, 6.0)
     everything = MpmWalls(lower=lower, upper=upper).domain(grid())
@@ -890,22 +746,24 @@ def test_groups_of_walls_on_the_grid():
     assert np.array(flat).tolist() == [[1.0, 2.0, -math.inf], [4.0, 5.0, math.inf]]
 
 
-def test_groups_of_nodes_in_walls():
-    """Nodes on and beyond a face, its rule by number; a face between two nodes takes the one farther out."""
-    rules = {"slip_faces": ("+x",), "sticky_faces": ("-y",), "open_faces": ("-z",)}
-    walls = MpmWalls(lower=(0.6, 0.5, -0.7), upper=(2.4, 2.5, 3.1), rule="separating", **rules)
-    found = walls.nodes(grid(), 0.3)
-    assert found.lower.tolist() == [2, 1, -3]
-    assert found.upper.tolist() == [8, 9, 11]
-    assert found.rules.tolist() == [3, 2, 1, 3, 0, 3]
-    far = MpmWalls(lower=(0.6, 0.5, 0.0), upper=(2.4, 2.5, 0.0)).nodes(grid(2), 0.3)
-    assert far.lower.tolist() == [2, 1, -OPEN]
-    assert far.upper.tolist() == [8, 9, OPEN]
-    assert far.rules.tolist() == [3, 3, 3, 3, 0, 0]
+def test_groups_of_walls_that_stand():
     flat = ("-x", "+x", "-y", "+y")
     for faces, dim, stands in ((flat, 2, False), (flat, 3, True), (flat[:3], 2, True), ((*flat, "-z", "+z"), 3, False)):
         walls = MpmWalls(lower=(0.0, 0.0, 0.0), upper=(3.0, 3.0, 3.0), open_faces=faces)
         assert walls.stand(grid(dim)) == stands
+
+
+def test_groups_of_contact():
+    """k cos(angle); nothing stands in the way of a liquid at rest: no field, no mirrors, no planes."""
+    for angle, pull in ((0.0, 0.4), (60.0, 0.2), (90.0, 0.0), (120.0, -0.2), (180.0, -0.4)):
+        assert SurfaceEnergy(surface_tension=0.4, contact_angle=angle).contact_pull() == near(pull)
+    every = ("-x", "+x", "-y", "+y", "-z", "+z")
+    liquid, still = MpmLiquid(bulk_modulus=3600.0, cell_size=0.3), Gravity(acceleration=(0.0, 0.0, 0.0))
+    none = MpmWalls(lower=(0.0, 0.0, 0.0), upper=(3.0, 3.0, 3.0), open_faces=every)
+    found = liquid.prepare(grid(), named(liquid, none, still))
+    assert [found[name] for name in ("field", "planes", "mirrors", "contact")] == [None] * 4
+    assert MpmLiquid(bulk_modulus=3600.0).background(grid()).cell_size == 0.2
+    assert LIQUID.greatest_speed(grid()) == 130.0
 
 
 def test_groups_of_deformation_have_the_determinant_of_linear_algebra():
