@@ -139,12 +139,6 @@ def test_kirkwood_buff_numbers(dim, alpha, sigma, pressure):
     assert kirkwood_buff_pressure(3.0, 10.0, 0.1, dim, alpha) == pytest.approx(30 * pressure, rel=2e-4)
 
 
-def test_surface_tension_becomes_the_coefficient_that_has_it():
-    groups = prepared(gamma=None, surface_tension=0.07, rest_density=1000.0, support_radius=0.01)
-    gamma = float(groups["cohesion"].gamma)
-    assert kirkwood_buff_sigma(gamma, 1000.0, 0.01, 3) == pytest.approx(0.07, rel=1e-12)
-
-
 # Pair modes
 
 

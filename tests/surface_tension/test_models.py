@@ -29,14 +29,13 @@ from refsim import (
 from refsim.core.effect import Discretisation
 from refsim.core.operation import REGISTRY
 from refsim.smoothing import smoothing
-from refsim.smoothing.reference import kernel_slope, kernel_value
+from refsim.smoothing.reference import kernel_slope
 from refsim.sph import Fluid
 from refsim.surface_tension.akinci_2013 import LARGEST_AREA, SHATTERING_AREA
 from refsim.surface_tension.akinci_2013.reference import adhesion_function, cohesion_function
 from refsim.surface_tension.cohesion import (
     COLLAPSE,
     compression,
-    internal_pressure,
     neighbours_in_support,
     nominal_tension,
 )
@@ -163,44 +162,6 @@ def test_cosine_force_repels_near_and_attracts_far():
 
 
 # Nominal tension and internal pressure
-
-
-@pytest.mark.parametrize(
-    ("dim", "sigma", "pressure"), [(3, 0.002983, 0.02455), (2, 0.003908, 0.02939)], ids=["3D", "2D"]
-)
-def test_akinci_integrals(dim, sigma, pressure):
-    """sigma/(gamma rho0^2 h^2) and P_int/(gamma rho0^2 h)."""
-
-    def force(r):
-        return -cohesion_function(r, 0.1, dim)
-
-    assert nominal_tension(force, 10.0, 0.1, dim) == pytest.approx(sigma, rel=2e-4)  # rho0 h = 1
-    assert internal_pressure(force, 10.0, 0.1, dim) == pytest.approx(10 * pressure, rel=2e-4)
-
-
-@cohesive
-def test_integrals_of_the_model_are_those_of_its_coefficient(model):
-    """The coefficient for a nominal tension of 0.7 N/m has that nominal tension."""
-    for dim in (2, 3):
-        grid, others = setting(dim)
-        effect = model(surface_tension=0.7)
-        native = {"jiang_zhu_2023": "gamma", "akinci_2013": "gamma", "dong_2016": "stiffness",
-                  "becker_teschner_2007": "kappa", "tartakovsky_meakin_2005": "strength"}[model.name]  # fmt: skip
-        same = model(**{native: effect.coefficient(grid, others)})
-        assert same.nominal_tension(grid, others) == pytest.approx(0.7, rel=1e-9)
-        assert same.internal_pressure(grid, others) == pytest.approx(effect.internal_pressure(grid, others), rel=1e-12)
-
-
-@pytest.mark.parametrize("dim", [2, 3])
-def test_nominal_tension_is_the_stated_integral(dim):
-    """Becker & Teschner: (pi/8) (rho0^2 kappa/m) int r^5 W dr, and (1/3) (...) int r^4 W dr in 2D."""
-    grid, others = setting(dim)
-    effect = BeckerTeschner2007(kappa=3.0, clamp_distance=False)
-    r = np.linspace(0, grid.support_radius, 200001)
-    w = kernel_value(r, smoothing("cubic_spline", grid.support_radius, dim))
-    moment = np.trapezoid(r ** (dim + 2) * w, r) * (math.pi / 8 if dim == 3 else 1 / 3)
-    mass = others["weakly_compressible"].particle_mass(grid)
-    assert effect.nominal_tension(grid, others) == pytest.approx(3.0 / mass * moment, rel=1e-6)
 
 
 def test_dongs_nominal_tension_is_the_sum_over_the_lattice():
