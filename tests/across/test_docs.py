@@ -256,7 +256,7 @@ def planned(example):
 def performed(example):
     """Evaluator of Sybil: a program runs as it stands, after those before it; a long run ends after a few steps."""
     text = re.sub(r"(\w+)\.time < [\d.]+", r"\1.steps < 5", example.parsed)
-    exec(compile(text, example.path, "exec"), example.namespace)
+    exec(compile(text, "<a page>", "exec"), example.namespace)
 
 
 EXAMPLES = Sybil([CodeBlockParser("toml", planned), CodeBlockParser("python", performed)], path=str(ROOT))

@@ -12,6 +12,7 @@ import tarfile
 import pytest
 
 ROOT = pathlib.Path(__file__).parents[2]
+SCRIPTS = sorted(file for file in (ROOT / "scripts").glob("*.py") if "__main__" in file.read_text())
 SCENE = """
 spacing = 0.01
 support_radius = 0.02
@@ -151,7 +152,7 @@ def test_commands_work_with_the_wheel_alone(unpacked, tmp_path):
     assert file.startswith(str(unpacked))
 
 
-@pytest.mark.parametrize("script", sorted((ROOT / "scripts").glob("*.py")), ids=lambda path: path.name)
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.name)
 def test_scripts_find_the_clone_from_any_folder(script, tmp_path):
     assert run((str(script), "--help"), tmp_path, PYTHONPATH="").startswith("usage")
 
