@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 class Pass:
     """One launch of one operation; `names` says what its arguments are called here where names differ.
 
-    algorithm  of the program, where the backend has it; else the plain program runs
+    algorithm  of the program, where the backend has it; else the plain program runs ("plain": always)
     stage  "start": once, when a simulation is made or resumed, for tables that follow from its state. "begin": at the
            beginning of every step, in the effects' order; not when `evaluate` is called. "forces": before the
            step's length is known, ordered by what passes touch. "motion": once it is known, in the effects' order,
@@ -41,7 +41,7 @@ class Pass:
     updates: tuple[str, ...] = ()  # changed in place: after every writer, before every reader
     on_demand: bool = False  # run by `Simulation.evaluate`, not in every step
     names: Mapping[str, str | None] = field(default_factory=dict)
-    algorithm: str = ""
+    algorithm: str = "packed"
     stage: Literal["start", "begin", "forces", "motion"] = "forces"
 
     @property

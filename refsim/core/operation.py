@@ -40,6 +40,7 @@ class Program:
     variants   argument overrides under which it is tested; None for those of the operation
     work       arguments beside the operation's that serve as work space
     folder     package of the module where it is not the operation's: a later method's program of an earlier operation
+    packed     pair function of the module, whose neighbours' fields the function then reads packed
     """
 
     module: str
@@ -51,6 +52,7 @@ class Program:
     variants: tuple[Any, ...] | None = None
     work: tuple[str, ...] = ()
     folder: str = ""
+    packed: str = ""
 
 
 PLAIN = {"numpy": Program("reference"), "cpu": Program("kernels"), "cuda": Program("kernels")}
@@ -121,7 +123,8 @@ class Operation:
     def program(self, name: str) -> Callable:
         """The function that is the program called `name`, imported at first use."""
         entry = self.entry(name)
-        return _program(entry.folder or self.folder, entry.module, entry.function or self.function, backend_of(name))
+        module = f"{entry.folder or self.folder}.{entry.module}"
+        return _program(module, entry.function or self.function, backend_of(name), entry.packed)
 
     def as_computed_by(self, name: str) -> Operation:
         """The operation that judges the program called `name`: this one, with what the program's entry changes.
@@ -259,6 +262,7 @@ def operation(
     cases: Names = "",
     programs: Mapping[str, str | Program] | None = None,
     reason: str = "",
+    packed: str = "",
     **more: Any,
 ) -> Callable[[Reference], Reference]:
     """Register an operation on its reference, which stays the plain function that it is.
@@ -270,12 +274,14 @@ def operation(
                (case, grid) in the folder's cases.py; by default one without all that is optional, and one with it
     programs   by name; of one that differs by its module alone, the module
     reason     `tolerance_reason`
+    packed     pair function of the kernel, of which a program "cuda:packed" is made
     more       other fields of Operation
     """
 
     def enter_on(reference: Reference) -> Reference:
         folder = reference.__module__.rpartition(".")[0]
         written, flags, left_out = _names(outputs or adds), _names(exact), _names(optional)
+        made = {**(programs or {}), **({"cuda:packed": Program("kernels", packed=packed)} if packed else {})}
         chosen = variants or ((dict.fromkeys(left_out), {}) if left_out else ({},))
         register(
             Operation(
@@ -293,7 +299,7 @@ def operation(
                 invariants=_names(invariants),
                 broken={number: _names(names) for number, names in (broken or {}).items()},
                 cases=_names(cases),
-                programs={key: _entry(program, folder) for key, program in (programs or {}).items()},
+                programs={key: _entry(program, folder) for key, program in made.items()},
                 **(more | ({"tolerance_reason": reason} if reason else {})),
             )
         )
@@ -398,8 +404,11 @@ def _arguments(function: Callable) -> tuple[str, ...]:
 
 
 @functools.cache
-def _program(folder: str, module: str, function: str, backend: str) -> Callable:
-    found = getattr(importlib.import_module(f"{folder}.{module}"), function)
+def _program(module: str, function: str, backend: str, packed: str) -> Callable:
+    place = importlib.import_module(module)
+    found = getattr(place, function)
+    if packed:
+        return getattr(place, packed).packed(found)
     return found.on(backend) if hasattr(found, "on") else _ungrouped(found)  # of a body, the kernel that is made of it
 
 

@@ -22,28 +22,35 @@ period or None, and then what the pair function names, in its order, each field 
 radius. A list with positions of its own, as of walls, is one of other particles. Without positions (None) the sum goes
 over all entries of the list, near and far; its numbers have the type of FIELD, or of the first value that is no field.
 A branch on a parameter that is None leaves no code. Where the list carries packed fields, those are read, ahead of
-their use (`refsim.neighbours.packing`).
+their use (`refsim.neighbours.packed_cuda`).
 """
 
 from __future__ import annotations
 
-import dis
 import functools
 import inspect
-import itertools
 import linecache
 import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
+import numpy as np
 from numba import types
 
 from refsim.backends.compile import formula, overloaded
 from refsim.neighbours.formulas import to_nearest_image
-from refsim.neighbours.rows import over_lanes, row_of
-
-DISTANCE, SEPARATION = "r", "x_ij"
-VECTOR, SCALAR, INTEGER, OTHER = "vector", "scalar", "integer", "other"  # kinds of what the loop is given
+from refsim.neighbours.pair_functions import (
+    DISTANCE,
+    SEPARATION,
+    VECTOR,
+    fields_of,
+    given_to,
+    kind_of,
+    layout,
+    parts_of,
+    terms,
+)
+from refsim.neighbours.rows import entry, over_lanes, row_of
 
 LOOP = """\
 def sums(pair, i, lane, listed, places, box, {given}):
@@ -79,91 +86,90 @@ def sums(pair, i, lane, listed, places, box, {given}):
     return {totals}
 """
 
+PACKED_LOOP = """\
+def sums(pair, i, lane, listed, places, box, {given}):
+    first, stride, count = row_of(listed, i, lane)
+    h = {smoothing}.support_radius
+    real = type(h)
+    limit = h * h
+    {zeros}
+    {own}
+    x, y, z = places[i, 0], places[i, 1], places[i, 2]
+    if count > 0:
+        j = entry(listed, first, stride, count, 0)
+        following = entry(listed, first, stride, count, 1)
+        after = entry(listed, first, stride, count, 2)
+        {now}
+        for k in range(count):
+            {ahead}
+            following, after = after, entry(listed, first, stride, count, k + np.uint64(3))
+            dx, dy, dz = to_nearest_image(x - x_j, y - y_j, z - z_j, box)
+            r2 = dx * dx + dy * dy + dz * dz
+            if r2 < limit:
+                {theirs}
+                {added}
+            {shifted}
+    return {totals}
+"""
+
 
 def pair(function: Callable) -> Callable:
-    """Mark a pair function; other pair functions may call it, too."""
+    """Mark a pair function; other pair functions may call it, too. Its `packed` makes a packed program of a kernel."""
+    function.packed = functools.partial(_packed, function)  # type: ignore[attr-defined]
     return formula(function)
+
+
+def _packed(pair: Callable, body: Any) -> Callable:
+    from refsim.neighbours.packed_cuda import packed_program  # loads numba.cuda, which a CPU does without
+
+    return packed_program(body, pair)
 
 
 def neighbour_sum(pair: Any, i: Any, lane: Any, listed: Any, position: Any, period: Any, *given: Any) -> Any:
     """Sums over the neighbours j of particle i of the terms that `pair` gives; of one term, its sum."""
-    loop = _loop(pair, listed._fields, position is not None, tuple(map(_kind, given)))
+    loop = _loop(pair, listed._fields, position is not None, tuple(map(kind_of, given)))
     return loop(pair, i, lane, listed, position, period, *given)
 
 
 def _neighbour_sum(pair: Any, i: Any, lane: Any, listed: Any, position: Any, period: Any, *given: Any) -> Any:
     near = not isinstance(position, types.NoneType)
-    return _loop(pair.typing_key, listed.fields, near, tuple(map(_kind, given)))
+    return _loop(pair.typing_key, listed.fields, near, tuple(map(kind_of, given)))
 
 
 overloaded(neighbour_sum, _neighbour_sum, forceinline=True)
 
 
-def _kind(value: Any) -> str | None:
-    """Kind of an argument, or of its type; None for None."""
-    if value is None or isinstance(value, types.NoneType):
-        return None
-    if not getattr(value, "ndim", 0):
-        return OTHER
-    if value.ndim == 2:
-        return VECTOR
-    return SCALAR if isinstance(value.dtype, types.Float) or getattr(value.dtype, "kind", "") == "f" else INTEGER
-
-
-def field_of(parameter: str) -> tuple[str, str]:
-    """(field, "i", "j" or "ij") of a pair function's parameter, (parameter, "") of one that is no field."""
-    field, _, index = parameter.rpartition("_")
-    if parameter in (DISTANCE, SEPARATION) or not field or index not in ("i", "j", "ij"):
-        return parameter, ""
-    return field, index
-
-
-def terms(pair: Callable) -> int:
-    """Number of terms that a pair function returns."""
-    code = list(dis.get_instructions(pair))
-    written = [before for before, last in itertools.pairwise(code) if last.opname == "RETURN_VALUE"]
-    counts = {before.arg if before.opname == "BUILD_TUPLE" else 1 for before in written}
-    if len(counts) != 1:
-        raise TypeError(f"pair function {pair.__name__}: its return statements write different numbers of terms.")
-    return counts.pop() or 0
-
-
-def given_to(pair: Callable, kinds: tuple[str | None, ...]) -> dict[str, str | None]:
-    """{name: kind} of what `neighbour_sum` is given for a pair function: each field once, and what is no field."""
-    parts = map(field_of, inspect.signature(pair).parameters)
-    names = list(dict.fromkeys(name for name, index in parts if index != "ij" and name not in (DISTANCE, SEPARATION)))
-    if len(names) != len(kinds):
-        raise TypeError(f"pair function {pair.__name__} takes {', '.join(names)}; {len(kinds)} values are given.")
-    return dict(zip(names, kinds))
-
-
 @functools.cache
 def _loop(pair: Callable, listed: tuple[str, ...], near: bool, kinds: tuple[str | None, ...]) -> Callable:
     """The loop for a pair function, a list with these members, near neighbours or all, and arguments of these kinds."""
-    text = loop_source(pair, listed, near, given_to(pair, kinds))
+    text, more = loop_source(pair, listed, near, given_to(pair, kinds))
     path = f"<{pair.__module__}.{pair.__qualname__} {listed} {near} {kinds}>"
     linecache.cache[path] = (len(text), None, text.splitlines(keepends=True), path)
     space: dict[str, Any] = {"terms_of": pair, "math": math, "row_of": row_of, "over_lanes": over_lanes}
-    space |= {"to_nearest_image": to_nearest_image}
+    space |= {"to_nearest_image": to_nearest_image} | more
     exec(compile(text, path, "exec"), space)
     return space["sums"]
 
 
-def loop_source(pair: Callable, listed: tuple[str, ...], near: bool, given: Mapping[str, str | None]) -> str:
-    """The loop as Python."""
-    parts = [field_of(name) for name in inspect.signature(pair).parameters]
-    sums = range(terms(pair))
-    held = [name for name, index in parts if index == "ij"]
-    other = next((name for name, kind in given.items() if (name, "") in parts), "")
+def loop_source(
+    pair: Callable, listed: tuple[str, ...], near: bool, given: Mapping[str, str | None]
+) -> tuple[str, dict[str, Any]]:
+    """The loop as Python, and what it calls beside what every loop does."""
+    sums, held = range(terms(pair)), fields_of(pair, "ij")
+    other = next((name for name, index in parts_of(pair) if name in given and not index), "")
     lines = {
-        "own": [f"{name}_i = {entry_of(name, given[name], 'i')}" for name, index in parts if index == "i"],
-        "theirs": [f"{name}_j = {entry_of(name, given[name], 'j')}" for name, index in parts if index == "j"]
-        + [f"{name}_ij = listed.{name}[at]" for name in held],
+        "own": [f"{name}_i = {entry_of(name, given[name], 'i')}" for name in fields_of(pair, "i")],
         "zeros": [f"s{n} = real(0)" for n in sums],
         "added": added(pair),
     }
-    return filled_in(
-        NEAR_LOOP if near else LOOP,
+    packed = near and "rows" in listed
+    if packed:
+        lines |= _packed_lines(pair, given)
+    else:
+        lines["theirs"] = [f"{name}_j = {entry_of(name, given[name], 'j')}" for name in fields_of(pair, "j")]
+        lines["theirs"] += [f"{name}_ij = listed.{name}[at]" for name in held]
+    text = filled_in(
+        PACKED_LOOP if packed else NEAR_LOOP if near else LOOP,
         lines,
         given=", ".join(given),
         smoothing=other,
@@ -171,6 +177,41 @@ def loop_source(pair: Callable, listed: tuple[str, ...], near: bool, given: Mapp
         source="listed.position" if "position" in listed else "places",
         totals=", ".join(f"over_lanes(s{n}, lane)" for n in sums),
     )
+    return text, _packed_names() if packed else {}
+
+
+def _packed_names() -> dict[str, Any]:
+    from refsim.backends.primitives import four_of  # loads numba.cuda, which a CPU does without
+
+    return {"entry": entry, "four_of": four_of, "np": np}
+
+
+def _packed_lines(pair: Callable, given: Mapping[str, str | None]) -> dict[str, list[str]]:
+    """Lines of the loop over packed fields."""
+    found = layout(pair, tuple(given[name] for name in fields_of(pair, "j")))
+
+    def row(vector: str, scalar: str, at: str) -> list[str]:
+        names = [f"{c}_{at}" for c in "xyz"] if not vector else [f"{vector}_{at}{c}" for c in range(3)]
+        return [*names, f"{scalar}_{at}" if scalar else "_"]
+
+    def read(at: str, index: str) -> tuple[list[str], list[str]]:
+        """Lines that read all fields of the neighbour `index`, and their names."""
+        beside = [*found.beside, *[""] * (len(found.vectors) - len(found.beside))]
+        rows = [row(vector, scalar, at) for vector, scalar in zip(found.vectors, beside)]
+        rows += [[*(f"{name}_{at}" for name in names), *"_" * (4 - len(names))] for names in found.together]
+        lines = [f"{', '.join(names)} = four_of(listed.rows[{n}], {index})" for n, names in enumerate(rows)]
+        lines += [f"{name}_{at} = {name}[{index}]" for name in found.rest]
+        names = [name for names in rows for name in names if name != "_"]
+        return lines, [*names, *(f"{name}_{at}" for name in found.rest)]
+
+    now, held = read("j", "j")
+    ahead, read_ahead = read("n", "following")
+    return {
+        "now": [*now, *(f"{name}_j = None" for name in fields_of(pair, "j") if given[name] is None)],
+        "ahead": ahead,
+        "theirs": [f"{v}_j = ({v}_j0, {v}_j1, {v}_j2)" for v in found.vectors[1:]],
+        "shifted": [f"{', '.join(held)} = {', '.join(read_ahead)}"],
+    }
 
 
 def entry_of(name: str, kind: str | None, index: str) -> str:

@@ -28,7 +28,8 @@ def _rows(array, rows):
     "J(7), J(8) and its first moment", outputs="number_density asymmetry density",
     optional="number_density asymmetry walls period",
     variants=("number_density asymmetry walls period", "period", "number_density asymmetry", "asymmetry period"),
-    invariants=SYMMETRY, broken={2: "rotation"}, programs={"cuda:packed": "density_cuda"},
+    invariants=SYMMETRY, broken={2: "rotation"},
+    packed="density_pair",
 )  # fmt: skip
 def density(position, mass, walls, smoothing, fluid, period=None, rows=None):
     """Densities [kg/m^dim], number densities [1/m^dim] and asymmetries [m^(1 - dim)], self included.
@@ -146,11 +147,13 @@ def state(density, fluid, rows=None):
     "J(10), J(11) with Jiang & Zhu E3", adds="acceleration", optional="walls viscosity period",
     variants=("walls viscosity period", "period", "", "walls period"), tolerance=8.0,
     invariants=f"{SYMMETRY} linear_momentum galilean dissipation", broken={0: "dissipation", 2: "rotation"},
+    packed="momentum_pair",
 )  # fmt: skip
 @operation(
     "J(10)", "sph.pressure", adds="acceleration", optional="walls viscosity period",
     variants=("viscosity walls period", "viscosity", "viscosity period"), tolerance=8.0,
     invariants=f"{SYMMETRY} linear_momentum angular_momentum", broken={1: "rotation angular_momentum"},
+    packed="momentum_pair",
 )  # fmt: skip
 def momentum(position, velocity, mass, density, pressure, walls, smoothing, fluid, viscosity, period=None, rows=None):
     """Acceleration [m/s^2] by pressure and viscosity.
@@ -187,6 +190,7 @@ def momentum(position, velocity, mass, density, pressure, walls, smoothing, flui
 @operation(
     "J(11) with Jiang & Zhu E3, without J(10)", "sph.viscosity", adds="acceleration", optional="period", tolerance=8.0,
     invariants=f"{SYMMETRY} linear_momentum galilean dissipation", broken={1: "rotation"},
+    packed="viscous_pair",
 )  # fmt: skip
 def viscous(position, velocity, mass, density, smoothing, viscosity, period=None, rows=None):
     """Acceleration [m/s^2] a_i = (mu/rho_i) sum_j (m_j/rho_j) (v_j - v_i) lap W_ij, J(11) with Jiang & Zhu E3."""
@@ -207,6 +211,7 @@ def viscous(position, velocity, mass, density, smoothing, viscosity, period=None
     reason="one rounding in each of squared distance (twice), Laplacian, volume, velocity difference, projection,"
     " quotient, product and sum", invariants=f"{SYMMETRY} linear_momentum angular_momentum galilean dissipation",
     broken={1: "rotation angular_momentum"},
+    packed="central_pair",
 )  # fmt: skip
 def central_viscous(position, velocity, mass, density, smoothing, central_viscosity, period=None, rows=None):
     """Acceleration [m/s^2] a_i = (2 k/rho_i) sum_j (m_j/rho_j) F_ij e_ij e_ij.(v_j - v_i), k = (dim + 2) mu.

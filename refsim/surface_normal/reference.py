@@ -47,7 +47,7 @@ def _only_candidates(output, value, scale, candidates, rows):
     return {output: (value, scale)}
 
 
-@operation("J(19) with Jiang & Zhu E10", outputs="surface_normal", tolerance=8.0)
+@operation("J(19) with Jiang & Zhu E10", outputs="surface_normal", tolerance=8.0, packed="normal_pair")
 def color_gradient(position, mass, density, candidates, walls, gradient_smoothing, normal_term, rows=None):
     """Colour-gradient normals, inward, dimensionless; zero for particles that are no candidates.
 
@@ -70,6 +70,7 @@ def color_gradient(position, mass, density, candidates, walls, gradient_smoothin
 @operation(
     "J(20), J(15) with Jiang & Zhu E10", outputs="corrected_normal", tolerance=12.0,
     reason="the roundings of one pair, and once more those of the denominator",
+    packed="corrected_normal_pair",
 )  # fmt: skip
 def corrected(
     position,

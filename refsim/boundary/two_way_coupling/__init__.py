@@ -106,16 +106,13 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, frozen=True, kw_only=Tr
         viscous = liquid_of(others).dynamic_viscosity > 0
         state = ("position", "mass", "rest_density", "phase", "relative_contribution")
         return (
-            Pass(
-                "two_way_coupling.contribution", ("position", "phase"), ("relative_contribution",), algorithm="packed"
-            ),
-            Pass("two_way_coupling.density", state, ("density", "pressure", "volume"), algorithm="packed"),
+            Pass("two_way_coupling.contribution", ("position", "phase"), ("relative_contribution",)),
+            Pass("two_way_coupling.density", state, ("density", "pressure", "volume")),
             Pass(
                 "two_way_coupling.forces" if viscous else "two_way_coupling.pressure",
                 (*state, "velocity", "density", "pressure", "volume"),
                 updates=("acceleration",),
                 names={"smoothing": "gradient_smoothing"},
-                algorithm="packed",
             ),
         )
 

@@ -10,7 +10,7 @@ from refsim.core.operation import SYMMETRY, operations
 from refsim.neighbours.reference import Sums, other_particles, pair_blocks
 from refsim.smoothing.reference import kernel_slope, kernel_value, viscosity_laplacian
 
-operation = operations(paper="Shao & Song 2017", programs={"cuda:packed": "packed_cuda"})
+operation = operations(paper="Shao & Song 2017")
 
 FLUID, SURFACE, INTERIOR = 0, 1, 2
 
@@ -76,10 +76,12 @@ def density(position, mass, rest_density, phase, relative_contribution, walls, s
 @operation(
     "Shao & Song (2), (3) with M1 to M3", adds="acceleration", optional="walls viscosity", tolerance=8.0,
     invariants=f"{SYMMETRY} linear_momentum galilean dissipation", broken={0: "dissipation"},
+    packed="force_pair",
 )  # fmt: skip
 @operation(
     "Shao & Song (2) with M1, M2", "two_way_coupling.pressure", adds="acceleration", optional="walls viscosity",
     variants=("viscosity walls", "viscosity"), tolerance=8.0, invariants=f"{SYMMETRY} linear_momentum angular_momentum",
+    packed="force_pair",
 )  # fmt: skip
 def forces(
     position, velocity, mass, density, rest_density, phase, pressure, volume, relative_contribution, walls, smoothing,

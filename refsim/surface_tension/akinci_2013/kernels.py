@@ -4,6 +4,7 @@ from refsim.backends.compile import kernel
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import add_vector
 from refsim.smoothing.formulas import safe_distance
+from refsim.sph.kernels import momentum_pair, wall_pressure
 from refsim.surface_tension.akinci_2013 import formulas
 
 
@@ -38,6 +39,44 @@ def tension(
         tension_pair, i, lane, neighbours, position, None, mass, density, area_normal, smoothing, fluid, spline,
         area_term,
     )  # fmt: skip
+    add_vector(acceleration, i, lane, ax, ay, az)
+
+
+@pair
+def fused_pair(
+    r, x_ij, velocity_i, velocity_j, mass_j, density_i, density_j, pressure_i, pressure_j, area_normal_i,
+    area_normal_j, gradient_smoothing, fluid, viscosity, spline, area_term, inverse_density,
+):  # fmt: skip
+    """Cohesion and area term, each unless None, with J(10) and J(11) [m/s^2]."""
+    px, py, pz = momentum_pair(
+        r, x_ij, velocity_i, velocity_j, mass_j, density_j, pressure_i, pressure_j, gradient_smoothing, fluid,
+        viscosity,
+    )  # fmt: skip
+    tx, ty, tz = tension_pair(
+        r, x_ij, mass_j, density_i, density_j, area_normal_i, area_normal_j, gradient_smoothing, fluid, spline,
+        area_term,
+    )  # fmt: skip
+    return px * inverse_density + tx, py * inverse_density + ty, pz * inverse_density + tz
+
+
+@kernel(lanes=True)
+def tension_and_momentum(
+    i, lane, position, velocity, mass, density, pressure, area_normal, neighbours, walls, gradient_smoothing, fluid,
+    viscosity, spline, area_term, acceleration,
+):  # fmt: skip
+    """Cohesion and area term, each unless None, with J(10) and J(11), walls after Akinci 2012.
+
+    Added to the acceleration [m/s^2].
+    """
+    ax, ay, az = neighbour_sum(
+        fused_pair, i, lane, neighbours, position, None, velocity, mass, density, pressure, area_normal,
+        gradient_smoothing, fluid, viscosity, spline, area_term, type(density[i])(1) / density[i],
+    )  # fmt: skip
+    if walls is not None:
+        bx, by, bz = wall_pressure(i, lane, position, density, pressure, walls, gradient_smoothing, fluid, None)
+        ax += bx
+        ay += by
+        az += bz
     add_vector(acceleration, i, lane, ax, ay, az)
 
 

@@ -41,10 +41,12 @@ def adhesion_function(r, h, dim):
     broken={1: "linear_momentum angular_momentum", 2: "linear_momentum angular_momentum"},
     programs={
         "cuda:fused": Program(
-            "fused_cuda", "tension_and_momentum", also=("sph.momentum",), names={"smoothing": "gradient_smoothing"},
+            "kernels", "tension_and_momentum", packed="fused_pair", also=("sph.momentum",),
+            names={"smoothing": "gradient_smoothing"},
             variants=("period", "area_term area_normal walls period"),
         )
     },
+    packed="tension_pair",
 )  # fmt: skip
 def tension(position, mass, density, area_normal, smoothing, fluid, spline, area_term, rows=None):
     """Acceleration F/m [m/s^2] by cohesion and area term, each unless None.

@@ -21,6 +21,7 @@ def _gradient(separation, distance, smoothing):
 @operation(
     "n_i by the corrected kernel", outputs="interface_normal", optional="walls", tolerance=12.0,
     reason="the roundings of one pair, and once more those of the denominator", invariants=SYMMETRY,
+    packed="normal_pair",
 )  # fmt: skip
 def normal(position, mass, density, walls, smoothing, gradient_smoothing, rows=None):
     """Normals, inward [1/m]: n_i = sum_j V_j grad W_ij / sum_k V_k W_ik, walls as liquid, self in the denominator."""

@@ -26,7 +26,9 @@ def force_function(r, h, rest_distance):
     return np.where(r < h, shape, 0.0)
 
 
-@operation("D(3)", outputs="number_density density", optional="number_density walls", invariants=SYMMETRY)
+@operation(
+    "D(3)", outputs="number_density density", optional="number_density walls", invariants=SYMMETRY, packed="number_pair"
+)
 def density(position, mass, walls, smoothing, fluid, rows=None):
     """Densities [kg/m^dim] and number densities [1/m^dim], self included.
 
@@ -48,6 +50,7 @@ def density(position, mass, walls, smoothing, fluid, rows=None):
     reason="one rounding in each of distance, slope, two squared volumes, quotients, product and sum",
     invariants=f"{SYMMETRY} linear_momentum angular_momentum galilean dissipation",
     broken={0: "dissipation", 1: "angular_momentum"},
+    packed="momentum_pair",
 )  # fmt: skip
 def momentum(position, velocity, mass, density, pressure, walls, smoothing, fluid, viscosity, rows=None):
     """Acceleration [m/s^2] by pressure and viscosity.
@@ -87,6 +90,7 @@ def momentum(position, velocity, mass, density, pressure, walls, smoothing, flui
     variants=("normal_correction surface_normal", "", "molecular_force"), tolerance=12.0,
     reason="one rounding in each of distance, powers, kernel, quotients, product and sum",
     invariants=f"{SYMMETRY} linear_momentum angular_momentum", broken={1: "angular_momentum", 2: "angular_momentum"},
+    packed="tension_pair",
 )  # fmt: skip
 def tension(position, mass, density, surface_normal, smoothing, molecular_force, normal_correction, rows=None):
     """Acceleration F/m [m/s^2] by pair force and correction, each unless None; surface_normal = h n_i.

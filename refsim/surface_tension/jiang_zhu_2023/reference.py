@@ -34,7 +34,8 @@ def _fused(left_out):
     """The program that sums the pair forces between all pairs in one loop with pressure and viscosity."""
     return {
         "cuda:fused": Program(
-            "fused_cuda", "tension_and_momentum", also=("sph.momentum",), names={"smoothing": "gradient_smoothing"},
+            "kernels", "tension_and_momentum", packed="fused_pair", also=("sph.momentum",),
+            names={"smoothing": "gradient_smoothing"},
             variants=(without(left_out) | _ALL | without("period"),),
         )
     }  # fmt: skip

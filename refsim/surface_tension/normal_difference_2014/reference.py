@@ -13,6 +13,7 @@ from refsim.neighbours.reference import Sums, other_particles, pair_blocks
     " not vanish at r = h, so that a pair which a rounding moves across r = h changes a by 2 gamma m_j/(m_i + m_j)"
     " |n_i - n_j|, |n_i - n_j| at most 3.2 s (as akinci_2013.tension)", invariants=f"{SYMMETRY} linear_momentum",
     broken={1: "linear_momentum"},
+    packed="difference_pair",
 )  # fmt: skip
 def tension(position, mass, surface_normal, smoothing, normal_tension, rows=None):
     """Patent P7: acceleration a_i = -(gamma/m_i) sum_j m_i m_j/((m_i + m_j)/2) (n_i - n_j) [m/s^2].

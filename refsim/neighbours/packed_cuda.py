@@ -1,0 +1,66 @@
+"""A sum over neighbours on a GPU that reads their fields packed, four numbers at once, and ahead of their use.
+
+A loop that reads an entry of the list, then that neighbour's fields, then computes, waits for the memory twice in each
+round. Here entries are read three rounds ahead and fields one. `packed_program` makes such a program of a kernel and
+the pair function of its sum; several sums over `neighbours` in a kernel read the same fields of the neighbour.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+from refsim.backends import device
+from refsim.backends.compile import Kernel, cuda, cuda_kernel
+from refsim.backends.primitives import set_four
+from refsim.neighbours.pair_functions import Layout, fields_of, kind_of, layout
+
+
+class PackedColumns(NamedTuple):
+    """NeighbourColumns with the neighbours' fields as rows of four numbers, in the order of `layout`."""
+
+    count: Any  # (n,) int32
+    entries: Any  # (capacity * n,) uint32
+    lanes: Any  # its length: threads that share a column
+    rows: Any  # tuple of (n, 4) arrays
+
+
+def packed_program(body: Kernel, pair: Callable) -> Callable:
+    """The body's program for CUDA with the fields that `pair` reads of a neighbour packed; takes `scratch` first."""
+    kernel, names, fields = body.on("cuda"), body.arguments, fields_of(pair, "j")
+
+    def program(scratch: Any, *values: Any) -> None:
+        given = dict(zip(names, values))
+        found = layout(pair, tuple(kind_of(given[name]) for name in fields))
+        given["neighbours"] = packed(found, given, scratch)
+        kernel(*given.values())
+
+    parameter = inspect.Parameter.POSITIONAL_OR_KEYWORD
+    program.__name__, program.__doc__ = body.__name__, body.__doc__
+    program.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
+        [inspect.Parameter(name, parameter) for name in ("scratch", *names)]
+    )
+    return program
+
+
+def packed(found: Layout, given: Mapping[str, Any], scratch: Any) -> PackedColumns:
+    """The list `neighbours` with the fields of a layout, in scratch memory."""
+    neighbours, position = given["neighbours"], given["position"]
+    count = len(found.vectors) + len(found.together)
+    rows = tuple(scratch.array(f"packed {k}", (position.shape[0], 4), position.dtype) for k in range(count))
+    vectors = tuple(given[name] if name else position for name in found.vectors)
+    scalars = tuple(given[name] for name in found.beside) or (neighbours.count,)
+    device.packed(vectors, (*scalars, *[scalars[0]] * (len(vectors) - len(scalars))), rows[: len(vectors)])
+    for names, out in zip(found.together, rows[len(vectors) :]):
+        together = tuple(given[name] for name in names)
+        pack_scalars((*together, *[together[0]] * (4 - len(together))), out)
+    return PackedColumns(neighbours.count, neighbours.entries, neighbours.lanes, rows)
+
+
+@cuda_kernel
+def pack_scalars(scalars, out):
+    """out[i] (4,) = the four scalars of particle i."""
+    i = cuda.grid(1)
+    if i < out.shape[0]:
+        set_four(out, i, scalars[0][i], scalars[1][i], scalars[2][i], scalars[3][i])
