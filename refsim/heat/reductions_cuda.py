@@ -13,8 +13,7 @@ from refsim.heat.kernels import inverse_capacity, weight_at
 from refsim.heat.reductions import flow_along, step_ratio, stepped, turned
 from refsim.heat.shapes import ExchangeColumns
 from refsim.neighbours.formulas import to_nearest_image
-from refsim.neighbours.rows import over_lanes, row_of
-from refsim.sph.packed_cuda import entry
+from refsim.neighbours.rows import entry, over_lanes, row_of
 
 
 def weighed(body, neighbours, step, scratch):

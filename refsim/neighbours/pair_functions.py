@@ -66,7 +66,7 @@ def given_to(pair: Callable, kinds: tuple[str | None, ...]) -> dict[str, str | N
 class Layout(NamedTuple):
     """Which fields of the neighbour stand in which row; `rest` are read from their own arrays."""
 
-    vectors: list[str]  # the position is ""
+    vectors: list[str]  # the position is ""; none if no field is packed, as the position alone is not worth it
     beside: list[str]  # the scalar behind each of the vectors, as many or fewer
     together: list[list[str]]  # rows of up to four scalars
     rest: list[str]
@@ -78,6 +78,8 @@ def layout(pair: Callable, kinds: tuple[str | None, ...]) -> Layout:
     given = dict(zip(fields_of(pair, "j"), kinds))
     vectors = ["", *(name for name, kind in given.items() if kind == VECTOR)]
     scalars = [name for name, kind in given.items() if kind == SCALAR]
+    if len(vectors) == 1 and not scalars:
+        vectors = []
     beside, left = scalars[: len(vectors)], scalars[len(vectors) :]
     together = [left[k : k + 4] for k in range(0, len(left), 4) if len(left) - k > 1]
     packed = {*vectors, *beside, *(name for row in together for name in row)}

@@ -201,6 +201,9 @@ def _packed_lines(pair: Callable, given: Mapping[str, str | None]) -> dict[str, 
         rows += [[*(f"{name}_{at}" for name in names), *"_" * (4 - len(names))] for names in found.together]
         lines = [f"{', '.join(names)} = four_of(listed.rows[{n}], {index})" for n, names in enumerate(rows)]
         lines += [f"{name}_{at} = {name}[{index}]" for name in found.rest]
+        if not rows:
+            rows = [[f"{c}_{at}" for c in "xyz"]]
+            lines.append(f"{', '.join(rows[0])} = {entry_of('places', VECTOR, index)}")
         names = [name for names in rows for name in names if name != "_"]
         return lines, [*names, *(f"{name}_{at}" for name in found.rest)]
 

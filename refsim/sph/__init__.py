@@ -271,12 +271,11 @@ class WeaklyCompressible(
     def _density_passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
         sums = ("number_density", "asymmetry")
         if not self.advances():
-            return (Pass("sph.density", ("position", "mass"), ("density", *sums), algorithm="packed"),)
+            return (Pass("sph.density", ("position", "mass"), ("density", *sums)),)
         reads, names = ("position", "velocity", "mass", "advanced_excess"), {"smoothing": "gradient_smoothing"}
         summed = Pass(
-            "sph.density", ("position", "mass"), ("summed_density", *sums), names={"density": "summed_density"},
-            algorithm="packed",
-        )  # fmt: skip
+            "sph.density", ("position", "mass"), ("summed_density", *sums), names={"density": "summed_density"}
+        )
         return (
             Pass("sph.continuity", reads, ("density_excess", "density"), names=names),
             *((summed,) if self._sums_wanted(others) else ()),

@@ -7,7 +7,8 @@ import pytest
 
 from refsim.backends.compile import kernel
 from refsim.core.period import Period
-from refsim.neighbours.pairs import given_to, neighbour_sum, pair, terms
+from refsim.neighbours.pair_functions import given_to, layout, terms
+from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import NeighbourRows
 
 N, H = 40, 0.9
@@ -125,6 +126,20 @@ def test_what_a_pair_function_takes_and_returns():
     assert list(given_to(every_kind, (None,) * 6)) == ["mass", "velocity", "kind", "radius", "factor", "extra"]
     with pytest.raises(TypeError, match="pair function flow takes heat; 2 values are given"):
         given_to(flow, (None, None))
+
+
+def test_fields_are_packed_in_rows_of_four():
+    """A scalar behind each vector, the position first; then scalars together; one that is left, and integers, alone."""
+    kinds = {"mass": "scalar", "velocity": "vector", "kind": "integer"}
+    assert layout(every_kind, tuple(kinds.values())) == (["", "velocity"], ["mass"], [], ["kind"])
+
+    assert layout(volume_near, (None,)) == ([], [], [], [])
+
+    def many(r, a_j, b_j, c_j, d_j, e_j, f_j, absent_j, radius):
+        return a_j
+
+    assert layout(many, ("scalar",) * 3 + (None,) * 4) == ([""], ["a"], [["b", "c"]], [])
+    assert layout(many, ("scalar",) * 6 + (None,)) == ([""], ["a"], [["b", "c", "d", "e"]], ["f"])
 
 
 def test_return_statements_write_equally_many_terms():

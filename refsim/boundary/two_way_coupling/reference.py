@@ -23,6 +23,7 @@ def _rows(array, rows, kind=float):
 @operation(
     "Shao & Song (1), phi, with M4", outputs="relative_contribution",
     reason="one rounding in each of distance, kernel, sum and quotient", invariants=SYMMETRY,
+    packed="contribution_pair",
 )  # fmt: skip
 def contribution(position, phase, smoothing, coupling, rows=None):
     """Weights in Shao & Song (1): 1 in the liquid, 0 inside solids, phi_k = 1/(V_min sum_k' W_kk') at surfaces.
@@ -45,6 +46,7 @@ def contribution(position, phase, smoothing, coupling, rows=None):
     "Shao & Song (1), p = B ((rho/rho0)^7 - 1), V = m/rho", outputs="density pressure volume", optional="walls",
     tolerance=8.0, reason="one rounding in each of distance, kernel, product and sum; the scale counts the power's",
     invariants=SYMMETRY,
+    packed="density_pair",
 )  # fmt: skip
 def density(position, mass, rest_density, phase, relative_contribution, walls, smoothing, coupling, rows=None):
     """Shao & Song (1): rho_i = m_i sum_j W_ij + m_i sum_k phi_k W_ik [kg/m^dim], self included; solids keep rho0_i.
