@@ -37,6 +37,12 @@ def inverse_capacity(i, mass, volume, heat_capacity, reservoir, conduction):
 
 
 @formula
+def capacity_of(i, body, conduction):
+    """`inverse_capacity` of particle i of a body [K/J]."""
+    return inverse_capacity(i, body.mass, body.volume, body.heat_capacity, body.reservoir, conduction)
+
+
+@formula
 def weight(i, j, position, volume, conductivity, seconds, conduction, period):
     """g of a pair [J/K]: 0 beyond h and for coincident particles; NaN where the distance is NaN."""
     q = scaled_distance(i, j, position, period, conduction)
@@ -97,37 +103,40 @@ def staged(y, start, change, flow, flow_start, rate, coefficients):
     return back * (start - y) - before * change + rate * (share * flow + share_start * flow_start)
 
 
+@formula
+def at_enthalpy(i, enthalpy, substance):
+    """T(H) of particle i [degrees C]."""
+    return temperature_of(enthalpy, substance.heat_capacity[i], substance.melting_point[i], substance.latent_heat[i])
+
+
 @kernel(lanes="exchanges")
-def advance(
-    i, lane, exchanges, start, now, temperature, flow_start, inverse, heat_capacity, melting_point, latent_heat, table,
-    number, k, change, new_temperature, new,
-):  # fmt: skip
+def advance(i, lane, exchanges, stage, inverse, substance, plan, k, new_temperature, new):
     """Stage k of a scheme, if it has so many: the new temperature [degrees C], or the new gain of enthalpy [J/kg].
 
     y' = y + before (y_before - y) + start (y_start - y) + (flow Q(y) + flow_start Q(y_start)) dt/C, the coefficients
-    in row k of `table`. The `change` y - y_before is stored in place of y_before: from the difference of two values
-    the rounding of each is fed back, and the mean, which no flow pulls back, drifts with the square of the number of
-    stages. With a melting point y are enthalpies, `now` their gain since the start. The first stage stores its flow in
-    `flow_start`.
+    in row k of the plan's table. The `change` y - y_before is stored in place of y_before: from the difference of two
+    values the rounding of each is fed back, and the mean, which no flow pulls back, drifts with the square of the
+    number of stages. With latent heat y are enthalpies, `now` their gain since the start. The first stage stores its
+    flow in `flow_start`.
     """
+    table, number = plan
     if k < number[0]:
-        total = flow_to(i, lane, temperature[i], temperature, exchanges)
+        total = flow_to(i, lane, stage.temperature[i], stage.temperature, exchanges)
         if first_lane(lane):
             if k == 0:
-                flow_start[i] = total
-                change[i] = 0
-            y, rate, origin = now[i], inverse[i], start[i]
-            if heat_capacity is not None:
-                rate *= heat_capacity[i]
+                stage.flow_start[i] = total
+                stage.change[i] = 0
+            y, rate, origin = stage.now[i], inverse[i], stage.start[i]
+            if substance is not None:
+                rate *= substance.heat_capacity[i]
                 origin = type(y)(0)
             coefficients = table[k, 0], table[k, 1], table[k, 2], table[k, 3]
-            own = staged(y, origin, change[i], total, flow_start[i], rate, coefficients)
-            change[i] = own
+            own = staged(y, origin, stage.change[i], total, stage.flow_start[i], rate, coefficients)
+            stage.change[i] = own
             value = y + own
             new[i] = value
-            if melting_point is not None:
-                enthalpy = start[i] + value
-                new_temperature[i] = temperature_of(enthalpy, heat_capacity[i], melting_point[i], latent_heat[i])
+            if substance is not None:
+                new_temperature[i] = at_enthalpy(i, stage.start[i] + value, substance)
 
 
 @kernel
@@ -166,17 +175,15 @@ def single_pass_pair(weight_ij, exchange_sum_i, exchange_sum_j, old_i, old_j):
 
 
 @kernel(lanes="exchanges")
-def pass_once(
-    i, lane, exchanges, exchange_sum, inverse, old, heat_capacity, melting_point, latent_heat, enthalpy, temperature
-):
+def pass_once(i, lane, exchanges, exchange_sum, inverse, old, substance, enthalpy, temperature):
     """NPX: C_i T_i += sum_j g (T_j - T_i)/(1 + s_i + s_j), with the `old` temperatures [degrees C; J/kg]."""
     change = inverse[i] * neighbour_sum(single_pass_pair, i, lane, exchanges, None, None, exchange_sum, old)
     if first_lane(lane):
         if enthalpy is None:
             temperature[i] = old[i] + change
         else:
-            enthalpy[i] += change * heat_capacity[i]
-            temperature[i] = temperature_of(enthalpy[i], heat_capacity[i], melting_point[i], latent_heat[i])
+            enthalpy[i] += change * substance.heat_capacity[i]
+            temperature[i] = at_enthalpy(i, enthalpy[i], substance)
 
 
 @kernel
@@ -198,25 +205,24 @@ def sweep(i, exchanges, inverse, conduction, backwards, old, temperature):
 
 
 @kernel(lanes="exchanges")
-def solve_own(
-    i, lane, exchanges, exchange_sum, inverse, start, heat_capacity, melting_point, latent_heat, old, enthalpy,
-    temperature,
-):  # fmt: skip
+def solve_own(i, lane, exchanges, exchange_sum, inverse, start, substance, old, enthalpy, temperature):
     """Nonlinear Jacobi: each particle's own equation with the other `old` temperatures [J/kg; degrees C]."""
-    total = flow_to(i, lane, melting_point[i], old, exchanges)
+    total = flow_to(i, lane, substance.melting_point[i], old, exchanges)
     if first_lane(lane):
         value, rate = start[i], inverse[i]
         if rate != type(rate)(0):
-            value = melted(start[i] + rate * heat_capacity[i] * total, exchange_sum[i], latent_heat[i])
+            value = melted(
+                start[i] + rate * substance.heat_capacity[i] * total, exchange_sum[i], substance.latent_heat[i]
+            )
         enthalpy[i] = value
-        temperature[i] = temperature_of(value, heat_capacity[i], melting_point[i], latent_heat[i])
+        temperature[i] = at_enthalpy(i, value, substance)
 
 
 @kernel
-def take_up(i, start, heat_capacity, melting_point, latent_heat, enthalpy, temperature):
+def take_up(i, start, substance, enthalpy, temperature):
     """H += c (T - T_start), T = T(H) [J/kg; degrees C]."""
-    enthalpy[i] += heat_capacity[i] * (temperature[i] - start[i])
-    temperature[i] = temperature_of(enthalpy[i], heat_capacity[i], melting_point[i], latent_heat[i])
+    enthalpy[i] += substance.heat_capacity[i] * (temperature[i] - start[i])
+    temperature[i] = at_enthalpy(i, enthalpy[i], substance)
 
 
 @kernel

@@ -10,7 +10,7 @@ would equalise among themselves before heat goes on to the next cell, which trip
 from __future__ import annotations
 
 import itertools
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -31,25 +31,38 @@ FORWARD = sorted(
 )
 
 
+class Exchanging(NamedTuple):
+    """What pairs of particles exchange heat by, and their temperatures."""
+
+    position: Any
+    volume: Any
+    conductivity: Any
+    inverse: Any
+    timestep: Any
+    conduction: Any
+    period: Any
+    temperature: Any
+
+
 def pair_exchange(
     position, mass, volume, heat_capacity, conductivity, reservoir, timestep, conduction, period, scratch, temperature
 ):
     """M(4) for both particles of each pair (R3), in coloured order, forwards and backwards [degrees C]."""
     inverse = scratch.array("heat inverse", volume.shape[0], volume.dtype)
     invert_capacities(mass, volume, heat_capacity, reservoir, conduction, inverse)
-    given = (position, volume, conductivity, inverse, timestep, conduction, period, temperature)
+    given = Exchanging(position, volume, conductivity, inverse, timestep, conduction, period, temperature)
     if scratch.backend.name == "cuda":
         from refsim.backends import device
 
         members, first, found = device.computed(colours, position, conduction, period)
         for backwards, order in ((0, found), (1, found[::-1])):
             for cells in order:
-                exchange_cells(cells, members, first, np.int32(backwards), *given)
+                exchange_cells(cells, members, first, np.int32(backwards), given)
     else:
         members, first, found = colours(np, position, conduction, period)
         cells, ends = joined(found)
         for backwards in (0, 1):
-            exchange_colours(cells, ends, members, first, np.int32(backwards), *given)
+            exchange_colours(cells, ends, members, first, np.int32(backwards), given)
 
 
 @kernel
@@ -59,41 +72,25 @@ def invert_capacities(i, mass, volume, heat_capacity, reservoir, conduction, inv
 
 
 @kernel(rows_of="cells")
-def exchange_cells(
-    i, cells, members, first, backwards, position, volume, conductivity, inverse, timestep, conduction, period,
-    temperature,
-):  # fmt: skip
+def exchange_cells(i, cells, members, first, backwards, given):
     """M(4) for all pairs of the cells of one colour; a GPU launches it for each colour [degrees C]."""
-    exchange_two_cells(
-        cells[i, 0], cells[i, 1], members, first, backwards, position, volume, conductivity, inverse, timestep,
-        conduction, period, temperature,
-    )  # fmt: skip
+    exchange_two_cells(cells[i, 0], cells[i, 1], members, first, backwards, given)
 
 
 exchange_cells_of = exchange_cells.body
 
 
 @cpu_kernel
-def exchange_colours(
-    cells, ends, members, first, backwards, position, volume, conductivity, inverse, timestep, conduction, period,
-    temperature,
-):  # fmt: skip
+def exchange_colours(cells, ends, members, first, backwards, given):
     """M(4) for all pairs of the cells of one colour after the other: one launch on a CPU [degrees C]."""
     for n in range(ends.shape[0] - 1):
         colour = ends.shape[0] - 2 - n if backwards else n
-        over_rows(
-            exchange_cells_of, ends[colour + 1] - ends[colour],
-            (
-                cells[ends[colour] : ends[colour + 1]], members, first, backwards, position, volume, conductivity,
-                inverse, timestep, conduction, period, temperature,
-            ),
-        )  # fmt: skip
+        own = cells[ends[colour] : ends[colour + 1]]
+        over_rows(exchange_cells_of, own.shape[0], (own, members, first, backwards, given))
 
 
 @formula
-def exchange_two_cells(
-    a, b, members, first, backwards, position, volume, conductivity, inverse, timestep, conduction, period, temperature
-):
+def exchange_two_cells(a, b, members, first, backwards, given):
     """M(4) for all pairs of cells a and b, or of one cell, in rounds; backwards the last round first."""
     own, other = first[a + 1] - first[a], first[b + 1] - first[b]
     rounds = max(own, other)
@@ -102,15 +99,15 @@ def exchange_two_cells(
         for m in range(own):
             p = partner(m, k, rounds, a == b)
             if p < other:
-                i, j = members[first[a] + m], members[first[b] + p]
-                exchange(i, j, position, volume, conductivity, inverse, timestep, conduction, period, temperature)
+                exchange(members[first[a] + m], members[first[b] + p], given)
 
 
 @formula
-def exchange(i, j, position, volume, conductivity, inverse, timestep, conduction, period, temperature):
+def exchange(i, j, given):
     """M(4) for both particles of one pair (R3): what one gains the other loses."""
-    seconds = conduction.sweep_share * timestep[1]
-    g = weight(i, j, position, volume, conductivity, seconds, conduction, period)
+    conduction, inverse, temperature = given.conduction, given.inverse, given.temperature
+    seconds = conduction.sweep_share * given.timestep[1]
+    g = weight(i, j, given.position, given.volume, given.conductivity, seconds, conduction, given.period)
     if g != type(g)(0):
         moved = pair_share(g, inverse[i], inverse[j]) * (temperature[j] - temperature[i])
         temperature[i] += inverse[i] * moved

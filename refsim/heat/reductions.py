@@ -7,7 +7,7 @@ import numpy as np
 
 from refsim.backends.chunks import CHUNKS, limits
 from refsim.backends.compile import formula, kernel
-from refsim.heat.kernels import inverse_capacity, weight
+from refsim.heat.kernels import capacity_of, weight
 from refsim.heat.shapes import ExchangeRows
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import row_of
@@ -25,20 +25,21 @@ def weighed(body, neighbours, step, scratch):
     inverse, sums = scratch.array("heat inverse", n, real), scratch.array("heat sums", n, real)
     largest = scratch.array("heat largest", 1, real)
     partial = scratch.array("heat largest of chunks", CHUNKS, real)
-    weigh(*body, neighbours, *step, exchanges, inverse, sums, partial)
+    weigh(body, neighbours, step, exchanges, inverse, sums, partial)
     largest[0] = partial.max()
     return exchanges, inverse, sums, largest
 
 
 @formula
-def weigh_and_pack(i, position, volume, conductivity, neighbours, timestep, conduction, period, exchanges):
+def weigh_and_pack(i, body, neighbours, seconds, conduction, period, exchanges):
     """Write the exchanges of particle i, those nearer than h, one after the other; their sum of g [J/K]."""
+    position, volume, conductivity = body.position, body.volume, body.conductivity
     first, stride, count = row_of(neighbours, i)
     total = type(conduction.support_radius)(0)
     found = np.uint64(0)
     for k in range(count):
         j = neighbours.entries[first + k * stride]
-        g = weight(i, j, position, volume, conductivity, timestep[1], conduction, period)
+        g = weight(i, j, position, volume, conductivity, seconds, conduction, period)
         if g != type(g)(0):
             exchanges.entries[first + found * stride] = j
             exchanges.weight[first + found * stride] = g
@@ -49,17 +50,14 @@ def weigh_and_pack(i, position, volume, conductivity, neighbours, timestep, cond
 
 
 @kernel
-def weigh(
-    chunk, position, mass, volume, heat_capacity, conductivity, reservoir, neighbours, timestep, conduction, period,
-    exchanges, inverse, exchange_sum, partial,
-):  # fmt: skip
+def weigh(chunk, conductor, neighbours, step, exchanges, inverse, exchange_sum, partial):
     """The exchanges of the particles of a chunk with weights [J/K], their 1/C_i [K/J] and s_i, and its largest s_i."""
     real = partial.dtype.type
     begin, end = limits(chunk, exchange_sum.shape[0])
     most = real(0)
     for i in range(begin, end):
-        total = weigh_and_pack(i, position, volume, conductivity, neighbours, timestep, conduction, period, exchanges)
-        inverse[i] = inverse_capacity(i, mass, volume, heat_capacity, reservoir, conduction)
+        total = weigh_and_pack(i, conductor, neighbours, step.timestep[1], step.conduction, step.period, exchanges)
+        inverse[i] = capacity_of(i, conductor, step.conduction)
         own = inverse[i] * total
         exchange_sum[i] = own
         if not own < real(np.inf):

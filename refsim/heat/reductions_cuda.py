@@ -9,7 +9,7 @@ import numpy as np
 
 from refsim.backends.compile import THREADS_PER_BLOCK, cuda, cuda_kernel
 from refsim.backends.primitives import four_of, largest_of_block, set_four, sum_of_block
-from refsim.heat.kernels import inverse_capacity, weight_at
+from refsim.heat.kernels import capacity_of, weight_at
 from refsim.heat.reductions import flow_along, step_ratio, stepped, turned
 from refsim.heat.shapes import ExchangeColumns
 from refsim.neighbours.formulas import to_nearest_image
@@ -25,7 +25,7 @@ def weighed(body, neighbours, step, scratch):
     largest = scratch.array("heat largest", 1, real)
     placed = scratch.array("placed", (n, 4), real)
     begin(body.position, body.volume, placed, largest)
-    weigh(placed, *body[1:], *step, exchanges, inverse, sums, largest)
+    weigh(placed, body, step, exchanges, inverse, sums, largest)
     return exchanges, inverse, sums, largest
 
 
@@ -40,11 +40,9 @@ def begin(position, volume, placed, largest):
 
 
 @cuda_kernel(rows_of="exchange_sum", lanes="exchanges")
-def weigh(
-    placed, mass, volume, heat_capacity, conductivity, reservoir, timestep, conduction, period, exchanges, inverse,
-    exchange_sum, largest,
-):  # fmt: skip
+def weigh(placed, conductor, step, exchanges, inverse, exchange_sum, largest):
     """The weights of every particle's neighbours [J/K], 0 beyond h, 1/C_i [K/J], s_i, and the largest s_i."""
+    conductivity, conduction = conductor.conductivity, step.conduction
     lanes = len(exchanges.lanes)
     i, lane = cuda.grid(1) // lanes, cuda.grid(1) % lanes
     real = largest.dtype.type
@@ -64,15 +62,15 @@ def weigh(
                 xn, yn, zn, next_volume = four_of(placed, following)
                 next_conductivity = conductivity[following]
                 following, after = after, entry(exchanges, first, stride, count, k + np.uint64(3))
-                dx, dy, dz = to_nearest_image(x - xj, y - yj, z - zj, period)
+                dx, dy, dz = to_nearest_image(x - xj, y - yj, z - zj, step.period)
                 q = math.sqrt(dx * dx + dy * dy + dz * dz) * conduction.inverse_radius
-                g = weight_at(q, own_volume, volume_j, own_conductivity, conductivity_j, timestep[1], conduction)
+                g = weight_at(q, own_volume, volume_j, own_conductivity, conductivity_j, step.timestep[1], conduction)
                 exchanges.weight[first + k * stride] = g
                 total += g
                 xj, yj, zj, volume_j, conductivity_j = xn, yn, zn, next_volume, next_conductivity
         total = over_lanes(total, (lane, lanes))
         if lane == 0:
-            inverse[i] = inverse_capacity(i, mass, volume, heat_capacity, reservoir, conduction)
+            inverse[i] = capacity_of(i, conductor, conduction)
             own = inverse[i] * total
             exchange_sum[i] = own
             if not own < real(np.inf):

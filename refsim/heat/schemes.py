@@ -5,6 +5,7 @@ import numpy as np
 from refsim.heat import reductions
 from refsim.heat.kernels import add, advance, collect, copy, flow, pass_once, plan_chebyshev, solve_own, sweep, take_up
 from refsim.heat.reference import Body, Melting, Step
+from refsim.heat.shapes import StageState, Substance
 from refsim.heat.stages import (
     EXPLICIT,
     MOST_CONJUGATE_PASSES,
@@ -69,32 +70,32 @@ def planned(largest, conduction, scratch, real):
     return table, number
 
 
-def run_stages(plan, exchanges, inverse, heat_capacity, melting, scratch, enthalpy, temperature):
+def run_stages(plan, exchanges, inverse, substance, scratch, enthalpy, temperature):
     """Take the stages of a plan (table, number) one after the other, from the state and into it."""
     table, number = plan
-    melts = melting.melting_point is not None
-    state = enthalpy if melts else temperature
-    heat_capacity = heat_capacity if melts else None
+    state = temperature if substance is None else enthalpy
     n, real = state.shape[0], state.dtype
-    flow_start = scratch.array("heat flow", n, real)
+    flow_start, change = scratch.array("heat flow", n, real), scratch.array("heat change", n, real)
     values = [scratch.array(f"heat buffer {k}", n, real) for k in range(2)]
-    warm = [scratch.array(f"heat warm {k}", n, real) for k in range(2)] if melts else [None] * 2
-    change, now = scratch.array("heat change", n, real), state
-    if melts:  # values are gains of enthalpy
+    warm, now, source = [None] * 2, state, temperature
+    if substance is not None:  # values are gains of enthalpy
+        warm = [scratch.array(f"heat warm {k}", n, real) for k in range(2)]
         now = scratch.array("heat nothing", n, real)
         scratch.backend.assign(now, 0)
-    source = temperature
     for k in range(table.shape[0]):
         new, target = values[k % 2], warm[k % 2]
-        advance(
-            exchanges, state, now, source, flow_start, inverse, heat_capacity, *melting, table, number, np.int32(k),
-            change, target, new,
-        )  # fmt: skip
+        stage = StageState(state, now, source, flow_start, change)
+        advance(exchanges, stage, inverse, substance, plan, np.int32(k), target, new)
         now = new
-        source = target if melts else new
-    collect(*values, number, state if melts else None, state)
-    if melts:
+        source = new if substance is None else target
+    collect(*values, number, None if substance is None else state, state)
+    if substance is not None:
         collect(*warm, number, None, temperature)
+
+
+def substance_of(body, melting):
+    """What turns enthalpies into temperatures; None without latent heat."""
+    return None if melting.melting_point is None else Substance(body.heat_capacity, *melting)
 
 
 def known(largest, enthalpy, temperature, scratch):
@@ -118,7 +119,7 @@ def explicit(body: Body, melting: Melting, neighbours, step: Step, scratch, enth
     """Forward Euler."""
     exchanges, inverse, _, _ = weighed(body, neighbours, step, scratch)
     plan = written([EXPLICIT], scratch, temperature.dtype)
-    run_stages(plan, exchanges, inverse, body.heat_capacity, melting, scratch, enthalpy, temperature)
+    run_stages(plan, exchanges, inverse, substance_of(body, melting), scratch, enthalpy, temperature)
 
 
 def one_sided(body: Body, neighbours, step: Step, scratch, temperature):
@@ -133,7 +134,7 @@ def single_pass(body: Body, melting: Melting, neighbours, step: Step, scratch, e
     """NPX: all pairs at once."""
     exchanges, inverse, sums, _ = weighed(body, neighbours, step, scratch)
     old = copied(temperature, "heat start", scratch)
-    pass_once(exchanges, sums, inverse, old, body.heat_capacity, *melting, enthalpy, temperature)
+    pass_once(exchanges, sums, inverse, old, substance_of(body, melting), enthalpy, temperature)
 
 
 def chebyshev(body: Body, melting: Melting, neighbours, step: Step, scratch, enthalpy, temperature):
@@ -156,9 +157,9 @@ def chebyshev(body: Body, melting: Melting, neighbours, step: Step, scratch, ent
     if plan is None:
         solve(exchanges, inverse, step.conduction, scratch, temperature)
     else:
-        run_stages(plan, exchanges, inverse, None, Melting(None, None), scratch, None, temperature)
+        run_stages(plan, exchanges, inverse, None, scratch, None, temperature)
     if enthalpy is not None:
-        take_up(start, body.heat_capacity, *melting, enthalpy, temperature)
+        take_up(start, substance_of(body, melting), enthalpy, temperature)
 
 
 def conjugate_gradient(body: Body, melting: Melting, neighbours, step: Step, scratch, enthalpy, temperature):
@@ -169,7 +170,7 @@ def conjugate_gradient(body: Body, melting: Melting, neighbours, step: Step, scr
     start = None if enthalpy is None else copied(temperature, "heat start", scratch)
     solve(exchanges, inverse, step.conduction, scratch, temperature)
     if enthalpy is not None:
-        take_up(start, body.heat_capacity, *melting, enthalpy, temperature)
+        take_up(start, substance_of(body, melting), enthalpy, temperature)
 
 
 def solve(exchanges, inverse, conduction, scratch, temperature):
@@ -210,7 +211,7 @@ def runge_kutta_legendre(body: Body, melting: Melting, neighbours, step: Step, s
         return
     stages = list((legendre_stages if enthalpy is None else first_legendre_stages)(most))
     plan = written(stages, scratch, temperature.dtype)
-    run_stages(plan, exchanges, inverse, body.heat_capacity, melting, scratch, enthalpy, temperature)
+    run_stages(plan, exchanges, inverse, substance_of(body, melting), scratch, enthalpy, temperature)
 
 
 def enthalpy_jacobi(body: Body, melting: Melting, neighbours, step: Step, scratch, enthalpy, temperature):
@@ -219,4 +220,4 @@ def enthalpy_jacobi(body: Body, melting: Melting, neighbours, step: Step, scratc
     start = copied(enthalpy, "heat start", scratch)
     for _ in range(step.conduction.iterations):
         old = copied(temperature, "heat warm 0", scratch)
-        solve_own(exchanges, sums, inverse, start, body.heat_capacity, *melting, old, enthalpy, temperature)
+        solve_own(exchanges, sums, inverse, start, substance_of(body, melting), old, enthalpy, temperature)

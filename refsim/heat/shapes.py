@@ -64,6 +64,24 @@ class ExchangeColumns(NamedTuple):
     lanes: Any
 
 
+class Substance(NamedTuple):
+    """What turns the particles' enthalpies into temperatures."""
+
+    heat_capacity: Any
+    melting_point: Any
+    latent_heat: Any
+
+
+class StageState(NamedTuple):
+    """Values that a stage reads, and the flow and change that it keeps for later ones."""
+
+    start: Any
+    now: Any
+    temperature: Any
+    flow_start: Any
+    change: Any
+
+
 class Stage(NamedTuple):
     """One stage y' = y + before (y_before - y) + start (y_start - y) + (flow Q(y) + flow_start Q(y_start)) dt/C."""
 

@@ -455,10 +455,11 @@ def swept(made: Conductor, order: Any, seconds: float, passes: int, reverse: boo
     members, first, colours = order
     cells, ends = pair_exchange.joined(colours)
     for k in range(passes):
-        pair_exchange.exchange_colours(
-            cells, ends, members, first, np.int32(reverse and k % 2), given["position"], given["volume"],
-            given["conductivity"], inverse, given["timestep"], conduction, given["period"], t,
+        held = pair_exchange.Exchanging(
+            given["position"], given["volume"], given["conductivity"], inverse, given["timestep"], conduction,
+            given["period"], t,
         )  # fmt: skip
+        pair_exchange.exchange_colours(cells, ends, members, first, np.int32(reverse and k % 2), held)
 
 
 def reversal(context: Context, scheme: str, number: float) -> Result:
