@@ -1,5 +1,7 @@
 """What one particle and one node do in melting."""
 
+from typing import Any, NamedTuple
+
 from refsim.backends.compile import formula, kernel
 from refsim.backends.runtime import simulated
 from refsim.melting.formulas import melts
@@ -9,30 +11,59 @@ from refsim.shape_matching.phases import EMPTY, FLUID, SURFACE
 LANES = 1 if simulated() else 8  # CUDA threads that share a node; the simulator has no shuffles
 
 
+class Heated(NamedTuple):
+    """What decides whether particles melt; without latent heat enthalpies and latent heats are None."""
+
+    identity: Any
+    temperature: Any
+    enthalpy: Any
+    melting_point: Any
+    latent_heat: Any
+
+
+class Molten(NamedTuple):
+    """What melting changes of a particle; conductivity and heat capacity may be None."""
+
+    mass: Any
+    rest_density: Any
+    conductivity: Any
+    heat_capacity: Any
+    phase: Any
+
+
 @formula
-def melted_now(
-    i, identity, temperature, enthalpy, melting_point, latent_heat, melting, melted, mass, rest_density, conductivity,
-    heat_capacity, phase,
-):  # fmt: skip
+def melted_now(i, heated, melting, melted, molten):
     """Melt particle i if it is at a body's surface and hot enough; returns whether it melted.
 
     The decision takes the particle's own values only, so it does not depend on the order of the particles.
     """
-    gone = phase[i] == SURFACE and melts(temperature[i], melting_point[i])
-    if enthalpy is not None:
-        gone = gone and enthalpy[i] >= latent_heat[i]
-    if identity[i] < melted.shape[0]:
-        melted[identity[i]] = gone
+    gone = molten.phase[i] == SURFACE and melts(heated.temperature[i], heated.melting_point[i])
+    gone = gone and has_taken_up(i, heated.enthalpy, heated.latent_heat)
+    if heated.identity[i] < melted.shape[0]:
+        melted[heated.identity[i]] = gone
     if gone:
-        phase[i] = FLUID
+        molten.phase[i] = FLUID
         if melting.into_liquid:
-            mass[i] = melting.liquid_mass
-            rest_density[i] = melting.liquid_density
-            if conductivity is not None:
-                conductivity[i] = melting.liquid_conductivity
-            if heat_capacity is not None:
-                heat_capacity[i] = melting.liquid_heat_capacity
+            molten.mass[i] = melting.liquid_mass
+            molten.rest_density[i] = melting.liquid_density
+            set_if_there(i, melting.liquid_conductivity, molten.conductivity)
+            set_if_there(i, melting.liquid_heat_capacity, molten.heat_capacity)
     return gone
+
+
+@formula
+def has_taken_up(i, enthalpy, latent_heat):
+    """Whether particle i has the latent heat, where there is one."""
+    if enthalpy is not None:
+        return enthalpy[i] >= latent_heat[i]
+    return True
+
+
+@formula
+def set_if_there(i, value, values):
+    """values[i] = value, where there is such an array."""
+    if values is not None:
+        values[i] = value
 
 
 @kernel(lanes=LANES)

@@ -54,13 +54,14 @@ def append_marked(words, candidates, names, index, at):
 
 
 @formula
-def build_chunk(
-    chunk, query, query_keys, source, cells, first, radius, dim, exclude_self, period, periodic, index, start, count
-):
+def build_chunk(chunk, queries, sources, radius, dim, exclude_self, period, periodic, listed):
     """One chunk of `build_list`: a function of its own, so that its buffers belong to one thread.
 
     Returns the capacity that it needs.
     """
+    query, query_keys = queries
+    source, cells, first = sources
+    start, count, index = listed
     rows = query.shape[0]
     share = index.shape[0] // CHUNKS
     limit = radius * radius
@@ -139,19 +140,15 @@ def build_chunk(
 
 
 @kernel(allocates=True)
-def build_list(
-    chunk, query, query_keys, source, cells, first, radius, dim, exclude_self, period, periodic, index, start, count,
-    needed,
-):  # fmt: skip
-    """Write the sources within `radius` [m] of each query of a chunk into `index`, row after row.
+def build_list(chunk, queries, sources, radius, dim, exclude_self, period, periodic, listed, needed):
+    """Write the sources within `radius` [m] of each query of a chunk into the list's entries, row after row.
 
-    `cells` are the sorted keys of the occupied source cells, `first` (cells + 1) their first source.
+    queries  positions and keys
+    sources  positions, sorted keys of the occupied cells, and the first source of each (cells + 1)
     With a `period` distances are those to the nearest image, and `periodic` are the cells of its box.
     `needed[chunk]` is the capacity that the chunk needs; nothing is written beyond the chunk's share.
     """
-    needed[chunk] = build_chunk(
-        chunk, query, query_keys, source, cells, first, radius, dim, exclude_self, period, periodic, index, start, count
-    )
+    needed[chunk] = build_chunk(chunk, queries, sources, radius, dim, exclude_self, period, periodic, listed)
 
 
 @kernel(rows_of="order")
@@ -193,13 +190,13 @@ def audited_row(i, start, count, index, position, velocity, drift, bounds, perio
 
 
 @kernel(rows_of="rows")
-def count_missed(k, position, velocity, drift, bounds, period, start, count, index, rows, radius, missed):
+def count_missed(k, position, velocity, drift, bounds, period, listed, rows, radius, missed):
     """Neighbours nearer than `radius` [m] that the list lacks, for a sampled row: all pairs against the list.
 
     The list was last used at position - drift * velocity, before the latest step; where that is not known, because a
     plane of `bounds` stopped the particle, its pairs are left out.
     """
-    i = rows[k]
+    i, (start, count, index) = rows[k], listed
     missed[k] = audited_row(i, start[i], count[i], index, position, velocity, drift, bounds, period, radius * radius)
 
 
@@ -347,10 +344,8 @@ class CellSearch:
             index = np.empty(max(CHUNKS, capacity * n), np.uint32)
         radius = position.dtype.type(self.reach)
         while True:
-            build_list(
-                position, keys, source, cells, first, radius, self.dim, exclude_self, self.period, self.periodic,
-                index, start, count, needed,
-            )  # fmt: skip
+            queries, sources, listed = (position, keys), (source, cells, first), (start, count, index)
+            build_list(queries, sources, radius, self.dim, exclude_self, self.period, self.periodic, listed, needed)
             if needed.max(initial=0) <= len(index) // CHUNKS:
                 break
             index = np.empty(CHUNKS * (int(needed.max()) * 5 // 4 + 16), np.uint32)
@@ -363,7 +358,7 @@ class CellSearch:
         missed = np.zeros(len(rows), np.int64)
         real = position.dtype.type
         drift = real(timestep[1])
-        count_missed(position, velocity, drift, bounds, self.period, *neighbours, rows, real(radius), missed)
+        count_missed(position, velocity, drift, bounds, self.period, tuple(neighbours), rows, real(radius), missed)
         self.missed += int(missed.sum())
 
     def reorder(self, array, order):

@@ -3,6 +3,7 @@
 import math
 
 from refsim.backends.compile import formula, kernel
+from refsim.backends.tuples import added
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import row_of
 from refsim.surface_detection import formulas
@@ -34,15 +35,11 @@ def fan_scan(i, position, surface_normal, candidates, neighbours, walls, fan_sca
         if walls is not None:
             near, occupied = scan(i, position, walls, walls.position, normal, fan_scan, near, occupied)
         if thin_feature is not None and occupied and near >= ENOUGH:
-            w, x, y, z, xx, xy, xz, yy, yz, zz = neighbour_sum(
-                moment_pair, i, None, neighbours, position, None, fan_scan
-            )
-            w += type(w)(1)  # its own
+            sums = neighbour_sum(moment_pair, i, None, neighbours, position, None, fan_scan)
             if walls is not None:
-                more = neighbour_sum(moment_pair, i, None, walls, position, None, fan_scan)
-                w, x, y, z, xx = w + more[0], x + more[1], y + more[2], z + more[3], xx + more[4]
-                xy, xz, yy, yz, zz = xy + more[5], xz + more[6], yy + more[7], yz + more[8], zz + more[9]
-            thin = formulas.is_thin(w, x, y, z, xx, xy, xz, yy, yz, zz, thin_feature)
+                sums = added(sums, neighbour_sum(moment_pair, i, None, walls, position, None, fan_scan))
+            weight = sums[0] + type(sums[0])(1)  # its own
+            thin = formulas.is_thin(weight, sums[1:4], sums[4:10], thin_feature)
     surface[i] = near < ENOUGH or not occupied or thin
 
 

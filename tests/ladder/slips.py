@@ -44,6 +44,7 @@ SHARED = ("refsim.backends.", "refsim.neighbours.pairs", "refsim.neighbours.rows
 FIRST_CASES = ("three_particles", "cloud_2d", "cloud_3d", "printed_readings")
 
 SIZE = "size = w1 * w1 + w2 * w2 + w3 * w3"
+FORGOTTEN = "position_residual[i, c] = type(position_residual[i, c])(0)"
 DEFORMED = "put(deformation, i, ("
 DIAGONAL = ("size", *["real(0)"] * 3, "size", *["real(0)"] * 3, "last")
 CLEARED = "scratch[b, n, c] = type(scratch[b, n, c])(0)"
@@ -313,9 +314,11 @@ HARMLESS = {
         ("last = real(-1)  ->  last = real(-2)", "any negative number says so"),
         ("first, last = (real(0), real(1))  ->  first, last = (real(0), real(2))", "cut off at one by its caller"),
     ],
+    "forget": [
+        (f"{FORGOTTEN}  ->  position_residual[i, c] = {zero}", "zero")
+        for zero in ("-type(", "type(position_residual[i, c])(0) * 1.01")
+    ],
     "corrected_step": [
-        ("position_residual[i, c] = real(0)  ->  position_residual[i, c] = -real(0)", "zero"),
-        ("position_residual[i, c] = real(0)  ->  position_residual[i, c] = real(0) * 1.01", "zero"),
         ("begun = real(1)", "only the sign is looked at"),
         ("t < real(1)  ->  t < real(2)", "two says that there is none"),
         ("real = type(timestep[0])", "only the type is taken"),

@@ -4,8 +4,10 @@
 """
 
 import math
+from typing import Any, NamedTuple
 
 from refsim.backends.compile import formula
+from refsim.backends.tuples import added, scaled, three
 from refsim.boundary.penetration.formulas import pushed, rebound, reflected
 from refsim.boundary.signed_distance.formulas import beyond_inside, trilinear
 from refsim.sparse_grid.formulas import cell_coordinate, find_node
@@ -91,11 +93,36 @@ def outside_box(x, y, z, penetration):
     return not (x >= low[0] and x <= high[0] and y >= low[1] and y <= high[1] and z >= low[2] and z <= high[2])
 
 
+class Moving(NamedTuple):
+    """What the step writes; residuals may be None."""
+
+    corrections: Any
+    position_residual: Any
+    velocity: Any
+    position: Any
+
+
 @formula
-def corrected_step(
-    i, position, position_residual, velocity, acceleration, identity, corrections, build_position, bounds, timestep,
-    solid_field, penetration,
-):  # fmt: skip
+def advanced(i, position, position_residual, shift):
+    """x + shift [m] of particle i; with a residual x + residual + shift, of which the new residual is written."""
+    if position_residual is not None:
+        x, position_residual[i, 0] = drifted(position[i, 0], position_residual[i, 0], shift[0])
+        y, position_residual[i, 1] = drifted(position[i, 1], position_residual[i, 1], shift[1])
+        z, position_residual[i, 2] = drifted(position[i, 2], position_residual[i, 2], shift[2])
+        return x, y, z
+    return added(three(position, i), shift)
+
+
+@formula
+def forget(i, c, held, position_residual):
+    """No residual of component c where the place is `held`."""
+    if position_residual is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
+        if held:
+            position_residual[i, c] = type(position_residual[i, c])(0)
+
+
+@formula
+def corrected_step(i, acceleration, identity, build_position, bounds, timestep, solid_field, penetration, moving):
     """Leap-frog step v += (dt_previous + dt)/2 a, x += dt v, with patent P8 for particles that would enter the solid.
 
     Where there is a residual, x + residual is advanced; a corrected place has none.
@@ -103,16 +130,10 @@ def corrected_step(
     Returns (squared displacement since the list was built [m^2], whether a wall's plane stopped the particle).
     """
     real = type(timestep[0])
-    x0, y0, z0 = position[i, 0], position[i, 1], position[i, 2]
-    u = velocity[i, 0] + timestep[0] * acceleration[i, 0]
-    v = velocity[i, 1] + timestep[0] * acceleration[i, 1]
-    w = velocity[i, 2] + timestep[0] * acceleration[i, 2]
-    if position_residual is not None:
-        x, position_residual[i, 0] = drifted(x0, position_residual[i, 0], timestep[1] * u)
-        y, position_residual[i, 1] = drifted(y0, position_residual[i, 1], timestep[1] * v)
-        z, position_residual[i, 2] = drifted(z0, position_residual[i, 2], timestep[1] * w)
-    else:
-        x, y, z = x0 + timestep[1] * u, y0 + timestep[1] * v, z0 + timestep[1] * w
+    corrections, position_residual, velocity, position = moving
+    x0, y0, z0 = three(position, i)
+    u, v, w = added(three(velocity, i), scaled(three(acceleration, i), timestep[0]))
+    x, y, z = advanced(i, position, position_residual, scaled((u, v, w), timestep[1]))
     corrected = False
     if penetration.swept:
         begun = real(1)
@@ -154,9 +175,7 @@ def corrected_step(
                 place = min(max(place, bounds.lower[c]), bounds.upper[c])
                 speed = real(0)
                 stopped = held = True
-        if position_residual is not None:  # noqa: SIM102
-            if held:
-                position_residual[i, c] = real(0)
+        forget(i, c, held, position_residual)
         velocity[i, c] = speed
         position[i, c] = place
         moved = place - build_position[i, c]

@@ -112,19 +112,14 @@ def relax(
     error = max(0, rho_adv + a_ii p_i + L_i - rho0).
     """
     near, wall = _Pairs(position, position, smoothing, rows), _wall(position, walls, smoothing, fluid, rows)
-    return _relaxed(
-        near, wall, mass, density, pressure, own_displacement, pair_displacement, diagonal, advected_density, fluid,
-        implicit, timestep,
-    )  # fmt: skip
+    liquid, displacements = (mass, density, pressure), (own_displacement, pair_displacement)
+    return _relaxed(near, wall, liquid, displacements, diagonal, advected_density, fluid, implicit, timestep)
 
 
-def _relaxed(
-    near, wall, mass, density, pressure, own_displacement, pair_displacement, diagonal, advected_density, fluid,
-    implicit, timestep,
-):  # fmt: skip
+def _relaxed(near, wall, liquid, displacements, diagonal, advected_density, fluid, implicit, timestep):
     square = float(timestep[0]) * float(timestep[1])
-    m, rho, p = (np.asarray(a, dtype=float) for a in (mass, density, pressure))
-    d, s = np.asarray(own_displacement, dtype=float), np.asarray(pair_displacement, dtype=float)
+    m, rho, p = (np.asarray(a, dtype=float) for a in liquid)
+    d, s = (np.asarray(a, dtype=float) for a in displacements)
     own, i, j = near.own, near.i, near.j
     a, advected = np.asarray(diagonal, dtype=float)[own], np.asarray(advected_density, dtype=float)[own]
     total, size = (wall[0] * s[own]).sum(1), (wall[1] * np.abs(s[own])).sum(1)
@@ -208,8 +203,9 @@ def solve(position, velocity, mass, density, walls, smoothing, fluid, implicit, 
     for count in range(1, int(implicit.most) + 1):
         s = _displaced(near, mass, density, p, timestep)["pair_displacement"]
         s_size = _displaced(near, mass, density, p_size, timestep)["pair_displacement"][1]
-        step = _relaxed(near, wall, mass, density, p, d[0], s[0], a[0], advected[0], fluid, implicit, timestep)
-        sizes = _relaxed(near, wall, mass, density, p_size, d[1], s_size, a[0], advected[1], fluid, implicit, timestep)
+        rest = fluid, implicit, timestep
+        step = _relaxed(near, wall, (mass, density, p), (d[0], s[0]), a[0], advected[0], *rest)
+        sizes = _relaxed(near, wall, (mass, density, p_size), (d[1], s_size), a[0], advected[1], *rest)
         p = step["new_pressure"][0]
         p_size = sizes["new_pressure"][1] * (1 + relative)
         left = step["density_error"][0].mean() if len(p) else 0.0
