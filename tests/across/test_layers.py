@@ -1,5 +1,7 @@
 """The order of the packages: each imports only what stands before it, and modules import each other in no circle.
 
+Functions take at most ten arguments.
+
 Modules of `validation/` import each other in no circle either, and refsim imports none of them.
 """
 
@@ -10,9 +12,11 @@ import pathlib
 import pytest
 
 import refsim
+from refsim.core.operation import REGISTRY
 
 ROOT = pathlib.Path(refsim.__file__).parent
 VALIDATION = ROOT.parent / "validation"
+MOST_ARGUMENTS = 10
 BY_NAME = ("import_module", "__import__", "resolve_name", "find_spec", "run_module")
 ORDER = (
     "core", "backends", "smoothing", "neighbours", "sparse_grid", "winding_number", "scene", "sph", "heat",
@@ -104,3 +108,35 @@ def test_an_upward_import_is_noticed(tmp_path):
     (tmp_path / "scene" / "files.py").write_text("")
     (tmp_path / "core" / "walls.py").write_text("def look():\n    from refsim.scene import files\n")
     assert list(upwards(imports(tmp_path))) == ["refsim.core.walls imports refsim.scene.files"]
+
+
+def long_signatures(root=ROOT):
+    """Functions with more than MOST_ARGUMENTS that may be given by place, `self` not counted.
+
+    The registry's programs and pair functions are none of them: their arguments are bound by name.
+    """
+    bound = {
+        (f"{entry.folder or operation.folder}.{entry.module}", entry.function or operation.function)
+        for operation in REGISTRY.values()
+        for entry in map(operation.entry, operation.names())
+    }
+    for module, path in modules(root).items():
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.FunctionDef) and (module, node.name) not in bound:
+                names = [a.arg for a in (*node.args.posonlyargs, *node.args.args) if a.arg not in ("self", "cls")]
+                if len(names) > MOST_ARGUMENTS and "pair" not in map(ast.unparse, node.decorator_list):
+                    yield f"{module}.{node.name} takes {len(names)}"
+
+
+def test_functions_take_at_most_ten_arguments():
+    assert not list(long_signatures())
+
+
+def test_a_long_signature_is_noticed(tmp_path):
+    root = tmp_path / "refsim"
+    root.mkdir()
+    names = [f"x{k}" for k in range(MOST_ARGUMENTS + 1)]
+    (root / "waves.py").write_text(
+        f"def wave({', '.join(names)}): ...\n\n\nclass A:\n    def wave(self, {', '.join(names[1:])}, *, y): ...\n"
+    )
+    assert list(long_signatures(root)) == ["refsim.waves.wave takes 11"]
