@@ -517,7 +517,8 @@ def test_largest_values_do_not_outlive_their_call(cuda):
     place = cuda.asarray(np.zeros((21, 3)))
     way = cuda.asarray(np.array([1e9, 5.0]))
     steps = cuda.asarray(np.array([0.0, 0.1]))
-    kernels.kick_drift(place, cuda.asarray(np.zeros((21, 3))), None, steps, way, None, cuda.asarray(velocity), place)
+    velocity = cuda.asarray(velocity)
+    kernels.kick_drift(place, cuda.asarray(np.zeros((21, 3))), None, steps, None, way, None, velocity, place)
     assert cuda.host(way)[0] == np.inf  # the particle that is nowhere
     assert cuda.host(way)[1] == 0
 
