@@ -21,6 +21,7 @@ from refsim.study.panels import OWN, Panel, Place, Point, abouts, as_text, panel
 from refsim.study.panels.measured import Measured, broken, measured, merged
 from refsim.study.panels.scenes import packaged
 from validation import accuracy_page
+from validation.reading import environment
 from validation.results import Result, finite
 from validation.running import Context
 
@@ -74,7 +75,9 @@ def perform(
 def measure(of: Panel, backend: str, threads: int | None, repeats: int, peers: bool = False) -> Measured:
     """All settings of a panel on a backend; with `peers` those of other programs instead."""
     if not peers and packaged(of.name) is not None:
-        return measured(of, backend=backend, threads=threads, readings=repeats)
+        found = measured(of, backend=backend, threads=threads, readings=repeats)
+        places = (*of.places, _place(environment(threads, backend)))
+        return replace(found, here=replace(found.here, places=places))
     where = (PEERS if peers else RUNS).get(of.name)
     if where is None:
         raise InputError(f"panel {of.name!r} has no points of other programs; leave --peers out.")
@@ -95,12 +98,7 @@ def _run(where: str) -> Callable[..., Result]:
 
 def beside(of: Panel, result: Result) -> Measured:
     """What a run gave, as points beside the stored ones; what is not installed is left out with its reason."""
-    where = result.values["where"]
-    place = Place(
-        where["processor"], where["threads"], where["date"], where["source"]["commit"],
-        (where["device"] or {}).get("name", ""), (where["device"] or {}).get("driver_version", ""), where["cores"],
-        None if where["load"] is None else [where["load"]] * 2, where["versions"],
-    )  # fmt: skip
+    places = (*of.places, _place(result.values["where"]))
     points, left_out = {}, []
     for reading in result.values["readings"]:
         old = of.points[reading["key"]]
@@ -108,14 +106,23 @@ def beside(of: Panel, result: Result) -> Measured:
             left_out.append(f"{old.words} left out: {reading['stopped'].removeprefix('missing: ')}")
         else:
             points[old.key] = _point(of, old, finite(reading), len(of.places))
-    return Measured(of, replace(of, places=(*of.places, place), points=points), tuple(left_out))
+    return Measured(of, replace(of, places=places, points=points), tuple(left_out))
+
+
+def _place(where: Mapping[str, Any]) -> Place:
+    """Where and with what a reading was taken, from `validation.reading.environment`."""
+    device, load = where["device"] or {}, where["load"]
+    return Place(
+        where["processor"], where["threads"], where["date"], where["source"]["commit"], device.get("name", ""),
+        device.get("driver_version", ""), where["cores"], None if load is None else [load, load], where["versions"],
+    )  # fmt: skip
 
 
 def _point(of: Panel, old: Point, reading: Mapping[str, Any], place: int) -> Point:
     """A reading as a point; its error is relative."""
     kept = msgspec.structs.replace(
         Point(old.key, old.words, place, old.knobs), program=old.program, setting=old.setting, shown=old.shown,
-        speaks_against=old.speaks_against, particles=reading["particles"],
+        speaks_against=old.speaks_against, against=old.against, particles=reading["particles"],
     )  # fmt: skip
     if reading["stopped"]:
         return msgspec.structs.replace(kept, failed=reading["stopped"], spent=reading["spent"])

@@ -266,6 +266,13 @@ def test_what_cannot_be_measured_is_said(monkeypatch):
     assert [line.split(" left out: ")[1] for line in found.left_out] == [
         "its start is cut from a lattice that is turned (seed 1)", "a fixed step beyond the stable one",
     ]  # fmt: skip
+    lucky = next(p for p in panel("droplet").points.values() if p.against and not p.gpu)
+    with monkeypatch.context() as patched:
+        patched.setattr(measuring, "measure", lambda *given, **more: Reading(0.003, 1.0, 1.0, 0, 5, 3, 0.1))
+        patched.setattr(measuring, "_reached", lambda curves: [])
+        patched.setattr(measuring, "_until", lambda curve: 1.0)
+        again = measured(panel("droplet"), [lucky.key])
+    assert again.here.points[lucky.key].against == lucky.against  # which its checks say, and not its own run
     failing = Reading(math.nan, 1.0, 1.0, 0, 5, 3, 0.1, failed="collapsed.")
     monkeypatch.setattr(measuring, "measure", lambda *given, **more: failing)
     found = measured(panel("front"), ["d10"])

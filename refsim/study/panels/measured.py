@@ -11,7 +11,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from refsim.backends.arrays import unavailable
+from refsim.backends.arrays import device_name, unavailable
 from refsim.core.errors import InputError
 from refsim.core.tables import in_bytes, table
 from refsim.core.versions import versions
@@ -127,7 +127,7 @@ def measured(
         if turn + 1 >= readings:
             waiting = [key for key in waiting if _open(runs[key])]
         waiting = [key for key in waiting if not runs[key][-1].failed]
-    places = (*panel.places, _here(panel, backend, threads))
+    places = (*panel.places, _here(backend, threads))
     points = {key: _point(panel, panel.points[key], found, len(places) - 1) for key, found in runs.items()}
     return Measured(panel, replace(panel, places=places, points=points), tuple(left_out))
 
@@ -179,7 +179,7 @@ def _point(panel: Panel, point: Point, runs: Sequence[Reading], place: int) -> P
     failed = next((run.failed for run in runs if run.failed), "")
     same = Point(
         point.key, point.words, place, point.knobs, setting=point.setting, shown=point.shown,
-        speaks_against=point.speaks_against, particles=runs[-1].particles, steps=runs[-1].steps,
+        speaks_against=point.speaks_against, against=point.against, particles=runs[-1].particles, steps=runs[-1].steps,
     )  # fmt: skip
     if failed:
         return msgspec.structs.replace(same, failed=failed, spent=runs[-1].seconds)
@@ -220,19 +220,10 @@ def _reached(curves: Sequence[Sequence[tuple[float, float]]]) -> list[tuple[floa
     return found
 
 
-def _here(panel: Panel, backend: str, threads: int | None) -> Place:
-    device = ""
-    if backend == "cuda":
-        from refsim.backends.arrays import choose
-
-        device = str(getattr(choose(backend), "device_name", "GPU"))
-    return Place(
-        machine().split(",")[0],
-        threads or 1,
-        datetime.date.today().isoformat(),
-        device=device,
-        versions=dict(versions()),
-    )
+def _here(backend: str, threads: int | None) -> Place:
+    today = datetime.date.today().isoformat()
+    device = device_name() if backend == "cuda" else ""
+    return Place(machine().split(",")[0], threads or 1, today, device=device, versions=dict(versions()))
 
 
 def broken(panel: Panel) -> list[str]:
