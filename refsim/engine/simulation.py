@@ -47,6 +47,7 @@ from refsim.sph import CROWD, DENSE, LIQUID
 
 Compiling = Callable[[int, int], Callable[[], Any]]
 DERIVED = ("identity", "position_residual")  # state that is not set by hand
+STOPPED, ENOUGH = 2e-3, 100  # stops by planes over steps times particles that get a note, and least number of both
 MANY_FOR_ALL_PAIRS = 2000  # particles above which the numpy backend is announced as slow
 
 
@@ -259,6 +260,7 @@ class Simulation:
                 f"Step {self.steps} to {self.time:.6g} s moved a particle to a place that is not finite.",
             )
         self._note_density(done.dense)
+        self._note_stops()
         self._watch(done.length)
         self.limiters[done.limiter] = self.limiters.get(done.limiter, 0) + 1
         self.last = StepResult(self.steps, self.time, done.length, done.limiter, done.limits)
@@ -273,6 +275,17 @@ class Simulation:
             words = f"{LIQUID}: from step {self.steps} on, at {self.time:.6g} s, {dense} of {self.count} particles"
             bound = f"more than {100 * CROWD:g} %, are denser than {DENSE:g} times the rest density"
             self.remark(LIQUID, f"{words}, {bound}: take a larger sound_speed, or a shorter step with iisph")
+
+    def _note_stops(self) -> None:
+        """Add a note to the run where planes stop more particles than spray does."""
+        share = self.stopped_at_walls / (self.steps * self.count)
+        if share > STOPPED and min(self.steps, self.count) >= ENOUGH and "planes" not in self.remarks:
+            self.remark(
+                "planes",
+                f"up to step {self.steps}, at {self.time:.6g} s, planes have stopped {100 * share:.2g} % of the"
+                " particles in a step: the walls do not hold the liquid; take box_walls with model = 'extrapolated',"
+                " or a smaller support_radius",
+            )
 
     def _watch(self, length: float) -> None:
         """Show the effects what they watch: they may stop the run, or add a note to it."""

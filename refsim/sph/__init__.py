@@ -212,19 +212,22 @@ class WeaklyCompressible(
                 f"{self.name}: diffusion = {self.diffusion:g} is not possible; give 0 to {MOST_DIFFUSIVE:g}, above"
                 " which the acoustic step is too long for it."
             )
-        if self.density == "summation":
+        walls = having(others, BringsWalls)
+        extrapolated = any(effect.extrapolates() for effect in walls)
+        if not (self.advances() or extrapolated):
             return
+        what = "density = 'continuity'" if self.advances() else "walls with model = 'extrapolated'"
         for effect in others.values():
-            summed = sorted({"sph.density", "sph.state", "sph.pressure", "sph.momentum"} & set(effect.replaces()))
-            if summed:
+            replaced = sorted({"sph.density", "sph.state", "sph.pressure", "sph.momentum"} & set(effect.replaces()))
+            if replaced:
                 raise InputError(
-                    f"{self.name}: density = 'continuity' and {effect.name}, which replaces {summed[0]}, exclude each"
-                    " other; set density = 'summation'."
+                    f"{self.name}: {what} and {effect.name}, which replaces {replaced[0]}, exclude each other; leave"
+                    " one of them out."
                 )
             if isinstance(effect, BringsWalls) and not effect.extrapolates():
                 raise InputError(
-                    f"{self.name}: density = 'continuity' needs walls with an extrapolated pressure; set model ="
-                    f" 'extrapolated' in {effect.name}, or density = 'summation'."
+                    f"{self.name}: {what} needs an extrapolated pressure at all walls; set model = 'extrapolated' in"
+                    f" {effect.name}, too."
                 )
 
     def advances(self) -> bool:

@@ -187,6 +187,27 @@ def with_effects(*effects):
     return lambda: make_plan(tank(6, 2.6, 2, effects=effects))
 
 
+def test_walls_that_do_not_hold_the_liquid_are_noted():
+    """A basin at h = 2.6 d in 3D between mirrored walls; nobody is stopped where the liquid rests."""
+    notes = {}
+    for model, density in (("mirrored", "summation"), ("extrapolated", "continuity")):
+        scene = Scene(
+            spacing=0.02, support_radius=0.052, fluid=(Box(cells=(10, 10, 8)),),
+            effects=(
+                WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=4.5, density=density), Gravity(),
+                BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.2, 0.2, 0.5), open_faces=("+z",), model=model),
+            ),
+        )  # fmt: skip
+        simulation = Simulation(scene, "cpu", threads=2)
+        while simulation.time < 0.5:
+            simulation.step()
+        notes[model] = [
+            note for note in simulation.notes if "planes have stopped" in note or "carry the weight" in note
+        ]
+    assert len(notes["mirrored"]) == 2
+    assert not notes["extrapolated"]
+
+
 def with_mirrored_walls():
     scene = tank(6, 2.6, 2)
     walls = BoxWalls(lower=(0.0, 0.0, 0.0), upper=(1.0, 2.0, 0.0))
@@ -205,7 +226,7 @@ def with_mirrored_walls():
         (without_walls(density="continuity", diffusion=0.5), "diffusion = 0.5 is not possible; give 0 to 0.17"),
         (with_effects(ParticleShifting()), "needs effect 'surface_detection'; add it"),
         (with_effects(ParticleShifting(strength=-1.0)), "strength = -1.0 is not possible"),
-        (with_mirrored_walls, "needs walls with an extrapolated pressure; set model = 'extrapolated' in box_walls"),
+        (with_mirrored_walls, "needs an extrapolated pressure at all walls; set model = 'extrapolated' in box_walls"),
     ],
 )  # fmt: skip
 def test_bad_input_is_refused_in_a_sentence(make, words):

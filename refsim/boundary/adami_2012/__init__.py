@@ -1,16 +1,18 @@
 """Walls whose pressure is extrapolated from the liquid, after Adami, Hu & Adams 2012.
 
-Contents: WALL_PRESSURE, WallGravity; operations adami_2012.extrapolation, adami_2012.wall_force. There is no effect of
-this name: `box_walls(model = "extrapolated")` adds the passes.
+Contents: WALL_PRESSURE, PASSES, Lean, lean; operations adami_2012.extrapolation, adami_2012.wall_force. There is no
+effect of this name: `box_walls` and `mesh_boundary` add the passes with `model = "extrapolated"`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from refsim.boundary.adami_2012 import reference as reference
-from refsim.core.effect import Pass
+from refsim.core.effect import Discretisation, Effect, Pass
 from refsim.core.fields import Field
+from refsim.sph import acceleration_of
 
 WALL_PRESSURE = Field("wall_pressure", "Pa", "pressure of the wall particles, from the liquid", rows="walls")
 PASSES = (
@@ -28,3 +30,8 @@ class Lean(NamedTuple):
     x: Any
     y: Any
     z: Any
+
+
+def lean(grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Lean]:
+    """Parameter group of the extrapolation, for `Effect.prepare`: walls at rest."""
+    return {"lean": Lean(*map(grid.real, acceleration_of(others)))}

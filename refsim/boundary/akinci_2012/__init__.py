@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
-from refsim.boundary.adami_2012 import PASSES, WALL_PRESSURE, Lean
+from refsim.boundary.adami_2012 import PASSES, WALL_PRESSURE, lean
 from refsim.core.capabilities import BringsWalls, HasErrata, HasPlanes
 from refsim.core.checked import Printed
 from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, require
@@ -24,7 +24,7 @@ from refsim.core.period import Lengths
 from refsim.core.walls import Bounds, WallMotion, WallParticles, WallViscosity
 from refsim.scene.solids import countable
 from refsim.smoothing import lattice, smoothing
-from refsim.sph import LIQUID, acceleration_of, gravity_of, least_wall_share, liquid_of, pressure_is_replaced
+from refsim.sph import LIQUID, gravity_of, least_wall_share, liquid_of, pressure_is_replaced
 
 if TYPE_CHECKING:
     from refsim.core.effect import InitialState
@@ -140,7 +140,7 @@ class BoxWalls(Effect, BringsWalls, HasPlanes, HasErrata, frozen=True, kw_only=T
         return (*made, Pass("one_way_coupling.wall_viscosity", reads, updates=("acceleration",), names=names))
 
     def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
-        groups: dict[str, Any] = {"lean": Lean(*map(grid.real, acceleration_of(others)))} if self.extrapolates() else {}
+        groups: dict[str, Any] = lean(grid, others) if self.extrapolates() else {}
         if self.viscosity > 0:
             groups["wall_viscosity"] = WallViscosity(grid.real(self.viscosity))
         return groups
