@@ -29,6 +29,7 @@ from refsim import (
     MpmLiquid,
     MpmWalls,
     NormalDifference2014,
+    ParticleShifting,
     ShapeMatching,
     SolidBox,
     SurfaceDetection,
@@ -508,6 +509,12 @@ def box_walls(dim):
     return {"bounds": {"lower": lower, "upper": upper}}
 
 
+def shifting(dim, strength):
+    """Sun et al. 2017 (7): A 2 h_s = A h; W(d); the longest shift is v_max dt/2."""
+    neighbour = float(kernel("wendland_c2", D, dim))
+    return {"shifting": {"length": strength * H, "inverse_neighbour": 1 / neighbour, "largest": 0.5}}
+
+
 def surface_of_run(dim):
     """Particles of a full cell, rho0, and the walls that mirror the liquid, planes of nodes: all but the open +y."""
     h = CELLS[dim]
@@ -707,6 +714,7 @@ def jz(**changes):
 
 
 # (effects of the scene, the one under test first; what it is to hand out, by dimension; dimensions)
+PULL = Gravity(acceleration=(0.3, -9.7, 0.0))
 SETUPS = {
     "liquid": (lambda dim: (WATER,), liquid),
     "tait": (lambda dim: (water(state="tait", clamp_pressure=False),), lambda dim: liquid(dim, exponent=7, clamp=0)),
@@ -761,6 +769,27 @@ SETUPS = {
     "box walls": (
         lambda dim: (BoxWalls(lower=WALLS[0], upper=WALLS[1], open_faces=("+y",)), WATER),
         box_walls,
+    ),
+    "extrapolated walls": (
+        lambda dim: (BoxWalls(lower=WALLS[0], upper=WALLS[1], open_faces=("+y",), model="extrapolated"), WATER, PULL),
+        lambda dim: box_walls(dim) | {"lean": {"x": 0.3, "y": -9.7, "z": 0.0}},
+    ),
+    "advanced liquid": (  # delta h_s c with h_s = h/2, and the slope rho0 g/c^2 of the density at rest
+        lambda dim: (water(density="continuity", diffusion=0.05), PULL),
+        lambda dim: (
+            liquid(dim, clamp=0)
+            | {"diffusion": {"coefficient": 0.025 * H * C, "x": RHO * 0.3 / C**2, "y": RHO * -9.7 / C**2, "z": 0.0}}
+        ),
+    ),
+    "shifting": (
+        lambda dim: (ParticleShifting(strength=1.5), WATER, SurfaceDetection()),
+        lambda dim: (
+            shifting(dim, 1.5) | normal_term(dim) | {"near_surface_limit": detection(dim)["near_surface_limit"]}
+        ),
+    ),
+    "shifting without surface": (
+        lambda dim: (ParticleShifting(surface="none"), WATER),
+        lambda dim: shifting(dim, 2.2),
     ),
     "detection": (lambda dim: (SurfaceDetection(), WATER), detection),
     "detection of films": (
