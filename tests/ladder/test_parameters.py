@@ -788,7 +788,7 @@ SETUPS = {
         ),
     ),
     "shifting without surface": (
-        lambda dim: (ParticleShifting(surface="none"), WATER),
+        lambda dim: (ParticleShifting(surface="none"), WATER, BoxWalls(lower=WALLS[0], upper=WALLS[1])),
         lambda dim: shifting(dim, 2.2),
     ),
     "detection": (lambda dim: (SurfaceDetection(), WATER), detection),
