@@ -203,7 +203,7 @@ def test_benchmarks_of_a_gpu_run_in_the_simulator(tmp_path):
     # In the cube of 3^3 within 2 d, without pairs at 2 d exactly: 3, 5 or more of 26 on corners, edges, faces, inside.
     assert 12 < own["60k density"]["neighbours"] <= own["60k density"]["entries"]
     assert own["60k density"]["neighbours"] < 26
-    assert found["effects cuda"]["readings"]["sph: liquid"]["kernels"] == 11
+    assert found["effects cuda"]["readings"]["sph: liquid"]["kernels"] == 12
 
 
 def test_a_file_without_benchmarks_is_refused(tmp_path):

@@ -27,9 +27,9 @@ PASSES = (
 class Lean(NamedTuple):
     """g - a_w as the kernels take it: the acceleration of gravity seen from the walls [m/s^2]."""
 
-    x: Any
-    y: Any
-    z: Any
+    x: Any  # [m/s^2]
+    y: Any  # [m/s^2]
+    z: Any  # [m/s^2]
 
 
 def lean(grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Lean]:
