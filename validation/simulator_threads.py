@@ -1,7 +1,7 @@
-"""Numba's CUDA simulator with its threads in turn where they never wait for each other, and sound where they do.
+"""Numba's CUDA simulator with the threads of a block in turn: each runs until it ends or waits for the others.
 
-Every thread of a block is one of Python's, which takes longer to start than most kernels take. Where neither a kernel
-nor what it calls synchronises, its threads run one after another without one.
+Numba's own starts a thread of Python for each of a block, and all run at once. Starting them and asking all of them
+whether they wait takes longer than most kernels take, and two that request a shared array may get one each.
 
 A device function runs with a stand-in for the module `cuda` among the globals of its module. The simulator puts it
 there for each call and removes it at the call's end, also while another thread is still inside. Here the last call
@@ -9,89 +9,90 @@ removes it.
 """
 
 import contextlib
-import contextvars
 import functools
+import sys
 import threading
-import types
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
+import greenlet
 import numpy as np
 
 
 def install() -> None:
-    """Replace the simulator's exchange of the module and its loop over the threads of a block."""
+    """Replace the simulator's exchange of the module, its shared arrays and its loop over the threads of a block."""
     from numba.cuda.simulator import kernel, kernelapi
 
     kernel.swapped_cuda_module = exchanged
     kernelapi.threading = Threads()
-    together = kernel.BlockManager.run
+    make = kernelapi.FakeCUDALocal().array
+
+    def shared(arrays: Any, shape: Any, dtype: Any) -> Any:
+        caller = sys._getframe(1)
+        place = caller.f_code, caller.f_lineno
+        if place not in arrays._allocations:
+            arrays._allocations[place] = make(shape, dtype)
+        return arrays._allocations[place]
 
     def run(manager: Any, block: Any, *arguments: Any) -> None:
-        if waits(manager._f):
-            together(manager, block, *arguments)
-        else:  # in a context of its own, as a thread has one
-            contextvars.Context().run(in_turn, manager, kernelapi.Dim3(*block), arguments)
+        size, block, votes = (*manager._block_dim, 1, 1)[:3], kernelapi.Dim3(*block), {}
+        call = functools.partial(manager._f, *arguments)
+        turns = [Turn(call, block, kernelapi.Dim3(*place), size, votes) for place in np.ndindex(*size)]
+        while turns:
+            for turn in turns:
+                turn.switch()
+            turns = [turn for turn in turns if not turn.dead]
 
+    kernelapi.FakeCUDAShared.array = shared
     kernel.BlockManager.run = run
 
 
 class Threads:
     """The module `threading` with the simulated thread as the current one, while there is one."""
 
-    current: Any = None
-
     def current_thread(self) -> Any:
-        return Threads.current or threading.current_thread()
+        current = greenlet.getcurrent()
+        return current if isinstance(current, Turn) else threading.current_thread()
 
     def __getattr__(self, name: str) -> Any:
         return getattr(threading, name)
 
 
-class Turn:
-    """A simulated thread that runs while the others of its block do not."""
+class Turn(greenlet.greenlet):
+    """A simulated thread that runs until it waits or ends, while the others of its block do not.
 
-    def __init__(self, block: Any, place: Any, size: Sequence[int]) -> None:
-        self.blockIdx, self.threadIdx = block, place
+    votes  values given by the threads of the block, by the number of their wait
+    """
+
+    def __init__(
+        self, call: Callable[[], None], block: Any, place: Any, size: Sequence[int], votes: dict[int, list[Any]]
+    ) -> None:
+        super().__init__(call)
+        self.blockIdx, self.threadIdx, self.votes, self.waits = block, place, votes, 0
         self.thread_id = place.x + size[0] * (place.y + size[1] * place.z)
 
+    def syncthreads(self) -> None:
+        """Let the others of the block come as far."""
+        self.waits += 1
+        self.parent.switch()
 
-def in_turn(manager: Any, block: Any, arguments: Sequence[Any]) -> None:
-    """Run the threads of a block one after another."""
-    size = (*manager._block_dim, 1, 1)[:3]
-    try:
-        for place in np.ndindex(*size):
-            Threads.current = Turn(block, type(block)(*place), size)
-            manager._f(*arguments)
-    finally:
-        Threads.current = None
+    def _after_all(self, value: Any) -> list[Any]:
+        given = self.votes.setdefault(self.waits, [])
+        given.append(value)
+        self.syncthreads()
+        return given
 
+    def syncthreads_count(self, value: Any) -> int:
+        """How many of the block's values are true."""
+        return int(np.count_nonzero(self._after_all(value)))
 
-@functools.cache
-def waits(function: Any) -> bool:
-    """Whether the function, or one that it names, synchronises threads, shares memory or passes values among them."""
-    seen: set[Any] = set()
-    waiting = [function]
-    while waiting:
-        found = waiting.pop()
-        found = getattr(found, "fn", found)  # of a simulated kernel or device function
-        if not isinstance(found, types.FunctionType) or found in seen:
-            continue
-        seen.add(found)
-        names = named(found.__code__)
-        if any(name.startswith(("sync", "shfl", "shared", "cg")) for name in names):
-            return True
-        held = [cell.cell_contents for cell in found.__closure__ or ()]
-        held += [found.__globals__[name] for name in names if name in found.__globals__]
-        modules = [value for value in held if isinstance(value, types.ModuleType)]
-        waiting += [*held, *(getattr(module, name, None) for module in modules for name in names)]
-    return False
+    def syncthreads_and(self, value: Any) -> int:
+        """Whether all of the block's values are true."""
+        return int(all(self._after_all(value)))
 
-
-def named(code: types.CodeType) -> set[str]:
-    """Names of globals and attributes in a function's code, and in that of the functions inside."""
-    inside = [part for part in code.co_consts if isinstance(part, types.CodeType)]
-    return set(code.co_names).union(*map(named, inside))
+    def syncthreads_or(self, value: Any) -> int:
+        """Whether one of the block's values is true."""
+        return int(any(self._after_all(value)))
 
 
 LOCK = threading.Lock()

@@ -4,9 +4,7 @@ Run it as `NUMBA_ENABLE_CUDASIM=1 NUMBA_DISABLE_JIT=1 pytest tests/ladder/test_c
 everything here is skipped, because compiled kernels would need a GPU (`scripts/gpu_check.py`).
 """
 
-import importlib
 import math
-import threading
 
 import msgspec
 import numpy as np
@@ -50,51 +48,6 @@ pytestmark = pytest.mark.skipif(
 )
 RADIUS = 0.2
 SKIN = 0.25
-
-
-class SharedArrays(dict):
-    """Shared arrays of a block by their lines of code, one for all threads that request it at the same time."""
-
-    def __init__(self):
-        super().__init__()
-        self.making = threading.Lock()
-
-    def get(self, line):
-        self.making.acquire()  # until another thread has entered the array that it makes
-        found = super().get(line)
-        if found is not None:
-            self.making.release()
-        return found
-
-    def __setitem__(self, line, array):
-        super().__setitem__(line, array)
-        self.making.release()
-
-
-@pytest.fixture(scope="module", autouse=True)
-def waiting_simulator():
-    """The simulator that waits for its threads, and makes each shared array once.
-
-    Numba's own asks all threads without a pause whether they are alive, which takes most of the time from them. Two of
-    its threads that request a shared array at the same time may get one each.
-    """
-    kernel = importlib.import_module("numba.cuda.simulator.kernel")
-    shared = importlib.import_module("numba.cuda.simulator.kernelapi").FakeCUDAShared
-    begin = shared.__init__
-
-    def is_alive(thread):
-        if not thread.syncthreads_blocked:
-            thread.join(1e-3)
-        return threading.Thread.is_alive(thread)
-
-    def begin_with_lock(arrays, size):
-        begin(arrays, size)
-        arrays._allocations = SharedArrays()
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(kernel.BlockThread, "is_alive", is_alive)
-        patch.setattr(shared, "__init__", begin_with_lock)
-        yield
 
 
 @pytest.fixture(scope="module")
