@@ -98,8 +98,10 @@ def _linked(text: str) -> str:
 
 
 def navigation() -> Iterator[str]:
-    """The tables of contents that make the sidebar."""
-    for title, pages in NAVIGATION.items():
+    """The tables of contents that make the sidebar; a page that NAVIGATION does not name stands in one of its own."""
+    named = {re.sub(r".*<(.*)>", r"\1", page) for pages in NAVIGATION.values() for page in pages} | {"index"}
+    others = tuple(sorted({path.stem for path in (ROOT / "docs").glob("*.md")} - named))
+    for title, pages in (NAVIGATION | ({"Other methods": others} if others else {})).items():
         yield f"\n```{{toctree}}\n:hidden:\n:caption: {title}\n"
         yield from pages
         yield "```"
@@ -164,8 +166,9 @@ def _caption(name: str) -> str:
 
 
 def api() -> Iterator[str]:
-    """Every public name of `refsim`, by kind."""
+    """Every public name of `refsim`, by kind, and every operation."""
     import refsim
+    from refsim.core.operation import REGISTRY
 
     public = [name for name in refsim.__all__ if not name.startswith("_")]
     kinds = {"Functions": "autofunction", "Classes": "autoclass", "Errors": "autoexception", "Modules": "automodule"}
@@ -175,6 +178,10 @@ def api() -> Iterator[str]:
             yield f"\n## {title}\n"
         for name in names:
             yield f"```{{eval-rst}}\n.. {directive}:: refsim.{name}\n```\n"
+    yield "\n## Operations\n"
+    for name, operation in sorted(REGISTRY.items()):
+        said = (operation.program("numpy").__doc__ or "").partition("\n")[0]
+        yield f"- `{name}`: {operation.paper}, {operation.equation}. {said}"
 
 
 @functools.singledispatch

@@ -8,12 +8,16 @@ from refsim.core import stopping  # first, so that Ctrl-C on the command line le
 
 stopping.quiet_while_importing()
 
+import importlib
+import pathlib
+
 from refsim import isosurface, surface_energy
 from refsim.boundary import sampling, signed_distance
 from refsim.boundary.akinci_2012 import BoxWalls
 from refsim.boundary.mesh import load_mesh
 from refsim.boundary.one_way_coupling import MeshBoundary
 from refsim.boundary.two_way_coupling import TwoWayCoupling
+from refsim.core.effect import EFFECTS
 from refsim.core.energy import EnergyAudit
 from refsim.core.errors import InputError, RunStopped
 from refsim.core.versions import VERSION as __version__
@@ -103,3 +107,8 @@ __all__ = [
     "study",
     "surface_energy",
 ]
+
+_ROOT = pathlib.Path(__file__).parent
+for _folder in sorted(path.parent for depth in ("*", "*/*") for path in _ROOT.glob(f"{depth}/reference.py")):
+    importlib.import_module(".".join(("refsim", *_folder.relative_to(_ROOT).parts)))
+globals().update({effect.__name__: effect for effect in EFFECTS.values()})  # of a new method, too

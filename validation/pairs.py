@@ -8,75 +8,20 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-import refsim
-from refsim import (
-    Akinci2013,
-    BeckerTeschner2007,
-    BoxWalls,
-    Cloud,
-    CsfWang2019,
-    Dong2016,
-    Gravity,
-    He2014,
-    HeatConduction,
-    ImplicitPressure,
-    JiangZhu2023,
-    Melting,
-    MeshBoundary,
-    MpmLiquid,
-    MpmWalls,
-    NormalDifference2014,
-    ParticleShifting,
-    Scene,
-    ShapeMatching,
-    Simulation,
-    SolidBox,
-    SurfaceDetection,
-    SurfaceEnergy,
-    TartakovskyMeakin2005,
-    TwoWayCoupling,
-    WeaklyCompressible,
-    make_plan,
-)
+from refsim import Cloud, Scene, Simulation, SolidBox, make_plan
+from refsim.core import cases
 from refsim.core.effect import Effect
 
 SPACING = 0.1  # m
 BOUND = 1e-11  # of a field's largest value; see `compare`
 SHEAR = np.array([[0.5, 1.0, 0.0], [-0.4, -0.7, 0.0], [0.0, 0.0, 0.0]])  # 1/s, so that no gradient is a rounding error
 OF_SPACING = ("region_anchor", "region_center")  # displacements of nodes, as exact as their positions are
-PEBBLE = Path(refsim.__file__).parent / "examples" / "pebble.obj"
-EFFECTS: dict[str, Effect] = {
-    effect.name: effect
-    for effect in (
-        WeaklyCompressible(sound_speed=12.0, dynamic_viscosity=0.3),
-        Gravity(acceleration=(1.0, -9.81, 0.0)),
-        ImplicitPressure(),
-        BoxWalls(lower=(-0.03, -0.03, -0.5), upper=(0.8, 0.8, 0.8)),
-        MeshBoundary(file=str(PEBBLE), center=(0.2, -0.17, 0.2), size=0.4, viscosity=0.1, adhesion=0.1),
-        SurfaceDetection(each_step=True),
-        ParticleShifting(),
-        JiangZhu2023(surface_tension=0.5, pair_mode="soft"),
-        Akinci2013(surface_tension=0.5, adhesion=0.1),
-        Dong2016(surface_tension=0.5),
-        BeckerTeschner2007(surface_tension=0.5),
-        TartakovskyMeakin2005(surface_tension=0.5),
-        He2014(surface_tension=0.1, air_pressure=1.0),
-        CsfWang2019(surface_tension=0.5),
-        NormalDifference2014(area_acceleration=0.5),
-        ShapeMatching(),
-        TwoWayCoupling(),
-        HeatConduction(temperature=50.0, melting_point=0.0),
-        Melting(),
-        MpmLiquid(bulk_modulus=1e4),
-        MpmWalls(lower=(-0.2, 0.0, -0.2), upper=(0.8, 0.8, 0.8)),
-        SurfaceEnergy(surface_tension=5.0, enclose_volume=True, iterations=2, smallest=8),
-    )
-}
+cases.discover()
+EFFECTS: dict[str, Effect] = {name: example.effect for name, example in cases.EXAMPLES.items()}
 
 _TWICE, _COHESION, _FILTER = "take the place of 'sph", "an effect with cohesion", "compute field 'corrected_density'"
 # Effects that no scene has together, also where another effect needs one of them, and words of the refusal

@@ -15,7 +15,7 @@ import math
 import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -220,6 +220,25 @@ def across_a_border(exact: Exact, length: float, **given: Any) -> Exact:
     return replace(
         exact, case=case, given={**exact.given, "period": period_group((0.0, length, 0.0), "float64"), **given}
     )
+
+
+class Example(NamedTuple):
+    """An effect as tests of whole scenes take it: with others, without, with a coefficient of zero, on two backends."""
+
+    effect: Effect
+    brings: str  # fields, in one string, that a scene has for this effect and not for those that it needs
+    constants: Mapping[str, Mapping[str, Any]]  # {parameter group: {member: value}}, where the paper computes them
+
+
+EXAMPLES: dict[str, Example] = {}
+
+
+def example(effect: Effect, brings: str = "", **constants: Mapping[str, Any]) -> None:
+    """Enter an effect with the fields that it brings; `constants` are computed by hand, for a run in float64.
+
+    A member of a parameter group that is a parameter of the effect, of the same name, needs no entry.
+    """
+    EXAMPLES[effect.name] = Example(effect, brings, constants)
 
 
 CLOSED_FORMS: dict[str, list[Callable[[], Exact]]] = {}

@@ -15,6 +15,7 @@ from refsim.core.cases import (
     case,
     closed_form,
     codes,
+    example,
     groups,
     lattice,
     particles,
@@ -24,6 +25,11 @@ from refsim.core.cases import (
 from refsim.core.period import period_group
 from refsim.heat import HeatConduction
 from refsim.heat.shapes import MOST_PASSES, MUELLER, POLY6, SPIKY, Conduction, conduction_group
+
+example(
+    HeatConduction(temperature=50.0, melting_point=0.0),
+    brings="conductivity heat_capacity temperature temperature_range volume",
+)
 
 SLOW = 1.0  # k dt/(rho c d^2) of the common cases, on average
 STORED = REST_DENSITY * 1000.0  # rho c [J/(m^3 K)] of the common cases, about

@@ -2,9 +2,11 @@
 
 import numpy as np
 
-from refsim.core.cases import Case, Exact, closed_form, groups, lattice
-from refsim.melting import MeltingRule
+from refsim.core.cases import Case, Exact, closed_form, example, groups, lattice
+from refsim.melting import Melting, MeltingRule
 from refsim.shape_matching.phases import FLUID, INTERIOR, SURFACE
+
+example(Melting(), brings="melted melted_count melting_point rebuild")
 
 
 @groups("melting", "melted", "melted_count")

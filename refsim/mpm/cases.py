@@ -20,6 +20,7 @@ from refsim.core.cases import (
     cloud,
     codes,
     derived,
+    example,
     groups,
     lattice,
     other,
@@ -37,6 +38,7 @@ from refsim.mpm import (
     Liquid,
     Mirrors,
     MpmLiquid,
+    MpmWalls,
     Recounting,
     ViscousStress,
     WallNodes,
@@ -47,6 +49,9 @@ from refsim.mpm.grid import SLACK, Background, MpmGrid
 from refsim.sparse_grid import PointList
 from refsim.sparse_grid.reference import node_table
 from refsim.surface_energy import Tension, surface_term
+
+example(MpmLiquid(bulk_modulus=1e4), brings="affine cell step_extremes volume_ratio")
+example(MpmWalls(lower=(-0.2, 0.0, -0.2), upper=(0.8, 0.8, 0.8)))
 
 EMBEDDED = ("carrier_first", "carrier_position", "carrier_owner", "cluster_share", "inverse_spread")
 

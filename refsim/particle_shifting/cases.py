@@ -4,8 +4,10 @@ import math
 
 import numpy as np
 
-from refsim.core.cases import Case, Exact, closed_form, groups
-from refsim.particle_shifting import Shifting
+from refsim.core.cases import Case, Exact, closed_form, example, groups
+from refsim.particle_shifting import ParticleShifting, Shifting
+
+example(ParticleShifting(), brings="near_surface shift")
 
 W0 = 21 / (16 * math.pi)  # W(0) of Wendland C2, h = 2 m; W(h/2) = 3/16 W(0), |W'(h/2)| = 5/8 W(0)
 PAIR = Case("shifted_pair", 3, np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), spacing=1.0, support_radius=2.0)

@@ -11,14 +11,21 @@ from refsim.core.cases import (
     Variation,
     case,
     closed_form,
+    example,
     groups,
     lattice,
     particles,
     takes,
 )
 from refsim.scene.solids import lattice_of
-from refsim.shape_matching import Matching, floors, reference
+from refsim.shape_matching import Matching, ShapeMatching, floors, reference
 from refsim.shape_matching.boxes import boxes_of
+
+example(
+    ShapeMatching(),
+    brings="direct phase place region region_anchor region_center region_count region_share region_spin region_velocity"
+    " rotation solid_position solid_velocity",
+)
 
 
 @particles("identity")

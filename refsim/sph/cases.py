@@ -16,6 +16,7 @@ from refsim.core.cases import (
     cloud,
     codes,
     effect_of_cases,
+    example,
     groups,
     particles,
     takes,
@@ -23,7 +24,19 @@ from refsim.core.cases import (
 )
 from refsim.core.walls import Bounds, WallMotion, WallParticles
 from refsim.smoothing import SHAPES, Smoothing, smoothing
-from refsim.sph import LIQUID, CentralViscosity, DensityBounds, Diffusion, Fluid, ViscosityTerm, WeaklyCompressible
+from refsim.sph import (
+    LIQUID,
+    CentralViscosity,
+    DensityBounds,
+    Diffusion,
+    Fluid,
+    Gravity,
+    ViscosityTerm,
+    WeaklyCompressible,
+)
+
+example(WeaklyCompressible(sound_speed=12.0, dynamic_viscosity=0.3), brings="density pressure")
+example(Gravity(acceleration=(1.0, -9.81, 0.0)))
 
 FLUID = LIQUID
 

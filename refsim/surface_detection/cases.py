@@ -2,8 +2,10 @@
 
 import numpy as np
 
-from refsim.core.cases import VARIATIONS, Case, Exact, Variation, closed_form, groups, particles, takes
+from refsim.core.cases import VARIATIONS, Case, Exact, Variation, closed_form, example, groups, particles, takes
 from refsim.surface_detection import FanScan, NearSurfaceLimit, SurfaceDetection, ThinFeature
+
+example(SurfaceDetection(each_step=True), brings="asymmetry number_density scan_candidates surface surface_normal")
 
 
 @particles("surface", "near_surface")

@@ -7,11 +7,29 @@ import msgspec
 import numpy as np
 
 from refsim.backends.arrays import Backend
-from refsim.core.cases import CASES, VARIATIONS, Case, Exact, Variation, case, closed_form, groups, lattice, takes
+from refsim.core.cases import (
+    CASES,
+    VARIATIONS,
+    Case,
+    Exact,
+    Variation,
+    case,
+    closed_form,
+    example,
+    groups,
+    lattice,
+    takes,
+)
 from refsim.isosurface.cases import cell_size, extraction
 from refsim.sparse_grid import Blocks, SparseGrid, nodes
 from refsim.sparse_grid.reference import node_table
 from refsim.surface_energy import Dice, SurfaceTerm, Tension, reference, surface_term
+from refsim.surface_energy.effect import SurfaceEnergy
+
+example(
+    SurfaceEnergy(surface_tension=5.0, enclose_volume=True, iterations=2, smallest=8),
+    brings="cluster_share crowding extent greatest_crowding inverse_spread",
+)
 
 UNITS = float(1 << 20)  # units of area in a cell's face
 

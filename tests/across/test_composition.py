@@ -10,6 +10,7 @@ import subprocess
 import sys
 import tracemalloc
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -45,12 +46,14 @@ from refsim import (
     make_plan,
 )
 from refsim.commands.plan import describe_plan
+from refsim.core import cases
 from refsim.core.capabilities import NeedsCellOrder, having
 from refsim.core.effect import EFFECTS
 from refsim.core.fields import BASE, POSITION_RESIDUAL
 from refsim.core.operation import REGISTRY
 from refsim.mpm.memory import grid_bytes, surface_bytes, with_room
 from refsim.study.memory import bytes_of
+from validation import pairs
 
 LIQUID = WeaklyCompressible(sound_speed=12.0, clamp_pressure=False)  # its surface pulls it together: it moves
 VISCOUS = WeaklyCompressible(sound_speed=12.0, clamp_pressure=False, dynamic_viscosity=0.3)
@@ -189,6 +192,12 @@ ASKED = [
     f"{DAMPED} {COUPLED} {CONDUCTION} melted melted_count rebuild melting_point",
 ]
 assert len(ASKED) == len(SETS)
+LOOKED_AT = {effect.name for effects in SETS for effect in effects}
+for method in pairs.EFFECTS.keys() - LOOKED_AT:  # new ones
+    effect, *needed = pairs.scene(method, method).effects
+    own = make_plan(msgspec.structs.replace(pairs.scene(method, method), effects=tuple(needed))).fields
+    SETS.append((*needed, effect))
+    ASKED.append(" ".join((*own, cases.EXAMPLES[method].brings)))
 SOLID = SolidBox(lower=(0.1, 0.1, 0.4), upper=(0.4, 0.4, 0.6))
 
 
@@ -303,7 +312,7 @@ def differences(effects):
     stepped = set(simulation.timings.first_calls)
     simulation.evaluate()
     sound = any(isinstance(effect, (WeaklyCompressible, MpmLiquid)) for effect in effects)
-    pairs = {
+    compared = {
         "fields": (set(simulation.fields), set(plan.fields)),
         "bytes": (held, sum(plan.bytes_of_fields().values())),
         "launches of a step": (stepped, {*plan.launches(), *runner}),
@@ -313,8 +322,8 @@ def differences(effects):
         "acoustic limit": ("acoustic" in limits, sound and IMPLICIT not in effects),
         "limits that are not positive": ([name for name, value in limits.items() if not value > 0], []),
     }
-    pairs |= held_by_grid_and_surface(simulation)
-    return [f"{names(effects)}: {what}: {a}, not {b}" for what, (a, b) in pairs.items() if a != b]
+    compared |= held_by_grid_and_surface(simulation)
+    return [f"{names(effects)}: {what}: {a}, not {b}" for what, (a, b) in compared.items() if a != b]
 
 
 def test_runs_hold_and_launch_what_the_plan_says():
@@ -359,46 +368,20 @@ def test_a_run_that_is_not_its_plan_is_told(monkeypatch):
     assert [line.split(": ")[1] for line in differences((LIQUID,))] == ["launches of a step", "all launches"]
 
 
-FOOTPRINTS = {
-    DETECTION: {"scan_candidates", "surface", "surface_normal", "number_density", "asymmetry"},
-    DETECTION_THIN: {"scan_candidates", "surface", "surface_normal", "number_density", "asymmetry"},
-    TENSION: {"surface_normal", "surface_weight", "corrected_normal", "number_density"},
-    AKINCI: {"surface_normal"},
-    DONG: {"surface_normal", "corrected_density"},
-    BECKER: set(),
-    TARTAKOVSKY: set(),
-    HE: {"color", "color_gradient_squared"},
-    CSF: {"interface_normal", "curvature", "number_density", "near_surface", "corrected_density"},
-    DIFFERENCE: {"surface_normal"},
-    MESH: {"corrections"},
-    MESH_ALONE: set(),
-    HEAT: {"temperature", "heat_capacity", "conductivity", "volume", "temperature_range"},
-    ICE: {
-        "temperature",
-        "heat_capacity",
-        "conductivity",
-        "volume",
-        "temperature_range",
-        "enthalpy",
-        "melting_point",
-        "latent_heat",
-        "reservoir",
-    },
-    GRAVITY: set(),
-    WALLS: set(),
-}
-
-
-@pytest.mark.parametrize("effect", FOOTPRINTS, ids=lambda effect: names((effect,)))
-def test_an_effect_brings_its_own_and_nothing_else(effect):
-    without, with_it = make_plan(scene(LIQUID)), make_plan(scene(LIQUID, effect))
-    assert set(with_it.fields) - set(without.fields) == FOOTPRINTS[effect]
-    assert set(without.launches(True)) <= set(with_it.launches(True))
-    passes = (*with_it.passes, *with_it.motion)
-    own = {p.operation for e, p in passes if e is not None and e.name == effect.name}
-    assert set(with_it.launches(True)) - set(without.launches(True)) == own
+@pytest.mark.parametrize("name", pairs.EFFECTS)
+def test_an_effect_brings_its_own_and_nothing_else(name):
+    whole = pairs.scene(name, name)
+    rest = tuple(effect for effect in whole.effects if effect.name != name)
+    solid = () if name == "shape_matching" else whole.solid
+    without, with_it = make_plan(msgspec.structs.replace(whole, effects=rest, solid=solid)), make_plan(whole)
+    assert set(with_it.fields) - set(without.fields) == set(cases.EXAMPLES[name].brings.split())
+    assert set(without.launches(True)) - set(with_it.launches(True)) <= set(pairs.EFFECTS[name].replaces())
+    passes = (*with_it.begin, *with_it.passes, *with_it.motion)
+    new = set(with_it.launches(True)) - set(without.launches(True))
+    brought = {e.name for e, p in passes if e is not None and p.operation in new}
+    assert brought <= {name, *pairs.EFFECTS[name].needs()}
     assert without.walls is None
-    assert with_it.walls is None or effect in (WALLS, MESH, MESH_ALONE)
+    assert with_it.walls is None or name in ("box_walls", "mesh_boundary")
 
 
 def test_shared_passes_run_once():

@@ -141,11 +141,6 @@ def words(paths):
     return "\n".join(path.read_text() for path in paths)
 
 
-@pytest.mark.parametrize("name", [*REGISTRY, *PUBLISHED])
-def test_operations_and_effects_have_a_page(name):
-    assert f"`{name}`" in words(EFFECT_PAGES), f"no page in docs/ names {name}"
-
-
 def switchable(effect):
     """Errata that the effect takes in `literal`."""
     return getattr(effect, "errata", ())

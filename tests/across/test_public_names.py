@@ -6,8 +6,6 @@ import re
 import pytest
 
 import refsim
-from refsim.__main__ import make_parser
-from refsim.commands import COMMANDS, discover
 from refsim.contract import export
 from refsim.core.effect import EFFECTS
 from refsim.core.errors import InputError, RunStopped
@@ -20,33 +18,10 @@ ROOT = pathlib.Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "public_names.md").read_text()
 
 
-def part(name):
-    """What stands between the two marks of this name."""
-    return PAGE.partition(f"<!-- {name} -->")[2].partition(f"<!-- end of {name} -->")[0]
-
-
 def row(name):
     """Cells of the row of the table of what is public."""
     (line,) = re.findall(rf"^\| {name} +\|(.*)\|$", PAGE, re.MULTILINE)
     return [cell.strip() for cell in line.split("|")]
-
-
-def test_the_names_are_those_of_the_package():
-    assert re.findall(r"`(\w+)`", part("names")) == refsim.__all__
-
-
-def test_the_options_are_those_of_the_commands():
-    discover()
-    (action,) = make_parser()._subparsers._group_actions
-    own = {name: command for name, command in COMMANDS.items() if command.execute.__module__.startswith("refsim.")}
-    taken = {
-        name: [max(a.option_strings, key=len) for a in action.choices[name]._actions if a.option_strings]
-        for name in sorted(own)
-    }
-    assert all({"--help", "--json"} <= set(options) for options in taken.values())
-    taken = {name: [o for o in options if o not in ("--help", "--json")] for name, options in taken.items()}
-    rows = re.findall(r"^\| `(\w+)` *\|(.*)\|$", part("options"), re.MULTILINE)
-    assert {name: re.findall(r"`(--[\w-]+)`", options) for name, options in rows} == taken
 
 
 @pytest.mark.parametrize(

@@ -22,7 +22,6 @@ from refsim import (
     Gravity,
     He2014,
     HeatConduction,
-    ImplicitPressure,
     InputError,
     JiangZhu2023,
     Melting,
@@ -43,7 +42,8 @@ from refsim import (
     make_plan,
 )
 from refsim.commands.plan import describe_plan
-from refsim.core.effect import EFFECTS, Extremes
+from refsim.core.effect import Extremes
+from validation import pairs
 
 PEBBLE = pathlib.Path(__file__).parents[2] / "refsim" / "examples" / "pebble.obj"
 FACES = ("-x", "+x", "-y", "+y", "-z", "+z")
@@ -200,36 +200,6 @@ OTHERS = {
     "surface_energy.smallest": "3^dim",
     "jiang_zhu_2023.soft_lower": "a weight from the least steepness on",
 }
-SAMPLES = [
-    (LIQUID, ()),
-    (MPM, ()),
-    (PULL, ()),
-    (HeatConduction(), ()),
-    (SHAPE, ()),
-    (SurfaceEnergy(surface_tension=0.5), (MPM, MpmWalls(**TANK))),
-    (Akinci2013(surface_tension=0.5), (LIQUID,)),
-    (Akinci2013(gamma=0.5), (LIQUID,)),
-    (BeckerTeschner2007(surface_tension=0.5), (LIQUID,)),
-    (BeckerTeschner2007(kappa=0.5), (LIQUID,)),
-    (TartakovskyMeakin2005(surface_tension=0.5), (LIQUID,)),
-    (TartakovskyMeakin2005(strength=0.5), (LIQUID,)),
-    (Dong2016(surface_tension=0.5), (LIQUID,)),
-    (Dong2016(stiffness=0.5), (LIQUID,)),
-    (He2014(surface_tension=0.1, air_pressure=1.0), (LIQUID,)),
-    (He2014(kappa=0.1), (LIQUID,)),
-    (JiangZhu2023(surface_tension=0.5), (LIQUID,)),
-    (JiangZhu2023(gamma=0.5), (LIQUID,)),
-    (CsfWang2019(surface_tension=0.5), (LIQUID,)),
-    (NormalDifference2014(area_acceleration=0.5), (LIQUID,)),
-    (BoxWalls(**TANK), (LIQUID,)),
-    (MpmWalls(**TANK), (MPM,)),
-    (ImplicitPressure(), (LIQUID,)),
-    (SurfaceDetection(), (LIQUID,)),
-    (ParticleShifting(), (LIQUID, SurfaceDetection())),
-    (TwoWayCoupling(), (CLAMPED, SHAPE)),
-    (Melting(), (CLAMPED, SHAPE, TwoWayCoupling(), HeatConduction(**FROZEN))),
-    (MeshBoundary(file=str(PEBBLE), center=(0.2, 0.2, -0.4), size=0.4), (LIQUID,)),
-]
 CASES = [(name, k) for name, cases in IDENTITIES.items() for k in range(len(cases))]
 
 
@@ -255,32 +225,38 @@ def limits(plan):
     return {k: v.at(at) for e in plan.effects.values() for k, v in e.step_limits(plan.grid, plan.effects).items()}
 
 
-def test_every_effect_stands_in_one_list():
-    own = {name for name, effect in EFFECTS.items() if effect.__module__.startswith("refsim.")}
-    assert not set(IDENTITIES) & set(WITHOUT)
-    assert {*IDENTITIES, *WITHOUT} == own
-    assert {type(effect).name for effect, _ in SAMPLES} == own
+def changed(name, **parameters):
+    """The pair scene of an effect alone, with other parameters of it; without it if there are none."""
+    whole = pairs.scene(name, name)
+    effects = (
+        msgspec.structs.replace(effect, **parameters) if effect.name == name else effect for effect in whole.effects
+    )
+    return msgspec.structs.replace(whole, effects=tuple(e for e in effects if parameters or e.name != name))
 
 
-def test_every_number_that_may_be_zero_stands_in_one_list():
-    """A new parameter that may be zero must be in a list: does its zero leave out what it belongs to?"""
-    identities = {name: [case[0] for case in cases] for name, cases in IDENTITIES.items()}
-    found = set()
-    for effect, rest in SAMPLES:
-        for f in msgspec.structs.fields(effect):
-            if not any(kind in str(f.type) for kind in ("float", "int")) or isinstance(getattr(effect, f.name), tuple):
-                continue
-            try:
-                zero = msgspec.structs.replace(effect, **{f.name: 0})
-                make_plan(scene(*rest, zero, solid=isinstance(effect, ShapeMatching) or SHAPE in rest))
-            except (InputError, ZeroDivisionError):
-                continue
-            found.add(f"{effect.name}.{f.name}")
-    told = {*TERMS, *OTHERS}
-    for place in found - told:
-        name, parameter = place.split(".")
-        assert any(getattr(effect, parameter) == 0 for effect in identities.get(name, ())), place
-    assert {place for place in told if place not in found} <= {"heat_conduction.latent_heat"}
+def same_plan(first, second):
+    one, other = make_plan(first), make_plan(second)
+    return one.launches(True) == other.launches(True) and one.fields == other.fields and limits(one) == limits(other)
+
+
+@pytest.mark.parametrize("name", pairs.EFFECTS)
+def test_a_zero_leaves_out_what_it_belongs_to(name):
+    """A parameter that may be zero stands in a list, or its zero leaves the plan of a scene without the effect."""
+    effect, listed, identities = pairs.EFFECTS[name], {*TERMS, *OTHERS}, IDENTITIES.get(name, ())
+    leaves_out = []
+    for f in msgspec.structs.fields(effect):
+        if not any(kind in str(f.type) for kind in ("float", "int")) or isinstance(getattr(effect, f.name), tuple):
+            continue
+        try:
+            zero = changed(name, **{f.name: 0})
+            make_plan(zero)
+        except (InputError, ZeroDivisionError):
+            continue
+        if f"{name}.{f.name}" in listed or any(getattr(case[0], f.name) == 0 for case in identities):
+            continue
+        assert same_plan(zero, changed(name)), f"zero {f.name} of {name} is neither listed nor leaves it out"
+        leaves_out.append(f.name)
+    assert (name in IDENTITIES or bool(leaves_out)) != (name in WITHOUT), name
 
 
 @pytest.mark.parametrize("name, k", CASES)

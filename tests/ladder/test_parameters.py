@@ -45,6 +45,7 @@ from refsim.core.effect import EFFECTS, Discretisation, Effect
 from refsim.core.period import period_group
 from refsim.scene.solids import voxelised
 from refsim.surface_energy import Tension, surface_term
+from validation import pairs
 
 D, H, RHO, C, MU = 0.14, 0.37, 870.0, 60.0, 0.4  # spacing [m], support radius [m], rho0, c [m/s], mu [Pa s]
 SIGMA = 0.8  # [N/m]
@@ -1150,17 +1151,37 @@ def test_a_periodic_box():
     assert not list(wrong(period_group((0.7, 0.0, 1.9), "float64"), expected))
 
 
+def effects_with_groups():
+    hooks = (Effect.prepare, Effect.shares)
+    return {name for name, effect in EFFECTS.items() if (effect.prepare, effect.shares) != hooks}
+
+
+def made_by_methods():
+    """(effect, group's name, group) of effects without a setup here, whose `cases.py` says what their constants are."""
+    cases.discover()
+    listed = {effects(dim)[0].name for effects, _, *dims in SETUPS.values() for dim in (dims[0] if dims else (2, 3))}
+    for name in (cases.EXAMPLES.keys() & effects_with_groups()) - listed:
+        for key, group in handed_out(pairs.scene(name, name).effects, 2).items():
+            if is_group(group):
+                yield name, key, group
+
+
+def test_constants_of_other_methods_are_those_of_their_cases():
+    for name, key, group in made_by_methods():
+        effect, _, constants = cases.EXAMPLES[name]
+        for member, value in zip(group._fields, group):
+            expected = constants.get(key, {}).get(member, getattr(effect, member, None))
+            assert expected is not None, f"give example(..., {key}={{{member!r}: ...}}) in cases.py of {name}"
+            assert math.isclose(value, expected, rel_tol=RTOL), f"{name}: {key}.{member}"
+
+
 # None is missing
 
 ELSEWHERE = {"SurfaceTerm", "Dice", "BandGrid", "Relaxation", "Period", "Contour"}  # above; a seed; a level of phi
 
 
 def test_no_effect_and_no_group_is_missing():
-    own = [
-        name
-        for name, effect in EFFECTS.items()
-        if effect.prepare is not Effect.prepare or effect.shares is not Effect.shares
-    ]
+    own = effects_with_groups()
     seen = {}
     for name, (made, _, *dims) in SETUPS.items():
         for dim in dims[0] if dims else (2, 3):
@@ -1168,10 +1189,12 @@ def test_no_effect_and_no_group_is_missing():
             for key, value in given(name, dim).items():
                 seen.setdefault((effects[0].name, key), []).append(value)
             assert effects[0].name in own, name
-    assert {effect for effect, _ in seen} >= set(own)
+    others = list(made_by_methods())
+    assert {effect for effect, _ in seen} | {effect for effect, _, _ in others} >= own
     never = [key for key, values in seen.items() if all(value is None for value in values)]
     assert not never
     types = {type(value).__name__ for values in seen.values() for value in values if is_group(value)}
+    types |= {type(group).__name__ for _, _, group in others}
     cases.discover()
     case = cases.CASES["cloud_3d"]()
     taken = {key: maker(case, case.grid("float64"))[key] for key, maker in cases.GROUPS.items()}

@@ -5,8 +5,11 @@ import math
 import numpy as np
 
 from refsim.boundary.adami_2012 import Lean
-from refsim.core.cases import Case, Exact, closed_form, groups
+from refsim.boundary.akinci_2012 import BoxWalls
+from refsim.core.cases import Case, Exact, closed_form, example, groups
 from refsim.core.walls import WallParticles
+
+example(BoxWalls(lower=(-0.03, -0.03, -0.5), upper=(0.8, 0.8, 0.8)))
 
 W0 = 21 / (16 * math.pi)  # W(0) of Wendland C2, h = 2 m; W(h/2) = 3/16 W(0), |W'(h/2)| = 5/8 W(0)
 

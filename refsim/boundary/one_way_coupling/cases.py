@@ -1,13 +1,20 @@
 """Inputs and closed forms of one-way coupling."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 
-from refsim.boundary.one_way_coupling import WallGravity
-from refsim.core.cases import Case, Exact, closed_form, groups, takes
+from refsim.boundary.one_way_coupling import MeshBoundary, WallGravity
+from refsim.core.cases import Case, Exact, closed_form, example, groups, takes
 from refsim.core.walls import WallMotion, WallParticles, WallViscosity
 from refsim.sph import Fluid
+
+PEBBLE = Path(__file__).parents[2] / "examples" / "pebble.obj"
+example(
+    MeshBoundary(file=str(PEBBLE), center=(0.2, -0.17, 0.2), size=0.4, viscosity=0.1, adhesion=0.1),
+    brings="corrections",
+)
 
 
 @groups("wall_viscosity")

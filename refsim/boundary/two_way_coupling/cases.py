@@ -4,10 +4,12 @@ import math
 
 import numpy as np
 
-from refsim.boundary.two_way_coupling import Coupling
-from refsim.core.cases import REST_DENSITY, Case, Exact, closed_form, groups, particles, takes
+from refsim.boundary.two_way_coupling import Coupling, TwoWayCoupling
+from refsim.core.cases import REST_DENSITY, Case, Exact, closed_form, example, groups, particles, takes
 from refsim.shape_matching.phases import FLUID, INTERIOR, SURFACE
 from refsim.sph import ViscosityTerm
+
+example(TwoWayCoupling(), brings="relative_contribution rest_density volume")
 
 
 @particles("phase")

@@ -4,9 +4,25 @@ import math
 
 import numpy as np
 
-from refsim.core.cases import VARIATIONS, Case, Exact, Variation, closed_form, groups, particles, takes, vectors
+from refsim.core.cases import (
+    VARIATIONS,
+    Case,
+    Exact,
+    Variation,
+    closed_form,
+    example,
+    groups,
+    particles,
+    takes,
+    vectors,
+)
 from refsim.sph import Fluid
 from refsim.sph.iisph import Implicit, ImplicitPressure
+
+example(
+    ImplicitPressure(),
+    brings="advected_density density_error diagonal new_pressure own_displacement pair_displacement",
+)
 
 KICK, DRIFT = 0.011, 0.012  # per spacing, as in the steps of refsim.core.cases
 

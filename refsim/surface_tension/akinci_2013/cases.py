@@ -4,9 +4,11 @@ import math
 
 import numpy as np
 
-from refsim.core.cases import VARIATIONS, Case, Exact, Variation, closed_form, groups, plain_keeps, takes
+from refsim.core.cases import VARIATIONS, Case, Exact, Variation, closed_form, example, groups, plain_keeps, takes
 from refsim.core.walls import WallParticles
 from refsim.surface_tension.akinci_2013 import Adhesion, Akinci2013, AreaMinimisation, CohesionSpline
+
+example(Akinci2013(surface_tension=0.5, adhesion=0.1), brings="surface_normal")
 
 
 @groups("spline", "area_term", "adhesion")

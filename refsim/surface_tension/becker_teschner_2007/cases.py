@@ -4,8 +4,10 @@ import math
 
 import numpy as np
 
-from refsim.core.cases import VARIATIONS, Case, Exact, Variation, closed_form, groups, takes
+from refsim.core.cases import VARIATIONS, Case, Exact, Variation, closed_form, example, groups, takes
 from refsim.surface_tension.becker_teschner_2007 import Attraction, BeckerTeschner2007
+
+example(BeckerTeschner2007(surface_tension=0.5))
 
 
 @groups("attraction")

@@ -4,8 +4,13 @@ import math
 
 import numpy as np
 
-from refsim.core.cases import Case, Exact, closed_form, groups, particles, takes, vectors
+from refsim.core.cases import Case, Exact, closed_form, example, groups, particles, takes, vectors
 from refsim.surface_tension.csf_wang_2019 import Continuum, CsfWang2019, Marangoni
+
+example(
+    CsfWang2019(surface_tension=0.5),
+    brings="corrected_density curvature interface_normal near_surface number_density",
+)
 
 
 @particles("interface_normal")

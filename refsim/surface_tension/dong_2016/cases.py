@@ -4,9 +4,11 @@ import math
 
 import numpy as np
 
-from refsim.core.cases import VARIATIONS, Case, Exact, Variation, closed_form, groups, plain_keeps, takes
+from refsim.core.cases import VARIATIONS, Case, Exact, Variation, closed_form, example, groups, plain_keeps, takes
 from refsim.sph import Fluid, ViscosityTerm
 from refsim.surface_tension.dong_2016 import Dong2016, MolecularForce, NormalCorrection
+
+example(Dong2016(surface_tension=0.5), brings="corrected_density surface_normal")
 
 
 @groups("molecular_force", "normal_correction")

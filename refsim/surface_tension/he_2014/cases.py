@@ -4,8 +4,10 @@ import math
 
 import numpy as np
 
-from refsim.core.cases import VARIATIONS, Case, Exact, Variation, closed_form, groups, particles, plain_keeps
+from refsim.core.cases import VARIATIONS, Case, Exact, Variation, closed_form, example, groups, particles, plain_keeps
 from refsim.surface_tension.he_2014 import AirPressure, GradientEnergy, He2014
+
+example(He2014(surface_tension=0.1, air_pressure=1.0), brings="color color_gradient_squared")
 
 
 @particles("color")

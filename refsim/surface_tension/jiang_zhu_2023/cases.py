@@ -11,6 +11,7 @@ from refsim.core.cases import (
     Variation,
     closed_form,
     codes,
+    example,
     groups,
     particles,
     plain_keeps,
@@ -18,6 +19,11 @@ from refsim.core.cases import (
 )
 from refsim.surface_tension.jiang_zhu_2023 import AreaTerm, Cohesion, JiangZhu2023, PairSelection, SoftThresholds
 from refsim.surface_tension.jiang_zhu_2023.modes import ALL, AREA_TERMS, PAIR_MODES, SOFT
+
+example(
+    JiangZhu2023(surface_tension=0.5, pair_mode="soft"),
+    brings="corrected_density corrected_normal near_surface number_density surface_normal surface_weight",
+)
 
 
 @particles("surface_weight")

@@ -2,8 +2,10 @@
 
 import numpy as np
 
-from refsim.core.cases import Case, Exact, closed_form, groups, other, takes
+from refsim.core.cases import Case, Exact, closed_form, example, groups, other, takes
 from refsim.surface_tension.normal_difference_2014 import NormalDifference, NormalDifference2014
+
+example(NormalDifference2014(area_acceleration=0.5), brings="surface_normal")
 
 
 @groups("normal_tension")

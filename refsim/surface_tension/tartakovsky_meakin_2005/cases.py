@@ -4,8 +4,10 @@ import math
 
 import numpy as np
 
-from refsim.core.cases import VARIATIONS, Case, Exact, Variation, closed_form, groups, takes
+from refsim.core.cases import VARIATIONS, Case, Exact, Variation, closed_form, example, groups, takes
 from refsim.surface_tension.tartakovsky_meakin_2005 import CosineForce, TartakovskyMeakin2005
+
+example(TartakovskyMeakin2005(surface_tension=0.5))
 
 
 @groups("cosine_force")
