@@ -457,8 +457,22 @@ def remove_stale_temporaries(path: Path) -> None:
     prefix = f".{path.name}."
     with suppress(OSError):
         for entry in list(path.parent.iterdir()):
-            if entry.name.startswith(prefix) and entry.name.endswith(".tmp"):
+            if entry.name.startswith(prefix) and entry.name.endswith(".tmp") and not _is_written(entry.name):
                 entry.unlink(missing_ok=True)
+
+
+def _is_written(temporary: str) -> bool:
+    """Whether another process, whose number is in the name, still writes the temporary file."""
+    number = re.search(r"\.(\d+)\.(?:old\.)?tmp$", temporary)
+    if number is None or int(number[1]) == os.getpid() or os.name != "posix":
+        return False
+    try:
+        os.kill(int(number[1]), 0)
+    except ProcessLookupError:
+        return False
+    except (PermissionError, OverflowError):
+        return True
+    return True
 
 
 def replace_file(path: Path, content: bytes | bytearray) -> None:

@@ -318,7 +318,7 @@ def differences(effects):
         "launches of a step": (stepped, {*plan.launches(), *runner}),
         "all launches": (set(simulation.timings.first_calls), {*plan.launches(True), *runner}),
         "capillary limit": ("capillary" in limits, bool({*TENSIONS, SURFACE, SURFACE_WET} & set(effects))),
-        "viscous limit": ("viscous" in limits, bool({VISCOUS, CENTRAL} & set(effects))),
+        "viscous limit": ("viscous" in limits, any(getattr(effect, "dynamic_viscosity", 0) > 0 for effect in effects)),
         "acoustic limit": ("acoustic" in limits, sound and IMPLICIT not in effects),
         "limits that are not positive": ([name for name, value in limits.items() if not value > 0], []),
     }

@@ -445,3 +445,11 @@ def test_every_single_write_refused(tmp_path, monkeypatch):
         refused += 1
     assert refused > 5
     assert read_checkpoint(path).attributes["step"] == 1
+
+
+def test_what_another_process_still_writes_stays(tmp_path):
+    mine, alive, dead = (tmp_path / f".page.html.{number}.tmp" for number in (os.getpid(), os.getppid(), 2**22 + 1))
+    for path in (mine, alive, dead):
+        path.touch()
+    checkpoint.replace_file(tmp_path / "page.html", b"whole")
+    assert {path.name for path in tmp_path.iterdir()} == {"page.html", alive.name}

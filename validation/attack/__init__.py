@@ -1,4 +1,4 @@
-"""Attacks on refsim: hostile scenes, damaged files, kills, full disks, broken libraries; `python -m validation attack`.
+"""Attacks on refsim: scenes, damaged files and stores, stops, full disks, libraries; `python -m validation attack`.
 
 A kind of trial is a module of this package with two functions. `make(seed, number)` draws a trial as plain values that
 JSON holds; the same two numbers give the same trial. `perform(trial, folder)` carries it out in an empty folder and
@@ -17,6 +17,9 @@ KINDS = {  # name: (module, trials of a whole campaign, seconds that one may tak
     "checkpoints": ("checkpoints", 4_700, 60.0),
     "caches": ("caches", 300, 90.0),
     "kills": ("kills", 200, 120.0),
+    "stops": ("stops", 300, 240.0),
+    "stores": ("stores", 300, 120.0),
+    "clusters": ("clusters", 30, 240.0),
     "libraries": ("libraries", 60, 120.0),
     "disk": ("disk", 60, 120.0),
 }

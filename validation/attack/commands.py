@@ -41,11 +41,11 @@ upper = [0.1, 0.1, 0.0]
 FRAMES = "0.005"  # s of simulated time
 
 
-def here(arguments: Sequence[str]) -> tuple[str, str]:
-    """(outcome, words) of a command in this process."""
+def here(arguments: Sequence[str], out: io.StringIO | None = None) -> tuple[str, str]:
+    """(outcome, words) of a command in this process; its standard output goes to `out`."""
     from refsim.__main__ import main
 
-    out, err = io.StringIO(), io.StringIO()
+    out, err = out or io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
@@ -57,12 +57,21 @@ def here(arguments: Sequence[str]) -> tuple[str, str]:
     return verdict(code, err.getvalue())
 
 
-def apart(arguments: Sequence[str], **variables: str) -> subprocess.Popen[str]:
-    """A process of its own that performs a command; its output is text in pipes."""
+def apart(
+    arguments: Sequence[str], *, out: Any = subprocess.PIPE, folder: Path | None = None, **variables: str
+) -> subprocess.Popen[str]:
+    """A process, in a session of its own, that performs a command; its output is text in pipes, or goes to `out`."""
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])}
     environment |= {"NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "PYTHONWARNINGS": "ignore"} | variables
-    command = [sys.executable, "-m", "refsim", *arguments]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment)
+    return subprocess.Popen(
+        [sys.executable, "-m", "refsim", *arguments],
+        stdout=out,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=environment,
+        cwd=folder,
+        start_new_session=True,
+    )
 
 
 def ended(process: subprocess.Popen[str], seconds: float = 100.0) -> tuple[str, str]:
