@@ -23,6 +23,7 @@ from refsim.core.errors import InputError, RunStopped
 from refsim.core.versions import VERSION as __version__
 from refsim.engine.driver import RunReport, simulate
 from refsim.engine.simulation import Simulation, StepResult
+from refsim.gauges import Gauge, GaugeSeries
 from refsim.heat import HeatConduction
 from refsim.io.results import Run, RunFrame, open_run
 from refsim.melting import Melting
@@ -62,6 +63,8 @@ __all__ = [
     "CsfWang2019",
     "Dong2016",
     "EnergyAudit",
+    "Gauge",
+    "GaugeSeries",
     "Gravity",
     "He2014",
     "HeatConduction",

@@ -23,6 +23,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("--frames", metavar="LIST", help="such as 0,5,-1 or 0:100:10, or all (the last one; of a film all)")
     add("--film", metavar="FILE.mp4", help="write a film")
     add("-o", "--output", metavar="FILE.png", help="picture to write, .png, .webp or .jpg (RUN.png)")
+    add("--gauges", action="store_true", help="plot what the gauges have measured (RUN_gauges.png)")
     add("--style", default="paper", help="paper (opaque surfaces), water (clear ones) or particles (default paper)")
     add("--color", metavar="FIELD", help="colour by a field of the run, such as pressure, velocity or velocity.x")
     add(
@@ -49,7 +50,12 @@ def execute(options: argparse.Namespace) -> CommandResult:
     began = time.perf_counter()
     if options.film and options.output:
         raise InputError("--film and --output name two files; give one of them.")
-    if options.film:
+    if options.gauges:
+        from refsim.render.gauges import plot_gauges
+
+        output = options.output or f"{os.path.basename(os.path.realpath(options.run))}_gauges.png"
+        written = [plot_gauges(options.run, output, _numbers("size", options.size, "x", int))]
+    elif options.film:
         written = [write_film(options.run, look, options.frames, options.film, options.per_second)]
     else:
         output = options.output or f"{os.path.basename(os.path.realpath(options.run))}.png"

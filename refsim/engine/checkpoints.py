@@ -62,6 +62,7 @@ class SavedRun:
     versions        of the programs that wrote it
     search_log      counts of the neighbour search
     audit           state of the energy audit, where the scene has one
+    gauges          what each of the scene's gauges has measured, time and values (k, 1 + columns), by name
     remarks         notes that effects had made until then, by effect
     notes           one sentence for each checkpoint that was passed over for it, and for an older one
     """
@@ -75,6 +76,7 @@ class SavedRun:
     versions: dict[str, str]
     search_log: dict[str, int]
     audit: AuditState | None
+    gauges: dict[str, np.ndarray]
     remarks: dict[str, str]
     notes: tuple[str, ...]
 
@@ -159,7 +161,15 @@ def load_checkpoint(path: str | os.PathLike[str]) -> SavedRun:
     build_position = saved.arrays["build_position"]
     if plan.grid.dim == 2 and any(v[:, 2].any() for v in (state["position"], state["velocity"], build_position)):
         raise wrong("it has particles with another z or v_z than 0 in a 2D scene")
-    return SavedRun(file, plan, clock, state, build_position, limiters, then, log, audit, remarks, notes)
+    gauges = {}
+    for gauge in plan.scene.gauge:
+        table = gauges[gauge.name] = saved.arrays.get(f"gauge.{gauge.name}", np.zeros(0))
+        shaped = table.ndim == 2 and table.shape[1:] == (1 + len(gauge.columns(plan.grid.dim)),)
+        if not (shaped and table.dtype == np.float64 and np.isfinite(table).all()):
+            raise wrong(f"what the gauge {gauge.name} has measured is no table of numbers")
+        if (np.diff(table[:, 0], prepend=-1.0) <= 0).any() or (table[:, 0] > clock.time).any():
+            raise wrong(f"the times of the gauge {gauge.name} do not rise to that of the run")
+    return SavedRun(file, plan, clock, state, build_position, limiters, then, log, audit, gauges, remarks, notes)
 
 
 def snapshot(run: Run) -> Checkpoint:
@@ -167,6 +177,8 @@ def snapshot(run: Run) -> Checkpoint:
     text, arrays = scene_to_checkpoint(run.plan)
     arrays |= {f"field.{name}": run._host(name) for name, f in run.plan.fields.items() if f.state}
     arrays["build_position"] = np.array(run.backend.host(run.build_position))
+    for k, gauge in enumerate(run.plan.scene.gauge):
+        arrays[f"gauge.{gauge.name}"] = run.gauges.table(k)
     lists = run.lists
     clock = Clock(
         backend=cast(Literal["numpy", "cpu", "cuda"], run.backend.name),
@@ -209,6 +221,8 @@ def restore(run: Run, saved: SavedRun) -> None:
     lists.velocities_set = clock.velocities_set
     if run.auditor is not None and saved.audit is not None:
         run.auditor.restore(saved.audit)
+    if run.gauges is not None:
+        run.gauges.restore(saved.gauges)
     run.balances.renew()
     for effect, note in saved.remarks.items():
         run.remark(effect, note)

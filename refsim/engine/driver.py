@@ -1,7 +1,8 @@
 """A whole run: frames, checkpoints, progress, a report, and a post-mortem where it stops.
 
 A run's folder holds `particles.vtkhdf` (frames), `checkpoint.h5` and the one before it, `report.json` (the run
-log, renewed with every checkpoint) and, after a stop, `postmortem.json` and `postmortem.npz`.
+log, renewed with every checkpoint), of a scene with gauges `gauges.hdf5` and, after a stop, `postmortem.json` and
+`postmortem.npz`.
 """
 
 from __future__ import annotations
@@ -33,6 +34,7 @@ from refsim.engine.stock import check_particles, stock
 from refsim.io.checkpoint import cannot_write, previous_path, replace_file
 from refsim.io.frames import Frame, ParticleWriter
 from refsim.io.results import PARTICLES, REPORT
+from refsim.io.series import GAUGES, write_series
 from refsim.io.vtkhdf import origin_of
 from refsim.scene.plan import Plan
 from refsim.scene.scene import Scene
@@ -236,7 +238,8 @@ class _Run:
         if goes_on:
             self.last_checkpoint = source
             return
-        for path in (checkpoint, previous_path(checkpoint), self.folder / POSTMORTEM, self.folder / POSTMORTEM_FIELDS):
+        others = (self.folder / name for name in (GAUGES, POSTMORTEM, POSTMORTEM_FIELDS))
+        for path in (checkpoint, previous_path(checkpoint), *others):
             try:  # only now that the writer holds the folder's lock: another run may still need them
                 path.unlink(missing_ok=True)
             except OSError as error:
@@ -349,7 +352,14 @@ class _Run:
         log().debug("checkpoint at %.6g s: %s", self.simulation.time, path)
         self.last_checkpoint = path
         self.files["checkpoint"] = str(path)
+        self._write_gauges()
         self._write_report()
+
+    def _write_gauges(self) -> None:
+        assert self.folder is not None
+        if self.simulation.gauges is not None:
+            write_series(self.folder / GAUGES, self.simulation.gauges.all_series())
+            self.files["gauges"] = str(self.folder / GAUGES)
 
     def _write_report(self) -> None:
         assert self.folder is not None
@@ -368,6 +378,7 @@ class _Run:
             self._flush()
         with suppress(InputError, RunStopped, OSError, MemoryError):
             if self.folder is not None:
+                self._write_gauges()
                 if stop.reason in AFTER_THESE:
                     path = write_postmortem(self.simulation, stop, self.folder, self._replay(), self.last_checkpoint)
                     self.files["postmortem"] = str(path)

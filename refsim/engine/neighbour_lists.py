@@ -62,6 +62,10 @@ class NeighbourLists:
         ordered[self._static.order] = values
         return ordered
 
+    def in_list_order(self, values: np.ndarray) -> np.ndarray:
+        """A table of the wall particles in the order of the lists: the inverse of `in_first_order`."""
+        return values if self._static is None else values[self._static.order]
+
     @contextmanager
     def empty(self) -> Iterator[list[tuple[Any, tuple[Any, ...]]]]:
         """Share lists without entries, so that passes can be bound to their types; gives what builds and audits launch.

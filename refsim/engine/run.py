@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -49,6 +49,7 @@ class Run(Protocol):
     stepper: Any  # HostStepper or DeviceStepper
     auditor: Any  # Auditor, or None
     balances: Any  # Balances
+    gauges: Any  # Gauges, or None
     _shared: dict[str, Any]
     _parameters: dict[str, dict[str, Any]]
 
@@ -63,6 +64,8 @@ class Run(Protocol):
     def refresh(self, on_demand: bool = False) -> None: ...
 
     def outdate(self) -> None: ...
+
+    def bring(self, names: Sequence[str]) -> None: ...
 
     def launch(self) -> Iterator[tuple[str, tuple[str, ...]]]: ...
 

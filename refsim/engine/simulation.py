@@ -9,7 +9,7 @@ from __future__ import annotations
 import contextlib
 import math
 import os
-from collections.abc import Callable, Collection, Generator, Iterator
+from collections.abc import Callable, Collection, Generator, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,6 +27,7 @@ from refsim.engine.audit import Auditor
 from refsim.engine.balance import Balances
 from refsim.engine.binding import bound, fused, on_backend
 from refsim.engine.checkpoints import SavedRun, load_checkpoint, restore, snapshot
+from refsim.engine.gauges import Gauges
 from refsim.engine.neighbour_lists import NeighbourLists
 from refsim.engine.sorting import ParticleOrder
 from refsim.engine.stepping import (
@@ -38,6 +39,7 @@ from refsim.engine.stepping import (
     step_limits,
 )
 from refsim.engine.timings import Timings
+from refsim.gauges import GaugeSeries
 from refsim.io.checkpoint import Checkpoint, write_checkpoint
 from refsim.io.scenes import check_same_scene
 from refsim.neighbours import NeighbourSearch
@@ -116,6 +118,7 @@ class Simulation:
         self.lists = NeighbourLists(self)
         self.auditor = Auditor(self) if self.plan.scene.energy_audit is not None else None
         self.balances = Balances(self)
+        self.gauges = Gauges(self) if self.plan.scene.gauge else None
         if self.backend.name == "cpu":
             self._compile_ahead(compiling or (lambda kernels, processes: lambda: None))
         self._bind()
@@ -185,11 +188,8 @@ class Simulation:
         """
         if name not in self.plan.fields:
             raise InputError(f"field: this scene has no field {name!r}; {suggestion(name, self.plan.fields)}")
-        needed = self._needed(name)
-        if (needed or name == "acceleration") and name not in self._current:
-            for _ in self.replay_passes(only=needed):
-                pass
-        if not needed and self.last is None and self._is_of_steps(name):
+        self.bring((name,))
+        if not self._needed(name) and self.last is None and self._is_of_steps(name):
             raise InputError(f"field: {name!r} is computed in a step, and there was none yet; call step() before.")
         return self.stored(name)
 
@@ -235,12 +235,20 @@ class Simulation:
         if name == "position":
             self.lists.policy.invalidate()
 
+    def gauge(self, name: str) -> GaugeSeries:
+        """What the scene's gauge of this name has measured so far. Raises InputError where there is no such gauge."""
+        if self.gauges is None:
+            raise InputError(f"gauge: the scene has no gauge {name!r}; add one to the scene.")
+        return self.gauges.series(name)
+
     # Advancing
 
     def step(self) -> StepResult:
         """Advance by one stable step. Raises RunStopped, with the state as it was, where that is impossible."""
         if self.auditor is not None:
             self.auditor.begin()
+        if self.gauges is not None:
+            self.gauges.begin()
         self.outdate()
         self.order.sort_alone()
         self.lists.update()
@@ -267,6 +275,8 @@ class Simulation:
         if self.auditor is not None:
             self.auditor.after_step()
         self.balances.after_step()
+        if self.gauges is not None:
+            self.gauges.after_step()
         return self.last
 
     def _note_density(self, dense: int) -> None:
@@ -320,6 +330,14 @@ class Simulation:
         """Run the passes on the present state unless all of their fields belong to it."""
         if not all(p.written <= self._current for _, p in self.force_passes if on_demand or not p.on_demand):
             self.evaluate(on_demand)
+
+    def bring(self, names: Sequence[str]) -> None:
+        """Run the passes on which these fields depend, and no others, unless the fields belong to the present state."""
+        stale = [name for name in names if name not in self._current]
+        needed = frozenset().union(*map(self._needed, stale))
+        if needed or "acceleration" in stale:
+            for _ in self.replay_passes(only=needed):
+                pass
 
     def _needed(self, name: str) -> frozenset[int]:
         """Numbers of the passes on which a field depends that follows from the state; none for other fields."""

@@ -19,9 +19,11 @@ from refsim.core.extras import extra
 from refsim.core.fields import Field
 from refsim.core.reading import open_regular
 from refsim.core.tables import Table, html_table, table
+from refsim.gauges import GaugeSeries
 from refsim.io.checkpoint import Checkpoint
 from refsim.io.frames import read_file
 from refsim.io.scenes import scene_from_checkpoint
+from refsim.io.series import GAUGES, read_series
 from refsim.io.vtkhdf import read_index, read_origin
 from refsim.scene.scene import Scene
 
@@ -200,6 +202,18 @@ class Run:
             change = end - start if isinstance(start, int | float) and isinstance(end, int | float) else None
             rows.append((name, f"{unit} per m" if per_depth and unit not in INTENSIVE else unit, start, end, change))
         return Table("ledger", ("quantity", "unit", "start", "end", "change"), rows)
+
+    @property
+    def gauges(self) -> tuple[str, ...]:
+        """Names of the scene's gauges; none where the folder has no file of them."""
+        return tuple(read_series(self.folder / GAUGES)) if (self.folder / GAUGES).exists() else ()
+
+    def gauge(self, name: str) -> GaugeSeries:
+        """What the gauge of this name has measured. Raises InputError where there is no such gauge."""
+        series = read_series(self.folder / GAUGES)
+        if name not in series:
+            raise InputError(f"run {self.folder}: there is no gauge {name!r}; {suggestion(name, series)}")
+        return series[name]
 
     def _report_json(self) -> dict[str, Any]:
         path = self.folder / REPORT

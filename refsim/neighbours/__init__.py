@@ -111,9 +111,12 @@ class NeighbourSearch:
         """List of the static particles (walls) near each particle."""
         return self._checked(self.programs.build_against(position, static.prepared))
 
-    def build_around(self, position: Any, static: StaticSet) -> Any:
-        """List of the particles, which stand in cell order and have been listed, near each static particle."""
-        return self._checked(self.programs.build_around(position, static.prepared))
+    def build_around(self, position: Any, static: StaticSet, name: str = "around") -> Any:
+        """List of the particles, which stand in cell order and have been listed, near each static particle.
+
+        name  of the list; one of the same name as before takes its place
+        """
+        return self._checked(self.programs.build_around(position, static.prepared, name))
 
     def static_set(self, position: np.ndarray) -> StaticSet:
         """Static particles, sorted by cell once; `order` says how their other arrays must be sorted."""

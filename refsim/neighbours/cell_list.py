@@ -330,9 +330,9 @@ class CellSearch:
     def build_against(self, position, prepared):
         return self._build("static", position, self.keys(position), *prepared, exclude_self=False)
 
-    def build_around(self, position, prepared):
+    def build_around(self, position, prepared, name):
         around = prepared[0]
-        return self._build("around", around, self.keys(around), position, *self.cells, exclude_self=False)
+        return self._build(name, around, self.keys(around), position, *self.cells, exclude_self=False)
 
     def _build(self, name, position, keys, source, cells, first, exclude_self):
         n = len(position)

@@ -141,11 +141,11 @@ class CellSearch:
         static.ready = False
         return static.result
 
-    def build_around(self, position, prepared):
+    def build_around(self, position, prepared, name):
         around, table = prepared
-        own, held = self.lists["own"], self.lists.get("around")
+        own, held = self.lists["own"], self.lists.get(name)
         if held is None or held.source is not position or held.table is not own.queries:
-            held = self.lists["around"] = ListOf(self, around, position, own.queries, table)
+            held = self.lists[name] = ListOf(self, around, position, own.queries, table)
         while True:
             pack_places(position, held.placed)
             held.launch()

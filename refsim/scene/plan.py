@@ -19,6 +19,7 @@ from refsim.core.errors import InputError
 from refsim.core.fields import BASE, POSITION_RESIDUAL, Field
 from refsim.core.period import period_group
 from refsim.core.tables import html_table, in_bytes, table
+from refsim.gauges.places import check_gauges
 from refsim.scene.accounts import accounts
 from refsim.scene.checks import (
     check_coincident,
@@ -51,6 +52,7 @@ class Plan:
     start   once, when a simulation is made or resumed
     begin   at the beginning of every step, in order
     passes  forces, in order: before the step's length is known
+    wall_rows  first row in `walls` of each effect that brings wall particles, and the row after its last
     motion  in order, once it is known; the leap-frog, which belongs to no effect, unless one brings another
     """
 
@@ -67,6 +69,7 @@ class Plan:
     shared: Mapping[str, Any]
     parameters: Mapping[str, Mapping[str, Any]]
     walls: Any = None
+    wall_rows: Mapping[str, tuple[int, int]] = field(default_factory=dict)
     notes: tuple[str, ...] = field(default_factory=tuple)
 
     def _facts(self) -> list[tuple[str, str]]:
@@ -139,6 +142,7 @@ def _planned(scene: Scene) -> Plan:
             postponed.append(effect)
     for effect in postponed:
         effect.check(empty, effects)
+    check_gauges(scene.gauge, len(scene.solid), empty, effects)
     solids = voxelised(scene.solid, empty) if scene.solid else None
     absolute = initial_state(scene, empty, effects, solids)
     given, grid = (
@@ -153,8 +157,10 @@ def _planned(scene: Scene) -> Plan:
     if any(scene.period):
         shared["period"] = period_group(scene.period, scene.dtype)
     parameters = {}
-    made = [effect.walls(grid, effects) for effect in having(effects, BringsWalls)]
+    bringing: list[Any] = having(effects, BringsWalls)
+    made = [effect.walls(grid, effects) for effect in bringing]
     walls = [part for part in made if part is not None]
+    ends = np.cumsum([0 if part is None else len(part.volume) for part in made]).tolist()
     rows = {"solids": 0 if solids is None else len(solids.lattice.key), "walls": sum(len(w.volume) for w in walls)}
     for name, effect in effects.items():
         fields |= {f.name: _counted(f, rows) for f in effect.fields(effects)}
@@ -198,6 +204,7 @@ def _planned(scene: Scene) -> Plan:
         shared=shared,
         parameters=parameters,
         walls=merged,
+        wall_rows=dict(zip((effect.name for effect in bringing), zip([0, *ends], ends))),
         notes=(
             *coarse_places(grid, state),
             *unequal_masses(state, effects),

@@ -1,0 +1,308 @@
+"""What the gauges of a scene read from a run.
+
+A value belongs to the state between two steps. What it follows from is computed there by the passes of the scene, and
+the sums that make a number of it are added on the host in float64, in the order of the particles.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from refsim.boundary.adami_2012 import Lean
+from refsim.core.checked import suggestion
+from refsim.core.effect import Effect, Pass
+from refsim.core.errors import InputError
+from refsim.core.operation import REGISTRY
+from refsim.core.walls import WallParticles, liquid_with_list
+from refsim.engine.binding import bound
+from refsim.engine.run import Run
+from refsim.gauges import Gauge, GaugeSeries, due
+from refsim.gauges.places import Points, crossing, points_of, shares_of_faces
+from refsim.neighbours.reference import pair_blocks
+from refsim.smoothing.reference import kernel_value
+from refsim.sph import acceleration_of, gravity_of, liquid_of
+
+OF_LIQUID = ("one_way_coupling.wall_pressure",)  # forces of walls whose own pressure is a sum over the liquid
+FRICTION = "one_way_coupling.wall_viscosity"
+LEAST_OPEN = 0.1  # of the space around a point that walls leave to the liquid, below which it counts as wall
+
+
+class Share(NamedTuple):
+    """Wall particles on whose force a gauge counts, with their volumes, for some components and passes."""
+
+    volume: Any  # (m,) [m^dim] on the backend
+    components: tuple[int, ...]
+    passes: tuple[tuple[Effect, Pass], ...]
+
+
+class Gauges:
+    """The gauges of a run and what they have measured."""
+
+    def __init__(self, run: Run) -> None:
+        self.run, plan = run, run.plan
+        self.gauges: tuple[Gauge, ...] = plan.scene.gauge
+        self.rows: list[list[list[float]]] = [[] for _ in self.gauges]
+        self.points: dict[int, Points] = {}
+        self.slices: dict[int, slice] = {}
+        count = 0
+        for k, gauge in enumerate(self.gauges):
+            if gauge.kind != "force":
+                self.points[k] = points = points_of(gauge, plan.grid)
+                self.slices[k] = slice(count, count + len(points.place))
+                count += len(points.place)
+        self.places = np.concatenate([p.place for p in self.points.values()]) if self.points else np.zeros((0, 3))
+        self.shares: dict[int, tuple[Share, ...]] = {}
+        self._listed_at = -1
+        self._static: Any = None
+        self._open: NDArray[np.float64] | None = None
+        if "rest_density" not in plan.fields:
+            rest = np.full(plan.grid.count, liquid_of(plan.effects).rest_density, plan.grid.dtype)
+            self._rest_density = run.backend.asarray(rest)
+
+    # When
+
+    def begin(self) -> None:
+        """Measure the start."""
+        if not all(self.rows):
+            self.after_step()
+
+    def after_step(self) -> None:
+        """Measure what is due."""
+        wanted = [
+            k for k, gauge in enumerate(self.gauges)
+            if due(gauge.every, self.run.time, self.rows[k][-1][0] if self.rows[k] else None)
+        ]  # fmt: skip
+        if wanted:
+            with self.run.timings.of_host("gauges"):
+                self._measure(wanted)
+
+    def _measure(self, wanted: list[int]) -> None:
+        run = self.run
+        kinds = {self.gauges[k].kind for k in wanted}
+        bodies = [k for k in wanted if self.gauges[k].on.startswith("solid")]
+        needed: set[str] = {"position"}
+        if "pressure" in kinds:
+            needed |= {"density", "pressure"}
+        for k in wanted:
+            if self.gauges[k].kind == "force" and k not in bodies:
+                needed |= {name for share in self._shares(k) for _, p in share.passes for name in p.reads}
+        if bodies:
+            needed.add("acceleration")
+        run.lists.update()
+        run.order.attend()
+        run.bring(sorted(needed))
+        pressure = self._pressure() if "pressure" in kinds else np.zeros(0)
+        fill, flow = self._sample() if kinds & {"level", "flux"} else (np.zeros(0), np.zeros((0, 3)))
+        if "force" in kinds:
+            mass = run._host("mass").astype(float)
+            place = run.plan.grid.absolute(run._host("position").astype(float))
+        for k in wanted:
+            gauge, own = self.gauges[k], self.slices.get(k)
+            if gauge.kind == "force":
+                values = self._body(gauge, mass, place) if k in bodies else self._wall(k, mass, place)
+            elif gauge.kind == "pressure":
+                values = [float(pressure[own].mean())]
+            elif gauge.kind == "level":
+                axis = self.points[k].axis
+                values = [crossing(self.points[k].place[:, axis], fill[own])]
+            else:
+                values = [float(flow[own][:, self.points[k].axis].sum() * self.points[k].area)]
+            self.rows[k].append([run.time, *values])
+
+    # At points
+
+    def _near_points(self) -> dict[str, Any]:
+        """The points and the liquid near each, as the operations take them."""
+        run, grid = self.run, self.run.plan.grid
+        place, dtype = grid.local(self.places), np.dtype(grid.dtype)
+        search = run.lists.search
+        if search is None:
+            return {"walls": WallParticles(place.astype(dtype), np.zeros(len(place), dtype))}
+        if self._static is None:
+            self._static = search.static_set(place)
+        if self._listed_at != search.log.rebuilds:
+            self._near = search.build_around(run.build_position, self._static, "gauges")
+            self._listed_at = search.log.rebuilds
+        around = WallParticles(self._static.position, self._static.position)  # of which only the places are read
+        return {"walls": around, "liquid_near_walls": liquid_with_list(run.fields["position"], self._near)}
+
+    def _in_first_order(self, values: Any) -> NDArray[np.float64]:
+        found = np.asarray(self.run.backend.host(values), dtype=float)
+        if self._static is None:
+            return found
+        ordered = np.empty_like(found)
+        ordered[self._static.order] = found
+        return ordered
+
+    def _launch(self, p: Pass, *sources: dict[str, Any]) -> None:
+        run = self.run
+        run.timings.run(p.operation, bound(p, run.backend, (*sources, run._shared, run.fields)))
+
+    def _pressure(self) -> NDArray[np.float64]:
+        """Pressure [Pa] at all points, extrapolated from the liquid near them; 0 where there is none."""
+        run, grid = self.run, self.run.plan.grid
+        found = run.backend.zeros((len(self.places),), grid.dtype)
+        lean = Lean(*map(grid.real, acceleration_of(run.plan.effects)))
+        self._launch(Pass("adami_2012.extrapolation"), self._near_points(), {"lean": lean, "wall_pressure": found})
+        return self._in_first_order(found)
+
+    def _sample(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Share of the space that the liquid fills (m,) and its flow (m, 3) [m/s] at all points.
+
+        Both are relative to the space that walls leave.
+        """
+        run, count, dtype = self.run, len(self.places), self.run.plan.grid.dtype
+        fill, flow = run.backend.zeros((count,), dtype), run.backend.zeros((count, 3), dtype)
+        own = {"fill": fill, "flow": flow}
+        if "rest_density" not in run.fields:  # of one substance
+            own["rest_density"] = self._rest_density
+        self._launch(Pass("gauges.sample", names={"density": "rest_density"}), self._near_points(), own)
+        room = self._room()
+        return self._in_first_order(fill) / room, self._in_first_order(flow) / room[:, None]
+
+    def _room(self) -> NDArray[np.float64]:
+        """Share of the space around each point that walls leave to the liquid; infinite where it is nearly none."""
+        if self._open is None:
+            plan = self.run.plan
+            filled = np.zeros(len(self.places))
+            if plan.walls is not None and len(self.places):
+                reach, free = plan.scene.support_radius, [axis for axis in range(3) if plan.scene.period[axis] == 0]
+                low, high = self.places.min(0) - reach, self.places.max(0) + reach
+                inside = ((plan.walls.position >= low) & (plan.walls.position <= high))[:, free].all(1)
+                near, volume = plan.walls.position[inside], plan.walls.volume[inside]
+                for rows, _, distance in pair_blocks(self.places, near, None, plan.shared["period"]):
+                    filled[rows] += (volume * kernel_value(distance, plan.shared["smoothing"])).sum(1)
+            left = 1 - filled
+            self._open = np.where(left > LEAST_OPEN, left, np.inf)
+        return self._open
+
+    # On walls and solids
+
+    def _shares(self, k: int) -> tuple[Share, ...]:
+        if k not in self.shares:
+            self.shares[k] = tuple(self._split(self.gauges[k]))
+        return self.shares[k]
+
+    def _split(self, gauge: Gauge) -> Iterable[Share]:
+        """The launches that make a force: equal shares of components together."""
+        run, plan = self.run, self.run.plan
+        grid, dim = plan.grid, plan.grid.dim
+        pushing = [(effect, p) for effect, p in plan.passes if _of_walls(p)]
+        of_friction = tuple(part for part in pushing if part[1].operation == FRICTION)
+        of_pressure = tuple(part for part in pushing if part[1].operation != FRICTION)
+        owner = gauge.on if gauge.on in plan.wall_rows else "box_walls"
+        first, last = plan.wall_rows[owner]
+        whole = np.ones((last - first, dim))
+        pressure, friction = whole, whole
+        if gauge.on not in plan.wall_rows:
+            box, position = plan.effects[owner], plan.walls.position[first:last]
+            both = shares_of_faces(box, position, acceleration_of(plan.effects), grid)
+            pressure, friction = (part[gauge.on] for part in both)
+        for passes, share in ((of_pressure, pressure), (of_friction, friction)):
+            columns: dict[bytes, list[int]] = {}
+            for axis in range(dim):
+                columns.setdefault(share[:, axis].tobytes(), []).append(axis)
+            for axes in columns.values():
+                if passes and share[:, axes[0]].any():
+                    volume = np.zeros(len(plan.walls.volume))
+                    volume[first:last] = plan.walls.volume[first:last] * share[:, axes[0]]
+                    volume = run.lists.in_list_order(volume).astype(grid.dtype)
+                    yield Share(run.backend.asarray(volume), tuple(axes), passes)
+
+    def _wall(self, k: int, mass: NDArray[np.float64], place: NDArray[np.float64]) -> list[float]:
+        """Force and torque of the liquid on a wall: the reaction to the forces of the wall on the liquid."""
+        gauge = self.gauges[k]
+        push = np.zeros((len(mass), 3))
+        for share in self._shares(k):
+            axes = list(share.components)
+            push[:, axes] -= mass[:, None] * self._acceleration(share)[:, axes]
+        about = np.array(gauge.about or (0.0, 0.0, 0.0))
+        return self._row(push, place - about)
+
+    def _acceleration(self, share: Share) -> NDArray[np.float64]:
+        """Acceleration (n, 3) [m/s^2] of the liquid by wall particles of these volumes."""
+        run = self.run
+        found = run.backend.zeros((run.plan.grid.count, 3), run.plan.grid.dtype)
+        walls = run._shared["walls"]
+        self._push(share, found, walls._replace(volume=share.volume))
+        total = np.array(run.backend.host(found), dtype=float)
+        if run.backend.name != "numpy":
+            return total
+        run.backend.assign(found, 0.0)  # the oracles sum over the liquid, too
+        self._push(share, found, walls._replace(volume=np.zeros_like(share.volume)))
+        return total - found
+
+    def _push(self, share: Share, acceleration: Any, walls: Any) -> None:
+        run = self.run
+        for effect, p in share.passes:
+            own: dict[str, Any] = {"acceleration": acceleration, "walls": walls}
+            near = run._shared["neighbours"]
+            if near is not None and p.operation not in OF_LIQUID:
+                own["neighbours"] = near._replace(count=run.backend.zeros(near.count.shape, near.count.dtype))
+            plain = dataclasses.replace(p, algorithm="plain")
+            self._launch(plain, own, run._parameters[effect.name])
+
+    def _body(self, gauge: Gauge, mass: NDArray[np.float64], place: NDArray[np.float64]) -> list[float]:
+        """Force and torque on a solid of all that acts on its particles but gravity and the solid itself."""
+        run, number = self.run, int(gauge.on.split()[1]) - 1
+        first = int(np.sum(run.plan.state.sizes[:number]))
+        identity = run._host("identity")
+        held = (identity >= first) & (identity < first + run.plan.state.sizes[number])
+        if "phase" in run.fields:
+            from refsim.shape_matching.phases import FLUID
+
+            held &= run._host("phase") != FLUID
+        own = np.flatnonzero(held)
+        own = own[np.argsort(identity[own])]
+        acceleration = run._host("acceleration")[own].astype(float)
+        if gravity_of(run.plan.effects) is not None:
+            acceleration -= np.array(acceleration_of(run.plan.effects), run.plan.grid.dtype).astype(float)
+        push = mass[own, None] * acceleration
+        place, mass = place[own], mass[own]
+        centre = mass @ place / mass.sum() if len(own) else np.zeros(3)
+        about = centre if gauge.about is None else np.array(gauge.about)
+        return self._row(push, place - about)
+
+    def _row(self, push: NDArray[np.float64], arm: NDArray[np.float64]) -> list[float]:
+        """The values of a force's columns from forces (n, 3) [N] with arms (n, 3) [m]."""
+        force, torque = push.sum(0), np.cross(arm, push).sum(0)
+        if self.run.plan.grid.dim == 2:
+            return [float(force[0]), float(force[1]), float(torque[2])]
+        return [*map(float, force), *map(float, torque)]
+
+    # Reading, stopping and going on
+
+    def series(self, name: str) -> GaugeSeries:
+        """What the gauge of this name has measured. Raises InputError where there is none."""
+        names = [gauge.name for gauge in self.gauges]
+        if name not in names:
+            raise InputError(f"gauge: the scene has no gauge {name!r}; {suggestion(name, names)}")
+        k = names.index(name)
+        gauge, table = self.gauges[k], self.table(k)
+        columns, units = zip(*gauge.columns(self.run.plan.grid.dim))
+        return GaugeSeries(name, gauge.kind, table[:, 0], table[:, 1:], columns, units)
+
+    def all_series(self) -> list[GaugeSeries]:
+        """The series of all gauges."""
+        return [self.series(gauge.name) for gauge in self.gauges]
+
+    def table(self, k: int) -> NDArray[np.float64]:
+        """Time and values of gauge `k`, (rows, 1 + columns)."""
+        width = 1 + len(self.gauges[k].columns(self.run.plan.grid.dim))
+        return np.array(self.rows[k], dtype=float).reshape(-1, width)
+
+    def restore(self, tables: dict[str, NDArray[np.float64]]) -> None:
+        """Go on after these tables, by the gauges' names."""
+        self.rows = [tables[gauge.name].tolist() for gauge in self.gauges]
+
+
+def _of_walls(p: Pass) -> bool:
+    """Whether a pass of the forces adds what walls do to the liquid."""
+    if "acceleration" not in p.written or p.operation not in REGISTRY or p.names.get("walls", "walls") is None:
+        return False
+    return "walls" in REGISTRY[p.operation].arguments("numpy")

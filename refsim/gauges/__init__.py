@@ -1,0 +1,161 @@
+"""Gauges: what a scene measures while it runs, each as a series in time.
+
+Contents: Gauge, GaugeSeries; fields FILL, FLOW; operation gauges.sample. What a run does with them is
+`refsim.engine.gauges`, where they may stand is `refsim.gauges.places`.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+import os
+import re
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from refsim.core.checked import Checked, suggestion
+from refsim.core.effect import require
+from refsim.core.errors import InputError
+from refsim.core.extras import extra
+from refsim.core.fields import Field
+from refsim.gauges import reference as reference
+
+Vector = tuple[float, float, float]
+FILL = Field("fill", "-", "share of the space around a point that the liquid fills", rows="walls")
+FLOW = Field("flow", "m/s", "volume of liquid that passes a point, per time and area", 3, rows="walls")
+TAKES = {  # keys that a kind takes, those that it cannot do without first
+    "force": ("on", "about"),
+    "pressure": ("at", "lower", "upper"),
+    "level": ("lower", "upper"),
+    "flux": ("lower", "upper"),
+}
+KEYS = ("on", "about", "at", "lower", "upper")
+
+
+class Gauge(Checked, frozen=True, kw_only=True):
+    """What is measured while a scene runs.
+
+    name          of the series: letters, digits, "_" and "-"
+    kind          "force" (on a wall or a solid, with its torque), "pressure" (at a point, or the mean over a patch),
+                  "level" (height of the liquid on a line) or "flux" (volume per second through a patch)
+    every         simulated time between two values [s]; 0 for every step
+    on            what a force acts on: a face of box_walls ("-y"), "box_walls", "mesh_boundary" or "solid 1", which is
+                  the first [[solid]]
+    about         point about which the torque is taken [m]; left out, the origin, or the centre of mass of a solid
+    at            point of a pressure [m]
+    lower, upper  corners of a patch, which is flat along one axis, or ends of the line of a level [m]
+    """
+
+    name: str
+    kind: Literal["force", "pressure", "level", "flux"]
+    every: float = 0.0
+    on: str = ""
+    about: Vector | None = None
+    at: Vector | None = None
+    lower: Vector | None = None
+    upper: Vector | None = None
+
+    def check(self) -> None:
+        """Raise InputError, in one sentence, for keys that do not belong together, and for numbers that cannot be."""
+        if not re.fullmatch(r"[A-Za-z0-9_-]{1,80}", self.name):
+            raise InputError(
+                f"gauge {self.name!r}: the name is not possible; take letters, digits, '_' and '-', 80 of them at most."
+            )
+        owner = f"gauge {self.name}"
+        require(owner, every=(self.every, "not negative"))
+        given = [key for key in KEYS if getattr(self, key) not in (None, "")]
+        for key in given:
+            if key not in TAKES[self.kind]:
+                raise InputError(
+                    f"{owner}: a gauge of kind {self.kind!r} takes no {key!r}; it takes {', '.join(TAKES[self.kind])}."
+                )
+            value = getattr(self, key)
+            for axis, number in zip("xyz", () if key == "on" else value):
+                require(owner, **{f"{key} along {axis}": (number, "finite")})
+        if self.kind == "force" and not self.on:
+            raise InputError(f"{owner}: it lacks 'on', what the force acts on; give a face such as \"-y\".")
+        if ("lower" in given) != ("upper" in given):
+            lacking = "upper" if "lower" in given else "lower"
+            raise InputError(f"{owner}: {lacking!r} is missing; give both corners.")
+        if self.kind == "pressure" and ("at" in given) == ("lower" in given):
+            raise InputError(f"{owner}: its place must be given exactly once; give at, or lower and upper.")
+        if self.kind in ("level", "flux") and "lower" not in given:
+            raise InputError(f"{owner}: its place is missing; give lower and upper.")
+
+    def columns(self, dim: int) -> tuple[tuple[str, str], ...]:
+        """(name, unit) of each of its values in `dim` dimensions."""
+        if self.kind != "force":
+            unit = {"pressure": "Pa", "level": "m", "flux": "m^3/s" if dim == 3 else "m^2/s"}[self.kind]
+            return ((self.kind, unit),)
+        if dim == 2:
+            return (("force_x", "N/m"), ("force_y", "N/m"), ("torque_z", "N"))
+        return (*((f"force_{c}", "N") for c in "xyz"), *((f"torque_{c}", "N m") for c in "xyz"))
+
+
+@dataclass(frozen=True, eq=False)
+class GaugeSeries:
+    """What a gauge has measured.
+
+    name, kind  of the gauge
+    time        (k,) [s]
+    values      (k, columns) in SI units, in 2D per metre of depth
+    columns     names of the values, such as "force_y"
+    units       of the columns
+
+    `series["force_y"]` is one column (k,).
+    """
+
+    name: str
+    kind: str
+    time: NDArray[np.float64]
+    values: NDArray[np.float64]
+    columns: tuple[str, ...]
+    units: tuple[str, ...]
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    def __getitem__(self, column: str) -> NDArray[np.float64]:
+        if column not in self.columns:
+            raise InputError(f"gauge {self.name}: there is no column {column!r}; {suggestion(column, self.columns)}")
+        return self.values[:, self.columns.index(column)]
+
+    def to_csv(self, path: str | os.PathLike[str]) -> None:
+        """Write a line for each time; the first line names the columns with their units. Raises InputError."""
+        head = ["time [s]", *(f"{name} [{unit}]" for name, unit in zip(self.columns, self.units))]
+        try:
+            with open(path, "w", newline="", encoding="utf-8") as file:
+                lines = csv.writer(file)
+                lines.writerow(head)
+                lines.writerows(np.column_stack([self.time, self.values]).tolist())
+        except OSError as error:
+            raise InputError(f"{path} cannot be written ({error.strerror}); give another path.") from None
+
+    def to_pandas(self) -> Any:
+        """The series as a pandas.DataFrame, indexed by time (extra "results"); units are in `attrs["units"]`."""
+        pandas = extra("pandas", "GaugeSeries.to_pandas")
+        frame = pandas.DataFrame(self.values, index=pandas.Index(self.time, name="time"), columns=list(self.columns))
+        frame.attrs["units"] = dict(zip(self.columns, self.units))
+        return frame
+
+    def __repr__(self) -> str:
+        span = f", from {self.time[0]:.6g} to {self.time[-1]:.6g} s" if len(self) else ""
+        named = ", ".join(f"{name} [{unit}]" for name, unit in zip(self.columns, self.units))
+        return f"<gauge {self.name} ({self.kind}): {len(self)} values{span}; {named}>"
+
+
+def due(every: float, time: float, last: float | None) -> bool:
+    """Whether a gauge measures at `time`, after its last value at `last` [s]: once on each multiple of `every`."""
+    if last is None:
+        return True
+    if every == 0:
+        return time > last
+    return number(every, time) > number(every, last)
+
+
+def number(every: float, time: float) -> int:
+    """Number of the multiple of `every` that `time` has reached, both in s."""
+    return math.floor(min(time / every * (1 + 1e-12), 2.0**53))

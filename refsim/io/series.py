@@ -1,0 +1,68 @@
+"""The file of the series that gauges measure: `gauges.hdf5`, replaced whole at every checkpoint.
+
+It begins with a block of 512 bytes that HDF5 passes over, `refsim gauges` and the SHA-256 of all that follows the
+block. Behind it stands a group for each gauge with the datasets `time` (k,) [s] and `values` (k, columns) and the
+attributes `kind`, `columns` and `units`.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+
+from refsim.core.errors import InputError
+from refsim.core.reading import open_regular
+from refsim.gauges import GaugeSeries
+from refsim.io.checkpoint import cannot_write, replace_file
+
+GAUGES = "gauges.hdf5"
+HEAD = b"refsim gauges\nversion 1\nsha256 "
+BLOCK = 512  # bytes before what HDF5 reads; HDF5 looks for its signature there
+
+
+def write_series(path: Path, series: Iterable[GaugeSeries]) -> None:
+    """Replace the file by one with these series. Raises InputError or RunStopped where the disk refuses."""
+    import h5py
+
+    content = io.BytesIO()
+    with h5py.File(content, "w", libver=("v110", "v110"), userblock_size=BLOCK) as file:
+        for one in series:
+            group = file.create_group(one.name)
+            group.attrs["kind"] = one.kind
+            group.attrs["columns"], group.attrs["units"] = list(one.columns), list(one.units)
+            group.create_dataset("time", data=one.time)
+            group.create_dataset("values", data=one.values)
+    body = content.getvalue()[BLOCK:]
+    head = HEAD + hashlib.sha256(body).hexdigest().encode() + b"\n"
+    try:
+        replace_file(path, head.ljust(BLOCK, b"\0") + body)
+    except OSError as error:
+        raise cannot_write("file of gauges", path, error, "the last good checkpoint is untouched") from error
+
+
+def read_series(path: Path) -> dict[str, GaugeSeries]:
+    """The series in a file by name. Raises InputError where it is missing or damaged."""
+    import h5py
+
+    try:
+        with open_regular(path) as file:
+            content = file.read()
+    except OSError as error:
+        raise InputError(
+            f"file of gauges {path} cannot be read ({error.strerror}); a run of a scene with [[gauge]] writes it with"
+            " its first checkpoint."
+        ) from None
+    head = HEAD + hashlib.sha256(content[BLOCK:]).hexdigest().encode() + b"\n"
+    if content[:BLOCK] != head.ljust(BLOCK, b"\0"):
+        raise InputError(f"file of gauges {path} is damaged (it does not match its digest); run the scene again.")
+    found = {}
+    with h5py.File(io.BytesIO(content), "r") as root:
+        for name, group in root.items():
+            columns, units = (tuple(map(str, group.attrs[word])) for word in ("columns", "units"))
+            values = np.asarray(group["values"][()]).reshape(-1, len(columns))
+            found[name] = GaugeSeries(name, str(group.attrs["kind"]), group["time"][()], values, columns, units)
+    return found

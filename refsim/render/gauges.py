@@ -1,0 +1,49 @@
+"""Plots of what the gauges of a run have measured."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+from refsim.core.errors import InputError
+from refsim.gauges import GaugeSeries
+from refsim.io.series import GAUGES, read_series
+
+FORMATS = (".png", ".pdf", ".svg")
+DOTS = 150  # pixels an inch
+
+
+def plot_gauges(run: str | os.PathLike[str], output: str | os.PathLike[str], size: tuple[int, int]) -> Path:
+    """Draw all series of a run over time, one plot for each unit of each gauge, below each other.
+
+    size  of the picture for each of the plots [pixels]
+
+    Raises InputError where the run has no gauges, or the picture cannot be written.
+    """
+    from matplotlib.figure import Figure
+
+    series = list(read_series(Path(run) / GAUGES).values())
+    parts = [(one, unit) for one in series for unit in dict.fromkeys(one.units)]
+    output = Path(output)
+    if output.suffix not in FORMATS:
+        raise InputError(f"picture {output}: {output.suffix!r} is not possible; end it with {', '.join(FORMATS)}.")
+    figure = Figure(figsize=(size[0] / DOTS, 0.4 * size[1] / DOTS * len(parts)), dpi=DOTS, layout="constrained")
+    for axes, (one, unit) in zip(figure.subplots(len(parts), 1, sharex=True, squeeze=False)[:, 0], parts):
+        _plot(axes, one, unit)
+    axes.set_xlabel("time [s]")
+    try:
+        figure.savefig(output)
+    except OSError as error:
+        raise InputError(f"picture {output} cannot be written ({error.strerror}); give another path.") from None
+    return output
+
+
+def _plot(axes: object, one: GaugeSeries, unit: str) -> None:
+    names: Sequence[str] = [name for name, own in zip(one.columns, one.units) if own == unit]
+    for name in names:
+        axes.plot(one.time, one[name], label=name, linewidth=1)  # type: ignore[attr-defined]
+    axes.set_title(one.name, loc="left", fontsize="medium")  # type: ignore[attr-defined]
+    axes.set_ylabel(f"[{unit}]" if len(names) > 1 else f"{names[0]} [{unit}]")  # type: ignore[attr-defined]
+    if len(names) > 1:
+        axes.legend(fontsize="small")  # type: ignore[attr-defined]

@@ -1,0 +1,295 @@
+"""Gauges say what the liquid does: weights, pressures, levels and fluxes that are known, on each backend."""
+
+import math
+
+import numpy as np
+import pytest
+
+import refsim
+from refsim import Box, BoxWalls, Gauge, Gravity, InputError, Scene, Simulation, SolidBox, WeaklyCompressible, make_plan
+from refsim.engine.driver import simulate
+from refsim.gauges import due
+from refsim.gauges.places import crossing, points_of, shares_of_faces
+
+G, DENSITY, DEPTH = 9.81, 1000.0, 1.0
+SOUND = 10 * math.sqrt(G * DEPTH)
+GAUGES = (
+    Gauge(name="floor", kind="force", on="-y", every=0.02),
+    Gauge(name="left", kind="force", on="-x", every=0.02),
+    Gauge(name="right", kind="force", on="+x", every=0.02),
+    Gauge(name="walls", kind="force", on="box_walls", every=0.02),
+    Gauge(name="point", kind="pressure", at=(0.5, 0.5, 0.0), every=0.02),
+    Gauge(name="patch", kind="pressure", lower=(0.0, 0.0, 0.0), upper=(0.0, DEPTH, 0.0), every=0.02),
+    Gauge(name="level", kind="level", lower=(0.5, 0.0, 0.0), upper=(0.5, 2 * DEPTH, 0.0), every=0.02),
+    Gauge(name="at_wall", kind="level", lower=(0.0, 0.0, 0.0), upper=(0.0, 2 * DEPTH, 0.0), every=0.02),
+    Gauge(name="flux", kind="flux", lower=(0.5, 0.0, 0.0), upper=(0.5, 1.5 * DEPTH, 0.0), every=0.02),
+)
+
+
+def tank(cells=8, gauges=GAUGES, dim=2, model="extrapolated", dtype="float64", **changes):
+    """Water 1 m deep in a box of its own width, open above the water."""
+    spacing, up = DEPTH / cells, dim - 1
+    pull, upper = [0.0, 0.0, 0.0], [DEPTH] * 3
+    pull[up], upper[up] = -G, 2 * DEPTH
+    calm = 1.0 if model == "extrapolated" else 10.0
+    viscosity = calm * DENSITY * 0.02 * 0.5 * 3 * spacing * SOUND / (2 * (dim + 2))
+    liquid = {"density": "continuity"} if model == "extrapolated" else {"state": "tait"}
+    return Scene(
+        dim=dim, dtype=dtype, spacing=spacing, support_radius=3 * spacing, gauge=gauges,
+        fluid=(Box(cells=(cells, cells, cells if dim == 3 else 1)),),
+        effects=(
+            WeaklyCompressible(sound_speed=SOUND, dynamic_viscosity=viscosity, viscosity="central", **liquid),
+            Gravity(acceleration=tuple(pull)),
+            BoxWalls(lower=(0.0, 0.0, 0.0), upper=tuple(upper), model=model, **changes),
+        ),
+    )  # fmt: skip
+
+
+def run_to(simulation, time):
+    while simulation.time < time:
+        simulation.step()
+    return simulation
+
+
+def late(series, column=0, since=1.5):
+    """Mean of a column's values after `since` [s]."""
+    return float(series.values[series.time > since, column].mean())
+
+
+def test_a_tank_at_rest_reads_what_it_holds():
+    """Weight, hydrostatic pressure, level; nothing flows."""
+    simulation = run_to(Simulation(tank(16), "cpu", threads=2), 2.5)
+    read = {gauge.name: simulation.gauge(gauge.name) for gauge in GAUGES}
+    weight = DENSITY * G * DEPTH**2
+    assert late(read["floor"], 1) == pytest.approx(-weight, rel=0.005)
+    assert late(read["floor"], 2) == pytest.approx(-weight * 0.5, rel=0.005)  # about the origin, by half the width
+    assert late(read["walls"], 1) == pytest.approx(-weight, rel=0.005)
+    assert abs(late(read["walls"])) < 1e-3 * weight
+    assert -late(read["left"]) == pytest.approx(0.5 * weight, rel=0.05)
+    assert late(read["right"]) == pytest.approx(-late(read["left"]), rel=0.01)
+    assert late(read["point"]) == pytest.approx(0.5 * DENSITY * G, rel=0.03)
+    assert late(read["patch"]) == pytest.approx(0.5 * DENSITY * G, rel=0.03)
+    assert late(read["level"]) == pytest.approx(DEPTH, rel=0.005)
+    assert late(read["at_wall"]) == pytest.approx(DEPTH, rel=0.005)
+    assert abs(late(read["flux"])) < 1e-3
+
+
+def test_faces_share_the_force_of_all_walls():
+    simulation = run_to(Simulation(tank(8), "cpu"), 0.1)
+    faces = sum(simulation.gauge(name).values for name in ("floor", "left", "right"))
+    whole = simulation.gauge("walls").values
+    assert np.allclose(faces, whole, rtol=0, atol=1e-9 * np.abs(whole).max())
+
+
+def test_the_force_on_all_walls_balances_the_liquid():
+    """F = -sum m_i (a_i - g): what the walls take is what the step gives the liquid, mirrored and with friction too."""
+    for model, viscosity in (("extrapolated", 0.0), ("extrapolated", 3.0), ("mirrored", 3.0)):
+        gauges = (Gauge(name="walls", kind="force", on="box_walls"),)
+        simulation = run_to(Simulation(tank(8, gauges, model=model, viscosity=viscosity), "cpu"), 0.1)
+        push = simulation.field("acceleration") - (0.0, -G, 0.0)
+        force = -(simulation.field("mass")[:, None] * push).sum(0)
+        assert simulation.gauge("walls").values[-1, :2] == pytest.approx(force[:2], rel=1e-9, abs=1e-6)
+
+
+@pytest.mark.parametrize("model", ["extrapolated", "mirrored"])
+def test_backends_read_the_same(model):
+    gauges = tuple(refsim.Gauge(**{name: getattr(g, name) for name in g.__struct_fields__} | {"every": 0.0})
+                   for g in GAUGES)  # fmt: skip
+    read = []
+    for backend in ("numpy", "cpu"):
+        simulation = Simulation(tank(5, gauges, model=model, viscosity=2.0), backend)
+        for _ in range(6):
+            simulation.step()
+        read.append([simulation.gauge(g.name) for g in gauges])
+    for own, other in zip(*read):
+        assert len(own) == 7
+        assert np.array_equal(own.time, other.time)
+        assert np.allclose(own.values, other.values, rtol=1e-9, atol=1e-7), own.name
+
+
+def test_gauges_repeat_bit_for_bit_and_change_nothing():
+    read = []
+    for threads in (1, 2):
+        simulation = run_to(Simulation(tank(8, dtype="float32"), "cpu", threads=threads), 0.2)
+        read.append((simulation.gauge("floor").values, simulation.gauge("level").values, simulation.field("velocity")))
+    alone = run_to(Simulation(tank(8, (), dtype="float32"), "cpu"), 0.2)
+    assert all(np.array_equal(a, b) for a, b in zip(*read))
+    assert np.array_equal(read[0][2], alone.field("velocity"))
+
+
+def test_a_scene_without_gauges_has_nothing_of_them():
+    simulation = Simulation(tank(5, ()), "cpu")
+    assert simulation.gauges is None
+    with pytest.raises(InputError, match="has no gauge 'floor'"):
+        simulation.gauge("floor")
+
+
+def test_a_restart_goes_on_without_a_gap(tmp_path):
+    scene = tank(6, (*GAUGES, Gauge(name="each", kind="flux", lower=(0.2, 0.0, 0.0), upper=(0.2, 1.0, 0.0))))
+    whole = run_to(Simulation(scene, "cpu"), 0.25)
+    simulate(scene, 0.13, output=tmp_path / "run", progress=False)
+    resumed = Simulation.resume(tmp_path / "run", scene=scene)
+    simulate(resumed, 0.25, output=tmp_path / "run", progress=False)
+    run = refsim.open_run(tmp_path / "run")
+    assert set(run.gauges) == {gauge.name for gauge in scene.gauge}
+    for name in run.gauges:
+        stored, known = run.gauge(name), whole.gauge(name)
+        assert np.array_equal(stored.time, known.time)
+        assert np.array_equal(stored.values, known.values)
+        assert stored.columns == known.columns
+        assert stored.units == known.units
+    assert len(run.gauge("each")) == whole.steps + 1
+
+
+def test_series_are_files(tmp_path, capsys):
+    from refsim.__main__ import main
+
+    simulate(tank(5), 0.1, output=tmp_path / "run", progress=False)
+    floor = refsim.open_run(tmp_path / "run").gauge("floor")
+    assert floor.columns == ("force_x", "force_y", "torque_z")
+    assert floor.units == ("N/m", "N/m", "N")
+    assert np.array_equal(floor["force_y"], floor.values[:, 1])
+    assert "force_y [N/m]" in repr(floor)
+    floor.to_csv(tmp_path / "floor.csv")
+    lines = (tmp_path / "floor.csv").read_text().splitlines()
+    assert lines[0] == "time [s],force_x [N/m],force_y [N/m],torque_z [N]"
+    assert np.array_equal(np.loadtxt(lines[1:], delimiter=",")[:, 1:], floor.values)
+    assert main(["render", str(tmp_path / "run"), "--gauges", "-o", str(tmp_path / "gauges.png")]) == 0
+    assert (tmp_path / "gauges.png").stat().st_size > 10_000
+    with pytest.raises(InputError, match="no gauge 'flor'; did you mean floor"):
+        refsim.open_run(tmp_path / "run").gauge("flor")
+    file = tmp_path / "run" / "gauges.hdf5"
+    file.write_bytes(file.read_bytes()[:-1] + b"x")
+    assert main(["render", str(tmp_path / "run"), "--gauges"]) == 2
+    assert "is damaged" in capsys.readouterr().err
+
+
+def test_a_scene_file_keeps_its_gauges():
+    from refsim.scene.files import parse_scene, scene_to_toml
+
+    scene = tank(5)
+    assert parse_scene(scene_to_toml(scene), "scene") == scene
+    assert scene.with_(gauge__0__every=0.5).gauge[0].every == 0.5
+
+
+def test_a_block_that_flies_through_a_patch():
+    """Flux is velocity times the width of the block; a drop has no level where it is not."""
+    gauges = (
+        Gauge(name="flux", kind="flux", lower=(0.5, -0.5, 0.0), upper=(0.5, 1.5, 0.0)),
+        Gauge(name="level", kind="level", lower=(0.5, -0.5, 0.0), upper=(0.5, 1.5, 0.0)),
+        Gauge(name="dry", kind="level", lower=(5.0, -0.5, 0.0), upper=(5.0, 1.5, 0.0)),
+    )
+    scene = Scene(
+        dim=2, dtype="float64", spacing=0.05, support_radius=0.15, gauge=gauges, step=1e-4,
+        fluid=(Box(cells=(20, 16, 1), velocity=(3.0, 0.0, 0.0)),), effects=(WeaklyCompressible(sound_speed=30.0),),
+    )  # fmt: skip
+    simulation = Simulation(scene, "cpu")
+    for _ in range(3):
+        simulation.step()
+    assert simulation.gauge("flux").values[-1] == pytest.approx([3.0 * 0.8], rel=0.02)
+    assert simulation.gauge("level").values[-1] == pytest.approx([0.8], rel=0.01)
+    assert simulation.gauge("dry").values[-1] == pytest.approx([-0.5])
+
+
+def test_a_tank_in_space_weighs_on_its_floor():
+    gauges = (Gauge(name="floor", kind="force", on="-z", every=0.1), Gauge(name="level", kind="level", every=0.1,
+              lower=(0.5, 0.5, 0.0), upper=(0.5, 0.5, 2.0)))  # fmt: skip
+    simulation = run_to(Simulation(tank(6, gauges, dim=3), "cpu", threads=2), 2.5)
+    assert late(simulation.gauge("floor"), 2) == pytest.approx(-DENSITY * G, rel=0.005)
+    assert late(simulation.gauge("level")) == pytest.approx(1.0, rel=0.01)
+
+
+def test_a_force_on_a_solid_moves_it():
+    """M (a - g) of a light block in water, and its torque about the centre of mass."""
+    scene = Scene(
+        dtype="float64", spacing=0.1, support_radius=0.26, gauge=(Gauge(name="block", kind="force", on="solid 1"),),
+        solid=(SolidBox(lower=(0.0, 0.0, 0.3), upper=(0.2, 0.2, 0.5), density=500.0),),
+        fluid=(Box(cells=(4, 4, 3)), Box(lower=(0.2, 0.0, 0.3), cells=(2, 4, 2))),
+        effects=(
+            WeaklyCompressible(sound_speed=SOUND, dynamic_viscosity=30.0, clamp_pressure=True),
+            refsim.ShapeMatching(), refsim.TwoWayCoupling(), Gravity(),
+            BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.4, 0.4, 2.0)),
+        ),
+    )  # fmt: skip
+    simulation = run_to(Simulation(scene, "cpu"), 0.02)
+    own = slice(8)
+    mass, place = simulation.field("mass")[own], simulation.field("position")[own]
+    push = mass[:, None] * (simulation.field("acceleration")[own] - (0.0, 0.0, -9.81))
+    torque = np.cross(place - mass @ place / mass.sum(), push).sum(0)
+    values = simulation.gauge("block").values[-1]
+    assert values == pytest.approx([*push.sum(0), *torque], rel=1e-9, abs=1e-9)
+    assert np.abs(values[:3]).max() > 1.0
+
+
+@pytest.mark.parametrize(
+    ("gauge", "words"),
+    [
+        ({"name": "a b", "kind": "level"}, "the name is not possible"),
+        ({"name": "a", "kind": "force"}, "lacks 'on'"),
+        ({"name": "a", "kind": "force", "on": "-z"}, "the scene has no '-z'"),
+        ({"name": "a", "kind": "force", "on": "mesh_boundary"}, "the scene has no 'mesh_boundary'"),
+        ({"name": "a", "kind": "force", "on": "solid 1"}, "the scene has no 'solid 1'"),
+        ({"name": "a", "kind": "force", "on": "-x", "at": (0, 0, 0)}, "takes no 'at'"),
+        ({"name": "a", "kind": "pressure"}, "exactly once"),
+        ({"name": "a", "kind": "pressure", "at": (5.0, 0.5, 0.0)}, "outside of the domain from 0 to 1 m"),
+        ({"name": "a", "kind": "pressure", "at": (math.nan, 0.5, 0.0)}, "at along x"),
+        ({"name": "a", "kind": "level", "lower": (0.5, 0.0, 0.0)}, "'upper' is missing"),
+        ({"name": "a", "kind": "level", "lower": (0.5, 0.0, 0.0), "upper": (0.6, 1.0, 0.0)}, "no line along one axis"),
+        ({"name": "a", "kind": "level", "lower": (0.5, 1.0, 0.0), "upper": (0.5, 0.5, 0.0)}, "lower is above upper"),
+        ({"name": "a", "kind": "flux", "lower": (0.0, 0.0, 0.0), "upper": (1.0, 1.0, 0.0)}, "is no patch"),
+        ({"name": "a", "kind": "flux", "lower": (0.5, 0.0, 0.0), "upper": (0.5, 9.0, 0.0)}, "outside of the domain"),
+        ({"name": "a", "kind": "pressure", "at": (0.5, 0.5, 0.0), "every": -1.0}, "every = -1.0 is not possible"),
+    ],
+)  # fmt: skip
+def test_bad_gauges_are_refused_in_a_sentence(gauge, words):
+    with pytest.raises(InputError, match=words) as caught:
+        make_plan(tank(5, (Gauge(**gauge),)))
+    assert str(caught.value).startswith("gauge ")
+
+
+def test_gauges_of_one_name_and_without_liquid_are_refused(tmp_path):
+    from refsim.__main__ import main
+
+    with pytest.raises(InputError, match="two gauges have the name 'floor'"):
+        make_plan(tank(5, (GAUGES[0], GAUGES[0])))
+    text = 'spacing = 0.1\nsupport_radius = 0.2\n[[fluid]]\nshape = "box"\ncells = [2, 2, 2]\n[[gauge]]\nname = "a"\n'
+    file = tmp_path / "scene.toml"
+    file.write_text(text + 'kind = "force"\non = "-x"\n')
+    assert main(["plan", str(file)]) == 2
+    file.write_text(text + 'kind = "forces"\n')
+    assert main(["plan", str(file)]) == 2
+
+
+def test_due_once_on_each_multiple():
+    times = np.cumsum(np.full(100, 0.007))
+    last, found = None, []
+    for time in times:
+        if due(0.05, time, last):
+            last = time
+            found.append(time)
+    assert len(found) == 1 + int(times[-1] / 0.05)
+    assert due(0.0, 1.0, 0.5)
+    assert not due(0.0, 1.0, 1.0)
+
+
+def test_crossing_of_the_surface():
+    height = np.array([0.0, 1.0, 2.0, 3.0])
+    assert crossing(height, np.array([1.0, 1.0, 0.25, 0.0])) == pytest.approx(1 + 2 / 3)
+    assert crossing(height, np.array([1.0, 0.0, 1.0, 0.0])) == pytest.approx(2.5)
+    assert crossing(height, np.zeros(4)) == 0.0
+    assert crossing(height, np.ones(4)) == 3.0
+
+
+def test_shares_of_faces_add_up():
+    """Of every wall particle and component, whatever faces are open."""
+    for faces in ((), ("+y",), ("+y", "-x", "+x"), ("-z", "+z")):
+        plan = make_plan(tank(5, (), dim=3, open_faces=faces))
+        for parts in shares_of_faces(plan.effects["box_walls"], plan.walls.position, (0.0, -G, 0.0), plan.grid):
+            assert np.allclose(sum(parts.values()), 1.0)
+
+
+def test_points_of_a_patch():
+    points = points_of(GAUGES[-1], make_plan(tank(8, ())).grid)
+    assert points.axis == 0
+    assert len(points.place) == 12
+    assert points.area * len(points.place) == pytest.approx(1.5)
