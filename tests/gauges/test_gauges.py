@@ -91,6 +91,29 @@ def test_the_force_on_all_walls_balances_the_liquid():
         assert simulation.gauge("walls").values[-1, :2] == pytest.approx(force[:2], rel=1e-9, abs=1e-6)
 
 
+@pytest.mark.parametrize("viscosity", [0.0, 3.0])
+def test_the_force_on_a_mesh_balances_the_liquid(tmp_path, viscosity):
+    trimesh = pytest.importorskip("trimesh")
+    trimesh.creation.box((1.0, 1.0, 0.4)).export(tmp_path / "plate.stl")
+    scene = Scene(
+        dtype="float64", spacing=0.1, support_radius=0.23, fluid=(Box(cells=(5, 5, 4)),),
+        gauge=(Gauge(name="plate", kind="force", on="mesh_boundary"), Gauge(name="side", kind="force", on="-x")),
+        effects=(
+            WeaklyCompressible(sound_speed=SOUND, dynamic_viscosity=10.0), Gravity(),
+            refsim.MeshBoundary(
+                file=str(tmp_path / "plate.stl"), center=(0.25, 0.25, -0.25), viscosity=viscosity, correction="none"
+            ),
+            BoxWalls(lower=(-9.0, -9.0, -9.0), upper=(9.0, 9.0, 9.0)),
+        ),
+    )  # fmt: skip
+    simulation = run_to(Simulation(scene, "cpu"), 0.05)
+    push = simulation.field("acceleration") - (0.0, 0.0, -9.81)
+    force = -(simulation.field("mass")[:, None] * push).sum(0)
+    assert simulation.gauge("plate").values[-1, :3] == pytest.approx(force, rel=1e-9, abs=1e-6)
+    assert force[2] < -10.0
+    assert not simulation.gauge("side").values.any()
+
+
 @pytest.mark.parametrize("model", ["extrapolated", "mirrored"])
 def test_backends_read_the_same(model):
     gauges = tuple(refsim.Gauge(**{name: getattr(g, name) for name in g.__struct_fields__} | {"every": 0.0})
