@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import collections
 import dataclasses
 import math
 import os
-import re
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from importlib import resources
 from typing import Any
 
 from refsim.commands import Command, CommandResult, in_time, register, table
@@ -18,7 +17,8 @@ from refsim.core.errors import InputError
 from refsim.core.operation import BACKENDS, REGISTRY
 
 WITHIN = 3.0  # widths of three runs of refsim; default of --within
-TOLD = 8  # failed trials that the text names for each operation; --json has all
+REPLAYED = "replay.npz"  # what --replay writes, in the current folder
+EXAMPLE = "sph.density:float32:0:wendland_c2:T2:cloud_3d"
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -47,6 +47,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--export", metavar="FOLDER", help=words)
     words = "judge nothing; print a Python file with a stub for each of the operations named"
     parser.add_argument("--template", action="store_true", help=words)
+    words = f"run one trial by the name that a report gives, and write its inputs and answers into {REPLAYED}"
+    parser.add_argument("--replay", metavar="TRIAL", help=words)
+    parser.add_argument("--junit", metavar="FILE", help="write the outcomes as JUnit's XML, too, for CI servers")
+    parser.add_argument("--guide", action="store_true", help="judge nothing; print how to bring your own code")
 
 
 def execute(options: argparse.Namespace) -> CommandResult:
@@ -65,6 +69,9 @@ def execute(options: argparse.Namespace) -> CommandResult:
         return _export(options)
     if options.template:
         return _template(options.names)
+    if options.guide:
+        text = resources.files("refsim.contract").joinpath("guide.md").read_text()
+        return CommandResult({"guide": text}, text)
     if options.arguments and (not options.names or options.names[0] in REGISTRY):
         return _arguments(options.names, "cpu")
     if not options.names:
@@ -77,20 +84,60 @@ def execute(options: argparse.Namespace) -> CommandResult:
     if options.arguments:
         about = apart.describe(request)
         return _arguments(about.names, about.arrays)
+    if options.replay is not None:
+        request = _replayed(request, options.replay)
+    return _judged(request, options)
+
+
+def _judged(request: Any, options: argparse.Namespace) -> CommandResult:
+    """Climb the ladder, with progress on a terminal, and report."""
+    from refsim.contract import apart, report
+
     began = time.perf_counter()
     about, outcomes = apart.judge(request)
     found: dict[str, list[Any]] = {name: [] for name in about.names}
     for outcome in outcomes:
         if not found[outcome.operation] and sys.stderr.isatty():
-            print(f"{outcome.operation} ...", file=sys.stderr)
+            number, seconds = about.names.index(outcome.operation) + 1, time.perf_counter() - began
+            print(f"{number} of {len(about.names)}, {in_time(seconds)}: {outcome.operation}", file=sys.stderr)
         found[outcome.operation].append(outcome)
-    data = _report(about, found, time.perf_counter() - began)
-    return CommandResult(data, _text(data, found), 0 if data["holds"] else 4)
+    if request.replay and not any(found.values()):
+        raise InputError(f"--replay {request.replay}: {about.name} has no such trial; take a name that --json gives.")
+    data = report.report(about, request, found, time.perf_counter() - began)
+    text = report.text(data, found)
+    if options.junit:
+        _written(options.junit, report.junit(data, found))
+    if request.replay:
+        (outcome,) = (o for outcomes in found.values() for o in outcomes)
+        data, text = {"outcome": dataclasses.asdict(outcome), "inputs": REPLAYED}, f"{outcome}\nInputs: {REPLAYED}."
+        return CommandResult(data, text, 0 if outcome.passed else 4)
+    return CommandResult(data, text, 0 if data["holds"] else 4)
 
 
-MODES = ("run", "export", "template", "arguments")
+def _replayed(request: Any, name: str) -> Any:
+    """The request for one trial by its name, OPERATION:DTYPE:VARIANT:KERNEL:STEP:TRIAL."""
+    from refsim.contract.programs import check_names
+
+    parts = name.split(":", 5)
+    if len(parts) != 6 or not parts[2].isdecimal():
+        raise InputError(f"--replay {name} is no trial; take a name that the report gives: {EXAMPLE}.")
+    operation, dtype, variant, _, step, _ = parts
+    check_names((operation,), (dtype,), (int(variant),), (step,))
+    chosen = {"operations": (operation,), "dtypes": (dtype,), "variants": (int(variant),), "steps": (step,)}
+    return dataclasses.replace(request, replay=name, **chosen)
+
+
+def _written(path: str, content: bytes) -> None:
+    try:
+        with open(path, "wb") as file:
+            file.write(content)
+    except OSError as error:
+        raise InputError(f"{path} cannot be written: {error.strerror}; give another file.") from None
+
+
+MODES = ("run", "export", "template", "arguments", "replay", "guide")
 OF_MODES: dict[str, tuple[str, ...]] = {"at": ("run",), "within": ("run",), "backend": ("run",), "step": ("",)}
-OF_MODES |= {"dtype": ("", "export"), "variant": ("", "export")}
+OF_MODES |= {"dtype": ("", "export"), "variant": ("", "export"), "junit": ("",)}
 
 
 def _check_modes(options: argparse.Namespace) -> None:
@@ -105,118 +152,6 @@ def _check_modes(options: argparse.Namespace) -> None:
         if getattr(options, name) not in (None, []) and mode not in modes:
             wanted = " or ".join(f"--{m}" if m else "programs to judge" for m in modes)
             raise InputError(f"--{name} goes with {wanted}, not with {f'--{mode}' if mode else 'programs to judge'}.")
-
-
-def _report(about: Any, found: Mapping[str, Sequence[Any]], seconds: float) -> dict[str, Any]:
-    operations = {name: _judged(outcomes) for name, outcomes in found.items()}
-    return {
-        "programs": about.name,
-        "arrays": about.arrays,
-        "holds": all(operation["holds"] for operation in operations.values()),
-        "seconds": round(seconds, 1),
-        "operations": operations,
-        "not_offered": [] if about.offered is None else [n for n in REGISTRY if n not in about.offered],
-    }
-
-
-def _judged(outcomes: Sequence[Any]) -> dict[str, Any]:
-    """An operation holds where there were trials and all of them passed; what is not judged counts as no trial."""
-    left_out = [o for o in outcomes if o.not_judged]
-    every, outcomes = outcomes, [o for o in outcomes if not o.not_judged]
-    failed = [o for o in outcomes if not o.passed]
-    steps: dict[str, dict[str, int]] = {}
-    for o in outcomes:
-        counts = steps.setdefault(o.step, {"trials": 0, "failed": 0})
-        counts["trials"] += 1
-        counts["failed"] += not o.passed
-    return {
-        "holds": bool(outcomes) and not failed,
-        "trials": len(outcomes),
-        "failed": len(failed),
-        "not_judged": dict(collections.Counter(o.not_judged for o in left_out)),
-        "largest_error": max((o.error for o in outcomes), default=0.0),
-        "steps": steps,
-        "outcomes": [
-            {
-                "step": o.step,
-                "trial": o.trial,
-                "dtype": o.dtype,
-                "variant": o.variant,
-                "passed": o.passed,
-                "error": o.error,
-                "words": o.words,
-                "not_judged": o.not_judged,
-            }
-            for o in every
-        ],
-    }
-
-
-def _text(data: Mapping[str, Any], found: Mapping[str, Sequence[Any]]) -> str:
-    from refsim.contract import STEPS
-
-    operations = data["operations"]
-    used = [step for step in STEPS if any(step in o["steps"] for o in operations.values())]
-    rows = []
-    for name, o in operations.items():
-        cells = [_share(o["steps"].get(step)) for step in used]
-        verdict = "holds" if o["holds"] else "FAILS" if o["trials"] else "no trial"
-        rows.append((name, *cells, _error(o["largest_error"]), verdict))
-    lines = [f"{data['programs']}, arrays of {data['arrays']}: trials passed, by step of the ladder", ""]
-    right = tuple(range(1, len(used) + 2))
-    lines.append(table(rows, ("operation", *used, "largest error", "verdict"), right))
-    for name, outcomes in found.items():
-        groups: dict[str, list[Any]] = {}
-        for o in outcomes:
-            if not o.passed and not o.not_judged:
-                groups.setdefault(_alike(o.words), []).append(o)
-        lines += ["", f"{name} fails:"] if groups else []
-        lines += [_told(alike) for alike in list(groups.values())[:TOLD]]
-        if len(groups) > TOLD:
-            rest = sum(map(len, list(groups.values())[TOLD:]))
-            lines.append(f"  and {rest} more failed trials; --json has all")
-    reasons = _reasons(operations)
-    if reasons:
-        lines += ["", f"Not judged, as declared (trials or whole variants): {reasons}."]
-    trials, bad = (sum(o[key] for o in operations.values()) for key in ("trials", "failed"))
-    holding = sum(o["holds"] for o in operations.values())
-    lines += [
-        "",
-        f"{holding} of {len(operations)} operations hold; {trials - bad} of {trials} trials passed in"
-        f" {in_time(data['seconds'])}. Errors are shares of the bound on rounding.",
-    ]
-    if data["not_offered"]:
-        lines.append(f"{len(data['not_offered'])} of refsim's {len(REGISTRY)} operations have no program here.")
-    return "\n".join(lines)
-
-
-def _share(counts: Mapping[str, int] | None) -> str:
-    return "-" if counts is None else f"{counts['trials'] - counts['failed']}/{counts['trials']}"
-
-
-def _error(error: float) -> str:
-    return f"{error:.3g}" if math.isfinite(error) else "no number"
-
-
-def _told(alike: Sequence[Any]) -> str:
-    """Failed trials with the same words: how many, and the first."""
-    first = alike[0]
-    where = f"{first.dtype}, variant {first.variant}" if first.dtype else "before the first trial"
-    error = "" if not math.isfinite(first.error) else f", {first.error:.3g} of the bound"
-    trials = "1 trial" if len(alike) == 1 else f"{len(alike)} trials, the first"
-    return f"  {first.words or 'a wrong answer'}\n      {trials}: {first.step} {first.trial} ({where}{error})"
-
-
-def _alike(words: str) -> str:
-    """Words less their numbers, so that the same mistake on other particles is told once."""
-    return re.sub(r"\d+", "#", words)
-
-
-def _reasons(operations: Mapping[str, Any]) -> str:
-    counts: collections.Counter[str] = collections.Counter()
-    for o in operations.values():
-        counts.update(o["not_judged"])
-    return ", ".join(f"{reason} ({count})" for reason, count in counts.items())
 
 
 # What an operation takes

@@ -7,10 +7,12 @@ same with a loader; `run` makes one comparison; `bindings` gives the arguments o
 """
 
 from refsim.contract.arrays import to_numpy
+from refsim.contract.climb import Step, ladder, trials
 from refsim.contract.inputs import Inputs, bindings
-from refsim.contract.ladder import STEPS, Outcome, Target, check, climb, run
-from refsim.contract.programs import Programs, Step, ladder, load, own, trials
+from refsim.contract.ladder import STEPS, check, climb, run
+from refsim.contract.programs import Programs, load, own
 from refsim.contract.resuming import resumes
+from refsim.contract.target import Outcome, Target
 
 __all__ = [
     "STEPS",

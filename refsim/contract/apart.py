@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from refsim.contract.ladder import Outcome
+from refsim.contract.target import Outcome
 from refsim.core.errors import InputError
 
 OWN_WORK = 600.0  # s without a message between two calls: oracles, neighbour lists, the start of Python
@@ -37,7 +37,8 @@ MOST_ENDINGS = 5  # of processes for one operation; each new one imports the pro
 class Request:
     """What is judged: see `refsim.contract.programs.ladder`; `seconds` limits the import and each call.
 
-    first  number of the first operation's first trial
+    first   number of the first operation's first trial
+    replay  name of the one trial that is run, whose inputs are written into the current folder
     """
 
     source: str
@@ -47,16 +48,21 @@ class Request:
     steps: tuple[str, ...] = ()
     seconds: float = 120.0
     first: int = 0
+    replay: str = ""
 
 
 @dataclass(frozen=True)
 class About:
-    """A library as its process describes it: `names` are judged, `offered` has programs (None: refsim's own)."""
+    """A library as its process describes it: `names` are judged, `offered` has programs (None: refsim's own).
+
+    declared  what it is declared to support: see `refsim.contract.coverage.gaps`
+    """
 
     name: str
     arrays: str
     names: list[str]
     offered: list[str] | None
+    declared: dict[str, list[Any]]
 
 
 def describe(request: Request) -> About:
@@ -210,6 +216,9 @@ def _ending(code: int | None) -> str:
 def _work(pipe: Any, request: Request, judged: bool, path: list[str]) -> None:
     """Import and judge. What programs print goes to standard error, which is no report; nothing is typed into them."""
     from refsim.contract import programs as library
+    from refsim.contract.binding import told
+    from refsim.contract.climb import ladder
+    from refsim.contract.export import write_replay
 
     if hasattr(os, "setsid"):
         os.setsid()  # what programs start ends with this process
@@ -238,29 +247,35 @@ def _work(pipe: Any, request: Request, judged: bool, path: list[str]) -> None:
             tell("refused", str(error))
             return
         except BaseException as error:
-            tell("refused", f"{request.source} cannot be imported: {library.told(error)}.")
+            tell("refused", f"{request.source} cannot be imported: {told(error)}.")
             return
         offered = None if found.programs is None else list(found.programs)
-        tell("about", dataclasses.asdict(About(found.name, found.arrays, list(names), offered)))
+        keys = ("dtypes", "dims", "kernels", "left_out")
+        declared = {key: list(getattr(found, key)) for key in keys}
+        tell("about", dataclasses.asdict(About(found.name, found.arrays, list(names), offered, declared)))
         for operation in names if judged else ():
             tell("begin", [operation, "", 0, "-", "the start", 0])
 
             def calling(case: str | None) -> None:
                 tell("returned" if case is None else "call", case)
 
-            for step in library.ladder(found, operation, request.dtypes, request.variants, request.steps, calling):
+            for step in ladder(found, operation, request.dtypes, request.variants, request.steps, calling):
                 if operation == names[0] and step.number < request.first:
                     continue
                 trial, target = step.outcome(), step.target
+                if request.replay not in ("", trial.replay):
+                    continue
                 tell("begin", [operation, target.dtype, target.variant, trial.step, trial.trial, step.number])
                 outcome = step.perform()
                 if outcome is not None:
                     tell("outcome", dataclasses.asdict(outcome))
+                if request.replay:
+                    write_replay(target)
             tell("done", operation)
         code = 0
     except BaseException as error:
         with contextlib.suppress(BaseException):
-            tell("fault", str(error) if isinstance(error, InputError) else library.told(error, "it ended its step by"))
+            tell("fault", str(error) if isinstance(error, InputError) else told(error, "it ended its step by"))
     finally:
         with contextlib.suppress(BaseException):
             sys.stdout.flush()

@@ -5,6 +5,7 @@ taken; c * (k + 1) * eps * sum|terms| is no smaller. The oracle gets the inputs 
 coordinates is rounded relative to itself, so that a distance from the origin costs nothing more. What does is a
 term that falls to zero at the edge of the support: a relative error of r changes it by r dT/dr, many times its own
 size. That sum is measured on the oracle, by stretching all positions, wherever the plain bound does not suffice.
+A pair within rounding of r = h counts or not, as its distance is rounded: a row that has one may differ by that term.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from refsim.contract.inputs import Inputs, distances, period_of
 from refsim.core.operation import Operation
 
 STRETCH = 1e-6
+EDGE = 8.0  # roundings of the distance in which r = h is undecided
 
 
 def oracle(operation: Operation, inputs: Inputs, rows: np.ndarray | None = None) -> dict[str, tuple[Any, Any]]:
@@ -89,6 +91,7 @@ def errors(
     eps = float(np.finfo(inputs.dtype).eps)
     near = neighbour_counts(operation, inputs, rows)
     conditioned: dict[str, np.ndarray] | None = None
+    jumps: dict[str, np.ndarray] | None = None
     found = {}
     for name, (value, scale) in answer.items():
         own = inputs.per_particle(name)
@@ -108,7 +111,11 @@ def errors(
         if takes_neighbours(operation) and (ratio > 1).any():
             if conditioned is None:
                 conditioned = conditioning(operation, inputs, rows)
-            ratio = _ratio(error, bound + factor * conditioned[name])
+            bound = bound + factor * conditioned[name]
+            ratio = _ratio(error, bound)
+            if (ratio > 1).any():
+                jumps = edge_terms(operation, inputs, rows) if jumps is None else jumps
+                ratio = _ratio(error, bound + share * jumps.get(name, 0.0))
         found[name] = ratio
     return found
 
@@ -142,6 +149,7 @@ def allowed(
     known = {name: part for name, part in answer.items() if name in before}
     summed = takes_neighbours(operation) and all(scale is not None for _, scale in known.values())
     conditioned = conditioning(operation, inputs) if summed else {}
+    jumps = edge_terms(operation, inputs) if summed else {}
     factor = operation.tolerance * float(np.finfo(inputs.dtype).eps)
     found = {}
     for name, (value, scale) in known.items():
@@ -152,6 +160,7 @@ def allowed(
         else:
             start = np.asarray(before[name], dtype=float)
             found[name] = _bound(operation, inputs, name, scale, start, near) + factor * conditioned.get(name, 0.0)
+            found[name] = found[name] + jumps.get(name, 0.0)
     return found
 
 
@@ -169,17 +178,35 @@ def conditioning(operation: Operation, inputs: Inputs, rows: np.ndarray | None =
     if period_of(operation, inputs) is not None:
         farthest = float(np.abs(inputs["position"]).max(initial=0.0))
         stretch *= min(1.0, inputs.case.support_radius / farthest) if farthest > 0 else 1.0
-
-    def stretched(factor: float) -> dict[str, np.ndarray]:
-        changed: dict[str, Any] = {"position": factor * np.asarray(inputs["position"], dtype=float)}
-        if "walls" in operation.arguments("numpy") and inputs["walls"] is not None:
-            walls = inputs["walls"]
-            changed["walls"] = walls._replace(position=factor * np.asarray(walls.position, dtype=float))
-        answer = oracle(operation, inputs.replaced(**changed), rows)
-        return {name: scale for name, (_, scale) in answer.items()}
-
-    more, less = stretched(1 + stretch), stretched(1 - stretch)
+    more, less = (_stretched(operation, inputs, 1 + part, rows) for part in (stretch, -stretch))
     return {name: size(more[name] - less[name]) / (2 * stretch) for name in more}
+
+
+def _stretched(operation: Operation, inputs: Inputs, factor: float, rows: np.ndarray | None) -> dict[str, np.ndarray]:
+    """The oracle's sums of |terms| where all positions are multiplied by a factor."""
+    changed: dict[str, Any] = {"position": factor * np.asarray(inputs["position"], dtype=float)}
+    if "walls" in operation.arguments("numpy") and inputs["walls"] is not None:
+        walls = inputs["walls"]
+        changed["walls"] = walls._replace(position=factor * np.asarray(walls.position, dtype=float))
+    answer = oracle(operation, inputs.replaced(**changed), rows)
+    return {name: scale for name, (_, scale) in answer.items()}
+
+
+def edge_terms(operation: Operation, inputs: Inputs, rows: np.ndarray | None = None) -> dict[str, np.ndarray]:
+    """Sum of |T| of the pairs at r = h within `EDGE` roundings, in rows that have such a pair; else 0."""
+    edge, radius = EDGE * float(np.finfo(inputs.dtype).eps), inputs.case.list_radius
+    near = np.zeros(len(inputs["position"]) if rows is None else len(rows), dtype=bool)
+    sources = [inputs["position"]]
+    if "walls" in operation.arguments("numpy") and inputs["walls"] is not None:
+        sources.append(inputs["walls"].position)
+    for source in sources:
+        for place, distance in distances(inputs["position"], source, rows, period_of(operation, inputs)):
+            near[place] |= (np.abs(distance / radius - 1) <= edge).any(1)
+    if not near.any():
+        return {}
+    less, more = (_stretched(operation, inputs, 1 + part, rows) for part in (-2 * edge, 2 * edge))
+    own = [name for name in less if inputs.per_particle(name)]
+    return {name: np.where(near, size(less[name] - more[name]), 0.0) for name in own}
 
 
 def undecided(operation: Operation, inputs: Inputs, answer: Mapping[str, tuple[Any, Any]]) -> float:

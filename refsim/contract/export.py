@@ -15,15 +15,17 @@ import msgspec
 import numpy as np
 
 from refsim.contract import describe
+from refsim.contract.answers import exact_forms, exact_inputs
 from refsim.contract.bounds import allowed, oracle
 from refsim.contract.inputs import Inputs, with_variant
-from refsim.contract.ladder import exact_forms, exact_inputs
+from refsim.contract.target import Target
 from refsim.core import cases
 from refsim.core.errors import InputError
 from refsim.core.operation import REGISTRY, Operation
 from refsim.core.versions import VERSION
 
 FORMAT = 1
+REPLAY = "replay.npz"  # of `write_replay`
 INDEX, SCHEMA = "vectors.json", "vectors.schema.json"
 
 
@@ -174,12 +176,23 @@ def _vector(
     for name in operation.arguments("numpy"):
         values |= _flat(name, inputs[name])
     before = {name: inputs.output(operation, name) for name in operation.outputs if not inputs.dropped(name)}
-    for name in operation.adds:
-        if name in before:
-            values[f"before/{name}"] = before[name]
+    values |= {f"before/{name}": value for name, value in before.items()}
     bounds = allowed(operation, inputs, before, answer)
     for name, (value, _) in answer.items():
         if name in before:
             values[f"answer/{name}"] = np.asarray(value, dtype=float)
             values[f"bound/{name}"] = bounds[name]
     return {f"{case}/{name}": np.asarray(value) for name, value in values.items()}
+
+
+def write_replay(target: Target) -> None:
+    """Write the last call of a target into `replay.npz`: arguments, outputs before and after, answer and bound."""
+    if "launch" not in target.last:
+        return
+    inputs, before, after = target.last["launch"]
+    with np.errstate(all="ignore"):
+        vector = _vector("", target.operation, inputs, oracle(target.operation, inputs))
+    told = {name.removeprefix("/"): value for name, value in vector.items()}
+    for kind, values in (("before", before), ("got", after)):
+        told |= {f"{kind}/{name}": value for name, value in values.items()}
+    np.savez(REPLAY, allow_pickle=False, **{k: v for k, v in told.items() if v.dtype.kind != "O"})

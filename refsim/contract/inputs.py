@@ -12,7 +12,6 @@ import numpy as np
 
 from refsim.backends.arrays import Backend
 from refsim.backends.scratch import Scratch
-from refsim.contract.diagnosis import unset
 from refsim.core import cases
 from refsim.core.fields import Field
 from refsim.core.operation import REGISTRY, Operation, backend_of
@@ -21,7 +20,23 @@ from refsim.core.walls import WallParticles, liquid_with_list, with_list
 from refsim.neighbours import NeighbourSearch
 from refsim.neighbours.reference import pair_blocks
 
-LISTS = ("search", "all_pairs")
+LISTS = ("search", "all_pairs", "none")
+
+
+def unset(dtype: np.dtype) -> Any:
+    """The value that stands in outputs which no program has written: NaN, or the largest integer."""
+    return np.nan if dtype.kind == "f" else np.iinfo(dtype).max
+
+
+def unwritten(before: Mapping[str, np.ndarray], after: Mapping[str, np.ndarray], given: Any = ()) -> Iterator[str]:
+    """Names of outputs in which every entry is as unset as it was; those of `given` were set by the trial."""
+    for name, values in before.items():
+        if name not in given and values.size and _unset(values).all() and _unset(after[name]).all():
+            yield name
+
+
+def _unset(values: np.ndarray) -> np.ndarray:
+    return np.isnan(values) if values.dtype.kind == "f" else values == unset(values.dtype)
 
 
 @functools.cache
@@ -131,10 +146,15 @@ def backend_for(name: str) -> Backend:
 def prepare(
     case: cases.Case, backend: Backend, dtype: str, lists: str = "search", period: Period | None = None
 ) -> tuple[Inputs, Any, Any]:
-    """(inputs, neighbours, walls with their list) of a case; `lists` by the backend's "search" or "all_pairs"."""
+    """(inputs, neighbours, walls with their list) of a case; `lists` by the backend's "search" or "all_pairs".
+
+    With "none" there are no lists, and the particles are in a random order.
+    """
     inputs = Inputs(case, dtype)
     if backend.name == "numpy":
         return inputs, None, inputs["walls"]
+    if lists == "none":
+        return Inputs(case, dtype, case.random("order").permutation(case.count)), None, None
     if lists == "all_pairs":
         return inputs, *all_pairs(inputs, backend, period)
     search = NeighbourSearch(backend, case.dim, dtype, case.list_radius, case.skin, period)

@@ -10,6 +10,9 @@ import numpy as np
 from refsim.contract.inputs import Inputs
 from refsim.core.cases import TAKES, VARIATIONS, Variation
 from refsim.core.operation import Operation
+from refsim.smoothing import smoothing
+
+KERNELS = ("smoothing", "gradient_smoothing")  # arguments that are smoothing kernels
 
 
 def groups_of(operation: Operation, inputs: Inputs) -> dict[str, Any]:
@@ -48,8 +51,33 @@ def followed(operation: Operation, inputs: Inputs) -> Inputs:
 
 def kernel_of(operation: Operation, inputs: Inputs) -> Any:
     """The smoothing kernel whose support radius the operation's other groups are made for; None where it has none."""
-    names = [name for name in ("smoothing", "gradient_smoothing") if name in operation.arguments("numpy")]
+    names = [name for name in KERNELS if name in operation.arguments("numpy")]
     return inputs[names[0]] if names else None
+
+
+def readings_of(group: Any) -> tuple[str, ...]:
+    """Members of a group that stand for a reading of a paper."""
+    return VARIATIONS.get(type(group), Variation()).readings
+
+
+def shape_acts(operation: Operation) -> tuple[str, ...]:
+    """The smoothing kernels that the operation takes and whose shape changes its answer."""
+    return tuple(
+        name
+        for name in KERNELS
+        if name in operation.arguments("numpy") and "shape" in TAKES.get((operation.name, name), ("shape",))
+    )
+
+
+def with_kernel(operation: Operation, inputs: Inputs, kernel: str) -> Inputs:
+    """The same with the smoothing kernel of this name, or the two of "value gradient", and what follows from it."""
+    shapes = kernel.split()
+    made = {}
+    for name, shape in zip(KERNELS, (shapes[0], shapes[-1])):
+        if name in operation.arguments("numpy"):
+            own = inputs[name]
+            made[name] = smoothing(shape, float(own.support_radius), int(own.dim), inputs.dtype)
+    return followed(operation, inputs.replaced(**made)) if made else inputs
 
 
 def _other(rule: Variation, member: str, value: Any) -> Any:

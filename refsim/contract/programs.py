@@ -1,4 +1,4 @@
-"""External programs: found by file, module or entry point, bound by name; what they return is checked.
+"""External programs: found by file, module or entry point; what they are declared to support.
 
 A third party's backend is a mapping from operations' names to Python functions. A function names those of the
 operation's arguments that it wants, and either writes the outputs in place or returns them. refsim's own backends are
@@ -12,25 +12,27 @@ import importlib
 import importlib.metadata
 import importlib.util
 import inspect
-import itertools
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from refsim.contract.arrays import converted, to_numpy
+from refsim.contract.binding import by_name, told
+from refsim.contract.features import extended
 from refsim.contract.inputs import Inputs, backend_for
-from refsim.contract.ladder import STEPS, Outcome, ProgramFailed, Target, Trial, performed, planned
+from refsim.contract.ladder import STEPS
+from refsim.contract.parameters import KERNELS, shape_acts
 from refsim.core.errors import InputError
-from refsim.core.operation import BACKENDS, REGISTRY, Operation, backend_of
-from refsim.smoothing import SHAPES, Smoothing
+from refsim.core.operation import BACKENDS, REGISTRY, Made, Operation
+from refsim.smoothing import SHAPES
 
 GROUP = "refsim.contract"  # of entry points
 ATTRIBUTE = "PROGRAMS"  # what is taken from a module where nothing else is named
 DTYPES = ("float32", "float64")
 ARRAYS = ("cpu", "cuda")
 DIMS = (2, 3)
-MOST_TOLD = 300  # characters of a message from an external program
+
+AS_PRINTED = "a reading as printed"
 
 Program = Callable[..., Any]
 
@@ -47,6 +49,8 @@ class Programs:
     dims      dimensions in which they compute, 2 and 3
     walls     whether they take wall particles
     without   optional arguments that they do not take or write
+    readings  whether they take parameters that stand for misprints and for readings of a paper beside the adopted one
+    same_bits whether they give the same bits in every call; without it sums may be taken in any order
     convert   applied to each array before a function gets it: `cupy.asarray`, `torch.from_dlpack`, ...; it must share
               the memory, or the functions return their outputs
     """
@@ -59,6 +63,8 @@ class Programs:
     dims: tuple[int, ...] = DIMS
     walls: bool = True
     without: tuple[str, ...] = ()
+    readings: bool = True
+    same_bits: bool = True
     convert: Callable[[Any], Any] | None = None
 
     def checked(self) -> Programs:
@@ -69,11 +75,11 @@ class Programs:
             value = getattr(self, field_name)
             if isinstance(value, str) or not isinstance(value, Sequence):
                 raise InputError(f"{self.name}: {field_name} = {value!r} is no sequence; write ({value!r},).")
-        _among(self.dtypes, DTYPES, f"{self.name}: there is no dtype")
-        _among(self.kernels, tuple(SHAPES), f"{self.name}: there is no smoothing kernel")
-        _among(self.dims, DIMS, f"{self.name}: there is no dimension")
+        among(self.dtypes, DTYPES, f"{self.name}: there is no dtype")
+        among(self.kernels, tuple(SHAPES), f"{self.name}: there is no smoothing kernel")
+        among(self.dims, DIMS, f"{self.name}: there is no dimension")
         optional = {name for operation in REGISTRY.values() for name in operation.optional}
-        _among(self.without, sorted(optional), f"{self.name}: there is no optional argument")
+        among(self.without, sorted(optional), f"{self.name}: there is no optional argument")
         if self.convert is not None and not callable(self.convert):
             raise InputError(f"{self.name}: convert = {self.convert!r} is no function; give one of an array.")
         for name, program in (self.programs or {}).items():
@@ -100,7 +106,8 @@ class Programs:
         for name in self.left_out:
             if name in given and variant.get(name, name) is not None:
                 return f"with {name}"
-        return ""
+        printed = [v for v in variant.values() if isinstance(v, Made) and v.function == "as_printed"]
+        return AS_PRINTED if printed and not self.readings else ""
 
     @property
     def left_out(self) -> tuple[str, ...]:
@@ -111,23 +118,37 @@ class Programs:
         """What of the inputs the backend is declared not to support, as a clause; "" if it supports all."""
         if inputs.case.dim not in self.dims:
             return f"in {inputs.case.dim} dimensions"
+        if inputs.case.literal and not self.readings:
+            return AS_PRINTED
         names = {number: name for name, number in SHAPES.items()}
-        for name in operation.arguments("numpy"):
-            value = inputs[name] if name in ("smoothing", "gradient_smoothing") else None
-            if isinstance(value, Smoothing):
-                kernel = names[int(value.shape)]
-                if kernel not in self.kernels:
-                    return f"with the kernel {kernel}"
-                if int(value.dim) not in self.dims:
-                    return f"in {int(value.dim)} dimensions"
+        for name in (n for n in KERNELS if n in operation.arguments("numpy")):
+            kernel = names[int(inputs[name].shape)]
+            if kernel not in self.kernels and name in shape_acts(operation):
+                return f"with the kernel {kernel}"
+            if int(inputs[name].dim) not in self.dims:
+                return f"in {int(inputs[name].dim)} dimensions"
         return ""
+
+    def ladders(self, operation: Operation) -> tuple[str, ...]:
+        """Kernels with which the ladder is climbed: "" as the cases have them, else one, or one of values and one of
+        gradients where the operation takes both.
+        """
+        if self.programs is None or not any(n in operation.arguments("numpy") for n in KERNELS):
+            return ("",)
+        acting = shape_acts(operation)
+        both = (" ".join(self.kernels[:2]),) if len(acting) == 2 and len(self.kernels) > 1 else ()
+        return (*self.kernels, *both) if acting else self.kernels[:1]
 
     def loader(self) -> Callable[[Operation], Program] | None:
         """What a Target takes: operation -> program on all its arguments in their order; None for refsim's own."""
         if self.programs is None:
             return None
         programs = self.programs
-        return lambda operation: by_name(programs[operation.name], operation, self)
+        return lambda operation: by_name(programs[operation.name], operation, self.name, self.arrays, self.convert)
+
+    def operation(self, name: str) -> Operation:
+        """The operation as it is judged: other programs than refsim's also with each feature by itself."""
+        return REGISTRY[name] if self.programs is None else extended(name)
 
 
 def own(backend: str) -> Programs:
@@ -216,114 +237,11 @@ def _operation(name: str, owner: str) -> Operation:
     return REGISTRY[name]
 
 
-def _among(values: Sequence[Any], known: Sequence[Any], words: str) -> None:
+def among(values: Sequence[Any], known: Sequence[Any], words: str) -> None:
+    """Raise InputError, beginning with `words`, for a value that is not known."""
     for value in values:
         if value not in known:
             raise InputError(f"{words} {value!r}; choose from {', '.join(map(str, known))}.")
-
-
-def told(error: BaseException, how: str = "") -> str:
-    """An exception of another's code on one line of printable characters."""
-    try:
-        text = str(error)[:MOST_TOLD]
-    except Exception:  # its own __str__ raises
-        text = ""
-    text = " ".join("".join(c if c.isprintable() else " " for c in text).split()).rstrip(".")
-    return f"{how} {type(error).__name__}: {text or 'no message'}".strip()
-
-
-def by_name(program: Program, operation: Operation, owner: Programs) -> Program:
-    """The program as a function of all the operation's arguments, in their order.
-
-    Raises ProgramFailed, when it is called, for what it raises and for an answer of a wrong shape or dtype; at once
-    InputError for a parameter that the operation has not.
-    """
-    names = operation.arguments(owner.arrays)
-    label = f"{owner.name}: its program for {operation.name}"
-    ordered, named = _parameters(program, names, label)
-
-    def call(*values: Any) -> None:
-        given = dict(zip(names, values))
-        try:
-            if owner.convert is not None:
-                taken = converted(given, {*ordered, *named}, owner.convert)
-            else:
-                taken = given
-            returned = program(*[taken[n] for n in ordered], **{n: taken[n] for n in named})
-        except KeyboardInterrupt:
-            raise
-        except BaseException as error:  # SystemExit is a failure of the program, and no end of the ladder
-            raise ProgramFailed(told(error, "it raised")) from error
-        try:
-            if returned is not None:
-                _hand_over(returned, operation, given, owner.arrays)
-        except ProgramFailed:
-            raise
-        except Exception as error:  # an object of its own kind
-            raise ProgramFailed(told(error, "its answer raised")) from error
-
-    return call
-
-
-def _parameters(program: Program, names: Sequence[str], label: str) -> tuple[list[str], list[str]]:
-    """(positional, keyword) arguments that the program takes."""
-    try:
-        parameters = inspect.signature(getattr(program, "py_func", program)).parameters.values()
-    except (TypeError, ValueError):
-        raise InputError(f"{label} does not state its parameters; wrap it in a Python function with names.") from None
-    ordered: list[str] = []
-    named: list[str] = []
-    for p in parameters:
-        if p.kind is p.VAR_KEYWORD:
-            named += [n for n in names if n not in ordered and n not in named]
-        elif p.name in names:
-            (named if p.kind is p.KEYWORD_ONLY else ordered).append(p.name)
-        elif p.kind is p.VAR_POSITIONAL or p.default is p.empty:
-            star = "*" if p.kind is p.VAR_POSITIONAL else ""
-            known = ", ".join(names)
-            raise InputError(f"{label} takes {star}{p.name}, which the operation does not have; it has {known}.")
-        elif p.kind is not p.KEYWORD_ONLY:
-            break  # what stands behind it keeps its default, too
-    return ordered, named
-
-
-def _hand_over(returned: Any, operation: Operation, given: Mapping[str, Any], arrays: str) -> None:
-    """Write what a program returned into the outputs; ProgramFailed if it does not fit."""
-    wanted = {name: given[name] for name in operation.outputs if given[name] is not None}
-    if not isinstance(returned, Mapping):
-        if len(operation.outputs) > 1:
-            raise ProgramFailed(
-                f"it returned {type(returned).__name__}; wanted is {{name: array}} for {_names(wanted)}"
-            )
-        returned = {operation.outputs[0]: returned}
-    for name in returned:
-        if name not in operation.outputs:
-            raise ProgramFailed(f"it returned {name!r}, which is no output; those are {_names(operation.outputs)}")
-    for name, target in wanted.items():
-        if name not in returned:
-            raise ProgramFailed(f"it did not return {name}; it must, or write all outputs in place")
-        values = to_numpy(returned[name])
-        if values is None:
-            kind = type(returned[name]).__name__
-            raise ProgramFailed(
-                f"it returned {name} as {kind}; wanted is a NumPy array, or one with __dlpack__ or"
-                " __cuda_array_interface__"
-            )
-        if values.shape != target.shape or values.dtype != target.dtype:
-            raise ProgramFailed(
-                f"it returned {name} as {values.dtype} of shape {values.shape}; wanted is {target.dtype} of shape"
-                f" {target.shape}"
-            )
-        if arrays == "cuda":
-            target.copy_to_device(target.copy_to_host() + values if name in operation.adds else values)
-        elif name in operation.adds:
-            target += values
-        else:
-            target[...] = values
-
-
-def _names(names: Sequence[str] | Mapping[str, Any]) -> str:
-    return ", ".join(names)
 
 
 def check_names(
@@ -332,13 +250,13 @@ def check_names(
     """Raise InputError for a name or number that no library has; needs no library."""
     for name in operations:
         _operation(name, "the contract")
-    _among(dtypes, DTYPES, "there is no dtype")
-    _among(steps, tuple(STEPS), "there is no step")
-    for name in operations or (() if not variants else (max(REGISTRY, key=lambda n: len(REGISTRY[n].variants)),)):
-        _variants(REGISTRY[name], variants)
+    among(dtypes, DTYPES, "there is no dtype")
+    among(steps, tuple(STEPS), "there is no step")
+    for name in operations if variants else ():
+        chosen_variants(extended(name), variants)
 
 
-def _variants(operation: Operation, variants: Sequence[int]) -> list[int]:
+def chosen_variants(operation: Operation, variants: Sequence[int]) -> list[int]:
     """Those of `variants` that the operation has, all by default; InputError if it has none of them."""
     every = range(len(operation.variants))
     chosen = [n for n in (variants or every) if n in every]
@@ -351,101 +269,10 @@ def _variants(operation: Operation, variants: Sequence[int]) -> list[int]:
 def checked_request(programs: Programs, request: Any) -> tuple[str, ...]:
     """Names of the operations to judge; InputError if the programs or this machine cannot do what is requested."""
     names = programs.operations(request.operations)
-    _among(request.dtypes, programs.dtypes, f"{programs.name} does not compute in")
+    among(request.dtypes, programs.dtypes, f"{programs.name} does not compute in")
     backend_for(programs.arrays)
     for name in names:
-        _variants(REGISTRY[name], request.variants)
+        chosen_variants(programs.operation(name), request.variants)
         if programs.programs is not None:
-            by_name(programs.programs[name], REGISTRY[name], programs)
+            programs.loader()(REGISTRY[name])  # type: ignore[misc]
     return names
-
-
-@dataclass(frozen=True)
-class Step:
-    """One trial of the ladder of one operation, in the order in which they are climbed.
-
-    number      of the trial in the operation's ladder
-    trial       None for what is not judged as a whole: a dtype, a variant
-    not_judged  why
-    """
-
-    number: int
-    target: Target
-    trial: Trial | None
-    not_judged: str = ""
-
-    @property
-    def name(self) -> str:
-        """Name of the trial."""
-        return self.trial.name if self.trial else "every trial"
-
-    @property
-    def step(self) -> str:
-        """Name of the step, "-" for all."""
-        return self.trial.step if self.trial else "-"
-
-    def outcome(self, error: float = 0.0, words: str = "") -> Outcome:
-        """An outcome of this trial that did not pass."""
-        target = self.target
-        return Outcome(
-            target.operation.name, self.step, self.name, target.backend, target.dtype, target.variant, False, error,
-            words, self.not_judged,
-        )  # fmt: skip
-
-    def perform(self) -> Outcome | None:
-        """Call the program and judge; None where the trial does not apply."""
-        return performed(self.target, self.trial) if self.trial else self.outcome()
-
-
-def ladder(
-    programs: Programs,
-    operation: str,
-    dtypes: Sequence[str] = (),
-    variants: Sequence[int] = (),
-    steps: Sequence[str] = (),
-    calling: Callable[[str | None], None] = lambda case: None,
-) -> Iterator[Step]:
-    """The trials of one operation, in order; no program is called before `perform`.
-
-    calling  is told the case's name before each call of the program, and None after it
-
-    All dtypes, variants and steps by default. Raises InputError for what does not exist or cannot run here.
-    """
-    found = REGISTRY[programs.operations((operation,))[0]]
-    _among(dtypes, programs.dtypes, f"{programs.name} does not compute in")
-    _among(steps, tuple(STEPS), "there is no step")
-    _variants(found, variants)
-    names = [programs.arrays]
-    if programs.programs is None:
-        names = [name for name in found.names() if backend_of(name) == programs.arrays]
-    target = Target(found, names[0], loader=programs.loader(), calling=calling, excludes=programs.excludes)
-    counter = itertools.count()
-    for name in names:
-        for dtype in dtypes or DTYPES:
-            for variant, overrides in enumerate(found.as_computed_by(name).variants):
-                if variants and variant not in variants:
-                    continue
-                at = replace(target, operation=found, backend=name, dtype=dtype, variant=variant, faults=[])
-                reason = dtype if dtype not in programs.dtypes else programs.unsupported(found, overrides)
-                if reason:
-                    yield Step(next(counter), at, None, reason)
-                    continue
-                for trial in planned(at, tuple(steps) or None):
-                    yield Step(next(counter), at, trial)
-
-
-def trials(
-    programs: Programs,
-    operation: str,
-    dtypes: Sequence[str] = (),
-    variants: Sequence[int] = (),
-    steps: Sequence[str] = (),
-) -> Iterator[Outcome]:
-    """Outcomes of the ladder for one operation as they come; all dtypes of the backend, variants and steps by default.
-
-    Raises InputError for what does not exist or cannot run here.
-    """
-    for step in ladder(programs, operation, dtypes or programs.dtypes, variants, steps):
-        outcome = step.perform()
-        if outcome is not None:
-            yield outcome

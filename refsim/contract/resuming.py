@@ -6,7 +6,7 @@ import pathlib
 import tempfile
 from collections.abc import Callable, Iterator
 
-from refsim.contract.ladder import Outcome
+from refsim.contract.target import Outcome
 from refsim.engine.simulation import Simulation
 from refsim.scene.scene import Scene
 

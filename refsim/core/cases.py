@@ -163,12 +163,14 @@ class Variation:
     other   another legal value of a member, from its own; by default 0.9 of a number, and of an integer 1 for 0 and one
             less for every other
     usual   members that act in an operation which does not say what it takes; by default all
+    readings members that stand for a misprint, or for a reading of a paper beside the adopted one
     """
 
     follow: Callable[[Any, Any, Any], Members] = lambda group, inputs, kernel: {}
     held: Mapping[str, str] = field(default_factory=dict)
     other: Mapping[str, Callable[[Any], Any]] = field(default_factory=dict)
     usual: tuple[str, ...] | None = None
+    readings: tuple[str, ...] = ()
 
 
 VARIATIONS: dict[type, Variation] = {}
@@ -477,6 +479,54 @@ def large() -> Case:
     """A few thousand particles on a floor, compared on sampled rows."""
     position = cloud("large", 3000, 3)
     return Case("large", 3, position, wall_position=floor_below(position, 3, 0.1))
+
+
+@case
+def few_2d() -> Case:
+    """The same in the plane."""
+    position = cloud("few_2d", 60, 2)
+    return Case("few_2d", 2, position, support_radius=0.26, wall_position=floor_below(position, 2, 0.1))
+
+
+@case
+def large_2d() -> Case:
+    """The same in the plane."""
+    position = cloud("large_2d", 3000, 2)
+    return Case("large_2d", 2, position, support_radius=0.26, wall_position=floor_below(position, 2, 0.1))
+
+
+@case
+def many_particles() -> Case:
+    """More particles than an index of 16 bits or one dimension of a launch counts; compared on sampled rows."""
+    return Case("many_particles", 3, cloud("many_particles", 70_000, 3))
+
+
+@case
+def dense_cluster() -> Case:
+    """Particles with 300 neighbours, which are more than lists of a fixed length often hold."""
+    return Case("dense_cluster", 3, 0.19 * cloud("dense_cluster", 310, 3), masses=(0.4, 2.5))
+
+
+def in_plane() -> list[str]:
+    """Names of spatial hard inputs brought into the plane, entered with the suffix _2d."""
+    for name in _SPATIAL:
+        CASES.setdefault(f"{name}_2d", functools.partial(_flattened, name))
+    return [f"{name}_2d" for name in _SPATIAL]
+
+
+_SPATIAL = (
+    "no_particles", "one_particle", "three_particles", "coincident_pair", "nearly_coincident", "far_away",
+    "tiny_lengths", "huge_lengths", "unequal_masses", "filament", "flung_particle", "negative_coordinates",
+)  # fmt: skip
+
+
+@functools.cache
+def _flattened(name: str) -> Case:
+    """A spatial case with z = 0, on a floor of its own where it stands on one."""
+    spatial = CASES[name]()
+    position = spatial.position * [1.0, 1.0, 0.0]
+    floor = floor_below(position, 2, spatial.spacing) if len(spatial.wall_position) else spatial.wall_position
+    return replace(spatial, name=f"{name}_2d", dim=2, position=position, wall_position=floor)
 
 
 # What every method may name.

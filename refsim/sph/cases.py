@@ -204,6 +204,42 @@ def two_particles_in_the_plane():
     )  # fmt: skip
 
 
+def _pair_of(kernel, dim):
+    """Two particles at h/2: rho_1 = m_1 W(0) + m_2 W(h/2); pushed apart by 2 (m_j p/rho^2) |W'(h/2)|."""
+    value, slope, scales = AT_HALF[kernel]
+    own = scales[dim] / 2.0**dim
+    pair, mass = (PAIR if dim == 3 else FLAT_PAIR), np.array([2.0, 3.0])
+    given = {"mass": mass, "smoothing": smoothing(kernel, 2.0, dim)}
+
+    def density():
+        expected = {"density": own * (mass + value * mass[::-1]), "number_density": np.full(2, own * (1 + value))}
+        return Exact(pair, given, expected | {"asymmetry": np.full(2, own * value)})
+
+    def push():
+        force = 2 * 200.0 / 1000.0**2 * own * slope / 2
+        away = (pair.position[0] - pair.position[1])[None, :]
+        given_too = {"density": np.full(2, 1000.0), "pressure": np.full(2, 200.0), "velocity": np.zeros((2, 3))}
+        return Exact(
+            pair, given | given_too | {"fluid": WATER},
+            {"acceleration": force * mass[::-1, None] * np.array([[1.0], [-1.0]]) * away},
+        )  # fmt: skip
+
+    for maker, names in ((density, ("sph.density",)), (push, ("sph.pressure", "sph.momentum"))):
+        maker.__name__ = f"{maker.__name__}_of_a_pair_{kernel}_{dim}d"
+        closed_form(*names)(maker)
+
+
+# w(1/2), |w'(1/2)| and the factor of 1/h^dim in front of w by dimension
+AT_HALF = {
+    "poly6": (27 / 64, 27 / 16, {2: 4 / math.pi, 3: 315 / (64 * math.pi)}),
+    "spiky": (1 / 8, 3 / 4, {2: 10 / math.pi, 3: 15 / math.pi}),
+    "cubic_spline": (1 / 4, 3 / 2, {2: 40 / (7 * math.pi), 3: 8 / math.pi}),
+}
+for _kernel in AT_HALF:
+    for _dim in (2, 3):
+        _pair_of(_kernel, _dim)
+
+
 @closed_form("sph.continuity")
 def compressed_pair():
     """v_1 - v_2 = (4, 2, 5), 2 of it towards the second: d rho_1/dt = rho_1 V_2 2 |W'(h/2)|, W' = 5/8 W(0); 0.25 s."""

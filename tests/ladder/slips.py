@@ -28,7 +28,8 @@ import numpy as np
 
 from refsim.backends import rows
 from refsim.contract import Target
-from refsim.contract.ladder import climbing, on_case
+from refsim.contract.answers import on_case
+from refsim.contract.ladder import climbing
 from refsim.core import cases
 from refsim.core.errors import RunStopped
 from refsim.core.operation import REGISTRY

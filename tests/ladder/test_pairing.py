@@ -26,7 +26,7 @@ from refsim import (
 )
 from refsim.backends.arrays import unavailable
 from refsim.contract import parameters
-from refsim.contract.ladder import typed
+from refsim.contract.answers import typed
 from refsim.core import cases
 from refsim.core.operation import REGISTRY, backend_of
 from refsim.neighbours.rows import NeighbourRows

@@ -1,0 +1,276 @@
+"""Steps that hold a program's answer to a right one: closed forms (T1), the oracle (T2, T3), other parameters (T10)."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import functools
+import time
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from refsim.contract.bounds import errors, exact_bound, oracle, size, takes_neighbours, undecided
+from refsim.contract.causes import judgement
+from refsim.contract.inputs import Inputs, with_variant
+from refsim.contract.parameters import acts, readings_of, shape_acts, varied
+from refsim.contract.target import Judged, NotJudged, Outcome, Target, Trial, worst
+from refsim.core import cases
+from refsim.core.operation import Operation
+from refsim.smoothing import SHAPES
+
+SAMPLED_ROWS = 40
+MOST_UNDECIDED = 0.1
+CLOUDS = {3: "cloud_3d", 2: "cloud_2d"}
+FEW = {3: "few", 2: "few_2d"}
+LARGE = {3: "large", 2: "large_2d"}
+DENSE, MANY = "dense_cluster", "many_particles"
+MOST_SECONDS = 20.0  # that a call with many particles may take
+
+Given = tuple[Inputs, Any, Any]
+
+# T1
+
+
+def closed_forms(target: Target) -> Iterator[Trial]:
+    """T1: answers known in closed form, without the oracle; of the target's kernel where the kernel acts."""
+    for name, exact in exact_forms(target.operation, target.operation.variants[target.variant]):
+        inputs = exact_inputs(target.operation, target.operation.variants[target.variant], exact, target.dtype)
+        if not target.kernel or not shape_acts(target.operation) or _of_kernel(target, inputs):
+            yield Trial("T1", name, functools.partial(_closed_form, target, name, exact, inputs))
+
+
+def _of_kernel(target: Target, inputs: Inputs) -> bool:
+    wanted = target.kernel.split()
+    names = ("smoothing", "gradient_smoothing")
+    return all(
+        int(inputs[name].shape) == SHAPES[shape]
+        for name, shape in zip(names, (wanted[0], wanted[-1]))
+        if name in shape_acts(target.operation)
+    )
+
+
+def exact_forms(operation: Operation, variant: Mapping[str, Any]) -> Iterator[tuple[str, cases.Exact]]:
+    """(name, closed form) of those that are worked out for the variant."""
+    cases.discover()
+    dropped = _dropped_outputs(operation, variant)
+    for maker in cases.CLOSED_FORMS.get(operation.name, ()):
+        exact = maker()
+        if all(_same(exact.given[n], v) for n, v in variant.items() if n in exact.given and n not in dropped):
+            yield maker.__name__, exact
+
+
+def exact_inputs(operation: Operation, variant: Mapping[str, Any], exact: cases.Exact, dtype: str) -> Inputs:
+    """The inputs of a closed form."""
+    dropped = _dropped_outputs(operation, variant)
+    given = {name: typed(name, value, dtype) for name, value in exact.given.items() if name not in dropped}
+    return with_variant(Inputs(exact.case, dtype), variant).replaced(**given)
+
+
+def _dropped_outputs(operation: Operation, variant: Mapping[str, Any]) -> set[str]:
+    written = set(operation.outputs) - set(operation.arguments("numpy"))
+    return {name for name, value in variant.items() if value is None and name in written}
+
+
+def _closed_form(target: Target, trial: str, exact: cases.Exact, inputs: Inputs) -> Outcome:
+    start = {n: 0 * inputs.output(target.operation, n) for n in target.operation.adds}
+    before, after = target.launch(inputs, before=start)
+    answer = {n: (np.asarray(v, dtype=float), np.asarray(0.0)) for n, v in exact.expected.items() if n in after}
+    found = {}
+    for name, (value, _) in answer.items():
+        if name in target.operation.exact:
+            found[name] = np.where(after[name] == value, 0.0, np.inf)
+            continue
+        error = size(np.asarray(after[name], dtype=float) - value)
+        found[name] = np.where(np.isfinite(error), error / exact_bound(target.operation, value, target.dtype), np.inf)
+    return judgement(target, "T1", trial, Judged(inputs, before, after, answer, found))
+
+
+def _same(given: Any, override: Any) -> bool:
+    if given is None or override is None:
+        return given is override
+    return not isinstance(override, Mapping) or all(getattr(given, name) == value for name, value in override.items())
+
+
+def typed(name: str, value: Any, dtype: str) -> Any:
+    """The argument `name` of a closed form, written in Python's numbers, with the types that it has in a run."""
+    return _cast(value, _usual(name, dtype) if hasattr(value, "_fields") else None, dtype)
+
+
+@functools.cache
+def _usual(name: str, dtype: str) -> Any:
+    """The parameter group `name` as a run has it: some of its numbers are float64 whatever the run's dtype is."""
+    return Inputs(cases.CASES[FEW[3]](), dtype)[name]
+
+
+def _cast(value: Any, usual: Any, dtype: str) -> Any:
+    """Floats in `value`, a grid's too, as `dtype`, and in a group as float64 where the group `usual` has that."""
+    if isinstance(value, tuple) and hasattr(value, "_fields"):
+        others = usual if type(usual) is type(value) else (None,) * len(value)
+        return type(value)(*(_cast(part, other, dtype) for part, other in zip(value, others)))
+    if isinstance(value, np.ndarray) and value.dtype.kind == "f":
+        return value.astype(usual.dtype if isinstance(usual, np.ndarray) else dtype)
+    if isinstance(value, float):
+        return float(value) if isinstance(usual, float) else np.dtype(dtype).type(value)
+    if hasattr(value, "on_backend"):  # a grid, whose copy on a backend has node arrays of its dtype
+        value = copy.copy(value)
+        value.dtype = dtype
+    return value
+
+
+# T2, T3
+
+
+def on_case(target: Target, name: str, step: str = "T2", lists: str = "search") -> Outcome:
+    """T2: one hard input against the oracle, over the neighbour search's lists or the oracle's."""
+    judged = target.on_case(name, lists)
+    trial = name if lists == "search" else f"{name} over all pairs"
+    if judged.inputs.case.count >= 20 and not judged.inputs.case.ties:
+        share = undecided(target.operation, judged.inputs, judged.answer)
+        if share > MOST_UNDECIDED:
+            return target.outcome(step, trial, np.inf, f"{share:.0%} of the flags are too near to flipping to compare")
+    return judgement(target, step, trial, judged)
+
+
+def hard_inputs(target: Target) -> Iterator[Trial]:
+    """T2: every common case and the operation's own; one over the all-pairs list, one with 300 neighbours.
+
+    Of other programs than refsim's also the spatial cases in the plane; of refsim's the clouds with every kernel.
+    """
+    cases.discover()
+    names = [*cases.COMMON, *target.operation.cases]
+    if target.loader and 2 in target.dims:
+        names += cases.in_plane()
+    if takes_neighbours(target.operation):
+        names.append(DENSE)
+    for name in names:
+        yield Trial("T2", name, functools.partial(on_case, target, name))
+    if target.listed:
+        for dim in target.dims:
+            name = CLOUDS[dim]
+            yield Trial("T2", f"{name} over all pairs", functools.partial(on_case, target, name, lists="all_pairs"))
+    if not target.kernel and shape_acts(target.operation) and target.loader is None:
+        for kernel in SHAPES:
+            for name in CLOUDS.values():
+                run = functools.partial(_with_kernel, target, kernel, name)
+                yield Trial("T2", f"{name} with {kernel}", run)
+
+
+def _with_kernel(target: Target, kernel: str, name: str) -> Outcome:
+    outcome = on_case(dataclasses.replace(target, kernel=kernel, faults=[]), name)
+    return dataclasses.replace(outcome, trial=f"{name} with {kernel}", kernel=target.kernel)
+
+
+def large_case(target: Target) -> Iterator[Trial]:
+    """T3: some thousand particles, sampled rows against the oracle; of other programs also more than 16 bits count."""
+    for dim in target.dims:
+        yield Trial("T3", LARGE[dim], functools.partial(_large, target, LARGE[dim]))
+    if target.loader and target.variant == 0 and takes_neighbours(target.operation):
+        yield Trial("T3", MANY, functools.partial(_many, target))
+
+
+def _large(target: Target, name: str) -> Outcome:
+    return judgement(target, "T3", name, target.on_case(name, rows=_sampled(name)))
+
+
+def _sampled(name: str) -> np.ndarray:
+    case = cases.CASES[name]()
+    return np.sort(case.random("rows").choice(case.count, SAMPLED_ROWS, replace=False))
+
+
+def _many(target: Target) -> Outcome:
+    """70,000 particles, where a call with 3,000 says that it ends in time."""
+    inputs, neighbours, walls = target.prepared(LARGE[3])
+    began = time.perf_counter()
+    target.quiet().launch(inputs, neighbours, walls)
+    seconds = time.perf_counter() - began
+    growth = cases.CASES[MANY]().count / inputs.case.count
+    if seconds * growth ** (1 if target.listed else 2) > MOST_SECONDS:
+        raise NotJudged(f"above 65,536 particles, which would take more than {MOST_SECONDS:g} s")
+    return _large(target, MANY)
+
+
+# T10
+
+
+def parameters(target: Target) -> Iterator[Trial]:
+    """T10: another value of each member of each parameter group, one at a time; the answer follows as the oracle's.
+
+    On the references: that there is an answer to follow, in one of the variants and cases, for all that the operation
+    says it takes.
+    """
+    cases.discover()
+    if target.backend == "numpy":
+        yield from _takes(target)
+        return
+    operation = target.operation
+    for dim in target.dims:
+        start, neighbours, walls = target.prepared(FEW[dim])
+        usual = functools.cache(functools.partial(oracle, operation, start))
+        for name, member, inputs in varied(operation, start):
+            if name not in operation.arguments(target.backend):
+                continue  # fixed in a program that serves some of the variants
+            if target.kernel and member == "shape":
+                continue  # each declared kernel is a ladder of its own
+            if not target.readings and member in readings_of(inputs[name]):
+                continue
+            acting = acts(operation, name, member, start)
+            answer = functools.partial(oracle, operation, inputs) if acting else usual
+            given = (inputs, None, None) if name == "period" else (inputs, neighbours, walls)  # which has other lists
+            trial = f"another {name}.{member}{' in the plane' if dim == 2 else ''}"
+            run = functools.partial(
+                _another, target, trial, f"{name}.{member}", given, answer, usual if acting else None
+            )
+            yield Trial("T10", trial, run)
+
+
+def _another(
+    target: Target, trial: str, member: str, given: Given, answer: Callable[[], Any], usual: Callable[[], Any] | None
+) -> Outcome | None:
+    inputs, operation = given[0], target.operation
+    right = answer()
+    if any(len(value) != len(inputs.output(operation, n)) for n, (value, _) in right.items()):
+        return None  # a table with another number of rows than the case's
+    before, after = target.launch(*given)
+    judged = Judged(inputs, before, after, right, errors(operation, inputs, before, after, answer=right))
+    if usual is not None and not worst(judged.found) <= 1:
+        same = usual()
+        if all(value.shape == same[n][0].shape for n, (value, _) in right.items()) and (
+            worst(errors(operation, inputs, before, after, answer=same)) <= 1
+        ):
+            return target.outcome(
+                "T10", trial, worst(judged.found), f"your program's answer does not follow {member}", telling=True
+            )
+    return judgement(target, "T10", trial, judged)
+
+
+def _takes(target: Target) -> Iterator[Trial]:
+    """Members that change an answer of the reference, and those that are said to."""
+    operation = target.operation
+    if target.variant or target.dtype != "float64":  # computed once for all variants
+        return
+    moved: dict[tuple[str, str], tuple[bool, bool]] = {}
+    for case in (FEW[3], CLOUDS[2], *operation.cases):
+        for variant in operation.variants:
+            if moved and all(found >= wanted for found, wanted in moved.values()):
+                break
+            inputs = with_variant(Inputs(cases.CASES[case](), target.dtype), variant)
+            answer = oracle(operation, inputs)
+            for name, member, other in varied(operation, inputs):
+                if not moved.get((name, member), (False, False))[0]:
+                    found = differs(answer, oracle(operation, other))
+                    moved[name, member] = (found, acts(operation, name, member, inputs))
+    for (name, member), (found, wanted) in moved.items():
+        words = "" if found == wanted else "changes nothing" if wanted else "changes the answer, and is not in `takes`"
+        error = 0.0 if found == wanted else np.inf
+        trial = f"{name}.{member} acts"
+        yield Trial("T10", trial, functools.partial(target.outcome, "T10", trial, error, words))
+
+
+def differs(one: Mapping[str, tuple[Any, Any]], other: Mapping[str, tuple[Any, Any]]) -> bool:
+    """Whether two answers in the oracle's form are not the same."""
+    return any(
+        len(value) != len(other[name][0]) or not np.array_equal(value, other[name][0], equal_nan=True)
+        for name, (value, _) in one.items()
+    )

@@ -1,0 +1,123 @@
+"""Programs called by name: a program's parameters are found in the operation's arguments, its answer is checked."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from refsim.contract.arrays import converted, to_numpy
+from refsim.contract.target import ProgramFailed
+from refsim.core.errors import InputError
+from refsim.core.operation import Operation
+
+MOST_TOLD = 300  # characters of a message from an external program
+Convert = Callable[[Any], Any]
+
+
+def told(error: BaseException, how: str = "") -> str:
+    """An exception of another's code on one line of printable characters."""
+    try:
+        text = str(error)[:MOST_TOLD]
+    except Exception:  # its own __str__ raises
+        text = ""
+    text = " ".join("".join(c if c.isprintable() else " " for c in text).split()).rstrip(".")
+    return f"{how} {type(error).__name__}: {text or 'no message'}".strip()
+
+
+def by_name(
+    program: Callable[..., Any], operation: Operation, owner: str, arrays: str, convert: Convert | None
+) -> Callable[..., Any]:
+    """The program as a function of all the operation's arguments, in their order; `takes` names those that it reads.
+
+    owner   name of the library, for messages
+    arrays  "cpu" or "cuda": whose arrays it takes
+    convert applied to each array before the program gets it
+
+    Raises ProgramFailed, when it is called, for what it raises and for an answer of a wrong shape or dtype; at once
+    InputError for a parameter that the operation has not.
+    """
+    names = operation.arguments(arrays)
+    label = f"{owner}: its program for {operation.name}"
+    ordered, named = _parameters(program, names, label)
+
+    def call(*values: Any) -> None:
+        given = dict(zip(names, values))
+        try:
+            taken = given if convert is None else converted(given, {*ordered, *named}, convert)
+            returned = program(*[taken[n] for n in ordered], **{n: taken[n] for n in named})
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:  # SystemExit is a failure of the program, and no end of the ladder
+            raise ProgramFailed(told(error, "it raised")) from error
+        try:
+            if returned is not None:
+                _hand_over(returned, operation, given, arrays)
+        except ProgramFailed:
+            raise
+        except Exception as error:  # an object of its own kind
+            raise ProgramFailed(told(error, "its answer raised")) from error
+
+    call.takes = frozenset({*ordered, *named})  # type: ignore[attr-defined]
+    return call
+
+
+def _parameters(program: Callable[..., Any], names: Sequence[str], label: str) -> tuple[list[str], list[str]]:
+    """(positional, keyword) arguments that the program takes."""
+    try:
+        parameters = inspect.signature(getattr(program, "py_func", program)).parameters.values()
+    except (TypeError, ValueError):
+        raise InputError(f"{label} does not state its parameters; wrap it in a Python function with names.") from None
+    ordered: list[str] = []
+    named: list[str] = []
+    for p in parameters:
+        if p.kind is p.VAR_KEYWORD:
+            named += [n for n in names if n not in ordered and n not in named]
+        elif p.name in names:
+            (named if p.kind is p.KEYWORD_ONLY else ordered).append(p.name)
+        elif p.kind is p.VAR_POSITIONAL or p.default is p.empty:
+            star = "*" if p.kind is p.VAR_POSITIONAL else ""
+            known = ", ".join(names)
+            raise InputError(f"{label} takes {star}{p.name}, which the operation does not have; it has {known}.")
+        elif p.kind is not p.KEYWORD_ONLY:
+            break  # what stands behind it keeps its default, too
+    return ordered, named
+
+
+def _hand_over(returned: Any, operation: Operation, given: Mapping[str, Any], arrays: str) -> None:
+    """Write what a program returned into the outputs; ProgramFailed if it does not fit."""
+    wanted = {name: given[name] for name in operation.outputs if given[name] is not None}
+    if not isinstance(returned, Mapping):
+        if len(operation.outputs) > 1:
+            raise ProgramFailed(
+                f"it returned {type(returned).__name__}; wanted is {{name: array}} for {_names(wanted)}"
+            )
+        returned = {operation.outputs[0]: returned}
+    for name in returned:
+        if name not in operation.outputs:
+            raise ProgramFailed(f"it returned {name!r}, which is no output; those are {_names(operation.outputs)}")
+    for name, target in wanted.items():
+        if name not in returned:
+            raise ProgramFailed(f"it did not return {name}; it must, or write all outputs in place")
+        values = to_numpy(returned[name])
+        if values is None:
+            kind = type(returned[name]).__name__
+            raise ProgramFailed(
+                f"it returned {name} as {kind}; wanted is a NumPy array, or one with __dlpack__ or"
+                " __cuda_array_interface__"
+            )
+        if values.shape != target.shape or values.dtype != target.dtype:
+            raise ProgramFailed(
+                f"it returned {name} as {values.dtype} of shape {values.shape}; wanted is {target.dtype} of shape"
+                f" {target.shape}"
+            )
+        if arrays == "cuda":
+            target.copy_to_device(target.copy_to_host() + values if name in operation.adds else values)
+        elif name in operation.adds:
+            target += values
+        else:
+            target[...] = values
+
+
+def _names(names: Sequence[str] | Mapping[str, Any]) -> str:
+    return ", ".join(names)

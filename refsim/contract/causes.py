@@ -1,0 +1,470 @@
+"""Why an answer is wrong, in words: hypotheses that the oracle tries, and calls of the program on fewer particles.
+
+A cause is named only where what it predicts is what the program gave, in every row that is looked at. The oracle
+predicts by altered inputs (half the support radius, m_i in place of m_j). The program itself is called on the worst
+particle alone, then with more and more of its neighbours: the first that spoils the answer is the pair that matters.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator
+from functools import cached_property, partial
+from typing import Any
+
+import numpy as np
+
+from refsim.contract.bounds import errors, oracle, size, takes_neighbours
+from refsim.contract.inputs import Inputs, period_of
+from refsim.contract.parameters import KERNELS, followed, groups_of, shape_acts, with_kernel
+from refsim.contract.target import Judged, Outcome, Target, named_worst, worst
+from refsim.core.walls import WallParticles
+from refsim.neighbours.reference import nearest_image
+from refsim.smoothing import SHAPES, smoothing
+
+SAME = 1e-3  # relative spread of a factor that is the same for all particles
+SMALL = 1e-3  # share of the largest value below which a value says nothing about a factor
+LOOKED_AT = 4  # wrong rows in which a cause must agree
+NEAR = 0.02  # share of its effect by which an answer may differ from what a cause predicts
+CAPACITY = 8  # neighbours from which on their number, and not one of them, may spoil an answer
+MOST_PARTICLES = 400  # of inputs with which causes are sought
+MOST_PAIRS = 80  # neighbours of a particle up to which the part of each is computed
+SYMBOLS = {"mass": "m", "density": "rho", "pressure": "p", "velocity": "v", "volume": "V", "temperature": "T"}
+SMALLEST_SINGLE = 4e-9  # share of the terms from which on an error may be one of single precision
+
+Alter = Callable[[Inputs, int], Inputs]
+
+
+def judgement(target: Target, step: str, trial: str, judged: Judged) -> Outcome:
+    """The outcome of an answer; of a wrong one with its cause and the values of its worst row."""
+    error = worst(judged.found)
+    if error <= 1 or target.faults:
+        return target.outcome(step, trial, error, named_worst(judged.found, judged.rows), telling=judged.telling)
+    wrong = Wrong(target, judged)
+    words, values = wrong.told(target.explain(trial))
+    return target.outcome(step, trial, error, words, telling=judged.telling, values=values)
+
+
+class Wrong:
+    """The worst output of a wrong answer. Arrays have one row for each particle that is compared."""
+
+    def __init__(self, target: Target, judged: Judged) -> None:
+        self.target, self.judged, self.inputs = target, judged, judged.inputs
+        self.operation = target.operation
+        peaks = {name: float(np.max(ratio, initial=0.0)) for name, ratio in judged.found.items()}
+        self.name = max(peaks, key=lambda n: peaks[n])
+        self.ratio = np.asarray(judged.found[self.name]).reshape(-1)
+        rows = judged.rows if judged.rows is not None and len(judged.rows) == len(self.ratio) else None
+        self.number = np.arange(len(self.ratio)) if rows is None else np.asarray(rows)
+        self.adds = self.name in self.operation.adds
+        self.before, self.after = (np.asarray(v[self.name], dtype=float) for v in (judged.before, judged.after))
+        if len(self.after) != len(self.ratio):
+            self.before, self.after = self.before[self.number], self.after[self.number]
+        self.got = self.after - self.before if self.adds else self.after
+        value, scale = judged.answer[self.name]
+        self.right = np.asarray(value, dtype=float)
+        self.scale = np.broadcast_to(np.asarray(scale, dtype=float), self.right.shape)
+        self.wrong = ~(self.ratio <= 1)
+        self.error = size(self.got - self.right).reshape(-1)
+        self.worst = int(np.argmax(self.ratio))
+        self.own = self.inputs.per_particle(self.name)
+
+    def told(self, deep: bool) -> tuple[str, dict[str, Any]]:
+        """(cause, values of the worst row); with `deep` the oracle and the program are called to find them."""
+        words, partner = self.plain(), None
+        if not words and deep and self.own and takes_neighbours(self.operation):
+            steps: tuple[Callable[[], tuple[str, int | None]], ...] = (self.unsteady,)
+            if len(self.inputs["position"]) <= MOST_PARTICLES:
+                steps += (self.predicted, self.reduced, self.located, self.isolated)
+            for seek in steps:
+                with contextlib.suppress(TypeError, ValueError, IndexError, KeyError, AttributeError):
+                    words, partner = seek()
+                if words:
+                    break
+        words = words or self.factor() or self.located()[0] or self.single() or self.shared()
+        return words, self.values(partner)
+
+    # What the arrays show
+
+    def plain(self) -> str:
+        """An output that is not written, or not finite."""
+        if np.array_equal(self.before, self.after, equal_nan=True):
+            return f"your program {'adds nothing to' if self.adds else 'does not change'} {self.name}"
+        broken = ~np.isfinite(self.got)
+        if broken.any():
+            rows = broken.reshape(len(broken), -1).any(1)
+            words = f"your program gives {self.name} that is NaN or infinite ({rows.sum()} of {rows.size} rows)"
+            if self.own and takes_neighbours(self.operation) and 0 < rows.sum() < rows.size:
+                apart = np.array([np.sort(self.distances(i))[1] for i in self.number[rows][:LOOKED_AT]])
+                words += ": where two particles coincide (r = 0)" if (apart == 0).all() else ""
+            return words
+        stood, wanted = (float(np.abs(v).max(initial=0.0)) for v in (self.before, self.right))
+        if self.adds and stood > 10 * SAME * wanted and factor_between(self.after, self.right) == 1:
+            return f"your program overwrites {self.name}; it must add to what stands there"
+        return ""
+
+    def factor(self) -> str:
+        """A factor that serves all rows."""
+        if self.got.shape != self.right.shape or self.name in self.operation.exact:
+            return ""
+        factor = factor_between(self.got, self.right)
+        if factor is None or factor == 1:
+            return ""
+        if factor == 0:
+            return f"your program gives 0 for {self.name} everywhere"
+        if factor == -1:
+            return f"your program gives {self.name} with the opposite sign"
+        return f"your program gives {factor:.4g} times the right {self.name}, everywhere"
+
+    def single(self) -> str:
+        """An error of the size of single precision, or one that comes with the number of particles."""
+        share = self.error / np.maximum(size(self.scale).reshape(-1), 1e-300)
+        typical = float(np.median(share[self.wrong]))
+        if self.target.dtype == "float64" and SMALLEST_SINGLE < typical < 1e-4:
+            return (
+                f"the error of {self.name} has the size of single precision: something is computed or summed in float32"
+            )
+        count = len(self.inputs["position"])
+        if self.own and count > 2**16 and takes_neighbours(self.operation):
+            high = np.array([i >= 2**16 or (self.near(int(i)) >= 2**16).any() for i in self.number])
+            if not (self.wrong & ~high).any() and (~high).any():
+                return f"{self.name} is wrong where a particle's number exceeds 65,535: is an index held in 16 bits?"
+            if typical < 0.05:
+                words = f"{self.name} is wrong by {typical:.2g} of itself with {count} particles"
+                return f"{words}: is a sum over all of them taken in float32?"
+        return ""
+
+    def shared(self) -> str:
+        """How many rows are wrong."""
+        share = f"{self.wrong.sum()} of {self.wrong.size} rows"
+        return f"your program gives a wrong {self.name} in {share}, the worst in row {self.number[self.worst]}"
+
+    # Neighbours
+
+    def distances(self, i: int) -> np.ndarray:
+        """Distances [m] of all particles' nearest images from particle i."""
+        apart = np.asarray(self.inputs["position"], dtype=float) - np.asarray(self.inputs["position"][i], dtype=float)
+        period = period_of(self.operation, self.inputs)
+        return size(apart if period is None else nearest_image(apart, period))
+
+    def near(self, i: int) -> np.ndarray:
+        """Numbers of the particles that a list holds for particle i, the nearest first."""
+        distance = self.distances(i)
+        distance[i] = np.inf
+        found = np.flatnonzero(distance < self.inputs.case.list_radius * (1 + self.inputs.case.skin))
+        return found[np.argsort(distance[found], kind="stable")]
+
+    def inside(self, i: int) -> int:
+        """How many of `near` are within the support radius."""
+        return int((self.distances(i)[self.near(i)] < self.inputs.case.list_radius).sum())
+
+    @cached_property
+    def looked_at(self) -> list[int]:
+        """Places of some wrong rows: the worst, and some of the middle."""
+        order = [int(k) for k in np.argsort(-self.error, kind="stable") if self.wrong[k]]
+        return list(dict.fromkeys((*order[:2], *order[len(order) // 2 :][: LOOKED_AT - 2])))
+
+    # What the program gives for the same and for fewer particles
+
+    def unsteady(self) -> tuple[str, int | None]:
+        """Other values in another call."""
+        quiet = self.target.quiet()
+        first, other = (quiet.launch(self.inputs)[1][self.name] for _ in range(2))
+        bound = self.error / np.maximum(self.ratio, 1e-300)
+        if not (size(first - other).reshape(-1)[self.number if self.own else ...] > bound).any():
+            return "", None
+        return (
+            f"your program gives other values of {self.name} for the same inputs: a race between threads, or memory"
+            " that is read before it is written"
+        ), None
+
+    def holds_on(self, i: int, others: np.ndarray) -> bool:
+        """Whether the program is right for particle i among `others`, wall particles as they are."""
+        keep = np.sort(np.append(others, i)).astype(int)
+        some, quiet = subset(self.operation, self.inputs, keep), self.target.quiet()
+        row = np.array([int(np.searchsorted(keep, i))])
+        before, after = quiet.launch(some, complete=False)
+        found = errors(
+            self.operation, some, before, after, row, {self.name: oracle(self.operation, some, row)[self.name]}
+        )
+        return bool(worst(found) <= 1) and not quiet.faults
+
+    def reduced(self) -> tuple[str, int | None]:
+        """What the program is right without."""
+        taken = self.operation.arguments("numpy")
+        for name, alter, words in (
+            ("period", without_period, "with a period: is the nearest image taken in both directions?"),
+            ("walls", without_walls, "with wall particles: their position, side or sign"),
+        ):
+            given = self.inputs[name] if name in taken else None
+            if given is None or (name == "walls" and not len(given.position)):
+                continue
+            other, quiet = alter(self.inputs, 0), self.target.quiet()
+            before, after = quiet.launch(other, complete=False)
+            answer = {self.name: oracle(self.operation, other)[self.name]}
+            if worst(errors(self.operation, other, before, after, None, answer)) <= 1 and not quiet.faults:
+                return f"{self.name} is wrong only {words}", self.isolated_partner()
+        return "", None
+
+    def isolated(self) -> tuple[str, int | None]:
+        """The first neighbour that spoils the worst row, the nearest first."""
+        i = int(self.number[self.worst])
+        near, inside = self.near(i), self.inside(i)
+        if not self.holds_on(i, near[:0]):
+            return f"{self.name} is wrong for a particle alone", None
+        if self.holds_on(i, near):
+            return (
+                f"{self.name} is right for particle {i} and its neighbours alone: particles out of reach are counted",
+                None,
+            )
+        low, high = 0, len(near)
+        while high - low > 1:
+            middle = (low + high) // 2
+            low, high = (middle, high) if self.holds_on(i, near[:middle]) else (low, middle)
+        partner = int(near[high - 1])
+        if high > inside:
+            return f"{self.name} counts particles beyond the support radius: there is no cut at r = h", partner
+        if high >= CAPACITY and self.holds_on(i, near[high - 1 : high]):
+            return (
+                f"{self.name} is right with up to {high - 1} neighbours and wrong with more: is a list cut off?",
+                partner,
+            )
+        return "", partner
+
+    # What the oracle predicts
+
+    def predicted(self) -> tuple[str, int | None]:
+        """The first hypothesis that explains all rows that are looked at."""
+        for words, alter in self.hypotheses():
+            if self.explains(partial(self.altered, alter=alter)):
+                return words, None
+        for words, sign in (
+            ("leaves out the particle itself (self term)", -1),
+            ("counts the particle itself twice", 1),
+        ):
+            if self.explains(partial(self.with_self, sign=sign)):
+                return f"your program {words}", None
+        for words, sign in (("one neighbour is missing", -1), ("one neighbour is counted twice", 1)):
+            partner = self.closest(self.worst, sign)
+            if partner is not None and self.explains(partial(self.with_best, sign=sign)):
+                return f"off by one: in each wrong row {words}", partner
+        return "", None
+
+    def hypotheses(self) -> Iterator[tuple[str, Alter]]:
+        """(words, inputs that would give the program's answer)."""
+        operation, inputs = self.operation, self.inputs
+        taken = operation.arguments("numpy")
+        yield "the answer is that of half the support radius: h/2 in place of h", partial(scaled, operation, 0.5)
+        yield "the answer is that of twice the support radius: 2 h in place of h", partial(scaled, operation, 2.0)
+        if any(name in taken for name in KERNELS):
+            other = 5 - inputs.case.dim
+            yield (
+                f"the answer has the kernel's normalisation for {other} dimensions",
+                partial(normalised, operation, other),
+            )
+            for shape in SHAPES if shape_acts(operation) else ():
+                yield f"the answer is that of the kernel {shape}", partial(shaped, operation, shape)
+        for name in taken:
+            if name != "position" and inputs.per_particle(name) and not inputs.dropped(name):
+                symbol = SYMBOLS.get(name, name)
+                yield f"the answer has {symbol}_i in place of {symbol}_j", partial(same, name)
+        if "mass" in taken and "density" in taken:
+            yield "the answer has m_j/rho_j in place of m_j", partial(with_mass, inputs["mass"] / inputs["density"])
+            yield "the answer has m_j in place of m_j/rho_j", partial(with_mass, inputs["mass"] * inputs["density"])
+        if "period" in taken and inputs["period"] is not None:
+            yield "the answer is that without a period", without_period
+        if "walls" in taken and inputs["walls"] is not None and len(inputs["walls"].position):
+            yield "the answer is that without wall particles", without_walls
+
+    def altered(self, k: int, alter: Alter, row: int | None = None) -> np.ndarray:
+        """The oracle's answer in the k-th row with altered inputs, where it is the answer's row `row`."""
+        i = int(self.number[k])
+        rows = np.array([i if row is None else row])
+        return oracle(self.operation, alter(self.inputs, i), rows)[self.name][0][0]
+
+    def with_self(self, k: int, sign: int) -> np.ndarray:
+        """The right answer with or without what the particle by itself gives."""
+        return self.right[k] + sign * self.altered(k, partial(only, self.operation), 0)
+
+    def with_best(self, k: int, sign: int) -> np.ndarray:
+        """The right answer with or without the neighbour that explains it best."""
+        return self.right[k] + sign * self.best(k, sign)
+
+    def explains(self, predict: Callable[[int], Any]) -> bool:
+        """Whether what a cause predicts is what the program gave, where the cause has an effect at all."""
+        hits = 0
+        for k in self.looked_at:
+            prediction = np.atleast_1d(predict(k))[None]
+            effect = float(size(prediction - self.right[k])[0].max())
+            bound = float(self.error[k] / self.ratio[k])
+            if effect <= 4 * bound:
+                continue
+            if not float(size(prediction - self.got[k])[0].max()) <= max(8 * bound, NEAR * effect):
+                return False
+            hits += 1
+        return hits >= min(2, len(self.looked_at))
+
+    @cached_property
+    def _parts(self) -> dict[int, tuple[np.ndarray, np.ndarray]]:
+        return {}
+
+    def parts(self, k: int) -> tuple[np.ndarray, np.ndarray]:
+        """(neighbours within the support, what each adds) of the k-th row, by leaving out one at a time."""
+        if k not in self._parts:
+            i = int(self.number[k])
+            near = self.near(i)[: self.inside(i)]
+            near = near if len(near) <= MOST_PAIRS else near[:0]
+            adds = [
+                self.right[k] - self.altered(k, partial(less, self.operation, int(j)), i - int(j < i)) for j in near
+            ]
+            self._parts[k] = near, np.array(adds).reshape(len(near), -1)
+        return self._parts[k]
+
+    def best(self, k: int, sign: int) -> np.ndarray:
+        """What the neighbour adds whose absence (-1) or repetition (1) explains the k-th row best."""
+        near, adds = self.parts(k)
+        if not len(near):
+            return np.zeros_like(np.atleast_1d(self.right[k]))
+        error = np.atleast_1d(self.got[k] - self.right[k])
+        return adds[int(np.argmin(np.abs(error - sign * adds).sum(1)))]
+
+    def closest(self, k: int, sign: int) -> int | None:
+        """The number of that neighbour."""
+        near, adds = self.parts(k)
+        error = np.atleast_1d(self.got[k] - self.right[k])
+        return int(near[int(np.argmin(np.abs(error - sign * adds).sum(1)))]) if len(near) else None
+
+    # Where it is wrong
+
+    def located(self) -> tuple[str, int | None]:
+        """A number of neighbours above which all rows are wrong, and below which none is."""
+        if not (self.own and takes_neighbours(self.operation)) or len(self.inputs["position"]) > MOST_PARTICLES:
+            return "", None
+        counted = np.array([self.inside(int(i)) for i in self.number])
+        most = counted[~self.wrong].max(initial=-1)
+        if most >= CAPACITY and counted[self.wrong].min() > most:
+            return f"{self.name} is right with up to {most} neighbours and wrong with more: is a list cut off?", None
+        return "", None
+
+    def isolated_partner(self) -> int | None:
+        """The neighbour that spoils the worst row, if it can be found."""
+        with contextlib.suppress(TypeError, ValueError, IndexError, KeyError, AttributeError):
+            return self.isolated()[1]
+        return None
+
+    def values(self, partner: int | None) -> dict[str, Any]:
+        """The worst row in numbers, and the pair that matters."""
+        k = self.worst
+        got, right = (np.asarray(v[k]).tolist() for v in (self.got, self.right))
+        bound = float(self.error[k] / self.ratio[k]) if np.isfinite(self.ratio[k]) else None
+        told: dict[str, Any] = {
+            "output": self.name, "row": int(self.number[k]), "got": got, "expected": right,
+            "error": float(self.error[k]), "bound": bound, "neighbours": 0,
+        }  # fmt: skip
+        if self.own and takes_neighbours(self.operation):
+            i = int(self.number[k])
+            told["neighbours"] = self.inside(i)
+            near = self.near(i)[: told["neighbours"]]
+            if partner is None and len(near) and len(self.inputs["position"]) <= MOST_PARTICLES:
+                with contextlib.suppress(TypeError, ValueError, IndexError, KeyError, AttributeError):
+                    partner = min((self.closest(k, sign) for sign in (-1, 1)), key=lambda j: -1 if j is None else j)
+            if partner is None and len(near):
+                partner = int(near[0])
+            if partner is not None:
+                told["pair"] = self.pair(k, partner)
+        return told
+
+    def pair(self, k: int, j: int) -> dict[str, Any]:
+        """Particle j beside the k-th row's: its distance, and what it adds."""
+        i = int(self.number[k])
+        distance = float(self.distances(i)[j])
+        told: dict[str, Any] = {
+            "particle": int(j), "distance": distance, "over_support": distance / self.inputs.case.support_radius,
+            "adds": None,
+        }  # fmt: skip
+        with contextlib.suppress(TypeError, ValueError, IndexError, KeyError, AttributeError):
+            pair = subset(self.operation, self.inputs, np.array(sorted((i, j))))
+            alone = subset(self.operation, self.inputs, np.array([i]))
+            both = oracle(self.operation, pair, np.array([int(j < i)]))[self.name][0][0]
+            told["adds"] = (both - oracle(self.operation, alone, np.array([0]))[self.name][0][0]).tolist()
+        return told
+
+
+def factor_between(got: np.ndarray, value: np.ndarray) -> float | None:
+    """The factor between two arrays, if one serves all entries of at least two; 1, 0 and -1 up to SAME."""
+    if value.size < 2 or not np.any(value):
+        return None
+    large = np.abs(value) > SMALL * np.abs(value).max()
+    ratios = got[large] / value[large]
+    factor = float(np.median(ratios))
+    if len(ratios) < 2 or np.abs(ratios - factor).max() > SAME * max(abs(factor), SMALL):
+        return None
+    for plain in (0.0, 1.0, -1.0):
+        if abs(factor - plain) <= SAME:
+            return plain
+    return factor
+
+
+# Altered inputs
+
+
+def subset(operation: Any, inputs: Inputs, keep: np.ndarray) -> Inputs:
+    """The same with some of the particles, in their order."""
+    names = {*operation.arguments("numpy"), *operation.outputs}
+    kept = [n for n in names if inputs.per_particle(n) and not inputs.dropped(n)]
+    return inputs.replaced(**{n: inputs[n][keep] for n in kept})
+
+
+def only(operation: Any, inputs: Inputs, i: int) -> Inputs:
+    """Particle i by itself."""
+    return subset(operation, inputs, np.array([i]))
+
+
+def less(operation: Any, j: int, inputs: Inputs, i: int) -> Inputs:
+    """All but particle j."""
+    every = np.arange(len(inputs["position"]))
+    return subset(operation, inputs, every[every != j])
+
+
+def scaled(operation: Any, share: float, inputs: Inputs, i: int) -> Inputs:
+    """The same with a support radius of `share` times its own in every group that has one."""
+    made: dict[str, Any] = {}
+    for name, group in groups_of(operation, inputs).items():
+        if name in KERNELS:
+            shape = next(s for s, number in SHAPES.items() if number == group.shape)
+            made[name] = smoothing(shape, share * float(group.support_radius), int(group.dim))
+        elif "support_radius" in group._fields:
+            made[name] = group._replace(support_radius=share * float(group.support_radius))
+    return followed(operation, inputs.replaced(**made))
+
+
+def normalised(operation: Any, dim: int, inputs: Inputs, i: int) -> Inputs:
+    """The same with the normalisation of another dimension."""
+    taken = {name: inputs[name] for name in KERNELS if name in operation.arguments("numpy")}
+    return inputs.replaced(**{name: group._replace(dim=type(group.dim)(dim)) for name, group in taken.items()})
+
+
+def shaped(operation: Any, shape: str, inputs: Inputs, i: int) -> Inputs:
+    """The same with another kernel."""
+    return with_kernel(operation, inputs, shape)
+
+
+def same(name: str, inputs: Inputs, i: int) -> Inputs:
+    """The same with particle i's value of a field for all."""
+    values = inputs[name]
+    return inputs.replaced(**{name: np.broadcast_to(values[i], values.shape).copy()})
+
+
+def with_mass(mass: np.ndarray, inputs: Inputs, i: int) -> Inputs:
+    """The same with other masses."""
+    return inputs.replaced(mass=mass)
+
+
+def without_period(inputs: Inputs, i: int) -> Inputs:
+    """The same without a period."""
+    return inputs.replaced(period=None)
+
+
+def without_walls(inputs: Inputs, i: int) -> Inputs:
+    """The same without wall particles."""
+    return inputs.replaced(walls=WallParticles(np.zeros((0, 3), inputs.dtype), np.zeros(0, inputs.dtype)))

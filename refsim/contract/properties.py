@@ -1,0 +1,376 @@
+"""Steps of what holds whatever the numbers are: conservation (T4), symmetries (T5), repetition, additivity, NaN."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+
+from refsim.backends.arrays import set_threads
+from refsim.contract.answers import CLOUDS, LARGE
+from refsim.contract.bounds import errors, neighbour_counts, oracle, size
+from refsim.contract.inputs import Inputs, period_of
+from refsim.contract.target import Outcome, Target, Trial, named_worst, worst
+from refsim.core import cases
+from refsim.core.walls import WallParticles
+from refsim.neighbours.reference import nearest_image
+
+TURNS = {
+    2: ([[0, -1, 0], [1, 0, 0], [0, 0, 1]], [[0, 1, 0], [1, 0, 0], [0, 0, 1]]),
+    3: ([[0, 0, -1], [1, 0, 0], [0, 1, 0]], [[0, 1, 0], [-1, 0, 0], [0, 0, 1]]),
+}
+GRID = 2.0**-12  # positions on this grid are shifted without rounding
+REPEATS = 6  # calls of other programs with the same inputs
+
+# T4: what holds whatever the numbers are
+
+
+def invariants(target: Target) -> Iterator[Trial]:
+    """T4: conservation and dissipation, as far as the operation claims them; no wall takes part."""
+    for name in held(target):
+        if name in CONSERVED:
+            for case in CLOUDS.values():
+                yield Trial("T4", f"{name} in {case}", functools.partial(_conserved, target, name, case))
+
+
+def _conserved(target: Target, name: str, case: str) -> Outcome:
+    check, words = CONSERVED[name]
+    error = check(target, target.varied(_without_walls(_on_grid(case, target.dtype))))
+    return target.outcome("T4", f"{name} in {case}", error, "" if error <= 1 else words)
+
+
+def held(target: Target) -> tuple[str, ...]:
+    """Invariants that this variant keeps."""
+    broken = target.operation.broken.get(target.variant, ())
+    return tuple(name for name in target.operation.invariants if name not in broken)
+
+
+def _on_grid(name: str, dtype: str) -> Inputs:
+    """A case with positions and velocities on a binary grid, in the order in which it is written."""
+    cases.discover()
+    inputs = Inputs(cases.CASES[name](), dtype)
+    walls = inputs["walls"]
+    return inputs.replaced(
+        position=np.round(inputs["position"] / GRID) * np.dtype(dtype).type(GRID),
+        velocity=np.round(inputs["velocity"] / GRID) * np.dtype(dtype).type(GRID),
+        walls=walls._replace(position=(np.round(walls.position / GRID) * GRID).astype(dtype)),
+    )
+
+
+def _without_walls(inputs: Inputs) -> Inputs:
+    none = WallParticles(np.zeros((0, 3), inputs.dtype), np.zeros(0, inputs.dtype))
+    return inputs.replaced(walls=none)
+
+
+def _force(target: Target, inputs: Inputs) -> tuple[np.ndarray, np.ndarray]:
+    """(m a, bound on the rounding of m a) for each particle, from zero."""
+    count = len(inputs["position"])
+    _, after = target.launch(inputs, before={"acceleration": np.zeros((count, 3))})
+    mass = np.asarray(inputs["mass"], dtype=float)
+    _, scale = oracle(target.operation, inputs)["acceleration"]
+    eps = float(np.finfo(target.dtype).eps)
+    bound = target.operation.tolerance * (neighbour_counts(target.operation, inputs) + 1) * eps * mass * size(scale)
+    return mass[:, None] * np.asarray(after["acceleration"], dtype=float), bound
+
+
+def _momentum(target: Target, inputs: Inputs) -> float:
+    force, bound = _force(target, inputs)
+    return float(size(force.sum(0)[None])[0] / bound.sum())
+
+
+def _angular_momentum(target: Target, inputs: Inputs) -> float:
+    force, bound = _force(target, inputs)
+    arm = np.asarray(inputs["position"], dtype=float)
+    arm = arm - arm.mean(0)
+    return float(size(np.cross(arm, force).sum(0)[None])[0] / (bound * size(arm)).sum())
+
+
+def _galilean(target: Target, inputs: Inputs) -> float:
+    """A common velocity, added without rounding, changes nothing at all."""
+    wind = np.array([4.0, -2.0, 0.0], dtype=target.dtype)
+    _, still = target.launch(inputs)
+    _, moved = target.launch(inputs.replaced(velocity=inputs["velocity"] + wind))
+    return 0.0 if all(np.array_equal(still[n], moved[n]) for n in still) else np.inf
+
+
+def _dissipation(target: Target, inputs: Inputs) -> float:
+    """Without pressure the kinetic energy falls; also where all that moves is one particle."""
+    calm = inputs.replaced(pressure=0 * inputs["pressure"])
+    lone = 0 * inputs["velocity"]
+    lone[len(lone) // 2] = [1.0, 2.0, 0.0]
+    for velocity in (inputs["velocity"], lone):
+        force, _ = _force(target, calm.replaced(velocity=velocity))
+        if not (force * velocity).sum() < 0:
+            return np.inf
+    return 0.0
+
+
+CONSERVED = {
+    "linear_momentum": (_momentum, "the sum of m a over all particles is not zero"),
+    "angular_momentum": (_angular_momentum, "the sum of m x cross a over all particles is not zero"),
+    "galilean": (_galilean, "a velocity added to all particles changes the answer"),
+    "dissipation": (_dissipation, "without pressure the kinetic energy does not fall"),
+}
+
+# T5: the same particles, described otherwise
+
+Description = tuple[Inputs, Callable[[np.ndarray], np.ndarray]]  # inputs, and what brings an answer back
+
+
+def symmetries(target: Target) -> Iterator[Trial]:
+    """T5: translation, rotation (by exact turns and reflections) and another order of the particles.
+
+    In a periodic box also other images of some particles.
+    """
+    kept = held(target)
+    for case in CLOUDS.values():
+        usual = _Usual(target, case)
+        described: dict[str, Callable[[], Description]] = {}
+        if "translation" in kept:
+            described["translation"] = functools.partial(_translated, usual)
+        if "reordering" in kept:
+            described["reordering"] = functools.partial(_reordered, usual)
+        if "rotation" in kept:
+            described |= {f"rotation {k}": functools.partial(_rotated, usual, k) for k in (0, 1)}
+        if period_of(target.operation, usual.inputs) is not None:
+            described["images"] = functools.partial(_other_images, usual)
+        for name, other in described.items():
+            yield Trial("T5", f"{name} of {case}", functools.partial(_compared, usual, name, other))
+
+
+class _Usual:
+    """A case as it stands, and the answer to it, computed when the first trial needs it."""
+
+    def __init__(self, target: Target, case: str) -> None:
+        self.target, self.case = target, case
+
+    @functools.cached_property
+    def inputs(self) -> Inputs:
+        return self.target.varied(_on_grid(self.case, self.target.dtype))
+
+    @functools.cached_property
+    def expected(self) -> dict[str, tuple[Any, Any]]:
+        """The oracle's answer."""
+        return oracle(self.target.operation, self.inputs)
+
+    @functools.cached_property
+    def answer(self) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray], dict[str, tuple[Any, Any]]]:
+        """(outputs before, outputs after, the oracle's answer)."""
+        return *self.target.launch(self.inputs), self.expected
+
+    @functools.cached_property
+    def names(self) -> list[str]:
+        """Arrays with one row for each particle that the operation reads or adds to."""
+        operation, inputs = self.target.operation, self.inputs
+        names = [n for n in operation.arguments("numpy") if inputs.per_particle(n) and not inputs.dropped(n)]
+        return names + [n for n in operation.outputs if inputs.per_particle(n) and n in operation.adds]
+
+
+def _compared(usual: _Usual, name: str, other: Callable[[], Description]) -> Outcome:
+    """The other description's answer, brought back, against this one's; twice the bound, once for each."""
+    target, inputs = usual.target, usual.inputs
+    before, after, answer = usual.answer
+    described, back = other()
+    _, moved = target.launch(described)
+    scales = {n: (after[n] - (before[n] if n in target.operation.adds else 0), answer[n][1]) for n in after}
+    brought = {n: back(v) if inputs.per_particle(n) else v for n, v in moved.items()}
+    found = errors(target.operation, inputs, before, brought, answer=scales, share=2.0)
+    words = named_worst(found)
+    if not worst(found) <= 1:
+        words = f"your program's answer does not follow a {name.split()[0]} of all particles: {words}"
+    return target.outcome("T5", f"{name} of {usual.case}", worst(found), words)
+
+
+def _translated(usual: _Usual) -> Description:
+    inputs = usual.inputs
+    shift = np.array([4.0, -2.0, 1.0 if inputs.case.dim == 3 else 0.0], dtype=usual.target.dtype)
+    walls = inputs["walls"]
+    if walls is not None:
+        walls = walls._replace(position=walls.position + shift)
+    return inputs.replaced(position=inputs["position"] + shift, walls=walls), lambda values: values
+
+
+def _other_images(usual: _Usual) -> Description:
+    """Every third particle one period further on, and the next back by one."""
+    inputs = usual.inputs
+    position, lengths = np.array(inputs["position"]), np.array(inputs["period"][:3], dtype=usual.target.dtype)
+    position[::3] += lengths
+    position[1::3] -= lengths
+    return inputs.replaced(position=position), lambda values: values
+
+
+def _reordered(usual: _Usual) -> Description:
+    inputs = usual.inputs
+    order = inputs.case.random("order").permutation(inputs.case.count)
+    changed = {n: inputs[n][order] for n in usual.names}
+    return inputs.replaced(**changed), lambda values: _unsorted(values, order)
+
+
+def _rotated(usual: _Usual, number: int) -> Description:
+    inputs = usual.inputs
+    turn = np.array(TURNS[inputs.case.dim], dtype=usual.target.dtype)[number]
+    changed = {n: inputs[n] @ turn.T for n in usual.names if inputs[n].ndim == 2}
+    if inputs["walls"] is not None:
+        changed["walls"] = inputs["walls"]._replace(position=inputs["walls"].position @ turn.T)
+    return inputs.replaced(**changed), lambda values: values @ turn if values.ndim == 2 else values
+
+
+def _unsorted(values: np.ndarray, order: np.ndarray) -> np.ndarray:
+    result = np.empty_like(values)
+    result[order] = values
+    return result
+
+
+# T6, T7
+
+
+def repeats(target: Target) -> Iterator[Trial]:
+    """T6: the same bits again; refsim's own on the CPU on one, two and all threads, others in several calls."""
+    if target.loader:
+        for dim in target.dims:
+            case = LARGE[dim] if target.variant == 0 else CLOUDS[dim]
+            trial = f"{REPEATS} calls with {case}"
+            yield Trial("T6", trial, functools.partial(_repeated, target, trial, case, (None,) * REPEATS))
+        return
+    counts: tuple[int | None, ...] = (None, None)
+    if target.place.name == "cpu":
+        import numba
+
+        counts = tuple(sorted({1, min(2, numba.config.NUMBA_NUM_THREADS), numba.config.NUMBA_NUM_THREADS})) * 2
+    trial = "again" if target.place.name != "cpu" else f"on {', '.join(map(str, counts))} threads"
+    yield Trial("T6", trial, functools.partial(_repeated, target, trial, CLOUDS[3], counts))
+
+
+def _repeated(target: Target, trial: str, case: str, counts: tuple[int | None, ...]) -> Outcome:
+    inputs, neighbours, walls = target.prepared(case)
+    answers = []
+    try:
+        for threads in counts:
+            set_threads(target.place, threads)
+            answers.append(target.launch(inputs, neighbours, walls)[1])
+    finally:
+        set_threads(target.place, None)
+    first = answers[0]
+    changed = {n: np.max([size(a[n] - v) for a in answers], 0) for n, v in first.items() if v.dtype.kind == "f"}
+    if all(a[n].tobytes() == v.tobytes() for a in answers for n, v in first.items()):
+        return target.outcome("T6", trial, 0.0)
+    name = max(changed, key=lambda n: float(np.nanmax(changed[n], initial=0.0)), default="")
+    rows = int(np.count_nonzero(changed[name])) if name else 0
+    most = float(np.nanmax(size(first[name]), initial=0.0)) if name else 0.0
+    share = float(np.nanmax(changed[name], initial=0.0)) / most if most > 0 else np.inf
+    rounding = share < 100 * float(np.finfo(target.dtype).eps)
+    if rounding and not target.same_bits:
+        return target.outcome("T6", trial, 0.0)
+    words = f"your program gives other bits for the same inputs, within rounding ({rows} rows): sums in another order"
+    if not rounding:
+        words = (
+            f"your program gives other values of {name} for the same inputs ({rows} rows, by {share:.2g} of the"
+            " largest): a race between threads, or memory that is read before it is written"
+        )
+    return target.outcome("T6", trial, np.inf, words)
+
+
+def additivity(target: Target) -> Iterator[Trial]:
+    """T7: outputs that are added to gain the same from any start; the others do not depend on what stood there."""
+    operation, variant = target.operation, target.operation.variants[target.variant]
+    left_out = {name for name, value in variant.items() if value is None}
+    free = [n for n in operation.outputs if n not in left_out and n not in operation.arguments("numpy")]
+    for dim in target.dims if free else ():
+        trial = f"from another start{_in(dim)}"
+        yield Trial("T7", trial, functools.partial(_from_another_start, target, trial, CLOUDS[dim], free))
+
+
+def _in(dim: int) -> str:
+    return " in the plane" if dim == 2 else ""
+
+
+def _from_another_start(target: Target, trial: str, case: str, free: list[str]) -> Outcome:
+    inputs = target.varied(_on_grid(case, target.dtype))
+    operation = target.operation
+    zero = {n: 0 * inputs.output(operation, n) for n in free if n in operation.adds}
+    _, first = target.launch(inputs, before=zero)
+    other = {n: np.full_like(first[n], 7) for n in free if n not in operation.adds}
+    start = {n: 3 * first[n] for n in zero}
+    begun, second = target.launch(inputs, before=other | start)
+    usual = oracle(operation, inputs) if zero else {}
+    answer = {n: (first[n].astype(float), np.maximum(usual[n][1], np.abs(first[n]))) for n in zero}
+    found = errors(operation, inputs, begun, second, answer=answer, share=2.0) if zero else {}
+    found |= {n: np.array([0.0 if first[n].tobytes() == second[n].tobytes() else np.inf]) for n in other}
+    words = named_worst(found)
+    if not worst(found) <= 1:
+        peak = words.split()[0]
+        words = f"your program's answer depends on what stood in {peak} before"
+        if peak in other:
+            words += "; it must assign it"
+            if second[peak].tobytes() == np.asarray(other[peak], second[peak].dtype).tobytes():
+                words = f"your program does not write {peak}"
+        elif np.array_equal(first[peak], second[peak]):
+            words = f"your program overwrites {peak}; it must add to what stands there"
+    return target.outcome("T7", trial, worst(found), words)
+
+
+# T9
+
+
+def bad_input(target: Target) -> Iterator[Trial]:
+    """T9: a NaN in one particle's values stays visible in every answer that depends on them, and changes no other.
+
+    What depends on them is what the oracle changes where they change. Flags cannot show a NaN; a position that is
+    not finite, or has such a residual or shift, is the search's to report.
+    """
+    for dim in target.dims:
+        yield from _spoilable(_Usual(target, CLOUDS[dim]), _in(dim))
+
+
+def _spoilable(usual: _Usual, where: str) -> Iterator[Trial]:
+    operation, inputs = usual.target.operation, usual.inputs
+    written = [n for n in operation.outputs if not inputs.dropped(n)]
+    if operation.exact and all(n in operation.exact and inputs.per_particle(n) for n in written):
+        return
+    for name in operation.arguments("numpy"):
+        if name in ("position", "position_residual", "shift") or not inputs.per_particle(name):
+            continue
+        if inputs[name] is not None and inputs[name].dtype.kind == "f":
+            trial = f"NaN in {name}{where}"
+            yield Trial("T9", trial, functools.partial(_spoiled, usual, trial, name))
+
+
+def _spoiled(usual: _Usual, trial: str, name: str) -> Outcome:
+    target, inputs, broken = usual.target, usual.inputs, 11
+    operation = target.operation
+    changed, spoiled = np.array(inputs[name]), np.array(inputs[name])
+    changed[broken] = 1.5 * changed[broken] + 1
+    spoiled[broken] = np.nan
+    broken_inputs = inputs.replaced(**{name: spoiled})
+    before, after = target.launch(broken_inputs, complete=False)  # an iteration may end at the NaN
+    apart = np.asarray(inputs["position"], dtype=float) - inputs["position"][broken]
+    period = period_of(operation, inputs)
+    distance = size(apart if period is None else nearest_image(apart, period))
+    far = (distance > 1.1 * inputs.case.list_radius * operation.reach) & (operation.reach > 0)
+    answer = usual.expected
+    other = oracle(operation, inputs.replaced(**{name: changed}))
+    of_all = [n for n in answer if not inputs.per_particle(n)]
+    whole = {n: v for n, v in (oracle(operation, broken_inputs) if of_all else {}).items() if n in of_all}
+    counted = errors(operation, broken_inputs, before, after, answer=whole)
+    found, visible, words = {}, False, ""
+    for output, (value, scale) in answer.items():
+        depends = np.abs(other[output][0] - value) > 1e-9 * scale
+        got = ~np.isfinite(after[output])
+        if inputs.per_particle(output) and output not in operation.exact:
+            depends, got = (m.reshape(len(m), -1).any(1) for m in (depends, got))
+            found[output] = np.where((depends & ~got) | (far & got), np.inf, 0.0)
+            visible |= depends.any()
+            if (depends & ~got).any():
+                words = f"a NaN in {name} does not show in {output}, which depends on it"
+            elif (far & got).any():
+                words = f"a NaN in {name} of one particle spreads to {output} of particles far away"
+        elif output in whole:  # what the oracle can still say of the whole set must be right
+            known = np.isfinite(whole[output][0])
+            known = known.reshape(len(known), -1).all(1) if known.ndim > counted[output].ndim else known
+            found[output] = np.where(known, counted[output], 0.0)
+            visible |= got.any() or (after[output] != before[output]).any()
+    used = any((np.abs(other[n][0] - v) > 1e-9 * s).any() for n, (v, s) in answer.items())
+    error = worst(found) if visible or not used else np.inf
+    return target.outcome("T9", trial, error, words or named_worst(found))

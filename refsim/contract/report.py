@@ -1,0 +1,167 @@
+"""What the ladder found, as plain data, as text and as JUnit's XML."""
+
+from __future__ import annotations
+
+import collections
+import dataclasses
+import math
+import re
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from refsim.contract.apart import About, Request
+from refsim.contract.coverage import gaps
+from refsim.contract.ladder import STEPS
+from refsim.contract.target import Outcome, told_values
+from refsim.core.operation import REGISTRY
+from refsim.core.tables import in_time, table
+
+TOLD = 8  # failed trials that the text names for each operation; --json has all
+Found = Mapping[str, Sequence[Outcome]]
+
+
+def report(about: About, request: Request, found: Found, seconds: float) -> dict[str, Any]:
+    """The verdicts as plain data; an operation holds where trials passed, none failed and nothing declared is left."""
+    operations = {
+        name: _judged(outcomes, [] if about.offered is None else gaps(name, about.declared, request, outcomes))
+        for name, outcomes in found.items()
+    }
+    return {
+        "programs": about.name,
+        "arrays": about.arrays,
+        "holds": all(operation["holds"] for operation in operations.values()),
+        "seconds": round(seconds, 1),
+        "operations": operations,
+        "not_offered": [] if about.offered is None else [n for n in REGISTRY if n not in about.offered],
+    }
+
+
+def _judged(every: Sequence[Outcome], lacking: list[str]) -> dict[str, Any]:
+    outcomes = [o for o in every if not o.not_judged]
+    failed = [o for o in outcomes if not o.passed]
+    steps: dict[str, dict[str, int]] = {}
+    for o in outcomes:
+        counts = steps.setdefault(o.step, {"trials": 0, "failed": 0})
+        counts["trials"] += 1
+        counts["failed"] += not o.passed
+    return {
+        "holds": bool(outcomes) and not failed and not lacking,
+        "trials": len(outcomes),
+        "failed": len(failed),
+        "gaps": lacking,
+        "not_judged": dict(collections.Counter(o.not_judged for o in every if o.not_judged)),
+        "largest_error": max((o.error for o in outcomes), default=0.0),
+        "steps": steps,
+        "outcomes": [_plain(o) for o in every],
+    }
+
+
+def _plain(outcome: Outcome) -> dict[str, Any]:
+    told = dataclasses.asdict(outcome)
+    return {k: v for k, v in told.items() if k not in ("operation", "backend", "telling")} | {"replay": outcome.replay}
+
+
+def text(data: Mapping[str, Any], found: Found) -> str:
+    """The verdicts as a table, failed trials grouped by what is wrong, and what was not judged."""
+    operations = data["operations"]
+    used = [step for step in STEPS if any(step in o["steps"] for o in operations.values())]
+    rows = []
+    for name, o in operations.items():
+        cells = [_share(o["steps"].get(step)) for step in used]
+        rows.append((name, *cells, _error(o["largest_error"]), verdict(o)))
+    lines = [f"{data['programs']}, arrays of {data['arrays']}: trials passed, by step of the ladder", ""]
+    lines.append(table(rows, ("operation", *used, "largest error", "verdict"), tuple(range(1, len(used) + 2))))
+    for name, outcomes in found.items():
+        lines += _failures(name, outcomes)
+    for name, o in operations.items():
+        if o["gaps"]:
+            lines += ["", f"{name} is declared, and not judged: {', '.join(o['gaps'])}."]
+    reasons = _reasons(operations)
+    if reasons:
+        lines += ["", f"Not judged, as declared (trials or whole variants): {reasons}."]
+    trials, bad = (sum(o[key] for o in operations.values()) for key in ("trials", "failed"))
+    holding = sum(o["holds"] for o in operations.values())
+    lines += [
+        "",
+        f"{holding} of {len(operations)} operations hold; {trials - bad} of {trials} trials passed in"
+        f" {in_time(data['seconds'])}. Errors are shares of the bound on rounding.",
+    ]
+    if data["not_offered"]:
+        lines.append(f"{len(data['not_offered'])} of refsim's {len(REGISTRY)} operations have no program here.")
+    return "\n".join(lines)
+
+
+def verdict(operation: Mapping[str, Any]) -> str:
+    """The word for an operation's report."""
+    if operation["holds"]:
+        return "holds"
+    return "FAILS" if operation["failed"] else "not judged" if operation["trials"] else "no trial"
+
+
+def _failures(name: str, outcomes: Sequence[Outcome]) -> list[str]:
+    """Failed trials by what is wrong, those with values first."""
+    groups: dict[str, list[Outcome]] = {}
+    for o in outcomes:
+        if not o.passed and not o.not_judged:
+            groups.setdefault(re.sub(r"[\d.e+]+", "#", o.words), []).append(o)
+    if not groups:
+        return []
+    lines = ["", f"{name} fails:"] + [_told(alike) for alike in list(groups.values())[:TOLD]]
+    rest = sum(map(len, list(groups.values())[TOLD:]))
+    return [*lines, f"  and {rest} more failed trials; --json has all"] if rest else lines
+
+
+def _told(alike: Sequence[Outcome]) -> str:
+    """Failed trials with the same words: how many, the values of the first, and its name for --replay."""
+    first = alike[0]
+    trials = "1 trial" if len(alike) == 1 else f"{len(alike)} trials, the first"
+    lines = [f"  {first.words or 'a wrong answer'}"]
+    if first.values:
+        lines.append(f"      {told_values(first.values)}")
+    where = first.replay if first.dtype else f"{first.step} {first.trial}, before the first trial"
+    error = "" if not math.isfinite(first.error) else f", {first.error:.3g} of the bound"
+    return "\n".join([*lines, f"      {trials}: {where}{error}"])
+
+
+def _share(counts: Mapping[str, int] | None) -> str:
+    return "-" if counts is None else f"{counts['trials'] - counts['failed']}/{counts['trials']}"
+
+
+def _error(error: float) -> str:
+    return f"{error:.3g}" if math.isfinite(error) else "no number"
+
+
+def _reasons(operations: Mapping[str, Any]) -> str:
+    counts: collections.Counter[str] = collections.Counter()
+    for o in operations.values():
+        counts.update(o["not_judged"])
+    return ", ".join(f"{reason} ({count})" for reason, count in counts.items())
+
+
+def junit(data: Mapping[str, Any], found: Found) -> bytes:
+    """One test suite for each operation, one test case for each trial; what is not judged is skipped, a gap fails."""
+    suites = ElementTree.Element("testsuites", name=f"refsim contract {data['programs']}")
+    for name, outcomes in found.items():
+        lacking = data["operations"][name]["gaps"]
+        failed = sum(not o.passed and not o.not_judged for o in outcomes) + len(lacking)
+        skipped = sum(bool(o.not_judged) for o in outcomes)
+        count = str(len(outcomes) + len(lacking))
+        suite = ElementTree.SubElement(
+            suites, "testsuite", name=name, tests=count, failures=str(failed), skipped=str(skipped)
+        )
+        for o in outcomes:
+            case = ElementTree.SubElement(suite, "testcase", classname=name, name=o.replay)
+            if o.not_judged:
+                ElementTree.SubElement(case, "skipped", message=o.not_judged)
+            elif not o.passed:
+                ElementTree.SubElement(case, "failure", message=_printable(o.words)).text = _printable(str(o))
+        for words in lacking:
+            case = ElementTree.SubElement(suite, "testcase", classname=name, name=f"judged: {words}")
+            ElementTree.SubElement(case, "failure", message=f"declared, and not judged: {words}")
+    ElementTree.indent(suites)
+    return ElementTree.tostring(suites, encoding="utf-8", xml_declaration=True)
+
+
+def _printable(words: str) -> str:
+    return "".join(c if c.isprintable() else " " for c in words)

@@ -1,0 +1,311 @@
+"""What is judged: one operation's program with one dtype, variant and kernel; its calls, and the outcomes of trials."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from refsim.backends.arrays import Backend
+from refsim.contract.bounds import errors, oracle
+from refsim.contract.guards import Guards
+from refsim.contract.inputs import (
+    Inputs,
+    all_pairs,
+    backend_for,
+    on_backend,
+    period_of,
+    prepared,
+    unwritten,
+    value_of,
+    with_variant,
+)
+from refsim.contract.parameters import with_kernel
+from refsim.core import cases
+from refsim.core.operation import Operation, backend_of
+
+Answer = Mapping[str, tuple[Any, Any]]
+LISTED = {"neighbours", "walls", "liquid_near_walls"}  # arguments with lists of the neighbour search
+MOST_EXPLAINED = 12  # failed trials of one operation whose cause is sought by further calls
+
+
+class ProgramFailed(Exception):
+    """A program under test raised instead of answering; the message says what."""
+
+
+class NotJudged(Exception):
+    """The inputs hold something that the program is declared not to support; the message names it."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One trial of one step: whether it passed, and the largest error as a share of what is allowed.
+
+    not_judged  what the trial needs that the program is declared not to support; then nothing ran, and it did not pass
+    kernel      smoothing kernel of the inputs, "" for that of the case; `dim` their dimension
+    telling     whether the right answer differs from zero, so that the trial could fail
+    values      of a wrong answer: output, row, got, expected, error, bound, neighbours, and the pair that matters
+    """
+
+    operation: str
+    step: str
+    trial: str
+    backend: str
+    dtype: str
+    variant: int
+    passed: bool
+    error: float
+    words: str = ""
+    not_judged: str = ""
+    kernel: str = ""
+    dim: int = 0
+    telling: bool = False
+    values: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def replay(self) -> str:
+        """The trial's name for `refsim contract --replay`."""
+        return ":".join((self.operation, self.dtype, str(self.variant), self.kernel, self.step, self.trial))
+
+    def __str__(self) -> str:
+        verdict = "pass" if self.passed else "FAIL"
+        at = f"variant {self.variant}{f', {self.kernel}' if self.kernel else ''}"
+        if self.not_judged:
+            return f"not judged: {self.operation} {self.step} {self.trial}, {at}: {self.not_judged}"
+        said = "; ".join(part for part in (self.words, told_values(self.values)) if part)
+        return (
+            f"{verdict} {self.operation} {self.step} {self.trial} on {self.backend} {self.dtype}, {at}:"
+            f" {self.error:.3g} of the bound{'; ' + said if said else ''}"
+        )
+
+
+def told_values(values: Mapping[str, Any]) -> str:
+    """The worst row of a wrong answer on one line; "" without values."""
+    if not values:
+        return ""
+    got, expected = (_number(values[name]) for name in ("got", "expected"))
+    text = (
+        f"{values['output']} of particle {values['row']}: got {got}, expected {expected}, error {values['error']:.3g}"
+    )
+    text += "" if values["bound"] is None else f", bound {values['bound']:.3g}"
+    text += f", {values['neighbours']} neighbours"
+    pair = values.get("pair")
+    if pair:
+        adds = "" if pair["adds"] is None else f", which adds {_number(pair['adds'])}"
+        text += f"; the pair with particle {pair['particle']} at r = {pair['over_support']:.4g} h{adds}"
+    return text
+
+
+def _number(value: Any) -> str:
+    return f"({', '.join(f'{v:.7g}' for v in value)})" if isinstance(value, list) else f"{value:.9g}"
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A program's answer to one trial beside the right one; see `refsim.contract.bounds.errors`."""
+
+    inputs: Inputs
+    before: Mapping[str, np.ndarray]
+    after: Mapping[str, np.ndarray]
+    answer: Answer
+    found: Mapping[str, np.ndarray]
+    rows: np.ndarray | None = None
+
+    @property
+    def telling(self) -> bool:
+        """Whether the right answer differs from zero."""
+        return any(np.any(np.asarray(value) != 0) for value, _ in self.answer.values())
+
+
+@dataclass(frozen=True)
+class Target:
+    """One operation's program under test: one of refsim's, or a loader's own with the same arguments.
+
+    backend   name of the program: its backend, or backend and algorithm ("cuda:fused")
+    variant   number of the operation's variant
+    loader    operation -> program taking the arguments of the backend's own program in their order; its attribute
+              `takes`, if there, names those that it reads
+    calling   is told the name of the case before each call of the program, and None after it
+    faults    what the program did since the last outcome beside a wrong answer; the next outcome fails by it
+    excludes  (operation, inputs) -> what the program does not support of them, as a clause; "" if it supports all
+    kernel    smoothing kernel that every input has, or two, for values and gradients; "" as each case has it
+    dims      dimensions in which steps with one cloud are climbed
+    same_bits whether the program is held to give the same bits again
+    readings  whether members of groups that stand for a reading of a paper are varied
+    """
+
+    operation: Operation
+    backend: str = "cpu"
+    dtype: str = "float32"
+    variant: int = 0
+    loader: Callable[[Operation], Callable[..., Any]] | None = None
+    calling: Callable[[str | None], None] = lambda case: None
+    faults: list[str] = field(default_factory=list, compare=False, repr=False)
+    excludes: Callable[[Operation, Inputs], str] = lambda operation, inputs: ""
+    kernel: str = ""
+    dims: tuple[int, ...] = (3,)
+    same_bits: bool = True
+    readings: bool = True
+    explained: list[str] = field(default_factory=list, compare=False, repr=False)
+    last: dict[str, Any] = field(default_factory=dict, compare=False, repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "operation", self.operation.as_computed_by(self.backend))
+
+    @property
+    def place(self) -> Backend:
+        """Where the arrays live."""
+        return backend_for(backend_of(self.backend))
+
+    @functools.cached_property
+    def program(self) -> Callable[..., Any] | None:
+        """The loader's program; None for refsim's own."""
+        return self.loader(self.operation) if self.loader else None
+
+    @functools.cached_property
+    def taken(self) -> frozenset[str]:
+        """Arguments that the program reads, and its outputs."""
+        names = self.operation.arguments(self.backend)
+        return frozenset({*getattr(self.program, "takes", names), *self.operation.outputs})
+
+    @property
+    def listed(self) -> bool:
+        """Whether the program reads a list of neighbours."""
+        return bool(LISTED & self.taken)
+
+    def outcome(self, step: str, trial: str, error: float, words: str = "", **more: Any) -> Outcome:
+        """Passed where the error is at most the bound and no launch since the last outcome had a fault; NaN fails."""
+        faults = tuple(dict.fromkeys(self.faults))
+        self.faults.clear()
+        passed = bool(error <= 1) and not faults
+        words = "; ".join(faults) or words
+        return Outcome(
+            self.operation.name, step, trial, self.backend, self.dtype, self.variant, passed, float(error), words,
+            kernel=self.kernel, dim=self.last.get("dim", 0), **more,
+        )  # fmt: skip
+
+    def explain(self, trial: str) -> bool:
+        """Whether the cause of this failed trial is to be sought by further calls; of some of them it is."""
+        self.explained.append(trial)
+        return len(self.explained) <= MOST_EXPLAINED
+
+    def varied(self, inputs: Inputs) -> Inputs:
+        """Inputs with this variant's overrides and this target's kernel."""
+        made = with_variant(inputs, self.operation.variants[self.variant])
+        return with_kernel(self.operation, made, self.kernel) if self.kernel else made
+
+    def prepared(self, case: str, lists: str = "search") -> tuple[Inputs, Any, Any]:
+        """(inputs with this variant's overrides, neighbours, walls with their list) of a case by name.
+
+        For a program that reads no list none is made, and the particles are in a random order.
+        """
+        period = period_of(self.operation, self.varied(Inputs(cases.CASES[case](), self.dtype)))
+        lists = lists if self.listed else "none"
+        made, neighbours, walls = prepared(case, self.place.name, self.dtype, lists, period)
+        return self.varied(made), neighbours, walls
+
+    def on_case(self, case: str, lists: str = "search", rows: np.ndarray | None = None) -> Judged:
+        """The program's answer to a case beside the oracle's."""
+        inputs, neighbours, walls = self.prepared(case, lists)
+        before, after = self.launch(inputs, neighbours, walls)
+        answer = oracle(self.operation, inputs, rows)
+        return Judged(inputs, before, after, answer, errors(self.operation, inputs, before, after, rows, answer), rows)
+
+    def launch(
+        self,
+        inputs: Inputs,
+        neighbours: Any = None,
+        walls: Any = None,
+        before: Mapping[str, Any] | None = None,
+        complete: bool = True,
+    ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+        """(outputs before, outputs after) one launch, on the host.
+
+        Without lists those of the oracle are taken, for the particles' order as it is; `before` sets outputs. A
+        program that raises, changes an input, writes beside its arrays or (with `complete`) leaves an output unset
+        adds to `faults`.
+        Raises NotJudged for inputs that the program is declared not to support.
+        """
+        operation, place = self.operation, self.place
+        excluded = self.excludes(operation, inputs)
+        if excluded:
+            raise NotJudged(excluded)
+        self.last["dim"] = inputs.case.dim
+        if self.backend == "numpy":
+            walls = inputs["walls"]
+        elif neighbours is None and self.listed:
+            neighbours, walls = all_pairs(inputs, place, period_of(operation, inputs))
+        wanted = {n: inputs.output(operation, n) for n in operation.outputs if not inputs.dropped(n)}
+        wanted |= {n: np.asarray(v, wanted[n].dtype) for n, v in (before or {}).items() if n in wanted}
+        guards = Guards(place, operation.work)
+        values = {n: guards.hold(n, on_backend(v, place), written=True) for n, v in wanted.items()}
+
+        def lookup(name: str) -> Any:
+            if name not in values:
+                made = value_of(operation, name, inputs, neighbours, walls, place) if name in self.taken else None
+                values[name] = guards.hold(name, made)
+            return values[name]
+
+        if self.program is None:
+            call = operation.bind(self.backend, lookup)
+        else:
+            call = functools.partial(self.program, *map(lookup, operation.arguments(self.backend)))
+        self.calling(inputs.case.name)
+        try:
+            with np.errstate(all="ignore"):
+                call()
+            place.synchronize()
+        except ProgramFailed as error:
+            self.faults.append(str(error))
+        finally:
+            self.calling(None)
+        self.faults.extend(guards.faults())
+        after = {n: np.array(place.host(values[n])) for n in wanted}
+        self.last["launch"] = inputs, wanted, after
+        if complete and not self.faults:
+            left = list(unwritten(wanted, after, before or {}))
+            if left:
+                self.faults.append(self._unset(left, inputs, neighbours, walls))
+        return wanted, after
+
+    def _unset(self, left: Iterable[str], inputs: Inputs, neighbours: Any, walls: Any) -> str:
+        """Why outputs hold no numbers after a call: nothing was written, or something was added to what stood there."""
+        quiet = self.quiet()
+        zero = {name: np.zeros_like(inputs.output(self.operation, name)) for name in left}
+        _, after = quiet.launch(inputs, neighbours, walls, before=zero, complete=False)
+        added = ", ".join(name for name in left if np.any(after[name] != zero[name]))
+        if added:
+            return f"your program adds to {added}, which holds no number before the call; it must assign it"
+        return f"your program does not write {', '.join(left)}"
+
+    def quiet(self) -> Target:
+        """The same program, whose faults are nobody's."""
+        return dataclasses.replace(self, faults=[], last={})
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One trial of one step, by a name that is known before the program is called; None where it does not apply."""
+
+    step: str
+    name: str
+    run: Callable[[], Outcome | None]
+
+
+def worst(found: Mapping[str, np.ndarray]) -> float:
+    """Largest error over bound of all outputs."""
+    return max((float(np.max(ratio, initial=0.0)) for ratio in found.values()), default=0.0)
+
+
+def named_worst(found: Mapping[str, np.ndarray], rows: np.ndarray | None = None) -> str:
+    """Where the largest error is."""
+    peaks = {n: float(np.max(r, initial=0.0)) for n, r in found.items()}
+    name = max(peaks, key=lambda n: peaks[n], default="")
+    if not name or not peaks[name] > 0:
+        return ""
+    place = int(np.argmax(found[name]))
+    return f"{name} of particle {place if rows is None or len(rows) != len(found[name]) else int(rows[place])}"
