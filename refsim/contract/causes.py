@@ -239,7 +239,7 @@ class Wrong:
             if self.explains(partial(self.altered, alter=alter)):
                 return words, None
         for words, sign in (
-            ("leaves out the particle itself (self term)", -1),
+            ("leaves out the particle itself (missing self term)", -1),
             ("counts the particle itself twice", 1),
         ):
             if self.explains(partial(self.with_self, sign=sign)):

@@ -252,6 +252,8 @@ def check_names(
         _operation(name, "the contract")
     among(dtypes, DTYPES, "there is no dtype")
     among(steps, tuple(STEPS), "there is no step")
+    most = max(len(operation.variants) + len(operation.optional) for operation in REGISTRY.values())
+    among(variants, range(most), "there is no variant")
     for name in operations if variants else ():
         chosen_variants(extended(name), variants)
 

@@ -1,0 +1,149 @@
+"""Densities by summation with one planted fault each, in NumPy and, by ctypes, in C++ (faults.cpp)."""
+
+import ctypes
+import math
+import pathlib
+import random
+import subprocess
+import threading
+import time
+
+import numpy as np
+
+from refsim.contract import Programs
+
+FAULTS = ("none", "self", "norm", "cap", "race", "unset", "half", "mirror", "image", "prefix", "edge")
+NORMS = {"cubic_spline": {2: 40 / (7 * math.pi), 3: 8 / math.pi}, "wendland_c2": {2: 7 / math.pi, 3: 21 / (2 * math.pi)}}
+
+
+def programs(function, kernel):
+    """A library that declares one kernel, walls and periods."""
+    return Programs({"sph.density": function}, kernels=(kernel,), without=("number_density", "asymmetry"), name="faulty")
+
+
+# NumPy
+
+
+def kernel_of(kernel, h, dim, dtype, cut=True):
+    scale = NORMS[kernel][dim] / h**dim
+
+    def value(r):
+        q = np.asarray(r / h, dtype)
+        a = 1 - q
+        w = a**4 * (1 + 4 * q) if kernel == "wendland_c2" else np.where(q <= 0.5, 1 - 6 * q * q * a, 2 * a**3)
+        return (scale * (np.where(q < 1, w, 0) if cut else w)).astype(dtype)
+
+    return value
+
+
+def distances(x, place, period, both=True):
+    d = place - x
+    for c in range(3 if period is not None else 0):
+        length = period[c]
+        if length > 0:
+            d[:, c] -= length * (np.round(d[:, c] / length) if both else d[:, c] > length / 2)
+    return np.sqrt((d * d).sum(1))
+
+
+def in_numpy(fault, kernel):
+    if fault == "prefix":
+        return programs(_prefix(kernel), kernel)
+
+    def density(position, mass, walls, smoothing, fluid, period, density):
+        dim, dtype = int(smoothing.dim), density.dtype
+        h = float(smoothing.support_radius) / (2 if fault == "half" else 1)
+        w = kernel_of(kernel, h, 3 if fault == "norm" else dim, dtype, cut=fault != "edge")
+        if fault == "race":
+            return _racing(position, mass, period, w, density)
+        for i in range(len(mass)):
+            r = distances(position[i], position, period, both=fault != "image")
+            terms = mass * w(r)
+            if fault == "self":
+                terms[i] = 0
+            if fault == "cap":
+                terms = terms[np.flatnonzero(r < h)[:65]]
+            total = terms.sum()
+            if walls is not None and len(walls.position):
+                place = walls.position * ([1, 1, -1] if dim == 3 else [1, -1, 1]) if fault == "mirror" else walls.position
+                total += (fluid.rest_density * walls.volume * w(distances(position[i], place, period))).sum()
+            density[i] = density[i] + total if fault == "unset" else total
+
+    return programs(density, kernel)
+
+
+def _racing(position, mass, period, w, density):
+    """Four threads that read the sums, wait, and write them."""
+    density[:] = mass * w(np.zeros(1))
+
+    def work(first):
+        for i in range(first, min(len(mass), 64), 4):
+            part = mass[i] * w(distances(position[i], position, period))
+            part[i] = 0
+            before = density.copy()
+            time.sleep(random.uniform(0, 2e-4))
+            density[:] = before + part
+        rest = range(64 + first, len(mass), 4)
+        density[:] += sum((mass[i] * w(distances(position[i], position, period)) for i in rest), np.zeros_like(density))
+
+    threads = [threading.Thread(target=work, args=(k,)) for k in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+
+
+def _prefix(kernel):
+    def density(position, mass, neighbours, smoothing, density):
+        w = kernel_of(kernel, float(smoothing.support_radius), int(smoothing.dim), density.dtype)
+        own = np.repeat(np.arange(len(mass)), neighbours.count)
+        end = np.cumsum(neighbours.count, dtype=np.int64)
+        place = np.arange(len(own)) + np.repeat(neighbours.start - (end - neighbours.count), neighbours.count)
+        index = neighbours.entries[place].astype(int)
+        d = position[own] - position[index]
+        terms = mass[index] * w(np.sqrt((d * d).sum(1)))
+        running = np.concatenate([[0], np.cumsum(terms, dtype=np.float32)])
+        density[:] = mass * w(np.zeros(1)) + (running[end] - running[end - neighbours.count])
+
+    return density
+
+
+# C++
+
+
+def in_cpp(folder, fault, kernel):
+    libraries = {d: ctypes.CDLL(str(folder / f"faults_{d}.so")) for d in ("float32", "float64")}
+    number, cubic = FAULTS.index(fault), int(kernel == "cubic_spline")
+
+    def pointer(values):
+        return None if values is None else values.ctypes.data_as(ctypes.c_void_p)
+
+    def begin(smoothing, mass):
+        real = {"float32": ctypes.c_float, "float64": ctypes.c_double}[str(mass.dtype)]
+        h = real(float(smoothing.support_radius))
+        return real, (number, cubic, int(smoothing.dim), h, ctypes.c_int64(len(mass)))
+
+    def density(position, mass, walls, smoothing, fluid, period, density):
+        real, first = begin(smoothing, mass)
+        lengths = None if period is None else np.array(period[:3], mass.dtype)
+        wall = (None, None) if walls is None else (walls.position, walls.volume)
+        count = ctypes.c_int64(0 if walls is None else len(walls.position))
+        libraries[str(mass.dtype)].density(
+            *first, pointer(position), pointer(mass), count, *map(pointer, wall), real(float(fluid.rest_density)),
+            pointer(lengths), pointer(density),
+        )  # fmt: skip
+
+    def prefix(position, mass, neighbours, smoothing, density):
+        _, first = begin(smoothing, mass)
+        lists = map(pointer, (neighbours.start, neighbours.count, neighbours.entries))
+        libraries[str(mass.dtype)].prefix(*first, pointer(position), pointer(mass), *lists, pointer(density))
+
+    return programs(prefix if fault == "prefix" else density, kernel)
+
+
+def compiled(folder, compiler):
+    """The two libraries of faults.cpp in a folder."""
+    source = pathlib.Path(__file__).with_name("faults.cpp")
+    for dtype, real in (("float32", "float"), ("float64", "double")):
+        command = [compiler, "-O2", "-shared", "-fPIC", "-pthread", f"-DREAL={real}", source, "-o"]
+        subprocess.run([*command, folder / f"faults_{dtype}.so"], check=True)
+    return folder
