@@ -112,7 +112,7 @@ def _cast(value: Any, usual: Any, dtype: str) -> Any:
     if isinstance(value, np.ndarray) and value.dtype.kind == "f":
         return value.astype(usual.dtype if isinstance(usual, np.ndarray) else dtype)
     if isinstance(value, float):
-        return float(value) if isinstance(usual, float) else np.dtype(dtype).type(value)
+        return type(usual)(value) if isinstance(usual, float) else np.dtype(dtype).type(value)
     if hasattr(value, "on_backend"):  # a grid, whose copy on a backend has node arrays of its dtype
         value = copy.copy(value)
         value.dtype = dtype
