@@ -95,11 +95,11 @@ def _same(given: Any, override: Any) -> bool:
 
 def typed(name: str, value: Any, dtype: str) -> Any:
     """The argument `name` of a closed form, written in Python's numbers, with the types that it has in a run."""
-    return _cast(value, _usual(name, dtype) if hasattr(value, "_fields") else None, dtype)
+    return _cast(value, usual_value(name, dtype) if hasattr(value, "_fields") else None, dtype)
 
 
 @functools.cache
-def _usual(name: str, dtype: str) -> Any:
+def usual_value(name: str, dtype: str) -> Any:
     """The parameter group `name` as a run has it: some of its numbers are float64 whatever the run's dtype is."""
     return Inputs(cases.CASES[FEW[3]](), dtype)[name]
 

@@ -17,11 +17,12 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from refsim.contract.answers import usual_value
 from refsim.contract.binding import by_name, told
 from refsim.contract.features import extended
 from refsim.contract.inputs import Inputs, backend_for
 from refsim.contract.ladder import STEPS
-from refsim.contract.parameters import KERNELS, shape_acts
+from refsim.contract.parameters import KERNELS, groups_of, readings_of, shape_acts
 from refsim.core.errors import InputError
 from refsim.core.operation import BACKENDS, REGISTRY, Made, Operation
 from refsim.smoothing import SHAPES
@@ -118,7 +119,7 @@ class Programs:
         """What of the inputs the backend is declared not to support, as a clause; "" if it supports all."""
         if inputs.case.dim not in self.dims:
             return f"in {inputs.case.dim} dimensions"
-        if inputs.case.literal and not self.readings:
+        if not self.readings and (inputs.case.literal or reads_otherwise(operation, inputs)):
             return AS_PRINTED
         names = {number: name for name, number in SHAPES.items()}
         for name in (n for n in KERNELS if n in operation.arguments("numpy")):
@@ -149,6 +150,15 @@ class Programs:
     def operation(self, name: str) -> Operation:
         """The operation as it is judged: other programs than refsim's also with each feature by itself."""
         return REGISTRY[name] if self.programs is None else extended(name)
+
+
+def reads_otherwise(operation: Operation, inputs: Inputs) -> bool:
+    """Whether a parameter group has another reading of a paper than the adopted one."""
+    return any(
+        getattr(group, member) != getattr(usual_value(name, inputs.dtype), member)
+        for name, group in groups_of(operation, inputs).items()
+        for member in readings_of(group)
+    )
 
 
 def own(backend: str) -> Programs:

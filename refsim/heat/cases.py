@@ -142,6 +142,7 @@ VARIATIONS[Conduction] = Variation(
     },
     {"dim": lambda dim: 5 - dim, "most_passes": lambda most: 2},
     ("support_radius", "factor", "laplacian", "harmonic", "unit_capacity", "dim"),
+    ("laplacian", "harmonic", "unit_capacity"),
 )
 PAIRS = "support_radius factor laplacian harmonic unit_capacity dim"
 codes(Conduction, laplacian={"spiky": SPIKY, "mueller": MUELLER, "poly6": POLY6})
@@ -503,6 +504,6 @@ def ice_of_unit_capacity_on_a_reservoir():
 
 @closed_form("heat.exchange_rate")
 def rates_of_a_pair_in_nearly_one_place():
-    """q = 1.005e-9 is above 1e-9, so that the pair exchanges: L is (1 - q)^2/(1/10), twenty times that at q = 1/2."""
+    """q = 1.005e-9 is above 0, so that the pair exchanges: L is (1 - q)^2/(1/10), twenty times that at q = 1/2."""
     near = Case("heat_near", 3, np.array([[0.0, 0.0, 0.0], [0.0, 2.01e-9, 0.0]]), spacing=1.0, support_radius=2.0)
     return Exact(near, _given(), {"exchange_rate": 20 * (1 - 1.005e-9) ** 2 * WEIGHT / 0.5 * INVERSE})

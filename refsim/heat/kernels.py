@@ -53,7 +53,7 @@ def weight(i, j, position, volume, conductivity, seconds, conduction, period):
 def weight_at(q, volume_i, volume_j, conductivity_i, conductivity_j, seconds, conduction):
     """g of a pair at the distance q h [J/K]: 0 beyond h and for coincident particles."""
     real = type(q)
-    if q >= real(1) or q <= real(1e-9):
+    if q >= real(1) or q <= real(0):
         return real(0)
     return pair_weight(q, volume_i, volume_j, conductivity_i, conductivity_j, seconds, conduction)
 

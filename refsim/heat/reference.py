@@ -89,7 +89,7 @@ def pairs(position, volume, conductivity, timestep, conduction, period):
     h = float(conduction.support_radius)
     found = []
     for place, _, distance in pair_blocks(position, position, period=period):
-        row, j = np.nonzero((distance < h) & (distance > 1e-9 * h))
+        row, j = np.nonzero((distance < h) & (distance > 0))
         i = row + place.start
         if conduction.harmonic:
             with np.errstate(invalid="ignore"):

@@ -166,7 +166,7 @@ VARIATIONS[Background] = Variation(
     other={"least_mass": lambda least: 0.2},  # [kg], that of a node at the edge of the liquid
     usual=(),
 )
-VARIATIONS[Embedding] = Variation(other={"reading": lambda reading: reading + 1})
+VARIATIONS[Embedding] = Variation(other={"reading": lambda reading: reading + 1}, readings=("reading",))
 VARIATIONS[KernelGradient] = Variation(held={"on": "the group's presence is the reading"})
 VARIATIONS[Mirrors] = Variation(held={"on": "the group's presence is the reading"})
 codes(Embedding, reading={name: number for number, name in enumerate(READINGS)})

@@ -13,12 +13,17 @@ import numpy as np
 from refsim.contract import Programs
 
 FAULTS = ("none", "self", "norm", "cap", "race", "unset", "half", "mirror", "image", "prefix", "edge")
-NORMS = {"cubic_spline": {2: 40 / (7 * math.pi), 3: 8 / math.pi}, "wendland_c2": {2: 7 / math.pi, 3: 21 / (2 * math.pi)}}
+NORMS = {
+    "cubic_spline": {2: 40 / (7 * math.pi), 3: 8 / math.pi},
+    "wendland_c2": {2: 7 / math.pi, 3: 21 / (2 * math.pi)},
+}
 
 
 def programs(function, kernel):
     """A library that declares one kernel, walls and periods."""
-    return Programs({"sph.density": function}, kernels=(kernel,), without=("number_density", "asymmetry"), name="faulty")
+    return Programs(
+        {"sph.density": function}, kernels=(kernel,), without=("number_density", "asymmetry"), name="faulty"
+    )
 
 
 # NumPy
@@ -64,7 +69,9 @@ def in_numpy(fault, kernel):
                 terms = terms[np.flatnonzero(r < h)[:65]]
             total = terms.sum()
             if walls is not None and len(walls.position):
-                place = walls.position * ([1, 1, -1] if dim == 3 else [1, -1, 1]) if fault == "mirror" else walls.position
+                place = (
+                    walls.position * ([1, 1, -1] if dim == 3 else [1, -1, 1]) if fault == "mirror" else walls.position
+                )
                 total += (fluid.rest_density * walls.volume * w(distances(position[i], place, period))).sum()
             density[i] = density[i] + total if fault == "unset" else total
 

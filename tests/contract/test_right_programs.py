@@ -1,0 +1,125 @@
+"""Right programs pass that know no private convention: sums compared by distance, heat as the textbooks have it."""
+
+import math
+
+import numpy as np
+import pytest
+
+from refsim import contract
+from refsim.contract import coverage
+from refsim.contract.apart import Request
+from refsim.contract.bounds import edge_terms
+from refsim.core import cases
+from refsim.core.operation import REGISTRY
+
+
+def failures(programs, operation, **chosen):
+    outcomes = list(contract.trials(programs, operation, **chosen))
+    assert len([o for o in outcomes if not o.not_judged]) > 10
+    return [str(o) for o in outcomes if not o.passed and not o.not_judged]
+
+
+# Heat: Brookshaw's Laplacian with the harmonic mean of the conductivities
+
+
+def heat(position, mass, volume, heat_capacity, conductivity, conduction, timestep, temperature):
+    """Forward Euler; -W'(r)/max(r, h/10) with the spiky kernel."""
+    h, dim = float(conduction.support_radius), int(conduction.dim)
+    apart = position[:, None] - position[None]
+    r = np.sqrt((apart.astype(float) ** 2).sum(2))
+    slope = 3 * {2: 10 / math.pi, 3: 15 / math.pi}[dim] / h ** (dim + 1) * (1 - r / h) ** 2
+    steep = np.where((r < h) & (r > 0), slope / np.maximum(r, h / 10), 0)
+    total = conductivity[:, None] + conductivity[None]
+    mean = 2 * conductivity[:, None] * conductivity[None] / np.where(total > 0, total, 1)
+    rate = volume[:, None] * volume[None] * 2 * mean * steep * float(conduction.factor)
+    with np.errstate(invalid="ignore"):
+        gain = np.where(steep > 0, rate * (temperature[None] - temperature[:, None]), 0).sum(1)
+    temperature += (float(timestep[1]) * gain / (mass * heat_capacity)).astype(temperature.dtype)
+
+
+STANDARD = contract.Programs(
+    {"heat.explicit": heat}, dtypes=("float64",), readings=False, name="heat",
+    without=("reservoir", "period", "melting_point", "latent_heat", "enthalpy"),
+)  # fmt: skip
+
+
+def test_a_standard_heat_code_passes():
+    assert not failures(STANDARD, "heat.explicit", steps=("T1", "T2", "T5", "T7", "T9", "T10"))
+
+
+def test_readings_as_printed_are_judged_unless_they_are_declared_away():
+    declared = contract.Programs({"heat.explicit": heat}, dtypes=("float64",), without=STANDARD.without, name="heat")
+    failed = failures(declared, "heat.explicit", steps=("T2", "T10"))
+    assert any("printed_readings" in words for words in failed)
+    assert any("conduction.harmonic" in words for words in failed)
+    left_out = {o.not_judged for o in contract.trials(STANDARD, "heat.explicit", steps=("T2",))}
+    assert "a reading as printed" in left_out
+
+
+# r = h
+
+
+@pytest.mark.parametrize("squared", [False, True])
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_pairs_within_rounding_of_the_support_radius_may_count_or_not(dtype, squared):
+    """Akinci's area term K_ij (n_i - n_j) is not zero at r = h; whether a pair is nearer is decided in `dtype`."""
+    operation = REGISTRY["akinci_2013.tension"]
+    reference = operation.program("numpy")
+
+    def tension(**given):
+        acceleration = given.pop("acceleration")
+        position, h = given["position"], given["smoothing"].support_radius
+        apart = position[:, None] - position[None]
+        square = (apart * apart).sum(2)
+        near = square < h * h if squared else np.sqrt(square) < h
+        taken = [given.get(name) for name in operation.arguments("numpy")]
+        for i in range(len(position)):  # each row over the particles that are near by this program's own test
+            moved = np.where(near[i][:, None], position, position[i] + 10 * h)
+            taken[0] = moved
+            acceleration[i] += reference(*taken, rows=np.array([i]))["acceleration"][0][0].astype(dtype)
+
+    programs = contract.Programs({"akinci_2013.tension": tension}, dtypes=(dtype,), name="by_distance")
+    for case in ("thin_sheet", "lattice_3d"):
+        steps = contract.ladder(programs, "akinci_2013.tension", (dtype,), (0, 1), ("T2",))
+        for step in (s for s in steps if s.trial and s.trial.name == case):
+            assert step.perform().passed, str(step.perform())
+
+
+def test_only_rows_with_a_pair_at_the_edge_are_widened():
+    inputs = contract.Inputs(cases.CASES["cloud_3d"](), "float32")
+    assert edge_terms(REGISTRY["sph.density"], inputs) == {}
+
+
+# What was not judged
+
+
+def cubic(position, mass, smoothing, density):
+    h, dim = float(smoothing.support_radius), int(smoothing.dim)
+    q = np.minimum(np.sqrt(((position[:, None] - position[None]) ** 2).sum(2)) / h, 1)
+    w = np.where(q <= 0.5, 1 - 6 * q * q * (1 - q), 2 * (1 - q) ** 3)
+    scale = {2: 40 / (7 * math.pi), 3: 8 / math.pi}[dim] / h**dim
+    density[:] = (scale * w * np.where(q < 1, mass[None], 0)).sum(1)
+
+
+OWN = contract.Programs(
+    {"sph.density": cubic}, kernels=("cubic_spline",), dtypes=("float64",), walls=False, name="cubic",
+    without=("number_density", "asymmetry", "period"),
+)  # fmt: skip
+
+
+def test_what_is_declared_and_met_no_trial_is_a_gap():
+    outcomes = list(contract.trials(OWN, "sph.density", steps=("T1", "T2")))
+    assert all(o.passed or o.not_judged for o in outcomes)
+    declared = {"dtypes": ["float64"], "dims": [2, 3], "kernels": ["cubic_spline"], "left_out": OWN.left_out}
+    request = Request("cubic")
+    assert coverage.gaps("sph.density", declared, request, outcomes) == []
+    more = declared | {"dtypes": ["float32", "float64"], "kernels": ["cubic_spline", "spiky"], "left_out": ["period"]}
+    assert coverage.gaps("sph.density", more, request, outcomes) == [
+        "float32", "the kernel spiky in 2 dimensions", "the kernel spiky in 3 dimensions", "with asymmetry",
+        "with number_density", "with walls",
+    ]  # fmt: skip
+    flat = [o for o in outcomes if o.dim == 2 and o.step != "T1"]
+    assert coverage.gaps("sph.density", declared, request, flat) == [
+        "an answer in closed form (T1)", "the kernel cubic_spline in 3 dimensions",
+    ]  # fmt: skip
+    assert coverage.gaps("sph.density", declared, Request("cubic", steps=("T7",)), []) == []
