@@ -143,7 +143,8 @@ def _smoothing_follows(group, inputs, kernel):
 codes(Smoothing, shape=SHAPES)
 VARIATIONS[Smoothing] = Variation(_smoothing_follows, other={"dim": lambda dim: 5 - dim})
 VARIATIONS[Fluid] = Variation(
-    other={"exponent": lambda g: g + 1, "internal_pressure": lambda p: 3e4}, usual=("rest_density",),
+    other={"exponent": lambda g: g + 1, "internal_pressure": lambda p: 3e4},
+    usual=("rest_density",),
     readings=("gradient_share", "wall_share"),
 )
 takes("sph.state", fluid="rest_density stiffness exponent clamp internal_pressure")
