@@ -263,7 +263,7 @@ def _repeated(target: Target, trial: str, case: str, counts: tuple[int | None, .
     rounding = share < 100 * float(np.finfo(target.dtype).eps)
     if rounding and not target.same_bits:
         return target.outcome("T6", trial, 0.0)
-    words = f"your program gives other bits for the same inputs, within rounding ({rows} rows): sums in another order"
+    words = f"your program gives other bits for the same inputs, within rounding ({rows} rows): a race, or atomic sums"
     if not rounding:
         words = (
             f"your program gives other values of {name} for the same inputs ({rows} rows, by {share:.2g} of the"
