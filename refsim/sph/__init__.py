@@ -38,6 +38,7 @@ from refsim.sph import reference as reference
 from refsim.sph.flow import at_least, fast_flow
 
 LIQUID = "weakly_compressible"  # name of the effect that brings the liquid
+LIQUID_ALONE = {"phase": None, "rest_density": None}  # names of `sph.continuity` where there are no solids
 DENSITY = Field("density", "kg/m^3 (kg/m^2 in 2D)", "density rho, J(7)")
 NUMBER_DENSITY = Field("number_density", "1/m^3 (1/m^2 in 2D)", "number density delta, J(8)")
 ASYMMETRY = Field("asymmetry", "1/m^2 (1/m in 2D)", "length of the first moment of J(8), |sum_j W_ij x_ij|")
@@ -216,10 +217,11 @@ class WeaklyCompressible(
         extrapolated = any(effect.extrapolates() for effect in walls)
         if not (self.advances() or extrapolated):
             return
+        coupled = "two_way_coupling" if self.advances() else ""  # which has passes of its own for an advanced density
         what = "density = 'continuity'" if self.advances() else "walls with model = 'extrapolated'"
         for effect in others.values():
             replaced = sorted({"sph.density", "sph.state", "sph.pressure", "sph.momentum"} & set(effect.replaces()))
-            if replaced:
+            if replaced and effect.name != coupled:
                 raise InputError(
                     f"{self.name}: {what} and {effect.name}, which replaces {replaced[0]}, exclude each other; leave"
                     " one of them out."
@@ -280,7 +282,7 @@ class WeaklyCompressible(
             "sph.density", ("position", "mass"), ("summed_density", *sums), names={"density": "summed_density"}
         )
         return (
-            Pass("sph.continuity", reads, ("density_excess", "density"), names=names),
+            Pass("sph.continuity", reads, ("density_excess", "density"), names=names | LIQUID_ALONE),
             *((summed,) if self._sums_wanted(others) else ()),
             Pass("sph.keep_density", ("density_excess",), updates=("advanced_excess",), stage="motion"),
         )
@@ -378,6 +380,8 @@ class WeaklyCompressible(
                     exponent = 7 if self.state == "tait" else 1
                     ratio = 1 + head * exponent / (self.rest_density * self.sound_speed**2)
                     excess[part] = self.rest_density * (ratio ** (1 / exponent) - 1)
+        if grid.solids is not None:
+            excess[: len(grid.solids.lattice.key)] = 0.0
         return {ADVANCED_EXCESS.name: excess}
 
     def largest_mass_ratio(self, others: Mapping[str, Effect]) -> float:

@@ -9,6 +9,8 @@ from refsim.smoothing.formulas import gradient_factor, kernel_slope, kernel_valu
 from refsim.sph import formulas
 from refsim.sph.formulas import central_viscosity_pair, pressure_pair, viscosity_pair, wall_pressure_pair
 
+LIQUID_PHASE = 0  # in `phase`; solids have others
+
 
 @pair
 def density_pair(r, mass_j, smoothing):
@@ -104,11 +106,13 @@ def wall_gradient(i, lane, position, walls, smoothing, weight, period):
 
 @pair
 def continuity_pair(
-    r, x_ij, velocity_i, velocity_j, mass_j, advanced_excess_i, advanced_excess_j, smoothing, fluid, diffusion
-):
-    """(d rho_i/dt)/rho_i by the flow [1/s], and d rho_i/dt by diffusion [kg/(m^dim s)]."""
+    r, x_ij, velocity_i, velocity_j, mass_j, rest_density_j, phase_j, advanced_excess_i, advanced_excess_j, smoothing,
+    fluid, diffusion,
+):  # fmt: skip
+    """(d rho_i/dt)/rho_i by the flow [1/s], and d rho_i/dt by diffusion [kg/(m^dim s)], by liquid alone."""
     slope = gradient_factor(r, smoothing)
-    volume = mass_j / (fluid.rest_density + advanced_excess_j)
+    rest = fluid.rest_density if rest_density_j is None else rest_density_j
+    volume = mass_j / (rest + advanced_excess_j)
     approach = (velocity_i[0] - velocity_j[0]) * x_ij[0]
     approach += (velocity_i[1] - velocity_j[1]) * x_ij[1]
     approach += (velocity_i[2] - velocity_j[2]) * x_ij[2]
@@ -116,6 +120,9 @@ def continuity_pair(
     if diffusion is not None:
         head = x_ij[0] * diffusion.x + x_ij[1] * diffusion.y + x_ij[2] * diffusion.z
         spread = formulas.diffusion_pair(volume, advanced_excess_i, advanced_excess_j, head, slope, diffusion)
+        if phase_j is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
+            if phase_j != LIQUID_PHASE:
+                spread = type(r)(0)
     return formulas.continuity_pair(volume, approach, slope), spread
 
 
@@ -132,13 +139,23 @@ def wall_continuity_pair(r, x_ij, velocity_i, place_j, volume_j, smoothing, wall
 
 @kernel(lanes=True)
 def continuity(
-    i, lane, position, velocity, mass, advanced_excess, neighbours, walls, wall_motion, smoothing, fluid, diffusion,
-    period, timestep, density_excess, density,
+    i, lane, position, velocity, mass, rest_density, phase, advanced_excess, neighbours, walls, wall_motion, smoothing,
+    fluid, diffusion, period, timestep, density_excess, density,
 ):  # fmt: skip
-    """Continuity equation with diffusion: density after the latest step [kg/m^dim], and its excess over rho0."""
+    """Continuity equation with diffusion: density after the latest step [kg/m^dim], and its excess over rho0.
+
+    Solids, where there are any, keep their rest density.
+    """
+    rest = fluid.rest_density if rest_density is None else rest_density[i]
+    if phase is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
+        if phase[i] != LIQUID_PHASE:
+            if first_lane(lane):
+                density_excess[i] = type(rest)(0)
+                density[i] = rest
+            return
     rate, spread = neighbour_sum(
-        continuity_pair, i, lane, neighbours, position, period, velocity, mass, advanced_excess, smoothing, fluid,
-        diffusion,
+        continuity_pair, i, lane, neighbours, position, period, velocity, mass, rest_density, phase, advanced_excess,
+        smoothing, fluid, diffusion,
     )  # fmt: skip
     if walls is not None:
         rate += neighbour_sum(
@@ -146,7 +163,7 @@ def continuity(
             wall_motion,
         )  # fmt: skip
     if first_lane(lane):
-        rest, excess = fluid.rest_density, advanced_excess[i]
+        excess = advanced_excess[i]
         excess += timestep[1] * ((rest + excess) * rate + spread)
         density_excess[i] = excess
         density[i] = rest + excess

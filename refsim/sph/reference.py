@@ -62,30 +62,34 @@ def density(position, mass, walls, smoothing, fluid, period=None, rows=None):
 @operation(
     "continuity equation with diffusion",
     paper="Colagrossi & Landrini 2003; Molteni & Colagrossi 2009; Fourtakas et al. 2019",
-    outputs="density_excess density", optional="walls wall_motion diffusion period",
+    outputs="density_excess density", optional="walls wall_motion diffusion period rest_density phase",
     variants=(
-        "walls wall_motion diffusion period", "walls wall_motion period", "period wall_motion", "period",
-        "walls wall_motion",
+        "walls wall_motion diffusion period rest_density phase", "walls wall_motion period",
+        "period wall_motion rest_density phase", "period", "walls wall_motion rest_density phase",
     ),
     tolerance=12.0, reason="one rounding in each of distance, slope, volume, velocity difference, projection,"
     " quotients, product and sum", invariants=f"{SYMMETRY} galilean",
     broken={1: "rotation", 2: "rotation galilean", 3: "translation rotation galilean", 4: "rotation"},
 )  # fmt: skip
 def continuity(
-    position, velocity, mass, advanced_excess, walls, wall_motion, smoothing, fluid, diffusion, period, timestep,
-    rows=None,
+    position, velocity, mass, rest_density, phase, advanced_excess, walls, wall_motion, smoothing, fluid, diffusion,
+    period, timestep, rows=None,
 ):  # fmt: skip
     """Density [kg/m^dim] a step after rho0 + advanced_excess, and its excess over rho0.
 
     d rho_i/dt = rho_i sum_j V_j (v_i - v_j).grad W_ij + rho_i sum_b V_b (v_i - v_b).grad W_ib + D_i, V_j = m_j/rho_j;
     D_i = delta h_s c sum_j V_j psi_ij.grad W_ij, psi_ij = 2 (rho_j - rho_i - rho0 g.x_ji/c^2) x_ji/|x_ij|^2.
-    `timestep` [s] has the step's length second; v_b = 0, or that of `wall_motion` beyond its planes.
+    `timestep` [s] has the step's length second; v_b = 0, or that of `wall_motion` beyond its planes. Solids (`phase`
+    not 0) keep their rest density and take no part in D_i.
     """
-    rest, dt = float(fluid.rest_density), float(timestep[1])
+    rest, dt = fluid.rest_density if rest_density is None else rest_density, float(timestep[1])
     before = np.asarray(advanced_excess, dtype=float)
+    rest = np.broadcast_to(np.asarray(rest, dtype=float), before.shape)
+    liquid = np.ones(before.shape, bool) if phase is None else np.asarray(phase) == 0
     velocity = np.asarray(velocity, dtype=float)
     volume = np.asarray(mass, dtype=float) / (rest + before)
-    e, v = _rows(before, rows), _rows(velocity, rows)
+    spreading = volume * liquid
+    e, v, rest, changing = (_rows(values, rows) for values in (before, velocity, rest, liquid))
     strain, spread = Sums(len(e)), Sums(len(e))
     for place, separation, distance in pair_blocks(position, position, rows, period):
         apart = np.where(distance > 0, distance, 1.0)
@@ -98,7 +102,7 @@ def continuity(
             difference = before[None, :] - e[place, None] + separation @ slope
             most = np.abs(before)[None, :] + np.abs(e)[place, None] + np.abs(separation) @ np.abs(slope)
             psi = -2 * separation / (apart**2)[..., None]
-            factor = float(diffusion.coefficient) * volume[None, :] * (psi * gradient).sum(-1)
+            factor = float(diffusion.coefficient) * spreading[None, :] * (psi * gradient).sum(-1)
             spread.add(place, factor * difference, np.abs(factor) * most)
     if walls is not None:
         x, wall_volume = np.asarray(walls.position, dtype=float), np.asarray(walls.volume, dtype=float)
@@ -113,7 +117,7 @@ def continuity(
             most = np.abs(v)[place, None, :] + np.abs(wall_velocity)[None, :, :]
             sized = wall_volume[None, :] * (np.abs(gradient) * most).sum(-1)
             strain.add(place, wall_volume[None, :] * (gradient * parting).sum(-1), sized)
-    excess = e + dt * ((rest + e) * strain.value + spread.value)
+    excess = changing * (e + dt * ((rest + e) * strain.value + spread.value))
     size = np.abs(e) + dt * ((rest + np.abs(e)) * strain.scale + spread.scale)
     return {"density_excess": (excess, size), "density": (rest + excess, rest + size)}
 

@@ -1,6 +1,6 @@
 """Walls whose pressure is extrapolated from the liquid, after Adami, Hu & Adams 2012.
 
-Contents: WALL_PRESSURE, PASSES, Lean, lean; operations adami_2012.extrapolation, adami_2012.wall_force. There is no
+Contents: WALL_PRESSURE, passes, Lean, lean; operations adami_2012.extrapolation, adami_2012.wall_force. There is no
 effect of this name: `box_walls` and `mesh_boundary` add the passes with `model = "extrapolated"`.
 """
 
@@ -15,13 +15,20 @@ from refsim.core.fields import Field
 from refsim.sph import acceleration_of
 
 WALL_PRESSURE = Field("wall_pressure", "Pa", "pressure of the wall particles, from the liquid", rows="walls")
-PASSES = (
-    Pass("adami_2012.extrapolation", ("position", "density", "pressure"), ("wall_pressure",)),
-    Pass(
-        "adami_2012.wall_force", ("position", "density", "pressure", "wall_pressure"), updates=("acceleration",),
-        names={"smoothing": "gradient_smoothing"},
-    ),
-)  # fmt: skip
+
+
+def passes(others: Mapping[str, Effect]) -> tuple[Pass, ...]:
+    """Extrapolation and push; between walls and liquid alone where there are solids."""
+    solids = ("phase",) if "two_way_coupling" in others else ()
+    names = {} if solids else {"phase": None}
+    reads = ("position", "density", "pressure", *solids)
+    return (
+        Pass("adami_2012.extrapolation", reads, ("wall_pressure",), names=names),
+        Pass(
+            "adami_2012.wall_force", (*reads, "wall_pressure"), updates=("acceleration",),
+            names={"smoothing": "gradient_smoothing"} | names,
+        ),
+    )  # fmt: skip
 
 
 class Lean(NamedTuple):

@@ -5,20 +5,24 @@ from refsim.boundary.adami_2012.formulas import extrapolated_pair, wall_force_pa
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import first_lane
 from refsim.smoothing.formulas import gradient_factor, kernel_value
+from refsim.sph.kernels import LIQUID_PHASE
 
 
 @pair
-def weighted_pair(r, x_ij, density_j, pressure_j, smoothing, lean):
-    """Terms of the numerator [Pa/m^dim] and of the denominator [1/m^dim] of (27)."""
+def weighted_pair(r, x_ij, density_j, pressure_j, phase_j, smoothing, lean):
+    """Terms of the numerator [Pa/m^dim] and of the denominator [1/m^dim] of (27); none by solids."""
     w = kernel_value(r, smoothing)
+    if phase_j is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
+        if phase_j != LIQUID_PHASE:
+            w = type(r)(0)
     return w * extrapolated_pair(pressure_j, density_j, x_ij, lean), w
 
 
 @kernel
-def extrapolation(i, density, pressure, liquid_near_walls, walls, smoothing, lean, period, wall_pressure):
+def extrapolation(i, density, pressure, phase, liquid_near_walls, walls, smoothing, lean, period, wall_pressure):
     """Adami 2012 (27): pressure of wall particle i [Pa]; 0 where no liquid is within reach."""
     total, weights = neighbour_sum(
-        weighted_pair, i, None, liquid_near_walls, walls.position, period, density, pressure, smoothing, lean
+        weighted_pair, i, None, liquid_near_walls, walls.position, period, density, pressure, phase, smoothing, lean
     )
     zero = type(smoothing.support_radius)(0)
     wall_pressure[i] = total / weights if weights > zero else zero
@@ -32,8 +36,13 @@ def pushing_pair(r, x_ij, pressure_i, wall_pressure_j, volume_j, smoothing):
 
 
 @kernel(lanes=True)
-def wall_force(i, lane, position, density, pressure, wall_pressure, neighbours, walls, smoothing, period, acceleration):
-    """J(10) with the walls; added to the acceleration [m/s^2]."""
+def wall_force(
+    i, lane, position, density, pressure, wall_pressure, phase, neighbours, walls, smoothing, period, acceleration
+):
+    """J(10) of the liquid with the walls; added to the acceleration [m/s^2]."""
+    if phase is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
+        if phase[i] != LIQUID_PHASE:
+            return
     ax, ay, az = neighbour_sum(
         pushing_pair, i, lane, walls, position, period, pressure, wall_pressure, walls.volume, smoothing
     )

@@ -10,20 +10,21 @@ operation = operations(paper="Adami, Hu & Adams 2012")
 
 
 @operation(
-    "(27)", outputs="wall_pressure", entrywise=True, optional="period", tolerance=16.0,
+    "(27)", outputs="wall_pressure", entrywise=True, optional="phase period", tolerance=16.0,
     reason="one rounding in each of distance, kernel, head, product and sum, and those of the quotient",
 )  # fmt: skip
-def extrapolation(position, density, pressure, walls, smoothing, lean, period=None):
-    """Pressure of each wall particle [Pa]; 0 where no liquid is within reach.
+def extrapolation(position, density, pressure, phase, walls, smoothing, lean, period=None):
+    """Pressure of each wall particle [Pa]; 0 where no liquid is within reach. Solids (`phase` not 0) do not count.
 
     (27) p_w = sum_f W_wf (p_f + rho_f (g - a_w).(x_w - x_f)) / sum_f W_wf.
     """
     rho, p = np.asarray(density, dtype=float), np.asarray(pressure, dtype=float)
+    liquid = np.ones(len(p)) if phase is None else np.asarray(phase) == 0
     upward = np.array([float(part) for part in lean])
     count = len(walls.position)
     sums, weights, terms = Sums(count), np.zeros(count), np.zeros(count)
     for place, separation, distance in pair_blocks(walls.position, position, None, period):
-        w = kernel_value(distance, smoothing)
+        w = kernel_value(distance, smoothing) * liquid
         weights[place] += w.sum(1)
         terms[place] += (w > 0).sum(1)
         head = rho[None, :] * (separation @ upward)
@@ -35,12 +36,13 @@ def extrapolation(position, density, pressure, walls, smoothing, lean, period=No
 
 @operation(
     "J(10) with wall particles", paper="Adami, Hu & Adams 2012; Jiang & Zhu 2023", adds="acceleration",
-    optional="period", tolerance=8.0, invariants=SYMMETRY, broken={1: "rotation"},
+    optional="phase period", tolerance=8.0, invariants=SYMMETRY, broken={1: "rotation"},
 )  # fmt: skip
-def wall_force(position, density, pressure, wall_pressure, walls, smoothing, period=None, rows=None):
-    """Acceleration [m/s^2] a_i = -(1/rho_i) sum_w V_w (p_i + p_w) grad W_iw."""
+def wall_force(position, density, pressure, wall_pressure, phase, walls, smoothing, period=None, rows=None):
+    """Acceleration [m/s^2] of the liquid a_i = -(1/rho_i) sum_w V_w (p_i + p_w) grad W_iw."""
     pick = slice(None) if rows is None else np.asarray(rows)
     rho, p = np.asarray(density, dtype=float)[pick], np.asarray(pressure, dtype=float)[pick]
+    pushed = np.ones(len(rho)) if phase is None else np.asarray(phase)[pick] == 0
     of_wall, volume = np.asarray(wall_pressure, dtype=float), np.asarray(walls.volume, dtype=float)
     sums = Sums(len(rho), 3)
     for place, separation, distance in pair_blocks(position, walls.position, rows, period):
@@ -49,4 +51,4 @@ def wall_force(position, density, pressure, wall_pressure, walls, smoothing, per
         both = volume[None, :] * (p[place, None] + of_wall[None, :]) / rho[place, None]
         size = volume[None, :] * (np.abs(p)[place, None] + np.abs(of_wall)[None, :]) / rho[place, None]
         sums.add(place, -both[..., None] * gradient, size[..., None] * np.abs(gradient))
-    return {"acceleration": sums.total()}
+    return {"acceleration": tuple(part * pushed[:, None] for part in sums.total())}

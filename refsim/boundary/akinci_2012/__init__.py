@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
-from refsim.boundary.adami_2012 import PASSES, WALL_PRESSURE, lean
+from refsim.boundary.adami_2012 import WALL_PRESSURE, lean
+from refsim.boundary.adami_2012 import passes as extrapolating
 from refsim.core.capabilities import BringsWalls, HasErrata, HasPlanes
 from refsim.core.checked import Printed
 from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, require
@@ -133,7 +134,7 @@ class BoxWalls(Effect, BringsWalls, HasPlanes, HasErrata, frozen=True, kw_only=T
         return (WALL_PRESSURE,) if self.extrapolates() else ()
 
     def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
-        made = PASSES if self.extrapolates() else ()
+        made = extrapolating(others) if self.extrapolates() else ()
         if self.viscosity == 0:
             return made
         reads, names = ("position", "velocity", "density"), {"smoothing": "gradient_smoothing"}

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from refsim.boundary.adami_2012 import lean
 from refsim.boundary.two_way_coupling import reference as reference
 from refsim.core.capabilities import HasErrata, LimitsMassRatio
 from refsim.core.checked import Printed
@@ -25,6 +26,7 @@ from refsim.sph import DENSITY, LIQUID, PRESSURE, ViscosityTerm, cohesive_pressu
 
 if TYPE_CHECKING:
     from refsim.core.effect import InitialState
+    from refsim.sph import WeaklyCompressible
 
 # Largest ratio of particle masses for which the energy rises no more than with equal masses (docs/stability.md): of
 # solids in a liquid, the largest measured; of liquids that melting has produced
@@ -34,6 +36,19 @@ VOLUME = Field("volume", "m^3", "volume V = m/rho")
 RELATIVE_CONTRIBUTION = Field(
     "relative_contribution", "-", "weight in Shao & Song (1): 1 in liquid, phi at a solid's surface, 0 inside solids"
 )
+
+
+FOLLOWED_VELOCITY = Field(
+    "followed_velocity", "m/s", "velocity that follows the particle's; their difference is the acceleration of solids",
+    3, state=True,
+)  # fmt: skip
+DELAY = 4.0  # of the followed velocity [h/c]
+
+
+class Delay(NamedTuple):
+    """What smooths the acceleration of solids, as the kernels take it."""
+
+    tau: float  # [s]
 
 
 class Coupling(NamedTuple):
@@ -73,10 +88,14 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, frozen=True, kw_only=Tr
         return (LIQUID, "shape_matching")
 
     def replaces(self) -> tuple[str, ...]:
-        return ("sph.density", "sph.state", "sph.pressure", "sph.momentum")
+        return ("sph.density", "sph.continuity", "sph.state", "sph.pressure", "sph.momentum")
 
     def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
         self.printed()
+        liquid = liquid_of(others)
+        if liquid.advances():
+            self._check_advanced(liquid)
+            return
         if not liquid_of(others).clamps():
             raise InputError(
                 f"{self.name}: negative pressures would make solids stick to the liquid; set clamp_pressure = true in"
@@ -90,7 +109,21 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, frozen=True, kw_only=Tr
         if cohesive_pressure(grid, others) > 0:
             raise InputError(f"{self.name}: an effect with cohesion treats particles of solids as liquid; remove it.")
 
+    def _check_advanced(self, liquid: WeaklyCompressible) -> None:
+        if self.density_weighted or self.literal:
+            raise InputError(
+                f"{self.name}: density_weighted and literal belong to a summed density; leave them out with density ="
+                " 'continuity'."
+            )
+        if liquid.dynamic_viscosity > 0 and not liquid.central():
+            raise InputError(
+                f"{self.name}: with density = 'continuity' the viscosity of {liquid.name} acts on solids, too, and"
+                " 'laplacian' would brake their rotation; set viscosity = 'central'."
+            )
+
     def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
+        if liquid_of(others).advances():
+            return (DENSITY, PRESSURE, REST_DENSITY, PHASE, FOLLOWED_VELOCITY)
         return (DENSITY, PRESSURE, REST_DENSITY, PHASE, RELATIVE_CONTRIBUTION, VOLUME)
 
     def initial(
@@ -100,10 +133,14 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, frozen=True, kw_only=Tr
         if grid.solids is not None:
             own = grid.solids.of_bodies("density")
             rest_density[: len(own)] = own
-        return {"rest_density": rest_density}
+        values = {"rest_density": rest_density}
+        return values | {"followed_velocity": state.velocity} if liquid_of(others).advances() else values
 
     def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
-        viscous = liquid_of(others).dynamic_viscosity > 0
+        liquid = liquid_of(others)
+        if liquid.advances():
+            return self._advanced_passes()
+        viscous = liquid.dynamic_viscosity > 0
         state = ("position", "mass", "rest_density", "phase", "relative_contribution")
         return (
             Pass("two_way_coupling.contribution", ("position", "phase"), ("relative_contribution",)),
@@ -115,6 +152,22 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, frozen=True, kw_only=Tr
                 names={"smoothing": "gradient_smoothing"},
             ),
         )
+
+    def _advanced_passes(self) -> tuple[Pass, ...]:
+        names, moving = {"smoothing": "gradient_smoothing"}, ("position", "velocity", "phase")
+        return (
+            Pass(
+                "sph.continuity", (*moving, "mass", "rest_density", "advanced_excess"), ("density_excess", "density"),
+                names=names,
+            ),
+            Pass("sph.state", ("density",), ("pressure",)),
+            Pass("two_way_coupling.extrapolation", (*moving, "followed_velocity", "density"), updates=("pressure",)),
+            Pass(
+                "two_way_coupling.push", ("position", "phase", "mass", "density", "pressure"),
+                updates=("acceleration",), names=names,
+            ),
+            Pass("two_way_coupling.follow", ("velocity",), updates=("followed_velocity",), stage="motion"),
+        )  # fmt: skip
 
     def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount:
         """Work of compression of the liquid's particles, relative to each one's own rest density."""
@@ -142,6 +195,9 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, frozen=True, kw_only=Tr
 
     def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
         liquid = liquid_of(others)
+        if liquid.advances():
+            delay = Delay(grid.real(DELAY * grid.support_radius / liquid.sound_speed))
+            return {"delay": delay, "diffusion": liquid.prepare(grid, others)["diffusion"], **lean(grid, others)}
         printed = self.printed()
         exponent = 7 if liquid.state == "tait" else 1
         viscous = liquid.dynamic_viscosity > 0

@@ -49,3 +49,16 @@ def coupled_viscosity_pair(both, viscosity, laplacian):
 def coupled_wall_pressure_pair(wall_mass, pressure_i, density_i, slope):
     """Shao & Song (2) at a wall, with m_i phi_b = Psi_b: factor -Psi_b p_i/rho_i^2 W' of e_ib in a_i [m/s^2]."""
     return -wall_mass * pressure_i / (density_i * density_i) * slope
+
+
+@formula
+def held_pressure_pair(pressure_f, density_f, x_kf, lean, lag):
+    """Adami 2012 (27) at a solid's particle: p = p_f + rho_f (g - a_k).(x_k - x_f) [Pa], a_k = lag/tau [m/s^2]."""
+    head = (lean.x - lag[0]) * x_kf[0] + (lean.y - lag[1]) * x_kf[1] + (lean.z - lag[2]) * x_kf[2]
+    return pressure_f + density_f * head
+
+
+@formula
+def followed(velocity, before, timestep, tau):
+    """Velocity [m/s] that follows the particle's with the delay tau: u + (v - u)/(1 + tau/dt)."""
+    return before + (velocity - before) * timestep / (timestep + tau)

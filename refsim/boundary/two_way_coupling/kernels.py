@@ -5,6 +5,8 @@ from refsim.boundary.two_way_coupling.formulas import (
     coupled_pressure_pair,
     coupled_viscosity_pair,
     coupled_wall_pressure_pair,
+    followed,
+    held_pressure_pair,
     tait_pressure,
     volume_ratio,
     weighted_pressure,
@@ -13,6 +15,7 @@ from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import add_vector, first_lane
 from refsim.shape_matching.phases import FLUID, INTERIOR, SURFACE
 from refsim.smoothing.formulas import gradient_factor, kernel_slope, kernel_value, safe_distance, viscosity_laplacian
+from refsim.sph.formulas import pressure_pair
 from refsim.sph.kernels import own_share, wall_sum
 
 
@@ -140,3 +143,58 @@ def wall_push(i, lane, position, density, rest_density, pressure, walls, smoothi
     return neighbour_sum(
         wall_push_pair, i, lane, walls, position, None, density, rest_density, pressure, walls.volume, smoothing
     )
+
+
+@pair
+def held_pair(r, x_ij, velocity_i, followed_velocity_i, phase_j, density_j, pressure_j, smoothing, lean, delay):
+    """Terms of the numerator [Pa/m^dim] and of the denominator [1/m^dim] of Adami 2012 (27) at a solid's particle."""
+    real = type(r)
+    if phase_j != FLUID:
+        return real(0), real(0)
+    w = kernel_value(r, smoothing)
+    ax = (velocity_i[0] - followed_velocity_i[0]) / delay.tau
+    ay = (velocity_i[1] - followed_velocity_i[1]) / delay.tau
+    az = (velocity_i[2] - followed_velocity_i[2]) / delay.tau
+    return w * held_pressure_pair(pressure_j, density_j, x_ij, lean, (ax, ay, az)), w
+
+
+@kernel(lanes=True)
+def extrapolation(
+    i, lane, position, velocity, followed_velocity, phase, density, neighbours, smoothing, lean, delay, pressure
+):
+    """Adami 2012 (27): pressure of a solid's particle [Pa]; 0 where no liquid is within reach."""
+    if phase[i] == FLUID:
+        return
+    total, weights = neighbour_sum(
+        held_pair, i, lane, neighbours, position, None, velocity, followed_velocity, phase, density, pressure,
+        smoothing, lean, delay,
+    )  # fmt: skip
+    if first_lane(lane):
+        zero = type(smoothing.support_radius)(0)
+        pressure[i] = total / weights if weights > zero else zero
+
+
+@pair
+def push_pair(r, x_ij, phase_i, phase_j, mass_j, density_j, pressure_i, pressure_j, smoothing, fluid):
+    """J(10) [N/m^3] of a neighbour; none between two solids' particles."""
+    f = type(r)(0)
+    if phase_i == FLUID or phase_j == FLUID:
+        f = pressure_pair(mass_j / density_j, pressure_i, pressure_j, gradient_factor(r, smoothing), fluid)
+    return f * x_ij[0], f * x_ij[1], f * x_ij[2]
+
+
+@kernel(lanes=True)
+def push(i, lane, position, phase, mass, density, pressure, neighbours, smoothing, fluid, acceleration):
+    """J(10) within the liquid and between liquid and solids; added to the acceleration [m/s^2]."""
+    ax, ay, az = neighbour_sum(
+        push_pair, i, lane, neighbours, position, None, phase, mass, density, pressure, smoothing, fluid
+    )
+    rho = density[i]
+    add_vector(acceleration, i, lane, ax / rho, ay / rho, az / rho)
+
+
+@kernel
+def follow(i, velocity, delay, timestep, followed_velocity):
+    """Velocity that follows that of particle i [m/s]."""
+    for c in range(3):
+        followed_velocity[i, c] = followed(velocity[i, c], followed_velocity[i, c], timestep[1], delay.tau)

@@ -138,3 +138,64 @@ def forces(
             factor = filled[place, None] * np.asarray(walls.volume, dtype=float)[None, :]
             sums.add(place, -factor[..., None] * gradient)
     return {"acceleration": sums.total()}
+
+
+@operation(
+    "(27)", paper="Adami, Hu & Adams 2012", outputs="pressure", entrywise=True, tolerance=16.0,
+    reason="one rounding in each of distance, kernel, head, product and sum, and those of the quotient",
+    packed="held_pair",
+)  # fmt: skip
+def extrapolation(position, velocity, followed_velocity, phase, density, smoothing, lean, delay, pressure, rows=None):
+    """Pressure of each solid's particle k [Pa], 0 where no liquid is within reach; the liquid's stays.
+
+    (27) p_k = sum_f W_kf (p_f + rho_f (g - a_k).(x_k - x_f)) / sum_f W_kf over liquid f, a_k = (v_k - u_k)/tau.
+    """
+    rho, p = np.asarray(density, dtype=float), np.asarray(pressure, dtype=float)
+    liquid, own = np.asarray(phase) == FLUID, _rows(phase, rows, int) == FLUID
+    v, u = _rows(velocity, rows), _rows(followed_velocity, rows)
+    lag = (v - u) / float(delay.tau)
+    doubt = (np.abs(v) + np.abs(u)) / float(delay.tau)
+    upward = np.array([float(part) for part in lean])
+    sums, weights, terms = Sums(len(own)), np.zeros(len(own)), np.zeros(len(own))
+    for place, separation, distance in pair_blocks(position, position, rows):
+        w = kernel_value(distance, smoothing) * liquid
+        weights[place] += w.sum(1)
+        terms[place] += (w > 0).sum(1)
+        head = rho * (separation * (upward - lag[place, None, :])).sum(-1)
+        most = np.abs(p) + rho * (np.abs(separation) * (np.abs(upward) + doubt[place, None, :])).sum(-1)
+        sums.add(place, w * (p + head), w * most)
+    near = np.where(weights > 0, weights, 1.0)
+    kept = p if rows is None else p[rows]
+    value = np.where(own, kept, sums.value / near)
+    return {"pressure": (value, np.where(own, np.abs(kept), (1 + terms) * sums.scale / near))}
+
+
+@operation(
+    "J(10)", paper="Jiang & Zhu 2023; Adami, Hu & Adams 2012", adds="acceleration", tolerance=8.0,
+    invariants=f"{SYMMETRY} linear_momentum angular_momentum", packed="push_pair",
+)  # fmt: skip
+def push(position, phase, mass, density, pressure, smoothing, fluid, rows=None):
+    """Accelerations [m/s^2] a_i = -(1/rho_i) sum_j V_j (p_i + p_j) grad W_ij of liquid and solids, V = m/rho.
+
+    Particles of solids do not push each other.
+    """
+    rho, p = np.asarray(density, dtype=float), np.asarray(pressure, dtype=float)
+    volume, liquid = np.asarray(mass, dtype=float) / rho, np.asarray(phase) == FLUID
+    pick = slice(None) if rows is None else np.asarray(rows)
+    own_rho, own_p, own_liquid = rho[pick], p[pick], liquid[pick]
+    share, sums = float(fluid.gradient_share), Sums(len(own_rho), 3)
+    for place, separation, distance in pair_blocks(position, position, rows):
+        apart = np.where(distance > 0, distance, 1.0)
+        gradient = (kernel_slope(distance, smoothing) / apart)[..., None] * separation
+        acting = (own_liquid[place, None] | liquid[None, :]) * share * volume / own_rho[place, None]
+        both, size = own_p[place, None] + p, np.abs(own_p)[place, None] + np.abs(p)
+        sums.add(place, -(acting * both)[..., None] * gradient, (acting * size)[..., None] * np.abs(gradient))
+    return {"acceleration": sums.total()}
+
+
+@operation("u of the step before", paper="standard", outputs="followed_velocity", invariants="reordering")
+def follow(velocity, delay, timestep, followed_velocity, rows=None):
+    """Velocity [m/s] that follows that of a particle: u += (v - u)/(1 + tau/dt); (v - u)/tau is its acceleration."""
+    v, u = _rows(velocity, rows), _rows(followed_velocity, rows)
+    share = float(timestep[1]) / (float(timestep[1]) + float(delay.tau))
+    return {"followed_velocity": (u + share * (v - u), np.abs(u) + share * (np.abs(u) + np.abs(v)))}
