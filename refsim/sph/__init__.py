@@ -282,7 +282,7 @@ class WeaklyCompressible(
             "sph.density", ("position", "mass"), ("summed_density", *sums), names={"density": "summed_density"}
         )
         return (
-            Pass("sph.continuity", reads, ("density_excess", "density"), names=names | LIQUID_ALONE),
+            Pass("sph.continuity", reads, ("density_excess", "density"), names={**names, **LIQUID_ALONE}),
             *((summed,) if self._sums_wanted(others) else ()),
             Pass("sph.keep_density", ("density_excess",), updates=("advanced_excess",), stage="motion"),
         )

@@ -242,6 +242,9 @@ for _kernel in AT_HALF:
         _pair_of(_kernel, _dim)
 
 
+ALONE = {"phase": None, "rest_density": None}  # no solids
+
+
 @closed_form("sph.continuity")
 def compressed_pair():
     """v_1 - v_2 = (4, 2, 5), 2 of it towards the second: d rho_1/dt = rho_1 V_2 2 |W'(h/2)|, W' = 5/8 W(0); 0.25 s."""
@@ -251,6 +254,7 @@ def compressed_pair():
     return Exact(
         PAIR,
         {
+            **ALONE,
             "mass": np.array([2.0, 3.0]), "velocity": np.array([[7.0, 2.0, 0.0], [3.0, 0.0, -5.0]]), "fluid": WATER,
             "advanced_excess": excess, "timestep": np.array([0.5, 0.25]), "diffusion": None,
         },
@@ -268,6 +272,7 @@ def diffusing_pair():
     return Exact(
         PAIR,
         {
+            **ALONE,
             "mass": np.array([2.0, 3.0]), "velocity": np.zeros((2, 3)), "fluid": WATER, "advanced_excess": excess,
             "timestep": np.array([0.5, 0.25]), "diffusion": Diffusion(0.5, 7.0, 40.0, -3.0),
         },
@@ -286,12 +291,29 @@ def moving_walls():
     return Exact(
         case,
         {
+            **ALONE,
             "mass": np.array([2.0]), "velocity": np.array([[1.0, 2.0, 0.0]]), "fluid": WATER, "diffusion": None,
             "advanced_excess": np.array([100.0]), "timestep": np.array([0.5, 0.25]),
             "walls": WallParticles(place, np.full(2, 0.25)),
             "wall_motion": WallMotion(-far, np.array([np.inf, 0.5, np.inf]), np.array([3.0, 5.0, 0.0])),
         },
         {"density_excess": np.array([excess]), "density": np.array([1000 + excess])},
+    )  # fmt: skip
+
+
+@closed_form("sph.continuity")
+def liquid_beside_a_solid():
+    """The solid's 3 kg of 900 kg/m^3 come nearer: rho_1 V_2 2 |W'(h/2)|, no diffusion; the solid keeps its density."""
+    rate = 1100 * 3.0 / 900.0 * 2 * 5 / 8 * W0
+    return Exact(
+        PAIR,
+        {
+            "mass": np.array([2.0, 3.0]), "velocity": np.array([[7.0, 2.0, 0.0], [3.0, 0.0, -5.0]]), "fluid": WATER,
+            "advanced_excess": np.array([100.0, 0.0]), "timestep": np.array([0.5, 0.25]),
+            "diffusion": Diffusion(0.5, 7.0, 40.0, -3.0), "rest_density": np.array([1000.0, 900.0]),
+            "phase": np.array([0, 1], np.int32),
+        },
+        {"density_excess": np.array([100 + 0.25 * rate, 0.0]), "density": np.array([1100 + 0.25 * rate, 900.0])},
     )  # fmt: skip
 
 

@@ -20,13 +20,13 @@ WALL_PRESSURE = Field("wall_pressure", "Pa", "pressure of the wall particles, fr
 def passes(others: Mapping[str, Effect]) -> tuple[Pass, ...]:
     """Extrapolation and push; between walls and liquid alone where there are solids."""
     solids = ("phase",) if "two_way_coupling" in others else ()
-    names = {} if solids else {"phase": None}
+    names: dict[str, str | None] = {} if solids else {"phase": None}
     reads = ("position", "density", "pressure", *solids)
     return (
         Pass("adami_2012.extrapolation", reads, ("wall_pressure",), names=names),
         Pass(
             "adami_2012.wall_force", (*reads, "wall_pressure"), updates=("acceleration",),
-            names={"smoothing": "gradient_smoothing"} | names,
+            names={"smoothing": "gradient_smoothing", **names},
         ),
     )  # fmt: skip
 

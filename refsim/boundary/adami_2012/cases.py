@@ -40,7 +40,7 @@ def mean_of_two():
         _beside(place),
         {
             "density": np.array([1000.0, 500.0]), "pressure": np.array([300.0, 500.0]), "lean": Lean(2.0, -9.0, 1.5),
-            "walls": WallParticles(place, np.full(2, 0.5)), "period": None,
+            "walls": WallParticles(place, np.full(2, 0.5)), "period": None, "phase": np.zeros(2, np.int32),
         },
         {"wall_pressure": np.array([wanted, 0.0])},
     )  # fmt: skip
@@ -57,6 +57,21 @@ def pushed_by_its_wall():
         {
             "density": np.array([1000.0, 500.0]), "pressure": np.array([300.0, 500.0]),
             "walls": WallParticles(place, np.array([0.25])), "wall_pressure": np.array([200.0]),
+            "phase": None,
         },
         {"acceleration": np.array([[0.0, -push[0], 0.0], [0.0, push[1], 0.0]])},
+    )  # fmt: skip
+
+
+@closed_form("adami_2012.extrapolation")
+def beside_a_solid():
+    """The pressure of the liquid alone, where a solid is as near."""
+    place = np.array([[0.0, 1.0, 0.0]])
+    return Exact(
+        _beside(place),
+        {
+            "density": np.array([1000.0, 500.0]), "pressure": np.array([300.0, 500.0]), "lean": Lean(2.0, -9.0, 1.5),
+            "walls": WallParticles(place, np.full(1, 0.5)), "period": None, "phase": np.array([0, 1], np.int32),
+        },
+        {"wall_pressure": np.array([300.0 + 1000.0 * -9.0])},
     )  # fmt: skip

@@ -4,10 +4,11 @@ import math
 
 import numpy as np
 
-from refsim.boundary.two_way_coupling import Coupling, TwoWayCoupling
-from refsim.core.cases import REST_DENSITY, Case, Exact, closed_form, example, groups, particles, takes
+from refsim.boundary.adami_2012 import Lean
+from refsim.boundary.two_way_coupling import Coupling, Delay, TwoWayCoupling
+from refsim.core.cases import REST_DENSITY, Case, Exact, closed_form, example, groups, particles, takes, vectors
 from refsim.shape_matching.phases import FLUID, INTERIOR, SURFACE
-from refsim.sph import ViscosityTerm
+from refsim.sph import Fluid, ViscosityTerm
 
 example(TwoWayCoupling(), brings="relative_contribution rest_density volume")
 
@@ -41,6 +42,19 @@ def _coupling(case, grid):
     return {"coupling": Coupling(least, stiffness, np.int32(7), printed, printed, printed, weighted)}
 
 
+@particles("followed_velocity")
+def _followed(case, random):
+    """Of centimetres a second."""
+    return 0.05 * vectors(case, random)
+
+
+@groups("delay")
+def _delay(case, grid):
+    """Four crossings of the support radius at 20 m/s."""
+    return {"delay": Delay(grid.real(4 * case.support_radius / 20.0))}
+
+
+takes("two_way_coupling.push", fluid="gradient_share")
 takes("two_way_coupling.contribution", coupling="least_volume printed_volume")
 takes("two_way_coupling.density", coupling="stiffness exponent")
 takes("two_way_coupling.pressure", coupling="printed_pressure density_weighted")
@@ -165,3 +179,58 @@ def printed_drag():
     """Shao & Song (3) as printed lacks one V_i = 0.5 m^3."""
     drag = 3 * 0.125 * 8 * 45 / (64 * math.pi)
     return _pushed(_coupled(printed_viscosity=np.int32(1)), ViscosityTerm(3.0), [drag, -2.5 * SLOPE, 0.0])
+
+
+def _held(**changes):
+    """Liquid of 1000 kg/m^3 at 300 Pa below a solid's particle, which gains 2 m/s in each of 0.5 s upwards."""
+    given = {
+        "velocity": np.array([[0.0, 0.0, 0.0], [0.0, 3.0, 0.0]]), "phase": WATER_AND_ICE,
+        "followed_velocity": np.array([[0.0, 0.0, 0.0], [0.0, 2.0, 0.0]]), "density": np.array([1000.0, 900.0]),
+        "lean": Lean(1.0, -9.0, 0.0), "delay": Delay(0.5), "pressure": np.array([300.0, 7.0]),
+    }  # fmt: skip
+    return given | changes
+
+
+@closed_form("two_way_coupling.extrapolation")
+def solid_that_rises():
+    """p = 300 Pa + 1000 kg/m^3 (-9 - 2) m/s^2 * 1 m; the liquid's pressure stays."""
+    return Exact(PAIR, _held(), {"pressure": np.array([300.0, 300.0 - 11000.0])})
+
+
+@closed_form("two_way_coupling.extrapolation")
+def solid_in_the_air():
+    """0 Pa beside another solid's particle."""
+    alone = _held(phase=np.array([SURFACE, SURFACE], np.int32))
+    return Exact(PAIR, alone, {"pressure": np.zeros(2)})
+
+
+@closed_form("two_way_coupling.push")
+def liquid_lifts_solid():
+    """F = V_i V_k (p_i + p_k) |W'(h/2)| = 0.5 * 2 m^6 * 40 Pa |W'(h/2)|."""
+    given = {
+        "mass": np.array([500.0, 1800.0]), "density": np.array([1000.0, 900.0]), "phase": WATER_AND_ICE,
+        "pressure": np.array([30.0, 10.0]), "fluid": Fluid(1000.0, 1.0, np.int32(1), np.int32(0)),
+    }  # fmt: skip
+    force = np.array([0.0, -40.0 * SLOPE, 0.0])
+    return Exact(PAIR, given, {"acceleration": np.array([force / 500, -force / 1800])})
+
+
+@closed_form("two_way_coupling.push")
+def solids_do_not_push_each_other():
+    """No force."""
+    given = {
+        "mass": np.array([500.0, 1800.0]), "density": np.array([1000.0, 900.0]),
+        "phase": np.array([SURFACE, INTERIOR], np.int32), "pressure": np.array([30.0, 10.0]),
+        "fluid": Fluid(1000.0, 1.0, np.int32(1), np.int32(0)),
+    }  # fmt: skip
+    return Exact(PAIR, given, {"acceleration": np.zeros((2, 3))})
+
+
+@closed_form("two_way_coupling.follow")
+def follows_by_a_third():
+    """tau = 0.5 s, dt = 0.25 s: a third of the difference of 3 m/s."""
+    given = {
+        "velocity": np.array([[0.0, 5.0, 0.0], [0.0, 0.0, 0.0]]), "delay": Delay(0.5),
+        "followed_velocity": np.array([[0.0, 2.0, 0.0], [3.0, 0.0, 0.0]]), "timestep": np.array([0.5, 0.25]),
+    }  # fmt: skip
+    return Exact(PAIR, given, {"followed_velocity": np.array([[0.0, 3.0, 0.0], [2.0, 0.0, 0.0]])})

@@ -60,5 +60,5 @@ def held_pressure_pair(pressure_f, density_f, x_kf, lean, lag):
 
 @formula
 def followed(velocity, before, timestep, tau):
-    """Velocity [m/s] that follows the particle's with the delay tau: u + (v - u)/(1 + tau/dt)."""
+    """Velocity [m/s] that follows the particle's with the delay tau: u = u_before + (v - u_before) dt/(dt + tau)."""
     return before + (velocity - before) * timestep / (timestep + tau)

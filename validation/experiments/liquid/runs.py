@@ -1,4 +1,4 @@
-"""Tanks, columns, vortices and waves with the papers' liquid and with one that rests (docs/liquid.md).
+"""Tanks, columns, vortices, waves and solids with the papers' liquid and with one that rests (docs/liquid.md).
 
 Lengths in m, rho0 = 1000 kg/m^2 or kg/m^3, float64, Wendland C2, sound speed ten times the largest speed. All start on
 the lattice, with the density of rest where the density is advanced.
@@ -19,8 +19,11 @@ from refsim import (
     Gravity,
     ParticleShifting,
     Scene,
+    ShapeMatching,
     Simulation,
+    SolidBox,
     SurfaceDetection,
+    TwoWayCoupling,
     WeaklyCompressible,
 )
 from refsim.core.effect import Discretisation
@@ -198,6 +201,116 @@ def wave(context: Context, kind: str, cells: int, support: float, shifted: bool,
     return Result(values)
 
 
+ICE = 917.0  # kg/m^3
+ADDED = 0.68  # mass of water that a cube carries along, over that of its volume: DNV-RP-C205, table D-2
+
+
+def submerged(
+    body: tuple[int, int], bottom: int, cells: tuple[int, int], support: float, artificial: float
+) -> Scene:  # fmt: skip
+    """Ice, `body` cells wide and high, `bottom` cells above the floor of a tank of water 1 m deep, `cells` wide, deep.
+
+    artificial  alpha of the artificial viscosity that has the same kinematic viscosity
+    """
+    wide, deep = cells
+    spacing = DEPTH / deep
+    low = np.array([(wide - body[0]) // 2] * 2 + [bottom])
+    high = low + [body[0], body[0], body[1]]
+    lattice = np.indices((wide, wide, deep)).reshape(3, -1).T
+    water = lattice[((lattice < low) | (lattice >= high)).any(1)]
+    viscosity = artificial * 0.5 * support * spacing * SOUND / 10
+    width = wide * spacing
+    return Scene(
+        name="solid", dtype="float64", spacing=spacing, support_radius=support * spacing,
+        solid=(SolidBox(lower=tuple(low * spacing), upper=tuple(high * spacing), density=ICE),),
+        fluid=(Cloud(position=(water + 0.5) * spacing),),
+        effects=(
+            _liquid("rests", SOUND, viscosity), Gravity(acceleration=(0.0, 0.0, -GRAVITY)),
+            _walls("rests", (width, width, 2 * DEPTH)), ShapeMatching(), TwoWayCoupling(),
+        ),
+    )  # fmt: skip
+
+
+def hold(simulation: Simulation, place: NDArray) -> None:
+    """Put the particles of the solid back to their `place` (n, 3) [m], at rest."""
+    position, solid = simulation.field("position"), slice(0, len(place))
+    position[solid] = place
+    simulation.set_field("position", position)
+    for name in ("velocity", "followed_velocity"):
+        values = simulation.field(name)
+        values[solid] = 0
+        simulation.set_field(name, values)
+
+
+def lift(simulation: Simulation, count: int) -> float:
+    """Upward force of the water on the solid, the first `count` particles, over that of Archimedes."""
+    mass, up = simulation.field("mass")[:count], simulation.field("acceleration")[:count, 2]
+    volume = count * simulation.plan.grid.spacing**3
+    return float(mass @ (up + GRAVITY)) / (DENSITY * GRAVITY * volume)
+
+
+def held(
+    context: Context, body: tuple[int, int], cells: tuple[int, int], support: float, shake: float, backend: str
+) -> Result:
+    """A solid held in the middle of a tank for 4 s, from the lattice or with water shaken by `shake` spacings.
+
+    buoyancy_off  mean force of the last half second over that of Archimedes, off 1; unrest  its standard deviation;
+    moving  root mean square speed of the water over the sound speed
+    """
+    scene = submerged(body, (cells[1] - body[1]) // 2, cells, support, ARTIFICIAL)
+    simulation = context.simulation(scene, backend)
+    count = body[0] ** 2 * body[1]
+    moves = np.random.default_rng(SEED).uniform(-shake, shake, (simulation.count, 3)) * simulation.plan.grid.spacing
+    moves[:count] = 0
+    simulation.set_field("position", simulation.field("position") + moves)
+    place, forces = simulation.field("position")[:count], []
+    while simulation.time < UNTIL:
+        simulation.step()
+        hold(simulation, place)
+        if simulation.time > UNTIL - MEAN and simulation.steps % 5 == 0:
+            simulation.evaluate()
+            forces.append(lift(simulation, count))
+    water = simulation.field("velocity")[count:]
+    values = {
+        "kind": "solid", "cells": body[0], "high": body[1], "support": support, "shake": shake,
+        "particles": simulation.count, "buoyancy_off": abs(float(np.mean(forces)) - 1),
+        "unrest": float(np.std(forces)), "moving": float(np.sqrt((water**2).sum(1).mean())) / SOUND,
+    }  # fmt: skip
+    return Result(values)
+
+
+def ice(
+    context: Context, edge: int, bottom: int, cells: tuple[int, int], falls: float, artificial: float, backend: str
+) -> Result:
+    """A cube of ice, released `bottom` cells above the floor, for `falls` times sqrt(edge/g).
+
+    rise_off  2 z/t^2 at the end over g (rho_w - rho_i)/(rho_i + C rho_w), off 1; afloat_off  share of the cube's edge
+    below the level of the water far from it, mean of the last quarter, off rho_i/rho_w
+    """
+    simulation = context.simulation(submerged((edge, edge), bottom, cells, 3.0, artificial), backend)
+    count, spacing = edge**3, DEPTH / cells[1]
+    until = falls * math.sqrt(edge * spacing / GRAVITY)
+    start = simulation.field("position")[:count, 2].mean()
+    shares: list[float] = []
+
+    def sample(simulation: Simulation, wall: float) -> None:
+        x = simulation.field("position")
+        far = np.abs(x[:, :2] - 0.5 * cells[0] * spacing).max(1) > (0.5 * edge + 1) * spacing
+        far[:count] = False
+        layer = (cells[0] ** 2 - (edge + 2) ** 2) // 2
+        level = np.sort(x[far, 2])[-layer:].mean() + 0.5 * spacing
+        shares.append(float(level - x[:count, 2].mean()) / (edge * spacing) + 0.5)
+
+    advance(simulation, np.linspace(0, until, 41).tolist(), sample, context)
+    rise = 2 * float(simulation.field("position")[:count, 2].mean() - start) / simulation.time**2
+    wanted = GRAVITY * (DENSITY - ICE) / (ICE + ADDED * DENSITY)
+    values = {
+        "kind": "ice", "cells": edge, "support": 3.0, "particles": simulation.count,
+        "rise_off": abs(rise / wanted - 1), "afloat_off": abs(float(np.mean(shares[-10:])) - ICE / DENSITY),
+    }  # fmt: skip
+    return Result(values)
+
+
 # dim, cells (wide, deep), h/d, shaken by [d], shifted
 TANKS = (
     (2, (16, 16), 2.6, 0.0, False), (2, (16, 16), 3.0, 0.0, False), (2, (16, 16), 4.0, 0.0, False),
@@ -207,6 +320,13 @@ TANKS = (
 OF_PAPERS = ((2, (16, 16), 2.6, 0.0, False), (3, (8, 8), 2.6, 0.0, False))
 SIDES, VORTICES_SUPPORT = (25, 50, 100), 3.2
 DEPTHS, WAVE_SUPPORT = (10, 20, 40), 3.0
+
+
+# cells (wide, high) of the solid and (wide, deep) of the tank, shaken by [d]
+HELD = (
+    ((5, 5), (13, 13), 0.0), ((6, 6), (14, 14), 0.0), ((8, 8), (18, 18), 0.0), ((6, 2), (14, 14), 0.0),
+    ((6, 6), (14, 14), 0.1),
+)  # fmt: skip
 
 
 def planned(options: Options) -> list[Run]:
@@ -219,6 +339,16 @@ def planned(options: Options) -> list[Run]:
         for cells in DEPTHS:
             flow = {"kind": kind, "cells": cells, "support": WAVE_SUPPORT, "shifted": False, "backend": "cpu"}
             made.append(Run(f"wave_{kind}_{cells}", wave, flow, estimate=4e-4 * cells**3))
+    for body, cells, shake in HELD:
+        words = f"held_{body[0]}_{body[1]}" + ("_shaken" if shake else "")
+        row = {"body": body, "cells": cells, "support": 3.0, "shake": shake, "backend": "cpu"}
+        made.append(Run(words, held, row, estimate=0.02 * cells[0] ** 3))
+    for words, bottom, cells, falls, artificial in (
+        ("rise_5", 5, (20, 15), 1.5, 0.005),
+        ("float_5", 5, (20, 10), 20, 0.05),
+    ):
+        row = {"edge": 5, "bottom": bottom, "cells": cells, "falls": falls, "artificial": artificial, "backend": "cpu"}
+        made.append(Run(words, ice, row, estimate=5.0 * falls))
     quick = ("tank_rests_2d_16_3", f"vortices_rests_{SIDES[0]}", f"vortices_papers_{SIDES[0]}")
     return [run for run in made if run.key in quick] if options.quick else made
 
@@ -245,6 +375,19 @@ def checks(results: Results, check: Checks) -> None:
             names = {25: "error_25", 50: "error_50", 100: "error_100"}
             check("papers_error" if papers else names[row["cells"]], row["error"], key, where)
             check("papers_rate_off" if papers else "rate_off", row["rate_off"], key, where)
+        elif key.startswith("held"):
+            where = f"{row['cells']} x {row['high']} cells" + (", shaken" if row["shake"] else "")
+            check(
+                "buoyancy_off_narrow" if row["cells"] == 5 or row["high"] == 2 else "buoyancy_off",
+                row["buoyancy_off"],
+                key,
+                where,
+            )
+            for name in ("unrest", "moving"):
+                check(name, row[name], key, where)
+        elif key.startswith(("rise", "float")):
+            name = f"{'rise' if key.startswith('rise') else 'afloat'}_off"
+            check(name, row[name], key, f"an edge of {row['cells']} cells")
         elif row["cells"] == DEPTHS[-1] or papers:
             for name in ("period_off", "decay_off"):
                 check(f"papers_{name}" if papers else name, row[name], key, where)
