@@ -274,18 +274,21 @@ class WeaklyCompressible(
         return any(f in (NUMBER_DENSITY, ASYMMETRY) for effect in rest for f in effect.fields(others))
 
     def _density_passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
-        sums = ("number_density", "asymmetry")
         if not self.advances():
-            return (Pass("sph.density", ("position", "mass"), ("density", *sums)),)
+            return (Pass("sph.density", ("position", "mass"), ("density", "number_density", "asymmetry")),)
         reads, names = ("position", "velocity", "mass", "advanced_excess"), {"smoothing": "gradient_smoothing"}
-        summed = Pass(
-            "sph.density", ("position", "mass"), ("summed_density", *sums), names={"density": "summed_density"}
-        )
         return (
             Pass("sph.continuity", reads, ("density_excess", "density"), names={**names, **LIQUID_ALONE}),
-            *((summed,) if self._sums_wanted(others) else ()),
+            *self.summed_passes(others),
             Pass("sph.keep_density", ("density_excess",), updates=("advanced_excess",), stage="motion"),
         )
+
+    def summed_passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
+        """J(7) and J(8) beside an advanced density, where another effect needs them."""
+        if not self._sums_wanted(others):
+            return ()
+        written = ("summed_density", "number_density", "asymmetry")
+        return (Pass("sph.density", ("position", "mass"), written, names={"density": "summed_density"}),)
 
     def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
         return (*self._braked(grid, others), *self._thin(grid, others))

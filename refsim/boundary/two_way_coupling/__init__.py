@@ -1,7 +1,9 @@
 """Two-way coupling of liquid and solid particles through pressure and viscosity (Shao & Song 2017, (1) to (3)).
 
 Contents: TwoWayCoupling; fields REST_DENSITY, VOLUME, RELATIVE_CONTRIBUTION; Coupling; operations
-two_way_coupling.contribution, two_way_coupling.density, two_way_coupling.pressure, two_way_coupling.forces.
+two_way_coupling.contribution, two_way_coupling.density, two_way_coupling.pressure, two_way_coupling.forces; with an
+advanced density FOLLOWED_VELOCITY, Delay, two_way_coupling.extrapolation, two_way_coupling.push,
+two_way_coupling.follow.
 """
 
 from __future__ import annotations
@@ -70,6 +72,10 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, frozen=True, kw_only=Tr
     of the solid that it has melted from. Kernels, sound speed, equation of state and viscosity are those of
     `weakly_compressible`, whose negative pressures must be clamped.
 
+    With the liquid's density = "continuity" solids take the pressure that is extrapolated from the liquid to their
+    particles (Adami et al. 2012) with the acceleration of their motion, and push back with the opposite force; the
+    liquid is one substance then, and its viscosity the central one.
+
     density_weighted  a pair of liquid particles has the common pressure (rho_j p_i + rho_i p_j)/(rho_i + rho_j), not
                       two (Hu & Adams 2007): for substances of very different density
     literal           errata of Shao & Song taken as printed: "M2" ((2) without one m_i), "M3" ((3) without one V_i),
@@ -92,25 +98,30 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, frozen=True, kw_only=Tr
 
     def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
         self.printed()
+        if cohesive_pressure(grid, others) > 0:
+            raise InputError(f"{self.name}: an effect with cohesion treats particles of solids as liquid; remove it.")
         liquid = liquid_of(others)
         if liquid.advances():
-            self._check_advanced(liquid)
+            self._check_advanced(liquid, others)
             return
-        if not liquid_of(others).clamps():
+        if not liquid.clamps():
             raise InputError(
                 f"{self.name}: negative pressures would make solids stick to the liquid; set clamp_pressure = true in"
                 " weakly_compressible."
             )
-        if liquid_of(others).central():
+        if liquid.central():
             raise InputError(
                 f"{self.name}: its viscous force is Shao & Song (3), not along the line of centres; leave viscosity of"
-                " weakly_compressible at 'laplacian'."
+                " weakly_compressible at 'laplacian', or set density = 'continuity'."
             )
-        if cohesive_pressure(grid, others) > 0:
-            raise InputError(f"{self.name}: an effect with cohesion treats particles of solids as liquid; remove it.")
 
-    def _check_advanced(self, liquid: WeaklyCompressible) -> None:
-        if self.density_weighted or self.literal:
+    def _check_advanced(self, liquid: WeaklyCompressible, others: Mapping[str, Effect]) -> None:
+        if "melting" in others:
+            raise InputError(
+                f"{self.name}: a liquid with density = 'continuity' has one rest density, and melting brings another;"
+                " leave one of them out."
+            )
+        if self.density_weighted or self.printed():
             raise InputError(
                 f"{self.name}: density_weighted and literal belong to a summed density; leave them out with density ="
                 " 'continuity'."
@@ -139,7 +150,7 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, frozen=True, kw_only=Tr
     def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
         liquid = liquid_of(others)
         if liquid.advances():
-            return self._advanced_passes()
+            return self._advanced_passes(liquid.summed_passes(others))
         viscous = liquid.dynamic_viscosity > 0
         state = ("position", "mass", "rest_density", "phase", "relative_contribution")
         return (
@@ -153,13 +164,14 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, frozen=True, kw_only=Tr
             ),
         )
 
-    def _advanced_passes(self) -> tuple[Pass, ...]:
+    def _advanced_passes(self, summed: tuple[Pass, ...]) -> tuple[Pass, ...]:
         names, moving = {"smoothing": "gradient_smoothing"}, ("position", "velocity", "phase")
         return (
             Pass(
                 "sph.continuity", (*moving, "mass", "rest_density", "advanced_excess"), ("density_excess", "density"),
                 names=names,
             ),
+            *summed,
             Pass("sph.state", ("density",), ("pressure",)),
             Pass("two_way_coupling.extrapolation", (*moving, "followed_velocity", "density"), updates=("pressure",)),
             Pass(
@@ -169,9 +181,14 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, frozen=True, kw_only=Tr
             Pass("two_way_coupling.follow", ("velocity",), updates=("followed_velocity",), stage="motion"),
         )  # fmt: skip
 
-    def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount:
-        """Work of compression of the liquid's particles, relative to each one's own rest density."""
+    def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount | None:
+        """Work of compression of the liquid's particles, relative to each one's own rest density.
+
+        None with an advanced density: the extrapolated pressure does work that is not summed.
+        """
         liquid = liquid_of(others)
+        if liquid.advances():
+            return None
         exponent = 7 if liquid.state == "tait" else 1
 
         def compression(state: EnergyState) -> Any:
@@ -220,5 +237,5 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, frozen=True, kw_only=Tr
         if liquid.dynamic_viscosity > 0 and grid.solids is not None:
             lightest = min([liquid.rest_density, *(body.density for body in grid.solids.bodies)])
             seconds = 0.125 * (0.5 * grid.support_radius) ** 2 * lightest / liquid.dynamic_viscosity
-            limits["viscous"] = StepLimit.constant(seconds)
+            limits["viscous"] = StepLimit.constant(seconds / 3 if liquid.central() else seconds)
         return limits

@@ -1,0 +1,118 @@
+"""Solids in a liquid with an advanced density: lift, rise, momentum, restart; what is refused."""
+
+import msgspec
+import numpy as np
+import pytest
+
+from refsim import BoxWalls, InputError, Simulation, SurfaceDetection, TwoWayCoupling, WeaklyCompressible, make_plan
+from refsim.core.operation import REGISTRY
+from validation.experiments.liquid import runs
+
+SMALL = ((3, 3), 2, (8, 7), 2.6, runs.ARTIFICIAL)  # body, cells below it, tank, h/d, alpha
+
+
+@pytest.mark.parametrize(
+    ("body", "wide", "shake", "bar"),
+    [((5, 5), 13, 0.0, 0.05), pytest.param((6, 2), 14, 0.0, 0.05, marks=pytest.mark.slow),
+     pytest.param((6, 6), 14, 0.1, 0.03, marks=pytest.mark.slow)],
+)  # fmt: skip
+def test_a_held_solid_is_lifted_by_what_it_displaces(body, wide, shake, bar):
+    simulation = Simulation(runs.submerged(body, (wide - body[1]) // 2, (wide, wide), 3.0, runs.ARTIFICIAL), "cpu")
+    count = body[0] ** 2 * body[1]
+    moves = np.random.default_rng(3).uniform(-shake, shake, (simulation.count, 3)) * simulation.plan.grid.spacing
+    moves[:count] = 0
+    simulation.set_field("position", simulation.field("position") + moves)
+    place, forces = simulation.field("position")[:count], []
+    until = 4.0 if shake else 1.8
+    while simulation.time < until:
+        simulation.step()
+        runs.hold(simulation, place)
+        if simulation.time > until - 0.4 and simulation.steps % 5 == 0:
+            simulation.evaluate()
+            forces.append(runs.lift(simulation, count))
+    water = simulation.field("velocity")[count:]
+    assert abs(np.mean(forces) - 1) <= bar
+    assert np.std(forces) <= 0.02
+    assert np.sqrt((water**2).sum(1).mean()) <= 1e-3 * runs.SOUND
+
+
+def test_ice_rises_with_the_water_that_it_carries_along():
+    """2 z/t^2 after 1.5 sqrt(edge/g), C of a cube: 15 %."""
+    edge, cells = 5, (20, 15)
+    simulation = Simulation(runs.submerged((edge, edge), edge, cells, 3.0, 0.005), "cpu", threads=2)
+    until = 1.5 * (edge / cells[1] / runs.GRAVITY) ** 0.5
+    start = simulation.field("position")[: edge**3, 2].mean()
+    while simulation.time < until:
+        simulation.step()
+    rise = 2 * (simulation.field("position")[: edge**3, 2].mean() - start) / simulation.time**2
+    wanted = runs.GRAVITY * (runs.DENSITY - runs.ICE) / (runs.ICE + runs.ADDED * runs.DENSITY)
+    assert rise == pytest.approx(wanted, rel=0.15)
+
+
+def test_liquid_solid_and_walls_balance_their_momentum():
+    """The sum of all forces is the weight and the walls' push, to rounding."""
+    simulation = Simulation(runs.submerged(*SMALL), "cpu")
+    for _ in range(20):
+        simulation.step()
+    simulation.evaluate()
+    mass, force = simulation.field("mass"), simulation.field("mass") @ simulation.field("acceleration")
+    plan, operation = simulation.plan, REGISTRY["adami_2012.wall_force"]
+    names = ("position", "density", "pressure", "wall_pressure", "phase")
+    given = {name: simulation.field(name) for name in names}
+    given |= {"walls": plan.walls, "smoothing": plan.shared["gradient_smoothing"], "period": None}
+    push = operation.program("numpy")(*(given[name] for name in operation.arguments("numpy")))["acceleration"][0]
+    weight = np.array([0.0, 0.0, -runs.GRAVITY]) * mass.sum()
+    size = (mass[:, None] * np.abs(simulation.field("acceleration"))).sum()
+    assert np.abs(force - weight - mass @ push).max() <= 1e-13 * size
+
+
+def test_a_run_goes_on_bit_for_bit_from_a_checkpoint(tmp_path):
+    one = Simulation(msgspec.structs.replace(runs.submerged(*SMALL), dtype="float32"), "cpu")
+    for step in range(20):
+        if step == 10:
+            one.checkpoint(tmp_path / "checkpoint.npz")
+        one.step()
+    other = Simulation.resume(tmp_path / "checkpoint.npz", "cpu")
+    for _ in range(10):
+        other.step()
+    for name in ("position", "velocity", "advanced_excess", "followed_velocity"):
+        assert np.array_equal(one.field(name), other.field(name)), name
+
+
+def test_the_papers_coupling_has_none_of_it():
+    scene = runs.submerged(*SMALL)
+    papers = (
+        WeaklyCompressible(sound_speed=runs.SOUND, clamp_pressure=True), TwoWayCoupling(),
+        BoxWalls(lower=(0.0, 0.0, 0.0), upper=(2.0, 2.0, 2.0)),
+    )  # fmt: skip
+    kept = {type(effect): effect for effect in scene.effects} | {type(effect): effect for effect in papers}
+    plan = make_plan(msgspec.structs.replace(scene, effects=tuple(kept.values())))
+    assert not {"followed_velocity", "advanced_excess", "wall_pressure"} & set(plan.fields)
+    assert not any(name.startswith(("adami", "sph.continuity")) for name in plan.launches(on_demand=True))
+
+
+def test_a_detected_surface_has_its_number_density():
+    scene = runs.submerged(*SMALL)
+    scene = msgspec.structs.replace(scene, effects=(*scene.effects, SurfaceDetection()))
+    simulation = Simulation(scene, "cpu")
+    inner = np.abs(simulation.field("position") - 0.5).max(1) < 0.2
+    assert not simulation.field("surface")[inner].any()
+    assert simulation.field("surface")[simulation.field("position")[:, 2] > 0.9].all()
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"viscosity": "laplacian"}, "'laplacian' would brake their rotation; set viscosity = 'central'"),
+        ({"literal": ("M2",)}, "density_weighted and literal belong to a summed density"),
+        ({"density_weighted": True}, "density_weighted and literal belong to a summed density"),
+    ],
+)  # fmt: skip
+def test_what_does_not_fit_is_refused_in_a_sentence(changed, words):
+    scene = runs.submerged(*SMALL)
+    owner = WeaklyCompressible if "viscosity" in changed else TwoWayCoupling
+    effects = tuple(msgspec.structs.replace(e, **changed) if isinstance(e, owner) else e for e in scene.effects)
+    with pytest.raises(InputError) as refused:
+        make_plan(msgspec.structs.replace(scene, effects=effects))
+    assert words in str(refused.value)
+    assert str(refused.value).count(". ") == 0
