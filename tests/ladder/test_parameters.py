@@ -894,6 +894,20 @@ SETUPS = {
         lambda dim: implicit(dim, 0.4, 2e-3, 3, 50),
     ),
     "two-way": (lambda dim: (TwoWayCoupling(), WATER, ShapeMatching()), coupling, (3,)),
+    "two-way, advanced liquid": (  # four crossings of the support radius by sound; diffusion as in "advanced liquid"
+        lambda dim: (
+            TwoWayCoupling(),
+            water(density="continuity", diffusion=0.05, viscosity="central"),
+            ShapeMatching(),
+            PULL,
+        ),
+        lambda dim: {
+            "delay": {"tau": 4 * H / C},
+            "lean": {"x": 0.3, "y": -9.7, "z": 0.0},
+            "diffusion": {"coefficient": 0.025 * H * C, "x": RHO * 0.3 / C**2, "y": RHO * -9.7 / C**2, "z": 0.0},
+        },
+        (3,),
+    ),
     "two-way, printed": (
         lambda dim: (
             TwoWayCoupling(literal=("all",), density_weighted=True),
