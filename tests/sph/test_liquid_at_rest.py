@@ -17,7 +17,7 @@ from refsim import (
     WeaklyCompressible,
     make_plan,
 )
-from refsim.core.operation import REGISTRY
+from validation.experiments.liquid.runs import pushed
 
 G, DENSITY, DEPTH = 9.81, 1000.0, 1.0
 SOUND = 10 * math.sqrt(G * DEPTH)
@@ -51,15 +51,6 @@ def shaken(simulation, size, seed=3):
     return simulation
 
 
-def push_of_walls(simulation):
-    """Force of the walls on the liquid (3,) [N]."""
-    plan, operation = simulation.plan, REGISTRY["adami_2012.wall_force"]
-    given = {name: simulation.field(name) for name in ("position", "density", "pressure", "wall_pressure")}
-    given |= {"walls": plan.walls, "smoothing": plan.shared["gradient_smoothing"], "period": None}
-    push = operation.program("numpy")(*(given[name] for name in operation.arguments("numpy")))
-    return simulation.field("mass") @ push["acceleration"][0]
-
-
 @pytest.mark.parametrize(
     ("cells", "ratio", "dim", "shake"), [(16, 3.0, 2, 0.0), (16, 3.2, 2, 0.1), (16, 2.6, 2, 0.0), (8, 3.0, 3, 0.0)]
 )
@@ -74,7 +65,7 @@ def test_a_tank_rests_and_weighs_what_it_holds(cells, ratio, dim, shake):
             height, pressure = simulation.field("position")[:, dim - 1], simulation.field("pressure")
             inner = (height > 3 * DEPTH / cells) & (height < DEPTH - 3 * DEPTH / cells)
             slopes.append(-np.polyfit(height[inner], pressure[inner], 1)[0] / (DENSITY * G))
-            weights.append(push_of_walls(simulation)[dim - 1] / total)
+            weights.append(pushed(simulation)[dim - 1] / total)
     assert np.sqrt((simulation.field("velocity") ** 2).sum(1).mean()) <= 1e-3 * SOUND
     assert abs(np.mean(slopes) - 1) <= (0.04 if ratio < 3 else 0.025)
     assert abs(np.mean(weights) - 1) <= 0.005

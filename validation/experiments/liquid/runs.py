@@ -116,7 +116,8 @@ def pushed(simulation: Simulation) -> NDArray:
     """Force of walls with an extrapolated pressure on the liquid (3,) [N]."""
     plan, operation = simulation.plan, REGISTRY["adami_2012.wall_force"]
     given: dict[str, Any] = {n: simulation.field(n) for n in ("position", "density", "pressure", "wall_pressure")}
-    given |= {"walls": plan.walls, "smoothing": plan.shared["gradient_smoothing"], "period": None}
+    phase = simulation.field("phase") if "phase" in plan.fields else None
+    given |= {"walls": plan.walls, "smoothing": plan.shared["gradient_smoothing"], "period": None, "phase": phase}
     push = operation.program("numpy")(*(given[name] for name in operation.arguments("numpy")))
     return simulation.field("mass") @ push["acceleration"][0]
 
