@@ -75,7 +75,8 @@ class Programs:
         for field_name in ("dtypes", "kernels", "dims", "without"):
             value = getattr(self, field_name)
             if isinstance(value, str) or not isinstance(value, Sequence):
-                raise InputError(f"{self.name}: {field_name} = {value!r} is no sequence; write ({value!r},).")
+                right = getattr(Programs, field_name)
+                raise InputError(f"{self.name}: {field_name} = {value!r} is no sequence; give a tuple like {right}.")
         among(self.dtypes, DTYPES, f"{self.name}: there is no dtype")
         among(self.kernels, tuple(SHAPES), f"{self.name}: there is no smoothing kernel")
         among(self.dims, DIMS, f"{self.name}: there is no dimension")

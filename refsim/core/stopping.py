@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import _thread
 import os
 import signal
 import sys
@@ -23,9 +24,26 @@ def quiet_while_importing() -> None:
             signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
+class Interrupted(KeyboardInterrupt):
+    """A signal asks for the end.
+
+    After a plain KeyboardInterrupt that passed a C library, Python ends itself by SIGINT, also where it was caught.
+    """
+
+
+def _interrupt(number: int, frame: Any) -> None:
+    raise Interrupted
+
+
+AGAIN = 0.05  # s until a signal comes again whose exception was lost
+
+
 @contextmanager
-def heeding(act: Callable[[int, Any], Any] = signal.default_int_handler) -> Iterator[None]:
-    """Call `act` on each of the signals; by default it raises KeyboardInterrupt. SIGHUP stays ignored under nohup."""
+def heeding(act: Callable[[int, Any], Any] = _interrupt) -> Iterator[None]:
+    """Call `act` on each of the signals; by default it raises Interrupted. SIGHUP stays ignored under nohup.
+
+    Python drops an exception that is raised in a callback of its own; the signal is then sent again.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -33,9 +51,20 @@ def heeding(act: Callable[[int, Any], Any] = signal.default_int_handler) -> Iter
     if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
         numbers.append(signal.SIGHUP)
     before = {number: signal.signal(number, act) for number in numbers}
+    others = sys.unraisablehook
+
+    def lost(found: Any) -> None:
+        if not issubclass(found.exc_type, KeyboardInterrupt):
+            return others(found)
+        timer = threading.Timer(AGAIN, _thread.interrupt_main)
+        timer.daemon = True
+        timer.start()
+
+    sys.unraisablehook = lost
     try:
         yield
     finally:
+        sys.unraisablehook = others
         for number, handler in before.items():
             signal.signal(number, handler)
 

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+import weakref
 
 import pytest
 
@@ -118,6 +119,33 @@ def test_a_closed_terminal_is_ignored_under_nohup():
     try:
         with heeding():
             assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
-            assert signal.getsignal(signal.SIGTERM) is signal.default_int_handler
+            with pytest.raises(KeyboardInterrupt):
+                signal.raise_signal(signal.SIGTERM)
     finally:
         signal.signal(signal.SIGHUP, before)
+
+
+def test_a_signal_that_python_drops_comes_again():
+    """In the callback of a weak reference an exception is dropped."""
+    met = []
+
+    class Mortal:
+        pass
+
+    def gone(_):
+        met.append("callback")
+        os.kill(os.getpid(), signal.SIGTERM)
+        for _ in range(1000):  # in which the handler raises
+            pass
+
+    mortal = [Mortal()]
+    kept = weakref.ref(mortal[0], gone)
+
+    def let_go():
+        mortal.clear()
+        time.sleep(5)
+
+    with pytest.raises(KeyboardInterrupt), heeding():
+        let_go()
+    assert met == ["callback"]
+    assert kept() is None

@@ -33,7 +33,10 @@ AT_IMPORT = {
     "reads standard input": ("input()", "EOFError"),
     "KeyboardInterrupt": ("raise KeyboardInterrupt", "KeyboardInterrupt"),
     "an exception of no class": ("class E(BaseException): pass\nraise E", "cannot be imported: E"),
-    "an exception without words": ("class E(Exception):\n    def __str__(self): return 1 / 0\nraise E", "E: no word"),
+    "an exception without words": (
+        "class E(Exception):\n    def __str__(self): return 1 / 0\nraise E",
+        "E: no message",
+    ),
     "an exception of a megabyte": ("raise ValueError('x' * 1000000)", "ValueError"),
     "surrogates in an exception": ("raise ValueError('\\udcff\\x1b[2J')", "ValueError"),
     "syntax": ("def def", "SyntaxError"),
@@ -98,7 +101,7 @@ HARMLESS = {
 }
 TABLES = {
     "no mapping": ("PROGRAMS = 3\n", "give a mapping"),
-    "a mapping of numbers": ("PROGRAMS = {3: gravity}\n", "is not an operation|no usable programs"),
+    "a mapping of numbers": ("PROGRAMS = {3: gravity}\n", "is not an operation"),
     "no function": ("PROGRAMS = {'sph.gravity': 3}\n", "give a function"),
     "a parameter too many": ("PROGRAMS = {'sph.gravity': lambda field, weight: 1}\n", "takes weight"),
     "an endless mapping": (
@@ -112,7 +115,7 @@ TABLES = {
     ),
     "strange dtypes": (
         "from refsim.contract import Programs\nPROGRAMS = Programs({'sph.gravity': gravity}, dtypes=3)\n",
-        "no usable programs",
+        "is no sequence; give a tuple",
     ),
 }
 

@@ -18,7 +18,6 @@ from validation.attack.commands import apart, ended, here, run_command, write_ta
 COMMANDS = ("run", "sweep", "sweep", "study", "study", "view", "render", "reproduce")
 SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGKILL")
 LONGEST = 6.0  # s until a signal
-STARTS = 1.0  # s in which the interpreter may not yet have reached refsim
 ENDS = 15.0  # s until no process of a stopped command is left
 
 
@@ -86,7 +85,8 @@ def stopped(name: str, folder: Path, number: signal.Signals, delay: float) -> tu
     if left(process.pid):
         os.killpg(process.pid, signal.SIGKILL)
         return "hang", f"processes of the stopped {name} go on"
-    killed = process.returncode == -number and (number == signal.SIGKILL or delay < STARTS)
+    unheeded = outcome == "died" and words == f"signal {number.value}; "  # before refsim heeds it, without a word
+    killed = process.returncode == -number and (number == signal.SIGKILL or unheeded)
     return ("0", "killed") if alone and killed else (outcome, words)
 
 
