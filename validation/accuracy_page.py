@@ -8,10 +8,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from refsim.core.tables import in_bytes
-from refsim.study.advice import Advice, answer, keeps
+from refsim.study.advice import answer, keeps
 from refsim.study.choice import Candidate, Choice, by_chance, candidates, duration, kinds, percent, refused
-from refsim.study.panels import OWN, Panel, Point, abouts, panel
+from refsim.study.panels import OWN, Panel, abouts, panel
 from validation.drawing import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, YELLOW, save_picture, style
 from validation.filling import replaced
 
@@ -43,116 +42,53 @@ def rows(of: Panel) -> list[str]:
 
 
 def _cells(of: Panel, error: float) -> list[str]:
-    """Cells behind the error: setting, what it keeps, seconds, seconds on a GPU, memory, the best peer's seconds."""
+    """Cells behind the error: setting, its own error, seconds, seconds on a GPU, the best other program's seconds."""
     found = answer(of, error)
     if found.no_meaning:
-        return [f"no meaning: {found.no_meaning}", "", "", "", "", ""]
-    choice, gpu = found.choice, _on_gpu(answer(of, error, "gpu"))
-    peer = "" if found.peer is None else _time(found.peer, lambda c: f" ({c.point.program})", peer=True)
+        return [f"no meaning: {found.no_meaning}", "", "", "", ""]
+    choice, gpu = found.choice, answer(of, error, "gpu").choice
+    peer = "" if found.peer is None else _time(found.peer, lambda c: f" ({c.point.program})")
     assert choice is not None
     if choice.named is None:
-        return [choice.why, "", "", gpu, "", peer]
-    kept = keeps(of, choice.named) + (f" {BELOW}" if error < of.reference()[2] else "")
+        return [choice.why, "", "", _time(gpu), peer]
+    own = keeps(of, choice.named) + (f" {BELOW}" if error < of.reference()[2] else "")
     words = choice.named.point.words
     if choice.nearest is not None:
-        return [f"not reached; nearest: {words}", kept, "", gpu, "", peer]
-    memory = in_bytes(choice.named.point.bytes) if choice.named.point.bytes else ""
-    return [words if choice.advised else f"{HOLLOW} {words}", kept, _time(choice), gpu, memory, peer]
+        return [f"not reached; nearest: {words}", own, "", _time(gpu), peer]
+    return [words if choice.advised else f"{HOLLOW} {words}", own, _time(choice), _time(gpu), peer]
 
 
-def _time(choice: Choice, after: Callable[[Candidate], str] = lambda c: "", peer: bool = False) -> str:
-    """Seconds of an advised setting, with those of its starts where they differ; of an unsettled one the range."""
+def _time(choice: Choice | None, after: Callable[[Candidate], str] = lambda c: "") -> str:
+    """Seconds of an advised setting; the range of one whose timing scatters; nothing where none reaches the error."""
+    if choice is None:
+        return ABSENT
     named = choice.named
     if named is None:
         return choice.why
     if choice.nearest is not None:
-        return f"not reached ({named.point.program + ': ' if peer else ''}{percent(named.error)})"
+        return ""
     if choice.advised is None:
         return f"{HOLLOW} " + " to ".join(duration(choice.seconds * share) for share in named.scatter) + after(named)
-    starts = " to ".join(duration(choice.seconds * share) for share in named.starts or ())
-    return duration(choice.seconds) + (f" (starts: {starts})" if starts and not peer else "") + after(named)
-
-
-def _on_gpu(found: Advice) -> str:
-    return ABSENT if found.choice is None else _time(found.choice)
+    return duration(choice.seconds) + after(named)
 
 
 HEAD = [
-    "| observable | error | cheapest setting | keeps | CPU, at most 2 threads | GPU | memory | best peer |",
-    "| --- | --: | --- | --: | --: | --: | --: | --: |",
+    "| observable | error | cheapest setting | its error | CPU, at most 2 threads | GPU | best other program |",
+    "| --- | --: | --- | --: | --: | --: | --: |",
 ]
 
 
-def notes(of: Panel) -> list[str]:
-    """What the table leaves out: why a setting is not advised or was passed over, settings of a GPU, and peers."""
-    said: dict[str, list[str]] = {}
-    for error in targets(of):
-        for kind in ("cpu", "gpu"):
-            found = answer(of, error, kind)
-            choice, words = found.choice, []
-            if choice is None:
-                continue
-            if choice.read is not None:
-                words.append(f"{HOLLOW} {choice.read.point.words}: {choice.read.unsettled}")
-            elif kind == "gpu" and choice.advised is not None:
-                words.append(choice.advised.point.words)
-            words += [note for note in choice.notes if not note.startswith("below the uncertainty")]
-            if found.peer is not None and kind == "cpu":
-                best = found.peer.advised
-                words.append(found.peer.why if best is None else f"best peer {best.point.words}")
-            for each in words:
-                said.setdefault(each, []).append(percent(error))
-    return [f"- {', '.join(errors)}: {words}." for words, errors in said.items()]
-
-
-def changes(of: Panel) -> list[str]:
-    """What differs in one knob from the base setting: its value, error and seconds; then parts of the base's time."""
-    base = of.points[of.about.base]
-    lines = []
-    for point in of.points.values():
-        knobs = {name for name in base.knobs.keys() | point.knobs.keys() if _knob(base, name) != _knob(point, name)}
-        effect = point.key.removeprefix("cuda_").startswith(of.about.other_scenes)
-        if point.program != OWN or (point.gpu if effect else len(knobs) != 1):
-            continue
-        if point.seconds:
-            cost = f"{_median(point) / _median(base):.2f}" if _median(base) else ""
-            lines.append(f"| {point.words} | {point.value:.4g} | {percent(of.error(point))} | {cost} |")
-        elif point.failed:
-            lines.append(f"| {point.words} | {point.failed} | | |")
-    if not lines:
-        return []
-    first = f"| {base.words} | {base.value:.4g} | {percent(of.error(base))} | 1 |"
-    made = [f"One change at a time; value: {of.about.observed}.", ""]
-    made += ["| setting | value | error | time over the first |", "| --- | --: | --: | --: |", first, *lines, ""]
-    total = math.fsum(base.parts.values())
-    parts = [f"{name} {100 * part / total:.0f} %" for name, part in base.parts.items()] if total else []
-    parts += [f"{name} {100 * part / total:.0f} % on top" for name, part in base.beside.items()] if total else []
-    said = [f"{what}: median {d['median']:.2g}, 99 % {d['p99']:.2g}, largest {d['max']:.2g}"
-            for what, d in base.distribution.items()]  # fmt: skip
-    words = ([f"Time of the first: {', '.join(parts)}."] if parts else []) + [f"{each}." for each in said]
-    return [*made, *([" ".join(words), ""] if words else [])]
-
-
-def _knob(point: Point, name: str) -> Any:
-    return None if name in ("passes", "bytes", "iterations") else point.knobs.get(name)
-
-
-def _median(point: Point) -> float:
-    return Candidate(point, 0.0).wall
-
-
 def pictures(of: Panel) -> list[str]:
-    """The panel's part of the page below the table."""
-    about = of.about
-    gpu = of.where(True)
-    remark = f" {about.remark[0].upper()}{about.remark[1:]}." if about.remark else ""
-    uncertain = f" It is known to {percent(of.reference()[2])}: {about.uncertain}." if of.reference()[2] else ""
-    lines = [f"### {about.words[0].upper()}{about.words[1:]}", ""]
-    lines += [f"![Error against time: {about.words}](../figures/accuracy_cost_{of.name}.png)", ""]
-    lines += [f"Reference: {about.reference}.{uncertain}{remark}"]
-    lines += [f"Measured on {of.where(False)}{'; ' + gpu if gpu else ''}.", ""]
-    listed = notes(of)
-    return [*lines, *listed, *([""] if listed else []), *changes(of)]
+    """The panel's picture, its reference and how well that is known."""
+    about, known = of.about, of.reference()[2]
+    name = f"{about.words[0].upper()}{about.words[1:]}"
+    within = f", known to {percent(known)}" if known else ""
+    return [
+        f"![{name}](../figures/accuracy_cost_{of.name}.png)",
+        "",
+        f"*{name}. Reference: {about.reference}{within}.*",
+        "",
+    ]
 
 
 def page(text: str) -> str:

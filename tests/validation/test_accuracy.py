@@ -31,7 +31,7 @@ def test_cells_of_the_table_are_short():
         for line in accuracy_page.rows(panel(name)):
             _, _, errors, *cells, _ = line.split("|")
             assert "%" in errors
-            assert len(cells) == 6
+            assert len(cells) == 5
             assert max(map(len, cells[1:])) <= 50
             assert len(cells[0]) <= 80 or "no meaning" in cells[0]
 
