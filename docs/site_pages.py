@@ -24,25 +24,18 @@ ABOVE = {"CONTRIBUTING.md": "contributing.md", "CHANGELOG.md": "changelog.md", "
 LINK = re.compile(r"(?<!!)\[([^\]]*)\]\(([^)\s]+)\)")
 CODE = re.compile(r"^(```.*?^```[^\n]*$)", re.MULTILINE | re.DOTALL)
 NAVIGATION = {
-    "Begin": (
-        "journeys", "The installed package <package>", "waiting_time", "lessons", "scene_files", "results",
-        "render", "study", "sweep", "gallery", "contract",
-    ),
-    "What holds": (
-        "guarantees", "checks", "errata", "nightly", "accuracy_cost",
-        "effects_cost", "device_limits", "stability", "energy_audit",
-    ),
-    "Liquids and walls": (
-        "sph", "liquid", "solutions", "iisph", "boundary_akinci_2012", "one_way_coupling", "signed_distance",
-        "boundary_sampling",
-    ),
-    "Surface tension": (
-        "surface_detection", "jiang_zhu_2023", "models", "akinci_2013", "dong_2016", "becker_teschner_2007",
-        "tartakovsky_meakin_2005", "he_2014", "csf_wang_2019", "normal_difference_2014", "sigma_map", "contact_angle",
-    ),
+    "Begin": ("sph_by_hand", "mpm_by_hand", "scene_files", "results", "study", "sweep", "gallery"),
+    "Liquids and walls": ("sph", "liquid", "iisph", "walls", "meshes"),
+    "Surface tension": ("surface_detection", "jiang_zhu_2023", "dong_2016", "models", "sigma_map"),
     "Solids, heat, melting": ("shape_matching", "two_way_coupling", "heat", "melting"),
     "Particles and a grid": ("mpm", "surface_energy", "isosurface", "mpm_droplet"),
-    "Programs": ("public_names", "api", "contributing", "changelog"),
+    "Evidence": (
+        "errata", "refuted", "checks", "solutions", "accuracy_cost", "effects_cost", "stability", "energy_audit",
+    ),
+    "Lessons": ("lessons",),
+    "Contract": ("contract",),
+    "Contributing": ("contributing", "api", "changelog"),
+    "Guarantees": ("guarantees", "public_names"),
 }  # fmt: skip
 
 
@@ -53,8 +46,6 @@ def as_on_the_site(app: Any, page: str, source: list[str]) -> None:
         text = (ROOT / f"{page.upper()}.md").read_text(encoding="utf-8")
         text = LINK.sub(lambda link: f"[{link[1]}]({_from_docs(link[2])})", text)
         text = text.replace("](figures/", "](../figures/")
-    if page == "package":  # the package index shows this page, too, and has no pictures of the repository
-        text = re.sub(r"<!-- (!\[.*\)) -->", r"\1", text)
     if page == "gallery":
         text = text.replace("<!-- films -->", "\n".join(films()))
         text = text.replace("<!-- gallery -->", "\n".join(gallery()))

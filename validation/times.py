@@ -1,7 +1,7 @@
 """Stored times and their pages: `python -m validation times [FILE ...]`.
 
 FILE is what `pytest tests/times/bench_*.py --benchmark-json FILE` wrote. Its readings go into `times.json`, and the
-tables and pictures of docs/effects_cost.md and docs/device_limits.md are made of what is stored there; without a file
+tables and pictures of docs/effects_cost.md are made of what is stored there; without a file
 nothing but the pages is renewed. A kernel's benchmark stands on no page.
 """
 
@@ -125,27 +125,24 @@ def microseconds(seconds: Sequence[float]) -> str:
 
 
 def effects(times: Times) -> list[str]:
-    """Tables of docs/effects_cost.md, one a ladder."""
-    plans = {backend: planned(backend) for backend in ("cpu", "cuda")}
+    """Table of what each effect costs, a ladder below the other."""
+    plan_of = planned("cpu")
     own, gpu = readings(times, "effects cpu"), readings(times, "effects cuda")
-    heading = ["scene", "operations a step, CPU", "operations, CUDA", "kernels, CUDA", "fields [B a particle]"]
-    heading += ["all [B a particle], CPU", "CUDA", "step [us], 2 CPU threads", "step [us], GPU"]
-    lines: list[str] = []
+    heading = ["scene", "operations, CPU", "kernels, GPU", "bytes a particle, CPU", "step [us], 2 CPU threads"]
+    heading += ["step [us], GPU"]
+    rows = []
     for name, ladder in ladders().items():
-        rows = []
+        particles = plan_of[f"{name}: {ladder.rungs[0].words}"]["particles"]
+        rows.append([f"**{ladder.words}**, {particles:,} particles of liquid", *[""] * (len(heading) - 1)])
         for rung in ladder.rungs:
             key = f"{name}: {rung.words}"
-            cpu, cuda = plans["cpu"][key], plans["cuda"][key]
             rows.append([
-                rung.words, str(cpu["operations"]), str(cuda["operations"]), str(gpu.get(key, {}).get("kernels", "")),
-                str(cpu["fields"]), f"{cpu['each']:.0f}", f"{cuda['each']:.0f}",
-                microseconds(own[key]["seconds"]) if key in own else NOT_YET,
+                rung.words, str(plan_of[key]["operations"]), str(gpu.get(key, {}).get("kernels", "")),
+                f"{plan_of[key]['each']:.0f}", microseconds(own[key]["seconds"]) if key in own else NOT_YET,
                 f"{1e6 * median(gpu[key]):.0f}" if key in gpu else NOT_YET,
             ])  # fmt: skip
-        particles = plans["cpu"][f"{name}: {ladder.rungs[0].words}"]["particles"]
-        lines += [f"### {ladder.words[:1].upper()}{ladder.words[1:]}", "", f"{particles:,} particles of liquid.", ""]
-        lines += [*table(heading, rows), ""]
-    return [*lines, f"CPU: {where(times, 'effects cpu', ', 2 threads')}. GPU: {where(times, 'effects cuda')}."]
+    said = f"CPU: {where(times, 'effects cpu', ', 2 threads')}. GPU: {where(times, 'effects cuda')}."
+    return [*table(heading, rows), "", said]
 
 
 def effects_picture(times: Times) -> Any:
@@ -261,14 +258,13 @@ class Line:
     """A row of the page's first table.
 
     name       of the reading; unit: that is shown, "ms", "plain steps" or particle-steps
-    bar, aim   in the unit shown
+    bar        in the unit shown
     """
 
     words: str
     name: str
     unit: str
     bar: float | None = None
-    aim: float | None = None
 
     @property
     def size(self) -> str:
@@ -293,12 +289,12 @@ class Line:
 
 FAST = "G particle-steps/s"
 LINES = (
-    Line("Jiang & Zhu cohesion, 59,319 particles", "60k jiang_zhu", "ms a step", 0.1, 0.07),
+    Line("Jiang & Zhu cohesion, 59,319 particles", "60k jiang_zhu", "ms a step", 0.1),
     Line("the same, 1,000,000", "1M jiang_zhu", "ms a step"),
-    Line("the same, 8,000,000", "8M jiang_zhu", FAST, 2.5, 3.5),
-    Line("Akinci, 8,000,000", "8M akinci", FAST, 1.6, 2.0),
-    Line("melting, figure 6, with list builds", "melting figure_6", "ms a step", 0.5, 0.3),
-    Line("MPM surface of a million particles", "surface in turns", "plain steps", 1.5, 1.0),
+    Line("the same, 8,000,000", "8M jiang_zhu", FAST, 2.5),
+    Line("Akinci, 8,000,000", "8M akinci", FAST, 1.6),
+    Line("melting, figure 6, with list builds", "melting figure_6", "ms a step", 0.5),
+    Line("MPM surface of a million particles", "surface in turns", "plain steps", 1.5),
     Line("new table of MPM blocks, 2,097,152 particles", "table", "ms", 1.0),
 )
 
@@ -351,15 +347,15 @@ def warp_words(found: Mapping[str, Any], size: str) -> str:
 
 
 def limits(times: Times) -> list[str]:
-    """Tables of docs/device_limits.md on the GPU."""
+    """Tables of the steps and kernels on the GPU; kernels at the largest size that was measured."""
     found, rows = readings(times, "device cuda"), []
     for line in LINES:
         value = line.value(found)
         beside = [warp_words(found, line.size), shares(found, line.size, "step")[0]] if line.size else ["", ""]
         measured = NOT_YET if value is None else f"{value:.3g} {line.unit}"
-        bar, aim = ("" if number is None else f"{number:g}" for number in (line.bar, line.aim))
-        rows.append([line.words, measured, bar, line.reached(value), aim, *beside])
-    lines = table(["work", "measured", "bar", "reached", "aim", "peer", "share of the copy speed"], rows)
+        bar = "" if line.bar is None else f"{line.bar:g}"
+        rows.append([line.words, measured, bar, line.reached(value), *beside])
+    lines = table(["work", "measured", "required", "reached", "another program", "share of the copy speed"], rows)
     said, fast = NOT_YET, speeds(found)
     if fast is not None:
         said = (
@@ -370,7 +366,7 @@ def limits(times: Times) -> list[str]:
     heading = ["kernel", "particles", "time [ms]", "least bytes [MB]", "least operations [GFLOP]"]
     heading += ["share of the copy speed", "share of the arithmetic speed"]
     rows = []
-    for size in SIZES:
+    for size in [size for size in SIZES if f"{size} density" in found][-1:]:
         for name in (*STEP_KERNELS, "list"):
             own = least_of(found, size, name)
             if own is not None:
@@ -434,11 +430,10 @@ def limits_picture(times: Times) -> Any:
 
 # Pages
 
-PARTS: dict[str, tuple[str, Callable[[Times], list[str]]]] = {
-    "effects": ("effects_cost.md", effects),
-    "device limits": ("device_limits.md", limits),
-    "cpu scaling": ("device_limits.md", scaling_table),
-}
+PAGE = DOCS / "effects_cost.md"
+PARTS: dict[str, Callable[[Times], list[str]]] = {
+    "effects": effects, "device limits": limits, "cpu scaling": scaling_table,
+}  # fmt: skip
 PICTURES: dict[str, Callable[[Times], Any]] = {
     "effects_cost.png": effects_picture,
     "device_limits.png": limits_picture,
@@ -446,18 +441,17 @@ PICTURES: dict[str, Callable[[Times], Any]] = {
 }
 
 
-def page(name: str, text: str, times: Times) -> str:
-    """A page of `docs/` with its tables renewed."""
+def page(text: str, times: Times) -> str:
+    """The page with its tables renewed."""
     from validation.filling import replaced
 
-    for part, (owner, made) in PARTS.items():
-        if owner == name:
-            text = replaced(text, part, made(times), DOCS / name)
+    for part, made in PARTS.items():
+        text = replaced(text, part, made(times), PAGE)
     return text
 
 
 def perform(files: Sequence[Path]) -> list[Path]:
-    """Store the readings of the files, renew pages and pictures; returns the paths of what was written."""
+    """Store the readings of the files, renew page and pictures; returns the paths of what was written."""
     import matplotlib.pyplot as plt
 
     from validation.drawing import save_picture, style
@@ -467,12 +461,10 @@ def perform(files: Sequence[Path]) -> list[Path]:
         times = merged(times, read(file))
     if files:
         STORED.write_text(json.dumps(times, indent=1) + "\n")
-    pages = [DOCS / name for name in dict.fromkeys(owner for owner, _ in PARTS.values())]
-    for each in pages:
-        each.write_text(page(each.name, each.read_text(), times))
+    PAGE.write_text(page(PAGE.read_text(), times))
     with style():
         for name, drawing in PICTURES.items():
             figure = drawing(times)
             save_picture(figure, FIGURES / name)
             plt.close(figure)
-    return [*([STORED] if files else []), *pages, *(FIGURES / name for name in PICTURES)]
+    return [*([STORED] if files else []), PAGE, *(FIGURES / name for name in PICTURES)]

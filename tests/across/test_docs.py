@@ -2,8 +2,10 @@
 
 import argparse
 import ast
+import contextlib
 import functools
 import importlib
+import io
 import json
 import pathlib
 import re
@@ -35,10 +37,9 @@ ROOT = pathlib.Path(__file__).parents[2]
 DOCS = sorted((ROOT / "docs").rglob("*.md"))
 PAGES = [*DOCS, *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md"))]
 NO_EFFECT = (
-    "index.md", "guarantees.md", "scene_files.md", "accuracy_cost.md", "contract.md", "results.md", "nightly.md",
-    "effects_cost.md", "device_limits.md",
-    "study.md", "render.md", "waiting_time.md", "api.md", "gallery.md", "changelog.md",
-    "contributing.md", "journeys.md", "solutions.md", "lessons.md", "sweep.md", "public_names.md",
+    "index.md", "guarantees.md", "scene_files.md", "accuracy_cost.md", "contract.md", "results.md", "effects_cost.md",
+    "study.md", "api.md", "gallery.md", "changelog.md", "contributing.md", "solutions.md", "lessons.md", "sweep.md",
+    "public_names.md", "refuted.md", "sph_by_hand.md", "mpm_by_hand.md",
 )  # fmt: skip
 EFFECT_PAGES = [p for p in DOCS if p.name not in NO_EFFECT and p.parent.name != "lessons"]
 PUBLISHED = {name: effect for name, effect in EFFECTS.items() if effect.__module__.startswith("refsim.")}
@@ -249,9 +250,16 @@ def planned(example):
 
 
 def performed(example):
-    """Evaluator of Sybil: a program runs as it stands, after those before it; a long run ends after a few steps."""
+    """Evaluator of Sybil: a program runs as it stands, after those before it; a long run ends after a few steps.
+
+    What a line prints is what the comment behind it gives.
+    """
     text = re.sub(r"(\w+)\.time < [\d.]+", r"\1.steps < 5", example.parsed)
-    exec(compile(text, "<a page>", "exec"), example.namespace)
+    printed = io.StringIO()
+    with contextlib.redirect_stdout(printed):
+        exec(compile(text, "<a page>", "exec"), example.namespace)
+    given = [line for comment in re.findall(r"# gives (.*)", text) for line in comment.split(", then ")]
+    assert not given or printed.getvalue().splitlines() == given
 
 
 EXAMPLES = Sybil([CodeBlockParser("toml", planned), CodeBlockParser("python", performed)], path=str(ROOT))

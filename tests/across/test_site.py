@@ -82,11 +82,11 @@ def test_the_gallery_shows_every_figure_with_its_command(site):
 def test_pages_fit_the_width_and_formulas_are_typeset(site, tmp_path, width):
     browser = Browser(tmp_path, width, 900)
     try:
-        for page in ("index", "gallery", "render", "api"):
+        for page in ("index", "gallery", "results", "api"):
             browser.open(site / f"{page}.html")
             assert browser.value("document.documentElement.scrollWidth") <= width
             assert browser.value("[...document.images].filter(i => i.complete && !i.naturalWidth).length") == 0
-        browser.open(site / "render.html", "document.querySelectorAll('mjx-container').length > 0")
+        browser.open(site / "sph_by_hand.html", "document.querySelectorAll('mjx-container').length > 0")
         assert browser.value("document.querySelectorAll('mjx-container merror, mjx-merror').length") == 0
         assert not browser.errors
     finally:

@@ -1,4 +1,4 @@
-"""The three paths of docs/journeys.md, each in an empty folder with the wheel: files, commands and their output."""
+"""The three paths of paths.md, each in an empty folder with the wheel: files, commands and their output."""
 
 import dataclasses
 import doctest
@@ -13,7 +13,7 @@ import sys
 import pytest
 
 ROOT = pathlib.Path(__file__).parents[2]
-PAGE = (ROOT / "docs" / "journeys.md").read_text()
+PAGE = pathlib.Path(__file__).with_name("paths.md").read_text()
 PATHS = dict(re.findall(r"^## The (\w+): [^\n]*\n(.*?)(?=^## |\Z)", PAGE, re.MULTILINE | re.DOTALL))
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 MADE = {"engineer": ["mine.py", "test_mine.py"], "researcher": ["front.png"], "teacher": ["dam.html"]}

@@ -1,7 +1,7 @@
 """Predicted against measured wall time: twelve scenes that were not used to build the model of `refsim.study.cost`.
 
 `python -m validation measure run_time` predicts each scene on a backend from constants measured anew, runs it to its
-end, and puts both into `data/run_time.json`; --write puts the table on docs/study.md. It needs a machine that does
+end, and puts both into `data/run_time.json`; --write puts their summary on docs/study.md. It needs a machine that does
 nothing else. A scene whose row is on file for the backend is not measured again, unless with --fresh.
 """
 
@@ -225,23 +225,18 @@ def summary(rows: Sequence[Mapping[str, Any]]) -> str:
     )
 
 
-HEAD = (
-    "| scene | particles | predicted [s] | measured [s] | ratio | steps, predicted / taken | list builds, the same |\n"
-    "| --- | --- | --- | --- | --- | --- | --- |"
-)
 BEGIN, END = "<!-- run_time {} -->\n", "\n<!-- end of run_time {} -->"
 
 
 def write_page(path: Path, page: Path = PAGE) -> None:
-    """Put the table of every backend on file between its marks on the page."""
+    """Put the summary of every backend on file between its marks on the page."""
     for backend, group in json.loads(path.read_text()).items():
         rows = list(group["rows"].values())
         where = (group["device"] or {}).get("name") or f"{group['processor']}, {group['threads']} threads"
-        lines = "\n".join(line(row) for row in rows)
         told = f"Backend {backend}, {where}, {group['date']}: {summary(rows)}."
         begin, end = BEGIN.format(backend), END.format(backend)
         head, _, rest = page.read_text().partition(begin)
-        page.write_text(f"{head}{begin}\n{HEAD}\n{lines}\n\n{told}\n{end}{rest.partition(end)[2]}")
+        page.write_text(f"{head}{begin}\n{told}\n{end}{rest.partition(end)[2]}")
 
 
 def perform(path: Path, backend: str, given: Any) -> int:

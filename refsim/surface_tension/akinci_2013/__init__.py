@@ -34,7 +34,7 @@ from refsim.surface_tension.cohesion import (
 
 WATER_RATIO = 1e-3  # eps/(gamma rho0) of the one printed coefficient, for water in SI units
 # eps N/(gamma rho0), with N neighbours in the support, up to which drops come to rest, and from which on they fly
-# apart at any step (docs/akinci_2013.md). The area term grows with N, since its sum contains no volume.
+# apart at any step (docs/models.md). The area term grows with N, since its sum contains no volume.
 LARGEST_AREA, SHATTERING_AREA = 0.14, 1.0
 
 

@@ -959,7 +959,7 @@ def marked_cost(context: Context, everywhere: bool, backend: str, repeats: int =
 # Neither puts the solid into the liquid's density.
 #
 # The patent's third rival, impulses at the boundary (Oh, Kim & Roh 2009), is not here: what its description lacks
-# stands on docs/one_way_coupling.md.
+# stands on docs/walls.md.
 
 
 SKIN = 0.2  # of the lists of boundary particles, in support radii
