@@ -22,6 +22,8 @@ PAPERS = {
 }
 ABOVE = {"CONTRIBUTING.md": "contributing.md", "CHANGELOG.md": "changelog.md", "README.md": "index.md"}
 LINK = re.compile(r"(?<!!)\[([^\]]*)\]\(([^)\s]+)\)")
+BAR = "\\|"
+MADE = re.compile(r"<!-- code: ([\w ]+) -->")
 CODE = re.compile(r"^(```.*?^```[^\n]*$)", re.MULTILINE | re.DOTALL)
 NAVIGATION = {
     "Begin": ("sph_by_hand", "mpm_by_hand", "scene_files", "results", "study", "sweep", "gallery"),
@@ -53,6 +55,7 @@ def as_on_the_site(app: Any, page: str, source: list[str]) -> None:
         from validation.page import table
 
         text = text.replace("<!-- checks -->", "\n".join(table()))
+    text = MADE.sub(lambda found: "\n".join(code(found[1].split())), text)
     if page == "api":
         text = text.replace("<!-- api -->", "\n".join(api()))
     if page.startswith("lessons/"):
@@ -90,7 +93,7 @@ def _linked(text: str) -> str:
 
 def navigation() -> Iterator[str]:
     """The tables of contents that make the sidebar; a page that NAVIGATION does not name stands in one of its own."""
-    named = {re.sub(r".*<(.*)>", r"\1", page) for pages in NAVIGATION.values() for page in pages} | {"index"}
+    named = {re.sub(r".*<(.*)>", r"\1", page) for pages in NAVIGATION.values() for page in pages} | {"index", "package"}
     others = tuple(sorted({path.stem for path in (ROOT / "docs").glob("*.md")} - named))
     for title, pages in (NAVIGATION | ({"Other methods": others} if others else {})).items():
         yield f"\n```{{toctree}}\n:hidden:\n:caption: {title}\n"
@@ -109,6 +112,28 @@ def lesson(name: str) -> str:
             drawn += 1
             parts.append(f"\n![What the cell draws](../../figures/lessons/{name}_{drawn}.png)\n")
     return "".join(parts)
+
+
+def code(folders: list[str]) -> Iterator[str]:
+    """Where the operations of the folders stand: equation, formulas, reference and kernel, from the registry."""
+    from refsim.commands import discover
+    from refsim.commands.show import Source, describe
+    from refsim.core.operation import REGISTRY
+
+    def place(source: Source) -> str:
+        return f"`{source.module.removeprefix('refsim.').replace('.', '/')}.py:{source.name}`"
+
+    discover()
+    yield "<details><summary>Where each equation stands</summary>\n"
+    yield "`refsim show NAME` prints them; `pytest tests/ladder/test_pairing.py -k NAME` compares the programs.\n"
+    yield "| name | equation | formulas | reference | kernel |\n| --- | --- | --- | --- | --- |"
+    for name, operation in REGISTRY.items():
+        if name.partition(".")[0] in folders:
+            found = describe(operation, "cpu")
+            own = [place(source) for source in found["formulas"] if source.module.startswith(operation.folder)]
+            places = [", ".join(own), *(place(found[part][0]) for part in ("reference", "program"))]
+            yield f"| `{name}` | {operation.equation.replace('|', BAR)} | {' | '.join(places)} |"
+    yield "\n</details>"
 
 
 def films() -> Iterator[str]:

@@ -4,7 +4,7 @@ import argparse
 import ast
 import contextlib
 import functools
-import importlib
+import importlib.util
 import io
 import json
 import pathlib
@@ -34,6 +34,9 @@ from validation.drawing import LARGEST_PICTURE
 from validation.experiment import discover
 
 ROOT = pathlib.Path(__file__).parents[2]
+spec = importlib.util.spec_from_file_location("site_pages", ROOT / "docs" / "site_pages.py")
+site_pages = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(site_pages)
 DOCS = sorted((ROOT / "docs").rglob("*.md"))
 PAGES = [*DOCS, *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md"))]
 NO_EFFECT = (
@@ -140,6 +143,14 @@ def test_a_broken_link_and_a_wrong_reference_are_found():
 
 def words(paths):
     return "\n".join(path.read_text() for path in paths)
+
+
+def test_a_table_of_code_is_made_of_the_registry():
+    made = "\n".join(site_pages.code(["melting"]))
+    assert "| `melting.melt` | Shao & Song, section 2" in made
+    assert "| `melting/formulas.py:melts` | `melting/reference.py:melt` | `melting/" in made
+    assert len(re.findall(r"^\| `melting\.", made, re.MULTILINE)) == 2
+    assert not list(broken_references(made))
 
 
 def switchable(effect):
