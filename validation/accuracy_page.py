@@ -45,7 +45,7 @@ def _cells(of: Panel, error: float) -> list[str]:
     """Cells behind the error: setting, its own error, seconds, seconds on a GPU, the best other program's seconds."""
     found = answer(of, error)
     if found.no_meaning:
-        return [f"no meaning: {found.no_meaning}", "", "", "", ""]
+        return ["no meaning", "", "", "", ""]
     choice, gpu = found.choice, answer(of, error, "gpu").choice
     peer = "" if found.peer is None else _time(found.peer, lambda c: f" ({c.point.program})")
     assert choice is not None
@@ -54,7 +54,7 @@ def _cells(of: Panel, error: float) -> list[str]:
     own = keeps(of, choice.named) + (f" {BELOW}" if error < of.reference()[2] else "")
     words = choice.named.point.words
     if choice.nearest is not None:
-        return [f"not reached; nearest: {words}", own, "", _time(gpu), peer]
+        return ["not reached", own, "", _time(gpu), peer]
     return [words if choice.advised else f"{HOLLOW} {words}", own, _time(choice), _time(gpu), peer]
 
 
