@@ -23,11 +23,11 @@ PAPERS = {
 ABOVE = {"CONTRIBUTING.md": "contributing.md", "CHANGELOG.md": "changelog.md", "README.md": "index.md"}
 LINK = re.compile(r"(?<!!)\[([^\]]*)\]\(([^)\s]+)\)")
 BAR = "\\|"
-MADE = re.compile(r"<!-- code: ([\w ]+) -->")
+MADE = re.compile(r"<!-- code of ([\w ]+) -->")
 CODE = re.compile(r"^(```.*?^```[^\n]*$)", re.MULTILINE | re.DOTALL)
 NAVIGATION = {
     "Begin": ("sph_by_hand", "mpm_by_hand", "scene_files", "results", "study", "sweep", "gallery"),
-    "Liquids and walls": ("sph", "liquid", "iisph", "walls", "meshes"),
+    "Liquids and walls": ("sph", "liquid", "iisph", "walls", "meshes", "gauges"),
     "Surface tension": ("surface_detection", "jiang_zhu_2023", "dong_2016", "models", "sigma_map"),
     "Solids, heat, melting": ("shape_matching", "two_way_coupling", "heat", "melting"),
     "Particles and a grid": ("mpm", "surface_energy", "isosurface", "mpm_droplet"),

@@ -81,14 +81,9 @@ HEAD = [
 def pictures(of: Panel) -> list[str]:
     """The panel's picture, its reference and how well that is known."""
     about, known = of.about, of.reference()[2]
-    name = f"{about.words[0].upper()}{about.words[1:]}"
     within = f", known to {percent(known)}" if known else ""
-    return [
-        f"![{name}](../figures/accuracy_cost_{of.name}.png)",
-        "",
-        f"*{name}. Reference: {about.reference}{within}.*",
-        "",
-    ]
+    picture = f"![{about.words[0].upper()}{about.words[1:]}](../figures/accuracy_cost_{of.name}.png)"
+    return [picture, "", f"*Reference: {about.reference}{within}.*", ""]
 
 
 def page(text: str) -> str:
