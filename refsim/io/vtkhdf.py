@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import DTypeLike
@@ -262,6 +262,14 @@ def read_hdf5(path: Path, read: Callable[[h5py.Group], T]) -> T:
 
     try:
         with h5py.File(path, "r") as file:
+            size = path.stat().st_size
+            file.visititems(lambda name, item: _check_plain(path, name, item, size))
             return read(file["VTKHDF"])
     except (OSError, KeyError, RuntimeError) as error:
         raise InputError(f"particle file {path} was changed while it was read; read it again") from error
+
+
+def _check_plain(path: Path, name: str, item: Any, size: int) -> None:
+    """Raises InputError for a dataset that refsim would not write: compressed, or larger than its file."""
+    if hasattr(item, "nbytes") and (item.id.get_create_plist().get_nfilters() > 0 or item.nbytes > size):
+        raise InputError(f"particle file {path} is not of refsim: its {name} is compressed or cut; run it again.")

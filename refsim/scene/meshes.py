@@ -20,6 +20,37 @@ from refsim.core.reading import GREATEST, open_regular
 ARCHIVES = ("zip", "gz", "bz2", "xz", "tar", "tgz", "7z", "3mf", "3dxml", "zae")  # a few MB can unpack to all memory
 
 
+def refuse_what_unpacks(path: str | os.PathLike[str], what: str = "mesh") -> None:
+    """Raises InputError for a mesh whose arrays are compressed, of which a few kB can unpack to all memory.
+
+    Readers of .vtu and of formats that are HDF5 inside unpack what they find.
+    """
+    with open_regular(path) as file:
+        head = file.read(1 << 12)
+    packed = Path(path).suffix.lower() == ".vtu" and b"compressor" in head
+    if packed or (head.startswith(b"\x89HDF") and _unpacks(path)):
+        raise InputError(
+            f"{what}: the arrays of {str(path)!r} are compressed, and refsim does not unpack meshes; save it without"
+            " compression, or as .obj, .ply or .stl."
+        )
+
+
+def _unpacks(path: str | os.PathLike[str]) -> bool:
+    """Whether a dataset of an HDF5 file has a filter, or is larger than the file."""
+    import h5py
+
+    size, found = os.path.getsize(path), False
+
+    def look(name: str, item: Any) -> None:
+        nonlocal found
+        if isinstance(item, h5py.Dataset):
+            found |= item.id.get_create_plist().get_nfilters() > 0 or item.nbytes > size
+
+    with contextlib.suppress(OSError, RuntimeError), h5py.File(path, "r") as root:  # reading the mesh reports it
+        root.visititems(look)
+    return found
+
+
 def read_mesh(path: str | os.PathLike[str], what: str = "mesh", opened: list[str] | None = None) -> Any:
     """The mesh in a file as trimesh holds it, in numbers that are finite.
 
@@ -48,11 +79,14 @@ def read_mesh(path: str | os.PathLike[str], what: str = "mesh", opened: list[str
         )
     options = {"skip_materials": True} if kind in ("gltf", "glb", "obj", "ply") else {}  # no texture has to be there
     try:
+        refuse_what_unpacks(path, what)
         with open_regular(path) as file, _silent():
             read = trimesh.load(
                 file, file_type=kind, force="mesh", process=False, resolver=Beside(str(path)), **options
             )
         vertices, faces = np.array(read.vertices, dtype=float), np.array(read.faces, dtype=np.int64)
+    except InputError:
+        raise
     except FileNotFoundError as error:
         if error.filename is not None and os.fspath(error.filename) == os.fspath(path):
             raise InputError(f"{what}: there is no file {str(path)!r}; give the path of a mesh.") from None

@@ -13,6 +13,7 @@ from refsim.boundary.sampling import sample
 from refsim.boundary.signed_distance import signed_distance
 from refsim.boundary.signed_distance.cases import crossed
 from refsim.core.errors import InputError
+from refsim.scene.meshes import read_mesh
 from refsim.scene.overlaps import winding
 from refsim.winding_number.reference import solid_angles
 
@@ -360,3 +361,22 @@ def test_a_missing_buffer_is_named_in_one_sentence(tmp_path, monkeypatch, capsys
         assert len(told.strip().splitlines()) == 1
         assert "'box.gltf' cannot be read" in told
     assert f"needs the file '{buffer}'" in told
+
+
+@pytest.mark.parametrize(
+    "name, packed, plain",
+    [
+        ("body.vtu", {"compression": "zlib"}, {"compression": None}),
+        ("body.h5m", {"compression": "gzip"}, {"compression": None, "compression_opts": None}),
+    ],
+)
+def test_compressed_arrays_of_a_mesh_are_not_unpacked(tmp_path, monkeypatch, name, packed, plain):
+    meshio = pytest.importorskip("meshio", reason="meshio is not installed (refsim[test])")
+    monkeypatch.chdir(tmp_path)
+    box = trimesh.creation.box((1.0, 1.0, 1.0))
+    mesh = meshio.Mesh(np.asarray(box.vertices), [("triangle", np.asarray(box.faces))])
+    mesh.write(name, **packed)
+    with pytest.raises(InputError, match=f"the arrays of '{name}' are compressed.*save it without compression"):
+        read_mesh(name)
+    mesh.write(name, **plain)
+    assert len(read_mesh(name).faces) == 12
