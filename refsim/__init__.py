@@ -27,6 +27,7 @@ from refsim.gauges import Gauge, GaugeSeries
 from refsim.heat import HeatConduction
 from refsim.io.results import Run, RunFrame, open_run
 from refsim.melting import Melting
+from refsim.motion import Motion
 from refsim.mpm import MpmLiquid, MpmWalls
 from refsim.particle_shifting import ParticleShifting
 from refsim.scene.files import load_scene
@@ -73,6 +74,7 @@ __all__ = [
     "JiangZhu2023",
     "Melting",
     "MeshBoundary",
+    "Motion",
     "MpmLiquid",
     "MpmWalls",
     "NormalDifference2014",

@@ -213,6 +213,8 @@ def restore(run: Run, saved: SavedRun) -> None:
     run.backend.assign(run.build_position, saved.build_position)
     run.time, run.steps = clock.time, clock.steps
     run.previous_length, run.first_length = clock.previous_length, clock.first_length
+    if run.motions is not None:
+        run.motions.move(run.time)
     run.order.renumber()
     run.start()
     run.backend.assign(run.timestep, np.array([0.0, run.previous_length], dtype=run.plan.grid.dtype))

@@ -7,7 +7,7 @@ the sums that make a number of it are added on the host in float64, in the order
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -147,7 +147,7 @@ class Gauges:
         """Pressure [Pa] at all points, extrapolated from the liquid near them; 0 where there is none."""
         run, grid = self.run, self.run.plan.grid
         found = run.backend.zeros((len(self.places),), grid.dtype)
-        lean = Lean(*map(grid.real, acceleration_of(run.plan.effects)))
+        lean = Lean(*map(grid.real, self._gravity()))
         self._launch(Pass("adami_2012.extrapolation"), self._near_points(), {"lean": lean, "wall_pressure": found})
         return self._in_first_order(found)
 
@@ -180,6 +180,11 @@ class Gauges:
             left = 1 - filled
             self._open = np.where(left > LEAST_OPEN, left, np.inf)
         return self._open
+
+    def _gravity(self) -> Sequence[float]:
+        """Acceleration of gravity now, (3,) [m/s^2]."""
+        run = self.run
+        return acceleration_of(run.plan.effects) if run.motions is None else run.motions.gravity.tolist()
 
     # On walls and solids
 
@@ -261,7 +266,7 @@ class Gauges:
         own = own[np.argsort(identity[own])]
         acceleration = run._host("acceleration")[own].astype(float)
         if gravity_of(run.plan.effects) is not None:
-            acceleration -= np.array(acceleration_of(run.plan.effects), run.plan.grid.dtype).astype(float)
+            acceleration -= np.array(self._gravity(), run.plan.grid.dtype).astype(float)
         push = mass[own, None] * acceleration
         place, mass = place[own], mass[own]
         centre = mass @ place / mass.sum() if len(own) else np.zeros(3)

@@ -50,6 +50,7 @@ class Run(Protocol):
     auditor: Any  # Auditor, or None
     balances: Any  # Balances
     gauges: Any  # Gauges, or None
+    motions: Any  # Motions, or None
     _shared: dict[str, Any]
     _parameters: dict[str, dict[str, Any]]
 

@@ -28,6 +28,7 @@ from refsim.engine.balance import Balances
 from refsim.engine.binding import bound, fused, on_backend
 from refsim.engine.checkpoints import SavedRun, load_checkpoint, restore, snapshot
 from refsim.engine.gauges import Gauges
+from refsim.engine.motions import Motions
 from refsim.engine.neighbour_lists import NeighbourLists
 from refsim.engine.sorting import ParticleOrder
 from refsim.engine.stepping import (
@@ -114,6 +115,7 @@ class Simulation:
             effect: {name: on_backend(value, self.backend) for name, value in group.items()}
             for effect, group in self.plan.parameters.items()
         }
+        self.motions = Motions(self) if self.plan.scene.motion else None
         self.order = ParticleOrder(self)
         self.lists = NeighbourLists(self)
         self.auditor = Auditor(self) if self.plan.scene.energy_audit is not None else None
@@ -260,6 +262,8 @@ class Simulation:
         self.lists.policy.after_step(done)
         self.stopped_at_walls += done.stopped
         self.time += done.length
+        if self.motions is not None:
+            self.motions.move(self.time)
         self.steps += 1
         self.previous_length = done.length
         if not math.isfinite(done.squared_displacement):

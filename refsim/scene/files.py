@@ -25,6 +25,7 @@ from refsim.core.energy import EnergyAudit
 from refsim.core.errors import InputError
 from refsim.core.reading import open_regular
 from refsim.gauges import Gauge
+from refsim.motion import Motion
 from refsim.scene.scene import Scene
 from refsim.scene.shapes import Ball, Box, Cloud
 from refsim.scene.solids import SolidBall, SolidBox, SolidCells, SolidMesh, SolidTorus
@@ -36,6 +37,7 @@ SOLIDS: dict[str, type] = {
     "box": SolidBox, "ball": SolidBall, "torus": SolidTorus, "mesh": SolidMesh, "cells": SolidCells,
 }  # fmt: skip
 DEEPEST = 50  # levels of tables and lists; a scene has four
+LISTED: dict[str, type] = {"motion": Motion, "gauge": Gauge}  # what a scene lists, of one class
 PARTS = {"fluid": SHAPES, "solid": SOLIDS}  # what a scene lists, and the shapes that it can have
 
 
@@ -103,19 +105,20 @@ def scene_from_dict(tables: Mapping[str, Any], source: str, folder: pathlib.Path
         )
     for name, shapes in PARTS.items():
         values[name] = _parts(name, shapes, values.get(name, []), source, folder)
-    values["gauge"] = _gauges(values.get("gauge", []), source)
+    for name, owner in LISTED.items():
+        values[name] = _listed(name, owner, values.get(name, []), source)
     values["effects"] = _effects(values.get("effects", {}), source, folder)
     if "energy_audit" in values:
         values["energy_audit"] = _table(EnergyAudit, values["energy_audit"], source, "[energy_audit]")
-    return _struct(Scene, values, source, "", ready=(*PARTS, "gauge", "effects", "energy_audit"))
+    return _struct(Scene, values, source, "", ready=(*PARTS, *LISTED, "effects", "energy_audit"))
 
 
 def scene_to_dict(scene: Scene) -> dict[str, Any]:
     """The scene as nested tables of plain values; `scene_from_dict` gives the same scene back."""
-    tables = {name: value for name, value in _plain(scene).items() if name not in (*PARTS, "gauge", "effects")}
+    tables = {name: value for name, value in _plain(scene).items() if name not in (*PARTS, *LISTED, "effects")}
     for name in PARTS:
         tables[name] = [{"shape": part.__struct_config__.tag} | _plain(part) for part in getattr(scene, name)]
-    tables |= {"gauge": [_plain(gauge) for gauge in scene.gauge]} if scene.gauge else {}
+    tables |= {name: [_plain(one) for one in getattr(scene, name)] for name in LISTED if getattr(scene, name)}
     tables["effects"] = {effect.name: _plain(effect) for effect in scene.effects}
     return tables
 
@@ -161,11 +164,11 @@ def _place(tables: Mapping[str, Any], name: str, source: str) -> tuple[Any, str]
 def scene_to_toml(scene: Scene) -> str:
     """The scene as TOML text, every value written out; numbers come back bit for bit."""
     tables = scene_to_dict(scene)
-    apart = (*PARTS, "gauge", "effects", "energy_audit")
+    apart = (*PARTS, *LISTED, "effects", "energy_audit")
     lines = [f"{_key(name)} = {_toml(value)}" for name, value in tables.items() if name not in apart]
     if "energy_audit" in tables:
         lines += ["", "[energy_audit]"] + [f"{_key(n)} = {_toml(value)}" for n, value in tables["energy_audit"].items()]
-    for kind in (*PARTS, "gauge"):
+    for kind in (*PARTS, *LISTED):
         for part in tables.get(kind, ()):
             lines += ["", f"[[{kind}]]"] + [f"{_key(name)} = {_toml(value)}" for name, value in part.items()]
     for effect, values in tables["effects"].items():
@@ -204,7 +207,7 @@ def unit_of(description: str) -> str | None:
 def scene_schema(effects: Mapping[str, type[Effect]] = EFFECTS) -> dict[str, Any]:
     """JSON schema of scene files, with description and unit of every field (units also as "x-unit")."""
     effects = dict(sorted(effects.items()))
-    owners = [Scene, EnergyAudit, Gauge, *SHAPES.values(), *SOLIDS.values(), *effects.values()]
+    owners = [Scene, EnergyAudit, *LISTED.values(), *SHAPES.values(), *SOLIDS.values(), *effects.values()]
     _, definitions = msgspec.json.schema_components(owners, ref_template="#/$defs/{name}")
     for owner in owners:
         definition = definitions[owner.__name__]
@@ -265,15 +268,15 @@ def _parts(
     return tuple(made)
 
 
-def _gauges(tables: Any, source: str) -> tuple[Gauge, ...]:
+def _listed(kind: str, owner: type, tables: Any, source: str) -> tuple[Any, ...]:
     if not isinstance(tables, list):
-        raise InputError(f"{source}: gauge must be a list of tables; begin each with [[gauge]].")
+        raise InputError(f"{source}: {kind} must be a list of tables; begin each with [[{kind}]].")
     made = []
     for number, values in enumerate(tables, 1):
-        place = f"[[gauge]] number {number}"
+        place = f"[[{kind}]] number {number}"
         if not isinstance(values, dict):
-            raise InputError(f"{source}: {place} must be a table, not {word_for(values)}; begin it with [[gauge]].")
-        made.append(_struct(Gauge, values, source, place))
+            raise InputError(f"{source}: {place} must be a table, not {word_for(values)}; begin it with [[{kind}]].")
+        made.append(_struct(owner, values, source, place))
     return tuple(made)
 
 

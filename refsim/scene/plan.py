@@ -20,6 +20,7 @@ from refsim.core.fields import BASE, POSITION_RESIDUAL, Field
 from refsim.core.period import period_group
 from refsim.core.tables import html_table, in_bytes, table
 from refsim.gauges.places import check_gauges
+from refsim.motion import check_motions
 from refsim.scene.accounts import accounts
 from refsim.scene.checks import (
     check_coincident,
@@ -143,6 +144,7 @@ def _planned(scene: Scene) -> Plan:
     for effect in postponed:
         effect.check(empty, effects)
     check_gauges(scene.gauge, len(scene.solid), empty, effects)
+    check_motions(scene.motion, scene.end_time, scene.energy_audit is not None, empty, effects)
     solids = voxelised(scene.solid, empty) if scene.solid else None
     absolute = initial_state(scene, empty, effects, solids)
     given, grid = (

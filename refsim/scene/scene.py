@@ -11,6 +11,7 @@ from refsim.core.checked import Checked, suggestion
 from refsim.core.energy import EnergyAudit
 from refsim.core.errors import InputError
 from refsim.gauges import Gauge
+from refsim.motion import Motion
 from refsim.scene.shapes import Ball, Box, Cloud, Vector
 from refsim.scene.solids import SolidBall, SolidBox, SolidCells, SolidMesh, SolidTorus
 
@@ -31,6 +32,7 @@ class Scene(Checked, frozen=True, kw_only=True):
     skin            share of the support radius by which the neighbour list reaches further
     period          lengths of a periodic box along x, y and z [m]; 0 along axes without a period
     period_lower    lower corner of that box [m]
+    motion          how gravity or faces of walls move in time
     gauge           what is measured in the run, each a series in time
     energy_audit    how often the energy is audited, and by how much it may grow; none by default
     name            title in reports
@@ -49,6 +51,7 @@ class Scene(Checked, frozen=True, kw_only=True):
     skin: float = 0.1
     period: Vector = (0.0, 0.0, 0.0)
     period_lower: Vector = (0.0, 0.0, 0.0)
+    motion: tuple[Motion, ...] = ()
     gauge: tuple[Gauge, ...] = ()
     energy_audit: EnergyAudit | None = None
     name: str = "scene"
@@ -62,7 +65,8 @@ class Scene(Checked, frozen=True, kw_only=True):
 
         Raises InputError where there is no such field, effect, part or parameter.
         """
-        values: dict[str, Any] = {name: getattr(self, name) for name in ("fluid", "solid", "gauge", "effects")}
+        lists = ("fluid", "solid", "motion", "gauge")
+        values: dict[str, Any] = {name: getattr(self, name) for name in (*lists, "effects")}
         for path, value in changes.items():
             place, _, inner = path.partition("__")
             if not inner:
@@ -70,7 +74,7 @@ class Scene(Checked, frozen=True, kw_only=True):
             elif place == "energy_audit":
                 audit = values.get(place, self.energy_audit) or EnergyAudit()
                 values[place] = _changed(path, audit, inner, value)
-            elif place in ("fluid", "solid", "gauge"):
+            elif place in lists:
                 number, _, name = inner.partition("__")
                 parts = list(values[place])
                 k = int(_known(path, number, [str(k) for k in range(len(parts))]))

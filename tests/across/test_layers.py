@@ -18,7 +18,7 @@ ROOT = pathlib.Path(refsim.__file__).parent
 VALIDATION = ROOT.parent / "validation"
 MOST_ARGUMENTS = 10
 BY_NAME = ("import_module", "__import__", "resolve_name", "find_spec", "run_module")
-BELOW = ("core", "backends", "smoothing", "neighbours", "sparse_grid", "winding_number", "gauges", "scene")
+BELOW = ("core", "backends", "smoothing", "neighbours", "sparse_grid", "winding_number", "gauges", "motion", "scene")
 ABOVE = ("io", "engine", "contract", "cluster", "study", "sweep", "render", "commands", "pytest_plugin", "examples")
 
 

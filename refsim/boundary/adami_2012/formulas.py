@@ -6,7 +6,7 @@ from refsim.backends.compile import formula
 @formula
 def extrapolated_pair(pressure_f, density_f, x_wf, lean):
     """Adami 2012 (27) for one liquid particle: p = p_f + rho_f (g - a_w).(x_w - x_f) [Pa]."""
-    return pressure_f + density_f * (lean.x * x_wf[0] + lean.y * x_wf[1] + lean.z * x_wf[2])
+    return pressure_f + density_f * (lean[0] * x_wf[0] + lean[1] * x_wf[1] + lean[2] * x_wf[2])
 
 
 @formula

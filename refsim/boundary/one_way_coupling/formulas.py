@@ -18,7 +18,7 @@ def boundary_pressure(mean, gravity, dx, dy, dz, fluid):
 
     `mean` is p~_i, the mean pressure of the liquid around x_i, extrapolated to x_i (Adami, Hu & Adams 2012, (27)).
     """
-    head = gravity.x * dx + gravity.y * dy + gravity.z * dz
+    head = gravity[0] * dx + gravity[1] * dy + gravity[2] * dz
     pressure = mean - fluid.rest_density * head
     if fluid.clamp and pressure < type(pressure)(0):
         return type(pressure)(0)

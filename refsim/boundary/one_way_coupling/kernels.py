@@ -41,7 +41,7 @@ def wall_viscosity(
 def head_pair(r, x_ij, density_j, pressure_j, smoothing, wall_gravity):
     """W_ij and W_ij (p_j + rho_j g.x_ij)."""
     w = kernel_value(r, smoothing)
-    head = wall_gravity.x * x_ij[0] + wall_gravity.y * x_ij[1] + wall_gravity.z * x_ij[2]
+    head = wall_gravity[0] * x_ij[0] + wall_gravity[1] * x_ij[1] + wall_gravity[2] * x_ij[2]
     return w, w * (pressure_j + density_j * head)
 
 

@@ -1,0 +1,69 @@
+"""Gravity and moving faces that follow the motions of a scene.
+
+What moves stands in small arrays of the backend, which the passes read and the host sets between two steps: a step that
+was recorded as a CUDA graph reads the values of its own time.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from refsim.core.errors import RunStopped
+from refsim.engine.run import Run
+from refsim.sph import acceleration_of
+
+PULLS = ("field", "lean", "wall_gravity")  # parameter groups that are the acceleration of gravity (3,) [m/s^2]
+
+
+class Motions:
+    """The motions of a run.
+
+    gravity  acceleration of gravity in the scene's frame, (3,) [m/s^2], at the time that was set last
+    """
+
+    def __init__(self, run: Run) -> None:
+        self.run, plan = run, run.plan
+        self.moving = plan.scene.motion
+        self.rest = np.array(acceleration_of(plan.effects))
+        self.gravity = self.rest
+        self.pulls: list[Any] = []
+        self.faces: Any = None
+        kinds = {motion.of for motion in self.moving}
+        if "gravity" in kinds:
+            for groups in run._parameters.values():
+                for name in PULLS:
+                    if name in groups:
+                        groups[name] = run.backend.asarray(self.rest.astype(plan.grid.dtype))
+                        self.pulls.append(groups[name])
+        if "moving_faces" in kinds:
+            self.faces = run._shared["wall_motion"].velocity
+            self.face_velocity = np.asarray(plan.shared["wall_motion"].velocity, dtype=float)
+        self.move(0.0)
+
+    def move(self, time: float) -> None:
+        """Set what passes read to `time` [s]. Raises RunStopped where a motion has no finite value then."""
+        pull, drag = np.zeros(3), np.zeros(3)
+        for number, motion in enumerate(self.moving, 1):
+            try:
+                moved = motion.at(time)
+            except (ArithmeticError, ValueError):
+                moved = None
+            if moved is None or not np.isfinite(moved).all():
+                raise RunStopped(
+                    "non_finite", f"At {time:.6g} s [[motion]] number {number} is not finite: correct its formula."
+                )
+            if motion.of == "gravity":
+                pull -= moved.acceleration * motion.unit()
+            else:
+                drag += moved.velocity * motion.unit()
+        self.gravity = self.rest + pull
+        for array in self.pulls:
+            self._assign(array, self.gravity)
+        if self.faces is not None:
+            self._assign(self.faces, self.face_velocity + drag)
+
+    def _assign(self, array: Any, values: NDArray[np.float64]) -> None:
+        self.run.backend.assign(array, values.astype(self.run.plan.grid.dtype))

@@ -1,0 +1,199 @@
+"""Motions: displacements that are given in time, of a tank as gravity feels it or of faces of walls.
+
+Contents: Motion, Moved; check_motions. What a run does with them is `refsim.engine.motions`.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+
+from refsim.core.checked import Checked
+from refsim.core.effect import Discretisation, Effect, require
+from refsim.core.errors import InputError
+from refsim.motion.formula import Jet, parsed
+
+Vector = tuple[float, float, float]
+SAMPLES = 2001  # times between the start and the end at which a motion is looked at before a run
+TAKES = {
+    "sway": ("amplitude", "period", "ramp"),
+    "table": ("times", "values"),
+    "formula": ("formula",),
+}
+KEYS = ("amplitude", "period", "ramp", "times", "values", "formula")
+LIQUID = "weakly_compressible"
+
+
+class Moved(NamedTuple):
+    """A displacement along an axis at a time, with its derivatives."""
+
+    place: float  # [m]
+    velocity: float  # [m/s]
+    acceleration: float  # [m/s^2]
+
+
+class Motion(Checked, frozen=True, kw_only=True):
+    """A displacement X(t) that is given in time.
+
+    of         what moves: "gravity" (the scene is seen from a tank that moves, so that -d^2X/dt^2 is added to gravity)
+               or "moving_faces" (dX/dt is added to the velocity of the moving_faces of box_walls)
+    kind       "sway" (X = amplitude sin(2 pi t/period)), "table" (interpolated by a cubic spline, at rest before and
+               after it) or "formula"
+    direction  along which it moves; its length does not matter
+    amplitude  of a sway [m]
+    period     of a sway [s]
+    ramp       time in which a sway grows from nothing, smoothly [s]
+    times      of a table, rising [s]
+    values     of a table, X at its times [m]
+    formula    X of t in m, with + - * / **, pi and the functions sin, cos, tan, exp, log, sqrt, tanh
+    """
+
+    of: Literal["gravity", "moving_faces"]
+    kind: Literal["sway", "table", "formula"]
+    direction: Vector
+    amplitude: float | None = None
+    period: float | None = None
+    ramp: float | None = None
+    times: tuple[float, ...] | None = None
+    values: tuple[float, ...] | None = None
+    formula: str | None = None
+
+    def check(self, owner: str) -> None:
+        """Raise InputError, in one sentence, for keys that do not belong together, and for numbers that cannot be."""
+        for axis, value in zip("xyz", self.direction):
+            require(owner, **{f"direction along {axis}": (value, "finite")})
+        if not any(self.direction):
+            raise InputError(f"{owner}: direction = {list(self.direction)} is none; give the axis of the motion.")
+        given = [key for key in KEYS if getattr(self, key) is not None]
+        for key in given:
+            if key not in TAKES[self.kind]:
+                raise InputError(
+                    f"{owner}: a motion of kind {self.kind!r} takes no {key!r}; it takes {', '.join(TAKES[self.kind])}."
+                )
+        for key in TAKES[self.kind]:
+            if key not in given and key != "ramp":
+                raise InputError(f"{owner}: {key!r} is missing; a motion of kind {self.kind!r} needs it.")
+        if self.kind == "sway":
+            bounds = {"amplitude": "finite", "period": "positive", "ramp": "not negative"}
+            require(owner, **{key: (getattr(self, key) or 0.0, rule) for key, rule in bounds.items()})
+        elif self.kind == "table":
+            self._check_table(owner)
+        else:
+            parsed(self.formula or "", owner)
+
+    def _check_table(self, owner: str) -> None:
+        times, values = np.array(self.times), np.array(self.values)
+        if len(times) != len(values) or len(times) < 2:
+            raise InputError(
+                f"{owner}: times has {len(times)} numbers and values has {len(values)}; give as many, at least two."
+            )
+        if not (np.isfinite(times).all() and np.isfinite(values).all()):
+            raise InputError(f"{owner}: its table has numbers that are not finite; correct them.")
+        late = np.flatnonzero(np.diff(times) <= 0)
+        if len(late):
+            first, second = times[late[0] : late[0] + 2]
+            raise InputError(f"{owner}: the table jumps, from {first:g} s to {second:g} s; let its times rise.")
+
+    def unit(self) -> np.ndarray:
+        """The direction as a vector of length 1, (3,)."""
+        axis = np.array(self.direction)
+        return axis / np.linalg.norm(axis)
+
+    def at(self, time: float) -> Moved:
+        """Where it is at `time` [s]."""
+        return _path(self)(time)
+
+
+@functools.lru_cache(maxsize=64)
+def _path(motion: Motion) -> Callable[[float], Moved]:
+    """The motion as a function of time."""
+    if motion.kind == "table":
+        return _spline(motion)
+    if motion.kind == "formula":
+        tree = parsed(motion.formula or "", "motion")
+        return lambda time: Moved(*tree(Jet.of_time(time)))
+    return functools.partial(_sway, motion)
+
+
+def _sway(motion: Motion, time: float) -> Moved:
+    t, ramp = Jet.of_time(time), motion.ramp or 0.0
+    x = Jet.constant(motion.amplitude or 0.0) * (t * Jet.constant(2 * math.pi / (motion.period or 1.0))).sin()
+    if 0 <= time < ramp:
+        share = t * Jet.constant(1 / ramp)  # 10 s^3 - 15 s^4 + 6 s^5, at rest at both ends
+        cube = share * share * share
+        x = x * cube * (Jet.constant(10.0) - share * (Jet.constant(15.0) - share * Jet.constant(6.0)))
+    return Moved(*x)
+
+
+def _spline(motion: Motion) -> Callable[[float], Moved]:
+    from scipy.interpolate import CubicSpline  # loads for as long as all of refsim
+
+    times, values = np.array(motion.times), np.array(motion.values)
+    curve = CubicSpline(times, values, bc_type="clamped")
+
+    def at(time: float) -> Moved:
+        if time <= times[0] or time >= times[-1]:
+            return Moved(float(values[0] if time <= times[0] else values[-1]), 0.0, 0.0)
+        return Moved(*(float(curve(time, order)) for order in range(3)))
+
+    return at
+
+
+def check_motions(
+    motions: Sequence[Motion], end: float, audited: bool, grid: Discretisation, effects: Mapping[str, Effect]
+) -> None:
+    """Raise InputError for motions that the scene cannot have; `end` of the run [s]."""
+    for number, motion in enumerate(motions, 1):
+        owner = f"[[motion]] number {number}"
+        motion.check(owner)
+        if LIQUID not in effects:
+            raise InputError(f"{owner}: it moves the liquid of {LIQUID}; add that effect to the scene.")
+        if audited:
+            raise InputError(
+                f"{owner}: a motion drives the liquid, and energy_audit refuses that; leave one of them out."
+            )
+        if grid.dim == 2 and motion.direction[2] != 0:
+            raise InputError(f"{owner}: direction has a z part in a 2D scene; set it to 0.")
+        _check_target(motion, owner, effects)
+        _check_path(motion, owner, end, effects)
+
+
+def _check_target(motion: Motion, owner: str, effects: Mapping[str, Effect]) -> None:
+    """Raise InputError where the scene lacks what moves."""
+    gravity: Any = effects.get("gravity")
+    if motion.of == "gravity" and (gravity is None or not any(gravity.acceleration)):
+        raise InputError(f"{owner}: the scene has no gravity that could move; add the effect gravity, not of 0.")
+    box: Any = effects.get("box_walls")
+    if motion.of == "moving_faces":
+        if box is None or not box.moving_faces:
+            raise InputError(f"{owner}: no face moves; name it in moving_faces of box_walls.")
+        for face in box.moving_faces:
+            if motion.direction["xyz".index(face[1])] != 0:
+                raise InputError(
+                    f"{owner}: direction {list(motion.direction)} has a part across the face {face}, and faces move in"
+                    " their own plane only; set that part to 0."
+                )
+
+
+def _check_path(motion: Motion, owner: str, end: float, effects: Mapping[str, Effect]) -> None:
+    """Raise InputError where a motion is not finite, or faster than sound: it jumps."""
+    sound_speed = effects[LIQUID].sound_speed  # type: ignore[attr-defined]
+    times = np.linspace(0.0, end, SAMPLES)
+    if motion.kind == "table":
+        times = np.concatenate([times, 0.5 * (np.array(motion.times)[1:] + np.array(motion.times)[:-1])])
+    for time in times.tolist():
+        try:
+            moved = motion.at(time)
+        except (ArithmeticError, ValueError):
+            moved = Moved(math.nan, math.nan, math.nan)
+        if not all(map(math.isfinite, moved)):
+            raise InputError(f"{owner}: it is not a finite number at {time:g} s; correct its formula or its numbers.")
+        if abs(moved.velocity) > sound_speed:
+            raise InputError(
+                f"{owner}: it jumps: at {time:g} s it moves with {abs(moved.velocity):.3g} m/s, faster than the sound"
+                f" speed of {sound_speed:g} m/s; take a smoother one."
+            )
