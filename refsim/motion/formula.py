@@ -122,7 +122,7 @@ def parsed(text: str, owner: str) -> Callable[[Jet], Jet]:
 
 
 def _function(node: ast.expr, owner: str) -> Callable[[Jet], Jet]:
-    if isinstance(node, ast.Constant) and type(node.value) in (int, float):
+    if isinstance(node, ast.Constant) and isinstance(node.value, int | float) and not isinstance(node.value, bool):
         number = Jet.constant(node.value)
         return lambda t: number
     if isinstance(node, ast.Name):

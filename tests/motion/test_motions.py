@@ -1,0 +1,220 @@
+"""Motions: their values and derivatives, what they do to gravity and walls, and a tank that sloshes as theory says."""
+
+import math
+
+import msgspec
+import numpy as np
+import pytest
+
+from refsim import Box, BoxWalls, EnergyAudit, Gauge, Gravity, InputError, Motion, Scene, Simulation, WeaklyCompressible
+from refsim import make_plan as planned
+from refsim.motion.formula import Jet, parsed
+
+G, DENSITY = 9.81, 1000.0
+SWAY = Motion(of="gravity", kind="sway", direction=(2.0, 0.0, 0.0), amplitude=0.01, period=0.5)
+
+
+def tank(cells=10, motion=(), dtype="float64", gauge=(), end_time=1.0, pull=(0.0, -G, 0.0), walls=None, **liquid):
+    """Water half as deep as the tank is wide, 1 m."""
+    spacing, sound = 1.0 / cells, 10 * math.sqrt(0.5 * G)
+    viscosity = DENSITY * 0.01 * 0.5 * 3 * spacing * sound / 8
+    return Scene(
+        dim=2, dtype=dtype, spacing=spacing, support_radius=3 * spacing, motion=motion, gauge=gauge, end_time=end_time,
+        fluid=(Box(cells=(cells, cells // 2, 1)),),
+        effects=(
+            WeaklyCompressible(sound_speed=sound, dynamic_viscosity=viscosity, viscosity="central", **liquid),
+            Gravity(acceleration=pull),
+            BoxWalls(lower=(0.0, 0.0, 0.0), upper=(1.0, 1.0, 0.0), model="extrapolated", **(walls or {})),
+        ),
+    )  # fmt: skip
+
+
+def run_to(simulation, time):
+    while simulation.time < time:
+        simulation.step()
+    return simulation
+
+
+@pytest.mark.parametrize(
+    ("formula", "function"),
+    [
+        ("0.5*t**2 - 3*t", lambda t: 0.5 * t * t - 3 * t),
+        ("sin(2*pi*t)/(1 + t)", lambda t: math.sin(2 * math.pi * t) / (1 + t)),
+        ("-exp(-t)*cos(3*t) + tanh(t)", lambda t: -math.exp(-t) * math.cos(3 * t) + math.tanh(t)),
+        ("sqrt(1 + t)*log(2 + t) + tan(0.3*t)", lambda t: math.sqrt(1 + t) * math.log(2 + t) + math.tan(0.3 * t)),
+        ("2**t + (1 + t)**t", lambda t: 2**t + (1 + t) ** t),
+        ("+4", lambda t: 4.0),
+    ],
+)
+def test_formulas_have_their_derivatives(formula, function):
+    jet = parsed(formula, "here")
+    for time in (0.1, 0.7):
+        step = 1e-4
+        before, now, after = function(time - step), function(time), function(time + step)
+        found = jet(Jet.of_time(time))
+        assert found.value == pytest.approx(now, rel=1e-14)
+        assert found.first == pytest.approx((after - before) / (2 * step), rel=1e-6, abs=1e-6)
+        assert found.second == pytest.approx((after - 2 * now + before) / step**2, rel=1e-5, abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("formula", "words"),
+    [
+        ("__import__('os').system('true')", "which is not arithmetic"),
+        ("open('x')", "unknown function 'open'"),
+        ("x", "unknown name 'x'"),
+        ("t.real", "not arithmetic"),
+        ("t if t else 1", "not arithmetic"),
+        ("[t]", "not arithmetic"),
+        ("True", "not arithmetic"),
+        ("sin(t, t)", "not arithmetic"),
+        ("t +", "cannot be read"),
+        ("", "cannot be read"),
+        ("(" * 300 + "t" + ")" * 300, "cannot be read|nested too deeply"),
+        ("-" * 999 + "t", "nested too deeply|cannot be read|not a finite|none"),
+        ("t" * 2000, "2000 characters"),
+        ("1/(t - t)", "not a finite number at 0 s"),
+        ("log(t - 2)", "not a finite number"),
+        ("1e3*t", "it jumps: at 0 s"),
+    ],
+)
+def test_bad_formulas_are_refused(formula, words):
+    with pytest.raises(InputError, match=words) as caught:
+        planned(tank(motion=(Motion(of="gravity", kind="formula", direction=(1.0, 0.0, 0.0), formula=formula),)))
+    assert str(caught.value).startswith("[[motion]] number 1: ")
+
+
+def test_a_sway_is_its_formula_and_a_ramp_ends():
+    formula = Motion(of="gravity", kind="formula", direction=(1.0, 0.0, 0.0), formula="0.01*sin(2*pi*t/0.5)")
+    ramped = msgspec.structs.replace(SWAY, ramp=0.3)
+    for time in (0.0, 0.11, 0.29, 0.3, 0.9):
+        assert SWAY.at(time) == pytest.approx(formula.at(time), rel=1e-12, abs=1e-15)
+        assert (ramped.at(time) != SWAY.at(time)) == (time < 0.3)
+    assert ramped.at(0.0) == (0.0, 0.0, 0.0)
+    assert ramped.at(0.3 - 1e-9) == pytest.approx(ramped.at(0.3), rel=1e-5, abs=1e-6)
+    assert SWAY.unit().tolist() == [1.0, 0.0, 0.0]
+
+
+def test_a_table_is_smooth_and_rests_outside():
+    table = Motion(
+        of="gravity", kind="table", direction=(1.0, 0.0, 0.0), times=(0.1, 0.3, 0.6), values=(0.0, 0.02, 0.01)
+    )
+    assert [table.at(t).place for t in (0.1, 0.3, 0.6)] == pytest.approx([0.0, 0.02, 0.01])
+    assert table.at(0.0) == (0.0, 0.0, 0.0)
+    assert table.at(2.0) == (0.01, 0.0, 0.0)
+    assert table.at(0.3 - 1e-9) == pytest.approx(table.at(0.3 + 1e-9), rel=1e-5)
+    assert table.at(0.6 - 1e-9).velocity == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"amplitude": None}, "'amplitude' is missing"),
+        ({"period": 0.0}, "period = 0.0 is not possible"),
+        ({"formula": "t"}, "takes no 'formula'"),
+        ({"direction": (0.0, 0.0, 0.0)}, "is none"),
+        ({"direction": (0.0, 0.0, 1.0)}, "z part in a 2D scene"),
+        ({"amplitude": 100.0}, "it jumps"),
+        ({"of": "moving_faces"}, "no face moves"),
+        (
+            {"kind": "table", "times": (0.0, 0.0), "values": (0.0, 1.0), "amplitude": None, "period": None},
+            "table jumps",
+        ),
+        ({"kind": "table", "times": (0.0, 1e-4), "values": (0.0, 1.0), "amplitude": None, "period": None}, "it jumps"),
+        ({"kind": "table", "times": (0.0,), "values": (0.0,), "amplitude": None, "period": None}, "at least two"),
+    ],
+)
+def test_bad_motions_are_refused(changes, words):
+    with pytest.raises(InputError, match=words):
+        planned(tank(motion=(msgspec.structs.replace(SWAY, **changes),)))
+
+
+def test_motions_without_what_they_move_are_refused():
+    with pytest.raises(InputError, match="no gravity that could move"):
+        planned(tank(motion=(SWAY,), pull=(0.0, 0.0, 0.0)))
+    with pytest.raises(InputError, match="energy_audit refuses that"):
+        planned(msgspec.structs.replace(tank(motion=(SWAY,)), energy_audit=EnergyAudit()))
+    across = Motion(of="moving_faces", kind="formula", direction=(0.0, 1.0, 0.0), formula="0.1*t")
+    with pytest.raises(InputError, match="part across the face -y"):
+        planned(tank(motion=(across,), walls={"moving_faces": ("-y",), "viscosity": 1.0}))
+
+
+def test_a_scene_file_keeps_its_motions():
+    from refsim.scene.files import parse_scene, scene_to_toml
+
+    scene = tank(motion=(SWAY, Motion(of="gravity", kind="formula", direction=(0.0, 1.0, 0.0), formula="0.01*t**3")))
+    assert parse_scene(scene_to_toml(scene), "scene") == scene
+
+
+@pytest.mark.parametrize("backend", ["numpy", "cpu"])
+def test_lone_particles_feel_gravity_of_the_moment(backend):
+    scene = msgspec.structs.replace(
+        tank(motion=(SWAY,)), fluid=(Box(cells=(1, 1, 1), lower=(0.4, 0.5, 0.0)),), step=1e-3
+    )
+    simulation = run_to(Simulation(scene, backend), 0.04)
+    wanted = [-SWAY.at(simulation.time).acceleration, -G, 0.0]
+    assert simulation.field("acceleration")[0] == pytest.approx(wanted, rel=1e-12)
+    kicks = [-SWAY.at(1e-3 * k).acceleration * (1e-3 if k else 5e-4) for k in range(simulation.steps)]
+    assert simulation.field("velocity")[0, 0] == pytest.approx(sum(kicks), rel=1e-9)
+
+
+def test_walls_feel_gravity_of_the_moment():
+    """A tank whose acceleration is constant is one of another gravity; also where walls extrapolate."""
+    motion = (Motion(of="gravity", kind="formula", direction=(1.0, 0.0, 0.0), formula="0.5*2*t**2"),)
+    swayed, tilted = (
+        Simulation(scene, "cpu") for scene in (tank(motion=motion), tank(pull=(-2.0, -G, 0.0)))
+    )  # fmt: skip
+    for _ in range(30):
+        swayed.step()
+        tilted.step()
+    for name in ("position", "pressure", "wall_pressure"):
+        scale = np.abs(tilted.field(name)).max()
+        assert np.allclose(swayed.field(name), tilted.field(name), rtol=0, atol=1e-10 * scale), name
+
+
+def test_faces_drag_with_the_velocity_of_the_moment():
+    moving = {"moving_faces": ("-y",), "viscosity": 5.0}
+    motion = (Motion(of="moving_faces", kind="formula", direction=(1.0, 0.0, 0.0), formula="0.3*t"),)
+    by_motion = Simulation(tank(motion=motion, walls=moving), "cpu")
+    by_velocity = Simulation(tank(walls=moving | {"velocity": (0.3, 0.0, 0.0)}), "cpu")
+    for _ in range(10):
+        by_motion.step()
+        by_velocity.step()
+    assert np.array_equal(by_motion.field("velocity"), by_velocity.field("velocity"))
+    assert by_motion.field("velocity")[:, 0].max() > 0
+
+
+def test_a_restart_goes_on_bit_for_bit(tmp_path):
+    scene = tank(motion=(SWAY,), dtype="float32", density="continuity")
+    whole = run_to(Simulation(scene, "cpu"), 0.1)
+    half = run_to(Simulation(scene, "cpu"), 0.05)
+    half.checkpoint(tmp_path / "half.h5")
+    resumed = run_to(Simulation.resume(tmp_path / "half.h5"), 0.1)
+    for name in ("position", "velocity", "acceleration"):
+        assert np.array_equal(whole.field(name), resumed.field(name))
+
+
+def test_a_swayed_tank_sloshes_with_its_period():
+    """omega^2 = g k tanh(k H), k = pi/L, of small waves; a level and the force on the walls after one push."""
+    push = Motion(of="gravity", kind="table", direction=(1.0, 0.0, 0.0), times=(0.0, 0.3), values=(0.0, 0.01))
+    gauges = (
+        Gauge(name="level", kind="level", lower=(0.1, 0.0, 0.0), upper=(0.1, 1.0, 0.0), every=0.02),
+        Gauge(name="left", kind="force", on="-x", every=0.02), Gauge(name="right", kind="force", on="+x", every=0.02),
+    )  # fmt: skip
+    simulation = run_to(Simulation(tank(20, (push,), gauge=gauges, density="continuity"), "cpu", threads=2), 4.0)
+    expected = 2 * math.pi / math.sqrt(G * math.pi * math.tanh(math.pi * 0.5))
+    level, left, right = (simulation.gauge(name) for name in ("level", "left", "right"))
+    assert period(level.time, level["level"], expected) == pytest.approx(expected, rel=0.02)
+    assert period(left.time, left["force_x"] + right["force_x"], expected) == pytest.approx(expected, rel=0.02)
+
+
+def period(time, values, near):
+    """Period [s] of a decaying oscillation after 0.4 s, by least squares."""
+    from scipy.optimize import curve_fit
+
+    def wave(t, a, b, decay, omega, mean):
+        return np.exp(-decay * t) * (a * np.cos(omega * t) + b * np.sin(omega * t)) + mean
+
+    t, x = time[time > 0.4], values[time > 0.4]
+    found, _ = curve_fit(wave, t, x, p0=(np.ptp(x) / 2, 0.0, 0.1, 2 * math.pi / near, x.mean()))
+    return 2 * math.pi / abs(found[3])
