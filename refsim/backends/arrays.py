@@ -46,6 +46,10 @@ class Backend:
         """Copy `values` (a host array, an array of this backend or a number) into `target`."""
         target[...] = values
 
+    def taken(self, array: Any, rows: Any) -> np.ndarray:
+        """array[rows] on the host, of an array and of row numbers (m,) int32 of this backend."""
+        return array[rows]
+
     def invert(self, order: Any, places: Any) -> None:
         """places[order[i]] = i for a permutation `order` (n,) int32."""
         places[order] = np.arange(len(order), dtype=places.dtype)
@@ -93,6 +97,12 @@ class CudaBackend(Backend):
             target.copy_to_device(np.ascontiguousarray(np.broadcast_to(values, target.shape), target.dtype))
         else:
             target.copy_to_device(values)
+
+    def taken(self, array: Any, rows: Any) -> np.ndarray:
+        found = self.empty((rows.shape[0], *array.shape[1:]), array.dtype)
+        if rows.shape[0]:
+            self.device.gather(array, rows, found)
+        return self.host(found)
 
     def invert(self, order: Any, places: Any) -> None:
         self.device.invert(order, places)

@@ -57,7 +57,8 @@ class Gauges:
                 count += len(points.place)
         self.places = np.concatenate([p.place for p in self.points.values()]) if self.points else np.zeros((0, 3))
         self.shares: dict[int, tuple[Share, ...]] = {}
-        self._listed_at = -1
+        self._listed_at = self._rows_of = -1
+        self._rows: Any = None
         self._static: Any = None
         self._open: NDArray[np.float64] | None = None
         if "rest_density" not in plan.fields:
@@ -98,13 +99,10 @@ class Gauges:
         run.bring(sorted(needed))
         pressure = self._pressure() if "pressure" in kinds else np.zeros(0)
         fill, flow = self._sample() if kinds & {"level", "flux"} else (np.zeros(0), np.zeros((0, 3)))
-        if "force" in kinds:
-            mass = run._host("mass").astype(float)
-            place = run.plan.grid.absolute(run._host("position").astype(float))
         for k in wanted:
             gauge, own = self.gauges[k], self.slices.get(k)
             if gauge.kind == "force":
-                values = self._body(gauge, mass, place) if k in bodies else self._wall(k, mass, place)
+                values = self._body(gauge) if k in bodies else self._wall(k)
             elif gauge.kind == "pressure":
                 values = [float(pressure[own].mean())]
             elif gauge.kind == "level":
@@ -219,23 +217,38 @@ class Gauges:
                     volume = run.lists.in_list_order(volume).astype(grid.dtype)
                     yield Share(run.backend.asarray(volume), tuple(axes), passes)
 
-    def _wall(self, k: int, mass: NDArray[np.float64], place: NDArray[np.float64]) -> list[float]:
+    def _near_walls(self) -> Any:
+        """Rows (m,) of the particles that have wall particles within reach, on the backend."""
+        run = self.run
+        search = run.lists.search
+        if self._rows is None or (search is not None and self._rows_of != search.log.rebuilds):
+            near = np.ones(run.plan.grid.count) if search is None else run.backend.host(run._shared["walls"].count)
+            self._rows = run.backend.asarray(np.flatnonzero(near).astype(np.int32))
+            self._rows_of = 0 if search is None else search.log.rebuilds
+        return self._rows
+
+    def _taken(self, array: Any, rows: Any) -> NDArray[np.float64]:
+        return self.run.backend.taken(array, rows).astype(float)
+
+    def _wall(self, k: int) -> list[float]:
         """Force and torque of the liquid on a wall: the reaction to the forces of the wall on the liquid."""
-        gauge = self.gauges[k]
+        gauge, run, rows = self.gauges[k], self.run, self._near_walls()
+        mass, place = (self._taken(run.fields[name], rows) for name in ("mass", "position"))
+        place = run.plan.grid.absolute(place)
         push = np.zeros((len(mass), 3))
         for share in self._shares(k):
             axes = list(share.components)
-            push[:, axes] -= mass[:, None] * self._acceleration(share)[:, axes]
+            push[:, axes] -= mass[:, None] * self._acceleration(share, rows)[:, axes]
         about = np.array(gauge.about or (0.0, 0.0, 0.0))
         return self._row(push, place - about)
 
-    def _acceleration(self, share: Share) -> NDArray[np.float64]:
-        """Acceleration (n, 3) [m/s^2] of the liquid by wall particles of these volumes."""
+    def _acceleration(self, share: Share, rows: Any) -> NDArray[np.float64]:
+        """Acceleration (m, 3) [m/s^2] of these rows of the liquid by wall particles of these volumes."""
         run = self.run
         found = run.backend.zeros((run.plan.grid.count, 3), run.plan.grid.dtype)
         walls = run._shared["walls"]
         self._push(share, found, walls._replace(volume=share.volume))
-        total = np.array(run.backend.host(found), dtype=float)
+        total = self._taken(found, rows)
         if run.backend.name != "numpy":
             return total
         run.backend.assign(found, 0.0)  # the oracles sum over the liquid, too
@@ -252,7 +265,7 @@ class Gauges:
             plain = dataclasses.replace(p, algorithm="plain")
             self._launch(plain, own, run._parameters[effect.name])
 
-    def _body(self, gauge: Gauge, mass: NDArray[np.float64], place: NDArray[np.float64]) -> list[float]:
+    def _body(self, gauge: Gauge) -> list[float]:
         """Force and torque on a solid of all that acts on its particles but gravity and the solid itself."""
         run, number = self.run, int(gauge.on.split()[1]) - 1
         first = int(np.sum(run.plan.state.sizes[:number]))
@@ -267,8 +280,9 @@ class Gauges:
         acceleration = run._host("acceleration")[own].astype(float)
         if gravity_of(run.plan.effects) is not None:
             acceleration -= np.array(self._gravity(), run.plan.grid.dtype).astype(float)
-        push = mass[own, None] * acceleration
-        place, mass = place[own], mass[own]
+        mass = run._host("mass")[own].astype(float)
+        place = run.plan.grid.absolute(run._host("position")[own].astype(float))
+        push = mass[:, None] * acceleration
         centre = mass @ place / mass.sum() if len(own) else np.zeros(3)
         about = centre if gauge.about is None else np.array(gauge.about)
         return self._row(push, place - about)

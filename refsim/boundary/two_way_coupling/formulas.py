@@ -54,7 +54,7 @@ def coupled_wall_pressure_pair(wall_mass, pressure_i, density_i, slope):
 @formula
 def held_pressure_pair(pressure_f, density_f, x_kf, lean, lag):
     """Adami 2012 (27) at a solid's particle: p = p_f + rho_f (g - a_k).(x_k - x_f) [Pa], a_k = lag/tau [m/s^2]."""
-    head = (lean.x - lag[0]) * x_kf[0] + (lean.y - lag[1]) * x_kf[1] + (lean.z - lag[2]) * x_kf[2]
+    head = (lean[0] - lag[0]) * x_kf[0] + (lean[1] - lag[1]) * x_kf[1] + (lean[2] - lag[2]) * x_kf[2]
     return pressure_f + density_f * head
 
 
