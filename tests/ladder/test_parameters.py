@@ -464,6 +464,16 @@ def matching(width=2, stiffness=1.0, damping=0.1):
     return {"matching": group}
 
 
+def melting(dim, into=0):
+    """What melts becomes liquid; with `into` of its mass and density, too."""
+    return {
+        "melting": {
+            "into_liquid": into, "liquid_density": RHO, "liquid_mass": mass(dim), "liquid_conductivity": 0.7,
+            "liquid_heat_capacity": 2100.0,
+        }
+    }  # fmt: skip
+
+
 CELLS = {2: 0.33, 3: 0.31}  # h of the background grid [m], by dimension
 
 
@@ -717,21 +727,21 @@ def jz(**changes):
 # (effects of the scene, the one under test first; what it is to hand out, by dimension; dimensions)
 PULL = Gravity(acceleration=(0.3, -9.7, 0.0))
 SETUPS = {
-    "liquid": (lambda dim: (WATER,), liquid),
-    "tait": (lambda dim: (water(state="tait", clamp_pressure=False),), lambda dim: liquid(dim, exponent=7, clamp=0)),
-    "mueller": (lambda dim: (water(kernels="mueller"),), lambda dim: liquid(dim, "mueller")),
-    "cubic spline": (lambda dim: (water(kernels="cubic_spline"),), lambda dim: liquid(dim, "cubic_spline")),
+    "liquid": ((WATER,), liquid),
+    "tait": ((water(state="tait", clamp_pressure=False),), lambda dim: liquid(dim, exponent=7, clamp=0)),
+    "mueller": ((water(kernels="mueller"),), lambda dim: liquid(dim, "mueller")),
+    "cubic spline": ((water(kernels="cubic_spline"),), lambda dim: liquid(dim, "cubic_spline")),
     "printed liquid": (
-        lambda dim: (water(literal=("all",)),),
+        (water(literal=("all",)),),
         lambda dim: liquid(dim, gradient=0.5, viscosity=-MU),  # Jiang & Zhu E24, E3
     ),
     "central viscosity": (  # zeta = 5 eta/3 of Espanol & Revenga 2003 in 3D: (dim + 2) mu along the line of centres
-        lambda dim: (water(viscosity="central"),),
+        (water(viscosity="central"),),
         lambda dim: liquid(dim, viscosity=0.0, central=(dim + 2) * MU),
     ),
-    "inviscid": (lambda dim: (water(dynamic_viscosity=0.0),), lambda dim: liquid(dim, viscosity=0.0)),
+    "inviscid": ((water(dynamic_viscosity=0.0),), lambda dim: liquid(dim, viscosity=0.0)),
     "cohesive liquid": (
-        lambda dim: (WATER, jz()),
+        (WATER, jz()),
         lambda dim: liquid(
             dim,
             pressure=bulk_pressure(
@@ -740,108 +750,99 @@ SETUPS = {
         ),
     ),
     "liquid with Akinci's cohesion": (
-        lambda dim: (WATER, Akinci2013(gamma=0.02)),
+        (WATER, Akinci2013(gamma=0.02)),
         lambda dim: liquid(dim, pressure=bulk_pressure(lambda r: -0.02 * akinci_shape(r, dim), dim)),
     ),
     "liquid with attraction": (
-        lambda dim: (WATER, BeckerTeschner2007(kappa=0.3)),
+        (WATER, BeckerTeschner2007(kappa=0.3)),
         lambda dim: liquid(
             dim,
             pressure=bulk_pressure(lambda r: -0.3 * kernel("cubic_spline", np.maximum(r, D), dim) * r / mass(dim), dim),
         ),
     ),
     "liquid with a cosine force": (
-        lambda dim: (WATER, TartakovskyMeakin2005(strength=0.3)),
+        (WATER, TartakovskyMeakin2005(strength=0.3)),
         lambda dim: liquid(
             dim, pressure=bulk_pressure(lambda r: 0.3 * np.cos(1.5 * math.pi * r / H) / mass(dim) ** 2, dim)
         ),
     ),
     "liquid under air": (
-        lambda dim: (WATER, He2014(kappa=0.1, air_pressure=200.0)),
+        (WATER, He2014(kappa=0.1, air_pressure=200.0)),
         lambda dim: liquid(dim, pressure=bulk_pressure(lambda r: 200.0 * slope("wendland_c2", r, dim) / RHO**2, dim)),
     ),
     "liquid with a molecular force": (
-        lambda dim: (WATER, Dong2016(stiffness=0.3)),
+        (WATER, Dong2016(stiffness=0.3)),
         lambda dim: liquid(dim, pressure=lattice_pressure(lambda r: 0.3 * molecular_shape(r, D), dim)),
     ),
-    "liquid without balance": (lambda dim: (WATER, Akinci2013(gamma=0.02, balance_pressure=False)), liquid),
-    "liquid on a mesh": (lambda dim: (WATER, block_of()), lambda dim: liquid(dim, wall=1.0), (3,)),
-    "gravity": (lambda dim: (Gravity(acceleration=(0.3, -9.7, 0.0)),), lambda dim: {"field": [0.3, -9.7, 0.0]}),
-    "box walls": (
-        lambda dim: (BoxWalls(lower=WALLS[0], upper=WALLS[1], open_faces=("+y",)), WATER),
-        box_walls,
-    ),
+    "liquid without balance": ((WATER, Akinci2013(gamma=0.02, balance_pressure=False)), liquid),
+    "liquid on a mesh": ((WATER, block_of()), lambda dim: liquid(dim, wall=1.0), (3,)),
+    "gravity": ((Gravity(acceleration=(0.3, -9.7, 0.0)),), lambda dim: {"field": [0.3, -9.7, 0.0]}),
+    "box walls": ((BoxWalls(lower=WALLS[0], upper=WALLS[1], open_faces=("+y",)), WATER), box_walls),
     "extrapolated walls": (
-        lambda dim: (BoxWalls(lower=WALLS[0], upper=WALLS[1], open_faces=("+y",), model="extrapolated"), WATER, PULL),
+        (BoxWalls(lower=WALLS[0], upper=WALLS[1], open_faces=("+y",), model="extrapolated"), WATER, PULL),
         lambda dim: box_walls(dim) | {"lean": {"x": 0.3, "y": -9.7, "z": 0.0}},
     ),
     "advanced liquid": (  # delta h_s c with h_s = h/2, and the slope rho0 g/c^2 of the density at rest
-        lambda dim: (water(density="continuity", diffusion=0.05), PULL),
+        (water(density="continuity", diffusion=0.05), PULL),
         lambda dim: (
             liquid(dim, clamp=0)
             | {"diffusion": {"coefficient": 0.025 * H * C, "x": RHO * 0.3 / C**2, "y": RHO * -9.7 / C**2, "z": 0.0}}
         ),
     ),
     "shifting": (
-        lambda dim: (ParticleShifting(strength=1.5), WATER, SurfaceDetection()),
+        (ParticleShifting(strength=1.5), WATER, SurfaceDetection()),
         lambda dim: (
             shifting(dim, 1.5) | normal_term(dim) | {"near_surface_limit": detection(dim)["near_surface_limit"]}
         ),
     ),
     "shifting without surface": (
-        lambda dim: (ParticleShifting(surface="none"), WATER, BoxWalls(lower=WALLS[0], upper=WALLS[1])),
+        (ParticleShifting(surface="none"), WATER, BoxWalls(lower=WALLS[0], upper=WALLS[1])),
         lambda dim: shifting(dim, 2.2),
     ),
-    "detection": (lambda dim: (SurfaceDetection(), WATER), detection),
+    "detection": ((SurfaceDetection(), WATER), detection),
     "detection of films": (
-        lambda dim: (SurfaceDetection(thin_features="second_moment"), WATER),
+        (SurfaceDetection(thin_features="second_moment"), WATER),
         lambda dim: detection(dim) | {"thin_feature": {"variance": 1.3 * film_variance(dim) / H**2, "dim": dim}},
     ),
     "detection, other settings": (
-        lambda dim: (
-            SurfaceDetection(threshold=0.95, asymmetry=0.4, scan_normal="corrected", literal=("E5", "E6", "E10")),
-            WATER,
-        ),
+        (SurfaceDetection(threshold=0.95, asymmetry=0.4, scan_normal="corrected", literal=("E5", "E6", "E10")), WATER),
         lambda dim: detection(dim, 0.95, 0.95, 0.4, H, 1e-12 / H, 1, 1) | normal_term(dim, 1),
     ),
-    "jiang_zhu": (lambda dim: (jz(), WATER), lambda dim: jiang_zhu(dim, area=corrected_area(dim))),
+    "jiang_zhu": ((jz(), WATER), lambda dim: jiang_zhu(dim, area=corrected_area(dim))),
     "jiang_zhu, gamma": (
-        lambda dim: (jz(surface_tension=None, gamma=0.02, area_ratio=0.03, pair_mode="soft", soft_lower=0.2), WATER),
+        (jz(surface_tension=None, gamma=0.02, area_ratio=0.03, pair_mode="soft", soft_lower=0.2), WATER),
         lambda dim: jiang_zhu(dim, 0.02, area=corrected_area(dim, 0.03), mode=0, soft=(0.2, 1.0)),
     ),
     "jiang_zhu, J(18)": (
-        lambda dim: (jz(area_term="color", pair_mode="either"), WATER),
+        (jz(area_term="color", pair_mode="either"), WATER),
         lambda dim: jiang_zhu(dim, mode=3, area=lambda gamma: (1, 1e-3 * gamma * RHO)),  # eps' of Akinci et al. 2013
     ),
     "jiang_zhu, printed": (
-        lambda dim: (jz(literal=("E4", "E7", "E10"), area_term="color", area_acceleration=2.1), WATER),
+        (jz(literal=("E4", "E7", "E10"), area_term="color", area_acceleration=2.1), WATER),
         lambda dim: jiang_zhu(dim, alpha=0.6, sign=-1, area=lambda gamma: (1, 2.1)) | normal_term(dim, 1),
     ),
-    "jiang_zhu, no area": (
-        lambda dim: (jz(area_term="none", pair_mode="both"), WATER),
-        lambda dim: jiang_zhu(dim, mode=4),
-    ),
+    "jiang_zhu, no area": ((jz(area_term="none", pair_mode="both"), WATER), lambda dim: jiang_zhu(dim, mode=4)),
     "jiang_zhu, one-sided": (
-        lambda dim: (jz(pair_mode="one_sided"), WATER),
+        (jz(pair_mode="one_sided"), WATER),
         lambda dim: jiang_zhu(dim, mode=2, area=corrected_area(dim)),
     ),
-    "akinci": (lambda dim: (Akinci2013(surface_tension=SIGMA, adhesion=1.7), WATER), lambda dim: akinci(dim, beta=1.7)),
+    "akinci": ((Akinci2013(surface_tension=SIGMA, adhesion=1.7), WATER), lambda dim: akinci(dim, beta=1.7)),
     "akinci, gamma": (
-        lambda dim: (Akinci2013(gamma=0.3, area_acceleration=4.0), WATER),
+        (Akinci2013(gamma=0.3, area_acceleration=4.0), WATER),
         lambda dim: akinci(dim, 0.3, lambda gamma: 4.0),
     ),
     "akinci, printed": (
-        lambda dim: (Akinci2013(gamma=0.3, literal=("gamma",)), WATER),
+        (Akinci2013(gamma=0.3, literal=("gamma",)), WATER),
         lambda dim: akinci(dim, 0.3, lambda gamma: gamma),
     ),
-    "becker_teschner": (lambda dim: (BeckerTeschner2007(surface_tension=SIGMA), WATER), becker_teschner),
+    "becker_teschner": ((BeckerTeschner2007(surface_tension=SIGMA), WATER), becker_teschner),
     "becker_teschner, kappa": (
-        lambda dim: (BeckerTeschner2007(kappa=0.3, clamp_distance=False), WATER),
+        (BeckerTeschner2007(kappa=0.3, clamp_distance=False), WATER),
         lambda dim: becker_teschner(dim, 0.3, 0.0),
     ),
-    "csf": (lambda dim: (CsfWang2019(surface_tension=SIGMA), WATER), continuum),
+    "csf": ((CsfWang2019(surface_tension=SIGMA), WATER), continuum),
     "csf, mueller": (
-        lambda dim: (
+        (
             CsfWang2019(surface_tension=SIGMA, threshold=0.3, literal=("shell",), tension_gradient=(1.0, -2.0, 3.0)),
             water(kernels="mueller"),
             SurfaceDetection(),
@@ -849,51 +850,51 @@ SETUPS = {
         lambda dim: continuum(dim, "mueller", plain=1, threshold=0.3, gradient=(1.0, -2.0, 3.0)),
     ),
     "csf, plain": (
-        lambda dim: (CsfWang2019(surface_tension=SIGMA, normalise=False), WATER),
+        (CsfWang2019(surface_tension=SIGMA, normalise=False), WATER),
         lambda dim: continuum(dim, normalise=False),
     ),
-    "dong": (lambda dim: (Dong2016(surface_tension=SIGMA), WATER), dong),
+    "dong": ((Dong2016(surface_tension=SIGMA), WATER), dong),
     "dong, stiffness": (
-        lambda dim: (Dong2016(stiffness=3.0, rest_distance=0.11, correction=5.0, literal=("E21",)), WATER),
+        (Dong2016(stiffness=3.0, rest_distance=0.11, correction=5.0, literal=("E21",)), WATER),
         lambda dim: dong(dim, 0.11, 3.0, 5.0, 0),
     ),
     "dong's solver": (
-        lambda dim: (Dong2016(surface_tension=SIGMA, solver="hu_adams"), WATER),
+        (Dong2016(surface_tension=SIGMA, solver="hu_adams"), WATER),
         lambda dim: dong(dim) | {"viscosity": {"coefficient": MU}, "central_viscosity": None},
     ),
     "dong's solver, central viscosity": (
-        lambda dim: (Dong2016(surface_tension=SIGMA, solver="hu_adams"), water(viscosity="central")),
+        (Dong2016(surface_tension=SIGMA, solver="hu_adams"), water(viscosity="central")),
         lambda dim: dong(dim) | {"viscosity": None, "central_viscosity": {"coefficient": (dim + 2) * MU}},
     ),
     "he": (
-        lambda dim: (He2014(surface_tension=SIGMA, air_pressure=200.0), WATER),
+        (He2014(surface_tension=SIGMA, air_pressure=200.0), WATER),
         lambda dim: he(dim, SIGMA / he_unit_tension(dim, "wendland"), 200.0),
     ),
     "he, mueller": (
-        lambda dim: (He2014(surface_tension=SIGMA), water(kernels="mueller")),
+        (He2014(surface_tension=SIGMA), water(kernels="mueller")),
         lambda dim: he(dim, SIGMA / he_unit_tension(dim, "mueller")),
     ),
-    "he, kappa": (lambda dim: (He2014(kappa=0.4), WATER), lambda dim: he(dim, 0.4)),
-    "tartakovsky": (lambda dim: (TartakovskyMeakin2005(surface_tension=SIGMA), WATER), cosine),
-    "tartakovsky, strength": (lambda dim: (TartakovskyMeakin2005(strength=0.3), WATER), lambda dim: cosine(dim, 0.3)),
+    "he, kappa": ((He2014(kappa=0.4), WATER), lambda dim: he(dim, 0.4)),
+    "tartakovsky": ((TartakovskyMeakin2005(surface_tension=SIGMA), WATER), cosine),
+    "tartakovsky, strength": ((TartakovskyMeakin2005(strength=0.3), WATER), lambda dim: cosine(dim, 0.3)),
     "normal difference": (
-        lambda dim: (NormalDifference2014(area_acceleration=2.5), WATER),
+        (NormalDifference2014(area_acceleration=2.5), WATER),
         lambda dim: normal_term(dim) | {"normal_tension": {"coefficient": 2.5, "printed_mass": 0}},
     ),
     "normal difference, printed": (
-        lambda dim: (NormalDifference2014(area_acceleration=2.5, literal=("P7",)), WATER),
+        (NormalDifference2014(area_acceleration=2.5, literal=("P7",)), WATER),
         lambda dim: normal_term(dim) | {"normal_tension": {"coefficient": 2.5, "printed_mass": 1}},
     ),
-    "iisph": (lambda dim: (ImplicitPressure(), WATER), implicit),
+    "iisph": ((ImplicitPressure(), WATER), implicit),
     "iisph, central viscosity": (
-        lambda dim: (ImplicitPressure(), water(viscosity="central")),
+        (ImplicitPressure(), water(viscosity="central")),
         lambda dim: implicit(dim) | {"viscosity": None, "central_viscosity": {"coefficient": (dim + 2) * MU}},
     ),
     "iisph, other settings": (
-        lambda dim: (ImplicitPressure(relaxation=0.4, tolerance=2e-3, iterations=(3, 50)), WATER),
+        (ImplicitPressure(relaxation=0.4, tolerance=2e-3, iterations=(3, 50)), WATER),
         lambda dim: implicit(dim, 0.4, 2e-3, 3, 50),
     ),
-    "two-way": (lambda dim: (TwoWayCoupling(), WATER, ShapeMatching()), coupling, (3,)),
+    "two-way": ((TwoWayCoupling(), WATER, ShapeMatching()), coupling, (3,)),
     "two-way, advanced liquid": (  # four crossings of the support radius by sound; diffusion as in "advanced liquid"
         lambda dim: (
             TwoWayCoupling(),
@@ -909,27 +910,23 @@ SETUPS = {
         (3,),
     ),
     "two-way, printed": (
-        lambda dim: (
-            TwoWayCoupling(literal=("all",), density_weighted=True),
-            water(state="tait"),
-            ShapeMatching(),
-        ),
+        (TwoWayCoupling(literal=("all",), density_weighted=True), water(state="tait"), ShapeMatching()),
         lambda dim: coupling(dim, 7, 1, 1, 1, 1),
         (3,),
     ),
     "two-way, Shao & Song M2": (
-        lambda dim: (TwoWayCoupling(literal=("M2",)), WATER, ShapeMatching()),
+        (TwoWayCoupling(literal=("M2",)), WATER, ShapeMatching()),
         lambda dim: coupling(dim, m2=1),
         (3,),
     ),
     "two-way, Shao & Song M3": (
-        lambda dim: (TwoWayCoupling(literal=("M3",)), WATER, ShapeMatching()),
+        (TwoWayCoupling(literal=("M3",)), WATER, ShapeMatching()),
         lambda dim: coupling(dim, m3=1),
         (3,),
     ),
-    "heat": (lambda dim: (HEAT,), lambda dim: heat(dim, profile=0.5)),
+    "heat": ((HEAT,), lambda dim: heat(dim, profile=0.5)),
     "heat, other settings": (
-        lambda dim: (
+        (
             HeatConduction(
                 temperature=1.0,
                 laplacian="mueller",
@@ -946,51 +943,25 @@ SETUPS = {
         ),
     ),
     "heat, mueller": (
-        lambda dim: (HeatConduction(temperature=1.0, laplacian="mueller"),),
+        (HeatConduction(temperature=1.0, laplacian="mueller"),),
         lambda dim: heat(dim, "mueller", 1, 0.5),
     ),
     "heat, printed": (
-        lambda dim: (HeatConduction(temperature=1.0, scheme="explicit", literal=("M5", "M8", "M9", "M11")),),
+        (HeatConduction(temperature=1.0, scheme="explicit", literal=("M5", "M8", "M9", "M11")),),
         lambda dim: heat(dim, "poly6", 2, 0.75 - 0.5625 * dim, 0.5, 0, sweep_share=1.0, unit_capacity=1, frozen=1),
     ),
     "heat, Shao & Song M6": (
-        lambda dim: (HeatConduction(temperature=1.0, scheme="one_sided", laplacian="mueller", literal=("M6",)),),
+        (HeatConduction(temperature=1.0, scheme="one_sided", laplacian="mueller", literal=("M6",)),),
         lambda dim: heat(dim, "mueller", 1, 0.5, 1.0, 0),
     ),
     "shape matching": (
-        lambda dim: (ShapeMatching(half_width=1, stiffness=0.7, damping=0.3),),
+        (ShapeMatching(half_width=1, stiffness=0.7, damping=0.3),),
         lambda dim: matching(1, 0.7, 0.3) | body_lattice() | boxes(),
         (3,),
     ),
-    "shape matching by members": (
-        lambda dim: (ShapeMatching(summation="gather"),),
-        lambda dim: matching() | body_lattice(),
-        (3,),
-    ),
-    "melting": (
-        lambda dim: (Melting(), HEAT, WATER),
-        lambda dim: {
-            "melting": {
-                "into_liquid": 0,
-                "liquid_density": RHO,
-                "liquid_mass": mass(dim),
-                "liquid_conductivity": 0.7,
-                "liquid_heat_capacity": 2100.0,
-            }
-        },
-    ),
-    "melting into water": (
-        lambda dim: (Melting(bookkeeping="water"), HEAT, WATER),
-        lambda dim: {
-            "melting": {
-                "into_liquid": 1,
-                "liquid_density": RHO,
-                "liquid_mass": mass(dim),
-                "liquid_conductivity": 0.7,
-                "liquid_heat_capacity": 2100.0,
-            }
-        },
-    ),
+    "shape matching by members": ((ShapeMatching(summation="gather"),), lambda dim: matching() | body_lattice(), (3,)),
+    "melting": ((Melting(), HEAT, WATER), melting),
+    "melting into water": ((Melting(bookkeeping="water"), HEAT, WATER), lambda dim: melting(dim, 1)),
     "material points": (lambda dim: (MPM[dim],), material_points),
     "material points, printed": (
         lambda dim: (
@@ -1018,9 +989,9 @@ SETUPS = {
         lambda dim: (SurfaceEnergy(surface_tension=SIGMA, contact_angle=70.0), MPM[dim], BETWEEN),
         surface_of_run,
     ),
-    "mesh": (lambda dim: (block_of(), WATER), lambda dim: mesh(), (3,)),
+    "mesh": ((block_of(), WATER), lambda dim: mesh(), (3,)),
     "mesh, other settings": (
-        lambda dim: (
+        (
             block_of(literal=("E27",), correction="point", every_particle=True),
             WATER,
             Gravity(acceleration=(0.2, 0.4, -9.0)),
@@ -1061,13 +1032,17 @@ def handed_out(effects, dim, dtype="float64"):
 @functools.cache
 def given(name, dim, dtype="float64"):
     """What the setup of that name hands out; a mesh takes seconds."""
-    return handed_out(SETUPS[name][0](dim), dim, dtype)
+    return handed_out(effects_of(name, dim), dim, dtype)
+
+
+def effects_of(name, dim):
+    effects, *_ = SETUPS[name]
+    return effects(dim) if callable(effects) else effects
 
 
 def setups():
-    for name, (_, _, *dims) in SETUPS.items():
-        for dim in dims[0] if dims else (2, 3):
-            yield pytest.param(name, dim, id=f"{name}, {dim}D")
+    """Names and dimensions."""
+    return [(name, dim) for name, (_, _, *dims) in SETUPS.items() for dim in (dims[0] if dims else (2, 3))]
 
 
 def wrong(got, expected):
@@ -1082,7 +1057,7 @@ def wrong(got, expected):
             yield name
 
 
-@pytest.mark.parametrize("name, dim", list(setups()))
+@pytest.mark.parametrize("name, dim", setups())
 def test_every_member_is_the_papers(name, dim):
     got, expected = given(name, dim), SETUPS[name][1](dim)
     groups = {key: value for key, value in got.items() if value is None or is_group(value) or key in expected}
@@ -1112,7 +1087,7 @@ BY_PRECISION = {  # what float32 takes where rounding decides: 64 roundings, and
 ROUNDED = {"lower", "upper", "distance"}  # of the band, and the next number outwards
 
 
-@pytest.mark.parametrize("name, dim", list(setups()))
+@pytest.mark.parametrize("name, dim", setups())
 def test_single_precision_rounds_what_double_precision_takes(name, dim):
     single, double = (given(name, dim, dtype) for dtype in ("float32", "float64"))
     assert set(single) == set(double)
@@ -1173,7 +1148,7 @@ def effects_with_groups():
 def made_by_methods():
     """(effect, group's name, group) of effects without a setup here, whose `cases.py` says what their constants are."""
     cases.discover()
-    listed = {effects(dim)[0].name for effects, _, *dims in SETUPS.values() for dim in (dims[0] if dims else (2, 3))}
+    listed = {effects_of(*setup)[0].name for setup in setups()}
     for name in (cases.EXAMPLES.keys() & effects_with_groups()) - listed:
         for key, group in handed_out(pairs.scene(name, name).effects, 2).items():
             if is_group(group):
@@ -1197,12 +1172,11 @@ ELSEWHERE = {"SurfaceTerm", "Dice", "BandGrid", "Relaxation", "Period", "Contour
 def test_no_effect_and_no_group_is_missing():
     own = effects_with_groups()
     seen = {}
-    for name, (made, _, *dims) in SETUPS.items():
-        for dim in dims[0] if dims else (2, 3):
-            effects = made(dim)
-            for key, value in given(name, dim).items():
-                seen.setdefault((effects[0].name, key), []).append(value)
-            assert effects[0].name in own, name
+    for name, dim in setups():
+        effect, *_ = effects_of(name, dim)
+        for key, value in given(name, dim).items():
+            seen.setdefault((effect.name, key), []).append(value)
+        assert effect.name in own, name
     others = list(made_by_methods())
     assert {effect for effect, _ in seen} | {effect for effect, _, _ in others} >= own
     never = [key for key, values in seen.items() if all(value is None for value in values)]
