@@ -5,18 +5,16 @@ import math
 import numpy as np
 import pytest
 
-from refsim.study.choice import candidates
 from refsim.study.panels import OWN, abouts, panel
 from refsim.study.panels.scenes import packaged
 from validation import accuracy, accuracy_page, panel_peers
 from validation.__main__ import main
-from validation.drawing import style
 from validation.panel_runs import detection as detector_runs
 from validation.panel_runs import drops_and_melting as panel_runs
 from validation.panel_runs import implicit_pressure as pressure_runs
 from validation.panel_runs import mpm_frequency as frequency_runs
 from validation.panel_runs import tank as tank_runs
-from validation.reading import Reading, distribution, environment, measured
+from validation.reading import Reading, environment, measured
 from validation.running import Context
 from validation.work_precision import order_from_errors, pareto
 
@@ -24,35 +22,6 @@ from validation.work_precision import order_from_errors, pareto
 def test_the_page_is_what_the_stored_points_make():
     text = accuracy_page.PAGE.read_text()
     assert accuracy_page.page(text) == text, "python -m validation accuracy --draw"
-
-
-def test_cells_of_the_table_are_short():
-    for name in abouts():
-        for line in accuracy_page.rows(panel(name)):
-            _, _, errors, *cells, _ = line.split("|")
-            assert "%" in errors
-            assert len(cells) == 5
-            assert max(map(len, cells[1:])) <= 50
-            assert len(cells[0]) <= 80
-
-
-def test_the_picture_names_what_the_table_advises_and_draws_the_unsettled_hollow():
-    import matplotlib.pyplot as plt
-
-    of = panel("front")
-    with style():
-        figure = accuracy_page.picture(of)
-        plt.close(figure)
-    axes = figure.axes[0]
-    said = " ".join(" ".join(text.get_text().split()) for text in axes.texts)
-    for error in accuracy_page.targets(of):
-        advised = accuracy_page.answer(of, error).choice.advised
-        assert advised is None or advised.point.words in said
-    assert "uncertainty of the reference" in said
-    hollow = [line for line in axes.lines if line.get_markerfacecolor() == "white" and len(line.get_xdata()) == 1]
-    assert len(hollow) == sum(bool(c.unsettled) for c in candidates(of))
-    legend = [text.get_text() for text in axes.get_legend().get_texts()]
-    assert any(text.startswith("failed: ") for text in legend)
 
 
 @pytest.mark.parametrize("name", abouts())
@@ -129,19 +98,6 @@ def test_implicit_pressure_is_larger_at_walls():
     assert 2 < np.mean(found) < 3
 
 
-def test_a_stop_and_a_known_tension(monkeypatch):
-    """A drop that does not last is a failure with its reason; a frequency is the root of the tension."""
-    setting = {"by": "rayleigh", "model": "akinci", "radius": 8.0, "knobs": {"backend": "cpu", "dtype": "float32"}}
-    flat, error = panel_runs.flat_tension("akinci")
-    assert 0 < error < 0.1 * flat
-    row = {"stopped": "", "rayleigh": 1.21 * flat, "steps": 5, "particles": 9}
-    monkeypatch.setattr(panel_runs.drops, "measure", lambda point: row)
-    found = panel_runs.drop(Context(threads=1), setting, 0)
-    assert (found.value, found.error) == (pytest.approx(1.1), pytest.approx(0.1))
-    monkeypatch.setattr(panel_runs.drops, "measure", lambda point: {"stopped": "clumped"})
-    assert panel_runs.drop(Context(threads=1), setting, 0).stopped == "clumped"
-
-
 def test_detectors_give_the_stored_value():
     points = panel("detection_2d").points
     steps = ("two_step_0.90_half_color_float32", "two_step_printed_0.90_half_color_float32")
@@ -161,17 +117,6 @@ def test_misplaced_surface_is_the_distance_between_both_sets():
     assert sorted(detector_runs.misplaced(x, flags, truth)) == [0.0, 1.0, 2.0]
     assert detector_runs.misplaced(x, truth, truth).max() == 0.0
     assert np.isnan(detector_runs.misplaced(x, np.zeros(4, bool), truth)).all()
-
-
-def test_stored_states_are_those_that_are_named():
-    from validation.experiments.dam_break.scene import STORED, load_state
-
-    for name, (columns, depth, moment) in STORED.items():
-        state = load_state(name)
-        assert state.position.shape == (2 * columns**2 * depth, 3)
-        assert state.position.dtype == np.float32
-        assert np.isfinite(state.position).all()
-        assert state.time == pytest.approx(moment, abs=0.01)
 
 
 def test_peers_are_read_as_refsim_is(monkeypatch):
@@ -207,9 +152,3 @@ def test_order_from_errors():
     assert exact.order == pytest.approx(2.0)
     assert not order_from_errors(size, [1.0, 0.5, 0.6, 0.1], 2.0).asymptotic
     assert "2 of 3 sizes" in order_from_errors(size[:2], [1.0, 0.5], 2.0).words
-
-
-def test_distributions_are_of_magnitudes():
-    found = distribution([-3.0, 1.0, 2.0])
-    assert (found["median"], found["max"]) == (2.0, 3.0)
-    assert math.isnan(distribution([])["median"])

@@ -6,34 +6,26 @@ import json
 import math
 import pathlib
 import re
-import types
 
 import numpy as np
 import pytest
 
-from refsim import HeatConduction
 from validation import checks, filling, judging, page
 from validation.__main__ import main
 from validation.checks import (
     CLAIM,
     CONFIRMED,
-    FEW,
     HARD_CASE,
     MIXED,
     NOT_TESTABLE,
     REFUTED,
-    STARTS,
     VALUE,
     Entry,
-    checked,
     read_all,
 )
-from validation.experiment import Experiment, Family, Measure, Options, Run, alike, discover, measures
-from validation.experiments.dam_break import runs as dam_break
+from validation.experiment import Experiment, Family, Measure, Options, Run, alike, discover
 from validation.experiments.droplet import runs as droplet
 from validation.experiments.heat import runs as heat
-from validation.experiments.melting import scene as melting_scene
-from validation.experiments.models import runs as models
 from validation.filling import Recorded, filled, filled_page
 from validation.perform import EXIT_FAILED, EXIT_FINE, EXIT_INPUT, perform
 from validation.results import Result
@@ -44,9 +36,6 @@ ENTRIES = filling.with_reasons(read_all())
 CLAIMS = {entry.name: entry for entry in ENTRIES if entry.kind == CLAIM}
 TESTABLE = [name for name, claim in CLAIMS.items() if claim.rule]
 MEASURED = [name for name in TESTABLE if CLAIMS[name].starts]
-HEAT = ("heat", "melting")  # systems of one paper, which prints one K
-
-
 # What is on file
 
 
@@ -69,32 +58,12 @@ def test_every_run_takes_the_parameters_that_it_is_given():
         inspect.signature(run.function).bind(Context(), **run.parameters)
 
 
-def test_every_bar_has_a_source_and_a_number_of_few_words():
-    for entry in ENTRIES:
-        assert entry.kind == HARD_CASE or len(entry.source) > (2 if entry.kind == CLAIM else 10), entry.name
-        assert "{" not in entry.reason, entry.name
-
-
-def few(claim):
-    return claim.starts < (1 if claim.fixed else FEW if claim.complete else STARTS)
-
-
 @pytest.mark.parametrize("name", MEASURED)
 def test_what_is_written_follows_from_the_numbers_beside_it(name):
     claim = CLAIMS[name]
     low, high = claim.spread
     assert low <= claim.measured <= high
     assert claim.judge([low, *[claim.measured] * (claim.starts - 2), high][: claim.starts]) == claim.verdict
-
-
-def test_a_claim_without_numbers_or_with_few_starts_says_so():
-    for claim in CLAIMS.values():
-        if few(claim):
-            assert claim.verdict == NOT_TESTABLE
-        assert claim.reason or claim.verdict != NOT_TESTABLE, claim.name
-        assert not (claim.fixed and claim.starts >= FEW), f"{claim.name}: nothing differs, and yet many starts"
-        assert claim.over or not claim.starts
-    assert {claim.verdict for claim in CLAIMS.values()} == {CONFIRMED, REFUTED, MIXED, NOT_TESTABLE}
 
 
 @pytest.mark.parametrize("name", TESTABLE)
@@ -106,43 +75,6 @@ def test_the_null_model_of_a_family_refutes_every_claim(name):
     assert not any(map(claim.keeps, values))
     if claim.starts:
         assert claim.null == pytest.approx(float(np.median(values)), rel=1e-3, abs=1e-12)
-
-
-def test_titles_readings_and_families_are_said():
-    titles = [claim.title for claim in CLAIMS.values()]
-    assert len(set(titles)) == len(titles)
-    assert all(claim.reading for claim in CLAIMS.values())
-    for experiment in discover().values():
-        families = {how.family for how in experiment.claims.values()}
-        assert all(family.fails.endswith(".") and family.null for family in families)
-
-
-def test_one_reading_of_the_printed_conductivities_holds_everywhere():
-    """K of the figures is in hundredths in the scenes of melting, in the claims on heat, and in their words."""
-    setting = melting_scene.figure_5(0.3)
-    (conduction,) = (e for e in melting_scene.made(setting).effects if isinstance(e, HeatConduction))
-    assert conduction.conductivity[0] == pytest.approx(melting_scene.SCALE * setting.bodies[0][2])
-    rows = heat.delivered(Context(), "pair_exchange").values["rows"]
-    assert [row["K"] for row in rows] == pytest.approx([melting_scene.SCALE * k for k in (10, 30, 50, 70)])
-    for claim in CLAIMS.values():
-        if claim.system in HEAT and "K of the figures" in claim.reading:
-            assert "in hundredths of a m^2/s" in claim.reading
-        if claim.system in HEAT and re.search(r"\bK =", claim.what):
-            assert "in hundredths of a m^2/s" in claim.reading
-
-
-@pytest.mark.parametrize("name", MEASURED)
-def test_every_value_behind_a_claim_is_published(name):
-    claim = CLAIMS[name]
-    published = json.loads((ROOT / "figures" / "claims.json").read_text())[name]
-    values = [math.inf if value is None else value for value in published["values"]]
-    assert len(values) == claim.starts
-    assert float(f"{np.median(values):.4g}") == claim.measured
-    assert [float(f"{x:.4g}") for x in (min(values), max(values))] == list(claim.spread)
-    assert published["verdict"] == claim.verdict
-    assert published["machine"]["processor"]
-    assert published["date"]
-    assert published["commit"]
 
 
 def test_numbers_on_the_pages_are_those_of_the_records():
@@ -178,15 +110,6 @@ def test_every_check_is_a_row_of_the_page():
         assert (ROOT / "figures" / file).exists()
 
 
-def test_the_matrix_counts_and_crosses_every_case():
-    hard = [entry for entry in ENTRIES if entry.kind == HARD_CASE]
-    rows, alone = page.crossed("models", {"spin_akinci": "pass", "spin_akinci_iisph": "fails", "x": "warned"})
-    assert rows == {"spin": {"akinci": "pass", "akinci_iisph": "fails"}}
-    assert alone == {"x": "warned"}
-    tiles = [patch for axes in page.matrix().axes for patch in axes.patches]
-    assert len(tiles) == len(hard)
-
-
 # How it is judged
 
 
@@ -213,17 +136,6 @@ def test_all_starts_confirm_none_refutes_and_few_judge_nothing(values, verdict):
     assert claim().judge(values) == verdict
 
 
-def test_three_starts_judge_where_there_are_no_others():
-    assert claim(complete=True).judge([0.5] * 3) == CONFIRMED
-    assert claim(complete=True).judge([0.5] * 2) == NOT_TESTABLE
-
-
-def test_one_start_judges_where_nothing_can_differ():
-    assert claim(fixed="a closed form").judge([0.5]) == CONFIRMED
-    assert claim(fixed="a closed form").judge([1.5]) == REFUTED
-    assert claim(fixed="a closed form").judge([]) == NOT_TESTABLE
-
-
 @pytest.mark.parametrize(
     "outcome, expected, verdict",
     [
@@ -248,44 +160,6 @@ def test_what_is_beyond_the_spread_deviates(value):
     assert not entry.within(value)
     assert entry.judge([value]) == "fail"
     assert entry.judge([1.899]) == "pass", "spreads are published with four digits"
-
-
-def test_a_null_model_of_a_comparison_gives_every_run_the_same():
-    def runs(options):
-        return [Run(key, number_of, {"value": 1.0}) for key in ("own", "rival")]
-
-    ratio = Measure(runs, lambda results: [results["own"].values["value"] / results["rival"].values["value"]])
-    assert list(alike({"value": 3.0})(ratio)) == [1.0]
-    assert ratio.of({"": {"value": 1.0}, "own": {"value": 2.0}}) == [2.0]
-
-
-def test_a_family_that_names_no_measure_is_refused():
-    module = types.ModuleType("made")
-    module.SMALL = Measure(lambda options: [], lambda results: [])
-    module.FAMILIES = (Family(("small", "tall"), "It could be large.", "a large one", alike({})),)
-    with pytest.raises(ValueError, match="tall"):
-        measures(module)
-    module.FAMILIES = (Family(("small",), "It could be large.", "a large one", alike({})),)
-    assert measures(module)["small"].family is module.FAMILIES[0]
-
-
-def test_a_drop_at_rest_on_few_starts_is_not_left_out():
-    """Starts from which neither drop comes to rest count: the claim that one is sooner does not hold there."""
-    how = discover()["models"].claims["sooner_than_csf"]
-    keys = [run.key for run in how.runs(Options())]
-    round_ = {"surface": {"end": {"area": 1.0, "thrown": 0}}, "particles": 4913}
-    rest = {key: {"wall": 1.0} if key.startswith("cube_") and key.endswith("zhu") else None for key in keys}
-    still = {key: {"rest": rest[key], **round_} for key in keys}
-    assert how.of(still) == [0.0, *[math.inf] * 4]
-    assert CLAIMS["sooner_than_csf"].judge(how.of(still)) == MIXED
-
-
-def test_what_was_measured_is_held_against_what_is_written():
-    for verdict, values, holds in (
-        (CONFIRMED, [0.5] * 5, True), (CONFIRMED, [1.5] * 5, False), (CONFIRMED, [0.5, *[1.5] * 4], False),
-        (REFUTED, [1.5] * 5, True),
-    ):  # fmt: skip
-        assert (checked(claim(verdict=verdict), values).verdict == "pass") == holds
 
 
 CLAIMED = 'kind="claim"\nsystem="s"\nsays="x"\n'
@@ -377,19 +251,6 @@ def test_a_verdict_that_no_longer_holds_is_told_and_can_be_written(own, capsys):
     assert small().verdict == MIXED
 
 
-def test_without_computing_only_stored_results_count(own):
-    values, folders, folder = own
-    options = Options(results=folder / "results", figures=folder / "figures")
-
-    def stored():
-        performed = perform(judging.parts((), [CLAIM], options), options, compute=False)
-        return [check and check.values for _, check in judging.claims_of(performed)]
-
-    assert stored() == [None, None]
-    main(["claims", *folders])
-    assert stored() == [tuple(values), None]
-
-
 def test_bad_input_gets_a_sentence(own, capsys):
     _, folders, _ = own
     assert main(["claims", "smell", *folders]) == EXIT_INPUT
@@ -449,18 +310,6 @@ def test_another_verdict_is_noticed_even_where_numbers_are_rounding():
     assert "the verdict is refuted" in verified(5 * [4.0], steady=rounding)["steady"]
 
 
-def test_a_stopped_run_is_said(monkeypatch):
-    def stop(context, value):
-        from refsim.core.errors import RunStopped
-
-        raise RunStopped("diverged", "It stopped here.")
-
-    monkeypatch.setitem(globals(), "made", stop)
-    assert verified([2.0, 2.0, 2.0]) == {
-        name: f"{name}: It stopped here. (reason: diverged)" for name in ("steady", "first")
-    }
-
-
 def test_every_system_has_a_number_that_is_verified_and_can_be_compared_on_any_machine():
     selected = judging.selected()
     assert {entry.system for entry in selected if entry.system} == {entry.system for entry in CLAIMS.values()}
@@ -502,15 +351,6 @@ def test_a_draw_is_repeated_by_its_seed(capsys):
     assert "seed 5: " in capsys.readouterr().err
 
 
-def test_only_what_is_chosen_can_be_named(capsys):
-    assert main(["verify", "repulsion_3"]) == EXIT_INPUT
-    assert "There is no verified number 'repulsion_3'; did you mean 'repulsion_3d'?" in capsys.readouterr().err
-
-
-def test_continuous_integration_verifies():
-    assert "\npython -m validation verify\n" in (ROOT / ".ci" / "run").read_text()
-
-
 # Tiny runs of what the claims measure
 
 
@@ -519,58 +359,9 @@ def test_the_explicit_scheme_keeps_the_range_up_to_half_and_loses_it_from_one_on
     assert heat.long_steps(Context(), "explicit", 1.0).values["beyond"] > 1.0
 
 
-def test_thrown_particles_have_a_surface():
-    whole = models.whole_area({"surface": {"end": {"area": 1.0, "thrown": 0}}, "particles": 1000})
-    torn = models.whole_area({"surface": {"end": {"area": 1.0, "thrown": 100}}, "particles": 1000})
-    assert whole == 1.0
-    assert torn == pytest.approx(0.9 ** (2 / 3) + 1.0)
-
-
 def test_area_term_keeps_momentum_and_turns_the_drop():
     both = droplet.area_force(Context(), 125, 1, "all", "cpu").values
     one_sided = droplet.area_force(Context(), 125, 1, "one_sided", "cpu").values
     assert both["area"]["linear"] < 1e-13 < 1e-4 < both["area"]["angular"]
     assert both["without"]["angular"] < 1e-13
     assert one_sided["area"]["linear"] > 1e-3
-
-
-def test_density_near_the_surface_gains_by_the_correction():
-    error = droplet.surface_density(Context(), 343, 1, "cpu").values["error"]
-    assert 0.05 < error["corrected"] < error["raw"]
-
-
-def test_released_pressure_and_splash_runs():
-    """Without a clamp, the pressure that J(12) sets to zero is negative: the noise falls."""
-    noise = {}
-    for method in ("number_density", "two_step"):
-        values = dam_break.released(Context(), 8, 0.2, 1, method, False, "cpu").values
-        assert 0 <= values["marked"] < 0.5
-        noise[method] = values["noise"]
-    assert 0 < noise["number_density"] < noise["two_step"]
-    assert dam_break.splash(Context(), 8, 0.5, 1, True, "cpu").values["detached"] >= 0
-
-
-def test_runs_of_the_published_sizes_are_those_of_the_cases():
-    """What a case has computed serves its claims: same key, same parameters."""
-    from validation.experiments.dam_break.runs import EXPERIMENT as DAM_BREAK
-    from validation.experiments.droplet.runs import EXPERIMENT as DROPLET
-
-    for case, measure in ((DROPLET, droplet.AREA_ROUNDS), (DAM_BREAK, dam_break.FIGURE_5_UPPER)):
-        known = {run.key: run for run in case.runs(Options())}
-        shared = [run for run in measure.runs(Options()) if not run.key.startswith("claim_")]
-        assert len(shared) >= 5
-        for run in shared:
-            assert (run.function, run.parameters) == (known[run.key].function, known[run.key].parameters)
-
-
-def test_a_drop_that_never_comes_to_rest_is_infinitely_later():
-    def results(mine, its):
-        return {key: Result({"steady": its}) for key in droplet.FROM} | {
-            f"claim_steady_soft_{key}": Result({"steady": mine}) for key in droplet.FROM
-        }
-
-    values = droplet.STEADY_SOONER_SOFT.values
-    assert values(results({"wall": 3.0}, {"wall": 2.0})) == [1.5] * 5
-    assert values(results(None, {"wall": 2.0})) == [math.inf] * 5
-    assert values(results({"wall": 3.0}, None)) == [0.0] * 5
-    assert values(results(None, None)) == [math.inf] * 5

@@ -5,14 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from refsim import make_plan
-from validation.experiment import Options, discover
 from validation.experiments.dong import runs, scene
-from validation.experiments.dong.runs import EXPERIMENT
-from validation.metrics.spread import layers, parts, seen_from_above
-from validation.perform import redraw, write_data
-from validation.results import Result
-from validation.running import refusal
+from validation.metrics.spread import layers, seen_from_above
 
 
 def sheet(n, hole=0):
@@ -46,11 +40,6 @@ def test_a_thread_is_stretched_and_a_disc_is_not():
     assert seen_from_above(thread, 1.0)["stretch"] > 10
 
 
-def test_the_largest_part_comes_first():
-    number = parts(np.array([[0.0, 0, 0], [9.0, 0, 0], [10.0, 0, 0], [11.0, 0, 0]]), 1.0)
-    assert number.tolist() == [1, 0, 0, 0]
-
-
 def test_the_fit_finds_period_and_decay():
     time = np.linspace(0, 4, 101)
     found = runs.oscillation(time, -0.1 * np.exp(-0.8 * time) * np.cos(6.0 * time))
@@ -72,58 +61,3 @@ def test_printed_settings_are_the_papers():
     assert len(made.fluid[0].position) == 4913
     assert len(scene.block()[0]) == 810
     assert abs(scene.TENSION - 17.03) < 0.01
-
-
-def test_printed_step_is_refused_for_a_stiff_liquid_and_taken_for_a_soft_one():
-    assert "times the stable one" in refusal(scene.printed_block(1, 10 * scene.impact_speed()))
-    assert refusal(scene.printed_block(1, 1.67)) == ""
-
-
-def test_dongs_own_solver_runs_beside_the_shared_liquid():
-    """D(3) to D(5) take the place of density, pressure and viscosity, with and without tension."""
-    for tension in (True, False):
-        shared, own = (make_plan(scene.block_scene(1, tension, solver=name)) for name in ("shared", "hu_adams"))
-        assert "dong_2016.momentum" in own.launches()
-        assert "sph.momentum" not in own.launches()
-        assert "sph.momentum" in shared.launches()
-        assert ("dong_2016.tension" in own.launches()) == tension
-    for quick in (False, True):
-        found = {run.key: run.parameters for run in EXPERIMENT.runs(Options(quick=quick))}
-        key = "fall" if quick else "rest"
-        for arm in ("with", "without"):
-            assert found[f"own_{key}_{arm}"] == found[f"{key}_{arm}"] | {"solver": "hu_adams"}
-        assert found["own_cube_1331"]["changes"] == {"solver": "hu_adams"}
-
-
-def test_every_picture_has_its_runs():
-    planned = {run.key for quick in (False, True) for run in EXPERIMENT.runs(Options(quick=quick))}
-    assert {name for picture in discover()["dong"].pictures for name in picture.needs} <= planned
-    frames = next(run for run in EXPERIMENT.runs(Options()) if run.key == "rest_with").parameters["frames"]
-    assert {*scene.FRAMES, *scene.LATER, *scene.MERGING, scene.REST} <= set(frames)
-
-
-def test_table_1_takes_the_median_of_its_turns(tmp_path):
-    runs_of = runs.TABLE_1_EXPERIMENT.runs(Options())
-    assert {run.key for run in runs_of} == set(runs.NEEDS)
-    seconds = {"dong": 0.004, "iif": 0.002, "csf": 0.005}
-    found = {}
-    for run in runs_of:
-        model, case, turn = (run.parameters[name] for name in ("model", "case", "turn"))
-        step = seconds[model] * (10 if turn == 3 else 1)  # a turn that was disturbed
-        values = {"model": model, "case": case, "step": step, "steps": 40, "frames": 40, "particles": 7, "threads": 2}
-        found[run.key] = Result(values)
-    shares = {m.name: m.value for m in runs.TABLE_1_EXPERIMENT.checked(found)}
-    assert shares["frame_over_iif.oil"] == pytest.approx(2.0)
-    assert shares["frame_over_csf.droplet"] == pytest.approx(0.8)
-    (picture,) = discover()["dong_table_1"].pictures
-    write_data(picture, found, tmp_path)
-    assert redraw(picture, tmp_path).stat().st_size > 10_000
-
-
-@pytest.mark.parametrize("quick", [True, False])
-def test_frames_of_the_block_come_in_order(quick):
-    """A frame that stands after a later one would show that one."""
-    falls = [run.parameters["frames"] for run in EXPERIMENT.runs(Options(quick=quick)) if "frames" in run.parameters]
-    assert falls
-    for frames in falls:
-        assert list(frames) == sorted(set(frames))

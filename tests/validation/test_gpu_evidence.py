@@ -44,25 +44,9 @@ def test_runs_add_up(gpu_check, tmp_path):
     assert json.loads(stem.with_suffix(".json").read_text())["another"] == 1
 
 
-def test_a_failure_is_named(gpu_check, tmp_path):
-    bad = answer(gpu_check, "search 2 float32")
-    bad["rows"] = [gpu_check.judged("neighbours missed", 3, 0)]
-    gpu_check.write([bad], tmp_path / "device", "device")
-    page = (tmp_path / "device.md").read_text()
-    assert "Failed: search 2 float32." in page
-    assert "| neighbours missed | 3 |  | <= 0 | fail |  |" in page
-
-
 def test_a_pairing_depends_on_its_operation_only(gpu_check):
     assert gpu_check.digest("pairing sph.density float32") == gpu_check.digest("pairing sph.momentum float64")
     digests = {
         gpu_check.digest(f"pairing {name} float32") for name in ("sph.density", "heat.explicit", "akinci_2013.tension")
     }
     assert len(digests | {gpu_check.digest("run dam_break float32 1000")}) == 4
-
-
-def test_a_check_that_broke_off_is_told(gpu_check, tmp_path):
-    stem = tmp_path / "device"
-    gpu_check.write([answer(gpu_check, "cache first", 3.0)], stem, "device")
-    gpu_check.write([answer(gpu_check, "cache first", error="RuntimeError: lost", rows=[])], stem, "device")
-    assert gpu_check.stored(stem)["cache first"]["error"]

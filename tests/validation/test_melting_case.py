@@ -7,27 +7,15 @@ import numpy as np
 import pytest
 
 from refsim import SolidMesh
-from refsim.core import cases
 from refsim.core.operation import REGISTRY
 from refsim.scene.plan import make_plan
 from refsim.scene.solids import body_cells
 from validation.checks import FAIL
-from validation.drawing import unpacked
-from validation.experiment import Options, discover
 from validation.experiments.melting import pictures, scene
 from validation.experiments.melting import runs as melting
-from validation.experiments.melting.scene import FIGURES, made, scene_of, shared_tank
-from validation.results import Result, finite
+from validation.experiments.melting.scene import scene_of
+from validation.results import finite
 from validation.running import Context
-
-
-def test_two_methods_cannot_make_one_argument():
-    """One name for two arrays had given shape matching an array with the rows of another method's grid."""
-    cases.discover()
-    with pytest.raises(ValueError, match="'node_velocity' is made twice"):
-        cases.groups("node_velocity")(lambda case, grid: {})
-    with pytest.raises(ValueError, match="'solid_velocity' is made twice"):
-        cases.derived("solid_velocity")(lambda inputs, name: None)
 
 
 def test_animals_are_closed_meshes_of_their_own():
@@ -53,25 +41,6 @@ def test_scenes_have_the_counts_of_table_2(figure, liquid, solid):
     assert bodies.sum() == pytest.approx(solid, rel=0.03)
 
 
-def test_streams_meet_four_animals():
-    """40.5k and 20k at full size; here 0.064 of it, on the mesh path."""
-    setting = FIGURES["figure_6"](0.4)
-    plan = make_plan(made(setting))
-    bodies = np.diff(plan.grid.solids.lattice.first)
-    assert bodies.sum() == pytest.approx(20_000 * 0.4**3, rel=0.1)
-    assert plan.grid.count - bodies.sum() == pytest.approx(40_656 * 0.4**3, rel=0.1)
-    assert sorted(set(plan.state.velocity[:, 0])) == [-4.0, 0.0, 4.0]
-    k = plan.state.values["conductivity"]
-    assert sorted(set(np.round(k[: bodies.sum()], 6))) == [0.1, 0.3, 0.5, 0.7]
-
-
-def test_a_share_of_the_tank_is_solid():
-    for share in (0.0, 0.6):
-        plan = make_plan(made(shared_tank("figure_6", 0.3, share)))
-        nodes = len(plan.grid.solids.lattice.key)
-        assert nodes / plan.grid.count == pytest.approx(max(share, 1 / 12), abs=0.05)
-
-
 @pytest.fixture(scope="module")
 def cube():
     """The ice cube of figure 4, small, until it is half molten."""
@@ -88,17 +57,6 @@ def test_a_run_keeps_frames_and_what_it_watched(cube):
     made_of = melting.EXPERIMENT.checked({"figure_4": cube})
     assert made_of
     assert not [m for m in made_of if m.verdict == FAIL], made_of
-
-
-def test_stages_are_drawn_from_their_data(cube, tmp_path, monkeypatch):
-    """Packed positions come back, and the picture needs nothing else."""
-    data = json.loads(json.dumps(finite(pictures.stage_data("figure_4", "a cube")({"figure_4": cube}))))
-    back = unpacked(data["frames"][1]["position_cm"], "int16", 3)
-    assert (back == cube.arrays["position_1"]).all()
-    monkeypatch.setattr(pictures, "PIXELS", pictures.PIXELS // 4)  # of a side: shading takes most of the time
-    figure = pictures.stage_picture(-68.0, 16.0, False)(data)
-    figure.savefig(tmp_path / "stages.png")
-    assert (tmp_path / "stages.png").stat().st_size > 20_000
 
 
 def test_surface_of_a_block_is_closed():
@@ -138,21 +96,6 @@ def test_regions_of_a_few_rounds_and_those_of_the_rival():
     REGISTRY["shape_matching.regions"].program("cpu")(direct, None, lattice, ours, count)
     melting.all_regions(direct, lattice.cell, np.int32(2), theirs, count)
     assert (ours == theirs).all()
-
-
-def test_every_operation_counts_in_one_stage():
-    stages = {"neighbours": 1.0, "heat.chebyshev": 2.0, "shape_matching.regions": 3.0, "shape_matching.gather": 4.0}
-    total = melting.grouped({**stages, "two_way_coupling.forces": 5.0, "melting.melt": 6.0, "shape_matching.pull": 7.0})
-    assert list(total.values()) == [1.0, 5.0, 2.0, 9.0, 11.0]
-
-
-def test_quick_leaves_nothing_out():
-    keys = {run.key for run in melting.planned(Options(quick=True))}
-    assert keys == {run.key for run in melting.planned(Options())}
-    needed = {name for picture in discover()["melting"].pictures for name in picture.needs}
-    assert needed <= keys
-    empty: dict[str, Result] = {}
-    assert melting.EXPERIMENT.checked(empty) == []
 
 
 def test_columns_of_rays_find_the_cells_in_a_mesh(tmp_path):

@@ -38,66 +38,6 @@ COVER = {2: arc_cover_surface, 3: cap_cover_surface}
 # Surface truth
 
 
-@pytest.mark.parametrize("sites", [(6, 9), (5, 4, 6)], ids=["2D", "3D"])
-@pytest.mark.parametrize("radius", [0.9, 1.2, 1.6])
-def test_block_has_its_outside_as_surface(sites, radius):
-    assert np.array_equal(COVER[len(sites)](grid(*sites), radius), rim(*sites))
-
-
-@pytest.mark.parametrize("dim", [2, 3])
-def test_single_pair_and_filament_are_all_surface(dim):
-    line = np.zeros((12, dim))
-    line[:, 0] = np.arange(12)
-    for count in (1, 2, 12):
-        for radius in (0.4, 0.6, 1.2, 5.0):
-            assert COVER[dim](line[:count], radius).all()
-
-
-@pytest.mark.parametrize("dim", [2, 3])
-def test_thin_sheets_have_an_interior_from_three_layers_on(dim):
-    wide = (9,) * (dim - 1)
-    for layers in (1, 2):
-        assert COVER[dim](grid(*wide, layers), 1.2).all()
-    answer = COVER[dim](grid(*wide, 3), 1.2)
-    assert np.array_equal(answer, rim(*wide, 3))
-    assert (~answer).sum() == 7 ** (dim - 1)
-
-
-@pytest.mark.parametrize(("dim", "narrow"), [(2, 0.9), (3, 0.95)])
-def test_one_particle_cavity_is_seen_by_a_probe_that_fits_in(dim, narrow):
-    """The hole's centre is one spacing from its 2 dim nearest neighbours: a probe fits iff R < 1."""
-    sites = (7,) * dim
-    block = grid(*sites)
-    hole = np.all(block == 3, axis=1)
-    beside = np.sum((block - 3) ** 2, axis=1) == 1
-    assert np.array_equal(COVER[dim](block[~hole], narrow), (rim(*sites) | beside)[~hole])
-    assert np.array_equal(COVER[dim](block[~hole], 1.05), rim(*sites)[~hole])
-
-
-def test_ring_of_two_layers_is_all_surface_and_of_four_is_not():
-    for layers, interior in ((2, 0), (4, 2)):
-        ring = [
-            (10 + k) * np.stack((np.cos(angle), np.sin(angle)), axis=1)
-            for k in range(layers)
-            for angle in [np.linspace(0, 2 * np.pi, round(2 * np.pi * (10 + k)), endpoint=False)]
-        ]
-        answer = [
-            flags.all()
-            for flags in np.split(arc_cover_surface(np.vstack(ring), 1.2), np.cumsum(list(map(len, ring)))[:-1])
-        ]
-        assert answer == [True] + [False] * interior + [True]
-
-
-def test_lattice_disc_against_neighbours_counted_by_hand():
-    """With R just above half a diagonal a lattice site is interior iff its four nearest sites are there."""
-    disc = grid(25, 25) - 12
-    disc = disc[np.sum(disc**2, axis=1) <= 130]
-    present = {tuple(site) for site in disc.astype(int)}
-    steps = ((1, 0), (-1, 0), (0, 1), (0, -1))
-    expected = [any((x + i, y + j) not in present for i, j in steps) for x, y in disc.astype(int)]
-    assert np.array_equal(arc_cover_surface(disc, 0.7072), expected)
-
-
 def test_touching_discs_close_the_surface_in_every_orientation():
     """R of half a cell's diagonal: four discs meet in one point, a tie."""
     for seed in range(5):
@@ -159,21 +99,6 @@ def test_covers_agree_with_brute_force_on_random_clouds(count):
         assert 0 < expected.sum() < count
 
 
-def test_cap_cover_against_a_densely_sampled_sphere():
-    cloud = grid(6, 6, 6) + np.random.default_rng(5).normal(0, 0.25, (216, 3))
-    direction = droplet.fibonacci_directions(4000)
-    probe = cloud[:, None] + 1.1 * direction
-    seen = np.empty(len(cloud), dtype=bool)
-    for i in range(len(cloud)):
-        other = np.delete(cloud, i, axis=0)
-        other = other[np.linalg.norm(other - cloud[i], axis=1) < 2.2]
-        seen[i] = (np.linalg.norm(probe[i][:, None] - other, axis=2) >= 1.1).all(axis=1).any()
-    exact = cap_cover_surface(cloud, 1.1)
-    assert not (seen & ~exact).any()  # a bare sample is a proof
-    assert (exact & ~seen).sum() <= 4  # holes narrower than the samples' distance
-    assert 100 < exact.sum() < 216
-
-
 @pytest.mark.parametrize("dim", [2, 3])
 def test_cover_does_not_depend_on_frame_order_or_unit(dim):
     rng = np.random.default_rng(11)
@@ -208,18 +133,6 @@ def test_coincident_particles_are_one(dim):
     assert COVER[dim](one_sided, 1.0).all()
     one_sided[2, 0] += 1e-8
     assert COVER[dim](one_sided, 1.0)[0]
-
-
-def test_cap_inside_a_cap_leaves_nothing_bare():
-    """Six caps of 60 degrees about the axes cover the sphere; a seventh, smaller, is concentric with one of them."""
-    axes = np.vstack((np.zeros((1, 3)), np.eye(3), -np.eye(3)))
-    beyond = [[1.9, 0.0, 0.0]]
-    for frame in (lambda point: point, turned):
-        assert not cap_cover_surface(frame(np.vstack((axes, beyond))), 1.0)[0]
-        assert not cap_cover_surface(frame(axes), 1.0)[0]
-        assert cap_cover_surface(frame(np.delete(np.vstack((axes, beyond)), 1, axis=0)), 1.0)[0]
-    assert cap_cover_surface(axes * 1.16, 1.0)[0]  # 54.5 degrees: short of the cube's corners at 54.7
-    assert not cap_cover_surface(axes * 1.15, 1.0)[0]
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -285,31 +198,6 @@ def test_rotated_lattice_cube_is_a_lattice_cut_by_a_cube():
     assert not np.allclose(shapes.rotated_lattice_cube(5039, seed=4, spacing=0.1).position, cut.position)
 
 
-def test_rotated_box_keeps_its_sides_on_turned_axes():
-    box = shapes.rotated_box(4913)
-    assert box.shape == (22, 17, 13)
-    assert len(box.position) == 4862
-    upright = box.position @ box.rotation
-    assert np.ptp(upright, axis=0) == pytest.approx([21, 16, 12])
-    assert np.abs(box.rotation).max() < 0.99
-    assert box.position.mean(axis=0) == pytest.approx(np.zeros(3), abs=1e-12)
-
-
-def test_lattice_cube_and_ball():
-    cube = shapes.lattice_cube(4, spacing=0.5)
-    assert cube.shape == (64, 3)
-    assert np.abs(cube).max() == 0.75
-    assert droplet.nearest_neighbour_distance(cube) == pytest.approx(0.5)
-    ball = shapes.lattice_ball(33)  # whole shells: 1 + 6 + 12 + 8 + 6
-    assert sorted(np.sum(ball**2, axis=1)) == [0] + [1] * 6 + [2] * 12 + [3] * 8 + [4] * 6
-    assert len(np.unique(shapes.lattice_ball(4913), axis=0)) == 4913
-    for bad in (0, 2.5, -3):
-        with pytest.raises(ValueError, match="whole number"):
-            shapes.lattice_ball(bad)
-    with pytest.raises(ValueError, match="spacing"):
-        shapes.lattice_cube(3, spacing=0.0)
-
-
 # Droplet
 
 
@@ -346,13 +234,6 @@ def test_fibonacci_directions_are_even():
     assert nearest.min() > 0.75 * np.sqrt(4 * np.pi / 200)
 
 
-def test_nearest_neighbour_distance():
-    point = [[0.0, 0, 0], [1, 0, 0], [1, 0.25, 0], [9, 0, 0]]
-    assert droplet.nearest_neighbour_distance(point).tolist() == [1, 0.25, 0.25, 8]
-    assert droplet.nearest_neighbour_distance(np.zeros((1, 3))).tolist() == [np.inf]
-    assert droplet.nearest_neighbour_distance(np.zeros((2, 3))).tolist() == [0, 0]
-
-
 def test_cubic_moment_tells_cube_ball_and_octahedron():
     cube = shapes.lattice_cube(17)
     # sums over -8..8: <x^2> = 24, <x^4> = 1032
@@ -364,14 +245,6 @@ def test_cubic_moment_tells_cube_ball_and_octahedron():
     turn = Rotation.random(rng=np.random.default_rng(0)).as_matrix()
     assert droplet.cubic_moment(cube @ turn.T, axes=turn) == pytest.approx(droplet.cubic_moment(cube))
     assert droplet.cubic_moment(cube @ turn.T) != pytest.approx(droplet.cubic_moment(cube), abs=1e-3)
-
-
-def test_inertia_anisotropy_of_a_box():
-    box = shapes.rotated_box(4913)
-    second = (np.array(box.shape) ** 2 - 1) / 12  # of n sites of unit spacing
-    assert droplet.inertia_anisotropy(box.position) == pytest.approx((second[0] - second[2]) / second.mean())
-    assert droplet.inertia_anisotropy(shapes.lattice_cube(5)) == pytest.approx(0, abs=1e-12)
-    assert droplet.inertia_anisotropy(3e-4 * box.position) == pytest.approx(droplet.inertia_anisotropy(box.position))
 
 
 def layered_ball(layers):
@@ -399,16 +272,6 @@ def test_surface_mesh_of_a_cube_has_flat_faces_half_a_spacing_out():
     assert np.abs(middle[:, 2] - 6.5).max() < 0.01
     assert 0.806 < droplet.sphericity(vertices, faces) < 0.9
     assert droplet.mesh_volume(vertices, faces) == pytest.approx(13**3, rel=0.04)  # the edges are rounded
-
-
-def test_surface_mesh_of_noise_and_of_two_drops_is_closed():
-    rng = np.random.default_rng(0)
-    noisy = shapes.lattice_ball(500) + rng.normal(0, 0.3, (500, 3))
-    assert droplet.mesh_volume(*droplet.surface_mesh(noisy, 1.0)) > 0
-    ball = layered_ball(4)
-    alone = droplet.mesh_volume(*droplet.surface_mesh(ball, 1.0))
-    both = droplet.mesh_volume(*droplet.surface_mesh(np.vstack((ball, ball + [0, 0, 20.0])), 1.0))
-    assert both == pytest.approx(2 * alone, rel=1e-6)
 
 
 def test_surface_mesh_says_why_it_cannot():
@@ -457,20 +320,6 @@ def test_datasets_are_the_published_series():
     assert dam_break.load_front_data("koshizuka_oka").front[4] == 1.892
     with pytest.raises(KeyError, match="koshizuka_oka"):
         dam_break.load_front_data("unknown")
-
-
-def test_data_spread_is_that_of_the_files():
-    spread = {(pair.series, pair.against): pair for pair in dam_break.data_spread()}
-    narrow = spread["koshizuka_oka", "martin_moyce_1.125in"]
-    assert (narrow.highest, narrow.lowest) == (pytest.approx(0.067, abs=5e-4), pytest.approx(-0.108, abs=5e-4))
-    wide = spread["koshizuka_oka", "martin_moyce_2.25in"]
-    assert wide.lowest == pytest.approx(-0.073, abs=5e-4)
-    between = spread["martin_moyce_2.25in", "martin_moyce_1.125in"]
-    # by hand at T = 5.091: 6.271 + (5.091 - 4.961) / (5.316 - 4.961) (6.717 - 6.271) = 6.4343; 6.980 / 6.4343
-    assert between.largest == pytest.approx(6.980 / 6.4343 - 1, abs=1e-4)
-    assert dam_break.data_tolerance() == narrow.largest
-    fitted = dam_break.data_spread(fit_offset=True)
-    assert all(0 < abs(pair.offset) < 0.3 for pair in fitted)
 
 
 def planted(offset):
@@ -532,26 +381,6 @@ def test_front_position_leaves_spray_out():
     assert dam_break.front_position(tongue, 0.1, link=1.2).connected == pytest.approx(1.0)
     assert dam_break.front_position(column[:, ::-1], 0.1, axis=1).connected == pytest.approx(1.0)
     assert dam_break.front_position(column[:1], 0.1).connected == pytest.approx(0.1)
-
-
-def test_units_and_ritter_bound():
-    assert dam_break.dimensionless_time(1.0, width=2.0, gravity=9.0) == pytest.approx(3.0)
-    assert dam_break.ritter_speed(2.0, gravity=8.0) == pytest.approx(8.0)
-    # in SI: width a, height 2 a, time t; the dimensionless bound is the same motion
-    width, time = 0.05715, 0.1
-    reach = width + dam_break.ritter_speed(2 * width) * time
-    assert dam_break.ritter_front(dam_break.dimensionless_time(time, width)) == pytest.approx(reach / width)
-    assert dam_break.ritter_front(1.0) == pytest.approx(3.0)
-
-
-def test_read_front_data_refuses_broken_files(tmp_path):
-    path = tmp_path / "series.csv"
-    for text in ("t,z\n1,2\n", "t,z\n1,2\n1,3\n", "t,z\n1,2\n2,nan\n", "t,z\n1,2,3\n2,3,4\n", "t,z\n1,x\n2,3\n"):
-        path.write_text(text)
-        with pytest.raises(ValueError, match="series"):
-            dam_break.read_front_data(path)
-    path.write_text("t,z\n1,2\n2,3\n")
-    assert dam_break.read_front_data(path).front.tolist() == [2, 3]
 
 
 def test_neighbour_search_is_completed_in_dense_clumps():

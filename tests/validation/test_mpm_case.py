@@ -8,11 +8,9 @@ import pytest
 import trimesh
 
 from refsim import Simulation
-from validation.experiment import Options
-from validation.experiments.mpm_droplet import pictures, runs
+from validation.experiments.mpm_droplet import runs
 from validation.experiments.mpm_droplet.runs import Turning
-from validation.experiments.mpm_droplet.scene import CELLS, box, drop_scene, ellipsoid, lattice, radius_of, turned
-from validation.results import Result
+from validation.experiments.mpm_droplet.scene import CELLS, drop_scene, ellipsoid, lattice, turned
 from validation.running import Context
 
 
@@ -100,12 +98,6 @@ def test_references_go_to_rayleigh():
     assert 1 - ratio == pytest.approx(34409 / 58800 * 0.04**2, rel=0.1)
 
 
-def test_shapes_have_their_volume():
-    assert len(box((5.0, 4.0, 3.0), seed=2)) == 480
-    for dim in (2, 3):
-        assert radius_of(len(ellipsoid(8.0, dim, 0.1, seed=1)), dim) == pytest.approx(8.0, rel=0.01)
-
-
 class Spinning:
     """Two particles of 1 kg that stand still and turn about themselves with 3 rad/s, as a run is seen."""
 
@@ -139,28 +131,3 @@ def test_angular_momentum_is_told_apart():
     turning(run)
     assert (turning.remade, turning.in_steps) == pytest.approx((12 * unit, 0.5))
     assert turning.greatest["in_steps"] == pytest.approx(0.5)
-
-
-def test_ledgers_show_what_drifts():
-    """Drops that meet turn from the start: what is drawn is the change, scaled to the summary's value."""
-    series = {
-        "time": [0.0, 1.0, 2.0],
-        "angular": [5.0, 5.5, 4.0],
-        "momentum": [0.0, 2.0, 1.0],
-        "centre": [0.0, 0.1, 0.2],
-    }
-    series |= {name: [1.0, 1.0, 1.0] for name in pictures.ENERGIES}
-    result = Result({"series": series, "momentum": 1e-16, "angular": 1e-4, "centre": 0.2})
-    made = pictures.ledgers_data(dict.fromkeys(pictures.LEDGERS, result))
-    row = made["rows"][0]
-    assert len(made["rows"]) == len(pictures.LEDGERS)
-    assert row["series"]["angular"] == [0.0, 0.5, 1.0]
-    assert row["scale"] == pytest.approx({"momentum": 0.5e-16, "angular": 1e-4})
-
-
-def test_surfaces_are_shown_of_runs_that_keep_them():
-    """Every run of the picture is planned, and keeps its surface at four times."""
-    planned = {run.key: run for run in runs.planned(Options())}
-    assert {*pictures.SURFACES, *pictures.LEDGERS} <= set(planned)
-    for key in set(pictures.SURFACES) - {"square_cluster"}:
-        assert len(planned[key].parameters["shown"]) == 4

@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 import base64
-import dataclasses
 import importlib.util
 import io
 import json
-import os
 import re
-import shutil
-import subprocess
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -20,8 +16,8 @@ from PIL import Image
 
 from validation.checks import CLAIM, FAIL, PASS, SHOWN, Check, read_all
 from validation.experiment import Experiment, Options, Picture, Run, discover
-from validation.perform import Performed, perform
-from validation.report import LINES, WIDTH, Whole, page, seconds_table, summary, write_page
+from validation.perform import perform
+from validation.report import LINES, WIDTH, Whole, page
 from validation.results import Result
 from validation.tables import Table
 
@@ -99,16 +95,6 @@ def test_full_leaves_no_run_out():
     assert there == {name: [run.key for run in each.runs(options)] for name, each in known.items()}
 
 
-def test_what_is_timed_runs_alone():
-    known = discover()
-    for quick in (True, False):
-        runs = {(name, run.key): run for name, each in known.items() for run in each.runs(Options(quick=quick))}
-        timed = r"detection_cost_|steps$|steady_|flow_marked_|cost_figure|rival_figure|stages$|savings$"
-        found = [key for key in runs if re.match(timed, key[1])] + [key for key in runs if key[0] == "dong_table_1"]
-        assert len(found) > 10
-        assert [key for key in found if not runs[key].alone] == []
-
-
 # How it ends
 
 
@@ -134,40 +120,6 @@ def test_reproduce_ends_with_a_short_summary_and_writes_the_page(verdict, code, 
     again = capsys.readouterr()
     assert json.loads(again.out)["quantity.0"]["verdict"] == verdict
     assert "processor seconds" not in again.err, "everything was reused"
-
-
-def test_summary_fits_the_screen_whatever_happens(tmp_path):
-    experiments = [made_up(f"experiment_with_a_long_name_{k}", FAIL, checks=40, runs=4) for k in range(5)]
-    whole = performed(experiments, tmp_path)
-    for each in whole.performed:
-        each.stopped["run"] = "It collapsed, and the reason of it is a long sentence. " * 4
-    lines = summary(whole, tmp_path / ("x" * 90) / "report.html").splitlines()
-    assert len(lines) <= LINES
-    assert max(map(len, lines)) <= WIDTH
-    assert lines[-1].endswith("report.html")
-    assert re.search(
-        r"^failed: experiment_with_a_long_name_0 quantity.0: 1.5, bar at most <5>$", "\n".join(lines), re.M
-    )
-    assert "0 checks passed, 200 failed" in "\n".join(lines)
-
-
-def test_seconds_are_summed_by_name_and_the_rest_in_one_row():
-    noted = [
-        (name, {"seconds": k, "processor_seconds": 2 * k, "kernels_compiled": 3}) for k, name in enumerate("abcab")
-    ]
-    every, few = seconds_table(noted), seconds_table(noted, 2)
-    assert every.rows == [["b", 5, 10, 0, 6], ["a", 3, 6, 0, 6], ["c", 2, 4, 0, 3]]
-    assert few.rows == [["b", 5, 10, 0, 6], ["2 others", 5, 10, 0, 9]]
-
-
-def test_numbers_that_matter_take_the_largest_size(tmp_path):
-    whole = performed([], tmp_path)
-    named = [f"detection_ratio.{count}" for count in (800, 5000)]
-    part = made_up("dam_break").part(Options())
-    checks = [Check(name, name, 0.4, "-", "below 1", "", SHOWN) for name in named]
-    whole = dataclasses.replace(whole, performed=[Performed(part, checks=checks)])
-    assert [(name, c.name) for name, _, c in whole.five()] == [("dam_break", "detection_ratio.5000")]
-    assert re.search(r"two-step over fan scan +0.4 +below 1", summary(whole, tmp_path / "report.html"))
 
 
 # The page
@@ -227,37 +179,3 @@ def test_page_holds_every_picture_table_and_verdict_and_loads_nothing(tmp_path):
     assert text.count("<caption>A &lt;table&gt;</caption>") == 2
     assert all(claim.name in text for claim in read_all(CLAIM))
     assert "run_0" in text.partition('id="seconds"')[2]
-
-
-def browser():
-    """A Chromium that is installed, or None."""
-    names = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
-    return next(filter(None, map(shutil.which, names)), None)
-
-
-PROBE = """
-<script>
-window.addEventListener("load", () => {
-  const shown = [...document.images].filter((image) => image.complete && image.naturalWidth > 0).length;
-  const dead = [...document.links].filter((a) => !document.getElementById(decodeURIComponent(a.hash.slice(1)))).length;
-  document.title = `shown ${shown} of ${document.images.length}, dead ${dead} of ${document.links.length}`;
-});
-</script>
-"""
-
-
-@pytest.mark.skipif(browser() is None, reason="no Chromium is installed")
-def test_page_opens_in_a_browser(tmp_path):
-    """No console message, every image is decoded, every link leads to a place on the page."""
-    whole = performed([made_up(), made_up("other", FAIL)], tmp_path)
-    path = write_page(whole, tmp_path / "report.html")
-    path.write_text(path.read_text().replace("</head>", PROBE + "</head>"))
-    links = len(re.findall(r"<a ", path.read_text()))
-    command = [browser(), "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage",
-               f"--user-data-dir={tmp_path / 'profile'}", "--enable-logging=stderr", "--virtual-time-budget=5000",
-               "--dump-dom", path.as_uri()]  # fmt: skip
-    done = subprocess.run(
-        command, capture_output=True, text=True, timeout=120, check=True, env={**os.environ, "HOME": str(tmp_path)}
-    )
-    assert f"<title>shown 4 of 4, dead 0 of {links}</title>" in done.stdout
-    assert "CONSOLE" not in done.stderr, done.stderr

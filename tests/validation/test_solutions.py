@@ -1,20 +1,11 @@
 """The experiment `solutions`: its solutions against limits that are known, and its runs at small size."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-from refsim import Cloud, Scene, Simulation, WeaklyCompressible
-from refsim.boundary.akinci_2012 import calibrated_factor
-from refsim.smoothing import lattice, smoothing
-from refsim.smoothing.reference import kernel_slope, kernel_value, viscosity_laplacian
-from refsim.sph import lattice_number_density
 from validation.experiment import Options, discover
 from validation.experiments.solutions import pictures, runs, scene
 from validation.running import Context
-
-ROOT = Path(__file__).resolve().parents[2]
 
 
 def test_compressed_heights_are_in_balance():
@@ -100,80 +91,6 @@ def test_a_wall_carries_what_it_lifts():
     assert np.allclose(scene.meniscus(1.0, np.radians(110.0)), (-height, -area))
 
 
-def _around(dim, reach):
-    x = lattice(4, dim)
-    r = np.linalg.norm(x, axis=1)
-    near = (r > 0) & (r < reach)
-    return x[near], r[near]
-
-
-def delivered(dim, share):
-    """Parts of grad p by J(10), and of mu in shear by J(11) and the central form, from sums on the lattice at rest
-    density, V = m/rho and h = `share` d."""
-    x = lattice(4, dim)
-    r, kernel = np.linalg.norm(x, axis=1), smoothing("wendland_c2", share, dim)
-    volume = 1 / kernel_value(r, kernel).sum()  # m/rho, rho = m sum W
-    x, r = x[r > 0], r[r > 0]
-    gradient = -(kernel_slope(r, kernel) / r * x[:, 1] ** 2).sum()
-    laplacian = 0.5 * viscosity_laplacian(r, kernel)
-    shears = (laplacian * x[:, 0] ** 2).sum(), (dim + 2) * (laplacian * (x[:, 0] * x[:, 1] / r) ** 2).sum()
-    return volume * np.array([gradient, *shears])
-
-
-def from_the_liquid(pressed):
-    """The first two in 2D at h = 2.6 d, from accelerations of the liquid itself: J(10) under a linear pressure where
-    it is `pressed` along y by that share, J(11) in a parabolic flow at rest density."""
-    place = np.pad(lattice(11, 2).astype(float), ((0, 0), (0, 1)))
-    inside = np.abs(place).max(1) < 4
-
-    def evaluated(position, velocity, viscosity):
-        liquid = WeaklyCompressible(
-            rest_density=1.0, sound_speed=10.0, dynamic_viscosity=viscosity, clamp_pressure=False
-        )
-        scene = Scene(dim=2, spacing=1.0, support_radius=runs.SUPPORT, dtype="float64",
-                      fluid=(Cloud(position=position, velocity=velocity),), effects=(liquid,))  # fmt: skip
-        simulation = Simulation(scene, backend="numpy")
-        simulation.evaluate()
-        return [simulation.field(name)[inside] for name in ("acceleration", "pressure", "density")]
-
-    still, bent, strained = np.zeros_like(place), np.zeros_like(place), place.copy()
-    strained[:, 1] += 1e-5 * place[:, 1] ** 2 / 2 - pressed * place[:, 1]
-    acceleration, pressure, density = evaluated(strained, still, 0.0)
-    slope = np.polyfit(strained[inside, 1], pressure, 1)[0]
-    bent[:, 0] = 1e-3 * place[:, 1] ** 2 / 2
-    pushed = evaluated(place, bent, 1.0)[0] - evaluated(place, still, 1.0)[0]
-    return -(acceleration[:, 1] * density).mean() / slope, pushed[:, 0].mean() / 1e-3
-
-
-def test_what_the_lattice_delivers_stands_on_the_pages():
-    """Computed twice, from sums and from the liquid itself; read on docs/solutions.md and docs/sph.md."""
-    gradient, viscous, _ = delivered(2, runs.SUPPORT)
-    assert from_the_liquid(0.0) == pytest.approx([gradient, viscous], abs=1e-4)
-    little, more = from_the_liquid(0.002)[0], from_the_liquid(0.005)[0]
-    page = " ".join((ROOT / "docs" / "solutions.md").read_text().split())
-    assert (
-        f"J(10) delivers {little:.3f} of the gradient of a linear pressure where the liquid is pressed by 0.2 %"
-        f" ($V = m/\\rho$; {gradient:.3f} at $\\rho_0$, {more:.3f} at 0.5 %), so that a pressure {1 / little:.3f} times"
-        f" as steep balances gravity: the floor of the tank's error is {100 * (1 / little - 1):.1f} %" in page
-    )
-    assert page.count(f"J(11) delivers {viscous:.3f} of $\\mu$ in shear") == 1
-    assert page.count(f"**J(11)** delivers {viscous:.3f} of $\\mu$ in shear") == 1
-    shear = np.array([delivered(dim, share)[1:] for dim in (2, 3) for share in np.linspace(2, 3, 41)])
-    (j11, central), (most_j11, most_central) = shear.min(0), shear.max(0)
-    words = f"{central:.2f} to {most_central:.2f} of $\\mu$ with it and {j11:.2f} to {most_j11:.2f} with (11)"
-    assert words in " ".join((ROOT / "docs" / "sph.md").read_text().split())
-
-
-def test_the_shear_modulus_of_a_lattice_under_pressure():
-    """Number of docs/solutions.md over p, at h = 2.6 d in 2D: the stress of J(10) in a strained lattice."""
-    (x, _), kernel = _around(2, runs.SUPPORT), smoothing("wendland_c2", runs.SUPPORT, 2)
-    strain = 1e-3
-    strained = x[:, :2] * [1 + strain, 1 / (1 + strain)]
-    length = np.linalg.norm(strained, axis=1)
-    xx, yy = ((kernel_slope(length, kernel) / length)[:, None] * strained**2).sum(0)  # stress over p
-    assert (xx - yy) / (4 * strain) == pytest.approx(0.109, abs=1e-3)
-
-
 def test_plates_begin_at_rest_and_end_in_the_steady_flow():
     """Both series solve u_t = nu u_yy + F between the plates, with the plates' velocities at the ends."""
     height = np.linspace(0.0, 2.0, 81)
@@ -188,39 +105,6 @@ def test_plates_begin_at_rest_and_end_in_the_steady_flow():
         # the second difference is off by dy^2 / 12 of the fourth derivative of at most 37: 9.5e-4 with nu = 0.5
         bent = np.diff(flow(0.3), 2) / (height[1] - height[0]) ** 2
         np.testing.assert_allclose(change[1:-1], 0.5 * bent + push, atol=2e-3)
-
-
-@pytest.mark.parametrize("friction, slip", [(1.0, 0.90), (2.0, 0.09)])
-def test_how_far_liquid_slips_at_a_plate(friction, slip):
-    """Number of docs/solutions.md, in spacings d: J(11) on the lattice in a shear G pulls one half of the liquid along
-    the other as the wall pulls its first two layers, whose velocities are G (d/2 + slip) and G (3 d/2 + slip)."""
-    across, kernel = np.arange(-3, 4), smoothing("wendland_c2", runs.SUPPORT, 2)
-
-    def of_layer(away):
-        r = np.hypot(across, away)
-        return viscosity_laplacian(r[r > 0], kernel).sum()
-
-    wall = calibrated_factor("wendland_c2", runs.SUPPORT, 1.0, 2) / kernel_value(abs(across), kernel).sum()
-    bulk = 1 / lattice_number_density("wendland_c2", runs.SUPPORT, 1.0, 2)
-    pull = friction * wall * np.array([of_layer(1), of_layer(2)])
-    needed = bulk * (of_layer(1) + 4 * of_layer(2))
-    assert (needed - pull @ [0.5, 1.5]) / pull.sum() == pytest.approx(slip, abs=0.01)
-
-
-def test_what_the_programs_deliver_in_shear():
-    """mu of both forms and of the sums of SPlisHSPlasH and PySPH on a lattice in 3D, h = 2 d, cubic spline."""
-    (x, r), kernel = _around(3, 2.0), smoothing("cubic_spline", 2.0, 3)
-    shear, slope = (x[:, 0] * x[:, 1] / r) ** 2, kernel_slope(r, kernel)
-    assert 0.5 * (5 * viscosity_laplacian(r, kernel) * shear).sum() == pytest.approx(1.055, abs=1e-3)
-    assert -0.5 * (10 * slope * r / (r**2 + 0.04) * shear).sum() == pytest.approx(0.698, abs=1e-3)
-    assert -0.5 * (10 * slope * r / (r**2 + 0.01) * shear).sum() == pytest.approx(0.708, abs=1e-3)
-    assert 0.5 * (viscosity_laplacian(r, kernel) * x[:, 1] ** 2).sum() == pytest.approx(0.988, abs=1e-3)
-    assert -(slope * r / (r**2 + 0.01) * x[:, 1] ** 2).sum() == pytest.approx(1.013, abs=1e-3)
-
-
-def test_orders():
-    assert runs.order([0.4, 0.2, 0.1], [0.16, 0.09, 0.01]) == pytest.approx(2.0)
-    assert np.isnan(runs.order([0.1], [0.2]))
 
 
 LARGEST = {

@@ -7,12 +7,9 @@ from pathlib import Path
 import pytest
 
 from validation import results
-from validation.drawing import read_origin
-from validation.experiment import discover
 from validation.experiments.dam_break import runs as dam_claims
 from validation.experiments.droplet import runs as droplet_runs
 from validation.experiments.heat import runs as heat_runs
-from validation.results import Result, origin
 
 ROOT = Path(results.__file__).resolve().parent.parent
 
@@ -77,15 +74,6 @@ def test_another_method_does_not_count():
     assert results.sources_digest(dam_claims.__file__) != results.sources_digest(droplet_runs.__file__)
 
 
-def test_what_draws_and_tells_does_not_count():
-    """A claim's runs stand beside its verdicts; a picture that looks otherwise leaves all numbers as they are."""
-    files = results.modules_behind(Path(dam_claims.__file__))
-    behind = {file.name for file in files if file.parent.name == "validation"}
-    assert "running.py" in behind
-    assert not behind & {f"{name}.py" for name in results.PRESENTING}
-    assert {f"{name}.py" for name in results.PRESENTING} <= {file.name for file in (ROOT / "validation").glob("*.py")}
-
-
 PROGRAM = """
 import sys
 from refsim import Akinci2013, Box, BoxWalls, Gravity, Scene, Simulation, WeaklyCompressible
@@ -109,19 +97,3 @@ def test_what_a_run_loads_counts(tmp_path):
     loaded = {Path(line) for line in found.stdout.split("\n") if line and not line.startswith(str(tmp_path))}
     assert ROOT / "refsim" / "surface_tension" / "akinci_2013" / "kernels.py" in loaded
     assert loaded <= set(results.modules_behind(file))
-
-
-def test_the_origin_is_that_of_the_latest_and_the_seconds_are_those_of_all():
-    about = {"date": "2026-11-22", "commit": "abcdef1234", "seconds": 3.0, "command": "c", "machine": {"cores": 2}}
-    later = {**about, "date": "2026-11-23", "commit": "1234567890"}
-    assert origin([Result({}), Result({}, {}, about), Result({}, {}, later), Result({}, {}, about)]) == {
-        "date": "2026-11-23", "commit": "1234567890", "machine": {"cores": 2}, "command": "c", "seconds": 9.0
-    }  # fmt: skip
-    assert origin([Result({})]) == {}
-
-
-def test_every_picture_says_where_its_data_come_from():
-    pictures = [picture for experiment in discover().values() for picture in experiment.pictures]
-    drawn = [p.name for p in pictures if (ROOT / "figures" / p.file).exists()]
-    assert len(drawn) > 50
-    assert [name for name in drawn if not read_origin(ROOT / "figures", name).get("commit")] == []

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from refsim.core.errors import InputError
 from validation.measure import studies
 from validation.measure.studies import SOLVED
 
@@ -65,22 +64,3 @@ def test_a_study_finds_the_exact_answer_and_foresees_a_finer_run():
     assert finer.run.particles > finest.particles
     assert abs(finer.run.value - finer.value) < 0.2 * abs(finer.run.value - finest.value)
     assert abs(finer.run.value - answer) < abs(finest.value - answer)
-
-
-def test_a_study_without_an_order_cannot_be_continued():
-    found = SOLVED["slab"].study("slab", levels=1, finer=0, backend="numpy", knobs=("spacing",))
-    with pytest.raises(InputError, match="two halves of a copper slab: its study cannot be continued"):
-        studies.further(found, SOLVED["slab"].observable, None, "numpy")
-
-
-def test_the_table_is_written(monkeypatch, tmp_path, capsys):
-    page = tmp_path / "page.md"
-    page.write_text(f"before\n{studies.BEGIN}old{studies.END}\nafter\n")
-    monkeypatch.setattr(studies, "PAGE", page)
-    monkeypatch.setattr(studies, "row", lambda name, threads: f"| `{name}` | {threads} |")
-    assert studies.perform(1, write=True) == 0
-    text = page.read_text()
-    assert "old" not in text
-    assert text.startswith("before\n")
-    assert text.endswith("\nafter\n")
-    assert [line in text for line in capsys.readouterr().out.splitlines()] == [True] * len(SOLVED)

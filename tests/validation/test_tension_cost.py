@@ -7,8 +7,7 @@ import pytest
 
 from validation.experiments.laplace import runs as tension_cost
 from validation.measure import drop_seconds
-from validation.measure.drops import Point, in_panel
-from validation.measure.sigma_map import ROWS
+from validation.measure.drops import Point
 
 
 def row(radius, laplace, rayleigh, steps, model="akinci", stopped="", kernels="mueller", seed=1):
@@ -47,13 +46,6 @@ def test_errors_are_those_off_the_promised_tension(promise):
     assert tension_cost.timed([untimed, gone]) == []
 
 
-def test_both_sets_of_kernels_are_points_of_their_own(promise):
-    made = points(row(10.0, 4.4, 4.0, 90), row(10.0, 4.0, 4.0, 90, kernels="wendland"))
-    assert [(p["kernels"], round(p["sigma"], 6)) for p in made] == [("mueller", 0.1), ("wendland", 0.0)]
-    assert not in_panel(row(7.0, 4.0, 4.0, 1, kernels="wendland"))
-    assert not in_panel({**row(10.0, 4.0, 4.0, 1), "dim": 2})
-
-
 def test_advice_is_the_cheapest_that_stays_within_the_bar_at_every_larger_size(promise):
     rows = [row(7.0, 4.0, 4.0, 10), row(10.0, 4.3, 4.0, 50), row(14.0, 4.1, 4.0, 200)]
     found = dict(tension_cost.advice(points(*rows)))
@@ -61,13 +53,6 @@ def test_advice_is_the_cheapest_that_stays_within_the_bar_at_every_larger_size(p
     assert found[0.05]["radius"] == 14.0  # at 7 d it is luck: 10 d is 7.5 % off
     assert found[0.025]["radius"] == 14.0
     assert tension_cost.advice(points(row(10.0, 8.0, 4.0, 10)))[0][1] is None
-
-
-def test_a_tension_that_nobody_is_sure_of_is_no_advice(monkeypatch):
-    monkeypatch.setattr(tension_cost, "promised", lambda model, kernels, rows: (4.0, 0.2))
-    found = dict(tension_cost.advice(points(row(10.0, 4.0, 4.0, 10))))
-    assert found[0.25]["radius"] == 10.0
-    assert found[0.1] is None
 
 
 def test_steps_are_timed_in_turns_and_kept_beside_those_of_another_machine(tmp_path, monkeypatch):
@@ -83,10 +68,3 @@ def test_steps_are_timed_in_turns_and_kept_beside_those_of_another_machine(tmp_p
     assert found["cuda"]["rows"] == [timed] == json.loads(path.read_text())["cpu"]["rows"]
     assert tension_cost.by_key(found) == {timed["key"]: timed["seconds_per_step"]}
     assert tension_cost.machines(found) == "one thread of cpu, 2026-01-01; one cuda, 2026-01-01"
-
-
-def test_every_drop_of_the_panel_that_lasted_is_timed():
-    rows = [r for r in json.loads(ROWS.read_text()).values() if in_panel(r) and r["seed"] == 1]
-    timed = tension_cost.by_key(drop_seconds.read())
-    assert timed
-    assert [r["key"] for r in rows if not r["stopped"] and r["key"] not in timed] == []

@@ -6,7 +6,6 @@ import os
 import subprocess
 import sys
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
@@ -15,7 +14,6 @@ from refsim.smoothing import formulas as smoothing
 from refsim.sph import formulas as liquid
 from refsim.surface_tension.jiang_zhu_2023 import formulas as tension
 from validation import limits, timed, times
-from validation.drawing import style
 
 
 class Counted:
@@ -113,12 +111,6 @@ def test_accelerations_of_the_disturbed_cube_are_warps():
     assert 0 < limits.disturbed_difference(5, "cpu", "cpu") < limits.LARGEST_DIFFERENCE
 
 
-def test_without_warp_it_is_said(monkeypatch):
-    monkeypatch.setattr(limits.warp_sph, "missing", lambda: "no Warp here")
-    with pytest.raises(RuntimeError, match="no Warp here"):
-        limits.disturbed_difference(3, "cpu", "cpu")
-
-
 # Scenes
 
 
@@ -206,12 +198,6 @@ def test_benchmarks_of_a_gpu_run_in_the_simulator(tmp_path):
     assert found["effects cuda"]["readings"]["sph: liquid"]["kernels"] == 12
 
 
-def test_a_file_without_benchmarks_is_refused(tmp_path):
-    (tmp_path / "other.json").write_text("{}")
-    with pytest.raises(InputError, match="holds no benchmarks of tests/times"):
-        times.read(tmp_path / "other.json")
-
-
 def test_a_part_measured_elsewhere_does_not_replace_a_table():
     def of(machine, *names):
         return {"effects cpu": {"machine": machine, "readings": {name: {"seconds": [machine]} for name in names}}}
@@ -222,51 +208,6 @@ def test_a_part_measured_elsewhere_does_not_replace_a_table():
     assert set(times.merged(before, of("a", "first"))["effects cpu"]["readings"]) == {"first", "second"}
     with pytest.raises(InputError, match="measured on a, and here 1 of its readings are missing"):
         times.merged(before, of("b", "first"))
-
-
-def of_device():
-    def read(seconds, **more):
-        return {"seconds": [seconds], "date": "2026-02-01", **more}
-
-    cube = {"particles": 1000, "neighbours": 32.0, "entries": 50.0}
-    found = {f"60k {kernel}": read(2e-2, calls=20, **cube) for kernel in limits.STEP_KERNELS}
-    found |= {"60k list": read(2e-3, **cube), "copy": read(1.0, bytes=4e12), "arithmetic": read(1.0, operations=6e13)}
-    turns = {"refsim": [2e-3], "serves": 10.0, "particles": 1000}
-    warp = {"each step": [6e-3], "with skin": [5e-3], "with skin, graph": [4e-3]}
-    found |= {"60k warp": read(1.0, warp=warp, **turns), "60k jiang_zhu": read(9e-3, steps=100, particles=59319)}
-    found["8M jiang_zhu"] = read(0.4, steps=100, particles=8000000)
-    return {"device cuda": {"machine": "a device", "readings": found}}
-
-
-def test_the_tables_of_the_device_are_made_of_its_readings():
-    given = of_device()
-    found = given["device cuda"]["readings"]
-    work, seconds = times.least_of(found, "60k", "density")
-    assert (work, seconds) == (limits.least("density", 1000, 32, 50), pytest.approx(1e-3))
-    assert times.shares(found, "60k", "density") == [f"{100 * 224e3 / 4e12 / 1e-3:.2g} %", "0.0013 %"]
-    whole = sum(limits.least(k, 1000, 32, 50).bytes for k in limits.STEP_KERNELS) + 216e3 / 10
-    assert times.least_of(found, "60k", "step")[0].bytes == pytest.approx(whole)
-    assert times.least_of(found, "8M", "density") is None
-    text = "\n".join(times.limits(given))
-    assert "| 0.09 ms a step | 0.1 | yes | Warp 4 ms, refsim 2 ms in turns |" in text
-    assert "| 2 G particle-steps/s | 2.5 | no | not measured yet | not measured yet |" in text
-    assert "4.00 TB/s" in text
-    assert "a device, 2026-02-01" in text
-
-
-@pytest.mark.parametrize("name", times.PICTURES)
-def test_pictures_are_drawn_of_what_there_is(name):
-    for given, missing in ((times.stored(), False), ({}, True)):
-        with style():
-            figure = times.PICTURES[name](given)
-        said = " ".join(text.get_text() for axes in figure.axes for text in axes.texts)
-        assert (times.NOT_YET in said) == missing
-        plt.close(figure)
-
-
-def test_a_time_that_has_not_settled_is_a_range():
-    assert times.microseconds([1e-3] * 5) == "1,000"
-    assert times.microseconds([1e-3, 2e-3, 1e-3, 3e-3, 1e-3]) == "\u25cb 1,000 to 3,000"
 
 
 def test_the_page_is_what_the_command_makes():

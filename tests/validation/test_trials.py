@@ -3,7 +3,6 @@
 import io
 import json
 import math
-import pathlib
 
 import numpy as np
 import pytest
@@ -12,8 +11,7 @@ from refsim import Box, Cloud, InputError, JiangZhu2023, RunStopped, Scene, Weak
 from refsim.scene.plan import make_plan
 from validation import checks, judging, maps, perform
 from validation.__main__ import main
-from validation.experiment import Experiment, Options, Part, Run, discover
-from validation.experiments.droplet.runs import pieces
+from validation.experiment import Experiment, Options, discover
 from validation.metrics.voids import find_voids
 from validation.results import Result, finite
 from validation.running import Context
@@ -50,11 +48,6 @@ def test_outcomes_of_a_trial():
     assert trial(1.5, ends=RunStopped("diverged", "too fast.")).outcome == "fails: size"
     with pytest.raises(ZeroDivisionError), Trial(Context(), "cpu").ending():
         raise ZeroDivisionError
-
-
-def test_a_number_checked_again_keeps_its_worst_value():
-    assert trial(0.5, 0.9, 0.7).checks["size"]["value"] == 0.9
-    assert trial(0.5, 2.0, 3.0, 0.1).checks["size"]["value"] == 2.0
 
 
 def ends(context, backend, outcome):
@@ -117,11 +110,6 @@ def test_a_map_is_drawn_from_its_file_where_nothing_failed_and_where_all_did(tmp
     assert said == {"at least 4.0", "none", "runner: 1.0"}
 
 
-def test_numbers_of_a_map_have_two_digits():
-    said = [maps.two_digits(value) for value in (0.0371, 1.74, 25.2, 512.0, 15_870.0, 1.23e-5, math.inf)]
-    assert said == ["0.037", "1.7", "25", "510", "16,000", "1.2e-05", "none"]
-
-
 def test_the_command(tmp_path, capsys):
     assert main(["list", "hard case"]) == 0
     assert "tension_x100" in capsys.readouterr().out
@@ -132,19 +120,6 @@ def test_the_command(tmp_path, capsys):
     assert main(["check", "tension_x100", "step_factor_4", "--json", "--jobs", "2", *folders]) == 0
     found = json.loads(capsys.readouterr().out)
     assert [entry["verdict"] for entry in found.values()] == ["pass", "pass"]
-
-
-def test_what_is_timed_waits_until_nothing_else_runs(tmp_path):
-    options = Options(results=tmp_path / "results", figures=tmp_path / "figures")
-    (own,) = judging.parts(["tension_x100", "step_factor_4"], [checks.HARD_CASE], options)
-    timed = Run("timed", stored_before, {"folder": str(tmp_path / "results" / "droplet"), "threads": 2})
-    others = Part("verdict", "others", "others", [timed], lambda results: ())
-    (_, last) = perform.perform([own, others], options, jobs=2, stream=io.StringIO())
-    assert last.results["timed"].values == {"stored": 2}
-
-
-def stored_before(context, folder, threads):
-    return Result({"stored": len(list(pathlib.Path(folder).iterdir()))})
 
 
 # Measures
@@ -213,9 +188,3 @@ def test_voids_are_holes_that_no_air_reaches():
     assert find_voids(notch, 1.0, 1.0).count == 0
     lid = np.stack([np.arange(5.0, 14.0), np.full(9, 19.0)], axis=1)
     assert find_voids(notch, 1.0, 1.0, walls=lid).count == 1
-
-
-def test_pieces_are_counted():
-    line = np.zeros((10, 3))
-    line[:, 0] = [0, 1, 2, 3, 10, 11, 12, 20, 21, 40]
-    assert pieces(line, 1.5).tolist() == [4, 3, 2, 1]

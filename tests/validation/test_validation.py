@@ -6,38 +6,28 @@ import dataclasses
 import importlib.util
 import io
 import json
-import subprocess
 import sys
-import threading
-import time
-import types
-from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from refsim.cluster import pool
 from refsim.cluster.tasks import Outcome
 from refsim.core.errors import InputError, RunStopped
 from validation import __main__ as command
-from validation import checks, drawing, judging, peers, results, tables
+from validation import drawing, judging, results
 from validation import perform as performing
 from validation.checks import Check, Checks
 from validation.experiment import Experiment, Options, Picture, Run, discover
 from validation.experiments.dam_break import runs as dam_runs
 from validation.experiments.dam_break.runs import EXPERIMENT as DAM_BREAK
 from validation.experiments.droplet import runs as droplet
-from validation.experiments.timing import runs as timing
-from validation.measure import command as measuring
-from validation.peers import splishsplash
-from validation.report import as_json, report
+from validation.report import report
 from validation.results import Result
-from validation.running import Context, advance
+from validation.running import Context
 from validation.tables import Table
 
 pytestmark = pytest.mark.usefixtures("coarse_pictures")
-SCRIPTS = Path(__file__).resolve().parents[2] / "scripts"
 CALLS = []
 
 
@@ -125,121 +115,6 @@ def test_an_interrupted_run_says_what_is_kept(options):
     with pytest.raises(RunStopped, match="held before is kept"):
         perform(case, options)
     assert CALLS == [2], "what was finished is not computed again"
-
-
-def test_interrupted_processes_start_nothing_more(options, monkeypatch):
-    interrupted, asked = threading.Event(), []
-
-    def first_only(pending, **given):
-        asked.append(len(pending))
-        if len(asked) > 1:
-            interrupted.set()
-            raise KeyboardInterrupt
-        return wait(pending, return_when=FIRST_COMPLETED)
-
-    def under_way(context, value):
-        assert interrupted.wait(60)
-        return doubled(context, value)
-
-    runs = [
-        Run("one", doubled, {"value": 2}, estimate=4.0),
-        Run("two", under_way, {"value": 3}, estimate=3.0),
-        Run("three", under_way, {"value": 5}, estimate=2.0),
-        Run("more", doubled, {"value": 9}),
-    ]
-    case = dataclasses.replace(fake(), runs=lambda options: runs)
-    monkeypatch.setattr(pool, "ProcessPoolExecutor", lambda count, **given: ThreadPoolExecutor(1))
-    monkeypatch.setattr(pool, "_shares", [0.0] * 4)
-    monkeypatch.setattr(pool, "wait", first_only)
-    with pytest.raises(RunStopped, match=r"1 finished since the start are kept"):
-        perform(case, options, jobs=2)
-    assert (sorted(CALLS), asked) == ([2, 3, 5], [2, 2])
-
-
-def test_processes_tell_how_far_they_are(tmp_path, monkeypatch):
-    """The names of the runs under way, "starts" before the first share, and the estimated seconds done."""
-    seen, half, told = threading.Event(), threading.Event(), []
-
-    def slow(context, value):
-        assert seen.wait(60)
-        context.progress(value)
-        assert half.wait(60)
-        return Result({})
-
-    def show(words, seconds):
-        told.append((words, seconds))
-        if words == "fake a (starts), fake b (starts)":
-            seen.set()
-        if (words, seconds) == ("fake a, fake b", 5.0):
-            half.set()
-
-    def threads(count, initargs, **given):
-        monkeypatch.setattr(pool, "_shares", initargs[0])
-        return ThreadPoolExecutor(count)
-
-    monkeypatch.setattr(pool, "ProcessPoolExecutor", threads)
-    part = fake().part(Options())
-    runs = [Run("a", slow, {"value": 0.25}, estimate=12.0), Run("b", slow, {"value": 0.5}, estimate=4.0)]
-    names = [results.result_folder(tmp_path, "fake", run.key, run.function, run.parameters) for run in runs]
-    waiting = {folder: (part, run) for folder, run in zip(names, runs)}
-    assert set(performing._elsewhere(waiting, 2, None, show, lambda: None)) == {(folder, None) for folder in names}
-    assert half.is_set()
-    assert max(seconds for _, seconds in told) <= 16.0
-
-
-def test_a_picture_is_drawn_as_soon_as_it_can(options, monkeypatch, tmp_path):
-    """That of a run in a process is there before the timed run, which is computed alone and after the others."""
-    monkeypatch.setenv("REFSIM_CACHE_DIR", str(tmp_path / "cache"))  # other tests store kernels meanwhile
-    seen = []
-
-    def timed(context, value):
-        seen.append(sorted(path.name for path in options.figures.glob("line.*")))
-        return Result({"double": value})
-
-    small = {"columns": 4, "until": 0.01, "backend": "numpy", "samples": 1}
-    runs = [Run("last", timed, {"value": 1}, timed=True), *(Run(name, dam_runs.collapse, small) for name in "ab")]
-    picture = Picture("line", lambda found: {"line": found["a"].values["time"]}, draw_line, ("a",))
-    case = dataclasses.replace(
-        fake(), checks=lambda found, check: None, runs=lambda options: runs, pictures=(picture,), tables=lambda _: []
-    )
-    drawn = []
-    (outcome,) = perform(case, options, jobs=2, shown=drawn.append)
-    assert set(outcome.results) == {"last", "a", "b"}
-    assert seen == [["line.json", "line.png"]]
-    assert drawn == [options.figures / "line.png"], "drawn once, as nothing changed after"
-    about = outcome.results["a"].about
-    assert about["processor_seconds"] > about["processor_seconds_compiling"] == 0.0
-    assert about["kernels_compiled"] == 0
-
-
-def test_runs_of_the_second_group_begin_when_the_first_has_ended(options):
-    """The first picture is drawn at once, the next one no later than at the end."""
-    seen = []
-
-    def noted(context, value):
-        seen.append(value)
-        return Result({"double": 2 * value}, {"line": np.arange(2)})
-
-    parts = [fake(value, function=noted, parameters={"value": value}).part(options) for value in (1, 2)]
-    parts[0] = dataclasses.replace(parts[0], runs=[dataclasses.replace(parts[0].runs[0], timed=True)])
-    drawn = []
-    made = performing.perform(parts[:1], options, stream=io.StringIO(), shown=drawn.append, then=[parts[1:]])
-    assert seen == [1, 2]
-    assert [each.results["one"].values["double"] for each in made] == [2, 4]
-    assert drawn == [options.figures / "line.png"]
-
-
-def test_seconds_of_child_processes_count_while_they_run_and_after():
-    busy = "import time\nwhile time.process_time() < 0.5: pass\nprint(flush=True)\ninput()"
-    before = performing.child_seconds()
-    with subprocess.Popen([sys.executable, "-c", busy], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as child:
-        child.stdout.readline()
-        running = performing.child_seconds() - before
-        child.communicate(b"\n", timeout=60)
-    ended = performing.child_seconds() - before
-    if sys.platform == "linux":
-        assert 0.45 <= running <= ended + 0.05
-    assert 0.45 <= ended < 2.0
 
 
 def test_what_cannot_be_done_is_said_before_computing(options, tmp_path):
@@ -368,11 +243,6 @@ def test_command_prints_one_json_object(options, monkeypatch, capsys):
     assert "reused one" in printed.out
 
 
-def test_json_has_null_for_what_is_not_finite(options):
-    outcomes = perform(fake(judge=lambda found: [measurement(float("nan"), "fail")]), options)
-    assert json.loads(as_json(outcomes))["double"]["value"] is None
-
-
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
@@ -407,28 +277,6 @@ def test_pictures_are_drawn_from_their_files_alone(options, monkeypatch):
         performing.redraw(case.pictures[0], options.figures / "nowhere")
 
 
-def load_script(name):
-    spec = importlib.util.spec_from_file_location(name, SCRIPTS / f"{name}.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-def test_make_figures_draws_without_simulating(options, monkeypatch, capsys):
-    case = fake()
-    perform(case, options)
-    script = load_script("make_figures")
-    monkeypatch.setattr(script, "ROOT", options.figures.parent)
-    monkeypatch.setattr(script, "every_picture", lambda: {p.name: p for p in case.pictures})
-    (options.figures / "line.png").unlink()
-    CALLS.clear()
-    assert script.main([]) == 0
-    assert (options.figures / "line.png").exists()
-    assert CALLS == []
-    assert script.main(["curve"]) == 2
-    assert "choose from line" in capsys.readouterr().err
-
-
 def test_experiments_are_found_by_their_folders(tmp_path, monkeypatch):
     folder = tmp_path / "someones_cases"
     folder.mkdir()
@@ -448,24 +296,6 @@ def test_experiments_are_found_by_their_folders(tmp_path, monkeypatch):
         if name.startswith("someones_cases"):
             monkeypatch.delitem(sys.modules, name)
     assert {"dam_break", "droplet", "timing"} <= set(discover())
-
-
-def test_data_of_pictures_keep_nine_digits():
-    assert drawing.shortened({"a": [1 / 3, 2, None, "x", {"b": 1e-20 / 7}]}) == {
-        "a": [0.333333333, 2, None, "x", {"b": 1.42857143e-21}]
-    }
-
-
-def test_runs_that_give_the_same_values_share_a_table():
-    found = {name: Result({"size": {"least": 1.5, "all": [1]}, "why": ""}) for name in "ab"}
-    (first, other) = tables.of_values(found | {"c": Result({"seconds": None})})
-    assert (first.heading, first.rows) == (["run", "size.least", "why"], [["a", 1.5, ""], ["b", 1.5, ""]])
-    assert other.rows == [["c", None]]
-
-
-def test_tables_align_words_left_and_numbers_right():
-    lines = str(Table("T", ["what", "value"], [["a", 12.0], ["long", 0.123456]], "note")).splitlines()
-    assert lines == ["T", "what   value", "----  ------", "a         12", "long  0.1235", "note"]
 
 
 # Tiny runs of the real cases
@@ -556,14 +386,6 @@ def test_tiny_droplet(tmp_path):
     draw_all(droplet.EXPERIMENT, found, tmp_path)
 
 
-def test_droplet_starts_have_the_stated_counts_and_one_volume():
-    for shape, count, exact in (("cube", 4913, 4913), ("cut", 5039, 5039), ("box", 4913, 4862)):
-        position, spacing, axes = droplet.particles(shape, count)
-        assert len(position) == exact
-        assert len(position) * spacing**3 == pytest.approx(1.0, rel=0.02)
-        assert axes.T @ axes == pytest.approx(np.eye(3), abs=1e-12)
-
-
 def test_a_drop_that_stops_is_a_result_with_its_reason(monkeypatch):
     def stop(simulation, times, sample, context):
         sample(simulation, 0.0)
@@ -574,48 +396,6 @@ def test_a_drop_that_stops_is_a_result_with_its_reason(monkeypatch):
     assert values["stopped"] == "non_finite at 0.000 s"
     assert values["steady"] is None
     assert droplet.outcome(Result({**values, "end": results.finite(values["end"])})).startswith("stopped: non_finite")
-
-
-def test_a_missing_peer_is_reported_not_crashed_on(monkeypatch):
-    monkeypatch.setattr(splishsplash, "missing", lambda: "it is not installed")
-    found = {name: timing.against_splishsplash(Context(), 3, 2, 1, 1) for name in timing.PEERS}
-    assert timing.EXPERIMENT.checked(found) == []
-    assert "it is not installed" in str(timing.EXPERIMENT.tables(found)[0])
-
-
-def test_a_broken_peer_is_reported_with_its_last_words(monkeypatch, tmp_path):
-    broken = tmp_path / "python"
-    broken.write_text("#!/bin/sh\necho no such library >&2\nexit 7\n")
-    broken.chmod(0o755)
-    monkeypatch.setattr(peers.sys, "executable", str(broken))
-    assert splishsplash.run(3, 2, 1) == {"missing": "SPlisHSPlasH ended with code 7: no such library"}
-
-
-@pytest.mark.slow
-def test_step_costs_at_small_size(tmp_path):
-    found = {"steps": as_stored(tmp_path / "s", timing.step_costs(Context(), 8, "cpu", 1, count=216))}
-    assert all(m.verdict == checks.SHOWN and m.value > 0 for m in timing.EXPERIMENT.checked(found))
-    prices = {row["words"]: row for row in found["steps"].values["prices"]}
-    assert prices["gravity"]["launches"] == 1
-    assert prices["tension, soft pairs"]["bytes"] > 0
-
-
-def test_compiling_is_not_charged_to_a_run():
-    """The first call of a stage takes 0.2 s, every later one nothing."""
-
-    class Compiling:
-        time, timings = 0.0, types.SimpleNamespace(first_calls={})
-
-        def step(self):
-            if not self.timings.first_calls:
-                time.sleep(0.2)
-                self.timings.first_calls["sph.density"] = 0.2
-            self.time += 1.0
-
-    walls = []
-    total = advance(Compiling(), [2.0, 5.0], lambda simulation, wall: walls.append(wall), Context())
-    assert len(walls) == 2
-    assert total == walls[1] < 0.15
 
 
 def test_runs_by_a_scheduler(options, monkeypatch):
@@ -647,41 +427,3 @@ def test_runs_by_a_scheduler(options, monkeypatch):
     assert CALLS == [2, 3]
     given = command.parser().parse_args(["claims", "--scheduler", "tcp://s"])
     assert command.options_of(given).scheduler == "tcp://s"
-
-
-def test_a_worker_with_other_sources_or_another_folder_is_named(options, monkeypatch, tmp_path):
-    run = Run("one", doubled, {"value": 2})
-    with pytest.raises(InputError, match="one: the worker has other sources"):
-        performing._compute_there(lambda share: None, "fake", "", run, tmp_path / "fake" / "one-0123", False)
-
-    def workers(tasks, **given):
-        yield Outcome(tasks[0], worker="worker 0")
-
-    monkeypatch.setattr(performing, "elsewhere", workers)
-    with pytest.raises(InputError, match="fake one: worker 0 has kept its result elsewhere than in"):
-        perform(fake(), dataclasses.replace(options, scheduler="tcp://s"))
-
-
-def test_drops_by_a_scheduler(monkeypatch, capsys):
-    @dataclasses.dataclass(frozen=True)
-    class Drop:
-        key: str
-
-        def cost(self):
-            return 1.0
-
-    def workers(tasks, *, scheduler, watch):
-        watch({}, 2)
-        for task in tasks:
-            yield Outcome(task, task.function(lambda share: None, *task.arguments), seconds=3.0)
-        watch({}, 2)
-
-    monkeypatch.setattr(measuring, "work", lambda point: {"key": point.key})
-    monkeypatch.setattr(measuring, "perform", workers)
-    rows = []
-    measuring.measured_elsewhere([Drop("a"), Drop("b")], "tcp://s", 1e9, rows.append)
-    assert rows == [{"key": "a"}, {"key": "b"}]
-    assert "6 s of 2 workers" in capsys.readouterr().out
-    measuring.measured_elsewhere([Drop("a")], "tcp://s", 0.0, rows.append)
-    assert "time is up" in capsys.readouterr().out
-    assert len(rows) == 2
