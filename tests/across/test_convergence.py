@@ -11,7 +11,6 @@ from refsim.core.cases import Case, lattice
 from refsim.core.operation import REGISTRY
 from refsim.smoothing.reference import kernel_slope, kernel_value, viscosity_laplacian
 from refsim.sph import Fluid, ViscosityTerm
-from refsim.sph.formulas import state_pressure
 
 RATIO = 3.0  # support radius in spacings
 CELLS = (12, 18, 27, 40)
@@ -140,12 +139,6 @@ def test_leap_frog_is_of_second_order_while_the_step_changes():
     assert 1.9 < order([1 / n for n in steps], [oscillate(n, varying=False) for n in steps]) < 2.1
 
 
-def test_kicks_by_the_step_alone_would_be_of_first_order():
-    """Why the run keeps the step before: the same with v += dt a."""
-    steps = [16, 32, 64, 128]
-    assert order([1 / n for n in steps], [oscillate(n, plain=True) for n in steps]) < 1.2
-
-
 def test_free_fall_is_exact():
     """A constant acceleration is integrated without error, from rest, at any step."""
     fall = (0.5, 0.0, -9.81)
@@ -161,16 +154,3 @@ def test_free_fall_is_exact():
     assert simulation.time == pytest.approx(0.4)
     assert np.abs(moved - 0.5 * np.array(fall) * simulation.time**2).max() < 1e-14 * 40
     assert simulation.search is None  # no effect needed neighbours
-
-
-def test_tait_comes_to_the_linear_law_as_compression_vanishes():
-    """p_Tait/p_linear - 1 = 3 (rho/rho0 - 1) to first order."""
-    linear = Fluid(1000.0, 4e5, np.int32(1), np.int32(0))
-    tait = Fluid(1000.0, 4e5 / 7, np.int32(7), np.int32(0))
-    compressions = [0.08, 0.04, 0.02, 0.01]
-    excess = []
-    for compression in compressions:
-        density = 1000 * (1 + compression)
-        excess.append(state_pressure(density, tait) / state_pressure(density, linear) - 1)
-    assert order(compressions, excess) == pytest.approx(1, abs=0.1)
-    assert excess[-1] == pytest.approx(3 * compressions[-1], rel=0.05)

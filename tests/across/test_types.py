@@ -54,23 +54,3 @@ def test_public_names_are_listed_and_there():
     assert (ROOT / "refsim" / "py.typed").exists()
     assert sorted(refsim.__all__) == refsim.__all__
     assert all(hasattr(refsim, name) for name in refsim.__all__)
-
-
-def test_what_is_not_checked_is_what_ruff_leaves_without_annotations():
-    """Arrays whose types Numba infers; three modules of compiled functions have names that ruff takes for private."""
-    left_out = set()
-    for pattern, rules in CONFIGURATION["ruff"]["lint"]["per-file-ignores"].items():
-        if "ANN" in rules and pattern.startswith("refsim"):
-            braced = re.search(r"\{(.*)\}", pattern)
-            for name in braced[1].split(",") if braced else [""]:
-                left_out |= set(ROOT.glob(pattern.replace(braced[0], name) if braced else pattern))
-    left_out |= {
-        ROOT / "refsim" / f"{name}.py" for name in ("backends/device", "backends/primitives", "neighbours/rows")
-    }
-    (unchecked,) = [o["module"] for o in CONFIGURATION["mypy"]["overrides"] if o.get("ignore_errors")]
-    found = set()
-    for module in unchecked:
-        paths = set(ROOT.glob(module.replace(".*.", "/**/").replace(".", "/") + ".py"))
-        assert paths, module
-        found |= paths
-    assert found == left_out

@@ -68,14 +68,6 @@ def test_one_core_compiles_as_the_run_comes_to_each_kernel(run, tmp_path):
     assert all(hits + misses > 0 for hits, misses in stats), "the run has not come to each kernel"
 
 
-def test_without_a_cache_nothing_is_compiled_ahead(run, tmp_path):
-    (tmp_path / "file").touch()
-    told, stats = run(2, tmp_path / "file", FALL)
-    assert told == []
-    assert len(stats) == 3
-    assert all(hits == 0 for hits, _ in stats)
-
-
 @pytest.mark.parametrize(
     ("effects", "kernels"),
     [

@@ -111,15 +111,6 @@ def test_a_process_that_is_lost_is_noticed_and_a_closed_one_waited_for():
     assert not worker.store(Task("refsim.sph.kernels", "state", b""))
 
 
-def test_a_process_takes_no_longer_than_it_may(monkeypatch):
-    monkeypatch.setattr(workers, "LONGEST", 0.05)
-    worker = Worker()
-    try:
-        assert not worker.store(Task("refsim.sph.kernels", "state", b""))
-    finally:
-        worker.close()
-
-
 @pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
 def test_a_host_function_tells_what_it_launches_and_changes_nothing():
     @kernel

@@ -5,9 +5,7 @@ import re
 import subprocess
 import sys
 import time
-from concurrent.futures import CancelledError
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 
@@ -175,7 +173,6 @@ setattr(place, moment, killing)
 sys.exit(main(sys.argv[3:]))
 """
 SWEEP = ("sweep", "grid.toml")
-STUDY = ("study", "tank.toml", "--observable", "kinetic_energy", "--knobs", "precision", "--backend", "numpy")
 
 
 @pytest.fixture
@@ -221,88 +218,9 @@ def test_a_scheduler_killed_before_or_in_a_task_or_before_its_result_is_here(kil
         assert not again.missing
 
 
-def test_a_study_whose_scheduler_is_killed(killed):
-    lost(killed(STUDY, "_outcome"), kept=1)
-
-
 @pytest.mark.parametrize("moment", ["watch", "_outcome"])
 def test_a_worker_killed_in_a_task_or_before_its_result_is_here_costs_nothing_else(killed, moment):
     done = killed(SWEEP, moment, worker=True)
     assert done.returncode == 0, done.stderr
     assert "4 runs, 4 of them computed now" in done.stdout
     assert len(done.stderr.splitlines()) == 5, done.stderr
-
-
-@pytest.mark.filterwarnings("default")
-def test_a_value_that_is_lost_with_its_worker_is_no_lost_scheduler(tmp_path):
-    pytest.importorskip("distributed", reason="Dask distributed is not installed (refsim[cluster])")
-    cluster = Cluster(tmp_path, workers=2)
-    try:
-        time.sleep(2)  # until both are there
-        found = perform([Task(f"w{k}", "wait", there.wait, (k,)) for k in (0, 2)], scheduler=cluster.address)
-        first = next(found)
-        time.sleep(2.2)  # the other one has ended, too
-        cluster.processes[2 if first.worker == "worker 0" else 1].kill()
-        time.sleep(0.5)
-        assert next(found).value == 2
-        cluster.scheduler.kill()
-        assert list(found) == [], "nothing was left to lose"
-    finally:
-        cluster.end()
-
-
-@pytest.mark.filterwarnings("default")
-def test_the_loss_of_the_last_worker_is_said_and_another_one_goes_on(tmp_path):
-    pytest.importorskip("distributed", reason="Dask distributed is not installed (refsim[cluster])")
-    cluster = Cluster(tmp_path, workers=1)
-    said = []
-
-    def watch(shares, workers):
-        if shares and not said:
-            cluster.processes[1].kill()
-
-    def say(text):
-        said.append(text)
-        cluster.worker(1)
-
-    try:
-        task = Task("w", "wait", there.wait, (2,))
-        (outcome,) = perform([task], scheduler=cluster.address, watch=watch, say=say)
-    finally:
-        cluster.end()
-    assert (outcome.value, outcome.worker) == (2, "worker 1")
-    assert said == [
-        f"no worker is left; the runs wait until one is started with `dask worker {cluster.address} --nthreads 1`"
-    ]
-
-
-@pytest.mark.parametrize("status", ["running", "connecting", "closed"])
-@pytest.mark.parametrize("error", [CancelledError(), OSError(), TimeoutError(), RuntimeError(), AttributeError()])
-def test_what_a_client_raises_whose_scheduler_goes_away(error, status):
-    alive = status == "running" and isinstance(error, RuntimeError | AttributeError)
-    with (
-        pytest.raises(type(error) if alive else RunStopped),
-        scheduler._answers(SimpleNamespace(status=status), "tcp://s"),
-    ):
-        raise error
-
-
-def test_a_result_that_is_lost_with_its_worker():
-    pytest.importorskip("distributed", reason="Dask distributed is not installed (refsim[cluster])")
-    task = Task("a", "a", there.square, (1,))
-
-    class Redone:
-        def __init__(self, error, then):
-            self.status, self.error, self.then = "finished", error, then
-
-        def result(self, timeout):
-            self.status = self.then
-            raise self.error
-
-        def exception(self, timeout):
-            return self.error
-
-    assert scheduler._outcome(task, Redone(TimeoutError(), "pending")) is None, "it is waited for"
-    assert scheduler._outcome(task, Redone(ValueError("bad"), "error")).error.args == ("bad",)
-    with pytest.raises(CancelledError):
-        scheduler._outcome(task, Redone(CancelledError(), "cancelled"))

@@ -93,16 +93,6 @@ def test_nothing_half_written_is_left_on_a_full_disk(ran, full, capsys, words):
     assert not list((ran / "new").iterdir())
 
 
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # imageio-ffmpeg leaves its pipes open
-def test_a_film_that_cannot_be_written_whole_is_not_left(ran, monkeypatch, capsys):
-    ffmpeg = pytest.importorskip("imageio_ffmpeg")
-    monkeypatch.setattr(ffmpeg, "count_frames_and_secs", lambda path: (1, 0.04))
-    (ran / "new").mkdir()
-    assert main(["render", "run", "--film", "new/film.mp4", "--size", "320x240"]) == 3
-    assert "film new/film.mp4 was not written" in capsys.readouterr().err
-    assert not list((ran / "new").iterdir())
-
-
 @posix
 @pytest.mark.parametrize(
     "words",
@@ -116,18 +106,6 @@ def test_a_link_to_itself_is_told(ran, capsys, words):
     os.symlink("loop", "loop")
     assert main(words) == 2
     assert "loop" in one_sentence(capsys.readouterr().err)
-
-
-@posix
-@pytest.mark.parametrize("command", ["sweep", "study"])
-def test_a_name_that_is_too_long_is_told(folder, capsys, command):
-    name = 250 * "n"
-    os.rename("one.toml" if command == "sweep" else "tank.toml", f"{name}.toml")
-    if command == "sweep":
-        (folder / "tank.toml").write_text(SCENE)
-    words = ["--observable", "front"] if command == "study" else []
-    assert main([command, f"{name}.toml", *words]) == 2
-    assert "File name too long" in one_sentence(capsys.readouterr().err)
 
 
 @pytest.mark.parametrize("words", [[*STUDY], ["sweep", "own.toml", "--jobs", "1", "--quiet"]], ids=["study", "sweep"])

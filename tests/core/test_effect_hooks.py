@@ -1,13 +1,12 @@
 """What an effect may bring beside forces: values at the start, tables, passes once the step's length is known."""
 
-import math
 from typing import ClassVar
 
 import numpy as np
 import pytest
 
 from refsim import Box, Gravity, InputError, Scene, Simulation, WeaklyCompressible, make_plan
-from refsim.core.effect import EFFECTS, Effect, Extremes, Pass, StepLimit
+from refsim.core.effect import Effect, Pass, StepLimit
 from refsim.core.fields import PLACE, Field
 
 LIQUID = WeaklyCompressible(sound_speed=12.0, clamp_pressure=False)
@@ -48,10 +47,6 @@ Extra.name, Other.name = "extra", "other"
 
 def scene(*effects, **options):
     return Scene(spacing=0.1, support_radius=0.21, fluid=(Box(cells=(5, 5, 5)),), effects=effects, **options)
-
-
-def test_these_effects_are_not_for_users():
-    assert not {"extra", "other"} & set(EFFECTS)
 
 
 @pytest.mark.parametrize("backend", ["numpy", "cpu"])
@@ -100,13 +95,3 @@ def test_tables_outlive_a_checkpoint(tmp_path):
     assert saved["field.table"].tolist() == [0, 1, 2]
     assert "field.mark" in saved
     assert "field.place" not in saved
-
-
-def test_step_limits_in_closed_form():
-    extremes = Extremes(speed=3.0, acceleration=8.0)
-    assert StepLimit.constant(0.25).at(extremes) == 0.25
-    assert StepLimit.crossing(2.0, speed=1.0).at(extremes) == 0.5
-    assert StepLimit.falling(2.0).at(extremes) == 0.5
-    assert StepLimit.exchanging(2.0).at(Extremes(3.0, 8.0, rate=4.0)) == 0.5
-    assert StepLimit.exchanging(2.0).at(extremes) == math.inf
-    assert StepLimit.falling(2.0).at(Extremes(0.0, 0.0)) == math.inf

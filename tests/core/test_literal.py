@@ -65,24 +65,6 @@ def test_paper_takes_improvements_and_parameters_and_leaves_misprints_corrected(
     assert again == msgspec.structs.replace(made, literal="paper") == made
 
 
-def test_what_each_system_takes():
-    """Misprints that no author can have run are not among the papers' own choices; E23 and the pairs of E9 are."""
-    own = {e.name: (set(e.improvements), dict(e.paper)) for e in REQUIRED}
-    assert own["weakly_compressible"] == ({"E24"}, {})
-    assert own["surface_detection"] == ({"E6", "E23"}, {})
-    assert own["jiang_zhu_2023"] == ({"E6", "E7", "E23"}, {"pair_mode": "either", "balance_pressure": False})
-    assert own["dong_2016"] == ({"E21"}, {"solver": "hu_adams", "balance_pressure": False})
-    assert own["mpm_liquid"] == ({"M4", "M6"}, {"volume": "full_gradient"})
-    assert own["surface_energy"] == ({"M31", "M32"}, {"embedding": "thesis"})
-    assert own["heat_conduction"][0] == {"M6", "M8", "M11"}
-    assert own["heat_conduction"][1] == {
-        "scheme": "one_sided", "laplacian": "mueller", "mean": "arithmetic", "calibrated": False,
-        "largest_drift": 0.0,
-    }  # fmt: skip
-    assert own["shape_matching"] == (set(), {"damping": 0.0})
-    assert own["mesh_boundary"] == ({"E27", "E30"}, {"correction": "point"})
-
-
 @pytest.mark.parametrize(
     "make, words",
     [
@@ -154,13 +136,6 @@ def test_a_run_as_in_the_paper_is_that_with_everything_spelled_out(own, spelled,
     found = moved(*own)
     assert np.array_equal(found, moved(*spelled))
     assert not np.array_equal(found, moved(*usual))
-
-
-def test_the_thesis_needs_a_step_of_its_own():
-    drop = (MpmLiquid(bulk_modulus=1e4, literal="paper"), SurfaceEnergy(surface_tension=1.0, literal="paper"))
-    with pytest.raises(InputError, match="stable with no step; give the scene a step of its own"):
-        moved(*drop)
-    assert np.isfinite(moved(*drop, step=1e-4)).all()
 
 
 SCENE = """

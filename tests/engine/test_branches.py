@@ -38,13 +38,6 @@ def test_two_reads_need_no_order_and_scratch_memory_is_changed_by_all_that_take_
     assert force.changed == {"acceleration"}
 
 
-def test_names_are_those_of_the_pass():
-    given = touched(Pass("heat.chebyshev", names={"enthalpy": None, "temperature": "other.warmth"}), "cuda")
-    assert "enthalpy" not in given.taken
-    assert "other" in given.changed
-    assert "temperature" not in given.taken
-
-
 def test_heat_and_solids_of_a_melting_step_run_side_by_side():
     plan = make_plan(scene_of("figure_4", 0.2))
     order = [p.operation for _, p in plan.motion]

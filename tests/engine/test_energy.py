@@ -27,7 +27,6 @@ from refsim import (
     ShapeMatching,
     Simulation,
     SolidBox,
-    SurfaceEnergy,
     TartakovskyMeakin2005,
     TwoWayCoupling,
     WeaklyCompressible,
@@ -39,7 +38,6 @@ from refsim.__main__ import main
 from refsim.scene.files import parse_scene, scene_to_toml
 
 AUDIT = EnergyAudit(every=20)
-RISING = (0.0, 0.0, -2.0)
 EXPLODING = WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=20.0, state="tait", literal=("E3",))
 
 
@@ -100,13 +98,6 @@ def advance(simulation, steps):
         simulation.step()
 
 
-def parts(made, backend="numpy", steps=0):
-    simulation = Simulation(made, backend)
-    for _ in range(steps):
-        simulation.step()
-    return simulation, {name: part.value for name, part in simulation.auditor.energies().items()}
-
-
 # Each part against another program
 
 
@@ -135,19 +126,6 @@ def test_cohesion_is_the_potential_of_its_force(name):
     plain = msgspec.structs.replace(PAIRS[name], balance_pressure=False)
     pull = at((0, 0, 0), plain)[1] - at((0, 0, 0))[1]
     assert -(ahead - behind) / (2 * shift) == pytest.approx(pull[0], rel=2e-5, abs=1e-7 * np.abs(pull).max())
-
-
-def test_the_surface_is_worth_its_area():
-    """In single precision, for which other tests compile these kernels; twice the tension is exact in both."""
-    block = Box(lower=(-0.4, -0.4, -0.4), cells=(8, 8, 8))
-
-    def surface(tension):
-        effects = (MpmLiquid(bulk_modulus=1e5), SurfaceEnergy(surface_tension=tension))
-        return parts(scene(*effects, fluid=block, dtype="float32"), "cpu")[1]["surface"]
-
-    once = surface(0.5)
-    assert 0.7 * 0.5 * 6 * 0.8**2 < once < 1.1 * 0.5 * 6 * 0.8**2
-    assert surface(1.0) == pytest.approx(2 * once, rel=1e-12)
 
 
 # Runs
@@ -266,16 +244,6 @@ def test_the_last_good_checkpoint_stays(tmp_path, capsys):
     assert Simulation.resume(tmp_path / "out").steps == 0
 
 
-def test_a_state_that_was_set_begins_anew():
-    simulation = Simulation(dam(audit=EnergyAudit(every=5)))
-    for _ in range(10):
-        simulation.step()
-    simulation.set_field("velocity", simulation.field("velocity") + np.float32(1.0))
-    for _ in range(10):
-        simulation.step()
-    assert simulation.auditor.start["kinetic"] > 0.5 * simulation.field("mass").sum() * 0.9
-
-
 # What cannot be counted, and how an audit is requested
 
 
@@ -306,15 +274,6 @@ def test_what_is_not_counted_is_said(tmp_path, capsys):
     implicit = Simulation(scene(fluid, ImplicitPressure(), fluid=Box(cells=(4, 4, 4))), "cpu")
     assert implicit.auditor.uncounted() == ("iisph: work of the pressure on the compression that tolerance leaves",)
     assert not implicit.auditor.staggered
-
-
-def test_a_scene_file_asks_for_it():
-    made = dam()
-    text = scene_to_toml(made)
-    assert "[energy_audit]\nevery = 20\nbound = 0.05\n" in text
-    assert parse_scene(text, "here").energy_audit == AUDIT
-    assert "energy_audit" not in scene_to_toml(dam(audit=None))
-    assert scene_to_toml(parse_scene(text, "here")) == text
 
 
 @pytest.mark.parametrize(

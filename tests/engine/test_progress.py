@@ -1,13 +1,12 @@
 """What a run shows by itself: a bar where one is seen, messages to Python's logging, short descriptions."""
 
 import logging
-import subprocess
 import sys
 import types
 
 import pytest
 
-from refsim import Ball, Box, Gravity, RunStopped, Scene, Simulation, WeaklyCompressible, make_plan, simulate
+from refsim import Ball, Box, Gravity, RunStopped, Scene, WeaklyCompressible, simulate
 from refsim.engine import progress
 
 
@@ -46,11 +45,6 @@ def test_a_bar_on_a_terminal_unless_it_is_switched_off(capfd, monkeypatch):
     assert capfd.readouterr().err == ""
 
 
-def test_a_bar_when_it_is_wanted(capfd, tmp_path):
-    run(progress=True, output=tmp_path)
-    assert f"to 0.001 s, into {tmp_path}\n" in capfd.readouterr().err
-
-
 def test_a_bar_in_jupyter(capfd, monkeypatch):
     """A kernel's standard error is no terminal; its shell is known by its class."""
     shell = type("ZMQInteractiveShell", (), {})()
@@ -61,13 +55,6 @@ def test_a_bar_in_jupyter(capfd, monkeypatch):
     monkeypatch.setitem(sys.modules, "IPython", types.SimpleNamespace(get_ipython=lambda: None))
     run()
     assert capfd.readouterr().err == ""
-
-
-def test_a_bar_that_counts_the_compiled_kernels_closes_at_the_last(capfd):
-    after_each = progress.compiling_bar(2, 1)
-    after_each()
-    after_each()
-    assert "compiling 2 kernels on 1 cores: 2 of 2" in capfd.readouterr().err
 
 
 def test_the_run_is_logged(caplog, tmp_path):
@@ -87,28 +74,3 @@ def test_a_stop_is_logged_with_its_reason(caplog):
         run(asked_to_stop=lambda: True)
     last = caplog.records[-1]
     assert (last.levelname, last.getMessage().endswith("[interrupted]")) == ("ERROR", True)
-
-
-def test_without_a_setup_of_logging_nothing_is_printed():
-    program = "from refsim.core.log import log; log().error('not shown')"
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    assert (done.stdout, done.stderr) == ("", "")
-
-
-def described(thing, told):
-    text, html = repr(thing), thing._repr_html_()
-    assert len(text) < 1000
-    assert len(text.splitlines()) < 12
-    assert told in text
-    assert told in html
-    assert html.startswith("<p><b>")
-
-
-def test_descriptions_are_short():
-    plan = make_plan(scene())
-    described(plan, "16 in 2D, float32")
-    simulation = Simulation(plan, "numpy")
-    described(simulation, "0 s after 0 steps")
-    simulation.step()
-    described(simulation, "0.0002 s, set by")
-    described(simulate(simulation), "0.001 s of 0.001 s in 5 steps")

@@ -30,7 +30,7 @@ from refsim.core.errors import REASONS
 from refsim.engine import driver, stepping
 from refsim.engine import simulation as run_module
 from refsim.engine.checkpoints import load_checkpoint
-from refsim.engine.stock import check_particles, stock
+from refsim.engine.stock import check_particles
 from refsim.io.checkpoint import latest_checkpoint, read_checkpoint, write_checkpoint
 from refsim.io.frames import read_particles
 from refsim.scene.files import load_scene, scene_to_toml
@@ -114,14 +114,6 @@ def test_a_resumed_run_is_the_same_run(tmp_path, scene, backend, cuts):
         assert resumed.steps == cut
         assert resumed.notes == plain.notes
         assert_same_run(plain, advance(resumed, steps))
-
-
-@pytest.mark.slow
-def test_a_resumed_run_is_the_same_run_in_double_precision(tmp_path):
-    scene = tank("float64")
-    plain = advance(Simulation(scene), STEPS)
-    advance(Simulation(scene), 30).checkpoint(tmp_path / "30.h5")
-    assert_same_run(plain, advance(Simulation.resume(tmp_path / "30.h5"), STEPS))
 
 
 def test_cuts_stand_around_a_look_and_a_rebuild():
@@ -651,15 +643,6 @@ def test_no_particle_is_lost_silently(spoil, words):
     spoil(simulation.fields)
     with pytest.raises(RunStopped, match=words):
         check_particles(simulation)
-
-
-def test_the_ledger_counts_particles_behind_walls():
-    simulation = Simulation(tank(), "numpy")
-    assert stock(simulation) == stock(simulation.plan)
-    assert stock(simulation)["outside_walls"] == 0
-    simulation.fields["position"][:3] += (0.0, 9.0, 0.0)  # the top is open
-    simulation.fields["position"][3:5] -= (9.0, 0.0, 0.0)
-    assert stock(simulation)["outside_walls"] == 2
 
 
 def test_memory_that_runs_out_has_a_name(tmp_path, monkeypatch):

@@ -8,12 +8,8 @@ import numpy as np
 import pytest
 
 from refsim import Box, Cloud, HeatConduction, InputError, RunStopped, Scene, Simulation, make_plan
-from refsim.__main__ import main
-from refsim.core.operation import REGISTRY
 from refsim.engine.stock import stock
 from refsim.heat import reference
-from refsim.heat.shapes import lattice_moment
-from validation.checks import VERDICT, read
 from validation.experiments.heat import runs, scene
 from validation.running import Context
 
@@ -106,12 +102,6 @@ def test_a_temperature_that_is_not_finite_stops_the_run():
         simulation.step()
     assert stop.value.reason == "non_finite"
     assert "or a temperature that is not finite" in str(stop.value)
-
-
-def test_a_step_takes_the_limit_of_the_explicit_scheme():
-    plan = make_plan(Scene(spacing=0.1, support_radius=0.25, fluid=BAR, effects=(HeatConduction(scheme="explicit"),)))
-    limit = plan.effects["heat_conduction"].step_limits(plan.grid, plan.effects)["conduction"].length
-    assert limit == pytest.approx(0.2917 * 0.1**2 * 1000 * 4186 / 0.6, rel=1e-3)
 
 
 def hard_cloud(kind, scheme, melts, dtype="float64", **options):
@@ -226,12 +216,6 @@ def test_the_plan_says_which_sums_limit_the_step():
     assert not make_plan(bar(0.25)).notes
 
 
-def test_the_lattice_conducts_as_it_should():
-    """sum_j V_j L_ij r^2/3 is 0.950 at h = 2.5 d uncalibrated, 2 for Mueller's as printed (Shao & Song M6)."""
-    assert lattice_moment(0, 2.5, 1.0, 3) == pytest.approx(0.950, abs=5e-4)
-    assert lattice_moment(1, 2.5, 0.05, 3) == pytest.approx(2.0, abs=1e-3)
-
-
 def slab_error(number, scheme):
     """Largest error of a cosine along an insulated bar of 32 x 4 x 4, against the mode's own decay in the bar."""
     cells = (32, 4, 4)
@@ -303,55 +287,6 @@ def test_bad_input_is_told_in_one_sentence(options, words):
     assert str(error.value).count(". ") == 0
 
 
-COLD = """
-spacing = 0.1
-support_radius = 0.25
-step = 10.0
-
-[[fluid]]
-shape = "box"
-cells = [4, 4, 4]
-
-[effects.heat_conduction]
-temperature = -5.0
-conductivity = {conductivity}
-melting_point = {melting_point}
-latent_heat = 1e5
-"""
-
-
-@pytest.mark.parametrize(
-    "values, words",
-    [
-        ({"conductivity": -0.6, "melting_point": 0.0}, "conductivity = -0.6 is not possible; give zero or a positive"),
-        ({"conductivity": 0.6, "melting_point": -300.0}, "melting_point = -300.0 is not possible; give a temperature"),
-        ({"conductivity": "nan", "melting_point": 0.0}, "conductivity = nan is not possible"),
-    ],
-)
-@pytest.mark.parametrize("command", ["plan", "run"])
-def test_a_scene_file_with_impossible_materials_ends_with_2(tmp_path, capsys, command, values, words):
-    scene = tmp_path / "ice.toml"
-    scene.write_text(COLD.format(**values))
-    assert main([command, str(scene)]) == 2
-    told = capsys.readouterr()
-    assert told.out == ""
-    assert words in told.err
-    assert told.err.count(". ") == 0
-    assert [path.name for path in tmp_path.iterdir()] == ["ice.toml"]  # nothing was begun
-
-
-def test_enthalpies_near_a_reservoir_limit_the_step():
-    """RKL1 overshoots beyond 3; the default of 10 holds for temperatures alone, and for the other schemes."""
-    for scheme, more, number in (
-        ("runge_kutta_legendre", ICE, 3.0),
-        ("runge_kutta_legendre", {}, 10.0),
-        ("implicit", ICE, 10.0),
-    ):
-        plan = make_plan(bar(0.1, scheme=scheme, largest_number=10.0, **more))
-        limit = plan.effects["heat_conduction"].step_limits(plan.grid, plan.effects)["conduction"].length
-        assert limit == pytest.approx(number * NUMBER)
-
-
 # The case
 
 
@@ -379,19 +314,6 @@ def test_ice_melts_as_neumann_says():
 def test_a_sphere_cools_as_the_series_says():
     (row,) = runs.sphere(Context(), "runge_kutta_legendre", 7, (0.5,)).values["rows"]
     assert row["shifted"] < 2 < row["raw"]
-
-
-def test_every_bound_of_the_case_is_held_against_something():
-    """Names of bounds are made of schemes and steps; none may go astray."""
-    slabs = {f"slab_{s}_{n:g}".replace(".", "_") for s in runs.JUDGED_PLAIN for n in runs.NUMBERS if s != "explicit"}
-    named = {name for name in read("heat", VERDICT) if name.startswith("slab_")} - {"slab_error", "slab_drift"}
-    assert named == slabs
-    assert {f"order_{scheme}" for scheme in runs.JUDGED_PLAIN} <= set(read("heat", VERDICT))
-
-
-def test_every_scheme_has_an_operation():
-    names = {name for name in REGISTRY if name.startswith("heat.")}
-    assert len(names) == 10
 
 
 def decay_around_a_box(cells, backend):
@@ -476,14 +398,6 @@ def test_heat_that_drifts_beyond_rounding_is_a_note_and_above_one_percent_a_reas
 def test_heat_that_may_change_ends_no_run(options, monkeypatch):
     lossy(monkeypatch, 1e-3)
     assert ran(bar(**options), 40).steps == 40
-
-
-def test_heat_counts_anew_after_a_temperature_is_set():
-    simulation = ran(bar(), 3)
-    simulation.set_field("temperature", simulation.field("temperature") + 100.0)
-    for _ in range(8):
-        simulation.step()
-    assert not any("heat has changed" in note for note in simulation.notes)
 
 
 def test_one_sided_exchange_stops_unless_its_loss_is_allowed():

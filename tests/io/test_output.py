@@ -168,20 +168,6 @@ def test_frames_that_do_not_fit_are_refused_whole(tmp_path):
     assert len(read_particles(path)) == 2
 
 
-def test_double_positions_no_fields_and_many_frames(tmp_path):
-    """More frames than a chunk of the tables holds, no field at all."""
-    path = tmp_path / "run.vtkhdf"
-    position = np.random.default_rng(0).normal(size=(260, 4, 3))
-    with ParticleWriter(path, {}) as writer:
-        for step in range(260):
-            writer.write(step, position[step, : step % 5])
-    found = read_particles(path)
-    assert len(found) == 260
-    for step in range(260):
-        assert np.array_equal(found[step].position, position[step, : step % 5])
-    assert_vtk(path, [(float(step), position[step, : step % 5], {}) for step in range(260)])
-
-
 def test_frames_larger_than_a_chunk(tmp_path, monkeypatch):
     monkeypatch.setattr(vtkhdf, "CHUNK_ROWS", 64)
     path = tmp_path / "run.vtkhdf"
@@ -191,15 +177,6 @@ def test_frames_larger_than_a_chunk(tmp_path, monkeypatch):
     for found, expected in zip(read_particles(path), frames, strict=True):
         assert_frame(found, expected)
     assert_vtk(path, frames)
-
-
-def test_size_stays_near_that_of_the_data(tmp_path):
-    path = tmp_path / "run.vtkhdf"
-    frames = [frame(step, 5000) for step in range(10)]
-    with ParticleWriter(path, FIELDS) as writer:
-        write_frames(writer, frames)
-    data = sum(position.nbytes + sum(a.nbytes for a in fields.values()) for _, position, fields in frames)
-    assert path.stat().st_size < 1.25 * data
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
@@ -248,33 +225,6 @@ def test_append_drops_later_frames(tmp_path, resume_time, counts):
     for found, expected in zip(read_particles(path), kept + new, strict=True):
         assert_frame(found, expected)
     assert_vtk(path, kept + new)
-
-
-def test_fields_may_have_any_name(tmp_path):
-    path = tmp_path / "run.vtkhdf"
-    fields = {name: np.arange(3.0) for name in ("time", "position", "self", "path", "a b")}
-    with ParticleWriter(path, dict.fromkeys(fields, (1, "float64"))) as writer:
-        writer.write(0.0, np.zeros((3, 3)), **fields)
-    assert read_particles(path)[0].fields.keys() == fields.keys()
-    write_vtp(tmp_path / "frame.vtp", np.zeros((3, 3)), **fields)
-
-
-def test_append_without_a_file_starts_one(tmp_path):
-    path = tmp_path / "run.vtkhdf"
-    with ParticleWriter(path, FIELDS, append=True, resume_time=1.0) as writer:
-        write_frames(writer, [frame(0)])
-    assert_frame(read_particles(path)[0], frame(0))
-
-
-def test_a_new_writer_replaces_the_file_with_its_first_frame(tmp_path):
-    path = tmp_path / "run.vtkhdf"
-    for step in range(2):
-        with ParticleWriter(path, FIELDS) as writer:
-            if step:
-                assert read_particles(path)[0].time == 0.0
-            write_frames(writer, [frame(step)])
-    (found,) = read_particles(path)
-    assert_frame(found, frame(1))
 
 
 def test_append_refuses_what_does_not_fit(tmp_path):
@@ -461,13 +411,6 @@ def test_the_digest_is_that_of_the_file(tmp_path):
             assert again.read_bytes()[8192:] == content[8192:]
 
 
-@pytest.mark.skipif(os.name != "posix", reason="pipes of POSIX")
-def test_a_journal_that_is_a_pipe_is_refused(tmp_path):
-    os.mkfifo(tmp_path / "run.vtkhdf.journal")
-    with pytest.raises(InputError, match="journal is a pipe or a device"):
-        ParticleWriter(tmp_path / "run.vtkhdf", {})
-
-
 def test_one_writer_at_a_time(tmp_path):
     path = tmp_path / "run.vtkhdf"
     with ParticleWriter(path, FIELDS) as writer:
@@ -609,20 +552,6 @@ def test_a_stop_between_any_two_writes(tmp_path, monkeypatch):
     assert not died
     assert allowed > 4
     assert outcomes == {2, 3}
-
-
-def test_what_a_stopped_append_left_at_the_end_is_cut_off(tmp_path):
-    sizes = []
-    for rest in (b"", bytes(100_000)):
-        path = tmp_path / f"run{len(rest)}.vtkhdf"
-        with ParticleWriter(path, FIELDS) as writer:
-            write_frames(writer, [frame(0)])
-        path.write_bytes(path.read_bytes() + rest)
-        with ParticleWriter(path, FIELDS, append=True) as writer:
-            write_frames(writer, [frame(1)])
-        sizes.append(path.stat().st_size)
-        assert_vtk(path, [frame(0), frame(1)])
-    assert sizes[0] == sizes[1]
 
 
 @posix

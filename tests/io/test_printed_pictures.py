@@ -5,7 +5,6 @@ import importlib.util
 import json
 import pathlib
 import sys
-from types import SimpleNamespace
 
 import msgspec
 import numpy as np
@@ -14,32 +13,11 @@ import trimesh
 from PIL import Image
 
 from refsim import make_plan
-from validation.experiments.dong import scene as dong
 
 ROOT = pathlib.Path(__file__).parents[2]
 spec = importlib.util.spec_from_file_location("printed_pictures", ROOT / "scripts" / "printed_pictures.py")
 script = sys.modules.setdefault(spec.name, importlib.util.module_from_spec(spec))
 spec.loader.exec_module(script)
-
-STORED = ROOT / "figures" / "printed"
-
-
-def test_stored_pictures_belong_to_names_and_have_their_numbers():
-    names = {path.stem for path in STORED.glob("*.webp")}
-    assert names
-    assert names <= set(script.PICTURES)
-    assert names == {path.stem for path in STORED.glob("*.json")}
-    pages = "".join(path.read_text() for path in (ROOT / "docs").glob("*.md"))
-    shown = {name for name in names if f"../figures/printed/{name}.webp" in pages}
-    assert {name for name in names if not name.startswith("dong")} <= shown
-
-
-def test_poured_water_has_at_least_100_000_particles_and_none_in_the_solid():
-    for path in STORED.glob("pour_*.json"):
-        data = json.loads(path.read_text())
-        assert data["particles"] >= 100_000
-        assert list(data["arms"]) == ["without tension", "with tension"]
-        assert all(row["inside_solid"] == 0 for rows in data["arms"].values() for row in rows)
 
 
 @pytest.fixture
@@ -85,32 +63,3 @@ def test_solids_are_closed_and_clear_of_the_jet(name, tmp_path):
     placed = next(e for e in scene.effects if e.name == "mesh_boundary").placed(make_plan(scene).grid)
     assert placed.distance(np.asarray(position, dtype=float)).min() > 0.9 * scene.spacing
     assert mesh.bounds[0, 2] >= pour.floor - 1e-9
-
-
-def test_the_statue_is_one_body_20_mm_tall():
-    mesh = script.statue()
-    assert mesh.body_count == 1
-    assert np.ptp(mesh.vertices[:, 2]) == pytest.approx(20e-3, abs=1e-3)
-
-
-def test_levels_of_ice_and_water():
-    grid = np.stack(np.meshgrid(*[np.arange(8.0)] * 3, indexing="ij"), axis=-1).reshape(-1, 3) + 0.5
-    ice = (np.abs(grid[:, :2] - 4).max(1) < 1) & (grid[:, 2] > 4)
-    position = np.concatenate([grid[~ice], grid[ice] + (0.0, 0.0, 0.25)])
-    body = np.where(np.arange(len(position)) < (~ice).sum(), -1, 0)
-    run = SimpleNamespace(spacing=1.0, solid_body=lambda frame: body)
-    assert script.levels(SimpleNamespace(position=position), run) == pytest.approx((4.25, 8.25, 8.0))
-    body[:] = -1
-    low, _, level = script.levels(SimpleNamespace(position=position), run)
-    assert np.isnan(low)
-    assert level == pytest.approx(8.0, abs=0.3)
-
-
-def test_the_finer_block_is_that_of_the_experiment():
-    coarse, fine = dong.block_scene(1, True), script.dong_block(True, 0.6, 1.0)
-    assert fine.effects == coarse.effects
-    assert fine.spacing == pytest.approx(0.5 * coarse.spacing)
-    x, y = (np.asarray(scene.fluid[0].position) for scene in (coarse, fine))
-    assert len(y) == 8 * len(x)
-    assert y.mean(0) == pytest.approx(x.mean(0), abs=1e-3)
-    assert np.ptp(y, axis=0) + fine.spacing == pytest.approx(np.ptp(x, axis=0) + coarse.spacing, rel=5e-3)

@@ -14,7 +14,6 @@ from refsim import (
     Cloud,
     EnergyAudit,
     Gravity,
-    HeatConduction,
     InputError,
     Scene,
     ShapeMatching,
@@ -26,9 +25,8 @@ from refsim import (
     simulate,
 )
 from refsim.core import extras
-from refsim.engine.stock import stock
 from refsim.io.frames import ParticleWriter, read_particles
-from refsim.scene.files import parse_scene, scene_to_dict
+from refsim.scene.files import scene_to_dict
 
 GRID = np.stack(np.meshgrid(np.arange(4) * 0.01, np.arange(5) * 0.01), -1).reshape(-1, 2)
 
@@ -184,27 +182,6 @@ def test_a_time_as_printed_finds_its_frame(tmp_path):
         run.at(1.0001 * run.times[-1])
 
 
-def test_what_effects_keep_account_of_has_units(tmp_path):
-    heated = scene(
-        dim=3,
-        fluid=(Cloud(position=np.hstack([GRID, 0 * GRID[:, :1]])),),
-        effects=(HeatConduction(conductivity=1.0, heat_capacity=1000.0, temperature=20.0),),
-    )
-    simulate(heated, 4e-4, backend="numpy", output=tmp_path / "run")
-    assert open_run(tmp_path / "run").ledger["heat_conduction.heat"]["unit"] == "J"
-
-
-def test_the_start_of_the_ledger_needs_no_computed_volume():
-    """The heat of Shao & Song M11 is a sum over volumes, which particles have from the first step on."""
-    page = (pathlib.Path(__file__).parents[2] / "docs" / "melting.md").read_text()
-    text = page.partition("```toml\n")[2].partition("```")[0]
-    assert "M11" in text
-    start = stock(make_plan(parse_scene(text, "melting.md")))
-    solids = start["effects"]["melting"]["solid_particles"]
-    fluid = start["particles"] - solids
-    assert start["effects"]["heat_conduction"]["heat"] == pytest.approx(0.2**3 * (40.0 * fluid - 10.0 * solids))
-
-
 def test_sorted_rows_are_the_same_particle_in_every_frame(tmp_path):
     run = shuffled(tmp_path / "mixed.vtkhdf")
     assert run[0]["identity"].tolist() != sorted(run[0]["identity"])
@@ -263,24 +240,6 @@ def test_errors_say_what_and_where(folder, tmp_path):
         len(alone.ledger)
 
 
-def test_a_damaged_file_is_found_when_it_is_opened(folder, tmp_path):
-    path = pathlib.Path(shutil.copy(folder / "particles.vtkhdf", tmp_path))
-    content = bytearray(path.read_bytes())
-    content[-100] ^= 1
-    path.write_bytes(content)
-    with pytest.raises(InputError, match="does not match its digest"):
-        open_run(path)
-    assert len(open_run(path, check=False)) == 6
-
-
-def test_a_run_is_shown_in_a_few_lines(folder):
-    run = open_run(folder)
-    assert len(repr(run)) < 1500
-    assert "6, from 0 to 0.002 s" in repr(run)
-    assert "density [kg/m^2], identity [-], mass [kg/m]" in run._repr_html_()
-    assert repr(run[1]) == f"<frame 1 at {run.times[1]:.6g} s: {len(run[1])} particles>"
-
-
 def test_a_missing_extra_is_named(folder, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "xarray", None)
     with pytest.raises(InputError, match="needs the package xarray, which is not installed; run pip install xarray"):
@@ -330,18 +289,3 @@ def test_to_pyvista_takes_any_step_and_its_reader_only_the_first(folder):
     read = pyvista.read(folder / "particles.vtkhdf")
     assert np.array_equal(np.asarray(read.points), run[0].position)
     assert np.array_equal(read.point_data["density"], run[0]["density"])
-
-
-@needs("meshio")
-def test_a_frame_is_a_mesh_of_vertices_for_meshio(folder, tmp_path):
-    """As the page says: meshio reads no VTKHDF."""
-    import meshio
-
-    with pytest.raises(meshio.ReadError):
-        meshio.read(folder / "particles.vtkhdf")
-    frame = open_run(folder)[2]
-    vertices = [("vertex", np.arange(len(frame))[:, None])]
-    meshio.Mesh(frame.position, vertices, point_data={"density": frame["density"]}).write(tmp_path / "frame.vtu")
-    read = meshio.read(tmp_path / "frame.vtu")
-    assert np.array_equal(read.points, frame.position)
-    assert np.array_equal(read.point_data["density"], frame["density"])

@@ -77,9 +77,3 @@ def test_one_after_the_other(tmp_path):
         thread.join()
     assert most == [1] * 6
     assert not list(tmp_path.iterdir())
-
-
-def test_a_folder_without_locks_lets_all_in(tmp_path):
-    (tmp_path / "file").write_text("")
-    with in_turn(tmp_path / "file" / "key.json"):
-        pass

@@ -8,15 +8,13 @@ import pytest
 from scipy.spatial import cKDTree
 from skimage import measure
 
-from refsim import contract
 from refsim.backends.arrays import Backend
 from refsim.core.errors import InputError
 from refsim.isosurface import case_table, extract
 from refsim.isosurface.reference import cell_facets, polygons
 from refsim.isosurface.table import facets, loops
 from refsim.sparse_grid import SparseGrid, nodes
-from refsim.sparse_grid.formulas import node_coordinates, step_node
-from refsim.sparse_grid.reference import Lookup, covering, node_table
+from refsim.sparse_grid.reference import Lookup, covering
 
 CPU = Backend("cpu")
 
@@ -183,11 +181,6 @@ def test_surface_ends_where_nothing_is_known():
     assert all(mesh.vertices[v, 0] == 0 for edge in open_edges for v in edge)
 
 
-def test_level_other_than_zero():
-    mesh = meshed(lambda x: ball(x) + 1, 12, 0.1, 3, level=0.8)
-    assert np.linalg.norm(mesh.vertices, axis=1) == pytest.approx(0.8, rel=5e-3)
-
-
 @pytest.mark.parametrize("values", [np.zeros(0), np.ones(5)], ids=["no nodes", "all outside"])
 def test_nothing_inside_gives_an_empty_mesh(values):
     mesh = extract(CPU, box(2, 3)[: len(values)], values, 0.1, 3)
@@ -233,19 +226,6 @@ def test_blocks_cover_what_they_must_and_no_domain(dim):
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-def test_steps_lead_to_the_nodes_that_they_say(dim):
-    blocks = SparseGrid(CPU, dim, "float32", 0.1).cover(scattered(dim), 1, 1)
-    find = Lookup(blocks)
-    random = np.random.default_rng(1)
-    assert np.array_equal(find(node_table(blocks)), np.arange(nodes(blocks)))
-    for node in random.choice(nodes(blocks), 60):
-        assert node_coordinates(blocks, node) == tuple(find.coordinates[node])
-        shift = random.integers(-4, 5, 3)
-        shift[dim:] = 0
-        assert step_node(blocks, int(node), *map(int, shift)) == find(find.coordinates[node] + shift)
-
-
-@pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize("shift", [0.0, 0.5])
 def test_points_by_cell_are_in_their_cells_in_order(dim, shift):
     position = scattered(dim)
@@ -270,9 +250,3 @@ def test_place_that_is_no_number_stands_in_the_farthest_cell():
     blocks = grid.cover(position, 1, 1)
     assert len(grid.by_cell(position, blocks).point) == len(position)
     assert Lookup(blocks).coordinates[:, 1].min() <= -(1 << 20)
-
-
-def test_cases_take_many_states_and_meet_unknown_nodes():
-    states = set(contract.bindings("isosurface.facets", "numpy", "float64", "all_states")["cell_case"])
-    assert len(states) > 120
-    assert 2 in contract.bindings("isosurface.classify", "numpy", "float64", "narrow_band")["node_state"]

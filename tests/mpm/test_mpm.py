@@ -22,11 +22,8 @@ from refsim import (
     make_plan,
     simulate,
 )
-from refsim.__main__ import main
-from refsim.core.operation import REGISTRY
 from refsim.mpm import Counting, reference
 from refsim.mpm.limits import FARTHEST
-from refsim.surface_energy import Tension, surface_term
 from refsim.surface_energy.effect import CROWDED, OVERFULL, UNEVEN
 from validation.experiments.mpm_droplet.scene import drop_scene, ellipsoid
 from validation.metrics.mpm import CELL, DENSITY, Transfers, ball, round_trip, turning
@@ -41,27 +38,6 @@ def scene(*effects, dim=3, velocity=(0.0, 0.0, 0.0), fluid=None, **options):
 
 
 LIQUID = MpmLiquid(bulk_modulus=1e5)
-
-
-def test_spline_has_its_moments():
-    """sum B = 1, sum B (x_j - x) = 0, sum B (x_j - x)^2 = h^2/4, sum B' = 0, sum x_j B' = 1."""
-    x = np.random.default_rng(2).uniform(-3, 3, (200, 3))
-    background = LIQUID.background(make_plan(scene(LIQUID)).grid)
-    n = len(x)
-    found = {
-        "base_node": np.zeros((n, 3), np.int32),
-        "spline_weight": np.zeros((n, 9)),
-        "spline_slope": np.zeros((n, 9)),
-    }
-    REGISTRY["mpm.weights"].program("cpu")(x, background, *found.values())
-    j = found["base_node"][:, :, None] + np.arange(3)
-    w, s = (found[name].reshape(n, 3, 3) for name in ("spline_weight", "spline_slope"))
-    arm = CELL * j - x[:, :, None]
-    assert np.allclose(w.sum(2), 1, atol=1e-14)
-    assert np.allclose((w * arm).sum(2), 0, atol=1e-14)
-    assert np.allclose((w * arm**2).sum(2), CELL**2 / 4, atol=1e-14)
-    assert np.allclose(s.sum(2), 0, atol=1e-13)
-    assert np.allclose((s / CELL * CELL * j).sum(2), 1, atol=1e-12)
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -111,23 +87,6 @@ def test_readings_of_the_embedding():
     found = round_trip("gradient_corrected")
     assert found["momentum"] > 1e-6
     assert 0.05 < found["gradient"] < 1
-
-
-@pytest.mark.parametrize("dim", [2, 3])
-def test_surface_force_is_an_inner_force(dim):
-    """On this grid, too: sum f = 0, torque 0, -sum f.x = (d - 1) sum k A (virial), and no force without mass."""
-    position, samples = ball(dim)
-    t = Transfers(position, 0 * position, np.zeros((len(position), 9)), samples, 1, dim=dim)
-    t.to_grid()
-    grid, force = t.values["grid"], t.values["node_velocity"]
-    given = [samples[f"sample_{name}"] for name in ("position", "area", "normal")]
-    term = surface_term(Tension(surface_tension=7.0), dim, "float64", CELL)
-    REGISTRY["surface_energy.surface_force"].program("cpu")(*given, grid.sample_cells, grid.blocks, term, force)
-    size = 7.0 * samples["sample_area"].sum()
-    assert abs(force.sum(0)).max() < 1e-11 * size / CELL
-    assert abs(np.cross(t.nodes, force).sum(0)).max() < 1e-11 * size
-    assert -(force * t.nodes).sum() == pytest.approx((dim - 1) * size, rel=1e-12)
-    assert (t.values["node_mass"][abs(force).max(1) > 1e-9 * size] > 0).all()
 
 
 def test_angular_momentum_within_a_step():
@@ -228,14 +187,6 @@ def test_walls_hold_the_liquid(rule):
         assert velocity[:, 0].mean() > 0.3
     if rule == "sticky":
         assert position[:, 0].mean() < 0.5
-
-
-def test_faces_have_their_own_rules():
-    walls = MpmWalls(lower=(0, 0, 0), upper=(1, 1, 1), rule="slip", sticky_faces=("-y",), open_faces=("+z",))
-    nodes = walls.nodes(make_plan(scene(LIQUID)).grid, CELL)
-    assert list(nodes.rules) == [2, 2, 1, 2, 2, 0]
-    assert list(nodes.lower) == [0, 0, 0]
-    assert list(nodes.upper) == [5, 5, 5]
 
 
 def advance(run, steps):
@@ -392,25 +343,6 @@ def test_a_particle_beyond_the_grid_is_bad_input():
         make_plan(scene(LIQUID, fluid=(far,)))
 
 
-PRINTED = ("M3", "M4", "M5", "M6", "M13", "M27")
-
-
-@pytest.mark.parametrize("erratum", PRINTED)
-def test_printed_readings_change_the_run(erratum):
-    def moved(literal):
-        liquid = MpmLiquid(bulk_modulus=1e5, initial_ratio=0.97, literal=literal)
-        run = Simulation(scene(liquid, dim=2, step=1e-4))
-        try:
-            for _ in range(5):
-                run.step()
-        except RunStopped:
-            return None
-        return run.field("position")
-
-    plain, printed = moved(()), moved((erratum,))
-    assert printed is None or abs(plain - printed).max() > 1e-9
-
-
 @pytest.mark.parametrize("surface", [None, 180.0, 60.0])
 def test_velocity_of_before_the_update_knows_no_force(surface):
     """Thesis M7: (4.12) to (4.14) with v^n, which is (mv)^n/m^n of (4.11): a thrown block moves straight on, at any
@@ -437,34 +369,6 @@ def test_a_resumed_run_is_the_same_run(backend):
     )  # fmt: skip
     outcomes = list(contract.resumes(drop, backend))
     assert all(outcome.passed for outcome in outcomes), "\n".join(map(str, outcomes))
-
-
-def test_order_of_the_particles_does_not_matter():
-    """Sorting into cells changes only the order of sums."""
-    position = np.array(list(itertools.product(np.arange(6) * 0.1, repeat=3))) + 0.05
-    velocity = np.sin(7 * position) * 0.3
-    shuffled = np.random.default_rng(4).permutation(len(position))
-    runs = [
-        Simulation(scene(LIQUID, fluid=(Cloud(position=position[order], velocity=velocity[order]),)))
-        for order in (np.arange(len(position)), shuffled)
-    ]
-    for run in runs:
-        for _ in range(20):
-            run.step()
-    assert abs(runs[0].field("position")[shuffled] - runs[1].field("position")).max() < 1e-12
-
-
-def test_plain_liquid_is_its_transfers():
-    """No level set, mesh, sample or spline array, and no launch for them, without surface tension."""
-    plain = Simulation(scene(LIQUID, Gravity(acceleration=(0.0, -9.81, 0.0)), dim=2))
-    plain.step()
-    launched = {name for name in plain.plan.launches() if not name.startswith("sph.")}
-    assert launched == {"mpm.cells", "mpm.particle_to_grid", "mpm.grid_update", "mpm.grid_to_particle"}
-    assert "surface" not in plain._shared
-    grid = plain._parameters["mpm_liquid"]["grid"]
-    assert set(grid.bins) == {"particles"}
-    assert "node_pull" not in grid._storage
-    assert not {"cluster_share", "inverse_spread", "extent"} & set(plain.fields)
 
 
 def strewn(dim, shares):
@@ -527,21 +431,6 @@ def test_run_says_from_when_on_particles_gather(tmp_path, dtype):
     with pytest.raises(RunStopped, match=r"the grid counts 2\.1") as stop:
         Simulation(msgspec.structs.replace(crowded(2.1), dtype=dtype)).step()
     assert stop.value.reason == "clumped"
-
-
-def test_note_of_a_running_simulation_is_printed(tmp_path, capsys):
-    file = tmp_path / "disc.toml"
-    file.write_text(
-        """dim = 2\nspacing = 0.01\nsupport_radius = 0.03\nend_time = 2e-3\n
-        [[fluid]]\nshape = "box"\ncells = [16, 16, 1]\n
-        [effects.mpm_liquid]\nbulk_modulus = 1e4\ninitial_ratio = 1.3\n
-        [effects.surface_energy]\nsurface_tension = 0.07\n"""
-    )
-    assert main(["run", str(file), "--output", str(tmp_path / "run"), "--quiet"]) == 0
-    said = capsys.readouterr().err
-    assert said.count("note: surface_energy: from step 1 on") == 1
-    assert said.count("note:") == 1
-    assert "from step 1 on" in (tmp_path / "run" / "report.json").read_text()
 
 
 @pytest.mark.parametrize("volume", ["ratio", "gradient", "full_gradient"])

@@ -124,12 +124,6 @@ def test_list_of_a_periodic_box_holds_all_pairs(lengths, dtype):
     assert search.programs.missed > 20
 
 
-def test_oracle_is_right_about_a_line():
-    position = np.array([[0.0, 0, 0], [0.5, 0, 0], [1.0, 0, 0], [2.5, 0, 0]])
-    assert [list(r) for r in neighbour_list(position, 1.0)] == [[1], [0, 2], [1], []]
-    assert [list(r) for r in neighbour_list(position, 1.0, rows=[2])] == [[1]]
-
-
 def test_order_is_a_stable_permutation():
     """Particles of one cell keep their order, so that a rebuild moves no particle without need."""
     case = cases.CASES["large"]()
@@ -191,11 +185,6 @@ def test_a_collapsed_clump_stops_the_run():
     with pytest.raises(RunStopped, match="collapsed") as stopped:
         search.build(position[search.order(position)])
     assert stopped.value.reason == "collapsed"
-
-
-def test_negative_skin_is_refused():
-    with pytest.raises(InputError, match="skin"):
-        NeighbourSearch(CPU, 3, "float64", 1.0, -0.1)
 
 
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
@@ -292,13 +281,6 @@ def test_list_is_kept_until_half_the_skin_is_used_up():
     assert simulation.search.log.missed_neighbours == 0
 
 
-def test_without_a_skin_every_step_builds_a_list():
-    simulation = Simulation(falling_box(step=1e-3, skin=0.0))
-    for _ in range(5):
-        simulation.step()
-    assert simulation.search.log.rebuilds == 5
-
-
 def test_between_rebuilds_no_neighbour_is_missed():
     """A hot cloud: at every step the list holds every pair nearer than the support radius."""
     random = np.random.default_rng(5)
@@ -325,33 +307,6 @@ def test_between_rebuilds_no_neighbour_is_missed():
             for row, near in zip(rows(listed), expected):
                 assert set(near) <= set(row)
     assert 2 < len(used) < 30
-
-
-def test_audit_finds_a_planted_gap():
-    """A list from which one neighbour of one particle was taken: the audit of all rows counts exactly that."""
-    case = cases.CASES["coincident_pair"]()
-    search, position, listed = ordered(case, "float64")
-    still = np.zeros_like(position)
-
-    def audited(neighbours):
-        before = search.programs.missed
-        for search.log.rebuilds in range(40):  # another row every time
-            search.audit(position, still, np.zeros(2), neighbours)
-        return search.programs.missed - before
-
-    assert audited(listed) == 0
-    assert search.log.audited_rows == 40 * AUDITED_ROWS
-    near = neighbour_list(position, search.radius)
-    victim = max(range(len(near)), key=lambda i: len(near[i]))
-    index, count = listed.entries.copy(), listed.count.copy()
-    row = slice(listed.start[victim], listed.start[victim] + listed.count[victim])
-    others = [j for j in index[row] if j != near[victim][0]]
-    index[row.start : row.start + len(others)] = others
-    count[victim] -= 1
-    share = len(position) // AUDITED_ROWS  # a row out of each share; which one follows from the builds
-    hits = sum(victim % share == built * 7919 % share and victim < AUDITED_ROWS * share for built in range(40))
-    assert hits > 0
-    assert audited(NeighbourRows(listed.start, count, index)) == hits
 
 
 def test_audit_looks_where_the_list_was_last_used():

@@ -15,7 +15,6 @@ from refsim.render.looks import Camera, camera_of, cut_of, level_axes
 from refsim.render.pictures import Look, Series, write_film, write_pictures
 from refsim.render.plane import loops
 from refsim.render.saved_run import chosen_frames, open_run
-from refsim.render.space import bar_length
 from refsim.render.surfaces import surface_around
 
 SMALL = (320, 240)
@@ -26,7 +25,6 @@ def missing(name):
 
 
 needs_pyvista, needs_ffmpeg = missing("pyvista"), missing("imageio_ffmpeg")
-needs_splash = missing("pysplashsurf")
 
 
 def lattice(counts, spacing=1.0):
@@ -73,21 +71,6 @@ def test_the_surface_of_a_ball_encloses_its_volume():
     assert radius.std() < 0.2
 
 
-def test_the_surface_is_as_near_whatever_the_scale_and_the_place():
-    x = lattice((6, 6, 6))
-    first = surface_around(x, 1.0)
-    moved = surface_around(1e-4 * (x + 40.0), 1e-4)
-    assert np.abs(1e4 * moved.vertices.astype(float) - 40 - first.vertices).max() < 1e-2
-
-
-def test_particles_far_apart_have_surfaces_of_their_own():
-    x = np.array([[0.0, 0.0, 0.0], [3.0, 0.0, 0.0], [10.0, 10.0, 10.0]])
-    mesh = surface_around(x, 1.0)
-    nearest = np.linalg.norm(mesh.vertices[:, None] - x[None], axis=2).min(1)
-    assert nearest.max() < 0.7
-    assert is_closed(mesh.facets)
-
-
 def test_the_surface_reaches_to_a_solid_and_not_beyond():
     x = lattice((10, 10, 6)) + [0.0, 0.0, 0.4]  # the lowest particles are 0.9 off the plane z = 0
     mesh = surface_around(x, 1.0, wall=lambda points: points[:, 2])
@@ -110,14 +93,6 @@ def test_lines_in_the_plane_close():
     found = loops(mesh.facets)
     assert len(found) == 2
     assert sorted(np.concatenate(found).tolist()) == sorted(mesh.facets[:, 0].tolist())
-
-
-@needs_splash
-def test_pysplashsurf_gives_nearly_the_same_surface():
-    from refsim.render.surfaces import splash_surface
-
-    x = 1e-2 * lattice((12, 12, 12))
-    assert volume(splash_surface(x, 1e-2)) == pytest.approx(volume(surface_around(x, 1e-2)), rel=0.15)
 
 
 # Cameras, cuts and lists of frames
@@ -161,11 +136,6 @@ def test_other_lists_of_frames_are_refused_in_a_sentence(words):
         chosen_frames(words, 10)
 
 
-@pytest.mark.parametrize("width, length", [(1.0, 0.2), (0.041, 0.01), (7.9, 1.0), (3e-6, 5e-7)])
-def test_the_scale_bar_is_a_round_length_of_at_most_a_quarter(width, length):
-    assert bar_length(width) == pytest.approx(length)
-
-
 # Runs read back
 
 
@@ -186,16 +156,6 @@ def test_quantities_have_values_and_units(in_plane):
     for wrong in ("colour", "identity", "velocity.w", "mass.x"):
         with pytest.raises(InputError):
             run.values(frame, wrong)
-
-
-def test_frames_come_whatever_the_memory(in_plane, monkeypatch):
-    run = open_run(in_plane)
-    whole = list(run.frames([0, 2, 3]))
-    monkeypatch.setattr("refsim.render.saved_run.READ_AT_ONCE", 1)
-    pieces = list(run.frames([0, 2, 3], ["pressure"]))
-    assert [frame.time for frame in pieces] == [run.times[k] for k in (0, 2, 3)]
-    assert all((a.position == b.position).all() for a, b in zip(whole, pieces))
-    assert set(pieces[0].fields) == {"identity", "pressure"}
 
 
 def test_the_distance_from_walls_is_that_of_the_tank(in_plane):
@@ -303,18 +263,6 @@ def test_the_camera_is_the_same_over_all_frames(in_space):
         assert moved.any()
 
 
-@needs_pyvista
-def test_a_picture_is_the_same_again(in_space):
-    assert differ(picture(in_space, 1), picture(in_space, 1)) == 0
-
-
-@needs_pyvista
-@needs_splash
-def test_pysplashsurf_draws_the_liquid(in_space):
-    own, other = (blue(picture(in_space, 0, surface=name)) for name in ("isosurface", "pysplashsurf"))
-    assert other == pytest.approx(own, rel=0.25)
-
-
 # Files and commands
 
 
@@ -396,11 +344,3 @@ def test_an_absent_extra_is_named_in_a_sentence(in_space, in_plane, tmp_path, mo
     with pytest.raises(InputError, match="films need"):
         write_film(in_space, Look(), output=tmp_path / "a.mp4")
     assert not list(tmp_path.iterdir())
-
-
-def test_nothing_heavy_is_imported_before_it_is_used():
-    import subprocess
-
-    words = "import sys, refsim.render.view, refsim.render.pictures, refsim.__main__ as m; m.discover()"
-    words += "; print([n for n in ('pyvista', 'vtk', 'imageio_ffmpeg', 'matplotlib', 'numba') if n in sys.modules])"
-    assert subprocess.run([sys.executable, "-c", words], capture_output=True, text=True).stdout.strip() == "[]"

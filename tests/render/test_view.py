@@ -11,7 +11,7 @@ import pytest
 from refsim import Box, Gravity, InputError, Scene, Simulation, WeaklyCompressible
 from refsim.__main__ import main
 from refsim.io.frames import ParticleWriter, read_particles
-from refsim.render.view import FIELDS, _page, view
+from refsim.render.view import FIELDS, view
 from tests.render.browser import Browser, chromium
 
 needs_chromium = pytest.mark.skipif(chromium() is None, reason="Chromium is not installed")
@@ -90,20 +90,6 @@ def test_a_large_run_makes_a_file_of_at_most_60_megabytes(tmp_path):
     assert len(head(page.html)["fields"]) == FIELDS
     assert page.left_out
     assert len(page.html.encode()) < LARGEST / 10
-
-
-def test_a_scene_named_like_a_mark_of_the_page_keeps_its_name():
-    page = _page("@HEAD@ <@DATA@>", {"name": "</script>@DATA@@TITLE@"}, {"places": b"some"})
-    assert "<title>@HEAD@ &lt;@DATA@&gt;</title>" in page
-    assert head(page) == {"name": "</script>@DATA@@TITLE@"}
-    assert blob(page, "places") == b"some"
-
-
-def test_a_notebook_shows_the_page_in_a_frame(in_plane):
-    shown = view(in_plane, frames="0", fields=["pressure"])._repr_html_()
-    assert shown.startswith("<iframe srcdoc=")
-    assert "<canvas" not in shown  # it is escaped
-    assert "&lt;canvas" in shown
 
 
 @pytest.mark.parametrize(

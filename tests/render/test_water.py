@@ -56,14 +56,6 @@ def test_an_opaque_body_ends_the_water():
     assert not length.any()
 
 
-def test_nothing_is_seen_of_what_lies_outside_of_the_picture():
-    box = trimesh.creation.box((1.0, 1.0, 1.0))
-    box.apply_translation((50.0, 0.0, 0.0))
-    length, wet, _ = seen(box)
-    assert not wet.any()
-    assert not length.any()
-
-
 def image_through(thickness, colour=(0.16, 0.47, 0.78), normal=(0.0, -1.0, 0.0), behind=None):
     """What is seen of an image through water of even thickness [m]."""
     behind = np.full((*SHAPE, 3), 0.8) if behind is None else behind
@@ -79,11 +71,6 @@ def test_a_film_is_clear_and_deep_water_has_its_own_colour():
     assert np.abs(film - 0.8).max() < 0.02
     r, g, b = deep[30, 40]
     assert r < g < b < 0.6
-
-
-def test_other_liquids_keep_their_colour():
-    r, g, b = image_through(50.0, colour=(0.90, 0.55, 0.10))[30, 40]
-    assert r > g > b
 
 
 def test_refraction_moves_what_is_behind_against_the_slope():

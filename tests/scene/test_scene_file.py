@@ -64,10 +64,6 @@ def test_a_scene_file_is_the_scene_in_python():
     assert parse_scene(SCENE, "tank.toml") == expected
 
 
-def test_a_scene_file_may_name_its_version():
-    assert parse_scene(f"version = 1\n{SCENE}", "tank.toml") == parse_scene(SCENE, "tank.toml")
-
-
 def test_toml_gives_the_same_scene_back_bit_for_bit():
     scene = Scene(
         name='a "name" \\ with\nlines, é and \U0001f4a7 and \x7f',
@@ -118,10 +114,6 @@ def test_examples_load_and_plan(path, capsys):
     beside = {"mpm_droplet": "blocks that the background grid gains", "mesh_boundary": "distances in a band"}
     words = "Not counted, since it follows the run: " + beside.get(path.stem, "")
     assert (words in told) == (path.stem in beside)
-
-
-def test_there_are_examples():
-    assert EXAMPLES
 
 
 @pytest.mark.parametrize(
@@ -205,8 +197,3 @@ def test_the_schema_has_units_and_knows_the_examples():
     for entry in [schema, *schema["$defs"].values()]:
         assert entry["additionalProperties"] is False
         assert all("description" in field for field in entry["properties"].values())
-
-
-def test_schema_command(capsys):
-    assert main(["schema"]) == 0
-    assert json.loads(capsys.readouterr().out)["title"] == "refsim scene"

@@ -108,22 +108,6 @@ def test_rotation_is_the_best_proper_one(name, before, dtype):
     assert (r * a).sum() >= best_trace(a) - (40 * eps + 1e-6) * size
 
 
-@pytest.mark.parametrize("name", ["line turned", "sheet turned", "cube turned"])
-def test_reference_finds_the_same_rotation(name):
-    position, cells = SHAPES[name]
-    made = lattice_of([np.array(cells)])
-    back = [list(map(tuple, np.array(cells).tolist())).index(tuple(cell)) for cell in made.cell.tolist()]
-    x = position[back]
-    region = np.full((1, 27), -1)
-    offset = made.cell - made.cell[back.index(0)]
-    region[0, (offset + 1) @ [9, 3, 1]] = np.arange(len(x))
-    matching = Matching(1, 1.0, 1.0, 0.1, 1e-9, 1e-9)
-    before = np.tile(quaternion([3, -1, 2], 60), (len(x), 1))
-    answer = reference.match(x, np.ones(len(x)), np.tile(region, (len(x), 1)), matching, before)["rotation"][0]
-    q, _ = matched(position, cells, tuple(before[0]))
-    assert min(np.abs(q - answer[back.index(0)]).max(), np.abs(q + answer[back.index(0)]).max()) < 1e-5
-
-
 PROGRAMS = ("cpu", "cpu:fast")
 COLLAPSES = {  # members' places from their node [d], from their cells and a direction u and another v
     "a point": lambda g, u, v: 0 * g,
@@ -308,19 +292,6 @@ def test_summation_methods_give_the_same_motion():
     assert np.abs(ends[2] - ends[0]).max() < 2e-5
 
 
-def test_the_plan_says_that_a_cpu_has_no_reduction():
-    def notes(**options):
-        solid = (SolidBox(lower=(0, 0, 0), upper=(0.6, 0.6, 0.6)),)
-        scene = Scene(
-            spacing=0.2, support_radius=0.5, fluid=(), solid=solid, effects=(ShapeMatching(**options),), step=0.005
-        )
-        return make_plan(scene).notes
-
-    assert any("on a CPU regions are summed as with 'gather'" in note for note in notes(summation="reduction"))
-    assert not notes(summation="gather")
-    assert not notes()
-
-
 def test_fast_sums_are_exact_far_from_the_first_particle():
     """float32, two particles that spin 4 m from their body's first one: sums taken from there need float64.
 
@@ -338,37 +309,6 @@ def test_fast_sums_are_exact_far_from_the_first_particle():
         simulation.step()
         fastest.append(np.linalg.norm(simulation.field("velocity"), axis=1).max())
     assert max(fastest) < 1.05 * np.linalg.norm(kick, axis=1).max()
-
-
-FRAGMENTS = {
-    "one particle": [[0, 0, 0]],
-    "two particles": [[0, 0, 0], [1, 1, 1]],
-    "chain of seven": [[k, 0, 0] for k in range(7)],
-    "sheet of 49": [[a, b, 0] for a in range(7) for b in range(7)],
-    "plate one layer thick with a hole": [[a, b, 0] for a in range(5) for b in range(5) if (a, b) != (2, 2)],
-    "two pieces of one body": [[0, 0, 0], [1, 0, 0], [9, 0, 0], [9, 1, 0]],
-}
-
-
-@pytest.mark.parametrize("name", FRAGMENTS)
-def test_fragments_fall_as_one(name):
-    """Chains, sheets, pairs and single particles fall freely and keep their shape."""
-    simulation = free((SolidCells(cells=FRAGMENTS[name]),), 200, gravity=(0.0, 0.0, -9.81), dtype="float32")
-    start = free((SolidCells(cells=FRAGMENTS[name]),), 0)
-    moved = simulation.field("position").astype(float) - start.field("position")
-    assert np.isfinite(moved).all()
-    assert np.allclose(moved, [0, 0, -4.905], atol=1e-4)
-
-
-def test_bodies_one_cell_apart_are_not_welded():
-    """Two boxes whose cells touch fly apart as if the other were not there."""
-    left = SolidBox(lower=(0, 0, 0), upper=(0.6, 0.6, 0.6), velocity=(-1.0, 0.0, 0.0))
-    right = SolidBox(lower=(0.6, 0, 0), upper=(1.2, 0.6, 0.6), velocity=(1.0, 0.0, 0.0))
-    simulation = free((left, right), 100)
-    v = simulation.field("velocity")
-    assert np.allclose(v[:27], [-1, 0, 0], atol=1e-12)
-    assert np.allclose(v[27:], [1, 0, 0], atol=1e-12)
-    assert (simulation.field("phase") == 1).sum() == 52, "each has one particle inside"
 
 
 # Coupling

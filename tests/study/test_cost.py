@@ -12,7 +12,6 @@ from refsim import Box, BoxWalls, Gravity, Scene, Simulation, WeaklyCompressible
 from refsim.__main__ import main
 from refsim.commands.plan import describe_plan
 from refsim.study import cost
-from refsim.study.memory import bytes_of
 from refsim.study.refine import refined
 
 
@@ -106,14 +105,6 @@ def test_on_a_gpu_whole_steps_are_timed_with_and_without_a_list_build(monkeypatc
     assert cost._whole_steps(run) == pytest.approx(expected)
 
 
-def test_all_pairs_are_quadratic():
-    plan = make_plan(tank(20))
-    sizes = [(50, {"a": 1e-3}), (200, {"a": 16e-3})]
-    course = dataclasses.replace(made().course, seconds={}, builds=0)
-    found = cost.estimate(plan, made("numpy", sizes=sizes, course=course))
-    assert found.stages["a"] / found.steps == pytest.approx(16e-3 * 16, rel=1e-2)
-
-
 def test_limits_that_follow_the_spacing_otherwise():
     """Accelerations grow as 1/d, so that their step falls as d; diffusion's step falls as its square."""
     course = dataclasses.replace(made().course, acceleration=[1e5, 1e5], speed=[0.0, 0.0])
@@ -133,14 +124,6 @@ def test_a_fixed_step_and_a_short_course():
     assert "was measured to 0.05 of 0.1 s" in found.note
     stopped = dataclasses.replace(made().course, stopped="In step 3 it diverged.")
     assert "In step 3" in cost.estimate(make_plan(tank(20)), made(course=stopped)).note
-
-
-def test_bytes_are_the_plan_s():
-    plan = make_plan(tank())
-    assert bytes_of(plan, "numpy")["neighbour_list"] == 0
-    found = bytes_of(plan, "cpu")
-    assert found["total"] == sum(value for name, value in found.items() if name != "total")
-    assert found == describe_plan(plan, "cpu")["bytes"]
 
 
 @pytest.fixture

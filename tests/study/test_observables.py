@@ -1,6 +1,5 @@
 """Observables against other programs, and what is said of those that are not there."""
 
-import numpy as np
 import pytest
 
 from refsim import Box, Gravity, InputError, Scene, Simulation, WeaklyCompressible, make_plan
@@ -95,21 +94,3 @@ def test_what_is_not_there_gets_a_sentence(simulation, name, words):
 def test_a_point_without_particles(simulation):
     with pytest.raises(InputError, match="no particle is within the support radius"):
         value(simulation, "field:density@5,5")
-
-
-def test_reading_does_not_change_the_run(simulation):
-    before = {name: np.array(simulation.field(name)) for name in ("position", "velocity")}
-    value(simulation, "field:density@0.03,0.03")
-    value(simulation, "front")
-    assert all((simulation.field(name) == values).all() for name, values in before.items())
-
-
-def test_a_file_in_another_encoding_is_read_as_python_reads_it(simulation, tmp_path):
-    (tmp_path / "own.py").write_bytes(b"# -*- coding: latin-1 -*-\n# caf\xe9\ndef f(s):\n    return 2.0\n")
-    assert value(simulation, f"{tmp_path / 'own.py'}:f") == 2
-
-
-def test_a_function_that_ends_the_program_is_told(simulation, tmp_path):
-    (tmp_path / "own.py").write_text("import sys\n\ndef f(s):\n    sys.exit(0)\n")
-    with pytest.raises(InputError, match=r"it cannot be read \(SystemExit: 0\)"):
-        value(simulation, f"{tmp_path / 'own.py'}:f")

@@ -3,19 +3,16 @@
 import math
 
 import msgspec
-import numpy as np
 import pytest
 
 from refsim.core.errors import InputError
-from refsim.engine.simulation import Simulation
 from refsim.scene.plan import make_plan
 from refsim.study.choice import Candidate, candidates, choose, instability, kinds, least_error, unsettled
 from refsim.study.observables import observable_of
 from refsim.study.panels import FOLDER, OWN, About, Panel, Place, Point, abouts, as_text, panel, parse
 from refsim.study.panels import measured as measuring
-from refsim.study.panels.measured import broken, measured, merged, observable
-from refsim.study.panels.observables import kept
-from refsim.study.panels.scenes import packaged, scene_of, shaken
+from refsim.study.panels.measured import measured, merged
+from refsim.study.panels.scenes import packaged, scene_of
 from refsim.study.runs import Reading, Setting, measure
 
 STEADY = [1.0, 1.01, 0.99, 1.0, 1.005]
@@ -189,21 +186,6 @@ def test_stored_panels_are_whole(name):
         assert bool(of.places[p.place].device) == p.gpu
 
 
-def test_bars_that_stored_points_break():
-    """Single drops of 24 spacings differ from their mean by more: each keeps a part of its frozen order."""
-    assert [sentence.split(":")[0] for name in abouts() for sentence in broken(panel(name))] == [
-        "surface_tension_jump, akinci_r24"
-    ]
-
-
-def test_what_was_measured_holds_what_is_said_of_it():
-    heat, spin, drop = (panel(name).points for name in ("heat", "spinning_body", "droplet"))
-    assert heat["runge_kutta_legendre_8"].knobs["passes"] <= 1.4  # (s^2 + s - 2)/4 >= 27.4: 11 stages for a step of 8
-    assert spin["n6_w2_s800"].error <= 0.25 * spin["n6_w2_s200"].error  # first order in the step
-    own = min(s for c in kinds(panel("droplet"))["cpu"] if (s := c.seconds(0.005)) is not None)
-    assert own < min(np.median(p.seconds) for p in drop.values() if p.program != OWN)
-
-
 @pytest.mark.parametrize("text", ["{}", "[1]", '{"schema": "another"}', "no json"])
 def test_another_file_is_refused_with_a_sentence(text):
     with pytest.raises(InputError, match="no stored panel"):
@@ -280,16 +262,6 @@ def test_what_cannot_be_measured_is_said(monkeypatch):
     assert "d = L/10, float32, cpu: collapsed." in found.text()
 
 
-def test_readings_start_from_displaced_particles_where_the_panel_says_so():
-    scene = packaged("front")
-    lattice = make_plan(scene).state.position
-    once, again, other = (shaken(scene, seed).fluid[0].position for seed in (1, 1, 2))
-    assert (once == again).all()
-    assert not (once[:, :2] == other[:, :2]).any()
-    assert np.sqrt(((once - lattice)[:, :2] ** 2).mean()) == pytest.approx(0.01 * scene.spacing, rel=0.2)
-    assert (once[:, 2] == lattice[:, 2]).all()
-
-
 # Observables that watch a run
 
 
@@ -319,13 +291,3 @@ def test_an_observable_is_read_at_its_moments_and_reduced():
     assert found.steps >= 20
     broken_times = observable_of(watching(lambda scene: 1 / 0, reduce), plan)
     assert "cannot be read (ZeroDivisionError" in measure(Setting("", "", 1.0, scene, "cpu"), broken_times).failed
-
-
-def test_panels_observables_are_files_functions():
-    plan = make_plan(packaged("droplet"))
-    found = observable_of(observable("droplet"), plan)
-    assert found.name == "observables.droplet"
-    assert len(found.moments(plan.scene)) == 46
-    assert found.sample(Simulation(plan, "numpy")) == pytest.approx(0.148, abs=0.01)  # of a cube
-    assert kept(np.arange(6), [9.0, 5.0, 4.0, 3.0, 1.0, 2.0]) == 2.0
-    assert math.isnan(kept(np.arange(3), [1.0, 1.0, math.nan]))

@@ -4,7 +4,6 @@ import json
 import os
 import shutil
 import sys
-import time
 from pathlib import Path
 
 import msgspec
@@ -283,40 +282,3 @@ def test_bytes_are_counted_once_and_are_those_that_a_run_allocates(dtype):
     assert plan.bytes_of_fields() == fields
     assert bytes_of(plan, "cpu")["fields"] == sum(fields.values())
     assert {name: f["bytes"] for name, f in describe_plan(plan, "cpu")["fields"].items()} == fields
-
-
-def test_a_particle_of_a_plane_scene_has_the_mass_of_its_area():
-    """Heat alone, in 2D and 3D: rho d^dim, of solids too."""
-    for dim, cells in ((2, (3, 3, 1)), (3, (3, 3, 3))):
-        scene = Scene(
-            dim=dim, spacing=0.1, support_radius=0.25, fluid=(Box(cells=cells),),
-            effects=(HeatConduction(density=800.0),),
-        )  # fmt: skip
-        assert make_plan(scene).state.mass == pytest.approx(800.0 * 0.1**dim)
-
-
-@pytest.mark.parametrize(("dtype", "noticed"), [("float32", False), ("float64", True)])
-def test_rounding_is_that_of_the_precision_of_the_scene(dtype, noticed, monkeypatch):
-    """An audit forgives a rise of 1e-7 of the energies' sizes in float32, and notices it in float64."""
-    simulation = Simulation(block(dtype=dtype, energy_audit=refsim.EnergyAudit(every=1, bound=1e9)), "numpy")
-    simulation.step()
-    auditor = simulation.auditor
-    parts = auditor.energies()
-    total, size = (sum(part[k] for part in parts.values()) for k in (0, 1))
-    rise = auditor.lowest - total + 1e-7 * size
-    kinetic = parts["kinetic"]._replace(value=parts["kinetic"].value + rise)
-    monkeypatch.setattr(auditor, "energies", lambda: parts | {"kinetic": kinetic})
-    auditor.greatest_share = 0.0
-    auditor.look()
-    assert (auditor.greatest_share > 0) == noticed
-
-
-def test_the_total_of_a_report_holds_the_set_up(monkeypatch):
-    own = Simulation.__init__
-
-    def slowly(self, *arguments, **options):
-        time.sleep(0.3)
-        own(self, *arguments, **options)
-
-    monkeypatch.setattr(Simulation, "__init__", slowly)
-    assert refsim.simulate(block(), backend="numpy").seconds["total"] >= 0.3

@@ -2,7 +2,6 @@
 
 import itertools
 
-import msgspec
 import numpy as np
 import pytest
 
@@ -10,8 +9,6 @@ from refsim import (
     Ball,
     Box,
     Cloud,
-    Gravity,
-    HeatConduction,
     InputError,
     MpmLiquid,
     Scene,
@@ -140,16 +137,6 @@ def test_a_ball_with_a_mass_keeps_its_density_and_its_volume():
     assert density[1] == pytest.approx(1000.0, rel=0.002)
 
 
-def test_a_solid_with_a_mass_keeps_its_cells():
-    body = SolidBox(lower=(0.0,) * 3, upper=(0.3,) * 3, density=500.0)
-    made = [
-        make_plan(Scene(spacing=0.1, support_radius=0.25, fluid=(), solid=(each,), effects=(LIQUID, ShapeMatching())))
-        for each in (body, msgspec.structs.replace(body, mass=15.0))
-    ]
-    assert np.array_equal(made[0].state.position, made[1].state.position)
-    assert made[1].state.mass.sum() == pytest.approx(15.0, rel=1e-12)
-
-
 @pytest.mark.parametrize("mass", [0.0, -1.0, 1e9, 1e-3, float("nan")])
 def test_a_mass_that_does_not_fit_is_refused(mass):
     solid = {"solid": (SolidBox(lower=(0.0,) * 3, upper=(0.3,) * 3, mass=mass),), "effects": (LIQUID, ShapeMatching())}
@@ -212,12 +199,3 @@ def test_boxes_without_a_common_divisor():
 def test_impossible_levels_get_a_sentence(given):
     with pytest.raises(InputError, match="is not possible; give"):
         spaced(scene_of(), *given)
-
-
-def test_a_reader_is_told_of_coefficients_of_one_spacing():
-    from refsim import Akinci2013
-
-    own = scene_of(effects=(LIQUID, Akinci2013(gamma=1.0)))
-    assert any("akinci_2013" in note for note in notes(own, (1.0,)))
-    body = msgspec.structs.replace(own, effects=(LIQUID, ShapeMatching(), HeatConduction(), Gravity()))
-    assert any("half_width" in note for note in notes(body, (1.0,)))

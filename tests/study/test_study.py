@@ -6,7 +6,6 @@ import shutil
 import sys
 import threading
 import time
-import types
 
 import msgspec
 import numpy as np
@@ -23,7 +22,6 @@ from refsim import (
     MpmLiquid,
     RunStopped,
     Scene,
-    Simulation,
     WeaklyCompressible,
 )
 from refsim.__main__ import main
@@ -31,7 +29,6 @@ from refsim.io.store import in_turn
 from refsim.study import runs
 from refsim.study.observables import observable_of
 from refsim.study.refine import refined
-from tests.render.browser import Browser, chromium
 
 SCENE = """
 spacing = 0.01
@@ -338,12 +335,6 @@ def test_a_key_follows_what_changes_a_number():
     assert runs.key_of(titled, one, None, None) == keys[0]
 
 
-def test_held_bytes_are_those_of_the_fields():
-    simulation = Simulation(block(), "numpy")
-    fields = sum(array.nbytes for array in simulation.fields.values())
-    assert fields <= runs.held_bytes(simulation) < 1.5 * fields + 2000
-
-
 @pytest.mark.parametrize(
     "more, words",
     [
@@ -359,14 +350,6 @@ def test_bad_input_gets_a_sentence(more, words):
         studied("front", **more)
 
 
-def test_table_is_a_data_frame_where_pandas_is(monkeypatch):
-    found = studied(manufactured(2))
-    monkeypatch.setitem(sys.modules, "pandas", None)
-    assert found.table() == found.rows()
-    monkeypatch.setitem(sys.modules, "pandas", types.SimpleNamespace(DataFrame=lambda rows: ("frame", rows)))
-    assert found.table() == ("frame", found.rows())
-
-
 def test_the_report_is_one_file(tmp_path):
     found = studied(manufactured(2), knobs=("spacing", "precision", "effects"), command="refsim study x")
     text = found.report(tmp_path / "study.html").read_text()
@@ -379,22 +362,6 @@ def test_the_report_is_one_file(tmp_path):
     figure = found.plot()
     assert len(figure.axes) == 3
     assert [line.get_xdata()[0] for line in figure.axes[0].lines[:1]] == [found.runs[0][0].scene.spacing]
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(chromium() is None, reason="Chromium is not installed")
-def test_the_report_fits_a_phone(tmp_path):
-    """Of 390 pixels; picture and table scroll in their boxes."""
-    found = studied(manufactured(2), knobs=("spacing", "precision", "effects"), command=f"refsim study {'x' * 90}")
-    browser = Browser(tmp_path / "browser")
-    try:
-        browser.call("Emulation.setDeviceMetricsOverride", width=390, height=844, deviceScaleFactor=1, mobile=True)
-        browser.open(found.report(tmp_path / "study.html"))
-        assert browser.value("[innerWidth, document.documentElement.scrollWidth]") == [390, 390]
-        assert browser.value("document.images[0].width") == 60 * 15
-        assert browser.value("document.querySelector('table').offsetWidth") > 390
-    finally:
-        browser.close()
 
 
 # The command
@@ -444,13 +411,6 @@ def test_a_run_that_fails_at_every_level_is_exit_code_3(file, capsys):
     (file / "tank.toml").write_text(fast)
     assert run("--observable", "front", "--knobs", "spacing", "--quiet") == 3
     assert "no spacing gave a value" in capsys.readouterr().out
-
-
-def test_the_scene_is_not_changed():
-    scene = block()
-    before = msgspec.structs.asdict(scene)
-    studied("front", scene=scene, knobs=())
-    assert msgspec.structs.asdict(scene) == before
 
 
 def test_a_study_by_a_scheduler_needs_a_folder_and_a_text():

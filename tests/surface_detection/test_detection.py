@@ -11,21 +11,11 @@ from refsim import Ball, Box, BoxWalls, Cloud, InputError, Scene, Simulation, Su
 from refsim.core import cases
 from refsim.core.effect import EFFECTS, Discretisation, Effect
 from refsim.core.operation import REGISTRY
-from refsim.core.walls import WallParticles
 from refsim.scene.plan import make_plan
-from refsim.smoothing import smoothing
-from refsim.smoothing.reference import kernel_value
-from refsim.sph import Fluid
-from refsim.sph.reference import density as reference_density
 from refsim.surface_detection import (
     FanScan,
-    NearSurfaceLimit,
-    ThinFeature,
     detection_in,
-    half_space_moment,
-    two_layer_variance,
 )
-from refsim.surface_normal import NormalTerm
 from validation.metrics.surface_truth import arc_cover_surface, cap_cover_surface
 
 METHODS = ("number_density", "fan_scan", "two_step")
@@ -107,14 +97,6 @@ def test_faces_of_a_block_are_found_exactly_in_3d():
     np.testing.assert_array_equal(surface(position, dim=3), truth)
 
 
-def test_number_density_alone_takes_a_second_layer_in():
-    position = disc()
-    truth = arc_cover_surface(position[:, :2], PROBE)
-    found = surface(position, method="number_density")
-    assert found[truth].all()
-    assert found.sum() > truth.sum()
-
-
 @pytest.mark.parametrize("seed", [1, 2])
 def test_two_steps_find_what_both_of_them_find(seed):
     position = np.random.default_rng(seed).uniform(0, 18, (250, 3)) * [1, 1, 0]
@@ -144,20 +126,6 @@ def test_a_pressed_surface_is_lopsided_though_it_is_as_dense_as_the_bulk(dim):
     np.testing.assert_array_equal(found[count:], edge > 0)
     printed = surface(pressed, dim=dim, literal=("E23",))
     assert not printed[faces].any()
-
-
-@pytest.mark.parametrize("dim", [2, 3])
-@pytest.mark.parametrize("kernels", ["wendland", "mueller"])
-def test_half_space_moment_is_that_of_a_plane_surface(dim, kernels):
-    """On a fine lattice: a particle on the cut has half the sum, its first moment is M."""
-    fluid = WeaklyCompressible(sound_speed=1.0, kernels=kernels)
-    grid = Discretisation(dim, "float64", 1.0, 8.0, 0)
-    axis = np.arange(-9.0, 10.0)
-    points = np.stack(np.meshgrid(axis, axis, axis if dim == 3 else [0.0], indexing="ij"), axis=-1).reshape(-1, 3)
-    weight = np.where(points[:, 0] > 0.25, 1.0, np.where(points[:, 0] > -0.25, 0.5, 0.0))  # the layer on the cut: half
-    kernel = smoothing(fluid.sum_kernel(), grid.support_radius, dim)
-    moment = (weight * kernel_value(np.linalg.norm(points, axis=1), kernel) * points[:, 0]).sum()
-    assert half_space_moment(fluid, grid) == pytest.approx(moment, rel=0.02)
 
 
 def test_a_missing_particle_makes_no_surface_but_a_hole_does():
@@ -289,25 +257,6 @@ def test_a_film_on_a_wall_is_surface_and_one_between_two_walls_is_not(dim, norma
     assert inner.any()
 
 
-@pytest.mark.parametrize("ratio", [2.0, 2.6, 3.3])
-@pytest.mark.parametrize("dim", [2, 3])
-def test_the_limit_is_that_of_two_lattice_layers(dim, ratio):
-    """Against NumPy's weighted covariance of the particles of such a film, and with 1.3 as the margin."""
-    grid = Discretisation(dim, "float64", 0.5, 0.5 * ratio, 0)
-    film = lattice(Box(cells=(11, 2, 1) if dim == 2 else (11, 2, 11)), dim) * 0.5
-    middle = film.mean(0) - [0, 0.25, 0]
-    distance = np.linalg.norm(film - middle, axis=1)
-    assert distance.min() < 1e-9
-    near = distance < 0.5 * ratio
-    spread = np.cov(film[near, :dim].T, aweights=1 - (distance[near] / (0.5 * ratio)) ** 2, ddof=0)
-    least = np.linalg.eigvalsh(spread)[0]
-    assert two_layer_variance(grid) == pytest.approx(least, rel=1e-12)
-    assert least <= 0.25 * 0.5**2
-    fluid = WeaklyCompressible(sound_speed=1.0)
-    thin = SurfaceDetection(**THIN).prepare(grid, {fluid.name: fluid})["thin_feature"]
-    assert thin == (pytest.approx(1.3 * least / (0.5 * ratio) ** 2, rel=1e-12), dim)
-
-
 # Symmetries
 
 
@@ -339,54 +288,6 @@ def test_flags_do_not_depend_on_scale_in_single_precision(spacing):
 
 
 # Normals
-
-
-def program_of_pair(operation, densities=(900.0, 1100.0), numbers=(2.0, 3.0), own_density=0, walls=None):
-    """The oracle on two particles at a distance of half the support radius h = 2 m along x, in 3D."""
-    h = 2.0
-    values = {
-        "position": np.array([[0.0, 0, 0], [0.5 * h, 0, 0]]),
-        "mass": np.array([3.0, 5.0]),
-        "density": np.array(densities),
-        "number_density": np.array(numbers),
-        "candidates": None,
-        "walls": walls,
-        "smoothing": smoothing("poly6", h, 3),
-        "gradient_smoothing": smoothing("spiky", h, 3),
-        "normal_term": NormalTerm(4.0, own_density),
-    }
-    program = REGISTRY[operation].program("numpy")
-    ((value, _),) = program(**{k: values[k] for k in REGISTRY[operation].arguments("numpy")}).values()
-    return value
-
-
-# Spiky: W' = -45/(pi h^4) (1 - q)^2; poly6: W = 315/(64 pi h^3) (1 - q^2)^3; q = 1/2, h = 2.
-SLOPE = -45 / (math.pi * 16) * 0.25
-VALUE, OWN_VALUE = 315 / (64 * math.pi * 8) * 0.75**3, 315 / (64 * math.pi * 8)
-
-
-def test_color_gradient_of_a_pair():
-    """J(19): n_0 = h (m_1/rho_1) W' e_01 with e_01 = -x: it points to the neighbour, into the liquid."""
-    normal = program_of_pair("surface_normal.color_gradient")
-    expected = 2 * SLOPE * np.array([[-5 / 1100, 0, 0], [3 / 900, 0, 0]])
-    np.testing.assert_allclose(normal, expected, rtol=1e-8)
-    assert normal[0, 0] > 0
-    printed = program_of_pair("surface_normal.color_gradient", own_density=1)
-    np.testing.assert_allclose(printed, 2 * SLOPE * np.array([[-5 / 900, 0, 0], [3 / 1100, 0, 0]]), rtol=1e-8)
-
-
-def test_corrected_normal_of_a_pair():
-    """J(20): ((delta_1 - delta_0)/delta0) V_1 W' e_01 / (V_0 W(0) + V_1 W); a wall only fills the denominator."""
-    v0, v1 = 3 / 900, 5 / 1100
-    filled = np.array([v0 * OWN_VALUE + v1 * VALUE, v1 * OWN_VALUE + v0 * VALUE])
-    expected = np.array([(1 / 4) * v1 * SLOPE * -1, (-1 / 4) * v0 * SLOPE]) / filled
-    np.testing.assert_allclose(program_of_pair("surface_normal.corrected")[:, 0], expected, rtol=1e-8)
-    assert expected[0] > 0  # towards the higher number density
-    printed = program_of_pair("surface_normal.corrected", own_density=1)[:, 0]
-    np.testing.assert_allclose(printed, expected * [1100 / 900, 900 / 1100], rtol=1e-8)
-    walls = WallParticles(np.array([[0.0, 1.0, 0]]), np.array([0.01]))
-    beside = program_of_pair("surface_normal.corrected", walls=walls)[0]
-    np.testing.assert_allclose(beside, [expected[0] * filled[0] / (filled[0] + 0.01 * VALUE), 0, 0], rtol=1e-8)
 
 
 @pytest.mark.parametrize("kind", ["surface_normal", "corrected_normal"])
@@ -446,76 +347,6 @@ def test_oracle_agrees_with_the_plain_scan_and_its_margins_hold(dim):
     assert (margin > 0.02).sum() > n // 2
 
 
-LIMIT = NearSurfaceLimit(0.98, math.inf)
-
-
-def test_near_surface_margin_says_where_the_limit_flips():
-    density = np.array([0.5, 0.97, 0.99, 1.4])
-    program = REGISTRY["surface_detection.near_surface"].program("numpy")
-    flags, margin = program(density, None, LIMIT)["near_surface"]
-    np.testing.assert_array_equal(flags, [1, 1, 0, 0])
-    for i, (rho, m) in enumerate(zip(density, margin)):
-        for factor, flipped in ((0.99, 0), (1.01, 1)):
-            moved = rho * (1 + m * factor * (0.98 / rho) * (1 if flags[i] else -1))
-            assert program(np.array([moved]), None, LIMIT)["near_surface"][0][0] == flags[i] ^ flipped
-
-
-def test_a_distance_at_which_both_lines_agree_is_no_tie():
-    """At |x_ij| = sqrt2 s on the axis, ball and cone both hold the particle."""
-    position = np.array([[0.0, 0, 0], [math.sqrt(2), 0, 0], [-1.0, 0.5, 0], [-1.0, -0.5, 0]])
-    normal = np.array([[-1.0, 0, 0]] * 4)
-    scan = REGISTRY["surface_detection.fan_scan"].program("numpy")
-    flags, margin = scan(position, normal, None, None, FanScan(1.0, 2.0, 1e-12, 0), None)["surface"]
-    assert flags[0] == 0
-    assert margin[0] == pytest.approx(1 - math.sqrt(0.5))
-
-
-def test_the_bottom_of_a_notch_is_a_tie():
-    position, _ = shape("notch")
-    _, margin = oracle(REGISTRY["surface_detection.fan_scan"], numbers(position, None, 3, "float64"))
-    bottom = (np.abs(position) < 1e-9).all(1)
-    assert bottom.sum() == 1
-    assert margin[bottom].max() < 1e-12
-
-
-# Arguments of the operations
-
-
-def numbers(position, walls, dim, dtype, masses=None):
-    """Every argument of the operations for given positions [spacings], in `dtype`; walls have half a cell's volume."""
-    real = np.dtype(dtype).type
-    h, rest = 2.6, 1000.0
-    position = position.astype(dtype)
-    if walls is not None:
-        walls = WallParticles(walls.astype(dtype), np.full(len(walls), 0.5, dtype))
-    mass = np.full(len(position), rest, dtype) if masses is None else masses.astype(dtype)
-    sums, gradients = smoothing("poly6", h, dim, dtype), smoothing("spiky", h, dim, dtype)
-    fluid = Fluid(real(rest), real(1), np.int32(1), np.int32(1), real(0), real(1), real(2))
-    state = reference_density(position, mass, walls, sums, fluid)
-    values = {
-        "position": position,
-        "mass": mass,
-        "density": state["density"][0].astype(dtype),
-        "number_density": state["number_density"][0].astype(dtype),
-        "candidates": None,
-        "walls": walls,
-        "smoothing": sums,
-        "gradient_smoothing": gradients,
-        "normal_term": NormalTerm(real(1), np.int32(0)),
-        "near_surface_limit": NearSurfaceLimit(real(0.98), real(1)),
-        "asymmetry": None,
-        "fan_scan": FanScan(real(0.5 * h), real(h), real(64 * np.finfo(dtype).eps), np.int32(0)),
-        "thin_feature": ThinFeature(real(0.3 / h**2), np.int32(dim)),
-    }
-    normal = oracle(REGISTRY["surface_normal.color_gradient"], values)[0].astype(dtype)
-    return {**values, "surface_normal": normal}
-
-
-def oracle(operation, values):
-    ((value, scale),) = operation.program("numpy")(**{k: values[k] for k in operation.arguments("numpy")}).values()
-    return value, scale
-
-
 # As part of a scene
 
 
@@ -539,24 +370,6 @@ def test_detection_runs_only_when_its_field_is_read():
     ]
     assert not any(k.startswith("surface_") for k in plan_of(SurfaceDetection()).launches())
     assert set(own) <= set(plan_of(SurfaceDetection(each_step=True)).launches())
-
-
-@pytest.mark.parametrize(
-    ("settings", "fields"),
-    [
-        ({"method": "number_density"}, {"surface", "number_density"}),
-        ({"method": "fan_scan"}, {"surface", "surface_normal"}),
-        ({}, {"surface", "scan_candidates", "number_density", "asymmetry", "surface_normal"}),
-        (
-            {"thin_features": "second_moment"},
-            {"surface", "scan_candidates", "number_density", "asymmetry", "surface_normal"},
-        ),
-        ({"literal": ("E23",)}, {"surface", "near_surface", "number_density", "surface_normal"}),
-        ({"method": "fan_scan", "scan_normal": "corrected"}, {"surface", "number_density", "corrected_normal"}),
-    ],
-)
-def test_only_the_needed_fields_exist(settings, fields):
-    assert set(plan_of(SurfaceDetection(**settings)).fields) - set(plan_of().fields) == fields
 
 
 def test_released_pressure_acts_before_the_forces():
@@ -669,8 +482,3 @@ def test_a_short_support_radius_does_not_go_with_the_second_moment():
     with pytest.raises(InputError, match=r"with a support radius of 1.5 spacings; give 2 or more, or leave it out"):
         detect(disc(), ratio=1.5, **THIN)
     assert surface(lattice(Box(cells=(9, 9, 3)), 3), dim=3, ratio=2.0, **THIN).sum() == 9 * 9 * 3 - 7 * 7
-
-
-def test_detection_needs_a_liquid():
-    with pytest.raises(InputError, match="'surface_detection' needs effect 'weakly_compressible'"):
-        make_plan(Scene(spacing=1.0, support_radius=2.6, fluid=(Ball(radius=3.0),), effects=(SurfaceDetection(),)))

@@ -9,11 +9,8 @@ from scipy.linalg import lstsq
 from refsim import Cloud, MpmLiquid, MpmWalls, Scene, Simulation, SurfaceEnergy
 from refsim.backends.arrays import Backend, set_threads
 from refsim.core.errors import InputError, RunStopped
-from refsim.isosurface.reference import classify
-from refsim.sparse_grid import nodes
 from refsim.sparse_grid.reference import node_table
-from refsim.surface_energy import Tension, reference, surface_term
-from refsim.surface_energy.cases import cut_ball
+from refsim.surface_energy import Tension, reference
 from refsim.surface_energy.reconstruction import Reconstruction
 from refsim.surface_energy.reference_reconstruction import ReferenceReconstruction
 
@@ -306,19 +303,6 @@ def test_nothing_and_one_particle(dim, quadrature, count):
     assert (surface.samples.nearest == 0).all()
 
 
-def test_particle_on_a_node_marks_its_neighbours_and_no_more():
-    """Exactly r away is not nearer than r: the nodes within one step along each axis, except the corners."""
-    place = np.zeros((1, 3))
-    _, surface = reconstructed(place, h=0.25)
-    state = np.zeros(nodes(surface.blocks), int)
-    far = np.abs(node_table(surface.blocks)).sum(1)
-    near = (np.abs(node_table(surface.blocks)).max(1) <= 1) & (far < 3)
-    state[near] = 1
-    crossings, _ = classify(surface.blocks, state)["crossings"]
-    assert len(surface.mesh.vertices) == sum(int(c).bit_count() for c in crossings)
-    assert np.linalg.norm(surface.mesh.vertices, axis=1) == pytest.approx(0.25 * 3**0.5)
-
-
 def test_drops_nearer_than_twice_the_radius_share_one_surface():
     disc = ball(4, dim=2)
     sizes = []
@@ -327,17 +311,6 @@ def test_drops_nearer_than_twice_the_radius_share_one_surface():
         _, surface = reconstructed(place, 2)
         sizes.append(surface.component_size[0])
     assert sizes == [2 * len(disc), len(disc)]
-
-
-def test_cavity_narrower_than_twice_the_radius_has_no_surface():
-    disc = ball(6, dim=2)
-    radius = np.linalg.norm(disc, axis=1)
-    inner = []
-    for hole in (1.0, 2.6):
-        _, surface = reconstructed(disc[radius > hole], 2, inset=-1.0)
-        inner.append((np.linalg.norm(surface.samples.position, axis=1) < 4 * H).sum())
-    assert inner[0] == 0
-    assert inner[1] > 0
 
 
 # Readings and bad input
@@ -379,14 +352,6 @@ def test_printed_readings_do_what_they_say():
 def test_bad_parameters_are_told(parameters, words):
     with pytest.raises(InputError, match=words):
         Reconstruction(CPU, 3, "float32", H, Tension(**{"surface_tension": 1.0, **parameters}))
-
-
-def test_terms_in_the_runs_dtype():
-    term = surface_term(Tension(surface_tension=0.5, normals="gradient"), 2, "float32", 0.1)
-    assert term.radius_squared == 2
-    assert term.inset == np.float32(2**0.5 - 0.25)
-    assert {type(part) for part in term} == {np.float32, float, np.int32}
-    assert len(cut_ball(0.3, 2)) > 10
 
 
 def shaken_block(dim, **parameters):
@@ -459,22 +424,6 @@ def test_a_lattice_moves_alike_on_both_backends(dim, dtype, parameters):
     assert np.array_equal(oracle.sample_nearest, runs[1]._host("identity")[own.sample_nearest])
     a, b = (simulation.field("velocity") for simulation in runs)
     assert np.abs(a - b).max() < 1e-4 * np.abs(a).max()
-
-
-def test_references_find_filaments_and_force_as_the_cpu():
-    """Extents of particles, and the tension's force on the nodes of the surface's own blocks."""
-    place = H * ball(3, dim=2)
-    oracle = ReferenceReconstruction(2, "float64", H, Tension(surface_tension=2.0))
-    own = Reconstruction(CPU, 2, "float64", H, Tension(surface_tension=2.0))
-    assert np.array_equal(oracle.extents(place), own.extents(place))
-    found = [made.surface(place) for made in (oracle, own)]
-    forces = []
-    for made, surface in zip((oracle, own), found, strict=True):
-        force = made.force(surface.samples, surface.blocks)
-        held = np.abs(force).max(1) > 1e-12
-        forces.append((node_table(surface.blocks)[held], force[held]))
-    assert np.array_equal(forces[0][0], forces[1][0])
-    assert np.abs(forces[0][1] - forces[1][1]).max() < 1e-12 * np.abs(forces[1][1]).max()
 
 
 def test_references_stop_where_the_grid_ends():

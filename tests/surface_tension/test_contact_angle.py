@@ -35,10 +35,6 @@ def test_both_ways_read_the_angle_of_a_cap_that_was_cut(dim, radius, angle):
     assert residual < 0.03
 
 
-def test_too_few_slices_are_no_circle():
-    assert math.isnan(wetting.angle_by_circle(np.array([0.5, 0.5, 1.5]), 1.0, 1, 3)[0])
-
-
 def test_the_coefficient_is_interpolated_in_the_cosine():
     found = calibrate_contact_angle(105.0, 0.072, settings=MADE_UP, **WATER)
     part = (math.cos(math.radians(105)) + 0.5) / 0.5

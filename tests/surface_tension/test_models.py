@@ -34,7 +34,6 @@ from refsim.sph import Fluid
 from refsim.surface_tension.akinci_2013 import LARGEST_AREA, SHATTERING_AREA
 from refsim.surface_tension.akinci_2013.reference import adhesion_function, cohesion_function
 from refsim.surface_tension.cohesion import (
-    COLLAPSE,
     compression,
     neighbours_in_support,
     nominal_tension,
@@ -107,20 +106,6 @@ def test_large_area_terms_are_noted(dim):
     assert "they fly apart" in notes(Dong2016(surface_tension=2.0, correction=2 * 96.1))[0]
 
 
-@pytest.mark.slow
-def test_an_area_term_beyond_its_bound_does_fly_apart():
-    """A cube of 64 particles: far beyond the bound they fly apart, below it they stay together."""
-    reach = {}
-    for share in (0.07, 2.4):
-        grid, others = setting(3, 2.6)
-        gamma = Akinci2013(surface_tension=1.0).coefficient(Discretisation(3, "float64", 1 / 4, 2.6 / 4, 64), others)
-        effect = Akinci2013(surface_tension=1.0, area_acceleration=share * gamma / neighbours_in_support(grid))
-        x = drop(effect, n=4, h=2.6, until=0.5, viscosity=0.05, sound_speed=20.0).field("position").astype(float)
-        reach[share] = np.linalg.norm(x - x.mean(0), axis=1).max()
-    assert reach[0.07] < 1.0
-    assert reach[2.4] > 1.5
-
-
 # Force functions
 
 
@@ -151,14 +136,6 @@ def test_dong_force_has_the_published_shape(ratio, lowest):
     assert shape[-1] == 0
     assert shape.min() == pytest.approx(lowest, abs=5e-5)
     assert r[np.argmin(shape)] == pytest.approx(ratio - (ratio - 1) / math.sqrt(2), abs=1e-4)
-
-
-def test_cosine_force_repels_near_and_attracts_far():
-    grid, others = setting(h=3.0)
-    force = TartakovskyMeakin2005(strength=2.0).pair_force(np.array([1e-9, 0.99, 1.01, 2.99]), grid, others)
-    mass = others["weakly_compressible"].particle_mass(grid)
-    assert force[0] * mass**2 == pytest.approx(2.0)
-    assert (np.sign(force) == [1, 1, -1, -1]).all()
 
 
 # Nominal tension and internal pressure
@@ -335,14 +312,6 @@ def test_curvature_of_a_ball(dim, literal):
     assert found == pytest.approx(dim / (dim - 1) if literal else 1, rel=0.12)
 
 
-def test_compression_solves_its_equation():
-    for number in (0.0, 0.03, 0.2, COLLAPSE):
-        s = compression(number)
-        assert number * s**2 - s + 1 == pytest.approx(0, abs=1e-9)
-    assert compression(COLLAPSE) == pytest.approx(2)
-    assert math.isnan(compression(0.26))
-
-
 # Conservation, with the oracle
 
 
@@ -418,15 +387,6 @@ def test_one_coefficient_for_both_terms_flies_apart():
     assert np.abs(drop(literal, bound=100.0).field("position")).max() > 10
     with pytest.raises(RunStopped, match="denser than"):
         drop(literal)
-
-
-def test_hu_adams_replaces_the_shared_liquid():
-    simulation = drop(Dong2016(surface_tension=1.0, solver="hu_adams"), until=0.05)
-    launches = simulation.plan.launches()
-    assert {"dong_2016.density", "dong_2016.momentum", "sph.state"} <= set(launches)
-    assert not {"sph.density", "sph.momentum", "sph.pressure"} & set(launches)
-    assert launches.index("jiang_zhu_2023.replace_density") < launches.index("sph.state")
-    assert np.isfinite(simulation.field("velocity")).all()
 
 
 def test_implicit_pressure_holds_a_column():

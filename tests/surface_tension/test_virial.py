@@ -10,7 +10,6 @@ from refsim import (
     Cloud,
     Dong2016,
     He2014,
-    ImplicitPressure,
     JiangZhu2023,
     Scene,
     Simulation,
@@ -50,20 +49,6 @@ def test_sum_of_pairs_is_the_sum_of_the_forces(tension):
     _, _, virial = pair_virials(simulation)
     assert virial.sum() == pytest.approx((m[:, None] * x * a).sum(), abs=2e-6 * np.abs(virial).sum())
     assert abs(virial.sum()) > 1e-3 * np.abs(virial).sum()
-
-
-def test_sum_of_pairs_on_implicit_pressure():
-    """The same for Akinci 2013 on IISPH, whose pressures are those of the step before."""
-    simulation = blob(Akinci2013(surface_tension=1.0), ImplicitPressure())
-    for _ in range(3):
-        before, slow = (simulation.field(name).astype(float) for name in ("position", "velocity"))
-        done = simulation.step()
-    a = (simulation.field("velocity") - slow) / done.length
-    simulation.set_field("position", before)
-    m = simulation.field("mass").astype(float)
-    _, _, virial = pair_virials(simulation)
-    assert simulation.field("pressure").max() > 0
-    assert virial.sum() == pytest.approx((m[:, None] * before * a).sum(), abs=1e-5 * np.abs(virial).sum())
 
 
 def test_pairs_far_from_the_edge_of_a_ball_are_counted_whole_or_not_at_all():

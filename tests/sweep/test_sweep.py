@@ -1,9 +1,7 @@
 """Sweeps: what a file means, results that are computed once, runs that fail, and processes that are killed."""
 
 import csv
-import dataclasses
 import json
-import math
 import re
 import shutil
 import subprocess
@@ -198,32 +196,6 @@ def test_a_file_that_changes_before_its_run_leaves_no_result(folder, name):
     assert not list(folder.glob("*.json"))
 
 
-def test_what_the_machine_lacks_is_not_the_runs_result(folder):
-    (folder / "store").mkdir()
-    (folder / "store" / "running").write_text("a file")
-    found = list(perform([killed_task(folder)], jobs=1))
-    assert "cannot be written" in str(found[0].error)
-    assert not list((folder / "store").glob("*.json"))
-
-
-def test_a_task_asks_for_the_memory_of_its_plan(folder):
-    here = setting(folder, 0)
-    both = here, dataclasses.replace(here, scene=big(folder))
-    small, large = (tasks.task_of("k", each, "kinetic_energy", None, 1, folder, False) for each in both)
-    assert 0 < small.bytes < large.bytes
-    assert large.weight > small.weight
-    assert not small.gpu
-    on_gpu = dataclasses.replace(here, backend="cuda")
-    assert tasks.task_of("k", on_gpu, "kinetic_energy", None, 1, folder, False).gpu
-
-
-def big(folder):
-    (scene,) = [
-        p.scene for p in points(folder, SWEEP.partition("[grid]")[0] + '[grid]\n"fluid.1.cells" = [[40, 60, 1]]\n')
-    ]
-    return scene
-
-
 def test_a_run_that_was_not_computed_is_named(folder, monkeypatch, capsys):
     monkeypatch.setattr("refsim.cluster.pool.available_memory", lambda: 10.0)
     assert main(["sweep", "grid.toml", "--jobs", "2"]) == 3
@@ -232,9 +204,3 @@ def test_a_run_that_was_not_computed_is_named(folder, monkeypatch, capsys):
     assert "of memory and 10 B are available" in said.out
     rows = list(csv.DictReader((folder / "grid_sweep" / TABLE).read_text().splitlines()))
     assert [row["value"] for row in rows] == [""] * 4
-
-
-def test_efficiency_is_task_seconds_over_workers_and_wall(folder):
-    found = sweep("grid.toml", folder="out", jobs=2)
-    assert found.efficiency == pytest.approx(found.task_seconds / (2 * found.wall))
-    assert math.isnan(dataclasses.replace(found, workers=0).efficiency)
