@@ -11,7 +11,7 @@ import numpy as np
 from refsim.backends.arrays import set_threads
 from refsim.contract.answers import CLOUDS, LARGE
 from refsim.contract.bounds import errors, neighbour_counts, oracle, size
-from refsim.contract.inputs import Inputs, period_of
+from refsim.contract.inputs import Inputs, period_of, unwritten
 from refsim.contract.target import Outcome, Target, Trial, named_worst, worst
 from refsim.core import cases
 from refsim.core.walls import WallParticles
@@ -345,6 +345,10 @@ def _spoiled(usual: _Usual, trial: str, name: str) -> Outcome:
     spoiled[broken] = np.nan
     broken_inputs = inputs.replaced(**{name: spoiled})
     before, after = target.launch(broken_inputs, complete=False)  # an iteration may end at the NaN
+    if any(unwritten(before, after)):
+        quiet = target.quiet()
+        quiet.launch(inputs)
+        target.faults.extend(quiet.faults)
     apart = np.asarray(inputs["position"], dtype=float) - inputs["position"][broken]
     period = period_of(operation, inputs)
     distance = size(apart if period is None else nearest_image(apart, period))
