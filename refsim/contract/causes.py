@@ -53,7 +53,8 @@ class Wrong:
         self.operation = target.operation
         peaks = {name: float(np.max(ratio, initial=0.0)) for name, ratio in judged.found.items()}
         self.name = max(peaks, key=lambda n: peaks[n])
-        self.ratio = np.asarray(judged.found[self.name]).reshape(-1)
+        ratio = np.asarray(judged.found[self.name])
+        self.ratio = ratio.reshape(len(ratio), -1).max(1)
         rows = judged.rows if judged.rows is not None and len(judged.rows) == len(self.ratio) else None
         self.number = np.arange(len(self.ratio)) if rows is None else np.asarray(rows)
         self.adds = self.name in self.operation.adds
@@ -65,7 +66,8 @@ class Wrong:
         self.right = np.asarray(value, dtype=float)
         self.scale = np.broadcast_to(np.asarray(scale, dtype=float), self.right.shape)
         self.wrong = ~(self.ratio <= 1)
-        self.error = size(self.got - self.right).reshape(-1)
+        with np.errstate(all="ignore"):  # infinities
+            self.error = np.sqrt(((self.got - self.right).reshape(len(self.right), -1) ** 2).sum(1))
         self.worst = int(np.argmax(self.ratio))
         self.own = self.inputs.per_particle(self.name)
 

@@ -1,13 +1,17 @@
 """`refsim contract --run`: a trajectory of another code against refsim's, with the scene's chaos as the yardstick."""
 
+import gzip
 import importlib.util
 import json
+import pathlib
+import struct
 
 import numpy as np
 import pytest
 
 from refsim.__main__ import main
-from refsim.contract import whole_runs
+from refsim.contract.trajectories import trajectory
+from refsim.core.errors import InputError
 from refsim.engine.simulation import Simulation
 from refsim.io.vtp import write_vtp
 from refsim.scene.files import load_scene
@@ -76,7 +80,7 @@ def test_a_run_of_the_same_equations_holds(other, tmp_path, capsys):
     assert code == 0, [m for m in measures.values() if not m["holds"]]
     centre = measures["centre y"]
     assert max(centre["refsim"]) - min(centre["refsim"]) > 0
-    assert centre["allowed"] == pytest.approx(3 * (max(centre["refsim"]) - min(centre["refsim"])))
+    assert centre["allowed"] >= 3 * (max(centre["refsim"]) - min(centre["refsim"]))
 
 
 def test_a_slip_is_found(other, tmp_path, capsys):
@@ -105,14 +109,14 @@ def test_vtk_files_are_read(other, tmp_path):
         write_vtp(tmp_path / f"f{number}.vtp", frame["position"], velocity=frame["velocity"], mass=frame["mass"])
         sets += f'<DataSet timestep="{frame["time"]!r}" file="f{number}.vtp"/>'
     (tmp_path / "all.pvd").write_text(f'<VTKFile type="Collection"><Collection>{sets}</Collection></VTKFile>')
-    found = whole_runs.trajectory(tmp_path)
+    found = trajectory(tmp_path)
     assert [snapshot.time for snapshot in found] == [frame["time"] for frame in frames[:3]]
     for snapshot, frame in zip(found, frames):
         for name in ("position", "velocity", "mass"):
             assert np.array_equal(getattr(snapshot, name), frame[name])
     (tmp_path / "all.pvd").unlink()
-    with pytest.raises(whole_runs.InputError, match="has no time; give the field data TimeValue"):
-        whole_runs.trajectory(tmp_path)
+    with pytest.raises(InputError, match="has no time; give the field data TimeValue"):
+        trajectory(tmp_path)
 
 
 def test_frames_without_velocity_and_mass_are_judged_by_position(other, tmp_path, capsys):
@@ -122,6 +126,78 @@ def test_frames_without_velocity_and_mass_are_judged_by_position(other, tmp_path
     assert code == 0, measures
     assert "potential energy" in measures
     assert "kinetic energy" not in measures
+
+
+def test_lost_mass_is_noticed(other, tmp_path, capsys):
+    """One particle of 48 is gone, from the middle, in frames with and without masses."""
+    scene, frames = other
+    lost = [{name: np.delete(v, 20, 0) if np.ndim(v) else v for name, v in frame.items()} for frame in frames]
+    code, _, measures = judged(capsys, scene, written(tmp_path / "run", lost))
+    assert code == 4
+    assert not measures["mass"]["holds"]
+    assert not measures["particles"]["holds"]
+    massless = [{k: f[k] for k in ("time", "position")} for f in lost]
+    code, _, measures = judged(capsys, scene, written(tmp_path / "massless", massless), "--allow", "particles=1")
+    assert measures["particles"]["holds"]
+    assert measures["mass"]["holds"]
+    assert (
+        main(["contract", "--run", str(scene), str(tmp_path / "run"), "--backend", "numpy", "--allow", "color=1"]) == 2
+    )
+    assert "there is no measure color" in capsys.readouterr().err
+
+
+def test_a_frame_in_between_counts(other, tmp_path, capsys):
+    """Only one early frame is wrong: measures are curves."""
+    scene, frames = other
+    wrong = [dict(f, position=f["position"] + [1e-3, 0, 0]) if k == 20 else f for k, f in enumerate(frames)]
+    code, _, measures = judged(capsys, scene, written(tmp_path / "run", wrong))
+    assert code == 4
+    assert measures["centre x"]["time"] == frames[20]["time"]
+
+
+# Files of other codes
+
+
+def bgeo(frame, packed=False):
+    """The bytes that Partio writes: positions, identities and velocities, all big-endian."""
+    count = len(frame["position"])
+    data = b"BgeoV" + struct.pack(">9i", 5, count, 0, 0, 0, 2, 0, 0, 0)
+    data += struct.pack(">H", 2) + b"id" + struct.pack(">Hii", 1, 1, 0)
+    data += struct.pack(">H", 8) + b"velocity" + struct.pack(">Hi3f", 3, 5, 0, 0, 0)
+    for k in range(count):
+        data += struct.pack(">4f", *frame["position"][k], 1) + struct.pack(">i3f", k, *frame["velocity"][k])
+    return gzip.compress(data) if packed else data
+
+
+def test_bgeo_files_are_read(other, tmp_path):
+    _, frames = other
+    for number, frame in enumerate(frames[:2]):
+        (tmp_path / f"f{number}.bgeo").write_bytes(bgeo(frame, packed=number == 1))
+    with pytest.raises(InputError, match="has no time; write times"):
+        trajectory(tmp_path)
+    (tmp_path / "times.txt").write_text("".join(f"f{k}.bgeo {frames[k]['time']!r}\n" for k in range(2)))
+    for snapshot, frame in zip(trajectory(tmp_path), frames):
+        assert snapshot.time == frame["time"]
+        for name in ("position", "velocity"):
+            assert np.array_equal(getattr(snapshot, name), frame[name].astype(np.float32))
+    (tmp_path / "f0.bgeo").write_bytes(b"Bgeo" + bytes(9))
+    with pytest.raises(InputError, match="is no bgeo file of particles"):
+        trajectory(tmp_path)
+
+
+def test_npz_files_of_pysph_are_read(other, tmp_path):
+    _, frames = other
+    frame = frames[3]
+    arrays = dict(zip("xyzuvw", [*frame["position"].T, *frame["velocity"].T])) | {"m": frame["mass"]}
+    particles = {"fluid": {"arrays": arrays, "properties": {}}, "wall": {"arrays": {}}}
+    np.savez(tmp_path / "dam_3.npz", particles=particles, solver_data={"t": frame["time"], "dt": 1e-3}, version=2)
+    (snapshot,) = trajectory(tmp_path)
+    assert snapshot.time == frame["time"]
+    for name in ("position", "velocity", "mass"):
+        assert np.array_equal(getattr(snapshot, name), frame[name])
+    np.savez(tmp_path / "dam_3.npz", particles={"fluid": pathlib.Path("x")}, solver_data={"t": 0.0})
+    with pytest.raises(InputError, match="which is no plain data"):
+        trajectory(tmp_path)
 
 
 @pytest.mark.parametrize("asked", ["0.0300172", "0.030017216"])
@@ -136,7 +212,7 @@ def test_a_time_as_printed_finds_the_only_frame(asked, other, tmp_path, capsys):
 
 BAD = {
     "no folder": ((), {}, "there is no folder"),
-    "no frames": ((), {"mine.txt": None}, "has no frames; give npz, vtp, vtu or vtk files"),
+    "no frames": ((), {"mine.txt": None}, "has no frames; give npz, bgeo, vtp, vtu or vtk files"),
     "no position": ((), {"a.npz": {"time": 1.0}}, "has no array 'position'"),
     "shape": ((), {"a.npz": {"time": 1.0, "position": np.zeros((4, 2))}}, "position has shape (4, 2); it needs (4, 3)"),
     "not finite": ((), {"a.npz": {"time": 1.0, "position": np.full((4, 3), np.nan)}}, "that are not finite"),

@@ -1,0 +1,211 @@
+"""Frames of other codes: npz files, PySPH's npz, bgeo (SPlisHSPlasH, Partio), VTK files, particle files of refsim."""
+
+from __future__ import annotations
+
+import gzip
+import math
+import pickle
+import struct
+import xml.etree.ElementTree
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from refsim.core.errors import InputError
+from refsim.io.frames import read_particles
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """Particles at one time [s]: position (n, 3) [m]; velocity (n, 3) [m/s] and mass (n,) [kg] unless None."""
+
+    time: float
+    position: np.ndarray
+    velocity: np.ndarray | None = None
+    mass: np.ndarray | None = None
+
+
+def trajectory(folder: Path) -> list[Snapshot]:
+    """Every frame in a folder, by time.
+
+    Frames are npz files (`time`, `position`, and if there are `velocity` and `mass`; or PySPH's), bgeo files
+    (SPlisHSPlasH, Partio), VTK files (.vtp, .vtu, .vtk) with point data of these names and the field data `TimeValue`
+    or a .pvd file, or one particle file of refsim (.vtkhdf). Files without a time have theirs in `times.txt`, a line
+    "FILE SECONDS" for each.
+    Raises InputError for a folder without frames, and for frames that cannot be read.
+    """
+    if not folder.is_dir():
+        raise InputError(f"there is no folder {folder}; give the folder of the trajectory.")
+    found: list[Snapshot] = []
+    times = _pvd(folder) | _listed(folder)
+    for path in sorted(folder.iterdir()):
+        if path.suffix == ".npz":
+            found.append(_npz(path))
+        elif path.suffix == ".bgeo":
+            found.append(_bgeo(path, times.get(path.name)))
+        elif path.suffix == ".vtkhdf":
+            for frame in read_particles(path):
+                given = {"position": frame.position}
+                given |= {name: frame.fields[name] for name in ("velocity", "mass") if name in frame.fields}
+                found.append(_checked(path, frame.time, given))
+        elif path.suffix in (".vtp", ".vtu", ".vtk"):
+            found.append(_vtk(path, times.get(path.name)))
+    if not found:
+        raise InputError(
+            f"{folder} has no frames; give npz, bgeo, vtp, vtu or vtk files, or a particle file of refsim."
+        )
+    return sorted(found, key=lambda frame: frame.time)
+
+
+def _pvd(folder: Path) -> dict[str, float]:
+    """{name of a file: time [s]} of the folder's collections."""
+    found = {}
+    for path in folder.glob("*.pvd"):
+        try:
+            for entry in xml.etree.ElementTree.parse(path).iter("DataSet"):
+                found[Path(entry.attrib["file"]).name] = float(entry.attrib["timestep"])
+        except (xml.etree.ElementTree.ParseError, KeyError, ValueError) as error:
+            raise InputError(f"{path} is no collection of VTK files: {error}.") from None
+    return found
+
+
+def _listed(folder: Path) -> dict[str, float]:
+    """{name of a file: time [s]} of `times.txt`."""
+    path = folder / "times.txt"
+    try:
+        lines = [line.split() for line in path.read_text().splitlines() if line.strip()] if path.is_file() else []
+        return {name: float(seconds) for name, seconds in lines}
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path} is no list of times: {error}; write a line 'FILE SECONDS' for each frame.") from None
+
+
+def _npz(path: Path) -> Snapshot:
+    try:
+        if _is_pysph(path):
+            return _pysph(path)
+        with np.load(path, allow_pickle=False) as arrays:
+            given = {name: np.array(arrays[name], dtype=float) for name in arrays.files if name in _NAMES}
+    except (OSError, ValueError, KeyError, zipfile.BadZipFile, pickle.UnpicklingError) as error:
+        raise InputError(f"{path} cannot be read: {error}.") from None
+    for name in ("time", "position"):
+        if name not in given:
+            raise InputError(f"{path} has no array {name!r}; it needs time [s] and position (n, 3) [m].")
+    return _checked(path, float(given.pop("time")), given)
+
+
+_NAMES = ("time", "position", "velocity", "mass")
+
+
+# PySPH: npz files of pickled dictionaries, of which only numbers, strings and NumPy's arrays are accepted
+
+
+class _Plain(pickle.Unpickler):
+    """A reader that makes nothing but NumPy's arrays, so that a file runs no code."""
+
+    def find_class(self, module: str, name: str) -> Any:
+        if module.startswith("numpy") and name in ("_reconstruct", "_frombuffer", "ndarray", "dtype", "scalar"):
+            return super().find_class(module, name)
+        raise pickle.UnpicklingError(f"it holds {module}.{name}, which is no plain data")
+
+
+def _is_pysph(path: Path) -> bool:
+    with zipfile.ZipFile(path) as archive:
+        return {"particles.npy", "solver_data.npy"} <= set(archive.namelist())
+
+
+def _pysph(path: Path) -> Snapshot:
+    """The particle array "fluid", or the only one."""
+    with zipfile.ZipFile(path) as archive:
+        particles, solver = (_object(archive, name) for name in ("particles.npy", "solver_data.npy"))
+    name = "fluid" if "fluid" in particles else next(iter(particles))
+    arrays = {key: np.asarray(values, dtype=float) for key, values in particles[name]["arrays"].items()}
+    given = {"position": _columns(arrays, "xyz"), "velocity": _columns(arrays, "uvw"), "mass": arrays["m"]}
+    return _checked(path, float(solver["t"]), given)
+
+
+def _object(archive: zipfile.ZipFile, name: str) -> Any:
+    with archive.open(name) as file:
+        np.lib.format.read_magic(file)
+        np.lib.format.read_array_header_1_0(file)
+        return _Plain(file).load().item()
+
+
+def _columns(arrays: Mapping[str, np.ndarray], names: str) -> np.ndarray:
+    return np.stack([arrays.get(name, np.zeros_like(arrays[names[0]])) for name in names], axis=1)
+
+
+# bgeo: Houdini's binary points as Partio writes them, big-endian
+
+_WORDS = {0: ">f4", 1: ">i4", 5: ">f4"}  # attributes: numbers, integers, vectors
+
+
+def _bgeo(path: Path, time: float | None) -> Snapshot:
+    data = gzip.decompress(path.read_bytes()) if path.read_bytes()[:2] == b"\x1f\x8b" else path.read_bytes()
+    try:
+        if data[:5] != b"BgeoV":
+            raise ValueError("its first bytes are not BgeoV")
+        points, _, _, _, attributes, *_ = struct.unpack_from(">8i", data, 9)
+        kinds, place = [("position", ">f4", 4)], 41
+        for _ in range(attributes):
+            (length,) = struct.unpack_from(">H", data, place)
+            name = data[place + 2 : place + 2 + length].decode()
+            size, kind = struct.unpack_from(">Hi", data, place + 2 + length)
+            place += 8 + length + 4 * size
+            kinds.append((name, _WORDS[kind], size))
+        rows = np.frombuffer(data, np.dtype([(n, k, (s,)) for n, k, s in kinds]), points, place)
+    except (ValueError, KeyError, struct.error) as error:
+        raise InputError(f"{path} is no bgeo file of particles: {error}.") from None
+    if time is None:
+        raise InputError(f"{path} has no time; write times.txt beside it, a line 'FILE SECONDS' for each frame.")
+    given = {"position": rows["position"][:, :3]}
+    names = rows.dtype.names or ()
+    given |= {n: rows[n] if n == "velocity" else rows[n][:, 0] for n in ("velocity", "mass") if n in names}
+    return _checked(path, time, given)
+
+
+# VTK
+
+
+def _vtk(path: Path, time: float | None) -> Snapshot:
+    try:
+        from vtkmodules.util.numpy_support import vtk_to_numpy
+        from vtkmodules.vtkIOLegacy import vtkGenericDataObjectReader
+        from vtkmodules.vtkIOXML import vtkXMLPolyDataReader, vtkXMLUnstructuredGridReader
+    except ImportError:
+        raise InputError(f"{path}: VTK files are read by the package vtk; `pip install vtk`, or give npz.") from None
+    readers = {".vtp": vtkXMLPolyDataReader, ".vtu": vtkXMLUnstructuredGridReader, ".vtk": vtkGenericDataObjectReader}
+    reader: Any = readers[path.suffix]()
+    reader.SetFileName(str(path))
+    reader.Update()
+    data = reader.GetOutput()
+    points = data.GetPoints() if data is not None and hasattr(data, "GetPoints") else None
+    if points is None:
+        raise InputError(f"{path} has no points; give a file of particles.")
+    arrays, fields = data.GetPointData(), data.GetFieldData()
+    names = {arrays.GetArrayName(k).lower(): k for k in range(arrays.GetNumberOfArrays())}
+    given = {name: vtk_to_numpy(arrays.GetArray(names[name])) for name in ("velocity", "mass") if name in names}
+    if time is None:
+        stated = fields.GetArray("TimeValue") or fields.GetArray("TIME")
+        if stated is None:
+            raise InputError(
+                f"{path} has no time; give the field data TimeValue [s], a .pvd file or times.txt beside it."
+            )
+        time = float(stated.GetTuple1(0))
+    return _checked(path, time, {"position": vtk_to_numpy(points.GetData()), **given})
+
+
+def _checked(path: Path, time: float, given: Mapping[str, np.ndarray]) -> Snapshot:
+    count = len(given["position"])
+    shapes = {"position": (count, 3), "velocity": (count, 3), "mass": (count,)}
+    for name, values in given.items():
+        if values.shape != shapes[name]:
+            raise InputError(f"{path}: {name} has shape {values.shape}; it needs {shapes[name]}.")
+        if not np.isfinite(values).all():
+            raise InputError(f"{path}: {name} has values that are not finite.")
+    if not count or not math.isfinite(time):
+        raise InputError(f"{path}: {count} particles at {time:g} s; a frame needs particles and a time.")
+    return Snapshot(time, **{name: np.asarray(values, dtype=float) for name, values in given.items()})
