@@ -12,6 +12,7 @@ from refsim.core.errors import InputError
 from refsim.core.operation import Operation
 
 MOST_TOLD = 300  # characters of a message from an external program
+OWNED = "owned"  # number of the particles that a rank owns; those behind them are ghosts
 Convert = Callable[[Any], Any]
 
 
@@ -37,12 +38,12 @@ def by_name(
     Raises ProgramFailed, when it is called, for what it raises and for an answer of a wrong shape or dtype; at once
     InputError for a parameter that the operation has not.
     """
-    names = operation.arguments(arrays)
+    names = (*operation.arguments(arrays), OWNED)
     label = f"{owner}: its program for {operation.name}"
     ordered, named = _parameters(program, names, label)
 
-    def call(*values: Any) -> None:
-        given = dict(zip(names, values))
+    def call(*values: Any, owned: int | None = None) -> None:
+        given = dict(zip(names, (*values, owned)))
         try:
             taken = given if convert is None else converted(given, {*ordered, *named}, convert)
             returned = program(*[taken[n] for n in ordered], **{n: taken[n] for n in named})

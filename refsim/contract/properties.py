@@ -11,7 +11,8 @@ import numpy as np
 from refsim.backends.arrays import set_threads
 from refsim.contract.answers import CLOUDS, LARGE
 from refsim.contract.bounds import errors, neighbour_counts, oracle, size
-from refsim.contract.inputs import Inputs, period_of, unwritten
+from refsim.contract.causes import subset
+from refsim.contract.inputs import Inputs, distances, period_of, unwritten
 from refsim.contract.target import Outcome, Target, Trial, named_worst, worst
 from refsim.core import cases
 from refsim.core.walls import WallParticles
@@ -22,6 +23,7 @@ TURNS = {
     3: ([[0, 0, -1], [1, 0, 0], [0, 1, 0]], [[0, 1, 0], [-1, 0, 0], [0, 0, 1]]),
 }
 GRID = 2.0**-12  # positions on this grid are shifted without rounding
+RANKS = 3  # that share the particles of a program that takes ghosts
 REPEATS = 6  # calls of other programs with the same inputs
 
 # T4: what holds whatever the numbers are
@@ -122,7 +124,7 @@ Description = tuple[Inputs, Callable[[np.ndarray], np.ndarray]]  # inputs, and w
 def symmetries(target: Target) -> Iterator[Trial]:
     """T5: translation, rotation (by exact turns and reflections) and another order of the particles.
 
-    In a periodic box also other images of some particles.
+    In a periodic box also other images of some particles; of a program that takes ghosts also several ranks.
     """
     kept = held(target)
     for case in CLOUDS.values():
@@ -138,6 +140,9 @@ def symmetries(target: Target) -> Iterator[Trial]:
             described["images"] = functools.partial(_other_images, usual)
         for name, other in described.items():
             yield Trial("T5", f"{name} of {case}", functools.partial(_compared, usual, name, other))
+        if target.by_ranks and target.operation.reach == 1:
+            trial = f"{RANKS} ranks with {case}"
+            yield Trial("T5", trial, functools.partial(_by_ranks, usual, trial))
 
 
 class _Usual:
@@ -181,6 +186,29 @@ def _compared(usual: _Usual, name: str, other: Callable[[], Description]) -> Out
     if not worst(found) <= 1:
         words = f"your program's answer does not follow a {name.split()[0]} of all particles: {words}"
     return target.outcome("T5", f"{name} of {usual.case}", worst(found), words)
+
+
+def _by_ranks(usual: _Usual, trial: str) -> Outcome:
+    """Each rank gets its share and, behind it, the particles within reach as ghosts; the answers are gathered."""
+    target, inputs, operation = usual.target, usual.inputs, usual.target.operation
+    reach = inputs.case.list_radius * (1 + inputs.case.skin)
+    gathered: dict[str, np.ndarray] = {}
+    for share in np.array_split(np.argsort(inputs["position"][:, 0], kind="stable"), RANKS):
+        near = np.zeros(inputs.case.count, dtype=bool)
+        for _, distance in distances(inputs["position"], inputs["position"], share, period_of(operation, inputs)):
+            near |= (distance < reach).any(0)
+        near[share] = False
+        keep = np.concatenate([share, np.flatnonzero(near)])
+        _, part = target.launch(subset(operation, inputs, keep), owned=len(share))
+        for name in (n for n in part if inputs.per_particle(n)):
+            gathered.setdefault(name, inputs.output(operation, name))[share] = part[name][: len(share)]
+    before = {name: inputs.output(operation, name) for name in gathered}
+    answer = {name: usual.expected[name] for name in gathered}
+    found = errors(operation, inputs, before, gathered, answer=answer)
+    words = named_worst(found)
+    if not worst(found) <= 1:
+        words = f"the answer of {RANKS} ranks with ghosts is not that of one: {words}"
+    return target.outcome("T5", trial, worst(found), words)
 
 
 def _translated(usual: _Usual) -> Description:

@@ -173,6 +173,11 @@ class Target:
         return frozenset({*getattr(self.program, "takes", names), *self.operation.outputs})
 
     @property
+    def by_ranks(self) -> bool:
+        """Whether the program asks how many of the particles a rank owns."""
+        return "owned" in getattr(self.program, "takes", ())
+
+    @property
     def listed(self) -> bool:
         """Whether the program reads a list of neighbours."""
         return bool(LISTED & self.taken)
@@ -222,10 +227,12 @@ class Target:
         walls: Any = None,
         before: Mapping[str, Any] | None = None,
         complete: bool = True,
+        owned: int | None = None,
     ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
         """(outputs before, outputs after) one launch, on the host.
 
-        Without lists those of the oracle are taken, for the particles' order as it is; `before` sets outputs. A
+        Without lists those of the oracle are taken, for the particles' order as it is; `before` sets outputs; `owned`
+        is the number of particles that are no ghosts, all by default, for a program that asks for it. A
         program that raises, changes an input, writes beside its arrays or (with `complete`) leaves an output unset
         adds to `faults`.
         Raises NotJudged for inputs that the program is declared not to support.
@@ -253,7 +260,9 @@ class Target:
         if self.program is None:
             call = operation.bind(self.backend, lookup)
         else:
-            call = functools.partial(self.program, *map(lookup, operation.arguments(self.backend)))
+            count = len(inputs["position"]) if owned is None else owned
+            told = {"owned": count} if self.by_ranks else {}
+            call = functools.partial(self.program, *map(lookup, operation.arguments(self.backend)), **told)
         self.calling(inputs.case.name)
         try:
             with np.errstate(all="ignore"):

@@ -1,5 +1,6 @@
 """Right programs pass that know no private convention: sums compared by distance, heat as the textbooks have it."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -123,3 +124,26 @@ def test_what_is_declared_and_met_no_trial_is_a_gap():
         "an answer in closed form (T1)", "the kernel cubic_spline in 3 dimensions",
     ]  # fmt: skip
     assert coverage.gaps("sph.density", declared, Request("cubic", steps=("T7",)), []) == []
+
+
+# Ranks
+
+
+def of_a_rank(position, mass, smoothing, density, owned):
+    """The density of the particles that a rank owns, over these and the ghosts behind them."""
+    whole = np.zeros_like(density)
+    cubic(position, mass, smoothing, whole)
+    density[:owned] = whole[:owned]
+
+
+def without_ghosts(position, mass, smoothing, density, owned):
+    cubic(position[:owned], mass[:owned], smoothing, density[:owned])
+
+
+def test_ranks_with_ghosts_give_the_answer_of_one():
+    for program, passed in ((of_a_rank, True), (without_ghosts, False)):
+        programs = dataclasses.replace(OWN, programs={"sph.density": program})
+        outcomes = [o for o in contract.trials(programs, "sph.density", steps=("T5",)) if "ranks" in o.trial]
+        assert [o.passed for o in outcomes] == [passed] * 2
+        assert all(passed or "of 3 ranks with ghosts is not that of one" in o.words for o in outcomes)
+    assert all("ranks" not in o.trial for o in contract.trials(OWN, "sph.density", steps=("T5",)))
