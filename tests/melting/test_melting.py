@@ -14,6 +14,7 @@ from refsim import (
     ShapeMatching,
     Simulation,
     SolidBox,
+    SolidCells,
     TwoWayCoupling,
     WeaklyCompressible,
     contract,
@@ -169,6 +170,18 @@ def members_by_search(solid, lattice, width):
     return members
 
 
+def test_a_fill_that_expands_what_it_writes_is_wrong():
+    """Shao & Song M15: a pass that also expands entries of its own pass finds other regions in a body with a gap."""
+    cells = np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0], [2, 1, 0], [2, 2, 0], [1, 2, 0], [0, 2, 0]])
+    lattice = lattice_of([cells])
+    place = np.arange(7, dtype=np.int32)
+    direct, region, _, _ = fresh_tables(np.full(7, SURFACE, np.int32), place, lattice, 2)
+    first = [tuple(c) for c in lattice.cell.tolist()].index((0, 0, 0))
+    reached = {tuple(lattice.cell[j]) for j in region[first] if j >= 0}
+    assert reached == {(0, 0, 0), (1, 0, 0), (2, 0, 0), (2, 1, 0)}
+    assert (direct[first] >= 0).sum() == 2
+
+
 # Bookkeeping
 
 
@@ -265,3 +278,14 @@ def test_impossible_bookkeeping_and_missing_heat():
     effects = tuple(effect for effect in scene().effects if effect.name != "heat_conduction")
     with pytest.raises(InputError, match="'melting' needs effect 'heat_conduction'"):
         make_plan(Scene(spacing=0.2, support_radius=0.5, fluid=(), solid=(BODY,), effects=effects))
+
+
+def test_a_plate_of_one_layer_melts():
+    plate = SolidCells(cells=[[a, b, 5] for a in range(2, 7) for b in range(2, 7)])
+    simulation = Simulation(scene(solid=(plate,)))
+    assert (simulation.field("phase")[:25] == SURFACE).all()
+    simulation.step()
+    assert (simulation.field("phase") == FLUID).all()
+    for _ in range(50):
+        simulation.step()
+    assert np.isfinite(simulation.field("position")).all()
