@@ -347,7 +347,7 @@ def warp_words(found: Mapping[str, Any], size: str) -> str:
 
 
 def limits(times: Times) -> list[str]:
-    """Tables of the steps and kernels on the GPU; kernels at the largest size that was measured."""
+    """Table of the steps on the GPU; its kernels are in the picture."""
     found, rows = readings(times, "device cuda"), []
     for line in LINES:
         value = line.value(found)
@@ -362,18 +362,7 @@ def limits(times: Times) -> list[str]:
             f"{1e-12 * fast[0]:.2f} TB/s copied, bytes read and written;"
             f" {1e-12 * fast[1]:.1f} TFLOP/s of multiply-adds, float32"
         )
-    lines += ["", f"Device: {where(times, 'device cuda')}. Its speeds: {said}.", ""]
-    heading = ["kernel", "particles", "time [ms]", "least bytes [MB]", "least operations [GFLOP]"]
-    heading += ["share of the copy speed", "share of the arithmetic speed"]
-    rows = []
-    for size in [size for size in SIZES if f"{size} density" in found][-1:]:
-        for name in (*STEP_KERNELS, "list"):
-            own = least_of(found, size, name)
-            if own is not None:
-                numbers = (1e3 * own[1], 1e-6 * own[0].bytes, 1e-9 * own[0].operations)
-                cells = [f"{found[f'{size} {name}']['particles']:,}", *(f"{float(f'{x:.3g}'):,g}" for x in numbers)]
-                rows.append([name, *cells, *shares(found, size, name)])
-    return [*lines, *table(heading, rows)] if rows else [*lines, f"Kernels: {NOT_YET}."]
+    return [*lines, "", f"Device: {where(times, 'device cuda')}. Its speeds: {said}."]
 
 
 def limits_picture(times: Times) -> Any:
