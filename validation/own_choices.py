@@ -139,11 +139,11 @@ def _shown(found: Measured) -> str:
 def markdown(stored: Mapping[str, Any]) -> list[str]:
     """The table of docs/accuracy_cost.md."""
     head = [
-        '| paper | effects | measured | refsim\'s default | `literal = "paper"` |',
-        "| --- | --- | --- | --- | --- |",
+        '| paper | measured | refsim\'s default | `literal = "paper"` |',
+        "| --- | --- | --- | --- |",
     ]
     return head + [
-        f"| {' | '.join(ROWS[name][:3])} | {_shown(row['refsim'])} | {_shown(row['paper'])} |"
+        f"| {ROWS[name][0]} | {ROWS[name][2]} | {_shown(row['refsim'])} | {_shown(row['paper'])} |"
         for name, row in stored.items()
     ]
 
