@@ -27,7 +27,7 @@ MADE = re.compile(r"<!-- operations of ([\w ]+) -->")
 CODE = re.compile(r"^(```.*?^```[^\n]*$)", re.MULTILINE | re.DOTALL)
 NAVIGATION = {
     "Begin": ("sph_by_hand", "mpm_by_hand", "scene_files", "results", "study", "sweep", "gallery"),
-    "Liquids and walls": ("sph", "liquid", "iisph", "walls", "meshes", "gauges"),
+    "Liquids and walls": ("sph", "liquid", "iisph", "walls", "motions", "meshes", "gauges"),
     "Surface tension": ("surface_detection", "jiang_zhu_2023", "dong_2016", "models", "sigma_map"),
     "Solids, heat, melting": ("shape_matching", "two_way_coupling", "heat", "melting"),
     "Particles and a grid": ("mpm", "surface_energy", "isosurface", "mpm_droplet"),
