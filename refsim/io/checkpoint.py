@@ -475,10 +475,13 @@ def _is_written(temporary: str) -> bool:
     return True
 
 
-def replace_file(path: Path, content: bytes | bytearray) -> None:
-    """Write `content` to `path`, which names the old file or the whole new one at every instant. Raises
-    OSError."""
-    remove_stale_temporaries(path)
+def replace_file(path: Path, content: bytes | bytearray, tidy: bool = True) -> None:
+    """Write `content` to `path`, which names the old file or the whole new one at every instant.
+
+    tidy  whether to remove what killed writers left, for which the folder is listed. Raises OSError.
+    """
+    if tidy:
+        remove_stale_temporaries(path)
     temporary = temporary_path(path)
     try:
         with open(temporary, "xb", buffering=0) as file:

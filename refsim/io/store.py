@@ -11,6 +11,7 @@ import hashlib
 import json
 import os
 import re
+import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ from refsim.core.reading import open_regular
 from refsim.io.checkpoint import replace_file
 from refsim.io.transactions import unlock
 
+OLD = 3600.0  # s after which nobody still writes a temporary file
 HEAD = re.compile(rb'\{\n "sha256": "([0-9a-f]{64})",')
 
 
@@ -35,7 +37,15 @@ def stored_bytes(name: str, values: Mapping[str, Any]) -> bytes:
 
 def write_stored(path: Path, values: Mapping[str, Any]) -> None:
     """Write values, one at least, for `read_stored`; the file is whole at every instant. Raises OSError."""
-    replace_file(path, stored_bytes(path.name, values))
+    replace_file(path, stored_bytes(path.name, values), tidy=False)
+
+
+def tidy(folder: Path) -> None:
+    """Remove what killed writers of results left, on whichever machine, once it is an hour old."""
+    with contextlib.suppress(OSError):
+        for entry in os.scandir(folder):
+            if entry.name.startswith(".") and entry.name.endswith(".tmp") and entry.stat().st_mtime < time.time() - OLD:
+                os.unlink(entry)
 
 
 def read_stored(path: Path, notes: list[str] | None = None, whole: Path | None = None) -> dict[str, Any] | None:

@@ -1,5 +1,7 @@
 """What one point or one node does, and the geometry of stencils and clusters that the transfers share."""
 
+import math
+
 from refsim.backends.compile import formula, kernel
 from refsim.backends.tuples import (
     added,
@@ -186,7 +188,7 @@ def recount(i, crowding, recounting, timestep, background, deformation, volume_r
         change = real(1) - share * (real(1) - recounting.limit / crowding[i])
         volume_ratio[i] *= change
         if deformation is not None:
-            size = change ** (real(1) / real(3) if background.layers == 3 else real(0.5))
+            size = change ** (real(1) / real(3)) if background.layers == 3 else math.sqrt(change)
             for c in range(9):
                 if background.layers == 3 or c < 8:  # F_zz = 1 in the plane
                     deformation[i, c] *= size

@@ -27,7 +27,7 @@ from refsim.cluster import perform
 from refsim.core.errors import InputError
 from refsim.core.tables import in_time, table
 from refsim.io.checkpoint import cannot_write, replace_file
-from refsim.io.store import in_turn
+from refsim.io.store import in_turn, tidy
 from refsim.scene.files import load_scene, put, scene_from_dict, scene_to_dict, suggestion
 from refsim.scene.plan import make_plan
 from refsim.scene.scene import Scene
@@ -288,6 +288,7 @@ def sweep(
     by_key = dict(zip(keys, settings))
     if tasks:
         _writable(place)
+        tidy(place)
     with (
         Progress(list(tasks.values()), bar, say) as progress,
         closing(

@@ -8,7 +8,7 @@ import threading
 import pytest
 
 from refsim import InputError
-from refsim.io.store import in_turn, read_stored, stored_bytes, write_stored
+from refsim.io.store import in_turn, read_stored, stored_bytes, tidy, write_stored
 
 VALUES = {"label": "a run", "reading": {"value": 0.1 + 0.2, "failed": "", "steps": 12}}
 
@@ -77,3 +77,21 @@ def test_one_after_the_other(tmp_path):
         thread.join()
     assert most == [1] * 6
     assert not list(tmp_path.iterdir())
+
+
+def test_a_result_costs_the_same_among_many(tmp_path, monkeypatch):
+    """No listing of the folder, which grows with the results in it."""
+    monkeypatch.setattr(os, "scandir", lambda *given: pytest.fail("the folder is listed"))
+    monkeypatch.setattr(os, "listdir", os.scandir)
+    write_stored(tmp_path / "a.json", {"value": 1.0})
+    assert read_stored(tmp_path / "a.json") == {"value": 1.0}
+
+
+def test_what_killed_writers_left_goes_when_it_is_old(tmp_path):
+    old, young, result = tmp_path / ".a.json.7.tmp", tmp_path / ".b.json.8.tmp", tmp_path / "a.json"
+    for path in (old, young, result):
+        path.touch()
+    for path in (old, result):
+        os.utime(path, (0, 0))
+    tidy(tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == {young.name, result.name}

@@ -172,7 +172,8 @@ def measure_drops(given: argparse.Namespace) -> int:
     wanted = list(kind.device_points() if cuda else kind.points(given.models or tuple(kind.MODELS), given.dims))
     missing = [p for p in wanted if p.key not in rows]
     if not cuda:  # those stand in the order in which they matter
-        missing.sort(key=lambda p: (p.urgency(), p.cost() if given.jobs == 1 else -p.cost()))
+        longest_first = given.scheduler is not None  # on many workers the longest drop is the shortest wall time
+        missing.sort(key=lambda p: (0 if longest_first else p.urgency(), p.cost() if given.jobs == 1 else -p.cost()))
     missing = missing[: given.limit]
     print(f"{len(missing)} drops to measure, {len(rows)} there", flush=True)
     given.output.parent.mkdir(parents=True, exist_ok=True)
