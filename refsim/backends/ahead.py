@@ -4,10 +4,7 @@ They compile what the cache lacks, one kernel after another, and store it; the r
 cannot be written, nothing is compiled ahead. For the CPU only.
 """
 
-from __future__ import annotations
-
 import contextlib
-import os
 import queue
 import threading
 from collections.abc import Callable, Iterable
@@ -20,15 +17,11 @@ from refsim.backends.cache import recorded
 from refsim.backends.cache_files import is_stored
 from refsim.backends.compile import Kernel
 from refsim.backends.scratch import Scratch
+from refsim.backends.threads import cores
 from refsim.backends.workers import Task, Worker
 
 FIRST_ROWS = 64
 Call = tuple[Any, tuple[Any, ...]]  # a kernel and arguments of the types for which it is needed
-
-
-def cores() -> int:
-    """Processors that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def launched_by(function: Callable, arguments: Iterable[Any]) -> list[Call]:

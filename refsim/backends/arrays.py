@@ -3,8 +3,6 @@
 A backend is chosen once and named in every report. Nothing ever falls back to another one.
 """
 
-from __future__ import annotations
-
 import functools
 import importlib.util
 import os
@@ -156,11 +154,15 @@ def device_name() -> str:
     return str(cupy.cuda.runtime.getDeviceProperties(0)["name"].decode())
 
 
+def require_backend(name: str) -> None:
+    """Raise InputError with the reason where the backend called `name` cannot run."""
+    if (reason := unavailable(name)) is not None:
+        raise InputError(f"Backend {name!r} cannot be used: {reason}.")
+
+
 def choose(name: str) -> Backend:
     """The backend called `name`. Raises InputError with the reason where it cannot run."""
-    reason = unavailable(name)
-    if reason is not None:
-        raise InputError(f"Backend {name!r} cannot be used: {reason}.")
+    require_backend(name)
     return CudaBackend() if name == "cuda" else Backend(name)
 
 

@@ -3,8 +3,6 @@
 Numba's own cache looks at one file only, and would return old numbers after an edit in another.
 """
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import hashlib
@@ -19,8 +17,9 @@ from typing import Any
 
 import numba
 
-from refsim.backends.cache_files import check_files, in_turn, is_shared, is_stored, refuse_foreign
+from refsim.backends.cache_files import check_files, is_shared, is_stored, refuse_foreign
 from refsim.backends.private import names
+from refsim.core.locks import in_turn
 
 _REFSIM = pathlib.Path(__file__).parents[1]
 _CACHES_KEPT = 200
@@ -151,8 +150,12 @@ def cached(dispatcher: Any, function: Callable, origin: tuple[str, str] | None =
     dispatcher.origin = origin
 
     def store(signature: Any) -> Any:
-        """Compile in this process and store the code, unless another process has meanwhile."""
-        with in_turn(lock):
+        """Compile in this process and store the code, unless another process has meanwhile.
+
+        Numba names what it saves by what stands in the cache already: two processes that save one kernel for two types
+        at once take the same name, and one of them then loads what the other compiled.
+        """
+        with in_turn(lock, stays=True):
             return compile_here(signature)
 
     def compile_or_load(signature: Any) -> Any:

@@ -5,8 +5,6 @@ its name and its content. A file that does not match is deleted and its kernel i
 in a process. The digest detects damage; the check of the folder's owner and rights protects against other users.
 """
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import hashlib
@@ -89,25 +87,6 @@ def is_stored(dispatcher: Any, signature: Any) -> bool:
     cache = dispatcher._cache
     name = cache._cache_file._load_index().get(cache._index_key(signature, dispatcher.targetctx.codegen()))
     return name is not None and _is_whole(cache._cache_file._data_path(name))
-
-
-@contextlib.contextmanager
-def in_turn(lock: Path) -> Iterator[None]:
-    """Let one process after the other in; all, where the folder of the lock's file has vanished or has no locks.
-
-    Numba names what it saves by what stands in the cache already: two processes that save one kernel for two types at
-    once take the same name, and one of them then loads what the other compiled.
-    """
-    from filelock import FileLock  # takes 20 ms
-
-    held = FileLock(lock)
-    # In a folder that cannot be written to, or on a file system without locks, the kernel is compiled without one.
-    with contextlib.suppress(OSError, NotImplementedError):
-        held.acquire()
-    try:
-        yield
-    finally:
-        held.release()
 
 
 class _Checked:

@@ -1,7 +1,5 @@
 """Rows in a fixed number of chunks: a sum over rows is taken chunk by chunk and does not depend on the threads."""
 
-from __future__ import annotations
-
 from refsim.backends.compile import formula
 
 CHUNKS = 64

@@ -5,8 +5,6 @@ particle (node, sample, cell) does; the loop over particles is made for each bac
 (`refsim.backends.cache`).
 """
 
-from __future__ import annotations
-
 import atexit
 import functools
 import gc
@@ -38,15 +36,24 @@ ANY_ORDER = {"reassoc", "contract", "arcp", "nsz"}
 COMPILE_OPTIONS: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}  # C never calls them
 
 
-def formula(function: Callable | None = None, *, inlined: bool = False, ordered: bool = False) -> Any:
+def marks(made: Callable) -> Callable[..., Any]:
+    """`made(function, **options)` as a decorator, which is written with options or without any."""
+
+    @functools.wraps(made, updated=())
+    def mark(function: Callable | None = None, **options: Any) -> Any:
+        return functools.partial(made, **options) if function is None else made(function, **options)
+
+    return mark
+
+
+@marks
+def formula(function: Callable, *, inlined: bool = False, ordered: bool = False) -> Any:
     """Mark a scalar formula: plain Python when called from Python, compiled where a kernel calls it.
 
     `inlined` puts its code into every caller, however long it is. A call passes each array as seven words and each
     group as all of its members, which costs more than a look-up in a table. `ordered` keeps its operations as written
     in every kernel: for what algebra would cancel.
     """
-    if function is None:
-        return functools.partial(formula, inlined=inlined, ordered=ordered)
     exactly: dict[str, Any] = {"fastmath": False} if ordered else {}
     return overloaded(function, lambda *types: function, forceinline=inlined, **exactly)
 
@@ -104,7 +111,8 @@ def _set_compiler(dispatcher: Any, packed: bool) -> None:
     dispatcher.compile = compile_so
 
 
-def cpu_kernel(function: Callable | None = None, *, ordered: bool = False, packed: bool = False) -> Any:
+@marks
+def cpu_kernel(function: Callable, *, ordered: bool = False, packed: bool = False) -> Any:
     """Compile a kernel for the CPU.
 
     Sums may be taken in another order and products fused, so that loops over neighbours vectorise. The
@@ -112,8 +120,6 @@ def cpu_kernel(function: Callable | None = None, *, ordered: bool = False, packe
     as written, for sums of small differences of large numbers, which another order would take apart. `packed` is for
     code that does the same with each of four numbers that stand side by side in memory (see `_set_compiler`).
     """
-    if function is None:
-        return functools.partial(cpu_kernel, ordered=ordered, packed=packed)
     return _for_cpu(function, (function.__module__, function.__qualname__), ordered, packed)
 
 
@@ -135,15 +141,10 @@ class CudaKernel:
     """
 
     def __init__(
-        self,
-        function: Callable,
-        fastmath: bool,
-        rows_of: str | None,
-        lanes: bool | str | int = False,
-        block_for_each_row: bool = False,
-        threads: int | None = None,
+        self, function: Callable, *, fastmath: bool = False, rows_of: str | None = None,
+        lanes: bool | str | int = False, block_for_each_row: bool = False, threads: int | None = None,
         registers: int | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         names = list(inspect.signature(function).parameters)
         self.function, self.fastmath, self.block_for_each_row = function, fastmath, block_for_each_row
         if isinstance(lanes, bool):
@@ -195,26 +196,7 @@ class _AbsentArgument:
         return ty, value
 
 
-def cuda_kernel(
-    function: Callable | None = None,
-    *,
-    fastmath: bool = False,
-    rows_of: str | None = None,
-    lanes: bool | str | int = False,
-    block_for_each_row: bool = False,
-    threads: int | None = None,
-    registers: int | None = None,
-) -> Any:
-    """Compile a kernel for CUDA (or for the CUDA simulator, if NUMBA_ENABLE_CUDASIM is set).
-
-    It is launched with a thread (or a block) for each row of its last argument, or of the argument called `rows_of`.
-    """
-    if function is None:
-        return functools.partial(
-            cuda_kernel, fastmath=fastmath, rows_of=rows_of, lanes=lanes, block_for_each_row=block_for_each_row,
-            threads=threads, registers=registers,
-        )  # fmt: skip
-    return CudaKernel(function, fastmath, rows_of, lanes, block_for_each_row, threads, registers)
+cuda_kernel = marks(CudaKernel)  # for CUDA, or for the CUDA simulator if NUMBA_ENABLE_CUDASIM is set
 
 
 _LOOPS = {
@@ -257,16 +239,9 @@ class Kernel:
     """
 
     def __init__(
-        self,
-        function: Callable,
-        rows_of: str | None,
-        lanes: bool | str | int,
-        ordered: bool,
-        packed: bool,
-        allocates: bool,
-        fastmath: bool,
-        registers: int | None,
-    ) -> None:
+        self, function: Callable, *, rows_of: str | None = None, lanes: bool | str | int = False, ordered: bool = False,
+        packed: bool = False, allocates: bool = False, fastmath: bool = False, registers: int | None = None,
+    ) -> None:  # fmt: skip
         names = list(inspect.signature(function).parameters)
         # Counting references to arrays costs time in each row, and serves only bodies that make arrays.
         self.body = overloaded(function, lambda *types: function, forceinline=True, _nrt=allocates)
@@ -321,24 +296,7 @@ class Kernel:
         return function
 
 
-def kernel(
-    function: Callable | None = None,
-    *,
-    rows_of: str | None = None,
-    lanes: bool | str | int = False,
-    ordered: bool = False,
-    packed: bool = False,
-    allocates: bool = False,
-    fastmath: bool = False,
-    registers: int | None = None,
-) -> Any:
-    """Mark what one row does; its kernels for the CPU and for CUDA are made of it, see `Kernel`."""
-    if function is None:
-        return functools.partial(
-            kernel, rows_of=rows_of, lanes=lanes, ordered=ordered, packed=packed, allocates=allocates,
-            fastmath=fastmath, registers=registers,
-        )  # fmt: skip
-    return Kernel(function, rows_of, lanes, ordered, packed, allocates, fastmath, registers)
+kernel = marks(Kernel)
 
 
 @functools.cache

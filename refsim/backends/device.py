@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from refsim.backends.compile import THREADS_PER_BLOCK, cuda, cuda_kernel
+from refsim.backends.compile import THREADS_PER_BLOCK, cuda, cuda_kernel, overloaded
 from refsim.backends.primitives import set_four, sum_before
 from refsim.backends.runtime import branch, library, on_branch, own_stream, simulated
 
@@ -294,79 +294,38 @@ def fill_vectors(value, out):  # noqa: ANN001, ANN201
             out[i, c] = value
 
 
-@cuda_kernel
-def gather_scalars(array, order, out):  # noqa: ANN001, ANN201
-    """out[i] = array[order[i]]."""
-    i = cuda.grid(1)
-    if i < out.shape[0]:
-        out[i] = array[order[i]]
+def set_row(out, i, array, j):  # noqa: ANN001, ANN201
+    """out[i] = array[j], of arrays of one dimension or of two."""
+    out[i] = array[j]
 
 
-@cuda_kernel
-def gather_vectors(array, order, out):  # noqa: ANN001, ANN201
-    """out[i, c] = array[order[i], c]."""
-    i = cuda.grid(1)
-    if i < out.shape[0]:
-        j = order[i]
+def _set_row_of(out, i, array, j):  # noqa: ANN001, ANN202
+    def set_vector(out, i, array, j):  # noqa: ANN001, ANN202
         for c in range(out.shape[1]):
             out[i, c] = array[j, c]
 
-
-@cuda_kernel
-def copy_scalars(array, out):  # noqa: ANN001, ANN201
-    """out[i] = array[i]."""
-    i = cuda.grid(1)
-    if i < out.shape[0]:
-        out[i] = array[i]
+    return set_row if out.ndim == 1 else set_vector
 
 
-@cuda_kernel
-def copy_vectors(array, out):  # noqa: ANN001, ANN201
-    """out[i, c] = array[i, c]."""
-    i = cuda.grid(1)
-    if i < out.shape[0]:
-        for c in range(out.shape[1]):
-            out[i, c] = array[i, c]
+overloaded(set_row, _set_row_of, forceinline=True)
 
 
 @cuda_kernel(rows_of="order")
-def gather_all_scalars(arrays, order, out):  # noqa: ANN001, ANN201
-    """out[k][i] = arrays[k][order[i]]."""
+def gather_all(arrays, order, out):  # noqa: ANN001, ANN201
+    """out[k] <- arrays[k][order] for tuples of arrays of one kind."""
     i = cuda.grid(1)
     if i < order.shape[0]:
-        j = order[i]
         for k in range(len(arrays)):
-            out[k][i] = arrays[k][j]
-
-
-@cuda_kernel(rows_of="order")
-def gather_all_vectors(arrays, order, out):  # noqa: ANN001, ANN201
-    """out[k][i, c] = arrays[k][order[i], c]."""
-    i = cuda.grid(1)
-    if i < order.shape[0]:
-        j = order[i]
-        for k in range(len(arrays)):
-            for c in range(out[k].shape[1]):
-                out[k][i, c] = arrays[k][j, c]
+            set_row(out[k], i, arrays[k], order[i])
 
 
 @cuda_kernel(rows_of="first")
-def copy_all_scalars(arrays, out, first):  # noqa: ANN001, ANN201
-    """out[k][i] = arrays[k][i]; `first` is the first of the arrays."""
+def copy_all(arrays, out, first):  # noqa: ANN001, ANN201
+    """out[k] <- arrays[k] for tuples of arrays of one kind; `first` is one of them."""
     i = cuda.grid(1)
     if i < first.shape[0]:
         for k in range(len(arrays)):
-            out[k][i] = arrays[k][i]
-
-
-@cuda_kernel(rows_of="first")
-def copy_all_vectors(arrays, out, first):  # noqa: ANN001, ANN201
-    """out[k][i, c] = arrays[k][i, c]; `first` is the first of the arrays."""
-    i = cuda.grid(1)
-    if i < first.shape[0]:
-        for k in range(len(arrays)):
-            for c in range(out[k].shape[1]):
-                out[k][i, c] = arrays[k][i, c]
+            set_row(out[k], i, arrays[k], i)
 
 
 @cuda_kernel(rows_of="first")
@@ -440,7 +399,7 @@ def note_displacement(displacement, clock):  # noqa: ANN001, ANN201
 
 def copy(array: Any, out: Any) -> None:
     """out <- array for device arrays of one or two dimensions, by a kernel, so that it can be recorded."""
-    (copy_scalars if len(out.shape) == 1 else copy_vectors)(array, out)
+    copy_all((array,), (out,), out)
 
 
 @cuda_kernel
@@ -458,17 +417,7 @@ def fill(out: Any, value: float) -> None:
 
 def gather(array: Any, order: Any, out: Any) -> None:
     """out <- array[order] for device arrays of one or two dimensions."""
-    (gather_scalars if len(out.shape) == 1 else gather_vectors)(array, order, out)
-
-
-def gather_all(arrays: tuple, order: Any, out: tuple) -> None:
-    """out[k] <- arrays[k][order] for device arrays of one kind, in one launch."""
-    (gather_all_scalars if len(out[0].shape) == 1 else gather_all_vectors)(arrays, order, out)
-
-
-def copy_all(arrays: tuple, out: tuple) -> None:
-    """out[k] <- arrays[k] for device arrays of one kind, in one launch."""
-    (copy_all_scalars if len(out[0].shape) == 1 else copy_all_vectors)(arrays, out, arrays[0])
+    gather_all((array,), order, (out,))
 
 
 def packed(vectors: tuple, scalars: tuple, out: tuple) -> None:
@@ -495,7 +444,7 @@ class Rows:
 
     def _move(self, arrays: tuple, spare: tuple) -> None:
         gather_all(arrays, self.order, spare)
-        copy_all(spare, arrays)
+        copy_all(spare, arrays, spare[0])
 
     @property
     def nbytes(self) -> int:

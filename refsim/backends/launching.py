@@ -5,8 +5,6 @@ private names of numba-cuda; if they are missing, kernels are launched through t
 `dispatcher[blocks, threads, stream](*arguments)`.
 """
 
-from __future__ import annotations
-
 import ctypes
 import warnings
 from typing import Any

@@ -4,8 +4,6 @@ Numba optimises each function with all that it calls, and makes machine code of 
 and the body of a loop are called by kernels alone, which the compiler optimises together with what they call.
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Callable
 from typing import Any

@@ -1,7 +1,5 @@
 """Compiled kernels from the cache in a process that compiles none."""
 
-from __future__ import annotations
-
 import functools
 from typing import Any
 

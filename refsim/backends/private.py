@@ -4,8 +4,6 @@ A feature that needs such names takes them from `names`. Where one of them is go
 compiled, kept and launched in the public way. `lost` says what that costs, and `refsim doctor` prints it.
 """
 
-from __future__ import annotations
-
 import functools
 import importlib
 from dataclasses import dataclass

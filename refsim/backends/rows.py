@@ -5,8 +5,6 @@ before; here the body is compiled once. A thread gets one part of the rows, and 
 body, so that the result does not depend on the number of threads.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from llvmlite import ir

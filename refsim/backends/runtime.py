@@ -1,7 +1,5 @@
 """The CUDA runtime: whether it is simulated, the library that sorts and scans arrays, the stream of all launches."""
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import importlib

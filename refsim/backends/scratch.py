@@ -1,7 +1,5 @@
 """Scratch memory of operations; its contents are undefined after a call."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

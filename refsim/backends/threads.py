@@ -1,7 +1,5 @@
 """CPU threads: the layer that starts them, and how many a loop gains from. No result depends on either."""
 
-from __future__ import annotations
-
 import os
 
 ROWS_OF_A_THREAD = 1024
@@ -17,6 +15,11 @@ def choose_layer() -> None:
 
     if "NUMBA_THREADING_LAYER" not in os.environ:
         numba.config.THREADING_LAYER = "workqueue"
+
+
+def cores() -> int:
+    """Processors that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def threads_for(rows: int) -> int:

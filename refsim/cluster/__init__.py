@@ -3,11 +3,9 @@
 Contents: perform; the modules tasks (Task, Outcome), pool (processes of this machine) and scheduler (Dask distributed).
 """
 
-from __future__ import annotations
-
-import os
 from collections.abc import Callable, Generator, Sequence
 
+from refsim.backends.threads import cores
 from refsim.cluster.tasks import Outcome, Task, Watch
 from refsim.core.errors import InputError
 
@@ -36,14 +34,9 @@ def perform(
         from refsim.cluster.scheduler import by_scheduler
 
         return by_scheduler(tasks, scheduler, watch, say)
-    count = processors() if jobs is None else jobs
+    count = cores() if jobs is None else jobs
     if count < 1:
         raise InputError(f"--jobs = {count} is not possible; give 1 or more processes.")
     from refsim.cluster.pool import by_processes
 
     return by_processes(tasks, count, watch)
-
-
-def processors() -> int:
-    """Processors that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -5,8 +5,6 @@ fits beside that of the tasks under way; where tasks need a GPU, each process ha
 the one that started them, however that ends.
 """
 
-from __future__ import annotations
-
 import contextlib
 import multiprocessing
 import os

@@ -5,8 +5,6 @@ Where workers declare the resource MEMORY [bytes], every task requires its share
 a worker that is lost to another one.
 """
 
-from __future__ import annotations
-
 import logging
 import time
 from collections.abc import Callable, Generator, Iterator, Sequence
@@ -130,9 +128,7 @@ def _workers(client: Any, address: str) -> dict[str, Any]:
     until = time.monotonic() + PATIENCE
     while not (found := _known(client)):
         if time.monotonic() > until:
-            raise InputError(
-                f"the scheduler at {address} has no workers; start some with `dask worker {address} --nthreads 1`."
-            )
+            raise InputError(f"the scheduler at {address} has no workers; run `dask worker {address} --nthreads 1`.")
         time.sleep(PAUSE)
     return found
 

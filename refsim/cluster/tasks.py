@@ -1,7 +1,5 @@
 """A task, what became of it, and what both executors have in common."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any

@@ -1,11 +1,10 @@
-"""One file, one command: a module in this folder that calls `register` at import is a subcommand of `refsim`."""
-
-from __future__ import annotations
+"""One file, one command: the function in a module of this folder that `command` marks is a subcommand of `refsim`."""
 
 import argparse
 import importlib
+import os
 import pkgutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,6 +15,7 @@ from refsim.core.plain import plain as plain
 from refsim.core.tables import in_bytes as in_bytes
 from refsim.core.tables import in_time as in_time
 from refsim.core.tables import table as table
+from refsim.io.checkpoint import cannot_write, replace_file
 from refsim.scene.plan import Plan, make_plan
 from refsim.scene.scene import Scene
 
@@ -29,6 +29,9 @@ class CommandResult:
     code: int = 0
 
 
+Execute = Callable[[argparse.Namespace], CommandResult]
+
+
 @dataclass(frozen=True)
 class Command:
     """A subcommand: how it reads its arguments and what it does with them."""
@@ -36,19 +39,26 @@ class Command:
     name: str
     summary: str
     configure: Callable[[argparse.ArgumentParser], None]
-    execute: Callable[[argparse.Namespace], CommandResult]
+    execute: Execute
     description: str = ""
 
 
 COMMANDS: dict[str, Command] = {}
 
 
-def register(command: Command) -> Command:
-    """Enter a command; a name is entered once."""
-    if command.name in COMMANDS:
-        raise ValueError(f"command {command.name!r} is registered twice")
-    COMMANDS[command.name] = command
-    return command
+def command(
+    name: str, summary: str, configure: Callable[[argparse.ArgumentParser], None] = lambda parser: None,
+    description: str = "",
+) -> Callable[[Execute], Execute]:  # fmt: skip
+    """Enter the function that a command executes; a name is entered once."""
+
+    def enter(execute: Execute) -> Execute:
+        if name in COMMANDS:
+            raise ValueError(f"command {name!r} is registered twice")
+        COMMANDS[name] = Command(name, summary, configure, execute, description)
+        return execute
+
+    return enter
 
 
 def discover() -> None:
@@ -63,6 +73,31 @@ def planned(scene: Scene, source: str) -> Plan:
         return make_plan(scene)
     except InputError as error:
         raise InputError(f"{source}: {error}") from None
+
+
+def write_new(files: Mapping[Path, bytes], option: str, overwrite: bool, what: str, kept: str) -> list[str]:
+    """Write files; their paths. Raises InputError where another one is there and may not be replaced.
+
+    option  with which another place is given; what, kept  as `cannot_write` takes them
+    """
+    for path, content in () if overwrite else files.items():
+        if os.path.lexists(path) and not (path.is_file() and path.read_bytes() == content):
+            raise InputError(f"{path} is there already; give another {option} or --overwrite.")
+    for path, content in files.items():
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            replace_file(path, content)
+        except OSError as error:
+            raise cannot_write(what, path, error, kept) from error
+    return list(map(str, files))
+
+
+def results_folder(given: str | None, source: str, kind: str) -> Path:
+    """The folder of results, NAME_kind for a source NAME.toml unless another is given."""
+    folder = Path(given or f"{Path(source).stem}_{kind}")
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder} is a file; give a folder for the output.")
+    return folder
 
 
 @contextmanager

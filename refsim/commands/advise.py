@@ -1,14 +1,10 @@
 """`refsim advise`: the cheapest setting for an error of a panel's observable."""
 
-from __future__ import annotations
-
 import argparse
-import os
 from pathlib import Path
 
-from refsim.commands import Command, CommandResult, register, table
+from refsim.commands import CommandResult, command, table, write_new
 from refsim.core.errors import InputError
-from refsim.io.checkpoint import cannot_write, replace_file
 from refsim.study import advice
 from refsim.study.panels import abouts
 
@@ -29,6 +25,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("--overwrite", action="store_true", help="replace a file that is there")
 
 
+@command("advise", "the cheapest setting for an accuracy", configure, DESCRIPTION)
 def execute(options: argparse.Namespace) -> CommandResult:
     """Advise on an observable, or list what there is."""
     if options.observable is None:
@@ -40,27 +37,14 @@ def execute(options: argparse.Namespace) -> CommandResult:
     else:
         found = advice.within(options.observable, options.seconds, kind)
     path = Path(options.output or f"{options.observable}.toml")
-    if found.toml:
-        _check(path, found.toml, options.overwrite)
-    elif options.output:
+    if options.output and not found.toml:
         raise InputError(f"advise: this setting of {options.observable} has no scene; leave --output out.")
+    if found.toml:
+        write_new({path: found.toml.encode()}, "file (--output)", options.overwrite, "scene", "nothing was written")
     if not options.measured:
         found = advice.scaled(found)
     text, data = advice.text_of(found), advice.data_of(found)
     if found.toml:
-        try:
-            replace_file(path, found.toml.encode())
-        except OSError as error:
-            raise cannot_write("scene", path, error, "nothing was written") from error
         data["scene"] = str(path)
         text += f"\nwrote {path}\nrefsim run {path}" + (" --backend cuda" if options.gpu else "")
     return CommandResult(data, text)
-
-
-def _check(path: Path, scene: str, overwrite: bool) -> None:
-    """Raises InputError where another file would be replaced."""
-    if os.path.lexists(path) and not overwrite and not (path.is_file() and path.read_bytes() == scene.encode()):
-        raise InputError(f"advise: {path} is there already; give another file (--output) or --overwrite.")
-
-
-register(Command("advise", "the cheapest setting for an accuracy", configure, execute, DESCRIPTION))

@@ -1,7 +1,5 @@
 """`refsim contract`: programs of your own against the reference, operation by operation."""
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 import math
@@ -12,18 +10,24 @@ from collections.abc import Sequence
 from importlib import resources
 from typing import Any
 
-from refsim.commands import Command, CommandResult, in_time, register, table
+from refsim.commands import CommandResult, command, in_time, table
 from refsim.core.errors import InputError
 from refsim.core.operation import BACKENDS, REGISTRY
 
 WITHIN = 3.0  # widths of three runs of refsim; default of --within
 REPLAYED = "replay.npz"  # what --replay writes, in the current folder
 EXAMPLE = "sph.density:float32:0:wendland_c2:T2:cloud_3d"
+DESCRIPTION = (
+    "Climbs the ladder of tests with every program of a backend: closed forms, hard inputs, conservation,"
+    " symmetries, repeatability, bad input. The programs run in a process of their own. Exit code 4 if a trial"
+    " failed, 2 for bad input."
+)
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Arguments of `refsim contract`."""
-    parser.add_argument(
+    add = parser.add_argument
+    add(
         "names",
         nargs="*",
         metavar="PROGRAMS [OPERATION ...]",
@@ -31,30 +35,31 @@ def configure(parser: argparse.ArgumentParser) -> None:
         f" another mapping than PROGRAMS, or refsim's own: {', '.join(BACKENDS)}; behind it operations to judge, all"
         " that the backend has by default",
     )
-    parser.add_argument("--dtype", action="append", default=[], help="float32 or float64; both by default")
-    parser.add_argument("--variant", action="append", default=[], type=int, help="number of a variant; all by default")
-    parser.add_argument("--step", action="append", default=[], help="T1 to T7, T9 or T10; all by default")
+    add("--dtype", action="append", default=[], help="float32 or float64; both by default")
+    add("--variant", action="append", default=[], type=int, help="number of a variant; all by default")
+    add("--step", action="append", default=[], help="T1 to T7, T9 or T10; all by default")
     words = "seconds for the import of the programs and for each call of one (120)"
-    parser.add_argument("--time-limit", type=float, default=120.0, metavar="S", help=words)
-    parser.add_argument("--arguments", action="store_true", help="judge nothing; say what the operations take")
+    add("--time-limit", type=float, default=120.0, metavar="S", help=words)
+    add("--arguments", action="store_true", help="judge nothing; say what the operations take")
     words = "judge a trajectory: a folder of npz, bgeo or VTK files, in place of PROGRAMS, against runs of the scene"
-    parser.add_argument("--run", metavar="SCENE", help=words)
-    parser.add_argument("--at", type=float, metavar="T", help="with --run: time [s]; that of the last frame by default")
+    add("--run", metavar="SCENE", help=words)
+    add("--at", type=float, metavar="T", help="with --run: time [s]; that of the last frame by default")
     words = "with --run: times the width of refsim's three runs that a measure may be away from their middle (3)"
-    parser.add_argument("--within", type=float, metavar="N", help=words)
+    add("--within", type=float, metavar="N", help=words)
     words = "with --run: largest difference of a measure, in place of --within; may be repeated"
-    parser.add_argument("--allow", action="append", default=[], metavar="MEASURE=VALUE", help=words)
-    parser.add_argument("--backend", help="with --run: numpy, cpu or cuda (cpu)")
+    add("--allow", action="append", default=[], metavar="MEASURE=VALUE", help=words)
+    add("--backend", help="with --run: numpy, cpu or cuda (cpu)")
     words = "judge nothing; write test vectors of the operations named, all by default, into a new folder"
-    parser.add_argument("--export", metavar="FOLDER", help=words)
+    add("--export", metavar="FOLDER", help=words)
     words = "judge nothing; print a Python file with a stub for each of the operations named"
-    parser.add_argument("--template", action="store_true", help=words)
+    add("--template", action="store_true", help=words)
     words = f"run one trial by the name that a report gives, and write its inputs and answers into {REPLAYED}"
-    parser.add_argument("--replay", metavar="TRIAL", help=words)
-    parser.add_argument("--junit", metavar="FILE", help="write the outcomes as JUnit's XML, too, for CI servers")
-    parser.add_argument("--guide", action="store_true", help="judge nothing; print how to bring your own code")
+    add("--replay", metavar="TRIAL", help=words)
+    add("--junit", metavar="FILE", help="write the outcomes as JUnit's XML, too, for CI servers")
+    add("--guide", action="store_true", help="judge nothing; print how to bring your own code")
 
 
+@command("contract", "judge programs of your own against the reference", configure, DESCRIPTION)
 def execute(options: argparse.Namespace) -> CommandResult:
     """Judge the programs and report."""
     from refsim.contract import apart
@@ -286,16 +291,3 @@ def _export(options: argparse.Namespace) -> CommandResult:
     if vectors.not_exported:
         lines.append(f"Not exported, as they take objects of refsim: {', '.join(vectors.not_exported)}.")
     return CommandResult(msgspec.to_builtins(vectors), "\n".join(lines))
-
-
-register(
-    Command(
-        "contract",
-        "judge programs of your own against the reference",
-        configure,
-        execute,
-        "Climbs the ladder of tests with every program of a backend: closed forms, hard inputs, conservation,"
-        " symmetries, repeatability, bad input. The programs run in a process of their own. Exit code 4 if a trial"
-        " failed, 2 for bad input.",
-    )
-)

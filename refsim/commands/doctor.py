@@ -1,7 +1,5 @@
 """`refsim doctor`: what is installed, which backends run here, and whether their results are right."""
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 import os
@@ -14,7 +12,8 @@ import numpy as np
 
 from refsim.backends.arrays import host_memory, simulated, unavailable
 from refsim.backends.private import lost
-from refsim.commands import Command, CommandResult, in_bytes, in_time, register, table
+from refsim.backends.threads import cores
+from refsim.commands import CommandResult, command, in_bytes, in_time, table
 from refsim.core.errors import RefsimError
 from refsim.core.operation import BACKENDS, REGISTRY
 from refsim.core.versions import versions
@@ -27,17 +26,14 @@ from refsim.sph import WeaklyCompressible
 TESTED = "sph.density"
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
-    """No arguments of its own."""
-
-
+@command("doctor", "check the installation and every backend")
 def execute(options: argparse.Namespace) -> CommandResult:
     """Collect versions and hardware, test each backend that can run, and give one verdict."""
     backends = {name: unavailable(name) for name in BACKENDS}
     found: dict[str, Any] = {
         "versions": versions(),
         "system": f"{platform.system()} {platform.machine()}",
-        "cores": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count(),
+        "cores": cores(),
         "memory": host_memory(),
         "cache": _cache(),
         "backends": {name: {"available": reason is None, "reason": reason} for name, reason in backends.items()},
@@ -152,27 +148,25 @@ def _gpu() -> dict[str, Any]:
     }
 
 
+def _free(memory: dict[str, Any]) -> str:
+    return f"{in_bytes(memory['free'])} free of {in_bytes(memory['total'])}"
+
+
 def _text(found: dict[str, Any]) -> str:
     cache, memory, threads = found["cache"], found["memory"], found["threads"]
-    rows = [(name, version) for name, version in found["versions"].items()]
-    rows += [
+    lacking = "" if cache["writable"] else "; not writable: kernels are compiled anew in every process"
+    rows = [
+        *found["versions"].items(),
         ("system", found["system"]),
         ("threads", f"up to {threads['most']} on {found['cores']} cores, layer {threads['layer']}"),
-        (
-            "memory",
-            f"{in_bytes(memory['free'])} free of {in_bytes(memory['total'])}" if memory["total"] else "not known here",
-        ),
-        (
-            "cache",
-            f"{cache['folder']}, {in_bytes(cache['bytes'])}"
-            + ("" if cache["writable"] else "; not writable: kernels are compiled anew in every process"),
-        ),
+        ("memory", _free(memory) if memory["total"] else "not known here"),
+        ("cache", f"{cache['folder']}, {in_bytes(cache['bytes'])}{lacking}"),
     ]
     if found["gpu"]:
         gpu = found["gpu"]
         rows.append(("GPU", ", ".join(f"{k} {v}" if k != "name" else str(v) for k, v in gpu.items() if k != "memory")))
         if "memory" in gpu:
-            rows.append(("GPU memory", f"{in_bytes(gpu['memory']['free'])} free of {in_bytes(gpu['memory']['total'])}"))
+            rows.append(("GPU memory", _free(gpu["memory"])))
     lines = [table(rows), "", "Backends"]
     told = []
     for name, state in found["backends"].items():
@@ -182,18 +176,11 @@ def _text(found: dict[str, Any]) -> str:
         elif "why" in test:
             told.append((name, "FAILS", "see the verdict"))
         else:
-            told.append(
-                (
-                    name,
-                    "works" if test["verdict"] == "pass" else "WRONG",
-                    "the reference for the others"
-                    if name == "numpy"
-                    else f"{test['operation']} of {test['particles']} particles: largest relative error"
-                    f" {test['largest_relative_error']:.2g}, allowed {test['bound']:.2g}, {in_time(test['seconds'])}",
-                )
+            words = (
+                f"{test['operation']} of {test['particles']} particles: largest relative error"
+                f" {test['largest_relative_error']:.2g}, allowed {test['bound']:.2g}, {in_time(test['seconds'])}"
             )
+            verdict = "works" if test["verdict"] == "pass" else "WRONG"
+            told.append((name, verdict, "the reference for the others" if name == "numpy" else words))
     told += [("note", "", sentence) for sentence in found["private_names"].values()]
     return "\n".join([*lines, table(told), "", f"Verdict: {found['verdict']}."])
-
-
-register(Command("doctor", "check the installation and every backend", configure, execute))

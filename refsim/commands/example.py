@@ -1,17 +1,14 @@
 """`refsim example`: list the examples, and write some of them or the lessons into a folder."""
 
-from __future__ import annotations
-
 import argparse
 import importlib.resources
 import os
 from pathlib import Path
 from typing import Any
 
-from refsim.commands import Command, CommandResult, register, table
+from refsim.commands import CommandResult, command, table, write_new
 from refsim.core.checked import suggestion
 from refsim.core.errors import InputError
-from refsim.io.checkpoint import cannot_write, replace_file
 from refsim.io.lessons import lessons, notebook, script, title
 from refsim.scene.files import parse_scene
 
@@ -22,18 +19,16 @@ DESCRIPTION = (
 )
 
 
+def packaged(ending: str) -> dict[str, str]:
+    """The texts of the examples with this ending, by name."""
+    folder = importlib.resources.files("refsim") / "examples"
+    files = sorted((path for path in folder.iterdir() if path.name.endswith(ending)), key=str)
+    return {path.name.removesuffix(ending): path.read_text(encoding="utf-8") for path in files}
+
+
 def examples() -> dict[str, str]:
     """The example scenes as TOML, by name."""
-    folder = importlib.resources.files("refsim") / "examples"
-    scenes = (path for path in folder.iterdir() if path.name.endswith(".toml"))
-    return {path.name.removesuffix(".toml"): path.read_text(encoding="utf-8") for path in sorted(scenes, key=str)}
-
-
-def programs() -> dict[str, str]:
-    """Whole methods in a file of about a hundred lines, with NumPy alone, by name."""
-    folder = importlib.resources.files("refsim") / "examples"
-    files = (path for path in folder.iterdir() if path.name.endswith(".py"))
-    return {path.name.removesuffix(".py"): path.read_text(encoding="utf-8") for path in sorted(files, key=str)}
+    return packaged(".toml")
 
 
 def files_of(name: str, text: str) -> dict[str, bytes]:
@@ -52,9 +47,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--overwrite", action="store_true", help="replace files that are there")
 
 
+@command("example", "list example scenes, or write one, or the lessons", configure, DESCRIPTION)
 def execute(options: argparse.Namespace) -> CommandResult:
     """List the examples, or write some of them or the lessons."""
-    known, alone = examples(), programs()
+    known, alone = examples(), packaged(".py")  # scenes, and whole methods with NumPy alone
     if options.lessons is not None:
         if options.names:
             raise InputError("--lessons writes no example scenes; leave out the names, or give the command twice.")
@@ -66,7 +62,7 @@ def execute(options: argparse.Namespace) -> CommandResult:
         if name not in known | alone:
             raise InputError(f"there is no example {name!r}; {suggestion(name, known | alone)}")
         wanted |= files_of(name, known[name]) if name in known else {f"{name}.py": alone[name].encode()}
-    paths = _write(wanted, Path(options.output), "--output", options.overwrite)
+    paths = _written(wanted, Path(options.output), "--output", options.overwrite)
     commands = {".toml": "refsim run", ".py": "python"}
     lines = [f"wrote {path}" for path in paths]
     lines += [f"{commands[end]} {path}" for path in paths if (end := os.path.splitext(path)[1]) in commands]
@@ -79,7 +75,7 @@ def _with_lessons(folder: Path, overwrite: bool) -> CommandResult:
     for name, text in texts.items():
         forms = {".md": text, ".ipynb": notebook(text), ".py": script(text)}
         wanted |= {name + ending: form.encode() for ending, form in forms.items()}
-    paths = _write(wanted, folder, "--lessons", overwrite)
+    paths = _written(wanted, folder, "--lessons", overwrite)
     first = folder / next(iter(texts))
     lines = table([(str(folder / name), title(text)) for name, text in texts.items()])
     how = (
@@ -89,18 +85,10 @@ def _with_lessons(folder: Path, overwrite: bool) -> CommandResult:
     return CommandResult({"files": paths}, f"{lines}\n\n{how}")
 
 
-def _write(wanted: dict[str, bytes], folder: Path, option: str, overwrite: bool) -> list[str]:
-    """Write files by name into a folder; their paths. Raises InputError where one is there and may not be replaced."""
-    there = [file for file in wanted if os.path.lexists(folder / file)]
-    if there and not overwrite:
-        raise InputError(f"{folder / there[0]} is there already; give another folder ({option}) or --overwrite.")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for file, content in wanted.items():
-            replace_file(folder / file, content)
-    except OSError as error:
-        raise cannot_write("example", folder, error, "files that were written before are whole") from error
-    return [str(folder / file) for file in wanted]
+def _written(wanted: dict[str, bytes], folder: Path, option: str, overwrite: bool) -> list[str]:
+    """Write files by name into a folder; their paths."""
+    files = {folder / name: content for name, content in wanted.items()}
+    return write_new(files, f"folder ({option})", overwrite, "example", "files that were written before are whole")
 
 
 def _listed(known: dict[str, str], alone: dict[str, str]) -> CommandResult:
@@ -108,13 +96,8 @@ def _listed(known: dict[str, str], alone: dict[str, str]) -> CommandResult:
     for name, text in known.items():
         effects = [effect.name for effect in parse_scene(text, name).effects]
         found.append({"name": name, "summary": text.partition("\n")[0].lstrip("# "), "effects": effects})
-    found += [
-        {"name": name, "summary": text.partition("\n")[0].strip('"'), "effects": []} for name, text in alone.items()
-    ]
+    for name, text in alone.items():
+        found.append({"name": name, "summary": text.partition("\n")[0].strip('"'), "effects": []})
     rows = [(e["name"], e["summary"]) for e in found]
     how = f"Write one with: refsim example {found[0]['name']}\nWrite the lessons with: refsim example --lessons lessons"
-    text = f"{table(rows)}\n\n{how}"
-    return CommandResult({"examples": found}, text)
-
-
-register(Command("example", "list example scenes, or write one, or the lessons", configure, execute, DESCRIPTION))
+    return CommandResult({"examples": found}, f"{table(rows)}\n\n{how}")

@@ -1,19 +1,16 @@
 """`refsim list`: every operation with its paper and programs, every effect with its parameters."""
 
-from __future__ import annotations
-
 import argparse
 import ast
 import functools
-import importlib.util
 import inspect
 import textwrap
-from pathlib import Path
 from typing import Any
 
 import msgspec
 
-from refsim.commands import Command, CommandResult, register, table
+from refsim.commands import CommandResult, command, table
+from refsim.commands.show import file_of, parsed
 from refsim.core.capabilities import HasErrata
 from refsim.core.checked import suggestion
 from refsim.core.effect import EFFECTS, Effect
@@ -27,15 +24,13 @@ WIDTH = 100  # columns of a screen
 @functools.cache
 def _functions(module: str) -> frozenset[str]:
     """Names that a module defines, read from its source: nothing is imported but its package."""
-    spec = importlib.util.find_spec(module)
-    if spec is None or spec.origin is None:
-        return frozenset()
-    tree = ast.parse(Path(spec.origin).read_text(encoding="utf-8"))
-    names = {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
-    for node in tree.body:
-        if isinstance(node, ast.Assign):
+    names: set[str] = set()
+    for node in parsed(module)[1].body if file_of(module) is not None else ():
+        if isinstance(node, ast.FunctionDef):
+            names.add(node.name)
+        elif isinstance(node, ast.Assign):
             names |= {target.id for target in node.targets if isinstance(target, ast.Name)}
-        if isinstance(node, ast.ImportFrom):
+        elif isinstance(node, ast.ImportFrom):
             names |= {alias.asname or alias.name for alias in node.names}
     return frozenset(names)
 
@@ -57,17 +52,9 @@ def _parameters(effect: type[Effect]) -> list[dict[str, Any]]:
         default = None if f.default is msgspec.NODEFAULT else f.default
         if f.default_factory is not msgspec.NODEFAULT:
             default = f.default_factory()
-        found.append(
-            {"name": f.name, "default": default, "required": f.required, "meaning": meanings.get(f.name, "")},
-        )
+        meaning = meanings.get(f.name, "")
+        found.append({"name": f.name, "default": default, "required": f.required, "meaning": meaning})
     return found
-
-
-def _paper(effect: type[Effect]) -> dict[str, Any] | None:
-    """What literal = "paper" takes: deviations as in the source, and parameters; None without `literal`."""
-    if not issubclass(effect, HasErrata):
-        return None
-    return {"source": effect.source, "errata": list(effect.improvements), "parameters": dict(effect.paper)}
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -76,6 +63,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--all", action="store_true", help="show every operation and effect in full")
 
 
+@command("list", "list operations and effects", configure)
 def execute(options: argparse.Namespace) -> CommandResult:
     """List the registry and the effects: by method, or in full those that the words name."""
     operations: dict[str, dict[str, Any]] = {
@@ -88,19 +76,25 @@ def execute(options: argparse.Namespace) -> CommandResult:
     effects: dict[str, dict[str, Any]] = {
         name: {
             "summary": (inspect.getdoc(effect) or "").split("\n")[0], "parameters": _parameters(effect),
-            "paper": _paper(effect),
+            "paper": None,
         }
         for name, effect in sorted(EFFECTS.items())
     }  # fmt: skip
+    for name, effect in EFFECTS.items():
+        if issubclass(effect, HasErrata):  # what literal = "paper" takes
+            taken = {"errata": list(effect.improvements), "parameters": dict(effect.paper)}
+            effects[name]["paper"] = {"source": effect.source, **taken}
     for word in options.words:
         if not any(_has(word, name, o["paper"]) for name, o in operations.items()) and not any(
             _has(word, name) for name in effects
         ):
             known = [*EFFECTS, *dict.fromkeys(name.partition(".")[0] for name in REGISTRY), *REGISTRY]
-            raise InputError(f"no operation or effect has {word!r} in its name or paper; {_near(word, known)}")
+            near = suggestion(word, known)
+            hint = near if near.startswith("did you mean") else "`refsim list` shows what there is."
+            raise InputError(f"no operation or effect has {word!r} in its name or paper; {hint}")
     if options.words:
         operations = {n: o for n, o in operations.items() if any(_has(word, n, o["paper"]) for word in options.words)}
-        effects = {name: effect for name, effect in effects.items() if any(_has(word, name) for word in options.words)}
+        effects = {name: e for name, e in effects.items() if any(_has(word, name) for word in options.words)}
     data = {"operations": operations, "effects": effects}
     if options.words or options.all:
         return CommandResult(data, "\n".join([*map(_operation, operations.items()), *map(_effect, effects.items())]))
@@ -111,27 +105,19 @@ def _has(word: str, *texts: str) -> bool:
     return any(word.lower() in text.lower() for text in texts)
 
 
-def _near(word: str, known: list[str]) -> str:
-    """A similar name, or where to find all of them."""
-    hint = suggestion(word, known)
-    return hint if hint.startswith("did you mean") else "`refsim list` shows what there is."
-
-
 def _overview(operations: dict[str, dict[str, Any]], effects: dict[str, dict[str, Any]]) -> str:
     """Methods with the number of their operations, and effects, a line each."""
     methods: dict[str, list[str]] = {}
     for name, operation in operations.items():
         methods.setdefault(name.partition(".")[0], []).append(operation["paper"])
     rows = [(m, len(papers), _cut(", ".join(dict.fromkeys(papers)), 64)) for m, papers in sorted(methods.items())]
-    told = [(name, _cut(effect["summary"], 72)) for name, effect in effects.items()]
-    return "\n".join(
-        [
-            f"{len(operations)} operations; refsim list METHOD shows those of a method",
-            table(rows, right=(1,)),
-            f"{len(effects)} effects, tables [effects.NAME] of a scene file; refsim list NAME shows the parameters",
-            table(told),
-        ]
-    )
+    lines = [
+        f"{len(operations)} operations; refsim list METHOD shows those of a method",
+        table(rows, right=(1,)),
+        f"{len(effects)} effects, tables [effects.NAME] of a scene file; refsim list NAME shows the parameters",
+        table([(name, _cut(effect["summary"], 72)) for name, effect in effects.items()]),
+    ]
+    return "\n".join(lines)
 
 
 def _cut(text: str, most: int) -> str:
@@ -166,6 +152,3 @@ def _shown(value: Any) -> str:
     if isinstance(value, tuple):
         return "[" + ", ".join(map(_shown, value)) + "]"
     return f'"{value}"' if isinstance(value, str) else str(value)
-
-
-register(Command("list", "list operations and effects", configure, execute))

@@ -1,7 +1,5 @@
 """`refsim plan`: what a run of a scene would allocate and launch, without running it."""
 
-from __future__ import annotations
-
 import argparse
 import math
 from collections.abc import Iterator
@@ -10,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from refsim.commands import Command, CommandResult, in_bytes, in_time, planned, register, table
+from refsim.commands import CommandResult, command, in_bytes, in_time, planned, table
 from refsim.core.capabilities import (
     BringsWalls,
     HasErrata,
@@ -94,7 +92,7 @@ def describe_plan(plan: Plan, backend: str) -> dict[str, Any]:
             for of, m in _margins(plan, steps)
         ],
         "energy_audit": _energy_audit(plan),
-        "notes": list(plan.notes) + _notes(plan, steps),
+        "notes": [*plan.notes, *_notes(plan, steps)],
     }
 
 
@@ -188,14 +186,13 @@ def _margins(plan: Plan, steps: dict[str, Any]) -> Iterator[tuple[str, Margin]]:
         yield "every scene", Margin("step [s]", plan.scene.step, min(steps["limits"].values()))
 
 
-def _notes(plan: Plan, steps: dict[str, Any]) -> list[str]:
+def _notes(plan: Plan, steps: dict[str, Any]) -> Iterator[str]:
     stable = min(steps["limits"].values())
     if plan.scene.step > stable:
-        return [
+        yield (
             f"the fixed step of {plan.scene.step:.3g} s is {plan.scene.step / stable:.2g} times the stable one"
             f" ({stable:.3g} s): expect the run to diverge"
-        ]
-    return []
+        )
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -207,6 +204,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--fresh", action="store_true", help="measure the constants of --time anew")
 
 
+@command("plan", "show what a scene would allocate and launch", configure)
 def execute(options: argparse.Namespace) -> CommandResult:
     """Plan a scene file."""
     if options.backend not in BACKENDS:
@@ -222,15 +220,12 @@ def execute(options: argparse.Namespace) -> CommandResult:
 
 def _time(predicted: list[Prediction]) -> str:
     """What a run would take on each backend."""
-    rows, notes = [], []
+    rows = []
     for each in predicted:
-        if math.isfinite(each.seconds):
-            cells = (in_time(each.seconds), f"{each.steps:,}", f"{each.builds:,}", in_bytes(each.bytes))
-        else:
-            cells = ("-",) * 4
-        rows.append((each.backend, *cells))
-        notes += [f"{each.backend}: {each.note}"] if each.note else []
+        cells = (in_time(each.seconds), f"{each.steps:,}", f"{each.builds:,}", in_bytes(each.bytes))
+        rows.append((each.backend, *(cells if math.isfinite(each.seconds) else ("-",) * 4)))
     head = ("backend", "steps take", "steps", "list builds", "memory")
+    notes = [f"{each.backend}: {each.note}" for each in predicted if each.note]
     lines = ["Time on this machine, without compiling and frames", table(rows, head, right=(1, 2, 3, 4)), *notes]
     return "\n".join(lines)
 
@@ -240,71 +235,50 @@ def _text(found: dict[str, Any]) -> str:
     around = "".join(f", periodic along {axis} over {m:g} m" for axis, m in zip("xyz", found["period"]) if m)
     if any(found["origin"]):
         around += f", positions relative to ({', '.join(f'{m:g}' for m in found['origin'])}) m"
+    fields = [
+        (name, f["bytes_per_particle"], in_bytes(f["bytes"]), f["unit"], ", ".join(f["brought_by"]), f["meaning"])
+        for name, f in found["fields"].items()
+    ]
+    passes = [
+        (number, p["operation"], p.get("effect", "(runner)"), p["kernel"], p["when"])
+        for number, p in enumerate(found["passes"] + found["runner"], 1)
+    ]
+    effects = []
+    for name, e in found["effects"].items():
+        reach = f"{e['list_radius']:g} m" if e["list_radius"] else "-"
+        count = f"{e['wall_particles']:,}" if e["wall_particles"] else "-"
+        effects.append((name, reach, count, ", ".join(e["step_limits"]) or "-"))
     lines = [
         f"{found['scene']}: {found['particles']:,} particles{walls} in {found['dim']}D, {found['dtype']},"
         f" backend {found['backend']}",
         f"spacing {found['spacing']:g} m, support radius {found['support_radius']:g} m{around}",
         "",
         "Fields",
-        table(
-            [
-                (
-                    name,
-                    f["bytes_per_particle"],
-                    in_bytes(f["bytes"]),
-                    f["unit"],
-                    ", ".join(f["brought_by"]),
-                    f["meaning"],
-                )
-                for name, f in found["fields"].items()
-            ],
-            ("field", "B/particle", "bytes", "unit", "brought by", "meaning"),
-            right=(1, 2),
-        ),
+        table(fields, ("field", "B/particle", "bytes", "unit", "brought by", "meaning"), right=(1, 2)),
         "",
         "Passes, in order",
-        table(
-            [
-                (k, p["operation"], p.get("effect", "(runner)"), p["kernel"], p["when"])
-                for k, p in enumerate(found["passes"] + found["runner"], 1)
-            ],
-            ("", "operation", "effect", "kernel", "when"),
-            right=(0,),
-        ),
+        table(passes, ("", "operation", "effect", "kernel", "when"), right=(0,)),
         "",
         "Effects",
-        table(
-            [
-                (
-                    name,
-                    f"{e['list_radius']:g} m" if e["list_radius"] else "-",
-                    f"{e['wall_particles']:,}" if e["wall_particles"] else "-",
-                    ", ".join(e["step_limits"]) or "-",
-                )
-                for name, e in found["effects"].items()
-            ],
-            ("effect", "neighbours to", "wall particles", "step limits"),
-        ),
+        table(effects, ("effect", "neighbours to", "wall particles", "step limits")),
         *(f"As in {e['literal']['source']}: {name} with {_taken(e['literal'])}"
           for name, e in found["effects"].items() if e["literal"]),
         "",
     ]  # fmt: skip
     listed = found["neighbour_list"]
-    if listed:
-        lines.append(
-            f"Neighbour list: radius {listed['radius']:g} m, reaching to {listed['reach']:g} m,"
-            f" {listed['neighbours_on_a_lattice']} neighbours on the lattice, about {in_bytes(listed['bytes'])};"
-            f" rebuilt when a particle has moved {listed['built_anew_after']:.3g} m"
-        )
-    else:
-        lines.append("Neighbour list: none")
+    lines.append(
+        f"Neighbour list: radius {listed['radius']:g} m, reaching to {listed['reach']:g} m,"
+        f" {listed['neighbours_on_a_lattice']} neighbours on the lattice, about {in_bytes(listed['bytes'])};"
+        f" rebuilt when a particle has moved {listed['built_anew_after']:.3g} m"
+        if listed
+        else "Neighbour list: none"
+    )
     b = found["bytes"]
+    grid = f", background grid {in_bytes(b['background_grid'])}" if "background_grid" in b else ""
     lines.append(
         f"Memory: {in_bytes(b['total'])}, {b['total'] / found['particles']:.0f} B a particle (fields"
         f" {in_bytes(b['fields'])}, list {in_bytes(b['neighbour_list'])}, positions at its last build"
-        f" {in_bytes(b['positions_at_list_build'])}, walls {in_bytes(b['walls'])}"
-        + (f", background grid {in_bytes(b['background_grid'])}" if "background_grid" in b else "")
-        + ")"
+        f" {in_bytes(b['positions_at_list_build'])}, walls {in_bytes(b['walls'])}{grid})"
     )
     if found["not_counted"]:
         lines.append(f"Not counted, since it follows the run: {'; '.join(found['not_counted'])}")
@@ -315,19 +289,13 @@ def _text(found: dict[str, Any]) -> str:
         f" (limits, before any force but gravity: {limits})",
         f"To {found['end_time']:g} s: at least {step['steps_to_end_at_least']:,} steps",
     ]
-    if found["margins"]:
-        rows = [
-            (
-                m["setting"],
-                m["of"],
-                f"{m['value']:.3g}",
-                f"{'at least' if m['least'] else 'at most'} {m['limit']:.3g}",
-                _margin(m["factor"]),
-            )
-            for m in found["margins"]
-        ]
+    margins = []
+    for m in found["margins"]:
+        limit = f"{'at least' if m['least'] else 'at most'} {m['limit']:.3g}"
+        margins.append((m["setting"], m["of"], f"{m['value']:.3g}", limit, _margin(m["factor"])))
+    if margins:
         head = ("setting", "of", "here", "measured to hold", "margin")
-        lines += ["", "Measured limits (docs/stability.md)", table(rows, head, right=(2, 3, 4)), ""]
+        lines += ["", "Measured limits (docs/stability.md)", table(margins, head, right=(2, 3, 4)), ""]
     audit = found["energy_audit"]
     if audit:
         lacking = "; not counted: " + ", ".join(audit["uncounted"]) if audit["uncounted"] else ""
@@ -335,8 +303,7 @@ def _text(found: dict[str, Any]) -> str:
             f"Energy audit: every {audit['every']:,} steps, growth up to {audit['bound']:g} of the energy turned over;"
             f" counts {', '.join(audit['counts'])}{lacking}"
         )
-    lines += [f"Note: {note}" for note in found["notes"]]
-    return "\n".join(lines)
+    return "\n".join([*lines, *(f"Note: {note}" for note in found["notes"])])
 
 
 def _taken(literal: dict[str, Any]) -> str:
@@ -352,6 +319,3 @@ def _margin(factor: float | None) -> str:
     if factor >= 1:
         return f"{factor:.2g} times"
     return f"beyond, {1 / factor:.2g} times" if factor > 0 else "beyond"
-
-
-register(Command("plan", "show what a scene would allocate and launch", configure, execute))

@@ -1,13 +1,11 @@
 """`refsim render`: pictures and films of a run."""
 
-from __future__ import annotations
-
 import argparse
 import os
 import time
 from typing import Any
 
-from refsim.commands import Command, CommandResult, in_bytes, in_time, register, table
+from refsim.commands import CommandResult, command, in_bytes, in_time, table
 from refsim.core.errors import InputError
 
 DESCRIPTION = (
@@ -26,11 +24,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("--gauges", action="store_true", help="plot what the gauges have measured (RUN_gauges.png)")
     add("--style", default="paper", help="paper (opaque surfaces), water (clear ones) or particles (default paper)")
     add("--color", metavar="FIELD", help="colour by a field of the run, such as pressure, velocity or velocity.x")
-    add(
-        "--limits",
-        metavar="LOW,HIGH",
-        help="of the colour bar (0.5 %% of a frame's particles may lie beyond either end)",
-    )
+    words = "of the colour bar (0.5 %% of a frame's particles may lie beyond either end)"
+    add("--limits", metavar="LOW,HIGH", help=words)
     add("--camera", metavar="A,E[,Z]", help="azimuth, elevation [degrees] and zoom (default -60,20,1)")
     add("--cut", metavar="x=0", help="leave away what lies before this plane [m]")
     add("--surface", default="isosurface", help="isosurface (refsim's own) or pysplashsurf (default isosurface)")
@@ -38,6 +33,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("--per-second", type=float, default=25, metavar="N", help="frames of the run for a second of film (25)")
 
 
+@command("render", "draw pictures and films of a run", configure, DESCRIPTION)
 def execute(options: argparse.Namespace) -> CommandResult:
     """Draw, write, and say what was written."""
     from refsim.render.pictures import Look, write_film, write_pictures
@@ -71,10 +67,5 @@ def _numbers(name: str, words: str, between: str, kind: type) -> tuple[Any, Any]
     try:
         first, second = map(kind, words.split(between))
     except ValueError:
-        raise InputError(
-            f"--{name} {words!r} is not possible; give two numbers with {between!r} between them."
-        ) from None
+        raise InputError(f"--{name} {words!r} is not possible; give two numbers with {between!r} between.") from None
     return first, second
-
-
-register(Command("render", "draw pictures and films of a run", configure, execute, DESCRIPTION))

@@ -1,14 +1,12 @@
 """`refsim reproduce`: the papers' experiments, which are in the repository and not in the installed package."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import subprocess
 import sys
 from pathlib import Path
 
-from refsim.commands import Command, CommandResult, register
+from refsim.commands import CommandResult, command
 from refsim.core.errors import InputError
 from refsim.core.versions import VERSION
 
@@ -34,6 +32,7 @@ def repository() -> Path | None:
     return None
 
 
+@command("reproduce", "run the papers' experiments (in the repository)", configure, DESCRIPTION)
 def execute(options: argparse.Namespace) -> CommandResult:
     """Run the script; its exit code. Raises InputError where there is no repository."""
     folder = repository()
@@ -47,6 +46,3 @@ def execute(options: argparse.Namespace) -> CommandResult:
         [sys.executable, str(folder / SCRIPT), *chosen], stdout=subprocess.PIPE if options.json else None, text=True
     )
     return CommandResult(json.loads(done.stdout) if options.json and done.stdout else {}, "", done.returncode)
-
-
-register(Command("reproduce", "run the papers' experiments (in the repository)", configure, execute, DESCRIPTION))

@@ -1,7 +1,5 @@
 """`refsim run`: a scene file, or a checkpoint, to its end, with progress, frames, checkpoints and a report."""
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 import os
@@ -13,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from refsim.backends.loading import load_without_rules
-from refsim.commands import Command, CommandResult, in_time, planned, register, table
+from refsim.commands import CommandResult, command, in_time, planned, table
 from refsim.core.errors import InputError, RunStopped
 from refsim.core.stopping import heeding
 from refsim.engine.driver import RunReport, simulate
@@ -32,11 +30,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("scene", nargs="?", help="scene file (TOML); with --resume it may be left out")
     add("--backend", help="numpy, cpu or cuda (cpu; with --resume that of the checkpoint)")
     add("--until", type=float, metavar="T", help="end [s of simulated time] (end_time of the scene)")
-    add(
-        "--output",
-        metavar="DIR",
-        help="folder of the run (NAME_run for NAME.toml; with --resume that of the checkpoint)",
-    )
+    words = "folder of the run (NAME_run for NAME.toml; with --resume that of the checkpoint)"
+    add("--output", metavar="DIR", help=words)
     add("--every", type=float, metavar="S", help="simulated time between frames [s] (a hundredth of the run)")
     add("--checkpoint-every", type=float, default=60.0, metavar="S", help="wall time between checkpoints [s] (60)")
     add("--resume", metavar="FILE|DIR", help="go on from a checkpoint, or from the newest one in a folder")
@@ -46,6 +41,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("--quiet", action="store_true", help="no progress")
 
 
+@command("run", "run a scene, or go on from a checkpoint", configure, DESCRIPTION)
 def execute(options: argparse.Namespace) -> CommandResult:
     """Run the scene, or go on from the checkpoint."""
     load_without_rules()
@@ -56,16 +52,9 @@ def execute(options: argparse.Namespace) -> CommandResult:
     progress = Progress(until, folder, options.quiet, lambda run: seconds_left(run, until, options.threads))
     try:
         with _asked_to_stop() as asked:
+            given = {name: getattr(options, name) for name in ("threads", "every", "checkpoint_every", "overwrite")}
             report = simulate(
-                simulation,
-                options.until,
-                threads=options.threads,
-                output=folder,
-                every=options.every,
-                checkpoint_every=options.checkpoint_every,
-                overwrite=options.overwrite,
-                progress=progress,
-                asked_to_stop=asked.is_set,
+                simulation, options.until, output=folder, progress=progress, asked_to_stop=asked.is_set, **given
             )
     except RunStopped as stop:
         progress.close()
@@ -78,22 +67,16 @@ def execute(options: argparse.Namespace) -> CommandResult:
 
 def _begin(options: argparse.Namespace) -> tuple[Simulation, Path]:
     scene = None if options.scene is None else load_scene(options.scene)
+    compiling, source = None if options.quiet else compiling_bar, Path(options.resume or "")
     if options.resume is not None:
         simulation = Simulation.resume(
-            options.resume,
-            options.backend,
-            options.threads,
-            scene,
-            options.profile,
-            None if options.quiet else compiling_bar,
+            options.resume, options.backend, options.threads, scene, options.profile, compiling
         )
-        source = Path(options.resume)
         return simulation, Path(options.output or (source if os.path.isdir(source) else source.parent))
     if scene is None:
         raise InputError("there is nothing to run; give a scene file, or a checkpoint with --resume.")
     plan = planned(scene, options.scene)
-    backend = options.backend or "cpu"
-    simulation = Simulation(plan, backend, options.threads, options.profile, None if options.quiet else compiling_bar)
+    simulation = Simulation(plan, options.backend or "cpu", options.threads, options.profile, compiling)
     return simulation, Path(options.output or f"{Path(options.scene).stem}_run")
 
 
@@ -136,8 +119,7 @@ def _text(report: RunReport) -> str:
         f" {in_time(report.seconds['first_calls'])} for compiling and first calls",
         f"step set by: {limiters}",
     ]
-    if report.search:
-        s = report.search
+    if s := report.search:
         lines.append(
             f"neighbour list: {s['rebuilds']:,} rebuilds, {s['audited_rows']:,} rows audited,"
             f" {s['missed_neighbours']} neighbours missed, at most {s['most_neighbours']} for one particle"
@@ -161,16 +143,11 @@ def _text(report: RunReport) -> str:
 
 def _profile(profile: dict[str, Any]) -> str:
     """The seconds by stage, the longest first."""
-    rows = [
-        (
-            cost["stage"],
-            f"{cost['seconds']:.4g}",
-            f"{100 * cost['share']:.1f} %",
-            f"{cost['launches']:,}" if cost["launches"] else "-",
-            f"{cost['first']:.3g}" if cost["first"] else "-",
-        )
-        for cost in profile["stages"]
-    ]
+    rows = []
+    for cost in profile["stages"]:
+        launches = f"{cost['launches']:,}" if cost["launches"] else "-"
+        first = f"{cost['first']:.3g}" if cost["first"] else "-"
+        rows.append((cost["stage"], f"{cost['seconds']:.4g}", f"{100 * cost['share']:.1f} %", launches, first))
     head = ("pass or part of the loop", "seconds", "share", "launches", "first launch [s]")
     note = f"\n{profile['note']}" if profile["note"] else ""
     return f"\n\n{table(rows, head, right=(1, 2, 3, 4))}{note}"
@@ -178,6 +155,3 @@ def _profile(profile: dict[str, Any]) -> str:
 
 def _vector(values: list[float]) -> str:
     return "(" + ", ".join(f"{v:.3g}" for v in values) + ")"
-
-
-register(Command("run", "run a scene, or go on from a checkpoint", configure, execute, DESCRIPTION))

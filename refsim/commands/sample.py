@@ -1,7 +1,5 @@
 """`refsim sample`: a mesh becomes boundary particles."""
 
-from __future__ import annotations
-
 import argparse
 import time
 from pathlib import Path
@@ -10,7 +8,7 @@ import numpy as np
 
 from refsim.boundary.mesh import load_mesh
 from refsim.boundary.sampling import LITERAL, MOST_ITERATIONS, sample
-from refsim.commands import Command, CommandResult, in_bytes, in_time, register, table
+from refsim.commands import CommandResult, command, in_bytes, in_time, table
 from refsim.core.errors import InputError
 from refsim.io.vtp import write_vtp
 
@@ -22,23 +20,20 @@ DESCRIPTION = (
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """The mesh, the radius and where the particles go."""
-    parser.add_argument("mesh", help="mesh file: .obj, .stl, .ply, .off, .glb and whatever else trimesh reads")
-    parser.add_argument(
-        "--radius", type=float, required=True, help="r of the particles [m]; they stand about 2 r apart"
-    )
-    parser.add_argument("-o", "--output", default="boundary.vtp", help="VTP file to write (default boundary.vtp)")
-    parser.add_argument("--seed", type=int, default=0, help="of the first places (default 0)")
-    parser.add_argument(
-        "--grid-spacing",
-        type=float,
-        help="of the signed distance's grid [m] (default 1.5 r, less for thin or sharp parts)",
-    )
-    parser.add_argument("--density", type=float, help="g in g A/(pi r^2) (default pi/(2 sqrt 3) = 0.9069, hexagonal)")
-    parser.add_argument("--iterations", type=int, default=MOST_ITERATIONS, help="most iterations of the relaxation")
-    parser.add_argument("--literal", default="", help=f"readings of the patent: {', '.join(LITERAL)}, paper or all")
-    parser.add_argument("--backend", default="cpu", choices=("cpu", "cuda"), help="where it runs (default cpu)")
+    add = parser.add_argument
+    add("mesh", help="mesh file: .obj, .stl, .ply, .off, .glb and whatever else trimesh reads")
+    add("--radius", type=float, required=True, help="r of the particles [m]; they stand about 2 r apart")
+    add("-o", "--output", default="boundary.vtp", help="VTP file to write (default boundary.vtp)")
+    add("--seed", type=int, default=0, help="of the first places (default 0)")
+    words = "of the signed distance's grid [m] (default 1.5 r, less for thin or sharp parts)"
+    add("--grid-spacing", type=float, help=words)
+    add("--density", type=float, help="g in g A/(pi r^2) (default pi/(2 sqrt 3) = 0.9069, hexagonal)")
+    add("--iterations", type=int, default=MOST_ITERATIONS, help="most iterations of the relaxation")
+    add("--literal", default="", help=f"readings of the patent: {', '.join(LITERAL)}, paper or all")
+    add("--backend", default="cpu", choices=("cpu", "cuda"), help="where it runs (default cpu)")
 
 
+@command("sample", "spread boundary particles over a mesh", configure, DESCRIPTION)
 def execute(options: argparse.Namespace) -> CommandResult:
     """Read, sample, write, and say how even the particles are."""
     output = Path(options.output)
@@ -92,6 +87,3 @@ def nearest_distances(position: np.ndarray) -> np.ndarray:
 
 def _lengths(extent: np.ndarray) -> str:
     return " x ".join(f"{x:.4g}" for x in extent)
-
-
-register(Command("sample", "spread boundary particles over a mesh", configure, execute, DESCRIPTION))

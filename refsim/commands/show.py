@@ -1,7 +1,5 @@
 """`refsim show OPERATION`: its equation, formula, reference and program, as they stand in the sources."""
 
-from __future__ import annotations
-
 import argparse
 import ast
 import functools
@@ -10,7 +8,7 @@ import importlib.util
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from refsim.commands import Command, CommandResult, register
+from refsim.commands import CommandResult, command
 from refsim.core.checked import suggestion
 from refsim.core.errors import InputError
 from refsim.core.operation import REGISTRY, Operation, backend_of
@@ -33,7 +31,8 @@ class Source:
 
 
 @functools.cache
-def _file(module: str) -> Path | None:
+def file_of(module: str) -> Path | None:
+    """The source of a module, of which no more than its package is imported; None where there is none."""
     try:
         spec = importlib.util.find_spec(module)
     except ModuleNotFoundError:
@@ -42,15 +41,16 @@ def _file(module: str) -> Path | None:
 
 
 @functools.cache
-def _parsed(module: str) -> tuple[str, ast.Module]:
-    path = _file(module)
+def parsed(module: str) -> tuple[str, ast.Module]:
+    """Text and syntax tree of a module."""
+    path = file_of(module)
     assert path is not None, module
     text = path.read_text(encoding="utf-8")
     return text, ast.parse(text)
 
 
 def _function(module: str, name: str) -> ast.FunctionDef | None:
-    nodes = _parsed(module)[1].body
+    nodes = parsed(module)[1].body
     return next((n for n in nodes if isinstance(n, ast.FunctionDef) and n.name == name), None)
 
 
@@ -60,7 +60,7 @@ def source_of(module: str, name: str) -> Source:
     if node is None:
         raise InputError(f"{module} defines no function {name}, which `refsim show` could print.")
     first = min([node.lineno, *(d.lineno for d in node.decorator_list)])
-    lines = _parsed(module)[0].splitlines()[first - 1 : node.end_lineno]
+    lines = parsed(module)[0].splitlines()[first - 1 : node.end_lineno]
     return Source(module, name, first, "\n".join(lines))
 
 
@@ -68,7 +68,7 @@ def source_of(module: str, name: str) -> Source:
 def _imported(module: str) -> dict[str, str]:
     """What the module imports of its own package, by the name that it uses."""
     found: dict[str, str] = {}
-    for node in _parsed(module)[1].body:
+    for node in parsed(module)[1].body:
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith(module.partition(".")[0]):
             found |= {alias.asname or alias.name: f"{node.module}.{alias.name}" for alias in node.names}
     return found
@@ -89,7 +89,7 @@ def called_by(module: str, name: str) -> list[tuple[str, str]]:
                 target = (full.rpartition(".")[0], full.rpartition(".")[2])
             else:
                 continue
-            if target not in found and target[0] and _file(target[0]) is not None and _function(*target) is not None:
+            if target not in found and target[0] and file_of(target[0]) is not None and _function(*target) is not None:
                 found[target] = None
                 waiting.append(target)
     return list(found)
@@ -117,14 +117,11 @@ def describe(operation: Operation, program: str) -> dict[str, list[Source]]:
 def configure(parser: argparse.ArgumentParser) -> None:
     """Operation and program."""
     parser.add_argument("operation", help="its name, such as sph.momentum; `refsim list` names all")
-    parser.add_argument(
-        "--backend",
-        default="cpu",
-        metavar="PROGRAM",
-        help="cpu, cuda, or another program of the operation (cuda:fused)",
-    )
+    words = "cpu, cuda, or another program of the operation (cuda:fused)"
+    parser.add_argument("--backend", default="cpu", metavar="PROGRAM", help=words)
 
 
+@command("show", "print equation, formula, reference and program of an operation", configure)
 def execute(options: argparse.Namespace) -> CommandResult:
     """Print the sources of one operation."""
     operation = REGISTRY.get(options.operation)
@@ -149,10 +146,5 @@ def execute(options: argparse.Namespace) -> CommandResult:
         if found.get(key):
             lines += ["", f"## {heading}", *(f"\n{source}" for source in found[key])]
     data = {key: [asdict(source) for source in sources] for key, sources in found.items()}
-    return CommandResult(
-        {"operation": operation.name, "paper": operation.paper, "equation": operation.equation, **data},
-        "\n".join(lines),
-    )
-
-
-register(Command("show", "print equation, formula, reference and program of an operation", configure, execute))
+    about = {"operation": operation.name, "paper": operation.paper, "equation": operation.equation}
+    return CommandResult(about | data, "\n".join(lines))

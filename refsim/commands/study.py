@@ -1,16 +1,14 @@
 """`refsim study`: what accuracy costs in a scene, and what each of its effects costs."""
 
-from __future__ import annotations
-
 import argparse
 import shlex
-import sys
 from pathlib import Path
 
 from refsim import study
-from refsim.commands import Command, CommandResult, kept_in, register
+from refsim.commands import CommandResult, command, kept_in, results_folder
 from refsim.core.checked import suggestion
 from refsim.core.errors import InputError
+from refsim.engine.progress import say
 from refsim.io.checkpoint import cannot_write, replace_file
 from refsim.scene.scene import Scene
 from refsim.study import KNOBS
@@ -26,17 +24,15 @@ the study's folder, so that the same command goes on where it was stopped. The n
 them) stands for its packaged scene and observable; --points measures the panel's settings anew, beside those on
 file."""
 FAILED = 3
+GIVEN = ("levels", "finer", "ratio", "error", "reaches", "backend", "threads", "scheduler")  # as `study` takes them
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Arguments of `refsim study`."""
     add = parser.add_argument
     add("scene", help="scene file (TOML), or the name of a panel")
-    add(
-        "--observable",
-        metavar="WHAT",
-        help="front (front:-y), kinetic_energy, field:NAME@X,Y,Z (or @mean, @max, @min), or FILE.py:function",
-    )
+    words = "front (front:-y), kinetic_energy, field:NAME@X,Y,Z (or @mean, @max, @min), or FILE.py:function"
+    add("--observable", metavar="WHAT", help=words)
     add("--reaches", type=float, metavar="VALUE", help="study the time at which the observable has this value")
     add("--levels", type=int, default=3, metavar="N", help="number of spacings (3)")
     add("--finer", type=int, metavar="N", help="how many of them are finer than the scene's (half of them)")
@@ -52,6 +48,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("--quiet", action="store_true", help="no progress")
 
 
+@command("study", "say what accuracy costs in a scene", configure, DESCRIPTION)
 def execute(options: argparse.Namespace) -> CommandResult:
     """Study a scene file or a panel; table, picture and page are written into the study's folder."""
     scene: Scene | str = options.scene
@@ -65,28 +62,14 @@ def execute(options: argparse.Namespace) -> CommandResult:
         raise InputError(f"study: --points is for panels; {suggestion(options.scene, abouts())}")
     if options.observable is None:
         raise InputError("study: give what is to be studied: --observable WHAT.")
-    folder = Path(options.output or f"{Path(options.scene).stem}_study")
-    if folder.exists() and not folder.is_dir():
-        raise InputError(f"{folder} is a file; give a folder for the output.")
+    folder = results_folder(options.output, options.scene, "study")
     with kept_in(folder):
-        found = study(
-            scene,
-            options.observable,
-            with_spacing=[word for word in options.with_spacing.split(",") if word],
-            levels=options.levels,
-            finer=options.finer,
-            ratio=options.ratio,
-            knobs=[word for word in options.knobs.split(",") if word],
-            error=options.error,
-            reference=reference,
-            reaches=options.reaches,
-            backend=options.backend,
-            threads=options.threads,
-            folder=folder,
-            scheduler=options.scheduler,
-            say=(lambda text: None) if options.quiet else _say,
-            command=_command(options),
-        )
+        given = {name: getattr(options, name) for name in GIVEN}
+        for name in ("knobs", "with_spacing"):
+            given[name] = [word for word in getattr(options, name).split(",") if word]
+        tell = (lambda text: None) if options.quiet else say
+        command = _command(options)
+        found = study(scene, options.observable, reference=reference, folder=folder, say=tell, command=command, **given)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         found.report(folder / "study.html")
@@ -110,8 +93,8 @@ def _packaged(options: argparse.Namespace) -> Scene:
 
 def _points(options: argparse.Namespace) -> CommandResult:
     """Measure the panel's settings."""
-    say = (lambda text: None) if options.quiet else _say
-    found = measured(panel(options.scene), options.points, backend=options.backend, threads=options.threads, say=say)
+    tell = (lambda text: None) if options.quiet else say
+    found = measured(panel(options.scene), options.points, backend=options.backend, threads=options.threads, say=tell)
     value, _, uncertainty = found.stored.reference()
     about = found.stored.about
     data = {
@@ -128,10 +111,3 @@ def _command(options: argparse.Namespace) -> str:
         value = getattr(options, name)
         words += [] if value == usual else [f"--{name}", f"{value:g}"]
     return shlex.join(words + ([] if options.knobs == ",".join(KNOBS) else ["--knobs", options.knobs]))
-
-
-def _say(text: str) -> None:
-    print(text, file=sys.stderr, flush=True)
-
-
-register(Command("study", "say what accuracy costs in a scene", configure, execute, DESCRIPTION))

@@ -1,12 +1,8 @@
 """`refsim sweep`: a scene's observable at many parameters, on the processors of this machine or on a cluster."""
 
-from __future__ import annotations
-
 import argparse
-from pathlib import Path
 
-from refsim.commands import Command, CommandResult, kept_in, register
-from refsim.core.errors import InputError
+from refsim.commands import CommandResult, command, kept_in, results_folder
 from refsim.engine.progress import say, wanted
 from refsim.sweep import TABLE, sweep
 
@@ -24,21 +20,15 @@ def configure(parser: argparse.ArgumentParser) -> None:
     where.add_argument("--scheduler", metavar="ADDRESS", help="compute on the workers of a Dask scheduler")
     where.add_argument("--jobs", type=int, metavar="N", help="processes of this machine (as many as processors)")
     add("--output", metavar="DIR", help="folder of the results (NAME_sweep for NAME.toml)")
-    add(
-        "--checkpoint-every",
-        type=float,
-        default=60.0,
-        metavar="S",
-        help="wall time between a run's checkpoints [s] (60)",
-    )
+    words = "wall time between a run's checkpoints [s] (60)"
+    add("--checkpoint-every", type=float, default=60.0, metavar="S", help=words)
     add("--quiet", action="store_true", help="no progress")
 
 
+@command("sweep", "run a scene at many parameters", configure, DESCRIPTION)
 def execute(options: argparse.Namespace) -> CommandResult:
     """Compute what is missing; print all runs."""
-    folder = Path(options.output or f"{Path(options.sweep).stem}_sweep")
-    if folder.exists() and not folder.is_dir():
-        raise InputError(f"{folder} is a file; give a folder for the output.")
+    folder = results_folder(options.output, options.sweep, "sweep")
     with kept_in(folder):
         found = sweep(
             options.sweep,
@@ -52,6 +42,3 @@ def execute(options: argparse.Namespace) -> CommandResult:
     worked = any(reading is not None and not reading.failed for reading in found.readings)
     code = 0 if worked and not found.missing else FAILED
     return CommandResult(found.data() | {"folder": str(folder)}, f"{found.text()}\n{folder / TABLE}", code)
-
-
-register(Command("sweep", "run a scene at many parameters", configure, execute, DESCRIPTION))

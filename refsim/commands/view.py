@@ -1,13 +1,11 @@
 """`refsim view`: a run in the browser."""
 
-from __future__ import annotations
-
 import argparse
 import tempfile
 import webbrowser
 from pathlib import Path
 
-from refsim.commands import Command, CommandResult, in_bytes, register
+from refsim.commands import CommandResult, command, in_bytes
 from refsim.core.errors import InputError
 from refsim.io.checkpoint import cannot_write
 
@@ -26,6 +24,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("--fields", metavar="LIST", help="to colour by, such as pressure,velocity.x (the eight that matter most)")
 
 
+@command("view", "show a run in the browser", configure, DESCRIPTION)
 def execute(options: argparse.Namespace) -> CommandResult:
     """Write the page, and open it unless --html names a file."""
     from refsim.render.view import view
@@ -46,6 +45,3 @@ def execute(options: argparse.Namespace) -> CommandResult:
     if options.html is None and not webbrowser.open(path.absolute().as_uri()):
         words += "\nno browser was found: open the file in one"
     return CommandResult({"file": str(path), "bytes": size, "left_out": list(page.left_out)}, words)
-
-
-register(Command("view", "show a run in the browser", configure, execute, DESCRIPTION))

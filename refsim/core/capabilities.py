@@ -4,8 +4,6 @@ An effect names its capabilities among its bases, `class BoxWalls(Effect, Brings
 `having` finds the effects of a scene with a capability.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, ClassVar, NamedTuple, TypeVar

@@ -6,8 +6,6 @@ arrays with one row for each particle by functions marked `@particles`, paramete
 when the contract is (`discover`).
 """
 
-from __future__ import annotations
-
 import functools
 import importlib
 import importlib.util
@@ -15,7 +13,7 @@ import math
 import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -82,11 +80,10 @@ class Case:
 
 Maker = Callable[[Case, np.random.Generator], np.ndarray]
 GroupMaker = Callable[[Case, Discretisation], Mapping[str, Any]]
+Made = TypeVar("Made", bound=Callable)
 PARTICLES: dict[str, Maker] = {}
 GROUPS: dict[str, GroupMaker] = {}
 DERIVED: dict[str, Callable[[Any, str], Any]] = {}
-
-
 EFFECTS_OF_CASES: list[Callable[[Case], Effect]] = []
 
 
@@ -105,30 +102,26 @@ def _claim(names: tuple[str, ...], maker: Callable, table: dict[str, Any]) -> No
         for known in (PARTICLES, GROUPS, DERIVED):
             other = known.get(name)
             if other is not None and (other.__module__, other.__qualname__) != (maker.__module__, maker.__qualname__):
-                raise ValueError(
-                    f"the argument {name!r} is made twice, in {other.__module__} and in {maker.__module__}; rename one."
-                )
+                raise ValueError(f"{name!r} is made twice, in {other.__module__} and in {maker.__module__}; rename one")
         table[name] = maker
 
 
-def particles(*names: str) -> Callable[[Maker], Maker]:
-    """Mark a function of (case, random) that makes an array with one row for each particle, in float64."""
+def _makers_in(table: dict[str, Any]) -> Callable[..., Callable[[Made], Made]]:
+    """A decorator that enters a function under the names that it is given."""
 
-    def mark(maker: Maker) -> Maker:
-        _claim(names, maker, PARTICLES)
-        return maker
+    def claim(*names: str) -> Callable[[Made], Made]:
+        def mark(maker: Made) -> Made:
+            _claim(names, maker, table)
+            return maker
 
-    return mark
+        return mark
+
+    return claim
 
 
-def groups(*names: str) -> Callable[[GroupMaker], GroupMaker]:
-    """Mark a function of (case, grid) that returns parameter groups by name, in the grid's dtype."""
-
-    def mark(maker: GroupMaker) -> GroupMaker:
-        _claim(names, maker, GROUPS)
-        return maker
-
-    return mark
+particles = _makers_in(PARTICLES)  # (case, random) -> an array with one row for each particle, in float64
+groups = _makers_in(GROUPS)  # (case, grid) -> parameter groups by name, in the grid's dtype
+derived = _makers_in(DERIVED)  # (inputs, name) -> an argument made from others, as they and their order are then
 
 
 def other(group: str, **members: Any) -> GroupMaker:
@@ -139,16 +132,6 @@ def other(group: str, **members: Any) -> GroupMaker:
         return own._replace(**{name: type(getattr(own, name))(value) for name, value in members.items()})
 
     return made
-
-
-def derived(*names: str) -> Callable[[Callable[[Any, str], Any]], Callable[[Any, str], Any]]:
-    """Mark a function of (inputs, name) that makes an argument from others, as they and their order are then."""
-
-    def mark(maker: Callable[[Any, str], Any]) -> Callable[[Any, str], Any]:
-        _claim(names, maker, DERIVED)
-        return maker
-
-    return mark
 
 
 Members = Mapping[str, Any]
@@ -308,81 +291,43 @@ def floor_below(position: np.ndarray, dim: int, spacing: float) -> np.ndarray:
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
-@common
-def cloud_3d() -> Case:
-    """Random cloud, mixed masses, on a floor."""
-    position = cloud("cloud_3d", 150, 3)
-    return Case("cloud_3d", 3, position, wall_position=floor_below(position, 3, 0.1))
+def _entered(
+    name: str, dim: int, position: int | Callable[[], Any], floor: bool = False, enter: Any = common, **more: Any
+) -> None:
+    """Enter a case: of so many particles of a random cloud, or at these positions, on a floor or not."""
+
+    def made() -> Case:
+        spacing = more.get("spacing", 0.1)
+        places = cloud(name, position, dim, spacing) if isinstance(position, int) else np.array(position(), float)
+        walls = {"wall_position": floor_below(places, dim, spacing)} if floor else {}
+        return Case(name, dim, places, **walls, **more)
+
+    made.__name__ = name
+    enter(made)
 
 
-@common
-def cloud_2d() -> Case:
-    """Random cloud in the plane on a floor, the other set of smoothing kernels, Tait, clamped."""
-    position = cloud("cloud_2d", 130, 2)
-    return Case(
-        "cloud_2d", 2, position, support_radius=0.26, wall_position=floor_below(position, 2, 0.1),
-        kernels="mueller", state="tait", clamp=True,
-    )  # fmt: skip
-
-
-@common
-def printed_readings() -> Case:
-    """Random cloud with every erratum taken as printed."""
-    position = cloud("printed_readings", 90, 2)
-    return Case(
-        "printed_readings", 2, position, support_radius=0.26, wall_position=floor_below(position, 2, 0.1),
-        literal=True, kernels="mueller",
-    )  # fmt: skip
-
-
-@common
-def lattice_3d() -> Case:
-    """Lattice in which the terms of every interior sum cancel."""
-    return Case("lattice_3d", 3, lattice((5, 5, 5)), masses=(1, 1), ties=True)
-
-
-@common
-def lattice_2d() -> Case:
-    """The same in the plane, on a floor."""
-    position = lattice((10, 10, 1), dim=2)
-    return Case(
-        "lattice_2d", 2, position, support_radius=0.27, masses=(1, 1), ties=True,
-        wall_position=floor_below(position, 2, 0.1),
-    )  # fmt: skip
-
-
-@common
-def on_cell_borders() -> Case:
-    """Lattice whose particles stand exactly on the borders of the search's cells, on both sides of the origin.
-
-    The skin is a quarter, so that cell size and coordinates are exact in binary.
-    """
-    position = lattice((5, 5, 4), 0.3125) - 2 * 0.3125
-    return Case("on_cell_borders", 3, position, spacing=0.3125, support_radius=0.5, skin=0.25, ties=True)
-
-
-@common
-def no_particles() -> Case:
-    """No particles."""
-    return Case("no_particles", 3, np.zeros((0, 3)))
-
-
-@common
-def one_particle() -> Case:
-    """A lone particle away from the origin."""
-    return Case("one_particle", 3, np.array([[0.3, -0.2, 0.1]]))
-
-
-@common
-def two_particles() -> Case:
-    """A pair, so near the edge of the support that its terms are badly conditioned."""
-    return Case("two_particles", 2, np.array([[0.0, 0.0, 0.0], [0.12, 0.15, 0.0]]))
-
-
-@common
-def three_particles() -> Case:
-    """A triangle; the third reaches only one of the others."""
-    return Case("three_particles", 3, np.array([[0.0, 0.0, 0.0], [0.1, 0.02, 0.0], [-0.05, 0.03, 0.15]]))
+_entered("cloud_3d", 3, 150, floor=True)
+# the other set of smoothing kernels, Tait, clamped
+_entered("cloud_2d", 2, 130, floor=True, support_radius=0.26, kernels="mueller", state="tait", clamp=True)
+_entered(
+    "printed_readings", 2, 90, floor=True, support_radius=0.26, literal=True, kernels="mueller"
+)  # of every erratum
+# lattices in which the terms of every interior sum cancel
+_entered("lattice_3d", 3, lambda: lattice((5, 5, 5)), masses=(1, 1), ties=True)
+_entered(
+    "lattice_2d", 2, lambda: lattice((10, 10, 1), dim=2), floor=True, support_radius=0.27, masses=(1, 1), ties=True
+)
+# exactly on the borders of the search's cells, on both sides of the origin: all numbers are exact in binary
+_entered(
+    "on_cell_borders", 3, lambda: lattice((5, 5, 4), 0.3125) - 2 * 0.3125, spacing=0.3125, support_radius=0.5,
+    skin=0.25, ties=True,
+)  # fmt: skip
+_entered("no_particles", 3, lambda: np.zeros((0, 3)))
+_entered("one_particle", 3, lambda: [[0.3, -0.2, 0.1]])
+# so near the edge of the support that its terms are badly conditioned
+_entered("two_particles", 2, lambda: [[0.0, 0.0, 0.0], [0.12, 0.15, 0.0]])
+# the third reaches only one of the others
+_entered("three_particles", 3, lambda: [[0.0, 0.0, 0.0], [0.1, 0.02, 0.0], [-0.05, 0.03, 0.15]])
 
 
 @common
@@ -402,55 +347,18 @@ def nearly_coincident() -> Case:
     return Case("nearly_coincident", 3, position)
 
 
-@common
-def far_away() -> Case:
-    """A cloud 1e4 spacings from the origin, with its floor."""
-    position = cloud("far_away", 80, 3) + [1000.0, -1000.0, 500.0]
-    return Case("far_away", 3, position, wall_position=floor_below(position, 3, 0.1))
-
-
-@common
-def very_far_away() -> Case:
-    """A cloud 1e6 spacings from the origin: in float32 the coordinates come in steps of a sixteenth of a spacing."""
-    return Case("very_far_away", 2, cloud("very_far_away", 60, 2) + [1e5, 6e4, 0.0], support_radius=0.26)
-
-
-@common
-def tiny_lengths() -> Case:
-    """Support radius 1e-6 m."""
-    position = cloud("tiny_lengths", 60, 3, 0.5e-6)
-    return Case(
-        "tiny_lengths", 3, position, spacing=0.5e-6, support_radius=1e-6,
-        wall_position=floor_below(position, 3, 0.5e-6),
-    )  # fmt: skip
-
-
-@common
-def huge_lengths() -> Case:
-    """Support radius 1e3 m."""
-    position = cloud("huge_lengths", 60, 3, 500.0)
-    return Case(
-        "huge_lengths", 3, position, spacing=500.0, support_radius=1e3, wall_position=floor_below(position, 3, 500.0)
-    )
-
-
-@common
-def unequal_masses() -> Case:
-    """Masses 1000 : 1."""
-    return Case("unequal_masses", 3, cloud("unequal_masses", 80, 3), masses=(0.1, 100.0))
-
-
-@common
-def thin_sheet() -> Case:
-    """One layer of particles in space, tilted."""
-    position = lattice((9, 9, 1)) @ np.array([[0.8, 0.0, 0.6], [0.0, 1.0, 0.0], [-0.6, 0.0, 0.8]]).T
-    return Case("thin_sheet", 3, position, ties=True)
-
-
-@common
-def filament() -> Case:
-    """A line of particles in space."""
-    return Case("filament", 3, np.linspace(0, 3, 41)[:, None] * np.array([0.6, 0.0, 0.8]), ties=True)
+# 1e4 spacings from the origin, and 1e6: there coordinates in float32 come in steps of a sixteenth of a spacing
+_entered("far_away", 3, lambda: cloud("far_away", 80, 3) + [1000.0, -1000.0, 500.0], floor=True)
+_entered("very_far_away", 2, lambda: cloud("very_far_away", 60, 2) + [1e5, 6e4, 0.0], support_radius=0.26)
+_entered("tiny_lengths", 3, 60, floor=True, spacing=0.5e-6, support_radius=1e-6)
+_entered("huge_lengths", 3, 60, floor=True, spacing=500.0, support_radius=1e3)
+_entered("unequal_masses", 3, 80, masses=(0.1, 100.0))
+# one layer in space, tilted; and a line
+_entered(
+    "thin_sheet", 3, lambda: lattice((9, 9, 1)) @ np.array([[0.8, 0.0, 0.6], [0.0, 1.0, 0.0], [-0.6, 0.0, 0.8]]).T,
+    ties=True,
+)  # fmt: skip
+_entered("filament", 3, lambda: np.linspace(0, 3, 41)[:, None] * np.array([0.6, 0.0, 0.8]), ties=True)
 
 
 @common
@@ -461,24 +369,9 @@ def flung_particle() -> Case:
     return Case("flung_particle", 3, position)
 
 
-@common
-def negative_coordinates() -> Case:
-    """A cloud where every coordinate is negative."""
-    return Case("negative_coordinates", 3, cloud("negative_coordinates", 80, 3) - [7.3, 5.1, 9.9])
-
-
-@case
-def few() -> Case:
-    """A small cloud on a floor, for other values of the parameters."""
-    position = cloud("few", 60, 3)
-    return Case("few", 3, position, wall_position=floor_below(position, 3, 0.1))
-
-
-@case
-def large() -> Case:
-    """A few thousand particles on a floor, compared on sampled rows."""
-    position = cloud("large", 3000, 3)
-    return Case("large", 3, position, wall_position=floor_below(position, 3, 0.1))
+_entered("negative_coordinates", 3, lambda: cloud("negative_coordinates", 80, 3) - [7.3, 5.1, 9.9])
+_entered("few", 3, 60, floor=True, enter=case)  # for other values of the parameters
+_entered("large", 3, 3000, floor=True, enter=case)  # compared on sampled rows
 
 
 @case

@@ -1,7 +1,5 @@
 """Values of scenes and effects are compared with their types; an error names the field, in TOML as in Python."""
 
-from __future__ import annotations
-
 import difflib
 import functools
 import itertools

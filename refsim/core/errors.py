@@ -1,7 +1,5 @@
 """The two errors that a user of refsim meets; each carries the exit code of the command line."""
 
-from __future__ import annotations
-
 import errno
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Packages that only some uses need: they are imported where they are used, and a missing one is named."""
 
-from __future__ import annotations
-
 import importlib
 from typing import Any
 

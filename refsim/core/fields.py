@@ -1,7 +1,5 @@
 """Particle fields: named arrays of one dtype; only those of the plan are allocated."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

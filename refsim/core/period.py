@@ -4,8 +4,6 @@ Positions are never wrapped: a particle that leaves the box goes on beside it, s
 checkpoints are those of its path. Every separation is taken to the nearest image.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

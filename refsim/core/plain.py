@@ -1,7 +1,5 @@
 """Results as plain values that strict JSON takes."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import Any

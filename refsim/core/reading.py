@@ -1,7 +1,5 @@
 """Opening a file that is only read: a pipe or a device, which may never end, is refused instead of waited for."""
 
-from __future__ import annotations
-
 import errno
 import os
 import stat

@@ -1,7 +1,5 @@
 """Numbers in the types that kernels take."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

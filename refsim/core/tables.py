@@ -1,7 +1,5 @@
 """Tables as text, as HTML for notebooks and as pandas' frames; bytes and times with their units."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
@@ -59,6 +57,21 @@ def in_time(seconds: float) -> str:
     minutes, rest = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)
     return f"{hours} h {minutes:02d} min" if hours else f"{minutes} min {rest:02d} s"
+
+
+class Shown:
+    """Shows itself as a table of facts, as text and in notebooks."""
+
+    def _facts(self) -> tuple[str, list[tuple[str, str]]]:
+        """Title, and (what, its value in words)."""
+        raise NotImplementedError
+
+    def __repr__(self) -> str:
+        title, rows = self._facts()
+        return f"{title}\n{table(rows)}"
+
+    def _repr_html_(self) -> str:
+        return html_table(*self._facts())
 
 
 class Table(Mapping[str, Any]):

@@ -1,7 +1,5 @@
 """Which versions computed a result: for reports, checkpoints and `refsim doctor`."""
 
-from __future__ import annotations
-
 import functools
 import platform
 

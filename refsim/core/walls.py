@@ -3,8 +3,6 @@
 Parameter groups are flat: Numba's parallel loops take tuples of arrays, not tuples of tuples.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

@@ -3,8 +3,6 @@
 It reads the state between two steps, on the host in float64, and changes nothing of the run.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from typing import Any

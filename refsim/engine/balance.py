@@ -1,7 +1,5 @@
 """Totals that a run keeps, such as its heat: a drift beyond rounding is a note, a large one stops the run."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

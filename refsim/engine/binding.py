@@ -1,7 +1,5 @@
 """Passes of a plan as calls without arguments: every name that a program takes is looked up once."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 

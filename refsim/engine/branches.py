@@ -1,7 +1,5 @@
 """Which passes of a step need the results of which others: those that do not may run side by side in its graph."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

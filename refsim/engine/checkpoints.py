@@ -1,7 +1,5 @@
 """What a checkpoint of a run holds: taking it, checking one that was read, and putting it back."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import os

@@ -5,8 +5,6 @@ log, renewed with every checkpoint), of a scene with gauges `gauges.hdf5` and, a
 `postmortem.npz`.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import os
@@ -25,7 +23,7 @@ from refsim.core.fields import POSITION_RESIDUAL
 from refsim.core.log import log
 from refsim.core.period import wrapped
 from refsim.core.plain import plain
-from refsim.core.tables import html_table, in_time, table
+from refsim.core.tables import Shown, in_time
 from refsim.core.versions import versions
 from refsim.engine.postmortem import AFTER_THESE, POSTMORTEM, POSTMORTEM_FIELDS, write_postmortem
 from refsim.engine.progress import Progress, compiling_bar, wanted
@@ -49,7 +47,7 @@ HELD_FOR, HELD_BYTES = 0.5, 2**26  # s and bytes until which frames are held, to
 
 
 @dataclass(repr=False)
-class RunReport:
+class RunReport(Shown):
     """What a run did. SI units; momenta and energies with the velocities half a step behind the positions.
 
     reason, message   why it stopped (one of `refsim.core.errors.REASONS`) and one sentence; None if it reached its end
@@ -90,10 +88,9 @@ class RunReport:
     files: dict[str, str] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
 
-    def _facts(self) -> list[tuple[str, str]]:
-        ended = "its end" if self.reason is None else self.reason
-        return [
-            ("ended with", ended),
+    def _facts(self) -> tuple[str, list[tuple[str, str]]]:
+        return f"RunReport of {self.scene!r}", [
+            ("ended with", "its end" if self.reason is None else self.reason),
             ("time", f"{self.time:.6g} s of {self.until:.6g} s in {self.steps:,} steps"),
             ("particles", f"{self.particles:,}, {self.dtype}, backend {self.backend}"),
             ("wall time", in_time(self.seconds["total"])),
@@ -101,12 +98,6 @@ class RunReport:
             ("files", ", ".join(self.files.values()) or "none"),
             ("notes", "; ".join(self.notes) or "none"),
         ]
-
-    def __repr__(self) -> str:
-        return f"RunReport of {self.scene!r}\n{table(self._facts())}"
-
-    def _repr_html_(self) -> str:
-        return html_table(f"RunReport of {self.scene!r}", self._facts())
 
 
 def simulate(

@@ -1,7 +1,5 @@
 """The neighbour lists of a run: of the particles, and of the wall particles near each of them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any

@@ -4,8 +4,6 @@
 limits, and the command that replays it; `postmortem.npz` holds all fields of the particles around.
 """
 
-from __future__ import annotations
-
 import contextlib
 import io
 import json

@@ -1,7 +1,5 @@
 """Progress of a run on a terminal and in Jupyter: a bar over simulated time, and one over the kernels to compile."""
 
-from __future__ import annotations
-
 import importlib.util
 import sys
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """What the parts of the engine see of a run; `refsim.engine.simulation.Simulation` is one."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Generator, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Protocol

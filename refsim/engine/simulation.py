@@ -22,11 +22,11 @@ from refsim.core.capabilities import FollowsSettings, LimitsSpeed, Watches, havi
 from refsim.core.checked import suggestion
 from refsim.core.effect import Effect, Extremes, Pass
 from refsim.core.errors import InputError, RunStopped
-from refsim.core.tables import html_table, table
+from refsim.core.tables import Shown
 from refsim.engine.audit import Auditor
 from refsim.engine.balance import Balances
 from refsim.engine.binding import bound, fused, on_backend
-from refsim.engine.checkpoints import SavedRun, load_checkpoint, restore, snapshot
+from refsim.engine.checkpoints import load_checkpoint, restore, snapshot
 from refsim.engine.gauges import Gauges
 from refsim.engine.motions import Motions
 from refsim.engine.neighbour_lists import NeighbourLists
@@ -65,7 +65,7 @@ class StepResult:
     limits: dict[str, float]
 
 
-class Simulation:
+class Simulation(Shown):
     """A scene on a backend, step by step.
 
     scene    the scene, or a plan made from it
@@ -143,22 +143,16 @@ class Simulation:
         self.timestep = self.backend.zeros(2, grid.dtype)
         self.build_position = self.backend.asarray(self._host("position"))
 
-    def _facts(self) -> list[tuple[str, str]]:
+    def _facts(self) -> tuple[str, list[tuple[str, str]]]:
         grid = self.plan.grid
         last = "none" if self.last is None else f"{self.last.length:.4g} s, set by {self.last.limiter}"
-        return [
+        return f"Simulation of {self.plan.scene.name!r}", [
             ("particles", f"{self.count:,} in {grid.dim}D, {grid.dtype}, backend {self.backend.name}"),
             ("time", f"{self.time:.6g} s after {self.steps:,} steps"),
             ("last step", last),
             ("effects", ", ".join(self.plan.effects) or "none"),
             ("fields", ", ".join(self.plan.fields)),
         ]
-
-    def __repr__(self) -> str:
-        return f"Simulation of {self.plan.scene.name!r}\n{table(self._facts())}"
-
-    def _repr_html_(self) -> str:
-        return html_table(f"Simulation of {self.plan.scene.name!r}", self._facts())
 
     # Reading and setting the state
 
@@ -454,11 +448,8 @@ class Simulation:
         saved = load_checkpoint(path)
         plan = saved.plan if scene is None else check_same_scene(scene, saved.plan, str(saved.file))
         simulation = cls(plan, backend or saved.clock.backend, threads, profile, compiling)
-        simulation._restore(saved)
+        restore(simulation, saved)
         return simulation
-
-    def _restore(self, saved: SavedRun) -> None:
-        restore(self, saved)
 
     # Inside
 

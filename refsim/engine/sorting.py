@@ -1,7 +1,5 @@
 """The order of the particles in memory: cell by cell, so that neighbouring threads read contiguous memory."""
 
-from __future__ import annotations
-
 import functools
 import math
 from typing import Any

@@ -1,7 +1,5 @@
 """One step's length and motion: chosen on the host, or on the device so that a whole step is one CUDA graph."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Iterator

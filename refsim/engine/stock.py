@@ -1,7 +1,5 @@
 """What the particles of a run are in sum: their number, mass, momenta and energies, and that none is lost."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

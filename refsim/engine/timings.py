@@ -4,8 +4,6 @@ A stage is a pass, or a part of the loop: "neighbours", "sorting", "frames" (the
 "checkpoints", "energy_audit".
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

@@ -78,7 +78,7 @@ def write_checkpoint(
     remove_stale_temporaries(path)
     temporary = temporary_path(path)
     try:
-        stream = _Stream(temporary)
+        stream = _Stream(temporary, "x+")
     except OSError as error:
         raise cannot_write("checkpoint", path, error, KEPT) from error
     try:
@@ -261,54 +261,37 @@ HEAD = re.compile(
 )
 
 
-class _Stream:
+class _Stream(FileIO):
     """The file that h5py writes to. It remembers the first error of the disk instead of raising it: an
     exception inside HDF5's own close leaves the library with a half-closed file, and loses the error
     number."""
 
-    def __init__(self, path: Path) -> None:
-        self.error: OSError | None = None
-        self._file = open(path, "x+b", buffering=0)  # noqa: SIM115
+    error: OSError | None = None
 
-    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
-        return self._file.seek(offset, whence)
-
-    def tell(self) -> int:
-        return self._file.tell()
-
-    def read(self, size: int = -1) -> bytes:
-        """Not used: h5py takes an object with `read` for a file, and reads with `readinto`."""
-        return self._file.read(size)
-
-    def readinto(self, buffer: memoryview) -> int:
-        return self._file.readinto(buffer)
-
-    def write(self, data: memoryview) -> int:
-        self._remember(write_all, self._file, data)
+    def write(self, data: Any) -> int:
+        self._remember(write_all, super(), data)
         return len(data)
 
-    def truncate(self, size: int) -> int:
-        self._remember(self._file.truncate, size)
-        return size
-
-    def flush(self) -> None:
-        pass
+    def truncate(self, size: int | None = None) -> int:
+        self._remember(super().truncate, size)
+        return size or 0
 
     def finish(self, written_ns: int) -> None:
         """Put the block with the digest of what HDF5 has written before it: only now is the file a checkpoint."""
-        head = _Head(VERSION, written_ns, self._file.seek(0, os.SEEK_END))
-        self._file.seek(BLOCK)
-        head = replace(head, sha256=head.digest(self._file))
-        self._file.seek(0)
-        self._remember(write_all, self._file, head.block())
+        head = _Head(VERSION, written_ns, self.seek(0, os.SEEK_END))
+        self.seek(BLOCK)
+        head = replace(head, sha256=head.digest(self))
+        self.seek(0)
+        self.write(head.block())
 
     def close(self) -> None:
         """Put everything on the disk and close; `error` holds what went wrong, now or before."""
-        self._remember(os.fsync, self._file.fileno())
-        try:
-            self._file.close()
-        except OSError as error:
-            self.error = self.error or error
+        if not self.closed:
+            self._remember(os.fsync, self.fileno())
+            try:
+                super().close()
+            except OSError as error:
+                self.error = self.error or error
 
     def _remember(self, action: Callable[..., object], *arguments: object) -> None:
         if self.error is None:
@@ -494,7 +477,7 @@ def replace_file(path: Path, content: bytes | bytearray, tidy: bool = True) -> N
     sync_folder(path.parent)
 
 
-def write_all(file: FileIO, data: bytes | bytearray | memoryview) -> None:
+def write_all(file: Any, data: bytes | bytearray | memoryview) -> None:
     """Write all of `data` to an unbuffered file, which may take less than it is given. Raises OSError."""
     view = memoryview(data).cast("B")
     while len(view):

@@ -21,24 +21,10 @@ import numpy as np
 from numpy.typing import DTypeLike
 
 from refsim.core.errors import InputError
+from refsim.core.locks import unlock
+from refsim.io import vtkhdf
 from refsim.io.checkpoint import cannot_write, replace_file
-from refsim.io.transactions import Staged, check_path, journal_path, locked_journal, recover, unlock
-from refsim.io.vtkhdf import (
-    Origin,
-    T,
-    append_frames,
-    checked_field,
-    create_layout,
-    drop_frames,
-    edit,
-    field_list,
-    fields_of,
-    read_hdf5,
-    read_index,
-    read_origin,
-    same_words,
-    write_origin,
-)
+from refsim.io.transactions import Staged, check_path, journal_path, locked_journal, recover
 
 if TYPE_CHECKING:
     import h5py
@@ -81,11 +67,11 @@ class ParticleWriter:
         *,
         append: bool = False,
         resume_time: float | None = None,
-        origin: Origin | None = None,
+        origin: vtkhdf.Origin | None = None,
     ) -> None:
         self.path = Path(path)
-        self._origin, self._stated_origin = origin, Origin()  # to be written, and in the file
-        self._fields = {name: checked_field(name, *field) for name, field in fields.items()}
+        self._origin, self._stated_origin = origin, vtkhdf.Origin()  # to be written, and in the file
+        self._fields = {name: vtkhdf.checked_field(name, *field) for name, field in fields.items()}
         self._times: list[float] = []
         self._precision: np.dtype | None = None  # of the positions in the file
         self._file: FileIO | None = None
@@ -146,22 +132,22 @@ class ParticleWriter:
         try:
             if self._file is None:
                 staged = Staged(None)
-                edit(staged, "w", lambda root: self._begin(root, times, added))
+                vtkhdf.edit(staged, "w", lambda root: self._begin(root, times, added))
                 staged.seal()
                 replace_file(self.path, staged.tail)
                 self._file = open(self.path, "r+b", buffering=0)  # noqa: SIM115
             else:
-                self._transaction(lambda root: append_frames(root, times, added))
+                self._transaction(lambda root: vtkhdf.append_frames(root, times, added))
         except OSError as error:
             raise cannot_write(f"frame at time {times[0]} of", self.path, error, KEPT) from error
         self._precision = precision
         self._times += times
 
     def _begin(self, root: h5py.Group, times: Sequence[float], frames: Sequence[Mapping[str, np.ndarray]]) -> None:
-        create_layout(root, frames[0])
+        vtkhdf.create_layout(root, frames[0])
         if self._origin is not None:
-            write_origin(root, self._origin)
-        append_frames(root, times, frames)
+            vtkhdf.write_origin(root, self._origin)
+        vtkhdf.append_frames(root, times, frames)
 
     def close(self) -> None:
         """Close the file; nothing is left to be written. A second call does nothing."""
@@ -189,19 +175,19 @@ class ParticleWriter:
         found = self._settle()
         if found != self._fields:
             raise InputError(
-                f"particle file {self.path} holds the fields {field_list(found)}, but this run writes "
-                f"{field_list(self._fields)}; give another path"
+                f"particle file {self.path} holds the fields {vtkhdf.field_list(found)}, but this run writes "
+                f"{vtkhdf.field_list(self._fields)}; give another path"
             )
         kept = len(self._times) if resume_time is None else sum(time <= resume_time for time in self._times)
-        origin = None if self._origin is None or same_words(self._origin, self._stated_origin) else self._origin
+        origin = None if self._origin is None or vtkhdf.same_words(self._origin, self._stated_origin) else self._origin
         if kept == len(self._times) and origin is None:
             return
 
         def change(root: h5py.Group) -> None:
             if kept < len(self._times):
-                drop_frames(root, kept)
+                vtkhdf.drop_frames(root, kept)
             if origin is not None:
-                write_origin(root, origin)
+                vtkhdf.write_origin(root, origin)
 
         try:
             self._transaction(change)
@@ -222,17 +208,17 @@ class ParticleWriter:
         def look(root: h5py.Group) -> None:
             self._precision = root["Points"].dtype
             self._times = root["Steps/Values"][: root["Steps"].attrs["NSteps"]].tolist()
-            found.update(fields_of(root))
-            self._stated_origin = read_origin(root)
+            found.update(vtkhdf.fields_of(root))
+            self._stated_origin = vtkhdf.read_origin(root)
 
-        read_hdf5(self.path, look)
+        vtkhdf.read_hdf5(self.path, look)
         return found
 
     def _transaction(self, change: Callable[[h5py.Group], object]) -> None:
         """Let `change` edit the VTKHDF group, then put all of its writes into the file or none (OSError)."""
         assert self._file is not None
         staged = Staged(self._file)
-        last = edit(staged, "r+", change)
+        last = vtkhdf.edit(staged, "r+", change)
         staged.seal()
         staged.commit(self._journal, last)
 
@@ -265,7 +251,7 @@ def read_particles(
     """
 
     def read(root: h5py.Group) -> list[Frame]:
-        index = read_index(root)
+        index = vtkhdf.read_index(root)
         found = []
         for k in range(len(index.times))[frames] if isinstance(frames, slice) else sorted(frames):
             rows = index.rows(k)
@@ -281,10 +267,10 @@ def particle_table(path: str | os.PathLike[str]) -> tuple[list[float], dict[str,
 
     Raises InputError as `read_particles` does.
     """
-    return read_file(Path(path), lambda root: (read_index(root).times.tolist(), fields_of(root)))
+    return read_file(Path(path), lambda root: (vtkhdf.read_index(root).times.tolist(), vtkhdf.fields_of(root)))
 
 
-def read_file(path: Path, read: Callable[[h5py.Group], T], check: bool = True) -> T:
+def read_file(path: Path, read: Callable[[h5py.Group], vtkhdf.T], check: bool = True) -> vtkhdf.T:
     """What `read` returns for the VTKHDF group of a particle file, whose digest is compared before.
 
     check  False leaves the comparison out, for a file that was compared before: HDF5 can crash on a damaged one
@@ -302,7 +288,7 @@ def read_file(path: Path, read: Callable[[h5py.Group], T], check: bool = True) -
     return _checked_and_read(path, read, check)
 
 
-def _checked_and_read(path: Path, read: Callable[[h5py.Group], T], check: bool) -> T:
+def _checked_and_read(path: Path, read: Callable[[h5py.Group], vtkhdf.T], check: bool) -> vtkhdf.T:
     if check:
         check_path(path)
-    return read_hdf5(path, read)
+    return vtkhdf.read_hdf5(path, read)

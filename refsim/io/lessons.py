@@ -4,8 +4,6 @@ A lesson is a markdown file with a header. Blocks fenced as `{code-cell}` are ex
 Blocks fenced as `python` stand in folded answers (`<details>`); tests execute them, too, at their place in the order.
 """
 
-from __future__ import annotations
-
 import importlib.resources
 import json
 import re

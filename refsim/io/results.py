@@ -18,7 +18,7 @@ from refsim.core.errors import InputError
 from refsim.core.extras import extra
 from refsim.core.fields import Field
 from refsim.core.reading import open_regular
-from refsim.core.tables import Table, html_table, table
+from refsim.core.tables import Shown, Table
 from refsim.gauges import GaugeSeries
 from refsim.io.checkpoint import Checkpoint
 from refsim.io.frames import read_file
@@ -103,7 +103,7 @@ class RunFrame:
         return f"<frame {self.number} at {self.time:.6g} s: {len(self):,} particles>"
 
 
-class Run:
+class Run(Shown):
     """A run that was written to a folder; made by `open_run`.
 
     folder  where it is
@@ -143,9 +143,7 @@ class Run:
         if isinstance(number, slice):
             return [RunFrame(self, k) for k in range(len(self))[number]]
         if not -len(self) <= number < len(self):
-            raise IndexError(
-                f"run {self.folder}: there is no frame {number}; it has {len(self)}, from 0 to {len(self) - 1}."
-            )
+            raise IndexError(f"run {self.folder}: there is no frame {number}; give a number from 0 to {len(self) - 1}.")
         return RunFrame(self, range(len(self))[number])
 
     def __iter__(self) -> Iterator[RunFrame]:
@@ -156,9 +154,7 @@ class Run:
         first, last = self.times[0], self.times[-1]
         slack = SAME_TIME * max(abs(first), abs(last))
         if not first - slack <= time <= last + slack:
-            raise InputError(
-                f"run {self.folder}: there is no frame at {time:.9g} s; give a time from {first:.6g} to {last:.6g} s."
-            )
+            raise InputError(f"run {self.folder}: there is no frame at {time:.9g} s; give {first:.6g} to {last:.6g} s.")
         return RunFrame(self, int(np.abs(self.times - time).argmin()))
 
     def _rows(self, name: str, number: int) -> NDArray[Any]:
@@ -304,23 +300,17 @@ class Run:
 
     # As text
 
-    def _facts(self) -> list[tuple[str, str]]:
+    def _facts(self) -> tuple[str, list[tuple[str, str]]]:
         span = f", from {self.times[0]:.6g} to {self.times[-1]:.6g} s" if len(self) else ""
         counts = sorted({int(n) for n in self._index.counts})
         particles = f"{counts[0]:,}" + (f" to {counts[-1]:,}" if len(counts) > 1 else "") if counts else "none"
         units = (f"{name} [{field.unit}]" if field.unit else name for name, field in self.fields.items())
-        return [
+        return "Run", [
             ("folder", str(self.folder)),
             ("frames", f"{len(self)}{span}"),
             ("particles", particles),
             ("fields", ", ".join(units)),
         ]
-
-    def __repr__(self) -> str:
-        return f"Run\n{table(self._facts())}"
-
-    def _repr_html_(self) -> str:
-        return html_table("Run", self._facts())
 
 
 def open_run(folder: str | os.PathLike[str], *, check: bool = True) -> Run:

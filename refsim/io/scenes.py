@@ -1,7 +1,5 @@
 """Scenes in checkpoints and particle files: as TOML, and copies of the files that the scene names."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterator
 from typing import Any
@@ -49,9 +47,7 @@ def scene_from_checkpoint(saved: Checkpoint, source: str) -> Scene:
 
     def array(name: str) -> np.ndarray:
         if name not in saved.arrays:
-            raise InputError(
-                f"checkpoint {source} lacks {name!r}, so that it is not one of a run; start the run again."
-            )
+            raise InputError(f"checkpoint {source} lacks {name!r}, so that it is none of a run; start the run again.")
         return saved.arrays[name]
 
     text = saved.attributes.get("scene")
@@ -70,9 +66,7 @@ def scene_from_checkpoint(saved: Checkpoint, source: str) -> Scene:
     whole = {name: array(f"start.{name}") for name in ("position", "velocity", "mass")}
     counted = sizes.dtype.kind in "iu" and sizes.shape == (clouds,) and (sizes >= 0).all()
     if not counted or any(values.ndim == 0 or len(values) != int(sizes.sum()) for values in whole.values()):
-        raise InputError(
-            f"checkpoint {source}: the particles of its {clouds} clouds do not fit their numbers; start the run again."
-        )
+        raise InputError(f"checkpoint {source}: its {clouds} clouds do not fit their numbers; start the run again.")
     pieces = {name: iter(np.split(values, np.cumsum(sizes)[:-1])) for name, values in whole.items()}
     return msgspec.structs.replace(
         scene,

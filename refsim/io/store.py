@@ -4,22 +4,19 @@ The file begins with `sha256`, the digest of its name and of all that follows. A
 `NAME.damaged`, so that what it held is computed anew and can still be looked at.
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import json
 import os
 import re
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from refsim.core.errors import InputError
 from refsim.core.reading import open_regular
 from refsim.io.checkpoint import replace_file
-from refsim.io.transactions import unlock
 
 OLD = 3600.0  # s after which nobody still writes a temporary file
 HEAD = re.compile(rb'\{\n "sha256": "([0-9a-f]{64})",')
@@ -88,18 +85,3 @@ def set_aside(path: Path, why: str, notes: list[str] | None = None) -> None:
         where = f"it cannot be renamed ({error.strerror or error})"
     if notes is not None:
         notes.append(f"the result {path} is damaged (it {why}): {where}, and computed anew")
-
-
-@contextlib.contextmanager
-def in_turn(path: Path) -> Iterator[None]:
-    """Let one process after the other write `path`; all, in a folder that cannot be written or has no locks."""
-    from filelock import FileLock
-
-    lock = FileLock(f"{path}.lock", thread_local=False)
-    with contextlib.suppress(OSError, NotImplementedError):
-        lock.acquire()
-    try:
-        yield
-    finally:
-        if lock.is_locked:
-            unlock(lock)

@@ -27,6 +27,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from refsim.core.errors import InputError
+from refsim.core.locks import unlock
 from refsim.core.reading import open_regular
 from refsim.io.checkpoint import write_all
 
@@ -275,13 +276,6 @@ def _lock(journal: Path) -> FileLock:
         if error.errno not in (errno.ENOLCK, errno.ENOTSUP):  # a file system without locks
             raise
     return lock
-
-
-def unlock(lock: FileLock) -> None:
-    """Release the lock, and remove its file."""
-    with suppress(OSError):  # where a file in use cannot be removed, the next writer finds and takes it
-        os.unlink(lock.lock_file)
-    lock.release()
 
 
 def _journal_entry(size: int, pages: list[tuple[int, bytes]]) -> bytes:

@@ -1,7 +1,5 @@
 """One frame as a VTP file, which ParaView opens."""
 
-from __future__ import annotations
-
 import os
 import struct
 import sys

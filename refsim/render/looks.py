@@ -1,7 +1,5 @@
 """Cameras, styles and materials."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -80,13 +78,9 @@ def camera_of(words: str | None) -> Camera:
     try:
         camera = Camera(*map(float, words.split(",")))
     except (TypeError, ValueError):
-        raise InputError(
-            f"--camera {words!r} is no camera; give azimuth,elevation[,zoom], for example -60,20."
-        ) from None
+        raise InputError(f"--camera {words!r} is no camera; give azimuth,elevation[,zoom], such as -60,20.") from None
     if not (math.isfinite(camera.azimuth) and abs(camera.elevation) <= 90 and 0 < camera.zoom < math.inf):
-        raise InputError(
-            f"--camera {words!r} is not possible; give an elevation from -90 to 90 degrees and a positive zoom."
-        )
+        raise InputError(f"--camera {words!r} is not possible; give an elevation of -90 to 90 degrees, a zoom above 0.")
     return replace(camera, elevation=min(max(camera.elevation, -89.99), 89.99))
 
 

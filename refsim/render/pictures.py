@@ -1,7 +1,5 @@
 """Pictures and films of a run: what is shown of each frame, its labels, and the files."""
 
-from __future__ import annotations
-
 import errno
 import io
 import os
@@ -18,23 +16,13 @@ from numpy.typing import NDArray
 from refsim.core.errors import InputError, RunStopped
 from refsim.io.checkpoint import cannot_write, remove_stale_temporaries, replace_file, temporary_path
 from refsim.io.frames import Frame
-from refsim.render.looks import (
-    MAP,
-    OBSTACLE,
-    STYLES,
-    camera_of,
-    cut_of,
-    liquid_colour,
-    melt_colour,
-    solid_colour,
-)
+from refsim.render import looks
 from refsim.render.plane import add_area, add_discs
-from refsim.render.saved_run import SavedRun, chosen_frames, open_run
+from refsim.render.saved_run import SavedRun, chosen_frames, open_run, usual_range
 from refsim.render.space import BOTTOM, SIDES, TOP, Body, Stage, bar_length, cut_closed, smoothed
 from refsim.render.surfaces import CELL, METHODS, SurfaceMesh, splash_surface, surface_around
 
 SIZE = (1280, 960)
-USUAL = 0.005, 0.995  # shares of a frame's particles with values below the ends of the colour bar
 PER_SECOND = 25  # pictures of a film
 LEAST_FREE = 1 << 20  # bytes of a disk below which it counts as full
 FORMATS = {".png": "png", ".webp": "webp", ".jpg": "jpeg"}
@@ -65,7 +53,7 @@ class Look:
 
     def check(self) -> None:
         """Raise InputError for a look that does not exist."""
-        for name, value, known in (("style", self.style, STYLES), ("surface", self.surface, METHODS)):
+        for name, value, known in (("style", self.style, looks.STYLES), ("surface", self.surface, METHODS)):
             if value not in known:
                 raise InputError(f"--{name} {value!r} is unknown; choose one of {', '.join(known)}.")
         if min(self.size) < 64 or max(self.size) > 8192:
@@ -83,42 +71,21 @@ class Series:
     def __init__(self, run: SavedRun, look: Look, chosen: Sequence[int]) -> None:
         look.check()
         self.run, self.look, self.chosen = run, look, list(chosen)
-        self.camera = camera_of(look.camera)
+        self.camera = looks.camera_of(look.camera)
         towards = self.camera.axes(run.up)[2]
-        self.cut = cut_of(look.cut, towards, run.dim, run.plan.grid.origin)
-        self.low, self.high = run.bounds(self.chosen)
-        if run.box is not None:
-            self.low, self.high = self._with_tank(*run.box)
+        self.cut = looks.cut_of(look.cut, towards, run.dim, run.plan.grid.origin)
+        self.low, self.high = run.seen(*run.bounds(self.chosen))
         self.wall = run.wall_distance()
         self.fields = () if look.colour in (None, "part") else (look.colour or "",)
         self.limits = look.limits
         if look.colour is not None and look.limits is None:
             self.limits = self._limits(look.colour)
 
-    def _with_tank(self, low: NDArray, high: NDArray) -> tuple[NDArray, NDArray]:
-        """What is seen of a run in a tank: its floor and sides, and as much height as the particles reach."""
-        up = int(np.abs(self.run.up).argmax())
-        level = np.arange(3) != up
-        low, high = low.copy(), high.copy()
-        if self.run.dim == 2:
-            low[2] = high[2] = 0.0
-        end = high if self.run.up[up] > 0 else low
-        end[up] = self.high[up] if self.run.up[up] > 0 else self.low[up]
-        wide = np.where(level | (np.arange(3) == up), 1, 0) > 0
-        return np.where(wide, np.minimum(low, self.low), self.low), np.where(
-            wide, np.maximum(high, self.high), self.high
-        )
-
     def _limits(self, colour: str) -> tuple[float, float]:
-        ends = []
-        for frame in self.run.frames(self.chosen, self.fields):
-            values = self.run.values(frame, colour)
-            values = values[np.isfinite(values)]
-            if len(values):
-                ends.append(np.quantile(values, USUAL))
-        if not ends:
+        ends = usual_range(self.run.values(f, colour) for f in self.run.frames(self.chosen, self.fields))
+        if ends is None:
             raise InputError(f"{colour!r} has no finite value in these frames; colour by another quantity.")
-        low, high = float(np.min(ends)), float(np.max(ends))
+        low, high = ends
         return (low, high) if low < high else (low - 0.5 * (abs(low) or 1.0), high + 0.5 * (abs(high) or 1.0))
 
     def __iter__(self) -> Iterator[tuple[int, NDArray[np.uint8]]]:
@@ -140,7 +107,7 @@ class Series:
             assert self.limits is not None
             values = self.run.values(frame, self.look.colour)
             share = (values - self.limits[0]) / (self.limits[1] - self.limits[0])
-            return matplotlib.colormaps[MAP](np.nan_to_num(share.clip(0, 1)))[:, :3]
+            return matplotlib.colormaps[looks.MAP](np.nan_to_num(share.clip(0, 1)))[:, :3]
         part, solid = self.run.part(frame), self.run.solid_body(frame) >= 0
         melting = self.run.plan.effects.get("melting")
         as_water = getattr(melting, "bookkeeping", "") == "water"
@@ -148,10 +115,10 @@ class Series:
         for number in np.unique(part):
             own = part == number
             if number >= self.run.solids:
-                result[own] = liquid_colour(int(number) - self.run.solids)
+                result[own] = looks.liquid_colour(int(number) - self.run.solids)
             else:
-                result[own & solid] = solid_colour(int(number))
-                result[own & ~solid] = liquid_colour(0) if as_water else melt_colour(int(number))
+                result[own & solid] = looks.solid_colour(int(number))
+                result[own & ~solid] = looks.liquid_colour(0) if as_water else looks.melt_colour(int(number))
         return result
 
     def _surface(self, points: NDArray, liquid: bool) -> SurfaceMesh:
@@ -179,7 +146,7 @@ class Series:
         solid = self.run.mesh
         if solid is not None:
             points, facets = self._cut(solid.mesh.vertices + solid.mesh.origin, solid.mesh.faces)
-            yield Body(points, facets, OBSTACLE, gloss=0.1, edges=True)
+            yield Body(points, facets, looks.OBSTACLE, gloss=0.1, edges=True)
 
     def _cut(self, points: NDArray, facets: NDArray) -> tuple[NDArray, NDArray]:
         if self.cut is None or not (self.cut(points) > 0).any():
@@ -253,16 +220,10 @@ class Series:
         )
 
     def _tank(self, axes: Any, corners: NDArray) -> None:
-        walls = self.run.plan.effects.get("box_walls") or self.run.plan.effects["mpm_walls"]
         (x0, y0, _), (x1, y1, _) = corners
-        lines = {
-            "-x": ((x0, x0), (y0, y1)),
-            "+x": ((x1, x1), (y0, y1)),
-            "-y": ((x0, x1), (y0, y0)),
-            "+y": ((x0, x1), (y1, y1)),
-        }
-        for face, line in lines.items():
-            if face not in walls.open_faces:  # type: ignore[attr-defined]
+        ends = (((x0, x0), (y0, y1)), ((x1, x1), (y0, y1)), ((x0, x1), (y0, y0)), ((x0, x1), (y1, y1)))
+        for face, line in zip(("-x", "+x", "-y", "+y"), ends):
+            if face not in self.run.walls.open_faces:
                 axes.plot(*line, color="#6b7178", linewidth=2.0, solid_capstyle="projecting")
 
     def _sheet(self) -> tuple[Any, Any]:
@@ -294,7 +255,7 @@ class Series:
         place = figure.add_axes((0.60, 0.055, 0.35, 0.022))
         words = self.look.colour.replace("_", " ") + (f" [{unit}]" if unit else "")
         bar = figure.colorbar(
-            ScalarMappable(Normalize(*self.limits), MAP), cax=place, orientation="horizontal", extend="both"
+            ScalarMappable(Normalize(*self.limits), looks.MAP), cax=place, orientation="horizontal", extend="both"
         )
         bar.outline.set_visible(False)
         bar.ax.tick_params(labelsize=10, colors=INK)
@@ -373,9 +334,7 @@ def write_film(
     try:
         import imageio_ffmpeg
     except ImportError:
-        raise InputError(
-            'films need imageio-ffmpeg, which is not installed; run `pip install "refsim[view]"`.'
-        ) from None
+        raise InputError('films need imageio-ffmpeg, which is missing; run `pip install "refsim[view]"`.') from None
     found = open_run(run)
     width, height = (n - n % 2 for n in look.size)
     series = Series(found, look, chosen_frames(frames or "all", len(found.times)))

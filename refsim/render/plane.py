@@ -1,7 +1,5 @@
 """Pictures in 2D by matplotlib: filled surfaces or discs."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

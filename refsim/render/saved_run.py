@@ -1,9 +1,7 @@
 """A finished run read back: its frames, and what its scene says about its particles."""
 
-from __future__ import annotations
-
 import os
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,6 +21,7 @@ from refsim.sph import gravity_of
 READ_AT_ONCE = 256_000_000  # bytes of frames
 NO_QUANTITY = ("identity", "place")  # numbers of particles
 COMPONENTS = "xyz"
+USUAL = 0.005, 0.995  # shares of a frame's particles with values below the ends of the colour bar
 
 
 @dataclass(frozen=True)
@@ -58,28 +57,40 @@ class SavedRun:
         return pull / length if length > 0 else np.array([0.0, 0.0, 1.0] if self.dim == 3 else [0.0, 1.0, 0.0])
 
     @property
+    def walls(self) -> Any:
+        """The effect of the box of walls around the particles, relative to the origin; None without walls."""
+        found = self.plan.effects.get("box_walls") or self.plan.effects.get("mpm_walls")
+        return None if found is None else found.local(self.plan.grid)
+
+    @property
     def box(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-        """Corners (3,), (3,) [m] of the box of walls around the particles; None without walls."""
-        for name in ("box_walls", "mpm_walls"):
-            walls: Any = self.plan.effects.get(name)
-            if walls is not None:
-                walls = walls.local(self.plan.grid)
-                return np.array(walls.lower, dtype=float), np.array(walls.upper, dtype=float)
-        return None
+        """Corners (3,), (3,) [m] of that box; None without walls."""
+        walls = self.walls
+        return None if walls is None else (np.array(walls.lower, dtype=float), np.array(walls.upper, dtype=float))
 
     @property
     def closed_box(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
         """The same with open faces at infinity."""
+        box = self.box
+        for end, sign, far in zip(box or (), "-+", (-np.inf, np.inf)):
+            for axis, letter in enumerate(COMPONENTS):
+                if sign + letter in self.walls.open_faces or axis >= self.dim:
+                    end[axis] = far
+        return box
+
+    def seen(self, low: NDArray, high: NDArray) -> tuple[NDArray, NDArray]:
+        """Corners of what is seen of particles between `low` and `high`: with the tank as high as they reach."""
         if self.box is None:
-            return None
-        low, high = self.box
-        walls = self.plan.effects.get("box_walls") or self.plan.effects["mpm_walls"]
-        for axis, letter in enumerate(COMPONENTS):
-            if "-" + letter in walls.open_faces or axis >= self.dim:  # type: ignore[attr-defined]
-                low[axis] = -np.inf
-            if "+" + letter in walls.open_faces or axis >= self.dim:  # type: ignore[attr-defined]
-                high[axis] = np.inf
-        return low, high
+            return low, high
+        floor, top = self.box
+        if self.dim == 2:
+            floor[2] = top[2] = 0.0
+        up = int(np.abs(self.up).argmax())
+        if self.up[up] > 0:
+            top[up] = high[up]
+        else:
+            floor[up] = low[up]
+        return np.minimum(floor, low), np.maximum(top, high)
 
     def wall_distance(self) -> Callable[[NDArray], NDArray] | None:
         """Signed distance (k,) [m] of points (k, 3) [m] from walls and solid at rest, negative in them; else None."""
@@ -115,8 +126,8 @@ class SavedRun:
     def unit(self, name: str) -> str:
         """Unit of a quantity; "" if it has none."""
         base = name.partition(".")[0]
-        unit = self.plan.fields[base].unit if base in self.plan.fields else ""
-        return "" if unit == "-" else unit.partition(" (")[0] if self.dim == 3 else _unit_in_2d(unit)
+        unit = self.plan.fields[base].unit_in(self.dim) if base in self.plan.fields else ""
+        return "" if unit == "-" else unit
 
     def values(self, frame: Frame, name: str) -> NDArray[np.float64]:
         """(n,) values of a quantity: a field, the length of a vector, a component ("velocity.x"), or "part".
@@ -172,12 +183,6 @@ class SavedRun:
         return low - half, high + half
 
 
-def _unit_in_2d(unit: str) -> str:
-    """ "kg (kg/m in 2D)" -> "kg/m"."""
-    first, _, rest = unit.partition(" (")
-    return rest.partition(" in 2D")[0] if rest else first
-
-
 def open_run(path: str | os.PathLike[str]) -> SavedRun:
     """The run in a folder that `refsim run` or `simulate` has written. Raises InputError where there is none."""
     folder = Path(path)
@@ -193,6 +198,12 @@ def open_run(path: str | os.PathLike[str]) -> SavedRun:
     return SavedRun(particles, plan, tuple(times), {name: components for name, (components, _) in fields.items()})
 
 
+def usual_range(rows: Iterable[NDArray]) -> tuple[float, float] | None:
+    """Ends between which the USUAL values of each of the rows lie; None where no value is finite."""
+    ends = [np.quantile(row, USUAL) for values in rows if len(row := values[np.isfinite(values)])]
+    return (float(np.min(ends)), float(np.max(ends))) if ends else None
+
+
 def chosen_frames(words: str | None, count: int) -> list[int]:
     """Numbers of frames from "last", "all", or a list such as "0,5,10:20:2,-1"; the last one for None.
 
@@ -200,21 +211,17 @@ def chosen_frames(words: str | None, count: int) -> list[int]:
     """
     chosen: list[int] = []
     for word in ("last" if words is None else words).split(","):
-        if word == "last":
-            chosen.append(count - 1)
-            continue
         try:
-            numbers = [int(n) if n else None for n in ("" if word == "all" else word).split(":")]
+            numbers = [int(n) if n else None for n in {"last": "-1", "all": ":"}.get(word, word).split(":")]
         except ValueError:
-            numbers = [None] * 4
-        if word == "all":
-            numbers = [None, None]
-        if len(numbers) > 3 or (len(numbers) == 1 and numbers[0] is None) or (len(numbers) == 3 and numbers[2] == 0):
-            raise InputError(f"--frames {words!r} is no list of frames; give for example 0,5,-1 or 0:100:10 or all.")
-        if len(numbers) > 1:
+            numbers = []
+        number = numbers[0] if len(numbers) == 1 else None
+        if len(numbers) in (2, 3) and numbers[2:] != [0]:
             chosen += range(count)[slice(*numbers)]
-        elif -count <= numbers[0] < count:  # type: ignore[operator]
-            chosen.append(numbers[0] % count)  # type: ignore[operator]
+        elif number is None:
+            raise InputError(f"--frames {words!r} is no list of frames; give for example 0,5,-1 or 0:100:10 or all.")
+        elif -count <= number < count:
+            chosen.append(number % count)
         else:
             raise InputError(f"--frames {words!r}: the run has {count} frames; give numbers from 0 to {count - 1}.")
     if not chosen:

@@ -1,7 +1,5 @@
 """Pictures in 3D by PyVista, off screen: surfaces or particles on a ground with a soft shadow."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

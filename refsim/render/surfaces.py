@@ -4,8 +4,6 @@ Zhu & Bridson 2005: phi(x) = |x - xbar(x)| - r with the weighted mean xbar of th
 weights, so that it is a few filters of a grid. `refsim.isosurface` extracts the surface phi = 0.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -90,9 +88,7 @@ def splash_surface(position: ArrayLike, spacing: float, cell: float = CELL) -> S
     try:
         import pysplashsurf
     except ImportError:
-        raise InputError(
-            "pysplashsurf is not installed; run `pip install pysplashsurf`, or leave --surface out."
-        ) from None
+        raise InputError("pysplashsurf is not installed; pip install pysplashsurf, or leave --surface out.") from None
     points = np.ascontiguousarray(position, dtype=np.float64)
     if not len(points):
         return SurfaceMesh(np.zeros((0, 3)), np.zeros((0, 3), np.int32))

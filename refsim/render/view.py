@@ -1,7 +1,5 @@
 """A run as one page for the browser: particles as lit balls, turned, played, coloured and clipped, without a server."""
 
-from __future__ import annotations
-
 import base64
 import gzip
 import html
@@ -20,7 +18,7 @@ from refsim.core.errors import InputError
 from refsim.io.checkpoint import replace_file
 from refsim.io.frames import Frame
 from refsim.render.looks import MAP, OBSTACLE, level_axes, liquid_colour, solid_colour
-from refsim.render.saved_run import SavedRun, chosen_frames, open_run
+from refsim.render.saved_run import SavedRun, chosen_frames, open_run, usual_range
 
 PAGE = Path(__file__).with_name("page.html")
 FIELDS = 8  # shown where the caller names none, so that 60,000 particles over 50 frames take less than 60 MB
@@ -28,7 +26,6 @@ FIRST = ("part", "velocity", "pressure", "density", "temperature", "surface", "v
 STEPS = 65535  # of the grid on which places are stored
 LEVELS = 255  # of a field's values
 HEIGHT = 560  # of the page inside of a notebook [pixels]
-USUAL = 0.005, 0.995  # shares of a frame's particles with values below the ends of the colour bar
 
 
 @dataclass(frozen=True)
@@ -144,10 +141,8 @@ def _ends(values: NDArray, name: str) -> tuple[float, float] | None:
     """Ends of the colour bar; None for one value everywhere."""
     if name == "part":
         return (0.0, float(LEVELS))
-    finite = [row[np.isfinite(row)] for row in values]
-    ends = [np.quantile(row, USUAL) for row in finite if len(row)]
-    low, high = (float(np.min(ends)), float(np.max(ends))) if ends else (0.0, 0.0)
-    return (low, high) if low < high else None
+    ends = usual_range(values)
+    return ends if ends is not None and ends[0] < ends[1] else None
 
 
 def _head(run: SavedRun, chosen: Sequence[int], count: int, low: NDArray, high: NDArray) -> dict[str, Any]:
@@ -168,14 +163,13 @@ def _head(run: SavedRun, chosen: Sequence[int], count: int, low: NDArray, high: 
             box[1][axis] = min(box[1][axis], high[axis])
         else:
             box[0][axis] = max(box[0][axis], low[axis])
-    seen = (low, high) if box is None else (np.minimum(low, box[0]), np.maximum(high, box[1]))
     return {
         "title": run.plan.scene.name,
         "particles": count,
         "times": [run.times[k] for k in chosen],
         "low": low.tolist(),
         "extent": (high - low).tolist(),
-        "seen": [corner.tolist() for corner in seen],
+        "seen": [corner.tolist() for corner in run.seen(low, high)],
         "spacing": run.spacing,
         "flat": run.dim == 2,
         "up": run.up.tolist(),

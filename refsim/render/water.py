@@ -4,8 +4,6 @@ A closed surface is drawn to all its crossings along each pixel's ray. The first
 distances with their signs gives the length of the ray in water, up to the first opaque body behind it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """What each effect of a scene counts in an audit of the energy."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from refsim.core.effect import Discretisation, Effect

@@ -1,7 +1,5 @@
 """What a scene is refused for, or noted on: numbers, neighbours, places of particles, masses and fixed steps."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -34,9 +32,7 @@ def check_numbers(scene: Scene) -> None:
         skin=(scene.skin, "not negative"),
     )
     if scene.step_factor > 1:
-        raise InputError(
-            f"scene: step_factor = {scene.step_factor} would take more than the stable step; give at most 1."
-        )
+        raise InputError(f"scene: step_factor = {scene.step_factor} is more than the stable step; give at most 1.")
     if scene.dim not in (2, 3):
         raise InputError(f"scene: dim = {scene.dim} is not possible; give 2 or 3.")
     if scene.dtype not in ("float32", "float64"):
@@ -203,9 +199,7 @@ def check_particles(position: np.ndarray, velocity: np.ndarray, mass: np.ndarray
     for values, name, unit in ((position, "z", "m"), (velocity, "v_z", "m/s")) if scene.dim == 2 else ():
         if values[:, 2].any():
             first = int(np.flatnonzero(values[:, 2])[0])
-            raise InputError(
-                f"scene: particle {first} has {name} = {values[first, 2]} {unit} in a 2D scene; set {name} to 0."
-            )
+            raise InputError(f"scene: particle {first} has {name} = {values[first, 2]} {unit} in 2D; set {name} to 0.")
     for axis, length in enumerate(scene.period):
         x, low = position[:, axis], scene.period_lower[axis]
         outside = np.flatnonzero((length > 0) & ((x < low) | (x >= low + length)))

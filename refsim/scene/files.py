@@ -4,8 +4,6 @@ What a field means is written once, in the docstring of its class ("name   meani
 lists of the command line and the error messages all take it from there.
 """
 
-from __future__ import annotations
-
 import inspect
 import io
 import json
@@ -17,9 +15,8 @@ from collections.abc import Mapping
 from typing import Any
 
 import msgspec
-import numpy as np
 
-from refsim.core.checked import suggestion, why, word_for
+from refsim.core.checked import as_plain, suggestion, why, word_for
 from refsim.core.effect import EFFECTS, Effect
 from refsim.core.energy import EnergyAudit
 from refsim.core.errors import InputError
@@ -63,9 +60,7 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
     except UnicodeDecodeError:
         raise InputError(f"{path} is not TOML, because it is not text in UTF-8; give a scene file.") from None
     except OSError as error:
-        raise InputError(
-            f"scene file {path} cannot be read ({error.strerror}); give the path of a TOML file."
-        ) from None
+        raise InputError(f"scene file {path} cannot be read ({error.strerror}); give the path of a file.") from None
     return parse_scene(text, str(path), folder=path.parent)
 
 
@@ -100,9 +95,7 @@ def scene_from_dict(tables: Mapping[str, Any], source: str, folder: pathlib.Path
     values = dict(tables)
     version = values.pop("version", VERSION)
     if type(version) is not int or version != VERSION:
-        raise InputError(
-            f"{source}: version = {version!r} is not known; this refsim reads scene files of version {VERSION}."
-        )
+        raise InputError(f"{source}: version = {version!r} is not known; this refsim reads version {VERSION}.")
     for name, shapes in PARTS.items():
         values[name] = _parts(name, shapes, values.get(name, []), source, folder)
     for name, owner in LISTED.items():
@@ -117,7 +110,7 @@ def scene_to_dict(scene: Scene) -> dict[str, Any]:
     """The scene as nested tables of plain values; `scene_from_dict` gives the same scene back."""
     tables = {name: value for name, value in _plain(scene).items() if name not in (*PARTS, *LISTED, "effects")}
     for name in PARTS:
-        tables[name] = [{"shape": part.__struct_config__.tag} | _plain(part) for part in getattr(scene, name)]
+        tables[name] = [_plain(part) for part in getattr(scene, name)]
     tables |= {name: [_plain(one) for one in getattr(scene, name)] for name in LISTED if getattr(scene, name)}
     tables["effects"] = {effect.name: _plain(effect) for effect in scene.effects}
     return tables
@@ -155,9 +148,7 @@ def _place(tables: Mapping[str, Any], name: str, source: str) -> tuple[Any, str]
             raise InputError(f"{source}: the scene has no parameter {name!r}, for lack of {word!r}; {hint}")
         place = inner
     if not isinstance(place, dict):
-        raise InputError(
-            f"{source}: {name!r} is no parameter; write the part's number and then a name, as fluid.1.cells."
-        )
+        raise InputError(f"{source}: {name!r} is no parameter; write a part's number and then a name: fluid.1.cells.")
     return place, last
 
 
@@ -287,12 +278,7 @@ def _effects(tables: Any, source: str, folder: pathlib.Path | None) -> tuple[Eff
     for name, values in tables.items():
         if name not in EFFECTS:
             raise InputError(f"{source}: effect {name!r} is unknown; {suggestion(name, sorted(EFFECTS))}")
-        place = f"[effects.{name}]"
-        if not isinstance(values, dict):
-            raise InputError(
-                f"{source}: {name} under [effects] must be a table, not {word_for(values)}; write {place}."
-            )
-        effect = _struct(EFFECTS[name], values, source, place)
+        effect = _table(EFFECTS[name], values, source, f"[effects.{name}]")
         if folder is not None and getattr(effect, "file", None):
             effect = msgspec.structs.replace(effect, file=str(folder / effect.file))
         made.append(effect)
@@ -337,20 +323,8 @@ def _value(value: Any, kind: Any, source: str, place: str) -> Any:
 
 def _plain(struct: Any) -> dict[str, Any]:
     """A struct's fields as plain values; None, which TOML does not have, is left out."""
-    values = {f.name: getattr(struct, f.name) for f in msgspec.structs.fields(struct)}
-    return {name: _plain_value(value) for name, value in values.items() if value is not None}
-
-
-def _plain_value(value: Any) -> Any:
-    if isinstance(value, np.ndarray | np.generic):
-        return value.tolist()
-    if isinstance(value, list | tuple | set | frozenset):
-        return [_plain_value(v) for v in (sorted(value) if isinstance(value, set | frozenset) else value)]
-    if isinstance(value, msgspec.Struct):
-        return _plain(value)
-    if isinstance(value, Mapping):
-        return {str(k): _plain_value(v) for k, v in value.items()}
-    return value
+    values = msgspec.to_builtins(struct, enc_hook=as_plain, order="deterministic")
+    return {name: value for name, value in values.items() if value is not None}
 
 
 def _toml(value: Any) -> str:
@@ -360,7 +334,7 @@ def _toml(value: Any) -> str:
         return repr(value)
     if isinstance(value, str):
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-    if isinstance(value, list):
+    if isinstance(value, list | tuple):
         return f"[{', '.join(map(_toml, value))}]"
     if isinstance(value, dict):
         return "{" + ", ".join(f"{_key(k)} = {_toml(v)}" for k, v in value.items()) + "}"

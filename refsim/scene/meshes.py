@@ -1,7 +1,5 @@
 """Reading triangle meshes from files."""
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import hashlib

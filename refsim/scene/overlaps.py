@@ -5,8 +5,6 @@ triangle bounds it if this holds on one side of the piece only (Zhou, Grinspun, 
 bodies in contact or where a sheet and its reverse cancel, are left out.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterator, Sequence
 

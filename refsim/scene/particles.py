@@ -1,7 +1,5 @@
 """The particles that a scene starts with: those of its shapes and solids, their velocities and masses."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 
@@ -95,7 +93,7 @@ def _per_particle(name: str, values: Any, shape: tuple[int, ...]) -> np.ndarray:
             raise ValueError
         return np.broadcast_to(found, shape)
     except (TypeError, ValueError):
-        each = "3 numbers" if len(shape) == 2 else "one number"
+        each = "3 numbers" if len(shape) == 2 else "one"
         raise InputError(
-            f"fluid cloud: {name} does not fit {shape[0]} particles; give {each} for all, or for each of them."
+            f"fluid cloud: {name} does not fit {shape[0]} particles; give {each} for all or for each."
         ) from None

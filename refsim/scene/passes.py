@@ -1,7 +1,5 @@
 """The order of the passes: what is written comes before what is read, and equal passes are launched once."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any

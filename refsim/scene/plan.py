@@ -3,8 +3,6 @@
 Fields, passes in dependency order, one neighbour list.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Mapping
@@ -18,21 +16,11 @@ from refsim.core.effect import EFFECTS, Discretisation, Effect, InitialState, Pa
 from refsim.core.errors import InputError
 from refsim.core.fields import BASE, POSITION_RESIDUAL, Field
 from refsim.core.period import period_group
-from refsim.core.tables import html_table, in_bytes, table
+from refsim.core.tables import Shown, in_bytes
 from refsim.gauges.places import check_gauges
 from refsim.motion import check_motions
+from refsim.scene import checks
 from refsim.scene.accounts import accounts
-from refsim.scene.checks import (
-    check_coincident,
-    check_fixed_step,
-    check_neighbours,
-    check_numbers,
-    check_periodic,
-    check_places,
-    coarse_places,
-    resolved,
-    unequal_masses,
-)
 from refsim.scene.particles import initial_state
 from refsim.scene.passes import merged_passes, motion_passes, ordered_passes
 from refsim.scene.scene import Scene
@@ -44,7 +32,7 @@ FAR = 4.0  # times nearer must an origin of its own be to its farthest particle
 
 
 @dataclass(frozen=True, repr=False)
-class Plan:
+class Plan(Shown):
     """What a scene needs: the fields, passes and lists of its effects and no others.
 
     Scene, effects, state and walls are where the user has placed them; what passes take (`shared`, `parameters`, and
@@ -73,8 +61,8 @@ class Plan:
     wall_rows: Mapping[str, tuple[int, int]] = field(default_factory=dict)
     notes: tuple[str, ...] = field(default_factory=tuple)
 
-    def _facts(self) -> list[tuple[str, str]]:
-        return [
+    def _facts(self) -> tuple[str, list[tuple[str, str]]]:
+        return f"Plan of {self.scene.name!r}", [
             ("particles", f"{self.grid.count:,} in {self.grid.dim}D, {self.grid.dtype}"),
             ("spacing", f"{self.grid.spacing:g} m, support radius {self.grid.support_radius:g} m"),
             ("effects", ", ".join(self.effects) or "none"),
@@ -82,12 +70,6 @@ class Plan:
             ("operations in a step", str(len(self.launches()))),
             ("notes", "; ".join(self.notes) or "none"),
         ]
-
-    def __repr__(self) -> str:
-        return f"Plan of {self.scene.name!r}\n{table(self._facts())}"
-
-    def _repr_html_(self) -> str:
-        return html_table(f"Plan of {self.scene.name!r}", self._facts())
 
     def launches(self, on_demand: bool = False) -> tuple[str, ...]:
         """Names of the operations that one step launches, in order."""
@@ -116,7 +98,7 @@ class Plan:
 
 def make_plan(scene: Scene) -> Plan:
     """Check the scene and work out its plan. Raises InputError, with one sentence, for bad input."""
-    check_numbers(scene)
+    checks.check_numbers(scene)
     try:
         with np.errstate(over="raise", divide="raise", invalid="raise"):
             return _planned(scene)
@@ -128,7 +110,7 @@ def make_plan(scene: Scene) -> Plan:
 
 def _planned(scene: Scene) -> Plan:
     effects = _effects(scene)
-    check_periodic(scene, effects)
+    checks.check_periodic(scene, effects)
     empty = Discretisation(
         scene.dim, scene.dtype, scene.spacing, scene.support_radius, 0, scene.step, None, scene.period,
         scene.period_lower,
@@ -153,7 +135,7 @@ def _planned(scene: Scene) -> Plan:
     )
     solids, effects = grid.solids, {name: effect.local(grid) for name, effect in given.items()}
     state = dataclasses.replace(absolute, position=grid.local(absolute.position))
-    check_coincident(state.position, scene.dtype)
+    checks.check_coincident(state.position, scene.dtype)
     fields = {f.name: f for f in (*BASE, *((POSITION_RESIDUAL,) if scene.dtype == "float32" else ()))}
     shared: dict[str, Any] = {"walls": None, "period": None}
     if any(scene.period):
@@ -170,9 +152,9 @@ def _planned(scene: Scene) -> Plan:
         parameters[name] = effect.prepare(grid, effects)
     if scene.energy_audit is not None:
         accounts(grid, effects)
-    check_fixed_step(scene, grid, effects)
+    checks.check_fixed_step(scene, grid, effects)
     state = dataclasses.replace(state, values=_initial_values(grid, state, effects, fields))
-    check_places(state, shared.get("bounds"), solids)
+    checks.check_places(state, shared.get("bounds"), solids)
     replaced = _replaced(effects)
     asked = [
         (e, p) for e in effects.values() for p in e.passes(effects) if p.operation not in replaced - set(e.replaces())
@@ -180,7 +162,7 @@ def _planned(scene: Scene) -> Plan:
     passes = ordered_passes(merged_passes([(e, p) for e, p in asked if p.stage == "forces"], parameters), fields)
     list_radius = max((e.list_radius(grid) for e in effects.values()), default=0.0)
     if list_radius > scene.support_radius:
-        check_neighbours(scene, "the radius of the neighbour list", list_radius)
+        checks.check_neighbours(scene, "the radius of the neighbour list", list_radius)
     for axis, length in zip("xyz", scene.period):
         if 0 < length <= 2 * list_radius * (1 + scene.skin):
             raise InputError(
@@ -208,8 +190,8 @@ def _planned(scene: Scene) -> Plan:
         walls=merged,
         wall_rows=dict(zip((effect.name for effect in bringing), zip([0, *ends], ends))),
         notes=(
-            *coarse_places(grid, state),
-            *unequal_masses(state, effects),
+            *checks.coarse_places(grid, state),
+            *checks.unequal_masses(state, effects),
             *(note for e in having(effects, JudgesStart) for note in e.notes_on_start(grid, state, merged, effects)),
             *(f"[[solid]] number {k}: {note}" for k, body in enumerate(scene.solid, 1) for note in body.notes()),
             *(note for e in effects.values() for note in e.notes(grid, effects)),
@@ -224,8 +206,7 @@ def _replaced(effects: Mapping[str, Effect]) -> frozenset[str]:
         for operation in effect.replaces():
             if operation in owner:
                 raise InputError(
-                    f"Effects {owner[operation]!r} and {name!r} would both take the place of {operation!r}; keep one of"
-                    " them."
+                    f"Effects {owner[operation]!r} and {name!r} take the place of {operation!r}; keep one."
                 )
             owner[operation] = name
     return frozenset(owner)
@@ -240,7 +221,7 @@ def _placed(grid: Discretisation, state: InitialState, effects: Mapping[str, Eff
     unit = cell if cell > 0 and grid.solids is None else grid.spacing
     middle = unit * np.rint(0.5 * (state.position.min(0) + state.position.max(0)) / unit) + 0.0  # no -0
     farthest, nearer = np.abs(state.position).max(), np.abs(state.position - middle).max()
-    if resolved(state.position, grid) <= FINE or farthest < FAR * nearer:
+    if checks.resolved(state.position, grid) <= FINE or farthest < FAR * nearer:
         return grid
     solids = grid.solids
     if solids is not None:
@@ -285,9 +266,6 @@ def _initial_values(
             with np.errstate(over="ignore"):  # reported here
                 rounded = value.astype(fields[name].numpy_dtype(grid.dtype))
             if rounded.dtype.kind == "f" and not np.isfinite(rounded).all():
-                raise InputError(
-                    f"{effect.name}: the {name} of a particle is not a finite number in {grid.dtype}; correct its"
-                    " parameters."
-                )
+                raise InputError(f"{effect.name}: the {name} of a particle is not finite in {grid.dtype}; correct it.")
             values[name] = value
     return values

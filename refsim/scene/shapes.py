@@ -1,7 +1,5 @@
 """Shapes of the fluid: lattice blocks, balls cut out of the lattice, and particles given one by one."""
 
-from __future__ import annotations
-
 import io
 import math
 import warnings
@@ -111,9 +109,7 @@ class Cloud(Checked, tag="cloud", tag_field="shape", frozen=True, kw_only=True):
         except (TypeError, ValueError):
             raise InputError("fluid cloud: position must be a list of coordinates; give (n, 3) numbers.") from None
         if points.ndim != 2 or points.shape[1] not in (2, 3):
-            raise InputError(
-                f"fluid cloud: position has shape {points.shape}; give one row of 2 or 3 numbers for each particle."
-            )
+            raise InputError(f"fluid cloud: position has shape {points.shape}; give a row of 2 or 3 numbers for each.")
         if points.shape[1] == 2:
             points = np.hstack([points, np.zeros((len(points), 1))])
         return points

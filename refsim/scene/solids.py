@@ -4,8 +4,6 @@ A body consists of the cells of the lattice whose centres lie in it; each become
 The nodes are the first particles, body by body, in each sorted by cell.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import math
@@ -245,9 +243,7 @@ def countable(
     or, at so many bytes each, takes more memory than the machine has."""
     number = math.prod(map(float, cells))
     if not number <= MOST_CELLS:
-        raise InputError(
-            f"{what} makes {number:.3g} {kind}, more than the {MOST_CELLS:,} that can be numbered; {advice}."
-        )
+        raise InputError(f"{what} makes {number:.3g} {kind}, and {MOST_CELLS:,} can be numbered; {advice}.")
     total = host_memory()["total"]
     if total is not None and number * each > total:
         raise InputError(

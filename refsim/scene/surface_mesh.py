@@ -4,8 +4,6 @@ Vertices are relative to the mesh's own origin, the centre of its bounding box, 
 distance from the scene's origin.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import math
@@ -345,9 +343,7 @@ def _wound_alike(vertices: np.ndarray, faces: np.ndarray, name: str, notes: list
         new = np.array(mended.faces, dtype=np.int64)
         edge, direction, _ = edge_numbers(new)
         if at_odds(direction):
-            raise InputError(
-                f"{name} has one side only, like a Moebius strip, so it has no interior; give a closed mesh."
-            )
+            raise InputError(f"{name} has one side only, like a Moebius strip, and so no interior; give a closed mesh.")
         turned = int(np.count_nonzero((new != faces).any(1)))
         turned = min(turned, len(faces) - turned)
         notes.append(f"{_counted(turned, 'face')} wound as the neighbours are")

@@ -4,18 +4,16 @@ Contents: study; the modules refine (other spacings), observables, convergence (
 (runs in other processes), cost (seconds before a run), memory, result and picture.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
-from refsim.backends.arrays import unavailable
-from refsim.cluster import perform
+from refsim.backends.arrays import require_backend, unavailable
 from refsim.core.errors import InputError
 from refsim.core.tables import in_time
 from refsim.engine.simulation import Simulation
@@ -28,7 +26,7 @@ from refsim.study.observables import Observable, observable_of
 from refsim.study.refine import RATIO, notes, refined, spaced
 from refsim.study.result import Reference, Study
 from refsim.study.runs import Reading, Setting, in_turn, keep, kept, key_of, machine, measure
-from refsim.study.tasks import task_of
+from refsim.study.tasks import Batch
 
 KNOBS = ("spacing", "support", "step", "precision", "tolerance", "backend", "effects")
 TOLERANCES = ("tolerance", "residual")  # parameters of effects that end an iteration
@@ -83,17 +81,18 @@ def study(
     """
     scene = scene if isinstance(scene, Scene) else load_scene(scene)
     plan = make_plan(scene)
-    chosen = _chosen(knobs)
+    chosen = tuple(knobs)
+    for knob in chosen:
+        if knob not in KNOBS:
+            raise InputError(f"there is no knob {knob!r}; {suggestion(knob, KNOBS)}")
     if not 0 < error < 1:
         raise InputError(f"error = {error:g} is not possible; give a relative error between 0 and 1, such as 0.01.")
-    reason = unavailable(backend)
-    if reason is not None:
-        raise InputError(f"Backend {backend!r} cannot be used: {reason}.")
+    require_backend(backend)
     found = observable_of(observable, plan)
     left_out: list[str] = []
     remarks: list[str] = []  # about damaged results
     factors = spaced(scene, levels, levels // 2 if finer is None else finer, ratio) if "spacing" in chosen else (1.0,)
-    settings = _settings(scene, plan, factors, chosen, with_spacing, backend, found, left_out)
+    settings = _settings(scene, plan, factors, chosen, with_spacing, backend, left_out)
     place = None if folder is None else Path(folder)
     if scheduler is None:
         runs = _measured(settings, plan, found, reaches, threads, place, say, progress, remarks)
@@ -119,24 +118,10 @@ def study(
     )
 
 
-def _chosen(knobs: Iterable[str]) -> tuple[str, ...]:
-    chosen = tuple(knobs)
-    for knob in chosen:
-        if knob not in KNOBS:
-            raise InputError(f"there is no knob {knob!r}; {suggestion(knob, KNOBS)}")
-    return chosen
-
-
 def _settings(
-    scene: Scene,
-    plan: Plan,
-    factors: Sequence[float],
-    knobs: Sequence[str],
-    with_spacing: Sequence[str],
-    backend: str,
-    observable: Observable,
+    scene: Scene, plan: Plan, factors: Sequence[float], knobs: Sequence[str], with_spacing: Sequence[str], backend: str,
     left_out: list[str],
-) -> list[Setting]:
+) -> list[Setting]:  # fmt: skip
     """All runs of a study; what cannot be changed in this scene is said in `left_out`."""
     made = [
         Setting("spacing", f"spacing {scene.spacing / f:.4g} m", f, at, backend)
@@ -163,15 +148,13 @@ def _settings(
             label = f"{tighter.name}: {name} {value / TIGHTER:g}"
             made.append(Setting("tolerance", label, 1.0, changed(scene, effects=effects), backend))
     if "backend" in knobs:
-        others = [name for name in ("cpu", "cuda") if name != backend]
-        for name in others:
-            reason = unavailable(name)
-            if reason is None:
+        for name in (name for name in ("cpu", "cuda") if name != backend):
+            if (reason := unavailable(name)) is None:
                 made.append(Setting("backend", name, 1.0, scene, name))
             else:
                 left_out.append(f"backend {name} left out: {reason}")
     if "effects" in knobs:
-        made += _without(scene, plan, backend, observable, left_out)
+        made += _without(scene, backend, left_out)
     return made
 
 
@@ -182,7 +165,7 @@ def _tolerances(scene: Scene) -> Iterator[tuple[int, str, float]]:
                 yield k, name, getattr(effect, name)
 
 
-def _without(scene: Scene, plan: Plan, backend: str, observable: Observable, left_out: list[str]) -> list[Setting]:
+def _without(scene: Scene, backend: str, left_out: list[str]) -> list[Setting]:
     """The scene without each of its effects, where it can be planned without."""
     made = []
     for effect in scene.effects:
@@ -198,21 +181,15 @@ def _without(scene: Scene, plan: Plan, backend: str, observable: Observable, lef
 
 
 def _convergence(runs: Sequence[tuple[Setting, Reading]], scale: float) -> Convergence | None:
+    """Of the runs at several spacings; None where none of them gave a value."""
     worked = [(s.scene.spacing, r.value) for s, r in runs if s.kind == "spacing" and not r.failed]
     return replace(converge(*zip(*worked)), scale=scale) if worked else None
 
 
 def _measured(
-    settings: Sequence[Setting],
-    plan: Plan,
-    observable: Observable,
-    reaches: float | None,
-    threads: int | None,
-    folder: Path | None,
-    say: Say,
-    progress: Watch | None,
-    remarks: list[str],
-) -> list[tuple[Setting, Reading]]:
+    settings: Sequence[Setting], plan: Plan, observable: Observable, reaches: float | None, threads: int | None,
+    folder: Path | None, say: Say, progress: Watch | None, remarks: list[str],
+) -> list[tuple[Setting, Reading]]:  # fmt: skip
     """Readings of all settings, the cheapest run first; those that the folder has are not run again."""
     keys = [key_of(setting, observable, reaches, threads) for setting in settings]
     found = [kept(folder, key, remarks) for key in keys]
@@ -232,9 +209,7 @@ def _measured(
                 if reading is None:
                     reading = measure(setting, observable, reaches, threads, progress)
                     if key_of(setting, observable, reaches, threads) != keys[k]:
-                        raise InputError(
-                            f"study: a file of the scene has changed while it ran ({setting.label}); call it again."
-                        )
+                        raise InputError(f"study: a file of {setting.label} has changed while it ran; call it again.")
                     keep(folder, keys[k], setting, reading)
             found[k] = reading
             say(f"  {reading.failed}" if reading.failed else f"  {reading.value:.6g} in {in_time(reading.seconds)}")
@@ -242,43 +217,24 @@ def _measured(
 
 
 def _elsewhere(
-    settings: Sequence[Setting],
-    observable: str,
-    found: Observable,
-    reaches: float | None,
-    threads: int,
-    folder: Path,
-    scheduler: str,
-    say: Say,
-    remarks: list[str],
-) -> list[tuple[Setting, Reading]]:
+    settings: Sequence[Setting], name: str, observable: Observable, reaches: float | None, threads: int, folder: Path,
+    scheduler: str, say: Say, remarks: list[str],
+) -> list[tuple[Setting, Reading]]:  # fmt: skip
     """The same by the workers of a scheduler. Raises the error of a run that could not be computed."""
-    keys = [key_of(setting, found, reaches, threads, WORKERS) for setting in settings]
-    readings = {key: reading for key in keys if (reading := kept(folder, key, remarks)) is not None}
-    tasks = {
-        key: task_of(key, setting, observable, reaches, threads, folder, timed=True)
-        for key, setting in zip(keys, settings)
-        if key not in readings
-    }
-    say(f"{len(tasks)} runs to do" + (f", {len(readings)} are on file" if readings else ""))
+    how: Any = {"reaches": reaches, "threads": threads, "timed": True}
+    batch = Batch(settings, observable, name, folder, WORKERS, remarks, say, **how)
     failed: BaseException | None = None
-    by_key = dict(zip(keys, settings))
-    with closing(perform(list(tasks.values()), scheduler=scheduler, say=say)) as outcomes:
-        for outcome in outcomes:
-            key = outcome.task.key
-            on_file = kept(folder, key, remarks)
-            if outcome.error is not None and on_file is None:
+    with closing(batch.perform(scheduler=scheduler, say=say)) as outcomes:
+        for outcome, reading in outcomes:
+            if reading is None:
                 failed = outcome.error
                 say(f"{outcome.task.name}: {outcome.error}")
-                continue
-            readings[key] = reading = on_file or outcome.value
-            if on_file is None:  # the worker's folder is another one
-                keep(folder, key, by_key[key], reading)
-            words = reading.failed or f"{reading.value:.6g} in {in_time(reading.seconds)}"
-            say(f"{outcome.task.name}, {outcome.worker}: {words}")
+            else:
+                words = reading.failed or f"{reading.value:.6g} in {in_time(reading.seconds)}"
+                say(f"{outcome.task.name}, {outcome.worker}: {words}")
     if failed is not None:
         raise failed
-    return [(setting, readings[key]) for setting, key in zip(settings, keys)]
+    return [(setting, batch.readings[key]) for setting, key in zip(settings, batch.keys)]
 
 
 def _expected(settings: Sequence[Setting], plan: Plan, threads: int | None) -> list[float]:
@@ -288,8 +244,7 @@ def _expected(settings: Sequence[Setting], plan: Plan, threads: int | None) -> l
     for setting in settings:
         if setting.backend not in constants:
             constants[setting.backend] = cost.constants_of(plan.scene, setting.backend, threads)
-        try:
-            expected.append(cost.estimate(make_plan(setting.scene), constants[setting.backend]).seconds)
-        except InputError:
-            expected.append(0.0)  # its run will say why
+        expected.append(0.0)
+        with suppress(InputError):  # its run will say why
+            expected[-1] = cost.estimate(make_plan(setting.scene), constants[setting.backend]).seconds
     return expected

@@ -1,7 +1,5 @@
 """What an accuracy costs in the panels: the cheapest measured setting for any error, and its seconds here."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from typing import Any

@@ -15,8 +15,6 @@
    none is advised for an error that it keeps by chance of its rounding.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

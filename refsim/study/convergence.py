@@ -4,8 +4,6 @@ Q(h) = Q0 + C h^p through the three finest values (Richardson extrapolation with
 convergence index of Roache (1994): U = F |Q0 - Q1| around the finest value Q1.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -91,7 +89,7 @@ def converge(spacing: Sequence[float], value: Sequence[float]) -> Convergence:
         raise ValueError("converge needs one value for each of some different spacings")
     order = np.argsort(spacing)
     h, q = [float(spacing[k]) for k in order], [float(value[k]) for k in order]
-    spread = max(q) - min(q)
+    spread = float(np.ptp(q))
     if len(q) < 3:
         words = "fewer than three levels: no order can be observed"
         return Convergence(q[0], CAUTIOUS * spread if len(q) > 1 else math.nan, math.nan, False, words)
@@ -100,7 +98,7 @@ def converge(spacing: Sequence[float], value: Sequence[float]) -> Convergence:
     p = observed_order(h[:3], q[:3])
     doubt = _doubt(h, q, p)
     if doubt:
-        return Convergence(q[0], CAUTIOUS * _range(q[:3]), p, False, f"not in the asymptotic range: {doubt}")
+        return Convergence(q[0], CAUTIOUS * float(np.ptp(q[:3])), p, False, f"not in the asymptotic range: {doubt}")
     limit = extrapolated(h[:2], q[:2], p)
     trusted = TRUSTED[0] <= p <= TRUSTED[1]
     used = min(max(p, TRUSTED[0]), TRUSTED[1])
@@ -114,10 +112,6 @@ def converge(spacing: Sequence[float], value: Sequence[float]) -> Convergence:
 def extrapolated(spacing: Sequence[float], value: Sequence[float], order: float) -> float:
     """Q0 from the two finest values, the finest first."""
     return value[0] + (value[0] - value[1]) / ((spacing[1] / spacing[0]) ** order - 1)
-
-
-def _range(values: Sequence[float]) -> float:
-    return max(values) - min(values)
 
 
 def _doubt(h: Sequence[float], q: Sequence[float], p: float) -> str:

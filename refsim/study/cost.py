@@ -15,13 +15,12 @@ Neighbours enter with the lattice: every size has the scene's ratio of support r
 The coarse run is the scene with a larger spacing; see `refsim.study.refine`.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import time
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -40,7 +39,7 @@ from refsim.study.memory import bytes_of
 from refsim.study.refine import fitting, refined
 from refsim.study.runs import machine, scene_digest, source_digest
 
-FORMAT = 1  # of kept constants
+FORMAT = 2  # of kept constants
 COARSE = 1000  # particles of the coarse run, about
 SIZES = 4.0  # ratio of the particles of two sizes at which launches are timed
 FIRST = 4  # timed steps of each size, each with a list build; on a GPU also as many without
@@ -63,8 +62,8 @@ class Course:
 
     spacing   of the coarse run [m]
     reached   simulated time up to which it was run [s]
-    time      (k,) at the ends of k blocks of steps [s]
-    speed, acceleration, rate  (k,) means over each block of the largest of all particles [m/s, m/s^2, 1/s]
+    history   of k blocks of steps: time [s] at its end, means of the largest speed, acceleration and rate of exchange
+              of all particles [m/s, m/s^2, 1/s]
     steps, builds              up to `reached`
     seconds   of each stage in a step, mean; of a list build for "neighbours"
     """
@@ -72,10 +71,7 @@ class Course:
     spacing: float
     particles: int
     reached: float
-    time: list[float] = field(default_factory=list)
-    speed: list[float] = field(default_factory=list)
-    acceleration: list[float] = field(default_factory=list)
-    rate: list[float] = field(default_factory=list)
+    history: list[list[float]] = field(default_factory=list)
     steps: int = 0
     builds: int = 0
     seconds: dict[str, float] = field(default_factory=dict)
@@ -120,12 +116,7 @@ class Prediction:
 
 
 def predict(
-    scene: Scene | Plan,
-    backend: str = "cpu",
-    *,
-    threads: int | None = None,
-    budget: float = 5.0,
-    fresh: bool = False,
+    scene: Scene | Plan, backend: str = "cpu", *, threads: int | None = None, budget: float = 5.0, fresh: bool = False
 ) -> Prediction:
     """What a run of the scene would take; its constants are measured unless they are on file.
 
@@ -202,7 +193,9 @@ def calibrate(scene: Scene, backend: str, threads: int | None = None, budget: fl
     began = time.perf_counter()
     particles = make_plan(scene).grid.count
     used = threads or threads_for(particles) if backend == "cpu" else threads  # those of the scene, at all sizes
-    _warm_up(scene, backend, used, particles)
+    first = Simulation(_coarse(scene, particles, min(COARSE, MOST[backend])), backend, used)
+    if _steps(first, 2) == 2:  # compiles what later steps launch
+        first.lists.compare()
     course = _course(scene, backend, used, particles, SHARES["course"] * budget)
     sizes: list[tuple[int, dict[str, float]]] = []
     left = SHARES["sizes"] * budget
@@ -246,37 +239,27 @@ def _coarse(scene: Scene, particles: int, wanted: float) -> Plan:
     return make_plan(scene)
 
 
-def _warm_up(scene: Scene, backend: str, threads: int | None, particles: int) -> None:
-    """Two steps of the smallest size and a look at the list: compiles what later steps launch."""
-    simulation = Simulation(_coarse(scene, particles, min(COARSE, MOST[backend])), backend, threads)
-    if _try_steps(simulation, 2, math.inf) == 2:
-        simulation.lists.compare()
-
-
-def _try_steps(simulation: Simulation, steps: int, seconds: float) -> int:
+def _steps(simulation: Simulation, count: int) -> int:
     """Take up to so many steps, each with a list build; the number taken."""
-    began = time.perf_counter()
-    for done in range(steps):
+    for done in range(count):
         simulation.lists.policy.invalidate()
         try:
             simulation.step()
         except RunStopped:
             return done
-        if time.perf_counter() - began > seconds:
-            return done + 1
-    return steps
+    return count
 
 
 def _first_steps(scene: Scene, backend: str, threads: int | None) -> tuple[int, dict[str, float]]:
     """Particles, and seconds of each stage in a step, medians of some steps from the start."""
     simulation = Simulation(scene, backend, threads)
-    _try_steps(simulation, 1, math.inf)  # first calls are counted apart
+    _steps(simulation, 1)  # first calls are counted apart
     if backend == "cuda":
         return simulation.count, _whole_steps(simulation)
     each: list[dict[str, float]] = []
     for _ in range(FIRST):
         before, clock = dict(simulation.timings.stages), time.perf_counter()
-        if not _try_steps(simulation, 1, math.inf):
+        if not _steps(simulation, 1):
             break
         whole = time.perf_counter() - clock
         now = simulation.timings.stages
@@ -292,9 +275,7 @@ def _whole_steps(simulation: Simulation) -> dict[str, float]:
 
     A GPU works on while the host launches the next stage: stages of a step cannot be told apart by the host's clock.
     """
-    plain: list[float] = []
-    built: list[float] = []
-    began = time.perf_counter()
+    plain, built, began = list[float](), list[float](), time.perf_counter()
     for k in range(2 * MOST_STEPS):
         if k >= 2 * FIRST and time.perf_counter() - began > SHORT:
             break
@@ -317,8 +298,7 @@ def _course(scene: Scene, backend: str, threads: int | None, particles: int, bud
     simulation = Simulation(plan, backend, threads)
     end = scene.end_time
     course = Course(plan.grid.spacing, plan.grid.count, 0.0)
-    began, rows = time.perf_counter(), []
-    spans: list[float] = []
+    began, rows, spans = time.perf_counter(), list[Any](), list[float]()
     while simulation.time < end and time.perf_counter() - began < budget:
         clock = time.perf_counter()
         try:
@@ -334,10 +314,7 @@ def _course(scene: Scene, backend: str, threads: int | None, particles: int, bud
     block = max(1, math.ceil(len(rows) / HISTORY))
     for k in range(0, len(rows), block):
         part = np.array(rows[k : k + block])
-        course.time.append(float(part[-1, 0]))
-        course.speed.append(float(part[:, 1].mean()))
-        course.acceleration.append(float(part[:, 2].mean()))
-        course.rate.append(float(part[:, 3].mean()))
+        course.history.append([float(part[-1, 0]), *part[:, 1:].mean(0).tolist()])
     if backend == "cuda":
         stepper = simulation.stepper
         one_graph = isinstance(stepper, DeviceStepper) and stepper.recorded.whole
@@ -361,7 +338,7 @@ def estimate(plan: Plan, constants: Constants, kept: bool = True) -> Prediction:
     """The prediction for a plan from constants; the plan may have another spacing than the scene measured."""
     n, course = plan.grid.count, constants.course
     steps = steps_of(plan, constants)
-    finer = _finer(plan, constants)
+    finer = course.spacing / plan.grid.spacing
     end = plan.scene.end_time
     whole = end / course.reached if course.reached else 1.0
     builds = min(steps, 1 + (course.builds - 1) * finer * whole) if course.builds else 0.0  # the first: at the start
@@ -409,9 +386,7 @@ def _representative(constants: Constants, stage: str) -> bool:
 
 def _share(mean: float | None, first: float | None) -> float:
     """r_p: of the course's mean over the first steps' seconds; 1 where one of them was not measured."""
-    if not mean or not first:
-        return 1.0
-    return mean / first
+    return mean / first if mean and first else 1.0
 
 
 def _launch(constants: Constants, stage: str, particles: int) -> float:
@@ -442,11 +417,6 @@ def _growth(constants: Constants, particles: int) -> float:
     return _launch(constants, "step", particles) / _launch(constants, "step", max(few, least))
 
 
-def _finer(plan: Plan, constants: Constants) -> float:
-    """The coarse run's spacing over the plan's."""
-    return constants.course.spacing / plan.grid.spacing
-
-
 def steps_of(plan: Plan, constants: Constants) -> float:
     """Steps to the scene's end: its limits at the extremes of the coarse run.
 
@@ -457,12 +427,12 @@ def steps_of(plan: Plan, constants: Constants) -> float:
         return 0.0
     if scene.step > 0:
         return math.ceil(scene.end_time / scene.step)
-    if not course.time:
+    if not course.history:
         at_start = min(stable_steps(step_limits(plan), Extremes(0.0, 0.0)).values())
         return scene.end_time / (at_start * scene.step_factor)
-    limits, finer = step_limits(plan), _finer(plan, constants)
+    limits, finer = step_limits(plan), course.spacing / plan.grid.spacing
     total, last, rate = 0.0, 0.0, 0.0
-    for end, speed, acceleration, exchange in zip(course.time, course.speed, course.acceleration, course.rate):
+    for end, speed, acceleration, exchange in course.history:
         allowed = stable_steps(limits, Extremes(speed, acceleration * finer, exchange * finer**2))
         rate = 1 / (min(allowed.values()) * scene.step_factor)
         total += (min(end, scene.end_time) - last) * rate

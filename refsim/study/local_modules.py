@@ -1,7 +1,5 @@
 """Modules that a user's Python file imports from its own folder: what it computes follows from them, too."""
 
-from __future__ import annotations
-
 import ast
 import sys
 import sysconfig

@@ -1,7 +1,5 @@
 """Memory of a scene on a backend, from its plan, before anything is allocated."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

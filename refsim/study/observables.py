@@ -10,8 +10,6 @@ A function of one's own may watch the run: with the attribute `times`, a functio
 it is read at each of them, and its attribute `reduce` makes one number of the moments and what was read.
 """
 
-from __future__ import annotations
-
 import hashlib
 import pickle
 import re
@@ -54,7 +52,7 @@ class Observable:
 
     def __call__(self, simulation: Simulation) -> float:
         """Its value now. Raises InputError where it cannot be read."""
-        return float(self._tried(lambda: float(self.read(simulation))))
+        return self._tried(lambda: float(self.read(simulation)))
 
     def moments(self, scene: Scene) -> list[float]:
         """Moments [s] at which it is read, in order; none where it is read at the end."""
@@ -68,7 +66,7 @@ class Observable:
     def reduced(self, times: Sequence[float], values: list[Any]) -> float:
         """The number that moments [s] and what was read then give. Raises InputError where that fails."""
         reduce = self.reduce or (lambda times, values: values[-1])
-        return float(self._tried(lambda: float(reduce(np.array(times), values))))
+        return self._tried(lambda: float(reduce(np.array(times), values)))
 
     def _tried(self, attempt: Callable[[], Any]) -> Any:
         try:
@@ -143,7 +141,7 @@ def _liquid(simulation: Simulation) -> np.ndarray:
 
 
 def _kinetic_energy(simulation: Simulation) -> float:
-    mass, velocity = simulation.field("mass").astype(float), simulation.field("velocity").astype(float)
+    mass, velocity = (simulation.field(name).astype(float) for name in ("mass", "velocity"))
     return float(0.5 * (mass * (velocity**2).sum(1)).sum())
 
 
@@ -151,9 +149,7 @@ def _field(name: str, rest: str, plan: Plan) -> Observable:
     field, _, where = rest.partition("@")
     field, _, part = field.partition(".")
     if field not in plan.particle_fields:
-        raise InputError(
-            f"observable {name!r}: this scene has no field {field!r}; {suggestion(field, plan.particle_fields)}"
-        )
+        raise InputError(f"observable {name!r}: there is no field {field!r}; {suggestion(field, plan.particle_fields)}")
     about = plan.particle_fields[field]
     if (about.components > 1) != bool(part) or (part and part not in "xyz"[: about.components]):
         parts = " or ".join(f"field:{field}.{axis}" for axis in "xyz"[: about.components])

@@ -1,7 +1,5 @@
 """The picture of a study: value against spacing, error against time, and what each change costs and changes."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The same scene at another spacing: what changes with it, and which scenes have no other spacing."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -134,7 +132,12 @@ def fitting(scene: Scene, wanted: float) -> float:
     least, most = wanted / WIDEST, wanted * WIDEST
     candidates = {m / n for n in edges for m in range(math.ceil(least * n), math.floor(most * n) + 1)} or {wanted}
     refined(scene, 1.0)
-    return min(candidates, key=lambda f: (_worth(misfit(scene, f)), abs(math.log(f / wanted))))
+
+    def worse(factor: float) -> tuple[float, float]:
+        off = misfit(scene, factor)
+        return 0.0 if off < EXACT else round(off, 3), abs(math.log(factor / wanted))
+
+    return min(candidates, key=worse)
 
 
 def _nearest(scene: Scene, wanted: float) -> float:
@@ -148,10 +151,6 @@ def _nearest(scene: Scene, wanted: float) -> float:
             " ratio of the spacings."
         )
     return best
-
-
-def _worth(misfit: float) -> float:
-    return 0.0 if misfit < EXACT else round(misfit, 3)
 
 
 def misfit(scene: Scene, factor: float) -> float:
@@ -174,20 +173,15 @@ def _cells(low: float, high: float, spacing: float) -> int:
     return max(1, math.ceil(high / spacing - 0.5 - EXACT) - math.floor(low / spacing - 0.5 + EXACT) - 1)
 
 
-def _mass_ratio(part: Any, factor: float, dim: int) -> float:
-    """Mass of a part with the spacing divided by `factor`, over that in the scene."""
-    if not isinstance(part, Box):
-        return 1.0
-    return math.prod(_box(part, factor, dim).cells) / math.prod(part.cells) / factor**dim
-
-
 def notes(scene: Scene, factors: Sequence[float]) -> list[str]:
     """What a reader of the levels should know, one sentence each."""
     said = []
     for factor in factors:
         off = misfit(scene, factor)
         if off >= EXACT:
-            mass = max((abs(_mass_ratio(box, factor, scene.dim) - 1) for box in scene.fluid), default=0.0)
+            boxes = [(math.prod(b.cells), _box(b, factor, scene.dim)) for b in scene.fluid if isinstance(b, Box)]
+            ratios = (math.prod(new.cells) / cells / factor**scene.dim for cells, new in boxes)
+            mass = max((abs(ratio - 1) for ratio in ratios), default=0.0)
             said.append(
                 f"at a spacing of {scene.spacing / factor:.4g} m a box's edge differs by {100 * off:.2g} % from the"
                 f" scene's, because it consists of whole cells, and the mass of a box of liquid by {100 * mass:.2g} %"

@@ -1,7 +1,5 @@
 """What a study found: its runs, the sources of error, what effects cost, and the cheapest setting for an error."""
 
-from __future__ import annotations
-
 import base64
 import html
 import io

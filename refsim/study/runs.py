@@ -1,7 +1,5 @@
 """One run of a study: its value of the observable, what it took, and its place on disk."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import hashlib
@@ -19,14 +17,15 @@ import msgspec
 import numpy as np
 
 import refsim.core
+from refsim.backends.threads import cores
+from refsim.core import locks
 from refsim.core.errors import InputError, RunStopped
 from refsim.core.plain import plain
 from refsim.core.reading import open_regular
 from refsim.core.versions import versions
 from refsim.engine.driver import CHECKPOINT
 from refsim.engine.simulation import Simulation
-from refsim.io import store
-from refsim.io.checkpoint import latest_checkpoint, replace_file
+from refsim.io.checkpoint import replace_file
 from refsim.io.store import read_stored, set_aside, write_stored
 from refsim.scene.files import scene_to_toml
 from refsim.scene.meshes import mesh_files
@@ -41,6 +40,7 @@ CLOCK = "clock.json"  # beside a checkpoint: the seconds that its steps took
 SHORT = 1.0  # [s] of a run below which its seconds are read several times
 REPEATS = 4
 SAMPLES = 400  # of a run in which an observable is to reach a value
+Watch = Callable[[Simulation], None]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -86,15 +86,9 @@ class Reading:
 
 
 def measure(
-    setting: Setting,
-    observable: Observable,
-    reaches: float | None = None,
-    threads: int | None = None,
-    progress: Callable[[Simulation], None] | None = None,
-    repeats: int = REPEATS,
-    checkpoints: Path | None = None,
-    every: float = 60.0,
-) -> Reading:
+    setting: Setting, observable: Observable, reaches: float | None = None, threads: int | None = None,
+    progress: Watch | None = None, repeats: int = REPEATS, checkpoints: Path | None = None, every: float = 60.0,
+) -> Reading:  # fmt: skip
     """Run a setting to the scene's end, or until the observable reaches `reaches`, and read the observable.
 
     repeats      most runs of a short setting
@@ -119,14 +113,9 @@ def measure(
 
 
 def _run(
-    setting: Setting,
-    observable: Observable,
-    reaches: float | None,
-    threads: int | None,
-    progress: Callable[[Simulation], None] | None,
-    checkpoints: Path | None,
-    every: float,
-) -> Reading:
+    setting: Setting, observable: Observable, reaches: float | None, threads: int | None, progress: Watch | None,
+    checkpoints: Path | None, every: float,
+) -> Reading:  # fmt: skip
     try:
         simulation = None if checkpoints is None else _resumed(setting, checkpoints, threads)
         if simulation is None:
@@ -160,10 +149,10 @@ def _run(
 def _resumed(setting: Setting, folder: Path, threads: int | None) -> Simulation | None:
     """The simulation at the newest whole checkpoint of this folder; None where there is none."""
     try:
-        if not folder.is_dir() or latest_checkpoint(folder) is None:
+        if not folder.is_dir():
             return None
         return Simulation.resume(folder, setting.backend, threads, setting.scene)
-    except InputError:  # no whole one is left: the run begins anew, with the same result
+    except InputError:  # there is no whole one: the run begins anew, with the same result
         return None
 
 
@@ -173,13 +162,7 @@ class _Clock:
     Writes checkpoints, where there is a folder for them.
     """
 
-    def __init__(
-        self,
-        simulation: Simulation,
-        progress: Callable[[Simulation], None] | None,
-        checkpoints: Path | None,
-        every: float,
-    ) -> None:
+    def __init__(self, simulation: Simulation, progress: Watch | None, checkpoints: Path | None, every: float) -> None:
         self.simulation, self.progress, self.checkpoints, self.every = simulation, progress, checkpoints, every
         self.seconds = self.processor_seconds = 0.0
         self.kept_at = time.perf_counter()
@@ -242,12 +225,7 @@ def _at_end(simulation: Simulation, observable: Observable, clock: _Clock) -> fl
     after = simulation.time, observable(simulation)
     if before is None or after[0] == before[0]:
         return after[1]
-    return _between(before, after, end)
-
-
-def _between(before: tuple[float, float], after: tuple[float, float], at: float) -> float:
-    share = (at - before[0]) / (after[0] - before[0])
-    return before[1] + share * (after[1] - before[1])
+    return before[1] + (end - before[0]) / (after[0] - before[0]) * (after[1] - before[1])
 
 
 def _when(simulation: Simulation, observable: Observable, reaches: float, clock: _Clock) -> float:
@@ -321,32 +299,19 @@ def source_digest(root: Path = Path(refsim.core.__file__).parent.parent) -> str:
 @functools.cache
 def machine() -> str:
     """The machine in words that tell it from another one, with the threads that a run takes by default."""
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    return f"{platform.node()}, {platform.machine()}, {os.environ.get('NUMBA_NUM_THREADS', cores)} threads"
+    return f"{platform.node()}, {platform.machine()}, {os.environ.get('NUMBA_NUM_THREADS', cores())} threads"
 
 
 def key_of(
-    setting: Setting,
-    observable: Observable,
-    reaches: float | None,
-    threads: int | None,
-    where: str | None = None,
+    setting: Setting, observable: Observable, reaches: float | None, threads: int | None, where: str | None = None
 ) -> str:
     """Digest of everything that a run's numbers follow from: scene, its files, observable, backend, versions, sources.
 
     where  on what its seconds depend; this machine by default
     """
     digest = scene_digest(setting.scene)
-    words = (
-        setting.backend,
-        observable.digest,
-        reaches,
-        threads,
-        source_digest(),
-        versions(),
-        machine() if where is None else where,
-    )
-    digest.update(repr(words).encode())
+    words = (setting.backend, observable.digest, reaches, threads, source_digest(), versions())
+    digest.update(repr((*words, machine() if where is None else where)).encode())
     return digest.hexdigest()[:20]
 
 
@@ -402,11 +367,9 @@ def keep(folder: Path | None, key: str, setting: Setting, reading: Reading) -> N
             {"label": setting.label, "machine": machine(), "reading": plain(dataclasses.asdict(reading))},
         )
     except OSError as error:
-        raise InputError(
-            f"study: {folder} cannot be written ({error.strerror or error}); give another folder (--output)."
-        ) from error
+        raise InputError(f"study: {folder} cannot be written ({error.strerror or error}); give another.") from error
 
 
 def in_turn(folder: Path | None, key: str) -> AbstractContextManager[None]:
     """Let one process after the other compute this run: the next one finds its result on file."""
-    return nullcontext() if folder is None else store.in_turn(folder / f"{key}.json")
+    return nullcontext() if folder is None else locks.in_turn(folder / f"{key}.json.lock")

@@ -1,22 +1,34 @@
 """Runs of studies and sweeps as tasks of `refsim.cluster`: what travels to another process, and what that one does."""
 
-from __future__ import annotations
-
-import functools
 import os
 import shutil
+from collections.abc import Callable, Generator, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from refsim.cluster.tasks import Report, Task
+from refsim.cluster import perform
+from refsim.cluster.tasks import Outcome, Report, Task
 from refsim.core.errors import InputError
 from refsim.core.versions import versions
 from refsim.engine.simulation import Simulation
 from refsim.scene.plan import make_plan
 from refsim.scene.scene import Scene
 from refsim.study.memory import bytes_of
-from refsim.study.observables import digest_of, observable_of
-from refsim.study.runs import REPEATS, Reading, Setting, in_turn, keep, kept, measure, scene_digest, source_digest
+from refsim.study.observables import Observable, digest_of, observable_of
+from refsim.study.runs import (
+    REPEATS,
+    Reading,
+    Setting,
+    in_turn,
+    keep,
+    kept,
+    key_of,
+    measure,
+    scene_digest,
+    source_digest,
+)
 
 RUNNING = "running"  # folder of the checkpoints of runs under way, below that of the results
 
@@ -104,20 +116,50 @@ def _computed(report: Report, work: Work, folder: Path) -> Reading:
     def progress(simulation: Simulation) -> None:
         report(simulation.time / end if end else 1.0)
 
-    read = functools.partial(
-        measure, reaches=work.reaches, threads=work.threads, progress=progress,
-        repeats=REPEATS if work.timed else 1, checkpoints=place, every=work.every,
-    )  # fmt: skip
     try:
         observable = observable_of(work.observable, make_plan(work.setting.scene))
     except InputError as error:
         reading = Reading(float("nan"), 0.0, 0.0, 0, 0, 0, 0.0, failed=str(error))
     else:
-        reading = read(work.setting, observable)
+        repeats = REPEATS if work.timed else 1
+        reading = measure(work.setting, observable, work.reaches, work.threads, progress, repeats, place, work.every)
     if _read(work.setting.scene, work.observable) != work.read:
-        raise InputError(
-            f"{work.setting.label}: a file that it reads has changed since the command was called; call it again."
-        )
+        raise InputError(f"{work.setting.label}: a file that it reads has changed since the call; call it again.")
     keep(folder, work.key, work.setting, reading)
     shutil.rmtree(place, ignore_errors=True)
     return reading
+
+
+class Batch:
+    """Runs whose results are kept in a folder; those that it lacks are tasks for other processes.
+
+    name      of the observable, as a text
+    where     on what the seconds depend (`key_of`)
+    notes     is given a sentence for each damaged result, `say` how many runs there are to do
+    keys      of the runs, one for each setting; `readings` by key of those that are known
+    """
+
+    def __init__(
+        self, settings: Sequence[Setting], observable: Observable, name: str, folder: Path, where: str,
+        notes: list[str], say: Callable[[str], None], *, reaches: float | None = None, threads: int = 1,
+        timed: bool = False, every: float = 60.0,
+    ) -> None:  # fmt: skip
+        self.folder, self.notes = folder, notes
+        self.keys = [key_of(setting, observable, reaches, threads, where) for setting in settings]
+        self.readings = {key: reading for key in self.keys if (reading := kept(folder, key, notes)) is not None}
+        open_runs = {key: s for key, s in zip(self.keys, settings) if key not in self.readings}
+        self.tasks = [task_of(key, s, name, reaches, threads, folder, timed, every) for key, s in open_runs.items()]
+        say(f"{len(self.tasks)} runs to do" + (f", {len(self.readings)} are on file" if self.readings else ""))
+
+    def perform(self, **how: Any) -> Generator[tuple[Outcome, Reading | None], None, None]:
+        """Perform the tasks (`refsim.cluster.perform`); each outcome with its reading, None where there is none."""
+        with closing(perform(self.tasks, **how)) as outcomes:
+            for outcome in outcomes:
+                key = outcome.task.key
+                reading = kept(self.folder, key, self.notes)  # also where another process has computed it meanwhile
+                if reading is None and outcome.error is None:  # the worker's folder is another one
+                    reading = outcome.value
+                    keep(self.folder, key, outcome.task.arguments[0].setting, reading)
+                if reading is not None:
+                    self.readings[key] = reading
+                yield outcome, reading

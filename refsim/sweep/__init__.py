@@ -3,8 +3,6 @@
 Contents: Sweep, read_sweep, sweep, Swept; the module progress.
 """
 
-from __future__ import annotations
-
 import copy
 import csv
 import errno
@@ -22,18 +20,18 @@ from typing import Any
 
 import msgspec
 
-from refsim.backends.arrays import unavailable
-from refsim.cluster import perform
+from refsim.backends.arrays import require_backend
 from refsim.core.errors import InputError
+from refsim.core.locks import in_turn
 from refsim.core.tables import in_time, table
 from refsim.io.checkpoint import cannot_write, replace_file
-from refsim.io.store import in_turn, tidy
+from refsim.io.store import tidy
 from refsim.scene.files import load_scene, put, scene_from_dict, scene_to_dict, suggestion
 from refsim.scene.plan import make_plan
 from refsim.scene.scene import Scene
 from refsim.study.observables import Observable, observable_of
-from refsim.study.runs import Reading, Setting, keep, kept, key_of
-from refsim.study.tasks import task_of, whole_name
+from refsim.study.runs import Reading, Setting, kept
+from refsim.study.tasks import Batch, whole_name
 from refsim.sweep.progress import Progress
 
 MOST_RUNS = 1_000_000
@@ -174,9 +172,7 @@ def read_sweep(path: str | os.PathLike[str]) -> Sweep:
     try:
         tables = tomllib.loads(Path(path).read_text(encoding="utf-8"))
     except OSError as error:
-        raise InputError(
-            f"sweep file {path} cannot be read ({error.strerror}); give the path of a TOML file."
-        ) from None
+        raise InputError(f"sweep file {path} cannot be read ({error.strerror}); give the path of a file.") from None
     except ValueError as error:
         words = str(error)
         raise InputError(f"{path} is not TOML: {words[:1].lower()}{words[1:]}; correct that place.") from None
@@ -233,9 +229,7 @@ def _seed(tables: Any, seed: int, source: str) -> None:
 
     found = list(parts(tables))
     if not found:
-        raise InputError(
-            f"{source}: no effect of the scene has a {SEED!r}, so that seeds change nothing; leave them out."
-        )
+        raise InputError(f"{source}: no effect of the scene has a {SEED!r}, so seeds change nothing; leave them out.")
     for part in found:
         part[SEED] = seed
 
@@ -264,57 +258,37 @@ def sweep(
     """
     given, place, began = read_sweep(path), Path(folder), time.perf_counter()
     if not checkpoint_every > 0:
-        raise InputError(
-            f"--checkpoint-every = {checkpoint_every:g} is not possible; give a positive number of seconds."
-        )
-    reason = unavailable(given.backend) if scheduler is None or given.backend != "cuda" else None
-    if reason is not None:
-        raise InputError(f"Backend {given.backend!r} cannot be used: {reason}.")
+        raise InputError(f"--checkpoint-every = {checkpoint_every:g} is not possible; give a positive number [s].")
+    if scheduler is None or given.backend != "cuda":
+        require_backend(given.backend)
     points = points_of(given, Path(path).parent, str(path))
     name = _from_folder(given.observable, Path(path).parent)
     observable = observable_of(name, _first_plan(points))
     settings = [Setting("sweep", point.label, 1.0, point.scene, given.backend) for point in points]
-    keys = [key_of(setting, observable, None, 1, ANYWHERE) for setting in settings]
     notes: list[str] = []
-    readings = {key: reading for key in keys if (reading := kept(place, key, notes)) is not None}
-    on_file = len(readings)
-    tasks = {
-        key: task_of(key, setting, name, None, 1, place, False, checkpoint_every)
-        for key, setting in zip(keys, settings)
-        if key not in readings
-    }
-    say(f"{len(tasks)} runs to do" + (f", {on_file} are on file" if on_file else ""))
+    batch = Batch(settings, observable, name, place, ANYWHERE, notes, say, every=checkpoint_every)
+    readings, on_file = batch.readings, len(batch.readings)
     missing: dict[str, str] = {}
-    by_key = dict(zip(keys, settings))
-    if tasks:
+    if batch.tasks:
         _writable(place)
         tidy(place)
     with (
-        Progress(list(tasks.values()), bar, say) as progress,
-        closing(
-            perform(list(tasks.values()), jobs=jobs, scheduler=scheduler, watch=progress.watch, say=say)
-        ) as outcomes,
+        Progress(batch.tasks, bar, say) as progress,
+        closing(batch.perform(jobs=jobs, scheduler=scheduler, watch=progress.watch, say=say)) as outcomes,
     ):
-        for outcome in outcomes:
-            key = outcome.task.key
-            stored = kept(place, key, notes)
-            if stored is not None:  # also where another process has computed it meanwhile
-                readings[key] = stored
-            elif outcome.error is not None:
-                missing[key] = " ".join(str(outcome.error).split())
-            else:  # the worker's folder is another one
-                readings[key] = outcome.value
-                keep(place, key, by_key[key], outcome.value)
+        for outcome, reading in outcomes:
+            if reading is None:
+                missing[outcome.task.key] = " ".join(str(outcome.error).split())
             progress.ended(outcome)
     for key in missing:  # another process may have computed it since
         if (stored := kept(place, key, notes)) is not None:
             readings[key] = stored
     found = Swept(
         points=tuple(points),
-        readings=tuple(readings.get(key) for key in keys),
+        readings=tuple(map(readings.get, batch.keys)),
         observable=observable,
         computed=len(readings) - on_file,
-        missing={k: missing[key] for k, key in enumerate(keys) if key not in readings},
+        missing={k: missing[key] for k, key in enumerate(batch.keys) if key not in readings},
         task_seconds=progress.task_seconds,
         wall=time.perf_counter() - began,
         workers=progress.workers,
@@ -322,7 +296,7 @@ def sweep(
     )
     _writable(place)
     try:
-        with in_turn(place / TABLE):
+        with in_turn(place / f"{TABLE}.lock"):
             replace_file(place / TABLE, found.csv().encode())
     except OSError as error:
         raise cannot_write("table", place / TABLE, error, "finished runs are kept") from error

@@ -147,7 +147,7 @@ BAD = {
     "a great sound speed": ("sound_speed = 20.0", "sound_speed = 1.7e308", "sound_speed = 1.7e+308 is too large"),
     "positions as text": (BOX, CLOUD.format('[["0.1", "0.2"]]'), "list of coordinates"),
     "a name that no file has": (BOX, 'shape = "cloud"\nfile = "a\\u0000b"', "no file can have this name"),
-    "a version": ("dim = 2", 'dim = 2\nversion = "1"', "reads scene files of version 1"),
+    "a version": ("dim = 2", 'dim = 2\nversion = "1"', "this refsim reads version 1"),
     "wrong kind": ("dim = 2", 'dim = "2"', "dim = '2'"),
 }
 

@@ -78,6 +78,7 @@ def test_example_writes_the_lessons(tmp_path, capsys):
     assert f"jupyter lab {tmp_path / 'mine' / FIRST}.ipynb" in said
     written = {path.name for path in (tmp_path / "mine").iterdir()}
     assert written == {name + ending for name in LESSONS for ending in (".md", ".ipynb", ".py")}
+    (tmp_path / "mine" / f"{FIRST}.md").write_text("mine")
     assert main(given) == 2
     assert "give another folder (--lessons) or --overwrite" in capsys.readouterr().err
     assert main([*given, "--overwrite"]) == 0

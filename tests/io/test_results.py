@@ -224,9 +224,9 @@ def test_errors_say_what_and_where(folder, tmp_path):
     run = open_run(folder)
     with pytest.raises(InputError, match="no field 'densty'; did you mean density"):
         run[0]["densty"]
-    with pytest.raises(IndexError, match="no frame 6; it has 6, from 0 to 5"):
+    with pytest.raises(IndexError, match="no frame 6; give a number from 0 to 5"):
         run[6]
-    with pytest.raises(InputError, match=r"no frame at 1 s; give a time from 0 to 0\.002 s"):
+    with pytest.raises(InputError, match=r"no frame at 1 s; give 0 to 0\.002 s"):
         run.at(1.0)
     with pytest.raises(InputError, match="does not exist"):
         open_run(tmp_path)

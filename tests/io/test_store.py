@@ -8,7 +8,8 @@ import threading
 import pytest
 
 from refsim import InputError
-from refsim.io.store import in_turn, read_stored, stored_bytes, tidy, write_stored
+from refsim.core.locks import in_turn
+from refsim.io.store import read_stored, stored_bytes, tidy, write_stored
 
 VALUES = {"label": "a run", "reading": {"value": 0.1 + 0.2, "failed": "", "steps": 12}}
 
@@ -64,7 +65,7 @@ def test_one_after_the_other(tmp_path):
     inside, most = [], []
 
     def enter():
-        with in_turn(tmp_path / "key.json"):
+        with in_turn(tmp_path / "key.json.lock"):
             inside.append(1)
             most.append(len(inside))
             threading.Event().wait(0.02)

@@ -209,10 +209,10 @@ def support_launches(dtype):
         (columns.build_list, (vectors, integers, ranges, ranges, fours, one, 1, None, integers, shared)),
         (columns.build_list, (vectors, integers, ranges, ranges, fours, one, 1, period, integers, listed)),
         (device.pack_all, ((vectors, vectors), (scalars, scalars), (fours, fours), fours)),
-        (device.gather_all_scalars, ((scalars, scalars), keys, (scalars, scalars))),
-        (device.gather_all_vectors, ((vectors, vectors), keys, (vectors, vectors))),
-        (device.copy_all_scalars, ((scalars, scalars), (scalars, scalars), scalars)),
-        (device.copy_all_vectors, ((vectors, vectors), (vectors, vectors), vectors)),
+        (device.gather_all, ((scalars, scalars), keys, (scalars, scalars))),
+        (device.gather_all, ((vectors, vectors), keys, (vectors, vectors))),
+        (device.copy_all, ((scalars, scalars), (scalars, scalars), scalars)),
+        (device.copy_all, ((vectors, vectors), (vectors, vectors), vectors)),
         (cell_order.clear_counts, (integers, integers)),
         (cell_order.box_of_cells, (keys, integers)),
         (cell_order.count_cells, (keys, *4 * (integers,))),
@@ -252,11 +252,7 @@ def support_launches(dtype):
         (device.fill_scalars, (one, scalars)),
         (device.fill_scalars, (np.int32(0), integers)),
         (device.fill_vectors, (one, vectors)),
-        (device.gather_scalars, (scalars, keys, scalars)),
-        (device.gather_scalars, (integers, keys, integers)),
-        (device.gather_vectors, (vectors, keys, vectors)),
-        (device.copy_scalars, (scalars, scalars)),
-        (device.copy_vectors, (vectors, vectors)),
+        (device.gather_all, ((integers,), keys, (integers,))),
         (device.invert, (integers, integers)),
         (device.choose_step, (scalars, np.zeros((2, 4)), 1.0, 0.0, 1e-6, 9.0, 0.0, scalars, np.zeros(10))),
         (device.note_displacement, (scalars, np.zeros(10))),
@@ -385,7 +381,7 @@ def test_a_bare_float_literal_is_found(compiler):
         out[i] = 0.1 * out[i]
 
     with pytest.raises(AssertionError, match="computes in float64"):
-        assert_compiles(compiler, CudaKernel(leaking, False, None), (np.zeros(3, np.float32),), "float32")
+        assert_compiles(compiler, CudaKernel(leaking), (np.zeros(3, np.float32),), "float32")
 
 
 def test_absent_argument_travels_as_a_null_pointer(compiler):

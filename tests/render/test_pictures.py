@@ -299,7 +299,7 @@ def test_the_command_writes_a_film(in_plane, tmp_path, capsys):
         (["--style", "glass"], "--style 'glass' is unknown; choose one of paper, water, particles."),
         (["--surface", "cubes"], "--surface 'cubes' is unknown; choose one of isosurface, pysplashsurf."),
         (["--color", "colour"], "has no field 'colour'; give one of"),
-        (["--limits", "1"], "--limits '1' is not possible; give two numbers with ',' between them."),
+        (["--limits", "1"], "--limits '1' is not possible; give two numbers with ',' between."),
         (["--color", "mass", "--limits", "2,1"], "--limits 2.0,1.0 is no range"),
         (["--camera", "left"], "--camera 'left' is no camera"),
         (["--camera", "0,100"], "give an elevation from -90 to 90 degrees"),

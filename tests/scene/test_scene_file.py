@@ -142,7 +142,7 @@ def test_examples_load_and_plan(path, capsys):
         ('"tait"', '"tiat"', "state = 'tiat' is not possible; did you mean tait?"),
         ('"+y"', '"y+"', "open_faces[0] = 'y+' is not possible"),
         ("spacing = 0.01", "spacing 0.01", "is not TOML: expected '='"),
-        ("dim = 2", "dim = 2\nversion = 2", "version = 2 is not known; this refsim reads scene files of version 1."),
+        ("dim = 2", "dim = 2\nversion = 2", "version = 2 is not known; this refsim reads version 1."),
         ("dim = 2", "dim = 2\nversion = true", "version = True is not known"),
         ("dim = 2", 'dim = 2\nversion = "1"', "version = '1' is not known"),
         ("dim = 2", "dim = 2\ndim = 3", "is not TOML: cannot overwrite a value (at line 6"),

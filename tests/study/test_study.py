@@ -25,7 +25,7 @@ from refsim import (
     WeaklyCompressible,
 )
 from refsim.__main__ import main
-from refsim.io.store import in_turn
+from refsim.core.locks import in_turn
 from refsim.study import runs
 from refsim.study.observables import observable_of
 from refsim.study.refine import refined
@@ -293,7 +293,7 @@ def test_a_file_of_the_scene_that_changes_during_a_run_leaves_no_result(tmp_path
         np.save(tmp_path / "cloud.npy", 0.01 * np.indices((4, 3)).reshape(2, -1).T)
         return 1.0
 
-    with pytest.raises(InputError, match=r"a file of the scene has changed while it ran .* call it again"):
+    with pytest.raises(InputError, match=r"a file of .* has changed while it ran; call it again"):
         refsim.study(scene, observable, backend="numpy", knobs=(), folder=tmp_path / "out")
     assert not list((tmp_path / "out").glob("*.json"))
 
@@ -305,7 +305,7 @@ def test_a_run_that_another_process_computes_is_waited_for(tmp_path, monkeypatch
     held = threading.Event()
 
     def other():
-        with in_turn(tmp_path / "second" / file.name):
+        with in_turn(tmp_path / "second" / f"{file.name}.lock"):
             held.set()
             time.sleep(0.3)
             shutil.copy(file, tmp_path / "second" / file.name)

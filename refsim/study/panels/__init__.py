@@ -4,8 +4,6 @@ panels.toml says what each panel observes and against which reference; NAME.json
 machine, commit and date of their measurement.
 """
 
-from __future__ import annotations
-
 import functools
 import importlib.resources
 import json

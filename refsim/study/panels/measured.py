@@ -1,7 +1,5 @@
 """Panels measured here: every setting several times, in turns, until its seconds settle."""
 
-from __future__ import annotations
-
 import datetime
 import math
 from collections.abc import Callable, Iterable, Sequence
@@ -11,7 +9,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from refsim.backends.arrays import device_name, unavailable
+from refsim.backends.arrays import device_name, require_backend
 from refsim.core.errors import InputError
 from refsim.core.tables import in_bytes, table
 from refsim.core.versions import versions
@@ -60,9 +58,10 @@ class Measured:
             if row["failed"]:
                 failed.append(f"{row['setting']}: {row['failed']}")
                 continue
+            old = row["stored_value"]
             rows.append(
                 (
-                    row["setting"], f"{row['value']:.6g}", percent(row["error"]), _known(row["stored_value"], "{:.6g}"),
+                    row["setting"], f"{row['value']:.6g}", percent(row["error"]), "-" if old is None else f"{old:.6g}",
                     duration(row["seconds"]) + ("" if not row["unsettled"] else " (not settled)"),
                     duration(row["stored_seconds"]), "-" if row["bytes"] is None else in_bytes(row["bytes"]),
                     f"{row['particles']:,}",
@@ -80,10 +79,6 @@ class Measured:
             *self.left_out,
         ]
         return "\n".join(lines)
-
-
-def _known(value: float | None, form: str) -> str:
-    return "-" if value is None else form.format(value)
 
 
 def observable(name: str) -> str:
@@ -105,19 +100,13 @@ def measured(
             f"panel {panel.name!r} has no packaged scene; python -m validation accuracy {panel.name} measures it in a"
             " clone of the repository."
         )
-    if (reason := unavailable(backend)) is not None:
-        raise InputError(f"Backend {backend!r} cannot be used: {reason}.")
-    chosen = list(keys) or [p.key for p in panel.points.values() if p.program == OWN and p.shown and _on(p, backend)]
+    require_backend(backend)
+    own = (p for p in panel.points.values() if p.program == OWN and p.shown)
+    chosen = list(keys) or [p.key for p in own if p.knobs.get("backend", "cpu") == backend]
     if unknown := [key for key in chosen if key not in panel.points]:
         raise InputError(f"panel {panel.name!r} has no setting {unknown[0]!r}; it has {', '.join(panel.points)}.")
-    runs: dict[str, list[Reading]] = {}
-    left_out = []
-    for key in chosen:
-        why = _without(panel, panel.points[key])
-        if why:
-            left_out.append(f"{panel.points[key].words} left out: {why}")
-        else:
-            runs[key] = []
+    refused = {key: why for key in chosen if (why := _without(panel, panel.points[key]))}
+    runs: dict[str, list[Reading]] = {key: [] for key in chosen if key not in refused}
     order, waiting = np.random.default_rng(0), list(runs)
     for turn in range(readings * (MOST if readings >= REPEATS else 1)):
         for key in order.permutation(waiting).tolist():
@@ -129,17 +118,14 @@ def measured(
         waiting = [key for key in waiting if not runs[key][-1].failed]
     places = (*panel.places, _here(backend, threads))
     points = {key: _point(panel, panel.points[key], found, len(places) - 1) for key, found in runs.items()}
-    return Measured(panel, replace(panel, places=places, points=points), tuple(left_out))
+    left_out = tuple(f"{panel.points[key].words} left out: {why}" for key, why in refused.items())
+    return Measured(panel, replace(panel, places=places, points=points), left_out)
 
 
 def merged(found: Measured) -> Panel:
     """The stored panel with what was measured here in place of what it had."""
     points = {key: found.here.points.get(key, point) for key, point in found.stored.points.items()}
     return replace(found.stored, places=found.here.places, points=points)
-
-
-def _on(point: Point, backend: str) -> bool:
-    return bool(point.knobs.get("backend", "cpu") == backend)
 
 
 def _without(panel: Panel, point: Point) -> str:

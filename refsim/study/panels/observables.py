@@ -3,8 +3,6 @@
 `times` and `reduce` of a function say when it is read and how one number follows (`refsim/study/observables.py`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

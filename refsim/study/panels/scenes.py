@@ -1,7 +1,5 @@
 """Scenes of panels: NAME.toml beside this module is that of the panel's base setting, and others follow from it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from fractions import Fraction
 
