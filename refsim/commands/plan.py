@@ -23,8 +23,8 @@ from refsim.core.errors import InputError
 from refsim.core.fields import BASE
 from refsim.core.operation import BACKENDS, PROCEDURES, REGISTRY
 from refsim.engine.stepping import stable_steps, step_limits
-from refsim.scene.accounts import accounts
 from refsim.scene.files import load_scene
+from refsim.scene.passes import accounts
 from refsim.scene.plan import Plan
 from refsim.sph import gravity_of
 from refsim.study.cost import Prediction, every_backend

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from refsim.core.energy import Amount, amount
 from refsim.core.errors import RunStopped
 from refsim.engine.run import Run
-from refsim.scene.accounts import accounts
+from refsim.scene.passes import accounts
 
 LEAP_FROGS = ("sph.kick_drift", "penetration.kick_drift")
 ROUNDINGS = 4.0  # eps of the run's dtype in each term; a smaller change is rounding

@@ -158,8 +158,7 @@ class Run(Shown):
         return RunFrame(self, int(np.abs(self.times - time).argmin()))
 
     def _rows(self, name: str, number: int) -> NDArray[Any]:
-        if name not in self.fields:
-            raise InputError(f"run {self.folder}: there is no field {name!r}; {suggestion(name, self.fields)}")
+        (name,) = self._chosen([name])
         rows = self._index.rows(number)
         place = "Points" if name == "position" else f"PointData/{name}"
         found: NDArray[Any] = read_file(self._file, lambda root: root[place][rows], check=False)
@@ -191,7 +190,8 @@ class Run(Shown):
         """Particles, mass, momentum and energies at the start and at the end of the run; in 2D per metre of depth."""
         ledger = self._report_json()["ledger"]
         per_depth = self._origin.scene.strip() and self.scene.dim == 2
-        before, after = (dict(_flat(_with_effects(ledger[when]))) for when in ("start", "end"))
+        stocks = ({**ledger[when], **ledger[when].get("effects", {})} for when in ("start", "end"))
+        before, after = (dict(_flat({n: v for n, v in stock.items() if n != "effects"})) for stock in stocks)
         rows = []
         for name, end in after.items():
             unit, start = _unit_of(name), before.get(name)
@@ -338,11 +338,6 @@ def _flat(tables: Mapping[str, Any], place: str = "") -> list[tuple[str, Any]]:
         else:
             rows.append((f"{place}{name}", value))
     return rows
-
-
-def _with_effects(stock: Mapping[str, Any]) -> dict[str, Any]:
-    """The stock of a moment with the effects' accounts beside the others."""
-    return {name: value for name, value in stock.items() if name != "effects"} | dict(stock.get("effects", {}))
 
 
 def _unit_of(quantity: str) -> str:

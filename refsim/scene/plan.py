@@ -20,9 +20,8 @@ from refsim.core.tables import Shown, in_bytes
 from refsim.gauges.places import check_gauges
 from refsim.motion import check_motions
 from refsim.scene import checks
-from refsim.scene.accounts import accounts
 from refsim.scene.particles import initial_state
-from refsim.scene.passes import merged_passes, motion_passes, ordered_passes
+from refsim.scene.passes import accounts, merged_passes, motion_passes, ordered_passes
 from refsim.scene.scene import Scene
 from refsim.scene.shapes import Vector
 from refsim.scene.solids import moved, voxelised

@@ -8,6 +8,7 @@ from typing import Any, Literal
 import msgspec
 
 from refsim.core.checked import Checked, suggestion
+from refsim.core.effect import Effect
 from refsim.core.energy import EnergyAudit
 from refsim.core.errors import InputError
 from refsim.gauges import Gauge
@@ -65,28 +66,14 @@ class Scene(Checked, frozen=True, kw_only=True):
 
         Raises InputError where there is no such field, effect, part or parameter.
         """
-        lists = ("fluid", "solid", "motion", "gauge")
-        values: dict[str, Any] = {name: getattr(self, name) for name in (*lists, "effects")}
+        scene, effects = self, [effect.name for effect in self.effects]
+        fields = [*self.__struct_fields__, *(f"{name}__" for name in effects)]
         for path, value in changes.items():
-            place, _, inner = path.partition("__")
-            if not inner:
-                values[_known(path, place, [*self.__struct_fields__, *(f"{e.name}__" for e in self.effects)])] = value
-            elif place == "energy_audit":
-                audit = values.get(place, self.energy_audit) or EnergyAudit()
-                values[place] = _changed(path, audit, inner, value)
-            elif place in lists:
-                number, _, name = inner.partition("__")
-                parts = list(values[place])
-                k = int(_known(path, number, [str(k) for k in range(len(parts))]))
-                parts[k] = _changed(path, parts[k], name, value)
-                values[place] = tuple(parts)
-            else:
-                effects = list(values["effects"])
-                names = [effect.name for effect in effects]
-                k = names.index(_known(path, place, names))
-                effects[k] = _changed(path, effects[k], inner, value)
-                values["effects"] = tuple(effects)
-        return msgspec.structs.replace(self, **values)
+            place, *inner = path.split("__")
+            of_effect = inner and place not in self.__struct_fields__
+            words = ["effects", place] if of_effect else [_known(path, place, fields)]
+            scene = _changed(path, scene, [*words, *inner], value)
+        return scene
 
 
 def _known(path: str, name: str, names: Sequence[str]) -> str:
@@ -97,6 +84,16 @@ def _known(path: str, name: str, names: Sequence[str]) -> str:
     return name
 
 
-def _changed(path: str, part: Any, name: str, value: Any) -> Any:
-    """A part of a scene with another value of its field `name`."""
-    return msgspec.structs.replace(part, **{_known(path, name, part.__struct_fields__): value})
+def _changed(path: str, part: Any, words: Sequence[str], value: Any) -> Any:
+    """A part of a scene with another value at the place to which the words lead, through effects by their names."""
+    if not words:
+        return value
+    word, *inner = words
+    if isinstance(part, tuple):
+        names = [getattr(each, "name", "") if isinstance(each, Effect) else str(k) for k, each in enumerate(part)]
+        k = names.index(_known(path, word, names))
+        return (*part[:k], _changed(path, part[k], inner, value), *part[k + 1 :])
+    part = EnergyAudit() if part is None else part
+    return msgspec.structs.replace(
+        part, **{_known(path, word, part.__struct_fields__): _changed(path, getattr(part, word, None), inner, value)}
+    )

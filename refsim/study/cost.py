@@ -455,12 +455,8 @@ def load(scene: Scene, backend: str, threads: int | None = None) -> Constants | 
     """Constants on file for this scene, backend and machine; None if there are none."""
     try:
         found = read_stored(_file(scene, backend, threads))
-        if found is None:
-            return None
-        found["course"] = Course(**found["course"])
-        found["sizes"] = [(int(count), seconds) for count, seconds in found["sizes"]]
-        return Constants(**found)
-    except (InputError, ValueError, KeyError, TypeError):
+        return None if found is None else msgspec.convert(found, Constants)
+    except (InputError, ValueError):  # msgspec.ValidationError is a ValueError
         return None
 
 
