@@ -222,8 +222,10 @@ def _time(predicted: list[Prediction]) -> str:
     """What a run would take on each backend."""
     rows = []
     for each in predicted:
-        cells = (in_time(each.seconds), f"{each.steps:,}", f"{each.builds:,}", in_bytes(each.bytes))
-        rows.append((each.backend, *(cells if math.isfinite(each.seconds) else ("-",) * 4)))
+        cells = ("-",) * 4
+        if math.isfinite(each.seconds):
+            cells = (in_time(each.seconds), f"{each.steps:,}", f"{each.builds:,}", in_bytes(each.bytes))
+        rows.append((each.backend, *cells))
     head = ("backend", "steps take", "steps", "list builds", "memory")
     notes = [f"{each.backend}: {each.note}" for each in predicted if each.note]
     lines = ["Time on this machine, without compiling and frames", table(rows, head, right=(1, 2, 3, 4)), *notes]

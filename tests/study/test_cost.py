@@ -107,7 +107,7 @@ def test_on_a_gpu_whole_steps_are_timed_with_and_without_a_list_build(monkeypatc
 
 def test_limits_that_follow_the_spacing_otherwise():
     """Accelerations grow as 1/d, so that their step falls as d; diffusion's step falls as its square."""
-    course = dataclasses.replace(made().course, acceleration=[1e5, 1e5], speed=[0.0, 0.0])
+    course = dataclasses.replace(made().course, history=[[0.05, 0.0, 1e5, 0.0], [0.1, 0.0, 1e5, 0.0]])
     few, many = (cost.estimate(make_plan(tank(n)), made(course=course)).steps for n in (10, 20))
     assert many == pytest.approx(2 * few, rel=0.01)
     thick = WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=2e5)
@@ -118,7 +118,7 @@ def test_limits_that_follow_the_spacing_otherwise():
 def test_a_fixed_step_and_a_short_course():
     found = cost.estimate(make_plan(tank(20, step=1e-4)), made())
     assert found.steps == 1000
-    short = dataclasses.replace(made().course, reached=0.05, time=[0.025, 0.05])
+    short = dataclasses.replace(made().course, reached=0.05, history=[[0.025, 0.0, 0.0, 0.0], [0.05, 4.0, 0.0, 0.0]])
     found = cost.estimate(make_plan(tank(20)), made(course=short))
     assert found.builds == 1 + 19 * 4 * 2
     assert "was measured to 0.05 of 0.1 s" in found.note
