@@ -141,13 +141,8 @@ def whole_checkpoint(path: str | os.PathLike[str]) -> tuple[Path, Checkpoint, tu
         else:
             return file, saved, tuple(f"checkpoint {name} {why}: resumed from {file}" for name, why in passed)
     if not passed:
-        raise InputError(
-            f"folder {path} holds no whole checkpoint; give the folder of a run, or a checkpoint, or start the run"
-            " again."
-        )
-    raise InputError(
-        f"checkpoint {passed[0][0]} {passed[0][1]}; start the run again, or give the path of a whole checkpoint."
-    )
+        raise InputError(f"folder {path} holds no whole checkpoint; give the folder of a run, or start the run again.")
+    raise InputError(f"checkpoint {passed[0][0]} {passed[0][1]}; start the run again, or give a whole checkpoint.")
 
 
 def latest_checkpoint(folder: str | os.PathLike[str]) -> Path | None:
@@ -213,10 +208,7 @@ def _attributes_text(path: Path, attributes: Mapping[str, Attribute]) -> str:
         if not isinstance(value, str | int | float | bool):
             raise TypeError(f"attribute {name!r} is a {type(value).__name__}, not text or a plain number")
         if isinstance(value, float) and math.isnan(value):
-            raise RunStopped(
-                "non_finite",
-                f"checkpoint {path} was not written because attribute {name!r} is not a number; {KEPT}",
-            )
+            raise RunStopped("non_finite", f"checkpoint {path} was not written: {name!r} is not a number; {KEPT}")
     return json.dumps(plain)
 
 

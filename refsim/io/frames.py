@@ -78,9 +78,7 @@ class ParticleWriter:
         try:
             self._journal, self._lock = locked_journal(journal_path(self.path))
         except BlockingIOError:
-            raise InputError(
-                f"particle file {self.path} is being written by another process; wait for it, or give another path"
-            ) from None
+            raise InputError(f"particle file {self.path} is being written by another process; wait for it") from None
         except OSError as error:
             raise cannot_write("particle file", self.path, error, KEPT) from error
         try:

@@ -217,9 +217,7 @@ class Run(Shown):
             with open_regular(path) as file:
                 found = json.load(file)
         except OSError as error:
-            raise InputError(
-                f"report {path} cannot be read ({error.strerror}); a run writes it with its first checkpoint."
-            ) from None
+            raise InputError(f"report {path} cannot be read ({error.strerror}); a checkpoint writes it.") from None
         except ValueError as error:
             raise InputError(f"report {path} is damaged ({error}); run the scene again.") from None
         if not (isinstance(found, dict) and {"start", "end"} <= set(found.get("ledger", ()))):
@@ -240,10 +238,7 @@ class Run(Shown):
         chosen = [frame.sorted() for frame in self[frames]]
         identity = [frame["identity"] for frame in chosen]
         if any(not np.array_equal(identity[0], other) for other in identity):
-            raise InputError(
-                f"run {self.folder}: its frames do not hold the same particles, so that no array has them all; use"
-                " to_pandas."
-            )
+            raise InputError(f"run {self.folder}: its frames do not hold the same particles; use to_pandas.")
         variables = {}
         for name in self._chosen(fields):
             field = self.fields[name]

@@ -33,9 +33,7 @@ def write_vtp(path: str | os.PathLike[str], position: np.ndarray, /, **fields: n
         if array.dtype == np.bool_:
             array = array.view(np.uint8)
         if array.shape[:1] != (count,) or array.ndim > 2 or array.dtype not in DTYPES:
-            raise ValueError(
-                f"array {name!r} must be ({count},) or ({count}, components), not {array.shape} {array.dtype}"
-            )
+            raise ValueError(f"array {name!r} must be ({count},) or ({count}, k), not {array.shape} {array.dtype}")
         components = array.shape[1] if array.ndim == 2 else 1
         offset = sum(map(len, blocks))
         blocks.append(struct.pack("=Q", array.nbytes) + array.tobytes())

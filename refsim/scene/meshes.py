@@ -71,10 +71,7 @@ def read_mesh(path: str | os.PathLike[str], what: str = "mesh", opened: list[str
 
     kind = Path(path).suffix[1:].lower()
     if kind in ARCHIVES:
-        raise InputError(
-            f"{what}: {str(path)!r} is an archive, which refsim does not unpack; give the mesh in it, as .obj, .ply or"
-            " .stl."
-        )
+        raise InputError(f"{what}: {str(path)!r} is an archive; give the mesh in it, as .obj, .ply or .stl.")
     options = {"skip_materials": True} if kind in ("gltf", "glb", "obj", "ply") else {}  # no texture has to be there
     try:
         refuse_what_unpacks(path, what)

@@ -74,9 +74,7 @@ class Observable:
         except InputError:
             raise
         except (Exception, SystemExit) as error:  # a user's own function may fail in any way, and end the program
-            raise InputError(
-                f"observable {self.name}: it cannot be read ({type(error).__name__}: {error}); correct the function."
-            ) from error
+            raise InputError(f"observable {self.name}: it cannot be read ({_words(error)}); correct it.") from error
 
 
 def observable_of(given: str | Callable[[Simulation], float] | Observable, plan: Plan) -> Observable:
@@ -202,9 +200,7 @@ def _from_file(name: str, path: Path, function: str) -> Observable:
     try:
         found = runpy.run_path(str(path)).get(function)
     except (Exception, SystemExit) as error:  # the file is the user's program
-        raise InputError(
-            f"observable {name!r}: {path} cannot be run ({type(error).__name__}: {error}); correct it."
-        ) from error
+        raise InputError(f"observable {name!r}: {path} cannot be run ({_words(error)}); correct it.") from error
     if not callable(found):
         raise InputError(f"observable {name!r}: {path} has no function {function!r}; write FILE.py:function.")
     unit = str(getattr(found, "unit", ""))
@@ -259,6 +255,10 @@ def _source(function: Callable[..., Any]) -> str:
         return inspect.getsource(function)
     except (OSError, TypeError, SyntaxError, tokenize.TokenError):  # the last of a text that is no Python file
         return repr(getattr(function, "__code__", function))
+
+
+def _words(error: BaseException) -> str:
+    return f"{type(error).__name__}: {error}"
 
 
 def _digest(content: str | bytes) -> str:

@@ -138,4 +138,4 @@ def test_a_mesh_that_is_an_archive_is_not_unpacked(folder, capsys, monkeypatch, 
     monkeypatch.setattr(trimesh, "load", lambda *given, **options: pytest.fail("it was read"))
     (folder / f"m.{suffix}").write_bytes(b"PK\x03\x04")
     assert main(["sample", f"m.{suffix}", "--radius", "0.1"]) == 2
-    assert "is an archive, which refsim does not unpack; give the mesh in it" in one_sentence(capsys.readouterr().err)
+    assert "is an archive; give the mesh in it" in one_sentence(capsys.readouterr().err)
