@@ -150,7 +150,7 @@ def test_what_another_process_has_computed_meanwhile_is_not_reported_as_missing(
         for file in (folder / "whole").glob("*.json"):  # the other one ends
             shutil.copy(file, folder / "out" / file.name)
 
-    monkeypatch.setattr("refsim.study.tasks.perform", fails)
+    monkeypatch.setattr(tasks, "perform", fails)
     found = sweep("grid.toml", folder="out", jobs=2)
     assert found.readings == whole.readings
     assert not found.missing
