@@ -80,7 +80,7 @@ def camera_of(words: str | None) -> Camera:
     except (TypeError, ValueError):
         raise InputError(f"--camera {words!r} is no camera; give azimuth,elevation[,zoom], such as -60,20.") from None
     if not (math.isfinite(camera.azimuth) and abs(camera.elevation) <= 90 and 0 < camera.zoom < math.inf):
-        raise InputError(f"--camera {words!r} is not possible; give an elevation of -90 to 90 degrees, a zoom above 0.")
+        raise InputError(f"--camera {words!r} is not possible; give an elevation from -90 to 90 degrees, zoom over 0.")
     return replace(camera, elevation=min(max(camera.elevation, -89.99), 89.99))
 
 

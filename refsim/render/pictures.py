@@ -334,7 +334,7 @@ def write_film(
     try:
         import imageio_ffmpeg
     except ImportError:
-        raise InputError('films need imageio-ffmpeg, which is missing; run `pip install "refsim[view]"`.') from None
+        raise InputError('films need imageio-ffmpeg, which is not installed; `pip install "refsim[view]"`.') from None
     found = open_run(run)
     width, height = (n - n % 2 for n in look.size)
     series = Series(found, look, chosen_frames(frames or "all", len(found.times)))
