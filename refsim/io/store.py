@@ -1,4 +1,4 @@
-"""Results on file as JSON with a digest: one reader, one writer, and turns of processes that share a folder.
+"""Results on file as JSON with a digest: one reader and one writer.
 
 The file begins with `sha256`, the digest of its name and of all that follows. A file that does not match is renamed to
 `NAME.damaged`, so that what it held is computed anew and can still be looked at.
