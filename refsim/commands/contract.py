@@ -185,11 +185,12 @@ def _known(names: Sequence[str]) -> list[Any]:
 def _arguments(names: Sequence[str], arrays: str) -> CommandResult:
     """Each argument with its type and meaning, as a program on `arrays` gets it, and each variant."""
     from refsim.contract import describe
+    from refsim.contract.features import extended
 
     data, lines = {}, []
     for operation in _known(names):
         found = describe.arguments(operation, arrays)
-        told = describe.variants(operation)
+        told = describe.variants(extended(operation.name))
         rows = []
         for a in found:
             group, _, member = a.name.partition(".")

@@ -15,14 +15,17 @@ import msgspec
 import numpy as np
 
 from refsim.contract import describe
-from refsim.contract.answers import exact_forms, exact_inputs
-from refsim.contract.bounds import allowed, oracle
+from refsim.contract.answers import CLOUDS, DENSE, exact_forms, exact_inputs
+from refsim.contract.bounds import allowed, oracle, takes_neighbours
+from refsim.contract.features import extended
 from refsim.contract.inputs import Inputs, with_variant
+from refsim.contract.parameters import shape_acts, with_kernel
 from refsim.contract.target import Target
 from refsim.core import cases
 from refsim.core.errors import InputError
 from refsim.core.operation import REGISTRY, Operation
 from refsim.core.versions import VERSION
+from refsim.smoothing import SHAPES
 
 FORMAT = 1
 REPLAY = "replay.npz"  # of `write_replay`
@@ -104,7 +107,7 @@ def export(
         raise InputError(f"--export {folder} cannot be written: {error.strerror}; give another folder.") from None
     found, left_out = [], {}
     for name in names or REGISTRY:
-        operation = REGISTRY[name]
+        operation = extended(name)
         objects = _objects(operation)
         if objects:
             left_out[name] = f"its argument {objects[0]} is an object of refsim"
@@ -150,8 +153,9 @@ def _written(folder: Path, operation: Operation, dtype: str, number: int) -> Vec
     overrides = operation.variants[number]
     arrays: dict[str, np.ndarray] = {}
     told = []
-    for name in (*cases.COMMON, *operation.cases):
-        inputs = with_variant(Inputs(cases.CASES[name](), dtype), overrides)
+    for name, case, kernel in _given(operation):
+        inputs = with_variant(Inputs(cases.CASES[case](), dtype), overrides)
+        inputs = with_kernel(operation, inputs, kernel) if kernel else inputs
         arrays |= _vector(name, operation, inputs, oracle(operation, inputs))
         told.append(_case(name, inputs.case, False))
     for maker, exact in exact_forms(operation, overrides):
@@ -163,6 +167,16 @@ def _written(folder: Path, operation: Operation, dtype: str, number: int) -> Vec
     np.savez(folder / file, allow_pickle=False, **arrays)
     without = [name for name in operation.optional if overrides.get(name, name) is None]
     return VectorFile(file, dtype, number, describe.variants(operation)[number], without, told)
+
+
+def _given(operation: Operation) -> Iterator[tuple[str, str, str]]:
+    """(name, case, kernel or "") of the hard inputs, in space and in the plane, and of the clouds with every kernel."""
+    dense = [DENSE] if takes_neighbours(operation) else []
+    for name in (*cases.COMMON, *cases.in_plane(), *dense, *operation.cases):
+        yield name, name, ""
+    for kernel in SHAPES if shape_acts(operation) else ():
+        for name in CLOUDS.values():
+            yield f"{name}_{kernel}", name, kernel
 
 
 def _case(name: str, case: cases.Case, closed_form: bool) -> VectorCase:

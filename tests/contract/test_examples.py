@@ -16,7 +16,7 @@ import pytest
 from refsim import contract
 from refsim.__main__ import main
 from refsim.contract.export import Vectors
-from refsim.core.operation import REGISTRY
+from refsim.contract.features import extended
 
 FOLDER = pathlib.Path(__file__).parents[2] / "docs" / "contract"
 OPERATIONS = ["sph.density", "sph.momentum", "becker_teschner_2007.cohesion"]
@@ -186,7 +186,8 @@ def test_vectors_say_what_they_hold(vectors):
     assert list(index.not_exported) == ["mpm.count"]
     density, near = index.operations
     assert {a.name: a.unit for a in density.arguments}["mass"] == "kg (kg/m in 2D)"
-    assert len(density.files) == 2 * len(REGISTRY["sph.density"].variants)
+    assert len(density.files) == 2 * len(extended("sph.density").variants)
+    assert {case.name for case in density.files[0].cases} >= {"cloud_2d_cubic_spline", "dense_cluster", "far_away_2d"}
     assert near.exact == ["near_surface"]
     for operation in index.operations:
         for file in operation.files:
@@ -195,6 +196,8 @@ def test_vectors_say_what_they_hold(vectors):
                 for case in file.cases:
                     written = [o for o in operation.outputs if o not in file.without]
                     for output in written:
+                        before = arrays[f"{case.name}/before/{output}"]
+                        assert output in operation.adds or np.isnan(before).all() or before.dtype.kind != "f"
                         answer, bound = (arrays[f"{case.name}/{kind}/{output}"] for kind in ("answer", "bound"))
                         assert bound.shape == answer.shape[:1]
                         assert (bound >= 0).all()
@@ -221,6 +224,25 @@ def test_vectors_are_read_in_c(vectors, folder, compiler):
                 assert done.returncode == (0 if right or dtype == "float32" else 1), done.stdout
                 assert case in done.stdout
     assert subprocess.run([folder / "right", file, "nowhere"], capture_output=True).returncode == 2
+
+
+def test_vectors_are_read_in_cpp_and_by_ctest(vectors, folder, compiler):
+    made, _ = vectors
+    if shutil.which("g++"):
+        source = (folder / "density_vectors.c").read_text()
+        (folder / "density_vectors.cpp").write_text(source)
+        subprocess.run(["g++", "-Wall", "-Werror", "density_vectors.cpp", "-o", "in_cpp"], check=True, cwd=folder)
+        file = str(made / "sph.density" / "variant_0_float64.npz")
+        assert subprocess.run([folder / "in_cpp", file, "cloud_3d"], capture_output=True).returncode == 0
+    if shutil.which("cmake") is None or shutil.which("ctest") is None:
+        pytest.skip("cmake is not on the path")
+    for command in (
+        ["cmake", "-S", ".", "-B", "build", f"-DVECTORS={made}"], ["cmake", "--build", "build"],
+        ["ctest", "--test-dir", "build"],
+    ):  # fmt: skip
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
+        assert done.returncode == 0, done.stdout + done.stderr
+    assert "100% tests passed" in done.stdout
 
 
 def test_vectors_are_not_mixed_with_other_files(tmp_path, capsys):
