@@ -35,10 +35,20 @@ Given = tuple[Inputs, Any, Any]
 
 def closed_forms(target: Target) -> Iterator[Trial]:
     """T1: answers known in closed form, without the oracle; of the target's kernel where the kernel acts."""
-    for name, exact in exact_forms(target.operation, target.operation.variants[target.variant]):
-        inputs = exact_inputs(target.operation, target.operation.variants[target.variant], exact, target.dtype)
-        if not target.kernel or not shape_acts(target.operation) or _of_kernel(target, inputs):
-            yield Trial("T1", name, functools.partial(_closed_form, target, name, exact, inputs))
+    overrides = target.operation.variants[target.variant]
+    forms = [
+        (n, e, exact_inputs(target.operation, overrides, e, target.dtype))
+        for n, e in exact_forms(target.operation, overrides)
+    ]
+    fitting = [form for form in forms if not target.kernel or _of_kernel(target, form[2])]
+    for name, exact, inputs in fitting:
+        yield Trial("T1", name, functools.partial(_closed_form, target, name, exact, inputs))
+    if forms and not fitting:
+        yield Trial("T1", "closed forms", _other_kernel)
+
+
+def _other_kernel() -> Outcome:
+    raise NotJudged("a closed form, as there is none for the kernel")
 
 
 def _of_kernel(target: Target, inputs: Inputs) -> bool:

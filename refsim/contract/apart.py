@@ -27,9 +27,11 @@ import numpy as np
 
 from refsim.contract.target import Outcome
 from refsim.core.errors import InputError
+from refsim.core.operation import BACKENDS
 
 OWN_WORK = 600.0  # s without a message between two calls: oracles, neighbour lists, the start of Python
 MOST_BYTES = 1 << 20  # of a message
+LEAST_THREADS = 4
 MOST_ENDINGS = 5  # of processes for one operation; each new one imports the programs again
 
 
@@ -222,6 +224,8 @@ def _work(pipe: Any, request: Request, judged: bool, path: list[str]) -> None:
 
     if hasattr(os, "setsid"):
         os.setsid()  # what programs start ends with this process
+    if request.source not in BACKENDS:  # of OpenMP, so that races show on few cores
+        os.environ.setdefault("OMP_NUM_THREADS", str(max(LEAST_THREADS, os.cpu_count() or 1)))
     os.dup2(2, 1)
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
     sys.path[:] = path

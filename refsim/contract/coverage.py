@@ -23,11 +23,11 @@ def gaps(name: str, declared: Mapping[str, Sequence[Any]], request: Any, outcome
     wanted = [step for step in JUDGING if step in (request.steps or JUDGING)]
     if not wanted:
         return []
-    found = [
-        words
-        for step, words in (("T1", "an answer in closed form (T1)"), ("T2", "the hard inputs (T2)"))
-        if step in wanted and not any(o.step == step for o in told)
-    ]
+    found = []
+    if "T1" in wanted and not any(o.step == "T1" and (o.not_judged or o in told) for o in outcomes):
+        found.append("an answer in closed form (T1)")
+    if "T2" in wanted and not any(o.step == "T2" for o in told):
+        found.append("the hard inputs (T2)")
     found += [dtype for dtype in request.dtypes or declared["dtypes"] if not any(o.dtype == dtype for o in told)]
     kernels: Sequence[str] = declared["kernels"] if shape_acts(operation) else [""]
     for dim in declared["dims"]:

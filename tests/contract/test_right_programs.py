@@ -2,11 +2,14 @@
 
 import dataclasses
 import math
+import pathlib
+import sys
 
 import numpy as np
 import pytest
 
 from refsim import contract
+from refsim.__main__ import main
 from refsim.contract import coverage
 from refsim.contract.apart import Request
 from refsim.contract.bounds import edge_terms
@@ -124,6 +127,33 @@ def test_what_is_declared_and_met_no_trial_is_a_gap():
         "an answer in closed form (T1)", "the kernel cubic_spline in 3 dimensions",
     ]  # fmt: skip
     assert coverage.gaps("sph.density", declared, Request("cubic", steps=("T7",)), []) == []
+
+
+def test_a_kernel_without_a_closed_form_is_no_gap():
+    name = "csf_wang_2019.normal"
+    programs = contract.Programs({name: lambda mass: mass}, kernels=("spiky",), dtypes=("float64",), name="own")
+    told = {o.not_judged for o in contract.trials(programs, name, steps=("T1",))}
+    assert told == {"a closed form, as there is none for the kernel"}
+
+
+GAP = """
+import dataclasses, sys
+sys.path.insert(0, {root!r})
+from tests.contract.test_right_programs import STANDARD
+PROGRAMS = dataclasses.replace(STANDARD, without=tuple(n for n in STANDARD.without if n != "enthalpy"))
+"""
+
+
+def test_a_gap_has_exit_code_4_and_is_named(tmp_path, monkeypatch, capsys):
+    """The enthalpy comes only with a latent heat, which is declared out."""
+    (tmp_path / "own.py").write_text(GAP.format(root=str(pathlib.Path(__file__).parents[2])))
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    assert main(["contract", "own.py", "--step", "T1", "--step", "T2"]) == 4
+    out = capsys.readouterr().out
+    assert "heat.explicit is declared, and not judged: with enthalpy." in out
+    (row,) = (line for line in out.splitlines() if line.startswith("heat.explicit  "))
+    assert row.endswith("not judged")
 
 
 # Ranks
