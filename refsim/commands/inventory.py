@@ -110,9 +110,15 @@ def _overview(operations: dict[str, dict[str, Any]], effects: dict[str, dict[str
     methods: dict[str, list[str]] = {}
     for name, operation in operations.items():
         methods.setdefault(name.partition(".")[0], []).append(operation["paper"])
-    rows = [(m, len(papers), _cut(", ".join(dict.fromkeys(papers)), 64)) for m, papers in sorted(methods.items())]
+    plain = [method for method, papers in methods.items() if set(papers) == {"standard"}]
+    rows = [
+        (method, len(papers), _cut(", ".join(dict.fromkeys(papers)), 64))
+        for method, papers in sorted(methods.items())
+        if method not in plain
+    ]
+    also = f"; of no paper: {', '.join(plain)}" if plain else ""
     lines = [
-        f"{len(operations)} operations; refsim list METHOD shows those of a method",
+        f"{len(operations)} operations; refsim list METHOD shows those of a method{also}",
         table(rows, right=(1,)),
         f"{len(effects)} effects, tables [effects.NAME] of a scene file; refsim list NAME shows the parameters",
         table([(name, _cut(effect["summary"], 72)) for name, effect in effects.items()]),
