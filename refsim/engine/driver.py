@@ -320,7 +320,8 @@ class _Run:
 
     def _flush(self, held_for: float = 0.0) -> None:
         """Write the frames that are held, unless others were written less than `held_for` seconds ago."""
-        if not self.held or (time.perf_counter() < self.flushed + held_for and self._held_bytes() < HELD_BYTES):
+        held = sum(values.nbytes for frame in self.held for values in (frame.position, *frame.fields.values()))
+        if not self.held or (time.perf_counter() < self.flushed + held_for and held < HELD_BYTES):
             return
         assert self.writer is not None
         with self.simulation.timings.of_host("writing"):
@@ -328,9 +329,6 @@ class _Run:
         self.frames += len(self.held)
         self.held.clear()
         self.flushed = time.perf_counter()
-
-    def _held_bytes(self) -> int:
-        return sum(values.nbytes for frame in self.held for values in (frame.position, *frame.fields.values()))
 
     def _checkpoint(self) -> None:
         assert self.folder is not None

@@ -222,15 +222,12 @@ def as_text(panel: Panel) -> str:
     head = {"schema": SCHEMA, "name": panel.name, "places": msgspec.to_builtins(panel.places)}
     if panel.starts:
         head["starts"] = dict(panel.starts)
-    defaults = dict(zip(Point.__struct_fields__[-len(Point.__struct_defaults__) :], Point.__struct_defaults__))
+    optional = Point.__struct_fields__[-len(Point.__struct_defaults__) :]
+    given = [getattr(default, "factory", lambda default=default: default)() for default in Point.__struct_defaults__]
+    usual = dict(zip(optional, map(msgspec.to_builtins, given)))
     lines = []
     for point in panel.points.values():
         plain = msgspec.to_builtins(point)
-        unusual = {n: v for n, v in plain.items() if n not in defaults or v != msgspec.to_builtins(_made(defaults[n]))}
+        unusual = {n: v for n, v in plain.items() if n not in usual or v != usual[n]}
         lines.append(json.dumps(unusual, allow_nan=False))
     return json.dumps(head)[:-1] + ', "points": [\n' + ",\n".join(lines) + "\n]}\n"
-
-
-def _made(default: Any) -> Any:
-    factory = getattr(default, "factory", None)
-    return factory() if factory else default

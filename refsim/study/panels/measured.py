@@ -114,7 +114,8 @@ def measured(
             last = runs[key][-1]
             say(f"{panel.points[key].words}: {last.failed or f'{last.value:.6g} in {duration(last.seconds)}'}")
         if turn + 1 >= readings:
-            waiting = [key for key in waiting if _open(runs[key])]
+            spent = {key: [run.seconds for run in runs[key]] for key in waiting}
+            waiting = [key for key in waiting if unsettled(spent[key]) and sum(spent[key]) < PATIENCE]
         waiting = [key for key in waiting if not runs[key][-1].failed]
     places = (*panel.places, _here(backend, threads))
     points = {key: _point(panel, panel.points[key], found, len(places) - 1) for key, found in runs.items()}
@@ -154,11 +155,6 @@ def _reading(panel: Panel, point: Point, number: int, threads: int | None) -> Re
     except InputError as error:
         return Reading(math.nan, 0.0, 0.0, 0, 0, 0, 0.0, failed=str(error))
     return measure(setting, reads, threads=threads, repeats=1)
-
-
-def _open(runs: Sequence[Reading]) -> bool:
-    spent = [run.seconds for run in runs]
-    return bool(unsettled(spent)) and sum(spent) < PATIENCE
 
 
 def _point(panel: Panel, point: Point, runs: Sequence[Reading], place: int) -> Point:
