@@ -27,11 +27,13 @@ def targets(of: Panel) -> list[float]:
 
 
 def rows(of: Panel) -> list[str]:
-    """The panel's lines of the table: one for the errors of equal answers."""
+    """The panel's lines of the table: one for the errors of equal answers, without those that have no meaning."""
     about = of.about
     name = f"[{about.words}]({about.page}), `{of.name}`; {about.relative}"
     groups: dict[tuple[str, ...], list[str]] = {}
     for error in targets(of):
+        if answer(of, error).no_meaning:
+            continue
         own = f" ({error * about.scale:.2g} {about.unit})" if about.scale not in (1.0, 100.0) else ""
         groups.setdefault(tuple(_cells(of, error)), []).append(percent(error) + own)
     lines = []
@@ -44,8 +46,6 @@ def rows(of: Panel) -> list[str]:
 def _cells(of: Panel, error: float) -> list[str]:
     """Cells behind the error: setting, its own error, seconds, seconds on a GPU, the best other program's seconds."""
     found = answer(of, error)
-    if found.no_meaning:
-        return ["no meaning", "", "", "", ""]
     choice, gpu = found.choice, answer(of, error, "gpu").choice
     peer = "" if found.peer is None else _time(found.peer, lambda c: f" ({c.point.program})")
     assert choice is not None
