@@ -25,7 +25,7 @@ from refsim.smoothing import SHAPES, smoothing
 SAME = 1e-3  # relative spread of a factor that is the same for all particles
 SMALL = 1e-3  # share of the largest value below which a value says nothing about a factor
 LOOKED_AT = 4  # wrong rows in which a cause must agree
-NEAR = 0.02  # share of its effect by which an answer may differ from what a cause predicts
+NEAR = 1e-4  # share of its effect by which an answer may differ from what a cause predicts
 CAPACITY = 8  # neighbours from which on their number, and not one of them, may spoil an answer
 MOST_PARTICLES = 400  # of inputs with which causes are sought
 MOST_PAIRS = 80  # neighbours of a particle up to which the part of each is computed
@@ -40,8 +40,8 @@ def judgement(target: Target, step: str, trial: str, judged: Judged) -> Outcome:
     error = worst(judged.found)
     if error <= 1 or target.faults:
         return target.outcome(step, trial, error, named_worst(judged.found, judged.rows), telling=judged.telling)
-    wrong = Wrong(target, judged)
-    words, values = wrong.told(target.explain(trial))
+    with np.errstate(all="ignore"):  # which a library may have changed for the whole process
+        words, values = Wrong(target, judged).told(target.explain(trial))
     return target.outcome(step, trial, error, words, telling=judged.telling, values=values)
 
 
@@ -66,8 +66,7 @@ class Wrong:
         self.right = np.asarray(value, dtype=float)
         self.scale = np.broadcast_to(np.asarray(scale, dtype=float), self.right.shape)
         self.wrong = ~(self.ratio <= 1)
-        with np.errstate(all="ignore"):  # infinities
-            self.error = np.sqrt(((self.got - self.right).reshape(len(self.right), -1) ** 2).sum(1))
+        self.error = np.sqrt(((self.got - self.right).reshape(len(self.right), -1) ** 2).sum(1))
         self.worst = int(np.argmax(self.ratio))
         self.own = self.inputs.per_particle(self.name)
 
@@ -393,15 +392,17 @@ class Wrong:
 
 
 def factor_between(got: np.ndarray, value: np.ndarray) -> float | None:
-    """The factor between two arrays, if one serves all entries of at least two; 1, 0 and -1 up to SAME."""
+    """The factor between two arrays, if one serves all entries of at least two; 1 and -1 up to SAME."""
     if value.size < 2 or not np.any(value):
         return None
     large = np.abs(value) > SMALL * np.abs(value).max()
     ratios = got[large] / value[large]
     factor = float(np.median(ratios))
-    if len(ratios) < 2 or np.abs(ratios - factor).max() > SAME * max(abs(factor), SMALL):
+    if not np.any(got):
+        return 0.0
+    if len(ratios) < 2 or np.abs(ratios - factor).max() > SAME * abs(factor):
         return None
-    for plain in (0.0, 1.0, -1.0):
+    for plain in (1.0, -1.0):
         if abs(factor - plain) <= SAME:
             return plain
     return factor
