@@ -136,16 +136,11 @@ def add_options(made: argparse.ArgumentParser, *more: str) -> None:
 def options_of(given: argparse.Namespace, root: Path = Path()) -> Options:
     """The options of a parsed command line; folders lie under `root` unless they are given."""
     return Options(
-        quick=given.quick,
-        backend=given.backend,
-        peers=given.peers,
-        fresh=given.fresh,
-        threads=given.threads,
+        quick=given.quick, backend=given.backend, peers=given.peers, fresh=given.fresh, threads=given.threads,
         results=root / getattr(given, "results", "results"),
         figures=getattr(given, "figures", None) or root / ("figures/quick" if given.quick else "figures"),
-        only=tuple(getattr(given, "only", ())),
-        scheduler=getattr(given, "scheduler", None),
-    )
+        only=tuple(getattr(given, "only", ())), scheduler=getattr(given, "scheduler", None),
+    )  # fmt: skip
 
 
 def listed(given: argparse.Namespace) -> int:

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
+import numpy as np
 
 from refsim.core.errors import InputError
 from refsim.study.choice import REPEATS
@@ -36,8 +37,8 @@ RUNS = {  # panel: its run, called with (context, settings, backend, threads, re
     "surface_tension_frequency": "validation.panel_runs.drops_and_melting:tensions",
     "tank_pressure": "validation.panel_runs.tank:tanks",
     "implicit_pressure": "validation.panel_runs.implicit_pressure:tanks",
-    "mpm_pressure": "validation.panel_runs.mpm_pressure:pressures",
-    "mpm_frequency": "validation.panel_runs.mpm_frequency:frequencies",
+    "mpm_pressure": "validation.panel_runs.mpm:pressures",
+    "mpm_frequency": "validation.panel_runs.mpm:frequencies",
     "surface_normals": "validation.experiments.surface_reconstruction.runs:normals",
     "boundary_sampling": f"{BOUNDARY}.runs:quality",
     "signed_distance": f"{BOUNDARY}.runs:distance",
@@ -82,7 +83,7 @@ def measure(of: Panel, backend: str, threads: int | None, repeats: int, peers: b
     if where is None:
         raise InputError(f"panel {of.name!r} has no points of other programs; leave --peers out.")
     chosen = [p for p in of.points.values() if (p.program != OWN) == peers and p.knobs.get("backend", "cpu") == backend]
-    settings = {p.key: {"words": p.words, "knobs": p.knobs, "shown": p.shown, **p.setting} for p in chosen}
+    settings = {p.key: {"knobs": p.knobs, **p.setting} for p in chosen}
     run = _run(where)
     result = run(Context(), settings, threads or 2, repeats) if peers else run(
         Context(), settings, backend, threads, repeats
@@ -113,7 +114,7 @@ def _place(where: Mapping[str, Any]) -> Place:
     """Where and with what a reading was taken, from `validation.reading.environment`."""
     device, load = where["device"] or {}, where["load"]
     return Place(
-        where["processor"], where["threads"], where["date"], where["source"]["commit"], device.get("name", ""),
+        where["processor"], where["threads"], where["date"], where["commit"], device.get("name", ""),
         device.get("driver_version", ""), where["cores"], None if load is None else [load, load], where["versions"],
     )  # fmt: skip
 
@@ -125,16 +126,15 @@ def _point(of: Panel, old: Point, reading: Mapping[str, Any], place: int) -> Poi
         speaks_against=old.speaks_against, against=old.against, particles=reading["particles"],
     )  # fmt: skip
     if reading["stopped"]:
-        return msgspec.structs.replace(kept, failed=reading["stopped"], spent=reading["spent"])
+        return msgspec.structs.replace(kept, failed=reading["stopped"], spent=float(np.mean(reading["seconds"])))
     value, scale, _ = of.reference()
-    error = reading["error"] if reading["value"] is None else abs(reading["value"] - value)
-    own = reading["bytes"]
-    parts = {n: sum(v) / len(v) for n, v in reading["parts"].items()}
+    own, parts, beside = (
+        reading["bytes"], *({n: float(np.mean(v)) for n, v in reading[kind].items()} for kind in ("parts", "beside"))
+    )  # fmt: skip
     return msgspec.structs.replace(
-        kept, value=reading["value"], error=math.nan if error is None else error / scale, seconds=reading["seconds"],
-        noise=list(reading["noise"]), steps=reading["steps"],
+        kept, value=reading["value"], seconds=reading["seconds"], noise=list(reading["noise"]),
+        error=math.nan if reading["value"] is None else abs(reading["value"] - value) / scale, steps=reading["steps"],
         step_seconds=sorted(reading["per_step"])[len(reading["per_step"]) // 2],
         bytes=None if own is None else own * reading["particles"], launches=reading["launches"],
-        parts=parts if len(parts) > 1 else {}, distribution=reading["distribution"],
-        beside={n: sum(v) / len(v) for n, v in reading["beside"].items()},
+        parts=parts if len(parts) > 1 else {}, distribution=reading["distribution"], beside=beside,
     )  # fmt: skip

@@ -15,17 +15,18 @@ from __future__ import annotations
 import functools
 import math
 import tomllib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from validation.results import real
+from validation.results import Result, real
 
 VERDICT, CLAIM, HARD_CASE, VALUE = KINDS = ("verdict", "claim", "hard case", "value")
 PASS, FAIL, SHOWN = "pass", "fail", "shown"
 CONFIRMED, REFUTED, MIXED, NOT_TESTABLE = "confirmed", "refuted", "mixed", "not testable"
 WARNED, REFUSED, STOPPED, FAILS = "warned", "refused", "stopped", "fails"  # how a hard case ends that does not pass
+Quantities = Mapping[str, str | Callable[[Mapping[str, Any]], float | None]]
 STARTS = 5  # least number, unless the claim says why nothing can differ (`fixed`) or that these are all (`complete`)
 FEW = 3  # least number where they are all that there are
 DIGITS = 1e-3  # relative; twice the rounding of a number with four digits
@@ -259,6 +260,17 @@ class Checks:
         """Check one number; `run` and its `words` name the run that it comes from. None and NaN pass no rule."""
         self.made.append(checked(self.entries[name], [real(value)], run=run, words=words))
         return self.made[-1]
+
+    def run(self, results: Mapping[str, Result], key: str, quantities: Quantities, run: str = "", words: str = ""
+            ) -> None:  # fmt: skip
+        """Check quantities of the run of that key, if it is there, by the names of their checks.
+
+        quantities  {check: name of the run's value, or a function of its values}
+        """
+        if key in results:
+            values = results[key].values
+            for name, of in quantities.items():
+                self(name, of(values) if callable(of) else values[of], run, words)
 
 
 def failed(checks: Iterable[Check]) -> bool:

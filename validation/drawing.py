@@ -9,7 +9,7 @@ import importlib.util
 import io
 import sys
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -110,26 +110,13 @@ def style() -> Iterator[None]:
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    with plt.rc_context(
-        {
-            "font.size": 9.5,
-            "axes.titlesize": 10.5,
-            "axes.titleweight": "bold",
-            "axes.titlelocation": "left",
-            "axes.spines.top": False,
-            "axes.spines.right": False,
-            "axes.edgecolor": "#444444",
-            "axes.labelcolor": "#222222",
-            "axes.axisbelow": True,
-            "grid.color": "#dddddd",
-            "grid.linewidth": 0.7,
-            "lines.linewidth": 1.8,
-            "legend.frameon": False,
-            "legend.fontsize": 8.5,
-            "figure.constrained_layout.use": True,
-            "figure.facecolor": "white",
-        }
-    ):
+    with plt.rc_context({
+        "font.size": 9.5, "axes.titlesize": 10.5, "axes.titleweight": "bold", "axes.titlelocation": "left",
+        "axes.spines.top": False, "axes.spines.right": False, "axes.edgecolor": "#444444",
+        "axes.labelcolor": "#222222", "axes.axisbelow": True, "grid.color": "#dddddd", "grid.linewidth": 0.7,
+        "lines.linewidth": 1.8, "legend.frameon": False, "legend.fontsize": 8.5,
+        "figure.constrained_layout.use": True, "figure.facecolor": "white",
+    }):  # fmt: skip
         yield
 
 
@@ -259,6 +246,45 @@ def show_image(axes: Any, image: NDArray, extent: float) -> None:
     """Put a rendered image on axes without frame."""
     axes.imshow(image, extent=(-extent, extent, -extent, extent), interpolation="antialiased")
     axes.set_axis_off()
+
+
+def show_balls(
+    axes: Any, position: ArrayLike, spacing: float, colour: ArrayLike, view: NDArray, extent: float, pixels: int
+) -> None:
+    """Balls one spacing thick on axes without frame."""
+    x = np.asarray(position, dtype=float)
+    show_image(axes, ball_picture(x, 0.5 * spacing, np.broadcast_to(colour, x.shape), view, extent, pixels), extent)
+
+
+def seen_thousandths(position: NDArray, spacing: float, view: NDArray, extent: float) -> NDArray[np.int64]:
+    """The balls that `show_balls` shows any part of, their places in thousandths of the unit."""
+    return np.rint(1000 * position[visible_balls(position, 0.5 * spacing, view, extent)]).astype(int)
+
+
+def plain_title(axes: Any, words: str, **look: Any) -> None:
+    """A title in the middle, not bold."""
+    axes.set_title(words, loc="center", fontweight="normal", **look)
+
+
+def caption(axes: Any, words: str, **look: Any) -> None:
+    """Words under the middle of a panel."""
+    look = {"x": 0.5, "y": -0.02, "ha": "center", "va": "top", "fontsize": 8, "color": GREY} | look
+    axes.text(s=words, transform=axes.transAxes, **look)
+
+
+def headline(figure: Any, words: str, fontsize: float = 11) -> None:
+    """What a picture shows, above its panels, from the left."""
+    figure.suptitle(words, fontweight="bold", x=0.01, ha="left", fontsize=fontsize)
+
+
+def shared_legend(figure: Any, panels: Iterable[Any], more: Mapping[str, Any] | None = None, **look: Any) -> None:
+    """One legend under all panels, each label once."""
+    handles: dict[str, Any] = {}
+    for axes in panels:
+        for handle, label in zip(*axes.get_legend_handles_labels()):
+            handles.setdefault(label, handle)
+    handles |= more or {}
+    figure.legend(handles.values(), handles.keys(), loc="outside lower center", **look)
 
 
 def stacked_bars(

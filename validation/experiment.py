@@ -12,6 +12,7 @@ import dataclasses
 import difflib
 import functools
 import importlib
+import inspect
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,7 +22,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from refsim.core.errors import InputError
 from validation import experiments as folder_of_experiments
 from validation.checks import CLAIM, HARD_CASE, VALUE, VERDICT, Check, Checks, read
-from validation.results import Result
+from validation.results import Result, real
 from validation.tables import Table, of_values
 
 if TYPE_CHECKING:
@@ -162,6 +163,29 @@ class Family:
 def alike(values: Mapping[str, Any]) -> Callable[[Measure], Sequence[float]]:
     """Null model of a comparison: every run gives the same numbers."""
     return lambda measure: measure.of({"": dict(values)})
+
+
+def every(
+    function: Callable[..., Result], runs: Mapping[str, Mapping[str, Any]], estimate: float = 1.0, **shared: Any
+) -> Callable[[Options], list[Run]]:
+    """Plans a run of each key: its own parameters, those that all share, and the user's backend if it takes one."""
+    takes = "backend" in inspect.signature(function).parameters
+
+    def planned(options: Options) -> list[Run]:
+        given = {**shared, "backend": options.backend} if takes else shared
+        return [Run(key, function, {**own, **given}, estimate) for key, own in runs.items()]
+
+    return planned
+
+
+def each(value: str | Callable[[Mapping[str, Any]], float], over: str = "") -> Callable[[Results], list[float]]:
+    """A number of each run: the name of a value, or a function of all; over the value named `over`, if it is given."""
+
+    def number(values: Mapping[str, Any]) -> float:
+        own = value(values) if callable(value) else real(values[value])
+        return own / real(values[over]) if over else own
+
+    return lambda results: [number(result.values) for result in results.values()]
 
 
 @dataclass(frozen=True)

@@ -15,18 +15,7 @@ from typing import Any
 
 from refsim.core.errors import InputError
 from validation import checks
-from validation.checks import (
-    CLAIM,
-    FAIL,
-    HARD_CASE,
-    REFUSED,
-    STOPPED,
-    VALUE,
-    VERDICT,
-    Check,
-    Entry,
-    number,
-)
+from validation.checks import CLAIM, FAIL, HARD_CASE, REFUSED, STOPPED, VALUE, VERDICT, Check, Entry, number
 from validation.experiment import Experiment, Options, Part, Results, Run, chosen, discover
 from validation.maps import cell_key, judged_cell, map_picture, map_table
 from validation.perform import Performed, perform

@@ -50,13 +50,10 @@ class Work(NamedTuple):
 def least(kernel: str, particles: float, neighbours: float, entries: float) -> Work:
     """The least work of a kernel; neighbours M and entries L of a particle. See the table above."""
     read_and_written, counted = {
-        "density": (24 + 4 * entries, 8 * entries + 11 * neighbours),
-        "state": (8, 6),
-        "forces": (64 + 4 * entries, 8 * entries + 55 * neighbours + 9),
-        "extremes": (24, 10),
-        "motion": (72, 21),
+        "density": (24 + 4 * entries, 8 * entries + 11 * neighbours), "state": (8, 6),
+        "forces": (64 + 4 * entries, 8 * entries + 55 * neighbours + 9), "extremes": (24, 10), "motion": (72, 21),
         "list": (16 + 4 * entries, 8 * entries),
-    }[kernel]
+    }[kernel]  # fmt: skip
     return Work(particles * read_and_written, particles * counted)
 
 

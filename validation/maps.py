@@ -54,13 +54,9 @@ def map_picture(m: StabilityMap) -> Picture:
             values = results[cell_key(m, cell)].values
             cells.append({"row": cell.row, "column": cell.column, **{k: values[k] for k in _CELL}})
         return {
-            "title": m.title,
-            "quantity": m.quantity,
-            "criterion": m.criterion,
-            "advice": m.advice,
-            "machine": results[cell_key(m, m.cells[0])].about.get("machine"),
-            "cells": cells,
-        }
+            "title": m.title, "quantity": m.quantity, "criterion": m.criterion, "advice": m.advice,
+            "machine": results[cell_key(m, m.cells[0])].about.get("machine"), "cells": cells,
+        }  # fmt: skip
 
     return Picture(m.name, collect, draw_map, tuple(cell_key(m, cell) for cell in m.cells))
 

@@ -255,14 +255,8 @@ def matrix() -> Any:
 
 def _tiles(axes: Any, name: str, cases: Mapping[str, str], y: float) -> float:
     """One experiment from `y` down: its grid, then the cases that stand alone; returns where it ends."""
-    axes.text(
-        0,
-        y + 0.55,
-        sentence(name.replace("_", " ").replace("mpm", "MPM"))[:-1],
-        fontweight="bold",
-        fontsize=9.5,
-        va="center",
-    )
+    words = sentence(name.replace("_", " ").replace("mpm", "MPM"))[:-1]
+    axes.text(0, y + 0.55, words, fontweight="bold", fontsize=9.5, va="center")
     y += 1.0
     rows, alone = crossed(name, cases)
     if rows:

@@ -15,6 +15,7 @@ import numpy as np
 from refsim import Cloud, Scene, Simulation, SolidBox, make_plan
 from refsim.core import cases
 from refsim.core.effect import Effect
+from validation.running import take_steps
 
 SPACING = 0.1  # m
 BOUND = 1e-11  # of a field's largest value; see `compare`
@@ -62,15 +63,10 @@ def scene(first: str, second: str, dtype: str = "float64") -> Scene:
     place = SPACING * (lattice + np.random.default_rng(17).uniform(-0.1, 0.1, lattice.shape))
     solid: tuple[SolidBox, ...] = ()
     if "shape_matching" in names:
-        solid = (
-            SolidBox(
-                lower=(0.0, 0.3, 0.0),
-                upper=(0.1999, 0.4999, 0.1999),
-                density=900.0,
-                velocity=(0.0, -0.3, 0.2),
-                spin=(1.0, 2.0, 3.0),
-            ),
-        )
+        solid = (SolidBox(
+            lower=(0.0, 0.3, 0.0), upper=(0.1999, 0.4999, 0.1999), density=900.0, velocity=(0.0, -0.3, 0.2),
+            spin=(1.0, 2.0, 3.0),
+        ),)  # fmt: skip
     if not space:
         place[:, 2] = 0
     return Scene(
@@ -103,8 +99,7 @@ def compare(first: str, second: str, backend: str, oracle: str = "numpy", steps:
     made = make_plan(scene(first, second))
     runs = [Simulation(made, name) for name in (oracle, backend)]
     for simulation in runs:
-        for _ in range(steps):
-            simulation.step()
+        take_steps(simulation, steps)
         simulation.evaluate()
     found = []
     for name, field in made.fields.items():

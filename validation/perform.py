@@ -24,7 +24,7 @@ from refsim.core.errors import InputError, RunStopped
 from validation.checks import Check, failed
 from validation.drawing import LONG_DATA, MEASURED, read_data, save_picture, shortened, style
 from validation.experiment import Options, Part, Picture, Run
-from validation.reading import processor, source
+from validation.reading import commit, cores, processor
 from validation.results import Result, finite, load, origin, result_folder, save
 from validation.running import Context
 from validation.tables import Table
@@ -51,14 +51,9 @@ Waiting = dict[Path, tuple[Part, Run]]
 
 
 def perform(
-    parts: Sequence[Part],
-    options: Options,
-    jobs: int = 1,
-    compute: bool = True,
-    stream: TextIO | None = None,
-    shown: Callable[[Path], None] = lambda picture: None,
-    then: Sequence[Sequence[Part]] = (),
-) -> list[Performed]:
+    parts: Sequence[Part], options: Options, jobs: int = 1, compute: bool = True, stream: TextIO | None = None,
+    shown: Callable[[Path], None] = lambda picture: None, then: Sequence[Sequence[Part]] = (),
+) -> list[Performed]:  # fmt: skip
     """Compute what is not stored, in `jobs` processes of one thread each or by the scheduler, check and draw.
 
     Runs that are timed have nothing else beside them. Runs of `then` begin when those of the parts before have ended.
@@ -288,19 +283,13 @@ def compute(experiment: str, run: Run, folder: Path, context: Context | None = N
     result = run.function(context, **run.parameters)
     own, compiling = time.process_time() - own, max(child_seconds() - compiling, 0.0)
     about = {
-        "experiment": experiment,
-        "run": run.key,
-        "parameters": dict(run.parameters),
-        "seconds": round(time.perf_counter() - began, 3),
-        "seconds_compiling": round(context.compile_seconds(), 3),
-        "processor_seconds": round(own + compiling, 3),
-        "processor_seconds_compiling": round(compiling, 3),
-        "kernels_compiled": stored_kernels() - kernels,
-        "command": command,
-        "date": datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d"),
-        "commit": source()["commit"],
+        "experiment": experiment, "run": run.key, "parameters": dict(run.parameters),
+        "seconds": round(time.perf_counter() - began, 3), "seconds_compiling": round(context.compile_seconds(), 3),
+        "processor_seconds": round(own + compiling, 3), "processor_seconds_compiling": round(compiling, 3),
+        "kernels_compiled": stored_kernels() - kernels, "command": command,
+        "date": datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d"), "commit": commit(),
         "machine": machine(context.gpu()),
-    }
+    }  # fmt: skip
     save(folder, Result(result.values, result.arrays, about))
     if load(folder) is None:
         raise OSError(f"{folder} cannot be read back")
@@ -366,14 +355,10 @@ def machine(gpu: bool = False) -> dict[str, Any]:
     import refsim
 
     return {
-        "processor": processor(),
-        **({"gpu": device_name()} if gpu else {}),
-        "cores": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count(),
-        "python": platform.python_version(),
-        "refsim": refsim.__version__,
-        "numba": numba.__version__,
+        "processor": processor(), **({"gpu": device_name()} if gpu else {}), "cores": cores(),
+        "python": platform.python_version(), "refsim": refsim.__version__, "numba": numba.__version__,
         "numpy": numpy.__version__,
-    }
+    }  # fmt: skip
 
 
 def exit_code(performed: Sequence[Performed]) -> int:

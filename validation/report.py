@@ -157,11 +157,9 @@ def summary(whole: Whole, page: Path) -> str:
     )
     share = f"; {compiling:.0f} of {total:.0f} processor seconds went into compiling {whole.kernels} kernels"
     last = [
-        said,
-        f"It took {whole.seconds:.0f} s{share if spent else ''}.",
-        f"Pictures: {whole.figures}",
+        said, f"It took {whole.seconds:.0f} s{share if spent else ''}.", f"Pictures: {whole.figures}",
         f"Every table, picture and verdict: {page}",
-    ]
+    ]  # fmt: skip
     bad = [f"failed: {name} {c.name}: {number(c.value)}, bar {c.bar}" for name, c in whole.checks if c.verdict == FAIL]
     bad += [f"stopped: {each.part.name} {key}: {why}" for each in whole.performed for key, why in each.stopped.items()]
     bad += [f"claim {c.name}: written {c.paper.partition(':')[0]}, now {c.found}" for c in changed]

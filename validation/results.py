@@ -185,7 +185,7 @@ def _dumped(node: Any) -> str:
 def result_folder(root: Path, experiment: str, key: str, function: Callable, parameters: Mapping[str, Any]) -> Path:
     """Where the result of `function(**parameters)` belongs; raises TypeError for parameters JSON does not know."""
     text = json.dumps(parameters, sort_keys=True, allow_nan=False)
-    sources = sources_digest(inspect.getfile(function), function=function.__name__)
+    sources = sources_digest(inspect.getfile(inspect.unwrap(function)), function=function.__name__)
     digest = hashlib.sha256(f"{FORMAT} {function.__name__} {sources} {text}".encode()).hexdigest()[:12]
     return root / experiment / f"{key}-{digest}"
 

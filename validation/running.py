@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,7 +12,8 @@ import msgspec
 import numpy as np
 
 from refsim import Plan, Scene, Simulation
-from refsim.core.errors import InputError
+from refsim.backends.arrays import Backend, choose, set_threads
+from refsim.core.errors import InputError, RunStopped
 from refsim.scene.plan import make_plan
 
 
@@ -37,6 +39,17 @@ class Context:
     def compile_seconds(self) -> float:
         """Wall seconds of starting all simulations and of every stage's first call: compiling, or loading kernels."""
         return float(sum(start + first_call_seconds(simulation) for start, simulation in self.started))
+
+
+@contextmanager
+def on_threads(backend: str, threads: int | None) -> Iterator[Backend]:
+    """A backend whose CPU loops use so many threads, all by default, until the block ends."""
+    there = choose(backend)
+    set_threads(there, threads)
+    try:
+        yield there
+    finally:
+        set_threads(there, None)
 
 
 def advance(
@@ -67,6 +80,30 @@ def advance(
     return wall
 
 
+def take_steps(simulation: Simulation, count: int) -> float:
+    """Wall seconds of so many steps."""
+    began = time.perf_counter()
+    for _ in range(count):
+        simulation.step()
+    return time.perf_counter() - began
+
+
+def until_stopped(
+    simulation: Simulation, times: Sequence[float], sample: Callable[[Simulation, float], None], context: Context
+) -> tuple[float, str]:
+    """`advance`: its wall seconds, 0 for a run that stopped, and why and when it stopped or ""."""
+    try:
+        return advance(simulation, times, sample, context), ""
+    except RunStopped as stop:
+        return 0.0, f"{stop.reason} at {simulation.time:.3f} s"
+
+
+def note(series: dict[str, list[Any]], row: Mapping[str, Any]) -> None:
+    """One more entry of each series."""
+    for name, value in row.items():
+        series.setdefault(name, []).append(value)
+
+
 def with_step(context: Context, scene: Scene, share: float, backend: str, threads: int | None = None) -> Scene:
     """The scene with `share` of the stable step; above 1 as a fixed step, so many times the first stable one."""
     if share <= 1.0:
@@ -89,11 +126,9 @@ def search_log(simulation: Simulation) -> dict[str, int]:
         return {}
     log = simulation.search.log
     return {
-        "rebuilds": log.rebuilds,
-        "audited_rows": log.audited_rows,
-        "missed_neighbours": log.missed_neighbours,
+        "rebuilds": log.rebuilds, "audited_rows": log.audited_rows, "missed_neighbours": log.missed_neighbours,
         "most_neighbours": log.most_neighbours,
-    }
+    }  # fmt: skip
 
 
 def stage_seconds(simulation: Simulation) -> dict[str, float]:

@@ -38,6 +38,7 @@ from refsim import (
 from refsim.engine.binding import step_launches
 from refsim.scene.plan import make_plan
 from refsim.study.memory import bytes_of
+from validation.running import take_steps
 
 PEBBLE = str(Path(__file__).resolve().parent.parent / "refsim" / "examples" / "pebble.obj")
 STEP = 2e-5  # [s], so short that the particles stay where they are and a neighbour list is built once
@@ -71,108 +72,75 @@ def ladders(small: bool = False) -> dict[str, Ladder]:
     return {"sph": _sph(small), "melting": _melting(small), "mpm": _mpm(small), "mesh": _mesh(small)}
 
 
-def _climb(
-    words: str, base: Mapping[str, Any], rungs: Sequence[tuple[str, tuple[Any, ...], Mapping[str, Any]]]
-) -> Ladder:
-    made = tuple(Rung(said, Scene(effects=effects, step=STEP, **base, **more)) for said, effects, more in rungs)
-    return Ladder(words, made)
+def _climb(words: str, base: Mapping[str, Any], *rungs: tuple[Any, ...]) -> Ladder:
+    """A ladder of (words, effects, what else the scene has)."""
+    return Ladder(words, tuple(
+        Rung(said, Scene(effects=effects, step=STEP, **base, **dict(*more))) for said, effects, *more in rungs
+    ))  # fmt: skip
 
 
 def _sph(small: bool) -> Ladder:
-    edge = 3 if small else 16
-    d = 0.01
+    edge, d = 3 if small else 16, 0.01
     base = {"spacing": d, "support_radius": 2 * d, "fluid": (Box(cells=(edge,) * 3),), "name": "effects_sph"}
     plain = WeaklyCompressible(sound_speed=4.0, clamp_pressure=False)
     liquid = WeaklyCompressible(sound_speed=4.0, clamp_pressure=False, dynamic_viscosity=0.5)
-    gravity, walls = Gravity(), BoxWalls(lower=(0.0, 0.0, 0.0), upper=(2 * edge * d, edge * d, 2 * edge * d))
-    tension = JiangZhu2023(surface_tension=0.07)
-    found = SurfaceDetection(each_step=True)
-    own: dict[str, Any] = {}
-    return _climb(
-        "weakly compressible SPH, 3D",
-        base,
-        [
-            ("liquid", (plain,), own),
-            ("+ viscosity", (liquid,), own),
-            ("+ gravity", (liquid, gravity), own),
-            ("+ walls of a box", (liquid, gravity, walls), own),
-            ("+ surface detection in each step", (liquid, gravity, walls, found), own),
-            ("+ surface tension (Jiang & Zhu)", (liquid, gravity, walls, found, tension), own),
-        ],
-    )
+    walls = BoxWalls(lower=(0.0, 0.0, 0.0), upper=(2 * edge * d, edge * d, 2 * edge * d))
+    parts = (liquid, Gravity(), walls, SurfaceDetection(each_step=True), JiangZhu2023(surface_tension=0.07))
+    added = (
+        "viscosity", "gravity", "walls of a box", "surface detection in each step", "surface tension (Jiang & Zhu)",
+    )  # fmt: skip
+    rungs = ((f"+ {words}", parts[: k + 1]) for k, words in enumerate(added))
+    return _climb("weakly compressible SPH, 3D", base, ("liquid", (plain,)), *rungs)
 
 
 def _melting(small: bool) -> Ladder:
     wide, deep = (4, 2) if small else (16, 10)
-    d = 0.01
-    top = wide * d
+    d, top = 0.01, wide * 0.01
     base = {
-        "spacing": d,
-        "support_radius": 2.1 * d,
-        "fluid": (Box(cells=(wide, wide, deep)),),
-        "name": "effects_melting",
-    }
+        "spacing": d, "support_radius": 2.1 * d, "fluid": (Box(cells=(wide, wide, deep)),), "name": "effects_melting",
+    }  # fmt: skip
     low = (0.25 * top, 0.25 * top, deep * d)
     solid = {"solid": (SolidBox(lower=low, upper=(0.75 * top, 0.75 * top, deep * d + 0.5 * top)),)}
-    liquid = WeaklyCompressible(sound_speed=10.0)
     walls = BoxWalls(lower=(0.0, 0.0, 0.0), upper=(top, top, 4 * top))
-    fluid = (liquid, Gravity(), walls)
+    fluid = (WeaklyCompressible(sound_speed=10.0), Gravity(), walls)
     bodies = (*fluid, ShapeMatching(), TwoWayCoupling())
     warm = HeatConduction(temperature=50.0, melting_point=0.0)
     return _climb(
-        "melting solids in a tank, 3D",
-        base,
-        [
-            ("liquid, gravity, walls of a box", fluid, {}),
-            ("+ a solid: shape matching and coupling", bodies, solid),
-            ("+ conduction of heat", (*bodies, warm), solid),
-            ("+ melting", (*bodies, warm, Melting()), solid),
-        ],
-    )
+        "melting solids in a tank, 3D", base, ("liquid, gravity, walls of a box", fluid),
+        ("+ a solid: shape matching and coupling", bodies, solid), ("+ conduction of heat", (*bodies, warm), solid),
+        ("+ melting", (*bodies, warm, Melting()), solid),
+    )  # fmt: skip
 
 
 def _mpm(small: bool) -> Ladder:
-    edge = 3 if small else 64
-    d = 0.01
+    edge, d = 3 if small else 64, 0.01
     base = {
         "dim": 2, "spacing": d, "support_radius": 3 * d, "fluid": (Box(cells=(edge, edge, 1)),), "name": "effects_mpm",
     }  # fmt: skip
-    liquid = MpmLiquid(bulk_modulus=1e4)
-    viscous = MpmLiquid(bulk_modulus=1e4, dynamic_viscosity=0.1)
-    gravity = Gravity(acceleration=(0.0, -9.81, 0.0))
+    viscous = (MpmLiquid(bulk_modulus=1e4, dynamic_viscosity=0.1),)
+    heavy = (*viscous, Gravity(acceleration=(0.0, -9.81, 0.0)))
+    tense = (*heavy, SurfaceEnergy(surface_tension=0.07))
     walls = MpmWalls(lower=(-0.5, 0.0, 0.0), upper=(2.0, 2.0, 0.0))
-    surface = SurfaceEnergy(surface_tension=0.07)
     return _climb(
-        "material points, 2D",
-        base,
-        [
-            ("liquid", (liquid,), {}),
-            ("+ viscosity", (viscous,), {}),
-            ("+ gravity", (viscous, gravity), {}),
-            ("+ surface energy", (viscous, gravity, surface), {}),
-            ("+ walls, which mirror the surface", (viscous, gravity, surface, walls), {}),
-        ],
-    )
+        "material points, 2D", base, ("liquid", (MpmLiquid(bulk_modulus=1e4),)), ("+ viscosity", viscous),
+        ("+ gravity", heavy), ("+ surface energy", tense), ("+ walls, which mirror the surface", (*tense, walls)),
+    )  # fmt: skip
 
 
 def _mesh(small: bool) -> Ladder:
-    edge = 3 if small else 14
-    d = 0.02
+    edge, d = 3 if small else 14, 0.02
     middle = 0.5 * edge * d
-    place = {"file": PEBBLE, "center": (middle, middle, -1.5 * middle), "size": 2.5 * middle}
+    place: dict[str, Any] = {"file": PEBBLE, "center": (middle, middle, -1.5 * middle), "size": 2.5 * middle}
     base = {"spacing": d, "support_radius": 2 * d, "fluid": (Box(cells=(edge,) * 3),), "name": "effects_mesh"}
-    fluid = (WeaklyCompressible(sound_speed=8.0), Gravity())
+    fluid, kept = (WeaklyCompressible(sound_speed=8.0), Gravity()), {**place, "correction": "none"}
+    sticky = {"viscosity": 0.1, "adhesion": 0.1}
     return _climb(
-        "a mesh as boundary, 3D",
-        base,
-        [
-            ("liquid and gravity", fluid, {}),
-            ("+ a mesh: pressure of its particles", (*fluid, MeshBoundary(correction="none", **place)), {}),
-            ("+ friction", (*fluid, MeshBoundary(correction="none", viscosity=0.1, **place)), {}),
-            ("+ adhesion", (*fluid, MeshBoundary(correction="none", viscosity=0.1, adhesion=0.1, **place)), {}),
-            ("+ correction of places", (*fluid, MeshBoundary(viscosity=0.1, adhesion=0.1, **place)), {}),
-        ],
-    )
+        "a mesh as boundary, 3D", base, ("liquid and gravity", fluid),
+        ("+ a mesh: pressure of its particles", (*fluid, MeshBoundary(**kept))),
+        ("+ friction", (*fluid, MeshBoundary(viscosity=0.1, **kept))),
+        ("+ adhesion", (*fluid, MeshBoundary(**sticky, **kept))),
+        ("+ correction of places", (*fluid, MeshBoundary(**sticky, **place))),
+    )  # fmt: skip
 
 
 def systems(edge: int = EDGE) -> dict[str, Callable[[], Scene]]:
@@ -206,23 +174,17 @@ def systems(edge: int = EDGE) -> dict[str, Callable[[], Scene]]:
         "SPH with Akinci": akinci,
         "Jiang & Zhu with detection": lambda: Scene(effects=(LIQUID, tension, found), **cube),
         "Dong": lambda: Scene(effects=(LIQUID, Dong2016(surface_tension=0.5)), **cube),
-        "MPM with surface tension": mpm,
-        "melting": melting,
-        "mesh coupling": mesh,
-    }
+        "MPM with surface tension": mpm, "melting": melting, "mesh coupling": mesh,
+    }  # fmt: skip
 
 
 def spinning_cube(edge: int, tension: Any = TENSIONS["jiang_zhu"], **more: Any) -> Scene:
     """A cube of edge^3 particles of viscous liquid, side 1 m, h = 2 d, float32; `spinning` makes it turn."""
     spacing = 1.0 / edge
     return Scene(
-        dtype="float32",
-        spacing=spacing,
-        support_radius=2 * spacing,
-        fluid=(Box(cells=(edge,) * 3),),
-        effects=(WeaklyCompressible(sound_speed=SOUND, dynamic_viscosity=1.0), tension),
-        **more,
-    )
+        dtype="float32", spacing=spacing, support_radius=2 * spacing, fluid=(Box(cells=(edge,) * 3),),
+        effects=(WeaklyCompressible(sound_speed=SOUND, dynamic_viscosity=1.0), tension), **more,
+    )  # fmt: skip
 
 
 def spinning(position: np.ndarray) -> np.ndarray:
@@ -240,8 +202,7 @@ def started(edge: int, backend: str = "cuda", warm: int = 60) -> Simulation:
     plan = make_plan(spinning_cube(edge, step=fixed_step(edge)))
     plan.state.velocity[:] = spinning(plan.state.position)
     simulation = Simulation(plan, backend)
-    for _ in range(warm):
-        simulation.step()
+    take_steps(simulation, warm)
     return simulation
 
 
@@ -252,12 +213,10 @@ def planned(scene: Scene, backend: str) -> dict[str, Any]:
     """Operations of a step, particles and bytes of a scene by its plan."""
     plan = make_plan(scene)
     return {
-        "operations": list(step_launches(plan, backend)),
-        "particles": plan.grid.count,
-        "walls": 0 if plan.walls is None else len(plan.walls.position),
-        "fields": sum(plan.field_bytes().values()),
+        "operations": list(step_launches(plan, backend)), "particles": plan.grid.count,
+        "walls": 0 if plan.walls is None else len(plan.walls.position), "fields": sum(plan.field_bytes().values()),
         "bytes": bytes_of(plan, backend)["total"],
-    }
+    }  # fmt: skip
 
 
 def launched(simulation: Simulation) -> list[str]:

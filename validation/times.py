@@ -424,10 +424,8 @@ PARTS: dict[str, Callable[[Times], list[str]]] = {
     "effects": effects, "device limits": limits, "cpu scaling": scaling_table,
 }  # fmt: skip
 PICTURES: dict[str, Callable[[Times], Any]] = {
-    "effects_cost.png": effects_picture,
-    "device_limits.png": limits_picture,
-    "cpu_scaling.png": scaling_picture,
-}
+    "effects_cost.png": effects_picture, "device_limits.png": limits_picture, "cpu_scaling.png": scaling_picture,
+}  # fmt: skip
 
 
 def page(text: str, times: Times) -> str:

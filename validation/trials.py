@@ -1,11 +1,12 @@
 """What hard cases and stability maps are made of: a trial that notes what held and how it ended, and a bisection.
 
-A hard case is a function `trial(context, backend, **given)` that a check of that kind names; it returns the result of a
-`Trial`. `validation.judging` performs and judges it.
+A hard case is a function of a `Trial`, marked `hard_case`, that a check of that kind names. `validation.judging`
+performs and judges it.
 """
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -67,12 +68,11 @@ class StabilityMap:
 class Trial:
     """A hard case while it runs.
 
-        trial = Trial(context, backend)
-        with trial.ending():
+        @hard_case
+        def name(trial: Trial, speed: float) -> None:
             simulation = trial.start(scene)
             trial.advance(simulation, until=1.0)
             trial.check("...", value, at_most=bound)
-        return trial.result()
 
     Its outcome is "pass" where every check held; "refused" after an InputError; "stopped: <reason>" after a
     RunStopped; "warned: <checks>" where the run itself said beforehand that they would not hold, and they did not;
@@ -83,6 +83,7 @@ class Trial:
         self.context, self.backend = context, backend
         self.checks: dict[str, dict[str, Any]] = {}
         self.shown: dict[str, Any] = {}
+        self.arrays: dict[str, np.ndarray] = {}
         self.noted: list[str] = []  # checks that the run's own notes said would not hold
         self.ended, self.message = PASS, ""
 
@@ -101,13 +102,9 @@ class Trial:
         return self.context.simulation(scene, backend or self.backend)
 
     def advance(
-        self,
-        simulation: Simulation,
-        until: float = math.inf,
-        steps: int | None = None,
-        watch: Callable[[Simulation], None] | None = None,
-        every: int = 1,
-    ) -> None:
+        self, simulation: Simulation, until: float = math.inf, steps: int | None = None,
+        watch: Callable[[Simulation], None] | None = None, every: int = 1,
+    ) -> None:  # fmt: skip
         """Step to a time [s] or for a number of steps; `watch` sees the start, every so many steps, and the end."""
         last = math.inf if steps is None else simulation.steps + steps
         if watch is not None:
@@ -139,13 +136,9 @@ class Trial:
             self.check("momentum over sum of m |v|", share, at_most=ROUNDINGS * eps)
 
     def check(
-        self,
-        what: str,
-        value: float,
-        at_most: float | None = None,
-        at_least: float | None = None,
+        self, what: str, value: float, at_most: float | None = None, at_least: float | None = None,
         equals: float | None = None,
-    ) -> bool:
+    ) -> bool:  # fmt: skip
         """Note a number that must keep its bound; one checked again keeps the worse of its values."""
         rules = {"at most": at_most, "at least": at_least, "exactly": equals}
         ((rule, bound),) = ((rule, bound) for rule, bound in rules.items() if bound is not None)
@@ -175,10 +168,23 @@ class Trial:
             return f"{FAILS}: {', '.join(unforeseen)}"
         return f"{WARNED}: {', '.join(missed)}" if missed and self.ended == PASS else self.ended
 
-    def result(self, **arrays: np.ndarray) -> Result:
+    def result(self) -> Result:
         """All that was noted."""
         values = {"outcome": self.outcome, "message": self.message, "checks": self.checks, "shown": self.shown}
-        return Result(values, arrays)
+        return Result(values, self.arrays)
+
+
+def hard_case(function: Callable[..., None]) -> Callable[..., Result]:
+    """A function of a trial as a run: a stop and a refusal end it, and its result is what the trial noted."""
+
+    @functools.wraps(function)
+    def performed(context: Context, backend: str, *given: Any, **named: Any) -> Result:
+        trial = Trial(context, backend)
+        with trial.ending():
+            function(trial, *given, **named)
+        return trial.result()
+
+    return performed
 
 
 def _worse(rule: str, value: float, before: float) -> bool:

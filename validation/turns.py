@@ -5,14 +5,16 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field
 from itertools import chain
 from typing import Any, Generic, TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from refsim import Simulation
 from refsim.study.choice import REPEATS, unsettled
-from validation.reading import Reading, measured
+from validation.reading import environment
 from validation.results import Result
 from validation.running import Context
 
@@ -28,24 +30,30 @@ T = TypeVar("T")
 class Outcome:
     """What one run of a setting gave.
 
-    value     the observable
-    error     its distance from the reference, in the panel's unit
-    seconds   wall seconds of stepping, without first calls
-    stopped   why it came to no end; "" if it did
+    value         the observable
+    seconds       wall seconds that count, without first calls
+    stopped       why it came to no end, "missing: ..." where another program is not installed; "" if it did
     launches, bytes  operations of a step, and bytes of fields a particle
+    parts         the same seconds by part (start, list, step ...), which sum up to them
+    beside        what comes on top and is not in `seconds`: output, or work that is done anyway
+    distribution  {"what": {"median", "p99", "max"}} of quantities that each particle (or each datum) has
     """
 
-    value: float
-    error: float
-    seconds: float
-    steps: int
-    particles: int
+    value: float = math.nan
+    seconds: float = 0.0
+    steps: int = 0
+    particles: int = 0
     stopped: str = ""
     launches: int | None = None
     bytes: int | None = None
+    parts: Mapping[str, float] = field(default_factory=dict)
+    beside: Mapping[str, float] = field(default_factory=dict)
+    distribution: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
 
+Settings = Mapping[str, Mapping[str, Any]]  # by key of the panel's point: its knobs and what else it was set to
 Once = Callable[[Context, Mapping[str, Any], int], Outcome]
+PanelRun = Callable[[Context, Settings, str, int | None, int], Result]  # of settings, backend, threads, repeats
 
 
 @dataclass(frozen=True)
@@ -128,36 +136,67 @@ def mean(values: Iterable[float]) -> float:
     return float(np.mean(list(values)))
 
 
-def mean_parts(parts: Sequence[Mapping[str, float]]) -> dict[str, float]:
-    """Mean of each name's values; 0 where one has no such name."""
-    names = dict.fromkeys(name for each in parts for name in each)
-    return {name: mean(each.get(name, 0.0) for each in parts) for name in names}
-
-
-def in_turns(
-    context: Context, settings: Mapping[str, Mapping[str, Any]], once: Once, threads: int | None, repeats: int,
-    backend: str = "cpu",
-) -> Result:  # fmt: skip
-    """Readings of all settings.
-
-    settings  key to {"words", "knobs", "shown" (True by default), ...}; `once` takes the setting and the repeat
-    """
+def in_turns(context: Context, settings: Settings, once: Once, threads: int | None, repeats: int, backend: str = "cpu"
+             ) -> Result:  # fmt: skip
+    """Readings of all settings, each of what `once(context, setting, repeat)` gave."""
     found = rounds(context, settings, lambda key, k: once(context, settings[key], k), lambda run: run.seconds, repeats)
-    readings = []
-    for key, setting in settings.items():
-        runs = [reading[0] for reading in found[key].runs]
-        stopped = next((run.stopped for run in runs if run.stopped), "")
-        length = float(np.median([run.steps for run in runs]))  # where repeats differ in it
-        spent = [length * mean(run.seconds / max(run.steps, 1) for run in reading) for reading in found[key].runs]
-        readings.append(
-            Reading(
-                key, setting["words"], setting["knobs"],
-                error=math.nan if stopped else float(np.median([run.error for run in runs])),
-                value=math.nan if stopped else float(np.median([run.value for run in runs])),
-                seconds=spent, per_step=[seconds / max(length, 1.0) for seconds in spent],
-                parts={"stepping": spent}, stopped=stopped, particles=runs[0].particles, steps=runs[0].steps,
-                launches=runs[0].launches, bytes=runs[0].bytes, shown=setting.get("shown", True),
-                noise=found[key].noise,
-            )
-        )  # fmt: skip
-    return measured(readings, threads, backend)
+    return measured(found, threads, backend)
+
+
+def stepped(run: Simulation, value: float, seconds: float, stopped: str = "", **more: Any) -> Outcome:
+    """What a simulation that was stepped gave."""
+    return Outcome(
+        value, seconds, run.steps, run.count, stopped, len(run.plan.launches()), sum(run.plan.field_bytes().values()),
+        **more,
+    )  # fmt: skip
+
+
+def panel(once: Once, warm: Callable[[Context, Mapping[str, Any]], Any] = lambda context, setting: None) -> PanelRun:
+    """A panel's run: `warm` compiles what each setting calls, then the settings take turns."""
+
+    def run(context: Context, settings: Settings, backend: str, threads: int | None, repeats: int) -> Result:
+        for setting in settings.values():
+            warm(context, setting)
+        return in_turns(context, settings, once, threads, repeats, backend)
+
+    return run
+
+
+def measured(found: Mapping[str, Readings[Outcome]], threads: int | None, backend: str) -> Result:
+    """The result of a panel's run: a reading of each setting, and where they were measured.
+
+    A reading is its first outcome, with seconds (in all, of a step, by part) one for each repeat, and their noise.
+    """
+    return Result({
+        "readings": [{"key": key, **reading(own)} for key, own in found.items()],
+        "where": environment(threads, backend),
+    })  # fmt: skip
+
+
+def reading(own: Readings[Outcome]) -> dict[str, Any]:
+    """What one setting gave in all its runs."""
+    firsts = [runs[0] for runs in own.runs]
+    stopped = next((run.stopped for run in firsts if run.stopped), "")
+    length = max(float(np.median([run.steps for run in firsts])), 1.0)  # where repeats differ in it
+
+    def means(part: Callable[[Outcome], float]) -> list[float]:
+        return [length * mean(part(run) / max(run.steps, 1) for run in runs) for runs in own.runs]
+
+    seconds = means(lambda run: run.seconds)
+    timed = {
+        kind: {name: means(lambda run, of=kind, name=name: getattr(run, of).get(name, 0.0)) for name in names}
+        for kind, names in (("parts", firsts[0].parts), ("beside", firsts[0].beside))
+    }
+    value = math.nan if stopped else float(np.median([run.value for run in firsts]))
+    return {
+        **asdict(firsts[0]), **timed, "value": value, "seconds": seconds, "stopped": stopped, "noise": own.noise,
+        "per_step": [each / length for each in seconds],
+    }  # fmt: skip
+
+
+def distribution(values: ArrayLike) -> dict[str, float]:
+    """Median, 99th percentile and maximum of |values|; NaN for none."""
+    size = np.abs(np.asarray(values, dtype=float)).ravel()
+    if not size.size:
+        return dict.fromkeys(("median", "p99", "max"), float("nan"))
+    return {"median": float(np.median(size)), "p99": float(np.quantile(size, 0.99)), "max": float(size.max())}

@@ -8,6 +8,7 @@ import pytest
 
 from refsim import InputError, calibrate, calibrate_contact_angle
 from validation.measure import wetting
+from validation.measure.sigma_map import read_rows
 
 WATER = {"spacing": 1e-3, "rest_density": 1000.0}
 
@@ -81,6 +82,6 @@ def test_outside_the_map_it_refuses_in_one_sentence(name):
 
 
 def test_the_published_map_is_that_of_the_published_drops(tmp_path):
-    wetting.write(wetting.read_rows(), tmp_path / "map.json")
+    wetting.write(read_rows(wetting.ROWS), tmp_path / "map.json")
     assert json.loads((tmp_path / "map.json").read_text()) == json.loads(wetting.PACKAGED.read_text())
-    assert {row["key"] for row in wetting.read_rows()} <= {point.key for point in wetting.points()}
+    assert {row["key"] for row in read_rows(wetting.ROWS)} <= {point.key for point in wetting.points()}

@@ -12,10 +12,11 @@ from validation.__main__ import main
 from validation.panel_runs import detection as detector_runs
 from validation.panel_runs import drops_and_melting as panel_runs
 from validation.panel_runs import implicit_pressure as pressure_runs
-from validation.panel_runs import mpm_frequency as frequency_runs
+from validation.panel_runs import mpm as mpm_runs
 from validation.panel_runs import tank as tank_runs
-from validation.reading import Reading, environment, measured
+from validation.reading import environment
 from validation.running import Context
+from validation.turns import Outcome, Readings, measured
 from validation.work_precision import order_from_errors, pareto
 
 
@@ -41,16 +42,16 @@ def test_unknown_panels_get_a_sentence(capsys):
     assert "has no points of other programs" in capsys.readouterr().err
 
 
-def readings(*more):
-    first = Reading("d10", "w", {}, error=9.0, value=2.6, seconds=[1.0] * 5, per_step=[0.1], particles=200, steps=3)
-    return measured([first, *more], 1, "cpu")
+def readings(**outcomes):
+    first = Outcome(2.6, 1.0, 3, 200)
+    found = {key: Readings([[outcome]] * 5, [1.0] * 5) for key, outcome in {"d10": first, **outcomes}.items()}
+    return measured(found, 1, "cpu")
 
 
 def test_a_reading_becomes_a_point_beside_the_stored_one():
     of = panel("front")
-    gone = Reading("d14", "d = L/14", {}, stopped="diverged in step 3", spent=2.0)
-    absent = Reading("peer_d10", "theirs", {}, stopped="missing: it is not there", expected=True)
-    found = accuracy.beside(of, readings(gone, absent))
+    gone = Outcome(seconds=2.0, steps=3, stopped="diverged in step 3")
+    found = accuracy.beside(of, readings(d14=gone, peer_d10=Outcome(stopped="missing: it is not there")))
     point = found.here.points["d10"]
     value, scale, _ = of.reference()
     assert point.error == pytest.approx(abs(2.6 - value) / scale)
@@ -65,7 +66,7 @@ LIQUIDS = {  # panel: (the run's function of one setting, what it keeps at the c
     "tank_pressure": ("n6", tank_runs.rested, 0.4, {}),
     "implicit_pressure": ("implicit_10", pressure_runs.rested, 0.1, {}),
     "surface_tension_jump": ("akinci_r8", panel_runs.drop, 0.3, {}),
-    "mpm_frequency": ("r5.5", frequency_runs.swung, 0.1, {"periods": 0.6}),
+    "mpm_frequency": ("r5.5", mpm_runs.swung, 0.1, {"periods": 0.6}),
 }
 
 
@@ -74,9 +75,9 @@ def test_the_coarsest_point_of_a_liquid_is_measured(name):
     """Its error is finite and no larger than what the method keeps there; steps and seconds are counted."""
     key, once, bar, shorter = LIQUIDS[name]
     point = panel(name).points[key]
-    found = once(Context(threads=1), {"words": point.words, "knobs": point.knobs, **point.setting}, 0, **shorter)
+    found = once(Context(threads=1), {"knobs": point.knobs, **point.setting}, 0, **shorter)
     assert not found.stopped
-    assert 0 < found.error < bar
+    assert 0 < abs(found.value - panel(name).reference()[0]) < bar
     assert found.steps > 10
     assert found.seconds > 0
     assert found.particles == point.particles
@@ -102,7 +103,7 @@ def test_detectors_give_the_stored_value():
     points = panel("detection_2d").points
     steps = ("two_step_0.90_half_color_float32", "two_step_printed_0.90_half_color_float32")
     keys = ("number_density_0.90_float32", *steps)
-    settings = {k: {"words": points[k].words, "knobs": points[k].knobs, **points[k].setting} for k in keys}
+    settings = {k: {"knobs": points[k].knobs, **points[k].setting} for k in keys}
     found = accuracy.beside(panel("detection_2d"), detector_runs.detectors_2d(Context(), settings, "cpu", 1, 2))
     for key in keys:
         assert found.here.points[key].value == pytest.approx(points[key].value, abs=2e-3)
@@ -121,7 +122,7 @@ def test_misplaced_surface_is_the_distance_between_both_sets():
 
 def test_peers_are_read_as_refsim_is(monkeypatch):
     """A front that moves evenly from 1 to 2 widths; a drop that keeps 0.02 from its second sample on."""
-    settings = {"peer_d10": {"words": "w", "knobs": {}, "columns": 10}}
+    settings = {"peer_d10": {"knobs": {}, "columns": 10}}
     times = np.linspace(0, 4.6, 93) * panel_peers.FALL
     column = {"time": times, "front": 0.5 * (1 + times / times[-1]), "wall": [0.0, 3.0], "steps": 7, "particles": 200}
     monkeypatch.setattr(panel_peers.splishsplash, "run_column", lambda given, threads: column)
@@ -129,7 +130,7 @@ def test_peers_are_read_as_refsim_is(monkeypatch):
     assert (read["value"], read["seconds"]) == (pytest.approx(1 + 2.0 / 4.6, abs=1e-3), [3.0, 3.0])
     drop = {"time": [0, 1, 2], "error": [0.2, 0.02, 0.02], "wall": [0.0, 1.5, 3.0], "steps": 2, "particles": 9}
     monkeypatch.setattr(panel_peers.splishsplash, "run_drop", lambda given, threads: drop)
-    given = {"peer": {"words": "w", "knobs": {}, "settings": {}}}
+    given = {"peer": {"knobs": {}, "settings": {}}}
     (read,) = panel_peers.drops(Context(), given, 1, 2).values["readings"]
     assert (read["value"], read["seconds"]) == (0.02, [1.5, 1.5])
     monkeypatch.setattr(panel_peers.splishsplash, "run_drop", lambda given, threads: {"missing": "it is not there"})

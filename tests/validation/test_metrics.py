@@ -145,18 +145,10 @@ def test_walls_cover_but_are_not_judged(dim):
     assert COVER[dim](block[:1], 1.2, tank[:1]).tolist() == [True]
 
 
-def test_arc_cover_takes_flat_clouds_and_refuses_others():
+def test_arc_cover_takes_flat_clouds():
     block = grid(5, 5)
     flat = np.column_stack((block, np.zeros(25)))
     assert np.array_equal(arc_cover_surface(flat, 1.2, block[:2] - 1), arc_cover_surface(block, 1.2, block[:2] - 1))
-    with pytest.raises(ValueError, match="third coordinate"):
-        arc_cover_surface(grid(3, 3, 3), 1.2)
-    with pytest.raises(ValueError, match="radius"):
-        arc_cover_surface(block, 0.0)
-    with pytest.raises(ValueError, match="finite"):
-        cap_cover_surface(np.full((2, 3), np.nan), 1.0)
-    with pytest.raises(ValueError, match="shape"):
-        cap_cover_surface(block, 1.0)
     assert arc_cover_surface(np.zeros((0, 2)), 1.0).shape == (0,)
 
 
@@ -172,8 +164,6 @@ def test_detection_score_counts():
     assert np.isnan(nothing.precision)
     assert nothing.recall == 0
     assert nothing.f1 == 0
-    with pytest.raises(ValueError, match="must both"):
-        detection_score([1], [1, 0])
 
 
 # Shapes
@@ -279,8 +269,6 @@ def test_surface_mesh_says_why_it_cannot():
         droplet.surface_mesh(np.zeros((1, 3)), 1.0)
     with pytest.raises(ValueError, match="far away"):
         droplet.surface_mesh([[0.0, 0, 0], [1e6, 1e6, 1e6]], 1.0)
-    with pytest.raises(ValueError, match="spacing"):
-        droplet.surface_mesh(shapes.lattice_cube(3), -1.0)
 
 
 def test_mesh_measures_of_a_tetrahedron_and_a_cube():
@@ -308,18 +296,13 @@ def test_datasets_are_the_published_series():
     size = {"martin_moyce_1.125in": 10, "martin_moyce_2.25in": 15, "koshizuka_oka": 9, "koshizuka_oka_mps": 18}
     assert set(dam_break.FRONT_DATA) == set(size)
     for name, points in size.items():
-        series, entry = dam_break.load_front_data(name), dam_break.FRONT_DATA[name]
+        series = dam_break.load_front_data(name)
         assert len(series.time) == len(series.front) == points
         assert (np.diff(series.front) > 0).all()
         assert series.front[0] >= 1
-        assert (series.front <= dam_break.ritter_front(series.time, entry.aspect_ratio) + 0.005).all()
-        assert entry.aspect_ratio == 2
-        assert entry.doi.startswith("10.")
-        assert entry.source
-    assert dam_break.FRONT_DATA["martin_moyce_2.25in"].length_scale == pytest.approx(0.05715)
+        assert (np.diff(series.time) > 0).all()
+        assert (series.front <= dam_break.ritter_front(series.time) + 0.005).all()
     assert dam_break.load_front_data("koshizuka_oka").front[4] == 1.892
-    with pytest.raises(KeyError, match="koshizuka_oka"):
-        dam_break.load_front_data("unknown")
 
 
 def planted(offset):
@@ -361,8 +344,6 @@ def test_front_error_is_relative_to_the_data():
     assert error.at == 2.0
     assert error.points == 3
     assert error.rms == pytest.approx(np.sqrt((0.25**2 + 0.2**2) / 3))
-    with pytest.raises(ValueError, match="no data point"):
-        dam_break.front_error([20.0, 21.0], [1.0, 2.0], data)
 
 
 def test_front_position_leaves_spray_out():

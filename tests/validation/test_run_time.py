@@ -59,8 +59,7 @@ def scenes(monkeypatch, tmp_path):
 
 def test_rows_are_kept_and_their_summary_is_written(scenes, tmp_path, monkeypatch, capsys):
     path, page = tmp_path / "run_time.json", tmp_path / "page.md"
-    marks = {name: [mark.format(name) for mark in (run_time.BEGIN, run_time.END)] for name in ("numpy", "cuda")}
-    parts = [f"{begin}former {name}{end}" for name, (begin, end) in marks.items()]
+    parts = [f"<!-- run_time {name} -->\nformer {name}\n<!-- end of run_time {name} -->" for name in ("numpy", "cuda")]
     page.write_text("\n".join(["before", *parts, "after\n"]))
     monkeypatch.setattr(run_time, "PAGE", page)
     assert run_time.perform(path, "numpy", given(tmp_path, largest=100)) == 0

@@ -15,7 +15,7 @@ import pytest
 from refsim.cluster.tasks import Outcome
 from refsim.core.errors import InputError, RunStopped
 from validation import __main__ as command
-from validation import drawing, judging, results
+from validation import drawing, judging, results, running
 from validation import perform as performing
 from validation.checks import Check, Checks
 from validation.experiment import Experiment, Options, Picture, Run, discover
@@ -391,7 +391,7 @@ def test_a_drop_that_stops_is_a_result_with_its_reason(monkeypatch):
         sample(simulation, 0.0)
         raise RunStopped("non_finite", "gone")
 
-    monkeypatch.setattr(droplet, "advance", stop)
+    monkeypatch.setattr(running, "advance", stop)
     values = droplet.relax(Context(), "cube", 64, "cpu").values
     assert values["stopped"] == "non_finite at 0.000 s"
     assert values["steady"] is None

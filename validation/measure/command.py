@@ -11,9 +11,7 @@ import argparse
 import importlib
 import json
 import math
-import multiprocessing
 import os
-import statistics
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -45,7 +43,10 @@ def add_commands(made: argparse.ArgumentParser) -> None:
         where.add_argument("--scheduler", metavar="ADDRESS", help="the workers of a Dask scheduler instead")
         part.add_argument("--output", type=Path, default=DATA / file, help=f"file of rows; validation/data/{file}")
         part.add_argument("--models", type=_words, help="some of them, with commas between; all by default")
-        part.add_argument("--dims", type=_dims, default=(2, 3), help="2, 3 or 2,3 (the default)")
+        part.add_argument(
+            "--dims", type=lambda text: tuple(map(int, text.split(","))), default=(2, 3),
+            help="2, 3 or 2,3 (the default)",
+        )  # fmt: skip
         part.add_argument("--seconds", type=float, default=math.inf, help="stop after so long")
         part.add_argument("--limit", type=int, default=10**9, help="measure at most so many")
         if name == "drops":
@@ -83,10 +84,6 @@ def _words(text: str) -> tuple[str, ...]:
     return tuple(text.split(","))
 
 
-def _dims(text: str) -> tuple[int, ...]:
-    return tuple(int(word) for word in text.split(","))
-
-
 def write(path: Path, rows: dict[str, dict]) -> None:
     """One row a line, by key; until it is whole, the file of before stands."""
     lines = [f"{json.dumps(k)}: {json.dumps({n: finite(v) for n, v in rows[k].items()})}" for k in sorted(rows)]
@@ -95,52 +92,24 @@ def write(path: Path, rows: dict[str, dict]) -> None:
     os.replace(part, path)
 
 
-def work(point: Any) -> dict:
-    """One drop, in a process of its own."""
-    return importlib.import_module(type(point).__module__).measure(point)
-
-
-def measured(points: list[Any], jobs: int, seconds: float, keep: Callable[[dict], None]) -> None:
-    """Measure the points in processes of their own until time is up; what is then unfinished is given up.
-
-    A drop begins only if it should end in time by what those before it took.
-    """
-    began, waiting, running, paces = time.perf_counter(), list(points), {}, [1.0]
-    with multiprocessing.get_context("spawn").Pool(jobs) as pool:
-        while (left := seconds - (time.perf_counter() - began)) > 0:
-            pace = statistics.median(paces)
-            fitting = (p for p in waiting if pace * p.cost() < left)
-            while len(running) < jobs and (point := next(fitting, None)):
-                running[pool.apply_async(work, (point,))] = point
-                waiting.remove(point)
-                fitting = (p for p in waiting if pace * p.cost() < left)
-            if not running:
-                return
-            for result in [r for r in running if r.ready()]:
-                point, row = running.pop(result), result.get()
-                if not row["stopped"] and row["seconds"] > 10:  # those below are compiling more than running
-                    paces.append(row["seconds"] / point.cost())
-                keep(row)
-            time.sleep(0.02)
-        print("time is up; unfinished: " + ", ".join(p.key for p in running.values()), flush=True)
-
-
 class TimeUp(Exception):
     """The seconds of a call are over."""
 
 
-def work_there(report: Callable[[float], None], point: Any) -> dict:
-    """One drop, by a worker of a scheduler."""
-    return work(point)
+def work(report: Callable[[float], None], point: Any) -> dict:
+    """One drop, in a process of its own or by a worker of a scheduler."""
+    return importlib.import_module(type(point).__module__).measure(point)
 
 
-def measured_elsewhere(points: list[Any], scheduler: str, seconds: float, keep: Callable[[dict], None]) -> None:
-    """Measure the points by the workers of a scheduler until time is up; what is then unfinished is given up.
+def measured(
+    points: list[Any], seconds: float, keep: Callable[[dict], None], jobs: int = 1, scheduler: str | None = None
+) -> None:
+    """Measure the points until time is up; what is then unfinished is given up.
 
     Prints the efficiency, the sum of task seconds over workers x wall.
     """
     began, spent, most = time.perf_counter(), 0.0, 0
-    tasks = [Task(p.key, p.key, work_there, (p,), p.cost()) for p in points]
+    tasks = [Task(p.key, p.key, work, (p,), p.cost()) for p in points]
 
     def watch(shares: Mapping[str, float], workers: int) -> None:
         nonlocal most
@@ -149,7 +118,7 @@ def measured_elsewhere(points: list[Any], scheduler: str, seconds: float, keep: 
             raise TimeUp
 
     try:
-        for outcome in perform(tasks, scheduler=scheduler, watch=watch):
+        for outcome in perform(tasks, jobs=jobs, scheduler=scheduler, watch=watch):
             if outcome.error is not None:
                 print(f"{outcome.task.key}: {outcome.error}", flush=True)
                 continue
@@ -169,7 +138,9 @@ def measure_drops(given: argparse.Namespace) -> int:
     kind = importlib.import_module(f"validation.measure.{'wetting' if sessile else 'drops'}")
     rows = json.loads(given.output.read_text()) if given.output.exists() else {}
     cuda = not sessile and given.cuda
-    wanted = list(kind.device_points() if cuda else kind.points(given.models or tuple(kind.MODELS), given.dims))
+    wanted = list(
+        kind.device_points() if cuda else kind.points(tuple(given.models or kind.MODELS), tuple(map(int, given.dims)))
+    )
     missing = [p for p in wanted if p.key not in rows]
     if not cuda:  # those stand in the order in which they matter
         longest_first = given.scheduler is not None  # on many workers the longest drop is the shortest wall time
@@ -187,10 +158,7 @@ def measure_drops(given: argparse.Namespace) -> int:
         words = f"{row['stopped'] or 'ok':<12} {first:7.3f} {second:7.3f} {row['seconds']:7.1f} s"
         print(f"{time.perf_counter() - began:5.0f}  {row['key']:<58} {words}", flush=True)
 
-    if given.scheduler is None:
-        measured(missing, given.jobs, given.seconds, keep)
-    else:
-        measured_elsewhere(missing, given.scheduler, given.seconds, keep)
+    measured(missing, given.seconds, keep, given.jobs, given.scheduler)
     left = sum(p.key not in rows for p in wanted)
     print(f"{left} left; {time.perf_counter() - began:.0f} s")
     return 0
@@ -198,8 +166,10 @@ def measure_drops(given: argparse.Namespace) -> int:
 
 def write_map(given: argparse.Namespace) -> int:
     """Write a table from the rows on file."""
+    from validation.measure.sigma_map import read_rows
+
     kind = importlib.import_module(f"validation.measure.{'wetting' if given.what == 'wetting_map' else 'sigma_map'}")
-    rows, path = kind.read_rows(), given.output or kind.PACKAGED
+    rows, path = read_rows(kind.ROWS), given.output or kind.PACKAGED
     print(f"{len(rows)} drops, {kind.write(rows, path)} settings: {path.name}")
     return 0
 

@@ -18,11 +18,11 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from refsim import RunStopped, Simulation
 from refsim.study.choice import instability, middle
 from validation.measure.drops import KICK, THIN, Point, device_points, in_panel, points, scene, start
+from validation.measure.motion import FLOW
+from validation.running import take_steps
 
 FILE = Path(__file__).resolve().parent.parent / "data" / "drop_seconds.json"
 ROUNDS = 5  # blocks of each drop, taken in turns, so that a disturbance falls on all
@@ -40,7 +40,7 @@ def panel_points(device: bool) -> list[Point]:
 def swinging(point: Point) -> Simulation:
     """The drop in its mode n = 2, as it moves while its frequency is read."""
     position = start(point)
-    velocity = KICK * math.sqrt(8 / point.radius**3) * np.array([0.5, 0.5, -1.0]) * position
+    velocity = KICK * math.sqrt(8 / point.radius**3) * FLOW[3] * position
     simulation = Simulation(scene(point, position, velocity, THIN), point.backend, threads=1)
     began = time.perf_counter()
     for _ in range(WARM[0]):
@@ -53,8 +53,7 @@ def swinging(point: Point) -> Simulation:
 def block(simulation: Simulation, steps: int) -> float:
     """Seconds of a step, mean over so many."""
     began = time.perf_counter()
-    for _ in range(steps):
-        simulation.step()
+    take_steps(simulation, steps)
     simulation.backend.synchronize()
     return (time.perf_counter() - began) / steps
 
@@ -86,15 +85,11 @@ def timed(wanted: Iterable[Point], seconds: float = math.inf) -> list[dict[str, 
     rows = []
     for point, simulation, steps, found in live:
         median, deviation = middle([v for v in found if math.isfinite(v)])
-        row = {"key": point.key, "particles": simulation.count, "steps": steps, "blocks": len(found)}
-        rows.append(
-            {
-                **row,
-                "seconds_per_step": float(f"{median:.4g}"),
-                "deviation": round(deviation / median, 4),
-                "unstable": instability(found),
-            }
-        )
+        rows.append({
+            "key": point.key, "particles": simulation.count, "steps": steps, "blocks": len(found),
+            "seconds_per_step": float(f"{median:.4g}"), "deviation": round(deviation / median, 4),
+            "unstable": instability(found),
+        })  # fmt: skip
     return rows
 
 

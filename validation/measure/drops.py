@@ -11,8 +11,7 @@ from __future__ import annotations
 import itertools
 import math
 import time
-import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from typing import Any
@@ -20,21 +19,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from refsim import (
-    Ball,
-    Cloud,
-    InputError,
-    RunStopped,
-    Scene,
-    Simulation,
-    WeaklyCompressible,
-)
-from refsim.core.effect import Discretisation
+from refsim import Cloud, InputError, RunStopped, Scene, Simulation, WeaklyCompressible
 from refsim.surface_tension.calibration import BASE, BESIDE, SETTINGS
+from validation.measure.motion import (
+    FLOW,
+    LAMB,
+    RAYLEIGH,
+    fit_oscillation,
+    followed,
+    lasting_amplitude,
+    radius_of,
+    run_to,
+    shifted_ball,
+)
 from validation.metrics.droplet import nearest_neighbour_distance, radius_variation
 from validation.metrics.virial import inner_pressure
 
-JITTER = 0.1  # of the starting lattice, in spacings: each seed another drop
 RELAXED, SETTLED, AVERAGED = 3.0, 1.0, 2.0  # length of the stages in t_sigma = sqrt(rho R^3/sigma)
 FITTED_FROM = 3.0  # support radii: drops that are smaller are not fitted against 1/R
 PERIODS = 2.25  # of the oscillation that are fitted
@@ -45,15 +45,12 @@ KICK = 0.4  # amplitude of the oscillation, in radii: large enough that the part
 SOFTENING = {2: 0.0, 3: 34409 / 58800}  # omega = omega_0 (1 - s A^2) at amplitude A (Tsamopoulos & Brown 1983)
 INNER = 0.6  # of R: where density is taken
 BALLS = np.linspace(0.4, 0.7, 7)  # of R: in which the pressure is taken
-UNSTIRRED = (
-    "csf",
-)  # random kicks tear it, and it needs none: its force acts at the surface only, and no stresses freeze
+# Random kicks tear it, and it needs none: its force acts at the surface only, and no stresses freeze.
+UNSTIRRED = ("csf",)
 # The first two have no drop at BASE: it flies apart. The iteration of the third wants few neighbours.
 OTHER_BASE: dict[str, dict[str, Any]] = {
-    "csf": {"kernels": "wendland"},
-    "he": {"kernels": "wendland"},
-    "akinci_iisph": {"support": 2.0},
-}
+    "csf": {"kernels": "wendland"}, "he": {"kernels": "wendland"}, "akinci_iisph": {"support": 2.0},
+}  # fmt: skip
 
 MODELS = {name: (words, partial(effect, 1.0)) for name, (words, effect) in SETTINGS.items()}  # of nominal sigma = 1
 
@@ -71,14 +68,14 @@ class Point:
     """
 
     model: str
-    dim: int = 3
+    dim: Any = 3
     support: float = 2.6
     radius: float = 10.0
     stiffness: float = 0.01
-    kernels: str = "mueller"
+    kernels: Any = "mueller"
     seed: int = 1
     kicked: bool = True
-    dtype: str = "float32"
+    dtype: Any = "float32"
     backend: str = "cpu"
 
     @property
@@ -116,16 +113,10 @@ COSTED = (7.0, 10.0)  # radii in 3D of drops in float64, for what accuracy costs
 ALL_PAIRS = 4.0  # radius in 3D of drops on the numpy backend, which compares all pairs
 FEW = ("he", "csf")  # models whose larger drops do not last, left out on a GPU
 SEEDED_MODELS = ("akinci", "dong")  # with three seeds along the axes, too
-ROUNDER: dict[str, Any] = {
-    "model": "akinci",
-    "dim": 3,
-    "kernels": "wendland",
-}  # off the base, and nearer to one tension
+ROUNDER: dict[str, Any] = {"model": "akinci", "dim": 3, "kernels": "wendland"}  # off the base, nearer to one tension
 AXES: dict[str, tuple[Any, ...]] = {
-    "support": (2.0, 2.3, 2.6, 3.0),
-    "stiffness": (0.003, 0.01, 0.03),
-    "kernels": ("mueller", "wendland"),
-}
+    "support": (2.0, 2.3, 2.6, 3.0), "stiffness": (0.003, 0.01, 0.03), "kernels": ("mueller", "wendland"),
+}  # fmt: skip
 
 
 def base(model: str) -> dict[str, Any]:
@@ -189,29 +180,19 @@ def device_points() -> Iterator[Point]:
 def scene(point: Point, position: NDArray, velocity: NDArray | None, ohnesorge: float) -> Scene:
     """The drop as it stands, with a viscosity mu = Oh sqrt(rho sigma R)."""
     fluid = WeaklyCompressible(
-        rest_density=1.0,
-        sound_speed=1 / math.sqrt(point.stiffness),
-        dynamic_viscosity=ohnesorge * math.sqrt(point.radius),
-        kernels=point.kernels,  # type: ignore[arg-type]
-    )
+        rest_density=1.0, sound_speed=1 / math.sqrt(point.stiffness),
+        dynamic_viscosity=ohnesorge * math.sqrt(point.radius), kernels=point.kernels,
+    )  # fmt: skip
     return Scene(
-        name=point.key,
-        spacing=1.0,
-        support_radius=point.support,
-        dim=point.dim,  # type: ignore[arg-type]
-        dtype=point.dtype,  # type: ignore[arg-type]
+        name=point.key, spacing=1.0, support_radius=point.support, dim=point.dim, dtype=point.dtype,
         fluid=(Cloud(position=position, velocity=(0.0, 0.0, 0.0) if velocity is None else velocity),),
         effects=(fluid, MODELS[point.model][1](), *BESIDE.get(point.model, ())),
-    )
+    )  # fmt: skip
 
 
 def start(point: Point) -> NDArray:
     """Particles of a ball (disc) cut from the lattice, shifted at random."""
-    grid = Discretisation(point.dim, "float64", 1.0, point.support, 0)
-    position = Ball(radius=point.radius).positions(grid)
-    random = np.random.default_rng(point.seed)
-    position[:, : point.dim] += JITTER * random.uniform(-1, 1, (len(position), point.dim))
-    return position - position.mean(0)
+    return shifted_ball(point.dim, point.radius, np.random.default_rng(point.seed), point.support)
 
 
 def measure(point: Point) -> dict[str, Any]:
@@ -223,10 +204,15 @@ def measure(point: Point) -> dict[str, Any]:
     steps      of all stages together, for what the drop costs
     spurious   rms speed at rest over sqrt(sigma/(rho R)); capillary = mu max|v|/sigma
     """
+    return row_of(point, _measure)
+
+
+def row_of(point: Any, observe: Callable[[Any, dict[str, Any]], None]) -> dict[str, Any]:
+    """The row that `observe(point, row)` fills; with the reason where it stops."""
     began = time.perf_counter()
     row: dict[str, Any] = {**asdict(point), "key": point.key, "stopped": ""}
     try:
-        _measure(point, row)
+        observe(point, row)
     except RunStopped as stop:
         row["stopped"] = stop.reason
     except InputError:  # of the drop as it stands: two particles at one place
@@ -246,56 +232,50 @@ def _measure(point: Point, row: dict[str, Any]) -> None:
     position = start(point)
     row["particles"] = len(position)
     calm = Simulation(scene(point, position, None, CALM), point.backend)
-    _anneal(calm, point, STIRRED * capillary_time)
-    _run(calm, RELAXED * capillary_time)
+    if point.model not in UNSTIRRED:
+        stir(calm, point, STIRRED * capillary_time, lambda: _together(calm, point))
+    run_to(calm, RELAXED * capillary_time)
     _together(calm, point)
     thin = Simulation(scene(point, calm.field("position").astype(float), None, THIN), point.backend)
-    _run(thin, SETTLED * capillary_time)
+    run_to(thin, SETTLED * capillary_time)
     samples = []
     for k in range(SNAPSHOTS):
-        _run(thin, (SETTLED + AVERAGED * (k + 1) / SNAPSHOTS) * capillary_time)
+        run_to(thin, (SETTLED + AVERAGED * (k + 1) / SNAPSHOTS) * capillary_time)
         thin.evaluate()
         samples.append(_rest(thin, point))
     mean = {name: float(np.mean([s[name] for s in samples])) for name in samples[0]}
     radius = mean["radius"]
-    viscosity = THIN * math.sqrt(point.radius)
     x, v, m = (thin.field(name).astype(float) for name in ("position", "velocity", "mass"))
     moduli = (m[:, None] * np.abs(v)).sum()
+    turning = (m * np.linalg.norm(x, axis=1) * np.sqrt((v**2).sum(1))).sum()
     near = nearest_neighbour_distance(x)
     row |= {
-        "steps": calm.steps + thin.steps,
-        "effective_radius": radius,
-        "pressure": mean["pressure"],
-        "balls": len(BALLS),
+        "steps": calm.steps + thin.steps, "effective_radius": radius, "pressure": mean["pressure"], "balls": len(BALLS),
         "pressure_deviation": float(np.std([s["pressure"] for s in samples])),
-        "laplace": mean["pressure"] * radius / (point.dim - 1),
-        "bulk_error": mean["density"] - 1,
+        "laplace": mean["pressure"] * radius / (point.dim - 1), "bulk_error": mean["density"] - 1,
         "spurious": mean["rms"] * math.sqrt(radius),
-        "capillary": viscosity * float(np.max([s["max"] for s in samples])),
+        "capillary": THIN * math.sqrt(point.radius) * float(np.max([s["max"] for s in samples])),
         "momentum": float(np.linalg.norm((m[:, None] * v).sum(0)) / moduli),
-        "angular_momentum": float(
-            np.linalg.norm((m[:, None] * np.cross(x, v)).sum(0)) / (m * np.linalg.norm(x, axis=1) * _speed(v)).sum()
-        ),
-        "nn_min": float(near.min()),
-        "nn_5": float(np.quantile(near, 0.05)),
+        "angular_momentum": float(np.linalg.norm((m[:, None] * np.cross(x, v)).sum(0)) / turning),
+        "nn_min": float(near.min()), "nn_5": float(np.quantile(near, 0.05)),
         "extent": float(np.linalg.norm(x - x.mean(0), axis=1).max() / radius),
         "roughness": radius_variation(x) if point.dim == 3 else _disc_variation(x),
-    }
+    }  # fmt: skip
     if point.kicked:
         _oscillate(point, thin, radius, row)
 
 
-def _anneal(simulation: Simulation, point: Point, until: float) -> None:
+def stir(simulation: Simulation, point: Any, until: float, look: Callable[[], None] = lambda: None) -> None:
     """Kick all particles at random, ever more weakly: a drop at rest is a solid with the stresses of its freezing."""
     random = np.random.default_rng(1000 + point.seed)
-    for k in range(0 if point.model in UNSTIRRED else STIRS):
+    for k in range(STIRS):
         velocity = simulation.field("velocity").astype(float)
         noise = random.normal(size=velocity.shape)
         noise[:, point.dim :] = 0
         velocity += STIR * (1 - k / STIRS) * (noise - noise.mean(0)) / math.sqrt(point.dim)
         simulation.set_field("velocity", velocity)
-        _run(simulation, until * (k + 1) / STIRS)
-        _together(simulation, point)
+        run_to(simulation, until * (k + 1) / STIRS)
+        look()
 
 
 def _together(simulation: Simulation, point: Point) -> None:
@@ -313,92 +293,33 @@ def _rest(simulation: Simulation, point: Point) -> dict[str, float]:
     if not inside.any() or away.max() > 10 * point.radius:
         raise Dispersed
     density = simulation.field("density").astype(float)[inside].mean()
-    mass = simulation.field("mass").astype(float).sum()
-    volume = mass / density
-    radius = (3 * volume / (4 * math.pi)) ** (1 / 3) if point.dim == 3 else math.sqrt(volume / math.pi)
-    speed = _speed(v - v.mean(0))
+    radius = radius_of(simulation.field("mass").astype(float).sum() / density, point.dim)
+    speed = np.sqrt(((v - v.mean(0)) ** 2).sum(1))
     return {
-        "pressure": inner_pressure(simulation, BALLS * radius),
-        "density": float(density),
-        "radius": radius,
-        "rms": float(np.sqrt((speed**2).mean())),
-        "max": float(speed.max()),
-    }
+        "pressure": inner_pressure(simulation, BALLS * radius), "density": float(density), "radius": radius,
+        "rms": float(np.sqrt((speed**2).mean())), "max": float(speed.max()),
+    }  # fmt: skip
 
 
 def _oscillate(point: Point, thin: Simulation, radius: float, row: dict[str, Any]) -> None:
     """Kick the mode n = 2 and fit its damped frequency."""
-    stiffness = 8.0 if point.dim == 3 else 6.0
-    nominal = math.sqrt(stiffness / radius**3)
+    nominal = math.sqrt(RAYLEIGH[point.dim] / radius**3)
     x, v = thin.field("position").astype(float), thin.field("velocity").astype(float)
     x = x - x.mean(0)
-    flow = np.array([0.5, 0.5, -1.0]) if point.dim == 3 else np.array([1.0, -1.0, 0.0])
-    kicked = Simulation(scene(point, x, v - v.mean(0) + KICK * nominal * flow * x, THIN), point.backend)
+    kicked = Simulation(scene(point, x, v - v.mean(0) + KICK * nominal * FLOW[point.dim] * x, THIN), point.backend)
     sigma = max(row["laplace"], 0.25) if math.isfinite(row["laplace"]) else 1.0
     expected = nominal * math.sqrt(sigma)
     until, count = PERIODS * 2 * math.pi / expected, round(PERIODS * PER_PERIOD)
-    times, moments = [0.0], [_moment(kicked, point.dim)]
-    for k in range(count):
-        _run(kicked, until * (k + 1) / count)
-        times.append(kicked.time)
-        moments.append(_moment(kicked, point.dim))
-    omega, damping, misfit, amplitude = fit_oscillation(np.array(times), np.array(moments), expected)
-    lasting = math.sqrt(float(np.mean(np.exp(-2 * damping * np.array(times))))) * amplitude / 2
+    times, moments = followed(kicked, point.dim, (until * (k + 1) / count for k in range(count)))
+    omega, damping, misfit, amplitude = fit_oscillation(times, moments, expected)
+    lasting = lasting_amplitude(times, damping, amplitude)
     squared = (omega / (1 - SOFTENING[point.dim] * min(lasting, 0.6) ** 2)) ** 2 + damping**2
     row["steps"] += kicked.steps
     row |= {
-        "omega": omega,
-        "amplitude": lasting,
-        "damping": damping,
-        "misfit": misfit,
-        "rayleigh": squared * radius**3 / stiffness,
-        "lamb": (5.0 if point.dim == 3 else 4.0) * THIN * math.sqrt(point.radius) / radius**2,
-    }
-
-
-def _moment(simulation: Simulation, dim: int) -> float:
-    """Second moment of the mode n = 2 over the mean square radius."""
-    x = simulation.field("position").astype(float)
-    square = ((x - x.mean(0)) ** 2).mean(0)
-    if dim == 3:
-        return float((square[0] + square[1] - 2 * square[2]) / square.sum())
-    return float((square[0] - square[1]) / square.sum())
-
-
-def fit_oscillation(times: NDArray, values: NDArray, expected: float) -> tuple[float, float, float, float]:
-    """(omega [1/s], beta [1/s], misfit, A) of a + b t + A exp(-beta t) sin(omega t + phi); NaN where nothing fits.
-
-    misfit  rms of what is left over the rms of the values about their line
-    """
-    from scipy.optimize import OptimizeWarning, curve_fit
-
-    def curve(t: NDArray, a: float, b: float, amplitude: float, beta: float, omega: float, phase: float) -> NDArray:
-        return a + b * t + amplitude * np.exp(-beta * t) * np.sin(omega * t + phase)
-
-    spread = float(np.abs(values - values[0]).max())
-    best: tuple[float, ...] = (math.nan, math.nan, math.nan, math.nan)
-    line = values - np.polyval(np.polyfit(times, values, 1), times)
-    for factor, damping in itertools.product((0.6, 0.8, 1.0, 1.25, 1.5), (0.05, 0.3)):
-        guess = (float(values[0]), 0.0, spread, damping * expected, factor * expected, 0.0)
-        try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", OptimizeWarning)
-                found, _ = curve_fit(curve, times, values, guess, maxfev=4000)
-        except RuntimeError:
-            continue
-        rest = float(np.std(values - curve(times, *found)) / max(np.std(line), 1e-30))
-        if found[4] > 0 and found[3] > -0.1 * expected and not rest >= best[2]:
-            best = (float(found[4]), float(found[3]), rest, abs(float(found[2])))
-    return best  # type: ignore[return-value]
-
-
-def _run(simulation: Simulation, until: float) -> None:
-    while simulation.time < until:
-        simulation.step()
-
-
-def _speed(velocity: NDArray) -> NDArray:
-    return np.sqrt((velocity**2).sum(1))
+        "omega": omega, "amplitude": lasting, "damping": damping, "misfit": misfit,
+        "rayleigh": squared * radius**3 / RAYLEIGH[point.dim],
+        "lamb": float(LAMB[point.dim]) * THIN * math.sqrt(point.radius) / radius**2,
+    }  # fmt: skip
 
 
 def _disc_variation(position: NDArray, directions: int = 120, half_angle: float = 10.0) -> float:

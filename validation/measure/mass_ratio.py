@@ -91,12 +91,10 @@ def solids(heavy: bool, weighted: bool = False) -> Callable[[float], Scene]:
         sides = []
         for sign, factor in ((-1, 1.0), (1, ratio if heavy else 1 / ratio)):
             low = sign * away if sign > 0 else -away - 3 * SPACING
-            sides.append(
-                SolidBox(
-                    lower=(low, -0.2, -0.2), upper=(low + 3 * SPACING, 0.2, 0.2), velocity=(-sign * SPEED, 0, 0),
-                    density=DENSITY * factor,
-                )
-            )  # fmt: skip
+            sides.append(SolidBox(
+                lower=(low, -0.2, -0.2), upper=(low + 3 * SPACING, 0.2, 0.2), velocity=(-sign * SPEED, 0, 0),
+                density=DENSITY * factor,
+            ))  # fmt: skip
         fluid = WeaklyCompressible(sound_speed=SOUND, dynamic_viscosity=LEAST, state="tait")
         return Scene(
             spacing=SPACING, support_radius=SUPPORT, fluid=(Cloud(position=place, velocity=velocity),),
@@ -130,22 +128,15 @@ def two_liquids(run: Simulation, ratio: float) -> None:
 
 
 KINDS: dict[str, Callable[[float], Scene]] = {
-    "liquid, light half": liquid("half"),
-    "liquid, light half, linear": liquid("half", "linear"),
-    "liquid, light half, no viscosity": liquid("half", viscosity=0.0),
-    "liquid, one heavy particle": liquid("one"),
+    "liquid, light half": liquid("half"), "liquid, light half, linear": liquid("half", "linear"),
+    "liquid, light half, no viscosity": liquid("half", viscosity=0.0), "liquid, one heavy particle": liquid("one"),
     "liquid, one heavy, linear": liquid("one", "linear"),
     "liquid, one heavy, mueller": liquid("one", viscosity=250 / 80 * LEAST, kernels="mueller"),
-    "liquid, one heavy, no viscosity": liquid("one", viscosity=0.0),
-    "liquid, one light particle": liquid("one light"),
-    "liquid, random": liquid("random"),
-    "liquid, random, no viscosity": liquid("random", viscosity=0.0),
-    "mpm, light half": mpm("half"),
-    "mpm, random": mpm("random"),
-    "solids, one heavier": solids(True),
-    "solids, one lighter": solids(False),
-    "two liquids": liquids,
-}
+    "liquid, one heavy, no viscosity": liquid("one", viscosity=0.0), "liquid, one light particle": liquid("one light"),
+    "liquid, random": liquid("random"), "liquid, random, no viscosity": liquid("random", viscosity=0.0),
+    "mpm, light half": mpm("half"), "mpm, random": mpm("random"), "solids, one heavier": solids(True),
+    "solids, one lighter": solids(False), "two liquids": liquids,
+}  # fmt: skip
 
 
 def rise(scene: Scene, ratio: float, until: float = 0.2) -> tuple[float, str]:

@@ -44,6 +44,7 @@ from refsim import (
     make_plan,
 )
 from refsim.study.cost import predict
+from validation.filling import replaced
 from validation.reading import environment
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -225,18 +226,13 @@ def summary(rows: Sequence[Mapping[str, Any]]) -> str:
     )
 
 
-BEGIN, END = "<!-- run_time {} -->\n", "\n<!-- end of run_time {} -->"
-
-
 def write_page(path: Path, page: Path = PAGE) -> None:
     """Put the summary of every backend on file between its marks on the page."""
     for backend, group in json.loads(path.read_text()).items():
         rows = list(group["rows"].values())
         where = (group["device"] or {}).get("name") or f"{group['processor']}, {group['threads']} threads"
         told = f"Backend {backend}, {where}, {group['date']}: {summary(rows)}."
-        begin, end = BEGIN.format(backend), END.format(backend)
-        head, _, rest = page.read_text().partition(begin)
-        page.write_text(f"{head}{begin}\n{told}\n{end}{rest.partition(end)[2]}")
+        page.write_text(replaced(page.read_text(), f"run_time {backend}", [told], page))
 
 
 def perform(path: Path, backend: str, given: Any) -> int:

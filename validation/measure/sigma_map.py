@@ -30,17 +30,14 @@ WORST = {"spurious": max, "capillary": max, "momentum": max, "angular_momentum":
 
 
 def read_rows(path: Path = ROWS) -> list[dict[str, Any]]:
-    """The measured drops; null becomes NaN, and the pressure gets the part of the particles' random motion.
+    """The measured drops, free or on a plane; null becomes NaN, and the pressure gets the part of the random motion.
 
     Irving & Kirkwood's pressure is virial and motion together: P = virial + rho <v^2>/dim. The rows hold the virial
     and the rms speed at rest over sqrt(sigma/(rho R)).
     """
     rows = json.loads(path.read_text()).values() if path.exists() else []
-    made = []
-    for row in rows:
-        numbers = {name: math.nan if value is None else value for name, value in row.items()}
-        made.append(with_motion(numbers) if not row["stopped"] else numbers)
-    return made
+    made = [{name: math.nan if value is None else value for name, value in row.items()} for row in rows]
+    return [with_motion(row) if "spurious" in row and not row["stopped"] else row for row in made]
 
 
 def with_motion(row: Mapping[str, Any]) -> dict[str, Any]:
@@ -107,11 +104,12 @@ def _entry(entry: dict[str, Any], rows: Sequence[Mapping[str, Any]]) -> dict[str
 
 def _flat(name: str, rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
     """What a tension of drops becomes where curvature is gone; NaN below three radii."""
-    curvature = np.array([1 / r["effective_radius"] for r in rows])
-    if len({r["radius"] for r in rows}) < 3:
-        return {f"flat_{name}": math.nan, f"flat_{name}_error": math.nan}
-    (_, limit), covariance = np.polyfit(curvature, [r[name] for r in rows], 1, cov=True)
-    return {f"flat_{name}": float(limit), f"flat_{name}_error": float(math.sqrt(covariance[1, 1]))}
+    limit = error = math.nan
+    if len({r["radius"] for r in rows}) >= 3:
+        curvature = np.array([1 / r["effective_radius"] for r in rows])
+        (_, limit), covariance = np.polyfit(curvature, [r[name] for r in rows], 1, cov=True)
+        error = math.sqrt(covariance[1, 1])
+    return {f"flat_{name}": float(limit), f"flat_{name}_error": float(error)}
 
 
 def _read(row: Mapping[str, Any]) -> bool:
@@ -150,10 +148,14 @@ def drop(context: Context, **point: Any) -> Result:
     return Result(row if row["stopped"] else with_motion(row))
 
 
+def digest_of(file: Path) -> str:
+    """Sixteen digits that change with the file."""
+    return hashlib.sha256(file.read_bytes()).hexdigest()[:16]
+
+
 def map_run() -> Run:
     """The run that reads the published map."""
-    digest = hashlib.sha256(ROWS.read_bytes()).hexdigest()[:16]
-    return Run("map", published, {"rows": digest}, estimate=1.0)
+    return Run("map", published, {"rows": digest_of(ROWS)}, estimate=1.0)
 
 
 def drop_run(model: str, dim: int, radius: float, seed: int = 1, kicked: bool = False) -> Run:
@@ -169,18 +171,21 @@ def words_of(row: Mapping[str, Any]) -> str:
 
 
 def write(rows: Iterable[Mapping[str, Any]], path: Path = PACKAGED) -> int:
-    """Write the map, one setting a line; returns how many settings it has."""
-    entries = [json.dumps(finite(rounded(entry)), allow_nan=False) for entry in condensed(rows)]
+    """Write the map; returns how many settings it has."""
+    return write_settings([rounded(entry) for entry in condensed(rows)], path)
+
+
+def write_settings(settings: Sequence[Any], path: Path) -> int:
+    """Write one setting a line; returns how many there are."""
+    entries = [json.dumps(finite(entry), allow_nan=False) for entry in settings]
     path.write_text('{"settings": [\n' + ",\n".join(entries) + "\n]}\n")
     return len(entries)
 
 
-def rounded(entry: Mapping[str, Any]) -> dict[str, Any]:
+def rounded(value: Any) -> Any:
     """Five digits are more than any drop gives."""
-    return {n: _five(v) for n, v in entry.items()}
-
-
-def _five(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {name: rounded(each) for name, each in value.items()}
     if isinstance(value, list):
-        return [rounded(v) if isinstance(v, Mapping) else v for v in value]
+        return [rounded(each) if isinstance(each, Mapping) else each for each in value]
     return float(f"{value:.5g}") if isinstance(value, float) and math.isfinite(value) else value

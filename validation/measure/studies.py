@@ -23,6 +23,7 @@ from refsim.study.result import Study, percent
 from refsim.study.runs import Reading, Setting, measure
 from validation.experiments.heat.scene import stefan_root
 from validation.experiments.solutions import scene
+from validation.filling import replaced
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENES = ROOT / "docs" / "examples" / "study" / "solved"
@@ -135,9 +136,6 @@ def row(name: str, threads: int | None) -> str:
     )
 
 
-BEGIN, END = "<!-- solved -->\n", "\n<!-- end of solved -->"
-
-
 def perform(threads: int | None, write: bool) -> int:
     """The command."""
     lines = [HEAD]
@@ -145,7 +143,5 @@ def perform(threads: int | None, write: bool) -> int:
         lines.append(row(name, threads))
         print(lines[-1], flush=True)
     if write:
-        page, text = PAGE.read_text(), "\n".join(lines)
-        begin, end = page.index(BEGIN) + len(BEGIN), page.index(END)
-        PAGE.write_text(f"{page[:begin]}\n{text}\n{page[end:]}")
+        PAGE.write_text(replaced(PAGE.read_text(), "solved", lines, PAGE))
     return 0

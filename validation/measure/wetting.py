@@ -9,33 +9,23 @@ it, and `measure wetting_map` condenses the rows (`data/wetting.json`) into the 
 from __future__ import annotations
 
 import functools
-import json
 import math
-import time
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from refsim import (
-    Akinci2013,
-    BoxWalls,
-    Cloud,
-    Gravity,
-    InputError,
-    RunStopped,
-    Scene,
-    Simulation,
-    WeaklyCompressible,
-)
+from refsim import Akinci2013, BoxWalls, Cloud, Gravity, Scene, Simulation, WeaklyCompressible
 from refsim.core.effect import Discretisation
 from refsim.surface_tension.calibration import BASE
 from refsim.surface_tension.contact_angle import WETTING_MAP as PACKAGED
-from validation.measure.drops import CALM, JITTER, STIR, STIRRED, STIRS
-from validation.results import finite
+from validation.measure.drops import CALM, STIRRED, row_of, stir
+from validation.measure.motion import JITTER, run_to
+from validation.measure.sigma_map import write_settings
 
 ROWS = Path(__file__).resolve().parent.parent / "data" / "wetting.json"
 BOND = 0.2  # rho g R^2/sigma of the nominal tension: weight that keeps a drop by the plane
@@ -60,11 +50,11 @@ class Point:
     """
 
     share: float
-    dim: int = 3
+    dim: Any = 3
     support: float = 2.6
     radius: float = 8.0
     stiffness: float = 0.01
-    kernels: str = "mueller"
+    kernels: Any = "mueller"
     seed: int = 1
     begin: float = 90.0
     model: str = "akinci"
@@ -183,31 +173,21 @@ def start(point: Point) -> NDArray:
 def scene(point: Point, position: NDArray) -> Scene:
     """The drop over the plane."""
     fluid = WeaklyCompressible(
-        rest_density=1.0,
-        sound_speed=1 / math.sqrt(point.stiffness),
-        dynamic_viscosity=CALM * math.sqrt(point.radius),
-        kernels=point.kernels,  # type: ignore[arg-type]
-    )
+        rest_density=1.0, sound_speed=1 / math.sqrt(point.stiffness),
+        dynamic_viscosity=CALM * math.sqrt(point.radius), kernels=point.kernels,
+    )  # fmt: skip
     grid = Discretisation(point.dim, "float64", 1.0, point.support, 0)
     gamma = Akinci2013(surface_tension=1.0).coefficient(grid, {"weakly_compressible": fluid})
     up, width = point.dim - 1, float(math.ceil(FLOOR * point.radius))
     lower, weight = [-width] * 3, [0.0] * 3
     lower[up], weight[up] = 0.0, -BOND / point.radius**2
-    sides = tuple(face for face in ("-x", "+x", "-y", "+y", "-z", "+z") if face != "-" + "xyz"[up])
-    floor = BoxWalls(
-        lower=tuple(lower),
-        upper=(width,) * 3,
-        open_faces=sides,  # type: ignore[arg-type]
-    )
+    sides: Any = tuple(face for face in ("-x", "+x", "-y", "+y", "-z", "+z") if face != "-" + "xyz"[up])
+    floor = BoxWalls(lower=tuple(lower), upper=(width,) * 3, open_faces=sides)
     tension = Akinci2013(surface_tension=1.0, adhesion=point.share * gamma)
     return Scene(
-        name=point.key,
-        spacing=1.0,
-        support_radius=point.support,
-        dim=point.dim,  # type: ignore[arg-type]
-        fluid=(Cloud(position=position),),
+        name=point.key, spacing=1.0, support_radius=point.support, dim=point.dim, fluid=(Cloud(position=position),),
         effects=(fluid, tension, floor, Gravity(acceleration=tuple(weight))),
-    )
+    )  # fmt: skip
 
 
 def measure(point: Point, backend: str = "cpu") -> dict[str, Any]:
@@ -219,16 +199,7 @@ def measure(point: Point, backend: str = "cpu") -> dict[str, Any]:
     drift    change of the angle from the first to the last third of the watched time [degrees]
     fate     "cap", "film" (flat as a layer) or "detached"
     """
-    began = time.perf_counter()
-    row: dict[str, Any] = {**asdict(point), "key": point.key, "stopped": ""}
-    try:
-        _measure(point, row, backend)
-    except RunStopped as stop:
-        row["stopped"] = stop.reason
-    except InputError:  # of the drop as it stands: two particles at one place
-        row["stopped"] = "clumped"
-    row["seconds"] = round(time.perf_counter() - began, 2)
-    return row
+    return row_of(point, lambda point, row: _measure(point, row, backend))
 
 
 def _measure(point: Point, row: dict[str, Any], backend: str) -> None:
@@ -236,18 +207,11 @@ def _measure(point: Point, row: dict[str, Any], backend: str) -> None:
     position = start(point)
     row["particles"] = len(position)
     simulation = Simulation(scene(point, position), backend)
-    random = np.random.default_rng(1000 + point.seed)
-    for k in range(STIRS):
-        velocity = simulation.field("velocity").astype(float)
-        noise = random.normal(size=velocity.shape)
-        noise[:, point.dim :] = 0
-        velocity += STIR * (1 - k / STIRS) * (noise - noise.mean(0)) / math.sqrt(point.dim)
-        simulation.set_field("velocity", velocity)
-        _run(simulation, STIRRED * capillary_time * (k + 1) / STIRS)
-    _run(simulation, (STIRRED + RELAXED) * capillary_time)
+    stir(simulation, point, STIRRED * capillary_time)
+    run_to(simulation, (STIRRED + RELAXED) * capillary_time)
     heights, densities, angles, lowest = [], [], [], []
     for k in range(SNAPSHOTS):
-        _run(simulation, (STIRRED + RELAXED + AVERAGED * (k + 1) / SNAPSHOTS) * capillary_time)
+        run_to(simulation, (STIRRED + RELAXED + AVERAGED * (k + 1) / SNAPSHOTS) * capillary_time)
         simulation.evaluate()
         z = simulation.field("position").astype(float)[:, up]
         heights.append(z)
@@ -260,29 +224,15 @@ def _measure(point: Point, row: dict[str, Any], backend: str) -> None:
     angle, third = float(np.mean(angles)), SNAPSHOTS // 3
     away = angle > DETACHED or min(lowest) > 1.0
     row |= {
-        "angle": angle,
-        "circle": circle,
-        "residual": residual,
-        "drift": float(np.mean(angles[-third:]) - np.mean(angles[:third])),
-        "density": density,
+        "angle": angle, "circle": circle, "residual": residual,
+        "drift": float(np.mean(angles[-third:]) - np.mean(angles[:third])), "density": density,
         "fate": "detached" if away else "film" if angle < FILM else "cap",
         "profile": slices(height, density, len(heights), point.dim)[1].round(2).tolist(),
         "through": int((simulation.field("position")[:, up] < 0).sum()),
-    }
-
-
-def _run(simulation: Simulation, until: float) -> None:
-    while simulation.time < until:
-        simulation.step()
+    }  # fmt: skip
 
 
 # The map
-
-
-def read_rows(path: Path = ROWS) -> list[dict[str, Any]]:
-    """The measured drops; null becomes NaN."""
-    rows = json.loads(path.read_text()).values() if path.exists() else []
-    return [{name: math.nan if value is None else value for name, value in row.items()} for row in rows]
 
 
 def condensed(rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
@@ -316,19 +266,14 @@ def _of_share(rows: Sequence[Mapping[str, Any]], share: float) -> dict[str, Any]
     caps = [r for r in own if fate(r) == "cap"]
     caps = caps if 2 * len(caps) > len(own) else []
     angles, circles = [r["angle"] for r in caps], [r["circle"] for r in caps if math.isfinite(r["circle"])]
-    fates = [fate(r) for r in own]
     return {
-        "share": share,
-        "angle": round(float(np.mean(angles)), 2) if angles else None,
+        "share": share, "angle": round(float(np.mean(angles)), 2) if angles else None,
         "spread": round(float(np.std(angles, ddof=1)), 2) if len(angles) > 1 else None,
-        "circle": round(float(np.mean(circles)), 2) if circles else None,
-        "drops": len(own),
-        "fates": {fate: fates.count(fate) for fate in sorted(set(fates))},
-    }
+        "circle": round(float(np.mean(circles)), 2) if circles else None, "drops": len(own),
+        "fates": dict(sorted(Counter(map(fate, own)).items())),
+    }  # fmt: skip
 
 
 def write(rows: Iterable[Mapping[str, Any]], path: Path = PACKAGED) -> int:
-    """Write the map, one setting a line; returns how many settings it has."""
-    entries = [json.dumps(finite(entry), allow_nan=False) for entry in condensed(rows)]
-    path.write_text('{"settings": [\n' + ",\n".join(entries) + "\n]}\n")
-    return len(entries)
+    """Write the map; returns how many settings it has."""
+    return write_settings(condensed(rows), path)

@@ -69,14 +69,10 @@ def seen_from_above(position: ArrayLike, spacing: float, many: int = 5) -> dict[
         stretch += sizes[k] * np.pi * radius**2 / (covered(own, spacing).sum() * CELL**2)
         weight += int(sizes[k])
     return {
-        "parts": int((sizes >= many).sum()),
-        "lone": int((sizes == 1).sum()),
-        "largest": float(sizes[0] / len(points)),
-        "holes": int((inside > SMALLEST_HOLE).sum()),
-        "area": float(floor.sum() * CELL**2 / len(points)),
-        "stretch": stretch / weight if weight else float("nan"),
-        "height": float(len(points) / (floor.sum() * CELL**2)),
-    }
+        "parts": int((sizes >= many).sum()), "lone": int((sizes == 1).sum()), "largest": float(sizes[0] / len(points)),
+        "holes": int((inside > SMALLEST_HOLE).sum()), "area": float(floor.sum() * CELL**2 / len(points)),
+        "stretch": stretch / weight if weight else float("nan"), "height": float(len(points) / (floor.sum() * CELL**2)),
+    }  # fmt: skip
 
 
 def layers(position: ArrayLike, spacing: float) -> int:

@@ -27,8 +27,6 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-__all__ = ["DetectionScore", "arc_cover_surface", "cap_cover_surface", "detection_score"]
-
 _TURN = 2.0 * np.pi
 _COINCIDENT = 1e-9  # of R: closer centres are one particle
 _BLOCK = 400_000  # arcs worked on at once: about 50 MB
@@ -53,59 +51,41 @@ class DetectionScore(NamedTuple):
 
 
 def detection_score(flags: ArrayLike, truth: ArrayLike) -> DetectionScore:
-    """Score the surface ``flags`` (n,) of a detector against ``truth`` (n,), both taken as booleans.
-
-    Raises ValueError when the two are not one-dimensional arrays of one length.
-    """
+    """Score the surface ``flags`` (n,) of a detector against ``truth`` (n,), both taken as booleans."""
     flags, truth = np.asarray(flags, dtype=bool), np.asarray(truth, dtype=bool)
-    if flags.ndim != 1 or flags.shape != truth.shape:
-        raise ValueError(f"flags and truth must both be (n,), got {flags.shape} and {truth.shape}")
     hit = int(np.sum(flags & truth))
     false_surface, false_interior = int(np.sum(flags & ~truth)), int(np.sum(~flags & truth))
 
     def share(part: int, whole: int) -> float:
         return part / whole if whole else float("nan")
 
-    return DetectionScore(
-        precision=share(hit, hit + false_surface),
-        recall=share(hit, hit + false_interior),
-        f1=share(2 * hit, 2 * hit + false_surface + false_interior),
-        false_interior=false_interior,
-        false_surface=false_surface,
-    )
+    f1 = share(2 * hit, 2 * hit + false_surface + false_interior)
+    precision, recall = share(hit, hit + false_surface), share(hit, hit + false_interior)
+    return DetectionScore(precision, recall, f1, false_interior, false_surface)
 
 
 def arc_cover_surface(
-    position: ArrayLike,
-    radius: float,
-    walls: ArrayLike | None = None,
-    chosen: ArrayLike | None = None,
-    *,
+    position: ArrayLike, radius: float, walls: ArrayLike | None = None, chosen: ArrayLike | None = None, *,
     tie: float = 1e-6,
-) -> NDArray[np.bool_]:
+) -> NDArray[np.bool_]:  # fmt: skip
     """True where a 2D particle's circle of radius R is not wholly covered by the discs of the others.
 
-    position: (n, 2) or (n, 3) [m]; the third coordinate must be the same everywhere.
+    position: (n, 2) or (n, 3) [m]; a third coordinate does not count.
     radius: R [m].
     walls: (m, 2) or (m, 3) [m], wall particles: they cover, but are not judged.
     chosen: row numbers (k,) or mask (n,) of the particles to judge; all when left out.
     tie: widest gap [rad] that still counts as covered.
 
     Returns bool (n,), or (k,) in the order of the chosen rows. An isolated particle is on the surface.
-    Raises ValueError for other shapes, non-finite positions, a radius that is not positive, a 3D cloud.
     Source: Dilts 2000, Int. J. Numer. Meth. Engng 48:1503 (arc cover); the module's head for the criterion.
     """
-    return _surface(_plane(position, walls), radius, chosen, tie, _circle_uncovered, first=16)
+    return _surface(_clouds(position, walls, 2), radius, chosen, tie, _circle_uncovered, first=16)
 
 
 def cap_cover_surface(
-    position: ArrayLike,
-    radius: float,
-    walls: ArrayLike | None = None,
-    rows: ArrayLike | None = None,
-    *,
+    position: ArrayLike, radius: float, walls: ArrayLike | None = None, rows: ArrayLike | None = None, *,
     tie: float = 1e-6,
-) -> NDArray[np.bool_]:
+) -> NDArray[np.bool_]:  # fmt: skip
     """True where a 3D particle's sphere of radius R is not wholly covered by the balls of the others.
 
     position: (n, 3) [m]. radius: R [m]. walls: (m, 3) [m], cover but are not judged.
@@ -115,54 +95,26 @@ def cap_cover_surface(
     Returns bool (n,), or (k,) in the order of the rows. The cost of a particle goes with the square of the
     neighbours needed to settle it (inside a lattice the nearest 23 suffice): 0.15 ms a particle on average
     for a cube of 17^3 at R = 1.2 spacings.
-    Raises ValueError for other shapes, non-finite positions, a radius that is not positive.
     Source: Haque & Dilts 2007, J. Comput. Phys. 226:1710 (cap cover); here by arcs on every cap's boundary, see
     the module's head.
     """
-    return _surface(_clouds(position, walls, (3,)), radius, rows, tie, _sphere_uncovered, first=24)
+    return _surface(_clouds(position, walls, 3), radius, rows, tie, _sphere_uncovered, first=24)
 
 
-def _clouds(position: ArrayLike, walls: ArrayLike | None, widths: tuple[int, ...]) -> tuple[NDArray, NDArray]:
-    """Fluid (n, dim) and walls (m, dim) as float64, checked."""
-    fluid = np.asarray(position, dtype=np.float64)
-    if fluid.ndim != 2 or fluid.shape[1] not in widths:
-        raise ValueError(f"position must have shape (n, {' or '.join(map(str, widths))}), got {fluid.shape}")
-    wall = np.empty((0, fluid.shape[1])) if walls is None else np.asarray(walls, dtype=np.float64)
-    if wall.ndim != 2 or wall.shape[1] not in widths:
-        raise ValueError(f"walls must have shape (m, {' or '.join(map(str, widths))}), got {wall.shape}")
-    if not (np.isfinite(fluid).all() and np.isfinite(wall).all()):
-        raise ValueError("position and walls must be finite")
-    return fluid, wall
-
-
-def _plane(position: ArrayLike, walls: ArrayLike | None) -> tuple[NDArray, NDArray]:
-    """Fluid (n, 2) and walls (m, 2); the third coordinate, where there is one, must be constant."""
-    fluid, wall = _clouds(position, walls, (2, 3))
-    heights = [cloud[:, 2] for cloud in (fluid, wall) if cloud.shape[1] == 3]
-    height = np.concatenate(heights) if heights else np.empty(0)
-    if height.size and np.ptp(height) > 0:
-        raise ValueError("the third coordinate varies: use cap_cover_surface for a 3D cloud")
-    return fluid[:, :2], wall[:, :2]
+def _clouds(position: ArrayLike, walls: ArrayLike | None, dim: int) -> tuple[NDArray, NDArray]:
+    """Fluid (n, dim) and walls (m, dim) as float64."""
+    fluid = np.asarray(position, dtype=np.float64)[:, :dim]
+    return fluid, np.empty((0, dim)) if walls is None else np.asarray(walls, dtype=np.float64)[:, :dim]
 
 
 def _surface(
-    clouds: tuple[NDArray, NDArray],
-    radius: float,
-    chosen: ArrayLike | None,
-    tie: float,
-    uncovered: Callable[[NDArray, NDArray, NDArray, float], NDArray[np.bool_]],
-    first: int,
-) -> NDArray[np.bool_]:
+    clouds: tuple[NDArray, NDArray], radius: float, chosen: ArrayLike | None, tie: float,
+    uncovered: Callable[[NDArray, NDArray, NDArray, float], NDArray[np.bool_]], first: int,
+) -> NDArray[np.bool_]:  # fmt: skip
     """Judge the chosen particles, nearest neighbours first: what the nearest cover, all of them cover."""
     fluid, wall = clouds
-    if not (np.isfinite(radius) and radius > 0):
-        raise ValueError(f"radius must be positive, got {radius}")
-    count = len(fluid)
-    judged = np.arange(count) if chosen is None else np.asarray(chosen)
-    if judged.dtype == bool:
-        if judged.shape != (count,):
-            raise ValueError(f"a mask of chosen rows must have shape ({count},), got {judged.shape}")
-        judged = np.flatnonzero(judged)
+    judged = np.arange(len(fluid)) if chosen is None else np.asarray(chosen)
+    judged = np.flatnonzero(judged) if judged.dtype == bool else judged
     if judged.size == 0:
         return np.zeros(0, dtype=bool)
 

@@ -17,8 +17,6 @@ from scipy.spatial import cKDTree
 from refsim import Simulation
 from refsim.smoothing.reference import kernel_slope, kernel_value
 
-__all__ = ["inner_pressure", "pair_virials", "share_inside"]
-
 Pairs = tuple[NDArray, NDArray, NDArray, NDArray]  # i, j, x_ij (k, 3), |x_ij|
 
 
@@ -182,10 +180,8 @@ def _he(simulation: Simulation, pairs: Pairs) -> NDArray:
 
 
 _TENSIONS: dict[str, Callable[[Simulation, Pairs], NDArray]] = {
-    "jiang_zhu_2023": _jiang_zhu,
-    "akinci_2013": _akinci,
-    "dong_2016": _dong,
+    "jiang_zhu_2023": _jiang_zhu, "akinci_2013": _akinci, "dong_2016": _dong,
     "becker_teschner_2007": lambda simulation, pairs: _central(simulation, pairs, "becker_teschner_2007"),
     "tartakovsky_meakin_2005": lambda simulation, pairs: _central(simulation, pairs, "tartakovsky_meakin_2005"),
     "he_2014": _he,
-}
+}  # fmt: skip

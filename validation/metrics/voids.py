@@ -9,8 +9,6 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import label
 from scipy.spatial import cKDTree
 
-__all__ = ["Voids", "find_voids"]
-
 CELL = 0.25  # of the spacing: the raster's cells
 
 

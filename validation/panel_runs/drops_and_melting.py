@@ -11,17 +11,15 @@ from collections.abc import Mapping
 from typing import Any
 
 from refsim import calibrate_contact_angle
-from refsim.backends.arrays import choose, set_threads
 from refsim.surface_tension.calibration import sigma_map
 from validation.experiments.heat.runs import melting_sphere
 from validation.measure import drops, wetting
 from validation.results import Result
-from validation.running import Context
-from validation.turns import Outcome, in_turns
+from validation.running import Context, on_threads
+from validation.turns import Outcome, Settings, in_turns, panel
 
 SEED = 10  # of the first repeat of a drop: the maps hold seeds 1 to 3
 ANGLE = 90.0  # requested [degrees]
-Settings = Mapping[str, Mapping[str, Any]]
 
 
 def _melt_time(context: Context, setting: Mapping[str, Any], repeat: int) -> Outcome:
@@ -31,19 +29,15 @@ def _melt_time(context: Context, setting: Mapping[str, Any], repeat: int) -> Out
     wider = 1 + 0.5 / setting["cells"]  # lengths grow by this, times by its square
     share = found["melted"] / (found["melted_exactly"] * wider**2)
     steps = round(found["melted"] * setting["cells"] ** 2 / setting["number"])
-    return Outcome(share, abs(share - 1), found["seconds"], steps, found["particles"])
+    return Outcome(share, found["seconds"], steps, found["particles"])
 
 
 def melt_times(context: Context, settings: Settings, backend: str, threads: int | None, repeats: int) -> Result:
     """`_melt_time` of every setting in turn."""
-    there = choose(backend)
-    set_threads(there, threads)
-    try:
+    with on_threads(backend, threads):
         for setting in {s["scheme"]: s for s in settings.values()}.values():
             _melt_time(context, {**setting, "cells": 4}, 0)  # compiles
         return in_turns(context, settings, _melt_time, threads, repeats, backend)
-    finally:
-        set_threads(there, None)
 
 
 def flat_tension(model: str) -> tuple[float, float]:
@@ -63,17 +57,13 @@ def drop(context: Context, setting: Mapping[str, Any], repeat: int) -> Outcome:
     row = drops.measure(point)
     spent = time.perf_counter() - began
     if row["stopped"]:
-        return Outcome(0.0, 0.0, spent, 1, row.get("particles", 0), stopped=row["stopped"])
+        return Outcome(seconds=spent, particles=row.get("particles", 0), stopped=row["stopped"])
     share = row[by] / flat_tension(model)[0]
     value = math.sqrt(max(share, 0.0)) if by == "rayleigh" else share
-    return Outcome(value, abs(value - 1), spent, row["steps"], row["particles"])
+    return Outcome(value, spent, row["steps"], row["particles"])
 
 
-def tensions(context: Context, settings: Settings, backend: str, threads: int | None, repeats: int) -> Result:
-    """`drop` of every setting in turn, each repeat with another seed."""
-    for setting in settings.values():  # compiles
-        drop(context, {**setting, "radius": 4.0}, 0)
-    return in_turns(context, settings, drop, threads, repeats, backend)
+tensions = panel(drop, lambda context, setting: drop(context, {**setting, "radius": 4.0}, 0))
 
 
 def _sessile(context: Context, setting: Mapping[str, Any], repeat: int) -> Outcome:
@@ -84,11 +74,9 @@ def _sessile(context: Context, setting: Mapping[str, Any], repeat: int) -> Outco
     row = wetting.measure(point, setting["knobs"]["backend"])
     spent = time.perf_counter() - began
     if row["stopped"] or row["fate"] != "cap":
-        return Outcome(0.0, 0.0, spent, 1, row.get("particles", 0), stopped=row["stopped"] or f"{row['fate']}: no cap")
-    return Outcome(row["angle"], abs(row["angle"] - ANGLE), spent, row["steps"], row["particles"])
+        stopped = row["stopped"] or f"{row['fate']}: no cap"
+        return Outcome(seconds=spent, particles=row.get("particles", 0), stopped=stopped)
+    return Outcome(row["angle"], spent, row["steps"], row["particles"])
 
 
-def angles(context: Context, settings: Settings, backend: str, threads: int | None, repeats: int) -> Result:
-    """`_sessile` of every setting in turn, each repeat with another seed."""
-    wetting.measure(wetting.Point(12.0, 2, radius=3.0), backend)  # compiles
-    return in_turns(context, settings, _sessile, threads, repeats, backend)
+angles = panel(_sessile, lambda context, setting: wetting.measure(wetting.Point(12.0, 2, radius=3.0)))

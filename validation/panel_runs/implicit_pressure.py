@@ -5,16 +5,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from refsim import BoxWalls, Cloud, Gravity, ImplicitPressure, RunStopped, Scene, WeaklyCompressible
+from refsim import BoxWalls, Cloud, Gravity, ImplicitPressure, Scene, WeaklyCompressible
 from validation.experiments.solutions import scene
-from validation.results import Result
-from validation.running import Context, advance
-from validation.turns import Outcome, in_turns
+from validation.panel_runs.tank import at_rest
+from validation.running import Context
+from validation.turns import Outcome, panel
 
 DENSITY, GRAVITY, SUPPORT = 1000.0, 9.81, 2.6  # kg/m^2, m/s^2, h/d
 HEIGHT, WIDTH = 1.0, 1.0  # of the liquid [m]
@@ -56,36 +56,16 @@ def rested(context: Context, setting: Mapping[str, Any], repeat: int, share: flo
     """
     knobs = setting["knobs"]
     made = tank(setting["cells"], knobs["dtype"], setting["tolerance"], knobs["step"])
+    unit, reach = share * math.sqrt(HEIGHT / GRAVITY), SUPPORT * HEIGHT / setting["cells"]
+
+    def off(place: NDArray, pressure: NDArray) -> NDArray:
+        x, y = place[:, :2].T
+        bulk = (np.minimum(x, WIDTH - x) > reach) & (np.minimum(y, HEIGHT - y) > reach)
+        return (pressure / (DENSITY * GRAVITY * HEIGHT) - (HEIGHT - y) / HEIGHT)[bulk]
+
+    times = [unit * (SETTLED + k / SAMPLES) for k in range(SAMPLES + 1)]
     simulation = context.simulation(made, knobs["backend"])
-    places, pressures = [], []
-
-    def sample(simulation: Any, wall: float) -> None:
-        if not setting["tolerance"]:
-            simulation.evaluate()
-        places.append(simulation.field("position")[:, :2].astype(float))
-        pressures.append(simulation.field("pressure").astype(float))
-
-    unit = math.sqrt(HEIGHT / GRAVITY)
-    times = [share * unit * (SETTLED + k / SAMPLES) for k in range(SAMPLES + 1)]
-    try:
-        wall = advance(simulation, times, sample, replace(context, progress=lambda done: None))
-    except RunStopped as stop:
-        return Outcome(0.0, 0.0, 0.0, simulation.steps, simulation.count, stopped=stop.reason)
-    (x, y), pressure = np.mean(places, axis=0).T, np.mean(pressures, axis=0)
-    reach = SUPPORT * HEIGHT / setting["cells"]
-    bulk = (np.minimum(x, WIDTH - x) > reach) & (np.minimum(y, HEIGHT - y) > reach)
-    off = pressure / (DENSITY * GRAVITY * HEIGHT) - (HEIGHT - y) / HEIGHT
-    error = float(np.sqrt((off[bulk] ** 2).mean()))
-    return Outcome(
-        error, error, wall, simulation.steps, simulation.count, launches=len(simulation.plan.launches()),
-        bytes=sum(simulation.plan.field_bytes().values()),
-    )  # fmt: skip
+    return at_rest(context, simulation, times, off, evaluate=not setting["tolerance"])
 
 
-def tanks(
-    context: Context, settings: Mapping[str, Mapping[str, Any]], backend: str, threads: int | None, repeats: int
-) -> Result:
-    """Every setting in turn."""
-    for setting in settings.values():  # compiles
-        rested(context, {**setting, "cells": 10}, 0, share=0.01)
-    return in_turns(context, settings, rested, threads, repeats, backend)
+tanks = panel(rested, lambda context, setting: rested(context, {**setting, "cells": 10}, 0, share=0.01))

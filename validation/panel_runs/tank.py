@@ -4,18 +4,18 @@ time."""
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from refsim import Cloud, Gravity, MeshBoundary, RunStopped, Scene, WeaklyCompressible
+from refsim import Cloud, Gravity, MeshBoundary, RunStopped, Scene, Simulation, WeaklyCompressible
 from validation.experiments.boundary.scene import cup, mesh_file
 from validation.experiments.solutions import scene as solution
-from validation.results import Result
 from validation.running import Context, advance
-from validation.turns import Outcome, in_turns
+from validation.turns import Outcome, panel, stepped
 
 DENSITY, GRAVITY = 1000.0, 9.81  # kg/m^3, m/s^2
 HEIGHT = 0.1  # of the liquid, and edge of the tank [m]
@@ -49,33 +49,38 @@ def rested(context: Context, setting: Mapping[str, Any], repeat: int, share: flo
     with mesh_file(cup((*inner, 1.5 * HEIGHT), 0.5 * HEIGHT)) as file:
         made, top = scene(file, cells, knobs["dtype"], setting.get("literal", ()))
         simulation = context.simulation(made, knobs["backend"])
-    heights, pressures = [], []
+    unit = share * math.sqrt(HEIGHT / GRAVITY)
 
-    def sample(simulation: Any, wall: float) -> None:
-        simulation.evaluate()
-        heights.append(simulation.field("position")[:, 2].astype(float))
+    def off(place: NDArray, pressure: NDArray) -> NDArray:
+        return (pressure - solution.hydrostatic(place[:, 2], top, DENSITY, GRAVITY, SOUND)) / (
+            DENSITY * GRAVITY * HEIGHT
+        )
+
+    return at_rest(context, simulation, [unit * (SETTLED + 0.5 * k / SAMPLES) for k in range(SAMPLES + 1)], off)
+
+
+def at_rest(
+    context: Context, simulation: Simulation, times: Sequence[float], off: Callable[[NDArray, NDArray], NDArray],
+    evaluate: bool = True,
+) -> Outcome:  # fmt: skip
+    """Root mean square of `off(places, pressures)`, both in the mean of samples at the `times` [s].
+
+    evaluate  whether pressures are computed anew at the places of a sample
+    """
+    places, pressures = [], []
+
+    def sample(simulation: Simulation, wall: float) -> None:
+        if evaluate:
+            simulation.evaluate()
+        places.append(simulation.field("position").astype(float))
         pressures.append(simulation.field("pressure").astype(float))
 
-    unit = math.sqrt(HEIGHT / GRAVITY)
-    times = [share * unit * (SETTLED + 0.5 * k / SAMPLES) for k in range(SAMPLES + 1)]
     try:
         wall = advance(simulation, times, sample, replace(context, progress=lambda done: None))
     except RunStopped as stop:
-        return Outcome(0.0, 0.0, 0.0, simulation.steps, simulation.count, stopped=stop.reason)
-    height, pressure = np.mean(heights, axis=0), np.mean(pressures, axis=0)
-    known = solution.hydrostatic(height, top, DENSITY, GRAVITY, SOUND)
-    off = (pressure - known) / (DENSITY * GRAVITY * HEIGHT)
-    error = float(np.sqrt((off**2).mean()))
-    return Outcome(
-        error, error, wall, simulation.steps, simulation.count, launches=len(simulation.plan.launches()),
-        bytes=sum(simulation.plan.field_bytes().values()),
-    )  # fmt: skip
+        return stepped(simulation, math.nan, 0.0, stop.reason)
+    errors = off(np.mean(places, axis=0), np.mean(pressures, axis=0))
+    return stepped(simulation, float(np.sqrt((errors**2).mean())), wall)
 
 
-def tanks(
-    context: Context, settings: Mapping[str, Mapping[str, Any]], backend: str, threads: int | None, repeats: int
-) -> Result:
-    """Every setting in turn."""
-    for setting in settings.values():  # compiles
-        rested(context, {**setting, "cells": 5}, 0, share=0.01)
-    return in_turns(context, settings, rested, threads, repeats, backend)
+tanks = panel(rested, lambda context, setting: rested(context, {**setting, "cells": 5}, 0, share=0.01))

@@ -28,17 +28,16 @@ def lacking(module: str, package: str) -> str:
 
 
 def launch(
-    program: str,
-    words: str,
-    given: Mapping[str, Any],
-    environment: Mapping[str, str],
-    limit: float = 300.0,
-) -> dict[str, Any]:
+    program: str, words: str, given: Mapping[str, Any], environment: Mapping[str, str], limit: float = 300.0,
+    missing: str = "",
+) -> dict[str, Any]:  # fmt: skip
     """What the work of a program returns in a process of its own, or {"missing": why}.
 
     program  the module's name; words: the program's. given: its parameters, plain values and arrays
-    limit    seconds that it may take
+    limit    seconds that it may take; missing: why it cannot run, or ""
     """
+    if missing:
+        return {"missing": missing}
     paths = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH", "")]))
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)

@@ -86,11 +86,9 @@ def terms(
 
     accelerations = {name: vectors(name, "au", "av", "aw") for name in equations if name != "normal"}
     return {
-        "density": np.array(liquid.rho),
-        "normal": vectors("normal", "cx", "cy", "cz"),
-        **accelerations,
+        "density": np.array(liquid.rho), "normal": vectors("normal", "cx", "cy", "cz"), **accelerations,
         "version": importlib.metadata.version("pysph"),
-    }
+    }  # fmt: skip
 
 
 if __name__ == "__main__":

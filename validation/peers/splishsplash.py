@@ -17,7 +17,7 @@ import importlib.util
 import json
 import os
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +31,6 @@ STIFFNESS = 9e5  # rho0 c^2 [Pa], exponent 1
 VISCOSITY = 0.01  # kinematic [m^2/s]
 GAP = 0.25  # spacings more than one from the tank's particles: without it the corner is too dense and is shot off
 WARM = 3  # steps that are not counted
-TIME_LIMIT = 300.0  # s
 
 
 def missing() -> str:
@@ -44,7 +43,7 @@ def run(side: int, steps: int, threads: int, tension: float = 0.0) -> dict[str, 
 
     tension  its one coefficient of cohesion and area term after Akinci et al. 2013; 0 for none
     """
-    return _launch({"work": "block", "side": side, "steps": steps, "tension": tension}, threads)
+    return launched("splishsplash", {"work": "block", "side": side, "steps": steps, "tension": tension}, threads)
 
 
 def run_drop(settings: Mapping[str, Any], threads: int) -> dict[str, Any]:
@@ -57,7 +56,7 @@ def run_drop(settings: Mapping[str, Any], threads: int) -> dict[str, Any]:
 
     Wall seconds count stepping alone, from the first step on.
     """
-    return _launch({"work": "drop", **settings}, threads)
+    return launched("splishsplash", {"work": "drop", **settings}, threads)
 
 
 def run_column(settings: Mapping[str, Any], threads: int) -> dict[str, Any]:
@@ -70,7 +69,7 @@ def run_column(settings: Mapping[str, Any], threads: int) -> dict[str, Any]:
 
     Wall seconds count stepping alone, from the first step on.
     """
-    return _launch({"work": "column", **settings}, threads)
+    return launched("splishsplash", {"work": "column", **settings}, threads)
 
 
 def graphics_libraries() -> dict[str, str]:
@@ -79,187 +78,51 @@ def graphics_libraries() -> dict[str, str]:
     return {"LD_PRELOAD": ":".join([*graphics, *os.environ.get("LD_PRELOAD", "").split()])} if graphics else {}
 
 
-def _launch(given: Mapping[str, Any], threads: int) -> dict[str, Any]:
+def launched(program: str, given: Mapping[str, Any], threads: int, limit: float = 300.0) -> dict[str, Any]:
+    """What a module of this program answers."""
     environment = {"OMP_NUM_THREADS": str(threads), **graphics_libraries()}
-    return launch("splishsplash", "SPlisHSPlasH", given, environment, TIME_LIMIT)
+    return launch(program, "SPlisHSPlasH", given, environment, limit)
 
 
-def block(side: int, steps: int, tension: float) -> dict[str, Any]:
-    """Run the spinning block in this process."""
-    import numpy as np
-    import pysplishsplash as peer
+WCSPH = {"simulationMethod": 0, "cflMethod": 0}
+DFSPH = {"simulationMethod": 4, "cflMethod": 1, "cflFactor": 0.5}
 
-    spacing = 1.0 / CELLS
-    scene = {
-        "Configuration": {
-            "particleRadius": 0.5 * spacing,
-            "simulationMethod": 0,  # WCSPH
-            "gravitation": [0.0, 0.0, 0.0],
-            "cflMethod": 0,
-            "timeStepSize": STEP,
-            "stopAt": STEP * (steps + WARM + 2),
-        },
-        "Materials": [
-            {
-                "id": "Fluid",
-                "density0": DENSITY,
-                "viscosityMethod": 1,  # standard
-                "surfaceTensionMethod": 2 if tension else 0,  # Akinci et al. 2013
-            }
-        ],
-        "FluidBlocks": [
-            {
-                "denseMode": 0,
-                "start": [0.0, 0.0, 0.0],
-                "end": [(side + 0.5) * spacing] * 3,
-                "id": "Fluid",
-                "initialAngularVelocity": [0.0, 0.0, SPIN],
-            }
-        ],
-    }
-    base = _simulator(peer, scene)
-    moments: list[float] = []
-    base.setTimeStepCB(lambda: moments.append(time.perf_counter()))
-    base.initSimulation()
+
+def scene(
+    spacing: float, configuration: Mapping[str, Any], block: Mapping[str, Any], tension: bool,
+    density: float = DENSITY, **more: Any,
+) -> dict[str, Any]:  # fmt: skip
+    """A scene file of one block of liquid with its standard viscosity and, if asked for, Akinci's tension of 2013."""
+    liquid = {"id": "Fluid", "density0": density, "viscosityMethod": 1, "surfaceTensionMethod": 2 if tension else 0}
+    return {
+        "Configuration": {"particleRadius": 0.5 * spacing, "gravitation": [0.0, 0.0, 0.0], **configuration},
+        "Materials": [liquid], "FluidBlocks": [{"denseMode": 0, "id": "Fluid", **block}], **more,
+    }  # fmt: skip
+
+
+def coefficients(peer: Any, viscosity: float, tension: float, stiffness: float = 0.0) -> Any:
+    """Set them, those of its WCSPH where a stiffness is given; returns the liquid."""
     fluid = peer.Simulation.getCurrent().getFluidModel(0)
-    fluid.getViscosityBase().setValueFloat(peer.Viscosity_Standard.VISCOSITY_COEFFICIENT, VISCOSITY)
+    fluid.getViscosityBase().setValueFloat(peer.Viscosity_Standard.VISCOSITY_COEFFICIENT, viscosity)
     if tension:
         fluid.getSurfaceTensionBase().setValueFloat(peer.SurfaceTension_Akinci2013.SURFACE_TENSION, tension)
-    method = peer.Simulation.getCurrent().getTimeStep()
-    method.setValueFloat(peer.TimeStepWCSPH.STIFFNESS, STIFFNESS)
-    method.setValueFloat(peer.TimeStepWCSPH.EXPONENT, 1.0)
-    particles = fluid.numActiveParticles()
-    base.runSimulation()
-    spent = np.diff(moments)[WARM : WARM + steps]
-    return {
-        "particles": int(particles),
-        "seconds": float(np.mean(spent)),
-        "steps": len(spent),
-        "version": importlib.metadata.version("pySPlisHSPlasH"),
-    }
+    if stiffness:
+        method = peer.Simulation.getCurrent().getTimeStep()
+        method.setValueFloat(peer.TimeStepWCSPH.STIFFNESS, stiffness)
+        method.setValueFloat(peer.TimeStepWCSPH.EXPONENT, 1.0)
+    return fluid
 
 
-def drop(
-    side: int, tension: float, viscosity: float, step: float, until: float, samples: int, shake: int
-) -> dict[str, Any]:
-    """Run the drop in this process."""
+def watched(
+    peer: Any, base: Any, times: Sequence[float], see: Callable[[Any], dict[str, float]], coefficients_given: tuple,
+    spacing: float, shake: int, flat: bool = False,
+) -> dict[str, Any]:  # fmt: skip
+    """Run from a shaken lattice: moments, wall seconds and what `see(positions)` says at the `times`."""
     import numpy as np
-    import pysplishsplash as peer
 
-    from validation.metrics.droplet import radius_variation
     from validation.metrics.shapes import shaken
 
-    spacing = 1.0 / side
-    scene = {
-        "Configuration": {
-            "particleRadius": 0.5 * spacing,
-            "simulationMethod": 4,  # DFSPH
-            "gravitation": [0.0, 0.0, 0.0],
-            "cflMethod": 1,
-            "cflFactor": 0.5,
-            "cflMaxTimeStepSize": step,
-            "timeStepSize": step,
-            "stopAt": until,
-        },
-        "Materials": [
-            {
-                "id": "Fluid",
-                "density0": DENSITY,
-                "viscosityMethod": 1,  # standard
-                "surfaceTensionMethod": 2,  # Akinci et al. 2013
-            }
-        ],
-        "FluidBlocks": [{"denseMode": 0, "start": [0.0, 0.0, 0.0], "end": [1.0 + 0.5 * spacing] * 3, "id": "Fluid"}],
-    }
-    base = _simulator(peer, scene)
-    found: dict[str, list[float]] = {"time": [], "wall": [], "error": []}
-    clock = {"last": 0.0, "spent": 0.0, "steps": 0}
-
-    def after_step() -> None:
-        clock["spent"] += time.perf_counter() - clock["last"]
-        clock["steps"] += 1
-        now = peer.TimeManager.getCurrent().getTime()
-        if now >= len(found["time"]) * until / samples:
-            model = peer.Simulation.getCurrent().getFluidModel(0)
-            position = np.array(model.getFieldBuffer("position"))[: model.numActiveParticles()]
-            for name, value in (("time", now), ("wall", clock["spent"]), ("error", radius_variation(position))):
-                found[name].append(float(value))
-        clock["last"] = time.perf_counter()
-
-    base.setTimeStepCB(after_step)
-    base.initSimulation()
-    fluid = peer.Simulation.getCurrent().getFluidModel(0)
-    fluid.getSurfaceTensionBase().setValueFloat(peer.SurfaceTension_Akinci2013.SURFACE_TENSION, tension)
-    fluid.getViscosityBase().setValueFloat(peer.Viscosity_Standard.VISCOSITY_COEFFICIENT, viscosity)
-    lattice = np.array(fluid.getFieldBuffer("position"))[: fluid.numActiveParticles()].astype(float)
-    for i, place in enumerate(shaken(lattice, spacing, shake)):
-        fluid.setPosition(i, place.astype(np.float32))
-    clock["last"] = time.perf_counter()
-    base.runSimulation()
-    return {
-        **found,
-        "particles": int(fluid.numActiveParticles()),
-        "steps": clock["steps"],
-        "version": importlib.metadata.version("pySPlisHSPlasH"),
-    }
-
-
-def column(
-    columns: int,
-    width: float,
-    length: float,
-    height: float,
-    viscosity: float,
-    step: float,
-    times: list[float],
-    shake: int,
-) -> dict[str, Any]:
-    """Run the column in this process; the front counts from half a spacing before its first particles."""
-    import numpy as np
-    import pysplishsplash as peer
-    import trimesh
-
-    from validation.metrics.dam_break import front_position
-    from validation.metrics.shapes import shaken
-
-    spacing = width / columns
-    trimesh.creation.box((1.0, 1.0, 1.0)).export("box.obj")
-    scene = {
-        "Configuration": {
-            "particleRadius": 0.5 * spacing,
-            "sim2D": True,
-            "simulationMethod": 4,  # DFSPH
-            "gravitation": [0.0, -9.81, 0.0],
-            "boundaryHandlingMethod": 0,  # Akinci et al. 2012
-            "cflMethod": 1,
-            "cflFactor": 0.5,
-            "cflMaxTimeStepSize": step,
-            "timeStepSize": step,
-            "stopAt": times[-1],
-        },
-        "Materials": [{"id": "Fluid", "density0": DENSITY, "viscosityMethod": 1, "surfaceTensionMethod": 0}],
-        "RigidBodies": [
-            {
-                "geometryFile": "box.obj",
-                "translation": [0.5 * length, 0.5 * height, 0.0],
-                "scale": [length, height, 4.0 * width],
-                "isDynamic": False,
-                "isWall": True,
-                "mapInvert": True,
-                "samplingMode": 1,
-            }
-        ],
-        "FluidBlocks": [
-            {
-                "denseMode": 0,
-                "start": [GAP * spacing, GAP * spacing, -width],
-                "end": [width + (1.0 + GAP) * spacing, 2.0 * width + (1.0 + GAP) * spacing, width],
-                "id": "Fluid",
-            }
-        ],
-    }
-    base = _simulator(peer, scene)
-    found: dict[str, list[float]] = {"time": [], "wall": [], "front": []}
+    found: dict[str, Any] = {"time": [], "wall": []}
     clock = {"last": 0.0, "spent": 0.0, "steps": 0}
 
     def after_step() -> None:
@@ -268,44 +131,111 @@ def column(
         now = peer.TimeManager.getCurrent().getTime()
         if len(found["time"]) < len(times) and now >= times[len(found["time"])]:
             model = peer.Simulation.getCurrent().getFluidModel(0)
-            position = np.array(model.getFieldBuffer("position"))[: model.numActiveParticles(), :2]
-            found["time"].append(float(now))
-            found["wall"].append(float(clock["spent"]))
-            found["front"].append(front_position(position.astype(float), spacing).connected - (0.5 + GAP) * spacing)
+            position = np.array(model.getFieldBuffer("position"))[: model.numActiveParticles()]
+            for name, value in {"time": now, "wall": clock["spent"], **see(position)}.items():
+                found.setdefault(name, []).append(float(value))
         clock["last"] = time.perf_counter()
 
     base.setTimeStepCB(after_step)
     base.initSimulation()
-    fluid = peer.Simulation.getCurrent().getFluidModel(0)
-    fluid.getViscosityBase().setValueFloat(peer.Viscosity_Standard.VISCOSITY_COEFFICIENT, viscosity)
+    fluid = coefficients(peer, *coefficients_given)
     lattice = np.array(fluid.getFieldBuffer("position"))[: fluid.numActiveParticles()].astype(float)
     for i, place in enumerate(shaken(lattice, spacing, shake)):
-        fluid.setPosition(i, np.array([place[0], place[1], 0.0], dtype=np.float32))
+        fluid.setPosition(i, (place * [1.0, 1.0, 0.0] if flat else place).astype(np.float32))
     clock["last"] = time.perf_counter()
     base.runSimulation()
     return {
-        **found,
-        "particles": int(fluid.numActiveParticles()),
-        "lowest": lattice.min(0).tolist(),
-        "highest": lattice.max(0).tolist(),
-        "steps": clock["steps"],
-        "version": importlib.metadata.version("pySPlisHSPlasH"),
+        **found, "particles": int(fluid.numActiveParticles()), "lowest": lattice.min(0).tolist(),
+        "highest": lattice.max(0).tolist(), "steps": clock["steps"],
+    }  # fmt: skip
+
+
+def block(side: int, steps: int, tension: float) -> dict[str, Any]:
+    """Run the spinning block in this process."""
+    import numpy as np
+    import pysplishsplash as peer
+
+    spacing = 1.0 / CELLS
+    liquid = {"start": [0.0] * 3, "end": [(side + 0.5) * spacing] * 3, "initialAngularVelocity": [0.0, 0.0, SPIN]}
+    settings = WCSPH | {"timeStepSize": STEP, "stopAt": STEP * (steps + WARM + 2)}
+    base = simulator(peer, scene(spacing, settings, liquid, tension > 0))
+    moments: list[float] = []
+    base.setTimeStepCB(lambda: moments.append(time.perf_counter()))
+    base.initSimulation()
+    fluid = coefficients(peer, VISCOSITY, tension, STIFFNESS)
+    particles = fluid.numActiveParticles()
+    base.runSimulation()
+    spent = np.diff(moments)[WARM : WARM + steps]
+    return {"particles": int(particles), "seconds": float(np.mean(spent)), "steps": len(spent)}
+
+
+def drop(
+    side: int, tension: float, viscosity: float, step: float, until: float, samples: int, shake: int
+) -> dict[str, Any]:
+    """Run the drop in this process."""
+    import pysplishsplash as peer
+
+    from validation.metrics.droplet import radius_variation
+
+    spacing = 1.0 / side
+    settings = DFSPH | {"cflMaxTimeStepSize": step, "timeStepSize": step, "stopAt": until}
+    liquid = {"start": [0.0] * 3, "end": [1.0 + 0.5 * spacing] * 3}
+    base = simulator(peer, scene(spacing, settings, liquid, True))
+    times = [k * until / samples for k in range(samples + 2)]
+
+    def see(position: Any) -> dict[str, float]:
+        return {"error": radius_variation(position)}
+
+    return watched(peer, base, times, see, (viscosity, tension), spacing, shake)
+
+
+def column(
+    columns: int, width: float, length: float, height: float, viscosity: float, step: float, times: list[float],
+    shake: int,
+) -> dict[str, Any]:  # fmt: skip
+    """Run the column in this process; the front counts from half a spacing before its first particles."""
+    import pysplishsplash as peer
+    import trimesh
+
+    from validation.metrics.dam_break import front_position
+
+    spacing = width / columns
+    trimesh.creation.box((1.0, 1.0, 1.0)).export("box.obj")
+    settings = DFSPH | {
+        "sim2D": True, "gravitation": [0.0, -9.81, 0.0], "boundaryHandlingMethod": 0,  # Akinci et al. 2012
+        "cflMaxTimeStepSize": step, "timeStepSize": step, "stopAt": times[-1],
+    }  # fmt: skip
+    tank = {
+        "geometryFile": "box.obj", "translation": [0.5 * length, 0.5 * height, 0.0],
+        "scale": [length, height, 4.0 * width], "isDynamic": False, "isWall": True, "mapInvert": True,
+        "samplingMode": 1,
+    }  # fmt: skip
+    liquid = {
+        "start": [GAP * spacing, GAP * spacing, -width],
+        "end": [width + (1.0 + GAP) * spacing, 2.0 * width + (1.0 + GAP) * spacing, width],
     }
+    base = simulator(peer, scene(spacing, settings, liquid, False, RigidBodies=[tank]))
+
+    def see(position: Any) -> dict[str, float]:
+        front = front_position(position[:, :2].astype(float), spacing)
+        return {"front": front.connected - (0.5 + GAP) * spacing}
+
+    return watched(peer, base, times, see, (viscosity, 0.0), spacing, shake, flat=True)
 
 
-def _simulator(peer: Any, scene: Mapping[str, Any]) -> Any:
+def simulator(peer: Any, scene: Mapping[str, Any], **options: Any) -> Any:
     """Its simulator with a scene file in the working folder."""
     Path("scene.json").write_text(json.dumps(scene))
-    base = peer.Exec.SimulatorBase()
-    base.init(
-        sceneFile=os.path.abspath("scene.json"), useGui=False, initialPause=False, outputDir=os.path.abspath("output")
-    )
+    base, paths = peer.Exec.SimulatorBase(), {"sceneFile": "scene.json", "outputDir": "output"}
+    made = {name: os.path.abspath(path) for name, path in paths.items()}
+    base.init(useGui=False, initialPause=False, **made, **options)
     return base
 
 
 def work(work: str, **given: Any) -> dict[str, Any]:
     """One of the three."""
-    return {"block": block, "drop": drop, "column": column}[work](**given)
+    found = {"block": block, "drop": drop, "column": column}[work](**given)
+    return {**found, "version": importlib.metadata.version("pySPlisHSPlasH")}
 
 
 if __name__ == "__main__":

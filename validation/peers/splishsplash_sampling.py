@@ -8,17 +8,15 @@ less densely: a disk's radius is `scale` times that of the particles, for as man
 from __future__ import annotations
 
 import importlib.metadata
-import json
 import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from validation.peers import answer, launch
-from validation.peers.splishsplash import graphics_libraries, missing
+from validation.peers import answer
+from validation.peers.splishsplash import launched, missing, simulator
 
-TIME_LIMIT = 600.0  # s
 SCALE = 1.44  # for 10,000 particles on a sphere, and less for more particles
 
 
@@ -29,9 +27,8 @@ def run(vertices: np.ndarray, faces: np.ndarray, radius: float, threads: int, sc
     """
     if missing():
         return {"missing": missing()}
-    environment = {"OMP_NUM_THREADS": str(threads), **graphics_libraries()}
     given = {"vertices": vertices, "faces": faces, "radius": scale * radius}
-    return launch("splishsplash_sampling", "SPlisHSPlasH", given, environment, TIME_LIMIT)
+    return launched("splishsplash_sampling", given, threads, 600.0)
 
 
 def work(vertices: np.ndarray, faces: np.ndarray, radius: float) -> dict[str, Any]:
@@ -43,10 +40,8 @@ def work(vertices: np.ndarray, faces: np.ndarray, radius: float) -> dict[str, An
     rows += [f"f {a} {b} {c}" for a, b, c in np.asarray(faces) + 1]
     (folder / "mesh.obj").write_text("\n".join(rows) + "\n")
     scene = {
-        "Configuration": {
-            "particleRadius": radius, "simulationMethod": 4, "boundaryHandlingMethod": 0, "timeStepSize": 1e-3,
-            "stopAt": 1e-3,
-        },
+        "Configuration": {"particleRadius": radius, "simulationMethod": 4, "boundaryHandlingMethod": 0,
+                          "timeStepSize": 1e-3, "stopAt": 1e-3},
         "Materials": [{"id": "Fluid", "density0": 1000.0}],
         "RigidBodies": [
             {
@@ -58,10 +53,7 @@ def work(vertices: np.ndarray, faces: np.ndarray, radius: float) -> dict[str, An
             {"denseMode": 0, "start": [9.0, 9.0, 9.0], "end": [9.0 + 6 * radius] * 3, "id": "Fluid"}
         ],
     }  # fmt: skip
-    (folder / "scene.json").write_text(json.dumps(scene))
-    base = peer.Exec.SimulatorBase()
-    base.init(sceneFile=str(folder / "scene.json"), useGui=False, initialPause=False, useCache=False,
-              outputDir=str(folder))  # fmt: skip
+    base = simulator(peer, scene, useCache=False)
     base.initSimulation()
     began = time.perf_counter()
     base.getBoundarySimulator().initBoundaryData()

@@ -13,10 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from validation.peers import answer, launch
-from validation.peers.splishsplash import _simulator, graphics_libraries, missing
+from validation.peers import answer
+from validation.peers.splishsplash import WCSPH, coefficients, launched, missing, scene, simulator
 
 __all__ = ["missing", "run"]
+
 
 STEP = 1e-6  # s: fields of the beginning of the first step are read, so that its length does not matter
 
@@ -32,54 +33,24 @@ def run(position: NDArray, velocity: NDArray, threads: int, **settings: float) -
     term, zero without tension. "mass" and "support" radius are its choice. After viscosity and tension it raises
     densities below the rest density to that; "density" (n,) is what it has then.
     """
-    environment = {"OMP_NUM_THREADS": str(threads), **graphics_libraries()}
     given = {"position": position, "velocity": velocity, **settings}
-    return launch("splishsplash_terms", "SPlisHSPlasH", given, environment, 120.0)
+    return launched("splishsplash_terms", given, threads, 120.0)
 
 
 def terms(
-    position: NDArray,
-    velocity: NDArray,
-    spacing: float,
-    density: float,
-    stiffness: float,
-    viscosity: float,
+    position: NDArray, velocity: NDArray, spacing: float, density: float, stiffness: float, viscosity: float,
     tension: float,
-) -> Mapping[str, Any]:
+) -> Mapping[str, Any]:  # fmt: skip
     """Take the step in this process."""
     import pysplishsplash as peer
 
     side = round(len(position) ** (1 / 3))
-    scene = {
-        "Configuration": {
-            "particleRadius": 0.5 * spacing,
-            "simulationMethod": 0,  # WCSPH
-            "gravitation": [0.0, 0.0, 0.0],
-            "cflMethod": 0,
-            "timeStepSize": STEP,
-            "stopAt": 0.5 * STEP,
-            "enableZSort": False,
-        },
-        "Materials": [
-            {
-                "id": "Fluid",
-                "density0": density,
-                "viscosityMethod": 1,  # standard
-                "surfaceTensionMethod": 2 if tension else 0,  # Akinci et al. 2013
-            }
-        ],
-        "FluidBlocks": [{"denseMode": 0, "start": [0.0] * 3, "end": [(side + 1) * spacing] * 3, "id": "Fluid"}],
-    }
-    base = _simulator(peer, scene)
+    block = {"start": [0.0] * 3, "end": [(side + 1) * spacing] * 3}
+    given = {"stopAt": 0.5 * STEP, "enableZSort": False}
+    base = simulator(peer, scene(spacing, WCSPH | {"timeStepSize": STEP} | given, block, tension > 0, density))
     base.initSimulation()
     simulation = peer.Simulation.getCurrent()
-    fluid = simulation.getFluidModel(0)
-    fluid.getViscosityBase().setValueFloat(peer.Viscosity_Standard.VISCOSITY_COEFFICIENT, viscosity)
-    if tension:
-        fluid.getSurfaceTensionBase().setValueFloat(peer.SurfaceTension_Akinci2013.SURFACE_TENSION, tension)
-    method = simulation.getTimeStep()
-    method.setValueFloat(peer.TimeStepWCSPH.STIFFNESS, stiffness)
-    method.setValueFloat(peer.TimeStepWCSPH.EXPONENT, 1.0)
+    fluid = coefficients(peer, viscosity, tension, stiffness)
     count = int(fluid.numActiveParticles())
     if count != len(position):
         raise ValueError(f"it made {count} particles of {len(position)}")
@@ -97,14 +68,10 @@ def terms(
         normal[:] = [fluid.getSurfaceTensionBase().getNormal(i) for i in range(count)]
     both = np.array([fluid.getAcceleration(i) for i in range(count)], dtype=float)  # after the step: the sum of all
     return {
-        "density": field("density"),
-        "pressure": pressure,
-        "other": both - pressure,
-        "normal": normal,
-        "support": float(simulation.getSupportRadius()),
-        "mass": density * float(fluid.getVolume(0)),
+        "density": field("density"), "pressure": pressure, "other": both - pressure, "normal": normal,
+        "support": float(simulation.getSupportRadius()), "mass": density * float(fluid.getVolume(0)),
         "version": importlib.metadata.version("pySPlisHSPlasH"),
-    }
+    }  # fmt: skip
 
 
 if __name__ == "__main__":

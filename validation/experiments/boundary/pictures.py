@@ -16,10 +16,12 @@ from validation.drawing import (
     GREY,
     ORANGE,
     VERMILION,
+    caption,
     packed,
+    shared_legend,
     unpacked,
     view_matrix,
-)  # fmt: skip
+)
 from validation.experiment import Picture, Results
 from validation.experiments.boundary.runs import ARMS, DENSITY, GRAVITY, MEASURED, POUR, RAINED
 from validation.experiments.boundary.scene import SHAPES
@@ -66,26 +68,17 @@ def shape_picture(data: Mapping[str, Any]) -> Any:
         axes.set(aspect="equal")
         axes.set_axis_off()
         axes.set_title(f"{shape.capitalize()}: {row['particles']:,} particles")
-        axes.text(
-            0.5, -0.02,
-            f"least/mean {row['least']:.3f}, variation {row['variation']:.3f}\n{row['iterations']} iterations,"
-            f" {row['holes']} holes",
-            transform=axes.transAxes, ha="center", va="top", fontsize=8, color=GREY,
-        )  # fmt: skip
+        words = f"least/mean {row['least']:.3f}, variation {row['variation']:.3f}"
+        caption(axes, f"{words}\n{row['iterations']} iterations, {row['holes']} holes")
     figure.colorbar(last, ax=panels, shrink=0.6, label="distance to the nearest particle / 2 r")
     return figure
 
 
 def convergence_data(results: Results) -> dict[str, Any]:
     """Displacements of the iterations, adopted and printed, and errors of the distance over the spacing."""
-    printed = results["sampling_printed"]
-    made: dict[str, Any] = {
-        "title": "Relaxation and distance", "adopted": printed.arrays["adopted"], "printed": printed.arrays["printed"],
-        "distance": {},
-    }  # fmt: skip
-    for shape in COLOURS:
-        made["distance"][shape] = results[f"distance_{shape}"].values["rows"]
-    return made
+    printed = results["sampling_printed"].arrays
+    distance = {shape: results[f"distance_{shape}"].values["rows"] for shape in COLOURS}
+    return {"title": "Relaxation and distance", **{k: printed[k] for k in ("adopted", "printed")}, "distance": distance}
 
 
 def convergence_picture(data: Mapping[str, Any]) -> Any:
@@ -126,14 +119,11 @@ def pour_data(results: Results) -> dict[str, Any]:
     rows = []
     for shape in POUR:
         for arm, words in ARMS.items():
-            result = results.get(f"flow_pour_{shape}_{arm}")
-            if result is None:
-                continue
-            frames = [
-                {"time_s": frame["time"], "components": frame["components"], "holes": frame["holes"]}
-                for frame in (result.values["frames"][k] for k in (2, 5))
-            ]
-            rows.append({"shape": shape, "arm": words, "frames": frames})
+            if f"flow_pour_{shape}_{arm}" in results:
+                seen = results[f"flow_pour_{shape}_{arm}"].values["frames"]
+                frames = [{"time_s": f["time"], "components": f["components"], "holes": f["holes"]}
+                          for f in (seen[2], seen[5])]  # fmt: skip
+                rows.append({"shape": shape, "arm": words, "frames": frames})
     return {"title": "Liquid poured on solids, by tension", "rows": rows}
 
 
@@ -151,14 +141,9 @@ def pour_picture(data: Mapping[str, Any]) -> Any:
         axes.set_xticks(range(len(shapes)), shapes)
         axes.set(title=f"{words} of the liquid at the end")
         axes.grid(True, axis="y")
-    handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=len(arms))
-    ranges = {
-        arm: (min(found), max(found))
-        for arm in arms
-        for found in [[end[shape, arm]["components"] for shape in shapes if (shape, arm) in end]]
-    }
-    counts = "; ".join(f"{arm}: {low} to {high}" for arm, (low, high) in ranges.items())
+    shared_legend(figure, panels[:1], ncols=len(arms))
+    found = {arm: [end[shape, arm]["components"] for shape in shapes if (shape, arm) in end] for arm in arms}
+    counts = "; ".join(f"{arm}: {min(parts)} to {max(parts)}" for arm, parts in found.items())
     figure.suptitle(f"Parts of the poured liquid: {counts}", fontsize=8.5, fontweight="bold")
     return figure
 
@@ -212,14 +197,11 @@ def rain_picture(data: Mapping[str, Any]) -> Any:
 
 def tank_data(results: Results) -> dict[str, Any]:
     """Pressure of every particle by height, mean of the last tenth of the steps."""
-    result = results["flow_tank"]
+    values, arrays = results["flow_tank"].values, results["flow_tank"].arrays
     return {
-        "title": "A tank at rest: pressure by height, over 10,000 steps",
-        "height_m": result.arrays["height"].round(5),
-        "pressure_pa": result.arrays["pressure"].round(2),
-        "surface_m": real(result.values["surface_m"]),
-        "level_m": real(result.values["level_m"]),
-    }
+        "title": "A tank at rest: pressure by height, over 10,000 steps", "height_m": arrays["height"].round(5),
+        "pressure_pa": arrays["pressure"].round(2), **{name: real(values[name]) for name in ("surface_m", "level_m")},
+    }  # fmt: skip
 
 
 def tank_picture(data: Mapping[str, Any]) -> Any:
@@ -234,25 +216,11 @@ def tank_picture(data: Mapping[str, Any]) -> Any:
 
 
 PICTURES = (
-    Picture(
-        "boundary_sampling",
-        shape_data,
-        shape_picture,
-        tuple(f"sampling_{shape}" for shape in SHAPES),
-        shaded=True,
-    ),
-    Picture(
-        "boundary_convergence",
-        convergence_data,
-        convergence_picture,
-        ("sampling_printed", *(f"distance_{shape}" for shape in MEASURED)),
-    ),
+    Picture("boundary_sampling", shape_data, shape_picture, tuple(f"sampling_{s}" for s in SHAPES), shaded=True),
+    Picture("boundary_convergence", convergence_data, convergence_picture,
+            ("sampling_printed", *(f"distance_{shape}" for shape in MEASURED))),
     Picture("boundary_pouring", pour_data, pour_picture, ("flow_pour_sphere_difference",), shaded=True),
-    Picture(
-        "boundary_penetration",
-        rain_data,
-        rain_picture,
-        tuple(f"flow_rain_{s}_{c}_1" for s in RAINED for c in ("none", "swept")),
-    ),
+    Picture("boundary_penetration", rain_data, rain_picture,
+            tuple(f"flow_rain_{s}_{c}_1" for s in RAINED for c in ("none", "swept"))),
     Picture("boundary_tank", tank_data, tank_picture, ("flow_tank",)),
-)
+)  # fmt: skip

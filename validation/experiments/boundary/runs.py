@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 import time
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import msgspec
@@ -29,7 +28,7 @@ from refsim import (
     Simulation,
     WeaklyCompressible,
 )
-from refsim.backends.arrays import Backend, choose, set_threads
+from refsim.backends.arrays import Backend, choose
 from refsim.backends.compile import cpu_kernel
 from refsim.boundary.mesh import SurfaceMesh, load_mesh, surface_mesh
 from refsim.boundary.sampling import HEXAGONAL, MOST_ITERATIONS, relaxed, sample
@@ -41,29 +40,25 @@ from refsim.neighbours import NeighbourSearch
 from refsim.scene.plan import Plan, make_plan
 from refsim.sparse_grid.reference import node_table
 from refsim.winding_number.reference import solid_angles
-from validation.checks import Checks
+from validation.checks import Checks, Quantities
 from validation.experiment import Experiment, Family, Measure, Options, Results, Run, alike
 from validation.experiments.boundary.scene import FLOW_SHAPES as SOLIDS
 from validation.experiments.boundary.scene import (
     SHAPES,
     SPACING,
     SUPPORT,
-    cube,
     cup,
     known_distance,
     mesh_file,
     mesh_of,
-    needle,
-    sphere,
     tilted,
 )
 from validation.metrics.shapes import lattice_ball
 from validation.peers import libigl, splishsplash_sampling
-from validation.reading import Reading, distribution, measured
 from validation.results import Result, real
-from validation.running import Context, search_log
-from validation.trials import Trial
-from validation.turns import rounds
+from validation.running import Context, on_threads, search_log
+from validation.trials import Trial, hard_case
+from validation.turns import Outcome, Settings, distribution, in_turns, panel
 from validation.work_precision import order_from_errors
 
 DARTS = 30  # places for each particle at which holes are sought
@@ -160,25 +155,21 @@ def score(position: np.ndarray, normal: np.ndarray, made: Any, radius: float, se
 
 def scorecard(context: Context, shape: str, count: int, backend: str, threads: int | None, seed: int = 0) -> Result:
     """Particles on one shape: how even they are, and what it took."""
-    there = choose(backend)
     made = SHAPES[shape]()
     mesh = mesh_of(made, shape)
     radius = radius_for(mesh.area, count)
-    set_threads(there, threads)
-    try:
+    with on_threads(backend, threads) as there:
         sample(mesh, 2 * radius, backend=there, seed=seed)  # compiles
         began = time.perf_counter()
         found = sample(mesh, radius, backend=there, seed=seed)
         seconds = time.perf_counter() - began
-    finally:
-        set_threads(there, None)
     context.progress(0.6)
     values = score(found.position, found.normal, made, radius)
     values |= {
         "shape": shape, "radius": radius, "iterations": found.iterations, "converged": found.converged,
         "seconds": seconds, "triangles": len(mesh.faces), "notes": list(found.notes),
     }  # fmt: skip
-    return Result(values, {"position": found.position, "normal": found.normal, "residuals": found.residuals})
+    return Result(values, {"position": found.position, "normal": found.normal})
 
 
 def printed(context: Context, shape: str, count: int, backend: str, iterations: int) -> Result:
@@ -228,14 +219,12 @@ def distance_errors(
         distance, _ = band.at(there.asarray(place.astype(dtype)))
         error = np.abs(there.host(distance) - known)
         clear = np.abs(known) > 2 * error.max()
-        rows.append(
-            {
-                "spacing": spacing, "rms": float(np.sqrt((error**2).mean())), "largest": float(error.max()),
-                "largest_in_spacings": float(error.max()) / spacing, "bytes": band.nbytes,
-                "wrong_signs": int((np.sign(there.host(distance)) != np.sign(known))[clear].sum()),
-                "triangles": len(mesh.faces),
-            }
-        )  # fmt: skip
+        rows.append({
+            "spacing": spacing, "rms": float(np.sqrt((error**2).mean())), "largest": float(error.max()),
+            "largest_in_spacings": float(error.max()) / spacing, "bytes": band.nbytes,
+            "wrong_signs": int((np.sign(there.host(distance)) != np.sign(known))[clear].sum()),
+            "triangles": len(mesh.faces),
+        })  # fmt: skip
         context.progress((k + 1) / len(spacings))
     return Result({"shape": shape, "rows": rows})
 
@@ -243,9 +232,6 @@ def distance_errors(
 def exact_nodes(context: Context, shape: str, spacing: float, level: int, backend: str) -> Result:
     """Node values against the exact closest triangle of trimesh, and signs against the winding number, in float32."""
     import trimesh
-
-    from refsim.sparse_grid.reference import node_table
-    from refsim.winding_number.reference import solid_angles
 
     made = SHAPES[shape](level)
     mesh = mesh_of(made, shape)
@@ -259,114 +245,49 @@ def exact_nodes(context: Context, shape: str, spacing: float, level: int, backen
     found = field.distance[rows]
     clear = distance > 1e-5
     signs = np.concatenate([solid_angles(p[None], mesh.corners)[0].sum(1) for p in place[clear]]) > 2 * np.pi
-    context.progress(1.0)
-    return Result(
-        {
-            "shape": shape, "nodes": len(rows), "error": float(np.abs(np.abs(found) - distance).max()) / spacing,
-            "wrong_signs": int(np.count_nonzero((found[clear] < 0) != signs)),
-        }
-    )  # fmt: skip
-
-
-def marked_region(context: Context, count: int, repeats: int, threads: int | None) -> Result:
-    """Cost of asking the field where particles are, when few and when all of them are near the boundary.
-
-    A particle outside the marked blocks is answered by one search in the table of keys; testing every particle means
-    the distance from the mesh, here by an exact query for a few of them.
-    """
-    import trimesh
-
-    there = choose("cpu")
-    made = SHAPES["organic"](5)
-    mesh = mesh_of(made, "organic")
-    band = signed_distance(mesh, 0.02)
-    random = np.random.default_rng(0)
-    far = random.uniform(2.0, 4.0, (count, 3)).astype(np.float32)
-    near = near_surface(made, 0.04, count, 1).astype(np.float32)
-    rows = {}
-    set_threads(there, threads)
-    try:
-        for name, place in (("far", far), ("near", near)):
-            band.at(place)
-            spent = []
-            for _ in range(repeats):
-                began = time.perf_counter()
-                band.at(place)
-                spent.append(time.perf_counter() - began)
-            rows[name] = 1e9 * float(np.median(spent)) / count
-    finally:
-        set_threads(there, None)
-    few = near[:200].astype(float)
-    trimesh.proximity.closest_point(made, few)
-    began = time.perf_counter()
-    trimesh.proximity.closest_point(made, few)
-    rows["every"] = 1e9 * (time.perf_counter() - began) / len(few)
-    context.progress(1.0)
-    return Result({"nanoseconds": rows, "particles": count, "triangles": len(mesh.faces), "threads": threads})
+    return Result({
+        "shape": shape, "nodes": len(rows), "error": float(np.abs(np.abs(found) - distance).max()) / spacing,
+        "wrong_signs": int(np.count_nonzero((found[clear] < 0) != signs)),
+    })  # fmt: skip
 
 
 def against_peers(context: Context, level: int, count: int, threads: int, rounds: int, scale: float) -> Result:
     """A mesh to particles, beside pySPlisHSPlasH's surface sampling, and a field's nodes, beside libigl, in turn.
 
     scale  of the other program's disks, so that it makes as many particles
-
-    refsim's sampling is timed twice: to its end, and stopped as soon as it is as even as the other program's.
     """
-    there = choose("cpu")
     made = SHAPES["organic"](level)
     mesh = mesh_of(made, "organic")
     radius = radius_for(mesh.area, count)
-    values: dict[str, Any] = {"triangles": len(mesh.faces), "radius": radius, "threads": threads}
-    set_threads(there, threads)
-    own: dict[str, list[float]] = {"sampling": [], "as_even": [], "field": []}
+    own: dict[str, list[float]] = {"sampling": [], "field": []}
     other: dict[str, list[float]] = {"sampling": [], "field": []}
-    peer: dict[str, Any] = {}
-    nodes: dict[str, Any] = {}
-    few: dict[str, Any] = {}
-    folder = TemporaryDirectory()
-    file = Path(folder.name) / "mesh.obj"
-    made.export(file)
-    try:
+    with mesh_file(made) as file, on_threads("cpu", threads):
         sample(mesh, 4 * radius)
         for k in range(rounds):
             began = time.perf_counter()
-            band = signed_distance(mesh, radius)
-            nodes_there = band.field.distance.shape[0]
+            nodes_there = signed_distance(mesh, radius).field.distance.shape[0]
             own["field"].append((time.perf_counter() - began) / nodes_there)
-            del band
             began = time.perf_counter()
-            found = sample(load_mesh(file), radius)  # the other program reads the file, too
+            found = sample(load_mesh(Path(file)), radius)  # the other program reads the file, too
             own["sampling"].append(time.perf_counter() - began)
-            context.progress((3 * k + 1) / (3 * rounds))
             peer = splishsplash_sampling.run(made.vertices, made.faces, radius, threads, scale)
-            if "missing" not in peer:
-                other["sampling"].append(peer["seconds"])
-                spread = blueness(peer.pop("position"), mesh.area)
-                if not few:
-                    few = as_even_as(spread, mesh, radius)
-                began = time.perf_counter()
-                sample(load_mesh(file), radius, most_iterations=few["iterations"])
-                own["as_even"].append(time.perf_counter() - began)
-            context.progress((3 * k + 2) / (3 * rounds))
+            other["sampling"].append(peer.get("seconds", math.nan))
             nodes = libigl.run(made.vertices, made.faces, near_surface(made, 2 * radius, 20_000, k), threads)
-            if "missing" not in nodes:
-                other["field"].append(nodes["seconds_per_query"])
+            other["field"].append(nodes.get("seconds_per_query", math.nan))
             context.progress((k + 1) / rounds)
-    finally:
-        set_threads(there, None)
-    folder.cleanup()
-    values |= {"particles": len(found.position), "nodes": nodes_there, "own": own, "other": other}
-    values["quality"] = blueness(found.position, mesh.area)
-    values["iterations"] = found.iterations
-    values["missing"] = {"sampling": peer.get("missing", ""), "field": nodes.get("missing", "")}
-    if "missing" not in peer:
-        values["peer_quality"], values["as_even"] = spread, few
-        values["peer_particles"] = peer["particles"]
-        values["sampling_ratio"] = float(np.median(other["sampling"]) / np.median(own["sampling"]))
-        values["as_even_ratio"] = float(np.median(other["sampling"]) / np.median(own["as_even"]))
-    if "missing" not in nodes:
-        values["field_ratio"] = float(np.median(other["field"]) / np.median(own["field"]))
-    return Result(values)
+    ratios = {
+        f"{name}_ratio": float(np.median(other[name]) / np.median(own[name]))
+        for name, answer in (("sampling", peer), ("field", nodes)) if "missing" not in answer
+    }  # fmt: skip
+    quality = {} if "missing" in peer else {
+        "peer_quality": blueness(peer["position"], mesh.area), "peer_particles": peer["particles"]
+    }  # fmt: skip
+    return Result({
+        "triangles": len(mesh.faces), "radius": radius, "threads": threads, "particles": len(found.position),
+        "nodes": nodes_there, "own": own, "other": other, "quality": blueness(found.position, mesh.area),
+        "iterations": found.iterations, **ratios, **quality,
+        "missing": {"sampling": peer.get("missing", ""), "field": nodes.get("missing", "")},
+    })  # fmt: skip
 
 
 def blueness(position: np.ndarray, area: float) -> dict[str, float]:
@@ -376,181 +297,94 @@ def blueness(position: np.ndarray, area: float) -> dict[str, float]:
     return {**spread, "blue": spread["least"] * spread["mean"] / hexagonal}
 
 
-class _AsEven(Exception):
-    """The relaxation has come as far as was asked."""
-
-
-def as_even_as(wanted: dict[str, float], mesh: Any, radius: float) -> dict[str, Any]:
-    """After how many iterations the particles are as even as `wanted`, in variation and blue-noise ratio."""
-    reached: dict[str, Any] = {}
-
-    def look(iteration: int, position: Any) -> None:
-        spread = blueness(np.asarray(position, dtype=float), mesh.area)
-        reached.update(iterations=iteration, **spread)
-        if spread["variation"] <= wanted["variation"] and spread["blue"] >= wanted["blue"]:
-            raise _AsEven
-
-    with suppress(_AsEven):
-        sample(mesh, radius, watch=look)
-    return reached
-
-
 # What accuracy costs
 
 PLACES = 4000
 
 
-def quality(
-    context: Context, settings: Mapping[str, Mapping[str, Any]], backend: str, threads: int | None, repeats: int
-) -> Result:
+def quality(context: Context, settings: Settings, backend: str, threads: int | None, repeats: int) -> Result:
     """Coefficient of variation of the spacing on the organic shape, and seconds, for each number of iterations."""
-    there = choose(backend)
-    set_threads(there, threads)
     mesh = mesh_of(SHAPES["organic"](4), "organic")
-    radius = {key: radius_for(mesh.area, setting["count"]) for key, setting in settings.items()}
-    made: dict[str, Any] = {}
 
-    def sampled(key: str, k: int) -> float:
-        setting = settings[key]
+    def sampled(context: Context, setting: Mapping[str, Any], repeat: int) -> Outcome:
         began = time.perf_counter()
-        made[key] = sample(
-            mesh, radius[key], most_iterations=setting["iterations"], backend=there, dtype=setting["knobs"]["dtype"]
+        made = sample(
+            mesh, radius_for(mesh.area, setting["count"]), most_iterations=setting["iterations"], backend=there,
+            dtype=setting["knobs"]["dtype"],
+        )  # fmt: skip
+        seconds = time.perf_counter() - began
+        nearest = cKDTree(made.position).query(made.position, k=2)[0][:, 1]
+        off = {"distance to the nearest / mean - 1": distribution(nearest / nearest.mean() - 1)}
+        value = evenness(made.position)["variation"]
+        return Outcome(value, seconds, made.iterations, len(made.position), distribution=off)
+
+    with on_threads(backend, threads) as there:
+        return panel(sampled, lambda context, setting: sampled(context, setting, 0))(
+            context, settings, backend, threads, repeats
         )
-        return time.perf_counter() - began
-
-    readings = []
-    try:
-        first = {key: sampled(key, 0) for key in settings}
-        spent = rounds(context, settings, sampled, float, repeats)
-        for key, setting in settings.items():
-            found, seconds = made[key], spent[key].means(float)
-            nearest = cKDTree(found.position).query(found.position, k=2)[0][:, 1]
-            error = evenness(found.position)["variation"]
-            readings.append(
-                Reading(
-                    key, setting["words"], {**setting["knobs"], "iterations": found.iterations}, error=error,
-                    value=error, seconds=seconds, per_step=[s / max(found.iterations, 1) for s in seconds],
-                    parts={"sampling": seconds}, compile=first[key],
-                    distribution={"distance to the nearest / mean - 1": distribution(nearest / nearest.mean() - 1)},
-                    particles=len(found.position), steps=found.iterations, noise=spent[key].noise,
-                )
-            )  # fmt: skip
-    finally:
-        set_threads(there, None)
-    return measured(readings, threads, backend)
 
 
-def quality_by_splishsplash(
-    context: Context, settings: Mapping[str, Mapping[str, Any]], threads: int, repeats: int
-) -> Result:
-    """The same shape sampled by SPlisHSPlasH, with as many particles ("count"), as readings like the others."""
+def quality_by_splishsplash(context: Context, settings: Settings, threads: int, repeats: int) -> Result:
+    """The same shape sampled by SPlisHSPlasH, with as many particles ("count")."""
     made = SHAPES["organic"](4)
     area = mesh_of(made, "organic").area
-    last: dict[str, dict[str, Any]] = {}
 
-    def sampled(key: str, k: int) -> float:
-        radius = radius_for(area, settings[key]["count"])
-        last[key] = splishsplash_sampling.run(made.vertices, made.faces, radius, threads)
-        return float(last[key].get("seconds", 0.0))
+    def sampled(context: Context, setting: Mapping[str, Any], repeat: int) -> Outcome:
+        radius = radius_for(area, setting["count"])
+        found = splishsplash_sampling.run(made.vertices, made.faces, radius, threads)
+        if "missing" in found:
+            return Outcome(stopped=f"missing: {found['missing']}")
+        return Outcome(evenness(found["position"])["variation"], found["seconds"], particles=found["particles"])
 
-    spent = rounds(context, settings, sampled, float, repeats)
-    readings = []
-    for key, setting in settings.items():
-        common = {"key": key, "words": setting["words"], "knobs": setting["knobs"], "expected": True}
-        if "missing" in last[key]:
-            readings.append(Reading(**common, stopped=f"missing: {last[key]['missing']}"))
-            continue
-        error, seconds = evenness(last[key]["position"])["variation"], spent[key].means(float)
-        readings.append(
-            Reading(
-                **common, error=error, value=error, seconds=seconds, per_step=seconds, parts={"sampling": seconds},
-                particles=last[key]["particles"], noise=spent[key].noise,
-            )
-        )  # fmt: skip
-    return measured(readings, threads, "peer")
+    return in_turns(context, settings, sampled, threads, repeats, "peer")
 
 
-def distance(
-    context: Context, settings: Mapping[str, Mapping[str, Any]], backend: str, threads: int | None, repeats: int
-) -> Result:
+def distance(context: Context, settings: Settings, backend: str, threads: int | None, repeats: int) -> Result:
     """Root mean square error of the trilinear distance from a ball near its surface, seconds and bytes."""
-    there = choose(backend)
-    set_threads(there, threads)
     made = SHAPES["sphere"](6)
     mesh = mesh_of(made, "sphere")
     place = near_surface(made, 0.04, PLACES, 0)
-    known = known_distance("sphere", place)
-    bands: dict[str, Any] = {}
 
-    def banded(key: str, k: int) -> float:
-        knobs = settings[key]["knobs"]
+    def banded(context: Context, setting: Mapping[str, Any], repeat: int) -> Outcome:
+        dtype = setting["knobs"]["dtype"]
         began = time.perf_counter()
-        bands[key] = signed_distance(mesh, knobs["spacing"], backend=there, dtype=knobs["dtype"])
+        band = signed_distance(mesh, setting["knobs"]["spacing"], backend=there, dtype=dtype)
         there.synchronize()
-        return time.perf_counter() - began
+        seconds = time.perf_counter() - began
+        found = there.host(band.at(there.asarray(place.astype(dtype)))[0]).astype(float)
+        return _off_sphere(place, found, seconds, band.nbytes)
 
-    readings = []
-    try:
-        first = {key: banded(key, 0) for key in settings}
-        spent = rounds(context, settings, banded, float, repeats)
-        for key, setting in settings.items():
-            band, seconds = bands[key], spent[key].means(float)
-            points = there.asarray(place.astype(setting["knobs"]["dtype"]))
-            error = there.host(band.at(points)[0]).astype(float) - known
-            rms = float(np.sqrt((error**2).mean()))
-            knobs = {**setting["knobs"], "bytes": band.nbytes}
-            readings.append(
-                Reading(
-                    key, f"{setting['words']}, {band.nbytes / 2**20:.2f} MiB", knobs, error=rms, value=rms,
-                    seconds=seconds, per_step=seconds, parts={"field": seconds}, compile=first[key],
-                    distribution={"error [m]": distribution(error)}, particles=PLACES, bytes=band.nbytes // PLACES,
-                    noise=spent[key].noise,
-                )
-            )  # fmt: skip
-    finally:
-        set_threads(there, None)
-    return measured(readings, threads, backend)
+    with on_threads(backend, threads) as there:
+        return panel(banded, lambda context, setting: banded(context, setting, 0))(
+            context, settings, backend, threads, repeats
+        )
 
 
-def distance_by_libigl(
-    context: Context, settings: Mapping[str, Mapping[str, Any]], threads: int, repeats: int
-) -> Result:
+def _off_sphere(place: np.ndarray, found: np.ndarray, seconds: float, nbytes: int) -> Outcome:
+    error = found - known_distance("sphere", place)
+    rms = float(np.sqrt((error**2).mean()))
+    off = {"error [m]": distribution(error)}
+    return Outcome(rms, seconds, particles=len(place), bytes=nbytes // len(place), distribution=off)
+
+
+def distance_by_libigl(context: Context, settings: Settings, threads: int, repeats: int) -> Result:
     """The field with libigl's distances at its nodes, trilinear between them; seconds of libigl's tree and queries."""
-    there = choose("cpu")
     made = SHAPES["sphere"](6)
     mesh = mesh_of(made, "sphere")
     place = near_surface(made, 0.04, PLACES, 0)
-    known = known_distance("sphere", place)
-    bands = {key: signed_distance(mesh, s["knobs"]["spacing"], dtype="float64") for key, s in settings.items()}
-    nodes = {key: band.spacing * node_table(band.blocks) + mesh.origin for key, band in bands.items()}
-    found: dict[str, dict[str, Any]] = {}
 
-    def queried(key: str, k: int) -> float:
-        found[key] = libigl.run(made.vertices, made.faces, nodes[key], threads)
-        missing = found[key].get("missing", "")
-        return 0.0 if missing else found[key]["tree"] + found[key]["seconds_per_query"] * len(nodes[key])
-
-    spent = rounds(context, settings, queried, float, repeats)
-    readings = []
-    for key, setting in settings.items():
-        common = {"key": key, "words": setting["words"], "knobs": setting["knobs"], "expected": True}
-        if "missing" in found[key]:
-            readings.append(Reading(**common, stopped=f"missing: {found[key]['missing']}"))
-            continue
-        seconds = spent[key].means(float)
-        own = bands[key]
-        distance = np.clip(found[key]["distance"], -own.band, own.band)
+    def queried(context: Context, setting: Mapping[str, Any], repeat: int) -> Outcome:
+        own = signed_distance(mesh, setting["knobs"]["spacing"], dtype="float64")
+        nodes = own.spacing * node_table(own.blocks) + mesh.origin
+        found = libigl.run(made.vertices, made.faces, nodes, threads)
+        if "missing" in found:
+            return Outcome(stopped=f"missing: {found['missing']}")
+        distance = np.clip(found["distance"], -own.band, own.band)
         other = replace(own, field=own.field._replace(distance=distance))
-        error = there.host(other.at(place)[0]) - known
-        rms = float(np.sqrt((error**2).mean()))
-        readings.append(
-            Reading(
-                **common, error=rms, value=rms, seconds=seconds, per_step=seconds, parts={"field": seconds},
-                distribution={"error [m]": distribution(error)}, particles=PLACES, bytes=distance.nbytes // PLACES,
-                noise=spent[key].noise,
-            )
-        )  # fmt: skip
-    return measured(readings, threads, "peer")
+        seconds = found["tree"] + found["seconds_per_query"] * len(nodes)
+        return _off_sphere(place, choose("cpu").host(other.at(place)[0]), seconds, distance.nbytes)
+
+    return in_turns(context, settings, queried, threads, repeats, "peer")
 
 
 # Runs of liquid at meshes: rain, a resting tank, pouring, and what the patent's tension amounts to.
@@ -576,22 +410,13 @@ def rain_drops(count: int = RAIN, seed: int = 1) -> NDArray:
     random = np.random.default_rng(seed)
     half, gap = 9 * SPACING, 1.2 * SPACING
     height = 2.6 * count * gap**3 / (2 * half) ** 2
-    kept: list[NDArray] = []
-    cells: dict[tuple[int, ...], list[NDArray]] = {}
-    while len(kept) < count:
+    kept, found = np.empty((count, 3)), 0
+    while found < count:
         p = random.uniform((-half, -half, 0), (half, half, height))
-        cell = tuple((p // gap).astype(int))
-        near = (
-            q
-            for a in (-1, 0, 1)
-            for b in (-1, 0, 1)
-            for c in (-1, 0, 1)
-            for q in cells.get((cell[0] + a, cell[1] + b, cell[2] + c), ())
-        )
-        if all(((p - q) ** 2).sum() > gap * gap for q in near):
-            kept.append(p)
-            cells.setdefault(cell, []).append(p)
-    return np.array(kept)
+        if (((p - kept[:found]) ** 2).sum(1) > gap * gap).all():
+            kept[found] = p
+            found += 1
+    return kept
 
 
 def rain(
@@ -601,29 +426,21 @@ def rain(
 
     share 1 is the runner's own step; other shares are fixed steps, so many times the first one.
     """
-    with mesh_file(SOLIDS[shape]()) as file:
-        return _rained(context, file, correction, share, backend, rain_drops(count, seed))
-
-
-def _rained(context: Context, file: str, correction: str, share: float, backend: str, drops: NDArray) -> Result:
-    boundary = MeshBoundary(file=file, correction=correction)  # type: ignore[arg-type]
-    drops = drops + np.array([0, 0, 10 * SPACING])
+    drops = rain_drops(count, seed) + np.array([0, 0, 10 * SPACING])
     floor = BoxWalls(lower=(-0.15, -0.15, -0.15), upper=(0.15, 0.15, 1.0), open_faces=("+z",))
-    options: dict[str, Any] = {}
-    runner = 0.4 * SUPPORT / (SOUND + 2)
-    if share != 1:
-        options["step"] = share * runner
-    scene = Scene(
-        spacing=SPACING, support_radius=SUPPORT, fluid=(Cloud(position=drops, velocity=(0.0, 0.0, -2.0)),),
-        effects=(liquid(), Gravity(), floor, boundary), **options,
-    )  # fmt: skip
-    simulation = context.simulation(scene, backend)
-    band = boundary.placed(simulation.plan.grid).band
-    ever = np.zeros(len(drops), dtype=bool)
-    deepest, reason, lengths = 0.0, "", []
+    step = 0.0 if share == 1 else share * 0.4 * SUPPORT / (SOUND + 2)
+    with mesh_file(SOLIDS[shape]()) as file:
+        boundary = MeshBoundary(file=file, correction=correction)  # type: ignore[arg-type]
+        scene = Scene(
+            spacing=SPACING, support_radius=SUPPORT, fluid=(Cloud(position=drops, velocity=(0.0, 0.0, -2.0)),),
+            effects=(liquid(), Gravity(), floor, boundary), step=step,
+        )  # fmt: skip
+        simulation = context.simulation(scene, backend)
+        band = boundary.placed(simulation.plan.grid).band
+    ever, deepest, reason = np.zeros(len(drops), dtype=bool), 0.0, ""
     try:
         while simulation.time < 0.17:
-            lengths.append(simulation.step().length)
+            simulation.step()
             found = depth(band, simulation.field("position"))
             ever |= found > INSIDE * SPACING
             deepest = max(deepest, float(found.max()))
@@ -631,20 +448,11 @@ def _rained(context: Context, file: str, correction: str, share: float, backend:
                 context.progress(simulation.time / 0.17)
     except RunStopped as stop:
         reason = stop.reason
-    at_end = depth(band, simulation.field("position")) > INSIDE * SPACING
-    corrections = int(simulation.field("corrections").sum()) if correction != "none" else 0
-    return Result(
-        {
-            "ever_inside": int(ever.sum()), "inside_at_end": int(at_end.sum()), "deepest_spacings": deepest / SPACING,
-            "corrections": corrections, "reason": reason, "steps": simulation.steps,
-            "step_s": float(np.mean(lengths)) if lengths else math.nan, "outside": _outside(simulation),
-        }
-    )  # fmt: skip
-
-
-def _outside(simulation: Simulation) -> int:
-    """Particles whose position is not finite."""
-    return int((~np.isfinite(simulation.field("position")).all(1)).sum())
+    return Result({
+        "ever_inside": int(ever.sum()), "deepest_spacings": deepest / SPACING, "reason": reason,
+        "corrections": int(simulation.field("corrections").sum()) if correction != "none" else 0,
+        "steps": simulation.steps,
+    })  # fmt: skip
 
 
 CELLS = (10, 10, 14)
@@ -785,25 +593,17 @@ def pour(context: Context, shape: str, arm: str, backend: str, seconds: float = 
 
 
 def texture(position: NDArray) -> dict[str, float]:
-    """Components of a liquid, lone particles, holes of its sheets, and how evenly its particles stand.
+    """Components of a liquid, whose particles belong together within 1.5 spacings, and its holes.
 
-    Particles belong together within 1.5 spacings. A hole is a ring in which the liquid's film has a gap: loops of the
-    graph that no triangles fill, counted by the Euler characteristic of edges and triangles of its thin parts.
+    A hole is a ring in which the liquid's film has a gap: loops of the graph that no triangles fill, counted by the
+    Euler characteristic of edges and triangles of its thin parts.
     """
-    tree = cKDTree(position)
-    pairs = tree.query_pairs(1.5 * SPACING, output_type="ndarray")
-    count = len(position)
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
 
-    graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
-    number, label = connected_components(graph, directed=False)
-    sizes = np.bincount(label)
-    nearest = tree.query(position, k=2)[0][:, 1] / SPACING
-    return {
-        "components": int(number), "lone": int((sizes == 1).sum()), "largest_share": float(sizes.max() / count),
-        "holes": flow_holes(position), "nearest_5": float(np.quantile(nearest, 0.05)),
-    }  # fmt: skip
+    pairs = cKDTree(position).query_pairs(1.5 * SPACING, output_type="ndarray")
+    graph = coo_matrix((np.ones(len(pairs)), tuple(pairs.T)), shape=(len(position),) * 2)
+    return {"components": int(connected_components(graph, directed=False)[0]), "holes": flow_holes(position)}
 
 
 def flow_holes(position: NDArray, cell: float = 0.5 * SPACING, reach: float = 0.85 * SPACING) -> int:
@@ -829,20 +629,13 @@ def flow_holes(position: NDArray, cell: float = 0.5 * SPACING, reach: float = 0.
 
 def euler(filled: NDArray) -> int:
     """Euler characteristic of a union of closed cubes: corners - edges + faces - cubes."""
-
-    def grown(axes: tuple[int, ...]) -> NDArray:
-        found = filled
-        for axis in axes:
-            ahead = [slice(None)] * 3
-            behind = [slice(None)] * 3
-            ahead[axis], behind[axis] = slice(1, None), slice(None, -1)
-            found = found[tuple(ahead)] | found[tuple(behind)]
-        return found
-
     total = 0
-    for number in range(8):
-        axes = tuple(c for c in range(3) if number >> c & 1)
-        total += (-1) ** (3 - len(axes)) * int(grown(axes).sum())
+    for joined in itertools.product((False, True), repeat=3):  # axes along which a cell of the complex is a joint
+        found = filled
+        for axis in np.flatnonzero(joined):
+            ahead, behind = (np.delete(found, end, axis) for end in (0, -1))
+            found = ahead | behind
+        total += (-1) ** (3 - sum(joined)) * int(found.sum())
     return total
 
 
@@ -878,14 +671,12 @@ def own_tension(context: Context, gamma: float, count: int, backend: str) -> Res
     radius = float((0.75 / math.pi * (mass / DENSITY).sum()) ** (1 / 3))
     core = away < 0.5 * radius
     inner = float(pressure[core].mean())
-    return Result(
-        {
-            "gamma": gamma, "particles": simulation.count, "radius": radius, "pressure": inner,
-            "sigma": 0.5 * inner * radius, "spread": float(pressure[core].std() / max(abs(inner), 1e-300)),
-            "core_density": float(density[core].mean() / DENSITY), "energy_share": energy[-1] / max(energy),
-            "extent": float(away.max() / radius),
-        }
-    )  # fmt: skip
+    return Result({
+        "gamma": gamma, "particles": simulation.count, "radius": radius, "pressure": inner,
+        "sigma": 0.5 * inner * radius, "spread": float(pressure[core].std() / max(abs(inner), 1e-300)),
+        "core_density": float(density[core].mean() / DENSITY), "energy_share": energy[-1] / max(energy),
+        "extent": float(away.max() / radius),
+    })  # fmt: skip
 
 
 def own_bound(context: Context, gamma: float, backend: str, layers: int = 15, steps: int = 300) -> Result:
@@ -1156,14 +947,12 @@ def rest(
     last = np.array(forces[-len(forces) // 5 :])
     noise = float(last.std() / weight) if len(last) else math.inf
     searches = simulation.search.log.rebuilds + getattr(run, "queries", 0)  # type: ignore[union-attr]
-    return Result(
-        {
-            "step": scene.step, "share": share, "lost": lost, "speed": speed, "noise": noise, "reason": reason,
-            "force": float(last.mean() / weight) if len(last) else math.nan,
-            "searches": searches / max(simulation.steps, 1),
-            "holds": bool(not reason and lost == 0 and speed < CALM),
-        }
-    )  # fmt: skip
+    return Result({
+        "step": scene.step, "share": share, "lost": lost, "speed": speed, "noise": noise, "reason": reason,
+        "force": float(last.mean() / weight) if len(last) else math.nan,
+        "searches": searches / max(simulation.steps, 1),
+        "holds": bool(not reason and lost == 0 and speed < CALM),
+    })  # fmt: skip
 
 
 def cost(context: Context, cells: tuple[int, int, int], steps: int, backend: str) -> Result:
@@ -1203,14 +992,12 @@ BLOCK = (20, 20, 16)  # particles of the tank that is timed
 
 def _rests(*couplings: str) -> Callable[[Options], list[Run]]:
     def runs(options: Options) -> list[Run]:
-        made = []
-        for tank, cells in TANKS.items():
-            for coupling in couplings:
-                for share in SHARES:
-                    given = {"coupling": coupling, "share": share, "backend": options.backend}
-                    given |= {"cells": cells} if tank else {}
-                    made.append(Run(f"rival{tank}_{coupling}_{share:g}", rest, given, 10.0))
-        return made
+        given = {"backend": options.backend}
+        return [
+            Run(f"rival{tank}_{coupling}_{share:g}", rest,
+                {"coupling": coupling, "share": share, **given, **({"cells": cells} if tank else {})}, 10.0)
+            for tank, cells in TANKS.items() for coupling in couplings for share in SHARES
+        ]  # fmt: skip
 
     return runs
 
@@ -1237,28 +1024,23 @@ def largest_share(results: Results, coupling: str, tank: str = "") -> float:
     return largest
 
 
-def _steps_over(rival: str) -> Measure:
-    """The coupling's largest step over the rival's, tank by tank; infinite where the rival holds at none."""
+def _over(rival: str, runs: Callable[..., Callable[[Options], list[Run]]], of: Callable[[Results, str], list[float]]
+          ) -> Measure:  # fmt: skip
+    """What `of` says of the coupling over what it says of a rival; infinite where that is 0."""
 
     def values(results: Results) -> list[float]:
-        found = []
-        for tank in TANKS:
-            own, other = (largest_share(results, coupling, tank) for coupling in ("own", rival))
-            found.append(own / other if other else float("inf"))
-        return found
+        return [own / other if other else math.inf for own, other in zip(of(results, "own"), of(results, rival))]
 
-    return Measure(_rests("own", rival), values)
+    return Measure(runs("own", rival), values)
 
 
-def _noise_over(rival: str) -> Measure:
-    def values(results: Results) -> list[float]:
-        found = []
-        for share in STARTS:
-            own, other = (results[f"rival_noise_{c}_{share:g}"].values["noise"] for c in ("own", rival))
-            found.append(real(own) / real(other))
-        return found
+def _largest_steps(results: Results, coupling: str) -> list[float]:
+    """The coupling's largest step, as a share of the runner's, tank by tank."""
+    return [largest_share(results, coupling, tank) for tank in TANKS]
 
-    return Measure(_calmed("own", rival), values)
+
+def _noises(results: Results, coupling: str) -> list[float]:
+    return [real(results[f"rival_noise_{coupling}_{share:g}"].values["noise"]) for share in STARTS]
 
 
 def _cost(options: Options) -> list[Run]:
@@ -1279,10 +1061,6 @@ def _of_step(results: Results, coupling: str) -> list[float]:
     return [real(share) for share in results["rival_cost"].values["shares"][coupling]]
 
 
-def _own_share(results: Results) -> list[float]:
-    return _of_step(results, "own")
-
-
 def _pours(options: Options) -> list[Run]:
     return [
         Run(f"flow_pour_{shape}_{arm}", pour, {"shape": shape, "arm": arm, "backend": options.backend}, 8.0)
@@ -1297,11 +1075,10 @@ def _holes(results: Results) -> list[float]:
 
 
 def _marked(options: Options) -> list[Run]:
+    given = {"backend": options.backend}
     return [
-        Run(f"flow_marked_{int(everywhere)}", marked_cost,
-            {"everywhere": everywhere, "backend": options.backend}, 9.0)
-        for everywhere in (False, True)
-    ]  # fmt: skip
+        Run(f"flow_marked_{int(every)}", marked_cost, {"everywhere": every, **given}, 9.0) for every in (False, True)
+    ]
 
 
 def _marked_ratio(results: Results) -> list[float]:
@@ -1332,12 +1109,10 @@ def spread(context: Context, shape: str, backend: str) -> Result:
     placed, moved = (
         sample(mesh, radius, backend=backend, most_iterations=most).position for most in (0, MOST_ITERATIONS)
     )
-    return Result(
-        {
-            "before": evenness(placed)["variation"], "after": evenness(moved)["variation"],
-            "off": distances(made, moved, radius),
-        }
-    )  # fmt: skip
+    return Result({
+        "before": evenness(placed)["variation"], "after": evenness(moved)["variation"],
+        "off": distances(made, moved, radius),
+    })  # fmt: skip
 
 
 def _spread_runs(options: Options) -> list[Run]:
@@ -1356,11 +1131,11 @@ def _thrown_off(measure: Measure) -> list[float]:
 
 
 COUPLING_NO_NET = Measure(_pours, _holes, quick=False)
-COUPLING_STEP_OVER_DISTANCE = _steps_over("distance")
-COUPLING_STEP_OVER_FORCING = _steps_over("forcing")
-COUPLING_NOISE_OVER_DISTANCE = _noise_over("distance")
-COUPLING_NOISE_OVER_FORCING = _noise_over("forcing")
-COUPLING_SHARE_OF_STEP = Measure(_cost, _own_share, timed=True)
+COUPLING_STEP_OVER_DISTANCE = _over("distance", _rests, _largest_steps)
+COUPLING_STEP_OVER_FORCING = _over("forcing", _rests, _largest_steps)
+COUPLING_NOISE_OVER_DISTANCE = _over("distance", _calmed, _noises)
+COUPLING_NOISE_OVER_FORCING = _over("forcing", _calmed, _noises)
+COUPLING_SHARE_OF_STEP = Measure(_cost, lambda found: _of_step(found, "own"), timed=True)
 COUPLING_SHARE_OVER_DISTANCE = _share_over("distance")
 COUPLING_SHARE_OVER_FORCING = _share_over("forcing")
 COUPLING_MARKED_REGION = Measure(_marked, _marked_ratio, timed=True)
@@ -1414,7 +1189,7 @@ def _box(size: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> tuple[np.ndarray
 
 
 def _opened() -> SurfaceMesh:
-    made = sphere(3)
+    made = SHAPES["sphere"](3)
     return surface_mesh(made.vertices, made.faces[made.triangles_center[:, 2] < 0], "open")
 
 
@@ -1454,16 +1229,14 @@ MESHES: dict[str, Callable[[], SurfaceMesh]] = {
 }  # fmt: skip
 
 
-def bad_mesh(context: Context, backend: str, kind: str) -> Result:
+@hard_case
+def bad_mesh(trial: Trial, kind: str) -> None:
     """A defective mesh: refused, or repaired with a note and then sampled as evenly as a sound one."""
-    trial = Trial(context, backend)
-    with trial.ending():
-        mesh = MESHES[kind]()
-        found = sample(mesh, 0.04, backend=backend)
-        trial.check("repairs noted", len(mesh.notes), at_least=1)
-        trial.check("volume off", abs(mesh.volume - 1), at_most=1e-9)
-        _check_even(trial, found.position)
-    return trial.result()
+    mesh = MESHES[kind]()
+    found = sample(mesh, 0.04, backend=trial.backend)
+    trial.check("repairs noted", len(mesh.notes), at_least=1)
+    trial.check("volume off", abs(mesh.volume - 1), at_most=1e-9)
+    _check_even(trial, found.position)
 
 
 def _check_even(trial: Trial, position: np.ndarray, least: float = 0.7) -> None:
@@ -1473,67 +1246,57 @@ def _check_even(trial: Trial, position: np.ndarray, least: float = 0.7) -> None:
     trial.check("variation of the spacing", spread["variation"], at_most=0.06)
 
 
-def too_coarse(context: Context, backend: str) -> Result:
+@hard_case
+def too_coarse(trial: Trial) -> None:
     """A mesh smaller than the spacing of the grid."""
-    trial = Trial(context, backend)
-    with trial.ending():
-        signed_distance(mesh_of(cube(), "cube"), 3.0, backend=backend)
-    return trial.result()
+    signed_distance(mesh_of(SHAPES["cube"](), "cube"), 3.0, backend=trial.backend)
 
 
-def thin_plate(context: Context, backend: str, thickness: float) -> Result:
+@hard_case
+def thin_plate(trial: Trial, thickness: float) -> None:
     """A plate thinner than the particles, tilted: the grid is made finer, and both sides get particles."""
-    trial = Trial(context, backend)
-    with trial.ending():
-        mesh = surface_mesh(*_box((1.0, 0.8, thickness)), "plate")
-        found = sample(mesh, 0.03, backend=backend)
-        trial.check("count off", abs(len(found.position) - found.expected), at_most=1.0)
-        trial.check("values that are not finite", int((~np.isfinite(found.position)).sum()), equals=0)
-        trial.show("notes", list(found.notes))
-    return trial.result()
+    mesh = surface_mesh(*_box((1.0, 0.8, thickness)), "plate")
+    found = sample(mesh, 0.03, backend=trial.backend)
+    trial.check("count off", abs(len(found.position) - found.expected), at_most=1.0)
+    trial.check("values that are not finite", int((~np.isfinite(found.position)).sum()), equals=0)
+    trial.show("notes", list(found.notes))
 
 
-def needle_edges(context: Context, backend: str) -> Result:
+@hard_case
+def needle_edges(trial: Trial) -> None:
     """A cone with a tip of 7 degrees: signs at the tip and along the rim."""
-    trial = Trial(context, backend)
-    with trial.ending():
-        made = needle()
-        mesh = mesh_of(made, "needle")
-        band = signed_distance(mesh, 0.02, backend=backend)
-        random = np.random.default_rng(0)
-        tip = np.array(made.vertices)[np.argmax(np.linalg.norm(made.vertices, axis=1))]
-        place = tip + random.uniform(-0.04, 0.04, (600, 3))
-        distance = band.backend.host(band.at(band.backend.asarray(place))[0])
-        inside = solid_angles(place - mesh.origin, mesh.corners)[0].sum(1) > 2 * np.pi
-        clear = np.abs(distance) > 0.01  # half a spacing: nearer the trilinear distance rounds the tip off
-        trial.check("wrong signs", int(((distance < 0) != inside)[clear].sum()), equals=0)
-        _check_even(trial, sample(mesh, 0.012, backend=backend).position, least=0.5)
-    return trial.result()
+    made = SHAPES["needle"]()
+    mesh = mesh_of(made, "needle")
+    band = signed_distance(mesh, 0.02, backend=trial.backend)
+    random = np.random.default_rng(0)
+    tip = np.array(made.vertices)[np.argmax(np.linalg.norm(made.vertices, axis=1))]
+    place = tip + random.uniform(-0.04, 0.04, (600, 3))
+    distance = band.backend.host(band.at(band.backend.asarray(place))[0])
+    inside = solid_angles(place - mesh.origin, mesh.corners)[0].sum(1) > 2 * np.pi
+    clear = np.abs(distance) > 0.01  # half a spacing: nearer the trilinear distance rounds the tip off
+    trial.check("wrong signs", int(((distance < 0) != inside)[clear].sum()), equals=0)
+    _check_even(trial, sample(mesh, 0.012, backend=trial.backend).position, least=0.5)
 
 
-def piled(context: Context, backend: str) -> Result:
+@hard_case
+def piled(trial: Trial) -> None:
     """All particles at one place at the start."""
-    trial = Trial(context, backend)
-    with trial.ending():
-        there = choose(backend)
-        band = signed_distance(mesh_of(sphere(3), "ball"), 0.1, backend=there)
-        start = there.asarray(np.repeat(np.array([[0.0, 0.0, 0.99]], np.float32), 100, axis=0))
-        end = there.host(relaxed(there, band.local, start, 0.1, 0, False, 200)[0])
-        trial.check("least distance of two particles over r", evenness(end)["mean"] / 0.1, at_least=0.5)
-        trial.check("furthest from the ball", float(np.abs(np.linalg.norm(end, axis=1) - 1).max()), at_most=0.02)
-    return trial.result()
+    there = choose(trial.backend)
+    band = signed_distance(mesh_of(SHAPES["sphere"](3), "ball"), 0.1, backend=there)
+    start = there.asarray(np.repeat(np.array([[0.0, 0.0, 0.99]], np.float32), 100, axis=0))
+    end = there.host(relaxed(there, band.local, start, 0.1, 0, False, 200)[0])
+    trial.check("least distance of two particles over r", evenness(end)["mean"] / 0.1, at_least=0.5)
+    trial.check("furthest from the ball", float(np.abs(np.linalg.norm(end, axis=1) - 1).max()), at_most=0.02)
 
 
-def far_away(context: Context, backend: str) -> Result:
+@hard_case
+def far_away(trial: Trial) -> None:
     """A mesh 1e4 m from the origin, in float32: the same particles as beside it."""
-    trial = Trial(context, backend)
-    with trial.ending():
-        made = sphere(3)
-        near = sample(mesh_of(made, "ball"), 0.08, backend=backend)
-        shift = np.array([16384.0, -8192.0, 4096.0])
-        far = sample(surface_mesh(np.array(made.vertices) + shift, made.faces, "far"), 0.08, backend=backend)
-        trial.check("largest difference [m]", float(np.abs(far.position - shift - near.position).max()), at_most=1e-9)
-    return trial.result()
+    made = SHAPES["sphere"](3)
+    near = sample(mesh_of(made, "ball"), 0.08, backend=trial.backend)
+    shift = np.array([16384.0, -8192.0, 4096.0])
+    far = sample(surface_mesh(np.array(made.vertices) + shift, made.faces, "far"), 0.08, backend=trial.backend)
+    trial.check("largest difference [m]", float(np.abs(far.position - shift - near.position).max()), at_most=1e-9)
 
 
 # Liquid at meshes
@@ -1542,19 +1305,19 @@ STEP, HARD_SOUND = 2e-4, 20.0  # [s], [m/s]
 LIQUID = WeaklyCompressible(sound_speed=HARD_SOUND, dynamic_viscosity=0.5)
 
 
+@hard_case
 def shots(
-    context: Context, backend: str, shape: str, spacings: float, shift: float = 0.0, begin: float = 0.045,
+    trial: Trial, shape: str, spacings: float, shift: float = 0.0, begin: float = 0.045,
     steps: int = 60, thin: float = 1.0, **changes: Any,
-) -> Result:  # fmt: skip
+) -> None:  # fmt: skip
     """Lone particles that fly down on a solid at `spacings` a step from `begin` [m] over its middle; none gets in."""
-    trial = Trial(context, backend)
     made = SOLIDS[shape]()
     made.apply_scale((1, 1, thin))
     x, y = np.meshgrid(np.arange(-3, 4), np.arange(-3, 4))
     at = np.stack([0.012 * x.ravel(), 0.012 * y.ravel(), np.full(x.size, begin)], axis=1)
     at[:, 2] += 0.1 * SPACING * np.arange(x.size) % SPACING
     fluid = Cloud(position=at + [0, 0, shift], velocity=(0.0, 0.0, -spacings * SPACING / STEP))
-    with mesh_file(made) as file, trial.ending():
+    with mesh_file(made) as file:
         boundary = MeshBoundary(**{"file": file, "center": (0.0, 0.0, shift), "field_spacing": 0.0025, **changes})
         scene = Scene(
             spacing=SPACING, support_radius=1.1 * SPACING, fluid=(fluid,), effects=(LIQUID, boundary), step=STEP
@@ -1572,13 +1335,12 @@ def shots(
             over = np.abs(at[:, :2]).max(1) < 0.05
             lowest = float((simulation.field("position")[over, 2] - shift).min())
             trial.check("height over the plate's middle [m]", lowest, at_least=-0.003)
-    return trial.result()
 
 
-def coincident(context: Context, backend: str) -> Result:
+@hard_case
+def coincident(trial: Trial) -> None:
     """Every boundary particle stands there twice, with half the volume each: liquid falls on them as on one."""
-    trial = Trial(context, backend)
-    with mesh_file(SOLIDS["plate"]()) as file, trial.ending():
+    with mesh_file(SOLIDS["plate"]()) as file:
         block = Box(lower=(-0.03, -0.03, 0.013), cells=(6, 6, 4))
         effects = (LIQUID, Gravity(), MeshBoundary(file=file))
         plan = make_plan(Scene(spacing=SPACING, support_radius=2.7 * SPACING, fluid=(block,), effects=effects))
@@ -1589,7 +1351,6 @@ def coincident(context: Context, backend: str) -> Result:
             trial.advance(simulation, steps=40)
             places.append(simulation.field("position"))
         trial.check("difference [d]", np.abs(places[0] - places[1]).max() / SPACING, at_most=1e-3)
-    return trial.result()
 
 
 # Solids given as meshes: distance, particles spread over them, and liquid that meets them (patent CN104318598A).
@@ -1604,7 +1365,6 @@ EXACT = ("needle", "organic")
 def sampling_planned(options: Options) -> list[Run]:
     """Sampling and signed distance."""
     backend, threads = {"backend": options.backend}, {"threads": options.threads}
-    slow = "takes a minute with the others; run without --quick" if options.quick else ""
     size = (
         {"level": 5, "count": 20_000, "scale": 1.44}
         if options.quick
@@ -1622,59 +1382,50 @@ def sampling_planned(options: Options) -> list[Run]:
           for shape in MEASURED),
         *(Run(f"nodes_{shape}", exact_nodes, {"shape": shape, "spacing": 0.04, "level": 4, **backend},
               4.0) for shape in EXACT),
-        Run("marked_region", marked_region, {"count": 100_000, "repeats": 5, **threads}, 6.0, slow),
         Run("sampling_peers", against_peers, peers, 900.0,
             "" if options.peers else "measured with --peers"),
     ]  # fmt: skip
 
 
+SCORES = {
+    "sampling_count": "count_error", "sampling_least": "least", "sampling_variation": "variation",
+    "sampling_off": "off", "sampling_holes": "holes", "sampling_blue": "blue", "sampling_force": "force_noise",
+    "sampling_iterations": "iterations", "sampling_seconds": "seconds",
+}  # fmt: skip
+
+
 def sampling_checks(results: Results, check: Checks) -> None:
     """Sampling and signed distance."""
-
     for shape in SHAPES:
-        if f"sampling_{shape}" in results:
-            row = results[f"sampling_{shape}"].values
-            for name, key in (
-                ("count", "count_error"), ("least", "least"), ("variation", "variation"), ("off", "off"),
-                ("holes", "holes"), ("blue", "blue"), ("force", "force_noise"),
-                ("iterations", "iterations"), ("seconds", "seconds"),
-            ):  # fmt: skip
-                check(f"sampling_{name}", row[key], shape)
-    if "sampling_printed" in results:
-        rows = results["sampling_printed"].values["rows"]
-        check("printed_residual", rows["printed"]["residual"])
-        check("adopted_residual", rows["adopted"]["residual"])
+        check.run(results, f"sampling_{shape}", SCORES, shape)
+    residuals = {
+        f"{name}_residual": lambda v, name=name: v["rows"][name]["residual"] for name in ("printed", "adopted")
+    }
+    check.run(results, "sampling_printed", residuals)
     for shape in MEASURED:
-        if f"distance_{shape}" in results:
-            rows = results[f"distance_{shape}"].values["rows"]
-            if shape in SMOOTH:
-                order = order_from_errors([r["spacing"] for r in rows], [r["rms"] for r in rows], 2.0)
-                check("distance_order", order.order, shape)
-                check("distance_smooth", rows[-1]["largest_in_spacings"], shape)
-            if shape == "cube":
-                check("distance_edges", max(r["largest_in_spacings"] for r in rows))
-            check("distance_signs", sum(r["wrong_signs"] for r in rows), shape)
+        own: Quantities = {"distance_signs": lambda v: sum(r["wrong_signs"] for r in v["rows"])}
+        if shape in SMOOTH:
+            own = {"distance_order": _order, "distance_smooth": lambda v: v["rows"][-1]["largest_in_spacings"], **own}
+        if shape == "cube":
+            check.run(results, "distance_cube",
+                      {"distance_edges": lambda v: max(r["largest_in_spacings"] for r in v["rows"])})  # fmt: skip
+        check.run(results, f"distance_{shape}", own, shape)
     for shape in EXACT:
-        if f"nodes_{shape}" in results:
-            check("node_error", results[f"nodes_{shape}"].values["error"], shape)
-            check(
-                "distance_signs", results[f"nodes_{shape}"].values["wrong_signs"], f"nodes_{shape}", f"{shape}, nodes"
-            )
-    if "marked_region" in results:
-        spent = results["marked_region"].values["nanoseconds"]
-        check("marked_region", spent["far"], "far", "all of them far from the boundary")
-        check("marked_region", spent["near"], "near", "all of them near it")
-        check("every_particle", spent["every"])
-    if "sampling_peers" in results:
-        values = results["sampling_peers"].values
-        if "sampling_ratio" in values:
-            check("peer_sampling_ratio", values["sampling_ratio"])
-            check("peer_sampling_quality", values["quality"]["variation"] / values["peer_quality"]["variation"])
-            check("peer_sampling_blue", values["quality"]["blue"] / values["peer_quality"]["blue"])
-            check("peer_sampling_count", abs(values["peer_particles"] / values["particles"] - 1))
-            check("peer_sampling_as_even", values["as_even_ratio"])
-        if "field_ratio" in values:
-            check("peer_field_ratio", values["field_ratio"])
+        check.run(results, f"nodes_{shape}", {"node_error": "error"}, shape)
+        check.run(results, f"nodes_{shape}", {"distance_signs": "wrong_signs"}, f"nodes_{shape}", f"{shape}, nodes")
+    values = results["sampling_peers"].values if "sampling_peers" in results else {}
+    if "sampling_ratio" in values:
+        check("peer_sampling_ratio", values["sampling_ratio"])
+        check("peer_sampling_quality", values["quality"]["variation"] / values["peer_quality"]["variation"])
+        check("peer_sampling_blue", values["quality"]["blue"] / values["peer_quality"]["blue"])
+        check("peer_sampling_count", abs(values["peer_particles"] / values["particles"] - 1))
+    if "field_ratio" in values:
+        check("peer_field_ratio", values["field_ratio"])
+
+
+def _order(values: Mapping[str, Any]) -> float:
+    rows = values["rows"]
+    return order_from_errors([r["spacing"] for r in rows], [r["rms"] for r in rows], 2.0).order
 
 
 RAINED = ("sphere", "torus", "cube", "needle", "plate", "funnel", "pebble")
@@ -1703,8 +1454,6 @@ def flow_planned(options: Options) -> list[Run]:
         *(Run(f"flow_pour_{shape}_{arm}", pour, {"shape": shape, "arm": arm, **backend, **shorter}, 8.0,
               "" if (shape, arm) == ("sphere", "difference") else reason) for shape in POUR for arm in ARMS),
         Run("flow_tank", resting_tank, {"steps": 10_000, **backend}, 100.0, reason),
-        *(Run(f"flow_marked_{int(every)}", marked_cost, {"everywhere": every, **backend}, 9.0, reason,
-              timed=True) for every in (False, True)),
         *(Run(f"flow_sigma_{gamma:g}", own_tension,
               {"gamma": gamma, "count": 257 if options.quick else 515, **backend}, 6.0,
               "" if gamma == GAMMAS[1] else reason) for gamma in GAMMAS),
@@ -1715,38 +1464,23 @@ def flow_planned(options: Options) -> list[Run]:
 def flow_checks(results: Results, check: Checks) -> None:
     """No leaks at the runner's own step, the tank at rest, and what is shown of the rest."""
     for shape in RAINED:
-        key = f"flow_rain_{shape}_swept_1"
-        if key in results:
-            check("rain_leaks", results[key].values["ever_inside"], shape)
+        check.run(results, f"flow_rain_{shape}_swept_1", {"rain_leaks": "ever_inside"}, shape)
         for correction in ("none", "swept"):
             runs = {share: results.get(f"flow_rain_{shape}_{correction}_{share:g}") for share in JUDGED_SHARES}
             if all(runs.values()):
                 largest = max([s for s, r in runs.items() if r and not r.values["ever_inside"]], default=0.0)
                 check(f"rain_step_{correction}", largest, shape)
-    if "flow_tank" in results:
-        values = results["flow_tank"].values
-        check("tank_lost", values["lost"] + values["inside"])
-        check("tank_pressure", abs(real(values["pressure_error"])))
-        check("tank_everywhere", abs(real(values["pressure_everywhere"])))
-        check("tank_gradient", values["gradient_error"])
-        check("tank_force", abs(real(values["force_error"])))
-        check("tank_noise", values["force_noise"])
+    check.run(results, "flow_tank", {
+        "tank_lost": lambda v: v["lost"] + v["inside"], "tank_pressure": lambda v: abs(real(v["pressure_error"])),
+        "tank_everywhere": lambda v: abs(real(v["pressure_everywhere"])), "tank_gradient": "gradient_error",
+        "tank_force": lambda v: abs(real(v["force_error"])), "tank_noise": "force_noise",
+    })  # fmt: skip
     for gamma in GAMMAS:
-        key = f"flow_sigma_{gamma:g}"
-        if key in results:
-            density = real(results[key].values["core_density"])
-            check("own_density", density, f"{gamma:g}", f"gamma = {gamma:g} m/s^2")
-            check("own_sigma", results[key].values["sigma"], f"{gamma:g}", f"gamma = {gamma:g} m/s^2")
-    if "flow_bound" in results:
-        values = results["flow_bound"].values
-        check("own_bound", real(values["largest_step"]) / real(values["predicted"]))
-    for shape in POUR:
-        for arm in ARMS:
-            if (key := f"flow_pour_{shape}_{arm}") in results:
-                check("pour_leaks", results[key].values["inside"], f"{shape}_{arm}")
-    if {"flow_marked_0", "flow_marked_1"} <= set(results):
-        ratio = real(results["flow_marked_1"].values["seconds"]) / real(results["flow_marked_0"].values["seconds"])
-        check("marked_cost", ratio)
+        own = {"own_density": "core_density", "own_sigma": "sigma"}
+        check.run(results, f"flow_sigma_{gamma:g}", own, f"{gamma:g}", f"gamma = {gamma:g} m/s^2")
+    check.run(results, "flow_bound", {"own_bound": lambda v: real(v["largest_step"]) / real(v["predicted"])})
+    for shape, arm in itertools.product(POUR, ARMS):
+        check.run(results, f"flow_pour_{shape}_{arm}", {"pour_leaks": "inside"}, f"{shape}_{arm}")
 
 
 EXPERIMENT = Experiment(
@@ -1754,5 +1488,4 @@ EXPERIMENT = Experiment(
     title="meshes as boundaries: distance, particles, penetration, a tank at rest, pouring by tension",
     runs=lambda options: [*sampling_planned(options), *flow_planned(options)],
     checks=lambda results, check: (sampling_checks(results, check), flow_checks(results, check)),
-
 )  # fmt: skip

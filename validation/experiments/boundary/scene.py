@@ -19,62 +19,42 @@ NEEDLE = (0.12, 2.0)  # radius and length of a cone [m]
 TILT = 0.5  # rad, so that no face lies along the grid
 
 
-def sphere(level: int = 5) -> Any:
-    """Ball of 1 m."""
+def make(kind: str, *given: Any, **named: Any) -> Any:
+    """A mesh of `trimesh.creation`."""
     import trimesh
 
-    return trimesh.creation.icosphere(level)
+    return getattr(trimesh.creation, kind)(*given, **named)
 
 
-def torus(level: int = 5) -> Any:
-    """Ring of 1 m with a tube of 0.35 m."""
+def turned(made: Any, angle: float, axis: tuple[float, float, float]) -> Any:
+    """Turned [rad] about an axis through the origin."""
     import trimesh
 
-    return trimesh.creation.torus(*TORUS, major_sections=6 * 2**level // 2, minor_sections=3 * 2**level // 2)
-
-
-def cube(level: int = 5) -> Any:
-    """Cube of 1 m: 12 triangles."""
-    return tilted(_boxed((CUBE,) * 3))
-
-
-def plate(level: int = 5) -> Any:
-    """Plate 0.1 m thick."""
-    return tilted(_boxed(PLATE))
-
-
-def needle(level: int = 5) -> Any:
-    """Cone of 2 m with a tip of 7 degrees."""
-    import trimesh
-
-    return tilted(trimesh.creation.cone(*NEEDLE, sections=64))
+    return made.apply_transform(trimesh.transformations.rotation_matrix(angle, axis))
 
 
 def organic(level: int = 5) -> Any:
     """A ball with lobes and hollows: its radius follows a few waves."""
-    made = sphere(level)
+    made = make("icosphere", level)
     x, y, z = np.array(made.vertices).T
     radius = 1 + 0.22 * np.sin(3 * x + 1) * np.cos(2 * y) + 0.15 * np.sin(4 * z + 2 * y) + 0.08 * np.cos(7 * x * y)
     made.vertices = np.array(made.vertices) * radius[:, None]
     return made
 
 
-def _boxed(size: tuple[float, ...]) -> Any:
-    import trimesh
-
-    return trimesh.creation.box(size)
-
-
 def tilted(made: Any) -> Any:
     """Turned by TILT about a direction along no axis."""
-    import trimesh
-
-    made.apply_transform(trimesh.transformations.rotation_matrix(TILT, (1.0, 0.7, 0.2)))
-    return made
+    return turned(made, TILT, (1.0, 0.7, 0.2))
 
 
-SHAPES: dict[str, Callable[..., Any]] = {
-    "sphere": sphere, "torus": torus, "cube": cube, "needle": needle, "plate": plate, "organic": organic,
+SHAPES: dict[str, Callable[..., Any]] = {  # by the level of refinement
+    "sphere": lambda level=5: make("icosphere", level),
+    "torus": lambda level=5: make(
+        "torus", *TORUS, major_sections=6 * 2**level // 2, minor_sections=3 * 2**level // 2
+    ),
+    "cube": lambda level=5: tilted(make("box", (CUBE,) * 3)),
+    "needle": lambda level=5: tilted(make("cone", *NEEDLE, sections=64)),  # its tip has 7 degrees
+    "plate": lambda level=5: tilted(make("box", PLATE)), "organic": organic,
 }  # fmt: skip
 
 
@@ -104,52 +84,10 @@ SPACING = 0.01  # of the liquid [m]
 SUPPORT = 2.7 * SPACING
 
 
-def flow_sphere() -> Any:
-    """Ball of 5 spacings."""
-    import trimesh
-
-    return trimesh.creation.icosphere(subdivisions=3, radius=5 * SPACING)
-
-
-def flow_torus() -> Any:
-    """Lying ring, 6 and 2.2 spacings."""
-    import trimesh
-
-    return trimesh.creation.torus(6 * SPACING, 2.2 * SPACING, major_sections=48, minor_sections=24)
-
-
-def flow_cube() -> Any:
-    """Cube of 8 spacings, on an edge."""
-    import trimesh
-
-    made = trimesh.creation.box((8 * SPACING,) * 3)
-    made.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 4, (1, 0, 0)))
-    return made
-
-
-def flow_needle() -> Any:
-    """Upright cone, 3 spacings wide and 16 high, with its point up."""
-    import trimesh
-
-    made = trimesh.creation.cone(1.5 * SPACING, 16 * SPACING, sections=16)
-    made.apply_translation((0, 0, -8 * SPACING))
-    return made
-
-
-def flow_plate() -> Any:
-    """Lying plate, one spacing thick, 12 wide."""
-    import trimesh
-
-    return trimesh.creation.box((12 * SPACING, 12 * SPACING, SPACING))
-
-
 def funnel() -> Any:
     """Cone from 10 spacings down to a spout of 2.6, its wall 1.5 thick."""
-    import trimesh
-
-    d = SPACING
-    line = np.array([[2.6, -8], [4.1, -8], [4.1, -4.5], [11.5, 4], [10, 4], [2.6, -4]]) * d
-    made = trimesh.creation.revolve(np.vstack([line, line[:1]]), sections=40)
+    line = np.array([[2.6, -8], [4.1, -8], [4.1, -4.5], [11.5, 4], [10, 4], [2.6, -4]]) * SPACING
+    made = make("revolve", np.vstack([line, line[:1]]), sections=40)
     made.fix_normals()
     return made
 
@@ -181,10 +119,12 @@ def cup(inner: tuple[float, float, float], wall: float) -> Any:
     return trimesh.Trimesh(np.vstack([inside, outside]), np.array(faces), process=False)
 
 
-FLOW_SHAPES = {
-    "sphere": flow_sphere, "torus": flow_torus, "cube": flow_cube, "needle": flow_needle, "plate": flow_plate,
-    "funnel": funnel,
-    "pebble": pebble,
+FLOW_SHAPES: dict[str, Callable[[], Any]] = {
+    "sphere": lambda: make("icosphere", subdivisions=3, radius=5 * SPACING),
+    "torus": lambda: make("torus", 6 * SPACING, 2.2 * SPACING, major_sections=48, minor_sections=24),
+    "cube": lambda: turned(make("box", (8 * SPACING,) * 3), np.pi / 4, (1, 0, 0)),  # on an edge
+    "needle": lambda: make("cone", 1.5 * SPACING, 16 * SPACING, sections=16).apply_translation((0, 0, -8 * SPACING)),
+    "plate": lambda: make("box", (12 * SPACING, 12 * SPACING, SPACING)), "funnel": funnel, "pebble": pebble,
 }  # fmt: skip
 
 

@@ -9,38 +9,47 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.lines import Line2D
 
-from validation.drawing import BLACK, BLUE, GREEN, GREY, INTERIOR_BLUE, ORANGE, PURPLE, SKY, SURFACE_RED, VERMILION
+from validation.drawing import (
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    INTERIOR_BLUE,
+    ORANGE,
+    PURPLE,
+    SKY,
+    SURFACE_RED,
+    VERMILION,
+    headline,
+    plain_title,
+    shared_legend,
+)
 from validation.experiment import Picture, Results
 from validation.experiments.dam_break.runs import FIGURE_5, METHODS, STARTS, WIDEST, WORDS
 from validation.metrics.dam_break import data_tolerance, load_front_data, ritter_front
 from validation.results import floats
 
 SHOWN_AT, SHOWN_UP_TO = 1.6, 0.85  # s, m: the wave that came back from the wall breaks; spray above is left out
-COLOURS = {"number_density": ORANGE, "two_step": BLUE, "fan_scan": GREEN}
+LOOKS = {"number_density": ("o", ORANGE), "fan_scan": ("^", GREEN), "two_step": ("s", BLUE)}
 TITLES = {
-    "number_density": "a  Number density, J(12)",
-    "fan_scan": "b  Fan scan, J(13)",
+    "number_density": "a  Number density, J(12)", "fan_scan": "b  Fan scan, J(13)",
     "two_step": "c  Two-step: sparse or lopsided, J(13)",
-}
+}  # fmt: skip
 
 
 def detection_data(results: Results) -> dict[str, Any]:
     """Figure 4: one moment, each detector's flags, and the truth."""
-    result = results["detection_2d"]
-    time = floats(result.values["time"])
+    values, arrays = results["detection_2d"].values, results["detection_2d"].arrays
+    time = floats(values["time"])
     k = int(np.argmin(np.abs(time - SHOWN_AT)))
     data = {
-        "title": "Figure 4: free-surface particles found in a dam break",
-        "time_s": float(time[k]),
-        "shown_up_to_m": SHOWN_UP_TO,
-        "spacing_m": result.values["spacing"],
-        "truth_radius_spacings": result.values["truth_radius"],
-        "position_m": np.round(result.arrays["position"][k][:, :2].astype(float), 4),
-        "truth": result.arrays["truth"][k].astype(int),
-    }
+        "title": "Figure 4: free-surface particles found in a dam break", "time_s": float(time[k]),
+        "shown_up_to_m": SHOWN_UP_TO, "spacing_m": values["spacing"], "truth_radius_spacings": values["truth_radius"],
+        "position_m": np.round(arrays["position"][k][:, :2].astype(float), 4), "truth": arrays["truth"][k].astype(int),
+    }  # fmt: skip
     for method in METHODS:
-        data[method] = result.arrays[method][k].astype(int)
-        data[f"{method}_score"] = {n: result.values["over_time"][method][n][k] for n in ("precision", "recall", "f1")}
+        data[method] = arrays[method][k].astype(int)
+        data[f"{method}_score"] = {n: values["over_time"][method][n][k] for n in ("precision", "recall", "f1")}
     return data
 
 
@@ -65,39 +74,28 @@ def detection_picture(data: Mapping[str, Any]) -> Any:
         axes.set(xlim=(-0.02, 2.02), ylim=(-0.02, top), aspect="equal", ylabel="y [m]")
     panels[-1].set_xlabel("x [m]")
 
-    def dot(**options: Any) -> Line2D:
-        return Line2D([], [], ls="", **options)
-
     hollow = {"markerfacecolor": "none", "markeredgecolor": BLACK, "markersize": 7}
-    figure.legend(
-        handles=[
-            dot(marker="o", color=SURFACE_RED, label="taken for surface"),
-            dot(marker="o", color=INTERIOR_BLUE, label="taken for interior"),
-            dot(marker="s", label="wrong: is interior", **hollow),
-            dot(marker="o", label="wrong: is surface", **hollow),
-        ],
-        loc="outside lower center",
-        ncols=4,
-        title=f"t = {data['time_s']:.2f} s, {len(position):,} particles ({above} of the spray are above the picture);"
-        f" truth: exact arc cover, radius {data['truth_radius_spacings']:g} spacings",
-        title_fontsize=9,
-    )
+    marks = (
+        ("taken for surface", {"marker": "o", "color": SURFACE_RED}),
+        ("taken for interior", {"marker": "o", "color": INTERIOR_BLUE}),
+        ("wrong: is interior", {"marker": "s", **hollow}), ("wrong: is surface", {"marker": "o", **hollow}),
+    )  # fmt: skip
+    words = f"t = {data['time_s']:.2f} s, {len(position):,} particles ({above} of the spray are above the picture)"
+    truth_words = f"truth: exact arc cover, radius {data['truth_radius_spacings']:g} spacings"
+    dots = {label: Line2D([], [], ls="", **look) for label, look in marks}
+    shared_legend(figure, (), dots, ncols=4, title=f"{words}; {truth_words}", title_fontsize=9)
     return figure
 
 
 def score_data(results: Results) -> dict[str, Any]:
     """Precision and recall over the collapse, in 2D and, where it was run, in 3D."""
     data: dict[str, Any] = {"title": "Surface detection over the collapse against the exact truth", "runs": {}}
+    names = {"particles": "particles", "time_s": "time", "over_time": "over_time", "pooled": "score"}
     for words, key in (("2D", "detection_2d"), ("3D", "detection_3d")):
         if key in results:
             values = results[key].values
             data["truth_radius_spacings"] = values["truth_radius"]
-            data["runs"][words] = {
-                "particles": values["particles"],
-                "time_s": values["time"],
-                "over_time": values["over_time"],
-                "pooled": values["score"],
-            }
+            data["runs"][words] = {name: values[own] for name, own in names.items()}
     return data
 
 
@@ -105,12 +103,8 @@ def score_picture(data: Mapping[str, Any]) -> Any:
     """Precision and recall against time, every detector; a row for each dimension."""
     found, truths = data["runs"], {"2D": "arc cover", "3D": "spherical-cap cover"}
     figure, panels = plt.subplots(len(found), 2, figsize=(8.8, 0.6 + 3.1 * len(found)), sharey=True, squeeze=False)
-    looks = {
-        "number_density": {"color": COLOURS["number_density"], "marker": "o"},
-        "fan_scan": {"color": COLOURS["fan_scan"], "marker": "^"},
-        "two_step": {"color": COLOURS["two_step"], "marker": "s"},
-        "two_step_printed": {"color": SKY, "marker": "D", "ls": "--"},
-    }
+    looks: dict[str, Any] = {name: {"marker": mark, "color": colour} for name, (mark, colour) in LOOKS.items()}
+    looks["two_step_printed"] = {"color": SKY, "marker": "D", "ls": "--"}
     for row, (words, run) in zip(panels, found.items()):
         for axes, name in zip(row, ("precision", "recall")):
             for method, look in looks.items():
@@ -132,13 +126,10 @@ def cost_data(results: Results) -> dict[str, Any]:
     found = [result for key, result in results.items() if key.startswith("detection_cost_")]
     found.sort(key=lambda result: result.values["particles"])
     return {
-        "title": "Figure 5: detection time in a dam break",
-        "moment_s": found[0].values["moment"],
-        "machine": found[-1].about["machine"],
-        "date": found[-1].about["date"],
-        "moved_on": found[-1].values["moved_on"],
-        "sizes": [result.values for result in found],
-    }
+        "title": "Figure 5: detection time in a dam break", "moment_s": found[0].values["moment"],
+        "machine": found[-1].about["machine"], "date": found[-1].about["date"],
+        "moved_on": found[-1].values["moved_on"], "sizes": [result.values for result in found],
+    }  # fmt: skip
 
 
 def cost_picture(data: Mapping[str, Any]) -> Any:
@@ -150,12 +141,10 @@ def cost_picture(data: Mapping[str, Any]) -> Any:
         return 1e3 * np.array([size["methods"][method][part] for size in sizes])
 
     figure, (whole, ratio) = plt.subplots(1, 2, figsize=(9.2, 4.2))
-    marks = {"number_density": "o", "fan_scan": "^", "two_step": "s"}
     for method in ("fan_scan", "two_step", "number_density"):
         time, bar = milliseconds(method, "whole"), milliseconds(method, "spread")
-        whole.errorbar(
-            number, time, bar, label=WORDS[method], color=COLOURS[method], marker=marks[method], ms=5, capsize=3
-        )
+        mark, colour = LOOKS[method]
+        whole.errorbar(number, time, bar, label=WORDS[method], color=colour, marker=mark, ms=5, capsize=3)
     whole.set(title="Detection in all particles", yscale="log", ylabel="time [ms]")
     low, high = whole.get_ylim()
     whole.set_ylim(min(low, 10.0 ** np.floor(np.log10(low * 1.01))), 2.5 * high)
@@ -180,29 +169,19 @@ def cost_picture(data: Mapping[str, Any]) -> Any:
         axes.legend(loc="upper left")
     whole.yaxis.set(major_formatter="{x:g}", minor_formatter=plt.NullFormatter())
     least, most = 100 * shares["whole"].min(), 100 * shares["whole"].max()
-    figure.suptitle(
-        f"Detection in two steps takes {least:.0f} to {most:.0f} % of the fan scan's time, J(8) not counted",
-        fontweight="bold",
-    )
-    machine = data["machine"]
-    figure.supxlabel(
-        f"2D, t = {data['moment_s']:g} s, one thread; {machine['processor']},"
-        f" {machine['cores']} cores",
-        fontsize=8, color=GREY,
-    )  # fmt: skip
+    took = f"{least:.0f} to {most:.0f} % of the fan scan's time"
+    figure.suptitle(f"Detection in two steps takes {took}, J(8) not counted", fontweight="bold")
+    where = f"{data['machine']['processor']}, {data['machine']['cores']} cores"
+    figure.supxlabel(f"2D, t = {data['moment_s']:g} s, one thread; {where}", fontsize=8, color=GREY)
     return figure
 
 
 def front_data(results: Results) -> dict[str, Any]:
     """Surge front of the runs, and each series' fitted offset."""
-    data: dict[str, Any] = {"title": "Surge front of a collapsing column", "tolerance": data_tolerance(), "runs": {}}
-    for key in ("front_2d", "front_3d"):
-        if key in results:
-            values = results[key].values
-            data["runs"][key[-2:].upper()] = {
-                name: values[name] for name in ("particles", "time", "connected", "farthest", "front")
-            }
-    return data
+    names = ("particles", "time", "connected", "farthest", "front")
+    found = {key[-2:].upper(): results[key].values for key in ("front_2d", "front_3d") if key in results}
+    runs = {words: {name: values[name] for name in names} for words, values in found.items()}
+    return {"title": "Surge front of a collapsing column", "tolerance": data_tolerance(), "runs": runs}
 
 
 def front_picture(data: Mapping[str, Any]) -> Any:
@@ -219,18 +198,16 @@ def front_picture(data: Mapping[str, Any]) -> Any:
     axes.plot(time, front, color=VERMILION, label=f"refsim 2D, {run['particles']:,} particles", zorder=3)
     if "3D" in data["runs"]:
         other = data["runs"]["3D"]
-        axes.plot(
-            other["time"], other["connected"], color=BLACK, ls="--", lw=1.4, zorder=3,
-            label=f"refsim 3D, {other['particles']:,} particles",
-        )  # fmt: skip
+        words = f"refsim 3D, {other['particles']:,} particles"
+        axes.plot(other["time"], other["connected"], color=BLACK, ls="--", lw=1.4, zorder=3, label=words)
     late = time <= 2.2
     axes.plot(time[late], ritter_front(time[late]), color=GREY, lw=1, ls=":", label="Ritter's bound, 1 + 2 T")
     for name, (mark, colour, words) in looks.items():
         series, fit = load_front_data(name), run["front"][name]
         filled = {} if mark == "x" else {"markerfacecolor": "white", "markeredgewidth": 1.4}
         label = f"{words}, offset {fit['offset']:+.2f}"
-        axes.plot(series.time + fit["offset"], series.front, mark, color=colour, ms=6, label=label, **filled)
         at = series.time + fit["offset"]
+        axes.plot(at, series.front, mark, color=colour, ms=6, label=label, **filled)
         within = at <= time[-1]
         deviation = 100 * (np.interp(at[within], time, front) / series.front[within] - 1)
         below.plot(at[within], deviation, mark, color=colour, ms=6, **filled)
@@ -258,27 +235,24 @@ def void_data(results: Results) -> dict[str, Any]:
     shown = result.values["shown"]
     frames = {name: result.arrays[f"at_0.3_{k}"] for k, name in enumerate(STARTS) if f"at_0.3_{k}" in result.arrays}
     return {
-        "title": "Voids after the start of a collapsing column",
-        "spacing_m": shown["spacing"],
-        "disc_spacings": WIDEST,
-        "time_s": shown["time"],
-        "area_d2": shown["area"],
+        "title": "Voids after the start of a collapsing column", "spacing_m": shown["spacing"], "disc_spacings": WIDEST,
+        "time_s": shown["time"], "area_d2": shown["area"],
         "position_um": {name: np.rint(1e6 * x).astype(int) for name, x in list(frames.items())[:4]},
-    }
+    }  # fmt: skip
 
 
 def void_picture(data: Mapping[str, Any]) -> Any:
     """Particles at 0.3 s, and the area of voids over time."""
     figure = plt.figure(figsize=(9.6, 6.8))
     top, bottom = figure.subfigures(2, 1, height_ratios=(1.25, 1))
-    top.suptitle(data["title"], x=0.01, ha="left", fontweight="bold", fontsize=10.5)
+    headline(top, data["title"], 10.5)
     panels = top.subplots(1, len(data["position_um"]), sharey=True)
     size = 0.9 * (72 * 2.1 * data["spacing_m"]) ** 2
     for (name, x), axes in zip(data["position_um"].items(), panels):
         points = floats(x) / 1e6
         axes.scatter(points[:, 0], points[:, 1], s=size, color=BLUE, linewidths=0)
         axes.set(aspect="equal", xlim=(0, 1.0), xticks=[0.0, 0.5, 1.0], ylim=(0, 1.05))
-        axes.set_title(name.replace(", ", ",\n"), fontweight="normal", loc="center", fontsize=9)
+        plain_title(axes, name.replace(", ", ",\n"), fontsize=9)
         axes.set_xlabel("x [m]")
     panels[0].set_ylabel("y [m], t = 0.3 s")
     axes = bottom.subplots()

@@ -18,7 +18,7 @@ from refsim.backends.arrays import unavailable
 from refsim.scene.plan import make_plan
 from refsim.surface_detection import half_space_moment
 from validation.checks import Checks
-from validation.experiment import Experiment, Family, Measure, Options, Results, Run, alike
+from validation.experiment import Experiment, Family, Measure, Options, Results, Run, alike, each, every
 from validation.metrics.dam_break import (
     FRONT_DATA,
     dimensionless_time,
@@ -30,8 +30,8 @@ from validation.metrics.dam_break import (
 from validation.metrics.surface_truth import arc_cover_surface, cap_cover_surface, detection_score
 from validation.metrics.voids import find_voids
 from validation.results import Result, floats, real
-from validation.running import Context, advance, search_log, stage_seconds
-from validation.trials import Trial
+from validation.running import Context, advance, note, search_log, stage_seconds
+from validation.trials import Trial, hard_case
 
 HEIGHT, GRAVITY, DENSITY = 1.0, 9.81, 1000.0
 LID = 4.0  # m: the splash at the far wall rises nearly that high
@@ -45,12 +45,9 @@ DETECTORS: dict[str, dict[str, Any]] = {  # settings of the effect
 }
 SETTINGS = {**DETECTORS, "second_moment": {"thin_features": "second_moment"}}  # of every detector of the hard cases
 WORDS = {
-    "number_density": "number density",
-    "fan_scan": "fan scan",
-    "two_step": "two-step",
-    "two_step_printed": "two-step with J(12) as printed",
-    "second_moment": "two-step with the second moment",
-}
+    "number_density": "number density", "fan_scan": "fan scan", "two_step": "two-step",
+    "two_step_printed": "two-step with J(12) as printed", "second_moment": "two-step with the second moment",
+}  # fmt: skip
 
 
 def viscosity(spacing: float) -> float:
@@ -67,28 +64,17 @@ def column_scene(columns: int, depth: int = 1, tank: float = 4.0, effects: tuple
     """
     spacing = 0.5 * HEIGHT / columns
     dim = 2 if depth == 1 else 3
-    fluid = Box(cells=(columns, 2 * columns, depth))
-    if cloud is not None:
-        fluid = Cloud(position=cloud[0], mass=cloud[1])
+    column = Box(cells=(columns, 2 * columns, depth))
+    fluid = column if cloud is None else Cloud(position=cloud[0], mass=cloud[1])
+    liquid = WeaklyCompressible(
+        rest_density=DENSITY, sound_speed=10.0 * math.sqrt(GRAVITY * HEIGHT), dynamic_viscosity=viscosity(spacing),
+        state="tait",
+    )  # fmt: skip
+    walls = BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.5 * HEIGHT * tank, LID, depth * spacing))
     return Scene(
-        name="dam_break",
-        dim=dim,
-        spacing=spacing,
-        support_radius=SUPPORT * spacing,
-        skin=SKIN,
-        fluid=(fluid,),
-        effects=(
-            WeaklyCompressible(
-                rest_density=DENSITY,
-                sound_speed=10.0 * math.sqrt(GRAVITY * HEIGHT),
-                dynamic_viscosity=viscosity(spacing),
-                state="tait",
-            ),
-            Gravity(acceleration=(0.0, -GRAVITY, 0.0)),
-            BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.5 * HEIGHT * tank, LID, depth * spacing)),
-            *effects,
-        ),
-    )
+        name="dam_break", dim=dim, spacing=spacing, support_radius=SUPPORT * spacing, skin=SKIN, fluid=(fluid,),
+        effects=(liquid, Gravity(acceleration=(0.0, -GRAVITY, 0.0)), walls, *effects),
+    )  # fmt: skip
 
 
 def jittered(columns: int, depth: int, seed: int, share: float = 0.02) -> tuple[np.ndarray, np.ndarray]:
@@ -101,15 +87,9 @@ def jittered(columns: int, depth: int, seed: int, share: float = 0.02) -> tuple[
 
 
 def collapse(
-    context: Context,
-    columns: int,
-    until: float,
-    backend: str,
-    depth: int = 1,
-    samples: int = 36,
-    tank: float = 4.0,
+    context: Context, columns: int, until: float, backend: str, depth: int = 1, samples: int = 36, tank: float = 4.0,
     seed: int | None = None,
-) -> Result:
+) -> Result:  # fmt: skip
     """The collapse in a tank of 4 L to `until` [s], with every detector scored against the exact surface.
 
     At every sample, each rule of FIRST_STEPS is tried as the first of two steps. With a `seed` the start is jittered.
@@ -120,12 +100,10 @@ def collapse(
     cover = arc_cover_surface if depth == 1 else cap_cover_surface
     mass = simulation.field("mass")
     ledger = Ledger(simulation, (0.5 * HEIGHT * tank, LID, depth * spacing))
-    frames: dict[str, list[np.ndarray]] = {"position": [], "truth": [], **{method: [] for method in METHODS}}
-    time, truth_count, scanned = [], [], []
+    frames: dict[str, list[np.ndarray]] = {}
+    series: dict[str, list[Any]] = {}
     counts = {method: np.zeros(3, int) for method in DETECTORS}  # hits, false surface, false interior
-    over_time: dict[str, dict[str, list[float]]] = {
-        method: {name: [] for name in ("precision", "recall", "f1")} for method in DETECTORS
-    }
+    over_time: dict[str, dict[str, list[float]]] = {method: {} for method in DETECTORS}
     tried: dict[str, list[tuple[float, int, int, float]]] = {}
 
     def sample(simulation: Simulation, wall: float) -> None:
@@ -133,11 +111,9 @@ def collapse(
         ledger.add(simulation)
         position = simulation.field("position")
         truth = cover(position, TRUTH_RADIUS * spacing, walls)
-        frames["position"].append(position)
-        frames["truth"].append(truth)
-        time.append(simulation.time)
-        truth_count.append(int(truth.sum()))
-        scanned.append(float(simulation.field("scan_candidates").mean()))
+        note(frames, {"position": position, "truth": truth})
+        candidates = float(simulation.field("scan_candidates").mean())
+        note(series, {"time": simulation.time, "truth": int(truth.sum()), "scanned": candidates})
         for method in DETECTORS:
             looked = simulation
             if method != "two_step":
@@ -145,49 +121,34 @@ def collapse(
             flags = looked.field("surface").astype(bool)
             if method == "fan_scan":
                 try_first_steps(tried, simulation, looked, truth)
-            if method in frames:
-                frames[method].append(flags)
+            if method in METHODS:
+                note(frames, {method: flags})
             score = detection_score(flags, truth)
             counts[method] += ((flags & truth).sum(), score.false_surface, score.false_interior)
-            for name, values in over_time[method].items():
-                values.append(float(getattr(score, name)))
+            note(over_time[method], {name: float(getattr(score, name)) for name in ("precision", "recall", "f1")})
 
     wall = advance(simulation, np.linspace(0.0, until, samples + 1).tolist(), sample, context)
-    pooled = {}
-    for method, (hit, false_surface, false_interior) in counts.items():
-        pooled[method] = {
-            "precision": hit / max(hit + false_surface, 1),
-            "recall": hit / max(hit + false_interior, 1),
+    pooled = {
+        method: {
+            "precision": hit / max(hit + false_surface, 1), "recall": hit / max(hit + false_interior, 1),
             "f1": 2 * hit / max(2 * hit + false_surface + false_interior, 1),
         }
+        for method, (hit, false_surface, false_interior) in counts.items()
+    }  # fmt: skip
     values = {
-        "particles": simulation.count,
-        "spacing": spacing,
-        "truth_radius": TRUTH_RADIUS,
-        "time": time,
-        "truth": truth_count,
-        "over_time": over_time,
-        "score": pooled,
-        "scanned_share": float(np.mean(scanned)),
-        "first_step": first_step_values(tried),
-        "ledger": ledger.values(simulation),
-        "steps": simulation.steps,
-        "seconds": wall,
+        "particles": simulation.count, "spacing": spacing, "truth_radius": TRUTH_RADIUS, "time": series["time"],
+        "truth": series["truth"], "over_time": over_time, "score": pooled,
+        "scanned_share": float(np.mean(series["scanned"])), "first_step": first_step_values(tried),
+        "ledger": ledger.values(simulation), "steps": simulation.steps, "seconds": wall,
         "stages": stage_seconds(simulation),
-    }
-    return Result(values, {name: np.array(parts) for name, parts in frames.items()})
+    }  # fmt: skip
+    return Result(values, {name: np.array(frames[name]) for name in ("position", "truth", *METHODS)})
 
 
 def detect(
-    context: Context,
-    method: str,
-    columns: int,
-    depth: int,
-    tank: float,
-    cloud: tuple,
-    backend: str,
+    context: Context, method: str, columns: int, depth: int, tank: float, cloud: tuple, backend: str,
     threads: int | None = None,
-) -> Simulation:
+) -> Simulation:  # fmt: skip
     """A cloud (position, mass) in the tank, seen by one detector of SETTINGS."""
     scene = column_scene(columns, depth, tank, (SurfaceDetection(**SETTINGS[method]),), cloud)
     simulation = context.simulation(scene, backend, threads)
@@ -275,12 +236,9 @@ def first_step_values(tried: dict[str, list[tuple[float, int, int, float]]]) -> 
     for name, rows in tried.items():
         loss, hits, wrong, share = np.array(rows).T
         found[name] = {
-            "largest_loss": float(loss.max()),
-            "mean_loss": float(loss.mean()),
-            "precision": float(hits.sum() / max(hits.sum() + wrong.sum(), 1)),
-            "share": float(share.mean()),
-            "largest_share": float(share.max()),
-        }
+            "largest_loss": float(loss.max()), "precision": float(hits.sum() / max(hits.sum() + wrong.sum(), 1)),
+            "share": float(share.mean()), "largest_share": float(share.max()),
+        }  # fmt: skip
     return found
 
 
@@ -315,11 +273,9 @@ class Ledger:
         return {
             "lost_particles": self.count - simulation.count + int(outside.sum()),
             "mass_change": abs(float(simulation.field("mass").astype(float).sum()) - self.mass) / self.mass,
-            "energy": self.energy,
-            "energy_rise": rise / energy[0] if len(energy) else float("nan"),
-            "stopped_at_walls": simulation.stopped_at_walls,
-            **search_log(simulation),
-        }
+            "energy": self.energy, "energy_rise": rise / energy[0] if len(energy) else float("nan"),
+            "stopped_at_walls": simulation.stopped_at_walls, **search_log(simulation),
+        }  # fmt: skip
 
 
 def surge(context: Context, columns: int, backend: str, depth: int = 1, tank: float = 15.0) -> Result:
@@ -328,60 +284,37 @@ def surge(context: Context, columns: int, backend: str, depth: int = 1, tank: fl
     simulation = context.simulation(column_scene(columns, depth, tank), backend)
     spacing = simulation.plan.grid.spacing
     ledger = Ledger(simulation, (width * tank, LID, depth * spacing))
-    series = {name: load_front_data(name) for name in FRONT_DATA}
-    last = max(data.time[-1] for data in series.values()) + 0.5
-    time, front, farthest, detached = [], [], [], []
+    published = {name: load_front_data(name) for name in FRONT_DATA}
+    last = max(data.time[-1] for data in published.values()) + 0.5
+    series: dict[str, list[Any]] = {}
 
     def sample(simulation: Simulation, wall: float) -> None:
         simulation.evaluate()
         ledger.add(simulation)
         found = front_position(simulation.field("position")[:, : simulation.plan.grid.dim], spacing)
-        time.append(float(dimensionless_time(simulation.time, width, GRAVITY)))
-        front.append(found.connected / width)
-        farthest.append(found.farthest / width)
-        detached.append(found.detached)
+        time = float(dimensionless_time(simulation.time, width, GRAVITY))
+        note(series, {"time": time, "connected": found.connected / width, "farthest": found.farthest / width,
+                      "detached": found.detached})  # fmt: skip
 
-    def short_of_end() -> bool:
-        return farthest[-1] < tank - 0.1
-
-    scale = math.sqrt(width / (2.0 * GRAVITY))
-    times = (np.arange(0.0, last + 0.05, 0.05) * scale).tolist()
-    wall = advance(simulation, times, sample, context, short_of_end)
+    times = (np.arange(0.0, last + 0.05, 0.05) * math.sqrt(width / (2.0 * GRAVITY))).tolist()
+    wall = advance(simulation, times, sample, context, lambda: series["farthest"][-1] < tank - 0.1)
     fits = {}
-    for name, data in series.items():
-        fit = fit_time_offset(time, front, data)
-        error = front_error(time, front, data, fit.offset)
+    for name, data in published.items():
+        offset = fit_time_offset(series["time"], series["connected"], data).offset
+        error = front_error(series["time"], series["connected"], data, offset)
         fits[name] = {
-            "offset": fit.offset,
-            "offset_at_limit": fit.at_limit,
-            "largest": error.largest,
-            "at": error.at,
-            "rms": error.rms,
-            "points": error.points,
-        }
-    values = {
-        "particles": simulation.count,
-        "time": time,
-        "connected": front,
-        "farthest": farthest,
-        "detached": detached,
-        "front": fits,
-        "ledger": ledger.values(simulation),
-        "steps": simulation.steps,
-        "seconds": wall,
-    }
-    return Result(values)
+            "offset": offset, "largest": error.largest, "at": error.at, "rms": error.rms, "points": error.points
+        }  # fmt: skip
+    return Result({
+        "particles": simulation.count, **series, "front": fits, "ledger": ledger.values(simulation),
+        "steps": simulation.steps, "seconds": wall,
+    })  # fmt: skip
 
 
 def detection_cost(
-    context: Context,
-    columns: int,
-    repeats: int,
-    backend: str,
-    moment: float = 0.6,
-    tank: float = 4.0,
+    context: Context, columns: int, repeats: int, backend: str, moment: float = 0.6, tank: float = 4.0,
     moved_on: str | None = None,
-) -> Result:
+) -> Result:  # fmt: skip
     """Seconds of detection on the state at `moment` [s], by detector: on one thread, and on all of them.
 
     With few particles most of the time of many threads goes into starting them; so one thread is judged, and read in
@@ -391,11 +324,10 @@ def detection_cost(
     advance(simulation, [moment], lambda simulation, wall: None, context)
     cloud = (simulation.field("position"), simulation.field("mass"))
     alone = timed_detectors(context, cloud, columns, tank, backend, repeats, 1)
-    together = (
-        alone
-        if backend != "cpu"
-        else timed_detectors(context, cloud, columns, tank, backend, max(repeats // 4, 1), None)
-    )
+    turns = max(repeats // 4, 1)
+    together = alone
+    if backend == "cpu":
+        together = timed_detectors(context, cloud, columns, tank, backend, turns, None)
     values = {"moment": moment, "repeats": repeats, "particles": simulation.count, "moved_on": moved_on or backend}
     return Result(values | alone | {"all_threads": together["methods"]})
 
@@ -433,23 +365,15 @@ def timed_detectors(
     for method, rounds in spent.items():
         own = [op for op in rounds[0] if op.startswith(("surface_detection.", "surface_normal."))]
         whole = np.array([sum(stages[op] for op in own) for stages in rounds])
-        moment_sum = 0.0
-        if "asymmetry" in judged[method].fields:
-            moment_sum = max(quiet(method, "sph.density") - plain, 0.0)
+        moment_sum = max(quiet(method, "sph.density") - plain, 0.0) if "asymmetry" in judged[method].fields else 0.0
         seconds = float(np.quantile(whole, QUIET)) + moment_sum
         methods[method] = {
             "scan": quiet(method, "surface_detection.fan_scan"),
-            "normals": quiet(method, "surface_normal.color_gradient"),
-            "moment_sum": moment_sum,
-            "whole": seconds,
+            "normals": quiet(method, "surface_normal.color_gradient"), "whole": seconds,
             "charged": seconds + (0.0 if method == "fan_scan" else plain),
             "spread": float(np.median(np.abs(whole - np.median(whole)))),
-        }
-    return {
-        "scanned_share": float(judged["two_step"].field("scan_candidates").mean()),
-        "methods": methods,
-        "number_density_pass": plain,
-    }
+        }  # fmt: skip
+    return {"scanned_share": float(judged["two_step"].field("scan_candidates").mean()), "methods": methods}
 
 
 def _stages(simulation: Simulation) -> dict[str, float]:
@@ -471,36 +395,20 @@ SEEDS = (1, 2, 3, 4, 5)
 
 def _collapses(options: Options) -> list[Run]:
     columns, until, samples = (20, 1.0, 10) if options.quick else (40, 1.8, 36)
-    made = []
-    for seed in SEEDS:
-        parameters = {"columns": columns, "until": until, "samples": samples, "backend": options.backend, "seed": seed}
-        made.append(Run(f"claim_collapse_{seed}", collapse, parameters, estimate=4.0 if options.quick else 40.0))
-    return made
+    runs = {f"claim_collapse_{seed}": {"seed": seed} for seed in SEEDS}
+    return every(collapse, runs, 40.0, columns=columns, until=until, samples=samples)(options)
 
 
-def scores(method: str, part: str) -> Callable[[Results], list[float]]:
-    """One score of a detector over the whole collapse, start by start."""
-    return lambda results: [real(result.values["score"][method][part]) for result in results.values()]
+def scores(method: str, part: str, over: str = "") -> Callable[[Results], list[float]]:
+    """One score of a detector over the whole collapse, less that of another, start by start."""
+    return each(lambda v: real(v["score"][method][part]) - (real(v["score"][over][part]) if over else 0.0))
 
 
-def _recall_gap(method: str) -> Callable[[Results], list[float]]:
-    def values(results: Results) -> list[float]:
-        pairs = zip(scores(method, "recall")(results), scores("fan_scan", "recall")(results))
-        return [own - its for own, its in pairs]
-
-    return values
-
-
-def _precision_gain(results: Results) -> list[float]:
-    pairs = zip(scores("two_step", "precision")(results), scores("number_density", "precision")(results))
-    return [own - its for own, its in pairs]
-
-
-TWO_STEP_AS_GOOD = Measure(_collapses, _recall_gap("two_step"))
-TWO_STEP_AS_GOOD_PRINTED = Measure(_collapses, _recall_gap("two_step_printed"))
+TWO_STEP_AS_GOOD = Measure(_collapses, scores("two_step", "recall", "fan_scan"))
+TWO_STEP_AS_GOOD_PRINTED = Measure(_collapses, scores("two_step_printed", "recall", "fan_scan"))
 DENSITY_MARKS_INTERIOR = Measure(_collapses, scores("number_density", "precision"))
 FAN_SCAN_FAULTLESS = Measure(_collapses, scores("fan_scan", "precision"))
-TWO_STEP_MORE_PRECISE = Measure(_collapses, _precision_gain)
+TWO_STEP_MORE_PRECISE = Measure(_collapses, scores("two_step", "precision", "number_density"))
 
 # Figure 5.
 
@@ -510,24 +418,17 @@ COSTLY_QUICK = (20, 30, 50)  # at 5,000 particles two steps lead by more than th
 
 def costs_planned(options: Options) -> list[Run]:
     """Figure 5, a run for each size; a GPU, where there is one, moves the column to the state that is timed."""
-    made = []
-    for k, columns in enumerate(COSTLY_QUICK if options.quick else COSTLY):
-        parameters = {"columns": columns, "repeats": 60, "backend": options.backend}
-        if not options.quick and unavailable("cuda") is None:
-            parameters["moved_on"] = "cuda"
-        estimate = 1 + 6e-5 * columns**3
-        made.append(Run(f"detection_cost_{k + 1}", detection_cost, parameters, estimate, timed=True))
-    return made
+    moved = {"moved_on": "cuda"} if not options.quick and unavailable("cuda") is None else {}
+    return [
+        Run(f"detection_cost_{k + 1}", detection_cost,
+            {"columns": columns, "repeats": 60, "backend": options.backend, **moved}, 1 + 6e-5 * columns**3, timed=True)
+        for k, columns in enumerate(COSTLY_QUICK if options.quick else COSTLY)
+    ]  # fmt: skip
 
 
 def ratio(over: str, under: str, of: str = "charged") -> Callable[[Results], list[float]]:
     """Time of one detector over another's, size by size; "whole" takes the number density as summed anyway."""
-
-    def values(results: Results) -> list[float]:
-        methods = [result.values["methods"] for result in results.values()]
-        return [each[over][of] / each[under][of] for each in methods]
-
-    return values
+    return each(lambda v: v["methods"][over][of] / v["methods"][under][of])
 
 
 FIGURE_5_LOWER = Measure(costs_planned, ratio("number_density", "two_step"), quick=False, timed=True)
@@ -545,13 +446,19 @@ def interior_noise(simulation: Simulation) -> tuple[float, float]:
     position, pressure = (simulation.field(name).astype(float) for name in ("position", "pressure"))
     grid = simulation.plan.grid
     truth = arc_cover_surface(position, TRUTH_RADIUS * grid.spacing, simulation.plan.walls.position)
-    pairs = cKDTree(position).query_pairs(grid.support_radius, output_type="ndarray")
-    one, other = np.concatenate([pairs, pairs[:, ::-1]]).T
-    number = np.bincount(one, minlength=len(position))
-    mean = np.bincount(one, pressure[other], minlength=len(position)) / np.maximum(number, 1)
-    deep = ~truth & (np.bincount(one, truth[other], minlength=len(position)) == 0)
+    sums, number = neighbour_sums(position, grid.support_radius)
+    mean = sums(pressure) / np.maximum(number, 1)
+    deep = ~truth & (sums(truth) == 0)
     noise = float(np.sqrt(((pressure - mean)[deep] ** 2).mean())) / (DENSITY * GRAVITY * HEIGHT)
     return noise, float((simulation.field("surface")[deep] != 0).mean())
+
+
+def neighbour_sums(position: np.ndarray, reach: float) -> tuple[Callable[[np.ndarray], np.ndarray], np.ndarray]:
+    """(sum of values (n,) over the neighbours of each particle within `reach` [m], number of these)."""
+    pairs = cKDTree(position).query_pairs(reach, output_type="ndarray")
+    one, other = np.concatenate([pairs, pairs[:, ::-1]]).T
+    count = len(position)
+    return lambda values: np.bincount(one, values[other], minlength=count), np.bincount(one, minlength=count)
 
 
 def released(context: Context, columns: int, until: float, seed: int, method: str, clamp: bool, backend: str) -> Result:
@@ -576,26 +483,18 @@ def released(context: Context, columns: int, until: float, seed: int, method: st
 
 def oscillation(clamp: bool) -> Measure:
     """Interior pressure noise with the number density's set over that with the two-step set."""
-    methods = ("number_density", "two_step")
+    runs = {
+        f"claim_released_{method}_{'clamped' if clamp else 'free'}_{seed}": {"seed": seed, "method": method}
+        for seed in SEEDS for method in ("number_density", "two_step")
+    }  # fmt: skip
 
     def planned(options: Options) -> list[Run]:
         columns, until = (16, 0.6) if options.quick else (40, 1.0)
-        return [
-            Run(
-                f"claim_released_{method}_{'clamped' if clamp else 'free'}_{seed}",
-                released,
-                {"columns": columns, "until": until, "seed": seed, "method": method, "clamp": clamp,
-                 "backend": options.backend},
-                estimate=3.0 if options.quick else 40.0,
-            )
-            for seed in SEEDS
-            for method in methods
-        ]  # fmt: skip
+        return every(released, runs, 40.0, columns=columns, until=until, clamp=clamp)(options)
 
     def values(results: Results) -> list[float]:
-        kind = "clamped" if clamp else "free"
-        noise = {m: [results[f"claim_released_{m}_{kind}_{seed}"].values["noise"] for seed in SEEDS] for m in methods}
-        return [a / b for a, b in zip(noise["number_density"], noise["two_step"])]
+        noise = [results[key].values["noise"] for key in runs]
+        return [a / b for a, b in zip(noise[::2], noise[1::2])]
 
     return Measure(planned, values)
 
@@ -621,18 +520,15 @@ def splash(context: Context, columns: int, until: float, seed: int, corrects: bo
     return Result({"detached": float(np.mean(detached)), "over_time": detached})
 
 
+SPLASHES = {
+    f"claim_splash_{'on' if corrects else 'off'}_{seed}": {"seed": seed, "corrects": corrects}
+    for seed in SEEDS for corrects in (False, True)
+}  # fmt: skip
+
+
 def _splashes(options: Options) -> list[Run]:
     columns, until = (16, 1.2) if options.quick else (40, 1.8)
-    return [
-        Run(
-            f"claim_splash_{'on' if corrects else 'off'}_{seed}",
-            splash,
-            {"columns": columns, "until": until, "seed": seed, "corrects": corrects, "backend": options.backend},
-            estimate=3.0 if options.quick else 30.0,
-        )
-        for seed in SEEDS
-        for corrects in (False, True)
-    ]
+    return every(splash, SPLASHES, 30.0, columns=columns, until=until)(options)
 
 
 def _spray(results: Results) -> list[float]:
@@ -673,22 +569,16 @@ def thresholds(context: Context, columns: int, until: float, seed: int, backend:
 
 def _thresholds(options: Options) -> list[Run]:
     columns, until = (16, 0.6) if options.quick else (40, 1.8)
-    return [
-        Run(f"claim_lambda_{seed}", thresholds,
-            {"columns": columns, "until": until, "seed": seed, "backend": options.backend}, estimate=20.0)
-        for seed in SEEDS
-    ]  # fmt: skip
+    runs = {f"claim_lambda_{seed}": {"seed": seed} for seed in SEEDS}
+    return every(thresholds, runs, 20.0, columns=columns, until=until)(options)
 
 
-def best(values: Any, factors: Sequence[float]) -> float:
+def best(values: Mapping[str, Any], factors: Sequence[float]) -> float:
     """Best F1 among some lambdas."""
     return max(real(values["f1"][f"{factor:g}"]) for factor in factors)
 
 
-LAMBDA_OUTSIDE = Measure(
-    _thresholds,
-    lambda found: [best(r.values, OUTSIDE) - best(r.values, INSIDE) for r in found.values()],
-)
+LAMBDA_OUTSIDE = Measure(_thresholds, each(lambda v: best(v, OUTSIDE) - best(v, INSIDE)))
 
 # Null models
 
@@ -752,13 +642,10 @@ COLUMNS = 40
 SPLASH = (0.8, 0.9, 1.0, 1.1, 1.2)  # s
 WIDEST = 1.0  # spacings: a disc that fits into a void between the particles' centres; a lattice has none above 0.71
 STARTS: dict[str, dict[str, Any]] = {
-    "cold": {},
-    "hydrostatic": {"hydrostatic": True},
-    "cold, walls as printed": {"walls": ("g",)},
-    "hydrostatic, walls as printed": {"hydrostatic": True, "walls": ("g",)},
-    "cold, jittered by d/10": {"jitter": 0.1},
+    "cold": {}, "hydrostatic": {"hydrostatic": True}, "cold, walls as printed": {"walls": ("g",)},
+    "hydrostatic, walls as printed": {"hydrostatic": True, "walls": ("g",)}, "cold, jittered by d/10": {"jitter": 0.1},
     "cold, an eighth of the viscosity": {"viscosity": 0.125},
-}
+}  # fmt: skip
 
 
 def hydrostatic_column(columns: int) -> np.ndarray:
@@ -767,10 +654,8 @@ def hydrostatic_column(columns: int) -> np.ndarray:
     above = (layers - np.arange(layers) - 0.5) * spacing
     bulk = DENSITY * 100.0 * GRAVITY * HEIGHT  # rho0 c^2
     layer = spacing * (1 + 7 * DENSITY * GRAVITY * above / bulk) ** (-1 / 7)
-    y = np.cumsum(layer) - 0.5 * layer
     x = (np.arange(columns) + 0.5) * spacing
-    grid = np.stack(np.meshgrid(x, y, [0.0], indexing="ij"), axis=-1)
-    return grid.reshape(-1, 3)
+    return np.stack(np.meshgrid(x, np.cumsum(layer) - 0.5 * layer, [0.0], indexing="ij"), axis=-1).reshape(-1, 3)
 
 
 def start_scene(hydrostatic: bool = False, walls: tuple = (), jitter: float = 0.0, viscosity: float = 1.0) -> Scene:
@@ -785,9 +670,9 @@ def start_scene(hydrostatic: bool = False, walls: tuple = (), jitter: float = 0.
     return msgspec.structs.replace(scene, fluid=(Cloud(position=position),), effects=effects)
 
 
-def voids(context: Context, backend: str, until: float = 0.5, samples: int = 20) -> Result:
+@hard_case
+def voids(trial: Trial, until: float = 0.5, samples: int = 20) -> None:
     """Void area over time from a cold and a hydrostatic start, with calibrated and with printed walls, and others."""
-    trial = Trial(context, backend)
     times = np.linspace(0.0, until, samples + 1)[1:]
     area: dict[str, list[float]] = {}
     count: dict[str, list[int]] = {}
@@ -816,74 +701,70 @@ def voids(context: Context, backend: str, until: float = 0.5, samples: int = 20)
         trial.show("area", area)
         trial.show("count", count)
         trial.show("spacing", spacing)
-    return trial.result(**{f"at_0.3_{k}": frames[name] for k, name in enumerate(STARTS) if name in frames})
+    trial.arrays = {f"at_0.3_{k}": frames[name] for k, name in enumerate(STARTS) if name in frames}
 
 
-def beside_walls(context: Context, backend: str, method: str, depth: int = 1, columns: int = 20) -> Result:
+@hard_case
+def beside_walls(trial: Trial, method: str, depth: int = 1, columns: int = 20) -> None:
     """A tank filled to half and at rest: a detector takes no particle at a wall, an edge or a corner for surface, and
     finds the whole free surface but for the contact line (its outermost particles, whose cone a wall blocks)."""
-    trial = Trial(context, backend)
     scene = column_scene(columns, depth)
     spacing = scene.spacing
     size = columns * spacing
     tank = msgspec.structs.replace(scene.effects[2], upper=(size, 4 * size, depth * spacing))
-    with trial.ending():
-        detection = SurfaceDetection(**SETTINGS[method])
-        box = Box(cells=(columns, columns, depth))
-        simulation = trial.start(
-            msgspec.structs.replace(scene, fluid=(box,), effects=(*scene.effects[:2], tank, detection))
-        )
-        simulation.evaluate()
-        x, flags = simulation.field("position"), simulation.field("surface").astype(bool)
-        top = x[:, 1] > size - spacing
-        dim = simulation.plan.grid.dim
-        line = top & ((x < spacing) | (x > np.array(tank.upper) - spacing))[:, [0, 2][: dim - 1]].any(1)
-        trial.check("found off the surface", int((flags & ~top).sum()), equals=0)
-        trial.check("missed of the surface away from the contact line", int((~flags & top & ~line).sum()), equals=0)
-        trial.show("missed of the contact line", f"{int((~flags & line).sum())} of {int(line.sum())}")
-    return trial.result()
+    detection = SurfaceDetection(**SETTINGS[method])
+    box = Box(cells=(columns, columns, depth))
+    simulation = trial.start(
+        msgspec.structs.replace(scene, fluid=(box,), effects=(*scene.effects[:2], tank, detection))
+    )
+    simulation.evaluate()
+    x, flags = simulation.field("position"), simulation.field("surface").astype(bool)
+    top = x[:, 1] > size - spacing
+    dim = simulation.plan.grid.dim
+    line = top & ((x < spacing) | (x > np.array(tank.upper) - spacing))[:, [0, 2][: dim - 1]].any(1)
+    trial.check("found off the surface", int((flags & ~top).sum()), equals=0)
+    trial.check("missed of the surface away from the contact line", int((~flags & top & ~line).sum()), equals=0)
+    trial.show("missed of the contact line", f"{int((~flags & line).sum())} of {int(line.sum())}")
 
 
-def in_motion(context: Context, backend: str, method: str, times: Sequence[float] = SPLASH, starts: int = 4) -> Result:
+@hard_case
+def in_motion(trial: Trial, method: str, times: Sequence[float] = SPLASH, starts: int = 4) -> None:
     """The splash: isolated particles are never missed, and walls do not raise the share of false alarms.
 
     Rounding decides where single particles are: several splashes, from starts that differ by 1e-6 d, are looked at
     several times.
     """
-    trial = Trial(context, backend)
     away = at = few = 0
     excess: list[float] = []
     recall: list[float] = []
     lattice = make_plan(column_scene(COLUMNS))
     grid, start, walls = lattice.grid, lattice.state, lattice.walls.position
-    with trial.ending():
-        for seed, time in itertools.product(range(starts), times):
-            if time == times[0]:
-                shift = np.random.default_rng(seed).uniform(0, 1e-6 * grid.spacing, start.position.shape) * [1, 1, 0]
-                simulation = trial.start(column_scene(COLUMNS, cloud=(start.position + shift, start.mass)))
-            trial.advance(simulation, until=time)
-            x, mass = simulation.field("position"), simulation.field("mass")
-            truth = arc_cover_surface(x, TRUTH_RADIUS * grid.spacing, walls)
-            near = np.array([len(found) - 1 for found in cKDTree(x).query_ball_point(x, grid.support_radius)])
-            at_wall = cKDTree(walls).query(x)[0] < grid.support_radius
-            flags = detect(context, method, COLUMNS, 1, 4.0, (x, mass), backend).field("surface").astype(bool)
-            few += int((near < 3).sum())
-            away += int((~flags & (near < 3) & ~at_wall).sum())
-            at += int((~flags & (near < 3) & at_wall).sum())
-            shares = [float((flags & ~truth & part).sum() / (~truth & part).sum()) for part in (at_wall, ~at_wall)]
-            excess.append(shares[0] - shares[1])
-            recall.append(float((flags & truth).sum() / truth.sum()))
-        trial.show("particles with fewer than 3 neighbours", few)
-        trial.check("missed of those with fewer than 3 neighbours, away from walls", away, equals=0)
-        trial.check("missed of those with fewer than 3 liquid neighbours, beside walls", at, equals=0)
-        trial.check("false alarms beside walls less those away", max(excess), at_most=0.02)
-        trial.show("least recall", min(recall))
-    return trial.result()
+    for seed, instant in itertools.product(range(starts), times):
+        if instant == times[0]:
+            shift = np.random.default_rng(seed).uniform(0, 1e-6 * grid.spacing, start.position.shape) * [1, 1, 0]
+            simulation = trial.start(column_scene(COLUMNS, cloud=(start.position + shift, start.mass)))
+        trial.advance(simulation, until=instant)
+        x, mass = simulation.field("position"), simulation.field("mass")
+        truth = arc_cover_surface(x, TRUTH_RADIUS * grid.spacing, walls)
+        near = np.array([len(found) - 1 for found in cKDTree(x).query_ball_point(x, grid.support_radius)])
+        at_wall = cKDTree(walls).query(x)[0] < grid.support_radius
+        flags = detect(trial.context, method, COLUMNS, 1, 4.0, (x, mass), trial.backend).field("surface").astype(bool)
+        few += int((near < 3).sum())
+        away += int((~flags & (near < 3) & ~at_wall).sum())
+        at += int((~flags & (near < 3) & at_wall).sum())
+        shares = [float((flags & ~truth & part).sum() / (~truth & part).sum()) for part in (at_wall, ~at_wall)]
+        excess.append(shares[0] - shares[1])
+        recall.append(float((flags & truth).sum() / truth.sum()))
+    trial.show("particles with fewer than 3 neighbours", few)
+    trial.check("missed of those with fewer than 3 neighbours, away from walls", away, equals=0)
+    trial.check("missed of those with fewer than 3 liquid neighbours, beside walls", at, equals=0)
+    trial.check("false alarms beside walls less those away", max(excess), at_most=0.02)
+    trial.show("least recall", min(recall))
 
 
-def spray(context: Context, backend: str, depth: int = 1) -> Result:
+@hard_case
+def spray(trial: Trial, depth: int = 1) -> None:
     """Lone particles, pairs and triples in the air and on a wall: all of them are surface, by every detector."""
-    trial = Trial(context, backend)
     columns = 10
     spacing = 0.5 * HEIGHT / columns
     z = 0.5 * depth * spacing if depth > 1 else 0.0
@@ -891,30 +772,26 @@ def spray(context: Context, backend: str, depth: int = 1) -> Result:
     places = [(0.5, 1.0, z), (1.0, 2.0, z), (1.5, 3.0, z), (0.2, 0.5 * spacing, z), (1.0, 0.5 * spacing, z)]
     parts = [np.array(place) + group[: 1 + k % 3] for k, place in enumerate(places)]
     position = np.vstack(parts)
-    with trial.ending():
-        for method in SETTINGS:
-            mass = np.full(len(position), DENSITY * spacing ** (2 if depth == 1 else 3))
-            seen = detect(context, method, columns, depth, 4.0, (position, mass), backend)
-            flags = seen.field("surface").astype(bool)
-            trial.check(f"{method}: missed", int((~flags).sum()), equals=0)
-    return trial.result()
+    for method in SETTINGS:
+        mass = np.full(len(position), DENSITY * spacing ** (2 if depth == 1 else 3))
+        seen = detect(trial.context, method, columns, depth, 4.0, (position, mass), trial.backend)
+        flags = seen.field("surface").astype(bool)
+        trial.check(f"{method}: missed", int((~flags).sum()), equals=0)
 
 
-def sheet(context: Context, backend: str, method: str, layers: int, side: int = 11) -> Result:
+@hard_case
+def sheet(trial: Trial, method: str, layers: int, side: int = 11) -> None:
     """A flat sheet in the air in 3D: every particle of one or two layers is surface."""
-    trial = Trial(context, backend)
     columns = 10
     spacing = 0.5 * HEIGHT / columns
     axes = [np.arange(n) * spacing for n in (side, layers, side)]
     position = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3) + [0.5, 1.0, 0.25]
-    with trial.ending():
-        mass = np.full(len(position), DENSITY * spacing**3)
-        seen = detect(context, method, columns, 2 * columns, 4.0, (position, mass), backend)
-        flags = seen.field("surface").astype(bool)
-        truth = cap_cover_surface(position, TRUTH_RADIUS * spacing)
-        trial.check("particles that are no surface", int((~truth).sum()), equals=0)
-        trial.check("missed", int((truth & ~flags).sum()), equals=0)
-    return trial.result()
+    mass = np.full(len(position), DENSITY * spacing**3)
+    seen = detect(trial.context, method, columns, 2 * columns, 4.0, (position, mass), trial.backend)
+    flags = seen.field("surface").astype(bool)
+    truth = cap_cover_surface(position, TRUTH_RADIUS * spacing)
+    trial.check("particles that are no surface", int((~truth).sum()), equals=0)
+    trial.check("missed", int((truth & ~flags).sum()), equals=0)
 
 
 # Collapse of a liquid column: surface detection against the exact truth, its cost, the surge front.
@@ -930,31 +807,17 @@ MOMENTS = (0.3, 0.6, 1.0)  # s: at which the recall of two steps is held against
 
 def planned(options: Options) -> list[Run]:
     """The runs under the options."""
-    quick, backend = options.quick, options.backend
+    quick, backend = options.quick, {"backend": options.backend}
     columns, estimate = (28, 7.0) if quick else (40, 15.0)
-    made = [
-        Run("detection_2d", collapse, {"columns": columns, "until": 1.8, "backend": backend}, estimate),
-        Run("front_2d", surge, {"columns": columns, "backend": backend}, estimate),
-    ]
-    made += costs_planned(options)
     reason = "in 3D it takes minutes; run without --quick" if quick else ""
-    made += [
-        Run(
-            "front_3d",
-            surge,
-            {"columns": 20, "depth": 6, "backend": backend},
-            estimate=60.0,
-            skip=reason,
-        ),
-        Run(
-            "detection_3d",
-            collapse,
-            {"columns": 20, "depth": 20, "until": 1.2, "samples": 12, "backend": backend},
-            estimate=160.0,
-            skip=reason,
-        ),
+    whole = {"columns": 20, "depth": 20, "until": 1.2, "samples": 12, **backend}
+    return [
+        Run("detection_2d", collapse, {"columns": columns, "until": 1.8, **backend}, estimate),
+        Run("front_2d", surge, {"columns": columns, **backend}, estimate),
+        *costs_planned(options),
+        Run("front_3d", surge, {"columns": 20, "depth": 6, **backend}, 60.0, reason),
+        Run("detection_3d", collapse, whole, 160.0, reason),
     ]
-    return made
 
 
 def checks(results: Results, check: Checks) -> None:
@@ -977,34 +840,26 @@ def checks(results: Results, check: Checks) -> None:
             check(name, pooled[method] - pooled["fan_scan"], key, f"{words}, whole collapse")
         check("scanned_share", values["scanned_share"], key, words)
     for key, words in (("front_2d", "2D"), ("front_3d", "3D")):
-        if key in results:
-            for name, fit in results[key].values["front"].items():
-                label = f"{words}, {LABELS[name]}"
-                kind = "front" if FRONT_DATA[name].kind == "experiment" else "front_computed"
-                check(kind, abs(real(fit["largest"])), f"{key}.{name}", label)
-                check("time_offset", fit["offset"], f"{key}.{name}", label)
-    for key, result in results.items():
-        if "ledger" in result.values:
-            ledger = result.values["ledger"]
-            words = key.replace("_", " ")
-            for name in ("lost_particles", "mass_change", "energy_rise", "missed_neighbours"):
-                check(name, ledger[name], key, words)
+        for name, fit in results[key].values["front"].items() if key in results else ():
+            kind = "front" if FRONT_DATA[name][1] == "experiment" else "front_computed"
+            check(kind, abs(real(fit["largest"])), f"{key}.{name}", f"{words}, {LABELS[name]}")
+            check("time_offset", fit["offset"], f"{key}.{name}", f"{words}, {LABELS[name]}")
+    kept = ("lost_particles", "mass_change", "energy_rise", "missed_neighbours")
+    for key in (key for key, result in results.items() if "ledger" in result.values):
+        own = {name: lambda v, name=name: v["ledger"][name] for name in kept}
+        check.run(results, key, own, key, key.replace("_", " "))
     for size in sizes(results):
         run, words, methods = str(size["particles"]), f"{size['particles']:,} particles", size["methods"]
         for method in ("number_density", "two_step", "fan_scan"):
             seconds = 1e3 * methods[method]["whole"]
             check("detection_seconds", seconds, f"{method}.{run}", f"{WORDS[method]}, {words}")
         judged = "detection_ratio" if size["particles"] >= FIGURE_FROM else "detection_ratio_small"
-        for name, part in (
-            (judged, "whole"),
-            ("detection_ratio_charged", "charged"),
-            ("scan_ratio", "scan"),
-        ):
-            ratio = methods["two_step"][part] / methods["fan_scan"][part]
-            check(name, ratio, run, words)
         together = size["all_threads"]
-        ratio = together["two_step"]["whole"] / together["fan_scan"]["whole"]
-        check("detection_ratio_threads", ratio, run, words)
+        for name, part, of in (
+            (judged, "whole", methods), ("detection_ratio_charged", "charged", methods),
+            ("scan_ratio", "scan", methods), ("detection_ratio_threads", "whole", together),
+        ):  # fmt: skip
+            check(name, of["two_step"][part] / of["fan_scan"][part], run, words)
 
 
 def sizes(results: Results) -> list[Mapping[str, Any]]:
@@ -1019,16 +874,12 @@ def recall_gap(over_time: Mapping[str, Any], method: str, k: int) -> float:
 
 
 LABELS = {
-    "martin_moyce_1.125in": "Martin & Moyce 1952, 1.125 in",
-    "martin_moyce_2.25in": "Martin & Moyce 1952, 2.25 in",
-    "koshizuka_oka": "Koshizuka & Oka 1996",
-    "koshizuka_oka_mps": "Koshizuka & Oka 1996, MPS",
-}
+    "martin_moyce_1.125in": "Martin & Moyce 1952, 1.125 in", "martin_moyce_2.25in": "Martin & Moyce 1952, 2.25 in",
+    "koshizuka_oka": "Koshizuka & Oka 1996", "koshizuka_oka_mps": "Koshizuka & Oka 1996, MPS",
+}  # fmt: skip
 
 
 EXPERIMENT = Experiment(
-    name="dam_break",
-    title="collapse of a liquid column: surface detection (figures 4 and 5) and the surge front",
-    runs=planned,
-    checks=checks,
-)
+    name="dam_break", title="collapse of a liquid column: surface detection (figures 4 and 5) and the surge front",
+    runs=planned, checks=checks,
+)  # fmt: skip

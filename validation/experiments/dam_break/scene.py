@@ -40,21 +40,16 @@ def store() -> None:
     """Compute and store every moment."""
     from refsim import Simulation
     from validation.experiments.dam_break.runs import column_scene
-    from validation.reading import environment, scene_digest
+    from validation.measure.motion import run_to
+    from validation.reading import environment
 
     for name, (columns, depth, moment) in STORED.items():
         simulation = Simulation(column_scene(columns, depth, TANK), backend="cpu", threads=1)
-        scene = scene_digest(simulation.plan)
-        while simulation.time < moment:
-            simulation.step()
+        run_to(simulation, moment)
         where = environment(1, "cpu")
-        made = {"time": simulation.time, "steps": simulation.steps, "scene": scene, "versions": where["versions"],
-                "dtype": "float32"}  # fmt: skip
+        made = {"time": simulation.time, "steps": simulation.steps, "commit": where["commit"],
+                "versions": where["versions"], "dtype": "float32"}  # fmt: skip
         STATES.mkdir(exist_ok=True)
-        np.savez_compressed(
-            STATES / f"{name}.npz",
-            position=simulation.field("position"),
-            mass=simulation.field("mass"),
-            made=np.array(json.dumps(made)),
-        )
+        fields = {field: simulation.field(field) for field in ("position", "mass")}
+        np.savez_compressed(STATES / f"{name}.npz", made=np.array(json.dumps(made)), **fields)
         print(name, simulation.count, "particles", made, flush=True)

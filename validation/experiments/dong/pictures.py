@@ -19,8 +19,8 @@ from validation.drawing import (
     ORANGE,
     VERMILION,
     WATER,
-    ball_picture,
-    show_image,
+    plain_title,
+    show_balls,
     view_matrix,
     visible_balls,
 )
@@ -56,12 +56,10 @@ def cube_data(results: Results) -> dict[str, Any]:
         x = result.arrays["position"][k].astype(float)
         x = (x - x.mean(0)) / values["radius"]
         seen = visible_balls(x, 0.5 * values["spacing"] / values["radius"], CUBE_VIEW, CUBE_EXTENT)
-        frames.append(
-            {
-                "time_s": values["series"]["time"][k], "moment": values["series"]["moment"][k],
-                "position_milliradii": np.rint(x[seen] / MILLI).astype(int),
-            }
-        )  # fmt: skip
+        frames.append({
+            "time_s": values["series"]["time"][k], "moment": values["series"]["moment"][k],
+            "position_milliradii": np.rint(x[seen] / MILLI).astype(int),
+        })  # fmt: skip
     keep = ("time", "moment", "points", "corners")
 
     return {
@@ -80,11 +78,8 @@ def cube_picture(data: Mapping[str, Any]) -> Any:
     for k, frame in enumerate(data["frames"]):
         place = figure.add_subplot(grid[k // 4, k % 4])
         x = np.array(frame["position_milliradii"], dtype=float) * MILLI
-        colour = np.broadcast_to(WATER, x.shape)
-        image = ball_picture(x, 0.5 * data["spacing_radii"], colour, CUBE_VIEW, CUBE_EXTENT, 420)
-        show_image(place, image, CUBE_EXTENT)
-        words = f"{frame['time_s']:.2f} s, q4 {frame['moment']:+.3f}"
-        place.set_title(words, fontsize=8.5, loc="center", weight="normal")
+        show_balls(place, x, data["spacing_radii"], WATER, CUBE_VIEW, CUBE_EXTENT, 420)
+        plain_title(place, f"{frame['time_s']:.2f} s, q4 {frame['moment']:+.3f}", fontsize=8.5)
     series = data["series"]
     left, right = figure.add_subplot(grid[2, :2]), figure.add_subplot(grid[2, 2:])
     left.plot(series["time"], series["moment"], color=BLUE)
@@ -132,7 +127,7 @@ def _draw_room(place: Any, frame: Mapping[str, Any], spacing: float, view: NDArr
     x = np.array(frame["position_mm"], dtype=float).reshape(-1, 3) * MILLI - _middle(view)
     part = np.array(frame["part"], dtype=int)
     colour = np.array([GLASS if p < 0 else COLOURS[p % len(COLOURS)] for p in part]).reshape(-1, 3)
-    show_image(place, ball_picture(x, 0.5 * spacing, colour, view, ROOM_EXTENT, 420), ROOM_EXTENT)
+    show_balls(place, x, spacing, colour, view, ROOM_EXTENT, 420)
     half = 0.5 * scenes.ROOM + 0.5 * spacing
     if view is TOP:
         place.plot([-half, half, half, -half, -half], [-half, -half, half, half, -half], color=GREY, linewidth=0.8)
@@ -146,21 +141,19 @@ def _counts(frame: Mapping[str, Any], *names: str) -> str:
     return ", ".join(f"{frame[name]} {name if frame[name] != 1 else name[:-1]}" for name in names)
 
 
-def splash_data(results: Results, solver: str = "", words: str = "") -> dict[str, Any]:
+def splash_data(results: Results) -> dict[str, Any]:
     """Figure 4: from above at frames 60 to 90, with and without tension; of the quick runs where they are the ones."""
-    arms = {"with": "with tension", "without": "without tension"}
-    runs = f"{solver}rest" if f"{solver}rest_with" in results else f"{solver}fall"
+    runs = "rest" if "rest_with" in results else "fall"
+    frames = (*scenes.FRAMES, *scenes.LATER)
     return {
-        "title": f"Dong, figure 4: the block after its impact, from above{words}",
+        "title": "Dong, figure 4: the block after its impact, from above",
         "spacing_m": results[f"{runs}_with"].values["spacing"],
-        "rows": [
-            {
-                "words": words,
-                "frames": [_room(results[f"{runs}_{arm}"], frame, TOP) for frame in (*scenes.FRAMES, *scenes.LATER)],
-            }
-            for arm, words in arms.items()
-        ],
-    }
+        "rows": [{"words": words, "frames": [_room(results[f"{runs}_{arm}"], frame, TOP) for frame in frames]}
+                 for arm, words in ARMS.items()],
+    }  # fmt: skip
+
+
+ARMS = {"with": "with tension", "without": "without tension"}
 
 
 SPLASH_SHOWN = (60, 70, 80, 90, 120)  # frames of the splash that its picture shows
@@ -177,7 +170,7 @@ def splash_picture(data: Mapping[str, Any]) -> Any:
             place = axes[line][column]
             _draw_room(place, {**frame, "part": [0] * len(frame["part"])}, data["spacing_m"], TOP)
             counts = f"frame {frame['frame']}: {_counts(frame, 'parts')}, {frame['lone']} lone"
-            place.set_title(counts, fontsize=8, loc="center", weight="normal")
+            plain_title(place, counts, fontsize=8)
         axes[line][0].text(-0.04, 0.5, words, transform=axes[line][0].transAxes, rotation=90, ha="right",
                            va="center", fontsize=9.5)  # fmt: skip
     last = [frames[-1] for _, frames in rows]
@@ -189,14 +182,9 @@ def splash_picture(data: Mapping[str, Any]) -> Any:
 
 def rest_data(results: Results) -> dict[str, Any]:
     """Figure 5: from the side at rest, with and without tension."""
-    return {
-        "title": "Dong, figure 5: at rest, from the side",
-        "spacing_m": results["rest_with"].values["spacing"],
-        "rows": [
-            {"words": words, **_room(results[f"rest_{arm}"], scenes.REST, SIDE_VIEW)}
-            for arm, words in (("with", "with tension"), ("without", "without tension"))
-        ],
-    }
+    rows = [{"words": w, **_room(results[f"rest_{arm}"], scenes.REST, SIDE_VIEW)} for arm, w in ARMS.items()]
+    spacing = results["rest_with"].values["spacing"]
+    return {"title": "Dong, figure 5: at rest, from the side", "spacing_m": spacing, "rows": rows}
 
 
 def rest_picture(data: Mapping[str, Any]) -> Any:
@@ -205,8 +193,7 @@ def rest_picture(data: Mapping[str, Any]) -> Any:
     for place, row in zip(axes, data["rows"]):
         _draw_room(place, row, data["spacing_m"], SIDE_VIEW)
         place.set_ylim(-0.2, -0.05)
-        words = f"{row['words']}: {_counts(row, 'layers', 'parts')}, {row['lone']} lone"
-        place.set_title(words, fontsize=9, loc="center", weight="normal")
+        plain_title(place, f"{row['words']}: {_counts(row, 'layers', 'parts')}, {row['lone']} lone", fontsize=9)
     figure.suptitle(data["title"] + f" ({data['rows'][0]['time']:.1f} s)", fontsize=10.5, fontweight="bold")
     return figure
 
@@ -216,11 +203,10 @@ def merging_data(results: Results) -> dict[str, Any]:
     result = results["rest_with"]
     rows = result.values["rows"]
     return {
-        "title": "Dong, figure 6: the droplets merge",
-        "spacing_m": result.values["spacing"],
+        "title": "Dong, figure 6: the droplets merge", "spacing_m": result.values["spacing"],
         "frames": [_room(result, frame, TOP) for frame in scenes.MERGING],
         "series": {name: [row[name] for row in rows] for name in ("time", "parts", "lone", "largest")},
-    }
+    }  # fmt: skip
 
 
 def merging_picture(data: Mapping[str, Any]) -> Any:
@@ -230,8 +216,7 @@ def merging_picture(data: Mapping[str, Any]) -> Any:
     for k, frame in enumerate(data["frames"]):
         place = figure.add_subplot(grid[k // 4, k % 4])
         _draw_room(place, frame, data["spacing_m"], TOP)
-        words = f"{frame['time']:.2f} s: {_counts(frame, 'parts')}, {frame['lone']} lone"
-        place.set_title(words, fontsize=8, loc="center", weight="normal")
+        plain_title(place, f"{frame['time']:.2f} s: {_counts(frame, 'parts')}, {frame['lone']} lone", fontsize=8)
     axes = figure.add_subplot(grid[2, :])
     series = data["series"]
     axes.plot(series["time"], series["parts"], color=BLUE, marker="o", markersize=3, label="parts of 5 and more")
@@ -257,12 +242,9 @@ def sweep_data(results: Results) -> dict[str, Any]:
         names = ("stiffness", "correction", "area", "kinetic_share", "swing", "stopped")
         rows.append({**pair, **{f"{name}_found" if name in pair else name: values[name] for name in names}})
     return {
-        "title": "k against lambda: how far drops are from a ball",
-        "unit_of_cohesion": "k of the calibrated tension",
-        "unit_of_correction": "nominal sigma/(rho0 d) of the calibrated tension",
-        "calm": 0.01,
-        "rows": rows,
-    }
+        "title": "k against lambda: how far drops are from a ball", "unit_of_cohesion": "k of the calibrated tension",
+        "unit_of_correction": "nominal sigma/(rho0 d) of the calibrated tension", "calm": 0.01, "rows": rows,
+    }  # fmt: skip
 
 
 def sweep_picture(data: Mapping[str, Any]) -> Any:
@@ -320,18 +302,13 @@ def data(results: Results) -> dict[str, Any]:
         values = result.values
         rows.setdefault((values["case"], values["model"]), []).append(1e3 * runs.per_frame(values))
     first = next(iter(results.values()))
-    particles = {result.values["case"]: result.values["particles"] for result in results.values()}
     return {
-        "title": "Dong, table 1: time per frame of 5 ms",
-        "machine": first.about.get("machine"),
-        "date": first.about.get("date"),
-        "threads": first.values["threads"],
-        "particles": particles,
-        "rows": [
-            {"case": case, "model": model, "frame_ms": found, "median_ms": statistics.median(found)}
-            for (case, model), found in rows.items()
-        ],
-    }
+        "title": "Dong, table 1: time per frame of 5 ms", "machine": first.about.get("machine"),
+        "date": first.about.get("date"), "threads": first.values["threads"],
+        "particles": {result.values["case"]: result.values["particles"] for result in results.values()},
+        "rows": [{"case": case, "model": model, "frame_ms": found, "median_ms": statistics.median(found)}
+                 for (case, model), found in rows.items()],
+    }  # fmt: skip
 
 
 def picture(data: Mapping[str, Any]) -> Any:

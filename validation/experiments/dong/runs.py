@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import statistics
 import time
@@ -16,8 +17,8 @@ from refsim import Cloud, CsfWang2019, Dong2016, Scene, Simulation
 from refsim.core.effect import Extremes
 from refsim.core.errors import RunStopped
 from refsim.scene.plan import make_plan
-from validation.checks import Checks
-from validation.experiment import Experiment, Family, Measure, Options, Results, Run, alike
+from validation.checks import Checks, Quantities
+from validation.experiment import Experiment, Family, Measure, Options, Results, Run, alike, each, every
 from validation.experiments.dong import scene as scenes
 from validation.experiments.droplet.runs import relaxed
 from validation.metrics.droplet import (
@@ -30,7 +31,7 @@ from validation.metrics.droplet import (
 from validation.metrics.shapes import lattice_ball, lattice_cube
 from validation.metrics.spread import layers, seen_from_above
 from validation.results import Result, real
-from validation.running import Context, advance, momenta, refusal
+from validation.running import Context, advance, momenta, note, refusal, until_stopped
 
 BULK = 0.6  # of R: particles inside count as bulk
 
@@ -92,7 +93,7 @@ def drop(context: Context, scene: Scene, times: NDArray, backend: str) -> Result
     radius = spacing * (3 * simulation.count / (4 * math.pi)) ** (1 / 3)
     begin = simulation.field("position").astype(float)
     series: dict[str, list[Any]] = {}
-    frames, stopped, wall = [], "", 0.0
+    frames = []
 
     def sample(simulation: Simulation, wall: float) -> None:
         simulation.evaluate()
@@ -110,14 +111,10 @@ def drop(context: Context, scene: Scene, times: NDArray, backend: str) -> Result
             "nn_5": float(np.quantile(near, 0.05)), "moved": float(np.linalg.norm(x - begin, axis=1).max()) / spacing,
             **momenta(simulation),
         }  # fmt: skip
-        for name, value in row.items():
-            series.setdefault(name, []).append(value)
+        note(series, row)
         frames.append(x.astype(np.float32))
 
-    try:
-        wall = advance(simulation, times.tolist(), sample, context)
-    except RunStopped as error:
-        stopped = f"{error.reason} at {simulation.time:.3f} s"
+    wall, stopped = until_stopped(simulation, times.tolist(), sample, context)
     energy, time_ = np.array(series["kinetic_energy"]), np.array(series["time"])
     values = {
         "particles": simulation.count, "spacing": spacing, "radius": radius, "stopped": stopped, "series": series,
@@ -167,11 +164,8 @@ def printed(
 ) -> Result:  # fmt: skip
     """The 0.5 m cube with every printed number: how far its particles move in `steps` steps of 0.005 s."""
     scene = scenes.printed_cube(side, cohesion, correction, filtered)
-    result = drop(context, scene, np.linspace(0.0, steps * scenes.PRINTED_STEP, samples + 1), backend)
-    simulation = context.simulation(scene, backend)
-    simulation.evaluate()
-    greatest = float(np.linalg.norm(simulation.field("acceleration"), axis=1).max())
-    return Result({**result.values, "greatest_acceleration": greatest})
+    found = drop(context, scene, np.linspace(0.0, steps * scenes.PRINTED_STEP, samples + 1), backend)
+    return Result(found.values)
 
 
 def printed_limits(context: Context, backend: str) -> Result:
@@ -186,14 +180,10 @@ def printed_limits(context: Context, backend: str) -> Result:
     plan = make_plan(scenes.printed_block(1, 10 * speed, step=0.0))
     limits = [limit for e in plan.effects.values() for limit in e.step_limits(plan.grid, plan.effects).values()]
     found = falling(context, scenes.printed_block(1, soft_sound), list(range(0, 101, 2)), backend)
-    return Result(
-        {
-            "impact_speed": speed, "sound_speed": 10 * speed, "step": scenes.PRINTED_STEP,
-            "limit": min(limit.at(Extremes(0.0, 0.0)) for limit in limits), "refused": refusal(stiff),
-            "soft_sound_speed": soft_sound, "soft": found.values["compression"],
-            "soft_stopped": found.values["stopped"],
-        }
-    )  # fmt: skip
+    return Result({
+        "sound_speed": 10 * speed, "step": scenes.PRINTED_STEP, "refused": refusal(stiff),
+        "limit": min(limit.at(Extremes(0.0, 0.0)) for limit in limits), "soft": found.values["compression"],
+    })  # fmt: skip
 
 
 def fall(
@@ -209,26 +199,20 @@ def falling(context: Context, scene: Scene, frames: list[int], backend: str) -> 
     simulation = context.simulation(scene, backend)
     rows: list[dict[str, Any]] = []
     positions: list[NDArray] = []
-    stopped = ""
 
     def sample(simulation: Simulation, wall: float) -> None:
         simulation.evaluate()
         x = simulation.field("position").astype(float)
         share = simulation.field("density").astype(float) / scenes.DENSITY - 1
         motion = momenta(simulation)
-        rows.append(
-            {
-                "frame": frames[len(rows)], "time": simulation.time, "wall": wall, "steps": simulation.steps,
-                **seen_from_above(x, scene.spacing), "layers": layers(x, scene.spacing),
-                "compression": float(np.quantile(share, 0.95)), "kinetic_energy": motion["kinetic_energy"],
-            }
-        )  # fmt: skip
+        rows.append({
+            "frame": frames[len(rows)], "time": simulation.time, "wall": wall, "steps": simulation.steps,
+            **seen_from_above(x, scene.spacing), "layers": layers(x, scene.spacing),
+            "compression": float(np.quantile(share, 0.95)), "kinetic_energy": motion["kinetic_energy"],
+        })  # fmt: skip
         positions.append(x.astype(np.float32))
 
-    try:
-        wall = advance(simulation, [frame * scenes.FRAME for frame in frames], sample, context)
-    except RunStopped as error:
-        stopped, wall = f"{error.reason} at {simulation.time:.3f} s", math.nan
+    wall, stopped = until_stopped(simulation, [frame * scenes.FRAME for frame in frames], sample, context)
     return Result(
         {
             "particles": simulation.count, "spacing": scene.spacing, "rows": rows, "stopped": stopped, "seconds": wall,
@@ -256,12 +240,9 @@ def seconds_per_frame(
     case  "droplet" (the cube) or "oil" (drops of 900 kg/m^3 that run into each other). All models have one sound speed,
           support, viscosity and nominal tension.
     """
-    if case == "droplet":
-        position, spacing = scenes.start("cube", side**3)
-        density = scenes.DENSITY
-    else:
-        position, spacing = scenes.oil_drops(drops)
-        density = scenes.OIL
+    of_drop = case == "droplet"
+    position, spacing = scenes.start("cube", side**3) if of_drop else scenes.oil_drops(drops)
+    density = scenes.DENSITY if of_drop else scenes.OIL
     sound = math.sqrt(scenes.TENSION / (density * spacing * 0.01))
     scene = Scene(
         name=f"dong_{case}", spacing=spacing, support_radius=2.6 * spacing, fluid=(Cloud(position=position),),
@@ -286,14 +267,12 @@ def seconds_per_frame(
         stopped = f"{error.reason} at {simulation.time:.3f} s"
     late = spent[-timed:]
     each = [s / max(1, n) for s, n in zip(late, steps[-timed:])]
-    return Result(
-        {
-            "model": model, "case": case, "particles": simulation.count, "frames": len(spent), "steps": sum(steps),
-            "stopped": stopped,
-            "step": statistics.median(each) if each else math.nan,
-            "spread": [min(late), max(late)] if late else [], "threads": threads or context.threads, "turn": turn,
-        }
-    )  # fmt: skip
+    return Result({
+        "model": model, "case": case, "particles": simulation.count, "frames": len(spent), "steps": sum(steps),
+        "stopped": stopped,
+        "step": statistics.median(each) if each else math.nan,
+        "spread": [min(late), max(late)] if late else [], "threads": threads or context.threads, "turn": turn,
+    })  # fmt: skip
 
 
 SWEEP_SIDES = (9, 11, 13)
@@ -334,12 +313,7 @@ STARTS = {
     "box": ("box", SMALL, 1),
 }  # fmt: skip
 PRINTED_SIDES = (13, 14, 15, 16, 17)  # particles along the cube's edge; the paper's has 17
-ARMS = (True, False)  # with and without the Shepard filter
-
-
-def values_of(prefix: str, part: Callable[[dict], float]) -> Callable[[Results], list[float]]:
-    """A number of every run whose key begins so."""
-    return lambda found: [part(dict(r.values)) for key, r in found.items() if key.startswith(prefix)]
+ARMS = {True: "filtered", False: "raw"}  # with and without the Shepard filter
 
 
 # Density. The paper speaks of the amplitude of its oscillation: half of the peak-to-peak over the last half of a run,
@@ -355,49 +329,26 @@ def half_swing(rows: list[dict]) -> float:
 
 def calibrated_cube(filtered: bool) -> Measure:
     """Half of the bulk's peak-to-peak over the last half of the time, from the calibrated starts."""
-
-    def planned(options: Options) -> list[Run]:
-        made = []
-        for name, (shape, count, seed) in STARTS.items():
-            parameters: dict[str, Any] = {"shape": shape, "count": count, "seed": seed, "backend": options.backend}
-            if not filtered:
-                parameters["changes"] = {"filter_density": False}
-            made.append(Run(f"claim_cube_{name}_{'filtered' if filtered else 'raw'}", cube, parameters, 8.0))
-        return made
-
-    return Measure(planned, values_of("claim_cube", lambda v: real(v["swing_late"])), quick=False)
+    raw = {} if filtered else {"changes": {"filter_density": False}}
+    starts = {
+        f"claim_cube_{name}_{ARMS[filtered]}": {"shape": shape, "count": count, "seed": seed, **raw}
+        for name, (shape, count, seed) in STARTS.items()
+    }
+    return Measure(every(cube, starts, 8.0), each("swing_late"), quick=False)
 
 
 def calibrated_block(filtered: bool) -> Measure:
     """Oscillation of the falling block's density up to frame 320, calibrated; it lands at frame 40."""
-
-    def planned(options: Options) -> list[Run]:
-        return [
-            Run(
-                f"claim_block_{'filtered' if filtered else 'raw'}_{seed}", fall,
-                {"tension": True, "backend": options.backend, "seed": seed, "frames": list(range(0, 321, 4)),
-                 "filtered": filtered}, 4.0,
-            )
-            for seed in SEEDS
-        ]  # fmt: skip
-
-    return Measure(planned, values_of("claim_block", lambda v: half_swing(v["rows"])), quick=False)
+    starts = {f"claim_block_{ARMS[filtered]}_{seed}": {"seed": seed} for seed in SEEDS}
+    planned = every(fall, starts, 4.0, tension=True, frames=list(range(0, 321, 4)), filtered=filtered)
+    return Measure(planned, each(lambda v: half_swing(v["rows"])), quick=False)
 
 
 def printed_cube(filtered: bool) -> Measure:
     """Oscillation of the cube's density with the printed numbers, at the sound speed that the printed step allows."""
-
-    def planned(options: Options) -> list[Run]:
-        return [
-            Run(
-                f"claim_printed_{'filtered' if filtered else 'raw'}_{side}", printed,
-                {"side": side, "cohesion": True, "correction": True, "steps": 400, "backend": options.backend,
-                 "filtered": filtered, "samples": 80}, 4.0,
-            )
-            for side in PRINTED_SIDES
-        ]  # fmt: skip
-
-    return Measure(planned, values_of("claim_printed", lambda v: real(v["swing_late"])), quick=False)
+    starts = {f"claim_printed_{ARMS[filtered]}_{side}": {"side": side} for side in PRINTED_SIDES}
+    planned = every(printed, starts, 4.0, cohesion=True, correction=True, steps=400, filtered=filtered, samples=80)
+    return Measure(planned, each("swing_late"), quick=False)
 
 
 DENSITY_CUBE = calibrated_cube(True)
@@ -412,7 +363,7 @@ DENSITY_PRINTED_RAW = printed_cube(False)
 SHAPES = ("cube", "cut", "box", "rod", "pair")
 
 
-def excess(values: dict) -> float:
+def excess(values: Mapping[str, Any]) -> float:
     """Area over that of a ball of the same volume, less one; infinite for a torn drop."""
     found = real(values["area"])
     return math.inf if math.isnan(found) else found - 1
@@ -420,23 +371,10 @@ def excess(values: dict) -> float:
 
 def rest_area(corrected: bool) -> Measure:
     """Area at rest over that of a ball of the same volume, less one, at the calibrated setting."""
-
-    def planned(options: Options) -> list[Run]:
-        made = []
-        for shape in SHAPES:
-            parameters: dict[str, Any] = {
-                "shape": shape,
-                "count": SMALL,
-                "backend": options.backend,
-                "until": 8.0,
-                "viscosity": scenes.CALM,
-            }
-            if not corrected:
-                parameters["changes"] = {"correction": 0.0}
-            made.append(Run(f"claim_area_{shape}_{corrected:d}", cube, parameters, 12.0))
-        return made
-
-    return Measure(planned, values_of("claim_area", excess), quick=False)
+    alone = {} if corrected else {"changes": {"correction": 0.0}}
+    starts = {f"claim_area_{shape}_{corrected:d}": {"shape": shape, **alone} for shape in SHAPES}
+    planned = every(cube, starts, 12.0, count=SMALL, until=8.0, viscosity=scenes.CALM)
+    return Measure(planned, each(excess), quick=False)
 
 
 def frozen(context: Context, shape: str, corrected: bool, backend: str) -> Result:
@@ -455,15 +393,8 @@ def frozen(context: Context, shape: str, corrected: bool, backend: str) -> Resul
 
 def frozen_area(corrected: bool) -> Measure:
     """The same as `rest_area` with the paper's support."""
-
-    def planned(options: Options) -> list[Run]:
-        made = []
-        for shape in SHAPES:
-            parameters = {"shape": shape, "corrected": corrected, "backend": options.backend}
-            made.append(Run(f"claim_frozen_{shape}_{corrected:d}", frozen, parameters, 12.0))
-        return made
-
-    return Measure(planned, values_of("claim_frozen", excess), quick=False)
+    starts = {f"claim_frozen_{shape}_{corrected:d}": {"shape": shape} for shape in SHAPES}
+    return Measure(every(frozen, starts, 12.0, corrected=corrected), each(excess), quick=False)
 
 
 COHESION_NOT_MINIMAL = rest_area(False)
@@ -518,11 +449,8 @@ def left_over(position: NDArray, force: NDArray) -> dict[str, float]:
 
 def momentum(term: str, part: str) -> Measure:
     """What a term does to the linear or angular momentum, start by start."""
-
-    def planned(options: Options) -> list[Run]:
-        return [Run(f"claim_forces_{s}", forces, {"seed": s, "backend": options.backend}, 4.0) for s in SEEDS]
-
-    return Measure(planned, values_of("claim_forces", lambda v: real(v[term][part])), quick=False)
+    planned = every(forces, {f"claim_forces_{seed}": {"seed": seed} for seed in SEEDS}, 4.0)
+    return Measure(planned, each(lambda v: real(v[term][part])), quick=False)
 
 
 LINEAR_COHESION = momentum("cohesion", "linear")
@@ -546,25 +474,17 @@ def speed_key(case: str, model: str, turn: int, threads: int | None) -> str:
 
 def speed(rival: str, case: str) -> Callable[[Options], list[Run]]:
     """Runs of Dong's model and its rival, a round each in turn."""
-
-    def planned(options: Options) -> list[Run]:
-        made = []
-        for k, threads in ROUNDS:
-            for model in ("dong", rival):
-                parameters = {"model": model, "case": case, "backend": options.backend, "turn": k, "threads": threads}
-                made.append(Run(speed_key(case, model, k, threads), seconds_per_frame, parameters, 8.0))
-        return made
-
-    return planned
+    runs = {
+        speed_key(case, model, k, threads): {"model": model, "turn": k, "threads": threads}
+        for k, threads in ROUNDS for model in ("dong", rival)
+    }  # fmt: skip
+    return every(seconds_per_frame, runs, 8.0, case=case)
 
 
 def quotients(found: Results, rival: str, case: str) -> list[float]:
     """Seconds of a frame with Dong's model over those with its rival, round by round."""
-    values = []
-    for k, threads in ROUNDS:
-        own, its = (per_frame(found[speed_key(case, m, k, threads)].values) for m in ("dong", rival))
-        values.append(own / its)
-    return values
+    seconds = {m: [per_frame(found[speed_key(case, m, *turn)].values) for turn in ROUNDS] for m in ("dong", rival)}
+    return [own / its for own, its in zip(seconds["dong"], seconds[rival])]
 
 
 def faster(rival: str, case: str) -> Measure:
@@ -600,12 +520,8 @@ LIQUID = {"support": 2.6, "kernels": "wendland", "viscosity": 0.3}
 
 def history(context: Context, side: int, model: str, backend: str) -> Result:
     """A cube of side 1 m in the liquid of the experiment `droplet`: q4 over time."""
-    effect = (
-        Dong2016(surface_tension=1.0 / scenes.RATIO["wendland"])
-        if model == "dong"
-        else CsfWang2019(surface_tension=1.0)
-    )
-    changes = {**LIQUID, "effects": (effect,)}
+    dong = Dong2016(surface_tension=1.0 / scenes.RATIO["wendland"])
+    changes = {**LIQUID, "effects": (dong if model == "dong" else CsfWang2019(surface_tension=1.0),)}
     found = relaxed(context, model, changes, "cube", side**3, backend, until=2.2, samples=220)
     series = {name: found.values["series"][name] for name in ("time", "cubic_moment", "radius_variation")}
     return Result({"series": series, "stopped": found.values["stopped"]})
@@ -620,12 +536,7 @@ def in_half_times(values: dict, at: NDArray) -> NDArray:
     return np.interp(at, time / half, share, right=math.nan)
 
 
-def _history_runs(options: Options) -> list[Run]:
-    return [
-        Run(f"claim_history_{side}_{model}", history, {"side": side, "model": model, "backend": options.backend}, 8.0)
-        for side in SIDES
-        for model in ("dong", "csf")
-    ]
+HISTORIES = {f"claim_history_{side}_{m}": {"side": side, "model": m} for side in SIDES for m in ("dong", "csf")}
 
 
 def _history_values(found: Results) -> list[float]:
@@ -637,39 +548,24 @@ def _history_values(found: Results) -> list[float]:
     return values
 
 
-SHAPE_LIKE_CSF = Measure(_history_runs, _history_values, quick=False)
+SHAPE_LIKE_CSF = Measure(every(history, HISTORIES, 8.0), _history_values, quick=False)
 
 # Droplets against net.
 
 
-def _fall_runs(options: Options) -> list[Run]:
-    made = []
-    for seed in SEEDS:
-        for tension in ARMS:
-            parameters = {
-                "tension": tension,
-                "backend": options.backend,
-                "seed": seed,
-                "frames": [*scenes.FRAMES, *scenes.LATER],
-            }
-            made.append(Run(f"claim_fall_{seed}_{tension:d}", fall, parameters, 3.0))
-    return made
-
-
 def splash(part: str, frame: int, over: Callable[[float, float], float]) -> Measure:
     """A count with tension against the same without, start by start."""
+    falls = {
+        f"claim_fall_{seed}_{tension:d}": {"tension": tension, "seed": seed}
+        for seed in SEEDS for tension in (True, False)
+    }  # fmt: skip
 
     def values(found: Results) -> list[float]:
-        made = []
-        for seed in SEEDS:
-            both = []
-            for tension in ARMS:
-                rows = found[f"claim_fall_{seed}_{tension:d}"].values["rows"]
-                both.append(real(next(row[part] for row in rows if row["frame"] == frame)))
-            made.append(over(*both))
-        return made
+        rows = [next(row for row in found[key].values["rows"] if row["frame"] == frame) for key in falls]
+        counts = [real(row[part]) for row in rows]
+        return [over(a, b) for a, b in zip(counts[::2], counts[1::2])]
 
-    return Measure(_fall_runs, values)
+    return Measure(every(fall, falls, 3.0, frames=[*scenes.FRAMES, *scenes.LATER]), values)
 
 
 NET_WITHOUT = splash("holes", 90, lambda a, b: b / max(a, 1.0))
@@ -681,56 +577,36 @@ GATHERS = splash("height", 160, lambda a, b: a / b)
 RESTED = 1600  # frames
 
 
-def _merge_runs(options: Options) -> list[Run]:
-    return [
-        Run(f"claim_merge_{seed}", fall,
-            {"tension": True, "backend": options.backend, "seed": seed, "frames": [0, RESTED]}, 30.0)
-        for seed in SEEDS
-    ]  # fmt: skip
+MERGERS = {f"claim_merge_{seed}": {"seed": seed} for seed in SEEDS}
 
 
-def _outside_largest(values: dict) -> float:
+def _outside_largest(values: Mapping[str, Any]) -> float:
     """Share of the particles outside of the largest part at the end; 1 for a run that stopped."""
     return 1.0 if values["stopped"] else 1 - real(values["rows"][-1]["largest"])
 
 
-MERGES_INTO_ONE = Measure(_merge_runs, values_of("claim_merge", _outside_largest), quick=False)
+MERGES_INTO_ONE = Measure(
+    every(fall, MERGERS, 30.0, tension=True, frames=[0, RESTED]), each(_outside_largest), quick=False
+)
 
 # Section 2.1: L(0) = k, where the cosine of the plain pair force vanishes at r = 0.
 
 FEW = 512  # particles
-NEAR_STARTS = {
-    "cube": ("cube", FEW, 1), "cut": ("cut", FEW, 1), "cut_2": ("cut", FEW, 2), "cut_3": ("cut", FEW, 3),
-    "box": ("box", FEW, 1),
-}  # fmt: skip
 
 
-def near(model: str, rival: str = "") -> Measure:
+def near(*models: str) -> Measure:
     """Nearest neighbour, 5th percentile [d], at the end of a run without the correction, or over that of a rival."""
-    models = [model, rival] if rival else [model]
-
-    def planned(options: Options) -> list[Run]:
-        made = []
-        for name, (shape, count, seed) in NEAR_STARTS.items():
-            for each in models:
-                parameters: dict[str, Any] = {
-                    "shape": shape, "count": count, "seed": seed, "model": each, "until": 2.0, "samples": 20,
-                    "viscosity": scenes.CALM, "backend": options.backend,
-                }  # fmt: skip
-                if each == "dong":
-                    parameters["changes"] = {"correction": 0.0}
-                made.append(Run(f"claim_near_{each}_{name}", cube, parameters, 4.0))
-        return made
+    alone = {"dong": {"changes": {"correction": 0.0}}}
+    runs = {
+        f"claim_near_{model}_{name}": {"shape": shape, "seed": seed, "model": model, **alone.get(model, {})}
+        for name, (shape, _, seed) in STARTS.items() for model in models
+    }  # fmt: skip
 
     def values(found: Results) -> list[float]:
-        last = {key: real(result.values["series"]["nn_5"][-1]) for key, result in found.items()}
-        made = []
-        for name in NEAR_STARTS:
-            own = last[f"claim_near_{model}_{name}"]
-            made.append(own / last[f"claim_near_{rival}_{name}"] if rival else own)
-        return made
+        last = [real(found[key].values["series"]["nn_5"][-1]) for key in runs]
+        return last if len(models) == 1 else [own / its for own, its in zip(last[::2], last[1::2])]
 
-    return Measure(planned, values)
+    return Measure(every(cube, runs, 4.0, count=FEW, until=2.0, samples=20, viscosity=scenes.CALM), values)
 
 
 NO_CLUSTERS = near("dong")
@@ -764,12 +640,10 @@ def _two_histories(measure: Measure) -> list[float]:
     time = np.linspace(0.0, 2.2, 221)
     swings, creeps = np.exp(-time) * np.cos(8 * time), np.exp(-time)
     given = {"dong": swings, "csf": creeps}
-    return measure.of(
-        {
-            run.key: {"series": {"time": time.tolist(), "cubic_moment": given[run.parameters["model"]].tolist()}}
-            for run in measure.runs(Options())
-        }
-    )
+    return measure.of({
+        run.key: {"series": {"time": time.tolist(), "cubic_moment": given[run.parameters["model"]].tolist()}}
+        for run in measure.runs(Options())
+    })  # fmt: skip
 
 
 def _pairs(measure: Measure) -> list[float]:
@@ -810,12 +684,10 @@ FAMILIES = (
         ("as_fast_as_iif_droplet", "as_fast_as_iif_oil"),
         "A frame could take clearly longer than the plain pair force's.",
         "a model that takes twice as long",
-        lambda measure: measure.of(
-            {
-                run.key: {"step": 0.02 if run.parameters["model"] == "dong" else 0.01, "steps": 40, "frames": 40}
-                for run in measure.runs(Options())
-            }
-        ),
+        lambda measure: measure.of({
+            run.key: {"step": 0.02 if run.parameters["model"] == "dong" else 0.01, "steps": 40, "frames": 40}
+            for run in measure.runs(Options())
+        }),
     ),
     Family(
         ("shape_like_csf",), "The two models could deform a cube differently.",
@@ -858,24 +730,23 @@ def planned(options: Options) -> list[Run]:
     """The runs under the options."""
     reason = "takes minutes; run without --quick" if options.quick else ""
     backend = {"backend": options.backend}
-    made = [Run("cube_4913", cube, {"shape": "cube", "count": 4913, **backend}, 40.0, reason)]
+    large = {"shape": "cube", "count": 4913, **backend}
+    small = {"shape": "cube", "count": JUDGED_SMALL, **backend}
+    made = [Run("cube_4913", cube, large, 40.0, reason)]
     for name, (cohesion, correction) in TERMS.items():
         parameters = {"side": 17, "cohesion": cohesion, "correction": correction, "steps": 400, **backend}
         made.append(Run(f"printed_{name}", printed, parameters, 8.0, reason))
     made.append(Run("printed_limits", printed_limits, backend, 3.0, reason))
+    key, estimate = ("fall", 2.0) if options.quick else ("rest", 40.0)
+    frames = sorted({*scenes.FRAMES, *(scenes.LATER if options.quick else LATE)})
     for arm, tension in JUDGED_ARMS.items():
-        frames = sorted({*scenes.FRAMES, *(scenes.LATER if options.quick else LATE)})
         parameters = {"tension": tension, "frames": frames, **backend}
-        key, estimate = ("fall", 2.0) if options.quick else ("rest", 40.0)
         made.append(Run(f"{key}_{arm}", fall, parameters, estimate))
         made.append(Run(f"own_{key}_{arm}", fall, {**parameters, **OWN}, 2 * estimate))
-    small = {"shape": "cube", "count": JUDGED_SMALL, **backend}
     for name, changes in (("shared", {}), ("own", OWN)):
         made.append(Run(f"{name}_cube_{JUDGED_SMALL}", cube, {**small, "changes": changes}, 10.0))
-    made.append(Run("own_cube_4913", cube, {"shape": "cube", "count": 4913, "changes": OWN, **backend}, 60.0, reason))
-    for key, pair in sweep_pairs().items():
-        made.append(Run(key, sweep, {**pair, **backend}, 3.0, reason))
-    return made
+    made.append(Run("own_cube_4913", cube, {**large, "changes": OWN}, 60.0, reason))
+    return made + [Run(key, sweep, {**pair, **backend}, 3.0, reason) for key, pair in sweep_pairs().items()]
 
 
 def blocks(results: Results, solver: str = "") -> dict[str, list[dict[str, Any]]]:
@@ -893,65 +764,55 @@ def checks(results: Results, check: Checks) -> None:
     """Octahedron and ball, the printed settings, droplets against net, drop against layer."""
     if "cube_4913" in results:
         values = results["cube_4913"].values
-        top = max(values["series"]["moment"])
-        k = values["series"]["moment"].index(top)
-        check("octahedron", top)
-        check("points_over_corners", values["series"]["points"][k] / values["series"]["corners"][k])
-        rayleigh = rayleigh_period(scenes.TENSION, values["radius"])
+        series = values["series"]
+        k = int(np.argmax(series["moment"]))
+        ratio = real(values["oscillation"]["free"]) / rayleigh_period(scenes.TENSION, values["radius"])
+        check("octahedron", series["moment"][k])
+        check("points_over_corners", series["points"][k] / series["corners"][k])
         check("period", values["oscillation"]["period"])
-        ratio = real(values["oscillation"]["free"]) / rayleigh
         check("period_over_rayleigh", ratio)
         check("period_off_rayleigh", abs(ratio - 1))
-        check("roundness", values["series"]["radius_variation"][-1])
+        check("roundness", series["radius_variation"][-1])
         check("swing", values["swing_late"])
-    for name in TERMS:
-        if f"printed_{name}" in results:
-            series = results[f"printed_{name}"].values["series"]
-            rule = "printed_moved" if name == "cohesion" else "printed_moved_shown"
-            check(rule, series["moved"][-1], name, WORDS[name])
-            if name == "both":
-                check("printed_shape", abs(1 - series["moment"][-1] / series["moment"][0]))
-    if "printed_limits" in results:
-        values = results["printed_limits"].values
-        check("printed_step", values["step"] / values["limit"])
-        check("printed_refused", float(bool(values["refused"])))
-        check("printed_compression", values["soft"])
+    for name, words in WORDS.items():
+        rule = "printed_moved" if name == "cohesion" else "printed_moved_shown"
+        check.run(results, f"printed_{name}", {rule: lambda v: v["series"]["moved"][-1]}, name, words)
+    shape: Quantities = {"printed_shape": lambda v: abs(1 - v["series"]["moment"][-1] / v["series"]["moment"][0])}
+    check.run(results, "printed_both", shape)
+    check.run(results, "printed_limits", {
+        "printed_step": lambda v: v["step"] / v["limit"], "printed_refused": lambda v: float(bool(v["refused"])),
+        "printed_compression": "soft",
+    })  # fmt: skip
     for key in (*(f"{name}_cube_{JUDGED_SMALL}" for name in SOLVERS), "own_cube_4913"):
-        if key in results:
-            values = results[key].values
-            words = f"cube of {values['particles']:,}, {SOLVERS[key.partition('_')[0]]}"
-            check("solver_octahedron", max(values["series"]["moment"]), key, words)
-            check("solver_roundness", values["series"]["radius_variation"][-1], key, words)
-            check("solver_swing", values["swing_late"], key, words)
+        count = int(key.rpartition("_")[2])
+        check.run(results, key, {
+            "solver_octahedron": lambda v: max(v["series"]["moment"]),
+            "solver_roundness": lambda v: v["series"]["radius_variation"][-1], "solver_swing": "swing_late",
+        }, key, f"cube of {count:,}, {SOLVERS[key.partition('_')[0]]}")  # fmt: skip
     for arm, rows in blocks(results, "own_").items():
         for row in rows:
-            if row["frame"] in (*scenes.FRAMES, *scenes.LATER, scenes.REST):
-                words = f"frame {row['frame']}, {arm} tension, D(3) to D(5)"
+            frame, words = row["frame"], f"frame {row['frame']}, {arm} tension, D(3) to D(5)"
+            if frame in (*scenes.FRAMES, *scenes.LATER, scenes.REST):
                 for name in ("parts", "lone", "holes"):
-                    check(name, row[name], f"own_{row['frame']}_{arm}", words)
-                if row["frame"] == scenes.REST:
-                    check("solver_layers", row["layers"], f"own_{arm}", words)
-    landed = blocks(results)
-    if landed:
-        at = {arm: {row["frame"]: row for row in rows} for arm, rows in landed.items()}
-        for frame in (*scenes.FRAMES, *scenes.LATER):
-            both = {arm: at[arm][frame] for arm in JUDGED_ARMS}
-            for name in ("parts", "lone", "holes"):
-                for arm in JUDGED_ARMS:
-                    check(name, both[arm][name], f"{frame}_{arm}", f"frame {frame}, {arm} tension")
-        if scenes.REST in at["with"]:
-            check("layers_with", at["with"][scenes.REST]["layers"])
-            check("layers_without", at["without"][scenes.REST]["layers"])
-            check("parts_at_rest", at["with"][scenes.REST]["parts"])
-            check("largest_at_rest", at["with"][scenes.REST]["largest"])
+                    check(name, row[name], f"own_{frame}_{arm}", words)
+            if frame == scenes.REST:
+                check("solver_layers", row["layers"], f"own_{arm}", words)
+    at = {arm: {row["frame"]: row for row in rows} for arm, rows in blocks(results).items()}
+    for frame in (*scenes.FRAMES, *scenes.LATER) if at else ():
+        for name, arm in itertools.product(("parts", "lone", "holes"), JUDGED_ARMS):
+            check(name, at[arm][frame][name], f"{frame}_{arm}", f"frame {frame}, {arm} tension")
+    if at and scenes.REST in at["with"]:
+        rest, without = at["with"][scenes.REST], at["without"][scenes.REST]
+        check("layers_with", rest["layers"])
+        check("layers_without", without["layers"])
+        check("parts_at_rest", rest["parts"])
+        check("largest_at_rest", rest["largest"])
 
 
 EXPERIMENT = Experiment(
-    name="dong",
-    title="Dong 2016: cube through octahedron to ball, a block that falls with and without tension",
-    runs=planned,
-    checks=checks,
-)
+    name="dong", title="Dong 2016: cube through octahedron to ball, a block that falls with and without tension",
+    runs=planned, checks=checks,
+)  # fmt: skip
 
 
 # Dong, Zhang & Chen 2016, table 1: seconds per frame of Dong's model, the plain pair force and the continuum force.
@@ -972,13 +833,11 @@ def key_of(case: str, model: str, turn: int) -> str:
 def table_1_planned(options: Options) -> list[Run]:
     """Both scenes under the three models, in turn, so that a disturbance does not fall on one model alone."""
     reason = "a timing: wants a quiet machine; run without --quick" if options.quick else ""
-    made = []
-    for turn in TURNS:
-        for case in CASES:
-            for model in scenes.MODELS:
-                parameters = {"model": model, "case": case, "backend": options.backend, "turn": turn}
-                made.append(Run(key_of(case, model, turn), seconds_per_frame, parameters, 3.0, reason, timed=True))
-    return made
+    return [
+        Run(key_of(case, model, turn), seconds_per_frame,
+            {"model": model, "case": case, "backend": options.backend, "turn": turn}, 3.0, reason, timed=True)
+        for turn in TURNS for case in CASES for model in scenes.MODELS
+    ]  # fmt: skip
 
 
 NEEDS = tuple(key_of(case, model, turn) for turn in TURNS for case in CASES for model in scenes.MODELS)

@@ -36,11 +36,7 @@ PRINTED_BOUND = 10.0  # of the density: the printed block lands faster than its 
 CUBE_VISCOSITY = 2.0  # Pa s: an Ohnesorge number of 0.03, so that the cube overshoots
 CALM = 7.5  # Pa s, with which small drops come to rest
 FALL_NOMINAL, FALL_VISCOSITY, FALL_SOUND = 0.5 * TENSION, 7.5, 25.0  # N/m, Pa s (what keeps the energy), m/s
-MODELS = {
-    "dong": "Dong 2016",
-    "iif": "plain pair force (Tartakovsky & Meakin 2005)",
-    "csf": "continuum surface force",
-}
+MODELS = {"dong": "Dong 2016", "iif": "plain pair force (Tartakovsky & Meakin 2005)", "csf": "continuum surface force"}
 
 
 def liquid(density: float = DENSITY, **options: Any) -> WeaklyCompressible:

@@ -17,11 +17,13 @@ from validation.drawing import (
     SKY,
     VERMILION,
     WATER,
-    ball_picture,
+    caption,
+    plain_title,
+    seen_thousandths,
+    show_balls,
     show_image,
     surface_picture,
     view_matrix,
-    visible_balls,
 )
 from validation.experiment import Picture, Results
 from validation.metrics.droplet import surface_mesh
@@ -49,11 +51,8 @@ def chosen_frames(values: Mapping[str, Any], count: int) -> list[int]:
 
 def frame_data(results: Results) -> dict[str, Any]:
     """Figure 6: the particles that can be seen, of each start, at chosen times."""
-    data: dict[str, Any] = {
-        "title": "Figure 6: a cube of liquid becomes a drop",
-        "half_width_radii": EXTENT,
-        "rows": [],
-    }
+    title = "Figure 6: a cube of liquid becomes a drop"
+    data: dict[str, Any] = {"title": title, "half_width_radii": EXTENT, "rows": []}
     for key, words in (ROWS | SURFACE_ONLY).items():
         if key not in results or key == "cut_5039":
             continue
@@ -61,25 +60,17 @@ def frame_data(results: Results) -> dict[str, Any]:
         frames = []
         for k in chosen_frames(values, 6):
             x = (position[k] - position[k].mean(0)) / values["radius"]
-            seen = visible_balls(x, 0.5 * values["spacing"] / values["radius"], VIEW, EXTENT)
-            frames.append(
-                {
-                    "time_s": values["series"]["time"][k],
-                    "cubic_moment": values["series"]["cubic_moment"][k],
-                    "radius_variation": values["series"]["radius_variation"][k],
-                    "position_milliradii": np.rint(1000 * x[seen]).astype(int),
-                }
-            )
-        data["rows"].append(
-            {
-                "start": words,
-                "particles": values["particles"],
-                "radius_m": values["radius"],
-                "capillary_time_s": values["capillary_time"],
-                "spacing_radii": values["spacing"] / values["radius"],
-                "frames": frames,
-            }
-        )
+            series = values["series"]
+            frames.append({
+                "time_s": series["time"][k], "cubic_moment": series["cubic_moment"][k],
+                "radius_variation": series["radius_variation"][k],
+                "position_milliradii": seen_thousandths(x, values["spacing"] / values["radius"], VIEW, EXTENT),
+            })  # fmt: skip
+        data["rows"].append({
+            "start": words, "particles": values["particles"], "radius_m": values["radius"],
+            "capillary_time_s": values["capillary_time"], "spacing_radii": values["spacing"] / values["radius"],
+            "frames": frames,
+        })  # fmt: skip
     return data
 
 
@@ -96,12 +87,9 @@ def frame_picture(data: Mapping[str, Any]) -> Any:
         for frame, axes in zip(row["frames"], line):
             x = np.array(frame["position_milliradii"]) / 1000
             colour = colours(norm(np.linalg.norm(x, axis=1)))[:, :3]
-            show_image(axes, ball_picture(x, 0.5 * row["spacing_radii"], colour, VIEW, extent, pixels=320), extent)
-            axes.set_title(f"t = {frame['time_s'] / row['capillary_time_s']:.2f}", loc="center", fontweight="normal")
-            axes.text(
-                0.5, -0.02, f"$q_4$ = {frame['cubic_moment']:+.3f}\nroughness {frame['radius_variation']:.4f}",
-                transform=axes.transAxes, ha="center", va="top", fontsize=8, color=GREY,
-            )  # fmt: skip
+            show_balls(axes, x, row["spacing_radii"], colour, VIEW, extent, 320)
+            plain_title(axes, f"t = {frame['time_s'] / row['capillary_time_s']:.2f}")
+            caption(axes, f"$q_4$ = {frame['cubic_moment']:+.3f}\nroughness {frame['radius_variation']:.4f}")
         words = f"{row['start'].capitalize()}, {row['particles']:,} particles"
         line[0].set_title(" \n ", loc="left")  # space for the words, whose width must not push the next frame away
         line[0].text(0, 1.2, words, transform=line[0].transAxes, fontweight="bold").set_in_layout(False)
@@ -122,12 +110,9 @@ def surface_data(results: Results) -> dict[str, Any]:
             {"time_s": values["series"]["time"][k], "position_milliradii": np.rint(1000 * x).astype(int).tolist()}
         )
     return {
-        "title": "Figure 7: the drop's surface",
-        "spacing_radii": values["spacing"] / values["radius"],
-        "capillary_time_s": values["capillary_time"],
-        "half_width_radii": 1.4,
-        "frames": frames,
-    }
+        "title": "Figure 7: the drop's surface", "spacing_radii": values["spacing"] / values["radius"],
+        "capillary_time_s": values["capillary_time"], "half_width_radii": 1.4, "frames": frames,
+    }  # fmt: skip
 
 
 def surface_picture_of(data: Mapping[str, Any]) -> Any:
@@ -139,8 +124,7 @@ def surface_picture_of(data: Mapping[str, Any]) -> Any:
         x = x[np.linalg.norm(x, axis=1) < 3.0]
         mesh = surface_mesh(x, data["spacing_radii"], smoothing=1.0, cell=0.3)
         show_image(axes, surface_picture(*mesh, WATER, VIEW, extent, pixels=480), extent)
-        time = frame["time_s"] / data["capillary_time_s"]
-        axes.set_title(f"t = {time:.2f}", loc="center", fontweight="normal", y=0.95)
+        plain_title(axes, f"t = {frame['time_s'] / data['capillary_time_s']:.2f}", y=0.95)
     figure.supxlabel(r"times in $\sqrt{\rho R^3/\sigma}$; surface where half the volume is liquid", fontsize=8.5)
     return figure
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
@@ -15,8 +16,8 @@ from refsim import Cloud, JiangZhu2023, Scene, Simulation, WeaklyCompressible
 from refsim.core.errors import InputError, RunStopped
 from refsim.scene.plan import make_plan
 from refsim.surface_tension.jiang_zhu_2023 import kirkwood_buff_sigma, unit_moment
-from validation.checks import Checks
-from validation.experiment import Experiment, Family, Measure, Options, Results, Run, alike
+from validation.checks import Checks, Quantities
+from validation.experiment import Experiment, Family, Measure, Options, Results, Run, alike, each, every
 from validation.experiments.droplet.scene import END_TIME, VARIANTS, droplet_scene, particles
 from validation.metrics.droplet import (
     cubic_moment,
@@ -29,8 +30,8 @@ from validation.metrics.droplet import (
 )
 from validation.metrics.shapes import lattice_ball
 from validation.results import Result, real
-from validation.running import Context, advance, momenta, search_log, stage_seconds
-from validation.trials import Cell, StabilityMap, Trial, largest_stable, silent_up_to
+from validation.running import Context, advance, momenta, note, search_log, stage_seconds, until_stopped
+from validation.trials import Cell, StabilityMap, Trial, hard_case, largest_stable, silent_up_to
 
 SAMPLES = 72
 BULK = 0.6  # of R: particles inside count as bulk
@@ -39,18 +40,10 @@ ROUND = 0.005  # radius variation of a settled drop
 
 
 def relax(
-    context: Context,
-    shape: str,
-    count: int,
-    backend: str,
-    variant: str = "default",
-    until: float = END_TIME,
-    samples: int = SAMPLES,
-    detection: bool = False,
-    seed: int = 1,
-    tension: dict[str, Any] | None = None,
+    context: Context, shape: str, count: int, backend: str, variant: str = "default", until: float = END_TIME,
+    samples: int = SAMPLES, detection: bool = False, seed: int = 1, tension: dict[str, Any] | None = None,
     dtype: str = "float32",
-) -> Result:
+) -> Result:  # fmt: skip
     """From `shape` to rest under a variant of the model; a run that stops is a result, with its reason.
 
     tension  parameters of the tension in place of the variant's
@@ -62,16 +55,9 @@ def relax(
 
 
 def relaxed(
-    context: Context,
-    words: str,
-    changes: Mapping[str, Any],
-    shape: str,
-    count: int,
-    backend: str,
-    until: float = END_TIME,
-    samples: int = SAMPLES,
-    seed: int = 1,
-) -> Result:
+    context: Context, words: str, changes: Mapping[str, Any], shape: str, count: int, backend: str,
+    until: float = END_TIME, samples: int = SAMPLES, seed: int = 1,
+) -> Result:  # fmt: skip
     """From `shape` to rest under `changes` to the droplet's scene; a run that stops is a result, with its reason.
 
     Steady from: the first sample from which on the kinetic energy stays below 1e-3 of its peak and the radius variation
@@ -81,7 +67,7 @@ def relaxed(
     simulation = context.simulation(droplet_scene(position, spacing, **changes), backend)
     radius = spacing * (3.0 * simulation.count / (4.0 * math.pi)) ** (1.0 / 3.0)
     series: dict[str, list[Any]] = {}
-    frames, wall, stopped = [], 0.0, ""
+    frames = []
 
     def sample(simulation: Simulation, wall: float) -> None:
         simulation.evaluate()
@@ -89,73 +75,42 @@ def relaxed(
         away = np.linalg.norm(x - x.mean(0), axis=1)
         bulk = simulation.field("density").astype(float)[away < BULK * radius]
         near = nearest_neighbour_distance(x) / spacing
-        stages = stage_seconds(simulation)
-        row = {
-            "time": simulation.time,
-            "wall": wall,
-            "steps": simulation.steps,
-            "radius_variation": radius_variation(x),
-            "cubic_moment": cubic_moment(x, axes),
-            "anisotropy": inertia_anisotropy(x),
-            "extent": float(away.max()) / radius,
-            "nn_min": float(near.min()),
-            "nn_5": float(np.quantile(near, 0.05)),
-            "nn_mean": float(near.mean()),
-            "bulk_error": float(bulk.mean()) - 1.0 if len(bulk) else float("nan"),
-            "bulk_spread": float(bulk.std()) if len(bulk) else float("nan"),
-            "surface_share": float(simulation.field("surface").mean()) if "surface" in simulation.fields else None,
-            "stages": stages,
+        note(series, {
+            "time": simulation.time, "wall": wall, "steps": simulation.steps, "radius_variation": radius_variation(x),
+            "cubic_moment": cubic_moment(x, axes), "anisotropy": inertia_anisotropy(x),
+            "extent": float(away.max()) / radius, "nn_min": float(near.min()), "nn_5": float(np.quantile(near, 0.05)),
+            "nn_mean": float(near.mean()), "bulk_error": float(bulk.mean()) - 1.0 if len(bulk) else math.nan,
+            "bulk_spread": float(bulk.std()) if len(bulk) else math.nan, "stages": stage_seconds(simulation),
             **momenta(simulation),
-        }
-        for name, value in row.items():
-            series.setdefault(name, []).append(value)
+        })  # fmt: skip
         frames.append(x.astype(np.float32))
 
-    times = np.linspace(0.0, until, samples + 1).tolist()
+    wall, stopped = until_stopped(simulation, np.linspace(0.0, until, samples + 1).tolist(), sample, context)
     try:
-        wall = advance(simulation, times, sample, context)
-    except RunStopped as error:
-        stopped = f"{error.reason} at {simulation.time:.3f} s"
-    final = frames[-1].astype(float)
-    try:
-        roundness = sphericity(*surface_mesh(final, spacing))
+        roundness = sphericity(*surface_mesh(frames[-1].astype(float), spacing))
     except ValueError:  # torn apart: no one closed surface
-        roundness = float("nan")
+        roundness = math.nan
     energy, variation = np.array(series["kinetic_energy"]), np.array(series["radius_variation"])
     peak = float(energy.max())
     settled = (energy <= CALM * peak) & (variation <= ROUND)
     steady = None if stopped or not settled[-1] else int(np.flatnonzero(~settled).max(initial=-1)) + 1
     late = energy[-max(1, samples // 20) :]
+    last = ("radius_variation", "cubic_moment", "anisotropy", "extent", "nn_min", "nn_5", "nn_mean", "bulk_error",
+            "bulk_spread")  # fmt: skip
     values = {
-        "particles": simulation.count,
-        "spacing": spacing,
-        "radius": radius,
-        "capillary_time": math.sqrt(radius**3),
-        "words": words,
-        "stopped": stopped,
-        "series": series,
+        "particles": simulation.count, "spacing": spacing, "radius": radius, "capillary_time": math.sqrt(radius**3),
+        "words": words, "stopped": stopped, "series": series,
         "lattice": radius_variation_scale(simulation.count)._asdict(),
         "end": {
-            "radius_variation": float(variation[-1]),
-            "sphericity": roundness,
-            "cubic_moment": series["cubic_moment"][-1],
-            "anisotropy": series["anisotropy"][-1],
-            "extent": series["extent"][-1],
-            "nn_min": series["nn_min"][-1],
-            "nn_5": series["nn_5"][-1],
-            "nn_mean": series["nn_mean"][-1],
-            "bulk_error": series["bulk_error"][-1],
-            "bulk_spread": series["bulk_spread"][-1],
-            "kinetic_share": float(late.mean()) / peak if peak > 0 else float("nan"),
+            **{name: series[name][-1] for name in last}, "sphericity": roundness,
+            "kinetic_share": float(late.mean()) / peak if peak > 0 else math.nan,
             "momentum": _share(series["momentum"][-1], series["momentum_scale"]),
             "angular_momentum": _share(series["angular_momentum"][-1], series["angular_scale"]),
         },
         "steady": None if steady is None else {k: series[k][steady] for k in ("time", "wall", "steps", "stages")},
-        "steps": simulation.steps,
-        "seconds": wall,
-        "search": search_log(simulation),
-    }
-    return Result(values, {"position": np.array(frames), "axes": axes})
+        "steps": simulation.steps, "seconds": wall, "search": search_log(simulation),
+    }  # fmt: skip
+    return Result(values, {"position": np.array(frames)})
 
 
 def _share(vector: np.ndarray, scales: list[float]) -> float:
@@ -201,26 +156,17 @@ def end(results: Results, key: str, part: str) -> list[float]:
     return [real(found[seed].values["end"][part]) for seed in sorted(found)]
 
 
-def compared(over: str, under: str, part: str) -> Callable[[Results], list[float]]:
-    """Ratio of an end's number between two sets of runs, start by start."""
-
-    def values(results: Results) -> list[float]:
-        return [a / b for a, b in zip(end(results, over, part), end(results, under, part), strict=True)]
-
-    return values
+def compared(over: str, part: str) -> Callable[[Results], list[float]]:
+    """Ratio of an end's number between a set of runs and the default's, start by start."""
+    return lambda results: [a / b for a, b in zip(end(results, over, part), end(results, "default", part), strict=True)]
 
 
 def both(key: str, **changes: Any) -> Callable[[Options], list[Run]]:
     """The default and a changed drop from every start."""
-
-    def planned(options: Options) -> list[Run]:
-        return [
-            run
-            for seed in starts(options)
-            for run in (drop(options, seed, "default"), drop(options, seed, key, **changes))
-        ]
-
-    return planned
+    return lambda options: [
+        run for seed in starts(options)
+        for run in (drop(options, seed, "default"), drop(options, seed, key, **changes))
+    ]  # fmt: skip
 
 
 # J(21) and momentum, by pair mode: the force of the area term alone, in float64, where what is left is not rounding.
@@ -243,10 +189,9 @@ def area_force(context: Context, count: int, seed: int, mode: str, backend: str)
         looked = context.simulation(droplet_scene(position, spacing, **changes), backend)
         looked.evaluate(on_demand=False)
         force[area] = mass * looked.field("acceleration")
-    found = {}
-    for name, value in (("area", force["corrected"] - force["none"]), ("without", force["none"])):
-        found[name] = lost(position, value)
-    return Result(found)
+    return Result(
+        {"area": lost(position, force["corrected"] - force["none"]), "without": lost(position, force["none"])}
+    )
 
 
 def lost(position: np.ndarray, force: np.ndarray) -> dict[str, float]:
@@ -260,15 +205,8 @@ def lost(position: np.ndarray, force: np.ndarray) -> dict[str, float]:
 
 def momentum(mode: str, force: str, part: str) -> Measure:
     """What a force does to the linear or angular momentum, start by start."""
-
-    def planned(options: Options) -> list[Run]:
-        made = []
-        for seed in SEEDS:
-            parameters = {"count": SMALL, "seed": seed, "mode": mode, "backend": options.backend}
-            made.append(Run(f"claim_area_force_{mode}_{seed}", area_force, parameters, estimate=2.0))
-        return made
-
-    return Measure(planned, lambda found: [result.values[force][part] for result in found.values()])
+    runs = {f"claim_area_force_{mode}_{seed}": {"seed": seed} for seed in SEEDS}
+    return Measure(every(area_force, runs, 2.0, count=SMALL, mode=mode), each(lambda v: v[force][part]))
 
 
 LINEAR_MOMENTUM_ALL = momentum("all", "area", "linear")
@@ -285,12 +223,9 @@ ANGULAR_MOMENTUM_WITHOUT_AREA = momentum("all", "without", "angular")
 
 # The area term and its normals.
 
-AREA_ROUNDS = Measure(
-    both("no_area", tension={"area_term": "none"}), compared("no_area", "default", "radius_variation"), quick=False
-)
-AREA_CALMS = Measure(
-    both("no_area", tension={"area_term": "none"}), compared("no_area", "default", "kinetic_share"), quick=False
-)
+WITHOUT_AREA = both("no_area", tension={"area_term": "none"})
+AREA_ROUNDS = Measure(WITHOUT_AREA, compared("no_area", "radius_variation"), quick=False)
+AREA_CALMS = Measure(WITHOUT_AREA, compared("no_area", "kinetic_share"), quick=False)
 STRENGTHS = (0.5, 1.0, 1.5)  # of the default coefficient of each area term
 
 
@@ -299,16 +234,11 @@ def area_runs(options: Options) -> list[Run]:
     spacing = (1.0 / (SMALL if options.quick else FULL)) ** (1.0 / 3.0)
     gamma = 1.0 / kirkwood_buff_sigma(1.0, 1.0, SUPPORT * spacing, 3)
     made = []
-    for seed in starts(options):
-        for strength in STRENGTHS:
-            corrected, color = {"area_ratio": 0.012 * strength}, {
-                "area_term": "color", "area_acceleration": float(f"{1e-3 * gamma * strength:.6g}"),
-            }  # fmt: skip
-            if strength == 1.0:
-                made.append(drop(options, seed, "default"))
-            else:
-                made.append(drop(options, seed, f"corrected{strength}", tension=corrected))
-            made.append(drop(options, seed, f"color{strength}", tension=color))
+    for seed, strength in itertools.product(starts(options), STRENGTHS):
+        corrected = {} if strength == 1.0 else {"tension": {"area_ratio": 0.012 * strength}}
+        color = {"area_term": "color", "area_acceleration": float(f"{1e-3 * gamma * strength:.6g}")}
+        made.append(drop(options, seed, "default" if strength == 1.0 else f"corrected{strength}", **corrected))
+        made.append(drop(options, seed, f"color{strength}", tension=color))
     return made
 
 
@@ -335,40 +265,26 @@ def surface_density(context: Context, count: int, seed: int, backend: str) -> Re
     """Density error near the surface of a jittered ball, rms over N, by J(7) and by J(14); the truth is rho0."""
     position = lattice_ball(count).astype(float)
     position += np.random.default_rng(seed).uniform(-0.05, 0.05, position.shape)
+    liquid = WeaklyCompressible(rest_density=1.0, sound_speed=40.0, kernels="mueller")
     found = {}
     for name, corrects in (("raw", False), ("corrected", True)):
         scene = Scene(
-            spacing=1.0,
-            support_radius=SUPPORT,
-            dtype="float64",
-            fluid=(Cloud(position=position),),
-            effects=(
-                WeaklyCompressible(rest_density=1.0, sound_speed=40.0, kernels="mueller"),
-                JiangZhu2023(gamma=0.0, density_correction=corrects),
-            ),
-        )
-        simulation = context.simulation(scene, backend)
-        simulation.evaluate()
-        found[name] = simulation
+            spacing=1.0, support_radius=SUPPORT, dtype="float64", fluid=(Cloud(position=position),),
+            effects=(liquid, JiangZhu2023(gamma=0.0, density_correction=corrects)),
+        )  # fmt: skip
+        found[name] = context.simulation(scene, backend)
+        found[name].evaluate()
     near = found["corrected"].field("near_surface") != 0
     error = {name: float(np.sqrt(((s.field("density")[near] - 1.0) ** 2).mean())) for name, s in found.items()}
     return Result({"error": error, "near_surface": int(near.sum()), "particles": len(position)})
 
 
-def _density_runs(options: Options) -> list[Run]:
-    return [
-        Run(f"claim_density_{seed}", surface_density, {"count": SMALL, "seed": seed, "backend": options.backend}, 2.0)
-        for seed in SEEDS
-    ]
-
-
 CORRECTION_ACCURATE = Measure(
-    _density_runs, lambda found: [r.values["error"]["corrected"] / r.values["error"]["raw"] for r in found.values()]
+    every(surface_density, {f"claim_density_{seed}": {"seed": seed} for seed in SEEDS}, 2.0, count=SMALL),
+    each(lambda v: v["error"]["corrected"] / v["error"]["raw"]),
 )
 CORRECTION_STEADIES = Measure(
-    both("raw_density", tension={"density_correction": False}),
-    compared("raw_density", "default", "radius_variation"),
-    quick=False,
+    both("raw_density", tension={"density_correction": False}), compared("raw_density", "radius_variation"), quick=False
 )
 
 # Time to steady state: pairs confined to the surface over all pairs.
@@ -387,21 +303,16 @@ def steady_ratio(variant: str) -> Measure:
 
     def planned(options: Options) -> list[Run]:
         made = []
-        for key, (shape, count, seed) in FROM.items():
-            parameters: dict[str, Any] = {"shape": shape, "count": count, "backend": options.backend}
-            if seed != 1:
-                parameters["seed"] = seed
-            made.append(Run(key, relax, parameters, estimate=15.0))  # the experiment's own, but for one
-            changed = {**parameters, "variant": variant}
-            made.append(Run(f"claim_steady_{variant}_{key}", relax, changed, estimate=18.0))
+        for key, (shape, count, seed) in FROM.items():  # the runs of all pairs are the experiment's own, but for one
+            given = {"shape": shape, "count": count, "backend": options.backend} | ({} if seed == 1 else {"seed": seed})
+            made.append(Run(key, relax, given, estimate=15.0))
+            made.append(Run(f"claim_steady_{variant}_{key}", relax, {**given, "variant": variant}, estimate=18.0))
         return made
 
     def values(results: Results) -> list[float]:
-        found = []
-        for key in FROM:
-            mine, its = results[f"claim_steady_{variant}_{key}"].values["steady"], results[key].values["steady"]
-            found.append(float("inf") if mine is None else mine["wall"] / its["wall"] if its else 0.0)
-        return found
+        pairs = [(results[f"claim_steady_{variant}_{key}"], results[key]) for key in FROM]
+        steady = [(mine.values["steady"], its.values["steady"]) for mine, its in pairs]
+        return [math.inf if mine is None else mine["wall"] / its["wall"] if its else 0.0 for mine, its in steady]
 
     return Measure(planned, values, quick=False, timed=True)
 
@@ -424,11 +335,8 @@ def force_extremes(context: Context, dim: int, alpha: float, beta: float) -> Res
 
 def repulsion(dim: int) -> Measure:
     """Greatest repulsion over greatest attraction with the printed coefficients."""
-
-    def planned(options: Options) -> list[Run]:
-        return [Run(f"claim_curve_{dim}d", force_extremes, {"dim": dim, "alpha": 0.6, "beta": 0.9}, 0.1)]
-
-    return Measure(planned, lambda found: [result.values["ratio"] for result in found.values()])
+    runs = {f"claim_curve_{dim}d": {"dim": dim}}
+    return Measure(every(force_extremes, runs, 0.1, alpha=0.6, beta=0.9), each("ratio"))
 
 
 REPULSION_3D = repulsion(3)
@@ -442,10 +350,6 @@ def _without_reaction(measure: Measure) -> list[float]:
     position = lattice_ball(SMALL).astype(float)
     found = lost(position, np.random.default_rng(1).normal(size=position.shape))
     return measure.of({"": {"area": found, "without": found}})
-
-
-def _end(**values: float) -> Callable[[Measure], Sequence[float]]:
-    return alike({"end": values})
 
 
 def _only_attraction(measure: Measure) -> list[float]:
@@ -469,11 +373,11 @@ FAMILIES = (
     Family(
         ("correction_steadies", "normals_smooth", "area_rounds"),
         "A drop with the term could be as rough as one without it.", "both drops are alike",
-        _end(radius_variation=0.01),
+        alike({"end": {"radius_variation": 0.01}}),
     ),
     Family(
         ("normals_calm", "area_calms"), "A drop with the term could move as much as one without it.",
-        "both drops are alike", _end(kinetic_share=0.01),
+        "both drops are alike", alike({"end": {"kinetic_share": 0.01}}),
     ),
     Family(
         ("repulsion_3d", "repulsion_2d"), "The greatest repulsion could be smaller than the greatest attraction.",
@@ -496,13 +400,9 @@ RELEASED = 6.0 - 4.836  # J: surface energy of a 1 m cube less that of its ball,
 BOILS = 0.1  # of the peak: kinetic energy of a drop that should have come to rest
 
 HARD_MODES: dict[str, dict[str, Any]] = {
-    "all, balanced": {},
-    "all, not balanced": {"balance_pressure": False},
-    "soft": {"pair_mode": "soft"},
-    "one_sided": {"pair_mode": "one_sided"},
-    "either": {"pair_mode": "either"},
-    "both": {"pair_mode": "both"},
-}
+    "all, balanced": {}, "all, not balanced": {"balance_pressure": False}, "soft": {"pair_mode": "soft"},
+    "one_sided": {"pair_mode": "one_sided"}, "either": {"pair_mode": "either"}, "both": {"pair_mode": "both"},
+}  # fmt: skip
 MUELLER = {"kernels": "mueller", "support": 2.6}
 WENDLAND = {"kernels": "wendland", "support": 2.7}
 CUBIC = {"kernels": "cubic_spline", "support": 2.6}
@@ -516,7 +416,6 @@ class Drop(NamedTuple):
     late: float  # mean kinetic energy of the last fifth [J]
     moving: float  # peak of sum m |v| [kg m/s]
     thrown: int  # particles that are not of the largest piece
-    radius: float  # largest distance from the centre, over R
     roughness: float
     near: float  # nearest neighbour, 5th percentile [d]
 
@@ -535,8 +434,9 @@ def pieces(position: NDArray, reach: float) -> NDArray[np.int64]:
 
 
 def settle(context: Context, backend: str, scene: Any, until: float) -> Drop:
-    """Let a drop move to `until` [s]; a stop is an answer."""
+    """Let a drop move to `until` [s]; a stop is an answer. Of several drops the context keeps the latest."""
     simulation = context.simulation(scene, backend)
+    context.started[:-1] = []
     spacing, energy, moving, stopped = simulation.plan.grid.spacing, [0.0], [0.0], ""
     try:
         for at in np.linspace(0.0, until, 61)[1:]:
@@ -549,27 +449,21 @@ def settle(context: Context, backend: str, scene: Any, until: float) -> Drop:
         stopped = stop.reason
     x = simulation.field("position").astype(float)
     if not np.isfinite(x).all():
-        return Drop(stopped or "non_finite", math.inf, math.inf, math.inf, len(x), math.inf, math.nan, math.nan)
-    radius = spacing * (3 * len(x) / (4 * math.pi)) ** (1 / 3)
+        return Drop(stopped or "non_finite", math.inf, math.inf, math.inf, len(x), math.nan, math.nan)
     return Drop(
-        stopped=stopped,
-        peak=max(energy),
-        late=float(np.mean(energy[-12:])),
-        moving=max(moving),
-        thrown=len(x) - int(pieces(x, 2.0 * spacing)[0]),
-        radius=float(np.linalg.norm(x - x.mean(0), axis=1).max()) / radius,
-        roughness=radius_variation(x),
+        stopped=stopped, peak=max(energy), late=float(np.mean(energy[-12:])), moving=max(moving),
+        thrown=len(x) - int(pieces(x, 2.0 * spacing)[0]), roughness=radius_variation(x),
         near=float(np.quantile(nearest_neighbour_distance(x), 0.05)) / spacing,
-    )
+    )  # fmt: skip
 
 
-def trouble_of(drop: Drop) -> str:
-    """Why a drop is not whole and at rest; "" if it is."""
+def trouble_of(drop: Drop, calm: bool = True) -> str:
+    """Why a drop is not whole, and at rest if it is to be `calm`; "" if it is."""
     if drop.stopped:
         return f"stopped: {drop.stopped}"
     if drop.thrown:
         return f"{drop.thrown} particles thrown off"
-    if drop.late > BOILS * drop.peak:
+    if calm and drop.late > BOILS * drop.peak:
         return f"boils: {100 * drop.late / drop.peak:.0f} % of the peak's kinetic energy at the end"
     return ""
 
@@ -577,41 +471,38 @@ def trouble_of(drop: Drop) -> str:
 # Hard cases
 
 
-def long_step(context: Context, backend: str, factor: float, count: int = 729, until: float = 0.6) -> Result:
+@hard_case
+def long_step(trial: Trial, factor: float, count: int = 729, until: float = 0.6) -> None:
     """The default drop with a fixed step of `factor` times the first stable one."""
-    trial = Trial(context, backend)
     position, spacing, _ = particles("cube", count)
     scene = droplet_scene(position, spacing)
     first = trial.start(scene).step()
     _watched(trial, msgspec.structs.replace(scene, step=factor * first.length), until)
-    return trial.result()
 
 
-def factor_above_one(context: Context, backend: str) -> Result:
+@hard_case
+def factor_above_one(trial: Trial) -> None:
     """A step_factor above 1 is refused."""
-    trial = Trial(context, backend)
     position, spacing, _ = particles("cube", 27)
     with trial.ending():
         trial.start(droplet_scene(position, spacing, step_factor=4.0))
     trial.check("the sentence names the largest", "at most 1" in trial.message, equals=1)
-    return trial.result()
 
 
-def hundredfold(context: Context, backend: str, fixed: bool, count: int = 729) -> Result:
+@hard_case
+def hundredfold(trial: Trial, fixed: bool, count: int = 729) -> None:
     """A hundred times the tension: with the step that suits the simple one, or with the runner's own."""
-    trial = Trial(context, backend)
     position, spacing, _ = particles("cube", count)
     scene = droplet_scene(position, spacing, surface_tension=100.0)
     if fixed:
         first = trial.start(droplet_scene(position, spacing)).step()
         scene = msgspec.structs.replace(scene, step=first.length)
     _watched(trial, scene, 3.0 * CAPILLARY / 10.0, tension=100.0)
-    return trial.result()
 
 
-def film(context: Context, backend: str, layers: int, side: int = 15, until: float = 0.4) -> Result:
+@hard_case
+def film(trial: Trial, layers: int, side: int = 15, until: float = 0.4) -> None:
     """A flat film of one or more layers draws in."""
-    trial = Trial(context, backend)
     axes = [np.arange(n) - 0.5 * (n - 1) for n in (side, side, layers)]
     position = SPACING * np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     simulation = _watched(trial, droplet_scene(position, SPACING), until, area=2 * (side * SPACING) ** 2)
@@ -619,15 +510,13 @@ def film(context: Context, backend: str, layers: int, side: int = 15, until: flo
         x = simulation.field("position").astype(float)
         trial.show("extent at the end over the start's", float(np.ptp(x[:, 0]) / np.ptp(position[:, 0])))
         trial.show("pieces", len(pieces(x, 2 * SPACING)))
-    return trial.result(position=np.zeros((0, 3)) if simulation is None else x)
+    trial.arrays = {"position": np.zeros((0, 3)) if simulation is None else x}
 
 
-def filament(
-    context: Context, backend: str, radius: float = 3.0, wave: float = 27.0, waves: int = 6, until: float = 1.2
-) -> Result:
+@hard_case
+def filament(trial: Trial, radius: float = 3.0, wave: float = 27.0, waves: int = 6, until: float = 1.2) -> None:
     """A thread of liquid whose thickness swells and wanes by a quarter, at the wavelength of 9 radii that grows fastest
     (Rayleigh), breaks into drops."""
-    trial = Trial(context, backend)
     reach, length = math.ceil(1.25 * radius), round(wave * waves)
     axes = [np.arange(-reach, reach + 1)] * 2 + [np.arange(length) - 0.5 * (length - 1)]
     lattice = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
@@ -642,30 +531,28 @@ def filament(
         trial.show("pieces", found.tolist())
         trial.check("drops of more than 100 particles", int((found > 100).sum()), at_least=3)
         trial.check("particles in crumbs of fewer than 5, share", float(found[found < 5].sum()) / len(x), at_most=0.01)
-    return trial.result(position=x)
+    trial.arrays = {"position": x}
 
 
-def low_viscosity(context: Context, backend: str, ohnesorge: float, shape: str, count: int = 1331) -> Result:
+@hard_case
+def low_viscosity(trial: Trial, ohnesorge: float, shape: str, count: int = 1331) -> None:
     """A drop at a low Ohnesorge number mu/sqrt(rho0 sigma R), from a cube's or from a ball's shape."""
-    trial = Trial(context, backend)
-    with trial.ending():
-        position, spacing = start(shape, count)
-        scene = droplet_scene(position, spacing, viscosity=ohnesorge / OHNESORGE)
-        drop = settle(context, backend, scene, 3 * CAPILLARY)
-        if drop.stopped:
-            raise RunStopped(drop.stopped, f"The drop stops: {drop.stopped}.")
-        simulation = context.started[-1][1]
-        trial.show("momentum scale", drop.moving)
-        trial.account(simulation, isolated=True)
-        for what, value, bound in (
-            ("particles thrown off", drop.thrown, {"equals": 0}),
-            ("kinetic energy over the surface energy that a cube releases", drop.peak / RELEASED, {"at_most": 1.0}),
-            ("nearest neighbour, 5th percentile [d]", drop.near, {"at_least": 0.5}),
-        ):
-            trial.check_unless_noted(simulation, "viscosity", what, value, **bound)
-        trial.show("roughness", drop.roughness)
-        trial.show("kinetic energy at the end over the peak's", drop.late / drop.peak)
-    return trial.result()
+    position, spacing = start(shape, count)
+    scene = droplet_scene(position, spacing, viscosity=ohnesorge / OHNESORGE)
+    drop = settle(trial.context, trial.backend, scene, 3 * CAPILLARY)
+    if drop.stopped:
+        raise RunStopped(drop.stopped, f"The drop stops: {drop.stopped}.")
+    simulation = trial.context.started[-1][1]
+    trial.show("momentum scale", drop.moving)
+    trial.account(simulation, isolated=True)
+    for what, value, bound in (
+        ("particles thrown off", drop.thrown, {"equals": 0}),
+        ("kinetic energy over the surface energy that a cube releases", drop.peak / RELEASED, {"at_most": 1.0}),
+        ("nearest neighbour, 5th percentile [d]", drop.near, {"at_least": 0.5}),
+    ):
+        trial.check_unless_noted(simulation, "viscosity", what, value, **bound)
+    trial.show("roughness", drop.roughness)
+    trial.show("kinetic energy at the end over the peak's", drop.late / drop.peak)
 
 
 def start(shape: str, count: int) -> tuple[NDArray, float]:
@@ -716,7 +603,6 @@ def step_cell(
         forced = dataclasses.replace(plan, scene=msgspec.structs.replace(made, step_factor=factor))
         drop = settle(context, backend, forced, until)
         limiter[factor] = max(context.started[-1][1].limiters.items(), key=lambda item: item[1], default=("", 0))[0]
-        context.started[:-1] = []  # the state of what has been judged is not needed
         return drop
 
     reference = run(0.5)
@@ -747,22 +633,15 @@ def tension_cell(
 
     def made(number: float) -> Scene:
         sigma = number * _modulus(spacing, scene)
-        viscosity = 0.1 * math.sqrt(sigma)
-        return droplet_scene(
-            position,
-            spacing,
-            **{**scene, "surface_tension": sigma, "viscosity": viscosity},
-            tension={**HARD_MODES[mode], "area_ratio": 0.005},
-        )
+        changes = {**scene, "surface_tension": sigma, "viscosity": 0.1 * math.sqrt(sigma)}
+        return droplet_scene(position, spacing, **changes, tension={**HARD_MODES[mode], "area_ratio": 0.005})
 
     def trouble(number: float) -> str:
-        sigma = number * _modulus(spacing, scene)
         try:
-            drop = settle(context, backend, made(number), 4 * CAPILLARY / math.sqrt(sigma))
+            until = 4 * CAPILLARY / math.sqrt(number * _modulus(spacing, scene))
+            return trouble_of(settle(context, backend, made(number), until))
         except InputError:
             return "refused"
-        context.started[:-1] = []
-        return trouble_of(drop)
 
     found = largest_stable(trouble, 0.02, 1e-3, 4.0)
     return found.result(silent_up_to(made, 1e-3, 4.0, but=("viscosity",)))
@@ -777,14 +656,9 @@ def _modulus(spacing: float, scene: Mapping[str, Any]) -> float:
 
 
 def area_cell(
-    context: Context,
-    backend: str,
-    mode: str,
-    scene: Mapping[str, Any],
-    term: str,
-    share_of_step: float = 1.0,
+    context: Context, backend: str, mode: str, scene: Mapping[str, Any], term: str, share_of_step: float = 1.0,
     count: int = 1000,
-) -> Result:
+) -> Result:  # fmt: skip
     """The largest coefficient of the area term with which a cut cube becomes a drop at rest.
 
     term  "corrected": area_ratio of J(21); "color": eps'/(gamma rho0) of J(18)
@@ -793,18 +667,12 @@ def area_cell(
     gamma = 1.0 / kirkwood_buff_sigma(1.0, 1.0, scene["support"] * spacing, 3)
 
     def made(value: float) -> Scene:
-        if term == "corrected":
-            area = {"area_term": "corrected", "area_ratio": value}
-        else:
-            area = {"area_term": "color", "area_acceleration": value * gamma}
-        return droplet_scene(
-            position, spacing, tension={**HARD_MODES[mode], **area}, step_factor=share_of_step, **scene
-        )
+        area = {"area_ratio": value} if term == "corrected" else {"area_acceleration": value * gamma}
+        tension = {**HARD_MODES[mode], "area_term": term, **area}
+        return droplet_scene(position, spacing, tension=tension, step_factor=share_of_step, **scene)
 
     def trouble(value: float) -> str:
-        drop = settle(context, backend, made(value), 4 * CAPILLARY)
-        context.started[:-1] = []
-        return trouble_of(drop)
+        return trouble_of(settle(context, backend, made(value), 4 * CAPILLARY))
 
     least, first, most = (1e-3, 0.01, 1.0) if term == "corrected" else (1e-4, 1e-3, 0.1)
     return largest_stable(trouble, first, least, most).result(silent_up_to(made, least, most, but=("viscosity",)))
@@ -816,17 +684,13 @@ def inertia_cell(
     """The largest 1/Oh with which a start becomes a drop in one piece."""
     position, spacing = start(shape, count)
 
-    def trouble(inverse: float) -> str:
-        drop = settle(context, backend, made(inverse), 3 * CAPILLARY)
-        context.started[:-1] = []
-        if drop.stopped:
-            return f"stopped: {drop.stopped}"
-        if drop.thrown:
-            return f"{drop.thrown} particles thrown off"
-        return f"kinetic energy {drop.peak / RELEASED:.1f} times that released" if drop.peak > RELEASED else ""
-
     def made(inverse: float) -> Scene:
         return droplet_scene(position, spacing, tension=HARD_MODES[mode], viscosity=1 / (OHNESORGE * inverse), **scene)
+
+    def trouble(inverse: float) -> str:
+        drop = settle(context, backend, made(inverse), 3 * CAPILLARY)
+        hot = f"kinetic energy {drop.peak / RELEASED:.1f} times that released" if drop.peak > RELEASED else ""
+        return trouble_of(drop, calm=False) or hot
 
     return largest_stable(trouble, 4.0, 1.0, 512.0, factor=1.2).result(silent_up_to(made, 1.0, 512.0))
 
@@ -911,56 +775,41 @@ SHAPES = {
     "box_4862": ("box", 4913, "turned box"),
 }
 
-COLUMNS = {
-    "radius_variation": "radius variation", "nn_min": "NN min", "nn_5": "NN 5 %", "bulk_error": "bulk density",
-    "kinetic_share": "KE end/peak", "momentum": "P", "angular_momentum": "L",
-}  # fmt: skip
 JUDGED_SEEDS = (2, 3, 4, 5)  # of other rotations, beside the seed 1 that is judged
 
 
 def planned(options: Options) -> list[Run]:
     """The runs under the options."""
     reason = "takes minutes with the others; run without --quick" if options.quick else ""
-    made = []
-    for key, (shape, count, _) in SHAPES.items():
-        parameters = {"shape": shape, "count": count, "backend": options.backend}
-        made.append(Run(key, relax, parameters, estimate=12.0, skip=reason if shape != "cube" else ""))
-    for shape, count in (("cut", 5039), ("box", 4913)):
-        for seed in JUDGED_SEEDS:
-            parameters = {"shape": shape, "count": count, "backend": options.backend, "seed": seed}
-            made.append(Run(f"seed_{shape}_{seed}", relax, parameters, estimate=14.0, skip=reason))
-    for variant in VARIANTS:
-        if variant != "default":
-            parameters = {"shape": "cube", "count": 4913, "backend": options.backend, "variant": variant}
-            made.append(Run(f"mode_{variant}", relax, parameters, estimate=16.0, skip=reason))
-    return made
+
+    def run(key: str, shape: str, count: int, estimate: float, skip: str = reason, **more: Any) -> Run:
+        return Run(key, relax, {"shape": shape, "count": count, "backend": options.backend, **more}, estimate, skip)
+
+    return [
+        *(run(key, shape, count, 12.0, reason if shape != "cube" else "") for key, (shape, count, _) in SHAPES.items()),
+        *(run(f"seed_{shape}_{seed}", shape, count, 14.0, seed=seed)
+          for shape, count in (("cut", 5039), ("box", 4913)) for seed in JUDGED_SEEDS),
+        *(run(f"mode_{variant}", "cube", 4913, 16.0, variant=variant) for variant in VARIANTS if variant != "default"),
+    ]  # fmt: skip
 
 
 def checks(results: Results, check: Checks) -> None:
     """The verdicts on the default model from every start."""
+    ends = ("radius_variation", "nn_5", "nn_min", "kinetic_share", "momentum", "angular_momentum", "sphericity")
+    own: Quantities = {name: lambda v, name=name: v["end"][name] for name in ends}
     for key, (_, _, words) in SHAPES.items():
-        if key not in results:
-            continue
-        values = results[key].values
-        end = {name: real(value) for name, value in values["end"].items()}
-        for name in ("radius_variation", "nn_5", "nn_min", "kinetic_share", "momentum", "angular_momentum"):
-            check(name, end[name], key, words)
-        check("bulk_error", abs(end["bulk_error"]), key, words)
-        check("sphericity", end["sphericity"], key, words)
-        steady = values["steady"]
-        time = float("nan") if steady is None else steady["time"] / values["capillary_time"]
-        check("steady_time", time, key, words)
-        check("rebuilds", values["search"].get("rebuilds", 0), key, words)
-        check("missed_neighbours", values["search"].get("missed_neighbours", 0), key, words)
+        check.run(results, key, {
+            **own, "bulk_error": lambda v: abs(real(v["end"]["bulk_error"])),
+            "steady_time": lambda v: v["steady"] and v["steady"]["time"] / v["capillary_time"],
+            "rebuilds": lambda v: v["search"].get("rebuilds", 0),
+            "missed_neighbours": lambda v: v["search"].get("missed_neighbours", 0),
+        }, key, words)  # fmt: skip
+    key = next((k for k in SHAPES if k in results), "")
     for shape in ("cube", "ball"):
-        key = next((k for k in SHAPES if k in results), None)
-        if key is not None:
-            lattice = real(results[key].values["lattice"][shape])
-            check("lattice_variation", lattice, shape, f"lattice {shape}")
-    for key, name in (("mode_text", "text_energy"), ("mode_one_sided", "one_sided_momentum")):
-        if key in results:
-            part = "kinetic_share" if name == "text_energy" else "momentum"
-            check(name, results[key].values["end"][part])
+        variation: Quantities = {"lattice_variation": lambda v, shape=shape: v["lattice"][shape]}
+        check.run(results, key, variation, shape, f"lattice {shape}")
+    check.run(results, "mode_text", {"text_energy": own["kinetic_share"]})
+    check.run(results, "mode_one_sided", {"one_sided_momentum": own["momentum"]})
 
 
 def outcome(result: Result) -> str:
@@ -969,23 +818,14 @@ def outcome(result: Result) -> str:
     end = {name: real(value) for name, value in values["end"].items()}
     if values["stopped"]:
         return f"stopped: {values['stopped']}"
-    said = []
-    if not end["extent"] < 1.6:
-        said.append("flies apart")
-    elif end["radius_variation"] <= ROUND:
-        said.append("round")
-    else:
-        said.append("nearly round" if end["radius_variation"] <= 0.02 else "not round")
-    said.append("at rest" if end["kinetic_share"] <= CALM else "not at rest")
-    if end["momentum"] > 1e-4:
-        said.append("drifts")
-    return ", ".join(said)
+    rough = "round" if end["radius_variation"] <= ROUND else "nearly round"
+    shape = "flies apart" if not end["extent"] < 1.6 else rough if end["radius_variation"] <= 0.02 else "not round"
+    said = [shape, "at rest" if end["kinetic_share"] <= CALM else "not at rest"]
+    return ", ".join([*said, "drifts"] if end["momentum"] > 1e-4 else said)
 
 
 EXPERIMENT = Experiment(
     name="droplet",
     title="a cube of liquid becomes a drop (figures 2, 6 and 7), every pair mode and the literal text beside it",
-    runs=planned,
-    checks=checks,
-    maps=MAPS,
-)
+    runs=planned, checks=checks, maps=MAPS,
+)  # fmt: skip

@@ -16,23 +16,11 @@ END_TIME = 2.2  # s
 
 
 def droplet_scene(
-    position: NDArray,
-    spacing: float,
-    *,
-    support: float = 2.6,
-    sound_speed: float = 40.0,
-    viscosity: float = 0.1,
-    kernels: str = "mueller",
-    tension: Mapping[str, Any] | None = None,
-    surface_tension: float = 1.0,
-    literal: tuple[str, ...] = (),
-    detection: bool = False,
-    effects: tuple | None = None,
-    dtype: str = "float32",
-    step_factor: float = 1.0,
-    skin: float = 0.1,
-    spin: float = 0.0,
-) -> Scene:
+    position: NDArray, spacing: float, *, support: float = 2.6, sound_speed: float = 40.0, viscosity: float = 0.1,
+    kernels: str = "mueller", tension: Mapping[str, Any] | None = None, surface_tension: float = 1.0,
+    literal: tuple[str, ...] = (), detection: bool = False, effects: tuple | None = None, dtype: str = "float32",
+    step_factor: float = 1.0, skin: float = 0.1, spin: float = 0.0,
+) -> Scene:  # fmt: skip
     """Liquid of the given particles, without gravity; SI units.
 
     The cube has a side of 1 m, rho0 = 1 kg/m^3 and sigma = 1 N/m, so that everything is of order one; a capillary time
@@ -50,26 +38,14 @@ def droplet_scene(
         effects = (JiangZhu2023(surface_tension=surface_tension, **{"area_ratio": 0.012, **(tension or {})}),)
     if detection:
         effects = (*effects, SurfaceDetection(each_step=True))
-    return Scene(
-        name="droplet",
-        spacing=spacing,
-        support_radius=support * spacing,
-        dtype=dtype,
-        skin=skin,
-        step_factor=step_factor,
-        end_time=END_TIME,
-        fluid=(Cloud(position=position, velocity=np.cross([0.0, 0.0, spin], position)),),
-        effects=(
-            WeaklyCompressible(
-                rest_density=1.0,
-                sound_speed=sound_speed,
-                dynamic_viscosity=viscosity,
-                kernels=kernels,
-                literal=literal,
-            ),
-            *effects,
-        ),
+    liquid = WeaklyCompressible(
+        rest_density=1.0, sound_speed=sound_speed, dynamic_viscosity=viscosity, kernels=kernels, literal=literal
     )
+    return Scene(
+        name="droplet", spacing=spacing, support_radius=support * spacing, dtype=dtype, skin=skin,
+        step_factor=step_factor, end_time=END_TIME, effects=(liquid, *effects),
+        fluid=(Cloud(position=position, velocity=np.cross([0.0, 0.0, spin], position)),),
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -86,27 +62,19 @@ _TEXT = {"support": 2.0, "sound_speed": 60.0, "viscosity": 0.2}
 VARIANTS: dict[str, Variant] = {
     "default": Variant("all pairs, cohesion balanced (default)", {}),
     "all": Variant("all pairs, cohesion not balanced", {"tension": {"balance_pressure": False}, "sound_speed": 60.0}),
-    "soft": Variant("soft surface weight", {**_SOFT, "tension": {"pair_mode": "soft", "area_ratio": 0.01}}),
-    "one_sided": Variant(
-        "force on surface particles only", {**_SOFT, "tension": {"pair_mode": "one_sided", "area_ratio": 0.01}}
-    ),
-    "either": Variant(
-        "one of a pair on the surface", {**_SOFT, "tension": {"pair_mode": "either", "area_ratio": 0.01}}
-    ),
-    "both": Variant("both of a pair on the surface", {**_SOFT, "tension": {"pair_mode": "both", "area_ratio": 0.01}}),
-    "text": Variant(
-        "the paper's text: surface set, corrected density",
-        {**_TEXT, "tension": {"pair_mode": "either"}},
-    ),
+    **{
+        mode: Variant(words, {**_SOFT, "tension": {"pair_mode": mode, "area_ratio": 0.01}})
+        for mode, words in {
+            "soft": "soft surface weight", "one_sided": "force on surface particles only",
+            "either": "one of a pair on the surface", "both": "both of a pair on the surface",
+        }.items()
+    },
+    "text": Variant("the paper's text: surface set, corrected density", {**_TEXT, "tension": {"pair_mode": "either"}}),
     "printed": Variant(
         "the paper's text with every printed sign",
-        {
-            **_TEXT,
-            "literal": ("all",),
-            "tension": {"pair_mode": "either", "literal": ("all",)},
-        },
+        {**_TEXT, "literal": ("all",), "tension": {"pair_mode": "either", "literal": ("all",)}},
     ),
-}
+}  # fmt: skip
 
 
 def particles(shape: str, count: int, seed: int = 1) -> tuple[NDArray, float, NDArray]:

@@ -13,14 +13,12 @@ from validation.experiment import Picture, Results
 from validation.results import floats
 
 TITLES = {
-    "impact": "impact_wall:\npressed onto the wall",
-    "edge_wedge": "edge_wedge:\nspray inside the wall",
+    "impact": "impact_wall:\npressed onto the wall", "edge_wedge": "edge_wedge:\nspray inside the wall",
     "edge_level_plate": "edge_level_plate:\nspray through the plate",
     "upright_edges": "beside_walls_3d_number_density,\nseen from above",
-    "sheet": "sheet_1_*:\ninner particles are missed",
-    "filament": "filament:\nends draw in, no drops",
+    "sheet": "sheet_1_*:\ninner particles are missed", "filament": "filament:\nends draw in, no drops",
     "rounding": "heat_s_max_1e7:\nrounding of 19,000 stages",
-}
+}  # fmt: skip
 SEEN = {"impact": (0, 2), "edge_wedge": (0, 1), "edge_level_plate": (0, 1), "upright_edges": (0, 2), "sheet": (0, 2),
         "filament": (2, 0)}  # axes to the right and upwards  # fmt: skip
 

@@ -9,17 +9,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from refsim import (
-    Ball,
-    Box,
-    BoxWalls,
-    Gravity,
-    JiangZhu2023,
-    Scene,
-    Simulation,
-    SurfaceDetection,
-    WeaklyCompressible,
-)
+from refsim import Ball, Box, BoxWalls, Gravity, Scene, Simulation, SurfaceDetection, WeaklyCompressible
 from refsim.boundary.akinci_2012 import calibrated_factor, wall_kernel_sums
 from refsim.core.errors import RunStopped
 from refsim.core.walls import WallParticles
@@ -30,32 +20,27 @@ from validation.experiments.dam_break.runs import DENSITY, HEIGHT, SETTINGS, col
 from validation.experiments.droplet.runs import SPACING as FILAMENT_SPACING
 from validation.experiments.droplet.runs import filament
 from validation.experiments.heat.runs import each_scheme
+from validation.measure.motion import run_to
 from validation.metrics.droplet import nearest_neighbour_distance
 from validation.results import Result
 from validation.running import Context, momenta
-from validation.trials import Cell, StabilityMap, Trial, largest_stable, silent_up_to
+from validation.trials import Cell, StabilityMap, Trial, hard_case, largest_stable, silent_up_to
 
 SPACING, SUPPORT = 0.01, 0.026  # [m]
 SOUND, STABILITY_DENSITY = 20.0, 1000.0  # [m/s], [kg/m^3]
 GRAVITY = 9.81
+MACH, SIDE = 0.3, 10  # of the impacts; particles along the cube
 
 
 def liquid(
-    fluid: Any,
-    *effects: Any,
-    viscosity: float = 0.5,
-    kernels: str = "wendland",
-    state: str = "tait",
-    **changes: Any,
+    fluid: Any, *effects: Any, viscosity: float = 0.5, kernels: str = "wendland", state: str = "tait", **changes: Any
 ) -> Scene:
     """Water-like liquid of the given parts, without gravity and tension unless `effects` bring them."""
     parts = fluid if isinstance(fluid, tuple) else (fluid,)
     own = WeaklyCompressible(
         rest_density=STABILITY_DENSITY, sound_speed=SOUND, dynamic_viscosity=viscosity, kernels=kernels, state=state
     )
-    return Scene(
-        **{"spacing": SPACING, "support_radius": SUPPORT, "fluid": parts, "effects": (own, *effects), **changes}
-    )
+    return Scene(spacing=SPACING, support_radius=SUPPORT, fluid=parts, effects=(own, *effects), **changes)
 
 
 def tank(columns: int = 16, **changes: Any) -> Scene:
@@ -71,30 +56,21 @@ def tank(columns: int = 16, **changes: Any) -> Scene:
     )
 
 
-def tension(**changes: Any) -> JiangZhu2023:
-    """Tension whose internal pressure is 3 % of rho0 c^2, as in the droplet."""
-    return JiangZhu2023(**{"surface_tension": 0.03 * STABILITY_DENSITY * SOUND**2 * SUPPORT / 7.8, **changes})
-
-
-def collapse(
-    context: Context, backend: str, factor: float = 0.0, viscosity: float = 320.0 * SPACING, columns: int = 16
-) -> Result:
+@hard_case
+def collapse(trial: Trial, factor: float = 0.0, viscosity: float = 320.0 * SPACING, columns: int = 16) -> None:
     """A collapsing column with a fixed step of `factor` times the first stable one; 0: the runner's own steps."""
-    trial = Trial(context, backend)
-    with trial.ending():
-        scene = tank(columns, viscosity=viscosity)
-        step = factor * trial.start(scene).step().length if factor else 0.0
-        simulation = trial.start(msgspec.structs.replace(scene, step=step))
-        height = 2 * columns * SPACING
-        energy, potential = _Energy(simulation), GRAVITY * 0.5 * height
-        trial.advance(simulation, until=4 * math.sqrt(height / GRAVITY), watch=energy, every=4)
-        share = energy.rise / (STABILITY_DENSITY * 2 * (columns * SPACING) ** 2 * potential)
-        trial.check_unless_noted(
-            simulation, "viscosity", "rise of kinetic + potential energy over the start's", share, at_most=0.01
-        )
-        trial.check("particles outside the tank", _outside(simulation), equals=0)
-        trial.show("stopped at walls", simulation.stopped_at_walls)
-    return trial.result()
+    scene = tank(columns, viscosity=viscosity)
+    step = factor * trial.start(scene).step().length if factor else 0.0
+    simulation = trial.start(msgspec.structs.replace(scene, step=step))
+    height = 2 * columns * SPACING
+    energy, potential = _Energy(simulation), GRAVITY * 0.5 * height
+    trial.advance(simulation, until=4 * math.sqrt(height / GRAVITY), watch=energy, every=4)
+    share = energy.rise / (STABILITY_DENSITY * 2 * (columns * SPACING) ** 2 * potential)
+    trial.check_unless_noted(
+        simulation, "viscosity", "rise of kinetic + potential energy over the start's", share, at_most=0.01
+    )
+    trial.check("particles outside the tank", _outside(simulation), equals=0)
+    trial.show("stopped at walls", simulation.stopped_at_walls)
 
 
 def closed_box(columns: int = 16, mach: float = 0.075, **changes: Any) -> Scene:
@@ -104,63 +80,46 @@ def closed_box(columns: int = 16, mach: float = 0.075, **changes: Any) -> Scene:
     return liquid(block, BoxWalls(lower=(0.0, 0.0, 0.0), upper=(size, size, 0.0)), dim=2, **changes)
 
 
-def thrown_about(context: Context, backend: str, until: float = 1.0) -> Result:
+@hard_case
+def thrown_about(trial: Trial, until: float = 1.0) -> None:
     """A block between the walls of a closed box: no gravity, no viscosity, nothing that could bring energy."""
-    trial = Trial(context, backend)
-    with trial.ending():
-        simulation = trial.start(closed_box(viscosity=0.0))
-        energy = [momenta(simulation)["kinetic_energy"]]
-
-        def watch(simulation: Simulation) -> None:
-            energy.append(momenta(simulation)["kinetic_energy"])
-
-        trial.advance(simulation, until=until, watch=watch, every=4)
-        trial.check_unless_noted(
-            simulation, "viscosity", "kinetic energy over the start's", max(energy) / energy[0], at_most=1.01
-        )
-        trial.check("particles outside the box", _outside(simulation), equals=0)
-    return trial.result()
+    simulation = trial.start(closed_box(viscosity=0.0))
+    energy = [_kinetic(simulation)]
+    trial.advance(simulation, until=until, watch=lambda simulation: energy.append(_kinetic(simulation)), every=4)
+    share = max(energy) / energy[0]
+    trial.check_unless_noted(simulation, "viscosity", "kinetic energy over the start's", share, at_most=1.01)
+    trial.check("particles outside the box", _outside(simulation), equals=0)
 
 
-def impact(context: Context, backend: str, what: str, mach: float = 0.3) -> Result:
+@hard_case
+def impact(trial: Trial, what: str, mach: float = MACH) -> None:
     """A cube hits a wall, or two cubes hit each other, at 0.3 of the sound speed."""
-    trial = Trial(context, backend)
-    n, speed = 10, mach * SOUND
+    n, speed = SIDE, mach * SOUND
     size = n * SPACING
-    room = BoxWalls(lower=(-2 * size, -2 * size, 0.0), upper=(3 * size, 3 * size, 8 * size))
+    above = Box(lower=(0.3 * SPACING, 0.2 * SPACING, size + SPACING), cells=(n, n, n), velocity=(0, 0, -speed))
+    both = (Box(cells=(n, n, n), velocity=(0.0, 0.0, speed)), above)
+    simulation = trial.start(_against_wall(speed) if what == "wall" else liquid(both, viscosity=1.0))
+    before = momenta(simulation)
+    peak: list[float] = []
+    trial.advance(
+        simulation, until=3 * size / speed, watch=lambda simulation: peak.append(_kinetic(simulation)), every=4
+    )
+    trial.check("kinetic energy over the start's", max(peak) / before["kinetic_energy"], at_most=1.01)
+    trial.check("greatest speed over the impact's", _speed(simulation) / speed, at_most=3.0)
+    trial.check("least distance [d]", float(_nearest(simulation).min()) / SPACING, at_least=0.1)
     if what == "wall":
-        fluid: Any = Box(lower=(0.0, 0.0, 1.5 * SPACING), cells=(n, n, n), velocity=(0.0, 0.0, -speed))
-        effects: tuple = (room,)
+        trial.check("particles outside the box", _outside(simulation), equals=0)
+        trial.show("stopped at walls", simulation.stopped_at_walls)
     else:
-        above = Box(lower=(0.3 * SPACING, 0.2 * SPACING, size + SPACING), cells=(n, n, n), velocity=(0, 0, -speed))
-        fluid, effects = (Box(cells=(n, n, n), velocity=(0.0, 0.0, speed)), above), ()
-    with trial.ending():
-        simulation = trial.start(liquid(fluid, *effects, viscosity=1.0))
-        before = momenta(simulation)
-        peak = []
-
-        def watch(simulation: Simulation) -> None:
-            peak.append(momenta(simulation)["kinetic_energy"])
-
-        trial.advance(simulation, until=3 * size / speed, watch=watch, every=4)
-        trial.check("kinetic energy over the start's", max(peak) / before["kinetic_energy"], at_most=1.01)
-        trial.check("greatest speed over the impact's", _speed(simulation) / speed, at_most=3.0)
-        near = _nearest(simulation.field("position"))
-        trial.check("least distance [d]", float(near.min()) / SPACING, at_least=0.1)
-        if what == "wall":
-            trial.check("particles outside the box", _outside(simulation), equals=0)
-            trial.show("stopped at walls", simulation.stopped_at_walls)
-        else:
-            after = momenta(simulation)["momentum"]
-            drift = float(np.linalg.norm(after - before["momentum"])) / before["momentum_scale"]
-            trial.check("momentum gained over sum of m |v|", drift, at_most=32 * 1.2e-7)
-    return trial.result()
+        after = momenta(simulation)["momentum"]
+        drift = float(np.linalg.norm(after - before["momentum"])) / before["momentum_scale"]
+        trial.check("momentum gained over sum of m |v|", drift, at_most=32 * 1.2e-7)
 
 
-def sharp_edge(context: Context, backend: str, edge: str) -> Result:
+@hard_case
+def sharp_edge(trial: Trial, edge: str) -> None:
     """A 2D drop falls on the edge of a wedge of 60 degrees, on the end of an upright plate one particle thin, or with
     half of it beyond the end of a level plate. The walls' particles alone hold it: there are no planes."""
-    trial = Trial(context, backend)
     with trial.ending():
         plan, inside = _edge_plan(edge)
         simulation = trial.start(plan)
@@ -171,8 +130,8 @@ def sharp_edge(context: Context, backend: str, edge: str) -> Result:
         below = start + GRAVITY * (x[:, 1].max() - x[:, 1].min() + 0.4)
         share = _speed(simulation) / math.sqrt(2 * below)
         trial.check("greatest speed over that of free fall", share, at_most=1.5)
-        trial.check("least distance [d]", float(_nearest(x).min()) / SPACING, at_least=0.05)
-    return trial.result(position=simulation.field("position"), walls=plan.walls.position)
+        trial.check("least distance [d]", float(_nearest(simulation).min()) / SPACING, at_least=0.05)
+    trial.arrays = {"position": simulation.field("position"), "walls": plan.walls.position}
 
 
 def _edge_plan(edge: str) -> tuple[Plan, Any]:
@@ -210,10 +169,20 @@ def _edge_plan(edge: str) -> tuple[Plan, Any]:
 # Measures
 
 
-def _nearest(position: np.ndarray) -> np.ndarray:
-    from validation.metrics.droplet import nearest_neighbour_distance
+def _kinetic(simulation: Simulation) -> float:
+    return float(momenta(simulation)["kinetic_energy"])
 
-    return nearest_neighbour_distance(position.astype(float))
+
+def _nearest(simulation: Simulation) -> np.ndarray:
+    return nearest_neighbour_distance(simulation.field("position").astype(float))
+
+
+def _against_wall(speed: float) -> Scene:
+    """A cube that flies at the floor of a box."""
+    size = SIDE * SPACING
+    room = BoxWalls(lower=(-2 * size, -2 * size, 0.0), upper=(3 * size, 3 * size, 8 * size))
+    cube = Box(lower=(0.0, 0.0, 1.5 * SPACING), cells=(SIDE,) * 3, velocity=(0.0, 0.0, -speed))
+    return liquid(cube, room, viscosity=1.0)
 
 
 def _speed(simulation: Simulation) -> float:
@@ -230,7 +199,7 @@ class _Energy:
     """Kinetic and potential energy over a run; `rise` is how far it ever came above the start's [J; J/m in 2D]."""
 
     def __init__(self, simulation: Simulation, gravity: float = GRAVITY) -> None:
-        self.gravity = gravity
+        self.gravity, self.simulation = gravity, simulation
         self.start, self.rise = self.of(simulation), 0.0
 
     def of(self, simulation: Simulation) -> float:
@@ -239,6 +208,17 @@ class _Energy:
 
     def __call__(self, simulation: Simulation) -> None:
         self.rise = max(self.rise, self.of(simulation) - self.start)
+
+    def run(self, until: float) -> str:
+        """Step and look every eighth time; why the run stopped, or ""."""
+        try:
+            while self.simulation.time < until:
+                self.simulation.step()
+                if self.simulation.steps % 8 == 0:
+                    self(self.simulation)
+        except RunStopped as stop:
+            return f"stopped: {stop.reason}"
+        return ""
 
 
 # The map
@@ -256,13 +236,8 @@ def step_cell(context: Context, backend: str, state: str, kernels: str, viscosit
         forced = dataclasses.replace(plan, scene=msgspec.structs.replace(plan.scene, step_factor=factor))
         simulation = context.simulation(forced, backend)
         energy = _Energy(simulation)
-        try:
-            while simulation.time < 4 * math.sqrt(height / GRAVITY):
-                simulation.step()
-                if simulation.steps % 8 == 0:
-                    energy(simulation)
-        except RunStopped as stop:
-            return f"stopped: {stop.reason}", math.inf
+        if stopped := energy.run(4 * math.sqrt(height / GRAVITY)):
+            return stopped, math.inf
         limiter.update(simulation.limiters)
         return "a particle outside the tank" if _outside(simulation) else "", energy.rise / weight
 
@@ -303,17 +278,10 @@ def viscosity_cell(context: Context, backend: str, scene: str, kernels: str, col
         simulation = context.simulation(made(number), backend)
         energy = _Energy(simulation, gravity=GRAVITY if scene == "tank" else 0.0)
         until = 1.0 if scene == "box" else 4 * math.sqrt(2 * columns * SPACING / GRAVITY)
-        try:
-            while simulation.time < until:
-                simulation.step()
-                if simulation.steps % 8 == 0:
-                    energy(simulation)
-        except RunStopped as stop:
-            return f"stopped: {stop.reason}"
-        finally:
-            context.started[:-1] = []
+        stopped = energy.run(until)
+        context.started[:-1] = []
         rise = energy.rise / energy.start
-        return f"energy rises by {100 * rise:.0f} %" if rise > 0.01 else ""
+        return stopped or (f"energy rises by {100 * rise:.0f} %" if rise > 0.01 else "")
 
     return largest_stable(trouble, 128.0, 8.0, 16384.0, factor=1.2).result(silent_up_to(made, 8.0, 16384.0))
 
@@ -341,59 +309,41 @@ MAPS = (STEP_MAP, VISCOSITY_MAP)
 # The liquid, its walls, its list and its files: hard cases that have no paper of their own.
 
 
-EXPERIMENT = Experiment(
-    name="foundation",
-    title="the liquid, its walls, its list and its files",
-    maps=MAPS,
-)
+EXPERIMENT = Experiment(name="foundation", title="the liquid, its walls, its list and its files", maps=MAPS)
 
 
 # States of the hard cases that fail, for a picture of each.
 
 
-MACH, SIDE = 0.3, 10  # of the impact; particles along the cube
 WITHIN = 0.25  # s until the drop's fate at an edge is clear
 COLUMNS = 20  # of the tank
 
 
 def failing_impact(context: Context, backend: str) -> Result:
     """A cube that hits a wall at 0.3 c, when two of its particles are closest."""
-    size = SIDE * SPACING
-    walls = BoxWalls(lower=(-2 * size, -2 * size, 0.0), upper=(3 * size, 3 * size, 8 * size))
-    cube = Box(lower=(0.0, 0.0, 1.5 * SPACING), cells=(SIDE,) * 3, velocity=(0.0, 0.0, -MACH * SOUND))
-    run: Simulation = context.simulation(liquid(cube, walls, viscosity=1.0), backend)
+    run: Simulation = context.simulation(_against_wall(MACH * SOUND), backend)
     least, kept, at = np.inf, np.zeros((0, 3)), 0.0
-    until = 3 * size / (MACH * SOUND)
+    until = 3 * SIDE * SPACING / (MACH * SOUND)
     while run.time < until:
         run.step()
-        place = run.field("position").astype(float)
-        if (near := float(nearest_neighbour_distance(place).min())) < least:
-            least, kept, at = near, place, run.time
+        if (near := float(_nearest(run).min())) < least:
+            least, kept, at = near, run.field("position").astype(float), run.time
         context.progress(run.time / until)
-    return Result(
-        {
-            "time": at,
-            "least": least / SPACING,
-            "spacing": SPACING,
-            "wrong": int((nearest_neighbour_distance(kept) < 0.1 * SPACING).sum()),
-        },
-        {"position": kept, "nearest": nearest_neighbour_distance(kept) / SPACING},
-    )
+    nearest = nearest_neighbour_distance(kept)
+    values = {"time": at, "least": least / SPACING, "spacing": SPACING, "wrong": int((nearest < 0.1 * SPACING).sum())}
+    return Result(values, {"position": kept, "nearest": nearest / SPACING})
 
 
 def edge(context: Context, backend: str, what: str) -> Result:
     """A drop that has fallen on an edge: who is inside the wall."""
     plan, inside = _edge_plan(what)
     run: Simulation = context.simulation(plan, backend)
-    while run.time < WITHIN:
-        run.step()
+    run_to(run, WITHIN)
     place = run.field("position").astype(float)
     wrong = inside(place)
     walls = np.asarray(plan.walls.position)  # type: ignore[union-attr]
-    return Result(
-        {"time": run.time, "spacing": SPACING, "wrong": int(wrong.sum())},
-        {"position": place, "walls": walls, "flags": wrong},
-    )
+    values = {"time": run.time, "spacing": SPACING, "wrong": int(wrong.sum())}
+    return Result(values, {"position": place, "walls": walls, "flags": wrong})
 
 
 def upright_edges(context: Context, backend: str) -> Result:
@@ -444,14 +394,11 @@ def planned(options: Options) -> list[Run]:
     backend = {"backend": options.backend}
     reason = "takes a minute; run without --quick" if options.quick else ""
     return [
-        Run("impact", failing_impact, backend, 5.0),
-        Run("edge_wedge", edge, {**backend, "what": "wedge"}, 3.0),
+        Run("impact", failing_impact, backend, 5.0), Run("edge_wedge", edge, {**backend, "what": "wedge"}, 3.0),
         Run("edge_level_plate", edge, {**backend, "what": "level plate"}, 3.0),
-        Run("upright_edges", upright_edges, backend, 3.0),
-        Run("sheet", sheet, backend, 2.0),
-        Run("filament", drawn_in, backend, 40.0, reason),
-        Run("rounding", rounding, backend, 20.0, reason),
-    ]
+        Run("upright_edges", upright_edges, backend, 3.0), Run("sheet", sheet, backend, 2.0),
+        Run("filament", drawn_in, backend, 40.0, reason), Run("rounding", rounding, backend, 20.0, reason),
+    ]  # fmt: skip
 
 
 def checks(results: Results, check: Checks) -> None:
@@ -462,8 +409,5 @@ def checks(results: Results, check: Checks) -> None:
 
 
 FAILURES_EXPERIMENT = Experiment(
-    name="known_failures",
-    title="what the hard cases look like that fail",
-    runs=planned,
-    checks=checks,
+    name="known_failures", title="what the hard cases look like that fail", runs=planned, checks=checks
 )

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
 
-from validation.drawing import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, YELLOW
+from validation.drawing import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, YELLOW, shared_legend
 from validation.experiment import Picture, Results
 from validation.experiments.heat import runs, scene
 from validation.experiments.heat.runs import BEST
@@ -56,41 +56,35 @@ def _curve(x: np.ndarray, y: np.ndarray, digits: int = 4) -> dict[str, Any]:
     return {"x": np.round(x, digits), "y": np.round(y, digits)}
 
 
+def _curves(results: Results, kind: str, schemes: Iterable[str], x: str, y: str, digits: int = 4) -> dict[str, Any]:
+    """A curve of two arrays for each scheme that was run."""
+    found = {name: results[f"{kind}_{name}"].arrays for name in schemes if f"{kind}_{name}" in results}
+    return {name: _curve(arrays[x], arrays[y], digits) for name, arrays in found.items()}
+
+
 def profiles_data(results: Results) -> dict[str, Any]:
     """Slab, sphere and column at the end, with the exact curves."""
     depth = (np.arange(runs.LENGTH) + 0.5) * runs.SPACING
-    slab = {
-        name: _curve(depth, results[f"slab_{name}"].arrays["profile_8"])
-        for name in SCHEMES
-        if f"slab_{name}" in results and np.abs(results[f"slab_{name}"].arrays["profile_8"]).max() < 1e3
-    }
+    found = {name: results[f"slab_{name}"].arrays["profile_8"] for name in SCHEMES if f"slab_{name}" in results}
+    slab = {name: _curve(depth, profile) for name, profile in found.items() if np.abs(profile).max() < 1e3}
     ball = results["sphere_runge_kutta_legendre"]
     some = np.random.default_rng(0).permutation(len(ball.arrays["r"]))[:600]
-    sphere = {
-        name: _curve(
-            results[f"sphere_{name}"].arrays["r"][some], results[f"sphere_{name}"].arrays["temperature_2"][some]
-        )
-        for name in ("single_pass", "implicit", "runge_kutta_legendre")
-        if f"sphere_{name}" in results
-    }
+    sphere = {}
+    for name in ("single_pass", "implicit", "runge_kutta_legendre"):
+        if f"sphere_{name}" in results:
+            arrays = results[f"sphere_{name}"].arrays
+            sphere[name] = _curve(arrays["r"][some], arrays["temperature_2"][some])
     radius = np.linspace(0, 1, 101)
-    column = results["stefan_runge_kutta_legendre"]
-    ice = {
-        name: _curve(results[f"stefan_{name}"].arrays["x"], results[f"stefan_{name}"].arrays["temperature_2"])
-        for name in ("runge_kutta_legendre", "implicit", "single_pass")
-        if f"stefan_{name}" in results
-    }
-    spacing, until, root = (column.values["rows"][1]["size"], column.values["until"], column.values["root"])
+    column = results["stefan_runge_kutta_legendre"].values
+    ice = _curves(results, "stefan", ("runge_kutta_legendre", "implicit", "single_pass"), "x", "temperature_2")
     x = np.linspace(0, 1, 201)
+    truth = scene.stefan_profile(x, column["until"], runs.WALL, runs.START, column["root"])
     return {
         "title": "Profiles beside the exact ones",
         "slab": {"curves": slab, "exact": _curve(depth, scene.cosine(depth, runs.LENGTH * runs.SPACING, runs.END))},
         "sphere": {"curves": sphere, "exact": _curve(radius, scene.cooled_sphere(radius, 1.05, 0.1))},
-        "stefan": {
-            "curves": ice,
-            "exact": _curve(x - spacing / 2, scene.stefan_profile(x, until, runs.WALL, runs.START, root)),
-        },
-    }  # fmt: skip
+        "stefan": {"curves": ice, "exact": _curve(x - column["rows"][1]["size"] / 2, truth)},
+    }
 
 
 def profiles(data: Mapping[str, Any]) -> Any:
@@ -110,11 +104,7 @@ def profiles(data: Mapping[str, Any]) -> Any:
         axis.grid()
     panels[0].set_ylabel("temperature [°C]")
     panels[2].set_xlim(-0.08, 0.8)
-    handles = {}
-    for axis in panels:
-        for handle, label in zip(*axis.get_legend_handles_labels()):
-            handles.setdefault(label, handle)
-    figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=4)
+    shared_legend(figure, panels, ncols=4)
     return figure
 
 
@@ -123,29 +113,18 @@ def fronts_data(results: Results) -> dict[str, Any]:
     column = results["stefan_runge_kutta_legendre"]
     spacing = column.values["rows"][1]["size"]
     time = column.arrays["time_2"]
-    depth = {
-        name: _curve(results[f"stefan_{name}"].arrays["time_8"], results[f"stefan_{name}"].arrays["depth_8"], 5)
-        for name in SCHEMES
-        if f"stefan_{name}" in results
-    }
+    depth = _curves(results, "stefan", SCHEMES, "time_8", "depth_8", 5)
     truth = 2 * column.values["root"] * np.sqrt(np.linspace(0, time[-1], 101))
     ball = results["melting_runge_kutta_legendre_20"]
     oracle = results["oracle"]
     inside = slice(None, None, max(1, len(oracle.arrays["time"]) // 200))
-    spheres = {
-        str(cells): _curve(result.arrays["time"], result.arrays["radius"], 5)
-        for cells in (10, 20)
-        if (result := results.get(f"melting_runge_kutta_legendre_{cells}")) is not None
-    }
+    spheres = _curves(results, "melting_runge_kutta_legendre", ("10", "20"), "time", "radius", 5)
     return {
-        "title": "Fronts of melting ice",
-        "depth": depth,
-        "raw": _curve(np.linspace(0, time[-1], 101), truth, 5),
-        "shifted": _curve(np.linspace(0, time[-1], 101), truth - spacing / 2, 5),
-        "spheres": spheres,
+        "title": "Fronts of melting ice", "depth": depth, "raw": _curve(np.linspace(0, time[-1], 101), truth, 5),
+        "shifted": _curve(np.linspace(0, time[-1], 101), truth - spacing / 2, 5), "spheres": spheres,
         "sphere": _curve(oracle.arrays["time"][inside], np.cbrt(oracle.arrays["ice"][inside]), 5),
         "sphere_shifted": _curve(ball.arrays["time"], ball.arrays["shifted"], 5),
-    }
+    }  # fmt: skip
 
 
 def fronts(data: Mapping[str, Any]) -> Any:
@@ -179,11 +158,7 @@ def fronts(data: Mapping[str, Any]) -> Any:
 
 PICTURES = (
     Picture("heat_schemes", schemes_data, schemes, ("slab_implicit", f"slab_{BEST}")),
-    Picture(
-        "heat_profiles",
-        profiles_data,
-        profiles,
-        ("slab_one_sided", "slab_runge_kutta_legendre", f"sphere_{BEST}", f"stefan_{BEST}", "stefan_implicit"),
-    ),
+    Picture("heat_profiles", profiles_data, profiles,
+            ("slab_one_sided", "slab_runge_kutta_legendre", f"sphere_{BEST}", f"stefan_{BEST}", "stefan_implicit")),
     Picture("heat_fronts", fronts_data, fronts, (f"stefan_{BEST}", f"melting_{BEST}_20", "oracle")),
-)
+)  # fmt: skip

@@ -5,6 +5,7 @@ Everywhere k = rho = c = 1 (SI units), h = 2.5 d; `number` is k dt/(rho c d^2)."
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 import time
 from collections.abc import Callable
@@ -14,7 +15,6 @@ import msgspec
 import numpy as np
 
 from refsim import Box, HeatConduction, Scene, Simulation, WeaklyCompressible
-from refsim.backends.arrays import choose, set_threads
 from refsim.core.effect import Discretisation
 from refsim.core.errors import InputError, RunStopped
 from refsim.core.operation import REGISTRY
@@ -22,15 +22,15 @@ from refsim.core.period import period_group
 from refsim.engine.stock import stock
 from refsim.heat import kernels, pair_exchange, reference
 from refsim.scene.plan import make_plan
-from validation.checks import Checks
-from validation.experiment import Experiment, Family, Measure, Options, Results, Run, alike
+from validation.checks import Checks, Quantities
+from validation.experiment import Experiment, Family, Measure, Options, Results, Run, alike, each
 from validation.experiments.heat import scene
 from validation.experiments.heat.scene import SCHEMES, SUPPORT, Conductor, cosine_slab, lattice
 from validation.experiments.melting.scene import SCALE
 from validation.experiments.melting.scene import STEP as PAPER_STEP
 from validation.results import Result, real
-from validation.running import Context
-from validation.trials import Cell, StabilityMap, Trial, largest_stable
+from validation.running import Context, on_threads, take_steps
+from validation.trials import Cell, StabilityMap, Trial, hard_case, largest_stable
 from validation.work_precision import Order, order_from_errors
 
 NUMBERS = (0.5, 2.0, 8.0, 32.0)
@@ -181,12 +181,10 @@ def sphere(context: Context, scheme: str, cells: int, numbers: tuple[float, ...]
         steps = max(1, round(until / (number * spacing**2)))
         made.run(until, steps)
         inner = made.temperature[~held]
-        rows.append(
-            {
-                "number": until / steps / spacing**2, "particles": int((~held).sum()), "size": spacing,
-                "seconds": made.seconds, **{name: 100 * rms(inner - values) for name, values in truth.items()},
-            }
-        )  # fmt: skip
+        rows.append({
+            "number": until / steps / spacing**2, "particles": int((~held).sum()), "size": spacing,
+            "seconds": made.seconds, **{name: 100 * rms(inner - values) for name, values in truth.items()},
+        })  # fmt: skip
         arrays[f"temperature_{number:g}"] = inner.astype(np.float32)
         context.progress((share + 1) / len(numbers))
     return Result({"scheme": scheme, "cells": cells, "rows": rows}, arrays)
@@ -212,20 +210,16 @@ def stefan(context: Context, scheme: str, cells: int, numbers: tuple[float, ...]
         made = Conductor(scheme, position, spacing, start, period=period, held=held, ice=(0.0, LATENT), backend=backend)
         steps = max(4, round(until / (number * spacing**2)))
         times, depth = until * np.arange(1, steps + 1) / steps, np.empty(steps)
-        began, drift = made.heat(), math.nan
         for k in range(steps):
             made.step(until / steps)
             depth[k] = made.molten()[~held].sum() * spacing / wide**2
         truth, late = 2 * root * np.sqrt(times), times >= until / 4
-        drift = made.heat() - began
-        rows.append(
-            {
-                "number": until / steps / spacing**2, "size": spacing, "seconds": made.seconds,
-                "raw": 100 * float((abs(depth - truth) / truth)[late].max()),
-                "shifted": 100 * float((abs(depth + spacing / 2 - truth) / truth)[late].max()), "taken_up": drift,
-                "highest": float(made.temperature.max()), "lowest": float(made.temperature.min()),
-            }
-        )  # fmt: skip
+        rows.append({
+            "number": until / steps / spacing**2, "size": spacing, "seconds": made.seconds,
+            "raw": 100 * float((abs(depth - truth) / truth)[late].max()),
+            "shifted": 100 * float((abs(depth + spacing / 2 - truth) / truth)[late].max()),
+            "highest": float(made.temperature.max()), "lowest": float(made.temperature.min()),
+        })  # fmt: skip
         arrays[f"time_{number:g}"], arrays[f"depth_{number:g}"] = times, depth
         arrays[f"temperature_{number:g}"] = made.temperature.reshape(cells + layers, -1).mean(1)
         context.progress((share + 1) / len(numbers))
@@ -400,9 +394,7 @@ def speed(context: Context, threads: int, number: float = 2.0, rounds: int = 7) 
     operation = REGISTRY["sph.density"]
     program, names = operation.program("cpu"), operation.arguments("cpu")
     spent: dict[str, list[float]] = {"density": [], **{name: [] for name in made}}
-    there = choose("cpu")
-    set_threads(there, threads)
-    try:
+    with on_threads("cpu", threads):
         for k in range(rounds + 1):  # the first round compiles
             began = time.perf_counter()
             program(*(given[name] for name in names))
@@ -413,8 +405,6 @@ def speed(context: Context, threads: int, number: float = 2.0, rounds: int = 7) 
                 conductor.step(number)
                 spent[name].append(conductor.seconds - before)
             context.progress((k + 1) / (rounds + 1))
-    finally:
-        set_threads(there, None)
     median = {name: float(np.median(seconds[1:])) for name, seconds in spent.items()}
     ratio = {name: float(np.median(np.array(v[1:]) / np.array(spent["density"][1:]))) for name, v in spent.items()}
     passes = {name: conductor.passes(number) for name, conductor in made.items()}
@@ -519,55 +509,45 @@ def delivered(context: Context, scheme: str, seed: int | None = None) -> Result:
     return Result({"rows": rows})
 
 
-def _runs(
-    key: str, function: Callable[..., Result], parameters: list[dict[str, Any]]
-) -> Callable[[Options], list[Run]]:
-    def made(options: Options) -> list[Run]:
-        return [Run(f"claim_{key}_{k}", function, given, estimate=20.0) for k, given in enumerate(parameters)]
-
-    return made
+def _runs(key: str, function: Callable[..., Result], parameters: list[dict[str, Any]], **shared: Any
+          ) -> Callable[[Options], list[Run]]:  # fmt: skip
+    return lambda options: [
+        Run(f"claim_{key}_{k}", function, {**own, **shared}, estimate=20.0) for k, own in enumerate(parameters)
+    ]
 
 
-def _each(value: Callable[[Result], float]) -> Callable[[Results], list[float]]:
-    return lambda results: [value(result) for result in results.values()]
-
-
-def _ratio(passes: int) -> Callable[[Results], list[float]]:
+def _reversed(scheme: str, passes: int) -> Measure:
+    """Error of so many passes of which every second one runs backwards, over that of passes forwards."""
     at = PASSES.index(passes)
-    return _each(lambda result: real(result.values["reversed"][at]) / real(result.values["forward"][at]))
+    runs = _runs(f"reversal_{scheme}", reversal, [{"number": number} for number in CLAIM_NUMBERS], scheme=scheme)
+    return Measure(runs, each(lambda v: real(v["reversed"][at]) / real(v["forward"][at])))
 
 
-def _reversals(scheme: str) -> Callable[[Options], list[Run]]:
-    return _runs(f"reversal_{scheme}", reversal, [{"scheme": scheme, "number": number} for number in CLAIM_NUMBERS])
-
-
-HEAT_REVERSED_PAIRS_2 = Measure(_reversals("pair_exchange"), _ratio(2))
-HEAT_REVERSED_PAIRS_4 = Measure(_reversals("pair_exchange"), _ratio(4))
-HEAT_REVERSED_PAIRS_8 = Measure(_reversals("pair_exchange"), _ratio(8))
-HEAT_REVERSED_SINGLE_2 = Measure(_reversals("one_sided"), _ratio(2))
-HEAT_REVERSED_SINGLE_4 = Measure(_reversals("one_sided"), _ratio(4))
-HEAT_REVERSED_SINGLE_8 = Measure(_reversals("one_sided"), _ratio(8))
+HEAT_REVERSED_PAIRS_2 = _reversed("pair_exchange", 2)
+HEAT_REVERSED_PAIRS_4 = _reversed("pair_exchange", 4)
+HEAT_REVERSED_PAIRS_8 = _reversed("pair_exchange", 8)
+HEAT_REVERSED_SINGLE_2 = _reversed("one_sided", 2)
+HEAT_REVERSED_SINGLE_4 = _reversed("one_sided", 4)
+HEAT_REVERSED_SINGLE_8 = _reversed("one_sided", 8)
 HEAT_LONG_STEPS_HOLD = Measure(
     _runs("long", long_steps, [
         {"scheme": scheme, "number": number} for scheme in ("one_sided", "pair_exchange") for number in (8.75, 1e3, 3e6)
     ]),
-    _each(lambda result: real(result.values["beyond"])),
+    each("beyond"),
 )  # fmt: skip
 HEAT_EXPLICIT_BREAKS = Measure(
-    _runs("explicit", long_steps, [{"scheme": "explicit", "number": number} for number in LARGE]),
-    _each(lambda result: real(result.values["beyond"])),
+    _runs("explicit", long_steps, [{"number": number} for number in LARGE], scheme="explicit"), each("beyond")
 )
 HEAT_ORDER_MATTERS = Measure(
-    _runs("order", numbering, [{"scheme": "one_sided", "seed": seed} for seed in SEEDS]),
-    _each(lambda result: real(result.values["difference"])),
+    _runs("order", numbering, [{"seed": seed} for seed in SEEDS], scheme="one_sided"), each("difference")
 )
 
 
 def _material(scheme: str) -> Measure:
     """Diffusivity that K = 70 delivers over that of K = 10, over seven, for five numberings."""
     return Measure(
-        _runs(f"material_{scheme}", delivered, [{"scheme": scheme, "seed": seed} for seed in SEEDS]),
-        _each(lambda r: real(r.values["rows"][-1]["delivered"]) / real(r.values["rows"][0]["delivered"]) / 7),
+        _runs(f"material_{scheme}", delivered, [{"seed": seed} for seed in SEEDS], scheme=scheme),
+        each(lambda v: real(v["rows"][-1]["delivered"]) / real(v["rows"][0]["delivered"]) / 7),
     )
 
 
@@ -579,11 +559,7 @@ HEAT_MATERIAL_COUNTS_PAIRS = _material("pair_exchange")
 
 def _other_scheme(scheme: str, number: float) -> Callable[[Measure], list[float]]:
     """What another scheme does with a long step on the same jump."""
-
-    def model(measure: Measure) -> list[float]:
-        return measure.of({"": dict(long_steps(Context(), scheme, number).values)})
-
-    return model
+    return lambda measure: measure.of({"": dict(long_steps(Context(), scheme, number).values)})
 
 
 def _same_numbering(measure: Measure) -> list[float]:
@@ -680,9 +656,9 @@ def watched(
     return simulation
 
 
-def each_scheme(context: Context, backend: str, what: str, number: float, steps: int) -> Result:
+@hard_case
+def each_scheme(trial: Trial, what: str, number: float, steps: int) -> None:
     """Every scheme with volumes 100 : 1, with conductivities 1000 : 1, or with neither, in long steps."""
-    trial = Trial(context, backend)
     count = 2 * 8 * 4 * 4
     random = np.random.default_rng(5)
     options: dict[str, Any] = {}
@@ -691,34 +667,27 @@ def each_scheme(context: Context, backend: str, what: str, number: float, steps:
         volume = HARD_SPACING**3 * random.choice([1.0, 0.01], count)
     if what == "conductivities":
         options["conductivity"] = tuple(random.choice([1.0, 1e-3], count).tolist())
-    with trial.ending():
-        for scheme, beyond in BOUNDED.items():
-            watched(trial, halves(number, scheme, **options), steps, volume, beyond)
-        watched(trial, halves(number, "runge_kutta_legendre", **options), steps, volume)
-        for scheme, beyond in BOUNDED_ICE.items():
-            watched(trial, halves(number, scheme, **options, **ICE), steps, volume, beyond)
-    return trial.result()
+    for scheme, beyond in BOUNDED.items():
+        watched(trial, halves(number, scheme, **options), steps, volume, beyond)
+    watched(trial, halves(number, "runge_kutta_legendre", **options), steps, volume)
+    for scheme, beyond in BOUNDED_ICE.items():
+        watched(trial, halves(number, scheme, **options, **ICE), steps, volume, beyond)
 
 
-def explicit_long(context: Context, backend: str) -> Result:
+@hard_case
+def explicit_long(trial: Trial) -> None:
     """An explicit step of 20 in k dt/(rho c d^2) is refused: 0.29 is stable."""
-    trial = Trial(context, backend)
-    with trial.ending():
-        trial.start(halves(20.0, "explicit"))
-    return trial.result()
+    trial.start(halves(20.0, "explicit"))
 
 
-def explicit_forced(context: Context, backend: str, number: float = 2.0) -> Result:
+@hard_case
+def explicit_forced(trial: Trial, number: float = 2.0) -> None:
     """The explicit scheme made to take steps of 2 all the same, and the others with the same steps."""
-    trial = Trial(context, backend)
-    with trial.ending():
-        for scheme, beyond in BOUNDED.items():
-            watched(trial, halves(number, scheme), 50, beyond=beyond)
-        watched(trial, halves(number, "runge_kutta_legendre"), 50, beyond=1e-3)
-        simulation = trial.start(forced(number))
-        while simulation.steps < 2000:
-            simulation.step()
-    return trial.result()
+    for scheme, beyond in BOUNDED.items():
+        watched(trial, halves(number, scheme), 50, beyond=beyond)
+    watched(trial, halves(number, "runge_kutta_legendre"), 50, beyond=1e-3)
+    simulation = trial.start(forced(number))
+    take_steps(simulation, 2000)
 
 
 def forced(number: float) -> Any:
@@ -727,82 +696,72 @@ def forced(number: float) -> Any:
     return dataclasses.replace(plan, scene=msgspec.structs.replace(plan.scene, step=number * UNIT))
 
 
-def at_melting_point(context: Context, backend: str) -> Result:
+@hard_case
+def at_melting_point(trial: Trial) -> None:
     """Everything exactly at the melting point, as ice: nothing moves, nothing melts, to the last bit."""
-    trial = Trial(context, backend)
-    with trial.ending():
-        for scheme in ("runge_kutta_legendre", "implicit", "single_pass", "nonlinear_jacobi"):
-            scene = halves(2.0, scheme, temperature=(0.0, 0.0), **ICE)
-            simulation = watched(trial, scene, 5)
-            off = float(abs(simulation.field("temperature")).max() + abs(simulation.field("enthalpy")).max())
-            trial.check(f"{scheme}: temperature and enthalpy of ice at 0", off, equals=0)
-            scene = halves(2.0, scheme, temperature=(0.0, COLD), **ICE)
-            cooled = watched(trial, scene, 20)
-            trial.check(f"{scheme}: melted beside colder ice", float(cooled.field("enthalpy").max()), at_most=1e-9)
-    return trial.result()
+    for scheme in ("runge_kutta_legendre", "implicit", "single_pass", "nonlinear_jacobi"):
+        scene = halves(2.0, scheme, temperature=(0.0, 0.0), **ICE)
+        simulation = watched(trial, scene, 5)
+        off = float(abs(simulation.field("temperature")).max() + abs(simulation.field("enthalpy")).max())
+        trial.check(f"{scheme}: temperature and enthalpy of ice at 0", off, equals=0)
+        scene = halves(2.0, scheme, temperature=(0.0, COLD), **ICE)
+        cooled = watched(trial, scene, 20)
+        trial.check(f"{scheme}: melted beside colder ice", float(cooled.field("enthalpy").max()), at_most=1e-9)
 
 
-def nothing_melts(context: Context, backend: str) -> Result:
+@hard_case
+def nothing_melts(trial: Trial) -> None:
     """Ice of two temperatures below its melting point: no enthalpy rises above 0, and heat evens out."""
-    trial = Trial(context, backend)
-    with trial.ending():
-        for scheme in ("runge_kutta_legendre", "implicit", "single_pass", "nonlinear_jacobi"):
-            simulation = watched(trial, halves(2.0, scheme, temperature=(-1.0, COLD), **ICE), 40)
-            trial.check(f"{scheme}: highest enthalpy", float(simulation.field("enthalpy").max()), at_most=0.0)
-            spread = float(np.ptp(simulation.field("temperature"))) / 9.0
-            trial.check(f"{scheme}: spread of temperatures left", spread, at_most=0.99)
-    return trial.result()
+    for scheme in ("runge_kutta_legendre", "implicit", "single_pass", "nonlinear_jacobi"):
+        simulation = watched(trial, halves(2.0, scheme, temperature=(-1.0, COLD), **ICE), 40)
+        trial.check(f"{scheme}: highest enthalpy", float(simulation.field("enthalpy").max()), at_most=0.0)
+        spread = float(np.ptp(simulation.field("temperature"))) / 9.0
+        trial.check(f"{scheme}: spread of temperatures left", spread, at_most=0.99)
 
 
-def everything_melts(context: Context, backend: str) -> Result:
+@hard_case
+def everything_melts(trial: Trial) -> None:
     """A block of ice beside one that is held at 50 deg C melts to the last particle and becomes as warm."""
-    trial = Trial(context, backend)
-    with trial.ending():
-        for scheme in ("runge_kutta_legendre", "implicit", "nonlinear_jacobi"):
-            scene = halves(3.0, scheme, cells=(4, 4, 4), held=(0,), **ICE)
-            simulation = watched(trial, scene, 160, beyond=1e-3)
-            inner = slice(64, None)
-            least = float(simulation.field("enthalpy")[inner].min()) / HARD_LATENT
-            trial.check(f"{scheme}: least enthalpy over the latent heat", least, at_least=1.0)
-            trial.check(f"{scheme}: coldest", float(simulation.field("temperature")[inner].min()), at_least=45.0)
-            trial.check(f"{scheme}: warmest", float(simulation.field("temperature").max()), at_most=WARM * (1 + 1e-3))
-    return trial.result()
+    for scheme in ("runge_kutta_legendre", "implicit", "nonlinear_jacobi"):
+        scene = halves(3.0, scheme, cells=(4, 4, 4), held=(0,), **ICE)
+        simulation = watched(trial, scene, 160, beyond=1e-3)
+        inner = slice(64, None)
+        least = float(simulation.field("enthalpy")[inner].min()) / HARD_LATENT
+        trial.check(f"{scheme}: least enthalpy over the latent heat", least, at_least=1.0)
+        trial.check(f"{scheme}: coldest", float(simulation.field("temperature")[inner].min()), at_least=45.0)
+        trial.check(f"{scheme}: warmest", float(simulation.field("temperature").max()), at_most=WARM * (1 + 1e-3))
 
 
-def layer_at_once(context: Context, backend: str) -> Result:
+@hard_case
+def layer_at_once(trial: Trial) -> None:
     """A step so long that the ice's whole first layer melts in it: no particle of the layer is left behind."""
-    trial = Trial(context, backend)
     latent = 3e3  # 3 K
-    with trial.ending():
-        for scheme in ("runge_kutta_legendre", "implicit", "nonlinear_jacobi", "single_pass"):
-            scene = halves(2.0, scheme, temperature=(WARM, -0.5), melting_point=0.0, latent_heat=latent)
-            simulation = watched(trial, scene, 1)
-            first = np.isclose(simulation.field("position")[:, 0], 8.5 * HARD_SPACING)
-            share = simulation.field("enthalpy")[first] / latent
-            trial.check(f"{scheme}: least molten share in the layer", float(share.min()), at_least=1.0)
-            x, there = simulation.field("position"), simulation.field("enthalpy")
-            turned = np.lexsort((x[:, 2], 4 * HARD_SPACING - x[:, 1], x[:, 0]))
-            mirrored = there[np.lexsort((x[:, 2], x[:, 1], x[:, 0]))]
-            off = float(abs(there[turned] - mirrored).max()) / latent
-            trial.check(f"{scheme}: difference from its mirror image", off, at_most=1e-9)
-    return trial.result()
+    for scheme in ("runge_kutta_legendre", "implicit", "nonlinear_jacobi", "single_pass"):
+        scene = halves(2.0, scheme, temperature=(WARM, -0.5), melting_point=0.0, latent_heat=latent)
+        simulation = watched(trial, scene, 1)
+        first = np.isclose(simulation.field("position")[:, 0], 8.5 * HARD_SPACING)
+        share = simulation.field("enthalpy")[first] / latent
+        trial.check(f"{scheme}: least molten share in the layer", float(share.min()), at_least=1.0)
+        x, there = simulation.field("position"), simulation.field("enthalpy")
+        turned = np.lexsort((x[:, 2], 4 * HARD_SPACING - x[:, 1], x[:, 0]))
+        mirrored = there[np.lexsort((x[:, 2], x[:, 1], x[:, 0]))]
+        off = float(abs(there[turned] - mirrored).max()) / latent
+        trial.check(f"{scheme}: difference from its mirror image", off, at_most=1e-9)
 
 
-def giant_step(context: Context, backend: str, number: float = 3e6) -> Result:
+@hard_case
+def giant_step(trial: Trial, number: float = 3e6) -> None:
     """One step of s_max = 1e7: backward Euler ends at the mean temperature."""
-    trial = Trial(context, backend)
     mean = 0.5 * (WARM + COLD)
-    with trial.ending():
-        for scheme, beyond in BOUNDED.items():
-            simulation = watched(trial, halves(number, scheme), 1, beyond=beyond)
-            off = float(abs(simulation.field("temperature") - mean).max()) / (WARM - COLD)
-            if scheme in ("implicit", "conjugate_gradient"):
-                trial.check(f"{scheme}: distance from the mean", off, at_most=0.01)
-            else:
-                trial.show(f"{scheme}: distance from the mean", off)
-        for scheme, beyond in BOUNDED_ICE.items():
-            watched(trial, halves(number, scheme, **ICE), 1, beyond=beyond)
-    return trial.result()
+    for scheme, beyond in BOUNDED.items():
+        simulation = watched(trial, halves(number, scheme), 1, beyond=beyond)
+        off = float(abs(simulation.field("temperature") - mean).max()) / (WARM - COLD)
+        if scheme in ("implicit", "conjugate_gradient"):
+            trial.check(f"{scheme}: distance from the mean", off, at_most=0.01)
+        else:
+            trial.show(f"{scheme}: distance from the mean", off)
+    for scheme, beyond in BOUNDED_ICE.items():
+        watched(trial, halves(number, scheme, **ICE), 1, beyond=beyond)
 
 
 # The map
@@ -813,9 +772,9 @@ def step_cell(context: Context, backend: str, scheme: str, melts: bool, steps: i
 
     With latent heat the cold half is ice and the warm one a reservoir.
     """
+    options: dict[str, Any] = {**ICE, "held": (0,)} if melts else {}
 
     def trouble(number: float) -> str:
-        options: dict[str, Any] = {**ICE, "held": (0,)} if melts else {}
         scene: Any = forced(number) if scheme == "explicit" else halves(number, scheme, **options)
         beyond = 0.0
         try:
@@ -824,16 +783,14 @@ def step_cell(context: Context, backend: str, scheme: str, melts: bool, steps: i
             for _ in range(steps):
                 simulation.step()
                 now = simulation.field("temperature")
-                beyond = max(
-                    beyond, (float(now.max()) - WARM) / (WARM - COLD), (COLD - float(now.min())) / (WARM - COLD)
-                )
+                over, under = float(now.max()) - WARM, COLD - float(now.min())
+                beyond = max(beyond, over / (WARM - COLD), under / (WARM - COLD))
         except RunStopped as stop:
             return f"stopped: {stop.reason}"
         except InputError:
             return "refused"
         return f"{100 * beyond:.2g} % beyond the range" if not beyond <= 1e-3 else ""
 
-    options = {**ICE, "held": (0,)} if melts else {}
     plan = make_plan(halves(0.1, scheme, largest_number=HeatConduction().largest_number, **options))
     limit = plan.effects["heat_conduction"].step_limits(plan.grid, plan.effects)["conduction"]
     return largest_stable(trouble, 0.25, 0.05, 1e4, factor=1.2).result(limit.length / UNIT)
@@ -844,22 +801,20 @@ PLAIN = (
 )  # fmt: skip
 MELTING = ("runge_kutta_legendre", "implicit", "conjugate_gradient", "single_pass", "nonlinear_jacobi")
 
-MAPS = (
-    StabilityMap(
-        name="stability_heat_step",
-        title="Largest stable step of conduction",
-        quantity="k dt/(rho c d^2)",
-        criterion="no temperature of a warm and a cold half (with latent heat: of ice beside a reservoir) leaves"
-        " their range by more than 0.1 % in 20 steps.",
-        advice="Take any scheme but the explicit one up to the default limit of 10; RKL with latent heat keeps its"
-        " range up to 3, and limits its steps to that.",
-        cells=tuple(
-            Cell(name, column, step_cell, {"scheme": name, "melts": names is MELTING}, 5.0)
-            for column, names in (("no latent heat", PLAIN), ("latent heat", MELTING))
-            for name in names
-        ),
+MAPS = (StabilityMap(
+    name="stability_heat_step",
+    title="Largest stable step of conduction",
+    quantity="k dt/(rho c d^2)",
+    criterion="no temperature of a warm and a cold half (with latent heat: of ice beside a reservoir) leaves"
+    " their range by more than 0.1 % in 20 steps.",
+    advice="Take any scheme but the explicit one up to the default limit of 10; RKL with latent heat keeps its"
+    " range up to 3, and limits its steps to that.",
+    cells=tuple(
+        Cell(name, column, step_cell, {"scheme": name, "melts": names is MELTING}, 5.0)
+        for column, names in (("no latent heat", PLAIN), ("latent heat", MELTING))
+        for name in names
     ),
-)  # fmt: skip
+),)  # fmt: skip
 
 
 # Heat conduction: slab, sphere, Stefan's problem and a melting sphere by every scheme, orders, ledgers and ranges.
@@ -939,73 +894,65 @@ REFINED = {  # check: (keys of the runs, what their sizes are called)
 }
 
 
+MELTED = {  # runs of the melting sphere
+    f"{BEST}_10": f"{BEST}, R = 10 d", f"{BEST}_20": f"{BEST}, R = 20 d", "implicit_20": "implicit, R = 20 d",
+}  # fmt: skip
+
+
 def checks(results: Results, check: Checks) -> None:
     """What each bar is held against."""
     for name in JUDGED_PLAIN:
-        rows = rows_of(results, f"slab_{name}")
-        for row in rows:
+        for row in rows_of(results, f"slab_{name}"):
             key = f"slab_{name}_{row['number']:g}".replace(".", "_")
-            own = key in check.entries
-            run = "" if own else f"{name}_{row['number']:g}"
-            check(key if own else "slab_error", row["error"], run, f"{SCHEMES[name]}, {row['number']:g}")
-        if rows:
-            drift = max(abs(real(row["drift"])) for row in rows)
-            check("slab_drift" if name in JUDGED_KEEPING else "drift", drift, name, SCHEMES[name])
-    if "pair_orders" in results:
-        for words, rows in results["pair_orders"].values["orders"].items():
-            for row in rows:
-                check("pair_order", row["error"], f"{words.replace(' ', '_')}_{row['number']:g}",
-                     f"{words}, {row['number']:g}")  # fmt: skip
-    if rows := rows_of(results, "spacing"):
-        check("order_in_spacing", order_of(rows, 2.0).order)
+            own, words = key in check.entries, f"{SCHEMES[name]}, {row['number']:g}"
+            check(key if own else "slab_error", row["error"], "" if own else f"{name}_{row['number']:g}", words)
+        drift = "slab_drift" if name in JUDGED_KEEPING else "drift"
+        check.run(results, f"slab_{name}", {drift: lambda v: max(abs(real(row["drift"])) for row in v["rows"])}, name,
+                  SCHEMES[name])  # fmt: skip
+    orders = results["pair_orders"].values["orders"] if "pair_orders" in results else {}
+    for words, row in ((words, row) for words, rows in orders.items() for row in rows):
+        run = f"{words.replace(' ', '_')}_{row['number']:g}"
+        check("pair_order", row["error"], run, f"{words}, {row['number']:g}")
+    check.run(results, "spacing", {"order_in_spacing": lambda v: order_of(v["rows"], 2.0).order})
     for name in JUDGED_PLAIN:
-        if rows := rows_of(results, f"step_{name}"):
-            check(f"order_{name}", order_of(rows, THEORY[name]).order)
+        order: Quantities = {f"order_{name}": lambda v, name=name: order_of(v["rows"], THEORY[name]).order}
+        check.run(results, f"step_{name}", order)
     for what, (keys, words) in REFINED.items():
-        for key in keys:
-            for row in rows_of(results, key):
-                check(f"{what}_raw", row["raw"], key, words.format(1 / row["size"]))
-                check(f"{what}_shifted", row["shifted"], key, words.format(1 / row["size"]))
-        if order := order_over(results, keys, "raw"):
-            check(f"{what}_order", order.order)
+        for key, row in ((run, row) for run in keys for row in rows_of(results, run)):
+            for name in ("raw", "shifted"):
+                check(f"{what}_{name}", row[name], key, words.format(1 / row["size"]))
+        if found := order_over(results, keys, "raw"):
+            check(f"{what}_order", found.order)
         for name in JUDGED_PLAIN if what == "sphere" else JUDGED_MELTING:
             for row in rows_of(results, f"{what}_{name}"):
-                run, number = f"{name}_{row['number']:.2g}", f"{row['number']:.2g}"
-                check(f"{what}_scheme", row["shifted"], run, SCHEMES[name] if what == "sphere" else f"{name}, {number}")
-    if "oracle" in results:
-        for name in ("refinement", "quasi_steady", "plane"):
-            check(f"oracle_{name}", abs(real(results["oracle"].values[name])))
-    for key in (f"{BEST}_10", f"{BEST}_20", "implicit_20"):
-        if f"melting_{key}" in results:
-            values = results[f"melting_{key}"].values
-            bar = "melting_front" if key == f"{BEST}_20" else "melting_front_other"
-            words = f"{values['scheme']}, R = {values['cells']} d"
-            check(bar, values["raw"], f"{key}_raw", f"{words}, as it is")
-            check(bar, values["shifted"], f"{key}_shifted", f"{words}, from the first held layer")
-            late = 100 * (values["melted"] / values["melted_exactly"] - 1)
-            check("melting_time", late, key, words)
-    for name in (*JUDGED_KEEPING, "one_sided"):
-        for dtype in DTYPES:
-            if f"ledger_{name}_{dtype}" in results:
-                values = results[f"ledger_{name}_{dtype}"].values
-                check(f"ledger_{dtype}" if name in JUDGED_KEEPING else "ledger_one_sided", values["largest"],
-                     name if name in JUDGED_KEEPING else dtype, f"{SCHEMES[name]}, {dtype}")  # fmt: skip
-                if values["melted"]:
-                    check("ledger_melted", values["melted"], f"{name}_{dtype}", f"{name}, {dtype}")
-    if "speed" in results:
-        for name, ratio in results["speed"].values["ratio"].items():
-            check("speed", ratio, name.replace(" ", "_"), name)
+                number = f"{row['number']:.2g}"
+                said = SCHEMES[name] if what == "sphere" else f"{name}, {number}"
+                check(f"{what}_scheme", row["shifted"], f"{name}_{number}", said)
+    limits = ("refinement", "quasi_steady", "plane")
+    check.run(results, "oracle", {f"oracle_{n}": lambda v, n=n: abs(real(v[n])) for n in limits})
+    for key, words in MELTED.items():
+        bar = "melting_front" if key == f"{BEST}_20" else "melting_front_other"
+        check.run(results, f"melting_{key}", {bar: "raw"}, f"{key}_raw", f"{words}, as it is")
+        check.run(results, f"melting_{key}", {bar: "shifted"}, f"{key}_shifted", f"{words}, from the first held layer")
+        late: Quantities = {"melting_time": lambda v: 100 * (v["melted"] / v["melted_exactly"] - 1)}
+        check.run(results, f"melting_{key}", late, key, words)
+    for name, dtype in itertools.product((*JUDGED_KEEPING, "one_sided"), DTYPES):
+        key, keeps = f"ledger_{name}_{dtype}", name in JUDGED_KEEPING
+        bar, run = (f"ledger_{dtype}", name) if keeps else ("ledger_one_sided", dtype)
+        check.run(results, key, {bar: "largest"}, run, f"{SCHEMES[name]}, {dtype}")
+        if key in results and results[key].values["melted"]:
+            check("ledger_melted", results[key].values["melted"], f"{name}_{dtype}", f"{name}, {dtype}")
+    for name, ratio in results["speed"].values["ratio"].items() if "speed" in results else ():
+        check("speed", ratio, name.replace(" ", "_"), name)
     for name, melts in JUDGED_BOUNDED:
-        if rows := rows_of(results, range_key(name, melts)):
-            bar = "range_solved" if name in ("conjugate_gradient", "implicit") else "range"
-            words = f"{SCHEMES[name]}{', with latent heat' if melts else ''}"
-            check(bar, max(real(row["beyond"]) for row in rows), range_key(name, melts), words)
+        bar = "range_solved" if name in ("conjugate_gradient", "implicit") else "range"
+        words = f"{SCHEMES[name]}{', with latent heat' if melts else ''}"
+        beyond: Quantities = {bar: lambda v: max(real(row["beyond"]) for row in v["rows"])}
+        check.run(results, range_key(name, melts), beyond, range_key(name, melts), words)
 
 
 EXPERIMENT = Experiment(
     name="heat",
     title="conduction of heat: slab, sphere, Stefan's problem and a melting sphere by every scheme, and who keeps heat",
-    runs=planned,
-    checks=checks,
-    maps=MAPS,
+    runs=planned, checks=checks, maps=MAPS,
 )  # fmt: skip

@@ -60,21 +60,11 @@ class Conductor:
     """
 
     def __init__(
-        self,
-        scheme: str,
-        position: np.ndarray,
-        spacing: float,
-        temperature: np.ndarray,
-        *,
-        period: tuple[float, float, float] = (0.0, 0.0, 0.0),
-        held: np.ndarray | None = None,
-        conductivity: np.ndarray | None = None,
-        volume: np.ndarray | None = None,
-        ice: tuple[float, float] | None = None,
-        dtype: str = "float64",
-        backend: str = "cpu",
-        **options: Any,
-    ) -> None:
+        self, scheme: str, position: np.ndarray, spacing: float, temperature: np.ndarray, *,
+        period: tuple[float, float, float] = (0.0, 0.0, 0.0), held: np.ndarray | None = None,
+        conductivity: np.ndarray | None = None, volume: np.ndarray | None = None,
+        ice: tuple[float, float] | None = None, dtype: str = "float64", backend: str = "cpu", **options: Any,
+    ) -> None:  # fmt: skip
         n, real = len(position), np.dtype(dtype)
         self.grid = Discretisation(3, dtype, spacing, SUPPORT * spacing, n)
         materials = {} if ice is None else {"melting_point": ice[0], "latent_heat": ice[1]}

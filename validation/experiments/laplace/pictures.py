@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import matplotlib.pyplot as plt
@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.ticker import FixedLocator, NullLocator, StrMethodFormatter
 
 from refsim.surface_tension.calibration import BASE
-from validation.drawing import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION
+from validation.drawing import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, shared_legend
 from validation.experiment import Picture, Results
 from validation.experiments.laplace.runs import data, drop_words, setting_words
 from validation.measure.drops import FITTED_FROM, MODELS, SEEDED, base
@@ -21,6 +21,9 @@ from validation.results import real
 
 COLOURS = dict(zip(MODELS, (BLACK, VERMILION, ORANGE, BLUE, SKY, GREEN, PURPLE, GREY, "#8c6d31", "#bbbbbb", "#d62fae")))
 STYLES = {name: "--" if name.endswith(("cohesion", "soft")) else "-" for name in MODELS}
+
+
+RING = {"marker": "o", "ms": 8, "mfc": "none", "mec": "black", "mew": 1.0, "ls": "none"}  # of what is measured now
 
 
 def jump_data(results: Results) -> dict[str, Any]:
@@ -51,18 +54,14 @@ def jump_picture(data: Mapping[str, Any]) -> Any:
                 axes.plot(radius, tension, STYLES[model], **look)
         now = [d for d in data.get("now", ()) if d["dim"] == dim]
         if now:
-            ring = {"marker": "o", "ms": 8, "mfc": "none", "mec": "black", "mew": 1.0, "ls": "none"}
-            axes.plot(*_by_radius(now, dim), label="Akinci 2013, measured now", **ring)
+            axes.plot(*_by_radius(now, dim), label="Akinci 2013, measured now", **RING)
         axes.axvspan(0, least, color="#eeeeee", lw=0)
         axes.text(least - 0.1, 0.15, "R < 3 h", ha="right", color=GREY, fontsize=8)
         axes.axhline(1, color=GREY, lw=0.8, ls=":")
         axes.set(xlim=(4.5, 26 if dim == 2 else 15), ylim=(0, 6.2), title=f"{dim}D, h = 2.6 d (IISPH 2 d), S = 0.01")
         axes.set(xlabel="radius R [d]", ylabel=f"{'R' if dim == 2 else 'R/2'} times jump, over the nominal tension")
         axes.grid(True)
-    handles: dict[str, Any] = {}
-    for axes in panels:
-        handles |= {label: handle for handle, label in zip(*axes.get_legend_handles_labels())}
-    figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=4, fontsize=8)
+    shared_legend(figure, panels, ncols=4, fontsize=8)
     figure.suptitle("A drop's pressure jump is that of a surface tension where the line is level", fontweight="bold")
     return figure
 
@@ -155,16 +154,14 @@ PICTURES = (
 def oscillation_data(results: Results) -> dict[str, Any]:
     """Both tensions of every kicked drop whose frequency can be read."""
     names = ("model", "dim", "support", "stiffness", "radius", "seed", "laplace", "rayleigh", "misfit")
-    rows = [
-        {n: row[n] for n in names}
-        for row in results["map"].values["rows"]
-        if not row["stopped"] and math.isfinite(real(row.get("rayleigh"))) and row["misfit"] <= WORST_MISFIT
-    ]
+
+    def swung(rows: Iterable[Any], worst: float) -> list[dict[str, Any]]:
+        known = (r for r in rows if not r["stopped"] and math.isfinite(real(r.get("rayleigh"))))
+        return [{n: row[n] for n in names} for row in known if not real(row["misfit"]) > worst]
+
     now = [result.values for key, result in results.items() if key != "map"]
-    fine = [
-        {n: row[n] for n in names} for row in now if not row["stopped"] and math.isfinite(real(row.get("rayleigh")))
-    ]
-    return {"title": "Tension by Rayleigh against tension by Laplace", "drops": rows, "now": fine}
+    drops = swung(results["map"].values["rows"], WORST_MISFIT)
+    return {"title": "Tension by Rayleigh against tension by Laplace", "drops": drops, "now": swung(now, math.inf)}
 
 
 AGREE = 0.1  # relative difference up to which both measures agree
@@ -192,8 +189,7 @@ def picture(data: Mapping[str, Any]) -> Any:
         now = [d for d in data.get("now", ()) if d["dim"] == dim]
         if now:
             x, y = [d["laplace"] for d in now], [d["rayleigh"] for d in now]
-            ring = {"marker": "o", "ms": 8, "mfc": "none", "mec": "black", "mew": 1.0, "ls": "none"}
-            axes.plot(x, y, label=f"{MODELS[SHOWN][0]}, measured now", **ring)
+            axes.plot(x, y, label=f"{MODELS[SHOWN][0]}, measured now", **RING)
         axes.set(xscale="log", yscale="log")
         ticks = (0.5, 1, 2, 5, 10, 20)
         for axis in (axes.xaxis, axes.yaxis):
@@ -207,10 +203,7 @@ def picture(data: Mapping[str, Any]) -> Any:
         axes.set(title=f"{dim}D, mode n = 2{words}", xlabel="tension by the pressure jump, over the nominal one")
         axes.grid(True)
     panels[0].set_ylabel("tension by the frequency, over the nominal one")
-    handles: dict[str, Any] = {}
-    for axes in panels:
-        handles |= {label: handle for handle, label in zip(*axes.get_legend_handles_labels())}
-    figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=4, fontsize=8)
+    shared_legend(figure, panels, ncols=4, fontsize=8)
     figure.suptitle(share, fontweight="bold")
     return figure
 
@@ -223,13 +216,11 @@ OSCILLATION_PICTURES = (Picture("oscillation", oscillation_data, picture, ("map"
 
 # Quantity, what it is called, and the interval that is drawn; None: as the drops are.
 SPURIOUS_SHOWN = (
-    ("spurious", "rms speed over sqrt(sigma/(rho R))", None),
-    ("capillary", "capillary number mu max|v|/sigma", None),
+    ("spurious", "rms speed over sqrt(sigma/(rho R))", None), ("capillary", "capillary number mu max|v|/sigma", None),
     ("momentum", "linear momentum over sum m|v|", (1e-9, 3.0)),
     ("angular_momentum", "angular momentum over sum m|x||v|", (1e-5, 3.0)),
-    ("nn_5", "nearest neighbour, 5th percentile [d]", (0.0, 1.05)),
-    ("roughness", "radius variation", None),
-)
+    ("nn_5", "nearest neighbour, 5th percentile [d]", (0.0, 1.05)), ("roughness", "radius variation", None),
+)  # fmt: skip
 
 
 def spurious_data(results: Results) -> dict[str, Any]:
@@ -284,12 +275,9 @@ COST_SHOWN = (
     ("roughness", "roughness at rest"),
 )
 MARKS = {
-    ("float32", "cpu"): "o",
-    ("float64", "cpu"): "s",
-    ("float32", "cuda"): "^",
-    ("float64", "cuda"): "v",
+    ("float32", "cpu"): "o", ("float64", "cpu"): "s", ("float32", "cuda"): "^", ("float64", "cuda"): "v",
     ("float64", "numpy"): "D",
-}
+}  # fmt: skip
 
 
 def cost_picture(data: Mapping[str, Any]) -> Any:
@@ -323,15 +311,13 @@ def cost_picture(data: Mapping[str, Any]) -> Any:
         if name != "roughness":
             axes.axhline(0.05, color=GREY, lw=0.9, ls="--")
             axes.set_ylim(2e-4, 2)
-    marks = [plt.Line2D([], [], ls="", marker=m, ms=6, color=GREY, mfc="none") for m in MARKS.values()]
-    words = [f"{dtype}, {backend}" for dtype, backend in MARKS]
     seen = {(p["dtype"], p["backend"]) for p in alive}
-    kept = [k for k, how in enumerate(MARKS) if how in seen]
-    handles: dict[str, Any] = {}
-    for axes in panels:
-        handles |= {label: handle for handle, label in zip(*axes.get_legend_handles_labels())}
-    handles |= {words[k]: marks[k] for k in kept}
-    figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=5, fontsize=8)
+    marks = {
+        ", ".join(how): plt.Line2D([], [], ls="", marker=mark, ms=6, color=GREY, mfc="none")
+        for how, mark in MARKS.items()
+        if how in seen
+    }
+    shared_legend(figure, panels, marks, ncols=5, fontsize=8)
     said = []
     for entry in data["advice"]:
         p = entry["point"]
@@ -339,12 +325,8 @@ def cost_picture(data: Mapping[str, Any]) -> Any:
         said.append(f"within {100 * entry['bar']:g} %: {what}")
     half = math.ceil(len(said) / 2)
     lines = "      ".join(said[:half]) + "\n" + "      ".join(said[half:])
-    figure.suptitle(
-        f"{data['title']}\nSeconds: {data['machines']}\nCheapest whose tension and frequency are both\n{lines}",
-        fontsize=9.5,
-        x=0.01,
-        ha="left",
-    )
+    above = f"{data['title']}\nSeconds: {data['machines']}\nCheapest whose tension and frequency are both"
+    figure.suptitle(f"{above}\n{lines}", fontsize=9.5, x=0.01, ha="left")
     return figure
 
 
@@ -370,11 +352,8 @@ def wetting_data(results: Results) -> dict[str, Any]:
         if key != "map" and not result.values["stopped"]
     ]
     drawn.sort(key=lambda drop: (drop["dim"], drop["asked"]))
-    return {
-        "title": "Contact angle of sessile drops, Akinci 2013 (triangles: up, leaves the plane; down, a film)",
-        "settings": results["map"].values["settings"],
-        "drops": drawn,
-    }
+    title = "Contact angle of sessile drops, Akinci 2013 (triangles: up, leaves the plane; down, a film)"
+    return {"title": title, "settings": results["map"].values["settings"], "drops": drawn}
 
 
 def wetting_picture(data: Mapping[str, Any]) -> Any:
@@ -429,16 +408,12 @@ def _outline(axes: Any, drop: Mapping[str, Any]) -> None:
     radius = np.array(drop["profile"])
     z = np.arange(len(radius)) + 0.5
     axes.plot(np.concatenate([-radius, radius]), np.concatenate([z, z]), "o", ms=3.5, color=BLUE, label="slices")
-    for angle, colour, style, label in (
-        (drop["angle"], VERMILION, "-", "cap"),
-        (drop["asked"], GREEN, "--", "requested"),
-    ):
-        turn = math.radians(angle)
+    for kind, colour, style, label in (("angle", VERMILION, "-", "cap"), ("asked", GREEN, "--", "requested")):
+        turn = math.radians(drop[kind])
         size = (drop["particles"] / drop["density"] / cap_volume(turn, drop["dim"])) ** (1 / drop["dim"])
         along = np.linspace(-turn, turn, 200)
-        axes.plot(
-            size * np.sin(along), size * (np.cos(along) - math.cos(turn)), style, lw=1.2, color=colour, label=label
-        )
+        x, y = size * np.sin(along), size * (np.cos(along) - math.cos(turn))
+        axes.plot(x, y, style, lw=1.2, color=colour, label=label)
     axes.axhline(0, color=BLACK, lw=1.5)
     axes.set_aspect("equal")
     axes.set_title(f"{drop['dim']}D: {drop['angle']:.0f} of {drop['asked']:.0f} degrees", fontsize=9)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import itertools
 import math
 from collections.abc import Mapping, Sequence
@@ -15,8 +14,8 @@ from validation.checks import Checks
 from validation.experiment import Experiment, Options, Results, Run
 from validation.measure import drop_seconds
 from validation.measure.drops import MODELS, SEEDED, base, fit_laplace, in_panel
-from validation.measure.sigma_map import WORST, WORST_MISFIT, at_base, drop_run, map_run, words_of
-from validation.measure.wetting import ROWS, SIZE, Point, condensed, measure, read_rows
+from validation.measure.sigma_map import WORST, WORST_MISFIT, at_base, digest_of, drop_run, map_run, read_rows, words_of
+from validation.measure.wetting import ROWS, SIZE, Point, condensed, measure
 from validation.results import Result, real
 from validation.running import Context
 from validation.work_precision import pareto
@@ -38,10 +37,20 @@ def planned(options: Options) -> list[Run]:
     return made
 
 
-def measured_now(results: Results, dim: int | None = None) -> list[dict[str, Any]]:
+def measured_now(results: Results, dim: int | None = None) -> list[Mapping[str, Any]]:
     """Rows of the drops that were measured now, of one dimension or of both."""
-    rows = [dict(result.values) for key, result in results.items() if key != "map"]
-    return [row for row in rows if dim in (None, row["dim"])]
+    return [r.values for key, r in results.items() if key != "map" and dim in (None, r.values["dim"])]
+
+
+def settings(results: Results, dim: int | None = None) -> list[dict[str, Any]]:
+    """The map's entries; of one dimension those at the base."""
+    found = results["map"].values["settings"] if "map" in results else []
+    return [entry for entry in found if dim is None or (entry["dim"] == dim and at_base(entry))]
+
+
+def spread_of(values: Sequence[float]) -> float:
+    """Standard deviation over the mean."""
+    return float(np.std(values, ddof=1) / np.mean(values))
 
 
 def checks(results: Results, check: Checks) -> None:
@@ -55,54 +64,36 @@ def checks(results: Results, check: Checks) -> None:
         check("sigma", slope, name, words)
         seeded = [row["laplace"] for row in rows if row["radius"] == SEEDED[dim] and not row["stopped"]]
         if len(seeded) > 1:
-            share = float(np.std(seeded, ddof=1) / np.mean(seeded))
-            check("seed_spread", share, name, f"{words}, {len(seeded)} seeds")
+            check("seed_spread", spread_of(seeded), name, f"{words}, {len(seeded)} seeds")
         check("fit_error", error / slope if slope else math.nan, name, words)
         largest = max(row["radius"] for row in rows if not row["stopped"])
         check("left_over", abs(intercept) * largest / ((dim - 1) * slope), name, words)
     for entry in settings(results):
         if at_base(entry) and math.isfinite(real(entry["laplace"])):
-            name, words = f"map_{entry['model']}_{entry['dim']}d", words_of(entry)
-            check("sigma", entry["laplace"], name, words)
-    fits = {e["model"]: fit_apart(e) for e in settings(results) if e["dim"] == 3 and at_base(e)}
-    for model, (value, error) in fits.items():
-        check("agreement", value, model, f"{MODELS[model][0]}, fit +- {100 * error:.0f} %")
+            check("sigma", entry["laplace"], f"map_{entry['model']}_{entry['dim']}d", words_of(entry))
+    for entry in settings(results, 3):
+        slope, model = real(entry["laplace"]), MODELS[entry["model"]][0]
+        error = real(entry["laplace_error"]) / slope if slope > 0 else math.nan
+        check("agreement", apart_by(entry), entry["model"], f"{model}, fit +- {100 * error:.0f} %")
+    for entry in settings(results, 3):
+        for drop in entry["drops_by_radius"]:
+            if drop["radius"] >= LARGE:
+                words, name = (f"R = {drop['radius']:g} d", f"{entry['model']}_R{drop['radius']:g}")
+                check("agreement_drops", apart_by(drop), name, f"{MODELS[entry['model']][0]}, {words}")
+    known = {}
     for entry in settings(results):
-        if entry["dim"] == 3 and at_base(entry):
-            for drop in entry["drops_by_radius"]:
-                if drop["radius"] >= LARGE:
-                    words = f"{MODELS[entry['model']][0]}, R = {drop['radius']:g} d"
-                    name = f"{entry['model']}_R{drop['radius']:g}"
-                    check("agreement_drops", apart_by(drop), name, words)
-    found = {name_of(e): farthest_apart(e) for e in settings(results) if e["dim"] == 3}
-    known = {name: value for name, value in found.items() if math.isfinite(value)}
+        if entry["dim"] == 3 and math.isfinite(value := farthest_apart(entry)):
+            place = f"h = {entry['support']:g} d, S = {entry['stiffness']:g}, {entry['kernels']}"
+            known[f"{MODELS[entry['model']][0]}, {place}"] = value
     if known:
         best = min(known, key=lambda name: known[name])
         check("best_agreement", known[best], "", best)
-
-
-def name_of(entry: Mapping[str, Any]) -> str:
-    """A setting in words."""
-    place = f"h = {entry['support']:g} d, S = {entry['stiffness']:g}, {entry['kernels']}"
-    return f"{MODELS[entry['model']][0]}, {place}"
 
 
 def farthest_apart(entry: Mapping[str, Any]) -> float:
     """Largest |Laplace - Rayleigh| over their mean, of all radii of 10 spacings or more; NaN below three of them."""
     large = [apart_by(drop) for drop in entry["drops_by_radius"] if drop["radius"] >= LARGE]
     return max(large) if len(large) > 2 and all(map(math.isfinite, large)) else math.nan
-
-
-def fit_apart(entry: dict[str, Any]) -> tuple[float, float]:
-    """(|Laplace - Rayleigh| over their mean, relative standard error of the fit) of a setting: the jump of all its
-    drops with R >= 3 h fitted against 1/R, and the mean frequency of those of 10 spacings or more."""
-    slope = real(entry["laplace"])
-    return apart_by(entry), real(entry["laplace_error"]) / slope if slope > 0 else math.nan
-
-
-def settings(results: Results) -> list[dict[str, Any]]:
-    """The map's entries."""
-    return results["map"].values["settings"] if "map" in results else []
 
 
 def apart_by(entry: Mapping[str, Any]) -> float:
@@ -112,17 +103,14 @@ def apart_by(entry: Mapping[str, Any]) -> float:
 
 
 EXPERIMENT = Experiment(
-    name="laplace",
-    title="pressure jump of drops against 1/R, every model: what the surface tension really is",
-    runs=planned,
-    checks=checks,
-)
+    name="laplace", title="pressure jump of drops against 1/R, every model: what the surface tension really is",
+    runs=planned, checks=checks,
+)  # fmt: skip
 
 
 # Rayleigh: the frequency of the mode n = 2 of kicked drops, and the tension that it stands for.
 
 
-MODEL = "akinci"
 OTHERS = (4, 5, 6)  # seeds of drops that calibrate has not seen
 
 
@@ -132,15 +120,9 @@ def oscillation_planned(options: Options) -> list[Run]:
     Those in 3D have seeds that the map does not hold, so that they test the tension predicted by `calibrate`.
     """
     if options.quick:
-        return [map_run(), drop_run(MODEL, 2, 16.0, kicked=True)]
-    flat = [drop_run(MODEL, 2, 16.0, seed, kicked=True) for seed in (1, 2, 3)]
-    return [map_run(), *flat, *(drop_run(MODEL, 3, 10.0, seed, kicked=True) for seed in OTHERS)]
-
-
-def oscillation_measured_now(results: Results, dim: int | None = None) -> list[dict[str, Any]]:
-    """Rows of the drops that were kicked now, of one dimension or of both."""
-    rows = [dict(result.values) for key, result in results.items() if key != "map"]
-    return [row for row in rows if dim in (None, row["dim"])]
+        return [map_run(), drop_run(LEADING, 2, 16.0, kicked=True)]
+    flat = [drop_run(LEADING, 2, 16.0, seed, kicked=True) for seed in (1, 2, 3)]
+    return [map_run(), *flat, *(drop_run(LEADING, 3, 10.0, seed, kicked=True) for seed in OTHERS)]
 
 
 def oscillation_checks(results: Results, check: Checks) -> None:
@@ -158,11 +140,10 @@ def oscillation_checks(results: Results, check: Checks) -> None:
                 check("requested", value, f"{key}.{name}", f"{name}, seed {row['seed']}")
         check("damping", real(row.get("damping")) / real(row.get("lamb")), key, words)
     for dim in (2, 3):
-        found = [real(row.get("rayleigh")) for row in oscillation_measured_now(results, dim) if not row["stopped"]]
+        found = [real(row.get("rayleigh")) for row in measured_now(results, dim) if not row["stopped"]]
         if len(found) > 1:
-            words = f"{MODELS[MODEL][0]}, {dim}D, {len(found)} seeds"
-            share = float(np.std(found, ddof=1) / np.mean(found))
-            check("seed_spread", share, f"{MODEL}_{dim}d", words)
+            words = f"{MODELS[LEADING][0]}, {dim}D, {len(found)} seeds"
+            check("seed_spread", spread_of(found), f"{LEADING}_{dim}d", words)
 
 
 def requested(row: Mapping[str, Any]) -> dict[str, float]:
@@ -173,11 +154,9 @@ def requested(row: Mapping[str, Any]) -> dict[str, float]:
 
 
 OSCILLATION_EXPERIMENT = Experiment(
-    name="oscillation",
-    title="frequency of kicked drops, mode n = 2, every model: tension by Rayleigh",
-    runs=oscillation_planned,
-    checks=oscillation_checks,
-)
+    name="oscillation", title="frequency of kicked drops, mode n = 2, every model: tension by Rayleigh",
+    runs=oscillation_planned, checks=oscillation_checks,
+)  # fmt: skip
 
 
 # Drops at rest: spurious speed, momentum, clustering.
@@ -196,30 +175,22 @@ def spurious_planned(options: Options) -> list[Run]:
     return [map_run(), *(drop_run(model, dim, radius, seed) for (dim, radius), model, seed in every)]
 
 
-def spurious_measured_now(results: Results) -> dict[tuple[str, int], list[dict[str, Any]]]:
-    """Rows of the drops that were measured now, by model and dimension; without those that stopped."""
-    groups: dict[tuple[str, int], list[dict[str, Any]]] = {}
-    for key, result in results.items():
-        if key != "map" and not result.values["stopped"]:
-            row = dict(result.values)
-            groups.setdefault((row["model"], row["dim"]), []).append(row)
-    return groups
-
-
 def spurious_checks(results: Results, check: Checks) -> None:
     """The worst seed of each model: linear momentum, which all of them keep, is judged; the rest is shown."""
-    for (model, dim), rows in spurious_measured_now(results).items():
+    groups: dict[tuple[str, int], list[Any]] = {}
+    for row in measured_now(results):
+        if not row["stopped"]:
+            groups.setdefault((row["model"], row["dim"]), []).append(row)
+    for (model, dim), rows in groups.items():
         words = f"{MODELS[model][0]}, {dim}D, {len(rows)} seed{'s' * (len(rows) > 1)} measured now"
         for name in NAMES:
             check(name, WORST[name](row[name] for row in rows), f"{model}_{dim}d", words)
 
 
 SPURIOUS_EXPERIMENT = Experiment(
-    name="spurious",
-    title="drops at rest, every model: spurious speed, momentum, clustering",
-    runs=spurious_planned,
+    name="spurious", title="drops at rest, every model: spurious speed, momentum, clustering", runs=spurious_planned,
     checks=spurious_checks,
-)
+)  # fmt: skip
 
 
 # Which model of surface tension for which accuracy: errors of drops against the seconds that they take.
@@ -240,7 +211,7 @@ def drop_words(point: Mapping[str, Any]) -> str:
 
 def cost_planned(options: Options) -> list[Run]:
     """The drops and the seconds of a step on file; nothing is measured."""
-    digest = hashlib.sha256(drop_seconds.FILE.read_bytes()).hexdigest()[:16] if drop_seconds.FILE.exists() else ""
+    digest = digest_of(drop_seconds.FILE) if drop_seconds.FILE.exists() else ""
     return [map_run(), Run("seconds", seconds_on_file, {"file": digest}, estimate=1.0)]
 
 
@@ -249,9 +220,13 @@ def seconds_on_file(context: Context, file: str) -> Result:
     return Result(drop_seconds.read())
 
 
-def by_key(timings: Mapping[str, Any]) -> dict[str, float]:
-    """Seconds of a step of each drop, by its key."""
-    return {row["key"]: row["seconds_per_step"] for kind in timings.values() for row in kind["rows"]}
+def _swings(row: Mapping[str, Any]) -> bool:
+    return not row["stopped"] and real(row.get("misfit")) <= WORST_MISFIT and row["laplace"] > 0
+
+
+def timed(made: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    """The points of drops that lasted and whose steps were timed."""
+    return [p for p in made if not p["stopped"] and math.isfinite(real(p["seconds"]))]
 
 
 def promised(model: str, kernels: str, rows: Sequence[Mapping[str, Any]]) -> tuple[float, float]:
@@ -272,8 +247,15 @@ def promised(model: str, kernels: str, rows: Sequence[Mapping[str, Any]]) -> tup
         return 0.5 * (largest["laplace"] + largest["rayleigh"]), math.inf
 
 
-def _swings(row: Mapping[str, Any]) -> bool:
-    return not row["stopped"] and real(row.get("misfit")) <= WORST_MISFIT and row["laplace"] > 0
+def by_key(timings: Mapping[str, Any]) -> dict[str, float]:
+    """Seconds of a step of each drop, by its key."""
+    return {row["key"]: row["seconds_per_step"] for kind in timings.values() for row in kind["rows"]}
+
+
+def machines(timings: Mapping[str, Any]) -> str:
+    """Where the seconds were measured."""
+    words = {"cpu": "one thread of", "cuda": "one"}
+    return "; ".join(f"{words[kind]} {timings[kind]['machine']}, {timings[kind]['date']}" for kind in sorted(timings))
 
 
 def points(rows: Sequence[Mapping[str, Any]], timings: Mapping[str, Any]) -> list[dict[str, Any]]:
@@ -303,19 +285,12 @@ def points(rows: Sequence[Mapping[str, Any]], timings: Mapping[str, Any]) -> lis
         seconds_a_step = next((step[r["key"]] for r in lasting if r["key"] in step), math.nan)
         jump = [r["laplace"] / reference - 1 for r in lasting]
         waves = [math.sqrt(r["rayleigh"] / reference) - 1 if _swings(r) else math.nan for r in lasting]
-        made.append(
-            {
-                **point,
-                "stopped": "",
-                "unsure": unsure,
-                "particles": lasting[0]["particles"],
-                "sigma": float(np.sqrt(np.mean(np.square(jump)))),
-                "frequency": float(np.sqrt(np.mean(np.square(waves)))),
-                "roughness": float(np.mean([real(r["roughness"]) for r in lasting])),
-                "seconds": float(np.mean([r["steps"] for r in lasting])) * seconds_a_step,
-                "seeds": len(lasting),
-            }
-        )
+        made.append({
+            **point, "stopped": "", "unsure": unsure, "particles": lasting[0]["particles"],
+            "sigma": float(np.sqrt(np.mean(np.square(jump)))), "frequency": float(np.sqrt(np.mean(np.square(waves)))),
+            "roughness": float(np.mean([real(r["roughness"]) for r in lasting])),
+            "seconds": float(np.mean([r["steps"] for r in lasting])) * seconds_a_step, "seeds": len(lasting),
+        })  # fmt: skip
     return made
 
 
@@ -342,11 +317,6 @@ def advice(made: Sequence[Mapping[str, Any]]) -> list[tuple[float, Mapping[str, 
     return found
 
 
-def timed(made: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
-    """The points of drops that lasted and whose steps were timed."""
-    return [p for p in made if not p["stopped"] and math.isfinite(real(p["seconds"]))]
-
-
 def of(results: Results) -> list[dict[str, Any]]:
     """The points of the files."""
     return points(results["map"].values["rows"], results["seconds"].values)
@@ -371,12 +341,6 @@ def cost_checks(results: Results, check: Checks) -> None:
             check("float64", share, model, MODELS[model][0])
 
 
-def machines(timings: Mapping[str, Any]) -> str:
-    """Where the seconds were measured."""
-    words = {"cpu": "one thread of", "cuda": "one"}
-    return "; ".join(f"{words[kind]} {timings[kind]['machine']}, {timings[kind]['date']}" for kind in sorted(timings))
-
-
 def data(results: Results) -> dict[str, Any]:
     """What the picture shows."""
     made = of(results)
@@ -384,11 +348,10 @@ def data(results: Results) -> dict[str, Any]:
     front = [alive[k] for k in pareto([{"error": worse(p), "seconds": p["seconds"]} for p in alive])]
     return {
         "title": "Which model for which accuracy: drops of 4 to 14 spacings in radius, 3D",
-        "machines": machines(results["seconds"].values),
-        "points": made,
+        "machines": machines(results["seconds"].values), "points": made,
         "front": [{n: p[n] for n in ("model", "radius", *HOW)} for p in front],
         "advice": [{"bar": bar, "point": p} for bar, p in advice(made)],
-    }
+    }  # fmt: skip
 
 
 COST_EXPERIMENT = Experiment(
@@ -408,7 +371,7 @@ UNSEEN = 4  # seed that is not in the map
 
 def published(context: Context, rows: str) -> Result:
     """The rows and settings on file; `rows` is the file's digest."""
-    found = read_rows()
+    found = read_rows(ROWS)
     return Result({"settings": condensed(found), "rows": found})
 
 
@@ -431,7 +394,7 @@ def setting_name(entry: Mapping[str, Any]) -> str:
 
 def wetting_planned(options: Options) -> list[Run]:
     """The published map, and drops measured now for requested angles: with --quick one in 2D."""
-    made = [Run("map", published, {"rows": hashlib.sha256(ROWS.read_bytes()).hexdigest()[:16]}, estimate=1.0)]
+    made = [Run("map", published, {"rows": digest_of(ROWS)}, estimate=1.0)]
     if options.quick:
         return [*made, Run("asked_2d_90", asked, {"dim": 2, "radius": 10.0, "angle": 90.0}, estimate=6.0)]
     for dim, angles in ASKED.items():
@@ -452,7 +415,7 @@ def wetting_checks(results: Results, check: Checks) -> None:
         check("two_ways", abs(row["angle"] - real(row["circle"])), key, words)
         check("drift", abs(row["drift"]), key, words)
         check("through", row["through"], key, words)
-    for entry in wetting_settings(results):
+    for entry in settings(results):
         caps = [drop for drop in entry["drops"] if not math.isnan(real(drop["angle"]))]
         if len(caps) < 4:
             continue
@@ -465,14 +428,7 @@ def wetting_checks(results: Results, check: Checks) -> None:
         check(line, float(np.sqrt((rest**2).mean())), name, words)
 
 
-def wetting_settings(results: Results) -> list[dict[str, Any]]:
-    """The map's entries."""
-    return results["map"].values["settings"] if "map" in results else []
-
-
 WETTING_EXPERIMENT = Experiment(
-    name="wetting",
-    title="sessile drops on a plane: contact angle against adhesion",
-    runs=wetting_planned,
+    name="wetting", title="sessile drops on a plane: contact angle against adhesion", runs=wetting_planned,
     checks=wetting_checks,
-)
+)  # fmt: skip

@@ -31,6 +31,7 @@ from refsim.core.operation import REGISTRY
 from validation.checks import Checks
 from validation.experiment import Experiment, Options, Results, Run
 from validation.experiments.solutions import scene as exact
+from validation.experiments.solutions.runs import _projected, _standing
 from validation.results import Result
 from validation.running import Context, advance
 
@@ -169,12 +170,7 @@ def wave(context: Context, kind: str, cells: int, support: float, shifted: bool,
     spacing, sound, k = depth / cells, 10 * math.sqrt(GRAVITY * depth), math.pi / length
     omega, gamma = exact.wave(k, depth, GRAVITY, WAVE_VISCOSITY, "central")
 
-    def flow(x: NDArray) -> NDArray:
-        made = np.zeros_like(x)
-        made[:, 0] = -np.sin(k * x[:, 0]) * np.cosh(k * x[:, 1]) / math.sinh(k * depth)
-        made[:, 1] = np.cos(k * x[:, 0]) * np.sinh(k * x[:, 1]) / math.sinh(k * depth)
-        return made
-
+    flow = _standing(k, depth)
     lattice = Discretisation(2, "float64", spacing, support * spacing, 0)
     position = Box(cells=(2 * cells, cells, 1)).positions(lattice)
     scene = Scene(
@@ -186,14 +182,7 @@ def wave(context: Context, kind: str, cells: int, support: float, shifted: bool,
         ),
     )  # fmt: skip
     simulation = context.simulation(scene, backend)
-    found: list[tuple[float, float]] = []
-
-    def sample(simulation: Simulation, wall: float) -> None:
-        u = flow(simulation.field("position"))
-        found.append((simulation.time, float((simulation.field("velocity") * u).sum() / (u * u).sum())))
-
-    advance(simulation, np.linspace(0, PERIODS * 2 * math.pi / omega, 161).tolist(), sample, context)
-    time, part = np.array(found).T
+    time, part = _projected(context, simulation, flow, np.linspace(0, PERIODS * 2 * math.pi / omega, 161))
     _, decay, rate, _ = exact.fitted(time, part, gamma, omega)
     values = {
         "kind": kind, "cells": cells, "support": support, "shifted": shifted, "particles": simulation.count,
@@ -355,9 +344,7 @@ def planned(options: Options) -> list[Run]:
 
 
 def _tank(kind: str, dim: int, cells: tuple[int, int], support: float, shake: float, shifted: bool) -> Run:
-    words = (
-        f"tank_{kind}_{dim}d_{cells[1]}_{support:g}" + ("_shaken" if shake else "") + ("_shifted" if shifted else "")
-    )
+    words = f"tank_{kind}_{dim}d_{cells[1]}_{support:g}{'_shaken' * (shake > 0)}{'_shifted' * shifted}"
     row = {"kind": kind, "dim": dim, "cells": cells, "support": support, "shake": shake, "shifted": shifted}
     return Run(words, tank, row | {"backend": "cpu"}, estimate=0.03 * cells[0] ** (dim - 1) * cells[1])
 
@@ -366,37 +353,27 @@ def checks(results: Results, check: Checks) -> None:
     """The bars hold for the liquid that rests; the papers' values are shown."""
     for key, result in results.items():
         row, papers = result.values, result.values["kind"] == "papers"
-        where = f"{'papers' if papers else 'rests'}, {row['cells']} cells, h = {row['support']:g} d"
+        where = f"{row['kind']}, {row['cells']} cells, h = {row['support']:g} d"
         if key.startswith("tank"):
-            for name in ("moving", "level_off", "stops", *(() if papers else ("weight_off",))):
-                check(f"papers_{name}" if papers else name, row[name], key, f"{row['dim']}D, {where}")
-            name = "slope_off" if row["support"] >= 3 else "slope_off_narrow"
-            check("papers_slope_off" if papers else name, row["slope_off"], key, f"{row['dim']}D, {where}")
+            where = f"{row['dim']}D, {where}"
+            own = {name: name for name in ("moving", "level_off", "stops", *(() if papers else ("weight_off",)))}
+            own["slope_off"] = "slope_off" if row["support"] >= 3 else "slope_off_narrow"
         elif key.startswith("vortices"):
-            names = {25: "error_25", 50: "error_50", 100: "error_100"}
-            check("papers_error" if papers else names[row["cells"]], row["error"], key, where)
-            check("papers_rate_off" if papers else "rate_off", row["rate_off"], key, where)
+            own = {"error": f"error_{row['cells']}", "rate_off": "rate_off"}
         elif key.startswith("held"):
-            where = f"{row['cells']} x {row['high']} cells" + (", shaken" if row["shake"] else "")
-            check(
-                "buoyancy_off_narrow" if row["cells"] == 5 or row["high"] == 2 else "buoyancy_off",
-                row["buoyancy_off"],
-                key,
-                where,
-            )
-            for name in ("unrest", "moving"):
-                check(name, row[name], key, where)
+            where = f"{row['cells']} x {row['high']} cells{', shaken' if row['shake'] else ''}"
+            narrow = "_narrow" * (row["cells"] == 5 or row["high"] == 2)
+            own = {"buoyancy_off": f"buoyancy_off{narrow}", "unrest": "unrest", "moving": "moving"}
         elif key.startswith(("rise", "float")):
-            name = f"{'rise' if key.startswith('rise') else 'afloat'}_off"
-            check(name, row[name], key, f"an edge of {row['cells']} cells")
-        elif row["cells"] == DEPTHS[-1] or papers:
-            for name in ("period_off", "decay_off"):
-                check(f"papers_{name}" if papers else name, row[name], key, where)
+            name, where = f"{'rise' if key.startswith('rise') else 'afloat'}_off", f"an edge of {row['cells']} cells"
+            own = {name: name}
+        else:
+            own = {name: name for name in ("period_off", "decay_off") if papers or row["cells"] == DEPTHS[-1]}
+        for name, rule in own.items():
+            check(f"papers_{name}" if papers else rule, row[name], key, where)
 
 
 EXPERIMENT = Experiment(
-    name="liquid",
-    title="tanks, vortices and waves with the papers' liquid and with one that rests",
-    runs=planned,
+    name="liquid", title="tanks, vortices and waves with the papers' liquid and with one that rests", runs=planned,
     checks=checks,
-)
+)  # fmt: skip

@@ -13,7 +13,18 @@ from numpy.typing import NDArray
 
 from refsim.render.space import Body
 from validation.checks import VERDICT, read
-from validation.drawing import GREY, ball_picture, body_picture, packed, stacked_bars, unpacked, view_matrix
+from validation.drawing import (
+    GREY,
+    ball_picture,
+    body_picture,
+    headline,
+    packed,
+    plain_title,
+    shared_legend,
+    stacked_bars,
+    unpacked,
+    view_matrix,
+)
 from validation.experiment import Picture, Results
 from validation.experiments.melting.runs import KINDS, ON_GPU, PAPER, TITLES, WIDTHS, grouped
 from validation.experiments.melting.scene import SPACING
@@ -22,11 +33,8 @@ from validation.results import real
 
 WATER = (0.30, 0.58, 0.86)
 BODY = {
-    "red": (0.80, 0.16, 0.14),
-    "green": (0.16, 0.60, 0.26),
-    "blue": (0.15, 0.33, 0.78),
-    "yellow": (0.93, 0.74, 0.12),
-}
+    "red": (0.80, 0.16, 0.14), "green": (0.16, 0.60, 0.26), "blue": (0.15, 0.33, 0.78), "yellow": (0.93, 0.74, 0.12),
+}  # fmt: skip
 ICE = (0.86, 0.93, 0.98)
 CELL = 0.5 * SPACING  # of the grid on which surfaces are extracted
 PIXELS = 480
@@ -40,14 +48,12 @@ def stage_data(key: str, title: str) -> Any:
         values, arrays = result.values, result.arrays
         frames = [
             {
-                "time": at,
-                "position_cm": packed(arrays[f"position_{k}"]),
-                "temperature": packed(arrays[f"temperature_{k}"]),
-                "solid": packed(arrays[f"solid_{k}"]),
+                "time": at, "position_cm": packed(arrays[f"position_{k}"]),
+                "temperature": packed(arrays[f"temperature_{k}"]), "solid": packed(arrays[f"solid_{k}"]),
                 "share": float(arrays[f"solid_{k}"].sum() / sum(values["solids"])),
             }
             for k, at in enumerate(values["times"])
-        ]
+        ]  # fmt: skip
         kept = ("figure", "particles", "solids", "tank", "colours", "densities", "temperatures", "bookkeeping")
         return {"title": title, **{name: values[name] for name in kept}, "frames": frames}
 
@@ -112,12 +118,10 @@ def stage_picture(azimuth: float, elevation: float, melt_shown: bool) -> Any:
             x = unpacked(f["position_cm"], "int16", 3) / 100.0 - middle
             loaded.append((x, unpacked(f["temperature"], "uint8") / 2.0 - 25, unpacked(f["solid"], "uint8") > 0))
         top = max(float((x @ view.T)[:, 1].max()) for x, _, _ in loaded) + 2 * SPACING
-        low = float(corners[:, 1].min())
-        wide = float(np.abs(corners[:, 0]).max())
-        columns = len(frames)
+        low, wide, columns = float(corners[:, 1].min()), float(np.abs(corners[:, 0]).max()), len(frames)
         ratio = (top - low) / (2 * wide)
         figure, panels = plt.subplots(2, columns, figsize=(11.0, 1.0 + 2 * ratio * 11.0 / columns), squeeze=False)
-        for k, (f, (x, temperature, solid)) in enumerate(zip(frames, loaded)):
+        for axes, below, f, (x, temperature, solid) in zip(*panels, frames, loaded):
             layers = []
             for body, colour in enumerate(data["colours"]):
                 shade = BODY[colour] if melt_shown else ICE
@@ -127,16 +131,13 @@ def stage_picture(azimuth: float, elevation: float, melt_shown: bool) -> Any:
                     layers.append(Body(*surface(x[(part == body) & ~solid]), paler))
             water = (part < 0) if melt_shown else ~solid
             layers.append(Body(*surface(x[water]), WATER, water=True))
-            axes = panels[0, k]
             edges(axes, corners, False)
             axes.imshow(body_picture(layers, view, extent, PIXELS), extent=(-extent, extent) * 2, zorder=2)
             edges(axes, corners, True)
-            axes.set_title(f"{f['time']:.2f} s, {100 * f['share']:.0f} % solid", loc="center", fontweight="normal")
+            plain_title(axes, f"{f['time']:.2f} s, {100 * f['share']:.0f} % solid")
             shown = x[:, 1] >= 0 if abs(azimuth + 90) < 45 else x[:, 1] >= -1e9
-            picture = ball_picture(
-                x[shown], 0.55 * SPACING, colours(norm(temperature[shown]))[:, :3], view, extent, PIXELS
-            )
-            below = panels[1, k]
+            shade = colours(norm(temperature[shown]))[:, :3]
+            picture = ball_picture(x[shown], 0.55 * SPACING, shade, view, extent, PIXELS)
             edges(below, corners, False)
             below.imshow(picture, extent=(-extent, extent) * 2, zorder=2)
             for each in (axes, below):
@@ -146,11 +147,8 @@ def stage_picture(azimuth: float, elevation: float, melt_shown: bool) -> Any:
             ScalarMappable(norm, colours), ax=panels[1, :].tolist(), location="bottom", fraction=0.07, pad=0.02,
             aspect=60, label="temperature of the particles [deg C]; the front half is cut away",
         )  # fmt: skip
-        solids = f"{sum(data['solids']):,} solid"
-        figure.suptitle(
-            f"{data['title']}: {data['particles']:,} particles, {solids} at the start", fontweight="bold", x=0.01,
-            ha="left", fontsize=11,
-        )  # fmt: skip
+        solids = f"{sum(data['solids']):,} solid at the start"
+        headline(figure, f"{data['title']}: {data['particles']:,} particles, {solids}")
         return figure
 
     return draw
@@ -183,37 +181,33 @@ def filling_picture(data: Mapping[str, Any]) -> Any:
     figure, panels = plt.subplots(1, len(passes) + 1, figsize=(11.0, 3.3))
     plate = panels[0]
     a0, b0, _ = data["cell"]
+
+    def cell(axes: Any, a: int, b: int, colour: str, words: str, size: float, known: bool) -> None:
+        look = {"facecolor": colour, "edgecolor": "#999999", "linewidth": 0.8}
+        axes.add_patch(plt.Rectangle((a - 0.5, b - 0.5), 1, 1, **look))
+        axes.text(a, b, words, ha="center", va="center", fontsize=size, color="black" if known else GREY)
+
     for s, ((a, b, _), solid) in enumerate(zip(data["cells"], data["solid"])):
         held = abs(a - a0) <= width and abs(b - b0) <= width
         colour = "white" if not solid else "#FDBE6F" if s == node else "#CFE3F5" if held else "#EEEEEE"
-        plate.add_patch(plt.Rectangle((a - 0.5, b - 0.5), 1, 1, facecolor=colour, edgecolor="#999999", linewidth=0.8))
-        words = str(s) if solid else "melted"
-        plate.text(
-            a, b, words, ha="center", va="center", fontsize=8 if solid else 5.5, color="black" if solid else GREY
-        )
-    plate.add_patch(
-        plt.Rectangle((a0 - width - 0.5, b0 - width - 0.5), 2 * width + 1, 2 * width + 1, fill=False, linewidth=1.6)
-    )
+        cell(plate, a, b, colour, str(s) if solid else "melted", 8 if solid else 5.5, solid)
+    corner, side = (a0 - width - 0.5, b0 - width - 0.5), 2 * width + 1
+    plate.add_patch(plt.Rectangle(corner, side, side, fill=False, linewidth=1.6))
     plate.set(xlim=(-0.6, 6.6), ylim=(-0.6, 6.6))
-    plate.set_title(f"the plate; box of node {node}, w = {width}", loc="center", fontweight="normal")
+    plain_title(plate, f"the plate; box of node {node}, w = {width}")
     before = [[-1] * len(passes[0])] * len(passes[0])
-    for k, now in enumerate(passes):
-        axes = panels[k + 1]
-        for i, row in enumerate(now):
-            for j, entry in enumerate(row):
-                new = entry >= 0 and before[i][j] < 0
-                colour = "white" if entry < 0 else "#FDBE6F" if new else "#CFE3F5"
-                axes.add_patch(
-                    plt.Rectangle((i - 0.5, j - 0.5), 1, 1, facecolor=colour, edgecolor="#999999", linewidth=0.8)
-                )
-                axes.text(i, j, str(entry), ha="center", va="center", fontsize=9, color=GREY if entry < 0 else "black")
+    for k, (axes, now) in enumerate(zip(panels[1:], passes)):
+        for i, j in np.ndindex(len(now), len(now[0])):
+            entry = now[i][j]
+            colour = "white" if entry < 0 else "#FDBE6F" if before[i][j] < 0 else "#CFE3F5"
+            cell(axes, i, j, colour, str(entry), 9, entry >= 0)
         axes.set(xlim=(-0.6, len(now) - 0.4), ylim=(-0.6, len(now) - 0.4))
-        axes.set_title(f"after pass {k}", loc="center", fontweight="normal")
+        plain_title(axes, f"after pass {k}")
         before = now
     for axes in panels:
         axes.set_aspect("equal")
         axes.set_axis_off()
-    figure.suptitle(data["title"], fontweight="bold", x=0.01, ha="left", fontsize=11)
+    headline(figure, data["title"])
     return figure
 
 
@@ -231,14 +225,12 @@ def time_data(results: Results) -> dict[str, Any]:
             key = f"{kind}_{figure}"
             if key in results:
                 values = results[key].values
-                rows.append(
-                    {
-                        "figure": figure, "words": words, "kind": kind, "paper": paper,
-                        "liquid": values["liquid"], "solid": values["solid"],
-                        "milliseconds": 1e3 * values["seconds"], "threads": values["threads"],
-                        "stages": {name: 1e3 * s for name, s in grouped(values["stages"]).items()},
-                    }
-                )  # fmt: skip
+                rows.append({
+                    "figure": figure, "words": words, "kind": kind, "paper": paper,
+                    "liquid": values["liquid"], "solid": values["solid"],
+                    "milliseconds": 1e3 * values["seconds"], "threads": values["threads"],
+                    "stages": {name: 1e3 * s for name, s in grouped(values["stages"]).items()},
+                })  # fmt: skip
     return {"title": "Table 2 and figure 7: a step of 5 ms", "rows": rows}
 
 
@@ -269,15 +261,13 @@ def gpu_data(results: Results) -> dict[str, Any]:
     rows = []
     for figure in ON_GPU:
         values = results[f"gpu_{figure}"].values
-        rows.append(
-            {
-                "figure": figure, "liquid": values["liquid"], "solid": values["solid"],
-                "paper": PAPER[figure][1] if figure in PAPER else None, "renewed": values["renewed"],
-                "stages": {name: 1e3 * s for name, s in values["stages"].items()},
-                "operations": {name: 1e3 * s for name, s in values["operations"].items()},
-                **{name: 1e3 * real(values[name]) for name in ("seconds", "one_graph", "with_list")},
-            }
-        )  # fmt: skip
+        rows.append({
+            "figure": figure, "liquid": values["liquid"], "solid": values["solid"],
+            "paper": PAPER[figure][1] if figure in PAPER else None, "renewed": values["renewed"],
+            "stages": {name: 1e3 * s for name, s in values["stages"].items()},
+            "operations": {name: 1e3 * s for name, s in values["operations"].items()},
+            **{name: 1e3 * real(values[name]) for name in ("seconds", "one_graph", "with_list")},
+        })  # fmt: skip
     machine = results[f"gpu_{ON_GPU[0]}"].about["machine"]
     return {"title": "Table 2 on a GPU, and a million particles", "machine": machine, "rows": rows}
 
@@ -300,7 +290,7 @@ def gpu_picture(data: Mapping[str, Any]) -> Any:
     panels[0].plot([], [], color="black", linewidth=2, label="mean step, lists included")
     panels[0].set_title(data["title"])
     panels[1].set_xlabel(f"milliseconds, {data['machine'].get('gpu', 'GPU')}; each stage by itself")
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=6, fontsize=8)
+    shared_legend(figure, panels[:1], ncols=6, fontsize=8)
     return figure
 
 
@@ -386,57 +376,27 @@ def width_picture(data: Mapping[str, Any]) -> Any:
         panels[1].semilogy(width, [row["error"] for row in own], **look)
         panels[2].semilogy(width, [1e9 * row["seconds"] / row["nodes"] for row in own], **look)
     double = [row for row in data["rows"] if row["dtype"] == "float64"]
-    panels[0].plot(
-        [row["half_width"] for row in double], [row["stiffness"] for row in double], color="black", linestyle="--",
-        label="float64, member by member",
-    )  # fmt: skip
+    x, y = ([row[name] for row in double] for name in ("half_width", "stiffness"))
+    panels[0].plot(x, y, color="black", linestyle="--", label="float64, member by member")
     titles = ("stiffness: kick over bend [1/s]", "float32 from float64 [d]", "four sums [ns a node], CPU")
     for axes, title in zip(panels, titles):
         axes.set(xticks=[1, 2, 3, 4], xlabel="half-width w [cells]")
         axes.set_title(title, loc="left", fontsize=9.5)
         axes.grid(True)
     panels[0].set_ylim(bottom=0)
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
-    figure.suptitle(data["title"], fontweight="bold", x=0.01, ha="left", fontsize=11)
+    shared_legend(figure, panels[:1], ncols=4)
+    headline(figure, data["title"])
     return figure
 
 
+VIEWS = {"figure_4": (-68.0, 16.0, False), "figure_5": (-68.0, 22.0, True), "figure_6": (-72.0, 24.0, True)}
 PICTURES = (
     Picture("melting_figure_3", filling_data, filling_picture, ("filling",)),
-    Picture(
-        "melting_figure_4",
-        stage_data("figure_4", TITLES["figure_4"]),
-        stage_picture(-68.0, 16.0, False),
-        ("figure_4",),
-        shaded=True,
-    ),
-    Picture(
-        "melting_figure_5",
-        stage_data("figure_5", TITLES["figure_5"]),
-        stage_picture(-68.0, 22.0, True),
-        ("figure_5",),
-        shaded=True,
-    ),
-    Picture(
-        "melting_figure_6",
-        stage_data("figure_6", TITLES["figure_6"]),
-        stage_picture(-72.0, 24.0, True),
-        ("figure_6",),
-        shaded=True,
-    ),
+    *(Picture(f"melting_{key}", stage_data(key, TITLES[key]), stage_picture(*view), (key,), shaded=True)
+      for key, view in VIEWS.items()),
     Picture("melting_speed", speed_data, speed_picture, ("figure_5", "own_pressure")),
-    Picture(
-        "melting_half_width",
-        width_data,
-        width_picture,
-        tuple(f"width_{width}" for width in WIDTHS),
-    ),
-    Picture(
-        "melting_figure_7",
-        time_data,
-        time_picture,
-        tuple(f"{kind}_{figure}" for figure in PAPER for kind in KINDS),
-    ),
+    Picture("melting_half_width", width_data, width_picture, tuple(f"width_{width}" for width in WIDTHS)),
+    Picture("melting_figure_7", time_data, time_picture, tuple(f"{kind}_{name}" for name in PAPER for kind in KINDS)),
     Picture("melting_savings", savings_data, savings_picture, ("savings",)),
     Picture("melting_gpu", gpu_data, gpu_picture, tuple(f"gpu_{figure}" for figure in ON_GPU)),
-)
+)  # fmt: skip

@@ -29,7 +29,6 @@ from refsim import (
     SolidBox,
     SolidCells,
     TwoWayCoupling,
-    WeaklyCompressible,
 )
 from refsim.backends import runtime
 from refsim.backends.arrays import unavailable
@@ -43,19 +42,19 @@ from validation.experiment import Experiment, Family, Measure, Options, Results,
 from validation.experiments.melting.scene import (
     FIGURES,
     HALF_WIDTH,
+    LIQUID,
     SOUND,
     SPACING,
     STEP,
     SUPPORT,
-    VISCOSITY,
     made,
     scene_of,
     shared_tank,
 )
 from validation.metrics.droplet import surface_mesh
 from validation.results import Result
-from validation.running import Context, first_call_seconds, momenta, search_log, stage_seconds
-from validation.trials import Trial
+from validation.running import Context, momenta, search_log, stage_seconds, take_steps
+from validation.trials import Trial, hard_case
 
 PAPER = {"figure_4": ("35k + 5k", 22.5), "figure_5": ("48.5k + 12k", 35.7), "figure_6": ("40.5k + 20k", 42.3)}  # ms
 ON_GPU = (*PAPER, "million")
@@ -73,7 +72,6 @@ class Watch:
         self.solid = self._phase() != FLUID
         self.phase = self._phase()
         self.inside_melted = 0  # particles that melted without having been at a surface
-        self.together = 0  # most that melted in one step
         self.fastest = 0.0  # [m/s] since the last entry of the series
         self.series: dict[str, list[float]] = {}
 
@@ -85,26 +83,18 @@ class Watch:
         now = self._phase()
         melted = (self.phase != FLUID) & (now == FLUID)
         self.inside_melted += int((self.phase[melted] != SURFACE).sum())
-        self.together = max(self.together, int(melted.sum()))
         self.phase = now
         self.fastest = max(self.fastest, float(np.linalg.norm(self.simulation.field("velocity"), axis=1).max()))
 
     def note(self) -> dict[str, float]:
         """An entry of the series."""
         s = self.simulation
-        field = {name: s.field(name).astype(float) for name in ("mass", "rest_density", "density", "temperature")}
+        mass, rest_density = (s.field(name).astype(float) for name in ("mass", "rest_density"))
         row = {
-            "time": s.time,
-            "solid": int((self.phase != FLUID).sum()),
-            "inside": int((self.phase == INTERIOR).sum()),
-            "fragments": fragments(s.field("direct")),
-            "mass": float(field["mass"].sum()),
-            "rest_volume": float((field["mass"] / field["rest_density"]).sum()),
-            "fastest": self.fastest,
-            "densest": float((field["density"] / field["rest_density"]).max()),
-            "coldest": float(field["temperature"].min()),
-            "hottest": float(field["temperature"].max()),
-        }
+            "time": s.time, "solid": int((self.phase != FLUID).sum()),
+            "inside": int((self.phase == INTERIOR).sum()), "fragments": fragments(s.field("direct")),
+            "mass": float(mass.sum()), "rest_volume": float((mass / rest_density).sum()), "fastest": self.fastest,
+        }  # fmt: skip
         for name, value in row.items():
             self.series.setdefault(name, []).append(value)
         self.fastest = 0.0
@@ -156,9 +146,7 @@ def melt(
         "densities": [density for _, density, *_ in setting.bodies],
         "temperatures": [setting.solid_temperature, setting.water_temperature],
         "bookkeeping": setting.bookkeeping, "times": times, "series": watch.series, "steps": simulation.steps,
-        "inside_melted": watch.inside_melted, "together": watch.together,
-        "stages": stage_seconds(simulation), "first_calls": first_call_seconds(simulation),
-        "search": search_log(simulation),
+        "inside_melted": watch.inside_melted, "search": search_log(simulation),
     }  # fmt: skip
     return Result(values, arrays)
 
@@ -222,7 +210,7 @@ def region_rounds(context: Context, half_width: int, rounds: int = 200, side: in
     pairs = cKDTree(lattice.cell).query_pairs(1.8, output_type="ndarray")
     pairs = pairs[lattice.body[pairs[:, 0]] == lattice.body[pairs[:, 1]]]
     rule, ones = MeltingRule(np.int32(0), 1000.0, 1.0, 0.6, 4186.0), np.ones(nodes)
-    wrong = compared = rebuilt = 0
+    wrong = 0
     for k in range(rounds):
         solid = np.flatnonzero(phase != FLUID)
         chosen = random.choice(solid, min(len(solid), 1), replace=False)
@@ -244,11 +232,8 @@ def region_rounds(context: Context, half_width: int, rounds: int = 200, side: in
         row, slot = np.nonzero(region != EMPTY)
         found[row, region[row, slot]] = True
         wrong += int((found != wanted).any(1).sum()) + int((count != wanted.sum(1)).sum())
-        compared += int(there.sum())
-        rebuilt += int(rebuild.sum())
         context.progress((k + 1) / rounds)
-    values = {"wrong": wrong, "compared": compared, "rebuilt": rebuilt, "rounds": rounds, "half_width": half_width}
-    return Result({**values, "left": int((phase != FLUID).sum())})
+    return Result({"wrong": wrong, "rounds": rounds, "half_width": half_width, "left": int((phase != FLUID).sum())})
 
 
 def conserved(context: Context, backend: str, dtype: str, bookkeeping: str, steps: int) -> Result:
@@ -261,13 +246,7 @@ def conserved(context: Context, backend: str, dtype: str, bookkeeping: str, step
     heat = HeatConduction(
         temperature=(-10.0, 40.0), conductivity=diffusivity * 1000 * 4186, heat_capacity=4186.0, melting_point=0.0,
     )  # fmt: skip
-    effects = (
-        WeaklyCompressible(sound_speed=SOUND, dynamic_viscosity=VISCOSITY, state="tait", kernels="cubic_spline"),
-        ShapeMatching(half_width=HALF_WIDTH),
-        TwoWayCoupling(),
-        heat,
-        Melting(bookkeeping=bookkeeping),
-    )
+    effects = (LIQUID, ShapeMatching(half_width=HALF_WIDTH), TwoWayCoupling(), heat, Melting(bookkeeping=bookkeeping))
     scene = Scene(
         spacing=SPACING, support_radius=SUPPORT, fluid=(Box(cells=(10, 10, 6)),), solid=(ball,), effects=effects,
         step=0.004, dtype=dtype,
@@ -298,14 +277,12 @@ def conserved(context: Context, backend: str, dtype: str, bookkeeping: str, step
             context.progress((k + 1) / steps)
     melted = int((simulation.field("phase")[:nodes] == FLUID).sum())
     expected = melted * (one["water"] - one["ice"]) if bookkeeping == "water" else 0.0
-    return Result(
-        {
-            "heat_drift": drift, "momentum": moved, "melted": melted, "nodes": nodes, "steps": steps,
-            "mass_change": (now["mass"] - start["mass"]) / start["mass"],
-            "mass_unexplained": abs(now["mass"] - start["mass"] - expected) / start["mass"],
-            "volume_change": abs(now["volume"] - start["volume"]) / start["volume"],
-        }
-    )  # fmt: skip
+    return Result({
+        "heat_drift": drift, "momentum": moved, "melted": melted, "nodes": nodes, "steps": steps,
+        "mass_change": (now["mass"] - start["mass"]) / start["mass"],
+        "mass_unexplained": abs(now["mass"] - start["mass"] - expected) / start["mass"],
+        "volume_change": abs(now["volume"] - start["volume"]) / start["volume"],
+    })  # fmt: skip
 
 
 # Time
@@ -322,15 +299,12 @@ def step_cost(
     """
     if rival:
         options = {"scheme": "explicit", **options}
-    if solid_share >= 0:
-        scene = made(shared_tank(figure, size, solid_share), figure, **options)
-    else:
-        scene = scene_of(figure, size, **options)
+    setting = shared_tank(figure, size, solid_share) if solid_share >= 0 else FIGURES[figure](size)
+    scene = made(setting, figure, **options)
     simulation = context.simulation(scene, backend, threads)
-    for _ in range(max(warm, 2)):
-        simulation.step()
-    if rival:
-        search = RegionSearch(simulation)
+    take_steps(simulation, max(warm, 2))
+    search = RegionSearch(simulation) if rival else None
+    if search:
         search()  # compiles
     whole, searching = [], 0.0
     simulation.timings.stages.clear()
@@ -338,8 +312,8 @@ def step_cost(
         began = time.perf_counter()
         for _ in range(steps):
             simulation.step()
-            if rival:
-                at = time.perf_counter()
+            at = time.perf_counter()
+            if search:
                 search()
                 searching += time.perf_counter() - at
         whole.append((time.perf_counter() - began) / steps)
@@ -351,14 +325,10 @@ def step_cost(
             saved = stages.pop(name, 0.0)
             whole = [seconds - saved for seconds in whole]
     bodies = int(np.diff(simulation.plan.grid.solids.lattice.first).sum())
-    return Result(
-        {
-            "figure": figure, "liquid": simulation.count - bodies, "solid": bodies, "seconds": float(np.median(whole)),
-            "rounds": whole, "stages": stages, "step": scene.step, "half_width": options.get("half_width", HALF_WIDTH),
-            "solid_left": int((simulation.field("phase") != FLUID).sum()), "search": search_log(simulation),
-            "threads": threads or os.cpu_count(),
-        }
-    )  # fmt: skip
+    return Result({
+        "figure": figure, "liquid": simulation.count - bodies, "solid": bodies, "seconds": float(np.median(whole)),
+        "rounds": whole, "stages": stages, "step": scene.step, "threads": threads or os.cpu_count(),
+    })  # fmt: skip
 
 
 def savings(
@@ -372,38 +342,32 @@ def savings(
     heat = next(effect for effect in whole.effects if isinstance(effect, HeatConduction))
     of_water = {name: getattr(heat, name)[-1] for name in ("temperature", "conductivity")}
     liquid = msgspec.structs.replace(heat, **of_water, melting_point=None)
-    kinds: dict[str, Scene] = {"everything": whole}
-    kinds["no melting"] = _without(whole, Melting)
-    kinds["no melting, no heat"] = _without(whole, Melting, HeatConduction)
-    solids = (Melting, TwoWayCoupling, ShapeMatching)
-    bare = _without(msgspec.structs.replace(whole, solid=()), *solids, HeatConduction)
-    kinds["no solids"] = msgspec.structs.replace(bare, effects=(*bare.effects, liquid))
-    kinds["no solids, no heat"] = bare
+    solids = (Melting, TwoWayCoupling, ShapeMatching, HeatConduction)
+    bare = _without(msgspec.structs.replace(whole, solid=()), *solids)
+    kinds = {
+        "everything": whole, "no melting": _without(whole, Melting),
+        "no melting, no heat": _without(whole, Melting, HeatConduction),
+        "no solids": msgspec.structs.replace(bare, effects=(*bare.effects, liquid)), "no solids, no heat": bare,
+    }  # fmt: skip
     running = {words: context.simulation(scene, backend, threads) for words, scene in kinds.items()}
     taken: dict[str, list[float]] = {words: [] for words in kinds}
     for simulation in running.values():
-        for _ in range(max(warm, 2)):
-            simulation.step()
+        take_steps(simulation, max(warm, 2))
         simulation.timings.stages.clear()
     for k in range(rounds):  # in turns, so that a busy moment does not hit one of them alone
         for words, simulation in running.items():
-            began = time.perf_counter()
-            for _ in range(steps):
-                simulation.step()
-            taken[words].append((time.perf_counter() - began) / steps)
+            taken[words].append(take_steps(simulation, steps) / steps)
         context.progress((k + 1) / rounds)
     rows, nodes, ice = [], len(running["everything"].plan.grid.solids.lattice.key), whole.solid[0].density
     for words, simulation in running.items():
-        size_of = sum(values.nbytes for values in simulation.fields.values())
-        rows.append(
-            {
-                "scene": words, "particles": simulation.count, "seconds": float(np.median(taken[words])),
-                "bytes": size_of, "operations": len(simulation.plan.passes) + len(simulation.plan.motion)
-                + len(simulation.plan.begin),
-                "stages": grouped({name: s / (rounds * steps) for name, s in stage_seconds(simulation).items()}),
-                "melted": int((simulation.field("rest_density")[:nodes] != ice).sum()) if words == "everything" else 0,
-            }
-        )  # fmt: skip
+        plan = simulation.plan
+        rows.append({
+            "scene": words, "particles": simulation.count, "seconds": float(np.median(taken[words])),
+            "bytes": sum(values.nbytes for values in simulation.fields.values()),
+            "operations": len(plan.passes) + len(plan.motion) + len(plan.begin),
+            "stages": grouped({name: s / (rounds * steps) for name, s in stage_seconds(simulation).items()}),
+            "melted": int((simulation.field("rest_density")[:nodes] != ice).sum()) if words == "everything" else 0,
+        })  # fmt: skip
     return Result({"rows": rows, "threads": threads or os.cpu_count()})
 
 
@@ -413,22 +377,19 @@ def _without(scene: Scene, *kinds: type) -> Scene:
 
 
 GROUPS = {
-    "neighbour list": ("neighbours",),
-    "liquid and coupling": ("two_way_coupling.", "sph."),
-    "heat": ("heat.",),
+    "neighbour list": ("neighbours",), "liquid and coupling": ("two_way_coupling.", "sph."), "heat": ("heat.",),
     "melting": ("melting.", "shape_matching.regions", "shape_matching.classify", "rival."),
     "shape matching": ("shape_matching.",),
-}
+}  # fmt: skip
 
 
 def grouped(stages: dict[str, float]) -> dict[str, float]:
     """Seconds of the paper's stages: every operation counts in the first group that names it."""
     total = dict.fromkeys(GROUPS, 0.0)
     for name, seconds in stages.items():
-        for group, marks in GROUPS.items():
-            if name.startswith(marks):
-                total[group] += seconds
-                break
+        group = next((group for group, marks in GROUPS.items() if name.startswith(marks)), None)
+        if group:
+            total[group] += seconds
     return total
 
 
@@ -442,12 +403,8 @@ def stiffness(context: Context, backend: str, half_width: int, steps: int = 60) 
     how far positions end from those of plain gather, in float32 and, for gather, in float64.
     """
     rows, ends = [], {}
-    for summation, dtype in (
-        ("gather", "float64"),
-        ("gather", "float32"),
-        ("reduction", "float32"),
-        ("fast", "float32"),
-    ):
+    kinds = (("gather", "float64"), ("gather", "float32"), ("reduction", "float32"), ("fast", "float32"))
+    for summation, dtype in kinds:
         body = SolidBox(lower=(0, 0, 0), upper=(4.0, 1.6, 1.6))
         scene = Scene(
             spacing=SPACING, support_radius=SUPPORT, fluid=(), solid=(body,), step=STEP, dtype=dtype,
@@ -471,13 +428,11 @@ def stiffness(context: Context, backend: str, half_width: int, steps: int = 60) 
             s for name, s in stage_seconds(simulation).items()
             if name.rpartition(".")[2] in ("match", "pull", "region_motion", "damp")
         ) / (steps - 5)  # fmt: skip
-        rows.append(
-            {
-                "summation": summation, "dtype": dtype, "bend": bend / SPACING, "stiffness": 2.0 / bend,
-                "seconds": seconds, "nodes": simulation.count,
-                "error": float(np.abs(ends[summation, dtype] - ends["gather", "float64"]).max()) / SPACING,
-            }
-        )  # fmt: skip
+        rows.append({
+            "summation": summation, "dtype": dtype, "stiffness": 2.0 / bend,
+            "seconds": seconds, "nodes": simulation.count,
+            "error": float(np.abs(ends[summation, dtype] - ends["gather", "float64"]).max()) / SPACING,
+        })  # fmt: skip
         context.progress(len(rows) / 4)
     return Result({"half_width": half_width, "rows": rows})
 
@@ -542,15 +497,13 @@ def clock() -> tuple[Callable[[], Any], Callable[[Any, Any], float]]:
 
 def steps(simulation: Simulation, warm: int, count: int) -> dict[str, list[float]]:
     """Wall seconds of steps, those with a new neighbour list apart; every step waits for the device."""
-    for _ in range(warm):
-        simulation.step()
+    take_steps(simulation, warm)
     taken: dict[str, list[float]] = {"step": [], "step with a new list": []}
     assert simulation.search is not None
     for _ in range(count):
-        built, began = simulation.search.log.rebuilds, time.perf_counter()
-        simulation.step()
-        kind = "step with a new list" if simulation.search.log.rebuilds > built else "step"
-        taken[kind].append(time.perf_counter() - began)
+        built = simulation.search.log.rebuilds
+        seconds = take_steps(simulation, 1)
+        taken["step with a new list" if simulation.search.log.rebuilds > built else "step"].append(seconds)
     return taken
 
 
@@ -610,16 +563,14 @@ def on_gpu(context: Context, figure: str, size: float, warm: int = WARM, count: 
     stage = stages(simulation, renewed)
     stage["neighbours"] = list_seconds(taken, stage["neighbours"])
     bodies = int(np.diff(simulation.plan.grid.solids.lattice.first).sum())
-    return Result(
-        {
-            "figure": figure, "liquid": simulation.count - bodies, "solid": bodies,
-            "seconds": sum(map(sum, taken.values())) / count, "renewed": renewed,
-            "one_graph": float(np.median(taken["step"])) if taken["step"] else float("nan"),
-            "with_list": float(np.median(taken["step with a new list"])) if renewed else float("nan"),
-            "stages": grouped(stage), "operations": stage, "step": simulation.plan.scene.step,
-            "solid_left": int((simulation.field("phase") != 0).sum()),
-        }
-    )  # fmt: skip
+    return Result({
+        "figure": figure, "liquid": simulation.count - bodies, "solid": bodies,
+        "seconds": sum(map(sum, taken.values())) / count, "renewed": renewed,
+        "one_graph": float(np.median(taken["step"])) if taken["step"] else float("nan"),
+        "with_list": float(np.median(taken["step with a new list"])) if renewed else float("nan"),
+        "stages": grouped(stage), "operations": stage, "step": simulation.plan.scene.step,
+        "solid_left": int((simulation.field("phase") != 0).sum()),
+    })  # fmt: skip
 
 
 def beside_cpu(context: Context, figure: str, size: float, threads: int) -> Result:
@@ -630,11 +581,9 @@ def beside_cpu(context: Context, figure: str, size: float, threads: int) -> Resu
     stage = stages(on_gpu, len(taken["step with a new list"]) / STEPS)
     gpu = grouped(stage | {"neighbours": list_seconds(taken, stage["neighbours"])})
     on_cpu = context.simulation(scene, "cpu", threads)
-    for _ in range(WARM):
-        on_cpu.step()
+    take_steps(on_cpu, WARM)
     on_cpu.timings.stages.clear()
-    for _ in range(20):
-        on_cpu.step()
+    take_steps(on_cpu, 20)
     cpu = grouped({name: seconds / 20 for name, seconds in stage_seconds(on_cpu).items()})
     seconds = sum(map(sum, taken.values())) / STEPS
     return Result({"gpu": gpu, "cpu": cpu, "seconds": seconds, "step": scene.step, "particles": on_gpu.count})
@@ -734,13 +683,9 @@ def melted(context: Context, radius: float, bookkeeping: str, backend: str, seco
         temperature=(-10.0, 80.0), conductivity=0.3 * 1000 * 4186, heat_capacity=4186.0, melting_point=0.0
     )
     effects = (
-        WeaklyCompressible(sound_speed=SOUND, dynamic_viscosity=VISCOSITY, state="tait", kernels="cubic_spline"),
-        Gravity(),
-        BoxWalls(lower=(0.0, 0.0, 0.0), upper=(wide * SPACING, wide * SPACING, 2 * wide * SPACING)),
-        ShapeMatching(half_width=HALF_WIDTH),
-        TwoWayCoupling(),
-        heat,
-    )
+        LIQUID, Gravity(), BoxWalls(lower=(0.0, 0.0, 0.0), upper=(wide * SPACING, wide * SPACING, 2 * wide * SPACING)),
+        ShapeMatching(half_width=HALF_WIDTH), TwoWayCoupling(), heat,
+    )  # fmt: skip
     found = {}
     for name, more in (("kept", ()), ("melted", (Melting(bookkeeping=bookkeeping),))):
         scene = Scene(
@@ -758,12 +703,10 @@ def melted(context: Context, radius: float, bookkeeping: str, backend: str, seco
             "left": int((simulation.field("phase") != FLUID).sum()) / solid,
             "mass_change": float(simulation.field("mass").sum()) / mass - 1,
         }
-    return Result(
-        {
-            "before": found["kept"]["volume"], "after": found["melted"]["volume"], "left": found["melted"]["left"],
-            "mass_change": found["melted"]["mass_change"],
-        }
-    )  # fmt: skip
+    return Result({
+        "before": found["kept"]["volume"], "after": found["melted"]["volume"], "left": found["melted"]["left"],
+        "mass_change": found["melted"]["mass_change"],
+    })  # fmt: skip
 
 
 def pools(bookkeeping: str) -> Callable[[Options], list[Run]]:
@@ -800,11 +743,11 @@ def sums(options: Options) -> list[Run]:
 
 def by_members(results: Results) -> list[float]:
     """Seconds of the additions of a reduction over those of fast summation, float32, for each half-width."""
-    found = []
-    for result in results.values():
-        seconds = {row["summation"]: row["seconds"] for row in result.values["rows"] if row["dtype"] == "float32"}
-        found.append(seconds["reduction"] / seconds["fast"])
-    return found
+    seconds = [
+        {row["summation"]: row["seconds"] for row in result.values["rows"] if row["dtype"] == "float32"}
+        for result in results.values()
+    ]
+    return [each["reduction"] / each["fast"] for each in seconds]
 
 
 def full(options: Options) -> list[Run]:
@@ -928,7 +871,7 @@ def pool(
 ) -> Scene:  # fmt: skip
     """Bodies over a basin of 9 x 9 x 4 particles; K in m^2/s."""
     effects = (
-        WeaklyCompressible(sound_speed=SOUND, dynamic_viscosity=VISCOSITY, state="tait", kernels="cubic_spline"),
+        LIQUID,
         Gravity(),
         BoxWalls(lower=(0, 0, 0), upper=(1.8, 1.8, 3.0)),
         ShapeMatching(),
@@ -958,43 +901,38 @@ def _watched(trial: Trial, simulation: Simulation, steps: int) -> list[int]:
     return gone
 
 
-def all_or_nothing(context: Context, backend: str, temperature: float, layers: list[int]) -> Result:
+@hard_case
+def all_or_nothing(trial: Trial, temperature: float, layers: list[int]) -> None:
     """A cube that is as warm everywhere, and no conduction: whole layers melt, one a step, or nothing does."""
-    trial = Trial(context, backend)
-    with trial.ending():
-        simulation = trial.start(pool(temperature=temperature, conductivity=0.0))
-        gone = _watched(trial, simulation, 60)
-        for k, wanted in enumerate(layers):
-            trial.check(f"melted in step {k + 1}", gone[k], equals=wanted)
-        trial.check("melted in all", sum(gone), equals=sum(layers))
-    return trial.result()
+    simulation = trial.start(pool(temperature=temperature, conductivity=0.0))
+    gone = _watched(trial, simulation, 60)
+    for k, wanted in enumerate(layers):
+        trial.check(f"melted in step {k + 1}", gone[k], equals=wanted)
+    trial.check("melted in all", sum(gone), equals=sum(layers))
 
 
+@hard_case
 def melting_body(
-    context: Context, backend: str, body: str, density: float = 917.0, bookkeeping: str = "immiscible",
+    trial: Trial, body: str, density: float = 917.0, bookkeeping: str = "immiscible",
     steps: int = 300,
-) -> Result:  # fmt: skip
+) -> None:  # fmt: skip
     """A body of BODIES falls into warm water and melts."""
-    trial = Trial(context, backend)
-    with trial.ending():
-        cells = BODIES[body]
-        simulation = trial.start(pool((SolidCells(cells=cells, density=density),), (-10.0, 60.0), 0.5, bookkeeping))
-        gone = _watched(trial, simulation, steps)
-        trial.check("particles left solid", len(cells) - sum(gone), at_most=0.9 * len(cells))
-        ratio = float((simulation.field("density") / simulation.field("rest_density")).max())
-        trial.check("greatest density over rest density", ratio, at_most=1.6)
-        mass, rho = simulation.field("mass").astype(float), simulation.field("rest_density").astype(float)
-        trial.show("rest volume", float((mass / rho).sum()))
-    return trial.result()
+    cells = BODIES[body]
+    simulation = trial.start(pool((SolidCells(cells=cells, density=density),), (-10.0, 60.0), 0.5, bookkeeping))
+    gone = _watched(trial, simulation, steps)
+    trial.check("particles left solid", len(cells) - sum(gone), at_most=0.9 * len(cells))
+    ratio = float((simulation.field("density") / simulation.field("rest_density")).max())
+    trial.check("greatest density over rest density", ratio, at_most=1.6)
+    mass, rho = simulation.field("mass").astype(float), simulation.field("rest_density").astype(float)
+    trial.show("rest volume", float((mass / rho).sum()))
 
 
-def refused_bookkeeping(context: Context, backend: str) -> Result:
+@hard_case
+def refused_bookkeeping(trial: Trial) -> None:
     """To keep the mass of the melt and switch its rest density is refused."""
-    trial = Trial(context, backend)
     with trial.ending():
         trial.start(pool(bookkeeping="keep_mass"))
     trial.check("the sentence says why", "Tait" in trial.message, equals=1)
-    return trial.result()
 
 
 DEFORMATIONS = {
@@ -1003,46 +941,42 @@ DEFORMATIONS = {
 }  # fmt: skip
 
 
-def mapped(context: Context, backend: str, kind: str, dtype: str = "float32") -> Result:
+@hard_case
+def mapped(trial: Trial, kind: str, dtype: str = "float32") -> None:
     """A free cube whose particles are mapped through its middle, and let go: it comes back to its shape."""
-    trial = Trial(context, backend)
-    with trial.ending():
-        body = SolidBox(lower=(0, 0, 0), upper=(1.0, 1.0, 1.0))
-        scene = Scene(
-            spacing=SPACING, support_radius=SUPPORT, fluid=(), solid=(body,), step=0.005, dtype=dtype,
-            effects=(ShapeMatching(half_width=1),),
-        )  # fmt: skip
-        simulation = trial.start(scene)
-        x = simulation.field("position").astype(float)
-        rest = np.linalg.norm(x[:, None] - x[None], axis=2)
-        there = (x - x.mean(0)) @ DEFORMATIONS[kind].T + x.mean(0)
-        simulation.backend.assign(simulation.fields["position"], there.astype(dtype))
-        trial.advance(simulation, steps=800)
-        now = simulation.field("position").astype(float)
-        speed = float(np.linalg.norm(simulation.field("velocity").astype(float), axis=1).max())
-        change = float(np.abs(np.linalg.norm(now[:, None] - now[None], axis=2) - rest).max()) / SPACING
-        drift = float(np.abs(now.mean(0) - x.mean(0)).max()) / SPACING
-        trial.check("greatest speed at the end [m/s]", speed, at_most=5.0)
-        trial.check("drift of the center of mass [d]", drift, at_most=1e-3)
-        trial.check("change of a distance [d]", change, at_most=0.01)
-    return trial.result()
+    body = SolidBox(lower=(0, 0, 0), upper=(1.0, 1.0, 1.0))
+    scene = Scene(
+        spacing=SPACING, support_radius=SUPPORT, fluid=(), solid=(body,), step=0.005, dtype=dtype,
+        effects=(ShapeMatching(half_width=1),),
+    )  # fmt: skip
+    simulation = trial.start(scene)
+    x = simulation.field("position").astype(float)
+    rest = np.linalg.norm(x[:, None] - x[None], axis=2)
+    there = (x - x.mean(0)) @ DEFORMATIONS[kind].T + x.mean(0)
+    simulation.backend.assign(simulation.fields["position"], there.astype(dtype))
+    trial.advance(simulation, steps=800)
+    now = simulation.field("position").astype(float)
+    speed = float(np.linalg.norm(simulation.field("velocity").astype(float), axis=1).max())
+    change = float(np.abs(np.linalg.norm(now[:, None] - now[None], axis=2) - rest).max()) / SPACING
+    drift = float(np.abs(now.mean(0) - x.mean(0)).max()) / SPACING
+    trial.check("greatest speed at the end [m/s]", speed, at_most=5.0)
+    trial.check("drift of the center of mass [d]", drift, at_most=1e-3)
+    trial.check("change of a distance [d]", change, at_most=0.01)
 
 
-def one_voxel_apart(context: Context, backend: str, gap: int) -> Result:
+@hard_case
+def one_voxel_apart(trial: Trial, gap: int) -> None:
     """Two boxes whose cells touch (gap 0) or are one cell apart melt in warm water; their tables never mix."""
-    trial = Trial(context, backend)
-    with trial.ending():
-        left = [[a, b, e] for a in range(1, 4) for b in range(3, 6) for e in range(5, 8)]
-        right = [[a + 3 + gap, b, e] for a, b, e in left]
-        simulation = trial.start(
-            pool((SolidCells(cells=left), SolidCells(cells=right, density=500.0)), (-10.0, -10.0, 60.0), 0.5)
-        )
-        _watched(trial, simulation, 150)
-        region = simulation.field("region")
-        owner = np.repeat([0, 1], [len(left), len(right)])
-        row, slot = np.nonzero(region >= 0)
-        trial.check("members of the other body", int((owner[region[row, slot]] != owner[row]).sum()), equals=0)
-    return trial.result()
+    left = [[a, b, e] for a in range(1, 4) for b in range(3, 6) for e in range(5, 8)]
+    right = [[a + 3 + gap, b, e] for a, b, e in left]
+    simulation = trial.start(
+        pool((SolidCells(cells=left), SolidCells(cells=right, density=500.0)), (-10.0, -10.0, 60.0), 0.5)
+    )
+    _watched(trial, simulation, 150)
+    region = simulation.field("region")
+    owner = np.repeat([0, 1], [len(left), len(right)])
+    row, slot = np.nonzero(region >= 0)
+    trial.check("members of the other body", int((owner[region[row, slot]] != owner[row]).sum()), equals=0)
 
 
 def _box(low: tuple[int, int, int], edges: tuple[int, int, int]) -> list[list[int]]:
@@ -1110,47 +1044,30 @@ def planned(options: Options) -> list[Run]:
 def checks(results: Results, check: Checks) -> None:
     """Conservation, regions and bookkeeping are judged against their bars; times are shown."""
     for figure in SHARES:
-        if figure in results:
-            values = results[figure].values
-            series = values["series"]
-            check("from_inside", values["inside_melted"], figure)
-            check("fragments", max(series["fragments"]), figure)
-            check("fastest", max(series["fastest"]), figure)
-            check("volume", abs(series["rest_volume"][-1] / series["rest_volume"][0] - 1), figure)
-            check("mass", series["mass"][-1] / series["mass"][0] - 1, figure)
-    if "own_pressure" in results:
-        check("fastest_own_pressure", max(results["own_pressure"].values["series"]["fastest"]))
-    if "as_printed" in results:
-        check("printed_time", results["as_printed"].values["times"][-1])
+        check.run(results, figure, {
+            "from_inside": "inside_melted",
+            "fragments": lambda v: max(v["series"]["fragments"]),
+            "fastest": lambda v: max(v["series"]["fastest"]),
+            "volume": lambda v: abs(v["series"]["rest_volume"][-1] / v["series"]["rest_volume"][0] - 1),
+            "mass": lambda v: v["series"]["mass"][-1] / v["series"]["mass"][0] - 1,
+        }, figure)  # fmt: skip
+    check.run(results, "own_pressure", {"fastest_own_pressure": lambda v: max(v["series"]["fastest"])})
+    check.run(results, "as_printed", {"printed_time": lambda v: v["times"][-1]})
     for width in SEARCHED:
-        if f"regions_{width}" in results:
-            check("wrong_regions", results[f"regions_{width}"].values["wrong"], f"w_{width}")
-    if "lattice" in results:
-        values = results["lattice"].values
-        for name in ("angular_momentum", "momentum", "shape"):
-            check(f"lattice_{name}", values[name])
+        check.run(results, f"regions_{width}", {"wrong_regions": "wrong"}, f"w_{width}")
+    check.run(results, "lattice", {f"lattice_{name}": name for name in ("angular_momentum", "momentum", "shape")})
     for dtype, bookkeeping in KEPT:
         key = f"kept_{dtype}_{bookkeeping}"
-        if key in results:
-            values, words = results[key].values, f"{dtype}, {bookkeeping}"
-            if bookkeeping == "immiscible":
-                check(f"heat_{dtype}", values["heat_drift"])
-                check(f"momentum_{dtype}", values["momentum"])
-            check(f"mass_unexplained_{dtype}", values["mass_unexplained"], bookkeeping, words)
-            check(f"volume_{dtype}", values["volume_change"], bookkeeping, words)
+        if bookkeeping == "immiscible":
+            check.run(results, key, {f"heat_{dtype}": "heat_drift", f"momentum_{dtype}": "momentum"})
+        own = {f"mass_unexplained_{dtype}": "mass_unexplained", f"volume_{dtype}": "volume_change"}
+        check.run(results, key, own, bookkeeping, f"{dtype}, {bookkeeping}")
     for figure, (words, paper) in PAPER.items():
-        if f"cost_{figure}" in results:
-            seconds = results[f"cost_{figure}"].values["seconds"]
-            check("step", 1e3 * seconds, figure, words)
-            check("step_ratio", 1e3 * seconds / paper, figure, words)
-            if f"rival_{figure}" in results:
-                rival = results[f"rival_{figure}"].values["seconds"]
-                check("rival_ratio", rival / seconds, figure, words)
-
-
-def milliseconds(stages: dict[str, float]) -> list[float]:
-    """The paper's stages in milliseconds."""
-    return [1e3 * seconds for seconds in grouped(stages).values()]
+        own = {"step": lambda v: 1e3 * v["seconds"], "step_ratio": lambda v, paper=paper: 1e3 * v["seconds"] / paper}
+        check.run(results, f"cost_{figure}", own, figure, words)
+        if {f"cost_{figure}", f"rival_{figure}"} <= set(results):
+            seconds, rival = (results[f"{kind}_{figure}"].values["seconds"] for kind in ("cost", "rival"))
+            check("rival_ratio", rival / seconds, figure, words)
 
 
 EXPERIMENT = Experiment(

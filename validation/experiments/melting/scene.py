@@ -40,6 +40,9 @@ SCALE = 0.01  # [m^2/s] of a printed K of 1; the claims on heat read K alike
 SOUND = 35.0  # [m/s]: 0.4 h/(c + v) = 5 ms up to v = 5 m/s
 VISCOSITY = 50.0  # [Pa s]
 HALF_WIDTH = 2
+
+
+LIQUID = WeaklyCompressible(sound_speed=SOUND, dynamic_viscosity=VISCOSITY, state="tait", kernels="cubic_spline")
 RED, GREEN, BLUE, YELLOW = "red", "green", "blue", "yellow"
 
 
@@ -76,15 +79,10 @@ def cube(center: tuple[float, float, float], edges: tuple[int, int, int], **more
 def figure_4(size: float = 1.0) -> Setting:
     """One ice cube falls into warm water: 34,992 particles of water and 4,913 of ice at size 1."""
     edge, wide, deep = _cells(size, 17, 36, 27)
-    center = (wide / 2 + (edge % 2) / 2, wide / 2 + (edge % 2) / 2, deep + 2 + edge / 2)
-    return Setting(
-        tank=(wide, wide, deep + edge + 12),
-        waters=(((0, 0, 0), (wide, wide, deep), (0.0, 0.0, 0.0)),),
-        bodies=((BLUE, 917.0, 30.0, cube(center, (edge, edge, edge))),),
-        solid_temperature=-10.0,
-        water_temperature=40.0,
-        bookkeeping="water",
-    )
+    middle = wide / 2 + (edge % 2) / 2
+    body = cube((middle, middle, deep + 2 + edge / 2), (edge, edge, edge))
+    water = ((0, 0, 0), (wide, wide, deep), (0.0, 0.0, 0.0))
+    return Setting((wide, wide, deep + edge + 12), (water,), ((BLUE, 917.0, 30.0, body),), -10.0, 40.0, "water")
 
 
 def figure_5(size: float = 1.0) -> Setting:
@@ -93,22 +91,15 @@ def figure_5(size: float = 1.0) -> Setting:
     x, y, up = (0.25 * long, 0.75 * long), (0.25 * wide, 0.75 * wide), deep + 2
     radius, ring, tube = size * 9.0, size * 7.2, size * 4.6
     slab = _cells(size, 20, 15, 10)
-    return Setting(
-        tank=(long, wide, deep + edge + 20),
-        waters=(((0, 0, 0), (long, wide, deep), (0.0, 0.0, 0.0)),),
-        bodies=(
-            (RED, 10000.0, 50.0, cube((round(x[0]), round(y[0]), up + edge / 2), (edge, edge, edge))),
-            (GREEN, 200.0, 50.0, SolidBall(center=metres(x[1], y[0], up + radius), radius=SPACING * radius)),
-            (
-                BLUE, 300.0, 50.0,
-                SolidTorus(center=metres(x[0], y[1], up + tube), radius=SPACING * ring, tube_radius=SPACING * tube),
-            ),
-            (YELLOW, 8000.0, 50.0, cube((round(x[1]), round(y[1]), up + slab[2] / 2), slab)),
-        ),
-        solid_temperature=-20.0,
-        water_temperature=80.0,
-        bookkeeping="immiscible",
-    )  # fmt: skip
+    torus = SolidTorus(center=metres(x[0], y[1], up + tube), radius=SPACING * ring, tube_radius=SPACING * tube)
+    bodies = (
+        (RED, 10000.0, 50.0, cube((round(x[0]), round(y[0]), up + edge / 2), (edge, edge, edge))),
+        (GREEN, 200.0, 50.0, SolidBall(center=metres(x[1], y[0], up + radius), radius=SPACING * radius)),
+        (BLUE, 300.0, 50.0, torus),
+        (YELLOW, 8000.0, 50.0, cube((round(x[1]), round(y[1]), up + slab[2] / 2), slab)),
+    )
+    water = ((0, 0, 0), (long, wide, deep), (0.0, 0.0, 0.0))
+    return Setting((long, wide, deep + edge + 20), (water,), bodies, -20.0, 80.0, "immiscible")
 
 
 def figure_6(size: float = 1.0) -> Setting:
@@ -131,23 +122,15 @@ def figure_6(size: float = 1.0) -> Setting:
             return SolidCells(cells=body_cells(mesh, animal, SPACING))
 
         bodies = (
-            (RED, 9000.0, 50.0, body("rabbit", 0, 0)),
-            (GREEN, 250.0, 70.0, body("rabbit", 1, 1)),
-            (BLUE, 280.0, 10.0, body("duck", 0, 1)),
-            (YELLOW, 8500.0, 30.0, body("duck", 1, 0)),
-        )
-    return Setting(
-        tank=(long, wide, tall + round(24 * size)),
-        waters=(
-            ((0, 0, 0), (reach, wide, tall), (4.0, 0.0, 0.0)),
-            ((long - reach, 0, 0), (reach, wide, tall), (-4.0, 0.0, 0.0)),
-        ),
-        bodies=bodies,
-        solid_temperature=-10.0,
-        water_temperature=100.0,
-        bookkeeping="immiscible",
-        step=0.002,  # not the printed 5 ms: melt is thrown out at 38 m/s (docs/melting.md)
+            (RED, 9000.0, 50.0, body("rabbit", 0, 0)), (GREEN, 250.0, 70.0, body("rabbit", 1, 1)),
+            (BLUE, 280.0, 10.0, body("duck", 0, 1)), (YELLOW, 8500.0, 30.0, body("duck", 1, 0)),
+        )  # fmt: skip
+    waters = (
+        ((0, 0, 0), (reach, wide, tall), (4.0, 0.0, 0.0)),
+        ((long - reach, 0, 0), (reach, wide, tall), (-4.0, 0.0, 0.0)),
     )
+    # the step is not the printed 5 ms: melt is thrown out at 38 m/s (docs/melting.md)
+    return Setting((long, wide, tall + round(24 * size)), waters, bodies, -10.0, 100.0, "immiscible", step=0.002)
 
 
 def shared_tank(figure: str, size: float, share: float) -> Setting:
@@ -155,18 +138,10 @@ def shared_tank(figure: str, size: float, share: float) -> Setting:
     wide, tall, long = _cells(size, 40, 39, 39)  # 60,840 at size 1
     thick = max(1, round(share * long))
     low = (long - thick) // 2
-    waters = [((0, 0, 0), (low, wide, tall), (0.0, 0.0, 0.0))]
-    waters.append(((low + thick, 0, 0), (long - low - thick, wide, tall), (0.0, 0.0, 0.0)))
+    still = (0.0, 0.0, 0.0)
+    waters = ((0, 0, 0), (low, wide, tall), still), ((low + thick, 0, 0), (long - low - thick, wide, tall), still)
     slab = SolidBox(lower=metres(low, 0, 0), upper=metres(low + thick, wide, tall))
-    bodies = ((BLUE, 1000.0, 30.0, slab),)
-    return Setting(
-        tank=(long, wide, tall + 10),
-        waters=tuple(waters),
-        bodies=bodies,
-        solid_temperature=-10.0,
-        water_temperature=40.0,
-        bookkeeping="immiscible",
-    )
+    return Setting((long, wide, tall + 10), waters, ((BLUE, 1000.0, 30.0, slab),), -10.0, 40.0, "immiscible")
 
 
 def _cells(size: float, *counts: int) -> tuple[int, ...]:
@@ -192,46 +167,26 @@ def made(
     dtype: str = "float32",
     melting: bool = True,
     largest_number: float = 0.2,  # reached: 0.0875; a GPU allocates the passes that it takes
-    skin: float | None = None,
     weighted: bool = True,
     **more: Any,
 ) -> Scene:
     """The scene of a setting; `weighted`: substances that stay apart push each other by one pressure a pair."""
     solid = tuple(msgspec.structs.replace(body, density=density) for _, density, _, body in setting.bodies)
     fluid = tuple(Box(lower=metres(*low), cells=cells, velocity=v) for low, cells, v in setting.waters)
-    parts = len(solid), len(fluid)
     heat = HeatConduction(
-        temperature=(setting.solid_temperature,) * parts[0] + (setting.water_temperature,) * parts[1],
-        conductivity=tuple(scale * k for _, _, k, _ in setting.bodies)
-        + (scale * setting.water_conductivity,) * parts[1],
-        melting_point=0.0,
-        scheme=scheme,
-        mean="arithmetic",
-        largest_number=largest_number,
-        literal=("M11",),
-    )
-    effects = [
-        WeaklyCompressible(
-            sound_speed=SOUND, dynamic_viscosity=VISCOSITY, state="tait", kernels="cubic_spline",
-        ),
-        Gravity(),
-        BoxWalls(lower=(0.0, 0.0, 0.0), upper=metres(*setting.tank)),
+        temperature=(setting.solid_temperature,) * len(solid) + (setting.water_temperature,) * len(fluid),
+        conductivity=(*(scale * k for _, _, k, _ in setting.bodies),
+                      *(scale * setting.water_conductivity,) * len(fluid)),
+        melting_point=0.0, scheme=scheme, mean="arithmetic", largest_number=largest_number, literal=("M11",),
+    )  # fmt: skip
+    effects = (
+        LIQUID, Gravity(), BoxWalls(lower=(0.0, 0.0, 0.0), upper=metres(*setting.tank)),
         ShapeMatching(half_width=half_width, summation=summation),
-        TwoWayCoupling(density_weighted=setting.bookkeeping == "immiscible" and weighted),
-        heat,
+        TwoWayCoupling(density_weighted=setting.bookkeeping == "immiscible" and weighted), heat,
         *((Melting(bookkeeping=setting.bookkeeping),) if melting else ()),
-    ]  # fmt: skip
-    options = {
-        "spacing": SPACING,
-        "support_radius": SUPPORT,
-        "step": setting.step,
-        "dtype": dtype,
-        "name": name,
-        **more,
-    }
-    if skin is not None:
-        options["skin"] = skin
-    return Scene(solid=solid, fluid=fluid, effects=tuple(effects), **options)
+    )  # fmt: skip
+    given = {"spacing": SPACING, "support_radius": SUPPORT, "step": setting.step, "dtype": dtype, "name": name, **more}
+    return Scene(solid=solid, fluid=fluid, effects=effects, **given)
 
 
 # Rabbit and duck: closed meshes made of ellipsoids, generated here and free for any use.

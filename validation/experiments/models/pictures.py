@@ -8,14 +8,7 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 
-from refsim import (
-    Akinci2013,
-    BeckerTeschner2007,
-    Dong2016,
-    JiangZhu2023,
-    TartakovskyMeakin2005,
-    WeaklyCompressible,
-)
+from refsim import Akinci2013, BeckerTeschner2007, Dong2016, JiangZhu2023, TartakovskyMeakin2005, WeaklyCompressible
 from refsim.core.effect import Discretisation
 from refsim.surface_tension.dong_2016.reference import force_function
 from validation.drawing import (
@@ -26,10 +19,10 @@ from validation.drawing import (
     PURPLE,
     VERMILION,
     WATER,
-    ball_picture,
-    show_image,
+    caption,
+    seen_thousandths,
+    show_balls,
     view_matrix,
-    visible_balls,
 )
 from validation.experiment import Picture, Results
 from validation.experiments.models.scene import MODELS
@@ -40,12 +33,10 @@ EXTENT = 1.5  # half width of a frame, in R
 THROWN = 0.3  # radius variation beyond which particles have left the drop
 SUPPORT = 2.6  # of the curves, in spacings
 CURVES = {
-    "Jiang & Zhu 2023": (JiangZhu2023, BLUE),
-    "Akinci 2013": (Akinci2013, VERMILION),
-    "Dong 2016": (Dong2016, GREEN),
+    "Jiang & Zhu 2023": (JiangZhu2023, BLUE), "Akinci 2013": (Akinci2013, VERMILION), "Dong 2016": (Dong2016, GREEN),
     "Tartakovsky & Meakin 2005": (TartakovskyMeakin2005, PURPLE),
     "Becker & Teschner 2007": (BeckerTeschner2007, ORANGE),
-}
+}  # fmt: skip
 
 
 def curve_data(results: Results) -> dict[str, Any]:
@@ -61,10 +52,8 @@ def curve_data(results: Results) -> dict[str, Any]:
         curves[name] = (mass**2 * force).round(5)
     return {
         "title": "Figure 3: force of a pair, all models at the same nominal tension",
-        "distance_supports": (r / SUPPORT).round(5),
-        "force_over_sigma_d": curves,
-        "support_spacings": SUPPORT,
-    }
+        "distance_supports": (r / SUPPORT).round(5), "force_over_sigma_d": curves, "support_spacings": SUPPORT,
+    }  # fmt: skip
 
 
 def curve_picture(data: Mapping[str, Any]) -> Any:
@@ -85,15 +74,11 @@ def curve_picture(data: Mapping[str, Any]) -> Any:
 
 def dong_data(results: Results) -> dict[str, Any]:
     """Dong's figure 1: L(r)/k for three supports."""
-    curves = {}
-    for ratio in (1.5, 2.0, 2.5):
-        r = np.linspace(0, 2.5, 251)
-        curves[f"{ratio:g}"] = force_function(r, ratio, 1.0).round(6)
+    r = np.linspace(0, 2.5, 251)
     return {
-        "title": "Dong, figure 1: L(r) for three supports",
-        "distance_rest_distances": np.linspace(0, 2.5, 251).round(4),
-        "force_over_k": curves,
-    }
+        "title": "Dong, figure 1: L(r) for three supports", "distance_rest_distances": r.round(4),
+        "force_over_k": {f"{ratio:g}": force_function(r, ratio, 1.0).round(6) for ratio in (1.5, 2.0, 2.5)},
+    }  # fmt: skip
 
 
 def dong_picture(data: Mapping[str, Any]) -> Any:
@@ -126,14 +111,11 @@ def panel_data(results: Results, shape: str = "cube") -> dict[str, Any]:
         for k in sorted({min(4, last), last // 4, last}):
             x = position[k].astype(float)
             x = (x - np.median(x, axis=0)) / values["radius"]
-            seen = visible_balls(x, 0.5 * values["spacing"] / values["radius"], VIEW, EXTENT)
-            frames.append(
-                {
-                    "time_s": values["series"]["time"][k],
-                    "radius_variation": real(values["series"]["radius_variation"][k]),
-                    "position_milliradii": np.rint(1000 * x[seen]).astype(int),
-                }
-            )
+            frames.append({
+                "time_s": values["series"]["time"][k],
+                "radius_variation": real(values["series"]["radius_variation"][k]),
+                "position_milliradii": seen_thousandths(x, values["spacing"] / values["radius"], VIEW, EXTENT),
+            })  # fmt: skip
         rows.append(
             {"model": model.words, "stopped": values["stopped"],
              "spacing_radii": values["spacing"] / values["radius"], "frames": frames}
@@ -150,25 +132,19 @@ def cut_panel_data(results: Results) -> dict[str, Any]:
 
 def panel_picture(data: Mapping[str, Any]) -> Any:
     """Draw the panel, a model a column."""
-    rows = data["rows"]
+    rows, half = data["rows"], data["half_width_radii"]
     figure, axes = plt.subplots(3, len(rows), figsize=(1.75 * len(rows), 5.9), squeeze=False)
-    for column, row in enumerate(rows):
-        for line in range(3):
-            place = axes[line][column]
-            place.set_axis_off()
-            if line >= len(row["frames"]):
-                continue
-            frame = row["frames"][line]
+    for place in axes.flat:
+        place.set_axis_off()
+    for column, row in zip(axes.T, rows):
+        for place, frame in zip(column, row["frames"]):
             x = np.array(frame["position_milliradii"], dtype=float) / 1000
-            half = data["half_width_radii"]
-            colour = np.broadcast_to(WATER, x.shape)
-            show_image(place, ball_picture(x, 0.5 * row["spacing_radii"], colour, VIEW, half, 300), half)
+            show_balls(place, x, row["spacing_radii"], WATER, VIEW, half, 300)
             variation = frame["radius_variation"]
             words = "thrown apart" if variation is None or variation > THROWN else f"{variation:.4f}"
-            place.text(0.5, -0.02, f"{frame['time_s']:.2f} s, {words}", transform=place.transAxes, ha="center",
-                       va="top", fontsize=7.5, color="#444444")  # fmt: skip
+            caption(place, f"{frame['time_s']:.2f} s, {words}", fontsize=7.5, color="#444444")
         title = row["model"].replace(" & ", " &\n").replace("] ", "]\n")
-        axes[0][column].set_title(title, fontsize=8, loc="center")
+        column[0].set_title(title, fontsize=8, loc="center")
     figure.suptitle(data["title"] + " (time, radius variation)", fontsize=10.5, fontweight="bold")
     return figure
 
@@ -197,11 +173,15 @@ def rest_data(results: Results) -> dict[str, Any]:
     return {
         "title": "Table 1: seconds until at rest",
         "criterion": "kinetic energy below 1e-3 of its peak from then on, within 2.2 s of simulated time",
-        "machine": about.get("machine"),
-        "date": about.get("date"),
-        "threads": about.get("threads"),
-        "rows": rows,
-    }
+        "machine": about.get("machine"), "date": about.get("date"), "threads": about.get("threads"), "rows": rows,
+    }  # fmt: skip
+
+
+QUALITIES = (
+    ("seconds_per_step", "cost", "milliseconds a step", 1e3),
+    ("radius_variation", "roughness", "radius variation", 1.0),
+    ("nn_5_spacings", "clustering", "nearest neighbour, 5 % [d]", 1.0),
+)  # fmt: skip
 
 
 def rest_picture(data: Mapping[str, Any]) -> Any:
@@ -223,14 +203,7 @@ def rest_picture(data: Mapping[str, Any]) -> Any:
     axes[0].set_yticks(at, [row["model"] for row in rows])
     axes[0].set(xlabel="seconds until at rest", xlim=(0, 1.14 * longest), title=data["title"])
     axes[0].legend(loc="lower right")
-    for place, (key, title, words, unit) in zip(
-        axes[1:],
-        (
-            ("seconds_per_step", "cost", "milliseconds a step", 1e3),
-            ("radius_variation", "roughness", "radius variation", 1.0),
-            ("nn_5_spacings", "clustering", "nearest neighbour, 5 % [d]", 1.0),
-        ),
-    ):
+    for place, (key, title, words, unit) in zip(axes[1:], QUALITIES):
         for shape, shift, colour in bars[1:]:  # type: ignore[misc]
             place.barh(at + shift, [unit * real(row[shape].get(key)) for row in rows], 0.25, color=colour)
         place.set(xlabel=words, title=title)
@@ -245,17 +218,6 @@ PICTURES = (
     Picture("figure_3_force_curves", curve_data, curve_picture),
     Picture("dong_figure_1", dong_data, dong_picture),
     Picture("models_panel", panel_data, panel_picture, tuple(f"cube_{m}" for m in MODELS), shaded=True),
-    Picture(
-        "models_panel_cut",
-        cut_panel_data,
-        panel_picture,
-        tuple(f"cut_{m}" for m in MODELS),
-        shaded=True,
-    ),
-    Picture(
-        "models_table_1",
-        rest_data,
-        rest_picture,
-        tuple(f"{shape}_{m}" for shape in SHAPES for m in MODELS),
-    ),
+    Picture("models_panel_cut", cut_panel_data, panel_picture, tuple(f"cut_{m}" for m in MODELS), shaded=True),
+    Picture("models_table_1", rest_data, rest_picture, tuple(f"{shape}_{m}" for shape in SHAPES for m in MODELS)),
 )

@@ -27,7 +27,7 @@ from validation.metrics.droplet import nearest_neighbour_distance, sphericity, s
 from validation.metrics.shapes import lattice_ball, lattice_cube
 from validation.results import Result, floats, real
 from validation.running import Context, momenta
-from validation.trials import Cell, StabilityMap, Trial, largest_stable, silent_up_to
+from validation.trials import Cell, StabilityMap, Trial, hard_case, largest_stable, silent_up_to
 
 NEAR = 1.6  # radii about the middle: particles beyond are not of the drop
 MOMENTS = {"third": 1 / 3, "late": 2 / 3, "end": 1.0}  # of the run, where its surface is measured
@@ -183,8 +183,8 @@ def _shape(made: Callable[..., np.ndarray], side: int) -> Callable[[Measure], Se
 
     def model(measure: Measure) -> list[float]:
         place = made(side).astype(float)
-        radius = (3 * len(place) / (4 * math.pi)) ** (1 / 3)
-        near = float(np.quantile(nearest_neighbour_distance(place), 0.05))
+        radius = radius_of(place)
+        near = near_of(place)
         end = surface(place, 1.0, radius)
         return measure.of({"": {"surface": {"end": end}, "particles": len(place), "end": {"nn_5": near}}})
 
@@ -236,11 +236,9 @@ HARD_CALM = 0.3  # Ohnesorge number
 TOGETHER = "the drop stays together"
 # What the models' own notes say of drops, at some settings or at all.
 FORESEEN = {
-    "he": "gather in pairs",
-    "csf": "gather in pairs",
-    "akinci_iisph": "tremble at rest",
+    "he": "gather in pairs", "csf": "gather in pairs", "akinci_iisph": "tremble at rest",
     "dong": "freeze in the shape they have",
-}
+}  # fmt: skip
 KEPT = "momentum gained over the largest sum of m |v|"  # rounding of float32 over some hundred steps leaves 1e-5
 
 
@@ -257,33 +255,35 @@ def effects_of(model: str) -> tuple[Effect, ...]:
 
 
 def drop_scene(
-    model: str,
-    position: NDArray,
-    velocity: NDArray | None = None,
-    *,
-    viscosity: float = 0.0,
-    support: float = 2.6,
-    stiffness: float = STIFFNESS,
-    effects: tuple[Effect, ...] | None = None,
-    kernels: str = "",
-    dtype: str = "float32",
-) -> Scene:
+    model: str, position: NDArray, velocity: NDArray | None = None, *, viscosity: float = 0.0, support: float = 2.6,
+    stiffness: float = STIFFNESS, effects: tuple[Effect, ...] | None = None, dtype: str = "float32",
+) -> Scene:  # fmt: skip
     """Liquid of the given particles (n, 3) [d] without gravity."""
     fluid = WeaklyCompressible(
-        rest_density=1.0,
-        sound_speed=1 / math.sqrt(stiffness),
-        dynamic_viscosity=viscosity,
-        kernels=kernels or OTHER_BASE.get(model, {}).get("kernels", "mueller"),  # type: ignore[arg-type]
-        density_bound=UNBOUND,
-    )
+        rest_density=1.0, sound_speed=1 / math.sqrt(stiffness), dynamic_viscosity=viscosity, density_bound=UNBOUND,
+        kernels=OTHER_BASE.get(model, {}).get("kernels", "mueller"),
+    )  # fmt: skip
     return Scene(
-        name=model,
-        spacing=1.0,
-        support_radius=support,
-        dtype=dtype,  # type: ignore[arg-type]
+        name=model, spacing=1.0, support_radius=support, dtype=dtype,  # type: ignore[arg-type]
         fluid=(Cloud(position=position, velocity=np.zeros(3) if velocity is None else velocity),),
         effects=(fluid, *(effects_of(model) if effects is None else effects)),
-    )
+    )  # fmt: skip
+
+
+def radius_of(position: NDArray) -> float:
+    """Radius of the ball that so many particles would fill [d]."""
+    return (3 * len(position) / (4 * math.pi)) ** (1 / 3)
+
+
+def near_of(position: NDArray) -> float:
+    """Nearest neighbour, 5th percentile [d]."""
+    return float(np.quantile(nearest_neighbour_distance(position), 0.05))
+
+
+def thrown_of(position: NDArray) -> int:
+    """Particles that are not of the largest piece; all of them where one is nowhere."""
+    finite = np.isfinite(position).all()
+    return len(position) - int(pieces(position, 2.0)[0]) if finite else len(position)
 
 
 def ball(count: int, jitter: float = 0.05, seed: int = 1) -> NDArray:
@@ -328,8 +328,7 @@ class Watch:
 
 def _check(trial: Trial, simulation: Simulation, what: str, value: float, **bound: float) -> None:
     """Check a number that may miss its bound where the run's notes foresaw what the model does."""
-    word = FORESEEN.get(simulation.plan.scene.name, "")
-    if word:
+    if word := FORESEEN.get(simulation.plan.scene.name, ""):
         trial.check_unless_noted(simulation, word, what, value, **bound)
     else:
         trial.check(what, value, **bound)
@@ -358,7 +357,7 @@ def _whole(trial: Trial, simulation: Simulation, share: float = 1.0) -> NDArray:
     x = simulation.field("position").astype(float)
     largest = float(pieces(x, 2.0)[0]) / len(x)
     _check(trial, simulation, "largest piece, share of the particles", largest, at_least=share)
-    near = float(np.quantile(nearest_neighbour_distance(x), 0.05))
+    near = near_of(x)
     _check(trial, simulation, "nearest neighbour, 5th percentile [d]", near, at_least=0.4)
     return x
 
@@ -366,41 +365,37 @@ def _whole(trial: Trial, simulation: Simulation, share: float = 1.0) -> NDArray:
 # Hard cases
 
 
-def at_rest(context: Context, backend: str, model: str, count: int, support: float = 2.6) -> Result:
+@hard_case
+def at_rest(trial: Trial, model: str, count: int, support: float = 2.6) -> None:
     """A small drop, or one whose support hardly reaches its neighbours, comes to rest in one piece."""
-    trial = Trial(context, backend)
-    with trial.ending():
-        position = ball(count)
-        radius = (3 * len(position) / (4 * math.pi)) ** (1 / 3)
-        scene = drop_scene(model, position, viscosity=HARD_CALM * math.sqrt(radius), support=support)
-        simulation, watch = _run(trial, scene, 6 * radius**1.5)
-        _whole(trial, simulation)
-        _check(trial, simulation, "kinetic energy at the end over the peak's", watch.late, at_most=BOILS)
-    return trial.result()
+    position = ball(count)
+    radius = radius_of(position)
+    scene = drop_scene(model, position, viscosity=HARD_CALM * math.sqrt(radius), support=support)
+    simulation, watch = _run(trial, scene, 6 * radius**1.5)
+    _whole(trial, simulation)
+    _check(trial, simulation, "kinetic energy at the end over the peak's", watch.late, at_most=BOILS)
 
 
-def spray(context: Context, backend: str, model: str) -> Result:
+@hard_case
+def spray(trial: Trial, model: str) -> None:
     """60 lone particles fly straight; 20 pairs and 10 triples keep their momentum and stay finite."""
-    trial = Trial(context, backend)
-    with trial.ending():
-        random = np.random.default_rng(3)
-        places = 40.0 * np.stack(np.meshgrid(*[np.arange(5)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)[:90]
-        sizes = [1] * 60 + [2] * 20 + [3] * 10
-        shapes = np.array([[0.0, 0.0, 0.0], [1.2, 0.0, 0.0], [0.5, 1.1, 0.0]])
-        position = np.concatenate([place + shapes[:n] for place, n in zip(places, sizes)])
-        group = np.repeat(random.uniform(-0.15, 0.15, (90, 3)), sizes, axis=0)
-        until = 10.0
-        simulation, _ = _run(trial, drop_scene(model, position, group), until)
-        x = simulation.field("position")
-        straight = position[:60] + group[:60] * simulation.time
-        off = float(np.abs(x[:60] - straight).max())
-        _check(trial, simulation, "lone particles off their straight path [d]", off, at_most=1e-3)
-        centre = [np.abs(x[k].mean(0) - (position + group * simulation.time)[k].mean(0)).max() for k in _groups(sizes)]
-        if model != "csf":
-            trial.check("centres of pairs and triples off theirs [d]", float(max(centre)), at_most=1e-3)
-        apart = max(float(np.linalg.norm(x[k] - x[k].mean(0), axis=1).max()) for k in _groups(sizes))
-        trial.show("farthest of a pair or triple from its centre [d]", apart)
-    return trial.result()
+    random = np.random.default_rng(3)
+    places = 40.0 * np.stack(np.meshgrid(*[np.arange(5)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)[:90]
+    sizes = [1] * 60 + [2] * 20 + [3] * 10
+    shapes = np.array([[0.0, 0.0, 0.0], [1.2, 0.0, 0.0], [0.5, 1.1, 0.0]])
+    position = np.concatenate([place + shapes[:n] for place, n in zip(places, sizes)])
+    group = np.repeat(random.uniform(-0.15, 0.15, (90, 3)), sizes, axis=0)
+    until = 10.0
+    simulation, _ = _run(trial, drop_scene(model, position, group), until)
+    x = simulation.field("position")
+    straight = position[:60] + group[:60] * simulation.time
+    off = float(np.abs(x[:60] - straight).max())
+    _check(trial, simulation, "lone particles off their straight path [d]", off, at_most=1e-3)
+    centre = [np.abs(x[k].mean(0) - (position + group * simulation.time)[k].mean(0)).max() for k in _groups(sizes)]
+    if model != "csf":
+        trial.check("centres of pairs and triples off theirs [d]", float(max(centre)), at_most=1e-3)
+    apart = max(float(np.linalg.norm(x[k] - x[k].mean(0), axis=1).max()) for k in _groups(sizes))
+    trial.show("farthest of a pair or triple from its centre [d]", apart)
 
 
 def _groups(sizes: list[int]) -> list[NDArray]:
@@ -408,102 +403,93 @@ def _groups(sizes: list[int]) -> list[NDArray]:
     return [np.arange(end - n, end) for n, end in zip(sizes, ends) if n > 1]
 
 
-def spinning(context: Context, backend: str, model: str, turns: float = 2.0) -> Result:
+@hard_case
+def spinning(trial: Trial, model: str, turns: float = 2.0) -> None:
     """A drop that has come to rest is spun; without viscosity, which brakes rotation, it keeps its angular momentum."""
-    trial = Trial(context, backend)
-    with trial.ending():
-        position = ball(389)
-        radius = (3 * len(position) / (4 * math.pi)) ** (1 / 3)
-        calm = trial.start(drop_scene(model, position, viscosity=HARD_CALM * math.sqrt(radius), dtype="float64"))
-        trial.advance(calm, until=3 * radius**1.5)
-        position = calm.field("position") - calm.field("position").mean(0)
-        rate = 1.0 / radius**1.5
-        velocity = np.cross([0.0, 0.0, rate], position)
-        simulation = trial.start(drop_scene(model, position, velocity, dtype="float64"))
-        first = momenta(simulation)["angular_momentum"]
-        try:
-            trial.advance(simulation, until=turns * 2 * math.pi / rate, watch=Watch(), every=32)
-        except Gone:
-            trial.check_unless_noted(simulation, "kinetic energy may grow", TOGETHER, 0, equals=1)
-        lost = np.linalg.norm(momenta(simulation)["angular_momentum"] - first) / np.linalg.norm(first)
-        trial.show("steps", simulation.steps)
-        # A drop that flies apart or pairs up loses it, too; the terms that do not act along a pair say so themselves.
-        word = "does not act along the pair" if model != "csf" else FORESEEN["csf"]
-        trial.check_unless_noted(simulation, word, "angular momentum gone, share", float(lost), at_most=1e-3)
-    return trial.result()
+    position = ball(389)
+    radius = radius_of(position)
+    calm = trial.start(drop_scene(model, position, viscosity=HARD_CALM * math.sqrt(radius), dtype="float64"))
+    trial.advance(calm, until=3 * radius**1.5)
+    position = calm.field("position") - calm.field("position").mean(0)
+    rate = 1.0 / radius**1.5
+    velocity = np.cross([0.0, 0.0, rate], position)
+    simulation = trial.start(drop_scene(model, position, velocity, dtype="float64"))
+    first = momenta(simulation)["angular_momentum"]
+    try:
+        trial.advance(simulation, until=turns * 2 * math.pi / rate, watch=Watch(), every=32)
+    except Gone:
+        trial.check_unless_noted(simulation, "kinetic energy may grow", TOGETHER, 0, equals=1)
+    lost = np.linalg.norm(momenta(simulation)["angular_momentum"] - first) / np.linalg.norm(first)
+    trial.show("steps", simulation.steps)
+    # A drop that flies apart or pairs up loses it, too; the terms that do not act along a pair say so themselves.
+    word = "does not act along the pair" if model != "csf" else FORESEEN["csf"]
+    trial.check_unless_noted(simulation, word, "angular momentum gone, share", float(lost), at_most=1e-3)
 
 
-def collision(context: Context, backend: str, model: str, offset: float) -> Result:
+@hard_case
+def collision(trial: Trial, model: str, offset: float) -> None:
     """Two drops meet at a Weber number rho v^2 D/sigma of about 4 (nominal) and become one.
 
     offset  distance between their paths, over the radius
     """
-    trial = Trial(context, backend)
-    with trial.ending():
-        one = ball(257)
-        radius = (3 * len(one) / (4 * math.pi)) ** (1 / 3)
-        shift = np.array([radius + 1.5, 0.5 * offset * radius, 0.0])
-        speed = 0.5 * math.sqrt(4.0 / (2 * radius))
-        position = np.concatenate([one - shift, one + shift])
-        velocity = np.repeat([[speed, 0.0, 0.0], [-speed, 0.0, 0.0]], len(one), axis=0)
-        scene = drop_scene(model, position, velocity, viscosity=HARD_CALM * math.sqrt(radius))
-        began = 0.5 * len(position) * speed**2
-        simulation, watch = _run(trial, scene, 8 * radius**1.5)
-        _whole(trial, simulation, share=0.99)
-        _check(trial, simulation, "kinetic energy at the end over the start's", watch.energy[-1] / began, at_most=0.5)
-    return trial.result()
+    one = ball(257)
+    radius = radius_of(one)
+    shift = np.array([radius + 1.5, 0.5 * offset * radius, 0.0])
+    speed = 0.5 * math.sqrt(4.0 / (2 * radius))
+    position = np.concatenate([one - shift, one + shift])
+    velocity = np.repeat([[speed, 0.0, 0.0], [-speed, 0.0, 0.0]], len(one), axis=0)
+    scene = drop_scene(model, position, velocity, viscosity=HARD_CALM * math.sqrt(radius))
+    began = 0.5 * len(position) * speed**2
+    simulation, watch = _run(trial, scene, 8 * radius**1.5)
+    _whole(trial, simulation, share=0.99)
+    _check(trial, simulation, "kinetic energy at the end over the start's", watch.energy[-1] / began, at_most=0.5)
 
 
-def torn(context: Context, backend: str, model: str) -> Result:
+@hard_case
+def torn(trial: Trial, model: str) -> None:
     """A shear tears a drop: rate 12 sqrt(sigma/(rho R^3)) of the nominal tension, hardly any viscosity."""
-    trial = Trial(context, backend)
-    with trial.ending():
-        position = ball(925)
-        radius = (3 * len(position) / (4 * math.pi)) ** (1 / 3)
-        rate = 12.0 / radius**1.5
-        velocity = np.stack([rate * position[:, 2], np.zeros(len(position)), np.zeros(len(position))], axis=1)
-        scene = drop_scene(model, position, velocity, viscosity=0.05 * math.sqrt(radius))
-        began = 0.5 * float((velocity**2).sum())
-        simulation, watch = _run(trial, scene, 3 * radius**1.5, reach=math.inf)
-        x = simulation.field("position").astype(float)
-        found = pieces(x, 2.0)
-        _check(trial, simulation, "kinetic energy over the start's", max(watch.energy) / began, at_most=1.1)
-        trial.check("extent over the start's", float(np.ptp(x[:, 0]) / np.ptp(position[:, 0])), at_least=3.0)
-        trial.show("pieces of five or more", int((found >= 5).sum()))
-        trial.show("lone particles", int((found == 1).sum()))
-    return trial.result()
+    position = ball(925)
+    radius = radius_of(position)
+    rate = 12.0 / radius**1.5
+    velocity = np.stack([rate * position[:, 2], np.zeros(len(position)), np.zeros(len(position))], axis=1)
+    scene = drop_scene(model, position, velocity, viscosity=0.05 * math.sqrt(radius))
+    began = 0.5 * float((velocity**2).sum())
+    simulation, watch = _run(trial, scene, 3 * radius**1.5, reach=math.inf)
+    x = simulation.field("position").astype(float)
+    found = pieces(x, 2.0)
+    _check(trial, simulation, "kinetic energy over the start's", max(watch.energy) / began, at_most=1.1)
+    trial.check("extent over the start's", float(np.ptp(x[:, 0]) / np.ptp(position[:, 0])), at_least=3.0)
+    trial.show("pieces of five or more", int((found >= 5).sum()))
+    trial.show("lone particles", int((found == 1).sum()))
 
 
-def cube(context: Context, backend: str, model: str, ohnesorge: float = 0.04, side: int = 8) -> Result:
+@hard_case
+def cube(trial: Trial, model: str, ohnesorge: float = 0.04, side: int = 8) -> None:
     """A cube at a low Ohnesorge number becomes a drop without more energy than its surface holds."""
-    trial = Trial(context, backend)
-    with trial.ending():
-        position = lattice_cube(side, 1.0)
-        radius = (3 * len(position) / (4 * math.pi)) ** (1 / 3)
-        scene = drop_scene(model, position - position.mean(0), viscosity=ohnesorge * math.sqrt(radius))
-        simulation, watch = _run(trial, scene, 4 * radius**1.5)
-        # The tension of drops is up to 4.5 times the nominal one (the sigma map).
-        held = 4.5 * (6 * side**2 - 4 * math.pi * radius**2)
-        x = simulation.field("position").astype(float)
-        thrown = len(x) - int(pieces(x, 2.0)[0])
-        near = float(np.quantile(nearest_neighbour_distance(x), 0.05))
-        for what, value, bound in (
-            ("kinetic energy over the surface energy that the cube releases", max(watch.energy) / held, {"at_most": 1}),
-            ("particles thrown off", thrown, {"equals": 0}),
-            ("nearest neighbour, 5th percentile [d]", near, {"at_least": 0.4}),
-        ):
-            trial.check_unless_noted(simulation, "viscosity", what, float(value), **bound)
-    return trial.result()
+    position = lattice_cube(side, 1.0)
+    radius = radius_of(position)
+    scene = drop_scene(model, position - position.mean(0), viscosity=ohnesorge * math.sqrt(radius))
+    simulation, watch = _run(trial, scene, 4 * radius**1.5)
+    # The tension of drops is up to 4.5 times the nominal one (the sigma map).
+    held = 4.5 * (6 * side**2 - 4 * math.pi * radius**2)
+    x = simulation.field("position").astype(float)
+    thrown, near = thrown_of(x), near_of(x)
+    for what, value, bound in (
+        ("kinetic energy over the surface energy that the cube releases", max(watch.energy) / held, {"at_most": 1}),
+        ("particles thrown off", thrown, {"equals": 0}),
+        ("nearest neighbour, 5th percentile [d]", near, {"at_least": 0.4}),
+    ):
+        trial.check_unless_noted(simulation, "viscosity", what, float(value), **bound)
 
 
-def collapse(context: Context, backend: str, model: str, count: int = 389) -> Result:
+@hard_case
+def collapse(trial: Trial, model: str, count: int = 389) -> None:
     """Cohesion that is not balanced: silent at P_int = 0.04 rho0 c^2, warned of at 0.2, refused at 1/4; and what the
     refusal spares: with the bound lifted, the liquid is compressed beyond every density that the law knows."""
-    trial = Trial(context, backend)
     (balanced,) = effects_of(model)
     effect = msgspec.structs.replace(balanced, balance_pressure=False)
     position = ball(count)
-    radius = (3 * len(position) / (4 * math.pi)) ** (1 / 3)
+    radius = radius_of(position)
 
     def made(number: float) -> Scene:
         return drop_scene(
@@ -517,30 +503,28 @@ def collapse(context: Context, backend: str, model: str, count: int = 389) -> Re
         away = np.linalg.norm(x - x.mean(0), axis=1)
         return float(np.median(simulation.field("density")[away < 0.5 * np.quantile(away, 0.95)]))
 
-    with trial.ending():
-        noted = [any("compresses the bulk" in note for note in make_plan(made(n)).notes) for n in (0.04, 0.2)]
-        trial.check("warned of at 0.04 rho0 c^2", noted[0], equals=0)
-        trial.check("warned of at 0.2 rho0 c^2", noted[1], equals=1)
-        refused = ""
-        try:
-            make_plan(made(COLLAPSE * (1 + 1e-6)))
-        except InputError as error:
-            refused = str(error)
-        trial.check("refused at 0.25 rho0 c^2", "would collapse" in refused, equals=1)
-        held, _ = _run(trial, made(0.2), 3 * radius**1.5)
-        trial.show("density at 0.2 rho0 c^2 over that of the law", core(held) / compression(0.2))
-        trial.check("density at 0.2 rho0 c^2", core(held), at_most=2.0)
-        with mock.patch.object(PairCohesion, "check_collapse", return_value=None):
-            beyond = trial.start(made(0.5))
-        try:
-            while beyond.time < 3 * radius**1.5:
-                beyond.step()
-            density = core(beyond)
-        except RunStopped as stop:
-            trial.show("at 0.5 rho0 c^2 with the bound lifted", stop.reason)
-            density = math.inf
-        trial.check("density at 0.5 rho0 c^2 with the bound lifted", density, at_least=2.0)
-    return trial.result()
+    noted = [any("compresses the bulk" in note for note in make_plan(made(n)).notes) for n in (0.04, 0.2)]
+    trial.check("warned of at 0.04 rho0 c^2", noted[0], equals=0)
+    trial.check("warned of at 0.2 rho0 c^2", noted[1], equals=1)
+    refused = ""
+    try:
+        make_plan(made(COLLAPSE * (1 + 1e-6)))
+    except InputError as error:
+        refused = str(error)
+    trial.check("refused at 0.25 rho0 c^2", "would collapse" in refused, equals=1)
+    held, _ = _run(trial, made(0.2), 3 * radius**1.5)
+    trial.show("density at 0.2 rho0 c^2 over that of the law", core(held) / compression(0.2))
+    trial.check("density at 0.2 rho0 c^2", core(held), at_most=2.0)
+    with mock.patch.object(PairCohesion, "check_collapse", return_value=None):
+        beyond = trial.start(made(0.5))
+    try:
+        while beyond.time < 3 * radius**1.5:
+            beyond.step()
+        density = core(beyond)
+    except RunStopped as stop:
+        trial.show("at 0.5 rho0 c^2 with the bound lifted", stop.reason)
+        density = math.inf
+    trial.check("density at 0.5 rho0 c^2 with the bound lifted", density, at_least=2.0)
 
 
 def _stiffness_at(model: str, effect: Effect, number: float) -> float:
@@ -573,8 +557,7 @@ def trouble_of(context: Context, backend: str, scene: Scene, until: float) -> st
     x = simulation.field("position").astype(float)
     if not np.isfinite(x).all():
         return "not finite"
-    thrown = len(x) - int(pieces(x, 2.0)[0])
-    if thrown:
+    if thrown := thrown_of(x):
         return f"{thrown} particles thrown off"
     return f"boils: {100 * watch.late:.0f} % of the peak's kinetic energy at the end" if watch.late > BOILS else ""
 
@@ -585,7 +568,7 @@ def area_cell(context: Context, backend: str, model: str, support: float, count:
     As the runner counts it: eps N/(gamma rho0) of Akinci, lambda rho0 d/sigma of Dong.
     """
     position = ball(count)
-    radius = (3 * len(position) / (4 * math.pi)) ** (1 / 3)
+    radius = radius_of(position)
     plain = drop_scene(model, position, support=support)
     plan = make_plan(plain)
     near = 4 * math.pi / 3 * support**3
@@ -599,32 +582,29 @@ def area_cell(context: Context, backend: str, model: str, support: float, count:
         return drop_scene(model, position, viscosity=HARD_CALM * math.sqrt(radius), support=support, effects=(effect,))
 
     least, first, most = (0.01, 0.1, 4.0) if model == "akinci" else (1.0, 12.0, 400.0)
-    found = largest_stable(
-        lambda value: trouble_of(context, backend, made(value), 6 * radius**1.5), first, least, most, factor=1.2
-    )
+    trouble = lambda value: trouble_of(context, backend, made(value), 6 * radius**1.5)  # noqa: E731
+    found = largest_stable(trouble, first, least, most, factor=1.2)
     return found.result(silent_up_to(made, least, most, but=("viscosity", *FORESEEN.values())))
 
 
 def stiffness_cell(context: Context, backend: str, model: str, side: int = 8) -> Result:
     """The largest S = sigma/(rho0 c^2 d) at which a cube becomes a drop at rest, its cohesion balanced."""
     position = lattice_cube(side, 1.0)
-    radius = (3 * len(position) / (4 * math.pi)) ** (1 / 3)
+    radius = radius_of(position)
 
     def made(value: float) -> Scene:
-        return drop_scene(
-            model, position - position.mean(0), viscosity=HARD_CALM * math.sqrt(radius), stiffness=value, kernels=""
-        )
+        viscosity = HARD_CALM * math.sqrt(radius)
+        return drop_scene(model, position - position.mean(0), viscosity=viscosity, stiffness=value)
 
-    found = largest_stable(
-        lambda value: trouble_of(context, backend, made(value), 6 * radius**1.5), 0.01, 1e-3, 0.3, factor=1.3
-    )
+    trouble = lambda value: trouble_of(context, backend, made(value), 6 * radius**1.5)  # noqa: E731
+    found = largest_stable(trouble, 0.01, 1e-3, 0.3, factor=1.3)
     return found.result(silent_up_to(made, 1e-3, 0.3, but=("viscosity", *FORESEEN.values())))
 
 
 def inertia_cell(context: Context, backend: str, model: str, side: int = 8) -> Result:
     """The largest 1/Oh with which a cube becomes a drop in one piece, with no more energy than its surface holds."""
     position = lattice_cube(side, 1.0)
-    radius = (3 * len(position) / (4 * math.pi)) ** (1 / 3)
+    radius = radius_of(position)
     held = 4.5 * (6 * side**2 - 4 * math.pi * radius**2)
 
     def made(inverse: float) -> Scene:
@@ -642,9 +622,7 @@ def inertia_cell(context: Context, backend: str, model: str, side: int = 8) -> R
             return f"stopped: {stop.reason}"
         finally:
             context.started[:-1] = []
-        x = simulation.field("position").astype(float)
-        thrown = len(x) - int(pieces(x, 2.0)[0]) if np.isfinite(x).all() else len(x)
-        if thrown:
+        if thrown := thrown_of(simulation.field("position").astype(float)):
             return f"{thrown} particles thrown off"
         share = max(watch.energy) / held
         return f"kinetic energy {share:.1f} times that released" if share > 1 else ""
@@ -715,9 +693,6 @@ def checks(results: Results, check: Checks) -> None:
 
 
 EXPERIMENT = Experiment(
-    name="models",
-    title="all models of surface tension: force curves, from a cube to a ball, seconds to rest",
-    runs=planned,
-    checks=checks,
-    maps=MAPS,
-)
+    name="models", title="all models of surface tension: force curves, from a cube to a ball, seconds to rest",
+    runs=planned, checks=checks, maps=MAPS,
+)  # fmt: skip

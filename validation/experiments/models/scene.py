@@ -48,9 +48,7 @@ MODELS: dict[str, Model] = {
         "[9] Akinci 2013", 35.1, {"effects": (Akinci2013(surface_tension=1.0, balance_pressure=False),), **_SHORT}
     ),
     "akinci_iisph": Model(
-        "[12] Akinci 2013 on IISPH",
-        34.3,
-        {"effects": (Akinci2013(surface_tension=1.0), ImplicitPressure()), **_SHORT},
+        "[12] Akinci 2013 on IISPH", 34.3, {"effects": (Akinci2013(surface_tension=1.0), ImplicitPressure()), **_SHORT}
     ),
     "dong": Model(
         "Dong 2016", None, {"effects": (Dong2016(surface_tension=1.0),), "support": 2.7, "kernels": "wendland"}
@@ -67,9 +65,6 @@ PRINTED: dict[str, Model] = {
     "becker_teschner_printed": Model(
         "[8] Becker & Teschner 2007 as printed",
         36.0,
-        {
-            "effects": (BeckerTeschner2007(surface_tension=1.0, clamp_distance=False, balance_pressure=False),),
-            **_SHORT,
-        },
-    ),
+        {"effects": (BeckerTeschner2007(surface_tension=1.0, clamp_distance=False, balance_pressure=False),), **_SHORT},
+    )
 }

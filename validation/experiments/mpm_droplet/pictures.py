@@ -20,6 +20,7 @@ from validation.drawing import (
     VERMILION,
     WATER,
     packed,
+    plain_title,
     show_image,
     surface_picture,
     unpacked,
@@ -39,13 +40,10 @@ def square_data(results: Results) -> dict[str, Any]:
     """Particles at four times, and energies over time."""
     result = results["square_cluster"]
     return {
-        "title": "A square of liquid becomes a disc",
-        "frames": result.arrays["frames"][:, :, :2].round(5).tolist(),
-        "times": result.values["frames"],
-        "surfaces": frames_of(result, len(result.values["frames"])),
-        "series": result.values["series"],
-        "until": result.values["series"]["time"][-1],
-    }
+        "title": "A square of liquid becomes a disc", "frames": result.arrays["frames"][:, :, :2].round(5).tolist(),
+        "times": result.values["frames"], "surfaces": frames_of(result, len(result.values["frames"])),
+        "series": result.values["series"], "until": result.values["series"]["time"][-1],
+    }  # fmt: skip
 
 
 def square_picture(data: Mapping[str, Any]) -> Any:
@@ -53,16 +51,13 @@ def square_picture(data: Mapping[str, Any]) -> Any:
     figure, places = plt.subplot_mosaic(
         [["0", "1", "2", "3"], ["energy"] * 4], figsize=(8.6, 5.4), height_ratios=(1, 1.2), layout="constrained"
     )
-    points = [point for frame in data["frames"] for point in frame]
-    margin = 0.01
-    low_high = [(min(p[c] for p in points) - margin, max(p[c] for p in points) + margin) for c in range(2)]
+    points = np.concatenate(data["frames"])
+    low, high = points.min(0) - 0.01, points.max(0) + 0.01
     for k, (at, frame) in enumerate(zip(data["times"], data["frames"])):
         axes = places[str(k)]
         axes.scatter([x for x, _ in frame], [y for _, y in frame], s=1.6, color=BLUE, linewidths=0)
         outline(axes, data["surfaces"][k], VERMILION, 1 / 64)
-        axes.set_aspect("equal")
-        axes.set_xlim(*low_high[0])
-        axes.set_ylim(*low_high[1])
+        axes.set(aspect="equal", xlim=(low[0], high[0]), ylim=(low[1], high[1]))
         axes.set(title=f"{at:g} s", xticks=[], yticks=[])
         axes.grid(False)
     series, axes = data["series"], places["energy"]
@@ -103,11 +98,8 @@ def readings_picture(data: Mapping[str, Any]) -> Any:
 
 VIEW = view_matrix(azimuth=32.0, elevation=24.0)
 LEDGER = (
-    ("energy", "all", GREY),
-    ("surface", "surface", VERMILION),
-    ("kinetic", "motion", BLUE),
-    ("bulk", "bulk", GREEN),
-)
+    ("energy", "all", GREY), ("surface", "surface", VERMILION), ("kinetic", "motion", BLUE), ("bulk", "bulk", GREEN),
+)  # fmt: skip
 
 
 def frames_of(result: Any, count: int) -> list[dict[str, Any]]:
@@ -226,8 +218,7 @@ def surfaces_picture(data: Mapping[str, Any]) -> Any:
                     if row["floor"]:
                         axes.axhline(0.0, color=GREY, linewidth=0.8)
                 words = f"{row['times'][k]:.3g} s"
-                axes.set_title(f"{row['words']}: {words}" if k == 0 else words, fontsize=8, fontweight="normal",
-                               loc="center")  # fmt: skip
+                plain_title(axes, f"{row['words']}: {words}" if k == 0 else words, fontsize=8)
     return figure
 
 
@@ -307,23 +298,20 @@ def box_picture(data: Mapping[str, Any]) -> Any:
     extent = 1.04 * max(np.abs(vertices_of(f) - vertices_of(f).mean(0)).max() for f in data["frames"])
     for axes, at, frame in zip(above.subplots(1, count), data["times"], data["frames"]):
         shaded(axes, frame, extent)
-        axes.set_title(f"{at:g} s", loc="center", fontweight="normal")
+        plain_title(axes, f"{at:g} s")
     energy, drift, shape = below.subplots(1, 3)
     ledger_lines(energy, data["series"])
     energy.set_ylabel("energy [J]")
     energy.set_ylim(bottom=0)
     energy.set_title("Energy ledger")
+    time = data["series"]["time"]
     for (name, words, colour), scale in zip(
         (("momentum", "momentum / m v$_{max}$", BLUE), ("angular", "angular momentum / m v$_{max}$ R", ORANGE)),
         data["scales"],
     ):
         values = floats(data["series"][name])
-        drift.semilogy(
-            data["series"]["time"], np.maximum(values / values.max() * scale, 1e-20), color=colour, label=words
-        )
-    drift.semilogy(
-        data["series"]["time"], np.maximum(floats(data["series"]["centre"]), 1e-20), color=GREEN, label="centre / h"
-    )
+        drift.semilogy(time, np.maximum(values / values.max() * scale, 1e-20), color=colour, label=words)
+    drift.semilogy(time, np.maximum(floats(data["series"]["centre"]), 1e-20), color=GREEN, label="centre / h")
     drift.set(ylim=(1e-19, 1e0), xlabel="time [s]")
     drift.grid(axis="y")
     drift.legend(loc="upper right")
@@ -394,10 +382,8 @@ def settling_picture(data: Mapping[str, Any]) -> Any:
 
 
 DROPS = tuple(f"fine_{key}" for key in fine_runs.RUNS)  # runs at twice the resolution
-LEVEL, BAND = (
-    0.02,
-    0.76,
-)  # cells: rounding of the distances, and beyond which they are cut off: more than between two nodes
+LEVEL = 0.02  # cells: rounding of the distances
+BAND = 0.76  # cells, beyond which they are cut off: more than between two nodes
 BODIES = {"collision": "collision", "merging": "merging", "floor": "on a floor, {angle} degrees"}
 
 
@@ -439,7 +425,7 @@ def drops_picture(data: Mapping[str, Any]) -> Any:
             if row["floor"]:  # the floor stands still
                 middle[1] = 0.4 * extent
             lit(axes, upright(vertices), facets, extent, upright(middle[None])[0])
-            axes.set_title(f"{at:g} s", loc="center", fontweight="normal", fontsize=8)
+            plain_title(axes, f"{at:g} s", fontsize=8)
         line[0].text(0.0, 1.2, row["words"], transform=line[0].transAxes, fontsize=9, fontweight="bold")
     return figure
 
@@ -463,10 +449,8 @@ def collision_picture(data: Mapping[str, Any]) -> Any:
         axes.set_ylabel(f"energy [{unit}]")
         axes.set_ylim(bottom=0)
         momentum, angular, centre = (data["kept"][n][k] for n in ("momentum", "angular", "centre"))
-        axes.set_title(
-            f"{words}: drift of momentum {momentum:.0e},\nof angular momentum {angular:.0e}, the centre {centre:.0e} h",
-            fontsize=8.5,
-        )
+        words = f"{words}: drift of momentum {momentum:.0e},\nof angular momentum {angular:.0e}"
+        axes.set_title(f"{words}, the centre {centre:.0e} h", fontsize=8.5)
     return figure
 
 
@@ -537,14 +521,10 @@ def frequency_data(results: Results) -> dict[str, Any]:
              "damping_of_period")  # fmt: skip
     swings = {key: result.values for key, result in results.items() if key.startswith("swing_")}
     rows = {key.removeprefix("swing_"): {name: values[name] for name in names} for key, values in swings.items()}
-    ideal = {
-        dim: {name: results[f"potential_flow_{dim}"].values[name] for name in ("amplitudes", "ratios")}
-        for dim in ("2d", "3d")
-    }
-    return {
-        "title": "Mode 2 against Rayleigh's frequency", "rows": rows, "ideal": ideal,
-        "swing": results["swing_2d_16"].values["swing"], "radius": results["swing_2d_16"].values["radius_in_cells"],
-    }  # fmt: skip
+    flows = {dim: results[f"potential_flow_{dim}"].values for dim in ("2d", "3d")}
+    ideal = {dim: {name: flow[name] for name in ("amplitudes", "ratios")} for dim, flow in flows.items()}
+    one = {name: swings["swing_2d_16"][own] for name, own in (("swing", "swing"), ("radius", "radius_in_cells"))}
+    return {"title": "Mode 2 against Rayleigh's frequency", "rows": rows, "ideal": ideal, **one}
 
 
 def frequency_picture(data: Mapping[str, Any]) -> Any:
@@ -646,7 +626,7 @@ def example_picture(data: Mapping[str, Any]) -> Any:
     extent = 1.04 * max(np.abs(vertices_of(f) - vertices_of(f).mean(0)).max() for f in data["frames"])
     for axes, at, frame in zip(panels, data["times"], data["frames"]):
         shaded(axes, frame, extent)
-        axes.set_title(f"{1e3 * at:g} ms", loc="center", fontweight="normal")
+        plain_title(axes, f"{1e3 * at:g} ms")
     return figure
 
 
@@ -656,27 +636,13 @@ PICTURES = (
     Picture("mpm_surfaces", surfaces_data, surfaces_picture, tuple(SURFACES), shaded=True),
     Picture("mpm_ledgers", ledgers_data, ledgers_picture, tuple(LEDGERS)),
     Picture("mpm_box", box_data, box_picture, ("box", "box_default")),
-    Picture(
-        "mpm_settling",
-        settling_data,
-        settling_picture,
-        ("box", "box_thin"),
-    ),
+    Picture("mpm_settling", settling_data, settling_picture, ("box", "box_thin")),
     Picture("mpm_drops", drops_data, drops_picture, DROPS, shaded=True),
     Picture("mpm_collision", collision_data, collision_picture, ("collision_2d", "collision_3d")),
-    Picture(
-        "mpm_floor",
-        floor_data,
-        floor_picture,
-        tuple(f"{size}_{a}" for size in ("floor_2d", "floor_3d") for a in ANGLES),
-    ),
+    Picture("mpm_floor", floor_data, floor_picture, tuple(f"floor_{d}d_{a}" for d in (2, 3) for a in ANGLES)),
     Picture("mpm_pressure", pressure_data, pressure_picture, ("rest_2d_22_enclosing_0",)),
-    Picture(
-        "mpm_frequency",
-        frequency_data,
-        frequency_picture,
-        ("swing_2d_22", "swing_3d_9", "potential_flow_2d", "potential_flow_3d"),
-    ),
+    Picture("mpm_frequency", frequency_data, frequency_picture,
+            ("swing_2d_22", "swing_3d_9", "potential_flow_2d", "potential_flow_3d")),
     Picture("mpm_example", example_data, example_picture, ("example",)),
     Picture("mpm_sheet", sheet_data, sheet_picture, ("sheet",)),
-)
+)  # fmt: skip

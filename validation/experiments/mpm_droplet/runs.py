@@ -29,8 +29,8 @@ from refsim.scene.files import load_scene
 from refsim.scene.plan import make_plan
 from refsim.sparse_grid.reference import node_table
 from refsim.surface_energy import Tension
-from validation.checks import Checks
-from validation.experiment import Experiment, Family, Measure, Options, Results, Run, alike
+from validation.checks import Checks, Quantities
+from validation.experiment import Experiment, Family, Measure, Options, Results, Run, alike, each, every
 from validation.experiments.mpm_droplet.scene import (
     CELLS,
     MODULUS,
@@ -45,8 +45,8 @@ from validation.metrics.mpm import CELL, DENSITY, Transfers, ball, round_trip
 from validation.metrics.mpm import MODULUS as BULK_MODULUS
 from validation.peers import taichi_mpm
 from validation.results import Result, real
-from validation.running import Context
-from validation.trials import Cell, StabilityMap, Trial, largest_stable
+from validation.running import Context, note
+from validation.trials import Cell, StabilityMap, Trial, hard_case, largest_stable
 
 Array = NDArray[np.float64]
 
@@ -175,8 +175,7 @@ class Ledger:
             "particle_anisotropy": anisotropy(x, dim), "least_ratio": float(ratio.min()),
             "greatest_ratio": float(ratio.max()),
         }  # fmt: skip
-        for name, value in row.items():
-            self.series.setdefault(name, []).append(value)
+        note(self.series, row)
 
     def _turning(self, x: Array, v: Array) -> Array:
         """Angular momentum about the first centre: sum m (x cross v), and what the affine matrices carry, A D."""
@@ -298,7 +297,7 @@ def compressible(radius: float, dim: int, modulus: float, tension: float = 1.0, 
 def spreads(run: Simulation) -> Array:
     """D of each particle's cluster (n, 3, 3) [m^2], h^2/4 along an axis without embedded points."""
     packed = run.field("inverse_spread").astype(float)
-    inverse = packed[:, [[0, 1, 2], [1, 3, 4], [2, 4, 5]]]
+    inverse = packed[:, SYMMETRIC]
     return run.plan.effects["mpm_liquid"].cell(run.plan.grid) ** 2 / 4 * np.linalg.inv(inverse)
 
 
@@ -382,18 +381,17 @@ def free_fall(context: Context, backend: str, dim: int) -> Result:
         effects=(MpmLiquid(bulk_modulus=1e5), Gravity(acceleration=tuple(pull))),
     )  # fmt: skip
     run = context.simulation(scene, backend)
+    return Result({"error": off_free_fall(run, velocity, pull, 200), "time": run.time})
+
+
+def off_free_fall(run: Simulation, velocity: Array, pull: Array, steps: int) -> float:
+    """Largest distance from x + sum of dt v after so many steps, over the largest displacement."""
     start, displacement = run.field("position"), np.zeros(3)
-    for k in range(200):
+    for _ in range(steps):
         length = run.step().length
         velocity = velocity + length * pull
         displacement = displacement + length * velocity
-        context.progress(k / 200)
-    return Result(
-        {
-            "error": float(abs(run.field("position") - start - displacement).max() / abs(displacement).max()),
-            "time": run.time,
-        }
-    )
+    return float(abs(run.field("position") - start - displacement).max() / abs(displacement).max())
 
 
 def square(context: Context, backend: str, embedding: str, cells: int, until: float) -> Result:
@@ -430,8 +428,7 @@ def square(context: Context, backend: str, embedding: str, cells: int, until: fl
                 continue
             row = ledger(run, mass, centre, radius, h)
             peak = max(peak, row.pop("speed"))
-            for name, value in row.items():
-                series.setdefault(name, []).append(value)
+            note(series, row)
             context.progress(run.steps / total)
     except RunStopped as stop:
         stopped = f"{stop.reason} in step {run.steps}"
@@ -490,16 +487,14 @@ def against_taichi(
         "ratio": float(run.field("volume_ratio").astype(float).std()),
     }
     ratios = [a / b for a, b in zip(other, own, strict=True)]
-    return Result(
-        {
-            "missing": "", "particles": run.count, "threads": threads, "version": peer["version"], "order": order,
-            "own": own, "peer": other, "ratios": ratios, "ratio": statistics.median(ratios),
-            "difference": max(
-                float(np.abs(np.subtract(here["centre"], peer["centre"])).max() / BLOCK["spacing"]),
-                abs(here["speed"] / peer["speed"] - 1), abs(here["ratio"] / peer["ratio"] - 1),
-            ),
-        }
-    )  # fmt: skip
+    return Result({
+        "missing": "", "particles": run.count, "threads": threads, "version": peer["version"], "order": order,
+        "own": own, "peer": other, "ratios": ratios, "ratio": statistics.median(ratios),
+        "difference": max(
+            float(np.abs(np.subtract(here["centre"], peer["centre"])).max() / BLOCK["spacing"]),
+            abs(here["speed"] / peer["speed"] - 1), abs(here["ratio"] / peer["ratio"] - 1),
+        ),
+    })  # fmt: skip
 
 
 def plain_block(context: Context, block: dict[str, Any], threads: int, backend: str) -> tuple[Simulation, float]:
@@ -534,13 +529,9 @@ SIDES = (1.3, 1.0, 0.8)  # of the box that becomes a sphere
 
 
 def follow(
-    context: Context,
-    run: Simulation,
-    until: float,
-    rows: int,
-    shown: Sequence[float] = (),
+    context: Context, run: Simulation, until: float, rows: int, shown: Sequence[float] = (),
     each: Callable[[Simulation], None] | None = None,
-) -> tuple[Ledger, dict[str, np.ndarray], str]:
+) -> tuple[Ledger, dict[str, np.ndarray], str]:  # fmt: skip
     """Step to `until` [s]: (ledger of `rows` rows, surfaces nearest after the times `shown`, why it stopped or "").
 
     each  called after every step
@@ -569,6 +560,15 @@ def follow(
     return ledger, kept, stopped
 
 
+def told(
+    run: Simulation, followed: tuple[Ledger, dict[str, np.ndarray], str], shown: Sequence[float] = (), **more: Any
+) -> Result:
+    """What a run that was followed gave, and more values."""
+    ledger, kept, stopped = followed
+    values = {"stopped": stopped, "dim": ledger.dim, "shown": list(shown), "series": ledger.series, "steps": run.steps}
+    return Result({**values, **ledger.summary(), **more}, kept)
+
+
 def rounding(
     context: Context, backend: str, shape: str, size: float, until: float, shown: Sequence[float] = (),
     tension: Mapping[str, Any] | None = None, liquid: Mapping[str, Any] | None = None, rows: int = 120, seed: int = 3,
@@ -587,14 +587,10 @@ def rounding(
         place = box([size] * dim, per=per)
     scene = drop_scene(place, dim, tension=dict(tension or {}), liquid=dict(liquid or {}), cell=cell, per=per)
     run = context.simulation(scene, backend)
-    ledger, kept, stopped = follow(context, run, until, rows, shown)
-    return Result(
-        {"stopped": stopped, "dim": dim, "shown": list(shown), "steps": run.steps, "series": ledger.series,
-         "last": late(ledger.series), "chance": anisotropy_of_chance(run.count, dim),
-         "cut": anisotropy_of_cut(radius_of(run.count, dim, per), dim, per),
-         "inside": evenness(run), **ledger.summary()},
-        kept,
-    )  # fmt: skip
+    followed = follow(context, run, until, rows, shown)
+    cut = anisotropy_of_cut(radius_of(run.count, dim, per), dim, per)
+    return told(run, followed, shown, last=late(followed[0].series), chance=anisotropy_of_chance(run.count, dim),
+                cut=cut, inside=evenness(run))  # fmt: skip
 
 
 def erratum(context: Context, backend: str, printed: str, dim: int, size: float, until: float) -> Result:
@@ -679,12 +675,7 @@ def at_rest(
         place, dim, tension=dict(tension or {}), liquid={"bulk_modulus": modulus}, balanced=True, dtype=dtype, step=step
     )
     run = context.simulation(scene, backend)
-    ledger, kept, stopped = follow(context, run, until, 60, shown)
-    return Result(
-        {"stopped": stopped, "dim": dim, "shown": list(shown), "series": ledger.series, **ledger.summary(),
-         "steps": run.steps},
-        kept,
-    )  # fmt: skip
+    return told(run, follow(context, run, until, 60, shown), shown)
 
 
 def oscillation(
@@ -709,34 +700,22 @@ def oscillation(
     until = periods * 2 * math.pi / first
     times, value = [], []
 
-    def note(run: Simulation) -> None:
+    def look(run: Simulation) -> None:
         if run.steps % 4 == 0:
             times.append(run.time)
             value.append(deformation(run.field("position"), dim))
 
     instants = [share * 2 * math.pi / first for share in shown]
-    ledger, kept, stopped = follow(context, run, until, 60, instants, note)
+    ledger, kept, stopped = follow(context, run, until, 60, instants, look)
     fit = damped_cosine(np.array(times), np.array(value), first)
-    series = ledger.series
-    area = float(np.mean(series["area"])) / round_area_of_ellipse(amplitude, dim)
     inertia = inertia_share(run) if embedding != "none" else float("nan")
-    return Result(
-        {
-            "stopped": stopped, "dim": dim, "radius_in_cells": radius, "amplitude": amplitude, "modulus": modulus,
-            "ratio": fit["frequency"] / first, "ratio_error": fit["error"] / first, "damping": fit["damping"],
-            "damping_of_period": fit["damping"] * 2 * math.pi / first, "misfit": fit["misfit"],
-            "fitted_amplitude": fit["amplitude"], "inertia": inertia, "area_share": area,
-            "compressible": compressible(metres, dim, modulus), "series": series, **ledger.summary(),
-            "swing": {"time": times[::4], "value": value[::4]}, "steps": run.steps, "shown": instants,
-        },
-        kept,
+    turn = 2 * math.pi / first
+    return told(
+        run, (ledger, kept, stopped), instants, amplitude=amplitude, modulus=modulus,
+        ratio=fit["frequency"] / first, ratio_error=fit["error"] / first, damping=fit["damping"],
+        damping_of_period=fit["damping"] * turn, misfit=fit["misfit"], inertia=inertia,
+        compressible=compressible(metres, dim, modulus), swing={"time": times[::4], "value": value[::4]},
     )  # fmt: skip
-
-
-def round_area_of_ellipse(amplitude: float, dim: int) -> float:
-    """Mean area over a swing of an ellipse (spheroid) of this amplitude over that of the ball: 1 + O(amplitude^2)."""
-    # in the plane 1 + 3 s^2/8 on average with a = R (1 + s cos wt); in space 1 + s^2/5
-    return 1 + (0.375 if dim == 2 else 0.2) * amplitude**2
 
 
 def potential_flow(context: Context, amplitudes: Sequence[float], modes: int = 12, dim: int = 2) -> Result:
@@ -810,17 +789,11 @@ def collision(
     velocity[: len(single), 0], velocity[len(single) :, 0] = speed, -speed
     scene = drop_scene(place, dim, velocity=velocity, tension={"embedding": embedding, **(tension or {})}, step=step)
     run = context.simulation(scene, backend)
-    ledger, kept, stopped = follow(context, run, until, 120, shown)
+    followed = follow(context, run, until, 120, shown)
     # both drops turn about the common centre: L is not zero here, its drift is
-    first = ledger.series["angular"][0]
-    drift = max(abs(a - first) for a in ledger.series["angular"])
-    summary = ledger.summary()
+    ledger, turning = followed[0], followed[0].series["angular"]
     scale = float(ledger.mass.sum()) * ledger.fastest * ledger.radius
-    return Result(
-        {"stopped": stopped, "dim": dim, "shown": list(shown), "series": ledger.series, **summary,
-         "angular": drift / scale, "steps": run.steps},
-        kept,
-    )  # fmt: skip
+    return told(run, followed, shown, angular=max(abs(a - turning[0]) for a in turning) / scale)
 
 
 def on_floor(
@@ -835,28 +808,21 @@ def on_floor(
     wet = {"contact_angle": float(angle), **(tension or {})}
     scene = drop_scene(place, dim, tension=wet, liquid=dict(liquid or {}), walls=walls)
     run = context.simulation(scene, backend)
-    h, angles_seen, times = CELLS[dim], [], []
+    h, times = CELLS[dim], []
     fits: list[dict[str, float]] = []
 
-    def note(run: Simulation) -> None:
+    def look(run: Simulation) -> None:
         if run.steps % 10 == 0:
-            samples = surface_of(run).samples
-            position = run.backend.host(samples.position).astype(float)
-            fits.append(contact(position, 0.0, h, dim))
+            fits.append(contact(run.backend.host(surface_of(run).samples.position).astype(float), 0.0, h, dim))
             height = float(run.field("position")[:, 1].mean())
             fits[-1]["angle_of_mass"] = angle_of_mass(height, run.count * (h / 2) ** dim, dim)
             times.append(run.time)
-            angles_seen.append(fits[-1]["angle"])
 
-    ledger, kept, stopped = follow(context, run, until, 60, shown, note)
+    followed = follow(context, run, until, 60, shown, look)
     late = fits[len(fits) // 2 :]
     made = {name: float(np.mean([f[name] for f in late])) for name in late[0]}
     spread = float(np.std([f["angle"] for f in late]))
-    return Result(
-        {"stopped": stopped, "dim": dim, "asked": angle, "shown": list(shown), "time": times, "angles": angles_seen,
-         **ledger.summary(), **made, "spread": spread, "series": ledger.series, "steps": run.steps},
-        kept,
-    )  # fmt: skip
+    return told(run, followed, shown, asked=angle, time=times, angles=[f["angle"] for f in fits], **made, spread=spread)
 
 
 def sheet(context: Context, backend: str, length: float, thick: float, tension: float, until: float,
@@ -867,33 +833,25 @@ def sheet(context: Context, backend: str, length: float, thick: float, tension: 
     run = context.simulation(scene, backend)
     times, width = [], []
 
-    def note(run: Simulation) -> None:
+    def look(run: Simulation) -> None:
         x = run.field("position")[:, 0]
         times.append(run.time)
         width.append(float(x.max() - x.min()) / CELLS[2])
 
-    ledger, kept, stopped = follow(context, run, until, 60, shown, note)
+    followed = follow(context, run, until, 60, shown, look)
     culick = math.sqrt(2 * tension / (thick * CELLS[2]))
     t, w = np.array(times), np.array(width)
     held = (w < 0.9 * length) & (w > 0.5 * length)
     speed = -0.5 * float(np.polyfit(t[held], w[held], 1)[0]) * CELLS[2] if held.sum() > 5 else float("nan")
-    return Result(
-        {"stopped": stopped, "dim": 2, "shown": list(shown), "series": ledger.series, **ledger.summary(),
-         "speed": speed, "culick": culick, "width": {"time": times[::5], "value": width[::5]}, "steps": run.steps},
-        kept,
-    )  # fmt: skip
+    seen = {"time": times[::5], "value": width[::5]}
+    return told(run, followed, shown, speed=speed, culick=culick, width=seen)
 
 
 def example(context: Context, backend: str, until: float, shown: Sequence[float]) -> Result:
     """The scene file refsim/examples/mpm_droplet.toml, as `refsim run` runs it, and its surface."""
-    plan = load_scene(EXAMPLE)
-    run = context.simulation(plan, backend)
-    ledger, kept, stopped = follow(context, run, until, 60, shown)
-    return Result(
-        {"stopped": stopped, "dim": 3, "shown": list(shown), "series": ledger.series, **ledger.summary(),
-         "steps": run.steps, "millimetres": 1e3 * ledger.h},
-        kept,
-    )  # fmt: skip
+    run = context.simulation(load_scene(EXAMPLE), backend)
+    followed = follow(context, run, until, 60, shown)
+    return told(run, followed, shown, millimetres=1e3 * followed[0].h)
 
 
 # Drops in space at twice the resolution of `drops`, for pictures: the smooth surface around their particles.
@@ -1088,48 +1046,18 @@ def backward_euler(t: Transfers, ratio: np.ndarray, heavy: np.ndarray) -> np.nda
     return spsolve((diags_array(inertia) + stiffness).tocsc(), known).reshape(-1, 2)
 
 
-def _momenta(options: Options) -> list[Run]:
-    return [Run(f"claim_momentum_{seed}", momentum, {"seed": seed}, estimate=3.0) for seed in SEEDS]
-
-
-def _vortices(options: Options) -> list[Run]:
-    return [
-        Run(
-            f"claim_vortices_{cells}_{'apic' if affine else 'pic'}", vortices,
-            {"cells": cells, "affine": affine, "backend": options.backend}, estimate=4.0,
-        )
-        for cells in ROOMS
-        for affine in (True, False)
-    ]  # fmt: skip
-
-
-def _blocks(options: Options) -> list[Run]:
-    return [
-        Run(
-            f"claim_breathing_{cells}_{'implicit' if implicit else 'explicit'}", breathing,
-            {"cells": cells, "implicit": implicit}, estimate=6.0,
-        )
-        for cells in SIZES
-        for implicit in (False, True)
-    ]  # fmt: skip
-
-
 def _steps(row: str) -> Callable[[Options], list[Run]]:
     """Cells of the stability map, so that they are computed once: without embedding, and with it."""
 
     def runs(options: Options) -> list[Run]:
         cells = {(cell.row, cell.column): cell for cell in STEPS.cells}
-        chosen = [cells[each, column] for column in LIQUIDS_COMPARED for each in ("none, no inset", row)]
+        chosen = [cells[name, column] for column in LIQUIDS_COMPARED for name in ("none, no inset", row)]
         return [
             Run(f"{STEPS.name}.{c.key}", c.function, {**c.parameters, "backend": options.backend}, estimate=c.seconds)
             for c in chosen
         ]
 
     return runs
-
-
-def _each(name: str) -> Callable[[Results], list[float]]:
-    return lambda results: [real(result.values[name]) for result in results.values()]
 
 
 def _pairs(name: str) -> Callable[[Results], list[float]]:
@@ -1142,12 +1070,21 @@ def _pairs(name: str) -> Callable[[Results], list[float]]:
     return values
 
 
-MPM_MOMENTUM_NONE = Measure(_momenta, _each("none"))
-MPM_MOMENTUM_CLUSTER = Measure(_momenta, _each("cluster"))
-MPM_MOMENTUM_THESIS = Measure(_momenta, _each("thesis"))
-MPM_MOMENTUM_GRADIENT_CORRECTED = Measure(_momenta, _each("gradient_corrected"))
-MPM_PIC_IS_VISCOUS = Measure(_vortices, _pairs("rate"))
-MPM_EXPLICIT_KEEPS_ENERGY = Measure(_blocks, _pairs("lost"))
+MOMENTA = every(momentum, {f"claim_momentum_{seed}": {"seed": seed} for seed in SEEDS}, 3.0)
+MPM_MOMENTUM_NONE = Measure(MOMENTA, each("none"))
+MPM_MOMENTUM_CLUSTER = Measure(MOMENTA, each("cluster"))
+MPM_MOMENTUM_THESIS = Measure(MOMENTA, each("thesis"))
+MPM_MOMENTUM_GRADIENT_CORRECTED = Measure(MOMENTA, each("gradient_corrected"))
+VORTICES = {
+    f"claim_vortices_{cells}_{'apic' if affine else 'pic'}": {"cells": cells, "affine": affine}
+    for cells in ROOMS for affine in (True, False)
+}  # fmt: skip
+BLOCKS = {
+    f"claim_breathing_{cells}_{'implicit' if implicit else 'explicit'}": {"cells": cells, "implicit": implicit}
+    for cells in SIZES for implicit in (False, True)
+}  # fmt: skip
+MPM_PIC_IS_VISCOUS = Measure(every(vortices, VORTICES, 4.0), _pairs("rate"))
+MPM_EXPLICIT_KEEPS_ENERGY = Measure(every(breathing, BLOCKS, 6.0), _pairs("lost"))
 MPM_CLUSTER_STEADIES = Measure(_steps("cluster, no inset"), _pairs("largest"), quick=False)
 MPM_THESIS_STEADIES = Measure(_steps("thesis (4.14), no inset"), _pairs("largest"), quick=False)
 
@@ -1236,16 +1173,14 @@ class HardLedger:
         liquid, tension = run.plan.effects["mpm_liquid"], run.plan.effects.get("surface_energy")
         kinetic = 0.5 * float(m @ (v**2).sum(1))
         bulk = 0.5 * liquid.bulk_modulus / liquid.rest_density * float(m @ (ratio - 1) ** 2)
-        self.rows.append(
-            {
-                "momentum": float(np.abs(m @ v).max()), "speed": float(np.sqrt((v**2).sum(1).max())),
-                "angular": angular, "kinetic": kinetic, "ratio": float(ratio.min()),
-                "energy": kinetic + bulk + (tension.surface_tension if tension else 0.0) * area,
-                "extent": float(np.ptp(x, axis=0).max()), "size": float(np.linalg.norm(x - centre, axis=1).max()),
-                "mass": float(m.sum()), "steps": run.steps,
-                "samples": float(surface.latest.samples.count.max()) if area == area else 0.0,
-            }
-        )  # fmt: skip
+        self.rows.append({
+            "momentum": float(np.abs(m @ v).max()), "speed": float(np.sqrt((v**2).sum(1).max())),
+            "angular": angular, "kinetic": kinetic, "ratio": float(ratio.min()),
+            "energy": kinetic + bulk + (tension.surface_tension if tension else 0.0) * area,
+            "extent": float(np.ptp(x, axis=0).max()), "size": float(np.linalg.norm(x - centre, axis=1).max()),
+            "mass": float(m.sum()), "steps": run.steps,
+            "samples": float(surface.latest.samples.count.max()) if area == area else 0.0,
+        })  # fmt: skip
 
     def last(self, name: str) -> float:
         """The latest value."""
@@ -1320,10 +1255,9 @@ def free_body(
 
 def _spread(run: Simulation) -> NDArray:
     """D of each particle (n, 3, 3) [m^2]."""
-    unit = HARD_CELLS[run.plan.grid.dim] ** 2 / 4
     if run.steps and "inverse_spread" in run.fields:
-        return unit * np.linalg.inv(run.field("inverse_spread")[:, SYMMETRIC])
-    return np.broadcast_to(unit * np.eye(3), (run.count, 3, 3))
+        return spreads(run)
+    return np.broadcast_to(HARD_CELLS[run.plan.grid.dim] ** 2 / 4 * np.eye(3), (run.count, 3, 3))
 
 
 def _own_spin(affine: NDArray, spread: NDArray) -> NDArray:
@@ -1343,156 +1277,128 @@ def _turning(mass: NDArray, state: tuple[NDArray, ...], spread: NDArray) -> floa
 # Hard cases
 
 
-def isolated(context: Context, backend: str, smallest: int) -> Result:
+@hard_case
+def isolated(trial: Trial, smallest: int) -> None:
     """Sixty particles without neighbours fly apart; with smallest = 1 surface tension acts on each."""
-    trial = Trial(context, backend)
     random = np.random.default_rng(7)
     place = 8.0 * np.array(list(itertools.product(range(10), range(6), [0.0]))) + [0.3, 0.1, 0.0]
     velocity = np.pad(random.normal(size=(60, 2)), ((0, 0), (0, 1)))
-    with trial.ending():
-        run = trial.start(liquid(place, velocity=velocity, smallest=smallest))
-        start = run.field("position")
-        trial.advance(run, until=0.01)
-        displacement = np.abs(run.field("position") - start - run.time * velocity).max()
-        trial.check("displacement less v t [h]", displacement / HARD_CELLS[2], at_most=1e-9)
-        trial.check("area under tension", float(run._shared["surface"].sample_area.sum()), equals=0)
-    return trial.result()
+    run = trial.start(liquid(place, velocity=velocity, smallest=smallest))
+    start = run.field("position")
+    trial.advance(run, until=0.01)
+    displacement = np.abs(run.field("position") - start - run.time * velocity).max()
+    trial.check("displacement less v t [h]", displacement / HARD_CELLS[2], at_most=1e-9)
+    trial.check("area under tension", float(run._shared["surface"].sample_area.sum()), equals=0)
 
 
-def filament(context: Context, backend: str, tension: float = TENSION) -> Result:
+@hard_case
+def filament(trial: Trial, tension: float = TENSION) -> None:
     """A row of particles one particle wide."""
-    trial = Trial(context, backend)
     place = np.zeros((80, 3))
     place[:, 0] = 0.5 * np.arange(80) + 0.13
     place[:, 1] = 0.41
-    with trial.ending():
-        run = trial.start(liquid(place, tension=tension))
-        run.evaluate()
-        trial.check("inner particles recognised as a filament", int((run.field("extent") == 1).sum()), at_least=76)
-        trial.advance(run, until=0.5)
-    return trial.result()
+    run = trial.start(liquid(place, tension=tension))
+    run.evaluate()
+    trial.check("inner particles recognised as a filament", int((run.field("extent") == 1).sum()), at_least=76)
+    trial.advance(run, until=0.5)
 
 
-def hard_sheet(context: Context, backend: str) -> Result:
+@hard_case
+def hard_sheet(trial: Trial) -> None:
     """A sheet of 40 by 1 cells, two particles thick, draws in."""
-    trial = Trial(context, backend)
-    with trial.ending():
-        ledger = free_body(trial, liquid(block((40, 1)), tension=0.1), 0.3)
-        trial.check("extent over the start's", ledger.last("extent") / ledger.rows[0]["extent"], at_most=0.95)
-    return trial.result()
+    ledger = free_body(trial, liquid(block((40, 1)), tension=0.1), 0.3)
+    trial.check("extent over the start's", ledger.last("extent") / ledger.rows[0]["extent"], at_most=0.95)
 
 
-def close_drops(context: Context, backend: str, gap: float) -> Result:
+@hard_case
+def close_drops(trial: Trial, gap: float) -> None:
     """Two drops nearer than 2 r share one surface, and run together."""
-    trial = Trial(context, backend)
     one = disc(6.0)
-    with trial.ending():
-        place = np.vstack([one, one + [12.0 + gap, 0.37, 0.0]])
-        ledger = free_body(trial, liquid(place), 0.2, angular=REMADE)
-        size = context.started[-1][1]._shared["surface"].latest.component_size
-        trial.check("particles in one component", float(np.asarray(size).min()), equals=len(place))
-        trial.check("extent over the start's", ledger.last("extent") / ledger.rows[0]["extent"], at_most=0.98)
-    return trial.result()
+    place = np.vstack([one, one + [12.0 + gap, 0.37, 0.0]])
+    ledger = free_body(trial, liquid(place), 0.2, angular=REMADE)
+    size = trial.context.started[-1][1]._shared["surface"].latest.component_size
+    trial.check("particles in one component", float(np.asarray(size).min()), equals=len(place))
+    trial.check("extent over the start's", ledger.last("extent") / ledger.rows[0]["extent"], at_most=0.98)
 
 
-def cavity(context: Context, backend: str) -> Result:
+@hard_case
+def cavity(trial: Trial) -> None:
     """A hole narrower than 2 r has no surface: without tension it closes only as the liquid around it moves."""
-    trial = Trial(context, backend)
     place = disc(9.0)
     place = place[np.linalg.norm(place, axis=1) > 1.1]
-    with trial.ending():
-        free_body(trial, liquid(place), 0.1)
-        sample = context.started[-1][1]._shared["surface"].sample_position / HARD_CELLS[2]
-        trial.check("samples in the hole", int((np.linalg.norm(sample, axis=1) < 3).sum()), equals=0)
-    return trial.result()
+    free_body(trial, liquid(place), 0.1)
+    sample = trial.context.started[-1][1]._shared["surface"].sample_position / HARD_CELLS[2]
+    trial.check("samples in the hole", int((np.linalg.norm(sample, axis=1) < 3).sum()), equals=0)
 
 
-def far_end(context: Context, backend: str, cells: float, velocity: float) -> Result:
+@hard_case
+def far_end(trial: Trial, cells: float, velocity: float) -> None:
     """A drop `cells` before the last cell of the grid; with a velocity [m/s] it flies over it."""
-    trial = Trial(context, backend)
-    with trial.ending():
-        place = disc(3.0) + [FARTHEST - cells, -FARTHEST + cells, 0.0]
-        free_body(trial, liquid(place, velocity=(velocity, 0.0, 0.0)), 0.02)
-    return trial.result()
+    place = disc(3.0) + [FARTHEST - cells, -FARTHEST + cells, 0.0]
+    free_body(trial, liquid(place, velocity=(velocity, 0.0, 0.0)), 0.02)
 
 
-def on_nodes(context: Context, backend: str) -> Result:
+@hard_case
+def on_nodes(trial: Trial) -> None:
     """A square whose particles stand on nodes and in the middle between them: every floor is a tie."""
-    trial = Trial(context, backend)
-    with trial.ending():
-        place = block((8, 8), (-0.25, -0.25, 0.0))
-        assert not np.any((2 * place) % 1)
-        free_body(trial, liquid(place), 0.1)
-    return trial.result()
+    place = block((8, 8), (-0.25, -0.25, 0.0))
+    assert not np.any((2 * place) % 1)
+    free_body(trial, liquid(place), 0.1)
 
 
-def spin(context: Context, backend: str) -> Result:
+@hard_case
+def spin(trial: Trial) -> None:
     """A disc of radius 8 h turns with 20 rad/s."""
-    trial = Trial(context, backend)
     place = disc(8.0)
     centre = place.mean(0)
     velocity = HARD_SPIN * HARD_CELLS[2] * np.cross([0, 0, 1], place - centre)
-    with trial.ending():
-        ledger = free_body(trial, liquid(place, velocity=velocity), 0.2, angular=REMADE)
-        share = min(row["kinetic"] for row in ledger.rows) / ledger.rows[0]["kinetic"]
-        trial.check("least kinetic energy over the start's", share, at_least=0.9)
-    return trial.result()
+    ledger = free_body(trial, liquid(place, velocity=velocity), 0.2, angular=REMADE)
+    share = min(row["kinetic"] for row in ledger.rows) / ledger.rows[0]["kinetic"]
+    trial.check("least kinetic energy over the start's", share, at_least=0.9)
 
 
-def hard_square(context: Context, backend: str, tension: float, modulus: float, cells: int = 10) -> Result:
+@hard_case
+def hard_square(trial: Trial, tension: float, modulus: float, cells: int = 10) -> None:
     """A square becomes a disc under another tension or stiffness."""
-    trial = Trial(context, backend)
-    with trial.ending():
-        free_body(trial, liquid(block((cells, cells)), tension=tension, modulus=modulus), 0.1, angular=REMADE)
-    return trial.result()
+    free_body(trial, liquid(block((cells, cells)), tension=tension, modulus=modulus), 0.1, angular=REMADE)
 
 
-def many_samples(context: Context, backend: str) -> Result:
+@hard_case
+def many_samples(trial: Trial) -> None:
     """A ball whose surface stays at r: some particles are the nearest of more than ten samples."""
-    trial = Trial(context, backend)
-    with trial.ending():
-        ledger = free_body(trial, liquid(block((4, 4, 4)), 3, inset=-1.0), 0.01, every=1, angular=REMADE)
-        trial.check("largest C_p", max(row["samples"] for row in ledger.rows), at_least=11)
-    return trial.result()
+    ledger = free_body(trial, liquid(block((4, 4, 4)), 3, inset=-1.0), 0.01, every=1, angular=REMADE)
+    trial.check("largest C_p", max(row["samples"] for row in ledger.rows), at_least=11)
 
 
-def no_particle(context: Context, backend: str) -> Result:
+@hard_case
+def no_particle(trial: Trial) -> None:
     """A scene without particles."""
-    trial = Trial(context, backend)
     with trial.ending():
         trial.start(liquid(np.zeros((0, 3))))
     trial.check("the sentence says what to add", "add a fluid" in trial.message, equals=1)
-    return trial.result()
 
 
-def one(context: Context, backend: str, tension: float) -> Result:
+@hard_case
+def one(trial: Trial, tension: float) -> None:
     """One particle: plain liquid falls freely; with surface tension the scene is refused."""
-    trial = Trial(context, backend)
-    with trial.ending():
-        pull = np.array([0.3, -9.81, 0.0])
-        made = liquid(np.array([[0.3, 0.1, 0.0]]), tension=tension, extra=(Gravity(acceleration=tuple(pull)),))
-        run = trial.start(made)
-        start, v, displacement = run.field("position"), np.zeros(3), np.zeros(3)
-        for _ in range(50):
-            length = run.step().length
-            v = v + length * pull
-            displacement = displacement + length * v
-        trial.account(run)
-        error = np.abs(run.field("position") - start - displacement).max() / np.abs(displacement).max()
-        trial.check("displacement against free fall, relative", error, at_most=1e-12)
-    return trial.result()
+    pull = np.array([0.3, -9.81, 0.0])
+    made = liquid(np.array([[0.3, 0.1, 0.0]]), tension=tension, extra=(Gravity(acceleration=tuple(pull)),))
+    run = trial.start(made)
+    error = off_free_fall(run, np.zeros(3), pull, 50)
+    trial.account(run)
+    trial.check("displacement against free fall, relative", error, at_most=1e-12)
 
 
+@hard_case
 def as_printed(
-    context: Context, backend: str, dim: int, embedding: str, step: float, sign: bool, within: int, cells: int,
+    trial: Trial, dim: int, embedding: str, step: float, sign: bool, within: int, cells: int,
     halved_within: int = 0,
-) -> Result:  # fmt: skip
+) -> None:  # fmt: skip
     """The source's scheme, with its own sign or with the sign alone corrected, until it ends.
 
     halved_within  steps within which a J falls below 1/2; a run is then taken for
                    failed; its block then stands on the grid's nodes, and samples are the source's, Poisson disks
     """
-    trial = Trial(context, backend)
     place = block((cells,) * dim, *([(0.0, 0.0, 0.0)] if halved_within else []))
     made = liquid(
         place, dim, step=step, embedding=embedding, literal=("M31",) if sign else ("M1", "M31"),
@@ -1500,7 +1406,7 @@ def as_printed(
     )  # fmt: skip
     run, halved = None, 0
     with trial.ending():
-        run = context.simulation(unguarded(made, step), backend)
+        run = trial.context.simulation(unguarded(made, step), trial.backend)
         while run.steps < within:
             run.step()
             if not halved and run.field("volume_ratio").min() < 0.5:
@@ -1513,7 +1419,6 @@ def as_printed(
     if run is not None:
         trial.check("steps", run.steps, at_most=within)
         trial.check("places that are finite", int(np.isfinite(run.field("position")).all()), equals=1)
-    return trial.result()
 
 
 def unguarded(made: Scene, step: float) -> Any:
@@ -1635,45 +1540,19 @@ ANGLES = (60, 90, 120)
 # Blocks beside Taichi on a GPU: cells along an axis, order of the particles in memory, turns
 PEER_BLOCKS = ((64, "lattice", 3), (64, "cells", 3), (64, "random", 3), (128, "lattice", 2), (128, "random", 1),
                (128, "cells", 1))  # fmt: skip
-# Errata whose printed reading a run can take, and what it does
-ERRATA = {
-    "": "all corrections",
-    "M1": "the surface's force with the other sign",
-    "M3": "stress without the volume",
-    "M4": "stress without J",
-    "M5": "J moves without dt",
-    "M6": "stress through grad B",
-    "M7": "velocities of before the update",
-    THESIS: "embedding of (4.12), (4.14)",
-    "M13": "A starts as the unit matrix",
-    "M14": "a fit that never fits",
-    "M27": "twice the stress",
-    "M31": "the surface at r",
-    "M32": "15 cases",
-}
+# Errata whose printed reading a run can take; docs/errata.md says what each does
+ERRATA = ("", "M1", "M3", "M4", "M5", "M6", "M7", THESIS, "M13", "M14", "M27", "M31", "M32")
 
 RECOUNT = {"recount_time": 2e-3}  # ten steps
-# How long scenes hold: (what it is, parameters of `drops.held`)
-HELD: dict[str, tuple[str, dict[str, Any]]] = {
-    "square": ("square that becomes a disc", {"body": "square"}),
-    "square_none": ("the same, nothing embedded", {"body": "square", "tension": {"embedding": "none"}}),
-    "square_half": ("the same, half the step", {"body": "square", "step": 1e-4}),
-    "square_viscous": ("the same, viscosity 0.05", {"body": "square", "liquid": DAMPED}),
-    "square_recount": ("the same, recount_time of ten steps", {"body": "square", "tension": RECOUNT}),
-    "rest": ("disc at rest", {"body": "rest"}),
-    "rest_viscous": ("the same, viscosity 0.05", {"body": "rest", "liquid": DAMPED}),
-    "rest_recount": ("the same, recount_time of ten steps", {"body": "rest", "tension": RECOUNT}),
-    "turn": ("disc that turns, 20 rad/s", {"body": "turn"}),
-    "turn_gradient": ('the same, volume = "gradient"', {"body": "turn", "liquid": {"volume": "gradient"}}),
-    "turn_recount": (
-        'the same, volume = "gradient" and recount_time of ten steps',
-        {"body": "turn", "liquid": {"volume": "gradient"}, "tension": RECOUNT},
-    ),
-    "swing": ("disc that swings by 10 %", {"body": "swing"}),
-    "meet": ("two discs that meet", {"body": "meet"}),
-    "sheet": ("sheet, one cell thick", {"body": "sheet"}),
-    "ball": ("ball at rest, R = 6 h, in space", {"body": "rest", "dim": 3, "until": 1.0}),
-    "box": ("box that becomes a ball, in space", {"body": "box", "dim": 3, "until": 0.5}),
+HELD: dict[str, dict[str, Any]] = {  # how long scenes hold: parameters of `held`
+    "square": {"body": "square"}, "square_none": {"body": "square", "tension": {"embedding": "none"}},
+    "square_half": {"body": "square", "step": 1e-4}, "square_viscous": {"body": "square", "liquid": DAMPED},
+    "square_recount": {"body": "square", "tension": RECOUNT}, "rest": {"body": "rest"},
+    "rest_viscous": {"body": "rest", "liquid": DAMPED}, "rest_recount": {"body": "rest", "tension": RECOUNT},
+    "turn": {"body": "turn"}, "turn_gradient": {"body": "turn", "liquid": {"volume": "gradient"}},
+    "turn_recount": {"body": "turn", "liquid": {"volume": "gradient"}, "tension": RECOUNT},
+    "swing": {"body": "swing"}, "meet": {"body": "meet"}, "sheet": {"body": "sheet"},
+    "ball": {"body": "rest", "dim": 3, "until": 1.0}, "box": {"body": "box", "dim": 3, "until": 0.5},
 }  # fmt: skip
 
 
@@ -1736,7 +1615,7 @@ def bodies(options: Options) -> list[Run]:
         for dim, size, until in ((2, 12.0, 0.15), (3, 6.0, 0.06)):
             key = f"erratum_{dim}d_{printed.replace(', ', '_') or 'none'}"
             add(key, erratum, 6.0, printed=printed, dim=dim, size=size, until=until)
-    for key, (_, scene) in HELD.items():
+    for key, scene in HELD.items():
         seconds = 150.0 if scene.get("dim") == 3 else 30.0
         add(f"held_{key}", held, seconds, **{"until": 2.0, **scene})
     add("small_held", held, 1.0, True, body="meet", until=0.02)
@@ -1750,50 +1629,44 @@ def bodies(options: Options) -> list[Run]:
 
 def planned(options: Options) -> list[Run]:
     """The runs under the options."""
-    reason = "takes minutes with the others; run without --quick" if options.quick else ""
-    made = [Run("transfers", transfers, {}, estimate=5.0)]
-    for dim in (2, 3):
-        made.append(Run(f"free_fall_{dim}d", free_fall, {"backend": options.backend, "dim": dim}, estimate=3.0))
-    for name in READINGS:
-        parameters = {
-            "backend": options.backend,
-            "embedding": name,
-            "cells": 20,
-            "until": 0.2 if options.quick else 0.6,
-        }
-        estimate = 10.0 if options.quick else 40.0
-        made.append(Run(f"square_{name}", square, parameters, estimate, reason if name != "cluster" else ""))
-    made += bodies(options)
-    peer: dict[str, Any] = {"cells": 24 if options.quick else 40, "steps": 10, "rounds": 3 if options.quick else 5}
-    peer |= {"threads": options.threads or 2, "backend": options.backend}
+    quick, backend = options.quick, {"backend": options.backend}
+    reason = "takes minutes with the others; run without --quick" if quick else ""
     asked = "" if options.peers else "measured with --peers"
-    if options.backend != "cuda":
-        return [*made, Run("peer_taichi", against_taichi, peer, estimate=60.0, skip=asked)]
-    for cells, order, rounds in PEER_BLOCKS[: 1 if options.quick else None]:
-        block = peer | {"cells": cells, "order": order, "rounds": rounds, "steps": 100}
-        made.append(Run(f"peer_taichi_{cells}_{order}", against_taichi, block, 0.1 * cells * rounds, asked))
-    return made
+    body = {"cells": 20, "until": 0.2 if quick else 0.6, **backend}
+    peer = {"cells": 24 if quick else 40, "steps": 10, "rounds": 3 if quick else 5, "threads": options.threads or 2}
+    beside = [Run("peer_taichi", against_taichi, peer | backend, 60.0, asked)]
+    if options.backend == "cuda":
+        beside = [
+            Run(f"peer_taichi_{cells}_{order}", against_taichi,
+                peer | backend | {"cells": cells, "order": order, "rounds": rounds, "steps": 100},
+                0.1 * cells * rounds, asked)
+            for cells, order, rounds in PEER_BLOCKS[: 1 if quick else None]
+        ]  # fmt: skip
+    return [
+        Run("transfers", transfers, {}, 5.0),
+        *(Run(f"free_fall_{dim}d", free_fall, {"dim": dim, **backend}, 3.0) for dim in (2, 3)),
+        *(Run(f"square_{name}", square, {"embedding": name, **body}, 10.0 if quick else 40.0,
+              reason if name != "cluster" else "") for name in READINGS),
+        *bodies(options),
+        *beside,
+    ]  # fmt: skip
 
 
 def checks(results: Results, check: Checks) -> None:
     """The cluster's errors and ledgers are judged, the printed readings' shown."""
-    if "transfers" in results:
-        values = results["transfers"].values
-        for name in COLUMNS:
-            value = values["readings"]["cluster"][name]
-            check(f"cluster_{name}", abs(value - 1) if name == "power" else value)
-        for reading in ("thesis", "gradient_corrected"):
-            check("reading_gradient", values["readings"][reading]["gradient"], reading)
-        check("rotation", values["rotation"])
+    kept: Quantities = {f"cluster_{name}": lambda v, n=name: v["readings"]["cluster"][n] for name in COLUMNS}
+    kept = {**kept, "cluster_power": lambda v: abs(v["readings"]["cluster"]["power"] - 1)}
+    check.run(results, "transfers", kept)
+    for reading in ("thesis", "gradient_corrected"):
+        gradient: Quantities = {"reading_gradient": lambda v, r=reading: v["readings"][r]["gradient"]}
+        check.run(results, "transfers", gradient, reading)
+    check.run(results, "transfers", {"rotation": "rotation"})
     for dim in (2, 3):
-        if f"free_fall_{dim}d" in results:
-            check("free_fall", results[f"free_fall_{dim}d"].values["error"], f"{dim}d")
+        check.run(results, f"free_fall_{dim}d", {"free_fall": "error"}, f"{dim}d")
     for reading in READINGS:
-        if f"square_{reading}" in results:
-            values = results[f"square_{reading}"].values
-            rule = "square" if reading == "cluster" else "reading"
-            for name in ("momentum", "angular", "centre", "least_ratio", "energy_rise"):
-                check(f"{rule}_{name}", values[name], reading)
+        rule = "square" if reading == "cluster" else "reading"
+        names = ("momentum", "angular", "centre", "least_ratio", "energy_rise")
+        check.run(results, f"square_{reading}", {f"{rule}_{name}": name for name in names}, reading)
     check_bodies(results, check)
     for key, values in peers(results).items():
         if not values["missing"]:
@@ -1808,36 +1681,25 @@ def peers(results: Results) -> dict[str, Mapping[str, Any]]:
     return {key: result.values for key, result in results.items() if key.startswith("peer_taichi")}
 
 
-KEPT = ("momentum", "angular", "centre")
 JUDGED = ("box", "box_turn_5", "box_turn_7", "box_fine", "box_full")
 ROUNDED = ("box", *(f"box_{name}" for name in BOXES), "box_default", "cube")
-SHAPES = ("sphericity", "volume", "anisotropy", "particle_anisotropy")
 
 
 def check_bodies(results: Results, check: Checks) -> None:
     """Shapes, pressures, frequencies, angles and ledgers of the drops."""
     for key in (*ROUNDED, "small_box"):
-        if key not in results:
-            continue
-        values = results[key].values
         rule = "box" if key in JUDGED else "shape"
-        last = values["last"]
-        check(f"{rule}_sphericity", last["sphericity"]["least"], key)
-        check(f"{rule}_sphericity_most", last["sphericity"]["largest"], key)
-        volume = max(abs(last["volume"][name] - 1) for name in ("least", "largest"))
-        check(f"{rule}_volume", volume, key)
-        check(f"{rule}_anisotropy", last["anisotropy"]["largest"], key)
-        check(f"{rule}_particle_anisotropy", last["particle_anisotropy"]["largest"], key)
-    kept = (*ROUNDED, "small_box", "collision_2d", "collision_3d", "sheet")
-    for key in (k for k in kept if k in results):
-        values = results[key].values
-        rules = {name: f"drop_{name}" for name in (*KEPT, "energy_rise")}
-        if key not in JUDGED:
-            rules["energy_rise"] = "energy_rise"
-        if key not in ROUNDED:
-            rules["angular"] = "angular"
-        for name, rule in rules.items():
-            check(rule, values[name], key)
+        check.run(results, key, {
+            f"{rule}_sphericity": lambda v: v["last"]["sphericity"]["least"],
+            f"{rule}_sphericity_most": lambda v: v["last"]["sphericity"]["largest"],
+            f"{rule}_volume": lambda v: max(abs(v["last"]["volume"][name] - 1) for name in ("least", "largest")),
+            f"{rule}_anisotropy": lambda v: v["last"]["anisotropy"]["largest"],
+            f"{rule}_particle_anisotropy": lambda v: v["last"]["particle_anisotropy"]["largest"],
+        }, key)  # fmt: skip
+    for key in (*ROUNDED, "small_box", "collision_2d", "collision_3d", "sheet"):
+        rules = {f"drop_{name}": name for name in ("momentum", "angular", "centre", "energy_rise")}
+        shown = {"energy_rise": key not in JUDGED, "angular": key not in ROUNDED}
+        check.run(results, key, {name if shown.get(name) else rule: name for rule, name in rules.items()}, key)
     for (dim, name), rows in pressures(results).items():
         for row in rows:
             rule = {(2, 11.0): "laplace_2d", (3, 6.0): "laplace_3d"}.get((dim, row["radius"]), "laplace")
@@ -1846,13 +1708,10 @@ def check_bodies(results: Results, check: Checks) -> None:
             check("laplace_order", value, f"{dim}d_{small:g}_{name}")
     for key in (k for k in results if k.startswith("swing_")):
         rule = "swing_2d_16" if key == "swing_2d_16" else "swing"
-        check(rule, abs(results[key].values["ratio"] - 1), key.removeprefix("swing_"))
+        check.run(results, key, {rule: lambda v: abs(v["ratio"] - 1)}, key.removeprefix("swing_"))
     for key in (k for k in results if k.startswith("floor_")):
-        values = results[key].values
-        check("contact_angle", abs(values["angle"] - values["asked"]), key.removeprefix("floor_"))
-    if "sheet" in results:
-        values = results["sheet"].values
-        check("sheet_speed", abs(values["speed"] / values["culick"] - 1))
+        check.run(results, key, {"contact_angle": lambda v: abs(v["angle"] - v["asked"])}, key.removeprefix("floor_"))
+    check.run(results, "sheet", {"sheet_speed": lambda v: abs(v["speed"] / v["culick"] - 1)})
 
 
 def pressures(results: Results) -> dict[tuple[int, str], list[dict[str, float]]]:
@@ -1881,7 +1740,5 @@ def orders(rows: list[dict[str, float]]) -> list[tuple[float, float]]:
 EXPERIMENT = Experiment(
     name="mpm_droplet",
     title="transfers of MPM, drops that round off, rest, swing, meet and stand on floors, speed beside Taichi",
-    runs=planned,
-    checks=checks,
-    maps=MAPS,
-)
+    runs=planned, checks=checks, maps=MAPS,
+)  # fmt: skip

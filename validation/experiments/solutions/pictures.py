@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 from validation.drawing import BLUE, GREY, VERMILION
@@ -31,54 +32,25 @@ COLOURS = {"": BLUE, "laplacian": VERMILION, "central": BLUE, "70": BLUE, "110":
 WORDS = {"": "", "laplacian": ", J(11)", "central": ", central", "70": ", 70 degrees", "110": ", 110 degrees"}
 
 
-def collect(results: Results) -> dict[str, Any]:
-    """The relative errors of every run without a tension by problem and viscosity."""
-    return _collected(results, TITLES)
-
-
-def collect_periodic(results: Results) -> dict[str, Any]:
-    """The same of every run in a periodic box."""
-    return _collected(results, PERIODIC)
-
-
-def collect_with_tension(results: Results) -> dict[str, Any]:
-    """The same of every run with a tension."""
-    return _collected(results, WITH_TENSION)
-
-
-def draw(data: Mapping[str, Any]) -> Any:
-    """A panel a problem without a tension, with the order between the largest and the smallest spacing."""
-    return _drawn(data, TITLES, (2, 3))
-
-
-def draw_periodic(data: Mapping[str, Any]) -> Any:
-    """The same of the problems in a periodic box."""
-    return _drawn(data, PERIODIC, (1, 3))
-
-
-def draw_with_tension(data: Mapping[str, Any]) -> Any:
-    """The same of the problems with a tension."""
-    return _drawn(data, WITH_TENSION, (1, 3))
-
-
 Titles = Mapping[str, tuple[str, Mapping[str, str]]]
 
 
 def _collected(results: Results, titles: Titles) -> dict[str, Any]:
+    """The relative errors of every run of these problems, by problem and viscosity."""
     found: dict[str, dict[str, list[float]]] = {}
     for key, result in results.items():
         name = key.rpartition("_")[0]
         if name.partition("_")[0] not in titles:
             continue  # another program, and single runs with one parameter varied
         one = found.setdefault(name, {"spacing": []})
-        one["spacing"].append(result.values["spacing"])
-        for quantity in titles[name.partition("_")[0]][1]:
+        for quantity in ("spacing", *titles[name.partition("_")[0]][1]):
             if quantity in result.values:
                 one.setdefault(quantity, []).append(result.values[quantity])
     return found
 
 
 def _drawn(data: Mapping[str, Any], titles: Titles, rows: tuple[int, int]) -> Any:
+    """A panel a problem, with the order between the largest and the smallest spacing."""
     import matplotlib.pyplot as plt
     import numpy as np
 
@@ -101,9 +73,8 @@ def _drawn(data: Mapping[str, Any], titles: Titles, rows: tuple[int, int]) -> An
                                 label=f"{words}{WORDS[form]}: order {round(float(exponent), 1) + 0.0:g}")  # fmt: skip
                     largest = max(largest, one[quantity][0])
         axes.loglog(places, largest * places / places[0], ":", color=GREY, lw=1.0, label="first order")
-        axes.set(
-            title=title, xlabel="spacing [m]" if titles is TITLES else "spacing over length", ylabel="relative error"
-        )
+        across = "spacing [m]" if titles is TITLES else "spacing over length"
+        axes.set(title=title, xlabel=across, ylabel="relative error")
         axes.set_xticks(places, [f"{place:.3g}" for place in places])
         axes.xaxis.set_minor_locator(plt.NullLocator())
         axes.grid(True)
@@ -111,18 +82,11 @@ def _drawn(data: Mapping[str, Any], titles: Titles, rows: tuple[int, int]) -> An
     return figure
 
 
-PICTURES = (
-    Picture("solutions", collect, draw, _behind(TITLES)),
+PICTURES = tuple(
     Picture(
-        "solutions_periodic",
-        collect_periodic,
-        draw_periodic,
-        _behind(PERIODIC),
-    ),
-    Picture(
-        "solutions_tension",
-        collect_with_tension,
-        draw_with_tension,
-        _behind(WITH_TENSION),
-    ),
-)
+        name, partial(_collected, titles=titles), partial(_drawn, titles=titles, rows=(rows, 3)), _behind(titles)
+    )
+    for name, titles, rows in (
+        ("solutions", TITLES, 2), ("solutions_periodic", PERIODIC, 1), ("solutions_tension", WITH_TENSION, 1)
+    )
+)  # fmt: skip

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -61,36 +62,36 @@ STICKING = 2.0  # wall friction over the liquid's viscosity: the velocity is odd
 
 
 def _scene(
-    name: str,
-    spacing: float,
-    fluid: tuple,
-    effects: tuple,
-    sound: float,
-    viscosity: float,
-    form: str,
-    step: float = 0.0,
-    clamp: bool = True,
-    period: tuple[float, float, float] = (0.0, 0.0, 0.0),
-) -> Scene:
-    """A scene in 2D of the base liquid with kinematic viscosity `viscosity` [m^2/s]."""
+    name: str, spacing: float, fluid: Any, effects: tuple, sound: float, viscosity: float, form: str,
+    clamp: bool = True, **more: Any,
+) -> Scene:  # fmt: skip
+    """A scene in 2D of one part of the base liquid with kinematic viscosity `viscosity` [m^2/s]."""
     liquid = WeaklyCompressible(
-        rest_density=DENSITY,
-        sound_speed=sound,
-        dynamic_viscosity=DENSITY * viscosity,
+        rest_density=DENSITY, sound_speed=sound, dynamic_viscosity=DENSITY * viscosity, clamp_pressure=clamp,
         viscosity=form,  # type: ignore[arg-type]
-        clamp_pressure=clamp,
-    )
+    )  # fmt: skip
     return Scene(
-        name=name,
-        dim=2,
-        dtype="float64",
-        spacing=spacing,
-        support_radius=SUPPORT * spacing,
-        step=step,
-        period=period,
-        fluid=fluid,
-        effects=(liquid, *effects),
-    )
+        name=name, dim=2, dtype="float64", spacing=spacing, support_radius=SUPPORT * spacing, fluid=(fluid,),
+        effects=(liquid, *effects), **more,
+    )  # fmt: skip
+
+
+def _told(cells: int, spacing: float, particles: int, off: Sequence[str] = (), **values: Any) -> dict[str, Any]:
+    """The values of a run; those named in `off` are shares of the exact ones, and get their distance from 1, too."""
+    away = {f"{name}_off": abs(values[name] - 1) for name in off}
+    return {"cells": cells, "spacing": spacing, "particles": particles, **values, **away}
+
+
+def _standing(k: float, top: float) -> Callable[[NDArray], NDArray]:
+    """Velocities (n, 3) at positions, of a standing wave in potential flow: 1 m/s upwards at the crest, depth `top`."""
+
+    def flow(x: NDArray) -> NDArray:
+        made = np.zeros_like(x)
+        made[:, 0] = -np.sin(k * x[:, 0]) * np.cosh(k * x[:, 1]) / math.sinh(k * top)
+        made[:, 1] = np.cos(k * x[:, 0]) * np.sinh(k * x[:, 1]) / math.sinh(k * top)
+        return made
+
+    return flow
 
 
 def _column(spacing: float, cells: tuple[int, int], sound: float) -> tuple[NDArray, float]:
@@ -111,9 +112,8 @@ def tank(context: Context, cells: int, backend: str) -> Result:
     walls = BoxWalls(lower=(0.0, 0.0, 0.0), upper=(WIDTH, 2 * HEIGHT, 0.0), open_faces=("+y",))
     effects = (Gravity(acceleration=(0.0, -GRAVITY, 0.0)), walls)
     viscosity = NUMERICAL * sound * SUPPORT * spacing
-    simulation = context.simulation(
-        _scene("tank", spacing, (Cloud(position=position),), effects, sound, viscosity, "laplacian"), backend
-    )
+    made = _scene("tank", spacing, Cloud(position=position), effects, sound, viscosity, "laplacian")
+    simulation = context.simulation(made, backend)
     heights, pressures, speeds = [], [], []
 
     def sample(simulation: Simulation, wall: float) -> None:
@@ -128,14 +128,8 @@ def tank(context: Context, cells: int, backend: str) -> Result:
     off = (pressure - scene.hydrostatic(height, top, DENSITY, GRAVITY, sound)) / scale
     reach = SUPPORT * spacing
     bulk = (height > reach) & (height < top - reach)
-    values = {
-        "cells": cells,
-        "spacing": spacing,
-        "particles": len(position),
-        "error": _rms(off),
-        "bulk": _rms(off[bulk]),
-        "moving": max(speeds) / math.sqrt(GRAVITY * HEIGHT),
-    }
+    moving = max(speeds) / math.sqrt(GRAVITY * HEIGHT)
+    values = _told(cells, spacing, len(position), error=_rms(off), bulk=_rms(off[bulk]), moving=moving)
     order = np.argsort(height)
     return Result(values, {"height": height[order], "pressure": pressure[order] / scale})
 
@@ -151,29 +145,17 @@ def wave(context: Context, cells: int, form: str, backend: str, crest: float = C
     position, top = _column(spacing, (round(LENGTH / spacing), cells), sound)
     k = math.pi / LENGTH
     omega, gamma = scene.wave(k, top, GRAVITY, WAVE_VISCOSITY, form)
-
-    def flow(x: NDArray) -> NDArray:
-        made = np.zeros_like(x)
-        made[:, 0] = -np.sin(k * x[:, 0]) * np.cosh(k * x[:, 1]) / math.sinh(k * top)
-        made[:, 1] = np.cos(k * x[:, 0]) * np.sinh(k * x[:, 1]) / math.sinh(k * top)
-        return made
-
+    flow = _standing(k, top)
     walls = BoxWalls(lower=(0.0, 0.0, 0.0), upper=(LENGTH, 2 * DEPTH, 0.0), open_faces=("+y",))
     effects = (Gravity(acceleration=(0.0, -GRAVITY, 0.0)), walls)
     cloud = Cloud(position=position, velocity=crest * omega * flow(position))
-    simulation = context.simulation(_scene("wave", spacing, (cloud,), effects, sound, WAVE_VISCOSITY, form), backend)
+    simulation = context.simulation(_scene("wave", spacing, cloud, effects, sound, WAVE_VISCOSITY, form), backend)
     time, part = _projected(context, simulation, flow, np.linspace(0, PERIODS * 2 * math.pi / omega, 161))
     amplitude, decay, rate, residual = scene.fitted(time, part, gamma, omega)
-    values = {
-        "cells": cells,
-        "spacing": spacing,
-        "form": form,
-        "particles": len(position),
-        "period": omega / rate,
-        "decay": decay / gamma,
-        "residual": residual / abs(amplitude),
-    }
-    values |= {"period_off": abs(values["period"] - 1), "decay_off": abs(values["decay"] - 1)}
+    values = _told(
+        cells, spacing, len(position), ("period", "decay"), form=form, period=omega / rate, decay=decay / gamma,
+        residual=residual / abs(amplitude),
+    )  # fmt: skip
     return Result(values, {"time": time, "part": part / (crest * omega), "theory": scene.swing(time, gamma, omega)})
 
 
@@ -190,22 +172,17 @@ def ellipse(context: Context, cells: int, backend: str, mach: float = MACH) -> R
     viscosity = NUMERICAL * sound * SUPPORT * spacing
     velocity = STRAIN * position * np.array([1.0, -1.0, 0.0])
     until = SWINGS * 2 * math.pi / (math.sqrt(2) * PULL)
-    time, (along, across) = _pulled(context, "ellipse", spacing, sound, position, velocity, viscosity, "central", until,
+    time, (along, _) = _pulled(context, "ellipse", spacing, sound, position, velocity, viscosity, "central", until,
                                     lambda x, v: 2 * np.sqrt((x[:, :2] ** 2).mean(0)), backend)  # fmt: skip
     a, b = scene.ellipse(time, radius, PULL, STRAIN, 2 * viscosity)
     ideal, _ = scene.ellipse(time, radius, PULL, STRAIN, 0.0)
     last = time > 0.5 * until
-    values = {
-        "cells": cells,
-        "spacing": spacing,
-        "particles": len(position),
-        "radius": radius,
-        "error": _rms(along - a) / radius,
-        "inviscid": _rms(along - ideal) / radius,
-        "period": float(scene.peak(time[last], along[last]) / scene.peak(time[last], a[last])),
-    }
-    values["period_off"] = abs(values["period"] - 1)
-    return Result(values, {"time": time, "along": along, "across": across, "a": a, "b": b})
+    values = _told(
+        cells, spacing, len(position), ("period",), radius=radius, error=_rms(along - a) / radius,
+        inviscid=_rms(along - ideal) / radius,
+        period=float(scene.peak(time[last], along[last]) / scene.peak(time[last], a[last])),
+    )  # fmt: skip
+    return Result(values, {"time": time, "along": along, "a": a, "b": b})
 
 
 def disc(context: Context, cells: int, form: str, backend: str) -> Result:
@@ -218,13 +195,19 @@ def disc(context: Context, cells: int, form: str, backend: str) -> Result:
     velocity = np.cross([0.0, 0.0, SPIN], position)
     time, (momentum,) = _pulled(context, "disc", spacing, sound, position, velocity, SPIN_VISCOSITY, form, SPUN,
                                 lambda x, v: np.array([np.cross(x, v)[:, 2].sum()]), backend)  # fmt: skip
-    left = momentum / momentum[0]
-    theory = scene.spin_down(time, SPIN_VISCOSITY / radius**2) if form == "laplacian" else np.ones_like(time)
-    values = {"cells": cells, "spacing": spacing, "form": form, "particles": len(position), "radius": radius}
-    values["error"] = _rms(left - theory)
-    if form == "laplacian":
-        values["rate"] = float(np.log(left[-1]) / np.log(theory[-1]))
-        values["rate_off"] = abs(values["rate"] - 1)
+    return _spun_down(cells, spacing, len(position), form, (time, momentum), radius, SPIN_VISCOSITY)
+
+
+def _spun_down(
+    cells: int, spacing: float, particles: int, form: str, seen: tuple[NDArray, NDArray], radius: float,
+    viscosity: float,
+) -> Result:  # fmt: skip
+    """What times and angular momenta of a disc tell of its viscosity, as in `disc`."""
+    time, left = seen[0], seen[1] / seen[1][0]
+    turns = form == "laplacian"
+    theory = scene.spin_down(time, viscosity / radius**2) if turns else np.ones_like(time)
+    rate = {"rate": float(np.log(left[-1]) / np.log(theory[-1]))} if turns else {}
+    values = _told(cells, spacing, particles, tuple(rate), form=form, radius=radius, error=_rms(left - theory), **rate)
     return Result(values, {"time": time, "left": left, "theory": theory})
 
 
@@ -243,15 +226,9 @@ def vortices(context: Context, cells: int, form: str, backend: str, reynolds: fl
 
 
 def _turning(
-    context: Context,
-    cells: int,
-    form: str,
-    backend: str,
-    k: float,
-    walls: tuple,
-    period: tuple[float, float, float],
-    reynolds: float = REYNOLDS,
-) -> Result:
+    context: Context, cells: int, form: str, backend: str, k: float, walls: tuple,
+    period: tuple[float, float, float], reynolds: float = REYNOLDS,
+) -> Result:  # fmt: skip
     """A flow of Taylor & Green with wave number k [1/m] in a square of 1 m, until it has decayed as in `vortex`.
 
     The background pressure comes of `cells`^2 particles that are heavier than the box takes at rest density.
@@ -271,48 +248,37 @@ def _turning(
         return made
 
     cloud = Cloud(position=position, velocity=flow(position))
-    made = _scene("vortex", spacing, (cloud,), walls, sound, viscosity, form, clamp=False, period=period)
+    made = _scene("vortex", spacing, cloud, walls, sound, viscosity, form, clamp=False, period=period)
     simulation = context.simulation(made, backend)
     time, part = _projected(context, simulation, flow, np.linspace(0, until, 41))
     x, v = simulation.field("position"), simulation.field("velocity")
     decay = 2 * viscosity * k**2
     solution = flow(x) * math.exp(-decay * time[-1])
-    values = {"cells": cells, "spacing": width, "form": form, "particles": len(position)}
-    values["rate"] = float(-np.polyfit(time, np.log(part), 1)[0] / decay)
-    values["rate_off"] = abs(values["rate"] - 1)
-    values["error"] = float(np.linalg.norm(v - solution) / np.linalg.norm(solution))
+    values = _told(
+        cells, width, len(position), ("rate",), form=form,
+        rate=float(-np.polyfit(time, np.log(part), 1)[0] / decay),
+        error=float(np.linalg.norm(v - solution) / np.linalg.norm(solution)),
+    )  # fmt: skip
     return Result(values, {"time": time, "part": part, "theory": np.exp(-decay * time)})
 
 
 def couette(context: Context, cells: int, form: str, backend: str, friction: float = STICKING) -> Result:
     """Liquid between a plate at rest and one that begins to move, `cells` particles apart; measured as `_between`."""
-
-    def solution(height: NDArray, time: float) -> NDArray:
-        return scene.couette(height, time, GAP, PLATE_SPEED, PLATE_VISCOSITY)
-
+    solution = partial(scene.couette, gap=GAP, speed=PLATE_SPEED, viscosity=PLATE_VISCOSITY)
     return _between(context, cells, form, backend, friction, solution, moving=True)
 
 
 def poiseuille(context: Context, cells: int, form: str, backend: str, friction: float = STICKING) -> Result:
     """Liquid between two plates at rest that begins to be pushed along them; measured as `_between`."""
     push = 8 * PLATE_VISCOSITY * PLATE_SPEED / GAP**2
-
-    def solution(height: NDArray, time: float) -> NDArray:
-        return scene.poiseuille(height, time, GAP, push, PLATE_VISCOSITY)
-
+    solution = partial(scene.poiseuille, gap=GAP, push=push, viscosity=PLATE_VISCOSITY)
     return _between(context, cells, form, backend, friction, solution, push=push)
 
 
 def _between(
-    context: Context,
-    cells: int,
-    form: str,
-    backend: str,
-    friction: float,
-    solution: Callable[[NDArray, float], NDArray],
-    moving: bool = False,
-    push: float = 0.0,
-) -> Result:
+    context: Context, cells: int, form: str, backend: str, friction: float, solution: Callable[..., NDArray],
+    moving: bool = False, push: float = 0.0,
+) -> Result:  # fmt: skip
     """A channel that is periodic along x over half its height; its friction is that of the liquid times `friction`.
 
     error   root mean square of u - u_exact over all particles and samples, over the largest velocity
@@ -321,18 +287,13 @@ def _between(
     spacing = GAP / cells
     half = cells // 2 * spacing
     walls = BoxWalls(
-        lower=(0.0, 0.0, 0.0),
-        upper=(half, GAP, 0.0),
-        open_faces=("-x", "+x"),
-        viscosity=friction * DENSITY * PLATE_VISCOSITY,
-        moving_faces=("+y",) if moving else (),
+        lower=(0.0, 0.0, 0.0), upper=(half, GAP, 0.0), open_faces=("-x", "+x"),
+        viscosity=friction * DENSITY * PLATE_VISCOSITY, moving_faces=("+y",) if moving else (),
         velocity=(PLATE_SPEED if moving else 0.0, 0.0, 0.0),
-    )
+    )  # fmt: skip
     effects: tuple = (walls, Gravity(acceleration=(push, 0.0, 0.0))) if push else (walls,)
-    block = Box(cells=(cells // 2, cells, 1))
-    made = _scene(
-        "channel", spacing, (block,), effects, PLATE_SOUND, PLATE_VISCOSITY, form, clamp=False, period=(half, 0.0, 0.0)
-    )
+    made = _scene("channel", spacing, Box(cells=(cells // 2, cells, 1)), effects, PLATE_SOUND, PLATE_VISCOSITY, form,
+                  clamp=False, period=(half, 0.0, 0.0))  # fmt: skip
     simulation = context.simulation(made, backend)
     height, speed, wanted = [], [], []
 
@@ -341,17 +302,9 @@ def _between(
         speed.append(simulation.field("velocity")[:, 0] / PLATE_SPEED)
         wanted.append(solution(height[-1], simulation.time - 0.5 * simulation.previous_length) / PLATE_SPEED)
 
-    times = [share * GAP**2 / PLATE_VISCOSITY for share in SAMPLES]
-    advance(simulation, times, sample, context)
+    advance(simulation, [share * GAP**2 / PLATE_VISCOSITY for share in SAMPLES], sample, context)
     off = np.array(speed) - np.array(wanted)
-    values = {
-        "cells": cells,
-        "spacing": spacing / GAP,
-        "form": form,
-        "particles": len(height[0]),
-        "error": _rms(off),
-        "steady": _rms(off[-1]),
-    }
+    values = _told(cells, spacing / GAP, len(height[0]), form=form, error=_rms(off), steady=_rms(off[-1]))
     return Result(values, {"height": np.array(height) / GAP, "speed": np.array(speed)})
 
 
@@ -365,18 +318,9 @@ def _disc(spacing: float, pull: float, sound: float) -> tuple[NDArray, float]:
 
 
 def _pulled(
-    context: Context,
-    name: str,
-    spacing: float,
-    sound: float,
-    position: NDArray,
-    velocity: NDArray,
-    viscosity: float,
-    form: str,
-    until: float,
-    measure: Callable[[NDArray, NDArray], NDArray],
-    backend: str,
-) -> tuple[NDArray, NDArray]:
+    context: Context, name: str, spacing: float, sound: float, position: NDArray, velocity: NDArray, viscosity: float,
+    form: str, until: float, measure: Callable[[NDArray, NDArray], NDArray], backend: str,
+) -> tuple[NDArray, NDArray]:  # fmt: skip
     """(times, what `measure` gives of positions and velocities) of a free cloud in the force -Omega^2 x.
 
     No effect has this force: it is added to the velocities between the steps, with the leap-frog's share of the step.
@@ -385,7 +329,7 @@ def _pulled(
     viscous = 0.125 * (0.5 * reach) ** 2 / viscosity / (3 if form == "central" else 1)  # docs/sph.md#step
     step = min(STEP * reach / sound, 0.8 * viscous)
     cloud = Cloud(position=position, velocity=velocity)
-    simulation = context.simulation(_scene(name, spacing, (cloud,), (), sound, viscosity, form, step), backend)
+    simulation = context.simulation(_scene(name, spacing, cloud, (), sound, viscosity, form, step=step), backend)
     steps = math.ceil(until / step)
     every = max(1, steps // 120)
     time, found = [0.0], [measure(position, velocity)]
@@ -428,18 +372,9 @@ def _rms(values: NDArray) -> float:
 TENSION_SUPPORT = 2.6  # h/d
 JITTER, STIRS, STIR = 0.1, 20, 0.7  # of the lattice; random kicks, ever weaker, in sqrt(sigma/(rho d))
 STIRRED, RESTED = 2.0, 6.0  # stages of the flat surface, in 1/omega_0
-TENSION_CREST, FRICTION, TENSION_PERIODS = (
-    0.06,
-    0.1,
-    2.0,
-)  # a'(0)/omega_0 in half wave lengths; nu k^2/omega_0; followed
+TENSION_CREST, FRICTION, TENSION_PERIODS = 0.06, 0.1, 2.0  # a'(0)/omega_0 in half waves; nu k^2/omega_0; followed
 OHNESORGE = 0.3  # mu/sqrt(rho sigma l) of the meniscus, l = sqrt(sigma/(rho g))
-WIDE, DEEP, CLIMBED, TENSION_MEANS = (
-    10.0,
-    2.0,
-    30.0,
-    40,
-)  # tank in l; time until the mean in sqrt(l/g), and samples in it
+WIDE, DEEP, CLIMBED, TENSION_MEANS = 10.0, 2.0, 30.0, 40  # tank in l; sqrt(l/g) until the mean, samples in it
 
 
 def _tension_scene(
@@ -447,23 +382,15 @@ def _tension_scene(
 ) -> Scene:
     """Liquid between walls at x = 0 and `width`, on a floor at y = 0, with the tension `found`."""
     liquid = WeaklyCompressible(
-        rest_density=1.0,
-        sound_speed=found.tension.sound_speed,
-        dynamic_viscosity=viscosity,
-        viscosity="central",
+        rest_density=1.0, sound_speed=found.tension.sound_speed, dynamic_viscosity=viscosity, viscosity="central",
         kernels="mueller",
-    )
+    )  # fmt: skip
     walls = BoxWalls(lower=(0.0, 0.0, 0.0), upper=(width, 10 * width, 0.0), open_faces=("+y",))
     pull = (Gravity(acceleration=(0.0, -gravity, 0.0)),) if gravity else ()
     return Scene(
-        name=name,
-        dim=2,
-        dtype="float64",
-        spacing=1.0,
-        support_radius=TENSION_SUPPORT,
-        fluid=(Cloud(position=position, velocity=velocity),),
-        effects=(liquid, found.effect, walls, *pull),
-    )
+        name=name, dim=2, dtype="float64", spacing=1.0, support_radius=TENSION_SUPPORT,
+        fluid=(Cloud(position=position, velocity=velocity),), effects=(liquid, found.effect, walls, *pull),
+    )  # fmt: skip
 
 
 def _stirred(context: Context, made: Scene, times: tuple[float, float], seed: int, backend: str) -> Simulation:
@@ -508,17 +435,10 @@ def capillary(context: Context, cells: int, backend: str, seed: int = 1) -> Resu
     x = rested.field("position")
     density = float(rested.field("density")[np.abs(x[:, 1] - 0.5 * cells) < 0.25 * cells].mean())
     top = len(x) / (density * cells)
-
-    def flow(x: NDArray) -> NDArray:
-        made = np.zeros_like(x)
-        made[:, 0] = -np.sin(k * x[:, 0]) * np.cosh(k * x[:, 1]) / math.sinh(k * top)
-        made[:, 1] = np.cos(k * x[:, 0]) * np.sinh(k * x[:, 1]) / math.sinh(k * top)
-        return made
-
+    flow = _standing(k, top)
     velocity = TENSION_CREST * cells * omega * flow(x)
-    simulation = context.simulation(
-        _tension_scene("capillary", found, x, velocity, viscosity, float(cells), 0.0), backend
-    )
+    made = _tension_scene("capillary", found, x, velocity, viscosity, float(cells), 0.0)
+    simulation = context.simulation(made, backend)
     seen: list[tuple[float, float]] = []
     sides: list[float] = []
 
@@ -536,17 +456,10 @@ def capillary(context: Context, cells: int, backend: str, seed: int = 1) -> Resu
     time, height = np.array(seen).T
     part = (height - height[0]) / (TENSION_CREST * cells)
     theory = scene.prosperetti(time, omega**2, viscosity * k**2, velocity=True)
-    values = {
-        "cells": cells,
-        "spacing": 1.0 / cells,
-        "particles": len(x),
-        "density": density,
-        "uncertainty": found.tension.uncertainty,
-        "error": float(np.sqrt(np.mean((part - theory) ** 2))),
-        "crest": float(part.max() / theory.max()),
-        "side": sides[0],
-    }
-    values["crest_off"] = abs(values["crest"] - 1)
+    values = _told(
+        cells, 1.0 / cells, len(x), ("crest",), density=density, uncertainty=found.tension.uncertainty,
+        error=_rms(part - theory), crest=float(part.max() / theory.max()), side=sides[0],
+    )  # fmt: skip
     return Result(values, {"time": time * omega / (2 * math.pi), "part": part, "theory": theory})
 
 
@@ -568,14 +481,7 @@ def drop(context: Context, cells: int, form: str, backend: str, seed: int = 1) -
     until = spinning.TURNED / spinning.rate(2, viscosity, radius)
     advance(simulation, np.linspace(0.0, until, 61).tolist(), sample, context)
     time, momentum = np.array(seen).T
-    left = momentum / momentum[0]
-    theory = scene.spin_down(time, viscosity / radius**2) if form == "laplacian" else np.ones_like(time)
-    values = {"cells": cells, "spacing": 1.0 / cells, "form": form, "particles": len(position), "radius": radius}
-    values["error"] = float(np.sqrt(np.mean((left - theory) ** 2)))
-    if form == "laplacian":
-        values["rate"] = float(np.log(left[-1]) / np.log(theory[-1]))
-        values["rate_off"] = abs(values["rate"] - 1)
-    return Result(values, {"time": time, "left": left, "theory": theory})
+    return _spun_down(cells, 1.0 / cells, len(position), form, (time, momentum), radius, viscosity)
 
 
 def meniscus(context: Context, cells: int, angle: float, backend: str, seed: int = 1) -> Result:
@@ -608,8 +514,8 @@ def meniscus(context: Context, cells: int, angle: float, backend: str, seed: int
     level = float(height[np.abs(place - 0.5 * width) < length].mean())
     lifted = float((height - level).sum() * apart / 2 / length**2)
     wanted = scene.meniscus(1.0, math.radians(angle))[1]
-    values = {"cells": cells, "spacing": 1.0 / cells, "angle": angle, "particles": len(start), "lifted": lifted}
-    values |= {"wanted": wanted, "lifted_off": abs(lifted - wanted), "level": level / length}
+    off = abs(lifted - wanted)
+    values = _told(cells, 1.0 / cells, len(start), angle=angle, lifted=lifted, lifted_off=off, level=level / length)
     return Result(values, {"place": place / length, "height": height / length})
 
 
@@ -637,14 +543,10 @@ def jurin(context: Context, cells: int, backend: str, angle: float = 70.0, seed:
 
     def sample(simulation: Simulation, wall: float) -> None:
         simulation.evaluate()
-        position, velocity, mass, density, pressure = (
+        state = position, _, mass, *_ = [
             simulation.field(name) for name in ("position", "velocity", "mass", "density", "pressure")
-        )
-        state, kernel, fluid = (
-            (position, velocity, mass, density, pressure),
-            groups["gradient_smoothing"],
-            groups["fluid"],
-        )
+        ]
+        kernel, fluid = groups["gradient_smoothing"], groups["fluid"]
         near, without = (
             sph.momentum(*state, walls, kernel, fluid, None)["acceleration"][0] for walls in (plates, None)
         )
@@ -653,9 +555,8 @@ def jurin(context: Context, cells: int, backend: str, angle: float = 70.0, seed:
         lifted.append(float((mass * (near - without + pull)[:, 1])[upper].sum()))
 
     advance(simulation, (CLIMBED * unit + unit * np.arange(1, TENSION_MEANS + 1) / 4).tolist(), sample, context)
-    values = {"cells": cells, "spacing": 1.0 / cells, "angle": angle, "particles": len(start)}
-    values |= {"risen": float(np.mean(lifted) / wanted), "scatter": float(np.std(lifted) / wanted)}
-    values["risen_off"] = abs(values["risen"] - 1)
+    risen, scatter = float(np.mean(lifted) / wanted), float(np.std(lifted) / wanted)
+    values = _told(cells, 1.0 / cells, len(start), ("risen",), angle=angle, risen=risen, scatter=scatter)
     return Result(values, {"lifted": np.array(lifted) / wanted})
 
 
@@ -691,11 +592,8 @@ def splishsplash(context: Context, side: int, seed: int) -> Result:
     """SPlisHSPlasH, single precision: values as in `_compared`."""
     position, velocity = cloud(side, seed)
     flow = _step(position, velocity, stiffness=TERMS_DENSITY * SOUND**2, viscosity=VISCOSITY)
-    theirs = _tension(position, velocity) | {
-        "density": flow["density"],
-        "pressure": flow["pressure"],
-        "viscous": flow["other"],
-    }
+    theirs = _tension(position, velocity)
+    theirs |= {"density": flow["density"], "pressure": flow["pressure"], "viscous": flow["other"]}
     liquid = Liquid(context, position, velocity, float(flow["mass"]), float(flow["support"]))
     plain, area = liquid.evaluate(), liquid.evaluate(area=TENSION)
     ours = {
@@ -742,44 +640,35 @@ def _tension(position: NDArray, velocity: NDArray) -> Fields:
 def pysph(context: Context, side: int, seed: int) -> Result:
     """PySPH, double precision: values as in `_compared`."""
     position, velocity = cloud(side, seed)
-    theirs = _present(
-        pysph_terms.run(
-            position, velocity, THREADS,
-            support=TERMS_SUPPORT, mass=MASS, density=TERMS_DENSITY, sound=SOUND, viscosity=VISCOSITY,
-        )
-    )  # fmt: skip
+    theirs = _present(pysph_terms.run(
+        position, velocity, THREADS,
+        support=TERMS_SUPPORT, mass=MASS, density=TERMS_DENSITY, sound=SOUND, viscosity=VISCOSITY,
+    ))  # fmt: skip
     theirs["normal"] = TERMS_SUPPORT * theirs["normal"]  # it leaves out the factor h
     liquid = Liquid(context, position, velocity, MASS, TERMS_SUPPORT)
     plain = liquid.evaluate()
     ours = {
-        "density": plain["density"],
-        "pressure": plain["acceleration"],
-        "momentum": plain["acceleration"],
+        "density": plain["density"], "pressure": plain["acceleration"], "momentum": plain["acceleration"],
         "central": liquid.evaluate(viscosity="central")["acceleration"] - plain["acceleration"],
         "morris": liquid.evaluate(viscosity="laplacian")["acceleration"] - plain["acceleration"],
         "normal": liquid.evaluate(area=TENSION)["surface_normal"],
-    }
+    }  # fmt: skip
     sums = Sums(position, velocity, plain["density"], MASS, TERMS_SUPPORT)
     softening = 0.01 * (0.5 * TERMS_SUPPORT) ** 2
     own = ours | {
-        "pressure": sums.mixed_pressure(),
-        "momentum": sums.pressure(),
-        "normal": sums.normal(),
-        "central": sums.central(TERMS_DENSITY / plain["density"], softening),
-        "morris": sums.morris(softening),
-    }
+        "pressure": sums.mixed_pressure(), "momentum": sums.pressure(), "normal": sums.normal(),
+        "central": sums.central(TERMS_DENSITY / plain["density"], softening), "morris": sums.morris(softening),
+    }  # fmt: skip
     return _compared("pysph", ours, own, theirs, theirs["version"])
 
 
 def warp(context: Context, side: int, seed: int) -> Result:
     """The SPH example of NVIDIA Warp, single precision: values as in `_compared`."""
     position, velocity = cloud(side, seed)
-    theirs = _present(
-        warp_terms.run(
-            position, velocity,
-            support=TERMS_SUPPORT, mass=MASS, density=TERMS_DENSITY, sound=SOUND, viscosity=TERMS_DENSITY * VISCOSITY,
-        )
-    )  # fmt: skip
+    theirs = _present(warp_terms.run(
+        position, velocity,
+        support=TERMS_SUPPORT, mass=MASS, density=TERMS_DENSITY, sound=SOUND, viscosity=TERMS_DENSITY * VISCOSITY,
+    ))  # fmt: skip
     liquid = Liquid(context, position, velocity, MASS, TERMS_SUPPORT, kernels="mueller")
     plain = liquid.evaluate()
     ours = {
@@ -838,23 +727,17 @@ class Liquid:
     ) -> Fields:
         """Fields "density", "acceleration", and "surface_normal" with the area term."""
         liquid = WeaklyCompressible(
-            rest_density=TERMS_DENSITY,
-            sound_speed=SOUND,
-            dynamic_viscosity=TERMS_DENSITY * VISCOSITY if viscosity else 0.0,
-            viscosity=viscosity or "laplacian",
-            kernels=self.kernels,
+            rest_density=TERMS_DENSITY, sound_speed=SOUND, kernels=self.kernels,
+            dynamic_viscosity=TERMS_DENSITY * VISCOSITY if viscosity else 0.0, viscosity=viscosity or "laplacian",
             clamp_pressure=self.kernels == "cubic_spline",
-        )
+        )  # fmt: skip
         tension = Akinci2013(gamma=gamma, area_acceleration=area, balance_pressure=False)
         given = Cloud(position=self.position, velocity=self.velocity, mass=np.full(len(self.position), self.mass))
-        scene = Scene(
-            spacing=SPACING,
-            support_radius=self.support,
-            dtype="float64",
-            fluid=(given,),
-            effects=(liquid, tension) if gamma or area else (liquid,),
-        )
-        simulation = self.context.simulation(scene, "cpu")
+        simulation = self.context.simulation(
+            Scene(spacing=SPACING, support_radius=self.support, dtype="float64", fluid=(given,),
+                  effects=(liquid, tension) if gamma or area else (liquid,)),
+            "cpu",
+        )  # fmt: skip
         simulation.evaluate()
         names = ("density", "acceleration", "surface_normal")
         return {name: simulation.field(name) for name in names[: 3 if area else 2]}
@@ -948,40 +831,19 @@ COMPARED: dict[str, Callable[..., Result]] = {"splishsplash": splishsplash, "pys
 
 FORMS = ("laplacian", "central")
 CELLS = {
-    "tank": (20, 40, 80),
-    "wave": (10, 20, 40),
-    "ellipse": (10, 20, 40),
-    "disc": (10, 20, 40),
-    "vortex": (20, 40, 80),
-    "vortices": (20, 40, 80),
-    "couette": (12, 24, 48),
-    "poiseuille": (12, 24, 48),
-    "capillary": (12, 24, 48),
-    "drop": (6, 12, 24),
-    "meniscus": (4, 8, 12),
-    "jurin": (8, 12, 16),
-}
+    "tank": (20, 40, 80), "wave": (10, 20, 40), "ellipse": (10, 20, 40), "disc": (10, 20, 40), "vortex": (20, 40, 80),
+    "vortices": (20, 40, 80), "couette": (12, 24, 48), "poiseuille": (12, 24, 48), "capillary": (12, 24, 48),
+    "drop": (6, 12, 24), "meniscus": (4, 8, 12), "jurin": (8, 12, 16),
+}  # fmt: skip
 WITH_FORMS = dict.fromkeys(("wave", "disc", "vortex", "vortices", "couette", "poiseuille", "drop"), FORMS)
 WITH_FORMS["meniscus"] = ("70", "110")  # [degrees]
 JUDGED = {  # quantities by problem: those with a measured order, and those that are judged at the smallest spacing
-    "tank": ("error", "bulk"),
-    "wave": ("period_off", "decay_off"),
-    "ellipse": ("error", "period_off"),
-    "disc": ("rate_off",),
-    "vortex": ("rate_off", "error"),
-    "vortices": ("rate_off", "error"),
-    "couette": ("error", "steady"),
-    "poiseuille": ("error", "steady"),
-    "capillary": ("crest_off", "error", "side"),
-    "drop": ("rate_off",),
-    "meniscus": ("lifted_off",),
-    "jurin": ("risen_off",),
-}
-ORDERED = {
-    "tank": "error",
-    "ellipse": "error",
-    "couette": "steady",
-}  # whose order is judged: surfaces are of first order in the spacing
+    "tank": ("error", "bulk"), "wave": ("period_off", "decay_off"), "ellipse": ("error", "period_off"),
+    "disc": ("rate_off",), "vortex": ("rate_off", "error"), "vortices": ("rate_off", "error"),
+    "couette": ("error", "steady"), "poiseuille": ("error", "steady"), "capillary": ("crest_off", "error", "side"),
+    "drop": ("rate_off",), "meniscus": ("lifted_off",), "jurin": ("risen_off",),
+}  # fmt: skip
+ORDERED = {"tank": "error", "ellipse": "error", "couette": "steady"}  # surfaces are of first order
 VARIED: dict[str, tuple[Callable[..., Result], dict[str, Any], tuple[str, ...]]] = {  # run, parameters, quantities
     "varied_crest_0.005": (wave, {"cells": 20, "form": "central", "crest": 0.005}, ("period", "decay")),
     "varied_crest_0.06": (wave, {"cells": 20, "form": "central", "crest": 0.06}, ("period", "decay")),
@@ -998,11 +860,14 @@ def planned(options: Options) -> list[Run]:
     """Every problem at three spacings, with both viscosities where they differ; with --quick a tank of 50 particles."""
     if options.quick:
         return [_run("tank", 10, "", options.backend)]
-    varied = [
-        Run(key, function, {**parameters, "backend": options.backend}, estimate=10.0)
-        for key, (function, parameters, _) in VARIED.items()
-    ]
-    return [*_solved(options.backend), *varied, *_judged_compared(options)]
+    without = "" if options.peers else "measured with --peers"
+    return [
+        *_solved(options.backend),
+        *(Run(key, function, {**parameters, "backend": options.backend}, estimate=10.0)
+          for key, (function, parameters, _) in VARIED.items()),
+        *(Run(f"terms_{program}", compare, PEER, skip=without or PEERS[program].missing())
+          for program, compare in COMPARED.items()),
+    ]  # fmt: skip
 
 
 def _solved(backend: str) -> list[Run]:
@@ -1011,15 +876,6 @@ def _solved(backend: str) -> list[Run]:
         for problem, sizes in CELLS.items()
         for form in WITH_FORMS.get(problem, ("",))
         for cells in sizes
-    ]
-
-
-def _judged_compared(options: Options) -> list[Run]:
-    """Terms beside those of every other program, where it is installed."""
-    without = "" if options.peers else "measured with --peers"
-    return [
-        Run(f"terms_{program}", compare, PEER, skip=without or PEERS[program].missing())
-        for program, compare in COMPARED.items()
     ]
 
 
@@ -1059,34 +915,27 @@ def checks(results: Results, check: Checks) -> None:
     """Errors at the smallest spacing, and orders between the largest and the smallest."""
     for name, one in series(results).items():
         problem, _, form = name.partition("_")
-        cells = len(one["spacing"])
-        for quantity in JUDGED[problem]:
-            if quantity not in one:
-                continue
-            if cells == len(CELLS[problem]):
-                check(f"{problem}_{quantity}", one[quantity][-1], form)
-                rule = "order" if ORDERED.get(problem) == quantity else "order_shown"
-                if quantity != "side":  # no error
-                    check(rule, order(one["spacing"], one[quantity]), f"{name}.{quantity}")
-        if name in ("disc_central", "drop_central"):
-            for value, size in zip(one["error"], one["spacing"]):
+        whole = len(one["spacing"]) == len(CELLS[problem])
+        for quantity in (q for q in JUDGED[problem] if q in one and whole):
+            check(f"{problem}_{quantity}", one[quantity][-1], form)
+            rule = "order" if ORDERED.get(problem) == quantity else "order_shown"
+            if quantity != "side":  # no error
+                check(rule, order(one["spacing"], one[quantity]), f"{name}.{quantity}")
+        for value, size in zip(one.get("error", ()), one["spacing"]):
+            if name in ("disc_central", "drop_central"):
                 check(f"{problem}_kept", value, f"{1 / size:.0f}", f"R = {1 / size:.0f} d")
-        if problem == "tank":
-            for value, size in zip(one["error"], one["spacing"]):
+            if problem == "tank":
                 check("tank_any", value * HEIGHT / (SUPPORT * size), f"{1 / size:.0f}", f"H = {1 / size:.0f} d")
-
     for key, (_, _, quantities) in VARIED.items():
-        for quantity in quantities if key in results else ():
-            check(f"varied_{quantity}", results[key].values[quantity], key.removeprefix("varied_"))
+        check.run(
+            results, key, {f"varied_{quantity}": quantity for quantity in quantities}, key.removeprefix("varied_")
+        )
     for program, names in TERMS.items():
-        if f"terms_{program}" not in results:
-            continue
-        values = results[f"terms_{program}"].values
         precise = "_double" if program in DOUBLE else ""
         for term in names:
-            equal = term in EQUAL[program]
-            check(f"peer_equal{precise}" if equal else "peer", values[term], f"{program}.{term}")
-            check(f"peer_explained{precise}", values[f"{term}.explained"], f"{program}.{term}")
+            equal = f"peer_equal{precise}" if term in EQUAL[program] else "peer"
+            own = {equal: term, f"peer_explained{precise}": f"{term}.explained"}
+            check.run(results, f"terms_{program}", own, f"{program}.{term}")
 
 
 def _behind(titles: Container[str]) -> tuple[str, ...]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import matplotlib.pyplot as plt
@@ -13,7 +13,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.patches import FancyArrowPatch, FancyBboxPatch
 
 from validation.checks import number
-from validation.drawing import BLUE, GREEN, GREY, ORANGE, VERMILION, view_matrix
+from validation.drawing import BLUE, GREEN, GREY, ORANGE, VERMILION, caption, plain_title, view_matrix
 from validation.experiment import Picture, Results
 from validation.experiments.surface_reconstruction.scene import RADII
 from validation.results import floats
@@ -31,21 +31,16 @@ BINS = np.linspace(0, 40, 81)
 
 def error_data(results: Results) -> dict[str, Any]:
     """Histograms of the angle between normals and the true ones, for the settings that are shown."""
-    data: dict[str, Any] = {
-        "title": "Error of normals on a particle cloud of radius 9 h",
-        "bins_degrees": BINS,
-        "shapes": {},
-    }
+    shapes = {}
     for shape in RADII:
-        result = results[f"normals_{shape}"]
-        data["shapes"][shape] = {
-            key: {
-                "share": np.histogram(np.minimum(result.arrays[key], 39.9), BINS)[0] / len(result.arrays[key]),
-                "mean": result.values["rows"][key]["mean"], "max": result.values["rows"][key]["max"],
-            }
+        arrays, rows = results[f"normals_{shape}"].arrays, results[f"normals_{shape}"].values["rows"]
+        shapes[shape] = {
+            key: {"share": np.histogram(np.minimum(arrays[key], 39.9), BINS)[0] / len(arrays[key]),
+                  "mean": rows[key]["mean"], "max": rows[key]["max"]}
             for key in SHOWN
         }  # fmt: skip
-    return data
+    title = "Error of normals on a particle cloud of radius 9 h"
+    return {"title": title, "bins_degrees": BINS, "shapes": shapes}
 
 
 def error_picture(data: Mapping[str, Any]) -> Any:
@@ -109,11 +104,8 @@ def mesh_picture(data: Mapping[str, Any]) -> Any:
     ):
         lit(axes, vertices, facets, floats(normal), extent)
         radius = np.linalg.norm(vertices, axis=1)
-        axes.set_title(words, loc="center", fontweight="normal")
-        axes.text(
-            0.5, 0.0, f"radius {radius.mean():.2f} ± {radius.std():.2f} h; particles end at 9 h",
-            transform=axes.transAxes, ha="center", va="top", fontsize=8, color=GREY,
-        )  # fmt: skip
+        plain_title(axes, words)
+        caption(axes, f"radius {radius.mean():.2f} ± {radius.std():.2f} h; particles end at 9 h", y=0.0)
     return figure
 
 
@@ -169,22 +161,17 @@ def pipeline_data(results: Results) -> dict[str, Any]:
     return {"title": "Figure 4.7: from particles to force", "backend": values["backend"], **row}
 
 
-def pipeline_picture(data: Mapping[str, Any]) -> Any:
-    """The stages as boxes in rows, joined by arrows, with milliseconds and shares."""
-    return pipeline(data, BOXES)
-
-
-def pipeline(data: Mapping[str, Any], boxes: Sequence[tuple[str, str]], columns: int = 5) -> Any:
-    """A diagram of stages: `boxes` (name in data["stages"], words), row by row, to the right and back again."""
-    total, rows = sum(data["stages"].values()), math.ceil(len(boxes) / columns)
+def pipeline_picture(data: Mapping[str, Any], columns: int = 5) -> Any:
+    """The stages as boxes, row by row, to the right and back again, joined by arrows, with milliseconds and shares."""
+    total, rows = sum(data["stages"].values()), math.ceil(len(BOXES) / columns)
     figure, axes = plt.subplots(figsize=(10.0, 0.6 + 1.2 * rows))
     axes.set(xlim=(-0.1, columns + 0.1), ylim=(0.2, 1.15 * rows - 0.15))
     axes.set_axis_off()
     centres = []
-    for k in range(len(boxes)):
+    for k in range(len(BOXES)):
         row, at = divmod(k, columns)
         centres.append((at + 0.5 if row % 2 == 0 else columns - 0.5 - at, 0.6 + 1.15 * (rows - 1 - row)))
-    for (name, words), (x, y) in zip(boxes, centres):
+    for (name, words), (x, y) in zip(BOXES, centres):
         seconds = data["stages"].get(name, 0.0)
         share = seconds / total
         box = FancyBboxPatch(
@@ -202,10 +189,8 @@ def pipeline(data: Mapping[str, Any], boxes: Sequence[tuple[str, str]], columns:
         else:
             ends = (x0, y0 - 0.33), (x1, y1 + 0.33)
         axes.add_patch(FancyArrowPatch(*ends, arrowstyle="-|>", mutation_scale=11, color="#444444", linewidth=1.1))
-    axes.set_title(
-        f"{data['title']}: {data['particles']:,} particles, {data['samples']:,} samples, {data['backend']},"
-        f" {1e3 * total:.3g} ms in all"
-    )
+    counts = f"{data['particles']:,} particles, {data['samples']:,} samples"
+    axes.set_title(f"{data['title']}: {counts}, {data['backend']}, {1e3 * total:.3g} ms in all")
     return figure
 
 

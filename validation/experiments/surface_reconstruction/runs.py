@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import time
 from collections.abc import Callable, Mapping
-from operator import itemgetter
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -21,10 +22,9 @@ from validation.experiment import Experiment, Family, Measure, Options, Results,
 from validation.experiments.surface_reconstruction import scene
 from validation.experiments.surface_reconstruction.scene import RADII
 from validation.peers import pysplashsurf
-from validation.reading import Reading, distribution, measured
 from validation.results import Result, real
-from validation.running import Context
-from validation.turns import mean_parts, rounds
+from validation.running import Context, on_threads
+from validation.turns import Outcome, Settings, distribution, in_turns, measured, rounds
 
 CELL = 1 / 32  # m
 RADIUS = 9.0  # of the sphere, in cells
@@ -71,19 +71,21 @@ def normal_errors(context: Context, shape: str, backend: str, seed: int = 0, rad
     chosen = settings()
     for k, (key, parameters) in enumerate(chosen.items()):
         made, surface, _ = reconstruct(place, backend, inset=-1.0, **parameters)
-        sample = made.backend.host(surface.samples.position) / CELL
-        normal = made.backend.host(surface.samples.normal)
-        angle = scene.angles(normal, scene.true_normals(sample, shape, radius))
-        away = made.backend.host(surface.offset_direction)
+        angle = angles_off(made, surface, shape, radius)
         rows[key] = {
             "words": words_of(parameters), **parameters,
             "mean": float(angle.mean()), "p95": float(np.quantile(angle, 0.95)), "max": float(angle.max()),
-            "against_offsets": int(((normal * away).sum(1) < 0).sum()),
         }  # fmt: skip
         if key in ("facets", "offsets") or parameters in (DEFAULT, BEST):
             arrays[key] = angle
         context.progress((k + 1) / len(chosen))
     return Result({"particles": len(place), "samples": len(angle), "rows": rows}, arrays)
+
+
+def angles_off(made: Reconstruction, surface: Surface, shape: str = "sphere", radius: float = RADIUS) -> np.ndarray:
+    """Angles between the normals of a surface's samples and the true ones [degrees]."""
+    sample, normal = (made.backend.host(a) for a in (surface.samples.position, surface.samples.normal))
+    return scene.angles(normal, scene.true_normals(sample / CELL, shape, radius))
 
 
 def smooth_samples(context: Context, backend: str, count: int = 2480, input_error: float = 11.8) -> Result:
@@ -109,11 +111,8 @@ def smooth_samples(context: Context, backend: str, count: int = 2480, input_erro
 def fitted_normals(made: Reconstruction, sample: np.ndarray, away: np.ndarray) -> Any:
     """Normals at samples [m] from the fit to them and to points `offset` away from them."""
     there = made.backend
-    h = float(made.term.cell_size)
-    blocks = made.grid.cover(there.asarray(sample), 4, 6)
-    points = there.asarray(np.vstack([sample, sample + float(made.term.offset) * h * away]))
-    coefficients = made._fit(blocks, points)
-    return made._smooth_normals(blocks, coefficients, there.asarray(sample), there.asarray(away))
+    blocks, points = fitted_points(made, sample, away)
+    return made._smooth_normals(blocks, made._fit(blocks, points), there.asarray(sample), there.asarray(away))
 
 
 def convergence(context: Context, backend: str, offset: float = 1.0) -> Result:
@@ -145,9 +144,8 @@ def convergence(context: Context, backend: str, offset: float = 1.0) -> Result:
 
 def rms_residual(made: Reconstruction, sample: np.ndarray, away: np.ndarray) -> float:
     """Root mean square of b - B C over all rows [h], after the fit."""
-    there, h = made.backend, float(made.term.cell_size)
-    blocks = made.grid.cover(there.asarray(sample), 4, 6)
-    points = there.asarray(np.vstack([sample, sample + float(made.term.offset) * h * away]))
+    there = made.backend
+    blocks, points = fitted_points(made, sample, away)
     coefficients = made._fit(blocks, points)
     value = there.empty(points.shape[0], points.dtype)
     unit = there.zeros(points.shape, points.dtype)
@@ -157,6 +155,12 @@ def rms_residual(made: Reconstruction, sample: np.ndarray, away: np.ndarray) -> 
     )
     goal = np.repeat([0.0, float(made.term.offset)], len(sample))
     return float(np.sqrt(((there.host(value) - goal) ** 2).mean()))
+
+
+def fitted_points(made: Reconstruction, sample: np.ndarray, away: np.ndarray) -> tuple[Any, Any]:
+    """(grid around samples [m], the samples and the points `offset` away from them) of a fit."""
+    points = np.vstack([sample, sample + float(made.term.offset) * float(made.term.cell_size) * away])
+    return made.grid.cover(made.backend.asarray(sample), 4, 6), made.backend.asarray(points)
 
 
 def fit_system(
@@ -182,14 +186,18 @@ def fit_system(
 
 def spectrum() -> dict[str, Any]:
     """Eigenvalues of Lambda B^T B of a disc's fit, in descending order."""
-    matrix, _, _, _ = fit_system(2, 9.0, offset=1.0)
-    dense = matrix.toarray()
-    root = np.sqrt(1 / dense.sum(0))
-    values = np.linalg.eigvalsh(root[:, None] * (dense.T @ dense) * root[None, :])[::-1]
+    values = eigenvalues(fit_system(2, 9.0, offset=1.0)[0])[::-1]
     return {
         "values": values, "largest": float(values[0]),
         "below_1e-2": float((values < 1e-2).mean()), "below_1e-6": float((values < 1e-6).mean()),
     }  # fmt: skip
+
+
+def eigenvalues(matrix: Any) -> np.ndarray:
+    """Eigenvalues of Lambda B^T B in ascending order."""
+    dense = matrix.toarray()
+    root = np.sqrt(1 / dense.sum(0))
+    return np.linalg.eigvalsh(root[:, None] * (dense.T @ dense) * root[None, :])
 
 
 # Meshes
@@ -199,24 +207,20 @@ def meshes(context: Context, backend: str) -> Result:
     """How good the triangles are, how much normals jump from facet to facet, and whether the surface is closed."""
     rows, arrays = {}, {}
     for shape in scene.RADII:
-        place = scene.cloud(shape, RADIUS)
-        made, surface, _ = reconstruct(place, backend, **DEFAULT)
+        made, surface, _ = reconstruct(scene.cloud(shape, RADIUS), backend, **DEFAULT)
         host = made.backend.host
         mesh = Mesh(*(host(a) for a in surface.mesh))
         moved = host(surface.inset_mesh.vertices)
         facet_normal, normal = host(surface.facet_normal), host(surface.samples.normal)
         pairs = neighbouring_facets(mesh.facets)
-        least = smallest_angles(mesh.vertices, mesh.facets)
-        jump = {"facets": scene.angles(facet_normal[pairs[:, 0]], facet_normal[pairs[:, 1]])}
-        jump["fit"] = scene.angles(normal[pairs[:, 0]], normal[pairs[:, 1]])
+        jump = {name: scene.angles(*(of[pairs[:, k]] for k in (0, 1)))
+                for name, of in (("facets", facet_normal), ("fit", normal))}  # fmt: skip
         edges, unmatched = edge_counts(mesh.facets)
-        radius = np.linalg.norm(moved / CELL, axis=1)
         rows[shape] = {
-            "vertices": len(mesh.vertices), "facets": len(mesh.facets), "edges": edges, "unmatched": unmatched,
-            "euler": len(mesh.vertices) - edges + len(mesh.facets),
-            "least_angle": quantiles(least), "least_angle_inset": quantiles(smallest_angles(moved, mesh.facets)),
-            "jump_facets": quantiles(jump["facets"]), "jump_fit": quantiles(jump["fit"]),
-            "inset_radius": [float(radius.mean()), float(radius.std())],
+            "vertices": len(mesh.vertices), "facets": len(mesh.facets), "unmatched": unmatched,
+            "euler": len(mesh.vertices) - edges + len(mesh.facets), "jump_facets": quantiles(jump["facets"]),
+            "jump_fit": quantiles(jump["fit"]),
+            "least_angle": quantiles(smallest_angles(mesh.vertices, mesh.facets)),
         }  # fmt: skip
         arrays |= {
             f"{shape}_vertices": (mesh.vertices / CELL).astype(np.float32), f"{shape}_facets": mesh.facets,
@@ -271,10 +275,10 @@ def edge_counts(facets: np.ndarray) -> tuple[int, int]:
 
 def medians(function: Callable[[], Any], there: Backend, repeats: int) -> tuple[float, float]:
     """(median, median deviation) of wall seconds of a call, after one that compiles."""
-    return middle(in_turns({"": function}, there, repeats)[""])
+    return middle(beside({"": function}, there, repeats)[""])
 
 
-def in_turns(programs: dict[str, Callable[[], Any]], there: Backend, turns: int) -> dict[str, list[float]]:
+def beside(programs: Mapping[str, Callable[[], Any]], there: Backend, turns: int) -> dict[str, list[float]]:
     """Wall seconds of each call in each turn, after one call that compiles. In turns, because on shared cores the time
     of one program says little beside that of another a second later."""
     spent: dict[str, list[float]] = {name: [] for name in programs}
@@ -296,33 +300,25 @@ def middle(spent: list[float]) -> tuple[float, float]:
 
 def stages(context: Context, backend: str, counts: list[int], threads: int | None, repeats: int = 5) -> Result:
     """Seconds of each stage of a reconstruction and of the force, by number of particles."""
-    there = choose(backend)
-    set_threads(there, threads)
     rows = []
-    try:
-        for k, count in enumerate(counts):
+    with on_threads(backend, threads) as there:
+        for k, (count, quadrature) in enumerate(itertools.product(counts, ("facets", "poisson"))):
             place = scene.lattice_block(count)
-            for quadrature in ("facets", "poisson"):
-                made, surface, position = reconstruct(place, backend, "float32", timed=True, quadrature=quadrature)
-                spent: dict[str, list[float]] = {}
-                for _ in range(repeats):
-                    surface = made.surface(position)
-                    for name, seconds in surface.seconds.items():
-                        spent.setdefault(name, []).append(seconds)
-                    began = time.perf_counter()
-                    made.force(surface.samples, surface.blocks)
-                    there.synchronize()
-                    spent.setdefault("force", []).append(time.perf_counter() - began)
-                rows.append(
-                    {
-                        "particles": len(place), "quadrature": quadrature,
-                        "samples": int(surface.samples.area.shape[0]), "nodes": nodes(surface.blocks),
-                        "stages": {name: float(np.median(values)) for name, values in spent.items()},
-                    }
-                )  # fmt: skip
-            context.progress((k + 1) / len(counts))
-    finally:
-        set_threads(there, None)
+            made, surface, position = reconstruct(place, backend, "float32", timed=True, quadrature=quadrature)
+            spent: dict[str, list[float]] = {}
+            for _ in range(repeats):
+                surface = made.surface(position)
+                began = time.perf_counter()
+                made.force(surface.samples, surface.blocks)
+                there.synchronize()
+                for name, seconds in {**surface.seconds, "force": time.perf_counter() - began}.items():
+                    spent.setdefault(name, []).append(seconds)
+            rows.append({
+                "particles": len(place), "quadrature": quadrature,
+                "samples": int(surface.samples.area.shape[0]), "nodes": nodes(surface.blocks),
+                "stages": {name: float(np.median(values)) for name, values in spent.items()},
+            })  # fmt: skip
+            context.progress((k + 1) / (2 * len(counts)))
     return Result({"backend": backend, "threads": threads, "rows": rows})
 
 
@@ -331,10 +327,7 @@ def beside_transfers(context: Context, backend: str, cells: int, rounds: int, re
 
     cells  of the cube's edge, with eight particles each
     """
-    from validation.experiments.mpm_droplet.runs import (
-        BLOCK,
-        plain_block,  # it imports from here
-    )
+    from validation.experiments.mpm_droplet.runs import BLOCK, plain_block  # it imports from here
 
     there = choose(backend)
     place = scene.lattice_block(8 * cells**3)
@@ -356,13 +349,11 @@ def beside_transfers(context: Context, backend: str, cells: int, rounds: int, re
         plain.append(plain_block(context, block, 1, backend)[1])
         context.progress((k + 1) / rounds)
     ratios = [a / b for a, b in zip(own, plain, strict=True)]
-    return Result(
-        {
-            "backend": backend, "particles": len(place), "samples": int(found[0].samples.area.shape[0]),
-            "nodes": nodes(found[0].blocks), "own": own, "force": force, "plain": plain, "ratios": ratios,
-            "ratio": float(np.median(ratios)),
-        }
-    )  # fmt: skip
+    return Result({
+        "backend": backend, "particles": len(place), "samples": int(found[0].samples.area.shape[0]),
+        "nodes": nodes(found[0].blocks), "own": own, "force": force, "plain": plain, "ratios": ratios,
+        "ratio": float(np.median(ratios)),
+    })  # fmt: skip
 
 
 def normals_cost(
@@ -370,37 +361,27 @@ def normals_cost(
 ) -> Result:
     """Nanoseconds of a normal by MLS and by the spline's gradient, in both dtypes, at the samples of a large drop of
     `count` particles, each taken `copies` times: on a GPU a launch alone takes as long as 100,000 normals."""
-    there = choose(backend)
-    set_threads(there, threads)
     rows = []
-    try:
+    with on_threads(backend, threads) as there:
         for dtype in ("float32", "float64"):
             made, surface, _ = reconstruct(scene.lattice_block(count), backend, dtype, inset=-1.0)
             sample, away = (
                 there.asarray(np.tile(there.host(a), (copies, 1)))
                 for a in (surface.sample_place, surface.offset_direction)
             )
-            bases = made.grid.by_cell(sample, surface.blocks, 0.5)
-            out = there.empty(sample.shape, np.dtype(dtype))
-            arguments = (
-                sample, bases, surface.blocks, made.term, surface.coefficients, away,
-                None, None, out,
-            )  # fmt: skip
+            bases, out = made.grid.by_cell(sample, surface.blocks, 0.5), there.empty(sample.shape, np.dtype(dtype))
+            given = (sample, bases, surface.blocks, made.term, surface.coefficients, away, None, None, out)
             names = {"mls": "mls_normals", "gradient": "spline_normals"}
             programs = {kind: REGISTRY[f"surface_energy.{name}"].program(backend) for kind, name in names.items()}
-            calls = {kind: lambda p=program, a=arguments: p(*a) for kind, program in programs.items()}
-            for kind, spent in in_turns(calls, there, repeats).items():
+            calls = {kind: partial(program, *given) for kind, program in programs.items()}
+            for kind, spent in beside(calls, there, repeats).items():
                 seconds, spread = middle(spent)
-                rows.append(
-                    {
-                        "dtype": dtype, "kind": kind, "normals": int(sample.shape[0]),
-                        "nanoseconds": 1e9 * seconds / sample.shape[0], "spread": 1e9 * spread / sample.shape[0],
-                        "turns": spent, "registers": registers(programs[kind]),
-                    }
-                )  # fmt: skip
+                rows.append({
+                    "dtype": dtype, "kind": kind, "normals": int(sample.shape[0]),
+                    "nanoseconds": 1e9 * seconds / sample.shape[0], "spread": 1e9 * spread / sample.shape[0],
+                    "turns": spent, "registers": registers(programs[kind]),
+                })  # fmt: skip
             context.progress(len(rows) / 4)
-    finally:
-        set_threads(there, None)
     return Result({"backend": backend, "threads": threads, "rows": rows})
 
 
@@ -418,30 +399,13 @@ def solvers(context: Context, threads: int | None, repeats: int = 9, radius: flo
     from scipy.sparse import eye_array
     from scipy.sparse.linalg import cg, splu
 
-    there = choose("cpu")
+    there, most = choose("cpu"), there_threads()
     matrix, goal, active, surface = fit_system(3, radius, offset=0.5)
-    normal_matrix = (matrix.T @ matrix).tocsr()
     side = matrix.T @ goal
     true = scene.true_normals(surface.sample_place / CELL, "sphere", radius)
     made = Reconstruction(there, 3, "float64", CELL, Tension(surface_tension=1.0, normals="gradient"))
-    rows: list[dict[str, Any]] = []
-
-    def add(name: str, words: str, solution: np.ndarray, numbers: int) -> None:
-        coefficients = np.zeros(nodes(surface.blocks))
-        coefficients[active] = solution
-        normal = made._smooth_normals(surface.blocks, coefficients, surface.sample_place, surface.offset_direction)
-        seconds, spread = middle(spent[name])
-        rows.append(
-            {
-                "name": name, "words": words, "seconds": seconds, "spread": spread, "turns": spent[name],
-                "residual": float(np.sqrt(((goal - matrix @ solution) ** 2).mean()) / goal.max()),
-                "error": float(scene.angles(normal, true).mean()), "numbers_per_node": numbers / len(active),
-            }
-        )  # fmt: skip
-
     h = float(made.term.cell_size)
     points = np.vstack([surface.sample_place, surface.sample_place + 0.5 * h * surface.offset_direction])
-    most = there_threads()
     ridge = 1e-10 * eye_array(len(active))
 
     def fitted(sweeps: int, used: int) -> np.ndarray:
@@ -456,23 +420,28 @@ def solvers(context: Context, threads: int | None, repeats: int = 9, radius: flo
     def direct() -> np.ndarray:
         return splu(((matrix.T @ matrix) + ridge).tocsc()).solve(side)
 
-    fits = [(sweeps, used) for used in sorted({1, most}) for sweeps in (1, 10, 100)]
-    calls: dict[str, Callable[[], Any]] = {f"lspia_{s}_{n}": lambda s=s, n=n: fitted(s, n) for s, n in fits}
-    calls |= {f"cg_{s}": lambda s=s: solved(s) for s in (1, 10, 100)} | {"direct": direct}
-    try:
-        spent = in_turns(calls, there, repeats)
+    calls: dict[str, tuple[str, Callable[[], np.ndarray]]] = {
+        f"lspia_{s}_{n}": (f"LSPIA, {s} sweeps, {n} threads", partial(fitted, s, n))
+        for n in sorted({1, most}) for s in (1, 10, 100)
+    }  # fmt: skip
+    calls |= {f"cg_{s}": (f"conjugate gradients, {s} steps (SciPy)", partial(solved, s)) for s in (1, 10, 100)}
+    calls["direct"] = "sparse factors, ridge 1e-10 (SciPy)", direct
+    rows = []
+    with on_threads("cpu", threads):
+        spent = beside({name: call for name, (_, call) in calls.items()}, there, repeats)
         set_threads(there, threads)
-        for s, n in fits:
-            add(f"lspia_{s}_{n}", f"LSPIA, {s} sweeps, {n} threads", fitted(s, n)[active], 3 * len(active))
-        stored = normal_matrix.nnz * 1.5 + matrix.nnz * 1.5 + 4 * len(active)
-        for s in (1, 10, 100):
-            add(f"cg_{s}", f"conjugate gradients, {s} steps (SciPy)", solved(s), int(stored))
-        factors = splu((normal_matrix + ridge).tocsc())
-        stored = 1.5 * (factors.L.nnz + factors.U.nnz + normal_matrix.nnz)
-        add("direct", "sparse factors, ridge 1e-10 (SciPy)", direct(), int(stored))
-    finally:
-        set_threads(there, None)
-    context.progress(1.0)
+        for name, (words, call) in calls.items():
+            solution = call()
+            solution = solution[active] if name.startswith("lspia") else solution
+            coefficients = np.zeros(nodes(surface.blocks))
+            coefficients[active] = solution
+            normal = made._smooth_normals(surface.blocks, coefficients, surface.sample_place, surface.offset_direction)
+            seconds, spread = middle(spent[name])
+            rows.append({
+                "name": name, "words": words, "seconds": seconds, "spread": spread, "turns": spent[name],
+                "residual": float(np.sqrt(((goal - matrix @ solution) ** 2).mean()) / goal.max()),
+                "error": float(scene.angles(normal, true).mean()),
+            })  # fmt: skip
     return Result(
         {"rows": rows, "samples": len(points) // 2, "active": len(active), "entries": int(matrix.nnz), "threads": most}
     )
@@ -481,56 +450,25 @@ def solvers(context: Context, threads: int | None, repeats: int = 9, radius: flo
 def fit_scaling(
     context: Context, backend: str, threads: list[int], count: int = 1_000_000, sweeps: int = 10, repeats: int = 7
 ) -> Result:
-    """Seconds of the fit to the surface of a block of `count` particles, float32, on one backend; bytes that it keeps.
+    """Seconds of the fit to the surface of a block of `count` particles, float32, on one backend.
 
     threads  numbers of CPU threads to time; one row without a number on a GPU
     """
     there = choose(backend)
     tension = {**DEFAULT, "iterations": sweeps}
     made, surface, _ = reconstruct(scene.lattice_block(count), backend, "float32", inset=-1.0, **tension)
-    place = there.host(surface.sample_place)
-    away = there.host(surface.offset_direction)
+    place, away = (there.host(a) for a in (surface.sample_place, surface.offset_direction))
     shift = np.float32(float(made.term.offset) * CELL)
     points = there.asarray(np.vstack([place, place + shift * away]).astype(np.float32))
     rows = []
-    try:
-        for used in threads or [0]:
-            set_threads(there, used or None)
+    for used in threads or [0]:
+        with on_threads(backend, used or None):
             seconds, spread = medians(lambda: made._fit(surface.blocks, points), there, repeats)
-            rows.append({"threads": used, "seconds": seconds, "spread": spread})
-            context.progress(len(rows) / len(threads or [0]))
-    finally:
-        set_threads(there, None)
-    kept = fit_bytes(made, surface.blocks, points)
-    return Result(
-        {"backend": backend, "rows": rows, "points": len(place) * 2, "nodes": nodes(surface.blocks), "sweeps": sweeps,
-         **kept}
-    )  # fmt: skip
-
-
-def fit_bytes(made: Reconstruction, blocks: Any, points: Any) -> dict[str, float]:
-    """Bytes that the fit allocates for each node of its grid, and for each point that it fits (the list of points by
-    cell comes on top, as wherever points are searched in cells)."""
-    taken: list[Any] = []
-    empty, places = made._empty, made._places
-
-    def keep(function: Callable[..., Any]) -> Callable[..., Any]:
-        def called(*arguments: Any) -> Any:
-            taken.append(function(*arguments))
-            return taken[-1]
-
-        return called
-
-    made._empty, made._places = keep(empty), keep(places)  # type: ignore[method-assign]
-    try:
-        made._fit(blocks, points)
-    finally:
-        made._empty, made._places = empty, places  # type: ignore[method-assign]
-    size = [math.prod(a.shape) * np.dtype(a.dtype).itemsize for a in taken]
-    of_points = sum(s for s, a in zip(size, taken) if a.shape[0] == points.shape[0])
-    return {
-        "bytes_per_node": (sum(size) - of_points) / nodes(blocks), "bytes_per_point": of_points / points.shape[0],
-    }  # fmt: skip
+        rows.append({"threads": used, "seconds": seconds, "spread": spread})
+        context.progress(len(rows) / len(threads or [0]))
+    return Result({
+        "backend": backend, "rows": rows, "points": len(place) * 2, "nodes": nodes(surface.blocks), "sweeps": sweeps
+    })  # fmt: skip
 
 
 def there_threads() -> int:
@@ -545,134 +483,83 @@ def against_pysplashsurf(context: Context, count: int, rounds: int, threads: int
 
     refsim's part is what makes the mesh: cells, node states, facets and exit points.
     """
-    missing = pysplashsurf.missing()
-    if missing:
-        return Result({"missing": missing})
-    there = choose("cpu")
-    set_threads(there, threads)
-    place = scene.lattice_block(count)
-    position = (CELL * place).astype(np.float32)
-    made = Reconstruction(there, 3, "float32", CELL, Tension(surface_tension=1.0))
+    position = (CELL * scene.lattice_block(count)).astype(np.float32)
     own, other = [], []
-    try:
+    with on_threads("cpu", threads) as there:
+        made = Reconstruction(there, 3, "float32", CELL, Tension(surface_tension=1.0))
         mesh = made.mesh(position)
         for k in range(rounds):
             peer = pysplashsurf.run(position, CELL, threads)
             if "missing" in peer:
                 return Result({"missing": peer["missing"]})
             other.append(peer["seconds"] / len(position))
-            spent = []
-            for _ in range(3):
-                began = time.perf_counter()
-                mesh = made.mesh(position)
-                spent.append(time.perf_counter() - began)
-            own.append(float(np.median(spent)) / len(position))
+            own.append(medians(lambda: made.mesh(position), there, 3)[0] / len(position))
             context.progress((k + 1) / rounds)
-    finally:
-        set_threads(there, None)
     ratios = [b / a for a, b in zip(own, other, strict=True)]
 
     def spread(values: list[float]) -> dict[str, float]:
         return {"median": float(np.median(values)), "low": min(values), "high": max(values)}
 
-    return Result(
-        {
-            "missing": "", "version": peer["version"], "particles": len(position), "threads": threads,
-            "refsim": spread(own), "peer": spread(other), "ratios": ratios, "ratio": float(np.median(ratios)),
-            "facets": len(mesh.facets), "peer_facets": peer["facets"],
-        }
-    )  # fmt: skip
+    return Result({
+        "missing": "", "version": peer["version"], "particles": len(position), "threads": threads,
+        "refsim": spread(own), "peer": spread(other), "ratios": ratios, "ratio": float(np.median(ratios)),
+        "facets": len(mesh.facets),
+    })  # fmt: skip
 
 
 # What accuracy costs
 
 
-def normals(
-    context: Context, settings: Mapping[str, Mapping[str, Any]], backend: str, threads: int | None, repeats: int
-) -> Result:
+def normals(context: Context, settings: Settings, backend: str, threads: int | None, repeats: int) -> Result:
     """Every kind of normals, in turn, on one sphere of particles: mean angle to the true normal, and seconds.
 
-    settings  key to {"words", "knobs" (with "dtype"), "tension" (parameters of the reconstruction), "radius"}
+    settings  key to {"knobs" (with "dtype"), "tension" (parameters of the reconstruction), "radius"}
 
     Counted are offsets, fit and normals, for facets nothing but the facets; the level set and the mesh stand beside.
     """
-    there = choose(backend)
-    set_threads(there, threads)
-    made, positions, compiling, own = {}, {}, {}, {}
-    try:
+    made: dict[str, tuple[Reconstruction, Any]] = {}
+
+    def computed(key: str, k: int) -> Outcome:
+        program, position = made[key]
+        tension, radius = settings[key]["tension"], settings[key].get("radius", RADIUS)
+        surface = program.surface(position)
+        own = ("samples",) if tension["normals"] == "facets" else ("offsets", "fit", "normals")
+        parts = {name: surface.seconds[name] for name in own}
+        angle = angles_off(program, surface, "sphere", radius)
+        return Outcome(
+            float(angle.mean()), math.fsum(parts.values()), particles=int(position.shape[0]), parts=parts,
+            beside={"mesh": surface.seconds["cells"] + surface.seconds["level set and facets"]},
+            distribution={"angle [degrees]": distribution(angle)},
+        )  # fmt: skip
+
+    with on_threads(backend, threads) as there:
         for key, setting in settings.items():
             dtype = setting["knobs"]["dtype"]
-            own[key] = ("samples",) if setting["tension"]["normals"] == "facets" else ("offsets", "fit", "normals")
-            began = time.perf_counter()
             tension = Tension(surface_tension=1.0, inset=-1.0, **setting["tension"])
-            made[key] = Reconstruction(there, 3, dtype, CELL, tension, timed=True)
             place = CELL * scene.cloud("sphere", setting.get("radius", RADIUS))
-            positions[key] = there.asarray(place.astype(dtype))
-            made[key].surface(positions[key])
-            compiling[key] = time.perf_counter() - began
-
-        def reconstructed(key: str, k: int) -> dict[str, float]:
-            return dict(made[key].surface(positions[key]).seconds)
-
-        def counted(stages: Mapping[str, float]) -> float:
-            return math.fsum(stages[name] for name in own[key])
-
-        found = rounds(context, made, reconstructed, counted, repeats)
-        spent = {key: [mean_parts(runs) for runs in read.runs] for key, read in found.items()}
-        readings = []
-        for key, setting in settings.items():
-            surface = made[key].surface(positions[key])
-            sample = there.host(surface.samples.position).astype(float) / CELL
-            normal = there.host(surface.samples.normal).astype(float)
-            radius = setting.get("radius", RADIUS)
-            angle = scene.angles(normal, scene.true_normals(sample, "sphere", radius))
-            parts = {name: [row[name] for row in spent[key]] for name in own[key]}
-            beside = {"mesh": [row["cells"] + row["level set and facets"] for row in spent[key]]}
-            seconds = np.sum(list(parts.values()), axis=0).tolist()
-            readings.append(
-                Reading(
-                    key, setting["words"], setting["knobs"], error=float(angle.mean()), value=float(angle.mean()),
-                    seconds=seconds, per_step=seconds, parts=parts, beside=beside, compile=compiling[key],
-                    distribution={"angle [degrees]": distribution(angle)}, particles=int(positions[key].shape[0]),
-                    shown="radius" not in setting, noise=found[key].noise,
-                )
-            )  # fmt: skip
-    finally:
-        set_threads(there, None)
-    return measured(readings, threads, backend)
+            position = there.asarray(place.astype(dtype))
+            made[key] = Reconstruction(there, 3, dtype, CELL, tension, timed=True), position
+            made[key][0].surface(position)  # compiles
+        return measured(rounds(context, made, computed, lambda run: run.seconds, repeats), threads, backend)
 
 
-def peer_normals(context: Context, settings: Mapping[str, Mapping[str, Any]], threads: int, repeats: int) -> Result:
-    """pysplashsurf's normals on the same sphere of particles, as readings like the others, its mesh included.
+def peer_normals(context: Context, settings: Settings, threads: int, repeats: int) -> Result:
+    """pysplashsurf's normals on the same sphere of particles, its mesh included.
 
-    settings  key to {"words", "knobs", "share", "smoothing" (see `validation.peers.pysplashsurf.run_normals`)}
+    settings  key to {"share", "smoothing" (see `validation.peers.pysplashsurf.run_normals`)}
     """
     position = CELL * scene.cloud("sphere", RADIUS)
-    last: dict[str, dict[str, Any]] = {}
 
-    def computed(key: str, k: int) -> dict[str, Any]:
-        setting = settings[key]
-        last[key] = pysplashsurf.run_normals(position, CELL, setting["share"], setting["smoothing"], threads)
-        return last[key]
-
-    found = rounds(context, settings, computed, lambda made: made.get("seconds", 0.0), repeats)
-    readings = []
-    for key, setting in settings.items():
-        common = {"key": key, "words": setting["words"], "knobs": setting["knobs"], "expected": True}
-        if "missing" in last[key]:
-            readings.append(Reading(**common, stopped=f"missing: {last[key]['missing']}"))
-            continue
-        place, normal = (np.asarray(last[key][name], dtype=float) for name in ("place", "normal"))
+    def computed(context: Context, setting: Mapping[str, Any], repeat: int) -> Outcome:
+        found = pysplashsurf.run_normals(position, CELL, setting["share"], setting["smoothing"], threads)
+        if "missing" in found:
+            return Outcome(stopped=f"missing: {found['missing']}")
+        place, normal = (np.asarray(found[name], dtype=float) for name in ("place", "normal"))
         angle = scene.angles(normal, scene.true_normals(place / CELL, "sphere", RADIUS))
-        seconds = found[key].means(itemgetter("seconds"))
-        readings.append(
-            Reading(
-                **common, error=float(angle.mean()), value=float(angle.mean()), seconds=seconds, per_step=seconds,
-                parts={"mesh and normals": seconds}, particles=len(position),
-                distribution={"angle [degrees]": distribution(angle)}, noise=found[key].noise,
-            )
-        )  # fmt: skip
-    return measured(readings, threads, "peer")
+        off = {"angle [degrees]": distribution(angle)}
+        return Outcome(float(angle.mean()), found["seconds"], particles=len(position), distribution=off)
+
+    return in_turns(context, settings, computed, threads, repeats, "peer")
 
 
 # What the thesis claims of its reconstructed surface (chapter 3), measured on particle clouds cut by a sphere.
@@ -688,21 +575,15 @@ def reconstruction(context: Context, seed: int, backend: str) -> Result:
     place = scene.cloud("sphere", RADIUS, seed)
     values: dict[str, float] = {}
     for kind in ("mls", "gradient", "facets"):
-        parameters = {**DEFAULT, "normals": kind}
-        made, surface, _ = reconstruct(place, backend, inset=-1.0, **parameters)
-        sample = made.backend.host(surface.samples.position) / CELL
+        made, surface, _ = reconstruct(place, backend, inset=-1.0, **{**DEFAULT, "normals": kind})
         normal = made.backend.host(surface.samples.normal)
-        true = scene.true_normals(sample, "sphere", RADIUS)
         pairs = neighbouring_facets(made.backend.host(surface.mesh.facets))
-        values[f"error_{kind}"] = float(scene.angles(normal, true).mean())
+        values[f"error_{kind}"] = float(angles_off(made, surface).mean())
         jump = scene.angles(normal[pairs[:, 0]], normal[pairs[:, 1]])
         values[f"jump_{kind}"] = float(np.quantile(jump, 0.95))
     least = smallest_angles(made.backend.host(surface.mesh.vertices), made.backend.host(surface.mesh.facets))
     values["slivers"] = float((least < 10).mean())
-    matrix, _, active, _ = fit_system(2, RADIUS, offset=0.5, seed=seed)
-    dense = matrix.toarray()
-    root = np.sqrt(1 / dense.sum(0))
-    largest = np.linalg.eigvalsh(root[:, None] * (dense.T @ dense) * root[None, :])[-1]
+    largest = eigenvalues(fit_system(2, RADIUS, offset=0.5, seed=seed)[0])[-1]
     values["beyond_one"] = float(abs(largest - 1))
     matrix, _, active, _ = fit_system(3, RADIUS, offset=0.5, seed=seed)
     product = (matrix.T @ matrix).nnz
@@ -717,12 +598,12 @@ def _clouds(options: Options) -> list[Run]:
     ]
 
 
-def _each(value: Callable[[Result], float]) -> Callable[[Results], list[float]]:
-    return lambda results: [value(result) for result in results.values()]
+def _each(name: str) -> Callable[[Results], list[float]]:
+    return lambda results: [real(result.values[name]) for result in results.values()]
 
 
 def _ratio(above: str, below: str) -> Callable[[Results], list[float]]:
-    return _each(lambda result: real(result.values[above]) / real(result.values[below]))
+    return lambda results: [real(result.values[above]) / real(result.values[below]) for result in results.values()]
 
 
 def _solvers(options: Options) -> list[Run]:
@@ -800,9 +681,9 @@ def _registers(results: Results) -> list[float]:
 SURFACE_MLS_TAKES_FEWER_REGISTERS = Measure(_normals_on_gpu, _registers, quick=False, timed=True)
 SURFACE_FIT_SCALES = Measure(_fits, _gain, quick=False, timed=True)
 SURFACE_MLS_IS_CHEAPER_ON_GPU = Measure(_normals_on_gpu, _costs, quick=False, timed=True)
-SURFACE_FIT_CONVERGES = Measure(_clouds, _each(lambda result: real(result.values["beyond_one"])))
-SURFACE_FIT_KEEPS_LITTLE = Measure(_clouds, _each(lambda result: real(result.values["kept_share"])))
-SURFACE_FACETS_ARE_SLIVERS = Measure(_clouds, _each(lambda result: real(result.values["slivers"])))
+SURFACE_FIT_CONVERGES = Measure(_clouds, _each("beyond_one"))
+SURFACE_FIT_KEEPS_LITTLE = Measure(_clouds, _each("kept_share"))
+SURFACE_FACETS_ARE_SLIVERS = Measure(_clouds, _each("slivers"))
 SURFACE_FIT_SMOOTHS_NORMALS = Measure(_clouds, _ratio("jump_mls", "jump_facets"))
 SURFACE_MLS_AS_GOOD_AS_GRADIENT = Measure(_clouds, _ratio("error_mls", "error_gradient"))
 
@@ -833,12 +714,12 @@ def _random_normals(measure: Measure) -> list[float]:
 
 def _same_time(measure: Measure) -> list[float]:
     """All programs take the same time and the same registers."""
-    turns, solvers = [0.01] * 9, ("lspia_10_1", "lspia_10_2", "cg_10", "direct")
+    same = {"turns": [0.01] * 9, "seconds": 0.01, "registers": 64}
     rows = [
-        {"name": name, "turns": turns, "seconds": 0.01, "dtype": "", "kind": name, "registers": 64} for name in solvers
+        {"name": name, "dtype": "", "kind": name, **same} for name in ("lspia_10_1", "lspia_10_2", "cg_10", "direct")
     ]
     rows += [
-        {"dtype": dtype, "kind": kind, "turns": turns, "registers": 64, "name": "", "seconds": 0.01}
+        {"name": "", "dtype": dtype, "kind": kind, **same}
         for dtype in ("float32", "float64") for kind in ("mls", "gradient")
     ]  # fmt: skip
     return measure.of({"": {"rows": rows, "threads": 2}})
@@ -880,7 +761,10 @@ FAMILIES = (
 # A surface out of particles: how good its normals are, how the fit converges, how good the mesh is, what it costs.
 
 
-BEST_KEY, DEFAULT_KEY = "gradient_0.25_1", "mls_0.5_10"
+NORMALS = {  # check: setting and part of its errors
+    "best_mean": ("gradient_0.25_1", "mean"), "best_max": ("gradient_0.25_1", "max"),
+    "default_mean": ("mls_0.5_10", "mean"), "default_max": ("mls_0.5_10", "max"), "facet_mean": ("facets", "mean"),
+}  # fmt: skip
 
 
 def planned(options: Options) -> list[Run]:
@@ -910,29 +794,17 @@ def planned(options: Options) -> list[Run]:
 def checks(results: Results, check: Checks) -> None:
     """Normals, topology, convergence and the ratio to the peer; absolute times are shown."""
     for shape in RADII:
-        if f"normals_{shape}" in results:
-            rows = results[f"normals_{shape}"].values["rows"]
-            for name, key, part in (
-                ("best_mean", BEST_KEY, "mean"), ("best_max", BEST_KEY, "max"), ("default_mean", DEFAULT_KEY, "mean"),
-                ("default_max", DEFAULT_KEY, "max"), ("facet_mean", "facets", "mean"),
-            ):  # fmt: skip
-                check(name, rows[key][part], shape)
-        if "meshes" in results:
-            row = results["meshes"].values["rows"][shape]
-            check("euler", row["euler"], shape)
-            check("unmatched", row["unmatched"], shape)
-    if "smooth" in results:
-        rows = results["smooth"].values["rows"]
-        (row,) = (row for row in rows if row["offset"] == 0.25 and row["iterations"] == 300)
-        check("smooth_error", row["gradient"])
-    if "convergence" in results:
-        largest = results["convergence"].values["spectrum"]["largest"]
-        check("largest_eigenvalue", abs(largest - 1))
-    if "stages" in results:
-        for row in results["stages"].values["rows"]:
-            words = f"{row['particles']:,} particles, {row['quadrature']}"
-            name = f"{row['particles']}_{row['quadrature']}"
-            check("stage_time", 1e3 * sum(row["stages"].values()), name, words)
+        own = {name: lambda v, key=key, part=part: v["rows"][key][part] for name, (key, part) in NORMALS.items()}
+        check.run(results, f"normals_{shape}", own, shape)
+        for name in ("euler", "unmatched"):
+            check.run(results, "meshes", {name: lambda v, name=name, shape=shape: v["rows"][shape][name]}, shape)
+    check.run(results, "smooth", {"smooth_error": lambda v: next(
+        row["gradient"] for row in v["rows"] if row["offset"] == 0.25 and row["iterations"] == 300
+    )})  # fmt: skip
+    check.run(results, "convergence", {"largest_eigenvalue": lambda v: abs(v["spectrum"]["largest"] - 1)})
+    for row in results["stages"].values["rows"] if "stages" in results else ():
+        words = f"{row['particles']:,} particles, {row['quadrature']}"
+        check("stage_time", 1e3 * sum(row["stages"].values()), f"{row['particles']}_{row['quadrature']}", words)
     if "beside_transfers" in results:
         values = results["beside_transfers"].values
         check("over_transfers", values["ratio"], "cuda", f"{values['particles']:,} particles")
@@ -944,8 +816,6 @@ def checks(results: Results, check: Checks) -> None:
 
 
 EXPERIMENT = Experiment(
-    name="surface_reconstruction",
-    title="a surface out of particles: normals, convergence of the fit, meshes, time",
-    runs=planned,
-    checks=checks,
-)
+    name="surface_reconstruction", title="a surface out of particles: normals, convergence of the fit, meshes, time",
+    runs=planned, checks=checks,
+)  # fmt: skip

@@ -23,12 +23,9 @@ DETECTORS: dict[str, dict[str, Any]] = {  # settings of the effect
     "corrected_thin": {"scan_normal": "corrected", "thin_features": "second_moment"},
 }
 WORDS = {
-    "number_density": "number density",
-    "color": "J(19)",
-    "color_thin": "J(19), second moment",
-    "corrected": "J(20)",
+    "number_density": "number density", "color": "J(19)", "color_thin": "J(19), second moment", "corrected": "J(20)",
     "corrected_thin": "J(20), second moment",
-}
+}  # fmt: skip
 MOMENTS = (0.3, 0.6, 0.8, 1.0)  # s of the splash
 
 
@@ -42,13 +39,9 @@ def clouds(context: Context, family: str, dim: int, seeds: list[int], backend: s
         walls = (BoxWalls(lower=(0.0, 0.0, 0.0), upper=(size,) * 3, open_faces=("+y",)),) if tank else ()
         particles += len(position)
         for name, settings in DETECTORS.items():
-            scene = Scene(
-                spacing=1.0,
-                support_radius=SUPPORT,
-                dim=dim,
-                fluid=(Cloud(position=position),),
-                effects=(WeaklyCompressible(sound_speed=10.0), *walls, SurfaceDetection(**settings)),
-            )
+            effects = (WeaklyCompressible(sound_speed=10.0), *walls, SurfaceDetection(**settings))
+            fluid = (Cloud(position=position),)
+            scene = Scene(spacing=1.0, support_radius=SUPPORT, dim=dim, fluid=fluid, effects=effects)
             _count(context, scene, backend, counts[name])
         context.progress((k + 1) / len(made))
     return Result({"family": family, "dim": dim, "particles": particles, "score": _scores(counts)})

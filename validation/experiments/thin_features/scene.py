@@ -128,10 +128,7 @@ def tanks(dim: int, random: np.random.Generator) -> list[Cloud]:
 
 
 CLOUDS: dict[str, tuple[str, Callable[[int, np.random.Generator], list[Cloud]]]] = {
-    "films": ("films of 1 and 2 layers", films),
-    "filaments": ("filaments", filaments),
-    "three_layers": ("films of 3 layers", three_layers),
-    "close_layers": ("3 close layers, 1.5 d", close_layers),
-    "bulk": ("bulk, drops, a cavity", bulk),
-    "tanks": ("tanks with walls", tanks),
-}
+    "films": ("films of 1 and 2 layers", films), "filaments": ("filaments", filaments),
+    "three_layers": ("films of 3 layers", three_layers), "close_layers": ("3 close layers, 1.5 d", close_layers),
+    "bulk": ("bulk, drops, a cavity", bulk), "tanks": ("tanks with walls", tanks),
+}  # fmt: skip

@@ -32,58 +32,36 @@ def steady_data(results: Results) -> dict[str, Any]:
         upto = steady or {"wall": values["seconds"], "stages": values["series"]["stages"][-1]}
         share = grouped(upto["stages"])
         share["other"] = max(upto["wall"] - sum(share.values()), 0.0)
-        bars.append(
-            {
-                "label": label,
-                "steady": steady is not None,
-                "stopped": values["stopped"],
-                "seconds": upto["wall"],
-                "stages": share,
-            }
-        )
+        bars.append({
+            "label": label, "steady": steady is not None, "stopped": values["stopped"], "seconds": upto["wall"],
+            "stages": share,
+        })  # fmt: skip
     about = results["steady_default"].about
     return {
-        "title": "Table 1: seconds to steady state",
-        "particles": results["steady_default"].values["particles"],
-        "machine": about["machine"],
-        "date": about["date"],
-        "own_column_of_the_paper_s": 30.3,
-        "bars": bars,
-    }
+        "title": "Table 1: seconds to steady state", "particles": results["steady_default"].values["particles"],
+        "machine": about["machine"], "date": about["date"], "own_column_of_the_paper_s": 30.3, "bars": bars,
+    }  # fmt: skip
 
 
 def steady_picture(data: Mapping[str, Any]) -> Any:
     """One bar a reading of the tension, split into stages; the paper's value as a line."""
-    bars = data["bars"]
+    bars, paper, machine = data["bars"], data["own_column_of_the_paper_s"], data["machine"]
     figure, axes = plt.subplots(figsize=(8.6, 0.55 * len(bars) + 1.9))
     place = list(range(len(bars)))[::-1]
     ends = stacked_bars(axes, [bar["stages"] for bar in bars], COLOURS, place, 0.62, edgecolor="white", lw=0.6)
     for bar, y, end in zip(bars, place, ends):
-        note = f"{bar['seconds']:.1f} s"
-        if bar["stopped"]:
-            note += f", stopped: {bar['stopped']}"
-        elif not bar["steady"]:
-            note += ": not steady"
-        axes.text(max(bar["seconds"], end), y, f"  {note}", va="center", fontsize=8.5)
-    paper = data["own_column_of_the_paper_s"]
+        note = f", stopped: {bar['stopped']}" if bar["stopped"] else "" if bar["steady"] else ": not steady"
+        axes.text(max(bar["seconds"], end), y, f"  {bar['seconds']:.1f} s{note}", va="center", fontsize=8.5)
     axes.axvline(paper, color=ORANGE, ls="--", lw=1.6)
-    axes.text(
-        paper,
-        len(bars) - 0.45,
-        f" {paper} s in the paper\n (its machine, its criterion)",
-        fontsize=8,
-        va="top",
-        color=GREY,
-    )
+    words = f" {paper} s in the paper\n (its machine, its criterion)"
+    axes.text(paper, len(bars) - 0.45, words, fontsize=8, va="top", color=GREY)
     axes.set_yticks(place, [bar["label"] for bar in bars])
     axes.set(xlim=(0, 1.35 * max(paper, *(bar["seconds"] for bar in bars))), ylim=(-0.6, len(bars) - 0.3))
     axes.set(xlabel="wall time [s]", title=f"Seconds to steady state, {data['particles']:,} particles")
     axes.grid(True, axis="x")
     figure.legend(loc="outside lower center", ncols=6)
-    machine = data["machine"]
-    axes.set_title(
-        f"{machine['processor']}, {machine['cores']} cores", loc="right", fontsize=8, color=GREY, fontweight="normal"
-    )
+    words = f"{machine['processor']}, {machine['cores']} cores"
+    axes.set_title(words, loc="right", fontsize=8, color=GREY, fontweight="normal")
     return figure
 
 

@@ -1,34 +1,24 @@
-"""Timed runs: the droplet's step with and without each effect, and the same work in another program."""
+"""Timed runs: the droplet of table 1 until it is steady, and the same work in another program."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from refsim import Akinci2013, Cloud, Gravity, Scene, WeaklyCompressible
+from refsim import Akinci2013, Cloud, Scene, WeaklyCompressible
 from validation.checks import Checks
 from validation.experiment import Experiment, Options, Results, Run
 from validation.experiments.droplet import runs as droplet_runs
-from validation.experiments.droplet.scene import VARIANTS, droplet_scene, particles
 from validation.peers import splishsplash
 from validation.results import Result
 from validation.running import Context, stage_seconds
 
-SPIN = 2.0  # rad/s: without tension nothing else would move, and the list would never be rebuilt
-ROUNDS = 4
-GROUPS = ("neighbours", "density", "forces", "detection", "tension")
 _GROUP_OF = {
-    "neighbours": "neighbours",
-    "sph.density": "density",
-    "sph.state": "density",
-    "sph.pressure": "forces",
-    "sph.momentum": "forces",
-    "sph.gravity": "forces",
-    "sph.kick_drift": "forces",
-}
+    "neighbours": "neighbours", "sph.density": "density", "sph.state": "density", "sph.pressure": "forces",
+    "sph.momentum": "forces", "sph.gravity": "forces", "sph.kick_drift": "forces",
+}  # fmt: skip
 
 
 def grouped(stages: dict[str, float]) -> dict[str, float]:
@@ -45,57 +35,6 @@ def grouped(stages: dict[str, float]) -> dict[str, float]:
             group = "detection" if name.startswith("surface_detection.") or (detects and not tense) else "tension"
         sums[group] = sums.get(group, 0.0) + seconds
     return sums
-
-
-def step_costs(
-    context: Context, steps: int, backend: str, threads: int | None, count: int = 4913, named: Sequence[str] = ()
-) -> Result:
-    """Seconds of a step of the droplet, scene by scene (all, or the named ones); and the price of each effect."""
-    position, spacing, _ = particles("cube", count)
-    gravity = Gravity(acceleration=(0.0, 0.0, -1.0))
-
-    def scene(**changes: Any) -> Scene:
-        return droplet_scene(position, spacing, **{"spin": SPIN, **changes})
-
-    scenes: dict[str, tuple[str, Scene]] = {
-        "pressure": ("pressure alone", scene(viscosity=0.0, effects=())),
-        "liquid": ("pressure and viscosity", scene(effects=())),
-        "gravity": ("with gravity", scene(effects=(gravity,))),
-        "detection": ("with detection", scene(effects=(), detection=True)),
-        "default": ("with tension of all pairs", scene()),
-        "default_detection": ("with tension of all pairs and detection", scene(detection=True)),
-        "soft": ("with soft tension", scene(**VARIANTS["soft"].changes)),
-        "either": ("with tension of surface pairs", scene(**VARIANTS["either"].changes)),
-    }
-    scenes = {name: scene for name, scene in scenes.items() if name in named or not named}
-    clocks = {name: Clock(context, made, backend, threads) for name, (_, made) in scenes.items()}
-    for k in range(ROUNDS):  # in turn, so that a disturbance of the machine does not fall on one scene alone
-        for clock in clocks.values():
-            clock.run(steps // ROUNDS)
-        context.progress((k + 1) / ROUNDS)
-    found = {name: {"words": scenes[name][0], **clock.values()} for name, clock in clocks.items()}
-    pairs = (
-        ("viscosity", "pressure", "liquid"),
-        ("gravity", "liquid", "gravity"),
-        ("surface detection in every step", "liquid", "detection"),
-        ("tension, all pairs", "liquid", "default"),
-        ("tension, soft pairs", "liquid", "soft"),
-        ("tension, surface pairs, with detection", "liquid", "either"),
-        ("surface detection beside the tension", "default", "default_detection"),
-    )
-    prices = [
-        {
-            "words": words,
-            "seconds": found[with_it]["step"] - found[without]["step"],
-            "spread": found[with_it]["spread"] + found[without]["spread"],
-            "bytes": found[with_it]["bytes"] - found[without]["bytes"],
-            "launches": found[with_it]["launches"] - found[without]["launches"],
-        }
-        for words, without, with_it in pairs
-        if {without, with_it} <= set(found)
-    ]
-    values = {"particles": len(position), "steps": steps, "scenes": found, "prices": prices}
-    return Result(values)
 
 
 class Clock:
@@ -126,14 +65,11 @@ class Clock:
         spent = np.array(self.spent)
         median = float(np.median(spent))
         return {
-            "step": median,
-            "mean": float(spent.mean()),
-            "spread": float(np.median(np.abs(spent - median))),
+            "step": median, "mean": float(spent.mean()), "spread": float(np.median(np.abs(spent - median))),
             "stages": {name: seconds / len(spent) for name, seconds in stage_seconds(self.simulation).items()},
-            "bytes": sum(self.plan.field_bytes().values()),
-            "launches": len(self.plan.launches()),
+            "bytes": sum(self.plan.field_bytes().values()), "launches": len(self.plan.launches()),
             "rebuilds": self._rebuilds() - self.before,
-        }
+        }  # fmt: skip
 
 
 def spinning_block(side: int, tension: float = 0.0) -> Scene:
@@ -145,21 +81,15 @@ def spinning_block(side: int, tension: float = 0.0) -> Scene:
     steps = (np.arange(side) + 0.5) * spacing
     position = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), axis=-1).reshape(-1, 3)
     velocity = np.cross([0.0, 0.0, splishsplash.SPIN], position - position.mean(0))
+    liquid = WeaklyCompressible(
+        rest_density=splishsplash.DENSITY, sound_speed=(splishsplash.STIFFNESS / splishsplash.DENSITY) ** 0.5,
+        dynamic_viscosity=splishsplash.VISCOSITY * splishsplash.DENSITY,
+    )  # fmt: skip
     return Scene(
-        name="spinning_block",
-        spacing=spacing,
-        support_radius=2.0 * spacing,
-        step=splishsplash.STEP,
+        name="spinning_block", spacing=spacing, support_radius=2.0 * spacing, step=splishsplash.STEP,
         fluid=(Cloud(position=position, velocity=velocity),),
-        effects=(
-            WeaklyCompressible(
-                rest_density=splishsplash.DENSITY,
-                sound_speed=(splishsplash.STIFFNESS / splishsplash.DENSITY) ** 0.5,
-                dynamic_viscosity=splishsplash.VISCOSITY * splishsplash.DENSITY,
-            ),
-            *((Akinci2013(gamma=tension),) if tension else ()),
-        ),
-    )
+        effects=(liquid, *((Akinci2013(gamma=tension),) if tension else ())),
+    )  # fmt: skip
 
 
 def against_splishsplash(
@@ -187,26 +117,15 @@ def against_splishsplash(
         return {"median": float(np.median(values)), "low": min(values), "high": max(values)}
 
     values = {
-        "missing": "",
-        "version": version,
-        "particles": side**3,
-        "threads": threads,
-        "rounds": rounds,
-        "steps": steps,
-        "refsim": spread(own),
-        "peer": spread(other),
-        "ratios": ratios,
-        "ratio": float(np.median(ratios)),
-        "stages": clocks[-1]["stages"],
-        "rebuilds": [clock["rebuilds"] for clock in clocks],
-    }
+        "missing": "", "version": version, "particles": side**3, "threads": threads, "rounds": rounds, "steps": steps,
+        "refsim": spread(own), "peer": spread(other), "ratios": ratios, "ratio": float(np.median(ratios)),
+        "stages": clocks[-1]["stages"], "rebuilds": [clock["rebuilds"] for clock in clocks],
+    }  # fmt: skip
     return Result(values)
 
 
-# What the method costs: seconds to steady state (table 1), the stages of a step, and each effect's price.
-#
-# The paper's 30.3 s are on an unnamed machine with unstated parameters (Jiang & Zhu E17): absolute times are only
-# shown.
+# Seconds to steady state (table 1). The paper's 30.3 s are on an unnamed machine with unstated parameters (Jiang & Zhu
+# E17): absolute times are only shown.
 
 
 PAPER_COUNT = 5039
@@ -216,7 +135,6 @@ STEADY = {  # variant of the tension and whether the surface is detected, which 
     "steady_one_sided": ("one_sided", False),
 }  # fmt: skip
 PEER_TENSION = 0.05  # of Akinci et al. 2013 beside SPlisHSPlasH: present, and too weak to break the block up
-QUICK_SCENES = ("liquid", "gravity", "detection", "default", "default_detection")
 PEERS = {
     "peer_splishsplash": ("peer_ratio", "splishsplash", "with viscosity"),
     "peer_splishsplash_akinci": ("peer_ratio_akinci", "splishsplash_akinci", "with viscosity and Akinci 2013"),
@@ -225,16 +143,13 @@ PEERS = {
 
 def planned(options: Options) -> list[Run]:
     """The runs under the options."""
-    backend, threads = options.backend, options.threads
     slow = "takes a minute with the others; run without --quick" if options.quick else ""
     reason = "" if options.peers else "measured with --peers"
-    few = {"steps": 100, "named": QUICK_SCENES} if options.quick else {}
-    steady = {"shape": "cut", "count": PAPER_COUNT, "backend": backend}
-    peer = {"side": 47, "steps": 30, "rounds": 3 if options.quick else 5, "threads": threads or 2}
+    steady = {"shape": "cut", "count": PAPER_COUNT, "backend": options.backend}
+    peer = {"side": 47, "steps": 30, "rounds": 3 if options.quick else 5, "threads": options.threads or 2}
     return [
         *(Run(key, droplet_runs.relax, {**steady, "variant": variant, "detection": detection}, 14.0, slow,
               timed=True) for key, (variant, detection) in STEADY.items()),
-        Run("steps", step_costs, {"steps": 200, "backend": backend, "threads": threads, **few}, 16.0),
         Run("peer_splishsplash", against_splishsplash, peer, 60.0, reason),
         Run("peer_splishsplash_akinci", against_splishsplash, {**peer, "tension": PEER_TENSION}, 90.0, reason),
     ]  # fmt: skip
@@ -244,13 +159,9 @@ def checks(results: Results, check: Checks) -> None:
     """Absolute times are shown; the ratio to the peer is judged."""
     for key, result in results.items():
         if key.startswith("steady_"):
-            steady = result.values["steady"]
-            words = described(key)
-            seconds = float("nan") if steady is None else steady["wall"]
-            check("steady_seconds", seconds, key.removeprefix("steady_"), words)
-    if "steps" in results:
-        for name, row in results["steps"].values["scenes"].items():
-            check("step_time", 1e3 * row["step"], name, row["words"])
+            steady, name = result.values["steady"], key.removeprefix("steady_")
+            words = WORDS[name.removesuffix("_detection")] + ", detection on" * name.endswith("_detection")
+            check("steady_seconds", float("nan") if steady is None else steady["wall"], name, words)
     for key, (ratio, name, words) in PEERS.items():
         if key not in results or results[key].values["missing"]:
             continue
@@ -261,21 +172,12 @@ def checks(results: Results, check: Checks) -> None:
             check("peer_time", 1e6 * values[part]["median"], run, f"{program}, {words}")
 
 
-def described(key: str) -> str:
-    """A run to steady state in words."""
-    words = {
-        "default": "all pairs", "soft": "soft pairs", "text": "the paper's text, detection on",
-        "one_sided": "the paper's words: force on surface particles only",
-    }  # fmt: skip
-    variant = key.removeprefix("steady_")
-    if variant.endswith("_detection"):
-        return f"{words[variant.removesuffix('_detection')]}, detection on"
-    return words[variant]
+WORDS = {
+    "default": "all pairs", "soft": "soft pairs", "text": "the paper's text, detection on",
+    "one_sided": "the paper's words: force on surface particles only",
+}  # fmt: skip
 
 
 EXPERIMENT = Experiment(
-    name="timing",
-    title="seconds to steady state (table 1), the stages of a step, what each effect costs, other programs",
-    runs=planned,
-    checks=checks,
-)
+    name="timing", title="seconds to steady state (table 1), other programs", runs=planned, checks=checks,
+)  # fmt: skip

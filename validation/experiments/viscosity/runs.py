@@ -4,6 +4,7 @@ Lengths in spacings, rho0 = 1, nominal sigma = 1. The tension acts along the pai
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from typing import Any
@@ -11,17 +12,26 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from refsim import Akinci2013, Ball, Cloud, Scene, Simulation, WeaklyCompressible
-from refsim.core.effect import Discretisation
+from refsim import Akinci2013, Cloud, Scene, Simulation, WeaklyCompressible
 from validation.checks import Checks
 from validation.experiment import Experiment, Options, Results, Run
-from validation.measure.drops import fit_oscillation
+from validation.measure.motion import (
+    FLOW,
+    LAMB,
+    RAYLEIGH,
+    fit_oscillation,
+    followed,
+    kicks,
+    radius_of,
+    run_to,
+    shifted_ball,
+)
 from validation.results import Result
 from validation.running import Context
 
 FORMS = ("laplacian", "central")
 SUPPORT, STIFFNESS = 2.6, 0.01  # h/d; S = sigma/(rho0 c^2 d)
-JITTER, STIRS, STIR = 0.1, 20, 0.7  # of the lattice, in spacings; random kicks, ever weaker, in sqrt(sigma/(rho d))
+STIRS, STIR = 20, 0.7  # random kicks, ever weaker, in sqrt(sigma/(rho d))
 STIRRED, RESTED = 2.0, 2.0  # stages in t_sigma = sqrt(rho R^3/sigma)
 CALM = 0.3  # Ohnesorge number mu/sqrt(rho sigma R) while relaxing and while spinning
 SPIN = 0.1  # angular velocity in 1/t_sigma: the drop stays round
@@ -29,52 +39,35 @@ TURNED = 1.5  # length of the spin-down, in R^2/(5 nu), R^2/(4 nu) in 2D
 KICK, PERIODS, SAMPLES = 0.4, 2.25, 54  # amplitude of the oscillation in radii; what is fitted
 
 
-FLOW = {2: np.array([1.0, -1.0, 0.0]), 3: np.array([0.5, 0.5, -1.0])}  # diagonal of A in v = A x of the mode n = 2
-
-
-def scene(form: str, dim: int, position: NDArray, velocity: NDArray, viscosity: float) -> Scene:
+def scene(form: Any, dim: Any, position: NDArray, velocity: NDArray, viscosity: float) -> Scene:
     """The drop as it stands; mu in units of sqrt(rho sigma d)."""
     fluid = WeaklyCompressible(
-        rest_density=1.0,
-        sound_speed=1 / math.sqrt(STIFFNESS),
-        dynamic_viscosity=viscosity,
-        viscosity=form,  # type: ignore[arg-type]
+        rest_density=1.0, sound_speed=1 / math.sqrt(STIFFNESS), dynamic_viscosity=viscosity, viscosity=form,
         kernels="mueller",
-    )
+    )  # fmt: skip
     return Scene(
-        name=f"{form} {dim}d",
-        spacing=1.0,
-        support_radius=SUPPORT,
-        dim=dim,  # type: ignore[arg-type]
-        dtype="float64",
+        name=f"{form} {dim}d", spacing=1.0, support_radius=SUPPORT, dim=dim, dtype="float64",
         fluid=(Cloud(position=position, velocity=velocity),),
         effects=(fluid, Akinci2013(surface_tension=1.0, area_acceleration=0.0)),
-    )
+    )  # fmt: skip
 
 
-def relaxed(context: Context, dim: int, radius: float, seed: int) -> tuple[NDArray, float]:
-    """(positions about the centre, radius of the drop's volume) of a drop that has been stirred and come to rest."""
+def relaxed(context: Context, dim: int, radius: float, seed: int) -> tuple[NDArray, float, dict[str, Any]]:
+    """(positions about the centre, radius of the drop's volume, what it is) of a drop that was stirred and rests."""
     random, unit = np.random.default_rng(seed), radius**1.5
-    position = Ball(radius=radius).positions(Discretisation(dim, "float64", 1.0, SUPPORT, 0))
-    position[:, :dim] += JITTER * random.uniform(-1, 1, (len(position), dim))
-    made = scene("central", dim, position - position.mean(0), np.zeros_like(position), CALM * math.sqrt(radius))
+    position = shifted_ball(dim, radius, random, SUPPORT)
+    made = scene("central", dim, position, np.zeros_like(position), CALM * math.sqrt(radius))
     simulation = context.simulation(made, "cpu")
     for k in range(STIRS):
-        kick = np.zeros_like(position)
-        kick[:, :dim] = random.normal(size=(len(position), dim)) / math.sqrt(dim)
+        kick = kicks(random, len(position), dim)
         simulation.set_field("velocity", simulation.field("velocity") + STIR * (1 - k / STIRS) * (kick - kick.mean(0)))
-        _to(simulation, STIRRED * unit * (k + 1) / STIRS)
-    _to(simulation, (STIRRED + RESTED) * unit)
+        run_to(simulation, STIRRED * unit * (k + 1) / STIRS)
+    run_to(simulation, (STIRRED + RESTED) * unit)
     simulation.evaluate()
     x = simulation.field("position") - simulation.field("position").mean(0)
     density = simulation.field("density")[np.linalg.norm(x, axis=1) < 0.6 * radius].mean()
-    volume = simulation.field("mass").sum() / density
-    return x, math.sqrt(volume / math.pi) if dim == 2 else (3 * volume / (4 * math.pi)) ** (1 / 3)
-
-
-def rate(dim: int, viscosity: float, radius: float) -> float:
-    """5 nu/R^2 in 3D, 4 nu/R^2 in 2D [1/s]: damping of n = 2 after Lamb, and of a rigid rotation by J(11)."""
-    return (5 if dim == 3 else 4) * viscosity / radius**2
+    size = radius_of(simulation.field("mass").sum() / density, dim)
+    return x, size, {"dim": dim, "radius": radius, "seed": seed, "particles": len(x), "size": size}
 
 
 def spin(context: Context, dim: int, radius: float, seed: int) -> Result:
@@ -85,17 +78,16 @@ def spin(context: Context, dim: int, radius: float, seed: int) -> Result:
     damping.<form>  P/(4 K) over 5 nu/R^2 (4 in 2D), with the power P of the viscous forces and the kinetic energy K of
                     the flow v = A x of the mode n = 2: Lamb's damping, whose energy 2 K falls by P/2 in the mean
     """
-    position, size = relaxed(context, dim, radius, seed)
+    position, size, values = relaxed(context, dim, radius, seed)
     viscosity = CALM * math.sqrt(radius)
-    expected = rate(dim, viscosity, size)
-    values: dict[str, Any] = {"dim": dim, "radius": radius, "seed": seed, "particles": len(position), "size": size}
+    expected = LAMB[dim] * viscosity / size**2
     arrays: dict[str, NDArray] = {}
     for share, form in enumerate(FORMS):
         velocity = np.cross([0.0, 0.0, SPIN / radius**1.5], position)
         simulation = context.simulation(scene(form, dim, position, velocity, viscosity), "cpu")
         times, momenta = [0.0], [_angular_momentum(simulation)]
         for k in range(30):
-            _to(simulation, TURNED / expected * (k + 1) / 30)
+            run_to(simulation, TURNED / expected * (k + 1) / 30)
             times.append(simulation.time)
             momenta.append(_angular_momentum(simulation))
         left = np.array(momenta) / momenta[0]
@@ -126,9 +118,8 @@ def swing(context: Context, dim: int, radius: float, seed: int, ohnesorge: Seque
     seen.<form>.<Oh>    beta of a + b t + A exp(-beta t) sin(omega t + phi) over Lamb's 5 nu/R^2 (4 in 2D)
     misfit.<form>.<Oh>  rms of what the fit leaves, over that of the motion
     """
-    position, size = relaxed(context, dim, radius, seed)
-    nominal = math.sqrt((8 if dim == 3 else 6) / size**3)
-    values: dict[str, Any] = {"dim": dim, "radius": radius, "seed": seed, "particles": len(position), "size": size}
+    position, size, values = relaxed(context, dim, radius, seed)
+    nominal = math.sqrt(RAYLEIGH[dim] / size**3)
     values["ohnesorge"] = list(ohnesorge)
     arrays: dict[str, NDArray] = {}
     for share, form in enumerate(FORMS):
@@ -136,38 +127,21 @@ def swing(context: Context, dim: int, radius: float, seed: int, ohnesorge: Seque
             viscosity = number * math.sqrt(radius)
             made = scene(form, dim, position, KICK * nominal * FLOW[dim] * position, viscosity)
             simulation = context.simulation(made, "cpu")
-            times, moments = [0.0], [_moment(simulation, dim)]
-            for k in range(SAMPLES):
-                _to(simulation, PERIODS * 2 * math.pi / nominal * (k + 1) / SAMPLES)
-                times.append(simulation.time)
-                moments.append(_moment(simulation, dim))
-            _, beta, misfit, _ = fit_oscillation(np.array(times), np.array(moments), nominal)
-            values[f"seen.{form}.{number:g}"] = beta / rate(dim, viscosity, size)
+            marks = (PERIODS * 2 * math.pi / nominal * (k + 1) / SAMPLES for k in range(SAMPLES))
+            times, moments = followed(simulation, dim, marks)
+            _, beta, misfit, _ = fit_oscillation(times, moments, nominal)
+            values[f"seen.{form}.{number:g}"] = beta / (LAMB[dim] * viscosity / size**2)
             values[f"misfit.{form}.{number:g}"] = misfit
-            arrays |= {f"time.{form}.{number:g}": np.array(times) * nominal / (2 * math.pi)}
-            arrays |= {f"moment.{form}.{number:g}": np.array(moments)}
+            arrays |= {f"time.{form}.{number:g}": times * nominal / (2 * math.pi)}
+            arrays |= {f"moment.{form}.{number:g}": moments}
         context.progress(0.4 + 0.3 * (share + 1))
     return Result(values, arrays)
-
-
-def _to(simulation: Simulation, time: float) -> None:
-    while simulation.time < time:
-        simulation.step()
 
 
 def _angular_momentum(simulation: Simulation) -> float:
     """About the z axis through the origin, which the drop does not leave."""
     x, v, m = (simulation.field(name) for name in ("position", "velocity", "mass"))
     return float((m * (x[:, 0] * v[:, 1] - x[:, 1] * v[:, 0])).sum())
-
-
-def _moment(simulation: Simulation, dim: int) -> float:
-    """Second moment of the mode n = 2 over the mean square radius."""
-    x = simulation.field("position")
-    square = ((x - x.mean(0)) ** 2).mean(0)
-    if dim == 3:
-        return float((square[0] + square[1] - 2 * square[2]) / square.sum())
-    return float((square[0] - square[1]) / square.sum())
 
 
 # Spin and damping of free drops with either form of the viscosity, against rigid rotation and Lamb.
@@ -201,11 +175,9 @@ def checks(results: Results, check: Checks) -> None:
         row = result.values
         words = f"{row['dim']}D, R = {row['radius']:g} d"
         if key.startswith("swing"):
-            for form in FORMS:
-                for number in row["ohnesorge"]:
-                    name = f"{form}.{number:g}"
-                    words_of_row = f"{form}, {words}, Oh = {number:g}"
-                    check("seen", row[f"seen.{name}"], f"{key}.{name}", words_of_row)
+            for form, number in itertools.product(FORMS, row["ohnesorge"]):
+                name = f"{form}.{number:g}"
+                check("seen", row[f"seen.{name}"], f"{key}.{name}", f"{form}, {words}, Oh = {number:g}")
             continue
         check("kept", row["change.central"], key, words)
         check("braking", row["braking.laplacian"], key, words)
@@ -217,8 +189,6 @@ def checks(results: Results, check: Checks) -> None:
 
 
 EXPERIMENT = Experiment(
-    name="viscosity",
-    title="spin-down and damping (n = 2) of free drops with either form of the viscosity",
-    runs=planned,
-    checks=checks,
-)
+    name="viscosity", title="spin-down and damping (n = 2) of free drops with either form of the viscosity",
+    runs=planned, checks=checks,
+)  # fmt: skip

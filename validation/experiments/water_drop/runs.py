@@ -10,11 +10,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from refsim import Ball, Calibration, Cloud, RunStopped, Scene, Simulation, WeaklyCompressible, calibrate
-from refsim.core.effect import Discretisation
+from refsim import Calibration, Cloud, RunStopped, Scene, Simulation, WeaklyCompressible, calibrate
 from validation.checks import Checks
 from validation.experiment import Experiment, Options, Results, Run
-from validation.measure.drops import BALLS, MODELS, SOFTENING, fit_oscillation
+from validation.measure.drops import BALLS, MODELS, SOFTENING
+from validation.measure.motion import (
+    FLOW,
+    RAYLEIGH,
+    fit_oscillation,
+    followed,
+    lasting_amplitude,
+    radius_of,
+    run_to,
+    shifted_ball,
+)
 from validation.metrics.virial import inner_pressure
 from validation.results import Result
 from validation.running import Context
@@ -24,7 +33,7 @@ DENSITY = 998.0  # kg/m^3; in 2D kg/m^2
 RADIUS = 1e-3  # m
 SUPPORT = 2.6  # spacings
 CALM, THIN = 0.040, 0.004  # Pa s, while it comes to rest and while it is measured: water has 0.001
-JITTER, STIRS = 0.1, 20  # of the lattice, in spacings; random kicks, ever weaker, so that it does not freeze
+STIRS = 20  # random kicks, ever weaker, so that it does not freeze
 SNAPSHOTS = 40
 KICK = 0.2  # amplitude of the oscillation, in radii: that of the map, whose kicks are of the nominal tension
 PERIODS, PER_PERIOD = 2.25, 24
@@ -38,24 +47,16 @@ def coefficients(model: str, kernels: str, dim: int, cells: float) -> Calibratio
     )
 
 
-def water(
-    found: Calibration, kernels: str, dim: int, cells: float, position: NDArray, velocity: NDArray, viscosity: float
-) -> Scene:
+def water(found: Calibration, kernels: Any, dim: Any, cells: float, position: NDArray, velocity: NDArray,
+          viscosity: float) -> Scene:  # fmt: skip
     """The scene with these coefficients, as a user writes it."""
     liquid = WeaklyCompressible(
-        rest_density=DENSITY,
-        sound_speed=found.sound_speed,
-        dynamic_viscosity=viscosity,
-        kernels=kernels,  # type: ignore[arg-type]
+        rest_density=DENSITY, sound_speed=found.sound_speed, dynamic_viscosity=viscosity, kernels=kernels
     )
     return Scene(
-        name="water drop",
-        spacing=RADIUS / cells,
-        support_radius=SUPPORT * RADIUS / cells,
-        dim=dim,  # type: ignore[arg-type]
-        fluid=(Cloud(position=position, velocity=velocity),),
-        effects=(liquid, found.effect, *found.beside),
-    )
+        name="water drop", spacing=RADIUS / cells, support_radius=SUPPORT * RADIUS / cells, dim=dim,
+        fluid=(Cloud(position=position, velocity=velocity),), effects=(liquid, found.effect, *found.beside),
+    )  # fmt: skip
 
 
 def drop(context: Context, model: str, kernels: str, dim: int, cells: float, seed: int) -> Result:
@@ -69,9 +70,7 @@ def drop(context: Context, model: str, kernels: str, dim: int, cells: float, see
     """
     found = coefficients(model, kernels, dim, cells)
     random, spacing = np.random.default_rng(seed), RADIUS / cells
-    position = Ball(radius=RADIUS).positions(Discretisation(dim, "float64", spacing, SUPPORT * spacing, 0))
-    position[:, :dim] += JITTER * spacing * random.uniform(-1, 1, (len(position), dim))
-    position -= position.mean(0)
+    position = shifted_ball(dim, RADIUS, random, SUPPORT, spacing)
     unit = math.sqrt(DENSITY * RADIUS**3 / TENSION)
     row: dict[str, Any] = {
         "model": model, "kernels": kernels, "dim": dim, "cells": cells, "seed": seed, "stopped": "",
@@ -89,15 +88,15 @@ def drop(context: Context, model: str, kernels: str, dim: int, cells: float, see
             kick[:, :dim] = random.normal(size=(len(position), dim)) * math.sqrt(TENSION / (DENSITY * spacing) / dim)
             velocity = calm.field("velocity").astype(float) + 0.35 * (1 - k / STIRS) * (kick - kick.mean(0))
             calm.set_field("velocity", velocity)
-            _to(calm, STIRRED * unit * (k + 1) / STIRS)
+            run_to(calm, STIRRED * unit * (k + 1) / STIRS)
         context.progress(0.3)
-        _to(calm, (STIRRED + RESTED) * unit)
+        run_to(calm, (STIRRED + RESTED) * unit)
         thin = begin(*_state(calm), THIN)
-        _to(thin, SETTLED * unit)
+        run_to(thin, SETTLED * unit)
         context.progress(0.5)
         jumps, radii, times = [], [], []
         for k in range(SNAPSHOTS):
-            _to(thin, (SETTLED + AVERAGED * (k + 1) / SNAPSHOTS) * unit)
+            run_to(thin, (SETTLED + AVERAGED * (k + 1) / SNAPSHOTS) * unit)
             thin.evaluate()
             jump, radius = _pressure(thin, dim)
             jumps.append(jump)
@@ -119,47 +118,28 @@ def _state(simulation: Simulation) -> tuple[NDArray, NDArray]:
     return x - x.mean(0), v - v.mean(0)
 
 
-def _to(simulation: Simulation, time: float) -> None:
-    while simulation.time < time:
-        simulation.step()
-
-
 def _pressure(simulation: Simulation, dim: int) -> tuple[float, float]:
     """Total pressure [Pa] inside, virial and motion, and the radius [m] of the drop's volume."""
     x, v = _state(simulation)
     density = simulation.field("density").astype(float)[np.linalg.norm(x, axis=1) < 0.6 * RADIUS].mean()
-    volume = simulation.field("mass").astype(float).sum() / density
-    radius = (3 * volume / (4 * math.pi)) ** (1 / 3) if dim == 3 else math.sqrt(volume / math.pi)
+    radius = radius_of(simulation.field("mass").astype(float).sum() / density, dim)
     return inner_pressure(simulation, BALLS * radius) + density * float((v**2).sum(1).mean()) / dim, radius
 
 
-def _swing(begin: Any, rest: Simulation, dim: int, radius: float) -> tuple[list[float], list[float], dict[str, float]]:
+def _swing(begin: Any, rest: Simulation, dim: int, radius: float) -> tuple[NDArray, NDArray, dict[str, float]]:
     """Kick the mode n = 2, follow its second moment, and fit it."""
-    stiffness = 8.0 if dim == 3 else 6.0
-    expected = math.sqrt(stiffness * TENSION / (DENSITY * radius**3))
-    flow = np.array([0.5, 0.5, -1.0]) if dim == 3 else np.array([1.0, -1.0, 0.0])
+    expected = math.sqrt(RAYLEIGH[dim] * TENSION / (DENSITY * radius**3))
     x, v = _state(rest)
-    drop = begin(x, v + KICK * expected * flow * x, THIN)
-    at, moments = [0.0], [_moment(drop, dim)]
-    for k in range(round(PERIODS * PER_PERIOD)):
-        _to(drop, (k + 1) / PER_PERIOD * 2 * math.pi / expected)
-        at.append(drop.time)
-        moments.append(_moment(drop, dim))
-    omega, damping, misfit, amplitude = fit_oscillation(np.array(at), np.array(moments), expected)
-    lasting = math.sqrt(float(np.mean(np.exp(-2 * damping * np.array(at))))) * amplitude / 2
-    small = omega / (1 - SOFTENING[dim] * min(lasting, 0.6) ** 2)
+    drop = begin(x, v + KICK * expected * FLOW[dim] * x, THIN)
+    marks = ((k + 1) / PER_PERIOD * 2 * math.pi / expected for k in range(round(PERIODS * PER_PERIOD)))
+    at, moments = followed(drop, dim, marks)
+    omega, damping, misfit, amplitude = fit_oscillation(at, moments, expected)
+    small = omega / (1 - SOFTENING[dim] * min(lasting_amplitude(at, damping, amplitude), 0.6) ** 2)
     fitted = {
-        "rayleigh": DENSITY * radius**3 * (small**2 + damping**2) / stiffness,
+        "rayleigh": DENSITY * radius**3 * (small**2 + damping**2) / RAYLEIGH[dim],
         "frequency": small / (2 * math.pi), "asked_frequency": expected / (2 * math.pi), "misfit": misfit,
     }  # fmt: skip
     return moments, at, fitted
-
-
-def _moment(simulation: Simulation, dim: int) -> float:
-    """Second moment of the mode n = 2 over the mean square radius."""
-    square = (_state(simulation)[0] ** 2).mean(0)
-    top = square[0] + square[1] - 2 * square[2] if dim == 3 else square[0] - square[1]
-    return float(top / square.sum())
 
 
 # A millimetre of water with coefficients from `calibrate`: measured against requested tension [N/m].
@@ -182,29 +162,18 @@ def _run(kernels: str, dim: int, seed: int) -> Run:
     return Run(f"{kernels}_{dim}d_{seed}", drop, given, estimate=6.0 if dim == 2 else 30.0)
 
 
-def words_of(row: dict[str, Any]) -> str:
-    """The drop in words."""
-    return f"{MODELS[row['model']][0]}, {row['kernels']}, {row['dim']}D, seed {row['seed']}"
-
-
-def off(row: dict[str, Any]) -> dict[str, float]:
-    """Relative difference of both tensions from the requested one."""
-    return {name: row[name] / row["asked"] - 1 for name in ("laplace", "rayleigh")}
-
-
 def checks(results: Results, check: Checks) -> None:
     """Both tensions against the requested one, against each other, and against the uncertainty of `calibrate`."""
     for key, result in results.items():
-        row = dict(result.values)
+        row = result.values
         if row["stopped"]:
             continue
-        words = words_of(row)
-        for name, share in off(row).items():
-            check("tension", row[name], f"{key}.{name}", f"{words}, {name.capitalize()}")
+        words = f"{MODELS[row['model']][0]}, {row['kernels']}, {row['dim']}D, seed {row['seed']}"
+        for name in ("laplace", "rayleigh"):
+            share = abs(row[name] / row["asked"] - 1)
             bound = "requested" if row["dim"] == 3 else "requested_2d"
-            check(bound, abs(share), f"{key}.{name}", f"{words}, {name.capitalize()}")
-            sure = abs(share) / row["uncertainty"]
-            check("deviations", sure, f"{key}.{name}", f"{words}, {name.capitalize()}")
+            for kind, value in (("tension", row[name]), (bound, share), ("deviations", share / row["uncertainty"])):
+                check(kind, value, f"{key}.{name}", f"{words}, {name.capitalize()}")
         both = row["laplace"] + row["rayleigh"]
         check("apart", 2 * abs(row["laplace"] - row["rayleigh"]) / both, key, words)
         check("misfit", row["misfit"], key, words)
