@@ -92,22 +92,17 @@ class OffsetFit(NamedTuple):
     at_limit: bool
 
 
-def fit_time_offset(
-    time: ArrayLike, front: ArrayLike, data: FrontData, *, max_offset: float = 0.5, from_rest: bool = True
-) -> OffsetFit:
+def fit_time_offset(time: ArrayLike, front: ArrayLike, data: FrontData, max_offset: float = 0.5) -> OffsetFit:
     """The one time offset that brings a front curve nearest to the data.
 
     Least squares of front(T_data + offset) - z_data, all dimensionless.
     time (k,), front (k,): the curve, dimensionless as the data, time increasing; linear between its points.
-    max_offset: largest shift allowed. from_rest: the curve starts with the release, so before it the front
-    stands still; otherwise the curve is not defined there. Only data points that the curve covers at every
-    allowed offset are used, so all offsets are judged by the same points.
+    max_offset: largest shift allowed. Before the release, with which the curve starts, the front stands still.
+    Only data points that the curve covers at every allowed offset are used: all are judged by the same points.
     Raises ValueError for fewer than two data points left.
     """
     time, front = np.asarray(time, dtype=np.float64), np.asarray(front, dtype=np.float64)
     usable = data.time + max_offset <= time[-1]
-    if not from_rest:
-        usable &= data.time - max_offset >= time[0]
     if usable.sum() < 2:
         raise ValueError(
             f"the curve from T = {time[0]:.3g} to {time[-1]:.3g} covers {usable.sum()} data points "
@@ -154,47 +149,19 @@ def front_error(time: ArrayLike, front: ArrayLike, data: FrontData, offset: floa
     return FrontError(float(deviation[worst]), float(data.time[within][worst]), rms, int(within.sum()))
 
 
-class SeriesSpread(NamedTuple):
-    """Deviation (series - against) / against at the points of ``series`` within the range of ``against``.
-
-    offset: T added to the clock of ``series``. lowest, highest: extremes of the deviation.
-    largest: the greater of their sizes. points: how many were compared.
-    """
-
-    series: str
-    against: str
-    offset: float
-    lowest: float
-    highest: float
-    largest: float
-    points: int
-
-
-def data_spread(kind: str | None = "experiment", *, fit_offset: bool = False) -> tuple[SeriesSpread, ...]:
-    """How far the published series deviate from each other, pair by pair, recomputed from the files.
-
-    kind: "experiment", "computation", or None for all series. fit_offset: allow each pair the one fitted time
-    offset that a simulation is allowed; without it the clocks are taken as published.
-    The earlier entry of FRONT_DATA is the one deviated from; it is linear between its points and compared on
-    the common range only.
-    """
-    names = [name for name, (_, own) in FRONT_DATA.items() if kind in (None, own)]
-    spread = []
-    for against, series in combinations(names, 2):
-        base, other = load_front_data(against), load_front_data(series)
-        offset = fit_time_offset(*base, other, from_rest=False).offset if fit_offset else 0.0
-        at = other.time + offset
-        within = (at >= base.time[0]) & (at <= base.time[-1])
-        deviation = other.front[within] / np.interp(at[within], *base) - 1.0
-        lowest, highest = float(deviation.min()), float(deviation.max())
-        largest = max(abs(lowest), abs(highest))
-        spread.append(SeriesSpread(series, against, offset, lowest, highest, largest, int(within.sum())))
-    return tuple(spread)
-
-
 def data_tolerance() -> float:
-    """The bar on a simulated front: the largest deviation between two experiments as published, 0.108."""
-    return max(pair.largest for pair in data_spread("experiment"))
+    """The bar on a simulated front: the largest deviation between two experiments as published, 0.108.
+
+    The earlier entry of FRONT_DATA is the one deviated from; it is linear between its points and compared on the common
+    range only.
+    """
+    largest = 0.0
+    names = [name for name, (_, kind) in FRONT_DATA.items() if kind == "experiment"]
+    for base, other in combinations(map(load_front_data, names), 2):
+        within = (other.time >= base.time[0]) & (other.time <= base.time[-1])
+        deviation = other.front[within] / np.interp(other.time[within], *base) - 1.0
+        largest = max(largest, float(np.abs(deviation).max()))
+    return largest
 
 
 def ritter_front(time: ArrayLike, aspect_ratio: float = 2.0) -> NDArray[np.float64]:
