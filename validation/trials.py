@@ -7,6 +7,7 @@ performs and judges it.
 from __future__ import annotations
 
 import functools
+import inspect
 import math
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -184,6 +185,9 @@ def hard_case(function: Callable[..., None]) -> Callable[..., Result]:
             function(trial, *given, **named)
         return trial.result()
 
+    _, *own = inspect.signature(function).parameters.values()
+    lead = [inspect.Parameter(name, inspect.Parameter.POSITIONAL_OR_KEYWORD) for name in ("context", "backend")]
+    performed.__signature__ = inspect.Signature([*lead, *own])  # type: ignore[attr-defined]
     return performed
 
 
