@@ -1,6 +1,6 @@
 """Reproduce the papers' experiments, judge them, draw their pictures and write one report.
 
-`--quick`, the main job, runs the dam break with surface detection, the cube that becomes a sphere, the timing table,
+`--quick`, the main job, runs the dam break with surface detection, the cube that becomes a sphere,
 and one small scene of each other system. `--full` (the default) runs every experiment at its published size. Runs that
 are not timed run side by side, in as many processes as there are cores (or `--threads`); timed ones run alone. Results
 are kept in results/ and reused, so that an interrupted run continues where it stopped. Pictures are in figures/ (quick
@@ -34,7 +34,6 @@ MAIN: tuple[dict[str, tuple[str, ...]], ...] = (
     {
         "dam_break": ("detection_2d", "detection_cost_1", "detection_cost_2", "detection_cost_3"),
         "droplet": ("cube_4913",),
-        "timing": ("steps",),
     },
     {
         "dong": ("fall_with", "fall_without"),
