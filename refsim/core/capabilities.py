@@ -73,6 +73,10 @@ class BringsWalls:
         """Whether its particles take a pressure that is extrapolated from the liquid (`adami_2012`)."""
         return False
 
+    def filled(self, grid: Discretisation, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Share (n,) that its particles fill of cells of the lattice about points (n, 3) [m]; its centre (n, 3) [m]."""
+        return np.zeros(len(points)), points
+
     def walls(self, grid: Discretisation, others: Mapping[str, Effect]) -> WallParticles | None:
         """Positions and volumes of the boundary particles; None if there are none."""
         raise NotImplementedError  # an effect with this capability defines it

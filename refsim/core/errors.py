@@ -19,6 +19,7 @@ REASONS = {  # why a run stops: the only names that RunStopped takes
     "volume_jump": "a particle's volume changed by more than half in one step",
     "clumped": "surface tension has drawn particles together where their volume ratio does not see it",
     "energy_gained": "the mechanical energy grows without driving, beyond the bound of the scene's energy_audit",
+    "held_by_planes": "the planes behind walls stop more than 30 % of the liquid in each step",
     "particles_lost": "a particle of the start is missing, or has another mass",
     "out_of_memory": "the machine has no memory left",
     "disk_full": "no space or quota is left; the run can be resumed from the last checkpoint",

@@ -51,6 +51,7 @@ from refsim.sph import CROWD, DENSE, LIQUID
 Compiling = Callable[[int, int], Callable[[], Any]]
 DERIVED = ("identity", "position_residual")  # state that is not set by hand
 STOPPED, ENOUGH = 2e-3, 100  # stops by planes over steps times particles that get a note, and least number of both
+HELD = 0.3  # the same that stop the run
 MANY_FOR_ALL_PAIRS = 2000  # particles above which the numpy backend is announced as slow
 
 
@@ -285,15 +286,22 @@ class Simulation(Shown):
             self.remark(LIQUID, f"{words}, {bound}: take a larger sound_speed, or a shorter step with iisph")
 
     def _note_stops(self) -> None:
-        """Add a note to the run where planes stop more particles than spray does."""
+        """Add a note to the run where planes stop more particles than spray does; raise RunStopped where they hold them.
+
+        Solids may lie on planes: a run that has some is not stopped.
+        """
         share = self.stopped_at_walls / (self.steps * self.count)
-        if share > STOPPED and min(self.steps, self.count) >= ENOUGH and "planes" not in self.remarks:
-            self.remark(
-                "planes",
-                f"up to step {self.steps}, at {self.time:.6g} s, planes have stopped {100 * share:.2g} % of the"
-                " particles in a step: the walls do not hold the liquid; take box_walls with model = 'extrapolated',"
-                " or a smaller support_radius",
-            )
+        if share <= STOPPED or min(self.steps, self.count) < ENOUGH:
+            return
+        words = (
+            f"up to step {self.steps}, at {self.time:.6g} s, planes have stopped {100 * share:.2g} % of the particles"
+            " in a step: the walls do not hold the liquid; take box_walls with model = 'extrapolated', or a smaller"
+            " support_radius"
+        )
+        if "planes" not in self.remarks:
+            self.remark("planes", words)
+        if share > HELD and self.plan.grid.solids is None:
+            raise RunStopped("held_by_planes", f"{words[0].upper()}{words[1:]}.")
 
     def _watch(self, length: float) -> None:
         """Show the effects what they watch: they may stop the run, or add a note to it."""

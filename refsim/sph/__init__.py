@@ -367,16 +367,13 @@ class WeaklyCompressible(
         excess = np.zeros(grid.count)
         pull = np.array(acceleration_of(others))
         strength = float(np.linalg.norm(pull))
-        floors = [effect.domain(grid) for effect in having(others, HasPlanes)]
-        if strength > 0 and floors:
+        if strength > 0:
             down = pull / strength
-            lower, upper = floors[0]
             first = 0
             for size in state.sizes:
                 x, part = state.position[first : first + size], slice(first, first + size)
                 first += size
-                apart = np.where(down < 0, x.min(0) - lower, upper - x.max(0))
-                if (apart < grid.spacing)[down != 0].all():
+                if len(x) and self._stands(x, down, grid, others):
                     depth = x @ down
                     depth = depth - depth.min() + 0.5 * grid.spacing
                     head = self.rest_density * strength * depth
@@ -386,6 +383,18 @@ class WeaklyCompressible(
         if grid.solids is not None:
             excess[: len(grid.solids.lattice.key)] = 0.0
         return {ADVANCED_EXCESS.name: excess}
+
+    def _stands(
+        self, x: np.ndarray, down: np.ndarray, grid: Discretisation, others: Mapping[str, Effect]
+    ) -> bool:  # fmt: skip
+        """Whether liquid at x (n, 3) [m] stands on a plane or on other walls' particles, a spacing below at most."""
+        for effect in having(others, HasPlanes):
+            lower, upper = effect.domain(grid)
+            apart = np.where(down < 0, x.min(0) - lower, upper - x.max(0))
+            if (apart < grid.spacing)[down != 0].all():
+                return True
+        foot = x[np.argmax(x @ down)] + grid.spacing * down
+        return any(effect.filled(grid, foot[None])[0][0] > 0 for effect in having(others, BringsWalls))
 
     def largest_mass_ratio(self, others: Mapping[str, Effect]) -> float:
         summed = not any("sph.density" in effect.replaces() for effect in others.values())

@@ -11,11 +11,13 @@ from refsim import (
     Gravity,
     InputError,
     ParticleShifting,
+    RunStopped,
     Scene,
     Simulation,
     SurfaceDetection,
     WeaklyCompressible,
     make_plan,
+    simulate,
 )
 from validation.experiments.liquid.runs import pushed
 
@@ -199,6 +201,22 @@ def test_walls_that_do_not_hold_the_liquid_are_noted():
         ]
     assert len(notes["mirrored"]) == 2
     assert not notes["extrapolated"]
+
+
+def test_a_run_stops_where_planes_hold_the_liquid(tmp_path):
+    """Two layers at h = 4 d between mirrored walls in 3D; the checkpoint before stays."""
+    scene = Scene(
+        spacing=0.02, support_radius=0.08, fluid=(Box(cells=(8, 8, 2)),),
+        effects=(
+            WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=4.5), Gravity(),
+            BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.16, 0.16, 0.5), open_faces=("+z",)),
+        ),
+    )  # fmt: skip
+    with pytest.raises(RunStopped) as stopped:
+        simulate(scene, 1.0, output=tmp_path, checkpoint_every=0.0)
+    assert stopped.value.reason == "held_by_planes"
+    assert stopped.value.exit_code == 3
+    assert Simulation.resume(tmp_path / "checkpoint.h5").steps == 99
 
 
 def with_mirrored_walls():

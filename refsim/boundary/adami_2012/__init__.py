@@ -1,24 +1,29 @@
 """Walls whose pressure is extrapolated from the liquid, after Adami, Hu & Adams 2012.
 
-Contents: WALL_PRESSURE, passes, Lean, lean; operations adami_2012.extrapolation, adami_2012.wall_force. There is no
-effect of this name: `box_walls` and `mesh_boundary` add the passes with `model = "extrapolated"`.
+Contents: WALL_PRESSURE, passes, layers, Lean, lean; operations adami_2012.extrapolation, adami_2012.wall_force. There
+is no effect of this name: `box_walls` and `mesh_boundary` add the passes with `model = "extrapolated"`.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from refsim.boundary.adami_2012 import reference as reference
+from refsim.core.capabilities import BringsWalls, having
 from refsim.core.effect import Discretisation, Effect, Pass
 from refsim.core.fields import Field
 from refsim.sph import acceleration_of
 
 WALL_PRESSURE = Field("wall_pressure", "Pa", "pressure of the wall particles, from the liquid", rows="walls")
+LEAST_SHARE = 1e-3  # of a cell that a wall particle fills
 
 
-def passes(others: Mapping[str, Effect]) -> tuple[Pass, ...]:
-    """Extrapolation and push; between walls and liquid alone where there are solids."""
+def passes(own: BringsWalls, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
+    """Extrapolation and push of all walls, where `own` is the first effect with such walls; solids take no part."""
+    if own is not next(effect for effect in having(others, BringsWalls) if effect.extrapolates()):
+        return ()
     solids = ("phase",) if "two_way_coupling" in others else ()
     names: dict[str, str | None] = {} if solids else {"phase": None}
     reads = ("position", "density", "pressure", *solids)
@@ -29,6 +34,11 @@ def passes(others: Mapping[str, Effect]) -> tuple[Pass, ...]:
             names={"smoothing": "gradient_smoothing", **names},
         ),
     )  # fmt: skip
+
+
+def layers(grid: Discretisation) -> int:
+    """As many layers of wall particles as the support is wide, and one more."""
+    return math.ceil(grid.support_radius / grid.spacing * (1 - 1e-9)) + 1
 
 
 class Lean(NamedTuple):

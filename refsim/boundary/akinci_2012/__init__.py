@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
-from refsim.boundary.adami_2012 import WALL_PRESSURE, lean
-from refsim.boundary.adami_2012 import passes as extrapolating
-from refsim.core.capabilities import BringsWalls, HasErrata, HasPlanes
+from refsim.boundary import adami_2012
+from refsim.boundary.adami_2012 import LEAST_SHARE, WALL_PRESSURE, lean
+from refsim.core.capabilities import BringsWalls, HasErrata, HasPlanes, having
 from refsim.core.checked import Printed
 from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, require
 from refsim.core.energy import EnergyAccount
@@ -134,7 +134,7 @@ class BoxWalls(Effect, BringsWalls, HasPlanes, HasErrata, frozen=True, kw_only=T
         return (WALL_PRESSURE,) if self.extrapolates() else ()
 
     def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
-        made = extrapolating(others) if self.extrapolates() else ()
+        made = adami_2012.passes(self, others) if self.extrapolates() else ()
         if self.viscosity == 0:
             return made
         reads, names = ("position", "velocity", "density"), {"smoothing": "gradient_smoothing"}
@@ -174,16 +174,29 @@ class BoxWalls(Effect, BringsWalls, HasPlanes, HasErrata, frozen=True, kw_only=T
     def walls(self, grid: Discretisation, others: Mapping[str, Effect]) -> WallParticles | None:
         """Positions (m, 3) [m] half a spacing outside the box and volumes (m,) [m^dim]; None with all faces open."""
         lower, upper = self._corners(grid)
-        count = math.ceil(grid.support_radius / grid.spacing * (1 - 1e-9)) + 1 if self.extrapolates() else 1
+        count = adami_2012.layers(grid) if self.extrapolates() else 1
         position = box_layers(lower, upper, grid.spacing, grid.dim, count, self.open_faces, grid.period)
         if not len(position):
             return None
         if self.extrapolates():
-            return WallParticles(position, np.full(len(position), liquid_of(others).particle_volume(grid)))
+            return self._beside(position, grid, others)
         shape = liquid_of(others).sum_kernel()
         factor = 1.0 if "g" in self.printed() else calibrated_factor(shape, grid.support_radius, grid.spacing, grid.dim)
         sums = wall_kernel_sums(position, shape, grid.support_radius, grid.dim, grid.period)
         return WallParticles(position, factor / sums)
+
+    def _beside(self, position: np.ndarray, grid: Discretisation, others: Mapping[str, Effect]) -> WallParticles:
+        """Cells at (m, 3) [m] less what other walls fill of them: each at the centre of the rest."""
+        left = np.ones(len(position))
+        moment = position.copy()
+        for effect in having(others, BringsWalls):
+            if not isinstance(effect, BoxWalls):
+                share, centre = effect.filled(grid, position)
+                left -= share
+                moment -= share[:, None] * centre
+        kept = left > LEAST_SHARE
+        volume = liquid_of(others).particle_volume(grid) * left[kept]
+        return WallParticles(moment[kept] / left[kept, None], volume)
 
     def domain(self, grid: Discretisation) -> tuple[np.ndarray, np.ndarray]:
         lower, upper = np.full(3, -np.inf), np.full(3, np.inf)

@@ -19,6 +19,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 import msgspec
 import numpy as np
 
+from refsim.boundary import adami_2012
+from refsim.boundary.adami_2012 import WALL_PRESSURE, lean
 from refsim.boundary.akinci_2012 import wall_kernel_sums
 from refsim.boundary.one_way_coupling import reference as reference
 from refsim.boundary.penetration import CORRECTIONS, correction_pass, penetration_groups
@@ -64,6 +66,9 @@ class MeshBoundary(
     radius          r of the boundary particles, which are 2 r apart [m]; 0 for half a spacing of the liquid
     layers          of boundary particles, one spacing of the liquid apart; 0 for as many as a particle one spacing off
                     the surface reaches
+    model           "mirrored" (boundary particles on the surface and below it, as in the patent) or "extrapolated"
+                    (cells of the lattice, as deep as the support, whose pressure is extrapolated from the liquid,
+                    Adami et al.)
     viscosity       mu_b of the friction between liquid and boundary particles [Pa s]; 0 for free slip
     adhesion        beta [m^4/(kg s^2)], coefficient of the attraction by boundary particles; 0 for none
     correction      of particles that would enter the solid: "swept" (where their path enters it), "point" (where their
@@ -95,6 +100,7 @@ class MeshBoundary(
     rotation: tuple[float, float, float] = (0.0, 0.0, 0.0)
     radius: float = 0.0
     layers: int = 0
+    model: Literal["mirrored", "extrapolated"] = "mirrored"
     viscosity: float = 0.0
     adhesion: float = 0.0
     correction: Literal["swept", "point", "none"] = "swept"
@@ -134,7 +140,15 @@ class MeshBoundary(
             raise InputError(
                 f"{self.name}: correction = {self.correction!r} is unknown; choose one of swept, point, none."
             )
-        self.printed()
+        own = (self.radius, self.layers, self.volume_factor, self.adhesion, *self.printed())
+        if self.extrapolates() and any(own):
+            raise InputError(
+                f"{self.name}: radius, layers, volume_factor, adhesion and literal belong to model = 'mirrored'; leave"
+                " them out with 'extrapolated'."
+            )
+
+    def extrapolates(self) -> bool:
+        return self.model == "extrapolated"
 
     def local(self, grid: Discretisation) -> MeshBoundary:
         if not any(grid.origin):
@@ -154,12 +168,20 @@ class MeshBoundary(
         )  # fmt: skip
 
     def _layers(self, grid: Discretisation) -> int:
+        if self.extrapolates():
+            return 0
         if "E30" in self.printed():
             return 1
         return self.layers or max(1, math.ceil(grid.support_radius / grid.spacing * (1 - 1e-9)) - 1)
 
     def walls(self, grid: Discretisation, others: Mapping[str, Effect]) -> WallParticles:
-        """Boundary particles (m, 3) [m], layer by layer, and their volumes V_b = g/sum_k W_bk (m,) [m^3]."""
+        """Boundary particles (m, 3) [m], layer by layer, and their volumes V_b = g/sum_k W_bk (m,) [m^3].
+
+        With an extrapolated pressure the cells of the lattice in the solid, and what it fills of each.
+        """
+        if self.extrapolates():
+            share, position = self.placed(grid).cells(grid.spacing, adami_2012.layers(grid))
+            return WallParticles(position, share * liquid_of(others).particle_volume(grid))
         solid, radius = self.placed(grid), self.radius or 0.5 * grid.spacing
         shape = liquid_of(others).sum_kernel()
         parts = (solid.position, *solid.beneath)
@@ -171,19 +193,25 @@ class MeshBoundary(
         factor = np.repeat(factors, [len(part) for part in parts])
         return WallParticles(position, factor / wall_kernel_sums(position, shape, grid.support_radius, 3))
 
+    def filled(self, grid: Discretisation, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        if not self.extrapolates():
+            return super().filled(grid, points)
+        return self.placed(grid).filled(points, grid.spacing)
+
     def corrects_positions(self) -> bool:
         """True where patent P8 moves particles that would enter the solid."""
         return self.correction != "none"
 
-    def _extrapolates(self, others: Mapping[str, Effect]) -> bool:
+    def _presses(self, others: Mapping[str, Effect]) -> bool:
         """Whether boundary particles have a pressure of their own (patent E30).
 
         Solvers that replace the liquid's equation of state compute wall forces themselves, without `wall_share`.
         """
-        return "E30" not in self.printed() and not pressure_is_replaced(others)
+        return not (self.extrapolates() or "E30" in self.printed() or pressure_is_replaced(others))
 
     def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
-        return () if self.correction == "none" else (CORRECTIONS,)
+        own = () if self.correction == "none" else (CORRECTIONS,)
+        return (*own, WALL_PRESSURE) if self.extrapolates() else own
 
     def initial(
         self, grid: Discretisation, state: InitialState, others: Mapping[str, Effect]
@@ -197,8 +225,8 @@ class MeshBoundary(
         return {} if self.correction == "none" else {"corrections": np.zeros(grid.count, np.int32)}
 
     def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
-        made = []
-        if self._extrapolates(others):
+        made = list(adami_2012.passes(self, others)) if self.extrapolates() else []
+        if self._presses(others):
             reads: tuple[str, ...] = ("position", "density", "pressure")
             names = {"smoothing": "gradient_smoothing"}
             made.append(Pass("one_way_coupling.wall_pressure", reads, updates=("acceleration",), names=names))
@@ -213,18 +241,18 @@ class MeshBoundary(
         return tuple(made)
 
     def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount | None:
-        """No energy of its own, since the solid is at rest; adhesion has no account."""
-        if self.adhesion > 0:
+        """No energy of its own, since the solid is at rest; adhesion and an extrapolated pressure have no account."""
+        if self.adhesion > 0 or self.extrapolates():
             return None
-        words = ("the boundary particles' own pressure",) if self._extrapolates(others) else ()
+        words = ("the boundary particles' own pressure",) if self._presses(others) else ()
         return EnergyAccount(uncounted=words)
 
     def list_radius(self, grid: Discretisation) -> float:
         return grid.support_radius
 
     def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
-        groups: dict[str, Any] = {}
-        if self._extrapolates(others):
+        groups: dict[str, Any] = lean(grid, others) if self.extrapolates() else {}
+        if self._presses(others):
             groups["wall_gravity"] = WallGravity(*map(grid.real, acceleration_of(others)))
         if self.viscosity > 0:
             groups["wall_viscosity"] = WallViscosity(grid.real(self.viscosity))
