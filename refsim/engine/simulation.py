@@ -286,7 +286,7 @@ class Simulation(Shown):
             self.remark(LIQUID, f"{words}, {bound}: take a larger sound_speed, or a shorter step with iisph")
 
     def _note_stops(self) -> None:
-        """Add a note to the run where planes stop more particles than spray does; raise RunStopped where they hold them.
+        """Add a note where planes stop more particles than spray does; raise RunStopped where they hold the liquid.
 
         Solids may lie on planes: a run that has some is not stopped.
         """

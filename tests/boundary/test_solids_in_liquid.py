@@ -1,10 +1,23 @@
-"""Solids in a liquid with an advanced density: lift, rise, momentum, restart; what is refused."""
+"""Solids and meshes in a liquid with an advanced density: lift, rise, weight, momentum; what is refused."""
 
 import msgspec
 import numpy as np
 import pytest
+import trimesh
 
-from refsim import BoxWalls, InputError, Simulation, SurfaceDetection, TwoWayCoupling, WeaklyCompressible, make_plan
+from refsim import (
+    Box,
+    BoxWalls,
+    Gravity,
+    InputError,
+    MeshBoundary,
+    Scene,
+    Simulation,
+    SurfaceDetection,
+    TwoWayCoupling,
+    WeaklyCompressible,
+    make_plan,
+)
 from validation.experiments.liquid import runs
 
 SMALL = ((3, 3), 2, (8, 7), 2.6, runs.ARTIFICIAL)  # body, cells below it, tank, h/d, alpha
@@ -110,3 +123,55 @@ def test_what_does_not_fit_is_refused_in_a_sentence(changed, words):
         make_plan(msgspec.structs.replace(scene, effects=effects))
     assert words in str(refused.value)
     assert str(refused.value).count(". ") == 0
+
+
+def basin(folder, offset, cells=(8, 8, 6), **changes):
+    """Water on a mesh, its top `offset` spacings above a plane of the lattice, between box walls without a floor."""
+    spacing = 1.0 / cells[2]
+    wide, deep = np.array([*cells[:2], 0]) * spacing, 8 * spacing
+    block = trimesh.creation.box(bounds=[-deep * np.ones(3), wide + [deep, deep, offset * spacing]])
+    block.export(folder / "block.obj")
+    return Scene(
+        dtype="float64", spacing=spacing, support_radius=3 * spacing,
+        fluid=(Box(lower=(0.0, 0.0, offset * spacing), cells=cells),),
+        effects=(
+            WeaklyCompressible(
+                sound_speed=runs.SOUND, dynamic_viscosity=80.0, viscosity="central", density="continuity"
+            ),
+            Gravity(acceleration=(0.0, 0.0, -runs.GRAVITY)),
+            BoxWalls(lower=(0.0, 0.0, 0.0), upper=(*wide[:2], 2.0), open_faces=("-z",), model="extrapolated"),
+            MeshBoundary(file=str(folder / "block.obj"), **({"model": "extrapolated"} | changes)),
+        ),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.3])
+def test_a_mesh_carries_the_liquid_on_it(tmp_path, offset):
+    """Also where its surface cuts the cells of the lattice: the first layer stays half a spacing above it."""
+    simulation = Simulation(basin(tmp_path, offset), "cpu", threads=2)
+    spacing, weights = simulation.plan.grid.spacing, []
+    while simulation.time < 1.2:
+        simulation.step()
+        if simulation.time > 0.8 and simulation.steps % 5 == 0:
+            simulation.evaluate()
+            weights.append(runs.pushed(simulation)[2])
+    assert np.mean(weights) == pytest.approx(simulation.field("mass").sum() * runs.GRAVITY, rel=0.01)
+    assert simulation.field("position")[:, 2].min() > (offset + 0.35) * spacing
+    assert np.sqrt((simulation.field("velocity") ** 2).sum(1).mean()) <= 1e-3 * runs.SOUND
+    assert not simulation.field("corrections").any()
+
+
+def test_cells_of_a_mesh_and_of_the_box_fill_space_once(tmp_path):
+    """Volumes of both in a column beside the liquid: as many as the column has cells."""
+    plan = make_plan(basin(tmp_path, 0.3))
+    spacing, place = plan.grid.spacing, plan.walls.position
+    column = np.abs(place[:, :2] - [-0.5 * spacing, 2.5 * spacing]).max(1) < 0.1 * spacing
+    low = column & (np.abs(place[:, 2]) < 3 * spacing)
+    assert plan.walls.volume[low].sum() == pytest.approx(6 * spacing**3, rel=1e-2)
+
+
+def test_options_of_the_patent_and_an_extrapolated_pressure_exclude_each_other(tmp_path):
+    with pytest.raises(InputError, match="belong to model = 'mirrored'; leave them out with 'extrapolated'"):
+        make_plan(basin(tmp_path, 0.0, layers=2))
+    with pytest.raises(InputError, match="needs an extrapolated pressure at all walls"):
+        make_plan(basin(tmp_path, 0.0, model="mirrored"))
