@@ -11,6 +11,7 @@ from refsim import (
     Gravity,
     InputError,
     MeshBoundary,
+    Motion,
     Scene,
     Simulation,
     SurfaceDetection,
@@ -18,6 +19,7 @@ from refsim import (
     WeaklyCompressible,
     make_plan,
 )
+from refsim.core.operation import REGISTRY
 from validation.experiments.liquid import runs
 
 SMALL = ((3, 3), 2, (8, 7), 2.6, runs.ARTIFICIAL)  # body, cells below it, tank, h/d, alpha
@@ -84,6 +86,21 @@ def test_a_run_goes_on_bit_for_bit_from_a_checkpoint(tmp_path):
         other.step()
     for name in ("position", "velocity", "advanced_excess", "followed_velocity"):
         assert np.array_equal(one.field(name), other.field(name)), name
+
+
+def test_solids_feel_a_tank_that_sways():
+    """Their pressure is that of the acceleration in the tank's frame, 1 m/s^2 along x here."""
+    sway = Motion(of="gravity", kind="formula", direction=(1.0, 0.0, 0.0), formula="-0.5*t**2")
+    simulation = Simulation(msgspec.structs.replace(runs.submerged(*SMALL), motion=(sway,)), "cpu")
+    for _ in range(3):
+        simulation.step()
+    simulation.evaluate()
+    plan, operation = simulation.plan, REGISTRY["two_way_coupling.extrapolation"]
+    names = ("position", "velocity", "followed_velocity", "phase", "density", "pressure")
+    given = {name: simulation.field(name) for name in names} | {"lean": (1.0, 0.0, -runs.GRAVITY)}
+    given |= {"smoothing": plan.shared["smoothing"], "delay": plan.parameters["two_way_coupling"]["delay"]}
+    found = operation.program("numpy")(*(given[name] for name in operation.arguments("numpy")))["pressure"][0]
+    assert simulation.field("pressure") == pytest.approx(found, rel=1e-9, abs=1e-6)
 
 
 def test_the_papers_coupling_has_none_of_it():
