@@ -20,7 +20,7 @@ from refsim.core.walls import WallParticles, liquid_with_list, with_list
 from refsim.neighbours import NeighbourSearch
 from refsim.neighbours.reference import pair_blocks
 
-LISTS = ("search", "all_pairs", "none")
+LISTS = ("search", "all_pairs")
 
 
 def unset(dtype: np.dtype) -> Any:

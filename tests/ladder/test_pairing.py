@@ -217,7 +217,8 @@ def test_a_constant_in_place_of_a_parameter_fails():
 
     programs = contract.Programs({"dong_2016.momentum": program})
     outcomes = list(contract.trials(programs, "dong_2016.momentum", ("float64",), (1,), ("T1", "T2", "T10")))
-    assert [o.trial for o in outcomes if not o.passed] == ["another fluid.wall_share"]
+    failed = {o.trial for o in outcomes if not o.passed and not o.not_judged}
+    assert failed == {"another fluid.wall_share", "another fluid.wall_share in the plane"}
     assert {o.step for o in outcomes} == {"T1", "T2", "T10"}
 
 
