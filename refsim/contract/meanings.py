@@ -36,6 +36,7 @@ ARGUMENTS = {
     "facets": "corners of each facet, as numbers of vertices [-]",
     "facets_of_mesh": "corners of each facet of the mesh, as rows of facet_corner [-]",
     "field": "acceleration of gravity g [m/s^2]",
+    "turning": "angular velocity [1/s], its rate [1/s^2] and a point of the axis [m], three numbers each",
     "fit_position": "points of the fit: the samples, and the same displaced outwards [m]",
     "fit_splines": "three spline values along each axis at each point of the fit [-]",
     "grid": "background grid: blocks and cells of the particles, an object of refsim (refsim.mpm.grid.MpmGrid)",

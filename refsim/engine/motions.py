@@ -1,4 +1,4 @@
-"""Gravity and moving faces that follow the motions of a scene.
+"""Gravity, frames that turn and moving faces that follow the motions of a scene.
 
 What moves stands in small arrays of the backend, which the passes read and the host sets between two steps: a step that
 was recorded as a CUDA graph reads the values of its own time.
@@ -32,7 +32,8 @@ class Motions:
         self.pulls: list[Any] = []
         self.faces: Any = None
         kinds = {motion.of for motion in self.moving}
-        if "gravity" in kinds:
+        self.turning: Any = run._parameters["gravity"]["turning"] if "turn" in kinds else None
+        if kinds & {"gravity", "turn"}:
             for groups in run._parameters.values():
                 for name in PULLS:
                     if name in groups:
@@ -45,7 +46,7 @@ class Motions:
 
     def move(self, time: float) -> None:
         """Set what passes read to `time` [s]. Raises RunStopped where a motion has no finite value then."""
-        pull, drag = np.zeros(3), np.zeros(3)
+        pull, drag, rest = np.zeros(3), np.zeros(3), self.rest
         for number, motion in enumerate(self.moving, 1):
             try:
                 moved = motion.at(time)
@@ -57,9 +58,13 @@ class Motions:
                 )
             if motion.of == "gravity":
                 pull -= moved.acceleration * motion.unit()
+            elif motion.of == "turn":
+                axis, place = motion.unit(), self.run.plan.grid.local(np.array(motion.pivot or (0.0, 0.0, 0.0)))
+                rest = turned(self.rest, axis, -moved.place)
+                self._assign(self.turning, np.concatenate([moved.velocity * axis, moved.acceleration * axis, place]))
             else:
                 drag += moved.velocity * motion.unit()
-        self.gravity = self.rest + pull
+        self.gravity = rest + pull
         for array in self.pulls:
             self._assign(array, self.gravity)
         if self.faces is not None:
@@ -67,3 +72,9 @@ class Motions:
 
     def _assign(self, array: Any, values: NDArray[np.float64]) -> None:
         self.run.backend.assign(array, values.astype(self.run.plan.grid.dtype))
+
+
+def turned(vector: NDArray[np.float64], axis: NDArray[np.float64], angle: float) -> NDArray[np.float64]:
+    """A vector (3,) turned about an axis of length 1 by an angle [rad]."""
+    along = axis * (axis @ vector)
+    return along + (vector - along) * np.cos(angle) + np.cross(axis, vector) * np.sin(angle)

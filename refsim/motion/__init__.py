@@ -1,6 +1,7 @@
-"""Motions: displacements that are given in time, of a tank as gravity feels it or of faces of walls.
+"""Motions: displacements and angles that are given in time, of a tank as its liquid feels them or of faces of walls.
 
-Contents: Motion, Moved; check_motions. What a run does with them is `refsim.engine.motions`.
+Contents: Motion, Moved; turning_pass, check_motions; operation motion.turning. What a run does with them is
+`refsim.engine.motions`.
 """
 
 from __future__ import annotations
@@ -13,9 +14,10 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from refsim.core.checked import Checked
-from refsim.core.effect import Discretisation, Effect, require
+from refsim.core.effect import Discretisation, Effect, Pass, require
 from refsim.core.errors import InputError
-from refsim.motion.formula import Jet, parsed
+from refsim.motion import reference as reference
+from refsim.motion.expression import Jet, parsed
 
 Vector = tuple[float, float, float]
 SAMPLES = 2001  # times between the start and the end at which a motion is looked at before a run
@@ -29,32 +31,35 @@ LIQUID = "weakly_compressible"
 
 
 class Moved(NamedTuple):
-    """A displacement along an axis at a time, with its derivatives."""
+    """A displacement along an axis at a time, or an angle about it, with its derivatives."""
 
-    place: float  # [m]
+    place: float  # [m], of an angle [rad]
     velocity: float  # [m/s]
     acceleration: float  # [m/s^2]
 
 
 class Motion(Checked, frozen=True, kw_only=True):
-    """A displacement X(t) that is given in time.
+    """A displacement X(t) that is given in time; of a turn, an angle.
 
-    of         what moves: "gravity" (the scene is seen from a tank that moves, so that -d^2X/dt^2 is added to gravity)
-               or "moving_faces" (dX/dt is added to the velocity of the moving_faces of box_walls)
+    of         what moves: "gravity" (the scene is seen from a tank that moves, so that -d^2X/dt^2 is added to gravity),
+               "turn" (it is seen from a tank that turns about an axis by the angle X) or "moving_faces" (dX/dt is added
+               to the velocity of the moving_faces of box_walls)
     kind       "sway" (X = amplitude sin(2 pi t/period)), "table" (interpolated by a cubic spline, at rest before and
                after it) or "formula"
-    direction  along which it moves; its length does not matter
-    amplitude  of a sway [m]
+    direction  along which it moves, or axis about which it turns; its length does not matter
+    pivot      of a turn: a point of the axis [m]; left out, the origin
+    amplitude  of a sway [m]; of a turn [rad]
     period     of a sway [s]
     ramp       time in which a sway grows from nothing, smoothly [s]
     times      of a table, rising [s]
-    values     of a table, X at its times [m]
-    formula    X of t in m, with + - * / **, pi and the functions sin, cos, tan, exp, log, sqrt, tanh
+    values     of a table, X at its times [m]; of a turn [rad]
+    formula    X of t in m, of a turn in rad, with + - * / **, pi and the functions sin, cos, tan, exp, log, sqrt, tanh
     """
 
-    of: Literal["gravity", "moving_faces"]
+    of: Literal["gravity", "turn", "moving_faces"]
     kind: Literal["sway", "table", "formula"]
     direction: Vector
+    pivot: Vector | None = None
     amplitude: float | None = None
     period: float | None = None
     ramp: float | None = None
@@ -68,6 +73,10 @@ class Motion(Checked, frozen=True, kw_only=True):
             require(owner, **{f"direction along {axis}": (value, "finite")})
         if not any(self.direction):
             raise InputError(f"{owner}: direction = {list(self.direction)} is none; give the axis of the motion.")
+        if self.pivot is not None and self.of != "turn":
+            raise InputError(f"{owner}: only a turn has a 'pivot'; leave it out.")
+        for axis, value in zip("xyz", self.pivot or ()):
+            require(owner, **{f"pivot along {axis}": (value, "finite")})
         given = [key for key in KEYS if getattr(self, key) is not None]
         for key in given:
             if key not in TAKES[self.kind]:
@@ -143,6 +152,12 @@ def _spline(motion: Motion) -> Callable[[float], Moved]:
     return at
 
 
+def turning_pass(motions: Sequence[Motion]) -> tuple[Pass, ...]:
+    """The pass of a frame that turns, where one does."""
+    turns = any(motion.of == "turn" for motion in motions)
+    return (Pass("motion.turning", ("position", "velocity"), updates=("acceleration",)),) if turns else ()
+
+
 def check_motions(
     motions: Sequence[Motion], end: float, audited: bool, grid: Discretisation, effects: Mapping[str, Effect]
 ) -> None:
@@ -156,7 +171,12 @@ def check_motions(
             raise InputError(
                 f"{owner}: a motion drives the liquid, and energy_audit refuses that; leave one of them out."
             )
-        if grid.dim == 2 and motion.direction[2] != 0:
+        if motion.of == "turn":
+            if grid.dim == 2 and any(motion.direction[:2]):
+                raise InputError(f"{owner}: a 2D tank turns about z; set direction = [0.0, 0.0, 1.0].")
+            if sum(other.of == "turn" for other in motions) > 1:
+                raise InputError(f"{owner}: the scene has two turns, which do not add up; keep one.")
+        elif grid.dim == 2 and motion.direction[2] != 0:
             raise InputError(f"{owner}: direction has a z part in a 2D scene; set it to 0.")
         _check_target(motion, owner, effects)
         _check_path(motion, owner, end, effects)
@@ -165,7 +185,7 @@ def check_motions(
 def _check_target(motion: Motion, owner: str, effects: Mapping[str, Effect]) -> None:
     """Raise InputError where the scene lacks what moves."""
     gravity: Any = effects.get("gravity")
-    if motion.of == "gravity" and (gravity is None or not any(gravity.acceleration)):
+    if motion.of != "moving_faces" and (gravity is None or not any(gravity.acceleration)):
         raise InputError(f"{owner}: the scene has no gravity that could move; add the effect gravity, not of 0.")
     box: Any = effects.get("box_walls")
     if motion.of == "moving_faces":
@@ -192,7 +212,7 @@ def _check_path(motion: Motion, owner: str, end: float, effects: Mapping[str, Ef
             moved = Moved(math.nan, math.nan, math.nan)
         if not all(map(math.isfinite, moved)):
             raise InputError(f"{owner}: it is not a finite number at {time:g} s; correct its formula or its numbers.")
-        if abs(moved.velocity) > sound_speed:
+        if motion.of != "turn" and abs(moved.velocity) > sound_speed:
             raise InputError(
                 f"{owner}: it jumps: at {time:g} s it moves with {abs(moved.velocity):.3g} m/s, faster than the sound"
                 f" speed of {sound_speed:g} m/s; take a smoother one."

@@ -18,7 +18,7 @@ from refsim.core.fields import BASE, POSITION_RESIDUAL, Field
 from refsim.core.period import period_group
 from refsim.core.tables import Shown, in_bytes
 from refsim.gauges.places import check_gauges
-from refsim.motion import check_motions
+from refsim.motion import check_motions, turning_pass
 from refsim.scene import checks
 from refsim.scene.particles import initial_state
 from refsim.scene.passes import accounts, merged_passes, motion_passes, ordered_passes
@@ -158,6 +158,9 @@ def _planned(scene: Scene) -> Plan:
     asked = [
         (e, p) for e in effects.values() for p in e.passes(effects) if p.operation not in replaced - set(e.replaces())
     ]
+    for turn in turning_pass(scene.motion):
+        asked.append((effects["gravity"], turn))
+        parameters["gravity"] = {**parameters["gravity"], "turning": np.zeros(9, grid.dtype)}
     passes = ordered_passes(merged_passes([(e, p) for e, p in asked if p.stage == "forces"], parameters), fields)
     list_radius = max((e.list_radius(grid) for e in effects.values()), default=0.0)
     if list_radius > scene.support_radius:

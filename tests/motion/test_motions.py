@@ -8,7 +8,8 @@ import pytest
 
 from refsim import Box, BoxWalls, EnergyAudit, Gauge, Gravity, InputError, Motion, Scene, Simulation, WeaklyCompressible
 from refsim import make_plan as planned
-from refsim.motion.formula import Jet, parsed
+from refsim.engine.motions import turned
+from refsim.motion.expression import Jet, parsed
 
 G, DENSITY = 9.81, 1000.0
 SWAY = Motion(of="gravity", kind="sway", direction=(2.0, 0.0, 0.0), amplitude=0.01, period=0.5)
@@ -218,3 +219,53 @@ def period(time, values, near):
     t, x = time[time > 0.4], values[time > 0.4]
     found, _ = curve_fit(wave, t, x, p0=(np.ptp(x) / 2, 0.0, 0.1, 2 * math.pi / near, x.mean()))
     return 2 * math.pi / abs(found[3])
+
+
+def test_a_free_particle_flies_straight_as_a_turning_tank_sees_it():
+    """Its place in the tank is that in the world, turned back; all fictitious accelerations together."""
+    angle = "0.3*sin(4*t) + 0.2*t"
+    turn = Motion(of="turn", kind="formula", direction=(1.0, 2.0, -0.5), pivot=(0.2, -0.1, 0.4), formula=angle)
+    start, speed, pull, step = np.array([1.0, 0.3, -0.2]), np.array([0.4, -0.7, 0.9]), np.array([0.0, 0.0, -G]), 1e-4
+    moved, axis, pivot = turn.at(0.0), turn.unit(), np.array(turn.pivot)
+    seen = turned(speed - moved.velocity * np.cross(axis, start - pivot), axis, -moved.place)
+    scene = Scene(
+        dtype="float64", spacing=0.1, support_radius=0.2, step=step, motion=(turn,),
+        fluid=(Box(cells=(1, 1, 1), lower=tuple(start - 0.05), velocity=tuple(seen)),),
+        effects=(WeaklyCompressible(sound_speed=50.0), Gravity(acceleration=tuple(pull))),
+    )  # fmt: skip
+    simulation = run_to(Simulation(scene, "cpu"), 0.5)
+    t = simulation.time
+    flown = start + speed * t + 0.5 * pull * t * t
+    wanted = pivot + turned(flown - pivot, axis, -turn.at(t).place)
+    assert simulation.field("position")[0] == pytest.approx(wanted, abs=3e-4)
+
+
+def test_liquid_in_a_tilted_tank_lies_level():
+    """Slowly turned by 0.05 rad its surface has that slope in the tank."""
+    turn = Motion(
+        of="turn", kind="table", direction=(0.0, 0.0, 1.0), times=(0.0, 2.5), values=(0.0, 0.05), pivot=(0.5, 0, 0)
+    )
+    gauges = tuple(
+        Gauge(name=name, kind="level", lower=(x, 0.0, 0.0), upper=(x, 1.0, 0.0), every=0.02)
+        for name, x in (("left", 0.25), ("right", 0.75))
+    )
+    simulation = run_to(Simulation(tank(20, (turn,), gauge=gauges, density="continuity"), "cpu", threads=2), 5.0)
+    left, right = (simulation.gauge(name) for name in ("left", "right"))
+    since = left.time > 2.6  # two periods of what still sloshes
+    assert np.mean((left["level"] - right["level"])[since]) / 0.5 == pytest.approx(math.tan(0.05), rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"direction": (1.0, 0.0, 0.0)}, "a 2D tank turns about z"),
+        ({"of": "gravity", "direction": (1.0, 0.0, 0.0), "pivot": (0.0, 0.0, 0.0)}, "only a turn has a 'pivot'"),
+        ({"pivot": (math.nan, 0.0, 0.0)}, "pivot along x"),
+    ],
+)
+def test_bad_turns_are_refused(changes, words):
+    turn = Motion(of="turn", kind="sway", direction=(0.0, 0.0, 1.0), amplitude=0.1, period=1.0)
+    with pytest.raises(InputError, match=words):
+        planned(tank(motion=(msgspec.structs.replace(turn, **changes),)))
+    with pytest.raises(InputError, match="two turns"):
+        planned(tank(motion=(turn, turn)))
