@@ -72,10 +72,14 @@ def exact_forms(operation: Operation, variant: Mapping[str, Any]) -> Iterator[tu
 
 
 def exact_inputs(operation: Operation, variant: Mapping[str, Any], exact: cases.Exact, dtype: str) -> Inputs:
-    """The inputs of a closed form."""
+    """The inputs of a closed form; outputs that it does not give begin with zeros."""
     dropped = _dropped_outputs(operation, variant)
     given = {name: typed(name, value, dtype) for name, value in exact.given.items() if name not in dropped}
-    return with_variant(Inputs(exact.case, dtype), variant).replaced(**given)
+    made = with_variant(Inputs(exact.case, dtype), variant)
+    for name in exact.expected.keys() - given.keys() - dropped:
+        if not made.per_particle(name):
+            given[name] = np.zeros(np.shape(exact.expected[name]), usual_value(name, dtype).dtype)
+    return made.replaced(**given)
 
 
 def _dropped_outputs(operation: Operation, variant: Mapping[str, Any]) -> set[str]:

@@ -11,7 +11,7 @@ import importlib
 import importlib.util
 import math
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple, TypeVar
 
@@ -231,15 +231,37 @@ def example(effect: Effect, brings: str = "", **constants: Mapping[str, Any]) ->
 CLOSED_FORMS: dict[str, list[Callable[[], Exact]]] = {}
 
 
-def closed_form(*operations: str) -> Callable[[Callable[[], Exact]], Callable[[], Exact]]:
-    """Mark a function that returns an exactly known case of the operations."""
+def closed_form(
+    *operations: str, over: Iterable[Any] = (), across: float = 0.0
+) -> Callable[[Callable[..., Exact]], Callable[..., Exact]]:
+    """Mark a function that returns an exactly known case of the operations.
 
-    def mark(maker: Callable[[], Exact]) -> Callable[[], Exact]:
+    over    its arguments, for each of which it returns one; a tuple stands for several arguments
+    across  length [m] of a periodic box across whose border the same pair is another one (`across_a_border`)
+    """
+
+    def mark(maker: Callable[..., Exact]) -> Callable[..., Exact]:
+        each = [value if isinstance(value, tuple) else (value,) for value in over] or [()]
+        plain = all(isinstance(part, (int, str)) for values in each for part in values)
+        parts = each if plain else [(number,) for number in range(len(each))]
+        made = [_named(functools.partial(maker, *values), maker.__name__, *own) for values, own in zip(each, parts)]
+        if across:
+            made.append(_named(lambda: across_a_border(maker(), across), maker.__name__, "across"))
         for operation in operations:
-            CLOSED_FORMS.setdefault(operation, []).append(maker)
+            CLOSED_FORMS.setdefault(operation, []).extend(made)
         return maker
 
     return mark
+
+
+def _named(form: Callable[[], Exact], *parts: Any) -> Callable[[], Exact]:
+    form.__name__ = "_".join(map(str, parts))
+    return form
+
+
+def pair_case(name: str, r: float = 1.0) -> Case:
+    """Two particles in space, `r` [m] apart along y, with h = 2 m."""
+    return Case(name, 3, np.array([[0.0, 0.0, 0.0], [0.0, r, 0.0]]), spacing=1.0, support_radius=2.0)
 
 
 @functools.cache

@@ -258,8 +258,8 @@ class Effect(Checked, frozen=True, kw_only=True):
         """Raise InputError where the parameters do not fit the scene, whose particles are not yet counted."""
 
 
-def require(owner: str, **bounds: tuple[float, str]) -> None:
-    """Check numbers: `name=(value, rule)`, rule one of "positive", "not negative", "finite".
+def require(owner: str, **bounds: tuple[float | None, str]) -> None:
+    """Check numbers that are not None: `name=(value, rule)`, rule one of "positive", "not negative", "finite".
 
     Raises InputError with one sentence that names the parameter.
     """
@@ -270,7 +270,7 @@ def require(owner: str, **bounds: tuple[float, str]) -> None:
     }
     for name, (value, rule) in bounds.items():
         test, words = tests[rule]
-        if not (math.isfinite(value) and test(value)):
+        if value is not None and not (math.isfinite(value) and test(value)):
             raise InputError(f"{owner}: {name} = {value} is not possible; give {words}.")
 
 

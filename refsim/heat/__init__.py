@@ -1,10 +1,5 @@
 """Heat conduction between particles (Shao & Song 2017, M(4)), with latent heat.
 
-Contents: HeatConduction; fields TEMPERATURE, ENTHALPY, HEAT_CAPACITY, CONDUCTIVITY, MELTING_POINT, LATENT_HEAT,
-RESERVOIR, VOLUME, EXCHANGE_RATE, TEMPERATURE_RANGE; operations heat.explicit, heat.one_sided (R1), heat.pair_exchange
-(R3), heat.single_pass (NPX), heat.chebyshev (CHEB), heat.conjugate_gradient (PCG), heat.runge_kutta_legendre (RKL2),
-heat.enthalpy_jacobi, heat.exchange_rate, heat.particle_volume.
-
 A scheme is one pass in the motion of a step: it takes temperatures over the step's length at the positions of the
 step's start. Other effects read the field `temperature`, and `enthalpy` if there is latent heat. An effect that melts
 particles changes their `conductivity`, `heat_capacity` and `mass` if the materials differ, and no other field.

@@ -5,34 +5,19 @@ import math
 
 import numpy as np
 
-from refsim.core.cases import (
-    REST_DENSITY,
-    VARIATIONS,
-    Case,
-    Exact,
-    Variation,
-    across_a_border,
-    case,
-    closed_form,
-    codes,
-    example,
-    groups,
-    lattice,
-    particles,
-    period_around,
-    takes,
-)
+from refsim.core import cases
+from refsim.core.cases import VARIATIONS, Case, Exact, Variation, case, closed_form, groups, particles, takes
 from refsim.core.period import period_group
 from refsim.heat import HeatConduction
 from refsim.heat.shapes import MOST_PASSES, MUELLER, POLY6, SPIKY, Conduction, conduction_group
 
-example(
+cases.example(
     HeatConduction(temperature=50.0, melting_point=0.0),
     brings="conductivity heat_capacity temperature temperature_range volume",
 )
 
 SLOW = 1.0  # k dt/(rho c d^2) of the common cases, on average
-STORED = REST_DENSITY * 1000.0  # rho c [J/(m^3 K)] of the common cases, about
+STORED = cases.REST_DENSITY * 1000.0  # rho c [J/(m^3 K)] of the common cases, about
 
 
 @particles("temperature")
@@ -108,7 +93,7 @@ def _conduction(case, grid):
 
 def wide_box(case, grid):
     """A periodic box as long as the colours of the pairs need it."""
-    return period_around(case, grid, 4.5 * case.support_radius)
+    return cases.period_around(case, grid, 4.5 * case.support_radius)
 
 
 def planned(case, grid):
@@ -145,7 +130,7 @@ VARIATIONS[Conduction] = Variation(
     ("laplacian", "harmonic", "unit_capacity"),
 )
 PAIRS = "support_radius factor laplacian harmonic unit_capacity dim"
-codes(Conduction, laplacian={"spiky": SPIKY, "mueller": MUELLER, "poly6": POLY6})
+cases.codes(Conduction, laplacian={"spiky": SPIKY, "mueller": MUELLER, "poly6": POLY6})
 takes("heat.one_sided", conduction=f"{PAIRS} frozen")
 takes("heat.pair_exchange", conduction=f"{PAIRS} sweep_share")
 takes("heat.chebyshev", conduction=f"{PAIRS} tolerance most_passes")
@@ -155,18 +140,18 @@ takes("heat.enthalpy_jacobi", conduction=f"{PAIRS} iterations")
 @case
 def steep_volumes() -> Case:
     """Volumes 100 : 1."""
-    return Case("steep_volumes", 3, lattice((5, 5, 5)))
+    return Case("steep_volumes", 3, cases.lattice((5, 5, 5)))
 
 
 @case
 def steep_conductivities() -> Case:
     """Conductivities 1000 : 1."""
-    return Case("steep_conductivities", 3, lattice((5, 5, 5)))
+    return Case("steep_conductivities", 3, cases.lattice((5, 5, 5)))
 
 
 # Closed forms: two particles 1 m apart, h = 2 m, so that L = 3 (15/pi/8) (1/2)^2/2; dt = 0.5 s.
 
-PAIR = Case("heat_pair", 3, np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), spacing=1.0, support_radius=2.0)
+PAIR = cases.pair_case("heat_pair")
 VOLUME, CONDUCTIVITY = np.array([2.0, 0.5]), np.array([3.0, 1.0])
 MASS, CAPACITY, TEMPERATURE = np.array([4.0, 2.0]), np.array([0.5, 3.0]), np.array([80.0, -20.0])
 INVERSE = 1 / (MASS * CAPACITY)
@@ -174,14 +159,26 @@ WEIGHT = 0.5 * VOLUME[0] * VOLUME[1] * (2 * 1.5) * 3 * 15 / (64 * math.pi)  # ha
 APART = TEMPERATURE[1] - TEMPERATURE[0]
 
 
+def _conduction_of(**options):
+    return conduction_group(PAIR.grid("float64"), **options)
+
+
 def _given(**more):
-    grid = PAIR.grid("float64")
     return {
         "mass": MASS, "volume": VOLUME, "heat_capacity": CAPACITY, "conductivity": CONDUCTIVITY,
         "temperature": TEMPERATURE, "timestep": np.array([0.7, 0.5]), "reservoir": None,
         "enthalpy": None, "melting_point": None, "latent_heat": None,
-        "conduction": conduction_group(grid, residual=1e-14, sweep_share=0.5),
+        "conduction": _conduction_of(residual=1e-14, sweep_share=0.5),
     } | more  # fmt: skip
+
+
+def _pair(temperature, **more):
+    """The pair and both temperatures after the step."""
+    return Exact(PAIR, _given(**more), {"temperature": temperature})
+
+
+def _rates(rate, case=PAIR, **more):
+    return Exact(case, _given(**more), {"exchange_rate": rate})
 
 
 def _moved(heat):
@@ -203,118 +200,111 @@ def _swept_twice(weight):
 @closed_form("heat.exchange_rate")
 def rates_of_a_pair():
     """G/C_i, G = WEIGHT/dt; a reservoir has none."""
-    given = _given(reservoir=np.array([0, 1], np.uint8))
-    return Exact(PAIR, given, {"exchange_rate": np.array([WEIGHT / 0.5 * INVERSE[0], 0.0])})
+    return _rates(np.array([WEIGHT / 0.5 * INVERSE[0], 0.0]), reservoir=np.array([0, 1], np.uint8))
 
 
-@closed_form("heat.explicit")
+@closed_form("heat.explicit", across=5.0)
 def a_pair_forward():
     """E = g (T_2 - T_1)."""
-    return Exact(PAIR, _given(), {"temperature": _moved(WEIGHT * APART)})
+    return _pair(_moved(WEIGHT * APART))
 
 
-@closed_form("heat.single_pass", "heat.conjugate_gradient")
+@closed_form("heat.single_pass", "heat.conjugate_gradient", across=5.0)
 def a_pair_backward():
     """E = g (T_2 - T_1)/(1 + g (1/C_1 + 1/C_2)): M(4) is backward Euler for a pair, and so is NPX."""
-    return Exact(PAIR, _given(), {"temperature": _moved(_alone() * APART)})
+    return _pair(_moved(_alone() * APART))
 
 
 @closed_form("heat.single_pass", "heat.conjugate_gradient", "heat.chebyshev")
 def a_pair_with_a_reservoir():
     """The second particle keeps its temperature: T_1 + g/C_1 (T_2 - T_1)/(1 + g/C_1)."""
     share = WEIGHT * INVERSE[0]
-    expected = np.array([TEMPERATURE[0] + share * APART / (1 + share), TEMPERATURE[1]])
-    conduction = conduction_group(PAIR.grid("float64"), tolerance=1e-14, residual=1e-14)
-    given = _given(reservoir=np.array([0, 1], np.uint8), conduction=conduction)
-    return Exact(PAIR, given, {"temperature": expected})
+    conduction = _conduction_of(tolerance=1e-14, residual=1e-14)
+    temperature = np.array([TEMPERATURE[0] + share * APART / (1 + share), TEMPERATURE[1]])
+    return _pair(temperature, reservoir=np.array([0, 1], np.uint8), conduction=conduction)
 
 
-@closed_form("heat.pair_exchange")
+@closed_form("heat.pair_exchange", across=8.0)
 def a_pair_in_two_sweeps():
-    return Exact(PAIR, _given(), {"temperature": _swept_twice(WEIGHT)})
+    """Across a border in a box of four support radii."""
+    return _pair(_swept_twice(WEIGHT))
 
 
-@closed_form("heat.one_sided")
+@closed_form("heat.one_sided", across=5.0)
 def a_pair_each_by_itself():
     """T_i + f_i (T_j - T_i), f_i = g/C_i/(1 + g (1/C_1 + 1/C_2)), and again from the new temperatures."""
-    f = _alone() * INVERSE
-    t = TEMPERATURE
+    f, t = _alone() * INVERSE, TEMPERATURE
     for _ in range(2):
         t = t + f * (t[::-1] - t)
-    return Exact(PAIR, _given(), {"temperature": t})
+    return _pair(t)
 
 
-@closed_form("heat.chebyshev")
+@closed_form("heat.chebyshev", across=5.0)
 def a_pair_by_chebyshev():
     """After n steps the error of the mode 1 + z has shrunk by T_n((1 + s - (1 + z))/s)/T_n((1 + s)/s); s = max(g/C)."""
     z, s = WEIGHT * INVERSE.sum(), (WEIGHT * INVERSE).max()
     sigma = math.exp(-math.acosh((1 + s) / s))
     passes = math.ceil(math.log(0.1 / 2) / math.log(sigma))
     left = math.cos(passes * math.acos((s - z) / s)) / math.cosh(passes * math.acosh((1 + s) / s))
-    conduction = conduction_group(PAIR.grid("float64"), tolerance=0.1)
-    heat = _alone() * APART * (1 - left)
-    return Exact(PAIR, _given(conduction=conduction), {"temperature": _moved(heat)})
+    return _pair(_moved(_alone() * APART * (1 - left)), conduction=_conduction_of(tolerance=0.1))
 
 
-@closed_form("heat.runge_kutta_legendre")
+@closed_form("heat.runge_kutta_legendre", across=5.0)
 def a_pair_by_legendre():
     """The difference shrinks by 7/12 + 5/12 P_3(1 - 2 z/5), z = g (1/C_1 + 1/C_2): three stages do."""
-    z = WEIGHT * INVERSE.sum()
-    x = 1 - 2 * z / 5
+    x = 1 - 2 * WEIGHT * INVERSE.sum() / 5
     left = 7 / 12 + 5 / 12 * (5 * x**3 - 3 * x) / 2
-    return Exact(PAIR, _given(), {"temperature": _moved(APART * (1 - left) / INVERSE.sum())})
+    return _pair(_moved(APART * (1 - left) / INVERSE.sum()))
 
 
 # The Laplacian of poly6 (Shao & Song M5): at q = 1/2 it is 315/(64 pi h^5) (24/4 3/4 - 18 9/16), below 0.
 
 POLY6_WEIGHT = 0.5 * VOLUME[0] * VOLUME[1] * (2 * 1.5) * 315 / (64 * 32 * math.pi) * (4.5 - 10.125)
+BY_POLY6 = _conduction_of(laplacian=POLY6, sweep_share=0.5)
 
 
-def _by_poly6():
-    return _given(conduction=conduction_group(PAIR.grid("float64"), laplacian=POLY6, sweep_share=0.5))
-
-
-@closed_form("heat.exchange_rate")
+@closed_form("heat.exchange_rate", across=5.0)
 def rates_by_poly6():
     """The moduli: |G|/C_i."""
-    return Exact(PAIR, _by_poly6(), {"exchange_rate": np.abs(POLY6_WEIGHT) / 0.5 * INVERSE})
+    return _rates(np.abs(POLY6_WEIGHT) / 0.5 * INVERSE, conduction=BY_POLY6)
 
 
 @closed_form("heat.explicit")
 def a_pair_forward_by_poly6():
     """Heat goes from cold to warm."""
-    return Exact(PAIR, _by_poly6(), {"temperature": _moved(POLY6_WEIGHT * APART)})
+    return _pair(_moved(POLY6_WEIGHT * APART), conduction=BY_POLY6)
 
 
 @closed_form("heat.pair_exchange")
 def a_pair_in_two_sweeps_by_poly6():
-    return Exact(PAIR, _by_poly6(), {"temperature": _swept_twice(POLY6_WEIGHT)})
+    return _pair(_swept_twice(POLY6_WEIGHT), conduction=BY_POLY6)
 
 
 # Conductivities below 1 W/(m K), a tenth of the pair's: the harmonic mean of 0.3 and 0.1 is 0.15.
 
+POOR = 0.1 * CONDUCTIVITY
+
 
 @closed_form("heat.explicit")
 def a_poor_conductor_forward():
-    return Exact(PAIR, _given(conductivity=0.1 * CONDUCTIVITY), {"temperature": _moved(0.1 * WEIGHT * APART)})
+    return _pair(_moved(0.1 * WEIGHT * APART), conductivity=POOR)
 
 
 @closed_form("heat.single_pass", "heat.conjugate_gradient")
 def a_poor_conductor_backward():
-    return Exact(PAIR, _given(conductivity=0.1 * CONDUCTIVITY), {"temperature": _moved(_alone(0.1 * WEIGHT) * APART)})
+    return _pair(_moved(_alone(0.1 * WEIGHT) * APART), conductivity=POOR)
 
 
 @closed_form("heat.chebyshev")
 def a_poor_conductor_by_chebyshev():
     """Solved to 1e-14: backward Euler."""
-    conduction = conduction_group(PAIR.grid("float64"), tolerance=1e-14)
-    given = _given(conductivity=0.1 * CONDUCTIVITY, conduction=conduction)
-    return Exact(PAIR, given, {"temperature": _moved(_alone(0.1 * WEIGHT) * APART)})
+    conduction = _conduction_of(tolerance=1e-14)
+    return _pair(_moved(_alone(0.1 * WEIGHT) * APART), conductivity=POOR, conduction=conduction)
 
 
 @closed_form("heat.pair_exchange")
 def a_poor_conductor_in_two_sweeps():
-    return Exact(PAIR, _given(conductivity=0.1 * CONDUCTIVITY), {"temperature": _swept_twice(0.1 * WEIGHT)})
+    return _pair(_swept_twice(0.1 * WEIGHT), conductivity=POOR)
 
 
 # With latent heat: the first particle at 80 melts nothing, the second stands 60 J/kg below its melting point of 0.
@@ -323,33 +313,30 @@ ICE = {
 }  # fmt: skip
 
 
-def _molten(heat):
-    """Enthalpies and temperatures after `heat` [J] went to the second particle."""
-    enthalpy = np.array([7.0 - heat / MASS[0], -60.0 + heat / MASS[1]])
-    second = -60.0 + heat / MASS[1]
-    first = 7.0 - heat / MASS[0]
-    points = ICE["melting_point"]
-    beyond = [min(first, 0) + max(first - 2, 0), min(second, 0) + max(second - 50, 0)]
-    return {"enthalpy": enthalpy, "temperature": points + np.array(beyond) / CAPACITY}
+def _molten(heat, **more):
+    """The pair with enthalpies and temperatures after `heat` [J] went to the second particle."""
+    enthalpy = ICE["enthalpy"] + heat * np.array([-1.0, 1.0]) / MASS
+    beyond = np.minimum(enthalpy, 0) + np.maximum(enthalpy - ICE["latent_heat"], 0)
+    temperature = ICE["melting_point"] + beyond / CAPACITY
+    return Exact(PAIR, _given(**ICE, **more), {"enthalpy": enthalpy, "temperature": temperature})
 
 
 @closed_form("heat.explicit")
 def ice_forward():
     """H += E/m; T(H) is constant from 0 to the latent heat."""
-    return Exact(PAIR, _given(**ICE), _molten(-WEIGHT * APART))
+    return _molten(-WEIGHT * APART)
 
 
 @closed_form("heat.single_pass", "heat.conjugate_gradient")
 def ice_in_a_single_pass():
     """The same with E = g (T_2 - T_1)/(1 + g (1/C_1 + 1/C_2))."""
-    return Exact(PAIR, _given(**ICE), _molten(-_alone() * APART))
+    return _molten(-_alone() * APART)
 
 
 @closed_form("heat.runge_kutta_legendre")
 def ice_by_one_stage():
     """RKL1 with one stage, which s_max < 1 allows, is forward Euler."""
-    given = _given(**ICE, timestep=np.array([0.7, 0.25]))
-    return Exact(PAIR, given, _molten(-WEIGHT / 2 * APART))
+    return _molten(-WEIGHT / 2 * APART, timestep=np.array([0.7, 0.25]))
 
 
 @closed_form("heat.enthalpy_jacobi")
@@ -360,90 +347,48 @@ def ice_on_a_reservoir():
     """
     place = np.array([[3.0 * k, y, 0.0] for k in range(3) for y in (0.0, 1.0)])
     trio = Case("heat_pairs", 3, place, spacing=1.0, support_radius=2.0)
-    mass = np.tile(MASS, 3)
     s, load = WEIGHT * INVERSE[1], WEIGHT * (80.0 - 0.0) / MASS[1]
     start = np.array([-load - 10.0, 20.0 - load, 130.0 - load])
     ends = np.array([-10.0 / (1 + s), 20.0, (130.0 + s * 50.0) / (1 + s)])
-    enthalpy = np.column_stack((np.full(3, 7.0), start)).reshape(-1)
-    ended = np.column_stack((np.full(3, 7.0), ends)).reshape(-1)
     warmth = np.array([-10.0 / (1 + s) / 3.0, 0.0, (130.0 - 50.0) / (1 + s) / 3.0])
+
+    def beside(reservoir, values):
+        return np.column_stack((np.full(3, reservoir), values)).reshape(-1)
+
     given = _given(
-        mass=mass, volume=np.tile(VOLUME, 3), heat_capacity=np.tile(CAPACITY, 3),
-        conductivity=np.tile(CONDUCTIVITY, 3), enthalpy=enthalpy, melting_point=np.tile([70.0, 0.0], 3),
+        mass=np.tile(MASS, 3), volume=np.tile(VOLUME, 3), heat_capacity=np.tile(CAPACITY, 3),
+        conductivity=np.tile(CONDUCTIVITY, 3), enthalpy=beside(7.0, start), melting_point=np.tile([70.0, 0.0], 3),
         latent_heat=np.tile([2.0, 50.0], 3), temperature=np.tile([80.0, 0.0], 3),
-        reservoir=np.tile([1, 0], 3).astype(np.uint8), conduction=conduction_group(trio.grid("float64")),
+        reservoir=np.tile([1, 0], 3).astype(np.uint8), conduction=_conduction_of(),
     )  # fmt: skip
-    temperature = np.column_stack((np.full(3, 80.0), warmth)).reshape(-1)
-    return Exact(trio, given, {"enthalpy": ended, "temperature": temperature})
+    return Exact(trio, given, {"enthalpy": beside(7.0, ends), "temperature": beside(80.0, warmth)})
 
 
-# The same pairs with the second particle on the other side of a periodic box.
-
-
-@closed_form("heat.exchange_rate")
-def rates_across_a_border():
-    """As by poly6."""
-    return across_a_border(rates_by_poly6(), 5.0)
+# The same pairs elsewhere.
 
 
 @closed_form("heat.exchange_rate")
 def rates_at_nearly_half_a_period():
     """The next image is beyond h: q = 127/128 in a box of 2 h, and L = (1 - q)^2/q is 1/(64 127) of that at q = 1/2."""
     case = dataclasses.replace(PAIR, position=PAIR.position * (127 / 64))
-    given = _given(period=period_group((0.0, 4.0, 0.0), "float64"))
-    return Exact(case, given, {"exchange_rate": WEIGHT / (64 * 127) / 0.5 * INVERSE})
+    return _rates(WEIGHT / (64 * 127) / 0.5 * INVERSE, case, period=period_group((0.0, 4.0, 0.0), "float64"))
 
 
-@closed_form("heat.explicit")
-def forward_across_a_border():
-    """As the pair's."""
-    return across_a_border(a_pair_forward(), 5.0)
-
-
-@closed_form("heat.single_pass", "heat.conjugate_gradient")
-def backward_across_a_border():
-    """As the pair's."""
-    return across_a_border(a_pair_backward(), 5.0)
-
-
-@closed_form("heat.chebyshev")
-def chebyshev_across_a_border():
-    """As the pair's."""
-    return across_a_border(a_pair_by_chebyshev(), 5.0)
-
-
-@closed_form("heat.pair_exchange")
-def two_sweeps_across_a_border():
-    """As the pair's, in a box of four support radii."""
-    return across_a_border(a_pair_in_two_sweeps(), 8.0)
+def _two_sweeps_at(place):
+    pair = a_pair_in_two_sweeps()
+    return dataclasses.replace(pair, case=dataclasses.replace(pair.case, position=pair.case.position + place))
 
 
 @closed_form("heat.pair_exchange")
 def two_sweeps_across_a_far_border():
-    """As the pair's, in a box of 104 cells: the pair stands in the last one and in the first."""
-    pair = a_pair_in_two_sweeps()
-    moved = dataclasses.replace(pair.case, position=pair.case.position + [0.0, 103.5, 0.0])
-    return across_a_border(dataclasses.replace(pair, case=moved), 104.0)
+    """In a box of 104 cells: the pair stands in the last one and in the first."""
+    return cases.across_a_border(_two_sweeps_at([0.0, 103.5, 0.0]), 104.0)
 
 
 @closed_form("heat.pair_exchange")
 def two_sweeps_beyond_all_cells():
-    """As the pair's, 2^21 cells from the origin; cells are numbered up to 2^20."""
-    pair = a_pair_in_two_sweeps()
-    far = dataclasses.replace(pair.case, position=pair.case.position + [0.0, 0.0, 2.0**21])
-    return dataclasses.replace(pair, case=far)
-
-
-@closed_form("heat.one_sided")
-def each_by_itself_across_a_border():
-    """As the pair's."""
-    return across_a_border(a_pair_each_by_itself(), 5.0)
-
-
-@closed_form("heat.runge_kutta_legendre")
-def legendre_across_a_border():
-    """As the pair's."""
-    return across_a_border(a_pair_by_legendre(), 5.0)
+    """2^21 cells from the origin; cells are numbered up to 2^20."""
+    return _two_sweeps_at([0.0, 0.0, 2.0**21])
 
 
 @closed_form("heat.particle_volume")
@@ -475,35 +420,32 @@ def a_row_after_two_passes():
 @closed_form("heat.explicit")
 def a_pair_of_unit_weight():
     """g = 1 J/K, exactly: all its factors are powers of 2."""
-    conduction = conduction_group(PAIR.grid("float64"), factor=UNIT)
+    conduction = _conduction_of(factor=UNIT)
     assert conduction.scale == 1.0
-    given = _given(conductivity=np.ones(2), timestep=np.array([0.7, 1.0]), conduction=conduction)
-    return Exact(PAIR, given, {"temperature": _moved(APART)})
+    return _pair(_moved(APART), conductivity=np.ones(2), timestep=np.array([0.7, 1.0]), conduction=conduction)
 
 
 @closed_form("heat.pair_exchange")
 def two_sweeps_of_unit_weight():
     """The same in each of two sweeps over half of 2 s."""
-    conduction = conduction_group(PAIR.grid("float64"), factor=UNIT, sweep_share=0.5)
-    given = _given(conductivity=np.ones(2), timestep=np.array([0.7, 2.0]), conduction=conduction)
-    return Exact(PAIR, given, {"temperature": _swept_twice(2.0)})
+    conduction = _conduction_of(factor=UNIT, sweep_share=0.5)
+    return _pair(_swept_twice(2.0), conductivity=np.ones(2), timestep=np.array([0.7, 2.0]), conduction=conduction)
 
 
 @closed_form("heat.enthalpy_jacobi")
 def ice_of_unit_capacity_on_a_reservoir():
     """C = 1 J/K, beside a reservoir at 80: still ice at the end, H = (-load - 10 + load)/(1 + s)."""
-    s = WEIGHT
     given = _given(
-        mass=np.array([4.0, 1.0]), heat_capacity=np.array([0.5, 1.0]), enthalpy=np.array([7.0, -80.0 * s - 10.0]),
+        mass=np.array([4.0, 1.0]), heat_capacity=np.array([0.5, 1.0]), enthalpy=np.array([7.0, -80.0 * WEIGHT - 10.0]),
         melting_point=np.array([70.0, 0.0]), latent_heat=np.array([2.0, 50.0]), temperature=np.array([80.0, 0.0]),
-        reservoir=np.array([1, 0], np.uint8), conduction=conduction_group(PAIR.grid("float64")),
+        reservoir=np.array([1, 0], np.uint8), conduction=_conduction_of(),
     )  # fmt: skip
-    ended = -10.0 / (1 + s)
+    ended = -10.0 / (1 + WEIGHT)
     return Exact(PAIR, given, {"enthalpy": np.array([7.0, ended]), "temperature": np.array([80.0, ended])})
 
 
 @closed_form("heat.exchange_rate")
 def rates_of_a_pair_in_nearly_one_place():
     """q = 1.005e-9 is above 0, so that the pair exchanges: L is (1 - q)^2/(1/10), twenty times that at q = 1/2."""
-    near = Case("heat_near", 3, np.array([[0.0, 0.0, 0.0], [0.0, 2.01e-9, 0.0]]), spacing=1.0, support_radius=2.0)
-    return Exact(near, _given(), {"exchange_rate": 20 * (1 - 1.005e-9) ** 2 * WEIGHT / 0.5 * INVERSE})
+    near = cases.pair_case("heat_near", 2.01e-9)
+    return _rates(20 * (1 - 1.005e-9) ** 2 * WEIGHT / 0.5 * INVERSE, near)

@@ -171,6 +171,15 @@ def _both(t, h, scale, heat_capacity, latent_heat):
     }
 
 
+def _gained(change, start, scale, enthalpy, heat_capacity, melting):
+    """T + dT, or with latent heat H + c dT and T = T(H)."""
+    h, c, latent = _floats(enthalpy, heat_capacity, melting.latent_heat)
+    if h is None:
+        return _both(start + change, h, scale, c, latent)
+    h = h + change * c
+    return _both(temperature_of(h, c, melting.melting_point, latent), h, scale, c, latent)
+
+
 def _taken_up(t, start, scale, enthalpy, heat_capacity, melting):
     """With latent heat H = H^n + c (T - T^n) and T = T(H) (Chernoff's formula), else T."""
     h, c, latent = _floats(enthalpy, heat_capacity, melting.latent_heat)
@@ -187,14 +196,9 @@ def _taken_up(t, start, scale, enthalpy, heat_capacity, melting):
 def explicit(body: Body, melting: Melting, step: Step, enthalpy, temperature):
     """Forward Euler: C_i T_i += dt Q_i, or m_i H_i += dt Q_i [K; J/kg]. Unstable where s_i > 1."""
     i, j, g, inverse = exchanges(body, step)
-    start, h, c, latent = _floats(temperature, enthalpy, body.heat_capacity, melting.latent_heat)
-    change = inverse * flow(i, j, g, start)
-    if h is None:
-        t = start + change
-    else:
-        h = h + change * c
-        t = temperature_of(h, c, melting.melting_point, latent)
-    return _both(t, h, _scale(i, j, g, inverse, [start]), c, latent)
+    start = np.array(temperature, dtype=float)
+    change, scale = inverse * flow(i, j, g, start), _scale(i, j, g, inverse, [start])
+    return _gained(change, start, scale, enthalpy, body.heat_capacity, melting)
 
 
 @_scheme(
@@ -305,15 +309,10 @@ def rounds(position, side, dim, period):
 def single_pass(body: Body, melting: Melting, step: Step, enthalpy, temperature):
     """NPX: E_ij = g (T_j - T_i)/(1 + s_i + s_j) [J]; C_i T_i += sum_j E_ij, or m_i H_i += sum_j E_ij."""
     i, j, g, inverse = exchanges(body, step)
-    start, h, c, latent = _floats(temperature, enthalpy, body.heat_capacity, melting.latent_heat)
-    s = exchange_sums(i, j, g, inverse)
-    change = inverse * flow(i, j, g / (1 + s[i] + s[j]), start)
-    if h is None:
-        t = start + change
-    else:
-        h = h + change * c
-        t = temperature_of(h, c, melting.melting_point, latent)
-    return _both(t, h, _scale(i, j, g / (1 + s[i] + s[j]), inverse, [start], 3), c, latent)
+    start, s = np.array(temperature, dtype=float), exchange_sums(i, j, g, inverse)
+    share = g / (1 + s[i] + s[j])
+    change, scale = inverse * flow(i, j, share, start), _scale(i, j, share, inverse, [start], 3)
+    return _gained(change, start, scale, enthalpy, body.heat_capacity, melting)
 
 
 @_scheme(
@@ -429,28 +428,6 @@ def enthalpy_jacobi(body: Body, melting: Melting, step: Step, enthalpy, temperat
         seen = [start, t]
     scale = _scale(i, j, g, inverse, [*seen, point], 2 * int(step.conduction.iterations))
     return _both(t, h, scale, c, latent)
-
-
-def newton(body, melting, step, enthalpy, temperature, most=60):
-    """(enthalpy [J/kg], temperature [degrees C], steps): the same equation to round-off by a semi-smooth Newton method.
-
-    F(H) = H - H^n - c/C dt Q(T(H)) = 0; the Jacobian takes dT/dH = 1/c outside and 0 inside of the melting range.
-    """
-    i, j, g, inverse = exchanges(body, step)
-    start, old, c, latent = _floats(temperature, enthalpy, body.heat_capacity, melting.latent_heat)
-    n, h, t = len(start), old.copy(), start
-    s = exchange_sums(i, j, g, inverse)
-    for passes in range(most):
-        t = temperature_of(h, c, melting.melting_point, latent)
-        miss = h - old - c * inverse * flow(i, j, g, t)
-        if np.abs(miss).max(initial=0) <= 1e-12 * (np.abs(h).max(initial=0) + np.abs(c * t).max(initial=0)):
-            return h, t, passes
-        slope = np.where((h < 0) | (h > latent), 1 / c, 0.0)
-        matrix = np.zeros((n, n))
-        matrix[i, j] = -c[i] * inverse[i] * g * slope[j]
-        matrix[np.arange(n), np.arange(n)] = 1 + c * s * slope
-        h = h - np.linalg.solve(matrix, miss)
-    return h, t, most
 
 
 @operation(

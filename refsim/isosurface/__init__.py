@@ -1,7 +1,6 @@
 """Isosurfaces on a sparse grid: marching squares and marching cubes with faces that agree (Lorensen & Cline 1987).
 
-Contents: Mesh, Contour, Cells, extract, mesh_from_states, case_table; operations isosurface.classify,
-isosurface.facets, isosurface.edge_points. The package has no effect.
+The package has no effect.
 
 A node inside has state 1, one outside 0, and one of unknown state 2: cells with such a corner have no facets, and the
 surface ends there. Facets are triangles in space and segments in the plane; their normals point from inside to outside.

@@ -1,7 +1,6 @@
 """Inputs and closed forms of isosurfaces: the signed distance from a union of spheres round a case's particles."""
 
 import functools
-import itertools
 
 import numpy as np
 
@@ -110,39 +109,30 @@ def octahedron_counts(blocks, dim: int) -> tuple[np.ndarray, np.ndarray]:
     return crossings, cell_case
 
 
-def _octahedra(expected):
-    def maker(dim):
-        case, given = octahedron(dim)
-        given = given | follow(given)
-        return Exact(case, given, expected(given, dim))
-
-    return maker
-
-
-def _register(name, dim, maker):
-    def exact():
-        return maker(dim)
-
-    exact.__name__ = f"octahedron_{dim}d"
-    closed_form(name)(exact)
-
-
-def _counted(given, dim):
+@closed_form("isosurface.classify", over=(2, 3))
+def octahedron_counted(dim):
+    made, given = octahedron(dim)
     crossings, cell_case = octahedron_counts(given["blocks"], dim)
-    return {"crossings": crossings, "cell_case": cell_case}
+    return Exact(made, given | follow(given), {"crossings": crossings, "cell_case": cell_case})
 
 
-def _quarters(given, dim):
+@closed_form("isosurface.edge_points", over=(2, 3))
+def octahedron_quarters(dim):
     """Vertices in the order of their edges: nodes by number, and at the origin x, y, z."""
+    made, given = octahedron(dim)
+    given |= follow(given)
     coordinates = node_table(given["blocks"])
     edge = given["vertex_edge"]
     start, axis = coordinates[edge // 3], edge % 3
     share = np.where((start == 0).all(1), 0.25, 0.75)
-    return {"vertex_position": 2.0 * (start + share[:, None] * np.eye(3)[axis])}
+    return Exact(made, given, {"vertex_position": 2.0 * (start + share[:, None] * np.eye(3)[axis])})
 
 
-def _closed(given, dim):
+@closed_form("isosurface.facets", over=(2, 3))
+def octahedron_closed(dim):
     """Each orthant has one facet, whose corners lie on its three (two) half axes, ordered by its handedness."""
+    made, given = octahedron(dim)
+    given |= follow(given)
     coordinates = node_table(given["blocks"])
     on = {}
     for v, edge in enumerate(given["vertex_edge"]):
@@ -155,15 +145,14 @@ def _closed(given, dim):
         signs = [1 if c == 0 else -1 for c in j[:dim]]
         ring = [on[(a, s)] for a, s in enumerate(signs)]
         turned = np.prod(signs) < 0
-        if dim == 2:
-            rows.append((i, ring[::-1] if turned else ring))
-        else:
-            # the lowest edge of the cell first: edges are numbered axis by axis
-            rows.append((i, [ring[0], ring[2], ring[1]] if turned else ring))
-    return {"vertex_edge": given["vertex_edge"], "facets": np.array([row for _, row in sorted(rows)])}
+        # the lowest edge of a cell in space first: edges are numbered axis by axis
+        rows.append((i, ring if not turned else [ring[0], ring[2], ring[1]] if dim == 3 else ring[::-1]))
+    expected = {"vertex_edge": given["vertex_edge"], "facets": np.array([row for _, row in sorted(rows)])}
+    return Exact(made, given, expected)
 
 
-def _unknown(dim):
+@closed_form("isosurface.classify", over=(2, 3))
+def unknown_corner(dim):
     """The octahedron with an unknown state at the one node from which the origin is a step along every axis: its cell
     counts as outside.
     """
@@ -172,21 +161,4 @@ def _unknown(dim):
     before = (node_table(given["blocks"])[:, :dim] == -1).all(1)
     answer = {"crossings": crossings, "cell_case": np.where(before, 0, cell_case)}
     given |= {"node_state": np.where(before, 2, given["node_state"]).astype(np.uint8)}
-    return Exact(made, given | {name: np.zeros_like(crossings) for name in answer}, answer)
-
-
-@closed_form("isosurface.classify")
-def unknown_corner_2d():
-    return _unknown(2)
-
-
-@closed_form("isosurface.classify")
-def unknown_corner_3d():
-    return _unknown(3)
-
-
-for _dim, (_name, _expected) in itertools.product(
-    (2, 3),
-    (("isosurface.classify", _counted), ("isosurface.edge_points", _quarters), ("isosurface.facets", _closed)),
-):
-    _register(_name, _dim, _octahedra(_expected))
+    return Exact(made, given, answer)

@@ -1,7 +1,4 @@
-"""Melting: particles at a solid's surface that reach the melting point become liquid (Shao & Song 2017, section 2).
-
-Contents: Melting, MeltingRule; tables MELTED, MELTED_COUNT, REBUILD; operations melting.melt, melting.detach.
-"""
+"""Melting: particles at a solid's surface that reach the melting point become liquid (Shao & Song 2017, section 2)."""
 
 from __future__ import annotations
 

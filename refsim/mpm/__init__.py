@@ -1,8 +1,6 @@
 """Material point method for a weakly compressible liquid: transfers between particles and a sparse background grid.
 
-Contents: MpmLiquid (its step as passes: `refsim.mpm.step`), MpmWalls; operations mpm.weights, mpm.cells, mpm.embed,
-mpm.viscosity, mpm.particle_to_grid, mpm.carriers_to_grid, mpm.count, mpm.recount, mpm.contact, mpm.grid_update,
-mpm.grid_to_carriers, mpm.grid_to_particle. Its surface is the effect of `refsim.surface_energy`.
+Its step as passes is `refsim.mpm.step`, its surface the effect of `refsim.surface_energy`.
 Numbers in brackets are those of the thesis, and so are the errata M3 to M27 (docs/errata.md).
 """
 
@@ -187,10 +185,6 @@ class MpmLiquid(
             raise InputError(
                 f"{self.name}: initial_ratio = {self.initial_ratio} is not possible; give a number between"
                 f" {LEAST_VOLUME} and {LARGEST_VOLUME}."
-            )
-        if self.volume not in ("ratio", "gradient", "full_gradient"):
-            raise InputError(
-                f"{self.name}: volume = {self.volume!r} is not possible; give 'ratio', 'gradient' or 'full_gradient'."
             )
         if grid.spacing > self.cell(grid):
             raise InputError(
@@ -437,11 +431,9 @@ class MpmWalls(Effect, HasPlanes, frozen=True, kw_only=True):
         return ("mpm_liquid",)
 
     def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
-        if self.rule not in set(RULES) - {"none"}:
-            raise InputError(f"{self.name}: rule = {self.rule!r} is not possible; give sticky, slip or separating.")
         chosen = (*self.sticky_faces, *self.slip_faces, *self.separating_faces, *self.open_faces)
         for face in chosen:
-            if face not in FACES or chosen.count(face) > 1:
+            if chosen.count(face) > 1:
                 raise InputError(
                     f"{self.name}: face {face!r} cannot be given a rule like that; name each of {', '.join(FACES)} at"
                     " most once."
@@ -497,17 +489,7 @@ class MpmWalls(Effect, HasPlanes, frozen=True, kw_only=True):
         return WallNodes(lower.astype(np.int32), upper.astype(np.int32), rules.astype(np.int32))
 
 
-class _Anything(NamedTuple):
-    """A discretisation for methods whose result does not depend on it."""
-
-    dim: int = 3
-    dtype: str = "float64"
-    spacing: float = 1.0
-    support_radius: float = 2.0
-    count: int = 0  # type: ignore[assignment]
-
-
-_ANY: Any = _Anything()
+_ANY = Discretisation(3, "float64", 1.0, 2.0, 0)  # for methods whose result does not depend on it
 
 
 def _others_push(own: Effect, others: Mapping[str, Effect]) -> bool:

@@ -6,7 +6,9 @@ import numpy as np
 
 from refsim.backends.chunks import CHUNKS, limits
 from refsim.backends.compile import formula, kernel
-from refsim.mpm.formulas import fraction, spline_weights
+from refsim.backends.tuples import three
+from refsim.mpm.formulas import fraction
+from refsim.mpm.kernels import stencil_weights
 from refsim.sparse_grid.formulas import node_coordinates, step_node
 
 
@@ -14,13 +16,10 @@ from refsim.sparse_grid.formulas import node_coordinates, step_node
 def particle_crowding(i, position, volume_ratio, node_mass, cell, background, counting, blocks):
     """q = J sum_j B_j(x_p) m_j/(rho0 h^d), dimensionless: density counted on the grid over that of J_i."""
     jx, jy, jz = node_coordinates(blocks, cell[i])
-    real = type(background.cell_size)
-    wx = spline_weights(fraction(position[i, 0], jx, background))
-    wy = spline_weights(fraction(position[i, 1], jy, background))
-    wz = real(1), real(0), real(0)
-    if background.layers == 3:
-        wz = spline_weights(fraction(position[i, 2], jz, background))
-    total = real(0)
+    x, y, z = three(position, i)
+    f = fraction(x, jx, background), fraction(y, jy, background), fraction(z, jz, background)
+    wx, wy, wz = stencil_weights(f, background)
+    total = type(background.cell_size)(0)
     for kz in range(background.layers):
         for ky in range(3):
             for kx in range(3):

@@ -18,8 +18,8 @@ from refsim.core.operation import REGISTRY
 from refsim.mpm.groups import Places
 from refsim.mpm.limits import FARTHEST
 from refsim.sparse_grid import Blocks, PointList
+from refsim.sparse_grid.tables import blocks_of, reached
 
-BITS = 21  # of a block's coordinate in its key, as the sparse grid has them
 NODES = 64  # of a block
 SETS = ("particles", "carriers", "samples")
 SLACK = {"cuda": 1}  # blocks by which a new table reaches further, where making one costs more than passing over it
@@ -222,7 +222,8 @@ class MpmGrid:
     def count_blocks(self, keys: np.ndarray, backend: str) -> int:
         """Number of blocks that a grid like this one makes on a backend for points with these `keys`, -1 for none."""
         occupied = np.unique(keys[keys >= 0])
-        return len(self._reached(occupied, SLACK.get(backend, 0)))
+        slack = SLACK.get(backend, 0)
+        return len(reached(occupied, self.dim, -slack, slack + 1))
 
     def locate(
         self, positions: Mapping[str, Any], cell: Any, find_cells: Any, block_keys: Any, sorted_bins: Any,
@@ -274,30 +275,13 @@ class MpmGrid:
             return int(lost)
         every = np.concatenate([_runs(k) for k in keys])
         occupied = np.unique(every[every >= 0])
-        made = self._reached(occupied, slack)
-        wanted = made[:, None] + self._steps((-1, 0, 1))[None, :]
-        neighbour = np.full(wanted.shape, -1, np.int32)
-        if len(made):
-            place = np.minimum(np.searchsorted(made, wanted.ravel()).reshape(wanted.shape), len(made) - 1)
-            neighbour = np.where(made[place] == wanted, place, -1).astype(np.int32)
-        corners = [k for k, s in enumerate(itertools.product(*self._along((-1, 0, 1)))) if min(s) >= 0]
+        self.blocks = blocks_of(reached(occupied, self.dim, -slack, slack + 1), self.dim)
+        neighbour = self.blocks.neighbour
+        corners = [k for k, s in enumerate(itertools.product((-1, 0, 1), repeat=self.dim)) if min(s) >= 0]
         complete: Any = (neighbour[:, corners] >= 0).all(1)
         deep = (neighbour >= 0).all(1) & complete[neighbour].all(1)
-        self.blocks, self.complete = Blocks(made, neighbour), complete.astype(np.uint8) + (complete & deep)
+        self.complete = complete.astype(np.uint8) + (complete & deep)
         return sum(int((k < 0).sum()) for k in keys)
-
-    def _reached(self, occupied: np.ndarray, slack: int) -> np.ndarray:
-        """Keys of the blocks that points in the `occupied` ones reach, ascending."""
-        return np.unique((occupied[:, None] + self._steps(range(-slack, slack + 2))[None, :]).ravel())
-
-    def _along(self, axis: Any) -> tuple[Any, ...]:
-        """Steps along z, y, x, so that x runs fastest."""
-        return tuple(axis if c < self.dim else (0,) for c in (2, 1, 0))
-
-    def _steps(self, axis: Any) -> np.ndarray:
-        """Differences of the keys of blocks."""
-        steps = [(z << (2 * BITS)) + (y << BITS) + x for z, y, x in itertools.product(*self._along(axis))]
-        return np.array(steps, np.int64)
 
     def _array(self, name: str, shape: tuple[int, ...], dtype: Any = None) -> Any:
         """The first rows of an array that grows with the blocks."""

@@ -194,11 +194,8 @@ def gather(places, node_velocity, medium, cluster, carriers, build_position, blo
         largest_of_rows(best)
         far, least, most, fast, jump = best[0, 0], best[1, 0], best[2, 0], best[3, 0], best[4, 0]
     if thread == 0:
-        block_extremes[b, 0] = far
-        block_extremes[b, 1] = least
-        block_extremes[b, 2] = most
-        block_extremes[b, 3] = fast
-        block_extremes[b, 4] = jump
+        block_extremes[b, 0], block_extremes[b, 1], block_extremes[b, 2] = far, least, most
+        block_extremes[b, 3], block_extremes[b, 4] = fast, jump
 
 
 @cuda_kernel(block_for_each_row=True, threads=SUMMING, rows_of="step_extremes")

@@ -15,46 +15,23 @@ from refsim.backends.tuples import (
     three,
     transposed,
 )
-from refsim.mpm.formulas import (
-    IMAGED_ROWS,
-    NOWHERE,
-    STICKY,
-    base_coordinate,
-    buried,
-    canonical,
-    fraction,
-    image,
-    on_mirror,
-    reflection,
-    spline_slopes,
-    spline_weights,
-    wall_velocity,
-)
-from refsim.mpm.formulas import inverse_spread as inverted
+from refsim.mpm import formulas
 from refsim.mpm.groups import Nodes
 from refsim.mpm.limits import FARTHEST
-from refsim.neighbours.formulas import BITS, OFFSET
-from refsim.sparse_grid.formulas import find_node, node_coordinates, step_node
+from refsim.sparse_grid.formulas import block_key, find_node, node_coordinates, step_node
 from refsim.surface_energy.formulas import grid_offset, spline_weight
 
 # Cells and stencils
 
 
-@formula
-def key_of(jx, jy, jz, bits):
-    """Key of the block with node j; in the plane jz is 0 and not divided."""
-    bz = jz >> 2 if bits == 2 else jz
-    return ((bz + OFFSET) << (2 * BITS)) | (((jy >> bits) + OFFSET) << BITS) | ((jx >> bits) + OFFSET)
-
-
 @kernel
 def write_keys(i, position, inverse_cell, bits, keys):
     """Key of the block of a point at `position` [m]; -1 where it is too far or NaN."""
-    jx = base_coordinate(position[i, 0], inverse_cell)
-    jy = base_coordinate(position[i, 1], inverse_cell)
-    jz = base_coordinate(position[i, 2], inverse_cell) if bits == 2 else 0
+    jx = formulas.base_coordinate(position[i, 0], inverse_cell)
+    jy = formulas.base_coordinate(position[i, 1], inverse_cell)
+    jz = formulas.base_coordinate(position[i, 2], inverse_cell) if bits == 2 else 0
     lost = jx > FARTHEST or jy > FARTHEST or jz > FARTHEST
-    keys[i] = -1 if lost else key_of(jx, jy, jz, bits)
+    keys[i] = -1 if lost else block_key(jx, jy, jz, bits)
 
 
 @formula
@@ -63,33 +40,33 @@ def place(i, position, cell, origin, background):
     local = cell[i] & 63
     if background.layers == 3:
         x, y, z = local & 3, (local >> 2) & 3, local >> 4
-        fx = fraction(position[i, 0], origin[0] + x, background)
-        fy = fraction(position[i, 1], origin[1] + y, background)
-        fz = fraction(position[i, 2], origin[2] + z, background)
+        fx = formulas.fraction(position[i, 0], origin[0] + x, background)
+        fy = formulas.fraction(position[i, 1], origin[1] + y, background)
+        fz = formulas.fraction(position[i, 2], origin[2] + z, background)
         return (fx, fy, fz), (x, y, z)
     x, y = local & 7, local >> 3
-    fx = fraction(position[i, 0], origin[0] + x, background)
-    fy = fraction(position[i, 1], origin[1] + y, background)
+    fx = formulas.fraction(position[i, 0], origin[0] + x, background)
+    fy = formulas.fraction(position[i, 1], origin[1] + y, background)
     return (fx, fy, type(fx)(0)), (x, y, 0)
 
 
 @formula
 def stencil_weights(f, background):
     """Weights along x, y and z."""
-    return spline_weights(f[0]), spline_weights(f[1]), layer_weights(f[2], background)
+    return formulas.spline_weights(f[0]), formulas.spline_weights(f[1]), layer_weights(f[2], background)
 
 
 @formula
 def stencil_slopes(f, background):
     """Slopes along x, y and z."""
-    return spline_slopes(f[0]), spline_slopes(f[1]), layer_slopes(f[2], background)
+    return formulas.spline_slopes(f[0]), formulas.spline_slopes(f[1]), layer_slopes(f[2], background)
 
 
 @formula
 def layer_weights(fz, background):
     """Weights along z; 1 for the one layer of nodes in the plane."""
     if background.layers == 3:
-        return spline_weights(fz)
+        return formulas.spline_weights(fz)
     real = type(fz)
     return real(1), real(0), real(0)
 
@@ -98,7 +75,7 @@ def layer_weights(fz, background):
 def layer_slopes(fz, background):
     """Slopes along z; 0 in the plane."""
     if background.layers == 3:
-        return spline_slopes(fz)
+        return formulas.spline_slopes(fz)
     real = type(fz)
     return real(0), real(0), real(0)
 
@@ -107,10 +84,10 @@ def layer_slopes(fz, background):
 def weights(i, position, background, base_node, spline_weight, spline_slope):
     """Base node, B and h B' of a particle, three for each axis; dimensionless."""
     for c in range(3):
-        j = base_coordinate(position[i, c], background.inverse_cell)
+        j = formulas.base_coordinate(position[i, c], background.inverse_cell)
         base_node[i, c] = j
         f = type(background.cell_size)(float(position[i, c]) * background.inverse_cell - float(j))
-        w, s = spline_weights(f), spline_slopes(f)
+        w, s = formulas.spline_weights(f), formulas.spline_slopes(f)
         spline_weight[i, 3 * c], spline_slope[i, 3 * c] = w[0], s[0]
         spline_weight[i, 3 * c + 1], spline_slope[i, 3 * c + 1] = w[1], s[1]
         spline_weight[i, 3 * c + 2], spline_slope[i, 3 * c + 2] = w[2], s[2]
@@ -176,7 +153,7 @@ def embed_samples(i, position, samples, cell_size, carriers, carrier_first, clus
     carrier_first[i] = 2 * first[i]
     carrier_first[i + 1] = 2 * first[i + 1]  # the next particle writes the same number
     cluster_share[i] = share
-    put(inverse_spread, i, inverted(xx, xy, xz, yy, yz, zz))
+    put(inverse_spread, i, formulas.inverse_spread(xx, xy, xz, yy, yz, zz))
 
 
 @kernel
@@ -250,22 +227,22 @@ def at_walls(j, v, planes):
     lz, uz = j[2] <= planes.lower[2], j[2] >= planes.upper[2]
     r = planes.rules
     if (
-        (lx and r[0] == STICKY) or (ux and r[1] == STICKY) or (ly and r[2] == STICKY)
-        or (uy and r[3] == STICKY) or (lz and r[4] == STICKY) or (uz and r[5] == STICKY)
+        (lx and r[0] == formulas.STICKY) or (ux and r[1] == formulas.STICKY) or (ly and r[2] == formulas.STICKY)
+        or (uy and r[3] == formulas.STICKY) or (lz and r[4] == formulas.STICKY) or (uz and r[5] == formulas.STICKY)
     ):  # fmt: skip
         zero = type(v[0])(0)
         return zero, zero, zero
     return (
-        wall_velocity(v[0], lx, ux, r[0], r[1]),
-        wall_velocity(v[1], ly, uy, r[2], r[3]),
-        wall_velocity(v[2], lz, uz, r[4], r[5]),
+        formulas.wall_velocity(v[0], lx, ux, r[0], r[1]),
+        formulas.wall_velocity(v[1], ly, uy, r[2], r[3]),
+        formulas.wall_velocity(v[2], lz, uz, r[4], r[5]),
     )
 
 
 @formula
 def within_rows(j, low, high, low_rule, high_rule):
     """Whether coordinate j is in the imaged rows behind a wall of an axis, or in their images."""
-    return (low_rule > 0 and j <= low + IMAGED_ROWS) or (high_rule > 0 and j >= high - IMAGED_ROWS)
+    return (low_rule > 0 and j <= low + formulas.IMAGED_ROWS) or (high_rule > 0 and j >= high - formulas.IMAGED_ROWS)
 
 
 @formula
@@ -285,21 +262,21 @@ def mirrored_update(node, nodes, field, planes, background, timestep, blocks):
         return node_update(node, nodes, field, None, background, timestep, blocks)
     real = type(background.least_mass)
     if (
-        buried(jx, low[0], high[0], r[0], r[1]) or buried(jy, low[1], high[1], r[2], r[3])
-        or buried(jz, low[2], high[2], r[4], r[5])
+        formulas.buried(jx, low[0], high[0], r[0], r[1]) or formulas.buried(jy, low[1], high[1], r[2], r[3])
+        or formulas.buried(jz, low[2], high[2], r[4], r[5])
     ):  # fmt: skip
         return real(0), real(0), real(0)
-    ax = canonical(jx, low[0], high[0], r[0] > 0, r[1] > 0)
-    ay = canonical(jy, low[1], high[1], r[2] > 0, r[3] > 0)
-    az = canonical(jz, low[2], high[2], r[4] > 0, r[5] > 0)
+    ax = formulas.canonical(jx, low[0], high[0], r[0] > 0, r[1] > 0)
+    ay = formulas.canonical(jy, low[1], high[1], r[2] > 0, r[3] > 0)
+    az = formulas.canonical(jz, low[2], high[2], r[4] > 0, r[5] > 0)
     mass, momentum = real(0), (real(0), real(0), real(0))
     for kz in range(3):
-        iz = image(az, kz, low[2], high[2], r[4] > 0, r[5] > 0)
+        iz = formulas.image(az, kz, low[2], high[2], r[4] > 0, r[5] > 0)
         for ky in range(3):
-            iy = image(ay, ky, low[1], high[1], r[2] > 0, r[3] > 0)
+            iy = formulas.image(ay, ky, low[1], high[1], r[2] > 0, r[3] > 0)
             for kx in range(3):
-                ix = image(ax, kx, low[0], high[0], r[0] > 0, r[1] > 0)
-                if ix == NOWHERE or iy == NOWHERE or iz == NOWHERE:
+                ix = formulas.image(ax, kx, low[0], high[0], r[0] > 0, r[1] > 0)
+                if ix == formulas.NOWHERE or iy == formulas.NOWHERE or iz == formulas.NOWHERE:
                     continue
                 n = find_node(blocks, ix, iy, iz)
                 if n < 0:
@@ -311,9 +288,9 @@ def mirrored_update(node, nodes, field, planes, background, timestep, blocks):
     if not mass > background.least_mass:
         return real(0), real(0), real(0)
     vx, vy, vz = accelerated(momentum, mass, field, timestep[1])
-    stuck_x, rests_x = on_mirror(ax, low[0], high[0], r[0], r[1])
-    stuck_y, rests_y = on_mirror(ay, low[1], high[1], r[2], r[3])
-    stuck_z, rests_z = on_mirror(az, low[2], high[2], r[4], r[5])
+    stuck_x, rests_x = formulas.on_mirror(ax, low[0], high[0], r[0], r[1])
+    stuck_y, rests_y = formulas.on_mirror(ay, low[1], high[1], r[2], r[3])
+    stuck_z, rests_z = formulas.on_mirror(az, low[2], high[2], r[4], r[5])
     if stuck_x or stuck_y or stuck_z:
         return real(0), real(0), real(0)
     vx = real(0) if rests_x else vx
@@ -331,9 +308,9 @@ def mirrored_update(node, nodes, field, planes, background, timestep, blocks):
 @formula
 def signs(kx, ky, kz, rules):
     """Signs of the components of a velocity after mirrors kx, ky, kz (0 none, 1 lower, 2 upper) of the three axes."""
-    xn, xt = reflection(kx, rules[0], rules[1])
-    yn, yt = reflection(ky, rules[2], rules[3])
-    zn, zt = reflection(kz, rules[4], rules[5])
+    xn, xt = formulas.reflection(kx, rules[0], rules[1])
+    yn, yt = formulas.reflection(ky, rules[2], rules[3])
+    zn, zt = formulas.reflection(kz, rules[4], rules[5])
     return xn * yt * zt, xt * yn * zt, xt * yt * zn
 
 

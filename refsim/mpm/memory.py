@@ -48,18 +48,3 @@ def grid_bytes(
         return tables + arrays + lists + with_room(blocks) * 5 * real
     sorting = 4 * (nodes + 3) + 8 * particles + 4 * with_room(particles)  # counts, places, any order, cells in order
     return tables + arrays + lists + sorting + with_room(blocks) * 5 * real
-
-
-def surface_bytes(
-    particles: int, blocks: int, vertices: int, facets: int, samples: int, dim: int, dtype: str, coefficients: int
-) -> int:
-    """Bytes of the latest surface on a CPU, without the embedded points: mesh, inset mesh, samples, blocks, cells.
-
-    blocks        of the surface's own grid
-    coefficients  bytes of the fitted values
-    """
-    real, nodes = np.dtype(dtype).itemsize, NODES * blocks
-    mesh = 2 * vertices * 3 * real + facets * (4 * dim + 3 * real)  # both meshes, corners, normals of facets
-    each = samples * (13 * real + 4)  # place, inset place, direction, normal; area; nearest particle
-    table = blocks * (8 + 4 * EACH_TABLE[dim])
-    return mesh + each + table + 4 * (nodes + 1) + 16 * particles + coefficients  # cells, samples, component of each

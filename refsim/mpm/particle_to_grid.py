@@ -10,7 +10,7 @@ stencil and gradient g, both times mass; g is a tuple, row by row, in units of m
 """
 
 from refsim.backends.compile import formula, kernel
-from refsim.backends.tuples import added, difference, less_times, nine, scaled, symmetric, three, times
+from refsim.backends.tuples import added, difference, less_times, nine, put, scaled, symmetric, three, times
 from refsim.mpm.formulas import CLUSTER, stress_moment
 from refsim.mpm.groups import Cluster, Medium, Owned, Particles
 from refsim.mpm.kernels import place, pushed, round_spread, spread_of, stencil_slopes, stencil_weights
@@ -136,8 +136,8 @@ def clear(scratch, b):
 
 
 @kernel(ordered=True, packed=True)
-def scatter_particles(b, places, particles, medium, cluster, kernel_gradient, scratch):
-    """Sums of the particles of block b on the nodes in their reach."""
+def scatter(b, places, position, carriers, particles, medium, cluster, kernel_gradient, scratch):
+    """Sums of the points of block b at `position` on the nodes in their reach; particles, unless there are carriers."""
     bins, background = places.bins, medium.background
     if bins.first[b] == bins.first[b + 1]:
         return
@@ -146,8 +146,11 @@ def scatter_particles(b, places, particles, medium, cluster, kernel_gradient, sc
     nodes = scratch[b]
     for k in range(bins.first[b], bins.first[b + 1]):
         i = bins.point[k]
-        f, (x, y, z) = place(i, particles.position, places.cell, origin, background)
-        own, q, g, moment = particle_field(i, f, particles, medium, cluster, kernel_gradient)
+        f, (x, y, z) = place(i, position, places.cell, origin, background)
+        if carriers is None:
+            own, q, g, moment = particle_field(i, f, particles, medium, cluster, kernel_gradient)
+        else:
+            own, q, g = carrier_field(i, f, carriers, particles, medium, cluster)
         weights = stencil_weights(f, background)
         at = (z * background.width + y) * background.width + x
         add_affine(nodes, at, background, weights, own, q, g)
@@ -180,15 +183,17 @@ def collect(b, bins, blocks, add, scratch, node_mass, node_momentum):
                         px += scratch[s, at, 1]
                         py += scratch[s, at, 2]
                         pz += scratch[s, at, 3]
-        if add:
-            m += node_mass[n]
-            px += node_momentum[n, 0]
-            py += node_momentum[n, 1]
-            pz += node_momentum[n, 2]
-        node_mass[n] = m
-        node_momentum[n, 0] = px
-        node_momentum[n, 1] = py
-        node_momentum[n, 2] = pz
+        put_sums(n, m, (px, py, pz), add, node_mass, node_momentum)
+
+
+@formula
+def put_sums(n, m, p, add, node_mass, node_momentum):
+    """m_j [kg] and (mv)_j [kg m/s] of node n; added to the present values if `add`."""
+    if add:
+        m += node_mass[n]
+        p = added(p, three(node_momentum, n))
+    node_mass[n] = m
+    put(node_momentum, n, p)
 
 
 def particle_to_grid(
@@ -196,25 +201,8 @@ def particle_to_grid(
 ):
     """(4.10), (4.15), (4.17): m_j and (mv)_j with the impulse of the liquid's stress."""
     places, scratch = grid.places("particles"), grid.scratch
-    scatter_particles(places, particles, medium, cluster, kernel_gradient, scratch)
+    scatter(places, particles.position, None, particles, medium, cluster, kernel_gradient, scratch)
     collect(places.bins, grid.blocks, False, scratch, node_mass, node_momentum)
-
-
-@kernel(rows_of="scratch", ordered=True, packed=True)
-def scatter_carriers(b, places, carriers, particles, medium, cluster, scratch):
-    """Sums of the embedded points of block b on the nodes in their reach."""
-    bins, background = places.bins, medium.background
-    if bins.first[b] == bins.first[b + 1]:
-        return
-    origin = node_coordinates(places.blocks, b * 64)
-    clear(scratch, b)
-    nodes = scratch[b]
-    for k in range(bins.first[b], bins.first[b + 1]):
-        c = bins.point[k]
-        f, (x, y, z) = place(c, carriers.carrier_position, places.cell, origin, background)
-        own, q, g = carrier_field(c, f, carriers, particles, medium, cluster)
-        at = (z * background.width + y) * background.width + x
-        add_affine(nodes, at, background, stencil_weights(f, background), own, q, g)
 
 
 def carriers_to_grid(
@@ -222,5 +210,5 @@ def carriers_to_grid(
 ):
     """(4.15) of the embedded points, added to m_j and (mv)_j."""
     places, scratch = grid.places("carriers"), grid.scratch
-    scatter_carriers(places, carriers, particles, medium, cluster, scratch)
+    scatter(places, carriers.carrier_position, carriers, particles, medium, cluster, None, scratch)
     collect(places.bins, grid.blocks, True, scratch, node_mass, node_momentum)

@@ -11,7 +11,7 @@ import numpy as np
 from refsim.backends.compile import cuda, cuda_kernel, formula
 from refsim.mpm.groups import Cluster, Medium, Owned, Particles
 from refsim.mpm.kernels import place, stencil_slopes, stencil_weights
-from refsim.mpm.particle_to_grid import carrier_field, particle_field
+from refsim.mpm.particle_to_grid import carrier_field, particle_field, put_sums
 from refsim.sparse_grid.block_search_cuda import number
 from refsim.sparse_grid.formulas import node_coordinates
 
@@ -246,15 +246,7 @@ def collect(bins, blocks, add, scratch, node_momentum, node_mass):
             m, px, py, pz = collect_node(n, 2, 6, 3, bins, blocks, scratch)
         else:
             m, px, py, pz = collect_node(n, 3, 10, 1, bins, blocks, scratch)
-        if add:
-            m += node_mass[n]
-            px += node_momentum[n, 0]
-            py += node_momentum[n, 1]
-            pz += node_momentum[n, 2]
-        node_mass[n] = m
-        node_momentum[n, 0] = px
-        node_momentum[n, 1] = py
-        node_momentum[n, 2] = pz
+        put_sums(n, m, (px, py, pz), add, node_mass, node_momentum)
 
 
 def particle_to_grid(

@@ -10,6 +10,7 @@ import numpy as np
 from refsim.core.operation import operations, without
 from refsim.sparse_grid.reference import Lookup, node_table
 from refsim.sph.reference import carried
+from refsim.surface_energy.reference import spline, spline_derivative
 
 BLOCK_BYTES = 2**26
 FARTHEST = 2**20 - 16
@@ -29,18 +30,6 @@ _SUMS = "a few roundings for each of place, weights and field, and a sum over th
 
 def _f(array):
     return np.asarray(array, dtype=float)
-
-
-def spline(u):
-    """B(u) of the quadratic spline, dimensionless."""
-    u = np.abs(u)
-    return np.where(u < 0.5, 0.75 - u**2, np.where(u < 1.5, 0.5 * (1.5 - u) ** 2, 0.0))
-
-
-def spline_slope(u):
-    """dB/du of the quadratic spline, dimensionless."""
-    a = np.abs(u)
-    return np.where(a < 0.5, -2 * u, np.where(a < 1.5, -np.sign(u) * (1.5 - a), 0.0))
 
 
 class Stencils:
@@ -77,7 +66,7 @@ class Stencils:
         for c in axes:
             u = -self.arm[:, c] / self.h
             unsure = 2 + rounding * np.abs(self.position[self.p, c]) / self.h
-            b[:, c], s[:, c] = spline(u), spline_slope(u)
+            b[:, c], s[:, c] = spline(u), spline_derivative(u)
             wide[:, c] = b[:, c] + unsure * np.abs(s[:, c]) + 1e-6
             steep[:, c] = np.abs(s[:, c]) + unsure
         self.weight, self.scale = b.prod(1), wide.prod(1)
@@ -165,7 +154,7 @@ def weights(position, background):
     sure = 1 + np.finfo(float).eps / np.finfo(np.asarray(background.cell_size).dtype).eps * np.abs(x)
     shape = (len(x), 9)
     unsure = np.repeat(2 * sure, 3, axis=1)
-    value, slope = spline(u).reshape(shape), spline_slope(u).reshape(shape)
+    value, slope = spline(u).reshape(shape), spline_derivative(u).reshape(shape)
     return {
         "base_node": (base, margin),
         "spline_weight": (value, value + unsure),

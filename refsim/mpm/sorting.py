@@ -8,11 +8,11 @@ import numpy as np
 from refsim.backends.chunks import CHUNKS, limits
 from refsim.backends.compile import formula, kernel
 from refsim.mpm.formulas import base_coordinate
-from refsim.mpm.kernels import key_of, write_keys
+from refsim.mpm.kernels import write_keys
 from refsim.mpm.limits import FARTHEST
 from refsim.neighbours.formulas import lower_bound
 from refsim.sparse_grid.block_search import points_by_block
-from refsim.sparse_grid.formulas import block_bits
+from refsim.sparse_grid.formulas import block_bits, block_key, place_in_block
 
 
 @formula
@@ -20,7 +20,6 @@ def find_chunk(begin, end, position, inverse_cell, keys, complete, bits, cell):
     """`write_cells` for the points from `begin` to `end`; (points outside all blocks, points too far away or NaN)."""
     missing, lost = 0, 0
     last, block = np.int64(-1), np.int64(0)
-    rest = (1 << bits) - 1
     for i in range(begin, end):
         jx = base_coordinate(position[i, 0], inverse_cell)
         jy = base_coordinate(position[i, 1], inverse_cell)
@@ -29,7 +28,7 @@ def find_chunk(begin, end, position, inverse_cell, keys, complete, bits, cell):
             lost += 1
             cell[i] = -1
             continue
-        key = key_of(jx, jy, jz, bits)
+        key = block_key(jx, jy, jz, bits)
         if key != last:
             last = key
             block = np.int64(lower_bound(keys, key))
@@ -39,10 +38,7 @@ def find_chunk(begin, end, position, inverse_cell, keys, complete, bits, cell):
             missing += 1
             cell[i] = -1
         else:
-            local = ((jy & rest) << bits) | (jx & rest)
-            if bits == 2:
-                local |= (jz & rest) << 4
-            cell[i] = block * 64 + local
+            cell[i] = block * 64 + place_in_block(jx, jy, jz, bits)
     return missing, lost
 
 

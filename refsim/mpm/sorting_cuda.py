@@ -5,12 +5,12 @@ import numpy as np
 from refsim.backends import device
 from refsim.backends.compile import cuda, cuda_kernel, formula
 from refsim.mpm.formulas import base_coordinate
-from refsim.mpm.kernels import key_of, write_keys
+from refsim.mpm.kernels import write_keys
 from refsim.mpm.limits import DEEP, FARTHEST
 from refsim.neighbours.formulas import BITS, OFFSET, lower_bound
 from refsim.sparse_grid import block_table_cuda
 from refsim.sparse_grid.block_search_cuda import fill_cells, number, sort_cells, sorted_points
-from refsim.sparse_grid.formulas import COORDINATE, block_bits
+from refsim.sparse_grid.formulas import COORDINATE, block_bits, block_key, place_in_block
 
 
 @cuda_kernel
@@ -25,17 +25,13 @@ def write_cells(position, inverse_cell, keys, complete, bits, counts, cell):
             cuda.atomic.add(counts, 1, 1)
             cell[i] = -1
         else:
-            rest = (1 << bits) - 1
-            key = key_of(jx, jy, jz, bits)
+            key = block_key(jx, jy, jz, bits)
             b = lower_bound(keys, key)
             if b == keys.shape[0] or keys[b] != key or complete[b] == 0:
                 cuda.atomic.add(counts, 0, 1)
                 cell[i] = -1
             else:
-                local = ((jy & rest) << bits) | (jx & rest)
-                if bits == 2:
-                    local |= (jz & rest) << 4
-                cell[i] = b * 64 + local
+                cell[i] = b * 64 + place_in_block(jx, jy, jz, bits)
 
 
 def block_keys(position, inverse_cell, dim):
@@ -124,7 +120,7 @@ def find_place(jx, jy, jz, bits, hint, blocks):
         z = np.int32(z >> 2)
     b = block_beside(hint, np.int32(x >> bits), np.int32(y >> bits), z, blocks.keys, blocks.neighbour)
     if b < 0:
-        key = key_of(jx, jy, jz, bits)
+        key = block_key(jx, jy, jz, bits)
         found = lower_bound(blocks.keys, key)
         if found < blocks.keys.shape[0] and blocks.keys[found] == key:
             b = np.int32(found)

@@ -9,7 +9,7 @@ from refsim.backends import device
 from refsim.backends.compile import cuda, cuda_formula, cuda_kernel, formula
 from refsim.backends.primitives import across_lanes, largest_of_block
 from refsim.backends.runtime import simulated
-from refsim.neighbours.formulas import BITS, lower_bound
+from refsim.neighbours.formulas import BITS, lower_bound, squared_between
 
 CELL_LANES = 1 if simulated() else 8  # threads that share a cell
 # Boxes of cells that are joined at a time, and threads of a block that joins them
@@ -162,11 +162,7 @@ def empty_cells(cells):
 @formula
 def apart(low, high, a, b, first):
     """Largest |u - v| [m] of u in the box of row a and v in that of row b, columns `first` and the two behind."""
-    squared = low[a, first] - low[a, first]
-    for c in range(first, first + 3):
-        difference = max(high[a, c] - low[b, c], high[b, c] - low[a, c])
-        squared += difference * difference
-    return math.sqrt(squared)
+    return math.sqrt(squared_between(low, high, a, b, first))
 
 
 @formula

@@ -5,17 +5,7 @@ import math
 import numpy as np
 
 from refsim.backends.compile import formula, kernel
-from refsim.neighbours.formulas import (
-    BITS,
-    at_bounds,
-    block_key,
-    key_of_place,
-    lower_bound,
-    periodic_cells,
-    periodic_row,
-    squared_between,
-    to_nearest_image,
-)
+from refsim.neighbours import formulas
 from refsim.neighbours.limits import NEIGHBOUR_CAPACITY, WALL_CAPACITY
 from refsim.neighbours.rows import NeighbourRows
 
@@ -26,7 +16,7 @@ CHUNKS = 64  # fixed, so that the list does not depend on the number of threads
 @kernel
 def cell_keys(i, position, inverse_cell, periodic, keys):
     """Cell key of a position; `inverse_cell` [1/m] in float64, `periodic` the cells of a periodic box or None."""
-    keys[i] = key_of_place(position[i, 0], position[i, 1], position[i, 2], inverse_cell, periodic)
+    keys[i] = formulas.key_of_place(position[i, 0], position[i, 1], position[i, 2], inverse_cell, periodic)
 
 
 @formula
@@ -36,7 +26,7 @@ def mark_near(x, y, z, limit, candidates, period, near, mark):
         dx = x - near[0, m]
         dy = y - near[1, m]
         dz = z - near[2, m]
-        dx, dy, dz = to_nearest_image(dx, dy, dz, period)
+        dx, dy, dz = formulas.to_nearest_image(dx, dy, dz, period)
         mark[m] = dx * dx + dy * dy + dz * dz < limit
 
 
@@ -88,14 +78,14 @@ def build_chunk(chunk, queries, sources, radius, dim, exclude_self, period, peri
             candidates = 0
             for k in range(rows_around):
                 if periodic is None:
-                    middle = current + (np.int64(k % 3 - 1) << BITS)
+                    middle = current + (np.int64(k % 3 - 1) << formulas.BITS)
                     if layers == 3:
-                        middle += np.int64(k // 3 - 1) << (2 * BITS)
+                        middle += np.int64(k // 3 - 1) << (2 * formulas.BITS)
                     least, most = middle - 1, middle + 1
                 else:
-                    least, most = periodic_row(current, k, layers, periodic)
+                    least, most = formulas.periodic_row(current, k, layers, periodic)
                     backward = True  # rows come from both sides of the box
-                a = lower_bound(cells, least) if backward else low_cell[k]
+                a = formulas.lower_bound(cells, least) if backward else low_cell[k]
                 while a < cells.shape[0] and cells[a] < least:
                     a += 1
                 low_cell[k] = a
@@ -167,14 +157,9 @@ def reorder_vectors(i, values, order, moved):
 @formula
 def near_before(i, j, position, velocity, drift, bounds, period, limit):
     """Whether j lay within the root of `limit` [m^2] of i before the latest step, if that is known of both."""
-    dx = (position[i, 0] - drift * velocity[i, 0]) - (position[j, 0] - drift * velocity[j, 0])
-    dy = (position[i, 1] - drift * velocity[i, 1]) - (position[j, 1] - drift * velocity[j, 1])
-    dz = (position[i, 2] - drift * velocity[i, 2]) - (position[j, 2] - drift * velocity[j, 2])
-    dx, dy, dz = to_nearest_image(dx, dy, dz, period)
-    near = (dx * dx + dy * dy + dz * dz < limit) & (i != j)
-    if bounds is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
-        if near:
-            near = not (at_bounds(i, position, bounds) or at_bounds(j, position, bounds))
+    near = (formulas.squared_distance_before(i, j, position, velocity, drift, period) < limit) & (i != j)
+    if near:
+        near = formulas.known_before(i, j, position, bounds)
     return near
 
 
@@ -203,7 +188,7 @@ def count_missed(k, position, velocity, drift, bounds, period, listed, rows, rad
 @kernel
 def block_keys(c, cells, keys):
     """Key of the block of a cell."""
-    keys[c] = block_key(cells[c])
+    keys[c] = formulas.block_key(cells[c])
 
 
 @kernel
@@ -229,14 +214,14 @@ def block_displacements(b, blocks, low, high, layers, displacements):
 
     `blocks` are the blocks' keys.
     """
-    largest = squared_between(low, high, b, b)
+    largest = formulas.squared_between(low, high, b, b, 0)
     for k in range(3 * layers):  # rows of x; the half of them that lies before this one is seen from there
-        row = blocks[b] + (np.int64(k % 3 - 1) << BITS)
+        row = blocks[b] + (np.int64(k % 3 - 1) << formulas.BITS)
         if layers == 3:
-            row += np.int64(k // 3 - 1) << (2 * BITS)
-        a = lower_bound(blocks, row - 1)
+            row += np.int64(k // 3 - 1) << (2 * formulas.BITS)
+        a = formulas.lower_bound(blocks, row - 1)
         while a < b and blocks[a] <= row + 1:
-            largest = max(largest, squared_between(low, high, a, b))
+            largest = max(largest, formulas.squared_between(low, high, a, b, 0))
             a += 1
     displacements[b] = largest
 
@@ -249,8 +234,7 @@ class CellBlocks:
         block_keys(cells, keys)
         self.first, self.layers = first, 1 if dim == 2 else 3
         self.order = np.argsort(keys, kind="stable")
-        self.keys, begin = _occupied(keys[self.order])
-        self.begin = begin
+        self.keys, self.begin = _occupied(keys[self.order])
 
     def squared_displacements(self, position, build_position):
         """Bounds of the squared relative displacement [m^2] of two particles: in touching blocks, and anywhere."""
@@ -276,7 +260,7 @@ class CellSearch:
 
     def __init__(self, backend, dim, reach, log, period=None):
         self.backend, self.dim, self.reach, self.log = backend, dim, reach, log
-        self.period, self.periodic = period, periodic_cells(period, reach)
+        self.period, self.periodic = period, formulas.periodic_cells(period, reach)
         self.storage = {}
         self.cells = self.blocks = None
         self.missed = 0  # neighbours that audits have found missing

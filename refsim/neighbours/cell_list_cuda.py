@@ -5,33 +5,15 @@ from functools import partial
 import numpy as np
 
 from refsim.backends import device
-from refsim.backends.compile import cuda, cuda_kernel, formula
+from refsim.backends.compile import cuda, cuda_kernel
 from refsim.backends.runtime import simulated
 from refsim.neighbours.cell_boxes_cuda import LOOK_AHEAD, CellBoxes
 from refsim.neighbours.cell_order_cuda import Sorter
 from refsim.neighbours.cell_table_cuda import CellTable, cell_keys
 from refsim.neighbours.columns_cuda import ListOf, pack_places
-from refsim.neighbours.formulas import at_bounds, periodic_cells, to_nearest_image
+from refsim.neighbours.formulas import known_before, periodic_cells, squared_distance_before
 
 ROWS_TOGETHER = 1 if simulated() else 8  # threads that audit a particle
-
-
-@formula
-def squared_distance_before(i, j, position, velocity, drift, period):
-    """|x_i - x_j|^2 [m^2] a time `drift` [s] ago."""
-    dx = (position[i, 0] - drift * velocity[i, 0]) - (position[j, 0] - drift * velocity[j, 0])
-    dy = (position[i, 1] - drift * velocity[i, 1]) - (position[j, 1] - drift * velocity[j, 1])
-    dz = (position[i, 2] - drift * velocity[i, 2]) - (position[j, 2] - drift * velocity[j, 2])
-    dx, dy, dz = to_nearest_image(dx, dy, dz, period)
-    return dx * dx + dy * dy + dz * dz
-
-
-@formula
-def known_before(i, j, position, bounds):
-    """Whether both particles' places before the latest step follow from their velocities."""
-    if bounds is not None:
-        return not (at_bounds(i, position, bounds) or at_bounds(j, position, bounds))
-    return True
 
 
 @cuda_kernel(rows_of="position", lanes=ROWS_TOGETHER)

@@ -107,9 +107,8 @@ class CellOrder:
         self.keys, self.order = keys, order
         self.cell, self.slot, self.bucket = (backend.empty(n, np.int32) for _ in range(3))
         self.count, self.run = backend.empty(n + 64, np.int32), backend.empty(n + 64, np.int32)
-        self.report = backend.zeros(
-            7, np.int32
-        )  # greatest of -x, -y, -z, x, y, z of the cells; whether a capacity is short
+        # Greatest of -x, -y, -z, x, y, z of the cells; whether a capacity is short
+        self.report = backend.zeros(7, np.int32)
         self.add_up = device.RunningSum(self.count, self.run)
 
     def launch(self):

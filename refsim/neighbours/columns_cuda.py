@@ -26,27 +26,22 @@ def cell_ranges(cells, first, query_cells, query_report, periodic, low, high):
     they have twice as many columns, for pieces of rows on the other side of the box.
     """
     i, k = cuda.grid(1) // 9, cuda.grid(1) % 9
-    if periodic is not None:
-        rows = low.shape[1] // 2
-        if i < high.shape[0] and i < query_report[0] and k < rows:
-            for piece in range(2 * k, 2 * k + 2):
-                least, most = periodic_row(query_cells[i], piece, rows // 3, periodic)
-                a = lower_bound(cells, least)
-                b = a
-                while b < cells.shape[0] and cells[b] <= most:
-                    b += 1
-                low[i, piece] = first[a]
-                high[i, piece] = first[b]
-    elif i < high.shape[0] and i < query_report[0] and k < low.shape[1]:
-        middle = query_cells[i] + ((k % 3 - 1) << BITS)
-        if low.shape[1] == 9:
-            middle += (k // 3 - 1) << (2 * BITS)
-        a = lower_bound(cells, middle - 1)
-        b = a
-        while b < cells.shape[0] and cells[b] <= middle + 1:
-            b += 1
-        low[i, k] = first[a]
-        high[i, k] = first[b]
+    pieces = 1 if periodic is None else 2
+    if i < high.shape[0] and i < query_report[0] and pieces * k < low.shape[1]:
+        for piece in range(pieces * k, pieces * (k + 1)):
+            if periodic is not None:
+                least, most = periodic_row(query_cells[i], piece, low.shape[1] // 6, periodic)
+            else:
+                middle = query_cells[i] + ((k % 3 - 1) << BITS)
+                if low.shape[1] == 9:
+                    middle += (k // 3 - 1) << (2 * BITS)
+                least, most = middle - 1, middle + 1
+            a = lower_bound(cells, least)
+            b = a
+            while b < cells.shape[0] and cells[b] <= most:
+                b += 1
+            low[i, piece] = first[a]
+            high[i, piece] = first[b]
 
 
 @cuda_kernel(rows_of="source")

@@ -149,10 +149,13 @@ def block_key(cell):
 
 
 @formula
-def squared_between(low, high, a, b):
-    """Largest squared difference = max |u - v|^2 [m^2] of u in the box [low, high] of row a and v in that of row b."""
-    squared = low[a, 0] - low[a, 0]
-    for c in range(3):
+def squared_between(low, high, a, b, first):
+    """Largest squared difference = max |u - v|^2 [m^2] of u in the box [low, high] of row a and v in that of row b.
+
+    Boxes stand in column `first` and the two behind.
+    """
+    squared = low[a, first] - low[a, first]
+    for c in range(first, first + 3):
         apart = max(high[a, c] - low[b, c], high[b, c] - low[a, c])
         squared += apart * apart
     return squared
@@ -165,6 +168,24 @@ def at_bounds(i, position, bounds):
         if position[i, c] == bounds.lower[c] or position[i, c] == bounds.upper[c]:
             return True
     return False
+
+
+@formula
+def known_before(i, j, position, bounds):
+    """A flag: both x [m] of before the latest step follow from the velocities, as no plane may have stopped them."""
+    if bounds is not None:
+        return not (at_bounds(i, position, bounds) or at_bounds(j, position, bounds))
+    return True
+
+
+@formula
+def squared_distance_before(i, j, position, velocity, drift, period):
+    """r^2 = |x_i - x_j|^2 [m^2] a time `drift` [s] ago."""
+    dx = (position[i, 0] - drift * velocity[i, 0]) - (position[j, 0] - drift * velocity[j, 0])
+    dy = (position[i, 1] - drift * velocity[i, 1]) - (position[j, 1] - drift * velocity[j, 1])
+    dz = (position[i, 2] - drift * velocity[i, 2]) - (position[j, 2] - drift * velocity[j, 2])
+    dx, dy, dz = to_nearest_image(dx, dy, dz, period)
+    return dx * dx + dy * dy + dz * dz
 
 
 @formula

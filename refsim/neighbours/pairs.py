@@ -52,9 +52,11 @@ from refsim.neighbours.pair_functions import (
 )
 from refsim.neighbours.rows import entry, over_lanes, row_of
 
-LOOP = """\
+HEAD = """\
 def sums(pair, i, lane, listed, places, box, {given}):
     first, stride, count = row_of(listed, i, lane)
+"""
+LOOP = """\
     real = {real}
     {zeros}
     {own}
@@ -65,15 +67,15 @@ def sums(pair, i, lane, listed, places, box, {given}):
         {added}
     return {totals}
 """
-NEAR_LOOP = """\
-def sums(pair, i, lane, listed, places, box, {given}):
-    first, stride, count = row_of(listed, i, lane)
+NEAR = """\
     h = {smoothing}.support_radius
     real = type(h)
     limit = h * h
     {zeros}
     {own}
     x, y, z = places[i, 0], places[i, 1], places[i, 2]
+"""
+NEAR_LOOP = """\
     for k in range(count):
         at = first + k * stride
         j = listed.entries[at]
@@ -85,16 +87,7 @@ def sums(pair, i, lane, listed, places, box, {given}):
             {added}
     return {totals}
 """
-
 PACKED_LOOP = """\
-def sums(pair, i, lane, listed, places, box, {given}):
-    first, stride, count = row_of(listed, i, lane)
-    h = {smoothing}.support_radius
-    real = type(h)
-    limit = h * h
-    {zeros}
-    {own}
-    x, y, z = places[i, 0], places[i, 1], places[i, 2]
     if count > 0:
         j = entry(listed, first, stride, count, 0)
         following = entry(listed, first, stride, count, 1)
@@ -169,7 +162,7 @@ def loop_source(
         lines["theirs"] = [f"{name}_j = {entry_of(name, given[name], 'j')}" for name in fields_of(pair, "j")]
         lines["theirs"] += [f"{name}_ij = listed.{name}[at]" for name in held]
     text = filled_in(
-        PACKED_LOOP if packed else NEAR_LOOP if near else LOOP,
+        HEAD + (NEAR + (PACKED_LOOP if packed else NEAR_LOOP) if near else LOOP),
         lines,
         given=", ".join(given),
         smoothing=other,

@@ -35,6 +35,12 @@ def pair_blocks(query, source, rows=None, period=None):
         yield place, separation, np.sqrt(x * x + y * y + z * z)
 
 
+def rows_of(array, rows):
+    """The rows of an array that are asked for, all by default, in float64."""
+    array = np.asarray(array, dtype=float)
+    return array if rows is None else array[rows]
+
+
 def other_particles(place, count, rows=None):
     """Mask (b, count), False where a query of the block meets itself."""
     own = np.arange(count)[place] if rows is None else np.asarray(rows)[place]

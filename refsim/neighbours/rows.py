@@ -125,20 +125,8 @@ def cuda_lane(place, neighbours):  # noqa: ANN001, ANN201
 
 
 @formula
-def cuda_lane_row(neighbours, i, lane):  # noqa: ANN001, ANN201
-    """(first, stride, count) of a lane's share of column i: one entry out of as many as there are lanes."""
-    return cuda_share_row(neighbours, i, lane, len(neighbours.lanes))
-
-
-@formula
 def cuda_share_row(columns, i, lane, lanes):  # noqa: ANN001, ANN201
     """(first, stride, count) of a lane's share of column i of any list, the walls', too."""
     n = columns.count.shape[0]
     own = (columns.count[i] + lanes - 1 - lane) // lanes
     return np.uint64(i + lane * n), np.uint64(lanes * n), np.uint64(own)
-
-
-@formula
-def lanes_sum(value, lane, neighbours):  # noqa: ANN001, ANN201
-    """Sum of the lanes' shares, the same in all of them and always in the same order."""
-    return over_lanes(value, (lane, len(neighbours.lanes)))

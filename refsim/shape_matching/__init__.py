@@ -1,9 +1,5 @@
 """Lattice shape matching: solids whose regions are drawn back to their shape (Shao & Song 2017; Rivers & James 2007).
 
-Contents: ShapeMatching; field PHASE and the tables DIRECT, REGION_COUNT, ...; Matching; operations
-shape_matching.direct_neighbours, shape_matching.regions, shape_matching.classify, shape_matching.gather,
-shape_matching.match, shape_matching.pull, shape_matching.region_motion, shape_matching.damp.
-
 Tables have a row for each node of a solid, in the particles' first order: every build of the neighbour list sorts the
 particles anew, and nodes keep their numbers. Field `place` is the row of a node's particle.
 """
@@ -46,7 +42,6 @@ REGION_ANCHOR = _table("region_anchor", "m", "displacement of a region's own nod
 SOLID_VELOCITY = _table("solid_velocity", "m/s", "velocity of a node's particle after the kick", 3)
 REGION_VELOCITY = _table("region_velocity", "m/s", "v_c: mean velocity of a region", 3)
 REGION_SPIN = _table("region_spin", "1/s", "omega: angular velocity of a region", 3)
-SUMMATIONS = ("gather", "reduction", "fast")
 WIDEST = 4  # half-width up to which regions are tested
 
 
@@ -104,10 +99,6 @@ class ShapeMatching(Effect, HasErrata, frozen=True, kw_only=True):
             if getattr(self, name) > 1:
                 raise InputError(f"{self.name}: {name} = {getattr(self, name)} is not possible; give 0 to 1.")
         self.printed()
-        if self.summation not in SUMMATIONS:
-            raise InputError(
-                f"{self.name}: summation = {self.summation!r} is unknown; choose one of {', '.join(SUMMATIONS)}."
-            )
 
     def holds(self) -> bool:
         """Whether it acts on the solids; if not, only their particles and surfaces are found."""

@@ -4,24 +4,13 @@ import functools
 
 import numpy as np
 
-from refsim.core.cases import (
-    VARIATIONS,
-    Case,
-    Exact,
-    Variation,
-    case,
-    closed_form,
-    example,
-    groups,
-    lattice,
-    particles,
-    takes,
-)
+from refsim.core import cases
+from refsim.core.cases import VARIATIONS, Case, Exact, Variation, case, closed_form, groups, particles, takes
 from refsim.scene.solids import lattice_of
 from refsim.shape_matching import Matching, ShapeMatching, floors, reference
 from refsim.shape_matching.boxes import boxes_of
 
-example(
+cases.example(
     ShapeMatching(),
     brings="direct phase place region region_anchor region_center region_count region_share region_spin region_velocity"
     " rotation solid_position solid_velocity",
@@ -152,46 +141,40 @@ def _collapsed(name, shape, size=1.0):
     return Case(name, 3, position)
 
 
-@case
-def members_in_a_point() -> Case:
-    """All members of many regions at one place: nothing turns them."""
-    return _collapsed("members_in_a_point", "point")
+def _enter(name, shape, size, words):
+    def made() -> Case:
+        return _collapsed(name, shape, size)
+
+    made.__name__, made.__doc__ = name, words
+    case(made)
 
 
-@case
-def members_on_a_line() -> Case:
-    """All members of many regions on a line."""
-    return _collapsed("members_on_a_line", "line")
-
-
-@case
-def members_on_a_short_line() -> Case:
-    """The same, a hundred-thousandth as long."""
-    return _collapsed("members_on_a_short_line", "line", 1e-5)
-
-
-@case
-def members_on_a_plane() -> Case:
-    """All members of many regions on a plane."""
-    return _collapsed("members_on_a_plane", "plane")
-
-
-@case
-def members_on_a_small_plane() -> Case:
-    """The same, a hundred-thousandth as wide."""
-    return _collapsed("members_on_a_small_plane", "plane", 1e-5)
+for _name, _shape, _size, _words in (
+    ("members_in_a_point", "point", 1.0, "All members of many regions at one place: nothing turns them."),
+    ("members_on_a_line", "line", 1.0, "All members of many regions on a line."),
+    ("members_on_a_short_line", "line", 1e-5, "The same, a hundred-thousandth as long."),
+    ("members_on_a_plane", "plane", 1.0, "All members of many regions on a plane."),
+    ("members_on_a_small_plane", "plane", 1e-5, "The same, a hundred-thousandth as wide."),
+):
+    _enter(_name, _shape, _size, _words)
 
 
 # Closed forms
 
 
-BLOCK = lattice((3, 3, 3), 1.0)
+BLOCK = cases.lattice((3, 3, 3), 1.0)
 CUBE = Case("cube_of_27", 3, BLOCK, spacing=1.0, support_radius=2.0)
-PAIR = Case("pair_of_nodes", 3, np.array([[0.0, 0.0, 0.0], [0.0, 2.0, 0.0]]), spacing=1.0, support_radius=2.0)
+PAIR = cases.pair_case("pair_of_nodes", 2.0)
 TWO = lattice_of([np.array([[0, 0, 0], [0, 0, 1]])])
 NONE = np.full((2, 27), -1, np.int32)
 DIRECT = NONE.copy()
 DIRECT[0, [13, 14]], DIRECT[1, [12, 13]] = [0, 1], [0, 1]
+
+
+def _direct(case, made, phase, expected):
+    place = np.arange(case.count, dtype=np.int32)
+    given = {"phase": np.full(case.count, phase, np.int32), "place": place, "lattice": made}
+    return Exact(case, given, {"direct": np.array(expected)})
 
 
 @closed_form("shape_matching.direct_neighbours")
@@ -201,24 +184,15 @@ def cube_of_27():
     number = {tuple(cell): s for s, cell in enumerate(made.cell.tolist())}
     slots = [(a, b, e) for a in (-1, 0, 1) for b in (-1, 0, 1) for e in (-1, 0, 1)]
     expected = [[number.get((x + a, y + b, z + e), -1) for a, b, e in slots] for x, y, z in made.cell.tolist()]
-    return Exact(
-        CUBE, {"phase": np.full(27, 2, np.int32), "place": np.arange(27, dtype=np.int32), "lattice": made,
-         "direct": np.zeros((27, 27), np.int32)},
-        {"direct": np.array(expected)},
-    )  # fmt: skip
+    return _direct(CUBE, made, 2, expected)
 
 
 @closed_form("shape_matching.direct_neighbours")
 def touching_bodies():
     """Two bodies in adjacent cells are not welded (Shao & Song M19)."""
-    made = lattice_of([np.array([[0, 0, 0]]), np.array([[0, 0, 1]])])
     expected = NONE.copy()
     expected[0, 13], expected[1, 13] = 0, 1
-    return Exact(
-        PAIR, {"phase": np.full(2, 1, np.int32), "place": np.arange(2, dtype=np.int32), "lattice": made,
-         "direct": np.zeros((2, 27), np.int32)},
-        {"direct": expected},
-    )  # fmt: skip
+    return _direct(PAIR, lattice_of([np.array([[0, 0, 0]]), np.array([[0, 0, 1]])]), 1, expected)
 
 
 @closed_form("shape_matching.regions")
@@ -232,7 +206,7 @@ def chain_of_four():
                 direct[s, 13 + k - s] = k
             if abs(k - s) <= 2:
                 region[s, 62 + k - s] = k
-    chain = Case("chain_of_four", 3, lattice((4, 1, 1), 1.0), spacing=1.0, support_radius=2.0)
+    chain = Case("chain_of_four", 3, cases.lattice((4, 1, 1), 1.0), spacing=1.0, support_radius=2.0)
     return Exact(
         chain,
         {"direct": direct, "rebuild": None, "region": np.full((4, 125), 7, np.int32),
@@ -262,7 +236,6 @@ def shares():
     """m/cnt, in the first order: particle 0 stands in row 1."""
     given = {
         "mass": np.array([6.0, 8.0]), "place": np.array([1, 0], np.int32), "region_count": np.array([2, 3], np.int32),
-        "region_share": np.zeros(2), "solid_position": np.zeros((2, 3)),
     }  # fmt: skip
     return Exact(PAIR, given, {"region_share": np.array([4.0, 2.0]), "solid_position": PAIR.position[::-1]})
 
@@ -284,23 +257,26 @@ def _whole_region():
     return made, region
 
 
+def _cube(position, rotation, turn, **expected):
+    """A cube at `position` with the region of its middle, of which `rotation` becomes `turn`."""
+    made, region = _whole_region()
+    turned = np.tile(rotation, (27, 1))
+    turned[13] = turn
+    given = {
+        "solid_position": position, "region_share": np.full(27, 0.5), "region": region,
+        "region_count": _counted(region), "matching": _matched(), "rotation": np.tile(rotation, (27, 1)),
+        "region_center": np.ones((27, 3)), "region_anchor": np.ones((27, 3)), "boxes": boxes_of(made, 1),
+    }  # fmt: skip
+    return Exact(CUBE, given, {"rotation": turned, **expected})
+
+
 @closed_form("shape_matching.match")
 def quarter_turn():
     """A cube turned by 90 degrees about z around (5, 0, 0): x = 5 - y0, y = x0: its node is where it belongs."""
-    made, region = _whole_region()
-    x0, y0, z0 = (made.cell.astype(float) - 1).T
+    x0, y0, z0 = (_whole_region()[0].cell.astype(float) - 1).T
+    turn, none = np.sqrt(0.5) * np.array([1.0, 0.0, 0.0, 1.0]), np.zeros((27, 3))
     position = np.stack([5 - y0, x0, z0], axis=1)
-    rotation = np.tile([1.0, 0.0, 0.0, 0.0], (27, 1))
-    turned = rotation.copy()
-    turned[13] = np.sqrt(0.5) * np.array([1.0, 0.0, 0.0, 1.0])
-    given = {
-        "solid_position": position, "region_share": np.full(27, 0.5), "region": region,
-        "region_count": _counted(region), "matching": _matched(), "rotation": rotation,
-        "region_center": np.ones((27, 3)), "region_anchor": np.ones((27, 3)),
-        "boxes": boxes_of(made, 1),
-    }  # fmt: skip
-    none = np.zeros((27, 3))
-    return Exact(CUBE, given, {"rotation": turned, "region_center": none, "region_anchor": none})
+    return _cube(position, [1.0, 0.0, 0.0, 0.0], turn, region_center=none, region_anchor=none)
 
 
 def _cross(u):
@@ -329,32 +305,17 @@ NEAR = (
 )  # fmt: skip
 
 
+@closed_form("shape_matching.match", over=range(len(NEAR)))
 def near_the_last_turn(number: int) -> Exact:
     """x = R S x0 of a cube has the rotation R for a positive S; the one before is another turn off, small or large."""
-    made, region = _whole_region()
     axis, angle, off, by, stretch = NEAR[number]
     turn, small = _about(axis, angle), _about(off, by)
     w, u = turn[0], turn[1:]
     v, more = small[0], small[1:]
     before = np.concatenate([[w * v - u @ more], w * more + v * u + np.cross(u, more)])
     matrix = np.eye(3) + 2 * w * _cross(u) + 2 * _cross(u) @ _cross(u)
-    rest = made.cell.astype(float) - 1
-    position = rest @ (matrix @ stretch).T + [3.0, -2.0, 5.0]
-    rotation, one = np.tile(before, (27, 1)), np.ones((27, 3))
-    turned = rotation.copy()
-    turned[13] = turn * np.sign(turn @ before)
-    given = {
-        "solid_position": position, "region_share": np.full(27, 0.5), "region": region,
-        "region_count": _counted(region), "matching": _matched(), "rotation": rotation, "region_center": one,
-        "region_anchor": one, "boxes": boxes_of(made, 1),
-    }  # fmt: skip
-    return Exact(CUBE, given, {"rotation": turned})
-
-
-for _number in range(len(NEAR)):
-    _maker = functools.partial(near_the_last_turn, _number)
-    _maker.__name__ = f"near_the_last_turn_{_number}"  # type: ignore[attr-defined]
-    closed_form("shape_matching.match")(_maker)
+    rest = _whole_region()[0].cell.astype(float) - 1
+    return _cube(rest @ (matrix @ stretch).T + [3.0, -2.0, 5.0], before, turn * np.sign(turn @ before))
 
 
 def _crowd(half_width=1, place=(0.123, 0.456, 0.789), away=0.0):
@@ -400,6 +361,7 @@ def members_in_one_place():
     return _kept(*_crowd(), 1)
 
 
+@closed_form("shape_matching.match", over=range(3))
 def rounded_off(axis: int) -> Exact:
     """The same 1,025 m from the origin along an axis, with the last digit of each member away from the node.
 
@@ -417,6 +379,7 @@ def rounded_off_everywhere():
     return _kept(*_crowd(2, np.full(3, far), np.spacing(far)), 2, _about([1, 2, 3], 0.1))
 
 
+@closed_form("shape_matching.match", over=range(3))
 def beside_their_node(axis: int) -> Exact:
     """Members in one place do not turn the region of a melted node at the origin, 30 m from them along an axis.
 
@@ -424,11 +387,15 @@ def beside_their_node(axis: int) -> Exact:
     """
     place = np.array([0.1, 0.1, 0.1])
     place[axis] = 30.1
-    given, crowd, middle = _crowd(2, place)
+    kept = _kept(*_melted(*_crowd(2, place)), 2)
+    return Exact(kept.case, kept.given, {"rotation": kept.expected["rotation"]})
+
+
+def _melted(given, crowd, middle):
+    """The crowd without the node itself, which is at the origin."""
     given["solid_position"][middle] = 0.0
     given["region"][middle, 62] = -1
-    given["region_count"] = _counted(given["region"])
-    return Exact(*_replaced(_kept(given, crowd, middle, 2)))
+    return given | {"region_count": _counted(given["region"])}, crowd, middle
 
 
 def _at_the_bound(share):
@@ -439,11 +406,8 @@ def _at_the_bound(share):
     p^T, f = 16 b/a, p = (cos alpha, sin alpha), twice: tan 2 phi = f sin 2 alpha/(2 + f cos 2 alpha).
     """
     away, alpha = share * 2.0**-38, 0.35
-    given, crowd, middle = _crowd(2, np.array([0.0, 32.0, 0.0]), away * np.array([1.0, 0.0, 1.0]))
+    given, crowd, middle = _melted(*_crowd(2, np.array([0.0, 32.0, 0.0]), away * np.array([1.0, 0.0, 1.0])))
     given["region_share"] = np.ones(343)
-    given["solid_position"][middle] = 0.0
-    given["region"][middle, 62] = -1
-    given["region_count"] = _counted(given["region"])
     made = _kept(given, crowd, middle, 2, _about([1, 0, 0], 2 * alpha))
     bound = 2 * 2 * 125 * 2.0**-52 * (124 * 32 + 200 * away)
     if 150 * away > bound:
@@ -465,18 +429,6 @@ def turned_by_more_than_rounding():
 def turned_by_rounding():
     """At three quarters of the bound: the region keeps its rotation."""
     return _at_the_bound(0.6)
-
-
-def _replaced(made):
-    """(case, arguments, the rotations alone) of a closed form."""
-    return made.case, made.given, {"rotation": made.expected["rotation"]}
-
-
-for _axis in range(3):
-    for _form in (rounded_off, beside_their_node):
-        _maker = functools.partial(_form, _axis)
-        _maker.__name__ = f"{_form.__name__}_{_axis}"  # type: ignore[attr-defined]
-        closed_form("shape_matching.match")(_maker)
 
 
 @closed_form("shape_matching.match")
@@ -505,7 +457,7 @@ def stretched_pair():
         "velocity": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]), "solid_position": PAIR.position, "region": DIRECT,
         "region_count": np.array([2, 2], np.int32), "region_anchor": anchor, "rotation": turn,
         "place": np.array([1, 0], np.int32), "matching": _matched(stiffness=0.5), "timestep": np.array([0.25, 0.5]),
-        "acceleration": np.zeros((2, 3)), "solid_velocity": np.zeros((2, 3)), "boxes": boxes_of(TWO, 1),
+        "boxes": boxes_of(TWO, 1),
     }  # fmt: skip
     pulled = np.array([[0.0, -2.0, 0.0], [0.0, 2.0, 0.0]])
     after = np.array([[0.0, 0.5, 0.0], [1.0, -0.5, 0.0]])
@@ -522,7 +474,7 @@ def spinning_block():
     given = {
         "solid_position": r, "solid_velocity": velocity, "region_share": np.full(27, 0.5), "region": region,
         "region_count": _counted(region), "region_center": center, "matching": _matched(),
-        "region_velocity": np.zeros((27, 3)), "region_spin": np.zeros((27, 3)), "boxes": boxes_of(made, 1),
+        "boxes": boxes_of(made, 1),
     }  # fmt: skip
     expected_mean, expected_spin = velocity.copy(), np.zeros((27, 3))
     expected_mean[13], expected_spin[13] = [2.0, 0.0, 0.0], [0.0, 0.0, 3.0]
@@ -538,10 +490,7 @@ def crowd_in_one_place():
     mean = velocity.copy()
     mean[middle] = (share[:, None] * velocity[crowd]).sum(0) / share.sum()
     whole = Case("body_of_343", 3, given["solid_position"], spacing=1.0, support_radius=2.0)
-    given |= {
-        "solid_velocity": velocity, "region_center": np.zeros((343, 3)), "region_velocity": np.zeros((343, 3)),
-        "region_spin": np.ones((343, 3)),
-    }  # fmt: skip
+    given |= {"solid_velocity": velocity, "region_center": np.zeros((343, 3)), "region_spin": np.ones((343, 3))}
     return Exact(whole, given, {"region_velocity": mean, "region_spin": np.zeros((343, 3))})
 
 

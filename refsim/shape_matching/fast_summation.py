@@ -15,17 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from refsim.backends.compile import formula, kernel
+from refsim.shape_matching import kernels
 from refsim.shape_matching.formulas import turned
-from refsim.shape_matching.kernels import (
-    damp_end,
-    damp_sums,
-    goal_end,
-    goal_sums,
-    match_end,
-    match_sums,
-    motion_end,
-    motion_sums,
-)
 from refsim.shape_matching.phases import EMPTY
 
 
@@ -308,8 +299,8 @@ def match_nodes(
     """Center, anchor and rotation of node s' region from its box or, if it is not the whole box, member by member."""
     found, sums = match_box(s, solid_position, boxes)
     if found != region_count[s] or found <= 1:
-        sums = match_sums(s, solid_position, region_share, region, matching.half_width)
-    match_end(s, sums, solid_position, region_share, region, matching, region_center, region_anchor, rotation)
+        sums = kernels.match_sums(s, solid_position, region_share, region, matching.half_width)
+    kernels.match_end(s, sums, solid_position, region_share, region, matching, region_center, region_anchor, rotation)
 
 
 @kernel(ordered=True)
@@ -317,8 +308,8 @@ def goal_nodes(s, velocity, solid_position, goals, place, boxes, matching, times
     """Pull of node s [m/s^2] from the sums of its box or, if its region is not the whole box, member by member."""
     found, sums = goal_box(s, solid_position, boxes, matching.spacing)
     if found != goals.region_count[s]:
-        sums = goal_sums(s, solid_position, goals.region, goals.region_anchor, goals.rotation, matching)
-    goal_end(s, sums, goals.region_count, place, velocity, matching, timestep, acceleration, solid_velocity)
+        sums = kernels.goal_sums(s, solid_position, goals.region, goals.region_anchor, goals.rotation, matching)
+    kernels.goal_end(s, sums, goals.region_count, place, velocity, matching, timestep, acceleration, solid_velocity)
 
 
 @kernel(ordered=True)
@@ -327,8 +318,8 @@ def motion_nodes(s, solid_position, solid_velocity, members, boxes, matching, re
     share, region, count, center = members
     found, mass, sums = motion_box(s, solid_position, solid_velocity, center, boxes)
     if found != count[s] or found <= 1 or too_small(mass, sums, matching):
-        mass, sums = motion_sums(s, solid_position, solid_velocity, share, region, center)
-    motion_end(s, mass, sums, solid_velocity, matching, region_velocity, region_spin)
+        mass, sums = kernels.motion_sums(s, solid_position, solid_velocity, share, region, center)
+    kernels.motion_end(s, mass, sums, solid_velocity, matching, region_velocity, region_spin)
 
 
 @kernel(rows_of="region_count", ordered=True)
@@ -339,8 +330,8 @@ def damp_nodes(
     found, sums = damp_box(s, solid_position, solid_velocity, boxes)
     if found != region_count[s]:
         region, _, center, mean, spin = motions
-        sums = damp_sums(s, solid_position, solid_velocity, region, center, mean, spin)
-    damp_end(s, sums, region_count, place, matching, timestep, acceleration)
+        sums = kernels.damp_sums(s, solid_position, solid_velocity, region, center, mean, spin)
+    kernels.damp_end(s, sums, region_count, place, matching, timestep, acceleration)
 
 
 # Terms and sums on a CPU

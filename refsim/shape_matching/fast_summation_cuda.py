@@ -5,20 +5,9 @@ takes to pass over all cells axis by axis, and in the run's own precision.
 """
 
 from refsim.backends.compile import cuda, cuda_kernel, formula
+from refsim.shape_matching import fast_summation as fast
 from refsim.shape_matching import parallel_reduction_cuda as reduction
-from refsim.shape_matching.fast_summation import (
-    Goals,
-    Members,
-    Motions,
-    damp_cell,
-    damp_nodes,
-    goal_cell,
-    goal_nodes,
-    match_cell,
-    match_nodes,
-    motion_cell,
-    motion_nodes,
-)
+from refsim.shape_matching.fast_summation import Goals, Members, Motions
 
 NARROW = 2  # half-width up to which regions are summed by reduction
 
@@ -30,7 +19,7 @@ def match(solid_position, region_share, region, region_count, boxes, matching, r
         return
     match_cells(solid_position, region_share, boxes, boxes.node)
     sum_boxes(boxes, matching.half_width, 17)
-    match_nodes(
+    fast.match_nodes(
         solid_position, region_share, region, region_count, boxes, matching, region_center, region_anchor, rotation
     )
 
@@ -42,7 +31,7 @@ def pull(velocity, solid_position, goals: Goals, place, boxes, matching, timeste
         return
     goal_cells(solid_position, goals, boxes, matching, boxes.node)
     sum_boxes(boxes, matching.half_width, 13)
-    goal_nodes(velocity, solid_position, goals, place, boxes, matching, timestep, acceleration, solid_velocity)
+    fast.goal_nodes(velocity, solid_position, goals, place, boxes, matching, timestep, acceleration, solid_velocity)
 
 
 def region_motion(solid_position, solid_velocity, members: Members, boxes, matching, region_velocity, region_spin):
@@ -55,7 +44,7 @@ def region_motion(solid_position, solid_velocity, members: Members, boxes, match
         return
     motion_cells(solid_position, solid_velocity, members.region_share, boxes, boxes.node)
     sum_boxes(boxes, matching.half_width, 17)
-    motion_nodes(solid_position, solid_velocity, members, boxes, matching, region_velocity, region_spin)
+    fast.motion_nodes(solid_position, solid_velocity, members, boxes, matching, region_velocity, region_spin)
 
 
 def damp(solid_position, solid_velocity, motions: Motions, place, boxes, matching, timestep, acceleration):
@@ -66,7 +55,7 @@ def damp(solid_position, solid_velocity, motions: Motions, place, boxes, matchin
     damp_cells(solid_position, solid_velocity, motions, boxes, boxes.node)
     sum_boxes(boxes, matching.half_width, 7)
     count = motions.region_count
-    damp_nodes(solid_position, solid_velocity, count, motions, place, boxes, matching, timestep, acceleration)
+    fast.damp_nodes(solid_position, solid_velocity, count, motions, place, boxes, matching, timestep, acceleration)
 
 
 @cuda_kernel
@@ -74,7 +63,7 @@ def match_cells(solid_position, region_share, boxes, node):
     """Terms of every cell."""
     cell = cuda.grid(1)
     if cell < node.shape[0]:
-        match_cell(cell, solid_position, region_share, boxes)
+        fast.match_cell(cell, solid_position, region_share, boxes)
 
 
 @cuda_kernel
@@ -82,7 +71,7 @@ def goal_cells(solid_position, goals, boxes, matching, node):
     """Terms of every cell."""
     cell = cuda.grid(1)
     if cell < node.shape[0]:
-        goal_cell(cell, solid_position, goals, boxes, matching.spacing)
+        fast.goal_cell(cell, solid_position, goals, boxes, matching.spacing)
 
 
 @cuda_kernel
@@ -90,7 +79,7 @@ def motion_cells(solid_position, solid_velocity, region_share, boxes, node):
     """Terms of every cell."""
     cell = cuda.grid(1)
     if cell < node.shape[0]:
-        motion_cell(cell, solid_position, solid_velocity, region_share, boxes)
+        fast.motion_cell(cell, solid_position, solid_velocity, region_share, boxes)
 
 
 @cuda_kernel
@@ -98,7 +87,7 @@ def damp_cells(solid_position, solid_velocity, motions, boxes, node):
     """Terms of every cell."""
     cell = cuda.grid(1)
     if cell < node.shape[0]:
-        damp_cell(cell, solid_position, solid_velocity, motions, boxes)
+        fast.damp_cell(cell, solid_position, solid_velocity, motions, boxes)
 
 
 @formula

@@ -9,18 +9,8 @@ import numpy as np
 from refsim.backends.compile import formula, kernel
 from refsim.backends.runtime import simulated
 from refsim.backends.tuples import added, converted, difference, over, put, scaled, three
-from refsim.neighbours.formulas import BITS
+from refsim.neighbours.formulas import BITS, lower_bound
 from refsim.shape_matching import formulas
-from refsim.shape_matching.formulas import (
-    goal_term,
-    match_term,
-    motion_term,
-    quick_rotation,
-    rigid_motion,
-    rigid_term,
-    slot_offset,
-    turned,
-)
 from refsim.shape_matching.phases import EMPTY, FLUID, INTERIOR, SURFACE
 from refsim.shape_matching.rotation import solved_rotation
 
@@ -32,13 +22,7 @@ EPSILON = 2.220446049250313e-16  # of float64
 @formula
 def find(key, wanted, first, end):
     """Place of `wanted` among the sorted keys [first, end); EMPTY if it is absent."""
-    low, high = first, end
-    while low < high:
-        middle = (low + high) >> 1
-        if key[middle] < wanted:
-            low = middle + 1
-        else:
-            high = middle
+    low = first + lower_bound(key[first:end], wanted)
     found = EMPTY
     if low < end and key[low] == wanted:
         found = low
@@ -52,7 +36,7 @@ def direct_neighbours(s, phase, place, lattice, direct):
     body = lattice.body[s]
     first, end = lattice.first[body], lattice.first[body + 1]
     for slot in range(27):
-        a, b, e = slot_offset(slot, 1)
+        a, b, e = formulas.slot_offset(slot, 1)
         other = EMPTY
         if solid:
             key = lattice.key[s] + (e << (2 * BITS)) + (b << BITS) + a
@@ -90,29 +74,20 @@ def gather(s, position, mass, place, region_count, region_share, solid_position)
 @formula
 def nothing_16(zero):
     """Sums of no terms."""
-    return match_term(zero, (zero, zero, zero), (zero, zero, zero))
+    return formulas.match_term(zero, (zero, zero, zero), (zero, zero, zero))
 
 
 @formula
 def nothing_12(zero):
     """Sums of no terms."""
-    return motion_term(zero, (zero, zero, zero), (zero, zero, zero))
-
-
-@formula
-def match_slot(s, slot, solid_position, region_share, region, half_width):
-    """Terms of one slot in the sums of the region of node s; zeros if it is empty."""
-    j = region[s, slot]
-    if j == EMPTY:
-        return nothing_16(type(solid_position[s, 0])(0))
-    return match_member(s, j, slot_offset(slot, half_width), solid_position, region_share)
+    return formulas.motion_term(zero, (zero, zero, zero), (zero, zero, zero))
 
 
 @formula
 def match_member(s, j, offset, solid_position, region_share):
     """Terms of member j of the region of node s, `offset` cells from it."""
     x = difference(three(solid_position, j), three(solid_position, s))
-    return match_term(region_share[j], x, converted(offset, type(x[0])))
+    return formulas.match_term(region_share[j], x, converted(offset, type(x[0])))
 
 
 @kernel(ordered=True)
@@ -129,8 +104,9 @@ def match_sums(s, solid_position, region_share, region, half_width):
     last = region.shape[1] - 1
     for k in range(region.shape[1]):  # a slot and then its opposite, so that sums stay small: k = 0, last, 1, ...
         slot = last - k // 2 if k % 2 else k // 2
-        if region[s, slot] != EMPTY:
-            sums = added(sums, match_slot(s, slot, solid_position, region_share, region, half_width))
+        j = region[s, slot]
+        if j != EMPTY:
+            sums = added(sums, match_member(s, j, formulas.slot_offset(slot, half_width), solid_position, region_share))
     return sums
 
 
@@ -144,10 +120,10 @@ def careful_sums(s, solid_position, region_share, region, half_width):
         slot = last - k // 2 if k % 2 else k // 2
         j = region[s, slot]
         if j != EMPTY:
-            m, g = np.float64(region_share[j]), converted(slot_offset(slot, half_width), np.float64)
+            m, g = np.float64(region_share[j]), converted(formulas.slot_offset(slot, half_width), np.float64)
             there, here = three(solid_position, j), three(solid_position, s)
             x = difference(converted(there, np.float64), converted(here, np.float64))
-            sums = added(sums, match_term(m, x, g))
+            sums = added(sums, formulas.match_term(m, x, g))
             size += m * (abs(x[0]) + abs(x[1]) + abs(x[2]))
     return sums, size
 
@@ -164,7 +140,7 @@ def match_quick(s, sums, solid_position, matching, rotation):
     """(whether it is found, q): rotation of a region if it is near the one before and well determined."""
     real = type(matching.spacing)
     least = real(SMALL) * matching.spacing + real(16) * position_doubt(s, solid_position, matching)
-    return quick_rotation(sums, rotation[s], sums[0] * least, matching.precision)
+    return formulas.quick_rotation(sums, rotation[s], sums[0] * least, matching.precision)
 
 
 @formula
@@ -195,26 +171,16 @@ def match_write(s, sums, q, matching, region_center, region_anchor, rotation):
     if sums[0] > zero:
         put(rotation, s, q)
         center = over(sums[1:4], sums[0])
-        anchor = difference(center, turned(q, scaled(sums[4:7], matching.spacing / sums[0])))
+        anchor = difference(center, formulas.turned(q, scaled(sums[4:7], matching.spacing / sums[0])))
     put(region_center, s, center)
     put(region_anchor, s, anchor)
 
 
 @formula
-def goal_slot(s, slot, solid_position, region, region_anchor, rotation, matching):
-    """Displacement of node s to its goal in the region of one slot [m]; zeros if the slot is empty."""
-    zero = type(matching.spacing)(0)
-    r = region[s, slot]
-    if r == EMPTY:
-        return zero, zero, zero
-    offset = slot_offset(slot, matching.half_width)
-    return goal_member(s, r, offset, solid_position, region_anchor, rotation, matching)
-
-
-@formula
 def goal_member(s, r, offset, solid_position, region_anchor, rotation, matching):
     """Displacement of node s to its goal in the region of node r [m]; r is `offset` cells from s."""
-    goal = goal_term(rotation[r], region_anchor[r], converted(offset, type(matching.spacing)), matching.spacing)
+    g = converted(offset, type(matching.spacing))
+    goal = formulas.goal_term(rotation[r], region_anchor[r], g, matching.spacing)
     return added(goal, difference(three(solid_position, r), three(solid_position, s)))
 
 
@@ -230,12 +196,14 @@ def pull(
 
 @formula
 def goal_sums(s, solid_position, region, region_anchor, rotation, matching):
-    """Sum of goal_slot over the slots, member by member [m]."""
+    """Sum of `goal_member` over the slots, member by member [m]."""
     zero = type(matching.spacing)(0)
     sums = zero, zero, zero
     for slot in range(region.shape[1]):
-        if region[s, slot] != EMPTY:
-            sums = added(sums, goal_slot(s, slot, solid_position, region, region_anchor, rotation, matching))
+        r = region[s, slot]
+        if r != EMPTY:
+            offset = formulas.slot_offset(slot, matching.half_width)
+            sums = added(sums, goal_member(s, r, offset, solid_position, region_anchor, rotation, matching))
     return sums
 
 
@@ -258,7 +226,7 @@ def motion_slot(s, slot, solid_position, solid_velocity, region_share, region, r
         return nothing_12(type(region_center[s, 0])(0))
     r = difference(three(solid_position, j), three(solid_position, s))
     u = difference(three(solid_velocity, j), three(solid_velocity, s))
-    return motion_term(region_share[j], difference(r, three(region_center, s)), u)
+    return formulas.motion_term(region_share[j], difference(r, three(region_center, s)), u)
 
 
 @kernel(ordered=True)
@@ -292,7 +260,7 @@ def motion_end(s, mass, sums, solid_velocity, matching, region_velocity, region_
     zero = type(mass)(0)
     v, spin = (zero, zero, zero), (zero, zero, zero)
     if mass > zero:
-        v, spin = rigid_motion(mass, sums, matching.inertia_floor)
+        v, spin = formulas.rigid_motion(mass, sums, matching.inertia_floor)
     for c in range(3):
         region_velocity[s, c] = solid_velocity[s, c] + v[c]
         region_spin[s, c] = spin[c]
@@ -306,7 +274,7 @@ def damp_slot(s, slot, solid_position, solid_velocity, region, region_center, re
     if r == EMPTY:
         return zero, zero, zero
     arm = difference(difference(three(solid_position, s), three(solid_position, r)), three(region_center, r))
-    return difference(rigid_term(region_velocity[r], region_spin[r], arm), three(solid_velocity, s))
+    return difference(formulas.rigid_term(region_velocity[r], region_spin[r], arm), three(solid_velocity, s))
 
 
 @kernel(rows_of="region_count", ordered=True)

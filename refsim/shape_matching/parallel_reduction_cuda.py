@@ -5,19 +5,7 @@ import numpy as np
 from refsim.backends.compile import cuda, cuda_kernel, formula
 from refsim.backends.primitives import sum_of_lanes
 from refsim.backends.tuples import added, entrywise
-from refsim.shape_matching.kernels import (
-    LANES,
-    damp_end,
-    damp_slot,
-    goal_end,
-    goal_member,
-    match_end,
-    match_member,
-    motion_end,
-    motion_slot,
-    nothing_12,
-    nothing_16,
-)  # fmt: skip
+from refsim.shape_matching import kernels
 from refsim.shape_matching.phases import EMPTY
 
 
@@ -46,97 +34,99 @@ def _opposite(offset):
 @entrywise
 def _summed(part, lane):
     """Sums of what the lanes hold."""
-    return sum_of_lanes(part, lane, LANES)
+    return sum_of_lanes(part, lane, kernels.LANES)
 
 
-@cuda_kernel(lanes=LANES)
+@cuda_kernel(lanes=kernels.LANES)
 def match(solid_position, region_share, region, matching, region_center, region_anchor, rotation):
     """Center, rotation and anchor of every region."""
-    s, lane = cuda.grid(1) // LANES, cuda.grid(1) % LANES
+    s, lane = cuda.grid(1) // kernels.LANES, cuda.grid(1) % kernels.LANES
     if s < rotation.shape[0]:
         middle = region.shape[1] // 2
-        sums = nothing_16(rotation.dtype.type(0))
-        for pair in range(lane, middle + 1, LANES):
+        sums = kernels.nothing_16(rotation.dtype.type(0))
+        for pair in range(lane, middle + 1, kernels.LANES):
             slot, other, offset = _opposites(pair, matching.half_width)
             j = region[s, slot]
             if j != EMPTY:
-                sums = added(sums, match_member(s, j, offset, solid_position, region_share))
+                sums = added(sums, kernels.match_member(s, j, offset, solid_position, region_share))
             j = region[s, other]
             if j != EMPTY and pair < middle:
-                terms = match_member(s, j, _opposite(offset), solid_position, region_share)
+                terms = kernels.match_member(s, j, _opposite(offset), solid_position, region_share)
                 sums = added(sums, terms)
         sums = _summed(sums, lane)
         if lane == 0:
-            match_end(s, sums, solid_position, region_share, region, matching, region_center, region_anchor, rotation)
+            places = region_center, region_anchor, rotation
+            kernels.match_end(s, sums, solid_position, region_share, region, matching, *places)
 
 
-@cuda_kernel(lanes=LANES)
+@cuda_kernel(lanes=kernels.LANES)
 def pull(
     velocity, solid_position, region, region_count, region_anchor, rotation, place, matching, timestep, acceleration,
     solid_velocity,
 ):  # fmt: skip
     """Pull of every node towards its goal; added to the acceleration."""
-    s, lane = cuda.grid(1) // LANES, cuda.grid(1) % LANES
+    s, lane = cuda.grid(1) // kernels.LANES, cuda.grid(1) % kernels.LANES
     if s < solid_velocity.shape[0]:
         middle = region.shape[1] // 2
         zero = rotation.dtype.type(0)
         goals = zero, zero, zero
-        for pair in range(lane, middle + 1, LANES):
+        for pair in range(lane, middle + 1, kernels.LANES):
             slot, other, offset = _opposites(pair, matching.half_width)
             r = region[s, slot]
             if r != EMPTY:
-                goals = added(goals, goal_member(s, r, offset, solid_position, region_anchor, rotation, matching))
+                own = kernels.goal_member(s, r, offset, solid_position, region_anchor, rotation, matching)
+                goals = added(goals, own)
             r = region[s, other]
             if r != EMPTY and pair < middle:
-                own = goal_member(s, r, _opposite(offset), solid_position, region_anchor, rotation, matching)
+                own = kernels.goal_member(s, r, _opposite(offset), solid_position, region_anchor, rotation, matching)
                 goals = added(goals, own)
         sums = _summed(goals, lane)
         if lane == 0:
-            goal_end(s, sums, region_count, place, velocity, matching, timestep, acceleration, solid_velocity)
+            kernels.goal_end(s, sums, region_count, place, velocity, matching, timestep, acceleration, solid_velocity)
 
 
-@cuda_kernel(lanes=LANES)
+@cuda_kernel(lanes=kernels.LANES)
 def region_motion(
     solid_position, solid_velocity, region_share, region, region_center, matching, region_velocity, region_spin
 ):  # fmt: skip
     """Velocity and spin of every region."""
-    s, lane = cuda.grid(1) // LANES, cuda.grid(1) % LANES
+    s, lane = cuda.grid(1) // kernels.LANES, cuda.grid(1) % kernels.LANES
     if s < region_spin.shape[0]:
         middle = region.shape[1] // 2
         mass = region_spin.dtype.type(0)
-        sums = nothing_12(mass)
-        for pair in range(lane, middle + 1, LANES):
+        sums = kernels.nothing_12(mass)
+        for pair in range(lane, middle + 1, kernels.LANES):
             slot, other, _ = _opposites(pair, matching.half_width)
             if region[s, slot] != EMPTY:
                 mass += region_share[region[s, slot]]
-                own = motion_slot(s, slot, solid_position, solid_velocity, region_share, region, region_center)
+                own = kernels.motion_slot(s, slot, solid_position, solid_velocity, region_share, region, region_center)
                 sums = added(sums, own)
             if region[s, other] != EMPTY and pair < middle:
                 mass += region_share[region[s, other]]
-                own = motion_slot(s, other, solid_position, solid_velocity, region_share, region, region_center)
+                own = kernels.motion_slot(s, other, solid_position, solid_velocity, region_share, region, region_center)
                 sums = added(sums, own)
-        mass, sums = sum_of_lanes(mass, lane, LANES), _summed(sums, lane)
+        mass, sums = sum_of_lanes(mass, lane, kernels.LANES), _summed(sums, lane)
         if lane == 0:
-            motion_end(s, mass, sums, solid_velocity, matching, region_velocity, region_spin)
+            kernels.motion_end(s, mass, sums, solid_velocity, matching, region_velocity, region_spin)
 
 
-@cuda_kernel(rows_of="region_count", lanes=LANES)
+@cuda_kernel(rows_of="region_count", lanes=kernels.LANES)
 def damp(
     solid_position, solid_velocity, region, region_count, region_center, region_velocity, region_spin, place, matching,
     timestep, acceleration,
 ):  # fmt: skip
     """Damping of every node towards the rigid motion of its regions; added to the acceleration."""
-    s, lane = cuda.grid(1) // LANES, cuda.grid(1) % LANES
+    s, lane = cuda.grid(1) // kernels.LANES, cuda.grid(1) % kernels.LANES
     if s < region_count.shape[0]:
         middle = region.shape[1] // 2
         zero = acceleration.dtype.type(0)
         sums = zero, zero, zero
         regions = region, region_center, region_velocity, region_spin
-        for pair in range(lane, middle + 1, LANES):
+        for pair in range(lane, middle + 1, kernels.LANES):
             slot, other, _ = _opposites(pair, matching.half_width)
-            sums = added(sums, damp_slot(s, slot, solid_position, solid_velocity, *regions))
+            sums = added(sums, kernels.damp_slot(s, slot, solid_position, solid_velocity, *regions))
             if pair < middle:
-                sums = added(sums, damp_slot(s, other, solid_position, solid_velocity, *regions))
+                sums = added(sums, kernels.damp_slot(s, other, solid_position, solid_velocity, *regions))
         sums = _summed(sums, lane)
         if lane == 0:
-            damp_end(s, sums, region_count, place, matching, timestep, acceleration)
+            kernels.damp_end(s, sums, region_count, place, matching, timestep, acceleration)

@@ -1,5 +1,5 @@
 """Smoothing kernels: poly6, spiky, cubic spline, Wendland C2 and the viscosity Laplacian, in 2D and 3D."""
 
-from refsim.smoothing.shapes import SHAPES, Smoothing, lattice, smoothing
+from refsim.smoothing.shapes import SHAPES, Smoothing, lattice, lattice_neighbours, smoothing
 
-__all__ = ["SHAPES", "Smoothing", "lattice", "smoothing"]
+__all__ = ["SHAPES", "Smoothing", "lattice", "lattice_neighbours", "smoothing"]

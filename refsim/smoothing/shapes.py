@@ -43,6 +43,14 @@ def lattice(reach: int, dim: int) -> np.ndarray:
     return np.moveaxis(np.indices((2 * reach + 1,) * dim, dtype=float), 0, -1).reshape(-1, dim) - reach
 
 
+def lattice_neighbours(support_radius: float, spacing: float, dim: int) -> tuple[np.ndarray, np.ndarray]:
+    """(places (k, dim), distances (k,)) [m] of a particle's neighbours on the lattice within the support radius."""
+    steps = spacing * lattice(math.ceil(support_radius / spacing), dim)
+    distance = np.sqrt((steps**2).sum(1))
+    near = (distance > 0) & (distance < support_radius)
+    return steps[near], distance[near]
+
+
 def smoothing(shape: str, support_radius: float, dim: int, dtype: str = "float64") -> Smoothing:
     """Smoothing kernel `shape` of support `support_radius` [m] in `dim` dimensions.
 

@@ -1,7 +1,6 @@
 """The background grid near points only: blocks of 64 nodes in a table of sorted keys, and points by cell.
 
-Contents: Blocks, PointList, SparseGrid. Memory follows what is covered, not the domain. Reference:
-`refsim.sparse_grid.reference`.
+Memory follows what is covered, not the domain. Reference: `refsim.sparse_grid.reference`.
 """
 
 from __future__ import annotations

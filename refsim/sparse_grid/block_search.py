@@ -1,14 +1,13 @@
 """Blocks and lists of points on the CPU: keys and cells in chunks of points, points sorted by counting."""
 
-import itertools
 import math
 
 import numpy as np
 
 from refsim.backends.compile import formula, kernel
 from refsim.neighbours.formulas import BITS, OFFSET
-from refsim.sparse_grid.formulas import BLOCK, FARTHEST, find_node_near
-from refsim.sparse_grid.tables import Blocks, PointList
+from refsim.sparse_grid.formulas import BLOCK, FARTHEST, block_key, find_node_near
+from refsim.sparse_grid.tables import PointList, blocks_of, reached
 
 CHUNKS, LEAST_CHUNK = 64, 2048  # of points that one thread takes in their order
 
@@ -38,10 +37,10 @@ def write_runs(c, position, inverse_cell, dim, keys, held):
     begin, end = chunk_of(c, position.shape[0], held.shape[0])
     at, last = begin, -1
     for i in range(begin, end):
-        bx = cell_of_product(position[i, 0], inverse_cell, 0.0) >> bits
-        by = cell_of_product(position[i, 1], inverse_cell, 0.0) >> bits
-        bz = cell_of_product(position[i, 2], inverse_cell, 0.0) >> 2 if dim == 3 else 0
-        key = ((bz + OFFSET) << (2 * BITS)) | ((by + OFFSET) << BITS) | (bx + OFFSET)
+        jx = cell_of_product(position[i, 0], inverse_cell, 0.0)
+        jy = cell_of_product(position[i, 1], inverse_cell, 0.0)
+        jz = cell_of_product(position[i, 2], inverse_cell, 0.0) if dim == 3 else 0
+        key = block_key(jx, jy, jz, bits)
         if key != last:
             keys[at] = key
             at, last = at + 1, key
@@ -173,17 +172,8 @@ class BlockSearch:
         return self._blocks(np.unique(self.keys(self.block_of(np.asarray(coordinates, np.int64)))), 1, 1)
 
     def _blocks(self, occupied, below, above):
-        axis = range((-below) >> self.bits, ((self.width - 1 + above) >> self.bits) + 1)
-        steps = self.keys(np.array(list(itertools.product(*(axis if c < self.dim else (0,) for c in range(3))))))
-        keys = np.unique((occupied[:, None] + (steps - self.keys(np.zeros(3, np.int64)))[None, :]).ravel())
-        steps = np.array(
-            [w[::-1] for w in itertools.product(*((-1, 0, 1) if c < self.dim else (0,) for c in (2, 1, 0)))]
-        )
-        wanted = keys[:, None] + (self.keys(steps) - self.keys(np.zeros(3, np.int64)))[None, :]
-        place = np.searchsorted(keys, wanted)
-        place[place == len(keys)] = 0
-        found = keys[place] == wanted if len(keys) else np.zeros(wanted.shape, bool)
-        return Blocks(keys, np.where(found, place, -1).astype(np.int32))
+        keys = reached(occupied, self.dim, (-below) >> self.bits, (self.width - 1 + above) >> self.bits)
+        return blocks_of(keys, self.dim)
 
     def node_of(self, coordinates, blocks):
         """Number of the node (n,) int64 with integer coordinates (n, 3), -1 where no block holds it."""

@@ -1,7 +1,5 @@
 """Blocks and lists of points on a CUDA device; a counting sort makes the lists."""
 
-import itertools
-
 import numpy as np
 
 from refsim.backends import device
@@ -10,8 +8,8 @@ from refsim.backends.primitives import sum_before
 from refsim.backends.runtime import simulated
 from refsim.neighbours.formulas import BITS, OFFSET, lower_bound
 from refsim.sparse_grid.block_table_cuda import make_table
-from refsim.sparse_grid.formulas import BLOCK, cell_coordinate, find_node
-from refsim.sparse_grid.tables import PointList
+from refsim.sparse_grid.formulas import BLOCK, block_key, cell_coordinate, find_node
+from refsim.sparse_grid.tables import PointList, key_steps
 
 SUMMING = SIMULATED_THREADS if simulated() else 1024
 
@@ -28,10 +26,10 @@ def block_keys(position, inverse_cell, dim, keys):
     i = cuda.grid(1)
     if i < keys.shape[0]:
         bits = 2 if dim == 3 else 3
-        bx = cell_coordinate(position[i, 0], inverse_cell, 0.0) >> bits
-        by = cell_coordinate(position[i, 1], inverse_cell, 0.0) >> bits
-        bz = cell_coordinate(position[i, 2], inverse_cell, 0.0) >> 2 if dim == 3 else 0
-        keys[i] = ((bz + OFFSET) << (2 * BITS)) | ((by + OFFSET) << BITS) | (bx + OFFSET)
+        jx = cell_coordinate(position[i, 0], inverse_cell, 0.0)
+        jy = cell_coordinate(position[i, 1], inverse_cell, 0.0)
+        jz = cell_coordinate(position[i, 2], inverse_cell, 0.0) if dim == 3 else 0
+        keys[i] = block_key(jx, jy, jz, bits)
 
 
 @cuda_kernel
@@ -194,7 +192,7 @@ class BlockSearch:
         """Whether all blocks in reach of each exist (blocks,) uint8."""
         xp = device.library()
         made = device.seen(blocks.keys)
-        wanted = made[:, None] + xp.asarray(self._steps(self._axis(below, above)))[None, :]
+        wanted = made[:, None] + xp.asarray(key_steps(self.dim, self._axis(below, above)))[None, :]
         place = xp.minimum(xp.searchsorted(made, wanted.ravel()).reshape(wanted.shape), len(made) - 1)
         return device.wrapped((made[place] == wanted).all(1).astype(np.uint8))
 
@@ -208,10 +206,6 @@ class BlockSearch:
         block = xp.stack([block[:, c] >> self.bits if c < self.dim else 0 * block[:, c] for c in range(3)])
         keys = ((block[2] + OFFSET) << (2 * BITS)) | ((block[1] + OFFSET) << BITS) | (block[0] + OFFSET)
         return self._blocks(device.wrapped(keys), 1, 1)
-
-    def _steps(self, axis):
-        steps = itertools.product(*(axis if c < self.dim else (0,) for c in (2, 1, 0)))
-        return np.array([(z << (2 * BITS)) + (y << BITS) + x for z, y, x in steps], np.int64)
 
     def _blocks(self, keys, below, above):
         axis = self._axis(below, above)

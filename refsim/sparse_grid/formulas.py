@@ -8,7 +8,7 @@ Cell j has its lowest corner at node j, so that cells and nodes share their numb
 import math
 
 from refsim.backends.compile import formula
-from refsim.neighbours.formulas import BITS, OFFSET, lower_bound
+from refsim.neighbours.formulas import BITS, OFFSET, cell_key, lower_bound
 
 BLOCK = 64
 FARTHEST = 1 << 20
@@ -36,6 +36,21 @@ def block_bits(blocks):
 
 
 @formula
+def block_key(jx, jy, jz, bits):
+    """Key = 2^42 b_z + 2^21 b_y + b_x (dimensionless) of the block with node j; in the plane jz is not divided."""
+    bz = jz >> 2 if bits == 2 else jz
+    return cell_key((jx >> bits) + OFFSET, (jy >> bits) + OFFSET, bz + OFFSET)
+
+
+@formula
+def place_in_block(jx, jy, jz, bits):
+    """Number (dimensionless) of the node x = h j among those of its block."""
+    rest = (1 << bits) - 1
+    local = ((jy & rest) << bits) | (jx & rest)
+    return local | ((jz & rest) << 4) if bits == 2 else local
+
+
+@formula
 def find_node(blocks, jx, jy, jz):
     """Number i (dimensionless) of the node x = h j with integer coordinates j, -1 where no block holds it."""
     return find_node_near(blocks, jx, jy, jz, -1)
@@ -48,18 +63,13 @@ def find_node_near(blocks, jx, jy, jz, guess):
     A guess may be of an earlier table with more blocks, or -1.
     """
     bits = block_bits(blocks)
-    bz = jz >> bits if bits == 2 else jz
-    key = ((bz + OFFSET) << (2 * BITS)) | (((jy >> bits) + OFFSET) << BITS) | ((jx >> bits) + OFFSET)
+    key = block_key(jx, jy, jz, bits)
     b = guess
     if guess < 0 or guess >= blocks.keys.shape[0] or blocks.keys[guess] != key:
         b = lower_bound(blocks.keys, key)
         if b == blocks.keys.shape[0] or blocks.keys[b] != key:
             return -1
-    rest = (1 << bits) - 1
-    local = ((jy & rest) << bits) | (jx & rest)
-    if bits == 2:
-        local |= (jz & rest) << 4
-    return b * BLOCK + local
+    return b * BLOCK + place_in_block(jx, jy, jz, bits)
 
 
 @formula

@@ -1,6 +1,12 @@
 """Tables of the sparse grid: its blocks of nodes, and points by cell."""
 
+import itertools
+from collections.abc import Iterable
 from typing import Any, NamedTuple
+
+import numpy as np
+
+BITS = 21  # of a block's coordinate in its key
 
 
 class Blocks(NamedTuple):
@@ -16,3 +22,23 @@ class PointList(NamedTuple):
     first: Any  # (nodes + 1,) int32
     point: Any  # (points in some block,) int32; on a GPU the end is unused capacity for the others
     cell: Any  # (points,) int32, the cell of each point, -1 for none
+
+
+def key_steps(dim: int, axis: Iterable[int]) -> np.ndarray:
+    """Differences (ways,) of the keys of blocks that are the steps of `axis` apart along each axis; x runs fastest."""
+    along = [list(axis) if c < dim else [0] for c in (2, 1, 0)]
+    return np.array([(z << (2 * BITS)) + (y << BITS) + x for z, y, x in itertools.product(*along)], np.int64)
+
+
+def reached(occupied: np.ndarray, dim: int, low: int, high: int) -> np.ndarray:
+    """Keys of the blocks that are `low` to `high` blocks from the `occupied` ones along each axis, ascending."""
+    return np.unique((occupied[:, None] + key_steps(dim, range(low, high + 1))[None, :]).ravel())
+
+
+def blocks_of(keys: np.ndarray, dim: int) -> Blocks:
+    """The blocks with these ascending keys, and their neighbours."""
+    wanted = keys[:, None] + key_steps(dim, (-1, 0, 1))[None, :]
+    if not len(keys):
+        return Blocks(keys, np.full(wanted.shape, -1, np.int32))
+    place = np.minimum(np.searchsorted(keys, wanted.ravel()).reshape(wanted.shape), len(keys) - 1)
+    return Blocks(keys, np.where(keys[place] == wanted, place, -1).astype(np.int32))

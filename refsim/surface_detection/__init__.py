@@ -1,10 +1,5 @@
 """Free-surface detection in one or two steps (Jiang & Zhu 2023, (12) and (13)).
 
-Contents: SurfaceDetection; fields NEAR_SURFACE, SCAN_CANDIDATES and SURFACE; NearSurfaceLimit, FanScan, ThinFeature;
-LatticeFace, to which limits are held where the paper's fail on a lattice; passes near_surface_pass, candidates_pass,
-fan_scan_pass; operations surface_detection.near_surface, surface_detection.candidates, surface_detection.fan_scan,
-surface_detection.release_pressure.
-
 Motion compresses the surface of a liquid: the number density there reaches that of the bulk, and no threshold on it
 distinguishes the two (Jiang & Zhu E23). The neighbours of a surface particle stand on one side. The first of the two
 steps therefore also uses the first moment of the neighbourhood, which the density pass sums in the same loop: an
@@ -41,8 +36,6 @@ NEAR_SURFACE = Field("near_surface", "-", "1 in the near-surface set N, J(12)", 
 SCAN_CANDIDATES = Field("scan_candidates", "-", "1 where the fan scan of two steps looks", dtype="uint8")
 SURFACE = Field("surface", "-", "1 in the surface set S", dtype="uint8")
 
-METHODS = ("number_density", "fan_scan", "two_step")
-THIN_FEATURES = ("fan_scan", "second_moment")
 THRESHOLD = 0.98  # the paper's lambda of J(12)
 SPARSE = 0.9  # lambda of the first step where asymmetry stands beside it; the lower end of the paper's range
 NORMALS = {"color": SURFACE_NORMAL, "corrected": CORRECTED_NORMAL}
@@ -217,9 +210,7 @@ class SurfaceDetection(Effect, HasErrata, frozen=True, kw_only=True):
         return (LIQUID,)
 
     def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
-        require(self.name, asymmetry=(self.asymmetry, "positive"))
-        if self.threshold is not None:
-            require(self.name, threshold=(self.threshold, "positive"))
+        require(self.name, asymmetry=(self.asymmetry, "positive"), threshold=(self.threshold, "positive"))
         if self.threshold is not None and self.threshold > 1.2:
             raise InputError(
                 f"{self.name}: threshold = {self.threshold} would mark every particle as near the surface; give a"
@@ -230,16 +221,6 @@ class SurfaceDetection(Effect, HasErrata, frozen=True, kw_only=True):
                 f"{self.name}: a support radius of {grid.support_radius / grid.spacing:.3g} spacings reaches too few"
                 f" neighbours to tell the surface from the bulk; give {NEAREST:g} or more, better 2."
             )
-        choices = {
-            "method": METHODS,
-            "scan_radius": ("half", "full"),
-            "scan_normal": tuple(NORMALS),
-            "thin_features": THIN_FEATURES,
-        }
-        for key, allowed in choices.items():
-            value = getattr(self, key)
-            if value not in allowed:
-                raise InputError(f"{self.name}: {key} = {value!r} is unknown; choose one of {', '.join(allowed)}.")
         if self.thin_features == "second_moment" and self.method == "number_density":
             raise InputError(
                 f"{self.name}: thin_features = 'second_moment' belongs to the fan scan, which method = 'number_density'"
@@ -337,7 +318,7 @@ class SurfaceDetection(Effect, HasErrata, frozen=True, kw_only=True):
         return grid.support_radius * (2.0 if scanned and self._full() else 1.0)
 
     def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
-        fluid = liquid_of(others)
+        real, fluid = grid.real, liquid_of(others)
         h, delta0 = grid.support_radius, fluid.rest_number_density(grid)
         face = lattice_face(fluid, grid)
         # Up to rounding, a normal without direction is zero; normals are dimensionless or, J(20), in 1/m.
@@ -346,16 +327,12 @@ class SurfaceDetection(Effect, HasErrata, frozen=True, kw_only=True):
             smallest /= h
         groups = {
             **normal_term(fluid, grid, own_density="E10" in self.printed()),
-            "near_surface_limit": NearSurfaceLimit(grid.real(self._near(face) * delta0), grid.real(np.inf)),
+            "near_surface_limit": NearSurfaceLimit(real(self._near(face) * delta0), real(np.inf)),
             "candidate_limit": NearSurfaceLimit(
-                grid.real(self._lambda(SPARSE) * delta0),
-                grid.real(self.asymmetry * plane_moment(fluid, grid)),
+                real(self._lambda(SPARSE) * delta0), real(self.asymmetry * plane_moment(fluid, grid))
             ),
             "fan_scan": FanScan(
-                grid.real(h if self._full() else 0.5 * h),
-                grid.real(h),
-                grid.real(smallest),
-                int32("E5" in self.printed()),
+                real(h if self._full() else 0.5 * h), real(h), real(smallest), int32("E5" in self.printed())
             ),
         }
         if self.thin_features == "second_moment":

@@ -8,15 +8,10 @@ where it holds), "and" the smaller, "or" the larger, "not" the negative of its p
 import numpy as np
 
 from refsim.core.operation import operation
-from refsim.neighbours.reference import other_particles, pair_blocks
+from refsim.neighbours.reference import other_particles, pair_blocks, rows_of
 from refsim.surface_normal.reference import SHAPES
 
 ENOUGH = 3
-
-
-def _rows(array, rows):
-    array = np.asarray(array, dtype=float)
-    return array if rows is None else array[rows]
 
 
 @operation(
@@ -34,9 +29,9 @@ def near_surface(number_density, asymmetry, near_surface_limit, rows=None):
     With asymmetry (n,) [m^(1 - dim)], the length of the first moment of J(8), also those with at
     least the limit (Jiang & Zhu E23).
     """
-    margin = 1 - _rows(number_density, rows) / float(near_surface_limit.number_density)
+    margin = 1 - rows_of(number_density, rows) / float(near_surface_limit.number_density)
     if asymmetry is not None:
-        margin = np.maximum(margin, _rows(asymmetry, rows) / float(near_surface_limit.asymmetry) - 1)
+        margin = np.maximum(margin, rows_of(asymmetry, rows) / float(near_surface_limit.asymmetry) - 1)
     return {"near_surface": ((margin >= 0).astype(np.uint8), np.abs(margin))}
 
 
@@ -104,7 +99,7 @@ def fan_scan(position, surface_normal, candidates, walls, fan_scan, thin_feature
     occupied (Jiang & Zhu E20). With `thin_feature` i is surface also if its neighbourhood is thin.
     """
     n = len(position)
-    normal = _rows(surface_normal, rows)
+    normal = rows_of(surface_normal, rows)
     length = np.linalg.norm(normal, axis=1)
     axis = -normal / np.where(length > 0, length, 1.0)[:, None]
     occupied = np.full(len(normal), -np.inf)
@@ -127,7 +122,7 @@ def fan_scan(position, surface_normal, candidates, walls, fan_scan, thin_feature
     if thin_feature is not None:
         surface = np.maximum(surface, _thinness(position, walls, fan_scan, thin_feature, rows))
     if candidates is not None:
-        surface = np.where(_rows(candidates, rows) != 0, surface, -np.inf)
+        surface = np.where(rows_of(candidates, rows) != 0, surface, -np.inf)
     return {"surface": ((surface > 0).astype(np.uint8), np.abs(surface))}
 
 
@@ -137,5 +132,5 @@ def fan_scan(position, surface_normal, candidates, walls, fan_scan, thin_feature
 )  # fmt: skip
 def release_pressure(surface, pressure, rows=None):
     """Pressure (n,) [Pa]: p = 0 where surface (n,) is set, unchanged elsewhere."""
-    own = _rows(pressure, rows)
-    return {"pressure": (np.where(_rows(surface, rows) != 0, 0.0, own), np.abs(own))}
+    own = rows_of(pressure, rows)
+    return {"pressure": (np.where(rows_of(surface, rows) != 0, 0.0, own), np.abs(own))}

@@ -1,9 +1,6 @@
 """Surface energy of a particle liquid on the background grid: the thesis's chapter 3 and force (4.18).
 
-Contents: Tension (the parameters, base of the effect in `refsim.surface_energy.effect`), SurfaceTerm, Dice,
-surface_term; operations surface_energy.node_states, .exit_points, .facet_samples, .candidates, .poisson_disk, .offsets,
-.sample_counts, .fit_weights, .fit, .mls_normals, .spline_normals, .inset, .surface_force, .components,
-.component_sizes, .extents. `refsim.surface_energy.reconstruction` runs them one after another.
+`refsim.surface_energy.reconstruction` runs the operations one after another; the effect is in `.effect`.
 
 Interior particles are those of the liquid; samples stand on its surface. Symbols are those of the thesis.
 """
@@ -23,8 +20,6 @@ from refsim.core.scalars import int32
 from refsim.sparse_grid import inverse_cell
 from refsim.surface_energy import reference as reference
 
-NORMALS = ("mls", "gradient", "facets", "offsets")
-QUADRATURES = ("facets", "poisson")
 LARGEST_INSET = 0.75  # cells, of an inset that follows the volume
 
 
@@ -113,11 +108,6 @@ class Tension(Effect, HasErrata, frozen=True, kw_only=True):
             relaxation=(self.relaxation, "positive"),
             inset=(self.inset, "finite"),
         )
-        for name, value, known in (
-            ("quadrature", self.quadrature, QUADRATURES), ("normals", self.normals, NORMALS),
-        ):  # fmt: skip
-            if value not in known:
-                raise InputError(f"{owner}: {name} = {value!r} is not known; choose one of {', '.join(known)}.")
         limits = (
             (
                 "level_set_radius",

@@ -1,7 +1,6 @@
 """Surface energy of the liquid of the material point method: the effect `surface_energy`.
 
-Contents: SurfaceEnergy (`surface_of` a scene); passes surface_energy.reconstruct, surface_energy.reconstruct_enclosing,
-surface_energy.find_filaments. The passes of the transfers that the surface takes part in are those of `refsim.mpm`.
+The passes of the transfers that the surface takes part in are those of `refsim.mpm`.
 """
 
 from __future__ import annotations
@@ -54,10 +53,6 @@ def _liquid(others: Mapping[str, Effect]) -> GridLiquid:
     return others["mpm_liquid"]  # type: ignore[return-value]
 
 
-def _walls(others: Mapping[str, Effect]) -> Any:
-    return others["mpm_walls"]
-
-
 class SurfaceEnergy(Tension, HoldsOtherMemory, Watches, frozen=True, kw_only=True):
     """Surface tension of an MPM liquid: its surface is reconstructed in each step and pulls on the grid.
 
@@ -105,11 +100,6 @@ class SurfaceEnergy(Tension, HoldsOtherMemory, Watches, frozen=True, kw_only=Tru
             capillary_number=(self.capillary_number, "positive"),
             recount_time=(self.recount_time, "not negative"),
         )
-        if self.embedding not in ("none", "cluster", "thesis", "gradient_corrected"):
-            raise InputError(
-                f"{self.name}: embedding = {self.embedding!r} is not known; give cluster, thesis, gradient_corrected or"
-                " none."
-            )
         if not 0 <= self.contact_angle <= 180:
             raise InputError(
                 f"{self.name}: contact_angle = {self.contact_angle} is not possible; give 0 to 180 degrees."
@@ -176,7 +166,8 @@ class SurfaceEnergy(Tension, HoldsOtherMemory, Watches, frozen=True, kw_only=Tru
             return ()
         real = np.dtype(grid.dtype).type
         cell = _liquid(others).cell(grid)
-        nodes = _walls(others).nodes(grid, cell)
+        walls: Any = others["mpm_walls"]
+        nodes = walls.nodes(grid, cell)
         made = []
         for axis in range(grid.dim):
             for side, node in enumerate((nodes.lower[axis], nodes.upper[axis])):
@@ -276,21 +267,7 @@ def surface_of(others: Mapping[str, Effect]) -> SurfaceEnergy | None:
 
 _STAGES = tuple(name for name in REGISTRY if name.startswith("surface_energy."))
 enter(Procedure("surface_energy.reconstruct", "surface", "reconstruct", ("position", "identity"), _STAGES))
-enter(
-    Procedure(
-        "surface_energy.reconstruct_enclosing",
-        "surface",
-        "reconstruct_enclosing",
-        ("position", "identity", "mass", "volume_ratio"),
-        _STAGES,
-    )
-)
-enter(
-    Procedure(
-        "surface_energy.find_filaments",
-        "surface",
-        "find_filaments",
-        ("position", "extent"),
-        ("surface_energy.extents",),
-    )
-)
+_ENCLOSING = ("position", "identity", "mass", "volume_ratio")
+enter(Procedure("surface_energy.reconstruct_enclosing", "surface", "reconstruct_enclosing", _ENCLOSING, _STAGES))
+_FILAMENTS = ("position", "extent")
+enter(Procedure("surface_energy.find_filaments", "surface", "find_filaments", _FILAMENTS, ("surface_energy.extents",)))

@@ -275,12 +275,19 @@ def splines_of_points(r, fit_position, fit_cells, blocks, surface_term, fit_spli
         for k in range(9):
             fit_splines[r, k] = real(0)
         return
+    put_splines(r, r, fit_position, base, blocks, surface_term, fit_splines)
+
+
+@formula
+def put_splines(row, r, fit_position, base, blocks, surface_term, fit_splines):
+    """B of point r at three nodes from `base` on along each axis into a row of the splines, dimensionless."""
+    real = type(surface_term.cell_size)
     fx, fy, fz = formulas.place_over(fit_position, r, node_coordinates(blocks, base), surface_term)
     space = blocks.neighbour.shape[1] == 27
     for k in range(3):
-        fit_splines[r, k] = formulas.spline_weight(fx, k)
-        fit_splines[r, 3 + k] = formulas.spline_weight(fy, k)
-        fit_splines[r, 6 + k] = formulas.spline_weight(fz, k) if space else real(k == 0)
+        fit_splines[row, k] = formulas.spline_weight(fx, k)
+        fit_splines[row, 3 + k] = formulas.spline_weight(fy, k)
+        fit_splines[row, 6 + k] = formulas.spline_weight(fz, k) if space else real(k == 0)
 
 
 @kernel
@@ -357,8 +364,7 @@ def mls_normals(
     sample_normal,
 ):  # fmt: skip
     """(3.8) and (3.17): value [h], dimensionless gradient and unit normal of the implicit surface at position q."""
-    base = spline_cells.cell[q]
-    value, gradient = mls_gradient(q, query_position, base, blocks, surface_term, coefficients)
+    value, gradient = mls_gradient(q, query_position, spline_cells.cell[q], blocks, surface_term, coefficients)
     store_normal(q, value, gradient, outward, surface_value, surface_gradient, sample_normal)
 
 
@@ -368,8 +374,7 @@ def spline_normals(
     sample_normal,
 ):  # fmt: skip
     """(3.8) and (3.9): value [h], dimensionless gradient and unit normal of the implicit surface at position q."""
-    base = spline_cells.cell[q]
-    value, gradient = spline_gradient(q, query_position, base, blocks, surface_term, coefficients)
+    value, gradient = spline_gradient(q, query_position, spline_cells.cell[q], blocks, surface_term, coefficients)
     store_normal(q, value, gradient, outward, surface_value, surface_gradient, sample_normal)
 
 

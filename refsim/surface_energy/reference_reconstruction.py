@@ -6,7 +6,6 @@ stage computes in float64; what it hands on is rounded to the run's dtype.
 
 from __future__ import annotations
 
-import itertools
 import math
 from types import SimpleNamespace
 from typing import Any
@@ -18,12 +17,11 @@ from refsim.isosurface import Mesh
 from refsim.isosurface import reference as isosurface
 from refsim.sparse_grid import Blocks, PointList
 from refsim.sparse_grid.reference import Lookup, covering
+from refsim.sparse_grid.tables import blocks_of
 from refsim.surface_energy import LARGEST_INSET, Dice, SurfaceTerm, Tension, reference, surface_term
+from refsim.surface_energy.reconstruction import AREA_UNITS, CANDIDATES, DENSEST
 from refsim.surface_energy.surface import Liquid, Samples, Surface
 
-AREA_UNITS = 1 << 20  # of h^(dim-1) in the running sum of areas
-CANDIDATES = 8  # for each Poisson-disk sample
-DENSEST = {2: 0.75, 3: 0.7}  # samples of a jammed set on an area of disk_radius^(dim-1)
 FARTHEST = (1 << 20) - 16  # cells from the origin up to which there are blocks
 
 
@@ -144,19 +142,9 @@ class ReferenceReconstruction:
         reach = self.tension.radius(self.dim) + self.tension.offset + 0.5
         node = covering(position, h, self.dim, math.ceil(reach), math.floor(reach) + 2)
         width = np.array([4, 4, 4] if self.dim == 3 else [8, 8, 1])
-        place = {self._key(block): block for block in np.unique(node // width, axis=0)}
-        number = {key: k for k, key in enumerate(sorted(place))}
-        along = [(-1, 0, 1) if axis < self.dim else (0,) for axis in (2, 1, 0)]
-        steps = [np.array(step[::-1]) for step in itertools.product(*along)]
-        around = [[number.get(self._key(place[key] + step), -1) for step in steps] for key in number]
-        blocks = Blocks(np.array(list(number), np.int64), np.array(around, np.int32).reshape(-1, len(steps)))
+        place = np.unique(node // width, axis=0) + 2**20
+        blocks = blocks_of(np.sort((place[:, 2] * 2**21 + place[:, 1]) * 2**21 + place[:, 0]), self.dim)
         return blocks, self._list(position, blocks, 0.0)
-
-    @staticmethod
-    def _key(block: Any) -> int:
-        """Number of a block's place (3,) in the table's order."""
-        x, y, z = (int(c) + 2**20 for c in block)
-        return (z * 2**21 + y) * 2**21 + x
 
     def _list(self, place: Any, blocks: Blocks, shift: float) -> PointList:
         """The points of each cell floor(x/h - shift)."""

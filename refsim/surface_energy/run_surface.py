@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -97,9 +98,9 @@ class SurfaceOfRun(SurfaceSamples):
 
     def __init__(
         self, tension: Tension, dim: int, dtype: str, cell_size: float, count: int, full: float, rest_density: float,
-        faces: tuple[Face, ...] = (), edges: bool = False, backend: Backend | None = None,
+        faces: tuple[Face, ...] = (), edges: bool = False,
     ) -> None:  # fmt: skip
-        super().__init__(count, dtype, backend or Backend("numpy"))
+        super().__init__(count, dtype, Backend("numpy"))
         self.tension, self.dim, self.cell_size, self.full = tension, dim, cell_size, full
         self.rest_density, self.faces, self.edges = rest_density, faces, edges
         self.reconstruction: Any = None
@@ -107,10 +108,8 @@ class SurfaceOfRun(SurfaceSamples):
 
     def on_backend(self, backend: Backend) -> SurfaceOfRun:
         """The same, ready to work, on another backend."""
-        made = SurfaceOfRun(
-            self.tension, self.dim, self.dtype, self.cell_size, self.count, self.full, self.rest_density, self.faces,
-            self.edges, backend,
-        )  # fmt: skip
+        made = copy.copy(self)
+        SurfaceSamples.__init__(made, self.count, self.dtype, backend)
         if backend.name == "numpy":
             made.reconstruction = ReferenceReconstruction(self.dim, self.dtype, self.cell_size, self.tension)
             return made

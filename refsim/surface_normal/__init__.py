@@ -1,8 +1,7 @@
 """Surface normals, inward: colour gradient and corrected normals (Jiang & Zhu 2023, (19) and (20)).
 
-Contents: SURFACE_NORMAL, CORRECTED_NORMAL, NormalTerm, color_gradient_pass, corrected_pass, normal_term;
-operations surface_normal.color_gradient, surface_normal.corrected. The package has no effect: effects that need
-normals declare the field, list the pass and return `normal_term` among their parameter groups.
+The package has no effect: effects that need normals declare the field, list the pass and return `normal_term` among
+their parameter groups.
 
 Walls count as occupied. In J(19) a wall particle contributes h V_b grad W_ib, so that liquid at a wall has no
 spurious normal. In J(20) it has the number density of particle i and so adds nothing to the sum; its volume enters the

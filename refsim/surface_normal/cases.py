@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from refsim.core.cases import Case, Exact, case, closed_form, groups, lattice, particles, takes, vectors
+from refsim.core.cases import Case, Exact, case, closed_form, groups, lattice, pair_case, particles, takes, vectors
 from refsim.smoothing import smoothing
 from refsim.sph import liquid_of
 from refsim.surface_normal import NormalTerm, normal_term, reference
@@ -44,7 +44,7 @@ takes("surface_normal.color_gradient", normal_term="own_density")
 # h = 2 m: in 3D Wendland W(0) = 21/(16 pi), W(h/2) = 3/16 W(0), W'(h/2) = -5/8 W(0) per metre.
 W0 = 21 / (16 * math.pi)
 SLOPE = -5 / 8 * W0
-PAIR = Case("normal_pair", 3, np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), spacing=1.0, support_radius=2.0)
+PAIR = pair_case("normal_pair")
 TERM = NormalTerm(4.0, np.int32(0))
 
 

@@ -1,6 +1,7 @@
 """What one neighbour and one particle do for the surface normal."""
 
 from refsim.backends.compile import kernel
+from refsim.backends.tuples import added
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import set_vector
 from refsim.smoothing.formulas import gradient_factor, kernel_slope, kernel_value, safe_distance
@@ -29,10 +30,8 @@ def color_gradient(
             normal_pair, i, lane, neighbours, position, None, mass, density, gradient_smoothing, normal_term
         )
         if walls is not None:
-            bx, by, bz = wall_gradient(i, lane, position, walls, gradient_smoothing, h, None)
-            nx += bx
-            ny += by
-            nz += bz
+            beside = wall_gradient(i, lane, position, walls, gradient_smoothing, h, None)
+            nx, ny, nz = added((nx, ny, nz), beside)
     set_vector(surface_normal, i, lane, nx, ny, nz)
 
 

@@ -1,35 +1,21 @@
 """NumPy oracle of surface normals: all pairs, float64.
 
-Each function returns {output: (value, scale)}; scale is the sum of the absolute terms behind the value.
 Arrays: position (n, 3) [m]; mass [kg], density [kg/m^dim], number_density [1/m^dim] (n,); candidates (n,) uint8
-or None. `rows` picks particles.
+or None.
 """
 
 import numpy as np
 
 from refsim.core.operation import SYMMETRY, operations
-from refsim.neighbours.reference import Sums, pair_blocks
-from refsim.smoothing.reference import kernel_slope, kernel_value
+from refsim.neighbours.reference import Sums, pair_blocks, rows_of
+from refsim.smoothing.reference import kernel_gradient, kernel_value
 
 # Hard inputs of normals and of the fan scan, beside those of every operation.
 SHAPES = ("two_layers", "three_layers", "jittered_film", "bent_filament", "cavity", "tank_corner", "notch")
 operation = operations(
-    paper="Jiang & Zhu 2023",
-    cases=SHAPES,
-    optional="walls candidates",
-    variants=("walls candidates", "", "candidates", "walls"),
-    invariants=SYMMETRY,
-)
-
-
-def _rows(array, rows):
-    array = np.asarray(array, dtype=float)
-    return array if rows is None else array[rows]
-
-
-def _gradient(separation, distance, smoothing):
-    apart = np.where(distance > 0, distance, 1.0)
-    return (kernel_slope(distance, smoothing) / apart)[..., None] * separation
+    paper="Jiang & Zhu 2023", cases=SHAPES, optional="walls candidates",
+    variants=("walls candidates", "", "candidates", "walls"), invariants=SYMMETRY,
+)  # fmt: skip
 
 
 def _neighbour_volumes(mass, density, density_i, normal_term):
@@ -42,7 +28,7 @@ def _neighbour_volumes(mass, density, density_i, normal_term):
 
 def _only_candidates(output, value, scale, candidates, rows):
     if candidates is not None:
-        wanted = (_rows(candidates, rows) != 0)[:, None]
+        wanted = (rows_of(candidates, rows) != 0)[:, None]
         value, scale = np.where(wanted, value, 0.0), np.where(wanted, scale, 0.0)
     return {output: (value, scale)}
 
@@ -55,15 +41,15 @@ def color_gradient(position, mass, density, candidates, walls, gradient_smoothin
     m_j/rho_i).
     """
     h = float(gradient_smoothing.support_radius)
-    density_i = _rows(density, rows)
+    density_i = rows_of(density, rows)
     sums = Sums(len(density_i), 3)
     for place, separation, distance in pair_blocks(position, position, rows):
         volume = _neighbour_volumes(mass, density, density_i[place], normal_term)
-        sums.add(place, h * volume[..., None] * _gradient(separation, distance, gradient_smoothing))
+        sums.add(place, h * volume[..., None] * kernel_gradient(separation, distance, gradient_smoothing))
     if walls is not None:
         volume = np.asarray(walls.volume, dtype=float)
         for place, separation, distance in pair_blocks(position, walls.position, rows):
-            sums.add(place, h * volume[None, :, None] * _gradient(separation, distance, gradient_smoothing))
+            sums.add(place, h * volume[None, :, None] * kernel_gradient(separation, distance, gradient_smoothing))
     return _only_candidates("surface_normal", *sums.total(), candidates, rows)
 
 
@@ -89,7 +75,7 @@ def corrected(
     J(20) n_i* = sum_j ((delta_j - delta_i)/delta0) V_j grad W_ij / sum_k V_k W_ik, self in the denominator only;
     V_j = m_j/rho_j (Jiang & Zhu E10: printed m_j/rho_i). Walls: delta_b = delta_i, V_b in the denominator.
     """
-    density_i, number_i = _rows(density, rows), _rows(number_density, rows)
+    density_i, number_i = rows_of(density, rows), rows_of(number_density, rows)
     number = np.asarray(number_density, dtype=float)
     volume_k = np.asarray(mass, dtype=float) / np.asarray(density, dtype=float)
     sums = Sums(len(density_i), 3)
@@ -98,7 +84,7 @@ def corrected(
         filled[place] += kernel_value(distance, smoothing) @ volume_k
         volume = _neighbour_volumes(mass, density, density_i[place], normal_term)
         rise = (number[None, :] - number_i[place, None]) / float(normal_term.rest_number_density)
-        sums.add(place, (rise * volume)[..., None] * _gradient(separation, distance, gradient_smoothing))
+        sums.add(place, (rise * volume)[..., None] * kernel_gradient(separation, distance, gradient_smoothing))
     if walls is not None:
         for place, _, distance in pair_blocks(position, walls.position, rows):
             filled[place] += kernel_value(distance, smoothing) @ np.asarray(walls.volume, dtype=float)

@@ -1,9 +1,8 @@
 """Coefficient for a surface tension: the measured sigma map and its inverse.
 
-Contents: calibrate, Calibration, SETTINGS, sigma_map. The map (`sigma_map.json`) has tensions measured on drops at rest
-and in oscillation, divided by the nominal one, for each model, dimension, support radius h/d, stiffness
-S = sigma/(rho0 c^2 d) of the nominal tension, and set of smoothing kernels. `python -m validation measure drops`
-measures it and `validation/measure/sigma_map.py` condenses it.
+The map (`sigma_map.json`) has tensions measured on drops at rest and in oscillation, divided by the nominal one, for
+each model, dimension, support radius h/d, stiffness S = sigma/(rho0 c^2 d) of the nominal tension, and set of smoothing
+kernels. `python -m validation measure drops` measures it and `validation/measure/sigma_map.py` condenses it.
 """
 
 from __future__ import annotations

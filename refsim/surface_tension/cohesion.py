@@ -1,7 +1,5 @@
 """Models with a central pair force F_ij = m_i m_j C(r) e_ij, where C > 0 repels.
 
-Contents: PairCohesion; nominal_tension, internal_pressure, lattice_tension, lattice_pressure; compression.
-
 Cohesion between all pairs causes an internal pressure P_int in the bulk, many times the jump 2 sigma/R (sigma/R in 2D)
 at the surface. The equation of state can balance it by a term P_int (rho/rho0)^2; the bulk is then at rest at rho0.
 Without this term a linear equation of state balances P_int by compression: rho/rho0 = s with Pi s^2 - s + 1 = 0 and
@@ -18,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from refsim.core.capabilities import BalancesCohesion, KnowsLimits, Margin
-from refsim.core.effect import Discretisation, Effect, StepLimit
+from refsim.core.effect import Discretisation, Effect, StepLimit, require
 from refsim.core.energy import EnergyAccount, EnergyState, pair_potential
 from refsim.core.errors import InputError
 from refsim.smoothing import lattice
@@ -122,15 +120,42 @@ class PairCohesion(Effect, BalancesCohesion, KnowsLimits, frozen=True, kw_only=T
     """
 
     lattice: ClassVar[bool] = False  # sums over lattice neighbours, for a force of short range
+    own: ClassVar[str] = ""  # the coefficient that may be given instead of surface_tension
 
     balance_pressure: bool = True
 
     def needs(self) -> tuple[str, ...]:
         return (LIQUID,)
 
+    def check_coefficients(self) -> None:
+        """Raise InputError unless either the tension or the model's own coefficient is given, and not negative."""
+        given = {name: getattr(self, name) for name in ("surface_tension", self.own)}
+        one_of(self.name, **given)
+        require(self.name, **{name: (value, "not negative") for name, value in given.items()})
+
+    def coheres(self) -> bool:
+        """Whether the coefficient, given or from sigma, is not zero."""
+        given = getattr(self, self.own)
+        return (getattr(self, "surface_tension") if given is None else given) != 0  # noqa: B009
+
+    def coefficient(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
+        """The model's own coefficient, given or from sigma."""
+        given, sigma = getattr(self, self.own), getattr(self, "surface_tension")  # noqa: B009
+        if given is not None:
+            return given
+        return sigma / self.unit_tension(grid, others) if sigma else 0.0
+
+    def unit_tension(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
+        """sigma [N/m] of a coefficient of one."""
+        return self._tension_of(lambda r: self.force_of(1.0, r, grid, others), grid, others)
+
+    def force_of(self, coefficient: float, r: NDArray, grid: Discretisation, others: Mapping[str, Effect]) -> NDArray:
+        """C(r) [N/kg^2] of this coefficient at distances r [m] up to h; positive repels."""
+        raise NotImplementedError
+
     def pair_force(self, r: NDArray, grid: Discretisation, others: Mapping[str, Effect]) -> NDArray:
         """C(r) [N/kg^2] at distances r [m] up to h; positive repels."""
-        raise NotImplementedError
+        return self.force_of(self.coefficient(grid, others), r, grid, others)
 
     def acts_on_all_pairs(self) -> bool:
         """Whether the pair force also acts in the bulk."""
@@ -138,7 +163,10 @@ class PairCohesion(Effect, BalancesCohesion, KnowsLimits, frozen=True, kw_only=T
 
     def nominal_tension(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
         """sigma [N/m] of the pair force by the Kirkwood-Buff integral or lattice sum."""
-        force, fluid = self._force(grid, others), liquid_of(others)
+        return self._tension_of(self._force(grid, others), grid, others)
+
+    def _tension_of(self, force: PairForce, grid: Discretisation, others: Mapping[str, Effect]) -> float:
+        fluid = liquid_of(others)
         if self.lattice:
             return lattice_tension(force, fluid.rest_density, fluid.particle_mass(grid), grid)
         return nominal_tension(force, fluid.rest_density, grid.support_radius, grid.dim)
@@ -147,7 +175,7 @@ class PairCohesion(Effect, BalancesCohesion, KnowsLimits, frozen=True, kw_only=T
         """P_int [Pa] of the pair force in the undisturbed bulk; 0 if it does not act there."""
         if not self.acts_on_all_pairs():
             return 0.0
-        force, fluid = self._force(grid, others), liquid_of(others)
+        fluid, force = liquid_of(others), self._force(grid, others)
         if self.lattice:
             return lattice_pressure(force, fluid.rest_density, fluid.particle_mass(grid), grid)
         return internal_pressure(force, fluid.rest_density, grid.support_radius, grid.dim)

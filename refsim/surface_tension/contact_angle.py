@@ -1,8 +1,8 @@
 """Adhesion for a contact angle: the measured wetting map and its inverse.
 
-Contents: calibrate_contact_angle, ContactAngle, wetting_map. The map (`wetting_map.json`) holds the contact angles of
-sessile drops of Akinci 2013 on a plane against b = beta/gamma, the coefficient of adhesion over that of cohesion.
-`python -m validation measure sessile` measures it and `validation/measure/wetting.py` condenses it.
+The map (`wetting_map.json`) holds the contact angles of sessile drops of Akinci 2013 on a plane against b = beta/gamma,
+the coefficient of adhesion over that of cohesion. `python -m validation measure sessile` measures it and
+`validation/measure/wetting.py` condenses it.
 """
 
 from __future__ import annotations

@@ -1,7 +1,5 @@
 """Generalised winding number of a triangle mesh about points (Jacobson, Kavan & Sorkine-Hornung 2013).
 
-Contents: Clusters, clusters; operation winding_number.winding.
-
 It is 1 inside a closed mesh and 0 outside, 2 where two bodies overlap, and between whole numbers near a hole. Triangles
 near a point are summed one by one, those farther away in clusters, by the first term of Barill et al. 2018.
 """

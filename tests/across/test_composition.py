@@ -51,7 +51,7 @@ from refsim.core.capabilities import NeedsCellOrder, having
 from refsim.core.effect import EFFECTS
 from refsim.core.fields import BASE, POSITION_RESIDUAL
 from refsim.core.operation import REGISTRY
-from refsim.mpm.memory import grid_bytes, surface_bytes, with_room
+from refsim.mpm.memory import EACH_TABLE, NODES, grid_bytes, with_room
 from refsim.study.memory import bytes_of
 from validation import pairs
 
@@ -256,6 +256,21 @@ class TestPlan:
         plan = make_plan(scene(*effects))
         brought = [effect for effect, _ in (*plan.passes, *plan.motion) if effect is not None]
         assert {effect.name for effect in brought} <= {effect.name for effect in effects}
+
+
+def surface_bytes(
+    particles: int, blocks: int, vertices: int, facets: int, samples: int, dim: int, dtype: str, coefficients: int
+) -> int:
+    """Bytes of the latest surface on a CPU, without the embedded points: mesh, inset mesh, samples, blocks, cells.
+
+    blocks        of the surface's own grid
+    coefficients  bytes of the fitted values
+    """
+    real, nodes = np.dtype(dtype).itemsize, NODES * blocks
+    mesh = 2 * vertices * 3 * real + facets * (4 * dim + 3 * real)  # both meshes, corners, normals of facets
+    each = samples * (13 * real + 4)  # place, inset place, direction, normal; area; nearest particle
+    table = blocks * (8 + 4 * EACH_TABLE[dim])
+    return mesh + each + table + 4 * (nodes + 1) + 16 * particles + coefficients  # cells, samples, component of each
 
 
 def held_by_grid_and_surface(simulation):

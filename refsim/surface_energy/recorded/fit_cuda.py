@@ -10,8 +10,8 @@ import numpy as np
 from refsim.backends.compile import cuda, cuda_formula, cuda_kernel, formula
 from refsim.backends.primitives import sum_before
 from refsim.sparse_grid.block_search_cuda import SUMMING, number
-from refsim.sparse_grid.formulas import node_coordinates, step_node
-from refsim.surface_energy import formulas
+from refsim.sparse_grid.formulas import step_node
+from refsim.surface_energy import formulas, kernels
 from refsim.surface_energy.recorded.cells_cuda import CELLS, FILLED, MADE, occupied_near, sum_pairs
 
 REACHING = 216  # cells that reach a block's nodes: 6 x 6 x 6, or 10 x 10 in the plane
@@ -46,12 +46,7 @@ def sort_points(
     if r < 2 * counts[MADE] and fit_cell[r] >= 0:
         at = place_in_row(r, fit_cell[r], fit_first, unsorted)
         real = type(surface_term.cell_size)
-        fx, fy, fz = formulas.place_over(fit_position, r, node_coordinates(blocks, fit_cell[r]), surface_term)
-        space = blocks.neighbour.shape[1] == 27
-        for k in range(3):
-            fit_splines[at, k] = formulas.spline_weight(fx, k)
-            fit_splines[at, 3 + k] = formulas.spline_weight(fy, k)
-            fit_splines[at, 6 + k] = formulas.spline_weight(fz, k) if space else real(k == 0)
+        kernels.put_splines(at, r, fit_position, fit_cell[r], blocks, surface_term, fit_splines)
         fit_target[at] = surface_term.offset if r >= counts[MADE] else real(0)
 
 

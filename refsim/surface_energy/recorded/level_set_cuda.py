@@ -3,7 +3,7 @@
 import numpy as np
 
 from refsim.backends.compile import cuda, cuda_formula, cuda_kernel, formula
-from refsim.backends.primitives import sum_before
+from refsim.backends.primitives import largest_of_block, sum_before
 from refsim.isosurface import kernels as isosurface_kernels
 from refsim.sparse_grid.block_search_cuda import SUMMING, number
 from refsim.sparse_grid.formulas import block_bits, step_node
@@ -227,7 +227,7 @@ def add_members(first, node_label, members):
     # the particles of the block's lowest component are added up first: inside the liquid that is all of them
     rank = np.int32(node_label.shape[0]) if root < 0 else np.int32(root)
     cuda.syncthreads()
-    common = least_of_all(rank)
+    common = -largest_of_block(cuda.shared.array(CELLS, np.int32), -rank)
     held = first[i + 1] - first[i]
     if root >= 0 and held > 0:
         if root == common:
@@ -237,22 +237,6 @@ def add_members(first, node_label, members):
     cuda.syncthreads()
     if cuda.threadIdx.x == 0 and together[0] > 0:
         cuda.atomic.add(members, common, together[0])
-
-
-@cuda_formula
-def least_of_all(rank):
-    """The lowest `rank` of a block's threads."""
-    held = cuda.shared.array(CELLS, np.int32)
-    thread = cuda.threadIdx.x
-    held[thread] = rank
-    cuda.syncthreads()
-    step = CELLS // 2
-    while step > 0:
-        if thread < step:
-            held[thread] = min(held[thread], held[thread + step])
-        cuda.syncthreads()
-        step //= 2
-    return held[0]
 
 
 @cuda_kernel(block_for_each_row=True, threads=CELLS, rows_of="cut_total")

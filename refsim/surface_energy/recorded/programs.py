@@ -6,10 +6,6 @@ are 0 on small components among its outputs, nor how many cells and points there
 reconstruction (`tests/ladder/test_cuda_simulator.py`).
 """
 
-from __future__ import annotations
-
-from typing import Any
-
 import numpy as np
 
 from refsim.backends import device
@@ -21,7 +17,7 @@ from refsim.surface_energy.recorded.cells_cuda import COUNTS, MADE, VERTICES
 SPARE = 3  # vertices and facets for which there is capacity beyond those that exist
 
 
-def arrays(blocks: Any, real: Any, particles: int = 0, vertices: int = 0, facets: int = 0) -> dict[str, Any]:
+def arrays(blocks, real, particles=0, vertices=0, facets=0):
     """Arrays of a reconstruction on the device; `counts` says how many vertices and facets there are."""
     dim = 3 if blocks.neighbour.shape[1] == 27 else 2
     a = stages.work_arrays(
@@ -37,7 +33,7 @@ def arrays(blocks: Any, real: Any, particles: int = 0, vertices: int = 0, facets
     return a
 
 
-def sorted_particles(position: Any, blocks: Any, term: Any, vertices: int = 0, facets: int = 0) -> dict[str, Any]:
+def sorted_particles(position, blocks, term, vertices=0, facets=0):
     """`arrays` with the particles at `position` (n, 3) [m] sorted by cell; their numbers are those of their rows."""
     a = arrays(blocks, position.dtype, position.shape[0], vertices, facets)
     sure = device.empty(blocks.keys.shape[0], np.uint8)
@@ -50,13 +46,13 @@ def sorted_particles(position: Any, blocks: Any, term: Any, vertices: int = 0, f
     return a | {"counts": counts, "number": number}
 
 
-def node_states(interior_position: Any, cells: Any, blocks: Any, surface_term: Any, node_state: Any) -> None:
+def node_states(interior_position, cells, blocks, surface_term, node_state):
     """Algorithm 1, lines 5 to 9."""
     a = sorted_particles(interior_position, blocks, surface_term) | {"node_state": node_state}
     stages.mark_nodes(a, blocks, surface_term)
 
 
-def components(blocks: Any, node_state: Any, node_label: Any) -> None:
+def components(blocks, node_state, node_label):
     """The lowest node of each inside node's component: within blocks, then across them."""
     a = arrays(blocks, np.float32) | {"node_state": node_state, "node_label": node_label}
     _without_facets(a)
@@ -64,9 +60,9 @@ def components(blocks: Any, node_state: Any, node_label: Any) -> None:
     stages.write_cuts(a, blocks, _no_table())
 
 
-def component_sizes(cells: Any, node_label: Any, blocks: Any, component_size: Any) -> None:
+def component_sizes(cells, node_label, blocks, component_size):
     """Particles in the component of each particle."""
-    from refsim.surface_energy.counts_cuda import look_up_members
+    from refsim.surface_energy.counts import look_up_members
 
     a = arrays(blocks, np.float32)
     label = device.empty(node_label.shape, np.int32)
@@ -76,12 +72,12 @@ def component_sizes(cells: Any, node_label: Any, blocks: Any, component_size: An
     look_up_members(cells.cell, label, a["members"], component_size)
 
 
-def _without_facets(a: dict[str, Any]) -> None:
+def _without_facets(a):
     for name in ("crossings", "cell_case", "cut_total"):
         device.fill(a[name], 0)
 
 
-def _no_table() -> Any:
+def _no_table():
     """The table of cases in the plane, whose first case has no facets."""
     from refsim.isosurface import CaseTable, case_table
 
@@ -90,14 +86,14 @@ def _no_table() -> Any:
     return CaseTable(count, edge, corner, table.merged)
 
 
-def classify(blocks: Any, node_state: Any, table: Any, crossings: Any, cell_case: Any) -> None:
+def classify(blocks, node_state, table, crossings, cell_case):
     """Cut edges and corner states, with the numbers of vertices and facets."""
     a = arrays(blocks, np.float32)
     a |= {"node_state": node_state, "crossings": crossings, "cell_case": cell_case}
     stages.count_cuts(a, blocks, table)
 
 
-def facets(blocks: Any, node_state: Any, table: Any, vertex_edge: Any, facets: Any) -> None:
+def facets(blocks, node_state, table, vertex_edge, facets):
     """Vertices by their edges, facets by their vertices; numbered by block, then within each block."""
     a = arrays(blocks, np.float32) | {"node_state": node_state, "vertex_edge": vertex_edge, "facets": facets}
     device.fill(a["node_label"], -1)
@@ -105,20 +101,14 @@ def facets(blocks: Any, node_state: Any, table: Any, vertex_edge: Any, facets: A
     stages.write_cuts(a, blocks, table)
 
 
-def exit_points(
-    interior_position: Any, cells: Any, blocks: Any, node_state: Any, surface_term: Any, vertex_edge: Any,
-    vertex_position: Any,
-) -> None:  # fmt: skip
+def exit_points(interior_position, cells, blocks, node_state, surface_term, vertex_edge, vertex_position):
     """Algorithm 1, lines 10 to 17."""
     a = sorted_particles(interior_position, blocks, surface_term, vertices=vertex_edge.shape[0])
     a |= {"node_state": node_state, "vertex_edge": vertex_edge, "vertex_position": vertex_position}
     stages.place_vertices(a, interior_position, a["number"], blocks, surface_term)
 
 
-def facet_samples(
-    vertex_position: Any, facets: Any, blocks: Any, surface_term: Any, sample_position: Any, sample_area: Any,
-    facet_normal: Any,
-) -> None:  # fmt: skip
+def facet_samples(vertex_position, facets, blocks, surface_term, sample_position, sample_area, facet_normal):
     """Samples without an inset; a particle stands on each vertex, so that every sample has one."""
     a = sorted_particles(vertex_position, blocks, surface_term, vertex_position.shape[0], facets.shape[0])
     a |= {"vertex_position": vertex_position, "facets": facets, "facet_normal": facet_normal}
@@ -127,7 +117,7 @@ def facet_samples(
     stages.place_samples(a, vertex_position, a["number"], blocks, surface_term, np.int32(0))
 
 
-def _points_as_facets(a: dict[str, Any], position: Any) -> None:
+def _points_as_facets(a, position):
     """Facets without extent, whose samples stand at `position` (s, 3) [m]."""
     xp, dim = device.library(), a["facets"].shape[1]
     corner = xp.repeat(xp.arange(position.shape[0], dtype=np.int32)[:, None], dim, axis=1)
@@ -135,9 +125,17 @@ def _points_as_facets(a: dict[str, Any], position: Any) -> None:
 
 
 def offsets(
-    interior_position: Any, interior_number: Any, cells: Any, blocks: Any, surface_term: Any, sample_position: Any,
-    sample_cells: Any, nearest: Any, offset_direction: Any, fit_position: Any,
-) -> None:  # fmt: skip
+    interior_position,
+    interior_number,
+    cells,
+    blocks,
+    surface_term,
+    sample_position,
+    sample_cells,
+    nearest,
+    offset_direction,
+    fit_position,
+):
     """Section 4.3.1, at facets without extent: directions and points of the fit, then the nearest particles."""
     count = sample_position.shape[0]
     a = sorted_particles(interior_position, blocks, surface_term, count, count)
@@ -149,9 +147,7 @@ def offsets(
     stages.place_samples(a, interior_position, interior_number, blocks, surface_term, np.int32(0))
 
 
-def sample_counts(
-    nearest: Any, interior_position: Any, blocks: Any, surface_term: Any, sample_count: Any
-) -> None:  # fmt: skip
+def sample_counts(nearest, interior_position, blocks, surface_term, sample_count):
     """Samples of each particle, counted where samples stand on their particles."""
     own = device.seen(nearest)
     own = device.wrapped(own[own >= 0])
@@ -164,7 +160,7 @@ def sample_counts(
     stages.place_samples(a, interior_position, a["number"], blocks, surface_term, np.int32(0))
 
 
-def _sorted_points(fit_position: Any, fit_cells: Any, blocks: Any, term: Any) -> dict[str, Any]:
+def _sorted_points(fit_position, fit_cells, blocks, term):
     a = arrays(blocks, fit_position.dtype, facets=fit_position.shape[0] // 2)
     a |= {"fit_position": fit_position, "fit_cell": fit_cells.cell}
     count_points(fit_cells.cell, a["held_points"], a["fit_place"])
@@ -172,9 +168,7 @@ def _sorted_points(fit_position: Any, fit_cells: Any, blocks: Any, term: Any) ->
     return a
 
 
-def fit_weights(
-    fit_position: Any, fit_cells: Any, blocks: Any, surface_term: Any, fit_splines: Any, node_weight: Any
-) -> None:  # fmt: skip
+def fit_weights(fit_position, fit_cells, blocks, surface_term, fit_splines, node_weight):
     """(3.7), and the splines, which the stage keeps cell by cell; 0 for points outside all blocks."""
     a = _sorted_points(fit_position, fit_cells, blocks, surface_term) | {"node_weight": node_weight}
     stages.sweep(a, blocks, surface_term)
@@ -186,10 +180,7 @@ def fit_weights(
     device.gather(device.wrapped(kept), device.wrapped(place), fit_splines)
 
 
-def fit(
-    fit_position: Any, fit_splines: Any, fit_cells: Any, blocks: Any, surface_term: Any, residual: Any,
-    coefficients: Any,
-) -> None:  # fmt: skip
+def fit(fit_position, fit_splines, fit_cells, blocks, surface_term, residual, coefficients):
     """(3.6), Algorithm 2, from the given splines; residuals stay in registers, so that there is no such output."""
     a = _sorted_points(fit_position, fit_cells, blocks, surface_term) | {"coefficients": coefficients}
     xp, cell = device.library(), device.seen(fit_cells.cell)
@@ -200,32 +191,26 @@ def fit(
 
 
 def mls_normals(
-    query_position: Any, blocks: Any, surface_term: Any, coefficients: Any, outward: Any, surface_value: Any,
-    surface_gradient: Any, sample_normal: Any,
-) -> None:  # fmt: skip
+    query_position, blocks, surface_term, coefficients, outward, surface_value, surface_gradient, sample_normal
+):
     """(3.17) at samples; value and gradient stay in registers, so that there are no such outputs."""
     _normals(query_position, blocks, surface_term, coefficients, outward, sample_normal, np.int32(1))
 
 
 def spline_normals(
-    query_position: Any, blocks: Any, surface_term: Any, coefficients: Any, outward: Any, surface_value: Any,
-    surface_gradient: Any, sample_normal: Any,
-) -> None:  # fmt: skip
+    query_position, blocks, surface_term, coefficients, outward, surface_value, surface_gradient, sample_normal
+):
     """(3.9) at samples; value and gradient stay in registers, so that there are no such outputs."""
     _normals(query_position, blocks, surface_term, coefficients, outward, sample_normal, None)
 
 
-def _normals(
-    position: Any, blocks: Any, term: Any, coefficients: Any, outward: Any, normal: Any, mls: Any
-) -> None:  # fmt: skip
+def _normals(position, blocks, term, coefficients, outward, normal, mls):
     a = arrays(blocks, position.dtype, facets=position.shape[0])
     a |= {"sample_place": position, "outward": outward, "coefficients": coefficients, "sample_normal": normal}
     stages.find_normals(a, blocks, term, mls)
 
 
-def inset(
-    vertex_position: Any, vertex_normal: Any, surface_term: Any, blocks: Any, inset_position: Any
-) -> None:  # fmt: skip
+def inset(vertex_position, vertex_normal, surface_term, blocks, inset_position):
     """Vertices after the inset: without a gradient (C = 0) the normal at a vertex is the direction handed in."""
     a = arrays(blocks, vertex_position.dtype, vertices=vertex_position.shape[0])
     device.fill(a["coefficients"], 0)
@@ -233,9 +218,7 @@ def inset(
     stages.find_normals(a, blocks, surface_term, np.int32(1))
 
 
-def surface_force(
-    sample_position: Any, sample_area: Any, sample_normal: Any, blocks: Any, surface_term: Any, node_force: Any
-) -> None:  # fmt: skip
+def surface_force(sample_position, sample_area, sample_normal, blocks, surface_term, node_force):
     """(4.18*): first over the samples of each cell, then over the cells that reach a node."""
     a = arrays(blocks, sample_position.dtype, facets=sample_position.shape[0])
     a |= {"sample_position": sample_position, "sample_area": sample_area, "sample_normal": sample_normal}

@@ -1,7 +1,5 @@
 """Cohesion, area term and adhesion after Akinci, Akinci & Teschner 2013 (Jiang & Zhu 2023, reference [9]).
 
-Contents: Akinci2013; operations akinci_2013.tension, akinci_2013.adhesion.
-
 The paper gives cohesion and area term one coefficient gamma, although the dimensions of the two differ by a density:
 for water in SI units the coefficient of the area term is 0.001 gamma rho0. Here each term has its own coefficient.
 """
@@ -22,15 +20,7 @@ from refsim.core.fields import Field
 from refsim.sph import liquid_of
 from refsim.surface_normal import SURFACE_NORMAL, color_gradient_pass, normal_term
 from refsim.surface_tension.akinci_2013.reference import cohesion_function
-from refsim.surface_tension.cohesion import (
-    PairCohesion,
-    angular_momentum_note,
-    given_one,
-    neighbours_in_support,
-    nominal_tension,
-    one_of,
-    spreading_note,
-)
+from refsim.surface_tension.cohesion import PairCohesion, angular_momentum_note, neighbours_in_support, spreading_note
 
 WATER_RATIO = 1e-3  # eps/(gamma rho0) of the one printed coefficient, for water in SI units
 # eps N/(gamma rho0), with N neighbours in the support, up to which drops come to rest, and from which on they fly
@@ -79,6 +69,7 @@ class Akinci2013(PairCohesion, HasErrata, frozen=True, kw_only=True):
     """
 
     name: ClassVar[str] = "akinci_2013"
+    own: ClassVar[str] = "gamma"
     source: ClassVar[str] = "Akinci et al."
     errata: ClassVar[tuple[str, ...]] = ("gamma",)
     improvements: ClassVar[tuple[str, ...]] = errata
@@ -91,29 +82,15 @@ class Akinci2013(PairCohesion, HasErrata, frozen=True, kw_only=True):
     literal: Printed = ()
 
     def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
-        one_of(self.name, surface_tension=self.surface_tension, gamma=self.gamma)
-        own = {
-            "surface_tension": self.surface_tension,
-            "gamma": self.gamma,
-            "area_acceleration": self.area_acceleration,
-        }
-        require(self.name, **{key: (value, "not negative") for key, value in own.items() if value is not None})
-        require(self.name, adhesion=(self.adhesion, "not negative"))
+        self.check_coefficients()
+        more = {"area_acceleration": self.area_acceleration, "adhesion": self.adhesion}
+        require(self.name, **{name: (value, "not negative") for name, value in more.items()})
         if "gamma" in self.printed() and self.area_acceleration is not None:
             raise InputError(
                 f"{self.name}: literal 'gamma' sets the coefficient of the area term, and so does area_acceleration;"
                 " give one of them."
             )
         self.check_collapse(grid, others)
-
-    def coefficient(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
-        """gamma [m^4/(kg s^2)], given or from sigma."""
-        if self.gamma is not None:
-            return self.gamma
-        h, rest_density = grid.support_radius, liquid_of(others).rest_density
-        return given_one(self.surface_tension) / nominal_tension(
-            lambda r: -cohesion_function(r, h, grid.dim), rest_density, h, grid.dim
-        )
 
     def area_coefficient(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
         """eps [m/s^2], given or from gamma."""
@@ -124,9 +101,9 @@ class Akinci2013(PairCohesion, HasErrata, frozen=True, kw_only=True):
             return self.area_acceleration
         return WATER_RATIO * gamma * liquid_of(others).rest_density
 
-    def pair_force(self, r: NDArray, grid: Discretisation, others: Mapping[str, Effect]) -> NDArray:
+    def force_of(self, coefficient: float, r: NDArray, grid: Discretisation, others: Mapping[str, Effect]) -> NDArray:
         """-gamma C(r) [N/kg^2]; K_ij is 1 in the undisturbed bulk."""
-        return -self.coefficient(grid, others) * cohesion_function(r, grid.support_radius, grid.dim)
+        return -coefficient * cohesion_function(r, grid.support_radius, grid.dim)
 
     def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
         return (SURFACE_NORMAL,) if self._has_area() else ()
@@ -137,24 +114,22 @@ class Akinci2013(PairCohesion, HasErrata, frozen=True, kw_only=True):
         if self._has_area():
             passes.append(color_gradient_pass())
             reads = (*reads, "surface_normal")
-        if self._coheres() or self._has_area():
+        if self.coheres() or self._has_area():
             names = {"area_normal": "surface_normal" if self._has_area() else None}
             passes.append(Pass("akinci_2013.tension", reads, updates=("acceleration",), names=names))
-        walled = bool(having(others, BringsWalls))
-        if self.adhesion > 0 and walled:
+        if self.adhesion > 0 and having(others, BringsWalls):
             passes.append(Pass("akinci_2013.adhesion", ("position",), updates=("acceleration",)))
         return tuple(passes)
 
     def list_radius(self, grid: Discretisation) -> float:
-        return grid.support_radius if self._coheres() or self._has_area() or self.adhesion else 0.0
+        return grid.support_radius if self.coheres() or self._has_area() or self.adhesion else 0.0
 
     def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
         real, volume = grid.real, grid.support_radius**grid.dim
         fluid = liquid_of(others)
         gamma, beta = self.coefficient(grid, others), self.adhesion
-        groups: dict[str, Any] = normal_term(fluid, grid)
-        return groups | {
-            "spline": CohesionSpline(real(gamma), real(gamma * 32 / (math.pi * volume))) if self._coheres() else None,
+        return normal_term(fluid, grid) | {
+            "spline": CohesionSpline(real(gamma), real(gamma * 32 / (math.pi * volume))) if self.coheres() else None,
             "area_term": AreaMinimisation(real(self.area_coefficient(grid, others))) if self._has_area() else None,
             "adhesion": Adhesion(real(beta), real(0.007 * beta / volume)),
         }
@@ -164,7 +139,7 @@ class Akinci2013(PairCohesion, HasErrata, frozen=True, kw_only=True):
 
     def margins(self, grid: Discretisation, others: Mapping[str, Effect]) -> Iterator[Margin]:
         yield from super().margins(grid, others)
-        if self._has_area() and self._coheres():
+        if self._has_area() and self.coheres():
             near = neighbours_in_support(grid)
             yield Margin("area_acceleration/(gamma rho0)", self._area_share(grid, others) / near, LARGEST_AREA / near)
 
@@ -179,7 +154,7 @@ class Akinci2013(PairCohesion, HasErrata, frozen=True, kw_only=True):
             return
         if note := angular_momentum_note(self.name, "area term", others):
             yield note
-        if not self._coheres():
+        if not self.coheres():
             yield spreading_note(self.name, "area term")
             return
         if "iisph" in others:
@@ -197,9 +172,6 @@ class Akinci2013(PairCohesion, HasErrata, frozen=True, kw_only=True):
                 " a shorter step does not help"
             )
 
-    def _coheres(self) -> bool:
-        return (self.gamma if self.gamma is not None else self.surface_tension) != 0
-
     def _has_area(self) -> bool:
         """Whether the area term is computed: not if its coefficient is zero."""
-        return self.area_acceleration != 0 and (self._coheres() or self.area_acceleration is not None)
+        return self.area_acceleration != 0 and (self.coheres() or self.area_acceleration is not None)

@@ -1,10 +1,22 @@
 """Inputs and closed forms of Akinci et al. 2013."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
-from refsim.core.cases import VARIATIONS, Case, Exact, Variation, closed_form, example, groups, plain_keeps, takes
+from refsim.core.cases import (
+    VARIATIONS,
+    Case,
+    Exact,
+    Variation,
+    closed_form,
+    example,
+    groups,
+    pair_case,
+    plain_keeps,
+    takes,
+)
 from refsim.core.walls import WallParticles
 from refsim.surface_tension.akinci_2013 import Adhesion, Akinci2013, AreaMinimisation, CohesionSpline
 
@@ -37,81 +49,55 @@ plain_keeps("akinci_2013.tension", spline="the equation sums cohesion and area t
 
 
 # h = 2 m in 3D at r = h/2: C = 32/(pi h^3) (1/64) = 1/(16 pi), the spline's greatest attraction.
-PAIR = Case("akinci_pair", 3, np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), spacing=1.0, support_radius=2.0)
-NEAR = Case("akinci_near_pair", 3, np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.5]]), spacing=1.0, support_radius=2.0)
+PAIR = pair_case("akinci_pair")
+NEAR = replace(PAIR, name="akinci_near_pair", position=np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.5]]))
 MASS, DENSITY = np.array([2.0, 3.0]), np.array([1000.0, 600.0])  # K_12 = 2 1000/1600 = 5/4
 SPLINE = CohesionSpline(0.5, 0.5 * 4 / math.pi)
+
+
+PULL = 5 / 4 * 0.5 / (16 * math.pi)  # K gamma C(h/2)
+
+
+def _pair(acceleration, case=PAIR, **given):
+    """Cohesion alone, but for what is given."""
+    own = {"mass": MASS, "density": DENSITY, "spline": SPLINE, "area_term": AreaMinimisation(0.0)}
+    return Exact(case, own | {"area_normal": np.zeros((2, 3))} | given, {"acceleration": np.array(acceleration)})
 
 
 @closed_form("akinci_2013.tension")
 def attracted_pair():
     """a_1 = -K gamma m_2 C(h/2) e_12 with K = 5/4."""
-    pull = 5 / 4 * 0.5 / (16 * math.pi)
-    return Exact(
-        PAIR,
-        {
-            "mass": MASS,
-            "density": DENSITY,
-            "spline": SPLINE,
-            "area_term": AreaMinimisation(0.0),
-            "area_normal": np.zeros((2, 3)),
-        },
-        {"acceleration": np.array([[0.0, 3 * pull, 0.0], [0.0, -2 * pull, 0.0]])},
-    )
+    return _pair([[0.0, 3 * PULL, 0.0], [0.0, -2 * PULL, 0.0]])
+
+
+@closed_form("akinci_2013.tension:fused")
+def pair_at_rest():
+    """Without pressure and at equal velocities only cohesion acts."""
+    more = {"pressure": np.zeros(2), "velocity": np.ones((2, 3)), "walls": None}
+    return _pair([[0.0, 3 * PULL, 0.0], [0.0, -2 * PULL, 0.0]], **more)
 
 
 @closed_form("akinci_2013.tension")
 def repelled_pair():
     """At r = h/4 the core repels: 2 (3/4)^3 (1/4)^3 - 1/64 = -5/2048 = C pi h^3/32."""
     push = 5 / 4 * 0.5 * 4 / math.pi * 5 / 2048
-    return Exact(
-        NEAR,
-        {
-            "mass": MASS,
-            "density": DENSITY,
-            "spline": SPLINE,
-            "area_term": AreaMinimisation(0.0),
-            "area_normal": np.zeros((2, 3)),
-        },
-        {"acceleration": np.array([[0.0, 0.0, -3 * push], [0.0, 0.0, 2 * push]])},
-    )
+    return _pair([[0.0, 0.0, -3 * push], [0.0, 0.0, 2 * push]], NEAR)
 
 
 @closed_form("akinci_2013.tension")
 def pair_with_normals():
     """a_1 = -K eps (n_1 - n_2), for any masses; cohesion is zero."""
     difference = np.array([0.5, -1.0, 0.25])
-    return Exact(
-        PAIR,
-        {"mass": MASS, "density": DENSITY, "spline": CohesionSpline(0.0, 0.0), "area_term": AreaMinimisation(8.0),
-         "area_normal": np.array([difference, [0.0, 0.0, 0.0]])},
-        {"acceleration": 5 / 4 * 8.0 * np.array([-difference, difference])},
-    )  # fmt: skip
-
-
-@closed_form("akinci_2013.tension:fused")
-def pair_at_rest():
-    """Without pressure and at equal velocities only cohesion acts: a_1 = -K gamma m_2 C(h/2) e_12 with K = 5/4."""
-    pull = 5 / 4 * 0.5 / (16 * math.pi)
-    return Exact(
-        PAIR,
-        {
-            "mass": MASS, "density": DENSITY, "pressure": np.zeros(2), "velocity": np.ones((2, 3)), "spline": SPLINE,
-            "area_term": AreaMinimisation(0.0), "area_normal": np.zeros((2, 3)), "walls": None,
-        },
-        {"acceleration": np.array([[0.0, 3 * pull, 0.0], [0.0, -2 * pull, 0.0]])},
-    )  # fmt: skip
+    given = {"spline": CohesionSpline(0.0, 0.0), "area_term": AreaMinimisation(8.0)}
+    given["area_normal"] = np.array([difference, [0.0, 0.0, 0.0]])
+    return _pair(5 / 4 * 8.0 * np.array([-difference, difference]), **given)
 
 
 @closed_form("akinci_2013.adhesion")
 def drawn_to_a_wall():
     """At r = 3 h/4: A = 0.007/h^3 (1/4)^(1/4) = 0.007/(8 sqrt 2); a = beta rho0 V_b A towards the wall."""
-    case = Case(
-        "akinci_wall", 3, np.zeros((1, 3)), spacing=1.0, support_radius=2.0, wall_position=np.array([[0.0, -1.5, 0.0]])
-    )
+    wall = np.array([[0.0, -1.5, 0.0]])
+    case = Case("akinci_wall", 3, np.zeros((1, 3)), spacing=1.0, support_radius=2.0, wall_position=wall)
     pull = 3.0 * 1000 * 0.25 * 0.007 / (8 * math.sqrt(2))
-    return Exact(
-        case,
-        {"walls": WallParticles(case.wall_position, np.array([0.25])), "adhesion": Adhesion(3.0, 3.0 * 0.007 / 8)},
-        {"acceleration": np.array([[0.0, -pull, 0.0]])},
-    )
+    given = {"walls": WallParticles(wall, np.array([0.25])), "adhesion": Adhesion(3.0, 3.0 * 0.007 / 8)}
+    return Exact(case, given, {"acceleration": np.array([[0.0, -pull, 0.0]])})

@@ -1,7 +1,6 @@
 """NumPy oracle of Akinci et al. 2013: all pairs, float64.
 
-Each function returns {output: (value, scale)}; scale is the sum of the absolute terms behind the value.
-Arrays: position, normals (n, 3); mass, density (n,); SI units. `rows` picks particles.
+Arrays: position, normals (n, 3); mass, density (n,); SI units.
 """
 
 import math

@@ -1,7 +1,5 @@
 """Attraction between particles after Becker & Teschner 2007 (Jiang & Zhu 2023, reference [8]; Dong 2016, [9]).
 
-Contents: BeckerTeschner2007; operation becker_teschner_2007.cohesion.
-
 Every pair attracts at every distance; only the pressure keeps particles apart.
 """
 
@@ -12,12 +10,12 @@ from typing import Any, ClassVar, NamedTuple
 
 from numpy.typing import NDArray
 
-from refsim.core.effect import Discretisation, Effect, Pass, require
+from refsim.core.effect import Discretisation, Effect, Pass
 from refsim.core.energy import EnergyAccount
 from refsim.smoothing.shapes import CUBIC_SPLINE, NORMALISATION
 from refsim.sph import liquid_of
 from refsim.surface_tension.becker_teschner_2007.reference import attraction_function
-from refsim.surface_tension.cohesion import PairCohesion, given_one, nominal_tension, one_of
+from refsim.surface_tension.cohesion import PairCohesion
 
 
 class Attraction(NamedTuple):
@@ -41,28 +39,15 @@ class BeckerTeschner2007(PairCohesion, frozen=True, kw_only=True):
     """
 
     name: ClassVar[str] = "becker_teschner_2007"
+    own: ClassVar[str] = "kappa"
 
     surface_tension: float | None = None
     kappa: float | None = None
     clamp_distance: bool = True
 
     def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
-        one_of(self.name, surface_tension=self.surface_tension, kappa=self.kappa)
-        own = {"surface_tension": self.surface_tension, "kappa": self.kappa}
-        require(self.name, **{key: (value, "not negative") for key, value in own.items() if value is not None})
+        self.check_coefficients()
         self.check_collapse(grid, others)
-
-    def coefficient(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
-        """kappa [m^dim/s^2], given or from sigma."""
-        if self.kappa is not None:
-            return self.kappa
-        rest_density = liquid_of(others).rest_density
-        unit = nominal_tension(self._force_of(1.0, grid, others), rest_density, grid.support_radius, grid.dim)
-        return given_one(self.surface_tension) / unit
-
-    def pair_force(self, r: NDArray, grid: Discretisation, others: Mapping[str, Effect]) -> NDArray:
-        """-kappa W(max(r, d)) r/m [N/kg^2] for particles of the lattice's mass."""
-        return self._force_of(self.coefficient(grid, others), grid, others)(r)
 
     def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
         notes = super().notes(grid, others)
@@ -75,7 +60,7 @@ class BeckerTeschner2007(PairCohesion, frozen=True, kw_only=True):
         )
 
     def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
-        if (self.kappa if self.kappa is not None else self.surface_tension) == 0:
+        if not self.coheres():
             return ()
         return (Pass("becker_teschner_2007.cohesion", ("position", "mass"), updates=("acceleration",)),)
 
@@ -98,7 +83,8 @@ class BeckerTeschner2007(PairCohesion, frozen=True, kw_only=True):
     def _least_distance(self, grid: Discretisation) -> float:
         return grid.spacing if self.clamp_distance else 0.0
 
-    def _force_of(self, kappa: float, grid: Discretisation, others: Mapping[str, Effect]) -> Any:
-        mass = liquid_of(others).particle_mass(grid)
+    def force_of(self, coefficient: float, r: NDArray, grid: Discretisation, others: Mapping[str, Effect]) -> NDArray:
+        """-kappa W(max(r, d)) r/m [N/kg^2] for particles of the lattice's mass."""
         h, least = grid.support_radius, self._least_distance(grid)
-        return lambda r: -kappa / mass * attraction_function(r, h, grid.dim, least) * r
+        mass = liquid_of(others).particle_mass(grid)
+        return -coefficient / mass * attraction_function(r, h, grid.dim, least) * r

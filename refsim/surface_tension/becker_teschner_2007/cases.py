@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from refsim.core.cases import VARIATIONS, Case, Exact, Variation, closed_form, example, groups, takes
+from refsim.core.cases import VARIATIONS, Exact, Variation, closed_form, example, groups, pair_case, takes
 from refsim.surface_tension.becker_teschner_2007 import Attraction, BeckerTeschner2007
 
 example(BeckerTeschner2007(surface_tension=0.5))
@@ -26,7 +26,7 @@ takes("becker_teschner_2007.cohesion", smoothing="support_radius dim")
 
 
 # h = 2 m in 3D: W(0) = 1/pi, W(h/2) = W(0)/4, W(h/4) = (1 - 6/16 + 6/64) W(0) = 23/32 W(0).
-PAIR = Case("attracted_pair", 3, np.array([[0.0, 0.0, 0.0], [0.0, 0.5, 0.0]]), spacing=1.0, support_radius=2.0)
+PAIR = pair_case("attracted_pair", 0.5)
 
 
 def _pull(kernel):

@@ -1,7 +1,6 @@
 """NumPy oracle of Becker & Teschner 2007: all pairs, float64.
 
-Each function returns {output: (value, scale)}; scale is the sum of the absolute terms behind the value.
-Arrays: position (n, 3); mass (n,); SI units. `rows` picks particles.
+Arrays: position (n, 3); mass (n,); SI units.
 """
 
 import math

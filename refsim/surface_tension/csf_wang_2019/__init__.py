@@ -1,7 +1,5 @@
 """Continuum surface force of a free surface after Wang, Zhu & Yin 2019, as reconstructed (Jiang & Zhu 2023, [6]).
 
-Contents: CsfWang2019, flat_share; operations csf_wang_2019.normal, csf_wang_2019.curvature, csf_wang_2019.force.
-
 Jiang & Zhu describe the paper in words: a normal and a tangential force, and a density correction near the surface.
 These forces are not pairwise opposite and equal, so that momentum is not conserved.
 """
@@ -26,7 +24,7 @@ from refsim.sph import LIQUID, NUMBER_DENSITY, SETS, liquid_of
 from refsim.surface_detection import NEAR_SURFACE, detection_in, near_surface_pass
 from refsim.surface_tension.cohesion import BECAME_DROPS, capillary_limit, stiffness_margin, stiffness_note
 from refsim.surface_tension.csf_wang_2019 import reference as reference
-from refsim.surface_tension.jiang_zhu_2023 import CORRECTED_DENSITY
+from refsim.surface_tension.jiang_zhu_2023 import CORRECTED_DENSITY, corrected_density_passes
 
 INTERFACE_NORMAL = Field("interface_normal", "1/m", "normal n by the corrected kernel, inward", 3)
 CURVATURE = Field("curvature", "1/m", "curvature kappa of the surface, positive where liquid bulges")
@@ -154,21 +152,10 @@ class CsfWang2019(Effect, KnowsLimits, HasErrata, frozen=True, kw_only=True):
     def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
         if not self._acts():
             return ()
-        passes: list[Pass] = []
-        if self.density_correction:  # an update of `density`: precedes every pass that reads it
-            passes += [
-                near_surface_pass(),
-                Pass(
-                    "jiang_zhu_2023.corrected_density",
-                    ("position", "mass", "near_surface"),
-                    ("corrected_density",),
-                    ("density",),
-                ),
-                Pass("jiang_zhu_2023.replace_density", ("corrected_density",), updates=("density",)),
-            ]
+        corrected = (near_surface_pass(), *corrected_density_passes()) if self.density_correction else ()
         reads = ("position", "mass", "density")
         return (
-            *passes,
+            *corrected,
             Pass("csf_wang_2019.normal", reads, ("interface_normal",)),
             Pass("csf_wang_2019.curvature", (*reads, "interface_normal"), ("curvature",)),
             Pass("csf_wang_2019.force", (*reads, "interface_normal", "curvature"), updates=("acceleration",)),

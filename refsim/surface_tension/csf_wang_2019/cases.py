@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from refsim.core.cases import Case, Exact, closed_form, example, groups, particles, takes, vectors
+from refsim.core.cases import Case, Exact, closed_form, example, groups, pair_case, particles, takes, vectors
 from refsim.surface_tension.csf_wang_2019 import Continuum, CsfWang2019, Marangoni
 
 example(
@@ -42,7 +42,7 @@ takes("csf_wang_2019.force", continuum="tension threshold share")
 
 
 # h = 2 m: in 3D Wendland W(0) = 21/(16 pi), W(h/2) = 3/16 W(0), W'(h/2) = -5/8 W(0) per metre.
-PAIR = Case("interface_pair", 3, np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), spacing=1.0, support_radius=2.0)
+PAIR = pair_case("interface_pair")
 W0 = 21 / (16 * math.pi)
 SLOPE = 5 / 8 * W0
 VOLUME = np.array([2 / 1000, 3 / 600])

@@ -3,6 +3,7 @@
 import math
 
 from refsim.backends.compile import formula, kernel
+from refsim.backends.tuples import added
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import add_vector, first_lane, set_vector
 from refsim.smoothing.formulas import gradient_factor, kernel_slope, kernel_value, safe_distance
@@ -26,10 +27,8 @@ def normal(i, lane, position, mass, density, neighbours, walls, smoothing, gradi
     )
     filled += mass[i] / density[i] * own_share(smoothing)
     if walls is not None:
-        bx, by, bz = wall_gradient(i, lane, position, walls, gradient_smoothing, type(filled)(1), None)
-        nx += bx
-        ny += by
-        nz += bz
+        beside = wall_gradient(i, lane, position, walls, gradient_smoothing, type(filled)(1), None)
+        nx, ny, nz = added((nx, ny, nz), beside)
         filled += wall_sum(i, lane, position, walls, smoothing, None)
     set_vector(interface_normal, i, lane, nx / filled, ny / filled, nz / filled)
 

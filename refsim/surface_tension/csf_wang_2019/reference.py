@@ -1,21 +1,15 @@
 """NumPy oracle of the continuum surface force: all pairs, float64.
 
-Each function returns {output: (value, scale)}; scale is the sum of the absolute terms behind the value.
-Arrays: position, normals (n, 3); mass, density, curvature (n,); SI units. `rows` picks particles.
+Arrays: position, normals (n, 3); mass, density, curvature (n,); SI units.
 """
 
 import numpy as np
 
 from refsim.core.operation import SYMMETRY, operations
 from refsim.neighbours.reference import Sums, other_particles, pair_blocks
-from refsim.smoothing.reference import kernel_slope, kernel_value
+from refsim.smoothing.reference import kernel_gradient, kernel_slope, kernel_value
 
 operation = operations(paper="Wang, Zhu & Yin 2019, reconstructed")
-
-
-def _gradient(separation, distance, smoothing):
-    apart = np.where(distance > 0, distance, 1.0)
-    return (kernel_slope(distance, smoothing) / apart)[..., None] * separation
 
 
 @operation(
@@ -34,7 +28,7 @@ def normal(position, mass, density, walls, smoothing, gradient_smoothing, rows=N
     for source, size in sources:
         for place, separation, distance in pair_blocks(position, source, rows):
             filled[place] += kernel_value(distance, smoothing) @ size
-            sums.add(place, size[None, :, None] * _gradient(separation, distance, gradient_smoothing))
+            sums.add(place, size[None, :, None] * kernel_gradient(separation, distance, gradient_smoothing))
     return {"interface_normal": sums.total(filled[:, None])}
 
 
@@ -106,7 +100,7 @@ def force(position, mass, density, interface_normal, curvature, gradient_smoothi
     if marangoni is not None:
         sums = Sums(len(own), 3)
         for place, separation, distance in pair_blocks(position, position, rows):
-            grad = volume[None, :, None] * _gradient(separation, distance, gradient_smoothing)
+            grad = volume[None, :, None] * kernel_gradient(separation, distance, gradient_smoothing)
             moduli = (np.abs(separation) @ np.abs(slope))[..., None] * np.abs(grad)
             sums.add(place, -(separation @ slope)[..., None] * grad, moduli)
         gradient, size = sums.total()

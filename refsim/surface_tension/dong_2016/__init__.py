@@ -1,7 +1,5 @@
 """Lennard-Jones-like cohesion with a normal-difference correction (Dong, Zhang & Chen 2016, D(3) to D(11)).
 
-Contents: Dong2016; operations dong_2016.tension, dong_2016.density, dong_2016.momentum, dong_2016.shepard_filter.
-
 The normals of D(11) are those of J(19) without the factor h. With solver = "hu_adams" density, pressure and viscosity
 after Hu & Adams 2006, as in the paper, replace those of weakly_compressible.
 """
@@ -23,7 +21,7 @@ from refsim.core.fields import Field
 from refsim.core.scalars import int32
 from refsim.sph import liquid_of
 from refsim.surface_normal import SURFACE_NORMAL, color_gradient_pass, normal_term
-from refsim.surface_tension.cohesion import PairCohesion, angular_momentum_note, lattice_tension, one_of
+from refsim.surface_tension.cohesion import PairCohesion, angular_momentum_note
 from refsim.surface_tension.dong_2016.reference import force_function
 from refsim.surface_tension.jiang_zhu_2023 import CORRECTED_DENSITY
 
@@ -67,6 +65,7 @@ class Dong2016(PairCohesion, HasErrata, frozen=True, kw_only=True):
     """
 
     name: ClassVar[str] = "dong_2016"
+    own: ClassVar[str] = "stiffness"
     source: ClassVar[str] = "Dong"
     errata: ClassVar[tuple[str, ...]] = ("E21",)
     improvements: ClassVar[tuple[str, ...]] = errata
@@ -83,35 +82,21 @@ class Dong2016(PairCohesion, HasErrata, frozen=True, kw_only=True):
     literal: Printed = ()
 
     def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
-        one_of(self.name, surface_tension=self.surface_tension, stiffness=self.stiffness)
-        own = {
-            "surface_tension": (self.surface_tension, "not negative"),
-            "stiffness": (self.stiffness, "not negative"),
-            "rest_distance": (self.rest_distance, "positive"),
-            "correction": (self.correction, "not negative"),
-        }
-        require(self.name, **{key: (value, rule) for key, (value, rule) in own.items() if value is not None})
+        self.check_coefficients()
+        require(self.name, rest_distance=(self.rest_distance, "positive"), correction=(self.correction, "not negative"))
         if self._rest_distance(grid) >= grid.support_radius:
             raise InputError(
                 f"{self.name}: rest_distance = {self._rest_distance(grid)} m is not below the support radius of"
                 f" {grid.support_radius} m, so that no pair would attract; give a smaller one, or a larger"
                 " support_radius."
             )
-        if self.surface_tension and self._unit_tension(grid, others) <= 0:
+        if self.surface_tension and self.unit_tension(grid, others) <= 0:
             raise InputError(
                 f"{self.name}: with rest_distance = {self._rest_distance(grid)} m the pair force has no surface tension"
                 " on the lattice; give it as stiffness."
             )
-        if self.solver not in ("shared", "hu_adams"):
-            raise InputError(f"{self.name}: solver = {self.solver!r} is unknown; choose one of shared, hu_adams.")
         self.printed()
         self.check_collapse(grid, others)
-
-    def coefficient(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
-        """k [N/kg^2], given or from sigma."""
-        if self.stiffness is not None:
-            return self.stiffness
-        return self.surface_tension / self._unit_tension(grid, others) if self.surface_tension else 0.0
 
     def correction_coefficient(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
         """lambda [m^2/s^2], given or from sigma."""
@@ -120,10 +105,9 @@ class Dong2016(PairCohesion, HasErrata, frozen=True, kw_only=True):
         sigma = max(0.0, self.nominal_tension(grid, others))
         return CORRECTION_RATIO * sigma / (liquid_of(others).rest_density * grid.spacing)
 
-    def pair_force(self, r: NDArray, grid: Discretisation, others: Mapping[str, Effect]) -> NDArray:
+    def force_of(self, coefficient: float, r: NDArray, grid: Discretisation, others: Mapping[str, Effect]) -> NDArray:
         """L(r) [N/kg^2] of D(7)."""
-        h, d0 = grid.support_radius, self._rest_distance(grid)
-        return self.coefficient(grid, others) * force_function(r, h, d0)
+        return coefficient * force_function(r, grid.support_radius, self._rest_distance(grid))
 
     def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
         fields: list[Field] = []
@@ -163,7 +147,7 @@ class Dong2016(PairCohesion, HasErrata, frozen=True, kw_only=True):
         if self._corrects():
             passes.append(color_gradient_pass())
             reads = (*reads, "density", "surface_normal")
-        if self._coheres() or self._corrects():
+        if self.coheres() or self._corrects():
             names = {} if self._corrects() else {"surface_normal": None}
             passes.append(Pass("dong_2016.tension", reads, updates=("acceleration",), names=names))
         return tuple(passes)
@@ -172,7 +156,7 @@ class Dong2016(PairCohesion, HasErrata, frozen=True, kw_only=True):
         """The potential of D(7); the correction and the filtered density have none."""
         uncounted = ["the correction D(9)"] if self._corrects() else []
         uncounted += ["what the density filter changes in the pressure"] if self.filter_density else []
-        if self._coheres():
+        if self.coheres():
             return self.pair_account(grid, others, tuple(uncounted))
         return EnergyAccount(uncounted=tuple(uncounted))
 
@@ -186,13 +170,14 @@ class Dong2016(PairCohesion, HasErrata, frozen=True, kw_only=True):
         if self.solver == "hu_adams":
             groups |= fluid.prepare(grid, others)
         force = correction = None
-        if self._coheres():
-            force = MolecularForce(
-                real(self.coefficient(grid, others)),
-                real(self._rest_distance(grid)),
-                real((1 - share) ** 2),
-                real(1 / (share * (2 - share))),
+        if self.coheres():
+            numbers = (
+                self.coefficient(grid, others),
+                self._rest_distance(grid),
+                (1 - share) ** 2,
+                1 / (share * (2 - share)),
             )
+            force = MolecularForce(*map(real, numbers))
         if self._corrects():
             coefficient = self.correction_coefficient(grid, others) / grid.support_radius
             correction = NormalCorrection(real(coefficient), int32("E21" not in self.printed()))
@@ -203,14 +188,14 @@ class Dong2016(PairCohesion, HasErrata, frozen=True, kw_only=True):
 
     def margins(self, grid: Discretisation, others: Mapping[str, Effect]) -> Iterator[Margin]:
         yield from super().margins(grid, others)
-        if self._coheres():
+        if self.coheres():
             yield Margin("support_radius/spacing", grid.support_radius / grid.spacing, math.sqrt(3), least=True)
         if value := self._correction_share(grid, others):
             yield Margin("correction rho0 d/sigma", value, LARGEST_CORRECTION)
 
     def _correction_share(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
         """The correction in sigma/(rho0 d); 0 where it or the tension does not act."""
-        sigma = self.nominal_tension(grid, others) if self._corrects() and self._coheres() else 0.0
+        sigma = self.nominal_tension(grid, others) if self._corrects() and self.coheres() else 0.0
         if sigma <= 0:
             return 0.0
         return self.correction_coefficient(grid, others) * liquid_of(others).rest_density * grid.spacing / sigma
@@ -218,7 +203,7 @@ class Dong2016(PairCohesion, HasErrata, frozen=True, kw_only=True):
     def _unstable(self, grid: Discretisation, others: Mapping[str, Effect]) -> Iterator[str]:
         """Notes on a short support radius and on corrections with which drops were found to swell or to fly apart."""
         share = grid.support_radius / grid.spacing
-        if self._coheres() and share <= math.sqrt(3):
+        if self.coheres() and share <= math.sqrt(3):
             yield (
                 f"{self.name}: with a support radius of {share:.3g} spacings only the neighbours along the diagonals"
                 " of the lattice attract: drops were found to freeze in the shape they have and to tremble, with up to"
@@ -237,14 +222,6 @@ class Dong2016(PairCohesion, HasErrata, frozen=True, kw_only=True):
     def _rest_distance(self, grid: Discretisation) -> float:
         return grid.spacing if self.rest_distance is None else self.rest_distance
 
-    def _unit_tension(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
-        """sigma [N/m] of k = 1 N/kg^2."""
-        fluid, h, d0 = liquid_of(others), grid.support_radius, self._rest_distance(grid)
-        return lattice_tension(lambda r: force_function(r, h, d0), fluid.rest_density, fluid.particle_mass(grid), grid)
-
-    def _coheres(self) -> bool:
-        return (self.stiffness if self.stiffness is not None else self.surface_tension) != 0
-
     def _corrects(self) -> bool:
         """Whether the correction is computed: not if its coefficient is zero."""
-        return self.correction != 0 and (self._coheres() or self.correction is not None)
+        return self.correction != 0 and (self.coheres() or self.correction is not None)

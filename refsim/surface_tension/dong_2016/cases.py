@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from refsim.core.cases import VARIATIONS, Case, Exact, Variation, closed_form, example, groups, plain_keeps, takes
+from refsim.core.cases import VARIATIONS, Exact, Variation, closed_form, example, groups, pair_case, plain_keeps, takes
 from refsim.sph import Fluid, ViscosityTerm
 from refsim.surface_tension.dong_2016 import Dong2016, MolecularForce, NormalCorrection
 
@@ -39,41 +39,37 @@ MASS, DENSITY = np.array([2.0, 3.0]), np.array([1000.0, 600.0])
 W0 = 21 / (16 * math.pi)  # Wendland W(0); W(h/2) = 3/16 W(0), W'(h/2) = -5/8 W(0) per metre
 
 
-def _pair(r):
-    return Case("dong_pair", 3, np.array([[0.0, 0.0, 0.0], [0.0, r, 0.0]]), spacing=1.0, support_radius=2.0)
-
-
 def _given(**others):
     no_correction = NormalCorrection(0.0, np.int32(1))
     given = {"mass": MASS, "density": DENSITY, "molecular_force": FORCE, "normal_correction": no_correction}
     return given | {"surface_normal": np.zeros((2, 3))} | others
 
 
+def _pushed(r, push):
+    expected = np.array([[0.0, -3 * push, 0.0], [0.0, 2 * push, 0.0]])
+    return Exact(pair_case("dong_pair", r), _given(), {"acceleration": expected})
+
+
 @closed_form("dong_2016.tension")
 def repelled_pair():
     """a_1 = m_2 L(h/4) e_12, 15/64 k."""
-    push = 2.0 * 15 / 64
-    return Exact(_pair(0.5), _given(), {"acceleration": np.array([[0.0, -3 * push, 0.0], [0.0, 2 * push, 0.0]])})
+    return _pushed(0.5, 2.0 * 15 / 64)
 
 
 @closed_form("dong_2016.tension")
 def attracted_pair():
     """a_1 = m_2 L(3 h/4) e_12, -k/64."""
-    pull = 2.0 / 64
-    return Exact(_pair(1.5), _given(), {"acceleration": np.array([[0.0, 3 * pull, 0.0], [0.0, -2 * pull, 0.0]])})
+    return _pushed(1.5, -2.0 / 64)
 
 
 def _corrected(symmetric, volume):
     difference = np.array([0.5, -1.0, 0.25])
-    kernel = 3 / 16 * W0
-    return Exact(
-        _pair(1.0),
-        _given(
-            molecular_force=FORCE._replace(stiffness=0.0), normal_correction=NormalCorrection(8.0, np.int32(symmetric)),
-            surface_normal=np.array([difference, np.zeros(3)]),
-        ),
-        {"acceleration": 8.0 * kernel * np.array([-volume[0] * difference, volume[1] * difference])},
+    given = _given(
+        molecular_force=FORCE._replace(stiffness=0.0), normal_correction=NormalCorrection(8.0, np.int32(symmetric)),
+        surface_normal=np.array([difference, np.zeros(3)]),
     )  # fmt: skip
+    expected = 8.0 * 3 / 16 * W0 * np.array([-volume[0] * difference, volume[1] * difference])
+    return Exact(pair_case("dong_pair"), given, {"acceleration": expected})
 
 
 @closed_form("dong_2016.tension")
@@ -92,7 +88,8 @@ def pair_as_printed():
 def two_densities():
     """rho_i = m_i (W(0) + W(h/2)), W(h/2) = 3/16 W(0)."""
     number = 19 / 16 * W0
-    return Exact(_pair(1.0), {"mass": MASS}, {"density": MASS * number, "number_density": np.full(2, number)})
+    expected = {"density": MASS * number, "number_density": np.full(2, number)}
+    return Exact(pair_case("dong_pair"), {"mass": MASS}, expected)
 
 
 @closed_form("dong_2016.momentum")
@@ -103,7 +100,7 @@ def pressed_and_sheared_pair():
     push = np.array([0.0, -(squared @ [200.0, 100.0]) * slope, 0.0])
     drag = 0.5 * squared.sum() * slope * np.array([-2.0, 0.0, 4.0])
     return Exact(
-        _pair(1.0),
+        pair_case("dong_pair"),
         {
             "mass": MASS, "density": DENSITY, "pressure": np.array([200.0, 100.0]), "viscosity": ViscosityTerm(0.5),
             "velocity": np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 4.0]]),
@@ -118,4 +115,4 @@ def filtered_densities():
     """(m_1 W(0) + m_2 W(h/2))/(V_1 W(0) + V_2 W(h/2)) on either particle."""
     volume = MASS / DENSITY
     value = (MASS + 3 / 16 * MASS[::-1]) / (volume + 3 / 16 * volume[::-1])
-    return Exact(_pair(1.0), {"mass": MASS, "density": DENSITY}, {"corrected_density": value})
+    return Exact(pair_case("dong_pair"), {"mass": MASS, "density": DENSITY}, {"corrected_density": value})

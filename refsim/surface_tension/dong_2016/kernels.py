@@ -1,6 +1,7 @@
 """What one neighbour and one particle do in Dong, Zhang & Chen 2016."""
 
 from refsim.backends.compile import kernel
+from refsim.backends.tuples import added, difference, over, scaled
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import add_vector, first_lane
 from refsim.smoothing.formulas import kernel_slope, kernel_value, safe_distance
@@ -36,13 +37,11 @@ def momentum_pair(
     apart = safe_distance(r, smoothing)
     slope = kernel_slope(r, smoothing)
     f = formulas.hu_adams_pressure_pair(squared_i, squared_j, pressure_i, pressure_j, slope) / apart
-    ax, ay, az = f * x_ij[0], f * x_ij[1], f * x_ij[2]
+    a = scaled(x_ij, f)
     if viscosity is not None:
         g = formulas.hu_adams_viscosity_pair(squared_i, squared_j, viscosity, slope, apart)
-        ax += g * (velocity_i[0] - velocity_j[0])
-        ay += g * (velocity_i[1] - velocity_j[1])
-        az += g * (velocity_i[2] - velocity_j[2])
-    return ax, ay, az
+        a = added(a, scaled(difference(velocity_i, velocity_j), g))
+    return a[0], a[1], a[2]
 
 
 @kernel(lanes=True)
@@ -50,17 +49,13 @@ def momentum(
     i, lane, position, velocity, mass, density, pressure, neighbours, walls, smoothing, fluid, viscosity, acceleration
 ):
     """D(4) and, unless `viscosity` is None, D(5), walls after Akinci 2012; added to the acceleration [m/s^2]."""
-    ax, ay, az = neighbour_sum(
+    a = neighbour_sum(
         momentum_pair, i, lane, neighbours, position, None, velocity, mass, density, pressure, smoothing, viscosity
     )
-    m = mass[i]
-    ax, ay, az = ax / m, ay / m, az / m
+    a = over(a, mass[i])
     if walls is not None:
-        bx, by, bz = wall_pressure(i, lane, position, density, pressure, walls, smoothing, fluid, None)
-        ax += bx
-        ay += by
-        az += bz
-    add_vector(acceleration, i, lane, ax, ay, az)
+        a = added(a, wall_pressure(i, lane, position, density, pressure, walls, smoothing, fluid, None))
+    add_vector(acceleration, i, lane, a[0], a[1], a[2])
 
 
 @pair
@@ -70,19 +65,14 @@ def tension_pair(
 ):  # fmt: skip
     """D(6) with D(7), and D(9) with D(11), each unless None [m/s^2]."""
     real = type(r)
-    ax, ay, az = real(0), real(0), real(0)
+    a = real(0), real(0), real(0)
     if molecular_force is not None:
         cohesion = formulas.cohesion_pair(mass_j, r * smoothing.inverse_radius, molecular_force)
-        f = cohesion / safe_distance(r, smoothing)
-        ax += f * x_ij[0]
-        ay += f * x_ij[1]
-        az += f * x_ij[2]
+        a = added(a, scaled(x_ij, cohesion / safe_distance(r, smoothing)))
     if normal_correction is not None:
         g = formulas.correction_pair(mass_j, density_i, density_j, kernel_value(r, smoothing), normal_correction)
-        ax += g * (surface_normal_i[0] - surface_normal_j[0])
-        ay += g * (surface_normal_i[1] - surface_normal_j[1])
-        az += g * (surface_normal_i[2] - surface_normal_j[2])
-    return ax, ay, az
+        a = added(a, scaled(difference(surface_normal_i, surface_normal_j), g))
+    return a[0], a[1], a[2]
 
 
 @kernel(lanes=True)
@@ -94,8 +84,8 @@ def tension(
 
     `surface_normal` is h n_i of D(11); the coefficient of the correction contains the factor 1/h.
     """
-    ax, ay, az = neighbour_sum(
+    a = neighbour_sum(
         tension_pair, i, lane, neighbours, position, None, mass, density, surface_normal, smoothing, molecular_force,
         normal_correction,
     )  # fmt: skip
-    add_vector(acceleration, i, lane, ax, ay, az)
+    add_vector(acceleration, i, lane, a[0], a[1], a[2])

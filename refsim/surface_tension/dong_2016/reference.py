@@ -1,21 +1,15 @@
 """NumPy oracle of Dong, Zhang & Chen 2016: all pairs, float64.
 
-Each function returns {output: (value, scale)}; scale is the sum of the absolute terms behind the value.
-Arrays: position, velocity, normals (n, 3); mass, density, pressure (n,); SI units. `rows` picks particles.
+Arrays: position, velocity, normals (n, 3); mass, density, pressure (n,); SI units.
 """
 
 import numpy as np
 
 from refsim.core.operation import SYMMETRY, operations
-from refsim.neighbours.reference import Sums, other_particles, pair_blocks
-from refsim.smoothing.reference import kernel_slope, kernel_value
+from refsim.neighbours.reference import Sums, other_particles, pair_blocks, rows_of
+from refsim.smoothing.reference import kernel_gradient, kernel_slope, kernel_value
 
 operation = operations(paper="Dong, Zhang & Chen 2016")
-
-
-def _rows(array, rows):
-    array = np.asarray(array, dtype=float)
-    return array if rows is None else array[rows]
 
 
 def force_function(r, h, rest_distance):
@@ -34,7 +28,7 @@ def density(position, mass, walls, smoothing, fluid, rows=None):
 
     D(3) rho_i = m_i (sum_j W_ij + sum_b (rho0 V_b/m_i) W_ib).
     """
-    own = _rows(mass, rows)
+    own = rows_of(mass, rows)
     number = np.zeros(len(own))
     for place, _, distance in pair_blocks(position, position, rows):
         number[place] += kernel_value(distance, smoothing).sum(1)
@@ -76,8 +70,7 @@ def momentum(position, velocity, mass, density, pressure, walls, smoothing, flui
     if walls is not None:
         wall_mass = float(fluid.rest_density) * np.asarray(walls.volume, dtype=float)
         for place, separation, distance in pair_blocks(position, walls.position, rows):
-            apart = np.where(distance > 0, distance, 1.0)
-            gradient = (kernel_slope(distance, smoothing) / apart)[..., None] * separation
+            gradient = kernel_gradient(separation, distance, smoothing)
             ratio = (p / rho**2)[own[place], None]
             share = float(fluid.wall_share) * float(fluid.gradient_share)
             sums.add(place, -(share * wall_mass[None, :] * ratio)[..., None] * gradient)

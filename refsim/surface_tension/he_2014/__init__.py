@@ -1,7 +1,5 @@
 """Gradient energy and air pressure on free surfaces after He et al. 2014 (Jiang & Zhu 2023, reference [10]).
 
-Contents: He2014, flat_surface_tension; operations he_2014.color, he_2014.squared_gradient, he_2014.tension.
-
 The terms are independent of each other. A term whose coefficient is zero is not computed.
 """
 
@@ -18,7 +16,7 @@ from numpy.typing import NDArray
 from refsim.core.effect import Discretisation, Effect, Pass, require
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
-from refsim.smoothing import lattice, smoothing
+from refsim.smoothing import lattice_neighbours, smoothing
 from refsim.smoothing.reference import kernel_slope, kernel_value
 from refsim.sph import SETS, liquid_of
 from refsim.surface_tension.cohesion import BECAME_DROPS, DENSITY_KEPT, KEEPS_DENSITY, PairCohesion
@@ -49,10 +47,7 @@ def flat_surface_tension(sums: str, gradients: str, support_radius: float, spaci
     """
     reach = math.ceil(support_radius / spacing)
     layers = np.arange(4 * reach + 2)  # deep enough that the lower half is bulk
-    steps = spacing * lattice(reach, dim)
-    distance = np.sqrt((steps**2).sum(1))
-    near = (distance < support_radius) & (distance > 0)
-    steps, distance = steps[near], distance[near]
+    steps, distance = lattice_neighbours(support_radius, spacing, dim)
     volume = spacing**dim
     w = volume * kernel_value(distance, smoothing(sums, support_radius, dim))
     own = volume * float(kernel_value(0.0, smoothing(sums, support_radius, dim)))
@@ -106,8 +101,8 @@ class He2014(PairCohesion, frozen=True, kw_only=True):
     def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
         if self.surface_tension is not None and self.kappa is not None:
             raise InputError(f"{self.name}: both of surface_tension and kappa given; give one of them, or neither.")
-        own = {"surface_tension": self.surface_tension, "kappa": self.kappa, "air_pressure": self.air_pressure}
-        require(self.name, **{key: (value, "not negative") for key, value in own.items() if value is not None})
+        names = ("surface_tension", "kappa", "air_pressure")
+        require(self.name, **{name: (getattr(self, name), "not negative") for name in names})
         self.check_collapse(grid, others)
 
     def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:

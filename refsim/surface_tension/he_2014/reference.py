@@ -1,21 +1,15 @@
 """NumPy oracle of He et al. 2014: all pairs, float64.
 
-Each function returns {output: (value, scale)}; scale is the sum of the absolute terms behind the value.
-Arrays: position (n, 3); mass, density, color (n,); SI units. `rows` picks particles.
+Arrays: position (n, 3); mass, density, color (n,); SI units.
 """
 
 import numpy as np
 
 from refsim.core.operation import SYMMETRY, operations
 from refsim.neighbours.reference import Sums, pair_blocks
-from refsim.smoothing.reference import kernel_slope, kernel_value
+from refsim.smoothing.reference import kernel_gradient, kernel_value
 
 operation = operations(paper="He et al. 2014")
-
-
-def _gradient(separation, distance, smoothing):
-    apart = np.where(distance > 0, distance, 1.0)
-    return (kernel_slope(distance, smoothing) / apart)[..., None] * separation
 
 
 @operation("smoothed color c", outputs="color", optional="walls", invariants=SYMMETRY, packed="color_pair")
@@ -43,7 +37,7 @@ def squared_gradient(position, mass, density, color, gradient_smoothing, rows=No
     own = np.arange(len(c)) if rows is None else np.asarray(rows)
     sums = Sums(len(own), 3)
     for place, separation, distance in pair_blocks(position, position, rows):
-        sums.add(place, (volume * c)[None, :, None] * _gradient(separation, distance, gradient_smoothing))
+        sums.add(place, (volume * c)[None, :, None] * kernel_gradient(separation, distance, gradient_smoothing))
     gradient, size = sums.total(c[own, None])
     return {"color_gradient_squared": ((gradient**2).sum(1), 2 * (size**2).sum(1))}
 
@@ -70,7 +64,9 @@ def tension(
     sums = Sums(len(own), 3)
     for place, separation, distance in pair_blocks(position, position, rows):
         i = own[place]
-        gradient = volume[None, :, None] * _gradient(separation, distance, gradient_smoothing) / rho[i, None, None]
+        gradient = (
+            volume[None, :, None] * kernel_gradient(separation, distance, gradient_smoothing) / rho[i, None, None]
+        )
         if gradient_energy is not None:
             squared = np.asarray(color_gradient_squared, dtype=float)
             both = float(gradient_energy.kappa) / 4 * (squared[i, None] + squared[None, :])

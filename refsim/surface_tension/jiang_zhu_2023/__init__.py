@@ -1,8 +1,5 @@
 """Free-surface tension by pair forces on surface particles (Jiang & Zhu 2023, (14) to (18) and (21)).
 
-Contents: JiangZhu2023; kirkwood_buff_sigma, kirkwood_buff_pressure; operations jiang_zhu_2023.corrected_density,
-.replace_density, .soft_weight, .cohesion, .area, .tension.
-
 In the paper tension acts on surface particles only. By default all pairs act here and the equation of state balances
 their cohesion in the bulk; the tension at the surface remains: an improvement (Jiang & Zhu E9). Other pair modes
 confine the force to the surface. "soft" weights a pair by (w_i + w_j)/2, where w rises with |h grad c| from 0 in the
@@ -42,7 +39,6 @@ from refsim.surface_tension.cohesion import (
     PairCohesion,
     angular_momentum_note,
     given_one,
-    one_of,
     pressure_of_moment,
     tension_of_moment,
 )
@@ -99,6 +95,15 @@ class AreaTerm(NamedTuple):
 
     kind: int  # of AREA_TERMS
     coefficient: float  # eps of J(21) [N/m^5; N/m^4 in 2D], or eps' of J(18) [m/s^2]
+
+
+def corrected_density_passes() -> tuple[Pass, Pass]:
+    """J(14) and J(15) near the surface; an update of `density`, which precedes every pass that reads it."""
+    reads = ("position", "mass", "near_surface")
+    return (
+        Pass("jiang_zhu_2023.corrected_density", reads, ("corrected_density",), ("density",)),
+        Pass("jiang_zhu_2023.replace_density", ("corrected_density",), updates=("density",)),
+    )
 
 
 def force_function(r: NDArray, support_radius: float, dim: int, alpha: float, beta: float = BETA) -> NDArray:
@@ -174,6 +179,7 @@ class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
     """
 
     name: ClassVar[str] = "jiang_zhu_2023"
+    own: ClassVar[str] = "gamma"
     source: ClassVar[str] = "Jiang & Zhu"
     errata: ClassVar[tuple[str, ...]] = ("E4", "E5", "E6", "E7", "E10", "E23")
     improvements: ClassVar[tuple[str, ...]] = ("E6", "E7", "E23")
@@ -192,22 +198,15 @@ class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
     literal: Printed = ()
 
     def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
-        one_of(self.name, surface_tension=self.surface_tension, gamma=self.gamma)
-        own = {
-            "surface_tension": (self.surface_tension, "not negative"),
-            "gamma": (self.gamma, "not negative"),
-            "area_ratio": (self.area_ratio, "not negative"),
-            "area_acceleration": (self.area_acceleration, "not negative"),
-            "threshold": (self.threshold, "positive"),
-            "soft_lower": (self.soft_lower, "not negative"),
-            "soft_upper": (self.soft_upper, "positive"),
-        }
-        require(self.name, **{key: (value, rule) for key, (value, rule) in own.items() if value is not None})
-        for key, allowed in (("pair_mode", PAIR_MODES), ("area_term", (*AREA_TERMS, "none"))):
-            if getattr(self, key) not in allowed:
-                raise InputError(
-                    f"{self.name}: {key} = {getattr(self, key)!r} is unknown; choose one of {', '.join(allowed)}."
-                )
+        self.check_coefficients()
+        require(
+            self.name,
+            area_ratio=(self.area_ratio, "not negative"),
+            area_acceleration=(self.area_acceleration, "not negative"),
+            threshold=(self.threshold, "positive"),
+            soft_lower=(self.soft_lower, "not negative"),
+            soft_upper=(self.soft_upper, "positive"),
+        )
         if self.soft_upper <= self.soft_lower:
             raise InputError(
                 f"{self.name}: soft_upper = {self.soft_upper} is not above soft_lower = {self.soft_lower}; give"
@@ -218,23 +217,18 @@ class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
             self._detection(others).check(grid, others)
         self.check_collapse(grid, others)
 
-    def coefficient(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
-        """gamma of J(16) [m^4/(kg s^2)], given or from sigma."""
-        if self.gamma is not None:
-            return self.gamma
-        rest_density = liquid_of(others).rest_density
-        return given_one(self.surface_tension) / kirkwood_buff_sigma(
-            1.0, rest_density, grid.support_radius, grid.dim, self._alpha(grid.dim)
-        )
+    def unit_tension(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
+        return self._nominal(1.0, grid, others)
 
     def nominal_tension(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
         """sigma [N/m], given or from gamma."""
         if self.surface_tension is not None:
             return self.surface_tension
+        return self._nominal(given_one(self.gamma), grid, others)
+
+    def _nominal(self, gamma: float, grid: Discretisation, others: Mapping[str, Effect]) -> float:
         rest_density = liquid_of(others).rest_density
-        return kirkwood_buff_sigma(
-            given_one(self.gamma), rest_density, grid.support_radius, grid.dim, self._alpha(grid.dim)
-        )
+        return kirkwood_buff_sigma(gamma, rest_density, grid.support_radius, grid.dim, self._alpha(grid.dim))
 
     def signed_gamma(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
         """gamma [m^4/(kg s^2)], with the printed sign of J(16) if Jiang & Zhu E4 is taken literally."""
@@ -244,7 +238,7 @@ class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
         fields: list[Field] = []
         if self._corrects():
             fields += [NUMBER_DENSITY, NEAR_SURFACE, CORRECTED_DENSITY]
-        if self._acts():
+        if self.coheres():
             if self.pair_mode == "soft":
                 fields += [SURFACE_NORMAL, SURFACE_WEIGHT]
             if self._marked():
@@ -258,18 +252,8 @@ class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
     def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
         passes: list[Pass] = []
         if self._corrects():
-            # An update of `density`: precedes every pass that reads it.
-            passes += [
-                near_surface_pass(),
-                Pass(
-                    "jiang_zhu_2023.corrected_density",
-                    ("position", "mass", "near_surface"),
-                    ("corrected_density",),
-                    ("density",),
-                ),
-                Pass("jiang_zhu_2023.replace_density", ("corrected_density",), updates=("density",)),
-            ]
-        if not self._acts():
+            passes += [near_surface_pass(), *corrected_density_passes()]
+        if not self.coheres():
             return tuple(passes)
         reads = ["position", "mass"]
         names: dict[str, str | None] = {"surface_weight": None, "surface": None, "area_normal": None}
@@ -297,7 +281,7 @@ class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
     def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount | None:
         """The potential of J(16) between all pairs; weighted or selected pairs have none."""
         uncounted = ["what the density correction changes in the pressure"] if self._corrects() else []
-        if not self._acts():
+        if not self.coheres():
             return EnergyAccount(uncounted=tuple(uncounted))
         if not self.acts_on_all_pairs():
             return None
@@ -305,9 +289,9 @@ class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
         return self.pair_account(grid, others, tuple(uncounted))
 
     def list_radius(self, grid: Discretisation) -> float:
-        if self._acts() and self._marked():
+        if self.coheres() and self._marked():
             return max(grid.support_radius, self._detection({}).list_radius(grid))
-        return grid.support_radius if self._acts() or self._corrects() else 0.0
+        return grid.support_radius if self.coheres() or self._corrects() else 0.0
 
     def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
         real, h, dim = grid.real, grid.support_radius, grid.dim
@@ -321,32 +305,26 @@ class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
             given = self.area_acceleration
             eps = AKINCI_RATIO * abs(gamma) * fluid.rest_density if given is None else given
             area = AreaTerm(int32(AREA_TERMS["color"]), real(eps))
+        amplitude = gamma * NORMALISATION[POLY6][dim] / h**dim
         groups = self._detection(others).prepare(grid, others)
         groups |= normal_term(fluid, grid, own_density="E10" in self.printed())
         return groups | {
             "pairs": PairSelection(int32(PAIR_MODES[self.pair_mode])),
             "soft": SoftThresholds(
-                real(self.soft_lower), real(self.soft_upper), real(1 / (self.soft_upper - self.soft_lower))
+                *map(real, (self.soft_lower, self.soft_upper, 1 / (self.soft_upper - self.soft_lower)))
             ),
-            "cohesion": Cohesion(
-                real(gamma),
-                real(self._alpha(dim)),
-                real(BETA),
-                real(gamma * NORMALISATION[POLY6][dim] / h**dim),
-                real(INNER**-dim),
-                real(1 / INNER),
-            ),
+            "cohesion": Cohesion(*map(real, (gamma, self._alpha(dim), BETA, amplitude, INNER**-dim, 1 / INNER))),
             "area": area,
         }
 
     def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
-        borrows = self._acts() and self._marked() and SurfaceDetection.name not in others
+        borrows = self.coheres() and self._marked() and SurfaceDetection.name not in others
         said = self._detection(others).notes(grid, others) if borrows else ()
         return (*super().notes(grid, others), *self._unstable(grid, others), *said)
 
     def margins(self, grid: Discretisation, others: Mapping[str, Effect]) -> Iterator[Margin]:
         yield from super().margins(grid, others)
-        if not self._acts():
+        if not self.coheres():
             return
         if self.pair_mode == "soft":
             yield Margin("pull of the soft pair force/(rho0 c^2)", self._soft_pull(grid, others), LARGEST_SOFT)
@@ -358,9 +336,8 @@ class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
 
     def _soft_pull(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
         """Internal pressure of the pair force over rho0 c^2, as if all pairs acted."""
-        fluid, gamma = liquid_of(others), abs(self.signed_gamma(grid, others))
-        pull = kirkwood_buff_pressure(gamma, fluid.rest_density, grid.support_radius, grid.dim, self._alpha(grid.dim))
-        return pull / (fluid.rest_density * fluid.sound_speed**2)
+        fluid = liquid_of(others)
+        return abs(self._pressure(grid, others)) / (fluid.rest_density * fluid.sound_speed**2)
 
     def _least_viscosity(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
         """The least with which drops of unbalanced cohesion gain no energy [Pa s]."""
@@ -377,7 +354,7 @@ class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
 
     def _unstable(self, grid: Discretisation, others: Mapping[str, Effect]) -> Iterator[str]:
         """Notes on settings with which drops were found to boil or to lose particles at any step."""
-        if not self._acts():
+        if not self.coheres():
             return
         if self._marked():
             yield (
@@ -421,8 +398,11 @@ class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
     def internal_pressure(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
         if not self.acts_on_all_pairs():
             return 0.0
-        rest_density = liquid_of(others).rest_density
-        gamma = self.signed_gamma(grid, others)
+        return self._pressure(grid, others)
+
+    def _pressure(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
+        """Internal pressure [Pa] of the pair force, as if all pairs acted."""
+        gamma, rest_density = self.signed_gamma(grid, others), liquid_of(others).rest_density
         return kirkwood_buff_pressure(gamma, rest_density, grid.support_radius, grid.dim, self._alpha(grid.dim))
 
     def _detection(self, others: Mapping[str, Effect]) -> SurfaceDetection:
@@ -435,11 +415,8 @@ class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
     def _alpha(self, dim: int) -> float:
         return ALPHA[3] if "E7" in self.printed() else ALPHA[dim]
 
-    def _acts(self) -> bool:
-        return (self.gamma if self.gamma is not None else self.surface_tension) != 0
-
     def _corrects(self) -> bool:
-        return self._acts() if self.density_correction is None else self.density_correction
+        return self.coheres() if self.density_correction is None else self.density_correction
 
     def _marked(self) -> bool:
         return self.pair_mode in MARKED_MODES

@@ -4,23 +4,12 @@ import math
 
 import numpy as np
 
-from refsim.core.cases import (
-    VARIATIONS,
-    Case,
-    Exact,
-    Variation,
-    closed_form,
-    codes,
-    example,
-    groups,
-    particles,
-    plain_keeps,
-    takes,
-)
+from refsim.core import cases
+from refsim.core.cases import VARIATIONS, Exact, Variation, closed_form, groups, particles, plain_keeps, takes
 from refsim.surface_tension.jiang_zhu_2023 import AreaTerm, Cohesion, JiangZhu2023, PairSelection, SoftThresholds
 from refsim.surface_tension.jiang_zhu_2023.modes import ALL, AREA_TERMS, PAIR_MODES, SOFT
 
-example(
+cases.example(
     JiangZhu2023(surface_tension=0.5, pair_mode="soft"),
     brings="corrected_density corrected_normal near_surface number_density surface_normal surface_weight",
 )
@@ -63,8 +52,8 @@ VARIATIONS[SoftThresholds] = Variation(_width_follows)
 takes("jiang_zhu_2023.tension:fused", "jiang_zhu_2023.cohesion:fused", fluid="rest_density gradient_share wall_share")
 takes("jiang_zhu_2023.cohesion", "jiang_zhu_2023.tension", smoothing="support_radius dim")
 takes("jiang_zhu_2023.area", smoothing="support_radius")
-codes(PairSelection, mode=PAIR_MODES)
-codes(AreaTerm, kind=AREA_TERMS)
+cases.codes(PairSelection, mode=PAIR_MODES)
+cases.codes(AreaTerm, kind=AREA_TERMS)
 plain_keeps(
     "jiang_zhu_2023.cohesion",
     "jiang_zhu_2023.tension",
@@ -76,7 +65,7 @@ plain_keeps(
 
 
 # h = 2 m in 3D: poly6 W(0, h) = 315/(512 pi) and W(h/2, h) = 27/64 of it; W(h/2, 0.8 h) = (1 - 25/64)^3/0.512 of it.
-PAIR = Case("tension_pair", 3, np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), spacing=1.0, support_radius=2.0)
+PAIR = cases.pair_case("tension_pair")
 W0 = 315 / (512 * math.pi)
 SHAPE = 0.6 * (39 / 64) ** 3 / 0.512 - 0.9 * 27 / 64
 COHESION = Cohesion(0.5, 0.6, 0.9, 0.5 * W0, 1 / 0.512, 1.25)
@@ -87,11 +76,8 @@ MASS, DENSITY = np.array([2.0, 3.0]), np.array([1000.0, 500.0])
 def two_densities():
     """(m_1 W(0) + m_2 W(h/2)) / (V_1 W(0) + V_2 W(h/2)), W(h/2) = 3/16 W(0); the second particle is left alone."""
     value = (2 + 3 * 3 / 16) / (2 / 1000 + 3 / 500 * 3 / 16)
-    return Exact(
-        PAIR,
-        {"mass": MASS, "density": DENSITY, "near_surface": np.array([1, 0], np.uint8)},
-        {"corrected_density": np.array([value, 500.0])},
-    )
+    given = {"mass": MASS, "density": DENSITY, "near_surface": np.array([1, 0], np.uint8)}
+    return Exact(PAIR, given, {"corrected_density": np.array([value, 500.0])})
 
 
 @closed_form("jiang_zhu_2023.replace_density")
@@ -103,57 +89,45 @@ def copied():
 @closed_form("jiang_zhu_2023.soft_weight")
 def half_way():
     """Half way up the ramp the weight is 1/2; a quarter up it is 5/32."""
-    return Exact(
-        PAIR,
-        {"surface_normal": np.array([[0.0, 0.3, 0.4], [0.0, 0.375, 0.0]]), "soft": SoftThresholds(0.25, 0.75, 2.0)},
-        {"surface_weight": np.array([0.5, 5 / 32])},
-    )
+    normal = np.array([[0.0, 0.3, 0.4], [0.0, 0.375, 0.0]])
+    given = {"surface_normal": normal, "soft": SoftThresholds(0.25, 0.75, 2.0)}
+    return Exact(PAIR, given, {"surface_weight": np.array([0.5, 5 / 32])})
 
 
-def _cohesion(share):
+def _cohering(share, **given):
+    """A share of the pull; the area term is zero, but for what is given."""
     pull = share * 0.5 * W0 * SHAPE
-    return np.array([[0.0, -3 * pull, 0.0], [0.0, 2 * pull, 0.0]])
+    own = {"mass": MASS, "density": DENSITY, "cohesion": COHESION, "area": AreaTerm(np.int32(0), 0.0)}
+    expected = np.array([[0.0, -3 * pull, 0.0], [0.0, 2 * pull, 0.0]])
+    return Exact(PAIR, own | {"area_normal": np.zeros((2, 3))} | given, {"acceleration": expected})
 
 
 @closed_form("jiang_zhu_2023.cohesion", "jiang_zhu_2023.tension")
 def cohering_pair():
     """a_1 = gamma m_2 C(h/2) e_12, half of it where one of the two is of the bulk."""
-    return Exact(
-        PAIR,
-        {"mass": MASS, "density": DENSITY, "surface_weight": np.array([1.0, 0.0]), "surface": None,
-         "pairs": PairSelection(np.int32(0)), "cohesion": COHESION, "area": AreaTerm(np.int32(0), 0.0),
-         "area_normal": np.zeros((2, 3))},
-        {"acceleration": _cohesion(0.5)},
-    )  # fmt: skip
+    return _cohering(0.5, surface_weight=np.array([1.0, 0.0]), surface=None, pairs=PairSelection(np.int32(0)))
+
+
+AT_REST = {"pressure": np.zeros(2), "velocity": np.ones((2, 3)), "walls": None}
 
 
 @closed_form("jiang_zhu_2023.tension:fused")
 def cohering_pair_at_rest():
     """Without pressure and at equal velocities only cohesion acts: a_1 = gamma m_2 C(h/2) e_12."""
-    return Exact(
-        PAIR,
-        {"mass": MASS, "density": DENSITY, "pressure": np.zeros(2), "velocity": np.ones((2, 3)), "walls": None,
-         "cohesion": COHESION, "area": AreaTerm(np.int32(0), 0.0), "area_normal": np.zeros((2, 3))},
-        {"acceleration": _cohesion(1.0)},
-    )  # fmt: skip
+    return _cohering(1.0, **AT_REST)
 
 
 @closed_form("jiang_zhu_2023.cohesion:fused")
 def cohering_pair_without_area_term():
     """As the pair at rest, with neither area term nor walls."""
-    made = cohering_pair_at_rest()
-    return Exact(made.case, dict(made.given) | {"area": None, "area_normal": None}, made.expected)
+    return _cohering(1.0, **AT_REST, area=None, area_normal=None)
 
 
 @closed_form("jiang_zhu_2023.cohesion")
 def cohering_marked_pair():
     """Particle 2 is of the surface: the pair acts where either has to be."""
-    return Exact(
-        PAIR,
-        {"mass": MASS, "density": DENSITY, "surface_weight": None, "surface": np.array([0, 1], np.uint8),
-         "pairs": PairSelection(np.int32(3)), "cohesion": COHESION},
-        {"acceleration": _cohesion(1.0)},
-    )  # fmt: skip
+    marks = {"surface_weight": None, "surface": np.array([0, 1], np.uint8), "pairs": PairSelection(np.int32(3))}
+    return _cohering(1.0, **marks, area=None, area_normal=None)
 
 
 @closed_form("jiang_zhu_2023.tension")

@@ -1,13 +1,12 @@
 """NumPy oracle of Jiang & Zhu 2023: all pairs, float64.
 
-Each function returns {output: (value, scale)}; scale is the sum of the absolute terms behind the value.
-Arrays: position, normals (n, 3); mass, density, weights, marks (n,); SI units. `rows` picks particles.
+Arrays: position, normals (n, 3); mass, density, weights, marks (n,); SI units.
 """
 
 import numpy as np
 
 from refsim.core.operation import SYMMETRY, Program, operations, without
-from refsim.neighbours.reference import Sums, pair_blocks
+from refsim.neighbours.reference import Sums, pair_blocks, rows_of
 from refsim.smoothing.reference import kernel_value
 
 operation = operations(paper="Jiang & Zhu 2023")
@@ -41,11 +40,6 @@ def _fused(left_out):
     }  # fmt: skip
 
 
-def _rows(array, rows):
-    array = np.asarray(array, dtype=float)
-    return array if rows is None else array[rows]
-
-
 @operation(
     "Shepard filter of all densities; J(14), J(15)", "dong_2016.shepard_filter", paper="Dong, Zhang & Chen 2016",
     outputs="corrected_density", optional="walls near_surface", variants=("near_surface walls", "near_surface"),
@@ -61,7 +55,7 @@ def corrected_density(position, mass, density, near_surface, walls, smoothing, f
     J(14), J(15) rho*_i = sum_j m_j W_ij / sum_k (m_k/rho_k) W_ik; walls m_k -> rho0 V_b, rho_k -> rho_i.
     """
     mass, rho = np.asarray(mass, dtype=float), np.asarray(density, dtype=float)
-    own = _rows(density, rows)
+    own = rows_of(density, rows)
     above, below = np.zeros(len(own)), np.zeros(len(own))
     for place, _, distance in pair_blocks(position, position, rows):
         w = kernel_value(distance, smoothing)
@@ -75,14 +69,14 @@ def corrected_density(position, mass, density, near_surface, walls, smoothing, f
             below[place] += (w @ filling) / own[place]
     value = above / below
     if near_surface is not None:
-        value = np.where(_rows(near_surface, rows) != 0, value, own)
+        value = np.where(rows_of(near_surface, rows) != 0, value, own)
     return {"corrected_density": (value, 2 * value)}
 
 
 @operation("J(14), in place of J(7)", outputs="density", tolerance=0.0, reason="a copy", invariants="reordering")
 def replace_density(corrected_density, rows=None):
     """rho_i <- rho*_i [kg/m^dim], J(14)."""
-    value = _rows(corrected_density, rows)
+    value = rows_of(corrected_density, rows)
     return {"density": (value, value)}
 
 
@@ -97,7 +91,7 @@ def soft_weight(surface_normal, soft, rows=None):
     The scale is the value's change where t moves by its own terms, |n| and the bounds, over the width.
     """
     lower, upper = float(soft.lower), float(soft.upper)
-    steepness = np.sqrt((_rows(surface_normal, rows) ** 2).sum(-1))
+    steepness = np.sqrt((rows_of(surface_normal, rows) ** 2).sum(-1))
     t = np.clip((steepness - lower) / (upper - lower), 0, 1)
     return {"surface_weight": (t**2 * (3 - 2 * t), 1.5 * (steepness + lower) / (upper - lower) + 3 * t**2 + 2 * t**3)}
 

@@ -1,7 +1,5 @@
 """Surface tension from the difference of normals after patent CN104318598A (2014), patent P7.
 
-Contents: NormalDifference2014; operation normal_difference_2014.tension.
-
 The patent has no cohesion and states neither the normal nor a value of the coefficient. Here the normal is the colour
 gradient of Akinci et al. 2013, J(19) (patent E29), and gamma is an acceleration.
 """
@@ -21,7 +19,7 @@ from refsim.core.checked import Printed
 from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, require
 from refsim.core.fields import Field
 from refsim.core.scalars import int32
-from refsim.smoothing import lattice, smoothing
+from refsim.smoothing import lattice_neighbours, smoothing
 from refsim.sph import LIQUID, SETS, liquid_of
 from refsim.surface_normal import SURFACE_NORMAL, color_gradient_pass, normal_term
 from refsim.surface_tension.cohesion import spreading_note
@@ -103,11 +101,7 @@ def stiffest_wave(shape: str, ratio: float, dim: int) -> float:
     from refsim.smoothing.reference import kernel_slope
 
     kernel = smoothing(shape, ratio, dim)
-    reach = math.ceil(ratio)
-    r = lattice(reach, dim)
-    length = np.sqrt((r**2).sum(1))
-    near = (length > 0) & (length < ratio)
-    r, length = r[near], length[near]
+    r, length = lattice_neighbours(ratio, 1.0, dim)
     unit, slope, step = r / length[:, None], kernel_slope(length, kernel), 1e-4
     bend = (kernel_slope(np.minimum(length + step, ratio), kernel) - kernel_slope(length - step, kernel)) / (2 * step)
     along = unit[:, :, None] * unit[:, None, :]

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from refsim.core.cases import Case, Exact, closed_form, example, groups, other, takes
+from refsim.core.cases import Exact, closed_form, example, groups, other, pair_case, takes
 from refsim.surface_tension.normal_difference_2014 import NormalDifference, NormalDifference2014
 
 example(NormalDifference2014(area_acceleration=0.5), brings="surface_normal")
@@ -20,7 +20,7 @@ takes("normal_difference_2014.tension", smoothing="support_radius")
 @closed_form("normal_difference_2014.tension")
 def pair_with_normals():
     """m = 2 and 3 kg: a_1 = -gamma (6/5) (n_1 - n_2), a_2 = gamma (4/5) (n_1 - n_2)."""
-    pair = Case("difference_pair", 3, np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), spacing=1.0, support_radius=2.0)
+    pair = pair_case("difference_pair")
     difference = np.array([0.5, -1.0, 0.25])
     return Exact(
         pair,

@@ -1,7 +1,5 @@
 """Cosine-shaped pair force after Tartakovsky & Meakin 2005 (Jiang & Zhu 2023, reference [7]; Dong 2016, [8]).
 
-Contents: TartakovskyMeakin2005; operation tartakovsky_meakin_2005.cohesion.
-
 Jiang & Zhu write that the force has no repulsion, Dong that it vanishes as r does. Neither holds for
 s cos(3 pi r/(2 h)) e_ij: it repels below h/3 and tends to s as r -> 0.
 """
@@ -14,10 +12,10 @@ from typing import Any, ClassVar, NamedTuple
 
 from numpy.typing import NDArray
 
-from refsim.core.effect import Discretisation, Effect, Pass, require
+from refsim.core.effect import Discretisation, Effect, Pass
 from refsim.core.energy import EnergyAccount
 from refsim.sph import liquid_of
-from refsim.surface_tension.cohesion import PairCohesion, given_one, nominal_tension, one_of
+from refsim.surface_tension.cohesion import PairCohesion
 from refsim.surface_tension.tartakovsky_meakin_2005.reference import force_function
 
 
@@ -40,30 +38,17 @@ class TartakovskyMeakin2005(PairCohesion, frozen=True, kw_only=True):
     """
 
     name: ClassVar[str] = "tartakovsky_meakin_2005"
+    own: ClassVar[str] = "strength"
 
     surface_tension: float | None = None
     strength: float | None = None
 
     def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
-        one_of(self.name, surface_tension=self.surface_tension, strength=self.strength)
-        own = {"surface_tension": self.surface_tension, "strength": self.strength}
-        require(self.name, **{key: (value, "not negative") for key, value in own.items() if value is not None})
+        self.check_coefficients()
         self.check_collapse(grid, others)
 
-    def coefficient(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
-        """s [N; N/m in 2D], given or from sigma."""
-        if self.strength is not None:
-            return self.strength
-        rest_density = liquid_of(others).rest_density
-        unit = nominal_tension(self._force_of(1.0, grid, others), rest_density, grid.support_radius, grid.dim)
-        return given_one(self.surface_tension) / unit
-
-    def pair_force(self, r: NDArray, grid: Discretisation, others: Mapping[str, Effect]) -> NDArray:
-        """s cos(3 pi r/(2 h))/m^2 [N/kg^2] for particles of the lattice's mass."""
-        return self._force_of(self.coefficient(grid, others), grid, others)(r)
-
     def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
-        if (self.strength if self.strength is not None else self.surface_tension) == 0:
+        if not self.coheres():
             return ()
         return (Pass("tartakovsky_meakin_2005.cohesion", ("position", "mass"), updates=("acceleration",)),)
 
@@ -82,6 +67,7 @@ class TartakovskyMeakin2005(PairCohesion, frozen=True, kw_only=True):
         wave_number = 1.5 * math.pi / grid.support_radius
         return {"cosine_force": CosineForce(grid.real(strength), grid.real(wave_number))}
 
-    def _force_of(self, strength: float, grid: Discretisation, others: Mapping[str, Effect]) -> Any:
+    def force_of(self, coefficient: float, r: NDArray, grid: Discretisation, others: Mapping[str, Effect]) -> NDArray:
+        """s cos(3 pi r/(2 h))/m^2 [N/kg^2] for particles of the lattice's mass."""
         mass = liquid_of(others).particle_mass(grid)
-        return lambda r: strength / mass**2 * force_function(r, grid.support_radius)
+        return coefficient / mass**2 * force_function(r, grid.support_radius)

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from refsim.core.cases import VARIATIONS, Case, Exact, Variation, closed_form, example, groups, takes
+from refsim.core.cases import VARIATIONS, Exact, Variation, closed_form, example, groups, pair_case, takes
 from refsim.surface_tension.tartakovsky_meakin_2005 import CosineForce, TartakovskyMeakin2005
 
 example(TartakovskyMeakin2005(surface_tension=0.5))
@@ -27,10 +27,6 @@ takes("tartakovsky_meakin_2005.cohesion", smoothing="support_radius")
 GIVEN = {"mass": np.array([2.0, 3.0]), "cosine_force": CosineForce(12.0, 0.75 * math.pi)}  # h = 2 m
 
 
-def _pair(r):
-    return Case("cosine_pair", 3, np.array([[0.0, 0.0, 0.0], [0.0, r, 0.0]]), spacing=1.0, support_radius=2.0)
-
-
 def _push(force):
     return np.array([[0.0, -force / 2, 0.0], [0.0, force / 3, 0.0]])
 
@@ -38,10 +34,10 @@ def _push(force):
 @closed_form("tartakovsky_meakin_2005.cohesion")
 def attracted_pair():
     """At r = h/2 the force is s cos(3 pi/4) = -s/sqrt 2."""
-    return Exact(_pair(1.0), GIVEN, {"acceleration": _push(-12 / math.sqrt(2))})
+    return Exact(pair_case("cosine_pair"), GIVEN, {"acceleration": _push(-12 / math.sqrt(2))})
 
 
 @closed_form("tartakovsky_meakin_2005.cohesion")
 def repelled_pair():
     """At r = h/6 it is s cos(pi/4) = s/sqrt 2."""
-    return Exact(_pair(1 / 3), GIVEN, {"acceleration": _push(12 / math.sqrt(2))})
+    return Exact(pair_case("cosine_pair", 1 / 3), GIVEN, {"acceleration": _push(12 / math.sqrt(2))})

@@ -18,7 +18,7 @@ from refsim.core.period import period_group
 from refsim.heat import HeatConduction, enthalpy_of
 from refsim.heat.reference import Body, Step
 from refsim.heat.shapes import lattice_sum
-from refsim.heat.stages import chebyshev_passes, first_legendre_stages, legendre_stages, stage_passes
+from refsim.heat.stages import chebyshev_passes, first_legendre_stages, legendre_stages
 from refsim.neighbours.rows import NeighbourColumns, NeighbourRows
 
 SUPPORT = 2.5  # support radius over spacing
@@ -151,7 +151,7 @@ class Conductor:
         if self.scheme == "nonlinear_jacobi":
             return int(self.conduction.iterations)
         if self.scheme == "runge_kutta_legendre":
-            return stage_passes((first_legendre_stages if melts else legendre_stages)(largest))
+            return len(list((first_legendre_stages if melts else legendre_stages)(largest)))
         planned = chebyshev_passes(largest, float(self.conduction.tolerance))
         if self.scheme == "implicit" and planned <= self.conduction.most_passes:
             return planned
@@ -163,7 +163,7 @@ class Conductor:
 
         given = {**self.given, "timestep": np.array([0.0, seconds])}
         body, step = (kind(*(given[name] for name in kind._fields)) for kind in (Body, Step))
-        return schemes.weighed(body, given["neighbours"], step, given["scratch"])
+        return schemes.on(given["scratch"]).weighed(body, given["neighbours"], step, given["scratch"])
 
     def _solved(self, seconds: float) -> int:
         """Passes that conjugate gradients take."""
