@@ -7,26 +7,15 @@ import msgspec
 import numpy as np
 
 from refsim.backends.arrays import Backend
-from refsim.core.cases import (
-    CASES,
-    VARIATIONS,
-    Case,
-    Exact,
-    Variation,
-    case,
-    closed_form,
-    example,
-    groups,
-    lattice,
-    takes,
-)
+from refsim.core import cases
+from refsim.core.cases import CASES, VARIATIONS, Case, Exact, Variation, case, closed_form, groups
 from refsim.isosurface.cases import cell_size, extraction
 from refsim.sparse_grid import Blocks, SparseGrid, nodes
 from refsim.sparse_grid.reference import node_table
 from refsim.surface_energy import Dice, SurfaceTerm, Tension, reference, surface_term
 from refsim.surface_energy.effect import SurfaceEnergy
 
-example(
+cases.example(
     SurfaceEnergy(surface_tension=5.0, enclose_volume=True, iterations=2, smallest=8),
     brings="cluster_share crowding extent greatest_crowding inverse_spread",
 )
@@ -138,12 +127,12 @@ VARIATIONS[SurfaceTerm] = Variation(
     held=dict.fromkeys(("cell_size", "inverse_cell"), "the case's nodes and cells belong to it"), usual=()
 )
 VARIATIONS[Dice] = Variation(held={"candidates": "the case's tables have as many rows"})
-takes("surface_energy.node_states", "surface_energy.exit_points", surface_term="radius_squared")
-takes("surface_energy.poisson_disk", surface_term="disk")
-takes("surface_energy.offsets", surface_term="offset")
-takes("surface_energy.fit", surface_term="offset relaxation iterations")
-takes("surface_energy.inset", surface_term="inset")
-takes("surface_energy.surface_force", surface_term="tension")
+cases.takes("surface_energy.node_states", "surface_energy.exit_points", surface_term="radius_squared")
+cases.takes("surface_energy.poisson_disk", surface_term="disk")
+cases.takes("surface_energy.offsets", surface_term="offset")
+cases.takes("surface_energy.fit", surface_term="offset relaxation iterations")
+cases.takes("surface_energy.inset", surface_term="inset")
+cases.takes("surface_energy.surface_force", surface_term="tension")
 
 
 # Shapes
@@ -156,7 +145,7 @@ def shape(name: str, dim: int, position: np.ndarray, **options) -> Case:
 def cut_ball(radius: float, dim: int, spacing: float = 0.1) -> np.ndarray:
     """A jittered lattice cut by a sphere around the origin."""
     count = 2 * math.ceil(radius / spacing) + 3
-    position = lattice((count, count, count), spacing, dim)
+    position = cases.lattice((count, count, count), spacing, dim)
     position[:, :dim] += spacing * (
         np.random.default_rng(5).uniform(-0.25, 0.25, (len(position), dim)) - (count - 1) / 2
     )
@@ -185,26 +174,26 @@ def filament_row() -> Case:
 @case
 def two_rows() -> Case:
     """Two rows of particles beside each other in the plane."""
-    return shape("two_rows", 2, lattice((25, 2, 1), 0.1, 2) + [0.02, 0.03, 0.0])
+    return shape("two_rows", 2, cases.lattice((25, 2, 1), 0.1, 2) + [0.02, 0.03, 0.0])
 
 
 @case
 def on_nodes() -> Case:
     """Particles exactly on the grid's nodes, where cell size and coordinates are exact in binary."""
-    return shape("on_nodes", 3, lattice((4, 4, 3), 0.25) - [0.5, 0.0, 0.0], spacing=0.25, support_radius=0.5)
+    return shape("on_nodes", 3, cases.lattice((4, 4, 3), 0.25) - [0.5, 0.0, 0.0], spacing=0.25, support_radius=0.5)
 
 
 @case
 def block_of_lattice() -> Case:
     """A lattice two particles to a cell, in a random order: most samples are equally near to two or more of them."""
-    place = lattice((5, 4, 4), 0.1) + 0.05
+    place = cases.lattice((5, 4, 4), 0.1) + 0.05
     return shape("block_of_lattice", 3, place[np.random.default_rng(8).permutation(len(place))])
 
 
 @case
 def sheet_of_lattice() -> Case:
     """The same in the plane."""
-    place = lattice((8, 6, 1), 0.1, 2) + [0.05, 0.05, 0.0]
+    place = cases.lattice((8, 6, 1), 0.1, 2) + [0.05, 0.05, 0.0]
     return shape("sheet_of_lattice", 2, place[np.random.default_rng(8).permutation(len(place))])
 
 

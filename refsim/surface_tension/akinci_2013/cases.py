@@ -5,22 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from refsim.core.cases import (
-    VARIATIONS,
-    Case,
-    Exact,
-    Variation,
-    closed_form,
-    example,
-    groups,
-    pair_case,
-    plain_keeps,
-    takes,
-)
+from refsim.core import cases
+from refsim.core.cases import VARIATIONS, Case, Exact, Variation, closed_form, groups, pair_case, plain_keeps
 from refsim.core.walls import WallParticles
 from refsim.surface_tension.akinci_2013 import Adhesion, Akinci2013, AreaMinimisation, CohesionSpline
 
-example(Akinci2013(surface_tension=0.5, adhesion=0.1), brings="surface_normal")
+cases.example(Akinci2013(surface_tension=0.5, adhesion=0.1), brings="surface_normal")
 
 
 @groups("spline", "area_term", "adhesion")
@@ -43,8 +33,8 @@ def _adhesion_follows(group, inputs, kernel):
 
 VARIATIONS[CohesionSpline] = Variation(_spline_follows)
 VARIATIONS[Adhesion] = Variation(_adhesion_follows)
-takes("akinci_2013.tension:fused", fluid="rest_density gradient_share wall_share")
-takes("akinci_2013.tension", "akinci_2013.adhesion", smoothing="support_radius dim")
+cases.takes("akinci_2013.tension:fused", fluid="rest_density gradient_share wall_share")
+cases.takes("akinci_2013.tension", "akinci_2013.adhesion", smoothing="support_radius dim")
 plain_keeps("akinci_2013.tension", spline="the equation sums cohesion and area term; cohesion needs no normals")
 
 
