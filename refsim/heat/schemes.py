@@ -1,5 +1,8 @@
 """The schemes of heat conduction: which kernels are launched one after another, on either backend."""
 
+from collections.abc import Callable
+from typing import NamedTuple
+
 import numpy as np
 
 from refsim.heat import reductions, stages
@@ -8,13 +11,20 @@ from refsim.heat.reference import Body, Melting, Step
 from refsim.heat.shapes import StageState, Substance
 
 
-def on(scratch):
-    """The sums over all particles on the backend of the scratch memory."""
-    if scratch.backend.name == "cuda":
-        from refsim.heat import reductions_cuda
+class Totals(NamedTuple):
+    """What goes over all particles, on one backend."""
 
-        return reductions_cuda
-    return reductions
+    weighed: Callable
+    turn: Callable
+    step: Callable
+
+
+def on(scratch):
+    """The programs of `reductions` for the backend of the scratch memory."""
+    found = reductions
+    if scratch.backend.name == "cuda":
+        from refsim.heat import reductions_cuda as found
+    return Totals(found.weighed, found.turn, found.step)
 
 
 # What the schemes share

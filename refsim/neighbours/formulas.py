@@ -172,7 +172,7 @@ def at_bounds(i, position, bounds):
 
 @formula
 def known_before(i, j, position, bounds):
-    """A flag: both x [m] of before the latest step follow from the velocities, as no plane may have stopped them."""
+    """A flag: both x(t - dt) = x - dt v [m] hold, as no plane may have stopped i or j in the latest step."""
     if bounds is not None:
         return not (at_bounds(i, position, bounds) or at_bounds(j, position, bounds))
     return True

@@ -7,7 +7,7 @@ planes of 2 w + 1 sums of rows of 2 w + 1 cells, which neighbouring regions shar
 All sums are in float64. Positions, velocities and cells are relative to the node in the middle of the body: rounding
 of large sums would add to the momentum, because a body that keeps its shape rounds the same way in every step.
 
-On a CPU a thread sums one number over all boxes; `fast_summation_cuda` has the CUDA kernels.
+On a CPU a thread sums one number over all boxes; `fast_summation_cuda` sums on a GPU.
 """
 
 from typing import Any, NamedTuple
@@ -50,8 +50,8 @@ class Motions(NamedTuple):
 
 def match(solid_position, region_share, region, region_count, boxes, matching, region_center, region_anchor, rotation):
     """Center, rotation and anchor of every region."""
-    match_cells(solid_position, region_share, boxes)
-    sum_boxes(matching.half_width, boxes, boxes.first[:17])
+    match_cells(solid_position, region_share, boxes, boxes.node)
+    sum_boxes(matching.half_width, boxes, 17)
     match_nodes(
         solid_position, region_share, region, region_count, boxes, matching, region_center, region_anchor, rotation
     )
@@ -59,22 +59,22 @@ def match(solid_position, region_share, region, region_count, boxes, matching, r
 
 def pull(velocity, solid_position, goals: Goals, place, boxes, matching, timestep, acceleration, solid_velocity):
     """Pull of every node towards its goal; added to the acceleration."""
-    goal_cells(solid_position, goals.region_count, goals, boxes, matching)
-    sum_boxes(matching.half_width, boxes, boxes.first[:13])
+    goal_cells(solid_position, goals, boxes, matching.spacing, boxes.node)
+    sum_boxes(matching.half_width, boxes, 13)
     goal_nodes(velocity, solid_position, goals, place, boxes, matching, timestep, acceleration, solid_velocity)
 
 
 def region_motion(solid_position, solid_velocity, members: Members, boxes, matching, region_velocity, region_spin):
     """Velocity and spin of every region."""
-    motion_cells(solid_position, solid_velocity, members.region_share, boxes)
-    sum_boxes(matching.half_width, boxes, boxes.first[:17])
+    motion_cells(solid_position, solid_velocity, members.region_share, boxes, boxes.node)
+    sum_boxes(matching.half_width, boxes, 17)
     motion_nodes(solid_position, solid_velocity, members, boxes, matching, region_velocity, region_spin)
 
 
 def damp(solid_position, solid_velocity, motions: Motions, place, boxes, matching, timestep, acceleration):
     """Damping of every node towards the rigid motion of its regions; added to the acceleration."""
-    damp_cells(solid_position, solid_velocity, motions.region_count, motions, boxes)
-    sum_boxes(matching.half_width, boxes, boxes.first[:7])
+    damp_cells(solid_position, solid_velocity, motions, boxes, boxes.node)
+    sum_boxes(matching.half_width, boxes, 7)
     count = motions.region_count
     damp_nodes(solid_position, solid_velocity, count, motions, place, boxes, matching, timestep, acceleration)
 
@@ -121,8 +121,8 @@ def clear(cell, row, count):
         row[c, cell] = 0.0
 
 
-@formula
-def match_cell(cell, solid_position, region_share, boxes):
+@kernel(rows_of="node", ordered=True)
+def match_cells(cell, solid_position, region_share, boxes, node):
     """m, m x, m g, m x g^T and the number of nodes in one cell."""
     row = boxes.first
     clear(cell, row, 17)
@@ -163,8 +163,8 @@ def match_box(s, solid_position, boxes):
     return row[16, cell], sums
 
 
-@formula
-def goal_cell(cell, solid_position, goals, boxes, spacing):
+@kernel(rows_of="node", ordered=True)
+def goal_cells(cell, solid_position, goals, boxes, spacing, node):
     """R, and anchor + x - R d g, of the region of the node in one cell; and their number."""
     row = boxes.first
     clear(cell, row, 13)
@@ -199,8 +199,8 @@ def goal_box(s, solid_position, boxes, spacing):
     return n, (real(gx), real(gy), real(gz))
 
 
-@formula
-def motion_cell(cell, solid_position, solid_velocity, region_share, boxes):
+@kernel(rows_of="node", ordered=True)
+def motion_cells(cell, solid_position, solid_velocity, region_share, boxes, node):
     """m, m x, m v, m x x v, m x x^T (xx, yy, zz, xy, xz, yz) of one cell, and the number of nodes in it."""
     row = boxes.first
     clear(cell, row, 17)
@@ -255,8 +255,8 @@ def too_small(mass, sums, matching):
     return not sums[6] + sums[7] + sums[8] >= type(mass)(0.01) * mass * matching.spacing * matching.spacing
 
 
-@formula
-def damp_cell(cell, solid_position, solid_velocity, motions, boxes):
+@kernel(rows_of="node", ordered=True)
+def damp_cells(cell, solid_position, solid_velocity, motions, boxes, node):
     """omega, and v - omega x (x + center), of the region of the node in one cell; and their number."""
     row = boxes.first
     clear(cell, row, 7)
@@ -334,31 +334,14 @@ def damp_nodes(
     kernels.damp_end(s, sums, region_count, place, matching, timestep, acceleration)
 
 
-# Terms and sums on a CPU
+def sum_boxes(half_width, boxes, count):
+    """Sums of the first `count` numbers over the box around every node, into boxes.second."""
+    if isinstance(boxes.node, np.ndarray):
+        sum_planes(half_width, boxes, boxes.first[:count])
+    else:
+        from refsim.shape_matching import fast_summation_cuda
 
-
-@kernel(rows_of="region_share", ordered=True)
-def match_cells(s, solid_position, region_share, boxes):
-    """Terms of the cell of node s."""
-    match_cell(boxes.cell[s], solid_position, region_share, boxes)
-
-
-@kernel(rows_of="region_count", ordered=True)
-def goal_cells(s, solid_position, region_count, goals, boxes, matching):
-    """Terms of the cell of node s."""
-    goal_cell(boxes.cell[s], solid_position, goals, boxes, matching.spacing)
-
-
-@kernel(rows_of="region_share", ordered=True)
-def motion_cells(s, solid_position, solid_velocity, region_share, boxes):
-    """Terms of the cell of node s."""
-    motion_cell(boxes.cell[s], solid_position, solid_velocity, region_share, boxes)
-
-
-@kernel(rows_of="region_count", ordered=True)
-def damp_cells(s, solid_position, solid_velocity, region_count, motions, boxes):
-    """Terms of the cell of node s."""
-    damp_cell(boxes.cell[s], solid_position, solid_velocity, motions, boxes)
+        fast_summation_cuda.sum_axes(half_width, boxes, count)
 
 
 @formula
@@ -399,7 +382,7 @@ def box_sums(source, target, half_width, boxes):
 
 
 @kernel(rows_of="terms", ordered=True, allocates=True)
-def sum_boxes(c, half_width, boxes, terms):
+def sum_planes(c, half_width, boxes, terms):
     """Sums of number c over the box around every node, into boxes.second.
 
     terms  (count, cells) the first rows of boxes.first

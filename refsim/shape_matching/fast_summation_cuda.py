@@ -14,80 +14,38 @@ NARROW = 2  # half-width up to which regions are summed by reduction
 
 def match(solid_position, region_share, region, region_count, boxes, matching, region_center, region_anchor, rotation):
     """Center, rotation and anchor of every region."""
+    found = matching, region_center, region_anchor, rotation
     if matching.half_width <= NARROW:
-        reduction.match(solid_position, region_share, region, matching, region_center, region_anchor, rotation)
-        return
-    match_cells(solid_position, region_share, boxes, boxes.node)
-    sum_boxes(boxes, matching.half_width, 17)
-    fast.match_nodes(
-        solid_position, region_share, region, region_count, boxes, matching, region_center, region_anchor, rotation
-    )
+        reduction.match(solid_position, region_share, region, *found)
+    else:
+        fast.match(solid_position, region_share, region, region_count, boxes, *found)
 
 
 def pull(velocity, solid_position, goals: Goals, place, boxes, matching, timestep, acceleration, solid_velocity):
     """Pull of every node towards its goal; added to the acceleration."""
+    moved = matching, timestep, acceleration, solid_velocity
     if matching.half_width <= NARROW:
-        reduction.pull(velocity, solid_position, *goals, place, matching, timestep, acceleration, solid_velocity)
-        return
-    goal_cells(solid_position, goals, boxes, matching, boxes.node)
-    sum_boxes(boxes, matching.half_width, 13)
-    fast.goal_nodes(velocity, solid_position, goals, place, boxes, matching, timestep, acceleration, solid_velocity)
+        reduction.pull(velocity, solid_position, *goals, place, *moved)
+    else:
+        fast.pull(velocity, solid_position, goals, place, boxes, *moved)
 
 
 def region_motion(solid_position, solid_velocity, members: Members, boxes, matching, region_velocity, region_spin):
     """Velocity and spin of every region."""
+    found = matching, region_velocity, region_spin
     if matching.half_width <= NARROW:
         share, region, _, center = members
-        reduction.region_motion(
-            solid_position, solid_velocity, share, region, center, matching, region_velocity, region_spin
-        )
-        return
-    motion_cells(solid_position, solid_velocity, members.region_share, boxes, boxes.node)
-    sum_boxes(boxes, matching.half_width, 17)
-    fast.motion_nodes(solid_position, solid_velocity, members, boxes, matching, region_velocity, region_spin)
+        reduction.region_motion(solid_position, solid_velocity, share, region, center, *found)
+    else:
+        fast.region_motion(solid_position, solid_velocity, members, boxes, *found)
 
 
 def damp(solid_position, solid_velocity, motions: Motions, place, boxes, matching, timestep, acceleration):
     """Damping of every node towards the rigid motion of its regions; added to the acceleration."""
     if matching.half_width <= NARROW:
         reduction.damp(solid_position, solid_velocity, *motions, place, matching, timestep, acceleration)
-        return
-    damp_cells(solid_position, solid_velocity, motions, boxes, boxes.node)
-    sum_boxes(boxes, matching.half_width, 7)
-    count = motions.region_count
-    fast.damp_nodes(solid_position, solid_velocity, count, motions, place, boxes, matching, timestep, acceleration)
-
-
-@cuda_kernel
-def match_cells(solid_position, region_share, boxes, node):
-    """Terms of every cell."""
-    cell = cuda.grid(1)
-    if cell < node.shape[0]:
-        fast.match_cell(cell, solid_position, region_share, boxes)
-
-
-@cuda_kernel
-def goal_cells(solid_position, goals, boxes, matching, node):
-    """Terms of every cell."""
-    cell = cuda.grid(1)
-    if cell < node.shape[0]:
-        fast.goal_cell(cell, solid_position, goals, boxes, matching.spacing)
-
-
-@cuda_kernel
-def motion_cells(solid_position, solid_velocity, region_share, boxes, node):
-    """Terms of every cell."""
-    cell = cuda.grid(1)
-    if cell < node.shape[0]:
-        fast.motion_cell(cell, solid_position, solid_velocity, region_share, boxes)
-
-
-@cuda_kernel
-def damp_cells(solid_position, solid_velocity, motions, boxes, node):
-    """Terms of every cell."""
-    cell = cuda.grid(1)
-    if cell < node.shape[0]:
-        fast.damp_cell(cell, solid_position, solid_velocity, motions, boxes)
+    else:
+        fast.damp(solid_position, solid_velocity, motions, place, boxes, matching, timestep, acceleration)
 
 
 @formula
@@ -120,7 +78,7 @@ def sum_axis(axis, half_width, count, side, source, target, node):
             axis_sum(c, cell, stride, half_width, source, target)
 
 
-def sum_boxes(boxes, half_width, count):
+def sum_axes(half_width, boxes, count):
     """Sums of the first `count` numbers over the box around every cell, into boxes.second."""
     sum_axis(0, half_width, count, boxes.side, boxes.first, boxes.second, boxes.node)
     sum_axis(1, half_width, count, boxes.side, boxes.second, boxes.first, boxes.node)
