@@ -7,7 +7,7 @@ planes of 2 w + 1 sums of rows of 2 w + 1 cells, which neighbouring regions shar
 All sums are in float64. Positions, velocities and cells are relative to the node in the middle of the body: rounding
 of large sums would add to the momentum, because a body that keeps its shape rounds the same way in every step.
 
-On a CPU a thread sums one number over all boxes; `fast_summation_cuda` sums on a GPU.
+On a CPU a thread sums one number over all boxes; `axis_sums_cuda` sums on a GPU.
 """
 
 from typing import Any, NamedTuple
@@ -339,9 +339,9 @@ def sum_boxes(half_width, boxes, count):
     if isinstance(boxes.node, np.ndarray):
         sum_planes(half_width, boxes, boxes.first[:count])
     else:
-        from refsim.shape_matching import fast_summation_cuda
+        from refsim.shape_matching.axis_sums_cuda import sum_axes
 
-        fast_summation_cuda.sum_axes(half_width, boxes, count)
+        sum_axes(half_width, boxes, count)
 
 
 @formula
