@@ -1,30 +1,46 @@
 """The schemes of heat conduction: which kernels are launched one after another, on either backend."""
 
-from collections.abc import Callable
-from typing import NamedTuple
-
 import numpy as np
 
-from refsim.heat import reductions, stages
+from refsim.heat import reductions
 from refsim.heat.kernels import add, advance, collect, copy, flow, pass_once, plan_chebyshev, solve_own, sweep, take_up
 from refsim.heat.reference import Body, Melting, Step
 from refsim.heat.shapes import StageState, Substance
+from refsim.heat.stages import (
+    EXPLICIT,
+    MOST_CONJUGATE_PASSES,
+    chebyshev_passes,
+    chebyshev_stages,
+    first_legendre_stages,
+    legendre_stages,
+)
 
 
-class Totals(NamedTuple):
-    """What goes over all particles, on one backend."""
+def weighed(*arguments):
+    """As `reductions.weighed`, on the backend of the last argument, the scratch memory."""
+    if arguments[-1].backend.name == "cuda":
+        from refsim.heat import reductions_cuda
 
-    weighed: Callable
-    turn: Callable
-    step: Callable
+        return reductions_cuda.weighed(*arguments)
+    return reductions.weighed(*arguments)
 
 
-def on(scratch):
-    """The programs of `reductions` for the backend of the scratch memory."""
-    found = reductions
-    if scratch.backend.name == "cuda":
-        from refsim.heat import reductions_cuda as found
-    return Totals(found.weighed, found.turn, found.step)
+def turn(*arguments):
+    """As `reductions.turn`, on the backend of the last argument, the scratch memory."""
+    if arguments[-1].backend.name == "cuda":
+        from refsim.heat import reductions_cuda
+
+        return reductions_cuda.turn(*arguments)
+    return reductions.turn(*arguments)
+
+
+def take_step(*arguments):
+    """As `reductions.step`, on the backend of the last argument, the scratch memory."""
+    if arguments[-1].backend.name == "cuda":
+        from refsim.heat import reductions_cuda
+
+        return reductions_cuda.step(*arguments)
+    return reductions.step(*arguments)
 
 
 # What the schemes share
@@ -101,14 +117,14 @@ def known(largest, enthalpy, temperature, scratch):
 
 def explicit(body: Body, melting: Melting, neighbours, step: Step, scratch, enthalpy, temperature):
     """Forward Euler."""
-    exchanges, inverse, _, _ = on(scratch).weighed(body, neighbours, step, scratch)
-    plan = written([stages.EXPLICIT], scratch, temperature.dtype)
+    exchanges, inverse, _, _ = weighed(body, neighbours, step, scratch)
+    plan = written([EXPLICIT], scratch, temperature.dtype)
     run_stages(plan, exchanges, inverse, substance_of(body, melting), scratch, enthalpy, temperature)
 
 
 def one_sided(body: Body, neighbours, step: Step, scratch, temperature):
     """M(4) read literally (R1): every particle by itself, forwards, then backwards."""
-    exchanges, inverse, _, _ = on(scratch).weighed(body, neighbours, step, scratch)
+    exchanges, inverse, _, _ = weighed(body, neighbours, step, scratch)
     for backwards in (0, 1):
         old = copied(temperature, "heat start", scratch)
         sweep(exchanges, inverse, step.conduction, np.int32(backwards), old, temperature)
@@ -116,7 +132,7 @@ def one_sided(body: Body, neighbours, step: Step, scratch, temperature):
 
 def single_pass(body: Body, melting: Melting, neighbours, step: Step, scratch, enthalpy, temperature):
     """NPX: all pairs at once."""
-    exchanges, inverse, sums, _ = on(scratch).weighed(body, neighbours, step, scratch)
+    exchanges, inverse, sums, _ = weighed(body, neighbours, step, scratch)
     old = copied(temperature, "heat start", scratch)
     pass_once(exchanges, sums, inverse, old, substance_of(body, melting), enthalpy, temperature)
 
@@ -126,7 +142,7 @@ def chebyshev(body: Body, melting: Melting, neighbours, step: Step, scratch, ent
 
     With `planned_passes` a GPU finds the number of passes itself, so that a step waits for nothing.
     """
-    exchanges, inverse, _, largest = on(scratch).weighed(body, neighbours, step, scratch)
+    exchanges, inverse, _, largest = weighed(body, neighbours, step, scratch)
     start = None if enthalpy is None else copied(temperature, "heat start", scratch)
     plan, real = None, temperature.dtype
     if step.conduction.planned_passes and scratch.backend.name == "cuda":
@@ -135,9 +151,9 @@ def chebyshev(body: Body, melting: Melting, neighbours, step: Step, scratch, ent
         most = known(largest, enthalpy, temperature, scratch)
         if most is None:
             return
-        passes = max(1, stages.chebyshev_passes(most, float(step.conduction.tolerance)))
+        passes = max(1, chebyshev_passes(most, float(step.conduction.tolerance)))
         if passes <= step.conduction.most_passes:
-            plan = written(list(stages.chebyshev_stages(most, passes)), scratch, real)
+            plan = written(list(chebyshev_stages(most, passes)), scratch, real)
     if plan is None:
         solve(exchanges, inverse, step.conduction, scratch, temperature)
     else:
@@ -148,7 +164,7 @@ def chebyshev(body: Body, melting: Melting, neighbours, step: Step, scratch, ent
 
 def conjugate_gradient(body: Body, melting: Melting, neighbours, step: Step, scratch, enthalpy, temperature):
     """Backward Euler by conjugate gradients; with latent heat Chernoff's formula."""
-    exchanges, inverse, _, largest = on(scratch).weighed(body, neighbours, step, scratch)
+    exchanges, inverse, _, largest = weighed(body, neighbours, step, scratch)
     if known(largest, enthalpy, temperature, scratch) is None:
         return
     start = None if enthalpy is None else copied(temperature, "heat start", scratch)
@@ -167,22 +183,21 @@ def solve(exchanges, inverse, conduction, scratch, temperature):
     residual, gradient, direction, turned, image, solution = (scratch.array(f"heat {k}", n, real) for k in names)
     dots = scratch.array("heat dots", 3, np.float64)
     every = 8 if scratch.backend.name == "cuda" else 1  # passes between looks at the residual, which a GPU waits for
-    sums = on(scratch)
     flow(exchanges, temperature, residual)
     for array in (direction, image, solution, dots):
         scratch.backend.assign(array, 0)
-    sums.step(inverse, direction, image, dots, solution, residual, gradient, scratch)
+    take_step(inverse, direction, image, dots, solution, residual, gradient, scratch)
     first, passes = None, 1
     while True:
-        sums.turn(exchanges, inverse, gradient, dots, direction, turned, image, scratch)
+        turn(exchanges, inverse, gradient, dots, direction, turned, image, scratch)
         direction, turned = turned, direction
-        sums.step(inverse, direction, image, dots, solution, residual, gradient, scratch)
+        take_step(inverse, direction, image, dots, solution, residual, gradient, scratch)
         passes += 1
         if first is None or passes % every == 0:
             now, _, before = (float(v) for v in scratch.host(dots))
             first = before if first is None else first
             enough = float(conduction.residual) ** 2 * first
-            if not now > enough or passes > stages.MOST_CONJUGATE_PASSES:
+            if not now > enough or passes > MOST_CONJUGATE_PASSES:
                 break
     add(solution, temperature)
     return passes
@@ -190,18 +205,18 @@ def solve(exchanges, inverse, conduction, scratch, temperature):
 
 def runge_kutta_legendre(body: Body, melting: Melting, neighbours, step: Step, scratch, enthalpy, temperature):
     """RKL2 on temperatures, RKL1 on enthalpies."""
-    exchanges, inverse, _, largest = on(scratch).weighed(body, neighbours, step, scratch)
+    exchanges, inverse, _, largest = weighed(body, neighbours, step, scratch)
     most = known(largest, enthalpy, temperature, scratch)
     if most is None:
         return
-    chosen = stages.legendre_stages if enthalpy is None else stages.first_legendre_stages
-    plan = written(list(chosen(most)), scratch, temperature.dtype)
+    stages = list((legendre_stages if enthalpy is None else first_legendre_stages)(most))
+    plan = written(stages, scratch, temperature.dtype)
     run_stages(plan, exchanges, inverse, substance_of(body, melting), scratch, enthalpy, temperature)
 
 
 def enthalpy_jacobi(body: Body, melting: Melting, neighbours, step: Step, scratch, enthalpy, temperature):
     """Backward Euler with latent heat, nonlinear Jacobi."""
-    exchanges, inverse, sums, _ = on(scratch).weighed(body, neighbours, step, scratch)
+    exchanges, inverse, sums, _ = weighed(body, neighbours, step, scratch)
     start = copied(enthalpy, "heat start", scratch)
     for _ in range(step.conduction.iterations):
         old = copied(temperature, "heat warm 0", scratch)

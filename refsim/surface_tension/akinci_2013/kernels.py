@@ -1,7 +1,6 @@
 """What one neighbour and one particle do in Akinci et al. 2013."""
 
 from refsim.backends.compile import kernel
-from refsim.backends.tuples import added, difference, scaled
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import add_vector
 from refsim.smoothing.formulas import safe_distance
@@ -15,15 +14,20 @@ def tension_pair(
 ):
     """Cohesion and area term, each unless None, with K_ij [m/s^2]."""
     real = type(r)
-    a = real(0), real(0), real(0)
+    ax, ay, az = real(0), real(0), real(0)
     share = formulas.correction_factor(density_i, density_j, fluid)
     if spline is not None:
         cohesion = formulas.cohesion_pair(mass_j, r * smoothing.inverse_radius, spline)
-        a = added(a, scaled(x_ij, share * cohesion / safe_distance(r, smoothing)))
+        f = share * cohesion / safe_distance(r, smoothing)
+        ax += f * x_ij[0]
+        ay += f * x_ij[1]
+        az += f * x_ij[2]
     if area_term is not None:
         g = share * area_term.coefficient
-        a = added(a, scaled(difference(area_normal_i, area_normal_j), -g))
-    return a[0], a[1], a[2]
+        ax -= g * (area_normal_i[0] - area_normal_j[0])
+        ay -= g * (area_normal_i[1] - area_normal_j[1])
+        az -= g * (area_normal_i[2] - area_normal_j[2])
+    return ax, ay, az
 
 
 @kernel(lanes=True)
@@ -31,11 +35,11 @@ def tension(
     i, lane, position, mass, density, area_normal, neighbours, smoothing, fluid, spline, area_term, acceleration
 ):
     """Cohesion and area term, each unless None, with K_ij; added to the acceleration [m/s^2]."""
-    a = neighbour_sum(
+    ax, ay, az = neighbour_sum(
         tension_pair, i, lane, neighbours, position, None, mass, density, area_normal, smoothing, fluid, spline,
         area_term,
     )  # fmt: skip
-    add_vector(acceleration, i, lane, a[0], a[1], a[2])
+    add_vector(acceleration, i, lane, ax, ay, az)
 
 
 @pair
@@ -64,13 +68,16 @@ def tension_and_momentum(
 
     Added to the acceleration [m/s^2].
     """
-    a = neighbour_sum(
+    ax, ay, az = neighbour_sum(
         fused_pair, i, lane, neighbours, position, None, velocity, mass, density, pressure, area_normal,
         gradient_smoothing, fluid, viscosity, spline, area_term, type(density[i])(1) / density[i],
     )  # fmt: skip
     if walls is not None:
-        a = added(a, wall_pressure(i, lane, position, density, pressure, walls, gradient_smoothing, fluid, None))
-    add_vector(acceleration, i, lane, a[0], a[1], a[2])
+        bx, by, bz = wall_pressure(i, lane, position, density, pressure, walls, gradient_smoothing, fluid, None)
+        ax += bx
+        ay += by
+        az += bz
+    add_vector(acceleration, i, lane, ax, ay, az)
 
 
 @pair
@@ -84,5 +91,5 @@ def adhesion_pair(r, x_ij, volume_j, smoothing, fluid, adhesion):
 @kernel
 def adhesion(i, position, walls, smoothing, fluid, adhesion, acceleration):
     """Adhesion to the wall particles; added to the acceleration [m/s^2]."""
-    a = neighbour_sum(adhesion_pair, i, None, walls, position, None, walls.volume, smoothing, fluid, adhesion)
-    add_vector(acceleration, i, None, a[0], a[1], a[2])
+    ax, ay, az = neighbour_sum(adhesion_pair, i, None, walls, position, None, walls.volume, smoothing, fluid, adhesion)
+    add_vector(acceleration, i, None, ax, ay, az)

@@ -3,7 +3,6 @@
 import math
 
 from refsim.backends.compile import formula, kernel
-from refsim.backends.tuples import added, difference, scaled
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import add_vector, first_lane
 from refsim.smoothing.formulas import kernel_value, safe_distance
@@ -56,7 +55,7 @@ def tension_pair(
 ):  # fmt: skip
     """J(16) with J(17), and J(21) or J(18), each unless None [m/s^2]."""
     real = type(r)
-    a = real(0), real(0), real(0)
+    ax, ay, az = real(0), real(0), real(0)
     share = base
     if surface_weight_j is not None:
         share += slope * surface_weight_j
@@ -64,11 +63,16 @@ def tension_pair(
         share += slope * real(surface_j)
     if cohesion is not None:
         pull = formulas.cohesion_pair(mass_j, r * smoothing.inverse_radius, cohesion)
-        a = added(a, scaled(x_ij, share * pull / safe_distance(r, smoothing)))
+        f = share * pull / safe_distance(r, smoothing)
+        ax += f * x_ij[0]
+        ay += f * x_ij[1]
+        az += f * x_ij[2]
     if area is not None:
         g = share * (formulas.area_strength(density_i, area) * formulas.area_pair(mass_j, density_j, area))
-        a = added(a, scaled(difference(area_normal_i, area_normal_j), -g))
-    return a[0], a[1], a[2]
+        ax -= g * (area_normal_i[0] - area_normal_j[0])
+        ay -= g * (area_normal_i[1] - area_normal_j[1])
+        az -= g * (area_normal_i[2] - area_normal_j[2])
+    return ax, ay, az
 
 
 @kernel(lanes=True)
@@ -80,11 +84,11 @@ def tension(
     zero = type(smoothing.support_radius)(0)
     base, slope = row_weights(i, lane, zero, surface_weight, surface, neighbours, pairs)
     if base != zero or slope != zero:
-        a = neighbour_sum(
+        ax, ay, az = neighbour_sum(
             tension_pair, i, lane, neighbours, position, None, mass, density, surface_weight, surface, area_normal,
             smoothing, base, slope, cohesion, area,
         )  # fmt: skip
-        add_vector(acceleration, i, lane, a[0], a[1], a[2])
+        add_vector(acceleration, i, lane, ax, ay, az)
 
 
 @pair
@@ -113,13 +117,16 @@ def tension_and_momentum(
 
     Added to the acceleration [m/s^2].
     """
-    a = neighbour_sum(
+    ax, ay, az = neighbour_sum(
         fused_pair, i, lane, neighbours, position, None, velocity, mass, density, pressure, area_normal,
         gradient_smoothing, fluid, viscosity, cohesion, area, type(density[i])(1) / density[i],
     )  # fmt: skip
     if walls is not None:
-        a = added(a, wall_pressure(i, lane, position, density, pressure, walls, gradient_smoothing, fluid, None))
-    add_vector(acceleration, i, lane, a[0], a[1], a[2])
+        bx, by, bz = wall_pressure(i, lane, position, density, pressure, walls, gradient_smoothing, fluid, None)
+        ax += bx
+        ay += by
+        az += bz
+    add_vector(acceleration, i, lane, ax, ay, az)
 
 
 @pair
