@@ -99,7 +99,7 @@ def patent(literal: tuple[str, ...]) -> Measured:
 
     setting = {"cells": 10, "knobs": {"dtype": "float32", "backend": "cpu"}, "literal": literal}
     found = rested(Context(), setting, 0)
-    return {"value": None if found.stopped else found.error, "remark": f"stops: {found.stopped}" * bool(found.stopped)}
+    return {"value": None if found.stopped else found.value, "remark": f"stops: {found.stopped}" * bool(found.stopped)}
 
 
 # paper, effects with the preset, scene and measure

@@ -226,6 +226,11 @@ def {name}({arguments}):
 }
 
 
+def on_device(array: Any) -> bool:
+    """Whether an array is a GPU's, or the CUDA simulator's."""
+    return hasattr(array, "copy_to_host")
+
+
 class Kernel:
     """What one row does, written once, and the kernels made of it: a loop (`over_rows`) and a CUDA kernel.
 
@@ -277,7 +282,7 @@ class Kernel:
 
     def __call__(self, *arguments: Any) -> None:
         rows = arguments[self.arguments.index(self.rows)]
-        self.on("cuda" if hasattr(rows, "copy_to_host") else "cpu")(*arguments)
+        self.on("cuda" if on_device(rows) else "cpu")(*arguments)
 
     def _wrapper(self, backend: str) -> Callable:
         """The loop as a function whose source is a file of the cache folder, where Numba's cache looks for it."""

@@ -77,7 +77,7 @@ def exact_inputs(operation: Operation, variant: Mapping[str, Any], exact: cases.
     given = {name: typed(name, value, dtype) for name, value in exact.given.items() if name not in dropped}
     made = with_variant(Inputs(exact.case, dtype), variant)
     for name in exact.expected.keys() - given.keys() - dropped:
-        if not made.per_particle(name):
+        if name not in operation.arguments("numpy") and not made.per_particle(name):
             given[name] = np.zeros(np.shape(exact.expected[name]), usual_value(name, dtype).dtype)
     return made.replaced(**given)
 
@@ -97,7 +97,9 @@ def _closed_form(target: Target, trial: str, exact: cases.Exact, inputs: Inputs)
             found[name] = np.where(after[name] == value, 0.0, np.inf)
             continue
         error = size(np.asarray(after[name], dtype=float) - value)
-        found[name] = np.where(np.isfinite(error), error / exact_bound(target.operation, value, target.dtype), np.inf)
+        with np.errstate(over="ignore"):  # what was not written may be as large as a number can be
+            shares = error / exact_bound(target.operation, value, target.dtype)
+        found[name] = np.where(np.isfinite(error), shares, np.inf)
     return judgement(target, "T1", trial, Judged(inputs, before, after, answer, found))
 
 

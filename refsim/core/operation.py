@@ -148,7 +148,7 @@ class Operation:
             "cases": tuple(dict.fromkeys(case for part in parts for case in part.cases)),
             "tolerance": max(changed.get("tolerance", 0.0), *(part.tolerance for part in parts)),
         }
-        shared = {f.name: getattr(self, f.name) for f in fields(self)}
+        shared = {f.name: getattr(self, f.name) for f in fields(Operation)}
         return Fused(**(shared | changed), parts=parts, called=entry.names)
 
     def arguments(self, name: str) -> tuple[str, ...]:

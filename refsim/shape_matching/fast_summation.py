@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from refsim.backends.compile import formula, kernel
+from refsim.backends.compile import formula, kernel, on_device
 from refsim.shape_matching import kernels
 from refsim.shape_matching.formulas import turned
 from refsim.shape_matching.phases import EMPTY
@@ -336,12 +336,12 @@ def damp_nodes(
 
 def sum_boxes(half_width, boxes, count):
     """Sums of the first `count` numbers over the box around every node, into boxes.second."""
-    if isinstance(boxes.node, np.ndarray):
-        sum_planes(half_width, boxes, boxes.first[:count])
-    else:
+    if on_device(boxes.node):
         from refsim.shape_matching.axis_sums_cuda import sum_axes
 
         sum_axes(half_width, boxes, count)
+    else:
+        sum_planes(half_width, boxes, boxes.first[:count])
 
 
 @formula

@@ -42,7 +42,7 @@ def test_the_stub_runs_and_says_what_is_missing(name):
     programs = module.PROGRAMS.checked()
     assert programs.operations() == (name,)
     outcomes = list(contract.trials(programs, name, ("float64",), steps=("T1", "T7")))
-    failed = [o for o in outcomes if not o.passed]
+    failed = [o for o in outcomes if not o.passed and not o.not_judged]
     assert failed
     for o in failed:
         assert MISSING.search(o.words).group(2) in REGISTRY[name].outputs

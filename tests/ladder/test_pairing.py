@@ -19,7 +19,6 @@ from refsim import (
     Gravity,
     JiangZhu2023,
     Scene,
-    Simulation,
     SurfaceDetection,
     WeaklyCompressible,
     contract,
@@ -29,6 +28,7 @@ from refsim.contract import parameters
 from refsim.contract.answers import typed
 from refsim.core import cases
 from refsim.core.operation import REGISTRY, backend_of
+from refsim.engine.checkpoints import restore
 from refsim.neighbours.rows import NeighbourRows
 
 EPS = np.finfo(np.float32).eps
@@ -113,13 +113,12 @@ def test_a_resumed_run_is_the_same_run(backend):
 
 def test_a_forgotten_step_length_would_be_noticed(monkeypatch):
     """Without the step before, the first kick after resuming is only half as long."""
-    restore = Simulation._restore
 
-    def forgetful(self, *arguments):
-        restore(self, *arguments)
-        self.previous_length = 0.0
+    def forgetful(run, saved):
+        restore(run, saved)
+        run.previous_length = 0.0
 
-    monkeypatch.setattr(Simulation, "_restore", forgetful)
+    monkeypatch.setattr("refsim.engine.simulation.restore", forgetful)
     failed = [outcome.trial for outcome in contract.resumes(flying_drop(), "cpu") if not outcome.passed]
     assert failed == ["drop: resumed as it was", "drop: resumed to the end"]
 

@@ -102,7 +102,9 @@ class Spinning:
     """Two particles of 1 kg that stand still and turn about themselves with 3 rad/s, as a run is seen."""
 
     count, steps = 2, 0
-    plan = SimpleNamespace(grid=SimpleNamespace(dim=2))
+    plan = SimpleNamespace(
+        grid=SimpleNamespace(dim=2), effects={"mpm_liquid": SimpleNamespace(cell=lambda grid: CELLS[2])}
+    )
 
     def __init__(self) -> None:
         self.fields = {

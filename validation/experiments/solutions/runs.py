@@ -468,7 +468,7 @@ def drop(context: Context, cells: int, form: str, backend: str, seed: int = 1) -
 
     error  root mean square of L/L(0) - exact; rate  of log L at the end over the exact (not with the central form)
     """
-    position, radius = spinning.relaxed(context, 2, float(cells), seed)
+    position, radius, _ = spinning.relaxed(context, 2, float(cells), seed)
     viscosity = spinning.CALM * math.sqrt(cells)
     velocity = np.cross([0.0, 0.0, spinning.SPIN / cells**1.5], position)
     simulation = context.simulation(spinning.scene(form, 2, position, velocity, viscosity), backend)
@@ -478,7 +478,7 @@ def drop(context: Context, cells: int, form: str, backend: str, seed: int = 1) -
         x, v = simulation.field("position"), simulation.field("velocity")
         seen.append((simulation.time, float(np.cross(x, v)[:, 2].sum())))
 
-    until = spinning.TURNED / spinning.rate(2, viscosity, radius)
+    until = spinning.TURNED * radius**2 / (4 * viscosity)
     advance(simulation, np.linspace(0.0, until, 61).tolist(), sample, context)
     time, momentum = np.array(seen).T
     return _spun_down(cells, 1.0 / cells, len(position), form, (time, momentum), radius, viscosity)
