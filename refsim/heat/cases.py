@@ -98,7 +98,8 @@ def wide_box(case, grid):
 
 def planned(case, grid):
     """The number of passes is found on the GPU, not on the host."""
-    return HeatConduction().conduction(grid)._replace(planned_passes=np.int32(MOST_PASSES))
+    passes = 0 if case.name.startswith("dense_cluster") else MOST_PASSES  # more than a table holds; then they only damp
+    return HeatConduction().conduction(grid)._replace(planned_passes=np.int32(passes))
 
 
 def _conduction_follows(group, inputs, kernel):

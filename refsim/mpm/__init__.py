@@ -93,7 +93,7 @@ class Recounting(NamedTuple):
     """How J follows the counted density."""
 
     limit: Any  # crowding up to which it does not
-    time: Any  # in which it does [s]
+    rate: Any  # at which it does [1/s]; a compiler that divides by it in a loop rounds its last row otherwise
 
 
 class ViscousStress(NamedTuple):
@@ -346,7 +346,7 @@ class MpmLiquid(
             "kernel_gradient": KernelGradient(np.int32(1)) if "M6" in printed else None,
             "viscous_stress": ViscousStress(grid.real(self._viscous_factor(grid))),
             "counting": Counting(grid.real(self.rest_density * self.cell(grid) ** grid.dim)),
-            "recounting": Recounting(grid.real(UNEVEN), grid.real(recount)),
+            "recounting": Recounting(grid.real(UNEVEN), grid.real(1 / recount if recount > 0 else 0.0)),
         }
 
     def _viscous_factor(self, grid: Discretisation) -> float:

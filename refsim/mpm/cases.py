@@ -85,7 +85,7 @@ def _greatest_crowding(case, grid):
 @groups("recounting")
 def _recounting(case, grid):
     """J follows crowding above 1.1 in four milliseconds."""
-    return {"recounting": Recounting(grid.real(1.1), grid.real(4e-3))}
+    return {"recounting": Recounting(grid.real(1.1), grid.real(250.0))}
 
 
 @groups("background", "liquid", "kernel_gradient", "viscous_stress", "counting")

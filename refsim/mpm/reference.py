@@ -597,7 +597,7 @@ def recount(crowding, recounting, timestep, background, deformation, volume_rati
     q, ratio = _f(crowding), _f(volume_ratio)
     with np.errstate(divide="ignore", invalid="ignore"):
         target = np.where(q <= float(recounting.limit), ratio, ratio * float(recounting.limit) / q)
-        new = ratio + min(1.0, float(timestep[1]) / float(recounting.time)) * (target - ratio)
+        new = ratio + min(1.0, float(timestep[1]) * float(recounting.rate)) * (target - ratio)
         dim = 3 if background.layers == 3 else 2
         stretch = np.where(new == ratio, 1.0, (new / ratio) ** (1 / dim))
     answer = {"volume_ratio": (new, 2 * np.abs(ratio))}

@@ -493,7 +493,7 @@ def material_points(
             "forgets_shear": shear,
         },
         "field": None, "planes": planes, "mirrors": mirrors, "contact": contact, "embedding": {"reading": reading},
-        "counting": {"cell_mass": RHO * h**dim}, "recounting": {"limit": 1.05, "time": recount},
+        "counting": {"cell_mass": RHO * h**dim}, "recounting": {"limit": 1.05, "rate": 1 / recount if recount else 0.0},
         "kernel_gradient": {"on": 1} if m6 else None, "viscous_stress": {"factor": 4 * MU / (RHO * h**2)},
     }  # fmt: skip
 
