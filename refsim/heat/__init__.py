@@ -251,7 +251,8 @@ class HeatConduction(
         return tuple(own)
 
     def _volume_is_given(self, others: Mapping[str, Effect]) -> bool:
-        return any(f.name == "volume" for e in others.values() if e.name != self.name for f in e.fields(others))
+        rest = (e for e in others.values() if e.name not in (self.name, LIQUID))  # the liquid asks this effect, too
+        return any(f.name == "volume" for e in rest for f in e.fields(others))
 
     def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
         if not self.conducts:

@@ -246,9 +246,10 @@ class WeaklyCompressible(
 
     def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
         own = (DENSITY,) if pressure_is_replaced(others) else (DENSITY, PRESSURE)
+        summed = (SUMMED_DENSITY,) if self._sums_wanted(others) else ()
         if not self.advances():
-            return own
-        return (*own, DENSITY_EXCESS, ADVANCED_EXCESS, *((SUMMED_DENSITY,) if self._sums_wanted(others) else ()))
+            return (*own, *summed) if "two_way_coupling" in others else own  # whose density counts no particles
+        return (*own, DENSITY_EXCESS, ADVANCED_EXCESS, *summed)
 
     def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
         viscous = self.dynamic_viscosity > 0
@@ -284,7 +285,7 @@ class WeaklyCompressible(
         )
 
     def summed_passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
-        """J(7) and J(8) beside an advanced density, where another effect needs them."""
+        """J(7) and J(8) beside a density that is advanced or another effect's, where an effect needs them."""
         if not self._sums_wanted(others):
             return ()
         written = ("summed_density", "number_density", "asymmetry")

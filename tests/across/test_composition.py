@@ -128,12 +128,14 @@ SETS = [
     (LIQUID, MESH),
     (VISCOUS, GRAVITY, WALLS, MESH_ALONE),
     (LIQUID, HEAT),
+    (ADVANCED, HEAT),
     (LIQUID, ICE),
     (VISCOUS, IMPLICIT, GRAVITY),
     (VISCOUS, GRAVITY, WALLS, DETECTION, TENSION),
     (SHAPE,),
     (STIFF, GRAVITY),
     (CLAMPED, SHAPE, COUPLING),
+    (CLAMPED, SHAPE, COUPLING, DETECTION_EACH_STEP),
     (CLAMPED, GRAVITY, WALLS, SHAPE, COUPLING, WARM, MELTING),
 ]
 # Fields of each of SETS, written by hand from the methods' equations, in the order of SETS.
@@ -185,12 +187,14 @@ ASKED = [
     f"{SPH} corrections",
     SPH,
     f"{SPH} {CONDUCTION}",
+    f"{SPH} {ADVANCES} {CONDUCTION}",
     f"{SPH} {CONDUCTION} enthalpy melting_point latent_heat reservoir",
     f"{SPH} {JACOBI}",
     f"{SPH} {FLAGS} surface_weight corrected_normal",
     DAMPED,
     REGIONS,
     f"{DAMPED} {COUPLED}",
+    f"{DAMPED} {COUPLED} {FLAGS} summed_density",
     f"{DAMPED} {COUPLED} {CONDUCTION} melted melted_count rebuild melting_point",
 ]
 assert len(ASKED) == len(SETS)

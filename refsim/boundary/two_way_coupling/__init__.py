@@ -154,6 +154,7 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, frozen=True, kw_only=Tr
         viscous = liquid.dynamic_viscosity > 0
         state = ("position", "mass", "rest_density", "phase", "relative_contribution")
         return (
+            *liquid.summed_passes(others),
             Pass("two_way_coupling.contribution", ("position", "phase"), ("relative_contribution",)),
             Pass("two_way_coupling.density", state, ("density", "pressure", "volume")),
             Pass(
