@@ -18,7 +18,7 @@ import numpy as np
 
 from refsim.backends import arrays as backends
 from refsim.backends.scratch import Scratch
-from refsim.core.capabilities import FollowsSettings, LimitsSpeed, Watches, having
+from refsim.core.capabilities import BringsWalls, FollowsSettings, LimitsSpeed, Watches, having
 from refsim.core.checked import suggestion
 from refsim.core.effect import Effect, Extremes, Pass
 from refsim.core.errors import InputError, RunStopped
@@ -288,7 +288,7 @@ class Simulation(Shown):
     def _note_stops(self) -> None:
         """Add a note where planes stop more particles than spray does; raise RunStopped where they hold the liquid.
 
-        Solids may lie on planes: a run that has some is not stopped.
+        Between mirrored walls a film lies on planes, and so do solids: their runs are not stopped.
         """
         share = self.stopped_at_walls / (self.steps * self.count)
         if share <= STOPPED or min(self.steps, self.count) < ENOUGH:
@@ -300,7 +300,8 @@ class Simulation(Shown):
         )
         if "planes" not in self.remarks:
             self.remark("planes", words)
-        if share > HELD and self.plan.grid.solids is None:
+        extrapolated = any(effect.extrapolates() for effect in having(self.plan.effects, BringsWalls))
+        if share > HELD and extrapolated and self.plan.grid.solids is None:
             raise RunStopped("held_by_planes", f"{words[0].upper()}{words[1:]}.")
 
     def _watch(self, length: float) -> None:

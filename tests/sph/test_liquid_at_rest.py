@@ -203,15 +203,21 @@ def test_walls_that_do_not_hold_the_liquid_are_noted():
     assert not notes["extrapolated"]
 
 
-def test_a_run_stops_where_planes_hold_the_liquid(tmp_path):
-    """Two layers at h = 4 d between mirrored walls in 3D; the checkpoint before stays."""
+@pytest.mark.parametrize("model", ["extrapolated", "mirrored"])
+def test_a_run_stops_where_planes_hold_the_liquid(tmp_path, monkeypatch, model):
+    """Any share is too much here; the checkpoint before stays. A film between mirrored walls goes on."""
+    for bound in ("STOPPED", "HELD"):
+        monkeypatch.setattr(f"refsim.engine.simulation.{bound}", -1.0)
     scene = Scene(
-        spacing=0.02, support_radius=0.08, fluid=(Box(cells=(8, 8, 2)),),
+        dim=2, spacing=0.02, support_radius=0.052, step=1e-4, fluid=(Box(cells=(10, 10, 1)),),
         effects=(
-            WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=4.5), Gravity(),
-            BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.16, 0.16, 0.5), open_faces=("+z",)),
+            WeaklyCompressible(sound_speed=20.0), Gravity(acceleration=(0.0, -9.81, 0.0)),
+            BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.2, 0.5, 0.0), model=model),
         ),
     )  # fmt: skip
+    if model == "mirrored":
+        assert simulate(scene, 0.0105).steps > 100
+        return
     with pytest.raises(RunStopped) as stopped:
         simulate(scene, 1.0, output=tmp_path, checkpoint_every=0.0)
     assert stopped.value.reason == "held_by_planes"
