@@ -160,10 +160,10 @@ class Gauges:
         if "rest_density" not in run.fields:  # of one substance
             own["rest_density"] = self._rest_density
         self._launch(Pass("gauges.sample", names={"density": "rest_density"}), self._near_points(), own)
-        room = self._room()
-        return self._in_first_order(fill) / room, self._in_first_order(flow) / room[:, None]
+        share = self._liquid_share()
+        return self._in_first_order(fill) / share, self._in_first_order(flow) / share[:, None]
 
-    def _room(self) -> NDArray[np.float64]:
+    def _liquid_share(self) -> NDArray[np.float64]:
         """Share of the space around each point that walls leave to the liquid; infinite where it is nearly none."""
         if self._open is None:
             plan = self.run.plan
