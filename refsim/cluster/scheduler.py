@@ -5,6 +5,7 @@ Where workers declare the resource MEMORY [bytes], every task requires its share
 a worker that is lost to another one.
 """
 
+import itertools
 import logging
 import time
 from collections.abc import Callable, Generator, Iterator, Sequence
@@ -21,6 +22,7 @@ TOPIC = "refsim"  # of the workers' reports
 PAUSE = 0.5  # [s] between two looks at the tasks
 PATIENCE = 30.0  # [s] in which scheduler and first worker must answer
 BETWEEN_REPORTS = 1.0  # [s]
+AHEAD = 32  # tasks for each worker that the scheduler knows at one time; it keeps about 10 kB of memory for each
 GPU, MEMORY = "GPU", "MEMORY"  # resources that workers declare
 
 
@@ -30,19 +32,23 @@ def by_scheduler(
     """Outcomes of tasks on the workers of the scheduler at `address`, in the order in which they end."""
     client = connect(address)
     shares: dict[str, float] = {}
-    count = 0
+    waiting: dict[Any, Task] = {}
     try:
         with _answers(client, address):
-            asked = resources(tasks, _workers(client, address), address)
+            workers = _workers(client, address)
+            count = len(workers)
+            left = iter(sorted(zip(tasks, resources(tasks, workers, address)), key=lambda pair: -pair[0].weight))
             client.subscribe_topic(TOPIC, lambda event: shares.update([event[1]]))
-            waiting = {
-                client.submit(
-                    _there, task.key, task.function, task.arguments,
-                    key=f"refsim-{task.key}", pure=False, resources=wanted, priority=task.weight,
-                ): task
-                for task, wanted in zip(tasks, asked)
-            }  # fmt: skip
-        while waiting:
+        while True:
+            with _answers(client, address):
+                for task, wanted in itertools.islice(left, max(AHEAD * max(count, 1) - len(waiting), 0)):
+                    future = client.submit(
+                        _there, task.key, task.function, task.arguments,
+                        key=f"refsim-{task.key}", pure=False, resources=wanted, priority=task.weight,
+                    )  # fmt: skip
+                    waiting[future] = task
+            if not waiting:
+                return
             time.sleep(PAUSE)
             with _answers(client, address):
                 before, count = count, len(_known(client))

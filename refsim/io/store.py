@@ -38,11 +38,11 @@ def write_stored(path: Path, values: Mapping[str, Any]) -> None:
 
 
 def tidy(folder: Path) -> None:
-    """Remove what killed writers of results left, on whichever machine, once it is an hour old."""
-    with contextlib.suppress(OSError):
-        for entry in os.scandir(folder):
-            if entry.name.startswith(".") and entry.name.endswith(".tmp") and entry.stat().st_mtime < time.time() - OLD:
-                os.unlink(entry)
+    """Remove what killed writers of results left in the folders in it, once it is an hour old."""
+    for file in folder.glob("*/.*.tmp"):
+        with contextlib.suppress(OSError):
+            if file.stat().st_mtime < time.time() - OLD:
+                file.unlink()
 
 
 def read_stored(path: Path, notes: list[str] | None = None, whole: Path | None = None) -> dict[str, Any] | None:

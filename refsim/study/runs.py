@@ -334,6 +334,11 @@ def _content_digest(file: Path) -> bytes:
         return b"\0" * 32
 
 
+def file_of(folder: Path, key: str) -> Path:
+    """The file of a result: in one of 256 folders, so that a million of them are about 4,000 in each."""
+    return folder / key[:2] / f"{key}.json"
+
+
 def kept(folder: Path | None, key: str, notes: list[str] | None = None) -> Reading | None:
     """The reading of an earlier study in this folder; None if there is none, or its file is damaged.
 
@@ -341,7 +346,7 @@ def kept(folder: Path | None, key: str, notes: list[str] | None = None) -> Readi
     """
     if folder is None:
         return None
-    path = folder / f"{key}.json"
+    path = file_of(folder, key)
     stored = read_stored(path, notes)
     if stored is None:
         return None
@@ -361,9 +366,9 @@ def keep(folder: Path | None, key: str, setting: Setting, reading: Reading) -> N
     if folder is None:
         return
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        file_of(folder, key).parent.mkdir(parents=True, exist_ok=True)
         write_stored(
-            folder / f"{key}.json",
+            file_of(folder, key),
             {"label": setting.label, "machine": machine(), "reading": plain(dataclasses.asdict(reading))},
         )
     except OSError as error:
@@ -372,4 +377,4 @@ def keep(folder: Path | None, key: str, setting: Setting, reading: Reading) -> N
 
 def in_turn(folder: Path | None, key: str) -> AbstractContextManager[None]:
     """Let one process after the other compute this run: the next one finds its result on file."""
-    return nullcontext() if folder is None else locks.in_turn(folder / f"{key}.json.lock")
+    return nullcontext() if folder is None else locks.in_turn(file_of(folder, key).with_suffix(".json.lock"))

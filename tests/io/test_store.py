@@ -89,10 +89,11 @@ def test_a_result_costs_the_same_among_many(tmp_path, monkeypatch):
 
 
 def test_what_killed_writers_left_goes_when_it_is_old(tmp_path):
-    old, young, result = tmp_path / ".a.json.7.tmp", tmp_path / ".b.json.8.tmp", tmp_path / "a.json"
+    old, young, result = (tmp_path / "4f" / name for name in (".a.json.7.tmp", ".b.json.8.tmp", "a.json"))
+    old.parent.mkdir()
     for path in (old, young, result):
         path.touch()
     for path in (old, result):
         os.utime(path, (0, 0))
     tidy(tmp_path)
-    assert {path.name for path in tmp_path.iterdir()} == {young.name, result.name}
+    assert set(old.parent.iterdir()) == {young, result}

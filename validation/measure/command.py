@@ -109,7 +109,7 @@ def measured(
     Prints the efficiency, the sum of task seconds over workers x wall.
     """
     began, spent, most = time.perf_counter(), 0.0, 0
-    tasks = [Task(p.key, p.key, work, (p,), p.cost()) for p in points]
+    tasks = [Task(p.key, p.key, work, (p,), p.cost(), gpu=getattr(p, "backend", "cpu") == "cuda") for p in points]
 
     def watch(shares: Mapping[str, float], workers: int) -> None:
         nonlocal most
