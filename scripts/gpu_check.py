@@ -196,7 +196,7 @@ def dam_break() -> Scene:
     cells = (4, 6, 1) if runtime.simulated() else (40, 80, 1)
     spacing = 1.0 / cells[1]
     effects = (
-        WeaklyCompressible(sound_speed=45.0, dynamic_viscosity=0.5, state="tait"),
+        WeaklyCompressible(sound_speed=45.0, dynamic_viscosity=0.5, state="tait", density="summation"),
         Gravity(acceleration=(0.0, -9.81, 0.0)),
         BoxWalls(lower=(0.0, 0.0, 0.0), upper=(2.0, 2.0, 0.0)),
         SurfaceDetection(),
@@ -237,7 +237,7 @@ def energy() -> Scene:
     return Scene(spacing=cell / 2, support_radius=1.5 * cell, step=2e-4, fluid=(liquid,), effects=effects)
 
 
-LIQUID = WeaklyCompressible(sound_speed=3.0, dynamic_viscosity=0.05)
+LIQUID = WeaklyCompressible(sound_speed=3.0, dynamic_viscosity=0.05, density="summation")
 SCENES: dict[str, Callable[[], Scene]] = {
     "dam_break": dam_break,
     "droplet": drop_of(LIQUID, JiangZhu2023(surface_tension=0.07, density_correction=True), cube=True),

@@ -175,7 +175,9 @@ class Pour:
             open_faces=("-x", "+x", "-y", "+y", "+z"),
         )
         effects: list[Any] = [
-            WeaklyCompressible(rest_density=1000.0, sound_speed=self.sound, dynamic_viscosity=VISCOSITY / size),
+            WeaklyCompressible(
+                rest_density=1000.0, sound_speed=self.sound, dynamic_viscosity=VISCOSITY / size, density="summation"
+            ),
             Gravity(),
             basin,
         ]

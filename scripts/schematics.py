@@ -133,7 +133,7 @@ def dong_scene() -> Scene:
         support_radius=2.6e-3,
         fluid=(Box(cells=(4, 4, 4)),),
         effects=(
-            WeaklyCompressible(sound_speed=5.0, dynamic_viscosity=0.1),
+            WeaklyCompressible(sound_speed=5.0, dynamic_viscosity=0.1, density="summation"),
             Dong2016(surface_tension=0.072, solver="hu_adams"),
             Gravity(acceleration=(0.0, 0.0, -9.81)),
         ),

@@ -48,7 +48,7 @@ TENSIONS = {
     "akinci": Akinci2013(surface_tension=0.5),  # cohesion and area term
 }
 SOUND, SPIN = 20.0, 1.0  # of the turning cube [m/s], [rad/s]
-LIQUID = WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=5.0)
+LIQUID = WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=5.0, density="summation")
 
 
 @dataclass(frozen=True)
@@ -82,8 +82,8 @@ def _climb(words: str, base: Mapping[str, Any], *rungs: tuple[Any, ...]) -> Ladd
 def _sph(small: bool) -> Ladder:
     edge, d = 3 if small else 16, 0.01
     base = {"spacing": d, "support_radius": 2 * d, "fluid": (Box(cells=(edge,) * 3),), "name": "effects_sph"}
-    plain = WeaklyCompressible(sound_speed=4.0, clamp_pressure=False)
-    liquid = WeaklyCompressible(sound_speed=4.0, clamp_pressure=False, dynamic_viscosity=0.5)
+    plain = WeaklyCompressible(sound_speed=4.0, clamp_pressure=False, density="summation")
+    liquid = WeaklyCompressible(sound_speed=4.0, clamp_pressure=False, dynamic_viscosity=0.5, density="summation")
     walls = BoxWalls(lower=(0.0, 0.0, 0.0), upper=(2 * edge * d, edge * d, 2 * edge * d))
     parts = (liquid, Gravity(), walls, SurfaceDetection(each_step=True), JiangZhu2023(surface_tension=0.07))
     added = (
@@ -102,7 +102,7 @@ def _melting(small: bool) -> Ladder:
     low = (0.25 * top, 0.25 * top, deep * d)
     solid = {"solid": (SolidBox(lower=low, upper=(0.75 * top, 0.75 * top, deep * d + 0.5 * top)),)}
     walls = BoxWalls(lower=(0.0, 0.0, 0.0), upper=(top, top, 4 * top))
-    fluid = (WeaklyCompressible(sound_speed=10.0), Gravity(), walls)
+    fluid = (WeaklyCompressible(sound_speed=10.0, density="summation"), Gravity(), walls)
     bodies = (*fluid, ShapeMatching(), TwoWayCoupling())
     warm = HeatConduction(temperature=50.0, melting_point=0.0)
     return _climb(
@@ -132,7 +132,7 @@ def _mesh(small: bool) -> Ladder:
     middle = 0.5 * edge * d
     place: dict[str, Any] = {"file": PEBBLE, "center": (middle, middle, -1.5 * middle), "size": 2.5 * middle}
     base = {"spacing": d, "support_radius": 2 * d, "fluid": (Box(cells=(edge,) * 3),), "name": "effects_mesh"}
-    fluid, kept = (WeaklyCompressible(sound_speed=8.0), Gravity()), {**place, "correction": "none"}
+    fluid, kept = (WeaklyCompressible(sound_speed=8.0, density="summation"), Gravity()), {**place, "correction": "none"}
     sticky = {"viscosity": 0.1, "adhesion": 0.1}
     return _climb(
         "a mesh as boundary, 3D", base, ("liquid and gravity", fluid),
@@ -167,7 +167,7 @@ def systems(edge: int = EDGE) -> dict[str, Callable[[], Scene]]:
     def mesh() -> Scene:
         top = 0.623  # of the pebble above its centre [m]
         pebble = MeshBoundary(file=PEBBLE, center=(0.5, 0.5, -top - d), size=1.25, viscosity=0.1, adhesion=0.1)
-        return Scene(effects=(WeaklyCompressible(sound_speed=8.0), Gravity(), pebble), **cube)
+        return Scene(effects=(WeaklyCompressible(sound_speed=8.0, density="summation"), Gravity(), pebble), **cube)
 
     tension, found = JiangZhu2023(surface_tension=0.5), SurfaceDetection(each_step=True)
     return {
@@ -183,7 +183,7 @@ def spinning_cube(edge: int, tension: Any = TENSIONS["jiang_zhu"], **more: Any) 
     spacing = 1.0 / edge
     return Scene(
         dtype="float32", spacing=spacing, support_radius=2 * spacing, fluid=(Box(cells=(edge,) * 3),),
-        effects=(WeaklyCompressible(sound_speed=SOUND, dynamic_viscosity=1.0), tension), **more,
+        effects=(WeaklyCompressible(sound_speed=SOUND, dynamic_viscosity=1.0, density="summation"), tension), **more,
     )  # fmt: skip
 
 

@@ -55,11 +55,15 @@ from refsim.mpm.memory import EACH_TABLE, NODES, grid_bytes, with_room
 from refsim.study.memory import bytes_of
 from validation import pairs
 
-LIQUID = WeaklyCompressible(sound_speed=12.0, clamp_pressure=False)  # its surface pulls it together: it moves
-VISCOUS = WeaklyCompressible(sound_speed=12.0, clamp_pressure=False, dynamic_viscosity=0.3)
+LIQUID = WeaklyCompressible(
+    sound_speed=12.0, clamp_pressure=False, density="summation"
+)  # its surface pulls it together: it moves
+VISCOUS = WeaklyCompressible(sound_speed=12.0, clamp_pressure=False, dynamic_viscosity=0.3, density="summation")
 GRAVITY = Gravity()
 WALLS = BoxWalls(lower=(0, 0, 0), upper=(0.6, 0.6, 0.6))
-CENTRAL = WeaklyCompressible(sound_speed=12.0, clamp_pressure=False, dynamic_viscosity=0.3, viscosity="central")
+CENTRAL = WeaklyCompressible(
+    sound_speed=12.0, clamp_pressure=False, dynamic_viscosity=0.3, viscosity="central", density="summation"
+)
 ADVANCED = WeaklyCompressible(sound_speed=12.0, density="continuity")
 HOLDING = BoxWalls(lower=(0, 0, 0), upper=(0.6, 0.6, 0.6), model="extrapolated")
 SHIFTING = ParticleShifting()
@@ -75,7 +79,7 @@ TARTAKOVSKY = TartakovskyMeakin2005(surface_tension=0.5)
 HE = He2014(surface_tension=0.1, air_pressure=1.0)
 CSF = CsfWang2019(surface_tension=0.5)
 DIFFERENCE = NormalDifference2014(area_acceleration=0.5)
-CLAMPED = WeaklyCompressible(sound_speed=12.0)
+CLAMPED = WeaklyCompressible(sound_speed=12.0, density="summation")
 SHAPE = ShapeMatching()
 STIFF = ShapeMatching(damping=0.0, half_width=1)
 COUPLING = TwoWayCoupling()
@@ -554,7 +558,10 @@ def test_without_neighbours_there_is_no_search():
 def test_a_run_takes_the_memory_that_its_plan_says(dim):
     """Bytes of `refsim plan` against what the process allocates and holds; while a list is built it takes more."""
     cells, radius = ((100, 100, 1), 0.13) if dim == 2 else ((20, 20, 20), 0.1)
-    effects = (WeaklyCompressible(sound_speed=10.0, dynamic_viscosity=0.1), Gravity(acceleration=(0, -9.81, 0)))
+    effects = (
+        WeaklyCompressible(sound_speed=10.0, dynamic_viscosity=0.1, density="summation"),
+        Gravity(acceleration=(0, -9.81, 0)),
+    )
     plan = make_plan(
         Scene(dim=dim, spacing=0.05, support_radius=radius, fluid=(Box(cells=cells),), effects=(*effects, *TENSE[dim]))
     )

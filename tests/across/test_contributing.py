@@ -67,6 +67,7 @@ lower = [0.4, 0.0, 0.0]
 cells = [4, 4, 4]
 velocity = [0.0, 0.5, 0.0]
 [effects.weakly_compressible]
+density = "summation"
 sound_speed = 10.0
 '''
 energies = []

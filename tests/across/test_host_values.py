@@ -61,7 +61,7 @@ from refsim.surface_tension.cohesion import capillary_limit, compression
 from refsim.surface_tension.normal_difference_2014 import stiffest_wave
 
 H, SPACING = 0.21, 0.1
-LIQUID = WeaklyCompressible(sound_speed=13.0, rest_density=900.0, dynamic_viscosity=0.7)
+LIQUID = WeaklyCompressible(sound_speed=13.0, rest_density=900.0, dynamic_viscosity=0.7, density="summation")
 GRAVITY = Gravity(acceleration=(1.0, -2.0, -9.0))
 
 
@@ -247,7 +247,12 @@ def test_energy_of_effects_in_their_own_words():
         for literal, share in (((), 1.0), (("E24",), 0.5)):
             for clamp in (True, False):
                 liquid = WeaklyCompressible(
-                    sound_speed=13.0, rest_density=900.0, state=kind, literal=literal, clamp_pressure=clamp
+                    sound_speed=13.0,
+                    rest_density=900.0,
+                    state=kind,
+                    literal=literal,
+                    clamp_pressure=clamp,
+                    density="summation",
                 )
                 others = named(liquid, Balanced())
                 found = liquid.energy(grid(dtype="float32"), others).parts["compression"](dense)
@@ -266,7 +271,7 @@ SUBSTANCES = {"rest_density": [900.0, 1000.0, 500.0], "phase": [0, 0, 1]}
 def test_energy_of_coupled_liquids_is_from_each_ones_density():
     state = State(mass=[2.0, 3.0, 4.0], density=[950.0, 1100.0, 800.0], **SUBSTANCES)
     for kind, exponent in (("linear", 1), ("tait", 7)):
-        liquid = WeaklyCompressible(sound_speed=13.0, rest_density=900.0, state=kind)
+        liquid = WeaklyCompressible(sound_speed=13.0, rest_density=900.0, state=kind, density="summation")
         account = TwoWayCoupling().energy(grid(), named(liquid))
         found = account.parts["compression"](state)
         rest = np.array([900.0, 1000.0])
@@ -375,12 +380,14 @@ def test_steps_of_the_weakly_compressible_liquid():
     assert set(found) == {"acoustic", "viscous"}
     assert found["acoustic"].at(Extremes(speed=2.0, acceleration=0.0)) == near(0.4 * 0.21 / 15)
     assert found["viscous"].at(Extremes(speed=2.0, acceleration=0.0)) == near(0.105**2 * 900 / 0.7 / 8)
-    central = WeaklyCompressible(sound_speed=13.0, rest_density=900.0, dynamic_viscosity=0.7, viscosity="central")
+    central = WeaklyCompressible(
+        sound_speed=13.0, rest_density=900.0, dynamic_viscosity=0.7, viscosity="central", density="summation"
+    )
     assert central.step_limits(grid(), named(central))["viscous"].length == near(0.105**2 * 900 / 0.7 / 24)
     stiffened = LIQUID.step_limits(grid(), named(LIQUID, Balanced()))["acoustic"]
     assert stiffened.speed == near(math.sqrt(169 + 1400 / 900))
     assert set(LIQUID.step_limits(grid(), named(LIQUID, ImplicitPressure()))) == {"viscous"}
-    thin = WeaklyCompressible(sound_speed=13.0)
+    thin = WeaklyCompressible(sound_speed=13.0, density="summation")
     assert set(thin.step_limits(grid(), named(thin))) == {"acoustic"}
     solver = ImplicitPressure(courant=0.3)
     assert solver.step_limits(grid(), {}) == {"courant": (near(0.063), 0.0, 1.0, 0.0, 0.0)}
@@ -393,7 +400,7 @@ def test_steps_beside_solids():
     assert found["acoustic"] == (near(0.4 * 0.21), 13.0, 1.0, 0.0, 0.0)
     assert found["viscous"] == (near(0.105**2 * 500 / 0.7 / 8), 1.0, 0.0, 0.0, 0.0)
     assert set(TwoWayCoupling().step_limits(grid(), named(LIQUID))) == {"acoustic"}
-    thin = WeaklyCompressible(sound_speed=13.0)
+    thin = WeaklyCompressible(sound_speed=13.0, density="summation")
     assert set(TwoWayCoupling().step_limits(grid(solids=light), named(thin))) == {"acoustic"}
     mesh = MeshBoundary(file="none", viscosity=0.6)
     assert mesh.step_limits(grid(), named(LIQUID)) == {"wall friction": (near(0.105**2 * 900 / 0.6 / 8), 1, 0, 0, 0)}
@@ -839,7 +846,7 @@ def test_verdicts_on_cohesion_that_compresses():
         assert s == near(1 + number * s * s)
     assert compression(0.1) < 2
     assert math.isnan(compression(0.2500001))
-    tait = WeaklyCompressible(sound_speed=13.0, rest_density=900.0, state="tait")
+    tait = WeaklyCompressible(sound_speed=13.0, rest_density=900.0, state="tait", density="summation")
     free = BeckerTeschner2007(kappa=1.0, balance_pressure=False)
     held = BeckerTeschner2007(kappa=1.0)
     push = free.internal_pressure(grid(), named(LIQUID))
@@ -853,7 +860,9 @@ def test_verdicts_on_cohesion_that_compresses():
     assert repelling.collapse_number(grid(), named(LIQUID)) == 0.0
     assert BeckerTeschner2007(kappa=-1.0).balanced_pressure(grid(), named(LIQUID)) == 0.0
     for share, stops in ((0.249, False), (0.251, True)):
-        liquid = WeaklyCompressible(sound_speed=math.sqrt(push / (900 * share)), rest_density=900.0)
+        liquid = WeaklyCompressible(
+            sound_speed=math.sqrt(push / (900 * share)), rest_density=900.0, density="summation"
+        )
         if stops:
             words = f"{2 * math.sqrt(push / 900):.4g} m/s"
             with pytest.raises(InputError, match=words):

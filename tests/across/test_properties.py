@@ -30,6 +30,7 @@ def scene(seed, **options):
         clamp_pressure=bool(random.integers(2)),
         kernels=str(random.choice(["wendland", "mueller"])),
         density_bound=100.0,
+        density="summation",
     )
     effects = [liquid]
     if options.pop("tension", False):
@@ -179,7 +180,7 @@ def test_walls_hold_random_spray():
             spacing=0.05, support_radius=0.12, dim=2,
             fluid=(Cloud(position=position, velocity=velocity),),
             effects=(
-                WeaklyCompressible(sound_speed=50.0, density_bound=100.0),
+                WeaklyCompressible(sound_speed=50.0, density_bound=100.0, density="summation"),
                 Gravity(acceleration=(0.0, -9.81, 0.0)),
                 BoxWalls(lower=(0, 0, 0), upper=(1, 1, 1)),
             ),

@@ -28,7 +28,7 @@ from refsim.core import cases
 from refsim.core.operation import REGISTRY
 
 SPACING, SUPPORT = 0.01, 0.027
-LIQUID = WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=0.5)
+LIQUID = WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=0.5, density="summation")
 BOX = BoxWalls(lower=(-0.03, -0.03, 0.03), upper=(0.03, 0.03, 0.1))
 DONG = Dong2016(surface_tension=1.0, solver="hu_adams")
 SOLVERS = {

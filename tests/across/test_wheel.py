@@ -24,6 +24,7 @@ shape = "box"
 cells = [4, 4, 1]
 
 [effects.weakly_compressible]
+density = "summation"
 sound_speed = 20.0
 """
 COMMANDS = """

@@ -49,9 +49,9 @@ PEBBLE = pathlib.Path(__file__).parents[2] / "refsim" / "examples" / "pebble.obj
 FACES = ("-x", "+x", "-y", "+y", "-z", "+z")
 TANK = {"lower": (-0.2, -0.2, -0.2), "upper": (0.8, 0.8, 0.8)}
 LIQUID = WeaklyCompressible(  # its surface pulls it together: it moves
-    sound_speed=12.0, clamp_pressure=False, density_bound=10.0
+    sound_speed=12.0, clamp_pressure=False, density_bound=10.0, density="summation"
 )
-CLAMPED = WeaklyCompressible(sound_speed=12.0)
+CLAMPED = WeaklyCompressible(sound_speed=12.0, density="summation")
 MPM = MpmLiquid(bulk_modulus=144e3, initial_ratio=0.98)
 PULL = Gravity()
 NOTHING = Gravity(acceleration=(0.0, 0.0, 0.0))

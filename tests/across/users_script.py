@@ -22,7 +22,7 @@ def scene(tension: float) -> refsim.Scene:
         step=5e-5,
         fluid=(refsim.Ball(radius=0.003), refsim.Cloud(position=np.array([[0.01, 0.01]]))),
         effects=(
-            refsim.WeaklyCompressible(sound_speed=3.4, dynamic_viscosity=0.13),
+            refsim.WeaklyCompressible(sound_speed=3.4, dynamic_viscosity=0.13, density="summation"),
             refsim.Gravity(acceleration=(0.0, -9.81, 0.0)),
             refsim.TartakovskyMeakin2005(surface_tension=tension),
         ),

@@ -45,7 +45,7 @@ def test_a_small_scene_takes_one_thread_and_gives_the_same_bits():
     velocity = np.pad(0.1 * random.normal(size=(81, 2)), ((0, 0), (0, 1)))
     scene = Scene(
         dim=2, spacing=0.01, support_radius=0.026, fluid=(Cloud(position=place, velocity=velocity),),
-        effects=(WeaklyCompressible(sound_speed=20.0),),
+        effects=(WeaklyCompressible(sound_speed=20.0, density="summation"),),
     )  # fmt: skip
     found = []
     try:

@@ -268,6 +268,7 @@ shape = "box"
 lower = [0.85, 0.35, 0.85]
 cells = [13, 5, 13]
 [effects.weakly_compressible]
+density = "summation"
 sound_speed = 15.0
 [effects.gravity]
 acceleration = [0.0, -1.0, 0.0]

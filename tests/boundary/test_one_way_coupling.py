@@ -14,7 +14,7 @@ from refsim.smoothing import smoothing
 from refsim.smoothing.reference import kernel_value
 
 SPACING, SUPPORT = 0.01, 0.027
-LIQUID = WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=0.5)
+LIQUID = WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=0.5, density="summation")
 
 
 @pytest.fixture(scope="module")
@@ -80,7 +80,11 @@ def test_factors_of_hexagons_and_of_the_lattice_are_alike():
 def test_pressure_at_the_wall_derives_from_the_energy_of_p5(plate):
     """With p = c^2 (rho - rho0): F_i = -d/dx_i sum_k m_k e(rho_k), whose wall part is Psi_b p_i/rho_i^2 once."""
     simulation = Simulation(
-        scene(WeaklyCompressible(sound_speed=20.0), MeshBoundary(file=plate, literal=("E30",)), gap=0.9)
+        scene(
+            WeaklyCompressible(sound_speed=20.0, density="summation"),
+            MeshBoundary(file=plate, literal=("E30",)),
+            gap=0.9,
+        )
     )
     simulation.evaluate()
     assert simulation.plan.shared["fluid"].wall_share == 1.0
@@ -94,7 +98,7 @@ def test_pressure_at_the_wall_derives_from_the_energy_of_p5(plate):
 
     rho, p = simulation.field("density")[row], simulation.field("pressure")[row]
     expected = -p / rho**2 * (filled(apart) - filled(-apart)) / (2 * apart)
-    bare = Simulation(scene(WeaklyCompressible(sound_speed=20.0), gap=0.9))
+    bare = Simulation(scene(WeaklyCompressible(sound_speed=20.0, density="summation"), gap=0.9))
     for name in ("density", "pressure"):
         assert name in bare.fields
     from refsim.core.operation import REGISTRY

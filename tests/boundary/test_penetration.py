@@ -12,7 +12,9 @@ from refsim.boundary.penetration.kernels import clipped
 from refsim.boundary.penetration.reference import rebound
 
 SPACING = 0.01
-LIQUID = WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=0.5, density_bound=1e3)  # particles at a point
+LIQUID = WeaklyCompressible(
+    sound_speed=20.0, dynamic_viscosity=0.5, density_bound=1e3, density="summation"
+)  # particles at a point
 
 
 @pytest.fixture(scope="module")

@@ -106,7 +106,7 @@ def test_solids_feel_a_tank_that_sways():
 def test_the_papers_coupling_has_none_of_it():
     scene = runs.submerged(*SMALL)
     papers = (
-        WeaklyCompressible(sound_speed=runs.SOUND, clamp_pressure=True), TwoWayCoupling(),
+        WeaklyCompressible(sound_speed=runs.SOUND, clamp_pressure=True, density="summation"), TwoWayCoupling(),
         BoxWalls(lower=(0.0, 0.0, 0.0), upper=(2.0, 2.0, 2.0)),
     )  # fmt: skip
     kept = {type(effect): effect for effect in scene.effects} | {type(effect): effect for effect in papers}

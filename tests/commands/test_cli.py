@@ -33,6 +33,7 @@ shape = "box"
 cells = [6, 10, 1]
 
 [effects.weakly_compressible]
+density = "summation"
 sound_speed = 20.0
 rest_density = 1000.0
 dynamic_viscosity = 2.0

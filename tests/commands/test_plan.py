@@ -12,7 +12,7 @@ from refsim.scene.plan import make_plan
 from refsim.surface_tension.jiang_zhu_2023 import LARGEST_AREA
 
 D = 0.01
-LIQUID = WeaklyCompressible(sound_speed=10.0, dynamic_viscosity=2.0, viscosity="central")
+LIQUID = WeaklyCompressible(sound_speed=10.0, dynamic_viscosity=2.0, viscosity="central", density="summation")
 AREA = LARGEST_AREA["corrected"][LIQUID.kernels]
 
 

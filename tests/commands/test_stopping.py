@@ -23,6 +23,7 @@ end_time = 100.0
 shape = "box"
 cells = [4, 6, 1]
 [effects.weakly_compressible]
+density = "summation"
 sound_speed = 20.0
 """
 SWEEP = """

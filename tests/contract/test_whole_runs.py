@@ -28,6 +28,7 @@ shape = "box"
 lower = [0.0, 0.0, 0.0]
 cells = [6, 8, 1]
 [effects.weakly_compressible]
+density = "summation"
 sound_speed = 15.0
 dynamic_viscosity = 1.0
 [effects.gravity]

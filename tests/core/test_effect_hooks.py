@@ -9,7 +9,7 @@ from refsim import Box, Gravity, InputError, Scene, Simulation, WeaklyCompressib
 from refsim.core.effect import Effect, Pass, StepLimit
 from refsim.core.fields import PLACE, Field
 
-LIQUID = WeaklyCompressible(sound_speed=12.0, clamp_pressure=False)
+LIQUID = WeaklyCompressible(sound_speed=12.0, clamp_pressure=False, density="summation")
 MARK = Field("mark", "-", "a number of the particle's own", state=True)
 TABLE = Field("table", "m/s^2", "an acceleration", rows=3, state=True)
 

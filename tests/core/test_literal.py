@@ -103,7 +103,7 @@ def moved(*effects, **scene):
 
 
 def liquid(**given):
-    return WeaklyCompressible(sound_speed=10.0, dynamic_viscosity=20.0, **given)
+    return WeaklyCompressible(sound_speed=10.0, dynamic_viscosity=20.0, density="summation", **given)
 
 
 @pytest.mark.parametrize(
@@ -146,6 +146,7 @@ end_time = 0.01
 shape = "box"
 cells = [4, 4, 4]
 [effects.weakly_compressible]
+density = "summation"
 sound_speed = 10.0
 literal = "paper"
 [effects.surface_detection]

@@ -38,7 +38,9 @@ from refsim.__main__ import main
 from refsim.scene.files import parse_scene, scene_to_toml
 
 AUDIT = EnergyAudit(every=20)
-EXPLODING = WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=20.0, state="tait", literal=("E3",))
+EXPLODING = WeaklyCompressible(
+    sound_speed=20.0, dynamic_viscosity=20.0, state="tait", literal=("E3",), density="summation"
+)
 
 
 def lattice(side=6, seed=3, spacing=0.1, shaken=0.1):
@@ -64,7 +66,7 @@ def dam(dtype="float32", audit=AUDIT, viscosity=1.1):
     return Scene(
         dim=2, spacing=0.01, support_radius=0.026, dtype=dtype, fluid=(Box(cells=(10, 20, 1)),), energy_audit=audit,
         effects=(
-            WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=2 * viscosity, state="tait"),
+            WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=2 * viscosity, state="tait", density="summation"),
             Gravity(acceleration=(0.0, -9.81, 0.0)),
             BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.4, 0.4, 0.0), open_faces=("+y",)),
         ),
@@ -77,7 +79,7 @@ def drop(dtype="float32", audit=AUDIT):
         spacing=0.00111111, support_radius=0.00289, dtype=dtype, energy_audit=audit,
         fluid=(Box(lower=(-0.005,) * 3, cells=(9, 9, 9)),),
         effects=(
-            WeaklyCompressible(sound_speed=3.4, dynamic_viscosity=0.13, kernels="mueller"),
+            WeaklyCompressible(sound_speed=3.4, dynamic_viscosity=0.13, kernels="mueller", density="summation"),
             JiangZhu2023(surface_tension=0.072),
         ),
     )  # fmt: skip
@@ -112,7 +114,7 @@ PAIRS = {
 @pytest.mark.parametrize("name", PAIRS)
 def test_cohesion_is_the_potential_of_its_force(name):
     """Moving a particle changes the energy by minus the force of the reference times the displacement."""
-    fluid = WeaklyCompressible(sound_speed=40.0)
+    fluid = WeaklyCompressible(sound_speed=40.0, density="summation")
     shift = 1e-6
 
     def at(shift, *effects):
@@ -148,7 +150,9 @@ def test_a_heavy_particle_gains_energy_and_is_announced():
     middle = place.mean(0)
     mass = np.full(len(place), 1.0)
     mass[np.argmin(((place - middle) ** 2).sum(1))] = 4.0
-    fluid = WeaklyCompressible(sound_speed=10.0, dynamic_viscosity=8.4, state="tait", density_bound=10.0)
+    fluid = WeaklyCompressible(
+        sound_speed=10.0, dynamic_viscosity=8.4, state="tait", density_bound=10.0, density="summation"
+    )
     heavy = Cloud(position=place, velocity=-1.25 * (place - middle), mass=mass)
     with_it = scene(fluid, fluid=heavy, audit=EnergyAudit(every=2))
     assert any("4 times the mass of the lightest; up to 1.5" in note for note in make_plan(with_it).notes)
@@ -172,9 +176,9 @@ def test_sound_scenes_pass_with_the_published_bound(made, until, dtype):
 
 
 AT_REST = {
-    "weakly compressible": ((WeaklyCompressible(sound_speed=10.0),), ()),
+    "weakly compressible": ((WeaklyCompressible(sound_speed=10.0, density="summation"),), ()),
     "beside a solid": (
-        (WeaklyCompressible(sound_speed=10.0), ShapeMatching(), TwoWayCoupling()),
+        (WeaklyCompressible(sound_speed=10.0, density="summation"), ShapeMatching(), TwoWayCoupling()),
         (SolidBox(lower=(1.0, 1.0, 1.0), upper=(1.3, 1.3, 1.3), density=400.0),),
     ),
     "MPM": ((MpmLiquid(bulk_modulus=1e5),), ()),
@@ -259,8 +263,8 @@ REFUSED = {
 @pytest.mark.parametrize("name", REFUSED)
 def test_forces_without_an_energy_are_refused(name):
     with pytest.raises(InputError, match=f"effect '{name}' have no energy that can be computed"):
-        make_plan(scene(WeaklyCompressible(sound_speed=10.0), REFUSED[name]))
-    make_plan(scene(WeaklyCompressible(sound_speed=10.0), REFUSED[name], audit=None))
+        make_plan(scene(WeaklyCompressible(sound_speed=10.0, density="summation"), REFUSED[name]))
+    make_plan(scene(WeaklyCompressible(sound_speed=10.0, density="summation"), REFUSED[name], audit=None))
 
 
 def test_what_is_not_counted_is_said(tmp_path, capsys):
@@ -270,7 +274,7 @@ def test_what_is_not_counted_is_said(tmp_path, capsys):
     said = capsys.readouterr().out
     assert "Energy audit: every 20 steps" in said
     assert "counts kinetic, compression, gravity; not counted: box_walls: half of the walls' pressure force" in said
-    fluid = WeaklyCompressible(sound_speed=10.0)
+    fluid = WeaklyCompressible(sound_speed=10.0, density="summation")
     implicit = Simulation(scene(fluid, ImplicitPressure(), fluid=Box(cells=(4, 4, 4))), "cpu")
     assert implicit.auditor.uncounted() == ("iisph: work of the pressure on the compression that tolerance leaves",)
     assert not implicit.auditor.staggered

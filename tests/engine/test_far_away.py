@@ -35,7 +35,7 @@ from refsim.study.observables import observable_of
 from tests.engine.test_run import assert_same_run
 
 D, C = 0.01, 10.0
-LIQUID = WeaklyCompressible(sound_speed=C, dynamic_viscosity=2.0)
+LIQUID = WeaklyCompressible(sound_speed=C, dynamic_viscosity=2.0, density="summation")
 FAR = 1_000_000
 
 

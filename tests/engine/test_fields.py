@@ -24,7 +24,7 @@ D = 0.05
 
 def dam(*effects, **changes):
     walls = BoxWalls(lower=(0.0, 0.0, 0.0), upper=(2.0, 2.0, 0.0))
-    liquid = WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=2.0)
+    liquid = WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=2.0, density="summation")
     own = (liquid, Gravity(acceleration=(0.0, -9.81, 0.0)), walls, SurfaceDetection(), *effects)
     values = {"fluid": (Box(cells=(8, 10, 1)),), "effects": own}
     return Scene(dim=2, spacing=D, support_radius=2.6 * D, end_time=1.0, **values | changes)
@@ -121,7 +121,7 @@ def test_what_is_set_outdates_what_follows_from_it(tmp_path):
 
 
 def test_what_only_a_step_computes_is_refused_before_the_first(tmp_path):
-    effects = (WeaklyCompressible(sound_speed=20.0), ImplicitPressure())
+    effects = (WeaklyCompressible(sound_speed=20.0, density="summation"), ImplicitPressure())
     run = Simulation(dam(effects=effects), "cpu")
     assert run.field("density").min() > 0
     for name in ("diagonal", "advected_density"):

@@ -19,7 +19,7 @@ def scene(**changes):
         "end_time": 1e-3,
         "step": 2e-4,
         "fluid": (Box(cells=(4, 4, 1)),),
-        "effects": (WeaklyCompressible(sound_speed=10.0), Gravity(acceleration=(0.0, -9.81, 0.0))),
+        "effects": (WeaklyCompressible(sound_speed=10.0, density="summation"), Gravity(acceleration=(0.0, -9.81, 0.0))),
     }
     return Scene(**values | changes)
 

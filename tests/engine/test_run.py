@@ -52,7 +52,9 @@ def tank(dtype="float32", step=0.0, literal=(), viscosity=0.05, velocity=(0.0, 0
         step=step,
         fluid=(Box(cells=(8, 16, 1), velocity=velocity),),
         effects=(
-            WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=viscosity, state="tait", literal=literal),
+            WeaklyCompressible(
+                sound_speed=20.0, dynamic_viscosity=viscosity, state="tait", literal=literal, density="summation"
+            ),
             Gravity(acceleration=(0.0, -9.81, 0.0)),
             BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.3, 0.3, 0.0), open_faces=("+y",)),
         ),
@@ -171,7 +173,7 @@ def test_clouds_come_out_of_the_checkpoint(tmp_path):
             Box(cells=(2, 2, 2), lower=(1.0, 0.0, 0.0)),
             Cloud(position=points + 2.0, mass=np.arange(1.0, 41.0)),
         ),
-        effects=(WeaklyCompressible(sound_speed=20.0, density_bound=1e6),),
+        effects=(WeaklyCompressible(sound_speed=20.0, density_bound=1e6, density="summation"),),
     )
     first = Simulation(scene, "numpy")
     first.checkpoint(tmp_path / "c.h5")
@@ -356,7 +358,7 @@ def test_a_checkpoint_with_impossible_particles_is_refused(tmp_path, name, spoil
 )
 def test_a_checkpoint_with_impossible_clouds_is_refused(tmp_path, change):
     points = np.random.default_rng(5).random((40, 3)) * 0.05
-    liquid = WeaklyCompressible(sound_speed=20.0)
+    liquid = WeaklyCompressible(sound_speed=20.0, density="summation")
     scene = Scene(spacing=0.01, support_radius=0.02, fluid=(Cloud(position=points),), effects=(liquid,))
     Simulation(scene, "numpy").checkpoint(tmp_path / "c.h5")
     saved = read_checkpoint(tmp_path / "c.h5")

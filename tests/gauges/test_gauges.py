@@ -33,7 +33,7 @@ def tank(cells=8, gauges=GAUGES, dim=2, model="extrapolated", dtype="float64", *
     pull[up], upper[up] = -G, 2 * DEPTH
     calm = 1.0 if model == "extrapolated" else 10.0
     viscosity = calm * DENSITY * 0.02 * 0.5 * 3 * spacing * SOUND / (2 * (dim + 2))
-    liquid = {"density": "continuity"} if model == "extrapolated" else {"state": "tait"}
+    liquid = {"density": "continuity"} if model == "extrapolated" else {"density": "summation", "state": "tait"}
     return Scene(
         dim=dim, dtype=dtype, spacing=spacing, support_radius=3 * spacing, gauge=gauges,
         fluid=(Box(cells=(cells, cells, cells if dim == 3 else 1)),),
@@ -99,7 +99,7 @@ def test_the_force_on_a_mesh_balances_the_liquid(tmp_path, viscosity):
         dtype="float64", spacing=0.1, support_radius=0.23, fluid=(Box(cells=(5, 5, 4)),),
         gauge=(Gauge(name="plate", kind="force", on="mesh_boundary"), Gauge(name="side", kind="force", on="-x")),
         effects=(
-            WeaklyCompressible(sound_speed=SOUND, dynamic_viscosity=10.0), Gravity(),
+            WeaklyCompressible(sound_speed=SOUND, dynamic_viscosity=10.0, density="summation"), Gravity(),
             refsim.MeshBoundary(
                 file=str(tmp_path / "plate.stl"), center=(0.25, 0.25, -0.25), viscosity=viscosity, correction="none"
             ),
@@ -204,7 +204,8 @@ def test_a_block_that_flies_through_a_patch():
     )
     scene = Scene(
         dim=2, dtype="float64", spacing=0.05, support_radius=0.15, gauge=gauges, step=1e-4,
-        fluid=(Box(cells=(20, 16, 1), velocity=(3.0, 0.0, 0.0)),), effects=(WeaklyCompressible(sound_speed=30.0),),
+        fluid=(Box(cells=(20, 16, 1), velocity=(3.0, 0.0, 0.0)),),
+        effects=(WeaklyCompressible(sound_speed=30.0, density="summation"),),
     )  # fmt: skip
     simulation = Simulation(scene, "cpu")
     for _ in range(3):
@@ -229,7 +230,7 @@ def test_a_force_on_a_solid_moves_it():
         solid=(SolidBox(lower=(0.0, 0.0, 0.3), upper=(0.2, 0.2, 0.5), density=500.0),),
         fluid=(Box(cells=(4, 4, 3)), Box(lower=(0.2, 0.0, 0.3), cells=(2, 4, 2))),
         effects=(
-            WeaklyCompressible(sound_speed=SOUND, dynamic_viscosity=30.0, clamp_pressure=True),
+            WeaklyCompressible(sound_speed=SOUND, dynamic_viscosity=30.0, clamp_pressure=True, density="summation"),
             refsim.ShapeMatching(), refsim.TwoWayCoupling(), Gravity(),
             BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.4, 0.4, 2.0)),
         ),

@@ -46,7 +46,7 @@ def scene(**changes):
         "end_time": 2e-3,
         "step": 2e-4,
         "fluid": (Cloud(position=GRID + 0.1, velocity=(0.1, 0.2, 0.0)), Ball(center=(0.3, 0.1, 0.0), radius=0.02)),
-        "effects": (WeaklyCompressible(sound_speed=10.0), Gravity(acceleration=(0.0, -9.81, 0.0))),
+        "effects": (WeaklyCompressible(sound_speed=10.0, density="summation"), Gravity(acceleration=(0.0, -9.81, 0.0))),
     }
     return Scene(**values | changes)
 

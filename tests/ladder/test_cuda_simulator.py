@@ -149,7 +149,7 @@ def test_a_periodic_channel_runs_as_the_references_do(cuda):
         dim=2, dtype="float64", spacing=0.1, support_radius=0.21, skin=0.02, period=(0.6, 0.0, 0.0),
         fluid=(Box(cells=(6, 4, 1), velocity=(8.0, 0.0, 0.0)),),
         effects=(
-            WeaklyCompressible(sound_speed=10.0, dynamic_viscosity=20.0, clamp_pressure=False),
+            WeaklyCompressible(sound_speed=10.0, dynamic_viscosity=20.0, clamp_pressure=False, density="summation"),
             Gravity(acceleration=(1.0, 0.0, 0.0)), HeatConduction(temperature=20.0, scheme="single_pass"), walls,
         ),
     )  # fmt: skip
@@ -529,7 +529,7 @@ def test_sums_over_boxes_agree_with_the_reference(monkeypatch, name):
     ],
 )
 def test_pair_forces_and_pressure_share_a_loop_where_one_exists(tension, last, fused):
-    liquid = WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=1.0)
+    liquid = WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=1.0, density="summation")
     scene = Scene(
         dtype="float64", spacing=0.25, support_radius=0.5, fluid=(Box(cells=(2, 2, 2)),), effects=(liquid, tension)
     )
@@ -553,7 +553,7 @@ def dam_break(dtype):
         skin=0.05,
         fluid=(Box(cells=(5, 6, 1)),),
         effects=(
-            WeaklyCompressible(sound_speed=8.0, dynamic_viscosity=0.2, state="tait"),
+            WeaklyCompressible(sound_speed=8.0, dynamic_viscosity=0.2, state="tait", density="summation"),
             Gravity(acceleration=(2.0, -9.81, 0.0)),
             BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.2, 0.2, 0.0)),
             SurfaceDetection(),
@@ -584,7 +584,7 @@ def droplet(dtype):
         skin=0.05,
         fluid=(Ball(radius=0.018, velocity=(0.3, -0.1, 0.2)),),
         effects=(
-            WeaklyCompressible(sound_speed=5.0, dynamic_viscosity=0.05),
+            WeaklyCompressible(sound_speed=5.0, dynamic_viscosity=0.05, density="summation"),
             JiangZhu2023(surface_tension=0.07, density_correction=True),
         ),
     )
@@ -661,7 +661,7 @@ def test_an_audit_of_the_energy_is_the_cpus():
         largest = max(map(abs, expected.values()))
         for name, value in expected.items():
             assert abs(found[name] - value) <= 1e-9 * largest, name
-    pushed = WeaklyCompressible(sound_speed=5.0, dynamic_viscosity=1.0, literal=("E3",))
+    pushed = WeaklyCompressible(sound_speed=5.0, dynamic_viscosity=1.0, literal=("E3",), density="summation")
     growing = msgspec.structs.replace(
         audited, effects=(pushed,), energy_audit=EnergyAudit(every=2),
         fluid=(Cloud(position=0.01 * cloud(12, 3, spacing=0.9), velocity=cloud(12, 3, seed=2)),),
@@ -677,7 +677,7 @@ def test_run_of_a_crushed_liquid_is_noted_and_stops_as_on_the_host():
     scene = Scene(
         dim=2, spacing=0.1, support_radius=0.26, dtype="float64",
         fluid=(Box(cells=(3, 3, 1)), Box(lower=(0.4, 0.0, 0.0), cells=(3, 3, 1), velocity=(-8.0, 0.0, 0.0))),
-        effects=(WeaklyCompressible(sound_speed=2.0, dynamic_viscosity=1.0),),
+        effects=(WeaklyCompressible(sound_speed=2.0, dynamic_viscosity=1.0, density="summation"),),
     )  # fmt: skip
     oracle, run = Simulation(scene, "numpy"), Simulation(scene, "cuda")
     for each in (oracle, run):
@@ -775,7 +775,7 @@ def test_device_chooses_the_step_as_the_host_does(cuda):
 
 @pytest.mark.parametrize("far", [0, -1_000_000])
 def test_slow_motion_and_forces_far_away_are_those_of_the_references(far):
-    liquid = WeaklyCompressible(sound_speed=10.0, dynamic_viscosity=0.5)
+    liquid = WeaklyCompressible(sound_speed=10.0, dynamic_viscosity=0.5, density="summation")
     block = Box(lower=(far * 0.1, 0.0, 0.0), cells=(5, 4, 1), velocity=(1e-4, -5e-5, 0.0))
     scene = Scene(dim=2, spacing=0.1, support_radius=0.2, fluid=(block,), effects=(liquid,))
     runs = [Simulation(scene, name) for name in ("cuda", "numpy")]

@@ -91,7 +91,7 @@ def flying_drop(**options):
         spacing=0.1, support_radius=0.21, skin=0.02, dim=2, name="drop",
         fluid=(Ball(center=(0.5, 0.5, 0.0), radius=0.35, velocity=(3.0, -1.0, 0.0)),),
         effects=(
-            WeaklyCompressible(sound_speed=12.0, dynamic_viscosity=0.3),
+            WeaklyCompressible(sound_speed=12.0, dynamic_viscosity=0.3, density="summation"),
             Gravity(acceleration=(0.0, -9.81, 0.0)),
             BoxWalls(lower=(0, 0, 0), upper=(1, 1, 1)),
             SurfaceDetection(each_step=True),

@@ -697,7 +697,9 @@ def boxes():
     return {"boxes": group}
 
 
-WATER = WeaklyCompressible(rest_density=RHO, sound_speed=C, dynamic_viscosity=MU)
+WATER = WeaklyCompressible(
+    rest_density=RHO, sound_speed=C, dynamic_viscosity=MU, viscosity="laplacian", density="summation"
+)
 HEAT = HeatConduction(temperature=(1.0, 2.0), conductivity=(3.0, 0.7), heat_capacity=(900.0, 2100.0), melting_point=0.0)
 MPM = {
     dim: MpmLiquid(rest_density=RHO, bulk_modulus=3.1e6, dynamic_viscosity=MU, cell_size=CELLS[dim]) for dim in (2, 3)
@@ -708,7 +710,7 @@ BETWEEN = MpmWalls(
 
 
 def water(**changes):
-    return WeaklyCompressible(**({"rest_density": RHO, "sound_speed": C, "dynamic_viscosity": MU} | changes))
+    return WeaklyCompressible(**({name: getattr(WATER, name) for name in WATER.__struct_fields__} | changes))
 
 
 def liquid_of_points(dim, **changes):

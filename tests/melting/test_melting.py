@@ -25,7 +25,9 @@ from refsim.melting import MeltingRule
 from refsim.scene.solids import lattice_of
 from refsim.shape_matching.phases import FLUID, INTERIOR, SURFACE
 
-LIQUID = WeaklyCompressible(sound_speed=40.0, dynamic_viscosity=50.0, state="tait", kernels="cubic_spline")
+LIQUID = WeaklyCompressible(
+    sound_speed=40.0, dynamic_viscosity=50.0, state="tait", kernels="cubic_spline", density="summation"
+)
 BODY = SolidBox(lower=(0.4, 0.4, 0.8), upper=(1.4, 1.4, 1.8), density=917.0)
 
 

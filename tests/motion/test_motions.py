@@ -231,7 +231,7 @@ def test_a_free_particle_flies_straight_as_a_turning_tank_sees_it():
     scene = Scene(
         dtype="float64", spacing=0.1, support_radius=0.2, step=step, motion=(turn,),
         fluid=(Box(cells=(1, 1, 1), lower=tuple(start - 0.05), velocity=tuple(seen)),),
-        effects=(WeaklyCompressible(sound_speed=50.0), Gravity(acceleration=tuple(pull))),
+        effects=(WeaklyCompressible(sound_speed=50.0, density="summation"), Gravity(acceleration=tuple(pull))),
     )  # fmt: skip
     simulation = run_to(Simulation(scene, "cpu"), 0.5)
     t = simulation.time

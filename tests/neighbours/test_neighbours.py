@@ -212,7 +212,7 @@ def test_coincident_particles_are_named():
     assert sorted(coincident_pairs(position)) == [(0, 4), (1, 3)]
     assert coincident_pairs(position[:3]) == []
     assert coincident_pairs(np.zeros((0, 3))) == []
-    liquid = WeaklyCompressible(sound_speed=10.0)
+    liquid = WeaklyCompressible(sound_speed=10.0, density="summation")
     with pytest.raises(InputError, match="particles 1 and 3 are at the same place"):
         Simulation(Scene(spacing=1.0, support_radius=2.0, fluid=(Cloud(position=position[:4]),), effects=(liquid,)))
 
@@ -234,7 +234,7 @@ def test_positions_that_are_no_numbers_harm_no_other_particle(value):
 
 def test_a_position_that_is_no_number_is_refused_and_stops_a_run():
     points = [[0.0, 0, 0], [1.0, math.nan, 0], [2.0, 0, 0]]
-    liquid = WeaklyCompressible(sound_speed=10.0)
+    liquid = WeaklyCompressible(sound_speed=10.0, density="summation")
     with pytest.raises(InputError, match="position of particle 1 is not a finite number"):
         Simulation(Scene(spacing=1.0, support_radius=2.0, fluid=(Cloud(position=points),), effects=(liquid,)))
     simulation = Simulation(Scene(spacing=0.1, support_radius=0.2, fluid=(Box(cells=(3, 3, 3)),), effects=(liquid,)))
@@ -254,7 +254,7 @@ def falling_box(**options):
         support_radius=0.2,
         fluid=(Box(cells=(4, 4, 4), velocity=(1.0, 0.0, 0.0)),),
         effects=(Gravity(acceleration=(0.0, 0.0, 0.0)),) if options.pop("still", False) else (
-            WeaklyCompressible(sound_speed=10.0), Gravity(acceleration=(0.0, 0.0, 0.0))),
+            WeaklyCompressible(sound_speed=10.0, density="summation"), Gravity(acceleration=(0.0, 0.0, 0.0))),
         **options,
     )  # fmt: skip
 
@@ -291,7 +291,9 @@ def test_between_rebuilds_no_neighbour_is_missed():
             spacing=0.1,
             support_radius=0.2,
             fluid=(Cloud(position=position, velocity=velocity),),
-            effects=(WeaklyCompressible(sound_speed=10.0, rest_density=1000.0, density_bound=100.0),),
+            effects=(
+                WeaklyCompressible(sound_speed=10.0, rest_density=1000.0, density_bound=100.0, density="summation"),
+            ),
             step=5e-4,
             dtype="float64",
             skin=0.25,
@@ -340,7 +342,7 @@ def test_audit_leaves_out_particles_that_a_plane_stopped():
 def test_a_state_set_between_steps_keeps_the_list_and_the_audit_right():
     """Velocities that are set did not lead to the positions, and positions that are set need another list."""
     position = np.random.default_rng(1).uniform(0, 1.2, (300, 3))
-    liquid = WeaklyCompressible(sound_speed=100.0, rest_density=1000.0)
+    liquid = WeaklyCompressible(sound_speed=100.0, rest_density=1000.0, density="summation")
     drop = Cloud(position=position)
     simulation = Simulation(
         Scene(spacing=0.1, support_radius=0.2, fluid=(drop,), effects=(liquid,), step=5e-4, dtype="float64")
@@ -413,7 +415,7 @@ def test_list_stays_complete_while_it_is_kept(dim, motion, share):
     cells = (40, 20, 1) if dim == 2 else (14, 7, 7)
     scene = Scene(
         dim=dim, spacing=0.05, support_radius=0.1, fluid=(Box(cells=cells),), skin=0.15,
-        effects=(WeaklyCompressible(sound_speed=8.0),),
+        effects=(WeaklyCompressible(sound_speed=8.0, density="summation"),),
     )  # fmt: skip
     simulation = Simulation(scene, "cpu")
     simulation._set("velocity", whirl(motion, simulation.plan.state.position))

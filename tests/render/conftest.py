@@ -4,7 +4,7 @@ import pytest
 
 from refsim import Ball, Box, BoxWalls, Gravity, MeshBoundary, Scene, WeaklyCompressible, simulate
 
-LIQUID = WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=2.0)
+LIQUID = WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=2.0, density="summation")
 
 
 @pytest.fixture(scope="session")

@@ -48,7 +48,7 @@ def test_a_run_far_away_is_drawn_as_at_the_origin(tmp_path):
     for far in (0.0, 1e4):
         block = Box(lower=(far + 0.02, 0.01, 0.0), cells=(9, 6, 1))
         walls = BoxWalls(lower=(far, 0.0, 0.0), upper=(far + 0.2, 0.1, 0.0))
-        liquid = WeaklyCompressible(sound_speed=10.0, dynamic_viscosity=2.0)
+        liquid = WeaklyCompressible(sound_speed=10.0, dynamic_viscosity=2.0, density="summation")
         scene = Scene(dim=2, spacing=0.01, support_radius=0.026, fluid=(block,), effects=(liquid, walls))
         simulate(scene, until=1e-3, output=tmp_path / f"{far}")
         look = Look(size=SMALL, cut=f"x={far + 0.065}")
@@ -186,7 +186,7 @@ def test_solids_and_their_melt_have_colours_of_their_own(tmp_path):
 def scene_of_solids(solid, fluid):
     from refsim import Scene, ShapeMatching, WeaklyCompressible, make_plan
 
-    effects = (WeaklyCompressible(sound_speed=20.0), ShapeMatching())
+    effects = (WeaklyCompressible(sound_speed=20.0, density="summation"), ShapeMatching())
     return make_plan(Scene(spacing=0.01, support_radius=0.026, solid=(solid,), fluid=(fluid,), effects=effects))
 
 

@@ -73,7 +73,7 @@ def test_a_large_run_makes_a_file_of_at_most_60_megabytes(tmp_path):
     """61,440 particles over 5 frames of 50 take a tenth; values are random, so that nothing compresses them."""
     scene = Scene(
         spacing=0.01, support_radius=0.02, fluid=(Box(cells=(48, 40, 32)),),
-        effects=(WeaklyCompressible(sound_speed=20.0), Gravity()),
+        effects=(WeaklyCompressible(sound_speed=20.0, density="summation"), Gravity()),
     )  # fmt: skip
     simulation, random = Simulation(scene), np.random.default_rng(3)
     simulation.checkpoint(tmp_path / "checkpoint.h5")

@@ -25,7 +25,7 @@ def scene(**changes):
         "spacing": 0.1,
         "support_radius": 0.2,
         "fluid": (Box(cells=(2, 2, 2)), Ball(radius=0.2, center=(1.0, 1.0, 1.0))),
-        "effects": (WeaklyCompressible(sound_speed=10.0), Gravity(acceleration=(0.0, 0.0, -9.81))),
+        "effects": (WeaklyCompressible(sound_speed=10.0, density="summation"), Gravity(acceleration=(0.0, 0.0, -9.81))),
     }
     return Scene(**values | changes)
 
@@ -74,7 +74,7 @@ def test_one_parameter_is_changed_by_one_call():
         energy_audit__every=10, name="finer",
     )  # fmt: skip
     assert (after.spacing, after.name, after.energy_audit) == (0.05, "finer", EnergyAudit(every=10))
-    assert after.effects[0] == WeaklyCompressible(sound_speed=20.0)
+    assert after.effects[0] == WeaklyCompressible(sound_speed=20.0, density="summation")
     assert after.effects[1] is before.effects[1]
     assert after.fluid == (before.fluid[0], Ball(radius=0.3, center=(1.0, 1.0, 1.0), velocity=(1.0, 0.0, 0.0)))
     assert before == scene()

@@ -35,6 +35,7 @@ shape = "box"
 cells = [4, 5, 1]
 
 [effects.weakly_compressible]
+density = "summation"
 sound_speed = 20.0
 state = "tait"
 
@@ -56,7 +57,7 @@ def test_a_scene_file_is_the_scene_in_python():
         dim=2,
         fluid=(Box(cells=(4, 5, 1)),),
         effects=(
-            WeaklyCompressible(sound_speed=20.0, state="tait"),
+            WeaklyCompressible(sound_speed=20.0, state="tait", density="summation"),
             Gravity(acceleration=(0.0, -9.81, 0.0)),
             BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.1, 0.1, 0.0), open_faces=("+y",)),
         ),
@@ -76,7 +77,10 @@ def test_toml_gives_the_same_scene_back_bit_for_bit():
             Ball(radius=np.nextafter(1.0, 2.0), center=(1.0, -2.5, 0.0)),
             Box(cells=(1, 2, 1), velocity=(1e-9, 0.0, 0.0)),
         ),
-        effects=(Gravity(acceleration=(0.1, 0.2, 0.0)), WeaklyCompressible(sound_speed=3.0, clamp_pressure=False)),
+        effects=(
+            Gravity(acceleration=(0.1, 0.2, 0.0)),
+            WeaklyCompressible(sound_speed=3.0, clamp_pressure=False, density="summation"),
+        ),
     )
     text = scene_to_toml(scene)
     again = parse_scene(text, "scene")
@@ -87,7 +91,12 @@ def test_toml_gives_the_same_scene_back_bit_for_bit():
 
 def test_a_cloud_goes_through_toml():
     cloud = Cloud(position=np.array([[0.1, 0.2, 0.3], [1 / 3, 0.0, 1e-20]]), mass=np.array([1.0, 2.0]))
-    scene = Scene(spacing=0.1, support_radius=0.2, fluid=(cloud,), effects=(WeaklyCompressible(sound_speed=1.0),))
+    scene = Scene(
+        spacing=0.1,
+        support_radius=0.2,
+        fluid=(cloud,),
+        effects=(WeaklyCompressible(sound_speed=1.0, density="summation"),),
+    )
     again = parse_scene(scene_to_toml(scene), "scene").fluid[0]
     assert np.array_equal(again.position, cloud.position)
     assert again.mass == [1.0, 2.0]

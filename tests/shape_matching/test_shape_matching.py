@@ -317,7 +317,9 @@ def test_fast_sums_are_exact_far_from_the_first_particle():
 def coupled(step=0.004, gravity=True, walls=True, viscosity=50.0, dtype="float64", **options):
     """A light box over a basin."""
     effects = [
-        WeaklyCompressible(sound_speed=40.0, dynamic_viscosity=viscosity, state="tait", kernels="cubic_spline"),
+        WeaklyCompressible(
+            sound_speed=40.0, dynamic_viscosity=viscosity, state="tait", kernels="cubic_spline", density="summation"
+        ),
         ShapeMatching(summation="gather"),
         TwoWayCoupling(),
     ]
@@ -393,7 +395,7 @@ def test_a_light_body_floats_at_rest():
 def test_first_layer_of_liquid_on_a_solid(literal, expected):
     """Density over rest density next to a flat solid: V_k over all solids 1.057, over surfaces alone 1.165."""
     effects = (
-        WeaklyCompressible(sound_speed=40.0, state="tait", kernels="cubic_spline"),
+        WeaklyCompressible(sound_speed=40.0, state="tait", kernels="cubic_spline", density="summation"),
         ShapeMatching(summation="gather"),
         TwoWayCoupling(literal=literal),
     )
@@ -441,7 +443,7 @@ BAD = {
         BALL,
         effects=(
             ShapeMatching(),
-            WeaklyCompressible(sound_speed=10.0),
+            WeaklyCompressible(sound_speed=10.0, density="summation"),
             BoxWalls(lower=(0, 0, 0), upper=(2, 2, 2)),
         ),
     ),
@@ -459,9 +461,16 @@ BAD = {
     "its extent from": solids(SolidBox(lower=(1, 0, 0), upper=(0, 1, 1))),
     "2,147,483,647 can be numbered": solids(SolidBox(lower=(0, 0, 0), upper=(1e9, 1e9, 1e9))),
     "negative pressures would make solids stick": solids(
-        BALL, effects=(ShapeMatching(), TwoWayCoupling(), WeaklyCompressible(sound_speed=10.0, clamp_pressure=False))
+        BALL,
+        effects=(
+            ShapeMatching(),
+            TwoWayCoupling(),
+            WeaklyCompressible(sound_speed=10.0, clamp_pressure=False, density="summation"),
+        ),
     ),
-    "needs effect 'shape_matching'": solids(BALL, effects=(TwoWayCoupling(), WeaklyCompressible(sound_speed=10.0))),
+    "needs effect 'shape_matching'": solids(
+        BALL, effects=(TwoWayCoupling(), WeaklyCompressible(sound_speed=10.0, density="summation"))
+    ),
 }
 
 

@@ -42,7 +42,7 @@ TANK = BoxWalls(lower=(0.0, -1.0, 0.0), upper=(0.5, 6.0, 0.0))  # H = 3 m
 
 def scene(*effects, sound=2.0, fluid=(COLUMN,), **settings):
     """Liquid in the plane with a sound speed [m/s]."""
-    liquid = WeaklyCompressible(sound_speed=sound, dynamic_viscosity=1.1)
+    liquid = WeaklyCompressible(sound_speed=sound, dynamic_viscosity=1.1, density="summation")
     settings = {"dim": 2, "spacing": 0.05, "support_radius": 0.13, "end_time": 1.0} | settings
     return Scene(fluid=fluid, effects=(liquid, *effects), **settings)
 
@@ -132,7 +132,7 @@ COEFFICIENTS = {  # models by a coefficient of their own instead of a tension
 
 
 def drop(*effects, sound=1.0, dim=3):
-    liquid = WeaklyCompressible(rest_density=1.0, sound_speed=sound, dynamic_viscosity=1.0)
+    liquid = WeaklyCompressible(rest_density=1.0, sound_speed=sound, dynamic_viscosity=1.0, density="summation")
     cells = (6, 6, 6 if dim == 3 else 1)
     return Scene(dim=dim, spacing=1.0, support_radius=2.6, fluid=(Box(cells=cells),), effects=(liquid, *effects))
 

@@ -189,7 +189,8 @@ def test_walls_that_do_not_hold_the_liquid_are_noted():
         scene = Scene(
             spacing=0.02, support_radius=0.052, fluid=(Box(cells=(10, 10, 8)),),
             effects=(
-                WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=4.5, density=density), Gravity(),
+                WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=4.5, density=density, viscosity="laplacian"),
+                Gravity(),
                 BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.2, 0.2, 0.5), open_faces=("+z",), model=model),
             ),
         )  # fmt: skip
@@ -211,7 +212,7 @@ def test_a_run_stops_where_planes_hold_the_liquid(tmp_path, monkeypatch, model):
     scene = Scene(
         dim=2, spacing=0.02, support_radius=0.052, step=1e-4, fluid=(Box(cells=(10, 10, 1)),),
         effects=(
-            WeaklyCompressible(sound_speed=20.0), Gravity(acceleration=(0.0, -9.81, 0.0)),
+            WeaklyCompressible(sound_speed=20.0, density="summation"), Gravity(acceleration=(0.0, -9.81, 0.0)),
             BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.2, 0.5, 0.0), model=model),
         ),
     )  # fmt: skip

@@ -23,7 +23,7 @@ from refsim.core.period import wrapped
 from refsim.engine.driver import simulate
 from refsim.io.results import open_run
 
-LIQUID = WeaklyCompressible(sound_speed=10.0, dynamic_viscosity=20.0, clamp_pressure=False)
+LIQUID = WeaklyCompressible(sound_speed=10.0, dynamic_viscosity=20.0, clamp_pressure=False, density="summation")
 
 
 def channel(**options):

@@ -40,8 +40,8 @@ dims = pytest.mark.parametrize("dim", [2, 3])
 
 
 def liquid(form, viscosity=MU, **changes):
-    return WeaklyCompressible(**{"rest_density": 1.0, "sound_speed": 20.0, **changes}, dynamic_viscosity=viscosity,
-                              viscosity=form)  # fmt: skip
+    return WeaklyCompressible(**{"rest_density": 1.0, "sound_speed": 20.0, "density": "summation", **changes},
+                              dynamic_viscosity=viscosity, viscosity=form)  # fmt: skip
 
 
 def groups(form, dim, h=1.0):

@@ -24,7 +24,7 @@ def tank(cells=10, **more):
         "end_time": 0.1,
         "fluid": (Box(cells=(cells, 2 * cells, 1)),),
         "effects": (
-            WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=1.1, state="tait"),
+            WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=1.1, state="tait", density="summation"),
             Gravity(acceleration=(0.0, -9.81, 0.0)),
             BoxWalls(lower=(0, 0, 0), upper=(0.4, 0.4, 0), open_faces=("+y",)),
         ),
@@ -110,7 +110,7 @@ def test_limits_that_follow_the_spacing_otherwise():
     course = dataclasses.replace(made().course, history=[[0.05, 0.0, 1e5, 0.0], [0.1, 0.0, 1e5, 0.0]])
     few, many = (cost.estimate(make_plan(tank(n)), made(course=course)).steps for n in (10, 20))
     assert many == pytest.approx(2 * few, rel=0.01)
-    thick = WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=2e5)
+    thick = WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=2e5, density="summation")
     few, many = (cost.estimate(make_plan(tank(n, effects=(thick,))), made()).steps for n in (10, 20))
     assert many == pytest.approx(4 * few, rel=0.01)
 
@@ -173,6 +173,7 @@ shape = "box"
 cells = [6, 10, 1]
 
 [effects.weakly_compressible]
+density = "summation"
 sound_speed = 20.0
 dynamic_viscosity = 2.0
 """

@@ -17,7 +17,7 @@ def simulation():
         spacing=0.01,
         support_radius=0.026,
         fluid=(Box(cells=(8, 6, 1), velocity=(2.0, 1.0, 0.0)), Box(lower=(0.3, 0.0, 0.0), cells=(2, 2, 1))),
-        effects=(WeaklyCompressible(sound_speed=20.0), Gravity(acceleration=(0.0, -9.81, 0.0))),
+        effects=(WeaklyCompressible(sound_speed=20.0, density="summation"), Gravity(acceleration=(0.0, -9.81, 0.0))),
     )
     made = Simulation(scene, "numpy")
     made.step()

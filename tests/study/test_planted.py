@@ -21,7 +21,7 @@ from tests.study.test_cost import made, tank
 
 FLIGHT = {
     "spacing": 0.01, "support_radius": 0.026, "end_time": 0.002,
-    "effects": (WeaklyCompressible(sound_speed=20.0), Gravity()),
+    "effects": (WeaklyCompressible(sound_speed=20.0, density="summation"), Gravity()),
 }  # fmt: skip
 
 
@@ -84,7 +84,7 @@ def test_a_key_follows_the_buffers_of_a_mesh_and_so_does_the_mesh(tmp_path):
     for name, content in trimesh.creation.box((0.1, 0.1, 0.1)).export(file_type="gltf").items():
         (tmp_path / name.replace("model", "box")).write_bytes(content)
     body = SolidMesh(file=str(tmp_path / "box.gltf"), center=(0.0, 0.0, 0.0))
-    scene = block(solid=(body,), fluid=(), effects=(WeaklyCompressible(sound_speed=20.0),))
+    scene = block(solid=(body,), fluid=(), effects=(WeaklyCompressible(sound_speed=20.0, density="summation"),))
     observable, found = observable_of("kinetic_energy", make_plan(block())), []
     buffers = json.loads((tmp_path / "box.gltf").read_text())["buffers"]
     (vertices,) = [tmp_path / each["uri"] for each in buffers if each["byteLength"] == 8 * 3 * 4]

@@ -24,7 +24,7 @@ from refsim import (
 )
 from refsim.study.refine import misfit, notes, refined, resting_step, spaced
 
-LIQUID = WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=2.0)
+LIQUID = WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=2.0, density="summation")
 
 
 def scene_of(**more):
@@ -149,7 +149,9 @@ def test_a_fixed_step_follows_what_is_stable():
     """Sound: as the spacing. Diffusion: as its square."""
     sound = scene_of(step=1e-5)
     assert refined(sound, 2.0).step == pytest.approx(5e-6)
-    thick = scene_of(step=1e-5, effects=(WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=2e5),))
+    thick = scene_of(
+        step=1e-5, effects=(WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=2e5, density="summation"),)
+    )
     ratio = resting_step(thick, 0.005, 0.013) / resting_step(thick, 0.01, 0.026)
     assert ratio == pytest.approx(0.25, rel=1e-6)
     assert refined(thick, 2.0).step == pytest.approx(0.25e-5)

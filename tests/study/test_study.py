@@ -41,6 +41,7 @@ shape = "box"
 cells = [6, 12, 1]
 
 [effects.weakly_compressible]
+density = "summation"
 sound_speed = 20.0
 dynamic_viscosity = 2.0
 
@@ -57,7 +58,7 @@ def block(**more):
         "end_time": 0.001,
         "fluid": (Box(cells=(6, 12, 1)),),
         "effects": (
-            WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=2.0),
+            WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=2.0, density="summation"),
             Gravity(acceleration=(0.0, -9.81, 0.0)),
         ),
     }
@@ -133,7 +134,7 @@ def test_the_value_belongs_to_the_end_time():
     """A free fall has its closed form whatever the steps are; read at the last step it would be some per cent off."""
     ball = block(
         fluid=(Box(cells=(2, 2, 1)),), end_time=0.0205, dtype="float64", support_radius=0.0101, step=0.0004,
-        effects=(WeaklyCompressible(sound_speed=2.0), Gravity(acceleration=(0.0, -9.81, 0.0))),
+        effects=(WeaklyCompressible(sound_speed=2.0, density="summation"), Gravity(acceleration=(0.0, -9.81, 0.0))),
     )  # fmt: skip
     found = studied("field:position.y@mean", scene=ball, knobs=("step",))
     start = 0.01
@@ -146,7 +147,7 @@ def test_the_time_of_an_event():
     """The time at which a free fall has gone 1 mm."""
     ball = block(
         fluid=(Box(cells=(2, 2, 1)),), end_time=0.1, dtype="float64", support_radius=0.0101, step=0.0004,
-        effects=(WeaklyCompressible(sound_speed=2.0), Gravity(acceleration=(0.0, -9.81, 0.0))),
+        effects=(WeaklyCompressible(sound_speed=2.0, density="summation"), Gravity(acceleration=(0.0, -9.81, 0.0))),
     )  # fmt: skip
     found = studied("field:position.y@mean", scene=ball, knobs=(), reaches=0.009)
     assert found.base.value == pytest.approx(math.sqrt(2 * 0.001 / 9.81), rel=1e-4)
@@ -262,7 +263,7 @@ def test_a_study_goes_on_where_it_was_stopped(tmp_path, monkeypatch):
 def test_levels_of_a_ball_have_one_mass():
     scene = Scene(
         spacing=0.1, support_radius=0.26, dim=2, end_time=1e-4, fluid=(Ball(radius=0.4, velocity=(1.0, 0.0, 0.0)),),
-        effects=(WeaklyCompressible(sound_speed=20.0),),
+        effects=(WeaklyCompressible(sound_speed=20.0, density="summation"),),
     )  # fmt: skip
     found = refsim.study(scene, "kinetic_energy", backend="numpy", knobs=("spacing",))
     rows = found.rows()

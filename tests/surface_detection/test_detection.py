@@ -48,7 +48,7 @@ def detect(position, backend="numpy", dtype="float64", spacing=1.0, dim=2, ratio
         dim=dim,
         dtype=dtype,
         fluid=(Cloud(position=position * spacing),),
-        effects=(WeaklyCompressible(sound_speed=10.0), SurfaceDetection(**settings), *walls),
+        effects=(WeaklyCompressible(sound_speed=10.0, density="summation"), SurfaceDetection(**settings), *walls),
     )
     simulation = Simulation(scene, backend)
     simulation.evaluate()
@@ -356,7 +356,7 @@ def plan_of(*effects, dim=2):
         support_radius=2.6,
         dim=dim,
         fluid=(Ball(radius=3.0),),
-        effects=(WeaklyCompressible(sound_speed=1.0), *effects),
+        effects=(WeaklyCompressible(sound_speed=1.0, density="summation"), *effects),
     )
     return make_plan(scene)
 

@@ -26,7 +26,7 @@ def block(dim, jitter=0.0):
 
 
 def scene(dim, ratio, place, *others, kernels="wendland", dtype="float64", spacing=0.05, **settings):
-    liquid = WeaklyCompressible(sound_speed=10.0, kernels=kernels)
+    liquid = WeaklyCompressible(sound_speed=10.0, kernels=kernels, density="summation")
     effects = (liquid, SurfaceDetection(**settings), *others)
     cloud = Cloud(position=spacing * place)
     return Scene(dim=dim, spacing=spacing, support_radius=ratio * spacing, dtype=dtype, fluid=(cloud,), effects=effects)

@@ -52,7 +52,9 @@ def test_the_adhesion_is_that_share_of_the_cohesion():
     from refsim import Cloud, Scene, WeaklyCompressible, make_plan
 
     found = calibrate_contact_angle(90.0, 0.072, settings=MADE_UP, **WATER)
-    fluid = WeaklyCompressible(rest_density=1000.0, sound_speed=found.tension.sound_speed, kernels="mueller")
+    fluid = WeaklyCompressible(
+        rest_density=1000.0, sound_speed=found.tension.sound_speed, kernels="mueller", density="summation"
+    )
     scene = Scene(
         spacing=1e-3, support_radius=2.6e-3, fluid=(Cloud(position=np.zeros((1, 3))),), effects=(fluid, found.effect)
     )

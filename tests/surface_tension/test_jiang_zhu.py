@@ -32,7 +32,7 @@ def prepared(dim=3, dtype="float64", support_radius=1.0, spacing=None, rest_dens
     grid = Discretisation(dim, dtype, spacing or support_radius / H, support_radius, 100)
     effect = JiangZhu2023(**({"gamma": 1.0} | parameters))
     others = {
-        "weakly_compressible": WeaklyCompressible(rest_density=rest_density, sound_speed=100.0),
+        "weakly_compressible": WeaklyCompressible(rest_density=rest_density, sound_speed=100.0, density="summation"),
         effect.name: effect,
     }
     effect.check(grid, others)
@@ -53,7 +53,9 @@ def drop(n=5, dtype="float32", dim=3, fluid=None, wobble=0.0, **parameters):
         points = part.positions(grid)
         points[:, :dim] += np.random.default_rng(7).uniform(-wobble, wobble, (len(points), dim)) * spacing
         part = Cloud(position=points)
-    effects = [fluid or WeaklyCompressible(rest_density=1.0, sound_speed=40.0, dynamic_viscosity=0.2)]
+    effects = [
+        fluid or WeaklyCompressible(rest_density=1.0, sound_speed=40.0, dynamic_viscosity=0.2, density="summation")
+    ]
     if parameters:
         effects.append(JiangZhu2023(**parameters))
     return Scene(
@@ -110,7 +112,7 @@ def test_pair_weight_table(mode):
 
 
 def test_density_correction_lifts_the_surface_before_the_equation_of_state():
-    fluid = WeaklyCompressible(rest_density=1.0, sound_speed=40.0, clamp_pressure=False)
+    fluid = WeaklyCompressible(rest_density=1.0, sound_speed=40.0, clamp_pressure=False, density="summation")
     raw = Simulation(drop(11, fluid=fluid), "cpu")
     corrected = Simulation(drop(11, fluid=fluid, gamma=0.0, density_correction=True), "cpu")
     for simulation in (raw, corrected):
@@ -210,7 +212,7 @@ def test_a_cube_rounds_off():
     ],
 )
 def test_bad_parameters_get_one_sentence(parameters, words):
-    liquid = WeaklyCompressible(rest_density=1.0, sound_speed=40.0)
+    liquid = WeaklyCompressible(rest_density=1.0, sound_speed=40.0, density="summation")
     with pytest.raises(InputError, match=words):
         make_plan(
             Scene(

@@ -47,14 +47,19 @@ cohesive = pytest.mark.parametrize("model", COHESIVE, ids=lambda model: model.na
 
 def setting(dim=3, h=2.7, sound_speed=100.0, count=100):
     """(grid, others) with rho0 = 1 and d = 1."""
-    fluid = WeaklyCompressible(rest_density=1.0, sound_speed=sound_speed)
+    fluid = WeaklyCompressible(rest_density=1.0, sound_speed=sound_speed, density="summation")
     return Discretisation(dim, "float64", 1.0, h, count), {fluid.name: fluid}
 
 
 def drop(*effects, n=6, h=2.7, until=0.4, sound_speed=40.0, kernels="wendland", viscosity=0.2, bound=1.5):
     """A cube of n^3 particles, side 1 m, rho0 = 1 kg/m^3, without gravity, until a time [s]."""
     fluid = WeaklyCompressible(
-        rest_density=1.0, sound_speed=sound_speed, dynamic_viscosity=viscosity, kernels=kernels, density_bound=bound
+        rest_density=1.0,
+        sound_speed=sound_speed,
+        dynamic_viscosity=viscosity,
+        kernels=kernels,
+        density_bound=bound,
+        density="summation",
     )
     cube = Box(lower=(-0.5, -0.5, -0.5), cells=(n, n, n))
     scene = Scene(spacing=1 / n, support_radius=h / n, fluid=(cube,), effects=(fluid, *effects))
@@ -157,7 +162,12 @@ def test_what_a_model_does_to_drops_is_noted():
 
     def notes(*effects, viscosity=1.0, h=2.6, form="laplacian"):
         fluid = WeaklyCompressible(
-            rest_density=1.0, sound_speed=10.0, dynamic_viscosity=viscosity, kernels="mueller", viscosity=form
+            rest_density=1.0,
+            sound_speed=10.0,
+            dynamic_viscosity=viscosity,
+            kernels="mueller",
+            viscosity=form,
+            density="summation",
         )
         return make_plan(Scene(spacing=1.0, support_radius=h, fluid=(Box(cells=(2, 2, 2)),), effects=(fluid, *effects)))
 
@@ -300,7 +310,7 @@ def test_curvature_of_a_ball(dim, literal):
         else:
             turn = 2 * math.pi * (step / count) + r
             shells.append(r * np.stack([np.cos(turn), np.sin(turn), 0 * turn], 1))
-    fluid = WeaklyCompressible(rest_density=1.0, sound_speed=10.0)
+    fluid = WeaklyCompressible(rest_density=1.0, sound_speed=10.0, density="summation")
     effect = CsfWang2019(surface_tension=1.0, literal=literal)
     cloud = Cloud(position=np.concatenate(shells), mass=np.ones(sum(map(len, shells))))
     scene = Scene(spacing=1.0, support_radius=h, dim=dim, dtype="float32", fluid=(cloud,), effects=(fluid, effect))
@@ -391,7 +401,7 @@ def test_one_coefficient_for_both_terms_flies_apart():
 
 def test_implicit_pressure_holds_a_column():
     """Water of 8 spacings at rest between walls: density within 1 %, and p grows by rho0 g with the depth."""
-    fluid = WeaklyCompressible(sound_speed=10.0, dynamic_viscosity=20.0)
+    fluid = WeaklyCompressible(sound_speed=10.0, dynamic_viscosity=20.0, density="summation")
     scene = Scene(
         spacing=0.1, support_radius=0.26, dim=2, step=4e-3, fluid=(Box(cells=(8, 8, 1)),),
         effects=(fluid, ImplicitPressure(), Gravity(acceleration=(0.0, -9.81, 0.0)),
@@ -439,7 +449,7 @@ def test_implicit_drop_rounds_off():
     ],
 )
 def test_bad_parameters_get_one_sentence(effect, words):
-    fluid = WeaklyCompressible(rest_density=1.0, sound_speed=100.0)
+    fluid = WeaklyCompressible(rest_density=1.0, sound_speed=100.0, density="summation")
     scene = Scene(spacing=1.0, support_radius=2.7, fluid=(Box(cells=(3, 3, 3)),), effects=(fluid, effect))
     with pytest.raises(InputError) as error:
         make_plan(scene)

@@ -82,7 +82,7 @@ def test_akincis_area_term_jumps_by_no_more_than_its_bound(dim, kernels):
     shape = SETS[kernels][1]
     grid = Discretisation(dim, "float64", 1.0, share, 0)
     position = Ball(radius=5.0).positions(grid)
-    fluid = WeaklyCompressible(sound_speed=20.0, kernels=kernels)
+    fluid = WeaklyCompressible(sound_speed=20.0, kernels=kernels, density="summation")
     others = {fluid.name: fluid}
     prepared = Akinci2013(surface_tension=1.0).prepare(grid, others) | fluid.shares(grid, others)
     found = {}

@@ -34,7 +34,7 @@ def blob(*effects, dim=3, clamp=True):
     grid = Discretisation(dim, "float64", 0.1, 0.26, 0)
     points = Ball(radius=0.42 if dim == 3 else 0.6).positions(grid)
     points[:, :dim] += np.random.default_rng(2).uniform(-0.02, 0.02, (len(points), dim))
-    fluid = WeaklyCompressible(rest_density=1.0, sound_speed=20.0, clamp_pressure=clamp)
+    fluid = WeaklyCompressible(rest_density=1.0, sound_speed=20.0, clamp_pressure=clamp, density="summation")
     return Simulation(
         Scene(spacing=0.1, support_radius=0.26, dim=dim, fluid=(Cloud(position=points),), effects=(fluid, *effects))
     )
@@ -66,7 +66,7 @@ def test_pairs_far_from_the_edge_of_a_ball_are_counted_whole_or_not_at_all():
 def test_liquid_under_its_own_pressure():
     """On a lattice squeezed by 2 % the virial is the pressure of the equation of state."""
     grid = Discretisation(3, "float64", 1.0, 2.7, 0)
-    fluid = WeaklyCompressible(rest_density=1.0, sound_speed=20.0)
+    fluid = WeaklyCompressible(rest_density=1.0, sound_speed=20.0, density="summation")
     points = 0.98 * Ball(radius=8.0).positions(grid)
     simulation = Simulation(
         Scene(spacing=1.0, support_radius=2.7, dtype="float64", fluid=(Cloud(position=points),), effects=(fluid,))

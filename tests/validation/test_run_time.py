@@ -19,7 +19,7 @@ def small(**more):
         "end_time": 0.003,
         "fluid": (Box(cells=(6, 12, 1)),),
         "effects": (
-            WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=2.0),
+            WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=2.0, density="summation"),
             Gravity(acceleration=(0.0, -9.81, 0.0)),
         ),
     }

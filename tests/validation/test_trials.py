@@ -140,7 +140,8 @@ def test_bisection_says_where_there_is_no_limit():
 
 
 def scene(**changes):
-    fluid = {"rest_density": 1.0, "sound_speed": 10.0, "dynamic_viscosity": 1.0, **changes.pop("fluid", {})}
+    fluid = {"rest_density": 1.0, "sound_speed": 10.0, "dynamic_viscosity": 1.0, "density": "summation"}
+    fluid |= changes.pop("fluid", {})
     effects = (WeaklyCompressible(**fluid), *changes.pop("effects", ()))
     fluid = (changes.pop("cloud", Box(cells=(2, 2, 2))),)
     return Scene(spacing=0.1, support_radius=0.27, fluid=fluid, effects=effects)

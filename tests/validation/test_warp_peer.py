@@ -8,7 +8,7 @@ from refsim import Akinci2013, Box, Cloud, JiangZhu2023, Scene, Simulation, Weak
 from validation.peers import warp_sph
 
 EDGE, SPACING, STEP = 6, 1 / 6, 1e-3
-LIQUID = WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=1.0)
+LIQUID = WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=1.0, density="summation")
 COHESION = JiangZhu2023(surface_tension=0.5, pair_mode="all", area_ratio=0.0, density_correction=False)
 
 

@@ -59,6 +59,7 @@ spacing = 0.01
 support_radius = 0.026
 fluid = [{{shape = "box", lower = [0.1, 0.1, 0.1], cells = [3, 3, 3]}}]
 [effects.weakly_compressible]
+density = "summation"
 sound_speed = 20.0
 rest_density = 1000.0
 [effects.mesh_boundary]
@@ -69,6 +70,7 @@ spacing = 0.01
 support_radius = 0.026
 fluid = [{{shape = "cloud", file = "{file}"}}]
 [effects.weakly_compressible]
+density = "summation"
 sound_speed = 20.0
 rest_density = 1000.0
 """

@@ -27,6 +27,7 @@ shape = "box"
 cells = [5, 8, 1]
 
 [effects.weakly_compressible]
+density = "summation"
 rest_density = 1000.0
 sound_speed = 20.0
 dynamic_viscosity = 2.2

@@ -19,7 +19,7 @@ import msgspec
 from validation.attack.checkpoints import OBJ
 from validation.attack.commands import here
 
-LIQUID = {"rest_density": 1000.0, "sound_speed": 20.0, "dynamic_viscosity": 2.2}
+LIQUID = {"rest_density": 1000.0, "sound_speed": 20.0, "dynamic_viscosity": 2.2, "density": "summation"}
 BASE = {"spacing": 0.01, "support_radius": 0.026, "end_time": 0.01}
 BLOCK = [{"shape": "box", "lower": [0.02, 0.02, 0.02], "cells": [3, 3, 3]}]
 FAR = [{"shape": "box", "lower": [0.1, 0.1, 0.1], "cells": [3, 3, 3]}]

@@ -22,6 +22,7 @@ end_time = 0.004
 shape = "box"
 cells = [4, 8, 1]
 [effects.weakly_compressible]
+density = "summation"
 sound_speed = 20.0
 [effects.gravity]
 acceleration = [0.0, -9.81, 0.0]

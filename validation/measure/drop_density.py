@@ -76,7 +76,7 @@ def scene(drop: Drop, stiffness: float, effects: tuple) -> Scene:
     part = Ball(radius=radius) if drop.shape == "ball" else Box(cells=(*size, 1)[:3])  # type: ignore[arg-type]
     liquid = WeaklyCompressible(
         rest_density=1.0, sound_speed=1 / math.sqrt(stiffness), dynamic_viscosity=CALM * math.sqrt(radius),
-        kernels=drop.kernels,  # type: ignore[arg-type]
+        kernels=drop.kernels, density="summation",  # type: ignore[arg-type]
     )  # fmt: skip
     return Scene(
         dim=drop.dim, spacing=1.0, support_radius=drop.support, fluid=(part,), effects=(liquid, *effects)  # type: ignore[arg-type]

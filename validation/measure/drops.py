@@ -181,7 +181,7 @@ def scene(point: Point, position: NDArray, velocity: NDArray | None, ohnesorge: 
     """The drop as it stands, with a viscosity mu = Oh sqrt(rho sigma R)."""
     fluid = WeaklyCompressible(
         rest_density=1.0, sound_speed=1 / math.sqrt(point.stiffness),
-        dynamic_viscosity=ohnesorge * math.sqrt(point.radius), kernels=point.kernels,
+        dynamic_viscosity=ohnesorge * math.sqrt(point.radius), kernels=point.kernels, density="summation",
     )  # fmt: skip
     return Scene(
         name=point.key, spacing=1.0, support_radius=point.support, dim=point.dim, dtype=point.dtype,

@@ -62,7 +62,8 @@ def liquid(
     def made(ratio: float) -> Scene:
         place, velocity = block()
         fluid = WeaklyCompressible(
-            sound_speed=SOUND, dynamic_viscosity=viscosity, state=state, kernels=kernels, density_bound=1e6  # type: ignore[arg-type]
+            sound_speed=SOUND, dynamic_viscosity=viscosity, state=state, kernels=kernels, density_bound=1e6,
+            density="summation",  # type: ignore[arg-type]
         )  # fmt: skip
         cloud = Cloud(position=place, velocity=velocity, mass=masses(ratio, how, DENSITY * SPACING**3, place))
         return Scene(spacing=SPACING, support_radius=SUPPORT, fluid=(cloud,), effects=(fluid,), dtype="float64")
@@ -95,7 +96,7 @@ def solids(heavy: bool, weighted: bool = False) -> Callable[[float], Scene]:
                 lower=(low, -0.2, -0.2), upper=(low + 3 * SPACING, 0.2, 0.2), velocity=(-sign * SPEED, 0, 0),
                 density=DENSITY * factor,
             ))  # fmt: skip
-        fluid = WeaklyCompressible(sound_speed=SOUND, dynamic_viscosity=LEAST, state="tait")
+        fluid = WeaklyCompressible(sound_speed=SOUND, dynamic_viscosity=LEAST, state="tait", density="summation")
         return Scene(
             spacing=SPACING, support_radius=SUPPORT, fluid=(Cloud(position=place, velocity=velocity),),
             solid=tuple(sides), effects=(fluid, ShapeMatching(), TwoWayCoupling(density_weighted=weighted)),
@@ -109,7 +110,7 @@ def liquids(ratio: float) -> Scene:
     """Two liquids, as melting leaves them: `two_liquids` gives half of the block 1/`ratio` of the mass and density."""
     place, velocity = block()
     far = SolidBox(lower=(3.0, 0.0, 0.0), upper=(3.3, 0.3, 0.3), density=DENSITY)
-    fluid = WeaklyCompressible(sound_speed=SOUND, dynamic_viscosity=LEAST, state="tait")
+    fluid = WeaklyCompressible(sound_speed=SOUND, dynamic_viscosity=LEAST, state="tait", density="summation")
     effects = (fluid, ShapeMatching(), TwoWayCoupling())
     cloud = Cloud(position=place, velocity=velocity)
     return Scene(

@@ -56,7 +56,7 @@ DOWN_2D = Gravity(acceleration=(0.0, -9.81, 0.0))
 
 def column_2d(cells: int, end_time: float, *more: Any) -> Scene:
     """A column of water, 1 m wide and 2 m high, collapses in a tank 3 m wide."""
-    liquid = WeaklyCompressible(sound_speed=62.0, dynamic_viscosity=700.0 / cells, state="tait")
+    liquid = WeaklyCompressible(sound_speed=62.0, dynamic_viscosity=700.0 / cells, state="tait", density="summation")
     walls = BoxWalls(lower=(0, 0, 0), upper=(3.0, 3.0, 0), open_faces=("+y",))
     return Scene(
         dim=2, spacing=1 / cells, support_radius=2.6 / cells, end_time=end_time,
@@ -66,7 +66,7 @@ def column_2d(cells: int, end_time: float, *more: Any) -> Scene:
 
 def column_3d(cells: int, end_time: float) -> Scene:
     """A column of water, 1 x 1 x 1.5 m, collapses in a tank 2 m long."""
-    liquid = WeaklyCompressible(sound_speed=55.0, dynamic_viscosity=600.0 / cells, state="tait")
+    liquid = WeaklyCompressible(sound_speed=55.0, dynamic_viscosity=600.0 / cells, state="tait", density="summation")
     walls = BoxWalls(lower=(0, 0, 0), upper=(2.0, 1.0, 2.0), open_faces=("+z",))
     return Scene(
         spacing=1 / cells, support_radius=2.4 / cells, end_time=end_time,
@@ -83,7 +83,7 @@ def implicit(cells: int, end_time: float) -> Scene:
 def drop(cells: int, end_time: float, tension: Any) -> Scene:
     """A cube of liquid, 8 mm wide, rounds off."""
     d = 0.008 / cells
-    liquid = WeaklyCompressible(sound_speed=3.6, dynamic_viscosity=0.1, kernels="mueller")
+    liquid = WeaklyCompressible(sound_speed=3.6, dynamic_viscosity=0.1, kernels="mueller", density="summation")
     return Scene(
         spacing=d, support_radius=2.6 * d, end_time=end_time, effects=(liquid, tension),
         fluid=(Box(lower=(-0.004,) * 3, cells=(cells,) * 3),),
@@ -117,7 +117,8 @@ def ice(cells: int, end_time: float, solid: Any) -> Scene:
         spacing=d, support_radius=2.5 * d, step=0.3 * d / 15.0, end_time=end_time, solid=(solid,),
         fluid=(Box(cells=(cells, cells, cells // 2)),),
         effects=(
-            WeaklyCompressible(sound_speed=35.0, dynamic_viscosity=50.0, state="tait", kernels="cubic_spline"),
+            WeaklyCompressible(sound_speed=35.0, dynamic_viscosity=50.0, state="tait", kernels="cubic_spline",
+                               density="summation"),
             DOWN, BoxWalls(lower=(0.0, 0.0, 0.0), upper=(3.0, 3.0, 4.5)), ShapeMatching(), TwoWayCoupling(),
             HeatConduction(temperature=(-5.0, 30.0), conductivity=0.25, melting_point=0.0, literal=("M11",)), Melting(),
         ),
@@ -127,7 +128,7 @@ def ice(cells: int, end_time: float, solid: Any) -> Scene:
 def pebble(cells: int, end_time: float) -> Scene:
     """A ball of liquid falls on a pebble."""
     d = 0.16 / cells
-    liquid = WeaklyCompressible(sound_speed=22.0, dynamic_viscosity=260.0 * d)
+    liquid = WeaklyCompressible(sound_speed=22.0, dynamic_viscosity=260.0 * d, density="summation")
     stone = MeshBoundary(file=str(ROOT / "refsim" / "examples" / "pebble.obj"), center=(0.0, 0.0, 0.0), viscosity=0.5)
     return Scene(
         spacing=d, support_radius=2.7 * d, end_time=end_time, fluid=(Ball(center=(0.0, 0.0, 0.2), radius=0.08),),

@@ -174,7 +174,7 @@ def scene(point: Point, position: NDArray) -> Scene:
     """The drop over the plane."""
     fluid = WeaklyCompressible(
         rest_density=1.0, sound_speed=1 / math.sqrt(point.stiffness),
-        dynamic_viscosity=CALM * math.sqrt(point.radius), kernels=point.kernels,
+        dynamic_viscosity=CALM * math.sqrt(point.radius), kernels=point.kernels, density="summation",
     )  # fmt: skip
     grid = Discretisation(point.dim, "float64", 1.0, point.support, 0)
     gamma = Akinci2013(surface_tension=1.0).coefficient(grid, {"weakly_compressible": fluid})

@@ -36,7 +36,10 @@ def tank(cells: int, dtype: str, tolerance: float, step: float) -> Scene:
     if not tolerance:
         place[:, 1], _ = scene.compressed(place[:, 1], HEIGHT, GRAVITY, SOUND)
     liquid = WeaklyCompressible(
-        rest_density=DENSITY, sound_speed=SOUND, dynamic_viscosity=DENSITY * SHARE * SOUND * SUPPORT * d
+        rest_density=DENSITY,
+        sound_speed=SOUND,
+        dynamic_viscosity=DENSITY * SHARE * SOUND * SUPPORT * d,
+        density="summation",
     )
     walls = BoxWalls(lower=(0.0, 0.0, 0.0), upper=(WIDTH, 2 * HEIGHT, 0.0), open_faces=("+y",))
     solver = (ImplicitPressure(tolerance=tolerance),) if tolerance else ()

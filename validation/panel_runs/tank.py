@@ -33,7 +33,10 @@ def scene(file: str, cells: int, dtype: str, literal: tuple[str, ...] = ()) -> t
     # boundary particles stand for a layer a spacing thick, half of it outside: the liquid begins there
     place[:, 2], top = solution.compressed(place[:, 2], HEIGHT, GRAVITY, SOUND)
     liquid = WeaklyCompressible(
-        rest_density=DENSITY, sound_speed=SOUND, dynamic_viscosity=DENSITY * SHARE * SOUND * SUPPORT * d
+        rest_density=DENSITY,
+        sound_speed=SOUND,
+        dynamic_viscosity=DENSITY * SHARE * SOUND * SUPPORT * d,
+        density="summation",
     )
     effects = (liquid, Gravity(), MeshBoundary(file=file, literal=literal))
     return Scene(

@@ -397,7 +397,9 @@ INSIDE = 0.01  # of a spacing: depth from which on a particle counts as inside
 
 def liquid(sound: float = SOUND, viscosity: float = 0.5, **changes: Any) -> WeaklyCompressible:
     """Water-like liquid."""
-    return WeaklyCompressible(rest_density=DENSITY, sound_speed=sound, dynamic_viscosity=viscosity, **changes)
+    return WeaklyCompressible(
+        rest_density=DENSITY, sound_speed=sound, dynamic_viscosity=viscosity, density="summation", **changes
+    )
 
 
 def depth(band: NarrowBand, position: NDArray) -> NDArray:
@@ -691,7 +693,7 @@ def own_bound(context: Context, gamma: float, backend: str, layers: int = 15, st
     scene = Scene(
         spacing=SPACING, support_radius=SUPPORT, dtype="float64", fluid=(Cloud(position=position),),
         effects=(
-            WeaklyCompressible(rest_density=DENSITY, sound_speed=1e-4, clamp_pressure=False),
+            WeaklyCompressible(rest_density=DENSITY, sound_speed=1e-4, clamp_pressure=False, density="summation"),
             NormalDifference2014(area_acceleration=gamma),
         ),
     )  # fmt: skip
@@ -1302,7 +1304,7 @@ def far_away(trial: Trial) -> None:
 # Liquid at meshes
 
 STEP, HARD_SOUND = 2e-4, 20.0  # [s], [m/s]
-LIQUID = WeaklyCompressible(sound_speed=HARD_SOUND, dynamic_viscosity=0.5)
+LIQUID = WeaklyCompressible(sound_speed=HARD_SOUND, dynamic_viscosity=0.5, density="summation")
 
 
 @hard_case

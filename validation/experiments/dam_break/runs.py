@@ -68,7 +68,7 @@ def column_scene(columns: int, depth: int = 1, tank: float = 4.0, effects: tuple
     fluid = column if cloud is None else Cloud(position=cloud[0], mass=cloud[1])
     liquid = WeaklyCompressible(
         rest_density=DENSITY, sound_speed=10.0 * math.sqrt(GRAVITY * HEIGHT), dynamic_viscosity=viscosity(spacing),
-        state="tait",
+        state="tait", density="summation",
     )  # fmt: skip
     walls = BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.5 * HEIGHT * tank, LID, depth * spacing))
     return Scene(

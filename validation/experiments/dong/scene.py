@@ -41,7 +41,7 @@ MODELS = {"dong": "Dong 2016", "iif": "plain pair force (Tartakovsky & Meakin 20
 
 def liquid(density: float = DENSITY, **options: Any) -> WeaklyCompressible:
     """The paper's liquid: pressure after its reference 9, Becker & Teschner's p = rho0 c^2/7 ((rho/rho0)^7 - 1)."""
-    return WeaklyCompressible(rest_density=density, state="tait", **options)
+    return WeaklyCompressible(rest_density=density, state="tait", density="summation", **options)
 
 
 def tension_of(model: str, nominal: float, **changes: Any) -> Any:

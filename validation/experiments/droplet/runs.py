@@ -265,7 +265,7 @@ def surface_density(context: Context, count: int, seed: int, backend: str) -> Re
     """Density error near the surface of a jittered ball, rms over N, by J(7) and by J(14); the truth is rho0."""
     position = lattice_ball(count).astype(float)
     position += np.random.default_rng(seed).uniform(-0.05, 0.05, position.shape)
-    liquid = WeaklyCompressible(rest_density=1.0, sound_speed=40.0, kernels="mueller")
+    liquid = WeaklyCompressible(rest_density=1.0, sound_speed=40.0, kernels="mueller", density="summation")
     found = {}
     for name, corrects in (("raw", False), ("corrected", True)):
         scene = Scene(

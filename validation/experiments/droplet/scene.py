@@ -39,7 +39,12 @@ def droplet_scene(
     if detection:
         effects = (*effects, SurfaceDetection(each_step=True))
     liquid = WeaklyCompressible(
-        rest_density=1.0, sound_speed=sound_speed, dynamic_viscosity=viscosity, kernels=kernels, literal=literal
+        rest_density=1.0,
+        sound_speed=sound_speed,
+        dynamic_viscosity=viscosity,
+        kernels=kernels,
+        literal=literal,
+        density="summation",
     )
     return Scene(
         name="droplet", spacing=spacing, support_radius=support * spacing, dtype=dtype, skin=skin,

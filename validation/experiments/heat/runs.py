@@ -387,7 +387,7 @@ def speed(context: Context, threads: int, number: float = 2.0, rounds: int = 7) 
         for name, options in schemes.items()
     }
     one = made["explicit"]
-    liquid = WeaklyCompressible(rest_density=1.0, sound_speed=1.0)
+    liquid = WeaklyCompressible(rest_density=1.0, sound_speed=1.0, density="summation")
     given = {**dict.fromkeys(("walls", "number_density", "asymmetry")), **one.given}
     given |= liquid.shares(one.grid, {liquid.name: liquid})
     given["density"] = np.empty(len(position), np.float32)

@@ -45,7 +45,9 @@ LIQUIDS = ("papers", "rests")  # summed density and mirrored walls; advanced den
 
 
 def _liquid(kind: str, sound: float, viscosity: float, clamp: bool = True) -> WeaklyCompressible:
-    own: dict[str, Any] = {"density": "continuity"} if kind == "rests" else {"clamp_pressure": clamp}
+    own: dict[str, Any] = (
+        {"density": "continuity"} if kind == "rests" else {"density": "summation", "clamp_pressure": clamp}
+    )
     return WeaklyCompressible(
         rest_density=DENSITY, sound_speed=sound, dynamic_viscosity=DENSITY * viscosity, viscosity="central", **own
     )

@@ -42,7 +42,9 @@ VISCOSITY = 50.0  # [Pa s]
 HALF_WIDTH = 2
 
 
-LIQUID = WeaklyCompressible(sound_speed=SOUND, dynamic_viscosity=VISCOSITY, state="tait", kernels="cubic_spline")
+LIQUID = WeaklyCompressible(
+    sound_speed=SOUND, dynamic_viscosity=VISCOSITY, state="tait", kernels="cubic_spline", density="summation"
+)
 RED, GREEN, BLUE, YELLOW = "red", "green", "blue", "yellow"
 
 

@@ -42,7 +42,7 @@ CURVES = {
 def curve_data(results: Results) -> dict[str, Any]:
     """Figure 3: force of a pair of particles against their distance, all models at the same nominal tension."""
     grid = Discretisation(3, "float64", 1.0, SUPPORT, 1)
-    fluid = WeaklyCompressible(rest_density=1.0, sound_speed=100.0)
+    fluid = WeaklyCompressible(rest_density=1.0, sound_speed=100.0, density="summation")
     others = {fluid.name: fluid}
     mass = fluid.particle_mass(grid)
     r = np.linspace(0, SUPPORT, 261)

@@ -261,7 +261,7 @@ def drop_scene(
     """Liquid of the given particles (n, 3) [d] without gravity."""
     fluid = WeaklyCompressible(
         rest_density=1.0, sound_speed=1 / math.sqrt(stiffness), dynamic_viscosity=viscosity, density_bound=UNBOUND,
-        kernels=OTHER_BASE.get(model, {}).get("kernels", "mueller"),
+        kernels=OTHER_BASE.get(model, {}).get("kernels", "mueller"), density="summation",
     )  # fmt: skip
     return Scene(
         name=model, spacing=1.0, support_radius=support, dtype=dtype,  # type: ignore[arg-type]

@@ -68,7 +68,7 @@ def _scene(
     """A scene in 2D of one part of the base liquid with kinematic viscosity `viscosity` [m^2/s]."""
     liquid = WeaklyCompressible(
         rest_density=DENSITY, sound_speed=sound, dynamic_viscosity=DENSITY * viscosity, clamp_pressure=clamp,
-        viscosity=form,  # type: ignore[arg-type]
+        viscosity=form, density="summation",  # type: ignore[arg-type]
     )  # fmt: skip
     return Scene(
         name=name, dim=2, dtype="float64", spacing=spacing, support_radius=SUPPORT * spacing, fluid=(fluid,),
@@ -383,7 +383,7 @@ def _tension_scene(
     """Liquid between walls at x = 0 and `width`, on a floor at y = 0, with the tension `found`."""
     liquid = WeaklyCompressible(
         rest_density=1.0, sound_speed=found.tension.sound_speed, dynamic_viscosity=viscosity, viscosity="central",
-        kernels="mueller",
+        kernels="mueller", density="summation",
     )  # fmt: skip
     walls = BoxWalls(lower=(0.0, 0.0, 0.0), upper=(width, 10 * width, 0.0), open_faces=("+y",))
     pull = (Gravity(acceleration=(0.0, -gravity, 0.0)),) if gravity else ()
@@ -729,7 +729,7 @@ class Liquid:
         liquid = WeaklyCompressible(
             rest_density=TERMS_DENSITY, sound_speed=SOUND, kernels=self.kernels,
             dynamic_viscosity=TERMS_DENSITY * VISCOSITY if viscosity else 0.0, viscosity=viscosity or "laplacian",
-            clamp_pressure=self.kernels == "cubic_spline",
+            clamp_pressure=self.kernels == "cubic_spline", density="summation",
         )  # fmt: skip
         tension = Akinci2013(gamma=gamma, area_acceleration=area, balance_pressure=False)
         given = Cloud(position=self.position, velocity=self.velocity, mass=np.full(len(self.position), self.mass))

@@ -39,7 +39,7 @@ def clouds(context: Context, family: str, dim: int, seeds: list[int], backend: s
         walls = (BoxWalls(lower=(0.0, 0.0, 0.0), upper=(size,) * 3, open_faces=("+y",)),) if tank else ()
         particles += len(position)
         for name, settings in DETECTORS.items():
-            effects = (WeaklyCompressible(sound_speed=10.0), *walls, SurfaceDetection(**settings))
+            effects = (WeaklyCompressible(sound_speed=10.0, density="summation"), *walls, SurfaceDetection(**settings))
             fluid = (Cloud(position=position),)
             scene = Scene(spacing=1.0, support_radius=SUPPORT, dim=dim, fluid=fluid, effects=effects)
             _count(context, scene, backend, counts[name])

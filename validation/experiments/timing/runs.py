@@ -83,7 +83,7 @@ def spinning_block(side: int, tension: float = 0.0) -> Scene:
     velocity = np.cross([0.0, 0.0, splishsplash.SPIN], position - position.mean(0))
     liquid = WeaklyCompressible(
         rest_density=splishsplash.DENSITY, sound_speed=(splishsplash.STIFFNESS / splishsplash.DENSITY) ** 0.5,
-        dynamic_viscosity=splishsplash.VISCOSITY * splishsplash.DENSITY,
+        dynamic_viscosity=splishsplash.VISCOSITY * splishsplash.DENSITY, density="summation",
     )  # fmt: skip
     return Scene(
         name="spinning_block", spacing=spacing, support_radius=2.0 * spacing, step=splishsplash.STEP,

@@ -43,7 +43,7 @@ def scene(form: Any, dim: Any, position: NDArray, velocity: NDArray, viscosity: 
     """The drop as it stands; mu in units of sqrt(rho sigma d)."""
     fluid = WeaklyCompressible(
         rest_density=1.0, sound_speed=1 / math.sqrt(STIFFNESS), dynamic_viscosity=viscosity, viscosity=form,
-        kernels="mueller",
+        kernels="mueller", density="summation",
     )  # fmt: skip
     return Scene(
         name=f"{form} {dim}d", spacing=1.0, support_radius=SUPPORT, dim=dim, dtype="float64",

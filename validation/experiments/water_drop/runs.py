@@ -51,7 +51,11 @@ def water(found: Calibration, kernels: Any, dim: Any, cells: float, position: ND
           viscosity: float) -> Scene:  # fmt: skip
     """The scene with these coefficients, as a user writes it."""
     liquid = WeaklyCompressible(
-        rest_density=DENSITY, sound_speed=found.sound_speed, dynamic_viscosity=viscosity, kernels=kernels
+        rest_density=DENSITY,
+        sound_speed=found.sound_speed,
+        dynamic_viscosity=viscosity,
+        kernels=kernels,
+        density="summation",
     )
     return Scene(
         name="water drop", spacing=RADIUS / cells, support_radius=SUPPORT * RADIUS / cells, dim=dim,
