@@ -103,8 +103,9 @@ def calibrate_contact_angle(
     lengths = {"spacing": spacing, "rest_density": rest_density, "dim": dim, "kernels": kernels}
     tension = calibrate(sigma, "akinci", support_radius=support * spacing, **lengths)  # type: ignore[arg-type]
     fluid = WeaklyCompressible(
-        rest_density=rest_density, sound_speed=tension.sound_speed, kernels=kernels, density="summation"
-    )  # type: ignore[arg-type]
+        rest_density=rest_density, sound_speed=tension.sound_speed, density="summation",
+        kernels=kernels,  # type: ignore[arg-type]
+    )  # fmt: skip
     grid = Discretisation(dim, "float64", spacing, support * spacing, 0)
     effect: Any = tension.effect
     adhesion = share * effect.coefficient(grid, {LIQUID: fluid})
