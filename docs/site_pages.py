@@ -23,6 +23,7 @@ PAPERS = {
 ABOVE = {"CONTRIBUTING.md": "contributing.md", "CHANGELOG.md": "changelog.md", "README.md": "index.md"}
 LINK = re.compile(r"(?<!!)\[([^\]]*)\]\(([^)\s]+)\)")
 BAR = "\\|"
+IN_THE_BROWSER = "_in_the_browser"  # a lesson that computes itself, by a script of `_static/`
 MADE = re.compile(r"<!-- operations of ([\w ]+) -->")
 CODE = re.compile(r"^(```.*?^```[^\n]*$)", re.MULTILINE | re.DOTALL)
 NAVIGATION = {
@@ -58,7 +59,7 @@ def as_on_the_site(app: Any, page: str, source: list[str]) -> None:
     text = MADE.sub(lambda found: "\n".join(code(found[1].split())), text)
     if page == "api":
         text = text.replace("<!-- api -->", "\n".join(api()))
-    if page.startswith("lessons/"):
+    if page.startswith("lessons/") and not page.endswith(IN_THE_BROWSER):
         text = lesson(page.removeprefix("lessons/"))
     pieces = CODE.split(text)
     text = "".join(piece if piece.startswith("```") else _linked(piece) for piece in pieces)
@@ -111,6 +112,9 @@ def lesson(name: str) -> str:
         for _ in range(words.count("plt.show()") if kind == "code" else 0):
             drawn += 1
             parts.append(f"\n![What the cell draws](../../figures/lessons/{name}_{drawn}.png)\n")
+    live = f"{name.partition('_')[0]}{IN_THE_BROWSER}.md"
+    if (ROOT / "docs" / "lessons" / live).exists():
+        parts[0] = parts[0].lstrip().replace("\n\n", f"\n\n[In the browser, without installing]({live})\n\n", 1)
     return "".join(parts)
 
 

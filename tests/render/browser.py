@@ -101,6 +101,44 @@ class Browser:
             assert time.monotonic() < end, f"{path} is not ready after {seconds} s; {self.errors}"
             time.sleep(0.05)
 
+    def place(self, selector):
+        """Centre (x, y) [pixels] of an element, which is scrolled into view."""
+        return self.value(
+            f"(() => {{ const one = document.querySelector({json.dumps(selector)});"
+            " one.scrollIntoView({block: 'center'});"
+            " const box = one.getBoundingClientRect();"
+            " return [box.x + box.width / 2, box.y + box.height / 2]; })()"
+        )
+
+    def click(self, selector):
+        """Press and release the mouse on the centre of an element."""
+        self.drag(self.place(selector))
+
+    def drag(self, *places):
+        """Press the mouse at the first place [pixels], move it over the others, and release it."""
+        for kind, (x, y) in zip(("mousePressed", *("mouseMoved",) * (len(places) - 1)), places):
+            self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1, clickCount=1)
+        x, y = places[-1]
+        self.call("Input.dispatchMouseEvent", type="mouseReleased", x=x, y=y, button="left", clickCount=1)
+
+    def touch(self, *places):
+        """Put a finger down at the first place [pixels], move it over the others, and lift it."""
+        for kind, (x, y) in zip(("touchStart", *("touchMove",) * (len(places) - 1)), places):
+            self.call("Input.dispatchTouchEvent", type=kind, touchPoints=[{"x": x, "y": y}])
+        self.call("Input.dispatchTouchEvent", type="touchEnd", touchPoints=[])
+
+    def press(self, key, times=1):
+        """Press a key, by its name in the browser."""
+        code = {"ArrowLeft": 37, "ArrowUp": 38, "ArrowRight": 39, "ArrowDown": 40, "Tab": 9, "Enter": 13}[key]
+        more = {"text": "\r"} if key == "Enter" else {}
+        for _ in range(times):
+            for kind in ("keyDown", "keyUp"):
+                self.call("Input.dispatchKeyEvent", type=kind, key=key, code=key, windowsVirtualKeyCode=code, **more)
+
+    def write(self, words):
+        """Write into the element that has the focus."""
+        self.call("Input.insertText", text=words)
+
     def picture(self, whole=False):
         """(height, width, 3) pixels of the page."""
         from PIL import Image

@@ -1,0 +1,92 @@
+// What the pages that compute themselves share: elements, drawings, sliders, questions. No library.
+const Live = (() => {
+  const SVG = "http://www.w3.org/2000/svg";
+
+  function filled(made, attributes, children) {
+    for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, value);
+    made.append(...children);
+    return made;
+  }
+
+  const element = (name, attributes = {}, ...children) => filled(document.createElement(name), attributes, children);
+  const shape = (name, attributes = {}, ...children) => filled(document.createElementNS(SVG, name), attributes, children);
+  const drawing = (width, height, label) => shape("svg", {viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": label});
+
+  // A place of the pointer in the units of a drawing's viewBox.
+  function place(svg, event) {
+    const at = new DOMPoint(event.clientX, event.clientY).matrixTransform(svg.getScreenCTM().inverse());
+    return [at.x, at.y];
+  }
+
+  // A labelled slider over given values: changed(value) is called when it moves; write(value) makes its text.
+  function slider(id, label, values, start, write, changed) {
+    const input = element("input", {type: "range", id, min: 0, max: values.length - 1, step: 1});
+    const output = element("output", {for: id});
+    const show = () => {
+      output.textContent = write(values[input.value]);
+      input.setAttribute("aria-valuetext", output.textContent);
+    };
+    input.value = values.indexOf(start);
+    input.addEventListener("input", () => { show(); changed(values[input.value]); });
+    show();
+    const set = value => { input.value = values.indexOf(value); show(); };
+    return {row: element("p", {}, element("label", {for: id}, label), input, output), set};
+  }
+
+  function choice(id, label, options, changed) {
+    const select = element("select", {id});
+    for (const [value, words] of Object.entries(options)) select.append(element("option", {value}, words));
+    select.addEventListener("change", () => changed(select.value));
+    return element("p", {}, element("label", {for: id}, label), select);
+  }
+
+  // The number that was written: 0.5, 0,5 or 3/16; NaN for anything else.
+  function number(text) {
+    const found = text.trim().replace(/,/g, ".").replace("−", "-").match(/^([-+]?[\d.]+(?:e[-+]?\d+)?)\s*(?:\/\s*([\d.]+))?\s*[a-z°]*$/i);
+    return found ? Number(found[1]) / Number(found[2] ?? 1) : NaN;
+  }
+
+  // {right, says}: `one` has right and wrong, lists of [least, largest, sentence], and a hint for any other answer.
+  function judged(one, text) {
+    const value = number(text);
+    if (!Number.isFinite(value)) return {right: false, says: "Write one number, such as 0.5 or 3/16."};
+    const within = ([least, largest]) => least <= value && value <= largest;
+    const right = one.right.find(within);
+    if (right) return {right: true, says: `Right. ${right[2]}`};
+    return {right: false, says: `Not yet. ${(one.wrong.find(within) ?? [0, 0, one.hint])[2]}`};
+  }
+
+  function questions(list) {
+    return element("ol", {class: "questions"}, ...list.map((one, k) => {
+      const answer = element("input", {id: `answer${k + 1}`, inputmode: "decimal", autocomplete: "off", size: 8});
+      const says = element("output", {for: answer.id, "aria-live": "polite"});
+      const form = element("form", {}, element("label", {for: answer.id}, one.asks), answer,
+        element("button", {}, "Check"), says);
+      form.addEventListener("submit", event => {
+        event.preventDefault();
+        const found = judged(one, answer.value);
+        says.textContent = found.says;
+        form.dataset.right = found.right;
+      });
+      return element("li", {}, form);
+    }));
+  }
+
+  // Numbers in [0, 1), the same on every visit.
+  function random(seed) {
+    return () => (seed = (1664525 * seed + 1013904223) % 2 ** 32) / 2 ** 32;
+  }
+
+  // Wendland's C2 kernel in the plane [1/m^2], and its slope [1/m^3].
+  function kernel(r, h) {
+    const q = Math.min(r / h, 1);
+    return 7 / (Math.PI * h * h) * (1 - q) ** 4 * (1 + 4 * q);
+  }
+
+  function slope(r, h) {
+    const q = Math.min(r / h, 1);
+    return -140 / (Math.PI * h ** 3) * q * (1 - q) ** 3;
+  }
+
+  return {element, shape, drawing, place, slider, choice, judged, questions, random, kernel, slope};
+})();

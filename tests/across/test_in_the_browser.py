@@ -1,0 +1,257 @@
+"""Lessons that compute in the browser: their numbers against refsim's references, by mouse, touch and keyboard."""
+
+import functools
+import json
+import pathlib
+import re
+
+import numpy as np
+import pytest
+
+from refsim import Cloud, Scene, Simulation, SurfaceDetection, WeaklyCompressible
+from refsim.smoothing import smoothing
+from refsim.smoothing.reference import kernel_slope, kernel_value
+from refsim.surface_detection import plane_moment
+from tests.render.browser import Browser, chromium
+
+pytestmark = pytest.mark.skipif(chromium() is None, reason="Chromium is not installed")
+DOCS = pathlib.Path(__file__).parents[2] / "docs"
+SUM, FAN = "0_in_the_browser", "1_in_the_browser"
+WIDTHS = (1280, 390)
+SAID = "document.querySelector('.live .said').textContent"
+COUNTED = "document.querySelector('.live .count').textContent"
+LETTERS = """[...document.querySelectorAll('.live svg text')].map(text =>
+  parseFloat(getComputedStyle(text).fontSize) * text.getScreenCTM().a)"""
+D, H = 0.01, 0.026  # of the fan scan [m]
+EFFECTS = (WeaklyCompressible(sound_speed=10.0, dynamic_viscosity=1.0, density="summation"), SurfaceDetection())
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory):
+    """Chromium without a network."""
+    made = Browser(tmp_path_factory.mktemp("chromium"), 1280, 900)
+    made.call("Network.enable")
+    made.call("Network.emulateNetworkConditions", offline=True, latency=0, downloadThroughput=0, uploadThroughput=0)
+    yield made
+    made.close()
+
+
+@pytest.fixture(params=WIDTHS)
+def opened(request, browser, tmp_path):
+    """open(NAME): the HTML of that page of the lessons, with the site's style, in a window of each width."""
+
+    def open_page(name):
+        text = (DOCS / "lessons" / f"{name}.md").read_text(encoding="utf-8")
+        parts = "".join(re.findall(r"^<.*$", text, re.MULTILINE)).replace("../_static", (DOCS / "_static").as_uri())
+        style = f'<link rel="stylesheet" href="{(DOCS / "_static" / "site.css").as_uri()}">'
+        page = tmp_path / "page.html"
+        page.write_text(f'<!doctype html><meta charset="utf-8">{style}<div class="content">{parts}</div>')
+        browser.errors.clear()
+        browser.size(request.param, 900)
+        browser.open(page)
+        assert browser.value("document.documentElement.scrollWidth") <= request.param
+        assert browser.errors == []
+        return browser
+
+    return open_page
+
+
+def slide(browser, name, steps):
+    """Move a slider by arrow keys."""
+    browser.value(f"document.getElementById('{name}').focus()")
+    browser.press("ArrowRight" if steps > 0 else "ArrowLeft", abs(steps))
+
+
+def choose_field(browser, value):
+    browser.value(f"(() => {{ const field = document.getElementById('field'); field.value = '{value}';"
+                  " field.dispatchEvent(new Event('change')); })()")  # fmt: skip
+
+
+def smoothed(points, d, h, field, x):
+    """The sum at (x, 0.5 m), and the number of particles nearer than h, by refsim's reference of the kernel."""
+    distance = np.hypot(x - points[:, 0], 0.5 - points[:, 1])
+    value = {"ones": np.ones(len(points)), "wave": np.sin(2 * np.pi * points[:, 0])}[field]
+    return d**2 * value @ kernel_value(distance, smoothing("wendland_c2", h, 2)), int((distance < h).sum())
+
+
+def lattice(d):
+    places = d * (np.arange(round(1 / d)) + 0.5)
+    return np.stack(np.meshgrid(places, places), -1).reshape(-1, 2)
+
+
+def numbers(text):
+    return [float(found) for found in re.findall(r"-?\d+\.?\d*", text.replace("−", "-"))]
+
+
+def test_the_kernel_of_the_pages_is_that_of_the_reference(opened):
+    browser = opened(SUM)
+    r, shape = np.linspace(0.0, 0.15, 31), smoothing("wendland_c2", 0.13, 2)
+    for name, exact in (("kernel", kernel_value), ("slope", kernel_slope)):
+        found = browser.value(f"{json.dumps(list(r))}.map(r => Live.{name}(r, 0.13))")
+        np.testing.assert_allclose(found, exact(r, shape), rtol=1e-12, atol=1e-12)
+
+
+def test_the_smoothed_sum_is_that_of_the_reference_while_the_sliders_move(opened):
+    browser = opened(SUM)
+    moves = ("x", -50), ("h", 6), ("d", 2), ("jitter", 5), ("field", "wave"), ("x", 27), ("h", -9)
+    for name, steps in ((None, 0), *moves):
+        if name == "field":
+            choose_field(browser, steps)
+        elif name:
+            slide(browser, name, steps)
+        state = browser.value("SmoothedSum.state")
+        points = np.array(browser.value("SmoothedSum.particles()"))
+        off = np.abs(points - lattice(state["d"])).max() / state["d"]
+        assert 0.9 * state["jitter"] - 1e-12 <= off <= state["jitter"] + 1e-12
+        total, near = smoothed(points, state["d"], state["h"], state["field"], state["x"])
+        x, shown, field, error, count, _ = numbers(browser.value(SAID))
+        exact = 1.0 if state["field"] == "ones" else np.sin(2 * np.pi * state["x"])
+        assert (x, count) == (pytest.approx(state["x"]), near)
+        assert (shown, field, error) == pytest.approx((total, exact, total - exact), abs=6e-6)
+    assert state == {"h": 0.1, "d": 0.025, "jitter": 0.25, "field": "wave", "x": pytest.approx(0.27)}
+
+
+def test_the_point_follows_the_mouse_and_a_finger(opened):
+    browser = opened(SUM)
+    for act in (browser.drag, browser.touch):
+        x, y = browser.place(".live svg")
+        side = browser.value("document.querySelector('.live svg').clientWidth")
+        act((x, y), (x - 0.1 * side, y))
+        assert browser.value("SmoothedSum.state.x") == pytest.approx(0.5 - 0.14, abs=0.011)
+        assert numbers(browser.value(SAID))[0] == browser.value("SmoothedSum.state.x")
+
+
+def test_letters_of_the_drawings_are_nine_pixels_high(opened):
+    found = opened(SUM).value(LETTERS)
+    assert len(found) > 10
+    assert min(found) >= 9
+
+
+def answered(browser, number, text, by_keyboard):
+    """What the page says to an answer of its question."""
+    field = f"#answer{number}"
+    browser.click(field)
+    browser.value(f"document.querySelector('{field}').value = ''")
+    browser.write(text)
+    browser.press("Enter") if by_keyboard else browser.click(f"form:has({field}) button")
+    return browser.value(f"document.querySelector('form:has({field}) output').textContent")
+
+
+SUMS = {  # by refsim: what each question of lesson 0 asks for
+    1: lambda: np.divide(*kernel_value(np.array([0.5, 0.0]), smoothing("wendland_c2", 1.0, 2))),
+    2: lambda: smoothed(lattice(0.05), 0.05, 0.13, "ones", 0.0)[0],
+    3: lambda: smoothed(lattice(0.025), 0.025, 0.13, "ones", 0.5)[1],
+    4: lambda: 0.12,
+}
+
+
+@pytest.mark.parametrize(
+    "page, name, exact",
+    [(SUM, "SmoothedSum", SUMS), (FAN, "FanScan", {1: lambda: 26, 2: lambda: 90, 3: lambda: lift_out_of_the_fan()})],
+)
+def test_right_answers_are_praised_and_wrong_ones_told_apart(opened, page, name, exact):
+    browser = opened(page)
+    questions = browser.value(f"{name}.QUESTIONS")
+    assert len(questions) == len(exact)
+    for number, one in enumerate(questions, 1):
+        assert answered(browser, number, f"{exact[number]():.6g}", number % 2).startswith("Right. ")
+        wrong = [answered(browser, number, str(least), number % 2) for least, _, _ in one["wrong"]]
+        assert wrong == [f"Not yet. {says}" for _, _, says in one["wrong"]]
+        assert len(set(wrong)) >= 3
+        assert answered(browser, number, "-777", False) == f"Not yet. {one['hint']}"
+        assert answered(browser, number, "many", True) == "Write one number, such as 0.5 or 3/16."
+    if page == SUM:
+        assert all(answered(browser, 1, text, True).startswith("Right") for text in ("3/16", "0,1875", " 0.1875 "))
+
+
+def test_a_quarter_of_the_error_is_left_at_half_the_support_radius():
+    errors = [smoothed(lattice(0.025), 0.025, h, "wave", 0.25)[0] - 1 for h in (0.24, 0.13, 0.12, 0.11)]
+    assert errors[0] == pytest.approx(-0.076, abs=5e-4)
+    assert errors[2] / errors[0] == pytest.approx(0.25, abs=0.02)
+
+
+@functools.cache
+def limits():
+    grid = Simulation(detection(block()), backend="numpy").plan.grid
+    return EFFECTS[0].rest_number_density(grid), plane_moment(EFFECTS[0], grid)
+
+
+def block():
+    """The undisturbed block (54, 2) [m], rows from below."""
+    return D * (np.stack(np.meshgrid(np.arange(9) + 2.5, np.arange(6) + 1.5), -1).reshape(-1, 2))
+
+
+def detection(points):
+    return Scene(dim=2, spacing=D, support_radius=H, dtype="float64", fluid=(Cloud(position=points),), effects=EFFECTS)
+
+
+def lift_out_of_the_fan():
+    """Spacings above its old place at which particle 50 leaves the fan of particle 49."""
+    for lift in np.arange(10, 40) / 10:
+        points = block()
+        points[49, 1] += lift * D
+        if Simulation(detection(points), backend="numpy").field("surface")[48] == 1:
+            return lift
+    return None
+
+
+def compare(browser):
+    """Hold the page's detection to that of refsim's references, particle by particle."""
+    points = np.array(browser.value("FanScan.state.points"))
+    found = browser.value("FanScan.detected(FanScan.state.points)")
+    simulation, (rest, plane) = Simulation(detection(points), backend="numpy"), limits()
+    assert browser.value("[FanScan.REST, FanScan.PLANE]") == pytest.approx((rest, plane), rel=1e-12)
+    for name, field, unit in (("share", "number_density", rest), ("moment", "asymmetry", plane)):
+        exact = simulation.field(field) / unit
+        np.testing.assert_allclose([one[name] for one in found], exact, rtol=1e-10, atol=1e-10)
+    surface, scanned = simulation.field("surface"), simulation.field("scan_candidates")
+    assert [one["surface"] for one in found] == list(surface == 1)
+    assert [one["scanned"] for one in found] == list(scanned == 1)
+    counts = numbers(browser.value(COUNTED))
+    assert counts == [surface.sum(), len(points), scanned.sum()]
+    return points
+
+
+@pytest.mark.parametrize("number", [1, 2, 3])
+def test_surface_particles_are_those_of_the_reference(opened, number):
+    browser = opened(FAN)
+    assert compare(browser) == pytest.approx(block())
+    browser.click(f".controls button:nth-child({number})")
+    points = compare(browser)
+    assert (number == 1) == np.allclose(points, block())
+
+
+def test_particles_follow_mouse_finger_and_arrow_keys(opened):
+    browser = opened(FAN)
+    unit = browser.value("document.querySelector('.live svg').getScreenCTM().a") * 400 / 13  # pixels a spacing
+    for number, act in ((50, browser.drag), (23, browser.touch)):
+        before = np.array(browser.value("FanScan.state.points"))
+        x, y = browser.place(f".live svg circle:nth-of-type({number})")
+        act((x, y), (x + 0.2 * unit, y - 0.5 * unit), (x + 0.4 * unit, y - 1.5 * unit))
+        moved = (compare(browser) - before) / D
+        assert moved[number - 1] == pytest.approx((0.4, 1.5), abs=0.05)
+        assert np.count_nonzero(moved.any(1)) == 1
+        assert f"Particle {number}." in browser.value(SAID)
+    slide(browser, "chosen", -18)
+    browser.press("Tab")
+    before = np.array(browser.value("FanScan.state.points"))
+    for key in ("ArrowUp", "ArrowLeft"):
+        browser.press(key, 3)
+    moved = (compare(browser) - before) / D
+    assert moved[4] == pytest.approx((-0.3, 0.3))
+    assert "Particle 5." in browser.value(SAID)
+
+
+def test_the_page_says_why(opened):
+    browser = opened(FAN)
+    assert browser.value(SAID).endswith("its fan is empty: surface.")
+    browser.value("document.querySelector('.live svg').focus()")
+    browser.press("ArrowUp", 20)
+    slide(browser, "chosen", -1)
+    assert browser.value(SAID).endswith("in its fan stands particle 50: not surface.")
+    slide(browser, "chosen", -18)
+    assert browser.value(SAID).endswith("It is not scanned, and not surface.")
+    slide(browser, "chosen", 19)
+    browser.value("document.querySelector('.live svg').focus()")
+    browser.press("ArrowUp", 12)
+    assert browser.value(SAID).endswith("It has fewer than 3 neighbours: surface.")
