@@ -78,10 +78,13 @@ def contract_arrays() -> Callable[..., dict[str, Any]]:
     contract_arrays("sph.density") gives those of the case "cloud_3d" in float64 and variant 0 for the CPU.
     """
     from refsim.contract import bindings
+    from refsim.contract.inputs import arguments_of_others
+    from refsim.core.operation import REGISTRY
 
     def arguments(
         operation: str, case: str = "cloud_3d", dtype: str = "float64", variant: int = 0, arrays: str = "cpu"
     ) -> dict[str, Any]:
-        return bindings(operation, arrays, dtype, case, variant)
+        names = arguments_of_others(REGISTRY[operation], arrays)
+        return bindings(operation, arrays, dtype, case, variant, names=names)
 
     return arguments

@@ -289,6 +289,4 @@ def _export(options: argparse.Namespace) -> CommandResult:
         f"{options.export}: {sum(len(file.cases) for file in files)} test vectors of {len(vectors.operations)}"
         f" operations in {len(files)} npz files; {INDEX} names them, {SCHEMA} is its schema."
     ]
-    if vectors.not_exported:
-        lines.append(f"Not exported, as they take objects of refsim: {', '.join(vectors.not_exported)}.")
     return CommandResult(msgspec.to_builtins(vectors), "\n".join(lines))

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from refsim.contract.arrays import converted, to_numpy
+from refsim.contract.inputs import arguments_of_others
 from refsim.contract.target import ProgramFailed
 from refsim.core.errors import InputError
 from refsim.core.operation import Operation
@@ -29,7 +30,7 @@ def told(error: BaseException, how: str = "") -> str:
 def by_name(
     program: Callable[..., Any], operation: Operation, owner: str, arrays: str, convert: Convert | None
 ) -> Callable[..., Any]:
-    """The program as a function of all the operation's arguments, in their order; `takes` names those that it reads.
+    """The program as a function of its `arguments`, all that others are given; `takes` names those that it reads.
 
     owner   name of the library, for messages
     arrays  "cpu" or "cuda": whose arrays it takes
@@ -38,7 +39,7 @@ def by_name(
     Raises ProgramFailed, when it is called, for what it raises and for an answer of a wrong shape or dtype; at once
     InputError for a parameter that the operation has not.
     """
-    names = (*operation.arguments(arrays), OWNED)
+    names = (*arguments_of_others(operation, arrays), OWNED)
     label = f"{owner}: its program for {operation.name}"
     ordered, named = _parameters(program, names, label)
 
@@ -59,6 +60,7 @@ def by_name(
         except Exception as error:  # an object of its own kind
             raise ProgramFailed(told(error, "its answer raised")) from error
 
+    call.arguments = names[:-1]  # type: ignore[attr-defined]
     call.takes = frozenset({*ordered, *named})  # type: ignore[attr-defined]
     return call
 

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from refsim.contract.inputs import Inputs, distances, period_of
+from refsim.core.cases import STAND_INS
 from refsim.core.operation import Operation
 
 STRETCH = 1e-6
@@ -148,6 +149,7 @@ def allowed(
     near = neighbour_counts(operation, inputs)
     known = {name: part for name, part in answer.items() if name in before}
     summed = takes_neighbours(operation) and all(scale is not None for _, scale in known.values())
+    summed = summed and not set(known) <= set(operation.exact)
     conditioned = conditioning(operation, inputs) if summed else {}
     jumps = edge_terms(operation, inputs) if summed else {}
     factor = operation.tolerance * float(np.finfo(inputs.dtype).eps)
@@ -183,8 +185,9 @@ def conditioning(operation: Operation, inputs: Inputs, rows: np.ndarray | None =
 
 
 def _stretched(operation: Operation, inputs: Inputs, factor: float, rows: np.ndarray | None) -> dict[str, np.ndarray]:
-    """The oracle's sums of |terms| where all positions are multiplied by a factor."""
+    """The oracle's sums of |terms| where all positions are multiplied by a factor, and the nodes of a grid stay."""
     changed: dict[str, Any] = {"position": factor * np.asarray(inputs["position"], dtype=float)}
+    changed |= {name: inputs[name] for name in STAND_INS if name in operation.arguments("numpy")}
     if "walls" in operation.arguments("numpy") and inputs["walls"] is not None:
         walls = inputs["walls"]
         changed["walls"] = walls._replace(position=factor * np.asarray(walls.position, dtype=float))

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from refsim.contract.inputs import Inputs, bindings, fields, with_variant
+from refsim.contract.inputs import Inputs, arguments_of_others, bindings, fields, with_variant
 from refsim.contract.meanings import ARGUMENTS, MEMBERS
 from refsim.core import cases
 from refsim.core.operation import REGISTRY, Operation
@@ -32,7 +32,7 @@ class Argument:
     """An argument of an operation's program, or a member of a group ("smoothing.shape").
 
     role      "in", "out" or "add to"; "" for a member
-    kind      type and shape in a float32 run of n particles
+    kind      type and shape in a float32 run of n particles, and on a grid of so many nodes
     optional  None in some variants
     """
 
@@ -52,15 +52,17 @@ class Argument:
 def arguments(operation: Operation, arrays: str) -> list[Argument]:
     """Everything that a program on `arrays` ("cpu", "cuda") is given, the members of groups behind their group."""
     cases.discover()
-    count = cases.CASES[SHOWN_IN]().count
+    names = arguments_of_others(operation, arrays)
+    given = bindings(operation.name, arrays, "float32", SHOWN_IN, {}, names=names)
+    sizes = {cases.CASES[SHOWN_IN]().count: "n", len(given.get("nodes", ())): "nodes"}
     found = []
-    for name, value in bindings(operation.name, arrays, "float32", SHOWN_IN, {}).items():
+    for name, value in given.items():
         role = "add to" if name in operation.adds else "out" if name in operation.outputs else "in"
-        found.append(Argument(name, role, _kind(value, count), name in operation.optional, _meaning(name, value)))
+        found.append(Argument(name, role, _kind(value, sizes), name in operation.optional, _meaning(name, value)))
         if hasattr(value, "_fields"):
             said = member_meanings(type(value))
             for member, part in zip(value._fields, value):
-                found.append(Argument(f"{name}.{member}", "", _kind(part, count), False, said[member]))
+                found.append(Argument(f"{name}.{member}", "", _kind(part, sizes), False, said[member]))
     return found
 
 
@@ -109,13 +111,13 @@ def _changed(usual: Inputs, inputs: Inputs, overrides: Mapping[str, Any]) -> Ite
                 yield f"{name}.{member} = {one:g}{word}"
 
 
-def _kind(value: Any, count: int) -> str:
+def _kind(value: Any, sizes: Mapping[int, str]) -> str:
     if value is None:
         return "None"
     if hasattr(value, "_fields"):
         return type(value).__name__
     if hasattr(value, "shape") and hasattr(value, "dtype") and np.ndim(value):
-        shape = ", ".join("n" if size == count else str(size) for size in value.shape)
+        shape = ", ".join(sizes.get(size, str(size)) for size in value.shape)
         return f"{value.dtype} ({shape})"
     return type(value).__name__
 
@@ -170,7 +172,7 @@ def _function(operation: Operation, arrays: str) -> str:
     said = inspect.getdoc(operation.program("numpy")) or ""
     outputs = ", ".join(operation.outputs)
     words = "add to" if operation.adds else "assign"
-    taken = ", ".join(operation.arguments(arrays))
+    taken = ", ".join(row.name for row in rows if row.role)
     signature = f"def {_identifier(operation)}({taken}):"
     if len(signature) > 110:
         signature = f"def {_identifier(operation)}(\n" + textwrap.indent(textwrap.fill(taken, 100), "    ") + ",\n):"

@@ -1,13 +1,15 @@
 """Test vectors for programs in any language: inputs, answer and bound of every case, as npz files and one JSON index.
 
 In FILE.npz (a zip file of uncompressed npy files) an array is called CASE/NAME: an argument by its name, a member of a
-parameter group by GROUP.MEMBER, what stands in an output before the call by before/OUTPUT, the answer by
-answer/OUTPUT and the largest error allowed by bound/OUTPUT. An argument without an array is None.
+parameter group by GROUP.MEMBER, what stands in an output before the call by before/OUTPUT, what must stand there after
+it by answer/OUTPUT and the largest error allowed in each row by bound/OUTPUT. A row with a NaN in its answer must not
+be finite, one with an infinite bound may be anything. An argument without an array is None.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -15,19 +17,20 @@ import msgspec
 import numpy as np
 
 from refsim.contract import describe
-from refsim.contract.answers import CLOUDS, DENSE, exact_forms, exact_inputs
+from refsim.contract.answers import CLOUDS, DENSE, FEW, exact_forms, exact_inputs
 from refsim.contract.bounds import allowed, oracle, takes_neighbours
 from refsim.contract.features import extended
-from refsim.contract.inputs import Inputs, with_variant
-from refsim.contract.parameters import shape_acts, with_kernel
-from refsim.contract.target import Target
+from refsim.contract.inputs import Inputs, arguments_of_others
+from refsim.contract.parameters import shape_acts, varied, with_kernel
+from refsim.contract.properties import Spoiled, Usual, descriptions, spoilable
+from refsim.contract.target import Answer, Target
 from refsim.core import cases
 from refsim.core.errors import InputError
 from refsim.core.operation import REGISTRY, Operation
 from refsim.core.versions import VERSION
 from refsim.smoothing import SHAPES
 
-FORMAT = 1
+FORMAT = 2
 REPLAY = "replay.npz"  # of `write_replay`
 INDEX, SCHEMA = "vectors.json", "vectors.schema.json"
 
@@ -44,14 +47,18 @@ class VectorArgument(msgspec.Struct, frozen=True):
 
 
 class VectorCase(msgspec.Struct, frozen=True):
-    """One case of a file. A closed form is an answer worked out by hand, else it is the reference's."""
+    """One case of a file. The answer is worked out by hand in step T1 of the ladder, else it is the reference's.
+
+    like  in T5 the case that holds the same particles, described otherwise
+    """
 
     name: str
+    step: str
+    like: str
     particles: int
     dim: int
     spacing: float
     support_radius: float
-    closed_form: bool
 
 
 class VectorFile(msgspec.Struct, frozen=True):
@@ -68,7 +75,7 @@ class VectorFile(msgspec.Struct, frozen=True):
 class VectorOperation(msgspec.Struct, frozen=True):
     """An operation; an error is the length of a row's difference, and the bound holds for each row.
 
-    adds   outputs whose answer is what the operation adds to the values before
+    adds   outputs to whose values before the operation adds
     exact  outputs that agree exactly: their bound is 0, or infinite where a rounding may decide
     """
 
@@ -83,12 +90,11 @@ class VectorOperation(msgspec.Struct, frozen=True):
 
 
 class Vectors(msgspec.Struct, frozen=True):
-    """The index of a folder of test vectors. `not_exported` has operations that take more than arrays and numbers."""
+    """The index of a folder of test vectors."""
 
     format: int
     refsim: str
     operations: list[VectorOperation]
-    not_exported: dict[str, str]
 
 
 def export(
@@ -105,13 +111,9 @@ def export(
             raise InputError(f"--export {folder}: the folder holds files; give a new one.")
     except OSError as error:
         raise InputError(f"--export {folder} cannot be written: {error.strerror}; give another folder.") from None
-    found, left_out = [], {}
+    found = []
     for name in names or REGISTRY:
         operation = extended(name)
-        objects = _objects(operation)
-        if objects:
-            left_out[name] = f"its argument {objects[0]} is an object of refsim"
-            continue
         files = [
             _written(folder, operation, dtype, variant)
             for dtype in dtypes or ("float32", "float64")
@@ -121,25 +123,18 @@ def export(
         told = [VectorArgument(a.name, a.role, a.kind, a.optional, a.meaning, a.unit) for a in _arguments(operation)]
         outputs, adds, exact = map(list, (operation.outputs, operation.adds, operation.exact))
         found.append(VectorOperation(name, operation.paper, operation.equation, told, outputs, adds, exact, files))
-    vectors = Vectors(FORMAT, VERSION, found, left_out)
+    vectors = Vectors(FORMAT, VERSION, found)
     (folder / INDEX).write_bytes(msgspec.json.format(msgspec.json.encode(vectors), indent=1))
     (folder / SCHEMA).write_bytes(msgspec.json.format(msgspec.json.encode(msgspec.json.schema(Vectors)), indent=1))
     return vectors
 
 
 def _arguments(operation: Operation) -> Iterator[describe.Argument]:
-    """What is written of the operation: its reference's arguments and its outputs."""
-    names = (*operation.arguments("numpy"), *operation.outputs)
+    """What is written of the operation: arguments, less the lists of neighbours, and outputs."""
+    names = (*arguments_of_others(operation, "numpy"), *operation.outputs)
     for argument in describe.arguments(operation, "numpy"):
         if argument.name.partition(".")[0] in names:
             yield argument
-
-
-def _objects(operation: Operation) -> list[str]:
-    """Arguments that are neither arrays nor numbers nor groups of these."""
-    inputs = Inputs(cases.CASES[describe.SHOWN_IN](), "float32")
-    parts = (_flat(name, inputs[name]) for name in operation.arguments("numpy"))
-    return [key for part in parts for key, value in part.items() if np.asarray(value).dtype.kind == "O"]
 
 
 def _flat(name: str, value: Any) -> dict[str, Any]:
@@ -150,23 +145,86 @@ def _flat(name: str, value: Any) -> dict[str, Any]:
 
 
 def _written(folder: Path, operation: Operation, dtype: str, number: int) -> VectorFile:
-    overrides = operation.variants[number]
     arrays: dict[str, np.ndarray] = {}
     told = []
-    for name, case, kernel in _given(operation):
-        inputs = with_variant(Inputs(cases.CASES[case](), dtype), overrides)
-        inputs = with_kernel(operation, inputs, kernel) if kernel else inputs
-        arrays |= _vector(name, operation, inputs, oracle(operation, inputs))
-        told.append(_case(name, inputs.case, False))
-    for maker, exact in exact_forms(operation, overrides):
-        inputs = exact_inputs(operation, overrides, exact, dtype)
-        arrays |= _vector(maker, operation, inputs, {name: (value, None) for name, value in exact.expected.items()})
-        told.append(_case(maker, exact.case, True))
+    for vector in _vectors(Target(operation, "numpy", dtype, number)):
+        case = vector.inputs.case
+        arrays |= vector.arrays(operation)
+        told.append(
+            VectorCase(
+                vector.name, vector.step, vector.like, case.count, case.dim, case.spacing, case.support_radius
+            )
+        )  # fmt: skip
     file = f"{operation.name}/variant_{number}_{dtype}.npz"
     (folder / operation.name).mkdir(exist_ok=True)
     np.savez(folder / file, allow_pickle=False, **arrays)
+    overrides = operation.variants[number]
     without = [name for name in operation.optional if overrides.get(name, name) is None]
     return VectorFile(file, dtype, number, describe.variants(operation)[number], without, told)
+
+
+@dataclass(frozen=True)
+class _Vector:
+    """One case: see VectorCase; `answer` in the oracle's form, without scales where it is exact.
+
+    free      rows of each output that may be anything
+    measured  inputs on which the bound is measured where `inputs` hold a NaN
+    """
+
+    name: str
+    step: str
+    inputs: Inputs
+    answer: Answer
+    like: str = ""
+    free: Mapping[str, np.ndarray] = field(default_factory=dict)
+    measured: Inputs | None = None
+
+    def arrays(self, operation: Operation) -> dict[str, np.ndarray]:
+        """The arrays of the file that belong to the case, by name."""
+        values: dict[str, Any] = {}
+        for name in arguments_of_others(operation, "numpy"):
+            values |= _flat(name, self.inputs[name])
+        outputs = [name for name in operation.outputs if not self.inputs.dropped(name)]
+        before = {name: self.inputs.output(operation, name) for name in outputs}
+        values |= {f"before/{name}": value for name, value in before.items()}
+        bounds = allowed(operation, self.measured or self.inputs, before, self.answer)
+        for name in (name for name in outputs if name in self.answer):
+            start = before[name].astype(float) if name in operation.adds else 0.0
+            free = self.free.get(name, False)
+            values[f"answer/{name}"] = start + np.asarray(self.answer[name][0], dtype=float)
+            values[f"bound/{name}"] = np.where(free, np.inf, bounds[name])
+        prefix = f"{self.name}/" if self.name else ""
+        return {f"{prefix}{name}": np.asarray(value, order="C") for name, value in values.items()}
+
+
+def _vectors(target: Target) -> Iterator[_Vector]:
+    """The cases of one variant in one precision, in the order of the ladder's steps."""
+    operation = target.operation
+    overrides = operation.variants[target.variant]
+    for maker, exact in exact_forms(operation, overrides):
+        given = exact_inputs(operation, overrides, exact, target.dtype)
+        yield _Vector(maker, "T1", given, {name: (value, None) for name, value in exact.expected.items()})
+    for name, case, kernel in _given(operation):
+        inputs = target.varied(Inputs(cases.CASES[case](), target.dtype))
+        inputs = with_kernel(operation, inputs, kernel) if kernel else inputs
+        yield _Vector(name, "T2", inputs, oracle(operation, inputs))
+    for case in CLOUDS.values():
+        usual, like = Usual(target, case), f"{case}_on_a_grid"
+        others = descriptions(usual)
+        if others:
+            yield _Vector(like, "T5", usual.inputs, usual.expected)
+        for name, described in others.items():
+            inputs = described()[0]
+            yield _Vector(f"{like}_{name.replace(' ', '_')}", "T5", inputs, oracle(operation, inputs), like)
+    for case in CLOUDS.values():
+        usual = Usual(target, case)
+        for name in spoilable(operation, usual.inputs):
+            yield _with_nan(operation, f"{case}_nan_in_{name}", usual, Spoiled(usual, name))
+    for case in FEW.values():
+        for group, member, inputs in varied(operation, target.varied(Inputs(cases.CASES[case](), target.dtype))):
+            answer = oracle(operation, inputs)
+            if all(len(value) == len(inputs.output(operation, name)) for name, (value, _) in answer.items()):
+                yield _Vector(f"{case}_other_{group}.{member}", "T10", inputs, answer)
 
 
 def _given(operation: Operation) -> Iterator[tuple[str, str, str]]:
@@ -179,24 +237,28 @@ def _given(operation: Operation) -> Iterator[tuple[str, str, str]]:
             yield f"{name}_{kernel}", name, kernel
 
 
-def _case(name: str, case: cases.Case, closed_form: bool) -> VectorCase:
-    return VectorCase(name, case.count, case.dim, case.spacing, case.support_radius, closed_form)
+def _with_nan(operation: Operation, name: str, usual: Usual, spoiled: Spoiled) -> _Vector:
+    """Rows of particles that depend on the NaN are NaN; of the others those hold that the ladder judges."""
+    answer, free = {}, {}
+    whole = oracle(operation, spoiled.inputs)
+    for output, (value, scale) in usual.expected.items():
+        if not usual.inputs.per_particle(output):
+            value, scale = whole[output]
+            free[output] = _rows(~np.isfinite(value))
+        elif output in operation.exact:  # flags cannot show a NaN
+            free[output] = np.ones(len(value), dtype=bool)
+        else:
+            lost = _rows(spoiled.depends[output])
+            value = np.array(value)
+            value[lost] = np.nan
+            free[output] = ~lost & ~spoiled.far
+        answer[output] = (value, scale)
+    return _Vector(name, "T9", spoiled.inputs, answer, free=free, measured=usual.inputs)
 
 
-def _vector(
-    case: str, operation: Operation, inputs: Inputs, answer: Mapping[str, tuple[Any, Any]]
-) -> dict[str, np.ndarray]:
-    values: dict[str, Any] = {}
-    for name in operation.arguments("numpy"):
-        values |= _flat(name, inputs[name])
-    before = {name: inputs.output(operation, name) for name in operation.outputs if not inputs.dropped(name)}
-    values |= {f"before/{name}": value for name, value in before.items()}
-    bounds = allowed(operation, inputs, before, answer)
-    for name, (value, _) in answer.items():
-        if name in before:
-            values[f"answer/{name}"] = np.asarray(value, dtype=float)
-            values[f"bound/{name}"] = bounds[name]
-    return {f"{case}/{name}": np.asarray(value) for name, value in values.items()}
+def _rows(entries: np.ndarray) -> np.ndarray:
+    """Which rows have an entry that is set."""
+    return entries.reshape(len(entries), -1).any(1)
 
 
 def write_replay(target: Target) -> None:
@@ -205,8 +267,7 @@ def write_replay(target: Target) -> None:
         return
     inputs, before, after = target.last["launch"]
     with np.errstate(all="ignore"):
-        vector = _vector("", target.operation, inputs, oracle(target.operation, inputs))
-    told = {name.removeprefix("/"): value for name, value in vector.items()}
+        told = _Vector("", "", inputs, oracle(target.operation, inputs)).arrays(target.operation)
     for kind, values in (("before", before), ("got", after)):
         told |= {f"{kind}/{name}": value for name, value in values.items()}
-    np.savez(REPLAY, allow_pickle=False, **{k: v for k, v in told.items() if v.dtype.kind != "O"})
+    np.savez(REPLAY, allow_pickle=False, **told)

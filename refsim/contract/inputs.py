@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import functools
 import importlib
+import itertools
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -258,9 +259,16 @@ def with_variant(inputs: Inputs, variant: Mapping[str, Any]) -> Inputs:
     return inputs.replaced(**{name: made(name, override) for name, override in variant.items()})
 
 
+def arguments_of_others(operation: Operation, arrays: str) -> tuple[str, ...]:
+    """Names of what other programs are given on `arrays`, in order: no objects of refsim, but arrays and numbers."""
+    cases.discover()
+    given = (cases.STAND_INS.get(name, (name,)) for name in operation.arguments(arrays))
+    return tuple(dict.fromkeys(itertools.chain.from_iterable(given)))
+
+
 def bindings(
     operation: Operation | str, backend: str, dtype: str, case: str, variant: Mapping[str, Any] | int = 0,
-    lists: str = "search",
+    lists: str = "search", names: Collection[str] = (),
 ) -> dict[str, Any]:  # fmt: skip
     """Values of everything that the operation's program on `backend` takes, by argument name, on one case.
 
@@ -270,6 +278,7 @@ def bindings(
     case       name in refsim.core.cases.CASES
     variant    overrides, or the number of one of the operation's own variants
     lists      "search" (refsim's neighbour search) or "all_pairs" (the oracle)
+    names      arguments that are wanted in place of those of refsim's own program
 
     Arrays that are written are copies of their own. Raises KeyError where nothing makes an argument.
     """
@@ -279,4 +288,5 @@ def bindings(
     period = period_of(operation, with_variant(Inputs(cases.CASES[case](), dtype), chosen))
     made, neighbours, walls = prepared(case, backend_of(backend), dtype, lists, period)
     inputs, place = with_variant(made, chosen), backend_for(backend_of(backend))
-    return {name: value_of(operation, name, inputs, neighbours, walls, place) for name in operation.arguments(backend)}
+    wanted = names or operation.arguments(backend)
+    return {name: value_of(operation, name, inputs, neighbours, walls, place) for name in wanted}

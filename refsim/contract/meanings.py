@@ -45,6 +45,7 @@ ARGUMENTS = {
     "interior_number": "numbers of the particles whose surface is sought, by which ties are decided [-]",
     "interior_position": "positions of the particles whose surface is sought [m]",
     "nearest": "particle nearest to each sample, -1 if none is nearer than 2 h [-]",
+    "nodes": "integer coordinates (x, y, z) of each node, which stands at h times them, in no order to rely on [-]",
     "node_force": "force of the surface on each node [N]",
     "node_label": "lowest number of the inside nodes connected to each node, -1 outside [-]",
     "node_mass": "mass of each node [kg]",

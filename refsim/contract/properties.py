@@ -15,6 +15,7 @@ from refsim.contract.causes import subset
 from refsim.contract.inputs import Inputs, distances, period_of, unwritten
 from refsim.contract.target import Outcome, Target, Trial, named_worst, worst
 from refsim.core import cases
+from refsim.core.operation import Operation
 from refsim.core.walls import WallParticles
 from refsim.neighbours.reference import nearest_image
 
@@ -126,26 +127,31 @@ def symmetries(target: Target) -> Iterator[Trial]:
 
     In a periodic box also other images of some particles; of a program that takes ghosts also several ranks.
     """
-    kept = held(target)
     for case in CLOUDS.values():
-        usual = _Usual(target, case)
-        described: dict[str, Callable[[], Description]] = {}
-        if "translation" in kept:
-            described["translation"] = functools.partial(_translated, usual)
-        if "reordering" in kept:
-            described["reordering"] = functools.partial(_reordered, usual)
-        if "rotation" in kept:
-            described |= {f"rotation {k}": functools.partial(_rotated, usual, k) for k in (0, 1)}
-        if period_of(target.operation, usual.inputs) is not None:
-            described["images"] = functools.partial(_other_images, usual)
-        for name, other in described.items():
+        usual = Usual(target, case)
+        for name, other in descriptions(usual).items():
             yield Trial("T5", f"{name} of {case}", functools.partial(_compared, usual, name, other))
         if target.by_ranks and target.operation.reach == 1:
             trial = f"{RANKS} ranks with {case}"
             yield Trial("T5", trial, functools.partial(_by_ranks, usual, trial))
 
 
-class _Usual:
+def descriptions(usual: Usual) -> dict[str, Callable[[], Description]]:
+    """Other descriptions of the same particles, by name: those whose answer is the same one, described so."""
+    kept = held(usual.target)
+    described: dict[str, Callable[[], Description]] = {}
+    if "translation" in kept:
+        described["translation"] = functools.partial(_translated, usual)
+    if "reordering" in kept:
+        described["reordering"] = functools.partial(_reordered, usual)
+    if "rotation" in kept:
+        described |= {f"rotation {k}": functools.partial(_rotated, usual, k) for k in (0, 1)}
+    if period_of(usual.target.operation, usual.inputs) is not None:
+        described["images"] = functools.partial(_other_images, usual)
+    return described
+
+
+class Usual:
     """A case as it stands, and the answer to it, computed when the first trial needs it."""
 
     def __init__(self, target: Target, case: str) -> None:
@@ -173,7 +179,7 @@ class _Usual:
         return names + [n for n in operation.outputs if inputs.per_particle(n) and n in operation.adds]
 
 
-def _compared(usual: _Usual, name: str, other: Callable[[], Description]) -> Outcome:
+def _compared(usual: Usual, name: str, other: Callable[[], Description]) -> Outcome:
     """The other description's answer, brought back, against this one's; twice the bound, once for each."""
     target, inputs = usual.target, usual.inputs
     before, after, answer = usual.answer
@@ -188,7 +194,7 @@ def _compared(usual: _Usual, name: str, other: Callable[[], Description]) -> Out
     return target.outcome("T5", f"{name} of {usual.case}", worst(found), words)
 
 
-def _by_ranks(usual: _Usual, trial: str) -> Outcome:
+def _by_ranks(usual: Usual, trial: str) -> Outcome:
     """Each rank gets its share and, behind it, the particles within reach as ghosts; the answers are gathered."""
     target, inputs, operation = usual.target, usual.inputs, usual.target.operation
     reach = inputs.case.list_radius * (1 + inputs.case.skin)
@@ -211,7 +217,7 @@ def _by_ranks(usual: _Usual, trial: str) -> Outcome:
     return target.outcome("T5", trial, worst(found), words)
 
 
-def _translated(usual: _Usual) -> Description:
+def _translated(usual: Usual) -> Description:
     inputs = usual.inputs
     shift = np.array([4.0, -2.0, 1.0 if inputs.case.dim == 3 else 0.0], dtype=usual.target.dtype)
     walls = inputs["walls"]
@@ -220,7 +226,7 @@ def _translated(usual: _Usual) -> Description:
     return inputs.replaced(position=inputs["position"] + shift, walls=walls), lambda values: values
 
 
-def _other_images(usual: _Usual) -> Description:
+def _other_images(usual: Usual) -> Description:
     """Every third particle one period further on, and the next back by one."""
     inputs = usual.inputs
     position, lengths = np.array(inputs["position"]), np.array(inputs["period"][:3], dtype=usual.target.dtype)
@@ -229,14 +235,14 @@ def _other_images(usual: _Usual) -> Description:
     return inputs.replaced(position=position), lambda values: values
 
 
-def _reordered(usual: _Usual) -> Description:
+def _reordered(usual: Usual) -> Description:
     inputs = usual.inputs
     order = inputs.case.random("order").permutation(inputs.case.count)
     changed = {n: inputs[n][order] for n in usual.names}
     return inputs.replaced(**changed), lambda values: _unsorted(values, order)
 
 
-def _rotated(usual: _Usual, number: int) -> Description:
+def _rotated(usual: Usual, number: int) -> Description:
     inputs = usual.inputs
     turn = np.array(TURNS[inputs.case.dim], dtype=usual.target.dtype)[number]
     changed = {n: inputs[n] @ turn.T for n in usual.names if inputs[n].ndim == 2}
@@ -349,11 +355,17 @@ def bad_input(target: Target) -> Iterator[Trial]:
     not finite, or has such a residual or shift, is the search's to report.
     """
     for dim in target.dims:
-        yield from _spoilable(_Usual(target, CLOUDS[dim]), _in(dim))
+        yield from _spoilable(Usual(target, CLOUDS[dim]), _in(dim))
 
 
-def _spoilable(usual: _Usual, where: str) -> Iterator[Trial]:
-    operation, inputs = usual.target.operation, usual.inputs
+def _spoilable(usual: Usual, where: str) -> Iterator[Trial]:
+    for name in spoilable(usual.target.operation, usual.inputs):
+        trial = f"NaN in {name}{where}"
+        yield Trial("T9", trial, functools.partial(_spoiled, usual, trial, name))
+
+
+def spoilable(operation: Operation, inputs: Inputs) -> Iterator[str]:
+    """Arguments in which a NaN of one particle has to show."""
     written = [n for n in operation.outputs if not inputs.dropped(n)]
     if operation.exact and all(n in operation.exact and inputs.per_particle(n) for n in written):
         return
@@ -361,34 +373,51 @@ def _spoilable(usual: _Usual, where: str) -> Iterator[Trial]:
         if name in ("position", "position_residual", "shift") or not inputs.per_particle(name):
             continue
         if inputs[name] is not None and inputs[name].dtype.kind == "f":
-            trial = f"NaN in {name}{where}"
-            yield Trial("T9", trial, functools.partial(_spoiled, usual, trial, name))
+            yield name
 
 
-def _spoiled(usual: _Usual, trial: str, name: str) -> Outcome:
-    target, inputs, broken = usual.target, usual.inputs, 11
-    operation = target.operation
-    changed, spoiled = np.array(inputs[name]), np.array(inputs[name])
-    changed[broken] = 1.5 * changed[broken] + 1
-    spoiled[broken] = np.nan
-    broken_inputs = inputs.replaced(**{name: spoiled})
+class Spoiled:
+    """A NaN in one particle's row of the argument `name`.
+
+    inputs, changed  the inputs with it, and with another number in its place
+    far              particles that it cannot reach
+    """
+
+    def __init__(self, usual: Usual, name: str) -> None:
+        operation, inputs, row = usual.target.operation, usual.inputs, 11
+        changed, spoiled = np.array(inputs[name]), np.array(inputs[name])
+        changed[row] = 1.5 * changed[row] + 1
+        spoiled[row] = np.nan
+        self.inputs, self.changed = (inputs.replaced(**{name: values}) for values in (spoiled, changed))
+        apart = np.asarray(inputs["position"], dtype=float) - inputs["position"][row]
+        period = period_of(operation, inputs)
+        distance = size(apart if period is None else nearest_image(apart, period))
+        self.far = (distance > 1.1 * inputs.case.list_radius * operation.reach) & (operation.reach > 0)
+        self._usual = usual
+
+    @functools.cached_property
+    def depends(self) -> dict[str, np.ndarray]:
+        """Entries of each output that depend on the argument's row: those that the oracle changes where it changes."""
+        other = oracle(self._usual.target.operation, self.changed)
+        answer = self._usual.expected
+        return {n: np.abs(other[n][0] - value) > 1e-9 * scale for n, (value, scale) in answer.items()}
+
+
+def _spoiled(usual: Usual, trial: str, name: str) -> Outcome:
+    target, inputs = usual.target, usual.inputs
+    operation, spoiled = target.operation, Spoiled(usual, name)
+    broken_inputs, far = spoiled.inputs, spoiled.far
     before, after = target.launch(broken_inputs, complete=False)  # an iteration may end at the NaN
     if any(unwritten(before, after)):
         quiet = target.quiet()
         quiet.launch(inputs)
         target.faults.extend(quiet.faults)
-    apart = np.asarray(inputs["position"], dtype=float) - inputs["position"][broken]
-    period = period_of(operation, inputs)
-    distance = size(apart if period is None else nearest_image(apart, period))
-    far = (distance > 1.1 * inputs.case.list_radius * operation.reach) & (operation.reach > 0)
     answer = usual.expected
-    other = oracle(operation, inputs.replaced(**{name: changed}))
     of_all = [n for n in answer if not inputs.per_particle(n)]
     whole = {n: v for n, v in (oracle(operation, broken_inputs) if of_all else {}).items() if n in of_all}
     counted = errors(operation, broken_inputs, before, after, answer=whole)
     found, visible, words = {}, False, ""
-    for output, (value, scale) in answer.items():
-        depends = np.abs(other[output][0] - value) > 1e-9 * scale
+    for output, depends in spoiled.depends.items():
         got = ~np.isfinite(after[output])
         if inputs.per_particle(output) and output not in operation.exact:
             depends, got = (m.reshape(len(m), -1).any(1) for m in (depends, got))
@@ -403,6 +432,6 @@ def _spoiled(usual: _Usual, trial: str, name: str) -> Outcome:
             known = known.reshape(len(known), -1).all(1) if known.ndim > counted[output].ndim else known
             found[output] = np.where(known, counted[output], 0.0)
             visible |= got.any() or (after[output] != before[output]).any()
-    used = any((np.abs(other[n][0] - v) > 1e-9 * s).any() for n, (v, s) in answer.items())
+    used = any(depends.any() for depends in spoiled.depends.values())
     error = worst(found) if visible or not used else np.inf
     return target.outcome("T9", trial, error, words or named_worst(found))

@@ -127,8 +127,8 @@ class Target:
 
     backend   name of the program: its backend, or backend and algorithm ("cuda:fused")
     variant   number of the operation's variant
-    loader    operation -> program taking the arguments of the backend's own program in their order; its attribute
-              `takes`, if there, names those that it reads
+    loader    operation -> program taking the arguments of the backend's own program in their order, or those that its
+              attribute `arguments` names; its attribute `takes`, if there, names those that it reads
     calling   is told the name of the case before each call of the program, and None after it
     faults    what the program did since the last outcome beside a wrong answer; the next outcome fails by it
     excludes  (operation, inputs) -> what the program does not support of them, as a clause; "" if it supports all
@@ -167,10 +167,14 @@ class Target:
         return self.loader(self.operation) if self.loader else None
 
     @functools.cached_property
+    def arguments(self) -> tuple[str, ...]:
+        """Names of the arguments that the program is called with, in order."""
+        return getattr(self.program, "arguments", None) or self.operation.arguments(self.backend)
+
+    @functools.cached_property
     def taken(self) -> frozenset[str]:
         """Arguments that the program reads, and its outputs."""
-        names = self.operation.arguments(self.backend)
-        return frozenset({*getattr(self.program, "takes", names), *self.operation.outputs})
+        return frozenset({*getattr(self.program, "takes", self.arguments), *self.operation.outputs})
 
     @property
     def by_ranks(self) -> bool:
@@ -262,7 +266,7 @@ class Target:
         else:
             count = len(inputs["position"]) if owned is None else owned
             told = {"owned": count} if self.by_ranks else {}
-            call = functools.partial(self.program, *map(lookup, operation.arguments(self.backend)), **told)
+            call = functools.partial(self.program, *map(lookup, self.arguments), **told)
         self.calling(inputs.case.name)
         try:
             with np.errstate(all="ignore"):

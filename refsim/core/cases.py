@@ -166,6 +166,14 @@ def takes(*operations: str, **members: str) -> None:
         TAKES.update({(operation, group): tuple(names.split()) for group, names in members.items()})
 
 
+STAND_INS: dict[str, tuple[str, ...]] = {}
+
+
+def stand_in(argument: str, *names: str) -> None:
+    """Say which arguments other programs are given in place of an object of refsim: `stand_in("grid", "nodes")`."""
+    STAND_INS[argument] = names
+
+
 CODES: dict[tuple[type, str], Mapping[str, int]] = {}
 
 

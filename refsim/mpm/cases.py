@@ -199,6 +199,15 @@ def _grid(inputs, name):
     return grid if name == "grid" else cell
 
 
+@derived("nodes")
+def _nodes(inputs, name):
+    """Integer coordinates of the grid's nodes."""
+    return node_table(inputs["grid"].blocks).astype(np.int32)
+
+
+cases.stand_in("grid", "background", "nodes")
+
+
 @derived("node_mass", "node_momentum", "node_pull", "node_velocity", "carrier_moment")
 def _node_values(inputs, name):
     """Masses of particles on four nodes of five, and nothing on the others; velocities of about one."""
