@@ -36,7 +36,7 @@ NAVIGATION = {
         "errata", "refuted", "checks", "solutions", "accuracy_cost", "effects_cost", "stability", "energy_audit",
     ),
     "Lessons": ("lessons",),
-    "Contract": ("contract",),
+    "Contract": ("contract", "vectors"),
     "Contributing": ("contributing", "api", "changelog"),
     "Guarantees": ("guarantees", "public_names"),
 }  # fmt: skip

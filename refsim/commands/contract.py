@@ -279,7 +279,7 @@ def _export(options: argparse.Namespace) -> CommandResult:
 
     import msgspec
 
-    from refsim.contract.export import INDEX, SCHEMA, export
+    from refsim.contract.export import INDEX, READER, SCHEMA, export
     from refsim.contract.programs import check_names
 
     check_names(options.names, options.dtype, options.variant)
@@ -287,6 +287,7 @@ def _export(options: argparse.Namespace) -> CommandResult:
     files = [file for operation in vectors.operations for file in operation.files]
     lines = [
         f"{options.export}: {sum(len(file.cases) for file in files)} test vectors of {len(vectors.operations)}"
-        f" operations in {len(files)} npz files; {INDEX} names them, {SCHEMA} is its schema."
+        f" operations in {len(files)} npz files; {INDEX} names them, {SCHEMA} is its schema, {READER} reads"
+        " them in C++."
     ]
     return CommandResult(msgspec.to_builtins(vectors), "\n".join(lines))

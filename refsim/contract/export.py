@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ from refsim.contract import describe
 from refsim.contract.answers import CLOUDS, DENSE, FEW, exact_forms, exact_inputs
 from refsim.contract.bounds import allowed, oracle, takes_neighbours
 from refsim.contract.features import extended
-from refsim.contract.inputs import Inputs, arguments_of_others
+from refsim.contract.inputs import Inputs, arguments_of_others, unset
 from refsim.contract.parameters import shape_acts, varied, with_kernel
 from refsim.contract.properties import Spoiled, Usual, descriptions, spoilable
 from refsim.contract.target import Answer, Target
@@ -32,7 +33,7 @@ from refsim.smoothing import SHAPES
 
 FORMAT = 2
 REPLAY = "replay.npz"  # of `write_replay`
-INDEX, SCHEMA = "vectors.json", "vectors.schema.json"
+INDEX, SCHEMA, READER = "vectors.json", "vectors.schema.json", "refsim_vectors.h"
 
 
 class VectorArgument(msgspec.Struct, frozen=True):
@@ -100,7 +101,8 @@ class Vectors(msgspec.Struct, frozen=True):
 def export(
     folder: Path, names: Sequence[str] = (), dtypes: Sequence[str] = (), variants: Sequence[int] = ()
 ) -> Vectors:
-    """Write the vectors of the operations (all by default) into a new or empty folder and return their index.
+    """Write the vectors of the operations (all by default), with a reader for C++, into a new or empty folder and
+    return their index.
 
     Raises InputError for a folder that cannot be written or holds files.
     """
@@ -126,6 +128,7 @@ def export(
     vectors = Vectors(FORMAT, VERSION, found)
     (folder / INDEX).write_bytes(msgspec.json.format(msgspec.json.encode(vectors), indent=1))
     (folder / SCHEMA).write_bytes(msgspec.json.format(msgspec.json.encode(msgspec.json.schema(Vectors)), indent=1))
+    (folder / READER).write_bytes(resources.files("refsim.contract").joinpath(READER).read_bytes())
     return vectors
 
 
@@ -137,10 +140,10 @@ def _arguments(operation: Operation) -> Iterator[describe.Argument]:
             yield argument
 
 
-def _flat(name: str, value: Any) -> dict[str, Any]:
+def flat(name: str, value: Any) -> dict[str, Any]:
     """{name: array or number}; members of groups by "group.member", nothing for None."""
     if isinstance(value, tuple) and hasattr(value, "_fields"):
-        return {k: v for field, part in zip(value._fields, value) for k, v in _flat(f"{name}.{field}", part).items()}
+        return {k: v for field, part in zip(value._fields, value) for k, v in flat(f"{name}.{field}", part).items()}
     return {} if value is None else {name: value}
 
 
@@ -183,9 +186,9 @@ class _Vector:
         """The arrays of the file that belong to the case, by name."""
         values: dict[str, Any] = {}
         for name in arguments_of_others(operation, "numpy"):
-            values |= _flat(name, self.inputs[name])
+            values |= flat(name, self.inputs[name])
         outputs = [name for name in operation.outputs if not self.inputs.dropped(name)]
-        before = {name: self.inputs.output(operation, name) for name in outputs}
+        before = {name: _before(operation, self.inputs, name) for name in outputs}
         values |= {f"before/{name}": value for name, value in before.items()}
         bounds = allowed(operation, self.measured or self.inputs, before, self.answer)
         for name in (name for name in outputs if name in self.answer):
@@ -195,6 +198,13 @@ class _Vector:
             values[f"bound/{name}"] = np.where(free, np.inf, bounds[name])
         prefix = f"{self.name}/" if self.name else ""
         return {f"{prefix}{name}": np.asarray(value, order="C") for name, value in values.items()}
+
+
+def _before(operation: Operation, inputs: Inputs, name: str) -> np.ndarray:
+    """What stands in an output before the call: no number where the operation neither reads it nor adds to it."""
+    values = inputs.output(operation, name)
+    read = name in operation.adds or name in operation.arguments("numpy")
+    return values if read else np.full_like(values, unset(values.dtype))
 
 
 def _vectors(target: Target) -> Iterator[_Vector]:

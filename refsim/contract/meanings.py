@@ -39,7 +39,6 @@ ARGUMENTS = {
     "turning": "angular velocity [1/s], its rate [1/s^2] and a point of the axis [m], three numbers each",
     "fit_position": "points of the fit: the samples, and the same displaced outwards [m]",
     "fit_splines": "three spline values along each axis at each point of the fit [-]",
-    "grid": "background grid: blocks and cells of the particles, an object of refsim (refsim.mpm.grid.MpmGrid)",
     "inset_position": "vertices after they are moved inwards [m]",
     "inside_after": "1 for blocks behind which, along x, nodes are inside [-]",
     "interior_number": "numbers of the particles whose surface is sought, by which ties are decided [-]",
