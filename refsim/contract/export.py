@@ -268,7 +268,7 @@ def _with_nan(operation: Operation, name: str, usual: Usual, spoiled: Spoiled) -
 
 def _rows(entries: np.ndarray) -> np.ndarray:
     """Which rows have an entry that is set."""
-    return entries.reshape(len(entries), -1).any(1)
+    return np.any(entries.reshape(len(entries), -1), axis=1)
 
 
 def write_replay(target: Target) -> None:

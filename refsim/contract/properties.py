@@ -416,8 +416,11 @@ def _spoiled(usual: Usual, trial: str, name: str) -> Outcome:
     of_all = [n for n in answer if not inputs.per_particle(n)]
     whole = {n: v for n, v in (oracle(operation, broken_inputs) if of_all else {}).items() if n in of_all}
     counted = errors(operation, broken_inputs, before, after, answer=whole)
-    found, visible, words = {}, False, ""
-    for output, depends in spoiled.depends.items():
+    found: dict[str, Any] = {}
+    visible: Any = False
+    words = ""
+    for output, entries in spoiled.depends.items():
+        depends: Any = entries
         got = ~np.isfinite(after[output])
         if inputs.per_particle(output) and output not in operation.exact:
             depends, got = (m.reshape(len(m), -1).any(1) for m in (depends, got))
