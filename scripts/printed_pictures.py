@@ -343,8 +343,7 @@ def pour_picture(name: str, size: float, folder: Path, draw: bool) -> tuple[Any,
                 [
                     Body(vertices, facets, OBSTACLE, gloss=0.1, edges=True),
                     water(x, run, cut, seen=(stage.low, stage.high)),
-                ],
-                False,
+                ]
             )
             numbers = counted(x, run)
             title = f"{words}, {1e3 * frame.time:.0f} ms: {numbers['lone']:,} lone particles"
@@ -408,7 +407,7 @@ def ice_picture(name: str, size: float, folder: Path, draw: bool) -> tuple[Any, 
             axes = figure.add_subplot(grid[line, 2 * k : 2 * k + 2])
             share = 100 * solid.sum() / whole
             title = f"{words if k == 0 else ''} {frame.time:.1f} s, {share:.0f} % ice".strip()
-            show(axes, stage.draw(bodies, False), stage, title, line == k == 0)
+            show(axes, stage.draw(bodies), stage, title, line == k == 0)
         series = []
         for frame in run.frames(range(len(run.times))):
             low, high, level = levels(frame, run)
@@ -476,7 +475,7 @@ def dong_cube(name: str, size: float, folder: Path, draw: bool) -> tuple[Any, di
     for k, (axes, number) in enumerate(zip(panels.flat, shown)):
         frame = next(iter(run.frames([number])))
         x = np.asarray(frame.position, dtype=float)
-        show(axes, stage.draw([water(x - x.mean(0), run)], False), stage,
+        show(axes, stage.draw([water(x - x.mean(0), run)]), stage,
              f"{frame.time:.2f} s, q4 {moment[number]:+.3f}", k == 0)  # fmt: skip
         rows.append({"time_s": round(frame.time, 4), "q4": round(float(moment[number]), 5)})
     figure.suptitle(
@@ -509,7 +508,7 @@ def dong_room(panels: NDArray, run: SavedRun, frames: Sequence[int], words: str)
         x = np.asarray(frame.position, dtype=float)
         numbers = counted(x, run)
         title = f"{words}{frame.time:.2f} s: {numbers['parts']} parts, {numbers['lone']} lone"
-        show(axes, stage.draw([water(x, run)], False), stage, title, axes is panels[0])
+        show(axes, stage.draw([water(x, run)]), stage, title, axes is panels[0])
         rows.append({"frame": number, "time_s": round(frame.time, 4), **numbers})
     return rows
 

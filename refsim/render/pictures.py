@@ -4,8 +4,8 @@ import errno
 import io
 import os
 import shutil
-from collections.abc import Iterator, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,12 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from refsim.core.errors import InputError, RunStopped
+from refsim.engine.progress import bar_of, wanted
 from refsim.io.checkpoint import cannot_write, remove_stale_temporaries, replace_file, temporary_path
 from refsim.io.frames import Frame
 from refsim.render import looks
-from refsim.render.plane import add_area, add_discs
+from refsim.render.plane import add_area, add_discs, add_line
 from refsim.render.saved_run import SavedRun, chosen_frames, open_run, usual_range
-from refsim.render.space import BOTTOM, SIDES, TOP, Body, Stage, bar_length, cut_closed, smoothed
+from refsim.render.space import BOTTOM, FLAT, MILD, SHADED, SIDES, TOP, Body, Stage, bar_length, cut_closed, smoothed
 from refsim.render.surfaces import CELL, METHODS, SurfaceMesh, splash_surface, surface_around
 
 SIZE = (1280, 960)
@@ -27,6 +28,8 @@ PER_SECOND = 25  # pictures of a film
 LEAST_FREE = 1 << 20  # bytes of a disk below which it counts as full
 FORMATS = {".png": "png", ".webp": "webp", ".jpg": "jpeg"}
 INK = "#1f2933"
+CLEAR = 0.6  # share of white in the area of water in 2D
+WET_LINE = 0.6  # brightness of the line of its free surface, of the liquid's colour
 BACKGROUNDS = {"paper": "white", "water": "#e9eef2", "particles": "white"}
 
 
@@ -74,7 +77,7 @@ class Series:
         self.camera = looks.camera_of(look.camera)
         towards = self.camera.axes(run.up)[2]
         self.cut = looks.cut_of(look.cut, towards, run.dim, run.plan.grid.origin)
-        self.low, self.high = run.seen(*run.bounds(self.chosen))
+        self.low, self.high = run.seen(*run.framed(self.chosen))
         self.wall = run.wall_distance()
         self.fields = () if look.colour in (None, "part") else (look.colour or "",)
         self.limits = look.limits
@@ -99,15 +102,13 @@ class Series:
 
     # What is seen
 
-    def _colours(self, frame: Frame) -> NDArray[np.float64]:
-        """(n, 3) colours of the particles."""
+    def _paint(self, frame: Frame) -> NDArray[np.float64]:
+        """Of the particles: places (n, 1) on the colour bar, 0 to 1, or colours (n, 3) where there is none."""
         if self.look.colour is not None:
-            import matplotlib
-
             assert self.limits is not None
             values = self.run.values(frame, self.look.colour)
             share = (values - self.limits[0]) / (self.limits[1] - self.limits[0])
-            return matplotlib.colormaps[looks.MAP](np.nan_to_num(share.clip(0, 1)))[:, :3]
+            return np.nan_to_num(share.clip(0, 1))[:, None]
         part, solid = self.run.part(frame), self.run.solid_body(frame) >= 0
         melting = self.run.plan.effects.get("melting")
         as_water = getattr(melting, "bookkeeping", "") == "water"
@@ -121,6 +122,20 @@ class Series:
                 result[own & ~solid] = looks.liquid_colour(0) if as_water else looks.melt_colour(int(number))
         return result
 
+    def _colours(self, paint: NDArray) -> NDArray[np.float64]:
+        """(n, 3) colours of what `_paint` gives."""
+        if paint.shape[1] == 3:
+            return paint
+        import matplotlib
+
+        return matplotlib.colormaps[looks.MAP](paint[:, 0])[:, :3]
+
+    def _seen(self, position: NDArray) -> NDArray[np.bool_]:
+        """(n,) particles that are drawn: before the cut, and not far beside the picture."""
+        far = float((self.high - self.low).max()) / min(self.camera.zoom, 1.0)
+        near = np.asarray(((position > self.low - far) & (position < self.high + far)).all(1))
+        return near if self.cut is None or self.look.style != "particles" else near & (self.cut(position) <= 0)
+
     def _surface(self, points: NDArray, liquid: bool) -> SurfaceMesh:
         if self.look.surface == "pysplashsurf" and self.run.dim == 3:
             return splash_surface(points, self.run.spacing)
@@ -128,10 +143,12 @@ class Series:
         return surface_around(points, self.run.spacing, self.run.dim, cell, wall)
 
     def _bodies(self, frame: Frame) -> Iterator[Body]:
-        x, colours, body = frame.position, self._colours(frame), self.run.solid_body(frame)
+        seen = self._seen(frame.position)
+        x, paint, body = frame.position[seen], self._paint(frame)[seen], self.run.solid_body(frame)[seen]
+        light = SHADED if self.look.colour is None else MILD
         if self.look.style == "particles":
-            kept = np.ones(len(x), bool) if self.cut is None else self.cut(x) <= 0
-            yield Body(x[kept], None, colours[kept], radius=0.5 * self.run.spacing)
+            gloss = 0.3 if light == SHADED else 0.0
+            yield Body(x, None, self._colours(paint), radius=0.5 * self.run.spacing, light=light, gloss=gloss)
         else:
             for number in np.unique(body):
                 own = body == number
@@ -139,14 +156,25 @@ class Series:
                 if not len(mesh.facets):
                     continue
                 points, facets = self._cut(smoothed(mesh.vertices, mesh.facets), mesh.facets)
-                clear = self.look.style == "water" and number < 0 and self.look.colour is None
-                shade = _from_particles(points, x[own], colours[own], self.run.spacing)
-                gloss = 0.45 if number < 0 else 0.15
-                yield Body(points, facets, shade, water=clear, gloss=gloss, edges=self.cut is not None)
+                shade = self._colours(_from_particles(points, x[own], paint[own], self.run.spacing))
+                if light == SHADED:
+                    clear, gloss = self.look.style == "water" and number < 0, 0.45 if number < 0 else 0.15
+                    yield Body(points, facets, shade, water=clear, gloss=gloss, edges=self.cut is not None)
+                    continue
+                on_cut = self._on_cut(points, facets)
+                for part, its in ((facets[~on_cut], MILD), (facets[on_cut], FLAT)):
+                    if len(part):
+                        yield Body(points, part, shade, gloss=0.0, light=its)
         solid = self.run.mesh
         if solid is not None:
             points, facets = self._cut(solid.mesh.vertices + solid.mesh.origin, solid.mesh.faces)
             yield Body(points, facets, looks.OBSTACLE, gloss=0.1, edges=True)
+
+    def _on_cut(self, points: NDArray, facets: NDArray) -> NDArray[np.bool_]:
+        """(f,) facets that lie in the plane of the cut."""
+        if self.cut is None:
+            return np.zeros(len(facets), bool)
+        return (np.abs(self.cut(points)) < 1e-3 * self.run.spacing)[facets].all(1)
 
     def _cut(self, points: NDArray, facets: NDArray) -> tuple[NDArray, NDArray]:
         if self.cut is None or not (self.cut(points) > 0).any():
@@ -165,15 +193,21 @@ class Series:
             softness=2.5 * run.spacing, background=BACKGROUNDS[self.look.style],
         )  # fmt: skip
         bodies = list(self._bodies(frame))
-        image = stage.draw(bodies, occlusion=self.look.style != "water")
+        image = stage.draw(bodies)
         return self._labelled(image, frame, stage.metres_a_pixel())
 
     def _labelled(self, image: NDArray, frame: Frame, metres: float) -> NDArray[np.uint8]:
         """The image with time, scale bar and colour bar on it."""
         figure, axes = self._sheet()
-        axes.imshow(image, extent=(0, image.shape[1], 0, image.shape[0]), aspect="auto", interpolation="nearest")
+        figure.patch.set_alpha(0.0)
         self._labels(figure, axes, frame, metres)
-        return _drawn(figure)
+        figure.canvas.draw()
+        over = np.asarray(figure.canvas.buffer_rgba())
+        at = over[..., 3] > 0
+        share = over[at][:, 3:] / 255.0
+        result = image.copy()
+        result[at] = np.rint((1.0 - share) * image[at] + share * over[at][:, :3])
+        return result
 
     def _in_plane(self, frame: Frame) -> NDArray[np.uint8]:
         figure, axes = self._sheet()
@@ -189,16 +223,13 @@ class Series:
             result[:, :2] = (np.asarray(points, dtype=float)[:, :2] - at) / metres
             return result
 
-        colours, body = self._colours(frame), self.run.solid_body(frame)
-        radius = 0.5 * self.run.spacing / metres
-        kept = np.ones(len(body), bool) if self.cut is None else self.cut(frame.position) <= 0
+        seen, radius = self._seen(frame.position), 0.5 * self.run.spacing / metres
+        x, paint, body = frame.position[seen], self._paint(frame)[seen], self.run.solid_body(frame)[seen]
         if self.look.style == "particles":
-            add_discs(axes, pixels(frame.position[kept]), radius, colours[kept])
+            add_discs(axes, pixels(x), radius, self._colours(paint))
         else:
             for number in np.unique(body):
-                own = body == number
-                mesh = self._surface(frame.position[own], number < 0)
-                add_area(axes, pixels(mesh.vertices), mesh.facets, colours[own], pixels(frame.position[own]), radius)
+                self._area(axes, x[body == number], paint[body == number], number < 0, pixels, radius)
             if self.cut is not None:
                 self._cover(axes, float(pixels(np.full((1, 3), self.cut.place))[0, self.cut.axis]))
         if self.run.box is not None:
@@ -206,6 +237,25 @@ class Series:
         axes.set(xlim=(0, width), ylim=(0, height))
         self._labels(figure, axes, frame, metres)
         return _drawn(figure)
+
+    def _area(
+        self, axes: Any, x: NDArray, paint: NDArray, liquid: bool, pixels: Callable[[NDArray], NDArray], radius: float
+    ) -> None:
+        """A body of particles at x (n, 3) [m], `radius` pixels each: its area and outline."""
+        mesh, places = self._surface(x, liquid), pixels(x)
+        vertices, facets = pixels(mesh.vertices), mesh.facets
+        water, one = self.look.style == "water" and liquid, bool((paint == paint[0]).all())
+
+        def colours(at: NDArray) -> NDArray[np.float64]:
+            found = self._colours(_from_particles(at, places, paint, 2.0 * radius))
+            return found + CLEAR * (1.0 - found) if water and self.look.colour is None else found
+
+        add_area(axes, vertices, facets, colours(places[:1])[0] if one else colours, 0.5 * radius)
+        line = (WET_LINE if water else 0.7) * self._colours(paint[:1])[0] if one or water else np.full(3, 0.2)
+        if water and self.wall is not None and len(facets):
+            middle = mesh.vertices[facets].mean(1, dtype=float)
+            facets = facets[self.wall(middle) > 0.5 * self.run.spacing]
+        add_line(axes, vertices, facets, line, 2.4 if water else 1.0)
 
     def _cover(self, axes: Any, place: float) -> None:
         """Hide what lies on the side of the cut, at `place` in pixels, that is left away."""
@@ -243,8 +293,8 @@ class Series:
         length = bar_length(metres * width)
         x, y, long = 0.04 * width, 0.04 * height, length / metres
         axes.plot([x, x + long], [y, y], color=INK, linewidth=3.0, solid_capstyle="butt")
-        axes.text(x + 0.5 * long, y + 0.012 * height, _metric(length), color=INK, ha="center", va="bottom", fontsize=11)
-        axes.text(x, 0.97 * height, f"t = {frame.time:.4g} s", color=INK, ha="left", va="top", fontsize=12)
+        axes.text(x + 0.5 * long, y + 0.012 * height, _metric(length), color=INK, ha="center", va="bottom", fontsize=13)
+        axes.text(x, 0.97 * height, f"t = {frame.time:.4g} s", color=INK, ha="left", va="top", fontsize=14)
         axes.set(xlim=(0, width), ylim=(0, height))
         if self.look.colour is None or self.limits is None:
             return
@@ -253,13 +303,13 @@ class Series:
 
         unit = self.run.unit(self.look.colour)
         place = figure.add_axes((0.60, 0.055, 0.35, 0.022))
-        words = self.look.colour.replace("_", " ") + (f" [{unit}]" if unit else "")
+        words = self.run.label(self.look.colour) + (f" [{unit}]" if unit else "")
         bar = figure.colorbar(
             ScalarMappable(Normalize(*self.limits), looks.MAP), cax=place, orientation="horizontal", extend="both"
         )
         bar.outline.set_visible(False)
-        bar.ax.tick_params(labelsize=10, colors=INK)
-        bar.ax.set_title(words, fontsize=11, color=INK, pad=5)
+        bar.ax.tick_params(labelsize=13, colors=INK)
+        bar.ax.set_title(words, fontsize=14, color=INK, pad=5)
 
 
 def _metric(length: float) -> str:
@@ -274,17 +324,17 @@ def _drawn(figure: Any) -> NDArray[np.uint8]:
     return np.array(figure.canvas.buffer_rgba())[..., :3].copy()
 
 
-def _from_particles(places: NDArray, position: NDArray, colours: NDArray, spacing: float) -> NDArray[np.float64]:
-    """(k, 3) colours at `places` (k, 3): the mean of the particles around each."""
+def _from_particles(places: NDArray, position: NDArray, values: NDArray, spacing: float) -> NDArray[np.float64]:
+    """(k, c) values at `places` (k, 3): the mean of those (n, c) of the particles around each."""
     from scipy.spatial import cKDTree
 
-    if not len(places) or (colours == colours[0]).all():
-        return np.broadcast_to(colours[0], (len(places), 3))
+    if not len(places) or (values == values[0]).all():
+        return np.broadcast_to(values[0], (len(places), values.shape[1]))
     number = min(8, len(position))
     distance, near = cKDTree(position).query(places, k=number)
     distance, near = distance.reshape(-1, number), near.reshape(-1, number)
     weight = np.exp(-(distance**2 - distance[:, :1] ** 2) / (0.5 * spacing**2))
-    return (weight[..., None] * colours[near]).sum(1) / weight.sum(1)[:, None]
+    return (weight[..., None] * values[near]).sum(1) / weight.sum(1)[:, None]
 
 
 def write_pictures(
@@ -318,9 +368,11 @@ def write_pictures(
 
 def write_film(
     run: str | os.PathLike[str], look: Look, frames: str | None = None, output: str | os.PathLike[str] = "film.mp4",
-    per_second: float = PER_SECOND,
+    per_second: float = PER_SECOND, progress: bool | None = None,
 ) -> Path:  # fmt: skip
     """Write a film (H.264) of the chosen frames, all by default, `per_second` of them a second.
+
+    progress  True shows a bar, False none; None shows it on a terminal and in Jupyter
 
     Raises InputError where imageio-ffmpeg is not installed, and for a run, look or path that is not possible.
     """
@@ -340,21 +392,28 @@ def write_film(
     series = Series(found, look, chosen_frames(frames or "all", len(found.times)))
     remove_stale_temporaries(path)
     beside = temporary_path(path)
-    try:
-        beside.touch(exist_ok=False)
-    except OSError as error:
-        raise cannot_write("film", path, error, "nothing is left of it") from error
-    film = imageio_ffmpeg.write_frames(
-        str(beside), (width, height), fps=per_second, codec="libx264", quality=None, macro_block_size=2,
-        output_params=["-crf", "20", "-preset", "slow", "-movflags", "+faststart", "-f", "mp4"],
-    )  # fmt: skip
-    film.send(None)
-    try:
+    with ExitStack() as at_the_end:
+        at_the_end.callback(_remove, beside)
+        try:
+            beside.touch(exist_ok=False)
+        except OSError as error:
+            raise cannot_write("film", path, error, "nothing is left of it") from error
+        film = imageio_ffmpeg.write_frames(
+            str(beside), (width, height), fps=per_second, codec="libx264", quality=None, macro_block_size=2,
+            ffmpeg_log_level="error",
+            output_params=["-crf", "20", "-preset", "medium", "-movflags", "+faststart", "-f", "mp4"],
+        )  # fmt: skip
+        at_the_end.callback(film.close)
+        film.send(None)
+        shown = wanted() if progress is None else progress
+        bar = bar_of(total=len(series.chosen), desc="pictures", disable=not shown)
         for _, image in series:
             try:
                 film.send(np.ascontiguousarray(image[:height, :width]))
             except OSError:
                 raise _film_refused(path) from None
+            bar.update()
+        bar.close()
         film.close()
         try:
             frames_written, _ = imageio_ffmpeg.count_frames_and_secs(str(beside))
@@ -363,11 +422,12 @@ def write_film(
         if frames_written != len(series.chosen):
             raise _film_refused(path)
         os.replace(beside, path)
-    finally:
-        film.close()
-        with suppress(OSError):
-            beside.unlink(missing_ok=True)
     return path
+
+
+def _remove(path: Path) -> None:
+    with suppress(OSError):
+        path.unlink(missing_ok=True)
 
 
 def _film_refused(path: Path) -> InputError | RunStopped:

@@ -1,9 +1,12 @@
 """Pictures in 2D by matplotlib: filled surfaces or discs."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+Paint = Callable[[NDArray[np.float64]], NDArray[np.float64]]  # colours (k, 3) at places (k, 3)
 
 
 def loops(facets: NDArray) -> list[NDArray[np.int64]]:
@@ -45,36 +48,31 @@ def add_discs(axes: Any, position: NDArray, radius: float, colour: NDArray) -> N
     )  # fmt: skip
 
 
-def add_area(axes: Any, points: NDArray, facets: NDArray, colour: Any, position: NDArray, radius: float) -> None:
-    """The area inside of a surface: in one colour (3,), or in those (n, 3) of the particles next to each place."""
+def add_area(axes: Any, points: NDArray, facets: NDArray, colour: NDArray | Paint, size: float) -> None:
+    """The area inside of a surface in one colour (3,), or with a cell each `size` in the colours of its places."""
     from matplotlib.patches import PathPatch
 
     if not len(facets):
         return
     path = filled_path(points, facets)
-    colour = np.asarray(colour, dtype=float)
-    if colour.ndim == 1 or (colour == colour[0]).all():
-        one = colour if colour.ndim == 1 else colour[0]
-        axes.add_patch(PathPatch(path, facecolor=one, edgecolor=0.7 * one, linewidth=1.0))
+    if not callable(colour):
+        axes.add_artist(PathPatch(path, facecolor=colour, edgecolor="none"))
         return
-    image, extent = _nearest_colours(np.asarray(points, dtype=float)[:, :2], position[:, :2], colour, radius)
+    place = np.asarray(points, dtype=float)[:, :2]
+    low, high = place.min(0) - size, place.max(0) + size
+    counts = np.minimum(np.ceil((high - low) / size), 1200).astype(int)
+    x, y = (low[k] + (np.arange(counts[k]) + 0.5) * (high[k] - low[k]) / counts[k] for k in range(2))
+    cells = np.zeros((counts[1], counts[0], 3))
+    cells[..., 0], cells[..., 1] = np.meshgrid(x, y)
+    image = colour(cells.reshape(-1, 3)).reshape(cells.shape).clip(0, 1)
+    extent = low[0], high[0], low[1], high[1]
     shown = axes.imshow(image, extent=extent, origin="lower", interpolation="bilinear", aspect="equal")
     shown.set_clip_path(path, axes.transData)
-    axes.add_patch(PathPatch(path, facecolor="none", edgecolor="#333333", linewidth=0.8))
 
 
-def _nearest_colours(
-    outline: NDArray, position: NDArray, colour: NDArray, radius: float
-) -> tuple[NDArray[np.float64], tuple[float, float, float, float]]:
-    from scipy.spatial import cKDTree
+def add_line(axes: Any, points: NDArray, facets: NDArray, colour: ArrayLike, width: float) -> None:
+    """The segments of a surface in one colour (3,)."""
+    from matplotlib.collections import LineCollection
 
-    low, high = outline.min(0) - radius, outline.max(0) + radius
-    counts = np.minimum(np.ceil((high - low) / (0.5 * radius)), 1200).astype(int)
-    x, y = (low[k] + (np.arange(counts[k]) + 0.5) * (high[k] - low[k]) / counts[k] for k in range(2))
-    places = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-    number = min(4, len(position))
-    distance, near = cKDTree(position).query(places, k=number)
-    distance, near = distance.reshape(-1, number), near.reshape(-1, number)
-    weight = np.exp(-((distance - distance[:, :1]) ** 2) / radius**2)
-    mixed = (weight[..., None] * colour[near]).sum(1) / weight.sum(1)[:, None]
-    return mixed.reshape(counts[1], counts[0], 3).clip(0, 1), (low[0], high[0], low[1], high[1])
+    ends = np.asarray(points, dtype=float)[:, :2][facets]
+    axes.add_artist(LineCollection(ends, colors=[colour], linewidths=width, capstyle="round"))

@@ -21,7 +21,8 @@ from refsim.sph import gravity_of
 READ_AT_ONCE = 256_000_000  # bytes of frames
 NO_QUANTITY = ("identity", "place")  # numbers of particles
 COMPONENTS = "xyz"
-USUAL = 0.005, 0.995  # shares of a frame's particles with values below the ends of the colour bar
+USUAL = 0.005, 0.995  # shares of a frame's particles below the ends of the colour bar, and of what a picture shows
+BESIDE = 0.25  # of the largest edge of what is shown: particles so near beside it are shown too
 
 
 @dataclass(frozen=True)
@@ -129,6 +130,10 @@ class SavedRun:
         unit = self.plan.fields[base].unit_in(self.dim) if base in self.plan.fields else ""
         return "" if unit == "-" else unit
 
+    def label(self, name: str) -> str:
+        """What a quantity is called in a picture."""
+        return "speed" if name == "velocity" else name.replace("_", " ")
+
     def values(self, frame: Frame, name: str) -> NDArray[np.float64]:
         """(n,) values of a quantity: a field, the length of a vector, a component ("velocity.x"), or "part".
 
@@ -170,10 +175,20 @@ class SavedRun:
 
     def bounds(self, chosen: Sequence[int]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Corners (3,), (3,) [m] of the box that holds all particles of the chosen frames, and the solid at rest."""
+        return self._box(chosen, lambda x: x)
+
+    def framed(self, chosen: Sequence[int]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """The same without stray particles: those far beside the box of 99 % of a frame's particles."""
+        return self._box(chosen, without_strays)
+
+    def _box(
+        self, chosen: Sequence[int], kept: Callable[[NDArray], NDArray]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         low, high = np.full(3, np.inf), np.full(3, -np.inf)
         for frame in self.frames(chosen, ()):
-            low = np.minimum(low, frame.position.min(0, initial=np.inf))
-            high = np.maximum(high, frame.position.max(0, initial=-np.inf))
+            if len(frame.position):
+                x = kept(frame.position)
+                low, high = np.minimum(low, x.min(0)), np.maximum(high, x.max(0))
         if self.mesh is not None:
             place = self.mesh.mesh.vertices + self.mesh.mesh.origin
             low, high = np.minimum(low, place.min(0)), np.maximum(high, place.max(0))
@@ -196,6 +211,14 @@ def open_run(path: str | os.PathLike[str]) -> SavedRun:
         raise InputError(f"{particles} holds no frame; run the scene again.")
     plan = load_checkpoint(folder).plan
     return SavedRun(particles, plan, tuple(times), {name: components for name, (components, _) in fields.items()})
+
+
+def without_strays(position: NDArray) -> NDArray[np.float64]:
+    """Those of the places (n, 3) [m] that lie in the box of 99 % of them along each axis, or near beside it."""
+    low = np.quantile(position, USUAL[0], axis=0, method="higher")
+    high = np.quantile(position, USUAL[1], axis=0, method="lower")
+    reach = BESIDE * (high - low).max()
+    return position[((position >= low - reach) & (position <= high + reach)).all(1)]
 
 
 def usual_range(rows: Iterable[NDArray]) -> tuple[float, float] | None:

@@ -17,6 +17,8 @@ BOTTOM, TOP, SIDES = 0.13, 0.09, 0.04  # shares of a picture that are left to it
 SHADOW = 0.42  # darkness of the ground under a thick body
 LIGHT = (-0.45, 0.35, 0.82)  # towards the light: right of the viewer, away from him on the ground, up
 GROUND_CELLS = 768
+# Ambient and diffuse light on a body: shaded by its form; mildly, so that its colours can be read; not at all.
+SHADED, MILD, FLAT = (0.24, 0.90), (0.70, 0.30), (1.0, 0.0)
 
 Array = NDArray[np.float64]
 
@@ -41,6 +43,7 @@ class Body:
     water     seen through
     gloss     0 for matt to 1
     edges     whether sharp edges are kept; else shading is smooth everywhere
+    light     SHADED, MILD or FLAT
     """
 
     points: NDArray
@@ -50,6 +53,7 @@ class Body:
     water: bool = False
     gloss: float = 0.3
     edges: bool = False
+    light: tuple[float, float] = SHADED
 
 
 @dataclass
@@ -96,9 +100,9 @@ class Stage:
         """Length [m] that one pixel of the picture shows."""
         return 2.0 * self.frame()[1] / self.size[1]
 
-    def draw(self, bodies: Sequence[Body], occlusion: bool = True) -> NDArray[np.uint8]:
+    def draw(self, bodies: Sequence[Body]) -> NDArray[np.uint8]:
         """The picture (height, width, 3) of the bodies."""
-        images, behind = self._opaque(bodies, (self.background,), occlusion)
+        images, behind = self._opaque(bodies, (self.background,))
         return _averaged(self._through_water(images, behind, bodies)[0], SUPERSAMPLING)
 
     def draw_clear(self, bodies: Sequence[Body]) -> NDArray[np.float64]:
@@ -106,7 +110,7 @@ class Stage:
 
         On white it is exact. On other grounds coloured water is somewhat too bright, since one opacity has no colour.
         """
-        images, behind = self._opaque(bodies, ("black", "white"), occlusion=False)
+        images, behind = self._opaque(bodies, ("black", "white"))
         on_black, on_white = (
             _averaged(image, SUPERSAMPLING).astype(float) / 255.0
             for image in self._through_water(images, behind, bodies)
@@ -117,15 +121,16 @@ class Stage:
         return np.concatenate([colour.clip(0.0, 1.0), opacity], axis=2)
 
     def _opaque(
-        self, bodies: Sequence[Body], backgrounds: Sequence[str], occlusion: bool
-    ) -> tuple[list[NDArray[np.uint8]], Array]:
+        self, bodies: Sequence[Body], backgrounds: Sequence[str]
+    ) -> tuple[list[NDArray[np.uint8]], Array | None]:
         """Images (height, width, 3) of what is opaque, and how far beyond the picture's middle that is [m].
 
-        The distances (height, width) are infinite where nothing is.
+        The distances (height, width) are infinite where nothing is, and None without water.
         """
         pv = pyvista()
         width, height = (SUPERSAMPLING * n for n in self.size)
         plotter = pv.Plotter(off_screen=True, window_size=(width, height), lighting="none")
+        plotter.render_window.SetMultiSamples(0)  # edges are smooth by the averaging
         try:
             self._lights(pv, plotter)
             self._surroundings(pv, plotter, bodies)
@@ -141,27 +146,24 @@ class Stage:
             plotter.enable_parallel_projection()
             plotter.camera.parallel_scale = half
             plotter.renderer.ResetCameraClippingRange()
-            if occlusion:
-                reach = 0.08 * float(np.linalg.norm(self.high - self.low))
-                plotter.enable_ssao(radius=reach, bias=0.3 * reach, kernel_size=64, blur=True)
             images = []
             for background in backgrounds:
                 plotter.set_background(background)
                 plotter.render()
                 images.append(np.asarray(plotter.screenshot(return_img=True))[..., :3])
-            return images, _depths(plotter) - away
+            return images, _depths(plotter) - away if any(body.water for body in bodies) else None
         finally:
             plotter.close()
 
     def _through_water(
-        self, images: Sequence[NDArray[np.uint8]], behind: Array, bodies: Sequence[Body]
+        self, images: Sequence[NDArray[np.uint8]], behind: Array | None, bodies: Sequence[Body]
     ) -> list[NDArray[Any]]:
         """Images (height, width, 3) of what is opaque, with water before and around it.
 
         behind  (height, width) of what is opaque, distance beyond the middle of the picture [m]; infinite for none
         """
         bodies = [body for body in bodies if body.water and body.facets is not None and len(body.facets)]
-        if not bodies:
+        if not bodies or behind is None:
             return list(images)
         pv, shape = pyvista(), behind.shape
         right, upward, towards = axes = self.camera.axes(self.up)
@@ -184,12 +186,12 @@ class Stage:
         maps = np.zeros((2, len(wet), 3))
         for values, target in zip((np.concatenate(normals), np.concatenate(colours)), maps):
             target[wet] = (weight * values[own]).sum(1)
-        normal = maps[0] / np.linalg.norm(maps[0], axis=1, keepdims=True).clip(1e-12)
+        maps[0][wet] /= np.linalg.norm(maps[0][wet], axis=1, keepdims=True).clip(1e-12)
         surface = np.where(wet, found.depth[first], np.inf)
         movable = ~wet | (behind.ravel() > surface)
-        normal, colour = (values.reshape(*shape, 3) for values in (normal, maps[1]))
+        normal, colour = (values.reshape(*shape, 3) for values in maps)
         seen = water.shaded(
-            [np.asarray(image, dtype=float) / 255.0 for image in images], thickness.reshape(shape), normal, colour,
+            [np.asarray(image, dtype=np.float32) / 255.0 for image in images], thickness.reshape(shape), normal, colour,
             wet.reshape(shape), axes, np.asarray(self.up), self._to_light(), metres, movable.reshape(shape),
         )  # fmt: skip
         return [255.0 * image for image in seen]
@@ -266,7 +268,7 @@ class Stage:
             return
         mesh = _with_normals(pv, body)
         plotter.add_mesh(
-            mesh, scalars="colour", rgb=True, smooth_shading=True, ambient=0.24, diffuse=0.9,
+            mesh, scalars="colour", rgb=True, smooth_shading=True, ambient=body.light[0], diffuse=body.light[1],
             specular=body.gloss, specular_power=35.0, show_scalar_bar=False,
         )  # fmt: skip
 
@@ -285,8 +287,8 @@ class Stage:
         actor = vtkActor()
         actor.SetMapper(mapper)
         look = actor.GetProperty()
-        look.SetAmbient(0.34)
-        look.SetDiffuse(0.8)
+        look.SetAmbient(body.light[0])
+        look.SetDiffuse(body.light[1])
         look.SetSpecular(body.gloss)
         look.SetSpecularPower(35.0)
         plotter.add_actor(actor)
@@ -345,9 +347,9 @@ def cut_closed(points: NDArray, facets: NDArray, cut: Cut, fineness: float) -> t
 def _averaged(image: NDArray, by: int) -> NDArray[np.uint8]:
     """The image with each square of `by` x `by` pixels averaged."""
     height, width = (n // by for n in image.shape[:2])
-    whole = image[: height * by, : width * by].astype(float)
-    total = np.sum([whole[row::by, column::by] for row in range(by) for column in range(by)], axis=0)
-    return (total / by**2).round().astype(np.uint8)
+    whole = image[: height * by, : width * by]
+    parts = [whole[row::by, column::by] for row in range(by) for column in range(by)]
+    return np.rint(np.sum(parts, axis=0, dtype=np.float32) / by**2).astype(np.uint8)
 
 
 def bar_length(width: float) -> float:

@@ -22,7 +22,7 @@ from refsim.render.saved_run import SavedRun, chosen_frames, open_run, usual_ran
 
 PAGE = Path(__file__).with_name("page.html")
 FIELDS = 8  # shown where the caller names none, so that 60,000 particles over 50 frames take less than 60 MB
-FIRST = ("part", "velocity", "pressure", "density", "temperature", "surface", "volume_ratio", "phase")
+FIRST = ("velocity", "part", "pressure", "density", "temperature", "surface", "volume_ratio", "phase")
 STEPS = 65535  # of the grid on which places are stored
 LEVELS = 255  # of a field's values
 HEIGHT = 560  # of the page inside of a notebook [pixels]
@@ -80,7 +80,7 @@ def make_view(run: SavedRun, chosen: Sequence[int], fields: Sequence[str] | None
             continue  # one value everywhere
         ends = ends or (float(values.flat[0]), float(values.flat[0]))
         blobs[f"field{len(shown)}"] = _packed_values(values, *ends)
-        shown.append({"name": name, "unit": run.unit(name), "low": ends[0], "high": ends[1]})
+        shown.append({"name": name, "label": run.label(name), "unit": run.unit(name), "low": ends[0], "high": ends[1]})
     head = _head(run, chosen, len(loaded[0].position), low, high) | {"fields": shown}
     if run.mesh is not None:
         corners = (run.mesh.mesh.vertices + run.mesh.mesh.origin)[run.mesh.mesh.faces]
@@ -169,7 +169,7 @@ def _head(run: SavedRun, chosen: Sequence[int], count: int, low: NDArray, high: 
         "times": [run.times[k] for k in chosen],
         "low": low.tolist(),
         "extent": (high - low).tolist(),
-        "seen": [corner.tolist() for corner in run.seen(low, high)],
+        "seen": [corner.tolist() for corner in run.seen(*run.framed(chosen))],
         "spacing": run.spacing,
         "flat": run.dim == 2,
         "up": run.up.tolist(),

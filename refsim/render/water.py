@@ -108,9 +108,9 @@ def in_water(found: Crossings, behind: Array) -> tuple[Array, NDArray[np.int64]]
 
 
 def shaded(
-    images: Sequence[Array], thickness: Array, normal: Array, colour: Array, wet: NDArray[np.bool_],
+    images: Sequence[NDArray[np.floating]], thickness: Array, normal: Array, colour: Array, wet: NDArray[np.bool_],
     axes: tuple[Array, Array, Array], up: Array, light: Array, metres: float, movable: NDArray[np.bool_],
-) -> list[Array]:  # fmt: skip
+) -> list[NDArray[np.floating]]:  # fmt: skip
     """Each image (height, width, 3), 0 to 1, of what is opaque, seen through the water before it.
 
     thickness  (height, width) of the water at each pixel [m]
@@ -119,7 +119,7 @@ def shaded(
     axes       right, upwards and towards the viewer; up, light: unit vectors against gravity and to the light
     metres     length of a pixel [m]
     """
-    from scipy.ndimage import gaussian_filter, map_coordinates
+    from scipy.ndimage import map_coordinates
 
     height = len(wet)
     right, upward, towards = axes
@@ -135,8 +135,8 @@ def shaded(
     aside = bent + (bent @ towards)[:, None] * -towards
     rows, columns = np.nonzero(wet)
     # the thickness jumps at the outlines of what is behind
-    share = gaussian_filter(wet.astype(float), SMOOTH * height)[wet]
-    even = gaussian_filter(thickness, SMOOTH * height)[wet] / share.clip(1e-6)
+    share, even = (_smooth(values, SMOOTH * height, rows, columns) for values in (wet, thickness))
+    even /= share.clip(1e-6)
     reach = np.minimum(even, 0.15 * height * metres) * BEND / metres
     r = rows - reach * (aside @ upward) / inner
     c = columns + reach * (aside @ right) / inner
@@ -160,6 +160,19 @@ def shaded(
     for image in images:
         seen = np.stack([map_coordinates(image[..., k], (r, c), order=1, mode="nearest") for k in range(3)], axis=1)
         result = image.copy()
-        result[wet] = (passed_edge * seen + scattered) * (1.0 - fresnel[:, None]) + added
-        results.append(result.clip(0.0, 1.0))
+        result[wet] = ((passed_edge * seen + scattered) * (1.0 - fresnel[:, None]) + added).clip(0.0, 1.0)
+        results.append(result)
     return results
+
+
+def _smooth(values: NDArray, sigma: float, rows: NDArray, columns: NDArray) -> Array:
+    """(k,) what a Gaussian filter of `sigma` pixels makes of an image (height, width) at those of its pixels."""
+    from scipy.ndimage import gaussian_filter, map_coordinates
+
+    by = max(1, round(sigma / 4))  # the filter is smooth over so many pixels
+    height, width = values.shape
+    padded = np.zeros((-(-height // by) * by, -(-width // by) * by), np.float32)
+    padded[:height, :width] = values
+    coarse = padded.reshape(len(padded) // by, by, -1, by).mean((1, 3))
+    at = (rows + 0.5) / by - 0.5, (columns + 0.5) / by - 0.5
+    return map_coordinates(gaussian_filter(coarse, sigma / by), at, order=1, mode="nearest", output=np.float64)

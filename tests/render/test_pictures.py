@@ -2,19 +2,25 @@
 
 import importlib.util
 import itertools
+import os
 import re
+import signal
+import subprocess
 import sys
+import time
 
 import numpy as np
 import pytest
 from PIL import Image
 
-from refsim import Box, BoxWalls, InputError, Scene, WeaklyCompressible, simulate
+from refsim import Box, BoxWalls, Gravity, InputError, Scene, Simulation, WeaklyCompressible, simulate
 from refsim.__main__ import main
+from refsim.io.frames import ParticleWriter
 from refsim.render.looks import Camera, camera_of, cut_of, level_axes
 from refsim.render.pictures import Look, Series, write_film, write_pictures
 from refsim.render.plane import loops
-from refsim.render.saved_run import chosen_frames, open_run
+from refsim.render.saved_run import SavedRun, chosen_frames, open_run
+from refsim.render.space import Stage
 from refsim.render.surfaces import surface_around
 
 SMALL = (320, 240)
@@ -145,6 +151,7 @@ def test_quantities_have_values_and_units(in_plane):
     assert run.unit("mass") == "kg/m"
     assert run.unit("velocity.y") == "m/s"
     assert run.unit("part") == ""
+    assert [run.label(name) for name in ("velocity", "volume_ratio")] == ["speed", "volume ratio"]
     v = frame.fields["velocity"]
     assert np.allclose(run.values(frame, "velocity"), np.linalg.norm(v, axis=1))
     assert (run.values(frame, "velocity.y") == v[:, 1]).all()
@@ -178,7 +185,7 @@ def test_solids_and_their_melt_have_colours_of_their_own(tmp_path):
     frame = Frame(0.0, scene.state.position[::-1], {"identity": identity, "phase": phase})
     series = Series.__new__(Series)
     series.run, series.look = run, Look()
-    colours = {tuple(c) for c in series._colours(frame)}
+    colours = {tuple(c) for c in series._paint(frame)}
     assert colours == {solid_colour(0), melt_colour(0), liquid_colour(0)}
     assert (run.solid_body(frame) == 0).sum() == (phase > 0).sum()
 
@@ -226,6 +233,45 @@ def test_a_run_in_2d_is_drawn_in_every_style(in_plane):
     assert blue(picture(in_plane, 0, cut="x=0.04")) < 0.7 * blue(paper)
 
 
+def test_water_in_2d_has_a_line_along_its_free_surface_alone(in_plane):
+    """A pixel column through the liquid, 4 cm beside the left wall: one dark stretch, at the top of the liquid."""
+    found = open_run(in_plane)
+    series = Series(found, Look(size=(960, 720), style="water"), [0])
+    image = next(iter(series))[1].astype(int)
+    (wide, high, _), middle = series.high - series.low, 0.5 * (series.low + series.high)[0]
+    metres = max(wide / (0.92 * 960), high / (0.78 * 720))
+    seen = image[:, round(480 + (0.04 - middle) / metres)]
+    dark = np.flatnonzero((seen.sum(1) < 330) & (seen[:, 2] > seen[:, 0] + 40))
+    pale = np.flatnonzero((seen.sum(1) > 450) & (seen[:, 2] > seen[:, 0] + 40))
+    assert 2 <= len(dark) <= 6
+    assert dark[-1] < pale[0] < dark[-1] + 4
+    assert len(pale) == pytest.approx(0.16 / metres, abs=8)
+
+
+def strayed(folder, count):
+    """A run of one frame: a block of 216 particles, and `count` of them a hundred edges away."""
+    scene = Scene(spacing=0.1, support_radius=0.2, fluid=(Box(cells=(6, 6, 6)),), effects=(Gravity(),))
+    simulation = Simulation(scene)
+    simulation.checkpoint(folder / "checkpoint.h5")
+    x = simulation.field("position").astype("float32")
+    x[:count] += [60.0, 0.0, 0.0]
+    with ParticleWriter(folder / "particles.vtkhdf", {"identity": (1, "int32")}) as writer:
+        writer.write(0.0, x, identity=np.arange(len(x), dtype="int32"))
+    return folder
+
+
+@needs_pyvista
+def test_a_stray_particle_does_not_shrink_the_liquid(tmp_path):
+    pictures = []
+    for count in (0, 1):
+        (tmp_path / str(count)).mkdir()
+        pictures.append(picture(strayed(tmp_path / str(count), count), 0))
+    assert blue(pictures[1]) > 0.9 * blue(pictures[0]) > 1000
+    run = open_run(tmp_path / "1")
+    assert np.ptp(run.bounds([0]), axis=0)[0] > 60
+    assert np.ptp(run.framed([0]), axis=0) == pytest.approx(0.6)
+
+
 def test_a_colour_bar_spans_all_frames(in_plane):
     found = open_run(in_plane)
     series = Series(found, Look(colour="velocity"), range(4))
@@ -251,6 +297,26 @@ def test_a_run_in_3d_is_drawn_in_every_style(in_space):
     cut = picture(in_space, 0, cut="y=0")
     assert differ(cut, paper) > 300
     assert differ(picture(in_space, 0, camera="30,60,1.5"), paper) > 3000
+
+
+@needs_pyvista
+def test_a_cut_has_the_colours_of_the_bar(in_space, monkeypatch):
+    """The drop, 14 cm wide, cut through its middle and coloured by height, seen at a slant of 30 degrees."""
+    import matplotlib
+
+    monkeypatch.setattr(SavedRun, "values", lambda self, frame, name: frame.position[:, 2])
+    series = Series(open_run(in_space), Look(size=SMALL, colour="height", cut="y=0", limits=(0.09, 0.23)), [0])
+    image = next(iter(series))[1].astype(int)
+    stage = Stage(series.low, series.high, series.run.up, series.camera, SMALL)
+    right, upward, _ = series.camera.axes(series.run.up)
+    middle, half = stage.frame()
+    ramp = (255 * matplotlib.colormaps["viridis"](np.arange(256))[:, :3]).astype(int)
+    for x, z in itertools.product((-0.03, 0.0, 0.03), (0.13, 0.16, 0.19)):
+        place = np.array([x, 0.0, z]) - middle
+        row, column = 120 - place @ upward * 120 / half, 160 + place @ right * 120 / half
+        seen = image[round(row), round(column)]
+        assert np.abs(seen - ramp).max(1).min() <= 4
+        assert np.abs(seen - ramp[round(255 * (z - 0.09) / 0.14)]).max() <= 25  # a third of a spacing
 
 
 @needs_pyvista
@@ -291,6 +357,32 @@ def test_the_command_writes_a_film(in_plane, tmp_path, capsys):
     assert facts["fps"] == 4
     assert len(pictures) == len(open_run(in_plane).times)
     assert pictures[0] != pictures[-1]
+
+
+@needs_ffmpeg
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_nothing_is_left_of_a_film_that_is_stopped(in_plane, tmp_path, number):
+    words = [sys.executable, "-m", "refsim", "render", str(in_plane), "--film", "dam.mp4", "--size", "4096x4096"]
+    with subprocess.Popen(words, cwd=tmp_path, stderr=subprocess.PIPE, start_new_session=True) as film:
+        while not list(tmp_path.iterdir()) and film.poll() is None:
+            time.sleep(0.05)
+        os.killpg(film.pid, number)
+        err = film.communicate(timeout=60)[1].decode()
+    assert film.returncode == 3
+    assert err.count("\n") == 1
+    assert "[interrupted]" in err
+    assert not list(tmp_path.iterdir())
+
+
+@needs_pyvista
+def test_a_film_of_a_hundred_pictures_takes_a_minute_of_two_cores(in_plane, in_space):
+    """A fifth of a second of computing for a picture in 2D, and one second in 3D."""
+    for run, most in ((in_plane, 0.2), (in_space, 1.0)):
+        pictures = iter(Series(open_run(run), Look(colour="velocity"), range(3)))
+        next(pictures)
+        began = time.process_time()
+        assert len(list(pictures)) == 2
+        assert time.process_time() - began < 2 * most
 
 
 @pytest.mark.parametrize(

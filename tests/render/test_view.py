@@ -43,6 +43,7 @@ def test_the_page_holds_the_run_to_sixteen_bits(in_space):
     found = head(page)
     assert found["times"] == [frame.time for frame in frames]
     assert {field["name"] for field in found["fields"]} >= {"velocity", "pressure", "density"}
+    assert found["fields"][0]["label"] == "speed"
     order = [np.argsort(frame.fields["identity"]) for frame in frames]
     exact = np.array([frame.position[o] for frame, o in zip(frames, order)])
     assert np.abs(places(page) - exact).max() <= 0.51 * max(found["extent"]) / 65535

@@ -92,7 +92,7 @@ def test_a_picture_without_background_is_exact_on_white():
     water = Body(np.asarray(ball.vertices), np.asarray(ball.faces), (0.16, 0.47, 0.78), water=True)
     corner = np.ones(3)
     stage = Stage(-corner, corner, np.array([0.0, 0.0, 1.0]), Camera(), (64, 64), half_height=1.0)
-    clear, on_white = stage.draw_clear([water]), stage.draw([water], occlusion=False) / 255.0
+    clear, on_white = stage.draw_clear([water]), stage.draw([water]) / 255.0
     assert clear[..., :3] * clear[..., 3:] + 1.0 - clear[..., 3:] == pytest.approx(on_white, abs=0.01)
     r, _, b = on_white[32, 32]
     assert b > r + 0.1
