@@ -250,7 +250,7 @@ class Series:
             found = self._colours(_from_particles(at, places, paint, 2.0 * radius))
             return found + CLEAR * (1.0 - found) if water and self.look.colour is None else found
 
-        add_area(axes, vertices, facets, colours(places[:1])[0] if one else colours, 0.5 * radius)
+        add_area(axes, vertices, facets, colours(places[:1])[0] if one else colours, 0.75 * radius)
         line = (WET_LINE if water else 0.7) * self._colours(paint[:1])[0] if one or water else np.full(3, 0.2)
         if water and self.wall is not None and len(facets):
             middle = mesh.vertices[facets].mean(1, dtype=float)
