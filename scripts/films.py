@@ -25,32 +25,37 @@ from refsim.core.errors import InputError  # noqa: E402
 from validation.experiment import chosen  # noqa: E402
 
 
+SECONDS, PER_SECOND = 10, 15  # of a film
+
+
 class Film(NamedTuple):
-    """An example, the paper, thesis or patent of its method, what is seen, and options of `refsim render`."""
+    """An example, the paper, thesis or patent of its method, what is seen, end [s], options of `refsim render`."""
 
     name: str
     source: str
     shows: str
+    until: float
     options: str
 
     def commands(self) -> tuple[str, str, str]:
         """The three commands that make the film."""
-        drawn = f"--film {self.name}.mp4 {self.options} --size 640x480"
+        every = self.until / (SECONDS * PER_SECOND - 1)
+        drawn = f"--film {self.name}.mp4 {self.options} --size 1280x720 --per-second {PER_SECOND}"
         return (
-            f"refsim example {self.name}", f"refsim run {self.name}.toml", f"refsim render {self.name}_run {drawn}",
+            f"refsim example {self.name}", f"refsim run {self.name}.toml --until {self.until:g} --every {every:.4g}",
+            f"refsim render {self.name}_run {drawn}",
         )  # fmt: skip
 
 
-WATER = "--frames 0:100:2 --style water"
 MADE = (
-    Film("dam_break_2d", "Jiang & Zhu 2023", "A column of liquid collapses in a tank, coloured by speed.",
-         "--frames 0:70 --color velocity"),
-    Film("cohesion", "Dong, Zhang & Chen 2016", "A cube of liquid becomes a drop by cohesion.",
-         "--frames 0:40 --style water"),
-    Film("mpm_droplet", "a thesis on surface tension in MPM", "A box of liquid becomes a drop by surface energy.",
-         WATER),
-    Film("melting", "Shao & Song 2017", "A ball of ice falls into warm water and melts.", WATER),
-    Film("mesh_boundary", "patent CN104318598A", "A column of liquid falls on a pebble, a triangle mesh.", WATER),
+    Film("dam_break_2d", "Jiang & Zhu 2023", "A column of liquid collapses in a tank, coloured by speed.", 0.5,
+         "--color velocity"),
+    Film("cohesion", "Dong, Zhang & Chen 2016", "A cube of liquid becomes a drop by cohesion.", 0.04, "--style water"),
+    Film("mpm_droplet", "a thesis on surface tension in MPM", "A box of liquid becomes a drop by surface energy.", 0.25,
+         "--style water"),
+    Film("melting", "Shao & Song 2017", "A ball of ice falls into warm water and melts.", 2.0, "--style water"),
+    Film("mesh_boundary", "patent CN104318598A", "A column of liquid falls on a pebble, a triangle mesh.", 0.4,
+         "--style water"),
 )  # fmt: skip
 FILMS = {film.name: film for film in MADE}
 
