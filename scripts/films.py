@@ -24,7 +24,6 @@ sys.path.insert(0, str(ROOT))
 from refsim.core.errors import InputError  # noqa: E402
 from validation.experiment import chosen  # noqa: E402
 
-
 SECONDS, PER_SECOND = 10, 15  # of a film
 
 
