@@ -31,14 +31,9 @@ BOUNDARY = "validation.experiments.boundary"
 RUNS = {  # panel: its run, called with (context, settings, backend, threads, repeats)
     "detection_2d": "validation.panel_runs.detection:detectors_2d",
     "detection_3d": "validation.panel_runs.detection:detectors_3d",
-    "melting": "validation.panel_runs.drops_and_melting:melt_times",
-    "contact_angle": "validation.panel_runs.drops_and_melting:angles",
-    "surface_tension_jump": "validation.panel_runs.drops_and_melting:tensions",
-    "surface_tension_frequency": "validation.panel_runs.drops_and_melting:tensions",
-    "tank_pressure": "validation.panel_runs.tank:tanks",
-    "implicit_pressure": "validation.panel_runs.implicit_pressure:tanks",
-    "mpm_pressure": "validation.panel_runs.mpm:pressures",
-    "mpm_frequency": "validation.panel_runs.mpm:frequencies",
+    "contact_angle": "validation.panel_runs.drops:angles",
+    "surface_tension_jump": "validation.panel_runs.drops:tensions",
+    "surface_tension_frequency": "validation.panel_runs.drops:tensions",
     "surface_normals": "validation.experiments.surface_reconstruction.runs:normals",
     "boundary_sampling": f"{BOUNDARY}.runs:quality",
     "signed_distance": f"{BOUNDARY}.runs:distance",
@@ -128,13 +123,10 @@ def _point(of: Panel, old: Point, reading: Mapping[str, Any], place: int) -> Poi
     if reading["stopped"]:
         return msgspec.structs.replace(kept, failed=reading["stopped"], spent=float(np.mean(reading["seconds"])))
     value, scale, _ = of.reference()
-    own, parts, beside = (
-        reading["bytes"], *({n: float(np.mean(v)) for n, v in reading[kind].items()} for kind in ("parts", "beside"))
-    )  # fmt: skip
+    own = reading["bytes"]
     return msgspec.structs.replace(
         kept, value=reading["value"], seconds=reading["seconds"], noise=list(reading["noise"]),
         error=math.nan if reading["value"] is None else abs(reading["value"] - value) / scale, steps=reading["steps"],
         step_seconds=sorted(reading["per_step"])[len(reading["per_step"]) // 2],
-        bytes=None if own is None else own * reading["particles"], launches=reading["launches"],
-        parts=parts if len(parts) > 1 else {}, distribution=reading["distribution"], beside=beside,
+        bytes=None if own is None else own * reading["particles"],
     )  # fmt: skip

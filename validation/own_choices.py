@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from refsim import Cloud, Dong2016, HeatConduction, RunStopped, Scene, Simulation
-from validation.running import Context
+from refsim.scene.plan import make_plan
 
 ROOT = Path(__file__).resolve().parent.parent
 STORED = ROOT / "figures" / "own_choices.json"
@@ -95,11 +95,16 @@ def shao_song(literal: tuple[str, ...]) -> Measured:
 
 def patent(literal: tuple[str, ...]) -> Measured:
     """Pressure of the tank of the panel `tank_pressure`, root mean square over that at the bottom."""
-    from validation.panel_runs.tank import rested
+    from refsim.study.observables import observable_of
+    from refsim.study.panels import panel
+    from refsim.study.panels.measured import observable
+    from refsim.study.panels.scenes import changed, scene_of
+    from refsim.study.runs import Setting, measure
 
-    setting = {"cells": 10, "knobs": {"dtype": "float32", "backend": "cpu"}, "literal": literal}
-    found = rested(Context(), setting, 0)
-    return {"value": None if found.stopped else found.value, "remark": f"stops: {found.stopped}" * bool(found.stopped)}
+    of = panel("tank_pressure")
+    scene = changed(scene_of(of, of.points["n10"]), [("effects.mesh_boundary.literal", literal)])
+    found = measure(Setting("", "", 1.0, scene, "cpu"), observable_of(observable(of.name), make_plan(scene)))
+    return {"value": None if found.failed else found.value, "remark": f"stops: {found.failed}" * bool(found.failed)}
 
 
 # paper, effects with the preset, scene and measure

@@ -104,13 +104,6 @@ def note(series: dict[str, list[Any]], row: Mapping[str, Any]) -> None:
         series.setdefault(name, []).append(value)
 
 
-def with_step(context: Context, scene: Scene, share: float, backend: str, threads: int | None = None) -> Scene:
-    """The scene with `share` of the stable step; above 1 as a fixed step, so many times the first stable one."""
-    if share <= 1.0:
-        return msgspec.structs.replace(scene, step_factor=share)
-    return msgspec.structs.replace(scene, step=share * context.simulation(scene, backend, threads).step().length)
-
-
 def refusal(scene: Scene) -> str:
     """Why the scene is refused, in its one sentence; "" where it is not."""
     try:

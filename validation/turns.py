@@ -33,10 +33,7 @@ class Outcome:
     value         the observable
     seconds       wall seconds that count, without first calls
     stopped       why it came to no end, "missing: ..." where another program is not installed; "" if it did
-    launches, bytes  operations of a step, and bytes of fields a particle
-    parts         the same seconds by part (start, list, step ...), which sum up to them
-    beside        what comes on top and is not in `seconds`: output, or work that is done anyway
-    distribution  {"what": {"median", "p99", "max"}} of quantities that each particle (or each datum) has
+    bytes         of fields a particle
     """
 
     value: float = math.nan
@@ -44,11 +41,7 @@ class Outcome:
     steps: int = 0
     particles: int = 0
     stopped: str = ""
-    launches: int | None = None
     bytes: int | None = None
-    parts: Mapping[str, float] = field(default_factory=dict)
-    beside: Mapping[str, float] = field(default_factory=dict)
-    distribution: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
 
 Settings = Mapping[str, Mapping[str, Any]]  # by key of the panel's point: its knobs and what else it was set to
@@ -143,14 +136,6 @@ def in_turns(context: Context, settings: Settings, once: Once, threads: int | No
     return measured(found, threads, backend)
 
 
-def stepped(run: Simulation, value: float, seconds: float, stopped: str = "", **more: Any) -> Outcome:
-    """What a simulation that was stepped gave."""
-    return Outcome(
-        value, seconds, run.steps, run.count, stopped, len(run.plan.launches()), sum(run.plan.field_bytes().values()),
-        **more,
-    )  # fmt: skip
-
-
 def panel(once: Once, warm: Callable[[Context, Mapping[str, Any]], Any] = lambda context, setting: None) -> PanelRun:
     """A panel's run: `warm` compiles what each setting calls, then the settings take turns."""
 
@@ -165,7 +150,7 @@ def panel(once: Once, warm: Callable[[Context, Mapping[str, Any]], Any] = lambda
 def measured(found: Mapping[str, Readings[Outcome]], threads: int | None, backend: str) -> Result:
     """The result of a panel's run: a reading of each setting, and where they were measured.
 
-    A reading is its first outcome, with seconds (in all, of a step, by part) one for each repeat, and their noise.
+    A reading is its first outcome, with seconds (in all, of a step) one for each repeat, and their noise.
     """
     return Result({
         "readings": [{"key": key, **reading(own)} for key, own in found.items()],
@@ -183,20 +168,8 @@ def reading(own: Readings[Outcome]) -> dict[str, Any]:
         return [length * mean(part(run) / max(run.steps, 1) for run in runs) for runs in own.runs]
 
     seconds = means(lambda run: run.seconds)
-    timed = {
-        kind: {name: means(lambda run, of=kind, name=name: getattr(run, of).get(name, 0.0)) for name in names}
-        for kind, names in (("parts", firsts[0].parts), ("beside", firsts[0].beside))
-    }
     value = math.nan if stopped else float(np.median([run.value for run in firsts]))
     return {
-        **asdict(firsts[0]), **timed, "value": value, "seconds": seconds, "stopped": stopped, "noise": own.noise,
+        **asdict(firsts[0]), "value": value, "seconds": seconds, "stopped": stopped, "noise": own.noise,
         "per_step": [each / length for each in seconds],
     }  # fmt: skip
-
-
-def distribution(values: ArrayLike) -> dict[str, float]:
-    """Median, 99th percentile and maximum of |values|; NaN for none."""
-    size = np.abs(np.asarray(values, dtype=float)).ravel()
-    if not size.size:
-        return dict.fromkeys(("median", "p99", "max"), float("nan"))
-    return {"median": float(np.median(size)), "p99": float(np.quantile(size, 0.99)), "max": float(size.max())}

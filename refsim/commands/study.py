@@ -87,6 +87,7 @@ def _packaged(options: argparse.Namespace) -> Scene:
     if scene is None:
         raise InputError(f"study: panel {of.name!r} has no packaged scene; refsim advise {of.name} says what is known.")
     options.observable = options.observable or observable(of.name)
+    options.reaches = of.about.reaches if options.reaches is None else options.reaches
     options.with_spacing = options.with_spacing or ",".join(of.about.with_spacing)
     return scene
 

@@ -16,7 +16,7 @@ from validation.experiments.dam_break.scene import TANK, load_state
 from validation.metrics.surface_truth import arc_cover_surface, cap_cover_surface, detection_score
 from validation.results import Result
 from validation.running import Context, stage_seconds
-from validation.turns import Outcome, Readings, Settings, distribution, mean, measured, rounds
+from validation.turns import Outcome, Readings, Settings, mean, measured, rounds
 
 DENSITY = "density and number density"
 PARTS = {  # of a detection, and how the names of their stages begin
@@ -54,8 +54,7 @@ def detectors(
         made[key].evaluate()
         made[key].backend.synchronize()
         spent = {n: s - before.get(n, 0.0) for n, s in stage_seconds(made[key]).items()}
-        parts = {part: sum(s for n, s in spent.items() if n.startswith(begin)) for part, begin in PARTS.items()}
-        return Outcome(seconds=sum(parts.values()), parts=parts, beside={DENSITY: spent["sph.density"]})
+        return Spent(sum(s for n, s in spent.items() if n.startswith(PARTS)), spent["sph.density"])
 
     found = rounds(context, made, evaluated, lambda run: run.seconds, repeats)
     plain = {key: float(np.median(read.means(lambda run: run.beside[DENSITY]))) for key, read in found.items()}

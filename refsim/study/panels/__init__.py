@@ -43,6 +43,7 @@ class About(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     no_meaning    (error, why): neither this error nor a smaller one has a meaning
     other_scenes  how keys of settings begin that compute another scene: with an effect more, or one less
     with_spacing  parameters of the packaged scene, by name, that are in proportion to the spacing
+    reaches       the value is the time at which the observable has this value
     shaken        whether each reading starts from particles displaced otherwise, so that errors have a noise
     falls         whether the error falls during a run, so that the seconds to an error are those until it is kept
     bars          key of a setting -> (error that it keeps at most, why)
@@ -67,6 +68,7 @@ class About(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     no_meaning: tuple[float, str] | None = None
     other_scenes: tuple[str, ...] = ()
     with_spacing: tuple[str, ...] = ()
+    reaches: float | None = None
     shaken: bool = False
     falls: bool = False
     bars: dict[str, tuple[float, str]] = {}
@@ -85,9 +87,7 @@ class Point(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     seconds         wall seconds to that error, one for each reading
     noise           seconds of equal work, where readings are of unequal work; else empty
     step_seconds    median of a step; `steps` of the run
-    bytes           of the fields; `launches` of a step; `joules` of the run
-    parts, beside   medians of the parts of `seconds`, and of what comes on top
-    distribution    {"what": {"median", "p99", "max"}} of quantities that each particle or datum has
+    bytes           of the fields
     reached         (error, seconds until the run keeps it), from large errors to small ones; empty without a curve
     failed          why the setting failed; "" if it did not; `spent`: seconds until then
     against         what speaks against it elsewhere
@@ -112,11 +112,6 @@ class Point(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     step_seconds: float | None = None
     particles: int = 0
     bytes: int | None = None
-    launches: int | None = None
-    joules: float | None = None
-    parts: dict[str, float] = {}
-    beside: dict[str, float] = {}
-    distribution: dict[str, dict[str, float | None]] = {}
     reached: list[tuple[float, float]] = []
     failed: str = ""
     spent: float = 0.0
@@ -153,7 +148,6 @@ class Panel:
     about: About
     places: tuple[Place, ...]
     points: Mapping[str, Point]
-    starts: Mapping[str, tuple[float, float]]
 
     def reference(self) -> tuple[float, float, float]:
         """(value, scale, relative uncertainty) of what errors are taken from.
@@ -212,7 +206,7 @@ def parse(text: str) -> Panel:
             raise ValueError(f"its schema is {data['schema']!r}, not {SCHEMA!r}")
         points = msgspec.convert(data["points"], list[Point])
         places = msgspec.convert(data["places"], tuple[Place, ...])
-        return Panel(data["name"], abouts()[data["name"]], places, {p.key: p for p in points}, data.get("starts", {}))
+        return Panel(data["name"], abouts()[data["name"]], places, {p.key: p for p in points})
     except (KeyError, TypeError, ValueError) as error:  # msgspec.ValidationError is a ValueError
         raise InputError(f"this is no stored panel ({error}); measure it anew (refsim study).") from None
 
@@ -220,8 +214,6 @@ def parse(text: str) -> Panel:
 def as_text(panel: Panel) -> str:
     """The panel as its file: one point a line, without what is at its default."""
     head = {"schema": SCHEMA, "name": panel.name, "places": msgspec.to_builtins(panel.places)}
-    if panel.starts:
-        head["starts"] = dict(panel.starts)
     optional = Point.__struct_fields__[-len(Point.__struct_defaults__) :]
     given = [getattr(default, "factory", lambda default=default: default)() for default in Point.__struct_defaults__]
     usual = dict(zip(optional, map(msgspec.to_builtins, given)))

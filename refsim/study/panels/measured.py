@@ -17,7 +17,7 @@ from refsim.scene.plan import make_plan
 from refsim.study.choice import REPEATS, duration, middle, percent, unsettled
 from refsim.study.observables import Observable, observable_of
 from refsim.study.panels import FOLDER, OWN, Panel, Place, Point
-from refsim.study.panels.scenes import packaged, scene_of, shaken
+from refsim.study.panels.scenes import packaged, scene_of
 from refsim.study.runs import Reading, Setting, machine, measure
 
 MOST = 3  # times REPEATS readings, after which seconds that have not settled are left
@@ -144,17 +144,15 @@ def _without(panel: Panel, point: Point) -> str:
 
 
 def _reading(panel: Panel, point: Point, number: int, threads: int | None) -> Reading:
-    scene = scene_of(panel, point)
+    scene = scene_of(panel, point, number)
     assert scene is not None
-    if panel.about.shaken:
-        scene = shaken(scene, number)
     backend = str(point.knobs.get("backend", "cpu"))
     setting = Setting("panel", point.words, 1.0, scene, backend)
     try:
         reads: Observable = observable_of(observable(panel.name), make_plan(scene))
     except InputError as error:
         return Reading(math.nan, 0.0, 0.0, 0, 0, 0, 0.0, failed=str(error))
-    return measure(setting, reads, threads=threads, repeats=1)
+    return measure(setting, reads, panel.about.reaches, threads, repeats=1)
 
 
 def _point(panel: Panel, point: Point, runs: Sequence[Reading], place: int) -> Point:
@@ -175,7 +173,7 @@ def _point(panel: Panel, point: Point, runs: Sequence[Reading], place: int) -> P
     return msgspec.structs.replace(
         same, value=middle_value, value_mad=value_mad, error=error, error_mad=error_mad, seconds=until,
         step_seconds=middle([run.seconds / max(run.steps, 1) for run in runs])[0], reached=_reached(curves),
-        bytes=same.particles * sum(plan.field_bytes().values()), launches=len(plan.launches()),
+        bytes=same.particles * sum(plan.field_bytes().values()),
     )  # fmt: skip
 
 

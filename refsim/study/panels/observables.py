@@ -11,6 +11,7 @@ import numpy as np
 from refsim.engine.simulation import Simulation
 from refsim.scene.scene import Scene
 from refsim.study.observables import observable_of
+from refsim.study.panels.making import DENSITY, GRAVITY, MODULUS, compressed, frequency, radius
 
 DIRECTIONS, CONE = 200, np.radians(10)
 FALL = np.sqrt(0.5 / (2 * 9.81))  # sqrt(L/(2g)) of the dam break [s]
@@ -112,3 +113,94 @@ def melt_front(simulation: Simulation) -> float:
     ice = slice(simulation.plan.state.sizes[0], None)
     molten = np.clip(simulation.field("enthalpy")[ice] / simulation.field("latent_heat")[ice], 0, 1).sum()
     return float(molten * spacing / round(wide) ** 2 + 0.5 * spacing)
+
+
+def melting(simulation: Simulation) -> float:
+    """Share of the ball that is ice; its melt time is that at which none is left."""
+    ice = slice(simulation.plan.state.sizes[0], None)
+    return 1 - float(np.clip(simulation.field("enthalpy")[ice] / simulation.field("latent_heat")[ice], 0, 1).mean())
+
+
+def _resting(times: np.ndarray, values: list[Any]) -> float:
+    """Root mean square of p - p_exact over that at the bottom, of places and pressures in the mean of the samples."""
+    place, pressure = (np.mean([sample[k] for sample in values], axis=0) for k in (0, 1))
+    known, bulk, bottom = values[0][2](place)
+    return float(np.sqrt((((pressure - known) / bottom)[bulk] ** 2).mean()))
+
+
+@watched(lambda scene: scene.end_time * np.linspace(0.8, 1.0, 61), _resting)
+def implicit_pressure(simulation: Simulation) -> Any:
+    """Places, pressures and what is known of them: rho g (H - y), farther than h from walls and surface."""
+    if "implicit_pressure" not in simulation.plan.effects:
+        simulation.evaluate()
+    reach = simulation.plan.grid.support_radius
+
+    def known(place: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+        x, y = place[:, 0], place[:, 1]
+        bulk = (np.minimum(x, 1 - x) > reach) & (np.minimum(y, 1 - y) > reach)
+        return DENSITY * GRAVITY * (1 - y), bulk, DENSITY * GRAVITY
+
+    return *(simulation.field(name).astype(float) for name in ("position", "pressure")), known
+
+
+@watched(lambda scene: scene.end_time * np.linspace(2.5, 3.0, 41) / 3.0, _resting)
+def tank_pressure(simulation: Simulation) -> Any:
+    """Places, pressures and what is known of them: hydrostatic pressure of the compressible liquid."""
+    simulation.evaluate()
+    height, sound = 0.1, simulation.plan.effects["weakly_compressible"].sound_speed
+    top = compressed(np.zeros(1), height, GRAVITY, sound)[1] + 0.5 * simulation.plan.grid.spacing
+
+    def known(place: np.ndarray) -> tuple[np.ndarray, slice, float]:
+        above = np.clip(top - place[:, 2], 0.0, None)
+        return DENSITY * sound**2 * np.expm1(GRAVITY * above / sound**2), slice(None), DENSITY * GRAVITY * height
+
+    return *(simulation.field(name).astype(float) for name in ("position", "pressure")), known
+
+
+@watched(lambda scene: scene.end_time * np.linspace(0.25, 1.0, 301), mean)
+def mpm_pressure(simulation: Simulation) -> float:
+    """Mean pressure over Laplace's k/R."""
+    ratio = simulation.field("volume_ratio").astype(float)
+    return -MODULUS * float(((ratio - 1) * ratio).sum() / ratio.sum()) * radius(simulation.plan.scene)
+
+
+def _over_rayleigh(times: np.ndarray, values: list[Any]) -> float:
+    known = values[0][1]
+    return damped_cosine(times, np.array([shape for shape, _ in values]), known)["frequency"] / known
+
+
+@watched(lambda scene: scene.end_time * np.linspace(0.0, 1.0, 401), _over_rayleigh)
+def mpm_frequency(simulation: Simulation) -> Any:
+    """Mode 2 of the disc, and Rayleigh's frequency [rad/s], which its own is held against."""
+    return deformation(simulation.field("position"), 2), frequency(simulation.plan.scene)
+
+
+def deformation(position: np.ndarray, dim: int) -> float:
+    """Mode 2 about x: (<x^2> - <y^2>)/(<x^2> + <y^2>), in space with the mean of y and z."""
+    offset = position - position.mean(0)
+    along = float((offset[:, 0] ** 2).mean())
+    across = float((offset[:, 1:dim] ** 2).mean())
+    return (along - across) / (along + across)
+
+
+def damped_cosine(time: np.ndarray, value: np.ndarray, guess: float) -> dict[str, float]:
+    """Fit of a exp(-g t) cos(w t + p) + c: undamped frequency sqrt(w^2 + g^2) [1/s], its standard error, damping."""
+    from scipy.optimize import curve_fit
+
+    def curve(t: np.ndarray, a: float, w: float, g: float, p: float, c: float) -> np.ndarray:
+        return a * np.exp(-g * t) * np.cos(w * t + p) + c
+
+    fits = []
+    for share in (0.94, 0.98, 1.02):
+        try:
+            found, spread = curve_fit(curve, time, value, p0=[value[0], share * guess, 0.1, 0.0, 0.0], maxfev=20000)
+        except RuntimeError:
+            continue
+        fits.append((float(((curve(time, *found) - value) ** 2).mean()), found, spread))
+    if not fits:
+        return dict.fromkeys(("frequency", "error", "damping", "amplitude", "misfit"), float("nan"))
+    misfit, found, spread = min(fits, key=lambda f: f[0])
+    return {
+        "frequency": float(np.hypot(found[1], found[2])), "error": float(np.sqrt(spread[1, 1])),
+        "damping": float(found[2]), "amplitude": float(abs(found[0])), "misfit": float(np.sqrt(misfit)),
+    }  # fmt: skip

@@ -1,4 +1,7 @@
-"""Scenes of panels: NAME.toml beside this module is that of the panel's base setting, and others follow from it."""
+"""Scenes of panels: NAME.toml beside this module is that of the panel's base setting, and others follow from it.
+
+Where no box or ball gives the particles, a function of `making` gives the scene of every setting.
+"""
 
 from collections.abc import Sequence
 from fractions import Fraction
@@ -10,22 +13,31 @@ from refsim.scene.files import parse_scene, put, scene_from_dict, scene_to_dict
 from refsim.scene.plan import make_plan
 from refsim.scene.scene import Scene
 from refsim.scene.shapes import Cloud
-from refsim.study.panels import FOLDER, OWN, Panel, Point
+from refsim.study.panels import FOLDER, OWN, Panel, Point, panel
+from refsim.study.panels.making import MADE
 from refsim.study.refine import refined
 
 
 def packaged(name: str) -> Scene | None:
     """The scene of a panel's base setting; None where it has none."""
+    if name in MADE:
+        of = panel(name)
+        return scene_of(of, of.points[of.about.base])
     file = FOLDER / f"{name}.toml"
     return parse_scene(file.read_text(encoding="utf-8"), f"{name}.toml") if file.is_file() else None
 
 
-def scene_of(panel: Panel, point: Point) -> Scene | None:
+def scene_of(panel: Panel, point: Point, reading: int | None = None) -> Scene | None:
     """The scene of a setting; None without a packaged one, for other programs and for steps beyond the stable one.
+
+    reading  its number, where starts differ: of panels that are `shaken`, and of some of `MADE`
 
     Against the base the spacing is refined, steps are shortened in proportion to the knob `step`, and `point.setting`
     holds other parameters of the scene file by name, as in sweeps.
     """
+    if panel.name in MADE:
+        made = MADE[panel.name]({**point.knobs, **point.setting}, reading or 0) if point.program == OWN else None
+        return None if made is None else msgspec.structs.replace(made, name=panel.name)
     scene = packaged(panel.name)
     base = panel.points[panel.about.base].knobs
     knobs = point.knobs
@@ -40,7 +52,8 @@ def scene_of(panel: Panel, point: Point) -> Scene | None:
         scene = msgspec.structs.replace(scene, step=step * scene.step)
     elif step != 1:
         scene = msgspec.structs.replace(scene, step_factor=step * scene.step_factor)
-    return changed(scene, tuple(point.setting.items()))
+    scene = changed(scene, tuple(point.setting.items()))
+    return shaken(scene, reading) if panel.about.shaken and reading is not None else scene
 
 
 def shaken(scene: Scene, seed: int, share: float = 0.01) -> Scene:

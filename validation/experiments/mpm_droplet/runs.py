@@ -28,6 +28,7 @@ from refsim.render.surfaces import distances
 from refsim.scene.files import load_scene
 from refsim.scene.plan import make_plan
 from refsim.sparse_grid.reference import node_table
+from refsim.study.panels.observables import damped_cosine, deformation
 from refsim.surface_energy import Tension
 from validation.checks import Checks, Quantities
 from validation.experiment import Experiment, Family, Measure, Options, Results, Run, alike, each, every
@@ -236,37 +237,6 @@ def evenness(run: Simulation, depth: float = 2.0) -> dict[str, float]:
     side = (away[deep] > 0) @ (1 << np.arange(dim))
     means = [share[side == k].mean() for k in range(2**dim) if (side == k).any()]
     return {"mean": float(share.mean()), "deviation": float(share.std()), "range": float(np.ptp(means))}
-
-
-def deformation(position: Array, dim: int) -> float:
-    """Mode 2 about x: (<x^2> - <y^2>)/(<x^2> + <y^2>), in space with the mean of y and z."""
-    offset = position - position.mean(0)
-    along = float((offset[:, 0] ** 2).mean())
-    across = float((offset[:, 1:dim] ** 2).mean())
-    return (along - across) / (along + across)
-
-
-def damped_cosine(time: Array, value: Array, guess: float) -> dict[str, float]:
-    """Fit of a exp(-g t) cos(w t + p) + c: undamped frequency sqrt(w^2 + g^2) [1/s], its standard error, damping."""
-    from scipy.optimize import curve_fit
-
-    def curve(t: Array, a: float, w: float, g: float, p: float, c: float) -> Array:
-        return a * np.exp(-g * t) * np.cos(w * t + p) + c
-
-    fits = []
-    for share in (0.94, 0.98, 1.02):
-        try:
-            found, spread = curve_fit(curve, time, value, p0=[value[0], share * guess, 0.1, 0.0, 0.0], maxfev=20000)
-        except RuntimeError:
-            continue
-        fits.append((float(((curve(time, *found) - value) ** 2).mean()), found, spread))
-    if not fits:
-        return dict.fromkeys(("frequency", "error", "damping", "amplitude", "misfit"), float("nan"))
-    misfit, found, spread = min(fits, key=lambda f: f[0])
-    return {
-        "frequency": float(math.hypot(found[1], found[2])), "error": float(math.sqrt(spread[1, 1])),
-        "damping": float(found[2]), "amplitude": float(abs(found[0])), "misfit": math.sqrt(misfit),
-    }  # fmt: skip
 
 
 def rayleigh(radius: float, dim: int, tension: float = 1.0, density: float = 1.0) -> float:

@@ -32,6 +32,7 @@ from refsim.neighbours.reference import pair_blocks
 from refsim.smoothing import smoothing
 from refsim.smoothing.reference import kernel_slope
 from refsim.sph import reference as sph
+from refsim.study.panels.making import compressed
 from refsim.surface_tension.akinci_2013 import reference as akinci
 from refsim.surface_tension.contact_angle import ContactAngle
 from validation.checks import Checks
@@ -97,7 +98,7 @@ def _standing(k: float, top: float) -> Callable[[NDArray], NDArray]:
 def _column(spacing: float, cells: tuple[int, int], sound: float) -> tuple[NDArray, float]:
     """(positions of a column of cells in hydrostatic balance, its height [m])."""
     position = Box(cells=(*cells, 1)).positions(Discretisation(2, "float64", spacing, SUPPORT * spacing, 0))
-    position[:, 1], top = scene.compressed(position[:, 1], cells[1] * spacing, GRAVITY, sound)
+    position[:, 1], top = compressed(position[:, 1], cells[1] * spacing, GRAVITY, sound)
     return position, top
 
 
@@ -313,7 +314,7 @@ def _disc(spacing: float, pull: float, sound: float) -> tuple[NDArray, float]:
     position = Ball(radius=1.0).positions(Discretisation(2, "float64", spacing, SUPPORT * spacing, 0))
     total = len(position) * spacing**2 / math.pi  # square of the radius of this mass at rest density
     square = (position**2).sum(1)
-    now, edge = scene.compressed(0.5 * square, 0.5 * total, pull, sound)
+    now, edge = compressed(0.5 * square, 0.5 * total, pull, sound)
     return position * np.sqrt(2 * now / square)[:, None], math.sqrt(2 * edge)
 
 

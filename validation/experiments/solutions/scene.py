@@ -10,17 +10,6 @@ from numpy.typing import NDArray
 FRICTION = {"laplacian": 1.0, "central": 2.0}  # work of the viscous forces in a flow without curl, over mu |grad v|^2
 
 
-def compressed(rest: NDArray, total: float, pull: float, sound: float) -> tuple[NDArray, float]:
-    """(heights [m] of equal masses in hydrostatic balance, height of the surface).
-
-    rest, total  heights [m] of the masses and of the surface at rest density; pull  acceleration downwards [m/s^2].
-    rho = rho0 exp(pull (H - y)/c^2). A disc in the force -pull x has r^2/2 in place of y.
-    """
-    scale = sound**2 / pull
-    top = scale * math.log1p(total / scale)
-    return top - scale * np.log(np.exp(top / scale) - rest / scale), top
-
-
 def hydrostatic(height: NDArray, top: float, density: float, gravity: float, sound: float) -> NDArray:
     """Pressure [Pa] at rest, rho0 c^2 (exp(g (H - y)/c^2) - 1), which is rho0 g (H - y) as c grows; 0 above H."""
     return density * sound**2 * np.expm1(gravity * np.clip(top - height, 0.0, None) / sound**2)

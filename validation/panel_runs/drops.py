@@ -1,4 +1,4 @@
-"""Runs of panels without a packaged scene: a ball that melts in held water, and drops that are stirred first.
+"""Runs of panels without a packaged scene: drops that are stirred first.
 
 Each measures settings in turn, as `validation.accuracy` asks for them.
 """
@@ -12,32 +12,12 @@ from typing import Any
 
 from refsim import calibrate_contact_angle
 from refsim.surface_tension.calibration import sigma_map
-from validation.experiments.heat.runs import melting_sphere
 from validation.measure import drops, wetting
-from validation.results import Result
-from validation.running import Context, on_threads
-from validation.turns import Outcome, Settings, in_turns, panel
+from validation.running import Context
+from validation.turns import Outcome, panel
 
 SEED = 10  # of the first repeat of a drop: the maps hold seeds 1 to 3
 ANGLE = 90.0  # requested [degrees]
-
-
-def _melt_time(context: Context, setting: Mapping[str, Any], repeat: int) -> Outcome:
-    """Time in which the ball melts, over that of the one-dimensional program."""
-    backend = setting["knobs"]["backend"]
-    found = melting_sphere(Context(), setting["scheme"], setting["cells"], setting["number"], backend=backend).values
-    wider = 1 + 0.5 / setting["cells"]  # lengths grow by this, times by its square
-    share = found["melted"] / (found["melted_exactly"] * wider**2)
-    steps = round(found["melted"] * setting["cells"] ** 2 / setting["number"])
-    return Outcome(share, found["seconds"], steps, found["particles"])
-
-
-def melt_times(context: Context, settings: Settings, backend: str, threads: int | None, repeats: int) -> Result:
-    """`_melt_time` of every setting in turn."""
-    with on_threads(backend, threads):
-        for setting in {s["scheme"]: s for s in settings.values()}.values():
-            _melt_time(context, {**setting, "cells": 4}, 0)  # compiles
-        return in_turns(context, settings, _melt_time, threads, repeats, backend)
 
 
 def flat_tension(model: str) -> tuple[float, float]:

@@ -1,0 +1,158 @@
+"""Scenes of panels whose particles no box or ball gives: one function for each panel, called as it is.
+
+Each takes what the setting is (its knobs and what else it was set to) and the number of a reading, of which the start
+may depend.
+"""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from refsim.boundary.akinci_2012 import BoxWalls
+from refsim.boundary.one_way_coupling import MeshBoundary
+from refsim.engine.simulation import Simulation
+from refsim.heat import HeatConduction
+from refsim.mpm import MpmLiquid
+from refsim.scene.scene import Scene
+from refsim.scene.shapes import Cloud
+from refsim.sph import Gravity, WeaklyCompressible
+from refsim.sph.iisph import ImplicitPressure
+from refsim.study.panels import FOLDER
+from refsim.surface_energy.effect import SurfaceEnergy
+
+Given = Mapping[str, Any]
+GRAVITY, DENSITY = 9.81, 1000.0  # m/s^2; kg/m^3, in the plane kg/m^2
+SHARE = 0.02  # kinematic viscosity of a tank over c h: calms the start
+LATENT, WARM, COLD = 100.0, 50.0, -10.0  # of the ball of ice [J/kg], [deg C]
+MODULUS, CELL = 1000.0, 1 / 64  # of MPM discs [N/m], and of one of 11 cells [m]
+
+
+def compressed(rest: np.ndarray, total: float, pull: float, sound: float) -> tuple[np.ndarray, float]:
+    """(heights [m] of equal masses in hydrostatic balance, height of the surface).
+
+    rest, total  heights [m] of the masses and of the surface at rest density; pull  acceleration downwards [m/s^2].
+    rho = rho0 exp(pull (H - y)/c^2). A disc in the force -pull x has r^2/2 in place of y.
+    """
+    scale = sound**2 / pull
+    top = scale * math.log1p(total / scale)
+    return top - scale * np.log(np.exp(top / scale) - rest / scale), top
+
+
+def lattice(*axes: np.ndarray) -> np.ndarray:
+    """All points of the axes (n, 3), with z = 0 of two."""
+    place = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
+    return np.pad(place, ((0, 0), (0, 3 - len(axes))))
+
+
+def implicit_pressure(given: Given, seed: int = 0) -> Scene:
+    """Water of 1 m x 1 m in the plane, in hydrostatic balance between walls."""
+    d, tolerance, support = 1.0 / given["cells"], given["tolerance"], 2.6
+    sound = 10 * math.sqrt(GRAVITY)
+    axis = (np.arange(given["cells"]) + 0.5) * d
+    place = lattice(axis, axis)
+    if not tolerance:
+        place[:, 1], _ = compressed(place[:, 1], 1.0, GRAVITY, sound)
+    liquid = WeaklyCompressible(sound_speed=sound, dynamic_viscosity=DENSITY * SHARE * sound * support * d)
+    walls = BoxWalls(lower=(0.0, 0.0, 0.0), upper=(1.0, 2.0, 0.0), open_faces=("+y",))
+    solver = (ImplicitPressure(tolerance=tolerance),) if tolerance else ()
+    step = {"step": 0.04 * given["step"] * d} if tolerance else {"step_factor": given["step"]}
+    return Scene(
+        dim=2, spacing=d, support_radius=support * d, dtype=given["dtype"], end_time=5.0 / math.sqrt(GRAVITY),
+        fluid=(Cloud(position=place),), effects=(liquid, *solver, Gravity(acceleration=(0.0, -GRAVITY, 0.0)), walls),
+        **step,
+    )  # fmt: skip
+
+
+def tank_pressure(given: Given, seed: int = 0) -> Scene:
+    """A cube of 0.1 m of water, in hydrostatic balance in a cup that is a mesh.
+
+    Boundary particles stand for a layer a spacing thick, half of it outside: the liquid begins there, and the cup is a
+    spacing wider than the water.
+    """
+    height, cells, support = 0.1, given["cells"], 3.0
+    d, sound = height / cells, 10 * math.sqrt(2 * GRAVITY * height)
+    axis = (np.arange(cells) + 0.5) * d
+    place = lattice(axis, axis, axis)
+    place[:, 2], _ = compressed(place[:, 2], height, GRAVITY, sound)
+    liquid = WeaklyCompressible(sound_speed=sound, dynamic_viscosity=DENSITY * SHARE * sound * support * d)
+    cup = MeshBoundary(file=str(FOLDER / f"cup_{cells}.obj"), literal=given.get("literal", ()))
+    return Scene(
+        spacing=d, support_radius=support * d, dtype=given["dtype"], end_time=3.0 * math.sqrt(height / GRAVITY),
+        fluid=(Cloud(position=place + 0.5 * d),), effects=(liquid, Gravity(), cup),
+    )  # fmt: skip
+
+
+def melting(given: Given, seed: int = 0) -> Scene:
+    """A ball of ice at -10 degrees Celsius, all beyond held at 50; k = rho = c = 1, L = 100.
+
+    Its outermost particles lie half a spacing within the radius of 1 m.
+    """
+    cells, support = given["cells"], 2.5
+    d, reach = 1.0 / (cells + 0.5), math.ceil(cells + support)
+    axis = np.arange(-reach, reach) + 0.5
+    place = lattice(axis, axis, axis)
+    away = np.linalg.norm(place, axis=1)
+    heat = HeatConduction(
+        temperature=(WARM, COLD), held=(0,), scheme=given["scheme"], conductivity=1.0, heat_capacity=1.0, density=1.0,
+        melting_point=0.0, latent_heat=LATENT, largest_number=1e9, largest_drift=0.0,
+    )  # fmt: skip
+    warm = (away >= cells) & (away < cells + support)
+    return Scene(
+        spacing=d, support_radius=support * d, dtype=given["dtype"], step=given["number"] * d**2, end_time=2.0,
+        fluid=tuple(Cloud(position=d * place[of]) for of in (warm, away < cells)), effects=(heat,),
+    )  # fmt: skip
+
+
+def disc(given: Given, seed: int, stretch: float, end: float) -> Scene:
+    """A disc of 11/64 m or an ellipse longer by `stretch`, with the pressure of a round drop, k = rho = 1.
+
+    Cut from a lattice of four particles to a cell that is moved and turned at random, by `seed`.
+    """
+    radius = given["radius"]
+    h = 11.0 * CELL / radius
+    semi = radius * np.array([1.0 + stretch, 1.0 / (1.0 + stretch)])
+    n = math.ceil(4 * semi.max()) + 2
+    axis = 0.5 * (np.arange(-n, n) + 0.5)
+    angle = np.random.default_rng(seed).uniform(0, 2 * math.pi)
+    place = lattice(axis, axis)[:, :2] + np.random.default_rng(seed).uniform(-0.25, 0.25, 3)[:2]
+    place = place @ np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]]).T
+    place = place[((place / semi) ** 2).sum(1) < 1]
+    ratio = 1 - 1.0 / (h * math.sqrt(len(place) / (4 * math.pi))) / MODULUS
+    liquid = MpmLiquid(rest_density=1.0, bulk_modulus=MODULUS, cell_size=h, initial_ratio=ratio)
+    made = Scene(
+        dim=2, spacing=0.5 * h, support_radius=1.5 * h, dtype=given["dtype"], end_time=end,
+        fluid=(Cloud(position=np.pad(h * math.sqrt(ratio) * place, ((0, 0), (0, 1)))),),
+        effects=(liquid, SurfaceEnergy(surface_tension=1.0, **given["tension"])),
+    )  # fmt: skip
+    share = given["step"]
+    if share <= 1.0:
+        return msgspec.structs.replace(made, step_factor=share)
+    return msgspec.structs.replace(made, step=share * Simulation(made).step().length)
+
+
+def mpm_pressure(given: Given, seed: int = 0) -> Scene:
+    """An MPM disc at rest, to 0.12 s."""
+    return disc(given, seed, 0.0, 0.12)
+
+
+def mpm_frequency(given: Given, seed: int = 0) -> Scene:
+    """An MPM ellipse, longer by 5 %, that swings for two periods."""
+    round_one = disc(given, seed, 0.05, 1.0)
+    return msgspec.structs.replace(round_one, end_time=2 * 2 * math.pi / frequency(round_one))
+
+
+def frequency(scene: Scene) -> float:
+    """Rayleigh's frequency of mode 2 of a disc [rad/s], sqrt(6 k/(rho R^3)) (Rayleigh 1879)."""
+    return math.sqrt(6 / radius(scene) ** 3)
+
+
+def radius(scene: Scene) -> float:
+    """Radius of the disc of the volume of a scene's particles [m]."""
+    (cloud,) = scene.fluid
+    return scene.spacing * math.sqrt(len(cloud.position) / math.pi)
+
+
+MADE = {made.__name__: made for made in (implicit_pressure, tank_pressure, melting, mpm_pressure, mpm_frequency)}
