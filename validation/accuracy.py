@@ -29,8 +29,6 @@ from validation.running import Context
 STORED = Path(__file__).resolve().parent.parent / "refsim" / "study" / "panels"
 BOUNDARY = "validation.experiments.boundary"
 RUNS = {  # panel: its run, called with (context, settings, backend, threads, repeats)
-    "detection_2d": "validation.panel_runs.detection:detectors_2d",
-    "detection_3d": "validation.panel_runs.detection:detectors_3d",
     "contact_angle": "validation.panel_runs.drops:angles",
     "surface_tension_jump": "validation.panel_runs.drops:tensions",
     "surface_tension_frequency": "validation.panel_runs.drops:tensions",

@@ -15,6 +15,7 @@ import numpy as np
 
 from refsim import Cloud, Dong2016, HeatConduction, RunStopped, Scene, Simulation
 from refsim.scene.plan import make_plan
+from validation.running import Context
 
 ROOT = Path(__file__).resolve().parent.parent
 STORED = ROOT / "figures" / "own_choices.json"
@@ -37,14 +38,13 @@ def jiang_zhu(literal: tuple[str, ...]) -> Measured:
 
 def detection(literal: tuple[str, ...]) -> Measured:
     """1 - F1 of the panel `detection_2d`, against the exact cover."""
-    from validation.metrics.surface_truth import arc_cover_surface, detection_score
-    from validation.panel_runs.detection import TRUTH_RADIUS, detection_scene, load_state
+    from refsim.study.panels import FOLDER
+    from refsim.study.panels.making import detection
+    from validation.metrics.surface_truth import detection_score
 
-    simulation = Simulation(detection_scene("dam_break_2d", {"literal": literal}, "float64"))
+    simulation = Simulation(detection("detection_2d", {"effect": {"literal": literal}, "dtype": "float64"}))
     simulation.evaluate()
-    grid, walls = simulation.plan.grid, simulation.plan.walls
-    truth = arc_cover_surface(load_state("dam_break_2d").position, TRUTH_RADIUS * grid.spacing, walls.position)
-    score = detection_score(simulation.field("surface").astype(bool), truth)
+    score = detection_score(simulation.field("surface"), np.load(FOLDER / "detection_2d.npz")["surface"])
     return {"value": 1 - score.f1, "remark": f"precision {score.precision:.3f}, recall {score.recall:.3f}"}
 
 

@@ -31,7 +31,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Arguments of `refsim study`."""
     add = parser.add_argument
     add("scene", help="scene file (TOML), or the name of a panel")
-    words = "front (front:-y), kinetic_energy, field:NAME@X,Y,Z (or @mean, @max, @min), or FILE.py:function"
+    words = "front (front:-y), kinetic_energy, field:NAME@X,Y,Z (or @mean, @max, @min), gauge:NAME, or FILE.py:function"
     add("--observable", metavar="WHAT", help=words)
     add("--reaches", type=float, metavar="VALUE", help="study the time at which the observable has this value")
     add("--levels", type=int, default=3, metavar="N", help="number of spacings (3)")

@@ -4,17 +4,19 @@ front, front:-y                   edge of the connected liquid along an axis [m]
 kinetic_energy                    of all particles [J; J/m in 2D], with velocities half a step behind the positions
 field:density@0.1,0.05,0          a field at a point [m], as an average weighted with a smoothing kernel
 field:velocity.x@mean             a component of a field over all particles: mean, max or min
+gauge:NAME, gauge:NAME.force_y@max  the last value of a scene's gauge, or its mean, max or min, of a column
 FILE.py:function                  function(simulation) -> float
 
 A function of one's own may watch the run: with the attribute `times`, a function of the scene that gives moments [s],
-it is read at each of them, and its attribute `reduce` makes one number of the moments and what was read.
+it is read at each of them, and its attribute `reduce` makes one number of the moments and what was read. Where reading
+is the work whose seconds count, its attribute `seconds` gives them of what was read.
 """
 
 import hashlib
 import pickle
 import re
 import runpy
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -40,7 +42,7 @@ Reader = Callable[[Simulation], float]
 class Observable:
     """A number of a simulation: how it is called, its unit, how it is read, and a digest of what reads it.
 
-    times, reduce  see above; None for a number that is read at the end
+    times, reduce, seconds  see above; None for a number that is read at the end
     """
 
     name: str
@@ -49,6 +51,7 @@ class Observable:
     digest: str
     times: Callable[[Scene], Sequence[float]] | None = None
     reduce: Callable[[np.ndarray, list[Any]], float] | None = None
+    seconds: Callable[[list[Any]], float] | None = None
 
     def __call__(self, simulation: Simulation) -> float:
         """Its value now. Raises InputError where it cannot be read."""
@@ -85,8 +88,9 @@ def observable_of(given: str | Callable[[Simulation], float] | Observable, plan:
     if isinstance(given, Observable):
         return given
     if callable(given):
-        watch = getattr(given, "times", None), getattr(given, "reduce", None)
-        return Observable(getattr(given, "__name__", "observable"), "", given, _function_digest(given, set()), *watch)
+        return Observable(
+            getattr(given, "__name__", "observable"), "", given, _function_digest(given, set()), *_watch(given)
+        )
     word, _, rest = given.partition(":")
     if word == "front":
         return _front(given, rest or "+x", plan)
@@ -94,12 +98,14 @@ def observable_of(given: str | Callable[[Simulation], float] | Observable, plan:
         return Observable(given, "J" if plan.grid.dim == 3 else "J/m", _kinetic_energy, _digest(given))
     if word == "field":
         return _field(given, rest, plan)
+    if word == "gauge":
+        return _gauge(given, rest, plan)
     path, _, function = given.rpartition(":")
     if path.endswith(".py"):
         return _from_file(given, Path(path), function)
     raise InputError(
         f"there is no observable {given!r}; {suggestion(word, ('front', 'kinetic_energy'))} (Or write"
-        " field:NAME@POINT or FILE.py:function.)"
+        " field:NAME@POINT, gauge:NAME or FILE.py:function.)"
     )
 
 
@@ -166,6 +172,26 @@ def _field(name: str, rest: str, plan: Plan) -> Observable:
     return Observable(name, about.unit, value, _digest(name))
 
 
+def _gauge(name: str, rest: str, plan: Plan) -> Observable:
+    rest, _, where = rest.partition("@")
+    gauge, _, column = rest.partition(".")
+    known = {one.name: dict(one.columns(plan.grid.dim)) for one in plan.scene.gauge}
+    if gauge not in known:
+        hint = suggestion(gauge, known) if known else "add a [[gauge]] to the scene."
+        raise InputError(f"observable {name!r}: there is no gauge {gauge!r}; {hint}")
+    units = known[gauge]
+    column = column or (next(iter(units)) if len(units) == 1 else "")
+    if column not in units or where not in ("", *OVER_ALL):
+        wanted = ", ".join(f"gauge:{gauge}.{each}" for each in units)
+        raise InputError(f"observable {name!r}: write one of {wanted}, with nothing or one of @{', @'.join(OVER_ALL)}.")
+
+    def value(simulation: Simulation) -> float:
+        series = simulation.gauge(gauge)[column]
+        return float(OVER_ALL[where](series) if where else series[-1])
+
+    return Observable(name, units[column], value, _digest(name))
+
+
 def _point(name: str, text: str, dim: int) -> np.ndarray:
     try:
         point = np.array([float(word) for word in text.split(",")])
@@ -204,8 +230,12 @@ def _from_file(name: str, path: Path, function: str) -> Observable:
     if not callable(found):
         raise InputError(f"observable {name!r}: {path} has no function {function!r}; write FILE.py:function.")
     unit = str(getattr(found, "unit", ""))
-    watch = getattr(found, "times", None), getattr(found, "reduce", None)
-    return Observable(f"{path.stem}.{function}", unit, found, digest_of(name), *watch)
+    return Observable(f"{path.stem}.{function}", unit, found, digest_of(name), *_watch(found))
+
+
+def _watch(function: Callable[..., Any]) -> Iterator[Any]:
+    """What a function says of how it watches a run; None for what it does not."""
+    return (getattr(function, name, None) for name in ("times", "reduce", "seconds"))
 
 
 def digest_of(name: str) -> str:

@@ -103,6 +103,7 @@ class Study:
         mass    of all particles at the start [kg; kg/m in 2D]
         change  of a spacing: (Q - Q0)/|Q0|, its error; of anything else: (Q - Q_scene)/|Q_scene|
         cost    seconds over those of the scene as it is
+        unsettled  why the seconds are not to be trusted; "" where they are
         """
         return [self._row(setting, reading) for setting, reading in self.runs]
 
@@ -119,6 +120,8 @@ class Study:
             "mass": reading.mass,
             "steps": reading.steps,
             "seconds": reading.seconds,
+            "processor_seconds": reading.processor_seconds,
+            "unsettled": reading.unsettled,
             "bytes": reading.bytes,
             "value": None if reading.failed else reading.value,
             "change": None
@@ -250,23 +253,34 @@ class Study:
                 f"note: sums over a support of {ratio:.3g} spacings make an error of up to {percent(support)}, which a"
                 " finer spacing at the same ratio may not remove; the bounds above leave it out"
             )
+        doubtful = [(s.label, r.unsettled) for s, r in self.runs if r.unsettled]
+        if doubtful:
+            label, why = doubtful[0]
+            lines.append(
+                f"note: * seconds of {len(doubtful)} of {len(self.runs)} runs have not settled ({label}: {why});"
+                " measure them on a machine that does nothing else"
+            )
         return [*lines, *(f"note: {note}" for note in self.notes)]
 
-    HEAD = ("what", "setting", "value", "error or change", "seconds", "cost", "memory", "particles", "mass", "steps")
+    HEAD = (
+        "what", "setting", "value", "error or change", "seconds", "processor", "cost", "memory", "particles", "mass",
+        "steps",
+    )  # fmt: skip
 
     def cells(self) -> list[tuple[str, ...]]:
         """The table as text, without its head (`HEAD`)."""
         made = []
         for row in self.rows():
             if row["failed"]:
-                made.append((row["what"], row["setting"], row["failed"], *[""] * 7))
+                made.append((row["what"], row["setting"], row["failed"], *[""] * 8))
                 continue
+            seconds = f"{row['seconds']:.3g}" + "*" * bool(row["unsettled"])
+            cost = "-" if row["cost"] is None else f"{row['cost']:.2f}"
             made.append(
                 (
-                    row["what"], row["setting"], f"{row['value']:.6g}", percent(row["change"], signed=True),
-                    f"{row['seconds']:.3g}", "-" if row["cost"] is None else f"{row['cost']:.2f}",
-                    in_bytes(row["bytes"]), f"{row['particles']:,}", f"{row['mass']:.4g}",
-                    f"{row['steps']:,}",
+                    row["what"], row["setting"], f"{row['value']:.6g}", percent(row["change"], signed=True), seconds,
+                    f"{row['processor_seconds']:.3g}", cost, in_bytes(row["bytes"]), f"{row['particles']:,}",
+                    f"{row['mass']:.4g}", f"{row['steps']:,}",
                 )
             )  # fmt: skip
         return made
@@ -351,7 +365,7 @@ STYLE = (
 def _html_row(cells: Sequence[str]) -> str:
     what, setting, *rest = map(html.escape, cells)
     if not rest[-1]:
-        return f'<tr><td>{what}</td><td>{setting}</td><td colspan="8">{rest[0]}</td></tr>'
+        return f'<tr><td>{what}</td><td>{setting}</td><td colspan="9">{rest[0]}</td></tr>'
     return "<tr>" + "".join(f"<td>{cell}</td>" for cell in (what, setting, *rest)) + "</tr>"
 
 

@@ -38,7 +38,9 @@ BUT_READ = ("study/observables.py", "study/runs.py")  # modules of theirs that d
 NOT_OF_THE_RUN = ("interrupted", "disk_full", "write_failed", "out_of_memory")  # reasons to stop that lie elsewhere
 CLOCK = "clock.json"  # beside a checkpoint: the seconds that its steps took
 SHORT = 1.0  # [s] of a run below which its seconds are read several times
-REPEATS = 4
+REPEATS = 6
+SETTLED = 0.05  # relative difference of the two least seconds of repeats, from which on they have not settled
+BUSY = 0.1  # share of a run's wall time in which a processor did not work for it, from which on the machine is busy
 SAMPLES = 400  # of a run in which an observable is to reach a value
 Watch = Callable[[Simulation], None]
 
@@ -68,6 +70,7 @@ class Reading:
     seconds    of wall time that its steps took, without compiling; `processor_seconds` the same of the processor
     bytes      of the arrays that it held at its end
     mass       of all particles at its start [kg; kg/m in 2D]
+    unsettled  why its seconds are not to be trusted; "" where they are
     curve      (seconds, value) at the moments of an observable that watches the run and reads numbers
     failed     one sentence if there is no value; "" otherwise
     """
@@ -83,6 +86,7 @@ class Reading:
     failed: str = ""
     mass: float = 0.0
     curve: tuple[tuple[float, float], ...] = ()
+    unsettled: str = ""
 
 
 def measure(
@@ -98,18 +102,30 @@ def measure(
     The value belongs to the end time itself: it is interpolated between the steps before and after. With `reaches` it
     is the time at which the observable has that value, interpolated between its samples.
 
-    A run of less than `SHORT` seconds is repeated, up to `repeats` times in all, and the least of its seconds count.
+    A run of less than `SHORT` seconds is repeated until its two least seconds agree within `SETTLED`, up to `repeats`
+    times in all, and the least count. Where they do not agree, or where the processor worked for the run for less than
+    its wall time, the reading says so.
     A run that cannot be made or stops gives a Reading with the sentence why. Raises RunStopped for a reason of
     `NOT_OF_THE_RUN`, which says nothing about the setting.
     """
     place = None if reaches is not None or observable.times is not None else checkpoints
-    best = _run(setting, observable, reaches, threads, progress, place, every)
-    for _ in range(repeats - 1):
-        if best.failed or best.seconds > SHORT:
-            break
-        again = _run(setting, observable, reaches, threads, progress, None, every)
-        best = min(best, again, key=lambda reading: reading.seconds)
-    return best
+    runs = [_run(setting, observable, reaches, threads, progress, place, every)]
+    while not runs[-1].failed and runs[0].seconds <= SHORT and len(runs) < repeats and _apart(runs) >= SETTLED:
+        runs.append(_run(setting, observable, reaches, threads, progress, None, every))
+    best = min(runs, key=lambda reading: reading.seconds)
+    idle = 1 - best.processor_seconds / best.seconds if best.seconds and setting.backend != "cuda" else 0.0
+    why = ""
+    if len(runs) > 1 and _apart(runs) >= SETTLED:
+        why = f"its two fastest of {len(runs)} runs differ by {100 * _apart(runs):.0f} %"
+    elif idle >= BUSY:
+        why = f"the processor worked for {best.processor_seconds:.3g} of {best.seconds:.3g} s"
+    return dataclasses.replace(best, unsettled=why)
+
+
+def _apart(runs: list[Reading]) -> float:
+    """Relative difference of the two least seconds; infinite for one run."""
+    least = sorted(run.seconds for run in runs)[:2]
+    return math.inf if len(least) < 2 else least[1] / least[0] - 1 if least[0] else 0.0
 
 
 def _run(
@@ -211,6 +227,8 @@ def _watched(simulation: Simulation, observable: Observable, clock: _Clock, curv
             curve.append((clock.seconds, values[-1]))
     while simulation.time < simulation.plan.scene.end_time:
         clock.step()
+    if observable.seconds is not None:
+        clock.seconds = clock.processor_seconds = observable.seconds(values)
     return observable.reduced(times, values)
 
 

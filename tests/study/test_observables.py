@@ -1,8 +1,9 @@
 """Observables against other programs, and what is said of those that are not there."""
 
+import msgspec
 import pytest
 
-from refsim import Box, Gravity, InputError, Scene, Simulation, WeaklyCompressible, make_plan
+from refsim import Box, Gauge, Gravity, InputError, Scene, Simulation, WeaklyCompressible, make_plan
 from refsim.engine.stock import stock
 from refsim.study.observables import observable_of
 from validation.metrics.dam_break import front_position
@@ -84,6 +85,7 @@ def test_own_functions(simulation, tmp_path):
         ("field:density.x@0,0", "write field:density"),
         ("field:velocity@0,0", "write field:velocity.x or"),
         ("field:velocity.w@0,0", "write field:velocity.x or"),
+        ("gauge:floor", "there is no gauge 'floor'; add a"),
     ],
 )
 def test_what_is_not_there_gets_a_sentence(simulation, name, words):
@@ -94,3 +96,23 @@ def test_what_is_not_there_gets_a_sentence(simulation, name, words):
 def test_a_point_without_particles(simulation):
     with pytest.raises(InputError, match="no particle is within the support radius"):
         value(simulation, "field:density@5,5")
+
+
+def test_a_gauge_is_an_observable(simulation):
+    scene = msgspec.structs.replace(
+        simulation.plan.scene, gauge=(Gauge(name="middle", kind="pressure", at=(0.04, 0.03, 0.0)),)
+    )
+    run = Simulation(scene, "numpy")
+    read = observable_of("gauge:middle", run.plan), observable_of("gauge:middle@mean", run.plan)
+    for _ in range(3):
+        run.step()
+    series = run.gauge("middle")["pressure"]
+    assert len(series) > 1
+    assert [each(run) for each in read] == [series[-1], series.mean()]
+    assert read[0].unit == "Pa"
+    for name, words in (
+        ("gauge:midle", "did you mean middle"),
+        ("gauge:middle@end", "write one of gauge:middle.pressure"),
+    ):
+        with pytest.raises(InputError, match=words):
+            observable_of(name, run.plan)

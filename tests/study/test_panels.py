@@ -29,7 +29,7 @@ def point(key, error, seconds, scatter=STEADY, **more):
 
 def made(*points, **about):
     words = dict.fromkeys(("words", "relative", "observed", "reference", "page"), "a")
-    return Panel("a", About(**words, base="b", **about), (Place("m", 1, "2026-01-01"),), {p.key: p for p in points}, {})
+    return Panel("a", About(**words, base="b", **about), (Place("m", 1, "2026-01-01"),), {p.key: p for p in points})
 
 
 def chosen(of, error):
@@ -202,8 +202,9 @@ def test_settings_of_a_packaged_panel_have_scenes(name):
     """With the particles and, on the same fields, the bytes that were measured."""
     of = panel(name)
     count = 0
-    for p in of.points.values():
-        if p.program == OWN and not p.failed and not measuring._without(of, p):
+    own = [p for p in of.points.values() if p.program == OWN and not p.failed and not p.gpu]
+    for p in own[:: 1 + len(own) // 20]:
+        if not measuring._without(of, p):
             plan = make_plan(scene_of(of, p))
             assert plan.grid.count == p.particles
             assert plan.scene.dtype == p.knobs["dtype"]
@@ -219,6 +220,13 @@ STORED = {  # settings whose value is computed here and is the stored one: (read
     ("heat", "implicit_8"): 1e-5,
     ("heat", "runge_kutta_legendre_8"): 1e-5,
     ("melt_front", "runge_kutta_legendre_10_2"): 1e-5,
+    ("implicit_pressure", "implicit_10"): 1e-3,
+    ("implicit_pressure", "state_10"): 1e-3,
+    ("tank_pressure", "n6"): 1e-3,
+    ("melting", "runge_kutta_legendre_5_2"): 1e-6,
+    ("mpm_pressure", "r5.5"): 5e-3,  # lattices that are turned otherwise differ by so much
+    ("detection_2d", "two_step_0.90_half_color_float32"): 1e-6,
+    ("detection_3d", "two_step_0.90_half_color_float32"): 1e-6,
     ("coupling", "n4"): 6e-2,  # stored before solids kept their mass at every spacing
 }
 

@@ -23,6 +23,7 @@ from refsim import (
     RunStopped,
     Scene,
     WeaklyCompressible,
+    make_plan,
 )
 from refsim.__main__ import main
 from refsim.core.locks import in_turn
@@ -419,3 +420,22 @@ def test_a_study_by_a_scheduler_needs_a_folder_and_a_text():
     for more in ({}, {"folder": "x"}):
         with pytest.raises(InputError, match="with a scheduler it needs a folder for the results and an observable"):
             studied(manufactured(2) if more else "front", scheduler="tcp://127.0.0.1:1", **more)
+
+
+def test_seconds_that_do_not_settle_are_said(monkeypatch):
+    """Runs are repeated until two agree within 5 %; where none do, or the processor works for others, it is said."""
+    settled, busy = [(0.5, 0.5), (0.9, 0.9), (0.51, 0.51)], [(0.5, 0.3)] * 2
+    spent = iter([*settled, *busy, *[(0.1 * 2**k, 0.1 * 2**k) for k in range(6)]])
+    setting = runs.Setting("spacing", "", 1.0, block(), "cpu")
+    observable = observable_of("kinetic_energy", make_plan(setting.scene))
+
+    def ran(*given):
+        wall, processor = next(spent)
+        return runs.Reading(1.0, wall, processor, 0, 1, 1, 1.0)
+
+    monkeypatch.setattr(runs, "_run", ran)
+    made = [runs.measure(setting, observable) for _ in range(3)]
+    assert [reading.seconds for reading in made] == [0.5, 0.5, 0.1]
+    assert [reading.unsettled for reading in made] == [
+        "", "the processor worked for 0.3 of 0.5 s", "its two fastest of 6 runs differ by 100 %",
+    ]  # fmt: skip

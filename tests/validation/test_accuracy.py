@@ -5,15 +5,17 @@ import math
 import numpy as np
 import pytest
 
+from refsim import Simulation
+from refsim.scene.plan import make_plan
 from refsim.study.panels import OWN, abouts, panel
+from refsim.study.panels.making import DENSITY, GRAVITY, MADE, implicit_pressure
 from refsim.study.panels.scenes import packaged
 from validation import accuracy, accuracy_page, panel_peers
 from validation.__main__ import main
-from validation.panel_runs import detection as detector_runs
-from validation.panel_runs import drops_and_melting as panel_runs
-from validation.panel_runs import implicit_pressure as pressure_runs
-from validation.panel_runs import mpm as mpm_runs
-from validation.panel_runs import tank as tank_runs
+from validation.experiments.dam_break.runs import TRUTH_RADIUS
+from validation.experiments.dam_break.scene import load_state
+from validation.metrics.surface_truth import arc_cover_surface, cap_cover_surface
+from validation.panel_runs import drops
 from validation.reading import environment
 from validation.running import Context
 from validation.turns import Outcome, Readings, measured
@@ -62,62 +64,38 @@ def test_a_reading_becomes_a_point_beside_the_stored_one():
     assert "stored value" in found.text()
 
 
-LIQUIDS = {  # panel: (the run's function of one setting, what it keeps at the coarsest, arguments that shorten it)
-    "tank_pressure": ("n6", tank_runs.rested, 0.4, {}),
-    "implicit_pressure": ("implicit_10", pressure_runs.rested, 0.1, {}),
-    "surface_tension_jump": ("akinci_r8", panel_runs.drop, 0.3, {}),
-    "mpm_frequency": ("r5.5", mpm_runs.swung, 0.1, {"periods": 0.6}),
-}
-
-
-@pytest.mark.parametrize("name", LIQUIDS)
-def test_the_coarsest_point_of_a_liquid_is_measured(name):
+def test_the_coarsest_drop_is_measured():
     """Its error is finite and no larger than what the method keeps there; steps and seconds are counted."""
-    key, once, bar, shorter = LIQUIDS[name]
-    point = panel(name).points[key]
-    found = once(Context(threads=1), {"knobs": point.knobs, **point.setting}, 0, **shorter)
+    point = panel("surface_tension_jump").points["akinci_r8"]
+    found = drops.drop(Context(threads=1), {"knobs": point.knobs, **point.setting}, 0)
     assert not found.stopped
-    assert 0 < abs(found.value - panel(name).reference()[0]) < bar
+    assert 0 < abs(found.value - 1.0) < 0.3
     assert found.steps > 10
     assert found.seconds > 0
     assert found.particles == point.particles
-    if not shorter and name != "surface_tension_jump":  # whose drops are of another seed
-        assert found.value == pytest.approx(point.value, rel=0.02)
 
 
 def test_implicit_pressure_is_larger_at_walls():
     """The particles at the floor, away from the sides, have two to three times the pressure of the water above them."""
-    run = Context(threads=1).simulation(pressure_runs.tank(20, "float64", 1e-3, 1.0), "cpu")
-    reach, found = 0.15 * pressure_runs.WIDTH, []
+    given = {"cells": 20, "dtype": "float64", "tolerance": 1e-3, "step": 1.0}
+    run, found = Simulation(implicit_pressure(given), threads=1), []
     while run.time < 1.5:
         run.step()
         if run.time > 1.0:
             place, pressure = run.field("position"), run.field("pressure")
-            first = (place[:, 1] < 0.5 / 20) & (np.abs(place[:, 0] - 0.5 * pressure_runs.WIDTH) < reach)
-            known = pressure_runs.DENSITY * pressure_runs.GRAVITY * (pressure_runs.HEIGHT - place[first, 1])
-            found.append(float((pressure[first] / known).mean()))
+            first = (place[:, 1] < 0.5 / 20) & (np.abs(place[:, 0] - 0.5) < 0.15)
+            found.append(float((pressure[first] / (DENSITY * GRAVITY * (1 - place[first, 1]))).mean()))
     assert 2 < np.mean(found) < 3
 
 
-def test_detectors_give_the_stored_value():
-    points = panel("detection_2d").points
-    steps = ("two_step_0.90_half_color_float32", "two_step_printed_0.90_half_color_float32")
-    keys = ("number_density_0.90_float32", *steps)
-    settings = {k: {"knobs": points[k].knobs, **points[k].setting} for k in keys}
-    found = accuracy.beside(panel("detection_2d"), detector_runs.detectors_2d(Context(), settings, "cpu", 1, 2))
-    for key in keys:
-        assert found.here.points[key].value == pytest.approx(points[key].value, abs=2e-3)
-    exact = found.here.points[keys[1]]
-    assert sum(exact.parts.values()) == pytest.approx(np.mean(exact.seconds))
-    assert exact.distribution["misplaced surface [spacings]"]["max"] < 10
-
-
-def test_misplaced_surface_is_the_distance_between_both_sets():
-    x = np.array([[0.0, 0, 0], [1, 0, 0], [3, 0, 0], [7, 0, 0]])
-    flags, truth = np.array([1, 1, 0, 0], bool), np.array([1, 0, 1, 0], bool)
-    assert sorted(detector_runs.misplaced(x, flags, truth)) == [0.0, 1.0, 2.0]
-    assert detector_runs.misplaced(x, truth, truth).max() == 0.0
-    assert np.isnan(detector_runs.misplaced(x, np.zeros(4, bool), truth)).all()
+@pytest.mark.parametrize(("name", "cover"), [("2d", arc_cover_surface), ("3d", cap_cover_surface)])
+def test_detectors_are_held_against_the_exact_cover(name, cover):
+    """Of some particles of the stored clouds."""
+    cloud = load_state(f"dam_break_{name}")
+    plan = make_plan(MADE[f"detection_{name}"]({"effect": {}, "dtype": "float32"}, 0))
+    some = np.random.default_rng(1).choice(len(cloud.position), 300, replace=False)
+    truth = cover(cloud.position, TRUTH_RADIUS * plan.grid.spacing, plan.walls.position, some)
+    assert (truth == cloud.surface[some]).all()
 
 
 def test_peers_are_read_as_refsim_is(monkeypatch):

@@ -5,7 +5,8 @@ may depend.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 import msgspec
@@ -21,12 +22,14 @@ from refsim.scene.shapes import Cloud
 from refsim.sph import Gravity, WeaklyCompressible
 from refsim.sph.iisph import ImplicitPressure
 from refsim.study.panels import FOLDER
+from refsim.surface_detection import SurfaceDetection
 from refsim.surface_energy.effect import SurfaceEnergy
 
 Given = Mapping[str, Any]
 GRAVITY, DENSITY = 9.81, 1000.0  # m/s^2; kg/m^3, in the plane kg/m^2
 SHARE = 0.02  # kinematic viscosity of a tank over c h: calms the start
 LATENT, WARM, COLD = 100.0, 50.0, -10.0  # of the ball of ice [J/kg], [deg C]
+CLOUDS = {"detection_2d": (60, 1), "detection_3d": (16, 16)}  # particles along and across the column
 MODULUS, CELL = 1000.0, 1 / 64  # of MPM discs [N/m], and of one of 11 cells [m]
 
 
@@ -47,6 +50,11 @@ def lattice(*axes: np.ndarray) -> np.ndarray:
     return np.pad(place, ((0, 0), (0, 3 - len(axes))))
 
 
+def calm(sound: float, reach: float) -> WeaklyCompressible:
+    """Water that comes to rest: a kinematic viscosity of SHARE c h."""
+    return WeaklyCompressible(density="summation", sound_speed=sound, dynamic_viscosity=DENSITY * SHARE * sound * reach)
+
+
 def implicit_pressure(given: Given, seed: int = 0) -> Scene:
     """Water of 1 m x 1 m in the plane, in hydrostatic balance between walls."""
     d, tolerance, support = 1.0 / given["cells"], given["tolerance"], 2.6
@@ -55,7 +63,9 @@ def implicit_pressure(given: Given, seed: int = 0) -> Scene:
     place = lattice(axis, axis)
     if not tolerance:
         place[:, 1], _ = compressed(place[:, 1], 1.0, GRAVITY, sound)
-    liquid = WeaklyCompressible(sound_speed=sound, dynamic_viscosity=DENSITY * SHARE * sound * support * d)
+    liquid = WeaklyCompressible(
+        density="summation", sound_speed=sound, dynamic_viscosity=DENSITY * SHARE * sound * support * d
+    )
     walls = BoxWalls(lower=(0.0, 0.0, 0.0), upper=(1.0, 2.0, 0.0), open_faces=("+y",))
     solver = (ImplicitPressure(tolerance=tolerance),) if tolerance else ()
     step = {"step": 0.04 * given["step"] * d} if tolerance else {"step_factor": given["step"]}
@@ -77,11 +87,32 @@ def tank_pressure(given: Given, seed: int = 0) -> Scene:
     axis = (np.arange(cells) + 0.5) * d
     place = lattice(axis, axis, axis)
     place[:, 2], _ = compressed(place[:, 2], height, GRAVITY, sound)
-    liquid = WeaklyCompressible(sound_speed=sound, dynamic_viscosity=DENSITY * SHARE * sound * support * d)
+    liquid = WeaklyCompressible(
+        density="summation", sound_speed=sound, dynamic_viscosity=DENSITY * SHARE * sound * support * d
+    )
     cup = MeshBoundary(file=str(FOLDER / f"cup_{cells}.obj"), literal=given.get("literal", ()))
     return Scene(
         spacing=d, support_radius=support * d, dtype=given["dtype"], end_time=3.0 * math.sqrt(height / GRAVITY),
         fluid=(Cloud(position=place + 0.5 * d),), effects=(liquid, Gravity(), cup),
+    )  # fmt: skip
+
+
+def detection(state: str, given: Given, seed: int = 0) -> Scene:
+    """A moment of a dam break in a closed tank four column widths long, with a detector.
+
+    NAME.npz beside this module holds it: positions [m], masses, and which particles are of the exact surface.
+    """
+    with np.load(FOLDER / f"{state}.npz") as stored:
+        position, mass = stored["position"], stored["mass"]
+    columns, depth = CLOUDS[state]
+    d, sound = 0.5 / columns, 10 * math.sqrt(GRAVITY)
+    liquid = WeaklyCompressible(density="summation", sound_speed=sound, dynamic_viscosity=320.0 * d, state="tait")
+    walls = BoxWalls(lower=(0.0, 0.0, 0.0), upper=(2.0, 4.0, depth * d))
+    effect = {name: tuple(value) if isinstance(value, list) else value for name, value in given["effect"].items()}
+    return Scene(
+        dim=2 if depth == 1 else 3, spacing=d, support_radius=2.6 * d, skin=0.3, dtype=given["dtype"], step=1e-6,
+        end_time=1e-6, fluid=(Cloud(position=position, mass=mass),),
+        effects=(liquid, Gravity(acceleration=(0.0, -GRAVITY, 0.0)), walls, SurfaceDetection(**effect)),
     )  # fmt: skip
 
 
@@ -155,4 +186,6 @@ def radius(scene: Scene) -> float:
     return scene.spacing * math.sqrt(len(cloud.position) / math.pi)
 
 
-MADE = {made.__name__: made for made in (implicit_pressure, tank_pressure, melting, mpm_pressure, mpm_frequency)}
+MADE: dict[str, Callable[[Given, int], Scene]] = {
+    made.__name__: made for made in (implicit_pressure, tank_pressure, melting, mpm_pressure, mpm_frequency)
+} | {state: partial(detection, state) for state in CLOUDS}

@@ -3,6 +3,7 @@
 `times` and `reduce` of a function say when it is read and how one number follows (`refsim/study/observables.py`).
 """
 
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -11,6 +12,7 @@ import numpy as np
 from refsim.engine.simulation import Simulation
 from refsim.scene.scene import Scene
 from refsim.study.observables import observable_of
+from refsim.study.panels import FOLDER
 from refsim.study.panels.making import DENSITY, GRAVITY, MODULUS, compressed, frequency, radius
 
 DIRECTIONS, CONE = 200, np.radians(10)
@@ -113,6 +115,27 @@ def melt_front(simulation: Simulation) -> float:
     ice = slice(simulation.plan.state.sizes[0], None)
     molten = np.clip(simulation.field("enthalpy")[ice] / simulation.field("latent_heat")[ice], 0, 1).sum()
     return float(molten * spacing / round(wide) ** 2 + 0.5 * spacing)
+
+
+def _detected(times: np.ndarray, values: list[Any]) -> float:
+    return float(values[-1][1])
+
+
+@watched(lambda scene: np.zeros(21), _detected)
+def detection_2d(simulation: Simulation) -> tuple[float, float]:
+    """(seconds of detecting the surface, the density pass included; 1 - F1 against the exact surface)."""
+    began = time.perf_counter()
+    simulation.evaluate()
+    simulation.backend.synchronize()
+    spent = time.perf_counter() - began
+    with np.load(FOLDER / f"{simulation.plan.scene.name}.npz") as stored:
+        truth = stored["surface"]
+    found = simulation.field("surface").astype(bool)
+    return spent, 1 - 2 * int((found & truth).sum()) / max(int(found.sum()) + int(truth.sum()), 1)
+
+
+detection_2d.seconds = lambda values: float(np.median([spent for spent, _ in values]))
+detection_3d = detection_2d
 
 
 def melting(simulation: Simulation) -> float:

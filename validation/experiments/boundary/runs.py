@@ -58,7 +58,7 @@ from validation.peers import libigl, splishsplash_sampling
 from validation.results import Result, real
 from validation.running import Context, on_threads, search_log
 from validation.trials import Trial, hard_case
-from validation.turns import Outcome, Settings, distribution, in_turns, panel
+from validation.turns import Outcome, Settings, in_turns, panel
 from validation.work_precision import order_from_errors
 
 DARTS = 30  # places for each particle at which holes are sought
@@ -313,10 +313,7 @@ def quality(context: Context, settings: Settings, backend: str, threads: int | N
             dtype=setting["knobs"]["dtype"],
         )  # fmt: skip
         seconds = time.perf_counter() - began
-        nearest = cKDTree(made.position).query(made.position, k=2)[0][:, 1]
-        off = {"distance to the nearest / mean - 1": distribution(nearest / nearest.mean() - 1)}
-        value = evenness(made.position)["variation"]
-        return Outcome(value, seconds, made.iterations, len(made.position), distribution=off)
+        return Outcome(evenness(made.position)["variation"], seconds, made.iterations, len(made.position))
 
     with on_threads(backend, threads) as there:
         return panel(sampled, lambda context, setting: sampled(context, setting, 0))(
@@ -362,9 +359,7 @@ def distance(context: Context, settings: Settings, backend: str, threads: int | 
 
 def _off_sphere(place: np.ndarray, found: np.ndarray, seconds: float, nbytes: int) -> Outcome:
     error = found - known_distance("sphere", place)
-    rms = float(np.sqrt((error**2).mean()))
-    off = {"error [m]": distribution(error)}
-    return Outcome(rms, seconds, particles=len(place), bytes=nbytes // len(place), distribution=off)
+    return Outcome(float(np.sqrt((error**2).mean())), seconds, particles=len(place), bytes=nbytes // len(place))
 
 
 def distance_by_libigl(context: Context, settings: Settings, threads: int, repeats: int) -> Result:

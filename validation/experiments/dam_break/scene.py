@@ -6,23 +6,25 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-STATES = Path(__file__).resolve().parent.parent.parent / "states"
+from refsim.study.panels import FOLDER
+
+STATES = {"dam_break_2d": FOLDER / "detection_2d.npz", "dam_break_3d": FOLDER / "detection_3d.npz"}
 # Name: columns, particles across, moment [s]. In 2D the wave that came back breaks, in 3D the front has hit the wall.
 STORED = {"dam_break_2d": (60, 1, 1.0), "dam_break_3d": (16, 16, 0.6)}
 TANK = 4.0  # column widths
 
 
 class State(NamedTuple):
-    """A moment: positions (n, 3) [m], masses (n,) [kg; kg/m in 2D], and the column it came from."""
+    """A moment: positions (n, 3) [m], masses (n,) [kg; kg/m in 2D], which are surface, and the column it came from."""
 
     position: NDArray[np.float32]
     mass: NDArray[np.float32]
+    surface: NDArray[np.bool_]
     columns: int
     depth: int
     time: float
@@ -31,16 +33,17 @@ class State(NamedTuple):
 def load_state(name: str) -> State:
     """The stored moment `name`. Raises KeyError for another name."""
     columns, depth, _ = STORED[name]
-    with np.load(STATES / f"{name}.npz") as stored:
+    with np.load(STATES[name]) as stored:
         made = json.loads(str(stored["made"]))
-        return State(stored["position"], stored["mass"], columns, depth, made["time"])
+        return State(stored["position"], stored["mass"], stored["surface"], columns, depth, made["time"])
 
 
 def store() -> None:
     """Compute and store every moment."""
     from refsim import Simulation
-    from validation.experiments.dam_break.runs import column_scene
+    from validation.experiments.dam_break.runs import TRUTH_RADIUS, column_scene
     from validation.measure.motion import run_to
+    from validation.metrics.surface_truth import arc_cover_surface, cap_cover_surface
     from validation.reading import environment
 
     for name, (columns, depth, moment) in STORED.items():
@@ -49,7 +52,9 @@ def store() -> None:
         where = environment(1, "cpu")
         made = {"time": simulation.time, "steps": simulation.steps, "commit": where["commit"],
                 "versions": where["versions"], "dtype": "float32"}  # fmt: skip
-        STATES.mkdir(exist_ok=True)
         fields = {field: simulation.field(field) for field in ("position", "mass")}
-        np.savez_compressed(STATES / f"{name}.npz", made=np.array(json.dumps(made)), **fields)
+        walls = simulation.plan.walls.position
+        cover = arc_cover_surface if depth == 1 else cap_cover_surface
+        fields["surface"] = cover(fields["position"], TRUTH_RADIUS * simulation.plan.grid.spacing, walls)
+        np.savez_compressed(STATES[name], made=np.array(json.dumps(made)), **fields)
         print(name, simulation.count, "particles", made, flush=True)

@@ -24,7 +24,7 @@ from validation.experiments.surface_reconstruction.scene import RADII
 from validation.peers import pysplashsurf
 from validation.results import Result, real
 from validation.running import Context, on_threads
-from validation.turns import Outcome, Settings, distribution, in_turns, measured, rounds
+from validation.turns import Outcome, Settings, in_turns, measured, rounds
 
 CELL = 1 / 32  # m
 RADIUS = 9.0  # of the sphere, in cells
@@ -515,7 +515,7 @@ def normals(context: Context, settings: Settings, backend: str, threads: int | N
 
     settings  key to {"knobs" (with "dtype"), "tension" (parameters of the reconstruction), "radius"}
 
-    Counted are offsets, fit and normals, for facets nothing but the facets; the level set and the mesh stand beside.
+    Counted are offsets, fit and normals, for facets nothing but the facets.
     """
     made: dict[str, tuple[Reconstruction, Any]] = {}
 
@@ -524,13 +524,9 @@ def normals(context: Context, settings: Settings, backend: str, threads: int | N
         tension, radius = settings[key]["tension"], settings[key].get("radius", RADIUS)
         surface = program.surface(position)
         own = ("samples",) if tension["normals"] == "facets" else ("offsets", "fit", "normals")
-        parts = {name: surface.seconds[name] for name in own}
         angle = angles_off(program, surface, "sphere", radius)
-        return Outcome(
-            float(angle.mean()), math.fsum(parts.values()), particles=int(position.shape[0]), parts=parts,
-            beside={"mesh": surface.seconds["cells"] + surface.seconds["level set and facets"]},
-            distribution={"angle [degrees]": distribution(angle)},
-        )  # fmt: skip
+        seconds = math.fsum(surface.seconds[name] for name in own)
+        return Outcome(float(angle.mean()), seconds, particles=int(position.shape[0]))
 
     with on_threads(backend, threads) as there:
         for key, setting in settings.items():
@@ -556,8 +552,7 @@ def peer_normals(context: Context, settings: Settings, threads: int, repeats: in
             return Outcome(stopped=f"missing: {found['missing']}")
         place, normal = (np.asarray(found[name], dtype=float) for name in ("place", "normal"))
         angle = scene.angles(normal, scene.true_normals(place / CELL, "sphere", RADIUS))
-        off = {"angle [degrees]": distribution(angle)}
-        return Outcome(float(angle.mean()), found["seconds"], particles=len(position), distribution=off)
+        return Outcome(float(angle.mean()), found["seconds"], particles=len(position))
 
     return in_turns(context, settings, computed, threads, repeats, "peer")
 
