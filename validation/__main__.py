@@ -181,7 +181,6 @@ def check(given: argparse.Namespace) -> int:
         page.keep(performed, options.figures)
     if given.write:
         page.write(judging.claims_of(performed))
-        page.draw_matrix()
     return told(performed, given.json, written=given.write)
 
 

@@ -6,42 +6,37 @@ runs in this repository. `--write` stores what was measured and renews docs/accu
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-import msgspec
-import numpy as np
-
 from refsim.core.errors import InputError
 from refsim.study.choice import REPEATS
 from refsim.study.panels import OWN, Panel, Place, Point, abouts, as_text, panel
-from refsim.study.panels.measured import Measured, broken, measured, merged
-from refsim.study.panels.scenes import packaged
+from refsim.study.panels.measured import Measured, Read, broken, measured, merged
+from refsim.study.runs import Reading
 from validation import accuracy_page
 from validation.reading import environment
-from validation.results import Result, finite
-from validation.running import Context
+from validation.running import on_threads
 
 STORED = Path(__file__).resolve().parent.parent / "refsim" / "study" / "panels"
-BOUNDARY = "validation.experiments.boundary"
-RUNS = {  # panel: its run, called with (context, settings, backend, threads, repeats)
-    "contact_angle": "validation.panel_runs.drops:angles",
-    "surface_tension_jump": "validation.panel_runs.drops:tensions",
-    "surface_tension_frequency": "validation.panel_runs.drops:tensions",
-    "surface_normals": "validation.experiments.surface_reconstruction.runs:normals",
-    "boundary_sampling": f"{BOUNDARY}.runs:quality",
-    "signed_distance": f"{BOUNDARY}.runs:distance",
+BOUNDARY, SURFACE = "validation.experiments.boundary.runs", "validation.experiments.surface_reconstruction.runs"
+RUNS = {  # panel without a packaged scene: what gives a reading of a point, of its number and threads
+    "contact_angle": "validation.panel_runs:sessile",
+    "surface_tension_jump": "validation.panel_runs:drop",
+    "surface_tension_frequency": "validation.panel_runs:drop",
+    "surface_normals": f"{SURFACE}:normals",
+    "boundary_sampling": f"{BOUNDARY}:quality",
+    "signed_distance": f"{BOUNDARY}:distance",
 }
-PEERS = {  # panel: its run by another program, called with (context, settings, threads, repeats)
-    "front": "validation.panel_peers:fronts",
-    "droplet": "validation.panel_peers:drops",
-    "surface_normals": "validation.experiments.surface_reconstruction.runs:peer_normals",
-    "boundary_sampling": f"{BOUNDARY}.runs:quality_by_splishsplash",
-    "signed_distance": f"{BOUNDARY}.runs:distance_by_libigl",
+PEERS = {  # the same of other programs
+    "front": "validation.panel_runs:front_by_splishsplash",
+    "droplet": "validation.panel_runs:drop_by_splishsplash",
+    "surface_normals": f"{SURFACE}:peer_normals",
+    "boundary_sampling": f"{BOUNDARY}:quality_by_splishsplash",
+    "signed_distance": f"{BOUNDARY}:distance_by_libigl",
 }
 
 
@@ -68,39 +63,32 @@ def perform(
 
 def measure(of: Panel, backend: str, threads: int | None, repeats: int, peers: bool = False) -> Measured:
     """All settings of a panel on a backend; with `peers` those of other programs instead."""
-    if not peers and packaged(of.name) is not None:
-        found = measured(of, backend=backend, threads=threads, readings=repeats)
-        places = (*of.places, _place(environment(threads, backend)))
-        return replace(found, here=replace(found.here, places=places))
     where = (PEERS if peers else RUNS).get(of.name)
-    if where is None:
+    if where is None and peers:
         raise InputError(f"panel {of.name!r} has no points of other programs; leave --peers out.")
-    chosen = [p for p in of.points.values() if (p.program != OWN) == peers and p.knobs.get("backend", "cpu") == backend]
-    settings = {p.key: {"knobs": p.knobs, **p.setting} for p in chosen}
-    run = _run(where)
-    result = run(Context(), settings, threads or 2, repeats) if peers else run(
-        Context(), settings, backend, threads, repeats
-    )  # fmt: skip
-    return beside(of, result)
+    keys = [
+        p.key for p in of.points.values() if (p.program != OWN) == peers and p.knobs.get("backend", "cpu") == backend
+    ]
+    given = {} if where is None else {"keys": keys, "read": reader(where)}
+    with on_threads(backend, threads):
+        found = measured(of, backend=backend, threads=threads, readings=repeats, **given)
+    places = (*of.places, _place(environment(threads, backend)))
+    return replace(found, here=replace(found.here, places=places))
 
 
-def _run(where: str) -> Callable[..., Result]:
+def reader(where: str) -> Read:
+    """The function "module:name" that gives a reading of a point; the first one of refsim's own is thrown away."""
     module, _, name = where.partition(":")
-    made: Callable[..., Result] = getattr(import_module(module), name)
-    return made
+    once: Read = getattr(import_module(module), name)
+    compiled: set[str] = set()
 
+    def read(point: Point, number: int, threads: int | None) -> Reading:
+        if point.program == OWN and point.key not in compiled:
+            compiled.add(point.key)
+            once(point, number, threads)
+        return once(point, number, threads)
 
-def beside(of: Panel, result: Result) -> Measured:
-    """What a run gave, as points beside the stored ones; what is not installed is left out with its reason."""
-    places = (*of.places, _place(result.values["where"]))
-    points, left_out = {}, []
-    for reading in result.values["readings"]:
-        old = of.points[reading["key"]]
-        if reading["stopped"].startswith("missing: "):
-            left_out.append(f"{old.words} left out: {reading['stopped'].removeprefix('missing: ')}")
-        else:
-            points[old.key] = _point(of, old, finite(reading), len(of.places))
-    return Measured(of, replace(of, places=places, points=points), tuple(left_out))
+    return read
 
 
 def _place(where: Mapping[str, Any]) -> Place:
@@ -109,22 +97,4 @@ def _place(where: Mapping[str, Any]) -> Place:
     return Place(
         where["processor"], where["threads"], where["date"], where["commit"], device.get("name", ""),
         device.get("driver_version", ""), where["cores"], None if load is None else [load, load], where["versions"],
-    )  # fmt: skip
-
-
-def _point(of: Panel, old: Point, reading: Mapping[str, Any], place: int) -> Point:
-    """A reading as a point; its error is relative."""
-    kept = msgspec.structs.replace(
-        Point(old.key, old.words, place, old.knobs), program=old.program, setting=old.setting, shown=old.shown,
-        speaks_against=old.speaks_against, against=old.against, particles=reading["particles"],
-    )  # fmt: skip
-    if reading["stopped"]:
-        return msgspec.structs.replace(kept, failed=reading["stopped"], spent=float(np.mean(reading["seconds"])))
-    value, scale, _ = of.reference()
-    own = reading["bytes"]
-    return msgspec.structs.replace(
-        kept, value=reading["value"], seconds=reading["seconds"], noise=list(reading["noise"]),
-        error=math.nan if reading["value"] is None else abs(reading["value"] - value) / scale, steps=reading["steps"],
-        step_seconds=sorted(reading["per_step"])[len(reading["per_step"]) // 2],
-        bytes=None if own is None else own * reading["particles"],
     )  # fmt: skip

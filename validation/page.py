@@ -9,22 +9,20 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from html import escape
 from pathlib import Path
 from typing import Any
 
 from validation import checks
-from validation.checks import CLAIM, FAILS, HARD_CASE, PASS, REFUSED, STOPPED, VALUE, WARNED, Check, Entry, short
-from validation.drawing import GREY, read_origin, save_picture, style
+from validation.checks import CLAIM, HARD_CASE, VALUE, Check, Entry, short
+from validation.drawing import read_origin
 from validation.experiment import COMMANDS, Experiment, discover
 from validation.filling import ROOT, filled_page, records, stored, with_reasons
 from validation.judging import null_of
 from validation.perform import Performed
 from validation.results import finite, origin
 
-MATRIX = ROOT / "figures" / "stability_matrix.png"
 SYSTEMS = {  # of a paper's claims, and what the page calls their source; others are of this project
     "jiang_zhu_2023": "Jiang & Zhu 2023", "dong_2016": "Dong, Zhang & Chen 2016", "mpm": "thesis on MPM: transfers",
     "surface_energy": "thesis on MPM: surface", "heat": "Shao & Song 2017: heat",
@@ -190,107 +188,3 @@ def _details(entry: Entry, experiment: Experiment, kept: Mapping[str, Any]) -> I
     if measured.get("commit"):
         place = (measured.get("machine") or {}).get("processor", "")
         yield "measured", escape(f"{measured['date']}, commit {measured['commit'][:8]}, {place}")
-
-
-# The outcomes of the hard cases as a picture
-
-OUTCOMES = {
-    PASS: "#cfe8dc", WARNED: "#f3dc8f", REFUSED: "#bcdcf2", STOPPED: "#5b9bd1", FAILS: "#D55E00",
-}  # fmt: skip
-WORDS = {PASS: "passes", WARNED: "warned beforehand", STOPPED: "stops with a reason"}
-GRIDS = {  # cases that cross with models: suffix of the case's name, words
-    "models": {
-        "jiang_zhu": "Jiang & Zhu", "akinci_iisph": "Akinci, IISPH", "akinci": "Akinci", "dong": "Dong",
-        "becker_teschner": "Becker & Teschner", "tartakovsky_meakin": "Tartakovsky & Meakin", "he": "He", "csf": "CSF",
-    },
-    "dam_break": {
-        "number_density": "number density", "fan_scan": "fan scan", "two_step_printed": "two-step, printed",
-        "two_step": "two-step", "second_moment": "second moment",
-    },
-}  # fmt: skip
-ACROSS = 7  # cases in a line of an experiment without models
-
-
-def crossed(name: str, cases: Mapping[str, str]) -> tuple[dict[str, dict[str, str]], dict[str, str]]:
-    """(outcomes by model by row of the experiment's grid, outcomes of the cases that stand alone)."""
-    rows: dict[str, dict[str, str]] = {}
-    alone = {}
-    for case, found in cases.items():
-        # the longest suffix that fits: "akinci_iisph" before "akinci"
-        suffix = max((s for s in GRIDS.get(name, ()) if case.endswith(f"_{s}")), key=len, default="")
-        if suffix:
-            rows.setdefault(case.removesuffix(f"_{suffix}"), {})[suffix] = found
-        else:
-            alone[case] = found
-    return rows, alone
-
-
-def matrix() -> Any:
-    """A tile for each hard case, coloured by its outcome; case by model where the cases cross with models."""
-    import matplotlib.pyplot as plt
-    from matplotlib.patches import Rectangle
-
-    found: dict[str, dict[str, str]] = {}
-    for entry in checks.read_all(HARD_CASE):
-        found.setdefault(entry.experiment, {})[entry.name] = verdict_of(entry)
-    left = [name for name in found if name in (*GRIDS, "heat")]
-    figure, columns = plt.subplots(1, 2, figsize=(15.0, 7.4), layout="none", gridspec_kw={"width_ratios": (1.0, 1.15)})
-    figure.subplots_adjust(left=0.01, right=0.995, top=0.95, bottom=0.005, wspace=0.03)
-    bottoms = []
-    for axes, names in zip(columns, (left, [name for name in found if name not in left])):
-        y = 0.0
-        for name in names:
-            y = _tiles(axes, name, found[name], y)
-        axes.set_axis_off()
-        bottoms.append(y)
-    for axes in columns:
-        axes.set(xlim=(0, 10), ylim=(max(bottoms), -0.2))
-    count = Counter(outcome for cases in found.values() for outcome in cases.values())
-    handles = [Rectangle((0, 0), 1, 1, color=colour) for colour in OUTCOMES.values()]
-    labels = [f"{WORDS.get(outcome, outcome)}: {count[outcome]}" for outcome in OUTCOMES]
-    figure.legend(handles, labels, loc="upper right", ncols=len(OUTCOMES), fontsize=10, frameon=False)
-    figure.suptitle(f"Outcomes of {count.total()} hard cases", x=0.01, ha="left", fontweight="bold", fontsize=13)
-    return figure
-
-
-def _tiles(axes: Any, name: str, cases: Mapping[str, str], y: float) -> float:
-    """One experiment from `y` down: its grid, then the cases that stand alone; returns where it ends."""
-    words = sentence(name.replace("_", " ").replace("mpm", "MPM"))[:-1]
-    axes.text(0, y + 0.55, words, fontweight="bold", fontsize=9.5, va="center")
-    y += 1.0
-    rows, alone = crossed(name, cases)
-    if rows:
-        models = list(GRIDS[name])
-        width = (10 - 2.1) / len(models)
-        for k, model in enumerate(models):
-            words = GRIDS[name][model].replace(" & ", "\n& ").replace(", ", ",\n")
-            axes.text(2.1 + (k + 0.5) * width, y + 0.55, words, fontsize=6.8, ha="center", va="center", color=GREY)
-        y += 1.1
-        for row, outcomes in rows.items():
-            axes.text(2.05, y + 0.5, row.replace("_", " "), fontsize=7.5, ha="right", va="center")
-            for model, outcome in outcomes.items():
-                words = "" if outcome == PASS else outcome
-                _tile(axes, 2.1 + models.index(model) * width, y, width, outcome, words)
-            y += 0.85
-    width = 10 / ACROSS
-    for place, (case, outcome) in enumerate(alone.items()):
-        words = re.sub("^(drop|mpm|heat)_", "", case).replace("_", " ")
-        _tile(axes, (place % ACROSS) * width, y + 0.85 * (place // ACROSS), width, outcome, words)
-    return y + 0.85 * -(-len(alone) // ACROSS) + 0.35
-
-
-def _tile(axes: Any, x: float, y: float, width: float, outcome: str, words: str) -> None:
-    import textwrap
-
-    from matplotlib.patches import Rectangle
-
-    axes.add_patch(Rectangle((x, y), width - 0.04, 0.8, color=OUTCOMES[outcome], lw=0))
-    axes.text(x + 0.5 * width, y + 0.4, textwrap.fill(words, 16), fontsize=7, ha="center", va="center",
-              color="white" if outcome == FAILS else "black", linespacing=0.95)  # fmt: skip
-
-
-def draw_matrix() -> Path:
-    """Draw the picture of the outcomes; returns its path."""
-    with style():
-        save_picture(matrix(), MATRIX)
-    return MATRIX

@@ -1,9 +1,10 @@
-"""Where and with what something was measured."""
+"""What was measured of a setting, where and with what."""
 
 from __future__ import annotations
 
 import datetime
 import functools
+import math
 import os
 import platform
 import subprocess
@@ -11,6 +12,13 @@ from pathlib import Path
 from typing import Any
 
 from refsim.core.versions import versions
+from refsim.study.runs import Reading
+
+
+def reading(value: float = math.nan, seconds: float = 0.0, steps: int = 0, particles: int = 0, failed: str = "",
+            held: int = 0) -> Reading:  # fmt: skip
+    """What one run of a setting gave; `held` bytes."""
+    return Reading(value, seconds, seconds, held, particles, steps, 0.0, failed=failed)
 
 
 def environment(threads: int | None, backend: str) -> dict[str, Any]:

@@ -7,18 +7,18 @@ import pytest
 
 from refsim import Simulation
 from refsim.scene.plan import make_plan
-from refsim.study.panels import OWN, abouts, panel
+from refsim.study.panels import OWN, Point, abouts, panel
 from refsim.study.panels.making import DENSITY, GRAVITY, MADE, implicit_pressure
+from refsim.study.panels.measured import measured
+from refsim.study.panels.observables import FALL
 from refsim.study.panels.scenes import packaged
-from validation import accuracy, accuracy_page, panel_peers
+from validation import accuracy, accuracy_page
+from validation import panel_runs as accuracy_runs
 from validation.__main__ import main
 from validation.experiments.dam_break.runs import TRUTH_RADIUS
 from validation.experiments.dam_break.scene import load_state
 from validation.metrics.surface_truth import arc_cover_surface, cap_cover_surface
-from validation.panel_runs import drops
-from validation.reading import environment
-from validation.running import Context
-from validation.turns import Outcome, Readings, measured
+from validation.reading import reading
 from validation.work_precision import order_from_errors, pareto
 
 
@@ -34,7 +34,7 @@ def test_every_panel_can_be_measured_anew(name):
     programs = {p.program for p in panel(name).points.values()} - {OWN}
     assert bool(programs) == (name in accuracy.PEERS)
     for where in (accuracy.RUNS.get(name), accuracy.PEERS.get(name)):
-        assert where is None or callable(accuracy._run(where))
+        assert where is None or callable(accuracy.reader(where))
 
 
 def test_unknown_panels_get_a_sentence(capsys):
@@ -44,31 +44,48 @@ def test_unknown_panels_get_a_sentence(capsys):
     assert "has no points of other programs" in capsys.readouterr().err
 
 
-def readings(**outcomes):
-    first = Outcome(2.6, 1.0, 3, 200)
-    found = {key: Readings([[outcome]] * 5, [1.0] * 5) for key, outcome in {"d10": first, **outcomes}.items()}
-    return measured(found, 1, "cpu")
+def test_a_reading_becomes_a_point_beside_the_stored_one(monkeypatch):
+    given = {
+        "d10": reading(2.6, 1.0, 3, 200), "d14": reading(seconds=2.0, steps=3, failed="diverged in step 3"),
+        "peer_d10": reading(failed="missing: it is not there"),
+    }  # fmt: skip
+    of, first = panel("front"), []
 
+    def once(point, number, threads):
+        first.append(point.key)
+        return given[point.key]
 
-def test_a_reading_becomes_a_point_beside_the_stored_one():
-    of = panel("front")
-    gone = Outcome(seconds=2.0, steps=3, stopped="diverged in step 3")
-    found = accuracy.beside(of, readings(d14=gone, peer_d10=Outcome(stopped="missing: it is not there")))
+    monkeypatch.setattr(accuracy_runs, "front_by_splishsplash", once)
+    found = measured(of, given, read=accuracy.reader(accuracy.PEERS["front"]), readings=2)
+    assert [first.count(key) for key in given] == [3, 2, 1], "refsim's first one compiles"
     point = found.here.points["d10"]
     value, scale, _ = of.reference()
     assert point.error == pytest.approx(abs(2.6 - value) / scale)
     assert (point.knobs, point.setting) == (of.points["d10"].knobs, of.points["d10"].setting)
-    assert found.here.places[point.place].date == environment(1, "cpu")["date"]
     assert (found.here.points["d14"].failed, found.here.points["d14"].spent) == ("diverged in step 3", 2.0)
     assert found.left_out == ("SPlisHSPlasH, DFSPH, d = L/10 left out: it is not there",)
     assert "stored value" in found.text()
 
 
+def test_starts_of_unequal_cost_settle_where_each_repeats():
+    """The second round tells what differs between starts from what disturbs the machine."""
+    starts, spent = (1.0, 1.3, 1.6, 1.1, 2.0), []
+
+    def once(point, number, threads):
+        spent.append(starts[number])
+        return reading(2.6, starts[number], 3, 200)
+
+    point = measured(panel("front"), ["d10"], read=once).here.points["d10"]
+    assert len(spent) == 10
+    assert point.noise == pytest.approx([1.0] * 10)
+    assert point.seconds == spent
+
+
 def test_the_coarsest_drop_is_measured():
     """Its error is finite and no larger than what the method keeps there; steps and seconds are counted."""
     point = panel("surface_tension_jump").points["akinci_r8"]
-    found = drops.drop(Context(threads=1), {"knobs": point.knobs, **point.setting}, 0)
-    assert not found.stopped
+    found = accuracy_runs.drop(point, 0, 1)
+    assert not found.failed
     assert 0 < abs(found.value - 1.0) < 0.3
     assert found.steps > 10
     assert found.seconds > 0
@@ -100,20 +117,18 @@ def test_detectors_are_held_against_the_exact_cover(name, cover):
 
 def test_peers_are_read_as_refsim_is(monkeypatch):
     """A front that moves evenly from 1 to 2 widths; a drop that keeps 0.02 from its second sample on."""
-    settings = {"peer_d10": {"knobs": {}, "columns": 10}}
-    times = np.linspace(0, 4.6, 93) * panel_peers.FALL
+    times = np.linspace(0, 4.6, 93) * FALL
     column = {"time": times, "front": 0.5 * (1 + times / times[-1]), "wall": [0.0, 3.0], "steps": 7, "particles": 200}
-    monkeypatch.setattr(panel_peers.splishsplash, "run_column", lambda given, threads: column)
-    (read,) = panel_peers.fronts(Context(), settings, 1, 2).values["readings"]
-    assert (read["value"], read["seconds"]) == (pytest.approx(1 + 2.0 / 4.6, abs=1e-3), [3.0, 3.0])
+    monkeypatch.setattr(accuracy_runs.splishsplash, "run_column", lambda given, threads: column)
+    read = accuracy_runs.front_by_splishsplash(Point("", "", 0, {}, setting={"columns": 10}), 0, 1)
+    assert (read.value, read.seconds) == (pytest.approx(1 + 2.0 / 4.6, abs=1e-3), 3.0)
     drop = {"time": [0, 1, 2], "error": [0.2, 0.02, 0.02], "wall": [0.0, 1.5, 3.0], "steps": 2, "particles": 9}
-    monkeypatch.setattr(panel_peers.splishsplash, "run_drop", lambda given, threads: drop)
-    given = {"peer": {"knobs": {}, "settings": {}}}
-    (read,) = panel_peers.drops(Context(), given, 1, 2).values["readings"]
-    assert (read["value"], read["seconds"]) == (0.02, [1.5, 1.5])
-    monkeypatch.setattr(panel_peers.splishsplash, "run_drop", lambda given, threads: {"missing": "it is not there"})
-    (read,) = panel_peers.drops(Context(), given, 1, 2).values["readings"]
-    assert read["stopped"] == "missing: it is not there"
+    monkeypatch.setattr(accuracy_runs.splishsplash, "run_drop", lambda given, threads: drop)
+    given = Point("", "", 0, {}, setting={"settings": {}})
+    read = accuracy_runs.drop_by_splishsplash(given, 0, 1)
+    assert (read.value, read.seconds) == (0.02, 1.5)
+    monkeypatch.setattr(accuracy_runs.splishsplash, "run_drop", lambda given, threads: {"missing": "it is not there"})
+    assert accuracy_runs.drop_by_splishsplash(given, 0, 1).failed == "missing: it is not there"
 
 
 # Statistics

@@ -102,13 +102,15 @@ def detection(state: str, given: Given, seed: int = 0) -> Scene:
 
     NAME.npz beside this module holds it: positions [m], masses, and which particles are of the exact surface.
     """
-    with np.load(FOLDER / f"{state}.npz") as stored:
+    with np.load(str(FOLDER / f"{state}.npz")) as stored:
         position, mass = stored["position"], stored["mass"]
     columns, depth = CLOUDS[state]
     d, sound = 0.5 / columns, 10 * math.sqrt(GRAVITY)
     liquid = WeaklyCompressible(density="summation", sound_speed=sound, dynamic_viscosity=320.0 * d, state="tait")
     walls = BoxWalls(lower=(0.0, 0.0, 0.0), upper=(2.0, 4.0, depth * d))
-    effect = {name: tuple(value) if isinstance(value, list) else value for name, value in given["effect"].items()}
+    effect: dict[str, Any] = {
+        name: tuple(value) if isinstance(value, list) else value for name, value in given["effect"].items()
+    }
     return Scene(
         dim=2 if depth == 1 else 3, spacing=d, support_radius=2.6 * d, skin=0.3, dtype=given["dtype"], step=1e-6,
         end_time=1e-6, fluid=(Cloud(position=position, mass=mass),),
@@ -182,10 +184,10 @@ def frequency(scene: Scene) -> float:
 
 def radius(scene: Scene) -> float:
     """Radius of the disc of the volume of a scene's particles [m]."""
-    (cloud,) = scene.fluid
+    cloud: Any = scene.fluid[0]
     return scene.spacing * math.sqrt(len(cloud.position) / math.pi)
 
 
-MADE: dict[str, Callable[[Given, int], Scene]] = {
+MADE: Mapping[str, Callable[..., Scene]] = {
     made.__name__: made for made in (implicit_pressure, tank_pressure, melting, mpm_pressure, mpm_frequency)
 } | {state: partial(detection, state) for state in CLOUDS}

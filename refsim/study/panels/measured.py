@@ -4,6 +4,7 @@ import datetime
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import msgspec
@@ -22,6 +23,8 @@ from refsim.study.runs import Reading, Setting, machine, measure
 
 MOST = 3  # times REPEATS readings, after which seconds that have not settled are left
 PATIENCE = 20.0  # seconds that a setting has taken, after which they are, too
+MISSING = "missing: "  # how the reason begins of a program that is not installed
+Read = Callable[[Point, int, int | None], Reading]
 BARS = np.logspace(-4, -0.3, 75).tolist() + [0.1, 0.05, 0.01, 0.005, 0.001]  # errors of Point.reached
 
 
@@ -88,14 +91,16 @@ def observable(name: str) -> str:
 
 def measured(
     panel: Panel, keys: Iterable[str] = (), *, backend: str = "cpu", threads: int | None = None,
-    readings: int = REPEATS, say: Callable[[str], None] = lambda text: None,
+    readings: int = REPEATS, say: Callable[[str], None] = lambda text: None, read: Read | None = None,
 ) -> Measured:  # fmt: skip
     """Measure settings of a panel anew; all of this backend by default.
 
-    Each has `readings` readings, in turns with the others, and more of them where its seconds have not settled. Raises
-    InputError for a panel without a packaged scene, an unknown key and a backend that is not there.
+    Each has `readings` readings, in turns with the others, and more of them where its seconds have not settled. `read`
+    gives the reading of a point by its number and threads, by default from the packaged scene; one that begins with
+    "missing: " leaves the point out. Raises InputError for a panel without a packaged scene, an unknown key and a
+    backend that is not there.
     """
-    if packaged(panel.name) is None:
+    if read is None and packaged(panel.name) is None:
         raise InputError(
             f"panel {panel.name!r} has no packaged scene; python -m validation accuracy {panel.name} measures it in a"
             " clone of the repository."
@@ -105,20 +110,28 @@ def measured(
     chosen = list(keys) or [p.key for p in own if p.knobs.get("backend", "cpu") == backend]
     if unknown := [key for key in chosen if key not in panel.points]:
         raise InputError(f"panel {panel.name!r} has no setting {unknown[0]!r}; it has {', '.join(panel.points)}.")
-    refused = {key: why for key in chosen if (why := _without(panel, panel.points[key]))}
+    refused = {} if read else {key: why for key in chosen if (why := _without(panel, panel.points[key]))}
+    read = read or partial(_reading, panel)
     runs: dict[str, list[Reading]] = {key: [] for key in chosen if key not in refused}
     order, waiting = np.random.default_rng(0), list(runs)
     for turn in range(readings * (MOST if readings >= REPEATS else 1)):
         for key in order.permutation(waiting).tolist():
-            runs[key].append(_reading(panel, panel.points[key], len(runs[key]) % readings, threads))
+            runs[key].append(read(panel.points[key], len(runs[key]) % readings, threads))
             last = runs[key][-1]
             say(f"{panel.points[key].words}: {last.failed or f'{last.value:.6g} in {duration(last.seconds)}'}")
         if turn + 1 >= readings:
             spent = {key: [run.seconds for run in runs[key]] for key in waiting}
-            waiting = [key for key in waiting if unsettled(spent[key]) and sum(spent[key]) < PATIENCE]
+            waiting = [
+                key for key in waiting
+                if unsettled(_noise(spent[key], readings) or spent[key]) and sum(spent[key]) < PATIENCE
+            ]  # fmt: skip
         waiting = [key for key in waiting if not runs[key][-1].failed]
     places = (*panel.places, _here(backend, threads))
-    points = {key: _point(panel, panel.points[key], found, len(places) - 1) for key, found in runs.items()}
+    refused |= {key: why for key, (first, *_) in runs.items() if (why := first.failed.partition(MISSING)[2])}
+    points = {
+        key: _point(panel, panel.points[key], found, len(places) - 1, readings)
+        for key, found in runs.items() if key not in refused
+    }  # fmt: skip
     left_out = tuple(f"{panel.points[key].words} left out: {why}" for key, why in refused.items())
     return Measured(panel, replace(panel, places=places, points=points), left_out)
 
@@ -155,25 +168,34 @@ def _reading(panel: Panel, point: Point, number: int, threads: int | None) -> Re
     return measure(setting, reads, panel.about.reaches, threads, repeats=1)
 
 
-def _point(panel: Panel, point: Point, runs: Sequence[Reading], place: int) -> Point:
+def _noise(seconds: Sequence[float], readings: int) -> list[float]:
+    """Seconds over the median of the same reading's, whose start may cost more; empty where each was read once."""
+    if len(seconds) < 2 * readings:
+        return []
+    return [spent / middle(seconds[k % readings :: readings])[0] for k, spent in enumerate(seconds)]
+
+
+def _point(panel: Panel, point: Point, runs: Sequence[Reading], place: int, readings: int) -> Point:
     failed = next((run.failed for run in runs if run.failed), "")
     same = Point(
         point.key, point.words, place, point.knobs, setting=point.setting, shown=point.shown,
-        speaks_against=point.speaks_against, against=point.against, particles=runs[-1].particles, steps=runs[-1].steps,
+        speaks_against=point.speaks_against, against=point.against, particles=runs[0].particles, steps=runs[0].steps,
+        program=point.program,
     )  # fmt: skip
     if failed:
         return msgspec.structs.replace(same, failed=failed, spent=runs[-1].seconds)
     value, scale, _ = panel.reference()
     curves = [[(s, abs(v - value) / scale) for s, v in run.curve] for run in runs] if panel.about.falls else []
     until = [run.seconds if not curves else _until(curve) for run, curve in zip(runs, curves or [[]] * len(runs))]
-    plan = make_plan(scene_of(panel, point))  # type: ignore[arg-type]
+    scene = scene_of(panel, point)
+    held = same.particles * sum(make_plan(scene).field_bytes().values()) if scene else runs[-1].bytes or None
     (middle_value, value_mad), (error, error_mad) = (
         middle([run.value for run in runs]), middle([abs(run.value - value) / scale for run in runs])
     )  # fmt: skip
     return msgspec.structs.replace(
         same, value=middle_value, value_mad=value_mad, error=error, error_mad=error_mad, seconds=until,
+        noise=_noise(until, readings), bytes=held,
         step_seconds=middle([run.seconds / max(run.steps, 1) for run in runs])[0], reached=_reached(curves),
-        bytes=same.particles * sum(plan.field_bytes().values()),
     )  # fmt: skip
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from refsim.engine.simulation import Simulation
 from refsim.scene.scene import Scene
+from refsim.sph import liquid_of
 from refsim.study.observables import observable_of
 from refsim.study.panels import FOLDER
 from refsim.study.panels.making import DENSITY, GRAVITY, MODULUS, compressed, frequency, radius
@@ -128,7 +129,7 @@ def detection_2d(simulation: Simulation) -> tuple[float, float]:
     simulation.evaluate()
     simulation.backend.synchronize()
     spent = time.perf_counter() - began
-    with np.load(FOLDER / f"{simulation.plan.scene.name}.npz") as stored:
+    with np.load(str(FOLDER / f"{simulation.plan.scene.name}.npz")) as stored:
         truth = stored["surface"]
     found = simulation.field("surface").astype(bool)
     return spent, 1 - 2 * int((found & truth).sum()) / max(int(found.sum()) + int(truth.sum()), 1)
@@ -170,7 +171,7 @@ def implicit_pressure(simulation: Simulation) -> Any:
 def tank_pressure(simulation: Simulation) -> Any:
     """Places, pressures and what is known of them: hydrostatic pressure of the compressible liquid."""
     simulation.evaluate()
-    height, sound = 0.1, simulation.plan.effects["weakly_compressible"].sound_speed
+    height, sound = 0.1, liquid_of(simulation.plan.effects).sound_speed
     top = compressed(np.zeros(1), height, GRAVITY, sound)[1] + 0.5 * simulation.plan.grid.spacing
 
     def known(place: np.ndarray) -> tuple[np.ndarray, slice, float]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import itertools
 import math
 import time
@@ -39,6 +40,8 @@ from refsim.core.walls import WallParticles
 from refsim.neighbours import NeighbourSearch
 from refsim.scene.plan import Plan, make_plan
 from refsim.sparse_grid.reference import node_table
+from refsim.study.panels import Point
+from refsim.study.runs import Reading
 from refsim.winding_number.reference import solid_angles
 from validation.checks import Checks, Quantities
 from validation.experiment import Experiment, Family, Measure, Options, Results, Run, alike
@@ -55,10 +58,10 @@ from validation.experiments.boundary.scene import (
 )
 from validation.metrics.shapes import lattice_ball
 from validation.peers import libigl, splishsplash_sampling
+from validation.reading import reading
 from validation.results import Result, real
 from validation.running import Context, on_threads, search_log
 from validation.trials import Trial, hard_case
-from validation.turns import Outcome, Settings, in_turns, panel
 from validation.work_precision import order_from_errors
 
 DARTS = 30  # places for each particle at which holes are sought
@@ -302,84 +305,67 @@ def blueness(position: np.ndarray, area: float) -> dict[str, float]:
 PLACES = 4000
 
 
-def quality(context: Context, settings: Settings, backend: str, threads: int | None, repeats: int) -> Result:
-    """Coefficient of variation of the spacing on the organic shape, and seconds, for each number of iterations."""
-    mesh = mesh_of(SHAPES["organic"](4), "organic")
-
-    def sampled(context: Context, setting: Mapping[str, Any], repeat: int) -> Outcome:
-        began = time.perf_counter()
-        made = sample(
-            mesh, radius_for(mesh.area, setting["count"]), most_iterations=setting["iterations"], backend=there,
-            dtype=setting["knobs"]["dtype"],
-        )  # fmt: skip
-        seconds = time.perf_counter() - began
-        return Outcome(evenness(made.position)["variation"], seconds, made.iterations, len(made.position))
-
-    with on_threads(backend, threads) as there:
-        return panel(sampled, lambda context, setting: sampled(context, setting, 0))(
-            context, settings, backend, threads, repeats
-        )
+@functools.cache
+def _meshed(shape: str, level: int) -> tuple[Any, Any]:
+    """A shape and its mesh as refsim takes it."""
+    made = SHAPES[shape](level)
+    return made, mesh_of(made, shape)
 
 
-def quality_by_splishsplash(context: Context, settings: Settings, threads: int, repeats: int) -> Result:
-    """The same shape sampled by SPlisHSPlasH, with as many particles ("count")."""
-    made = SHAPES["organic"](4)
-    area = mesh_of(made, "organic").area
-
-    def sampled(context: Context, setting: Mapping[str, Any], repeat: int) -> Outcome:
-        radius = radius_for(area, setting["count"])
-        found = splishsplash_sampling.run(made.vertices, made.faces, radius, threads)
-        if "missing" in found:
-            return Outcome(stopped=f"missing: {found['missing']}")
-        return Outcome(evenness(found["position"])["variation"], found["seconds"], particles=found["particles"])
-
-    return in_turns(context, settings, sampled, threads, repeats, "peer")
+def quality(point: Point, repeat: int, threads: int | None) -> Reading:
+    """Coefficient of variation of the spacing on the organic shape after a number of iterations."""
+    _, mesh = _meshed("organic", 4)
+    there = choose(point.knobs["backend"])
+    began = time.perf_counter()
+    made = sample(
+        mesh, radius_for(mesh.area, point.setting["count"]), most_iterations=point.setting["iterations"],
+        backend=there, dtype=point.knobs["dtype"],
+    )  # fmt: skip
+    seconds = time.perf_counter() - began
+    return reading(evenness(made.position)["variation"], seconds, made.iterations, len(made.position))
 
 
-def distance(context: Context, settings: Settings, backend: str, threads: int | None, repeats: int) -> Result:
-    """Root mean square error of the trilinear distance from a ball near its surface, seconds and bytes."""
-    made = SHAPES["sphere"](6)
-    mesh = mesh_of(made, "sphere")
-    place = near_surface(made, 0.04, PLACES, 0)
-
-    def banded(context: Context, setting: Mapping[str, Any], repeat: int) -> Outcome:
-        dtype = setting["knobs"]["dtype"]
-        began = time.perf_counter()
-        band = signed_distance(mesh, setting["knobs"]["spacing"], backend=there, dtype=dtype)
-        there.synchronize()
-        seconds = time.perf_counter() - began
-        found = there.host(band.at(there.asarray(place.astype(dtype)))[0]).astype(float)
-        return _off_sphere(place, found, seconds, band.nbytes)
-
-    with on_threads(backend, threads) as there:
-        return panel(banded, lambda context, setting: banded(context, setting, 0))(
-            context, settings, backend, threads, repeats
-        )
+def quality_by_splishsplash(point: Point, repeat: int, threads: int | None) -> Reading:
+    """The same shape sampled by SPlisHSPlasH, with as many particles."""
+    made, mesh = _meshed("organic", 4)
+    radius = radius_for(mesh.area, point.setting["count"])
+    found = splishsplash_sampling.run(made.vertices, made.faces, radius, threads)
+    if "missing" in found:
+        return reading(failed=f"missing: {found['missing']}")
+    return reading(evenness(found["position"])["variation"], found["seconds"], particles=found["particles"])
 
 
-def _off_sphere(place: np.ndarray, found: np.ndarray, seconds: float, nbytes: int) -> Outcome:
+def distance(point: Point, repeat: int, threads: int | None) -> Reading:
+    """Root mean square error of the trilinear distance from a ball near its surface."""
+    made, mesh = _meshed("sphere", 6)
+    place, dtype = near_surface(made, 0.04, PLACES, 0), point.knobs["dtype"]
+    there = choose(point.knobs["backend"])
+    began = time.perf_counter()
+    band = signed_distance(mesh, point.knobs["spacing"], backend=there, dtype=dtype)
+    there.synchronize()
+    seconds = time.perf_counter() - began
+    found = there.host(band.at(there.asarray(place.astype(dtype)))[0]).astype(float)
+    return _off_sphere(place, found, seconds, band.nbytes)
+
+
+def _off_sphere(place: np.ndarray, found: np.ndarray, seconds: float, held: int) -> Reading:
     error = found - known_distance("sphere", place)
-    return Outcome(float(np.sqrt((error**2).mean())), seconds, particles=len(place), bytes=nbytes // len(place))
+    return reading(float(np.sqrt((error**2).mean())), seconds, particles=len(place), held=held)
 
 
-def distance_by_libigl(context: Context, settings: Settings, threads: int, repeats: int) -> Result:
+def distance_by_libigl(point: Point, repeat: int, threads: int | None) -> Reading:
     """The field with libigl's distances at its nodes, trilinear between them; seconds of libigl's tree and queries."""
-    made = SHAPES["sphere"](6)
-    mesh = mesh_of(made, "sphere")
+    made, mesh = _meshed("sphere", 6)
     place = near_surface(made, 0.04, PLACES, 0)
-
-    def queried(context: Context, setting: Mapping[str, Any], repeat: int) -> Outcome:
-        own = signed_distance(mesh, setting["knobs"]["spacing"], dtype="float64")
-        nodes = own.spacing * node_table(own.blocks) + mesh.origin
-        found = libigl.run(made.vertices, made.faces, nodes, threads)
-        if "missing" in found:
-            return Outcome(stopped=f"missing: {found['missing']}")
-        distance = np.clip(found["distance"], -own.band, own.band)
-        other = replace(own, field=own.field._replace(distance=distance))
-        seconds = found["tree"] + found["seconds_per_query"] * len(nodes)
-        return _off_sphere(place, choose("cpu").host(other.at(place)[0]), seconds, distance.nbytes)
-
-    return in_turns(context, settings, queried, threads, repeats, "peer")
+    own = signed_distance(mesh, point.knobs["spacing"], dtype="float64")
+    nodes = own.spacing * node_table(own.blocks) + mesh.origin
+    found = libigl.run(made.vertices, made.faces, nodes, threads)
+    if "missing" in found:
+        return reading(failed=f"missing: {found['missing']}")
+    held = np.clip(found["distance"], -own.band, own.band)
+    other = replace(own, field=own.field._replace(distance=held))
+    seconds = found["tree"] + found["seconds_per_query"] * len(nodes)
+    return _off_sphere(place, choose("cpu").host(other.at(place)[0]), seconds, held.nbytes)
 
 
 # Runs of liquid at meshes: rain, a resting tank, pouring, and what the patent's tension amounts to.

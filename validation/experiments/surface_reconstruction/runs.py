@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
 import time
@@ -15,6 +16,8 @@ from refsim.backends.arrays import Backend, choose, set_threads, unavailable
 from refsim.core.operation import REGISTRY
 from refsim.isosurface import Mesh
 from refsim.sparse_grid import nodes
+from refsim.study.panels import Point, panel
+from refsim.study.runs import Reading
 from refsim.surface_energy import Tension
 from refsim.surface_energy.reconstruction import Reconstruction, Surface
 from validation.checks import Checks
@@ -22,9 +25,9 @@ from validation.experiment import Experiment, Family, Measure, Options, Results,
 from validation.experiments.surface_reconstruction import scene
 from validation.experiments.surface_reconstruction.scene import RADII
 from validation.peers import pysplashsurf
+from validation.reading import reading
 from validation.results import Result, real
 from validation.running import Context, on_threads
-from validation.turns import Outcome, Settings, in_turns, measured, rounds
 
 CELL = 1 / 32  # m
 RADIUS = 9.0  # of the sphere, in cells
@@ -510,55 +513,42 @@ def against_pysplashsurf(context: Context, count: int, rounds: int, threads: int
 # What accuracy costs
 
 
-def normals(context: Context, settings: Settings, backend: str, threads: int | None, repeats: int) -> Result:
-    """Every kind of normals, in turn, on one sphere of particles: mean angle to the true normal, and seconds.
-
-    settings  key to {"knobs" (with "dtype"), "tension" (parameters of the reconstruction), "radius"}
+def normals(point: Point, repeat: int, threads: int | None) -> Reading:
+    """Mean angle of a kind of normals to the true ones, on a sphere of particles.
 
     Counted are offsets, fit and normals, for facets nothing but the facets.
     """
-    made: dict[str, tuple[Reconstruction, Any]] = {}
-
-    def computed(key: str, k: int) -> Outcome:
-        program, position = made[key]
-        tension, radius = settings[key]["tension"], settings[key].get("radius", RADIUS)
-        surface = program.surface(position)
-        own = ("samples",) if tension["normals"] == "facets" else ("offsets", "fit", "normals")
-        angle = angles_off(program, surface, "sphere", radius)
-        seconds = math.fsum(surface.seconds[name] for name in own)
-        return Outcome(float(angle.mean()), seconds, particles=int(position.shape[0]))
-
-    with on_threads(backend, threads) as there:
-        for key, setting in settings.items():
-            dtype = setting["knobs"]["dtype"]
-            tension = Tension(surface_tension=1.0, inset=-1.0, **setting["tension"])
-            place = CELL * scene.cloud("sphere", setting.get("radius", RADIUS))
-            position = there.asarray(place.astype(dtype))
-            made[key] = Reconstruction(there, 3, dtype, CELL, tension, timed=True), position
-            made[key][0].surface(position)  # compiles
-        return measured(rounds(context, made, computed, lambda run: run.seconds, repeats), threads, backend)
+    tension, radius = point.setting["tension"], point.setting.get("radius", RADIUS)
+    program, position = _reconstruction(point.key)
+    surface = program.surface(position)
+    own = ("samples",) if tension["normals"] == "facets" else ("offsets", "fit", "normals")
+    angle = angles_off(program, surface, "sphere", radius)
+    seconds = math.fsum(surface.seconds[name] for name in own)
+    return reading(float(angle.mean()), seconds, particles=int(position.shape[0]))
 
 
-def peer_normals(context: Context, settings: Settings, threads: int, repeats: int) -> Result:
-    """pysplashsurf's normals on the same sphere of particles, its mesh included.
-
-    settings  key to {"share", "smoothing" (see `validation.peers.pysplashsurf.run_normals`)}
-    """
-    position = CELL * scene.cloud("sphere", RADIUS)
-
-    def computed(context: Context, setting: Mapping[str, Any], repeat: int) -> Outcome:
-        found = pysplashsurf.run_normals(position, CELL, setting["share"], setting["smoothing"], threads)
-        if "missing" in found:
-            return Outcome(stopped=f"missing: {found['missing']}")
-        place, normal = (np.asarray(found[name], dtype=float) for name in ("place", "normal"))
-        angle = scene.angles(normal, scene.true_normals(place / CELL, "sphere", RADIUS))
-        return Outcome(float(angle.mean()), found["seconds"], particles=len(position))
-
-    return in_turns(context, settings, computed, threads, repeats, "peer")
+@functools.cache
+def _reconstruction(key: str) -> tuple[Reconstruction, Any]:
+    """The program of a setting of the panel, and its particles."""
+    point = panel("surface_normals").points[key]
+    there, dtype = choose(point.knobs["backend"]), point.knobs["dtype"]
+    tension = Tension(surface_tension=1.0, inset=-1.0, **point.setting["tension"])
+    position = there.asarray((CELL * scene.cloud("sphere", point.setting.get("radius", RADIUS))).astype(dtype))
+    program = Reconstruction(there, 3, dtype, CELL, tension, timed=True)
+    return program, position
 
 
-# What the thesis claims of its reconstructed surface (chapter 3), measured on particle clouds cut by a sphere.
-#
+def peer_normals(point: Point, repeat: int, threads: int | None) -> Reading:
+    """pysplashsurf's normals on the same sphere of particles, its mesh included."""
+    position, given = CELL * scene.cloud("sphere", RADIUS), point.setting
+    found = pysplashsurf.run_normals(position, CELL, given["share"], given["smoothing"], threads)
+    if "missing" in found:
+        return reading(failed=f"missing: {found['missing']}")
+    place, normal = (np.asarray(found[name], dtype=float) for name in ("place", "normal"))
+    angle = scene.angles(normal, scene.true_normals(place / CELL, "sphere", RADIUS))
+    return reading(float(angle.mean()), found["seconds"], particles=len(position))
+
+
 # Starts are jitters of the cloud's lattice. Times come from the experiment's runs `solvers` and `normals_cost`.
 
 

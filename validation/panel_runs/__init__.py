@@ -1,1 +1,0 @@
-"""Runs of panels of error against time that no packaged scene gives."""
