@@ -25,7 +25,7 @@ from validation import judging  # noqa: E402
 from validation.__main__ import add_options, options_of  # noqa: E402
 from validation.checks import CLAIM, FAIL  # noqa: E402
 from validation.experiment import Experiment, Options, Part, discover  # noqa: E402
-from validation.perform import EXIT_FAILED, Performed, exit_code, machine, perform, stored_kernels  # noqa: E402
+from validation.perform import EXIT_FAILED, Performed, exit_code, machine, perform  # noqa: E402
 from validation.report import WIDTH, Whole, as_json, summary, write_page  # noqa: E402
 
 # The main job: runs by experiment, in two groups that are performed one after the other. Other experiments follow with
@@ -83,7 +83,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
             sys.stderr.flush()
             print(f"\nFirst picture after {time.perf_counter() - began:.0f} s: {picture}", file=out, flush=True)
 
-    kernels = stored_kernels()
     performed: list[Performed] = []
     try:
         experiments = discover()
@@ -99,7 +98,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         titles={name: each.title for name, each in experiments.items()},
         claims=claims,
         seconds=time.perf_counter() - began,
-        kernels=stored_kernels() - kernels,
         machine=here,
         figures=options.figures,
     )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import datetime
 import gzip
 import json
@@ -274,44 +273,18 @@ def _compute_there(
 
 
 def compute(experiment: str, run: Run, folder: Path, context: Context | None = None, command: str = "") -> None:
-    """Compute one run and store its result, with when, where and with what that was, and how long it took.
-
-    Kernels are compiled in child processes, which do nothing else: their processor seconds are those of compiling.
-    """
+    """Compute one run and store its result, with when, where and with what that was, and how long it took."""
     context, began = context or Context(threads=1), time.perf_counter()
-    own, compiling, kernels = time.process_time(), child_seconds(), stored_kernels()
     result = run.function(context, **run.parameters)
-    own, compiling = time.process_time() - own, max(child_seconds() - compiling, 0.0)
     about = {
         "experiment": experiment, "run": run.key, "parameters": dict(run.parameters),
-        "seconds": round(time.perf_counter() - began, 3), "seconds_compiling": round(context.compile_seconds(), 3),
-        "processor_seconds": round(own + compiling, 3), "processor_seconds_compiling": round(compiling, 3),
-        "kernels_compiled": stored_kernels() - kernels, "command": command,
+        "seconds": round(time.perf_counter() - began, 3), "command": command,
         "date": datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d"), "commit": commit(),
         "machine": machine(context.gpu()),
     }  # fmt: skip
     save(folder, Result(result.values, result.arrays, about))
     if load(folder) is None:
         raise OSError(f"{folder} cannot be read back")
-
-
-def child_seconds() -> float:
-    """Processor seconds of this process's child processes: of all that have ended and, on Linux, of those that run."""
-    times = os.times()
-    seconds = times.children_user + times.children_system
-    for listed in Path("/proc/self/task").glob("*/children"):
-        with contextlib.suppress(OSError):  # the thread or the child has ended meanwhile
-            for child in listed.read_text().split():
-                fields = Path(f"/proc/{child}/stat").read_text().rpartition(")")[2].split()
-                seconds += sum(map(int, fields[11:15])) / os.sysconf("SC_CLK_TCK")  # user, system, both of its children
-    return seconds
-
-
-def stored_kernels() -> int:
-    """Number of compiled kernels in the cache."""
-    from refsim.backends.cache import cache_root  # loads Numba, which a process may do only once it is ready
-
-    return sum(1 for _ in cache_root().rglob("*.nbc"))
 
 
 def write_data(picture: Picture, results: Mapping[str, Any], folder: Path) -> Path:

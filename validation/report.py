@@ -37,22 +37,12 @@ def report(performed: Sequence[Performed], stream: TextIO) -> None:
         for table in each.tables:
             print(f"\n{table}", file=stream)
     lines = notes(performed)
-    now = computed(performed)
-    if now:
-        seconds, compiling = (sum(about.get(name, 0.0) for about in now) for name in ("seconds", "seconds_compiling"))
-        lines.append(
-            f"Computing took {seconds:.1f} s; of these, {compiling:.1f} s went into starting, and compiling or loading"
-            " kernels."
-        )
+    if now := [r.about for each in performed for key, r in each.results.items() if key not in each.reused]:
+        lines.append(f"Computing took {sum(about.get('seconds', 0.0) for about in now):.1f} s.")
     if lines:
         print("\n" + "\n".join(lines), file=stream)
     if table := check_table(performed):
         print("\n" + table, file=stream)
-
-
-def computed(performed: Sequence[Performed]) -> list[Mapping[str, Any]]:
-    """What is noted about each result that was not stored before."""
-    return [r.about for each in performed for key, r in each.results.items() if key not in each.reused]
 
 
 def notes(performed: Sequence[Performed]) -> list[str]:
@@ -100,7 +90,7 @@ class Whole:
     """All that `scripts/reproduce.py` has done.
 
     titles   of the experiments, by name
-    seconds  of wall time, of everything; kernels: how many were compiled
+    seconds  of wall time, of everything
     figures  folder of the pictures
     """
 
@@ -109,7 +99,6 @@ class Whole:
     titles: Mapping[str, str]
     claims: Sequence[tuple[Entry, Check | None]]
     seconds: float
-    kernels: int
     machine: Mapping[str, Any]
     figures: Path
 
@@ -127,21 +116,10 @@ class Whole:
             found += [(experiment, words, c) for c in exact[:1] or named[-1:]]
         return found[:5]
 
-    def spent(self) -> list[tuple[str, str, Mapping[str, Any]]]:
-        """(part, run, what is noted about its result) of what was computed now."""
-        return [
-            (each.part.name, key, result.about)
-            for each in self.performed
-            for key, result in each.results.items()
-            if key not in each.reused
-        ]
-
 
 def summary(whole: Whole, page: Path) -> str:
     """The end of the main job, at most LINES lines of WIDTH characters: seconds, five numbers, what failed, places."""
     lines = []
-    if spent := whole.spent():
-        lines += ["", *_plain(seconds_table([(part, about) for part, _, about in spent], 7))]
     rows = [["", "measured", "paper", "bar", "verdict"]]
     rows += [[words, number(c.value), c.paper, c.bar, c.verdict] for _, words, c in whole.five()]
     lines += ["", *_plain(Table("", rows[0], rows[1:]))] if len(rows) > 1 else []
@@ -151,13 +129,8 @@ def summary(whole: Whole, page: Path) -> str:
     changed = [check for check in measured if check.verdict == FAIL]
     if measured:
         said += f" Claims measured: {len(measured)}, {len(changed)} with a verdict other than written."
-    total, compiling = (
-        sum(about.get(name, 0.0) for _, _, about in spent)
-        for name in ("processor_seconds", "processor_seconds_compiling")
-    )
-    share = f"; {compiling:.0f} of {total:.0f} processor seconds went into compiling {whole.kernels} kernels"
     last = [
-        said, f"It took {whole.seconds:.0f} s{share if spent else ''}.", f"Pictures: {whole.figures}",
+        said, f"It took {whole.seconds:.0f} s.", f"Pictures: {whole.figures}",
         f"Every table, picture and verdict: {page}",
     ]  # fmt: skip
     bad = [f"failed: {name} {c.name}: {number(c.value)}, bar {c.bar}" for name, c in whole.checks if c.verdict == FAIL]
@@ -180,28 +153,6 @@ def _plain(table: Table) -> list[str]:
     """The table's heading and rows alone."""
     _, heading, _, *rows = str(dataclasses.replace(table, note="")).splitlines()
     return [heading, *rows]
-
-
-def seconds_table(noted: Iterable[tuple[str, Mapping[str, Any]]], most: int = 0) -> Table:
-    """Seconds that were spent, summed over (name, what is noted about a result), the longest first.
-
-    most  rows, the last of them the sum of all that are left; 0 for all
-    """
-    names = ("seconds", "processor_seconds", "processor_seconds_compiling", "kernels_compiled")
-    sums: dict[str, list[float]] = {}
-    for name, about in noted:
-        before = sums.get(name, [0.0] * len(names))
-        sums[name] = [value + about.get(key, 0.0) for value, key in zip(before, names)]
-    rows = sorted(sums.items(), key=lambda item: -item[1][1])
-    if most and len(rows) > most:
-        rest = rows[most - 1 :]
-        rows = [*rows[: most - 1], (f"{len(rest)} others", [sum(values) for values in zip(*(row[1] for row in rest))])]
-    return Table(
-        "Seconds of what was computed now",
-        ["", "wall, s", "processor, s", "of it compiling, s", "kernels"],
-        [[name, *(round(value, 1) for value in values[:3]), round(values[3])] for name, values in rows],
-        "Runs side by side share the wall time. A kernel for which two runs wait is counted in both.",
-    )
 
 
 # The page
@@ -234,7 +185,7 @@ def page(whole: Whole) -> str:
     head = ["experiment", "quantity", "paper", "measured", "unit", "bar", "verdict"]
     parts = [
         f"<h1>{escape(whole.title)}</h1>",
-        f"<p>{day}. {escape(here)}. It took {whole.seconds:.0f} s; {whole.kernels} kernels were compiled.</p>",
+        f"<p>{day}. {escape(here)}. It took {whole.seconds:.0f} s.</p>",
         "<nav>" + " ".join(_link(name, name) for name in _names(whole)) + "</nav>",
         '<h2 id="summary">The numbers that matter</h2>',
         _html(head, [[_link(name, name), *_verdict_cells(c)] for name, _, c in whole.five()]),
@@ -250,10 +201,6 @@ def page(whole: Whole) -> str:
     for each in whole.performed:
         parts += _section(each, whole.titles.get(each.part.name, ""), head[1:])
     parts += ['<h2 id="claims">Claims of the papers</h2>', _claims(whole.claims)]
-    parts += [
-        '<h2 id="seconds">Seconds</h2>',
-        _table(seconds_table([(f"{part} {key}", about) for part, key, about in whole.spent()])),
-    ]
     title = escape(whole.title)
     return (
         f'<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n<title>{title}</title>\n'
@@ -264,7 +211,7 @@ def page(whole: Whole) -> str:
 
 
 def _names(whole: Whole) -> list[str]:
-    return ["summary", *(each.part.name for each in whole.performed), "claims", "seconds"]
+    return ["summary", *(each.part.name for each in whole.performed), "claims"]
 
 
 def _link(name: str, words: str) -> str:

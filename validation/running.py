@@ -22,22 +22,17 @@ class Context:
 
     progress: Callable[[float], None] = lambda share: None
     threads: int | None = None
-    started: list[tuple[float, Simulation]] = field(default_factory=list)
+    started: list[Simulation] = field(default_factory=list)
 
     def simulation(self, scene: Scene | Plan, backend: str, threads: int | None = None) -> Simulation:
-        """A simulation whose time for starting and compiling is counted."""
-        began = time.perf_counter()
+        """A simulation that the run has started."""
         made = Simulation(scene, backend=backend, threads=threads or self.threads)
-        self.started.append((time.perf_counter() - began, made))
+        self.started.append(made)
         return made
 
     def gpu(self) -> bool:
         """Whether a simulation ran on a GPU."""
-        return any(made.backend.name == "cuda" for _, made in self.started)
-
-    def compile_seconds(self) -> float:
-        """Wall seconds of starting all simulations and of every stage's first call: compiling, or loading kernels."""
-        return float(sum(start + first_call_seconds(simulation) for start, simulation in self.started))
+        return any(made.backend.name == "cuda" for made in self.started)
 
 
 @contextmanager

@@ -67,7 +67,7 @@ def performed(experiments, folder):
     done = perform([each.part(options) for each in experiments], options, stream=io.StringIO())
     claims = [(claim, None) for claim in read_all(CLAIM)]
     titles = {each.name: each.title for each in experiments}
-    return Whole("refsim: <a test>", done, titles, claims, 12.3, 7, {"processor": "A & B"}, options.figures)
+    return Whole("refsim: <a test>", done, titles, claims, 12.3, {"processor": "A & B"}, options.figures)
 
 
 # What it runs
@@ -112,14 +112,14 @@ def test_reproduce_ends_with_a_short_summary_and_writes_the_page(verdict, code, 
     assert re.search(r"^First picture after \d+ s: .*fake_plot.png$", printed, re.MULTILINE)
     assert f"{60 * (verdict == PASS)} checks passed, {60 * (verdict == FAIL)} failed" in printed
     assert (" more, see the report" in printed) == (verdict == FAIL)
-    assert re.search(r"It took \d+ s; \d+ of \d+ processor seconds went into compiling \d+ kernels\.", printed)
+    assert re.search(r"^It took \d+ s\.$", printed, re.MULTILINE)
     assert (tmp_path / "results" / "report.html").exists()
     assert not (tmp_path / "results" / "fake" / "run_1").exists()
     assert [folder.name[:5] for folder in (tmp_path / "results" / "fake").iterdir()] == ["run_0"]
     assert script.main(["--quick", "--threads", "1", "--json"]) == code
     again = capsys.readouterr()
     assert json.loads(again.out)["quantity.0"]["verdict"] == verdict
-    assert "processor seconds" not in again.err, "everything was reused"
+    assert "Computing took" not in again.err, "everything was reused"
 
 
 # The page
@@ -161,9 +161,9 @@ def test_page_holds_every_picture_table_and_verdict_and_loads_nothing(tmp_path):
     reader.feed(text)
     assert reader.open == []
     assert len(set(reader.names)) == len(reader.names)
-    assert {"summary", "failed", "fake", "other", "claims", "seconds"} <= set(reader.names)
+    assert {"summary", "failed", "fake", "other", "claims"} <= set(reader.names)
     assert all(link.startswith("#") and link[1:] in reader.names for link in reader.links)
-    assert {"#fake", "#other", "#claims", "#seconds"} <= set(reader.links)
+    assert {"#fake", "#other", "#claims"} <= set(reader.links)
     files = [path for each in whole.performed for path in each.drawn.values()]
     assert len(reader.images) == len(files) == 4
     for source, file in zip(reader.images, files):
@@ -178,4 +178,3 @@ def test_page_holds_every_picture_table_and_verdict_and_loads_nothing(tmp_path):
     assert text.count("a &lt;quantity&gt; &amp; &quot;more&quot;") == 3, "twice by experiment, once in what failed"
     assert text.count("<caption>A &lt;table&gt;</caption>") == 2
     assert all(claim.name in text for claim in read_all(CLAIM))
-    assert "run_0" in text.partition('id="seconds"')[2]

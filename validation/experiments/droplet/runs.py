@@ -542,7 +542,7 @@ def low_viscosity(trial: Trial, ohnesorge: float, shape: str, count: int = 1331)
     drop = settle(trial.context, trial.backend, scene, 3 * CAPILLARY)
     if drop.stopped:
         raise RunStopped(drop.stopped, f"The drop stops: {drop.stopped}.")
-    simulation = trial.context.started[-1][1]
+    simulation = trial.context.started[-1]
     trial.show("momentum scale", drop.moving)
     trial.account(simulation, isolated=True)
     for what, value, bound in (
@@ -602,7 +602,7 @@ def step_cell(
         # A scene refuses a factor above 1, a plan does not.
         forced = dataclasses.replace(plan, scene=msgspec.structs.replace(made, step_factor=factor))
         drop = settle(context, backend, forced, until)
-        limiter[factor] = max(context.started[-1][1].limiters.items(), key=lambda item: item[1], default=("", 0))[0]
+        limiter[factor] = max(context.started[-1].limiters.items(), key=lambda item: item[1], default=("", 0))[0]
         return drop
 
     reference = run(0.5)

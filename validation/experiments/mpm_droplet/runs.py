@@ -1286,7 +1286,7 @@ def close_drops(trial: Trial, gap: float) -> None:
     one = disc(6.0)
     place = np.vstack([one, one + [12.0 + gap, 0.37, 0.0]])
     ledger = free_body(trial, liquid(place), 0.2, angular=REMADE)
-    size = trial.context.started[-1][1]._shared["surface"].latest.component_size
+    size = trial.context.started[-1]._shared["surface"].latest.component_size
     trial.check("particles in one component", float(np.asarray(size).min()), equals=len(place))
     trial.check("extent over the start's", ledger.last("extent") / ledger.rows[0]["extent"], at_most=0.98)
 
@@ -1297,7 +1297,7 @@ def cavity(trial: Trial) -> None:
     place = disc(9.0)
     place = place[np.linalg.norm(place, axis=1) > 1.1]
     free_body(trial, liquid(place), 0.1)
-    sample = trial.context.started[-1][1]._shared["surface"].sample_position / HARD_CELLS[2]
+    sample = trial.context.started[-1]._shared["surface"].sample_position / HARD_CELLS[2]
     trial.check("samples in the hole", int((np.linalg.norm(sample, axis=1) < 3).sum()), equals=0)
 
 
