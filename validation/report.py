@@ -15,9 +15,10 @@ from html import escape
 from pathlib import Path
 from typing import Any, TextIO
 
+from refsim.core.tables import table
 from validation.checks import CLAIM, FAIL, PASS, SHOWN, Check, Entry, in_range, number
 from validation.perform import Performed
-from validation.tables import Table, aligned
+from validation.tables import Table
 
 WIDTH, LINES = 100, 25  # characters of a line and lines of the summary, at most
 FIVE = (  # the summary shows the first five that were measured: (experiment, how the check's name begins, in words)
@@ -34,15 +35,15 @@ MIME = {".png": "image/png", ".webp": "image/webp"}
 def report(performed: Sequence[Performed], stream: TextIO) -> None:
     """Write all tables; the checks come last."""
     for each in performed:
-        for table in each.tables:
-            print(f"\n{table}", file=stream)
+        for own in each.tables:
+            print(f"\n{own}", file=stream)
     lines = notes(performed)
     if now := [r.about for each in performed for key, r in each.results.items() if key not in each.reused]:
         lines.append(f"Computing took {sum(about.get('seconds', 0.0) for about in now):.1f} s.")
     if lines:
         print("\n" + "\n".join(lines), file=stream)
-    if table := check_table(performed):
-        print("\n" + table, file=stream)
+    if checked := check_table(performed):
+        print("\n" + checked, file=stream)
 
 
 def notes(performed: Sequence[Performed]) -> list[str]:
@@ -64,13 +65,14 @@ def notes(performed: Sequence[Performed]) -> list[str]:
 
 def check_table(performed: Sequence[Performed]) -> str:
     """All checks; the experiment is named once. "" without any."""
-    rows, last = [["experiment", "quantity", "paper, on file", "measured", "", "bar", "verdict"]], ""
+    rows, last = list[list[str]](), ""
     for each in performed:
         for c in each.checks:
             name = each.part.folder if each.part.kind == CLAIM else each.part.name
             rows.append([name if name != last else "", *_cells(c)])
             last = name
-    return "\n".join(aligned(rows, [False, False, False, True, False, False, False])) if len(rows) > 1 else ""
+    head = ("experiment", "quantity", "paper, on file", "measured", "", "bar", "verdict")
+    return table(rows, head, right=[3]) if rows else ""
 
 
 def _cells(check: Check) -> list[str]:

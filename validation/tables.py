@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from refsim.core.tables import table
 from validation.checks import number
 from validation.results import Result
 
@@ -23,23 +24,9 @@ class Table:
 
     def __str__(self) -> str:
         cells = [["-" if c is None else c if isinstance(c, str) else number(c) for c in row] for row in self.rows]
-        right = [
-            any(not isinstance(row[k], str) and row[k] is not None for row in self.rows)
-            for k in range(len(self.heading))
-        ]
-        lines = [self.title, *aligned([list(self.heading), *cells], right)]
+        numbers = [k for k in range(len(self.heading)) if any(isinstance(row[k], float | int) for row in self.rows)]
+        lines = [self.title, table(cells, self.heading, right=numbers)]
         return "\n".join([*lines, self.note] if self.note else lines)
-
-
-def aligned(rows: Sequence[Sequence[str]], right: Sequence[bool]) -> list[str]:
-    """Lines of a table whose first row is the heading; `right` says which columns stand to the right."""
-    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
-
-    def line(row: Sequence[str]) -> str:
-        parts = [c.rjust(w) if r else c.ljust(w) for c, w, r in zip(row, widths, right)]
-        return "  ".join(parts).rstrip()
-
-    return [line(rows[0]), "  ".join("-" * w for w in widths), *map(line, rows[1:])]
 
 
 def of_values(results: Mapping[str, Result]) -> list[Table]:
