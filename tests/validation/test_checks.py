@@ -217,7 +217,6 @@ def own(tmp_path, monkeypatch):
     for module in (judging, page):
         monkeypatch.setattr(module, "discover", lambda: {"e": Experiment("e", "title", claims={"small": one})})
     folders = ["--results", str(tmp_path / "results"), "--figures", str(tmp_path / "figures")]
-    monkeypatch.setattr(page, "MATRIX", tmp_path / "matrix.png")
     return values, folders, tmp_path
 
 
