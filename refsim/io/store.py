@@ -38,8 +38,8 @@ def write_stored(path: Path, values: Mapping[str, Any]) -> None:
 
 
 def tidy(folder: Path) -> None:
-    """Remove what killed writers of results left in the folders in it, once it is an hour old."""
-    for file in folder.glob("*/.*.tmp"):
+    """Remove what killed writers of results left in a folder and those in it, once it is an hour old."""
+    for file in (*folder.glob(".*.tmp"), *folder.glob("*/.*.tmp")):
         with contextlib.suppress(OSError):
             if file.stat().st_mtime < time.time() - OLD:
                 file.unlink()

@@ -352,11 +352,6 @@ def _content_digest(file: Path) -> bytes:
         return b"\0" * 32
 
 
-def file_of(folder: Path, key: str) -> Path:
-    """The file of a result: in one of 256 folders, so that a million of them are about 4,000 in each."""
-    return folder / key[:2] / f"{key}.json"
-
-
 def kept(folder: Path | None, key: str, notes: list[str] | None = None) -> Reading | None:
     """The reading of an earlier study in this folder; None if there is none, or its file is damaged.
 
@@ -364,7 +359,7 @@ def kept(folder: Path | None, key: str, notes: list[str] | None = None) -> Readi
     """
     if folder is None:
         return None
-    path = file_of(folder, key)
+    path = folder / f"{key}.json"
     stored = read_stored(path, notes)
     if stored is None:
         return None
@@ -384,9 +379,9 @@ def keep(folder: Path | None, key: str, setting: Setting, reading: Reading) -> N
     if folder is None:
         return
     try:
-        file_of(folder, key).parent.mkdir(parents=True, exist_ok=True)
+        folder.mkdir(parents=True, exist_ok=True)
         write_stored(
-            file_of(folder, key),
+            folder / f"{key}.json",
             {"label": setting.label, "machine": machine(), "reading": plain(dataclasses.asdict(reading))},
         )
     except OSError as error:
@@ -395,4 +390,4 @@ def keep(folder: Path | None, key: str, setting: Setting, reading: Reading) -> N
 
 def in_turn(folder: Path | None, key: str) -> AbstractContextManager[None]:
     """Let one process after the other compute this run: the next one finds its result on file."""
-    return nullcontext() if folder is None else locks.in_turn(file_of(folder, key).with_suffix(".json.lock"))
+    return nullcontext() if folder is None else locks.in_turn(folder / f"{key}.json.lock")

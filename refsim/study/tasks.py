@@ -30,6 +30,7 @@ from refsim.study.runs import (
     source_digest,
 )
 
+MANY = 10_000  # runs of one call, above which results lie in 256 folders: file systems are slow with a million in one
 RUNNING = "running"  # folder of the checkpoints of runs under way, below that of the results
 
 
@@ -146,20 +147,32 @@ class Batch:
     ) -> None:  # fmt: skip
         self.folder, self.notes = folder, notes
         self.keys = [key_of(setting, observable, reaches, threads, where) for setting in settings]
-        self.readings = {key: reading for key in self.keys if (reading := kept(folder, key, notes)) is not None}
-        open_runs = {key: s for key, s in zip(self.keys, settings) if key not in self.readings}
-        self.tasks = [task_of(key, s, name, reaches, threads, folder, timed, every) for key, s in open_runs.items()]
+        self.readings = {key: reading for key in self.keys if (reading := self.kept(key)) is not None}
+        self.tasks = [
+            task_of(key, setting, name, reaches, threads, self.place(key), timed, every)
+            for key, setting in dict(zip(self.keys, settings)).items()
+            if key not in self.readings
+        ]
         say(f"{len(self.tasks)} runs to do" + (f", {len(self.readings)} are on file" if self.readings else ""))
+
+    def place(self, key: str) -> Path:
+        """The folder of a result."""
+        return self.folder / key[:2] if len(self.keys) > MANY else self.folder
+
+    def kept(self, key: str) -> Reading | None:
+        """The reading on file, also where another call kept it that had fewer runs."""
+        found = kept(self.folder, key, self.notes)
+        return kept(self.place(key), key, self.notes) if found is None and len(self.keys) > MANY else found
 
     def perform(self, **how: Any) -> Generator[tuple[Outcome, Reading | None], None, None]:
         """Perform the tasks (`refsim.cluster.perform`); each outcome with its reading, None where there is none."""
         with closing(perform(self.tasks, **how)) as outcomes:
             for outcome in outcomes:
                 key = outcome.task.key
-                reading = kept(self.folder, key, self.notes)  # also where another process has computed it meanwhile
+                reading = self.kept(key)  # also where another process has computed it meanwhile
                 if reading is None and outcome.error is None:  # the worker's folder is another one
                     reading = outcome.value
-                    keep(self.folder, key, outcome.task.arguments[0].setting, reading)
+                    keep(self.place(key), key, outcome.task.arguments[0].setting, reading)
                 if reading is not None:
                     self.readings[key] = reading
                 yield outcome, reading

@@ -30,7 +30,7 @@ from refsim.scene.files import load_scene, put, scene_from_dict, scene_to_dict, 
 from refsim.scene.plan import make_plan
 from refsim.scene.scene import Scene
 from refsim.study.observables import Observable, observable_of
-from refsim.study.runs import Reading, Setting, kept
+from refsim.study.runs import Reading, Setting
 from refsim.study.tasks import Batch, whole_name
 from refsim.sweep.progress import Progress
 
@@ -281,7 +281,7 @@ def sweep(
                 missing[outcome.task.key] = " ".join(str(outcome.error).split())
             progress.ended(outcome)
     for key in missing:  # another process may have computed it since
-        if (stored := kept(place, key, notes)) is not None:
+        if (stored := batch.kept(key)) is not None:
             readings[key] = stored
     found = Swept(
         points=tuple(points),

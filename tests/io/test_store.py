@@ -88,9 +88,10 @@ def test_a_result_costs_the_same_among_many(tmp_path, monkeypatch):
     assert read_stored(tmp_path / "a.json") == {"value": 1.0}
 
 
-def test_what_killed_writers_left_goes_when_it_is_old(tmp_path):
-    old, young, result = (tmp_path / "4f" / name for name in (".a.json.7.tmp", ".b.json.8.tmp", "a.json"))
-    old.parent.mkdir()
+@pytest.mark.parametrize("below", ["", "4f"])
+def test_what_killed_writers_left_goes_when_it_is_old(tmp_path, below):
+    old, young, result = (tmp_path / below / name for name in (".a.json.7.tmp", ".b.json.8.tmp", "a.json"))
+    old.parent.mkdir(exist_ok=True)
     for path in (old, young, result):
         path.touch()
     for path in (old, result):

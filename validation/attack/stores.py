@@ -50,7 +50,7 @@ def command(name: str, folder: Path) -> list[str]:
 
 def values(folder: Path) -> dict[str, float]:
     """The value of every result file."""
-    return {path.name: json.loads(path.read_text())["reading"]["value"] for path in sorted(folder.glob("*/*.json"))}
+    return {path.name: json.loads(path.read_text())["reading"]["value"] for path in sorted(folder.glob("*.json"))}
 
 
 def make(seed: int, number: int) -> dict[str, Any]:
@@ -66,7 +66,7 @@ def perform(trial: dict[str, Any], folder: Path) -> tuple[str, str]:
     shutil.copytree(base(name), folder, dirs_exist_ok=True)
     write(folder)
     whole = values(folder / name)
-    path = sorted((folder / name).glob("*/*.json"))[trial["file"]]
+    path = sorted((folder / name).glob("*.json"))[trial["file"]]
     before = path.read_bytes()
     damage(path, trial["damages"])
     changed = path.is_file() and path.read_bytes() != before
