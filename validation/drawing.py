@@ -30,6 +30,8 @@ GREY = "#666666"
 UP = np.array([0.0, 0.0, 1.0])
 DOTS_PER_INCH = 160
 LARGEST_PICTURE = 300_000  # bytes
+COLUMN = 900  # pixels, of a picture on a page of the site that is 1,280 wide
+LETTERS = 9.0  # pixels there, the least size of words
 DIGITS = 9
 MEASURED = "measured"
 LONG_DATA = 10_000  # bytes of a picture's data above which its file is compressed
@@ -37,13 +39,27 @@ COLOURS = 128  # of a PNG
 WEBP = ((1.0, 62), (0.8, 70), (0.65, 75), (0.5, 75))  # share of the size, quality: the first that fits
 
 
+def enlarge_words(figure: Any) -> None:
+    """Give words of a figure that would be smaller than LETTERS on the site that size."""
+    from matplotlib.text import Text
+
+    least = LETTERS / COLUMN * 72 * figure.get_figwidth()  # points
+    for axes in figure.axes:
+        for name, axis in (("x", axes.xaxis), ("y", axes.yaxis)):
+            if any(words.get_fontsize() < least for words in axis.get_ticklabels()):
+                axes.tick_params(axis=name, labelsize=least)
+    for words in figure.findobj(Text):
+        words.set_fontsize(max(words.get_fontsize(), least))
+
+
 def save_picture(figure: Any, path: Path) -> None:
-    """Write a figure as a PNG with at most COLOURS colours, or as WebP, by the ending of `path`.
+    """Write a figure as a PNG with at most COLOURS colours, or as WebP, by the ending of `path`; its words are legible.
 
     Raises ValueError where no quality and size give a file of at most LARGEST_PICTURE bytes.
     """
     from PIL import Image
 
+    enlarge_words(figure)
     drawn = io.BytesIO()
     figure.savefig(drawn, format="png", dpi=DOTS_PER_INCH)
     image = Image.open(drawn).convert("RGB")

@@ -65,7 +65,7 @@ def _errors(study: Any, axes: Any) -> None:
                 label=f"cheapest for {100 * error:g} %: {advice.spacing:.3g} m",
             )  # fmt: skip
     if axes.get_legend_handles_labels()[0]:
-        axes.legend(fontsize=7)
+        axes.legend(fontsize=9)
     axes.xaxis.set_minor_formatter(NullFormatter())
     axes.set_xlabel("seconds")
     axes.set_ylabel("bound of the relative error")
@@ -86,5 +86,5 @@ def _changes(study: Any, axes: Any) -> None:
     axes.set_xscale("symlog", linthresh=1.0)
     if rows:
         axes.set_ylim(-0.7, len(rows) + 0.8)  # the legend stands above the bars
-        axes.legend(fontsize=7, loc="upper right")
+        axes.legend(fontsize=9, loc="upper right")
     axes.set_title("each change alone; of an effect, what it costs", fontsize=9)

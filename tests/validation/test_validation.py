@@ -277,6 +277,24 @@ def test_pictures_are_drawn_from_their_files_alone(options, monkeypatch):
         performing.redraw(case.pictures[0], options.figures / "nowhere")
 
 
+def test_words_of_a_wide_picture_are_nine_pixels_high_on_the_site(tmp_path):
+    import matplotlib.pyplot as plt
+    from matplotlib.text import Text
+
+    with drawing.style():
+        figure, axes = plt.subplots(figsize=(15.0, 2.0))
+        axes.plot([0, 1], label="line")
+        axes.tick_params(labelsize=4)
+        axes.legend(fontsize=5)
+        axes.text(0.5, 0.5, "small", fontsize=6)
+        axes.set_title("large", fontsize=30)
+        drawing.save_picture(figure, tmp_path / "wide.png")
+    sizes = {words.get_fontsize() for words in figure.findobj(Text) if words.get_text()}
+    plt.close(figure)
+    assert min(sizes) * drawing.COLUMN / (72 * 15.0) == pytest.approx(drawing.LETTERS)
+    assert max(sizes) == 30
+
+
 def test_experiments_are_found_by_their_folders(tmp_path, monkeypatch):
     folder = tmp_path / "someones_cases"
     folder.mkdir()

@@ -260,7 +260,7 @@ def sweep_picture(data: Mapping[str, Any]) -> Any:
             whole = row["area"] is not None and not row["stopped"]
             excess[at] = row["area"] - 1 if whole else np.nan
             calm = whole and row["kinetic_share"] < data["calm"]
-            words = "torn" if not whole else f"{1e3 * excess[at]:.2f}" + ("" if calm else "\nnot at rest")
+            words = "torn" if not whole else f"{1e3 * excess[at]:.2f}" + ("" if calm else "\nmoves")
             ink = "white" if whole and excess[at] > DARK else "black"
             place.text(at[1], at[0], words, ha="center", va="center", fontsize=6.5, color=ink)
             if calm and row["correction"] and (best is None or excess[at] < excess[best]):

@@ -178,7 +178,8 @@ def filling_data(results: Results) -> dict[str, Any]:
 def filling_picture(data: Mapping[str, Any]) -> Any:
     """The plate with its nodes' numbers, then the middle layer of arrayR after each pass; -1 stands for none."""
     passes, node, width = data["passes"], data["node"], data["half_width"]
-    figure, panels = plt.subplots(1, len(passes) + 1, figsize=(11.0, 3.3))
+    shares = (1.5, *(1.0 for _ in passes))
+    figure, panels = plt.subplots(1, len(passes) + 1, figsize=(10.0, 3.3), width_ratios=shares)
     plate = panels[0]
     a0, b0, _ = data["cell"]
 
@@ -190,7 +191,7 @@ def filling_picture(data: Mapping[str, Any]) -> Any:
     for s, ((a, b, _), solid) in enumerate(zip(data["cells"], data["solid"])):
         held = abs(a - a0) <= width and abs(b - b0) <= width
         colour = "white" if not solid else "#FDBE6F" if s == node else "#CFE3F5" if held else "#EEEEEE"
-        cell(plate, a, b, colour, str(s) if solid else "melted", 8 if solid else 5.5, solid)
+        cell(plate, a, b, colour, str(s) if solid else "melted", 8 if solid else 7, solid)
     corner, side = (a0 - width - 0.5, b0 - width - 0.5), 2 * width + 1
     plate.add_patch(plt.Rectangle(corner, side, side, fill=False, linewidth=1.6))
     plate.set(xlim=(-0.6, 6.6), ylim=(-0.6, 6.6))

@@ -187,7 +187,7 @@ QUALITIES = (
 def rest_picture(data: Mapping[str, Any]) -> Any:
     """Draw table 1: bars of the paper and of both cubes, and what the drops are like at the end."""
     rows = data["rows"]
-    figure, axes = plt.subplots(1, 4, figsize=(13.5, 4.6), sharey=True, width_ratios=(2.2, 1, 1, 1))
+    figure, axes = plt.subplots(1, 4, figsize=(11.0, 5.4), sharey=True, width_ratios=(2.2, 1, 1, 1.3))
     at = np.arange(len(rows))[::-1]
     longest = max([row[s]["seconds"] or 0 for row in rows for s in SHAPES] + [row["paper_s"] or 0 for row in rows])
     bars = [("paper", 0.27, GREY), *zip(SHAPES, (0.0, -0.27), (BLUE, GREEN))]
