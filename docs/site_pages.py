@@ -220,8 +220,8 @@ def readable(app: Any, tree: Any) -> None:
     for node in tree.findall():
         if node.tagname == "image":
             node.setdefault("scale", 100)  # Sphinx links a scaled picture to its file
-        if node.tagname == "entry" and len(node.astext()) > 80:
-            node["classes"].append("sentences")
+        if node.tagname == "entry" and len(words := node.astext()) > 30 and " " in words:
+            node["classes"].append("sentences" if len(words) > 80 else "words")
 
 
 def literal_tables(app: Any, what: str, name: str, found: Any, options: Any, lines: list[str]) -> None:
