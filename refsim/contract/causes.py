@@ -1,13 +1,15 @@
 """Why an answer is wrong, in words: hypotheses that the oracle tries, and calls of the program on fewer particles.
 
-A cause is named only where what it predicts is what the program gave, in every row that is looked at. The oracle
-predicts by altered inputs (half the support radius, m_i in place of m_j). The program itself is called on the worst
-particle alone, then with more and more of its neighbours: the first that spoils the answer is the pair that matters.
+A cause is named only where what it predicts is what the program gave. The oracle predicts by altered inputs: for all
+rows (half the support radius), or for some of the wrong ones (m_i in place of m_j). The program itself is called on the
+worst particle alone, then with more and more of its neighbours: the first that spoils the answer is the pair that
+matters.
 """
 
 from __future__ import annotations
 
 import contextlib
+import time
 from collections.abc import Callable, Iterator
 from functools import cached_property, partial
 from typing import Any
@@ -16,20 +18,24 @@ import numpy as np
 
 from refsim.contract.bounds import errors, oracle, size, takes_neighbours
 from refsim.contract.inputs import Inputs, period_of
-from refsim.contract.parameters import KERNELS, followed, groups_of, shape_acts, with_kernel
-from refsim.contract.target import Judged, Outcome, Target, named_worst, worst
+from refsim.contract.parameters import KERNELS, followed, groups_of, kernel_of, shape_acts, with_kernel
+from refsim.contract.target import MOST_SEEKING, Judged, Outcome, Target, named_worst, worst
 from refsim.core.walls import WallParticles
 from refsim.neighbours.reference import nearest_image
 from refsim.smoothing import SHAPES, smoothing
 
 SAME = 1e-3  # relative spread of a factor that is the same for all particles
 SMALL = 1e-3  # share of the largest value below which a value says nothing about a factor
-LOOKED_AT = 4  # wrong rows in which a cause must agree
+LOOKED_AT = 4  # wrong rows in which a cause that is predicted row by row must agree
 NEAR = 1e-4  # share of its effect by which an answer may differ from what a cause predicts
 CAPACITY = 8  # neighbours from which on their number, and not one of them, may spoil an answer
 MOST_PARTICLES = 400  # of inputs with which causes are sought
+MOST_LISTED = 5000  # for which lists of all pairs are made
 MOST_PAIRS = 80  # neighbours of a particle up to which the part of each is computed
 SYMBOLS = {"mass": "m", "density": "rho", "pressure": "p", "velocity": "v", "volume": "V", "temperature": "T"}
+REPEATS = 6  # calls with the same inputs
+ENOUGH = 1.0  # s of such calls
+ROUNDINGS = 8  # of a sum over all particles, up to which an error may be one of its rounding
 SMALLEST_SINGLE = 4e-9  # share of the terms from which on an error may be one of single precision
 
 Alter = Callable[[Inputs, int], Inputs]
@@ -40,8 +46,10 @@ def judgement(target: Target, step: str, trial: str, judged: Judged) -> Outcome:
     error = worst(judged.found)
     if error <= 1 or target.faults:
         return target.outcome(step, trial, error, named_worst(judged.found, judged.rows), telling=judged.telling)
+    began = time.perf_counter()
     with np.errstate(all="ignore"):  # which a library may have changed for the whole process
-        words, values = Wrong(target, judged).told(target.explain(trial))
+        words, values = Wrong(target, judged).told(target.sought.seconds < MOST_SEEKING)
+    target.sought.seconds += time.perf_counter() - began
     return target.outcome(step, trial, error, words, telling=judged.telling, values=values)
 
 
@@ -66,17 +74,25 @@ class Wrong:
         self.right = np.asarray(value, dtype=float)
         self.scale = np.broadcast_to(np.asarray(scale, dtype=float), self.right.shape)
         self.wrong = ~(self.ratio <= 1)
-        self.error = np.sqrt(((self.got - self.right).reshape(len(self.right), -1) ** 2).sum(1))
+        self.error = lengths(self.got - self.right)
+        bound = np.where(self.ratio > 0, self.error / np.maximum(self.ratio, 1e-300), np.nan)
+        self.bound = np.where(np.isnan(bound), np.nanmedian(bound), bound)
         self.worst = int(np.argmax(self.ratio))
         self.own = self.inputs.per_particle(self.name)
+        self.taken, self.count = self.operation.arguments("numpy"), len(self.inputs["position"])
 
     def told(self, deep: bool) -> tuple[str, dict[str, Any]]:
         """(cause, values of the worst row); with `deep` the oracle and the program are called to find them."""
         words, partner = self.plain(), None
         if not words and deep and self.own and takes_neighbours(self.operation):
-            steps: tuple[Callable[[], tuple[str, int | None]], ...] = (self.unsteady,)
-            if len(self.inputs["position"]) <= MOST_PARTICLES:
-                steps += (self.predicted, self.reduced, self.located, self.isolated)
+            steps: tuple[Callable[[], tuple[str, int | None]], ...] = ()
+            if not self.target.listed or self.count <= MOST_LISTED:
+                steps += (self.unsteady,)
+            if self.count <= MOST_PARTICLES:
+                steps += (self.predicted, self.reduced)
+            steps += (self.rounded,)
+            if self.count <= MOST_PARTICLES:
+                steps += (self.off_by_one, self.located, self.isolated)
             for seek in steps:
                 with contextlib.suppress(TypeError, ValueError, IndexError, KeyError, AttributeError):
                     words, partner = seek()
@@ -119,20 +135,18 @@ class Wrong:
 
     def single(self) -> str:
         """An error of the size of single precision, or one that comes with the number of particles."""
-        share = self.error / np.maximum(size(self.scale).reshape(-1), 1e-300)
-        typical = float(np.median(share[self.wrong]))
-        if self.target.dtype == "float64" and SMALLEST_SINGLE < typical < 1e-4:
+        share = self.error / np.maximum(np.maximum(size(self.scale).reshape(-1), lengths(self.right)), 1e-300)
+        typical, most = float(np.median(share[self.wrong])), 1e-4
+        if self.mixed and self.error.max() <= self.total_rounding("float32"):
+            most = 1.0
+        if self.target.dtype == "float64" and SMALLEST_SINGLE < typical < most and 2 * self.wrong.sum() > len(share):
             return (
                 f"the error of {self.name} has the size of single precision: something is computed or summed in float32"
             )
-        count = len(self.inputs["position"])
-        if self.own and count > 2**16 and takes_neighbours(self.operation):
+        if self.own and self.count > 2**16 and takes_neighbours(self.operation):
             high = np.array([i >= 2**16 or (self.near(int(i)) >= 2**16).any() for i in self.number])
             if not (self.wrong & ~high).any() and (~high).any():
                 return f"{self.name} is wrong where a particle's number exceeds 65,535: is an index held in 16 bits?"
-            if typical < 0.05:
-                words = f"{self.name} is wrong by {typical:.2g} of itself with {count} particles"
-                return f"{words}: is a sum over all of them taken in float32?"
         return ""
 
     def shared(self) -> str:
@@ -157,7 +171,9 @@ class Wrong:
 
     def inside(self, i: int) -> int:
         """How many of `near` are within the support radius."""
-        return int((self.distances(i)[self.near(i)] < self.inputs.case.list_radius).sum())
+        kernel = kernel_of(self.operation, self.inputs)
+        radius = self.inputs.case.list_radius if kernel is None else float(kernel.support_radius)
+        return int((self.distances(i)[self.near(i)] < radius).sum())
 
     @cached_property
     def looked_at(self) -> list[int]:
@@ -169,15 +185,19 @@ class Wrong:
 
     def unsteady(self) -> tuple[str, int | None]:
         """Other values in another call."""
-        quiet = self.target.quiet()
-        first, other = (quiet.launch(self.inputs)[1][self.name] for _ in range(2))
-        bound = self.error / np.maximum(self.ratio, 1e-300)
-        if not (size(first - other).reshape(-1)[self.number if self.own else ...] > bound).any():
-            return "", None
-        return (
-            f"your program gives other values of {self.name} for the same inputs: a race between threads, or memory"
-            " that is read before it is written"
-        ), None
+        quiet, began = self.target.quiet(), time.perf_counter()
+        for _ in range(REPEATS):
+            other = quiet.launch(self.inputs)[1][self.name]
+            other = other if len(other) == len(self.got) else other[self.number]
+            if (lengths(other - self.after) > self.bound).any():
+                self.target.sought.unsteady = (
+                    f"your program gives other values of {self.name} for the same inputs: a race between threads, or"
+                    " memory that is read before it is written"
+                )
+                break
+            if time.perf_counter() - began > ENOUGH:
+                break
+        return self.target.sought.unsteady, None
 
     def holds_on(self, i: int, others: np.ndarray) -> bool:
         """Whether the program is right for particle i among `others`, wall particles as they are."""
@@ -192,12 +212,11 @@ class Wrong:
 
     def reduced(self) -> tuple[str, int | None]:
         """What the program is right without."""
-        taken = self.operation.arguments("numpy")
         for name, alter, words in (
             ("period", without_period, "with a period: is the nearest image taken in both directions?"),
             ("walls", without_walls, "with wall particles: their position, side or sign"),
         ):
-            given = self.inputs[name] if name in taken else None
+            given = self.inputs[name] if name in self.taken else None
             if given is None or (name == "walls" and not len(given.position)):
                 continue
             other, quiet = alter(self.inputs, 0), self.target.quiet()
@@ -214,10 +233,11 @@ class Wrong:
         if not self.holds_on(i, near[:0]):
             return f"{self.name} is wrong for a particle alone", None
         if self.holds_on(i, near):
-            return (
-                f"{self.name} is right for particle {i} and its neighbours alone: particles out of reach are counted",
-                None,
+            apart = (
+                f"{self.name} is right for a particle and its neighbours alone, and wrong with particles out of reach"
             )
+            small = self.error.max() <= self.total_rounding(self.target.dtype)
+            return (self.summed if small else f"{apart}: is there a cut at r = h?"), None
         low, high = 0, len(near)
         while high - low > 1:
             middle = (low + high) // 2
@@ -237,14 +257,46 @@ class Wrong:
     def predicted(self) -> tuple[str, int | None]:
         """The first hypothesis that explains all rows that are looked at."""
         for words, alter in self.hypotheses():
-            if self.explains(partial(self.altered, alter=alter)):
+            if self.explains_all(alter):
                 return words, None
+        for name in self.taken:
+            taken = name != "position" and self.inputs.per_particle(name) and not self.inputs.dropped(name)
+            if taken and self.explains(partial(self.altered, alter=partial(same, name))):
+                symbol = SYMBOLS.get(name, name)
+                return f"the answer has {symbol}_i in place of {symbol}_j", None
         for words, sign in (
             ("leaves out the particle itself (missing self term)", -1),
             ("counts the particle itself twice", 1),
         ):
             if self.explains(partial(self.with_self, sign=sign)):
                 return f"your program {words}", None
+        return "", None
+
+    def rounded(self) -> tuple[str, int | None]:
+        """Errors of both signs, of the size of the rounding of a sum over all particles."""
+        return (self.summed if self.mixed and self.error.max() <= self.total_rounding(self.target.dtype) else ""), None
+
+    @cached_property
+    def mixed(self) -> bool:
+        """Whether errors of both signs are frequent."""
+        signs = np.sign((self.got - self.right).reshape(len(self.got), -1)[self.wrong, 0])
+        return bool(min((signs > 0).sum(), (signs < 0).sum()) > 0.2 * len(signs))
+
+    def total_rounding(self, dtype: str) -> float:
+        """Rounding of a sum over all particles in a precision."""
+        total = float(np.maximum(size(self.scale).reshape(-1), lengths(self.right)).mean()) * self.count
+        return ROUNDINGS * float(np.finfo(dtype).eps) * total
+
+    @property
+    def summed(self) -> str:
+        """Words for an error of that size."""
+        return (
+            f"the error of {self.name} has the size of the rounding of a sum over all particles: is one taken in"
+            f" {self.target.dtype}?"
+        )
+
+    def off_by_one(self) -> tuple[str, int | None]:
+        """One neighbour too few or too many in each wrong row."""
         for words, sign in (("one neighbour is missing", -1), ("one neighbour is counted twice", 1)):
             partner = self.closest(self.worst, sign)
             if partner is not None and self.explains(partial(self.with_best, sign=sign)):
@@ -252,9 +304,8 @@ class Wrong:
         return "", None
 
     def hypotheses(self) -> Iterator[tuple[str, Alter]]:
-        """(words, inputs that would give the program's answer)."""
-        operation, inputs = self.operation, self.inputs
-        taken = operation.arguments("numpy")
+        """(words, inputs that would give the program's answer in all rows)."""
+        operation, inputs, taken = self.operation, self.inputs, self.taken
         yield "the answer is that of half the support radius: h/2 in place of h", partial(scaled, operation, 0.5)
         yield "the answer is that of twice the support radius: 2 h in place of h", partial(scaled, operation, 2.0)
         if any(name in taken for name in KERNELS):
@@ -265,10 +316,6 @@ class Wrong:
             )
             for shape in SHAPES if shape_acts(operation) else ():
                 yield f"the answer is that of the kernel {shape}", partial(shaped, operation, shape)
-        for name in taken:
-            if name != "position" and inputs.per_particle(name) and not inputs.dropped(name):
-                symbol = SYMBOLS.get(name, name)
-                yield f"the answer has {symbol}_i in place of {symbol}_j", partial(same, name)
         if "mass" in taken and "density" in taken:
             yield "the answer has m_j/rho_j in place of m_j", partial(with_mass, inputs["mass"] / inputs["density"])
             yield "the answer has m_j in place of m_j/rho_j", partial(with_mass, inputs["mass"] * inputs["density"])
@@ -276,6 +323,8 @@ class Wrong:
             yield "the answer is that without a period", without_period
         if "walls" in taken and inputs["walls"] is not None and len(inputs["walls"].position):
             yield "the answer is that without wall particles", without_walls
+            for axis in range(inputs.case.dim):
+                yield f"the wall particles are mirrored: {'xyz'[axis]} has the wrong sign", partial(mirrored, axis)
 
     def altered(self, k: int, alter: Alter, row: int | None = None) -> np.ndarray:
         """The oracle's answer in the k-th row with altered inputs, where it is the answer's row `row`."""
@@ -292,18 +341,22 @@ class Wrong:
         return self.right[k] + sign * self.best(k, sign)
 
     def explains(self, predict: Callable[[int], Any]) -> bool:
-        """Whether what a cause predicts is what the program gave, where the cause has an effect at all."""
-        hits = 0
-        for k in self.looked_at:
-            prediction = np.atleast_1d(predict(k))[None]
-            effect = float(size(prediction - self.right[k])[0].max())
-            bound = float(self.error[k] / self.ratio[k])
-            if effect <= 4 * bound:
-                continue
-            if not float(size(prediction - self.got[k])[0].max()) <= max(8 * bound, NEAR * effect):
-                return False
-            hits += 1
-        return hits >= min(2, len(self.looked_at))
+        """Whether what a cause predicts is what the program gave, in the rows that are looked at."""
+        rows = self.looked_at
+        return self.agrees(np.array([predict(k) for k in rows]).reshape(self.right[rows].shape), rows)
+
+    def explains_all(self, alter: Alter) -> bool:
+        """Whether altered inputs give what the program gave, in all rows, right ones too."""
+        prediction = oracle(self.operation, alter(self.inputs, 0), self.number)[self.name][0]
+        return self.agrees(prediction, list(range(len(self.right))))
+
+    def agrees(self, prediction: np.ndarray, rows: list[int]) -> bool:
+        """Whether a prediction for some rows is the program's answer, and not the right one in the wrong rows."""
+        effect, bound = lengths(prediction - self.right[rows]), self.bound[rows]
+        if not (lengths(prediction - self.got[rows]) <= np.maximum(8 * bound, NEAR * effect)).all():
+            return False
+        hits = int((self.wrong[rows] & (effect > 4 * bound)).sum())
+        return hits >= min(2, int(self.wrong.sum()))
 
     @cached_property
     def _parts(self) -> dict[int, tuple[np.ndarray, np.ndarray]]:
@@ -339,7 +392,7 @@ class Wrong:
 
     def located(self) -> tuple[str, int | None]:
         """A number of neighbours above which all rows are wrong, and below which none is."""
-        if not (self.own and takes_neighbours(self.operation)) or len(self.inputs["position"]) > MOST_PARTICLES:
+        if not (self.own and takes_neighbours(self.operation)) or self.count > MOST_PARTICLES:
             return "", None
         counted = np.array([self.inside(int(i)) for i in self.number])
         most = counted[~self.wrong].max(initial=-1)
@@ -366,7 +419,7 @@ class Wrong:
             i = int(self.number[k])
             told["neighbours"] = self.inside(i)
             near = self.near(i)[: told["neighbours"]]
-            if partner is None and len(near) and len(self.inputs["position"]) <= MOST_PARTICLES:
+            if partner is None and len(near) and self.count <= MOST_PARTICLES:
                 with contextlib.suppress(TypeError, ValueError, IndexError, KeyError, AttributeError):
                     partner = min((self.closest(k, sign) for sign in (-1, 1)), key=lambda j: -1 if j is None else j)
             if partner is None and len(near):
@@ -406,6 +459,11 @@ def factor_between(got: np.ndarray, value: np.ndarray) -> float | None:
         if abs(factor - plain) <= SAME:
             return plain
     return factor
+
+
+def lengths(values: np.ndarray) -> np.ndarray:
+    """Length of each row, of whatever shape."""
+    return np.sqrt((np.asarray(values, dtype=float).reshape(len(values), -1) ** 2).sum(1))
 
 
 # Altered inputs
@@ -471,3 +529,11 @@ def without_period(inputs: Inputs, i: int) -> Inputs:
 def without_walls(inputs: Inputs, i: int) -> Inputs:
     """The same without wall particles."""
     return inputs.replaced(walls=WallParticles(np.zeros((0, 3), inputs.dtype), np.zeros(0, inputs.dtype)))
+
+
+def mirrored(axis: int, inputs: Inputs, i: int) -> Inputs:
+    """The same with wall particles whose coordinate along an axis has the other sign."""
+    walls = inputs["walls"]
+    position = np.array(walls.position)
+    position[:, axis] *= -1
+    return inputs.replaced(walls=walls._replace(position=position))

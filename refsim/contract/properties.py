@@ -119,6 +119,12 @@ CONSERVED = {
 
 # T5: the same particles, described otherwise
 
+MOVED = {
+    "translation": "a translation of all particles",
+    "reordering": "another order of the particles",
+    "rotation": "a rotation of all particles",
+    "images": "particles that are moved by a period",
+}
 Description = tuple[Inputs, Callable[[np.ndarray], np.ndarray]]  # inputs, and what brings an answer back
 
 
@@ -190,7 +196,7 @@ def _compared(usual: Usual, name: str, other: Callable[[], Description]) -> Outc
     found = errors(target.operation, inputs, before, brought, answer=scales, share=2.0)
     words = named_worst(found)
     if not worst(found) <= 1:
-        words = f"your program's answer does not follow a {name.split()[0]} of all particles: {words}"
+        words = f"your program's answer does not follow {MOVED[name.split()[0]]}: {words}"
     return target.outcome("T5", f"{name} of {usual.case}", worst(found), words)
 
 

@@ -30,7 +30,7 @@ from refsim.core.operation import Operation, backend_of
 
 Answer = Mapping[str, tuple[Any, Any]]
 LISTED = {"neighbours", "walls", "liquid_near_walls"}  # arguments with lists of the neighbour search
-MOST_EXPLAINED = 12  # failed trials of one operation whose cause is sought by further calls
+MOST_SEEKING = 20.0  # s for which causes of one operation's failed trials are sought by further calls
 
 
 class ProgramFailed(Exception):
@@ -39,6 +39,14 @@ class ProgramFailed(Exception):
 
 class NotJudged(Exception):
     """The inputs hold something that the program is declared not to support; the message names it."""
+
+
+@dataclass
+class Sought:
+    """What was found out about an operation's program: seconds of seeking causes, words if its answers vary."""
+
+    seconds: float = 0.0
+    unsteady: str = ""
 
 
 @dataclass(frozen=True)
@@ -150,7 +158,7 @@ class Target:
     dims: tuple[int, ...] = (3,)
     same_bits: bool = True
     readings: bool = True
-    explained: list[str] = field(default_factory=list, compare=False, repr=False)
+    sought: Sought = field(default_factory=Sought, compare=False, repr=False)
     last: dict[str, Any] = field(default_factory=dict, compare=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -187,20 +195,18 @@ class Target:
         return bool(LISTED & self.taken)
 
     def outcome(self, step: str, trial: str, error: float, words: str = "", **more: Any) -> Outcome:
-        """Passed where the error is at most the bound and no launch since the last outcome had a fault; NaN fails."""
+        """Passed where the error is at most the bound and no launch since the last outcome had a fault; NaN fails.
+
+        Of a program whose answers vary from call to call no other cause is told.
+        """
         faults = tuple(dict.fromkeys(self.faults))
         self.faults.clear()
         passed = bool(error <= 1) and not faults
-        words = "; ".join(faults) or words
+        words = "; ".join(faults) or ("" if passed else self.sought.unsteady) or words
         return Outcome(
             self.operation.name, step, trial, self.backend, self.dtype, self.variant, passed, float(error), words,
             kernel=self.kernel, dim=self.last.get("dim", 0), **more,
         )  # fmt: skip
-
-    def explain(self, trial: str) -> bool:
-        """Whether the cause of this failed trial is to be sought by further calls; of some of them it is."""
-        self.explained.append(trial)
-        return len(self.explained) <= MOST_EXPLAINED
 
     def varied(self, inputs: Inputs) -> Inputs:
         """Inputs with this variant's overrides and this target's kernel."""

@@ -1,4 +1,4 @@
-"""Densities by summation with one planted fault each, in NumPy and, by ctypes, in C++ (faults.cpp)."""
+"""Densities by summation with one planted fault each, in NumPy and, by ctypes, in C++ and Rust (faults.cpp, .rs)."""
 
 import ctypes
 import math
@@ -114,11 +114,25 @@ def _prefix(kernel):
     return density
 
 
-# C++
+# C++ and Rust
+
+COMPILERS = {
+    "cpp": ("g++", "-O2 -shared -fPIC -pthread -DREAL={real}"),
+    "rs": ("rustc", "-O --edition 2021 --crate-type cdylib -D warnings --cfg {real}"),
+}
 
 
-def in_cpp(folder, fault, kernel):
-    libraries = {d: ctypes.CDLL(str(folder / f"faults_{d}.so")) for d in ("float32", "float64")}
+def compiled(folder, language):
+    """The two libraries of faults.cpp or faults.rs in a folder."""
+    compiler, options = COMPILERS[language]
+    source = pathlib.Path(__file__).with_name(f"faults.{language}")
+    for dtype, real in (("float32", "float"), ("float64", "double")):
+        command = [compiler, *options.format(real=real).split(), source, "-o", folder / f"{dtype}.so"]
+        subprocess.run(command, check=True)
+    return {dtype: ctypes.CDLL(str(folder / f"{dtype}.so")) for dtype in ("float32", "float64")}
+
+
+def in_library(libraries, fault, kernel):
     number, cubic = FAULTS.index(fault), int(kernel == "cubic_spline")
 
     def pointer(values):
@@ -145,12 +159,3 @@ def in_cpp(folder, fault, kernel):
         libraries[str(mass.dtype)].prefix(*first, pointer(position), pointer(mass), *lists, pointer(density))
 
     return programs(prefix if fault == "prefix" else density, kernel)
-
-
-def compiled(folder, compiler):
-    """The two libraries of faults.cpp in a folder."""
-    source = pathlib.Path(__file__).with_name("faults.cpp")
-    for dtype, real in (("float32", "float"), ("float64", "double")):
-        command = [compiler, "-O2", "-shared", "-fPIC", "-pthread", f"-DREAL={real}", source, "-o"]
-        subprocess.run([*command, folder / f"faults_{dtype}.so"], check=True)
-    return folder

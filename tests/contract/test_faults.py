@@ -1,5 +1,6 @@
-"""Ten faults of a fresh engineer are noticed, each with its cause, for two kernels, in NumPy and C++."""
+"""Ten faults of a fresh engineer are noticed, each with its cause, for two kernels, in NumPy, C++ and Rust."""
 
+import functools
 import shutil
 
 import pytest
@@ -14,22 +15,25 @@ CAUSES = {
     "race": "a race between threads",
     "unset": "adds to density, which holds no number before the call; it must assign it",
     "half": "h/2 in place of h",
-    "mirror": "is wrong only with wall particles",
+    "mirror": "the wall particles are mirrored",
     "image": "is the nearest image taken in both directions?",
     "prefix": "in float32",
-    "edge": "there is no cut at r = h",
+    "edge": "cut at r = h",
 }
 STEPS = {"prefix": ("T2", "T3"), "mirror": ("T2",), "image": ("T2",)}
 VARIANTS = {"mirror": (6,), "image": (7,), "none": (0, 6, 7)}
 KERNELS = ("wendland_c2", "cubic_spline")
 
 
-@pytest.fixture(scope="module")
-def library(tmp_path_factory):
-    compiler = shutil.which("g++") or shutil.which("c++")
-    if compiler is None:
-        pytest.skip("no C++ compiler (g++ or c++) is on the path")
-    return faulty.compiled(tmp_path_factory.mktemp("cpp"), compiler)
+@pytest.fixture(scope="module", params=["numpy", "cpp", "rs"])
+def written(request, tmp_path_factory):
+    """A function of fault and kernel that gives a library in one language."""
+    if request.param == "numpy":
+        return faulty.in_numpy
+    compiler = faulty.COMPILERS[request.param][0]
+    if shutil.which(compiler) is None:
+        pytest.skip(f"the compiler {compiler} is not on the path")
+    return functools.partial(faulty.in_library, faulty.compiled(tmp_path_factory.mktemp(request.param), request.param))
 
 
 def judged(programs, fault, dtype):
@@ -37,36 +41,26 @@ def judged(programs, fault, dtype):
     return list(contract.trials(programs, "sph.density", (dtype,), variants, steps))
 
 
-def told(programs, fault):
-    """Failed trials of a faulty program."""
-    dtype = "float32" if fault == "prefix" else "float64"
-    return [o for o in judged(programs, fault, dtype) if not o.passed and not o.not_judged]
-
-
 @pytest.mark.parametrize("kernel", KERNELS)
 @pytest.mark.parametrize("fault", CAUSES)
-def test_a_fault_in_numpy_is_noticed_with_its_cause(fault, kernel):
-    failed = told(faulty.in_numpy(fault, kernel), fault)
-    assert any(CAUSES[fault] in o.words for o in failed), [str(o) for o in failed]
+def test_a_fault_is_noticed_with_its_cause(fault, kernel, written):
+    """Most failed trials name the cause, and the first does, which a report tells first."""
+    dtype = "float32" if fault == "prefix" else "float64"
+    failed = [o for o in judged(written(fault, kernel), fault, dtype) if not o.passed and not o.not_judged]
+    named = [o for o in failed if CAUSES[fault] in o.words]
+    assert failed[0] in named, [str(o) for o in failed]
+    assert len(named) > len(failed) / 2, [str(o) for o in failed]
     assert all(o.kernel == kernel for o in failed)
 
 
-@pytest.mark.parametrize("kernel", KERNELS)
-@pytest.mark.parametrize("fault", CAUSES)
-def test_a_fault_in_cpp_is_noticed_with_its_cause(fault, kernel, library):
-    failed = told(faulty.in_cpp(library, fault, kernel), fault)
-    assert any(CAUSES[fault] in o.words for o in failed), [str(o) for o in failed]
-
-
-def test_a_race_is_said_by_repeated_calls(library):
-    outcomes = contract.trials(faulty.in_cpp(library, "race", KERNELS[0]), "sph.density", ("float32",), (0,), ("T6",))
+def test_a_race_is_said_by_repeated_calls(written):
+    outcomes = contract.trials(written("race", KERNELS[0]), "sph.density", ("float32",), (6,), ("T6",))
     assert all(CAUSES["race"] in o.words for o in outcomes)
 
 
 @pytest.mark.parametrize("kernel", KERNELS)
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
-def test_the_right_programs_pass(dtype, kernel, library):
-    for programs in (faulty.in_numpy("none", kernel), faulty.in_cpp(library, "none", kernel)):
-        outcomes = judged(programs, "none", dtype)
-        assert not [str(o) for o in outcomes if not o.passed and not o.not_judged]
-        assert {o.dim for o in outcomes if o.telling} == {2, 3}
+def test_the_right_programs_pass(dtype, kernel, written):
+    outcomes = judged(written("none", kernel), "none", dtype)
+    assert not [str(o) for o in outcomes if not o.passed and not o.not_judged]
+    assert {o.dim for o in outcomes if o.telling} == {2, 3}
