@@ -85,15 +85,13 @@ class Wrong:
         """(cause, values of the worst row); with `deep` the oracle and the program are called to find them."""
         words, partner = self.plain(), None
         if not words and deep and self.own and takes_neighbours(self.operation):
-            steps: tuple[Callable[[], tuple[str, int | None]], ...] = ()
-            if not self.target.listed or self.count <= MOST_LISTED:
-                steps += (self.unsteady,)
-            if self.count <= MOST_PARTICLES:
-                steps += (self.predicted, self.reduced)
-            steps += (self.rounded,)
-            if self.count <= MOST_PARTICLES:
-                steps += (self.off_by_one, self.located, self.isolated)
-            for seek in steps:
+            sampled, small = len(self.number) * self.count <= MOST_PARTICLES**2, self.count <= MOST_PARTICLES
+            steps: tuple[tuple[Callable[[], tuple[str, int | None]], bool], ...] = (
+                (self.unsteady, not self.target.listed or self.count <= MOST_LISTED), (self.predicted, sampled),
+                (self.reduced, small), (self.rounded, True), (self.off_by_one, small), (self.located, small),
+                (self.isolated, small),
+            )  # fmt: skip
+            for seek in (seek for seek, possible in steps if possible):
                 with contextlib.suppress(TypeError, ValueError, IndexError, KeyError, AttributeError):
                     words, partner = seek()
                 if words:
@@ -187,7 +185,7 @@ class Wrong:
         """Other values in another call."""
         quiet, began = self.target.quiet(), time.perf_counter()
         for _ in range(REPEATS):
-            other = quiet.launch(self.inputs)[1][self.name]
+            other = quiet.launch(self.inputs, before=self.judged.before)[1][self.name]
             other = other if len(other) == len(self.got) else other[self.number]
             if (lengths(other - self.after) > self.bound).any():
                 self.target.sought.unsteady = (
