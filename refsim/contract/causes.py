@@ -76,7 +76,8 @@ class Wrong:
         self.wrong = ~(self.ratio <= 1)
         self.error = lengths(self.got - self.right)
         bound = np.where(self.ratio > 0, self.error / np.maximum(self.ratio, 1e-300), np.nan)
-        self.bound = np.where(np.isnan(bound), np.nanmedian(bound), bound)
+        known = bound[np.isfinite(bound)]
+        self.bound = np.where(np.isfinite(bound), bound, np.median(known) if len(known) else 0.0)
         self.worst = int(np.argmax(self.ratio))
         self.own = self.inputs.per_particle(self.name)
         self.taken, self.count = self.operation.arguments("numpy"), len(self.inputs["position"])
