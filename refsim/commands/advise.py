@@ -46,5 +46,14 @@ def execute(options: argparse.Namespace) -> CommandResult:
     text, data = advice.text_of(found), advice.data_of(found)
     if found.toml:
         data["scene"] = str(path)
-        text += f"\nwrote {path}\nrefsim run {path}" + (" --backend cuda" if options.gpu else "")
+        backend = " --backend cuda" if options.gpu else ""
+        text += f"\nwrote {path}\n{_measures(found, path)}{backend}"
     return CommandResult(data, text)
+
+
+def _measures(found: advice.Advice, path: Path) -> str:
+    """The command that gives the value."""
+    name, choice = found.panel.name, found.choice
+    if found.panel.about.reaches is None or choice is None or choice.named is None:
+        return f"refsim run {path} --observable panel:{name}"
+    return f"refsim study {name} --points {choice.named.point.key}"

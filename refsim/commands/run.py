@@ -19,6 +19,7 @@ from refsim.engine.progress import Progress, compiling_bar, say
 from refsim.engine.simulation import Simulation
 from refsim.scene.files import load_scene
 from refsim.study.cost import seconds_left
+from refsim.study.observables import Watching, observable_of
 
 DESCRIPTION = """Run a scene to its end. The folder of the run holds particles.vtkhdf (open it in ParaView),
 checkpoint.h5, report.json and, if the run stops, a post-mortem. Ctrl-C ends the run with a checkpoint."""
@@ -37,6 +38,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("--resume", metavar="FILE|DIR", help="go on from a checkpoint, or from the newest one in a folder")
     add("--overwrite", action="store_true", help="begin anew in a folder that holds an earlier run")
     add("--threads", type=int, metavar="N", help="CPU threads (one for 1,024 particles, at most all)")
+    add("--observable", metavar="WHAT", help="print its value, as refsim study takes it (panel:NAME of refsim advise)")
     add("--profile", action="store_true", help="time every pass to its end, and print the seconds by pass")
     add("--quiet", action="store_true", help="no progress")
 
@@ -49,12 +51,19 @@ def execute(options: argparse.Namespace) -> CommandResult:
     until = simulation.plan.scene.end_time if options.until is None else options.until
     if simulation.source is not None and simulation.time >= until:
         simulation.notes.append(f"the checkpoint is already at {simulation.time:.6g} s: nothing was left to do")
+    watch = _watch(options, simulation)
     progress = Progress(until, folder, options.quiet, lambda run: seconds_left(run, until, options.threads))
+
+    def shown(run: Simulation) -> None:
+        progress(run)
+        if watch is not None:
+            watch(run)
+
     try:
         with _asked_to_stop() as asked:
             given = {name: getattr(options, name) for name in ("threads", "every", "checkpoint_every", "overwrite")}
             report = simulate(
-                simulation, options.until, output=folder, progress=progress, asked_to_stop=asked.is_set, **given
+                simulation, options.until, output=folder, progress=shown, asked_to_stop=asked.is_set, **given
             )
     except RunStopped as stop:
         progress.close()
@@ -62,7 +71,21 @@ def execute(options: argparse.Namespace) -> CommandResult:
         raise
     finally:
         progress.close()
-    return CommandResult(dataclasses.asdict(report), _text(report))
+    found, text = dataclasses.asdict(report), _text(report)
+    if watch is not None:
+        name, value = watch.observable.name, watch.value(simulation)
+        found["observable"] = {"name": name, "value": value}
+        text += f"\n{name} = {value:.9g} {watch.observable.unit}".rstrip()
+    return CommandResult(found, text)
+
+
+def _watch(options: argparse.Namespace, simulation: Simulation) -> Watching | None:
+    if options.observable is None:
+        return None
+    found = Watching(observable_of(options.observable, simulation.plan), simulation.plan.scene)
+    if simulation.source is not None and found.due:
+        raise InputError(f"run: {options.observable} is read during the whole run; leave --resume out.")
+    return found
 
 
 def _begin(options: argparse.Namespace) -> tuple[Simulation, Path]:

@@ -5,6 +5,7 @@ kinetic_energy                    of all particles [J; J/m in 2D], with velociti
 field:density@0.1,0.05,0          a field at a point [m], as an average weighted with a smoothing kernel
 field:velocity.x@mean             a component of a field over all particles: mean, max or min
 gauge:NAME, gauge:NAME.force_y@max  the last value of a scene's gauge, or its mean, max or min, of a column
+panel:NAME                        that of a panel of docs/accuracy_cost.md
 FILE.py:function                  function(simulation) -> float
 
 A function of one's own may watch the run: with the attribute `times`, a function of the scene that gives moments [s],
@@ -31,6 +32,7 @@ from refsim.scene.files import suggestion
 from refsim.scene.plan import Plan
 from refsim.scene.scene import Scene
 from refsim.study.local_modules import forget, local_modules
+from refsim.study.panels import FOLDER
 
 OVER_ALL: dict[str, Callable[[np.ndarray], Any]] = {"mean": np.mean, "max": np.max, "min": np.min}
 LINK = 2.0  # spacings up to which two particles of the liquid count as connected
@@ -80,6 +82,32 @@ class Observable:
             raise InputError(f"observable {self.name}: it cannot be read ({_words(error)}); correct it.") from error
 
 
+class Watching:
+    """An observable while a run goes on: called at its start and after every step, it reads what is due.
+
+    times, values  moments [s] at which it was read, each the first step's end at or after one of its own, and what was
+    """
+
+    def __init__(self, observable: Observable, scene: Scene) -> None:
+        self.observable, self.due = observable, observable.moments(scene)
+        self.times: list[float] = []
+        self.values: list[Any] = []
+
+    def __call__(self, simulation: Simulation) -> None:
+        while self.due and simulation.time >= self.due[0]:
+            self.due.pop(0)
+            self.times.append(simulation.time)
+            self.values.append(self.observable.sample(simulation))
+
+    def value(self, simulation: Simulation) -> float:
+        """The number that was read, or that of the present state. Raises InputError where no moment has come."""
+        if self.observable.times is None:
+            return self.observable(simulation)
+        if not self.times:
+            raise InputError(f"observable {self.observable.name}: the run ended before it was read; give a later end.")
+        return self.observable.reduced(self.times, self.values)
+
+
 def observable_of(given: str | Callable[[Simulation], float] | Observable, plan: Plan) -> Observable:
     """The observable that a text or a function names, for scenes like this plan's.
 
@@ -100,6 +128,8 @@ def observable_of(given: str | Callable[[Simulation], float] | Observable, plan:
         return _field(given, rest, plan)
     if word == "gauge":
         return _gauge(given, rest, plan)
+    if word == "panel":
+        given = f"{FOLDER / 'observables.py'}:{rest}"
     path, _, function = given.rpartition(":")
     if path.endswith(".py"):
         return _from_file(given, Path(path), function)

@@ -31,7 +31,7 @@ from refsim.scene.files import scene_to_toml
 from refsim.scene.meshes import mesh_files
 from refsim.scene.plan import make_plan
 from refsim.scene.scene import Scene
-from refsim.study.observables import Observable
+from refsim.study.observables import Observable, Watching
 
 NOT_READ = ("cluster", "commands", "contract", "render", "study", "sweep")  # packages that change no result of a run
 BUT_READ = ("study/observables.py", "study/runs.py")  # modules of theirs that do
@@ -216,20 +216,18 @@ class _Clock:
 
 
 def _watched(simulation: Simulation, observable: Observable, clock: _Clock, curve: list[tuple[float, float]]) -> float:
-    """The observable from its moments, each the first step's end at or after it; the run goes to the scene's end."""
-    times, values = [], []
-    for at in observable.moments(simulation.plan.scene):
-        while simulation.time < at:
-            clock.step()
-        times.append(simulation.time)
-        values.append(observable.sample(simulation))
-        if isinstance(values[-1], float):
-            curve.append((clock.seconds, values[-1]))
-    while simulation.time < simulation.plan.scene.end_time:
+    """The observable from its moments; the run goes to the scene's end."""
+    watch, read = Watching(observable, simulation.plan.scene), 0
+    while True:
+        watch(simulation)
+        curve += [(clock.seconds, value) for value in watch.values[read:] if isinstance(value, float)]
+        read = len(watch.values)
+        if not watch.due and simulation.time >= simulation.plan.scene.end_time:
+            break
         clock.step()
     if observable.seconds is not None:
-        clock.seconds = clock.processor_seconds = observable.seconds(values)
-    return observable.reduced(times, values)
+        clock.seconds = clock.processor_seconds = observable.seconds(watch.values)
+    return watch.value(simulation)
 
 
 def _at_end(simulation: Simulation, observable: Observable, clock: _Clock) -> float:

@@ -28,7 +28,7 @@ def folder(tmp_path, monkeypatch):
         (["front", "--error", "0"], "an error of 0 is not possible"),
         (["front", "--seconds", "0"], "0 seconds are not possible; give a positive number"),
         (["front", "--seconds", "1e-4"], "no measured setting of front takes 100 us or less; give more"),
-        (["melting", "--output", "melting.toml"], "has no scene; leave --output out"),
+        (["contact_angle", "--error", "0.05", "--output", "a.toml"], "has no scene; leave --output out"),
     ],
 )
 def test_bad_input_gets_a_sentence_and_code_2(folder, capsys, words, said):
@@ -75,13 +75,27 @@ def test_the_least_error_that_seconds_buy(folder, capsys):
     assert f"keeps {advice.keeps(found.panel, found.choice.advised)}" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize("name", ["spinning_body", "implicit_pressure"])
+def test_the_scene_s_run_gives_the_stored_value(folder, capsys, name):
+    """One that is read at its end, and one that is read at moments."""
+    point = advice.find(name, 0.09).choice.advised.point
+    assert main(["advise", name, "--error", "0.09", "--measured"]) == 0
+    words = capsys.readouterr().out.splitlines()[-1].split()
+    assert main([*words[1:], "--threads", "1", "--quiet", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)["observable"]
+    assert found["value"] == pytest.approx(point.value, rel=1e-3)
+    resumed = ["run", f"{name}.toml", "--resume", f"{name}_run", "--observable", "panel:implicit_pressure", "--quiet"]
+    assert main(resumed) == 2
+    assert "read during the whole run" in capsys.readouterr().err
+
+
 def test_with_gpu_the_answer_is_that_of_a_gpu(folder, capsys):
     assert main(["advise", "droplet", "--error", "0.005", "--measured", "--gpu"]) == 0
     text = capsys.readouterr().out
     found = advice.find("droplet", 0.005, "gpu")
     assert f"setting    {found.choice.advised.point.words}; keeps" in text
     assert f"on {found.panel.where(True)}" in text
-    assert text.endswith("refsim run droplet.toml --backend cuda\n")
+    assert text.endswith("refsim run droplet.toml --observable panel:droplet --backend cuda\n")
     assert "best peer" not in text  # which is measured on a CPU
     assert (folder / "droplet.toml").read_text() == found.toml
     assert "not measured on a GPU" in advice.text_of(replace(found, choice=None))

@@ -17,7 +17,7 @@ from refsim.core.versions import versions
 from refsim.scene.plan import make_plan
 from refsim.study.choice import REPEATS, duration, middle, percent, unsettled
 from refsim.study.observables import Observable, observable_of
-from refsim.study.panels import FOLDER, OWN, Panel, Place, Point
+from refsim.study.panels import OWN, Panel, Place, Point
 from refsim.study.panels.scenes import packaged, scene_of
 from refsim.study.runs import Reading, Setting, machine, measure
 
@@ -86,7 +86,7 @@ class Measured:
 
 def observable(name: str) -> str:
     """The panel's observable as `refsim study` takes it."""
-    return f"{FOLDER / 'observables.py'}:{name}"
+    return f"panel:{name}"
 
 
 def measured(
