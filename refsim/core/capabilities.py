@@ -12,8 +12,9 @@ import msgspec
 import numpy as np
 
 from refsim.core.checked import Printed
-from refsim.core.effect import Discretisation, Effect, InitialState, literal_errata
+from refsim.core.effect import Discretisation, Effect, InitialState, Pass, literal_errata
 from refsim.core.errors import InputError
+from refsim.core.fields import Field
 from refsim.core.walls import WallParticles
 
 
@@ -94,6 +95,36 @@ class HasPlanes:
     def wall_speed(self) -> float:
         """Speed of its fastest wall [m/s]."""
         return 0.0
+
+
+def open_axis(grid: Discretisation, others: Mapping[str, Effect]) -> str:
+    """The first axis along which a scene has neither a period nor planes on both sides; "" where it is closed."""
+    for axis in range(grid.dim):
+        closed = grid.period[axis] > 0 or any(
+            all(abs(float(corner[axis])) < math.inf for corner in effect.domain(grid))
+            for effect in having(others, HasPlanes)
+        )
+        if not closed:
+            return "xyz"[axis]
+    return ""
+
+
+class FindsSurface:
+    """Marks the particles near the free surface in field `near_surface`, for other effects."""
+
+    __slots__ = ()
+
+    def near_fields(self) -> tuple[Field, ...]:
+        """Fields that an effect declares which reads `near_surface`."""
+        raise NotImplementedError  # an effect with this capability defines it
+
+    def near_passes(self) -> tuple[Pass, ...]:
+        """Passes that it lists."""
+        raise NotImplementedError
+
+    def near_groups(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
+        """Parameter groups of these passes."""
+        raise NotImplementedError
 
 
 class JudgesStart:

@@ -11,18 +11,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, ClassVar, Literal, NamedTuple
 
-from refsim.core.capabilities import CorrectsPositions, HasPlanes, having
+from refsim.core.capabilities import CorrectsPositions, open_axis
 from refsim.core.effect import Discretisation, Effect, Pass, require
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.particle_shifting import reference as reference
 from refsim.smoothing import smoothing
-from refsim.sph import LARGEST_SHIFT, LIQUID, NUMBER_DENSITY, SETS, liquid_of
-from refsim.surface_detection import NEAR_SURFACE, SurfaceDetection, near_surface_pass
+from refsim.sph import DETECTION, LARGEST_SHIFT, LIQUID, SETS, liquid_of, surface_of
 from refsim.surface_normal import SURFACE_NORMAL, color_gradient_pass, normal_term
 
 SHIFT = Field("shift", "m", "displacement of a step beside dt v", 3)
-DETECTION = SurfaceDetection.name
 
 
 class Shifting(NamedTuple):
@@ -57,16 +55,12 @@ class ParticleShifting(Effect, CorrectsPositions, frozen=True, kw_only=True):
         if "shape_matching" in others:
             raise InputError(f"{self.name}: it would tear solids apart; leave it out of a scene with shape_matching.")
         if self.surface == "none":
-            for axis in range(grid.dim):
-                closed = grid.period[axis] > 0 or any(
-                    all(abs(float(corner[axis])) < float("inf") for corner in effect.domain(grid))
-                    for effect in having(others, HasPlanes)
+            axis = open_axis(grid, others)
+            if axis:
+                raise InputError(
+                    f"{self.name}: surface = 'none', but the scene is open along {axis}; set surface = 'detected' and"
+                    f" add the effect {DETECTION}."
                 )
-                if not closed:
-                    raise InputError(
-                        f"{self.name}: surface = 'none', but the scene is open along {'xyz'[axis]}; set surface ="
-                        f" 'detected' and add the effect {DETECTION}."
-                    )
         for effect in others.values():
             if effect is not self and isinstance(effect, CorrectsPositions) and effect.corrects_positions():
                 raise InputError(f"{self.name} and {effect.name} would both correct positions; keep one of them.")
@@ -80,7 +74,7 @@ class ParticleShifting(Effect, CorrectsPositions, frozen=True, kw_only=True):
     def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
         if self.strength == 0:
             return ()
-        return (SHIFT, *((NUMBER_DENSITY, NEAR_SURFACE, SURFACE_NORMAL) if self._at_surface() else ()))
+        return (SHIFT, *((*surface_of(others).near_fields(), SURFACE_NORMAL) if self._at_surface() else ()))
 
     def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
         if self.strength == 0:
@@ -90,7 +84,7 @@ class ParticleShifting(Effect, CorrectsPositions, frozen=True, kw_only=True):
         detected: tuple[Pass, ...] = ()
         if self._at_surface():
             reads = (*reads, "near_surface", "surface_normal")
-            detected = (near_surface_pass(), color_gradient_pass())
+            detected = (*surface_of(others).near_passes(), color_gradient_pass())
         return (*detected, Pass("particle_shifting.shift", reads, ("shift",), names=names, stage="motion"))
 
     def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
@@ -107,9 +101,7 @@ class ParticleShifting(Effect, CorrectsPositions, frozen=True, kw_only=True):
         )
         found: dict[str, Any] = {"shifting": group}
         if self._at_surface():
-            detection: SurfaceDetection = others[DETECTION]  # type: ignore[assignment]
-            found |= normal_term(liquid, grid)
-            found["near_surface_limit"] = detection.prepare(grid, others)["near_surface_limit"]
+            found |= {**normal_term(liquid, grid), **surface_of(others).near_groups(grid, others)}
         return found
 
     def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:

@@ -152,7 +152,8 @@ def _planned(scene: Scene) -> Plan:
     if scene.energy_audit is not None:
         accounts(grid, effects)
     checks.check_fixed_step(scene, grid, effects)
-    state = dataclasses.replace(state, values=_initial_values(grid, state, effects, fields))
+    values = _initial_values(grid, state, effects, fields)
+    state = dataclasses.replace(state, mass=values.pop("mass", state.mass), values=values)
     checks.check_places(state, shared.get("bounds"), solids)
     replaced = _replaced(effects)
     asked = [

@@ -1,7 +1,8 @@
 """Weakly compressible SPH: density, equation of state, pressure, viscosity, leap-frog (Jiang & Zhu 2023, (7) to (11)).
 
 Contents: WeaklyCompressible, Gravity; liquid_of and gravity_of, which find them in a scene; operations sph.density,
-sph.state, sph.pressure, sph.momentum, sph.viscosity, sph.central_viscosity, sph.gravity, sph.extremes, sph.kick_drift.
+sph.state, sph.pressure, sph.momentum, sph.viscosity, sph.central_viscosity, sph.gradient_correction, sph.own_pressure,
+sph.corrected_pressure, sph.gravity, sph.extremes, sph.kick_drift.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import numpy as np
 from refsim.core.capabilities import (
     BalancesCohesion,
     BringsWalls,
+    FindsSurface,
     HasErrata,
     HasPlanes,
     JudgesStart,
@@ -25,6 +27,7 @@ from refsim.core.capabilities import (
     LimitsSpeed,
     Margin,
     having,
+    open_axis,
 )
 from refsim.core.checked import Printed
 from refsim.core.effect import Discretisation, Effect, InitialState, Pass, StepLimit, require
@@ -38,6 +41,7 @@ from refsim.sph import reference as reference
 from refsim.sph.flow import at_least, fast_flow
 
 LIQUID = "weakly_compressible"  # name of the effect that brings the liquid
+DETECTION = "surface_detection"  # name of the effect that finds its surface
 LIQUID_ALONE = {"phase": None, "rest_density": None}  # names of `sph.continuity` where there are no solids
 DENSITY = Field("density", "kg/m^3 (kg/m^2 in 2D)", "density rho, J(7)")
 NUMBER_DENSITY = Field("number_density", "1/m^3 (1/m^2 in 2D)", "number density delta, J(8)")
@@ -48,6 +52,10 @@ ADVANCED_EXCESS = Field(
 )
 SUMMED_DENSITY = Field("summed_density", "kg/m^3 (kg/m^2 in 2D)", "density J(7), beside an advanced one")
 PRESSURE = Field("pressure", "Pa", "pressure p, J(9)")
+OWN_PRESSURE = Field("own_pressure", "Pa", "pressure of a particle in its own force, -p where p < 0 inside")
+CORRECTION_DIAGONAL = Field("correction_diagonal", "-", "diagonal of the matrix B of the renormalised gradients", 3)
+CORRECTION_MIXED = Field("correction_mixed", "-", "B_xy, B_xz and B_yz", 3)
+CORRECTION = (CORRECTION_DIAGONAL.name, CORRECTION_MIXED.name)
 
 # rho0 c h/mu up to which liquid between walls and drops were found to gain no energy (docs/stability.md)
 LARGEST_SHIFT = 0.5  # of v_max dt: longest displacement of a step beside dt v (Sun et al. 2017)
@@ -159,6 +167,11 @@ class WeaklyCompressible(
     state              "linear" (J(9)) or "tait" (exponent 7)
     density            "summation" (J(7)) or "continuity" (the continuity equation, advanced from step to step)
     diffusion          delta of the diffusion of an advanced density, after Fourtakas et al. 2019; 0 for none
+    gradient           "plain" or "corrected" (renormalised after Bonet & Lok 1999: the pressure force of a lattice is
+                       that of the pressure's gradient; it keeps the linear, not the angular momentum)
+    tensile_control    p_i + p_j becomes p_j - p_i where p_i < 0 (Sun et al. 2018): "none", "inside" (but at the surface
+                       that `surface_detection` finds) or "everywhere" (in a liquid without a surface); it keeps no
+                       momentum
     clamp_pressure     negative pressures become zero; by default with a summed density
     kernels            "wendland" (Wendland C2 throughout), "mueller" (poly6 for sums, spiky for gradients) or
                        "cubic_spline" (throughout)
@@ -181,10 +194,15 @@ class WeaklyCompressible(
     state: Literal["linear", "tait"] = "linear"
     density: Literal["summation", "continuity"] = "summation"
     diffusion: float = 0.1
+    gradient: Literal["plain", "corrected"] = "plain"
+    tensile_control: Literal["none", "inside", "everywhere"] = "none"
     clamp_pressure: bool | None = None
     kernels: Literal["wendland", "mueller", "cubic_spline"] = "wendland"
     density_bound: float = 1.5
     literal: Printed = ()
+
+    def needs(self) -> tuple[str, ...]:
+        return (DETECTION,) if self.tensile_control == "inside" else ()
 
     def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
         require(
@@ -200,6 +218,17 @@ class WeaklyCompressible(
             )
         self.printed()
         self._check_density(others)
+        axis = open_axis(grid, others)
+        if self.tensile_control == "everywhere" and axis:
+            raise InputError(
+                f"{self.name}: tensile_control = 'everywhere', but the scene is open along {axis}; set tensile_control"
+                f" = 'inside' and add the effect {DETECTION}."
+            )
+        if self.tensile_control != "none" and self.clamps():
+            raise InputError(
+                f"{self.name}: tensile_control acts on negative pressures, which clamp_pressure sets to zero; leave one"
+                " of them out."
+            )
         if self.central() and "E3" in self.literal:
             raise InputError(
                 f"{self.name}: literal 'E3' is the printed sign of J(11), which viscosity = 'central' does not use;"
@@ -215,10 +244,15 @@ class WeaklyCompressible(
             )
         walls = having(others, BringsWalls)
         extrapolated = any(effect.extrapolates() for effect in walls)
-        if not (self.advances() or extrapolated):
+        if not (self.advances() or extrapolated or self.controls()):
             return
-        coupled = "two_way_coupling" if self.advances() else ""  # which has passes of its own for an advanced density
-        what = "density = 'continuity'" if self.advances() else "walls with model = 'extrapolated'"
+        coupled = ""  # the effect that has passes of its own for an advanced density
+        if self.controls():
+            what = "gradient = 'corrected'" if self.corrects() else f"tensile_control = {self.tensile_control!r}"
+        elif self.advances():
+            what, coupled = "density = 'continuity'", "two_way_coupling"
+        else:
+            what = "walls with model = 'extrapolated'"
         for effect in others.values():
             replaced = sorted({"sph.density", "sph.state", "sph.pressure", "sph.momentum"} & set(effect.replaces()))
             if replaced and effect.name != coupled:
@@ -236,6 +270,14 @@ class WeaklyCompressible(
         """Whether its density follows from the continuity equation."""
         return self.density == "continuity"
 
+    def corrects(self) -> bool:
+        """Whether its pressure force has renormalised gradients."""
+        return self.gradient == "corrected"
+
+    def controls(self) -> bool:
+        """Whether its pressure force is another than J(10)."""
+        return self.corrects() or self.tensile_control != "none"
+
     def clamps(self) -> bool:
         """Whether negative pressures become zero."""
         return not self.advances() if self.clamp_pressure is None else self.clamp_pressure
@@ -245,7 +287,7 @@ class WeaklyCompressible(
         return self.viscosity == "central" and self.dynamic_viscosity > 0
 
     def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
-        own = (DENSITY,) if pressure_is_replaced(others) else (DENSITY, PRESSURE)
+        own = (DENSITY, *(() if pressure_is_replaced(others) else (PRESSURE,)), *self._own_fields(others))
         summed = (SUMMED_DENSITY,) if self._sums_wanted(others) else ()
         if not self.advances():
             return (*own, *summed) if "two_way_coupling" in others else own  # whose density counts no particles
@@ -257,20 +299,55 @@ class WeaklyCompressible(
         reads = ("position", "velocity", "mass", "density")
         friction = Pass("sph.central_viscosity", reads, updates=("acceleration",), names=names)
         extrapolated = any(effect.extrapolates() for effect in having(others, BringsWalls))
+        plain = Pass(
+            "sph.momentum" if viscous and not self.central() else "sph.pressure",
+            (*reads, "pressure"),
+            updates=("acceleration",),
+            names=names | ({"walls": None} if extrapolated else {}),
+        )
+        pushing = tuple(self._controlled(others)) if self.controls() else (plain,)
         return (
             *self._density_passes(others),
             Pass("sph.state", ("density",), ("pressure",)),
-            Pass(
-                "sph.momentum" if viscous and not self.central() else "sph.pressure",
-                (*reads, "pressure"),
-                updates=("acceleration",),
-                names=names | ({"walls": None} if extrapolated else {}),
-            ),
+            *pushing,
             *((friction,) if self.central() else ()),
         )
 
+    def _own_fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
+        """Fields of the renormalised gradients and of the tensile control."""
+        corrected = (CORRECTION_DIAGONAL, CORRECTION_MIXED) if self.corrects() else ()
+        own = () if self.tensile_control == "none" else (OWN_PRESSURE,)
+        return (*corrected, *own, *(surface_of(others).near_fields() if self.tensile_control == "inside" else ()))
+
+    def _controlled(self, others: Mapping[str, Effect]) -> Iterator[Pass]:
+        """The passes of a pressure force with renormalised gradients or tensile control, and of J(11)."""
+        names: dict[str, str | None] = {"smoothing": "gradient_smoothing"}
+        reads: tuple[str, ...] = ("position", "mass", "density", "pressure")
+        if self.corrects():
+            yield Pass("sph.gradient_correction", reads[:3], CORRECTION, names=names)
+        if self.tensile_control == "inside":
+            yield from surface_of(others).near_passes()
+            yield Pass("sph.own_pressure", ("pressure", "near_surface"), ("own_pressure",))
+        elif self.tensile_control == "everywhere":
+            yield Pass("sph.own_pressure", ("pressure",), ("own_pressure",), names={"near_surface": None})
+        yield self.with_own_force("sph.corrected_pressure", reads, names, "own_pressure")
+        if self.dynamic_viscosity > 0 and not self.central():
+            reads = ("position", "velocity", "mass", "density")
+            yield Pass("sph.viscosity", reads, updates=("acceleration",), names=names)
+
+    def with_own_force(self, operation: str, reads: tuple[str, ...], names: Mapping[str, str | None], own: str) -> Pass:
+        """A pass of the pressure force with its correction and, as argument `own`, each particle's own pressure."""
+        names = dict(names)
+        names |= {} if self.corrects() else dict.fromkeys(CORRECTION)
+        pressure = "pressure" if self.tensile_control == "none" else "own_pressure"
+        names |= {} if own == pressure else {own: pressure}
+        reads = (*dict.fromkeys((*reads, pressure)), *(CORRECTION if self.corrects() else ()))
+        return Pass(operation, reads, updates=("acceleration",), names=names)
+
     def _sums_wanted(self, others: Mapping[str, Effect]) -> bool:
-        """Whether another effect needs a sum of J(8), which an advanced density does without."""
+        """Whether an effect needs a sum of J(8), which an advanced density does without."""
+        if self.tensile_control == "inside":
+            return True
         rest = (effect for effect in others.values() if effect is not self)
         return any(f in (NUMBER_DENSITY, ASYMMETRY) for effect in rest for f in effect.fields(others))
 
@@ -339,9 +416,9 @@ class WeaklyCompressible(
     def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount | None:
         """Work of compression of J(9) or Tait, unless another effect computes the pressure.
 
-        None of an advanced density, whose diffusion does work that is not summed.
+        None of an advanced density, whose diffusion does work that is not summed, and of another pressure force.
         """
-        if self.advances():
+        if self.advances() or self.controls():
             return None
         if pressure_is_replaced(others):
             return EnergyAccount()
@@ -362,7 +439,11 @@ class WeaklyCompressible(
     def initial(
         self, grid: Discretisation, state: InitialState, others: Mapping[str, Effect]
     ) -> Mapping[str, np.ndarray]:
-        """Density of liquid at rest: that of the pressure rho0 g depth in each part that stands on a wall."""
+        """Density of liquid at rest: that of the pressure rho0 g depth in each part that stands on a wall.
+
+        Its particles have the mass of that density, so that they are as large as the lattice's cells; not those to
+        which the scene gives a mass.
+        """
         if not self.advances():
             return {}
         excess = np.zeros(grid.count)
@@ -383,7 +464,9 @@ class WeaklyCompressible(
                     excess[part] = self.rest_density * (ratio ** (1 / exponent) - 1)
         if grid.solids is not None:
             excess[: len(grid.solids.lattice.key)] = 0.0
-        return {ADVANCED_EXCESS.name: excess}
+        usual = np.isclose(state.mass, self.particle_mass(grid), rtol=1e-12)
+        mass = np.where(usual, state.mass * (1 + excess / self.rest_density), state.mass)
+        return {ADVANCED_EXCESS.name: excess, "mass": mass}
 
     def _stands(
         self, x: np.ndarray, down: np.ndarray, grid: Discretisation, others: Mapping[str, Effect]
@@ -419,7 +502,7 @@ class WeaklyCompressible(
     def particle_mass(self, grid: Discretisation) -> float:
         """m = rho0/delta0 [kg; kg/m in 2D], so that the interior of a lattice has exactly the rest density.
 
-        rho0 d^dim where the density is advanced.
+        rho0 d^dim where the density is advanced, from the rest density on.
         """
         return self.rest_density * self.particle_volume(grid)
 
@@ -449,7 +532,9 @@ class WeaklyCompressible(
         sign = -1.0 if "E3" in self.printed() else 1.0
         viscous = self.dynamic_viscosity > 0 and not self.central()
         central = grid.real(central_coefficient(self.dynamic_viscosity, grid.dim))
+        near = surface_of(others).near_groups(grid, others) if self.tensile_control == "inside" else {}
         return {
+            **near,
             **({"diffusion": self._diffusion(grid, others)} if self.advances() else {}),
             "viscosity": ViscosityTerm(grid.real(sign * self.dynamic_viscosity)) if viscous else None,
             "central_viscosity": CentralViscosity(central) if self.central() else None,
@@ -479,6 +564,11 @@ class WeaklyCompressible(
 def liquid_of(others: Mapping[str, Effect]) -> WeaklyCompressible:
     """The scene's liquid; an effect that takes it has LIQUID among its needs."""
     return others[LIQUID]  # type: ignore[return-value]
+
+
+def surface_of(others: Mapping[str, Effect]) -> FindsSurface:
+    """The effect that finds the liquid's surface; an effect that takes it has DETECTION among its needs."""
+    return others[DETECTION]  # type: ignore[return-value]
 
 
 class Gravity(Effect, frozen=True, kw_only=True):

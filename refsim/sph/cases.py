@@ -86,6 +86,18 @@ def _shift(case, random):
     return 0.003 * case.spacing * vectors(case, random)
 
 
+@particles("correction_diagonal", "correction_mixed")
+def _correction(case, random):
+    """Matrices near that of a lattice and far from it."""
+    return random.uniform(0.7, 1.6, (case.count, 3))
+
+
+@particles("own_pressure")
+def _own_pressure(case, random):
+    """Of either sign and of its own."""
+    return 4e4 * random.uniform(-0.5, 1.0, case.count)
+
+
 @particles("pressure")
 def _pressure(case, random):
     """Of either sign, so that no result depends on clamping."""
@@ -149,6 +161,7 @@ VARIATIONS[Fluid] = Variation(
 )
 takes("sph.state", fluid="rest_density stiffness exponent clamp internal_pressure")
 takes("sph.pressure", "sph.momentum", fluid="rest_density gradient_share wall_share")
+takes("sph.corrected_pressure", fluid="gradient_share")
 takes("sph.continuity", fluid="rest_density")
 takes("sph.viscosity", "sph.central_viscosity", smoothing="support_radius dim")
 
@@ -395,6 +408,53 @@ def sheared_pair():
             "viscosity": ViscosityTerm(0.5),
         },
         {"acceleration": factor * np.array([[-6.0, 0.0, 12.0], [4.0, 0.0, -8.0]])},
+    )  # fmt: skip
+
+
+@closed_form("sph.gradient_correction")
+def filled_in_the_plane():
+    """Two neighbours of V = 2 at h/2 along x and two of V = 0.8 along y: M = 2 |W'| diag(2, 0.8).
+
+    In 2D W(0) = 7/(4 pi), |W'(h/2)| = 5/8 W(0). The others see less than half: I.
+    """
+    slope = 5 / 8 * 7 / (4 * math.pi)
+    place = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
+    case = Case("cross", 2, place, spacing=1.0, support_radius=2.0)
+    density = np.array([1000.0, 500.0, 500.0, 1000.0, 1000.0])
+    mass = np.array([1.0, 1000.0, 1000.0, 800.0, 800.0])
+    a, b = 2 * 2.0 * slope, 2 * 0.8 * slope
+    share = (a * b - 0.5) / 0.3
+    assert 0 < share < 1
+    diagonal = np.ones((5, 3))
+    diagonal[0, :2] = 1 + share * (1 / a - 1), 1 + share * (1 / b - 1)
+    return Exact(
+        case, {"mass": mass, "density": density, "walls": None},
+        {"correction_diagonal": diagonal, "correction_mixed": np.zeros((5, 3))},
+    )  # fmt: skip
+
+
+@closed_form("sph.own_pressure")
+def turned():
+    """Of a negative pressure inside; not of one at the surface."""
+    pressure = np.array([-3.0, -3.0])
+    near = np.array([0, 1], np.uint8)
+    return Exact(PAIR, {"pressure": pressure, "near_surface": near}, {"own_pressure": np.array([3.0, -3.0])})
+
+
+@closed_form("sph.corrected_pressure")
+def pushed_askew():
+    """B_1 = I, B_2 turns y into (1, 3, 2): along (0.5, 2, 1) by V_j (q_i + p_j) |W'(h/2)|/rho_i."""
+    slope = 5 / 8 * W0
+    push = slope * np.array([2.0 * (50.0 + 300.0) / 1000.0, 4.0 * (-100.0 + 200.0) / 500.0])
+    return Exact(
+        PAIR,
+        {
+            "mass": np.array([4000.0, 1000.0]), "density": np.array([1000.0, 500.0]), "fluid": WATER,
+            "pressure": np.array([200.0, 300.0]), "own_pressure": np.array([50.0, -100.0]),
+            "correction_diagonal": np.array([[1.0, 1.0, 1.0], [9.0, 3.0, 9.0]]),
+            "correction_mixed": np.array([[0.0, 0.0, 0.0], [1.0, 9.0, 2.0]]),
+        },
+        {"acceleration": push[:, None] * np.array([[-0.5, -2.0, -1.0], [0.5, 2.0, 1.0]])},
     )  # fmt: skip
 
 

@@ -2,6 +2,8 @@
 
 from refsim.backends.compile import formula
 
+LEAST_FILLED, FILLED = 0.5, 0.8  # det M without and with the whole correction; a lattice has 0.9 to 1
+
 
 @formula
 def state_pressure(density, fluid):
@@ -47,6 +49,47 @@ def pressure_pair(volume_j, pressure_i, pressure_j, slope, fluid):
     s = 1 (Jiang & Zhu E24): s = 1/2 as printed gives half the pressure gradient, as sum_j V_j p_i grad W_ij vanishes.
     """
     return -fluid.gradient_share * volume_j * (pressure_i + pressure_j) * slope
+
+
+@formula
+def gradient_correction(xx, yy, zz, xy, xz, yz, smoothing):
+    """Bonet & Lok 1999: I + s (M^-1 - I) of the symmetric M, as (xx, yy, zz, xy, xz, yz); dimensionless.
+
+    s grows from 0 at det M = LEAST_FILLED to 1 at FILLED: a particle at a surface, with neighbours on one side, keeps
+    the plain gradient.
+    """
+    real = type(xx)
+    one = real(1)
+    if smoothing.dim == 2:
+        zz = one
+    a, b, c = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
+    det = xx * a + xy * b + xz * c
+    if det <= real(LEAST_FILLED):
+        return one, one, one, real(0), real(0), real(0)
+    share = (det - real(LEAST_FILLED)) / real(FILLED - LEAST_FILLED)
+    if share > one:
+        share = one
+    rest, f = one - share, share / det
+    d, e = xx * zz - xz * xz, xy * xz - xx * yz
+    return rest + f * a, rest + f * d, rest + f * (xx * yy - xy * xy), f * b, f * c, f * e
+
+
+@formula
+def corrected(diagonal, mixed, x):
+    """B x of a symmetric B with the diagonal (xx, yy, zz) and the rest (xy, xz, yz)."""
+    return (
+        diagonal[0] * x[0] + mixed[0] * x[1] + mixed[1] * x[2],
+        mixed[0] * x[0] + diagonal[1] * x[1] + mixed[2] * x[2],
+        mixed[1] * x[0] + mixed[2] * x[1] + diagonal[2] * x[2],
+    )
+
+
+@formula
+def own_pressure(pressure, near_surface):
+    """Sun et al. 2018: -p where p < 0 away from the surface, so that p_i + p_j becomes p_j - p_i there; else p [Pa]."""
+    if pressure < type(pressure)(0) and not near_surface:
+        return -pressure
+    return pressure
 
 
 @formula

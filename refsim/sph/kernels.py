@@ -3,11 +3,12 @@
 import math
 
 from refsim.backends.compile import formula, kernel
+from refsim.backends.tuples import added
 from refsim.neighbours.pairs import neighbour_sum, pair
-from refsim.neighbours.rows import add_vector, first_lane
+from refsim.neighbours.rows import add_vector, first_lane, set_vector
 from refsim.smoothing.formulas import gradient_factor, kernel_slope, kernel_value, safe_distance, viscosity_laplacian
 from refsim.sph import formulas
-from refsim.sph.formulas import central_viscosity_pair, pressure_pair, viscosity_pair, wall_pressure_pair
+from refsim.sph.formulas import central_viscosity_pair, corrected, pressure_pair, viscosity_pair, wall_pressure_pair
 
 LIQUID_PHASE = 0  # in `phase`; solids have others
 
@@ -224,6 +225,76 @@ def momentum(
         ay += by
         az += bz
     add_vector(acceleration, i, lane, ax, ay, az)
+
+
+@pair
+def filling_pair(r, x_ij, mass_j, density_j, smoothing):
+    """-V_j x_ij grad W_ij of a neighbour, as (xx, yy, zz, xy, xz, yz); dimensionless."""
+    f = -mass_j / density_j * gradient_factor(r, smoothing)
+    x, y, z = x_ij[0], x_ij[1], x_ij[2]
+    return f * x * x, f * y * y, f * z * z, f * x * y, f * x * z, f * y * z
+
+
+@pair
+def wall_filling_pair(r, x_ij, volume_j, smoothing):
+    """The same of a wall particle."""
+    f = -volume_j * gradient_factor(r, smoothing)
+    x, y, z = x_ij[0], x_ij[1], x_ij[2]
+    return f * x * x, f * y * y, f * z * z, f * x * y, f * x * z, f * y * z
+
+
+@kernel(lanes=True)
+def gradient_correction(
+    i, lane, position, mass, density, neighbours, walls, smoothing, period, correction_diagonal, correction_mixed
+):  # fmt: skip
+    """Bonet & Lok 1999: matrix B_i of the gradients, dimensionless."""
+    sums = neighbour_sum(filling_pair, i, lane, neighbours, position, period, mass, density, smoothing)
+    if walls is not None:
+        sums = added(sums, neighbour_sum(wall_filling_pair, i, lane, walls, position, period, walls.volume, smoothing))
+    xx, yy, zz, xy, xz, yz = formulas.gradient_correction(
+        sums[0], sums[1], sums[2], sums[3], sums[4], sums[5], smoothing
+    )
+    set_vector(correction_diagonal, i, lane, xx, yy, zz)
+    set_vector(correction_mixed, i, lane, xy, xz, yz)
+
+
+@kernel
+def own_pressure(i, pressure, near_surface, own_pressure):
+    """Sun et al. 2018: pressure of the particle in its own force [Pa]."""
+    if near_surface is None:
+        own_pressure[i] = formulas.own_pressure(pressure[i], False)
+    else:
+        own_pressure[i] = formulas.own_pressure(pressure[i], near_surface[i] != 0)
+
+
+@pair
+def corrected_pressure_pair(
+    r, x_ij, mass_j, density_j, own_pressure_i, pressure_j, correction_diagonal_i, correction_mixed_i,
+    correction_diagonal_j, correction_mixed_j, smoothing, fluid,
+):  # fmt: skip
+    """J(10) along the mean of both particles' corrected gradients [N/m^3]."""
+    f = pressure_pair(mass_j / density_j, own_pressure_i, pressure_j, gradient_factor(r, smoothing), fluid)
+    x, y, z = x_ij[0], x_ij[1], x_ij[2]
+    if correction_diagonal_i is not None:
+        half = type(f)(0.5)
+        ax, ay, az = corrected(correction_diagonal_i, correction_mixed_i, x_ij)
+        bx, by, bz = corrected(correction_diagonal_j, correction_mixed_j, x_ij)
+        x, y, z = half * (ax + bx), half * (ay + by), half * (az + bz)
+    return f * x, f * y, f * z
+
+
+@kernel(lanes=True)
+def corrected_pressure(
+    i, lane, position, mass, density, pressure, own_pressure, correction_diagonal, correction_mixed, neighbours,
+    smoothing, fluid, period, acceleration,
+):  # fmt: skip
+    """J(10) with corrected gradients and each particle's own pressure; added to the acceleration [m/s^2]."""
+    ax, ay, az = neighbour_sum(
+        corrected_pressure_pair, i, lane, neighbours, position, period, mass, density, own_pressure, pressure,
+        correction_diagonal, correction_mixed, smoothing, fluid,
+    )  # fmt: skip
+    rho = density[i]
+    add_vector(acceleration, i, lane, ax / rho, ay / rho, az / rho)
 
 
 @pair

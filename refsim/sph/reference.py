@@ -191,6 +191,102 @@ def momentum(position, velocity, mass, density, pressure, walls, smoothing, flui
     return {"acceleration": sums.total()}
 
 
+def symmetric(diagonal, mixed):
+    """Matrices (n, 3, 3) from their diagonals (xx, yy, zz) and the rest (xy, xz, yz), (n, 3) each."""
+    diagonal, mixed = np.asarray(diagonal, dtype=float), np.asarray(mixed, dtype=float)
+    found = np.zeros((len(diagonal), 3, 3))
+    for k, (a, b) in enumerate(((0, 1), (0, 2), (1, 2))):
+        found[:, k, k] = diagonal[:, k]
+        found[:, a, b] = found[:, b, a] = mixed[:, k]
+    return found
+
+
+@operation(
+    "renormalised gradient", paper="Bonet & Lok 1999", outputs="correction_diagonal correction_mixed",
+    optional="walls period", variants=("walls period", "period", ""),
+    tolerance=16.0, invariants="translation reordering",
+    reason="one rounding in each of distance, slope, volume and products, and those of the determinant and its minors",
+)  # fmt: skip
+def gradient_correction(position, mass, density, walls, smoothing, period=None, rows=None):
+    """B_i = I + s (M_i^-1 - I), M_i = -sum_j V_j x_ij grad W_ij - sum_b V_b x_ib grad W_ib: diagonal, (xy, xz, yz).
+
+    s = (det M_i - 0.5)/0.3, at least 0 and at most 1. In 2D M_zz = 1.
+    """
+    volume = np.asarray(mass, dtype=float) / np.asarray(density, dtype=float)
+    sums = Sums(len(volume) if rows is None else len(rows), 3, 3)
+
+    def add(places, volumes):
+        for place, separation, distance in pair_blocks(position, places, rows, period):
+            steep = -volumes[None, :] * kernel_slope(distance, smoothing) / np.where(distance > 0, distance, 1.0)
+            sums.add(place, steep[..., None, None] * separation[..., :, None] * separation[..., None, :])
+
+    add(position, volume)
+    if walls is not None:
+        add(walls.position, np.asarray(walls.volume, dtype=float))
+    filled, size = sums.value, sums.scale
+    if int(smoothing.dim) == 2:
+        filled[:, 2, 2] = 1.0
+    determinant = np.linalg.det(filled)
+    share = np.clip((determinant - 0.5) / 0.3, 0, 1)
+    whole = share > 0
+    inverse = np.linalg.inv(np.where(whole[:, None, None], filled, np.eye(3)))
+    matrix = np.eye(3) + share[:, None, None] * (inverse - np.eye(3))
+    a, b, c = (np.roll(size, -k, axis=2) for k in range(3))  # the determinant's terms without their signs
+    terms = sum(a[:, 0, k] * (b[:, 1, k] * c[:, 2, k] + c[:, 1, k] * b[:, 2, k]) for k in range(3))
+    size = np.abs(inverse) @ size @ np.abs(inverse) + (terms / 0.3)[:, None, None] * (np.abs(inverse) + np.eye(3))
+    scale = np.where(whole[:, None, None], np.abs(matrix) + size, np.eye(3) + terms[:, None, None])
+    pick = ((0, 1, 2), (0, 1, 2)), ((0, 0, 1), (1, 2, 2))
+    return {
+        name: (matrix[:, *at], scale[:, *at]) for name, at in zip(("correction_diagonal", "correction_mixed"), pick)
+    }
+
+
+@operation("p_j - p_i where p_i < 0", paper="Sun et al. 2018", outputs="own_pressure", optional="near_surface",
+    invariants="reordering",
+)  # fmt: skip
+def own_pressure(pressure, near_surface, rows=None):
+    """Pressure of a particle in its own force [Pa]: -p where p < 0 away from the surface (`near_surface` 0), else p."""
+    p = _rows(pressure, rows)
+    inside = np.ones(len(p), bool) if near_surface is None else _rows(near_surface, rows) == 0
+    return {"own_pressure": (np.where(inside, np.abs(p), p), np.abs(p))}
+
+
+@operation(
+    "J(10) with renormalised gradients", paper="Jiang & Zhu 2023; Bonet & Lok 1999; Sun et al. 2018",
+    adds="acceleration", optional="correction_diagonal correction_mixed period", tolerance=12.0,
+    reason="one rounding in each of distance, slope, volume, pressures, two products with a matrix, mean and sum",
+    variants=("correction_diagonal correction_mixed period", "period", ""), invariants=SYMMETRY,
+    broken={0: "", 1: "rotation", 2: "rotation"},
+)  # fmt: skip
+def corrected_pressure(
+    position, mass, density, pressure, own_pressure, correction_diagonal, correction_mixed, smoothing, fluid,
+    period=None, rows=None,
+):  # fmt: skip
+    """Acceleration [m/s^2] a_i = -(s/rho_i) sum_j V_j (q_i + p_j) (B_i + B_j)/2 grad W_ij, q the own pressure.
+
+    B = I without a correction, which has its diagonal (xx, yy, zz) and the rest (xy, xz, yz); s of J(10).
+    """
+    volume = np.asarray(mass, dtype=float) / np.asarray(density, dtype=float)
+    rho_i, own, p = _rows(density, rows), _rows(own_pressure, rows), np.asarray(pressure, dtype=float)
+    matrix = np.broadcast_to(np.eye(3), (len(p), 3, 3))
+    if correction_diagonal is not None:
+        matrix = symmetric(correction_diagonal, correction_mixed)
+    matrix_i = _rows(matrix, rows)
+    sums = Sums(len(rho_i), 3)
+    for place, separation, distance in pair_blocks(position, position, rows, period):
+        apart = np.where(distance > 0, distance, 1.0)
+        gradient = (kernel_slope(distance, smoothing) / apart)[..., None] * separation
+        mean = 0.5 * (matrix_i[place, None] + matrix[None, :])
+        factor = float(fluid.gradient_share) * volume[None, :] / rho_i[place, None]
+        force = -factor * (own[place, None] + p[None, :])
+        size = factor * (np.abs(own)[place, None] + np.abs(p)[None, :])
+        sums.add(
+            place, force[..., None] * np.einsum("nmab,nmb->nma", mean, gradient),
+            size[..., None] * np.einsum("nmab,nmb->nma", np.abs(mean), np.abs(gradient)),
+        )  # fmt: skip
+    return {"acceleration": sums.total()}
+
+
 @operation(
     "J(11) with Jiang & Zhu E3, without J(10)", "sph.viscosity", adds="acceleration", optional="period", tolerance=8.0,
     invariants=f"{SYMMETRY} linear_momentum galilean dissipation", broken={1: "rotation"},

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
-from refsim.core.capabilities import HasErrata
+from refsim.core.capabilities import FindsSurface, HasErrata
 from refsim.core.checked import Printed
 from refsim.core.effect import Discretisation, Effect, Pass, require
 from refsim.core.energy import EnergyAccount
@@ -162,7 +162,7 @@ def fan_scan_pass(
     return Pass("surface_detection.fan_scan", reads, ("surface",), on_demand=on_demand, names=names)
 
 
-class SurfaceDetection(Effect, HasErrata, frozen=True, kw_only=True):
+class SurfaceDetection(Effect, FindsSurface, HasErrata, frozen=True, kw_only=True):
     """Marks the particles of the free surface in field `surface`.
 
     method       "number_density" (S = N, J(12)), "fan_scan" (J(13) for every particle) or "two_step" (J(13) where the
@@ -252,6 +252,15 @@ class SurfaceDetection(Effect, HasErrata, frozen=True, kw_only=True):
             return self.detection_passes(on_demand=not self.each_step)
         release = Pass("surface_detection.release_pressure", ("surface",), updates=("pressure",))
         return (*self.detection_passes(), release)
+
+    def near_fields(self) -> tuple[Field, ...]:
+        return (NUMBER_DENSITY, NEAR_SURFACE)
+
+    def near_passes(self) -> tuple[Pass, ...]:
+        return (near_surface_pass(),)
+
+    def near_groups(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
+        return {"near_surface_limit": self.prepare(grid, others)["near_surface_limit"]}
 
     def detection_passes(self, on_demand: bool = False) -> tuple[Pass, ...]:
         """Passes that end with field `surface`, in every step or on demand."""

@@ -14,7 +14,7 @@ from refsim.boundary.adami_2012 import reference as reference
 from refsim.core.capabilities import BringsWalls, having
 from refsim.core.effect import Discretisation, Effect, Pass
 from refsim.core.fields import Field
-from refsim.sph import acceleration_of
+from refsim.sph import acceleration_of, liquid_of
 
 WALL_PRESSURE = Field("wall_pressure", "Pa", "pressure of the wall particles, from the liquid", rows="walls")
 LEAST_SHARE = 1e-3  # of a cell that a wall particle fills
@@ -29,9 +29,8 @@ def passes(own: BringsWalls, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
     reads = ("position", "density", "pressure", *solids)
     return (
         Pass("adami_2012.extrapolation", reads, ("wall_pressure",), names=names),
-        Pass(
-            "adami_2012.wall_force", (*reads, "wall_pressure"), updates=("acceleration",),
-            names={"smoothing": "gradient_smoothing", **names},
+        liquid_of(others).with_own_force(
+            "adami_2012.wall_force", (*reads, "wall_pressure"), {"smoothing": "gradient_smoothing", **names}, "pressure"
         ),
     )  # fmt: skip
 

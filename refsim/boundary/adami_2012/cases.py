@@ -48,7 +48,7 @@ def mean_of_two():
 
 @closed_form("adami_2012.wall_force")
 def pushed_by_its_wall():
-    """a = V_w (p_i + p_w) |W'(h/2)|/rho_i away from the wall particle, on both sides of it."""
+    """a = V_w (p_i + p_w) |W'(h/2)|/rho_i away from the wall particle, on both sides of it; B_2 turns it."""
     place = np.array([[0.0, 1.0, 0.0]])
     slope = 5 / 8 * W0
     push = 0.25 * np.array([(300.0 + 200.0) / 1000.0, (500.0 + 200.0) / 500.0]) * slope
@@ -57,9 +57,10 @@ def pushed_by_its_wall():
         {
             "density": np.array([1000.0, 500.0]), "pressure": np.array([300.0, 500.0]),
             "walls": WallParticles(place, np.array([0.25])), "wall_pressure": np.array([200.0]),
-            "phase": None,
+            "phase": None, "correction_diagonal": np.array([[9.0, 1.0, 9.0], [9.0, 3.0, 9.0]]),
+            "correction_mixed": np.array([[0.0, 9.0, 0.0], [0.5, 9.0, -0.25]]),
         },
-        {"acceleration": np.array([[0.0, -push[0], 0.0], [0.0, push[1], 0.0]])},
+        {"acceleration": np.array([[0.0, -push[0], 0.0], push[1] * np.array([0.5, 3.0, -0.25])])},
     )  # fmt: skip
 
 

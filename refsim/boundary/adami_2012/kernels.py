@@ -3,8 +3,9 @@
 from refsim.backends.compile import kernel
 from refsim.boundary.adami_2012.formulas import extrapolated_pair, wall_force_pair
 from refsim.neighbours.pairs import neighbour_sum, pair
-from refsim.neighbours.rows import first_lane
+from refsim.neighbours.rows import add_vector
 from refsim.smoothing.formulas import gradient_factor, kernel_value
+from refsim.sph.formulas import corrected
 from refsim.sph.kernels import LIQUID_PHASE
 
 
@@ -37,8 +38,9 @@ def pushing_pair(r, x_ij, pressure_i, wall_pressure_j, volume_j, smoothing):
 
 @kernel(lanes=True)
 def wall_force(
-    i, lane, position, density, pressure, wall_pressure, phase, neighbours, walls, smoothing, period, acceleration
-):
+    i, lane, position, density, pressure, wall_pressure, phase, correction_diagonal, correction_mixed, neighbours,
+    walls, smoothing, period, acceleration,
+):  # fmt: skip
     """J(10) of the liquid with the walls; added to the acceleration [m/s^2]."""
     if phase is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
         if phase[i] != LIQUID_PHASE:
@@ -46,7 +48,7 @@ def wall_force(
     ax, ay, az = neighbour_sum(
         pushing_pair, i, lane, walls, position, period, pressure, wall_pressure, walls.volume, smoothing
     )
-    if first_lane(lane):
-        acceleration[i, 0] += ax / density[i]
-        acceleration[i, 1] += ay / density[i]
-        acceleration[i, 2] += az / density[i]
+    if correction_diagonal is not None:
+        ax, ay, az = corrected(correction_diagonal[i], correction_mixed[i], (ax, ay, az))
+    rho = density[i]
+    add_vector(acceleration, i, lane, ax / rho, ay / rho, az / rho)

@@ -5,8 +5,10 @@ import numpy as np
 from refsim.core.operation import SYMMETRY, operations
 from refsim.neighbours.reference import Sums, pair_blocks
 from refsim.smoothing.reference import kernel_slope, kernel_value
+from refsim.sph.reference import symmetric
 
 operation = operations(paper="Adami, Hu & Adams 2012")
+_CORRECTION = "correction_diagonal correction_mixed"
 
 
 @operation(
@@ -36,10 +38,18 @@ def extrapolation(position, density, pressure, phase, walls, smoothing, lean, pe
 
 @operation(
     "J(10) with wall particles", paper="Adami, Hu & Adams 2012; Jiang & Zhu 2023", adds="acceleration",
-    optional="phase period", tolerance=8.0, invariants=SYMMETRY, broken={1: "rotation"},
+    optional=f"phase {_CORRECTION} period", tolerance=8.0,
+    variants=(f"phase {_CORRECTION} period", _CORRECTION, "phase period"), invariants=SYMMETRY,
+    broken={1: "rotation", 2: "rotation"},
 )  # fmt: skip
-def wall_force(position, density, pressure, wall_pressure, phase, walls, smoothing, period=None, rows=None):
-    """Acceleration [m/s^2] of the liquid a_i = -(1/rho_i) sum_w V_w (p_i + p_w) grad W_iw."""
+def wall_force(
+    position, density, pressure, wall_pressure, phase, correction_diagonal, correction_mixed, walls, smoothing,
+    period=None, rows=None,
+):  # fmt: skip
+    """Acceleration [m/s^2] of the liquid a_i = -(1/rho_i) B_i sum_w V_w (p_i + p_w) grad W_iw.
+
+    B_i = I without a correction, which has its diagonal (xx, yy, zz) and the rest (xy, xz, yz).
+    """
     pick = slice(None) if rows is None else np.asarray(rows)
     rho, p = np.asarray(density, dtype=float)[pick], np.asarray(pressure, dtype=float)[pick]
     pushed = np.ones(len(rho)) if phase is None else np.asarray(phase)[pick] == 0
@@ -51,4 +61,8 @@ def wall_force(position, density, pressure, wall_pressure, phase, walls, smoothi
         both = volume[None, :] * (p[place, None] + of_wall[None, :]) / rho[place, None]
         size = volume[None, :] * (np.abs(p)[place, None] + np.abs(of_wall)[None, :]) / rho[place, None]
         sums.add(place, -both[..., None] * gradient, size[..., None] * np.abs(gradient))
+    if correction_diagonal is not None:
+        matrix = symmetric(correction_diagonal, correction_mixed)[pick]
+        sums.value = np.einsum("nab,nb->na", matrix, sums.value)
+        sums.scale = np.einsum("nab,nb->na", np.abs(matrix), sums.scale)
     return {"acceleration": tuple(part * pushed[:, None] for part in sums.total())}

@@ -28,6 +28,7 @@ from refsim import (
 )
 from refsim.core.effect import Discretisation
 from refsim.core.operation import REGISTRY
+from refsim.sph import CORRECTION
 from validation.checks import Checks
 from validation.experiment import Experiment, Options, Results, Run
 from validation.experiments.solutions import scene as exact
@@ -93,7 +94,7 @@ def tank(
     moves = np.random.default_rng(SEED).uniform(-shake, shake, (simulation.count, 3)) * spacing
     moves[:, dim:] = 0
     simulation.set_field("position", simulation.field("position") + moves)
-    total = simulation.count * spacing**dim * DENSITY * GRAVITY
+    total = simulation.field("mass").sum() * GRAVITY
     seen: list[tuple[float, float, float]] = []
 
     def sample(simulation: Simulation, wall: float) -> None:
@@ -119,8 +120,8 @@ def pushed(simulation: Simulation) -> NDArray:
     """Force of walls with an extrapolated pressure on the liquid (3,) [N]."""
     plan, operation = simulation.plan, REGISTRY["adami_2012.wall_force"]
     given: dict[str, Any] = {n: simulation.field(n) for n in ("position", "density", "pressure", "wall_pressure")}
-    phase = simulation.field("phase") if "phase" in plan.fields else None
-    given |= {"walls": plan.walls, "smoothing": plan.shared["gradient_smoothing"], "period": None, "phase": phase}
+    given |= {"walls": plan.walls, "smoothing": plan.shared["gradient_smoothing"], "period": None}
+    given |= {n: simulation.field(n) if n in plan.fields else None for n in ("phase", *CORRECTION)}
     push = operation.program("numpy")(*(given[name] for name in operation.arguments("numpy")))
     return simulation.field("mass") @ push["acceleration"][0]
 
