@@ -53,7 +53,7 @@ def pressure_pair(volume_j, pressure_i, pressure_j, slope, fluid):
 
 @formula
 def gradient_correction(xx, yy, zz, xy, xz, yz, smoothing):
-    """Bonet & Lok 1999: I + s (M^-1 - I) of the symmetric M, as (xx, yy, zz, xy, xz, yz); dimensionless.
+    """Bonet & Lok 1999: B = I + s (M^-1 - I) of the symmetric M, as (xx, yy, zz, xy, xz, yz); dimensionless.
 
     s grows from 0 at det M = LEAST_FILLED to 1 at FILLED: a particle at a surface, with neighbours on one side, keeps
     the plain gradient.
@@ -76,7 +76,7 @@ def gradient_correction(xx, yy, zz, xy, xz, yz, smoothing):
 
 @formula
 def corrected(diagonal, mixed, x):
-    """B x of a symmetric B with the diagonal (xx, yy, zz) and the rest (xy, xz, yz)."""
+    """y = B x [as x] of a symmetric B with the diagonal (xx, yy, zz) and the rest (xy, xz, yz)."""
     return (
         diagonal[0] * x[0] + mixed[0] * x[1] + mixed[1] * x[2],
         mixed[0] * x[0] + diagonal[1] * x[1] + mixed[2] * x[2],
@@ -86,7 +86,7 @@ def corrected(diagonal, mixed, x):
 
 @formula
 def own_pressure(pressure, near_surface):
-    """Sun et al. 2018: -p where p < 0 away from the surface, so that p_i + p_j becomes p_j - p_i there; else p [Pa]."""
+    """Sun et al. 2018: q = -p where p < 0 away from the surface, so that p_i + p_j becomes p_j - p_i; else p [Pa]."""
     if pressure < type(pressure)(0) and not near_surface:
         return -pressure
     return pressure

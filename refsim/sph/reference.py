@@ -210,7 +210,7 @@ def symmetric(diagonal, mixed):
 def gradient_correction(position, mass, density, walls, smoothing, period=None, rows=None):
     """B_i = I + s (M_i^-1 - I), M_i = -sum_j V_j x_ij grad W_ij - sum_b V_b x_ib grad W_ib: diagonal, (xy, xz, yz).
 
-    s = (det M_i - 0.5)/0.3, at least 0 and at most 1. In 2D M_zz = 1.
+    s = (det M_i - 0.5)/0.3, at least 0 and at most 1. In 2D M_zz = 1. Dimensionless.
     """
     volume = np.asarray(mass, dtype=float) / np.asarray(density, dtype=float)
     sums = Sums(len(volume) if rows is None else len(rows), 3, 3)
@@ -245,7 +245,7 @@ def gradient_correction(position, mass, density, walls, smoothing, period=None, 
     invariants="reordering",
 )  # fmt: skip
 def own_pressure(pressure, near_surface, rows=None):
-    """Pressure of a particle in its own force [Pa]: -p where p < 0 away from the surface (`near_surface` 0), else p."""
+    """Pressure of a particle in its own force [Pa]: q = -p where p < 0 and `near_surface` is 0, else p."""
     p = _rows(pressure, rows)
     inside = np.ones(len(p), bool) if near_surface is None else _rows(near_surface, rows) == 0
     return {"own_pressure": (np.where(inside, np.abs(p), p), np.abs(p))}
