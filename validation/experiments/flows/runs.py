@@ -1,0 +1,255 @@
+"""Three flows of the literature with the liquid that rests (docs/solutions.md).
+
+A cavity with a moving lid, the pressure of a dam break at a wall, and a tank that sways. 2D, float64, Wendland C2,
+rho0 = 1000 kg/m^2; every option of the liquid is spelled out.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+
+from refsim import (
+    Box,
+    BoxWalls,
+    Gauge,
+    Gravity,
+    Motion,
+    ParticleShifting,
+    Scene,
+    Simulation,
+    SurfaceDetection,
+    WeaklyCompressible,
+)
+from validation.checks import Checks
+from validation.experiment import Experiment, Options, Results, Run
+from validation.results import Result
+from validation.running import Context, advance
+
+DENSITY, GRAVITY = 1000.0, 9.81  # kg/m^2, m/s^2
+ARTIFICIAL = 0.02  # alpha of the artificial viscosity that has the kinematic viscosity of water that falls or sways
+REYNOLDS, SETTLED, MEAN = 100.0, 15.0, 1.0  # of the cavity; s until it is steady, s of the mean at the end
+
+# Ghia, Ghia & Shin, J. Comput. Phys. 48 (1982) 387, tables I and II, Re = 100: u/U over y at x = 1/2, v/U over x
+GHIA_U = (
+    (0.0547, -0.03717), (0.0625, -0.04192), (0.0703, -0.04775), (0.1016, -0.06434), (0.1719, -0.10150),
+    (0.2813, -0.15662), (0.4531, -0.21090), (0.5, -0.20581), (0.6172, -0.13641), (0.7344, 0.00332), (0.8516, 0.23151),
+    (0.9531, 0.68717), (0.9609, 0.73722), (0.9688, 0.78871), (0.9766, 0.84123),
+)  # fmt: skip
+GHIA_V = (
+    (0.0625, 0.09233), (0.0703, 0.10091), (0.0781, 0.10890), (0.0938, 0.12317), (0.1563, 0.16077), (0.2266, 0.17507),
+    (0.2344, 0.17527), (0.5, 0.05454), (0.8047, -0.24533), (0.8594, -0.22445), (0.9063, -0.16914), (0.9453, -0.10313),
+    (0.9531, -0.08864), (0.9609, -0.07391), (0.9688, -0.05906),
+)  # fmt: skip
+# Zhou, De Kat & Buchner, 7th Int. Conf. Numer. Ship Hydrodyn. (1999): pressure over rho g H at the sensor, of t
+# sqrt(g/H) (digitised by the TrixiParticles project)
+COLUMN, TANK, SENSOR = (1.2, 0.6), (3.22, 1.8), (0.115, 0.205)  # m; the sensor's ends, over the floor
+ARRIVAL, PLATEAU, PLATEAU_PRESSURE = 2.577, (3.2, 5.0), 0.547  # p = 0.3 rho g H; mean between these times
+# Faltinsen, Rognebakke, Lukovsky & Timokha, J. Fluid Mech. 407 (2000) 201, figure 7: crests and troughs [s, m] of the
+# level 0.05 m from the left wall of a tank 1.73 m long, 0.6 m deep, that sways as 0.032 m cos(2 pi t/1.3 s) (digitised
+# by the PySPH project)
+LENGTH, DEPTH, PERIOD, SWAY, PROBE = 1.73, 0.6, 1.3, 0.032, 0.05  # m, m, s, m, m
+EXTREMES = (
+    (0.498, -0.0312), (1.163, 0.0754), (1.925, -0.0880), (2.574, 0.1421), (3.267, -0.0925), (4.040, 0.1093),
+    (4.711, -0.0454), (5.295, 0.0126), (6.300, 0.0398), (7.005, -0.0668), (7.707, 0.1248), (8.300, -0.0825),
+    (9.159, 0.1414), (9.689, -0.0685),
+)  # fmt: skip
+NEAR = 0.3  # s around an extreme of the experiment in which that of the run is looked for
+
+
+def _liquid(sound: float, viscosity: float, tensile_control: str) -> WeaklyCompressible:
+    return WeaklyCompressible(
+        rest_density=DENSITY, sound_speed=sound, dynamic_viscosity=DENSITY * viscosity, viscosity="central",
+        state="linear", density="continuity", diffusion=0.1, gradient="plain", clamp_pressure=False,
+        tensile_control=tensile_control, kernels="wendland",  # type: ignore[arg-type]
+    )  # fmt: skip
+
+
+def fitted(place: NDArray, position: NDArray, values: NDArray, reach: float) -> NDArray:
+    """Linear fits at `place` (m, 2) [m] of values (n,) at `position` (n, 2) [m], weighted by (1 - r/reach)^2."""
+    found = np.empty(len(place))
+    for k, x in enumerate(place):
+        away = position - x
+        weight = np.clip(1 - np.hypot(*away.T) / reach, 0, None)
+        rows = np.column_stack([np.ones(len(away)), away]) * weight[:, None]
+        found[k] = np.linalg.lstsq(rows, values * weight, rcond=None)[0][0]
+    return found
+
+
+def cavity(context: Context, cells: int, support: float, backend: str) -> Result:
+    """A square cavity of 1 m whose lid moves with 1 m/s, at Re 100, from rest.
+
+    u_off, v_off  largest difference of the centre-line velocities from Ghia's over the lid's speed; means of the last
+    second
+    """
+    spacing, viscosity = 1.0 / cells, 1.0 / REYNOLDS
+    scene = Scene(
+        name="cavity", dim=2, dtype="float64", spacing=spacing, support_radius=support * spacing,
+        fluid=(Box(cells=(cells, cells, 1)),),
+        effects=(
+            _liquid(10.0, viscosity, "none"),
+            BoxWalls(
+                lower=(0.0, 0.0, 0.0), upper=(1.0, 1.0, 0.0), model="extrapolated", moving_faces=("+y",),
+                velocity=(1.0, 0.0, 0.0), viscosity=2 * DENSITY * viscosity,
+            ),
+            ParticleShifting(strength=2.2, surface="none"),
+        ),
+    )  # fmt: skip
+    simulation = context.simulation(scene, backend)
+    up = np.array([(0.5, y) for y, _ in GHIA_U])
+    across = np.array([(x, 0.5) for x, _ in GHIA_V])
+    seen: list[tuple[NDArray, NDArray]] = []
+
+    def sample(simulation: Simulation, wall: float) -> None:
+        x, v = simulation.field("position")[:, :2], simulation.field("velocity")
+        reach = support * spacing
+        seen.append((fitted(up, x, v[:, 0], reach), fitted(across, x, v[:, 1], reach)))
+
+    advance(simulation, [SETTLED - MEAN + 0.1 * k for k in range(1 + round(MEAN / 0.1))], sample, context)
+    u, v = (np.mean(part, axis=0) for part in zip(*seen))
+    off = u - np.array(GHIA_U)[:, 1], v - np.array(GHIA_V)[:, 1]
+    values = {
+        "kind": "cavity", "cells": cells, "support": support, "particles": simulation.count,
+        "u_off": float(np.abs(off[0]).max()), "v_off": float(np.abs(off[1]).max()),
+        "off": float(np.sqrt(np.mean(np.concatenate(off) ** 2))), "stops": simulation.stopped_at_walls,
+    }  # fmt: skip
+    return Result(values, {"u": u, "v": v})
+
+
+def dam_break(context: Context, cells: int, support: float, backend: str) -> Result:
+    """A column of water, 0.6 m high with `cells` particles, falls and hits the wall 2.02 m away.
+
+    arrival_off  of the time at which the sensor reads 0.3 rho g H, over the experiment's, off 1; pressure_off  of the
+    mean pressure while the water runs up and falls back, over the experiment's, off 1
+    """
+    height = COLUMN[1]
+    spacing, sound = height / cells, 10 * math.sqrt(2 * GRAVITY * height)
+    viscosity = ARTIFICIAL * 0.5 * support * spacing * sound / 8
+    far = round(TANK[0] / spacing) * spacing
+    scene = Scene(
+        name="dam_break", dim=2, dtype="float64", spacing=spacing, support_radius=support * spacing,
+        fluid=(Box(cells=(2 * cells, cells, 1)),),
+        gauge=(
+            Gauge(name="sensor", kind="pressure", lower=(far, SENSOR[0], 0.0), upper=(far, SENSOR[1], 0.0), every=2e-3),
+        ),
+        effects=(
+            _liquid(sound, viscosity, "inside"), Gravity(acceleration=(0.0, -GRAVITY, 0.0)),
+            BoxWalls(
+                lower=(0.0, 0.0, 0.0), upper=(far, TANK[1], 0.0), model="extrapolated", open_faces=("+y",),
+            ),
+            SurfaceDetection(), ParticleShifting(strength=2.2, surface="detected"),
+        ),
+    )  # fmt: skip
+    simulation = context.simulation(scene, backend)
+    unit = math.sqrt(height / GRAVITY)
+    advance(simulation, (np.linspace(0, 7, 71) * unit).tolist(), lambda simulation, wall: None, context)
+    series = simulation.gauge("sensor")
+    time, pressure = series.time / unit, series["pressure"] / (DENSITY * GRAVITY * height)
+    within = (time > PLATEAU[0]) & (time < PLATEAU[1])
+    arrival = float(time[np.argmax(pressure > 0.3)])
+    values = {
+        "kind": "dam", "cells": cells, "support": support, "particles": simulation.count,
+        "arrival_off": abs(arrival / ARRIVAL - 1), "stops": simulation.stopped_at_walls,
+        "pressure_off": abs(float(pressure[within].mean()) / PLATEAU_PRESSURE - 1),
+    }  # fmt: skip
+    return Result(values, {"time": time, "pressure": pressure})
+
+
+def linear(time: NDArray, amplitude: float, viscosity: float, modes: int = 20) -> NDArray:
+    """Level [m] over its rest at the probe by linear theory (Faltinsen, J. Ship Res. 22 (1978) 193), X = A cos(w t).
+
+    a'' + 4 nu k^2 a' + g k tanh(k h) a = 4 tanh(k h) X''/(L k) for the odd modes a cos(k x), at rest at the start.
+    """
+    omega, total = 2 * math.pi / PERIOD, np.zeros(len(time))
+    for n in range(1, 2 * modes, 2):
+        k = n * math.pi / LENGTH
+        pull = -4 * math.tanh(k * DEPTH) / (LENGTH * k) * amplitude * omega**2
+        brake, stiff = 4 * viscosity * k**2, GRAVITY * k * math.tanh(k * DEPTH)
+
+        def rate(t: float, y: NDArray) -> list[float]:
+            return [y[1], pull * math.cos(omega * t) - brake * y[1] - stiff * y[0]]  # noqa: B023  (used at once)
+
+        found = solve_ivp(rate, (0.0, float(time[-1])), (0.0, 0.0), t_eval=time, rtol=1e-8, atol=1e-12)
+        total += found.y[0] * math.cos(k * PROBE)
+    return total
+
+
+def sway(context: Context, cells: int, support: float, amplitude: float, until: float, backend: str) -> Result:
+    """A tank with water `cells` particles deep sways with `amplitude` [m]; seen from it.
+
+    linear_off  root mean square difference of the level from linear theory over the theory's root mean square;
+    crests_off, troughs_off  mean difference from the experiment's over the mean of its crests or troughs; of the sway
+    of the experiment only
+    """
+    columns = round(cells * LENGTH / DEPTH)
+    spacing, sound = LENGTH / columns, 10 * math.sqrt(GRAVITY * DEPTH)
+    viscosity = ARTIFICIAL * 0.5 * support * spacing * sound / 8
+    scene = Scene(
+        name="sway", dim=2, dtype="float64", spacing=spacing, support_radius=support * spacing,
+        fluid=(Box(cells=(columns, cells, 1)),),
+        motion=(
+            Motion(of="gravity", kind="formula", direction=(1.0, 0.0, 0.0), formula=f"{amplitude}*cos(2*pi*t/{PERIOD})"),
+        ),
+        gauge=(Gauge(name="level", kind="level", lower=(PROBE, 0.0, 0.0), upper=(PROBE, 1.1, 0.0), every=0.01),),
+        effects=(
+            _liquid(sound, viscosity, "none"), Gravity(acceleration=(0.0, -GRAVITY, 0.0)),
+            BoxWalls(lower=(0.0, 0.0, 0.0), upper=(LENGTH, 1.15, 0.0), model="extrapolated"),
+            SurfaceDetection(), ParticleShifting(strength=2.2, surface="detected"),
+        ),
+    )  # fmt: skip
+    simulation = context.simulation(scene, backend)
+    advance(simulation, np.linspace(0, until, 51).tolist(), lambda simulation, wall: None, context)
+    series = simulation.gauge("level")
+    time, level = series.time, series["level"] - cells * spacing
+    theory = linear(time, amplitude, viscosity)
+    values: dict[str, Any] = {
+        "kind": "sway", "cells": cells, "support": support, "amplitude": amplitude, "particles": simulation.count,
+        "linear_off": float(np.sqrt(np.mean((level - theory) ** 2) / np.mean(theory**2))),
+        "stops": simulation.stopped_at_walls,
+    }  # fmt: skip
+    if amplitude == SWAY:
+        off: dict[bool, list[float]] = {True: [], False: []}
+        for at, height in EXTREMES:
+            near = level[np.abs(time - at) < NEAR]
+            off[height > 0].append(abs(float(near.max() if height > 0 else near.min()) - height))
+        for name, up in (("crests_off", True), ("troughs_off", False)):
+            values[name] = float(np.mean(off[up]) / np.mean([abs(h) for _, h in EXTREMES if (h > 0) == up]))
+    return Result(values, {"time": time, "level": level, "theory": theory})
+
+
+CAVITIES, DAMS, SWAYS = (25, 50), (20, 40), ((25, SWAY, 9.9), (50, SWAY, 9.9), (25, 0.008, 6.5), (50, 0.008, 6.5))
+
+
+def planned(options: Options) -> list[Run]:
+    """Two spacings of each; with --quick the coarse cavity alone."""
+    made = []
+    for cells in CAVITIES:
+        row: dict[str, Any] = {"cells": cells, "support": 3.2, "backend": "cpu"}
+        made.append(Run(f"cavity_{cells}", cavity, row, estimate=2e-3 * cells**3))
+    for cells in DAMS:
+        row = {"cells": cells, "support": 3.0, "backend": "cpu"}
+        made.append(Run(f"dam_break_{cells}", dam_break, row, estimate=3e-3 * cells**3))
+    for cells, amplitude, until in SWAYS:
+        row = {"cells": cells, "support": 3.0, "amplitude": amplitude, "until": until, "backend": "cpu"}
+        made.append(Run(f"sway_{cells}_{1000 * amplitude:g}mm", sway, row, estimate=4e-3 * cells**3))
+    return made[:1] if options.quick else made
+
+
+def checks(results: Results, check: Checks) -> None:
+    """Bars hold at the finer spacing; the coarser one is shown."""
+    for key, result in results.items():
+        row, fine = result.values, key.startswith(("cavity_50", "dam_break_40", "sway_50"))
+        names = [name for name in ("u_off", "v_off", "arrival_off", "pressure_off") if name in row]
+        if row["kind"] == "sway":
+            names = ["crests_off", "troughs_off"] if row["amplitude"] == SWAY else ["linear_off"]
+        for name in names:
+            check(name if fine else f"coarse_{name}", row[name], key, f"{row['cells']} cells")
+
+
+EXPERIMENT = Experiment(
+    "flows", "cavity, dam break at a wall and swaying tank with the liquid that rests", planned, checks
+)
