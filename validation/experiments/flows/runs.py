@@ -96,7 +96,6 @@ def cavity(context: Context, cells: int, support: float, backend: str) -> Result
                 lower=(0.0, 0.0, 0.0), upper=(1.0, 1.0, 0.0), model="extrapolated", moving_faces=("+y",),
                 velocity=(1.0, 0.0, 0.0), viscosity=2 * DENSITY * viscosity,
             ),
-            ParticleShifting(strength=2.2, surface="none"),
         ),
     )  # fmt: skip
     simulation = context.simulation(scene, backend)
@@ -186,14 +185,12 @@ def sway(context: Context, cells: int, support: float, amplitude: float, until: 
     of the experiment only
     """
     columns = round(cells * LENGTH / DEPTH)
-    spacing, sound = LENGTH / columns, 10 * math.sqrt(GRAVITY * DEPTH)
+    spacing, sound, path = LENGTH / columns, 10 * math.sqrt(GRAVITY * DEPTH), f"{amplitude}*cos(2*pi*t/{PERIOD})"
     viscosity = ARTIFICIAL * 0.5 * support * spacing * sound / 8
     scene = Scene(
         name="sway", dim=2, dtype="float64", spacing=spacing, support_radius=support * spacing,
         fluid=(Box(cells=(columns, cells, 1)),),
-        motion=(
-            Motion(of="gravity", kind="formula", direction=(1.0, 0.0, 0.0), formula=f"{amplitude}*cos(2*pi*t/{PERIOD})"),
-        ),
+        motion=(Motion(of="gravity", kind="formula", direction=(1.0, 0.0, 0.0), formula=path),),
         gauge=(Gauge(name="level", kind="level", lower=(PROBE, 0.0, 0.0), upper=(PROBE, 1.1, 0.0), every=0.01),),
         effects=(
             _liquid(sound, viscosity, "none"), Gravity(acceleration=(0.0, -GRAVITY, 0.0)),
