@@ -7,11 +7,14 @@ from typing import Any
 
 import matplotlib.pyplot as plt
 
-from validation.drawing import BLUE, GREY, VERMILION
+from validation.drawing import BLUE, GREEN, GREY, VERMILION
 from validation.experiment import Picture, Results
 
-WORDS = {"papers": "the papers' liquid", "rests": "advanced density, extrapolated walls\n(vortices: with shifting)"}
-COLOURS = {"papers": VERMILION, "rests": BLUE}
+WORDS = {
+    "papers": "the papers' liquid", "rests": "advanced density, extrapolated walls\n(vortices: with shifting)",
+    "corrected": "the same, renormalised gradients",
+}  # fmt: skip
+COLOURS = {"papers": VERMILION, "rests": BLUE, "corrected": GREEN}
 PARTS = (
     ("vortices", "error", "velocity of Taylor-Green vortices, L2"),
     ("wave", "period_off", "period of a standing wave"),
