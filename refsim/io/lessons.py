@@ -1,7 +1,8 @@
 """Lessons: text notebooks in MyST markdown, in the package, and the same as Jupyter notebooks and Python scripts.
 
 A lesson is a markdown file with a header. Blocks fenced as `{code-cell}` are executed in order, in one namespace.
-Blocks fenced as `python` stand in folded answers (`<details>`); tests execute them, too, at their place in the order.
+Blocks fenced as `python` stand in folded answers (`<details>`); they are folded cells of the notebook. Blocks fenced as
+`{judge} N` judge answers to exercise N (`refsim.io.exercises`), and no form of the lesson shows them.
 """
 
 import importlib.resources
@@ -11,6 +12,15 @@ from typing import Any, NamedTuple
 
 HEADER = re.compile(r"\A---\n.*?\n---\n", re.DOTALL)
 BLOCK = re.compile(r"^```(\{code-cell\} )?python\n(.*?)^```$\n?", re.MULTILINE | re.DOTALL)
+CELL = re.compile(r"^```\{code-cell\} python\n(.*?)^```$\n?", re.MULTILINE | re.DOTALL)
+JUDGE = re.compile(r"^```\{judge\} (\d+)\n(.*?)^```$\n+", re.MULTILINE | re.DOTALL)
+FOLD = "<details><summary>Answer</summary>"
+FOLDED = {"cellView": "form", "jupyter": {"source_hidden": True}, "tags": ["hide-input"]}  # Colab, JupyterLab, MyST
+INSTALL = """# @title On Colab: install refsim
+import importlib.util
+
+if importlib.util.find_spec("refsim") is None:
+    %pip install -q refsim"""
 KERNEL = {"display_name": "Python 3", "language": "python", "name": "python3"}
 
 
@@ -33,9 +43,19 @@ def title(text: str) -> str:
     return next(line.removeprefix("# ") for line in text.splitlines() if line.startswith("# "))
 
 
+def judges(text: str) -> dict[int, str]:
+    """The code that judges answers, by the number of the exercise."""
+    return {int(block[1]): block[2] for block in JUDGE.finditer(text)}
+
+
+def shown(text: str) -> str:
+    """The text of a lesson as its reader gets it, without the judges."""
+    return JUDGE.sub("", text)
+
+
 def cells(text: str) -> list[Cell]:
-    """The pieces of a lesson, in order, without its header."""
-    text = HEADER.sub("", text)
+    """The pieces of a lesson, in order, without its header and judges."""
+    text = HEADER.sub("", shown(text))
     found: list[Cell] = []
     place = 0
     for block in BLOCK.finditer(text):
@@ -45,38 +65,38 @@ def cells(text: str) -> list[Cell]:
     return [cell for cell in found if cell.text.strip()]
 
 
-def _shown(text: str) -> list[Cell]:
-    """Markdown and code; the code of an answer stays in the markdown, where it is folded."""
-    found: list[Cell] = []
-    for kind, words in cells(text):
-        if kind == "code":
-            found.append(Cell(kind, words))
-            continue
-        if kind == "answer":
-            words = f"```python\n{words}```\n"
-        if found and found[-1].kind == "markdown":
-            words = found.pop().text + words
-        found.append(Cell("markdown", words))
-    return found
-
-
 def notebook(text: str) -> str:
-    """A lesson as a Jupyter notebook: JSON of nbformat 4.5, without outputs."""
+    """A lesson as a Jupyter notebook: JSON of nbformat 4.5, without outputs; code of answers is in folded cells."""
+    pieces, inside = [Cell("answer", INSTALL)], False
+    for kind, words in cells(text):
+        if kind == "markdown":  # what a fold holds besides code is folded by itself
+            words = f"{FOLD}\n{words}" if inside else words
+            inside = words.count("<details>") > words.count("</details>")
+            words = re.sub(FOLD + r"\s*</details>", "", words + ("\n</details>" if inside else ""))
+        elif kind == "answer":
+            words = "# @title Worked answer: run it, or unfold and read it\n" + words
+        pieces.append(Cell(kind, words))
     made: list[dict[str, Any]] = []
-    for number, (kind, words) in enumerate(_shown(text), 1):
-        cell = {"cell_type": kind, "id": f"cell-{number}", "metadata": {}, "source": words.strip()}
-        made.append(cell | {"execution_count": None, "outputs": []} if kind == "code" else cell)
+    for number, (kind, words) in enumerate((piece for piece in pieces if piece.text.strip()), 1):
+        cell: dict[str, Any] = {"cell_type": "code", "id": f"cell-{number}", "metadata": {}, "source": words.strip()}
+        if kind == "markdown":
+            made.append(cell | {"cell_type": "markdown"})
+        else:
+            made.append(cell | {"metadata": FOLDED if kind == "answer" else {}, "execution_count": None, "outputs": []})
     about = {"kernelspec": KERNEL, "language_info": {"name": "python"}}
     return json.dumps({"cells": made, "metadata": about, "nbformat": 4, "nbformat_minor": 5}, indent=1) + "\n"
 
 
 def script(text: str) -> str:
-    """A lesson as a Python script in percent format, which runs with `python` and opens in editors as a notebook."""
+    """A lesson as a Python script in percent format, which runs with `python` and opens in editors as a notebook.
+
+    Answers are comments.
+    """
     parts = []
-    for kind, words in _shown(text):
-        if kind == "code":
+    for number, words in enumerate(CELL.split(HEADER.sub("", shown(text)))):
+        if number % 2:
             parts.append(f"# %%\n{words.strip()}\n")
-        else:
+        elif words.strip():
             lines = "\n".join(f"# {line}".rstrip() for line in words.strip().splitlines())
             parts.append(f"# %% [markdown]\n{lines}\n")
     return "\n".join(parts)

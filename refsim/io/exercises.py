@@ -1,0 +1,141 @@
+"""Exercises of the lessons: an answer is judged by code that stands in the lesson, and a wrong one is told why.
+
+A block fenced as `{judge} N` stands below exercise N. It knows the lesson's names, `answer`, and `HELPERS` of this module. It
+raises `Wrong`, or sets `right`, the words for a right answer.
+Notebooks and pages do not show it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from refsim.io.lessons import judges, lessons
+
+OPEN = "no answer yet: replace the three dots"
+
+
+class Wrong(Exception):
+    """Says what is wrong with an answer."""
+
+
+class Verdict(NamedTuple):
+    """Whether an answer is right, and what is said about it."""
+
+    right: bool
+    words: str
+
+
+class Exercises:
+    """The exercises of a lesson; called with the number of one and an answer, it prints what it thinks of it."""
+
+    def __init__(self, lesson: str, names: Mapping[str, Any]) -> None:
+        """Take the judges of a lesson, such as "1_surface_particles", and the names that they may use: `globals()`."""
+        self.judges = judges(lessons()[lesson])
+        self.names = names
+        self.verdicts: dict[int, Verdict] = {}  # the last of each exercise
+
+    def verdict(self, exercise: int, answer: Any) -> Verdict:
+        """Judge an answer."""
+        known = dict(self.names) | HELPERS | {"answer": answer}
+        try:
+            if answer is ... or (isinstance(answer, tuple) and any(part is ... for part in answer)):
+                raise Wrong(f"{OPEN}.")
+            exec(compile(self.judges[exercise], f"judge of exercise {exercise}", "exec"), known)
+        except Wrong as wrong:
+            return Verdict(False, str(wrong))
+        return Verdict(True, known["right"])
+
+    def __call__(self, exercise: int, answer: Any) -> None:
+        """Judge an answer and print the verdict."""
+        found = self.verdicts[exercise] = self.verdict(exercise, answer)
+        print(f"Exercise {exercise}: {'right' if found.right else 'not yet'}: {found.words}")
+
+
+def number(answer: Any) -> float:
+    """The answer as one finite number; raises Wrong."""
+    return float(numbers(answer, ()))
+
+
+def numbers(answer: Any, shape: tuple[int, ...]) -> np.ndarray:
+    """The answer as an array of finite numbers of a shape; raises Wrong."""
+    wanted = f"numbers in an array of shape {shape}" if shape else "one number"
+    if callable(answer):
+        raise Wrong(f"this is a function, and {wanted} is asked for: call it, with brackets.")
+    if answer is None:
+        raise Wrong("this is None: a function that gives nothing back lacks its `return`.")
+    try:
+        found = np.asarray(answer, dtype=float)
+    except (TypeError, ValueError):
+        raise Wrong(f"this is {answer!r}, and {wanted} is asked for.") from None
+    if found.shape != shape:
+        raise Wrong(f"this has the shape {found.shape}, and {wanted} is asked for.")
+    if not np.isfinite(found).all():
+        raise Wrong("some of it is infinite or not a number: look for a division by zero or a root of something negative.")
+    return found
+
+
+def mask(answer: Any, count: int) -> np.ndarray:
+    """The answer as True or False for each of `count` particles; raises Wrong."""
+    found = np.asarray(answer)
+    if found.dtype.kind in "iu" and (found.shape != (count,) or found.max(initial=0) > 1):
+        raise Wrong(
+            f"these are indices of particles, and a mask is asked for: True or False for each of the {count}."
+            f" Make `marked = np.zeros({count}, bool)`, then `marked[indices] = True`."
+        )
+    if found.dtype != bool:
+        raise Wrong(f"these are values of type {found.dtype}, and a mask is True or False: compare them with a limit.")
+    if found.shape != (count,):
+        raise Wrong(f"this has the shape {found.shape}; a mask has one value for each of the {count} particles.")
+    return found
+
+
+def called(answer: Any, *given: Any) -> Any:
+    """What the answer, a function, gives back; raises Wrong where it is none, fails, or gives nothing back."""
+    if not callable(answer):
+        raise Wrong(f"this is {type(answer).__name__}, and a function is asked for: give its name, without brackets.")
+    try:
+        found = answer(*given)
+    except Exception as error:
+        raise Wrong(f"your function stops with {type(error).__name__}: {error}.") from None
+    if found is None or found is ...:
+        raise Wrong(f"{OPEN}, and end the function with `return`.")
+    return found
+
+
+def compare(
+    value: Any, right: Any, wrong: Mapping[str, Any], within: float = 1e-6, hint: str = "look at the formula once more."
+) -> None:
+    """Raise Wrong unless `value` is `right` within a relative error.
+
+    wrong  values that a mistake gives, by what is said of it; it may be a pair (value, relative error)
+    hint   what is said where the mistake is not known
+    """
+    right = np.asarray(right, dtype=float)
+    value = numbers(value, right.shape)
+    greatest = abs(right).max()
+
+    def near(other: Any, error: float) -> bool:
+        return bool((abs(value - other) <= error * (abs(np.asarray(other)).max() or greatest)).all())
+
+    if near(right, within):
+        return
+    for words, other in wrong.items():
+        if near(*(other if isinstance(other, tuple) else (other, within))):
+            raise Wrong(words)
+    share = float((value * right).sum() / (right**2).sum())
+    tens = round(np.log10(share)) if share > 0 else 0
+    if near(-right, within):
+        raise Wrong("the size is right and the sign is wrong.")
+    if tens and abs(tens) % 3 == 0 and near(right * 10.0**tens, within):
+        raise Wrong(f"this is 1e{tens} times the right answer: look at the units.")
+    if right.size > 1 and near(right * share, max(within, 1e-6)):
+        raise Wrong(f"all values are {share:.4g} times the right ones: a factor is wrong or missing.")
+    raise Wrong(hint)
+
+
+
+
+HELPERS = {"Wrong": Wrong, "called": called, "compare": compare, "mask": mask, "number": number, "numbers": numbers}
