@@ -1,8 +1,7 @@
 """Exercises of the lessons: an answer is judged by code that stands in the lesson, and a wrong one is told why.
 
-A block fenced as `{judge} N` stands below exercise N. It knows the lesson's names, `answer`, and `HELPERS` of this module. It
-raises `Wrong`, or sets `right`, the words for a right answer.
-Notebooks and pages do not show it.
+A block fenced as `{judge} N` stands below exercise N. It knows the lesson's names, `answer`, and `HELPERS` of this
+module. It raises `Wrong`, or sets `right`, the words for a right answer. Notebooks and pages do not show it.
 """
 
 from __future__ import annotations
@@ -14,7 +13,7 @@ import numpy as np
 
 from refsim.io.lessons import judges, lessons
 
-OPEN = "no answer yet: replace the three dots"
+OPEN = "replace the three dots by your answer"
 
 
 class Wrong(Exception):
@@ -26,6 +25,13 @@ class Verdict(NamedTuple):
 
     right: bool
     words: str
+
+
+class About(NamedTuple):
+    """A value, and the relative error with which it is meant."""
+
+    value: Any
+    error: float
 
 
 class Exercises:
@@ -63,17 +69,19 @@ def numbers(answer: Any, shape: tuple[int, ...]) -> np.ndarray:
     """The answer as an array of finite numbers of a shape; raises Wrong."""
     wanted = f"numbers in an array of shape {shape}" if shape else "one number"
     if callable(answer):
-        raise Wrong(f"this is a function, and {wanted} is asked for: call it, with brackets.")
+        raise Wrong(f"this is a function: call it, with brackets. Asked for: {wanted}.")
     if answer is None:
         raise Wrong("this is None: a function that gives nothing back lacks its `return`.")
     try:
         found = np.asarray(answer, dtype=float)
     except (TypeError, ValueError):
-        raise Wrong(f"this is {answer!r}, and {wanted} is asked for.") from None
+        raise Wrong(f"this is {answer!r}; asked for: {wanted}.") from None
     if found.shape != shape:
-        raise Wrong(f"this has the shape {found.shape}, and {wanted} is asked for.")
+        raise Wrong(f"this has the shape {found.shape}; asked for: {wanted}.")
     if not np.isfinite(found).all():
-        raise Wrong("some of it is infinite or not a number: look for a division by zero or a root of something negative.")
+        raise Wrong(
+            "some of it is infinite or no number: look for a division by zero, or a negative number under a root."
+        )
     return found
 
 
@@ -110,7 +118,7 @@ def compare(
 ) -> None:
     """Raise Wrong unless `value` is `right` within a relative error.
 
-    wrong  values that a mistake gives, by what is said of it; it may be a pair (value, relative error)
+    wrong  values that a mistake gives, by what is said of it; `about(value, error)` has a relative error of its own
     hint   what is said where the mistake is not known
     """
     right = np.asarray(right, dtype=float)
@@ -123,7 +131,7 @@ def compare(
     if near(right, within):
         return
     for words, other in wrong.items():
-        if near(*(other if isinstance(other, tuple) else (other, within))):
+        if near(*(other if isinstance(other, About) else (other, within))):
             raise Wrong(words)
     share = float((value * right).sum() / (right**2).sum())
     tens = round(np.log10(share)) if share > 0 else 0
@@ -136,6 +144,4 @@ def compare(
     raise Wrong(hint)
 
 
-
-
-HELPERS = {"Wrong": Wrong, "called": called, "compare": compare, "mask": mask, "number": number, "numbers": numbers}
+HELPERS = {"Wrong": Wrong, "about": About} | {f.__name__: f for f in (called, compare, mask, number, numbers)}
