@@ -26,7 +26,7 @@ NIGHT = {  # minutes, and the command
     "slips": (240, (*PYTEST, "-m", "slow", "-n", CORES, SLIPS)),
     "attack": (75, (*VALIDATION, "attack", "--minutes", "60", "--seed", SEED)),
     "peers": (180, (*VALIDATION, "run", "boundary", "mpm_droplet", "surface_reconstruction", "timing", "--peers")),
-    "lessons": (30, (*PYTHON, "scripts/lessons.py")),
+    "lessons": (30, (*PYTHON, "scripts/lessons.py", "--warm")),
     "checks": (960, (*VALIDATION, "check", "--jobs", CORES)),
     "verify": (40, (*VALIDATION, "verify", "--draw", "20")),
     "linkcheck": (20, (*PYTHON, "-m", "sphinx", "-q", "-b", "linkcheck", "docs", "build/linkcheck")),

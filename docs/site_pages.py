@@ -113,8 +113,10 @@ def lesson(name: str) -> str:
             drawn += 1
             parts.append(f"\n![What the cell draws](../../figures/lessons/{name}_{drawn}.png)\n")
     live = f"{name.partition('_')[0]}{IN_THE_BROWSER}.md"
+    offered = f"{{download}}`Notebook <{name}.ipynb>`"
     if (ROOT / "docs" / "lessons" / live).exists():
-        parts[0] = parts[0].lstrip().replace("\n\n", f"\n\n[In the browser, without installing]({live})\n\n", 1)
+        offered = f"[In the browser, without installing]({live}); {offered}"
+    parts[0] = parts[0].lstrip().replace("\n\n", f"\n\n{offered}\n\n", 1)
     return "".join(parts)
 
 

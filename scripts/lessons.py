@@ -3,9 +3,11 @@
     python scripts/lessons.py                          # all lessons
     python scripts/lessons.py 1_surface_particles      # one of them
     python scripts/lessons.py --pictures figures/lessons   # and write the pictures that the site shows
+    python scripts/lessons.py --notebooks docs/lessons     # write the notebooks that the site offers, and run nothing
+    python scripts/lessons.py --warm                       # each twice; the second run may take 60 s
 
-A picture of a folded answer is drawn and not written. Exit code: 0 if every lesson ran to its end, 2 for a name that is
-no lesson, 4 if one failed.
+A picture of a folded answer is drawn and not written. Exit code: 0 if every lesson ran to its end and its judges took
+the worked answers, 2 for a name that is no lesson, 4 if one failed.
 """
 
 from __future__ import annotations
@@ -22,17 +24,20 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
 from refsim.core.errors import InputError  # noqa: E402
-from refsim.io.lessons import cells, lessons  # noqa: E402
+from refsim.io.lessons import cells, judges, lessons, notebook  # noqa: E402
 from validation.experiment import chosen  # noqa: E402
 from validation.perform import EXIT_FAILED, EXIT_FINE  # noqa: E402
 
 DPI = 80
+MOST_SECONDS = 60.0  # of a lesson whose kernels are compiled
 
 
 def run_lesson(name: str, text: str, pictures: Path | None = None) -> dict[str, Any]:
     """Execute the cells of a lesson in a fresh namespace and return it.
 
     pictures  folder for NAME_1.png, NAME_2.png, ...: one for each `plt.show()` outside of the answers
+
+    Raises ValueError where a judge does not take the worked answer.
     """
     import matplotlib
 
@@ -63,6 +68,9 @@ def run_lesson(name: str, text: str, pictures: Path | None = None) -> dict[str, 
     finally:
         pyplot.show = shown
         pyplot.close("all")
+    for exercise in judges(text):
+        if not namespace["check"].verdicts[exercise].right:
+            raise ValueError(f"exercise {exercise} of {name}: {namespace['check'].verdicts[exercise].words}")
     return namespace
 
 
@@ -71,6 +79,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*", metavar="LESSON", help="these; all by default")
     parser.add_argument("--pictures", type=Path, metavar="DIR", help="folder to write the pictures into")
+    parser.add_argument("--notebooks", type=Path, metavar="DIR", help="write the notebooks into this folder")
+    parser.add_argument("--warm", action="store_true", help=f"run each twice; the second may take {MOST_SECONDS:g} s")
     given = parser.parse_args(arguments)
     known = lessons()
     try:
@@ -78,13 +88,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except InputError as error:
         print(error, file=sys.stderr)
         return error.exit_code
-    if given.pictures is not None:
-        given.pictures.mkdir(parents=True, exist_ok=True)
+    for folder in filter(None, (given.pictures, given.notebooks)):
+        folder.mkdir(parents=True, exist_ok=True)
     failed = []
     for name in given.names or known:
-        began = time.monotonic()
+        if given.notebooks is not None:
+            (given.notebooks / f"{name}.ipynb").write_text(notebook(known[name]), encoding="utf-8")
+            continue
         try:
-            run_lesson(name, known[name], given.pictures)
+            for _ in range(1 + given.warm):
+                began = time.monotonic()
+                run_lesson(name, known[name], given.pictures)
+            if given.warm and time.monotonic() - began > MOST_SECONDS:
+                raise TimeoutError(f"{name} took more than {MOST_SECONDS:g} s")
         except Exception:
             traceback.print_exc()
             failed.append(name)

@@ -9,7 +9,7 @@ from typing import Any
 from refsim.commands import CommandResult, command, table, write_new
 from refsim.core.checked import suggestion
 from refsim.core.errors import InputError
-from refsim.io.lessons import lessons, notebook, script, title
+from refsim.io.lessons import lessons, notebook, script, shown, title
 from refsim.scene.files import parse_scene
 
 DESCRIPTION = (
@@ -73,7 +73,7 @@ def _with_lessons(folder: Path, overwrite: bool) -> CommandResult:
     texts = lessons()
     wanted: dict[str, bytes] = {}
     for name, text in texts.items():
-        forms = {".md": text, ".ipynb": notebook(text), ".py": script(text)}
+        forms = {".md": shown(text), ".ipynb": notebook(text), ".py": script(text)}
         wanted |= {name + ending: form.encode() for ending, form in forms.items()}
     paths = _written(wanted, folder, "--lessons", overwrite)
     first = folder / next(iter(texts))

@@ -19,7 +19,8 @@ spec.loader.exec_module(runner)
 LESSONS = lessons()
 FIRST = "1_surface_particles"
 TOY = (
-    "---\na: 1\n---\n# T\n\n```{code-cell} python\na = 1\n```\n\n<details>\n\n```python\nb = a + 1\n```\n\n</details>\n"
+    "---\na: 1\n---\n# T\n\n```{code-cell} python\na = 1\n```\n\n<details><summary>Answer</summary>\n\n```python\n"
+    "b = a + 1\n```\n\n</details>\n"
 )
 every = pytest.mark.parametrize("name", LESSONS)
 
@@ -33,15 +34,16 @@ def test_a_lesson_is_a_notebook_and_a_script(name):
     kinds["code"] = kinds["markdown"] | {"execution_count", "outputs"}
     for cell in made["cells"]:
         assert set(cell) == kinds[cell["cell_type"]]
-    code = [cell["source"] for cell in made["cells"] if cell["cell_type"] == "code"]
+    code = [cell["source"] for cell in made["cells"] if cell["cell_type"] == "code" and not cell["metadata"]]
     assert code == [cell.text.strip() for cell in cells(LESSONS[name]) if cell.kind == "code"]
     assert ast.dump(ast.parse(script(LESSONS[name]))) == ast.dump(ast.parse("\n".join(code)))
 
 
 def test_pieces_of_a_lesson():
     assert [cell.kind for cell in cells(TOY)] == ["markdown", "code", "markdown", "answer", "markdown"]
-    assert [cell["cell_type"] for cell in json.loads(notebook(TOY))["cells"]] == ["markdown", "code", "markdown"]
-    assert "b = a + 1" in notebook(TOY)
+    made = json.loads(notebook(TOY))["cells"]
+    assert [cell["cell_type"] for cell in made] == ["code", "markdown", "code", "code"]
+    assert made[3]["source"] == "# @title Worked answer: run it, or unfold and read it\nb = a + 1"
     assert "# b = a + 1" in script(TOY)
 
 
@@ -49,6 +51,24 @@ def test_the_code_of_answers_is_executed_too():
     assert runner.run_lesson("toy", TOY)["b"] == 2
     with pytest.raises(NameError):
         runner.run_lesson("toy", TOY.replace("a + 1", "c"))
+
+
+def test_the_runner_holds_worked_answers_to_their_judges():
+    asked = f"{TOY}\n```{{judge}} 1\nright = 'yes'\n```\n\n"
+    begin = "from refsim.io.exercises import Verdict\nclass check:\n    verdicts = {1: Verdict(%s, 'because')}\n"
+    assert runner.run_lesson("toy", asked.replace("a = 1\n", begin % True + "a = 1\n"))["b"] == 2
+    with pytest.raises(ValueError, match="exercise 1 of toy: because"):
+        runner.run_lesson("toy", asked.replace("a = 1\n", begin % False + "a = 1\n"))
+
+
+def test_the_runner_writes_notebooks_and_minds_the_time(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(runner, "lessons", lambda: {"toy": TOY})
+    assert runner.main(["--notebooks", str(tmp_path)]) == 0
+    assert (tmp_path / "toy.ipynb").read_text() == notebook(TOY)
+    assert runner.main(["--warm"]) == 0
+    monkeypatch.setattr(runner, "MOST_SECONDS", 0.0)
+    assert runner.main(["--warm"]) == 4
+    assert "toy took more than 0 s" in capsys.readouterr().err
 
 
 def test_the_runner_says_which_lesson_failed(monkeypatch, capsys):
@@ -75,9 +95,10 @@ def test_example_writes_the_lessons(tmp_path, capsys):
     given = ["example", "--lessons", str(tmp_path / "mine")]
     assert main(given) == 0
     said = capsys.readouterr().out
-    assert f"jupyter lab {tmp_path / 'mine' / FIRST}.ipynb" in said
+    assert f"jupyter lab {tmp_path / 'mine' / next(iter(LESSONS))}.ipynb" in said
     written = {path.name for path in (tmp_path / "mine").iterdir()}
     assert written == {name + ending for name in LESSONS for ending in (".md", ".ipynb", ".py")}
+    assert "{judge}" not in (tmp_path / "mine" / f"{FIRST}.md").read_text()
     (tmp_path / "mine" / f"{FIRST}.md").write_text("mine")
     assert main(given) == 2
     assert "give another folder (--lessons) or --overwrite" in capsys.readouterr().err
