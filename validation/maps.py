@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from validation.checks import FAIL, HARD_CASE, PASS, Check, number
-from validation.drawing import BLACK, GREY
+from validation.drawing import BLACK, BLUE, GREY, VERMILION, headline
 from validation.experiment import Picture, Results
 from validation.results import Result, real
 from validation.tables import Table
@@ -73,6 +73,8 @@ def draw_map(data: Mapping[str, Any]) -> Any:
 
     rows = list(dict.fromkeys(cell["row"] for cell in data["cells"]))
     columns = list(dict.fromkeys(cell["column"] for cell in data["cells"]))
+    if len(columns) == 1:
+        return draw_column(data)
     heads = [textwrap.fill(column, 19) for column in columns]
     lines = max(head.count("\n") for head in heads) + 1
     figure, axes = plt.subplots(figsize=(2.6 + max(1.45 * len(columns), 4.4), 1.5 + 0.18 * lines + 0.52 * len(rows)))
@@ -115,6 +117,34 @@ def draw_map(data: Mapping[str, Any]) -> Any:
         ),
         fontsize=8.5, color=GREY,
     )  # fmt: skip
+    return figure
+
+
+def draw_column(data: Mapping[str, Any]) -> Any:
+    """A map of one column: from the largest stable value of each row to the next that fails; the runner's own limit."""
+    import matplotlib.pyplot as plt
+
+    cells = data["cells"]
+    figure, axes = plt.subplots(figsize=(7.2, 0.36 * len(cells) + 1.5))
+    for k, cell in enumerate(cells):
+        largest, runner, failing = (real(cell[name]) for name in ("largest", "runner", "failing"))
+        lasts = not failing < float("inf")
+        if largest > 0:
+            axes.plot(largest, k, ">" if lasts else "o", color=BLUE, ms=8)
+            said = f"{'at least ' * lasts}{two_digits(largest)}"
+            axes.annotate(said, (largest, k), (9, 0), textcoords="offset points", va="center", fontsize=9.5)
+        if runner > 0:
+            axes.plot(runner, k, "|", color=VERMILION, ms=16, mew=2)
+    axes.plot([], [], "o", color=BLUE, label="largest stable value")
+    axes.plot([], [], ">", color=BLUE, label="stable as far as tried")
+    axes.plot([], [], "|", color=VERMILION, ms=12, mew=2, label="limit of the runner")
+    axes.set_yticks(range(len(cells)), [cell["row"] for cell in cells])
+    axes.set(xscale="log", ylim=(len(cells) - 0.5, -0.6))
+    axes.set_xlabel(textwrap.fill(f"largest stable {data['quantity']}", 70))
+    axes.set_xlim(axes.get_xlim()[0], axes.get_xlim()[1] * 3)
+    axes.grid(True, axis="x")
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=9)
+    headline(figure, textwrap.fill(data["title"], 76), 10.5)
     return figure
 
 

@@ -8,7 +8,6 @@ nothing but the pages is renewed. A kernel's benchmark stands on no page.
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -146,52 +145,35 @@ def effects(times: Times) -> list[str]:
 
 
 def effects_picture(times: Times) -> Any:
-    """Launches, bytes and microseconds as effects are added: a row a ladder, a column a quantity."""
+    """Microseconds of a step as effects are added: a panel a ladder."""
     import matplotlib.pyplot as plt
 
-    from validation.drawing import BLUE, GREY, SKY
+    from validation.drawing import BLUE, SKY, headline
 
-    cpu, cuda = planned("cpu"), planned("cuda")
-    own, gpu = readings(times, "effects cpu"), readings(times, "effects cuda")
+    backends = {"CPU, 2 threads": (readings(times, "effects cpu"), -0.2, BLUE),
+                "GPU": (readings(times, "effects cuda"), 0.2, SKY)}  # fmt: skip
     rungs = {name: [f"{name}: {rung.words}" for rung in ladder.rungs] for name, ladder in ladders().items()}
     heights = [len(keys) for keys in rungs.values()]
-    figure, grid = plt.subplots(len(rungs), 3, figsize=(12.5, 1.2 + 0.42 * sum(heights) + 0.35 * len(rungs)),
-                                sharey="row", gridspec_kw={"height_ratios": heights})  # fmt: skip
-    low = 10.0 ** math.floor(math.log10(0.7e6 * min((median(r) for r in (*own.values(), *gpu.values())), default=1e-6)))
-    for line, (name, keys) in zip(grid, rungs.items()):
-        columns: list[tuple[list[float | None], list[float | None], str]] = [
-            ([cpu[k]["operations"] for k in keys], [gpu.get(k, {}).get("kernels") for k in keys], "launches a step"),
-            ([cpu[k]["each"] for k in keys], [cuda[k]["each"] for k in keys], "bytes a particle"),
-            (*([1e6 * median(of[k]) if k in of else None for k in keys] for of in (own, gpu)), "microseconds a step"),
-        ]
-        for axes, (first, second, words) in zip(line, columns):
-            left = low if axes is line[-1] else 0.0
-            for values, shift, colour in ((first, -0.2, BLUE), (second, 0.2, SKY)):
-                for k, value in enumerate(values):
-                    if value is None:
-                        axes.text(left, k + shift, f" {NOT_YET}", va="center", fontsize=6.5, color=GREY)
-                        continue
-                    axes.barh(k + shift, value - left, 0.36, left=left, color=colour)
-                    axes.text(value, k + shift, f" {value:,.0f}", va="center", fontsize=6.5)
-            if axes is line[-1]:
-                axes.set_xscale("log")
-                for k, key in enumerate(key for key in keys if key in own):
-                    seconds = own[key]["seconds"]
-                    axes.plot([1e6 * min(seconds), 1e6 * max(seconds)], [k - 0.2, k - 0.2], color=GREY, lw=1.0)
-            axes.grid(True, axis="x")
-            axes.grid(False, axis="y")
-            axes.margins(x=0.14)
-            if line is grid[-1]:
-                axes.set_xlabel(words)
-        line[-1].set_xlim(low, 30 * line[-1].get_xlim()[1])
-        line[0].set_yticks(range(len(keys)), [key.partition(": ")[2] for key in keys], fontsize=8)
-        line[0].invert_yaxis()
-        said = f"{ladders()[name].words}, {cpu[keys[0]]['particles']:,} particles of liquid"
-        line[0].set_title(said, loc="left", fontsize=9)
-    handles = [plt.Rectangle((0, 0), 1, 1, color=colour) for colour in (BLUE, SKY)]
-    labels = ["CPU (launches: operations)", "CUDA (launches: kernels)"]
-    figure.legend(handles, labels, loc="outside upper right", ncols=2, fontsize=8, frameon=False)
-    figure.suptitle("What each effect costs; lines: range of the readings", x=0.01, ha="left", fontweight="bold")
+    figure, panels = plt.subplots(len(rungs), 1, figsize=(7.2, 1.0 + 0.36 * sum(heights) + 0.3 * len(rungs)),
+                                  sharex=True, gridspec_kw={"height_ratios": heights})  # fmt: skip
+    for axes, (name, keys) in zip(panels, rungs.items()):
+        for words, (found, shift, colour) in backends.items():
+            for k, key in enumerate(keys):
+                value = 1e6 * median(found[key]) if key in found else 0.0
+                axes.barh(k + shift, value, 0.36, color=colour, label=words if k == 0 else None)
+                axes.text(
+                    max(value, 10.0), k + shift, f" {value:,.0f}" if value else f" {NOT_YET}", va="center", size=9
+                )
+        axes.set_yticks(range(len(keys)), [key.partition(": ")[2] for key in keys], fontsize=9)
+        axes.invert_yaxis()
+        axes.grid(True, axis="x")
+        axes.set_title(
+            f"{ladders()[name].words}, {planned('cpu')[keys[0]]['particles']:,} particles of liquid", fontsize=9.5
+        )
+    panels[-1].set(xscale="log", xlabel="microseconds a step")
+    panels[-1].set_xlim(10.0, 3 * panels[-1].get_xlim()[1])
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=2, fontsize=9)
+    headline(figure, "What a step takes as effects are added")
     return figure
 
 

@@ -100,24 +100,23 @@ def score_data(results: Results) -> dict[str, Any]:
 
 
 def score_picture(data: Mapping[str, Any]) -> Any:
-    """Precision and recall against time, every detector; a row for each dimension."""
-    found, truths = data["runs"], {"2D": "arc cover", "3D": "spherical-cap cover"}
-    figure, panels = plt.subplots(len(found), 2, figsize=(8.8, 0.6 + 3.1 * len(found)), sharey=True, squeeze=False)
+    """Precision against time, every detector; a panel for each dimension."""
+    found = data["runs"]
+    figure, panels = plt.subplots(1, len(found), figsize=(7.2, 3.9), sharey=True, squeeze=False)
     looks: dict[str, Any] = {name: {"marker": mark, "color": colour} for name, (mark, colour) in LOOKS.items()}
     looks["two_step_printed"] = {"color": SKY, "marker": "D", "ls": "--"}
-    for row, (words, run) in zip(panels, found.items()):
-        for axes, name in zip(row, ("precision", "recall")):
-            for method, look in looks.items():
-                label = f"{WORDS[method]}, whole collapse {run['pooled'][method][name]:.2f}"
-                axes.plot(run["time_s"], floats(run["over_time"][method][name]), ms=4, lw=1.3, label=label, **look)
-            axes.set_title(f"{name.capitalize()}, {words}, {run['particles']:,} particles")
-            axes.set_ylim(-0.4, 1.05)  # room for the legend
-            axes.set_yticks(np.linspace(0, 1, 6))
-            axes.grid(True)
-            axes.legend(loc="lower right")
-        row[0].set_ylabel(f"share ({truths[words]}, {data['truth_radius_spacings']:g} d)")
-    for axes in panels[-1]:
-        axes.set_xlabel("time [s]")
+    for axes, (words, run) in zip(panels[0], found.items()):
+        for method, look in looks.items():
+            precision = floats(run["over_time"][method]["precision"])
+            axes.plot(run["time_s"], precision, ms=3.5, lw=1.3, label=WORDS[method], **look)
+        axes.set(ylim=(0, 1.05), xlabel="time [s]")
+        plain_title(axes, f"{words}, {run['particles']:,} particles")
+        axes.grid(True)
+    panels[0, 0].set_ylabel("share of marked particles on the surface")
+    shared_legend(figure, panels[0], ncols=2, fontsize=9)
+    shares = [run["pooled"][name]["precision"] for name in ("number_density", "two_step") for run in found.values()]
+    words = f"precision {min(shares):.2f} over the collapse, of two steps {min(shares[len(found) :]):.2f}"
+    headline(figure, f"Number density marks the interior: {words}", 10)
     return figure
 
 

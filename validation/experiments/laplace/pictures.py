@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.ticker import FixedLocator, NullLocator, StrMethodFormatter
 
 from refsim.surface_tension.calibration import BASE
-from validation.drawing import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, shared_legend
+from validation.drawing import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, headline, shared_legend
 from validation.experiment import Picture, Results
 from validation.experiments.laplace.runs import data, drop_words, setting_words
 from validation.measure.drops import FITTED_FROM, MODELS, SEEDED, base
@@ -214,52 +214,37 @@ OSCILLATION_PICTURES = (Picture("oscillation", oscillation_data, picture, ("map"
 # Spurious speed and capillary number of drops at rest.
 
 
-# Quantity, what it is called, and the interval that is drawn; None: as the drops are.
-SPURIOUS_SHOWN = (
-    ("spurious", "rms speed over sqrt(sigma/(rho R))", None), ("capillary", "capillary number mu max|v|/sigma", None),
-    ("momentum", "linear momentum over sum m|v|", (1e-9, 3.0)),
-    ("angular_momentum", "angular momentum over sum m|x||v|", (1e-5, 3.0)),
-    ("nn_5", "nearest neighbour, 5th percentile [d]", (0.0, 1.05)), ("roughness", "radius variation", None),
-)  # fmt: skip
+SPURIOUS_KEPT = ("spurious", "capillary", "momentum", "angular_momentum", "nn_5", "roughness")
 
 
 def spurious_data(results: Results) -> dict[str, Any]:
     """Every drop at the map's base."""
-    names = ("model", "dim", "radius", "seed", *(name for name, _, _ in SPURIOUS_SHOWN))
+    names = ("model", "dim", "radius", "seed", *SPURIOUS_KEPT)
     rows = [{n: r[n] for n in names} for r in results["map"].values["rows"] if at_base(r) and not r["stopped"]]
     return {"title": "Spurious motion of drops at rest", "drops": rows}
 
 
 def spurious_picture(data: Mapping[str, Any]) -> Any:
-    """One mark a drop, larger for larger drops; 2D full, 3D open."""
-    figure, grid = plt.subplots(2, 3, figsize=(12.0, 7.6), sharey=True)
-    place = {name: -k for k, name in enumerate(MODELS)}
-    for axes, (name, label, limits) in zip(grid.flat, SPURIOUS_SHOWN):
-        for d in data["drops"]:
-            if d[name] is None:
-                continue
-            colour, full = COLOURS[d["model"]], d["dim"] == 2
-            face = colour if full else "white"
-            y = place[d["model"]] + (0.15 if full else -0.15)
-            axes.plot(d[name], y, "o", ms=3 + 0.2 * d["radius"], color=colour, mfc=face, alpha=0.85)
-        if name != "nn_5":
-            axes.set_xscale("log")
-        if limits is not None:
-            axes.set_xlim(*limits)
-        axes.set_xlabel(label)
-        axes.grid(True, axis="x", which="major")
-        for model, y in place.items():
-            if not any(d["model"] == model for d in data["drops"]):
-                axes.text(
-                    0.5, y, "no drop lasted", transform=axes.get_yaxis_transform(), fontsize=8, color=GREY, va="center"
-                )
-    for line in grid:
-        line[0].set_yticks(list(place.values()), [MODELS[name][0] for name in place])
-        line[0].set_ylim(-len(place) + 0.4, 0.6)
-    figure.suptitle(
-        "Drops at rest, Oh = 0.03, h = 2.6 d (IISPH 2 d), S = 0.01: full marks 2D, open ones 3D, by size of the drop",
-        fontsize=10.5,
-    )
+    """The speed of every drop, a line each model, the slowest in space first; larger marks for larger drops."""
+    found: dict[tuple[str, int], list[Any]] = {}
+    for d in data["drops"]:
+        found.setdefault((d["model"], d["dim"]), []).append(d)
+    middle = {key: float(np.median([d["spurious"] for d in drops])) for key, drops in found.items()}
+    order = sorted(dict.fromkeys(model for model, _ in found), key=lambda m: middle.get((m, 3), middle.get((m, 2), 0)))
+    figure, axes = plt.subplots(figsize=(7.2, 0.42 * len(order) + 1.3))
+    for (model, dim), drops in found.items():
+        colour, y = COLOURS[model], -order.index(model) + (0.17 if dim == 2 else -0.17)
+        face = "white" if dim == 2 else colour
+        for d in drops:
+            axes.plot(d["spurious"], y, "o", ms=3 + 0.2 * d["radius"], color=colour, mfc=face, alpha=0.85)
+    for dim, face in ((2, "white"), (3, GREY)):
+        axes.plot([], [], "o", color=GREY, mfc=face, label=f"{dim}D")
+    axes.set_yticks([-k for k in range(len(order))], [MODELS[model][0] for model in order])
+    axes.set(xscale="log", xlabel=r"rms speed at rest over $\sqrt{\sigma/(\rho R)}$; Oh = 0.03, h = 2.6 d (IISPH 2 d)")
+    axes.grid(True, axis="x")
+    axes.legend(loc="lower left", fontsize=9)
+    least, most = (middle[model, 3] for model in (order[0], order[-1]))
+    headline(figure, f"A drop at rest in space moves at {least:.2g} to {most:.2g} of its capillary speed", 10.5)
     return figure
 
 
@@ -269,64 +254,34 @@ SPURIOUS_PICTURES = (Picture("spurious", spurious_data, spurious_picture, ("map"
 # Errors of drops against the seconds that they take.
 
 
-COST_SHOWN = (
-    ("sigma", "tension by the jump, off the promised one"),
-    ("frequency", "frequency of n = 2, off the promised one"),
-    ("roughness", "roughness at rest"),
-)
-MARKS = {
-    ("float32", "cpu"): "o", ("float64", "cpu"): "s", ("float32", "cuda"): "^", ("float64", "cuda"): "v",
-    ("float64", "numpy"): "D",
-}  # fmt: skip
-
-
 def cost_picture(data: Mapping[str, Any]) -> Any:
-    """One line a model through its resolutions; below, the cheapest for each accuracy in words."""
-    figure, panels = plt.subplots(1, 3, figsize=(12.0, 5.6), sharex=True)
-    alive = [p for p in data["points"] if not p["stopped"] and real(p["seconds"]) > 0]
-    names = ("model", "kernels", "dtype", "backend", "radius")
-    front = {tuple(p[n] for n in names) for p in data["front"]}
-    for axes, (name, label) in zip(panels, COST_SHOWN):
-        for model, kernels, dtype, backend in dict.fromkeys(tuple(p[n] for n in names[:4]) for p in alive):
-            line = (model, kernels, dtype, backend)
-            own = sorted((p for p in alive if tuple(p[n] for n in names[:4]) == line), key=lambda p: p["radius"])
-            own = [p for p in own if real(p[name]) > 0]
-            if not own:
-                continue
-            plain, based = (dtype, backend) == ("float32", "cpu"), kernels == base(model)["kernels"]
-            if plain:
-                style = STYLES[model] if based else ":"
-                axes.plot([p["seconds"] for p in own], [p[name] for p in own], style, lw=1.1, color=COLOURS[model])
-            for p in own:
-                axes.plot(
-                    p["seconds"], p[name], MARKS[dtype, backend], ms=1.5 + 0.45 * p["radius"], color=COLOURS[model],
-                    mfc=COLOURS[model] if plain and based else "white", alpha=0.9,
-                    label=drop_words(p) if plain and p is own[0] else None,
-                )  # fmt: skip
-                if (*line, p["radius"]) in front:
-                    axes.plot(p["seconds"], p[name], "o", ms=13, mfc="none", color=GREY, mew=0.9)
-        axes.set(xscale="log", yscale="log", xlabel="seconds of the whole run")
-        axes.set_title(label, fontsize=9.5)
-        axes.grid(True, which="major")
-        if name != "roughness":
-            axes.axhline(0.05, color=GREY, lw=0.9, ls="--")
-            axes.set_ylim(2e-4, 2)
-    seen = {(p["dtype"], p["backend"]) for p in alive}
-    marks = {
-        ", ".join(how): plt.Line2D([], [], ls="", marker=mark, ms=6, color=GREY, mfc="none")
-        for how, mark in MARKS.items()
-        if how in seen
-    }
-    shared_legend(figure, panels, marks, ncols=5, fontsize=8)
-    said = []
+    """The larger of two errors against seconds, a line each model through its resolutions on one CPU thread."""
+    figure, axes = plt.subplots(figsize=(7.2, 4.8))
+    lines: dict[tuple[str, str], list[Any]] = {}
+    for p in data["points"]:
+        error = max(real(p.get("sigma")), real(p.get("frequency")))
+        if (p["dtype"], p["backend"]) == ("float32", "cpu") and not p["stopped"] and real(p["seconds"]) > 0 < error:
+            lines.setdefault((p["model"], p["kernels"]), []).append((p["seconds"], error, p["radius"], drop_words(p)))
+    for (model, kernels), own in lines.items():
+        seconds, errors, _, words = zip(*sorted(own, key=lambda entry: entry[2]))
+        own_kernels = kernels == base(model)["kernels"]
+        look = {"color": COLOURS[model], "label": words[0], "lw": 1.3, "ls": STYLES[model] if own_kernels else ":"}
+        axes.plot(seconds, errors, marker="o", ms=5, mfc=COLOURS[model] if own_kernels else "white", **look)
     for entry in data["advice"]:
         p = entry["point"]
-        what = f"{drop_words(p)}, R = {p['radius']:g} d, {p['dtype']}, {p['seconds']:.0f} s" if p else "none"
-        said.append(f"within {100 * entry['bar']:g} %: {what}")
-    half = math.ceil(len(said) / 2)
-    lines = "      ".join(said[:half]) + "\n" + "      ".join(said[half:])
-    above = f"{data['title']}\nSeconds: {data['machines']}\nCheapest whose tension and frequency are both"
-    figure.suptitle(f"{above}\n{lines}", fontsize=9.5, x=0.01, ha="left")
+        if p and (p["dtype"], p["backend"]) == ("float32", "cpu"):
+            place = p["seconds"], max(p["sigma"], p["frequency"])
+            axes.plot(*place, "o", ms=12, mfc="none", color=BLACK, mew=1.2)
+            words = f"{100 * entry['bar']:g} %: R = {p['radius']:g} d"
+            axes.annotate(words, place, (0, -10), textcoords="offset points", ha="center", va="top", fontsize=9,
+                          bbox={"fc": "white", "ec": "none", "alpha": 0.8, "pad": 0.5})  # fmt: skip
+    axes.set(xscale="log", yscale="log", xlabel="seconds of the whole run, one CPU thread, float32",
+             ylabel="error of tension or frequency, the larger")  # fmt: skip
+    axes.set_yticks([0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1], ["1 %", "2 %", "5 %", "10 %", "20 %", "50 %", "100 %"])
+    axes.yaxis.set_minor_locator(NullLocator())
+    axes.grid(True, which="major")
+    shared_legend(figure, [axes], ncols=3, fontsize=8.5, columnspacing=1.0, handlelength=1.6)
+    headline(figure, "What the accuracy of a drop costs; rings: the cheapest within an error", 10.5)
     return figure
 
 

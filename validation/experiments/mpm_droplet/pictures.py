@@ -9,7 +9,9 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.collections import LineCollection
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import NullLocator
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
 from refsim.mpm import READINGS
 from validation.drawing import (
@@ -19,6 +21,7 @@ from validation.drawing import (
     ORANGE,
     VERMILION,
     WATER,
+    headline,
     packed,
     plain_title,
     show_image,
@@ -248,32 +251,33 @@ def scale_of(series: Any, largest: float) -> float:
 
 
 def ledgers_picture(data: Mapping[str, Any]) -> Any:
-    """For each scene its energies above, its drifts below."""
-    across = 4
-    down = -(-len(data["rows"]) // across)
-    figure, panels = plt.subplots(2 * down, across, figsize=(13.4, 4.1 * down))
+    """The change of all energy of every scene over its time."""
+    figure, axes = plt.subplots(figsize=(7.2, 4.4))
+    ends = []
     for k, row in enumerate(data["rows"]):
-        energy, drift = panels[2 * (k // across), k % across], panels[2 * (k // across) + 1, k % across]
         series = row["series"]
-        time, start = floats(series["time"]), series["energy"][0]
-        for name, words, colour in LEDGER:
-            change = 100 * (floats(series[name]) - series[name][0]) / start
-            energy.plot(time, change, color=colour, label=words, linewidth=2.0 if name == "energy" else 1.2)
-        energy.axhline(0.0, color=GREY, linewidth=0.6)
-        energy.set(title=row["words"], ylabel="change of energy [%]" if k % across == 0 else "")
-        for name, words, colour in (
-            ("momentum", "momentum/m v$_{max}$", BLUE), ("angular", "angular/m v$_{max}$ R", ORANGE),
-            ("centre", "centre/h", GREEN),
-        ):  # fmt: skip
-            values = np.abs(floats(series[name])) * row["scale"].get(name, 1.0)
-            drift.semilogy(time, np.maximum(values, 1e-18), color=colour, label=words, linewidth=1.2)
-        drift.set(ylim=(1e-18, 10), yticks=[1e-16, 1e-12, 1e-8, 1e-4, 1])
-        drift.set(xlabel="time [s]" if k // across == down - 1 else "")
-        for axes in (energy, drift):
-            axes.grid(axis="y")
-            axes.xaxis.set_major_locator(MaxNLocator(5))
-    panels[0, 0].legend(ncols=2, fontsize=7.5)
-    panels[1, 0].legend(fontsize=7.5, loc="center right")
+        time, energy = floats(series["time"]), floats(series["energy"])
+        change = 100 * (energy / energy[0] - 1)
+        (line,) = axes.plot(time / time[-1], change, lw=1.5, color=f"C{k % 10}", ls="-" if k < 10 else "--")
+        ends.append((float(change[-1]), row["words"], line.get_color(), float(change.max())))
+    axes.axhline(0.0, color=GREY, linewidth=0.8)
+    axes.set_yscale("symlog", linthresh=1.0)
+    ticks = (-30, -10, -3, -1, -0.5, 0, 0.5, 1, 3)
+    axes.set_yticks(ticks, [f"{tick:g}" for tick in ticks])
+    axes.set(
+        xlim=(0, 1), ylim=(-40, 8), xlabel="time over that of the run", ylabel="change of all energy [% of the start]"
+    )
+    axes.yaxis.set_minor_locator(NullLocator())
+    axes.grid(axis="y")
+    place = 1.0
+    for value, words, colour, _ in sorted(ends, reverse=True):
+        share = float(axes.transAxes.inverted().transform(axes.transData.transform((1.0, value)))[1])
+        place = min(share, place - 0.062)
+        look = {"arrowstyle": "-", "color": colour, "lw": 0.8, "relpos": (0.0, 0.5)}
+        axes.annotate(f"{words}, {value:.3g} %", (1.0, share), (1.04, place), xycoords="axes fraction", fontsize=9,
+                      va="center", color=colour, arrowprops=look, annotation_clip=False)  # fmt: skip
+    most, where = max((rise, words) for _, words, _, rise in ends)
+    headline(figure, f"All energy rises by {most:.1f} % at most ({where}: where the level sets join)", 10)
     return figure
 
 
@@ -411,22 +415,34 @@ def smooth_surface(frame: Mapping[str, Any]) -> tuple[np.ndarray, np.ndarray]:
     return fine_runs.NODE * (vertices + np.array(frame["first"])), facets
 
 
+def largest_part(vertices: np.ndarray, facets: np.ndarray) -> np.ndarray:
+    """The facets of the part of a surface that has the most of them."""
+    edges = np.concatenate([facets[:, :2], facets[:, 1:]])
+    joined = coo_matrix((np.ones(len(edges)), edges.T), shape=(len(vertices), len(vertices)))
+    part = connected_components(joined, directed=False)[1][facets[:, 0]]
+    return facets[part == np.bincount(part).argmax()]
+
+
 def drops_picture(data: Mapping[str, Any]) -> Any:
-    """A row for each body, time from left to right."""
+    """A row for each body, time from left to right; on floors without the single particles beside the drop."""
     count = max(len(row["frames"]) for row in data["rows"])
-    figure, panels = plt.subplots(len(data["rows"]), count, figsize=(10.8, 1.8 * len(data["rows"])), squeeze=False)
-    for line, row in zip(panels, data["rows"]):
+    figure = plt.figure(figsize=(7.2, 1.5 * len(data["rows"])))
+    for part, row in zip(np.ravel(figure.subfigures(len(data["rows"]), 1)), data["rows"]):
+        headline(part, row["words"], 9.5)
+        line = part.subplots(1, count)
         bodies = [smooth_surface(frame) for frame in row["frames"]]
-        extent = 1.02 * max(np.abs(vertices - middle_of(vertices)).max() for vertices, _ in bodies)
+        if row["floor"]:
+            bodies = [(vertices, largest_part(vertices, facets)) for vertices, facets in bodies]
+        seen = [vertices[np.unique(facets)] for vertices, facets in bodies]
+        extent = 1.02 * max(np.abs(vertices - middle_of(vertices)).max() for vertices in seen)
         for axes in line:
             axes.set_axis_off()
-        for axes, at, (vertices, facets) in zip(line, row["times"], bodies):
-            middle = middle_of(vertices)
+        for axes, at, (vertices, facets), own in zip(line, row["times"], bodies, seen):
+            middle = middle_of(own)
             if row["floor"]:  # the floor stands still
                 middle[1] = 0.4 * extent
             lit(axes, upright(vertices), facets, extent, upright(middle[None])[0])
-            plain_title(axes, f"{at:g} s", fontsize=8)
-        line[0].text(0.0, 1.2, row["words"], transform=line[0].transAxes, fontsize=9, fontweight="bold")
+            plain_title(axes, f"{at:g} s", fontsize=9)
     return figure
 
 
