@@ -36,6 +36,7 @@ from refsim.surface_detection import FanScan  # noqa: E402
 from refsim.surface_detection import reference as detection  # noqa: E402
 from refsim.surface_detection.formulas import in_scan_region  # noqa: E402
 from refsim.surface_energy import Tension  # noqa: E402
+from refsim.surface_energy.formulas import spline_weight  # noqa: E402
 from refsim.surface_energy.reference_reconstruction import ReferenceReconstruction  # noqa: E402
 from refsim.surface_normal import NormalTerm  # noqa: E402
 from refsim.surface_normal import reference as normals  # noqa: E402
@@ -400,9 +401,148 @@ def regions() -> Any:
     return figure
 
 
+def _blob(middle: tuple[float, float], size: float = 1.0) -> Array:
+    """Outline (n, 2) of a smooth region, counter-clockwise."""
+    turn = np.linspace(0.0, 2.0 * np.pi, 240, endpoint=False)
+    radius = size * (1.0 + 0.16 * np.cos(2 * turn + 0.6) + 0.09 * np.sin(3 * turn))
+    return np.stack([radius * np.cos(turn), radius * np.sin(turn)], axis=1) + middle
+
+
+def _normals(outline: Array) -> Array:
+    """Outward unit normals (n, 2) of a closed outline."""
+    along = np.roll(outline, -1, axis=0) - np.roll(outline, 1, axis=0)
+    return np.stack([along[:, 1], -along[:, 0]], axis=1) / np.linalg.norm(along, axis=1, keepdims=True)
+
+
+def _arrow(axes: Any, start: Any, end: Any, color: str, curve: float = 0.0) -> None:
+    look = {"arrowstyle": "-|>", "color": color, "lw": 1.6, "shrinkA": 0, "shrinkB": 0,
+            "connectionstyle": f"arc3,rad={curve}"}  # fmt: skip
+    axes.annotate("", end, start, arrowprops=look, zorder=5)
+
+
+def control_volume() -> Any:
+    """Thesis figure 2.1: a region, its boundary, the outward normal, and the flow through the boundary."""
+    import matplotlib.pyplot as plt
+
+    outline = _blob((0.0, 0.0))
+    normal = _normals(outline)
+    figure, axes = plt.subplots(figsize=(5.4, 3.6))
+    x, y = np.meshgrid(np.arange(-2.0, 2.1, 0.5), np.arange(-1.25, 1.3, 0.5))
+    axes.quiver(x, y, 1.0 + 0.1 * y, 0.25 * np.sin(1.5 * x), color=SKY, scale=16, width=0.004, zorder=2)
+    axes.fill(*outline.T, fc=PALE, ec=SURFACE_RED, lw=2.2, zorder=1)
+    for k in (12, 90, 140, 190):
+        _arrow(axes, outline[k], outline[k] + 0.45 * normal[k], "black")
+    axes.text(*(outline[12] + 0.5 * normal[12] + (0.05, 0.0)), r"$n$", size=13, va="center")
+    axes.plot(*outline[28:44].T, color=ORANGE, lw=4.5, solid_capstyle="butt", zorder=3)
+    axes.text(*(outline[36] + 0.12 * normal[36]), r"$ds$", size=13, color=ORANGE)
+    axes.text(-0.15, 0.0, r"$\Omega$", size=17, zorder=6)
+    axes.text(*(outline[110] + 0.3 * normal[110]), r"$\partial\Omega$", size=14, color=SURFACE_RED, ha="right")
+    axes.text(1.72, -1.12, r"$v$", size=14, color=BLUE)
+    axes.set(xlim=(-2.2, 2.4), ylim=(-1.5, 1.5))
+    _bare(
+        axes,
+        r"What a region loses flows out: $\frac{d}{dt}\int_\Omega\rho\,dx=-\int_{\partial\Omega}\rho\,v\cdot n\,ds$",
+    )
+    return figure
+
+
+def deformation() -> Any:
+    """Thesis figure 2.2: the motion takes points X to x, its gradient F tangents at X to tangents at x."""
+    import matplotlib.pyplot as plt
+
+    start, shift = _blob((0.0, 0.0)), np.array([3.6, 0.25])
+
+    def moved(points: Array) -> Array:
+        x, y = points.T
+        return np.stack([1.1 * x + 0.35 * y + 0.18 * y**2, 0.75 * y + 0.22 * x - 0.12 * x**2], axis=1) + shift
+
+    figure, axes = plt.subplots(figsize=(6.8, 3.4))
+    ticks, fine = np.arange(-1.2, 1.21, 0.3), np.linspace(-1.3, 1.3, 200)
+    for form, name, color in ((lambda points: points, r"$\Omega_0$", BLUE), (moved, r"$\Omega_t$", SURFACE_RED)):
+        (patch,) = axes.fill(*form(start).T, fc=PALE, ec=color, lw=2.0, zorder=1)
+        for tick in ticks:
+            for line in (np.stack([np.full(200, tick), fine], 1), np.stack([fine, np.full(200, tick)], 1)):
+                (drawn,) = axes.plot(*form(line).T, color="#9db8d6", lw=0.7, zorder=2)
+                drawn.set_clip_path(patch)
+        axes.text(*form(np.array([[-0.75, 0.42]]))[0], name, size=15, color=color, ha="center", zorder=6)
+    at, step = np.array([0.3, -0.15]), 1e-4
+    here = moved(at[None])[0]
+    for tangent in ((0.55, 0.0), (0.0, 0.55)):
+        ahead = (moved((at + step * np.array(tangent))[None])[0] - here) / step
+        _arrow(axes, at, at + tangent, GREEN)
+        _arrow(axes, here, here + ahead, GREEN)
+    for place, words in ((at, r"$X$"), (here, r"$x$")):
+        axes.plot(*place, "o", color="black", ms=5, zorder=6)
+        axes.text(place[0] - 0.08, place[1] - 0.1, words, size=14, ha="right", va="top", zorder=6)
+    axes.text(*(at + (0.6, -0.02)), r"$\partial_X$", size=13, color=GREEN, zorder=6)
+    axes.text(*(here + (0.68, 0.08)), r"$\partial_x=F\,\partial_X$", size=13, color=GREEN, zorder=6)
+    _arrow(axes, (1.0, 0.95), (2.4, 1.05), GREY, -0.3)
+    axes.text(1.7, 1.42, r"$x=\phi(X,t)$", size=13, ha="center")
+    axes.set(xlim=(-1.4, 5.4), ylim=(-1.3, 1.75))
+    _bare(axes, r"The deformation gradient $F=\partial\phi/\partial X$ carries tangents along")
+    return figure
+
+
+def spline_bases() -> Any:
+    """Thesis figure 3.5: quadratic B-splines of neighbouring nodes, which add up to one."""
+    import matplotlib.pyplot as plt
+
+    x = np.linspace(-0.5, 4.5, 501)
+    base = np.floor(x - 0.5).astype(int)
+    figure, axes = plt.subplots(figsize=(5.8, 2.9))
+    for node in range(5):
+        value = np.array([spline_weight(p - j, node - j) if 0 <= node - j <= 2 else 0.0 for p, j in zip(x, base)])
+        there = value > 0
+        color = SURFACE_RED if node == 2 else SKY
+        axes.plot(x[there], value[there], color=color, lw=2.2 if node == 2 else 1.5)
+        axes.text(node, 0.78, f"$B_{{i{node - 2:+d}}}$" if node != 2 else "$B_i$", ha="center", size=12, color=color)
+    axes.axvspan(0.5, 3.5, color=PALE, zorder=0)
+    axes.set_xticks(range(5), [r"$x_{i-2}$", r"$x_{i-1}$", r"$x_i$", r"$x_{i+1}$", r"$x_{i+2}$"], size=12)
+    axes.set(xlim=(-0.5, 4.5), ylim=(0, 0.9), yticks=[0, 0.5, 0.75])
+    axes.set_title(r"A quadratic B-spline reaches $3h/2$ far: three at each point")
+    return figure
+
+
+def spline_nodes() -> Any:
+    """Thesis figure 3.6: the nodes whose B-splines reach a point, counted from the lower left one."""
+    import matplotlib.pyplot as plt
+    from matplotlib.patches import Rectangle
+
+    point = np.array([2.1, 1.95])
+    first = np.floor(point - 0.5)
+    figure, axes = plt.subplots(figsize=(4.8, 4.0))
+    _grid(axes, np.zeros(2), np.array([5.0, 4.0]))
+    nodes = np.stack(np.meshgrid(np.arange(6), np.arange(5), indexing="ij"), -1).reshape(-1, 2)
+    near = ((nodes >= first) & (nodes <= first + 2)).all(1)
+    axes.scatter(*nodes[~near].T, s=40, marker="s", facecolor="white", edgecolor=GREY, zorder=2)
+    for node in nodes[near]:
+        weight = np.prod([spline_weight(p - j, int(n - j)) for p, j, n in zip(point, first, node)])
+        axes.scatter(*node, s=70, marker="s", color=BLUE, zorder=3)
+        axes.text(node[0] + 0.1, node[1] + 0.1, f"{weight:.2f}", size=10, color=BLUE, zorder=4)
+    axes.add_patch(Rectangle(tuple(point - 1.5), 3, 3, fc=PALE, ec=INTERIOR_BLUE, ls="--", lw=1.2, zorder=0))
+    axes.scatter(*point, s=60, color=SURFACE_RED, zorder=5)
+    axes.text(point[0] + 0.1, point[1] - 0.12, r"$x$", size=14, color=SURFACE_RED, va="top")
+    axes.text(first[0] - 0.1, first[1] - 0.12, r"$x_{i_0j_0}$", size=13, ha="right", va="top")
+    axes.set(xlim=(-0.3, 5.3), ylim=(-0.3, 4.3))
+    _bare(axes, r"Nine nodes reach $x$; their weights $B_iB_j$ add up to 1")
+    return figure
+
+
 SCHEMATICS: dict[str, Callable[[], Any]] = {
     f"{drawing.__name__}.png": drawing
-    for drawing in (fan_scan, step_flow, level_set, marching_cases, surface_samples, lattice, regions)
+    for drawing in (
+        fan_scan,
+        step_flow,
+        level_set,
+        marching_cases,
+        surface_samples,
+        lattice,
+        regions,
+        control_volume,
+        deformation,
+        spline_bases,
+        spline_nodes,
+    )
 }
 
 
