@@ -133,6 +133,8 @@ def draw_column(data: Mapping[str, Any]) -> Any:
             axes.plot(largest, k, ">" if lasts else "o", color=BLUE, ms=8)
             said = f"{'at least ' * lasts}{two_digits(largest)}"
             axes.annotate(said, (largest, k), (9, 0), textcoords="offset points", va="center", fontsize=9.5)
+        else:
+            axes.text(0.01, k, "none", transform=axes.get_yaxis_transform(), va="center", fontsize=9.5)
         if runner > 0:
             axes.plot(runner, k, "|", color=VERMILION, ms=16, mew=2)
     axes.plot([], [], "o", color=BLUE, label="largest stable value")

@@ -107,7 +107,9 @@ def test_a_map_is_drawn_from_its_file_where_nothing_failed_and_where_all_did(tmp
     data = json.loads(json.dumps(finite({"title": "t", "quantity": "q", "cells": cells})))
     figure = maps.draw_map(data)
     said = {text.get_text() for axes in figure.axes for text in axes.texts}
-    assert said == {"at least 4.0", "none", "runner: 1.0"}
+    assert said == {"at least 4.0", "none"}
+    marks = [line.get_xydata().tolist() for line in figure.axes[0].lines if line.get_marker() == "|"]
+    assert marks[:2] == [[[1.0, 0.0]], [[1.0, 1.0]]]  # limits of the runner
 
 
 def test_the_command(tmp_path, capsys):
