@@ -1,13 +1,10 @@
 """Inputs and closed forms of sums over the liquid at points."""
 
-import math
-
 import numpy as np
 
-from refsim.core.cases import Case, Exact, closed_form, groups
+from refsim.core.cases import Case, Exact, groups
 from refsim.core.walls import WallParticles
-
-W0 = 21 / (16 * math.pi)  # W(0) of Wendland C2, h = 2 m; W(h/2) = 3/16 W(0)
+from refsim.smoothing.cases import for_each_kernel
 
 
 @groups("fill", "flow")
@@ -17,12 +14,12 @@ def _taken(case, grid):
     return {"fill": np.full(count, 7.0, grid.dtype), "flow": np.full((count, 3), 7.0, grid.dtype)}
 
 
-@closed_form("gauges.sample")
-def between_two():
+@for_each_kernel("gauges.sample")
+def between_two(w):
     """A point 1 m from two particles of 2 m^3 and 1 m^3; nothing far away."""
     place = np.array([[0.0, 1.0, 0.0], [0.0, 9.0, 0.0]])
     position = np.array([[0.0, 0.0, 0.0], [0.0, 2.0, 0.0]])
-    w = 3 / 16 * W0
+    w = w.share * w.own
     return Exact(
         Case("between_two_points", 3, position, spacing=1.0, support_radius=2.0, wall_position=place),
         {

@@ -24,6 +24,7 @@ from refsim.core.cases import (
 )
 from refsim.core.walls import Bounds, WallMotion, WallParticles
 from refsim.smoothing import SHAPES, Smoothing, smoothing
+from refsim.smoothing.cases import for_each_kernel
 from refsim.sph import (
     LIQUID,
     CentralViscosity,
@@ -166,104 +167,50 @@ takes("sph.continuity", fluid="rest_density")
 takes("sph.viscosity", "sph.central_viscosity", smoothing="support_radius dim")
 
 
-# Closed forms: h = 2 m, so that in 3D Wendland W(0) = 21/(16 pi) and W(h/2) = 3/16 W(0), with slope W'(h/2) =
-# -5/4 W(0)/h; in 2D W(0) = 7/(4 pi).
+# Closed forms: h = 2 m
 
-W0 = 21 / (16 * math.pi)
 PAIR = Case("pair", 3, np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), spacing=1.0, support_radius=2.0)
 FLAT_PAIR = Case("flat_pair", 2, np.array([[0.0, 0.0, 0.0], [0.6, 0.8, 0.0]]), spacing=1.0, support_radius=2.0)
 WATER = Fluid(1000.0, 4e5, np.int32(1), np.int32(0))
 
 
-@closed_form("sph.density")
-def two_particles_and_a_wall():
-    """rho_1 = m_1 W(0) + m_2 W(h/2) + rho0 V_b W(h/2); the first moment points away from the other and the wall."""
+@for_each_kernel("sph.density")
+def two_particles_and_a_wall(w):
+    """rho_1 = m_1 W(0) + m_2 W(h/2) + rho0 V_b W(h/2); the wall is opposite to 2, and as far from it as h."""
     wall = Case(
-        "pair_on_wall", 3, PAIR.position, spacing=1.0, support_radius=2.0, wall_position=np.array([[0.0, 0.0, 1.0]])
+        "pair_on_wall", 3, PAIR.position, spacing=1.0, support_radius=2.0, wall_position=np.array([[0.0, -1.0, 0.0]])
     )
-    mass = np.array([2.0, 3.0])
-    volume = 0.5
-    reach = 3 / 16 * W0
-    diagonal = (1 - math.sqrt(0.5)) ** 4 * (1 + 4 * math.sqrt(0.5)) * W0
-    filled = 1000 * volume * np.array([reach, diagonal])
-    rho = mass * W0 + mass[::-1] * reach + filled
-    away = filled / mass
-    asymmetry = np.hypot([reach, reach + away[1]], away)
+    mass, reach = np.array([2.0, 3.0]), w.share * w.own
+    filled = np.array([1000 * 0.5 * reach, 0.0])
     return Exact(
         wall,
-        {"mass": mass, "walls": WallParticles(wall.wall_position, np.array([volume])), "fluid": WATER},
-        {"density": rho, "number_density": W0 + reach + filled / mass, "asymmetry": asymmetry},
-    )
+        {"mass": mass, "walls": WallParticles(wall.wall_position, np.array([0.5])), "fluid": WATER},
+        {
+            "density": mass * w.own + mass[::-1] * reach + filled, "number_density": w.own + reach + filled / mass,
+            "asymmetry": np.abs(reach - filled / mass),
+        },
+    )  # fmt: skip
 
 
-@closed_form("sph.density")
-def two_particles_in_space():
+@for_each_kernel("sph.density", dims=(2, 3))
+def two_particles(w):
     """rho_1 = m_1 W(0) + m_2 W(h/2), without a wall."""
     mass = np.array([2.0, 3.0])
     return Exact(
-        PAIR, {"mass": mass},
-        {"density": W0 * (mass + 3 / 16 * mass[::-1]), "number_density": np.full(2, 19 / 16 * W0),
-         "asymmetry": np.full(2, 3 / 16 * W0)},
+        w.pair, {"mass": mass},
+        {"density": w.own * (mass + w.share * mass[::-1]), "number_density": np.full(2, w.own * (1 + w.share)),
+         "asymmetry": np.full(2, w.own * w.share)},
     )  # fmt: skip
-
-
-@closed_form("sph.density")
-def two_particles_in_the_plane():
-    """The same in 2D, with W(0) = 7/(pi h^2)."""
-    mass = np.array([2.0, 3.0])
-    own = 7 / (4 * math.pi)
-    return Exact(
-        FLAT_PAIR, {"mass": mass},
-        {"density": own * (mass + 3 / 16 * mass[::-1]), "number_density": np.full(2, 19 / 16 * own),
-         "asymmetry": np.full(2, 3 / 16 * own)},
-    )  # fmt: skip
-
-
-def _pair_of(kernel, dim):
-    """Two particles at h/2: rho_1 = m_1 W(0) + m_2 W(h/2); pushed apart by 2 (m_j p/rho^2) |W'(h/2)|."""
-    value, slope, scales = AT_HALF[kernel]
-    own = scales[dim] / 2.0**dim
-    pair, mass = (PAIR if dim == 3 else FLAT_PAIR), np.array([2.0, 3.0])
-    given = {"mass": mass, "smoothing": smoothing(kernel, 2.0, dim)}
-
-    def density():
-        expected = {"density": own * (mass + value * mass[::-1]), "number_density": np.full(2, own * (1 + value))}
-        return Exact(pair, given, expected | {"asymmetry": np.full(2, own * value)})
-
-    def push():
-        force = 2 * 200.0 / 1000.0**2 * own * slope / 2
-        away = (pair.position[0] - pair.position[1])[None, :]
-        given_too = {"density": np.full(2, 1000.0), "pressure": np.full(2, 200.0), "velocity": np.zeros((2, 3))}
-        return Exact(
-            pair, given | given_too | {"fluid": WATER},
-            {"acceleration": force * mass[::-1, None] * np.array([[1.0], [-1.0]]) * away},
-        )  # fmt: skip
-
-    for maker, names in ((density, ("sph.density",)), (push, ("sph.pressure", "sph.momentum"))):
-        maker.__name__ = f"{maker.__name__}_of_a_pair_{kernel}_{dim}d"
-        closed_form(*names)(maker)
-
-
-# w(1/2), |w'(1/2)| and the factor of 1/h^dim in front of w by dimension
-AT_HALF = {
-    "poly6": (27 / 64, 27 / 16, {2: 4 / math.pi, 3: 315 / (64 * math.pi)}),
-    "spiky": (1 / 8, 3 / 4, {2: 10 / math.pi, 3: 15 / math.pi}),
-    "cubic_spline": (1 / 4, 3 / 2, {2: 40 / (7 * math.pi), 3: 8 / math.pi}),
-}
-for _kernel in AT_HALF:
-    for _dim in (2, 3):
-        _pair_of(_kernel, _dim)
 
 
 ALONE = {"phase": None, "rest_density": None}  # no solids
 
 
-@closed_form("sph.continuity")
-def compressed_pair():
-    """v_1 - v_2 = (4, 2, 5), 2 of it towards the second: d rho_1/dt = rho_1 V_2 2 |W'(h/2)|, W' = 5/8 W(0); 0.25 s."""
-    slope = 5 / 8 * W0
+@for_each_kernel("sph.continuity")
+def compressed_pair(w):
+    """v_1 - v_2 = (4, 2, 5), 2 of it towards the second: d rho_1/dt = rho_1 V_2 2 |W'(h/2)|; for 0.25 s."""
     excess = np.array([100.0, -200.0])
-    rate = (1000 + excess) * np.array([3.0 / 800.0, 2.0 / 1100.0]) * 2 * slope
+    rate = (1000 + excess) * np.array([3.0 / 800.0, 2.0 / 1100.0]) * 2 * w.slope
     return Exact(
         PAIR,
         {
@@ -275,10 +222,10 @@ def compressed_pair():
     )  # fmt: skip
 
 
-@closed_form("sph.continuity")
-def diffusing_pair():
+@for_each_kernel("sph.continuity")
+def diffusing_pair(w):
     """At rest: d rho_1/dt = 2 k V_2 (rho_2 - rho_1 - s) |W'(h/2)|, s = 40 the difference at rest; for 0.25 s."""
-    slope = 2 * 0.5 * 5 / 8 * W0
+    slope = 2 * 0.5 * w.slope
     excess = np.array([100.0, -200.0])
     difference = -300.0 - 40.0
     rate = slope * difference * np.array([3.0 / 800.0, -2.0 / 1100.0])
@@ -293,13 +240,13 @@ def diffusing_pair():
     )  # fmt: skip
 
 
-@closed_form("sph.continuity")
-def moving_walls():
+@for_each_kernel("sph.continuity")
+def moving_walls(w):
     """One wall particle at rest below, one that moves at the same distance above: V_b (v - v_b).e |W'(h/2)| of each."""
     place = np.array([[0.0, -1.0, 0.0], [0.0, 1.0, 0.0]])
     case = Case("between_walls", 3, np.zeros((1, 3)), spacing=1.0, support_radius=2.0, wall_position=place)
     far = np.full(3, np.inf)
-    rate = 1100 * 0.25 * 5 / 8 * W0 * (-2.0 + (2.0 - 5.0))
+    rate = 1100 * 0.25 * w.slope * (-2.0 + (2.0 - 5.0))
     excess = 100.0 + 0.25 * rate
     return Exact(
         case,
@@ -314,10 +261,10 @@ def moving_walls():
     )  # fmt: skip
 
 
-@closed_form("sph.continuity")
-def liquid_beside_a_solid():
+@for_each_kernel("sph.continuity")
+def liquid_beside_a_solid(w):
     """The solid's 3 kg of 900 kg/m^3 come nearer: rho_1 V_2 2 |W'(h/2)|, no diffusion; the solid keeps its density."""
-    rate = 1100 * 3.0 / 900.0 * 2 * 5 / 8 * W0
+    rate = 1100 * 3.0 / 900.0 * 2 * w.slope
     return Exact(
         PAIR,
         {
@@ -363,29 +310,28 @@ def balanced_cohesion():
     )
 
 
-@closed_form("sph.pressure", "sph.momentum")
-def pressed_pair():
+@for_each_kernel("sph.pressure", "sph.momentum", dims=(2, 3))
+def pressed_pair(w):
     """Equal pressures p push two particles apart with 2 (m_j p/rho^2) |W'(h/2)|, here 6 p/rho^2 on the first."""
-    slope = 5 / 4 * W0 / 2
-    push = 2 * 200.0 / 1000.0**2 * slope
+    push = 2 * 200.0 / 1000.0**2 * w.slope * (w.pair.position[1] - w.pair.position[0])
     return Exact(
-        PAIR,
+        w.pair,
         {
             "mass": np.array([2.0, 3.0]), "density": np.full(2, 1000.0), "pressure": np.full(2, 200.0),
             "velocity": np.zeros((2, 3)), "fluid": WATER,
         },
-        {"acceleration": np.array([[0.0, -3 * push, 0.0], [0.0, 2 * push, 0.0]])},
+        {"acceleration": np.array([-3 * push, 2 * push])},
     )  # fmt: skip
 
 
-@closed_form("sph.pressure")
-def pressed_against_a_wall():
+@for_each_kernel("sph.pressure")
+def pressed_against_a_wall(w):
     """One wall particle below: a = 2 rho0 V_b (p/rho^2) |W'(h/2)| upwards, half of it as printed (Jiang & Zhu E24)."""
     case = Case(
         "on_wall", 3, np.zeros((1, 3)), spacing=1.0, support_radius=2.0, wall_position=np.array([[0.0, -1.0, 0.0]])
     )
     walls = WallParticles(case.wall_position, np.array([0.25]))
-    push = 2 * 1000 * 0.25 * 200.0 / 900.0**2 * (5 / 4 * W0 / 2)
+    push = 2 * 1000 * 0.25 * 200.0 / 900.0**2 * w.slope
     return Exact(
         case,
         {
@@ -411,18 +357,14 @@ def sheared_pair():
     )  # fmt: skip
 
 
-@closed_form("sph.gradient_correction")
-def filled_in_the_plane():
-    """Two neighbours of V = 2 at h/2 along x and two of V = 0.8 along y: M = 2 |W'| diag(2, 0.8).
-
-    In 2D W(0) = 7/(4 pi), |W'(h/2)| = 5/8 W(0). The others see less than half: I.
-    """
-    slope = 5 / 8 * 7 / (4 * math.pi)
+@for_each_kernel("sph.gradient_correction", dims=(2,))
+def filled_in_the_plane(w):
+    """Two neighbours at h/2 along x, two of less mass along y: M = diag(1.4, 0.56). The others see less: I."""
     place = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
     case = Case("cross", 2, place, spacing=1.0, support_radius=2.0)
     density = np.array([1000.0, 500.0, 500.0, 1000.0, 1000.0])
-    mass = np.array([1.0, 1000.0, 1000.0, 800.0, 800.0])
-    a, b = 2 * 2.0 * slope, 2 * 0.8 * slope
+    a, b = 1.4, 0.56
+    mass = density * np.array([0.002, a, a, b, b]) / (2 * w.slope)
     share = (a * b - 0.5) / 0.3
     assert 0 < share < 1
     diagonal = np.ones((5, 3))
@@ -441,11 +383,10 @@ def turned():
     return Exact(PAIR, {"pressure": pressure, "near_surface": near}, {"own_pressure": np.array([3.0, -3.0])})
 
 
-@closed_form("sph.corrected_pressure")
-def pushed_askew():
+@for_each_kernel("sph.corrected_pressure")
+def pushed_askew(w):
     """B_1 = I, B_2 turns y into (1, 3, 2): along (0.5, 2, 1) by V_j (q_i + p_j) |W'(h/2)|/rho_i."""
-    slope = 5 / 8 * W0
-    push = slope * np.array([2.0 * (50.0 + 300.0) / 1000.0, 4.0 * (-100.0 + 200.0) / 500.0])
+    push = w.slope * np.array([2.0 * (50.0 + 300.0) / 1000.0, 4.0 * (-100.0 + 200.0) / 500.0])
     return Exact(
         PAIR,
         {
@@ -504,16 +445,16 @@ def rigid_rotation():
     )  # fmt: skip
 
 
-@closed_form("sph.density")
-def two_particles_across_a_border():
+@for_each_kernel("sph.density")
+def two_particles_across_a_border(w):
     """As in space, 5 m apart in a periodic box of 6 m."""
-    return across_a_border(two_particles_in_space(), 6.0, walls=None)
+    return across_a_border(two_particles(w), 6.0, walls=None)
 
 
-@closed_form("sph.pressure", "sph.momentum")
-def pressed_across_a_border():
+@for_each_kernel("sph.pressure", "sph.momentum")
+def pressed_across_a_border(w):
     """As the pressed pair."""
-    return across_a_border(pressed_pair(), 6.0)
+    return across_a_border(pressed_pair(w), 6.0)
 
 
 @closed_form("sph.momentum", "sph.viscosity")

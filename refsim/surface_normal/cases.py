@@ -1,11 +1,10 @@
 """Inputs and closed forms of surface normals, and shapes whose surface is everywhere, nowhere or without direction."""
 
-import math
-
 import numpy as np
 
-from refsim.core.cases import Case, Exact, case, closed_form, groups, lattice, pair_case, particles, takes, vectors
+from refsim.core.cases import Case, Exact, case, groups, lattice, pair_case, particles, takes, vectors
 from refsim.smoothing import smoothing
+from refsim.smoothing.cases import for_each_kernel
 from refsim.sph import liquid_of
 from refsim.surface_normal import NormalTerm, normal_term, reference
 from refsim.surface_normal.reference import SHAPES
@@ -41,34 +40,31 @@ def _normal_term(case, grid):
 takes("surface_normal.color_gradient", normal_term="own_density")
 
 
-# h = 2 m: in 3D Wendland W(0) = 21/(16 pi), W(h/2) = 3/16 W(0), W'(h/2) = -5/8 W(0) per metre.
-W0 = 21 / (16 * math.pi)
-SLOPE = -5 / 8 * W0
 PAIR = pair_case("normal_pair")
 TERM = NormalTerm(4.0, np.int32(0))
 
 
-@closed_form("surface_normal.color_gradient")
-def pair_normals():
+@for_each_kernel("surface_normal.color_gradient")
+def pair_normals(w):
     """n_1 = h V_2 W'(r) e_12 points towards particle 2."""
     return Exact(
         PAIR,
         {"mass": np.array([2.0, 3.0]), "density": np.array([1000.0, 500.0]), "normal_term": TERM,
          "candidates": np.ones(2, np.uint8)},
-        {"surface_normal": 2 * -SLOPE * np.array([[0.0, 3 / 500, 0.0], [0.0, -2 / 1000, 0.0]])},
+        {"surface_normal": 2 * w.slope * np.array([[0.0, 3 / 500, 0.0], [0.0, -2 / 1000, 0.0]])},
     )  # fmt: skip
 
 
-@closed_form("surface_normal.corrected")
-def pair_corrected_normals():
+@for_each_kernel("surface_normal.corrected")
+def pair_corrected_normals(w):
     """n*_1 = ((d_2 - d_1)/d_0) V_2 W'(r) e_12 / (V_1 W(0) + V_2 W(r)); the second particle is no candidate."""
     volume = np.array([2 / 1000, 3 / 500])
-    filled = volume[0] * W0 + volume[1] * 3 / 16 * W0
+    filled = volume[0] * w.own + volume[1] * w.share * w.own
     return Exact(
         PAIR,
         {"mass": np.array([2.0, 3.0]), "density": np.array([1000.0, 500.0]), "number_density": np.array([1.0, 3.0]),
          "normal_term": TERM, "candidates": np.array([1, 0], np.uint8)},
-        {"corrected_normal": np.array([[0.0, 0.5 * volume[1] * -SLOPE / filled, 0.0], [0.0, 0.0, 0.0]])},
+        {"corrected_normal": np.array([[0.0, 0.5 * volume[1] * w.slope / filled, 0.0], [0.0, 0.0, 0.0]])},
     )  # fmt: skip
 
 

@@ -13,8 +13,10 @@ from refsim.__main__ import main
 from refsim.contract import coverage
 from refsim.contract.apart import Request
 from refsim.contract.bounds import edge_terms
+from refsim.contract.parameters import shape_acts
 from refsim.core import cases
 from refsim.core.operation import REGISTRY
+from refsim.smoothing import SHAPES
 
 
 def failures(programs, operation, **chosen):
@@ -129,11 +131,17 @@ def test_what_is_declared_and_met_no_trial_is_a_gap():
     assert coverage.gaps("sph.density", declared, Request("cubic", steps=("T7",)), []) == []
 
 
-def test_a_kernel_without_a_closed_form_is_no_gap():
+def test_closed_forms_are_there_for_every_kernel():
+    """And not for two kernels, which is told, and no gap."""
+    cases.discover()
+    for name in (name for name in REGISTRY if shape_acts(REGISTRY[name])):
+        forms = [form() for form in cases.CLOSED_FORMS[name]]
+        shapes = {exact.given["smoothing"].shape for exact in forms if "smoothing" in exact.given}
+        assert shapes == set(SHAPES.values()), name
     name = "csf_wang_2019.normal"
-    programs = contract.Programs({name: lambda mass: mass}, kernels=("spiky",), dtypes=("float64",), name="own")
-    told = {o.not_judged for o in contract.trials(programs, name, steps=("T1",))}
-    assert told == {"a closed form, as there is none for the kernel"}
+    own = contract.Programs({name: lambda mass: mass}, kernels=("spiky", "poly6"), dtypes=("float64",), name="own")
+    told = {o.kernel: o.not_judged for o in contract.trials(own, name, steps=("T1",), variants=(0,))}
+    assert told == {"spiky": "", "poly6": "", "spiky poly6": "a closed form, as there is none for the kernel"}
 
 
 GAP = """

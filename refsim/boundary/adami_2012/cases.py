@@ -1,17 +1,14 @@
 """Inputs and closed forms of walls after Adami, Hu & Adams 2012."""
 
-import math
-
 import numpy as np
 
 from refsim.boundary.adami_2012 import Lean
 from refsim.boundary.akinci_2012 import BoxWalls
-from refsim.core.cases import Case, Exact, closed_form, example, groups
+from refsim.core.cases import Case, Exact, example, groups
 from refsim.core.walls import WallParticles
+from refsim.smoothing.cases import for_each_kernel
 
 example(BoxWalls(lower=(-0.03, -0.03, -0.5), upper=(0.8, 0.8, 0.8)))
-
-W0 = 21 / (16 * math.pi)  # W(0) of Wendland C2, h = 2 m; W(h/2) = 3/16 W(0), |W'(h/2)| = 5/8 W(0)
 
 
 @groups("lean")
@@ -31,8 +28,8 @@ def _beside(wall_position):
     return Case("beside_walls", 3, position, spacing=1.0, support_radius=2.0, wall_position=wall_position)
 
 
-@closed_form("adami_2012.extrapolation")
-def mean_of_two():
+@for_each_kernel("adami_2012.extrapolation")
+def mean_of_two(w):
     """A wall particle 1 m from both: mean of p_1 + rho_1 g.(0, 1, 0) and p_2 - rho_2 g.(0, 1, 0); 0 far away."""
     place = np.array([[0.0, 1.0, 0.0], [0.0, 9.0, 0.0]])
     wanted = 0.5 * (300.0 + 1000.0 * -9.0 + 500.0 - 500.0 * -9.0)
@@ -46,12 +43,11 @@ def mean_of_two():
     )  # fmt: skip
 
 
-@closed_form("adami_2012.wall_force")
-def pushed_by_its_wall():
+@for_each_kernel("adami_2012.wall_force")
+def pushed_by_its_wall(w):
     """a = V_w (p_i + p_w) |W'(h/2)|/rho_i away from the wall particle, on both sides of it; B_2 turns it."""
     place = np.array([[0.0, 1.0, 0.0]])
-    slope = 5 / 8 * W0
-    push = 0.25 * np.array([(300.0 + 200.0) / 1000.0, (500.0 + 200.0) / 500.0]) * slope
+    push = 0.25 * np.array([(300.0 + 200.0) / 1000.0, (500.0 + 200.0) / 500.0]) * w.slope
     return Exact(
         _beside(place),
         {
@@ -64,8 +60,8 @@ def pushed_by_its_wall():
     )  # fmt: skip
 
 
-@closed_form("adami_2012.extrapolation")
-def beside_a_solid():
+@for_each_kernel("adami_2012.extrapolation")
+def beside_a_solid(w):
     """The pressure of the liquid alone, where a solid is as near."""
     place = np.array([[0.0, 1.0, 0.0]])
     return Exact(

@@ -8,6 +8,7 @@ import numpy as np
 from refsim.boundary.one_way_coupling import MeshBoundary, WallGravity
 from refsim.core.cases import Case, Exact, closed_form, example, groups, takes
 from refsim.core.walls import WallMotion, WallParticles, WallViscosity
+from refsim.smoothing.cases import for_each_kernel
 from refsim.sph import Fluid
 
 PEBBLE = Path(__file__).parents[2] / "examples" / "pebble.obj"
@@ -79,16 +80,12 @@ takes("one_way_coupling.wall_pressure", fluid="rest_density clamp gradient_share
 takes("one_way_coupling.wall_viscosity", smoothing="support_radius dim")
 
 
-def _pushing(pressure, gravity, expected, clamp):
-    """h = 2 m, r = 1 m, alone: a = Psi_b p_b/rho^2 W'(r) e_b, with p_b as `expected` [Pa].
-
-    Wendland C2: W = 21/(2 pi h^3) (1 - q)^4 (4 q + 1), W' = -210 q (1 - q)^3/(pi h^4); q = 1/2.
-    """
+def _pushing(w, pressure, gravity, expected, clamp):
+    """h = 2 m, r = 1 m, alone: a = Psi_b p_b/rho^2 W'(r) e_b, with p_b as `expected` [Pa]."""
     case = Case(
         "pushing", 3, np.zeros((1, 3)), spacing=1.0, support_radius=2.0, wall_position=np.array([[0.0, 0.6, 0.8]])
     )
-    slope = 210 * 0.5 * 0.5**3 / (math.pi * 16)
-    push = 1000 * 0.25 * expected / 500.0**2 * slope
+    push = 1000 * 0.25 * expected / 500.0**2 * w.slope
     return Exact(
         case,
         {
@@ -102,19 +99,19 @@ def _pushing(pressure, gravity, expected, clamp):
     )
 
 
-@closed_form("one_way_coupling.wall_pressure")
-def pushed_by_one_particle():
+@for_each_kernel("one_way_coupling.wall_pressure")
+def pushed_by_one_particle(w):
     """p_b = p_i + rho0 g.(x_b - x_i)."""
-    return _pushing(2000.0, (2.0, -1.0, 3.0), 2000.0 + 1000 * (0.6 * -1.0 + 0.8 * 3.0), False)
+    return _pushing(w, 2000.0, (2.0, -1.0, 3.0), 2000.0 + 1000 * (0.6 * -1.0 + 0.8 * 3.0), False)
 
 
-@closed_form("one_way_coupling.wall_pressure")
-def pushed_below_a_pascal():
+@for_each_kernel("one_way_coupling.wall_pressure")
+def pushed_below_a_pascal(w):
     """p_b = 0.5 - 0.25 Pa, clamped."""
-    return _pushing(0.5, (0.0, -1 / 2400, 0.0), 0.25, True)
+    return _pushing(w, 0.5, (0.0, -1 / 2400, 0.0), 0.25, True)
 
 
-@closed_form("one_way_coupling.wall_pressure")
-def clamped_below_zero():
+@for_each_kernel("one_way_coupling.wall_pressure")
+def clamped_below_zero(w):
     """p_b = 0.25 - 0.5 Pa, clamped."""
-    return _pushing(0.25, (0.0, 0.0, -1 / 1600), 0.0, True)
+    return _pushing(w, 0.25, (0.0, 0.0, -1 / 1600), 0.0, True)

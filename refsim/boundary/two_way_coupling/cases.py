@@ -8,6 +8,7 @@ from refsim.boundary.adami_2012 import Lean
 from refsim.boundary.two_way_coupling import Coupling, Delay, TwoWayCoupling
 from refsim.core.cases import REST_DENSITY, Case, Exact, closed_form, example, groups, particles, takes, vectors
 from refsim.shape_matching.phases import FLUID, INTERIOR, SURFACE
+from refsim.smoothing.cases import for_each_kernel
 from refsim.sph import Fluid, ViscosityTerm
 
 example(TwoWayCoupling(), brings="relative_contribution rest_density volume")
@@ -61,11 +62,8 @@ takes("two_way_coupling.pressure", coupling="printed_pressure density_weighted")
 takes("two_way_coupling.forces", coupling="printed_pressure printed_viscosity density_weighted")
 
 
-# Closed forms: h = 2 m, Wendland C2: W(0) = 21/(16 pi), W(h/2) = 3/16 W(0), W'(h/2) = -5/4 W(0)/h; the viscosity
-# kernel's Laplacian is 45/(64 pi).
+# Closed forms: h = 2 m; the viscosity kernel's Laplacian at h/2 is 45/(64 pi).
 
-W0 = 21 / (16 * math.pi)
-SLOPE = 5 / 4 * W0 / 2
 PAIR = Case("coupled_pair", 3, np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), spacing=1.0, support_radius=2.0)
 WATER_AND_ICE = np.array([FLUID, SURFACE], np.int32)
 
@@ -74,12 +72,12 @@ def _coupled(**changes):
     return Coupling(0.5, 100.0, np.int32(7), *np.zeros(4, np.int32))._replace(**changes)
 
 
-@closed_form("two_way_coupling.contribution")
-def surface_beside_inside():
+@for_each_kernel("two_way_coupling.contribution")
+def surface_beside_inside(w):
     """V_k = 1/(W(0) + W(h/2)) over both solids (Shao & Song M4), phi = V_k/V_min; 0 inside, 1 in the liquid."""
     position = np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 2.0, 0.0]])
     three = Case("coupled_three", 3, position, spacing=1.0, support_radius=2.0)
-    phi = 1 / (19 / 16 * W0 * 0.5)
+    phi = 1 / ((1 + w.share) * w.own * 0.5)
     return Exact(
         three,
         {"phase": np.array([SURFACE, INTERIOR, FLUID], np.int32), "coupling": _coupled()},
@@ -87,48 +85,48 @@ def surface_beside_inside():
     )
 
 
-@closed_form("two_way_coupling.contribution")
-def printed_surface_beside_inside():
+@for_each_kernel("two_way_coupling.contribution")
+def printed_surface_beside_inside(w):
     """As printed V_k = 1/W(0): the interior is not counted."""
     given = {"phase": np.array([SURFACE, INTERIOR], np.int32), "coupling": _coupled(printed_volume=np.int32(1))}
-    return Exact(PAIR, given, {"relative_contribution": np.array([1 / (W0 * 0.5), 0.0])})
+    return Exact(PAIR, given, {"relative_contribution": np.array([1 / (w.own * 0.5), 0.0])})
 
 
-@closed_form("two_way_coupling.density")
-def liquid_beside_solid():
+@for_each_kernel("two_way_coupling.density")
+def liquid_beside_solid(w):
     """rho = m (W(0) + phi W(h/2)); the solid keeps its rest density."""
     given = {
         "mass": np.array([2.0, 3.0]), "rest_density": np.array([1000.0, 900.0]), "phase": WATER_AND_ICE,
         "relative_contribution": np.array([1.0, 4.0]), "walls": None,
     }  # fmt: skip
-    return Exact(PAIR, given, {"density": np.array([2 * W0 * (1 + 4 * 3 / 16), 900.0])})
+    return Exact(PAIR, given, {"density": np.array([2 * w.own * (1 + 4 * w.share), 900.0])})
 
 
-def _substances(stiffness):
+def _substances(w, stiffness):
     """(2^7 - 1) c^2/g rho0 at twice the rest density, none in the solid, none below the rest density; V = m/rho."""
     apart = Case("substances", 3, np.array([[0.0, 0.0, 0.0], [0.0, 9.0, 0.0], [0.0, 18.0, 0.0]]), 1.0, 2.0)
     given = {
-        "mass": np.array([400.0, 100.0, 150.0]) / W0, "rest_density": np.full(3, 200.0),
+        "mass": np.array([400.0, 100.0, 150.0]) / w.own, "rest_density": np.full(3, 200.0),
         "phase": np.array([FLUID, SURFACE, FLUID], np.int32), "relative_contribution": np.array([1.0, 4.0, 1.0]),
         "walls": None, "coupling": _coupled(stiffness=stiffness),
     }  # fmt: skip
     return Exact(
         apart, given,
         {"density": np.array([400.0, 200.0, 150.0]), "pressure": np.array([127 * 200 * stiffness, 0.0, 0.0]),
-         "volume": np.array([1.0, 0.5, 1.0]) / W0},
+         "volume": np.array([1.0, 0.5, 1.0]) / w.own},
     )  # fmt: skip
 
 
-@closed_form("two_way_coupling.density")
-def tait_of_two_substances():
+@for_each_kernel("two_way_coupling.density")
+def tait_of_two_substances(w):
     """2.54 MPa."""
-    return _substances(100.0)
+    return _substances(w, 100.0)
 
 
-@closed_form("two_way_coupling.density")
-def tait_of_soft_substances():
+@for_each_kernel("two_way_coupling.density")
+def tait_of_soft_substances(w):
     """A quarter of a pascal."""
-    return _substances(1e-5)
+    return _substances(w, 1e-5)
 
 
 def _pushed(coupling, viscosity, force):
@@ -143,42 +141,42 @@ def _pushed(coupling, viscosity, force):
     return Exact(PAIR, given, {"acceleration": np.array([force / 2, -force / 3])})
 
 
-@closed_form("two_way_coupling.pressure")
-def solid_pushes_liquid():
+@for_each_kernel("two_way_coupling.pressure")
+def solid_pushes_liquid(w):
     """F = -V^2 p phi |W'|: 0.25 m^6 * 40 Pa * 0.25, repulsive; the solid's own pressure has no effect."""
-    return _pushed(_coupled(), None, [0.0, -2.5 * SLOPE, 0.0])
+    return _pushed(_coupled(), None, [0.0, -2.5 * w.slope, 0.0])
 
 
-@closed_form("two_way_coupling.pressure")
-def printed_push():
+@for_each_kernel("two_way_coupling.pressure")
+def printed_push(w):
     """Shao & Song (2) as printed lacks one m_i = 2 kg."""
-    return _pushed(_coupled(printed_pressure=np.int32(1)), None, [0.0, -1.25 * SLOPE, 0.0])
+    return _pushed(_coupled(printed_pressure=np.int32(1)), None, [0.0, -1.25 * w.slope, 0.0])
 
 
-@closed_form("two_way_coupling.pressure")
-def two_liquids_by_one_pressure():
+@for_each_kernel("two_way_coupling.pressure")
+def two_liquids_by_one_pressure(w):
     """rho = 4 and 12 kg/m^3, p = 40 and 8 Pa: (12 * 40 + 4 * 8)/16 = 32 Pa; F = -(0.25 + 1) m^6 * 32 Pa |W'|."""
     given = {
         "mass": np.array([2.0, 12.0]), "phase": np.array([FLUID, FLUID], np.int32), "pressure": np.array([40.0, 8.0]),
         "volume": np.array([0.5, 1.0]), "relative_contribution": np.ones(2), "velocity": np.zeros((2, 3)),
         "coupling": _coupled(density_weighted=np.int32(1)), "viscosity": None, "walls": None,
     }  # fmt: skip
-    force = np.array([0.0, -40.0 * SLOPE, 0.0])
+    force = np.array([0.0, -40.0 * w.slope, 0.0])
     return Exact(PAIR, given, {"acceleration": np.array([force / 2, -force / 12])})
 
 
-@closed_form("two_way_coupling.forces")
-def solid_drags_liquid():
+@for_each_kernel("two_way_coupling.forces")
+def solid_drags_liquid(w):
     """F = mu V^2 phi v lap W in addition: 3 Pa s * 0.25 m^6 * 0.25 * 8 m/s * 45/(64 pi)."""
     drag = 3 * 0.0625 * 8 * 45 / (64 * math.pi)
-    return _pushed(_coupled(), ViscosityTerm(3.0), [drag, -2.5 * SLOPE, 0.0])
+    return _pushed(_coupled(), ViscosityTerm(3.0), [drag, -2.5 * w.slope, 0.0])
 
 
-@closed_form("two_way_coupling.forces")
-def printed_drag():
+@for_each_kernel("two_way_coupling.forces")
+def printed_drag(w):
     """Shao & Song (3) as printed lacks one V_i = 0.5 m^3."""
     drag = 3 * 0.125 * 8 * 45 / (64 * math.pi)
-    return _pushed(_coupled(printed_viscosity=np.int32(1)), ViscosityTerm(3.0), [drag, -2.5 * SLOPE, 0.0])
+    return _pushed(_coupled(printed_viscosity=np.int32(1)), ViscosityTerm(3.0), [drag, -2.5 * w.slope, 0.0])
 
 
 def _held(**changes):
@@ -191,32 +189,32 @@ def _held(**changes):
     return given | changes
 
 
-@closed_form("two_way_coupling.extrapolation")
-def solid_that_rises():
+@for_each_kernel("two_way_coupling.extrapolation")
+def solid_that_rises(w):
     """p = 300 Pa + 1000 kg/m^3 (-9 - 2) m/s^2 * 1 m; the liquid's pressure stays."""
     return Exact(PAIR, _held(), {"pressure": np.array([300.0, 300.0 - 11000.0])})
 
 
-@closed_form("two_way_coupling.extrapolation")
-def solid_in_the_air():
+@for_each_kernel("two_way_coupling.extrapolation")
+def solid_in_the_air(w):
     """0 Pa beside another solid's particle."""
     alone = _held(phase=np.array([SURFACE, SURFACE], np.int32))
     return Exact(PAIR, alone, {"pressure": np.zeros(2)})
 
 
-@closed_form("two_way_coupling.push")
-def liquid_lifts_solid():
+@for_each_kernel("two_way_coupling.push")
+def liquid_lifts_solid(w):
     """F = V_i V_k (p_i + p_k) |W'(h/2)| = 0.5 * 2 m^6 * 40 Pa |W'(h/2)|."""
     given = {
         "mass": np.array([500.0, 1800.0]), "density": np.array([1000.0, 900.0]), "phase": WATER_AND_ICE,
         "pressure": np.array([30.0, 10.0]), "fluid": Fluid(1000.0, 1.0, np.int32(1), np.int32(0)),
     }  # fmt: skip
-    force = np.array([0.0, -40.0 * SLOPE, 0.0])
+    force = np.array([0.0, -40.0 * w.slope, 0.0])
     return Exact(PAIR, given, {"acceleration": np.array([force / 500, -force / 1800])})
 
 
-@closed_form("two_way_coupling.push")
-def solids_do_not_push_each_other():
+@for_each_kernel("two_way_coupling.push")
+def solids_do_not_push_each_other(w):
     """No force."""
     given = {
         "mass": np.array([500.0, 1800.0]), "density": np.array([1000.0, 900.0]),

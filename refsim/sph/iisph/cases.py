@@ -16,6 +16,7 @@ from refsim.core.cases import (
     takes,
     vectors,
 )
+from refsim.smoothing.cases import for_each_kernel
 from refsim.sph import Fluid
 from refsim.sph.iisph import Implicit, ImplicitPressure
 
@@ -62,9 +63,7 @@ takes("iisph.relax", implicit="relaxation least_diagonal")
 takes("iisph.solve", implicit="relaxation most least_diagonal")  # always two iterations, whatever the compression
 
 
-# h = 2 m: in 3D Wendland W(0) = 21/(16 pi), W'(h/2) = -5/8 W(0) per metre.
 PAIR = Case("implicit_pair", 3, np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), spacing=1.0, support_radius=2.0)
-SLOPE = 5 / 8 * 21 / (16 * math.pi)
 MASS, DENSITY = np.array([2.0, 3.0]), np.array([1000.0, 500.0])
 WATER = Fluid(1000.0, 4e5, np.int32(1), np.int32(0))
 STEP = np.array([0.5, 0.25])
@@ -73,12 +72,12 @@ UP = np.array([0.0, 1.0, 0.0])
 IMPLICIT = Implicit(0.5, 1e-3, np.int32(2), np.int32(2), 1e-9)
 
 
-@closed_form("iisph.predict")
-def approaching_pair():
+@for_each_kernel("iisph.predict")
+def approaching_pair(w):
     """grad W_12 = |W'| y: d_11 = -(s/rho_1^2) m_2 |W'| y; they approach with 2 m/s after the kick."""
     share = 0.125 / DENSITY**2
-    gradient = MASS[::-1] * SLOPE
-    squares = gradient**2 + MASS * MASS[::-1] * SLOPE**2
+    gradient = MASS[::-1] * w.slope
+    squares = gradient**2 + MASS * MASS[::-1] * w.slope**2
     velocity = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 0.0]])
     acceleration = np.array([[3.0, 0.0, 0.0], [0.0, -2.0, 0.0]])
     return Exact(
@@ -92,18 +91,18 @@ def approaching_pair():
     )
 
 
-@closed_form("iisph.displace")
-def displaced_pair():
+@for_each_kernel("iisph.displace")
+def displaced_pair(w):
     """s_1 = -s m_2 p_2/rho_2^2 |W'| y."""
     pressure = np.array([4000.0, 1000.0])
-    size = 0.125 * (MASS * pressure / DENSITY**2)[::-1] * SLOPE
+    size = 0.125 * (MASS * pressure / DENSITY**2)[::-1] * w.slope
     return Exact(PAIR, GIVEN | {"pressure": pressure}, {"pair_displacement": np.array([-size[0] * UP, size[1] * UP])})
 
 
-def _relaxed(diagonal, pressure, new):
+def _relaxed(w, diagonal, pressure, new):
     """Displacements across the line of centres do not count; d_ji p_i gives s m_1 p_1/rho_1^2 |W'|^2 m_2."""
     advected = np.array([1100.0, 950.0])
-    own = 0.125 * MASS * MASS[::-1] / DENSITY**2 * pressure * SLOPE**2
+    own = 0.125 * MASS * MASS[::-1] / DENSITY**2 * pressure * w.slope**2
     sums = 1000 - advected - own
     expected = np.maximum(0.5 * pressure + 0.5 * sums / diagonal, 0) if new is None else new
     return Exact(
@@ -118,30 +117,30 @@ def _relaxed(diagonal, pressure, new):
     )  # fmt: skip
 
 
-@closed_form("iisph.relax")
-def compressed_and_thin():
+@for_each_kernel("iisph.relax")
+def compressed_and_thin(w):
     """The first has too large a density and gets a pressure; the second too small a density: its pressure becomes 0."""
-    return _relaxed(np.array([-0.02, -0.5]), np.array([4000.0, 10.0]), None)
+    return _relaxed(w, np.array([-0.02, -0.5]), np.array([4000.0, 10.0]), None)
 
 
-@closed_form("iisph.relax")
-def compressed_at_low_pressure():
+@for_each_kernel("iisph.relax")
+def compressed_at_low_pressure(w):
     """The same below one pascal."""
-    return _relaxed(np.array([-2e4, -5e5]), np.array([4e-3, 1e-5]), None)
+    return _relaxed(w, np.array([-2e4, -5e5]), np.array([4e-3, 1e-5]), None)
 
 
-@closed_form("iisph.relax")
-def hardly_coupled():
+@for_each_kernel("iisph.relax")
+def hardly_coupled(w):
     """A particle whose -a_ii is below the limit gets no pressure."""
     diagonal = np.array([-1e-11, -1e-11])
-    return _relaxed(diagonal, np.array([4000.0, 1000.0]), np.zeros(2))
+    return _relaxed(w, diagonal, np.array([4000.0, 1000.0]), np.zeros(2))
 
 
-@closed_form("iisph.push")
-def pushed_pair():
+@for_each_kernel("iisph.push")
+def pushed_pair(w):
     """a_1 = -m_2 (p_1/rho_1^2 + p_2/rho_2^2) |W'| y."""
     pressure = np.array([4000.0, 1000.0])
-    push = (pressure / DENSITY**2).sum() * SLOPE
+    push = (pressure / DENSITY**2).sum() * w.slope
     return Exact(PAIR, GIVEN | {"pressure": pressure}, {"acceleration": np.array([-3 * push * UP, 2 * push * UP])})
 
 
@@ -157,8 +156,8 @@ def kept():
     return Exact(PAIR, {"new_pressure": np.array([3.0, 4.0])}, {"pressure": np.array([3.0, 4.0])})
 
 
-@closed_form("iisph.solve")
-def pair_at_rest():
+@for_each_kernel("iisph.solve")
+def pair_at_rest(w):
     """Two particles at half the rest density need no pressure."""
     return Exact(
         PAIR,
@@ -171,14 +170,14 @@ def pair_at_rest():
     )  # fmt: skip
 
 
-@closed_form("iisph.solve")
-def squeezed_pair():
+@for_each_kernel("iisph.solve")
+def squeezed_pair(w):
     """A pair at 1.1 and 1.2 rho0, as two numbers: after five iterations its compression is the tolerance.
 
     Each is displaced along y by its own pressure and by the other's; what remains are sums of the two.
     """
     rho, pressure, wanted = np.array([1100.0, 1200.0]), np.array([2e8, 1e8]), 5
-    share = 0.125 / rho**2 * SLOPE**2
+    share = 0.125 / rho**2 * w.slope**2
     diagonal = -share * (MASS[::-1] ** 2 + MASS.prod())
     errors, p = [], 0.5 * pressure
     for _ in range(wanted):
@@ -187,7 +186,7 @@ def squeezed_pair():
         p = np.maximum(0.5 * p + 0.5 * (1000 - rho - rest) / diagonal, 0)
     assert errors[-1] < min(errors[:-1])
     tolerance = math.sqrt(errors[-1] * errors[-2]) / 1000
-    push = (p / rho**2).sum() * SLOPE
+    push = (p / rho**2).sum() * w.slope
     given = GIVEN | {
         "density": rho, "velocity": np.zeros((2, 3)), "acceleration": np.zeros((2, 3)), "pressure": pressure,
         "implicit": Implicit(0.5, tolerance, np.int32(2), np.int32(100), 1e-15),

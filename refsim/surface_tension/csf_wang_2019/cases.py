@@ -1,10 +1,9 @@
 """Inputs and closed forms of the continuum surface force."""
 
-import math
-
 import numpy as np
 
-from refsim.core.cases import Case, Exact, closed_form, example, groups, pair_case, particles, takes, vectors
+from refsim.core.cases import Case, Exact, example, groups, pair_case, particles, takes, vectors
+from refsim.smoothing.cases import for_each_kernel
 from refsim.surface_tension.csf_wang_2019 import Continuum, CsfWang2019, Marangoni
 
 example(
@@ -41,24 +40,21 @@ takes("csf_wang_2019.curvature", continuum="threshold factor plain")
 takes("csf_wang_2019.force", continuum="tension threshold share")
 
 
-# h = 2 m: in 3D Wendland W(0) = 21/(16 pi), W(h/2) = 3/16 W(0), W'(h/2) = -5/8 W(0) per metre.
 PAIR = pair_case("interface_pair")
-W0 = 21 / (16 * math.pi)
-SLOPE = 5 / 8 * W0
 VOLUME = np.array([2 / 1000, 3 / 600])
 GIVEN = {"mass": np.array([2.0, 3.0]), "density": np.array([1000.0, 600.0])}
 CONTINUUM = Continuum(0.5, 0.1, 2.0, 2.0, np.int32(0))
 
 
-@closed_form("csf_wang_2019.normal")
-def two_normals():
+@for_each_kernel("csf_wang_2019.normal")
+def two_normals(w):
     """n_1 = V_2 W'(r) e_12/(V_1 W(0) + V_2 W(r)) points towards particle 2."""
-    length = VOLUME[::-1] * SLOPE / (W0 * (VOLUME + 3 / 16 * VOLUME[::-1]))
+    length = VOLUME[::-1] * w.slope / (w.own * (VOLUME + w.share * VOLUME[::-1]))
     return Exact(PAIR, GIVEN, {"interface_normal": np.array([[0.0, length[0], 0.0], [0.0, -length[1], 0.0]])})
 
 
-@closed_form("csf_wang_2019.curvature")
-def two_curvatures():
+@for_each_kernel("csf_wang_2019.curvature")
+def two_curvatures(w):
     """n^_1 = x, n^_2 = 0.8 x + 0.6 y: kappa_1 = -2 (V_2 0.6 |W'|)/(V_2 |W'|) = -1.2/m, hollow.
 
     From particle 2 the pair's direction has the cosine 0.6: the share is 1 - 0.99 0.36.
@@ -69,8 +65,8 @@ def two_curvatures():
     return Exact(PAIR, given, {"curvature": value})
 
 
-@closed_form("csf_wang_2019.curvature")
-def two_plain_curvatures():
+@for_each_kernel("csf_wang_2019.curvature")
+def two_plain_curvatures(w):
     """The same with the factor dim over the whole distance; the threshold puts a third particle out."""
     three = Case("interface_three", 3, np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0]]), spacing=1.0,
                  support_radius=2.0)  # fmt: skip
@@ -84,14 +80,14 @@ def two_plain_curvatures():
     return Exact(three, given, {"curvature": np.array([-1.8, -1.8, 0.0])})
 
 
-@closed_form("csf_wang_2019.force")
-def bulging_and_drawn():
+@for_each_kernel("csf_wang_2019.force")
+def bulging_and_drawn(w):
     """Normal force 2/rho (sigma + g.x) kappa n; along the surface 2/rho |n| g_x V_2 ..., where n is along z.
 
     g_1 = V_2 (s.y) |W'| y with s = 0.25 along y: the pair's own share of the gradient.
     """
     normal = np.array([[0.0, 0.0, 2.0], [0.0, 0.0, 0.05]])
-    gradient = VOLUME[1] * 0.25 * SLOPE
+    gradient = VOLUME[1] * 0.25 * w.slope
     value = 2 / 1000 * np.array([0.0, 2 * gradient, 0.5 * 4.0 * 2.0])
     given = GIVEN | {
         "interface_normal": normal,

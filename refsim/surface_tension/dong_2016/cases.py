@@ -1,10 +1,9 @@
 """Inputs and closed forms of Dong, Zhang & Chen 2016."""
 
-import math
-
 import numpy as np
 
 from refsim.core.cases import VARIATIONS, Exact, Variation, closed_form, example, groups, pair_case, plain_keeps, takes
+from refsim.smoothing.cases import for_each_kernel
 from refsim.sph import Fluid, ViscosityTerm
 from refsim.surface_tension.dong_2016 import Dong2016, MolecularForce, NormalCorrection
 
@@ -36,7 +35,6 @@ plain_keeps(
 # -1/64.
 FORCE = MolecularForce(2.0, 1.0, 0.25, 4 / 3)
 MASS, DENSITY = np.array([2.0, 3.0]), np.array([1000.0, 600.0])
-W0 = 21 / (16 * math.pi)  # Wendland W(0); W(h/2) = 3/16 W(0), W'(h/2) = -5/8 W(0) per metre
 
 
 def _given(**others):
@@ -62,40 +60,40 @@ def attracted_pair():
     return _pushed(1.5, -2.0 / 64)
 
 
-def _corrected(symmetric, volume):
+def _corrected(w, symmetric, volume):
     difference = np.array([0.5, -1.0, 0.25])
     given = _given(
         molecular_force=FORCE._replace(stiffness=0.0), normal_correction=NormalCorrection(8.0, np.int32(symmetric)),
         surface_normal=np.array([difference, np.zeros(3)]),
     )  # fmt: skip
-    expected = 8.0 * 3 / 16 * W0 * np.array([-volume[0] * difference, volume[1] * difference])
+    expected = 8.0 * w.share * w.own * np.array([-volume[0] * difference, volume[1] * difference])
     return Exact(pair_case("dong_pair"), given, {"acceleration": expected})
 
 
-@closed_form("dong_2016.tension")
-def corrected_pair():
+@for_each_kernel("dong_2016.tension")
+def corrected_pair(w):
     """a_1 = -lambda 2 m_2/(rho_1 + rho_2) (n_1 - n_2) W(h/2)."""
-    return _corrected(True, (6 / 1600, 4 / 1600))
+    return _corrected(w, True, (6 / 1600, 4 / 1600))
 
 
-@closed_form("dong_2016.tension")
-def pair_as_printed():
+@for_each_kernel("dong_2016.tension")
+def pair_as_printed(w):
     """a_1 = -lambda m_2/rho_2 (n_1 - n_2) W(h/2) (Dong E21)."""
-    return _corrected(False, (3 / 600, 2 / 1000))
+    return _corrected(w, False, (3 / 600, 2 / 1000))
 
 
-@closed_form("dong_2016.density")
-def two_densities():
-    """rho_i = m_i (W(0) + W(h/2)), W(h/2) = 3/16 W(0)."""
-    number = 19 / 16 * W0
+@for_each_kernel("dong_2016.density")
+def two_densities(w):
+    """rho_i = m_i (W(0) + W(h/2))."""
+    number = (1 + w.share) * w.own
     expected = {"density": MASS * number, "number_density": np.full(2, number)}
     return Exact(pair_case("dong_pair"), {"mass": MASS}, expected)
 
 
-@closed_form("dong_2016.momentum")
-def pressed_and_sheared_pair():
+@for_each_kernel("dong_2016.momentum")
+def pressed_and_sheared_pair(w):
     """F_1 = (V_1^2 p_1 + V_2^2 p_2) |W'| away from 2, and mu (V_1^2 + V_2^2) |W'|/r (v_2 - v_1)."""
-    slope = 5 / 8 * W0
+    slope = w.slope
     squared = (MASS / DENSITY) ** 2
     push = np.array([0.0, -(squared @ [200.0, 100.0]) * slope, 0.0])
     drag = 0.5 * squared.sum() * slope * np.array([-2.0, 0.0, 4.0])
@@ -110,9 +108,9 @@ def pressed_and_sheared_pair():
     )  # fmt: skip
 
 
-@closed_form("dong_2016.shepard_filter")
-def filtered_densities():
+@for_each_kernel("dong_2016.shepard_filter")
+def filtered_densities(w):
     """(m_1 W(0) + m_2 W(h/2))/(V_1 W(0) + V_2 W(h/2)) on either particle."""
     volume = MASS / DENSITY
-    value = (MASS + 3 / 16 * MASS[::-1]) / (volume + 3 / 16 * volume[::-1])
+    value = (MASS + w.share * MASS[::-1]) / (volume + w.share * volume[::-1])
     return Exact(pair_case("dong_pair"), {"mass": MASS, "density": DENSITY}, {"corrected_density": value})

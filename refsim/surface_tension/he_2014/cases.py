@@ -1,10 +1,9 @@
 """Inputs and closed forms of He et al. 2014."""
 
-import math
-
 import numpy as np
 
-from refsim.core.cases import VARIATIONS, Case, Exact, Variation, closed_form, example, groups, particles, plain_keeps
+from refsim.core.cases import VARIATIONS, Case, Exact, Variation, example, groups, particles, plain_keeps
+from refsim.smoothing.cases import for_each_kernel
 from refsim.surface_tension.he_2014 import AirPressure, GradientEnergy, He2014
 
 example(He2014(surface_tension=0.1, air_pressure=1.0), brings="color color_gradient_squared")
@@ -37,32 +36,29 @@ plain_keeps(
 )
 
 
-# h = 2 m: in 3D Wendland W(0) = 21/(16 pi), W(h/2) = 3/16 W(0), W'(h/2) = -5/8 W(0) per metre.
 PAIR = Case("energetic_pair", 3, np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), spacing=1.0, support_radius=2.0)
-W0 = 21 / (16 * math.pi)
-SLOPE = 5 / 8 * W0
 GIVEN = {"mass": np.array([2.0, 3.0]), "density": np.array([1000.0, 600.0])}
 VOLUME = np.array([2 / 1000, 3 / 600])
 
 
-@closed_form("he_2014.color")
-def two_colors():
+@for_each_kernel("he_2014.color")
+def two_colors(w):
     """c_1 = V_1 W(0) + V_2 W(h/2)."""
-    return Exact(PAIR, GIVEN, {"color": W0 * (VOLUME + 3 / 16 * VOLUME[::-1])})
+    return Exact(PAIR, GIVEN, {"color": w.own * (VOLUME + w.share * VOLUME[::-1])})
 
 
-@closed_form("he_2014.squared_gradient")
-def two_squares():
+@for_each_kernel("he_2014.squared_gradient")
+def two_squares(w):
     """|grad c_1|^2 = (V_2 c_2 W'/c_1)^2."""
     color = np.array([0.5, 0.25])
-    value = (VOLUME[::-1] * color[::-1] * SLOPE / color) ** 2
+    value = (VOLUME[::-1] * color[::-1] * w.slope / color) ** 2
     return Exact(PAIR, GIVEN | {"color": color}, {"color_gradient_squared": value})
 
 
-@closed_form("he_2014.tension")
-def drawn_together():
+@for_each_kernel("he_2014.tension")
+def drawn_together(w):
     """a_1 = (V_2/rho_1) (kappa/4 (g_1 + g_2) + p_atm) |W'| towards 2."""
-    pull = VOLUME[0] * VOLUME[1] * (8 / 4 * (0.5 + 0.25) + 3.0) * SLOPE
+    pull = VOLUME[0] * VOLUME[1] * (8 / 4 * (0.5 + 0.25) + 3.0) * w.slope
     return Exact(
         PAIR,
         GIVEN

@@ -6,6 +6,7 @@ import numpy as np
 
 from refsim.core import cases
 from refsim.core.cases import VARIATIONS, Exact, Variation, closed_form, groups, particles, plain_keeps, takes
+from refsim.smoothing.cases import for_each_kernel
 from refsim.surface_tension.jiang_zhu_2023 import AreaTerm, Cohesion, JiangZhu2023, PairSelection, SoftThresholds
 from refsim.surface_tension.jiang_zhu_2023.modes import ALL, AREA_TERMS, PAIR_MODES, SOFT
 
@@ -72,10 +73,10 @@ COHESION = Cohesion(0.5, 0.6, 0.9, 0.5 * W0, 1 / 0.512, 1.25)
 MASS, DENSITY = np.array([2.0, 3.0]), np.array([1000.0, 500.0])
 
 
-@closed_form("jiang_zhu_2023.corrected_density")
-def two_densities():
-    """(m_1 W(0) + m_2 W(h/2)) / (V_1 W(0) + V_2 W(h/2)), W(h/2) = 3/16 W(0); the second particle is left alone."""
-    value = (2 + 3 * 3 / 16) / (2 / 1000 + 3 / 500 * 3 / 16)
+@for_each_kernel("jiang_zhu_2023.corrected_density")
+def two_densities(w):
+    """(m_1 W(0) + m_2 W(h/2)) / (V_1 W(0) + V_2 W(h/2)); the second particle is left alone."""
+    value = (2 + 3 * w.share) / (2 / 1000 + 3 / 500 * w.share)
     given = {"mass": MASS, "density": DENSITY, "near_surface": np.array([1, 0], np.uint8)}
     return Exact(PAIR, given, {"corrected_density": np.array([value, 500.0])})
 

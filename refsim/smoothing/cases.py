@@ -1,0 +1,64 @@
+"""Each smoothing kernel at half of its support radius, of which closed forms of pairs are made."""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from refsim.core.cases import CLOSED_FORMS, Case, Exact
+from refsim.smoothing.shapes import Smoothing, smoothing
+
+RADIUS = 2.0  # h [m]; particles stand 1 m apart
+# w(1/2)/w(0), |w'(1/2)|/w(0), and w(0) h^dim in 2D and 3D
+AT_HALF = {
+    "wendland_c2": (3 / 16, 5 / 4, 7 / math.pi, 21 / (2 * math.pi)),
+    "poly6": (27 / 64, 27 / 16, 4 / math.pi, 315 / (64 * math.pi)),
+    "spiky": (1 / 8, 3 / 4, 10 / math.pi, 15 / math.pi),
+    "cubic_spline": (1 / 4, 3 / 2, 40 / (7 * math.pi), 8 / math.pi),
+}
+PLACES = {2: [[0.0, 0.0, 0.0], [0.6, 0.8, 0.0]], 3: [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]}
+
+
+class AtHalf(NamedTuple):
+    """A kernel with h = 2 m: W(0) [1/m^dim], W(h/2)/W(0), |W'(h/2)| [1/m^(dim+1)], two particles 1 m apart."""
+
+    own: float
+    share: float
+    slope: float
+    smoothing: Smoothing
+    pair: Case
+
+
+def at_half(kernel: str, dim: int) -> AtHalf:
+    """The kernel of this name in 2D or 3D."""
+    share, slope, *scales = AT_HALF[kernel]
+    own = scales[dim - 2] / RADIUS**dim
+    pair = Case(f"pair_{dim}d", dim, np.array(PLACES[dim]), spacing=1.0, support_radius=RADIUS)
+    return AtHalf(own, share, own * slope / RADIUS, smoothing(kernel, RADIUS, dim), pair)
+
+
+def for_each_kernel(
+    *operations: str, dims: tuple[int, ...] = (3,)
+) -> Callable[[Callable[[AtHalf], Exact]], Callable[[AtHalf], Exact]]:
+    """Mark a function that returns an exactly known case of the operations for a kernel, in each of the dimensions."""
+
+    def mark(maker: Callable[[AtHalf], Exact]) -> Callable[[AtHalf], Exact]:
+        for kernel in AT_HALF:
+            for dim in dims:
+                for operation in operations:
+                    CLOSED_FORMS.setdefault(operation, []).append(_form(maker, kernel, dim))
+        return maker
+
+    return mark
+
+
+def _form(maker: Callable[[AtHalf], Exact], kernel: str, dim: int) -> Callable[[], Exact]:
+    def form() -> Exact:
+        w = at_half(kernel, dim)
+        exact = maker(w)
+        return replace(exact, given={"smoothing": w.smoothing, "gradient_smoothing": w.smoothing, **exact.given})
+
+    form.__name__ = f"{maker.__name__}_{kernel}{'_2d' if dim == 2 else ''}"
+    return form
