@@ -132,13 +132,13 @@ def code(folders: list[str]) -> Iterator[str]:
     discover()
     yield "<details><summary>Where each equation stands</summary>\n"
     yield "`refsim show NAME` prints them; `pytest tests/ladder/test_pairing.py -k NAME` compares the programs.\n"
-    yield "| name | equation | formulas | reference | kernel |\n| --- | --- | --- | --- | --- |"
+    yield "| name | equation | formulas | reference, kernel |\n| --- | --- | --- | --- |"
     for name, operation in REGISTRY.items():
         if name.partition(".")[0] in folders:
             found = describe(operation, "cpu")
             own = [place(source) for source in found["formulas"] if source.module.startswith(operation.folder)]
-            places = [", ".join(own), *(place(found[part][0]) for part in ("reference", "program"))]
-            yield f"| `{name}` | {operation.equation.replace('|', BAR)} | {' | '.join(places)} |"
+            pair = "<br>".join(place(found[part][0]) for part in ("reference", "program"))
+            yield f"| `{name}` | {operation.equation.replace('|', BAR)} | {', '.join(own)} | {pair} |"
     yield "\n</details>"
 
 
@@ -240,11 +240,19 @@ def literal_tables(app: Any, what: str, name: str, found: Any, options: Any, lin
 
 
 def whole_tables(app: Any, page: str, template: str, context: dict[str, Any], tree: Any) -> None:
-    """Sphinx's event `html-page-context`: no column of a scene ends within a table of TOML."""
+    """Sphinx's event `html-page-context`: no column of a scene ends within a table of TOML, long names may end a line
+    between two of their parts.
+    """
 
     def marked(found: re.Match[str]) -> str:
         parts = found[2].rstrip("\n").split("\n\n")
         return found[1] + "\n".join(f'<span class="part">{part}</span>' for part in parts) + found[3]
 
     pattern = r'(<div class="highlight-toml[^>]*><div class="highlight"><pre>)(.*?)(</pre>)'
-    context["body"] = re.sub(pattern, marked, context.get("body", ""), flags=re.DOTALL)
+    text = re.sub(pattern, marked, context.get("body", ""), flags=re.DOTALL)
+    parts = re.compile(r"(?<=[A-Za-z_][./:])(?=[A-Za-z_])(?!py:)")
+    context["body"] = re.sub(
+        '(<span class="pre">)([^<]{21,})(</span>)',
+        lambda name: name[1] + parts.sub(f"{name[3]}<wbr>{name[1]}", name[2]) + name[3],
+        text,
+    )
