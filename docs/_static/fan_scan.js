@@ -127,6 +127,7 @@ const FanScan = (() => {
   function start(box) {
     const picture = drawing(400, HEIGHT * PER_METRE, "Particles, and the fan of the chosen one. Arrow keys move it.");
     picture.setAttribute("tabindex", 0);
+    picture.setAttribute("role", "application");
     picture.classList.add("moved");
     const said = element("p", {class: "said", "aria-live": "polite"});
     const count = element("p", {class: "count"});
