@@ -117,7 +117,7 @@ def lesson(name: str) -> str:
     if (ROOT / "docs" / "lessons" / live).exists():
         offered = f"[In the browser, without installing]({live}); {offered}"
     parts[0] = parts[0].lstrip().replace("\n\n", f"\n\n{offered}\n\n", 1)
-    return "".join(parts)
+    return re.sub(r"`docs/(\w+)\.md`", r"{doc}`../\1`", "".join(parts))
 
 
 def code(folders: list[str]) -> Iterator[str]:
