@@ -45,7 +45,7 @@ class Camera:
     """A parallel projection.
 
     azimuth, elevation  where the viewer stands [degrees]: about the upward axis, and above the ground
-    zoom                1 shows all of the run
+    zoom                1 shows all of the run but far strays
     """
 
     azimuth: float = -60.0
