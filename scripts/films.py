@@ -47,7 +47,7 @@ class Film(NamedTuple):
 
 
 MADE = (
-    Film("dam_break_2d", "Jiang & Zhu 2023", "A column of liquid collapses in a tank, coloured by speed.", 0.5,
+    Film("dam_break_2d", "Jiang & Zhu 2023", "A column of liquid collapses in a tank, coloured by speed.", 0.35,
          "--color velocity"),
     Film("cohesion", "Dong, Zhang & Chen 2016", "A cube of liquid becomes a drop by cohesion.", 0.04, "--style water"),
     Film("mpm_droplet", "a thesis on surface tension in MPM", "A box of liquid becomes a drop by surface energy.", 0.25,
