@@ -51,7 +51,7 @@ MADE = (
          "--color velocity"),
     Film("cohesion", "Dong, Zhang & Chen 2016", "A cube of liquid becomes a drop by cohesion.", 0.04, "--style water"),
     Film("mpm_droplet", "a thesis on surface tension in MPM", "A box of liquid becomes a drop by surface energy.", 0.25,
-         "--style water"),
+         "--style paper"),
     Film("melting", "Shao & Song 2017", "A ball of ice falls into warm water and melts.", 2.0, "--style water"),
     Film("mesh_boundary", "patent CN104318598A", "A column of liquid falls on a pebble, a triangle mesh.", 0.4,
          "--style water"),
