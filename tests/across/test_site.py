@@ -66,6 +66,17 @@ def test_every_picture_is_a_link_to_its_file(site):
         assert len(re.findall(linked, article)) == len(pictures), page.name
 
 
+def test_a_lesson_offers_its_notebook_and_hides_its_judges(site):
+    from refsim.io.lessons import lessons
+
+    for name in lessons():
+        text = (site / "lessons" / f"{name}.html").read_text(encoding="utf-8")
+        (offered,) = re.findall(rf'href="\.\./(_downloads/\w+/{name}\.ipynb)"', text)
+        assert (site / offered).read_bytes() == (ROOT / "docs" / "lessons" / f"{name}.ipynb").read_bytes()
+        assert '<span class="n">check</span>' in text
+        assert '<span class="n">compare</span>' not in text
+
+
 def test_the_gallery_shows_a_film_of_each_system(site):
     from scripts.films import FILMS
 
