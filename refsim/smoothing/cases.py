@@ -11,12 +11,22 @@ from refsim.core.cases import CLOSED_FORMS, Case, Exact
 from refsim.smoothing.shapes import Smoothing, smoothing
 
 RADIUS = 2.0  # h [m]; particles stand 1 m apart
+TAIL = math.exp(-9)  # of the Gaussian where it is cut
 # w(1/2)/w(0), |w'(1/2)|/w(0), and w(0) h^dim in 2D and 3D
 AT_HALF = {
     "wendland_c2": (3 / 16, 5 / 4, 7 / math.pi, 21 / (2 * math.pi)),
     "poly6": (27 / 64, 27 / 16, 4 / math.pi, 315 / (64 * math.pi)),
     "spiky": (1 / 8, 3 / 4, 10 / math.pi, 15 / math.pi),
     "cubic_spline": (1 / 4, 3 / 2, 40 / (7 * math.pi), 8 / math.pi),
+    "wendland_c4": (83 / 768, 49 / 48, 9 / math.pi, 495 / (32 * math.pi)),
+    "wendland_c6": (61 / 1024, 187 / 256, 78 / (7 * math.pi), 1365 / (64 * math.pi)),
+    "quintic_spline": (79 / 704, 375 / 352, 2079 / (239 * math.pi), 297 / (20 * math.pi)),
+    "gaussian": (
+        (math.exp(-9 / 4) - TAIL) / (1 - TAIL),
+        9 * math.exp(-9 / 4) / (1 - TAIL),
+        9 * (1 - TAIL) / (math.pi * (1 - 10 * TAIL)),
+        27 * (1 - TAIL) / (math.pi**1.5 * math.erf(3) - 42 * math.pi * TAIL),
+    ),
 }
 PLACES = {2: [[0.0, 0.0, 0.0], [0.6, 0.8, 0.0]], 3: [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]}
 

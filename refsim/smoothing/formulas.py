@@ -4,8 +4,20 @@
 (`refsim.smoothing.smoothing`) in float64, so that in float32 no higher power of h occurs than in the result.
 """
 
+import math
+
 from refsim.backends.compile import formula
-from refsim.smoothing.shapes import CUBIC_SPLINE, POLY6, SPIKY
+from refsim.smoothing.shapes import (
+    CUBIC_SPLINE,
+    POLY6,
+    QUINTIC_SPLINE,
+    SPIKY,
+    WENDLAND_C2,
+    WENDLAND_C4,
+    WENDLAND_C6,
+)
+
+EDGE = math.exp(-9)  # of the Gaussian, three standard widths away
 
 
 @formula
@@ -25,8 +37,21 @@ def value(q, shape):
         if q <= real(0.5):
             return one - real(6) * q * q * a
         return real(2) * a * a * a
-    a = a * a
-    return a * a * (one + real(4) * q)
+    b = a * a
+    if shape == WENDLAND_C2:
+        return b * b * (one + real(4) * q)
+    if shape == WENDLAND_C4:
+        return b * b * b * (one + q * (real(6) + real(35) / real(3) * q))
+    if shape == WENDLAND_C6:
+        b = b * b
+        return b * b * (one + q * (real(8) + q * (real(25) + real(32) * q)))
+    if shape == QUINTIC_SPLINE:
+        if q <= real(1) / real(3):
+            b = q * q
+            return real(22) / real(81) - b * (real(20) / real(9) - real(10) * b * a)
+        inner = max(real(2) / real(3) - q, real(0))
+        return b * b * a - real(6) * inner * inner * inner * inner * inner
+    return real(EDGE) * real(math.expm1(real(9) * a * (one + q)))
 
 
 @formula
@@ -46,7 +71,20 @@ def slope(q, shape):
         if q <= real(0.5):
             return q * (real(18) * q - real(12))
         return real(-6) * a * a
-    return real(-20) * q * a * a * a
+    if shape == WENDLAND_C2:
+        return real(-20) * q * a * a * a
+    b = a * a
+    if shape == WENDLAND_C4:
+        return real(-56) / real(3) * q * b * b * a * (one + real(5) * q)
+    if shape == WENDLAND_C6:
+        return real(-22) * q * b * b * b * a * (one + q * (real(7) + real(16) * q))
+    if shape == QUINTIC_SPLINE:
+        if q <= real(1) / real(3):
+            return -q * (real(40) / real(9) - q * q * (real(40) - real(50) * q))
+        inner = max(real(2) / real(3) - q, real(0))
+        inner *= inner
+        return real(30) * inner * inner - real(5) * b * b
+    return real(-18) * q * real(math.exp(real(-9) * q * q))
 
 
 @formula

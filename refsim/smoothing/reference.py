@@ -4,7 +4,10 @@ import math
 
 import numpy as np
 
-NAMES = ("poly6", "spiky", "cubic_spline", "wendland_c2")
+NAMES = (
+    "poly6", "spiky", "cubic_spline", "wendland_c2", "wendland_c4", "wendland_c6", "quintic_spline", "gaussian",
+)  # fmt: skip
+TAIL = math.exp(-9)
 
 
 def _normalisation(name, h, dim):
@@ -13,6 +16,12 @@ def _normalisation(name, h, dim):
         "spiky": (10 / math.pi, 15 / math.pi),
         "cubic_spline": (40 / (7 * math.pi), 8 / math.pi),
         "wendland_c2": (7 / math.pi, 21 / (2 * math.pi)),
+        "wendland_c4": (9 / math.pi, 495 / (32 * math.pi)),
+        "wendland_c6": (78 / (7 * math.pi), 1365 / (64 * math.pi)),
+        "quintic_spline": (9 * 7 / (478 * math.pi), 27 / (120 * math.pi)),
+        "gaussian": (
+            9 / (math.pi - 10 * math.pi * TAIL), 27 / (math.pi**1.5 * math.erf(3) - 42 * math.pi * TAIL),
+        ),
     }[name]
     return (two if dim == 2 else three) / h**dim
 
@@ -34,8 +43,16 @@ def kernel_value(r, smoothing):
         w = (1 - q) ** 3
     elif name == "cubic_spline":
         w = np.where(q <= 0.5, 6 * (q**3 - q**2) + 1, 2 * (1 - q) ** 3)
-    else:
+    elif name == "wendland_c2":
         w = (1 - q) ** 4 * (1 + 4 * q)
+    elif name == "wendland_c4":
+        w = (1 - q) ** 6 * (1 + 6 * q + 35 / 3 * q**2)
+    elif name == "wendland_c6":
+        w = (1 - q) ** 8 * (1 + 8 * q + 25 * q**2 + 32 * q**3)
+    elif name == "quintic_spline":
+        w = sum(c * np.maximum(k - 3 * q, 0) ** 5 for k, c in ((3, 1), (2, -6), (1, 15)))
+    else:
+        w = np.exp(-((3 * q) ** 2)) - TAIL
     values[near] = w * _normalisation(name, h, smoothing.dim)
     return values
 
@@ -50,8 +67,16 @@ def kernel_slope(r, smoothing):
         w = -3 * (1 - q) ** 2
     elif name == "cubic_spline":
         w = np.where(q <= 0.5, 18 * q**2 - 12 * q, -6 * (1 - q) ** 2)
-    else:
+    elif name == "wendland_c2":
         w = -20 * q * (1 - q) ** 3
+    elif name == "wendland_c4":
+        w = -56 / 3 * q * (1 + 5 * q) * (1 - q) ** 5
+    elif name == "wendland_c6":
+        w = -22 * q * (1 + 7 * q + 16 * q**2) * (1 - q) ** 7
+    elif name == "quintic_spline":
+        w = sum(-15 * c * np.maximum(k - 3 * q, 0) ** 4 for k, c in ((3, 1), (2, -6), (1, 15)))
+    else:
+        w = -18 * q * np.exp(-((3 * q) ** 2))
     values[near] = w * _normalisation(name, h, smoothing.dim) / h
     return values
 

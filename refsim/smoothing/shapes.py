@@ -10,8 +10,17 @@ import numpy as np
 from refsim.core.errors import InputError
 from refsim.core.scalars import int32
 
-POLY6, SPIKY, CUBIC_SPLINE, WENDLAND_C2 = range(4)
-SHAPES = {"poly6": POLY6, "spiky": SPIKY, "cubic_spline": CUBIC_SPLINE, "wendland_c2": WENDLAND_C2}
+POLY6, SPIKY, CUBIC_SPLINE, WENDLAND_C2, WENDLAND_C4, WENDLAND_C6, QUINTIC_SPLINE, GAUSSIAN = range(8)
+SHAPES = {
+    "poly6": POLY6,
+    "spiky": SPIKY,
+    "cubic_spline": CUBIC_SPLINE,
+    "wendland_c2": WENDLAND_C2,
+    "wendland_c4": WENDLAND_C4,
+    "wendland_c6": WENDLAND_C6,
+    "quintic_spline": QUINTIC_SPLINE,
+    "gaussian": GAUSSIAN,
+}
 
 # Coefficient of 1/h^dim for which the integral of W is one, by dimension.
 NORMALISATION = {
@@ -19,6 +28,13 @@ NORMALISATION = {
     SPIKY: {2: 10 / math.pi, 3: 15 / math.pi},
     CUBIC_SPLINE: {2: 40 / (7 * math.pi), 3: 8 / math.pi},
     WENDLAND_C2: {2: 7 / math.pi, 3: 21 / (2 * math.pi)},
+    WENDLAND_C4: {2: 9 / math.pi, 3: 495 / (32 * math.pi)},
+    WENDLAND_C6: {2: 78 / (7 * math.pi), 3: 1365 / (64 * math.pi)},
+    QUINTIC_SPLINE: {2: 15309 / (478 * math.pi), 3: 2187 / (40 * math.pi)},
+    GAUSSIAN: {
+        2: 9 / (math.pi * (1 - 10 * math.exp(-9))),
+        3: 27 / (math.pi**1.5 * math.erf(3) - 42 * math.pi * math.exp(-9)),
+    },
 }
 # Coefficient of (h - r)/h^(dim+3): exact on quadratic fields.
 VISCOSITY_LAPLACIAN = {2: 40 / math.pi, 3: 45 / math.pi}

@@ -21,9 +21,10 @@ def sphere(r, dim):
 
 
 def integral(function, h, dim):
-    """Integral of a radial function over the ball of radius h, exact for polynomials on either half of it."""
+    """Integral of a radial function over the ball of radius h, exact for polynomials on its halves and thirds."""
     total = 0.0
-    for low, high in ((0.0, 0.5 * h), (0.5 * h, h)):
+    ends = [0.0, h / 3, 0.5 * h, 2 * h / 3, h]
+    for low, high in zip(ends, ends[1:]):
         r = 0.5 * (high - low) * (NODES + 1) + low
         values = np.array([float(function(np.float64(x))) for x in r])
         total += 0.5 * (high - low) * float(WEIGHTS @ (values * sphere(r, dim)))
