@@ -59,7 +59,7 @@ def _parameters(effect: type[Effect]) -> list[dict[str, Any]]:
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Arguments of `refsim list`."""
-    parser.add_argument("words", nargs="*", metavar="WORD", help="what to show: part of a name or of a paper")
+    parser.add_argument("words", nargs="*", metavar="WORD", help="what to show: part of a name, a paper or an equation")
     parser.add_argument("--all", action="store_true", help="show every operation and effect in full")
 
 
@@ -85,15 +85,19 @@ def execute(options: argparse.Namespace) -> CommandResult:
             taken = {"errata": list(effect.improvements), "parameters": dict(effect.paper)}
             effects[name]["paper"] = {"source": effect.source, **taken}
     for word in options.words:
-        if not any(_has(word, name, o["paper"]) for name, o in operations.items()) and not any(
+        if not any(_has(word, name, o["paper"], o["equation"]) for name, o in operations.items()) and not any(
             _has(word, name) for name in effects
         ):
             known = [*EFFECTS, *dict.fromkeys(name.partition(".")[0] for name in REGISTRY), *REGISTRY]
             near = suggestion(word, known)
             hint = near if near.startswith("did you mean") else "`refsim list` shows what there is."
-            raise InputError(f"no operation or effect has {word!r} in its name or paper; {hint}")
+            raise InputError(f"no operation or effect has {word!r} in its name, paper or equation; {hint}")
     if options.words:
-        operations = {n: o for n, o in operations.items() if any(_has(word, n, o["paper"]) for word in options.words)}
+        operations = {
+            name: o
+            for name, o in operations.items()
+            if any(_has(word, name, o["paper"], o["equation"]) for word in options.words)
+        }
         effects = {name: e for name, e in effects.items() if any(_has(word, name) for word in options.words)}
     data = {"operations": operations, "effects": effects}
     if options.words or options.all:

@@ -25,7 +25,7 @@ def _rows(array, rows):
 
 
 @operation(
-    "J(7), J(8) and its first moment", outputs="number_density asymmetry density",
+    "summed density, J(7), J(8) and its first moment", outputs="number_density asymmetry density",
     optional="number_density asymmetry walls period",
     variants=("number_density asymmetry walls period", "period", "number_density asymmetry", "asymmetry period"),
     invariants=SYMMETRY, broken={2: "rotation"},
@@ -154,7 +154,8 @@ def state(density, fluid, rows=None):
     packed="momentum_pair",
 )  # fmt: skip
 @operation(
-    "J(10)", "sph.pressure", adds="acceleration", optional="walls viscosity period",
+    "J(10), averaged pressure force (p_i + p_j)/(rho_i rho_j)", "sph.pressure",
+    adds="acceleration", optional="walls viscosity period",
     variants=("viscosity walls period", "viscosity", "viscosity period"), tolerance=8.0,
     invariants=f"{SYMMETRY} linear_momentum angular_momentum", broken={1: "rotation angular_momentum"},
     packed="momentum_pair",
@@ -288,7 +289,8 @@ def corrected_pressure(
 
 
 @operation(
-    "J(11) with Jiang & Zhu E3, without J(10)", "sph.viscosity", adds="acceleration", optional="period", tolerance=8.0,
+    "J(11) with Jiang & Zhu E3, viscosity by a Laplacian", "sph.viscosity",
+    adds="acceleration", optional="period", tolerance=8.0,
     invariants=f"{SYMMETRY} linear_momentum galilean dissipation", broken={1: "rotation"},
     packed="viscous_pair",
 )  # fmt: skip

@@ -145,7 +145,7 @@ def _relaxed(near, wall, liquid, displacements, diagonal, advected_density, flui
 
 
 @operation(
-    "pressure force", adds="acceleration", optional="walls", tolerance=12.0,
+    "symmetric pressure force p_i/rho_i^2 + p_j/rho_j^2", adds="acceleration", optional="walls", tolerance=12.0,
     reason="distance, slope, two ratios, direction, product, sum",
     invariants=f"{SYMMETRY} linear_momentum angular_momentum",
 )  # fmt: skip
