@@ -179,7 +179,7 @@ def shapes_agree():
     for shape in SHAPES:
         for dim in (2, 3):
             kernel = smoothing(shape, 0.7, dim)
-            r = 0.7 * np.array([0.0, 0.2, 0.4, 0.4999, 0.5001, 0.503, 0.6, 0.9, 1.0, 1.3])
+            r = 0.7 * np.array([0.0, 0.2, 0.3, 0.3333, 0.3334, 0.4, 0.4999, 0.5001, 0.503, 0.6, 0.9, 1.0, 1.3])
             for name in ("kernel_value", "kernel_slope", "viscosity_laplacian"):
                 own = np.array([getattr(formulas, name)(x, kernel) for x in r])
                 other = getattr(reference, name)(r, kernel)
