@@ -1,5 +1,6 @@
 """The scalar formulas, called from Python: smoothing kernels by integration, equations of state by their limits."""
 
+import itertools
 import math
 
 import numpy as np
@@ -24,7 +25,7 @@ def integral(function, h, dim):
     """Integral of a radial function over the ball of radius h, exact for polynomials on its halves and thirds."""
     total = 0.0
     ends = [0.0, h / 3, 0.5 * h, 2 * h / 3, h]
-    for low, high in zip(ends, ends[1:]):
+    for low, high in itertools.pairwise(ends):
         r = 0.5 * (high - low) * (NODES + 1) + low
         values = np.array([float(function(np.float64(x))) for x in r])
         total += 0.5 * (high - low) * float(WEIGHTS @ (values * sphere(r, dim)))
