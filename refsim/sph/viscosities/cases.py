@@ -1,10 +1,9 @@
 """Inputs and closed forms of the viscous forces."""
 
-import math
-
 import numpy as np
 
-from refsim.core.cases import Exact, closed_form, groups, pair_case
+from refsim.core.cases import Exact, across_a_border, closed_form, groups
+from refsim.smoothing.cases import at_half, for_each_kernel
 from refsim.sph.viscosities import ArtificialViscosity, LaminarViscosity
 
 
@@ -18,8 +17,7 @@ def _viscosities(case, grid):
     }
 
 
-# Two particles 1 m apart along y, h = 2 m: |W'(h/2)| of Wendland C2. They approach at 2 m/s.
-SLOPE = 5 / 8 * 21 / (16 * math.pi)
+# Two particles 1 m apart along y, which approach at 2 m/s; the smoothing length is 1 m.
 GIVEN = {
     "mass": np.array([2.0, 3.0]),
     "density": np.array([800.0, 1200.0]),
@@ -29,24 +27,36 @@ GIVEN = {
 }
 
 
-@closed_form("viscosities.artificial", across=5.0)
-def approaching_pair():
-    """mu = -2/1.01, Pi = (2 mu^2 - 5 mu)/1000: a_1 = -m_2 Pi |W'| along y."""
+@for_each_kernel("viscosities.artificial")
+def approaching_pair(w):
+    """mu = -2/1.01, Pi = (2 mu^2 - 5 mu)/1000: a_1 = -m_2 Pi |W'(h/2)| along y."""
     mu = -2 / 1.01
-    push = (2 * mu**2 - 5 * mu) / 1000 * SLOPE
-    return Exact(pair_case("approaching"), GIVEN, {"acceleration": push * np.array([[0, -3.0, 0], [0, 2.0, 0]])})
+    push = (2 * mu**2 - 5 * mu) / 1000 * w.slope
+    return Exact(w.pair, GIVEN, {"acceleration": push * np.array([[0, -3.0, 0], [0, 2.0, 0]])})
 
 
 @closed_form("viscosities.artificial")
 def parting_pair():
     """None."""
-    given = GIVEN | {"velocity": -GIVEN["velocity"]}
-    return Exact(pair_case("parting"), given, {"acceleration": np.zeros((2, 3))})
+    return Exact(
+        at_half("wendland_c2", 3).pair, GIVEN | {"velocity": -GIVEN["velocity"]}, {"acceleration": np.zeros((2, 3))}
+    )
 
 
-@closed_form("viscosities.laminar", across=5.0)
-def shearing_pair():
-    """a_1 = -m_2 2 mu/(rho_1 rho_2) |W'|/1.01 (4, 2, 5)."""
-    drag = 2 * 0.5 / (800 * 1200) * SLOPE / 1.01
-    expected = drag * np.array([[-3.0], [2.0]]) * [4.0, 2.0, 5.0]
-    return Exact(pair_case("shearing"), GIVEN, {"acceleration": expected})
+@for_each_kernel("viscosities.laminar")
+def shearing_pair(w):
+    """a_1 = -m_2 2 mu/(rho_1 rho_2) |W'(h/2)|/1.01 (4, 2, 5)."""
+    drag = 2 * 0.5 / (800 * 1200) * w.slope / 1.01
+    return Exact(w.pair, GIVEN, {"acceleration": drag * np.array([[-3.0], [2.0]]) * [4.0, 2.0, 5.0]})
+
+
+@closed_form("viscosities.artificial")
+def approaching_across_a_border():
+    """The first pair, the second particle at the other end of a periodic box."""
+    return across_a_border(approaching_pair(at_half("wendland_c2", 3)), 5.0)
+
+
+@closed_form("viscosities.laminar")
+def shearing_across_a_border():
+    """The same of shear."""
+    return across_a_border(shearing_pair(at_half("wendland_c2", 3)), 5.0)
