@@ -24,9 +24,6 @@ from validation.running import on_threads
 STORED = Path(__file__).resolve().parent.parent / "refsim" / "study" / "panels"
 BOUNDARY, SURFACE = "validation.experiments.boundary.runs", "validation.experiments.surface_reconstruction.runs"
 RUNS = {  # panel without a packaged scene: what gives a reading of a point, of its number and threads
-    "contact_angle": "validation.panel_runs:sessile",
-    "surface_tension_jump": "validation.panel_runs:drop",
-    "surface_tension_frequency": "validation.panel_runs:drop",
     "surface_normals": f"{SURFACE}:normals",
     "boundary_sampling": f"{BOUNDARY}:quality",
     "signed_distance": f"{BOUNDARY}:distance",

@@ -17,7 +17,7 @@ from refsim import (
     WeaklyCompressible,
 )
 from refsim.core.effect import Discretisation
-from validation.metrics.virial import inner_pressure, pair_virials, share_inside
+from refsim.study.panels.virial import inner_pressure, pair_virials, share_inside
 
 TENSIONS = (
     JiangZhu2023(surface_tension=1.0),

@@ -81,17 +81,6 @@ def test_starts_of_unequal_cost_settle_where_each_repeats():
     assert point.seconds == spent
 
 
-def test_the_coarsest_drop_is_measured():
-    """Its error is finite and no larger than what the method keeps there; steps and seconds are counted."""
-    point = panel("surface_tension_jump").points["akinci_r8"]
-    found = accuracy_runs.drop(point, 0, 1)
-    assert not found.failed
-    assert 0 < abs(found.value - 1.0) < 0.3
-    assert found.steps > 10
-    assert found.seconds > 0
-    assert found.particles == point.particles
-
-
 def test_implicit_pressure_is_larger_at_walls():
     """The particles at the floor, away from the sides, have two to three times the pressure of the water above them."""
     given = {"cells": 20, "dtype": "float64", "tolerance": 1e-3, "step": 1.0}

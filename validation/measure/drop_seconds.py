@@ -20,8 +20,8 @@ from typing import Any
 
 from refsim import RunStopped, Simulation
 from refsim.study.choice import instability, middle
+from refsim.study.panels.drops import FLOW
 from validation.measure.drops import KICK, THIN, Point, device_points, in_panel, points, scene, start
-from validation.measure.motion import FLOW
 from validation.running import take_steps
 
 FILE = Path(__file__).resolve().parent.parent / "data" / "drop_seconds.json"

@@ -19,32 +19,38 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from refsim import Cloud, InputError, RunStopped, Scene, Simulation, WeaklyCompressible
-from refsim.surface_tension.calibration import BASE, BESIDE, SETTINGS
-from validation.measure.motion import (
+from refsim import InputError, RunStopped, Simulation
+from refsim.study.panels.drops import (
+    AVERAGED,
+    BALLS,
+    CALM,
     FLOW,
+    INNER,
+    KICK,
     LAMB,
+    PER_PERIOD,
+    PERIODS,
     RAYLEIGH,
+    RELAXED,
+    SETTLED,
+    SNAPSHOTS,
+    STIRRED,
+    THIN,
     fit_oscillation,
     followed,
+    free_drop,
+    inner_pressure,
+    inside,
     lasting_amplitude,
-    radius_of,
     run_to,
     shifted_ball,
+    stir,
 )
+from refsim.surface_tension.calibration import BASE, BESIDE, SETTINGS
 from validation.metrics.droplet import nearest_neighbour_distance, radius_variation
-from validation.metrics.virial import inner_pressure
 
-RELAXED, SETTLED, AVERAGED = 3.0, 1.0, 2.0  # length of the stages in t_sigma = sqrt(rho R^3/sigma)
 FITTED_FROM = 3.0  # support radii: drops that are smaller are not fitted against 1/R
-PERIODS = 2.25  # of the oscillation that are fitted
-STIRRED, STIRS, STIR = 2.0, 20, 0.7  # t_sigma, number and first size [sqrt(sigma/(rho d))] of random kicks
-CALM, THIN = 0.3, 0.03  # Ohnesorge numbers mu/sqrt(rho sigma R) while relaxing and while measuring
-SNAPSHOTS, PER_PERIOD = 40, 24
-KICK = 0.4  # amplitude of the oscillation, in radii: large enough that the particles' frozen order yields
 SOFTENING = {2: 0.0, 3: 34409 / 58800}  # omega = omega_0 (1 - s A^2) at amplitude A (Tsamopoulos & Brown 1983)
-INNER = 0.6  # of R: where density is taken
-BALLS = np.linspace(0.4, 0.7, 7)  # of R: in which the pressure is taken
 # Random kicks tear it, and it needs none: its force acts at the surface only, and no stresses freeze.
 UNSTIRRED = ("csf",)
 # The first two have no drop at BASE: it flies apart. The iteration of the third wants few neighbours.
@@ -177,19 +183,6 @@ def device_points() -> Iterator[Point]:
             yield Point(**ROUNDER, radius=radius, backend="cuda")
 
 
-def scene(point: Point, position: NDArray, velocity: NDArray | None, ohnesorge: float) -> Scene:
-    """The drop as it stands, with a viscosity mu = Oh sqrt(rho sigma R)."""
-    fluid = WeaklyCompressible(
-        rest_density=1.0, sound_speed=1 / math.sqrt(point.stiffness),
-        dynamic_viscosity=ohnesorge * math.sqrt(point.radius), kernels=point.kernels, density="summation",
-    )  # fmt: skip
-    return Scene(
-        name=point.key, spacing=1.0, support_radius=point.support, dim=point.dim, dtype=point.dtype,
-        fluid=(Cloud(position=position, velocity=(0.0, 0.0, 0.0) if velocity is None else velocity),),
-        effects=(fluid, MODELS[point.model][1](), *BESIDE.get(point.model, ())),
-    )  # fmt: skip
-
-
 def start(point: Point) -> NDArray:
     """Particles of a ball (disc) cut from the lattice, shifted at random."""
     return shifted_ball(point.dim, point.radius, np.random.default_rng(point.seed), point.support)
@@ -231,12 +224,12 @@ def _measure(point: Point, row: dict[str, Any]) -> None:
     capillary_time = math.sqrt(point.radius**3)
     position = start(point)
     row["particles"] = len(position)
-    calm = Simulation(scene(point, position, None, CALM), point.backend)
+    calm = Simulation(free_drop(point, position, None, CALM), point.backend)
     if point.model not in UNSTIRRED:
         stir(calm, point, STIRRED * capillary_time, lambda: _together(calm, point))
     run_to(calm, RELAXED * capillary_time)
     _together(calm, point)
-    thin = Simulation(scene(point, calm.field("position").astype(float), None, THIN), point.backend)
+    thin = Simulation(free_drop(point, calm.field("position").astype(float), None, THIN), point.backend)
     run_to(thin, SETTLED * capillary_time)
     samples = []
     for k in range(SNAPSHOTS):
@@ -265,19 +258,6 @@ def _measure(point: Point, row: dict[str, Any]) -> None:
         _oscillate(point, thin, radius, row)
 
 
-def stir(simulation: Simulation, point: Any, until: float, look: Callable[[], None] = lambda: None) -> None:
-    """Kick all particles at random, ever more weakly: a drop at rest is a solid with the stresses of its freezing."""
-    random = np.random.default_rng(1000 + point.seed)
-    for k in range(STIRS):
-        velocity = simulation.field("velocity").astype(float)
-        noise = random.normal(size=velocity.shape)
-        noise[:, point.dim :] = 0
-        velocity += STIR * (1 - k / STIRS) * (noise - noise.mean(0)) / math.sqrt(point.dim)
-        simulation.set_field("velocity", velocity)
-        run_to(simulation, until * (k + 1) / STIRS)
-        look()
-
-
 def _together(simulation: Simulation, point: Point) -> None:
     """Raise Dispersed where half of the particles have left the drop: the rest would tell of no drop."""
     x = simulation.field("position").astype(float)
@@ -289,14 +269,12 @@ def _rest(simulation: Simulation, point: Point) -> dict[str, float]:
     """One snapshot: pressure, density and radius, speeds."""
     x, v = simulation.field("position").astype(float), simulation.field("velocity").astype(float)
     away = np.linalg.norm(x - x.mean(0), axis=1)
-    inside = away < INNER * point.radius
-    if not inside.any() or away.max() > 10 * point.radius:
+    if away.min() > INNER * point.radius or away.max() > 10 * point.radius:
         raise Dispersed
-    density = simulation.field("density").astype(float)[inside].mean()
-    radius = radius_of(simulation.field("mass").astype(float).sum() / density, point.dim)
+    density, radius = inside(simulation, point.radius)
     speed = np.sqrt(((v - v.mean(0)) ** 2).sum(1))
     return {
-        "pressure": inner_pressure(simulation, BALLS * radius), "density": float(density), "radius": radius,
+        "pressure": inner_pressure(simulation, BALLS * radius), "density": density, "radius": radius,
         "rms": float(np.sqrt((speed**2).mean())), "max": float(speed.max()),
     }  # fmt: skip
 
@@ -306,7 +284,7 @@ def _oscillate(point: Point, thin: Simulation, radius: float, row: dict[str, Any
     nominal = math.sqrt(RAYLEIGH[point.dim] / radius**3)
     x, v = thin.field("position").astype(float), thin.field("velocity").astype(float)
     x = x - x.mean(0)
-    kicked = Simulation(scene(point, x, v - v.mean(0) + KICK * nominal * FLOW[point.dim] * x, THIN), point.backend)
+    kicked = Simulation(free_drop(point, x, v - v.mean(0) + KICK * nominal * FLOW[point.dim] * x, THIN), point.backend)
     sigma = max(row["laplace"], 0.25) if math.isfinite(row["laplace"]) else 1.0
     expected = nominal * math.sqrt(sigma)
     until, count = PERIODS * 2 * math.pi / expected, round(PERIODS * PER_PERIOD)

@@ -8,7 +8,6 @@ it, and `measure wetting_map` condenses the rows (`data/wetting.json`) into the 
 
 from __future__ import annotations
 
-import functools
 import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -19,21 +18,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from refsim import Akinci2013, BoxWalls, Cloud, Gravity, Scene, Simulation, WeaklyCompressible
-from refsim.core.effect import Discretisation
+from refsim import Simulation
+from refsim.study.panels.drops import ON_PLANE, STIRRED, angle_by_lift, cap, run_to, sessile, stir
 from refsim.surface_tension.calibration import BASE
 from refsim.surface_tension.contact_angle import WETTING_MAP as PACKAGED
-from validation.measure.drops import CALM, STIRRED, row_of, stir
-from validation.measure.motion import JITTER, run_to
+from validation.measure.drops import row_of
 from validation.measure.sigma_map import write_settings
 
 ROWS = Path(__file__).resolve().parent.parent / "data" / "wetting.json"
-BOND = 0.2  # rho g R^2/sigma of the nominal tension: weight that keeps a drop by the plane
-RELAXED, AVERAGED, SNAPSHOTS = 1.5, 3.0, 45  # stages in t_sigma = sqrt(rho R^3/sigma)
+RELAXED, AVERAGED, SNAPSHOTS = ON_PLANE
 NEAR_PLANE, NARROW = 1.5, 2.5  # [d] slices below the one, or with smaller radii than the other, are not fitted
 DETACHED, FILM = 170.0, 15.0  # degrees beyond which there is no cap to speak of
 SHAPELESS = 15.0  # degrees by which the two angles of a cap differ at most
-FLOOR = 3.2  # half width of the plane, in R
 SHARES = {2: (2.0, 5.0, 8.0, 12.0, 16.0, 20.0, 25.0), 3: (3.0, 4.0, 5.0, 7.0, 10.0, 13.0, 16.0, 20.0, 24.0)}
 BEYOND = (0.0, 50.0)  # where no cap is expected
 MODELS = ("akinci",)
@@ -96,33 +92,6 @@ def points(models: tuple[str, ...] = MODELS, dims: tuple[int, ...] = (2, 3)) -> 
                     yield Point(share, dim, radius=SIZE[dim], **{axis: value})  # type: ignore[arg-type]
 
 
-# The shape of a cap, per radius of its circle
-
-
-def cap_volume(angle: float, dim: int) -> float:
-    """Volume (area in 2D) of a spherical cap of radius 1 with a contact angle [rad]."""
-    c = math.cos(angle)
-    return math.pi / 3 * (2 + c) * (1 - c) ** 2 if dim == 3 else angle - math.sin(angle) * c
-
-
-@functools.cache
-def _lifts(dim: int) -> tuple[NDArray, NDArray]:
-    """Contact angles [degrees] and the height of the centre of mass over volume^(1/dim) of each cap."""
-    angles, lifts = np.linspace(2.0, 178.0, 353), []
-    for angle in np.radians(angles):
-        z = np.linspace(0.0, 1 - math.cos(angle), 801)
-        across = np.maximum(1 - (z + math.cos(angle)) ** 2, 0) ** (1.0 if dim == 3 else 0.5)
-        centre = np.trapezoid(z * across, z) / np.trapezoid(across, z)
-        lifts.append(centre / cap_volume(float(angle), dim) ** (1 / dim))
-    return angles, np.array(lifts)
-
-
-def angle_by_lift(lift: float, dim: int) -> float:
-    """Contact angle [degrees] of the cap whose centre of mass stands at `lift` = height/volume^(1/dim)."""
-    angles, lifts = _lifts(dim)
-    return float(np.interp(lift, lifts, angles))
-
-
 def slices(height: NDArray, density: float, snapshots: int, dim: int) -> tuple[NDArray, NDArray]:
     """Heights z [d] and mean radii r [d] of slices one spacing thick: n pi r^2 d particles each (2 n r d in 2D)."""
     edges = np.arange(0.0, float(height.max()) + 1.0)
@@ -153,43 +122,6 @@ def angle_by_circle(height: NDArray, density: float, snapshots: int, dim: int) -
 # One drop
 
 
-def start(point: Point) -> NDArray:
-    """Particles of a cap on the plane z = 0 (y = 0 in 2D), cut from the lattice and shifted at random."""
-    angle = math.radians(point.begin)
-    radius = point.radius * (cap_volume(math.pi / 2, point.dim) / cap_volume(angle, point.dim)) ** (1 / point.dim)
-    reach = math.ceil(2 * radius)
-    axes = [np.arange(-reach, reach) + 0.5] * (point.dim - 1) + [np.arange(reach) + 0.5]
-    lattice = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, point.dim)
-    centre = np.zeros(point.dim)
-    centre[-1] = -radius * math.cos(angle)
-    lattice = lattice[((lattice - centre) ** 2).sum(1) < radius**2]
-    position = np.zeros((len(lattice), 3))
-    position[:, : point.dim] = lattice
-    random = np.random.default_rng(point.seed)
-    position[:, : point.dim] += JITTER * random.uniform(-1, 1, lattice.shape)
-    return position
-
-
-def scene(point: Point, position: NDArray) -> Scene:
-    """The drop over the plane."""
-    fluid = WeaklyCompressible(
-        rest_density=1.0, sound_speed=1 / math.sqrt(point.stiffness),
-        dynamic_viscosity=CALM * math.sqrt(point.radius), kernels=point.kernels, density="summation",
-    )  # fmt: skip
-    grid = Discretisation(point.dim, "float64", 1.0, point.support, 0)
-    gamma = Akinci2013(surface_tension=1.0).coefficient(grid, {"weakly_compressible": fluid})
-    up, width = point.dim - 1, float(math.ceil(FLOOR * point.radius))
-    lower, weight = [-width] * 3, [0.0] * 3
-    lower[up], weight[up] = 0.0, -BOND / point.radius**2
-    sides: Any = tuple(face for face in ("-x", "+x", "-y", "+y", "-z", "+z") if face != "-" + "xyz"[up])
-    floor = BoxWalls(lower=tuple(lower), upper=(width,) * 3, open_faces=sides)
-    tension = Akinci2013(surface_tension=1.0, adhesion=point.share * gamma)
-    return Scene(
-        name=point.key, spacing=1.0, support_radius=point.support, dim=point.dim, fluid=(Cloud(position=position),),
-        effects=(fluid, tension, floor, Gravity(acceleration=tuple(weight))),
-    )  # fmt: skip
-
-
 def measure(point: Point, backend: str = "cpu") -> dict[str, Any]:
     """Stir and relax the drop, then observe it. A run that stops is a row, too.
 
@@ -204,9 +136,9 @@ def measure(point: Point, backend: str = "cpu") -> dict[str, Any]:
 
 def _measure(point: Point, row: dict[str, Any], backend: str) -> None:
     capillary_time, up = math.sqrt(point.radius**3), point.dim - 1
-    position = start(point)
+    position = cap(point)
     row["particles"] = len(position)
-    simulation = Simulation(scene(point, position), backend)
+    simulation = Simulation(sessile(point, position), backend)
     stir(simulation, point, STIRRED * capillary_time)
     run_to(simulation, (STIRRED + RELAXED) * capillary_time)
     heights, densities, angles, lowest = [], [], [], []

@@ -21,7 +21,7 @@ from refsim.scene.scene import Scene
 from refsim.scene.shapes import Cloud
 from refsim.sph import Gravity, WeaklyCompressible
 from refsim.sph.iisph import ImplicitPressure
-from refsim.study.panels import FOLDER
+from refsim.study.panels import FOLDER, drops
 from refsim.surface_detection import SurfaceDetection
 from refsim.surface_energy.effect import SurfaceEnergy
 
@@ -188,6 +188,9 @@ def radius(scene: Scene) -> float:
     return scene.spacing * math.sqrt(len(cloud.position) / math.pi)
 
 
-MADE: Mapping[str, Callable[..., Scene]] = {
-    made.__name__: made for made in (implicit_pressure, tank_pressure, melting, mpm_pressure, mpm_frequency)
-} | {state: partial(detection, state) for state in CLOUDS}
+STIRRED_DROPS = (drops.contact_angle, drops.surface_tension_jump, drops.surface_tension_frequency)
+MADE: Mapping[str, Callable[..., Scene]] = (
+    {made.__name__: made for made in (implicit_pressure, tank_pressure, melting, mpm_pressure, mpm_frequency)}
+    | {state: partial(detection, state) for state in CLOUDS}
+    | {made.__name__: made for made in STIRRED_DROPS}
+)

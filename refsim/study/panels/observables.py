@@ -13,8 +13,9 @@ from refsim.engine.simulation import Simulation
 from refsim.scene.scene import Scene
 from refsim.sph import liquid_of
 from refsim.study.observables import observable_of
-from refsim.study.panels import FOLDER
+from refsim.study.panels import FOLDER, drops
 from refsim.study.panels.making import DENSITY, GRAVITY, MODULUS, compressed, frequency, radius
+from refsim.surface_tension.calibration import BASE, sigma_map
 
 DIRECTIONS, CONE = 200, np.radians(10)
 FALL = np.sqrt(0.5 / (2 * 9.81))  # sqrt(L/(2g)) of the dam break [s]
@@ -228,3 +229,55 @@ def damped_cosine(time: np.ndarray, value: np.ndarray, guess: float) -> dict[str
         "frequency": float(np.hypot(found[1], found[2])), "error": float(np.sqrt(spread[1, 1])),
         "damping": float(found[2]), "amplitude": float(abs(found[0])), "misfit": float(np.sqrt(misfit)),
     }  # fmt: skip
+
+
+def _nominal(simulation: Simulation) -> float:
+    """Nominal radius of a drop, from its viscosity [spacings]."""
+    return float((liquid_of(simulation.plan.effects).dynamic_viscosity / drops.THIN) ** 2)
+
+
+def flat_tension(simulation: Simulation) -> float:
+    """Tension of a flat surface of the scene's model in 2D over the nominal one, from the map's pressure jumps."""
+    models = {"akinci_2013": "akinci", "jiang_zhu_2023": "jiang_zhu", "dong_2016": "dong"}
+    (model,) = (models[name] for name in simulation.plan.effects if name in models)
+    wanted = {"model": model, "dim": 2, **BASE}
+    return float(next(e for e in sigma_map() if all(e[name] == v for name, v in wanted.items()))["flat_laplace"])
+
+
+def _jump(times: np.ndarray, values: list[Any]) -> float:
+    pressure, radius, flat = np.mean(values, axis=0)
+    return float(pressure * radius / flat)
+
+
+@watched(lambda scene: scene.end_time / 3 * (1 + 2 * np.arange(1, drops.SNAPSHOTS + 1) / drops.SNAPSHOTS), _jump)
+def surface_tension_jump(simulation: Simulation) -> Any:
+    """Pressure of the pair forces within a disc, its radius, and the flat tension: R P over the last."""
+    simulation.evaluate()
+    _, size = drops.inside(simulation, _nominal(simulation))
+    return drops.inner_pressure(simulation, drops.BALLS * size), size, flat_tension(simulation)
+
+
+def _swing(times: np.ndarray, values: list[Any]) -> float:
+    moments, (size, flat) = np.array([moment for moment, _ in values]), values[0][1]
+    expected = drops.PERIODS * 2 * np.pi / times[-1]
+    omega, damping, _, _ = drops.fit_oscillation(times, moments, expected)
+    return float(np.sqrt((omega**2 + damping**2) * size**3 / drops.RAYLEIGH[2] / flat))
+
+
+@watched(lambda scene: scene.end_time * np.linspace(0, 1, 1 + round(drops.PERIODS * drops.PER_PERIOD)), _swing)
+def surface_tension_frequency(simulation: Simulation) -> Any:
+    """Mode 2 of a disc; at first its radius and the flat tension. Frequency over Rayleigh's with the flat tension."""
+    known = None
+    if simulation.steps == 0:
+        simulation.evaluate()
+        known = drops.inside(simulation, _nominal(simulation))[1], flat_tension(simulation)
+    return drops.second_moment(simulation, 2), known
+
+
+@watched(lambda scene: scene.end_time * np.linspace(0, 1, drops.ON_PLANE[2] + 1)[1:], mean)
+def contact_angle(simulation: Simulation) -> float:
+    """Angle of the cap with the drop's volume and centre of mass [degrees]."""
+    simulation.evaluate()
+    height = simulation.field("position").astype(float)[:, 1]
+    size = len(height) / float(np.median(simulation.field("density")))
+    return drops.angle_by_lift(float(height.mean()) / np.sqrt(size), 2)

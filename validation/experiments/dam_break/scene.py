@@ -41,8 +41,8 @@ def load_state(name: str) -> State:
 def store() -> None:
     """Compute and store every moment."""
     from refsim import Simulation
+    from refsim.study.panels.drops import run_to
     from validation.experiments.dam_break.runs import TRUTH_RADIUS, column_scene
-    from validation.measure.motion import run_to
     from validation.metrics.surface_truth import arc_cover_surface, cap_cover_surface
     from validation.reading import environment
 

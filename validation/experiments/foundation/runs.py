@@ -14,13 +14,13 @@ from refsim.boundary.akinci_2012 import calibrated_factor, wall_kernel_sums
 from refsim.core.errors import RunStopped
 from refsim.core.walls import WallParticles
 from refsim.scene.plan import Plan, make_plan
+from refsim.study.panels.drops import run_to
 from validation.checks import Checks
 from validation.experiment import Experiment, Options, Results, Run
 from validation.experiments.dam_break.runs import DENSITY, HEIGHT, SETTINGS, column_scene, detect
 from validation.experiments.droplet.runs import SPACING as FILAMENT_SPACING
 from validation.experiments.droplet.runs import filament
 from validation.experiments.heat.runs import each_scheme
-from validation.measure.motion import run_to
 from validation.metrics.droplet import nearest_neighbour_distance
 from validation.results import Result
 from validation.running import Context, momenta

@@ -13,9 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from refsim import Akinci2013, Cloud, Scene, Simulation, WeaklyCompressible
-from validation.checks import Checks
-from validation.experiment import Experiment, Options, Results, Run
-from validation.measure.motion import (
+from refsim.study.panels.drops import (
     FLOW,
     LAMB,
     RAYLEIGH,
@@ -26,6 +24,8 @@ from validation.measure.motion import (
     run_to,
     shifted_ball,
 )
+from validation.checks import Checks
+from validation.experiment import Experiment, Options, Results, Run
 from validation.results import Result
 from validation.running import Context
 

@@ -11,10 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from refsim import Calibration, Cloud, RunStopped, Scene, Simulation, WeaklyCompressible, calibrate
-from validation.checks import Checks
-from validation.experiment import Experiment, Options, Results, Run
-from validation.measure.drops import BALLS, MODELS, SOFTENING
-from validation.measure.motion import (
+from refsim.study.panels.drops import (
     FLOW,
     RAYLEIGH,
     fit_oscillation,
@@ -24,7 +21,10 @@ from validation.measure.motion import (
     run_to,
     shifted_ball,
 )
-from validation.metrics.virial import inner_pressure
+from refsim.study.panels.virial import inner_pressure
+from validation.checks import Checks
+from validation.experiment import Experiment, Options, Results, Run
+from validation.measure.drops import BALLS, MODELS, SOFTENING
 from validation.results import Result
 from validation.running import Context
 

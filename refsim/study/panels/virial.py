@@ -7,14 +7,14 @@ jump sigma/R. The virial of all pair forces is the difference of the two.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from refsim import Simulation
+from refsim.engine.simulation import Simulation
 from refsim.smoothing.reference import kernel_slope, kernel_value
 
 Pairs = tuple[NDArray, NDArray, NDArray, NDArray]  # i, j, x_ij (k, 3), |x_ij|
@@ -44,7 +44,7 @@ def pair_virials(simulation: Simulation) -> tuple[NDArray, NDArray, NDArray]:
     return pairs[0], pairs[1], total
 
 
-def inner_pressure(simulation: Simulation, radii: Sequence[float]) -> float:
+def inner_pressure(simulation: Simulation, radii: Iterable[float]) -> float:
     """Mean over the balls (discs) of the `radii` [m] about the centre of mass of the pressure [Pa] in each.
 
     P = (1/(dim V)) sum_pairs w x_ij . F_ij, w the share of the line between the two that lies in the ball (Irving &
