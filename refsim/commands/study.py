@@ -13,6 +13,7 @@ from refsim.io.checkpoint import cannot_write, replace_file
 from refsim.scene.scene import Scene
 from refsim.study import KNOBS
 from refsim.study.panels import abouts, panel
+from refsim.study.panels.making import MADE
 from refsim.study.panels.measured import measured, observable
 from refsim.study.panels.scenes import packaged
 from refsim.study.refine import RATIO
@@ -22,7 +23,7 @@ DESCRIPTION = """Run a scene at several spacings, and with every other setting c
 observable is, where its error comes from, and which setting is the cheapest for an error. Each run's result is kept in
 the study's folder, so that the same command goes on where it was stopped. The name of a panel (refsim advise lists
 them) stands for its packaged scene and observable; --points measures the panel's settings anew, beside those on
-file."""
+file. A panel whose particles no box or ball gives is measured so without it."""
 FAILED = 3
 GIVEN = ("levels", "finer", "ratio", "error", "reaches", "backend", "threads", "scheduler")  # as `study` takes them
 
@@ -54,7 +55,7 @@ def execute(options: argparse.Namespace) -> CommandResult:
     scene: Scene | str = options.scene
     reference = None
     if options.scene in abouts() and not Path(options.scene).is_file():
-        if options.points is not None:
+        if options.points is not None or options.scene in MADE:
             return _points(options)
         scene = _packaged(options)
         reference = Reference(*panel(options.scene).reference(), panel(options.scene).about.reference)
@@ -95,7 +96,9 @@ def _packaged(options: argparse.Namespace) -> Scene:
 def _points(options: argparse.Namespace) -> CommandResult:
     """Measure the panel's settings."""
     tell = (lambda text: None) if options.quiet else say
-    found = measured(panel(options.scene), options.points, backend=options.backend, threads=options.threads, say=tell)
+    found = measured(
+        panel(options.scene), options.points or (), backend=options.backend, threads=options.threads, say=tell
+    )
     value, _, uncertainty = found.stored.reference()
     about = found.stored.about
     data = {

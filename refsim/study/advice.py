@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 from refsim.backends.arrays import unavailable
@@ -28,7 +29,6 @@ class Advice:
     choice      what the rules say; None where the error has no meaning, or on a GPU that was not measured
     peer        the same of other programs, on a CPU; None where none was measured
     no_meaning  why the error has none; "" where it has
-    scene       of the named setting; None where it has none
     own         seconds on this machine; NaN where there is no scene to predict them from
     own_note    what they are, or why there are none
     """
@@ -39,9 +39,14 @@ class Advice:
     choice: Choice | None = None
     peer: Choice | None = None
     no_meaning: str = ""
-    scene: Scene | None = None
     own: float = math.nan
     own_note: str = ""
+
+    @cached_property
+    def scene(self) -> Scene | None:
+        """Scene of the named setting; None where it has none. A drop is stirred for it, which takes seconds."""
+        reached = None if self.choice is None else self.choice.advised or self.choice.read
+        return None if reached is None else scene_of(self.panel, reached.point)
 
     @property
     def toml(self) -> str:
@@ -57,9 +62,7 @@ def answer(of: Panel, error: float, kind: str = "cpu") -> Advice:
     found, uncertainty = kinds(of), of.reference()[2]
     chosen = choose(found[kind], error, uncertainty) if found[kind] else None
     peer = choose(found["peer"], error) if found["peer"] else None
-    reached = None if chosen is None else chosen.advised or chosen.read
-    scene = None if reached is None else scene_of(of, reached.point)
-    return Advice(of, error, kind, chosen, peer, scene=scene)
+    return Advice(of, error, kind, chosen, peer)
 
 
 def find(observable: str, error: float, kind: str = "cpu") -> Advice:

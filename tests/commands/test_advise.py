@@ -28,7 +28,7 @@ def folder(tmp_path, monkeypatch):
         (["front", "--error", "0"], "an error of 0 is not possible"),
         (["front", "--seconds", "0"], "0 seconds are not possible; give a positive number"),
         (["front", "--seconds", "1e-4"], "no measured setting of front takes 100 us or less; give more"),
-        (["contact_angle", "--error", "0.05", "--output", "a.toml"], "has no scene; leave --output out"),
+        (["signed_distance", "--error", "0.05", "--output", "a.toml"], "has no scene; leave --output out"),
     ],
 )
 def test_bad_input_gets_a_sentence_and_code_2(folder, capsys, words, said):

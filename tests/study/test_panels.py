@@ -11,14 +11,16 @@ from refsim.study.choice import Candidate, candidates, choose, instability, kind
 from refsim.study.observables import observable_of
 from refsim.study.panels import FOLDER, OWN, About, Panel, Place, Point, abouts, as_text, panel, parse
 from refsim.study.panels import measured as measuring
+from refsim.study.panels.making import STIRRED_DROPS
 from refsim.study.panels.measured import measured, merged
-from refsim.study.panels.scenes import packaged, scene_of
+from refsim.study.panels.scenes import is_packaged, packaged, scene_of
 from refsim.study.runs import Reading, Setting, measure
 
 STEADY = [1.0, 1.01, 0.99, 1.0, 1.005]
 SCATTERED = [1.0, 1.3, 0.7, 1.2, 0.8]
 SKEWED = [1.0, 1.0, 1.0, 1.01, 1.09, 1.08, 1.06, 1.0]  # a small deviation from the median, a wide middle half
-PACKAGED = [name for name in abouts() if packaged(name) is not None]
+STIRRED = [made.__name__ for made in STIRRED_DROPS]  # whose scenes take seconds
+PACKAGED = [name for name in abouts() if is_packaged(name)]
 
 
 def point(key, error, seconds, scatter=STEADY, **more):
@@ -203,14 +205,15 @@ def test_settings_of_a_packaged_panel_have_scenes(name):
     of = panel(name)
     count = 0
     own = [p for p in of.points.values() if p.program == OWN and not p.failed and not p.gpu]
-    for p in own[:: 1 + len(own) // 20]:
+    for p in own[:1] if name in STIRRED else own[:: 1 + len(own) // 20]:
         if not measuring._without(of, p):
             plan = make_plan(scene_of(of, p))
             assert plan.grid.count == p.particles
             assert plan.scene.dtype == p.knobs["dtype"]
             count += 1
-    assert count > 4
-    assert scene_of(of, of.points[of.about.base]).spacing == packaged(name).spacing
+    assert count > (0 if name in STIRRED else 4)
+    if name not in STIRRED:
+        assert scene_of(of, of.points[of.about.base]).spacing == packaged(name).spacing
 
 
 STORED = {  # settings whose value is computed here and is the stored one: (readings, relative tolerance)
@@ -225,6 +228,8 @@ STORED = {  # settings whose value is computed here and is the stored one: (read
     ("tank_pressure", "n6"): 1e-3,
     ("melting", "runge_kutta_legendre_5_2"): 1e-6,
     ("mpm_pressure", "r5.5"): 5e-3,  # lattices that are turned otherwise differ by so much
+    ("contact_angle", "r5"): 2e-2,  # seeds differ by so much
+    ("surface_tension_jump", "akinci_r8"): 0.1,
     ("detection_2d", "two_step_0.90_half_color_float32"): 1e-6,
     ("detection_3d", "two_step_0.90_half_color_float32"): 1e-6,
     ("coupling", "n4"): 6e-2,  # stored before solids kept their mass at every spacing
@@ -247,8 +252,8 @@ def test_a_packaged_study_gives_the_stored_value(name, setting, monkeypatch):
 
 
 def test_what_cannot_be_measured_is_said(monkeypatch):
-    with pytest.raises(InputError, match="no packaged scene; python -m validation accuracy contact_angle"):
-        measured(panel("contact_angle"))
+    with pytest.raises(InputError, match="no packaged scene; python -m validation accuracy signed_distance"):
+        measured(panel("signed_distance"))
     with pytest.raises(InputError, match="has no setting 'd11'"):
         measured(panel("front"), ["d11"])
     assert "give at most 1.6 times that" in measured(panel("heat"), ["explicit_2"]).left_out[0]

@@ -28,7 +28,7 @@ MADE_UP = made_up(drop(0.0, None), drop(5.0, 120.0), drop(10.0, 90.0, circle=96.
 @pytest.mark.parametrize("dim, radius", [(3, 14.0), (2, 30.0)])
 @pytest.mark.parametrize("angle", [30.0, 60.0, 90.0, 120.0, 150.0])
 def test_both_ways_read_the_angle_of_a_cap_that_was_cut(dim, radius, angle):
-    position = wetting.start(wetting.Point(5.0, dim, radius=radius, begin=angle))
+    position = wetting.cap(wetting.Point(5.0, dim, radius=radius, begin=angle))
     height, count = position[:, dim - 1], len(position)
     assert wetting.angle_by_lift(height.mean() / count ** (1 / dim), dim) == pytest.approx(angle, abs=1.0)
     found, residual = wetting.angle_by_circle(height, 1.0, 1, dim)

@@ -11,7 +11,7 @@ from refsim.study.panels import OWN, Point, abouts, panel
 from refsim.study.panels.making import DENSITY, GRAVITY, MADE, implicit_pressure
 from refsim.study.panels.measured import measured
 from refsim.study.panels.observables import FALL
-from refsim.study.panels.scenes import packaged
+from refsim.study.panels.scenes import is_packaged
 from validation import accuracy, accuracy_page
 from validation import panel_runs as accuracy_runs
 from validation.__main__ import main
@@ -30,7 +30,7 @@ def test_the_page_is_what_the_stored_points_make():
 @pytest.mark.parametrize("name", abouts())
 def test_every_panel_can_be_measured_anew(name):
     """By its packaged scene or by a run that is there, with the settings on file; so can other programs' points."""
-    assert (packaged(name) is not None) != (name in accuracy.RUNS)
+    assert is_packaged(name) != (name in accuracy.RUNS)
     programs = {p.program for p in panel(name).points.values()} - {OWN}
     assert bool(programs) == (name in accuracy.PEERS)
     for where in (accuracy.RUNS.get(name), accuracy.PEERS.get(name)):

@@ -20,8 +20,8 @@ from typing import Any
 
 from refsim import RunStopped, Simulation
 from refsim.study.choice import instability, middle
-from refsim.study.panels.drops import FLOW
-from validation.measure.drops import KICK, THIN, Point, device_points, in_panel, points, scene, start
+from refsim.study.panels.drops import FLOW, KICK, THIN, free_drop
+from validation.measure.drops import Point, device_points, in_panel, points, start
 from validation.running import take_steps
 
 FILE = Path(__file__).resolve().parent.parent / "data" / "drop_seconds.json"
@@ -41,7 +41,7 @@ def swinging(point: Point) -> Simulation:
     """The drop in its mode n = 2, as it moves while its frequency is read."""
     position = start(point)
     velocity = KICK * math.sqrt(8 / point.radius**3) * FLOW[3] * position
-    simulation = Simulation(scene(point, position, velocity, THIN), point.backend, threads=1)
+    simulation = Simulation(free_drop(point, position, velocity, THIN), point.backend, threads=1)
     began = time.perf_counter()
     for _ in range(WARM[0]):
         simulation.step()

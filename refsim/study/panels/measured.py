@@ -18,7 +18,7 @@ from refsim.scene.plan import make_plan
 from refsim.study.choice import REPEATS, duration, middle, percent, unsettled
 from refsim.study.observables import Observable, observable_of
 from refsim.study.panels import OWN, Panel, Place, Point
-from refsim.study.panels.scenes import packaged, scene_of
+from refsim.study.panels.scenes import is_packaged, scene_of
 from refsim.study.runs import Reading, Setting, machine, measure
 
 MOST = 3  # times REPEATS readings, after which seconds that have not settled are left
@@ -100,7 +100,7 @@ def measured(
     "missing: " leaves the point out. Raises InputError for a panel without a packaged scene, an unknown key and a
     backend that is not there.
     """
-    if read is None and packaged(panel.name) is None:
+    if read is None and not is_packaged(panel.name):
         raise InputError(
             f"panel {panel.name!r} has no packaged scene; python -m validation accuracy {panel.name} measures it in a"
             " clone of the repository."

@@ -18,13 +18,19 @@ from refsim.study.panels.making import MADE
 from refsim.study.refine import refined
 
 
+def is_packaged(name: str) -> bool:
+    """Whether a panel has packaged scenes."""
+    return name in MADE or (FOLDER / f"{name}.toml").is_file()
+
+
 def packaged(name: str) -> Scene | None:
     """The scene of a panel's base setting; None where it has none."""
     if name in MADE:
         of = panel(name)
         return scene_of(of, of.points[of.about.base])
-    file = FOLDER / f"{name}.toml"
-    return parse_scene(file.read_text(encoding="utf-8"), f"{name}.toml") if file.is_file() else None
+    if not is_packaged(name):
+        return None
+    return parse_scene((FOLDER / f"{name}.toml").read_text(encoding="utf-8"), f"{name}.toml")
 
 
 def scene_of(panel: Panel, point: Point, reading: int | None = None) -> Scene | None:

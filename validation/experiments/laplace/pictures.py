@@ -10,13 +10,13 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.ticker import FixedLocator, NullLocator, StrMethodFormatter
 
+from refsim.study.panels.drops import cap_volume
 from refsim.surface_tension.calibration import BASE
 from validation.drawing import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, headline, shared_legend
 from validation.experiment import Picture, Results
 from validation.experiments.laplace.runs import data, drop_words, setting_words
 from validation.measure.drops import FITTED_FROM, MODELS, SEEDED, base
 from validation.measure.sigma_map import WORST_MISFIT, at_base
-from validation.measure.wetting import cap_volume
 from validation.results import real
 
 COLOURS = dict(zip(MODELS, (BLACK, VERMILION, ORANGE, BLUE, SKY, GREEN, PURPLE, GREY, "#8c6d31", "#bbbbbb", "#d62fae")))

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from refsim import Calibration, Cloud, RunStopped, Scene, Simulation, WeaklyCompressible, calibrate
 from refsim.study.panels.drops import (
+    BALLS,
     FLOW,
     RAYLEIGH,
     fit_oscillation,
@@ -24,7 +25,7 @@ from refsim.study.panels.drops import (
 from refsim.study.panels.virial import inner_pressure
 from validation.checks import Checks
 from validation.experiment import Experiment, Options, Results, Run
-from validation.measure.drops import BALLS, MODELS, SOFTENING
+from validation.measure.drops import MODELS, SOFTENING
 from validation.results import Result
 from validation.running import Context
 
