@@ -11,6 +11,9 @@ from refsim.scene.plan import make_plan
 from refsim.study import advice
 from refsim.study.cost import Prediction
 from refsim.study.panels import abouts
+from refsim.study.panels.making import STIRRED_DROPS
+
+STIRRED = [made.__name__ for made in STIRRED_DROPS]  # whose scenes take seconds
 
 
 @pytest.fixture
@@ -150,7 +153,7 @@ def test_every_panel_has_an_answer_and_no_advised_point_is_unsettled(name):
             if found.choice is not None and found.choice.advised is not None:
                 assert not found.choice.advised.unsettled
                 assert found.choice.advised.error <= error
-            if found.scene is not None:
+            if name not in STIRRED and found.scene is not None:
                 point, plan = found.choice.named.point, make_plan(found.scene)
                 assert point.bytes in (None, sum(plan.field_bytes().values()) * plan.grid.count)
 
