@@ -34,7 +34,7 @@ def rows(of: Panel) -> list[str]:
     for error in targets(of):
         if answer(of, error).no_meaning:
             continue
-        own = f" ({error * about.scale:.2g} {about.unit})" if about.scale not in (1.0, 100.0) else ""
+        own = f" ({error * about.scale:.2g} {about.unit})" if about.unit and about.scale not in (1.0, 100.0) else ""
         groups.setdefault(tuple(_cells(of, error)), []).append(percent(error) + own)
     lines = []
     for cells, errors in groups.items():
