@@ -28,7 +28,7 @@ from refsim.io.lessons import cells, judges, lessons, notebook  # noqa: E402
 from validation.experiment import chosen  # noqa: E402
 from validation.perform import EXIT_FAILED, EXIT_FINE  # noqa: E402
 
-DPI = 80
+DPI = 128
 MOST_SECONDS = 60.0  # of a lesson whose kernels are compiled
 
 

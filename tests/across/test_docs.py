@@ -153,6 +153,14 @@ def test_a_table_of_code_is_made_of_the_registry():
     assert not list(broken_references(made))
 
 
+def test_the_first_page_installs_and_needs_no_clone_and_links_by_titles():
+    text = (ROOT / "docs" / "index.md").read_text()
+    blocks = [block for _, block in BLOCK.findall(text)]
+    assert blocks[0] == "pip install refsim\n"
+    assert all(line.startswith("refsim ") for line in blocks[1].splitlines())
+    assert not re.search(r"\[[^\]]*\.md[^\]]*\]\(", text)
+
+
 def switchable(effect):
     """Errata that the effect takes in `literal`."""
     return getattr(effect, "errata", ())
