@@ -6,12 +6,14 @@ from dataclasses import replace
 import pytest
 
 from refsim.__main__ import main
+from refsim.commands import study
 from refsim.scene.files import load_scene
 from refsim.scene.plan import make_plan
 from refsim.study import advice
 from refsim.study.cost import Prediction
 from refsim.study.panels import abouts
 from refsim.study.panels.making import STIRRED_DROPS
+from refsim.study.panels.measured import Measured
 
 STIRRED = [made.__name__ for made in STIRRED_DROPS]  # whose scenes take seconds
 
@@ -166,3 +168,17 @@ def test_the_list_and_json(folder, capsys):
     assert (found["error"], found["seconds_here"], found["scene"]) == (0.05, None, "droplet.toml")
     assert found["answer"]["keeps"] <= 0.05
     assert found["peer"]["program"] == "SPlisHSPlasH"
+
+
+def test_a_panel_of_clouds_is_studied_by_its_settings(folder, capsys, monkeypatch):
+    """It has no other spacings: `refsim study NAME` measures the settings on file."""
+    asked = []
+
+    def measured(of, keys, **given):
+        asked.append((of.name, keys))
+        return Measured(of, of, ())
+
+    monkeypatch.setattr(study, "measured", measured)
+    assert main(["study", "implicit_pressure", "--quiet"]) == 0
+    assert asked == [("implicit_pressure", ())]
+    assert "weakly compressible, d = H/10, float32" in capsys.readouterr().out
