@@ -105,7 +105,7 @@ def _judged(request: Any, options: argparse.Namespace) -> CommandResult:
     found: dict[str, list[Any]] = {name: [] for name in about.names}
     for outcome in outcomes:
         if not found[outcome.operation] and sys.stderr.isatty():
-            number, seconds = about.names.index(outcome.operation) + 1, time.perf_counter() - began
+            number, seconds = sum(map(bool, found.values())) + 1, time.perf_counter() - began
             print(f"{number} of {len(about.names)}, {in_time(seconds)}: {outcome.operation}", file=sys.stderr)
         found[outcome.operation].append(outcome)
     if request.replay and not any(found.values()):

@@ -32,6 +32,8 @@ from refsim.core.operation import BACKENDS
 OWN_WORK = 600.0  # s without a message between two calls: oracles, neighbour lists, the start of Python
 MOST_BYTES = 1 << 20  # of a message
 LEAST_THREADS = 4
+SHARED = ("cpu", "numpy")  # refsim's own programs that processes share, each with a part of the operations
+PROCESSES = min(2, os.cpu_count() or 1)
 MOST_ENDINGS = 5  # of processes for one operation; each new one imports the programs again
 
 
@@ -67,9 +69,12 @@ class About:
     declared: dict[str, list[Any]]
 
 
-def describe(request: Request) -> About:
-    """Import the programs in a process of their own and say what they are; raises InputError as `judge` does."""
-    child = _Child(request, (), False)
+def describe(request: Request, operations: Sequence[str] = ()) -> About:
+    """Import the programs in a process of their own and say what they are, for some operations or for all.
+
+    Raises InputError as `judge` does.
+    """
+    child = _Child(request, operations, False)
     try:
         return _about(child, request)
     finally:
@@ -83,13 +88,51 @@ def judge(request: Request) -> tuple[About, Iterator[Outcome]]:
     `MOST_ENDINGS` times for one operation. Raises InputError if the library cannot be imported or the request does not
     fit it.
     """
-    child = _Child(request, request.operations, True)
+    if request.source not in SHARED or request.replay:
+        child = _Child(request, request.operations, True)
+        try:
+            about = _about(child, request)
+        except BaseException:
+            child.close()
+            raise
+        return about, _outcomes(child, about.names, about.arrays, request)
+    about = describe(request, request.operations)
+    return about, _merged(about, request)
+
+
+def _merged(about: About, request: Request) -> Iterator[Outcome]:
+    """Outcomes as they come, of processes that each judge a part of the operations."""
+    found: queue.SimpleQueue[Outcome | BaseException | None] = queue.SimpleQueue()
+    stopped = threading.Event()
+
+    def work(names: list[str]) -> None:
+        try:
+            for outcome in _outcomes(_Child(request, names, True, stopped), names, about.arrays, request):
+                found.put(outcome)
+                if stopped.is_set():
+                    break
+            found.put(None)
+        except BaseException as error:
+            found.put(error)
+
+    shares = [about.names[k::PROCESSES] for k in range(PROCESSES)]
+    threads = [threading.Thread(target=work, args=(names,)) for names in shares if names]
+    for thread in threads:
+        thread.start()
     try:
-        about = _about(child, request)
-    except BaseException:
-        child.close()
-        raise
-    return about, _outcomes(child, about, request)
+        running = len(threads)
+        while running:
+            item = found.get()
+            if isinstance(item, BaseException):
+                raise item
+            if item is None:
+                running -= 1
+            else:
+                yield item
+    finally:
+        stopped.set()
+        for thread in threads:
+            thread.join()
 
 
 def _about(child: _Child, request: Request) -> About:
@@ -104,8 +147,8 @@ def _about(child: _Child, request: Request) -> About:
         raise InputError(f"{request.source} cannot be imported: {gone}.") from None
 
 
-def _outcomes(child: _Child, about: About, request: Request) -> Iterator[Outcome]:
-    waiting, endings = list(about.names), 0
+def _outcomes(child: _Child, names: Sequence[str], arrays: str, request: Request) -> Iterator[Outcome]:
+    waiting, endings = list(names), 0
     try:
         while waiting:
             at: list[Any] = [waiting[0], "", 0, "-", "the start", 0]
@@ -129,7 +172,7 @@ def _outcomes(child: _Child, about: About, request: Request) -> Iterator[Outcome
                 endings += 1
                 left = not dtype or endings == MOST_ENDINGS
                 words = f"{fault}; the trials behind this one are not judged" if left else fault
-                yield Outcome(operation, step, trial, about.arrays, dtype, variant, False, np.inf, words)
+                yield Outcome(operation, step, trial, arrays, dtype, variant, False, np.inf, words)
                 if left:
                     endings = 0
                     if operation in waiting:
@@ -137,7 +180,7 @@ def _outcomes(child: _Child, about: About, request: Request) -> Iterator[Outcome
                 child.close()
                 if waiting:
                     first = 0 if left else number + 1
-                    child = _Child(dataclasses.replace(request, first=first), tuple(waiting), True)
+                    child = _Child(dataclasses.replace(request, first=first), waiting, True, child.stopped)
     finally:
         child.close()
 
@@ -149,14 +192,16 @@ class _Gone(Exception):
 class _Child:
     """The process with the programs, and its messages."""
 
-    def __init__(self, request: Request, operations: Sequence[str], judged: bool) -> None:
+    def __init__(
+        self, request: Request, operations: Sequence[str], judged: bool, stopped: threading.Event | None = None
+    ) -> None:
         context = multiprocessing.get_context("spawn")  # a forked process would inherit the threads of Numba's pool
         self.pipe, there = context.Pipe(duplex=False)
         task = (there, dataclasses.replace(request, operations=tuple(operations)), judged, list(sys.path))
         self.process = context.Process(target=_work, args=task)
         self.process.start()
         there.close()
-        self.called = ""
+        self.called, self.stopped = "", stopped
         self.messages: queue.SimpleQueue[Any] = queue.SimpleQueue()
         threading.Thread(target=_read, args=(self.pipe, self.messages), daemon=True).start()
 
@@ -174,6 +219,8 @@ class _Child:
                 with contextlib.suppress(queue.Empty):  # a process of the program's own may hold the pipe open
                     found = self.messages.get(timeout=1)
                 break
+            if self.stopped is not None and self.stopped.is_set():
+                raise _Gone("nobody waits for it")
             if time.monotonic() > until:
                 what = {"import": "its import did not end", "call": "the program did not return"}
                 words = what.get(self.called, "the process that judges it stood still")

@@ -419,3 +419,13 @@ def test_arguments_of_an_operation_are_told(capsys):
     names = [row["name"] for row in listed["arguments"]]
     assert [n for n in names if "." not in n] == list(REGISTRY["sph.density"].arguments("cpu"))
     assert refsim(capsys, "sph.densty", "--arguments")[0] == 2
+
+
+def test_processes_share_the_operations_of_refsims_own_programs():
+    names = ("sph.gravity", "iisph.keep", "iisph.halve")
+    request = apart.Request("numpy", names, ("float64",), steps=("T1",))
+    about, outcomes = apart.judge(request)
+    assert about.names == list(names)
+    assert {o.operation for o in outcomes if o.passed} == set(names)
+    first = next(apart.judge(request)[1])  # of which the others are not waited for
+    assert first.passed
