@@ -34,7 +34,7 @@ MOST_LISTED = 5000  # for which lists of all pairs are made
 MOST_PAIRS = 80  # neighbours of a particle up to which the part of each is computed
 SYMBOLS = {"mass": "m", "density": "rho", "pressure": "p", "velocity": "v", "volume": "V", "temperature": "T"}
 REPEATS = 6  # calls with the same inputs
-ENOUGH = 1.0  # s of such calls
+ENOUGH = 1.0  # s of the processor for such calls
 ROUNDINGS = 8  # of a sum over all particles, up to which an error may be one of its rounding
 SMALLEST_SINGLE = 4e-9  # share of the terms from which on an error may be one of single precision
 
@@ -46,10 +46,10 @@ def judgement(target: Target, step: str, trial: str, judged: Judged) -> Outcome:
     error = worst(judged.found)
     if error <= 1 or target.faults:
         return target.outcome(step, trial, error, named_worst(judged.found, judged.rows), telling=judged.telling)
-    began = time.perf_counter()
+    began = time.process_time()
     with np.errstate(all="ignore"):  # which a library may have changed for the whole process
         words, values = Wrong(target, judged).told(target.sought.seconds < MOST_SEEKING)
-    target.sought.seconds += time.perf_counter() - began
+    target.sought.seconds += time.process_time() - began
     return target.outcome(step, trial, error, words, telling=judged.telling, values=values)
 
 
@@ -184,7 +184,7 @@ class Wrong:
 
     def unsteady(self) -> tuple[str, int | None]:
         """Other values in another call."""
-        quiet, began = self.target.quiet(), time.perf_counter()
+        quiet, began = self.target.quiet(), time.process_time()
         for _ in range(REPEATS):
             other = quiet.launch(self.inputs, before=self.judged.before)[1][self.name]
             other = other if len(other) == len(self.got) else other[self.number]
@@ -194,7 +194,7 @@ class Wrong:
                     " memory that is read before it is written"
                 )
                 break
-            if time.perf_counter() - began > ENOUGH:
+            if time.process_time() - began > ENOUGH:
                 break
         return self.target.sought.unsteady, None
 

@@ -30,7 +30,7 @@ from refsim.core.operation import Operation, backend_of
 
 Answer = Mapping[str, tuple[Any, Any]]
 LISTED = {"neighbours", "walls", "liquid_near_walls"}  # arguments with lists of the neighbour search
-MOST_SEEKING = 20.0  # s for which causes of one operation's failed trials are sought by further calls
+MOST_SEEKING = 20.0  # s of the processor for which causes of one operation's failed trials are sought by further calls
 
 
 class ProgramFailed(Exception):
