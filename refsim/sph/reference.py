@@ -205,7 +205,7 @@ def symmetric(diagonal, mixed):
 @operation(
     "renormalised gradient", paper="Bonet & Lok 1999", outputs="correction_diagonal correction_mixed",
     optional="walls period", variants=("walls period", "period", ""),
-    tolerance=16.0, invariants="translation reordering",
+    tolerance=16.0, invariants="translation reordering", packed="filling_pair",
     reason="one rounding in each of distance, slope, volume and products, and those of the determinant and its minors",
 )  # fmt: skip
 def gradient_correction(position, mass, density, walls, smoothing, period=None, rows=None):
@@ -257,7 +257,7 @@ def own_pressure(pressure, near_surface, rows=None):
     adds="acceleration", optional="correction_diagonal correction_mixed period", tolerance=12.0,
     reason="one rounding in each of distance, slope, volume, pressures, two products with a matrix, mean and sum",
     variants=("correction_diagonal correction_mixed period", "period", ""), invariants=SYMMETRY,
-    broken={0: "", 1: "rotation", 2: "rotation"},
+    broken={1: "rotation", 2: "rotation"}, packed="corrected_pressure_pair",
 )  # fmt: skip
 def corrected_pressure(
     position, mass, density, pressure, own_pressure, correction_diagonal, correction_mixed, smoothing, fluid,
