@@ -21,6 +21,7 @@ from refsim import (
 )
 from refsim.core.operation import REGISTRY
 from validation.experiments.liquid import runs
+from validation.running import Context
 
 SMALL = ((3, 3), 2, (8, 7), 2.6, runs.ARTIFICIAL)  # body, cells below it, tank, h/d, alpha
 

@@ -7,16 +7,20 @@ the lattice, with the density of rest where the density is advanced.
 from __future__ import annotations
 
 import math
+import tempfile
 from typing import Any
 
 import numpy as np
+import trimesh
 from numpy.typing import NDArray
 
 from refsim import (
     Box,
     BoxWalls,
     Cloud,
+    Gauge,
     Gravity,
+    MeshBoundary,
     ParticleShifting,
     Scene,
     ShapeMatching,
@@ -305,6 +309,82 @@ def ice(
     return Result(values)
 
 
+def beside_mesh(offset: float, slope: bool, wide: int, deep: int, folder: str) -> Scene:
+    """Water 1 m deep in a box on a mesh: a floor `offset` d above its planes, or a slope of 45 degrees from 6 d on.
+
+    The slope lies between two diagonal rows of the lattice, so that the water of the first row fills what is below it.
+    """
+    spacing, far = DEPTH / deep, 8 * DEPTH / deep
+    long = deep + 10 if slope else wide
+    box = np.array([long, wide, 0]) * spacing
+    if slope:
+        toe, end = 6.5 * spacing, box[0] + far
+        flat = [(toe, 0.0), (end, end - toe), (end, 0.0)]
+        mesh = trimesh.convex.convex_hull([(x, y, z) for x, z in flat for y in (-far, box[1] + far)])
+    else:
+        toe, mesh = 0.0, trimesh.creation.box(bounds=[[-far] * 3, box + [far, far, offset * spacing]])
+    file = f"{folder}/mesh.obj"
+    mesh.export(file)
+    x = (np.indices((long, wide, deep)).reshape(3, -1).T + 0.5 + [0.0, 0.0, 0.0 if slope else offset]) * spacing
+    x = x[x[:, 2] > x[:, 0] - toe] if slope else x
+    places = [(toe + z, box[1] / 2, z) if slope else (z, box[1] / 2, offset * spacing) for z in HEIGHTS]
+    every = {"every": 0.01}
+    return Scene(
+        name="mesh", dtype="float64", spacing=spacing, support_radius=3 * spacing, fluid=(Cloud(position=x),),
+        gauge=(
+            *(Gauge(name=f"point_{k}", kind="pressure", at=at, **every) for k, at in enumerate(places)),
+            *(Gauge(name=on, kind="force", on=on, **every) for on in ("mesh_boundary", "box_walls")),
+        ),
+        effects=(
+            _liquid("rests", SOUND, ARTIFICIAL * 1.5 * spacing * SOUND / 10),
+            Gravity(acceleration=(0.0, 0.0, -GRAVITY)),
+            BoxWalls(
+                lower=(0.0, 0.0, 0.0), upper=(*box[:2], 2 * DEPTH), model="extrapolated",
+                open_faces=() if slope else ("-z",),
+            ),
+            MeshBoundary(file=file, model="extrapolated"),
+        ),
+    )  # fmt: skip
+
+
+def on_mesh(context: Context, offset: float, slope: bool, wide: int, deep: int, backend: str) -> Result:
+    """Water at rest on a mesh for 1.5 s; means of the last 0.4 s.
+
+    mesh_weight_off  weight on mesh and box, mesh_pressure_off  mean of p over rho g depth at five places of the mesh,
+    both off 1; moving  root mean square speed over the sound speed
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        simulation = context.simulation(beside_mesh(offset, slope, wide, deep, folder), backend)
+        advance(simulation, np.linspace(0, 1.5, 31).tolist(), lambda simulation, wall: None, context)
+
+    def late(name: str, column: str) -> float:
+        series = simulation.gauge(name)
+        return float(series[column][series.time > 1.1].mean())
+
+    spacing, mass = DEPTH / deep, float(simulation.field("mass").sum())
+    level, toe = DEPTH + offset * spacing, 6.5 * spacing
+    if slope:  # that of the water's volume
+        level = math.sqrt(toe**2 + 2 * mass / (DENSITY * wide * spacing)) - toe
+    shares = [
+        late(f"point_{k}", "pressure") / (DENSITY * GRAVITY * (level - (z if slope else offset * spacing)))
+        for k, z in enumerate(HEIGHTS)
+    ]
+    push = late("mesh_boundary", "force_z") + late("box_walls", "force_z")
+    values = {
+        "kind": "mesh", "cells": deep, "support": 3.0, "slope": slope, "offset": offset,
+        "particles": simulation.count, "mesh_weight_off": abs(-push / (mass * GRAVITY) - 1),
+        "mesh_pressure_off": abs(float(np.mean(shares)) - 1), "moving": _still(simulation) / SOUND,
+    }  # fmt: skip
+    return Result(values)
+
+
+HEIGHTS = (0.2, 0.35, 0.5, 0.65, 0.8)  # m over the floor, of places on a slope; along a floor
+ON_MESH = (
+    (0.0, False, 10, 8),
+    (0.3, False, 10, 8),
+    (0.0, True, 10, 8),
+    (0.0, True, 10, 16),
+)  # offset, slope, wide, deep
 # dim, cells (wide, deep), h/d, shaken by [d], shifted
 TANKS = (
     (2, (16, 16), 2.6, 0.0, False), (2, (16, 16), 3.0, 0.0, False), (2, (16, 16), 4.0, 0.0, False),
@@ -339,6 +419,10 @@ def planned(options: Options) -> list[Run]:
         words = f"held_{body[0]}_{body[1]}" + ("_shaken" if shake else "")
         row = {"body": body, "cells": cells, "support": 3.0, "shake": shake, "backend": "cpu"}
         made.append(Run(words, held, row, estimate=0.02 * cells[0] ** 3))
+    for offset, slope, wide, deep in ON_MESH:
+        words = f"mesh_{'slope' if slope else 'floor'}_{deep}" + ("_cut" if offset else "")
+        row = {"offset": offset, "slope": slope, "wide": wide, "deep": deep, "backend": "cpu"}
+        made.append(Run(words, on_mesh, row, estimate=0.003 * deep**3))
     for words, bottom, cells, falls, artificial in (
         ("rise_5", 5, (20, 15), 1.5, 0.005),
         ("float_5", 5, (20, 10), 20, 0.05),
@@ -372,6 +456,9 @@ def checks(results: Results, check: Checks) -> None:
             where = f"{row['cells']} x {row['high']} cells{', shaken' if row['shake'] else ''}"
             narrow = "_narrow" * (row["cells"] == 5 or row["high"] == 2)
             own = {"buoyancy_off": f"buoyancy_off{narrow}", "unrest": "unrest", "moving": "moving"}
+        elif key.startswith("mesh"):
+            where = f"{'slope' if row['slope'] else 'floor'}, {row['cells']} cells deep{', cut cells' * (row['offset'] > 0)}"
+            own = {name: name for name in ("mesh_weight_off", "mesh_pressure_off", "moving")}
         elif key.startswith(("rise", "float")):
             name, where = f"{'rise' if key.startswith('rise') else 'afloat'}_off", f"an edge of {row['cells']} cells"
             own = {name: name}
