@@ -179,6 +179,14 @@ def test_a_mesh_carries_the_liquid_on_it(tmp_path, offset):
     assert not simulation.field("corrections").any()
 
 
+def test_a_slope_bears_rho_g_depth():
+    """One of 45 degrees, whose surface cuts the cells of the lattice; the liquid on it rests."""
+    found = runs.on_mesh(Context(), 0.0, True, 6, 16, "cpu").values
+    assert found["mesh_pressure_off"] <= 0.01
+    assert found["mesh_weight_off"] <= 0.005
+    assert found["moving"] <= 1e-3
+
+
 def test_cells_of_a_mesh_and_of_the_box_fill_space_once(tmp_path):
     """Volumes of both in a column beside the liquid: as many as the column has cells."""
     plan = make_plan(basin(tmp_path, 0.3))

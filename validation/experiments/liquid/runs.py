@@ -379,12 +379,7 @@ def on_mesh(context: Context, offset: float, slope: bool, wide: int, deep: int, 
 
 
 HEIGHTS = (0.2, 0.35, 0.5, 0.65, 0.8)  # m over the floor, of places on a slope; along a floor
-ON_MESH = (
-    (0.0, False, 10, 8),
-    (0.3, False, 10, 8),
-    (0.0, True, 10, 8),
-    (0.0, True, 10, 16),
-)  # offset, slope, wide, deep
+ON_MESH = ((0.0, False, 10, 8), (0.3, False, 10, 8), (0.0, True, 10, 16))  # offset, slope, cells wide and deep
 # dim, cells (wide, deep), h/d, shaken by [d], shifted
 TANKS = (
     (2, (16, 16), 2.6, 0.0, False), (2, (16, 16), 3.0, 0.0, False), (2, (16, 16), 4.0, 0.0, False),
@@ -457,7 +452,9 @@ def checks(results: Results, check: Checks) -> None:
             narrow = "_narrow" * (row["cells"] == 5 or row["high"] == 2)
             own = {"buoyancy_off": f"buoyancy_off{narrow}", "unrest": "unrest", "moving": "moving"}
         elif key.startswith("mesh"):
-            where = f"{'slope' if row['slope'] else 'floor'}, {row['cells']} cells deep{', cut cells' * (row['offset'] > 0)}"
+            where = (
+                f"{'slope' if row['slope'] else 'floor'} {row['offset']:g} d off the lattice, {row['cells']} cells deep"
+            )
             own = {name: name for name in ("mesh_weight_off", "mesh_pressure_off", "moving")}
         elif key.startswith(("rise", "float")):
             name, where = f"{'rise' if key.startswith('rise') else 'afloat'}_off", f"an edge of {row['cells']} cells"
