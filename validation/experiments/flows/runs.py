@@ -1,7 +1,8 @@
 """Three flows of the literature with the liquid that rests (docs/solutions.md).
 
 A cavity with a moving lid, the pressure of a dam break at a wall, and a tank that sways. 2D, float64, Wendland C2,
-rho0 = 1000 kg/m^2; every option of the liquid is spelled out.
+rho0 = 1000 kg/m^2; every option of the liquid is spelled out. None is shifted: the liquid would swell where its
+surface moves, and its density drift where there is none.
 """
 
 from __future__ import annotations
@@ -19,7 +20,6 @@ from refsim import (
     Gauge,
     Gravity,
     Motion,
-    ParticleShifting,
     Scene,
     Simulation,
     SurfaceDetection,
@@ -55,8 +55,7 @@ ARRIVAL, PLATEAU, PLATEAU_PRESSURE = 2.577, (3.2, 5.0), 0.547  # p = 0.3 rho g H
 LENGTH, DEPTH, PERIOD, SWAY, PROBE = 1.73, 0.6, 1.3, 0.032, 0.05  # m, m, s, m, m
 EXTREMES = (
     (0.498, -0.0312), (1.163, 0.0754), (1.925, -0.0880), (2.574, 0.1421), (3.267, -0.0925), (4.040, 0.1093),
-    (4.711, -0.0454), (5.295, 0.0126), (6.300, 0.0398), (7.005, -0.0668), (7.707, 0.1248), (8.300, -0.0825),
-    (9.159, 0.1414), (9.689, -0.0685),
+    (4.711, -0.0454), (5.295, 0.0126),
 )  # fmt: skip
 NEAR = 0.3  # s around an extreme of the experiment in which that of the run is looked for
 
@@ -140,7 +139,7 @@ def dam_break(context: Context, cells: int, support: float, backend: str) -> Res
             BoxWalls(
                 lower=(0.0, 0.0, 0.0), upper=(far, TANK[1], 0.0), model="extrapolated", open_faces=("+y",),
             ),
-            SurfaceDetection(), ParticleShifting(strength=2.2, surface="detected"),
+            SurfaceDetection(),
         ),
     )  # fmt: skip
     simulation = context.simulation(scene, backend)
@@ -195,7 +194,6 @@ def sway(context: Context, cells: int, support: float, amplitude: float, until: 
         effects=(
             _liquid(sound, viscosity, "none"), Gravity(acceleration=(0.0, -GRAVITY, 0.0)),
             BoxWalls(lower=(0.0, 0.0, 0.0), upper=(LENGTH, 1.15, 0.0), model="extrapolated"),
-            SurfaceDetection(), ParticleShifting(strength=2.2, surface="detected"),
         ),
     )  # fmt: skip
     simulation = context.simulation(scene, backend)
@@ -218,7 +216,7 @@ def sway(context: Context, cells: int, support: float, amplitude: float, until: 
     return Result(values, {"time": time, "level": level, "theory": theory})
 
 
-CAVITIES, DAMS, SWAYS = (25, 50), (20, 40), ((25, SWAY, 9.9), (50, SWAY, 9.9), (25, 0.008, 6.5), (50, 0.008, 6.5))
+CAVITIES, DAMS, SWAYS = (25, 50), (20, 40), ((12, SWAY), (25, SWAY), (12, 0.008), (25, 0.008))
 
 
 def planned(options: Options) -> list[Run]:
@@ -230,8 +228,8 @@ def planned(options: Options) -> list[Run]:
     for cells in DAMS:
         row = {"cells": cells, "support": 3.0, "backend": "cpu"}
         made.append(Run(f"dam_break_{cells}", dam_break, row, estimate=3e-3 * cells**3))
-    for cells, amplitude, until in SWAYS:
-        row = {"cells": cells, "support": 3.0, "amplitude": amplitude, "until": until, "backend": "cpu"}
+    for cells, amplitude in SWAYS:
+        row = {"cells": cells, "support": 3.0, "amplitude": amplitude, "until": 5.6, "backend": "cpu"}
         made.append(Run(f"sway_{cells}_{1000 * amplitude:g}mm", sway, row, estimate=4e-3 * cells**3))
     return made[:1] if options.quick else made
 
@@ -239,7 +237,7 @@ def planned(options: Options) -> list[Run]:
 def checks(results: Results, check: Checks) -> None:
     """Bars hold at the finer spacing; the coarser one is shown."""
     for key, result in results.items():
-        row, fine = result.values, key.startswith(("cavity_50", "dam_break_40", "sway_50"))
+        row, fine = result.values, key.startswith(("cavity_50", "dam_break_40", "sway_25"))
         names = [name for name in ("u_off", "v_off", "arrival_off", "pressure_off") if name in row]
         if row["kind"] == "sway":
             names = ["crests_off", "troughs_off"] if row["amplitude"] == SWAY else ["linear_off"]
