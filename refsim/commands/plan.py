@@ -2,10 +2,11 @@
 
 import argparse
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from refsim.commands import CommandResult, command, in_bytes, in_time, planned, table
@@ -87,6 +88,8 @@ def describe_plan(plan: Plan, backend: str) -> dict[str, Any]:
         "not_counted": [held for effect in having(plan.effects, HoldsOtherMemory) if (held := effect.other_memory())],
         "step": steps,
         "end_time": scene.end_time,
+        "gauges": _listed(scene.gauge),
+        "motions": _listed(scene.motion),
         "margins": [
             {"of": of, **m._asdict(), "factor": m.factor if math.isfinite(m.factor) else None}
             for of, m in _margins(plan, steps)
@@ -94,6 +97,11 @@ def describe_plan(plan: Plan, backend: str) -> dict[str, Any]:
         "energy_audit": _energy_audit(plan),
         "notes": [*plan.notes, *_notes(plan, steps)],
     }
+
+
+def _listed(parts: Iterable[Any]) -> list[dict[str, Any]]:
+    """Gauges or motions as their keys in a scene file, without those that are left out."""
+    return [{key: v for key, v in msgspec.to_builtins(part).items() if v not in (None, "")} for part in parts]
 
 
 def _energy_audit(plan: Plan) -> dict[str, Any] | None:
@@ -267,6 +275,11 @@ def _text(found: dict[str, Any]) -> str:
           for name, e in found["effects"].items() if e["literal"]),
         "",
     ]  # fmt: skip
+    for title in ("gauges", "motions"):
+        if parts := found[title]:
+            keys = list(dict.fromkeys(key for part in parts for key in part))
+            rows = [tuple(_short(part.get(key, "-")) for key in keys) for part in parts]
+            lines += [title.capitalize(), table(rows, tuple(keys)), ""]
     listed = found["neighbour_list"]
     lines.append(
         f"Neighbour list: radius {listed['radius']:g} m, reaching to {listed['reach']:g} m,"
@@ -306,6 +319,13 @@ def _text(found: dict[str, Any]) -> str:
             f" counts {', '.join(audit['counts'])}{lacking}"
         )
     return "\n".join([*lines, *(f"Note: {note}" for note in found["notes"])])
+
+
+def _short(value: Any) -> str:
+    """A value of a gauge or motion; of many numbers, how many they are."""
+    if isinstance(value, list | tuple):
+        return ", ".join(f"{v:g}" for v in value) if len(value) <= 3 else f"{len(value)} numbers"
+    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def _taken(literal: dict[str, Any]) -> str:

@@ -1,8 +1,8 @@
 """Weakly compressible SPH: density, equation of state, pressure, viscosity, leap-frog (Jiang & Zhu 2023, (7) to (11)).
 
 Contents: WeaklyCompressible, Gravity; liquid_of and gravity_of, which find them in a scene; operations sph.density,
-sph.state, sph.pressure, sph.momentum, sph.viscosity, sph.central_viscosity, sph.gradient_correction, sph.own_pressure,
-sph.corrected_pressure, sph.gravity, sph.extremes, sph.kick_drift.
+sph.state, sph.pressure, sph.momentum, sph.viscosity, sph.central_viscosity, sph.central_momentum,
+sph.gradient_correction, sph.own_pressure, sph.corrected_pressure, sph.gravity, sph.extremes, sph.kick_drift.
 """
 
 from __future__ import annotations
@@ -299,17 +299,20 @@ class WeaklyCompressible(
         reads = ("position", "velocity", "mass", "density")
         friction = Pass("sph.central_viscosity", reads, updates=("acceleration",), names=names)
         extrapolated = any(effect.extrapolates() for effect in having(others, BringsWalls))
+        replaced = any("sph.pressure" in effect.replaces() for effect in others.values())
+        before = (*self._density_passes(others), Pass("sph.state", ("density",), ("pressure",)))
+        if self.advances() and self.central() and not (replaced or self.controls()):
+            one = Pass("sph.central_momentum", (*reads, "pressure"), updates=("acceleration",), names=names)
+            return (*before, one)
         plain = Pass(
             "sph.momentum" if viscous and not self.central() else "sph.pressure",
             (*reads, "pressure"),
             updates=("acceleration",),
             names=names | ({"walls": None} if extrapolated else {}),
         )
-        pushing = tuple(self._controlled(others)) if self.controls() else (plain,)
         return (
-            *self._density_passes(others),
-            Pass("sph.state", ("density",), ("pressure",)),
-            *pushing,
+            *before,
+            *(self._controlled(others) if self.controls() else (plain,)),
             *((friction,) if self.central() else ()),
         )
 

@@ -3,6 +3,7 @@
 from refsim.backends.compile import formula
 
 LEAST_FILLED, FILLED = 0.5, 0.8  # det M without and with the whole correction; a lattice has 0.9 to 1
+STRETCHED = 0.05  # share of rho0 by which an advanced density is less at most
 
 
 @formula
@@ -40,6 +41,13 @@ def diffusion_pair(volume_j, excess_i, excess_j, head, slope, diffusion):
     """
     difference = excess_j - excess_i + head
     return -type(slope)(2) * diffusion.coefficient * volume_j * difference * slope
+
+
+@formula
+def least_excess(excess, rest_density):
+    """e = max(rho - rho0, -STRETCHED rho0) [kg/m^dim]: a liquid that is pulled further apart breaks."""
+    least = -type(excess)(STRETCHED) * rest_density
+    return least if excess < least else excess
 
 
 @formula

@@ -166,6 +166,7 @@ def continuity(
     if first_lane(lane):
         excess = advanced_excess[i]
         excess += timestep[1] * ((rest + excess) * rate + spread)
+        excess = formulas.least_excess(excess, rest)
         density_excess[i] = excess
         density[i] = rest + excess
 
@@ -292,6 +293,35 @@ def corrected_pressure(
     ax, ay, az = neighbour_sum(
         corrected_pressure_pair, i, lane, neighbours, position, period, mass, density, own_pressure, pressure,
         correction_diagonal, correction_mixed, smoothing, fluid,
+    )  # fmt: skip
+    rho = density[i]
+    add_vector(acceleration, i, lane, ax / rho, ay / rho, az / rho)
+
+
+@pair
+def central_momentum_pair(
+    r, x_ij, velocity_i, velocity_j, mass_j, density_j, pressure_i, pressure_j, smoothing, fluid, central_viscosity
+):
+    """J(10) and the viscosity along the line of centres [N/m^3]."""
+    apart = safe_distance(r, smoothing)
+    share = mass_j / (density_j * apart)  # V_j/r: one division serves both terms
+    f = pressure_pair(share, pressure_i, pressure_j, kernel_slope(r, smoothing), fluid)
+    parting = (velocity_j[0] - velocity_i[0]) * x_ij[0]
+    parting += (velocity_j[1] - velocity_i[1]) * x_ij[1]
+    parting += (velocity_j[2] - velocity_i[2]) * x_ij[2]
+    f += central_viscosity_pair(share, central_viscosity, viscosity_laplacian(r, smoothing)) * (parting / apart)
+    return f * x_ij[0], f * x_ij[1], f * x_ij[2]
+
+
+@kernel(lanes=True)
+def central_momentum(
+    i, lane, position, velocity, mass, density, pressure, neighbours, smoothing, fluid, central_viscosity, period,
+    acceleration,
+):  # fmt: skip
+    """J(10) and the viscosity along the line of centres; added to the acceleration [m/s^2]."""
+    ax, ay, az = neighbour_sum(
+        central_momentum_pair, i, lane, neighbours, position, period, velocity, mass, density, pressure, smoothing,
+        fluid, central_viscosity,
     )  # fmt: skip
     rho = density[i]
     add_vector(acceleration, i, lane, ax / rho, ay / rho, az / rho)

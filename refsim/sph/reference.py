@@ -79,6 +79,7 @@ def continuity(
 
     d rho_i/dt = rho_i sum_j V_j (v_i - v_j).grad W_ij + rho_i sum_b V_b (v_i - v_b).grad W_ib + D_i, V_j = m_j/rho_j;
     D_i = delta h_s c sum_j V_j psi_ij.grad W_ij, psi_ij = 2 (rho_j - rho_i - rho0 g.x_ji/c^2) x_ji/|x_ij|^2.
+    rho is at least 0.95 rho0: a liquid that is pulled further apart breaks.
     `timestep` [s] has the step's length second; v_b = 0, or that of `wall_motion` beyond its planes. Solids (`phase`
     not 0) keep their rest density and take no part in D_i.
     """
@@ -117,7 +118,7 @@ def continuity(
             most = np.abs(v)[place, None, :] + np.abs(wall_velocity)[None, :, :]
             sized = wall_volume[None, :] * (np.abs(gradient) * most).sum(-1)
             strain.add(place, wall_volume[None, :] * (gradient * parting).sum(-1), sized)
-    excess = changing * (e + dt * ((rest + e) * strain.value + spread.value))
+    excess = changing * np.maximum(e + dt * ((rest + e) * strain.value + spread.value), -0.05 * rest)
     size = np.abs(e) + dt * ((rest + np.abs(e)) * strain.scale + spread.scale)
     return {"density_excess": (excess, size), "density": (rest + excess, rest + size)}
 
@@ -337,6 +338,22 @@ def central_viscous(position, velocity, mass, density, smoothing, central_viscos
         size = np.abs(factor * np.abs(parts).sum(-1))[..., None] * np.abs(unit)
         sums.add(place, (factor * parts.sum(-1))[..., None] * unit, size)
     return {"acceleration": sums.total()}
+
+
+@operation(
+    "J(10), momentum equation with zeta = 5 eta/3", paper="Jiang & Zhu 2023; Espanol & Revenga 2003",
+    adds="acceleration", optional="period", tolerance=12.0, reason="those of sph.central_viscosity",
+    invariants=f"{SYMMETRY} linear_momentum angular_momentum galilean", broken={1: "rotation angular_momentum"},
+    packed="central_momentum_pair",
+)  # fmt: skip
+def central_momentum(
+    position, velocity, mass, density, pressure, smoothing, fluid, central_viscosity, period=None, rows=None
+):
+    """Acceleration [m/s^2] by J(10) and the viscosity along the line of centres, without walls."""
+    places = position, velocity, mass, density
+    push = momentum(*places, pressure, None, smoothing, fluid, None, period, rows)["acceleration"]
+    drag = central_viscous(*places, smoothing, central_viscosity, period, rows)["acceleration"]
+    return {"acceleration": (push[0] + drag[0], push[1] + drag[1])}
 
 
 @operation("J(6), g", paper="standard", adds="acceleration", invariants="reordering")

@@ -1,11 +1,25 @@
 """`refsim plan` says how far a scene's settings are from the measured limits; beyond them stand notes."""
 
 import math
+import re
 
 import msgspec
 import pytest
 
-from refsim import Akinci2013, Box, CsfWang2019, Dong2016, He2014, JiangZhu2023, Scene, WeaklyCompressible
+from refsim import (
+    Akinci2013,
+    Box,
+    BoxWalls,
+    CsfWang2019,
+    Dong2016,
+    Gauge,
+    Gravity,
+    He2014,
+    JiangZhu2023,
+    Motion,
+    Scene,
+    WeaklyCompressible,
+)
 from refsim.commands.plan import _text, describe_plan
 from refsim.core.capabilities import KnowsLimits, Margin
 from refsim.scene.plan import make_plan
@@ -97,3 +111,16 @@ def test_a_fixed_step_and_the_table():
     text = _text(told)
     assert "beyond, 1.2 times" in text
     assert "Measured limits (docs/stability.md)" in text
+
+
+def test_a_plan_lists_gauges_and_motions():
+    made = scene(LIQUID, Gravity(), BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.1, 0.1, 0.1)))
+    gauge = Gauge(name="floor", kind="force", on="-y", every=0.01)
+    sway = Motion(of="gravity", kind="sway", direction=(1.0, 0.0, 0.0), amplitude=0.01, period=0.5)
+    changed = made.with_(gauge=(gauge,), motion=(sway,))
+    told = describe_plan(make_plan(changed), "cpu")
+    assert told["gauges"] == [{"name": "floor", "kind": "force", "every": 0.01, "on": "-y"}]
+    assert told["motions"][0]["amplitude"] == 0.01
+    assert re.search(r"Gauges\n.*\n.*\n? *floor +force +0.01 +-y", _text(told))
+    assert re.search(r"Motions\n.*\n.*\n? *gravity +sway +1, 0, 0 +0.01 +0.5", _text(told))
+    assert "Gauges" not in _text(describe_plan(make_plan(made), "cpu"))

@@ -1,5 +1,7 @@
 """Melting: which particles melt, the tables of nodes, bookkeeping, whole runs, bad input."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -18,6 +20,7 @@ from refsim import (
     TwoWayCoupling,
     WeaklyCompressible,
     contract,
+    load_scene,
     make_plan,
 )
 from refsim.core.operation import REGISTRY
@@ -25,6 +28,7 @@ from refsim.melting import MeltingRule
 from refsim.scene.solids import lattice_of
 from refsim.shape_matching.phases import FLUID, INTERIOR, SURFACE
 
+EXAMPLE = Path(__file__).parents[2] / "refsim" / "examples" / "melting.toml"
 LIQUID = WeaklyCompressible(
     sound_speed=40.0, dynamic_viscosity=50.0, state="tait", kernels="cubic_spline", density="summation"
 )
@@ -291,3 +295,24 @@ def test_a_plate_of_one_layer_melts():
     for _ in range(50):
         simulation.step()
     assert np.isfinite(simulation.field("position")).all()
+
+
+def test_ice_floats_and_melts_into_a_liquid_that_rests():
+    """The packaged example with an advanced density: the melt has mass and density of the water."""
+    water = {"density": "continuity", "viscosity": "central"}
+    scene = load_scene(EXAMPLE).with_(
+        box_walls__model="extrapolated", **{f"weakly_compressible__{key}": value for key, value in water.items()}
+    )
+    simulation = Simulation(scene, "cpu", threads=1)
+    while simulation.time < 0.6:
+        simulation.step()
+    phase, position = simulation.field("phase"), simulation.field("position")
+    wet = phase == FLUID
+    assert 400 < wet.sum() < 456
+    assert simulation.field("mass")[wet] == pytest.approx(1000 * 0.2**3, rel=0.01)
+    assert simulation.field("density")[wet] == pytest.approx(1000.0, rel=0.01)
+    assert position[~wet, 2].mean() > np.percentile(position[wet, 2], 75)
+    melts = Melting(bookkeeping="immiscible")
+    effects = tuple(melts if isinstance(e, Melting) else e for e in scene.effects)
+    with pytest.raises(InputError, match="and melting brings another; set its bookkeeping = 'water'"):
+        make_plan(scene.with_(effects=effects))

@@ -1,6 +1,7 @@
 """The liquid with an advanced density: tanks rest and weigh what they hold, vortices decay as they should."""
 
 import math
+import pathlib
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from refsim import (
     Simulation,
     SurfaceDetection,
     WeaklyCompressible,
+    load_scene,
     make_plan,
     simulate,
 )
@@ -309,3 +311,17 @@ def test_bad_input_is_refused_in_a_sentence(make, words):
         make()
     assert words in str(refused.value)
     assert str(refused.value).count(". ") == 0
+
+
+def test_spray_of_the_packaged_dam_break_breaks():
+    """A particle that leaves others behind at the rim of the tank would have no density left."""
+    example = pathlib.Path(__file__).parents[2] / "refsim" / "examples" / "dam_break_2d.toml"
+    changes = {"density": "continuity", "viscosity": "central"}
+    scene = load_scene(example).with_(
+        box_walls__model="extrapolated", **{f"weakly_compressible__{key}": value for key, value in changes.items()}
+    )
+    simulation = Simulation(scene, threads=1)
+    while simulation.time < 0.46:
+        simulation.step()
+    density = simulation.field("density")
+    assert 950.0 <= density.min() < 1000.0 < density.max() < 1050.0

@@ -116,10 +116,10 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, frozen=True, kw_only=Tr
             )
 
     def _check_advanced(self, liquid: WeaklyCompressible, others: Mapping[str, Effect]) -> None:
-        if "melting" in others:
+        if "melting" in others and others["melting"].bookkeeping != "water":  # type: ignore[attr-defined]
             raise InputError(
                 f"{self.name}: a liquid with density = 'continuity' has one rest density, and melting brings another;"
-                " leave one of them out."
+                " set its bookkeeping = 'water', or leave one of them out."
             )
         if self.density_weighted or self.printed():
             raise InputError(
