@@ -312,7 +312,7 @@ def understood(words):
         if len(words) > 1 and not words[1].startswith("-") and words[1] not in refsim.commands.COMMANDS:
             return False
         needed = {"run": ["--quiet"], "plan": ["scene"], "sample": ["mesh", "--radius", "1"], "contract": ["cpu"]}
-        needed["study"] = ["scene", "--observable", "front"]
+        needed |= {"study": ["scene", "--observable", "front"], "view": ["run"]}
         alone = needed.get(words[1], []) if len(words) == 2 else []
         parser, arguments = make_parser(), [*words[1:], *alone]
     else:

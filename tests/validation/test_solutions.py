@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from refsim.study.panels.making import compressed
 from validation.experiment import Options, discover
 from validation.experiments.solutions import pictures, runs, scene
 from validation.running import Context
@@ -10,7 +11,7 @@ from validation.running import Context
 
 def test_compressed_heights_are_in_balance():
     rest, gravity, sound = np.linspace(0.0, 1.0, 4001), 9.81, 15.0
-    height, top = scene.compressed(rest, 1.0, gravity, sound)
+    height, top = compressed(rest, 1.0, gravity, sound)
     assert height[0] == pytest.approx(0.0, abs=1e-12)
     assert height[-1] == pytest.approx(top, rel=1e-12)
     middle = 0.5 * (height[1:] + height[:-1])

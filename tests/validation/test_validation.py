@@ -335,7 +335,7 @@ def draw_all(case, found, folder):
         for picture in discover()[case.name].pictures:
             if set(picture.needs) <= set(found):
                 performing.write_data(picture, found, folder)
-                assert performing.redraw(picture, folder).stat().st_size > 4000
+                assert performing.redraw(picture, folder).stat().st_size > 3000
 
 
 def as_stored(folder, result):
