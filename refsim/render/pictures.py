@@ -2,6 +2,7 @@
 
 import errno
 import io
+import logging
 import os
 import shutil
 from collections.abc import Callable, Iterator, Sequence
@@ -398,6 +399,7 @@ def write_film(
             beside.touch(exist_ok=False)
         except OSError as error:
             raise cannot_write("film", path, error, "nothing is left of it") from error
+        logging.getLogger("imageio_ffmpeg").setLevel(logging.ERROR)  # it warns of a film that is stopped
         film = imageio_ffmpeg.write_frames(
             str(beside), (width, height), fps=per_second, codec="libx264", quality=None, macro_block_size=2,
             ffmpeg_log_level="error",
