@@ -42,7 +42,7 @@ def judged(programs, fault, dtype):
 
 
 @pytest.mark.parametrize("kernel", KERNELS)
-@pytest.mark.parametrize("fault", CAUSES)
+@pytest.mark.parametrize("fault", [pytest.param(f, marks=pytest.mark.slow) if f == "race" else f for f in CAUSES])
 def test_a_fault_is_noticed_with_its_cause(fault, kernel, written):
     """Most failed trials name the cause, and the first does, which a report tells first."""
     dtype = "float32" if fault == "prefix" else "float64"

@@ -60,7 +60,7 @@ def shaken(simulation, size, seed=3):
     ("cells", "ratio", "dim", "shake", "gradient"),
     [
         (16, 3.0, 2, 0.0, "plain"), (16, 3.2, 2, 0.1, "plain"), (16, 2.6, 2, 0.0, "plain"), (8, 3.0, 3, 0.0, "plain"),
-        (32, 3.0, 2, 0.0, "corrected"),
+        pytest.param(32, 3.0, 2, 0.0, "corrected", marks=pytest.mark.slow),
     ],
 )  # fmt: skip
 def test_a_tank_rests_and_weighs_what_it_holds(cells, ratio, dim, shake, gradient):

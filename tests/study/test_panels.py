@@ -199,7 +199,17 @@ def test_another_file_is_refused_with_a_sentence(text):
 # Packaged scenes
 
 
-@pytest.mark.parametrize("name", PACKAGED)
+LONG = {  # left to the nights: scenes that take 10 s to make, settings that take 5 s to run
+    "mpm_pressure", "tank_pressure", "contact_angle", "droplet", "implicit_pressure", "coupling", "detection_3d",
+    "melt_front",
+}  # fmt: skip
+
+
+def at_night(given, name):
+    return pytest.param(*given, marks=[pytest.mark.slow] if name in LONG else [])
+
+
+@pytest.mark.parametrize("name", [at_night((n,), n) for n in PACKAGED])
 def test_settings_of_a_packaged_panel_have_scenes(name):
     """With the particles and, on the same fields, the bytes that were measured."""
     of = panel(name)
@@ -235,7 +245,7 @@ STORED = {  # settings whose value is computed here and is the stored one: (read
 }
 
 
-@pytest.mark.parametrize(("name", "setting"), STORED)
+@pytest.mark.parametrize(("name", "setting"), [at_night(given, given[0]) for given in STORED])
 def test_a_packaged_study_gives_the_stored_value(name, setting, monkeypatch):
     monkeypatch.setattr(measuring, "MOST", 1)
     found = measured(panel(name), [setting], threads=1)
