@@ -201,7 +201,7 @@ def test_another_file_is_refused_with_a_sentence(text):
 
 LONG = {  # left to the nights: scenes that take 10 s to make, settings that take 5 s to run
     "mpm_pressure", "tank_pressure", "contact_angle", "droplet", "implicit_pressure", "coupling", "detection_3d",
-    "melt_front",
+    "melt_front", "detection_2d", "spinning_body",
 }  # fmt: skip
 
 

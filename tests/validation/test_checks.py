@@ -337,6 +337,7 @@ def test_the_command_compares_with_what_is_written(monkeypatch, capsys):
     assert "run `python -m validation claims repulsion_3d --write`" in told.err
 
 
+@pytest.mark.slow
 def test_a_draw_is_repeated_by_its_seed(capsys):
     first = judging.drawn(5, seed=3)
     assert first == judging.drawn(5, seed=3) != judging.drawn(5, seed=4)
