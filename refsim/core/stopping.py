@@ -69,6 +69,16 @@ def heeding(act: Callable[[int, Any], Any] = _interrupt) -> Iterator[None]:
             signal.signal(number, handler)
 
 
+@contextmanager
+def held_back() -> Iterator[None]:
+    """Hold the signals back until the end of the block, which starts a process: half started, it could not be ended."""
+    came: list[int] = []
+    with heeding(lambda number, frame: came.append(number)):
+        yield
+    if came:
+        signal.raise_signal(came[0])
+
+
 def end_with(parent: Connection) -> None:
     """End this process as soon as its parent has closed the other end of the pipe, or is gone, however it ended."""
 

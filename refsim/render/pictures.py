@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from refsim.core.errors import InputError, RunStopped
+from refsim.core.stopping import held_back
 from refsim.engine.progress import bar_of, wanted
 from refsim.io.checkpoint import cannot_write, remove_stale_temporaries, replace_file, temporary_path
 from refsim.io.frames import Frame
@@ -386,7 +387,9 @@ def write_film(
         raise InputError(f"--per-second {per_second:g} is not possible; give 0.1 to 240 pictures a second.")
     try:
         import imageio_ffmpeg
-    except ImportError:
+
+        imageio_ffmpeg.get_ffmpeg_exe()
+    except (ImportError, RuntimeError):  # RuntimeError: the package is there and its program is not
         raise InputError('films need imageio-ffmpeg, which is not installed; `pip install "refsim[view]"`.') from None
     found = open_run(run)
     width, height = (n - n % 2 for n in look.size)
@@ -406,7 +409,8 @@ def write_film(
             output_params=["-crf", "20", "-preset", "medium", "-movflags", "+faststart", "-f", "mp4"],
         )  # fmt: skip
         at_the_end.callback(film.close)
-        film.send(None)
+        with held_back():
+            film.send(None)
         shown = wanted() if progress is None else progress
         bar = bar_of(total=len(series.chosen), desc="pictures", disable=not shown)
         for _, image in series:

@@ -365,10 +365,10 @@ def test_nothing_is_left_of_a_film_that_is_stopped(in_plane, tmp_path, number):
     words = [sys.executable, "-m", "refsim", "render", str(in_plane), "--film", "dam.mp4", "--size", "4096x4096"]
     with subprocess.Popen(words, cwd=tmp_path, stderr=subprocess.PIPE, start_new_session=True) as film:
         while not list(tmp_path.iterdir()) and film.poll() is None:
-            time.sleep(0.05)
+            time.sleep(0.001)
         os.killpg(film.pid, number)
         err = film.communicate(timeout=60)[1].decode()
-    assert film.returncode == 3
+    assert film.returncode == 3, err
     assert err.count("\n") == 1
     assert "[interrupted]" in err
     assert not list(tmp_path.iterdir())
