@@ -68,7 +68,8 @@ def _self_test_plan() -> Plan:
     cloud = Cloud(
         position=lattice + 0.03 * random.uniform(-1, 1, lattice.shape), mass=random.uniform(0.5, 1.5, len(lattice))
     )
-    scene = Scene(spacing=0.1, support_radius=0.2, fluid=(cloud,), effects=(WeaklyCompressible(sound_speed=10.0),))
+    liquid = WeaklyCompressible(sound_speed=10.0, density="summation")
+    scene = Scene(spacing=0.1, support_radius=0.2, fluid=(cloud,), effects=(liquid,))
     plan = make_plan(scene)
     return dataclasses.replace(plan, passes=tuple(pair for pair in plan.passes if pair[1].operation == TESTED))
 

@@ -12,6 +12,7 @@ import numpy as np
 from refsim.commands import CommandResult, command, in_bytes, in_time, planned, table
 from refsim.core.capabilities import (
     BringsWalls,
+    FollowsScene,
     HasErrata,
     HoldsOtherMemory,
     KnowsLimits,
@@ -95,6 +96,7 @@ def describe_plan(plan: Plan, backend: str) -> dict[str, Any]:
             for of, m in _margins(plan, steps)
         ],
         "energy_audit": _energy_audit(plan),
+        "defaults": list(_defaults(plan)),
         "notes": [*plan.notes, *_notes(plan, steps)],
     }
 
@@ -102,6 +104,15 @@ def describe_plan(plan: Plan, backend: str) -> dict[str, Any]:
 def _listed(parts: Iterable[Any]) -> list[dict[str, Any]]:
     """Gauges or motions as their keys in a scene file, without those that are left out."""
     return [{key: v for key, v in msgspec.to_builtins(part).items() if v not in (None, "")} for part in parts]
+
+
+def _defaults(plan: Plan) -> Iterator[str]:
+    """What the scene leaves open and has otherwise than the papers."""
+    for effect in plan.scene.effects:
+        for name, printed in effect.in_papers.items() if isinstance(effect, FollowsScene) else ():
+            value = getattr(plan.effects[effect.name], name)
+            if getattr(effect, name) is None and value != printed:
+                yield f"{name} of {effect.name} is {value!r}; {name} = {printed!r} has that of the papers"
 
 
 def _energy_audit(plan: Plan) -> dict[str, Any] | None:
@@ -318,6 +329,7 @@ def _text(found: dict[str, Any]) -> str:
             f"Energy audit: every {audit['every']:,} steps, growth up to {audit['bound']:g} of the energy turned over;"
             f" counts {', '.join(audit['counts'])}{lacking}"
         )
+    lines += [f"Default: {words}" for words in found["defaults"]]
     return "\n".join([*lines, *(f"Note: {note}" for note in found["notes"])])
 
 

@@ -63,6 +63,28 @@ class HasErrata:
         return f"{self.source} {', '.join(sorted(errata))}"
 
 
+class FollowsScene:
+    """Has parameters that follow the scene where they are None."""
+
+    __slots__ = ()
+
+    in_papers: ClassVar[Mapping[str, str]] = {}  # what the papers have for them
+
+    def settled(self, others: Mapping[str, Effect]) -> Effect:
+        """This effect with those of its parameters that are None as the scene has them."""
+        raise NotImplementedError  # an effect with this capability defines it
+
+
+class SumsDensity:
+    """May need a liquid whose density is summed."""
+
+    __slots__ = ()
+
+    def sums_density(self) -> bool:
+        """Whether it does so with these parameters."""
+        return True
+
+
 class BringsWalls:
     """Brings static boundary particles into the scene."""
 
@@ -330,3 +352,9 @@ def having(effects: Mapping[str, Effect] | Iterable[Effect], capability: type[Ca
     """The effects with a capability, in their order."""
     each = effects.values() if isinstance(effects, Mapping) else effects
     return [effect for effect in each if isinstance(effect, capability)]
+
+
+def settled(effects: Iterable[Effect]) -> dict[str, Effect]:
+    """Effects by name, with parameters that follow the scene as it has them; those that they need are among them."""
+    given = {effect.name: effect for effect in effects}
+    return {name: e.settled(given) if isinstance(e, FollowsScene) else e for name, e in given.items()}

@@ -142,6 +142,8 @@ def load_checkpoint(path: str | os.PathLike[str]) -> SavedRun:
     shapes["build_position"] = shapes["field.position"]
     for name, (shape, dtype) in shapes.items():
         values = saved.arrays.get(name)
+        if values is None and name == "field.advanced_excess":
+            raise wrong("it has no advanced density, which this refsim gives a liquid whose scene names none")
         if values is None:
             raise wrong(f"it lacks {name!r}, so that it is not one of a run of this refsim")
         if values.shape != shape or values.dtype != dtype:

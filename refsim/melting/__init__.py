@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
-from refsim.core.capabilities import KeepsLedger
+from refsim.core.capabilities import KeepsLedger, SumsDensity
 from refsim.core.effect import Discretisation, Effect, Pass
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
@@ -36,7 +36,7 @@ class MeltingRule(NamedTuple):
     liquid_heat_capacity: float  # [J/(kg K)]
 
 
-class Melting(Effect, KeepsLedger, frozen=True, kw_only=True):
+class Melting(Effect, KeepsLedger, SumsDensity, frozen=True, kw_only=True):
     """Particles at the surface of solids become liquid at the melting point of their body.
 
     bookkeeping  of the melt: "immiscible" keeps mass and rest density, so the melt is as dense as its solid; "water"
@@ -49,6 +49,9 @@ class Melting(Effect, KeepsLedger, frozen=True, kw_only=True):
     ledger_units: ClassVar[Mapping[str, str]] = {"solid_particles": "-", "solid_mass": "kg", "rest_volume": "m^3"}
 
     bookkeeping: Literal["immiscible", "water"] = "immiscible"
+
+    def sums_density(self) -> bool:
+        return self.bookkeeping != "water"  # a melt that keeps its rest density makes two liquids
 
     def needs(self) -> tuple[str, ...]:
         return ("shape_matching", "two_way_coupling", "heat_conduction")

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from refsim.core.capabilities import BringsWalls, JudgesStart, NeedsCellOrder, having
+from refsim.core.capabilities import BringsWalls, JudgesStart, NeedsCellOrder, having, settled
 from refsim.core.effect import EFFECTS, Discretisation, Effect, InitialState, Pass
 from refsim.core.errors import InputError
 from refsim.core.fields import BASE, POSITION_RESIDUAL, Field
@@ -246,7 +246,7 @@ def _effects(scene: Scene) -> dict[str, Effect]:
         for needed in effect.needs():
             if needed not in effects:
                 raise InputError(f"Effect {effect.name!r} needs effect {needed!r}; add it to the scene.")
-    return effects
+    return settled(effects.values())
 
 
 def _counted(f: Field, rows: Mapping[str, int]) -> Field:

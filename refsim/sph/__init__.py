@@ -12,12 +12,14 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar, Literal, NamedTuple
 
+import msgspec
 import numpy as np
 
 from refsim.core.capabilities import (
     BalancesCohesion,
     BringsWalls,
     FindsSurface,
+    FollowsScene,
     HasErrata,
     HasPlanes,
     JudgesStart,
@@ -26,6 +28,7 @@ from refsim.core.capabilities import (
     LimitsMassRatio,
     LimitsSpeed,
     Margin,
+    SumsDensity,
     having,
     open_axis,
 )
@@ -153,19 +156,21 @@ def pressure_is_replaced(others: Mapping[str, Effect]) -> bool:
 
 
 class WeaklyCompressible(
-    Effect, KnowsParticleMass, LimitsSpeed, LimitsMassRatio, KnowsLimits, JudgesStart, HasErrata, frozen=True,
-    kw_only=True,
+    Effect, KnowsParticleMass, LimitsSpeed, LimitsMassRatio, KnowsLimits, JudgesStart, HasErrata, FollowsScene,
+    frozen=True, kw_only=True,
 ):  # fmt: skip
-    """Liquid whose pressure follows from its density, summed or advanced.
+    """Liquid whose pressure follows from its density, advanced or summed.
 
     rest_density       rho0 [kg/m^3; kg/m^2 in 2D]
     sound_speed        numerical sound speed c [m/s]
     dynamic_viscosity  mu [Pa s]; 0 leaves viscosity out
     viscosity          "laplacian" (J(11), along the difference of velocities: it slows down the rotation of a rigidly
                        rotating liquid) or "central" (Espanol & Revenga 2003, along the line of centres: it conserves
-                       angular momentum)
+                       angular momentum); by default central, and J(11) where density = "summation" or `literal` is
+                       given or solids float in a liquid whose density is summed
     state              "linear" (J(9)) or "tait" (exponent 7)
-    density            "summation" (J(7)) or "continuity" (the continuity equation, advanced from step to step)
+    density            "continuity" (the continuity equation, advanced from step to step) or "summation" (J(7)); by
+                       default advanced, and summed where `literal` or another effect of the scene needs it
     diffusion          delta of the diffusion of an advanced density, after Fourtakas et al. 2019; 0 for none
     gradient           "plain" or "corrected" (renormalised after Bonet & Lok 1999: the pressure force of a lattice is
                        that of the pressure's gradient; it keeps the linear, not the angular momentum)
@@ -184,15 +189,16 @@ class WeaklyCompressible(
     source: ClassVar[str] = "Jiang & Zhu"
     errata: ClassVar[tuple[str, ...]] = ("E3", "E24")
     improvements: ClassVar[tuple[str, ...]] = ("E24",)
+    in_papers: ClassVar[Mapping[str, str]] = {"density": "summation", "viscosity": "laplacian"}
     of_liquid: ClassVar[bool] = True
     periodic: ClassVar[bool] = True
 
     rest_density: float = 1000.0
     sound_speed: float
     dynamic_viscosity: float = 0.0
-    viscosity: Literal["laplacian", "central"] = "laplacian"
+    viscosity: Literal["laplacian", "central"] | None = None
     state: Literal["linear", "tait"] = "linear"
-    density: Literal["summation", "continuity"] = "summation"
+    density: Literal["summation", "continuity"] | None = None
     diffusion: float = 0.1
     gradient: Literal["plain", "corrected"] = "plain"
     tensile_control: Literal["none", "inside", "everywhere"] = "none"
@@ -200,6 +206,13 @@ class WeaklyCompressible(
     kernels: Literal["wendland", "mueller", "cubic_spline"] = "wendland"
     density_bound: float = 1.5
     literal: Printed = ()
+
+    def settled(self, others: Mapping[str, Effect]) -> WeaklyCompressible:
+        summed = bool(self.literal) or any(effect.sums_density() for effect in having(others, SumsDensity))
+        density = self.density or ("summation" if summed else "continuity")
+        printed = self.density == "summation" or self.literal or (summed and "two_way_coupling" in others)
+        viscosity = self.viscosity or ("laplacian" if printed else "central")
+        return msgspec.structs.replace(self, density=density, viscosity=viscosity)
 
     def needs(self) -> tuple[str, ...]:
         return (DETECTION,) if self.tensile_control == "inside" else ()

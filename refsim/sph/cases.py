@@ -36,7 +36,7 @@ from refsim.sph import (
     WeaklyCompressible,
 )
 
-example(WeaklyCompressible(sound_speed=12.0, dynamic_viscosity=0.3), brings="density pressure")
+example(WeaklyCompressible(sound_speed=12.0, dynamic_viscosity=0.3, density="summation"), brings="density pressure")
 example(Gravity(acceleration=(1.0, -9.81, 0.0)))
 
 FLUID = LIQUID

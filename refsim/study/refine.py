@@ -6,6 +6,7 @@ from typing import Any
 
 import msgspec
 
+from refsim.core.capabilities import settled
 from refsim.core.effect import Discretisation, Effect, Extremes
 from refsim.core.errors import InputError
 from refsim.scene.files import lookup, put, scene_from_dict, scene_to_dict
@@ -74,7 +75,7 @@ def _scaled(scene: Scene, factor: float, names: Sequence[str]) -> Scene:
 def _with_masses(scene: Scene) -> tuple[tuple, tuple]:
     """The scene's parts of fluid, and its solids; those cut from the lattice with the mass that they have there."""
     grid = Discretisation(scene.dim, scene.dtype, scene.spacing, scene.support_radius, 0)
-    effects = {effect.name: effect for effect in scene.effects}
+    effects = settled(scene.effects)
 
     def of_fluid(part: Any) -> Any:
         if not isinstance(part, Ball) or part.mass is not None:
@@ -104,7 +105,7 @@ def _effect(effect: Effect, factor: float) -> Effect:
 def resting_step(scene: Scene, spacing: float, support_radius: float) -> float:
     """Largest stable step [s] of particles at rest; infinite where nothing limits it."""
     factor = scene.spacing / spacing
-    effects = {effect.name: _effect(effect, factor) for effect in scene.effects}
+    effects = settled(_effect(effect, factor) for effect in scene.effects)
     grid = Discretisation(scene.dim, scene.dtype, spacing, support_radius, 0, 0.0)
     limits = (limit for effect in effects.values() for limit in effect.step_limits(grid, effects).values())
     return min((limit.at(Extremes(0.0, 0.0)) for limit in limits), default=math.inf)

@@ -1,14 +1,15 @@
 """Walls whose pressure is extrapolated from the liquid, after Adami, Hu & Adams 2012.
 
-Contents: WALL_PRESSURE, passes, layers, Lean, lean; operations adami_2012.extrapolation, adami_2012.wall_force. There
-is no effect of this name: `box_walls` and `mesh_boundary` add the passes with `model = "extrapolated"`.
+Contents: WALL_PRESSURE, passes, walls_model, layers, Lean, lean; operations adami_2012.extrapolation,
+adami_2012.wall_force. There is no effect of this name: `box_walls` and `mesh_boundary` add the passes with
+`model = "extrapolated"`.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from refsim.boundary.adami_2012 import reference as reference
 from refsim.core.capabilities import BringsWalls, having
@@ -33,6 +34,11 @@ def passes(own: BringsWalls, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
             "adami_2012.wall_force", (*reads, "wall_pressure"), {"smoothing": "gradient_smoothing", **names}, "pressure"
         ),
     )  # fmt: skip
+
+
+def walls_model(others: Mapping[str, Effect]) -> Literal["mirrored", "extrapolated"]:
+    """Model of walls that name none: extrapolated where the liquid's density is advanced."""
+    return "extrapolated" if liquid_of(others).settled(others).advances() else "mirrored"
 
 
 def layers(grid: Discretisation) -> int:

@@ -11,11 +11,12 @@ import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
+import msgspec
 import numpy as np
 
 from refsim.boundary import adami_2012
-from refsim.boundary.adami_2012 import LEAST_SHARE, WALL_PRESSURE, lean
-from refsim.core.capabilities import BringsWalls, HasErrata, HasPlanes, having
+from refsim.boundary.adami_2012 import LEAST_SHARE, WALL_PRESSURE, lean, walls_model
+from refsim.core.capabilities import BringsWalls, FollowsScene, HasErrata, HasPlanes, SumsDensity, having
 from refsim.core.checked import Printed
 from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, require
 from refsim.core.energy import EnergyAccount
@@ -36,12 +37,13 @@ WIDE = (
 FACES = ("-x", "+x", "-y", "+y", "-z", "+z")
 
 
-class BoxWalls(Effect, BringsWalls, HasPlanes, HasErrata, frozen=True, kw_only=True):
+class BoxWalls(Effect, BringsWalls, HasPlanes, HasErrata, FollowsScene, SumsDensity, frozen=True, kw_only=True):
     """Walls around the box from `lower` to `upper` [m].
 
     lower, upper  corners of the box [m]; in 2D the z components are ignored, and those along a period of the scene
-    model         "mirrored" (one layer whose pressure mirrors the liquid's, Akinci et al.) or "extrapolated" (layers as
-                  deep as the support whose pressure is extrapolated from the liquid, Adami et al.)
+    model         "extrapolated" (layers as deep as the support whose pressure is extrapolated from the liquid, Adami et
+                  al.) or "mirrored" (one layer whose pressure mirrors the liquid's, Akinci et al.); by default
+                  extrapolated with an advanced density, else mirrored
     open_faces    faces without wall, of "-x", "+x", "-y", "+y", "-z", "+z"
     viscosity     mu_b of the friction between liquid and wall particles [Pa s]; 0 for free slip
     moving_faces  faces that move in their own plane and drag the liquid by their friction
@@ -55,11 +57,12 @@ class BoxWalls(Effect, BringsWalls, HasPlanes, HasErrata, frozen=True, kw_only=T
     source: ClassVar[str] = "Akinci et al."
     errata: ClassVar[tuple[str, ...]] = ("g",)
     improvements: ClassVar[tuple[str, ...]] = errata
+    in_papers: ClassVar[Mapping[str, str]] = {"model": "mirrored"}
     places: ClassVar[tuple[str, ...]] = ("lower", "upper")
 
     lower: tuple[float, float, float]
     upper: tuple[float, float, float]
-    model: Literal["mirrored", "extrapolated"] = "mirrored"
+    model: Literal["mirrored", "extrapolated"] | None = None
     open_faces: tuple[Literal["-x", "+x", "-y", "+y", "-z", "+z"], ...] = ()
     viscosity: float = 0.0
     moving_faces: tuple[Literal["-x", "+x", "-y", "+y", "-z", "+z"], ...] = ()
@@ -126,6 +129,12 @@ class BoxWalls(Effect, BringsWalls, HasPlanes, HasErrata, frozen=True, kw_only=T
                 f"{self.name}: its viscosity would act at the particles of {rivals[0]} as well; give viscosity to"
                 f" {rivals[0]}, whose friction acts at all walls, or leave it out."
             )
+
+    def sums_density(self) -> bool:
+        return self.model == "mirrored" or bool(self.literal)
+
+    def settled(self, others: Mapping[str, Effect]) -> BoxWalls:
+        return msgspec.structs.replace(self, model=self.model or walls_model(others))
 
     def extrapolates(self) -> bool:
         return self.model == "extrapolated"

@@ -20,11 +20,19 @@ import msgspec
 import numpy as np
 
 from refsim.boundary import adami_2012
-from refsim.boundary.adami_2012 import WALL_PRESSURE, lean
+from refsim.boundary.adami_2012 import WALL_PRESSURE, lean, walls_model
 from refsim.boundary.akinci_2012 import wall_kernel_sums
 from refsim.boundary.one_way_coupling import reference as reference
 from refsim.boundary.penetration import CORRECTIONS, correction_pass, penetration_groups
-from refsim.core.capabilities import BringsWalls, CorrectsPositions, HasErrata, HoldsOtherMemory, KeepsLedger
+from refsim.core.capabilities import (
+    BringsWalls,
+    CorrectsPositions,
+    FollowsScene,
+    HasErrata,
+    HoldsOtherMemory,
+    KeepsLedger,
+    SumsDensity,
+)
 from refsim.core.checked import Printed
 from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, require
 from refsim.core.energy import EnergyAccount
@@ -55,8 +63,9 @@ class WallGravity(NamedTuple):
 
 
 class MeshBoundary(
-    Effect, BringsWalls, CorrectsPositions, HoldsOtherMemory, KeepsLedger, HasErrata, frozen=True, kw_only=True
-):
+    Effect, BringsWalls, CorrectsPositions, HoldsOtherMemory, KeepsLedger, HasErrata, FollowsScene, SumsDensity,
+    frozen=True, kw_only=True,
+):  # fmt: skip
     """A solid at rest, given as a closed triangle mesh, that the liquid flows around.
 
     file            mesh file that trimesh reads (.obj, .stl, .ply, ...); in a scene file, relative to its folder
@@ -66,9 +75,9 @@ class MeshBoundary(
     radius          r of the boundary particles, which are 2 r apart [m]; 0 for half a spacing of the liquid
     layers          of boundary particles, one spacing of the liquid apart; 0 for as many as a particle one spacing off
                     the surface reaches
-    model           "mirrored" (boundary particles on the surface and below it, as in the patent) or "extrapolated"
-                    (cells of the lattice, as deep as the support, whose pressure is extrapolated from the liquid,
-                    Adami et al.)
+    model           "extrapolated" (cells of the lattice, as deep as the support, whose pressure is extrapolated from
+                    the liquid, Adami et al.) or "mirrored" (boundary particles on the surface and below it, as in the
+                    patent); by default extrapolated with an advanced density, else mirrored
     viscosity       mu_b of the friction between liquid and boundary particles [Pa s]; 0 for free slip
     adhesion        beta [m^4/(kg s^2)], coefficient of the attraction by boundary particles; 0 for none
     correction      of particles that would enter the solid: "swept" (where their path enters it), "point" (where their
@@ -91,6 +100,7 @@ class MeshBoundary(
     errata: ClassVar[tuple[str, ...]] = ("E27", "E30")
     improvements: ClassVar[tuple[str, ...]] = errata
     paper: ClassVar[Mapping[str, Any]] = {"correction": "point"}
+    in_papers: ClassVar[Mapping[str, str]] = {"model": "mirrored"}
     wall_share: ClassVar[float] = 1.0  # the boundary particles' own pressure is a pass of its own
     with_spacing: ClassVar[tuple[str, ...]] = ("radius", "field_spacing")
 
@@ -100,7 +110,7 @@ class MeshBoundary(
     rotation: tuple[float, float, float] = (0.0, 0.0, 0.0)
     radius: float = 0.0
     layers: int = 0
-    model: Literal["mirrored", "extrapolated"] = "mirrored"
+    model: Literal["mirrored", "extrapolated"] | None = None
     viscosity: float = 0.0
     adhesion: float = 0.0
     correction: Literal["swept", "point", "none"] = "swept"
@@ -140,12 +150,22 @@ class MeshBoundary(
             raise InputError(
                 f"{self.name}: correction = {self.correction!r} is unknown; choose one of swept, point, none."
             )
-        own = (self.radius, self.layers, self.volume_factor, self.adhesion, *self.printed())
-        if self.extrapolates() and any(own):
+        self.printed()
+        if self.extrapolates() and self._of_mirrored():
             raise InputError(
                 f"{self.name}: radius, layers, volume_factor, adhesion and literal belong to model = 'mirrored'; leave"
                 " them out with 'extrapolated'."
             )
+
+    def _of_mirrored(self) -> bool:
+        """Whether a parameter is given that mirrored walls alone have."""
+        return any((self.radius, self.layers, self.volume_factor, self.adhesion, *self.literal))
+
+    def sums_density(self) -> bool:
+        return self.model == "mirrored" or self._of_mirrored()
+
+    def settled(self, others: Mapping[str, Effect]) -> MeshBoundary:
+        return msgspec.structs.replace(self, model=self.model or walls_model(others))
 
     def extrapolates(self) -> bool:
         return self.model == "extrapolated"

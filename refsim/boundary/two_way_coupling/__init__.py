@@ -15,7 +15,7 @@ import numpy as np
 
 from refsim.boundary.adami_2012 import lean
 from refsim.boundary.two_way_coupling import reference as reference
-from refsim.core.capabilities import HasErrata, LimitsMassRatio
+from refsim.core.capabilities import HasErrata, LimitsMassRatio, SumsDensity
 from refsim.core.checked import Printed
 from refsim.core.effect import Discretisation, Effect, Pass, StepLimit
 from refsim.core.energy import EnergyAccount, EnergyState, compression_amount, compression_energy
@@ -65,7 +65,7 @@ class Coupling(NamedTuple):
     density_weighted: int  # pairs of liquid have a common pressure, weighted by densities
 
 
-class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, frozen=True, kw_only=True):
+class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, SumsDensity, frozen=True, kw_only=True):
     """Pressure and viscous forces between liquid and solids; replaces the liquid's own density and forces.
 
     The liquid may consist of several substances: every particle has its own rest density, that of the scene's liquid or
@@ -89,6 +89,9 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, frozen=True, kw_only=Tr
 
     density_weighted: bool = False
     literal: Printed = ()
+
+    def sums_density(self) -> bool:
+        return self.density_weighted or bool(self.literal)
 
     def needs(self) -> tuple[str, ...]:
         return (LIQUID, "shape_matching")
@@ -116,7 +119,7 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, frozen=True, kw_only=Tr
             )
 
     def _check_advanced(self, liquid: WeaklyCompressible, others: Mapping[str, Effect]) -> None:
-        if "melting" in others and others["melting"].bookkeeping != "water":  # type: ignore[attr-defined]
+        if "melting" in others and others["melting"].sums_density():  # type: ignore[attr-defined]
             raise InputError(
                 f"{self.name}: a liquid with density = 'continuity' has one rest density, and melting brings another;"
                 " set its bookkeeping = 'water', or leave one of them out."

@@ -15,6 +15,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from refsim.core.capabilities import SumsDensity
 from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, require
 from refsim.core.energy import EnergyAccount
 from refsim.core.fields import Field
@@ -46,7 +47,7 @@ class Implicit(NamedTuple):
     least_diagonal: float  # 1e-6 of -a_ii/dt^2 on the lattice [kg/(m^3 Pa s^2)]
 
 
-class ImplicitPressure(Effect, frozen=True, kw_only=True):
+class ImplicitPressure(Effect, SumsDensity, frozen=True, kw_only=True):
     """Pressure of an incompressible liquid; replaces that of weakly_compressible.
 
     relaxation  omega of the Jacobi iteration; the paper's 0.5 holds for about 40 neighbours, with 70 it diverges

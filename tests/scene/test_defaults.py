@@ -1,0 +1,164 @@
+"""What a scene has that names no density, viscosity or model of walls, and how it is told."""
+
+import math
+import pathlib
+import re
+
+import numpy as np
+import pytest
+
+from refsim import (
+    Akinci2013,
+    Ball,
+    Box,
+    BoxWalls,
+    EnergyAudit,
+    Gauge,
+    Gravity,
+    HeatConduction,
+    ImplicitPressure,
+    InputError,
+    Melting,
+    MeshBoundary,
+    Motion,
+    Scene,
+    ShapeMatching,
+    Simulation,
+    SolidBox,
+    TartakovskyMeakin2005,
+    TwoWayCoupling,
+    WeaklyCompressible,
+    load_scene,
+    make_plan,
+)
+from refsim.commands.plan import _text, describe_plan
+from refsim.io.checkpoint import read_checkpoint, write_checkpoint
+
+EXAMPLES = pathlib.Path(__file__).parents[2] / "refsim" / "examples"
+PEBBLE = str(EXAMPLES / "pebble.obj")
+BOX = {"lower": (0.0, 0.0, 0.0), "upper": (0.4, 0.4, 0.4)}
+PULL = Gravity(acceleration=(0.0, -9.81, 0.0))
+SOLID = (SolidBox(lower=(0.0, 0.0, 0.1), upper=(0.2, 0.2, 0.2)),)
+MOLTEN = (HeatConduction(melting_point=0.0), Melting())
+COUPLED = (ShapeMatching(), TwoWayCoupling())
+ADVANCED, OWN, PAPERS = (
+    ("continuity", "central", "extrapolated"),
+    ("summation", "central", "mirrored"),
+    ("summation", "laplacian", "mirrored"),
+)
+
+
+def scene(*effects, solid=(), walls=None, **liquid):
+    box = () if walls is None else (BoxWalls(**BOX, **walls),)
+    return Scene(
+        spacing=0.05, support_radius=0.13, solid=solid, fluid=(Box(cells=(4, 4, 4), lower=(0.1, 0.1, 0.2)),),
+        effects=(*box, WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=2.0, **liquid), PULL, *effects),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("made", "expected"),
+    [
+        (scene(walls={}), ADVANCED),
+        (scene(*COUPLED, solid=SOLID, walls={}), ADVANCED),
+        (scene(walls={}, viscosity="laplacian"), ("continuity", "laplacian", "extrapolated")),
+        (scene(walls={}, density="summation"), PAPERS),
+        (scene(walls={}, literal=("E24",)), PAPERS),
+        (scene(*COUPLED, *MOLTEN, solid=SOLID, walls={}), PAPERS),
+        (scene(*COUPLED[:1], TwoWayCoupling(density_weighted=True), solid=SOLID, walls={}), PAPERS),
+        (scene(walls={"model": "mirrored"}), OWN),
+        (scene(walls={"literal": ("g",)}), OWN),
+        (scene(Akinci2013(surface_tension=0.1), walls={}), OWN),
+        (scene(ImplicitPressure(), walls={}), OWN),
+        (scene(MeshBoundary(file=PEBBLE, center=(0.2, 0.2, 0.1), size=0.1, adhesion=1e-9), walls={}), OWN),
+    ],
+)
+def test_what_is_left_open_follows_the_scene(made, expected):
+    effects = make_plan(made).effects
+    liquid, walls = effects["weakly_compressible"], effects["box_walls"]
+    assert (liquid.density, liquid.viscosity, walls.model) == expected
+    assert effects.get("mesh_boundary", walls).model == walls.model
+
+
+def test_a_plan_names_each_default_that_the_papers_have_otherwise_once():
+    told = describe_plan(make_plan(scene(MeshBoundary(file=PEBBLE, center=(0.2, 0.2, 0.1), size=0.1), walls={})), "cpu")
+    assert told["defaults"] == [
+        "model of box_walls is 'extrapolated'; model = 'mirrored' has that of the papers",
+        "density of weakly_compressible is 'continuity'; density = 'summation' has that of the papers",
+        "viscosity of weakly_compressible is 'central'; viscosity = 'laplacian' has that of the papers",
+        "model of mesh_boundary is 'extrapolated'; model = 'mirrored' has that of the papers",
+    ]
+    assert _text(told).count("Default: ") == 4
+    assert describe_plan(make_plan(scene(walls={}, density="summation")), "cpu")["defaults"] == []
+
+
+def test_a_plan_lists_gauges_and_motions():
+    made = scene(walls={})
+    gauge = Gauge(name="floor", kind="force", on="-y", every=0.01)
+    sway = Motion(of="gravity", kind="sway", direction=(1.0, 0.0, 0.0), amplitude=0.01, period=0.5)
+    changed = made.with_(gauge=(gauge,), motion=(sway,))
+    told = describe_plan(make_plan(changed), "cpu")
+    assert told["gauges"] == [{"name": "floor", "kind": "force", "every": 0.01, "on": "-y"}]
+    assert told["motions"][0]["amplitude"] == 0.01
+    assert re.search(r"Gauges\n.*\n.*\n? *floor +force +0.01 +-y", _text(told))
+    assert re.search(r"Motions\n.*\n.*\n? *gravity +sway +1, 0, 0 +0.01 +0.5", _text(told))
+    assert "Gauges" not in _text(describe_plan(make_plan(made), "cpu"))
+
+
+def test_an_audit_says_which_density_it_can_count():
+    with pytest.raises(InputError, match="leave out the audit or the effect, or set its density = 'summation'"):
+        make_plan(scene().with_(energy_audit=EnergyAudit()))
+
+
+def test_a_checkpoint_without_an_advanced_density_is_refused(tmp_path):
+    """As written by versions whose scenes did not name their density, which was summed."""
+    simulation = Simulation(scene(walls={}, density="summation"), "numpy")
+    simulation.checkpoint(tmp_path / "old.h5")
+    saved = read_checkpoint(tmp_path / "old.h5")
+    named = re.compile(r'^(density = "summation"|model = "mirrored")\n', re.MULTILINE)
+    assert named.search(saved.attributes["scene"])
+    text = named.sub("", saved.attributes["scene"])
+    write_checkpoint(tmp_path / "old.h5", saved.arrays, saved.attributes | {"scene": text})
+    with pytest.raises(InputError, match=r"it has no advanced density, .*; start the run again"):
+        Simulation.resume(tmp_path / "old.h5")
+
+
+def test_spray_of_the_packaged_dam_break_breaks():
+    """A particle that leaves others behind at the rim of the tank would have no density left."""
+    simulation = Simulation(load_scene(EXAMPLES / "dam_break_2d.toml"), threads=1)
+    while simulation.time < 0.46:
+        simulation.step()
+    density = simulation.field("density")
+    assert 950.0 <= density.min() < 1000.0 < density.max() < 1050.0
+
+
+def test_a_collision_off_axis_keeps_its_angular_momentum():
+    """We = 6, by pair forces, while the drops merge; with J(11) a part of it is lost."""
+    d, radius, sigma = 1e-3, 6e-3, 0.072
+    speed = math.sqrt(6 * sigma / (1000 * 2 * radius))
+    drops = tuple(
+        Ball(center=(-1.2 * side * radius, 0.5 * side * radius, 0.0), radius=radius, velocity=(side * speed / 2, 0, 0))
+        for side in (1, -1)
+    )
+    kept = {}
+    for viscosity in (None, "laplacian"):
+        liquid = WeaklyCompressible(sound_speed=4.0, dynamic_viscosity=0.05, viscosity=viscosity)
+        scene = Scene(
+            spacing=d,
+            support_radius=2.6 * d,
+            fluid=drops,
+            effects=(liquid, TartakovskyMeakin2005(surface_tension=sigma)),
+        )
+        simulation = Simulation(scene, "cpu", threads=1)
+        before = spin(simulation)
+        while simulation.time < math.sqrt(1000 * radius**3 / sigma):
+            simulation.step()
+        kept[viscosity] = spin(simulation) / before
+    assert kept[None] == pytest.approx(1.0, abs=1e-5)
+    assert kept["laplacian"] < 0.99
+
+
+def spin(simulation):
+    """Angular momentum about z [kg m^2/s]."""
+    x, v, m = (simulation.field(name).astype(float) for name in ("position", "velocity", "mass"))
+    return float((m[:, None] * np.cross(x, v)).sum(0)[2])
