@@ -293,14 +293,14 @@ class Simulation(Shown):
         share = self.stopped_at_walls / (self.steps * self.count)
         if share <= STOPPED or min(self.steps, self.count) < ENOUGH:
             return
+        extrapolated = any(effect.extrapolates() for effect in having(self.plan.effects, BringsWalls))
+        advice = "a smaller spacing" if extrapolated else "box_walls with model = 'extrapolated'"
         words = (
             f"up to step {self.steps}, at {self.time:.6g} s, planes have stopped {100 * share:.2g} % of the particles"
-            " in a step: the walls do not hold the liquid; take box_walls with model = 'extrapolated', or a smaller"
-            " support_radius"
+            f" in a step: the walls do not hold the liquid; take {advice}, or a smaller support_radius"
         )
         if "planes" not in self.remarks:
             self.remark("planes", words)
-        extrapolated = any(effect.extrapolates() for effect in having(self.plan.effects, BringsWalls))
         if share > HELD and extrapolated and self.plan.grid.solids is None:
             raise RunStopped("held_by_planes", f"{words[0].upper()}{words[1:]}.")
 
