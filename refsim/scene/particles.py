@@ -1,5 +1,6 @@
 """The particles that a scene starts with: those of its shapes and solids, their velocities and masses."""
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -10,7 +11,7 @@ from refsim.core.effect import Discretisation, Effect, InitialState, Nodes, requ
 from refsim.core.errors import InputError
 from refsim.scene.checks import check_particles
 from refsim.scene.scene import Scene
-from refsim.scene.shapes import Ball, as_floats
+from refsim.scene.shapes import Ball, Box, as_floats
 from refsim.scene.solids import countable
 
 WIDEST_SHARE = 3.0  # factor by which a part's mass may differ from that of its lattice: bodies of a few cells
@@ -26,7 +27,8 @@ def initial_state(
         points = part.positions(grid)
         mass = getattr(part, "mass", None)
         if mass is None:
-            mass = lattice_mass(grid, effects)
+            share = math.prod(part.shares(grid)) if isinstance(part, Box) else 1.0
+            mass = share * lattice_mass(grid, effects)
         elif isinstance(part, Ball):
             share = fitting_share("fluid ball", mass, len(points) * lattice_mass(grid, effects))
             points = np.array(part.center) + share ** (1 / grid.dim) * (points - np.array(part.center))

@@ -14,6 +14,7 @@ from refsim.core.reading import open_regular
 from refsim.scene.solids import countable
 
 Vector = tuple[float, float, float]
+WIDEST = 1.1  # spacings between the particles of a box
 
 
 class Box(Checked, tag="box", tag_field="shape", frozen=True, kw_only=True):
@@ -22,11 +23,14 @@ class Box(Checked, tag="box", tag_field="shape", frozen=True, kw_only=True):
     lower     corner of the block [m]
     cells     particles along x, y and z (1 along z in 2D)
     velocity  of every particle [m/s]
+    size      edges [m]; particles stand evenly in them, and their mass follows, so that the density stays. Left out,
+              each particle has a cell of the spacing
     """
 
     lower: Vector = (0.0, 0.0, 0.0)
     cells: tuple[int, int, int]
     velocity: Vector = (0.0, 0.0, 0.0)
+    size: Vector | None = None
 
     def positions(self, grid: Discretisation) -> np.ndarray:
         """Positions (n, 3) [m]."""
@@ -36,10 +40,24 @@ class Box(Checked, tag="box", tag_field="shape", frozen=True, kw_only=True):
                 " axis, and 1 along z in 2D."
             )
         countable(f"fluid box: cells = {list(self.cells)}", self.cells)
-        axes = [(np.arange(n) + 0.5) * grid.spacing + low for n, low in zip(self.cells, self.lower)]
+        shares = (*self.shares(grid), 1.0)[:3]
+        axes = [(np.arange(n) + 0.5) * (f * grid.spacing) + low for n, f, low in zip(self.cells, shares, self.lower)]
         if grid.dim == 2:
             axes[2] = np.zeros(1)
         return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+
+    def shares(self, grid: Discretisation) -> tuple[float, ...]:
+        """Distances of its particles over the spacing, along each axis."""
+        if self.size is None:
+            return (1.0,) * grid.dim
+        found = tuple(edge / (n * grid.spacing) for edge, n in zip(self.size[: grid.dim], self.cells))
+        if not all(1 / WIDEST <= share <= WIDEST for share in found):
+            raise InputError(
+                f"fluid box: size = {list(self.size)} puts {list(self.cells)} particles at"
+                f" {', '.join(f'{share:.3g}' for share in found)} spacings along the axes; give"
+                f" {1 / WIDEST:.2g} to {WIDEST:g}, or leave the size out."
+            )
+        return found
 
 
 class Ball(Checked, tag="ball", tag_field="shape", frozen=True, kw_only=True):

@@ -26,7 +26,7 @@ def refined(scene: Scene, factor: float, with_spacing: Sequence[str] = ()) -> Sc
 
     Divided by `factor`: spacing, support radius, the lengths that an effect names in `with_spacing`, and the parameters
     named here (such as effects.weakly_compressible.dynamic_viscosity, where it is an artificial one). Multiplied by
-    it: the cells of boxes, rounded. Balls and solids keep the mass that they have in the scene. A fixed step is divided
+    it: the cells of boxes, rounded; their particles fill the same edges. All parts keep their mass. A fixed step is divided
     by `factor`, or by more where the stable step of particles at rest falls faster. What is counted in cells
     (half_width of shape_matching, radii of surface_energy) stays.
 
@@ -54,7 +54,7 @@ def refined(scene: Scene, factor: float, with_spacing: Sequence[str] = ()) -> Sc
         spacing=spacing,
         support_radius=support_radius,
         step=step,
-        fluid=tuple(_box(part, factor, scene.dim) if isinstance(part, Box) else part for part in fluid),
+        fluid=tuple(_box(part, factor, scene) if isinstance(part, Box) else part for part in fluid),
         solid=solid,
         effects=tuple(_effect(effect, factor) for effect in scene.effects),
     )
@@ -92,9 +92,13 @@ def _with_masses(scene: Scene) -> tuple[tuple, tuple]:
     return tuple(map(of_fluid, scene.fluid)), tuple(of_solid(k, body) for k, body in enumerate(scene.solid, 1))
 
 
-def _box(box: Box, factor: float, dim: int) -> Box:
-    cells = [max(1, round(n * factor)) for n in box.cells[:dim]]
-    return msgspec.structs.replace(box, cells=(*cells, 1)[:3])
+def _box(box: Box, factor: float, scene: Scene) -> Box:
+    """The box with other cells and the same edges."""
+    cells = [max(1, round(n * factor)) for n in box.cells[: scene.dim]]
+    edges = box.size or tuple(n * scene.spacing for n in box.cells)
+    exact = max(abs(now / (n * factor) - 1) for n, now in zip(box.cells, cells)) < EXACT
+    size = box.size if exact else (*edges[: scene.dim], scene.spacing)[:3]
+    return msgspec.structs.replace(box, cells=(*cells, 1)[:3], size=size)
 
 
 def _effect(effect: Effect, factor: float) -> Effect:
@@ -180,12 +184,9 @@ def notes(scene: Scene, factors: Sequence[float]) -> list[str]:
     for factor in factors:
         off = misfit(scene, factor)
         if off >= EXACT:
-            boxes = [(math.prod(b.cells), _box(b, factor, scene.dim)) for b in scene.fluid if isinstance(b, Box)]
-            ratios = (math.prod(new.cells) / cells / factor**scene.dim for cells, new in boxes)
-            mass = max((abs(ratio - 1) for ratio in ratios), default=0.0)
             said.append(
-                f"at a spacing of {scene.spacing / factor:.4g} m a box's edge differs by {100 * off:.2g} % from the"
-                f" scene's, because it consists of whole cells, and the mass of a box of liquid by {100 * mass:.2g} %"
+                f"at a spacing of {scene.spacing / factor:.4g} m the edges of a box are no whole cells: its particles"
+                f" stand up to {100 * off:.2g} % closer or farther apart along one of them"
             )
     if any(isinstance(part, Ball) for part in scene.fluid) or scene.solid:
         said.append(

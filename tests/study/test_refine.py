@@ -74,6 +74,8 @@ def box_mesh(folder):
 
 
 PARTS = {
+    "box": lambda folder: {"fluid": (Box(lower=(0.1, -0.2, 0.0), cells=(17, 23, 9)),)},
+    "box in the plane": lambda folder: {"fluid": (Box(cells=(17, 23, 1)),), "dim": 2},
     "ball": lambda folder: {"fluid": (Ball(radius=0.33),)},
     "disc": lambda folder: {"fluid": (Ball(radius=0.52),), "dim": 2},
     "solid ball": lambda folder: {"solid": (SolidBall(center=(0.03, 0.0, 0.0), radius=0.27),), "fluid": ()},
@@ -137,6 +139,24 @@ def test_a_ball_with_a_mass_keeps_its_density_and_its_volume():
     assert density[1] == pytest.approx(1000.0, rel=0.002)
 
 
+def test_a_box_keeps_its_edges_and_its_density():
+    """Between levels, and where another number of cells is written for the same edges."""
+    scene = scene_of(fluid=(Box(lower=(0.1, 0.0, 0.0), cells=(30, 41, 1)),), dtype="float64")
+    for made in (refined(scene, 1.3), refined(refined(scene, 1.3), 1.17)):
+        box = made.fluid[0]
+        assert box.size[:2] == pytest.approx((0.3, 0.41))
+        simulation = Simulation(made, "cpu", threads=1)
+        x, half = simulation.field("position"), 0.5 * np.divide(box.size, box.cells)
+        assert x.min(0)[:2] - half[:2] == pytest.approx([0.1, 0.0])
+        assert x.max(0)[:2] + half[:2] == pytest.approx([0.4, 0.41])
+        simulation.evaluate()
+        middle = np.linalg.norm(x - x.mean(0), axis=1) < 0.1
+        assert simulation.field("density")[middle].mean() == pytest.approx(1000.0, rel=0.002)
+    far = scene_of(fluid=(Box(cells=(30, 41, 1), size=(0.4, 0.41, 0.01)),))
+    with pytest.raises(InputError, match=r"at 1.33, 1 spacings along the axes; give 0.91 to 1.1, or leave the size out"):
+        make_plan(far)
+
+
 @pytest.mark.parametrize("mass", [0.0, -1.0, 1e9, 1e-3, float("nan")])
 def test_a_mass_that_does_not_fit_is_refused(mass):
     solid = {"solid": (SolidBox(lower=(0.0,) * 3, upper=(0.3,) * 3, mass=mass),), "effects": (LIQUID, ShapeMatching())}
@@ -189,7 +209,7 @@ def test_exact_levels_are_preferred():
     assert all(misfit(scene_of(), f) < 1e-9 for f in spaced(scene_of(), 3, 1))
     assert not notes(scene_of(), spaced(scene_of(), 3, 1))
     rough = scene_of(fluid=(Box(cells=(30, 41, 1)),))
-    assert any("whole cells" in note for note in notes(rough, spaced(rough, 3, 1)))
+    assert any("no whole cells" in note for note in notes(rough, spaced(rough, 3, 1)))
 
 
 def test_boxes_without_a_common_divisor():
