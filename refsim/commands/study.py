@@ -12,12 +12,13 @@ from refsim.engine.progress import say
 from refsim.io.checkpoint import cannot_write, replace_file
 from refsim.scene.scene import Scene
 from refsim.study import KNOBS
+from refsim.study.convergence import Reference
+from refsim.study.methods import METHODS
 from refsim.study.panels import abouts, panel
 from refsim.study.panels.making import MADE
 from refsim.study.panels.measured import measured, observable
 from refsim.study.panels.scenes import packaged
 from refsim.study.refine import RATIO
-from refsim.study.result import Reference
 
 DESCRIPTION = """Run a scene at several spacings, and with every other setting changed alone, and say how accurate the
 observable is, where its error comes from, and which setting is the cheapest for an error. Each run's result is kept in
@@ -41,6 +42,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("--knobs", default=",".join(KNOBS), metavar="LIST", help=f"what to change ({','.join(KNOBS)})")
     add("--error", type=float, default=0.01, metavar="E", help="relative error to reach (0.01)")
     add("--with-spacing", default="", metavar="LIST", help="parameters in proportion to the spacing, by name")
+    add("--method", nargs="?", const=",".join(METHODS), default="", metavar="LIST",
+        help=f"compare with other methods of {', '.join(METHODS)}; all without a LIST")  # fmt: skip
+    add("--exact", type=float, metavar="VALUE", help="hold the observable against this value, which is not zero")
     add("--points", nargs="*", metavar="KEY", help="of a panel: measure these settings, all by default")
     add("--backend", default="cpu", help="cpu, cuda or numpy (cpu)")
     add("--threads", type=int, metavar="N", help="CPU threads (one for 1,024 particles, at most all)")
@@ -63,11 +67,13 @@ def execute(options: argparse.Namespace) -> CommandResult:
         raise InputError(f"study: --points is for panels; {suggestion(options.scene, abouts())}")
     if options.observable is None:
         raise InputError("study: give what is to be studied: --observable WHAT.")
+    if options.exact:
+        reference = Reference(options.exact, abs(options.exact), 0.0, "the exact value")
     folder = results_folder(options.output, options.scene, "study")
     with kept_in(folder):
         given = {name: getattr(options, name) for name in GIVEN}
-        for name in ("knobs", "with_spacing"):
-            given[name] = [word for word in getattr(options, name).split(",") if word]
+        for key, name in (("knobs", "knobs"), ("with_spacing", "with_spacing"), ("methods", "method")):
+            given[key] = [word for word in getattr(options, name).split(",") if word]
         tell = (lambda text: None) if options.quiet else say
         command = _command(options)
         found = study(scene, options.observable, reference=reference, folder=folder, say=tell, command=command, **given)
@@ -111,7 +117,9 @@ def _points(options: argparse.Namespace) -> CommandResult:
 
 def _command(options: argparse.Namespace) -> str:
     words = ["refsim", "study", options.scene, "--observable", options.observable]
-    for name, usual in (("reaches", None), ("levels", 3), ("finer", None), ("ratio", RATIO), ("error", 0.01)):
+    usual_ones = {"reaches": None, "levels": 3, "finer": None, "ratio": RATIO, "error": 0.01, "exact": None}
+    for name, usual in usual_ones.items():
         value = getattr(options, name)
         words += [] if value == usual else [f"--{name}", f"{value:g}"]
+    words += ["--method", options.method] if options.method else []
     return shlex.join(words + ([] if options.knobs == ",".join(KNOBS) else ["--knobs", options.knobs]))

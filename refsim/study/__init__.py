@@ -1,7 +1,7 @@
 """What accuracy costs in a scene: its value with an uncertainty, the sources of error, and the cheapest setting.
 
-Contents: study; the modules refine (other spacings), observables, convergence (orders and uncertainty), runs, tasks
-(runs in other processes), cost (seconds before a run), memory, result and picture.
+Contents: study; the modules refine (other spacings), methods (other models), observables, convergence (orders and
+uncertainty), runs, tasks (runs in other processes), cost (seconds before a run), memory, result and picture.
 """
 
 import os
@@ -22,6 +22,7 @@ from refsim.scene.plan import Plan, make_plan
 from refsim.scene.scene import Scene
 from refsim.study import cost
 from refsim.study.convergence import Convergence, converge
+from refsim.study.methods import others
 from refsim.study.observables import Observable, observable_of
 from refsim.study.refine import RATIO, notes, refined, spaced
 from refsim.study.result import Reference, Study
@@ -46,6 +47,7 @@ def study(
     ratio: float = RATIO,
     knobs: Iterable[str] = KNOBS,
     with_spacing: Sequence[str] = (),
+    methods: Sequence[str] = (),
     error: float = 0.01,
     reference: Reference | None = None,
     reaches: float | None = None,
@@ -67,6 +69,7 @@ def study(
     ratio       of neighbouring spacings, about; the boxes' cells must fit
     knobs       which of "spacing", "support", "step", "precision", "tolerance", "backend" and "effects" to change
     with_spacing  parameters in proportion to the spacing, such as effects.weakly_compressible.dynamic_viscosity
+    methods     which of "liquid", "walls", "tension" and "heat" to compute by every other method, too, at all spacings
     error       relative error for which the cheapest setting is given
     reference   what the value is held against
     reaches     the study is of the first time [s] at which the observable has this value
@@ -93,6 +96,7 @@ def study(
     remarks: list[str] = []  # about damaged results
     factors = spaced(scene, levels, levels // 2 if finer is None else finer, ratio) if "spacing" in chosen else (1.0,)
     settings = _settings(scene, plan, factors, chosen, with_spacing, backend, left_out)
+    settings += _by_methods(scene, factors, others(scene, methods, left_out), with_spacing, backend)
     place = None if folder is None else Path(folder)
     if scheduler is None:
         runs = _measured(settings, plan, found, reaches, threads, place, say, progress, remarks)
@@ -156,6 +160,18 @@ def _settings(
     if "effects" in knobs:
         made += _without(scene, backend, left_out)
     return made
+
+
+def _by_methods(
+    scene: Scene, factors: Sequence[float], methods: dict[str, Scene], with_spacing: Sequence[str], backend: str
+) -> list[Setting]:
+    """The runs of each other method, at all spacings."""
+    return [
+        Setting("method", f"{label}, spacing {scene.spacing / f:.4g} m", f, at, backend, label)
+        for label, other in methods.items()
+        for f in factors
+        for at in [other if f == 1 else refined(other, f, with_spacing)]
+    ]
 
 
 def _tolerances(scene: Scene) -> Iterator[tuple[int, str, float]]:

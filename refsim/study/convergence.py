@@ -59,6 +59,24 @@ class Convergence:
         return off / scale if scale else (0.0 if off == 0 else math.inf)
 
 
+@dataclass(frozen=True)
+class Reference:
+    """What a value is held against.
+
+    scale        an error of 1, in the value's unit
+    uncertainty  of the reference, relative to the scale
+    """
+
+    value: float
+    scale: float
+    uncertainty: float
+    words: str
+
+    def error(self, value: float) -> float:
+        """Relative error of a value."""
+        return abs(value - self.value) / self.scale
+
+
 def observed_order(spacing: Sequence[float], value: Sequence[float]) -> float:
     """p of Q0 + C h^p through three values, the finest first; NaN where none fits (the values do not converge
     monotonically).

@@ -1,4 +1,4 @@
-"""The picture of a study: value against spacing, error against time, and what each change costs and changes."""
+"""The picture of a study: value against spacing, error against time, sources of error, what each change costs."""
 
 import math
 from typing import Any
@@ -6,16 +6,25 @@ from typing import Any
 import numpy as np
 
 BLUE, VERMILION, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#666666"  # Okabe & Ito's palette
+COLOURS = (BLUE, VERMILION, GREEN, "#CC79A7", "#E69F00", "#56B4E9", GREY, "#000000")
+MARKERS = "osD^vP*X"
 
 
 def draw(study: Any) -> Any:
-    """A Matplotlib figure of three panels, from a `refsim.study.result.Study`."""
+    """A Matplotlib figure of four panels, from a `refsim.study.result.Study`."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(12.0, 3.9), layout="constrained")
-    values, errors, changes = figure.subplots(1, 3)
+    figure = Figure(figsize=(11.0, 7.6), layout="constrained")
+    (values, errors), (sources, changes) = figure.subplots(2, 2)
     _values(study, values)
-    _errors(study, errors)
+    compared = study.compared()
+    if compared is None:
+        _errors(study, errors)
+    else:
+        _methods(study, compared, errors)
+    errors.axhline(100 * study.error, color=GREY, lw=1)
+    errors.set_xlabel("seconds" if compared is None else "seconds of the processor")
+    _sources(study, sources)
     _changes(study, changes)
     figure.suptitle(f"{study.observable} of {study.scene.name}", fontsize=11)
     return figure
@@ -27,6 +36,11 @@ def _values(study: Any, axes: Any) -> None:
     levels = study.of("spacing")
     spacing = [s.scene.spacing for s, _ in levels]
     axes.plot(spacing, [r.value for _, r in levels], "o-", color=BLUE)
+    stopped = [s.scene.spacing for s, r in study.runs if s.kind == "spacing" and r.failed]
+    if stopped:
+        height = [0.04] * len(stopped)
+        axes.plot(stopped, height, "x", color=VERMILION, ms=9, transform=axes.get_xaxis_transform(), label="stopped")
+        axes.legend(fontsize=9)
     limit = study.convergence
     if limit is not None and math.isfinite(limit.uncertainty):
         width = [0, 1.05 * max(spacing)]
@@ -48,32 +62,75 @@ def _values(study: Any, axes: Any) -> None:
 
 
 def _errors(study: Any, axes: Any) -> None:
-    from matplotlib.ticker import NullFormatter
-
     limit = study.convergence
-    points = [] if limit is None else [(r.seconds, limit.bound(r.value)) for _, r in study.of("spacing")]
+    points = [] if limit is None else [(r.seconds, 100 * limit.bound(r.value)) for _, r in study.of("spacing")]
     points = [(seconds, error) for seconds, error in points if seconds > 0 and 0 < error < math.inf]
-    axes.axhline(study.error, color=GREY, lw=1)
     if points:
-        axes.loglog(*zip(*points), "o-", color=BLUE, label="levels")
+        axes.loglog(*zip(*points), "o-", color=BLUE, label="spacings")
     for error, colour in ((study.error, VERMILION), (study.error / 2, GREEN)):
         advice = study.cheapest(error)
         if advice is not None and advice.seconds > 0:
             filled = colour if advice.measured else "none"
             axes.loglog(
-                [advice.seconds], [error], "D", color=colour, markerfacecolor=filled,
-                label=f"cheapest for {100 * error:g} %: {advice.spacing:.3g} m",
+                [advice.seconds], [100 * error], "D", color=colour, markerfacecolor=filled,
+                label=f"{100 * error:g} %: {advice.spacing:.3g} m" + ("" if advice.measured else ", estimated"),
             )  # fmt: skip
+    _finish(axes, "bound of the error [%]", "what an error costs")
+
+
+def _methods(study: Any, compared: Any, axes: Any) -> None:
+    judge, lines = compared
+    for k, line in enumerate(lines):
+        points = [(t, 100 * error) for t, error in zip(line.seconds, line.errors) if t > 0 and error > 0]
+        if points:
+            style = {"color": COLOURS[k % len(COLOURS)], "marker": MARKERS[k // len(COLOURS) % len(MARKERS)]}
+            axes.loglog(*zip(*points), label=line.label + " (some stopped)" * bool(line.failed), **style)
+    if judge.uncertainty:
+        axes.axhspan(1e-9, 100 * judge.uncertainty, color=GREY, alpha=0.15, lw=0)
+    lowest = min((e for line in lines for e in line.errors if e > 0), default=1e-4)
+    axes.set_ylim(bottom=50 * min(lowest, study.error))
+    _finish(axes, "error [%]", "what each method buys, against " + judge.words.partition(",")[0])
+
+
+def _finish(axes: Any, label: str, title: str) -> None:
     if axes.get_legend_handles_labels()[0]:
-        axes.legend(fontsize=9)
-    axes.xaxis.set_minor_formatter(NullFormatter())
-    axes.set_xlabel("seconds")
-    axes.set_ylabel("bound of the relative error")
-    axes.set_title("open diamond: estimated beyond the runs", fontsize=9)
+        axes.legend(fontsize=8)
+    _plain(axes.xaxis)
+    _plain(axes.yaxis)
+    axes.set_ylabel(label)
+    axes.set_title(title, fontsize=9)
+
+
+def _plain(axis: Any) -> None:
+    """Numbers without powers of ten; between them where an axis has less than two decades."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    if axis.get_scale() != "log":
+        return
+    low, high = axis.get_view_interval()
+    few = 0 < low < high < 100 * low
+    axis.set_major_locator(LogLocator(subs=(1, 2, 5) if few else (1,)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def _sources(study: Any, axes: Any) -> None:
+    """Bars of the error of the scene as it is, by source."""
+    found = sorted(study.sources().items(), key=lambda item: item[1])
+    axes.barh([name for name, _ in found], [100 * error for _, error in found], 0.6, color=BLUE)
+    for k, (_, error) in enumerate(found):
+        axes.annotate(f" {100 * error:.2g} %", (100 * error, k), va="center", fontsize=9)
+    axes.axvline(100 * study.error, color=GREY, lw=1)
+    if any(error > 0 for _, error in found):
+        axes.set_xscale("log")
+        axes.margins(x=0.25)
+        _plain(axes.xaxis)
+    axes.set_xlabel("error of the scene as it is [%]")
+    axes.set_title("where the error comes from", fontsize=9)
 
 
 def _changes(study: Any, axes: Any) -> None:
-    rows = [row for row in study.rows() if row["what"] != "spacing" and row["change"] is not None]
+    rows = [row for row in study.rows() if row["what"] not in ("spacing", "method") and row["change"] is not None]
     rows.reverse()
     place = np.arange(len(rows))
     saved = [100 * (1 - row["cost"]) if row["what"] == "effect" else 100 * (row["cost"] - 1) for row in rows]

@@ -26,8 +26,8 @@ def refined(scene: Scene, factor: float, with_spacing: Sequence[str] = ()) -> Sc
 
     Divided by `factor`: spacing, support radius, the lengths that an effect names in `with_spacing`, and the parameters
     named here (such as effects.weakly_compressible.dynamic_viscosity, where it is an artificial one). Multiplied by
-    it: the cells of boxes, rounded; their particles fill the same edges. All parts keep their mass. A fixed step is divided
-    by `factor`, or by more where the stable step of particles at rest falls faster. What is counted in cells
+    it: the cells of boxes, rounded; their particles fill the same edges. All parts keep their mass. A fixed step is
+    divided by `factor`, or by more where the stable step of particles at rest falls faster. What is counted in cells
     (half_width of shape_matching, radii of surface_energy) stays.
 
     Raises InputError for particles or cells that are given one by one.

@@ -13,7 +13,8 @@ from typing import Any
 from refsim.core.tables import in_bytes, in_time, table
 from refsim.io.checkpoint import replace_file
 from refsim.scene.scene import Scene
-from refsim.study.convergence import Convergence
+from refsim.study import methods
+from refsim.study.convergence import Convergence, Reference
 from refsim.study.runs import Reading, Setting
 
 TWICE = {"support": 2.0, "step": 2.0}  # error over change where half the step, or 1.25 support radii, leave half of it
@@ -41,24 +42,6 @@ class Advice:
             f"an error of {percent(self.error)}: spacing {self.spacing:.4g} m, {self.dtype}, {self.backend}:"
             f" {in_time(self.seconds)}, {in_bytes(self.bytes)} ({how})"
         )
-
-
-@dataclass(frozen=True)
-class Reference:
-    """What a value is held against.
-
-    scale        an error of 1, in the value's unit
-    uncertainty  of the reference, relative to the scale
-    """
-
-    value: float
-    scale: float
-    uncertainty: float
-    words: str
-
-    def error(self, value: float) -> float:
-        """Relative error of a value."""
-        return abs(value - self.value) / self.scale
 
 
 @dataclass(frozen=True)
@@ -267,10 +250,68 @@ class Study:
         "steps",
     )  # fmt: skip
 
+    def compared(self) -> tuple[Reference, list[methods.Line]] | None:
+        """What methods are held against, and what each of them found; None with one method or without a value."""
+        if not any(setting.method for setting, _ in self.runs):
+            return None
+        judge = methods.judge(self.runs, self.reference)
+        return None if judge is None else (judge, methods.lines(self.runs, judge))
+
+    def bought(self) -> list[dict[str, Any]]:
+        """One row for each method, as plain values.
+
+        limit       extrapolated, or the finest value where it cannot be
+        error       at its finest spacing, after `seconds` of the processor
+        in_seconds  its error in the seconds of the scene as it is; `to_error`: its seconds to the study's error. None
+                    where that lies outside of its runs
+        """
+        found, own = self.compared(), self._own_seconds()
+        return [
+            {
+                "method": line.label, "order": line.limit.order, "limit": line.limit.value,
+                "error": line.errors[-1], "seconds": line.seconds[-1],
+                "in_seconds": None if own is None else line.error_in(own),
+                "to_error": line.seconds_to(self.error), "failed": list(line.failed),
+            }
+            for line in (found[1] if found else ())
+        ]  # fmt: skip
+
+    def _own_seconds(self) -> float | None:
+        """Seconds of the scene as it is, as methods are compared; None where it failed."""
+        return next((methods.spent(s, r) for s, r in self.of("spacing") if s.factor == 1), None)
+
+    def _methods(self) -> list[str]:
+        """What each method buys, as the lines of a table and what failed."""
+        found, own = self.compared(), self._own_seconds()
+        if found is None:
+            return []
+        judge, within = found[0], "-" if own is None else in_time(own)
+        known = f" (± {percent(judge.uncertainty)})" if judge.uncertainty else ""
+        rows, failed = [], []
+        for row in self.bought():
+            to_error = "-" if row["to_error"] is None else in_time(row["to_error"])
+            order = f"{row['order']:.2f}" if math.isfinite(row["order"]) else "-"
+            rows.append((row["method"], order, f"{row['limit']:.6g}", percent(row["error"]), in_time(row["seconds"]),
+                         percent(row["in_seconds"]), to_error))  # fmt: skip
+            failed += row["failed"]
+        head = (
+            "method",
+            "order",
+            "limit",
+            "error, finest",
+            "seconds",
+            f"in {within}",
+            f"to {percent(self.error)}",
+        )
+        title = f"methods against {judge.words}, {judge.value:.6g}{known}; seconds of the processor:"
+        return ["", title, table(rows, head, right=range(1, len(head))), *failed]
+
     def cells(self) -> list[tuple[str, ...]]:
         """The table as text, without its head (`HEAD`)."""
         made = []
         for row in self.rows():
+            if row["what"] == "method":
+                continue
             if row["failed"]:
                 made.append((row["what"], row["setting"], row["failed"], *[""] * 8))
                 continue
@@ -290,7 +331,7 @@ class Study:
         whole = [cells for cells in self.cells() if cells[-1]]
         failed = [f"{what}, {setting}: {why}" for what, setting, why, *rest in self.cells() if not rest[-1]]
         lines = [table(whole, self.HEAD, right=range(2, len(self.HEAD))), *failed, *self.left_out, ""]
-        return "\n".join([*lines, *self.answers()])
+        return "\n".join([*lines, *self.answers(), *self._methods()])
 
     def data(self) -> dict[str, Any]:
         """Everything as plain values."""
@@ -309,6 +350,7 @@ class Study:
             "reference": None if self.reference is None else vars(self.reference),
             "sources": self.sources(),
             "cheapest": {name: None if found is None else vars(found) for name, found in advice.items()},
+            "methods": self.bought(),
             "runs": self.rows(),
             "left_out": list(self.left_out),
             "notes": list(self.notes),
@@ -323,7 +365,7 @@ class Study:
         return pandas.DataFrame(self.rows())
 
     def plot(self) -> Any:
-        """The picture, a Matplotlib figure: value against spacing, error against time, what each change costs."""
+        """The picture, a Matplotlib figure (`refsim.study.picture`)."""
         from refsim.study.picture import draw
 
         return draw(self)
@@ -341,7 +383,7 @@ class Study:
             f"<style>{STYLE}</style></head><body><h1>{title}</h1><ul>{answers}</ul>"
             f'<div><img alt="value against spacing, error against time, cost and change of each setting"'
             f' src="data:image/png;base64,{picture}"></div><div><table><tr>{head}</tr>{rows}</table></div>'
-            f"<p>{how}</p></body></html>\n"
+            f"<pre>{html.escape(chr(10).join(self._methods()))}</pre><p>{how}</p></body></html>\n"
         )
         replace_file(Path(path), text.encode())
         return Path(path)

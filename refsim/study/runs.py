@@ -50,9 +50,10 @@ class Setting:
     """One run that a study needs.
 
     kind    what differs from the user's scene: "spacing" (also for the scene itself), "support", "step", "precision",
-            "tolerance", "backend" or "effect"
+            "tolerance", "backend", "effect" or "method"
     label   in tables
     factor  of the spacing: the scene's spacing over this one
+    method  by which other method it is computed; "" for the scene's
     """
 
     kind: str
@@ -60,6 +61,7 @@ class Setting:
     factor: float
     scene: Scene
     backend: str
+    method: str = ""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -193,9 +195,10 @@ class _Clock:
         try:
             s.step()
         finally:
-            compiled = sum(s.timings.first_calls.values()) - before
-            self.seconds += max(time.perf_counter() - wall - compiled, 0.0)
-            self.processor_seconds += max(time.process_time() - used - compiled, 0.0)
+            took, compiled = time.perf_counter() - wall, sum(s.timings.first_calls.values()) - before
+            share = max(1 - compiled / took, 0.0) if took else 0.0
+            self.seconds += share * took
+            self.processor_seconds += share * (time.process_time() - used)
         if self.progress is not None:
             self.progress(s)
         overdue = time.perf_counter() - self.kept_at >= self.every

@@ -153,7 +153,9 @@ def test_a_box_keeps_its_edges_and_its_density():
         middle = np.linalg.norm(x - x.mean(0), axis=1) < 0.1
         assert simulation.field("density")[middle].mean() == pytest.approx(1000.0, rel=0.002)
     far = scene_of(fluid=(Box(cells=(30, 41, 1), size=(0.4, 0.41, 0.01)),))
-    with pytest.raises(InputError, match=r"at 1.33, 1 spacings along the axes; give 0.91 to 1.1, or leave the size out"):
+    with pytest.raises(
+        InputError, match=r"at 1.33, 1 spacings along the axes; give 0.91 to 1.1, or leave the size out"
+    ):
         make_plan(far)
 
 

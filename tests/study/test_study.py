@@ -362,7 +362,7 @@ def test_the_report_is_one_file(tmp_path):
     assert "without gravity" in text
     assert "order 2.00" in text
     figure = found.plot()
-    assert len(figure.axes) == 3
+    assert len(figure.axes) == 4
     assert [line.get_xdata()[0] for line in figure.axes[0].lines[:1]] == [found.runs[0][0].scene.spacing]
 
 
