@@ -17,7 +17,7 @@ from validation.filling import replaced
 ROOT = Path(__file__).resolve().parent.parent
 FIGURES, PAGE = ROOT / "figures", ROOT / "docs" / "accuracy_cost.md"
 TARGETS = (0.1, 0.05, 0.01, 0.001)
-HOLLOW, BELOW, ABSENT = "\u25cb", "\u2020", "\u2013"  # not settled; below the reference's uncertainty; not measured
+HOLLOW, ABSENT = "\u25cb", "\u2013"  # not settled; not measured
 COLOURS, MARKERS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY), ("o", "s", "^", "D", "v", "P", "X", "p", "*", "<")
 
 
@@ -51,11 +51,13 @@ def _cells(of: Panel, error: float) -> list[str]:
     assert choice is not None
     if choice.named is None:
         return [choice.why, "", "", _time(gpu), peer]
-    own = keeps(of, choice.named) + (f" {BELOW}" if error < of.reference()[2] else "")
+    own = keeps(of, choice.named, choice.nearest is None)
     words = choice.named.point.words
     if choice.nearest is not None:
-        return ["not reached", own, "", _time(gpu), peer]
-    return [words if choice.advised else f"{HOLLOW} {words}", own, _time(choice), _time(gpu), peer]
+        return ["not reached", own, "", "", peer]
+    known = gpu is not None and (gpu.advised or gpu.read)
+    there = _time(gpu) if known else ABSENT  # physics decides once: it was not measured there
+    return [words if choice.advised else f"{HOLLOW} {words}", own, _time(choice), there, peer]
 
 
 def _time(choice: Choice | None, after: Callable[[Candidate], str] = lambda c: "") -> str:

@@ -13,7 +13,7 @@ from refsim.core.tables import in_bytes, in_time
 from refsim.scene.files import scene_to_toml
 from refsim.scene.plan import make_plan
 from refsim.scene.scene import Scene
-from refsim.study.choice import Candidate, Choice, choose, duration, kinds, least_error, percent
+from refsim.study.choice import NORMAL, Candidate, Choice, choose, duration, kinds, least_error, percent, physics
 from refsim.study.cost import Prediction, predict
 from refsim.study.panels import Panel, abouts, panel
 from refsim.study.panels.scenes import scene_of
@@ -60,7 +60,7 @@ def answer(of: Panel, error: float, kind: str = "cpu") -> Advice:
     if limit and error <= limit[0]:
         return Advice(of, error, kind, no_meaning=limit[1])
     found, uncertainty = kinds(of), of.reference()[2]
-    chosen = choose(found[kind], error, uncertainty) if found[kind] else None
+    chosen = choose(found[kind], error, uncertainty, physics(found)) if found[kind] else None
     peer = choose(found["peer"], error) if found["peer"] else None
     return Advice(of, error, kind, chosen, peer)
 
@@ -83,7 +83,8 @@ def within(observable: str, seconds: float, kind: str = "cpu") -> Advice:
     if not 0 < seconds < math.inf:
         raise InputError(f"advise: {seconds:g} seconds are not possible; give a positive number.")
     of = find(observable, 0.5, kind).panel
-    error = least_error(kinds(of)[kind], seconds)
+    found = kinds(of)
+    error = least_error(found[kind], seconds, physics(found))
     if error is None:
         raise InputError(f"advise: no measured setting of {observable} takes {duration(seconds)} or less; give more.")
     return answer(of, error, kind)
@@ -109,12 +110,21 @@ def scaled(advice: Advice) -> Advice:
     return replace(advice, own=found.seconds * share, own_note=f"{note}; {found.note}" if found.note else note)
 
 
-def keeps(of: Panel, candidate: Candidate) -> str:
-    """The error that a setting keeps; also in the observable's own unit, where its number is another one."""
-    about = of.about
-    scale = of.reference()[1]
-    own = f" ({candidate.error * scale:.2g} {about.unit})" if about.unit and (about.limit_of or scale > 1) else ""
-    return percent(candidate.error) + ("" if about.unit == "%" else own)
+def keeps(of: Panel, candidate: Candidate, reached: bool = True) -> str:
+    """The error that a setting keeps; also in the observable's own unit, where its number is another one.
+
+    "at most" with the reference's uncertainty added, where that is larger; "at least" where no setting has less. Else
+    with the standard deviation of its readings, if that is a twentieth of it or more.
+    """
+    about, (_, scale, uncertainty) = of.about, of.reference()
+    error, before, after = candidate.error, "" if reached else "at least ", ""
+    if error < uncertainty:
+        error, before = error + uncertainty, "at most "
+    elif NORMAL * candidate.point.error_mad >= 0.05 * error:
+        after = f" ± {percent(NORMAL * candidate.point.error_mad)}"
+    shown = about.unit and about.unit != "%" and (about.limit_of or scale > 1)
+    own = f" ({error * scale:.2g} {about.unit})" if shown else ""
+    return f"{before}{percent(error)}{after}{own}"
 
 
 def text_of(advice: Advice) -> str:

@@ -11,12 +11,12 @@
 6. A setting that keeps an error which a finer spacing with the same other knobs does not keep is no candidate for it:
    errors of opposite sign cancel there.
 7. An error below the uncertainty of the reference is marked as such.
-8. Physics decides once: the error of a setting that was measured on a CPU and on a GPU is the larger one on both:
-   none is advised for an error that it keeps by chance of its rounding.
+8. Physics decides once: the error of a setting that was measured on a CPU and on a GPU is the larger one on both, and
+   rules 2, 3 and 6 hold for both machines by the settings that either has: what differs is seconds.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -64,7 +64,7 @@ def unsettled(seconds: Sequence[float]) -> str:
     return "" if high - low < SCATTER * median else f"interquartile range {100 * (high - low) / median:.0f} %"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Candidate:
     """One point of a panel as the rules see it; `error` is relative."""
 
@@ -154,6 +154,18 @@ def kinds(panel: Panel) -> dict[str, list[Candidate]]:
     return made
 
 
+def physics(found: Mapping[str, Sequence[Candidate]]) -> list[Candidate]:
+    """Each setting of `kinds` once, whatever it ran on."""
+    return list({_setting(c): c for c in (*found["gpu"], *found["cpu"])}.values())
+
+
+def sound(found: Sequence[Candidate], known: Sequence[Candidate]) -> dict[Candidate, Candidate]:
+    """Candidates that are not refused, each with what it is judged by: the same setting among those `known`."""
+    same = {_setting(c): c for c in known}
+    pairs = ((c, same.get(_setting(c), c)) for c in found)
+    return {c: judged for c, judged in pairs if not refused(judged, known)}
+
+
 def _setting(candidate: Candidate) -> str:
     """The key of a setting, whatever it ran on."""
     return candidate.point.key.removeprefix("cuda_")
@@ -188,18 +200,22 @@ def by_chance(candidate: Candidate, error: float, others: Sequence[Candidate]) -
     return None
 
 
-def choose(found: Sequence[Candidate], error: float, uncertainty: float = 0.0) -> Choice:
+def choose(
+    found: Sequence[Candidate], error: float, uncertainty: float = 0.0, known: Sequence[Candidate] | None = None
+) -> Choice:
     """The cheapest settled setting for a relative error; see the rules above.
 
     uncertainty  of the reference, relative
+    known        `physics`; those found, if left out
     """
-    allowed = [c for c in found if not refused(c, found)]
+    allowed = sound(found, found if known is None else known)
+    judges = list(allowed.values()) if known is None else list(sound(known, known))
     if not found:
         return Choice(None, why="not measured")
     reach = [(seconds, c) for c in allowed if (seconds := c.seconds(error)) is not None]
     notes = []
     for pair in list(reach):
-        finer = by_chance(pair[1], error, allowed)
+        finer = by_chance(allowed[pair[1]], error, judges)
         if finer is not None:
             reach.remove(pair)
             said = f"{pair[1].point.words} keeps {percent(pair[1].error)} by chance"
@@ -209,7 +225,10 @@ def choose(found: Sequence[Candidate], error: float, uncertainty: float = 0.0) -
     if not reach:
         if not allowed:
             return Choice(None, why="not reached: no setting may be advised", notes=tuple(notes))
-        best = min((c for c in allowed if by_chance(c, c.error, allowed) is None), key=lambda c: c.error)
+        lasting = [c for c, by in allowed.items() if by_chance(by, c.error, judges) is None]
+        if not lasting:
+            return Choice(None, why="not reached: all settings keep their errors by chance", notes=tuple(notes))
+        best = min(lasting, key=lambda c: c.error)
         why = f"not reached: {best.point.words} keeps {percent(best.error)} after {duration(best.wall)}"
         return Choice(None, why=why, notes=tuple(notes), nearest=best)
     settled = [(seconds, c) for seconds, c in reach if not c.unsettled]
@@ -228,13 +247,13 @@ def choose(found: Sequence[Candidate], error: float, uncertainty: float = 0.0) -
     return Choice(best, seconds, notes=tuple(notes))
 
 
-def least_error(found: Sequence[Candidate], seconds: float) -> float | None:
+def least_error(found: Sequence[Candidate], seconds: float, known: Sequence[Candidate]) -> float | None:
     """The least error for which a settled setting is advised within so many seconds; None where there is none."""
-    allowed = [c for c in found if not refused(c, found)]
+    allowed, judges = sound(found, known), list(sound(known, known))
     least: list[float] = []
-    for c in allowed:
+    for c, by in allowed.items():
         kept = [max(error, c.error) for error, spent in c.point.reached or [(c.error, c.wall)] if spent <= seconds]
-        if kept and not c.unsettled and by_chance(c, min(kept), allowed) is None:
+        if kept and not c.unsettled and by_chance(by, min(kept), judges) is None:
             least.append(min(kept))
     return min(least, default=None)
 

@@ -87,9 +87,10 @@ def _methods(study: Any, compared: Any, axes: Any) -> None:
             axes.loglog(*zip(*points), label=line.label + " (some stopped)" * bool(line.failed), **style)
     if judge.uncertainty:
         axes.axhspan(1e-9, 100 * judge.uncertainty, color=GREY, alpha=0.15, lw=0)
-    lowest = min((e for line in lines for e in line.errors if e > 0), default=1e-4)
-    axes.set_ylim(bottom=50 * min(lowest, study.error))
-    _finish(axes, "error [%]", "what each method buys, against " + judge.words.partition(",")[0])
+    errors = [study.error, *(e for line in lines for e in line.errors if e > 0)]
+    low, high = 60 * min(errors), 200 * max(errors)
+    axes.set_ylim(low * (low / high) ** (0.1 * len(lines)), high)  # room for the legend
+    _finish(axes, "error [%]; grey: what is known", "what each method buys for a second")
 
 
 def _finish(axes: Any, label: str, title: str) -> None:

@@ -7,7 +7,8 @@ import pytest
 
 from refsim.core.errors import InputError
 from refsim.scene.plan import make_plan
-from refsim.study.choice import Candidate, candidates, choose, instability, kinds, least_error, unsettled
+from refsim.study.advice import keeps
+from refsim.study.choice import Candidate, candidates, choose, instability, kinds, least_error, physics, unsettled
 from refsim.study.observables import observable_of
 from refsim.study.panels import FOLDER, OWN, About, Panel, Place, Point, abouts, as_text, panel, parse
 from refsim.study.panels import measured as measuring
@@ -164,12 +165,38 @@ def test_physics_decides_once():
     assert choose(found["gpu"], 0.05).advised is None
 
 
+def test_an_error_kept_by_chance_is_so_on_every_machine():
+    """The finer spacing that does not keep it ran on a CPU alone; none advises the coarse one, on a GPU neither."""
+    coarse, fine = (point(f"d{d}", error, 1.0, knobs={"spacing": d}) for d, error in ((0.2, 0.002), (0.1, 0.02)))
+    gpu = point("cuda_d0.2", 0.001, 0.1, knobs={"spacing": 0.2, "backend": "cuda"})
+    found = kinds(made(coarse, fine, gpu))
+    assert key(choose(found["gpu"], 0.05, known=physics(found))) == "cuda_d0.2"
+    assert key(choose(found["gpu"], 0.05)) == "cuda_d0.2"
+    for kind in ("cpu", "gpu"):
+        assert choose(found[kind], 0.01, known=physics(found)).advised is None
+        assert least_error(found[kind], 9.0, physics(found)) == (0.02 if kind == "cpu" else None)
+
+
+def test_an_error_is_said_with_what_is_known_of_it():
+    of = made(point("a", 0.03, 1.0), uncertainty=0.02, unit="m")
+    assert keeps(of, Candidate(of.points["a"], 0.03)) == "3 %"
+    assert keeps(of, Candidate(of.points["a"], 0.03), reached=False) == "at least 3 %"
+    assert keeps(of, Candidate(of.points["a"], 0.01)) == "at most 3 %"
+    assert keeps(of, Candidate(point("b", 0.03, 1.0, error_mad=0.002), 0.03)) == "3 % ± 0.3 %"
+
+
 def test_the_least_error_within_some_seconds():
     falling = point("falling", 0.01, 8.0, reached=[(0.5, 1.0), (0.05, 2.0), (0.01, 8.0)])
     found = kinds(
         made(point("rough", 0.2, 1.0), falling, point("fine", 0.001, 50.0), point("new", 0.1, 0.1, SCATTERED))
     )
-    assert [least_error(found["cpu"], s) for s in (0.5, 1.5, 3.0, 10.0, 60.0)] == [None, 0.2, 0.05, 0.01, 0.001]
+    assert [least_error(found["cpu"], s, found["cpu"]) for s in (0.5, 1.5, 3.0, 10.0, 60.0)] == [
+        None,
+        0.2,
+        0.05,
+        0.01,
+        0.001,
+    ]
 
 
 # What is stored

@@ -80,4 +80,6 @@ def changed(scene: Scene, values: Sequence[tuple[str, object]]) -> Scene:
     tables = scene_to_dict(scene)
     for name, value in values:
         put(tables, name, value, scene.name)
+        if name.endswith(".cells"):  # which give the edges, then
+            put(tables, name.replace(".cells", ".size"), None, scene.name)
     return scene_from_dict(tables, scene.name)
