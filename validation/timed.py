@@ -26,7 +26,6 @@ from refsim import (
     MeshBoundary,
     MpmLiquid,
     MpmWalls,
-    ParticleShifting,
     Scene,
     ShapeMatching,
     Simulation,
@@ -70,13 +69,7 @@ class Ladder:
 
 def ladders(small: bool = False) -> dict[str, Ladder]:
     """All ladders; `small` ones have the same effects and tens of particles."""
-    return {
-        "sph": _sph(small),
-        "rests": _rests(small),
-        "melting": _melting(small),
-        "mpm": _mpm(small),
-        "mesh": _mesh(small),
-    }
+    return {"sph": _sph(small), "melting": _melting(small), "mpm": _mpm(small), "mesh": _mesh(small)}
 
 
 def _climb(words: str, base: Mapping[str, Any], *rungs: tuple[Any, ...]) -> Ladder:
@@ -98,24 +91,6 @@ def _sph(small: bool) -> Ladder:
     )  # fmt: skip
     rungs = ((f"+ {words}", parts[: k + 1]) for k, words in enumerate(added))
     return _climb("weakly compressible SPH, 3D", base, ("liquid", (plain,)), *rungs)
-
-
-def _rests(small: bool) -> Ladder:
-    edge, d = 3 if small else 32, 0.01
-    base = {"spacing": d, "support_radius": 2.6 * d, "fluid": (Box(cells=(edge,) * 3),), "name": "effects_rests"}
-    top = edge * d
-    held = (Gravity(), BoxWalls(lower=(0.0, 0.0, 0.0), upper=(top, top, 2 * top), open_faces=("+z",)))
-
-    def liquid(**own: Any) -> tuple[Any, ...]:
-        return (WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=5.0, **own), *held)
-
-    shifted = (*liquid(), SurfaceDetection(each_step=True), ParticleShifting())
-    return _climb(
-        "a tank at rest, 3D", base, ("summed density, J(11), mirrored walls (papers)", liquid(density="summation")),
-        ("the same, central viscosity", liquid(density="summation", viscosity="central")),
-        ("advanced density, central viscosity, extrapolated walls (default)", liquid()),
-        ("+ surface detection in each step", shifted[:-1]), ("+ particle shifting", shifted),
-    )  # fmt: skip
 
 
 def _melting(small: bool) -> Ladder:
