@@ -17,7 +17,9 @@ ROUNDINGS = 32 * 1.2e-7  # of float32, over sum of m |v|
 
 
 def liquid(fluid, *effects, viscosity=0.5, **changes):
-    own = Liquid(rest_density=DENSITY, sound_speed=SOUND, dynamic_viscosity=viscosity, kernels="wendland")
+    own = Liquid(
+        rest_density=DENSITY, sound_speed=SOUND, dynamic_viscosity=viscosity, kernels="wendland", density="summation"
+    )
     parts = fluid if isinstance(fluid, tuple) else (fluid,)
     return Scene(**{"spacing": D, "support_radius": H, "fluid": parts, "effects": (own, *effects), **changes})
 
