@@ -86,15 +86,20 @@ def _set_compiler(dispatcher: Any, packed: bool) -> None:
     """
     from llvmlite import binding
 
+    compile_plainly = dispatcher.compile
+
+    def compile_here(signature: Any) -> Any:
+        numba.get_num_threads()  # loads what `over_rows` calls
+        return compile_plainly(signature)
+
     private = names("order")
     if private is None:
+        dispatcher.compile = compile_here
         return
-    compile_here = dispatcher.compile
 
     @private.global_compiler_lock
     def compile_so(signature: Any) -> Any:
         global _compiling
-        numba.get_num_threads()  # loads what `over_rows` calls
         before = numba.config.SLP_VECTORIZE
         _compiling += 1
         try:

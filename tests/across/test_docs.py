@@ -1,12 +1,10 @@
 """The pages agree with the code: links, code references, examples, and everything that is registered is explained."""
 
-import argparse
 import ast
 import contextlib
 import functools
 import importlib.util
 import io
-import json
 import pathlib
 import re
 import tomllib
@@ -19,14 +17,9 @@ from sybil.parsers.markdown import CodeBlockParser
 import refsim
 import refsim.commands
 from refsim.__main__ import make_parser
-from refsim.commands import inventory
 from refsim.core.effect import EFFECTS
-from refsim.core.errors import REASONS
-from refsim.core.operation import REGISTRY
-from refsim.engine.postmortem import AFTER_THESE
 from refsim.scene.files import parse_scene
 from refsim.scene.plan import make_plan
-from refsim.scene.scene import Scene
 from refsim.sweep import Sweep
 from validation.__main__ import every_picture
 from validation.__main__ import parser as validation_parser
@@ -145,22 +138,6 @@ def words(paths):
     return "\n".join(path.read_text() for path in paths)
 
 
-def test_a_table_of_code_is_made_of_the_registry():
-    made = "\n".join(site_pages.code(["melting"]))
-    assert "| `melting.melt` | Shao & Song, section 2" in made
-    assert "| `melting/formulas.py:melts` | `melting/reference.py:melt`<br>`melting/" in made
-    assert len(re.findall(r"^\| `melting\.", made, re.MULTILINE)) == 2
-    assert not list(broken_references(made))
-
-
-def test_the_first_page_installs_and_needs_no_clone_and_links_by_titles():
-    text = (ROOT / "docs" / "index.md").read_text()
-    blocks = [block for _, block in BLOCK.findall(text)]
-    assert blocks[0] == "pip install refsim\n"
-    assert all(line.startswith("refsim ") for line in blocks[1].splitlines())
-    assert not re.search(r"\[[^\]]*\.md[^\]]*\]\(", text)
-
-
 def switchable(effect):
     """Errata that the effect takes in `literal`."""
     return getattr(effect, "errata", ())
@@ -195,63 +172,6 @@ def test_what_the_errata_call_switchable_is():
     assert told == {
         (e, name) for name, effect in PUBLISHED.items() for e in switchable(effect) if numbered.fullmatch(e)
     }
-
-
-KINDS = {"misprint", "improvement", "gap", "claim"}
-
-
-def test_the_errata_tell_improvements_from_misprints():
-    """What `literal = "paper"` takes is what the page calls an improvement; E9 and E23 of Jiang & Zhu are."""
-    assert {row[1] for row in entries()} == KINDS
-    told = {(erratum, name) for row in entries() for erratum, names in SWITCH.findall(row[-1])
-            for name in re.findall(r"\w+", names) if row[1] == "improvement"}  # fmt: skip
-    numbered = re.compile(r"[EMP]\d+")
-    assert told == {(e, name) for name, effect in PUBLISHED.items() for e in getattr(effect, "improvements", ())
-                    if numbered.fullmatch(e)}  # fmt: skip
-    assert [row[1] for row in entries() if row[0] in ("E9", "E23")] == ["improvement"] * 2
-
-
-def test_the_errata_tell_what_the_papers_own_choice_takes():
-    head = ERRATA.read_text().partition("\n## Jiang")[0]
-    rows = re.findall(r"^\| [^|]*\| `(\w+)` \| (.*) \|$", head, re.MULTILINE)
-    for name, words in rows:
-        effect = PUBLISHED[name]
-        assert set(effect.improvements) <= set(re.findall(r"[EMP]\d+", words)), name
-        values = [f"{key} = {inventory._shown(value)}" for key, value in effect.paper.items()]
-        assert re.findall(r"`(\w+ = [^`]*)`", words) == values, name
-    known = {name for name, effect in PUBLISHED.items() if hasattr(effect, "improvements")}
-    assert known - {name for name, _ in rows} == {"box_walls", "akinci_2013", "csf_wang_2019"}  # of other sources
-
-
-def section_of(name, heading):
-    return (ROOT / "docs" / name).read_text().partition(f"\n## {heading}\n")[2].partition("\n## ")[0]
-
-
-def test_stop_reasons_are_told():
-    section = section_of("guarantees.md", "Why a run stops")
-    assert re.findall(r"^\| .* \| `(\w+)` \|$", section, re.MULTILINE) == list(REASONS)
-    examined = re.search(r"^(`non_finite`[^.]*) leave a\s+post-mortem\.", section, re.MULTILINE)[1]
-    assert re.findall(r"`(\w+)`", examined) == list(AFTER_THESE)
-
-
-def test_tolerances_are_told():
-    """`refsim list OPERATION`, to which the page sends the reader, gives each operation's c and what it counts."""
-    assert "`refsim list OPERATION`" in section_of("guarantees.md", "Tolerances")
-    shown = inventory.execute(argparse.Namespace(words=[], all=True)).text
-    entries = {entry.partition("\n")[0]: " ".join(entry.split()) for entry in re.split(r"\n(?=\S)", shown)}
-    for name, operation in REGISTRY.items():
-        reason = " ".join(operation.tolerance_reason.split())
-        assert reason
-        assert f"bound: c = {operation.tolerance:g}: {reason}" in entries[name], name
-
-
-def test_keys_of_a_scene_are_told():
-    section = section_of("scene_files.md", "Keys of the scene")
-    told = dict(re.findall(r"^\| `(\w+)` +\| (.*?) +\|", section, re.MULTILINE))
-    assert set(told) == set(Scene.__struct_fields__)
-    for name, default in zip(Scene.__struct_fields__[-len(Scene.__struct_defaults__) :], Scene.__struct_defaults__):
-        if name != "effects":
-            assert told[name].strip("`") == json.dumps(default), name
 
 
 # Examples work

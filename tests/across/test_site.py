@@ -35,15 +35,6 @@ PICTURES = """(async () => {
 })()"""
 BROKEN_CODE = """[...document.querySelectorAll('.docutils :is(td, th) .pre')]
   .filter(word => word.getClientRects().length > 1).map(word => word.textContent)"""
-BESIDE_PICTURES = """(async () => {
-  await MathJax.startup.promise;
-  const article = document.querySelector('article');
-  const pictures = [...article.querySelectorAll('img')].filter(picture => picture.checkVisibility());
-  await Promise.all(pictures.map(picture => picture.decode()));
-  const height = one => one.getBoundingClientRect().height;
-  return height(article) - pictures.reduce((sum, picture) => sum + height(picture), 0);
-})()"""
-METHOD = re.compile(r"^## Equations?$.*^## Scene$", re.DOTALL | re.MULTILINE)
 
 
 @pytest.fixture(scope="module")
@@ -56,14 +47,6 @@ def site(tmp_path_factory):
     )
     assert done.returncode == 0, done.stderr[-3000:]
     return folder / "html"
-
-
-def test_every_picture_is_a_link_to_its_file(site):
-    linked = r'<a class="[^"]*" href="([^"]+)"><img [^>]*src="\1"'
-    for page in site.rglob("*.html"):
-        article = page.read_text(encoding="utf-8").partition("<article")[2].partition("</article>")[0]
-        pictures = re.findall(r"<img (?![^>]*class=\"toggler)", article)
-        assert len(re.findall(linked, article)) == len(pictures), page.name
 
 
 def test_a_lesson_offers_its_notebook_and_hides_its_judges(site):
@@ -85,16 +68,6 @@ def test_the_gallery_shows_a_film_of_each_system(site):
     for name in FILMS:
         assert f'<video src="films/{name}.mp4"' in text
         assert (site / "films" / f"{name}.mp4").stat().st_size > 10_000
-
-
-def test_the_gallery_shows_every_figure_with_its_command(site):
-    text = (site / "gallery.html").read_text(encoding="utf-8")
-    from validation.experiment import discover
-
-    for name, experiment in discover().items():
-        drawn = [picture for picture in experiment.pictures if (ROOT / "figures" / picture.file).exists()]
-        assert not drawn or f"python -m validation run {name}</span>" in re.sub(r"</span> *<span[^>]*>", " ", text)
-        assert all(picture.file in text for picture in drawn)
 
 
 @pytest.mark.skipif(chromium() is None, reason="Chromium is not installed")
@@ -140,20 +113,6 @@ def test_pictures_fill_their_column_and_words_of_code_stay_whole(site, tmp_path,
         browser.close()
     assert wrong == []
     assert seen > 200
-
-
-@pytest.mark.skipif(chromium() is None, reason="Chromium is not installed")
-def test_a_method_has_two_screens(site, tmp_path):
-    """Of 1,080 pixels, at a width of 1,280, beside its pictures, with everything folded that begins so."""
-    pages = [page.stem for page in (ROOT / "docs").glob("*.md") if METHOD.search(page.read_text())]
-    assert len(pages) == 19
-    browser = Browser(tmp_path, 1280, 1080)
-    try:
-        for page in pages:
-            browser.open(site / f"{page}.html", "document.querySelectorAll('mjx-container').length > 0")
-            assert browser.value(BESIDE_PICTURES) <= 2 * 1080, page
-    finally:
-        browser.close()
 
 
 @pytest.mark.skipif(chromium() is None, reason="Chromium is not installed")

@@ -37,7 +37,7 @@ BODY = SolidBox(lower=(0.4, 0.4, 0.8), upper=(1.4, 1.4, 1.8), density=917.0)
 
 def scene(solid=(BODY,), highest=5.0, slope=0.0, melting=None, **options):
     """A body above a basin; constant temperatures, `highest` [deg C] at x = 0, decreasing by `slope` [K/m]."""
-    values = {"spacing": 0.2, "support_radius": 0.5, "step": 0.004, "dtype": "float64"} | options
+    values = {"spacing": 0.2, "support_radius": 0.5, "step": 0.004} | options
 
     def made(temperature):
         heat = HeatConduction(temperature=temperature, conductivity=0.0, melting_point=0.0, scheme="single_pass")
@@ -73,7 +73,7 @@ def test_only_surfaces_melt_and_one_layer_in_a_step():
 
 def test_nothing_melts_below_the_melting_point():
     """Not even at the next lower floating-point number."""
-    simulation = Simulation(scene(highest=np.nextafter(0.0, -1.0)))
+    simulation = Simulation(scene(highest=float(np.nextafter(np.float32(0), np.float32(-1)))))
     plain = simulation.field("phase").copy()
     for _ in range(3):
         simulation.step()
@@ -194,7 +194,7 @@ def test_a_fill_that_expands_what_it_writes_is_wrong():
 @pytest.mark.parametrize(("bookkeeping", "change"), [("immiscible", 0.0), ("water", 83.0)])
 def test_mass_and_rest_density_of_the_melt(bookkeeping, change):
     """Kept, or those of the liquid: the density of 125 particles of ice increases by 83 kg/m^3."""
-    simulation = Simulation(scene(melting=Melting(bookkeeping=bookkeeping)))
+    simulation = Simulation(scene(melting=Melting(bookkeeping=bookkeeping), dtype="float64"), "numpy")
     volume = 1 / simulation.plan.effects["weakly_compressible"].rest_number_density(simulation.plan.grid)
     before = simulation.field("mass").sum()
     for _ in range(4):
@@ -228,7 +228,7 @@ def test_the_rest_moves_on_as_a_body():
 
 
 def test_a_resumed_run_is_the_same_run():
-    outcomes = list(contract.resumes(half_molten(dtype="float32", skin=0.02, name="melting"), "cpu"))
+    outcomes = list(contract.resumes(half_molten(skin=0.02, name="melting"), "cpu"))
     assert outcomes
     assert all(outcome.passed for outcome in outcomes), "\n".join(map(str, outcomes))
 

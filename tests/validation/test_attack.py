@@ -32,12 +32,6 @@ def test_a_tiny_campaign(tmp_path, capsys):
     assert "kind  trials" in said.out
 
 
-@pytest.mark.parametrize("kind", ["caches", "kills", "disk", "stores", "stops", "clusters"])
-def test_one_trial_of_each_slow_kind(kind):
-    outcome, words = carry_out(kind, draw(kind, 1, 0))
-    assert outcome in GOOD, words
-
-
 @pytest.mark.parametrize("trial", [("import", "exit 0"), ("program", "os._exit"), ("harmless", "forks")])
 def test_hostile_libraries(trial):
     outcome, words = carry_out("libraries", dict(zip(("group", "name"), trial)))

@@ -1,7 +1,6 @@
 """Times: the least work of a kernel, scenes that are timed, benchmarks from end to end, the store and the pages."""
 
 import itertools
-import json
 import os
 import subprocess
 import sys
@@ -9,101 +8,8 @@ import sys
 import numpy as np
 import pytest
 
-from refsim import InputError, Simulation, make_plan
-from refsim.smoothing import formulas as smoothing
-from refsim.sph import formulas as liquid
-from refsim.surface_tension.jiang_zhu_2023 import formulas as tension
+from refsim import Simulation, make_plan
 from validation import limits, timed, times
-
-
-class Counted:
-    """A number that counts what is computed with it."""
-
-    done = 0
-
-    def __init__(self, value):
-        self.value = float(getattr(value, "value", value))
-
-    def _made(self, value):
-        Counted.done += 1
-        return Counted(value)
-
-    def __add__(self, other):
-        return self._made(self.value + Counted(other).value)
-
-    def __sub__(self, other):
-        return self._made(self.value - Counted(other).value)
-
-    def __mul__(self, other):
-        return self._made(self.value * Counted(other).value)
-
-    def __truediv__(self, other):
-        return self._made(self.value / Counted(other).value)
-
-    __radd__ = __add__
-    __rmul__ = __mul__
-
-    def __neg__(self):
-        return Counted(-self.value)  # a sign of a constant
-
-    def __ge__(self, other):
-        return self.value >= Counted(other).value
-
-    def __lt__(self, other):
-        return self.value < Counted(other).value
-
-
-def operations(function, *arguments):
-    before = Counted.done
-    function(*arguments)
-    return Counted.done - before
-
-
-def counted(group):
-    """A parameter group with numbers that count; whole numbers stay."""
-    values = {k: v if isinstance(v, np.integer) else Counted(v) for k, v in group._asdict().items()}
-    return group._replace(**values)
-
-
-def test_least_operations_are_those_of_the_formulas():
-    plan = make_plan(timed.spinning_cube(3))
-    kernel, fluid = counted(plan.shared["smoothing"]), counted(plan.shared["fluid"])
-    cohesion = counted(plan.parameters["jiang_zhu_2023"]["cohesion"])
-    viscosity = counted(plan.parameters["weakly_compressible"]["viscosity"])
-    r, one = Counted(0.3 * plan.grid.support_radius), Counted(1.0)
-    distance, add_vector = 8, 6  # three differences, their squares and sum; f times a vector, added
-    value = operations(smoothing.kernel_value, r, kernel)
-    density = 1 + value + 2  # root, W, m W added
-    slope = operations(smoothing.kernel_slope, r, kernel)
-    pressure = operations(liquid.pressure_pair, one, one, one, one, fluid)
-    laplacian = operations(smoothing.viscosity_laplacian, r, kernel) - 2  # q and 1 - q are the slope's
-    friction = 1 + laplacian + operations(liquid.viscosity_pair, one, viscosity, one) + 3 + add_vector
-    shape = operations(tension.cohesion_pair, one, Counted(0.3), cohesion) - 1  # alpha times inner share: for all pairs
-    pull = shape + 1 + add_vector
-    forces = 4 + slope + pressure + add_vector + friction + pull
-    state = operations(liquid.state_pressure, Counted(900.0), fluid)
-    n, neighbours, entries = 10, 33.0, 50.0
-    tested = distance * entries
-    expected = {
-        "density": tested + density * neighbours,
-        "forces": tested + forces * neighbours + 9,
-        "state": state,
-        "list": tested,
-    }
-    assert {k: limits.least(k, n, neighbours, entries).operations / n for k in expected} == expected
-
-
-def test_least_bytes_are_those_of_the_fields():
-    n, entries = 7, 50.0
-    listed = n * (4 + 4 * entries)  # count and entries
-    sizes = {"position": 12, "velocity": 12, "mass": 4, "density": 4, "pressure": 4, "acceleration": 12}
-    reads = {
-        "density": ("position", "mass", "density"),
-        "forces": ("position", "velocity", "mass", "density", "pressure", "acceleration", "acceleration"),
-        "list": ("position",),
-    }
-    for kernel, fields in reads.items():
-        assert limits.least(kernel, n, 33.0, entries).bytes == listed + n * sum(sizes[field] for field in fields)
 
 
 @pytest.mark.skipif(bool(limits.warp_sph.missing()), reason=limits.warp_sph.missing())
@@ -198,23 +104,6 @@ def test_benchmarks_of_a_gpu_run_in_the_simulator(tmp_path):
     assert found["effects cuda"]["readings"]["sph: liquid"]["kernels"] == 12
 
 
-def test_a_part_measured_elsewhere_does_not_replace_a_table():
-    def of(machine, *names):
-        return {"effects cpu": {"machine": machine, "readings": {name: {"seconds": [machine]} for name in names}}}
-
-    before = of("a", "first", "second")
-    assert times.merged({}, before) == before
-    assert times.merged(before, of("b", "first", "second")) == of("b", "first", "second")
-    assert set(times.merged(before, of("a", "first"))["effects cpu"]["readings"]) == {"first", "second"}
-    with pytest.raises(InputError, match="measured on a, and here 1 of its readings are missing"):
-        times.merged(before, of("b", "first"))
-
-
 def test_the_page_is_what_the_command_makes():
     text = times.PAGE.read_text()
     assert times.page(text, times.stored()) == text, "python -m validation times"
-
-
-def test_the_store_names_no_machine():
-    assert {key for part in times.stored().values() for key in part} == {"machine", "cores", "readings"}
-    assert "/" not in json.dumps([part["machine"] for part in times.stored().values()])

@@ -112,16 +112,12 @@ def test_a_map_is_drawn_from_its_file_where_nothing_failed_and_where_all_did(tmp
     assert marks[:2] == [[[1.0, 0.0]], [[1.0, 1.0]]]  # limits of the runner
 
 
-def test_the_command(tmp_path, capsys):
+def test_the_command(capsys):
     assert main(["list", "hard case"]) == 0
     assert "tension_x100" in capsys.readouterr().out
     assert main(["stability", "no_such_case"]) == 2
     assert "There is no hard case 'no_such_case'" in capsys.readouterr().err
-    folders = ["--results", str(tmp_path / "results"), "--figures", str(tmp_path / "figures")]
-    assert main(["stability", "tension_x100", "--jobs", "0", *folders]) == 2
-    assert main(["check", "tension_x100", "step_factor_4", "--json", "--jobs", "2", *folders]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert [entry["verdict"] for entry in found.values()] == ["pass", "pass"]
+    assert main(["stability", "tension_x100", "--jobs", "0"]) == 2
 
 
 # Measures
