@@ -72,7 +72,7 @@ def sweeping(tmp_path):
     return process
 
 
-@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+@pytest.mark.parametrize("name", ["SIGINT", "SIGHUP"])
 def test_a_sweep_that_is_asked_to_stop_ends_with_its_processes(sweeping, name):
     began = time.monotonic()
     sweeping.send_signal(getattr(signal, name))  # to the parent alone
@@ -144,7 +144,8 @@ def test_a_signal_that_python_drops_comes_again():
 
     def let_go():
         mortal.clear()
-        time.sleep(5)
+        for _ in range(100):
+            time.sleep(0.05)
 
     with pytest.raises(KeyboardInterrupt), heeding():
         let_go()

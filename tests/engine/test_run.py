@@ -750,7 +750,7 @@ def test_a_killed_run_loses_at_most_the_interval(tmp_path):
 
 
 @posix
-@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
 def test_a_run_that_is_asked_to_stop_ends_between_two_steps_with_a_checkpoint(tmp_path, name):
     path, out = tmp_path / "tank.toml", tmp_path / "out"
     path.write_text(scene_to_toml(tank()))
