@@ -1,6 +1,6 @@
 """Check the CUDA backend on a real GPU and add what was found to the device's report in validation/gpu_reports/.
 
-    python scripts/gpu_check.py [--quick] [--missing] [--only PREFIX ...] [--minutes 6] [--workers 6] [--devices 1]
+    python scripts/gpu_check.py [--quick] [--only PREFIX ...] [--minutes 6] [--workers 6] [--devices 1]
 
 Every task runs in a process of its own, because one illegal memory access ends CUDA for the whole process: the
 pairing suite of the contract for each operation and dtype, the neighbour search against the CPU's and against all
@@ -16,7 +16,6 @@ from __future__ import annotations
 import argparse
 import concurrent.futures
 import datetime
-import functools
 import importlib.metadata
 import json
 import os
@@ -63,7 +62,6 @@ from refsim.commands.plan import describe_plan  # noqa: E402
 from refsim.core.operation import REGISTRY  # noqa: E402
 from refsim.study.memory import bytes_of  # noqa: E402
 from validation import pairs, timed  # noqa: E402
-from validation.results import sources_digest  # noqa: E402
 
 DTYPES = ("float32", "float64")
 WORKERS = 6
@@ -76,7 +74,6 @@ TOLERANCE = {"float32": 0.1, "float64": 1e-8}
 # Fields that are rounding errors before any deformation, by the scale of their errors: a length, a rate.
 OF_SPACING = ("region_anchor", "region_center", "position_residual")
 OF_SHAKING = ("region_spin",)
-ELSEWHERE = ("refsim/contract", "refsim/study/cost.py")  # judge pairings and predict seconds; no other task uses them
 FLAGS = {"float32": 2e-3, "float64": 0.0}  # share of flags that may differ
 
 Row = dict[str, Any]
@@ -418,28 +415,11 @@ def commit() -> str:
     return asked.stdout.strip() if asked.returncode == 0 else "unknown"
 
 
-@functools.cache
-def digest(task: str) -> str:
-    """Digest of the code that a task runs: an operation's for its pairing, else of what this script imports."""
-    kind, *arguments = task.split()
-    if kind == "pairing":
-        module = sys.modules[REGISTRY[arguments[0]].folder].__file__ or ""
-        return sources_digest(module)
-    return sources_digest(__file__, ELSEWHERE)
-
-
-def holds(answer: dict[str, Any]) -> bool:
-    """Whether a task's code is still what it was when the task ran."""
-    return bool(answer.get("digest") == digest(answer["task"]))
-
-
 def as_markdown(answers: list[dict[str, Any]]) -> str:
     """The tasks of a device's report as Markdown."""
     bad = [a["task"] for a in answers if failed(a)]
-    stale = [a["task"] for a in answers if not holds(a)]
     lines = [f"{len(answers) - len(bad)} of {len(answers)} tasks pass.", ""]
     lines += [f"Failed: {', '.join(bad)}.", ""] if bad else []
-    lines += [f"Run before the code behind them last changed, {len(stale)}: {', '.join(stale)}.", ""] if stale else []
     pairing = [a for a in answers if a["task"].startswith("pairing")]
     for answer in answers:
         if answer in pairing and not failed(answer):
@@ -523,7 +503,6 @@ def main() -> int:
     """Run everything and write the report."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="float32 pairing, short runs")
-    parser.add_argument("--missing", action="store_true", help="tasks without evidence that holds on this device")
     parser.add_argument("--only", nargs="+", default=[""], metavar="PREFIX", help="tasks whose names start like these")
     parser.add_argument("--minutes", type=float, default=6.0, help="time for everything")
     parser.add_argument("--workers", type=int, default=WORKERS, help="processes that share a GPU (1 below 8 cores)")
@@ -545,10 +524,6 @@ def main() -> int:
     tell(answers[0])
     device = next((str(r["value"]) for r in answers[0]["rows"] if r["name"] == "device"), "unknown device")
     stem = report_of(device, options.folder)
-    if options.missing:
-        fresh = {task for task, answer in stored(stem).items() if holds(answer) and not failed(answer)}
-        together, alone = ([task for task in tasks if task not in fresh] for tasks in (together, alone))
-        print(f"{len(together) + len(alone)} tasks have no evidence that holds", flush=True)
     reserve = min(120, 20 * len(alone))  # for those that run last and have the GPU to themselves
     places = (options.workers if (os.cpu_count() or 1) >= 8 else 1) * options.devices
     devices: queue.SimpleQueue[str] | None = queue.SimpleQueue() if options.devices > 1 else None
@@ -565,7 +540,7 @@ def main() -> int:
         tell(answers[-1])
     date = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
     about = {"date": date, "commit": commit()}
-    write([answer | about | {"digest": digest(answer["task"])} for answer in answers], stem, device)
+    write([answer | about for answer in answers], stem, device)
     bad = [a["task"] for a in answers if failed(a)]
     print(f"{len(answers) - len(bad)} of {len(answers)} tasks passed" + (f"; failed: {', '.join(bad)}" if bad else ""))
     return 4 if bad else 0

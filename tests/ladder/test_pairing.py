@@ -30,6 +30,7 @@ from refsim.core import cases
 from refsim.core.operation import REGISTRY, backend_of
 from refsim.engine.checkpoints import restore
 from refsim.neighbours.rows import NeighbourRows
+from validation import pairs
 
 EPS = np.finfo(np.float32).eps
 DOUBLE = {  # runs of other tests compile these in double
@@ -101,7 +102,15 @@ def flying_drop(**options):
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("backend", ["numpy", "cpu", pytest.param("cuda", marks=pytest.mark.gpu)])
+@pytest.mark.parametrize(
+    "name", [name for name in pairs.EFFECTS if name != "mesh_boundary"]
+)  # test_one_way_coupling.py
+def test_a_run_with_each_effect_is_resumed_as_the_same_run(name):
+    outcomes = list(contract.resumes(pairs.scene(name, name), "numpy", (2, 2)))
+    assert all(outcome.passed for outcome in outcomes), "\n".join(map(str, outcomes))
+
+
+@pytest.mark.parametrize("backend", ["cpu", pytest.param("cuda", marks=pytest.mark.gpu)])
 def test_a_resumed_run_is_the_same_run(backend):
     reason = unavailable(backend)
     if reason is not None:

@@ -19,7 +19,6 @@ from refsim import (
     SolidCells,
     TwoWayCoupling,
     WeaklyCompressible,
-    contract,
     load_scene,
     make_plan,
 )
@@ -225,12 +224,6 @@ def test_the_rest_moves_on_as_a_body():
         np.linalg.norm(x[:, None] - x[None], axis=2) - np.linalg.norm(rest[:, None] - rest[None], axis=2)
     ).max()
     assert gap < 0.1, "half a spacing"
-
-
-def test_a_resumed_run_is_the_same_run():
-    outcomes = list(contract.resumes(half_molten(skin=0.02, name="melting"), "cpu"))
-    assert outcomes
-    assert all(outcome.passed for outcome in outcomes), "\n".join(map(str, outcomes))
 
 
 def test_cells_of_a_mesh_outlive_its_file(tmp_path):

@@ -18,7 +18,6 @@ from refsim import (
     Scene,
     Simulation,
     SurfaceEnergy,
-    contract,
     make_plan,
     simulate,
 )
@@ -359,16 +358,6 @@ def test_velocity_of_before_the_update_knows_no_force(surface):
     assert abs(run.field("position") - start - moved * np.array([3.0, -2.0, 0.0])).max() < 1e-12
     assert start[:, 0].max() + 3.0 * moved > 0.9  # it is in the wall
     assert abs(run.field("volume_ratio") - 0.9).max() < 1e-12
-
-
-@pytest.mark.parametrize("backend", ["numpy", "cpu"])
-def test_a_resumed_run_is_the_same_run(backend):
-    drop = scene(
-        MpmLiquid(bulk_modulus=3e4), Gravity(acceleration=(0.0, -9.81, 0.0)),
-        MpmWalls(lower=(0, 0, 0), upper=(1.4, 1.4, 0)), dim=2, velocity=(2.0, -1.0, 0.0), dtype="float32", name="drop",
-    )  # fmt: skip
-    outcomes = list(contract.resumes(drop, backend))
-    assert all(outcome.passed for outcome in outcomes), "\n".join(map(str, outcomes))
 
 
 def strewn(dim, shares):
