@@ -18,6 +18,7 @@ pytestmark = pytest.mark.skipif(chromium() is None, reason="Chromium is not inst
 DOCS = pathlib.Path(__file__).parents[2] / "docs"
 SUM, FAN = "0_in_the_browser", "1_in_the_browser"
 WIDTHS = (1280, 390)
+in_each_width = pytest.mark.parametrize("opened", WIDTHS, indirect=True)
 SAID = "document.querySelector('.live .said').textContent"
 COUNTED = "document.querySelector('.live .count').textContent"
 LETTERS = """[...document.querySelectorAll('.live svg text')].map(text =>
@@ -36,9 +37,10 @@ def browser(tmp_path_factory):
     made.close()
 
 
-@pytest.fixture(params=WIDTHS)
+@pytest.fixture
 def opened(request, browser, tmp_path):
-    """open(NAME): the HTML of that page of the lessons, with the site's style, in a window of each width."""
+    """open(NAME): the HTML of that page of the lessons, with the site's style; 1,280 pixels wide by default."""
+    width = getattr(request, "param", WIDTHS[0])
 
     def open_page(name):
         text = (DOCS / "lessons" / f"{name}.md").read_text(encoding="utf-8")
@@ -47,9 +49,9 @@ def opened(request, browser, tmp_path):
         page = tmp_path / "page.html"
         page.write_text(f'<!doctype html><meta charset="utf-8">{style}<div class="content">{parts}</div>')
         browser.errors.clear()
-        browser.size(request.param, 900)
+        browser.size(width, 900)
         browser.open(page)
-        assert browser.value("document.documentElement.scrollWidth") <= request.param
+        assert browser.value("document.documentElement.scrollWidth") <= width
         assert browser.errors == []
         return browser
 
@@ -111,6 +113,7 @@ def test_the_smoothed_sum_is_that_of_the_reference_while_the_sliders_move(opened
     assert state == {"h": 0.1, "d": 0.025, "jitter": 0.25, "field": "wave", "x": pytest.approx(0.27)}
 
 
+@in_each_width
 def test_the_point_follows_the_mouse_and_a_finger(opened):
     browser = opened(SUM)
     for act in (browser.drag, browser.touch):
@@ -121,6 +124,7 @@ def test_the_point_follows_the_mouse_and_a_finger(opened):
         assert numbers(browser.value(SAID))[0] == browser.value("SmoothedSum.state.x")
 
 
+@in_each_width
 def test_letters_of_the_drawings_are_nine_pixels_high(opened):
     found = opened(SUM).value(LETTERS)
     assert len(found) > 10
@@ -221,6 +225,7 @@ def test_surface_particles_are_those_of_the_reference(opened, number):
     assert (number == 1) == np.allclose(points, block())
 
 
+@in_each_width
 def test_particles_follow_mouse_finger_and_arrow_keys(opened):
     browser = opened(FAN)
     unit = browser.value("document.querySelector('.live svg').getScreenCTM().a") * 400 / 13  # pixels a spacing
