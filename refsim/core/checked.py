@@ -7,7 +7,7 @@ import os
 import re
 import typing
 from collections.abc import Iterable, Mapping
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import msgspec
 import numpy as np
@@ -27,10 +27,15 @@ IN_PYTHON = IN_TOML | {"str": "text", "bool": "True or False", "array": "a tuple
 
 
 Printed = tuple[str, ...] | str  # type of `literal`: readings of a source, or one of them, "paper" or "all"
+Positive = Annotated[float, msgspec.Meta(gt=0)]
+NotNegative = Annotated[float, msgspec.Meta(ge=0)]
+Share = Annotated[float, msgspec.Meta(ge=0, le=1)]
+Count = Annotated[int, msgspec.Meta(ge=1)]
+SIDES = {">": "more than", ">=": "at least", "<": "less than", "<=": "at most"}  # of the bound that a type sets
 
 
 class Checked(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Base of what a scene is made of: a value of the wrong kind is refused when the object is made.
+    """Base of what a scene is made of: a value of the wrong kind or out of its range is refused when it is made.
 
     Raises InputError, which names effect or class, field and value.
     """
@@ -91,6 +96,10 @@ def why(error: Exception, value: Any, kind: Any, words: Mapping[str, str] = IN_T
         if isinstance(found, str):
             return f"{inside} = {found!r} is not possible; {suggestion(found, map(str, choices))}"
         return f"{inside} = {found!r} is not possible; choose from {', '.join(map(repr, choices))}."
+    if bound := re.match(r"Expected `\w+` ([<>]=?) (\S+)", said):
+        zero = {">": "a positive number", ">=": "zero or a positive number"} if float(bound[2]) == 0 else {}
+        limit = zero.get(bound[1], f"{SIDES[bound[1]]} {float(bound[2]):g}")
+        return f"{inside} = {_short(found)} is not possible; give {limit}."
     match = re.match(r"Expected `([^`]+)`(?: of length (?:at least )?(\d+))?", said)
     if not match:
         return f"{inside} = {_short(found)} is not possible ({said[:1].lower()}{said[1:]}); correct it."
@@ -98,6 +107,20 @@ def why(error: Exception, value: Any, kind: Any, words: Mapping[str, str] = IN_T
         return f"{inside} has {len(found)} values; give {match[2]}."
     expected = " or ".join(words.get(name, name) for name in match[1].split(" | "))
     return f"{inside} = {_short(found)} is {word_for(found)}; give {expected}."
+
+
+def given_keys(part: Any, owner: str, takes: Mapping[str, tuple[str, ...]]) -> list[str]:
+    """Those keys of a part of a scene, of which each kind takes some, that are given.
+
+    Raises InputError, beginning with `owner`, for one that the part's kind does not take.
+    """
+    keys = dict.fromkeys(itertools.chain(*takes.values()))
+    given = [key for key in keys if getattr(part, key) not in (None, "")]
+    for key in given:
+        if key not in takes[part.kind]:
+            kind = f"{type(part).__name__.lower()} of kind {part.kind!r}"
+            raise InputError(f"{owner}: a {kind} takes no {key!r}; it takes {', '.join(takes[part.kind])}.")
+    return given
 
 
 def word_for(value: Any) -> str:

@@ -6,15 +6,13 @@ compression_energy, compression_amount, pair_potential. The audit of a run is `r
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from refsim.core.checked import Checked
-from refsim.core.errors import InputError
+from refsim.core.checked import Checked, Count, Positive
 
 
 class EnergyAudit(Checked, frozen=True, kw_only=True):
@@ -24,15 +22,8 @@ class EnergyAudit(Checked, frozen=True, kw_only=True):
     bound  share of the energy turned over so far by which the total may rise above its lowest value
     """
 
-    every: int = 100
-    bound: float = 0.05
-
-    def check(self) -> None:
-        """Raise InputError for numbers that are not possible."""
-        if self.every < 1:
-            raise InputError(f"energy_audit: every = {self.every} is not possible; give a positive number of steps.")
-        if not (math.isfinite(self.bound) and self.bound > 0):
-            raise InputError(f"energy_audit: bound = {self.bound} is not possible; give a positive share, 0.05 say.")
+    every: Count = 100
+    bound: Positive = 0.05
 
 
 class Amount(NamedTuple):

@@ -16,8 +16,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from refsim.core.checked import Checked, suggestion
-from refsim.core.effect import require
+from refsim.core.checked import Checked, NotNegative, given_keys, suggestion
 from refsim.core.errors import InputError
 from refsim.core.extras import extra
 from refsim.core.fields import Field
@@ -32,7 +31,6 @@ TAKES = {  # keys that a kind takes, those that it cannot do without first
     "level": ("lower", "upper"),
     "flux": ("lower", "upper"),
 }
-KEYS = ("on", "about", "at", "lower", "upper")
 
 
 class Gauge(Checked, frozen=True, kw_only=True):
@@ -51,7 +49,7 @@ class Gauge(Checked, frozen=True, kw_only=True):
 
     name: str
     kind: Literal["force", "pressure", "level", "flux"]
-    every: float = 0.0
+    every: NotNegative = 0.0
     on: str = ""
     about: Vector | None = None
     at: Vector | None = None
@@ -59,22 +57,13 @@ class Gauge(Checked, frozen=True, kw_only=True):
     upper: Vector | None = None
 
     def check(self) -> None:
-        """Raise InputError, in one sentence, for keys that do not belong together, and for numbers that cannot be."""
+        """Raise InputError, in one sentence, for keys that do not belong together."""
         if not re.fullmatch(r"[A-Za-z0-9_-]{1,80}", self.name):
             raise InputError(
                 f"gauge {self.name!r}: the name is not possible; take letters, digits, '_' and '-', 80 of them at most."
             )
         owner = f"gauge {self.name}"
-        require(owner, every=(self.every, "not negative"))
-        given = [key for key in KEYS if getattr(self, key) not in (None, "")]
-        for key in given:
-            if key not in TAKES[self.kind]:
-                raise InputError(
-                    f"{owner}: a gauge of kind {self.kind!r} takes no {key!r}; it takes {', '.join(TAKES[self.kind])}."
-                )
-            value = getattr(self, key)
-            for axis, number in zip("xyz", () if key == "on" else value):
-                require(owner, **{f"{key} along {axis}": (number, "finite")})
+        given = given_keys(self, owner, TAKES)
         if self.kind == "force" and not self.on:
             raise InputError(f"{owner}: it lacks 'on', what the force acts on; give a face such as \"-y\".")
         if ("lower" in given) != ("upper" in given):

@@ -1,4 +1,4 @@
-"""What a scene is refused for, or noted on: numbers, neighbours, places of particles, masses and fixed steps."""
+"""What a scene is refused for, or noted on: its numbers and effects, its particles, and what follows from both."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -7,10 +7,12 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from refsim.core.capabilities import LimitsMassRatio
-from refsim.core.effect import EFFECTS, Discretisation, Effect, Extremes, InitialState, Nodes, require
+from refsim.core.capabilities import LimitsMassRatio, settled
+from refsim.core.effect import EFFECTS, Discretisation, Effect, Extremes, InitialState, Nodes
 from refsim.core.errors import InputError
 from refsim.core.reading import GREATEST
+from refsim.gauges.places import check_gauges
+from refsim.motion import check_motions
 from refsim.neighbours import MOST_NEIGHBOURS
 from refsim.scene.scene import Scene
 
@@ -20,56 +22,59 @@ SMALLEST = 1e-100  # magnitude of any other number that is not zero
 LONGEST_FIXED = 1.6  # stable steps that a fixed step may span; longer ones gained energy without diverging in tests
 
 
-def check_numbers(scene: Scene) -> None:
-    """Raise InputError for the scene's own numbers, and for numbers of its parts that no product may have."""
-    require(
-        "scene",
-        spacing=(scene.spacing, "positive"),
-        support_radius=(scene.support_radius, "positive"),
-        end_time=(scene.end_time, "not negative"),
-        step=(scene.step, "not negative"),
-        step_factor=(scene.step_factor, "positive"),
-        skin=(scene.skin, "not negative"),
-    )
-    if scene.step_factor > 1:
-        raise InputError(f"scene: step_factor = {scene.step_factor} is more than the stable step; give at most 1.")
-    if scene.dim not in (2, 3):
-        raise InputError(f"scene: dim = {scene.dim} is not possible; give 2 or 3.")
-    if scene.dtype not in ("float32", "float64"):
-        raise InputError(f"scene: dtype = {scene.dtype!r} is not possible; give 'float32' or 'float64'.")
+def checked(scene: Scene) -> tuple[Discretisation, dict[str, Effect]]:
+    """(what effects may read of the scene, without particles; its effects by name) of a scene that may be planned.
+
+    Raises InputError for numbers, effects, gauges and motions that are not possible, or not together.
+    """
+    _check_numbers(scene)
+    effects = _effects(scene)
+    grid = Discretisation(
+        scene.dim, scene.dtype, scene.spacing, scene.support_radius, 0, scene.step, None, scene.period,
+        scene.period_lower,
+    )  # fmt: skip
+    postponed = []
+    for effect in effects.values():
+        try:
+            effect.check(grid, effects)
+        except InputError:
+            raise
+        except Exception:  # it may read an effect whose own check, which comes later, says what is wrong
+            postponed.append(effect)
+    for effect in postponed:
+        effect.check(grid, effects)
+    check_gauges(scene.gauge, len(scene.solid), grid, effects)
+    check_motions(scene.motion, scene.end_time, scene.energy_audit is not None, grid, effects)
+    return grid, effects
+
+
+def _check_numbers(scene: Scene) -> None:
+    """Raise InputError for numbers of the scene and its parts that no product may have."""
     if scene.support_radius < scene.spacing:
         raise InputError(
             f"scene: support_radius = {scene.support_radius} m is below one spacing ({scene.spacing} m), so that no"
             " particle would have a neighbour; give at least 1.5 spacings."
         )
-    if scene.energy_audit is not None:
-        scene.energy_audit.check()
-    for name in ("spacing", "support_radius", "end_time", "step", "step_factor", "skin"):
-        _check_magnitude("scene", name, getattr(scene, name), LEAST)
-    for name in ("period", "period_lower"):
-        for axis, value in zip("xyz", getattr(scene, name)):
-            rule = "not negative" if name == "period" else "finite"
-            require("scene", **{f"{name} along {axis}": (value, rule)})
-            _check_magnitude("scene", f"{name} along {axis}", value, LEAST)
+    _check_magnitudes("scene", scene, LEAST)
+    _check_magnitudes("energy_audit", scene.energy_audit)
     if scene.dim == 2 and scene.period[2] != 0:
         raise InputError("scene: period has a z part in a 2D scene; set it to 0.")
-    check_neighbours(scene, "support_radius", scene.support_radius)
-    for kind, parts in (("fluid", scene.fluid), ("solid", scene.solid)):
-        for number, part in enumerate(parts, 1):
+    _check_neighbours(scene, "support_radius", scene.support_radius)
+    for kind in ("fluid", "solid", "motion", "gauge"):
+        for number, part in enumerate(getattr(scene, kind), 1):
             _check_magnitudes(f"[[{kind}]] number {number}", part)
     for effect in scene.effects:
         _check_magnitudes(getattr(effect, "name", "scene"), effect)
 
 
-def _check_magnitudes(place: str, part: Any) -> None:
+def _check_magnitudes(place: str, part: Any, least: float = SMALLEST) -> None:
     for f in msgspec.structs.fields(part) if isinstance(part, msgspec.Struct) else ():
         values = getattr(part, f.name)
         if f.type is not Any:  # arrays of particles and cells are looked at where they are read
             several = isinstance(values, tuple)
             for axis, value in enumerate(values if several else (values,)):
-                if f.name != "velocity":  # reported with its particle
-                    name = f"{f.name} along {'xyz'[axis]}" if several and len(values) == 3 else f.name
-                    _check_magnitude(place, name, value, 0.0 if "temperature" in f.name else SMALLEST)
+                name = f"{f.name} along {'xyz'[axis]}" if several and len(values) == 3 else f.name
+                _check_magnitude(place, name, value, 0.0 if "temperature" in f.name else least)
 
 
 def _check_magnitude(place: str, name: str, value: Any, least: float = 0.0) -> None:
@@ -83,7 +88,41 @@ def _check_magnitude(place: str, name: str, value: Any, least: float = 0.0) -> N
     raise InputError(f"{place}: {name} = {words} is too {kind} to be meant in SI units; correct it.")
 
 
-def check_neighbours(scene: Scene, what: str, radius: float) -> None:
+def _effects(scene: Scene) -> dict[str, Effect]:
+    effects: dict[str, Effect] = {}
+    for effect in scene.effects:
+        if not isinstance(effect, Effect):
+            raise InputError(f"scene: {effect!r} is not an effect; choose from {', '.join(sorted(EFFECTS))}.")
+        if effect.name in effects:
+            raise InputError(f"scene: effect {effect.name!r} is listed twice; keep one.")
+        effects[effect.name] = effect
+    for name, effect in effects.items():
+        for needed in effect.needs():
+            if needed not in effects:
+                raise InputError(f"Effect {name!r} needs effect {needed!r}; add it to the scene.")
+        if any(scene.period) and not effect.periodic:
+            able = ", ".join(sorted(other for other, kind in EFFECTS.items() if kind.periodic))
+            raise InputError(
+                f"{name}: this effect does not act across the border of a periodic box; leave out the scene's period or"
+                f" the effect (with a period a scene can have {able})."
+            )
+    return settled(effects.values())
+
+
+def check_list(scene: Scene, radius: float) -> None:
+    """Raise InputError where a neighbour list of this radius [m] is too long, or wider than half of a period."""
+    if radius > scene.support_radius:
+        _check_neighbours(scene, "the radius of the neighbour list", radius)
+    reach = radius * (1 + scene.skin)
+    for axis, length in zip("xyz", scene.period):
+        if 0 < length <= 2 * reach:
+            raise InputError(
+                f"scene: period = {length:g} m along {axis} is at most twice the {reach:.3g} m up to which the"
+                " neighbour list reaches, so that two images of one particle would be neighbours; give a longer one."
+            )
+
+
+def _check_neighbours(scene: Scene, what: str, radius: float) -> None:
     """Raise InputError where a particle of the lattice has more neighbours within `radius` [m] than one may have."""
     reach = radius / scene.spacing * (1 + scene.skin)
     number = (math.pi if scene.dim == 2 else 4 / 3 * math.pi) * reach**scene.dim
@@ -112,17 +151,6 @@ def check_fixed_step(scene: Scene, grid: Discretisation, effects: Mapping[str, E
             f"scene: step = {scene.step:g} s is {scene.step / at_rest[name]:.3g} times the stable one at rest"
             f" ({at_rest[name]:.3g} s, {name}); give at most {LONGEST_FIXED:g} times that, or 0."
         )
-
-
-def check_periodic(scene: Scene, effects: Mapping[str, Effect]) -> None:
-    """Raise InputError for an effect that knows no nearest images in a scene with a period."""
-    for name, effect in effects.items() if any(scene.period) else ():
-        if not effect.periodic:
-            able = ", ".join(sorted(other for other, kind in EFFECTS.items() if kind.periodic))
-            raise InputError(
-                f"{name}: this effect does not act across the border of a periodic box; leave out the scene's period or"
-                f" the effect (with a period a scene can have {able})."
-            )
 
 
 def resolved(position: np.ndarray, grid: Discretisation) -> float:

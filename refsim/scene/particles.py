@@ -1,23 +1,51 @@
-"""The particles that a scene starts with: those of its shapes and solids, their velocities and masses."""
+"""The particles that a scene starts with, of its shapes and solids, and the origin of their places."""
 
+import dataclasses
 import math
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from refsim.core.capabilities import KnowsParticleMass, having
-from refsim.core.effect import Discretisation, Effect, InitialState, Nodes, require
+from refsim.core.capabilities import KnowsParticleMass, NeedsCellOrder, having
+from refsim.core.effect import Discretisation, Effect, InitialState, Nodes
 from refsim.core.errors import InputError
-from refsim.scene.checks import check_particles
+from refsim.scene.checks import check_coincident, check_particles, resolved
 from refsim.scene.scene import Scene
-from refsim.scene.shapes import Ball, Box, as_floats
-from refsim.scene.solids import countable
+from refsim.scene.shapes import Ball, Box, Vector, as_floats
+from refsim.scene.solids import countable, moved, voxelised
 
 WIDEST_SHARE = 3.0  # factor by which a part's mass may differ from that of its lattice: bodies of a few cells
+FINE = 1e-5  # [spacings] with a resolution of positions as fine as this a scene keeps its origin
+FAR = 4.0  # times nearer must an origin of its own be to its farthest particle
 
 
-def initial_state(
+def placed(
+    scene: Scene, empty: Discretisation, effects: Mapping[str, Effect]
+) -> tuple[Discretisation, InitialState]:  # fmt: skip
+    """(the grid `empty` with the scene's particles, their state at the start) of a scene that was checked.
+
+    The origin of the grid is amid the particles where they are far from the scene's compared with their extent: a whole
+    number of spacings away, or of an effect's cells. Solids and period are relative to it; the state is absolute.
+    """
+    solids = voxelised(scene.solid, empty) if scene.solid else None
+    state = _initial_state(scene, empty, effects, solids)
+    grid = dataclasses.replace(empty, count=len(state.position), solids=solids)
+    cell = max((e.sorting_cell(grid) for e in having(effects, NeedsCellOrder)), default=0.0)
+    unit = cell if cell > 0 and solids is None else grid.spacing
+    middle = unit * np.rint(0.5 * (state.position.min(0) + state.position.max(0)) / unit) + 0.0  # no -0
+    farthest, nearer = np.abs(state.position).max(), np.abs(state.position - middle).max()
+    if resolved(state.position, grid) > FINE and farthest >= FAR * nearer:
+        if solids is not None:
+            solids = moved(solids, np.rint(middle / unit).astype(np.int32))
+        origin: Vector = tuple(middle.tolist())
+        lower: Vector = tuple((grid.period_lower - middle).tolist())
+        grid = dataclasses.replace(grid, origin=origin, period_lower=lower, solids=solids)
+    check_coincident(grid.local(state.position), scene.dtype)
+    return grid, state
+
+
+def _initial_state(
     scene: Scene, grid: Discretisation, effects: Mapping[str, Effect], solids: Nodes | None
 ) -> InitialState:
     positions, velocities, masses = [], [], []
@@ -65,7 +93,6 @@ def _solid_particles(
 
 def fitting_share(place: str, mass: float, lattice: float) -> float:
     """A part's mass over that of its lattice particles [kg]. Raises InputError where the two do not fit."""
-    require(place, mass=(mass, "positive"))
     share = mass / lattice if lattice > 0 else 1.0
     if not 1 / WIDEST_SHARE <= share <= WIDEST_SHARE:
         raise InputError(

@@ -11,23 +11,17 @@ from typing import Any
 
 import numpy as np
 
-from refsim.core.capabilities import BringsWalls, JudgesStart, NeedsCellOrder, having, settled
-from refsim.core.effect import EFFECTS, Discretisation, Effect, InitialState, Pass
+from refsim.core.capabilities import BringsWalls, JudgesStart, having
+from refsim.core.effect import Discretisation, Effect, InitialState, Pass
 from refsim.core.errors import InputError
 from refsim.core.fields import BASE, POSITION_RESIDUAL, Field
 from refsim.core.period import period_group
 from refsim.core.tables import Shown, in_bytes
-from refsim.gauges.places import check_gauges
-from refsim.motion import check_motions, turning_pass
+from refsim.motion import turning_pass
 from refsim.scene import checks
-from refsim.scene.particles import initial_state
+from refsim.scene.particles import placed
 from refsim.scene.passes import accounts, merged_passes, motion_passes, ordered_passes
 from refsim.scene.scene import Scene
-from refsim.scene.shapes import Vector
-from refsim.scene.solids import moved, voxelised
-
-FINE = 1e-5  # [spacings] with a resolution of positions as fine as this a scene keeps its origin
-FAR = 4.0  # times nearer must an origin of its own be to its farthest particle
 
 
 @dataclass(frozen=True, repr=False)
@@ -97,64 +91,50 @@ class Plan(Shown):
 
 def make_plan(scene: Scene) -> Plan:
     """Check the scene and work out its plan. Raises InputError, with one sentence, for bad input."""
-    checks.check_numbers(scene)
     try:
         with np.errstate(over="raise", divide="raise", invalid="raise"):
-            return _planned(scene)
+            empty, effects = checks.checked(scene)
+            grid, state = placed(scene, empty, effects)
+            return _planned(scene, grid, effects, state)
     except (ArithmeticError, OverflowError) as error:
         raise InputError(
             f"scene: its numbers differ by too many orders of magnitude for their products ({error}); check the units."
         ) from None
 
 
-def _planned(scene: Scene) -> Plan:
-    effects = _effects(scene)
-    checks.check_periodic(scene, effects)
-    empty = Discretisation(
-        scene.dim, scene.dtype, scene.spacing, scene.support_radius, 0, scene.step, None, scene.period,
-        scene.period_lower,
-    )  # fmt: skip
-    postponed = []
-    for effect in effects.values():  # before the particles, whose masses follow from the effects
-        try:
-            effect.check(empty, effects)
-        except InputError:
-            raise
-        except Exception:  # it may read an effect whose own check, which comes later, says what is wrong
-            postponed.append(effect)
-    for effect in postponed:
-        effect.check(empty, effects)
-    check_gauges(scene.gauge, len(scene.solid), empty, effects)
-    check_motions(scene.motion, scene.end_time, scene.energy_audit is not None, empty, effects)
-    solids = voxelised(scene.solid, empty) if scene.solid else None
-    absolute = initial_state(scene, empty, effects, solids)
-    given, grid = (
-        effects,
-        _placed(dataclasses.replace(empty, count=len(absolute.position), solids=solids), absolute, effects),
-    )
-    solids, effects = grid.solids, {name: effect.local(grid) for name, effect in given.items()}
-    state = dataclasses.replace(absolute, position=grid.local(absolute.position))
-    checks.check_coincident(state.position, scene.dtype)
+def _planned(scene: Scene, grid: Discretisation, given: Mapping[str, Effect], absolute: InitialState) -> Plan:
+    """The plan of a scene that was checked and whose particles are placed; its effects and state as the user gave them.
+
+    What its effects need comes first, then the values of their fields, then the order of their passes.
+    """
+    effects = {name: effect.local(grid) for name, effect in given.items()}
     fields = {f.name: f for f in (*BASE, *((POSITION_RESIDUAL,) if scene.dtype == "float32" else ()))}
-    shared: dict[str, Any] = {"walls": None, "period": None}
-    if any(scene.period):
-        shared["period"] = period_group(scene.period, scene.dtype)
-    parameters = {}
+    period = period_group(scene.period, scene.dtype) if any(scene.period) else None
+    shared: dict[str, Any] = {"walls": None, "period": period}
+    parameters: dict[str, dict[str, Any]] = {}
     bringing: list[Any] = having(effects, BringsWalls)
     made = [effect.walls(grid, effects) for effect in bringing]
     walls = [part for part in made if part is not None]
     ends = np.cumsum([0 if part is None else len(part.volume) for part in made]).tolist()
-    rows = {"solids": 0 if solids is None else len(solids.lattice.key), "walls": sum(len(w.volume) for w in walls)}
+    rows = {
+        "solids": 0 if grid.solids is None else len(grid.solids.lattice.key),
+        "walls": sum(len(w.volume) for w in walls),
+    }
     for name, effect in effects.items():
         fields |= {f.name: _counted(f, rows) for f in effect.fields(effects)}
         shared |= effect.shares(grid, effects)
         parameters[name] = effect.prepare(grid, effects)
     if scene.energy_audit is not None:
         accounts(grid, effects)
+    list_radius = max((e.list_radius(grid) for e in effects.values()), default=0.0)
     checks.check_fixed_step(scene, grid, effects)
+    checks.check_list(scene, list_radius)
+
+    state = dataclasses.replace(absolute, position=grid.local(absolute.position))
     values = _initial_values(grid, state, effects, fields)
     state = dataclasses.replace(state, mass=values.pop("mass", state.mass), values=values)
-    checks.check_places(state, shared.get("bounds"), solids)
+    checks.check_places(state, shared.get("bounds"), grid.solids)
+
     replaced = _replaced(effects)
     asked = [
         (e, p) for e in effects.values() for p in e.passes(effects) if p.operation not in replaced - set(e.replaces())
@@ -162,17 +142,7 @@ def _planned(scene: Scene) -> Plan:
     for turn in turning_pass(scene.motion):
         asked.append((effects["gravity"], turn))
         parameters["gravity"] = {**parameters["gravity"], "turning": np.zeros(9, grid.dtype)}
-    passes = ordered_passes(merged_passes([(e, p) for e, p in asked if p.stage == "forces"], parameters), fields)
-    list_radius = max((e.list_radius(grid) for e in effects.values()), default=0.0)
-    if list_radius > scene.support_radius:
-        checks.check_neighbours(scene, "the radius of the neighbour list", list_radius)
-    for axis, length in zip("xyz", scene.period):
-        if 0 < length <= 2 * list_radius * (1 + scene.skin):
-            raise InputError(
-                f"scene: period = {length:g} m along {axis} is at most twice the {list_radius * (1 + scene.skin):.3g} m"
-                " up to which the neighbour list reaches, so that two images of one particle would be neighbours; give"
-                " a longer one."
-            )
+    of = {stage: [(e, p) for e, p in asked if p.stage == stage] for stage in ("start", "begin", "forces", "motion")}
     merged = None
     if walls:
         merged = type(walls[0])(*(np.concatenate(parts) for parts in zip(*walls)))
@@ -183,10 +153,10 @@ def _planned(scene: Scene) -> Plan:
         effects=given,
         state=dataclasses.replace(state, position=absolute.position),
         fields=fields,
-        start=tuple((e, p) for e, p in asked if p.stage == "start"),
-        begin=tuple((e, p) for e, p in asked if p.stage == "begin"),
-        passes=passes,
-        motion=motion_passes([(e, p) for e, p in asked if p.stage == "motion"], fields),
+        start=tuple(of["start"]),
+        begin=tuple(of["begin"]),
+        passes=ordered_passes(merged_passes(of["forces"], parameters), fields),
+        motion=motion_passes(of["motion"], fields),
         list_radius=list_radius,
         shared=shared,
         parameters=parameters,
@@ -213,40 +183,6 @@ def _replaced(effects: Mapping[str, Effect]) -> frozenset[str]:
                 )
             owner[operation] = name
     return frozenset(owner)
-
-
-def _placed(grid: Discretisation, state: InitialState, effects: Mapping[str, Effect]) -> Discretisation:
-    """The grid with its origin amid the particles, where they are far from the scene's compared with their extent.
-
-    The origin is a whole number of spacings away, or of an effect's cells; solids and period are relative to it.
-    """
-    cell = max((e.sorting_cell(grid) for e in having(effects, NeedsCellOrder)), default=0.0)
-    unit = cell if cell > 0 and grid.solids is None else grid.spacing
-    middle = unit * np.rint(0.5 * (state.position.min(0) + state.position.max(0)) / unit) + 0.0  # no -0
-    farthest, nearer = np.abs(state.position).max(), np.abs(state.position - middle).max()
-    if checks.resolved(state.position, grid) <= FINE or farthest < FAR * nearer:
-        return grid
-    solids = grid.solids
-    if solids is not None:
-        solids = moved(solids, np.rint(middle / unit).astype(np.int32))
-    origin: Vector = tuple(middle.tolist())
-    lower: Vector = tuple((grid.period_lower - middle).tolist())
-    return dataclasses.replace(grid, origin=origin, period_lower=lower, solids=solids)
-
-
-def _effects(scene: Scene) -> dict[str, Effect]:
-    effects: dict[str, Effect] = {}
-    for effect in scene.effects:
-        if not isinstance(effect, Effect):
-            raise InputError(f"scene: {effect!r} is not an effect; choose from {', '.join(sorted(EFFECTS))}.")
-        if effect.name in effects:
-            raise InputError(f"scene: effect {effect.name!r} is listed twice; keep one.")
-        effects[effect.name] = effect
-    for effect in effects.values():
-        for needed in effect.needs():
-            if needed not in effects:
-                raise InputError(f"Effect {effect.name!r} needs effect {needed!r}; add it to the scene.")
-    return settled(effects.values())
 
 
 def _counted(f: Field, rows: Mapping[str, int]) -> Field:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
 
-from refsim.core.checked import Checked, suggestion
+from refsim.core.checked import Checked, NotNegative, Positive, suggestion
 from refsim.core.effect import Effect
 from refsim.core.energy import EnergyAudit
 from refsim.core.errors import InputError
@@ -39,18 +39,18 @@ class Scene(Checked, frozen=True, kw_only=True):
     name            title in reports
     """
 
-    spacing: float
-    support_radius: float
+    spacing: Positive
+    support_radius: Positive
     fluid: tuple[Box | Ball | Cloud, ...]
     solid: tuple[SolidBox | SolidBall | SolidTorus | SolidMesh | SolidCells, ...] = ()
     effects: tuple[Any, ...] = ()
     dim: Literal[2, 3] = 3
     dtype: Literal["float32", "float64"] = "float32"
-    end_time: float = 1.0
-    step: float = 0.0
-    step_factor: float = 1.0
-    skin: float = 0.1
-    period: Vector = (0.0, 0.0, 0.0)
+    end_time: NotNegative = 1.0
+    step: NotNegative = 0.0
+    step_factor: Annotated[float, msgspec.Meta(gt=0, le=1)] = 1.0
+    skin: NotNegative = 0.1
+    period: tuple[NotNegative, NotNegative, NotNegative] = (0.0, 0.0, 0.0)
     period_lower: Vector = (0.0, 0.0, 0.0)
     motion: tuple[Motion, ...] = ()
     gauge: tuple[Gauge, ...] = ()

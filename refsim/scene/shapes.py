@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from refsim.core.checked import Checked
-from refsim.core.effect import Discretisation, require
+from refsim.core.checked import Checked, Positive
+from refsim.core.effect import Discretisation
 from refsim.core.errors import InputError
 from refsim.core.reading import open_regular
 from refsim.scene.solids import countable
@@ -71,13 +71,12 @@ class Ball(Checked, tag="ball", tag_field="shape", frozen=True, kw_only=True):
     """
 
     center: Vector = (0.0, 0.0, 0.0)
-    radius: float
+    radius: Positive
     velocity: Vector = (0.0, 0.0, 0.0)
-    mass: float | None = None
+    mass: Positive | None = None
 
     def positions(self, grid: Discretisation) -> np.ndarray:
         """Positions (n, 3) [m]."""
-        require("fluid ball", radius=(self.radius, "positive"))
         reach = math.ceil(self.radius / grid.spacing) + 1
         countable(f"fluid ball: a radius of {self.radius} m at a spacing of {grid.spacing} m", [2 * reach] * grid.dim)
         steps = (np.arange(-reach, reach) + 0.5) * grid.spacing

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from refsim.backends.arrays import host_memory
-from refsim.core.checked import Checked
-from refsim.core.effect import Discretisation, Lattice, Nodes, require
+from refsim.core.checked import Checked, NotNegative, Positive
+from refsim.core.effect import Discretisation, Lattice, Nodes
 from refsim.core.errors import InputError
 from refsim.scene.overlaps import winding
 from refsim.scene.surface_mesh import SurfaceMesh, placed_mesh
@@ -36,10 +36,10 @@ class Solid(Checked, tag_field="shape", frozen=True, kw_only=True):
               the volume of its cells
     """
 
-    density: float = 917.0
+    density: Positive = 917.0
     velocity: Vector = (0.0, 0.0, 0.0)
     spin: Vector = (0.0, 0.0, 0.0)
-    mass: float | None = None
+    mass: Positive | None = None
 
     def inside(self, points: np.ndarray) -> np.ndarray:
         """Which of the points (n, 3) [m] lie in the body."""
@@ -52,13 +52,6 @@ class Solid(Checked, tag_field="shape", frozen=True, kw_only=True):
     def notes(self) -> tuple[str, ...]:
         """What a user should know about it, one sentence each."""
         return ()
-
-    def check(self, place: str) -> None:
-        """Raise InputError, naming the body's place in the scene, for impossible numbers."""
-        require(place, density=(self.density, "positive"))
-        for name in ("velocity", "spin"):
-            for axis, value in zip("xyz", getattr(self, name)):
-                require(place, **{f"{name} along {axis}": (value, "finite")})
 
 
 class SolidBox(Solid, tag="box", frozen=True, kw_only=True):
@@ -84,7 +77,7 @@ class SolidBall(Solid, tag="ball", frozen=True, kw_only=True):
     """
 
     center: Vector
-    radius: float
+    radius: Positive
 
     def inside(self, points: np.ndarray) -> np.ndarray:
         return ((points - np.array(self.center)) ** 2).sum(1) < self.radius**2
@@ -103,15 +96,9 @@ class SolidTorus(Solid, tag="torus", frozen=True, kw_only=True):
     """
 
     center: Vector
-    radius: float
-    tube_radius: float
+    radius: Positive
+    tube_radius: Positive
     axis: Vector = (0.0, 0.0, 1.0)
-
-    def check(self, place: str) -> None:
-        super().check(place)
-        length = math.hypot(*self.axis)
-        if not (length > 0 and math.isfinite(length)):
-            raise InputError(f"{place}: axis = {list(self.axis)} has no direction; give one.")
 
     def inside(self, points: np.ndarray) -> np.ndarray:
         axis = np.array(self.axis) / np.linalg.norm(self.axis)
@@ -121,6 +108,8 @@ class SolidTorus(Solid, tag="torus", frozen=True, kw_only=True):
         return ring**2 + height**2 < self.tube_radius**2
 
     def extent(self) -> tuple[np.ndarray, np.ndarray]:
+        if not any(self.axis):
+            raise InputError(f"solid torus: axis = {list(self.axis)} has no direction; give one.")
         reach = self.radius + self.tube_radius
         return np.array(self.center) - reach, np.array(self.center) + reach
 
@@ -136,15 +125,8 @@ class SolidMesh(Solid, tag="mesh", frozen=True, kw_only=True):
 
     file: str
     center: Vector
-    size: float = 0.0
+    size: NotNegative = 0.0
     rotation: Vector = (0.0, 0.0, 0.0)
-
-    def check(self, place: str) -> None:
-        super().check(place)
-        require(place, size=(self.size, "not negative"))
-        for name in ("center", "rotation"):
-            for axis, value in zip("xyz", getattr(self, name)):
-                require(place, **{f"{name} along {axis}": (value, "finite")})
 
     def notes(self) -> tuple[str, ...]:
         return self.mesh().notes
@@ -254,7 +236,6 @@ def countable(
 
 def body_cells(body: Solid, place: str, spacing: float) -> np.ndarray:
     """Cells (k, 3) int32 whose centres lie in a body. Raises InputError where it is empty, too small or too large."""
-    body.check(place)
     if isinstance(body, SolidCells):
         return _given_cells(body, place)
     lower, upper = body.extent()
