@@ -26,8 +26,6 @@ class HasErrata:
     "all" takes every printed text.
     """
 
-    __slots__ = ()
-
     name: ClassVar[str]
     source: ClassVar[str] = ""  # as an erratum is cited: "Jiang & Zhu"
     errata: ClassVar[tuple[str, ...]] = ()  # those that can be switched
@@ -88,8 +86,6 @@ class SumsDensity:
 class BringsWalls:
     """Brings static boundary particles into the scene."""
 
-    __slots__ = ()
-
     wall_share: ClassVar[float] = 2.0  # times the particle's pressure with which they push; the least of a scene counts
 
     def extrapolates(self) -> bool:
@@ -107,8 +103,6 @@ class BringsWalls:
 
 class HasPlanes:
     """Holds the particles in a box by planes."""
-
-    __slots__ = ()
 
     def domain(self, grid: Discretisation) -> tuple[np.ndarray, np.ndarray]:
         """Lower and upper corner (3,) of the box [m]; infinite where it is open."""
@@ -134,8 +128,6 @@ def open_axis(grid: Discretisation, others: Mapping[str, Effect]) -> str:
 class FindsSurface:
     """Marks the particles near the free surface in field `near_surface`, for other effects."""
 
-    __slots__ = ()
-
     def near_fields(self) -> tuple[Field, ...]:
         """Fields that an effect declares which reads `near_surface`."""
         raise NotImplementedError  # an effect with this capability defines it
@@ -152,8 +144,6 @@ class FindsSurface:
 class JudgesStart:
     """Has notes that follow from the particles at the start."""
 
-    __slots__ = ()
-
     def notes_on_start(
         self, grid: Discretisation, state: InitialState, walls: WallParticles | None, others: Mapping[str, Effect]
     ) -> Iterator[str]:
@@ -164,8 +154,6 @@ class JudgesStart:
 class CorrectsPositions:
     """Moves particles by other displacements than dt v."""
 
-    __slots__ = ()
-
     def corrects_positions(self) -> bool:
         """Whether it does so with these parameters; the neighbour list is then not audited."""
         raise NotImplementedError  # an effect with this capability defines it
@@ -174,8 +162,6 @@ class CorrectsPositions:
 class BalancesCohesion:
     """Has cohesion whose pressure the equation of state is to balance."""
 
-    __slots__ = ()
-
     def balanced_pressure(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
         """Cohesive pressure [Pa] of the undisturbed bulk that the equation of state is to balance."""
         raise NotImplementedError  # an effect with this capability defines it
@@ -183,8 +169,6 @@ class BalancesCohesion:
 
 class KnowsParticleMass:
     """Gives the mass of a particle of the lattice."""
-
-    __slots__ = ()
 
     of_liquid: ClassVar[bool] = False  # the liquid's mass counts before that of other effects
 
@@ -200,8 +184,6 @@ class KnowsParticleMass:
 class LimitsSpeed:
     """Has equations that hold up to some speed of the particles."""
 
-    __slots__ = ()
-
     def greatest_speed(self, grid: Discretisation) -> float:
         """Speed [m/s] above which its equations do not hold: a faster particle ends the run."""
         raise NotImplementedError  # an effect with this capability defines it
@@ -209,8 +191,6 @@ class LimitsSpeed:
 
 class LimitsMassRatio:
     """Has forces that were measured to gain no energy up to some ratio of the particles' masses."""
-
-    __slots__ = ()
 
     def largest_mass_ratio(self, others: Mapping[str, Effect]) -> float:
         """That ratio of the largest to the smallest mass."""
@@ -240,8 +220,6 @@ class Margin(NamedTuple):
 class KnowsLimits:
     """Has settings of which it was measured how far they can go; a note is given beyond."""
 
-    __slots__ = ()
-
     def margins(self, grid: Discretisation, others: Mapping[str, Effect]) -> Iterator[Margin]:
         """Those that act in this scene."""
         raise NotImplementedError  # an effect with this capability defines it
@@ -249,8 +227,6 @@ class KnowsLimits:
 
 class NeedsCellOrder:
     """Needs the particles sorted by cell at intervals, also without a neighbour list."""
-
-    __slots__ = ()
 
     def sorting_cell(self, grid: Discretisation) -> float:
         """Size of those cells [m]."""
@@ -260,8 +236,6 @@ class NeedsCellOrder:
 class FollowsSettings:
     """Has fields that follow from another field when a user sets that one between two steps."""
 
-    __slots__ = ()
-
     def after_setting(self, name: str, field: Callable[[str], np.ndarray]) -> Mapping[str, np.ndarray]:
         """New values of its fields after `name` was set; `field` gives a field's values by name."""
         raise NotImplementedError  # an effect with this capability defines it
@@ -269,8 +243,6 @@ class FollowsSettings:
 
 class KeepsLedger:
     """Counts a quantity for the report of a run."""
-
-    __slots__ = ()
 
     ledger_units: ClassVar[Mapping[str, str]] = {}  # of the quantities, in 3D
 
@@ -294,8 +266,6 @@ class Balance(NamedTuple):
 class KeepsBalance:
     """Keeps a total while nothing enters or leaves; the run looks whether it does."""
 
-    __slots__ = ()
-
     balanced: ClassVar[str] = ""  # the total, in a word
     stops_as: ClassVar[str] = ""  # reason of a run that stops because of a drift
     remedy: ClassVar[str] = ""  # what a user does about a drift
@@ -313,8 +283,6 @@ class KeepsBalance:
 class Watches:
     """Checks small fields on the host after each step; it may stop the run or add a note to it."""
 
-    __slots__ = ()
-
     watched: ClassVar[tuple[str, ...]] = ()  # names of those fields
 
     def verdict(self, grid: Discretisation, seen: Mapping[str, np.ndarray], length: float) -> tuple[str, str] | None:
@@ -331,8 +299,6 @@ class Watches:
 
 class HoldsOtherMemory:
     """Holds arrays besides fields, lists and walls, whose size depends on the course of the run."""
-
-    __slots__ = ()
 
     def other_memory(self) -> str:
         """Name of these arrays, for `refsim plan`; "" where there are none."""

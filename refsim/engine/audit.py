@@ -181,11 +181,10 @@ class Auditor:
 
     # In checkpoints
 
-    def saved(self) -> str:
-        """Its state as text from which every number is restored bit for bit."""
+    def saved(self) -> AuditState:
+        """Its state, from which it is restored bit for bit."""
         lowest = self.lowest if math.isfinite(self.lowest) else None
-        state = AuditState(self.start, self.now, lowest, self.turned_over, self.greatest_share)
-        return msgspec.json.encode(state).decode()
+        return AuditState(self.start, self.now, lowest, self.turned_over, self.greatest_share)
 
     def restore(self, state: AuditState) -> None:
         """Go on from what `saved` gave."""

@@ -1,15 +1,16 @@
 """What a checkpoint of a run holds: taking it, checking one that was read, and putting it back."""
 
 import dataclasses
-import json
 import os
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, cast
+from typing import Annotated, Any, Literal, cast
 
 import msgspec
 import numpy as np
 
+from refsim.core.checked import NotNegative
 from refsim.core.errors import InputError
 from refsim.core.reading import GREATEST
 from refsim.core.versions import versions
@@ -21,30 +22,35 @@ from refsim.neighbours import SearchLog
 from refsim.scene.plan import Plan, make_plan
 
 ROUNDED = 1 + 1e-5  # of a number that was added up, or that a GPU computed in float32
+Number = Annotated[int, msgspec.Meta(ge=0, lt=2**63)]
+Length = Annotated[float, msgspec.Meta(ge=0, le=GREATEST)]
 
 
 class Clock(msgspec.Struct, frozen=True, kw_only=True):
-    """Numbers of a run that outlive a step, as `snapshot` writes them beside its arrays; SI units.
+    """Numbers of a run that outlive a step, as a checkpoint holds them beside its arrays; SI units.
 
-    Names in a file are those of its first version: squared_way and set_between_steps.
+    Names in a file are those of its first version: squared_way and set_between_steps. TABLES stand there as JSON.
     """
 
     backend: Literal["numpy", "cpu", "cuda"]
-    time: float
-    steps: int
-    previous_length: float
-    squared_displacement: float = msgspec.field(name="squared_way")
-    margin: float
+    time: Length
+    steps: Number
+    previous_length: Length
+    squared_displacement: NotNegative = msgspec.field(name="squared_way")
+    margin: Length
     velocities_set: bool = msgspec.field(name="set_between_steps")
     list_built: bool
-    stopped_at_walls: int
-    limiters: str
-    versions: str
-    search_log: str
-    remarks: str
-    first_length: float | None = None  # None before the first step
-    energy_audit: str | None = None  # None where the scene has none
-    origin: str | None = None  # of the positions, as JSON; None of a version whose positions had no residual
+    stopped_at_walls: Number
+    limiters: dict[str, Number]  # how many steps each limit has set
+    versions: dict[str, str]  # of the programs that wrote it
+    search_log: dict[str, Number]  # counts of the neighbour search
+    remarks: dict[str, str]  # notes that effects had made until then, by effect
+    first_length: Length | None = None  # None before the first step
+    energy_audit: AuditState | None = None  # None where the scene has none
+    origin: tuple[float, float, float] | None = None  # of the positions; None of a version without residual
+
+
+TABLES = ("limiters", "versions", "search_log", "remarks", "energy_audit", "origin")
 
 
 @dataclass(frozen=True)
@@ -56,12 +62,7 @@ class SavedRun:
     clock           time, steps and what else counts them
     state           fields that outlive a step, by name
     build_position  positions (n, 3) [m] at the last build of the neighbour list
-    limiters        how many steps each limit has set
-    versions        of the programs that wrote it
-    search_log      counts of the neighbour search
-    audit           state of the energy audit, where the scene has one
     gauges          what each of the scene's gauges has measured, time and values (k, 1 + columns), by name
-    remarks         notes that effects had made until then, by effect
     notes           one sentence for each checkpoint that was passed over for it, and for an older one
     """
 
@@ -70,12 +71,7 @@ class SavedRun:
     clock: Clock
     state: dict[str, np.ndarray]
     build_position: np.ndarray
-    limiters: dict[str, int]
-    versions: dict[str, str]
-    search_log: dict[str, int]
-    audit: AuditState | None
     gauges: dict[str, np.ndarray]
-    remarks: dict[str, str]
     notes: tuple[str, ...]
 
 
@@ -90,46 +86,22 @@ def load_checkpoint(path: str | os.PathLike[str]) -> SavedRun:
     def wrong(what: str) -> InputError:
         return InputError(f"checkpoint {file}: {what}; start the run again.")
 
-    for field in msgspec.structs.fields(Clock):
-        if field.required and field.encode_name not in saved.attributes:
-            raise wrong(f"it lacks {field.encode_name!r}, so that it is not one of a run of this refsim")
-    try:
-        clock = msgspec.convert(saved.attributes, Clock)
-        limiters = msgspec.json.decode(clock.limiters, type=dict[str, int])
-        then = msgspec.json.decode(clock.versions, type=dict[str, str])
-        log = msgspec.json.decode(clock.search_log, type=dict[str, int])
-        remarks = msgspec.json.decode(clock.remarks, type=dict[str, str])
-        audit = msgspec.json.decode(clock.energy_audit, type=AuditState) if clock.energy_audit else None
-        origin = msgspec.json.decode(clock.origin or "[0, 0, 0]", type=tuple[float, float, float])
-    except (msgspec.MsgspecError, OverflowError, RecursionError) as error:
-        words = str(error)[:200]
-        raise wrong(f"its numbers are not those of a run ({words[:1].lower()}{words[1:]})") from None
-    if (plan.scene.energy_audit is None) != (audit is None):
+    clock = _clock(saved.attributes, wrong)
+    if (plan.scene.energy_audit is None) != (clock.energy_audit is None):
         raise wrong("its energy audit is not that of its scene")
-    counts = {"steps": clock.steps, "stopped_at_walls": clock.stopped_at_walls, **limiters, **log}
-    lengths = {"time": clock.time, "previous_length": clock.previous_length, "margin": clock.margin}
-    if clock.first_length is not None:
-        lengths["first_length"] = clock.first_length
-    for name, value in counts.items():
-        if not 0 <= value < 2**63:
-            raise wrong(f"{name} = {value} is no count")
     if clock.first_length is None and clock.steps:
         raise wrong("it lacks 'first_length', the length of the first of its steps")
-    for name, length in lengths.items():
-        if not 0 <= length <= GREATEST:
-            raise wrong(f"{name} = {length} is not possible")
-    for name in ("previous_length", "first_length") if clock.steps else ():
-        if not 0 < lengths[name] <= clock.time * ROUNDED:
-            raise wrong(f"{name} = {lengths[name]:g} s is no step of a run that has come to {clock.time:g} s")
+    lengths = {"previous_length": clock.previous_length, "first_length": clock.first_length}
+    for name, length in lengths.items() if clock.steps else ():
+        if not 0 < length <= clock.time * ROUNDED:  # type: ignore[operator]
+            raise wrong(f"{name} = {length:g} s is no step of a run that has come to {clock.time:g} s")
     if clock.margin > (widest := plan.scene.skin * plan.list_radius) * ROUNDED:
         raise wrong(f"margin = {clock.margin:g} m is more than the neighbour list's skin of {widest:g} m")
-    if not clock.squared_displacement >= 0:
-        raise wrong(f"squared_way = {clock.squared_displacement} is not possible")
-    if not log.keys() <= {f.name for f in dataclasses.fields(SearchLog)}:
-        raise wrong(f"its search log has the entries {', '.join(log)}")
+    if not clock.search_log.keys() <= {f.name for f in dataclasses.fields(SearchLog)}:
+        raise wrong(f"its search log has the entries {', '.join(clock.search_log)}")
     shapes = {f"field.{name}": (f.shape(plan.grid.count), f.numpy_dtype(plan.grid.dtype))
               for name, f in plan.fields.items() if f.state}  # fmt: skip
-    if origin != plan.grid.origin:
+    if (origin := clock.origin or (0.0, 0.0, 0.0)) != plan.grid.origin:
         raise wrong(f"its positions are relative to {list(origin)} m and the scene's to {list(plan.grid.origin)} m")
     residual = "field.position_residual"
     if clock.origin is None and residual in saved.arrays:
@@ -169,7 +141,23 @@ def load_checkpoint(path: str | os.PathLike[str]) -> SavedRun:
             raise wrong(f"what the gauge {gauge.name} has measured is no table of numbers")
         if (np.diff(table[:, 0], prepend=-1.0) <= 0).any() or (table[:, 0] > clock.time).any():
             raise wrong(f"the times of the gauge {gauge.name} do not rise to that of the run")
-    return SavedRun(file, plan, clock, state, build_position, limiters, then, log, audit, gauges, remarks, notes)
+    return SavedRun(file, plan, clock, state, build_position, gauges, notes)
+
+
+def _clock(attributes: Mapping[str, Any], wrong: Callable[[str], InputError]) -> Clock:
+    """The numbers of a checkpoint. Raises what `wrong` makes of a sentence where one is missing or not possible."""
+    found = {}
+    for field in msgspec.structs.fields(Clock):
+        name = field.encode_name
+        if name not in attributes and field.required:
+            raise wrong(f"it lacks {name!r}, so that it is not one of a run of this refsim")
+        if (value := attributes.get(name)) is not None:
+            try:
+                read = msgspec.json.decode(value) if name in TABLES else value
+                found[field.name] = msgspec.convert(read, field.type)
+            except (msgspec.MsgspecError, OverflowError, RecursionError, TypeError):
+                raise wrong(f"its numbers are not those of a run: {name} = {str(value)[:80]} is not possible") from None
+    return Clock(**found)
 
 
 def snapshot(run: Run) -> Checkpoint:
@@ -190,16 +178,20 @@ def snapshot(run: Run) -> Checkpoint:
         velocities_set=lists.velocities_set,
         list_built=lists.built,
         stopped_at_walls=run.stopped_at_walls,
-        limiters=json.dumps(run.limiters),
-        versions=json.dumps(versions()),
+        limiters=run.limiters,
+        versions=versions(),
         first_length=run.first_length,
-        search_log=json.dumps({} if lists.search is None else dataclasses.asdict(lists.search.log)),
+        search_log={} if lists.search is None else dataclasses.asdict(lists.search.log),
         energy_audit=None if run.auditor is None else run.auditor.saved(),
-        remarks=json.dumps(run.remarks),
-        origin=json.dumps(run.plan.grid.origin),
+        remarks=run.remarks,
+        origin=run.plan.grid.origin,
     )
     stored = {f.encode_name: getattr(clock, f.name) for f in msgspec.structs.fields(Clock)}
-    attributes = {"scene": text} | {name: value for name, value in stored.items() if value is not None}
+    attributes = {"scene": text} | {
+        name: msgspec.json.encode(value).decode() if name in TABLES else value
+        for name, value in stored.items()
+        if value is not None
+    }
     return Checkpoint(arrays, attributes)
 
 
@@ -218,25 +210,23 @@ def restore(run: Run, saved: SavedRun) -> None:
     run.order.renumber()
     run.start()
     run.backend.assign(run.timestep, np.array([0.0, run.previous_length], dtype=run.plan.grid.dtype))
-    run.limiters = dict(saved.limiters)
+    run.limiters = dict(clock.limiters)
     run.stopped_at_walls = clock.stopped_at_walls
     lists.velocities_set = clock.velocities_set
-    if run.auditor is not None and saved.audit is not None:
-        run.auditor.restore(saved.audit)
+    if run.auditor is not None and clock.energy_audit is not None:
+        run.auditor.restore(clock.energy_audit)
     if run.gauges is not None:
         run.gauges.restore(saved.gauges)
     run.balances.renew()
-    for effect, note in saved.remarks.items():
+    for effect, note in clock.remarks.items():
         run.remark(effect, note)
     if lists.search is not None and clock.list_built:
         lists.rebuild()
         lists.policy.squared_displacement, lists.policy.margin = clock.squared_displacement, clock.margin
         log = lists.search.log
-        here = log.list_bytes  # the size that the list has grown to changes no result
-        for name, value in saved.search_log.items():
-            setattr(log, name, value)
-        log.list_bytes = here
-    now, then = versions(), saved.versions
+        for name in clock.search_log.keys() - {"list_bytes"}:  # the size that the list has grown to changes no result
+            setattr(log, name, clock.search_log[name])
+    now, then = versions(), clock.versions
     if clock.backend != run.backend.name:
         run.notes.append(
             f"resumed on backend {run.backend.name} from a checkpoint of backend {clock.backend}: the run goes"

@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NoReturn
 
@@ -103,9 +103,16 @@ def too_small(simulation: Run, limiter: str, length: float) -> NoReturn:
     )
 
 
-def shifted(simulation: Run, length: float) -> float:
-    """Bound of the displacements beside dt v [m] in a step in which the fastest particle moves by `length` [m]."""
-    return LARGEST_SHIFT * length if "shift" in simulation.fields else 0.0
+def advanced(
+    simulation: Run, length: float, limiter: str, limits: dict[str, float], extremes: Extremes, squared: float,
+    stopped: float,
+) -> Advance:  # fmt: skip
+    """What a step of this length did; `squared` and `stopped` as operation sph.kick_drift gives them."""
+    gained = 0.5 * (simulation.previous_length + length) * extremes.acceleration
+    moved = (extremes.speed + gained) * length
+    if "shift" in simulation.fields:  # beside dt v
+        moved += LARGEST_SHIFT * (extremes.speed * length)
+    return Advance(length, limiter, limits, moved, gained, squared, int(stopped), int(extremes.dense))
 
 
 class HostStepper:
@@ -138,14 +145,11 @@ class HostStepper:
             s.first_length = length
         if not length > SMALLEST_STEP * s.first_length:
             too_small(s, limiter, length)
-        kick = 0.5 * (s.previous_length + length)
-        s.backend.assign(s.timestep, np.array([kick, length], dtype=s.plan.grid.dtype))
+        steps = [0.5 * (s.previous_length + length), length]
+        s.backend.assign(s.timestep, np.array(steps, dtype=s.plan.grid.dtype))
         for name, call in s.motion_calls:
             s.timings.run(name, call)
-        squared, stopped = (float(x) for x in s.backend.host(s.displacement))
-        gained = kick * extremes.acceleration
-        moved = (extremes.speed + gained) * length + shifted(s, extremes.speed * length)
-        return Advance(length, limiter, limits, moved, gained, squared, int(stopped), int(extremes.dense))
+        return advanced(s, length, limiter, limits, extremes, *map(float, s.backend.host(s.displacement)))
 
 
 class DeviceStepper:
@@ -172,11 +176,13 @@ class DeviceStepper:
         whole = not (self.profiled or any(effect.host_in_step for effect in s.plan.effects.values()))
         passes = (*s.plan.passes, *s.plan.motion)
         self.pushed = any("acceleration" in (*p.writes, *p.updates) for _, p in passes)  # else it stays zero
-        self.after = needed_before(list(self._touched()))
+        self.calls, touches = self._sequence()
+        self.after = needed_before(touches)
         self.recorded = device.Recorded(self._launch, whole)
 
     def rebind(self) -> None:
         """The arrays have changed: record the step anew."""
+        self.calls, _ = self._sequence()
         self.recorded = self.recorded.renewed()
 
     def watched(self, name: str) -> np.ndarray:
@@ -190,10 +196,7 @@ class DeviceStepper:
             self._set_clock()
         began = time.perf_counter()
         if not self.recorded.called:
-            self._launch_each(s.begin_calls)
-            for _ in s.launch():  # each program's first call is timed, because it compiles
-                pass
-            self._launch_each(self._motion())
+            self._launch_each()  # each program's first call is timed, because it compiles
             self.recorded.called = True
         else:
             self.recorded()
@@ -213,11 +216,7 @@ class DeviceStepper:
         s.first_length = float(clock[device.FIRST])
         self.in_step_with = s.steps + 1
         limits = stable_steps(s.limits, extremes)
-        gained = 0.5 * (s.previous_length + length) * extremes.acceleration
-        moved = (extremes.speed + gained) * length + shifted(s, extremes.speed * length)
-        squared = float(clock[device.WAY])
-        stopped, dense = int(clock[device.STOPPED]), int(extremes.dense)
-        return Advance(length, name, limits, moved, gained, squared, stopped, dense)
+        return advanced(s, length, name, limits, extremes, float(clock[device.WAY]), clock[device.STOPPED])
 
     def _set_clock(self) -> None:
         """Give the device the host's clock: at the start, and after resuming."""
@@ -227,47 +226,34 @@ class DeviceStepper:
         s.backend.assign(self.clock, values)
 
     def _launch(self) -> None:
-        s = self.simulation
-        forces = [(name, call) for name, rare, call in s.force_calls if not rare]
-        calls = [*s.begin_calls, ("", self._clear), *forces, *self._motion()]
         if self.profiled:
-            self._launch_each(calls)
+            self._launch_each()
         else:
-            self.device.launch_after([call for _, call in calls], self.after)
+            self.device.launch_after([call for _, call in self.calls], self.after)
 
-    def _touched(self) -> Iterator[Touched | None]:
-        """What the calls of `_launch` touch."""
-        plan, backend = self.simulation.plan, self.simulation.backend.name
-        for _, p in plan.begin:
-            yield touched(p, backend)
-        yield Touched(frozenset({"acceleration"}), frozenset({"acceleration"}))
-        for _, p in self.simulation.force_passes:
-            if not p.on_demand:
-                yield touched(p, backend)
-        yield touched(Pass("sph.extremes"), backend)
-        yield Touched(frozenset({"extremes", "timestep"}), frozenset({"timestep"}))
-        for _, p in plan.motion:
-            yield touched(p, backend)
-        yield None
+    def _launch_each(self) -> None:
+        for name, call in self.calls:
+            self.simulation.timings.run(name, call)
 
-    def _launch_each(self, calls: Calls) -> None:
-        for name, call in calls:
-            if self.profiled and name:
-                self.simulation.timings.run(name, call)
-            else:
-                call()
+    def _sequence(self) -> tuple[Calls, list[Touched | None]]:
+        """All that a step launches, in order, and what each launch touches."""
+        s, plan, backend = self.simulation, self.simulation.plan, self.simulation.backend.name
+        forces = [(name, call, p) for (name, rare, call), (_, p) in zip(s.force_calls, s.force_passes) if not rare]
+        own = frozenset({"acceleration"})
+        steps: list[tuple[str, Callable[[], None], Touched | None]] = [
+            *((*call, touched(p, backend)) for call, (_, p) in zip(s.begin_calls, plan.begin)),
+            ("clear", self._clear, Touched(own, own)),
+            *((name, call, touched(p, backend)) for name, call, p in forces),
+            ("sph.extremes", s.extremes_call, touched(Pass("sph.extremes"), backend)),
+            ("choose_step", self._choose, Touched(frozenset({"extremes", "timestep"}), frozenset({"timestep"}))),
+            *((*call, touched(p, backend)) for call, (_, p) in zip(s.motion_calls, plan.motion)),
+            ("send_clock", self._send, None),
+        ]
+        return [(name, call) for name, call, _ in steps], [what for *_, what in steps]
 
     def _clear(self) -> None:
         if self.pushed:
             self.device.fill(self.simulation.fields["acceleration"], 0)
-
-    def _motion(self) -> Calls:
-        return [
-            ("sph.extremes", self.simulation.extremes_call),
-            ("choose_step", self._choose),
-            *self.simulation.motion_calls,
-            ("send_clock", self._send),
-        ]
 
     def _choose(self) -> None:
         s, scene = self.simulation, self.simulation.plan.scene

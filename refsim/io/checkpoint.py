@@ -30,7 +30,7 @@ from typing import Any
 import numpy as np
 
 from refsim.core.errors import InputError, RunStopped
-from refsim.core.reading import open_regular
+from refsim.core.reading import open_regular, unpacks
 
 FORMAT = "refsim checkpoint"
 VERSION = 2
@@ -100,25 +100,6 @@ def write_checkpoint(
             temporary.unlink(missing_ok=True)
 
 
-def read_checkpoint(path: str | os.PathLike[str]) -> Checkpoint:
-    """Read a checkpoint after its digest was compared.
-
-    Raises InputError, in one sentence that names the file, when it is missing, is no checkpoint, is of
-    another version, is cut short or has been altered; when the previous checkpoint beside it is whole, the
-    sentence says so.
-    """
-    path = Path(path)
-    try:
-        return _read(path)
-    except _Unreadable as error:
-        previous = previous_path(path)
-        advice = "start the run again, or give the path of a whole checkpoint"
-        with suppress(_Unreadable):
-            _read(previous)
-            advice = f"resume from {previous} instead, which is whole"
-        raise InputError(f"checkpoint {path} {error}; {advice}") from error
-
-
 def whole_checkpoint(path: str | os.PathLike[str]) -> tuple[Path, Checkpoint, tuple[str, ...]]:
     """(its path, what it holds, one sentence for each that was passed over) of the checkpoint to go on from.
 
@@ -132,29 +113,17 @@ def whole_checkpoint(path: str | os.PathLike[str]) -> tuple[Path, Checkpoint, tu
         candidates = _newest_first(path)
     else:
         candidates = [path, previous_path(path)]
-    passed: list[tuple[Path, _Unreadable]] = []
+    passed: list[Unreadable] = []
     for file in candidates:
         try:
-            saved = _read(file)
-        except _Unreadable as error:
-            passed.append((file, error))
+            saved = read_checkpoint(file)
+        except Unreadable as error:
+            passed.append(error)
         else:
-            return file, saved, tuple(f"checkpoint {name} {why}: resumed from {file}" for name, why in passed)
+            return file, saved, tuple(f"{error.sentence}: resumed from {file}" for error in passed)
     if not passed:
         raise InputError(f"folder {path} holds no whole checkpoint; give the folder of a run, or start the run again.")
-    raise InputError(f"checkpoint {passed[0][0]} {passed[0][1]}; start the run again, or give a whole checkpoint.")
-
-
-def latest_checkpoint(folder: str | os.PathLike[str]) -> Path | None:
-    """The path of the newest whole checkpoint in `folder` (not below it), or None when there is none.
-
-    Raises InputError where the folder cannot be read.
-    """
-    for file in _newest_first(Path(folder)):
-        with suppress(_Unreadable):
-            _read(file)
-            return file
-    return None
+    raise passed[0]
 
 
 def _newest_first(folder: Path) -> list[Path]:
@@ -167,7 +136,7 @@ def _newest_first(folder: Path) -> list[Path]:
     for file in files:
         try:
             dated.append((_written_ns(file), file))
-        except _Unreadable:
+        except Unreadable:
             if file.suffix == ".h5":
                 damaged.append(file)
     return damaged + [file for _, file in sorted(dated, reverse=True)]
@@ -331,48 +300,54 @@ def _copy_name(source: Path, target: Path) -> None:
 # -- what is read ------------------------------------------------------------------------------------------
 
 
-class _Unreadable(Exception):
-    """Why a file is not a whole checkpoint: the rest of a sentence that begins with its name."""
+class Unreadable(InputError):
+    """Raised with the path of a file and why it is not a whole checkpoint."""
+
+    @property
+    def sentence(self) -> str:
+        """What is wrong, without what to do."""
+        return f"checkpoint {self.args[0]} {self.args[1]}"
+
+    def __str__(self) -> str:
+        return f"{self.sentence}; start the run again, or give a whole checkpoint."
 
 
-def _read(path: Path) -> Checkpoint:
+def read_checkpoint(path: str | os.PathLike[str]) -> Checkpoint:
+    """Read a checkpoint after its digest was compared.
+
+    Raises Unreadable when it is missing, is no checkpoint, is of another version, is cut short or has been altered.
+    """
     import h5py
 
     with _opened(path) as file:
         head = _head(file)
         size = os.fstat(file.fileno()).st_size
         if size != head.size:
-            raise _Unreadable(f"is cut short or damaged (it has {size} of {head.size} bytes)")
+            raise Unreadable(path, f"is cut short or damaged (it has {size} of {head.size} bytes)")
         if head.digest(file) != head.sha256:
-            raise _Unreadable("is damaged (it does not match its digest)")
+            raise Unreadable(path, "is damaged (it does not match its digest)")
         try:
             with h5py.File(file, "r") as root:
-                arrays = {name: _array(name, dataset, size) for name, dataset in root["arrays"].items()}
+                for dataset in root["arrays"].values():
+                    foreign = dataset.is_virtual or dataset.external or dataset.dtype.kind not in "biufc"
+                    if foreign or unpacks(dataset, size):
+                        raise ValueError(f"{dataset.name} is of another kind than refsim writes")
+                arrays = {name: np.asarray(dataset[()]) for name, dataset in root["arrays"].items()}
                 attributes = json.loads(root["attributes"].asstr()[()])
-        except _Unreadable:
-            raise
         except Exception as error:  # HDF5 raises many kinds for contents that the digest cannot vouch for
-            raise _Unreadable("is not a checkpoint of refsim (HDF5 cannot read what it should hold)") from error
+            raise Unreadable(path, "is not a checkpoint of refsim (HDF5 cannot read what it should hold)") from error
     if not isinstance(attributes, dict) or not all(isinstance(v, str | int | float) for v in attributes.values()):
-        raise _Unreadable("is not a checkpoint of refsim (its attributes are no table of text and numbers)")
+        raise Unreadable(path, "is not a checkpoint of refsim (its attributes are no table of text and numbers)")
     return Checkpoint(arrays, attributes)
 
 
-def _array(name: str, dataset: Any, size: int) -> np.ndarray:
-    """A dataset of the kind that `write_checkpoint` makes, from a file of `size` bytes."""
-    plain = dataset.chunks is None and not dataset.is_virtual and not dataset.external
-    if not plain or dataset.dtype.kind not in "biufc" or dataset.nbytes > size:
-        raise _Unreadable(f"is not a checkpoint of refsim (array {name!r} is of another kind than refsim writes)")
-    return np.asarray(dataset[()])
-
-
-def _opened(path: Path) -> BufferedReader:
+def _opened(path: str | os.PathLike[str]) -> BufferedReader:
     try:
         return open_regular(path)
     except FileNotFoundError:
-        raise _Unreadable("does not exist") from None
+        raise Unreadable(path, "does not exist") from None
     except OSError as error:
-        raise _Unreadable(f"cannot be read ({error.strerror})") from error
+        raise Unreadable(path, f"cannot be read ({error.strerror})") from error
 
 
 def _head(file: BufferedReader) -> _Head:
@@ -380,22 +355,21 @@ def _head(file: BufferedReader) -> _Head:
     try:
         block = file.read(BLOCK)
     except OSError as error:
-        raise _Unreadable(f"cannot be read ({error.strerror})") from error
+        raise Unreadable(file.name, f"cannot be read ({error.strerror})") from error
     found = HEAD.match(block)
-    if found is None:
-        if block.startswith(b"\x89HDF\r\n\x1a\n"):
-            raise _Unreadable(
-                "is an HDF5 file without the digest that a checkpoint begins with (refsim 0.1.0 wrote such checkpoints,"
-                " format version 1, and reads them)"
-            )
-        if block[: len(FORMAT)] == FORMAT.encode():
-            raise _Unreadable("is cut short or damaged (its first lines are not those of a checkpoint)")
-        raise _Unreadable("is not a checkpoint (it does not begin as one)")
-    head = _Head(int(found[1]), int(found[2]), int(found[3]), found[4].decode())
-    if head.version != VERSION:
-        raise _Unreadable(f"has format version {head.version}, and this refsim reads version {VERSION}")
-    if head.block() != block:
-        raise _Unreadable("is cut short or damaged (its first lines are not those of a checkpoint)")
+    if found is None and block.startswith(b"\x89HDF\r\n\x1a\n"):
+        raise Unreadable(
+            file.name,
+            "is an HDF5 file without the digest that a checkpoint begins with (refsim 0.1.0 wrote such checkpoints,"
+            " format version 1, and reads them)",
+        )
+    if found is None and block[: len(FORMAT)] != FORMAT.encode():
+        raise Unreadable(file.name, "is not a checkpoint (it does not begin as one)")
+    head = None if found is None else _Head(int(found[1]), int(found[2]), int(found[3]), found[4].decode())
+    if head is not None and head.version != VERSION:
+        raise Unreadable(file.name, f"has format version {head.version}, and this refsim reads version {VERSION}")
+    if head is None or head.block() != block:
+        raise Unreadable(file.name, "is cut short or damaged (its first lines are not those of a checkpoint)")
     return head
 
 
@@ -407,7 +381,7 @@ def _written_ns(path: Path) -> int:
 def _next_written_ns(path: Path) -> int:
     """The clock, but always after the checkpoint at `path`, even when the clock was set back."""
     before = -1
-    with suppress(_Unreadable):
+    with suppress(Unreadable):
         before = _written_ns(path)
     return max(time.time_ns(), before + 1)
 

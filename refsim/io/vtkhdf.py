@@ -15,13 +15,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import DTypeLike
 
 from refsim.core.errors import InputError
 from refsim.core.fields import POSITION_RESIDUAL
+from refsim.core.reading import unpacks
 from refsim.io.scenes import scene_to_checkpoint
 from refsim.io.transactions import PAGE, Staged
 
@@ -263,13 +264,11 @@ def read_hdf5(path: Path, read: Callable[[h5py.Group], T]) -> T:
     try:
         with h5py.File(path, "r") as file:
             size = path.stat().st_size
-            file.visititems(lambda name, item: _check_plain(path, name, item, size))
+            packed = file.visititems(lambda name, item: name if unpacks(item, size) else None)
+            if packed is not None:
+                raise InputError(
+                    f"particle file {path} is not of refsim: its {packed} is compressed or cut; run it again."
+                )
             return read(file["VTKHDF"])
     except (OSError, KeyError, RuntimeError) as error:
         raise InputError(f"particle file {path} was changed while it was read; read it again") from error
-
-
-def _check_plain(path: Path, name: str, item: Any, size: int) -> None:
-    """Raises InputError for a dataset that refsim would not write: compressed, or larger than its file."""
-    if hasattr(item, "nbytes") and (item.id.get_create_plist().get_nfilters() > 0 or item.nbytes > size):
-        raise InputError(f"particle file {path} is not of refsim: its {name} is compressed or cut; run it again.")

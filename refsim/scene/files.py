@@ -11,7 +11,7 @@ import os
 import pathlib
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import msgspec
@@ -45,32 +45,41 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
     unknown key, lacks one or has a value of the wrong kind.
     """
     path = pathlib.Path(path)
+    return parse_scene(text_of(path, "scene file"), str(path), folder=path.parent)
+
+
+def text_of(path: pathlib.Path, what: str) -> str:
+    """The text of a TOML file. Raises InputError, which begins with `what`, where it cannot be read."""
     try:
         with open_regular(path) as file:
             size = os.fstat(file.fileno()).st_size
             if size > LARGEST_FILE:
                 raise InputError(
-                    f"scene file {path} has {size / 2**20:,.0f} MiB, more than {LARGEST_FILE >> 20}; keep the positions"
+                    f"{what} {path} has {size / 2**20:,.0f} MiB, more than {LARGEST_FILE >> 20}; keep the positions"
                     " of a cloud in a .npy file beside it."
                 )
             with io.TextIOWrapper(file, encoding="utf-8-sig") as lines:  # some editors begin with a byte-order mark
-                text = lines.read()
+                return lines.read()
     except FileNotFoundError:
-        raise InputError(f"scene file {path} does not exist; give the path of a TOML file.") from None
+        raise InputError(f"{what} {path} does not exist; give the path of a TOML file.") from None
     except UnicodeDecodeError:
-        raise InputError(f"{path} is not TOML, because it is not text in UTF-8; give a scene file.") from None
+        raise InputError(f"{path} is not TOML, because it is not text in UTF-8; give a {what}.") from None
     except OSError as error:
-        raise InputError(f"scene file {path} cannot be read ({error.strerror}); give the path of a file.") from None
-    return parse_scene(text, str(path), folder=path.parent)
+        raise InputError(f"{what} {path} cannot be read ({error.strerror}); give the path of a file.") from None
 
 
 def parse_scene(text: str, source: str, folder: pathlib.Path | None = None) -> Scene:
     """The scene in a TOML text; `source` names it in errors, `folder` is where files of clouds lie."""
+    return scene_from_dict(tables_of(text, source), source, folder)
+
+
+def tables_of(text: str, source: str) -> dict[str, Any]:
+    """The tables of a TOML text. Raises InputError, which begins with `source`, where it is none."""
     try:
         tables = tomllib.loads(text)
         if _depth(tables) > DEEPEST:
             raise RecursionError
-        return scene_from_dict(tables, source, folder)
+        return tables
     except ValueError as error:  # tomllib's own, and Python's for whole numbers of thousands of digits
         words = str(error)
         raise InputError(f"{source} is not TOML: {words[:1].lower()}{words[1:]}; correct that place.") from None
@@ -97,13 +106,15 @@ def scene_from_dict(tables: Mapping[str, Any], source: str, folder: pathlib.Path
     if type(version) is not int or version != VERSION:
         raise InputError(f"{source}: version = {version!r} is not known; this refsim reads version {VERSION}.")
     for name, shapes in PARTS.items():
-        values[name] = _parts(name, shapes, values.get(name, []), source, folder)
+        tables_here = _listed(name, values.get(name, []), source)
+        values[name] = tuple(_beside(_shaped(shapes, part, source, place), folder) for place, part in tables_here)
     for name, owner in LISTED.items():
-        values[name] = _listed(name, owner, values.get(name, []), source)
-    values["effects"] = _effects(values.get("effects", {}), source, folder)
+        tables_here = _listed(name, values.get(name, []), source)
+        values[name] = tuple(struct_of(owner, part, source, place) for place, part in tables_here)
+    values["effects"] = tuple(_beside(effect, folder) for effect in _effects(values.get("effects", {}), source))
     if "energy_audit" in values:
         values["energy_audit"] = _table(EnergyAudit, values["energy_audit"], source, "[energy_audit]")
-    return _struct(Scene, values, source, "", ready=(*PARTS, *LISTED, "effects", "energy_audit"))
+    return struct_of(Scene, values, source, ready=(*PARTS, *LISTED, "effects", "energy_audit"))
 
 
 def scene_to_dict(scene: Scene) -> dict[str, Any]:
@@ -155,18 +166,23 @@ def _place(tables: Mapping[str, Any], name: str, source: str) -> tuple[Any, str]
 def scene_to_toml(scene: Scene) -> str:
     """The scene as TOML text, every value written out; numbers come back bit for bit."""
     tables = scene_to_dict(scene)
-    apart = (*PARTS, *LISTED, "effects", "energy_audit")
-    lines = [f"{_key(name)} = {_toml(value)}" for name, value in tables.items() if name not in apart]
-    if "energy_audit" in tables:
-        lines += ["", "[energy_audit]"] + [f"{_key(n)} = {_toml(value)}" for n, value in tables["energy_audit"].items()]
-    for kind in (*PARTS, *LISTED):
-        for part in tables.get(kind, ()):
-            lines += ["", f"[[{kind}]]"] + [f"{_key(name)} = {_toml(value)}" for name, value in part.items()]
-    for effect, values in tables["effects"].items():
-        lines += ["", f"[effects.{_key(effect)}]"] + [
-            f"{_key(name)} = {_toml(value)}" for name, value in values.items()
-        ]
+    apart = {name: tables.pop(name) for name in ("energy_audit", *PARTS, *LISTED, "effects") if name in tables}
+    headed: list[tuple[str, dict[str, Any]]] = []
+    for name, inside in apart.items():
+        if name == "effects":
+            headed += [(f"[effects.{_key(effect)}]", values) for effect, values in inside.items()]
+        elif name == "energy_audit":
+            headed.append(("[energy_audit]", inside))
+        else:
+            headed += [(f"[[{name}]]", part) for part in inside]
+    lines = _entries(tables)
+    for head, values in headed:
+        lines += ["", head, *_entries(values)]
     return "\n".join(lines) + "\n"
+
+
+def _entries(values: Mapping[str, Any]) -> list[str]:
+    return [f"{_key(name)} = {_toml(value)}" for name, value in values.items()]
 
 
 def describe(owner: type) -> dict[str, str]:
@@ -235,65 +251,59 @@ def scene_schema(effects: Mapping[str, type[Effect]] = EFFECTS) -> dict[str, Any
 # Reading
 
 
-def _parts(
-    kind: str, shapes: Mapping[str, type], parts: Any, source: str, folder: pathlib.Path | None
-) -> tuple[Any, ...]:
-    if not isinstance(parts, list):
-        raise InputError(f"{source}: {kind} must be a list of tables; begin each with [[{kind}]].")
-    made = []
-    for number, part in enumerate(parts, 1):
-        place = f"[[{kind}]] number {number}"
-        if not isinstance(part, dict):
-            raise InputError(f"{source}: {place} must be a table, not {word_for(part)}; begin it with [[{kind}]].")
-        values = dict(part)
-        shape = values.pop("shape", None)
-        if shape is None:
-            *some, last = (f'"{name}"' for name in shapes)
-            raise InputError(f"{source}: {place} has no shape; add shape = {', '.join(some)} or {last}.")
-        if not isinstance(shape, str) or shape not in shapes:
-            raise InputError(f"{source}: {place} has the unknown shape {shape!r}; {suggestion(shape, shapes)}")
-        result = _struct(shapes[shape], values, source, place)
-        if folder is not None and getattr(result, "file", None):
-            result = msgspec.structs.replace(result, file=str(folder / result.file))
-        made.append(result)
-    return tuple(made)
-
-
-def _listed(kind: str, owner: type, tables: Any, source: str) -> tuple[Any, ...]:
+def _listed(kind: str, tables: Any, source: str) -> Iterator[tuple[str, dict[str, Any]]]:
+    """(place in words, values) of each of the tables [[kind]]."""
     if not isinstance(tables, list):
         raise InputError(f"{source}: {kind} must be a list of tables; begin each with [[{kind}]].")
-    made = []
     for number, values in enumerate(tables, 1):
         place = f"[[{kind}]] number {number}"
         if not isinstance(values, dict):
             raise InputError(f"{source}: {place} must be a table, not {word_for(values)}; begin it with [[{kind}]].")
-        made.append(_struct(owner, values, source, place))
-    return tuple(made)
+        yield place, dict(values)
 
 
-def _effects(tables: Any, source: str, folder: pathlib.Path | None) -> tuple[Effect, ...]:
+def _shaped(shapes: Mapping[str, type], values: dict[str, Any], source: str, place: str) -> Any:
+    """A part of the fluid or a solid."""
+    shape = values.pop("shape", None)
+    if shape is None:
+        *some, last = (f'"{name}"' for name in shapes)
+        raise InputError(f"{source}: {place} has no shape; add shape = {', '.join(some)} or {last}.")
+    if not isinstance(shape, str) or shape not in shapes:
+        raise InputError(f"{source}: {place} has the unknown shape {shape!r}; {suggestion(shape, shapes)}")
+    return struct_of(shapes[shape], values, source, place)
+
+
+def _effects(tables: Any, source: str) -> Iterator[Effect]:
     if not isinstance(tables, dict):
         raise InputError(f"{source}: effects must be tables; write each as [effects.name].")
-    made = []
     for name, values in tables.items():
         if name not in EFFECTS:
             raise InputError(f"{source}: effect {name!r} is unknown; {suggestion(name, sorted(EFFECTS))}")
-        effect = _table(EFFECTS[name], values, source, f"[effects.{name}]")
-        if folder is not None and getattr(effect, "file", None):
-            effect = msgspec.structs.replace(effect, file=str(folder / effect.file))
-        made.append(effect)
-    return tuple(made)
+        yield _table(EFFECTS[name], values, source, f"[effects.{name}]")
+
+
+def _beside(part: Any, folder: pathlib.Path | None) -> Any:
+    """A part of a scene whose file, where it names one, lies in the folder."""
+    if folder is None or not getattr(part, "file", None):
+        return part
+    return msgspec.structs.replace(part, file=str(folder / part.file))
 
 
 def _table(owner: type, values: Any, source: str, place: str) -> Any:
     """An instance of `owner` from what should be a table."""
     if not isinstance(values, dict):
         raise InputError(f"{source}: {place[1:-1]} must be a table, not {word_for(values)}; write {place}.")
-    return _struct(owner, values, source, place)
+    return struct_of(owner, values, source, place)
 
 
-def _struct(owner: type, values: Mapping[str, Any], source: str, place: str, ready: tuple[str, ...] = ()) -> Any:
-    """An instance of `owner` from a table; values named in `ready` are taken as they are."""
+def struct_of(
+    owner: type, values: Mapping[str, Any], source: str, place: str = "", ready: tuple[str, ...] = ()
+) -> Any:  # fmt: skip
+    """An instance of `owner` from a table; values named in `ready` are taken as they are.
+
+    Raises InputError, which begins with `source` and `place`, for a key that is unknown or missing and for a value of
+    the wrong kind.
+    """
     fields = {f.name: f for f in msgspec.structs.fields(owner)}
     at = f"{place}: " if place else ""
     for name in values:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from refsim.core.errors import InputError
-from refsim.core.reading import GREATEST, open_regular
+from refsim.core.reading import GREATEST, open_regular, unpacks
 
 ARCHIVES = ("zip", "gz", "bz2", "xz", "tar", "tgz", "7z", "3mf", "3dxml", "zae")  # a few MB can unpack to all memory
 
@@ -34,19 +34,13 @@ def refuse_what_unpacks(path: str | os.PathLike[str], what: str = "mesh") -> Non
 
 
 def _unpacks(path: str | os.PathLike[str]) -> bool:
-    """Whether a dataset of an HDF5 file has a filter, or is larger than the file."""
+    """Whether a dataset of an HDF5 file unpacks."""
     import h5py
 
-    size, found = os.path.getsize(path), False
-
-    def look(name: str, item: Any) -> None:
-        nonlocal found
-        if isinstance(item, h5py.Dataset):
-            found |= item.id.get_create_plist().get_nfilters() > 0 or item.nbytes > size
-
+    size = os.path.getsize(path)
     with contextlib.suppress(OSError, RuntimeError), h5py.File(path, "r") as root:  # reading the mesh reports it
-        root.visititems(look)
-    return found
+        return bool(root.visititems(lambda name, item: unpacks(item, size) or None))
+    return False
 
 
 def read_mesh(path: str | os.PathLike[str], what: str = "mesh", opened: list[str] | None = None) -> Any:

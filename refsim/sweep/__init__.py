@@ -11,7 +11,6 @@ import itertools
 import math
 import os
 import time
-import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing
 from dataclasses import dataclass
@@ -26,7 +25,7 @@ from refsim.core.locks import in_turn
 from refsim.core.tables import in_time, table
 from refsim.io.checkpoint import cannot_write, replace_file
 from refsim.io.store import tidy
-from refsim.scene.files import load_scene, put, scene_from_dict, scene_to_dict, suggestion
+from refsim.scene.files import load_scene, put, scene_from_dict, scene_to_dict, struct_of, tables_of, text_of
 from refsim.scene.plan import make_plan
 from refsim.scene.scene import Scene
 from refsim.study.observables import Observable, observable_of
@@ -169,21 +168,8 @@ class Swept:
 
 def read_sweep(path: str | os.PathLike[str]) -> Sweep:
     """The sweep in a TOML file. Raises InputError where it cannot be read or says something impossible."""
-    try:
-        tables = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"sweep file {path} cannot be read ({error.strerror}); give the path of a file.") from None
-    except ValueError as error:
-        words = str(error)
-        raise InputError(f"{path} is not TOML: {words[:1].lower()}{words[1:]}; correct that place.") from None
-    for name in tables:
-        if name not in Sweep.__struct_fields__:
-            raise InputError(f"{path}: a sweep has no {name!r}; {suggestion(name, Sweep.__struct_fields__)}")
-    try:
-        return msgspec.convert(tables, Sweep)
-    except msgspec.ValidationError as error:
-        words = str(error)
-        raise InputError(f"{path}: {words[:1].lower()}{words[1:]}; see docs/sweep.md for what a sweep has.") from None
+    found: Sweep = struct_of(Sweep, tables_of(text_of(Path(path), "sweep file"), str(path)), str(path))
+    return found
 
 
 def points_of(given: Sweep, folder: Path, source: str) -> list[Point]:

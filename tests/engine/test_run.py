@@ -31,7 +31,7 @@ from refsim.engine import driver, stepping
 from refsim.engine import simulation as run_module
 from refsim.engine.checkpoints import load_checkpoint
 from refsim.engine.stock import check_particles
-from refsim.io.checkpoint import latest_checkpoint, read_checkpoint, write_checkpoint
+from refsim.io.checkpoint import read_checkpoint, whole_checkpoint, write_checkpoint
 from refsim.io.frames import read_particles
 from refsim.scene.files import load_scene, scene_to_toml
 
@@ -289,7 +289,7 @@ def test_lengths_that_no_run_has_after_its_steps_are_refused(tmp_path, change, w
         ({"time": float("inf")}, "time = inf"),
         ({"time": "0.1"}, "numbers are not those of a run"),
         ({"steps": 1.5}, "numbers are not those of a run"),
-        ({"steps": -1}, "steps = -1 is no count"),
+        ({"steps": -1}, "steps = -1 is not possible"),
         ({"steps": 10**400}, "steps = 1000"),
         ({"time": 10**400}, "numbers are not those of a run"),
         ({"previous_length": -1.0}, "previous_length = -1"),
@@ -431,9 +431,9 @@ def test_frames_of_a_killed_run_have_the_times_of_the_uninterrupted_one(tmp_path
     simulate(scene, backend="numpy", output=tmp_path / "whole", every=every)
     out = tmp_path / "killed"
     killed_after(steps, scene, out, every=every, checkpoint_every=interval)
-    kept = latest_checkpoint(out)
     if steps == 0:  # before the first checkpoint
-        assert kept is None
+        with pytest.raises(InputError, match="holds no whole checkpoint"):
+            whole_checkpoint(out)
         report = simulate(scene, backend="numpy", output=out, every=every)
         assert report.resumed_at_step is None
     else:
@@ -693,7 +693,7 @@ def test_a_disk_that_refuses_the_held_frames_leaves_the_reason_and_the_post_mort
     assert caught.value.reason == "non_finite"
     assert json.loads((tmp_path / "postmortem.json").read_text())["cause"] == "sph.state wrote pressure"
     assert json.loads((tmp_path / "report.json").read_text())["reason"] == "non_finite"
-    assert latest_checkpoint(tmp_path) == tmp_path / "checkpoint.h5"
+    assert whole_checkpoint(tmp_path)[0] == tmp_path / "checkpoint.h5"
 
 
 def test_reasons_are_those_of_the_list():

@@ -14,7 +14,7 @@ import pytest
 
 from refsim.core.errors import InputError, RunStopped
 from refsim.io import checkpoint
-from refsim.io.checkpoint import latest_checkpoint, previous_path, read_checkpoint, whole_checkpoint, write_checkpoint
+from refsim.io.checkpoint import previous_path, read_checkpoint, whole_checkpoint, write_checkpoint
 
 posix = pytest.mark.skipif(os.name != "posix", reason="signals and file size limits of POSIX")
 
@@ -73,7 +73,7 @@ def test_keeps_as_many_as_asked(tmp_path, keep):
     files = [path, previous_path(path), previous_path(path, 2)][:keep]
     assert sorted(tmp_path.iterdir()) == sorted(files)
     assert [read_checkpoint(file).attributes["step"] for file in files] == [4, 3, 2][:keep]
-    assert latest_checkpoint(tmp_path) == path
+    assert whole_checkpoint(tmp_path)[0] == path
 
 
 def test_rotates_without_hard_links(tmp_path, monkeypatch):
@@ -96,7 +96,7 @@ def test_a_whole_checkpoint_lies_there_between_any_two_calls(tmp_path, monkeypat
 
         def call(*arguments):
             for _ in range(2):
-                seen.append(read_checkpoint(latest_checkpoint(tmp_path)).attributes["step"])
+                seen.append(whole_checkpoint(tmp_path)[1].attributes["step"])
                 if len(seen) % 2:
                     real(*arguments)
 
@@ -174,7 +174,8 @@ def test_files_that_are_no_checkpoints(tmp_path):
 def test_what_never_ends_is_refused(tmp_path, make):
     make(tmp_path / "run.h5")
     refuse(tmp_path / "run.h5", "is a pipe or a device")
-    assert latest_checkpoint(tmp_path) is None
+    with pytest.raises(InputError, match="holds no whole checkpoint"):
+        whole_checkpoint(tmp_path)
 
 
 def attributes_of(text):
@@ -266,31 +267,32 @@ def test_the_previous_checkpoint_is_named_when_it_is_whole(tmp_path):
     for step in range(2):
         write_checkpoint(path, state(step), {"step": step})
     path.write_bytes(path.read_bytes()[:-1])
-    assert str(previous_path(path)) in refuse(path, "resume from")
-    assert latest_checkpoint(tmp_path) == previous_path(path)
+    refuse(path, "is cut short")
+    assert whole_checkpoint(tmp_path)[0] == previous_path(path)
     for place in (path, tmp_path):
         file, saved, notes = whole_checkpoint(place)
         assert (file, saved.attributes["step"]) == (previous_path(path), 0)
         assert len(notes) == 1
         assert str(path) in notes[0]
         assert f"resumed from {file}" in notes[0]
-    assert read_checkpoint(latest_checkpoint(tmp_path)).attributes["step"] == 0
+    assert whole_checkpoint(tmp_path)[1].attributes["step"] == 0
 
     previous_path(path).write_bytes(b"")
     refuse(path, "start the run again")
-    assert latest_checkpoint(tmp_path) is None
-    with pytest.raises(InputError, match="cannot be read"):
-        latest_checkpoint(tmp_path / "nowhere")
+    with pytest.raises(InputError, match="start the run again"):
+        whole_checkpoint(tmp_path)
+    with pytest.raises(InputError, match="does not exist"):
+        whole_checkpoint(tmp_path / "nowhere")
 
 
 def test_the_newest_wins_whatever_the_file_times_say(tmp_path, monkeypatch):
     write_checkpoint(tmp_path / "b.h5", {}, {"step": 1})
     write_checkpoint(tmp_path / "a.h5", {}, {"step": 2})
     os.utime(tmp_path / "a.h5", (0, 0))
-    assert latest_checkpoint(tmp_path) == tmp_path / "a.h5"
+    assert whole_checkpoint(tmp_path)[0] == tmp_path / "a.h5"
     monkeypatch.setattr(time, "time_ns", lambda: 5)  # the clock is set back
     write_checkpoint(tmp_path / "a.h5", {}, {"step": 3})
-    assert read_checkpoint(latest_checkpoint(tmp_path)).attributes["step"] == 3
+    assert whole_checkpoint(tmp_path)[1].attributes["step"] == 3
 
 
 # -- kills and full disks
@@ -336,7 +338,7 @@ for step in range({last} + 1, 10**9):
         reported = max([reported, *map(int, writer.stdout.read().split())])
         writer.stdout.close()
         assert writer.wait() == -signal.SIGKILL
-        found = read_checkpoint(latest_checkpoint(tmp_path))
+        found = whole_checkpoint(tmp_path)[1]
         step = found.attributes["step"]
         assert reported <= step <= reported + 1  # at most the write that was under way is lost
         assert_same(found.arrays, state(step, n=20000))

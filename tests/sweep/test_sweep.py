@@ -56,8 +56,8 @@ def test_seeds_are_set_wherever_the_scene_has_one(folder):
 @pytest.mark.parametrize(
     "old, new, words",
     [
-        ("[grid]", "colour = 1\n[grid]", "a sweep has no 'colour'; choose from scene, observable"),
-        ('"numpy"', "3", r"expected `str`, got `int` - at `\$.backend`"),
+        ("[grid]", "colour = 1\n[grid]", "unknown key 'colour'; choose from scene, observable"),
+        ('"numpy"', "3", "backend = 3 is a whole number; give text in quotes"),
         ("[1.0, 2.0]", "[]", "gives no value for 'effects.weakly"),
         ("[1.0, 2.0]", '["thick"]', r"dynamic_viscosity = 'thick'"),
         (
