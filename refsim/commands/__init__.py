@@ -15,7 +15,7 @@ from refsim.core.plain import plain as plain
 from refsim.core.tables import in_bytes as in_bytes
 from refsim.core.tables import in_time as in_time
 from refsim.core.tables import table as table
-from refsim.io.checkpoint import cannot_write, replace_file
+from refsim.core.writing import replace_file, writing
 from refsim.scene.plan import Plan, make_plan
 from refsim.scene.scene import Scene
 
@@ -78,17 +78,15 @@ def planned(scene: Scene, source: str) -> Plan:
 def write_new(files: Mapping[Path, bytes], option: str, overwrite: bool, what: str, kept: str) -> list[str]:
     """Write files; their paths. Raises InputError where another one is there and may not be replaced.
 
-    option  with which another place is given; what, kept  as `cannot_write` takes them
+    option  with which another place is given; what, kept  as `writing` takes them
     """
     for path, content in () if overwrite else files.items():
         if os.path.lexists(path) and not (path.is_file() and path.read_bytes() == content):
             raise InputError(f"{path} is there already; give another {option} or --overwrite.")
     for path, content in files.items():
-        try:
+        with writing(what, path, kept):
             path.parent.mkdir(parents=True, exist_ok=True)
             replace_file(path, content)
-        except OSError as error:
-            raise cannot_write(what, path, error, kept) from error
     return list(map(str, files))
 
 

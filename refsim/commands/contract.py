@@ -8,11 +8,13 @@ import sys
 import time
 from collections.abc import Sequence
 from importlib import resources
+from pathlib import Path
 from typing import Any
 
 from refsim.commands import CommandResult, command, in_time, table
 from refsim.core.errors import InputError
 from refsim.core.operation import BACKENDS, REGISTRY
+from refsim.core.writing import writing
 
 WITHIN = 3.0  # widths of three runs of refsim; default of --within
 REPLAYED = "replay.npz"  # what --replay writes, in the current folder
@@ -113,7 +115,8 @@ def _judged(request: Any, options: argparse.Namespace) -> CommandResult:
     data = report.report(about, request, found, time.perf_counter() - began)
     text = report.text(data, found)
     if options.junit:
-        _written(options.junit, report.junit(data, found))
+        with writing("file", Path(options.junit), "nothing is left of it"):
+            Path(options.junit).write_bytes(report.junit(data, found))
     if request.replay:
         (outcome,) = (o for outcomes in found.values() for o in outcomes)
         data, text = {"outcome": dataclasses.asdict(outcome), "inputs": REPLAYED}, f"{outcome}\nInputs: {REPLAYED}."
@@ -132,14 +135,6 @@ def _replayed(request: Any, name: str) -> Any:
     check_names((operation,), (dtype,), (int(variant),), (step,))
     chosen = {"operations": (operation,), "dtypes": (dtype,), "variants": (int(variant),), "steps": (step,)}
     return dataclasses.replace(request, replay=name, **chosen)
-
-
-def _written(path: str, content: bytes) -> None:
-    try:
-        with open(path, "wb") as file:
-            file.write(content)
-    except OSError as error:
-        raise InputError(f"{path} cannot be written: {error.strerror}; give another file.") from None
 
 
 MODES = ("run", "export", "template", "arguments", "replay", "guide")
@@ -225,8 +220,6 @@ def _allowed(text: str) -> tuple[str, float]:
 
 def _whole_run(options: argparse.Namespace) -> CommandResult:
     """Hold a trajectory of another code to refsim's run of the same scene."""
-    from pathlib import Path
-
     from refsim.contract import whole_runs
     from refsim.scene.files import load_scene
 
@@ -275,8 +268,6 @@ def _whole_run(options: argparse.Namespace) -> CommandResult:
 
 def _export(options: argparse.Namespace) -> CommandResult:
     """Write test vectors."""
-    from pathlib import Path
-
     import msgspec
 
     from refsim.contract.export import INDEX, READER, SCHEMA, export

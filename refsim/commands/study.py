@@ -8,8 +8,8 @@ from refsim import study
 from refsim.commands import CommandResult, command, kept_in, results_folder
 from refsim.core.checked import suggestion
 from refsim.core.errors import InputError
+from refsim.core.writing import replace_file, writing
 from refsim.engine.progress import say
-from refsim.io.checkpoint import cannot_write, replace_file
 from refsim.scene.scene import Scene
 from refsim.study import KNOBS
 from refsim.study.convergence import Reference
@@ -77,12 +77,10 @@ def execute(options: argparse.Namespace) -> CommandResult:
         tell = (lambda text: None) if options.quiet else say
         command = _command(options)
         found = study(scene, options.observable, reference=reference, folder=folder, say=tell, command=command, **given)
-    try:
+    with writing("study", folder, "its runs are kept"):
         folder.mkdir(parents=True, exist_ok=True)
         found.report(folder / "study.html")
         replace_file(folder / "study.png", found.png())
-    except OSError as error:
-        raise cannot_write("study", folder, error, "its runs are kept") from error
     text = f"{found.text()}\n{folder / 'study.html'}, {folder / 'study.png'}"
     return CommandResult(found.data() | {"folder": str(folder)}, text, 0 if found.convergence else FAILED)
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from refsim.commands import CommandResult, command, in_bytes
 from refsim.core.errors import InputError
-from refsim.io.checkpoint import cannot_write
+from refsim.core.writing import writing
 
 DESCRIPTION = (
     "Show a run in the browser: turn, play, colour by any field, clip. With --html the page is written to a file, which"
@@ -34,10 +34,8 @@ def execute(options: argparse.Namespace) -> CommandResult:
         raise InputError(f"there is no folder {str(Path(options.html).parent)!r} for the page; make it.")
     page = view(options.run, options.frames, fields)
     path = Path(options.html) if options.html is not None else Path(tempfile.mkdtemp(prefix="refsim_")) / "view.html"
-    try:
+    with writing("page", path, "nothing is left of it"):
         page.save(path)
-    except OSError as error:
-        raise cannot_write("page", path, error, "nothing is left of it") from error
     size = path.stat().st_size
     words = f"{path}  {in_bytes(size)}"
     if page.left_out:

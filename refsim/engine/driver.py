@@ -25,11 +25,12 @@ from refsim.core.period import wrapped
 from refsim.core.plain import plain
 from refsim.core.tables import Shown, in_time
 from refsim.core.versions import versions
+from refsim.core.writing import replace_file, writing
 from refsim.engine.postmortem import AFTER_THESE, POSTMORTEM, POSTMORTEM_FIELDS, write_postmortem
 from refsim.engine.progress import Progress, compiling_bar, wanted
 from refsim.engine.simulation import Simulation
 from refsim.engine.stock import check_particles, stock
-from refsim.io.checkpoint import cannot_write, previous_path, replace_file
+from refsim.io.checkpoint import KEPT, previous_path
 from refsim.io.frames import Frame, ParticleWriter
 from refsim.io.results import PARTICLES, REPORT
 from refsim.io.series import GAUGES, write_series
@@ -213,10 +214,8 @@ class _Run:
             )
         if os.path.exists(self.folder) and not os.path.isdir(self.folder):
             raise InputError(f"{self.folder} is a file; give a folder for the output.")
-        try:
+        with writing("folder", self.folder, "nothing was changed"):
             self.folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise cannot_write("folder", self.folder, error, "nothing was changed") from error
         fields = {}
         for name, f in self.simulation.plan.particle_fields.items():
             if name not in ("position", POSITION_RESIDUAL.name):
@@ -230,12 +229,13 @@ class _Run:
             self.last_checkpoint = source
             return
         others = (self.folder / name for name in (GAUGES, POSTMORTEM, POSTMORTEM_FIELDS))
-        for path in (checkpoint, previous_path(checkpoint), *others):
-            try:  # only now that the writer holds the folder's lock: another run may still need them
-                path.unlink(missing_ok=True)
-            except OSError as error:
-                self.close()
-                raise cannot_write("folder", self.folder, error, f"{path.name} is still there") from error
+        try:
+            for path in (checkpoint, previous_path(checkpoint), *others):
+                with writing("folder", self.folder, f"{path.name} is still there"):
+                    path.unlink(missing_ok=True)  # only under the writer's lock: another run may still need them
+        except BaseException:
+            self.close()
+            raise
 
     def go(self, progress: Callable[[Simulation], None] | None, asked_to_stop: Callable[[], bool]) -> None:
         simulation = self.simulation
@@ -354,10 +354,8 @@ class _Run:
         assert self.folder is not None
         path = self.folder / REPORT
         self.files["report"] = str(path)
-        try:
+        with writing("report", path, KEPT):
             replace_file(path, (json.dumps(plain(asdict(self.report())), indent=1) + "\n").encode())
-        except OSError as error:
-            raise cannot_write("report", path, error, "the last good checkpoint is untouched") from error
 
     def stopped(self, stop: RunStopped) -> RunStopped:
         """Note why the run stopped, in a post-mortem and in the report; the error to raise, with the report."""

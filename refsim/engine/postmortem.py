@@ -16,8 +16,9 @@ import numpy as np
 from refsim.core.effect import Extremes
 from refsim.core.errors import RunStopped
 from refsim.core.plain import plain
+from refsim.core.writing import replace_file, writing
 from refsim.engine.run import Run
-from refsim.io.checkpoint import cannot_write, replace_file
+from refsim.io.checkpoint import KEPT
 from refsim.neighbours.reference import nearest_image
 
 POSTMORTEM, POSTMORTEM_FIELDS = "postmortem.json", "postmortem.npz"
@@ -53,11 +54,9 @@ def write_postmortem(simulation: Run, stop: RunStopped, folder: Path, replay: st
     }
     block = io.BytesIO()
     np.savez(block, **near)  # type: ignore[arg-type]
-    try:
+    with writing("post-mortem", path, KEPT):
         replace_file(folder / POSTMORTEM_FIELDS, block.getvalue())
         replace_file(path, (json.dumps(plain(found), indent=1) + "\n").encode())
-    except OSError as error:
-        raise cannot_write("post-mortem", path, error, "the last good checkpoint is untouched") from error
     return path
 
 

@@ -13,7 +13,6 @@ attributes as JSON text in the dataset `attributes`. Version 1 had no digest of 
 
 from __future__ import annotations
 
-import errno
 import hashlib
 import json
 import math
@@ -31,9 +30,11 @@ import numpy as np
 
 from refsim.core.errors import InputError, RunStopped
 from refsim.core.reading import open_regular, unpacks
+from refsim.core.writing import remove_stale_temporaries, sync_folder, temporary_path, write_all, writing
 
 FORMAT = "refsim checkpoint"
 VERSION = 2
+KEPT = "the last good checkpoint is untouched"
 BLOCK = 512  # bytes before what HDF5 reads; HDF5 looks for its signature there
 
 Attribute = str | int | float | bool
@@ -77,27 +78,22 @@ def write_checkpoint(
 
     remove_stale_temporaries(path)
     temporary = temporary_path(path)
-    try:
-        stream = _Stream(temporary, "x+")
-    except OSError as error:
-        raise cannot_write("checkpoint", path, error, KEPT) from error
-    try:
+    with writing("checkpoint", path, KEPT), _Stream(temporary, "x+") as stream:
         try:
-            _write_hdf5(stream, checked, text)
-            stream.finish(_next_written_ns(path))
-        except Exception:
-            if stream.error is None:  # HDF5 reads back what it wrote, and fails in many ways after a refused write
-                raise
+            try:
+                _write_hdf5(stream, checked, text)
+                stream.finish(_next_written_ns(path))
+            except Exception:
+                if stream.error is None:  # HDF5 reads back what it wrote, and fails in many ways after a refused write
+                    raise
+            finally:
+                stream.close()
+            if stream.error is not None:
+                raise stream.error
+            _put_in_place(temporary, path, keep)
         finally:
-            stream.close()
-        if stream.error is not None:
-            raise stream.error
-        _put_in_place(temporary, path, keep)
-    except OSError as error:
-        raise cannot_write("checkpoint", path, error, KEPT) from error
-    finally:
-        with suppress(OSError):
-            temporary.unlink(missing_ok=True)
+            with suppress(OSError):
+                temporary.unlink(missing_ok=True)
 
 
 def whole_checkpoint(path: str | os.PathLike[str]) -> tuple[Path, Checkpoint, tuple[str, ...]]:
@@ -384,90 +380,3 @@ def _next_written_ns(path: Path) -> int:
     with suppress(Unreadable):
         before = _written_ns(path)
     return max(time.time_ns(), before + 1)
-
-
-# -- files that are replaced whole, for other writers too --------------------------------------------------
-
-KEPT = "the last good checkpoint is untouched"
-BAD_PATH = (
-    errno.ENOENT, errno.ENOTDIR, errno.EACCES, errno.EPERM, errno.EROFS, errno.EISDIR, errno.EEXIST, errno.ELOOP,
-    errno.ENAMETOOLONG, errno.EINVAL,
-)  # fmt: skip
-
-
-def temporary_path(path: Path) -> Path:
-    """A hidden name beside `path`, which `remove_stale_temporaries` finds again after a kill."""
-    return path.with_name(f".{path.name}.{os.getpid()}.tmp")
-
-
-def remove_stale_temporaries(path: Path) -> None:
-    """Remove what killed writers of `path` left behind; nothing happens where the folder is missing or
-    read-only."""
-    prefix = f".{path.name}."
-    with suppress(OSError):
-        for entry in list(path.parent.iterdir()):
-            if entry.name.startswith(prefix) and entry.name.endswith(".tmp") and not _is_written(entry.name):
-                entry.unlink(missing_ok=True)
-
-
-def _is_written(temporary: str) -> bool:
-    """Whether another process, whose number is in the name, still writes the temporary file."""
-    number = re.search(r"\.(\d+)\.(?:old\.)?tmp$", temporary)
-    if number is None or int(number[1]) == os.getpid() or os.name != "posix":
-        return False
-    try:
-        os.kill(int(number[1]), 0)
-    except ProcessLookupError:
-        return False
-    except (PermissionError, OverflowError):
-        return True
-    return True
-
-
-def replace_file(path: Path, content: bytes | bytearray, tidy: bool = True) -> None:
-    """Write `content` to `path`, which names the old file or the whole new one at every instant.
-
-    tidy  whether to remove what killed writers left, for which the folder is listed. Raises OSError.
-    """
-    if tidy:
-        remove_stale_temporaries(path)
-    temporary = temporary_path(path)
-    try:
-        with open(temporary, "xb", buffering=0) as file:
-            write_all(file, content)
-            os.fsync(file.fileno())
-        os.replace(temporary, path)
-    finally:
-        with suppress(OSError):
-            temporary.unlink(missing_ok=True)
-    sync_folder(path.parent)
-
-
-def write_all(file: Any, data: bytes | bytearray | memoryview) -> None:
-    """Write all of `data` to an unbuffered file, which may take less than it is given. Raises OSError."""
-    view = memoryview(data).cast("B")
-    while len(view):
-        view = view[file.write(view) :]
-
-
-def sync_folder(folder: Path) -> None:
-    """Put the names in `folder` on the disk, where the system can do that."""
-    if os.name == "posix":
-        descriptor = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)
-
-
-def cannot_write(what: str, path: Path, error: OSError, kept: str) -> InputError | RunStopped:
-    """The error to raise for a refused write of `what` ("checkpoint", ...) to `path`; `kept` says what is
-    still good."""
-    why = error.strerror or str(error)
-    if error.errno in BAD_PATH:
-        return InputError(
-            f"{what} {path} cannot be written ({why}); give a path in a folder that exists and is writable"
-        )
-    if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
-        return RunStopped("disk_full", f"{what} {path} was not written because the disk is full ({why}); {kept}")
-    return RunStopped("write_failed", f"{what} {path} was not written because the disk refused ({why}); {kept}")

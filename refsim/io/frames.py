@@ -22,8 +22,8 @@ from numpy.typing import DTypeLike
 
 from refsim.core.errors import InputError
 from refsim.core.locks import unlock
+from refsim.core.writing import replace_file, writing
 from refsim.io import vtkhdf
-from refsim.io.checkpoint import cannot_write, replace_file
 from refsim.io.transactions import Staged, check_path, journal_path, locked_journal, recover
 
 if TYPE_CHECKING:
@@ -75,12 +75,12 @@ class ParticleWriter:
         self._times: list[float] = []
         self._precision: np.dtype | None = None  # of the positions in the file
         self._file: FileIO | None = None
-        try:
-            self._journal, self._lock = locked_journal(journal_path(self.path))
-        except BlockingIOError:
-            raise InputError(f"particle file {self.path} is being written by another process; wait for it") from None
-        except OSError as error:
-            raise cannot_write("particle file", self.path, error, KEPT) from error
+        with writing("particle file", self.path, KEPT):
+            try:
+                self._journal, self._lock = locked_journal(journal_path(self.path))
+            except BlockingIOError:
+                words = f"particle file {self.path} is being written by another process"
+                raise InputError(f"{words}; wait for it") from None
         try:
             if append and self.path.exists():
                 self._go_on(resume_time)
@@ -127,7 +127,7 @@ class ParticleWriter:
         if not added:
             return
         times = [float(frame.time) for frame in frames]
-        try:
+        with writing(f"frame at time {times[0]} of", self.path, KEPT):
             if self._file is None:
                 staged = Staged(None)
                 vtkhdf.edit(staged, "w", lambda root: self._begin(root, times, added))
@@ -136,8 +136,6 @@ class ParticleWriter:
                 self._file = open(self.path, "r+b", buffering=0)  # noqa: SIM115
             else:
                 self._transaction(lambda root: vtkhdf.append_frames(root, times, added))
-        except OSError as error:
-            raise cannot_write(f"frame at time {times[0]} of", self.path, error, KEPT) from error
         self._precision = precision
         self._times += times
 
@@ -187,20 +185,16 @@ class ParticleWriter:
             if origin is not None:
                 vtkhdf.write_origin(root, origin)
 
-        try:
+        with writing("shortened particle file", self.path, KEPT):
             self._transaction(change)
-        except OSError as error:
-            raise cannot_write("shortened particle file", self.path, error, KEPT) from error
         del self._times[kept:]
 
     def _settle(self) -> dict[str, tuple[int, np.dtype]]:
         """Complete what was left half done, and read what the file then holds; returns its fields."""
-        try:
+        with writing("particle file", self.path, KEPT):
             if self._file is None:
                 self._file = open(self.path, "r+b", buffering=0)  # noqa: SIM115
             recover(self._file, self._journal)
-        except OSError as error:
-            raise cannot_write("particle file", self.path, error, KEPT) from error
         found: dict[str, tuple[int, np.dtype]] = {}
 
         def look(root: h5py.Group) -> None:

@@ -16,8 +16,9 @@ import numpy as np
 
 from refsim.core.errors import InputError
 from refsim.core.reading import open_regular
+from refsim.core.writing import replace_file, writing
 from refsim.gauges import GaugeSeries
-from refsim.io.checkpoint import cannot_write, replace_file
+from refsim.io.checkpoint import KEPT
 
 GAUGES = "gauges.hdf5"
 HEAD = b"refsim gauges\nversion 1\nsha256 "
@@ -38,10 +39,8 @@ def write_series(path: Path, series: Iterable[GaugeSeries]) -> None:
             group.create_dataset("values", data=one.values)
     body = content.getvalue()[BLOCK:]
     head = HEAD + hashlib.sha256(body).hexdigest().encode() + b"\n"
-    try:
+    with writing("file of gauges", path, KEPT):
         replace_file(path, head.ljust(BLOCK, b"\0") + body)
-    except OSError as error:
-        raise cannot_write("file of gauges", path, error, "the last good checkpoint is untouched") from error
 
 
 def read_series(path: Path) -> dict[str, GaugeSeries]:

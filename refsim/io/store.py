@@ -16,7 +16,7 @@ from typing import Any
 
 from refsim.core.errors import InputError
 from refsim.core.reading import open_regular
-from refsim.io.checkpoint import replace_file
+from refsim.core.writing import replace_file
 
 OLD = 3600.0  # s after which nobody still writes a temporary file
 HEAD = re.compile(rb'\{\n "sha256": "([0-9a-f]{64})",')

@@ -29,7 +29,7 @@ from typing import TYPE_CHECKING
 from refsim.core.errors import InputError
 from refsim.core.locks import unlock
 from refsim.core.reading import open_regular
-from refsim.io.checkpoint import write_all
+from refsim.core.writing import write_all
 
 if TYPE_CHECKING:
     from filelock import FileLock

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from refsim.io.checkpoint import cannot_write, replace_file
+from refsim.core.writing import replace_file, writing
 from refsim.io.vtkhdf import DTYPES
 
 
@@ -61,7 +61,5 @@ def write_vtp(path: str | os.PathLike[str], position: np.ndarray, /, **fields: n
         '<AppendedData encoding="raw">_',
     ]
     content = b"".join(["\n".join(lines).encode(), *blocks, b"\n</AppendedData></VTKFile>\n"])
-    try:
+    with writing("particle file", Path(path), "the file that was there is untouched"):
         replace_file(Path(path), content)
-    except OSError as error:
-        raise cannot_write("particle file", Path(path), error, "the file that was there is untouched") from error

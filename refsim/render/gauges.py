@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from refsim.core.errors import InputError
+from refsim.core.writing import writing
 from refsim.gauges import GaugeSeries
 from refsim.io.series import GAUGES, read_series
 
@@ -32,10 +33,8 @@ def plot_gauges(run: str | os.PathLike[str], output: str | os.PathLike[str], siz
     for axes, (one, unit) in zip(figure.subplots(len(parts), 1, sharex=True, squeeze=False)[:, 0], parts):
         _plot(axes, one, unit)
     axes.set_xlabel("time [s]")
-    try:
+    with writing("picture", output, "nothing is left of it"):
         figure.savefig(output)
-    except OSError as error:
-        raise InputError(f"picture {output} cannot be written ({error.strerror}); give another path.") from None
     return output
 
 

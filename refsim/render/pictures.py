@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from refsim.core.errors import InputError, RunStopped
+from refsim.core.errors import InputError
 from refsim.core.stopping import held_back
+from refsim.core.writing import remove_stale_temporaries, replace_file, temporary_path, writing
 from refsim.engine.progress import bar_of, wanted
-from refsim.io.checkpoint import cannot_write, remove_stale_temporaries, replace_file, temporary_path
 from refsim.io.frames import Frame
 from refsim.render import looks
 from refsim.render.plane import add_area, add_discs, add_line
@@ -360,10 +360,8 @@ def write_pictures(
         each = path if len(series.chosen) == 1 else path.with_stem(f"{path.stem}_{number:04d}")
         drawn = io.BytesIO()
         Image.fromarray(image).save(drawn, format=FORMATS[path.suffix])
-        try:
+        with writing("picture", each, "pictures before it are whole"):
             replace_file(each, drawn.getvalue())
-        except OSError as error:
-            raise cannot_write("picture", each, error, "pictures before it are whole") from error
         written.append(each)
     return written
 
@@ -396,12 +394,9 @@ def write_film(
     series = Series(found, look, chosen_frames(frames or "all", len(found.times)))
     remove_stale_temporaries(path)
     beside = temporary_path(path)
-    with ExitStack() as at_the_end:
+    with writing("film", path, "nothing is left of it"), ExitStack() as at_the_end:
         at_the_end.callback(_remove, beside)
-        try:
-            beside.touch(exist_ok=False)
-        except OSError as error:
-            raise cannot_write("film", path, error, "nothing is left of it") from error
+        beside.touch(exist_ok=False)
         logging.getLogger("imageio_ffmpeg").setLevel(logging.ERROR)  # it warns of a film that is stopped
         film = imageio_ffmpeg.write_frames(
             str(beside), (width, height), fps=per_second, codec="libx264", quality=None, macro_block_size=2,
@@ -417,7 +412,7 @@ def write_film(
             try:
                 film.send(np.ascontiguousarray(image[:height, :width]))
             except OSError:
-                raise _film_refused(path) from None
+                raise _refused_by_ffmpeg(path) from None
             bar.update()
         bar.close()
         film.close()
@@ -426,7 +421,7 @@ def write_film(
         except (OSError, RuntimeError):
             frames_written = 0
         if frames_written != len(series.chosen):
-            raise _film_refused(path)
+            raise _refused_by_ffmpeg(path)
         os.replace(beside, path)
     return path
 
@@ -436,7 +431,7 @@ def _remove(path: Path) -> None:
         path.unlink(missing_ok=True)
 
 
-def _film_refused(path: Path) -> InputError | RunStopped:
+def _refused_by_ffmpeg(path: Path) -> OSError:
     """The error where ffmpeg, which gives no number of the system, could not write a film."""
     number = errno.ENOSPC if shutil.disk_usage(path.parent).free < LEAST_FREE else errno.EIO
-    return cannot_write("film", path, OSError(number, os.strerror(number)), "nothing is left of it")
+    return OSError(number, os.strerror(number))

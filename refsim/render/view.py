@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from refsim.core.errors import InputError
-from refsim.io.checkpoint import replace_file
+from refsim.core.writing import replace_file
 from refsim.io.frames import Frame
 from refsim.render.looks import MAP, OBSTACLE, level_axes, liquid_colour, solid_colour
 from refsim.render.saved_run import SavedRun, chosen_frames, open_run, usual_range

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from refsim.core.tables import in_bytes, in_time, table
-from refsim.io.checkpoint import replace_file
+from refsim.core.writing import replace_file
 from refsim.scene.scene import Scene
 from refsim.study import methods
 from refsim.study.convergence import Convergence, Reference

@@ -23,9 +23,9 @@ from refsim.core.errors import InputError, RunStopped
 from refsim.core.plain import plain
 from refsim.core.reading import open_regular
 from refsim.core.versions import versions
+from refsim.core.writing import replace_file
 from refsim.engine.driver import CHECKPOINT
 from refsim.engine.simulation import Simulation
-from refsim.io.checkpoint import replace_file
 from refsim.io.store import read_stored, set_aside, write_stored
 from refsim.scene.files import scene_to_toml
 from refsim.scene.meshes import mesh_files

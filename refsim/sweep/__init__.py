@@ -23,7 +23,7 @@ from refsim.backends.arrays import require_backend
 from refsim.core.errors import InputError
 from refsim.core.locks import in_turn
 from refsim.core.tables import in_time, table
-from refsim.io.checkpoint import cannot_write, replace_file
+from refsim.core.writing import replace_file, writing
 from refsim.io.store import tidy
 from refsim.scene.files import load_scene, put, scene_from_dict, scene_to_dict, struct_of, tables_of, text_of
 from refsim.scene.plan import make_plan
@@ -35,6 +35,7 @@ from refsim.sweep.progress import Progress
 
 MOST_RUNS = 1_000_000
 TABLE = "sweep.csv"
+KEPT = "finished runs are kept"
 SEED = "seed"
 ANYWHERE = "anywhere"  # a value does not depend on where it was computed; its seconds are not compared
 
@@ -281,11 +282,8 @@ def sweep(
         notes=tuple(notes),
     )
     _writable(place)
-    try:
-        with in_turn(place / f"{TABLE}.lock"):
-            replace_file(place / TABLE, found.csv().encode())
-    except OSError as error:
-        raise cannot_write("table", place / TABLE, error, "finished runs are kept") from error
+    with writing("table", place / TABLE, KEPT), in_turn(place / f"{TABLE}.lock"):
+        replace_file(place / TABLE, found.csv().encode())
     return found
 
 
@@ -306,9 +304,7 @@ def _from_folder(observable: str, folder: Path) -> str:
 
 
 def _writable(folder: Path) -> None:
-    try:
+    with writing("folder", folder, KEPT):
         folder.mkdir(parents=True, exist_ok=True)
         if not os.access(folder, os.W_OK):
             raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
-    except OSError as error:
-        raise cannot_write("folder", folder, error, "finished runs are kept") from error

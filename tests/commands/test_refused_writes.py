@@ -10,6 +10,7 @@ import sys
 import pytest
 
 from refsim.__main__ import main
+from refsim.core import writing
 from refsim.io import checkpoint
 from tests.commands.test_cli import one_sentence
 
@@ -57,7 +58,8 @@ def full(monkeypatch):
         file.write(content[:1000])
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(checkpoint, "write_all", write_some)
+    for module in (checkpoint, writing):
+        monkeypatch.setattr(module, "write_all", write_some)
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full")

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from refsim.core.errors import InputError, RunStopped
+from refsim.core.writing import replace_file
 from refsim.io import checkpoint
 from refsim.io.checkpoint import previous_path, read_checkpoint, whole_checkpoint, write_checkpoint
 
@@ -442,5 +443,5 @@ def test_what_another_process_still_writes_stays(tmp_path):
     mine, alive, dead = (tmp_path / f".page.html.{number}.tmp" for number in (os.getpid(), os.getppid(), 2**22 + 1))
     for path in (mine, alive, dead):
         path.touch()
-    checkpoint.replace_file(tmp_path / "page.html", b"whole")
+    replace_file(tmp_path / "page.html", b"whole")
     assert {path.name for path in tmp_path.iterdir()} == {"page.html", alive.name}

@@ -1,0 +1,102 @@
+"""Files that are written whole or not at all, and what is said where the system refuses a write."""
+
+import errno
+import os
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+from refsim.core.errors import NO_SPACE, InputError, RunStopped
+
+BAD_PATH = (
+    errno.ENOENT, errno.ENOTDIR, errno.EACCES, errno.EPERM, errno.EROFS, errno.EISDIR, errno.EEXIST, errno.ELOOP,
+    errno.ENAMETOOLONG, errno.EINVAL,
+)  # fmt: skip
+
+
+@contextmanager
+def writing(what: str, path: Path, kept: str) -> Iterator[None]:
+    """Raise the error for a refused write of `what` ("checkpoint", ...) to `path`; `kept` says what is still good.
+
+    InputError for a bad path; RunStopped "disk_full" where there is no space, "write_failed" for other reasons.
+    """
+    try:
+        yield
+    except OSError as error:
+        why = error.strerror or str(error)
+        if error.errno in BAD_PATH:
+            raise InputError(
+                f"{what} {path} cannot be written ({why}); give a path in a folder that exists and is writable"
+            ) from error
+        full = error.errno in NO_SPACE
+        because = "the disk is full" if full else "the disk refused"
+        raise RunStopped(
+            "disk_full" if full else "write_failed", f"{what} {path} was not written because {because} ({why}); {kept}"
+        ) from error
+
+
+def temporary_path(path: Path) -> Path:
+    """A hidden name beside `path`, which `remove_stale_temporaries` finds again after a kill."""
+    return path.with_name(f".{path.name}.{os.getpid()}.tmp")
+
+
+def remove_stale_temporaries(path: Path) -> None:
+    """Remove what killed writers of `path` left behind; nothing happens where the folder is missing or
+    read-only."""
+    prefix = f".{path.name}."
+    with suppress(OSError):
+        for entry in list(path.parent.iterdir()):
+            if entry.name.startswith(prefix) and entry.name.endswith(".tmp") and not _is_written(entry.name):
+                entry.unlink(missing_ok=True)
+
+
+def _is_written(temporary: str) -> bool:
+    """Whether another process, whose number is in the name, still writes the temporary file."""
+    number = re.search(r"\.(\d+)\.(?:old\.)?tmp$", temporary)
+    if number is None or int(number[1]) == os.getpid() or os.name != "posix":
+        return False
+    try:
+        os.kill(int(number[1]), 0)
+    except ProcessLookupError:
+        return False
+    except (PermissionError, OverflowError):
+        return True
+    return True
+
+
+def replace_file(path: Path, content: bytes | bytearray, tidy: bool = True) -> None:
+    """Write `content` to `path`, which names the old file or the whole new one at every instant.
+
+    tidy  whether to remove what killed writers left, for which the folder is listed. Raises OSError.
+    """
+    if tidy:
+        remove_stale_temporaries(path)
+    temporary = temporary_path(path)
+    try:
+        with open(temporary, "xb", buffering=0) as file:
+            write_all(file, content)
+            os.fsync(file.fileno())
+        os.replace(temporary, path)
+    finally:
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
+    sync_folder(path.parent)
+
+
+def write_all(file: Any, data: bytes | bytearray | memoryview) -> None:
+    """Write all of `data` to an unbuffered file, which may take less than it is given. Raises OSError."""
+    view = memoryview(data).cast("B")
+    while len(view):
+        view = view[file.write(view) :]
+
+
+def sync_folder(folder: Path) -> None:
+    """Put the names in `folder` on the disk, where the system can do that."""
+    if os.name == "posix":
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
