@@ -20,7 +20,7 @@ import hashlib
 import os
 import re
 import struct
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from io import BufferedReader, FileIO
 from pathlib import Path
@@ -108,14 +108,13 @@ JOURNAL_MAGIC = b"refsimJ1"
 
 
 class Staged:
-    """A file for h5py to work on: reads see the file below, writes stay in memory until `commit`."""
+    """A file for h5py to work on: reads see the file below, writes stay in memory, page by page, until `commit`."""
 
     def __init__(self, file: FileIO | None) -> None:
-        self.tail = bytearray()  # what lies behind the end of the file below
         self._file = file
-        self._base, self._digest = _stated(file) if file else (0, 0)
+        self._base, self._digest = _stated(file) if file else (0, 0)  # bytes of the file below, and its digest
         self._size = self._base
-        self._pages: dict[int, bytearray] = {}  # changed pages of the file below, by number
+        self._pages: dict[int, bytearray] = {}  # changed pages, by number
         self._position = 0
 
     def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
@@ -130,9 +129,7 @@ class Staged:
 
     def truncate(self, size: int) -> int:
         self._size = size
-        behind = max(size - self._base, 0)
-        del self.tail[behind:]
-        self.tail.extend(bytes(behind - len(self.tail)))
+        self._pages = {number: page for number, page in self._pages.items() if number * PAGE < size}
         return size
 
     def read(self, size: int) -> bytes:
@@ -143,64 +140,52 @@ class Staged:
 
     def readinto(self, buffer: memoryview) -> int:
         view = memoryview(buffer).cast("B")
-        start, end = self._position, self._position + len(view)
-        view[:] = bytes(len(view))
-        if start < self._base:
-            assert self._file is not None
-            below = min(end, self._base)
-            self._file.seek(start)
-            done = 0
-            while done < below - start and (got := self._file.readinto(view[done : below - start])):
-                done += got
-            for number in range(start // PAGE, -(-below // PAGE)):
-                page = self._pages.get(number)
-                if page is not None:
-                    first, last = max(start, number * PAGE), min(below, (number + 1) * PAGE)
-                    view[first - start : last - start] = page[first - number * PAGE : last - number * PAGE]
-        if end > self._base:
-            first = max(start, self._base)
-            piece = self.tail[first - self._base : end - self._base]
-            view[first - start : first - start + len(piece)] = piece
-        self._position = end
+        for number, inside, place in self._parts(len(view)):
+            page = self._pages.get(number) or self._page_below(number)
+            view[place] = bytes(page[inside]).ljust(place.stop - place.start, b"\0")
+        self._position += len(view)
         return len(view)
 
     def write(self, data: memoryview) -> int:
         view = memoryview(data).cast("B")
-        start, end = self._position, self._position + len(view)
-        self._size = max(self._size, end)
-        below = min(end, self._base)
-        for number in range(start // PAGE, -(-below // PAGE) if start < below else 0):
-            page = self._pages.get(number)
-            if page is None:
-                page = self._pages[number] = bytearray(self._page_below(number))
-            first, last = max(start, number * PAGE), min(below, (number + 1) * PAGE)
-            page[first - number * PAGE : last - number * PAGE] = view[first - start : last - start]
-        if end > self._base:
-            first = max(start, self._base)
-            gap = first - self._base - len(self.tail)
-            if gap > 0:
-                self.tail.extend(bytes(gap))
-            self.tail[first - self._base : end - self._base] = view[first - start :]
-        self._position = end
+        for number, inside, place in self._parts(len(view)):
+            if number not in self._pages:
+                self._pages[number] = bytearray(self._page_below(number).ljust(PAGE, b"\0"))
+            self._pages[number][inside] = view[place]
+        self._position += len(view)
+        self._size = max(self._size, self._position)
         return len(view)
 
+    def _parts(self, length: int) -> Iterator[tuple[int, slice, slice]]:
+        """(number of the page, bytes of it, their place in the data) of data of this length at the present position."""
+        start, end = self._position, self._position + length
+        for number in range(start // PAGE, -(-end // PAGE)):
+            first, last = max(start, number * PAGE), min(end, (number + 1) * PAGE)
+            yield number, slice(first - number * PAGE, last - number * PAGE), slice(first - start, last - start)
+
     def _page_below(self, number: int) -> bytes:
-        assert self._file is not None
+        """A page of the file below; empty behind its end."""
+        if self._file is None or number * PAGE >= self._base:
+            return b""
         self._file.seek(number * PAGE)
-        return self._file.read(max(min(PAGE, self._base - number * PAGE), 0))
+        return self._file.read(min(PAGE, self._base - number * PAGE))
+
+    def _page(self, number: int) -> bytes:
+        """A page as it is now, as long as the file reaches."""
+        page = bytes(self._pages.get(number) or self._page_below(number))
+        return page.ljust(PAGE, b"\0")[: max(self._size - number * PAGE, 0)]
+
+    @property
+    def tail(self) -> bytes:
+        """What lies behind the end of the file below: all of a new file."""
+        first = self._base // PAGE
+        return b"".join(map(self._page, range(first, -(-self._size // PAGE))))[self._base - first * PAGE :]
 
     def seal(self) -> None:
         """Write the head, with the digest of what the file now holds."""
-        whole = -(-self._base // PAGE)  # pages from there on are in the tail alone
-        digest = self._digest
-        for number in {*self._pages, *range(min(self._base, self._size) // PAGE, whole)}:
-            self.seek(number * PAGE)
-            now = self.read(max(min(PAGE, self._size - number * PAGE), 0))
-            digest += _page_digest(number, now) - _page_digest(number, self._page_below(number) if self._file else b"")
-        with memoryview(self.tail) as tail:
-            for number in range(whole, -(-self._size // PAGE)):
-                start = number * PAGE - self._base
-                digest += _page_digest(number, tail[start : start + PAGE])
+        digest, end = self._digest, max(self._base, self._size)
+        for number in {*self._pages, *range(min(self._base, self._size) // PAGE, -(-end // PAGE))}:
+            digest += _page_digest(number, self._page(number)) - _page_digest(number, self._page_below(number))
         self.seek(0)
         self.write(memoryview(_head(self._size, digest % 2**256)))
 
@@ -211,16 +196,15 @@ class Staged:
         the journal has what is missing.
         """
         assert self._file is not None
-        numbers = sorted(self._pages, key=lambda number: (number in (last // PAGE, last // PAGE + 1), number))
-        pages = [
-            (number * PAGE, bytes(self._pages[number]))
-            for number in numbers
-            if self._pages[number] != self._page_below(number)
-        ]
+        pages = []
+        for number in sorted(self._pages, key=lambda number: (number in (last // PAGE, last // PAGE + 1), number)):
+            below = self._page_below(number)
+            if below and (page := self._page(number)[: len(below)]) != below:
+                pages.append((number * PAGE, page))
         try:
-            if self.tail:
+            if tail := self.tail:
                 self._file.seek(self._base)
-                write_all(self._file, self.tail)
+                write_all(self._file, tail)
                 os.fsync(self._file.fileno())
             write_all(journal, _journal_entry(self._size, pages))
             os.fsync(journal.fileno())
