@@ -254,14 +254,6 @@ def read_particles(
     return read_file(Path(path), read)
 
 
-def particle_table(path: str | os.PathLike[str]) -> tuple[list[float], dict[str, tuple[int, np.dtype]]]:
-    """Times [s] of the frames in a file written by `ParticleWriter`, and its fields: name -> (components, dtype).
-
-    Raises InputError as `read_particles` does.
-    """
-    return read_file(Path(path), lambda root: (vtkhdf.read_index(root).times.tolist(), vtkhdf.fields_of(root)))
-
-
 def read_file(path: Path, read: Callable[[h5py.Group], vtkhdf.T], check: bool = True) -> vtkhdf.T:
     """What `read` returns for the VTKHDF group of a particle file, whose digest is compared before.
 

@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 from refsim.boundary.one_way_coupling import MeshBoundary
 from refsim.boundary.one_way_coupling.placing import PlacedSolid
 from refsim.core.errors import InputError
-from refsim.engine.checkpoints import load_checkpoint
-from refsim.engine.driver import PARTICLES
-from refsim.io.frames import Frame, particle_table, read_particles
-from refsim.scene.plan import Plan
+from refsim.io.frames import Frame, read_particles
+from refsim.io.results import PARTICLES, Run
+from refsim.scene.plan import Plan, make_plan
 from refsim.sph import gravity_of
 
 READ_AT_ONCE = 256_000_000  # bytes of frames
@@ -206,11 +205,11 @@ def open_run(path: str | os.PathLike[str]) -> SavedRun:
     if not folder.is_dir():
         raise InputError(f"there is no run in {os.fspath(path)!r}; give the folder that `refsim run` has written.")
     particles = folder / PARTICLES
-    times, fields = particle_table(particles)
-    if not times:
+    found = Run(folder, check=True)
+    if not len(found):
         raise InputError(f"{particles} holds no frame; run the scene again.")
-    plan = load_checkpoint(folder).plan
-    return SavedRun(particles, plan, tuple(times), {name: components for name, (components, _) in fields.items()})
+    stored = {name: field.components for name, field in found.fields.items() if name != "position"}
+    return SavedRun(particles, make_plan(found.scene), tuple(found.times.tolist()), stored)
 
 
 def without_strays(position: NDArray) -> NDArray[np.float64]:

@@ -16,6 +16,7 @@ from PIL import Image
 from refsim import Box, BoxWalls, Gravity, InputError, Scene, Simulation, WeaklyCompressible, simulate
 from refsim.__main__ import main
 from refsim.io.frames import ParticleWriter
+from refsim.io.vtkhdf import origin_of
 from refsim.render.looks import Camera, camera_of, cut_of, level_axes
 from refsim.render.pictures import Look, Series, write_film, write_pictures
 from refsim.render.plane import loops
@@ -252,10 +253,10 @@ def strayed(folder, count):
     """A run of one frame: a block of 216 particles, and `count` of them a hundred edges away."""
     scene = Scene(spacing=0.1, support_radius=0.2, fluid=(Box(cells=(6, 6, 6)),), effects=(Gravity(),))
     simulation = Simulation(scene)
-    simulation.checkpoint(folder / "checkpoint.h5")
     x = simulation.field("position").astype("float32")
     x[:count] += [60.0, 0.0, 0.0]
-    with ParticleWriter(folder / "particles.vtkhdf", {"identity": (1, "int32")}) as writer:
+    origin = origin_of(simulation.plan)
+    with ParticleWriter(folder / "particles.vtkhdf", {"identity": (1, "int32")}, origin=origin) as writer:
         writer.write(0.0, x, identity=np.arange(len(x), dtype="int32"))
     return folder
 

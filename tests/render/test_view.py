@@ -11,6 +11,7 @@ import pytest
 from refsim import Box, Gravity, InputError, Scene, Simulation, WeaklyCompressible
 from refsim.__main__ import main
 from refsim.io.frames import ParticleWriter, read_particles
+from refsim.io.vtkhdf import origin_of
 from refsim.render.view import FIELDS, view
 from tests.render.browser import Browser, chromium
 
@@ -58,9 +59,9 @@ def test_a_particle_keeps_its_place_and_its_colour_when_the_run_sorts_its_partic
     """Frames whose particles stand in another order, each with its number as its value."""
     scene = Scene(spacing=0.1, support_radius=0.2, fluid=(Box(cells=(4, 3, 2)),), effects=(Gravity(),))
     simulation, random = Simulation(scene), np.random.default_rng(5)
-    simulation.checkpoint(tmp_path / "checkpoint.h5")
     x = simulation.field("position")
-    with ParticleWriter(tmp_path / "particles.vtkhdf", {"number": (1, "float32"), "identity": (1, "int32")}) as writer:
+    fields, origin = {"number": (1, "float32"), "identity": (1, "int32")}, origin_of(simulation.plan)
+    with ParticleWriter(tmp_path / "particles.vtkhdf", fields, origin=origin) as writer:
         for frame in range(4):
             order = random.permutation(len(x)).astype("int32")
             writer.write(float(frame), x[order].astype("float32"), identity=order, number=order.astype("float32"))
@@ -77,12 +78,11 @@ def test_a_large_run_makes_a_file_of_at_most_60_megabytes(tmp_path):
         effects=(WeaklyCompressible(sound_speed=20.0, density="summation"), Gravity()),
     )  # fmt: skip
     simulation, random = Simulation(scene), np.random.default_rng(3)
-    simulation.checkpoint(tmp_path / "checkpoint.h5")
     x = simulation.field("position")
     names = [name for name in simulation.plan.particle_fields if name not in ("position", "identity")]
     names += [f"more_{k}" for k in range(FIELDS + 1 - len(names))]
     fields = dict.fromkeys(names, (1, "float32")) | {"identity": (1, "int32")}
-    with ParticleWriter(tmp_path / "particles.vtkhdf", fields) as writer:
+    with ParticleWriter(tmp_path / "particles.vtkhdf", fields, origin=origin_of(simulation.plan)) as writer:
         for frame in range(5):
             values = {name: random.normal(size=len(x)).astype("float32") for name in names}
             place = (x + random.normal(size=x.shape)).astype("float32")
