@@ -404,13 +404,30 @@ _entered("few", 3, 60, floor=True, enter=case)  # for other values of the parame
 _entered("large", 3, 3000, floor=True, enter=case)  # compared on sampled rows
 
 
-# the same in the plane
-_entered("few_2d", 2, 60, floor=True, enter=case, support_radius=0.26)
-_entered("large_2d", 2, 3000, floor=True, enter=case, support_radius=0.26)
-# more than an index of 16 bits or one dimension of a launch counts; compared on sampled rows
-_entered("many_particles", 3, 70_000, enter=case)
-# 300 neighbours, which are more than lists of a fixed length often hold
-_entered("dense_cluster", 3, lambda: 0.19 * cloud("dense_cluster", 310, 3), enter=case)
+@case
+def few_2d() -> Case:
+    """The same in the plane."""
+    position = cloud("few_2d", 60, 2)
+    return Case("few_2d", 2, position, support_radius=0.26, wall_position=floor_below(position, 2, 0.1))
+
+
+@case
+def large_2d() -> Case:
+    """The same in the plane."""
+    position = cloud("large_2d", 3000, 2)
+    return Case("large_2d", 2, position, support_radius=0.26, wall_position=floor_below(position, 2, 0.1))
+
+
+@case
+def many_particles() -> Case:
+    """More particles than an index of 16 bits or one dimension of a launch counts; compared on sampled rows."""
+    return Case("many_particles", 3, cloud("many_particles", 70_000, 3))
+
+
+@case
+def dense_cluster() -> Case:
+    """Particles with 300 neighbours, which are more than lists of a fixed length often hold."""
+    return Case("dense_cluster", 3, 0.19 * cloud("dense_cluster", 310, 3), masses=(0.4, 2.5))
 
 
 def in_plane() -> list[str]:
