@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 
 from refsim.core.errors import InputError, RunStopped
-from refsim.core.reading import open_regular, unpacks
+from refsim.core.reading import open_regular
 from refsim.core.writing import remove_stale_temporaries, sync_folder, temporary_path, write_all, writing
 
 FORMAT = "refsim checkpoint"
@@ -325,8 +325,8 @@ def read_checkpoint(path: str | os.PathLike[str]) -> Checkpoint:
         try:
             with h5py.File(file, "r") as root:
                 for dataset in root["arrays"].values():
-                    foreign = dataset.is_virtual or dataset.external or dataset.dtype.kind not in "biufc"
-                    if foreign or unpacks(dataset, size):
+                    plain = dataset.chunks is None and not dataset.is_virtual and not dataset.external
+                    if not plain or dataset.dtype.kind not in "biufc" or dataset.nbytes > size:
                         raise ValueError(f"{dataset.name} is of another kind than refsim writes")
                 arrays = {name: np.asarray(dataset[()]) for name, dataset in root["arrays"].items()}
                 attributes = json.loads(root["attributes"].asstr()[()])
