@@ -18,6 +18,7 @@ from refsim.core.errors import RunStopped
 from refsim.core.plain import plain
 from refsim.core.writing import replace_file, writing
 from refsim.engine.run import Run
+from refsim.engine.stepping import stable_steps
 from refsim.io.checkpoint import KEPT
 from refsim.neighbours.reference import nearest_image
 
@@ -145,7 +146,7 @@ def _limits_now(simulation: Run, fields: dict[str, np.ndarray]) -> dict[str, flo
     if not (math.isfinite(speed) and math.isfinite(force)):
         return None
     rate = float(np.max(fields.get("exchange_rate", np.zeros(1))))
-    return simulation.step_limits(Extremes(speed, force, rate if math.isfinite(rate) else 0.0))
+    return stable_steps(simulation.limits, Extremes(speed, force, rate if math.isfinite(rate) else 0.0))
 
 
 def _neighbourhood(simulation: Run, row: int | None) -> dict[str, np.ndarray]:

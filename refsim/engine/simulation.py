@@ -36,7 +36,6 @@ from refsim.engine.stepping import (
     HostStepper,
     check_extremes,
     most_dense,
-    stable_steps,
     step_limits,
 )
 from refsim.engine.timings import Timings
@@ -320,10 +319,6 @@ class Simulation(Shown):
         """Add an effect's note to the run."""
         self.remarks[effect] = note
         self.notes.append(note)
-
-    def step_limits(self, extremes: Extremes) -> dict[str, float]:
-        """Largest stable steps [s] by what limits them."""
-        return stable_steps(self.limits, extremes)
 
     def evaluate(self, on_demand: bool = True) -> None:
         """Run the passes on the present state, whether or not fields belong to it; the run is not changed by it.
