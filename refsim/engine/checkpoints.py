@@ -22,7 +22,7 @@ from refsim.neighbours import SearchLog
 from refsim.scene.plan import Plan, make_plan
 
 ROUNDED = 1 + 1e-5  # of a number that was added up, or that a GPU computed in float32
-Number = Annotated[int, msgspec.Meta(ge=0, lt=2**63)]
+Number = Annotated[int, msgspec.Meta(ge=0, le=2**63 - 1)]
 Length = Annotated[float, msgspec.Meta(ge=0, le=GREATEST)]
 
 
