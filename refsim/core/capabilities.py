@@ -64,8 +64,6 @@ class HasErrata:
 class FollowsScene:
     """Has parameters that follow the scene where they are None."""
 
-    __slots__ = ()
-
     in_papers: ClassVar[Mapping[str, str]] = {}  # what the papers have for them
 
     def settled(self, others: Mapping[str, Effect]) -> Effect:
@@ -75,8 +73,6 @@ class FollowsScene:
 
 class SumsDensity:
     """May need a liquid whose density is summed."""
-
-    __slots__ = ()
 
     def sums_density(self) -> bool:
         """Whether it does so with these parameters."""
