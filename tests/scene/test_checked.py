@@ -90,7 +90,7 @@ def test_one_parameter_is_changed_by_one_call():
         ({"fluid__2__radius": 1.0}, r"no '2' there; choose from 0, 1\."),
         ({"fluid__radius": 1.0}, r"no 'radius' there; choose from 0, 1\."),
         ({"solid__0__radius": 1.0}, r"no '0' there; there are none\."),
-        ({"fluid__0__radius": 1.0}, r"no 'radius' there; choose from lower, cells, velocity\."),
+        ({"fluid__0__radius": 1.0}, r"no 'radius' there; choose from lower, cells, velocity, size\."),
         ({"gravity__acceleration": "9"}, r"gravity: acceleration = '9' is text; give a tuple or a list\."),
     ],
 )
