@@ -233,7 +233,10 @@ class DeviceStepper:
 
     def _launch_each(self) -> None:
         for name, call in self.calls:
-            self.simulation.timings.run(name, call)
+            if name:
+                self.simulation.timings.run(name, call)
+            else:  # no operation of the step
+                call()
 
     def _sequence(self) -> tuple[Calls, list[Touched | None]]:
         """All that a step launches, in order, and what each launch touches."""
@@ -242,7 +245,7 @@ class DeviceStepper:
         own = frozenset({"acceleration"})
         steps: list[tuple[str, Callable[[], None], Touched | None]] = [
             *((*call, touched(p, backend)) for call, (_, p) in zip(s.begin_calls, plan.begin)),
-            ("clear", self._clear, Touched(own, own)),
+            ("", self._clear, Touched(own, own)),
             *((name, call, touched(p, backend)) for name, call, p in forces),
             ("sph.extremes", s.extremes_call, touched(Pass("sph.extremes"), backend)),
             ("choose_step", self._choose, Touched(frozenset({"extremes", "timestep"}), frozenset({"timestep"}))),
