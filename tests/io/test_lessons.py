@@ -61,28 +61,6 @@ def test_the_runner_holds_worked_answers_to_their_judges():
         runner.run_lesson("toy", asked.replace("a = 1\n", begin % False + "a = 1\n"))
 
 
-def test_the_runner_writes_notebooks_and_minds_the_time(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(runner, "lessons", lambda: {"toy": TOY})
-    assert runner.main(["--notebooks", str(tmp_path)]) == 0
-    assert (tmp_path / "toy.ipynb").read_text() == notebook(TOY)
-    assert runner.main(["--warm"]) == 0
-    monkeypatch.setattr(runner, "MOST_SECONDS", 0.0)
-    assert runner.main(["--warm"]) == 4
-    assert "toy took more than 0 s" in capsys.readouterr().err
-
-
-def test_the_runner_says_which_lesson_failed(monkeypatch, capsys):
-    monkeypatch.setattr(runner, "lessons", lambda: {"toy": TOY, "bad": TOY.replace("a + 1", "c")})
-    assert runner.main(["toy"]) == 0
-    assert runner.main([]) == 4
-    said = capsys.readouterr()
-    assert "toy: ran" in said.out
-    assert "bad: failed" in said.out
-    assert "bad, cell 4 (answer)" in said.err
-    assert runner.main(["tow"]) == 2
-    assert "did you mean 'toy'?" in capsys.readouterr().err
-
-
 def test_lesson_1_runs_with_its_answers(tmp_path):
     done = runner.run_lesson(FIRST, LESSONS[FIRST], tmp_path)
     assert done["score"](done["two_step"])[1] > 0.9  # precisions

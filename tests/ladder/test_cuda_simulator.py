@@ -859,7 +859,7 @@ def test_a_recorded_step_launches_and_holds_what_the_plan_says(name):
         "positions_at_list_build": run.build_position.nbytes,
     }
     assert held == {part: planned[part] for part in held}
-    for what, (found, expected) in composition.held_by_grid_and_surface(run).items():
+    for what, (found, expected) in composition.held_by_grid(run).items():
         assert found == expected, what
 
 

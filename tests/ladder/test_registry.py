@@ -14,9 +14,7 @@ import pytest
 import refsim
 from refsim import contract
 from refsim.core import cases
-from refsim.core.effect import EFFECTS
 from refsim.core.operation import REGISTRY
-from refsim.scene.files import describe
 
 ROOT = pathlib.Path(refsim.__file__).parent
 LADDER = pathlib.Path(__file__).parent
@@ -340,19 +338,11 @@ def test_cases_are_hard():
         assert (place["on_cell_borders"][:, 0] / cell % 0.5 == 0).all()
 
 
-def test_effects_explain_their_parameters():
-    for name, effect in EFFECTS.items():
-        missing = set(effect.__struct_fields__) - describe(effect).keys()
-        assert not missing, f"{name} does not explain {missing}"
-
-
-def test_import_needs_no_numba_and_little_time(tmp_path):
+def test_import_needs_little_time(tmp_path):
     """Processor time with stored bytecode, because other work on the machine must not count, and without the threads of
     the linear algebra, which wait for work on the processor."""
-    program = "import sys, refsim; sys.exit(any(m.split('.')[0] == 'numba' for m in sys.modules))"
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
     environment |= {"PYTHONPYCACHEPREFIX": str(tmp_path), "OPENBLAS_NUM_THREADS": "1"}
-    subprocess.run([sys.executable, "-c", program], check=True, env=environment)
     spent = []
     for _ in range(8):
         program = "import refsim, time; print(time.process_time())"

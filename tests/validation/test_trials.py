@@ -1,7 +1,6 @@
 """Hard cases end as it stands on file; the command notices where they do not; maps are what they say."""
 
 import io
-import json
 import math
 
 import numpy as np
@@ -9,11 +8,11 @@ import pytest
 
 from refsim import Box, Cloud, InputError, JiangZhu2023, RunStopped, Scene, WeaklyCompressible
 from refsim.scene.plan import make_plan
-from validation import checks, judging, maps, perform
+from validation import checks, judging, perform
 from validation.__main__ import main
 from validation.experiment import Experiment, Options, discover
 from validation.metrics.voids import find_voids
-from validation.results import Result, finite
+from validation.results import Result
 from validation.running import Context
 from validation.trials import Cell, StabilityMap, Trial, largest_stable, silent_up_to
 
@@ -89,27 +88,6 @@ def test_a_changed_outcome_or_a_limit_beyond_the_stable_fails(tmp_path, system, 
     assert (tmp_path / "figures" / "limits.png").stat().st_size > 1000
     assert "a thin thing" in str(outcomes[0].tables[0])
     assert "tears" in str(outcomes[0].tables[1])
-
-
-def test_a_map_is_drawn_from_its_file_where_nothing_failed_and_where_all_did(tmp_path):
-    cells = [
-        {
-            "row": row,
-            "column": "c",
-            "largest": a,
-            "failing": b,
-            "why": "",
-            "runner": 1.0,
-            "tried": [[1.0, ""], [4.0, "x"]],
-        }
-        for row, a, b in (("open", 4.0, math.inf), ("none", 0.0, 1.0))
-    ]
-    data = json.loads(json.dumps(finite({"title": "t", "quantity": "q", "cells": cells})))
-    figure = maps.draw_map(data)
-    said = {text.get_text() for axes in figure.axes for text in axes.texts}
-    assert said == {"at least 4.0", "none"}
-    marks = [line.get_xydata().tolist() for line in figure.axes[0].lines if line.get_marker() == "|"]
-    assert marks[:2] == [[[1.0, 0.0]], [[1.0, 1.0]]]  # limits of the runner
 
 
 def test_the_command(capsys):

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib.util
 import io
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from refsim.cluster.tasks import Outcome
 from refsim.core.errors import InputError, RunStopped
 from validation import __main__ as command
 from validation import drawing, judging, results, running
@@ -277,45 +274,6 @@ def test_pictures_are_drawn_from_their_files_alone(options, monkeypatch):
         performing.redraw(case.pictures[0], options.figures / "nowhere")
 
 
-def test_words_of_a_wide_picture_are_nine_pixels_high_on_the_site(tmp_path):
-    import matplotlib.pyplot as plt
-    from matplotlib.text import Text
-
-    with drawing.style():
-        figure, axes = plt.subplots(figsize=(15.0, 2.0))
-        axes.plot([0, 1], label="line")
-        axes.tick_params(labelsize=4)
-        axes.legend(fontsize=5)
-        axes.text(0.5, 0.5, "small", fontsize=6)
-        axes.set_title("large", fontsize=30)
-        drawing.save_picture(figure, tmp_path / "wide.png")
-    sizes = {words.get_fontsize() for words in figure.findobj(Text) if words.get_text()}
-    plt.close(figure)
-    assert min(sizes) * drawing.COLUMN / (72 * 15.0) == pytest.approx(drawing.LETTERS)
-    assert max(sizes) == 30
-
-
-def test_experiments_are_found_by_their_folders(tmp_path, monkeypatch):
-    folder = tmp_path / "someones_cases"
-    folder.mkdir()
-    (folder / "__init__.py").write_text("")
-    text = "from validation.experiment import Experiment\nEXPERIMENT = Experiment('mine', 'title')\n"
-    for name in ("mine", "plain"):
-        (folder / name).mkdir()
-    (folder / "mine" / "runs.py").write_text(text)
-    monkeypatch.syspath_prepend(tmp_path)
-    module = importlib.import_module("someones_cases")
-    assert list(discover(module)) == ["mine"]
-    (folder / "plain" / "runs.py").write_text(text)
-    discover.cache_clear()
-    with pytest.raises(ValueError, match="is called 'mine'"):
-        discover(module)
-    for name in list(sys.modules):
-        if name.startswith("someones_cases"):
-            monkeypatch.delitem(sys.modules, name)
-    assert {"dam_break", "droplet", "timing"} <= set(discover())
-
-
 # Tiny runs of the real cases
 
 
@@ -413,34 +371,3 @@ def test_a_drop_that_stops_is_a_result_with_its_reason(monkeypatch):
     assert values["stopped"] == "non_finite at 0.000 s"
     assert values["steady"] is None
     assert droplet.outcome(Result({**values, "end": results.finite(values["end"])})).startswith("stopped: non_finite")
-
-
-def test_runs_by_a_scheduler(options, monkeypatch):
-    """Its workers compute all runs but the timed one; a run that stops is not computed again."""
-    asked = []
-
-    def workers(tasks, *, jobs, scheduler, watch):
-        asked.append((scheduler, [task.name for task in tasks], [task.gpu for task in tasks]))
-        for task in tasks:
-            watch({task.key: 0.5}, 1)
-            try:
-                yield Outcome(task, task.function(lambda share: None, *task.arguments), worker="worker 0")
-            except RunStopped as error:
-                yield Outcome(task, error=error)
-
-    monkeypatch.setattr(performing, "elsewhere", workers)
-    runs = [
-        Run("one", doubled, {"value": 2}),
-        Run("wild", stopping),
-        Run("timed", doubled, {"value": 3}, timed=True),
-    ]
-    case = dataclasses.replace(fake(), runs=lambda options: runs)
-    (found,) = perform(case, dataclasses.replace(options, scheduler="tcp://s"))
-    assert asked == [("tcp://s", ["fake one", "fake wild"], [False, False])]
-    assert CALLS == [2, 3]
-    assert found.stopped == {"wild": "It collapsed. (reason: collapsed)"}
-    assert {key: result.values["double"] for key, result in found.results.items()} == {"one": 4, "timed": 6}
-    perform(case, dataclasses.replace(options, scheduler="tcp://s"))
-    assert CALLS == [2, 3]
-    given = command.parser().parse_args(["claims", "--scheduler", "tcp://s"])
-    assert command.options_of(given).scheduler == "tcp://s"
