@@ -82,7 +82,7 @@ BAD = {
     ),
     "position nan": (BOX, CLOUD.format("[[nan, 0.0], [0.1, 0.1]]"), "position of particle 0 is not a finite number"),
     "position inf": (BOX, CLOUD.format("[[0.2, 0.2], [inf, 0.1]]"), "position of particle 1 is not a finite number"),
-    "velocity nan": (BOX, BOX + "\nvelocity = [nan, 0.0, 0.0]", "velocity of particle 0"),
+    "velocity nan": (BOX, BOX + "\nvelocity = [nan, 0.0, 0.0]", "velocity along x = nan is not possible"),
     "duplicates": (
         BOX,
         CLOUD.format("[[0.1, 0.2], [0.2, 0.2], [0.1, 0.2]]"),
@@ -137,7 +137,7 @@ BAD = {
     "tables in tables": ("dim = 2", "dim = 2\n" + "a." * 3000 + "a = 1", "nested too deeply"),
     "tables in an effect": ("sound_speed = 20.0", "sound_speed." + "a." * 3000 + "a = 1", "nested too deeply"),
     "a far corner": (BOX, BOX + "\nlower = [1.7e308, 0.0, 0.0]", "lower along x = 1.7e+308 is too large"),
-    "a great speed": (BOX, BOX + "\nvelocity = [1.7e308, 0.0, 0.0]", "velocity of particle 0"),
+    "a great speed": (BOX, BOX + "\nvelocity = [1.7e308, 0.0, 0.0]", "velocity along x = 1.7e+308 is too large"),
     "a great length": (
         "spacing = 0.01\nsupport_radius = 0.02",
         "spacing = 1e308\nsupport_radius = 1.7e308",

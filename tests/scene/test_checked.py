@@ -44,6 +44,7 @@ def scene(**changes):
         (lambda: Box(cells=(4, 4)), r"Box: cells has 2 values; give 3\."),
         (lambda: Box(cells=(4, 4, 1.5)), r"Box: cells\[2\] = 1\.5 is a number with decimals; give a whole number\."),
         (lambda: SolidBall(center=(0, 0, 0), radius="r"), r"SolidBall: radius = 'r' is text; give a number\."),
+        (lambda: SolidBall(center=(0, 0, 0), radius=1, density=-1.0), "density = -1.0 .*; give a positive number"),
         (lambda: Gravity(acceleration=9.81), r"gravity: acceleration = 9\.81 is a number with decimals; give a tuple"),
         (lambda: Gravity(acceleration=(0, "g", 0)), r"gravity: acceleration\[1\] = 'g' is text; give a number\."),
         (lambda: WeaklyCompressible(sound_speed=1, state="tiat"), r"state = 'tiat' is not possible; did you mean tait"),

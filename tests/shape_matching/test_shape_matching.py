@@ -452,7 +452,6 @@ BAD = {
     "the scene has no solids to hold together": Scene(
         spacing=0.2, support_radius=0.5, fluid=(Box(cells=(2, 2, 2)),), effects=(ShapeMatching(),)
     ),
-    "density = -1.0 is not possible": solids(SolidBall(center=(0, 0, 0), radius=0.5, density=-1.0)),
     "set dim to 3": solids(BALL, dim=2),
     "half_width = 5": solids(BALL, effects=(ShapeMatching(half_width=5),)),
     "damping = 1.5": solids(BALL, effects=(ShapeMatching(damping=1.5),)),

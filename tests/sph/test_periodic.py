@@ -54,7 +54,7 @@ def run(scene, steps, backend="cpu"):
     "changes, words",
     [
         ({"support_radius": 0.4}, "scene: period = 0.8 m along x is at most twice the 0.44 m"),
-        ({"period": (-1.0, 0.0, 0.0)}, "scene: period along x = -1.0 is not possible"),
+        ({"period": (-1.0, 0.0, 0.0)}, "Scene: period[0] = -1.0 is not possible"),
         ({"period": (0.8, 0.0, 1.0)}, "scene: period has a z part in a 2D scene"),
         ({"period_lower": (0.0, 0.0, 0.0)}, "scene: particle 0 starts at x = -0.35 m, outside the periodic box"),
         ({"effects": (LIQUID, Akinci2013(surface_tension=1.0))}, "akinci_2013: this effect does not act across"),
