@@ -164,8 +164,12 @@ def test_a_mass_that_does_not_fit_is_refused(mass):
     with pytest.raises(InputError, match="mass = "):
         make_plan(scene_of(spacing=0.05, support_radius=0.13, fluid=(Ball(radius=0.1, mass=mass),)))
     with pytest.raises(InputError, match="mass = "):
-        solid, effects = SolidBox(lower=(0.0,) * 3, upper=(0.3,) * 3, mass=mass), (LIQUID, ShapeMatching())
-        make_plan(scene_of(spacing=0.05, support_radius=0.13, fluid=(), dim=3, solid=(solid,), effects=effects))
+        make_plan(
+            scene_of(
+                spacing=0.05, support_radius=0.13, fluid=(), dim=3, effects=(LIQUID, ShapeMatching()),
+                solid=(SolidBox(lower=(0.0,) * 3, upper=(0.3,) * 3, mass=mass),),
+            )
+        )  # fmt: skip
 
 
 def test_a_fixed_step_follows_what_is_stable():
