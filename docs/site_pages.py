@@ -10,6 +10,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from docutils.nodes import Text
+
 ROOT = Path(__file__).resolve().parent.parent
 PAPERS = {
     "jiang_zhu_2023": "Jiang & Zhu 2023",
@@ -24,6 +26,7 @@ ABOVE = {"CONTRIBUTING.md": "contributing.md", "CHANGELOG.md": "changelog.md", "
 LINK = re.compile(r"(?<!!)\[([^\]]*)\]\(([^)\s]+)\)")
 BAR = "\\|"
 IN_THE_BROWSER = "_in_the_browser"  # a lesson that computes itself, by a script of `_static/`
+UNIT = re.compile(r"(?<=\d) (?=(?:[munk]?s|[KMG]iB|degrees|d|h|m|mm)\b|%)")
 MADE = re.compile(r"<!-- operations of ([\w ]+) -->")
 CODE = re.compile(r"^(```.*?^```[^\n]*$)", re.MULTILINE | re.DOTALL)
 NAVIGATION = {
@@ -218,12 +221,17 @@ def _kind(found: Any) -> str:
 
 
 def readable(app: Any, tree: Any) -> None:
-    """Sphinx's event `doctree-read`: pictures are links to their files, and sentences in tables get a width."""
+    """Sphinx's event `doctree-read`: pictures are links to their files; in tables sentences get a width, and a number
+    and its unit stay on one line.
+    """
     for node in tree.findall():
         if node.tagname == "image":
             node.setdefault("scale", 100)  # Sphinx links a scaled picture to its file
         if node.tagname == "entry" and len(words := node.astext()) > 30 and " " in words:
             node["classes"].append("sentences" if len(words) > 80 else "words")
+        if node.tagname == "entry":
+            for text in list(node.findall(Text)):
+                text.parent.replace(text, Text(UNIT.sub("\N{NO-BREAK SPACE}", text)))
 
 
 def literal_tables(app: Any, what: str, name: str, found: Any, options: Any, lines: list[str]) -> None:
@@ -232,7 +240,7 @@ def literal_tables(app: Any, what: str, name: str, found: Any, options: Any, lin
     made: list[str] = []
     for paragraph in re.split(r"\n\s*\n", text.strip()):
         if re.search(r"\S  +\S|^ {2,}\S", paragraph, re.MULTILINE):
-            made += ["::", "", *("   " + line for line in paragraph.splitlines()), ""]
+            made += [".. code-block:: text", "", *("   " + line for line in paragraph.splitlines()), ""]
         else:
             made += [re.sub(r"([*|_])", r"\\\1", line) if "`" not in line else line for line in paragraph.splitlines()]
             made += [""]
@@ -246,7 +254,7 @@ def whole_tables(app: Any, page: str, template: str, context: dict[str, Any], tr
 
     def marked(found: re.Match[str]) -> str:
         parts = found[2].rstrip("\n").split("\n\n")
-        return found[1] + "\n".join(f'<span class="part">{part}</span>' for part in parts) + found[3]
+        return found[1] + "".join(f'<span class="part">{part}\n\n</span>' for part in parts) + found[3]
 
     pattern = r'(<div class="highlight-toml[^>]*><div class="highlight"><pre>)(.*?)(</pre>)'
     text = re.sub(pattern, marked, context.get("body", ""), flags=re.DOTALL)

@@ -116,6 +116,7 @@ def keep(performed: Sequence[Performed], folder: Path) -> None:
 def table() -> Iterator[str]:
     """Every check as a row of one HTML table, with what opens below it; docs/_static/checks.js filters the rows."""
     entries, known, kept = with_reasons(checks.read_all()), discover(), stored()
+    entries.sort(key=lambda entry: entry.kind == checks.VERDICT)  # those without a number on file stand last
     of = {entry.name: system_of(entry, known) for entry in entries}
     verdicts = dict.fromkeys(verdict_of(entry) for entry in entries)
     yield '<form id="filter">'

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from refsim.core.extras import extra
+from refsim.core.stopping import held_back
 from refsim.render import water
 from refsim.render.looks import Camera, Cut, level_axes
 
@@ -25,9 +26,11 @@ Array = NDArray[np.float64]
 
 def pyvista() -> Any:
     """PyVista without a window. Raises InputError where it is not installed."""
-    found = extra("pyvista", "a picture in 3D")
-    from vtkmodules.vtkCommonCore import vtkObject
+    with held_back():  # modules of VTK that are interrupted while they import each other raise ImportError
+        found = extra("pyvista", "a picture in 3D")
+        from vtkmodules.vtkCommonCore import vtkObject
 
+        _ = found.Plotter  # PyVista imports its drawing where it is first named
     vtkObject.GlobalWarningDisplayOff()  # software drivers report what they lack
     return found
 

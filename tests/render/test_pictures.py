@@ -17,6 +17,7 @@ from refsim import Box, BoxWalls, Gravity, InputError, Scene, Simulation, Weakly
 from refsim.__main__ import main
 from refsim.io.frames import ParticleWriter
 from refsim.io.vtkhdf import origin_of
+from refsim.render import space
 from refsim.render.looks import Camera, camera_of, cut_of, level_axes
 from refsim.render.pictures import Look, Series, write_film, write_pictures
 from refsim.render.plane import loops
@@ -373,6 +374,21 @@ def test_nothing_is_left_of_a_film_that_is_stopped(in_plane, tmp_path, number):
     assert err.count("\n") == 1
     assert "[interrupted]" in err
     assert not list(tmp_path.iterdir())
+
+
+@needs_pyvista
+def test_a_signal_waits_until_vtk_is_imported(monkeypatch):
+    imported = []
+
+    def interrupted(module, use):
+        signal.raise_signal(signal.SIGINT)
+        imported.append(module)
+        return pytest.importorskip(module)
+
+    monkeypatch.setattr(space, "extra", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        space.pyvista()
+    assert imported == ["pyvista"]
 
 
 @needs_pyvista
