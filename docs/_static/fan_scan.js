@@ -138,7 +138,7 @@ const FanScan = (() => {
       button.addEventListener("click", () => { state.points = arranged(); draw(); });
       return button;
     });
-    const column = x => x * PER_METRE, row = y => (HEIGHT - y) * PER_METRE;
+    const map = Live.map(0, HEIGHT, PER_METRE), {column, row} = map;
 
     function fan(at, axis) {
       const corner = turn => [0, 1].map(c => at[c] + S * (axis[c] + turn * (c ? axis[0] : -axis[1])));
@@ -150,13 +150,12 @@ const FanScan = (() => {
 
     function draw() {
       const found = detected(state.points), one = found[state.chosen], at = state.points[state.chosen];
-      const dots = state.points.map(([x, y], k) => {
+      const dots = state.points.map((place, k) => {
         const kind = found[k].surface ? "surface" : found[k].scanned ? "scanned" : "inner";
         const seen = one.inside.includes(k) ? " seen" : k === state.chosen ? " chosen" : "";
-        return shape("circle", {cx: column(x), cy: row(y), r: 0.4 * D * PER_METRE, class: kind + seen});
+        return map.circle(place, 0.4 * D, kind + seen);
       });
-      const support = shape("circle", {cx: column(at[0]), cy: row(at[1]), r: H * PER_METRE, class: "support"});
-      picture.replaceChildren(...(one.axis ? [fan(at, one.axis)] : []), ...dots, support);
+      picture.replaceChildren(...(one.axis ? [fan(at, one.axis)] : []), ...dots, map.circle(at, H, "support"));
       said.textContent = why(one, state.chosen);
       const surface = found.filter(({surface}) => surface).length, scanned = found.filter(({scanned}) => scanned).length;
       count.textContent = `${surface} of ${found.length} particles are surface; ${scanned} are scanned.`;
@@ -168,27 +167,17 @@ const FanScan = (() => {
       draw();
     }
 
-    let held = null;  // from the pointer to the particle's centre [m]
-    const pointed = event => {
-      const [x, y] = Live.place(picture, event);
-      return [x / PER_METRE, HEIGHT - y / PER_METRE];
-    };
-    picture.addEventListener("pointerdown", event => {
-      const [x, y] = pointed(event);
+    let offset = [0, 0];  // from the pointer to the particle's centre [m]
+    function choose([x, y]) {
       const far = state.points.map(([px, py]) => Math.hypot(px - x, py - y)), nearest = Math.min(...far);
-      if (nearest > 0.7 * D) return;
+      if (nearest > 0.7 * D) return false;
       state.chosen = far.indexOf(nearest);
-      held = [state.points[state.chosen][0] - x, state.points[state.chosen][1] - y];
-      picture.setPointerCapture(event.pointerId);
+      offset = [state.points[state.chosen][0] - x, state.points[state.chosen][1] - y];
       chosen.set(state.chosen);
       draw();
-    });
-    picture.addEventListener("pointermove", event => {
-      if (held === null) return;
-      const [x, y] = pointed(event);
-      move(x + held[0], y + held[1]);
-    });
-    for (const end of ["pointerup", "pointercancel"]) picture.addEventListener(end, () => { held = null; });
+      return true;
+    }
+    Live.follow(picture, map, choose, ([x, y]) => move(x + offset[0], y + offset[1]));
     picture.addEventListener("keydown", event => {
       const step = {ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1]}[event.key];
       if (!step) return;

@@ -12,10 +12,26 @@ const Live = (() => {
   const shape = (name, attributes = {}, ...children) => filled(document.createElementNS(SVG, name), attributes, children);
   const drawing = (width, height, label) => shape("svg", {viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": label});
 
-  // A place of the pointer in the units of a drawing's viewBox.
-  function place(svg, event) {
-    const at = new DOMPoint(event.clientX, event.clientY).matrixTransform(svg.getScreenCTM().inverse());
-    return [at.x, at.y];
+  // A map of metres onto a drawing: its upper left corner is at (left, top) [m], and it has `unit` units a metre.
+  function map(left, top, unit) {
+    const column = x => (x - left) * unit, row = y => (top - y) * unit;
+    const circle = ([x, y], radius, kind) => shape("circle", {cx: column(x), cy: row(y), r: radius * unit, class: kind});
+    const place = (svg, event) => {
+      const at = new DOMPoint(event.clientX, event.clientY).matrixTransform(svg.getScreenCTM().inverse());
+      return [at.x / unit + left, top - at.y / unit];
+    };
+    return {column, row, circle, place};
+  }
+
+  // Calls begin(place [m]) when the pointer goes down on a drawing; if that is true, move(place) until it goes up.
+  function follow(svg, {place}, begin, move) {
+    let held = false;
+    svg.addEventListener("pointerdown", event => {
+      held = begin(place(svg, event));
+      if (held) svg.setPointerCapture(event.pointerId);
+    });
+    svg.addEventListener("pointermove", event => { if (held) move(place(svg, event)); });
+    for (const end of ["pointerup", "pointercancel"]) svg.addEventListener(end, () => { held = false; });
   }
 
   // A labelled slider over given values: changed(value) is called when it moves; write(value) makes its text.
@@ -88,5 +104,5 @@ const Live = (() => {
     return -140 / (Math.PI * h ** 3) * q * (1 - q) ** 3;
   }
 
-  return {element, shape, drawing, place, slider, choice, judged, questions, random, kernel, slope};
+  return {element, shape, drawing, map, follow, slider, choice, judged, questions, random, kernel, slope};
 })();

@@ -89,19 +89,18 @@ const SmoothedSum = (() => {
       Live.slider("jitter", "jitter", steps(0, 0.5, 0.05), 0, value => `${value.toFixed(2)} d`, change("jitter")).row,
       x.row);
 
-    const column = value => (value - LEFT) * PER_METRE;
-    const row = value => (RIGHT - value) * PER_METRE;
+    const map = Live.map(LEFT, RIGHT, PER_METRE), {column, row} = map;
 
     function drawPlate(points) {
       const dots = points.map(([px, py]) => {
         const share = kernel(Math.hypot(state.x - px, MIDDLE - py), state.h) / kernel(0, state.h);
-        const dot = shape("circle", {cx: column(px), cy: row(py), r: 0.42 * state.d * PER_METRE, class: "particle"});
+        const dot = map.circle([px, py], 0.42 * state.d, "particle");
         if (share > 0) dot.append(shape("title", {}, `weight ${share.toFixed(3)} of W(0)`));
         dot.style.setProperty("--share", Math.sqrt(share));
         return dot;
       });
-      const disc = shape("circle", {cx: column(state.x), cy: row(MIDDLE), r: state.h * PER_METRE, class: "support"});
-      const point = shape("circle", {cx: column(state.x), cy: row(MIDDLE), r: 4, class: "point"});
+      const disc = map.circle([state.x, MIDDLE], state.h, "support");
+      const point = map.circle([state.x, MIDDLE], 0.014, "point");
       const line = shape("path", {d: `M0 ${row(MIDDLE)}H${SIDE}`, class: "guide"});
       const edge = shape("rect", {x: column(0), y: row(1), width: PER_METRE, height: PER_METRE, class: "guide"});
       plate.replaceChildren(edge, ...dots, line, disc, point);
@@ -147,17 +146,13 @@ const SmoothedSum = (() => {
         + `${near} of ${points.length} particles are within h.`;
     }
 
-    const follow = svg => event => {
-      if (!event.buttons) return;
-      const at = Live.place(svg, event)[0] / PER_METRE + LEFT;
+    function move([at]) {
       state.x = Number(Math.min(Math.max(at, LEFT), RIGHT).toFixed(2));
       x.set(state.x);
       draw();
-    };
-    for (const svg of [plate, curve]) {
-      svg.addEventListener("pointerdown", event => { svg.setPointerCapture(event.pointerId); follow(svg)(event); });
-      svg.addEventListener("pointermove", follow(svg));
+      return true;
     }
+    for (const svg of [plate, curve]) Live.follow(svg, map, move, move);
     box.replaceChildren(controls, said, element("div", {class: "drawings"}, plate, curve));
     document.getElementById("asked").replaceChildren(Live.questions(QUESTIONS));
     draw();
