@@ -129,8 +129,7 @@ def hard_cloud(kind, scheme, melts, dtype="float64", **options):
 KINDS = ("masses 1:2", "masses 1:100", "cloud", "pairs")
 
 
-@pytest.mark.parametrize("dtype", ["float64", "float32"])
-@pytest.mark.parametrize("melts", [False, True], ids=["plain", "ice"])
+@pytest.mark.parametrize("melts, dtype", [(False, "float64"), (True, "float32")], ids=["plain", "ice"])
 @pytest.mark.parametrize("kind", KINDS)
 def test_explicit_conduction_keeps_its_range_at_the_runners_own_step(kind, melts, dtype):
     """200 steps at the largest step that the particles' own sums allow; before, |T| grew to 1e43."""
@@ -173,8 +172,7 @@ def test_the_step_follows_the_sums_while_particles_move():
     assert simulation.field("temperature").max() <= 50
 
 
-@pytest.mark.parametrize("dtype", ["float64", "float32"])
-@pytest.mark.parametrize("melts", [False, True], ids=["plain", "ice"])
+@pytest.mark.parametrize("melts, dtype", [(False, "float32"), (True, "float64")], ids=["plain", "ice"])
 def test_a_temperature_out_of_its_range_stops_the_run(melts, dtype):
     """Explicit conduction made to take seven stable steps at once."""
     plan = make_plan(bar(0.1, dtype, scheme="explicit", **(ICE if melts else {})))

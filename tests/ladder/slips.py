@@ -2,7 +2,7 @@
 
 Run as `NUMBA_DISABLE_JIT=1 python slips.py OPERATION...`: kernels are then Python functions, and a slip is put in by
 giving a function the code of its altered source. The operations must share one program. Prints one JSON object, see
-`inject`; with `--part K/N` of every Nth slip only. Kinds: sign, factor, index, condition.
+`inject`. Kinds: sign, factor, index, condition.
 """
 
 import argparse
@@ -269,20 +269,20 @@ def planted(operation):
             yield function, *site
 
 
-def inject(operations, part=0, parts=1):
-    """Every slip of `planted` in the program that the operations share; of `parts` parts, one.
+def inject(operations):
+    """Every slip of `planted` in the program that the operations share.
 
     {"noticed": {operation: {kind: number}}, "functions": {name: {"planted": {kind: number}, "survived": [slips that no
     operation with the same function notices]}}}. Slips that change no answer are looked for in few cases only.
     """
     limits = {}
-    for operation, deep in itertools.product(operations, (False,) if part else (False, True)):
+    for operation, deep in itertools.product(operations, (False, True)):
         begun = time.process_time()
         assert not noticed(operation, deep), f"{operation.name} fails before any slip"
         limits[operation.name, deep] = 1 + PATIENCE * (time.process_time() - begun)
     users = programs_with()  # while every function's source can still be read
     caught, found = {operation.name: {} for operation in operations}, {}
-    for function, group in itertools.groupby(list(planted(operations[0]))[part::parts], key=lambda slip: slip[0]):
+    for function, group in itertools.groupby(list(planted(operations[0])), key=lambda slip: slip[0]):
         right, of = function.__code__, found.setdefault(key(function), {"planted": {}, "survived": []})
         others = [operation for operation in users[key(function)] if operation not in operations]
         for _, kind, number, change in group:
@@ -328,10 +328,10 @@ def programs():
     return list(found.values())
 
 
-def judged(names, part=0, parts=1):
+def judged(names):
     """`inject` in a process of its own. Raises RuntimeError if it fails."""
     path = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))
-    command = [sys.executable, __file__, *names, "--part", f"{part}/{parts}"]
+    command = [sys.executable, __file__, *names]
     environment = dict(os.environ, NUMBA_DISABLE_JIT="1", PYTHONPATH=path)
     done = subprocess.run(command, capture_output=True, text=True, env=environment)
     if done.returncode:
@@ -342,13 +342,11 @@ def judged(names, part=0, parts=1):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("operations", nargs="*", metavar="OPERATION", help="operations that share one program")
-    parser.add_argument("--part", default="0/1", metavar="K/N", help="slips K, K + N, K + 2 N, ...")
     given = parser.parse_args()
     warnings.simplefilter("ignore")
     cases.discover()
     signal.signal(signal.SIGPROF, too_long)
-    operations, part = [REGISTRY[name] for name in given.operations], map(int, given.part.split("/"))
-    print(json.dumps(inject(operations, *part)))
+    print(json.dumps(inject([REGISTRY[name] for name in given.operations])))
 
 
 if __name__ == "__main__":

@@ -10,7 +10,14 @@ from refsim.core.errors import InputError
 from refsim.scene.plan import make_plan
 
 SUPPORTS = (1.05, 1.1, 1.2, 1.3, 1.4, 2**0.5, 1.5, 1.6, 1.7, 1.8, 2.0, 2.3, 2.6, 3.0, 3.2, 3.5, 4.0, 4.5)
-CASES = [(2, r) for r in SUPPORTS] + [(3, r) for r in (1.05, 1.2, 1.4, 1.6, 2.0, 2.6, 3.2, 4.5)]
+CASES = [
+    pytest.param(dim, r, marks=[pytest.mark.slow] * (r in between))
+    for dim, supports, between in (
+        (2, SUPPORTS, (1.1, 1.3, 1.6, 1.8, 2.3, 3.0, 3.5, 4.0)),
+        (3, (1.05, 1.2, 1.4, 1.6, 2.0, 2.6, 3.2, 4.5), (1.2, 1.6, 3.2)),
+    )
+    for r in supports
+]
 METHODS = ("two_step", "number_density", "fan_scan")
 CELLS = {2: (12, 12, 1), 3: (8, 8, 8)}
 

@@ -37,20 +37,6 @@ def test_comments_docstrings_and_layout_do_not_count(module):
     assert module('def f(x):\n    return x + 1\n\n\nTEXT = """Words."""\n') != plain
 
 
-def test_every_version_of_python_gives_the_same_digest(module):
-    """The digest of a fixed text with f-strings, keyword arguments, classes and coroutines."""
-    assert (
-        module('''"""Words."""
-def scaled(x, *, by=2.0):
-    return [f"{a!r:>{by}}" for a in x if a is not None] and {"k": by * -1, **{}}
-class Kept(dict):
-    x: int = 0x10
-async def later(): await None
-''')
-        == "43540ae886e92752"
-    )
-
-
 def test_of_the_functions_own_module_only_what_it_reaches_counts(tmp_path):
     def digest(text):
         path = tmp_path / f"{abs(hash(text))}.py"
