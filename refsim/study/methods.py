@@ -5,6 +5,7 @@ import math
 import typing
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -63,20 +64,35 @@ def _with(effect: Effect, **values: object) -> Effect:
 
 def _choices(scene: Scene, kind: str) -> Iterator[tuple[str, tuple[Effect, ...]]]:
     """Effects with other values of the parameters of a kind, all that have them alike; a liquid's implicit pressure."""
-    names = PARAMETERS[kind]
-    having = [effect for effect in scene.effects if all(hasattr(effect, name) for name in names)]
+    names, effects = PARAMETERS[kind], _resolved(scene)
+    having = [effect for effect in effects if all(hasattr(effect, name) for name in names)]
     if not having:
         return
     known = typing.get_type_hints(type(having[0]))
     own = tuple(getattr(having[0], name) for name in names)
-    for chosen in itertools.product(*(typing.get_args(known[name]) for name in names)):
+    for chosen in itertools.product(*(_literals(known[name]) for name in names)):
         if chosen != own:
             other = (f"{name} {value}" for name, value, before in zip(names, chosen, own) if value != before)
             label = f"walls {chosen[0]}" if kind == "walls" else ", ".join(other)
-            yield label, tuple(_with(effect, **dict(zip(names, chosen))) for effect in scene.effects)
-    if kind == "liquid" and not any(isinstance(effect, ImplicitPressure) for effect in scene.effects):
-        plain = (_with(effect, density="summation", gradient="plain") for effect in scene.effects)
+            yield label, tuple(_with(effect, **dict(zip(names, chosen))) for effect in effects)
+    if kind == "liquid" and not any(isinstance(effect, ImplicitPressure) for effect in effects):
+        plain = (_with(_with(effect, density="summation", gradient="plain"), model="mirrored") for effect in effects)
         yield "implicit pressure", (*plain, ImplicitPressure())
+
+
+def _resolved(scene: Scene) -> tuple[Effect, ...]:
+    """The scene's effects with the values that parameters of `PARAMETERS` have by default."""
+    planned, names = make_plan(scene).effects, itertools.chain(*PARAMETERS.values())
+    for name in names:
+        effects = (_with(e, **{name: getattr(planned[e.name], name, None)}) for e in scene.effects)
+        scene = msgspec.structs.replace(scene, effects=tuple(effects))
+    return scene.effects
+
+
+def _literals(known: Any) -> tuple[str, ...]:
+    """The values of a parameter, without None."""
+    inside = typing.get_args(known)
+    return inside if all(isinstance(value, str) for value in inside) else _literals(inside[0])
 
 
 def _tensions(scene: Scene) -> Iterator[tuple[str, tuple[Effect, ...]]]:

@@ -48,6 +48,20 @@ def test_liquids_that_need_extrapolated_walls_get_them():
         assert ("iisph" in effects) == (label == "implicit pressure")
 
 
+def test_a_liquid_as_it_is_by_default_has_other_methods():
+    """An advanced density between extrapolated walls; another density keeps the walls."""
+    liquid, walls = (
+        type(effect)(**{name: getattr(effect, name) for name in names})
+        for effect, names in ((LIQUID, ("sound_speed", "dynamic_viscosity")), (WALLS, ("lower", "upper", "open_faces")))
+    )
+    found = others(tank(walls).with_(effects=(liquid, walls)), ("liquid", "walls"), said := [])
+    assert list(found) == ["density summation", "density summation, gradient corrected", "gradient corrected",
+                           "implicit pressure"]  # fmt: skip
+    assert all(s.effects[1].model == "extrapolated" for s in list(found.values())[:3])
+    assert said == [said[0]]
+    assert said[0].startswith("walls mirrored left out: weakly_compressible: density = 'continuity'")
+
+
 def test_models_of_the_tension_have_the_scenes_own():
     said = []
     found = others(tank(Akinci2013(surface_tension=0.07)), ("tension", "heat"), said)
