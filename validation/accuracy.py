@@ -1,7 +1,7 @@
 """What accuracy costs: `python -m validation accuracy [PANEL ...]`, panels measured anew beside their stored points.
 
-A panel with a packaged scene is measured as `refsim study PANEL --points` does; the others, and other programs, have
-runs in this repository. `--write` stores what was measured and renews docs/accuracy_cost.md.
+A panel is measured as `refsim study PANEL --points` does; other programs have runs in this repository. `--write` stores
+what was measured and renews docs/accuracy_cost.md.
 """
 
 from __future__ import annotations
@@ -23,12 +23,7 @@ from validation.running import on_threads
 
 STORED = Path(__file__).resolve().parent.parent / "refsim" / "study" / "panels"
 BOUNDARY, SURFACE = "validation.experiments.boundary.runs", "validation.experiments.surface_reconstruction.runs"
-RUNS = {  # panel without a packaged scene: what gives a reading of a point, of its number and threads
-    "surface_normals": f"{SURFACE}:normals",
-    "boundary_sampling": f"{BOUNDARY}:quality",
-    "signed_distance": f"{BOUNDARY}:distance",
-}
-PEERS = {  # the same of other programs
+PEERS = {  # what gives a reading of another program's point, of its number and threads
     "front": "validation.panel_runs:front_by_splishsplash",
     "droplet": "validation.panel_runs:drop_by_splishsplash",
     "surface_normals": f"{SURFACE}:peer_normals",
@@ -60,7 +55,7 @@ def perform(
 
 def measure(of: Panel, backend: str, threads: int | None, repeats: int, peers: bool = False) -> Measured:
     """All settings of a panel on a backend; with `peers` those of other programs instead."""
-    where = (PEERS if peers else RUNS).get(of.name)
+    where = PEERS.get(of.name) if peers else None
     if where is None and peers:
         raise InputError(f"panel {of.name!r} has no points of other programs; leave --peers out.")
     keys = [

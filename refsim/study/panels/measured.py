@@ -18,7 +18,8 @@ from refsim.scene.plan import make_plan
 from refsim.study.choice import REPEATS, duration, middle, percent, unsettled
 from refsim.study.observables import Observable, observable_of
 from refsim.study.panels import OWN, Panel, Place, Point
-from refsim.study.panels.scenes import is_packaged, scene_of
+from refsim.study.panels.making import MADE
+from refsim.study.panels.scenes import scene_of
 from refsim.study.runs import Reading, Setting, machine, measure
 
 MOST = 3  # times REPEATS readings, after which seconds that have not settled are left
@@ -97,14 +98,8 @@ def measured(
 
     Each has `readings` readings, in turns with the others, and more of them where its seconds have not settled. `read`
     gives the reading of a point by its number and threads, by default from the packaged scene; one that begins with
-    "missing: " leaves the point out. Raises InputError for a panel without a packaged scene, an unknown key and a
-    backend that is not there.
+    "missing: " leaves the point out. Raises InputError for an unknown key and a backend that is not there.
     """
-    if read is None and not is_packaged(panel.name):
-        raise InputError(
-            f"panel {panel.name!r} has no packaged scene; python -m validation accuracy {panel.name} measures it in a"
-            " clone of the repository."
-        )
     require_backend(backend)
     own = (p for p in panel.points.values() if p.program == OWN and p.shown)
     chosen = list(keys) or [p.key for p in own if p.knobs.get("backend", "cpu") == backend]
@@ -148,7 +143,7 @@ def _without(panel: Panel, point: Point) -> str:
         return f"its start is {point.setting['start']}"
     scene = scene_of(panel, point)
     if scene is None:
-        return "a fixed step beyond the stable one"
+        return "it ends before its particles rest" if panel.name in MADE else "a fixed step beyond the stable one"
     try:
         make_plan(scene)
     except InputError as error:

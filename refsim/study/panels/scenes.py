@@ -18,18 +18,11 @@ from refsim.study.panels.making import MADE
 from refsim.study.refine import refined
 
 
-def is_packaged(name: str) -> bool:
-    """Whether a panel has packaged scenes."""
-    return name in MADE or (FOLDER / f"{name}.toml").is_file()
-
-
 def packaged(name: str) -> Scene | None:
-    """The scene of a panel's base setting; None where it has none."""
+    """The scene of a panel's base setting."""
     if name in MADE:
         of = panel(name)
         return scene_of(of, of.points[of.about.base])
-    if not is_packaged(name):
-        return None
     return parse_scene((FOLDER / f"{name}.toml").read_text(encoding="utf-8"), f"{name}.toml")
 
 

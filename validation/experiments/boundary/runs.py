@@ -312,19 +312,6 @@ def _meshed(shape: str, level: int) -> tuple[Any, Any]:
     return made, mesh_of(made, shape)
 
 
-def quality(point: Point, repeat: int, threads: int | None) -> Reading:
-    """Coefficient of variation of the spacing on the organic shape after a number of iterations."""
-    _, mesh = _meshed("organic", 4)
-    there = choose(point.knobs["backend"])
-    began = time.perf_counter()
-    made = sample(
-        mesh, radius_for(mesh.area, point.setting["count"]), most_iterations=point.setting["iterations"],
-        backend=there, dtype=point.knobs["dtype"],
-    )  # fmt: skip
-    seconds = time.perf_counter() - began
-    return reading(evenness(made.position)["variation"], seconds, made.iterations, len(made.position))
-
-
 def quality_by_splishsplash(point: Point, repeat: int, threads: int | None) -> Reading:
     """The same shape sampled by SPlisHSPlasH, with as many particles."""
     made, mesh = _meshed("organic", 4)
@@ -333,19 +320,6 @@ def quality_by_splishsplash(point: Point, repeat: int, threads: int | None) -> R
     if "missing" in found:
         return reading(failed=f"missing: {found['missing']}")
     return reading(evenness(found["position"])["variation"], found["seconds"], particles=found["particles"])
-
-
-def distance(point: Point, repeat: int, threads: int | None) -> Reading:
-    """Root mean square error of the trilinear distance from a ball near its surface."""
-    made, mesh = _meshed("sphere", 6)
-    place, dtype = near_surface(made, 0.04, PLACES, 0), point.knobs["dtype"]
-    there = choose(point.knobs["backend"])
-    began = time.perf_counter()
-    band = signed_distance(mesh, point.knobs["spacing"], backend=there, dtype=dtype)
-    there.synchronize()
-    seconds = time.perf_counter() - began
-    found = there.host(band.at(there.asarray(place.astype(dtype)))[0]).astype(float)
-    return _off_sphere(place, found, seconds, band.nbytes)
 
 
 def _off_sphere(place: np.ndarray, found: np.ndarray, seconds: float, held: int) -> Reading:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import functools
 import itertools
-import math
 import time
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -16,7 +14,7 @@ from refsim.backends.arrays import Backend, choose, set_threads, unavailable
 from refsim.core.operation import REGISTRY
 from refsim.isosurface import Mesh
 from refsim.sparse_grid import nodes
-from refsim.study.panels import Point, panel
+from refsim.study.panels import Point
 from refsim.study.runs import Reading
 from refsim.surface_energy import Tension
 from refsim.surface_energy.reconstruction import Reconstruction, Surface
@@ -511,31 +509,6 @@ def against_pysplashsurf(context: Context, count: int, rounds: int, threads: int
 
 
 # What accuracy costs
-
-
-def normals(point: Point, repeat: int, threads: int | None) -> Reading:
-    """Mean angle of a kind of normals to the true ones, on a sphere of particles.
-
-    Counted are offsets, fit and normals, for facets nothing but the facets.
-    """
-    tension, radius = point.setting["tension"], point.setting.get("radius", RADIUS)
-    program, position = _reconstruction(point.key)
-    surface = program.surface(position)
-    own = ("samples",) if tension["normals"] == "facets" else ("offsets", "fit", "normals")
-    angle = angles_off(program, surface, "sphere", radius)
-    seconds = math.fsum(surface.seconds[name] for name in own)
-    return reading(float(angle.mean()), seconds, particles=int(position.shape[0]))
-
-
-@functools.cache
-def _reconstruction(key: str) -> tuple[Reconstruction, Any]:
-    """The program of a setting of the panel, and its particles."""
-    point = panel("surface_normals").points[key]
-    there, dtype = choose(point.knobs["backend"]), point.knobs["dtype"]
-    tension = Tension(surface_tension=1.0, inset=-1.0, **point.setting["tension"])
-    position = there.asarray((CELL * scene.cloud("sphere", point.setting.get("radius", RADIUS))).astype(dtype))
-    program = Reconstruction(there, 3, dtype, CELL, tension, timed=True)
-    return program, position
 
 
 def peer_normals(point: Point, repeat: int, threads: int | None) -> Reading:
