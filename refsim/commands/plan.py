@@ -241,13 +241,19 @@ def _time(predicted: list[Prediction]) -> str:
     """What a run would take on each backend."""
     rows = []
     for each in predicted:
-        cells = ("-",) * 4
+        cells: tuple[str, ...] = ("-",) * 8
         if math.isfinite(each.seconds):
-            cells = (in_time(each.seconds), f"{each.steps:,}", f"{each.builds:,}", in_bytes(each.bytes))
+            start, loading, writing, whole = ("-",) * 4
+            if each.waits:
+                start, loading, writing = (in_time(each.waits[name]) for name in ("start", "loading", "writing"))
+                whole = in_time(each.whole)
+            counts = (f"{each.steps:,}", f"{each.builds:,}", in_bytes(each.bytes))
+            cells = (whole, start, loading, in_time(each.seconds), writing, *counts)
         rows.append((each.backend, *cells))
-    head = ("backend", "steps take", "steps", "list builds", "memory")
+    head = ("backend", "in all", "start", "loading", "steps take", "writing", "steps", "list builds", "memory")
     notes = [f"{each.backend}: {each.note}" for each in predicted if each.note]
-    lines = ["Time on this machine, without compiling and frames", table(rows, head, right=(1, 2, 3, 4)), *notes]
+    title = "Time of refsim run on this machine, whose kernels are compiled"
+    lines = [title, table(rows, head, right=range(1, len(head))), *notes]
     return "\n".join(lines)
 
 

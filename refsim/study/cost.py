@@ -38,6 +38,7 @@ from refsim.scene.scene import Scene
 from refsim.study.memory import bytes_of
 from refsim.study.refine import fitting, refined
 from refsim.study.runs import machine, scene_digest, source_digest
+from refsim.study.waits import waits
 
 FORMAT = 2  # of kept constants
 COARSE = 1000  # particles of the coarse run, about
@@ -100,6 +101,7 @@ class Prediction:
     stages    seconds by stage
     steps, builds  of the neighbour list
     bytes     of fields, lists and walls
+    waits     seconds beside the steps: of the "start", of "loading" kernels, of "writing" frames; none if not measured
     kept      whether the constants were on file
     note      what limits the prediction, or why there is none; "" if nothing does
     """
@@ -111,8 +113,14 @@ class Prediction:
     bytes: int = 0
     particles: int = 0
     stages: dict[str, float] = field(default_factory=dict)
+    waits: dict[str, float] = field(default_factory=dict)
     kept: bool = False
     note: str = ""
+
+    @property
+    def whole(self) -> float:
+        """Seconds that the user of `refsim run` waits, on a warm cache."""
+        return self.seconds + sum(self.waits.values())
 
 
 def predict(
@@ -170,12 +178,14 @@ def constants_of(
 def every_backend(
     plan: Plan, threads: int | None = None, budget: float = 10.0, fresh: bool = False
 ) -> list[Prediction]:
-    """Predictions for all backends, with the reason for those that this machine lacks."""
+    """Predictions for all backends, with what is waited for; with the reason for those that this machine lacks."""
     here = [name for name in BACKENDS if unavailable(name) is None]
     made = []
     for name in BACKENDS:
         try:
             found = predict(plan, name, threads=threads, budget=budget / len(here), fresh=fresh)
+            if name in here and name != "numpy":  # whose constants have compiled what the run loads
+                found = dataclasses.replace(found, waits=waits(plan, name, threads))
         except (InputError, RunStopped) as error:
             found = Prediction(name, math.nan, note=str(error))
         made.append(found)
@@ -362,7 +372,7 @@ def estimate(plan: Plan, constants: Constants, kept: bool = True) -> Prediction:
         )
     memory = bytes_of(plan, constants.backend)["total"]
     return Prediction(
-        constants.backend, sum(stages.values()), round(steps), round(builds), memory, n, stages, kept, note
+        constants.backend, sum(stages.values()), round(steps), round(builds), memory, n, stages, {}, kept, note
     )
 
 

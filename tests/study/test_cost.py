@@ -13,6 +13,7 @@ from refsim.__main__ import main
 from refsim.commands.plan import describe_plan
 from refsim.study import cost
 from refsim.study.refine import refined
+from refsim.study.waits import parts, waits
 
 
 def tank(cells=10, **more):
@@ -220,3 +221,20 @@ def test_a_long_run_is_measured_before_it_begins(cache, monkeypatch):
     simulation.time = 0.075
     assert cost.seconds_left(simulation, 0.1, 1) == pytest.approx(whole / 4)
     assert cost.seconds_left(simulation, 0.05, 1) == 0.0
+
+
+def test_what_is_waited_for_by_hand():
+    """A process of 10 s on a processor that half worked for it: 5 s, of which 0.5 s load and 1 s step."""
+    report = {"first_calls": 1.0, "stages": {"a": 2.0, "frames": 0.4, "writing": 0.2, "checkpoints": 0.6}}
+    found = parts(report, 6, used=5.0, took=10.0)
+    assert found == pytest.approx({"start": 5 - 2.1, "loading": 0.5, "writing": 0.5 * (0.1 * 101 + 0.6)})
+    each = cost.Prediction("cpu", 3.0, waits=found)
+    assert each.whole == pytest.approx(3.0 + sum(found.values()))
+
+
+def test_the_short_run_of_a_scene():
+    """Its process starts, loads and writes; one that cannot run has no parts."""
+    found = waits(make_plan(tank()), "cpu", 1)
+    assert set(found) == {"start", "loading", "writing"}
+    assert 0.1 < found["start"] < 60
+    assert waits(make_plan(tank()), "no backend") == {}
