@@ -17,9 +17,9 @@ from refsim.backends.cache import cache_root
 from refsim.boundary.akinci_2012 import BoxWalls
 from refsim.boundary.one_way_coupling import MeshBoundary
 from refsim.boundary.sampling import HEXAGONAL
+from refsim.core.writing import replace_file
 from refsim.engine.simulation import Simulation
 from refsim.heat import HeatConduction
-from refsim.io.checkpoint import replace_file
 from refsim.mpm import MpmLiquid
 from refsim.scene.scene import Scene
 from refsim.scene.shapes import Box, Cloud
