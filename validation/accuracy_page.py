@@ -5,8 +5,11 @@ from __future__ import annotations
 import math
 import textwrap
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from refsim.study.advice import answer, keeps
 from refsim.study.choice import Candidate, Choice, by_chance, candidates, duration, kinds, percent, refused
@@ -101,10 +104,11 @@ def write() -> list[Path]:
 
     PAGE.write_text(page(PAGE.read_text()))
     made = [PAGE]
-    for name in abouts():
-        made.append(FIGURES / f"accuracy_cost_{name}.png")
+    drawn = {f"accuracy_cost_{name}": partial(picture, panel(name)) for name in abouts()} | {"accuracy_cost": overview}
+    for name, draw in drawn.items():
+        made.append(FIGURES / f"{name}.png")
         with style():
-            figure = picture(panel(name))
+            figure = draw()
             save_picture(figure, made[-1])
         plt.close(figure)
     return made
@@ -212,3 +216,43 @@ def _plain_ticks(axis: Any, words: Callable[[float], str] = "{:g}".format) -> No
     low, high = sorted(axis.get_view_interval())
     axis.set(major_locator=LogLocator(subs=(1.0, 2.0, 5.0) if high / low < 30 else (1.0,), numticks=12))
     axis.set(major_formatter=FuncFormatter(lambda value, place: words(value)), minor_formatter=NullFormatter())
+
+
+# The picture of all systems
+
+SYSTEMS = {
+    "front": "dam break", "droplet": "drop", "melting": "melting", "mpm_pressure": "MPM", "tank_pressure": "mesh"
+}  # fmt: skip
+WANTED = 0.01
+
+
+def overview() -> Any:
+    """Seconds that an error of the five systems costs, on a CPU and on a GPU; points where they reach 1 %."""
+    import matplotlib.pyplot as plt
+
+    figure, axes = plt.subplots(figsize=(7.6, 4.0))
+    errors = np.geomspace(0.1, 0.001, 201)
+    for (name, words), colour in zip(SYSTEMS.items(), COLOURS):
+        for kind, line, fill in (("cpu", "-", colour), ("gpu", "--", "white")):
+            spent = [_seconds(panel(name), error, kind) for error in errors]
+            axes.plot(100 * errors, spent, line, color=colour, label=words if kind == "cpu" else None)
+            axes.plot(100 * WANTED, _seconds(panel(name), WANTED, kind), "o", color=colour, mfc=fill, ms=7)
+    axes.plot([], [], "--", color=GREY, label="dashed: on a GPU")
+    axes.axvline(100 * WANTED, color=GREY, ls=":", lw=1.2)
+    axes.set(xscale="log", yscale="log", xlabel="error that is kept [%]", ylabel="wall time")
+    axes.set_xlim(10, 0.1)
+    axes.set_xticks([10, 5, 2, 1, 0.5, 0.2, 0.1], ["10", "5", "2", "1", "0.5", "0.2", "0.1"])
+    axes.set_xticks([], minor=True)
+    _plain_ticks(axes.yaxis, duration)
+    axes.grid(True, which="major")
+    axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=8)
+    reach = sum(math.isfinite(_seconds(panel(name), WANTED, "cpu")) for name in SYSTEMS)
+    title = f"What an error costs: {reach} of {len(SYSTEMS)} systems reach 1 %"
+    figure.suptitle(title, x=0.01, ha="left", fontweight="bold")
+    return figure
+
+
+def _seconds(of: Panel, error: float, kind: str) -> float:
+    """Seconds of the setting that is advised; NaN where none is."""
+    choice = answer(of, error, kind).choice
+    return math.nan if choice is None or choice.advised is None else choice.seconds
