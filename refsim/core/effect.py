@@ -176,6 +176,7 @@ class StepLimit(NamedTuple):
 
 
 EFFECTS: dict[str, type[Effect]] = {}
+Others = Mapping[str, "Effect"]  # all effects of a scene by name
 Kind = TypeVar("Kind", bound="Effect")
 
 
@@ -212,11 +213,11 @@ class Effect(Checked, frozen=True, kw_only=True):
         """Names of effects without which this one cannot work."""
         return ()
 
-    def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
+    def fields(self, others: Others) -> tuple[Field, ...]:
         """Fields it reads or writes beside the base fields."""
         return ()
 
-    def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
+    def passes(self, others: Others) -> tuple[Pass, ...]:
         """Its passes; the plan orders the passes of all effects by the fields that they read and write."""
         return ()
 
@@ -224,7 +225,7 @@ class Effect(Checked, frozen=True, kw_only=True):
         """Operations of other effects whose passes its own passes replace."""
         return ()
 
-    def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
+    def notes(self, grid: Discretisation, others: Others) -> tuple[str, ...]:
         """Limitations of these parameters in this scene, one sentence each; shown before the run."""
         return ()
 
@@ -232,29 +233,27 @@ class Effect(Checked, frozen=True, kw_only=True):
         """Distance [m] up to which it needs neighbours; 0 if it needs none."""
         return 0.0
 
-    def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
+    def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         """Parameter groups that its passes take by name, computed once on the host in float64."""
         return {}
 
-    def shares(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
+    def shares(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         """Parameter groups that passes of every effect may take by name."""
         return {}
 
-    def initial(
-        self, grid: Discretisation, state: InitialState, others: Mapping[str, Effect]
-    ) -> Mapping[str, np.ndarray]:
+    def initial(self, grid: Discretisation, state: InitialState, others: Others) -> Mapping[str, np.ndarray]:
         """Values at the start of the state fields that it owns, in the particles' first order; zero by default."""
         return {}
 
-    def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount | None:
+    def energy(self, grid: Discretisation, others: Others) -> EnergyAccount | None:
         """Energies of its forces, for the energy audit; None if no energy of them can be computed."""
         return None
 
-    def step_limits(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, StepLimit]:
+    def step_limits(self, grid: Discretisation, others: Others) -> dict[str, StepLimit]:
         """Largest stable steps by the name of what limits them."""
         return {}
 
-    def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
+    def check(self, grid: Discretisation, others: Others) -> None:
         """Raise InputError where the parameters do not fit the scene, whose particles are not yet counted."""
 
 

@@ -1,7 +1,6 @@
 """Gauges: what a scene measures while it runs, each as a series in time.
 
-Contents: Gauge, GaugeSeries; fields FILL, FLOW; operation gauges.sample. What a run does with them is
-`refsim.engine.gauges`, where they may stand is `refsim.gauges.places`.
+What a run does with them is `refsim.engine.gauges`, where they may stand is `refsim.gauges.places`.
 """
 
 from __future__ import annotations

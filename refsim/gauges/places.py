@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from refsim.core.capabilities import BringsWalls, HasPlanes, having
 from refsim.core.checked import suggestion
-from refsim.core.effect import Discretisation, Effect
+from refsim.core.effect import Discretisation, Effect, Others
 from refsim.core.errors import InputError
 from refsim.gauges import Gauge
 
@@ -77,7 +77,7 @@ def _flat(place: NDArray[np.float64], grid: Discretisation) -> NDArray[np.float6
 
 
 def check_gauges(
-    gauges: Sequence[Gauge], solids: int, grid: Discretisation, effects: Mapping[str, Effect]
+    gauges: Sequence[Gauge], solids: int, grid: Discretisation, effects: Others
 ) -> None:  # fmt: skip
     """Raise InputError for a gauge that the scene, with this number of solids, cannot have."""
     names: set[str] = set()
@@ -99,7 +99,7 @@ def check_gauges(
             _check_inside(gauge, points_of(gauge, grid).place, grid, effects)
 
 
-def _check_body(gauge: Gauge, solids: int, grid: Discretisation, effects: Mapping[str, Effect]) -> None:
+def _check_body(gauge: Gauge, solids: int, grid: Discretisation, effects: Others) -> None:
     """Raise InputError where the scene lacks what a force acts on."""
     bodies = [f"solid {k}" for k in range(1, solids + 1)]
     known = [effect.name for effect in having(effects, BringsWalls) if isinstance(effect, Effect)]
@@ -119,9 +119,7 @@ def walled_faces(box: Any, grid: Discretisation) -> list[str]:
     return [f for f in FACES[: 2 * grid.dim] if f not in box.open_faces and grid.period["xyz".index(f[1])] == 0]
 
 
-def _check_inside(
-    gauge: Gauge, place: NDArray[np.float64], grid: Discretisation, effects: Mapping[str, Effect]
-) -> None:
+def _check_inside(gauge: Gauge, place: NDArray[np.float64], grid: Discretisation, effects: Others) -> None:
     """Raise InputError where a point lies behind a plane of the walls, or outside a periodic box."""
     corners = [effect.domain(grid) for effect in having(effects, HasPlanes)]
     for axis in range(grid.dim):

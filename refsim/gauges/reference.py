@@ -26,7 +26,4 @@ def sample(position, velocity, mass, density, walls, smoothing, period=None):
         terms[place] += (weight > 0).sum(1)
         fill.add(place, weight)
         flow.add(place, weight[..., None] * v[None, :, :])
-    return {
-        "fill": (fill.value, (1 + terms) * fill.scale),
-        "flow": (flow.value, (1 + terms)[:, None] * flow.scale),
-    }
+    return {"fill": (fill.value, (1 + terms) * fill.scale), "flow": (flow.value, (1 + terms)[:, None] * flow.scale)}

@@ -15,16 +15,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
-from refsim.core.capabilities import (
-    Balance,
-    FollowsSettings,
-    HasErrata,
-    KeepsBalance,
-    KeepsLedger,
-    KnowsParticleMass,
-)
+from refsim.core.capabilities import Balance, FollowsSettings, HasErrata, KeepsBalance, KeepsLedger, KnowsParticleMass
 from refsim.core.checked import Printed
-from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, require
+from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit, require
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.core.scalars import int32
@@ -180,7 +173,7 @@ class HeatConduction(
             raise InputError(f"{self.name}: scheme = {self.scheme!r} {words}; choose one of {able}.")
         return chosen
 
-    def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
+    def check(self, grid: Discretisation, others: Others) -> None:
         rules = {
             "temperature": (lambda v: v >= ABSOLUTE_ZERO, f"a temperature above {ABSOLUTE_ZERO} deg C"),
             "conductivity": (lambda v: v >= 0, "zero or a positive number"),
@@ -235,7 +228,7 @@ class HeatConduction(
                 f" largest_number = {self.largest_number}; take a shorter step, or raise it if accuracy matters less."
             )
 
-    def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
+    def fields(self, others: Others) -> tuple[Field, ...]:
         own = [TEMPERATURE, HEAT_CAPACITY]
         if self.melts:
             own += [ENTHALPY, MELTING_POINT, LATENT_HEAT]
@@ -250,11 +243,11 @@ class HeatConduction(
             own.append(VOLUME if LIQUID in others else dataclasses.replace(VOLUME, state=True))
         return tuple(own)
 
-    def _volume_is_given(self, others: Mapping[str, Effect]) -> bool:
+    def _volume_is_given(self, others: Others) -> bool:
         rest = (e for e in others.values() if e.name not in (self.name, LIQUID))  # the liquid asks this effect, too
         return any(f.name == "volume" for e in rest for f in e.fields(others))
 
-    def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
+    def passes(self, others: Others) -> tuple[Pass, ...]:
         if not self.conducts:
             return ()
         reads = ["position", "mass", "volume", "heat_capacity", "conductivity"]
@@ -276,9 +269,7 @@ class HeatConduction(
     def list_radius(self, grid: Discretisation) -> float:
         return grid.support_radius if self.conducts else 0.0
 
-    def initial(
-        self, grid: Discretisation, state: InitialState, others: Mapping[str, Effect]
-    ) -> Mapping[str, np.ndarray]:
+    def initial(self, grid: Discretisation, state: InitialState, others: Others) -> Mapping[str, np.ndarray]:
         names = ("temperature", "heat_capacity", *(("conductivity",) if self.conducts else ()))
         values = {name: self.of_particles(name, state) for name in names}
         if self.melts:
@@ -297,7 +288,7 @@ class HeatConduction(
             values["volume"] = np.full(grid.count, grid.spacing**grid.dim)
         return values
 
-    def _heated_by(self, others: Mapping[str, Effect]) -> bool:
+    def _heated_by(self, others: Others) -> bool:
         """Whether another effect changes temperatures or enthalpies."""
         passes = (p for effect in others.values() if effect.name != self.name for p in effect.passes(others))
         return any({"temperature", "enthalpy"} & {*p.writes, *p.updates} for p in passes)
@@ -371,7 +362,7 @@ class HeatConduction(
             unit_capacity="M11" in printed, frozen="M9" in printed, iterations=self.iterations,
         )  # fmt: skip
 
-    def _planned_passes(self, grid: Discretisation, others: Mapping[str, Effect], conduction: Conduction) -> int:
+    def _planned_passes(self, grid: Discretisation, others: Others, conduction: Conduction) -> int:
         """Passes that suffice for the longest step, or the fixed one, up to s_i of `CROWDED` times the lattice's."""
         if self.scheme != "implicit" or self.host_in_step:
             return 0
@@ -383,14 +374,14 @@ class HeatConduction(
         most = CROWDED * number * lattice_sum(conduction, grid)
         return min(MOST_PASSES, chebyshev_passes(most, self.tolerance))
 
-    def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
+    def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         if not self.conducts:
             return {}
         conduction = self.conduction(grid)
         passes = int32(self._planned_passes(grid, others, conduction))
         return {"conduction": conduction._replace(planned_passes=passes)}
 
-    def step_limits(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, StepLimit]:
+    def step_limits(self, grid: Discretisation, others: Others) -> dict[str, StepLimit]:
         diffusivity = self.greatest_diffusivity(grid, others)
         if diffusivity == 0:
             return {}
@@ -406,7 +397,7 @@ class HeatConduction(
         """Whether the scheme fails above a certain s_i, so that the particles' own sums limit the step."""
         return self.scheme == "explicit" or (self.scheme == "runge_kutta_legendre" and self.melts)
 
-    def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
+    def notes(self, grid: Discretisation, others: Others) -> tuple[str, ...]:
         limits = self.step_limits(grid, others)
         if "exchange" not in limits:
             return ()
@@ -419,7 +410,7 @@ class HeatConduction(
             return (f"{words} the fixed step of {grid.step:.3g} s is not shortened, and the run may stop",)
         return (f"{words} limit 'exchange' shortens the step",)
 
-    def greatest_diffusivity(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
+    def greatest_diffusivity(self, grid: Discretisation, others: Others) -> float:
         """Largest k/(rho c) [m^2/s] that any of the materials could have; with Shao & Song M11 the largest k."""
         k = float(np.max(self.conductivity))
         if "M11" in self.printed():
@@ -450,7 +441,7 @@ class HeatConduction(
             capacity, level = capacity[own], level[own]
         return capacity, level
 
-    def is_closed(self, grid: Discretisation, others: Mapping[str, Effect]) -> bool:
+    def is_closed(self, grid: Discretisation, others: Others) -> bool:
         """No reservoir, and no other effect changes temperatures or what particles store."""
         if not self.conducts or self.held:
             return False

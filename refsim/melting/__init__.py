@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 import numpy as np
 
 from refsim.core.capabilities import KeepsLedger, SumsDensity
-from refsim.core.effect import Discretisation, Effect, Pass
+from refsim.core.effect import Discretisation, Effect, Others, Pass
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.core.scalars import int32
@@ -56,7 +56,7 @@ class Melting(Effect, KeepsLedger, SumsDensity, frozen=True, kw_only=True):
     def needs(self) -> tuple[str, ...]:
         return ("shape_matching", "two_way_coupling", "heat_conduction")
 
-    def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
+    def check(self, grid: Discretisation, others: Others) -> None:
         if self.bookkeeping not in ("immiscible", "water"):
             raise InputError(
                 f"{self.name}: bookkeeping = {self.bookkeeping!r} is not possible; give 'immiscible' or 'water' (the"
@@ -66,22 +66,20 @@ class Melting(Effect, KeepsLedger, SumsDensity, frozen=True, kw_only=True):
         if others["heat_conduction"].melting_point is None:  # type: ignore[attr-defined]
             raise InputError(f"{self.name}: heat_conduction has no melting_point; set it.")
 
-    def _provided(self, others: Mapping[str, Effect]) -> set[str]:
+    def _provided(self, others: Others) -> set[str]:
         """Names of the fields that other effects provide."""
         return {f.name for effect in others.values() if effect.name != self.name for f in effect.fields(others)}
 
-    def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
+    def fields(self, others: Others) -> tuple[Field, ...]:
         return (MELTED, MELTED_COUNT, REBUILD, MELTING_POINT)
 
-    def initial(
-        self, grid: Discretisation, state: InitialState, others: Mapping[str, Effect]
-    ) -> Mapping[str, np.ndarray]:
+    def initial(self, grid: Discretisation, state: InitialState, others: Others) -> Mapping[str, np.ndarray]:
         if "melting_point" in self._provided(others):
             return {}
         heat: Any = others["heat_conduction"]
         return {"melting_point": heat.of_particles("melting_point", state)}
 
-    def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
+    def passes(self, others: Others) -> tuple[Pass, ...]:
         latent = "enthalpy" in self._provided(others)
         reads = ("identity", "temperature", "melting_point", *(("enthalpy", "latent_heat") if latent else ()))
         absent = {name: None for name in ("conductivity", "heat_capacity") if name not in self._materials(others)}
@@ -98,7 +96,7 @@ class Melting(Effect, KeepsLedger, SumsDensity, frozen=True, kw_only=True):
             Pass("shape_matching.classify", ("identity", "direct"), updates=("phase",), stage="begin"),
         )  # fmt: skip
 
-    def _materials(self, others: Mapping[str, Effect]) -> tuple[str, ...]:
+    def _materials(self, others: Others) -> tuple[str, ...]:
         """Thermal properties that the melt takes from the liquid."""
         wanted = ("conductivity", "heat_capacity") if self.bookkeeping == "water" else ()
         return tuple(name for name in wanted if name in self._provided(others))
@@ -112,7 +110,7 @@ class Melting(Effect, KeepsLedger, SumsDensity, frozen=True, kw_only=True):
             "rest_volume": math.fsum(mass / density),
         }
 
-    def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
+    def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         liquid = liquid_of(others)
         heat: Any = others["heat_conduction"]
         last = [float(np.ravel(values)[-1]) for values in (heat.conductivity, heat.heat_capacity)]  # the last part's

@@ -1,20 +1,19 @@
 """Motions: displacements and angles that are given in time, of a tank as its liquid feels them or of faces of walls.
 
-Contents: Motion, Moved; turning_pass, check_motions; operation motion.turning. What a run does with them is
-`refsim.engine.motions`.
+What a run does with them is `refsim.engine.motions`.
 """
 
 from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from refsim.core.checked import Checked, NotNegative, Positive, given_keys
-from refsim.core.effect import Discretisation, Effect, Pass
+from refsim.core.effect import Discretisation, Others, Pass
 from refsim.core.errors import InputError
 from refsim.motion import reference as reference
 from refsim.motion.expression import Jet, parsed
@@ -143,9 +142,7 @@ def turning_pass(motions: Sequence[Motion]) -> tuple[Pass, ...]:
     return (Pass("motion.turning", ("position", "velocity"), updates=("acceleration",)),) if turns else ()
 
 
-def check_motions(
-    motions: Sequence[Motion], end: float, audited: bool, grid: Discretisation, effects: Mapping[str, Effect]
-) -> None:
+def check_motions(motions: Sequence[Motion], end: float, audited: bool, grid: Discretisation, effects: Others) -> None:
     """Raise InputError for motions that the scene cannot have; `end` of the run [s]."""
     for number, motion in enumerate(motions, 1):
         owner = f"[[motion]] number {number}"
@@ -167,7 +164,7 @@ def check_motions(
         _check_path(motion, owner, end, effects)
 
 
-def _check_target(motion: Motion, owner: str, effects: Mapping[str, Effect]) -> None:
+def _check_target(motion: Motion, owner: str, effects: Others) -> None:
     """Raise InputError where the scene lacks what moves."""
     gravity: Any = effects.get("gravity")
     if motion.of != "moving_faces" and (gravity is None or not any(gravity.acceleration)):
@@ -184,7 +181,7 @@ def _check_target(motion: Motion, owner: str, effects: Mapping[str, Effect]) -> 
                 )
 
 
-def _check_path(motion: Motion, owner: str, end: float, effects: Mapping[str, Effect]) -> None:
+def _check_path(motion: Motion, owner: str, end: float, effects: Others) -> None:
     """Raise InputError where a motion is not finite, or faster than sound: it jumps."""
     sound_speed = effects[LIQUID].sound_speed  # type: ignore[attr-defined]
     times = np.linspace(0.0, end, SAMPLES)

@@ -23,7 +23,7 @@ from refsim.core.capabilities import (
     Watches,
 )
 from refsim.core.checked import Printed
-from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, require
+from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit, require
 from refsim.core.energy import EnergyAccount, EnergyState, amount
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
@@ -166,7 +166,7 @@ class MpmLiquid(
     acoustic_number: float = 0.3
     literal: Printed = ()
 
-    def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
+    def check(self, grid: Discretisation, others: Others) -> None:
         require(
             self.name,
             rest_density=(self.rest_density, "positive"),
@@ -208,14 +208,12 @@ class MpmLiquid(
         """c = sqrt(lambda/rho0) [m/s]."""
         return math.sqrt(self.bulk_modulus / self.rest_density)
 
-    def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
+    def fields(self, others: Others) -> tuple[Field, ...]:
         own: tuple[Field, ...] = (AFFINE, VOLUME_RATIO, CELL, STEP_EXTREMES)
         own += (DEFORMATION,) if self.volume != "ratio" else ()
         return own + ((CLUSTER_SHARE, INVERSE_SPREAD) if self.step(others).embedded else ())
 
-    def initial(
-        self, grid: Discretisation, state: InitialState, others: Mapping[str, Effect]
-    ) -> Mapping[str, np.ndarray]:
+    def initial(self, grid: Discretisation, state: InitialState, others: Others) -> Mapping[str, np.ndarray]:
         n, h = grid.count, self.cell(grid)
         far = np.flatnonzero(np.abs(state.position).max(1) > (FARTHEST - 2) * h)
         if len(far):
@@ -248,7 +246,7 @@ class MpmLiquid(
         return "blocks that the background grid gains after the start"
 
     def bytes_at_start(
-        self, grid: Discretisation, position: np.ndarray, others: Mapping[str, Effect], backend: str
+        self, grid: Discretisation, position: np.ndarray, others: Others, backend: str
     ) -> dict[str, int]:
         from refsim.mpm.memory import blocks_at, grid_bytes  # after this module
 
@@ -256,7 +254,7 @@ class MpmLiquid(
         tension = self.step(others).tension
         return {"background_grid": grid_bytes(blocks, grid.count, grid.dim, grid.dtype, backend, tension)}
 
-    def step(self, others: Mapping[str, Effect]) -> Step:
+    def step(self, others: Others) -> Step:
         """What a step consists of in this scene."""
         surface = surface_of(others)
         idle = "M7" in self.printed()  # forces reach no particle
@@ -272,10 +270,10 @@ class MpmLiquid(
             listed=any(e.list_radius(_ANY) > 0 for e in others.values()),
         )
 
-    def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
+    def passes(self, others: Others) -> tuple[Pass, ...]:
         return tuple(self.step(others).passes())
 
-    def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount:
+    def energy(self, grid: Discretisation, others: Others) -> EnergyAccount:
         """Compression m/rho0 lambda (J - 1)^2/2, and motion about the particles m h^2/8 sum A_ab^2 of APIC."""
         h, modulus, density = self.cell(grid), self.bulk_modulus, self.rest_density
 
@@ -290,7 +288,7 @@ class MpmLiquid(
         words = (f"the printed readings {self.cited(printed)}",) if printed else ()
         return EnergyAccount({"compression": compression, "affine": affine}, words)
 
-    def largest_mass_ratio(self, others: Mapping[str, Effect]) -> float:
+    def largest_mass_ratio(self, others: Others) -> float:
         return MASS_RATIO
 
     def background(self, grid: Discretisation) -> Background:
@@ -308,7 +306,7 @@ class MpmLiquid(
         )
 
     def notes_on_start(
-        self, grid: Discretisation, state: InitialState, walls: WallParticles | None, others: Mapping[str, Effect]
+        self, grid: Discretisation, state: InitialState, walls: WallParticles | None, others: Others
     ) -> Iterator[str]:
         def advice(sound: float) -> str:
             return at_least("bulk_modulus", self.rest_density * sound**2, "Pa")
@@ -316,7 +314,7 @@ class MpmLiquid(
         pull = acceleration_of(others)
         return fast_flow(self.name, self.sound_speed(), advice, grid, state, walls, others, pull)
 
-    def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
+    def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         printed = self.printed()
         acceleration, surface = acceleration_of(others), surface_of(others)
         walls = next((effect for effect in others.values() if isinstance(effect, MpmWalls)), None)
@@ -353,7 +351,7 @@ class MpmLiquid(
         """4 mu/(rho0 h^2) [1/s]."""
         return 4 * self.dynamic_viscosity / (self.rest_density * self.cell(grid) ** 2)
 
-    def step_limits(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, StepLimit]:
+    def step_limits(self, grid: Discretisation, others: Others) -> dict[str, StepLimit]:
         h = self.cell(grid)
         limits = {
             "acoustic": StepLimit.crossing(self.acoustic_number * h, self.sound_speed()),
@@ -400,7 +398,7 @@ Face = Literal["-x", "+x", "-y", "+y", "-z", "+z"]
 FACES = ("-x", "+x", "-y", "+y", "-z", "+z")
 
 
-def mpm_liquid_of(others: Mapping[str, Effect]) -> MpmLiquid:
+def mpm_liquid_of(others: Others) -> MpmLiquid:
     """The scene's liquid on the background grid; an effect that takes it has `mpm_liquid` among its needs."""
     return others[MpmLiquid.name]  # type: ignore[return-value]
 
@@ -430,7 +428,7 @@ class MpmWalls(Effect, HasPlanes, frozen=True, kw_only=True):
     def needs(self) -> tuple[str, ...]:
         return ("mpm_liquid",)
 
-    def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
+    def check(self, grid: Discretisation, others: Others) -> None:
         chosen = (*self.sticky_faces, *self.slip_faces, *self.separating_faces, *self.open_faces)
         for face in chosen:
             if chosen.count(face) > 1:
@@ -448,9 +446,7 @@ class MpmWalls(Effect, HasPlanes, frozen=True, kw_only=True):
                     f" ({3 * h:g} m); make it wider or the cells smaller."
                 )
 
-    def initial(
-        self, grid: Discretisation, state: InitialState, others: Mapping[str, Effect]
-    ) -> Mapping[str, np.ndarray]:
+    def initial(self, grid: Discretisation, state: InitialState, others: Others) -> Mapping[str, np.ndarray]:
         lower, upper = self.domain(grid)
         inside = mpm_liquid_of(others).cell(grid) * 1e-6 if MpmLiquid.name in others else 0.0
         out = np.flatnonzero(((state.position < lower - inside) | (state.position > upper + inside)).any(1))
@@ -492,6 +488,6 @@ class MpmWalls(Effect, HasPlanes, frozen=True, kw_only=True):
 _ANY = Discretisation(3, "float64", 1.0, 2.0, 0)  # for methods whose result does not depend on it
 
 
-def _others_push(own: Effect, others: Mapping[str, Effect]) -> bool:
+def _others_push(own: Effect, others: Others) -> bool:
     """Whether another effect adds to the particles' acceleration."""
     return any("acceleration" in p.updates for e in others.values() if e is not own for p in e.passes(others))

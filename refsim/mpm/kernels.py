@@ -1,18 +1,7 @@
 """What one point or one node does, and the geometry of stencils and clusters that the transfers share."""
 
 from refsim.backends.compile import formula, kernel
-from refsim.backends.tuples import (
-    added,
-    difference,
-    nine,
-    over,
-    product,
-    put,
-    scaled,
-    symmetric,
-    three,
-    transposed,
-)
+from refsim.backends.tuples import added, difference, nine, over, product, put, scaled, symmetric, three, transposed
 from refsim.mpm import formulas
 from refsim.mpm.groups import Nodes
 from refsim.mpm.limits import FARTHEST

@@ -580,10 +580,7 @@ def count(position, volume_ratio, node_mass, background, counting, grid):
     q = ratio * stencils.on_points(stencils.weight * mass)
     scale = np.abs(ratio) * stencils.on_points(stencils.scale * np.abs(mass))
     greatest = np.where(np.isnan(q), np.inf, q).max(initial=0.0)
-    return {
-        "greatest_crowding": (np.array([greatest]), np.array([scale.max(initial=0.0)])),
-        "crowding": (q, scale),
-    }
+    return {"greatest_crowding": (np.array([greatest]), np.array([scale.max(initial=0.0)])), "crowding": (q, scale)}
 
 
 @operation(

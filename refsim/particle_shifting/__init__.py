@@ -1,18 +1,15 @@
 """Particle shifting after Sun et al. 2017: displacements that keep the particles evenly spaced.
 
-Contents: ParticleShifting, Shifting; operation particle_shifting.shift.
-
 Displacements beside dt v keep the linear momentum, since velocities stay, but neither angular momentum nor energy. At a
 detected surface only their tangential part acts. Free drops and collisions do without them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any, ClassVar, Literal, NamedTuple
 
 from refsim.core.capabilities import CorrectsPositions, open_axis
-from refsim.core.effect import Discretisation, Effect, Pass, require
+from refsim.core.effect import Discretisation, Effect, Others, Pass, require
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.particle_shifting import reference as reference
@@ -48,7 +45,7 @@ class ParticleShifting(Effect, CorrectsPositions, frozen=True, kw_only=True):
     def needs(self) -> tuple[str, ...]:
         return (LIQUID, DETECTION) if self._at_surface() else (LIQUID,)
 
-    def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
+    def check(self, grid: Discretisation, others: Others) -> None:
         require(self.name, strength=(self.strength, "not negative"))
         if self.strength == 0:
             return
@@ -71,12 +68,12 @@ class ParticleShifting(Effect, CorrectsPositions, frozen=True, kw_only=True):
     def _at_surface(self) -> bool:
         return self.surface == "detected" and self.strength > 0
 
-    def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
+    def fields(self, others: Others) -> tuple[Field, ...]:
         if self.strength == 0:
             return ()
         return (SHIFT, *((*surface_of(others).near_fields(), SURFACE_NORMAL) if self._at_surface() else ()))
 
-    def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
+    def passes(self, others: Others) -> tuple[Pass, ...]:
         if self.strength == 0:
             return ()
         reads: tuple[str, ...] = ("position", "mass", "density")
@@ -87,7 +84,7 @@ class ParticleShifting(Effect, CorrectsPositions, frozen=True, kw_only=True):
             detected = (*surface_of(others).near_passes(), color_gradient_pass())
         return (*detected, Pass("particle_shifting.shift", reads, ("shift",), names=names, stage="motion"))
 
-    def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
+    def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         if self.strength == 0:
             return {}
         from refsim.smoothing.reference import kernel_value
@@ -104,5 +101,5 @@ class ParticleShifting(Effect, CorrectsPositions, frozen=True, kw_only=True):
             found |= {**normal_term(liquid, grid), **surface_of(others).near_groups(grid, others)}
         return found
 
-    def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
+    def energy(self, grid: Discretisation, others: Others) -> None:
         """None: its displacements do work that is not summed."""

@@ -13,7 +13,7 @@ import numpy as np
 
 from refsim.core.capabilities import HasErrata
 from refsim.core.checked import Printed
-from refsim.core.effect import Discretisation, Effect, Pass, require
+from refsim.core.effect import Discretisation, Effect, Others, Pass, require
 from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
 from refsim.core.fields import PLACE, Field
@@ -91,7 +91,7 @@ class ShapeMatching(Effect, HasErrata, frozen=True, kw_only=True):
     summation: Literal["gather", "reduction", "fast"] = "fast"
     literal: Printed = ()
 
-    def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
+    def check(self, grid: Discretisation, others: Others) -> None:
         if not (isinstance(self.half_width, int) and 1 <= self.half_width <= WIDEST):
             raise InputError(f"{self.name}: half_width = {self.half_width} is not possible; give 1 to {WIDEST}.")
         for name in ("stiffness", "damping"):
@@ -104,7 +104,7 @@ class ShapeMatching(Effect, HasErrata, frozen=True, kw_only=True):
         """Whether it acts on the solids; if not, only their particles and surfaces are found."""
         return self.stiffness > 0 or self.damping > 0
 
-    def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
+    def fields(self, others: Others) -> tuple[Field, ...]:
         if not self.holds():
             regions = (region_field(self.half_width), REGION_COUNT) if "melting" in others else ()
             return (PHASE, PLACE, DIRECT, *regions)
@@ -114,9 +114,7 @@ class ShapeMatching(Effect, HasErrata, frozen=True, kw_only=True):
         )  # fmt: skip
         return (*tables, REGION_VELOCITY, REGION_SPIN) if self.damping > 0 else tables
 
-    def initial(
-        self, grid: Discretisation, state: InitialState, others: Mapping[str, Effect]
-    ) -> Mapping[str, np.ndarray]:
+    def initial(self, grid: Discretisation, state: InitialState, others: Others) -> Mapping[str, np.ndarray]:
         nodes = self._solids(grid)
         phase = np.full(grid.count, FLUID, np.int32)
         phase[:nodes] = SURFACE
@@ -126,7 +124,7 @@ class ShapeMatching(Effect, HasErrata, frozen=True, kw_only=True):
             else {"phase": phase}
         )
 
-    def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
+    def passes(self, others: Others) -> tuple[Pass, ...]:
         tables = ("solid_position", "region", "region_count", "place")
         start = (
             Pass("shape_matching.direct_neighbours", ("phase", "place"), ("direct",), stage="start"),
@@ -164,19 +162,19 @@ class ShapeMatching(Effect, HasErrata, frozen=True, kw_only=True):
         )  # fmt: skip
         return (*start, *forces, pull, *damping) if self.damping > 0 else (*start, *forces, pull)
 
-    def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
+    def notes(self, grid: Discretisation, others: Others) -> tuple[str, ...]:
         if self.summation != "reduction" or not self.holds():
             return ()
         return (f"{self.name}: summation = 'reduction' is a GPU's; on a CPU regions are summed as with 'gather'",)
 
-    def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount:
+    def energy(self, grid: Discretisation, others: Others) -> EnergyAccount:
         """None: the pull towards the best rigid motion follows from no energy."""
         return EnergyAccount(uncounted=("what the solids store while they are bent",) if self.stiffness > 0 else ())
 
-    def shares(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
+    def shares(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         return {} if grid.solids is None else {"lattice": grid.solids.lattice}
 
-    def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
+    def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         self._solids(grid)
         real = grid.real
         matching = Matching(

@@ -7,15 +7,7 @@
 import math
 
 from refsim.backends.compile import formula
-from refsim.smoothing.shapes import (
-    CUBIC_SPLINE,
-    POLY6,
-    QUINTIC_SPLINE,
-    SPIKY,
-    WENDLAND_C2,
-    WENDLAND_C4,
-    WENDLAND_C6,
-)
+from refsim.smoothing.shapes import CUBIC_SPLINE, POLY6, QUINTIC_SPLINE, SPIKY, WENDLAND_C2, WENDLAND_C4, WENDLAND_C6
 
 EDGE = math.exp(-9)  # of the Gaussian, three standard widths away
 

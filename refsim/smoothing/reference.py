@@ -19,10 +19,7 @@ def _normalisation(name, h, dim):
         "wendland_c4": (9 / math.pi, 495 / (32 * math.pi)),
         "wendland_c6": (78 / (7 * math.pi), 1365 / (64 * math.pi)),
         "quintic_spline": (9 * 7 / (478 * math.pi), 27 / (120 * math.pi)),
-        "gaussian": (
-            9 / (math.pi - 10 * math.pi * TAIL),
-            27 / (math.pi**1.5 * math.erf(3) - 42 * math.pi * TAIL),
-        ),
+        "gaussian": (9 / (math.pi - 10 * math.pi * TAIL), 27 / (math.pi**1.5 * math.erf(3) - 42 * math.pi * TAIL)),
     }[name]
     return (two if dim == 2 else three) / h**dim
 

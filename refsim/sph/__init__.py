@@ -1,9 +1,4 @@
-"""Weakly compressible SPH: density, equation of state, pressure, viscosity, leap-frog (Jiang & Zhu 2023, (7) to (11)).
-
-Contents: WeaklyCompressible, Gravity; liquid_of and gravity_of, which find them in a scene; operations sph.density,
-sph.state, sph.pressure, sph.momentum, sph.viscosity, sph.central_viscosity, sph.central_momentum,
-sph.gradient_correction, sph.own_pressure, sph.corrected_pressure, sph.gravity, sph.extremes, sph.kick_drift.
-"""
+"""Weakly compressible SPH: density, state, pressure, viscosity, leap-frog (Jiang & Zhu 2023, (7) to (11))."""
 
 from __future__ import annotations
 
@@ -33,7 +28,7 @@ from refsim.core.capabilities import (
     open_axis,
 )
 from refsim.core.checked import Printed
-from refsim.core.effect import Discretisation, Effect, InitialState, Pass, StepLimit, require
+from refsim.core.effect import Discretisation, Effect, InitialState, Others, Pass, StepLimit, require
 from refsim.core.energy import EnergyAccount, EnergyState, amount, compression_amount, compression_energy
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
@@ -140,17 +135,17 @@ def central_coefficient(dynamic_viscosity: float, dim: int) -> float:
     return (dim + 2) * dynamic_viscosity
 
 
-def cohesive_pressure(grid: Discretisation, others: Mapping[str, Effect]) -> float:
+def cohesive_pressure(grid: Discretisation, others: Others) -> float:
     """Internal pressure [Pa] of all cohesive effects, as far as the equation of state balances it."""
     return sum(effect.balanced_pressure(grid, others) for effect in having(others, BalancesCohesion))
 
 
-def least_wall_share(others: Mapping[str, Effect]) -> float:
+def least_wall_share(others: Others) -> float:
     """How many times the particle's pressure wall particles push with: the least of all walls, 2 without any."""
     return min((effect.wall_share for effect in having(others, BringsWalls)), default=BringsWalls.wall_share)
 
 
-def pressure_is_replaced(others: Mapping[str, Effect]) -> bool:
+def pressure_is_replaced(others: Others) -> bool:
     """Whether another effect solves for the pressure in place of the equation of state."""
     return any("sph.state" in effect.replaces() for effect in others.values())
 
@@ -207,7 +202,7 @@ class WeaklyCompressible(
     density_bound: float = 1.5
     literal: Printed = ()
 
-    def settled(self, others: Mapping[str, Effect]) -> WeaklyCompressible:
+    def settled(self, others: Others) -> WeaklyCompressible:
         summed = bool(self.literal) or any(effect.sums_density() for effect in having(others, SumsDensity))
         density = self.density or ("summation" if summed else "continuity")
         printed = self.density == "summation" or self.literal or (summed and "two_way_coupling" in others)
@@ -217,7 +212,7 @@ class WeaklyCompressible(
     def needs(self) -> tuple[str, ...]:
         return (DETECTION,) if self.tensile_control == "inside" else ()
 
-    def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
+    def check(self, grid: Discretisation, others: Others) -> None:
         require(
             self.name,
             rest_density=(self.rest_density, "positive"),
@@ -248,7 +243,7 @@ class WeaklyCompressible(
                 " leave one of them out."
             )
 
-    def _check_density(self, others: Mapping[str, Effect]) -> None:
+    def _check_density(self, others: Others) -> None:
         """Raise InputError where the density cannot be advanced as it is said to be."""
         if not 0 <= self.diffusion <= MOST_DIFFUSIVE:
             raise InputError(
@@ -299,14 +294,14 @@ class WeaklyCompressible(
         """Whether the viscosity is not zero and acts along the line of centres."""
         return self.viscosity == "central" and self.dynamic_viscosity > 0
 
-    def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
+    def fields(self, others: Others) -> tuple[Field, ...]:
         own = (DENSITY, *(() if pressure_is_replaced(others) else (PRESSURE,)), *self._own_fields(others))
         summed = (SUMMED_DENSITY,) if self._sums_wanted(others) else ()
         if not self.advances():
             return (*own, *summed) if "two_way_coupling" in others else own  # whose density counts no particles
         return (*own, DENSITY_EXCESS, ADVANCED_EXCESS, *summed)
 
-    def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
+    def passes(self, others: Others) -> tuple[Pass, ...]:
         viscous = self.dynamic_viscosity > 0
         names = {"smoothing": "gradient_smoothing"}
         reads = ("position", "velocity", "mass", "density")
@@ -329,13 +324,13 @@ class WeaklyCompressible(
             *((friction,) if self.central() else ()),
         )
 
-    def _own_fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
+    def _own_fields(self, others: Others) -> tuple[Field, ...]:
         """Fields of the renormalised gradients and of the tensile control."""
         corrected = (CORRECTION_DIAGONAL, CORRECTION_MIXED) if self.corrects() else ()
         own = () if self.tensile_control == "none" else (OWN_PRESSURE,)
         return (*corrected, *own, *(surface_of(others).near_fields() if self.tensile_control == "inside" else ()))
 
-    def _controlled(self, others: Mapping[str, Effect]) -> Iterator[Pass]:
+    def _controlled(self, others: Others) -> Iterator[Pass]:
         """The passes of a pressure force with renormalised gradients or tensile control, and of J(11)."""
         names: dict[str, str | None] = {"smoothing": "gradient_smoothing"}
         reads: tuple[str, ...] = ("position", "mass", "density", "pressure")
@@ -360,14 +355,14 @@ class WeaklyCompressible(
         reads = (*dict.fromkeys((*reads, pressure)), *(CORRECTION if self.corrects() else ()))
         return Pass(operation, reads, updates=("acceleration",), names=names)
 
-    def _sums_wanted(self, others: Mapping[str, Effect]) -> bool:
+    def _sums_wanted(self, others: Others) -> bool:
         """Whether an effect needs a sum of J(8), which an advanced density does without."""
         if self.tensile_control == "inside":
             return True
         rest = (effect for effect in others.values() if effect is not self)
         return any(f in (NUMBER_DENSITY, ASYMMETRY) for effect in rest for f in effect.fields(others))
 
-    def _density_passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
+    def _density_passes(self, others: Others) -> tuple[Pass, ...]:
         if not self.advances():
             return (Pass("sph.density", ("position", "mass"), ("density", "number_density", "asymmetry")),)
         reads, names = ("position", "velocity", "mass", "advanced_excess"), {"smoothing": "gradient_smoothing"}
@@ -377,18 +372,18 @@ class WeaklyCompressible(
             Pass("sph.keep_density", ("density_excess",), updates=("advanced_excess",), stage="motion"),
         )
 
-    def summed_passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
+    def summed_passes(self, others: Others) -> tuple[Pass, ...]:
         """J(7) and J(8) beside a density that is advanced or another effect's, where an effect needs them."""
         if not self._sums_wanted(others):
             return ()
         written = ("summed_density", "number_density", "asymmetry")
         return (Pass("sph.density", ("position", "mass"), written, names={"density": "summed_density"}),)
 
-    def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
+    def notes(self, grid: Discretisation, others: Others) -> tuple[str, ...]:
         return (*self._braked(grid, others), *self._thin(grid, others))
 
     def notes_on_start(
-        self, grid: Discretisation, state: InitialState, walls: WallParticles | None, others: Mapping[str, Effect]
+        self, grid: Discretisation, state: InitialState, walls: WallParticles | None, others: Others
     ) -> Iterator[str]:
         def advice(sound: float) -> str:
             return at_least("sound_speed", sound, "m/s")
@@ -397,7 +392,7 @@ class WeaklyCompressible(
             pull = acceleration_of(others)
             yield from fast_flow(self.name, self.sound_speed, advice, grid, state, walls, others, pull)
 
-    def _braked(self, grid: Discretisation, others: Mapping[str, Effect]) -> Iterator[str]:
+    def _braked(self, grid: Discretisation, others: Others) -> Iterator[str]:
         """Note on the loss of angular momentum by J(11) in a liquid without walls."""
         own = not any("sph.density" in effect.replaces() for effect in others.values())  # its forces act
         held = bool(having(others, BringsWalls))
@@ -414,7 +409,7 @@ class WeaklyCompressible(
             " conserves it"
         )
 
-    def _thin(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
+    def _thin(self, grid: Discretisation, others: Others) -> tuple[str, ...]:
         """Note on a viscosity with which kinetic energy may grow."""
         return tuple(
             f"{self.name}: with a viscosity of {found.value:g} Pa s, below rho0 c h/{LEAST_VISCOUS[self.kernels]:g} ="
@@ -424,12 +419,12 @@ class WeaklyCompressible(
             if found.value < found.limit
         )
 
-    def margins(self, grid: Discretisation, others: Mapping[str, Effect]) -> Iterator[Margin]:
+    def margins(self, grid: Discretisation, others: Others) -> Iterator[Margin]:
         if not pressure_is_replaced(others):
             least = self.rest_density * self.sound_speed * grid.support_radius / LEAST_VISCOUS[self.kernels]
             yield Margin("dynamic_viscosity [Pa s]", self.dynamic_viscosity, least, least=True)
 
-    def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount | None:
+    def energy(self, grid: Discretisation, others: Others) -> EnergyAccount | None:
         """Work of compression of J(9) or Tait, unless another effect computes the pressure.
 
         None of an advanced density, whose diffusion does work that is not summed, and of another pressure force.
@@ -452,9 +447,7 @@ class WeaklyCompressible(
 
         return EnergyAccount({"compression": compression})
 
-    def initial(
-        self, grid: Discretisation, state: InitialState, others: Mapping[str, Effect]
-    ) -> Mapping[str, np.ndarray]:
+    def initial(self, grid: Discretisation, state: InitialState, others: Others) -> Mapping[str, np.ndarray]:
         """Density of liquid at rest: that of the pressure rho0 g depth in each part that stands on a wall.
 
         Its particles have the mass of that density, so that they are as large as the lattice's cells; not those to
@@ -485,7 +478,7 @@ class WeaklyCompressible(
         return {ADVANCED_EXCESS.name: excess, "mass": mass}
 
     def _stands(
-        self, x: np.ndarray, down: np.ndarray, grid: Discretisation, others: Mapping[str, Effect]
+        self, x: np.ndarray, down: np.ndarray, grid: Discretisation, others: Others
     ) -> bool:  # fmt: skip
         """Whether liquid at x (n, 3) [m] stands on a plane or on other walls' particles, a spacing below at most."""
         for effect in having(others, HasPlanes):
@@ -496,7 +489,7 @@ class WeaklyCompressible(
         foot = x[np.argmax(x @ down)] + grid.spacing * down
         return any(effect.filled(grid, foot[None])[0][0] > 0 for effect in having(others, BringsWalls))
 
-    def largest_mass_ratio(self, others: Mapping[str, Effect]) -> float:
+    def largest_mass_ratio(self, others: Others) -> float:
         summed = not any("sph.density" in effect.replaces() for effect in others.values())
         return MASS_RATIO if summed else math.inf
 
@@ -526,7 +519,7 @@ class WeaklyCompressible(
         """1/delta0 [m^dim]; d^dim where the density is advanced."""
         return grid.spacing**grid.dim if self.advances() else 1 / self.rest_number_density(grid)
 
-    def shares(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
+    def shares(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         sums, gradients = SETS[self.kernels]
         exponent = 7 if self.state == "tait" else 1
         return {
@@ -544,7 +537,7 @@ class WeaklyCompressible(
             "density_bounds": DensityBounds(*map(grid.real, (self.rest_density, DENSE, self.density_bound))),
         }
 
-    def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
+    def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         sign = -1.0 if "E3" in self.printed() else 1.0
         viscous = self.dynamic_viscosity > 0 and not self.central()
         central = grid.real(central_coefficient(self.dynamic_viscosity, grid.dim))
@@ -556,13 +549,13 @@ class WeaklyCompressible(
             "central_viscosity": CentralViscosity(central) if self.central() else None,
         }
 
-    def _diffusion(self, grid: Discretisation, others: Mapping[str, Effect]) -> Diffusion | None:
+    def _diffusion(self, grid: Discretisation, others: Others) -> Diffusion | None:
         if self.diffusion == 0:
             return None
         at_rest = [self.rest_density * g / self.sound_speed**2 for g in acceleration_of(others)]
         return Diffusion(*map(grid.real, (0.5 * self.diffusion * grid.support_radius * self.sound_speed, *at_rest)))
 
-    def step_limits(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, StepLimit]:
+    def step_limits(self, grid: Discretisation, others: Others) -> dict[str, StepLimit]:
         stiffening = 2 * cohesive_pressure(grid, others) / self.rest_density
         sound_speed = math.sqrt(self.sound_speed**2 + stiffening)
         limits: dict[str, StepLimit] = {}
@@ -577,12 +570,12 @@ class WeaklyCompressible(
         return limits
 
 
-def liquid_of(others: Mapping[str, Effect]) -> WeaklyCompressible:
+def liquid_of(others: Others) -> WeaklyCompressible:
     """The scene's liquid; an effect that takes it has LIQUID among its needs."""
     return others[LIQUID]  # type: ignore[return-value]
 
 
-def surface_of(others: Mapping[str, Effect]) -> FindsSurface:
+def surface_of(others: Others) -> FindsSurface:
     """The effect that finds the liquid's surface; an effect that takes it has DETECTION among its needs."""
     return others[DETECTION]  # type: ignore[return-value]
 
@@ -598,32 +591,32 @@ class Gravity(Effect, frozen=True, kw_only=True):
 
     acceleration: tuple[float, float, float] = (0.0, 0.0, -9.81)
 
-    def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
+    def check(self, grid: Discretisation, others: Others) -> None:
         for axis, value in zip("xyz", self.acceleration):
             require(self.name, **{f"acceleration along {axis}": (value, "finite")})
         if grid.dim == 2 and self.acceleration[2] != 0:
             raise InputError("gravity: acceleration has a z part in a 2D scene; point it along x or y.")
 
-    def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
+    def passes(self, others: Others) -> tuple[Pass, ...]:
         return (Pass("sph.gravity", updates=("acceleration",)),) if any(self.acceleration) else ()
 
-    def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount:
+    def energy(self, grid: Discretisation, others: Others) -> EnergyAccount:
         """-m g.x, zero at the grid's origin."""
         if not any(self.acceleration):
             return EnergyAccount()
         g = np.array(self.acceleration)
         return EnergyAccount({"gravity": lambda state: amount(-state.field("mass") * (state.field("position") @ g))})
 
-    def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
+    def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         return {"field": np.array(self.acceleration, dtype=grid.dtype)}
 
 
-def gravity_of(others: Mapping[str, Effect]) -> Gravity | None:
+def gravity_of(others: Others) -> Gravity | None:
     """The scene's gravity, if it has any."""
     return others.get(Gravity.name)  # type: ignore[return-value]
 
 
-def acceleration_of(others: Mapping[str, Effect]) -> tuple[float, float, float]:
+def acceleration_of(others: Others) -> tuple[float, float, float]:
     """The scene's acceleration of gravity [m/s^2]; zero without one."""
     gravity = gravity_of(others)
     return (0.0, 0.0, 0.0) if gravity is None else gravity.acceleration

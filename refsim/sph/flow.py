@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
 from refsim.core.capabilities import HasPlanes, having
-from refsim.core.effect import Discretisation, Effect, InitialState
+from refsim.core.effect import Discretisation, InitialState, Others
 from refsim.core.scalars import rounded_up
 from refsim.core.walls import WallParticles
 
@@ -16,7 +16,7 @@ SLOW = 0.1  # |v|/c up to which density changes by about 1 %
 
 
 def fall_height(
-    grid: Discretisation, state: InitialState, walls: WallParticles | None, others: Mapping[str, Effect],
+    grid: Discretisation, state: InitialState, walls: WallParticles | None, others: Others,
     pull: np.ndarray,
 ) -> float:  # fmt: skip
     """H [m] that liquid can fall or stand along an acceleration (3,) [m/s^2]; 0 where there is none, or no liquid.
@@ -43,7 +43,7 @@ def fall_height(
 
 def fast_flow(
     name: str, sound_speed: float, advice: Callable[[float], str], grid: Discretisation, state: InitialState,
-    walls: WallParticles | None, others: Mapping[str, Effect], acceleration: Sequence[float],
+    walls: WallParticles | None, others: Others, acceleration: Sequence[float],
 ) -> Iterator[str]:  # fmt: skip
     """A note of effect `name` where the flow may exceed a tenth of the sound speed [m/s].
 

@@ -462,8 +462,5 @@ def kick_drift(acceleration, build_position, bounds, timestep, shift, position_r
     return answer | {
         "velocity": (v, v_scale),
         "position": (x, x_scale),
-        "displacement": (
-            np.array([squared.max(initial=0), stopped.sum()]),
-            np.array([bound.max(initial=0), 0.0]),
-        ),
+        "displacement": (np.array([squared.max(initial=0), stopped.sum()]), np.array([bound.max(initial=0), 0.0])),
     }

@@ -12,14 +12,13 @@ Another effect that needs the detected sets takes the scene's settings, or the d
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
 from refsim.core.capabilities import FindsSurface, HasErrata
 from refsim.core.checked import Printed
-from refsim.core.effect import Discretisation, Effect, Pass, require
+from refsim.core.effect import Discretisation, Effect, Others, Pass, require
 from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
@@ -209,7 +208,7 @@ class SurfaceDetection(Effect, FindsSurface, HasErrata, frozen=True, kw_only=Tru
     def needs(self) -> tuple[str, ...]:
         return (LIQUID,)
 
-    def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
+    def check(self, grid: Discretisation, others: Others) -> None:
         require(self.name, asymmetry=(self.asymmetry, "positive"), threshold=(self.threshold, "positive"))
         if self.threshold is not None and self.threshold > 1.2:
             raise InputError(
@@ -233,7 +232,7 @@ class SurfaceDetection(Effect, FindsSurface, HasErrata, frozen=True, kw_only=Tru
             )
         self.printed()
 
-    def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
+    def fields(self, others: Others) -> tuple[Field, ...]:
         fields = [SURFACE]
         if self._lopsided():
             fields += [SCAN_CANDIDATES, ASYMMETRY]
@@ -247,7 +246,7 @@ class SurfaceDetection(Effect, FindsSurface, HasErrata, frozen=True, kw_only=Tru
             fields.append(PRESSURE)
         return tuple(fields)
 
-    def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
+    def passes(self, others: Others) -> tuple[Pass, ...]:
         if not self.release_pressure:
             return self.detection_passes(on_demand=not self.each_step)
         release = Pass("surface_detection.release_pressure", ("surface",), updates=("pressure",))
@@ -259,7 +258,7 @@ class SurfaceDetection(Effect, FindsSurface, HasErrata, frozen=True, kw_only=Tru
     def near_passes(self) -> tuple[Pass, ...]:
         return (near_surface_pass(),)
 
-    def near_groups(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
+    def near_groups(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         return {"near_surface_limit": self.prepare(grid, others)["near_surface_limit"]}
 
     def detection_passes(self, on_demand: bool = False) -> tuple[Pass, ...]:
@@ -283,7 +282,7 @@ class SurfaceDetection(Effect, FindsSurface, HasErrata, frozen=True, kw_only=Tru
             return None
         return "scan_candidates" if self._lopsided() else "near_surface"
 
-    def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
+    def notes(self, grid: Discretisation, others: Others) -> tuple[str, ...]:
         """Where the detector is not right: supports beyond those measured, and limits that fail on the lattice."""
         fluid, ratio, said = liquid_of(others), grid.support_radius / grid.spacing, []
         low, high = self.supports(fluid, grid)
@@ -318,7 +317,7 @@ class SurfaceDetection(Effect, FindsSurface, HasErrata, frozen=True, kw_only=Tru
         faces = {r: lattice_face(fluid, dataclasses.replace(grid, support_radius=r * grid.spacing)) for r in radii}
         return low, max(r for r, face in faces.items() if face.corner >= TOLD * face.outer)
 
-    def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount:
+    def energy(self, grid: Discretisation, others: Others) -> EnergyAccount:
         """Detection has no forces; a released pressure follows from no energy."""
         return EnergyAccount(uncounted=("the pressure taken from surface particles",) if self.release_pressure else ())
 
@@ -326,7 +325,7 @@ class SurfaceDetection(Effect, FindsSurface, HasErrata, frozen=True, kw_only=Tru
         scanned = self.method != "number_density"
         return grid.support_radius * (2.0 if scanned and self._full() else 1.0)
 
-    def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
+    def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         real, fluid = grid.real, liquid_of(others)
         h, delta0 = grid.support_radius, fluid.rest_number_density(grid)
         face = lattice_face(fluid, grid)
@@ -370,7 +369,7 @@ class SurfaceDetection(Effect, FindsSurface, HasErrata, frozen=True, kw_only=Tru
         return self.scan_radius == "full" or "E6" in self.printed()
 
 
-def detection_in(others: Mapping[str, Effect]) -> SurfaceDetection:
+def detection_in(others: Others) -> SurfaceDetection:
     """The scene's surface detection, or one with the default settings where the scene has none."""
     found = others.get(SurfaceDetection.name)
     return found if isinstance(found, SurfaceDetection) else SurfaceDetection()

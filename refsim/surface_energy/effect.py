@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol
 import numpy as np
 
 from refsim.core.capabilities import HoldsOtherMemory, Watches
-from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, require
+from refsim.core.effect import Discretisation, Others, Pass, StepLimit, require
 from refsim.core.energy import Amount, EnergyAccount, EnergyState, amount
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
@@ -49,7 +49,7 @@ class GridLiquid(Protocol):
     def sound_speed(self) -> float: ...  # [m/s]
 
 
-def _liquid(others: Mapping[str, Effect]) -> GridLiquid:
+def _liquid(others: Others) -> GridLiquid:
     return others["mpm_liquid"]  # type: ignore[return-value]
 
 
@@ -93,7 +93,7 @@ class SurfaceEnergy(Tension, HoldsOtherMemory, Watches, frozen=True, kw_only=Tru
     def other_memory(self) -> str:
         return "" if not self.acts() else "nodes, facets and samples of the surface"
 
-    def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
+    def check(self, grid: Discretisation, others: Others) -> None:
         self.check_parameters(grid.dim)
         require(
             self.name,
@@ -115,9 +115,7 @@ class SurfaceEnergy(Tension, HoldsOtherMemory, Watches, frozen=True, kw_only=Tru
                 f"{self.name}: contact_angle = {self.contact_angle} needs a wall; add mpm_walls or leave it out."
             )
 
-    def initial(
-        self, grid: Discretisation, state: InitialState, others: Mapping[str, Effect]
-    ) -> Mapping[str, np.ndarray]:
+    def initial(self, grid: Discretisation, state: InitialState, others: Others) -> Mapping[str, np.ndarray]:
         if not self.acts():
             return {}
         least = self.least_component(grid.dim)
@@ -135,13 +133,13 @@ class SurfaceEnergy(Tension, HoldsOtherMemory, Watches, frozen=True, kw_only=Tru
             )
         return {}
 
-    def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
+    def fields(self, others: Others) -> tuple[Field, ...]:
         if not self.acts():
             return ()
         crowding = replace(CROWDING, state=self.recount_time > 0)  # the next step begins with it
         return EXTENT, crowding, GREATEST_CROWDING
 
-    def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
+    def passes(self, others: Others) -> tuple[Pass, ...]:
         if not self.acts():
             return ()
         found = [Pass("surface_energy.reconstruct", ("position", "identity"), ("samples",), stage="motion")]
@@ -151,7 +149,7 @@ class SurfaceEnergy(Tension, HoldsOtherMemory, Watches, frozen=True, kw_only=Tru
         found.append(Pass("surface_energy.find_filaments", ("position",), ("extent",), on_demand=True))
         return tuple(found)
 
-    def wets(self, others: Mapping[str, Effect]) -> bool:
+    def wets(self, others: Others) -> bool:
         """Whether walls have a contact angle."""
         return self.contact_angle != 180 and "mpm_walls" in others
 
@@ -160,7 +158,7 @@ class SurfaceEnergy(Tension, HoldsOtherMemory, Watches, frozen=True, kw_only=Tru
         share = math.cos(math.radians(self.contact_angle)) if self.contact_angle != 90 else 0.0
         return share * self.surface_tension
 
-    def _faces(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[Face, ...]:
+    def _faces(self, grid: Discretisation, others: Others) -> tuple[Face, ...]:
         """The walls with a contact angle, as planes of nodes."""
         if not self.wets(others):
             return ()
@@ -175,7 +173,7 @@ class SurfaceEnergy(Tension, HoldsOtherMemory, Watches, frozen=True, kw_only=Tru
                     made.append(Face(axis, real(cell) * real(node), 1 - 2 * side))
         return tuple(made)
 
-    def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount:
+    def energy(self, grid: Discretisation, others: Others) -> EnergyAccount:
         """k times the area of the reconstructed surface, less k cos(theta) times that of the wetted walls (Young)."""
         if not self.acts():
             return EnergyAccount()
@@ -199,7 +197,7 @@ class SurfaceEnergy(Tension, HoldsOtherMemory, Watches, frozen=True, kw_only=Tru
             {"surface": surface}, ("what the surface's fitted normals pull beside the change of its area",)
         )
 
-    def shares(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
+    def shares(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         if not self.acts():
             return {}
         cell = _liquid(others).cell(grid)
@@ -210,7 +208,7 @@ class SurfaceEnergy(Tension, HoldsOtherMemory, Watches, frozen=True, kw_only=Tru
         )
         return {"surface": made}
 
-    def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
+    def notes(self, grid: Discretisation, others: Others) -> tuple[str, ...]:
         """Readings that are there to compare with, and were seen to be unstable (docs/stability.md)."""
         said = []
         if self.surface_tension > 0 and self.embedding in ("thesis", "gradient_corrected"):
@@ -245,7 +243,7 @@ class SurfaceEnergy(Tension, HoldsOtherMemory, Watches, frozen=True, kw_only=Tru
             )
         return None
 
-    def step_limits(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, StepLimit]:
+    def step_limits(self, grid: Discretisation, others: Others) -> dict[str, StepLimit]:
         if self.surface_tension == 0:
             return {}
         liquid = _liquid(others)
@@ -259,7 +257,7 @@ class SurfaceEnergy(Tension, HoldsOtherMemory, Watches, frozen=True, kw_only=Tru
         return limits
 
 
-def surface_of(others: Mapping[str, Effect]) -> SurfaceEnergy | None:
+def surface_of(others: Others) -> SurfaceEnergy | None:
     """The scene's surface with tension, or None; without tension there is nothing to reconstruct."""
     found = others.get(SurfaceEnergy.name)
     return found if isinstance(found, SurfaceEnergy) and found.acts() else None

@@ -148,8 +148,7 @@ class SurfaceOfRun(SurfaceSamples):
         most = self.reconstruction.most_in_a_cell(self.latest)
         if most > CLUMPED * self.full:
             raise RunStopped(
-                "clumped",
-                f"{most} particles have gathered in one cell, which holds {self.full:.3g}: {GATHERED}",
+                "clumped", f"{most} particles have gathered in one cell, which holds {self.full:.3g}: {GATHERED}"
             )
         samples = self.latest.samples
         if not self.reconstruction.finds_all(self.latest):

@@ -59,16 +59,7 @@ def color_gradient(position, mass, density, candidates, walls, gradient_smoothin
     packed="corrected_normal_pair",
 )  # fmt: skip
 def corrected(
-    position,
-    mass,
-    density,
-    number_density,
-    candidates,
-    walls,
-    smoothing,
-    gradient_smoothing,
-    normal_term,
-    rows=None,
+    position, mass, density, number_density, candidates, walls, smoothing, gradient_smoothing, normal_term, rows=None
 ):
     """Corrected normals, inward [1/m]; zero for particles that are no candidates.
 

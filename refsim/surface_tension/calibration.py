@@ -29,11 +29,7 @@ from refsim.surface_tension.jiang_zhu_2023 import JiangZhu2023
 from refsim.surface_tension.tartakovsky_meakin_2005 import TartakovskyMeakin2005
 
 MAP = Path(__file__).with_name("sigma_map.json")
-BASE: dict[str, Any] = {
-    "support": 2.6,
-    "stiffness": 0.01,
-    "kernels": "mueller",
-}  # common to all lines
+BASE: dict[str, Any] = {"support": 2.6, "stiffness": 0.01, "kernels": "mueller"}  # common to all lines
 MOST_UNCERTAIN = 0.5  # largest relative uncertainty of a calibration
 ONE_SEED = 0.1  # relative uncertainty assumed for a drop measured with one seed only
 SAME = 1e-6  # relative difference of settings that count as equal

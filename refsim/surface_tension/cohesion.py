@@ -9,14 +9,14 @@ Pi = P_int/(rho0 c^2), which has no solution for Pi > 1/4: the liquid collapses.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from refsim.core.capabilities import BalancesCohesion, KnowsLimits, Margin, SumsDensity
-from refsim.core.effect import Discretisation, Effect, StepLimit, require
+from refsim.core.effect import Discretisation, Effect, Others, StepLimit, require
 from refsim.core.energy import EnergyAccount, EnergyState, pair_potential
 from refsim.core.errors import InputError
 from refsim.smoothing import lattice
@@ -138,22 +138,22 @@ class PairCohesion(Effect, BalancesCohesion, KnowsLimits, SumsDensity, frozen=Tr
         given = getattr(self, self.own)
         return (getattr(self, "surface_tension") if given is None else given) != 0  # noqa: B009
 
-    def coefficient(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
+    def coefficient(self, grid: Discretisation, others: Others) -> float:
         """The model's own coefficient, given or from sigma."""
         given, sigma = getattr(self, self.own), getattr(self, "surface_tension")  # noqa: B009
         if given is not None:
             return given
         return sigma / self.unit_tension(grid, others) if sigma else 0.0
 
-    def unit_tension(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
+    def unit_tension(self, grid: Discretisation, others: Others) -> float:
         """sigma [N/m] of a coefficient of one."""
         return self._tension_of(lambda r: self.force_of(1.0, r, grid, others), grid, others)
 
-    def force_of(self, coefficient: float, r: NDArray, grid: Discretisation, others: Mapping[str, Effect]) -> NDArray:
+    def force_of(self, coefficient: float, r: NDArray, grid: Discretisation, others: Others) -> NDArray:
         """C(r) [N/kg^2] of this coefficient at distances r [m] up to h; positive repels."""
         raise NotImplementedError
 
-    def pair_force(self, r: NDArray, grid: Discretisation, others: Mapping[str, Effect]) -> NDArray:
+    def pair_force(self, r: NDArray, grid: Discretisation, others: Others) -> NDArray:
         """C(r) [N/kg^2] at distances r [m] up to h; positive repels."""
         return self.force_of(self.coefficient(grid, others), r, grid, others)
 
@@ -161,17 +161,17 @@ class PairCohesion(Effect, BalancesCohesion, KnowsLimits, SumsDensity, frozen=Tr
         """Whether the pair force also acts in the bulk."""
         return True
 
-    def nominal_tension(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
+    def nominal_tension(self, grid: Discretisation, others: Others) -> float:
         """sigma [N/m] of the pair force by the Kirkwood-Buff integral or lattice sum."""
         return self._tension_of(self._force(grid, others), grid, others)
 
-    def _tension_of(self, force: PairForce, grid: Discretisation, others: Mapping[str, Effect]) -> float:
+    def _tension_of(self, force: PairForce, grid: Discretisation, others: Others) -> float:
         fluid = liquid_of(others)
         if self.lattice:
             return lattice_tension(force, fluid.rest_density, fluid.particle_mass(grid), grid)
         return nominal_tension(force, fluid.rest_density, grid.support_radius, grid.dim)
 
-    def internal_pressure(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
+    def internal_pressure(self, grid: Discretisation, others: Others) -> float:
         """P_int [Pa] of the pair force in the undisturbed bulk; 0 if it does not act there."""
         if not self.acts_on_all_pairs():
             return 0.0
@@ -180,10 +180,10 @@ class PairCohesion(Effect, BalancesCohesion, KnowsLimits, SumsDensity, frozen=Tr
             return lattice_pressure(force, fluid.rest_density, fluid.particle_mass(grid), grid)
         return internal_pressure(force, fluid.rest_density, grid.support_radius, grid.dim)
 
-    def balanced_pressure(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
+    def balanced_pressure(self, grid: Discretisation, others: Others) -> float:
         return max(0.0, self.internal_pressure(grid, others)) if self.balance_pressure else 0.0
 
-    def check_collapse(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
+    def check_collapse(self, grid: Discretisation, others: Others) -> None:
         """Raise InputError where no density balances the cohesion, P_int > rho0 c^2/4."""
         number, fluid = self.collapse_number(grid, others), liquid_of(others)
         if number >= COLLAPSE:
@@ -194,7 +194,7 @@ class PairCohesion(Effect, BalancesCohesion, KnowsLimits, SumsDensity, frozen=Tr
                 " compression), or set balance_pressure = true."
             )
 
-    def collapse_number(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
+    def collapse_number(self, grid: Discretisation, others: Others) -> float:
         """Pi = P_int/(rho0 c^2) that a linear equation of state balances by compression; 0 if nothing needs to."""
         fluid = liquid_of(others)
         held = self.balance_pressure or fluid.state != "linear"
@@ -202,7 +202,7 @@ class PairCohesion(Effect, BalancesCohesion, KnowsLimits, SumsDensity, frozen=Tr
             return 0.0
         return max(0.0, self.internal_pressure(grid, others)) / (fluid.rest_density * fluid.sound_speed**2)
 
-    def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
+    def notes(self, grid: Discretisation, others: Others) -> tuple[str, ...]:
         number = self.collapse_number(grid, others)
         notes = [stiffness_note(self.name, *limit, grid, others) for limit in self.stiffness_limits(grid, others)]
         if number >= STRAINED:
@@ -213,27 +213,23 @@ class PairCohesion(Effect, BalancesCohesion, KnowsLimits, SumsDensity, frozen=Tr
             )
         return tuple(filter(None, notes))
 
-    def margins(self, grid: Discretisation, others: Mapping[str, Effect]) -> Iterator[Margin]:
+    def margins(self, grid: Discretisation, others: Others) -> Iterator[Margin]:
         number = self.collapse_number(grid, others)
         if number > 0:
             yield Margin("P_int/(rho0 c^2)", number, STRAINED)
         for sigma, largest, _ in self.stiffness_limits(grid, others):
             yield from stiffness_margin(sigma, largest, grid, others)
 
-    def stiffness_limits(
-        self, grid: Discretisation, others: Mapping[str, Effect]
-    ) -> Iterator[tuple[float, float, str]]:
+    def stiffness_limits(self, grid: Discretisation, others: Others) -> Iterator[tuple[float, float, str]]:
         """(tension [N/m], its largest S = sigma/(rho0 c^2 d), what holds up to it), where there is tension."""
         if sigma := abs(self.nominal_tension(grid, others)):
             yield sigma, KEEPS_DENSITY, DENSITY_KEPT
 
-    def pair_mass(self, mass_i: NDArray, mass_j: NDArray, grid: Discretisation, others: Mapping[str, Effect]) -> Any:
+    def pair_mass(self, mass_i: NDArray, mass_j: NDArray, grid: Discretisation, others: Others) -> Any:
         """Factor [kg^2] of C(r) in the force of a pair."""
         return mass_i * mass_j
 
-    def pair_account(
-        self, grid: Discretisation, others: Mapping[str, Effect], uncounted: tuple[str, ...] = ()
-    ) -> EnergyAccount:
+    def pair_account(self, grid: Discretisation, others: Others, uncounted: tuple[str, ...] = ()) -> EnergyAccount:
         """The potential of the pair force, zero at h; negative where the pair attracts."""
         reach = grid.support_radius
 
@@ -243,16 +239,14 @@ class PairCohesion(Effect, BalancesCohesion, KnowsLimits, SumsDensity, frozen=Tr
 
         return EnergyAccount({"cohesion": cohesion}, uncounted)
 
-    def step_limits(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, StepLimit]:
+    def step_limits(self, grid: Discretisation, others: Others) -> dict[str, StepLimit]:
         return capillary_limit(abs(self.nominal_tension(grid, others)), grid, others)
 
-    def _force(self, grid: Discretisation, others: Mapping[str, Effect]) -> PairForce:
+    def _force(self, grid: Discretisation, others: Others) -> PairForce:
         return lambda r: self.pair_force(r, grid, others)
 
 
-def stiffness_margin(
-    sigma: float, largest: float, grid: Discretisation, others: Mapping[str, Effect]
-) -> Iterator[Margin]:
+def stiffness_margin(sigma: float, largest: float, grid: Discretisation, others: Others) -> Iterator[Margin]:
     """S = sigma/(rho0 c^2 d) beside the `largest` that held; nothing where no sound speed acts."""
     fluid = liquid_of(others)
     if not pressure_is_replaced(others):
@@ -260,9 +254,7 @@ def stiffness_margin(
         yield Margin("sigma/(rho0 c^2 d)", value, largest)
 
 
-def stiffness_note(
-    name: str, sigma: float, largest: float, fate: str, grid: Discretisation, others: Mapping[str, Effect]
-) -> str:
+def stiffness_note(name: str, sigma: float, largest: float, fate: str, grid: Discretisation, others: Others) -> str:
     """Note if S of `stiffness_margin` is above the limit, up to which what `fate` says was found; else ""."""
     sound = liquid_of(others).sound_speed
     for margin in stiffness_margin(sigma, largest, grid, others):
@@ -281,7 +273,7 @@ def spreading_note(name: str, term: str) -> str:
     )
 
 
-def angular_momentum_note(name: str, term: str, others: Mapping[str, Effect]) -> str:
+def angular_momentum_note(name: str, term: str, others: Others) -> str:
     """Note if a term that is not parallel to e_ij alone changes the angular momentum of a free liquid; else "".
 
     With viscosity J(11), which changes it far more, the note of weakly_compressible says so instead.
@@ -296,7 +288,7 @@ def angular_momentum_note(name: str, term: str, others: Mapping[str, Effect]) ->
     )
 
 
-def capillary_limit(sigma: float, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, StepLimit]:
+def capillary_limit(sigma: float, grid: Discretisation, others: Others) -> dict[str, StepLimit]:
     """Step limit 0.25 sqrt(rho0 (h/2)^3/(2 pi sigma)) [s] for the tension sigma [N/m]; none if it is zero."""
     if sigma == 0:
         return {}

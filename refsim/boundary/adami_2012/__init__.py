@@ -1,19 +1,16 @@
 """Walls whose pressure is extrapolated from the liquid, after Adami, Hu & Adams 2012.
 
-Contents: WALL_PRESSURE, passes, walls_model, layers, Lean, lean; operations adami_2012.extrapolation,
-adami_2012.wall_force. There is no effect of this name: `box_walls` and `mesh_boundary` add the passes with
-`model = "extrapolated"`.
+There is no effect of this name: `box_walls` and `mesh_boundary` add the passes with `model = "extrapolated"`.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from typing import Any, Literal, NamedTuple
 
 from refsim.boundary.adami_2012 import reference as reference
 from refsim.core.capabilities import BringsWalls, having
-from refsim.core.effect import Discretisation, Effect, Pass
+from refsim.core.effect import Discretisation, Others, Pass
 from refsim.core.fields import Field
 from refsim.sph import acceleration_of, liquid_of
 
@@ -21,7 +18,7 @@ WALL_PRESSURE = Field("wall_pressure", "Pa", "pressure of the wall particles, fr
 LEAST_SHARE = 1e-3  # of a cell that a wall particle fills
 
 
-def passes(own: BringsWalls, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
+def passes(own: BringsWalls, others: Others) -> tuple[Pass, ...]:
     """Extrapolation and push of all walls, where `own` is the first effect with such walls; solids take no part."""
     if own is not next(effect for effect in having(others, BringsWalls) if effect.extrapolates()):
         return ()
@@ -36,7 +33,7 @@ def passes(own: BringsWalls, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
     )  # fmt: skip
 
 
-def walls_model(others: Mapping[str, Effect]) -> Literal["mirrored", "extrapolated"]:
+def walls_model(others: Others) -> Literal["mirrored", "extrapolated"]:
     """Model of walls that name none: extrapolated where the liquid's density is advanced."""
     return "extrapolated" if liquid_of(others).settled(others).advances() else "mirrored"
 
@@ -54,6 +51,6 @@ class Lean(NamedTuple):
     z: Any  # [m/s^2]
 
 
-def lean(grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Lean]:
+def lean(grid: Discretisation, others: Others) -> dict[str, Lean]:
     """Parameter group of the extrapolation, for `Effect.prepare`: walls at rest."""
     return {"lean": Lean(*map(grid.real, acceleration_of(others)))}

@@ -18,7 +18,7 @@ from refsim.boundary import adami_2012
 from refsim.boundary.adami_2012 import LEAST_SHARE, WALL_PRESSURE, lean, walls_model
 from refsim.core.capabilities import BringsWalls, FollowsScene, HasErrata, HasPlanes, SumsDensity, having
 from refsim.core.checked import Printed
-from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, require
+from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit, require
 from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
@@ -72,7 +72,7 @@ class BoxWalls(Effect, BringsWalls, HasPlanes, HasErrata, FollowsScene, SumsDens
     def needs(self) -> tuple[str, ...]:
         return (LIQUID,)
 
-    def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
+    def check(self, grid: Discretisation, others: Others) -> None:
         require(self.name, viscosity=(self.viscosity, "not negative"))
         for face in FACES:
             across = grid.period["xyz".index(face[1])] > 0
@@ -102,7 +102,7 @@ class BoxWalls(Effect, BringsWalls, HasPlanes, HasErrata, FollowsScene, SumsDens
         upper = tuple(a + size if size > 0 else b for a, size, b in zip(start, length, self.upper))
         return lower, upper
 
-    def _check_motion(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
+    def _check_motion(self, grid: Discretisation, others: Others) -> None:
         """Raise InputError for faces that cannot move as they are said to, and for friction at others' particles."""
         require(self.name, **{f"velocity along {c}": (v, "finite") for c, v in zip("xyz", self.velocity)})
         for face in self.moving_faces:
@@ -133,29 +133,29 @@ class BoxWalls(Effect, BringsWalls, HasPlanes, HasErrata, FollowsScene, SumsDens
     def sums_density(self) -> bool:
         return self.model == "mirrored" or bool(self.literal)
 
-    def settled(self, others: Mapping[str, Effect]) -> BoxWalls:
+    def settled(self, others: Others) -> BoxWalls:
         return msgspec.structs.replace(self, model=self.model or walls_model(others))
 
     def extrapolates(self) -> bool:
         return self.model == "extrapolated"
 
-    def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
+    def fields(self, others: Others) -> tuple[Field, ...]:
         return (WALL_PRESSURE,) if self.extrapolates() else ()
 
-    def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
+    def passes(self, others: Others) -> tuple[Pass, ...]:
         made = adami_2012.passes(self, others) if self.extrapolates() else ()
         if self.viscosity == 0:
             return made
         reads, names = ("position", "velocity", "density"), {"smoothing": "gradient_smoothing"}
         return (*made, Pass("one_way_coupling.wall_viscosity", reads, updates=("acceleration",), names=names))
 
-    def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
+    def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         groups: dict[str, Any] = lean(grid, others) if self.extrapolates() else {}
         if self.viscosity > 0:
             groups["wall_viscosity"] = WallViscosity(grid.real(self.viscosity))
         return groups
 
-    def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
+    def notes(self, grid: Discretisation, others: Others) -> tuple[str, ...]:
         wide = grid.support_radius / grid.spacing
         if self.extrapolates() or grid.dim == 2 or wide < WIDE or gravity_of(others) is None:
             return ()
@@ -164,12 +164,12 @@ class BoxWalls(Effect, BringsWalls, HasPlanes, HasErrata, FollowsScene, SumsDens
             f" {wide:.3g} spacings; take less than {WIDE:g}, or model = 'extrapolated'",
         )
 
-    def step_limits(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, StepLimit]:
+    def step_limits(self, grid: Discretisation, others: Others) -> dict[str, StepLimit]:
         if self.viscosity == 0:
             return {}
         return {"wall friction": StepLimit.friction(grid, self.viscosity, liquid_of(others).rest_density)}
 
-    def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount | None:
+    def energy(self, grid: Discretisation, others: Others) -> EnergyAccount | None:
         """None of its own: walls at rest do no work. The liquid's compression includes their part of the density.
 
         No account of walls that move or whose pressure is extrapolated: their work is not summed.
@@ -180,7 +180,7 @@ class BoxWalls(Effect, BringsWalls, HasPlanes, HasErrata, FollowsScene, SumsDens
             return EnergyAccount()
         return EnergyAccount(uncounted=("half of the walls' pressure force, which mirrors the liquid's pressure",))
 
-    def walls(self, grid: Discretisation, others: Mapping[str, Effect]) -> WallParticles | None:
+    def walls(self, grid: Discretisation, others: Others) -> WallParticles | None:
         """Positions (m, 3) [m] half a spacing outside the box and volumes (m,) [m^dim]; None with all faces open."""
         lower, upper = self._corners(grid)
         count = adami_2012.layers(grid) if self.extrapolates() else 1
@@ -194,7 +194,7 @@ class BoxWalls(Effect, BringsWalls, HasPlanes, HasErrata, FollowsScene, SumsDens
         sums = wall_kernel_sums(position, shape, grid.support_radius, grid.dim, grid.period)
         return WallParticles(position, factor / sums)
 
-    def _beside(self, position: np.ndarray, grid: Discretisation, others: Mapping[str, Effect]) -> WallParticles:
+    def _beside(self, position: np.ndarray, grid: Discretisation, others: Others) -> WallParticles:
         """Cells at (m, 3) [m] less what other walls fill of them: each at the centre of the rest."""
         left = np.ones(len(position))
         moment = position.copy()
@@ -219,7 +219,7 @@ class BoxWalls(Effect, BringsWalls, HasPlanes, HasErrata, FollowsScene, SumsDens
     def wall_speed(self) -> float:
         return math.hypot(*self.velocity) if self.moving_faces else 0.0
 
-    def shares(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
+    def shares(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         groups: dict[str, Any] = {}
         if self.moving_faces:
             planes = np.full((2, 3), [[-np.inf], [np.inf]])
@@ -232,9 +232,7 @@ class BoxWalls(Effect, BringsWalls, HasPlanes, HasErrata, FollowsScene, SumsDens
             groups["bounds"] = Bounds(lower.astype(grid.dtype), upper.astype(grid.dtype))
         return groups
 
-    def initial(
-        self, grid: Discretisation, state: InitialState, others: Mapping[str, Effect]
-    ) -> Mapping[str, np.ndarray]:
+    def initial(self, grid: Discretisation, state: InitialState, others: Others) -> Mapping[str, np.ndarray]:
         """No values of its own; raises InputError for particles that start behind a wall."""
         bounds = self.shares(grid, others).get("bounds")
         if bounds is None:

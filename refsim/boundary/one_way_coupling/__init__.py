@@ -1,8 +1,5 @@
 """One-way coupling of a liquid with a solid given as a triangle mesh (patent CN104318598A: patent P5 to P8).
 
-Contents: MeshBoundary; WallGravity, layer_factors; operations one_way_coupling.wall_pressure,
-one_way_coupling.wall_viscosity.
-
 Boundary particles are placed on the solid's surface and in layers below it, as deep as the liquid's kernel reaches. All
 passes of the liquid treat them as wall particles: they contribute to its density (patent P5) and mirror its pressure
 (P6). This effect adds their own pressure, extrapolated from the liquid, their friction (P6), their adhesion, and the
@@ -34,7 +31,7 @@ from refsim.core.capabilities import (
     SumsDensity,
 )
 from refsim.core.checked import Printed
-from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, require
+from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit, require
 from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
@@ -125,7 +122,7 @@ class MeshBoundary(
     def needs(self) -> tuple[str, ...]:
         return (LIQUID,)
 
-    def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
+    def check(self, grid: Discretisation, others: Others) -> None:
         if grid.dim != 3:
             raise InputError(f"{self.name}: a mesh is a body in space; set dim to 3 or leave it out.")
         for part in ("size", "radius", "viscosity", "adhesion", "rebound", "field_spacing", "volume_factor"):
@@ -164,7 +161,7 @@ class MeshBoundary(
     def sums_density(self) -> bool:
         return self.model == "mirrored" or self._of_mirrored()
 
-    def settled(self, others: Mapping[str, Effect]) -> MeshBoundary:
+    def settled(self, others: Others) -> MeshBoundary:
         return msgspec.structs.replace(self, model=self.model or walls_model(others))
 
     def extrapolates(self) -> bool:
@@ -194,7 +191,7 @@ class MeshBoundary(
             return 1
         return self.layers or max(1, math.ceil(grid.support_radius / grid.spacing * (1 - 1e-9)) - 1)
 
-    def walls(self, grid: Discretisation, others: Mapping[str, Effect]) -> WallParticles:
+    def walls(self, grid: Discretisation, others: Others) -> WallParticles:
         """Boundary particles (m, 3) [m], layer by layer, and their volumes V_b = g/sum_k W_bk (m,) [m^3].
 
         With an extrapolated pressure the cells of the lattice in the solid, and what it fills of each.
@@ -222,20 +219,18 @@ class MeshBoundary(
         """True where patent P8 moves particles that would enter the solid."""
         return self.correction != "none"
 
-    def _presses(self, others: Mapping[str, Effect]) -> bool:
+    def _presses(self, others: Others) -> bool:
         """Whether boundary particles have a pressure of their own (patent E30).
 
         Solvers that replace the liquid's equation of state compute wall forces themselves, without `wall_share`.
         """
         return not (self.extrapolates() or "E30" in self.printed() or pressure_is_replaced(others))
 
-    def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
+    def fields(self, others: Others) -> tuple[Field, ...]:
         own = () if self.correction == "none" else (CORRECTIONS,)
         return (*own, WALL_PRESSURE) if self.extrapolates() else own
 
-    def initial(
-        self, grid: Discretisation, state: InitialState, others: Mapping[str, Effect]
-    ) -> Mapping[str, np.ndarray]:
+    def initial(self, grid: Discretisation, state: InitialState, others: Others) -> Mapping[str, np.ndarray]:
         inside = int((self.placed(grid).distance(state.position) < 0).sum())
         if inside:
             raise InputError(
@@ -244,7 +239,7 @@ class MeshBoundary(
             )
         return {} if self.correction == "none" else {"corrections": np.zeros(grid.count, np.int32)}
 
-    def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
+    def passes(self, others: Others) -> tuple[Pass, ...]:
         made = list(adami_2012.passes(self, others)) if self.extrapolates() else []
         if self._presses(others):
             reads: tuple[str, ...] = ("position", "density", "pressure")
@@ -260,7 +255,7 @@ class MeshBoundary(
             made.append(correction_pass())
         return tuple(made)
 
-    def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount | None:
+    def energy(self, grid: Discretisation, others: Others) -> EnergyAccount | None:
         """No energy of its own, since the solid is at rest; adhesion and an extrapolated pressure have no account."""
         if self.adhesion > 0 or self.extrapolates():
             return None
@@ -270,7 +265,7 @@ class MeshBoundary(
     def list_radius(self, grid: Discretisation) -> float:
         return grid.support_radius
 
-    def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
+    def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         groups: dict[str, Any] = lean(grid, others) if self.extrapolates() else {}
         if self._presses(others):
             groups["wall_gravity"] = WallGravity(*map(grid.real, acceleration_of(others)))
@@ -288,7 +283,7 @@ class MeshBoundary(
             )  # fmt: skip
         return groups
 
-    def step_limits(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, StepLimit]:
+    def step_limits(self, grid: Discretisation, others: Others) -> dict[str, StepLimit]:
         if self.viscosity == 0:
             return {}
         return {"wall friction": StepLimit.friction(grid, self.viscosity, liquid_of(others).rest_density)}
@@ -296,7 +291,7 @@ class MeshBoundary(
     def other_memory(self) -> str:
         return "distances in a band around the mesh"
 
-    def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
+    def notes(self, grid: Discretisation, others: Others) -> tuple[str, ...]:
         return tuple(f"{self.name}: {words}" for words in self.placed(grid).notes)
 
     def ledger(self, field: Callable[[str], np.ndarray]) -> dict[str, float]:

@@ -1,7 +1,7 @@
 """Penetration correction, which keeps particles out of a solid: patent CN104318598A, P8, as printed and swept.
 
-Contents: CORRECTIONS, Penetration, correction_pass, penetration_groups; operation penetration.kick_drift. There is no
-effect of this name: `mesh_boundary` (`refsim.boundary.one_way_coupling`) adds the pass, which replaces the leap-frog.
+There is no effect of this name: `mesh_boundary` (`refsim.boundary.one_way_coupling`) adds the pass, which replaces the
+leap-frog.
 """
 
 from __future__ import annotations

@@ -1,7 +1,5 @@
 """Boundary particles on a triangle mesh, evenly spread (patent CN104318598A, claim 2: patent P2 to P4, E24, E25).
 
-Contents: sample, BoundarySample, Relaxation; operations sampling.areas, .place, .relax.
-
 The surface is the zero level of the signed distance. g A/(pi r^2) particles are placed on it at random, repel each
 other along it and are projected back onto it until they hardly move. Finally they are projected onto the mesh itself.
 """

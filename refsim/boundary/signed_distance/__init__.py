@@ -1,8 +1,5 @@
 """Signed distance from a triangle mesh in a narrow band (patent CN104318598A, claim 2: patent P1 with E26).
 
-Contents: NarrowBand, signed_distance, DistanceField, Triangles, BandGrid, TriangleLists, triangle_table; operations
-signed_distance.count_blocks, .list_blocks, .nearest, .signs, .fill, .interpolate, .project.
-
 Nodes lie at h j relative to the mesh's origin. They are stored in blocks of 64, only near the surface, in a table of
 sorted keys. The distance is negative inside.
 """

@@ -144,10 +144,7 @@ def nearest(triangles, band_grid, band_blocks, triangle_lists):
     span = np.abs(place).max(1, initial=0.0) + _span(triangles).max(initial=0.0) + band
     within = least <= band
     margin = np.minimum(np.abs(least - band), np.where(within, other - least, np.inf)) / span
-    return {
-        "unsigned_distance": (np.minimum(least, band), span),
-        "closest": (np.where(within, which, -1), margin),
-    }
+    return {"unsigned_distance": (np.minimum(least, band), span), "closest": (np.where(within, which, -1), margin)}
 
 
 @operation(

@@ -1,10 +1,4 @@
-"""Two-way coupling of liquid and solid particles through pressure and viscosity (Shao & Song 2017, (1) to (3)).
-
-Contents: TwoWayCoupling; fields REST_DENSITY, VOLUME, RELATIVE_CONTRIBUTION; Coupling; operations
-two_way_coupling.contribution, two_way_coupling.density, two_way_coupling.pressure, two_way_coupling.forces; with an
-advanced density FOLLOWED_VELOCITY, Delay, two_way_coupling.extrapolation, two_way_coupling.push,
-two_way_coupling.follow.
-"""
+"""Two-way coupling of liquid and solid particles through pressure and viscosity (Shao & Song 2017, (1) to (3))."""
 
 from __future__ import annotations
 
@@ -17,7 +11,7 @@ from refsim.boundary.adami_2012 import lean
 from refsim.boundary.two_way_coupling import reference as reference
 from refsim.core.capabilities import HasErrata, LimitsMassRatio, SumsDensity
 from refsim.core.checked import Printed
-from refsim.core.effect import Discretisation, Effect, Pass, StepLimit
+from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit
 from refsim.core.energy import EnergyAccount, EnergyState, compression_amount, compression_energy
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
@@ -99,7 +93,7 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, SumsDensity, frozen=Tru
     def replaces(self) -> tuple[str, ...]:
         return ("sph.density", "sph.continuity", "sph.state", "sph.pressure", "sph.momentum")
 
-    def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
+    def check(self, grid: Discretisation, others: Others) -> None:
         self.printed()
         if cohesive_pressure(grid, others) > 0:
             raise InputError(f"{self.name}: an effect with cohesion treats particles of solids as liquid; remove it.")
@@ -118,7 +112,7 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, SumsDensity, frozen=Tru
                 " weakly_compressible at 'laplacian', or set density = 'continuity'."
             )
 
-    def _check_advanced(self, liquid: WeaklyCompressible, others: Mapping[str, Effect]) -> None:
+    def _check_advanced(self, liquid: WeaklyCompressible, others: Others) -> None:
         if "melting" in others and others["melting"].sums_density():  # type: ignore[attr-defined]
             raise InputError(
                 f"{self.name}: a liquid with density = 'continuity' has one rest density, and melting brings another;"
@@ -135,14 +129,12 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, SumsDensity, frozen=Tru
                 " 'laplacian' would brake their rotation; set viscosity = 'central'."
             )
 
-    def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
+    def fields(self, others: Others) -> tuple[Field, ...]:
         if liquid_of(others).advances():
             return (DENSITY, PRESSURE, REST_DENSITY, PHASE, FOLLOWED_VELOCITY)
         return (DENSITY, PRESSURE, REST_DENSITY, PHASE, RELATIVE_CONTRIBUTION, VOLUME)
 
-    def initial(
-        self, grid: Discretisation, state: InitialState, others: Mapping[str, Effect]
-    ) -> Mapping[str, np.ndarray]:
+    def initial(self, grid: Discretisation, state: InitialState, others: Others) -> Mapping[str, np.ndarray]:
         rest_density = np.full(grid.count, liquid_of(others).rest_density)
         if grid.solids is not None:
             own = grid.solids.of_bodies("density")
@@ -150,7 +142,7 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, SumsDensity, frozen=Tru
         values = {"rest_density": rest_density}
         return values | {"followed_velocity": state.velocity} if liquid_of(others).advances() else values
 
-    def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
+    def passes(self, others: Others) -> tuple[Pass, ...]:
         liquid = liquid_of(others)
         if liquid.advances():
             return self._advanced_passes(liquid.summed_passes(others))
@@ -185,7 +177,7 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, SumsDensity, frozen=Tru
             Pass("two_way_coupling.follow", ("velocity",), updates=("followed_velocity",), stage="motion"),
         )  # fmt: skip
 
-    def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount | None:
+    def energy(self, grid: Discretisation, others: Others) -> EnergyAccount | None:
         """Work of compression of the liquid's particles, relative to each one's own rest density.
 
         None with an advanced density: the extrapolated pressure does work that is not summed.
@@ -208,13 +200,13 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, SumsDensity, frozen=Tru
             uncounted.append(f"the printed readings {self.cited(('M2', 'M4'))}")
         return EnergyAccount({"compression": compression}, tuple(uncounted))
 
-    def largest_mass_ratio(self, others: Mapping[str, Effect]) -> float:
+    def largest_mass_ratio(self, others: Others) -> float:
         return LIQUIDS_RATIO if "melting" in others else MASS_RATIO
 
     def list_radius(self, grid: Discretisation) -> float:
         return grid.support_radius
 
-    def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
+    def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         liquid = liquid_of(others)
         if liquid.advances():
             delay = Delay(grid.real(DELAY * grid.support_radius / liquid.sound_speed))
@@ -235,7 +227,7 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, SumsDensity, frozen=Tru
             "viscosity": ViscosityTerm(grid.real(liquid.dynamic_viscosity)) if viscous else None,
         }
 
-    def step_limits(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, StepLimit]:
+    def step_limits(self, grid: Discretisation, others: Others) -> dict[str, StepLimit]:
         liquid = liquid_of(others)
         limits = {"acoustic": StepLimit.crossing(0.4 * grid.support_radius, liquid.sound_speed)}
         if liquid.dynamic_viscosity > 0 and grid.solids is not None:

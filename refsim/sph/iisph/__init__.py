@@ -1,8 +1,5 @@
 """Implicit incompressible SPH: pressures that make the advected density the rest density (Ihmsen et al. 2014).
 
-Contents: ImplicitPressure; operations iisph.solve and its steps iisph.predict, iisph.halve, iisph.displace,
-iisph.relax, iisph.keep, iisph.push; sph.viscosity, the viscous force J(11) without the pressure's.
-
 It replaces the equation of state and the pressure force of weakly_compressible. The step length is chosen before the
 pressures are solved for: all other forces are summed first, and from them follows the advected density.
 """
@@ -10,13 +7,12 @@ pressures are solved for: all other forces are summed first, and from them follo
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from refsim.core.capabilities import SumsDensity
-from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, require
+from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit, require
 from refsim.core.energy import EnergyAccount
 from refsim.core.fields import Field
 from refsim.core.scalars import int32
@@ -67,7 +63,7 @@ class ImplicitPressure(Effect, SumsDensity, frozen=True, kw_only=True):
     def needs(self) -> tuple[str, ...]:
         return (LIQUID,)
 
-    def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
+    def check(self, grid: Discretisation, others: Others) -> None:
         require(
             self.name,
             relaxation=(self.relaxation, "positive"),
@@ -82,33 +78,28 @@ class ImplicitPressure(Effect, SumsDensity, frozen=True, kw_only=True):
     def replaces(self) -> tuple[str, ...]:
         return ("sph.state", "sph.pressure", "sph.momentum")
 
-    def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
+    def fields(self, others: Others) -> tuple[Field, ...]:
         return (PRESSURE, *WORK)
 
-    def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
+    def passes(self, others: Others) -> tuple[Pass, ...]:
         names = {"smoothing": "gradient_smoothing"}
         reads = ("position", "velocity", "mass", "density")
         solve = Pass(
-            "iisph.solve",
-            reads,
-            tuple(f.name for f in WORK),
-            ("pressure", "acceleration"),
-            names=names,
-            stage="motion",
+            "iisph.solve", reads, tuple(f.name for f in WORK), ("pressure", "acceleration"), names=names, stage="motion"
         )
         liquid = liquid_of(others)
         if liquid.dynamic_viscosity == 0 or liquid.central():  # weakly_compressible lists that pass
             return (solve,)
         return (Pass("sph.viscosity", reads, updates=("acceleration",), names=names), solve)
 
-    def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount:
+    def energy(self, grid: Discretisation, others: Others) -> EnergyAccount:
         """No energy: the pressure of a liquid of constant volume does no work."""
         return EnergyAccount(uncounted=("work of the pressure on the compression that tolerance leaves",))
 
     def list_radius(self, grid: Discretisation) -> float:
         return grid.support_radius
 
-    def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
+    def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         fluid = liquid_of(others)
         kernel = smoothing(SETS[fluid.kernels][1], grid.support_radius, grid.dim)
         reach = math.ceil(grid.support_radius / grid.spacing)
@@ -127,5 +118,5 @@ class ImplicitPressure(Effect, SumsDensity, frozen=True, kw_only=True):
             )
         }
 
-    def step_limits(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, StepLimit]:
+    def step_limits(self, grid: Discretisation, others: Others) -> dict[str, StepLimit]:
         return {"courant": StepLimit.crossing(self.courant * grid.support_radius)}

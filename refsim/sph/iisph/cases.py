@@ -21,8 +21,7 @@ from refsim.sph import Fluid
 from refsim.sph.iisph import Implicit, ImplicitPressure
 
 example(
-    ImplicitPressure(),
-    brings="advected_density density_error diagonal new_pressure own_displacement pair_displacement",
+    ImplicitPressure(), brings="advected_density density_error diagonal new_pressure own_displacement pair_displacement"
 )
 
 KICK, DRIFT = 0.011, 0.012  # per spacing, as in the steps of refsim.core.cases

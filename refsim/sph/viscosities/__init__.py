@@ -1,7 +1,4 @@
-"""Viscous forces of other SPH codes, for the contract; no effect has them.
-
-Contents: ArtificialViscosity, LaminarViscosity; operations viscosities.artificial and viscosities.laminar.
-"""
+"""Viscous forces of other SPH codes, for the contract; no effect has them."""
 
 from typing import NamedTuple
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from refsim.core.capabilities import BringsWalls, HasErrata, Margin, having
 from refsim.core.checked import Printed
-from refsim.core.effect import Discretisation, Effect, Pass, require
+from refsim.core.effect import Discretisation, Others, Pass, require
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.sph import liquid_of
@@ -81,7 +81,7 @@ class Akinci2013(PairCohesion, HasErrata, frozen=True, kw_only=True):
     adhesion: float = 0.0
     literal: Printed = ()
 
-    def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
+    def check(self, grid: Discretisation, others: Others) -> None:
         self.check_coefficients()
         more = {"area_acceleration": self.area_acceleration, "adhesion": self.adhesion}
         require(self.name, **{name: (value, "not negative") for name, value in more.items()})
@@ -92,7 +92,7 @@ class Akinci2013(PairCohesion, HasErrata, frozen=True, kw_only=True):
             )
         self.check_collapse(grid, others)
 
-    def area_coefficient(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
+    def area_coefficient(self, grid: Discretisation, others: Others) -> float:
         """eps [m/s^2], given or from gamma."""
         gamma = self.coefficient(grid, others)
         if "gamma" in self.printed():
@@ -101,14 +101,14 @@ class Akinci2013(PairCohesion, HasErrata, frozen=True, kw_only=True):
             return self.area_acceleration
         return WATER_RATIO * gamma * liquid_of(others).rest_density
 
-    def force_of(self, coefficient: float, r: NDArray, grid: Discretisation, others: Mapping[str, Effect]) -> NDArray:
+    def force_of(self, coefficient: float, r: NDArray, grid: Discretisation, others: Others) -> NDArray:
         """-gamma C(r) [N/kg^2]; K_ij is 1 in the undisturbed bulk."""
         return -coefficient * cohesion_function(r, grid.support_radius, grid.dim)
 
-    def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
+    def fields(self, others: Others) -> tuple[Field, ...]:
         return (SURFACE_NORMAL,) if self._has_area() else ()
 
-    def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
+    def passes(self, others: Others) -> tuple[Pass, ...]:
         passes: list[Pass] = []
         reads: tuple[str, ...] = ("position", "mass", "density")
         if self._has_area():
@@ -124,7 +124,7 @@ class Akinci2013(PairCohesion, HasErrata, frozen=True, kw_only=True):
     def list_radius(self, grid: Discretisation) -> float:
         return grid.support_radius if self.coheres() or self._has_area() or self.adhesion else 0.0
 
-    def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
+    def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         real, volume = grid.real, grid.support_radius**grid.dim
         fluid = liquid_of(others)
         gamma, beta = self.coefficient(grid, others), self.adhesion
@@ -134,21 +134,21 @@ class Akinci2013(PairCohesion, HasErrata, frozen=True, kw_only=True):
             "adhesion": Adhesion(real(beta), real(0.007 * beta / volume)),
         }
 
-    def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
+    def notes(self, grid: Discretisation, others: Others) -> tuple[str, ...]:
         return (*super().notes(grid, others), *self._unstable(grid, others))
 
-    def margins(self, grid: Discretisation, others: Mapping[str, Effect]) -> Iterator[Margin]:
+    def margins(self, grid: Discretisation, others: Others) -> Iterator[Margin]:
         yield from super().margins(grid, others)
         if self._has_area() and self.coheres():
             near = neighbours_in_support(grid)
             yield Margin("area_acceleration/(gamma rho0)", self._area_share(grid, others) / near, LARGEST_AREA / near)
 
-    def _area_share(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
+    def _area_share(self, grid: Discretisation, others: Others) -> float:
         """area_acceleration/(gamma rho0) times the neighbours in the support."""
         unit = self.coefficient(grid, others) * liquid_of(others).rest_density
         return self.area_coefficient(grid, others) / unit * neighbours_in_support(grid)
 
-    def _unstable(self, grid: Discretisation, others: Mapping[str, Effect]) -> Iterator[str]:
+    def _unstable(self, grid: Discretisation, others: Others) -> Iterator[str]:
         """Notes on angular momentum, and on area terms with which drops were found to boil or to fly apart."""
         if not self._has_area():
             return

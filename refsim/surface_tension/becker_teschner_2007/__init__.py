@@ -5,12 +5,11 @@ Every pair attracts at every distance; only the pressure keeps particles apart.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any, ClassVar, NamedTuple
 
 from numpy.typing import NDArray
 
-from refsim.core.effect import Discretisation, Effect, Pass
+from refsim.core.effect import Discretisation, Others, Pass
 from refsim.core.energy import EnergyAccount
 from refsim.smoothing.shapes import CUBIC_SPLINE, NORMALISATION
 from refsim.sph import liquid_of
@@ -45,11 +44,11 @@ class BeckerTeschner2007(PairCohesion, frozen=True, kw_only=True):
     kappa: float | None = None
     clamp_distance: bool = True
 
-    def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
+    def check(self, grid: Discretisation, others: Others) -> None:
         self.check_coefficients()
         self.check_collapse(grid, others)
 
-    def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
+    def notes(self, grid: Discretisation, others: Others) -> tuple[str, ...]:
         notes = super().notes(grid, others)
         if self.clamp_distance or not self.passes(others):
             return notes
@@ -59,22 +58,22 @@ class BeckerTeschner2007(PairCohesion, frozen=True, kw_only=True):
             " drops burst",
         )
 
-    def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
+    def passes(self, others: Others) -> tuple[Pass, ...]:
         if not self.coheres():
             return ()
         return (Pass("becker_teschner_2007.cohesion", ("position", "mass"), updates=("acceleration",)),)
 
-    def pair_mass(self, mass_i: NDArray, mass_j: NDArray, grid: Discretisation, others: Mapping[str, Effect]) -> Any:
+    def pair_mass(self, mass_i: NDArray, mass_j: NDArray, grid: Discretisation, others: Others) -> Any:
         """m times the pair's mean mass, m of the lattice's particles: the force on i has the factor m_j alone."""
         return liquid_of(others).particle_mass(grid) * 0.5 * (mass_i + mass_j)
 
-    def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount:
+    def energy(self, grid: Discretisation, others: Others) -> EnergyAccount:
         return self.pair_account(grid, others) if self.passes(others) else EnergyAccount()
 
     def list_radius(self, grid: Discretisation) -> float:
         return grid.support_radius if self.passes({}) else 0.0
 
-    def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
+    def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         kappa = self.coefficient(grid, others)
         at_zero = NORMALISATION[CUBIC_SPLINE][grid.dim] / grid.support_radius**grid.dim
         least = self._least_distance(grid) / grid.support_radius
@@ -83,7 +82,7 @@ class BeckerTeschner2007(PairCohesion, frozen=True, kw_only=True):
     def _least_distance(self, grid: Discretisation) -> float:
         return grid.spacing if self.clamp_distance else 0.0
 
-    def force_of(self, coefficient: float, r: NDArray, grid: Discretisation, others: Mapping[str, Effect]) -> NDArray:
+    def force_of(self, coefficient: float, r: NDArray, grid: Discretisation, others: Others) -> NDArray:
         """-kappa W(max(r, d)) r/m [N/kg^2] for particles of the lattice's mass."""
         h, least = grid.support_radius, self._least_distance(grid)
         mass = liquid_of(others).particle_mass(grid)

@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from refsim.core.capabilities import HasErrata, KnowsLimits, Margin, SumsDensity
 from refsim.core.checked import Printed
-from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, require
+from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit, require
 from refsim.core.fields import Field
 from refsim.core.scalars import int32
 from refsim.smoothing import lattice, smoothing
@@ -102,17 +102,15 @@ class CsfWang2019(Effect, KnowsLimits, HasErrata, SumsDensity, frozen=True, kw_o
     def needs(self) -> tuple[str, ...]:
         return (LIQUID,)
 
-    def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
+    def check(self, grid: Discretisation, others: Others) -> None:
         require(
-            self.name,
-            surface_tension=(self.surface_tension, "not negative"),
-            threshold=(self.threshold, "positive"),
+            self.name, surface_tension=(self.surface_tension, "not negative"), threshold=(self.threshold, "positive")
         )
         for axis, value in zip("xyz", self.tension_gradient):
             require(self.name, **{f"tension_gradient along {axis}": (value, "finite")})
         self.printed()
 
-    def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
+    def notes(self, grid: Discretisation, others: Others) -> tuple[str, ...]:
         fluid = liquid_of(others)
         if not self._acts():
             return ()
@@ -129,27 +127,27 @@ class CsfWang2019(Effect, KnowsLimits, HasErrata, SumsDensity, frozen=True, kw_o
             )
         return tuple(filter(None, notes))
 
-    def margins(self, grid: Discretisation, others: Mapping[str, Effect]) -> Iterator[Margin]:
+    def margins(self, grid: Discretisation, others: Others) -> Iterator[Margin]:
         if self._acts():
             yield from stiffness_margin(self.surface_tension, LARGEST_STIFFNESS, grid, others)
             least, own = self._least_viscosity(grid, others), liquid_of(others).dynamic_viscosity
             yield Margin("dynamic_viscosity [Pa s]", own, least, least=True)
 
-    def _least_viscosity(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
+    def _least_viscosity(self, grid: Discretisation, others: Others) -> float:
         """The least with which cubes became drops in one piece [Pa s]."""
         return LEAST_VISCOSITY * math.sqrt(liquid_of(others).rest_density * self.surface_tension * grid.spacing)
 
-    def nominal_tension(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
+    def nominal_tension(self, grid: Discretisation, others: Others) -> float:
         """sigma [N/m]."""
         return self.surface_tension
 
-    def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
+    def fields(self, others: Others) -> tuple[Field, ...]:
         if not self._acts():
             return ()
         corrected = (NUMBER_DENSITY, NEAR_SURFACE, CORRECTED_DENSITY) if self.density_correction else ()
         return (*corrected, INTERFACE_NORMAL, CURVATURE)
 
-    def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
+    def passes(self, others: Others) -> tuple[Pass, ...]:
         if not self._acts():
             return ()
         corrected = (near_surface_pass(), *corrected_density_passes()) if self.density_correction else ()
@@ -164,7 +162,7 @@ class CsfWang2019(Effect, KnowsLimits, HasErrata, SumsDensity, frozen=True, kw_o
     def list_radius(self, grid: Discretisation) -> float:
         return grid.support_radius if self._acts() else 0.0
 
-    def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
+    def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         real, h = grid.real, grid.support_radius
         fluid = liquid_of(others)
         plain = "shell" in self.printed()
@@ -182,7 +180,7 @@ class CsfWang2019(Effect, KnowsLimits, HasErrata, SumsDensity, frozen=True, kw_o
             "marangoni": gradient,
         }
 
-    def step_limits(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, StepLimit]:
+    def step_limits(self, grid: Discretisation, others: Others) -> dict[str, StepLimit]:
         return capillary_limit(self.surface_tension, grid, others)
 
     def _acts(self) -> bool:

@@ -7,8 +7,7 @@ from refsim.smoothing.cases import for_each_kernel
 from refsim.surface_tension.csf_wang_2019 import Continuum, CsfWang2019, Marangoni
 
 example(
-    CsfWang2019(surface_tension=0.5),
-    brings="corrected_density curvature interface_normal near_surface number_density",
+    CsfWang2019(surface_tension=0.5), brings="corrected_density curvature interface_normal near_surface number_density"
 )
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from refsim.core.capabilities import HasErrata, Margin
 from refsim.core.checked import Printed
-from refsim.core.effect import Discretisation, Effect, Pass, require
+from refsim.core.effect import Discretisation, Others, Pass, require
 from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
@@ -81,7 +81,7 @@ class Dong2016(PairCohesion, HasErrata, frozen=True, kw_only=True):
     solver: Literal["shared", "hu_adams"] = "shared"
     literal: Printed = ()
 
-    def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
+    def check(self, grid: Discretisation, others: Others) -> None:
         self.check_coefficients()
         require(self.name, rest_distance=(self.rest_distance, "positive"), correction=(self.correction, "not negative"))
         if self._rest_distance(grid) >= grid.support_radius:
@@ -98,18 +98,18 @@ class Dong2016(PairCohesion, HasErrata, frozen=True, kw_only=True):
         self.printed()
         self.check_collapse(grid, others)
 
-    def correction_coefficient(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
+    def correction_coefficient(self, grid: Discretisation, others: Others) -> float:
         """lambda [m^2/s^2], given or from sigma."""
         if self.correction is not None:
             return self.correction
         sigma = max(0.0, self.nominal_tension(grid, others))
         return CORRECTION_RATIO * sigma / (liquid_of(others).rest_density * grid.spacing)
 
-    def force_of(self, coefficient: float, r: NDArray, grid: Discretisation, others: Mapping[str, Effect]) -> NDArray:
+    def force_of(self, coefficient: float, r: NDArray, grid: Discretisation, others: Others) -> NDArray:
         """L(r) [N/kg^2] of D(7)."""
         return coefficient * force_function(r, grid.support_radius, self._rest_distance(grid))
 
-    def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
+    def fields(self, others: Others) -> tuple[Field, ...]:
         fields: list[Field] = []
         if self.filter_density:
             fields.append(CORRECTED_DENSITY)
@@ -120,7 +120,7 @@ class Dong2016(PairCohesion, HasErrata, frozen=True, kw_only=True):
     def replaces(self) -> tuple[str, ...]:
         return ("sph.density", "sph.pressure", "sph.momentum") if self.solver == "hu_adams" else ()
 
-    def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
+    def passes(self, others: Others) -> tuple[Pass, ...]:
         passes: list[Pass] = []
         if self.solver == "hu_adams":
             passes += [
@@ -152,7 +152,7 @@ class Dong2016(PairCohesion, HasErrata, frozen=True, kw_only=True):
             passes.append(Pass("dong_2016.tension", reads, updates=("acceleration",), names=names))
         return tuple(passes)
 
-    def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount:
+    def energy(self, grid: Discretisation, others: Others) -> EnergyAccount:
         """The potential of D(7); the correction and the filtered density have none."""
         uncounted = ["the correction D(9)"] if self._corrects() else []
         uncounted += ["what the density filter changes in the pressure"] if self.filter_density else []
@@ -163,7 +163,7 @@ class Dong2016(PairCohesion, HasErrata, frozen=True, kw_only=True):
     def list_radius(self, grid: Discretisation) -> float:
         return grid.support_radius if self.passes({}) else 0.0
 
-    def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
+    def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         real, fluid = grid.real, liquid_of(others)
         share = self._rest_distance(grid) / grid.support_radius
         groups: dict[str, Any] = normal_term(fluid, grid)
@@ -183,24 +183,24 @@ class Dong2016(PairCohesion, HasErrata, frozen=True, kw_only=True):
             correction = NormalCorrection(real(coefficient), int32("E21" not in self.printed()))
         return groups | {"molecular_force": force, "normal_correction": correction}
 
-    def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
+    def notes(self, grid: Discretisation, others: Others) -> tuple[str, ...]:
         return (*super().notes(grid, others), *self._unstable(grid, others))
 
-    def margins(self, grid: Discretisation, others: Mapping[str, Effect]) -> Iterator[Margin]:
+    def margins(self, grid: Discretisation, others: Others) -> Iterator[Margin]:
         yield from super().margins(grid, others)
         if self.coheres():
             yield Margin("support_radius/spacing", grid.support_radius / grid.spacing, math.sqrt(3), least=True)
         if value := self._correction_share(grid, others):
             yield Margin("correction rho0 d/sigma", value, LARGEST_CORRECTION)
 
-    def _correction_share(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
+    def _correction_share(self, grid: Discretisation, others: Others) -> float:
         """The correction in sigma/(rho0 d); 0 where it or the tension does not act."""
         sigma = self.nominal_tension(grid, others) if self._corrects() and self.coheres() else 0.0
         if sigma <= 0:
             return 0.0
         return self.correction_coefficient(grid, others) * liquid_of(others).rest_density * grid.spacing / sigma
 
-    def _unstable(self, grid: Discretisation, others: Mapping[str, Effect]) -> Iterator[str]:
+    def _unstable(self, grid: Discretisation, others: Others) -> Iterator[str]:
         """Notes on a short support radius and on corrections with which drops were found to swell or to fly apart."""
         share = grid.support_radius / grid.spacing
         if self.coheres() and share <= math.sqrt(3):

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from refsim.core.effect import Discretisation, Effect, Pass, require
+from refsim.core.effect import Discretisation, Others, Pass, require
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.smoothing import lattice_neighbours, smoothing
@@ -98,14 +98,14 @@ class He2014(PairCohesion, frozen=True, kw_only=True):
     kappa: float | None = None
     air_pressure: float = 0.0
 
-    def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
+    def check(self, grid: Discretisation, others: Others) -> None:
         if self.surface_tension is not None and self.kappa is not None:
             raise InputError(f"{self.name}: both of surface_tension and kappa given; give one of them, or neither.")
         names = ("surface_tension", "kappa", "air_pressure")
         require(self.name, **{name: (getattr(self, name), "not negative") for name in names})
         self.check_collapse(grid, others)
 
-    def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
+    def notes(self, grid: Discretisation, others: Others) -> tuple[str, ...]:
         own = self._own_tension(grid, others)
         words = (
             f"{self.name}: the gradient energy does not act in the bulk: drops were found to spread, or to come to rest"
@@ -113,38 +113,36 @@ class He2014(PairCohesion, frozen=True, kw_only=True):
         )
         return (*super().notes(grid, others), *([words] if own > 0 else []))
 
-    def stiffness_limits(
-        self, grid: Discretisation, others: Mapping[str, Effect]
-    ) -> Iterator[tuple[float, float, str]]:
+    def stiffness_limits(self, grid: Discretisation, others: Others) -> Iterator[tuple[float, float, str]]:
         if own := self._own_tension(grid, others):
             yield own, LARGEST_STIFFNESS, BECAME_DROPS
         if air := super().nominal_tension(grid, others):
             yield air, KEEPS_DENSITY, DENSITY_KEPT
 
-    def _own_tension(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
+    def _own_tension(self, grid: Discretisation, others: Others) -> float:
         """sigma [N/m] of the gradient energy."""
         return self.coefficient(grid, others) * self._unit_tension(grid, others)
 
-    def coefficient(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
+    def coefficient(self, grid: Discretisation, others: Others) -> float:
         """kappa [N], given or from sigma."""
         if self.kappa is not None:
             return self.kappa
         return (self.surface_tension or 0.0) / self._unit_tension(grid, others)
 
-    def pair_force(self, r: NDArray, grid: Discretisation, others: Mapping[str, Effect]) -> NDArray:
+    def pair_force(self, r: NDArray, grid: Discretisation, others: Others) -> NDArray:
         """p_atm W'(r)/rho0^2 [N/kg^2], the term that also acts in the bulk."""
         fluid = liquid_of(others)
         kernel = smoothing(SETS[fluid.kernels][1], grid.support_radius, grid.dim)
         return self.air_pressure * kernel_slope(r, kernel) / fluid.rest_density**2
 
-    def nominal_tension(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
+    def nominal_tension(self, grid: Discretisation, others: Others) -> float:
         """sigma [N/m] of both terms."""
         return self._own_tension(grid, others) + super().nominal_tension(grid, others)
 
-    def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
+    def fields(self, others: Others) -> tuple[Field, ...]:
         return (COLOR, COLOR_GRADIENT_SQUARED) if self._has_energy() else ()
 
-    def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
+    def passes(self, others: Others) -> tuple[Pass, ...]:
         passes: list[Pass] = []
         reads: tuple[str, ...] = ("position", "mass", "density")
         if self._has_energy():
@@ -161,13 +159,13 @@ class He2014(PairCohesion, frozen=True, kw_only=True):
     def list_radius(self, grid: Discretisation) -> float:
         return grid.support_radius if self._has_energy() or self.air_pressure > 0 else 0.0
 
-    def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
+    def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         kappa = self.coefficient(grid, others)
         energy = GradientEnergy(grid.real(kappa), grid.real(kappa / 4)) if self._has_energy() else None
         air = AirPressure(grid.real(self.air_pressure)) if self.air_pressure > 0 else None
         return {"gradient_energy": energy, "air_pressure": air}
 
-    def _unit_tension(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
+    def _unit_tension(self, grid: Discretisation, others: Others) -> float:
         sums, gradients = SETS[liquid_of(others).kernels]
         return flat_surface_tension(sums, gradients, grid.support_radius, grid.spacing, grid.dim)
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from refsim.core.capabilities import HasErrata, Margin
 from refsim.core.checked import Printed
-from refsim.core.effect import Discretisation, Effect, Pass, require
+from refsim.core.effect import Discretisation, Others, Pass, require
 from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
@@ -26,13 +26,7 @@ from refsim.core.scalars import int32
 from refsim.smoothing.shapes import NORMALISATION, POLY6
 from refsim.sph import NUMBER_DENSITY, liquid_of
 from refsim.surface_detection import NEAR_SURFACE, SurfaceDetection, detection_in, near_surface_pass
-from refsim.surface_normal import (
-    CORRECTED_NORMAL,
-    SURFACE_NORMAL,
-    color_gradient_pass,
-    corrected_pass,
-    normal_term,
-)
+from refsim.surface_normal import CORRECTED_NORMAL, SURFACE_NORMAL, color_gradient_pass, corrected_pass, normal_term
 from refsim.surface_tension.cohesion import (
     PRESSURE_POWER,
     TENSION_POWER,
@@ -197,7 +191,7 @@ class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
     soft_upper: float = 1.0
     literal: Printed = ()
 
-    def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
+    def check(self, grid: Discretisation, others: Others) -> None:
         self.check_coefficients()
         require(
             self.name,
@@ -217,24 +211,24 @@ class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
             self._detection(others).check(grid, others)
         self.check_collapse(grid, others)
 
-    def unit_tension(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
+    def unit_tension(self, grid: Discretisation, others: Others) -> float:
         return self._nominal(1.0, grid, others)
 
-    def nominal_tension(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
+    def nominal_tension(self, grid: Discretisation, others: Others) -> float:
         """sigma [N/m], given or from gamma."""
         if self.surface_tension is not None:
             return self.surface_tension
         return self._nominal(given_one(self.gamma), grid, others)
 
-    def _nominal(self, gamma: float, grid: Discretisation, others: Mapping[str, Effect]) -> float:
+    def _nominal(self, gamma: float, grid: Discretisation, others: Others) -> float:
         rest_density = liquid_of(others).rest_density
         return kirkwood_buff_sigma(gamma, rest_density, grid.support_radius, grid.dim, self._alpha(grid.dim))
 
-    def signed_gamma(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
+    def signed_gamma(self, grid: Discretisation, others: Others) -> float:
         """gamma [m^4/(kg s^2)], with the printed sign of J(16) if Jiang & Zhu E4 is taken literally."""
         return (-1 if "E4" in self.printed() else 1) * self.coefficient(grid, others)
 
-    def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
+    def fields(self, others: Others) -> tuple[Field, ...]:
         fields: list[Field] = []
         if self._corrects():
             fields += [NUMBER_DENSITY, NEAR_SURFACE, CORRECTED_DENSITY]
@@ -249,7 +243,7 @@ class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
                 fields.append(SURFACE_NORMAL)
         return tuple(fields)
 
-    def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
+    def passes(self, others: Others) -> tuple[Pass, ...]:
         passes: list[Pass] = []
         if self._corrects():
             passes += [near_surface_pass(), *corrected_density_passes()]
@@ -278,7 +272,7 @@ class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
         passes.append(Pass(operation, tuple(reads), updates=("acceleration",), names=names))
         return tuple(passes)
 
-    def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount | None:
+    def energy(self, grid: Discretisation, others: Others) -> EnergyAccount | None:
         """The potential of J(16) between all pairs; weighted or selected pairs have none."""
         uncounted = ["what the density correction changes in the pressure"] if self._corrects() else []
         if not self.coheres():
@@ -293,7 +287,7 @@ class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
             return max(grid.support_radius, self._detection({}).list_radius(grid))
         return grid.support_radius if self.coheres() or self._corrects() else 0.0
 
-    def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
+    def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         real, h, dim = grid.real, grid.support_radius, grid.dim
         fluid = liquid_of(others)
         gamma = self.signed_gamma(grid, others)
@@ -317,12 +311,12 @@ class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
             "area": area,
         }
 
-    def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
+    def notes(self, grid: Discretisation, others: Others) -> tuple[str, ...]:
         borrows = self.coheres() and self._marked() and SurfaceDetection.name not in others
         said = self._detection(others).notes(grid, others) if borrows else ()
         return (*super().notes(grid, others), *self._unstable(grid, others), *said)
 
-    def margins(self, grid: Discretisation, others: Mapping[str, Effect]) -> Iterator[Margin]:
+    def margins(self, grid: Discretisation, others: Others) -> Iterator[Margin]:
         yield from super().margins(grid, others)
         if not self.coheres():
             return
@@ -334,17 +328,17 @@ class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
         if self._area() != "none":
             yield self._area_margin(grid, others)
 
-    def _soft_pull(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
+    def _soft_pull(self, grid: Discretisation, others: Others) -> float:
         """Internal pressure of the pair force over rho0 c^2, as if all pairs acted."""
         fluid = liquid_of(others)
         return abs(self._pressure(grid, others)) / (fluid.rest_density * fluid.sound_speed**2)
 
-    def _least_viscosity(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
+    def _least_viscosity(self, grid: Discretisation, others: Others) -> float:
         """The least with which drops of unbalanced cohesion gain no energy [Pa s]."""
         fluid = liquid_of(others)
         return fluid.rest_density * fluid.sound_speed * grid.support_radius / LEAST_VISCOUS
 
-    def _area_margin(self, grid: Discretisation, others: Mapping[str, Effect]) -> Margin:
+    def _area_margin(self, grid: Discretisation, others: Others) -> Margin:
         fluid, value, name = liquid_of(others), self.area_ratio, "area_ratio"
         if self._area() == "color":
             unit = abs(self.signed_gamma(grid, others)) * fluid.rest_density
@@ -352,7 +346,7 @@ class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
             name = "area_acceleration/(gamma rho0)"
         return Margin(name, value, LARGEST_AREA[self._area()][fluid.kernels])
 
-    def _unstable(self, grid: Discretisation, others: Mapping[str, Effect]) -> Iterator[str]:
+    def _unstable(self, grid: Discretisation, others: Others) -> Iterator[str]:
         """Notes on settings with which drops were found to boil or to lose particles at any step."""
         if not self.coheres():
             return
@@ -387,7 +381,7 @@ class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
                 f" {kernels} kernels come to rest in one piece; a shorter step does not help"
             )
 
-    def pair_force(self, r: NDArray, grid: Discretisation, others: Mapping[str, Effect]) -> NDArray:
+    def pair_force(self, r: NDArray, grid: Discretisation, others: Others) -> NDArray:
         """C(r) [N/kg^2] of J(16) and J(17)."""
         gamma = self.signed_gamma(grid, others)
         return gamma * force_function(r, grid.support_radius, grid.dim, self._alpha(grid.dim))
@@ -395,17 +389,17 @@ class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
     def acts_on_all_pairs(self) -> bool:
         return self.pair_mode == "all"
 
-    def internal_pressure(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
+    def internal_pressure(self, grid: Discretisation, others: Others) -> float:
         if not self.acts_on_all_pairs():
             return 0.0
         return self._pressure(grid, others)
 
-    def _pressure(self, grid: Discretisation, others: Mapping[str, Effect]) -> float:
+    def _pressure(self, grid: Discretisation, others: Others) -> float:
         """Internal pressure [Pa] of the pair force, as if all pairs acted."""
         gamma, rest_density = self.signed_gamma(grid, others), liquid_of(others).rest_density
         return kirkwood_buff_pressure(gamma, rest_density, grid.support_radius, grid.dim, self._alpha(grid.dim))
 
-    def _detection(self, others: Mapping[str, Effect]) -> SurfaceDetection:
+    def _detection(self, others: Others) -> SurfaceDetection:
         """Detection of N and S: the scene's, with this effect's threshold and printed readings."""
         found = detection_in(others)
         wanted = (*found.literal, *sorted(self.printed() & {"E5", "E6", "E10", "E23"}))

@@ -9,14 +9,13 @@ from __future__ import annotations
 import functools
 import itertools
 import math
-from collections.abc import Mapping
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from refsim.core.capabilities import HasErrata, SumsDensity
 from refsim.core.checked import Printed
-from refsim.core.effect import Discretisation, Effect, Pass, StepLimit, require
+from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit, require
 from refsim.core.fields import Field
 from refsim.core.scalars import int32
 from refsim.smoothing import lattice_neighbours, smoothing
@@ -55,17 +54,17 @@ class NormalDifference2014(Effect, HasErrata, SumsDensity, frozen=True, kw_only=
     def needs(self) -> tuple[str, ...]:
         return (LIQUID,)
 
-    def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
+    def check(self, grid: Discretisation, others: Others) -> None:
         require(self.name, area_acceleration=(self.area_acceleration, "not negative"))
         self.printed()
 
-    def notes(self, grid: Discretisation, others: Mapping[str, Effect]) -> tuple[str, ...]:
+    def notes(self, grid: Discretisation, others: Others) -> tuple[str, ...]:
         return (spreading_note(self.name, "term"),) if self.area_acceleration > 0 else ()
 
-    def fields(self, others: Mapping[str, Effect]) -> tuple[Field, ...]:
+    def fields(self, others: Others) -> tuple[Field, ...]:
         return (SURFACE_NORMAL,) if self.area_acceleration > 0 else ()
 
-    def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
+    def passes(self, others: Others) -> tuple[Pass, ...]:
         if self.area_acceleration == 0:
             return ()
         reads = ("position", "mass", "surface_normal")
@@ -74,12 +73,12 @@ class NormalDifference2014(Effect, HasErrata, SumsDensity, frozen=True, kw_only=
     def list_radius(self, grid: Discretisation) -> float:
         return grid.support_radius if self.area_acceleration > 0 else 0.0
 
-    def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
+    def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         term = NormalDifference(grid.real(self.area_acceleration), int32("P7" in self.printed()))
         fluid = liquid_of(others)
         return {**normal_term(fluid, grid), "normal_tension": term}
 
-    def step_limits(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, StepLimit]:
+    def step_limits(self, grid: Discretisation, others: Others) -> dict[str, StepLimit]:
         """SAFETY 2/omega of the stiffest wave on the lattice."""
         if self.area_acceleration == 0:
             return {}

@@ -7,12 +7,11 @@ s cos(3 pi r/(2 h)) e_ij: it repels below h/3 and tends to s as r -> 0.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from typing import Any, ClassVar, NamedTuple
 
 from numpy.typing import NDArray
 
-from refsim.core.effect import Discretisation, Effect, Pass
+from refsim.core.effect import Discretisation, Others, Pass
 from refsim.core.energy import EnergyAccount
 from refsim.sph import liquid_of
 from refsim.surface_tension.cohesion import PairCohesion
@@ -43,31 +42,31 @@ class TartakovskyMeakin2005(PairCohesion, frozen=True, kw_only=True):
     surface_tension: float | None = None
     strength: float | None = None
 
-    def check(self, grid: Discretisation, others: Mapping[str, Effect]) -> None:
+    def check(self, grid: Discretisation, others: Others) -> None:
         self.check_coefficients()
         self.check_collapse(grid, others)
 
-    def passes(self, others: Mapping[str, Effect]) -> tuple[Pass, ...]:
+    def passes(self, others: Others) -> tuple[Pass, ...]:
         if not self.coheres():
             return ()
         return (Pass("tartakovsky_meakin_2005.cohesion", ("position", "mass"), updates=("acceleration",)),)
 
-    def pair_mass(self, mass_i: NDArray, mass_j: NDArray, grid: Discretisation, others: Mapping[str, Effect]) -> Any:
+    def pair_mass(self, mass_i: NDArray, mass_j: NDArray, grid: Discretisation, others: Others) -> Any:
         """m^2 of the lattice's particles: the force of a pair does not depend on its masses."""
         return liquid_of(others).particle_mass(grid) ** 2
 
-    def energy(self, grid: Discretisation, others: Mapping[str, Effect]) -> EnergyAccount:
+    def energy(self, grid: Discretisation, others: Others) -> EnergyAccount:
         return self.pair_account(grid, others) if self.passes(others) else EnergyAccount()
 
     def list_radius(self, grid: Discretisation) -> float:
         return grid.support_radius if self.passes({}) else 0.0
 
-    def prepare(self, grid: Discretisation, others: Mapping[str, Effect]) -> dict[str, Any]:
+    def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         strength = self.coefficient(grid, others)
         wave_number = 1.5 * math.pi / grid.support_radius
         return {"cosine_force": CosineForce(grid.real(strength), grid.real(wave_number))}
 
-    def force_of(self, coefficient: float, r: NDArray, grid: Discretisation, others: Mapping[str, Effect]) -> NDArray:
+    def force_of(self, coefficient: float, r: NDArray, grid: Discretisation, others: Others) -> NDArray:
         """s cos(3 pi r/(2 h))/m^2 [N/kg^2] for particles of the lattice's mass."""
         mass = liquid_of(others).particle_mass(grid)
         return coefficient / mass**2 * force_function(r, grid.support_radius)
