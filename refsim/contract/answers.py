@@ -111,7 +111,8 @@ def _same(given: Any, override: Any) -> bool:
 
 def typed(name: str, value: Any, dtype: str) -> Any:
     """The argument `name` of a closed form, written in Python's numbers, with the types that it has in a run."""
-    return _cast(value, usual_value(name, dtype) if hasattr(value, "_fields") else None, dtype)
+    numbered = hasattr(value, "_fields") or isinstance(value, np.ndarray) and value.dtype.kind in "iu"
+    return _cast(value, usual_value(name, dtype) if numbered else None, dtype)
 
 
 @functools.cache
@@ -121,14 +122,18 @@ def usual_value(name: str, dtype: str) -> Any:
 
 
 def _cast(value: Any, usual: Any, dtype: str) -> Any:
-    """Floats in `value`, a grid's too, as `dtype`, and in a group as float64 where the group `usual` has that."""
+    """Floats in `value`, a grid's too, as `dtype`; integers, and numbers of a group, with the types of `usual`."""
     if isinstance(value, tuple) and hasattr(value, "_fields"):
         others = usual if type(usual) is type(value) else (None,) * len(value)
         return type(value)(*(_cast(part, other, dtype) for part, other in zip(value, others)))
     if isinstance(value, np.ndarray) and value.dtype.kind == "f":
         return value.astype(usual.dtype if isinstance(usual, np.ndarray) else dtype)
+    if isinstance(value, np.ndarray) and isinstance(usual, np.ndarray):
+        return value.astype(usual.dtype)
     if isinstance(value, float):
         return type(usual)(value) if isinstance(usual, float) else np.dtype(dtype).type(value)
+    if isinstance(value, int):
+        return type(usual)(value) if isinstance(usual, np.generic) else np.int32(value)
     if hasattr(value, "on_backend"):  # a grid, whose copy on a backend has node arrays of its dtype
         value = copy.copy(value)
         value.dtype = dtype

@@ -196,11 +196,19 @@ def plain_keeps(*operations: str, **reasons: str) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Exact:
-    """A case whose answer is known in closed form: arguments that matter, and outputs, by name."""
+    """A case whose answer is known in closed form: arguments that matter, and outputs, by name.
+
+    Lists become arrays; numbers take the types that the arguments have in a run when a program is given them.
+    """
 
     case: Case
     given: Mapping[str, Any]
-    expected: Mapping[str, np.ndarray]
+    expected: Mapping[str, Any]
+
+    def __post_init__(self) -> None:
+        for name in ("given", "expected"):
+            arrays = {key: np.array(v) if isinstance(v, list) else v for key, v in getattr(self, name).items()}
+            object.__setattr__(self, name, arrays)
 
 
 def across_a_border(exact: Exact, length: float, **given: Any) -> Exact:
@@ -267,9 +275,15 @@ def _named(form: Callable[[], Exact], *parts: Any) -> Callable[[], Exact]:
     return form
 
 
+def at(name: str, position: Any, walls: Any = (), dim: int = 3) -> Case:
+    """A case of a closed form: particles, and wall particles, at these places [m], d = 1 m and h = 2 m."""
+    places, wall = (np.array(p, float).reshape(-1, 3) for p in (position, walls))
+    return Case(name, dim, places, spacing=1.0, support_radius=2.0, wall_position=wall)
+
+
 def pair_case(name: str, r: float = 1.0) -> Case:
     """Two particles in space, `r` [m] apart along y, with h = 2 m."""
-    return Case(name, 3, np.array([[0.0, 0.0, 0.0], [0.0, r, 0.0]]), spacing=1.0, support_radius=2.0)
+    return at(name, [[0.0, 0.0, 0.0], [0.0, r, 0.0]])
 
 
 @functools.cache
@@ -321,10 +335,14 @@ def floor_below(position: np.ndarray, dim: int, spacing: float) -> np.ndarray:
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
-def _entered(
-    name: str, dim: int, position: int | Callable[[], Any], floor: bool = False, enter: Any = common, **more: Any
+def hard_input(
+    name: str, dim: int, position: int | Callable[[], Any], floor: bool = False, enter: Any = case, **more: Any
 ) -> None:
-    """Enter a case: of so many particles of a random cloud, or at these positions, on a floor or not."""
+    """Enter a case: of so many particles of a random cloud, or at these positions, on a floor or not.
+
+    enter  `case`, or `common` for one that every operation meets
+    more   further entries of Case
+    """
 
     def made() -> Case:
         spacing = more.get("spacing", 0.1)
@@ -336,28 +354,25 @@ def _entered(
     enter(made)
 
 
-_entered("cloud_3d", 3, 150, floor=True)
+_common = functools.partial(hard_input, enter=common)
+_common("cloud_3d", 3, 150, floor=True)
 # the other set of smoothing kernels, Tait, clamped
-_entered("cloud_2d", 2, 130, floor=True, support_radius=0.26, kernels="mueller", state="tait", clamp=True)
-_entered(
-    "printed_readings", 2, 90, floor=True, support_radius=0.26, literal=True, kernels="mueller"
-)  # of every erratum
+_common("cloud_2d", 2, 130, floor=True, support_radius=0.26, kernels="mueller", state="tait", clamp=True)
+_common("printed_readings", 2, 90, floor=True, support_radius=0.26, literal=True, kernels="mueller")  # of every erratum
 # lattices in which the terms of every interior sum cancel
-_entered("lattice_3d", 3, lambda: lattice((5, 5, 5)), masses=(1, 1), ties=True)
-_entered(
-    "lattice_2d", 2, lambda: lattice((10, 10, 1), dim=2), floor=True, support_radius=0.27, masses=(1, 1), ties=True
-)
+_common("lattice_3d", 3, lambda: lattice((5, 5, 5)), masses=(1, 1), ties=True)
+_common("lattice_2d", 2, lambda: lattice((10, 10, 1), dim=2), floor=True, support_radius=0.27, masses=(1, 1), ties=True)
 # exactly on the borders of the search's cells, on both sides of the origin: all numbers are exact in binary
-_entered(
+_common(
     "on_cell_borders", 3, lambda: lattice((5, 5, 4), 0.3125) - 2 * 0.3125, spacing=0.3125, support_radius=0.5,
     skin=0.25, ties=True,
 )  # fmt: skip
-_entered("no_particles", 3, lambda: np.zeros((0, 3)))
-_entered("one_particle", 3, lambda: [[0.3, -0.2, 0.1]])
+_common("no_particles", 3, lambda: np.zeros((0, 3)))
+_common("one_particle", 3, lambda: [[0.3, -0.2, 0.1]])
 # so near the edge of the support that its terms are badly conditioned
-_entered("two_particles", 2, lambda: [[0.0, 0.0, 0.0], [0.12, 0.15, 0.0]])
+_common("two_particles", 2, lambda: [[0.0, 0.0, 0.0], [0.12, 0.15, 0.0]])
 # the third reaches only one of the others
-_entered("three_particles", 3, lambda: [[0.0, 0.0, 0.0], [0.1, 0.02, 0.0], [-0.05, 0.03, 0.15]])
+_common("three_particles", 3, lambda: [[0.0, 0.0, 0.0], [0.1, 0.02, 0.0], [-0.05, 0.03, 0.15]])
 
 
 @common
@@ -378,17 +393,17 @@ def nearly_coincident() -> Case:
 
 
 # 1e4 spacings from the origin, and 1e6: there coordinates in float32 come in steps of a sixteenth of a spacing
-_entered("far_away", 3, lambda: cloud("far_away", 80, 3) + [1000.0, -1000.0, 500.0], floor=True)
-_entered("very_far_away", 2, lambda: cloud("very_far_away", 60, 2) + [1e5, 6e4, 0.0], support_radius=0.26)
-_entered("tiny_lengths", 3, 60, floor=True, spacing=0.5e-6, support_radius=1e-6)
-_entered("huge_lengths", 3, 60, floor=True, spacing=500.0, support_radius=1e3)
-_entered("unequal_masses", 3, 80, masses=(0.1, 100.0))
+_common("far_away", 3, lambda: cloud("far_away", 80, 3) + [1000.0, -1000.0, 500.0], floor=True)
+_common("very_far_away", 2, lambda: cloud("very_far_away", 60, 2) + [1e5, 6e4, 0.0], support_radius=0.26)
+_common("tiny_lengths", 3, 60, floor=True, spacing=0.5e-6, support_radius=1e-6)
+_common("huge_lengths", 3, 60, floor=True, spacing=500.0, support_radius=1e3)
+_common("unequal_masses", 3, 80, masses=(0.1, 100.0))
 # one layer in space, tilted; and a line
-_entered(
+_common(
     "thin_sheet", 3, lambda: lattice((9, 9, 1)) @ np.array([[0.8, 0.0, 0.6], [0.0, 1.0, 0.0], [-0.6, 0.0, 0.8]]).T,
     ties=True,
 )  # fmt: skip
-_entered("filament", 3, lambda: np.linspace(0, 3, 41)[:, None] * np.array([0.6, 0.0, 0.8]), ties=True)
+_common("filament", 3, lambda: np.linspace(0, 3, 41)[:, None] * np.array([0.6, 0.0, 0.8]), ties=True)
 
 
 @common
@@ -399,35 +414,15 @@ def flung_particle() -> Case:
     return Case("flung_particle", 3, position)
 
 
-_entered("negative_coordinates", 3, lambda: cloud("negative_coordinates", 80, 3) - [7.3, 5.1, 9.9])
-_entered("few", 3, 60, floor=True, enter=case)  # for other values of the parameters
-_entered("large", 3, 3000, floor=True, enter=case)  # compared on sampled rows
-
-
-@case
-def few_2d() -> Case:
-    """The same in the plane."""
-    position = cloud("few_2d", 60, 2)
-    return Case("few_2d", 2, position, support_radius=0.26, wall_position=floor_below(position, 2, 0.1))
-
-
-@case
-def large_2d() -> Case:
-    """The same in the plane."""
-    position = cloud("large_2d", 3000, 2)
-    return Case("large_2d", 2, position, support_radius=0.26, wall_position=floor_below(position, 2, 0.1))
-
-
-@case
-def many_particles() -> Case:
-    """More particles than an index of 16 bits or one dimension of a launch counts; compared on sampled rows."""
-    return Case("many_particles", 3, cloud("many_particles", 70_000, 3))
-
-
-@case
-def dense_cluster() -> Case:
-    """Particles with 300 neighbours, which are more than lists of a fixed length often hold."""
-    return Case("dense_cluster", 3, 0.19 * cloud("dense_cluster", 310, 3), masses=(0.4, 2.5))
+_common("negative_coordinates", 3, lambda: cloud("negative_coordinates", 80, 3) - [7.3, 5.1, 9.9])
+# for other values of the parameters; compared on sampled rows
+for _name, _count in (("few", 60), ("large", 3000)):
+    hard_input(_name, 3, _count, floor=True)
+    hard_input(f"{_name}_2d", 2, _count, floor=True, support_radius=0.26)
+# more particles than an index of 16 bits or one dimension of a launch counts; compared on sampled rows
+hard_input("many_particles", 3, 70_000)
+# particles with 300 neighbours, which are more than lists of a fixed length often hold
+hard_input("dense_cluster", 3, lambda: 0.19 * cloud("dense_cluster", 310, 3))
 
 
 def in_plane() -> list[str]:

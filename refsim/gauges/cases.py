@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from refsim.core.cases import Case, Exact, groups
+from refsim.core.cases import Exact, at, groups
 from refsim.core.walls import WallParticles
 from refsim.smoothing.cases import for_each_kernel
 
@@ -21,10 +21,9 @@ def between_two(w):
     position = np.array([[0.0, 0.0, 0.0], [0.0, 2.0, 0.0]])
     w = w.share * w.own
     return Exact(
-        Case("between_two_points", 3, position, spacing=1.0, support_radius=2.0, wall_position=place),
+        at("between_two_points", position, place),
         {
-            "velocity": np.array([[1.0, 0.0, -4.0], [0.0, 3.0, 2.0]]), "mass": np.array([2000.0, 500.0]),
-            "density": np.array([1000.0, 500.0]), "walls": WallParticles(place, np.full(2, 0.5)), "period": None,
-        },
-        {"fill": np.array([3 * w, 0.0]), "flow": np.array([[2 * w, 3 * w, -6 * w], [0.0, 0.0, 0.0]])},
+            "velocity": [[1.0, 0.0, -4.0], [0.0, 3.0, 2.0]], "mass": [2000.0, 500.0], "density": [1000.0, 500.0],
+            "walls": WallParticles(place, np.full(2, 0.5)), "period": None,
+        }, {"fill": [3 * w, 0.0], "flow": [[2 * w, 3 * w, -6 * w], [0.0, 0.0, 0.0]]},
     )  # fmt: skip

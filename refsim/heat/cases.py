@@ -6,7 +6,7 @@ import math
 import numpy as np
 
 from refsim.core import cases
-from refsim.core.cases import VARIATIONS, Case, Exact, Variation, case, closed_form, groups, particles, takes
+from refsim.core.cases import VARIATIONS, Case, Exact, Variation, at, closed_form, groups, particles, takes
 from refsim.core.period import period_group
 from refsim.heat import HeatConduction
 from refsim.heat.shapes import MOST_PASSES, MUELLER, POLY6, SPIKY, Conduction, conduction_group
@@ -103,7 +103,7 @@ def wide_box(case, grid):
 def planned(case, grid):
     """The number of passes is found on the GPU, not on the host."""
     passes = 0 if case.name.startswith("dense_cluster") else MOST_PASSES  # more than a table holds; then they only damp
-    return HeatConduction(residual=tight(grid)).conduction(grid)._replace(planned_passes=np.int32(passes))
+    return HeatConduction(residual=tight(grid)).conduction(grid)._replace(planned_passes=passes)
 
 
 def _conduction_follows(group, inputs, kernel):
@@ -142,16 +142,9 @@ takes("heat.chebyshev", conduction=f"{PAIRS} tolerance most_passes")
 takes("heat.enthalpy_jacobi", conduction=f"{PAIRS} iterations")
 
 
-@case
-def steep_volumes() -> Case:
-    """Volumes 100 : 1."""
-    return Case("steep_volumes", 3, cases.lattice((5, 5, 5)))
-
-
-@case
-def steep_conductivities() -> Case:
-    """Conductivities 1000 : 1."""
-    return Case("steep_conductivities", 3, cases.lattice((5, 5, 5)))
+# Volumes 100 : 1, and conductivities 1000 : 1
+for _name in ("steep_volumes", "steep_conductivities"):
+    cases.hard_input(_name, 3, lambda: cases.lattice((5, 5, 5)))
 
 
 # Closed forms: two particles 1 m apart, h = 2 m, so that L = 3 (15/pi/8) (1/2)^2/2; dt = 0.5 s.
@@ -171,9 +164,8 @@ def _conduction_of(**options):
 def _given(**more):
     return {
         "mass": MASS, "volume": VOLUME, "heat_capacity": CAPACITY, "conductivity": CONDUCTIVITY,
-        "temperature": TEMPERATURE, "timestep": np.array([0.7, 0.5]), "reservoir": None,
-        "enthalpy": None, "melting_point": None, "latent_heat": None,
-        "conduction": _conduction_of(residual=1e-14, sweep_share=0.5),
+        "temperature": TEMPERATURE, "timestep": [0.7, 0.5], "reservoir": None, "enthalpy": None, "melting_point": None,
+        "latent_heat": None, "conduction": _conduction_of(residual=1e-14, sweep_share=0.5),
     } | more  # fmt: skip
 
 
@@ -205,7 +197,7 @@ def _swept_twice(weight):
 @closed_form("heat.exchange_rate")
 def rates_of_a_pair():
     """G/C_i, G = WEIGHT/dt; a reservoir has none."""
-    return _rates(np.array([WEIGHT / 0.5 * INVERSE[0], 0.0]), reservoir=np.array([0, 1], np.uint8))
+    return _rates(np.array([WEIGHT / 0.5 * INVERSE[0], 0.0]), reservoir=[0, 1])
 
 
 @closed_form("heat.explicit", across=5.0)
@@ -226,7 +218,7 @@ def a_pair_with_a_reservoir():
     share = WEIGHT * INVERSE[0]
     conduction = _conduction_of(tolerance=1e-14, residual=1e-14)
     temperature = np.array([TEMPERATURE[0] + share * APART / (1 + share), TEMPERATURE[1]])
-    return _pair(temperature, reservoir=np.array([0, 1], np.uint8), conduction=conduction)
+    return _pair(temperature, reservoir=[0, 1], conduction=conduction)
 
 
 @closed_form("heat.pair_exchange", across=8.0)
@@ -313,9 +305,7 @@ def a_poor_conductor_in_two_sweeps():
 
 
 # With latent heat: the first particle at 80 melts nothing, the second stands 60 J/kg below its melting point of 0.
-ICE = {
-    "melting_point": np.array([70.0, 0.0]), "latent_heat": np.array([2.0, 50.0]), "enthalpy": np.array([7.0, -60.0]),
-}  # fmt: skip
+ICE = {"melting_point": [70.0, 0.0], "latent_heat": [2.0, 50.0], "enthalpy": [7.0, -60.0]}
 
 
 def _molten(heat, **more):
@@ -351,7 +341,7 @@ def ice_on_a_reservoir():
     It stays ice (H = y/(1 + s)), stands at the melting point (H = y), or has melted (H = (y + s L)/(1 + s)).
     """
     place = np.array([[3.0 * k, y, 0.0] for k in range(3) for y in (0.0, 1.0)])
-    trio = Case("heat_pairs", 3, place, spacing=1.0, support_radius=2.0)
+    trio = at("heat_pairs", place)
     s, load = WEIGHT * INVERSE[1], WEIGHT * (80.0 - 0.0) / MASS[1]
     start = np.array([-load - 10.0, 20.0 - load, 130.0 - load])
     ends = np.array([-10.0 / (1 + s), 20.0, (130.0 + s * 50.0) / (1 + s)])
@@ -399,8 +389,8 @@ def two_sweeps_beyond_all_cells():
 @closed_form("heat.particle_volume")
 def volume_of_two():
     """V = m/rho."""
-    given = {"mass": np.array([2.0, 3.0]), "density": np.array([1000.0, 500.0])}
-    return Exact(PAIR, given, {"volume": np.array([0.002, 0.006])})
+    given = {"mass": [2.0, 3.0], "density": [1000.0, 500.0]}
+    return Exact(PAIR, given, {"volume": [0.002, 0.006]})
 
 
 UNIT = 32 * math.pi / 45  # factor with which g = V_1 V_2 2 k dt/2 for particles 1 m apart
@@ -412,11 +402,11 @@ def a_row_after_two_passes():
 
     Two passes solve for the two modes of a difference. After the first the residual is sqrt(3)/7 = 0.247, above 0.1.
     """
-    row = Case("heat_row", 3, np.eye(3)[[1]] * np.arange(3)[:, None], spacing=1.0, support_radius=2.0)
+    row = at("heat_row", np.eye(3)[[1]] * np.arange(3)[:, None])
     given = _given(
         **dict.fromkeys(("mass", "volume", "heat_capacity", "conductivity"), np.ones(3)),
-        timestep=np.array([2.0, 1.0]),
-        temperature=np.array([1.0, 0.0, 0.0]),
+        timestep=[2.0, 1.0],
+        temperature=[1.0, 0.0, 0.0],
         conduction=conduction_group(row.grid("float64"), factor=UNIT, residual=0.1),
     )
     return Exact(row, given, {"temperature": np.array([5.0, 2.0, 1.0]) / 8})
@@ -427,26 +417,25 @@ def a_pair_of_unit_weight():
     """g = 1 J/K, exactly: all its factors are powers of 2."""
     conduction = _conduction_of(factor=UNIT)
     assert conduction.scale == 1.0
-    return _pair(_moved(APART), conductivity=np.ones(2), timestep=np.array([0.7, 1.0]), conduction=conduction)
+    return _pair(_moved(APART), conductivity=np.ones(2), timestep=[0.7, 1.0], conduction=conduction)
 
 
 @closed_form("heat.pair_exchange")
 def two_sweeps_of_unit_weight():
     """The same in each of two sweeps over half of 2 s."""
     conduction = _conduction_of(factor=UNIT, sweep_share=0.5)
-    return _pair(_swept_twice(2.0), conductivity=np.ones(2), timestep=np.array([0.7, 2.0]), conduction=conduction)
+    return _pair(_swept_twice(2.0), conductivity=np.ones(2), timestep=[0.7, 2.0], conduction=conduction)
 
 
 @closed_form("heat.enthalpy_jacobi")
 def ice_of_unit_capacity_on_a_reservoir():
     """C = 1 J/K, beside a reservoir at 80: still ice at the end, H = (-load - 10 + load)/(1 + s)."""
     given = _given(
-        mass=np.array([4.0, 1.0]), heat_capacity=np.array([0.5, 1.0]), enthalpy=np.array([7.0, -80.0 * WEIGHT - 10.0]),
-        melting_point=np.array([70.0, 0.0]), latent_heat=np.array([2.0, 50.0]), temperature=np.array([80.0, 0.0]),
-        reservoir=np.array([1, 0], np.uint8), conduction=_conduction_of(),
+        mass=[4.0, 1.0], heat_capacity=[0.5, 1.0], enthalpy=[7.0, -80.0 * WEIGHT - 10.0], melting_point=[70.0, 0.0],
+        latent_heat=[2.0, 50.0], temperature=[80.0, 0.0], reservoir=[1, 0], conduction=_conduction_of(),
     )  # fmt: skip
     ended = -10.0 / (1 + WEIGHT)
-    return Exact(PAIR, given, {"enthalpy": np.array([7.0, ended]), "temperature": np.array([80.0, ended])})
+    return Exact(PAIR, given, {"enthalpy": [7.0, ended], "temperature": [80.0, ended]})
 
 
 @closed_form("heat.exchange_rate")

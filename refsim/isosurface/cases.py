@@ -5,7 +5,7 @@ import functools
 import numpy as np
 
 from refsim.backends.arrays import Backend
-from refsim.core.cases import CASES, VARIATIONS, Case, Exact, Variation, case, closed_form, cloud, groups
+from refsim.core.cases import CASES, VARIATIONS, Case, Exact, Variation, at, closed_form, cloud, groups, hard_input
 from refsim.isosurface import BITS_SET, Contour, case_table, reference, running_sum
 from refsim.isosurface.table import CaseTable
 from refsim.sparse_grid import SparseGrid, nodes
@@ -75,16 +75,10 @@ VARIATIONS[CaseTable] = Variation(held={"merged": "the table's rows are made for
 VARIATIONS[Contour] = Variation(other={"level": lambda level: 0.01})
 
 
-@case
-def narrow_band() -> Case:
-    """Values known only near the surface, which ends with them."""
-    return Case("narrow_band", 3, cloud("narrow_band", 80, 3))
-
-
-@case
-def all_states() -> Case:
-    """A cloud in space so sparse that its cells have many of the 256 states."""
-    return Case("all_states", 3, cloud("all_states", 60, 3, 0.45))
+# Values known only near the surface, which ends with them
+hard_input("narrow_band", 3, 80)
+# So sparse that its cells have many of the 256 states
+hard_input("all_states", 3, lambda: cloud("all_states", 60, 3, 0.45))
 
 
 def octahedron(dim: int) -> tuple[Case, dict]:
@@ -94,7 +88,7 @@ def octahedron(dim: int) -> tuple[Case, dict]:
     value = np.where((node_table(blocks) == 0).all(1), -1.0, 3.0)
     given = {"blocks": blocks, "node_value": value, "node_state": (value < 0).astype(np.uint8)}
     given |= {"table": case_table(dim), "contour": Contour(2.0, 0.0)}
-    return Case(name, dim, np.zeros((1, 3)), spacing=1.0, support_radius=2.0), given
+    return at(name, [0, 0, 0], dim=dim), given
 
 
 def octahedron_counts(blocks, dim: int) -> tuple[np.ndarray, np.ndarray]:
@@ -147,7 +141,7 @@ def octahedron_closed(dim):
         turned = np.prod(signs) < 0
         # the lowest edge of a cell in space first: edges are numbered axis by axis
         rows.append((i, ring if not turned else [ring[0], ring[2], ring[1]] if dim == 3 else ring[::-1]))
-    expected = {"vertex_edge": given["vertex_edge"], "facets": np.array([row for _, row in sorted(rows)])}
+    expected = {"vertex_edge": given["vertex_edge"], "facets": [row for _, row in sorted(rows)]}
     return Exact(made, given, expected)
 
 

@@ -88,11 +88,8 @@ class Melting(Effect, KeepsLedger, SumsDensity, frozen=True, kw_only=True):
             Pass(
                 "melting.melt", reads, ("melted", "melted_count"),
                 ("mass", "rest_density", *self._materials(others), "phase"), stage="begin", names=absent,
-            ),
-            Pass("melting.detach", ("melted", "melted_count", "region"), ("rebuild",), ("direct",), stage="begin"),
-            Pass(
-                "shape_matching.regions", ("direct", "rebuild"), updates=("region", "region_count"), stage="begin",
-            ),
+            ), Pass("melting.detach", ("melted", "melted_count", "region"), ("rebuild",), ("direct",), stage="begin"),
+            Pass("shape_matching.regions", ("direct", "rebuild"), updates=("region", "region_count"), stage="begin"),
             Pass("shape_matching.classify", ("identity", "direct"), updates=("phase",), stage="begin"),
         )  # fmt: skip
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from refsim.core.cases import Case, Exact, closed_form, example, groups, lattice
+from refsim.core.cases import Exact, at, closed_form, example, groups, lattice
 from refsim.melting import Melting, MeltingRule
 from refsim.shape_matching.phases import FLUID, INTERIOR, SURFACE
 
@@ -20,17 +20,16 @@ def _melting(case, grid):
     return {"melting": rule, "melted": melted, "melted_count": np.array([melted.sum()], np.int32)}
 
 
-CHAIN = Case("melting_chain", 3, lattice((5, 1, 1), 1.0), spacing=1.0, support_radius=2.0)
+CHAIN = at("melting_chain", lattice((5, 1, 1), 1.0))
 
 
 def _chain(**changes):
     """A body of four nodes, its particles in reverse, and a drop: hot everywhere but in node 1."""
     given = {
-        "identity": np.array([3, 2, 1, 0, 4], np.int32), "temperature": np.array([5.0, 4.0, 3.9, 4.0, 9.0]),
-        "enthalpy": None, "phase": np.array([INTERIOR, SURFACE, SURFACE, SURFACE, FLUID], np.int32),
-        "mass": np.full(5, 9.0), "rest_density": np.full(5, 900.0), "melted": np.zeros(4, np.int32),
-        "melting_point": np.full(5, 4.0), "latent_heat": None,
-        "melting": MeltingRule(np.int32(0), 1000.0, 10.0, 0.5, 4000.0),
+        "identity": [3, 2, 1, 0, 4], "temperature": [5.0, 4.0, 3.9, 4.0, 9.0], "enthalpy": None,
+        "phase": [INTERIOR, SURFACE, SURFACE, SURFACE, FLUID], "mass": np.full(5, 9.0),
+        "rest_density": np.full(5, 900.0), "melted": np.zeros(4, np.int32), "melting_point": np.full(5, 4.0),
+        "latent_heat": None, "melting": MeltingRule(0, 1000.0, 10.0, 0.5, 4000.0),
         "melted_count": np.full(1, 7, np.int32), "conductivity": np.full(5, 2.0), "heat_capacity": np.full(5, 2000.0),
     }  # fmt: skip
     return given | changes
@@ -40,8 +39,8 @@ def _chain(**changes):
 def at_the_melting_point():
     """Surface particles at the melting point melt; interior ones do not at any temperature. Mass and density stay."""
     expected = {
-        "melted": np.array([1, 0, 1, 0]), "melted_count": np.array([2]), "mass": np.full(5, 9.0),
-        "rest_density": np.full(5, 900.0), "phase": np.array([INTERIOR, FLUID, SURFACE, FLUID, FLUID]),
+        "melted": [1, 0, 1, 0], "melted_count": [2], "mass": np.full(5, 9.0),
+        "rest_density": np.full(5, 900.0), "phase": [INTERIOR, FLUID, SURFACE, FLUID, FLUID],
         "conductivity": np.full(5, 2.0), "heat_capacity": np.full(5, 2000.0),
     }  # fmt: skip
     return Exact(CHAIN, _chain(), expected)
@@ -50,14 +49,12 @@ def at_the_melting_point():
 @closed_form("melting.melt")
 def with_latent_heat_into_water():
     """With latent heat node 2, which has less than 7 J/kg, stays solid; node 0 takes the water's mass and density."""
-    given = _chain(enthalpy=np.array([9.0, 6.0, 9.0, 7.0, 9.0]), latent_heat=np.full(5, 7.0))
-    given["melting"] = given["melting"]._replace(into_liquid=np.int32(1))
+    given = _chain(enthalpy=[9.0, 6.0, 9.0, 7.0, 9.0], latent_heat=np.full(5, 7.0))
+    given["melting"] = given["melting"]._replace(into_liquid=1)
     expected = {
-        "melted": np.array([1, 0, 0, 0]), "melted_count": np.array([1]), "mass": np.array([9.0, 9.0, 9.0, 10.0, 9.0]),
-        "rest_density": np.array([900.0, 900.0, 900.0, 1000.0, 900.0]),
-        "phase": np.array([INTERIOR, SURFACE, SURFACE, FLUID, FLUID]),
-        "conductivity": np.array([2.0, 2.0, 2.0, 0.5, 2.0]),
-        "heat_capacity": np.array([2000.0, 2000.0, 2000.0, 4000.0, 2000.0]),
+        "melted": [1, 0, 0, 0], "melted_count": [1], "mass": [9.0, 9.0, 9.0, 10.0, 9.0],
+        "rest_density": [900.0, 900.0, 900.0, 1000.0, 900.0], "phase": [INTERIOR, SURFACE, SURFACE, FLUID, FLUID],
+        "conductivity": [2.0, 2.0, 2.0, 0.5, 2.0], "heat_capacity": [2000.0, 2000.0, 2000.0, 4000.0, 2000.0],
     }  # fmt: skip
     return Exact(CHAIN, given, expected)
 
@@ -72,7 +69,7 @@ def broken_chain():
     expected = direct.copy()
     expected[1], expected[0, 14], expected[2, 12] = -1, -1, -1
     given = {
-        "melted": np.array([0, 1, 0, 0], np.int32), "melted_count": np.ones(1, np.int32), "region": region,
+        "melted": [0, 1, 0, 0], "melted_count": np.ones(1, np.int32), "region": region,
         "direct": direct, "rebuild": np.full(4, 7, np.int32),
     }  # fmt: skip
-    return Exact(CHAIN, given, {"direct": expected, "rebuild": np.array([1, 1, 1, 0])})
+    return Exact(CHAIN, given, {"direct": expected, "rebuild": [1, 1, 1, 0]})

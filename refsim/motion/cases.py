@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from refsim.core.cases import Case, Exact, closed_form, groups
+from refsim.core.cases import Exact, at, closed_form, groups
 
 
 @groups("turning")
@@ -16,9 +16,9 @@ def _turning(case, grid):
 @closed_form("motion.turning")
 def about_a_vertical_axis():
     """At (2, 0, 0) from an axis along z with w = 3: centrifugal 18 outwards, Euler -2 dw/dt, Coriolis 6 (v_y, -v_x)."""
-    case = Case("turning", 3, np.array([[3.0, 0.0, 0.0], [1.0, 0.0, 5.0]]), spacing=1.0, support_radius=2.0)
+    case = at("turning", [[3.0, 0.0, 0.0], [1.0, 0.0, 5.0]])
     given = {
-        "velocity": np.array([[0.5, -1.0, 4.0], [0.0, 0.0, 1.0]]),
-        "turning": np.array([0.0, 0.0, 3.0, 0.0, 0.0, 0.25, 1.0, 0.0, 7.0]),
+        "velocity": [[0.5, -1.0, 4.0], [0.0, 0.0, 1.0]],
+        "turning": [0.0, 0.0, 3.0, 0.0, 0.0, 0.25, 1.0, 0.0, 7.0],
     }
-    return Exact(case, given, {"acceleration": np.array([[18.0 - 6.0, -0.5 - 3.0, 0.0], [0.0, 0.0, 0.0]])})
+    return Exact(case, given, {"acceleration": [[18.0 - 6.0, -0.5 - 3.0, 0.0], [0.0, 0.0, 0.0]]})

@@ -9,7 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from refsim.core import cases
-from refsim.core.cases import VARIATIONS, Case, Exact, Variation, case, closed_form, derived, groups, particles
+from refsim.core.cases import (
+    VARIATIONS,
+    Case,
+    Exact,
+    Variation,
+    at,
+    closed_form,
+    derived,
+    groups,
+    hard_input,
+    particles,
+)
 from refsim.mpm import (
     OPEN,
     READINGS,
@@ -230,37 +241,15 @@ def _node_values(inputs, name):
 # Hard cases
 
 
-@case
-def on_nodes() -> Case:
-    """Particles exactly on nodes, on cell borders and on the borders of blocks, on both sides of the origin."""
-    return Case("on_nodes", 3, cases.lattice((7, 6, 5), 0.125) - 0.5, spacing=0.125, masses=(1, 1), ties=True)
-
-
-@case
-def on_nodes_2d() -> Case:
-    """The same in the plane."""
-    position = cases.lattice((12, 11, 1), 0.125, 2) - [0.75, 0.75, 0]
-    return Case("on_nodes_2d", 2, position, spacing=0.125, masses=(1, 1), ties=True)
-
-
-@case
-def many_in_a_cell() -> Case:
-    """Three hundred particles in one cell."""
-    return Case("many_in_a_cell", 3, 0.1 + 0.08 * np.random.default_rng(5).uniform(size=(300, 3)))
-
-
-@case
-def one_in_each_block() -> Case:
-    """Particles so far apart that no two share a block."""
-    return Case("one_in_each_block", 3, cases.lattice((3, 3, 3), 1.7) + 0.03)
-
-
-@case
-def near_the_last_cell() -> Case:
-    """A cloud near the end of the grid, where a block has neighbours on one side only."""
-    return Case(
-        "near_the_last_cell", 2, cases.cloud("near_the_last_cell", 40, 2) + [-0.2 * (2**20 - 60), 0.2 * (2**20 - 60), 0]
-    )
+# Exactly on nodes, on cell borders and on the borders of blocks, on both sides of the origin
+ON_NODES = {"spacing": 0.125, "masses": (1, 1), "ties": True}
+hard_input("on_nodes", 3, lambda: cases.lattice((7, 6, 5), 0.125) - 0.5, **ON_NODES)
+hard_input("on_nodes_2d", 2, lambda: cases.lattice((12, 11, 1), 0.125, 2) - [0.75, 0.75, 0], **ON_NODES)
+hard_input("many_in_a_cell", 3, lambda: 0.1 + 0.08 * np.random.default_rng(5).uniform(size=(300, 3)))
+hard_input("one_in_each_block", 3, lambda: cases.lattice((3, 3, 3), 1.7) + 0.03)
+# Near the end of the grid, where a block has neighbours on one side only
+LAST = 0.2 * (2**20 - 60)
+hard_input("near_the_last_cell", 2, lambda: cases.cloud("near_the_last_cell", 40, 2) + [-LAST, LAST, 0])
 
 
 # Closed forms: h = 2 m. A particle at (2, 2, 2) m is on a node, with weights 1/8, 3/4, 1/8 along each axis.
@@ -272,7 +261,7 @@ def alone(dim: int, where: tuple = (2.0, 2.0, 2.0), samples: np.ndarray | None =
     """(case, its grid, background) of one particle."""
     position = np.array([where])
     position[:, dim:] = 0
-    made = Case(f"alone_{dim}d", dim, position, spacing=1.0, support_radius=2.0)
+    made = at(f"alone_{dim}d", position, dim=dim)
     grid = MpmGrid(dim, "float64", 2.0)
     none = np.zeros((0, 3)) if samples is None else samples
     reference.cells(position, none, none, grid)
@@ -289,7 +278,7 @@ def weight_of(grid) -> np.ndarray:
     return weight
 
 
-WATER = Liquid(1.0, 3.0, np.int32(0), np.int32(0), np.int32(0), np.int32(0))
+WATER = Liquid(1.0, 3.0, 0, 0, 0, 0)
 STEPS = np.array([0.25, 0.25])
 TURN = np.array([[0.5, -1.0, 0.25], [1.0, 0.25, 0.0], [2.0, 0.0, -0.5]])
 
@@ -305,7 +294,7 @@ def weights_by_hand():
     made, _, background = alone(3, (2.0, 2.5, 1.0))
     weight = [0.125, 0.75, 0.125, 0.03125, 0.6875, 0.28125, 0.5, 0.5, 0.0]
     slope = [-0.5, 0.0, 0.5, -0.25, -0.5, 0.75, -1.0, 1.0, 0.0]
-    expected = {"base_node": np.zeros((1, 3)), "spline_weight": np.array([weight]), "spline_slope": np.array([slope])}
+    expected = {"base_node": np.zeros((1, 3)), "spline_weight": [weight], "spline_slope": [slope]}
     return Exact(made, {"background": background}, expected)
 
 
@@ -313,10 +302,10 @@ def weights_by_hand():
 def first_cells():
     """Base nodes (0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 3) of the first block have the numbers 0, 1, 4 and 48."""
     position = np.array([[2.0, 2.0, 2.0], [4.0, 2.0, 2.0], [2.0, 4.5, 2.0], [2.5, 1.5, 8.9]])
-    made = Case("first_cells", 3, position, spacing=1.0, support_radius=2.0)
+    made = at("first_cells", position)
     given = {"grid": MpmGrid(3, "float64", 2.0), "carrier_position": None, "surface_sample": None}
     reference.cells(position, None, None, given["grid"])
-    return Exact(made, given, {"cell": np.array([0, 1, 4, 48])})
+    return Exact(made, given, {"cell": [0, 1, 4, 48]})
 
 
 class Outgrown(MpmGrid):
@@ -343,7 +332,7 @@ FIRST = (
 def first_blocks(dim: int, node: list, cell: list) -> Exact:
     """Points over the middle of the stencil of each base node."""
     position = 2.0 * (np.array(node) + 1.0) * (np.arange(3) < dim)
-    made = Case(f"first_blocks_{dim}d", dim, position, spacing=1.0, support_radius=2.0)
+    made = at(f"first_blocks_{dim}d", position, dim=dim)
     given = {"grid": Outgrown(dim, "float64", 2.0), "carrier_position": None, "surface_sample": None}
     reference.cells(position, None, None, given["grid"])
     return Exact(made, given, {"cell": np.array(cell)})
@@ -356,10 +345,9 @@ def _stencil(dim):
     arm = 2.0 * node_table(grid.blocks) - made.position[0]
     weight = weight_of(grid)
     given = {
-        "grid": grid, "background": background, "liquid": WATER, "timestep": STEPS,
-        "mass": np.array([2.0]), "velocity": v[None], "affine": turn(dim).reshape(1, 9),
-        "volume_ratio": np.array([1.5]), "acceleration": None, "cluster_share": None, "inverse_spread": None,
-        "embedding": None,
+        "grid": grid, "background": background, "liquid": WATER, "timestep": STEPS, "mass": [2.0], "velocity": v[None],
+        "affine": turn(dim).reshape(1, 9), "volume_ratio": [1.5], "acceleration": None, "cluster_share": None,
+        "inverse_spread": None, "embedding": None,
     }  # fmt: skip
     return made, given, weight, v, arm
 
@@ -380,7 +368,7 @@ def force_through_the_gradient():
     slope = np.where(arm == 0, 0.0, 0.25 * arm / LINE[0] * 0.5)  # B'/B on the outer nodes: -+ (1/2)/(1/8)/h
     field = 2.0 * (v + arm @ turn(3).T)
     push = -1.125 * weight[:, None] * slope
-    given["kernel_gradient"] = KernelGradient(np.int32(1))
+    given["kernel_gradient"] = KernelGradient(1)
     return Exact(made, given, {"node_mass": 2.0 * weight, "node_momentum": weight[:, None] * field + push})
 
 
@@ -392,8 +380,8 @@ def _pair():
     given = {
         "grid": grid, "background": background, "liquid": WATER, "timestep": STEPS, "surface_sample": sample,
         "sample_owner": np.zeros(1, np.int32), "carrier_position": points, "carrier_owner": np.zeros(2, np.int32),
-        "carrier_first": np.array([0, 2], np.int32), "cluster_share": np.array([1 / 3]),
-        "inverse_spread": np.array([[3 / 11, 0, 0, 1, 0, 1]]), "embedding": Embedding(np.int32(1)),
+        "carrier_first": [0, 2], "cluster_share": [1 / 3],
+        "inverse_spread": [[3 / 11, 0, 0, 1, 0, 1]], "embedding": Embedding(1),
     }  # fmt: skip
     return made, given
 
@@ -419,9 +407,12 @@ def two_carriers():
     pressed = 1.125 / 3 * arm * [3 / 11, 1, 1]
     field = 2 / 3 * (v + arm @ TURN.T) - pressed
     given |= {
-        "mass": np.array([2.0]), "velocity": v[None], "affine": TURN.reshape(1, 9), "acceleration": None,
-        "volume_ratio": np.array([1.5]),
-    }  # fmt: skip
+        "mass": [2.0],
+        "velocity": v[None],
+        "affine": TURN.reshape(1, 9),
+        "acceleration": None,
+        "volume_ratio": [1.5],
+    }
     return Exact(made, given, {"node_mass": 2 / 3 * weight, "node_momentum": weight[:, None] * field})
 
 
@@ -468,7 +459,7 @@ def mirrored_nodes():
     planes = wall_nodes([1, -far, -far], [far, far, far], [2, 0, 0, 0, 0, 0])
     made, given, table, heavy = _walls(None, planes)
     mass = np.where(heavy, np.where(table[:, 0] == 0, 1.0, 2.0), 0.0)
-    given |= {"mirrors": Mirrors(np.int32(1)), "node_mass": mass}
+    given |= {"mirrors": Mirrors(1), "node_mass": mass}
     given["node_momentum"] = np.where(table[:, :1] == 0, [2.0, -4.0, 1.0], [4.0, -8.0, 2.0])
     v = np.where(heavy[:, None], [2.0, -4.0, 1.0], 0.0)
     v[(table[:, 0] == 1) & heavy] = [0.0, -4.0, 1.0]
@@ -489,7 +480,7 @@ def a_corner_of_mirrors():
     made, given, table, _ = _walls(None, planes, np.array([[18.0, 2.0, 2.0]]))  # nodes 0 to 15 along x
     x, y = table[:, 0], table[:, 1]
     mass, flow = np.where(x < 5, 1.0, 2.0) * np.where(y < 2, 1.0, 2.0), np.array([2.0, -4.0, 1.0])
-    given |= {"mirrors": Mirrors(np.int32(1)), "node_mass": mass, "node_momentum": mass[:, None] * flow}
+    given |= {"mirrors": Mirrors(1), "node_mass": mass, "node_momentum": mass[:, None] * flow}
     from_x, from_y = np.abs(x - 5), np.abs(y - 2)
     v = flow * np.where(from_y <= 2, 1 / 3, 1.0)[:, None]  # three rows behind y there are no nodes
     v[from_x <= 3, 0] /= 3
@@ -546,7 +537,7 @@ def one_mirror_on_nodes(face: int, rule: int) -> Exact:
     near, buried = np.abs(side) <= 1, side < -IMAGED_ROWS
     mass = np.where(near, np.where(side < 0, 1.0, 2.0), np.where(buried, 1.0, 0.0))
     flow = np.array([2.0, -4.0, 1.0])
-    given |= {"mirrors": Mirrors(np.int32(1)), "node_mass": mass, "node_momentum": mass[:, None] * flow}
+    given |= {"mirrors": Mirrors(1), "node_mass": mass, "node_momentum": mass[:, None] * flow}
     along = 1 / 3 if rule == RULES["sticky"] else 1.0
     share = np.full((len(side), 3), along)
     share[:, axis] = 1 / 3
@@ -566,7 +557,7 @@ def _moving(dim):
     own = c + turn(dim) @ made.position[0]
     given = {
         "grid": grid, "background": background, "liquid": WATER, "timestep": STEPS, "node_velocity": v,
-        "volume_ratio": np.array([1.5]), "build_position": None, "cluster_share": None, "inverse_spread": None,
+        "volume_ratio": [1.5], "build_position": None, "cluster_share": None, "inverse_spread": None,
         "embedding": None, "carrier_first": None, "carrier_position": None, "carrier_moment": None,
         "displacement": np.zeros(2), "step_extremes": np.zeros(4),
     }  # fmt: skip
@@ -580,16 +571,16 @@ def _taken(dim, deformation):
     given["deformation"] = deformation
     expected = {
         "velocity": own[None], "affine": a.reshape(1, 9), "position": made.position + 0.25 * own,
-        "displacement": np.array([(0.0625 * own**2).sum(), 0.0]),
+        "displacement": [(0.0625 * own**2).sum(), 0.0],
     }  # fmt: skip
     if deformation is None:
         expected |= {
-            "volume_ratio": np.array([ratio]),
-            "step_extremes": np.array([ratio, ratio, abs(trace), (0.0625 * own**2).sum()]),
+            "volume_ratio": [ratio],
+            "step_extremes": [ratio, ratio, abs(trace), (0.0625 * own**2).sum()],
         }
     else:
         f = (np.eye(3) + 0.25 * a) @ deformation.reshape(3, 3)
-        expected |= {"deformation": f.reshape(1, 9), "volume_ratio": np.array([np.linalg.det(f)])}
+        expected |= {"deformation": f.reshape(1, 9), "volume_ratio": [np.linalg.det(f)]}
     return Exact(made, given, expected)
 
 
@@ -612,7 +603,7 @@ def shear_forgotten(dim):
     made = _taken(dim, f[None])
     size = made.expected["volume_ratio"][0] ** (1 / dim)
     after = np.diag([size, size, size if dim == 3 else 1.0])
-    given = {**made.given, "liquid": WATER._replace(forgets_shear=np.int32(1))}
+    given = {**made.given, "liquid": WATER._replace(forgets_shear=1)}
     return Exact(made.case, given, {**made.expected, "deformation": after.reshape(1, 9)})
 
 
@@ -631,9 +622,9 @@ def sheared_cluster():
     """dt J factor = 1/4 * 3/2 * 2/3 = 1/4; A - (A + A^T) E^-1/4 with E^-1 = diag(3/11, 1, 1)."""
     made, given = _pair()
     given |= {
-        "volume_ratio": np.array([1.5]),
+        "volume_ratio": [1.5],
         "viscous_stress": ViscousStress(2 / 3),
-        "timestep": np.array([0.0, 0.25]),
+        "timestep": [0.0, 0.25],
     }
     given["affine"] = np.array([[1.0, 4.0, 0.0, 0.0, -2.0, 1.0, 3.0, 1.0, 0.0]])
     share = np.array([3 / 11, 1, 1]) / 4
@@ -647,7 +638,7 @@ def counted_alone():
     """A particle of 6 kg on a node, J = 3/2, in cells of 4 kg: sum_j B_j^2 = (13/32 + 3/16)^2 = (19/32)^2 of 6 kg."""
     made, grid, background = alone(2)
     given = {
-        "grid": grid, "background": background, "volume_ratio": np.array([1.5]), "node_mass": 6 * weight_of(grid),
+        "grid": grid, "background": background, "volume_ratio": [1.5], "node_mass": 6 * weight_of(grid),
         "counting": Counting(4.0),
     }  # fmt: skip
     q = np.array([1.5 * 6 / 4 * (19 / 32) ** 2])
@@ -658,15 +649,15 @@ def counted_alone():
 def recounted():
     """q = 2 beyond 5/4, dt/tau = 1/4: J falls by 1/4 of 3/8; q = 5/4 stays. F = 1 in space: its root."""
     position = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
-    made = Case("recounted", 3, position, spacing=1.0, support_radius=2.0)
+    made = at("recounted", position)
     change = 1 - 3 / 32
     given = {
         "background": MpmLiquid(bulk_modulus=1.0, cell_size=2.0).background(made.grid("float64")),
-        "crowding": np.array([2.0, 1.25]), "recounting": Recounting(1.25, 1.0), "timestep": STEPS,
-        "deformation": np.tile(np.eye(3).ravel(), (2, 1)), "volume_ratio": np.array([1.5, 0.8]),
+        "crowding": [2.0, 1.25], "recounting": Recounting(1.25, 1.0), "timestep": STEPS,
+        "deformation": np.tile(np.eye(3).ravel(), (2, 1)), "volume_ratio": [1.5, 0.8],
     }  # fmt: skip
     f = np.stack([change ** (1 / 3) * np.eye(3).ravel(), np.eye(3).ravel()])
-    return Exact(made, given, {"volume_ratio": np.array([1.5 * change, 0.8]), "deformation": f})
+    return Exact(made, given, {"volume_ratio": [1.5 * change, 0.8], "deformation": f})
 
 
 @closed_form("mpm.contact", over=(np.array([[-2.0, 0.0, 0.0]]), np.eye(3)))
@@ -682,7 +673,6 @@ def edges_on_a_node(lines: np.ndarray):
     given = {
         "sample_position": place, "sample_line": lines, "blocks": grid.blocks,
         "spline_cells": PointList(first, np.arange(len(lines), dtype=np.int32), cell),
-        "surface_term": surface_term(Tension(surface_tension=1.0), 3, "float64", 1 / inverse),
-        "contact": Contact(0.5),
+        "surface_term": surface_term(Tension(surface_tension=1.0), 3, "float64", 1 / inverse), "contact": Contact(0.5),
     }  # fmt: skip
     return Exact(made, given, {"node_force": 0.5 * weight_of(grid)[:, None] * lines.sum(0)})

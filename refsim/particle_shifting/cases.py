@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from refsim.core.cases import Case, Exact, example, groups
+from refsim.core.cases import Exact, at, example, groups
 from refsim.particle_shifting import ParticleShifting, Shifting
 from refsim.smoothing.cases import for_each_kernel
 
 example(ParticleShifting(), brings="near_surface shift")
 
-PAIR = Case("shifted_pair", 3, np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), spacing=1.0, support_radius=2.0)
+PAIR = at("shifted_pair", [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 
 
 @groups("shifting")
@@ -24,8 +24,8 @@ def moving(case, grid):
 
 def _given(w, **more):
     return {
-        "mass": np.array([2.0, 3.0]), "density": np.array([1000.0, 500.0]), "walls": None, "near_surface": None,
-        "surface_normal": None, "extremes": np.array([16.0, 0, 0, 0, 0, 0, 0]), "timestep": np.array([0.5, 0.25]),
+        "mass": [2.0, 3.0], "density": [1000.0, 500.0], "walls": None, "near_surface": None,
+        "surface_normal": None, "extremes": [16.0, 0, 0, 0, 0, 0, 0], "timestep": [0.5, 0.25],
         "shifting": Shifting(0.5, 1 / (w.share * w.own), 1e9),
     } | more  # fmt: skip
 
@@ -46,7 +46,7 @@ def along_the_surface(w):
     normal = np.array([[3.0, 4.0, 0.0], [0.0, 0.01, 0.0]])
     along = STEP * w.slope * -3.0 / 500.0 * np.array([-0.48, 0.36, 0.0])  # (0, 1) less (0, 1).n n, n = (0.6, 0.8)
     near = np.array([1, 1], np.uint8)
-    return Exact(PAIR, _given(w, near_surface=near, surface_normal=normal), {"shift": np.array([along, np.zeros(3)])})
+    return Exact(PAIR, _given(w, near_surface=near, surface_normal=normal), {"shift": [along, np.zeros(3)]})
 
 
 @for_each_kernel("particle_shifting.shift")

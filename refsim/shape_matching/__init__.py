@@ -131,8 +131,7 @@ class ShapeMatching(Effect, HasErrata, frozen=True, kw_only=True):
             Pass(
                 "shape_matching.regions", ("direct",), ("region", "region_count"), stage="start",
                 names={"rebuild": None},
-            ),
-            Pass("shape_matching.classify", ("identity", "direct"), updates=("phase",), stage="start"),
+            ), Pass("shape_matching.classify", ("identity", "direct"), updates=("phase",), stage="start"),
         )  # fmt: skip
         if not self.holds():
             return tuple(p for p in start if p.operation != "shape_matching.regions" or "melting" in others)

@@ -5,7 +5,7 @@ import functools
 import numpy as np
 
 from refsim.core import cases
-from refsim.core.cases import VARIATIONS, Case, Exact, Variation, case, closed_form, groups, particles, takes
+from refsim.core.cases import VARIATIONS, Case, Exact, Variation, at, closed_form, groups, hard_input, particles, takes
 from refsim.scene.solids import lattice_of
 from refsim.shape_matching import Matching, ShapeMatching, floors, reference
 from refsim.shape_matching.boxes import boxes_of
@@ -126,7 +126,7 @@ takes("shape_matching.damp", matching="damping")
 # Hard cases: bodies of whose regions many have collapsed, away from the body's middle
 
 
-def _collapsed(name, shape, size=1.0):
+def _collapsed(name, shape, size):
     """Bodies in their shape, turned; cells from the second one along x on shrink into a point, a line or a plane."""
     blank = Case(name, 3, np.zeros((343, 3)))
     cell = bodies(blank)[0].cell.astype(float)
@@ -138,32 +138,21 @@ def _collapsed(name, shape, size=1.0):
     place[far] = [2.0, 1.0, 1.0] + size * cell[far] @ kept
     position = blank.position + 40 * blank.spacing
     position[: len(cell)] = blank.spacing * (place @ (turn * np.sign(np.linalg.det(turn)))) + [1.0, -2.0, 0.5]
-    return Case(name, 3, position)
+    return position
 
 
-def _enter(name, shape, size, words):
-    def made() -> Case:
-        return _collapsed(name, shape, size)
-
-    made.__name__, made.__doc__ = name, words
-    case(made)
-
-
-for _name, _shape, _size, _words in (
-    ("members_in_a_point", "point", 1.0, "All members of many regions at one place: nothing turns them."),
-    ("members_on_a_line", "line", 1.0, "All members of many regions on a line."),
-    ("members_on_a_short_line", "line", 1e-5, "The same, a hundred-thousandth as long."),
-    ("members_on_a_plane", "plane", 1.0, "All members of many regions on a plane."),
-    ("members_on_a_small_plane", "plane", 1e-5, "The same, a hundred-thousandth as wide."),
-):
-    _enter(_name, _shape, _size, _words)
+for _name, _shape, _size in (  # all members of many regions at one place, where nothing turns them, on a line, a plane
+    ("members_in_a_point", "point", 1.0), ("members_on_a_line", "line", 1.0), ("members_on_a_short_line", "line", 1e-5),
+    ("members_on_a_plane", "plane", 1.0), ("members_on_a_small_plane", "plane", 1e-5),
+):  # fmt: skip
+    hard_input(_name, 3, functools.partial(_collapsed, _name, _shape, _size))
 
 
 # Closed forms
 
 
 BLOCK = cases.lattice((3, 3, 3), 1.0)
-CUBE = Case("cube_of_27", 3, BLOCK, spacing=1.0, support_radius=2.0)
+CUBE = at("cube_of_27", BLOCK)
 PAIR = cases.pair_case("pair_of_nodes", 2.0)
 TWO = lattice_of([np.array([[0, 0, 0], [0, 0, 1]])])
 NONE = np.full((2, 27), -1, np.int32)
@@ -206,13 +195,12 @@ def chain_of_four():
                 direct[s, 13 + k - s] = k
             if abs(k - s) <= 2:
                 region[s, 62 + k - s] = k
-    chain = Case("chain_of_four", 3, cases.lattice((4, 1, 1), 1.0), spacing=1.0, support_radius=2.0)
-    return Exact(
-        chain,
-        {"direct": direct, "rebuild": None, "region": np.full((4, 125), 7, np.int32),
-         "region_count": np.zeros(4, np.int32), "lattice": lattice_of([np.array([[0, 0, k] for k in range(4)])])},
-        {"region": region, "region_count": np.array([3, 4, 4, 3])},
-    )  # fmt: skip
+    chain = at("chain_of_four", cases.lattice((4, 1, 1), 1.0))
+    given = {
+        "direct": direct, "rebuild": None, "region": np.full((4, 125), 7, np.int32),
+        "region_count": np.zeros(4, np.int32), "lattice": lattice_of([np.array([[0, 0, k] for k in range(4)])]),
+    }  # fmt: skip
+    return Exact(chain, given, {"region": region, "region_count": [3, 4, 4, 3]})
 
 
 @closed_form("shape_matching.classify")
@@ -222,26 +210,22 @@ def middle_of_27():
     direct[:, 13] = np.arange(27)
     direct[5] = np.arange(27)
     direct[6] = -1
-    more = Case("cube_and_drop", 3, np.concatenate([BLOCK, [[9.0, 0.0, 0.0]]]), spacing=1.0, support_radius=2.0)
+    more = at("cube_and_drop", np.concatenate([BLOCK, [[9.0, 0.0, 0.0]]]))
     expected = np.ones(28, int)
     expected[[5, 6, 27]] = [2, 0, 0]
-    return Exact(
-        more, {"identity": np.arange(28, dtype=np.int32), "direct": direct, "phase": np.zeros(28, np.int32)},
-        {"phase": expected},
-    )  # fmt: skip
+    given = {"identity": np.arange(28, dtype=np.int32), "direct": direct, "phase": np.zeros(28, np.int32)}
+    return Exact(more, given, {"phase": expected})
 
 
 @closed_form("shape_matching.gather")
 def shares():
     """m/cnt, in the first order: particle 0 stands in row 1."""
-    given = {
-        "mass": np.array([6.0, 8.0]), "place": np.array([1, 0], np.int32), "region_count": np.array([2, 3], np.int32),
-    }  # fmt: skip
-    return Exact(PAIR, given, {"region_share": np.array([4.0, 2.0]), "solid_position": PAIR.position[::-1]})
+    given = {"mass": [6.0, 8.0], "place": [1, 0], "region_count": [2, 3]}
+    return Exact(PAIR, given, {"region_share": [4.0, 2.0], "solid_position": PAIR.position[::-1]})
 
 
 def _matched(**changes):
-    return Matching(np.int32(1), 1.0, 1.0, 0.1, 1e-9, 1e-9, 1e-17)._replace(**changes)
+    return Matching(1, 1.0, 1.0, 0.1, 1e-9, 1e-9, 1e-17)._replace(**changes)
 
 
 def _counted(region):
@@ -333,7 +317,7 @@ def _crowd(half_width=1, place=(0.123, 0.456, 0.789), away=0.0):
     position[crowd] = place + away * np.sign(made.cell[crowd] - half_width)
     given = {
         "solid_position": position, "region_share": 0.5 + np.arange(343) % 5, "region": region,
-        "region_count": _counted(region), "matching": _matched(half_width=np.int32(half_width)),
+        "region_count": _counted(region), "matching": _matched(half_width=half_width),
         "boxes": boxes_of(made, half_width),
     }  # fmt: skip
     return given, crowd, middle
@@ -351,7 +335,7 @@ def _kept(given, crowd, middle, half_width, before=(0.48, 0.6, 0.0, 0.64)):
     anchor = none.copy()
     anchor[middle] = -(rest + 2 * np.cross(u, np.cross(u, rest) + w * rest))
     given |= {"rotation": rotation, "region_center": none + 1, "region_anchor": none + 1}
-    whole = Case("body_of_343", 3, given["solid_position"], spacing=1.0, support_radius=2.0)
+    whole = at("body_of_343", given["solid_position"])
     return Exact(whole, given, {"rotation": rotation, "region_center": none, "region_anchor": anchor})
 
 
@@ -439,10 +423,9 @@ def lone_node():
     region[0, 13] = 0
     region[1, 13] = 1
     given = {
-        "solid_position": PAIR.position, "region_share": np.array([2.0, 3.0]), "region": region,
-        "region_count": _counted(region), "matching": _matched(), "rotation": rotation,
-        "region_center": np.ones((2, 3)), "region_anchor": np.ones((2, 3)),
-        "boxes": boxes_of(TWO, 1),
+        "solid_position": PAIR.position, "region_share": [2.0, 3.0], "region": region, "region_count": _counted(region),
+        "matching": _matched(), "rotation": rotation, "region_center": np.ones((2, 3)),
+        "region_anchor": np.ones((2, 3)), "boxes": boxes_of(TWO, 1),
     }  # fmt: skip
     expected = {"rotation": rotation, "region_center": np.zeros((2, 3)), "region_anchor": np.zeros((2, 3))}
     return Exact(PAIR, given, expected)
@@ -454,10 +437,9 @@ def stretched_pair():
     turn = np.tile([np.sqrt(0.5), -np.sqrt(0.5), 0.0, 0.0], (2, 1))  # takes z to y
     anchor = np.array([[0.0, 0.5, 0.0], [0.0, -0.5, 0.0]])
     given = {
-        "velocity": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]), "solid_position": PAIR.position, "region": DIRECT,
-        "region_count": np.array([2, 2], np.int32), "region_anchor": anchor, "rotation": turn,
-        "place": np.array([1, 0], np.int32), "matching": _matched(stiffness=0.5), "timestep": np.array([0.25, 0.5]),
-        "boxes": boxes_of(TWO, 1),
+        "velocity": [[1.0, 0.0, 0.0], [0.0, 0.0, 0.0]], "solid_position": PAIR.position, "region": DIRECT,
+        "region_count": [2, 2], "region_anchor": anchor, "rotation": turn, "place": [1, 0],
+        "matching": _matched(stiffness=0.5), "timestep": [0.25, 0.5], "boxes": boxes_of(TWO, 1),
     }  # fmt: skip
     pulled = np.array([[0.0, -2.0, 0.0], [0.0, 2.0, 0.0]])
     after = np.array([[0.0, 0.5, 0.0], [1.0, -0.5, 0.0]])
@@ -473,8 +455,7 @@ def spinning_block():
     center = np.zeros((27, 3))
     given = {
         "solid_position": r, "solid_velocity": velocity, "region_share": np.full(27, 0.5), "region": region,
-        "region_count": _counted(region), "region_center": center, "matching": _matched(),
-        "boxes": boxes_of(made, 1),
+        "region_count": _counted(region), "region_center": center, "matching": _matched(), "boxes": boxes_of(made, 1),
     }  # fmt: skip
     expected_mean, expected_spin = velocity.copy(), np.zeros((27, 3))
     expected_mean[13], expected_spin[13] = [2.0, 0.0, 0.0], [0.0, 0.0, 3.0]
@@ -489,7 +470,7 @@ def crowd_in_one_place():
     share = given["region_share"][crowd]
     mean = velocity.copy()
     mean[middle] = (share[:, None] * velocity[crowd]).sum(0) / share.sum()
-    whole = Case("body_of_343", 3, given["solid_position"], spacing=1.0, support_radius=2.0)
+    whole = at("body_of_343", given["solid_position"])
     given |= {"solid_velocity": velocity, "region_center": np.zeros((343, 3)), "region_spin": np.ones((343, 3))}
     return Exact(whole, given, {"region_velocity": mean, "region_spin": np.zeros((343, 3))})
 
@@ -498,11 +479,10 @@ def crowd_in_one_place():
 def damped_pair():
     """Half the difference to the regions' velocity in t = 1/4 s: beta = 1/2, regions at rest but for a spin about x."""
     given = {
-        "solid_position": PAIR.position, "solid_velocity": np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]]),
-        "region": DIRECT, "region_count": np.array([2, 2], np.int32),
-        "region_center": np.array([[0.0, 1.0, 0.0], [0.0, -1.0, 0.0]]),
-        "region_velocity": np.zeros((2, 3)), "region_spin": np.tile([4.0, 0.0, 0.0], (2, 1)),
-        "place": np.array([1, 0], np.int32), "matching": _matched(damping=0.5), "timestep": np.array([0.25, 0.5]),
-        "acceleration": np.zeros((2, 3)), "boxes": boxes_of(TWO, 1),
+        "solid_position": PAIR.position, "solid_velocity": [[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]], "region": DIRECT,
+        "region_count": [2, 2], "region_center": [[0.0, 1.0, 0.0], [0.0, -1.0, 0.0]],
+        "region_velocity": np.zeros((2, 3)), "region_spin": np.tile([4.0, 0.0, 0.0], (2, 1)), "place": [1, 0],
+        "matching": _matched(damping=0.5), "timestep": [0.25, 0.5], "acceleration": np.zeros((2, 3)),
+        "boxes": boxes_of(TWO, 1),
     }  # fmt: skip
-    return Exact(PAIR, given, {"acceleration": np.array([[2.0, 0.0, 8.0], [-2.0, 0.0, -8.0]])})
+    return Exact(PAIR, given, {"acceleration": [[2.0, 0.0, 8.0], [-2.0, 0.0, -8.0]]})

@@ -1,13 +1,12 @@
 """Each smoothing kernel at half of its support radius, of which closed forms of pairs are made."""
 
+import itertools
 import math
 from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
-import numpy as np
-
-from refsim.core.cases import CLOSED_FORMS, Case, Exact
+from refsim.core.cases import CLOSED_FORMS, Case, Exact, across_a_border, at
 from refsim.smoothing.shapes import Smoothing, smoothing
 
 RADIUS = 2.0  # h [m]; particles stand 1 m apart
@@ -45,30 +44,33 @@ def at_half(kernel: str, dim: int) -> AtHalf:
     """The kernel of this name in 2D or 3D."""
     share, slope, *scales = AT_HALF[kernel]
     own = scales[dim - 2] / RADIUS**dim
-    pair = Case(f"pair_{dim}d", dim, np.array(PLACES[dim]), spacing=1.0, support_radius=RADIUS)
+    pair = at(f"pair_{dim}d", PLACES[dim], dim=dim)
     return AtHalf(own, share, own * slope / RADIUS, smoothing(kernel, RADIUS, dim), pair)
 
 
 def for_each_kernel(
-    *operations: str, dims: tuple[int, ...] = (3,)
+    *operations: str, dims: tuple[int, ...] = (3,), across: float = 0.0
 ) -> Callable[[Callable[[AtHalf], Exact]], Callable[[AtHalf], Exact]]:
-    """Mark a function that returns an exactly known case of the operations for a kernel, in each of the dimensions."""
+    """Mark a function that returns an exactly known case of the operations for a kernel, in each of the dimensions.
+
+    across  as of `closed_form`, in space
+    """
 
     def mark(maker: Callable[[AtHalf], Exact]) -> Callable[[AtHalf], Exact]:
-        for kernel in AT_HALF:
-            for dim in dims:
-                for operation in operations:
-                    CLOSED_FORMS.setdefault(operation, []).append(_form(maker, kernel, dim))
+        for kernel, dim in itertools.product(AT_HALF, dims):
+            made = [_form(maker, kernel, dim)] + [_form(maker, kernel, 3, across)] * (across > 0 and dim == 3)
+            for operation in operations:
+                CLOSED_FORMS.setdefault(operation, []).extend(made)
         return maker
 
     return mark
 
 
-def _form(maker: Callable[[AtHalf], Exact], kernel: str, dim: int) -> Callable[[], Exact]:
+def _form(maker: Callable[[AtHalf], Exact], kernel: str, dim: int, across: float = 0.0) -> Callable[[], Exact]:
     def form() -> Exact:
         w = at_half(kernel, dim)
-        exact = maker(w)
+        exact = across_a_border(maker(w), across) if across else maker(w)
         return replace(exact, given={"smoothing": w.smoothing, "gradient_smoothing": w.smoothing, **exact.given})
 
-    form.__name__ = f"{maker.__name__}_{kernel}{'_2d' if dim == 2 else ''}"
+    form.__name__ = f"{maker.__name__}_{kernel}{'_2d' if dim == 2 else ''}{'_across' if across else ''}"
     return form

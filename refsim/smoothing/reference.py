@@ -4,9 +4,7 @@ import math
 
 import numpy as np
 
-NAMES = (
-    "poly6", "spiky", "cubic_spline", "wendland_c2", "wendland_c4", "wendland_c6", "quintic_spline", "gaussian",
-)  # fmt: skip
+NAMES = ("poly6", "spiky", "cubic_spline", "wendland_c2", "wendland_c4", "wendland_c6", "quintic_spline", "gaussian")
 TAIL = math.exp(-9)
 
 

@@ -37,7 +37,7 @@ def _marked(count, expected, **given):
 def thresholds():
     """At the limit a particle still counts as near the surface."""
     limit = NearSurfaceLimit(0.75, 1.0)
-    return _marked(3, [1, 1, 0], number_density=np.array([0.5, 0.75, 1.0]), near_surface_limit=limit, asymmetry=None)
+    return _marked(3, [1, 1, 0], number_density=[0.5, 0.75, 1.0], near_surface_limit=limit, asymmetry=None)
 
 
 @closed_form("surface_detection.candidates")
@@ -54,7 +54,7 @@ def _scanned(position, surface, candidates, printed=0, thin=None, normal=(0.0, -
     case = Case("scanned", options.pop("dim", 2), np.array(position), **options)
     given = {
         "surface_normal": np.array([normal] * case.count), "candidates": np.array(candidates, np.uint8),
-        "fan_scan": FanScan(1.0, 2.0, 1e-6, np.int32(printed)), "thin_feature": thin,
+        "fan_scan": FanScan(1.0, 2.0, 1e-6, printed), "thin_feature": thin,
     }  # fmt: skip
     return Exact(case, given, {"surface": np.array(surface, np.uint8)})
 
@@ -98,7 +98,7 @@ def _crosses(*arms, limit, thin, dim=2, walls=()):
     position = np.concatenate([[10.0 * k, 0, 0] + steps * [a, b, 1] for k, (a, b) in enumerate(arms)])
     wall = np.array(walls, dtype=float).reshape(-1, 3)
     middle = np.arange(len(position)) % 5 == 0
-    feature, surface = ThinFeature(limit, np.int32(dim)), np.repeat(thin, 5) * middle
+    feature, surface = ThinFeature(limit, dim), np.repeat(thin, 5) * middle
     return _scanned(position, surface, middle, thin=feature, normal=(0.0, 0.0, 0.0), dim=dim, wall_position=wall)
 
 
@@ -126,8 +126,4 @@ def a_film_between_two_walls():
 def released():
     """Zero on the surface, unchanged with either sign elsewhere."""
     case = Case("released", 2, np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 2.0, 0.0]]))
-    return Exact(
-        case,
-        {"surface": np.array([1, 0, 0], np.uint8), "pressure": np.array([3.0, 5.0, -2.0])},
-        {"pressure": np.array([0.0, 5.0, -2.0])},
-    )
+    return Exact(case, {"surface": [1, 0, 0], "pressure": [3.0, 5.0, -2.0]}, {"pressure": [0.0, 5.0, -2.0]})

@@ -8,7 +8,7 @@ import numpy as np
 
 from refsim.backends.arrays import Backend
 from refsim.core import cases
-from refsim.core.cases import CASES, VARIATIONS, Case, Exact, Variation, case, closed_form, groups
+from refsim.core.cases import CASES, VARIATIONS, Case, Exact, Variation, closed_form, groups, hard_input
 from refsim.isosurface.cases import cell_size, extraction
 from refsim.sparse_grid import Blocks, SparseGrid, nodes
 from refsim.sparse_grid.reference import node_table
@@ -138,10 +138,6 @@ cases.takes("surface_energy.surface_force", surface_term="tension")
 # Shapes
 
 
-def shape(name: str, dim: int, position: np.ndarray, **options) -> Case:
-    return Case(name, dim, position, masses=(1, 1), ties=True, **options)
-
-
 def cut_ball(radius: float, dim: int, spacing: float = 0.1) -> np.ndarray:
     """A jittered lattice cut by a sphere around the origin."""
     count = 2 * math.ceil(radius / spacing) + 3
@@ -152,70 +148,42 @@ def cut_ball(radius: float, dim: int, spacing: float = 0.1) -> np.ndarray:
     return position[np.linalg.norm(position, axis=1) < radius]
 
 
-@case
-def drop() -> Case:
-    """A ball of two cells' radius."""
-    return shape("drop", 3, cut_ball(0.4, 3) + [0.03, -0.02, 0.01])
+def shuffled(position: np.ndarray) -> np.ndarray:
+    return position[np.random.default_rng(8).permutation(len(position))]
 
 
-@case
-def disc() -> Case:
-    """A disc of four cells' radius."""
-    return shape("disc", 2, cut_ball(0.8, 2) + [0.03, -0.02, 0.0])
-
-
-@case
-def filament_row() -> Case:
-    """A row of particles half a cell apart, oblique to the axes; volume ratios do not show its contraction."""
-    direction = np.array([2.0, 3.0, 6.0]) / 7
-    return shape("filament_row", 3, 0.1 * np.arange(30)[:, None] * direction + 0.013)
-
-
-@case
-def two_rows() -> Case:
-    """Two rows of particles beside each other in the plane."""
-    return shape("two_rows", 2, cases.lattice((25, 2, 1), 0.1, 2) + [0.02, 0.03, 0.0])
-
-
-@case
-def on_nodes() -> Case:
-    """Particles exactly on the grid's nodes, where cell size and coordinates are exact in binary."""
-    return shape("on_nodes", 3, cases.lattice((4, 4, 3), 0.25) - [0.5, 0.0, 0.0], spacing=0.25, support_radius=0.5)
-
-
-@case
-def block_of_lattice() -> Case:
-    """A lattice two particles to a cell, in a random order: most samples are equally near to two or more of them."""
-    place = cases.lattice((5, 4, 4), 0.1) + 0.05
-    return shape("block_of_lattice", 3, place[np.random.default_rng(8).permutation(len(place))])
-
-
-@case
-def sheet_of_lattice() -> Case:
-    """The same in the plane."""
-    place = cases.lattice((8, 6, 1), 0.1, 2) + [0.05, 0.05, 0.0]
-    return shape("sheet_of_lattice", 2, place[np.random.default_rng(8).permutation(len(place))])
-
-
-@case
-def close_drops() -> Case:
+def close_drops() -> np.ndarray:
     """Two discs 2.5 cells apart: nearer than twice the level set's radius: they share one surface."""
     ball = cut_ball(0.45, 2)
-    return shape("close_drops", 2, np.vstack([ball, ball + [1.4, 0.02, 0.0]]))
+    return np.vstack([ball, ball + [1.4, 0.02, 0.0]])
 
 
-@case
-def narrow_cavity() -> Case:
+def narrow_cavity() -> np.ndarray:
     """A disc with a hole of 2 cells across: narrower than twice the level set's radius, it has no surface."""
     ball = cut_ball(0.9, 2)
-    return shape("narrow_cavity", 2, ball[np.linalg.norm(ball, axis=1) > 0.2])
+    return ball[np.linalg.norm(ball, axis=1) > 0.2]
 
 
-@case
-def spray() -> Case:
+def spray() -> np.ndarray:
     """A drop and lone particles about it."""
     far = 1.3 * np.array([[1.0, 0.3, 0.2], [-1.0, 0.8, 0.1], [0.2, -1.1, 0.9], [0.0, 0.1, -1.4], [0.1, 0.1, -1.4]])
-    return shape("spray", 3, np.vstack([cut_ball(0.35, 3), far]))
+    return np.vstack([cut_ball(0.35, 3), far])
+
+
+shape = functools.partial(hard_input, masses=(1, 1), ties=True)
+shape("drop", 3, lambda: cut_ball(0.4, 3) + [0.03, -0.02, 0.01])  # two cells' radius
+shape("disc", 2, lambda: cut_ball(0.8, 2) + [0.03, -0.02, 0.0])  # four cells' radius
+# half a cell apart, oblique to the axes; volume ratios do not show its contraction
+shape("filament_row", 3, lambda: 0.1 * np.arange(30)[:, None] * (np.array([2.0, 3.0, 6.0]) / 7) + 0.013)
+shape("two_rows", 2, lambda: cases.lattice((25, 2, 1), 0.1, 2) + [0.02, 0.03, 0.0])
+# exactly on the grid's nodes, where cell size and coordinates are exact in binary
+shape("on_nodes", 3, lambda: cases.lattice((4, 4, 3), 0.25) - [0.5, 0.0, 0.0], spacing=0.25, support_radius=0.5)
+# two particles to a cell, in a random order: most samples are equally near to two or more of them
+shape("block_of_lattice", 3, lambda: shuffled(cases.lattice((5, 4, 4), 0.1) + 0.05))
+shape("sheet_of_lattice", 2, lambda: shuffled(cases.lattice((8, 6, 1), 0.1, 2) + [0.05, 0.05, 0.0]))
+shape("close_drops", 2, close_drops)
+shape("narrow_cavity", 2, narrow_cavity)
+shape("spray", 3, spray)
 
 
 # Closed forms, h = 2 m
@@ -295,7 +263,7 @@ def segment():
 
 def _candidates(x, facets, before, dice, expected, place):
     made, _, given = lone(2)
-    given |= {"vertex_position": np.array([[a, 7.0, 0.0] for a in x]), "facets": np.array(facets, np.int32)}
+    given |= {"vertex_position": [[a, 7.0, 0.0] for a in x], "facets": np.array(facets, np.int32)}
     given |= {"area_before": np.array(before, np.int64), "dice": Dice(*map(np.int64, dice))}
     found = np.array([[a, 7.0, 0.0] for a in place])
     return Exact(made, given, {"candidate_facet": np.array(expected), "candidate_position": found})
@@ -365,7 +333,7 @@ def sample_between_two_particles():
         "fit_position": None,
     }  # fmt: skip
     direction = np.array([[-1.0, 0, 0], [1, 0, 0], [1, 0, 0], [0, 1, 0]])
-    return Exact(made, given, {"nearest": np.array([1, 7, 10, 19]), "offset_direction": direction})
+    return Exact(made, given, {"nearest": [1, 7, 10, 19], "offset_direction": direction})
 
 
 @closed_form("surface_energy.sample_counts", over=(((), (0, 0)), ((2, 0, 2), (1, 0, 2))))
@@ -442,7 +410,7 @@ def one_sweep_of_one_sample(dim):
     made, given, _, second = middle_fit(dim)
     given["surface_term"] = surface_term(Tension(surface_tension=3.0, iterations=1), dim, "float64", H)
     value = 0.5 * second * given["node_weight"]
-    return Exact(made, given, {"residual": np.array([0.0, 0.5]), "coefficients": value})
+    return Exact(made, given, {"residual": [0.0, 0.5], "coefficients": value})
 
 
 @closed_form("surface_energy.fit", over=(2, 3))
@@ -454,7 +422,7 @@ def two_sweeps_at_the_first_node(dim):
     once = 0.5 * 2 * second * weight
     x, q = -(first @ once), 0.5 - second @ once
     twice = once + weight * (first * x + 2 * second * q)
-    return Exact(made, given, {"residual": np.array([x, 0.0, q, q]), "coefficients": twice})
+    return Exact(made, given, {"residual": [x, 0.0, q, q], "coefficients": twice})
 
 
 def plane(place, outward, blocks: Blocks | None = None):
@@ -490,9 +458,9 @@ def plane_at_the_first_node():
 def vertex_pulled_back():
     """By (sqrt(3) - 1/4) h along its normal."""
     made, _, given = lone(3)
-    given |= {"vertex_position": np.array([[1.0, 2.0, 3.0]]), "vertex_normal": np.array([[0.0, 0.6, 0.8]])}
+    given |= {"vertex_position": [[1.0, 2.0, 3.0]], "vertex_normal": [[0.0, 0.6, 0.8]]}
     back = (math.sqrt(3) - 0.25) * H
-    return Exact(made, given, {"inset_position": np.array([[1.0, 2 - 0.6 * back, 3 - 0.8 * back]])})
+    return Exact(made, given, {"inset_position": [[1.0, 2 - 0.6 * back, 3 - 0.8 * back]]})
 
 
 @closed_form("surface_energy.surface_force", over=((2, 2), (3, 2), (3, 1)))
@@ -505,7 +473,7 @@ def one_sample_pulls(dim, node):
     place = np.zeros((1, 3))
     place[:, :dim] = node * H
     given |= {
-        "sample_position": place, "sample_area": np.array([0.5]), "sample_normal": np.array([[0.0, 1.0, 0.0]]),
+        "sample_position": place, "sample_area": [0.5], "sample_normal": [[0.0, 1.0, 0.0]],
         "spline_cells": grid.by_cell(place, given["blocks"], 0.5),
     }  # fmt: skip
     j = node_table(given["blocks"])[:, :dim] - node
@@ -531,7 +499,7 @@ def two_separate_particles(dim):
         label[own] = min(own)
     given |= {"blocks": blocks, "cells": grid.by_cell(place, blocks), "interior_position": place}
     given |= {"node_label": label.astype(np.int32), "node_state": (label >= 0).astype(np.uint8)}
-    return Exact(made, given, {"node_label": label, "component_size": np.array([1, 2, 2])})
+    return Exact(made, given, {"node_label": label, "component_size": [1, 2, 2]})
 
 
 def blocks_at(places: np.ndarray, dim: int) -> Blocks:
@@ -576,7 +544,7 @@ def particles_outside_of_components():
     place = H * np.concatenate([node_table(blocks)[[0, 0, 1, 9, 20]] + 0.5, [[99.0, 0.0, 0.0]]])
     given |= {"interior_position": place, "cells": grid.by_cell(place, blocks)}
     given["node_label"] = label
-    return Exact(made, given, {"component_size": np.array([3, 3, 3, 1, 0, 0])})
+    return Exact(made, given, {"component_size": [3, 3, 3, 1, 0, 0]})
 
 
 @closed_form("surface_energy.extents")
@@ -586,7 +554,7 @@ def a_row_and_a_lone_particle():
     place = np.array([[0.5, 1, 1], [1.5, 1, 1], [2.5, 1, 1], [9, 1, 1]])
     blocks = grid.cover(place, 4, 5)
     given |= {"interior_position": place, "blocks": blocks, "cells": grid.by_cell(place, blocks)}
-    return Exact(made, given, {"extent": np.array([1, 1, 1, 0])})
+    return Exact(made, given, {"extent": [1, 1, 1, 0]})
 
 
 # One block alone: points in its first and last cells, and what lies outside
@@ -642,7 +610,7 @@ def samples_near_and_far(dim):
         "sample_cells": grid.by_cell(H * sample, given["blocks"]),
     }  # fmt: skip
     fitted = H * np.vstack([sample, sample + 0.5 * direction])
-    answer = {"nearest": np.array([0, -1, 1, 2]), "offset_direction": direction, "fit_position": fitted}
+    answer = {"nearest": [0, -1, 1, 2], "offset_direction": direction, "fit_position": fitted}
     return Exact(made, given, answer)
 
 
@@ -661,4 +629,4 @@ def an_oblique_row_and_a_close_pair(dim):
     place[4, 0] += 0.249
     place[5, 0] = 99.0
     given |= {"interior_position": H * place, "cells": grid.by_cell(H * place, given["blocks"])}
-    return Exact(made, given, {"extent": np.array([1, 1, 1, 0, 0, 0])})
+    return Exact(made, given, {"extent": [1, 1, 1, 0, 0, 0]})

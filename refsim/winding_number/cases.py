@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from refsim.core.cases import VARIATIONS, Case, Exact, Variation, case, closed_form, groups
+from refsim.core.cases import VARIATIONS, Exact, Variation, at, closed_form, groups, hard_input
 from refsim.winding_number import Clusters, clusters
 
 OCTAHEDRON = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], float)
@@ -16,13 +16,9 @@ def octahedra(middle: np.ndarray, radius: np.ndarray) -> np.ndarray:
     return (middle[:, None, None] + radius[:, None, None, None] * OCTAHEDRON[FACES]).reshape(-1, 3, 3)
 
 
-@case
-def wound_bodies() -> Case:
-    """Octahedra far apart, so that each is a cluster of its own for the others; two of them overlap."""
-    place = np.array(
-        [[0, 0, 0], [0.05, 0.02, 0.01], [7, 0, 0], [0, 9, 0], [-8, 0, 3], [0, 0, 11], [5, 5, 5], [-4, -6, 2]]
-    )
-    return Case("wound_bodies", 3, place, spacing=0.4, support_radius=0.8)
+# Octahedra far apart, so that each is a cluster of its own for the others; two of them overlap
+MIDDLES = [[0, 0, 0], [0.05, 0.02, 0.01], [7, 0, 0], [0, 9, 0], [-8, 0, 3], [0, 0, 11], [5, 5, 5], [-4, -6, 2]]
+hard_input("wound_bodies", 3, lambda: MIDDLES, spacing=0.4, support_radius=0.8)
 
 
 @groups("clusters", "viewpoint", "winding_number")
@@ -45,7 +41,7 @@ VARIATIONS[Clusters] = Variation(held={"first": "offsets of the rows of `corner`
 def _exact(name: str, triangles: np.ndarray, points: list, wanted: list) -> Exact:
     given = {"clusters": clusters(triangles, "float64"), "viewpoint": np.array(points, float)}
     given["winding_number"] = np.zeros(len(points))
-    made = Case(name, 3, np.zeros((1, 3)), spacing=1.0, support_radius=2.0)
+    made = at(name, [0, 0, 0])
     return Exact(made, given, {"winding_number": np.array(wanted)})
 
 

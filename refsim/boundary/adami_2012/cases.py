@@ -4,7 +4,7 @@ import numpy as np
 
 from refsim.boundary.adami_2012 import Lean
 from refsim.boundary.akinci_2012 import BoxWalls
-from refsim.core.cases import Case, Exact, example, groups
+from refsim.core.cases import Exact, at, example, groups
 from refsim.core.walls import WallParticles
 from refsim.smoothing.cases import for_each_kernel
 
@@ -25,7 +25,7 @@ def _wall_pressure(case, grid):
 
 def _beside(wall_position):
     position = np.array([[0.0, 0.0, 0.0], [0.0, 2.0, 0.0]])
-    return Case("beside_walls", 3, position, spacing=1.0, support_radius=2.0, wall_position=wall_position)
+    return at("beside_walls", position, wall_position)
 
 
 @for_each_kernel("adami_2012.extrapolation")
@@ -33,14 +33,11 @@ def mean_of_two(w):
     """A wall particle 1 m from both: mean of p_1 + rho_1 g.(0, 1, 0) and p_2 - rho_2 g.(0, 1, 0); 0 far away."""
     place = np.array([[0.0, 1.0, 0.0], [0.0, 9.0, 0.0]])
     wanted = 0.5 * (300.0 + 1000.0 * -9.0 + 500.0 - 500.0 * -9.0)
-    return Exact(
-        _beside(place),
-        {
-            "density": np.array([1000.0, 500.0]), "pressure": np.array([300.0, 500.0]), "lean": Lean(2.0, -9.0, 1.5),
-            "walls": WallParticles(place, np.full(2, 0.5)), "period": None, "phase": np.zeros(2, np.int32),
-        },
-        {"wall_pressure": np.array([wanted, 0.0])},
-    )  # fmt: skip
+    given = {
+        "density": [1000.0, 500.0], "pressure": [300.0, 500.0], "lean": Lean(2.0, -9.0, 1.5),
+        "walls": WallParticles(place, np.full(2, 0.5)), "period": None, "phase": np.zeros(2, np.int32),
+    }  # fmt: skip
+    return Exact(_beside(place), given, {"wall_pressure": [wanted, 0.0]})
 
 
 @for_each_kernel("adami_2012.wall_force")
@@ -48,27 +45,20 @@ def pushed_by_its_wall(w):
     """a = V_w (p_i + p_w) |W'(h/2)|/rho_i away from the wall particle, on both sides of it; B_2 turns it."""
     place = np.array([[0.0, 1.0, 0.0]])
     push = 0.25 * np.array([(300.0 + 200.0) / 1000.0, (500.0 + 200.0) / 500.0]) * w.slope
-    return Exact(
-        _beside(place),
-        {
-            "density": np.array([1000.0, 500.0]), "pressure": np.array([300.0, 500.0]),
-            "walls": WallParticles(place, np.array([0.25])), "wall_pressure": np.array([200.0]),
-            "phase": None, "correction_diagonal": np.array([[9.0, 1.0, 9.0], [9.0, 3.0, 9.0]]),
-            "correction_mixed": np.array([[0.0, 9.0, 0.0], [0.5, 9.0, -0.25]]),
-        },
-        {"acceleration": np.array([[0.0, -push[0], 0.0], push[1] * np.array([0.5, 3.0, -0.25])])},
-    )  # fmt: skip
+    given = {
+        "density": [1000.0, 500.0], "pressure": [300.0, 500.0], "walls": WallParticles(place, np.array([0.25])),
+        "wall_pressure": [200.0], "phase": None, "correction_diagonal": [[9.0, 1.0, 9.0], [9.0, 3.0, 9.0]],
+        "correction_mixed": [[0.0, 9.0, 0.0], [0.5, 9.0, -0.25]],
+    }  # fmt: skip
+    return Exact(_beside(place), given, {"acceleration": [[0.0, -push[0], 0.0], push[1] * np.array([0.5, 3.0, -0.25])]})
 
 
 @for_each_kernel("adami_2012.extrapolation")
 def beside_a_solid(w):
     """The pressure of the liquid alone, where a solid is as near."""
     place = np.array([[0.0, 1.0, 0.0]])
-    return Exact(
-        _beside(place),
-        {
-            "density": np.array([1000.0, 500.0]), "pressure": np.array([300.0, 500.0]), "lean": Lean(2.0, -9.0, 1.5),
-            "walls": WallParticles(place, np.full(1, 0.5)), "period": None, "phase": np.array([0, 1], np.int32),
-        },
-        {"wall_pressure": np.array([300.0 + 1000.0 * -9.0])},
-    )  # fmt: skip
+    given = {
+        "density": [1000.0, 500.0], "pressure": [300.0, 500.0], "lean": Lean(2.0, -9.0, 1.5),
+        "walls": WallParticles(place, np.full(1, 0.5)), "period": None, "phase": [0, 1],
+    }  # fmt: skip
+    return Exact(_beside(place), given, {"wall_pressure": [300.0 + 1000.0 * -9.0]})

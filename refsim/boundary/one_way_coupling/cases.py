@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from refsim.boundary.one_way_coupling import MeshBoundary, WallGravity
-from refsim.core.cases import Case, Exact, closed_form, example, groups, takes
+from refsim.core.cases import Exact, at, closed_form, example, groups, takes
 from refsim.core.walls import WallMotion, WallParticles, WallViscosity
 from refsim.smoothing.cases import for_each_kernel
 from refsim.sph import Fluid
@@ -26,22 +26,14 @@ def _wall_viscosity(case, grid):
 @closed_form("one_way_coupling.wall_viscosity")
 def rubbing_on_one_particle():
     """h = 2 m, r = 1 m: lap W = 45/(pi h^6) (h - r); a = -mu rho0 V_b lap W/rho^2 v."""
-    case = Case(
-        "rubbing", 3, np.zeros((1, 3)), spacing=1.0, support_radius=2.0, wall_position=np.array([[0.0, 0.6, 0.8]])
-    )
+    case = at("rubbing", [0, 0, 0], [[0.0, 0.6, 0.8]])
     velocity = np.array([[1.0, -2.0, 0.5]])
     drag = 3.0 * 1000 * 0.25 * 45 / (math.pi * 64) / 500.0**2
-    return Exact(
-        case,
-        {
-            "walls": WallParticles(case.wall_position, np.array([0.25])),
-            "velocity": velocity,
-            "density": np.array([500.0]),
-            "wall_viscosity": WallViscosity(3.0),
-            "wall_motion": None,
-        },
-        {"acceleration": -drag * velocity},
-    )
+    given = {
+        "walls": WallParticles(case.wall_position, np.array([0.25])), "velocity": velocity, "density": [500.0],
+        "wall_viscosity": WallViscosity(3.0), "wall_motion": None,
+    }  # fmt: skip
+    return Exact(case, given, {"acceleration": -drag * velocity})
 
 
 @closed_form("one_way_coupling.wall_viscosity")
@@ -50,7 +42,7 @@ def dragged_by_one_particle():
     towards half the wall's velocity."""
     resting = rubbing_on_one_particle()
     place = np.array([[0.0, 0.6, 0.8], [0.0, 0.6, -0.8]])
-    case = Case("dragged", 3, np.zeros((1, 3)), spacing=1.0, support_radius=2.0, wall_position=place)
+    case = at("dragged", [0, 0, 0], place)
     far = np.full(3, np.inf)
     wall = np.array([3.0, 0.0, -1.0])
     given = dict(resting.given) | {
@@ -82,21 +74,13 @@ takes("one_way_coupling.wall_viscosity", smoothing="support_radius dim")
 
 def _pushing(w, pressure, gravity, expected, clamp):
     """h = 2 m, r = 1 m, alone: a = Psi_b p_b/rho^2 W'(r) e_b, with p_b as `expected` [Pa]."""
-    case = Case(
-        "pushing", 3, np.zeros((1, 3)), spacing=1.0, support_radius=2.0, wall_position=np.array([[0.0, 0.6, 0.8]])
-    )
+    case = at("pushing", [0, 0, 0], [[0.0, 0.6, 0.8]])
     push = 1000 * 0.25 * expected / 500.0**2 * w.slope
-    return Exact(
-        case,
-        {
-            "walls": WallParticles(case.wall_position, np.array([0.25])),
-            "density": np.array([500.0]),
-            "pressure": np.array([pressure]),
-            "wall_gravity": WallGravity(*gravity),
-            "fluid": Fluid(1000.0, 4e5, np.int32(1), np.int32(clamp)),
-        },
-        {"acceleration": -push * case.wall_position},
-    )
+    given = {
+        "walls": WallParticles(case.wall_position, np.array([0.25])), "density": [500.0], "pressure": [pressure],
+        "wall_gravity": WallGravity(*gravity), "fluid": Fluid(1000.0, 4e5, 1, clamp),
+    }  # fmt: skip
+    return Exact(case, given, {"acceleration": -push * case.wall_position})
 
 
 @for_each_kernel("one_way_coupling.wall_pressure")

@@ -8,7 +8,7 @@ import numpy as np
 from refsim.boundary.mesh import surface_mesh
 from refsim.boundary.penetration import Penetration, marked_box, penetration_groups
 from refsim.boundary.signed_distance import DistanceField, signed_distance
-from refsim.core.cases import Case, Exact, case, closed_form, cloud, groups, other, particles, takes
+from refsim.core.cases import Exact, at, closed_form, cloud, groups, hard_input, other, particles, takes
 from refsim.sparse_grid import inverse_cell
 
 UNIT = 0.625  # spacing of the bands [spacings of the case]
@@ -69,18 +69,10 @@ takes("penetration.kick_drift", penetration="restitution rebound swept printed")
 takes("penetration.kick_drift", solid_field="origin_x origin_y origin_z")
 
 
-@case
-def towards_edges() -> Case:
-    """Particles around an octahedron whose edges are sharper than the band's spacing resolves."""
-    position = cloud("towards_edges", 120, 3, 0.12)
-    return Case("towards_edges", 3, position)
-
-
-@case
-def outside_the_grid() -> Case:
-    """Most particles lie far outside the box of the band, so that their paths begin outside it."""
-    position = 6 * cloud("outside_the_grid", 120, 3)
-    return Case("outside_the_grid", 3, position)
+# Around an octahedron whose edges are sharper than the band's spacing resolves
+hard_input("towards_edges", 3, lambda: cloud("towards_edges", 120, 3, 0.12))
+# Mostly far outside the box of the band, so that paths begin outside it
+hard_input("outside_the_grid", 3, lambda: 6 * cloud("outside_the_grid", 120, 3))
 
 
 def _slab() -> DistanceField:
@@ -104,11 +96,11 @@ def _fall(begin, speed, **changes):
     position = np.array([begin], dtype=float)
     field = _slab()
     lower, upper = marked_box(field)
-    group = Penetration(0.5, 0.0, np.int32(1), np.int32(0), np.int32(0), lower, upper)._replace(**changes)
-    return Case("onto_a_slab", 3, position, spacing=1.0, support_radius=2.0), {
+    group = Penetration(0.5, 0.0, 1, 0, 0, lower, upper)._replace(**changes)
+    return at("onto_a_slab", position), {
         "velocity": np.array([speed], dtype=float),
         "acceleration": np.zeros((1, 3)),
-        "timestep": np.array([0.0, 1.0]),
+        "timestep": [0.0, 1.0],
         "build_position": position,
         "corrections": np.zeros(1, np.int32),
         "identity": np.zeros(1, np.int32),
@@ -120,12 +112,12 @@ def _fall(begin, speed, **changes):
 @closed_form("penetration.kick_drift")
 def printed_bounce():
     """Point: z = 1 - 3 = -2 becomes 0, and v_z = -3 becomes 3/2; x and v_x are not changed."""
-    made, given = _fall((0.25, 0.5, 1.0), (1.0, 0.0, -3.0), swept=np.int32(0))
+    made, given = _fall((0.25, 0.5, 1.0), (1.0, 0.0, -3.0), swept=0)
     moved = np.array([1.0, 0.0, -1.0])
     return Exact(
         made, given,
-        {"position": np.array([[1.25, 0.5, 0.0]]), "velocity": np.array([[1.0, 0.0, 1.5]]),
-         "corrections": np.array([1]), "displacement": np.array([moved @ moved, 0.0])},
+        {"position": [[1.25, 0.5, 0.0]], "velocity": [[1.0, 0.0, 1.5]],
+         "corrections": [1], "displacement": [moved @ moved, 0.0]},
     )  # fmt: skip
 
 
@@ -136,8 +128,8 @@ def swept_bounce():
     moved = np.array([0.0, 0.0, -1.0])
     return Exact(
         made, given,
-        {"position": np.array([[0.25, 0.5, 0.0]]), "velocity": np.array([[0.0, 0.0, 1.5]]),
-         "corrections": np.array([1]), "displacement": np.array([moved @ moved, 0.0])},
+        {"position": [[0.25, 0.5, 0.0]], "velocity": [[0.0, 0.0, 1.5]],
+         "corrections": [1], "displacement": [moved @ moved, 0.0]},
     )  # fmt: skip
 
 
@@ -147,19 +139,18 @@ def leaving_is_not_reflected():
     made, given = _fall((0.25, 0.5, -2.0), (0.0, 0.0, 1.0))
     return Exact(
         made, given,
-        {"position": np.array([[0.25, 0.5, 0.0]]), "velocity": np.array([[0.0, 0.0, 1.0]]),
-         "corrections": np.array([1]), "displacement": np.array([4.0, 0.0])},
+        {"position": [[0.25, 0.5, 0.0]], "velocity": [[0.0, 0.0, 1.0]], "corrections": [1], "displacement": [4.0, 0.0]},
     )  # fmt: skip
 
 
 @closed_form("penetration.kick_drift")
 def printed_leaving():
     """The printed rule reflects it nevertheless: v_z = 1 becomes -1/2."""
-    made, given = _fall((0.25, 0.5, -2.0), (0.0, 0.0, 1.0), printed=np.int32(1))
+    made, given = _fall((0.25, 0.5, -2.0), (0.0, 0.0, 1.0), printed=1)
     return Exact(
         made, given,
-        {"position": np.array([[0.25, 0.5, 0.0]]), "velocity": np.array([[0.0, 0.0, -0.5]]),
-         "corrections": np.array([1]), "displacement": np.array([4.0, 0.0])},
+        {"position": [[0.25, 0.5, 0.0]], "velocity": [[0.0, 0.0, -0.5]],
+         "corrections": [1], "displacement": [4.0, 0.0]},
     )  # fmt: skip
 
 
@@ -171,20 +162,20 @@ def pushed_until_out():
     depth = 0.6**7
     return Exact(
         made, given,
-        {"position": np.array([[0.25, 0.5, -depth]]), "velocity": np.array([[0.0, 0.0, 0.25]]),
-         "corrections": np.array([1]), "displacement": np.array([(0.5 - depth) ** 2, 0.0])},
+        {"position": [[0.25, 0.5, -depth]], "velocity": [[0.0, 0.0, 0.25]],
+         "corrections": [1], "displacement": [(0.5 - depth) ** 2, 0.0]},
     )  # fmt: skip
 
 
 @closed_form("penetration.kick_drift")
 def pushed_once():
     """Without the sweep one push of 2|phi| is all: 3/5 of z is left."""
-    made, given = _fall((0.25, 0.5, -0.5), (0.0, 0.0, -0.5), swept=np.int32(0))
+    made, given = _fall((0.25, 0.5, -0.5), (0.0, 0.0, -0.5), swept=0)
     given["solid_field"] = given["solid_field"]._replace(distance=0.2 * given["solid_field"].distance)
     return Exact(
         made, given,
-        {"position": np.array([[0.25, 0.5, -0.6]]), "velocity": np.array([[0.0, 0.0, 0.25]]),
-         "corrections": np.array([1]), "displacement": np.array([0.01, 0.0])},
+        {"position": [[0.25, 0.5, -0.6]], "velocity": [[0.0, 0.0, 0.25]],
+         "corrections": [1], "displacement": [0.01, 0.0]},
     )  # fmt: skip
 
 
@@ -204,8 +195,8 @@ def from_outside_the_box():
     moved = place - [-4.25, 0.5, 9.0]
     return Exact(
         made, given,
-        {"position": place[None], "velocity": np.array([[1.0, 0.0, 5.5]]), "corrections": np.array([1]),
-         "displacement": np.array([moved @ moved, 0.0])},
+        {"position": place[None], "velocity": [[1.0, 0.0, 5.5]], "corrections": [1],
+         "displacement": [moved @ moved, 0.0]},
     )  # fmt: skip
 
 
@@ -216,8 +207,8 @@ def first_cell():
     made, given = _fall(begin, (0.0, 0.0, -0.25))
     return Exact(
         made, given,
-        {"position": np.array([[-3.75, -3.75, 0.0]]), "velocity": np.array([[0.0, 0.0, 0.125]]),
-         "corrections": np.array([1]), "displacement": np.array([12.25, 0.0])},
+        {"position": [[-3.75, -3.75, 0.0]], "velocity": [[0.0, 0.0, 0.125]],
+         "corrections": [1], "displacement": [12.25, 0.0]},
     )  # fmt: skip
 
 
@@ -239,8 +230,8 @@ def _beyond(begin, speed, position, corrections):
     moved = np.array(position) - begin
     return Exact(
         made, given,
-        {"position": np.array([position]), "velocity": np.array([speed]), "corrections": np.array([corrections]),
-         "displacement": np.array([moved @ moved, 0.0])},
+        {"position": [position], "velocity": [speed], "corrections": [corrections],
+         "displacement": [moved @ moved, 0.0]},
     )  # fmt: skip
 
 
@@ -264,8 +255,8 @@ def higher_than_wide():
     given["penetration"] = given["penetration"]._replace(lower=np.full(3, -99.0), upper=np.array([2.0, 99.0, 99.0]))
     return Exact(
         made, given,
-        {"position": np.array([[0.0, 0.5, 2.5]]), "velocity": np.array([[-1.0, 0.0, 0.0]]),
-         "corrections": np.array([1]), "displacement": np.array([0.140625, 0.0])},
+        {"position": [[0.0, 0.5, 2.5]], "velocity": [[-1.0, 0.0, 0.0]],
+         "corrections": [1], "displacement": [0.140625, 0.0]},
     )  # fmt: skip
 
 
@@ -277,6 +268,5 @@ def along_the_box():
     given["penetration"] = given["penetration"]._replace(lower=np.full(3, -99.0), upper=np.array([99.0, 0.0, 99.0]))
     return Exact(
         made, given,
-        {"position": np.array([[8.0, 0.5, 0.5]]), "velocity": np.array([[2.0, 0.0, 0.0]]),
-         "corrections": np.array([0]), "displacement": np.array([4.0, 0.0])},
+        {"position": [[8.0, 0.5, 0.5]], "velocity": [[2.0, 0.0, 0.0]], "corrections": [0], "displacement": [4.0, 0.0]},
     )  # fmt: skip

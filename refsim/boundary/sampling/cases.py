@@ -45,7 +45,7 @@ def half_squares():
     corner = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [2, 0, 0], [0, 0, 2]], float)
     facets = np.array([[0, 1, 2], [0, 3, 4], [0, 1, 3]], np.int32)
     given = {"facet_corner": corner, "facets_of_mesh": facets, "facet_area": np.zeros(3)}
-    return Exact(Case("half_squares", 3, np.zeros((1, 3))), given, {"facet_area": np.array([0.5, 2.0, 0.0])})
+    return Exact(Case("half_squares", 3, np.zeros((1, 3))), given, {"facet_area": [0.5, 2.0, 0.0]})
 
 
 @closed_form("sampling.place")

@@ -17,7 +17,7 @@ from refsim.boundary.signed_distance import (
     reference,
     triangle_table,
 )
-from refsim.core.cases import CASES, VARIATIONS, Case, Exact, Variation, case, closed_form, groups, takes
+from refsim.core.cases import CASES, VARIATIONS, Case, Exact, Variation, at, closed_form, groups, hard_input, takes
 from refsim.sparse_grid import Blocks
 from refsim.winding_number import clusters
 
@@ -104,16 +104,8 @@ SPACINGS = {"unit_cube": 0.5, "thick_box": 0.0625, "needle": 0.02, "thin_plate":
 BANDS = {"thick_box": 2.0}  # in spacings
 
 
-def _shape_case(name: str) -> None:
-    def maker() -> Case:
-        return Case(name, 3, np.zeros((1, 3)), spacing=4 * SPACINGS[name], support_radius=8 * SPACINGS[name])
-
-    maker.__name__, maker.__doc__ = name, SHAPES[name].__doc__
-    case(maker)
-
-
-for _name in SHAPES:
-    _shape_case(_name)
+for _name, _h in SPACINGS.items():
+    hard_input(_name, 3, lambda: np.zeros((1, 3)), spacing=4 * _h, support_radius=8 * _h)
 
 
 @functools.cache
@@ -250,11 +242,11 @@ def sides_of_two_rows():
     wanted[:2, inside] = -2.0
     wanted[0, :, 0], wanted[0, :, 1] = 2.0, start[0, :, 1]
     given = {
-        "band_grid": band_grid(1.0, 2.0, "float64"), "row_first": np.array([0, 2, 3], np.int32),
+        "band_grid": band_grid(1.0, 2.0, "float64"), "row_first": [0, 2, 3],
         "closest": closest.ravel(), "distance": start.ravel(), "inside_after": np.zeros(3, np.uint8),
     }  # fmt: skip
-    made = Case("two_rows_of_blocks", 3, np.zeros((1, 3)), spacing=1.0, support_radius=2.0)
-    return Exact(made, given, {"distance": wanted.ravel(), "inside_after": np.array([1, 1, 0])})
+    made = at("two_rows_of_blocks", [0, 0, 0])
+    return Exact(made, given, {"distance": wanted.ravel(), "inside_after": [1, 1, 0]})
 
 
 def speck() -> tuple[Case, dict]:
@@ -269,7 +261,7 @@ def speck() -> tuple[Case, dict]:
     given["band_grid"] = band_grid(1.0, 2.0, "float64")
     given["block_first"] = 7 * np.arange(5, dtype=np.int32)
     given |= {"pair_key": np.zeros(28, np.int64), "pair_triangle": np.zeros(28, np.int32)}
-    return Case("speck", 3, np.zeros((1, 3)), spacing=1.0, support_radius=2.0), given
+    return at("speck", [0, 0, 0]), given
 
 
 @closed_form("signed_distance.count_blocks")
@@ -318,13 +310,12 @@ def _obtuse(order: list[int]) -> Exact:
     normal[0, :3] = side / np.linalg.norm(side)
     given = {
         "triangles": Triangles(turned.reshape(1, 9), normal, *_apart(1)), "band_grid": band_grid(1.0, 9.0, "float64"),
-        "band_blocks": blocks,
-        "triangle_lists": TriangleLists(np.array([0, 1], np.int32), np.zeros(1, np.int32)),
+        "band_blocks": blocks, "triangle_lists": TriangleLists(np.array([0, 1], np.int32), np.zeros(1, np.int32)),
         "unsigned_distance": np.zeros(64), "closest": np.zeros(64, np.int32),
     }  # fmt: skip
     wanted = distance.reshape(4, 4, 4)  # by z, y, x
     wanted = wanted.transpose([2 - order.index(2 - axis) for axis in range(3)]).ravel()
-    made = Case("obtuse", 3, np.zeros((1, 3)), spacing=1.0, support_radius=2.0)
+    made = at("obtuse", [0, 0, 0])
     return Exact(made, given, {"unsigned_distance": wanted, "closest": np.zeros(64)})
 
 
@@ -346,7 +337,7 @@ def above_a_cube():
     points = np.array([[0.2, 0.1, 1.3], [0.2, 0.1, 0.8], [-1.7, 0.3, 0.2], [90.0, 0.0, 0.0]])
     given = {"query": points, "query_distance": np.zeros(4), "query_gradient": np.zeros((4, 3))}
     slope = np.array([[0, 0, 1], [0, 0, 1], [-1, 0, 0], [0, 0, 0]], float)
-    answer = {"query_distance": np.array([0.3, -0.2, 0.7, 1.25]), "query_gradient": slope}
+    answer = {"query_distance": [0.3, -0.2, 0.7, 1.25], "query_gradient": slope}
     return Exact(CASES["unit_cube"](), given, answer)
 
 
@@ -374,7 +365,7 @@ def sides_of_missing_blocks():
         "query": points, "distance_field": field, "query_distance": np.zeros(len(points)),
         "query_gradient": np.zeros((len(points), 3)),
     }  # fmt: skip
-    made = Case("missing_blocks", 3, np.zeros((1, 3)), spacing=1.0, support_radius=2.0)
+    made = at("missing_blocks", [0, 0, 0])
     return Exact(made, given, {"query_distance": value, "query_gradient": np.repeat(slope[:, None], 3, 1)})
 
 
@@ -434,5 +425,5 @@ def onto_a_strip():
         "query": points, "triangles": _strip(), "distance_field": field, "projected": np.zeros(points.shape),
         "projected_normal": np.zeros(points.shape),
     }  # fmt: skip
-    made = Case("strip", 3, np.zeros((1, 3)), spacing=1.0, support_radius=2.0)
+    made = at("strip", [0, 0, 0])
     return Exact(made, given, {"projected": onto, "projected_normal": np.tile([0.0, 0.0, 1.0], (len(points), 1))})

@@ -166,15 +166,12 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, SumsDensity, frozen=Tru
             Pass(
                 "sph.continuity", (*moving, "mass", "rest_density", "advanced_excess"), ("density_excess", "density"),
                 names=names,
-            ),
-            *summed,
-            Pass("sph.state", ("density",), ("pressure",)),
+            ), *summed, Pass("sph.state", ("density",), ("pressure",)),
             Pass("two_way_coupling.extrapolation", (*moving, "followed_velocity", "density"), updates=("pressure",)),
             Pass(
                 "two_way_coupling.push", ("position", "phase", "mass", "density", "pressure"),
                 updates=("acceleration",), names=names,
-            ),
-            Pass("two_way_coupling.follow", ("velocity",), updates=("followed_velocity",), stage="motion"),
+            ), Pass("two_way_coupling.follow", ("velocity",), updates=("followed_velocity",), stage="motion"),
         )  # fmt: skip
 
     def energy(self, grid: Discretisation, others: Others) -> EnergyAccount | None:

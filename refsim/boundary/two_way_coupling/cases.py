@@ -6,7 +6,7 @@ import numpy as np
 
 from refsim.boundary.adami_2012 import Lean
 from refsim.boundary.two_way_coupling import Coupling, Delay, TwoWayCoupling
-from refsim.core.cases import REST_DENSITY, Case, Exact, closed_form, example, groups, particles, takes, vectors
+from refsim.core.cases import REST_DENSITY, Case, Exact, at, closed_form, example, groups, particles, takes, vectors
 from refsim.shape_matching.phases import FLUID, INTERIOR, SURFACE
 from refsim.smoothing.cases import for_each_kernel
 from refsim.sph import Fluid, ViscosityTerm
@@ -64,42 +64,39 @@ takes("two_way_coupling.forces", coupling="printed_pressure printed_viscosity de
 
 # Closed forms: h = 2 m; the viscosity kernel's Laplacian at h/2 is 45/(64 pi).
 
-PAIR = Case("coupled_pair", 3, np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), spacing=1.0, support_radius=2.0)
+PAIR = at("coupled_pair", [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 WATER_AND_ICE = np.array([FLUID, SURFACE], np.int32)
 
 
 def _coupled(**changes):
-    return Coupling(0.5, 100.0, np.int32(7), *np.zeros(4, np.int32))._replace(**changes)
+    return Coupling(0.5, 100.0, 7, *np.zeros(4, np.int32))._replace(**changes)
 
 
 @for_each_kernel("two_way_coupling.contribution")
 def surface_beside_inside(w):
     """V_k = 1/(W(0) + W(h/2)) over both solids (Shao & Song M4), phi = V_k/V_min; 0 inside, 1 in the liquid."""
     position = np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 2.0, 0.0]])
-    three = Case("coupled_three", 3, position, spacing=1.0, support_radius=2.0)
+    three = at("coupled_three", position)
     phi = 1 / ((1 + w.share) * w.own * 0.5)
-    return Exact(
-        three,
-        {"phase": np.array([SURFACE, INTERIOR, FLUID], np.int32), "coupling": _coupled()},
-        {"relative_contribution": np.array([phi, 0.0, 1.0])},
-    )
+    given = {"phase": [SURFACE, INTERIOR, FLUID], "coupling": _coupled()}
+    return Exact(three, given, {"relative_contribution": [phi, 0.0, 1.0]})
 
 
 @for_each_kernel("two_way_coupling.contribution")
 def printed_surface_beside_inside(w):
     """As printed V_k = 1/W(0): the interior is not counted."""
-    given = {"phase": np.array([SURFACE, INTERIOR], np.int32), "coupling": _coupled(printed_volume=np.int32(1))}
-    return Exact(PAIR, given, {"relative_contribution": np.array([1 / (w.own * 0.5), 0.0])})
+    given = {"phase": [SURFACE, INTERIOR], "coupling": _coupled(printed_volume=1)}
+    return Exact(PAIR, given, {"relative_contribution": [1 / (w.own * 0.5), 0.0]})
 
 
 @for_each_kernel("two_way_coupling.density")
 def liquid_beside_solid(w):
     """rho = m (W(0) + phi W(h/2)); the solid keeps its rest density."""
     given = {
-        "mass": np.array([2.0, 3.0]), "rest_density": np.array([1000.0, 900.0]), "phase": WATER_AND_ICE,
-        "relative_contribution": np.array([1.0, 4.0]), "walls": None,
+        "mass": [2.0, 3.0], "rest_density": [1000.0, 900.0], "phase": WATER_AND_ICE,
+        "relative_contribution": [1.0, 4.0], "walls": None,
     }  # fmt: skip
-    return Exact(PAIR, given, {"density": np.array([2 * w.own * (1 + 4 * w.share), 900.0])})
+    return Exact(PAIR, given, {"density": [2 * w.own * (1 + 4 * w.share), 900.0]})
 
 
 def _substances(w, stiffness):
@@ -107,12 +104,12 @@ def _substances(w, stiffness):
     apart = Case("substances", 3, np.array([[0.0, 0.0, 0.0], [0.0, 9.0, 0.0], [0.0, 18.0, 0.0]]), 1.0, 2.0)
     given = {
         "mass": np.array([400.0, 100.0, 150.0]) / w.own, "rest_density": np.full(3, 200.0),
-        "phase": np.array([FLUID, SURFACE, FLUID], np.int32), "relative_contribution": np.array([1.0, 4.0, 1.0]),
+        "phase": [FLUID, SURFACE, FLUID], "relative_contribution": [1.0, 4.0, 1.0],
         "walls": None, "coupling": _coupled(stiffness=stiffness),
     }  # fmt: skip
     return Exact(
         apart, given,
-        {"density": np.array([400.0, 200.0, 150.0]), "pressure": np.array([127 * 200 * stiffness, 0.0, 0.0]),
+        {"density": [400.0, 200.0, 150.0], "pressure": [127 * 200 * stiffness, 0.0, 0.0],
          "volume": np.array([1.0, 0.5, 1.0]) / w.own},
     )  # fmt: skip
 
@@ -132,13 +129,12 @@ def tait_of_soft_substances(w):
 def _pushed(coupling, viscosity, force):
     """Liquid of 2 kg and 0.5 m^3 at 40 Pa, solid of 3 kg with phi = 0.25 that moves past it; F on the liquid."""
     given = {
-        "mass": np.array([2.0, 3.0]), "phase": WATER_AND_ICE, "pressure": np.array([40.0, 7.0]),
-        "volume": np.array([0.5, 9.0]), "relative_contribution": np.array([1.0, 0.25]),
-        "velocity": np.array([[0.0, 0.0, 0.0], [8.0, 0.0, 0.0]]), "coupling": coupling, "viscosity": viscosity,
-        "walls": None,
+        "mass": [2.0, 3.0], "phase": WATER_AND_ICE, "pressure": [40.0, 7.0], "volume": [0.5, 9.0],
+        "relative_contribution": [1.0, 0.25], "velocity": [[0.0, 0.0, 0.0], [8.0, 0.0, 0.0]], "coupling": coupling,
+        "viscosity": viscosity, "walls": None,
     }  # fmt: skip
     force = np.array(force)
-    return Exact(PAIR, given, {"acceleration": np.array([force / 2, -force / 3])})
+    return Exact(PAIR, given, {"acceleration": [force / 2, -force / 3]})
 
 
 @for_each_kernel("two_way_coupling.pressure")
@@ -150,19 +146,19 @@ def solid_pushes_liquid(w):
 @for_each_kernel("two_way_coupling.pressure")
 def printed_push(w):
     """Shao & Song (2) as printed lacks one m_i = 2 kg."""
-    return _pushed(_coupled(printed_pressure=np.int32(1)), None, [0.0, -1.25 * w.slope, 0.0])
+    return _pushed(_coupled(printed_pressure=1), None, [0.0, -1.25 * w.slope, 0.0])
 
 
 @for_each_kernel("two_way_coupling.pressure")
 def two_liquids_by_one_pressure(w):
     """rho = 4 and 12 kg/m^3, p = 40 and 8 Pa: (12 * 40 + 4 * 8)/16 = 32 Pa; F = -(0.25 + 1) m^6 * 32 Pa |W'|."""
     given = {
-        "mass": np.array([2.0, 12.0]), "phase": np.array([FLUID, FLUID], np.int32), "pressure": np.array([40.0, 8.0]),
-        "volume": np.array([0.5, 1.0]), "relative_contribution": np.ones(2), "velocity": np.zeros((2, 3)),
-        "coupling": _coupled(density_weighted=np.int32(1)), "viscosity": None, "walls": None,
+        "mass": [2.0, 12.0], "phase": [FLUID, FLUID], "pressure": [40.0, 8.0],
+        "volume": [0.5, 1.0], "relative_contribution": np.ones(2), "velocity": np.zeros((2, 3)),
+        "coupling": _coupled(density_weighted=1), "viscosity": None, "walls": None,
     }  # fmt: skip
     force = np.array([0.0, -40.0 * w.slope, 0.0])
-    return Exact(PAIR, given, {"acceleration": np.array([force / 2, -force / 12])})
+    return Exact(PAIR, given, {"acceleration": [force / 2, -force / 12]})
 
 
 @for_each_kernel("two_way_coupling.forces")
@@ -176,15 +172,15 @@ def solid_drags_liquid(w):
 def printed_drag(w):
     """Shao & Song (3) as printed lacks one V_i = 0.5 m^3."""
     drag = 3 * 0.125 * 8 * 45 / (64 * math.pi)
-    return _pushed(_coupled(printed_viscosity=np.int32(1)), ViscosityTerm(3.0), [drag, -2.5 * w.slope, 0.0])
+    return _pushed(_coupled(printed_viscosity=1), ViscosityTerm(3.0), [drag, -2.5 * w.slope, 0.0])
 
 
 def _held(**changes):
     """Liquid of 1000 kg/m^3 at 300 Pa below a solid's particle, which gains 2 m/s in each of 0.5 s upwards."""
     given = {
-        "velocity": np.array([[0.0, 0.0, 0.0], [0.0, 3.0, 0.0]]), "phase": WATER_AND_ICE,
-        "followed_velocity": np.array([[0.0, 0.0, 0.0], [0.0, 2.0, 0.0]]), "density": np.array([1000.0, 900.0]),
-        "lean": Lean(1.0, -9.0, 0.0), "delay": Delay(0.5), "pressure": np.array([300.0, 7.0]),
+        "velocity": [[0.0, 0.0, 0.0], [0.0, 3.0, 0.0]], "phase": WATER_AND_ICE,
+        "followed_velocity": [[0.0, 0.0, 0.0], [0.0, 2.0, 0.0]], "density": [1000.0, 900.0],
+        "lean": Lean(1.0, -9.0, 0.0), "delay": Delay(0.5), "pressure": [300.0, 7.0],
     }  # fmt: skip
     return given | changes
 
@@ -192,13 +188,13 @@ def _held(**changes):
 @for_each_kernel("two_way_coupling.extrapolation")
 def solid_that_rises(w):
     """p = 300 Pa + 1000 kg/m^3 (-9 - 2) m/s^2 * 1 m; the liquid's pressure stays."""
-    return Exact(PAIR, _held(), {"pressure": np.array([300.0, 300.0 - 11000.0])})
+    return Exact(PAIR, _held(), {"pressure": [300.0, 300.0 - 11000.0]})
 
 
 @for_each_kernel("two_way_coupling.extrapolation")
 def solid_in_the_air(w):
     """0 Pa beside another solid's particle."""
-    alone = _held(phase=np.array([SURFACE, SURFACE], np.int32))
+    alone = _held(phase=[SURFACE, SURFACE])
     return Exact(PAIR, alone, {"pressure": np.zeros(2)})
 
 
@@ -206,20 +202,19 @@ def solid_in_the_air(w):
 def liquid_lifts_solid(w):
     """F = V_i V_k (p_i + p_k) |W'(h/2)| = 0.5 * 2 m^6 * 40 Pa |W'(h/2)|."""
     given = {
-        "mass": np.array([500.0, 1800.0]), "density": np.array([1000.0, 900.0]), "phase": WATER_AND_ICE,
-        "pressure": np.array([30.0, 10.0]), "fluid": Fluid(1000.0, 1.0, np.int32(1), np.int32(0)),
+        "mass": [500.0, 1800.0], "density": [1000.0, 900.0], "phase": WATER_AND_ICE,
+        "pressure": [30.0, 10.0], "fluid": Fluid(1000.0, 1.0, 1, 0),
     }  # fmt: skip
     force = np.array([0.0, -40.0 * w.slope, 0.0])
-    return Exact(PAIR, given, {"acceleration": np.array([force / 500, -force / 1800])})
+    return Exact(PAIR, given, {"acceleration": [force / 500, -force / 1800]})
 
 
 @for_each_kernel("two_way_coupling.push")
 def solids_do_not_push_each_other(w):
     """No force."""
     given = {
-        "mass": np.array([500.0, 1800.0]), "density": np.array([1000.0, 900.0]),
-        "phase": np.array([SURFACE, INTERIOR], np.int32), "pressure": np.array([30.0, 10.0]),
-        "fluid": Fluid(1000.0, 1.0, np.int32(1), np.int32(0)),
+        "mass": [500.0, 1800.0], "density": [1000.0, 900.0], "phase": [SURFACE, INTERIOR], "pressure": [30.0, 10.0],
+        "fluid": Fluid(1000.0, 1.0, 1, 0),
     }  # fmt: skip
     return Exact(PAIR, given, {"acceleration": np.zeros((2, 3))})
 
@@ -228,7 +223,7 @@ def solids_do_not_push_each_other(w):
 def follows_by_a_third():
     """tau = 0.5 s, dt = 0.25 s: a third of the difference of 3 m/s."""
     given = {
-        "velocity": np.array([[0.0, 5.0, 0.0], [0.0, 0.0, 0.0]]), "delay": Delay(0.5),
-        "followed_velocity": np.array([[0.0, 2.0, 0.0], [3.0, 0.0, 0.0]]), "timestep": np.array([0.5, 0.25]),
+        "velocity": [[0.0, 5.0, 0.0], [0.0, 0.0, 0.0]], "delay": Delay(0.5),
+        "followed_velocity": [[0.0, 2.0, 0.0], [3.0, 0.0, 0.0]], "timestep": [0.5, 0.25],
     }  # fmt: skip
-    return Exact(PAIR, given, {"followed_velocity": np.array([[0.0, 3.0, 0.0], [2.0, 0.0, 0.0]])})
+    return Exact(PAIR, given, {"followed_velocity": [[0.0, 3.0, 0.0], [2.0, 0.0, 0.0]]})

@@ -4,18 +4,7 @@ import math
 
 import numpy as np
 
-from refsim.core.cases import (
-    VARIATIONS,
-    Case,
-    Exact,
-    Variation,
-    closed_form,
-    example,
-    groups,
-    particles,
-    takes,
-    vectors,
-)
+from refsim.core.cases import VARIATIONS, Exact, Variation, at, closed_form, example, groups, particles, takes, vectors
 from refsim.smoothing.cases import for_each_kernel
 from refsim.sph import Fluid
 from refsim.sph.iisph import Implicit, ImplicitPressure
@@ -62,13 +51,13 @@ takes("iisph.relax", implicit="relaxation least_diagonal")
 takes("iisph.solve", implicit="relaxation most least_diagonal")  # always two iterations, whatever the compression
 
 
-PAIR = Case("implicit_pair", 3, np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), spacing=1.0, support_radius=2.0)
+PAIR = at("implicit_pair", [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 MASS, DENSITY = np.array([2.0, 3.0]), np.array([1000.0, 500.0])
-WATER = Fluid(1000.0, 4e5, np.int32(1), np.int32(0))
+WATER = Fluid(1000.0, 4e5, 1, 0)
 STEP = np.array([0.5, 0.25])
 GIVEN = {"mass": MASS, "density": DENSITY, "timestep": STEP, "fluid": WATER}
 UP = np.array([0.0, 1.0, 0.0])
-IMPLICIT = Implicit(0.5, 1e-3, np.int32(2), np.int32(2), 1e-9)
+IMPLICIT = Implicit(0.5, 1e-3, 2, 2, 1e-9)
 
 
 @for_each_kernel("iisph.predict")
@@ -80,14 +69,12 @@ def approaching_pair(w):
     velocity = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 0.0]])
     acceleration = np.array([[3.0, 0.0, 0.0], [0.0, -2.0, 0.0]])
     return Exact(
-        PAIR,
-        GIVEN | {"velocity": velocity, "acceleration": acceleration},
+        PAIR, GIVEN | {"velocity": velocity, "acceleration": acceleration},
         {
-            "own_displacement": np.array([-share[0] * gradient[0] * UP, share[1] * gradient[1] * UP]),
-            "diagonal": -share * squares,
-            "advected_density": DENSITY + 0.25 * gradient * 2.0,
+            "own_displacement": [-share[0] * gradient[0] * UP, share[1] * gradient[1] * UP],
+            "diagonal": -share * squares, "advected_density": DENSITY + 0.25 * gradient * 2.0,
         },
-    )
+    )  # fmt: skip
 
 
 @for_each_kernel("iisph.displace")
@@ -95,7 +82,7 @@ def displaced_pair(w):
     """s_1 = -s m_2 p_2/rho_2^2 |W'| y."""
     pressure = np.array([4000.0, 1000.0])
     size = 0.125 * (MASS * pressure / DENSITY**2)[::-1] * w.slope
-    return Exact(PAIR, GIVEN | {"pressure": pressure}, {"pair_displacement": np.array([-size[0] * UP, size[1] * UP])})
+    return Exact(PAIR, GIVEN | {"pressure": pressure}, {"pair_displacement": [-size[0] * UP, size[1] * UP]})
 
 
 def _relaxed(w, diagonal, pressure, new):
@@ -104,14 +91,12 @@ def _relaxed(w, diagonal, pressure, new):
     own = 0.125 * MASS * MASS[::-1] / DENSITY**2 * pressure * w.slope**2
     sums = 1000 - advected - own
     expected = np.maximum(0.5 * pressure + 0.5 * sums / diagonal, 0) if new is None else new
+    given = GIVEN | {
+        "pressure": pressure, "diagonal": diagonal, "advected_density": advected, "implicit": IMPLICIT,
+        "own_displacement": [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], "pair_displacement": [[0.0, 0.0, 2.0], [1.0, 0.0, 0.0]],
+    }  # fmt: skip
     return Exact(
-        PAIR,
-        GIVEN
-        | {
-            "pressure": pressure, "diagonal": diagonal, "advected_density": advected, "implicit": IMPLICIT,
-            "own_displacement": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]),
-            "pair_displacement": np.array([[0.0, 0.0, 2.0], [1.0, 0.0, 0.0]]),
-        },
+        PAIR, given,
         {"new_pressure": expected, "density_error": np.maximum(advected + diagonal * pressure + own - 1000, 0)},
     )  # fmt: skip
 
@@ -140,32 +125,30 @@ def pushed_pair(w):
     """a_1 = -m_2 (p_1/rho_1^2 + p_2/rho_2^2) |W'| y."""
     pressure = np.array([4000.0, 1000.0])
     push = (pressure / DENSITY**2).sum() * w.slope
-    return Exact(PAIR, GIVEN | {"pressure": pressure}, {"acceleration": np.array([-3 * push * UP, 2 * push * UP])})
+    return Exact(PAIR, GIVEN | {"pressure": pressure}, {"acceleration": [-3 * push * UP, 2 * push * UP]})
 
 
 @closed_form("iisph.halve")
 def halved():
     """Half."""
-    return Exact(PAIR, {"pressure": np.array([3.0, 4.0])}, {"pressure": np.array([1.5, 2.0])})
+    return Exact(PAIR, {"pressure": [3.0, 4.0]}, {"pressure": [1.5, 2.0]})
 
 
 @closed_form("iisph.keep")
 def kept():
     """A copy."""
-    return Exact(PAIR, {"new_pressure": np.array([3.0, 4.0])}, {"pressure": np.array([3.0, 4.0])})
+    return Exact(PAIR, {"new_pressure": [3.0, 4.0]}, {"pressure": [3.0, 4.0]})
 
 
 @for_each_kernel("iisph.solve")
 def pair_at_rest(w):
     """Two particles at half the rest density need no pressure."""
+    given = GIVEN | {
+        "density": np.full(2, 500.0), "velocity": np.zeros((2, 3)), "acceleration": np.zeros((2, 3)),
+        "pressure": np.zeros(2), "implicit": IMPLICIT,
+    }  # fmt: skip
     return Exact(
-        PAIR,
-        GIVEN
-        | {
-            "density": np.full(2, 500.0), "velocity": np.zeros((2, 3)), "acceleration": np.zeros((2, 3)),
-            "pressure": np.zeros(2), "implicit": IMPLICIT,
-        },
-        {"pressure": np.zeros(2), "acceleration": np.zeros((2, 3)), "advected_density": np.full(2, 500.0)},
+        PAIR, given, {"pressure": np.zeros(2), "acceleration": np.zeros((2, 3)), "advected_density": np.full(2, 500.0)},
     )  # fmt: skip
 
 
@@ -188,7 +171,7 @@ def squeezed_pair(w):
     push = (p / rho**2).sum() * w.slope
     given = GIVEN | {
         "density": rho, "velocity": np.zeros((2, 3)), "acceleration": np.zeros((2, 3)), "pressure": pressure,
-        "implicit": Implicit(0.5, tolerance, np.int32(2), np.int32(100), 1e-15),
+        "implicit": Implicit(0.5, tolerance, 2, 100, 1e-15),
     }  # fmt: skip
     push = push * MASS[::-1, None] * np.array([-UP, UP])
     return Exact(PAIR, given, {"pressure": p, "acceleration": push})

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from refsim.core.cases import Exact, across_a_border, closed_form, groups
-from refsim.smoothing.cases import at_half, for_each_kernel
+from refsim.core.cases import Exact, groups
+from refsim.smoothing.cases import for_each_kernel
 from refsim.sph.viscosities import ArtificialViscosity, LaminarViscosity
 
 
@@ -19,15 +19,15 @@ def _viscosities(case, grid):
 
 # Two particles 1 m apart along y, which approach at 2 m/s; the smoothing length is 1 m.
 GIVEN = {
-    "mass": np.array([2.0, 3.0]),
-    "density": np.array([800.0, 1200.0]),
+    "mass": [2.0, 3.0],
+    "density": [800.0, 1200.0],
     "velocity": np.array([[7.0, 2.0, 0.0], [3.0, 0.0, -5.0]]),
     "artificial_viscosity": ArtificialViscosity(0.5, 2.0, 10.0, 1.0),
     "laminar_viscosity": LaminarViscosity(0.5, 1.0),
 }
 
 
-@for_each_kernel("viscosities.artificial")
+@for_each_kernel("viscosities.artificial", across=5.0)
 def approaching_pair(w):
     """mu = -2/1.01, Pi = (2 mu^2 - 5 mu)/1000: a_1 = -m_2 Pi |W'(h/2)| along y."""
     mu = -2 / 1.01
@@ -35,28 +35,14 @@ def approaching_pair(w):
     return Exact(w.pair, GIVEN, {"acceleration": push * np.array([[0, -3.0, 0], [0, 2.0, 0]])})
 
 
-@closed_form("viscosities.artificial")
-def parting_pair():
+@for_each_kernel("viscosities.artificial")
+def parting_pair(w):
     """None."""
-    return Exact(
-        at_half("wendland_c2", 3).pair, GIVEN | {"velocity": -GIVEN["velocity"]}, {"acceleration": np.zeros((2, 3))}
-    )
+    return Exact(w.pair, GIVEN | {"velocity": -GIVEN["velocity"]}, {"acceleration": np.zeros((2, 3))})
 
 
-@for_each_kernel("viscosities.laminar")
+@for_each_kernel("viscosities.laminar", across=5.0)
 def shearing_pair(w):
     """a_1 = -m_2 2 mu/(rho_1 rho_2) |W'(h/2)|/1.01 (4, 2, 5)."""
     drag = 2 * 0.5 / (800 * 1200) * w.slope / 1.01
     return Exact(w.pair, GIVEN, {"acceleration": drag * np.array([[-3.0], [2.0]]) * [4.0, 2.0, 5.0]})
-
-
-@closed_form("viscosities.artificial")
-def approaching_across_a_border():
-    """The first pair, the second particle at the other end of a periodic box."""
-    return across_a_border(approaching_pair(at_half("wendland_c2", 3)), 5.0)
-
-
-@closed_form("viscosities.laminar")
-def shearing_across_a_border():
-    """The same of shear."""
-    return across_a_border(shearing_pair(at_half("wendland_c2", 3)), 5.0)

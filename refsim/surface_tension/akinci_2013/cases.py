@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from refsim.core import cases
-from refsim.core.cases import VARIATIONS, Case, Exact, Variation, closed_form, groups, pair_case, plain_keeps
+from refsim.core.cases import VARIATIONS, Exact, Variation, at, closed_form, groups, pair_case, plain_keeps
 from refsim.core.walls import WallParticles
 from refsim.surface_tension.akinci_2013 import Adhesion, Akinci2013, AreaMinimisation, CohesionSpline
 
@@ -87,7 +87,7 @@ def pair_with_normals():
 def drawn_to_a_wall():
     """At r = 3 h/4: A = 0.007/h^3 (1/4)^(1/4) = 0.007/(8 sqrt 2); a = beta rho0 V_b A towards the wall."""
     wall = np.array([[0.0, -1.5, 0.0]])
-    case = Case("akinci_wall", 3, np.zeros((1, 3)), spacing=1.0, support_radius=2.0, wall_position=wall)
+    case = at("akinci_wall", [0, 0, 0], wall)
     pull = 3.0 * 1000 * 0.25 * 0.007 / (8 * math.sqrt(2))
     given = {"walls": WallParticles(wall, np.array([0.25])), "adhesion": Adhesion(3.0, 3.0 * 0.007 / 8)}
-    return Exact(case, given, {"acceleration": np.array([[0.0, -pull, 0.0]])})
+    return Exact(case, given, {"acceleration": [[0.0, -pull, 0.0]]})

@@ -37,12 +37,12 @@ def _pull(kernel):
 @closed_form("becker_teschner_2007.cohesion")
 def plain_pair():
     """a_1 = -kappa m_2/m_1 W(h/4) x_12."""
-    given = {"mass": np.array([2.0, 3.0]), "attraction": Attraction(0.5, 0.5 / math.pi, 0.0)}
+    given = {"mass": [2.0, 3.0], "attraction": Attraction(0.5, 0.5 / math.pi, 0.0)}
     return Exact(PAIR, given, {"acceleration": _pull(23 / 32)})
 
 
 @closed_form("becker_teschner_2007.cohesion")
 def clamped_pair():
     """Below one spacing the kernel is W(h/2)."""
-    given = {"mass": np.array([2.0, 3.0]), "attraction": Attraction(0.5, 0.5 / math.pi, 0.5)}
+    given = {"mass": [2.0, 3.0], "attraction": Attraction(0.5, 0.5 / math.pi, 0.5)}
     return Exact(PAIR, given, {"acceleration": _pull(1 / 4)})

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from refsim.core.cases import Case, Exact, example, groups, pair_case, particles, takes, vectors
+from refsim.core.cases import Exact, at, example, groups, pair_case, particles, takes, vectors
 from refsim.smoothing.cases import for_each_kernel
 from refsim.surface_tension.csf_wang_2019 import Continuum, CsfWang2019, Marangoni
 
@@ -41,15 +41,15 @@ takes("csf_wang_2019.force", continuum="tension threshold share")
 
 PAIR = pair_case("interface_pair")
 VOLUME = np.array([2 / 1000, 3 / 600])
-GIVEN = {"mass": np.array([2.0, 3.0]), "density": np.array([1000.0, 600.0])}
-CONTINUUM = Continuum(0.5, 0.1, 2.0, 2.0, np.int32(0))
+GIVEN = {"mass": [2.0, 3.0], "density": [1000.0, 600.0]}
+CONTINUUM = Continuum(0.5, 0.1, 2.0, 2.0, 0)
 
 
 @for_each_kernel("csf_wang_2019.normal")
 def two_normals(w):
     """n_1 = V_2 W'(r) e_12/(V_1 W(0) + V_2 W(r)) points towards particle 2."""
     length = VOLUME[::-1] * w.slope / (w.own * (VOLUME + w.share * VOLUME[::-1]))
-    return Exact(PAIR, GIVEN, {"interface_normal": np.array([[0.0, length[0], 0.0], [0.0, -length[1], 0.0]])})
+    return Exact(PAIR, GIVEN, {"interface_normal": [[0.0, length[0], 0.0], [0.0, -length[1], 0.0]]})
 
 
 @for_each_kernel("csf_wang_2019.curvature")
@@ -67,16 +67,15 @@ def two_curvatures(w):
 @for_each_kernel("csf_wang_2019.curvature")
 def two_plain_curvatures(w):
     """The same with the factor dim over the whole distance; the threshold puts a third particle out."""
-    three = Case("interface_three", 3, np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0]]), spacing=1.0,
-                 support_radius=2.0)  # fmt: skip
+    three = at("interface_three", [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])  # fmt: skip
     normal = np.array([[3.0, 0.0, 0.0], [4.0, 3.0, 0.0], [0.05, 0.0, 0.0]])
     given = {
-        "mass": np.array([2.0, 3.0, 1.0]),
-        "density": np.array([1000.0, 600.0, 900.0]),
+        "mass": [2.0, 3.0, 1.0],
+        "density": [1000.0, 600.0, 900.0],
         "interface_normal": normal,
-        "continuum": CONTINUUM._replace(factor=3.0, plain=np.int32(1)),
+        "continuum": CONTINUUM._replace(factor=3.0, plain=1),
     }
-    return Exact(three, given, {"curvature": np.array([-1.8, -1.8, 0.0])})
+    return Exact(three, given, {"curvature": [-1.8, -1.8, 0.0]})
 
 
 @for_each_kernel("csf_wang_2019.force")
@@ -90,8 +89,8 @@ def bulging_and_drawn(w):
     value = 2 / 1000 * np.array([0.0, 2 * gradient, 0.5 * 4.0 * 2.0])
     given = GIVEN | {
         "interface_normal": normal,
-        "curvature": np.array([4.0, 4.0]),
+        "curvature": [4.0, 4.0],
         "continuum": CONTINUUM,
         "marangoni": Marangoni(0.0, 0.25, 0.0),
     }
-    return Exact(PAIR, given, {"acceleration": np.array([value, np.zeros(3)])})
+    return Exact(PAIR, given, {"acceleration": [value, np.zeros(3)]})

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from refsim.core.cases import VARIATIONS, Case, Exact, Variation, example, groups, particles, plain_keeps
+from refsim.core.cases import VARIATIONS, Exact, Variation, at, example, groups, particles, plain_keeps
 from refsim.smoothing.cases import for_each_kernel
 from refsim.surface_tension.he_2014 import AirPressure, GradientEnergy, He2014
 
@@ -36,8 +36,8 @@ plain_keeps(
 )
 
 
-PAIR = Case("energetic_pair", 3, np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), spacing=1.0, support_radius=2.0)
-GIVEN = {"mass": np.array([2.0, 3.0]), "density": np.array([1000.0, 600.0])}
+PAIR = at("energetic_pair", [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+GIVEN = {"mass": [2.0, 3.0], "density": [1000.0, 600.0]}
 VOLUME = np.array([2 / 1000, 3 / 600])
 
 
@@ -59,13 +59,8 @@ def two_squares(w):
 def drawn_together(w):
     """a_1 = (V_2/rho_1) (kappa/4 (g_1 + g_2) + p_atm) |W'| towards 2."""
     pull = VOLUME[0] * VOLUME[1] * (8 / 4 * (0.5 + 0.25) + 3.0) * w.slope
-    return Exact(
-        PAIR,
-        GIVEN
-        | {
-            "color_gradient_squared": np.array([0.5, 0.25]),
-            "gradient_energy": GradientEnergy(8.0, 2.0),
-            "air_pressure": AirPressure(3.0),
-        },
-        {"acceleration": np.array([[0.0, pull / 2, 0.0], [0.0, -pull / 3, 0.0]])},
-    )
+    given = GIVEN | {
+        "color_gradient_squared": [0.5, 0.25], "gradient_energy": GradientEnergy(8.0, 2.0),
+        "air_pressure": AirPressure(3.0),
+    }  # fmt: skip
+    return Exact(PAIR, given, {"acceleration": [[0.0, pull / 2, 0.0], [0.0, -pull / 3, 0.0]]})

@@ -77,14 +77,14 @@ MASS, DENSITY = np.array([2.0, 3.0]), np.array([1000.0, 500.0])
 def two_densities(w):
     """(m_1 W(0) + m_2 W(h/2)) / (V_1 W(0) + V_2 W(h/2)); the second particle is left alone."""
     value = (2 + 3 * w.share) / (2 / 1000 + 3 / 500 * w.share)
-    given = {"mass": MASS, "density": DENSITY, "near_surface": np.array([1, 0], np.uint8)}
-    return Exact(PAIR, given, {"corrected_density": np.array([value, 500.0])})
+    given = {"mass": MASS, "density": DENSITY, "near_surface": [1, 0]}
+    return Exact(PAIR, given, {"corrected_density": [value, 500.0]})
 
 
 @closed_form("jiang_zhu_2023.replace_density")
 def copied():
     """A copy."""
-    return Exact(PAIR, {"corrected_density": np.array([3.0, 4.0])}, {"density": np.array([3.0, 4.0])})
+    return Exact(PAIR, {"corrected_density": [3.0, 4.0]}, {"density": [3.0, 4.0]})
 
 
 @closed_form("jiang_zhu_2023.soft_weight")
@@ -92,13 +92,13 @@ def half_way():
     """Half way up the ramp the weight is 1/2; a quarter up it is 5/32."""
     normal = np.array([[0.0, 0.3, 0.4], [0.0, 0.375, 0.0]])
     given = {"surface_normal": normal, "soft": SoftThresholds(0.25, 0.75, 2.0)}
-    return Exact(PAIR, given, {"surface_weight": np.array([0.5, 5 / 32])})
+    return Exact(PAIR, given, {"surface_weight": [0.5, 5 / 32]})
 
 
 def _cohering(share, **given):
     """A share of the pull; the area term is zero, but for what is given."""
     pull = share * 0.5 * W0 * SHAPE
-    own = {"mass": MASS, "density": DENSITY, "cohesion": COHESION, "area": AreaTerm(np.int32(0), 0.0)}
+    own = {"mass": MASS, "density": DENSITY, "cohesion": COHESION, "area": AreaTerm(0, 0.0)}
     expected = np.array([[0.0, -3 * pull, 0.0], [0.0, 2 * pull, 0.0]])
     return Exact(PAIR, own | {"area_normal": np.zeros((2, 3))} | given, {"acceleration": expected})
 
@@ -106,7 +106,7 @@ def _cohering(share, **given):
 @closed_form("jiang_zhu_2023.cohesion", "jiang_zhu_2023.tension")
 def cohering_pair():
     """a_1 = gamma m_2 C(h/2) e_12, half of it where one of the two is of the bulk."""
-    return _cohering(0.5, surface_weight=np.array([1.0, 0.0]), surface=None, pairs=PairSelection(np.int32(0)))
+    return _cohering(0.5, surface_weight=[1.0, 0.0], surface=None, pairs=PairSelection(0))
 
 
 AT_REST = {"pressure": np.zeros(2), "velocity": np.ones((2, 3)), "walls": None}
@@ -127,7 +127,7 @@ def cohering_pair_without_area_term():
 @closed_form("jiang_zhu_2023.cohesion")
 def cohering_marked_pair():
     """Particle 2 is of the surface: the pair acts where either has to be."""
-    marks = {"surface_weight": None, "surface": np.array([0, 1], np.uint8), "pairs": PairSelection(np.int32(3))}
+    marks = {"surface_weight": None, "surface": [0, 1], "pairs": PairSelection(3)}
     return _cohering(1.0, **marks, area=None, area_normal=None)
 
 
@@ -135,13 +135,13 @@ def cohering_marked_pair():
 def area_pair():
     """a_1 = -eps m_2/(rho_1 rho_2) (n_1 - n_2), halved by the weights; cohesion is zero."""
     cohesion = COHESION._replace(amplitude=0.0, gamma=0.0)
-    return _area_pair(0.5, pairs=SOFT, surface_weight=np.array([1.0, 0.0]), cohesion=cohesion)
+    return _area_pair(0.5, pairs=SOFT, surface_weight=[1.0, 0.0], cohesion=cohesion)
 
 
 @closed_form("jiang_zhu_2023.area")
 def weighted_area_pair():
     """The same without cohesion."""
-    return _area_pair(0.5, pairs=SOFT, surface_weight=np.array([1.0, 0.0]), cohesion=None)
+    return _area_pair(0.5, pairs=SOFT, surface_weight=[1.0, 0.0], cohesion=None)
 
 
 @closed_form("jiang_zhu_2023.area")
@@ -154,7 +154,7 @@ def _area_pair(share, pairs, **given):
     difference = np.array([0.5, -1.0, 0.0])
     factor = share * 8.0 / (1000.0 * 500.0)
     given |= {
-        "mass": MASS, "density": DENSITY, "surface": None, "pairs": PairSelection(np.int32(pairs)),
-        "area": AreaTerm(np.int32(0), 8.0), "area_normal": np.array([difference, [0.0, 0.0, 0.0]]),
+        "mass": MASS, "density": DENSITY, "surface": None, "pairs": PairSelection(pairs),
+        "area": AreaTerm(0, 8.0), "area_normal": [difference, [0.0, 0.0, 0.0]],
     }  # fmt: skip
     return Exact(PAIR, given, {"acceleration": factor * np.array([-3 * difference, 2 * difference])})

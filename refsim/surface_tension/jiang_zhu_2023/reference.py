@@ -34,9 +34,8 @@ def _fused(left_out):
     return {
         "cuda:fused": Program(
             "kernels", "tension_and_momentum", packed="fused_pair", also=("sph.momentum",),
-            names={"smoothing": "gradient_smoothing"},
-            variants=(without(left_out) | _ALL | without("period"),),
-        )
+            names={"smoothing": "gradient_smoothing"}, variants=(without(left_out) | _ALL | without("period"),),
+        ),
     }  # fmt: skip
 
 

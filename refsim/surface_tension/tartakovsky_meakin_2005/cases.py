@@ -24,7 +24,7 @@ VARIATIONS[CosineForce] = Variation(_wave_follows)
 takes("tartakovsky_meakin_2005.cohesion", smoothing="support_radius")
 
 
-GIVEN = {"mass": np.array([2.0, 3.0]), "cosine_force": CosineForce(12.0, 0.75 * math.pi)}  # h = 2 m
+GIVEN = {"mass": [2.0, 3.0], "cosine_force": CosineForce(12.0, 0.75 * math.pi)}  # h = 2 m
 
 
 def _push(force):
