@@ -106,10 +106,16 @@ def _claim(names: tuple[str, ...], maker: Callable, table: dict[str, Any]) -> No
         table[name] = maker
 
 
-def _makers_in(table: dict[str, Any]) -> Callable[..., Callable[[Made], Made]]:
-    """A decorator that enters a function under the names that it is given."""
+def _makers_in(table: dict[str, Any], named: bool = False) -> Callable[..., Callable[[Made], Made]]:
+    """What enters functions under names: a decorator with the names, or a call `name=function`.
 
-    def claim(*names: str) -> Callable[[Made], Made]:
+    named  functions return values by name, but for those of a call, which return that of their name
+    """
+
+    def claim(*names: str, **made: Callable) -> Callable[[Made], Made]:
+        for name, maker in made.items():
+            _claim((name,), _by_name(name, maker) if named else maker, table)
+
         def mark(maker: Made) -> Made:
             _claim(names, maker, table)
             return maker
@@ -119,9 +125,18 @@ def _makers_in(table: dict[str, Any]) -> Callable[..., Callable[[Made], Made]]:
     return claim
 
 
+def _by_name(name: str, maker: Callable) -> Callable:
+    return functools.wraps(maker)(lambda *given: {name: maker(*given)})
+
+
 particles = _makers_in(PARTICLES)  # (case, random) -> an array with one row for each particle, in float64
-groups = _makers_in(GROUPS)  # (case, grid) -> parameter groups by name, in the grid's dtype
+groups = _makers_in(GROUPS, named=True)  # (case, grid) -> parameter groups, in the grid's dtype
 derived = _makers_in(DERIVED)  # (inputs, name) -> an argument made from others, as they and their order are then
+
+
+def prepared(names: str, effect: Callable[[Case], Effect]) -> None:
+    """Parameter groups, named in one string, that the effect of a case prepares."""
+    groups(*names.split())(lambda case, grid: effect(case).prepare(grid, case.effects))
 
 
 def other(group: str, **members: Any) -> GroupMaker:

@@ -20,31 +20,15 @@ SLOW = 1.0  # k dt/(rho c d^2) of the common cases, on average
 STORED = cases.REST_DENSITY * 1000.0  # rho c [J/(m^3 K)] of the common cases, about
 
 
-@particles("temperature")
-def _temperature(case, random):
-    """Whole degrees around the melting points, so that some stand exactly on one."""
-    return random.integers(-4, 8, case.count).astype(float)
-
-
-@particles("enthalpy")
-def _enthalpy(case, random):
-    """Whole kJ/kg around the latent heats, so that some stand exactly on one."""
-    return 1000.0 * random.integers(-2, 6, case.count)
-
-
-@particles("melting_point")
-def _melting_point(case, random):
-    return random.integers(0, 3, case.count).astype(float)
-
-
-@particles("latent_heat")
-def _latent_heat(case, random):
-    return 1000.0 * random.integers(0, 3, case.count)
-
-
-@particles("heat_capacity")
-def _heat_capacity(case, random):
-    return random.uniform(500.0, 4000.0, case.count)
+particles(
+    # whole degrees around the melting points, so that some stand exactly on one
+    temperature=lambda case, random: random.integers(-4, 8, case.count).astype(float),
+    # whole kJ/kg around the latent heats, so that some stand exactly on one
+    enthalpy=lambda case, random: 1000.0 * random.integers(-2, 6, case.count),
+    melting_point=lambda case, random: random.integers(0, 3, case.count).astype(float),
+    latent_heat=lambda case, random: 1000.0 * random.integers(0, 3, case.count),
+    heat_capacity=lambda case, random: random.uniform(500.0, 4000.0, case.count),
+)
 
 
 @particles("conductivity")
@@ -64,20 +48,14 @@ def _volume(case, random):
     return case.spacing**case.dim * np.exp(random.uniform(math.log(low), math.log(high), case.count))
 
 
-@particles("reservoir")
-def _reservoir(case, random):
-    return (random.random(case.count) < 0.15).astype(np.uint8)
+particles(
+    reservoir=lambda case, random: (random.random(case.count) < 0.15).astype(np.uint8),
+    exchange_rate=lambda case, random: random.uniform(0.0, 5.0, case.count),
+)
 
 
-@particles("exchange_rate")
-def _exchange_rate(case, random):
-    return random.uniform(0.0, 5.0, case.count)
-
-
-@groups("temperature_range")
-def _temperature_range(case, grid):
-    """A range that some of the temperatures have left, upwards or downwards."""
-    return {"temperature_range": np.array([-1.5, 6.25] if case.count % 2 else [-3.75, 4.5], grid.dtype)}
+# a range that some of the temperatures have left, upwards or downwards
+groups(temperature_range=lambda case, grid: np.array([-1.5, 6.25] if case.count % 2 else [-3.75, 4.5], grid.dtype))
 
 
 @groups("conduction")

@@ -67,10 +67,8 @@ def _affine(case, random):
     return values.reshape(-1, 9)
 
 
-@particles("volume_ratio")
-def _volume_ratio(case, random):
-    """Up to a tenth from one."""
-    return random.uniform(0.9, 1.1, case.count)
+# up to a tenth from one
+particles(volume_ratio=lambda case, random: random.uniform(0.9, 1.1, case.count))
 
 
 @particles("deformation")
@@ -82,21 +80,13 @@ def _deformation(case, random):
     return (values + np.eye(3)).reshape(-1, 9)
 
 
-@particles("crowding")
-def _crowding(case, random):
-    """From 0.2, below the density at rest, to twice that density."""
-    return random.uniform(0.2, 2.0, case.count)
-
-
-@groups("greatest_crowding")
-def _greatest_crowding(case, grid):
-    return {"greatest_crowding": np.zeros(1, grid.dtype)}
-
-
-@groups("recounting")
-def _recounting(case, grid):
-    """J follows crowding above 1.1 in four milliseconds."""
-    return {"recounting": Recounting(grid.real(1.1), grid.real(250.0))}
+# from 0.2, below the density at rest, to twice that density
+particles(crowding=lambda case, random: random.uniform(0.2, 2.0, case.count))
+groups(
+    greatest_crowding=lambda case, grid: np.zeros(1, grid.dtype),
+    # J follows crowding above 1.1 in four milliseconds
+    recounting=lambda case, grid: Recounting(grid.real(1.1), grid.real(250.0)),
+)
 
 
 @groups("background", "liquid", "kernel_gradient", "viscous_stress", "counting")
@@ -104,17 +94,13 @@ def _groups(case, grid):
     return liquid_of(case).prepare(grid, {}) | {"kernel_gradient": KernelGradient(np.int32(1))}
 
 
-@groups("embedding")
-def _embedding(case, grid):
-    return {"embedding": Embedding(np.int32(1))}
+groups(embedding=lambda case, grid: Embedding(np.int32(1)))
 
 
 as_printed, corrected = cases.other("embedding", reading=2), cases.other("embedding", reading=3)
 
 
-@groups("step_extremes")
-def _step_extremes(case, grid):
-    return {"step_extremes": np.zeros(4, grid.dtype)}
+groups(step_extremes=lambda case, grid: np.zeros(4, grid.dtype))
 
 
 @groups("contact", "mirrors")

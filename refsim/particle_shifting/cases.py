@@ -11,10 +11,10 @@ example(ParticleShifting(), brings="near_surface shift")
 PAIR = at("shifted_pair", [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 
 
-@groups("shifting")
-def _shifting(case, grid):
-    """Some of the particles would go beyond the longest shift; W(d) is about that of a spacing."""
-    return {"shifting": Shifting(*map(grid.real, (0.02 * case.support_radius, case.spacing**case.dim, 0.04)))}
+groups(
+    # some of the particles would go beyond the longest shift; W(d) is about that of a spacing
+    shifting=lambda case, grid: Shifting(*map(grid.real, (0.02 * case.support_radius, case.spacing**case.dim, 0.04))),
+)
 
 
 def moving(case, grid):

@@ -17,9 +17,7 @@ cases.example(
 )
 
 
-@particles("identity")
-def _identity(case, random):
-    return np.arange(case.count, dtype=np.int32)
+particles(identity=lambda case, random: np.arange(case.count, dtype=np.int32))
 
 
 def half_width(case):
@@ -98,9 +96,7 @@ def _nodes(case, grid):
     return {name: np.ascontiguousarray(values.astype(grid.dtype)) for name, values in made.items()}
 
 
-@groups("boxes")
-def _boxes(case, grid):
-    return {"boxes": boxes_of(tables(case)[0], half_width(case))}
+groups(boxes=lambda case, grid: boxes_of(tables(case)[0], half_width(case)))
 
 
 @groups("matching")

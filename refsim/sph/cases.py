@@ -20,6 +20,7 @@ from refsim.core.cases import (
     groups,
     hard_input,
     particles,
+    prepared,
     takes,
     vectors,
 )
@@ -56,16 +57,14 @@ def _liquid(case):
     )
 
 
-@particles("density")
-def _density(case, random):
-    """Within a tenth of the rest density."""
-    return REST_DENSITY * random.uniform(0.9, 1.1, case.count)
-
-
-@particles("number_density")
-def _number_density(case, random):
-    """Between a corner of the lattice and slightly compressed."""
-    return case.effects[FLUID].rest_number_density(case.grid("float64")) * random.uniform(0.4, 1.05, case.count)
+particles(
+    # within a tenth of the rest density
+    density=lambda case, random: REST_DENSITY * random.uniform(0.9, 1.1, case.count),
+    # between a corner of the lattice and slightly compressed
+    number_density=lambda case, random: (
+        case.effects[FLUID].rest_number_density(case.grid("float64")) * random.uniform(0.4, 1.05, case.count)
+    ),
+)
 
 
 @particles("asymmetry")
@@ -82,10 +81,8 @@ def _density_excess(case, random):
     return 0.01 * REST_DENSITY * random.uniform(-1.0, 1.0, case.count)
 
 
-@particles("shift")
-def _shift(case, random):
-    """Of some thousandths of a spacing."""
-    return 0.003 * case.spacing * vectors(case, random)
+# of some thousandths of a spacing
+particles(shift=lambda case, random: 0.003 * case.spacing * vectors(case, random))
 
 
 @particles("correction_diagonal", "correction_mixed")
@@ -94,16 +91,12 @@ def _correction(case, random):
     return random.uniform(0.7, 1.6, (case.count, 3))
 
 
-@particles("own_pressure")
-def _own_pressure(case, random):
-    """Of either sign and of its own."""
-    return 4e4 * random.uniform(-0.5, 1.0, case.count)
-
-
-@particles("pressure")
-def _pressure(case, random):
-    """Of either sign, so that no result depends on clamping."""
-    return 4e4 * random.uniform(-0.5, 1.0, case.count)
+particles(
+    # of either sign and of its own
+    own_pressure=lambda case, random: 4e4 * random.uniform(-0.5, 1.0, case.count),
+    # of either sign, so that no result depends on clamping
+    pressure=lambda case, random: 4e4 * random.uniform(-0.5, 1.0, case.count),
+)
 
 
 @groups("smoothing", "gradient_smoothing", "fluid")
@@ -111,15 +104,9 @@ def _shared(case, grid):
     return case.effects[FLUID].shares(grid, case.effects)
 
 
-@groups("density_bounds")
-def _density_bounds(case, grid):
-    """Within the cases' densities, so that some particles are above them."""
-    return {"density_bounds": DensityBounds(*map(grid.real, (REST_DENSITY, 1.0, 1.05)))}
-
-
-@groups("viscosity")
-def _viscosity(case, grid):
-    return case.effects[FLUID].prepare(grid, case.effects)
+# within the cases' densities, so that some particles are above them
+groups(density_bounds=lambda case, grid: DensityBounds(*map(grid.real, (REST_DENSITY, 1.0, 1.05))))
+prepared("viscosity", lambda case: case.effects[FLUID])
 
 
 @groups("central_viscosity")
@@ -135,9 +122,7 @@ def _diffusion(case, grid):
     return {"diffusion": Diffusion(*map(grid.real, (grid.support_radius, *(REST_DENSITY * g / 400 for g in slope))))}
 
 
-@groups("field")
-def _field(case, grid):
-    return {"field": np.array([0.3, -9.81, 1.7], dtype=grid.dtype)}
+groups(field=lambda case, grid: np.array([0.3, -9.81, 1.7], dtype=grid.dtype))
 
 
 def short_steps(case, grid):

@@ -27,9 +27,7 @@ def _normals(case, random):
     return values
 
 
-@particles("candidates")
-def _candidates(case, random):
-    return (random.random(case.count) < 0.6).astype(np.uint8)
+particles(candidates=lambda case, random: (random.random(case.count) < 0.6).astype(np.uint8))
 
 
 @groups("normal_term")

@@ -11,9 +11,7 @@ from refsim.smoothing.cases import for_each_kernel
 example(BoxWalls(lower=(-0.03, -0.03, -0.5), upper=(0.8, 0.8, 0.8)))
 
 
-@groups("lean")
-def _lean(case, grid):
-    return {"lean": Lean(*map(grid.real, (2.0, -9.0, 1.5 if case.dim == 3 else 0.0)))}
+groups(lean=lambda case, grid: Lean(*map(grid.real, (2.0, -9.0, 1.5 if case.dim == 3 else 0.0))))
 
 
 @groups("wall_pressure")

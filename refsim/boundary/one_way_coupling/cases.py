@@ -18,9 +18,7 @@ example(
 )
 
 
-@groups("wall_viscosity")
-def _wall_viscosity(case, grid):
-    return {"wall_viscosity": WallViscosity(grid.real(0.7))}
+groups(wall_viscosity=lambda case, grid: WallViscosity(grid.real(0.7)))
 
 
 @closed_form("one_way_coupling.wall_viscosity")
@@ -63,9 +61,7 @@ def _wall_motion(case, grid):
     return {"wall_motion": WallMotion(*(v.astype(grid.dtype) for v in (-np.full(3, np.inf), plane, velocity)))}
 
 
-@groups("wall_gravity")
-def _wall_gravity(case, grid):
-    return {"wall_gravity": WallGravity(*(grid.real(g) for g in (2.0, -1.0, -9.0)))}
+groups(wall_gravity=lambda case, grid: WallGravity(*(grid.real(g) for g in (2.0, -1.0, -9.0))))
 
 
 takes("one_way_coupling.wall_pressure", fluid="rest_density clamp gradient_share")  # p_b counts once

@@ -37,10 +37,8 @@ def octahedron(center: np.ndarray, size: float, dtype: str) -> DistanceField:
     )
 
 
-@particles("corrections")
-def _corrections(case, random):
-    """Some particles have been corrected before."""
-    return random.integers(0, 4, case.count).astype(np.int32)
+# some particles have been corrected before
+particles(corrections=lambda case, random: random.integers(0, 4, case.count).astype(np.int32))
 
 
 @groups("solid_field", "penetration")

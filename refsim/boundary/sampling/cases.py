@@ -22,9 +22,7 @@ def _facets(case, grid):
     }  # fmt: skip
 
 
-@groups("relaxation")
-def _relaxation(case, grid):
-    return {"relaxation": relaxation_step(case.list_radius / 2.4, 0.5, 5, False, grid.dtype)}
+groups(relaxation=lambda case, grid: relaxation_step(case.list_radius / 2.4, 0.5, 5, False, grid.dtype))
 
 
 def as_printed(case, grid):

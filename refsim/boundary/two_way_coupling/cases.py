@@ -43,16 +43,10 @@ def _coupling(case, grid):
     return {"coupling": Coupling(least, stiffness, np.int32(7), printed, printed, printed, weighted)}
 
 
-@particles("followed_velocity")
-def _followed(case, random):
-    """Of centimetres a second."""
-    return 0.05 * vectors(case, random)
-
-
-@groups("delay")
-def _delay(case, grid):
-    """Four crossings of the support radius at 20 m/s."""
-    return {"delay": Delay(grid.real(4 * case.support_radius / 20.0))}
+# of centimetres a second
+particles(followed_velocity=lambda case, random: 0.05 * vectors(case, random))
+# four crossings of the support radius at 20 m/s
+groups(delay=lambda case, grid: Delay(grid.real(4 * case.support_radius / 20.0)))
 
 
 takes("two_way_coupling.push", fluid="gradient_share")

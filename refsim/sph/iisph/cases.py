@@ -4,7 +4,18 @@ import math
 
 import numpy as np
 
-from refsim.core.cases import VARIATIONS, Exact, Variation, at, closed_form, example, groups, particles, takes, vectors
+from refsim.core.cases import (
+    VARIATIONS,
+    Exact,
+    Variation,
+    at,
+    closed_form,
+    example,
+    particles,
+    prepared,
+    takes,
+    vectors,
+)
 from refsim.smoothing.cases import for_each_kernel
 from refsim.sph import Fluid
 from refsim.sph.iisph import Implicit, ImplicitPressure
@@ -30,9 +41,7 @@ def _diagonal(case, random):
     return values
 
 
-@particles("advected_density")
-def _advected(case, random):
-    return 1000 * random.uniform(0.9, 1.2, case.count)
+particles(advected_density=lambda case, random: 1000 * random.uniform(0.9, 1.2, case.count))
 
 
 @particles("density_error", "new_pressure")
@@ -40,10 +49,8 @@ def _pressures(case, random):
     return 1e4 * random.uniform(0, 1, case.count)
 
 
-@groups("implicit")
-def _implicit(case, grid):
-    """Always two iterations, since the number needed may depend on rounding."""
-    return ImplicitPressure(iterations=(2, 2)).prepare(grid, case.effects)
+# always two iterations, since the number needed may depend on rounding
+prepared("implicit", lambda case: ImplicitPressure(iterations=(2, 2)))
 
 
 VARIATIONS[Implicit] = Variation(other={"least_diagonal": lambda least: 5e5 * least})

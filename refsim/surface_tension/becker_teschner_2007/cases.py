@@ -4,15 +4,13 @@ import math
 
 import numpy as np
 
-from refsim.core.cases import VARIATIONS, Exact, Variation, closed_form, example, groups, pair_case, takes
+from refsim.core.cases import VARIATIONS, Exact, Variation, closed_form, example, pair_case, prepared, takes
 from refsim.surface_tension.becker_teschner_2007 import Attraction, BeckerTeschner2007
 
 example(BeckerTeschner2007(surface_tension=0.5))
 
 
-@groups("attraction")
-def _attraction(case, grid):
-    return BeckerTeschner2007(kappa=3.0, clamp_distance=case.literal).prepare(grid, case.effects)
+prepared("attraction", lambda case: BeckerTeschner2007(kappa=3.0, clamp_distance=case.literal))
 
 
 def _attraction_follows(group, inputs, kernel):

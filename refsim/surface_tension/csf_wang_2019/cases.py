@@ -19,10 +19,8 @@ def _normals(case, random):
     return values
 
 
-@particles("curvature")
-def _curvature(case, random):
-    """Of either sign, up to one over the support."""
-    return random.uniform(-1, 1, case.count) / case.support_radius
+# of either sign, up to one over the support
+particles(curvature=lambda case, random: random.uniform(-1, 1, case.count) / case.support_radius)
 
 
 @groups("continuum", "marangoni")

@@ -2,17 +2,15 @@
 
 import numpy as np
 
-from refsim.core.cases import VARIATIONS, Exact, Variation, at, example, groups, particles, plain_keeps
+from refsim.core.cases import VARIATIONS, Exact, Variation, at, example, particles, plain_keeps, prepared
 from refsim.smoothing.cases import for_each_kernel
 from refsim.surface_tension.he_2014 import AirPressure, GradientEnergy, He2014
 
 example(He2014(surface_tension=0.1, air_pressure=1.0), brings="color color_gradient_squared")
 
 
-@particles("color")
-def _color(case, random):
-    """From a corner of the liquid to slightly crowded."""
-    return random.uniform(0.2, 1.1, case.count)
+# from a corner of the liquid to slightly crowded
+particles(color=lambda case, random: random.uniform(0.2, 1.1, case.count))
 
 
 @particles("color_gradient_squared")
@@ -23,10 +21,8 @@ def _squares(case, random):
     return values
 
 
-@groups("gradient_energy", "air_pressure")
-def _tension(case, grid):
-    """Both terms of like size."""
-    return He2014(kappa=3.0 * case.support_radius**2, air_pressure=2.0).prepare(grid, case.effects)
+# both terms of like size
+prepared("gradient_energy air_pressure", lambda case: He2014(kappa=3.0 * case.support_radius**2, air_pressure=2.0))
 
 
 VARIATIONS[GradientEnergy] = Variation(lambda group, inputs, kernel: {"quarter": float(group.kappa) / 4})

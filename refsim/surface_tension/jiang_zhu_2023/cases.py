@@ -16,15 +16,11 @@ cases.example(
 )
 
 
-@particles("surface_weight")
-def _surface_weight(case, random):
-    """From the bulk to the surface; some exactly 0 and some exactly 1."""
-    return np.clip(random.uniform(-0.3, 1.3, case.count), 0, 1)
-
-
-@particles("corrected_density")
-def _corrected_density(case, random):
-    return 1000 * random.uniform(0.95, 1.05, case.count)
+particles(
+    # from the bulk to the surface; some exactly 0 and some exactly 1
+    surface_weight=lambda case, random: np.clip(random.uniform(-0.3, 1.3, case.count), 0, 1),
+    corrected_density=lambda case, random: 1000 * random.uniform(0.95, 1.05, case.count),
+)
 
 
 @groups("pairs", "soft", "cohesion", "area")

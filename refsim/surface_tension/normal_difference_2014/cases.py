@@ -2,15 +2,13 @@
 
 import numpy as np
 
-from refsim.core.cases import Exact, closed_form, example, groups, other, pair_case, takes
+from refsim.core.cases import Exact, closed_form, example, other, pair_case, prepared, takes
 from refsim.surface_tension.normal_difference_2014 import NormalDifference, NormalDifference2014
 
 example(NormalDifference2014(area_acceleration=0.5), brings="surface_normal")
 
 
-@groups("normal_tension")
-def _normal_difference(case, grid):
-    return NormalDifference2014(area_acceleration=5.0).prepare(grid, case.effects)
+prepared("normal_tension", lambda case: NormalDifference2014(area_acceleration=5.0))
 
 
 as_printed = other("normal_tension", printed_mass=1)

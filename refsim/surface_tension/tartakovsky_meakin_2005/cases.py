@@ -4,15 +4,13 @@ import math
 
 import numpy as np
 
-from refsim.core.cases import VARIATIONS, Exact, Variation, closed_form, example, groups, pair_case, takes
+from refsim.core.cases import VARIATIONS, Exact, Variation, closed_form, example, pair_case, prepared, takes
 from refsim.surface_tension.tartakovsky_meakin_2005 import CosineForce, TartakovskyMeakin2005
 
 example(TartakovskyMeakin2005(surface_tension=0.5))
 
 
-@groups("cosine_force")
-def _cosine_force(case, grid):
-    return TartakovskyMeakin2005(strength=3.0).prepare(grid, case.effects)
+prepared("cosine_force", lambda case: TartakovskyMeakin2005(strength=3.0))
 
 
 def _wave_follows(group, inputs, kernel):
