@@ -76,9 +76,7 @@ def _flat(place: NDArray[np.float64], grid: Discretisation) -> NDArray[np.float6
     return whole
 
 
-def check_gauges(
-    gauges: Sequence[Gauge], solids: int, grid: Discretisation, effects: Others
-) -> None:  # fmt: skip
+def check_gauges(gauges: Sequence[Gauge], solids: int, grid: Discretisation, effects: Others) -> None:
     """Raise InputError for a gauge that the scene, with this number of solids, cannot have."""
     names: set[str] = set()
     for gauge in gauges:

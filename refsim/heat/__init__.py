@@ -191,14 +191,10 @@ class HeatConduction(
                 if not (math.isfinite(value) and test(value)):
                     raise InputError(f"{self.name}: {name} = {value} is not possible; give {words}.")
         require(
-            self.name,
-            density=(self.density, "positive"),
-            largest_number=(self.largest_number, "positive"),
-            tolerance=(self.tolerance, "positive"),
-            residual=(self.residual, "positive"),
-            iterations=(self.iterations, "positive"),
-            largest_drift=(self.largest_drift, "not negative"),
-        )
+            self.name, density=(self.density, "positive"), largest_number=(self.largest_number, "positive"),
+            tolerance=(self.tolerance, "positive"), residual=(self.residual, "positive"),
+            iterations=(self.iterations, "positive"), largest_drift=(self.largest_drift, "not negative"),
+        )  # fmt: skip
         if self.tolerance >= 1 or self.residual >= 1:
             raise InputError(f"{self.name}: tolerance and residual are shares of an error; give numbers below 1.")
         if self.melts and self.melting_point is None:

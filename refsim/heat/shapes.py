@@ -117,33 +117,17 @@ def lattice_sum(conduction: Conduction, grid: Discretisation) -> float:
 
 
 def conduction_group(
-    grid: Discretisation,
-    *,
-    laplacian: int = SPIKY,
-    factor: float = 1.0,
-    tolerance: float = 4e-3,
-    residual: float = 1e-3,
-    sweep_share: float = 0.5,
-    harmonic: bool = True,
-    unit_capacity: bool = False,
-    frozen: bool = False,
-    most_passes: int = MOST_PASSES,
-    planned_passes: int = 0,
-    iterations: int = 16,
-) -> Conduction:
+    grid: Discretisation, *, laplacian: int = SPIKY, factor: float = 1.0, tolerance: float = 4e-3,
+    residual: float = 1e-3, sweep_share: float = 0.5, harmonic: bool = True, unit_capacity: bool = False,
+    frozen: bool = False, most_passes: int = MOST_PASSES, planned_passes: int = 0, iterations: int = 16,
+) -> Conduction:  # fmt: skip
     """Parameters in the run's dtype, from those of a scene."""
     h, real = grid.support_radius, grid.real
     scale = factor * NORMALISATION[laplacian][grid.dim] / h ** (grid.dim + 2) * grid.spacing ** (2 * grid.dim)
     values: list[Any] = [
-        real(h),
-        real(1 / h),
-        real(1 / grid.spacing**grid.dim),
-        real(scale),
-        real(factor),
-        real(tolerance),
-        real(residual),
-        real(sweep_share),
+        real(h), real(1 / h), real(1 / grid.spacing**grid.dim), real(scale), real(factor), real(tolerance),
+        real(residual), real(sweep_share),
         *map(int32, (laplacian, harmonic, unit_capacity, frozen, most_passes, planned_passes, iterations)),
         int32(grid.dim),
-    ]
+    ]  # fmt: skip
     return Conduction(*values)

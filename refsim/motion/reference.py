@@ -7,8 +7,7 @@ from refsim.core.operation import operation
 
 @operation(
     "Euler, centrifugal and Coriolis acceleration", paper="standard", adds="acceleration", tolerance=8.0,
-    reason="one rounding in each of the separation from the axis, six products and their sums",
-    invariants="reordering",
+    reason="one rounding in each of the separation from the axis, six products and their sums", invariants="reordering",
 )  # fmt: skip
 def turning(position, velocity, turning, rows=None):
     """Acceleration [m/s^2] a_i = -dw/dt x r_i - w x (w x r_i) - 2 w x v_i, r_i = x_i - x_axis.

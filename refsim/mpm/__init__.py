@@ -168,14 +168,10 @@ class MpmLiquid(
 
     def check(self, grid: Discretisation, others: Others) -> None:
         require(
-            self.name,
-            rest_density=(self.rest_density, "positive"),
-            bulk_modulus=(self.bulk_modulus, "positive"),
-            dynamic_viscosity=(self.dynamic_viscosity, "not negative"),
-            cell_size=(self.cell_size, "not negative"),
-            initial_ratio=(self.initial_ratio, "positive"),
-            acoustic_number=(self.acoustic_number, "positive"),
-        )
+            self.name, rest_density=(self.rest_density, "positive"), bulk_modulus=(self.bulk_modulus, "positive"),
+            dynamic_viscosity=(self.dynamic_viscosity, "not negative"), cell_size=(self.cell_size, "not negative"),
+            initial_ratio=(self.initial_ratio, "positive"), acoustic_number=(self.acoustic_number, "positive"),
+        )  # fmt: skip
         if self.acoustic_number > 0.5:
             raise InputError(
                 f"{self.name}: acoustic_number = {self.acoustic_number} is near the limit of stability; give at most"
@@ -260,15 +256,12 @@ class MpmLiquid(
         idle = "M7" in self.printed()  # forces reach no particle
         tension = surface is not None and not idle
         return Step(
-            reading=None if surface is None else surface.embedding,
-            tension=tension,
+            reading=None if surface is None else surface.embedding, tension=tension,
             contact=tension and surface is not None and surface.wets(others) and surface.contact_pull() != 0,
-            recounts=surface is not None and surface.recount_time > 0,
-            viscous=self.dynamic_viscosity > 0 and not idle,
-            deforms=self.volume != "ratio",
-            accelerated=_others_push(self, others) and not idle,
+            recounts=surface is not None and surface.recount_time > 0, viscous=self.dynamic_viscosity > 0 and not idle,
+            deforms=self.volume != "ratio", accelerated=_others_push(self, others) and not idle,
             listed=any(e.list_radius(_ANY) > 0 for e in others.values()),
-        )
+        )  # fmt: skip
 
     def passes(self, others: Others) -> tuple[Pass, ...]:
         return tuple(self.step(others).passes())
@@ -297,13 +290,9 @@ class MpmLiquid(
         h = real(self.cell(grid))
         deep = grid.dim == 3
         return Background(
-            h,
-            np.float64(1.0 / float(h)),
-            real(4.0 / float(h) ** 2),
-            np.int32(3 if deep else 1),
-            np.int32(6 if deep else 10),
-            real(NEGLIGIBLE_MASS[grid.dtype] * self.particle_mass(grid)),
-        )
+            h, np.float64(1.0 / float(h)), real(4.0 / float(h) ** 2), np.int32(3 if deep else 1),
+            np.int32(6 if deep else 10), real(NEGLIGIBLE_MASS[grid.dtype] * self.particle_mass(grid)),
+        )  # fmt: skip
 
     def notes_on_start(
         self, grid: Discretisation, state: InitialState, walls: WallParticles | None, others: Others
@@ -324,20 +313,16 @@ class MpmLiquid(
         pull = any(acceleration) and not idle
         recount = 0.0 if surface is None else surface.recount_time
         return {
-            "grid": MpmGrid(grid.dim, grid.dtype, self.cell(grid)),
-            "background": self.background(grid),
+            "grid": MpmGrid(grid.dim, grid.dtype, self.cell(grid)), "background": self.background(grid),
             "liquid": Liquid(
-                grid.real(self.rest_density),
-                grid.real(share * self.bulk_modulus * (2 if "M27" in printed else 1)),
-                np.int32("M4" in printed),
-                np.int32("M3" in printed),
-                np.int32("M5" in printed),
+                grid.real(self.rest_density), grid.real(share * self.bulk_modulus * (2 if "M27" in printed else 1)),
+                np.int32("M4" in printed), np.int32("M3" in printed), np.int32("M5" in printed),
                 np.int32(self.volume == "gradient"),
             ),
             "field": np.array(acceleration, dtype=grid.dtype) if pull else None,
-            "planes": walls.nodes(grid, self.cell(grid))
-            if walls is not None and walls.stand(grid) and not idle
-            else None,
+            "planes": walls.nodes(
+                grid, self.cell(grid),
+            ) if walls is not None and walls.stand(grid) and not idle else None,
             "mirrors": Mirrors(np.int32(1)) if wet else None,
             "contact": None if surface is None or not wet else Contact(grid.real(surface.contact_pull())),
             "embedding": Embedding(np.int32(0 if surface is None else READINGS.index(surface.embedding))),
@@ -345,7 +330,7 @@ class MpmLiquid(
             "viscous_stress": ViscousStress(grid.real(self._viscous_factor(grid))),
             "counting": Counting(grid.real(self.rest_density * self.cell(grid) ** grid.dim)),
             "recounting": Recounting(grid.real(UNEVEN), grid.real(1 / recount if recount > 0 else 0.0)),
-        }
+        }  # fmt: skip
 
     def _viscous_factor(self, grid: Discretisation) -> float:
         """4 mu/(rho0 h^2) [1/s]."""

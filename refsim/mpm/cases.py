@@ -560,10 +560,7 @@ def _taken(dim, deformation):
         "displacement": [(0.0625 * own**2).sum(), 0.0],
     }  # fmt: skip
     if deformation is None:
-        expected |= {
-            "volume_ratio": [ratio],
-            "step_extremes": [ratio, ratio, abs(trace), (0.0625 * own**2).sum()],
-        }
+        expected |= {"volume_ratio": [ratio], "step_extremes": [ratio, ratio, abs(trace), (0.0625 * own**2).sum()]}
     else:
         f = (np.eye(3) + 0.25 * a) @ deformation.reshape(3, 3)
         expected |= {"deformation": f.reshape(1, 9), "volume_ratio": [np.linalg.det(f)]}
@@ -607,11 +604,7 @@ def affine_field_about_a_carrier():
 def sheared_cluster():
     """dt J factor = 1/4 * 3/2 * 2/3 = 1/4; A - (A + A^T) E^-1/4 with E^-1 = diag(3/11, 1, 1)."""
     made, given = _pair()
-    given |= {
-        "volume_ratio": [1.5],
-        "viscous_stress": ViscousStress(2 / 3),
-        "timestep": [0.0, 0.25],
-    }
+    given |= {"volume_ratio": [1.5], "viscous_stress": ViscousStress(2 / 3), "timestep": [0.0, 0.25]}
     given["affine"] = np.array([[1.0, 4.0, 0.0, 0.0, -2.0, 1.0, 3.0, 1.0, 0.0]])
     share = np.array([3 / 11, 1, 1]) / 4
     strain = np.array([[2.0, 4.0, 3.0], [4.0, -4.0, 2.0], [3.0, 2.0, 0.0]])

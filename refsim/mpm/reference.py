@@ -468,18 +468,14 @@ def grid_to_particle(
             np.array([least, most, np.abs(trace).max(initial=0), (step**2 * (v**2).sum(1)).max(initial=0)]),
             np.array(
                 [
-                    ratio_scale.max(initial=0),
-                    ratio_scale.max(initial=0),
-                    np.einsum("paa->p", a_scale).max(initial=0),
+                    ratio_scale.max(initial=0), ratio_scale.max(initial=0), np.einsum("paa->p", a_scale).max(initial=0),
                     4 * (step**2 * (v_scale**2).sum(1)).max(initial=0),
-                ]
+                ],
             ),
         ),
-        "velocity": (v, v_scale),
-        "affine": (a.reshape(n, 9), a_scale.reshape(n, 9)),
-        "volume_ratio": (ratio_new, ratio_scale),
-        "position": (x_new, x_scale),
-    }
+        "velocity": (v, v_scale), "affine": (a.reshape(n, 9), a_scale.reshape(n, 9)),
+        "volume_ratio": (ratio_new, ratio_scale), "position": (x_new, x_scale),
+    }  # fmt: skip
 
 
 def _permanent(m):
@@ -520,12 +516,9 @@ def embed(position, surface_sample, sample_owner, background):
     six = np.stack([inverse[:, a, b] for a, b in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))], axis=-1)
     first = np.concatenate([[0], 2 * np.cumsum(count)])
     return {
-        "carrier_first": (first, np.ones(len(first))),
-        "carrier_position": (points, d_scale),
-        "carrier_owner": (owner, np.ones(len(owner))),
-        "cluster_share": (share, share),
-        "inverse_spread": (six, bound),
-    }
+        "carrier_first": (first, np.ones(len(first))), "carrier_position": (points, d_scale),
+        "carrier_owner": (owner, np.ones(len(owner))), "cluster_share": (share, share), "inverse_spread": (six, bound),
+    }  # fmt: skip
 
 
 @operation(

@@ -162,14 +162,11 @@ def loop_source(
         lines["theirs"] = [f"{name}_j = {entry_of(name, given[name], 'j')}" for name in fields_of(pair, "j")]
         lines["theirs"] += [f"{name}_ij = listed.{name}[at]" for name in held]
     text = filled_in(
-        HEAD + (NEAR + (PACKED_LOOP if packed else NEAR_LOOP) if near else LOOP),
-        lines,
-        given=", ".join(given),
-        smoothing=other,
-        real=f"listed.{held[0]}.dtype.type" if held else f"type({other})",
+        HEAD + (NEAR + (PACKED_LOOP if packed else NEAR_LOOP) if near else LOOP), lines, given=", ".join(given),
+        smoothing=other, real=f"listed.{held[0]}.dtype.type" if held else f"type({other})",
         source="listed.position" if "position" in listed else "places",
         totals=", ".join(f"over_lanes(s{n}, lane)" for n in sums),
-    )
+    )  # fmt: skip
     return text, _packed_names() if packed else {}
 
 

@@ -84,15 +84,12 @@ def _nodes(case, grid):
     rotation = random.normal(size=(nodes, 4))
     mass = 1000 * grid.spacing**3 * random.uniform(0.2, 5, nodes)
     made = {
-        "solid_position": position,
-        "solid_velocity": vector(1),
+        "solid_position": position, "solid_velocity": vector(1),
         "region_share": np.where(count > 0, mass / np.maximum(count, 1), 0),
-        "region_center": vector(0.5 * grid.spacing),
-        "region_anchor": vector(0.3 * grid.spacing),
-        "rotation": rotation / np.linalg.norm(rotation, axis=1)[:, None],
-        "region_velocity": vector(1),
+        "region_center": vector(0.5 * grid.spacing), "region_anchor": vector(0.3 * grid.spacing),
+        "rotation": rotation / np.linalg.norm(rotation, axis=1)[:, None], "region_velocity": vector(1),
         "region_spin": vector(0.1 / grid.spacing),
-    }
+    }  # fmt: skip
     return {name: np.ascontiguousarray(values.astype(grid.dtype)) for name, values in made.items()}
 
 

@@ -477,9 +477,7 @@ class WeaklyCompressible(
         mass = np.where(usual, state.mass * (1 + excess / self.rest_density), state.mass)
         return {ADVANCED_EXCESS.name: excess, "mass": mass}
 
-    def _stands(
-        self, x: np.ndarray, down: np.ndarray, grid: Discretisation, others: Others
-    ) -> bool:  # fmt: skip
+    def _stands(self, x: np.ndarray, down: np.ndarray, grid: Discretisation, others: Others) -> bool:
         """Whether liquid at x (n, 3) [m] stands on a plane or on other walls' particles, a spacing below at most."""
         for effect in having(others, HasPlanes):
             lower, upper = effect.domain(grid)
@@ -526,16 +524,12 @@ class WeaklyCompressible(
             "smoothing": smoothing(sums, grid.support_radius, grid.dim, grid.dtype),
             "gradient_smoothing": smoothing(gradients, grid.support_radius, grid.dim, grid.dtype),
             "fluid": Fluid(
-                grid.real(self.rest_density),
-                grid.real(self.rest_density * self.sound_speed**2 / exponent),
-                int32(exponent),
-                int32(self.clamps()),
-                grid.real(cohesive_pressure(grid, others)),
-                grid.real(0.5 if "E24" in self.printed() else 1.0),
-                grid.real(least_wall_share(others)),
+                grid.real(self.rest_density), grid.real(self.rest_density * self.sound_speed**2 / exponent),
+                int32(exponent), int32(self.clamps()), grid.real(cohesive_pressure(grid, others)),
+                grid.real(0.5 if "E24" in self.printed() else 1.0), grid.real(least_wall_share(others)),
             ),
             "density_bounds": DensityBounds(*map(grid.real, (self.rest_density, DENSE, self.density_bound))),
-        }
+        }  # fmt: skip
 
     def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         sign = -1.0 if "E3" in self.printed() else 1.0

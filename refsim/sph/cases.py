@@ -47,14 +47,9 @@ FLUID = LIQUID
 @effect_of_cases
 def _liquid(case):
     return WeaklyCompressible(
-        rest_density=REST_DENSITY,
-        sound_speed=20.0,
-        dynamic_viscosity=0.5,
-        state=case.state,
-        clamp_pressure=case.clamp,
-        kernels=case.kernels,
-        literal=("all",) if case.literal else (),
-    )
+        rest_density=REST_DENSITY, sound_speed=20.0, dynamic_viscosity=0.5, state=case.state, clamp_pressure=case.clamp,
+        kernels=case.kernels, literal=("all",) if case.literal else (),
+    )  # fmt: skip
 
 
 particles(

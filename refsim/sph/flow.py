@@ -16,9 +16,8 @@ SLOW = 0.1  # |v|/c up to which density changes by about 1 %
 
 
 def fall_height(
-    grid: Discretisation, state: InitialState, walls: WallParticles | None, others: Others,
-    pull: np.ndarray,
-) -> float:  # fmt: skip
+    grid: Discretisation, state: InitialState, walls: WallParticles | None, others: Others, pull: np.ndarray
+) -> float:
     """H [m] that liquid can fall or stand along an acceleration (3,) [m/s^2]; 0 where there is none, or no liquid.
 
     From the liquid's top down to the lowest point of the walls' planes; where none holds it from below, to the lowest

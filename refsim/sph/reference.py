@@ -28,8 +28,7 @@ def _rows(array, rows):
     "summed density, J(7), J(8) and its first moment", outputs="number_density asymmetry density",
     optional="number_density asymmetry walls period",
     variants=("number_density asymmetry walls period", "period", "number_density asymmetry", "asymmetry period"),
-    invariants=SYMMETRY, broken={2: "rotation"},
-    packed="density_pair",
+    invariants=SYMMETRY, broken={2: "rotation"}, packed="density_pair",
 )  # fmt: skip
 def density(position, mass, walls, smoothing, fluid, period=None, rows=None):
     """Densities [kg/m^dim], number densities [1/m^dim] and asymmetries [m^(1 - dim)], self included.
@@ -155,10 +154,9 @@ def state(density, fluid, rows=None):
     packed="momentum_pair",
 )  # fmt: skip
 @operation(
-    "J(10), averaged pressure force (p_i + p_j)/(rho_i rho_j)", "sph.pressure",
-    adds="acceleration", optional="walls viscosity period",
-    variants=("viscosity walls period", "viscosity", "viscosity period"), tolerance=8.0,
-    invariants=f"{SYMMETRY} linear_momentum angular_momentum", broken={1: "rotation angular_momentum"},
+    "J(10), averaged pressure force (p_i + p_j)/(rho_i rho_j)", "sph.pressure", adds="acceleration",
+    optional="walls viscosity period", variants=("viscosity walls period", "viscosity", "viscosity period"),
+    tolerance=8.0, invariants=f"{SYMMETRY} linear_momentum angular_momentum", broken={1: "rotation angular_momentum"},
     packed="momentum_pair",
 )  # fmt: skip
 def momentum(position, velocity, mass, density, pressure, walls, smoothing, fluid, viscosity, period=None, rows=None):
@@ -290,9 +288,8 @@ def corrected_pressure(
 
 
 @operation(
-    "J(11) with Jiang & Zhu E3, viscosity by a Laplacian", "sph.viscosity",
-    adds="acceleration", optional="period", tolerance=8.0,
-    invariants=f"{SYMMETRY} linear_momentum galilean dissipation", broken={1: "rotation"},
+    "J(11) with Jiang & Zhu E3, viscosity by a Laplacian", "sph.viscosity", adds="acceleration", optional="period",
+    tolerance=8.0, invariants=f"{SYMMETRY} linear_momentum galilean dissipation", broken={1: "rotation"},
     packed="viscous_pair",
 )  # fmt: skip
 def viscous(position, velocity, mass, density, smoothing, viscosity, period=None, rows=None):

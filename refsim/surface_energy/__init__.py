@@ -100,27 +100,19 @@ class Tension(Effect, HasErrata, frozen=True, kw_only=True):
         owner = self.name or "surface_energy"
         self.printed()
         require(
-            owner,
-            surface_tension=(self.surface_tension, "not negative"),
-            level_set_radius=(self.radius(dim), "positive"),
-            disk_radius=(self.disk_radius, "positive"),
-            offset=(self.offset, "positive"),
-            relaxation=(self.relaxation, "positive"),
-            inset=(self.inset, "finite"),
-        )
+            owner, surface_tension=(self.surface_tension, "not negative"),
+            level_set_radius=(self.radius(dim), "positive"), disk_radius=(self.disk_radius, "positive"),
+            offset=(self.offset, "positive"), relaxation=(self.relaxation, "positive"), inset=(self.inset, "finite"),
+        )  # fmt: skip
         limits = (
             (
-                "level_set_radius",
-                self.radius(dim),
-                dim**0.5,
-                2.0,
+                "level_set_radius", self.radius(dim), dim**0.5, 2.0,
                 "so that no component is lost and no cell overlooked",
             ),
-            ("disk_radius", self.disk_radius, 0.05, 1.0, "of a cell"),
-            ("offset", self.offset, 0.0, 2.0, "of a cell"),
+            ("disk_radius", self.disk_radius, 0.05, 1.0, "of a cell"), ("offset", self.offset, 0.0, 2.0, "of a cell"),
             ("relaxation", self.relaxation, 0.0, 2.0, "so that the fit converges"),
             ("inset", max(self.inset, 0.0), 0.0, self.radius(dim), "less than the level set's radius"),
-        )
+        )  # fmt: skip
         for name, number, low, high, why in limits:
             if not low - 1e-12 <= number <= high or (name == "relaxation" and number >= high):
                 raise InputError(f"{owner}: {name} = {number} is not possible; give {low:.4g} to {high:.4g}, {why}.")
@@ -139,16 +131,12 @@ def surface_term(tension: Tension, dim: int, dtype: str, cell_size: float) -> Su
     squared = float(dim) if tension.level_set_radius is None else radius**2
     inset = tension.inset_distance()
     return SurfaceTerm(
-        cell_size=real(cell_size),
-        inverse_cell=inverse_cell(cell_size, dtype),
-        radius_squared=real(squared),
-        offset=real(tension.offset),
-        relaxation=real(tension.relaxation),
+        cell_size=real(cell_size), inverse_cell=inverse_cell(cell_size, dtype), radius_squared=real(squared),
+        offset=real(tension.offset), relaxation=real(tension.relaxation),
         iterations=int32(0 if "M14" in printed else tension.iterations),
-        inset=real(0.0 if inset is None else radius - inset),
-        disk=real(tension.disk_radius),
+        inset=real(0.0 if inset is None else radius - inset), disk=real(tension.disk_radius),
         tension=real(-tension.surface_tension if "M1" in printed else tension.surface_tension),
-    )
+    )  # fmt: skip
 
 
 for _name in ("classify", "facets"):

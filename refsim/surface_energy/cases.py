@@ -113,11 +113,10 @@ def reconstruction(name: str, dtype: str) -> dict:
 
 @groups(
     "interior_position", "interior_number", "cells", "surface_term", "sample_position", "sample_area", "facet_normal",
-    "area_before", "dice",
-    "candidate_facet", "candidate_position", "candidate_cells", "accepted", "sample_cells", "nearest",
-    "offset_direction", "fit_position", "sample_count", "fit_cells", "fit_splines", "node_weight", "active", "residual",
-    "coefficients", "query_position", "outward", "spline_cells", "surface_value", "surface_gradient", "sample_normal",
-    "vertex_normal", "inset_position", "node_force", "node_label", "component_size", "extent",
+    "area_before", "dice", "candidate_facet", "candidate_position", "candidate_cells", "accepted", "sample_cells",
+    "nearest", "offset_direction", "fit_position", "sample_count", "fit_cells", "fit_splines", "node_weight", "active",
+    "residual", "coefficients", "query_position", "outward", "spline_cells", "surface_value", "surface_gradient",
+    "sample_normal", "vertex_normal", "inset_position", "node_force", "node_label", "component_size", "extent",
 )  # fmt: skip
 def _reconstruction(case, grid):
     return reconstruction(case.name, grid.dtype)

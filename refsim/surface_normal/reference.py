@@ -55,8 +55,7 @@ def color_gradient(position, mass, density, candidates, walls, gradient_smoothin
 
 @operation(
     "J(20), J(15) with Jiang & Zhu E10", outputs="corrected_normal", tolerance=12.0,
-    reason="the roundings of one pair, and once more those of the denominator",
-    packed="corrected_normal_pair",
+    reason="the roundings of one pair, and once more those of the denominator", packed="corrected_normal_pair",
 )  # fmt: skip
 def corrected(
     position, mass, density, number_density, candidates, walls, smoothing, gradient_smoothing, normal_term, rows=None

@@ -91,18 +91,10 @@ def sigma_map() -> tuple[Mapping[str, Any], ...]:
 
 
 def calibrate(
-    sigma: float,
-    model: str = "akinci",
-    *,
-    spacing: float,
-    rest_density: float,
-    dim: int = 3,
-    support_radius: float | None = None,
-    sound_speed: float | None = None,
-    kernels: str = "mueller",
-    radius: float | None = None,
-    settings: Sequence[Mapping[str, Any]] | None = None,
-) -> Calibration:
+    sigma: float, model: str = "akinci", *, spacing: float, rest_density: float, dim: int = 3,
+    support_radius: float | None = None, sound_speed: float | None = None, kernels: str = "mueller",
+    radius: float | None = None, settings: Sequence[Mapping[str, Any]] | None = None,
+) -> Calibration:  # fmt: skip
     """Coefficients of `model` that give the surface tension `sigma`, by the measured map.
 
     sigma           required tension [N/m]
@@ -144,17 +136,10 @@ def calibrate(
     ratio, nominal = found["ratio"], sigma / found["ratio"]
     speed = sound_speed or math.sqrt(nominal / (rest_density * spacing * found["stiffness"]))
     return Calibration(
-        effect=SETTINGS[model][1](nominal),
-        nominal=nominal,
-        nominal_error=nominal * found["uncertainty"],
-        ratio=ratio,
-        laplace=found["laplace"],
-        rayleigh=found["rayleigh"],
-        uncertainty=found["uncertainty"],
-        sound_speed=speed,
-        stiffness=found["stiffness"],
-        beside=BESIDE.get(model, ()),
-    )
+        effect=SETTINGS[model][1](nominal), nominal=nominal, nominal_error=nominal * found["uncertainty"], ratio=ratio,
+        laplace=found["laplace"], rayleigh=found["rayleigh"], uncertainty=found["uncertainty"], sound_speed=speed,
+        stiffness=found["stiffness"], beside=BESIDE.get(model, ()),
+    )  # fmt: skip
 
 
 def _disagreement(found: Mapping[str, Any]) -> str:

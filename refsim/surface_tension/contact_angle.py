@@ -54,16 +54,9 @@ def wetting_map() -> tuple[Mapping[str, Any], ...]:
 
 
 def calibrate_contact_angle(
-    angle: float,
-    sigma: float,
-    *,
-    spacing: float,
-    rest_density: float,
-    dim: int = 3,
-    support_radius: float | None = None,
-    kernels: str = "mueller",
-    settings: Sequence[Mapping[str, Any]] | None = None,
-) -> ContactAngle:
+    angle: float, sigma: float, *, spacing: float, rest_density: float, dim: int = 3,
+    support_radius: float | None = None, kernels: str = "mueller", settings: Sequence[Mapping[str, Any]] | None = None,
+) -> ContactAngle:  # fmt: skip
     """Coefficients of Akinci 2013 for a contact angle `angle` of liquid of tension `sigma` on a plane wall.
 
     angle           required contact angle, through the liquid [degrees]
@@ -110,12 +103,9 @@ def calibrate_contact_angle(
     effect: Any = tension.effect
     adhesion = share * effect.coefficient(grid, {LIQUID: fluid})
     return ContactAngle(
-        effect=msgspec.structs.replace(effect, adhesion=adhesion),
-        adhesion=adhesion,
-        share=share,
-        uncertainty=uncertainty,
-        tension=tension,
-    )
+        effect=msgspec.structs.replace(effect, adhesion=adhesion), adhesion=adhesion, share=share,
+        uncertainty=uncertainty, tension=tension,
+    )  # fmt: skip
 
 
 def _share_of(angle: float, entry: Mapping[str, Any], this: str, support: float) -> tuple[float, float]:

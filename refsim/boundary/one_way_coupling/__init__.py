@@ -303,9 +303,7 @@ class MeshBoundary(
 
 
 @functools.lru_cache(maxsize=64)
-def layer_factors(
-    shape: str, support_radius: float, spacing: float, radius: float, layers: int
-) -> tuple[float, ...]:  # fmt: skip
+def layer_factors(shape: str, support_radius: float, spacing: float, radius: float, layers: int) -> tuple[float, ...]:
     """g of each layer for which liquid on a flat wall has the rest density; lengths in metres, g dimensionless.
 
     Boundary particles are 2 r apart in a hexagonal packing of area A each, in layers one spacing d apart; the liquid's

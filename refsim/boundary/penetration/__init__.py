@@ -50,14 +50,9 @@ def penetration_groups(
         band=real(solid_field.band),
     )
     group = Penetration(
-        real(restitution),
-        real(rebound),
-        int32(swept),
-        int32(printed),
-        int32(everywhere),
-        np.nextafter(lower.astype(dtype), real(-np.inf)),
-        np.nextafter(upper.astype(dtype), real(np.inf)),
-    )
+        real(restitution), real(rebound), int32(swept), int32(printed), int32(everywhere),
+        np.nextafter(lower.astype(dtype), real(-np.inf)), np.nextafter(upper.astype(dtype), real(np.inf)),
+    )  # fmt: skip
     return {"solid_field": solid_field, "penetration": group}
 
 

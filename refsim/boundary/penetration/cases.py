@@ -96,15 +96,10 @@ def _fall(begin, speed, **changes):
     lower, upper = marked_box(field)
     group = Penetration(0.5, 0.0, 1, 0, 0, lower, upper)._replace(**changes)
     return at("onto_a_slab", position), {
-        "velocity": np.array([speed], dtype=float),
-        "acceleration": np.zeros((1, 3)),
-        "timestep": [0.0, 1.0],
-        "build_position": position,
-        "corrections": np.zeros(1, np.int32),
-        "identity": np.zeros(1, np.int32),
-        "solid_field": field,
-        "penetration": group,
-    }
+        "velocity": np.array([speed], dtype=float), "acceleration": np.zeros((1, 3)), "timestep": [0.0, 1.0],
+        "build_position": position, "corrections": np.zeros(1, np.int32), "identity": np.zeros(1, np.int32),
+        "solid_field": field, "penetration": group,
+    }  # fmt: skip
 
 
 @closed_form("penetration.kick_drift")

@@ -91,8 +91,7 @@ class BoundarySample:
 def sample(
     mesh: SurfaceMesh, radius: float, *, seed: int = 0, density: float = HEXAGONAL, spacing: float | None = None,
     backend: str | Backend = "cpu", dtype: str = "float32", literal: Printed = (),
-    most_iterations: int = MOST_ITERATIONS,
-    watch: Callable[[int, Any], None] | None = None,
+    most_iterations: int = MOST_ITERATIONS, watch: Callable[[int, Any], None] | None = None,
 ) -> BoundarySample:  # fmt: skip
     """Boundary particles of radius r = `radius` [m] on a mesh.
 

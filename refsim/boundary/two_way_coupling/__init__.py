@@ -213,16 +213,12 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, SumsDensity, frozen=Tru
         viscous = liquid.dynamic_viscosity > 0
         return {
             "coupling": Coupling(
-                grid.real(1 / liquid.rest_number_density(grid)),
-                grid.real(liquid.sound_speed**2 / exponent),
-                int32(exponent),
-                int32("M4" in printed),
-                int32("M2" in printed),
-                int32("M3" in printed),
+                grid.real(1 / liquid.rest_number_density(grid)), grid.real(liquid.sound_speed**2 / exponent),
+                int32(exponent), int32("M4" in printed), int32("M2" in printed), int32("M3" in printed),
                 int32(self.density_weighted),
             ),
             "viscosity": ViscosityTerm(grid.real(liquid.dynamic_viscosity)) if viscous else None,
-        }
+        }  # fmt: skip
 
     def step_limits(self, grid: Discretisation, others: Others) -> dict[str, StepLimit]:
         liquid = liquid_of(others)

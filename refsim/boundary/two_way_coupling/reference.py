@@ -45,8 +45,7 @@ def contribution(position, phase, smoothing, coupling, rows=None):
 @operation(
     "Shao & Song (1), p = B ((rho/rho0)^7 - 1), V = m/rho", outputs="density pressure volume", optional="walls",
     tolerance=8.0, reason="one rounding in each of distance, kernel, product and sum; the scale counts the power's",
-    invariants=SYMMETRY,
-    packed="density_pair",
+    invariants=SYMMETRY, packed="density_pair",
 )  # fmt: skip
 def density(position, mass, rest_density, phase, relative_contribution, walls, smoothing, coupling, rows=None):
     """Shao & Song (1): rho_i = m_i sum_j W_ij + m_i sum_k phi_k W_ik [kg/m^dim], self included; solids keep rho0_i.
@@ -77,8 +76,7 @@ def density(position, mass, rest_density, phase, relative_contribution, walls, s
 
 @operation(
     "Shao & Song (2), (3) with M1 to M3", adds="acceleration", optional="walls viscosity", tolerance=8.0,
-    invariants=f"{SYMMETRY} linear_momentum galilean dissipation", broken={0: "dissipation"},
-    packed="force_pair",
+    invariants=f"{SYMMETRY} linear_momentum galilean dissipation", broken={0: "dissipation"}, packed="force_pair",
 )  # fmt: skip
 @operation(
     "Shao & Song (2) with M1, M2", "two_way_coupling.pressure", adds="acceleration", optional="walls viscosity",

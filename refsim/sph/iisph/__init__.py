@@ -110,13 +110,10 @@ class ImplicitPressure(Effect, SumsDensity, frozen=True, kw_only=True):
         real = grid.real
         return fluid.prepare(grid, others) | {
             "implicit": Implicit(
-                real(self.relaxation),
-                real(self.tolerance),
-                int32(self.iterations[0]),
-                int32(self.iterations[1]),
+                real(self.relaxation), real(self.tolerance), int32(self.iterations[0]), int32(self.iterations[1]),
                 real(1e-6 * diagonal),
-            )
-        }
+            ),
+        }  # fmt: skip
 
     def step_limits(self, grid: Discretisation, others: Others) -> dict[str, StepLimit]:
         return {"courant": StepLimit.crossing(self.courant * grid.support_radius)}

@@ -214,12 +214,7 @@ def solve(position, velocity, mass, density, walls, smoothing, fluid, implicit, 
     pushed = _pushed(near, wall, mass, density, p)["acceleration"]
     push_size = _pushed(near, wall, mass, density, p_size)["acceleration"][1]
     return {
-        "own_displacement": d,
-        "diagonal": a,
-        "advected_density": advected,
-        "pair_displacement": (s[0], s_size),
+        "own_displacement": d, "diagonal": a, "advected_density": advected, "pair_displacement": (s[0], s_size),
         "density_error": (step["density_error"][0], sizes["density_error"][1] * (1 + relative)),
-        "new_pressure": (p, p_size),
-        "pressure": (p, p_size),
-        "acceleration": (pushed[0], push_size),
-    }
+        "new_pressure": (p, p_size), "pressure": (p, p_size), "acceleration": (pushed[0], push_size),
+    }  # fmt: skip

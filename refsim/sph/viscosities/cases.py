@@ -19,12 +19,9 @@ def _viscosities(case, grid):
 
 # Two particles 1 m apart along y, which approach at 2 m/s; the smoothing length is 1 m.
 GIVEN = {
-    "mass": [2.0, 3.0],
-    "density": [800.0, 1200.0],
-    "velocity": np.array([[7.0, 2.0, 0.0], [3.0, 0.0, -5.0]]),
-    "artificial_viscosity": ArtificialViscosity(0.5, 2.0, 10.0, 1.0),
-    "laminar_viscosity": LaminarViscosity(0.5, 1.0),
-}
+    "mass": [2.0, 3.0], "density": [800.0, 1200.0], "velocity": np.array([[7.0, 2.0, 0.0], [3.0, 0.0, -5.0]]),
+    "artificial_viscosity": ArtificialViscosity(0.5, 2.0, 10.0, 1.0), "laminar_viscosity": LaminarViscosity(0.5, 1.0),
+}  # fmt: skip
 
 
 @for_each_kernel("viscosities.artificial", across=5.0)

@@ -8,9 +8,7 @@ from refsim.sph.viscosities import formulas
 
 
 @pair
-def artificial_pair(
-    r, x_ij, velocity_i, velocity_j, mass_j, density_i, density_j, smoothing, artificial_viscosity
-):  # fmt: skip
+def artificial_pair(r, x_ij, velocity_i, velocity_j, mass_j, density_i, density_j, smoothing, artificial_viscosity):
     """-m_j Pi_ij grad W_ij [m/s^2], Monaghan 1992."""
     approach = (velocity_i[0] - velocity_j[0]) * x_ij[0]
     approach += (velocity_i[1] - velocity_j[1]) * x_ij[1]

@@ -38,9 +38,7 @@ def place_in_row(r, cell, first, unsorted):
 
 
 @cuda_kernel(rows_of="fit_cell")
-def sort_points(
-    fit_position, fit_cell, fit_first, unsorted, blocks, surface_term, counts, fit_splines, fit_target
-):  # fmt: skip
+def sort_points(fit_position, fit_cell, fit_first, unsorted, blocks, surface_term, counts, fit_splines, fit_target):
     """Splines of the fit's points, cell by cell, and b [h]: 0 at the samples, epsilon at their second points."""
     r = cuda.grid(1)
     if r < 2 * counts[MADE] and fit_cell[r] >= 0:

@@ -21,9 +21,7 @@ def clear_samples(held):
 
 
 @cuda_kernel(rows_of="facets")
-def locate_samples(
-    sample_position, vertex_edge, facets, blocks, surface_term, counts, held, sample_place, sample_cell
-):  # fmt: skip
+def locate_samples(sample_position, vertex_edge, facets, blocks, surface_term, counts, held, sample_place, sample_cell):
     """Cell of each sample, and its number among those of the cell."""
     s = cuda.grid(1)
     if s < counts[MADE]:

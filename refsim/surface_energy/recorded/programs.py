@@ -125,17 +125,9 @@ def _points_as_facets(a, position):
 
 
 def offsets(
-    interior_position,
-    interior_number,
-    cells,
-    blocks,
-    surface_term,
-    sample_position,
-    sample_cells,
-    nearest,
-    offset_direction,
-    fit_position,
-):
+    interior_position, interior_number, cells, blocks, surface_term, sample_position, sample_cells, nearest,
+    offset_direction, fit_position,
+):  # fmt: skip
     """Section 4.3.1, at facets without extent: directions and points of the fit, then the nearest particles."""
     count = sample_position.shape[0]
     a = sorted_particles(interior_position, blocks, surface_term, count, count)

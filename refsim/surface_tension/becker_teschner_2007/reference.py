@@ -23,8 +23,7 @@ def attraction_function(r, h, dim, least_distance):
 @operation(
     "surface tension by attraction", paper="Becker & Teschner 2007", adds="acceleration", tolerance=12.0,
     reason="one rounding in each of distance, kernel, product and sum, and a few in the spline's cubic",
-    invariants=SYMMETRY,
-    packed="cohesion_pair",
+    invariants=SYMMETRY, packed="cohesion_pair",
 )  # fmt: skip
 def cohesion(position, mass, smoothing, attraction, rows=None):
     """Acceleration [m/s^2] a_i = -(kappa/m_i) sum_j m_j W(max(r, d)) x_ij."""

@@ -171,14 +171,11 @@ class CsfWang2019(Effect, KnowsLimits, HasErrata, SumsDensity, frozen=True, kw_o
         groups = detection_in(others).prepare(grid, others)
         return groups | {
             "continuum": Continuum(
-                real(self.surface_tension),
-                real(self.threshold / h),
-                real(grid.dim if plain else grid.dim - 1),
-                real(share),
-                int32(plain),
+                real(self.surface_tension), real(self.threshold / h), real(grid.dim if plain else grid.dim - 1),
+                real(share), int32(plain),
             ),
             "marangoni": gradient,
-        }
+        }  # fmt: skip
 
     def step_limits(self, grid: Discretisation, others: Others) -> dict[str, StepLimit]:
         return capillary_limit(self.surface_tension, grid, others)

@@ -135,14 +135,11 @@ class Dong2016(PairCohesion, HasErrata, frozen=True, kw_only=True):
         if self.filter_density:  # an update of `density`: precedes every pass that reads it
             passes += [
                 Pass(
-                    "dong_2016.shepard_filter",
-                    ("position", "mass"),
-                    ("corrected_density",),
-                    ("density",),
+                    "dong_2016.shepard_filter", ("position", "mass"), ("corrected_density",), ("density",),
                     names={"near_surface": None},
                 ),
                 Pass("jiang_zhu_2023.replace_density", ("corrected_density",), updates=("density",)),
-            ]
+            ]  # fmt: skip
         reads: tuple[str, ...] = ("position", "mass")
         if self._corrects():
             passes.append(color_gradient_pass())

@@ -43,8 +43,7 @@ def density(position, mass, walls, smoothing, fluid, rows=None):
     "D(4), D(5)", adds="acceleration", optional="walls viscosity", tolerance=12.0,
     reason="one rounding in each of distance, slope, two squared volumes, quotients, product and sum",
     invariants=f"{SYMMETRY} linear_momentum angular_momentum galilean dissipation",
-    broken={0: "dissipation", 1: "angular_momentum"},
-    packed="momentum_pair",
+    broken={0: "dissipation", 1: "angular_momentum"}, packed="momentum_pair",
 )  # fmt: skip
 def momentum(position, velocity, mass, density, pressure, walls, smoothing, fluid, viscosity, rows=None):
     """Acceleration [m/s^2] by pressure and viscosity.

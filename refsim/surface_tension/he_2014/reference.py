@@ -27,8 +27,7 @@ def color(position, mass, density, walls, smoothing, rows=None):
 
 @operation(
     "|grad c|^2", outputs="color_gradient_squared", tolerance=16.0,
-    reason="those of one pair twice, for the square, and the quotient", invariants=SYMMETRY,
-    packed="gradient_pair",
+    reason="those of one pair twice, for the square, and the quotient", invariants=SYMMETRY, packed="gradient_pair",
 )  # fmt: skip
 def squared_gradient(position, mass, density, color, gradient_smoothing, rows=None):
     """|grad c_i|^2 [1/m^2], grad c_i = (1/c_i) sum_j V_j c_j grad W_ij; the scale squares the sum of moduli."""
@@ -47,8 +46,7 @@ def squared_gradient(position, mass, density, color, gradient_smoothing, rows=No
     optional="color_gradient_squared gradient_energy air_pressure",
     variants=("gradient_energy color_gradient_squared", "", "air_pressure"), tolerance=12.0,
     reason="one rounding in each of distance, slope, volume, two factors, direction, product and sum",
-    invariants=f"{SYMMETRY} linear_momentum angular_momentum",
-    packed="tension_pair",
+    invariants=f"{SYMMETRY} linear_momentum angular_momentum", packed="tension_pair",
 )  # fmt: skip
 def tension(
     position, mass, density, color_gradient_squared, gradient_smoothing, gradient_energy, air_pressure, rows=None

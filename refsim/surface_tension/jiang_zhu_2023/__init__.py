@@ -194,13 +194,10 @@ class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
     def check(self, grid: Discretisation, others: Others) -> None:
         self.check_coefficients()
         require(
-            self.name,
-            area_ratio=(self.area_ratio, "not negative"),
-            area_acceleration=(self.area_acceleration, "not negative"),
-            threshold=(self.threshold, "positive"),
-            soft_lower=(self.soft_lower, "not negative"),
-            soft_upper=(self.soft_upper, "positive"),
-        )
+            self.name, area_ratio=(self.area_ratio, "not negative"),
+            area_acceleration=(self.area_acceleration, "not negative"), threshold=(self.threshold, "positive"),
+            soft_lower=(self.soft_lower, "not negative"), soft_upper=(self.soft_upper, "positive"),
+        )  # fmt: skip
         if self.soft_upper <= self.soft_lower:
             raise InputError(
                 f"{self.name}: soft_upper = {self.soft_upper} is not above soft_lower = {self.soft_lower}; give"

@@ -19,8 +19,7 @@ def force_function(r, h):
     "pair force s cos(3 pi r/(2 h))", "tartakovsky_meakin_2005.cohesion", paper="Tartakovsky & Meakin 2005",
     adds="acceleration", tolerance=12.0,
     reason="one rounding in each of distance, argument, cosine, direction, product and sum",
-    invariants=f"{SYMMETRY} linear_momentum angular_momentum",
-    packed="cosine_pair",
+    invariants=f"{SYMMETRY} linear_momentum angular_momentum", packed="cosine_pair",
 )  # fmt: skip
 def cosine_cohesion(position, mass, smoothing, cosine_force, rows=None):
     """Acceleration [m/s^2] a_i = (s/m_i) sum_j cos(3 pi r/(2 h)) e_ij.
