@@ -94,21 +94,21 @@ for _function, _chosen in ((row_of, _row_of), (first_lane, _first_lane), (over_l
 
 
 @formula
-def add_vector(array, i, lane, x, y, z):  # noqa: ANN001, ANN201
-    """array[i] += (x, y, z), which all lanes of the row hold."""
+def add_vector(array, i, lane, vector):  # noqa: ANN001, ANN201
+    """array[i] += the three components, which all lanes of the row hold."""
     if first_lane(lane):
-        array[i, 0] += x
-        array[i, 1] += y
-        array[i, 2] += z
+        array[i, 0] += vector[0]
+        array[i, 1] += vector[1]
+        array[i, 2] += vector[2]
 
 
 @formula
-def set_vector(array, i, lane, x, y, z):  # noqa: ANN001, ANN201
-    """array[i] = (x, y, z), which all lanes of the row hold."""
+def set_vector(array, i, lane, vector):  # noqa: ANN001, ANN201
+    """array[i] = the three components, which all lanes of the row hold."""
     if first_lane(lane):
-        array[i, 0] = x
-        array[i, 1] = y
-        array[i, 2] = z
+        array[i, 0] = vector[0]
+        array[i, 1] = vector[1]
+        array[i, 2] = vector[2]
 
 
 @formula

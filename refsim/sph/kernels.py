@@ -3,7 +3,7 @@
 import math
 
 from refsim.backends.compile import formula, kernel
-from refsim.backends.tuples import added
+from refsim.backends.tuples import added, difference, dot, over, scaled
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import add_vector, first_lane, set_vector
 from refsim.smoothing.formulas import gradient_factor, kernel_slope, kernel_value, safe_distance, viscosity_laplacian
@@ -47,9 +47,8 @@ def density(i, lane, position, mass, neighbours, walls, smoothing, fluid, period
     if asymmetry is None:
         rho, number = neighbour_sum(density_pair, i, lane, neighbours, position, period, mass, smoothing)
     else:
-        rho, number, mx, my, mz = neighbour_sum(
-            density_moment_pair, i, lane, neighbours, position, period, mass, smoothing
-        )
+        sums = neighbour_sum(density_moment_pair, i, lane, neighbours, position, period, mass, smoothing)
+        rho, number, moment = sums[0], sums[1], sums[2:5]
     if not number >= type(own)(0):  # keeps the sum of W in every variant, so that the density has the same bits in all
         rho = number
     rho += mass[i] * own
@@ -58,11 +57,8 @@ def density(i, lane, position, mass, neighbours, walls, smoothing, fluid, period
         if asymmetry is None:
             filled = wall_sum(i, lane, position, walls, smoothing, period)
         else:
-            filled, bx, by, bz = wall_moment(i, lane, position, walls, smoothing, period)
-            weight = fluid.rest_density / mass[i]
-            mx += weight * bx
-            my += weight * by
-            mz += weight * bz
+            beside = wall_moment(i, lane, position, walls, smoothing, period)
+            filled, moment = beside[0], added(moment, scaled(beside[1:4], fluid.rest_density / mass[i]))
         filled *= fluid.rest_density
         rho += filled
         number += filled / mass[i]
@@ -71,7 +67,7 @@ def density(i, lane, position, mass, neighbours, walls, smoothing, fluid, period
         if number_density is not None:
             number_density[i] = number
         if asymmetry is not None:
-            asymmetry[i] = math.sqrt(mx * mx + my * my + mz * mz)
+            asymmetry[i] = math.sqrt(dot(moment, moment))
 
 
 @formula
@@ -114,9 +110,7 @@ def continuity_pair(
     slope = gradient_factor(r, smoothing)
     rest = fluid.rest_density if rest_density_j is None else rest_density_j
     volume = mass_j / (rest + advanced_excess_j)
-    approach = (velocity_i[0] - velocity_j[0]) * x_ij[0]
-    approach += (velocity_i[1] - velocity_j[1]) * x_ij[1]
-    approach += (velocity_i[2] - velocity_j[2]) * x_ij[2]
+    approach = dot(difference(velocity_i, velocity_j), x_ij)
     spread = type(r)(0)
     if diffusion is not None:
         head = x_ij[0] * diffusion.x + x_ij[1] * diffusion.y + x_ij[2] * diffusion.z
@@ -130,11 +124,10 @@ def continuity_pair(
 @pair
 def wall_continuity_pair(r, x_ij, velocity_i, place_j, volume_j, smoothing, wall_motion):
     """(d rho_i/dt)/rho_i by a wall particle [1/s], which is at rest or moves beyond the planes of `wall_motion`."""
-    approach = velocity_i[0] * x_ij[0] + velocity_i[1] * x_ij[1] + velocity_i[2] * x_ij[2]
+    approach = dot(velocity_i, x_ij)
     if wall_motion is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
         if wall_moves(place_j, wall_motion):
-            moving = wall_motion.velocity
-            approach -= moving[0] * x_ij[0] + moving[1] * x_ij[1] + moving[2] * x_ij[2]
+            approach -= dot(wall_motion.velocity, x_ij)
     return formulas.continuity_pair(volume_j, approach, gradient_factor(r, smoothing))
 
 
@@ -199,13 +192,11 @@ def momentum_pair(
     apart = safe_distance(r, smoothing)
     share = mass_j / (density_j * apart)  # V_j/r: one division serves both terms
     f = pressure_pair(share, pressure_i, pressure_j, kernel_slope(r, smoothing), fluid)
-    ax, ay, az = f * x_ij[0], f * x_ij[1], f * x_ij[2]
+    force = scaled(x_ij, f)
     if viscosity is not None:
         g = viscosity_pair(share * apart, viscosity, viscosity_laplacian(r, smoothing))
-        ax += g * (velocity_j[0] - velocity_i[0])
-        ay += g * (velocity_j[1] - velocity_i[1])
-        az += g * (velocity_j[2] - velocity_i[2])
-    return ax, ay, az
+        force = added(force, scaled(difference(velocity_j, velocity_i), g))
+    return force[0], force[1], force[2]
 
 
 @kernel(lanes=True)
@@ -214,18 +205,14 @@ def momentum(
     acceleration,
 ):  # fmt: skip
     """J(10) and, unless `viscosity` is None, J(11), walls after Akinci 2012; added to the acceleration [m/s^2]."""
-    ax, ay, az = neighbour_sum(
+    force = neighbour_sum(
         momentum_pair, i, lane, neighbours, position, period, velocity, mass, density, pressure, smoothing, fluid,
         viscosity,
     )  # fmt: skip
-    rho = density[i]
-    ax, ay, az = ax / rho, ay / rho, az / rho
+    a = over(force, density[i])
     if walls is not None:
-        bx, by, bz = wall_pressure(i, lane, position, density, pressure, walls, smoothing, fluid, period)
-        ax += bx
-        ay += by
-        az += bz
-    add_vector(acceleration, i, lane, ax, ay, az)
+        a = added(a, wall_pressure(i, lane, position, density, pressure, walls, smoothing, fluid, period))
+    add_vector(acceleration, i, lane, a)
 
 
 @pair
@@ -252,11 +239,9 @@ def gradient_correction(
     sums = neighbour_sum(filling_pair, i, lane, neighbours, position, period, mass, density, smoothing)
     if walls is not None:
         sums = added(sums, neighbour_sum(wall_filling_pair, i, lane, walls, position, period, walls.volume, smoothing))
-    xx, yy, zz, xy, xz, yz = formulas.gradient_correction(
-        sums[0], sums[1], sums[2], sums[3], sums[4], sums[5], smoothing
-    )
-    set_vector(correction_diagonal, i, lane, xx, yy, zz)
-    set_vector(correction_mixed, i, lane, xy, xz, yz)
+    matrix = formulas.gradient_correction(sums[0], sums[1], sums[2], sums[3], sums[4], sums[5], smoothing)
+    set_vector(correction_diagonal, i, lane, matrix[0:3])
+    set_vector(correction_mixed, i, lane, matrix[3:6])
 
 
 @kernel
@@ -277,10 +262,8 @@ def corrected_pressure_pair(
     f = pressure_pair(mass_j / density_j, own_pressure_i, pressure_j, gradient_factor(r, smoothing), fluid)
     x, y, z = x_ij[0], x_ij[1], x_ij[2]
     if correction_diagonal_i is not None:
-        half = type(f)(0.5)
-        ax, ay, az = corrected(correction_diagonal_i, correction_mixed_i, x_ij)
-        bx, by, bz = corrected(correction_diagonal_j, correction_mixed_j, x_ij)
-        x, y, z = half * (ax + bx), half * (ay + by), half * (az + bz)
+        own = corrected(correction_diagonal_i, correction_mixed_i, x_ij)
+        x, y, z = scaled(added(own, corrected(correction_diagonal_j, correction_mixed_j, x_ij)), type(f)(0.5))
     return f * x, f * y, f * z
 
 
@@ -290,12 +273,11 @@ def corrected_pressure(
     smoothing, fluid, period, acceleration,
 ):  # fmt: skip
     """J(10) with corrected gradients and each particle's own pressure; added to the acceleration [m/s^2]."""
-    ax, ay, az = neighbour_sum(
+    force = neighbour_sum(
         corrected_pressure_pair, i, lane, neighbours, position, period, mass, density, own_pressure, pressure,
         correction_diagonal, correction_mixed, smoothing, fluid,
     )  # fmt: skip
-    rho = density[i]
-    add_vector(acceleration, i, lane, ax / rho, ay / rho, az / rho)
+    add_vector(acceleration, i, lane, over(force, density[i]))
 
 
 @pair
@@ -306,9 +288,7 @@ def central_momentum_pair(
     apart = safe_distance(r, smoothing)
     share = mass_j / (density_j * apart)  # V_j/r: one division serves both terms
     f = pressure_pair(share, pressure_i, pressure_j, kernel_slope(r, smoothing), fluid)
-    parting = (velocity_j[0] - velocity_i[0]) * x_ij[0]
-    parting += (velocity_j[1] - velocity_i[1]) * x_ij[1]
-    parting += (velocity_j[2] - velocity_i[2]) * x_ij[2]
+    parting = dot(difference(velocity_j, velocity_i), x_ij)
     f += central_viscosity_pair(share, central_viscosity, viscosity_laplacian(r, smoothing)) * (parting / apart)
     return f * x_ij[0], f * x_ij[1], f * x_ij[2]
 
@@ -319,12 +299,11 @@ def central_momentum(
     acceleration,
 ):  # fmt: skip
     """J(10) and the viscosity along the line of centres; added to the acceleration [m/s^2]."""
-    ax, ay, az = neighbour_sum(
+    force = neighbour_sum(
         central_momentum_pair, i, lane, neighbours, position, period, velocity, mass, density, pressure, smoothing,
         fluid, central_viscosity,
     )  # fmt: skip
-    rho = density[i]
-    add_vector(acceleration, i, lane, ax / rho, ay / rho, az / rho)
+    add_vector(acceleration, i, lane, over(force, density[i]))
 
 
 @pair
@@ -353,11 +332,10 @@ def viscous_pair(r, velocity_i, velocity_j, mass_j, density_j, smoothing, viscos
 @kernel(lanes=True)
 def viscous(i, lane, position, velocity, mass, density, neighbours, smoothing, viscosity, period, acceleration):
     """J(11) alone; added to the acceleration [m/s^2]."""
-    ax, ay, az = neighbour_sum(
+    force = neighbour_sum(
         viscous_pair, i, lane, neighbours, position, period, velocity, mass, density, smoothing, viscosity
     )
-    rho = density[i]
-    add_vector(acceleration, i, lane, ax / rho, ay / rho, az / rho)
+    add_vector(acceleration, i, lane, over(force, density[i]))
 
 
 @pair
@@ -365,9 +343,7 @@ def central_pair(r, x_ij, velocity_i, velocity_j, mass_j, density_j, smoothing, 
     """Viscosity along the line of centres [N/m^3]."""
     laplacian = viscosity_laplacian(r, smoothing)
     g = central_viscosity_pair(mass_j / density_j, central_viscosity, laplacian)
-    parting = (velocity_j[0] - velocity_i[0]) * x_ij[0]
-    parting += (velocity_j[1] - velocity_i[1]) * x_ij[1]
-    parting += (velocity_j[2] - velocity_i[2]) * x_ij[2]
+    parting = dot(difference(velocity_j, velocity_i), x_ij)
     apart = safe_distance(r, smoothing)
     f = g * parting / (apart * apart)  # a product with 1/r^2 may overflow: its factors are taken in any order
     return f * x_ij[0], f * x_ij[1], f * x_ij[2]
@@ -378,11 +354,10 @@ def central_viscous(
     i, lane, position, velocity, mass, density, neighbours, smoothing, central_viscosity, period, acceleration
 ):  # fmt: skip
     """Viscosity along the line of centres; added to the acceleration [m/s^2]."""
-    ax, ay, az = neighbour_sum(
+    force = neighbour_sum(
         central_pair, i, lane, neighbours, position, period, velocity, mass, density, smoothing, central_viscosity
     )
-    rho = density[i]
-    add_vector(acceleration, i, lane, ax / rho, ay / rho, az / rho)
+    add_vector(acceleration, i, lane, over(force, density[i]))
 
 
 @kernel

@@ -24,15 +24,14 @@ def color_gradient(
     """J(19) n_i = h sum_j V_j grad W_ij, walls included; dimensionless. Zero for a particle that is no candidate."""
     h = gradient_smoothing.support_radius
     real = type(h)
-    nx, ny, nz = real(0), real(0), real(0)
+    n = real(0), real(0), real(0)
     if candidates is None or candidates[i] != 0:
-        nx, ny, nz = neighbour_sum(
+        n = neighbour_sum(
             normal_pair, i, lane, neighbours, position, None, mass, density, gradient_smoothing, normal_term
         )
         if walls is not None:
-            beside = wall_gradient(i, lane, position, walls, gradient_smoothing, h, None)
-            nx, ny, nz = added((nx, ny, nz), beside)
-    set_vector(surface_normal, i, lane, nx, ny, nz)
+            n = added(n, wall_gradient(i, lane, position, walls, gradient_smoothing, h, None))
+    set_vector(surface_normal, i, lane, n)
 
 
 @pair
@@ -66,4 +65,4 @@ def corrected(
         filled += mass[i] / density[i] * own_share(smoothing)
         if walls is not None:
             filled += wall_sum(i, lane, position, walls, smoothing, None)
-    set_vector(corrected_normal, i, lane, nx / filled, ny / filled, nz / filled)
+    set_vector(corrected_normal, i, lane, (nx / filled, ny / filled, nz / filled))

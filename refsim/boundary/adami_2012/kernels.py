@@ -1,6 +1,7 @@
 """What a wall particle takes from the liquid, and a liquid particle from the walls."""
 
 from refsim.backends.compile import kernel
+from refsim.backends.tuples import over
 from refsim.boundary.adami_2012.formulas import extrapolated_pair, wall_force_pair
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import add_vector
@@ -45,10 +46,9 @@ def wall_force(
     if phase is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
         if phase[i] != LIQUID_PHASE:
             return
-    ax, ay, az = neighbour_sum(
+    force = neighbour_sum(
         pushing_pair, i, lane, walls, position, period, pressure, wall_pressure, walls.volume, smoothing
     )
     if correction_diagonal is not None:
-        ax, ay, az = corrected(correction_diagonal[i], correction_mixed[i], (ax, ay, az))
-    rho = density[i]
-    add_vector(acceleration, i, lane, ax / rho, ay / rho, az / rho)
+        force = corrected(correction_diagonal[i], correction_mixed[i], force)
+    add_vector(acceleration, i, lane, over(force, density[i]))

@@ -66,7 +66,7 @@ def extrapolated_wall_pressure(
         )
         own = own_share(smoothing)
         mean = (total + own * pressure[i]) / (weights + own)
-        ax, ay, az = neighbour_sum(
+        a = neighbour_sum(
             wall_push_pair, i, None, walls, position, None, density, walls.volume, smoothing, fluid, mean, wall_gravity
         )
-        add_vector(acceleration, i, None, ax, ay, az)
+        add_vector(acceleration, i, None, a)

@@ -1,6 +1,7 @@
 """What one neighbour and one particle do in two-way coupling."""
 
 from refsim.backends.compile import formula, kernel
+from refsim.backends.tuples import added, difference, over, scaled
 from refsim.boundary.two_way_coupling.formulas import (
     coupled_pressure_pair,
     coupled_viscosity_pair,
@@ -74,7 +75,7 @@ def force_pair(
     """Shao & Song (2), (3) and the forces between liquids [N]; zero between two solids' particles."""
     real = type(r)
     own_fluid, fluid = phase_i == FLUID, phase_j == FLUID
-    fx, fy, fz = real(0), real(0), real(0)
+    force = real(0), real(0), real(0)
     if own_fluid or fluid:
         mine, push = volume_i * volume_i * pressure_i, volume_j * volume_j * pressure_j
         both = volume_i * volume_j
@@ -92,17 +93,13 @@ def force_pair(
             mine, push = volume_i * volume_i * p, volume_j * volume_j * p
         f = coupled_pressure_pair(mine, push, weight_i, weight_j, kernel_slope(r, smoothing))
         f /= safe_distance(r, smoothing)
-        fx += f * x_ij[0]
-        fy += f * x_ij[1]
-        fz += f * x_ij[2]
+        force = added(force, scaled(x_ij, f))
         if viscosity is not None:
             if own_fluid != fluid and not coupling.printed_viscosity:
                 both *= volume_i if own_fluid else volume_j
             g = coupled_viscosity_pair(both, viscosity, viscosity_laplacian(r, smoothing))
-            fx += g * (velocity_j[0] - velocity_i[0])
-            fy += g * (velocity_j[1] - velocity_i[1])
-            fz += g * (velocity_j[2] - velocity_i[2])
-    return fx, fy, fz
+            force = added(force, scaled(difference(velocity_j, velocity_i), g))
+    return force[0], force[1], force[2]
 
 
 @kernel(lanes=True)
@@ -116,18 +113,15 @@ def forces(
     """
     if phase[i] == INTERIOR:
         return
-    fx, fy, fz = neighbour_sum(
+    force = neighbour_sum(
         force_pair, i, lane, neighbours, position, None, velocity, mass, phase, pressure, volume,
         relative_contribution, smoothing, coupling, viscosity,
     )  # fmt: skip
-    ax, ay, az = fx / mass[i], fy / mass[i], fz / mass[i]
+    a = over(force, mass[i])
     if walls is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
         if phase[i] == FLUID:
-            bx, by, bz = wall_push(i, lane, position, density, rest_density, pressure, walls, smoothing)
-            ax += bx
-            ay += by
-            az += bz
-    add_vector(acceleration, i, lane, ax, ay, az)
+            a = added(a, wall_push(i, lane, position, density, rest_density, pressure, walls, smoothing))
+    add_vector(acceleration, i, lane, a)
 
 
 @pair
@@ -152,10 +146,8 @@ def held_pair(r, x_ij, velocity_i, followed_velocity_i, phase_j, density_j, pres
     if phase_j != FLUID:
         return real(0), real(0)
     w = kernel_value(r, smoothing)
-    ax = (velocity_i[0] - followed_velocity_i[0]) / delay.tau
-    ay = (velocity_i[1] - followed_velocity_i[1]) / delay.tau
-    az = (velocity_i[2] - followed_velocity_i[2]) / delay.tau
-    return w * held_pressure_pair(pressure_j, density_j, x_ij, lean, (ax, ay, az)), w
+    a = over(difference(velocity_i, followed_velocity_i), delay.tau)
+    return w * held_pressure_pair(pressure_j, density_j, x_ij, lean, a), w
 
 
 @kernel(lanes=True)
@@ -186,11 +178,10 @@ def push_pair(r, x_ij, phase_i, phase_j, mass_j, density_j, pressure_i, pressure
 @kernel(lanes=True)
 def push(i, lane, position, phase, mass, density, pressure, neighbours, smoothing, fluid, acceleration):
     """J(10) within the liquid and between liquid and solids; added to the acceleration [m/s^2]."""
-    ax, ay, az = neighbour_sum(
+    force = neighbour_sum(
         push_pair, i, lane, neighbours, position, None, phase, mass, density, pressure, smoothing, fluid
     )
-    rho = density[i]
-    add_vector(acceleration, i, lane, ax / rho, ay / rho, az / rho)
+    add_vector(acceleration, i, lane, over(force, density[i]))
 
 
 @kernel

@@ -1,6 +1,7 @@
 """What one neighbour and one particle do in implicit incompressible SPH. Walls are at rest."""
 
 from refsim.backends.compile import kernel
+from refsim.backends.tuples import added, difference, dot, scaled, three
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import add_vector, first_lane, set_vector
 from refsim.smoothing.formulas import gradient_factor, kernel_slope, safe_distance
@@ -15,10 +16,9 @@ def predict_pair(r, x_ij, velocity_i, velocity_j, mass_i, mass_j, acceleration_i
     f = mass_j * slope
     # A mass goes with each slope: the square of the slope alone overflows float32 at small lengths.
     squares = (mass_i * slope * r) * (f * r)
-    flow = f * x_ij[0] * (velocity_i[0] - velocity_j[0] + kick * (acceleration_i[0] - acceleration_j[0]))
-    flow += f * x_ij[1] * (velocity_i[1] - velocity_j[1] + kick * (acceleration_i[1] - acceleration_j[1]))
-    flow += f * x_ij[2] * (velocity_i[2] - velocity_j[2] + kick * (acceleration_i[2] - acceleration_j[2]))
-    return f * x_ij[0], f * x_ij[1], f * x_ij[2], squares, flow
+    g = scaled(x_ij, f)
+    approach = added(difference(velocity_i, velocity_j), scaled(difference(acceleration_i, acceleration_j), kick))
+    return g[0], g[1], g[2], squares, dot(g, approach)
 
 
 @kernel(lanes=True)
@@ -28,22 +28,18 @@ def predict(
 ):  # fmt: skip
     """d_ii [m/Pa], a_ii [kg/(m^dim Pa)] and rho_adv [kg/m^dim], with the velocities after the kick."""
     kick, drift = timestep[0], timestep[1]
-    gx, gy, gz, squares, flow = neighbour_sum(
+    sums = neighbour_sum(
         predict_pair, i, lane, neighbours, position, None, velocity, mass, acceleration, smoothing, kick
     )
+    g, squares, flow = sums[0:3], sums[3], sums[4]
     if walls is not None:
-        bx, by, bz = wall_gradient(i, lane, position, walls, smoothing, fluid.rest_density, None)
-        flow += bx * (velocity[i, 0] + kick * acceleration[i, 0])
-        flow += by * (velocity[i, 1] + kick * acceleration[i, 1])
-        flow += bz * (velocity[i, 2] + kick * acceleration[i, 2])
-        gx += bx
-        gy += by
-        gz += bz
+        beside = wall_gradient(i, lane, position, walls, smoothing, fluid.rest_density, None)
+        flow += dot(beside, added(three(velocity, i), scaled(three(acceleration, i), kick)))
+        g = added(g, beside)
     rho = density[i]
-    share = -kick * drift / (rho * rho)
-    set_vector(own_displacement, i, lane, share * gx, share * gy, share * gz)
+    set_vector(own_displacement, i, lane, scaled(g, -kick * drift / (rho * rho)))
     if first_lane(lane):
-        diagonal[i] = formulas.diagonal(gx * gx + gy * gy + gz * gz, squares, rho, kick * drift)
+        diagonal[i] = formulas.diagonal(dot(g, g), squares, rho, kick * drift)
         advected_density[i] = rho + drift * flow
 
 
@@ -57,9 +53,8 @@ def displace_pair(r, x_ij, mass_j, density_j, pressure_j, smoothing):
 @kernel(lanes=True)
 def displace(i, lane, position, mass, density, pressure, neighbours, smoothing, timestep, pair_displacement):
     """s_i = sum_j d_ij p_j = -s sum_j (m_j p_j/rho_j^2) grad W_ij [m]."""
-    sx, sy, sz = neighbour_sum(displace_pair, i, lane, neighbours, position, None, mass, density, pressure, smoothing)
-    square = timestep[0] * timestep[1]
-    set_vector(pair_displacement, i, lane, square * sx, square * sy, square * sz)
+    s = neighbour_sum(displace_pair, i, lane, neighbours, position, None, mass, density, pressure, smoothing)
+    set_vector(pair_displacement, i, lane, scaled(s, timestep[0] * timestep[1]))
 
 
 @pair
@@ -90,8 +85,8 @@ def relax(
         smoothing, own,
     )  # fmt: skip
     if walls is not None:
-        bx, by, bz = wall_gradient(i, lane, position, walls, smoothing, fluid.rest_density, None)
-        total += bx * pair_displacement[i, 0] + by * pair_displacement[i, 1] + bz * pair_displacement[i, 2]
+        beside = wall_gradient(i, lane, position, walls, smoothing, fluid.rest_density, None)
+        total += dot(beside, three(pair_displacement, i))
     missing = fluid.rest_density - advected_density[i]
     left = total + a * p - missing
     if first_lane(lane):
@@ -111,14 +106,11 @@ def push_pair(r, x_ij, mass_j, density_i, density_j, pressure_i, pressure_j, smo
 @kernel(lanes=True)
 def push(i, lane, position, mass, density, pressure, neighbours, walls, smoothing, fluid, acceleration):
     """-sum_j m_j (p_i/rho_i^2 + p_j/rho_j^2) grad W_ij, walls with p_b = 0; added to the acceleration [m/s^2]."""
-    ax, ay, az = neighbour_sum(push_pair, i, lane, neighbours, position, None, mass, density, pressure, smoothing)
+    a = neighbour_sum(push_pair, i, lane, neighbours, position, None, mass, density, pressure, smoothing)
     if walls is not None:
-        bx, by, bz = wall_gradient(i, lane, position, walls, smoothing, fluid.rest_density, None)
-        share = pressure[i] / (density[i] * density[i])
-        ax -= share * bx
-        ay -= share * by
-        az -= share * bz
-    add_vector(acceleration, i, lane, ax, ay, az)
+        beside = wall_gradient(i, lane, position, walls, smoothing, fluid.rest_density, None)
+        a = difference(a, scaled(beside, pressure[i] / (density[i] * density[i])))
+    add_vector(acceleration, i, lane, a)
 
 
 @kernel

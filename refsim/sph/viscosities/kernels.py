@@ -1,6 +1,7 @@
 """What one neighbour and one particle do in the viscous forces."""
 
 from refsim.backends.compile import kernel
+from refsim.backends.tuples import difference, dot, over
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import add_vector
 from refsim.smoothing.formulas import gradient_factor
@@ -10,9 +11,7 @@ from refsim.sph.viscosities import formulas
 @pair
 def artificial_pair(r, x_ij, velocity_i, velocity_j, mass_j, density_i, density_j, smoothing, artificial_viscosity):
     """-m_j Pi_ij grad W_ij [m/s^2], Monaghan 1992."""
-    approach = (velocity_i[0] - velocity_j[0]) * x_ij[0]
-    approach += (velocity_i[1] - velocity_j[1]) * x_ij[1]
-    approach += (velocity_i[2] - velocity_j[2]) * x_ij[2]
+    approach = dot(difference(velocity_i, velocity_j), x_ij)
     density = type(r)(0.5) * (density_i + density_j)
     slope = gradient_factor(r, smoothing)
     f = formulas.artificial_pair(r, approach, mass_j, density, slope, artificial_viscosity)
@@ -24,11 +23,11 @@ def artificial(
     i, lane, position, velocity, mass, density, neighbours, smoothing, artificial_viscosity, period, acceleration
 ):  # fmt: skip
     """Artificial viscosity; added to the acceleration [m/s^2]."""
-    ax, ay, az = neighbour_sum(
+    a = neighbour_sum(
         artificial_pair, i, lane, neighbours, position, period, velocity, mass, density, smoothing,
         artificial_viscosity,
     )  # fmt: skip
-    add_vector(acceleration, i, lane, ax, ay, az)
+    add_vector(acceleration, i, lane, a)
 
 
 @pair
@@ -41,8 +40,7 @@ def laminar_pair(r, velocity_i, velocity_j, mass_j, density_j, smoothing, lamina
 @kernel(lanes=True)
 def laminar(i, lane, position, velocity, mass, density, neighbours, smoothing, laminar_viscosity, period, acceleration):
     """Laminar viscosity; added to the acceleration [m/s^2]."""
-    ax, ay, az = neighbour_sum(
+    force = neighbour_sum(
         laminar_pair, i, lane, neighbours, position, period, velocity, mass, density, smoothing, laminar_viscosity
     )
-    rho = density[i]
-    add_vector(acceleration, i, lane, ax / rho, ay / rho, az / rho)
+    add_vector(acceleration, i, lane, over(force, density[i]))

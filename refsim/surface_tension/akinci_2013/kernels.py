@@ -1,6 +1,7 @@
 """What one neighbour and one particle do in Akinci et al. 2013."""
 
 from refsim.backends.compile import kernel
+from refsim.backends.tuples import added, difference, scaled
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import add_vector
 from refsim.smoothing.formulas import safe_distance
@@ -14,20 +15,16 @@ def tension_pair(
 ):
     """Cohesion and area term, each unless None, with K_ij [m/s^2]."""
     real = type(r)
-    ax, ay, az = real(0), real(0), real(0)
+    a = real(0), real(0), real(0)
     share = formulas.correction_factor(density_i, density_j, fluid)
     if spline is not None:
         cohesion = formulas.cohesion_pair(mass_j, r * smoothing.inverse_radius, spline)
         f = share * cohesion / safe_distance(r, smoothing)
-        ax += f * x_ij[0]
-        ay += f * x_ij[1]
-        az += f * x_ij[2]
+        a = added(a, scaled(x_ij, f))
     if area_term is not None:
         g = share * area_term.coefficient
-        ax -= g * (area_normal_i[0] - area_normal_j[0])
-        ay -= g * (area_normal_i[1] - area_normal_j[1])
-        az -= g * (area_normal_i[2] - area_normal_j[2])
-    return ax, ay, az
+        a = difference(a, scaled(difference(area_normal_i, area_normal_j), g))
+    return a[0], a[1], a[2]
 
 
 @kernel(lanes=True)
@@ -35,11 +32,11 @@ def tension(
     i, lane, position, mass, density, area_normal, neighbours, smoothing, fluid, spline, area_term, acceleration
 ):
     """Cohesion and area term, each unless None, with K_ij; added to the acceleration [m/s^2]."""
-    ax, ay, az = neighbour_sum(
+    a = neighbour_sum(
         tension_pair, i, lane, neighbours, position, None, mass, density, area_normal, smoothing, fluid, spline,
         area_term,
     )  # fmt: skip
-    add_vector(acceleration, i, lane, ax, ay, az)
+    add_vector(acceleration, i, lane, a)
 
 
 @pair
@@ -48,15 +45,16 @@ def fused_pair(
     area_normal_j, gradient_smoothing, fluid, viscosity, spline, area_term, inverse_density,
 ):  # fmt: skip
     """Cohesion and area term, each unless None, with J(10) and J(11) [m/s^2]."""
-    px, py, pz = momentum_pair(
+    force = momentum_pair(
         r, x_ij, velocity_i, velocity_j, mass_j, density_j, pressure_i, pressure_j, gradient_smoothing, fluid,
         viscosity,
     )  # fmt: skip
-    tx, ty, tz = tension_pair(
+    tension = tension_pair(
         r, x_ij, mass_j, density_i, density_j, area_normal_i, area_normal_j, gradient_smoothing, fluid, spline,
         area_term,
     )  # fmt: skip
-    return px * inverse_density + tx, py * inverse_density + ty, pz * inverse_density + tz
+    a = added(scaled(force, inverse_density), tension)
+    return a[0], a[1], a[2]
 
 
 @kernel(lanes=True)
@@ -68,16 +66,13 @@ def tension_and_momentum(
 
     Added to the acceleration [m/s^2].
     """
-    ax, ay, az = neighbour_sum(
+    a = neighbour_sum(
         fused_pair, i, lane, neighbours, position, None, velocity, mass, density, pressure, area_normal,
         gradient_smoothing, fluid, viscosity, spline, area_term, type(density[i])(1) / density[i],
     )  # fmt: skip
     if walls is not None:
-        bx, by, bz = wall_pressure(i, lane, position, density, pressure, walls, gradient_smoothing, fluid, None)
-        ax += bx
-        ay += by
-        az += bz
-    add_vector(acceleration, i, lane, ax, ay, az)
+        a = added(a, wall_pressure(i, lane, position, density, pressure, walls, gradient_smoothing, fluid, None))
+    add_vector(acceleration, i, lane, a)
 
 
 @pair
@@ -91,5 +86,5 @@ def adhesion_pair(r, x_ij, volume_j, smoothing, fluid, adhesion):
 @kernel
 def adhesion(i, position, walls, smoothing, fluid, adhesion, acceleration):
     """Adhesion to the wall particles; added to the acceleration [m/s^2]."""
-    ax, ay, az = neighbour_sum(adhesion_pair, i, None, walls, position, None, walls.volume, smoothing, fluid, adhesion)
-    add_vector(acceleration, i, None, ax, ay, az)
+    a = neighbour_sum(adhesion_pair, i, None, walls, position, None, walls.volume, smoothing, fluid, adhesion)
+    add_vector(acceleration, i, None, a)

@@ -1,6 +1,7 @@
 """What one neighbour and one particle do in Becker & Teschner 2007."""
 
 from refsim.backends.compile import kernel
+from refsim.backends.tuples import scaled
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import add_vector
 from refsim.surface_tension.becker_teschner_2007 import formulas
@@ -16,6 +17,6 @@ def cohesion_pair(r, x_ij, mass_j, smoothing, attraction):
 @kernel(lanes=True)
 def cohesion(i, lane, position, mass, neighbours, smoothing, attraction, acceleration):
     """Attraction -kappa m_j/m_i W(r) x_ij; added to the acceleration [m/s^2]."""
-    ax, ay, az = neighbour_sum(cohesion_pair, i, lane, neighbours, position, None, mass, smoothing, attraction)
+    a = neighbour_sum(cohesion_pair, i, lane, neighbours, position, None, mass, smoothing, attraction)
     strength = attraction.strength / mass[i]
-    add_vector(acceleration, i, lane, strength * ax, strength * ay, strength * az)
+    add_vector(acceleration, i, lane, scaled(a, strength))

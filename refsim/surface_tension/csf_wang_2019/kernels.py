@@ -3,7 +3,7 @@
 import math
 
 from refsim.backends.compile import formula, kernel
-from refsim.backends.tuples import added
+from refsim.backends.tuples import added, difference, dot, over, scaled, three
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import add_vector, first_lane, set_vector
 from refsim.smoothing.formulas import gradient_factor, kernel_slope, kernel_value, safe_distance
@@ -22,15 +22,12 @@ def normal_pair(r, x_ij, mass_j, density_j, gradient_smoothing, smoothing):
 @kernel(lanes=True)
 def normal(i, lane, position, mass, density, neighbours, walls, smoothing, gradient_smoothing, interface_normal):
     """n_i = sum_j V_j grad W_ij / sum_k V_k W_ik, walls as liquid, inward [1/m]."""
-    nx, ny, nz, filled = neighbour_sum(
-        normal_pair, i, lane, neighbours, position, None, mass, density, gradient_smoothing, smoothing
-    )
-    filled += mass[i] / density[i] * own_share(smoothing)
+    sums = neighbour_sum(normal_pair, i, lane, neighbours, position, None, mass, density, gradient_smoothing, smoothing)
+    n, filled = sums[0:3], sums[3] + mass[i] / density[i] * own_share(smoothing)
     if walls is not None:
-        beside = wall_gradient(i, lane, position, walls, gradient_smoothing, type(filled)(1), None)
-        nx, ny, nz = added((nx, ny, nz), beside)
+        n = added(n, wall_gradient(i, lane, position, walls, gradient_smoothing, type(filled)(1), None))
         filled += wall_sum(i, lane, position, walls, smoothing, None)
-    set_vector(interface_normal, i, lane, nx / filled, ny / filled, nz / filled)
+    set_vector(interface_normal, i, lane, over(n, filled))
 
 
 @formula
@@ -43,28 +40,24 @@ def active(squared, continuum):
 def curvature_pair(r, x_ij, mass_j, density_j, interface_normal_i, interface_normal_j, gradient_smoothing, continuum):
     """Terms of divergence and spread of the unit normals; none of a neighbour off the surface."""
     real = type(r)
-    nx, ny, nz = interface_normal_i
-    mx, my, mz = interface_normal_j
-    squared = mx * mx + my * my + mz * mz
+    n, m = interface_normal_i, interface_normal_j
+    squared = dot(m, m)
     divergence, spread = real(0), real(0)
     if active(squared, continuum):
-        own, other = real(1) / math.sqrt(nx * nx + ny * ny + nz * nz), real(1) / math.sqrt(squared)
-        nx, ny, nz = nx * own, ny * own, nz * own
+        n, m = scaled(n, real(1) / math.sqrt(dot(n, n))), scaled(m, real(1) / math.sqrt(squared))
         apart = safe_distance(r, gradient_smoothing)
         weight = mass_j / density_j * kernel_slope(r, gradient_smoothing)
-        change = (mx * other - nx) * x_ij[0] + (my * other - ny) * x_ij[1] + (mz * other - nz) * x_ij[2]
-        cosine = (nx * x_ij[0] + ny * x_ij[1] + nz * x_ij[2]) / apart
-        divergence += weight * (change / apart)
-        spread -= weight * r * formulas.tangential_share(cosine, continuum)
+        divergence += weight * (dot(difference(m, n), x_ij) / apart)
+        spread -= weight * r * formulas.tangential_share(dot(n, x_ij) / apart, continuum)
     return divergence, spread
 
 
 @kernel(lanes=True)
 def curvature(i, lane, position, mass, density, interface_normal, neighbours, gradient_smoothing, continuum, curvature):
     """Renormalised divergence of the unit normals over the active neighbours [1/m]; 0 off the surface."""
-    nx, ny, nz = interface_normal[i, 0], interface_normal[i, 1], interface_normal[i, 2]
-    found = type(nx)(0)
-    if active(nx * nx + ny * ny + nz * nz, continuum):
+    n = three(interface_normal, i)
+    found = type(n[0])(0)
+    if active(dot(n, n), continuum):
         divergence, spread = neighbour_sum(
             curvature_pair, i, lane, neighbours, position, None, mass, density, interface_normal, gradient_smoothing,
             continuum,
@@ -91,22 +84,16 @@ def force(
 
     The tangential force is |n| (g - (g.n)n/|n|^2), g = sum_j V_j (sigma_j - sigma_i) grad W_ij.
     """
-    nx, ny, nz = interface_normal[i, 0], interface_normal[i, 1], interface_normal[i, 2]
-    squared = nx * nx + ny * ny + nz * nz
+    n = three(interface_normal, i)
+    squared = dot(n, n)
     if active(squared, continuum):
         strength = continuum.tension
         if marangoni is not None:
             strength += marangoni.x * position[i, 0] + marangoni.y * position[i, 1] + marangoni.z * position[i, 2]
-        f = strength * curvature[i]
-        ax, ay, az = f * nx, f * ny, f * nz
+        force = scaled(n, strength * curvature[i])
         if marangoni is not None:
-            gx, gy, gz = neighbour_sum(
+            g = neighbour_sum(
                 marangoni_pair, i, lane, neighbours, position, None, mass, density, gradient_smoothing, marangoni
             )
-            along = (gx * nx + gy * ny + gz * nz) / squared
-            length = math.sqrt(squared)
-            ax += length * (gx - along * nx)
-            ay += length * (gy - along * ny)
-            az += length * (gz - along * nz)
-        scale = continuum.share / density[i]
-        add_vector(acceleration, i, lane, scale * ax, scale * ay, scale * az)
+            force = added(force, scaled(difference(g, scaled(n, dot(g, n) / squared)), math.sqrt(squared)))
+        add_vector(acceleration, i, lane, scaled(force, continuum.share / density[i]))

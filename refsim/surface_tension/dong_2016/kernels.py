@@ -55,7 +55,7 @@ def momentum(
     a = over(a, mass[i])
     if walls is not None:
         a = added(a, wall_pressure(i, lane, position, density, pressure, walls, smoothing, fluid, None))
-    add_vector(acceleration, i, lane, a[0], a[1], a[2])
+    add_vector(acceleration, i, lane, a)
 
 
 @pair
@@ -88,4 +88,4 @@ def tension(
         tension_pair, i, lane, neighbours, position, None, mass, density, surface_normal, smoothing, molecular_force,
         normal_correction,
     )  # fmt: skip
-    add_vector(acceleration, i, lane, a[0], a[1], a[2])
+    add_vector(acceleration, i, lane, a)

@@ -1,6 +1,7 @@
 """What one neighbour and one particle do in He et al. 2014."""
 
 from refsim.backends.compile import kernel
+from refsim.backends.tuples import dot, over
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import add_vector, first_lane
 from refsim.smoothing.formulas import kernel_slope, kernel_value, safe_distance
@@ -36,13 +37,10 @@ def gradient_pair(r, x_ij, mass_j, density_j, color_j, gradient_smoothing):
 @kernel(lanes=True)
 def squared_gradient(i, lane, position, mass, density, color, neighbours, gradient_smoothing, color_gradient_squared):
     """|grad c_i|^2 with grad c_i = (1/c_i) sum_j V_j c_j grad W_ij [1/m^2]."""
-    gx, gy, gz = neighbour_sum(
-        gradient_pair, i, lane, neighbours, position, None, mass, density, color, gradient_smoothing
-    )
-    c = color[i]
-    gx, gy, gz = gx / c, gy / c, gz / c
+    g = neighbour_sum(gradient_pair, i, lane, neighbours, position, None, mass, density, color, gradient_smoothing)
+    g = over(g, color[i])
     if first_lane(lane):
-        color_gradient_squared[i] = gx * gx + gy * gy + gz * gz
+        color_gradient_squared[i] = dot(g, g)
 
 
 @pair
@@ -70,9 +68,8 @@ def tension(
     air_pressure, acceleration,
 ):  # fmt: skip
     """Gradient energy and air pressure, each unless None; added to the acceleration [m/s^2]."""
-    ax, ay, az = neighbour_sum(
+    force = neighbour_sum(
         tension_pair, i, lane, neighbours, position, None, mass, density, color_gradient_squared, gradient_smoothing,
         gradient_energy, air_pressure,
     )  # fmt: skip
-    rho = density[i]
-    add_vector(acceleration, i, lane, ax / rho, ay / rho, az / rho)
+    add_vector(acceleration, i, lane, over(force, density[i]))

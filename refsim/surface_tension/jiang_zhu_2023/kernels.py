@@ -3,6 +3,7 @@
 import math
 
 from refsim.backends.compile import formula, kernel
+from refsim.backends.tuples import added, difference, scaled
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import add_vector, first_lane
 from refsim.smoothing.formulas import kernel_value, safe_distance
@@ -55,7 +56,7 @@ def tension_pair(
 ):  # fmt: skip
     """J(16) with J(17), and J(21) or J(18), each unless None [m/s^2]."""
     real = type(r)
-    ax, ay, az = real(0), real(0), real(0)
+    a = real(0), real(0), real(0)
     share = base
     if surface_weight_j is not None:
         share += slope * surface_weight_j
@@ -64,15 +65,11 @@ def tension_pair(
     if cohesion is not None:
         pull = formulas.cohesion_pair(mass_j, r * smoothing.inverse_radius, cohesion)
         f = share * pull / safe_distance(r, smoothing)
-        ax += f * x_ij[0]
-        ay += f * x_ij[1]
-        az += f * x_ij[2]
+        a = added(a, scaled(x_ij, f))
     if area is not None:
         g = share * (formulas.area_strength(density_i, area) * formulas.area_pair(mass_j, density_j, area))
-        ax -= g * (area_normal_i[0] - area_normal_j[0])
-        ay -= g * (area_normal_i[1] - area_normal_j[1])
-        az -= g * (area_normal_i[2] - area_normal_j[2])
-    return ax, ay, az
+        a = difference(a, scaled(difference(area_normal_i, area_normal_j), g))
+    return a[0], a[1], a[2]
 
 
 @kernel(lanes=True)
@@ -84,11 +81,11 @@ def tension(
     zero = type(smoothing.support_radius)(0)
     base, slope = row_weights(i, lane, zero, surface_weight, surface, neighbours, pairs)
     if base != zero or slope != zero:
-        ax, ay, az = neighbour_sum(
+        a = neighbour_sum(
             tension_pair, i, lane, neighbours, position, None, mass, density, surface_weight, surface, area_normal,
             smoothing, base, slope, cohesion, area,
         )  # fmt: skip
-        add_vector(acceleration, i, lane, ax, ay, az)
+        add_vector(acceleration, i, lane, a)
 
 
 @pair
@@ -97,15 +94,16 @@ def fused_pair(
     area_normal_j, gradient_smoothing, fluid, viscosity, cohesion, area, inverse_density,
 ):  # fmt: skip
     """J(16) between all pairs and J(21) or J(18), each unless None, with J(10) and J(11) [m/s^2]."""
-    px, py, pz = momentum_pair(
+    force = momentum_pair(
         r, x_ij, velocity_i, velocity_j, mass_j, density_j, pressure_i, pressure_j, gradient_smoothing, fluid,
         viscosity,
     )  # fmt: skip
-    tx, ty, tz = tension_pair(
+    tension = tension_pair(
         r, x_ij, mass_j, density_i, density_j, None, None, area_normal_i, area_normal_j, gradient_smoothing, type(r)(1),
         type(r)(0), cohesion, area,
     )  # fmt: skip
-    return px * inverse_density + tx, py * inverse_density + ty, pz * inverse_density + tz
+    a = added(scaled(force, inverse_density), tension)
+    return a[0], a[1], a[2]
 
 
 @kernel(lanes=True)
@@ -117,16 +115,13 @@ def tension_and_momentum(
 
     Added to the acceleration [m/s^2].
     """
-    ax, ay, az = neighbour_sum(
+    a = neighbour_sum(
         fused_pair, i, lane, neighbours, position, None, velocity, mass, density, pressure, area_normal,
         gradient_smoothing, fluid, viscosity, cohesion, area, type(density[i])(1) / density[i],
     )  # fmt: skip
     if walls is not None:
-        bx, by, bz = wall_pressure(i, lane, position, density, pressure, walls, gradient_smoothing, fluid, None)
-        ax += bx
-        ay += by
-        az += bz
-    add_vector(acceleration, i, lane, ax, ay, az)
+        a = added(a, wall_pressure(i, lane, position, density, pressure, walls, gradient_smoothing, fluid, None))
+    add_vector(acceleration, i, lane, a)
 
 
 @pair

@@ -1,6 +1,7 @@
 """What one neighbour and one particle do in Tartakovsky & Meakin 2005."""
 
 from refsim.backends.compile import kernel
+from refsim.backends.tuples import scaled
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import add_vector
 from refsim.smoothing.formulas import safe_distance
@@ -17,6 +18,6 @@ def cosine_pair(r, x_ij, smoothing, cosine_force):
 @kernel(lanes=True)
 def cosine_cohesion(i, lane, position, mass, neighbours, smoothing, cosine_force, acceleration):
     """Pair force s cos(3 pi r/(2 h)) e_ij over m_i; added to the acceleration [m/s^2]."""
-    ax, ay, az = neighbour_sum(cosine_pair, i, lane, neighbours, position, None, smoothing, cosine_force)
+    a = neighbour_sum(cosine_pair, i, lane, neighbours, position, None, smoothing, cosine_force)
     strength = cosine_force.strength / mass[i]
-    add_vector(acceleration, i, lane, strength * ax, strength * ay, strength * az)
+    add_vector(acceleration, i, lane, scaled(a, strength))
