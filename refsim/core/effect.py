@@ -209,6 +209,18 @@ class Effect(Checked, frozen=True, kw_only=True):
         moved = {name: tuple(map(float, grid.local(getattr(self, name)))) for name in self.places}
         return msgspec.structs.replace(self, **moved) if any(grid.origin) and moved else self
 
+    def require(self, positive: str = "", not_negative: str = "", finite: str = "") -> None:
+        """Check parameters, whose names stand in one string, that are not None; of a vector every component.
+
+        Raises InputError with one sentence that names the parameter.
+        """
+        for rule, names in (("positive", positive), ("not negative", not_negative), ("finite", finite)):
+            for name in names.split():
+                value = getattr(self, name)
+                vector = np.ndim(value) > 0
+                parts = {f"{name} along {c}": v for c, v in zip("xyz", value)} if vector else {name: value}
+                require(self.name, **{part: (number, rule) for part, number in parts.items()})
+
     def needs(self) -> tuple[str, ...]:
         """Names of effects without which this one cannot work."""
         return ()

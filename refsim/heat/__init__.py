@@ -17,7 +17,7 @@ import numpy as np
 
 from refsim.core.capabilities import Balance, FollowsSettings, HasErrata, KeepsBalance, KeepsLedger, KnowsParticleMass
 from refsim.core.checked import Printed
-from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit, require
+from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.core.scalars import int32
@@ -190,11 +190,7 @@ class HeatConduction(
             for value in np.atleast_1d(np.asarray(given, dtype=float)):
                 if not (math.isfinite(value) and test(value)):
                     raise InputError(f"{self.name}: {name} = {value} is not possible; give {words}.")
-        require(
-            self.name, density=(self.density, "positive"), largest_number=(self.largest_number, "positive"),
-            tolerance=(self.tolerance, "positive"), residual=(self.residual, "positive"),
-            iterations=(self.iterations, "positive"), largest_drift=(self.largest_drift, "not negative"),
-        )  # fmt: skip
+        self.require("density largest_number tolerance residual iterations", not_negative="largest_drift")
         if self.tolerance >= 1 or self.residual >= 1:
             raise InputError(f"{self.name}: tolerance and residual are shares of an error; give numbers below 1.")
         if self.melts and self.melting_point is None:

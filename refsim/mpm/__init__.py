@@ -167,11 +167,7 @@ class MpmLiquid(
     literal: Printed = ()
 
     def check(self, grid: Discretisation, others: Others) -> None:
-        require(
-            self.name, rest_density=(self.rest_density, "positive"), bulk_modulus=(self.bulk_modulus, "positive"),
-            dynamic_viscosity=(self.dynamic_viscosity, "not negative"), cell_size=(self.cell_size, "not negative"),
-            initial_ratio=(self.initial_ratio, "positive"), acoustic_number=(self.acoustic_number, "positive"),
-        )  # fmt: skip
+        self.require("rest_density bulk_modulus initial_ratio acoustic_number", "dynamic_viscosity cell_size")
         if self.acoustic_number > 0.5:
             raise InputError(
                 f"{self.name}: acoustic_number = {self.acoustic_number} is near the limit of stability; give at most"

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Any, ClassVar, Literal, NamedTuple
 
 from refsim.core.capabilities import CorrectsPositions, open_axis
-from refsim.core.effect import Discretisation, Effect, Others, Pass, require
+from refsim.core.effect import Discretisation, Effect, Others, Pass
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.particle_shifting import reference as reference
@@ -46,7 +46,7 @@ class ParticleShifting(Effect, CorrectsPositions, frozen=True, kw_only=True):
         return (LIQUID, DETECTION) if self._at_surface() else (LIQUID,)
 
     def check(self, grid: Discretisation, others: Others) -> None:
-        require(self.name, strength=(self.strength, "not negative"))
+        self.require(not_negative="strength")
         if self.strength == 0:
             return
         if "shape_matching" in others:

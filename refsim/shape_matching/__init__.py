@@ -13,7 +13,7 @@ import numpy as np
 
 from refsim.core.capabilities import HasErrata
 from refsim.core.checked import Printed
-from refsim.core.effect import Discretisation, Effect, Others, Pass, require
+from refsim.core.effect import Discretisation, Effect, Others, Pass
 from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
 from refsim.core.fields import PLACE, Field
@@ -94,8 +94,8 @@ class ShapeMatching(Effect, HasErrata, frozen=True, kw_only=True):
     def check(self, grid: Discretisation, others: Others) -> None:
         if not (isinstance(self.half_width, int) and 1 <= self.half_width <= WIDEST):
             raise InputError(f"{self.name}: half_width = {self.half_width} is not possible; give 1 to {WIDEST}.")
+        self.require(not_negative="stiffness damping")
         for name in ("stiffness", "damping"):
-            require(self.name, **{name: (getattr(self, name), "not negative")})
             if getattr(self, name) > 1:
                 raise InputError(f"{self.name}: {name} = {getattr(self, name)} is not possible; give 0 to 1.")
         self.printed()

@@ -28,7 +28,7 @@ from refsim.core.capabilities import (
     open_axis,
 )
 from refsim.core.checked import Printed
-from refsim.core.effect import Discretisation, Effect, InitialState, Others, Pass, StepLimit, require
+from refsim.core.effect import Discretisation, Effect, InitialState, Others, Pass, StepLimit
 from refsim.core.energy import EnergyAccount, EnergyState, amount, compression_amount, compression_energy
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
@@ -213,12 +213,7 @@ class WeaklyCompressible(
         return (DETECTION,) if self.tensile_control == "inside" else ()
 
     def check(self, grid: Discretisation, others: Others) -> None:
-        require(
-            self.name,
-            rest_density=(self.rest_density, "positive"),
-            sound_speed=(self.sound_speed, "positive"),
-            dynamic_viscosity=(self.dynamic_viscosity, "not negative"),
-        )
+        self.require(positive="rest_density sound_speed", not_negative="dynamic_viscosity")
         if not self.density_bound > DENSE:
             raise InputError(
                 f"{self.name}: density_bound = {self.density_bound:g} is not above {DENSE:g}, from which on a run has a"
@@ -586,8 +581,7 @@ class Gravity(Effect, frozen=True, kw_only=True):
     acceleration: tuple[float, float, float] = (0.0, 0.0, -9.81)
 
     def check(self, grid: Discretisation, others: Others) -> None:
-        for axis, value in zip("xyz", self.acceleration):
-            require(self.name, **{f"acceleration along {axis}": (value, "finite")})
+        self.require(finite="acceleration")
         if grid.dim == 2 and self.acceleration[2] != 0:
             raise InputError("gravity: acceleration has a z part in a 2D scene; point it along x or y.")
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from refsim.core.capabilities import FindsSurface, HasErrata
 from refsim.core.checked import Printed
-from refsim.core.effect import Discretisation, Effect, Others, Pass, require
+from refsim.core.effect import Discretisation, Effect, Others, Pass
 from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
@@ -209,7 +209,7 @@ class SurfaceDetection(Effect, FindsSurface, HasErrata, frozen=True, kw_only=Tru
         return (LIQUID,)
 
     def check(self, grid: Discretisation, others: Others) -> None:
-        require(self.name, asymmetry=(self.asymmetry, "positive"), threshold=(self.threshold, "positive"))
+        self.require(positive="asymmetry threshold")
         if self.threshold is not None and self.threshold > 1.2:
             raise InputError(
                 f"{self.name}: threshold = {self.threshold} would mark every particle as near the surface; give a"

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol
 import numpy as np
 
 from refsim.core.capabilities import HoldsOtherMemory, Watches
-from refsim.core.effect import Discretisation, Others, Pass, StepLimit, require
+from refsim.core.effect import Discretisation, Others, Pass, StepLimit
 from refsim.core.energy import Amount, EnergyAccount, EnergyState, amount
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
@@ -95,11 +95,7 @@ class SurfaceEnergy(Tension, HoldsOtherMemory, Watches, frozen=True, kw_only=Tru
 
     def check(self, grid: Discretisation, others: Others) -> None:
         self.check_parameters(grid.dim)
-        require(
-            self.name,
-            capillary_number=(self.capillary_number, "positive"),
-            recount_time=(self.recount_time, "not negative"),
-        )
+        self.require(positive="capillary_number", not_negative="recount_time")
         if not 0 <= self.contact_angle <= 180:
             raise InputError(
                 f"{self.name}: contact_angle = {self.contact_angle} is not possible; give 0 to 180 degrees."

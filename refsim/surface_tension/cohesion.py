@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from refsim.core.capabilities import BalancesCohesion, KnowsLimits, Margin, SumsDensity
-from refsim.core.effect import Discretisation, Effect, Others, StepLimit, require
+from refsim.core.effect import Discretisation, Effect, Others, StepLimit
 from refsim.core.energy import EnergyAccount, EnergyState, pair_potential
 from refsim.core.errors import InputError
 from refsim.smoothing import lattice
@@ -129,9 +129,8 @@ class PairCohesion(Effect, BalancesCohesion, KnowsLimits, SumsDensity, frozen=Tr
 
     def check_coefficients(self) -> None:
         """Raise InputError unless either the tension or the model's own coefficient is given, and not negative."""
-        given = {name: getattr(self, name) for name in ("surface_tension", self.own)}
-        one_of(self.name, **given)
-        require(self.name, **{name: (value, "not negative") for name, value in given.items()})
+        one_of(self.name, **{name: getattr(self, name) for name in ("surface_tension", self.own)})
+        self.require(not_negative=f"surface_tension {self.own}")
 
     def coheres(self) -> bool:
         """Whether the coefficient, given or from sigma, is not zero."""

@@ -73,7 +73,7 @@ class BoxWalls(Effect, BringsWalls, HasPlanes, HasErrata, FollowsScene, SumsDens
         return (LIQUID,)
 
     def check(self, grid: Discretisation, others: Others) -> None:
-        require(self.name, viscosity=(self.viscosity, "not negative"))
+        self.require(not_negative="viscosity")
         for face in FACES:
             across = grid.period["xyz".index(face[1])] > 0
             if across and face not in self.open_faces:
@@ -104,7 +104,7 @@ class BoxWalls(Effect, BringsWalls, HasPlanes, HasErrata, FollowsScene, SumsDens
 
     def _check_motion(self, grid: Discretisation, others: Others) -> None:
         """Raise InputError for faces that cannot move as they are said to, and for friction at others' particles."""
-        require(self.name, **{f"velocity along {c}": (v, "finite") for c, v in zip("xyz", self.velocity)})
+        self.require(finite="velocity")
         for face in self.moving_faces:
             axis = "xyz".index(face[1])
             if face in self.open_faces or axis >= grid.dim:

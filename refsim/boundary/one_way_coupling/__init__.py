@@ -31,7 +31,7 @@ from refsim.core.capabilities import (
     SumsDensity,
 )
 from refsim.core.checked import Printed
-from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit, require
+from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit
 from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
@@ -125,11 +125,8 @@ class MeshBoundary(
     def check(self, grid: Discretisation, others: Others) -> None:
         if grid.dim != 3:
             raise InputError(f"{self.name}: a mesh is a body in space; set dim to 3 or leave it out.")
-        for part in ("size", "radius", "viscosity", "adhesion", "rebound", "field_spacing", "volume_factor"):
-            require(self.name, **{part: (getattr(self, part), "not negative")})
-        for part in ("center", "rotation"):
-            for axis, value in zip("xyz", getattr(self, part) or ()):
-                require(self.name, **{f"{part} along {axis}": (value, "finite")})
+        lengths = "size radius viscosity adhesion rebound field_spacing volume_factor"
+        self.require(not_negative=lengths, finite="center rotation")
         if not 0 <= self.restitution <= 1:
             raise InputError(f"{self.name}: restitution = {self.restitution} is not possible; give 0 to 1.")
         if not 0 <= self.layers <= MOST_LAYERS:

@@ -64,16 +64,10 @@ class ImplicitPressure(Effect, SumsDensity, frozen=True, kw_only=True):
         return (LIQUID,)
 
     def check(self, grid: Discretisation, others: Others) -> None:
-        require(
-            self.name,
-            relaxation=(self.relaxation, "positive"),
-            tolerance=(self.tolerance, "positive"),
-            courant=(self.courant, "positive"),
-            **{
-                "least number of iterations": (self.iterations[0], "positive"),
-                "largest number of iterations": (self.iterations[1] - self.iterations[0] + 1, "positive"),
-            },
-        )
+        self.require(positive="relaxation tolerance courant")
+        least, most = self.iterations
+        numbers = {"least number of iterations": least, "largest number of iterations": most - least + 1}
+        require(self.name, **{name: (number, "positive") for name, number in numbers.items()})
 
     def replaces(self) -> tuple[str, ...]:
         return ("sph.state", "sph.pressure", "sph.momentum")

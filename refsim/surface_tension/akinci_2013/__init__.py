@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from refsim.core.capabilities import BringsWalls, HasErrata, Margin, having
 from refsim.core.checked import Printed
-from refsim.core.effect import Discretisation, Others, Pass, require
+from refsim.core.effect import Discretisation, Others, Pass
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.sph import liquid_of
@@ -83,8 +83,7 @@ class Akinci2013(PairCohesion, HasErrata, frozen=True, kw_only=True):
 
     def check(self, grid: Discretisation, others: Others) -> None:
         self.check_coefficients()
-        more = {"area_acceleration": self.area_acceleration, "adhesion": self.adhesion}
-        require(self.name, **{name: (value, "not negative") for name, value in more.items()})
+        self.require(not_negative="area_acceleration adhesion")
         if "gamma" in self.printed() and self.area_acceleration is not None:
             raise InputError(
                 f"{self.name}: literal 'gamma' sets the coefficient of the area term, and so does area_acceleration;"

@@ -15,7 +15,7 @@ import numpy as np
 
 from refsim.core.capabilities import HasErrata, KnowsLimits, Margin, SumsDensity
 from refsim.core.checked import Printed
-from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit, require
+from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit
 from refsim.core.fields import Field
 from refsim.core.scalars import int32
 from refsim.smoothing import lattice, smoothing
@@ -103,11 +103,7 @@ class CsfWang2019(Effect, KnowsLimits, HasErrata, SumsDensity, frozen=True, kw_o
         return (LIQUID,)
 
     def check(self, grid: Discretisation, others: Others) -> None:
-        require(
-            self.name, surface_tension=(self.surface_tension, "not negative"), threshold=(self.threshold, "positive")
-        )
-        for axis, value in zip("xyz", self.tension_gradient):
-            require(self.name, **{f"tension_gradient along {axis}": (value, "finite")})
+        self.require(positive="threshold", not_negative="surface_tension", finite="tension_gradient")
         self.printed()
 
     def notes(self, grid: Discretisation, others: Others) -> tuple[str, ...]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from refsim.core.capabilities import HasErrata, Margin
 from refsim.core.checked import Printed
-from refsim.core.effect import Discretisation, Others, Pass, require
+from refsim.core.effect import Discretisation, Others, Pass
 from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
@@ -83,7 +83,7 @@ class Dong2016(PairCohesion, HasErrata, frozen=True, kw_only=True):
 
     def check(self, grid: Discretisation, others: Others) -> None:
         self.check_coefficients()
-        require(self.name, rest_distance=(self.rest_distance, "positive"), correction=(self.correction, "not negative"))
+        self.require(positive="rest_distance", not_negative="correction")
         if self._rest_distance(grid) >= grid.support_radius:
             raise InputError(
                 f"{self.name}: rest_distance = {self._rest_distance(grid)} m is not below the support radius of"

@@ -13,7 +13,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from refsim.core.effect import Discretisation, Others, Pass, require
+from refsim.core.effect import Discretisation, Others, Pass
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.smoothing import lattice_neighbours, smoothing
@@ -101,8 +101,7 @@ class He2014(PairCohesion, frozen=True, kw_only=True):
     def check(self, grid: Discretisation, others: Others) -> None:
         if self.surface_tension is not None and self.kappa is not None:
             raise InputError(f"{self.name}: both of surface_tension and kappa given; give one of them, or neither.")
-        names = ("surface_tension", "kappa", "air_pressure")
-        require(self.name, **{name: (getattr(self, name), "not negative") for name in names})
+        self.require(not_negative="surface_tension kappa air_pressure")
         self.check_collapse(grid, others)
 
     def notes(self, grid: Discretisation, others: Others) -> tuple[str, ...]:

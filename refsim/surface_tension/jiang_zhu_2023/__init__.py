@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from refsim.core.capabilities import HasErrata, Margin
 from refsim.core.checked import Printed
-from refsim.core.effect import Discretisation, Others, Pass, require
+from refsim.core.effect import Discretisation, Others, Pass
 from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
@@ -193,11 +193,7 @@ class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
 
     def check(self, grid: Discretisation, others: Others) -> None:
         self.check_coefficients()
-        require(
-            self.name, area_ratio=(self.area_ratio, "not negative"),
-            area_acceleration=(self.area_acceleration, "not negative"), threshold=(self.threshold, "positive"),
-            soft_lower=(self.soft_lower, "not negative"), soft_upper=(self.soft_upper, "positive"),
-        )  # fmt: skip
+        self.require(positive="threshold soft_upper", not_negative="area_ratio area_acceleration soft_lower")
         if self.soft_upper <= self.soft_lower:
             raise InputError(
                 f"{self.name}: soft_upper = {self.soft_upper} is not above soft_lower = {self.soft_lower}; give"

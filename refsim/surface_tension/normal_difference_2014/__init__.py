@@ -15,7 +15,7 @@ import numpy as np
 
 from refsim.core.capabilities import HasErrata, SumsDensity
 from refsim.core.checked import Printed
-from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit, require
+from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit
 from refsim.core.fields import Field
 from refsim.core.scalars import int32
 from refsim.smoothing import lattice_neighbours, smoothing
@@ -55,7 +55,7 @@ class NormalDifference2014(Effect, HasErrata, SumsDensity, frozen=True, kw_only=
         return (LIQUID,)
 
     def check(self, grid: Discretisation, others: Others) -> None:
-        require(self.name, area_acceleration=(self.area_acceleration, "not negative"))
+        self.require(not_negative="area_acceleration")
         self.printed()
 
     def notes(self, grid: Discretisation, others: Others) -> tuple[str, ...]:
