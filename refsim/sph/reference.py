@@ -10,18 +10,13 @@ import math
 import numpy as np
 
 from refsim.core.operation import SYMMETRY, operations, without
-from refsim.neighbours.reference import Sums, other_particles, pair_blocks
-from refsim.smoothing.reference import kernel_slope, kernel_value, viscosity_laplacian
+from refsim.neighbours.reference import Sums, other_particles, pair_blocks, rows_of
+from refsim.smoothing.reference import kernel_gradient, kernel_slope, kernel_value, viscosity_laplacian
 
 operation = operations(paper="Jiang & Zhu 2023")
 _WARMTH = "temperature temperature_range exchange_rate"
 _CROWDING = "density rest_density density_bounds"
 _REDUCTIONS = {"cpu": "reductions", "cuda": "reductions_cuda"}
-
-
-def _rows(array, rows):
-    array = np.asarray(array, dtype=float)
-    return array if rows is None else array[rows]
 
 
 @operation(
@@ -37,7 +32,7 @@ def density(position, mass, walls, smoothing, fluid, period=None, rows=None):
     asymmetry: |sum_j W_ij x_ij + sum_b (rho0 V_b/m_i) W_ib x_ib|, the first moment of the sum J(8).
     """
     mass = np.asarray(mass, dtype=float)
-    wanted = _rows(mass, rows)
+    wanted = rows_of(mass, rows)
     rho, delta, reach = np.zeros(len(wanted)), np.zeros(len(wanted)), np.zeros(len(wanted))
     moment = np.zeros((len(wanted), 3))
     for place, separation, distance in pair_blocks(position, position, rows, period):
@@ -89,7 +84,7 @@ def continuity(
     velocity = np.asarray(velocity, dtype=float)
     volume = np.asarray(mass, dtype=float) / (rest + before)
     spreading = volume * liquid
-    e, v, rest, changing = (_rows(values, rows) for values in (before, velocity, rest, liquid))
+    e, v, rest, changing = (rows_of(values, rows) for values in (before, velocity, rest, liquid))
     strain, spread = Sums(len(e)), Sums(len(e))
     for place, separation, distance in pair_blocks(position, position, rows, period):
         apart = np.where(distance > 0, distance, 1.0)
@@ -111,8 +106,7 @@ def continuity(
             lower, upper, moving = (np.asarray(part, dtype=float) for part in wall_motion)
             wall_velocity[((x < lower) | (x > upper)).any(1)] = moving
         for place, separation, distance in pair_blocks(position, x, rows, period):
-            apart = np.where(distance > 0, distance, 1.0)
-            gradient = (kernel_slope(distance, smoothing) / apart)[..., None] * separation
+            gradient = kernel_gradient(separation, distance, smoothing)
             parting = v[place, None, :] - wall_velocity[None, :, :]
             most = np.abs(v)[place, None, :] + np.abs(wall_velocity)[None, :, :]
             sized = wall_volume[None, :] * (np.abs(gradient) * most).sum(-1)
@@ -125,7 +119,7 @@ def continuity(
 @operation("rho of the step before", paper="standard", outputs="advanced_excess", invariants="reordering")
 def keep_density(density_excess, rows=None):
     """advanced_excess = density_excess [kg/m^dim]: rho - rho0 when the next step begins."""
-    excess = _rows(density_excess, rows)
+    excess = rows_of(density_excess, rows)
     return {"advanced_excess": (excess, np.abs(excess))}
 
 
@@ -138,7 +132,7 @@ def state(density, fluid, rows=None):
 
     P_int (rho/rho0)^2, which balances the cohesion of the bulk, is added; negative values then become 0 if `clamp`.
     """
-    ratio = _rows(density, rows) / float(fluid.rest_density)
+    ratio = rows_of(density, rows) / float(fluid.rest_density)
     power = np.power(ratio, int(fluid.exponent))
     cohesion = float(fluid.internal_pressure) * ratio**2
     pressure = float(fluid.stiffness) * (power - 1) + cohesion
@@ -169,12 +163,11 @@ def momentum(position, velocity, mass, density, pressure, walls, smoothing, flui
     velocity = np.asarray(velocity, dtype=float)
     volume = np.asarray(mass, dtype=float) / np.asarray(density, dtype=float)
     p = np.asarray(pressure, dtype=float)
-    rho_i, p_i, v_i = _rows(density, rows), _rows(pressure, rows), _rows(velocity, rows)
+    rho_i, p_i, v_i = rows_of(density, rows), rows_of(pressure, rows), rows_of(velocity, rows)
     sums = Sums(len(rho_i), 3)
     share = float(fluid.gradient_share)
     for place, separation, distance in pair_blocks(position, position, rows, period):
-        apart = np.where(distance > 0, distance, 1.0)
-        gradient = (kernel_slope(distance, smoothing) / apart)[..., None] * separation
+        gradient = kernel_gradient(separation, distance, smoothing)
         both = share * (p_i[place, None] + p[None, :])
         sums.add(place, -(volume[None, :] * both / rho_i[place, None])[..., None] * gradient)
         if viscosity is not None:
@@ -184,8 +177,7 @@ def momentum(position, velocity, mass, density, pressure, walls, smoothing, flui
     if walls is not None:
         wall_mass = float(fluid.rest_density) * np.asarray(walls.volume, dtype=float)
         for place, separation, distance in pair_blocks(position, walls.position, rows, period):
-            apart = np.where(distance > 0, distance, 1.0)
-            gradient = (kernel_slope(distance, smoothing) / apart)[..., None] * separation
+            gradient = kernel_gradient(separation, distance, smoothing)
             factor = float(fluid.wall_share) * share * wall_mass[None, :] * (p_i / rho_i**2)[place, None]
             sums.add(place, -factor[..., None] * gradient)
     return {"acceleration": sums.total()}
@@ -246,8 +238,8 @@ def gradient_correction(position, mass, density, walls, smoothing, period=None, 
 )  # fmt: skip
 def own_pressure(pressure, near_surface, rows=None):
     """Pressure of a particle in its own force [Pa]: q = -p where p < 0 and `near_surface` is 0, else p."""
-    p = _rows(pressure, rows)
-    inside = np.ones(len(p), bool) if near_surface is None else _rows(near_surface, rows) == 0
+    p = rows_of(pressure, rows)
+    inside = np.ones(len(p), bool) if near_surface is None else rows_of(near_surface, rows) == 0
     return {"own_pressure": (np.where(inside, np.abs(p), p), np.abs(p))}
 
 
@@ -267,15 +259,14 @@ def corrected_pressure(
     B = I without a correction, which has its diagonal (xx, yy, zz) and the rest (xy, xz, yz); s of J(10).
     """
     volume = np.asarray(mass, dtype=float) / np.asarray(density, dtype=float)
-    rho_i, own, p = _rows(density, rows), _rows(own_pressure, rows), np.asarray(pressure, dtype=float)
+    rho_i, own, p = rows_of(density, rows), rows_of(own_pressure, rows), np.asarray(pressure, dtype=float)
     matrix = np.broadcast_to(np.eye(3), (len(p), 3, 3))
     if correction_diagonal is not None:
         matrix = symmetric(correction_diagonal, correction_mixed)
-    matrix_i = _rows(matrix, rows)
+    matrix_i = rows_of(matrix, rows)
     sums = Sums(len(rho_i), 3)
     for place, separation, distance in pair_blocks(position, position, rows, period):
-        apart = np.where(distance > 0, distance, 1.0)
-        gradient = (kernel_slope(distance, smoothing) / apart)[..., None] * separation
+        gradient = kernel_gradient(separation, distance, smoothing)
         mean = 0.5 * (matrix_i[place, None] + matrix[None, :])
         factor = float(fluid.gradient_share) * volume[None, :] / rho_i[place, None]
         force = -factor * (own[place, None] + p[None, :])
@@ -296,7 +287,7 @@ def viscous(position, velocity, mass, density, smoothing, viscosity, period=None
     """Acceleration [m/s^2] a_i = (mu/rho_i) sum_j (m_j/rho_j) (v_j - v_i) lap W_ij, J(11) with Jiang & Zhu E3."""
     v = np.asarray(velocity, dtype=float)
     volume = np.asarray(mass, dtype=float) / np.asarray(density, dtype=float)
-    rho_i, v_i = _rows(density, rows), _rows(velocity, rows)
+    rho_i, v_i = rows_of(density, rows), rows_of(velocity, rows)
     sums = Sums(len(rho_i), 3)
     for place, _, distance in pair_blocks(position, position, rows, period):
         factor = volume[None, :] * viscosity_laplacian(distance, smoothing) / rho_i[place, None]
@@ -324,7 +315,7 @@ def central_viscous(position, velocity, mass, density, smoothing, central_viscos
     amplitude = 10 / (3 * np.pi * h**2) if dim == 2 else 15 / (4 * np.pi * h**3)
     v = np.asarray(velocity, dtype=float)
     volume = np.asarray(mass, dtype=float) / np.asarray(density, dtype=float)
-    rho_i, v_i = _rows(density, rows), _rows(velocity, rows)
+    rho_i, v_i = rows_of(density, rows), rows_of(velocity, rows)
     sums = Sums(len(rho_i), 3)
     for place, separation, distance in pair_blocks(position, position, rows, period):
         steepness = np.where(distance < h, 6 * amplitude * (1 - distance / h) / h**2, 0.0)

@@ -4,7 +4,7 @@ import numpy as np
 
 from refsim.core.operation import SYMMETRY, operations
 from refsim.neighbours.reference import Sums, pair_blocks
-from refsim.smoothing.reference import kernel_slope, kernel_value
+from refsim.smoothing.reference import kernel_gradient, kernel_value
 from refsim.sph.reference import symmetric
 
 operation = operations(paper="Adami, Hu & Adams 2012")
@@ -56,8 +56,7 @@ def wall_force(
     of_wall, volume = np.asarray(wall_pressure, dtype=float), np.asarray(walls.volume, dtype=float)
     sums = Sums(len(rho), 3)
     for place, separation, distance in pair_blocks(position, walls.position, rows, period):
-        apart = np.where(distance > 0, distance, 1.0)
-        gradient = (kernel_slope(distance, smoothing) / apart)[..., None] * separation
+        gradient = kernel_gradient(separation, distance, smoothing)
         both = volume[None, :] * (p[place, None] + of_wall[None, :]) / rho[place, None]
         size = volume[None, :] * (np.abs(p)[place, None] + np.abs(of_wall)[None, :]) / rho[place, None]
         sums.add(place, -both[..., None] * gradient, size[..., None] * np.abs(gradient))

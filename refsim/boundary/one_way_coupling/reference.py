@@ -4,7 +4,7 @@ import numpy as np
 
 from refsim.core.operation import SYMMETRY, operation
 from refsim.neighbours.reference import Sums, pair_blocks
-from refsim.smoothing.reference import kernel_slope, kernel_value, viscosity_laplacian
+from refsim.smoothing.reference import kernel_gradient, kernel_value, viscosity_laplacian
 
 
 @operation(
@@ -64,8 +64,7 @@ def extrapolated_wall_pressure(position, density, pressure, walls, smoothing, fl
     sums = Sums(len(own), 3)
     psi = float(fluid.rest_density) * np.asarray(walls.volume, dtype=float)
     for place, separation, distance in pair_blocks(position, walls.position, rows):
-        apart = np.where(distance > 0, distance, 1.0)
-        gradient = (kernel_slope(distance, smoothing) / apart)[..., None] * separation
+        gradient = kernel_gradient(separation, distance, smoothing)
         head = float(fluid.rest_density) * (separation @ g)
         pressure_b = pressure_i[place, None] - head
         if fluid.clamp:

@@ -8,7 +8,7 @@ import numpy as np
 
 from refsim.core.operation import SYMMETRY, operations
 from refsim.neighbours.reference import Sums, other_particles, pair_blocks
-from refsim.smoothing.reference import kernel_slope, kernel_value, viscosity_laplacian
+from refsim.smoothing.reference import kernel_gradient, kernel_value, viscosity_laplacian
 
 operation = operations(paper="Shao & Song 2017")
 
@@ -106,8 +106,7 @@ def forces(
     sums = Sums(len(own_liquid), 3)
     for place, separation, distance in pair_blocks(position, position, rows):
         a, b = own_liquid[place, None], liquid[None, :]
-        apart = np.where(distance > 0, distance, 1.0)
-        gradient = (kernel_slope(distance, smoothing) / apart)[..., None] * separation
+        gradient = kernel_gradient(separation, distance, smoothing)
         together = push[pick][place, None] + push[None, :]
         if coupling.density_weighted:
             share = rho_of[None, :] / (rho_of[pick][place, None] + rho_of[None, :])
@@ -131,8 +130,7 @@ def forces(
         rho = np.asarray(density, dtype=float)[pick]
         filled = np.asarray(rest_density, dtype=float)[pick] * p[pick] / rho**2 * own_liquid
         for place, separation, distance in pair_blocks(position, walls.position, rows):
-            apart = np.where(distance > 0, distance, 1.0)
-            gradient = (kernel_slope(distance, smoothing) / apart)[..., None] * separation
+            gradient = kernel_gradient(separation, distance, smoothing)
             factor = filled[place, None] * np.asarray(walls.volume, dtype=float)[None, :]
             sums.add(place, -factor[..., None] * gradient)
     return {"acceleration": sums.total()}
@@ -183,8 +181,7 @@ def push(position, phase, mass, density, pressure, smoothing, fluid, rows=None):
     own_rho, own_p, own_liquid = rho[pick], p[pick], liquid[pick]
     share, sums = float(fluid.gradient_share), Sums(len(own_rho), 3)
     for place, separation, distance in pair_blocks(position, position, rows):
-        apart = np.where(distance > 0, distance, 1.0)
-        gradient = (kernel_slope(distance, smoothing) / apart)[..., None] * separation
+        gradient = kernel_gradient(separation, distance, smoothing)
         acting = (own_liquid[place, None] | liquid[None, :]) * share * volume / own_rho[place, None]
         both, size = own_p[place, None] + p, np.abs(own_p)[place, None] + np.abs(p)
         sums.add(place, -(acting * both)[..., None] * gradient, (acting * size)[..., None] * np.abs(gradient))

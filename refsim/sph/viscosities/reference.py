@@ -3,7 +3,7 @@
 import numpy as np
 
 from refsim.core.operation import SYMMETRY, operations
-from refsim.neighbours.reference import Sums, pair_blocks
+from refsim.neighbours.reference import Sums, pair_blocks, rows_of
 from refsim.smoothing.reference import kernel_gradient
 
 SAFETY = 0.01  # of h_s^2 beside r^2
@@ -13,11 +13,6 @@ operation = operations(
     adds="acceleration", optional="period", tolerance=12.0,
     reason="one rounding in each of distance, slope, velocity difference, projection, quotients, products and sum",
 )  # fmt: skip
-
-
-def _rows(array, rows):
-    array = np.asarray(array, dtype=float)
-    return array if rows is None else array[rows]
 
 
 @operation(
@@ -33,7 +28,7 @@ def artificial(position, velocity, mass, density, smoothing, artificial_viscosit
     """
     alpha, beta, c, h = (float(part) for part in artificial_viscosity)
     v, m, rho = (np.asarray(part, dtype=float) for part in (velocity, mass, density))
-    v_i, rho_i = _rows(velocity, rows), _rows(density, rows)
+    v_i, rho_i = rows_of(velocity, rows), rows_of(density, rows)
     sums = Sums(len(rho_i), 3)
     for place, separation, distance in pair_blocks(position, position, rows, period):
         parts = (v_i[place, None, :] - v[None, :, :]) * separation
@@ -57,7 +52,7 @@ def laminar(position, velocity, mass, density, smoothing, laminar_viscosity, per
     mu, h = (float(part) for part in laminar_viscosity)
     v = np.asarray(velocity, dtype=float)
     volume = np.asarray(mass, dtype=float) / np.asarray(density, dtype=float)
-    v_i, rho_i = _rows(velocity, rows), _rows(density, rows)
+    v_i, rho_i = rows_of(velocity, rows), rows_of(density, rows)
     sums = Sums(len(rho_i), 3)
     for place, separation, distance in pair_blocks(position, position, rows, period):
         along = (separation * kernel_gradient(separation, distance, smoothing)).sum(-1)
