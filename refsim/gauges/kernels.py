@@ -1,7 +1,6 @@
 """What a point takes from the liquid around it."""
 
 from refsim.backends.compile import kernel
-from refsim.gauges.formulas import filling_pair
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.smoothing.formulas import kernel_value
 
@@ -9,7 +8,7 @@ from refsim.smoothing.formulas import kernel_value
 @pair
 def sample_pair(r, velocity_j, mass_j, density_j, smoothing):
     """V_j W, dimensionless, and V_j W v_j [m/s]."""
-    share = filling_pair(mass_j, density_j, kernel_value(r, smoothing))
+    share = mass_j / density_j * kernel_value(r, smoothing)
     return share, share * velocity_j[0], share * velocity_j[1], share * velocity_j[2]
 
 

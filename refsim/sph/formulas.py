@@ -129,9 +129,3 @@ def drifted(x, residual, shift):
     place = x + shift
     added = place - x
     return place, (x - (place - added)) + (shift - added)
-
-
-@formula
-def wall_pressure_pair(wall_mass, pressure_i, density_i, slope, fluid):
-    """Akinci 2012: factor f = -k s Psi_b p_i/rho_i^2 W'(r) of e_ib in the acceleration [m/s^2]; k = 2 for p_b = p_i."""
-    return -fluid.wall_share * fluid.gradient_share * wall_mass * pressure_i / (density_i * density_i) * slope

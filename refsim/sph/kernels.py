@@ -8,7 +8,7 @@ from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import add_vector, first_lane, set_vector
 from refsim.smoothing.formulas import gradient_factor, kernel_slope, kernel_value, safe_distance, viscosity_laplacian
 from refsim.sph import formulas
-from refsim.sph.formulas import central_viscosity_pair, corrected, pressure_pair, viscosity_pair, wall_pressure_pair
+from refsim.sph.formulas import central_viscosity_pair, corrected, pressure_pair, viscosity_pair
 
 LIQUID_PHASE = 0  # in `phase`; solids have others
 
@@ -308,9 +308,10 @@ def central_momentum(
 
 @pair
 def wall_push_pair(r, x_ij, density_i, pressure_i, volume_j, smoothing, fluid):
-    """Akinci 2012: acceleration by the mirrored pressure of a wall particle [m/s^2]."""
-    wall_mass = fluid.rest_density * volume_j
-    f = wall_pressure_pair(wall_mass, pressure_i, density_i, gradient_factor(r, smoothing), fluid)
+    """Akinci 2012: -k s Psi_b p_i/rho_i^2 W'(r) e_ib by the mirrored pressure of a wall particle, k = 2 for p_b = p_i
+    [m/s^2]."""
+    share = fluid.wall_share * fluid.gradient_share * (fluid.rest_density * volume_j)
+    f = -share * pressure_i / (density_i * density_i) * gradient_factor(r, smoothing)
     return f * x_ij[0], f * x_ij[1], f * x_ij[2]
 
 

@@ -1,27 +1,7 @@
-"""Scalar formulas of surface detection: Jiang & Zhu 2023, equations (12) and (13), thin features, and p = 0 on S."""
+"""Scalar formulas of surface detection: Jiang & Zhu 2023, equation (13), and thin features."""
 
 from refsim.backends.compile import formula
 from refsim.backends.tuples import over
-
-
-@formula
-def is_near_surface(number_density, near_surface_limit):
-    """J(12): delta_i <= lambda delta0, both [1/m^dim]."""
-    return number_density <= near_surface_limit.number_density
-
-
-@formula
-def is_lopsided(asymmetry, near_surface_limit):
-    """|sum_j W_ij x_ij| >= limit, both [m^(1 - dim)]: the first moment, beside J(12) (Jiang & Zhu E23)."""
-    return asymmetry >= near_surface_limit.asymmetry
-
-
-@formula
-def released_pressure(pressure, surface):
-    """p = 0 on the surface set S, unchanged elsewhere [Pa]."""
-    if surface != 0:
-        return type(pressure)(0)
-    return pressure
 
 
 @formula
@@ -38,12 +18,6 @@ def in_scan_region(squared, along, fan_scan):
     if fan_scan.printed:
         return along < real(0) or real(2) * along * along < squared
     return along > real(0) and real(2) * along * along > squared
-
-
-@formula
-def moment_weight(squared):
-    """Weight w = 1 - q^2 of a neighbour in the second moment, from q^2 = (r/h)^2; dimensionless."""
-    return type(squared)(1) - squared
 
 
 @formula

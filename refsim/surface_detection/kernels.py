@@ -7,17 +7,18 @@ from refsim.backends.tuples import added
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import row_of
 from refsim.surface_detection import formulas
-from refsim.surface_detection.formulas import in_scan_region, moment_weight
+from refsim.surface_detection.formulas import in_scan_region
 
 ENOUGH = 3  # neighbours; a particle with fewer is spray (Jiang & Zhu E20)
 
 
 @kernel
 def near_surface(i, number_density, asymmetry, near_surface_limit, near_surface):
-    """J(12); with `asymmetry` also particles whose neighbours stand on one side (Jiang & Zhu E23); a flag."""
-    found = formulas.is_near_surface(number_density[i], near_surface_limit)
+    """J(12) delta_i <= lambda delta0; with `asymmetry` also particles whose neighbours stand on one side, |sum_j W_ij
+    x_ij| >= limit (Jiang & Zhu E23); a flag."""
+    found = number_density[i] <= near_surface_limit.number_density
     if asymmetry is not None:
-        found = found or formulas.is_lopsided(asymmetry[i], near_surface_limit)
+        found = found or asymmetry[i] >= near_surface_limit.asymmetry
     near_surface[i] = found
 
 
@@ -82,11 +83,12 @@ def moment_pair(x_ij, fan_scan):
     """w, w u and w u u^T with u = x_ij/h, w = 1 - |u|^2; dimensionless."""
     h = fan_scan.support_radius
     x, y, z = x_ij[0] / h, x_ij[1] / h, x_ij[2] / h
-    w = moment_weight(x * x + y * y + z * z)
+    w = type(x)(1) - (x * x + y * y + z * z)
     return w, w * x, w * y, w * z, w * x * x, w * x * y, w * x * z, w * y * y, w * y * z, w * z * z
 
 
 @kernel
 def release_pressure(i, surface, pressure):
     """p = 0 on S, unchanged elsewhere [Pa]."""
-    pressure[i] = formulas.released_pressure(pressure[i], surface[i])
+    if surface[i] != 0:
+        pressure[i] = type(pressure[i])(0)

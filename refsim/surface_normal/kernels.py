@@ -6,14 +6,14 @@ from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import set_vector
 from refsim.smoothing.formulas import gradient_factor, kernel_slope, kernel_value, safe_distance
 from refsim.sph.kernels import own_share, wall_gradient, wall_sum
-from refsim.surface_normal.formulas import color_gradient_pair, corrected_pair, neighbour_volume
+from refsim.surface_normal.formulas import neighbour_volume
 
 
 @pair
 def normal_pair(r, x_ij, mass_j, density_i, density_j, gradient_smoothing, normal_term):
     """J(19), h V_j grad W_ij; dimensionless."""
     volume = neighbour_volume(mass_j, density_i, density_j, normal_term.own_density)
-    f = color_gradient_pair(volume, gradient_factor(r, gradient_smoothing), gradient_smoothing.support_radius)
+    f = gradient_smoothing.support_radius * volume * gradient_factor(r, gradient_smoothing)
     return f * x_ij[0], f * x_ij[1], f * x_ij[2]
 
 
@@ -39,12 +39,10 @@ def corrected_normal_pair(
     r, x_ij, mass_j, density_i, density_j, number_density_i, number_density_j, gradient_smoothing, smoothing,
     normal_term,
 ):  # fmt: skip
-    """J(20) before division [1/m], and V_j W_ij."""
+    """J(20) before division, (delta_j - delta_i)/delta0 V_j grad W_ij [1/m], and V_j W_ij."""
     volume = neighbour_volume(mass_j, density_i, density_j, normal_term.own_density)
-    f = corrected_pair(
-        number_density_i, number_density_j, normal_term.rest_number_density, volume,
-        kernel_slope(r, gradient_smoothing),
-    ) / safe_distance(r, gradient_smoothing)  # fmt: skip
+    f = (number_density_j - number_density_i) / normal_term.rest_number_density * volume
+    f = f * kernel_slope(r, gradient_smoothing) / safe_distance(r, gradient_smoothing)
     return f * x_ij[0], f * x_ij[1], f * x_ij[2], mass_j / density_j * kernel_value(r, smoothing)
 
 

@@ -1,8 +1,7 @@
 """What a wall particle takes from the liquid, and a liquid particle from the walls."""
 
 from refsim.backends.compile import kernel
-from refsim.backends.tuples import over
-from refsim.boundary.adami_2012.formulas import extrapolated_pair, wall_force_pair
+from refsim.backends.tuples import dot, over
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import add_vector
 from refsim.smoothing.formulas import gradient_factor, kernel_value
@@ -12,12 +11,12 @@ from refsim.sph.kernels import LIQUID_PHASE
 
 @pair
 def weighted_pair(r, x_ij, density_j, pressure_j, phase_j, smoothing, lean):
-    """Terms of the numerator [Pa/m^dim] and of the denominator [1/m^dim] of (27); none by solids."""
+    """Adami 2012 (27): W p, p = p_f + rho_f (g - a_w).(x_w - x_f) [Pa/m^dim], and W [1/m^dim]; none by solids."""
     w = kernel_value(r, smoothing)
     if phase_j is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
         if phase_j != LIQUID_PHASE:
             w = type(r)(0)
-    return w * extrapolated_pair(pressure_j, density_j, x_ij, lean), w
+    return w * (pressure_j + density_j * dot(lean, x_ij)), w
 
 
 @kernel
@@ -32,8 +31,8 @@ def extrapolation(i, density, pressure, phase, liquid_near_walls, walls, smoothi
 
 @pair
 def pushing_pair(r, x_ij, pressure_i, wall_pressure_j, volume_j, smoothing):
-    """J(10) of a wall particle [N/m^3]."""
-    f = wall_force_pair(volume_j, pressure_i, wall_pressure_j, gradient_factor(r, smoothing))
+    """J(10) of a wall particle, -V_w (p_i + p_w) grad W_iw [N/m^3]."""
+    f = -volume_j * (pressure_i + wall_pressure_j) * gradient_factor(r, smoothing)
     return f * x_ij[0], f * x_ij[1], f * x_ij[2]
 
 

@@ -1,15 +1,6 @@
-"""Scalar formulas of one-way coupling: patent CN104318598A, equation P6 (patent P6)."""
+"""Scalar formula of one-way coupling: patent CN104318598A, equation P6 (patent P6)."""
 
 from refsim.backends.compile import formula
-
-
-@formula
-def boundary_viscosity_pair(wall_mass, density_i, wall_viscosity, laplacian):
-    """Patent P6 with E30: factor mu Psi_b/rho_i^2 lap W_ib of v_b - v_i in the acceleration [1/s].
-
-    From F_ib = mu (m_i/rho_i) (Psi_b/rho_i) (v_b - v_i) lap W_ib, Psi_b = rho0 V_b; v_b = 0.
-    """
-    return wall_viscosity.coefficient * wall_mass / (density_i * density_i) * laplacian
 
 
 @formula
@@ -23,9 +14,3 @@ def boundary_pressure(mean, gravity, dx, dy, dz, fluid):
     if fluid.clamp and pressure < type(pressure)(0):
         return type(pressure)(0)
     return pressure
-
-
-@formula
-def boundary_pressure_pair(wall_mass, density_i, pressure_b, slope, fluid):
-    """Patent P6 with E30: factor f = -s Psi_b p_b/rho_i^2 W'(r) of e_ib in the acceleration a_i [m/s^2]."""
-    return -fluid.gradient_share * wall_mass * pressure_b / (density_i * density_i) * slope

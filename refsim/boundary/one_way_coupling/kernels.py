@@ -1,7 +1,7 @@
 """What one neighbour and one particle do at the boundary particles of a mesh."""
 
 from refsim.backends.compile import kernel
-from refsim.boundary.one_way_coupling.formulas import boundary_pressure, boundary_pressure_pair, boundary_viscosity_pair
+from refsim.boundary.one_way_coupling.formulas import boundary_pressure
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import add_vector
 from refsim.smoothing.formulas import kernel_slope, kernel_value, safe_distance, viscosity_laplacian
@@ -10,10 +10,12 @@ from refsim.sph.kernels import own_share, wall_moves
 
 @pair
 def wall_viscosity_pair(r, density_i, position_j, volume_j, smoothing, fluid, wall_viscosity, wall_motion):
-    """Patent P6, viscous part: factor of the velocity difference [1/s], and the same of a particle that moves."""
-    g = boundary_viscosity_pair(
-        fluid.rest_density * volume_j, density_i, wall_viscosity, viscosity_laplacian(r, smoothing)
-    )
+    """Patent P6 with E30: factor mu Psi_b/rho_i^2 lap W_ib of v_b - v_i [1/s], and the same of a particle that moves.
+
+    From F_ib = mu (m_i/rho_i) (Psi_b/rho_i) (v_b - v_i) lap W_ib, Psi_b = rho0 V_b.
+    """
+    wall_mass = fluid.rest_density * volume_j
+    g = wall_viscosity.coefficient * wall_mass / (density_i * density_i) * viscosity_laplacian(r, smoothing)
     moving = type(r)(0)
     if wall_motion is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
         if wall_moves(position_j, wall_motion):
@@ -47,10 +49,10 @@ def head_pair(r, x_ij, density_j, pressure_j, smoothing, wall_gravity):
 
 @pair
 def wall_push_pair(r, x_ij, density_i, volume_j, smoothing, fluid, mean, wall_gravity):
-    """Patent P6 with the pressure p_b of the boundary particle (patent E30) [m/s^2]."""
+    """Patent P6 with E30: a_i = -s Psi_b p_b/rho_i^2 W'(r) e_ib, p_b of the boundary particle [m/s^2]."""
     pressure = boundary_pressure(mean, wall_gravity, x_ij[0], x_ij[1], x_ij[2], fluid)
-    slope = kernel_slope(r, smoothing)
-    f = boundary_pressure_pair(fluid.rest_density * volume_j, density_i, pressure, slope, fluid)
+    wall_mass = fluid.rest_density * volume_j
+    f = -fluid.gradient_share * wall_mass * pressure / (density_i * density_i) * kernel_slope(r, smoothing)
     f /= safe_distance(r, smoothing)
     return f * x_ij[0], f * x_ij[1], f * x_ij[2]
 

@@ -2,16 +2,7 @@
 
 from refsim.backends.compile import formula, kernel
 from refsim.backends.tuples import added, difference, over, scaled
-from refsim.boundary.two_way_coupling.formulas import (
-    coupled_pressure_pair,
-    coupled_viscosity_pair,
-    coupled_wall_pressure_pair,
-    followed,
-    held_pressure_pair,
-    tait_pressure,
-    volume_ratio,
-    weighted_pressure,
-)
+from refsim.boundary.two_way_coupling.formulas import tait_pressure
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import add_vector, first_lane
 from refsim.shape_matching.phases import FLUID, INTERIOR, SURFACE
@@ -29,14 +20,17 @@ def contribution_pair(r, phase_j, smoothing, coupling):
 
 @kernel(lanes=True)
 def contribution(i, lane, position, phase, neighbours, smoothing, coupling, relative_contribution):
-    """Weight of particle i in Shao & Song (1): 1 in the liquid, phi_i at a solid's surface, 0 inside; dimensionless."""
+    """Weight of particle i in Shao & Song (1): 1 in the liquid, phi_i at a solid's surface, 0 inside; dimensionless.
+
+    phi_k = V_k/V_min, V_k = 1/sum_k' W_kk' (Shao & Song M4).
+    """
     own = own_share(smoothing)
     weight = type(own)(0)
     if phase[i] == FLUID:
         weight = type(own)(1)
     elif phase[i] == SURFACE:
         total = neighbour_sum(contribution_pair, i, lane, neighbours, position, None, phase, smoothing, coupling)
-        weight = volume_ratio(total + own, coupling)
+        weight = type(own)(1) / ((total + own) * coupling.least_volume)
     if first_lane(lane):
         relative_contribution[i] = weight
 
@@ -72,7 +66,12 @@ def force_pair(
     r, x_ij, velocity_i, velocity_j, mass_i, mass_j, phase_i, phase_j, pressure_i, pressure_j, volume_i, volume_j,
     relative_contribution_i, relative_contribution_j, smoothing, coupling, viscosity,
 ):  # fmt: skip
-    """Shao & Song (2), (3) and the forces between liquids [N]; zero between two solids' particles."""
+    """Shao & Song (2), (3) and the forces between liquids [N]; zero between two solids' particles.
+
+    (2) with M1, M2: F_ij = -(V_i^2 p_i phi_j + V_j^2 p_j phi_i) W' e_ij, phi = 1 in the liquid; solids have no pressure
+    of their own. (3) with M3: F_ij = mu V V phi lap W (v_j - v_i). Density-weighted after Hu & Adams 2007:
+    p_ij = (rho_j p_i + rho_i p_j)/(rho_i + rho_j).
+    """
     real = type(r)
     own_fluid, fluid = phase_i == FLUID, phase_j == FLUID
     force = real(0), real(0), real(0)
@@ -89,15 +88,15 @@ def force_pair(
             push = push / mass_j if coupling.printed_pressure else push
             both = volume_j * weight_i
         elif coupling.density_weighted:
-            p = weighted_pressure(pressure_i, pressure_j, mass_i / volume_i, mass_j / volume_j)
+            rho_i, rho_j = mass_i / volume_i, mass_j / volume_j
+            p = (rho_j * pressure_i + rho_i * pressure_j) / (rho_i + rho_j)
             mine, push = volume_i * volume_i * p, volume_j * volume_j * p
-        f = coupled_pressure_pair(mine, push, weight_i, weight_j, kernel_slope(r, smoothing))
-        f /= safe_distance(r, smoothing)
+        f = -(mine * weight_j + push * weight_i) * kernel_slope(r, smoothing) / safe_distance(r, smoothing)
         force = added(force, scaled(x_ij, f))
         if viscosity is not None:
             if own_fluid != fluid and not coupling.printed_viscosity:
                 both *= volume_i if own_fluid else volume_j
-            g = coupled_viscosity_pair(both, viscosity, viscosity_laplacian(r, smoothing))
+            g = viscosity.coefficient * both * viscosity_laplacian(r, smoothing)
             force = added(force, scaled(difference(velocity_j, velocity_i), g))
     return force[0], force[1], force[2]
 
@@ -126,8 +125,8 @@ def forces(
 
 @pair
 def wall_push_pair(r, x_ij, density_i, rest_density_i, pressure_i, volume_j, smoothing):
-    """Shao & Song (2) at a wall particle [m/s^2]."""
-    f = coupled_wall_pressure_pair(rest_density_i * volume_j, pressure_i, density_i, gradient_factor(r, smoothing))
+    """Shao & Song (2) at a wall particle, m_i phi_b = Psi_b: -Psi_b p_i/rho_i^2 W' e_ib [m/s^2]."""
+    f = -(rest_density_i * volume_j) * pressure_i / (density_i * density_i) * gradient_factor(r, smoothing)
     return f * x_ij[0], f * x_ij[1], f * x_ij[2]
 
 
@@ -141,13 +140,14 @@ def wall_push(i, lane, position, density, rest_density, pressure, walls, smoothi
 
 @pair
 def held_pair(r, x_ij, velocity_i, followed_velocity_i, phase_j, density_j, pressure_j, smoothing, lean, delay):
-    """Terms of the numerator [Pa/m^dim] and of the denominator [1/m^dim] of Adami 2012 (27) at a solid's particle."""
+    """Adami 2012 (27) at a solid's particle: W p, p = p_f + rho_f (g - a_k).(x_k - x_f) [Pa/m^dim], and W [1/m^dim]."""
     real = type(r)
     if phase_j != FLUID:
         return real(0), real(0)
     w = kernel_value(r, smoothing)
     a = over(difference(velocity_i, followed_velocity_i), delay.tau)
-    return w * held_pressure_pair(pressure_j, density_j, x_ij, lean, a), w
+    head = (lean[0] - a[0]) * x_ij[0] + (lean[1] - a[1]) * x_ij[1] + (lean[2] - a[2]) * x_ij[2]
+    return w * (pressure_j + density_j * head), w
 
 
 @kernel(lanes=True)
@@ -186,6 +186,7 @@ def push(i, lane, position, phase, mass, density, pressure, neighbours, smoothin
 
 @kernel
 def follow(i, velocity, delay, timestep, followed_velocity):
-    """Velocity that follows that of particle i [m/s]."""
+    """Velocity u that follows that of particle i [m/s], with the delay tau: u += (v - u) dt/(dt + tau)."""
     for c in range(3):
-        followed_velocity[i, c] = followed(velocity[i, c], followed_velocity[i, c], timestep[1], delay.tau)
+        before = followed_velocity[i, c]
+        followed_velocity[i, c] = before + (velocity[i, c] - before) * timestep[1] / (timestep[1] + delay.tau)

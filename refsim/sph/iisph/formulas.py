@@ -22,9 +22,3 @@ def relaxed_pressure(pressure, missing, sums, diagonal, implicit, square_step):
     if value < real(0):
         return real(0)
     return value
-
-
-@formula
-def pressure_pair(mass_j, pressure_i, pressure_j, density_i, density_j, slope):
-    """a_ij = -m_j (p_i/rho_i^2 + p_j/rho_j^2) W'(r) e_ij: the factor of e_ij [m/s^2]."""
-    return -mass_j * (pressure_i / (density_i * density_i) + pressure_j / (density_j * density_j)) * slope

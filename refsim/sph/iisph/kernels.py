@@ -97,9 +97,8 @@ def relax(
 @pair
 def push_pair(r, x_ij, mass_j, density_i, density_j, pressure_i, pressure_j, smoothing):
     """-m_j (p_i/rho_i^2 + p_j/rho_j^2) grad W_ij [m/s^2]."""
-    slope = kernel_slope(r, smoothing)
-    f = formulas.pressure_pair(mass_j, pressure_i, pressure_j, density_i, density_j, slope)
-    f /= safe_distance(r, smoothing)
+    both = pressure_i / (density_i * density_i) + pressure_j / (density_j * density_j)
+    f = -mass_j * both * kernel_slope(r, smoothing) / safe_distance(r, smoothing)
     return f * x_ij[0], f * x_ij[1], f * x_ij[2]
 
 

@@ -1,4 +1,4 @@
-"""Scalar formulas of Akinci, Akinci & Teschner 2013: cohesion, area term, correction factor, adhesion."""
+"""Scalar formulas of Akinci, Akinci & Teschner 2013: cohesion, adhesion."""
 
 import math
 
@@ -17,18 +17,6 @@ def force_shape(q):
     if q > real(0.5):
         return a
     return real(2) * a - real(1 / 64)
-
-
-@formula
-def correction_factor(density_i, density_j, fluid):
-    """K_ij = 2 rho0/(rho_i + rho_j); dimensionless."""
-    return (fluid.rest_density + fluid.rest_density) / (density_i + density_j)
-
-
-@formula
-def cohesion_pair(mass_j, q, spline):
-    """Cohesion a_ij = -gamma m_j C(r) K_ij e_ij: the factor of K_ij e_ij [m/s^2]."""
-    return -mass_j * (spline.amplitude * force_shape(q))
 
 
 @formula

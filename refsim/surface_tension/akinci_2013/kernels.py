@@ -13,12 +13,12 @@ from refsim.surface_tension.akinci_2013 import formulas
 def tension_pair(
     r, x_ij, mass_j, density_i, density_j, area_normal_i, area_normal_j, smoothing, fluid, spline, area_term
 ):
-    """Cohesion and area term, each unless None, with K_ij [m/s^2]."""
+    """K_ij (-gamma m_j C(r) e_ij - eps (n_i - n_j)), each term unless None, K_ij = 2 rho0/(rho_i + rho_j) [m/s^2]."""
     real = type(r)
     a = real(0), real(0), real(0)
-    share = formulas.correction_factor(density_i, density_j, fluid)
+    share = (fluid.rest_density + fluid.rest_density) / (density_i + density_j)
     if spline is not None:
-        cohesion = formulas.cohesion_pair(mass_j, r * smoothing.inverse_radius, spline)
+        cohesion = -mass_j * (spline.amplitude * formulas.force_shape(r * smoothing.inverse_radius))
         f = share * cohesion / safe_distance(r, smoothing)
         a = added(a, scaled(x_ij, f))
     if area_term is not None:

@@ -4,13 +4,14 @@ from refsim.backends.compile import kernel
 from refsim.backends.tuples import scaled
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import add_vector
-from refsim.surface_tension.becker_teschner_2007 import formulas
+from refsim.smoothing.formulas import value
+from refsim.smoothing.shapes import CUBIC_SPLINE
 
 
 @pair
 def cohesion_pair(r, x_ij, mass_j, smoothing, attraction):
-    """-m_j W(r) x_ij."""
-    f = formulas.attraction_pair(mass_j, r * smoothing.inverse_radius, attraction)
+    """a_ij = -(kappa/m_i) m_j W(max(r, d)) x_ij of the cubic spline, without kappa W(0)/m_i [kg m]."""
+    f = -mass_j * value(max(r * smoothing.inverse_radius, attraction.least_q), CUBIC_SPLINE)
     return f * x_ij[0], f * x_ij[1], f * x_ij[2]
 
 

@@ -4,12 +4,6 @@ from refsim.backends.compile import formula
 
 
 @formula
-def normal_pair(volume_j, slope):
-    """n_i sum_k V_k W_ik = sum_j V_j W'(r) e_ij: the factor of e_ij for one neighbour [1/m]."""
-    return volume_j * slope
-
-
-@formula
 def tangential_share(cosine, continuum):
     """1 - (1 - delta) (e_ij . n_i)^2, the part of a pair's direction along the surface; 1 in the plain reading.
 

@@ -15,7 +15,7 @@ from refsim.surface_tension.csf_wang_2019 import formulas
 def normal_pair(r, x_ij, mass_j, density_j, gradient_smoothing, smoothing):
     """V_j grad W_ij, inward [1/m], and V_j W_ij."""
     volume = mass_j / density_j
-    f = formulas.normal_pair(volume, kernel_slope(r, gradient_smoothing)) / safe_distance(r, gradient_smoothing)
+    f = volume * kernel_slope(r, gradient_smoothing) / safe_distance(r, gradient_smoothing)
     return f * x_ij[0], f * x_ij[1], f * x_ij[2], volume * kernel_value(r, smoothing)
 
 

@@ -31,15 +31,17 @@ def density(i, lane, position, mass, neighbours, walls, smoothing, fluid, number
 def momentum_pair(
     r, x_ij, velocity_i, velocity_j, mass_i, mass_j, density_i, density_j, pressure_i, pressure_j, smoothing, viscosity
 ):
-    """D(4) and, unless `viscosity` is None, D(5): force on the particle [N]."""
+    """D(4) -(V_i^2 p_i + V_j^2 p_j) W'(r) e_ij and, unless `viscosity` is None, D(5): force on the particle [N].
+
+    D(5) is mu (V_i^2 + V_j^2) W'(r)/r (v_i - v_j): for one liquid 2 mu_i mu_j/(mu_i + mu_j) is mu.
+    """
     volume_i, volume_j = mass_i / density_i, mass_j / density_j
     squared_i, squared_j = volume_i * volume_i, volume_j * volume_j
     apart = safe_distance(r, smoothing)
     slope = kernel_slope(r, smoothing)
-    f = formulas.hu_adams_pressure_pair(squared_i, squared_j, pressure_i, pressure_j, slope) / apart
-    a = scaled(x_ij, f)
+    a = scaled(x_ij, -(squared_i * pressure_i + squared_j * pressure_j) * slope / apart)
     if viscosity is not None:
-        g = formulas.hu_adams_viscosity_pair(squared_i, squared_j, viscosity, slope, apart)
+        g = viscosity.coefficient * (squared_i + squared_j) * slope / apart
         a = added(a, scaled(difference(velocity_i, velocity_j), g))
     return a[0], a[1], a[2]
 
@@ -67,7 +69,8 @@ def tension_pair(
     real = type(r)
     a = real(0), real(0), real(0)
     if molecular_force is not None:
-        cohesion = formulas.cohesion_pair(mass_j, r * smoothing.inverse_radius, molecular_force)
+        shape = formulas.force_shape(r * smoothing.inverse_radius, molecular_force)
+        cohesion = mass_j * (molecular_force.stiffness * shape)
         a = added(a, scaled(x_ij, cohesion / safe_distance(r, smoothing)))
     if normal_correction is not None:
         g = formulas.correction_pair(mass_j, density_i, density_j, kernel_value(r, smoothing), normal_correction)

@@ -6,7 +6,6 @@ from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import add_vector, first_lane
 from refsim.smoothing.formulas import kernel_slope, kernel_value, safe_distance
 from refsim.sph.kernels import own_share, wall_sum
-from refsim.surface_tension.he_2014 import formulas
 
 
 @pair
@@ -28,9 +27,8 @@ def color(i, lane, position, mass, density, neighbours, walls, smoothing, color)
 
 @pair
 def gradient_pair(r, x_ij, mass_j, density_j, color_j, gradient_smoothing):
-    """V_j c_j grad W_ij [1/m]."""
-    slope = kernel_slope(r, gradient_smoothing)
-    f = formulas.color_gradient_pair(mass_j / density_j, color_j, slope) / safe_distance(r, gradient_smoothing)
+    """c_i grad c_i = sum_j V_j c_j W'(r) e_ij for one neighbour [1/m]."""
+    f = mass_j / density_j * color_j * kernel_slope(r, gradient_smoothing) / safe_distance(r, gradient_smoothing)
     return f * x_ij[0], f * x_ij[1], f * x_ij[2]
 
 
@@ -48,16 +46,17 @@ def tension_pair(
     r, x_ij, mass_j, density_j, color_gradient_squared_i, color_gradient_squared_j, gradient_smoothing,
     gradient_energy, air_pressure,
 ):  # fmt: skip
-    """Gradient energy and air pressure, each unless None [N/m^3]."""
+    """rho_i a_i = sum_j V_j ((kappa/4) (|grad c_i|^2 + |grad c_j|^2) + p_atm) W'(r) e_ij for one neighbour [N/m^3].
+
+    Gradient energy and air pressure, each unless None.
+    """
     slope = kernel_slope(r, gradient_smoothing)
     volume = mass_j / density_j
     f = type(r)(0)
     if gradient_energy is not None:
-        f += formulas.gradient_energy_pair(
-            volume, color_gradient_squared_i, color_gradient_squared_j, slope, gradient_energy
-        )
+        f += gradient_energy.quarter * volume * (color_gradient_squared_i + color_gradient_squared_j) * slope
     if air_pressure is not None:
-        f += formulas.air_pressure_pair(volume, slope, air_pressure)
+        f += air_pressure.pressure * volume * slope
     f /= safe_distance(r, gradient_smoothing)
     return f * x_ij[0], f * x_ij[1], f * x_ij[2]
 

@@ -7,12 +7,6 @@ from refsim.surface_tension.jiang_zhu_2023.modes import ALL, CORRECTED, EITHER, 
 
 
 @formula
-def normalised_density(mass_sum, volume_sum):
-    """J(14) with J(15): rho* = sum m_j W_ij / sum (m_k/rho_k) W_ik [kg/m^dim]; all W* have the same denominator."""
-    return mass_sum / volume_sum
-
-
-@formula
 def soft_weight(steepness, soft):
     """Soft surface weight (Jiang & Zhu E9) w = t^2 (3 - 2 t), t = (|h grad c| - lower)/(upper - lower) clipped to 0..1.
 

@@ -22,7 +22,10 @@ def corrected_density_pair(r, mass_j, density_j, smoothing):
 def corrected_density(
     i, lane, position, mass, density, near_surface, neighbours, walls, smoothing, fluid, corrected_density
 ):
-    """J(14), J(15) near the surface, everywhere if `near_surface` is None; else the density itself [kg/m^dim]."""
+    """J(14), J(15) near the surface, everywhere if `near_surface` is None; else the density itself [kg/m^dim].
+
+    rho* = sum m_j W_ij / sum (m_k/rho_k) W_ik: all W* have the same denominator.
+    """
     rho = density[i]
     if near_surface is None or near_surface[i] != 0:
         mass_sum, volume_sum = neighbour_sum(
@@ -31,7 +34,7 @@ def corrected_density(
         own = mass[i] * own_share(smoothing)
         if walls is not None:
             own += fluid.rest_density * wall_sum(i, lane, position, walls, smoothing, None)
-        rho = formulas.normalised_density(mass_sum + own, volume_sum + own / rho)
+        rho = (mass_sum + own) / (volume_sum + own / rho)
     if first_lane(lane):
         corrected_density[i] = rho
 

@@ -1,17 +1,18 @@
 """What one neighbour and one particle do in Tartakovsky & Meakin 2005."""
 
+import math
+
 from refsim.backends.compile import kernel
 from refsim.backends.tuples import scaled
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import add_vector
 from refsim.smoothing.formulas import safe_distance
-from refsim.surface_tension.tartakovsky_meakin_2005 import formulas
 
 
 @pair
 def cosine_pair(r, x_ij, smoothing, cosine_force):
-    """cos(3 pi r/(2 h)) e_ij, dimensionless."""
-    f = formulas.force_shape(r, cosine_force) / safe_distance(r, smoothing)
+    """F_ij/s = cos(3 pi r/(2 h)) e_ij, dimensionless: repels below h/3 and attracts beyond."""
+    f = math.cos(cosine_force.wave_number * r) / safe_distance(r, smoothing)
     return f * x_ij[0], f * x_ij[1], f * x_ij[2]
 
 
