@@ -193,6 +193,8 @@ class Effect(Checked, frozen=True, kw_only=True):
     periodic: ClassVar[bool] = False  # whether its passes take separations to the nearest image in a periodic box
     with_spacing: ClassVar[tuple[str, ...]] = ()  # its lengths [m] that follow the spacing if a scene is refined
     places: ClassVar[tuple[str, ...]] = ()  # its parameters that are places in the scene [m]
+    needed: ClassVar[tuple[str, ...]] = ()  # `needs`, and below `replaces`, whatever its parameters are
+    replaced: ClassVar[tuple[str, ...]] = ()
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
@@ -223,7 +225,7 @@ class Effect(Checked, frozen=True, kw_only=True):
 
     def needs(self) -> tuple[str, ...]:
         """Names of effects without which this one cannot work."""
-        return ()
+        return self.needed
 
     def fields(self, others: Others) -> tuple[Field, ...]:
         """Fields it reads or writes beside the base fields."""
@@ -235,7 +237,7 @@ class Effect(Checked, frozen=True, kw_only=True):
 
     def replaces(self) -> tuple[str, ...]:
         """Operations of other effects whose passes its own passes replace."""
-        return ()
+        return self.replaced
 
     def notes(self, grid: Discretisation, others: Others) -> tuple[str, ...]:
         """Limitations of these parameters in this scene, one sentence each; shown before the run."""

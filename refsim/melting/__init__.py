@@ -47,14 +47,12 @@ class Melting(Effect, KeepsLedger, SumsDensity, frozen=True, kw_only=True):
     name: ClassVar[str] = "melting"
     says_why: ClassVar[tuple[str, ...]] = ("bookkeeping",)
     ledger_units: ClassVar[Mapping[str, str]] = {"solid_particles": "-", "solid_mass": "kg", "rest_volume": "m^3"}
+    needed: ClassVar[tuple[str, ...]] = ("shape_matching", "two_way_coupling", "heat_conduction")
 
     bookkeeping: Literal["immiscible", "water"] = "immiscible"
 
     def sums_density(self) -> bool:
         return self.bookkeeping != "water"  # a melt that keeps its rest density makes two liquids
-
-    def needs(self) -> tuple[str, ...]:
-        return ("shape_matching", "two_way_coupling", "heat_conduction")
 
     def check(self, grid: Discretisation, others: Others) -> None:
         if self.bookkeeping not in ("immiscible", "water"):

@@ -156,6 +156,7 @@ class MpmLiquid(
     paper: ClassVar[Mapping[str, Any]] = {"volume": "full_gradient"}
     watched: ClassVar[tuple[str, ...]] = ("step_extremes",)
     with_spacing: ClassVar[tuple[str, ...]] = ("cell_size",)
+    replaced: ClassVar[tuple[str, ...]] = ("sph.gravity",)
 
     rest_density: float = 1000.0
     bulk_modulus: float
@@ -227,9 +228,6 @@ class MpmLiquid(
             if grid.dim == 2:
                 start["deformation"][:, 8] = 1
         return start
-
-    def replaces(self) -> tuple[str, ...]:
-        return ("sph.gravity",)
 
     def sorting_cell(self, grid: Discretisation) -> float:
         return self.cell(grid)
@@ -397,6 +395,7 @@ class MpmWalls(Effect, HasPlanes, frozen=True, kw_only=True):
 
     name: ClassVar[str] = "mpm_walls"
     places: ClassVar[tuple[str, ...]] = ("lower", "upper")
+    needed: ClassVar[tuple[str, ...]] = ("mpm_liquid",)
 
     lower: tuple[float, float, float]
     upper: tuple[float, float, float]
@@ -405,9 +404,6 @@ class MpmWalls(Effect, HasPlanes, frozen=True, kw_only=True):
     slip_faces: tuple[Face, ...] = ()
     separating_faces: tuple[Face, ...] = ()
     open_faces: tuple[Face, ...] = ()
-
-    def needs(self) -> tuple[str, ...]:
-        return ("mpm_liquid",)
 
     def check(self, grid: Discretisation, others: Others) -> None:
         chosen = (*self.sticky_faces, *self.slip_faces, *self.separating_faces, *self.open_faces)

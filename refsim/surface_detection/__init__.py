@@ -194,6 +194,7 @@ class SurfaceDetection(Effect, FindsSurface, HasErrata, frozen=True, kw_only=Tru
     source: ClassVar[str] = "Jiang & Zhu"
     errata: ClassVar[tuple[str, ...]] = ("E5", "E6", "E10", "E23")
     improvements: ClassVar[tuple[str, ...]] = ("E6", "E23")
+    needed: ClassVar[tuple[str, ...]] = (LIQUID,)
 
     method: Literal["number_density", "fan_scan", "two_step"] = "two_step"
     threshold: float | None = None
@@ -204,9 +205,6 @@ class SurfaceDetection(Effect, FindsSurface, HasErrata, frozen=True, kw_only=Tru
     each_step: bool = False
     release_pressure: bool = False
     literal: Printed = ()
-
-    def needs(self) -> tuple[str, ...]:
-        return (LIQUID,)
 
     def check(self, grid: Discretisation, others: Others) -> None:
         self.require(positive="asymmetry threshold")

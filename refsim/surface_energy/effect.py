@@ -67,6 +67,7 @@ class SurfaceEnergy(Tension, HoldsOtherMemory, Watches, frozen=True, kw_only=Tru
 
     name: ClassVar[str] = "surface_energy"
     paper: ClassVar[Mapping[str, Any]] = {"embedding": "thesis"}
+    needed: ClassVar[tuple[str, ...]] = ("mpm_liquid",)
 
     embedding: Literal["none", "cluster", "thesis", "gradient_corrected"] = "cluster"
     contact_angle: float = 180.0
@@ -86,9 +87,6 @@ class SurfaceEnergy(Tension, HoldsOtherMemory, Watches, frozen=True, kw_only=Tru
     def acts(self) -> bool:
         """Whether there is tension; else nothing is reconstructed, embedded or mirrored."""
         return self.surface_tension > 0
-
-    def needs(self) -> tuple[str, ...]:
-        return ("mpm_liquid",)
 
     def other_memory(self) -> str:
         return "" if not self.acts() else "nodes, facets and samples of the surface"

@@ -121,11 +121,9 @@ class PairCohesion(Effect, BalancesCohesion, KnowsLimits, SumsDensity, frozen=Tr
 
     lattice: ClassVar[bool] = False  # sums over lattice neighbours, for a force of short range
     own: ClassVar[str] = ""  # the coefficient that may be given instead of surface_tension
+    needed: ClassVar[tuple[str, ...]] = (LIQUID,)
 
     balance_pressure: bool = True
-
-    def needs(self) -> tuple[str, ...]:
-        return (LIQUID,)
 
     def check_coefficients(self) -> None:
         """Raise InputError unless either the tension or the model's own coefficient is given, and not negative."""

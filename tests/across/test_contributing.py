@@ -16,7 +16,7 @@ import pytest
 ROOT = pathlib.Path(__file__).parents[2]
 FILE = re.compile(r"^```python\n# file: (refsim/\S+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 TOML = re.compile(r"^```toml\n(?!# file)(.*?)^```$", re.MULTILINE | re.DOTALL)
-ORDER = ["formulas.py", "reference.py", "kernels.py", "__init__.py", "cases.py"]
+ORDER = ["reference.py", "kernels.py", "__init__.py", "cases.py"]
 
 FOUND_BESIDE = """
 import pathlib, sys

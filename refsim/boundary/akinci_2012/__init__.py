@@ -59,6 +59,7 @@ class BoxWalls(Effect, BringsWalls, HasPlanes, HasErrata, FollowsScene, SumsDens
     improvements: ClassVar[tuple[str, ...]] = errata
     in_papers: ClassVar[Mapping[str, str]] = {"model": "mirrored"}
     places: ClassVar[tuple[str, ...]] = ("lower", "upper")
+    needed: ClassVar[tuple[str, ...]] = (LIQUID,)
 
     lower: tuple[float, float, float]
     upper: tuple[float, float, float]
@@ -68,9 +69,6 @@ class BoxWalls(Effect, BringsWalls, HasPlanes, HasErrata, FollowsScene, SumsDens
     moving_faces: tuple[Literal["-x", "+x", "-y", "+y", "-z", "+z"], ...] = ()
     velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
     literal: Printed = ()
-
-    def needs(self) -> tuple[str, ...]:
-        return (LIQUID,)
 
     def check(self, grid: Discretisation, others: Others) -> None:
         self.require(not_negative="viscosity")

@@ -100,6 +100,7 @@ class MeshBoundary(
     in_papers: ClassVar[Mapping[str, str]] = {"model": "mirrored"}
     wall_share: ClassVar[float] = 1.0  # the boundary particles' own pressure is a pass of its own
     with_spacing: ClassVar[tuple[str, ...]] = ("radius", "field_spacing")
+    needed: ClassVar[tuple[str, ...]] = (LIQUID,)
 
     file: str
     center: tuple[float, float, float] | None = None
@@ -118,9 +119,6 @@ class MeshBoundary(
     volume_factor: float = 0.0
     seed: int = 0
     literal: Printed = ()
-
-    def needs(self) -> tuple[str, ...]:
-        return (LIQUID,)
 
     def check(self, grid: Discretisation, others: Others) -> None:
         if grid.dim != 3:

@@ -80,18 +80,16 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, SumsDensity, frozen=Tru
     name: ClassVar[str] = "two_way_coupling"
     source: ClassVar[str] = "Shao & Song"
     errata: ClassVar[tuple[str, ...]] = ("M2", "M3", "M4")
+    needed: ClassVar[tuple[str, ...]] = (LIQUID, "shape_matching")
+    replaced: ClassVar[tuple[str, ...]] = (
+        "sph.density", "sph.continuity", "sph.state", "sph.pressure", "sph.momentum",
+    )  # fmt: skip
 
     density_weighted: bool = False
     literal: Printed = ()
 
     def sums_density(self) -> bool:
         return self.density_weighted or bool(self.literal)
-
-    def needs(self) -> tuple[str, ...]:
-        return (LIQUID, "shape_matching")
-
-    def replaces(self) -> tuple[str, ...]:
-        return ("sph.density", "sph.continuity", "sph.state", "sph.pressure", "sph.momentum")
 
     def check(self, grid: Discretisation, others: Others) -> None:
         self.printed()

@@ -54,23 +54,19 @@ class ImplicitPressure(Effect, SumsDensity, frozen=True, kw_only=True):
 
     name: ClassVar[str] = "iisph"
     host_in_step: ClassVar[bool] = True
+    needed: ClassVar[tuple[str, ...]] = (LIQUID,)
+    replaced: ClassVar[tuple[str, ...]] = ("sph.state", "sph.pressure", "sph.momentum")
 
     relaxation: float = 0.25
     tolerance: float = 1e-3
     iterations: tuple[int, int] = (2, 100)
     courant: float = 0.2
 
-    def needs(self) -> tuple[str, ...]:
-        return (LIQUID,)
-
     def check(self, grid: Discretisation, others: Others) -> None:
         self.require(positive="relaxation tolerance courant")
         least, most = self.iterations
         numbers = {"least number of iterations": least, "largest number of iterations": most - least + 1}
         require(self.name, **{name: (number, "positive") for name, number in numbers.items()})
-
-    def replaces(self) -> tuple[str, ...]:
-        return ("sph.state", "sph.pressure", "sph.momentum")
 
     def fields(self, others: Others) -> tuple[Field, ...]:
         return (PRESSURE, *WORK)

@@ -91,6 +91,7 @@ class CsfWang2019(Effect, KnowsLimits, HasErrata, SumsDensity, frozen=True, kw_o
     name: ClassVar[str] = "csf_wang_2019"
     source: ClassVar[str] = "Wang et al."
     errata: ClassVar[tuple[str, ...]] = ("shell",)
+    needed: ClassVar[tuple[str, ...]] = (LIQUID,)
 
     surface_tension: float
     tension_gradient: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -98,9 +99,6 @@ class CsfWang2019(Effect, KnowsLimits, HasErrata, SumsDensity, frozen=True, kw_o
     normalise: bool = True
     density_correction: bool = True
     literal: Printed = ()
-
-    def needs(self) -> tuple[str, ...]:
-        return (LIQUID,)
 
     def check(self, grid: Discretisation, others: Others) -> None:
         self.require(positive="threshold", not_negative="surface_tension", finite="tension_gradient")

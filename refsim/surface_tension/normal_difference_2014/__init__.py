@@ -47,12 +47,10 @@ class NormalDifference2014(Effect, HasErrata, SumsDensity, frozen=True, kw_only=
     source: ClassVar[str] = "patent"
     errata: ClassVar[tuple[str, ...]] = ("P7",)
     improvements: ClassVar[tuple[str, ...]] = errata
+    needed: ClassVar[tuple[str, ...]] = (LIQUID,)
 
     area_acceleration: float
     literal: Printed = ()
-
-    def needs(self) -> tuple[str, ...]:
-        return (LIQUID,)
 
     def check(self, grid: Discretisation, others: Others) -> None:
         self.require(not_negative="area_acceleration")
