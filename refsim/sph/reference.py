@@ -408,6 +408,16 @@ def carried(position, residual, shift, size):
     return (x + added, np.abs(x) + small), (rest, small + np.where(close, 2 * np.abs(place), 0.0))
 
 
+def at_planes(bounds, x, v, rest):
+    """(x [m], v [m/s], residual or None, flags of those that are stopped) of particles at the walls' planes."""
+    if bounds is None:
+        return x, v, rest, np.zeros(len(x), dtype=bool)
+    lower, upper = np.asarray(bounds.lower, dtype=float), np.asarray(bounds.upper, dtype=float)
+    beyond = (x < lower) | (x > upper)
+    rest = None if rest is None else tuple(np.where(beyond, 0.0, part) for part in rest)
+    return np.clip(x, lower, upper), np.where(beyond, 0.0, v), rest, beyond.any(1)
+
+
 @operation(
     "leap-frog with a changing step", paper="standard", outputs="displacement position_residual velocity position",
     optional="bounds position_residual shift",
@@ -434,14 +444,7 @@ def kick_drift(acceleration, build_position, bounds, timestep, shift, position_r
     answer, rest = {}, None
     if position_residual is not None:
         (x, x_scale), rest = carried(position, position_residual, change, size)
-    stopped = np.zeros(len(x), dtype=bool)
-    if bounds is not None:
-        lower, upper = np.asarray(bounds.lower, dtype=float), np.asarray(bounds.upper, dtype=float)
-        beyond = (x < lower) | (x > upper)
-        v = np.where(beyond, 0.0, v)
-        stopped = beyond.any(1)
-        x = np.clip(x, lower, upper)
-        rest = None if rest is None else tuple(np.where(beyond, 0.0, part) for part in rest)
+    x, v, rest, stopped = at_planes(bounds, x, v, rest)
     if rest is not None:
         answer["position_residual"] = rest
     moved = x - np.asarray(build_position, dtype=float)

@@ -271,7 +271,7 @@ def _candidates(x, facets, before, dice, expected, place):
 @closed_form("surface_energy.candidates")
 def candidates_on_two_segments():
     """Areas 1 : 3: of four candidates, one to each quarter, the first falls on the first segment; all on the line."""
-    words = [reference._mixed(1, k, 1) >> 8 for k in range(4)]
+    words = [reference.hash_word(1, k, 1) >> 8 for k in range(4)]
     x = [words[0] / 2**24] + [1 + 3 * w / 2**24 for w in words[1:]]
     return _candidates([0, 1, 4], [[0, 1], [1, 2]], [0, 1 << 20, 4 << 20], (1, 4), [0, 1, 1, 1], x)
 
@@ -288,7 +288,7 @@ def _darts(x, accepted, blocks=None):
     place = np.array([[a, b, 0] for a, b in x])
     given |= {"candidate_position": place, "candidate_cells": grid.by_cell(place, given["blocks"])}
     given |= {"dice": Dice(np.int64(4), np.int64(3))}
-    return Exact(made, given, {"accepted": np.array(accepted([reference._mixed(4, k, 3) for k in range(3)]), int)})
+    return Exact(made, given, {"accepted": np.array(accepted([reference.hash_word(4, k, 3) for k in range(3)]), int)})
 
 
 @closed_form("surface_energy.poisson_disk")

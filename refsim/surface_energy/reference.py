@@ -147,7 +147,7 @@ def facet_samples(vertex_position, facets):
     }
 
 
-def _mixed(a, b, c):
+def hash_word(a, b, c):
     """hash(a, b, c): 32-bit words of two rounds of xor, shift and multiply."""
     mask = 0xFFFFFFFF
     word = (int(a) * 0x9E3779B1 + int(b) * 0x85EBCA77 + int(c) * 0xC2B2AE3D) & mask
@@ -173,9 +173,9 @@ def candidates(vertex_position, facets, area_before, dice):
     share = before[-1] // count if count else 0
     facet, place = [], []
     for k in range(count):
-        mark = share * k + (share * (_mixed(dice.seed, k, 0) >> 16) >> 16)
+        mark = share * k + (share * (hash_word(dice.seed, k, 0) >> 16) >> 16)
         f = min(int(np.searchsorted(before[1:], mark, side="right")), len(before) - 2)
-        u, w = ((_mixed(dice.seed, k, c) >> 8) / 2.0**24 for c in (1, 2))
+        u, w = ((hash_word(dice.seed, k, c) >> 8) / 2.0**24 for c in (1, 2))
         a, b = corner[f, 0], corner[f, 1]
         if corner.shape[1] == 2:
             place.append(a + u * (b - a))
@@ -197,7 +197,7 @@ def candidates(vertex_position, facets, area_before, dice):
 def poisson_disk(candidate_position, candidate_cells, blocks, dice, surface_term):
     """Darts one after another: a = 1 (flag) where no taken candidate stands nearer than the disk's radius."""
     u = _in_cells(candidate_position, surface_term)
-    turn = sorted(range(len(u)), key=lambda k: (_mixed(dice.seed, k, 3), k))
+    turn = sorted(range(len(u)), key=lambda k: (hash_word(dice.seed, k, 3), k))
     taken = np.zeros(len(u), int)
     disk = float(surface_term.disk)
     held = np.zeros((0, 3))

@@ -4,7 +4,7 @@ import numpy as np
 
 from refsim.core.operation import operation, without
 from refsim.sparse_grid.reference import Lookup
-from refsim.sph.reference import carried
+from refsim.sph.reference import at_planes, carried
 
 CLEARANCE = 4
 LONGEST = 4096
@@ -181,14 +181,7 @@ def kick_drift(
     certain = margin > 4 * ROUNDING
     v_scale = np.where((certain & ~grazing)[:, None] | np.isnan(v_scale), v_scale, np.inf)
     x_scale = np.where(certain[:, None] | np.isnan(x_scale), x_scale, np.inf)
-    stopped = np.zeros(len(x), dtype=bool)
-    if bounds is not None:
-        lower, upper = np.asarray(bounds.lower, dtype=float), np.asarray(bounds.upper, dtype=float)
-        beyond = (x < lower) | (x > upper)
-        v = np.where(beyond, 0.0, v)
-        stopped = beyond.any(1)
-        x = np.clip(x, lower, upper)
-        rest = None if rest is None else tuple(np.where(beyond, 0.0, part) for part in rest)
+    x, v, rest, stopped = at_planes(bounds, x, v, rest)
     if rest is not None:
         value, scale = (np.where((hit | jumped)[:, None], 0.0, part) for part in rest)
         answer["position_residual"] = (value, np.where(certain[:, None], scale, np.inf))
