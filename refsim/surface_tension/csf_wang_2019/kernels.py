@@ -40,15 +40,19 @@ def active(squared, continuum):
 def curvature_pair(r, x_ij, mass_j, density_j, interface_normal_i, interface_normal_j, gradient_smoothing, continuum):
     """Terms of divergence and spread of the unit normals; none of a neighbour off the surface."""
     real = type(r)
-    n, m = interface_normal_i, interface_normal_j
-    squared = dot(m, m)
+    nx, ny, nz = interface_normal_i
+    mx, my, mz = interface_normal_j
+    squared = mx * mx + my * my + mz * mz
     divergence, spread = real(0), real(0)
     if active(squared, continuum):
-        n, m = scaled(n, real(1) / math.sqrt(dot(n, n))), scaled(m, real(1) / math.sqrt(squared))
+        own, other = real(1) / math.sqrt(nx * nx + ny * ny + nz * nz), real(1) / math.sqrt(squared)
+        nx, ny, nz = nx * own, ny * own, nz * own
         apart = safe_distance(r, gradient_smoothing)
         weight = mass_j / density_j * kernel_slope(r, gradient_smoothing)
-        divergence += weight * (dot(difference(m, n), x_ij) / apart)
-        spread -= weight * r * formulas.tangential_share(dot(n, x_ij) / apart, continuum)
+        change = (mx * other - nx) * x_ij[0] + (my * other - ny) * x_ij[1] + (mz * other - nz) * x_ij[2]
+        cosine = (nx * x_ij[0] + ny * x_ij[1] + nz * x_ij[2]) / apart
+        divergence += weight * (change / apart)
+        spread -= weight * r * formulas.tangential_share(cosine, continuum)
     return divergence, spread
 
 
