@@ -111,7 +111,7 @@ def _same(given: Any, override: Any) -> bool:
 
 def typed(name: str, value: Any, dtype: str) -> Any:
     """The argument `name` of a closed form, written in Python's numbers, with the types that it has in a run."""
-    numbered = hasattr(value, "_fields") or isinstance(value, np.ndarray) and value.dtype.kind in "iu"
+    numbered = hasattr(value, "_fields") or (isinstance(value, np.ndarray) and value.dtype.kind in "iu")
     return _cast(value, usual_value(name, dtype) if numbered else None, dtype)
 
 
