@@ -16,9 +16,10 @@ def predict_pair(r, x_ij, velocity_i, velocity_j, mass_i, mass_j, acceleration_i
     f = mass_j * slope
     # A mass goes with each slope: the square of the slope alone overflows float32 at small lengths.
     squares = (mass_i * slope * r) * (f * r)
-    g = scaled(x_ij, f)
-    approach = added(difference(velocity_i, velocity_j), scaled(difference(acceleration_i, acceleration_j), kick))
-    return g[0], g[1], g[2], squares, dot(g, approach)
+    flow = f * x_ij[0] * (velocity_i[0] - velocity_j[0] + kick * (acceleration_i[0] - acceleration_j[0]))
+    flow += f * x_ij[1] * (velocity_i[1] - velocity_j[1] + kick * (acceleration_i[1] - acceleration_j[1]))
+    flow += f * x_ij[2] * (velocity_i[2] - velocity_j[2] + kick * (acceleration_i[2] - acceleration_j[2]))
+    return f * x_ij[0], f * x_ij[1], f * x_ij[2], squares, flow
 
 
 @kernel(lanes=True)
