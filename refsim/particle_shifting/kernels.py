@@ -3,7 +3,6 @@
 import math
 
 from refsim.backends.compile import kernel
-from refsim.backends.tuples import added, difference, dot, put, scaled, three
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import first_lane
 from refsim.particle_shifting.formulas import SMALLEST_NORMAL, shifting_pair
@@ -30,25 +29,30 @@ def shift(
     extremes, timestep, shift,
 ):  # fmt: skip
     """Displacement of a step beside dt v [m]."""
-    s = neighbour_sum(crowding_pair, i, lane, neighbours, position, period, mass, density, smoothing, shifting)
+    sx, sy, sz = neighbour_sum(crowding_pair, i, lane, neighbours, position, period, mass, density, smoothing, shifting)
     if walls is not None:
-        s = added(
-            s, neighbour_sum(wall_crowding_pair, i, lane, walls, position, period, walls.volume, smoothing, shifting)
+        wx, wy, wz = neighbour_sum(
+            wall_crowding_pair, i, lane, walls, position, period, walls.volume, smoothing, shifting
         )
+        sx, sy, sz = sx + wx, sy + wy, sz + wz
     if first_lane(lane):
         zero = type(shifting.length)(0)
         longest = math.sqrt(extremes[0]) * timestep[1]
-        s = scaled(s, -shifting.length * longest)
+        scale = -shifting.length * longest
+        sx, sy, sz = scale * sx, scale * sy, scale * sz
         if near_surface is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
             if near_surface[i]:
-                n = three(surface_normal, i)
-                length = math.sqrt(dot(n, n))
+                nx, ny, nz = surface_normal[i, 0], surface_normal[i, 1], surface_normal[i, 2]
+                length = math.sqrt(nx * nx + ny * ny + nz * nz)
                 if length < type(length)(SMALLEST_NORMAL):
-                    s = zero, zero, zero
+                    sx, sy, sz = zero, zero, zero
                 else:
-                    s = difference(s, scaled(n, dot(s, n) / (length * length)))
-        size = math.sqrt(dot(s, s))
+                    along = (sx * nx + sy * ny + sz * nz) / (length * length)
+                    sx, sy, sz = sx - along * nx, sy - along * ny, sz - along * nz
+        size = math.sqrt(sx * sx + sy * sy + sz * sz)
         most = shifting.largest * longest
         if size > most:
-            s = scaled(s, most / size)
-        put(shift, i, s)
+            sx, sy, sz = sx * (most / size), sy * (most / size), sz * (most / size)
+        shift[i, 0] = sx
+        shift[i, 1] = sy
+        shift[i, 2] = sz

@@ -1,7 +1,7 @@
 """What one neighbour and one particle do in implicit incompressible SPH. Walls are at rest."""
 
 from refsim.backends.compile import kernel
-from refsim.backends.tuples import added, difference, dot, scaled, three
+from refsim.backends.tuples import difference, dot, scaled, three
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import add_vector, first_lane, set_vector
 from refsim.smoothing.formulas import gradient_factor, kernel_slope, safe_distance
@@ -29,18 +29,20 @@ def predict(
 ):  # fmt: skip
     """d_ii [m/Pa], a_ii [kg/(m^dim Pa)] and rho_adv [kg/m^dim], with the velocities after the kick."""
     kick, drift = timestep[0], timestep[1]
-    sums = neighbour_sum(
+    gx, gy, gz, squares, flow = neighbour_sum(
         predict_pair, i, lane, neighbours, position, None, velocity, mass, acceleration, smoothing, kick
     )
-    g, squares, flow = sums[0:3], sums[3], sums[4]
     if walls is not None:
-        beside = wall_gradient(i, lane, position, walls, smoothing, fluid.rest_density, None)
-        flow += dot(beside, added(three(velocity, i), scaled(three(acceleration, i), kick)))
-        g = added(g, beside)
+        bx, by, bz = wall_gradient(i, lane, position, walls, smoothing, fluid.rest_density, None)
+        flow += bx * (velocity[i, 0] + kick * acceleration[i, 0])
+        flow += by * (velocity[i, 1] + kick * acceleration[i, 1])
+        flow += bz * (velocity[i, 2] + kick * acceleration[i, 2])
+        gx, gy, gz = gx + bx, gy + by, gz + bz
     rho = density[i]
-    set_vector(own_displacement, i, lane, scaled(g, -kick * drift / (rho * rho)))
+    share = -kick * drift / (rho * rho)
+    set_vector(own_displacement, i, lane, (share * gx, share * gy, share * gz))
     if first_lane(lane):
-        diagonal[i] = formulas.diagonal(dot(g, g), squares, rho, kick * drift)
+        diagonal[i] = formulas.diagonal(gx * gx + gy * gy + gz * gz, squares, rho, kick * drift)
         advected_density[i] = rho + drift * flow
 
 

@@ -1,7 +1,7 @@
 """What one neighbour and one particle do in the viscous forces."""
 
 from refsim.backends.compile import kernel
-from refsim.backends.tuples import difference, dot, over
+from refsim.backends.tuples import over
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import add_vector
 from refsim.smoothing.formulas import gradient_factor
@@ -11,7 +11,9 @@ from refsim.sph.viscosities import formulas
 @pair
 def artificial_pair(r, x_ij, velocity_i, velocity_j, mass_j, density_i, density_j, smoothing, artificial_viscosity):
     """-m_j Pi_ij grad W_ij [m/s^2], Monaghan 1992."""
-    approach = dot(difference(velocity_i, velocity_j), x_ij)
+    approach = (velocity_i[0] - velocity_j[0]) * x_ij[0]
+    approach += (velocity_i[1] - velocity_j[1]) * x_ij[1]
+    approach += (velocity_i[2] - velocity_j[2]) * x_ij[2]
     density = type(r)(0.5) * (density_i + density_j)
     slope = gradient_factor(r, smoothing)
     f = formulas.artificial_pair(r, approach, mass_j, density, slope, artificial_viscosity)

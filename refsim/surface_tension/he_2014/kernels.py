@@ -1,7 +1,7 @@
 """What one neighbour and one particle do in He et al. 2014."""
 
 from refsim.backends.compile import kernel
-from refsim.backends.tuples import dot, over
+from refsim.backends.tuples import over
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import add_vector, first_lane
 from refsim.smoothing.formulas import kernel_slope, kernel_value, safe_distance
@@ -28,17 +28,21 @@ def color(i, lane, position, mass, density, neighbours, walls, smoothing, color)
 @pair
 def gradient_pair(r, x_ij, mass_j, density_j, color_j, gradient_smoothing):
     """c_i grad c_i = sum_j V_j c_j W'(r) e_ij for one neighbour [1/m]."""
-    f = mass_j / density_j * color_j * kernel_slope(r, gradient_smoothing) / safe_distance(r, gradient_smoothing)
+    slope = kernel_slope(r, gradient_smoothing)
+    f = mass_j / density_j * color_j * slope / safe_distance(r, gradient_smoothing)
     return f * x_ij[0], f * x_ij[1], f * x_ij[2]
 
 
 @kernel(lanes=True)
 def squared_gradient(i, lane, position, mass, density, color, neighbours, gradient_smoothing, color_gradient_squared):
     """|grad c_i|^2 with grad c_i = (1/c_i) sum_j V_j c_j grad W_ij [1/m^2]."""
-    g = neighbour_sum(gradient_pair, i, lane, neighbours, position, None, mass, density, color, gradient_smoothing)
-    g = over(g, color[i])
+    gx, gy, gz = neighbour_sum(
+        gradient_pair, i, lane, neighbours, position, None, mass, density, color, gradient_smoothing
+    )
+    c = color[i]
+    gx, gy, gz = gx / c, gy / c, gz / c
     if first_lane(lane):
-        color_gradient_squared[i] = dot(g, g)
+        color_gradient_squared[i] = gx * gx + gy * gy + gz * gz
 
 
 @pair

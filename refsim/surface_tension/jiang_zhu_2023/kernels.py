@@ -97,16 +97,15 @@ def fused_pair(
     area_normal_j, gradient_smoothing, fluid, viscosity, cohesion, area, inverse_density,
 ):  # fmt: skip
     """J(16) between all pairs and J(21) or J(18), each unless None, with J(10) and J(11) [m/s^2]."""
-    force = momentum_pair(
+    px, py, pz = momentum_pair(
         r, x_ij, velocity_i, velocity_j, mass_j, density_j, pressure_i, pressure_j, gradient_smoothing, fluid,
         viscosity,
     )  # fmt: skip
-    tension = tension_pair(
+    tx, ty, tz = tension_pair(
         r, x_ij, mass_j, density_i, density_j, None, None, area_normal_i, area_normal_j, gradient_smoothing, type(r)(1),
         type(r)(0), cohesion, area,
     )  # fmt: skip
-    a = added(scaled(force, inverse_density), tension)
-    return a[0], a[1], a[2]
+    return px * inverse_density + tx, py * inverse_density + ty, pz * inverse_density + tz
 
 
 @kernel(lanes=True)
