@@ -8,6 +8,9 @@ verdict    a quantity of a run, passes its bar or fails; shown without one
 claim      a sentence of a paper; confirmed if every start keeps the bar, refuted if none does, else mixed
 hard case  a scene that breaks codes, and how it ends: a `Trial` (`validation.trials`)
 value      a published number of a single run, with its spread
+
+Claims that are measured alike are a `[family.NAME]`, which says how they could have failed; `[map.NAME]` are the words
+of a map of what is stable.
 """
 
 from __future__ import annotations
@@ -140,6 +143,25 @@ class Entry:
 
 
 @dataclass(frozen=True)
+class Family:
+    """Claims that are measured alike.
+
+    claims  their names
+    fails   how they could have failed, in a sentence
+    null    what the null model is, in words; it must refute the claims
+    values  what every run gives in it; or model: the function of the experiment that tells a measure's values, which
+            takes the arguments `given`
+    """
+
+    claims: Sequence[str]
+    fails: str
+    null: str
+    values: Mapping[str, Any] = field(default_factory=dict)
+    model: str = ""
+    given: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
 class Check:
     """One quantity that was measured, and the verdict on it.
 
@@ -198,11 +220,13 @@ def checked(entry: Entry, values: Sequence[float], outcome: str = "", run: str =
 
 
 @functools.cache
-def _read(path: Path) -> tuple[Entry, ...]:
-    entries = tomllib.loads(path.read_text()) if path.exists() else {}
-    if unknown := set(entries) - {"check"}:
-        raise ValueError(f"{path}: an entry is [check.NAME]; there are {sorted(unknown)}")
-    return tuple(_entry(name, path.parent.name, given) for name, given in entries.get("check", {}).items())
+def _read(path: Path) -> tuple[tuple[Entry, ...], dict[str, Any]]:
+    """The checks of a file, and its tables. Raises ValueError for a table of another kind."""
+    tables = tomllib.loads(path.read_text()) if path.exists() else {}
+    if unknown := set(tables) - {"check", "family", "map"}:
+        raise ValueError(f"{path}: an entry is [check.NAME], [family.NAME] or [map.NAME]; there are {sorted(unknown)}")
+    entries = (_entry(name, path.parent.name, given) for name, given in tables.get("check", {}).items())
+    return tuple(entries), tables
 
 
 def read(experiment: str, kind: str, folder: Path | None = None) -> dict[str, Entry]:
@@ -210,9 +234,19 @@ def read(experiment: str, kind: str, folder: Path | None = None) -> dict[str, En
     return {entry.name: entry for entry in read_all(kind, folder) if entry.experiment == experiment}
 
 
+def families(folder: str) -> list[Family]:
+    """The families of claims in the file of a folder."""
+    return [Family(**given) for given in _read(FOLDER / folder / "expected.toml")[1].get("family", {}).values()]
+
+
+def map_words(folder: str, name: str) -> dict[str, str]:
+    """What a map shows, in words. Raises KeyError where the folder's file does not say."""
+    return _read(FOLDER / folder / "expected.toml")[1]["map"][name]  # type: ignore[no-any-return]
+
+
 def read_all(kind: str = "", folder: Path | None = None) -> list[Entry]:
     """The entries of all experiments, of one kind or of all."""
-    found = (entry for path in sorted((folder or FOLDER).glob("*/expected.toml")) for entry in _read(path))
+    found = (entry for path in sorted((folder or FOLDER).glob("*/expected.toml")) for entry in _read(path)[0])
     return [entry for entry in found if not kind or entry.kind == kind]
 
 

@@ -17,16 +17,14 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 from refsim.core.errors import InputError
 from validation import experiments as folder_of_experiments
-from validation.checks import CLAIM, HARD_CASE, VALUE, VERDICT, Check, Checks, read
+from validation.checks import CLAIM, HARD_CASE, VALUE, VERDICT, Check, Checks, Family, families, map_words, read
 from validation.results import Result, real
 from validation.tables import Table, of_values
-
-if TYPE_CHECKING:
-    from validation.trials import StabilityMap
+from validation.trials import StabilityMap
 
 Results = Mapping[str, Result]
 COMMANDS = {VERDICT: "run", CLAIM: "claims", HARD_CASE: "stability", VALUE: "verify"}
@@ -129,7 +127,7 @@ class Measure:
 
     quick   whether the quick sizes can judge it
     timed   its runs are timed: they run alone, on all threads, after the others
-    family  the claims that it is measured with, see `measures`
+    family  the claims that it is measured with, and model: the function that its null model is, if it has one
     """
 
     runs: Callable[[Options], Sequence[Run]]
@@ -137,32 +135,22 @@ class Measure:
     quick: bool = True
     timed: bool = False
     family: Family | None = None
+    model: Callable[..., Sequence[float]] | None = None
+
+    def null(self) -> list[float]:
+        """The values on the null model of its family, which must refute the claim; none without a family."""
+        if self.family is None:
+            return []
+        return (
+            [float(v) for v in self.model(self, **self.family.given)]
+            if self.model
+            else self.of({"": self.family.values})
+        )
 
     def of(self, results: Mapping[str, Any], full: bool = True) -> list[float]:
         """The values that follow if the runs gave the numbers `results`, by key, or all the same ones under ""."""
         keys = [run.key for run in self.runs(Options(quick=not full))]
         return [float(v) for v in self.values({key: Result(results[key if key in results else ""]) for key in keys})]
-
-
-@dataclass(frozen=True)
-class Family:
-    """Claims that are measured alike.
-
-    claims  their names
-    fails   how they could have failed, in a sentence
-    null    what the null model is, in words
-    model   values of a claim's measure on the null model, which must refute the claim
-    """
-
-    claims: tuple[str, ...]
-    fails: str
-    null: str
-    model: Callable[[Measure], Sequence[float]]
-
-
-def alike(values: Mapping[str, Any]) -> Callable[[Measure], Sequence[float]]:
-    """Null model of a comparison: every run gives the same numbers."""
-    return lambda measure: measure.of({"": dict(values)})
 
 
 def every(
@@ -199,7 +187,7 @@ class Experiment:
     tables      from the results that are there; by default their numbers
     claims      how each claim of its `expected.toml` is measured, by name
     trials      the functions that the hard cases of its `expected.toml` name
-    maps        how far a setting can go
+    maps        how far a setting can go, the words of a map from `expected.toml`
     """
 
     name: str
@@ -225,16 +213,18 @@ class Experiment:
         return Part(VERDICT, self.name, self.name, self.runs(options), self.checked, drawn, self.tables)
 
 
-def measures(module: ModuleType) -> dict[str, Measure]:
+def measures(module: ModuleType, families: Iterable[Family]) -> dict[str, Measure]:
     """Every `Measure` of a module with its family, by its name in small letters, which is that of its claim.
 
-    Families are the entries of the module's `FAMILIES`. Raises ValueError for one that names what is no measure.
+    Raises ValueError for a family of what is no measure.
     """
     found = {name.lower(): value for name, value in vars(module).items() if isinstance(value, Measure)}
-    families = {name: family for family in getattr(module, "FAMILIES", ()) for name in family.claims}
-    if unknown := set(families) - set(found):
-        raise ValueError(f"{module.__name__}: families name {sorted(unknown)}, which are no measures")
-    return {name: dataclasses.replace(value, family=families.get(name)) for name, value in found.items()}
+    for family in families:
+        if unknown := set(family.claims) - set(found):
+            raise ValueError(f"{module.__name__}: families name {sorted(unknown)}, which are no measures")
+        model = getattr(module, family.model) if family.model else None
+        found |= {name: dataclasses.replace(found[name], family=family, model=model) for name in family.claims}
+    return found
 
 
 @functools.cache
@@ -242,8 +232,8 @@ def discover(folder: ModuleType = folder_of_experiments) -> dict[str, Experiment
     """The experiments by name, each with the pictures, claims and trials of its folder.
 
     `EXPERIMENT` of a module `runs` is that of the folder's name; `OTHER_EXPERIMENT` is one that shares its scenes.
-    Pictures of the first are `PICTURES` of the module `pictures`, of the other `OTHER_PICTURES`. Raises ValueError for
-    an experiment that is not called as its folder is.
+    Pictures of the first are `PICTURES` of the module `pictures`, of the other `OTHER_PICTURES`; cells of its maps are
+    `MAPS` of `runs`, by name. Raises ValueError for an experiment that is not called as its folder is.
     """
     found = {}
     for path in sorted(path for place in folder.__path__ for path in Path(place).glob("*/runs.py")):
@@ -255,12 +245,13 @@ def discover(folder: ModuleType = folder_of_experiments) -> dict[str, Experiment
         )
         if (name := module.EXPERIMENT.name) != path.parent.name:
             raise ValueError(f"the experiment in {path.parent} is called {name!r}")
+        measured = measures(module, families(path.parent.name))
         for prefix in (key.removesuffix("EXPERIMENT") for key in vars(module) if key.endswith("EXPERIMENT")):
-            own = getattr(module, f"{prefix}EXPERIMENT")
-            known = read(own.name, CLAIM)
+            own, maps = getattr(module, f"{prefix}EXPERIMENT"), getattr(module, f"{prefix}MAPS", {})
             found[own.name] = dataclasses.replace(
                 own, pictures=getattr(drawn, f"{prefix}PICTURES", ()), trials=vars(module),
-                claims={name: measure for name, measure in measures(module).items() if name in known},
+                claims={name: measured[name] for name in read(own.name, CLAIM) if name in measured},
+                maps=tuple(StabilityMap(n, **map_words(path.parent.name, n), cells=c) for n, c in maps.items()),
             )  # fmt: skip
     return dict(sorted(found.items()))
 

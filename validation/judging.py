@@ -239,9 +239,3 @@ def claims_of(performed: Sequence[Performed]) -> list[tuple[Entry, Check | None]
     entries = {entry.name: entry for entry in checks.read_all(CLAIM)}
     own = [each for each in performed if each.part.kind == CLAIM]
     return [(entries[each.part.name], each.checks[0] if each.checks else None) for each in own]
-
-
-def null_of(entry: Entry, experiment: Experiment) -> list[float]:
-    """The values of a claim on its family's null model; none without a family."""
-    how = experiment.claims[entry.name]
-    return [float(value) for value in how.family.model(how)] if how.family is not None else []

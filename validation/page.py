@@ -19,7 +19,6 @@ from validation.checks import CLAIM, HARD_CASE, VALUE, Check, Entry, short
 from validation.drawing import read_origin
 from validation.experiment import COMMANDS, Experiment, discover
 from validation.filling import ROOT, filled_page, records, stored, with_reasons
-from validation.judging import null_of
 from validation.perform import Performed
 from validation.results import finite, origin
 
@@ -39,7 +38,7 @@ def write(found: Sequence[tuple[Entry, Check | None]]) -> None:
         if check is not None:
             middle, low, high = map(_rounded, (check.value, min(check.values), max(check.values)))
             values = {"measured": middle, "spread": [low, high], "starts": len(check.values), "verdict": check.found}
-            if null := null_of(entry, discover()[entry.experiment]):
+            if null := discover()[entry.experiment].claims[entry.name].null():
                 values["null"] = _rounded(checks.median(null))
             _rewrite(checks.FOLDER / entry.experiment / "expected.toml", entry.name, values)
     checks.forget()

@@ -52,7 +52,7 @@ class Cell:
 class StabilityMap:
     """How far a setting can go, measured by bisection, against the runner's own limit.
 
-    name      of the picture
+    name      of the picture; what follows stands in the `[map.NAME]` of the experiment's `expected.toml`
     quantity  that is bisected, with its unit
     criterion what "stable" means in it
     advice    one sentence: what a user should choose

@@ -20,9 +20,10 @@ from validation.checks import (
     REFUTED,
     VALUE,
     Entry,
+    Family,
     read_all,
 )
-from validation.experiment import Experiment, Family, Measure, Options, Run, alike, discover
+from validation.experiment import Experiment, Measure, Options, Run, discover
 from validation.experiments.droplet import runs as droplet
 from validation.experiments.heat import runs as heat
 from validation.filling import Recorded, filled, filled_page
@@ -69,8 +70,8 @@ def test_what_is_written_follows_from_the_numbers_beside_it(name):
 def test_the_null_model_of_a_family_refutes_every_claim(name):
     """Without its effect a claim must fail, by its own measure and its own bar."""
     claim = CLAIMS[name]
-    values = judging.null_of(claim, discover()[claim.experiment])
-    assert values, "put it into a family of FAMILIES"
+    values = discover()[claim.experiment].claims[name].null()
+    assert values, "put it into a [family.NAME] of expected.toml"
     assert not any(map(claim.keeps, values))
     if claim.starts:
         assert claim.null == pytest.approx(float(np.median(values)), rel=1e-3, abs=1e-12)
@@ -199,7 +200,7 @@ def own(tmp_path, monkeypatch):
     def runs(options):
         return [Run(f"size_{k}", number_of, {"value": value}) for k, value in enumerate(values)]
 
-    large = Family(("small",), "It could be large.", "a large one", alike({"value": 9.0}))
+    large = Family(("small",), "It could be large.", "a large one", {"value": 9.0})
     one = Measure(runs, lambda results: [result.values["value"] for result in results.values()], family=large)
     monkeypatch.setattr(checks, "FOLDER", tmp_path)
     monkeypatch.setattr(page, "write_pages", lambda: None)

@@ -53,6 +53,9 @@ def lattice_ball(count: int, spacing: float = 1.0) -> NDArray[np.float64]:
     return site[np.lexsort(key)[:count]] * spacing
 
 
+LATTICES = {"ball": lattice_ball, "cube": lattice_cube}
+
+
 def rotated_lattice_cube(count: int, seed: int, spacing: float = 1.0) -> LatticeCut:
     """Exactly ``count`` particles of a randomly turned and shifted lattice inside an axis-aligned cube.
 

@@ -44,7 +44,7 @@ from refsim.study.panels import Point
 from refsim.study.runs import Reading
 from refsim.winding_number.reference import solid_angles
 from validation.checks import Checks, Quantities
-from validation.experiment import Experiment, Family, Measure, Options, Results, Run, alike
+from validation.experiment import Experiment, Measure, Options, Results, Run
 from validation.experiments.boundary.scene import FLOW_SHAPES as SOLIDS
 from validation.experiments.boundary.scene import (
     SHAPES,
@@ -1100,39 +1100,6 @@ SAMPLING_STAYS_ON_SURFACE = Measure(_spread_runs, lambda found: [real(r.values["
 SAMPLING_SPREADS = Measure(
     _spread_runs, lambda found: [real(r.values["after"]) / real(r.values["before"]) for r in found.values()]
 )
-
-FAMILIES = (
-    Family(
-        ("coupling_step_over_distance", "coupling_step_over_forcing"),
-        "A rival could hold a tank at a step as long, or longer.",
-        "a rival that holds at the same steps", alike({"holds": True}),
-    ),
-    Family(
-        ("coupling_noise_over_distance", "coupling_noise_over_forcing"),
-        "The rival's wall could push as evenly.", "a rival with the same noise", alike({"noise": 0.01}),
-    ),
-    Family(
-        ("coupling_no_net",),
-        "Liquid poured with the normal difference could have as many holes as with cohesion alone.",
-        "both pour the same liquid", alike({"frames": [{"holes": 7}] * 6}),
-    ),
-    Family(
-        ("coupling_share_of_step", "coupling_share_over_distance", "coupling_share_over_forcing"),
-        "The coupling could take most of a step, or as much of it as the rivals do.",
-        "every coupling takes nine tenths of a step",
-        alike({"shares": dict.fromkeys(COUPLINGS, [0.9] * 3)}),
-    ),
-    Family(
-        ("coupling_marked_region",),
-        "Looking cells up could take as long as the test that it saves.", "both passes take the same time",
-        alike({"fifths": [0.01] * 5}),
-    ),
-    Family(
-        ("sampling_stays_on_surface", "sampling_spreads"),
-        "Particles could leave the surface, or end as unevenly as they begin.",
-        "random places on a sphere, moved by r along the normal and not along the tangent", _thrown_off,
-    ),
-)  # fmt: skip
 
 
 # Hard cases of meshes, of sampling, and of liquid at meshes.

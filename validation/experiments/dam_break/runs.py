@@ -18,7 +18,7 @@ from refsim.backends.arrays import unavailable
 from refsim.scene.plan import make_plan
 from refsim.surface_detection import half_space_moment
 from validation.checks import Checks
-from validation.experiment import Experiment, Family, Measure, Options, Results, Run, alike, each, every
+from validation.experiment import Experiment, Measure, Options, Results, Run, each, every
 from validation.metrics.dam_break import (
     FRONT_DATA,
     dimensionless_time,
@@ -583,14 +583,14 @@ LAMBDA_OUTSIDE = Measure(_thresholds, each(lambda v: best(v, OUTSIDE) - best(v, 
 # Null models
 
 
-def _guessed(fan_scan: bool) -> Callable[[Measure], list[float]]:
+def _guessed(measure: Measure, fan_scan: bool) -> list[float]:
     """Scores of detectors that mark a tenth of the particles at random; the fan scan marks the truth if `fan_scan`."""
     random = np.random.default_rng(1)
     truth, guess = random.random((2, 10_000)) < 0.1
     score = {name: detection_score(flags, truth) for name, flags in (("truth", truth), ("guess", guess))}
     named = {name: {"precision": s.precision, "recall": s.recall} for name, s in score.items()}
     all_ = dict.fromkeys(DETECTORS, named["guess"]) | {"fan_scan": named["truth" if fan_scan else "guess"]}
-    return lambda measure: measure.of({"": {"score": all_}})
+    return measure.of({"": {"score": all_}})
 
 
 def _exact(measure: Measure) -> list[float]:
@@ -598,41 +598,6 @@ def _exact(measure: Measure) -> list[float]:
     truth = np.arange(100) < 10
     score = detection_score(truth, truth)
     return measure.of({"": {"score": {"number_density": {"precision": score.precision}}}})
-
-
-FAMILIES = (
-    Family(
-        ("correction_stops_spray",), "As many particles could be torn off with the correction as without it.",
-        "both runs lose as many", alike({"detached": 5.0}),
-    ),
-    Family(
-        ("false_interior_clamped", "false_interior_free"),
-        "The pressure could be as even with the number density's set as with that of two steps.",
-        "both are as noisy", alike({"noise": 0.01}),
-    ),
-    Family(
-        ("density_marks_interior",), "The number density could mark the surface alone.",
-        "a detector that marks the truth", _exact,
-    ),
-    Family(
-        ("fan_scan_faultless", "two_step_more_precise"), "A detector could mark interior particles.",
-        "detectors that mark a tenth of the particles at random", _guessed(False),
-    ),
-    Family(
-        ("two_step_as_good", "two_step_as_good_printed"),
-        "Two steps could miss surface particles that the fan scan finds.",
-        "two steps mark a tenth at random, the fan scan the truth", _guessed(True),
-    ),
-    Family(
-        ("figure_5_lower", "figure_5_upper", "figure_5_upper_summed"),
-        "A detector could take as long as the one that is said to be slower.",
-        "all take the same time", alike({"methods": {m: {"whole": 1.0, "charged": 1.0} for m in METHODS}}),
-    ),
-    Family(
-        ("lambda_outside",), "A lambda outside of the range could find the surface as well as the best inside it.",
-        "every lambda scores the same", alike({"f1": {f"{factor:g}": 0.7 for factor in (*INSIDE, *OUTSIDE)}}),
-    ),
-)  # fmt: skip
 
 
 # Hard cases of a collapsing column: voids at the start, detection beside walls, in sprays and in films.

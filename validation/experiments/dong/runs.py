@@ -18,7 +18,7 @@ from refsim.core.effect import Extremes
 from refsim.core.errors import RunStopped
 from refsim.scene.plan import make_plan
 from validation.checks import Checks, Quantities
-from validation.experiment import Experiment, Family, Measure, Options, Results, Run, alike, each, every
+from validation.experiment import Experiment, Measure, Options, Results, Run, each, every
 from validation.experiments.dong import scene as scenes
 from validation.experiments.droplet.runs import relaxed
 from validation.metrics.droplet import (
@@ -28,7 +28,7 @@ from validation.metrics.droplet import (
     sphericity,
     surface_mesh,
 )
-from validation.metrics.shapes import lattice_ball, lattice_cube
+from validation.metrics.shapes import LATTICES, lattice_ball
 from validation.metrics.spread import layers, seen_from_above
 from validation.results import Result, real
 from validation.running import Context, advance, momenta, note, refusal, until_stopped
@@ -615,9 +615,9 @@ NO_CLUSTERS_BESIDE_COSINE = near("dong", "iif")
 # Null models
 
 
-def _shape(made: Callable[[int], NDArray], side: int) -> Callable[[Measure], list[float]]:
+def _lattice(measure: Measure, shape: str, side: int) -> list[float]:
     """Particles at rest on a lattice."""
-    return lambda measure: measure.of({"": {"area": area(made(side).astype(float), 1.0)}})
+    return measure.of({"": {"area": area(LATTICES[shape](side).astype(float), 1.0)}})
 
 
 def _random_forces(measure: Measure) -> list[float]:
@@ -646,69 +646,17 @@ def _two_histories(measure: Measure) -> list[float]:
     })  # fmt: skip
 
 
+def _twice_as_long(measure: Measure) -> list[float]:
+    """A step takes twice as long with Dong's model as with the other."""
+    return measure.of({
+        run.key: {"step": 0.02 if run.parameters["model"] == "dong" else 0.01, "steps": 40, "frames": 40}
+        for run in measure.runs(Options())
+    })  # fmt: skip
+
+
 def _pairs(measure: Measure) -> list[float]:
     """Particles that lie in pairs, two hundredths of a spacing apart, with every model."""
     return measure.of({"": {"series": {"nn_5": [1.0, 0.02]}}})
-
-
-ROW = {"holes": 4, "lone": 9, "height": 1.5, "largest": 0.3}
-FAMILIES = (
-    Family(
-        tuple(f"density_{name}{raw}" for name in ("printed", "block", "cube") for raw in ("", "_raw")),
-        "The density could deviate by more than one part in a hundred.", "a density that swings by 2 %",
-        alike({"swing_late": 0.02, "rows": [{"compression": 0.0}, {"compression": 0.0}, {"compression": 0.04}]}),
-    ),
-    Family(
-        ("cohesion_not_minimal", "cohesion_not_minimal_short"), "Cohesion alone could make a ball.",
-        "a ball cut from a lattice", _shape(lattice_ball, 4913),
-    ),
-    Family(
-        ("correction_minimal", "correction_minimal_short"), "The drop could keep edges.", "a cube",
-        _shape(lattice_cube, 11),
-    ),
-    Family(
-        tuple(f"{part}_{term}" for part in ("linear", "angular") for term in ("cohesion", "correction", "printed")),
-        "Forces or torques could be left over when they are summed.",
-        "random forces, to which no particle returns the opposite", _random_forces,
-    ),
-    Family(
-        ("linear_csf", "angular_csf"), "The continuum force could keep momentum after all.",
-        "a central force between every two particles", _central_forces,
-    ),
-    Family(
-        ("faster_than_csf_droplet", "faster_than_csf_oil", "faster_in_complex_scenes"),
-        "A frame could take as long as the rival's.", "all take the same time",
-        alike({"step": 0.01, "steps": 40, "frames": 40}),
-    ),
-    Family(
-        ("as_fast_as_iif_droplet", "as_fast_as_iif_oil"),
-        "A frame could take clearly longer than the plain pair force's.",
-        "a model that takes twice as long",
-        lambda measure: measure.of({
-            run.key: {"step": 0.02 if run.parameters["model"] == "dong" else 0.01, "steps": 40, "frames": 40}
-            for run in measure.runs(Options())
-        }),
-    ),
-    Family(
-        ("shape_like_csf",), "The two models could deform a cube differently.",
-        "a cube that swings beside one that creeps",
-        _two_histories,
-    ),
-    Family(
-        ("net_without", "fewer_lone", "gathers"), "The block could fall apart alike with and without tension.",
-        "both runs end alike",
-        alike({"rows": [{"frame": frame, **ROW} for frame in (*scenes.FRAMES, *scenes.LATER)]}),
-    ),
-    Family(
-        ("merges_into_one",), "Droplets could stay apart.", "drops of which the largest holds 30 %",
-        alike({"stopped": "", "rows": [ROW]}),
-    ),
-    Family(
-        ("no_clusters", "no_clusters_beside_cosine"),
-        "Particles could pile up with L(0) = k, too, or as much as with a cosine.",
-        "particles in pairs, 0.02 spacings apart, with either force", _pairs,
-    ),
-)  # fmt: skip
 
 
 # Dong, Zhang & Chen 2016: figures 3 to 6 (figure 1 is drawn by `models`, table 1 stands in `dong_table_1`).

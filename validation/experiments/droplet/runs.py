@@ -17,7 +17,7 @@ from refsim.core.errors import InputError, RunStopped
 from refsim.scene.plan import make_plan
 from refsim.surface_tension.jiang_zhu_2023 import kirkwood_buff_sigma, unit_moment
 from validation.checks import Checks, Quantities
-from validation.experiment import Experiment, Family, Measure, Options, Results, Run, alike, each, every
+from validation.experiment import Experiment, Measure, Options, Results, Run, each, every
 from validation.experiments.droplet.scene import END_TIME, VARIANTS, droplet_scene, particles
 from validation.metrics.droplet import (
     cubic_moment,
@@ -31,7 +31,7 @@ from validation.metrics.droplet import (
 from validation.metrics.shapes import lattice_ball
 from validation.results import Result, real
 from validation.running import Context, advance, momenta, note, search_log, stage_seconds, until_stopped
-from validation.trials import Cell, StabilityMap, Trial, hard_case, largest_stable, silent_up_to
+from validation.trials import Cell, Trial, hard_case, largest_stable, silent_up_to
 
 SAMPLES = 72
 BULK = 0.6  # of R: particles inside count as bulk
@@ -361,33 +361,6 @@ def _only_attraction(measure: Measure) -> list[float]:
 
 MODES = ("all", "soft", "either", "both", "one_sided")
 MOMENTA = tuple(f"{part}_momentum_{mode}" for part in ("linear", "angular") for mode in MODES)
-FAMILIES = (
-    Family(
-        (*MOMENTA, "angular_momentum_without_area"), "Forces or torques could be left over when they are summed.",
-        "random forces, to which no particle returns the opposite", _without_reaction,
-    ),
-    Family(
-        ("correction_accurate",), "(14) could be as far from the density as (7).", "both have the same error",
-        alike({"error": {"corrected": 0.1, "raw": 0.1}}),
-    ),
-    Family(
-        ("correction_steadies", "normals_smooth", "area_rounds"),
-        "A drop with the term could be as rough as one without it.", "both drops are alike",
-        alike({"end": {"radius_variation": 0.01}}),
-    ),
-    Family(
-        ("normals_calm", "area_calms"), "A drop with the term could move as much as one without it.",
-        "both drops are alike", alike({"end": {"kinetic_share": 0.01}}),
-    ),
-    Family(
-        ("repulsion_3d", "repulsion_2d"), "The greatest repulsion could be smaller than the greatest attraction.",
-        "a repulsion with the range of the attraction", _only_attraction,
-    ),
-    Family(
-        ("steady_sooner_soft", "steady_sooner_text"), "Fewer pairs could take as long to a drop at rest.",
-        "both take the same time", alike({"steady": {"wall": 2.0}}),
-    ),
-)  # fmt: skip
 
 
 # Hard cases of a drop, and the largest stable step, tension and area coefficient in every pair mode.
@@ -711,56 +684,28 @@ AREAS: dict[str, dict[str, Any]] = {
     "J(21), cubic spline, 2.6 d": {"scene": CUBIC, "term": "corrected"},
     "J(18), cubic spline, 2.6 d": {"scene": CUBIC, "term": "color"},
 }
-MAPS = (
-    StabilityMap(
-        name="stability_drop_step",
-        title="Largest stable step of a drop (cut cube of 1,000 particles)",
-        quantity="step over the runner's own",
-        criterion="no stop, at most 1.5 times the kinetic energy met with half the step, and as much rest at the end.",
-        advice="Keep step_factor at 1: the reserve is about two steps, and a fixed step may use no more than that.",
-        cells=tuple(
-            Cell(mode, column, step_cell, {"mode": mode, "scene": scene}, seconds=30.0)
-            for mode in HARD_MODES
-            for column, scene in REGIMES.items()
-        ),
+MAPS = {
+    "stability_drop_step": tuple(
+        Cell(mode, column, step_cell, {"mode": mode, "scene": scene}, seconds=30.0)
+        for mode in HARD_MODES
+        for column, scene in REGIMES.items()
     ),
-    StabilityMap(
-        name="stability_drop_tension",
-        title="Largest tension of a drop at a given sound speed (cut cube of 1,000 particles)",
-        quantity="P_int/(rho0 c^2) of the nominal tension, Ohnesorge number 0.13",
-        criterion="no stop, one piece, less than a tenth of the peak's kinetic energy after 4 capillary times.",
-        advice="Choose the sound speed so that P_int is about 3 % of rho0 c^2.",
-        cells=tuple(
-            Cell(mode, column, tension_cell, {"mode": mode, "scene": scene}, seconds=30.0)
-            for mode in HARD_MODES
-            for column, scene in (("Mueller set, 2.6 d", MUELLER), ("Wendland, 2.7 d", WENDLAND))
-        ),
+    "stability_drop_tension": tuple(
+        Cell(mode, column, tension_cell, {"mode": mode, "scene": scene}, seconds=30.0)
+        for mode in HARD_MODES
+        for column, scene in (("Mueller set, 2.6 d", MUELLER), ("Wendland, 2.7 d", WENDLAND))
     ),
-    StabilityMap(
-        name="stability_drop_area",
-        title="Largest area coefficient of a drop (cut cube of 1,000 particles)",
-        quantity="eps_r of J(21), or eps'/(gamma rho0) of J(18)",
-        criterion="no stop, one piece, less than a tenth of the peak's kinetic energy after 4 capillary times.",
-        advice="Bound the coefficient, not the step: a third of the step moves the limit by nothing that matters.",
-        cells=tuple(
-            Cell(mode, column, area_cell, {"mode": mode, **parameters}, seconds=40.0)
-            for mode in HARD_MODES
-            for column, parameters in AREAS.items()
-        ),
+    "stability_drop_area": tuple(
+        Cell(mode, column, area_cell, {"mode": mode, **parameters}, seconds=40.0)
+        for mode in HARD_MODES
+        for column, parameters in AREAS.items()
     ),
-    StabilityMap(
-        name="stability_drop_inertia",
-        title="Lowest Ohnesorge number of a start (1,331 particles)",
-        quantity="1/Oh",
-        criterion="no stop, one piece after 3 capillary times, kinetic energy within what a cube's surface releases.",
-        advice="Give a drop an Ohnesorge number of 0.2 at least, whatever it starts from: below, it heats itself.",
-        cells=tuple(
-            Cell(mode, f"{shape} start", inertia_cell, {"mode": mode, "scene": MUELLER, "shape": shape}, seconds=30.0)
-            for mode in ("all, balanced", "all, not balanced", "soft")
-            for shape in ("cube", "cut", "ball")
-        ),
+    "stability_drop_inertia": tuple(
+        Cell(mode, f"{shape} start", inertia_cell, {"mode": mode, "scene": MUELLER, "shape": shape}, seconds=30.0)
+        for mode in ("all, balanced", "all, not balanced", "soft")
+        for shape in ("cube", "cut", "ball")
     ),
-)
+}
 
 
 # A cube of liquid without gravity becomes a drop (figures 2, 6 and 7).
@@ -827,5 +772,5 @@ def outcome(result: Result) -> str:
 EXPERIMENT = Experiment(
     name="droplet",
     title="a cube of liquid becomes a drop (figures 2, 6 and 7), every pair mode and the literal text beside it",
-    runs=planned, checks=checks, maps=MAPS,
+    runs=planned, checks=checks,
 )  # fmt: skip

@@ -23,14 +23,14 @@ from refsim.engine.stock import stock
 from refsim.heat import kernels, pair_exchange, reference
 from refsim.scene.plan import make_plan
 from validation.checks import Checks, Quantities
-from validation.experiment import Experiment, Family, Measure, Options, Results, Run, alike, each
+from validation.experiment import Experiment, Measure, Options, Results, Run, each
 from validation.experiments.heat import scene
 from validation.experiments.heat.scene import SCHEMES, SUPPORT, Conductor, cosine_slab, lattice
 from validation.experiments.melting.scene import SCALE
 from validation.experiments.melting.scene import STEP as PAPER_STEP
 from validation.results import Result, real
 from validation.running import Context, on_threads, take_steps
-from validation.trials import Cell, StabilityMap, Trial, hard_case, largest_stable
+from validation.trials import Cell, Trial, hard_case, largest_stable
 from validation.work_precision import Order, order_from_errors
 
 NUMBERS = (0.5, 2.0, 8.0, 32.0)
@@ -557,39 +557,14 @@ HEAT_MATERIAL_COUNTS_PAIRS = _material("pair_exchange")
 # Null models
 
 
-def _other_scheme(scheme: str, number: float) -> Callable[[Measure], list[float]]:
+def _other_scheme(measure: Measure, scheme: str, number: float) -> list[float]:
     """What another scheme does with a long step on the same jump."""
-    return lambda measure: measure.of({"": dict(long_steps(Context(), scheme, number).values)})
+    return measure.of({"": dict(long_steps(Context(), scheme, number).values)})
 
 
 def _same_numbering(measure: Measure) -> list[float]:
     """Explicit conduction, which takes all temperatures of the step before."""
     return measure.of({"": dict(numbering(Context(), "explicit", 1, 0.1).values)})
-
-
-FAMILIES = (
-    Family(
-        tuple(f"heat_reversed_{way}_{passes}" for way in ("single", "pairs") for passes in (2, 4, 8)),
-        "Passes backwards could leave the same error as passes forwards.", "both leave the same error",
-        alike({"forward": [0.5] * 4, "reversed": [0.5] * 4}),
-    ),
-    Family(
-        ("heat_long_steps_hold",), "Temperatures could leave the range of the start.",
-        "the explicit scheme with k dt/(rho c d^2) = 8.75", _other_scheme("explicit", 8.75),
-    ),
-    Family(
-        ("heat_explicit_breaks",), "The explicit scheme could keep the range at long steps.",
-        "the implicit scheme R3 with k dt/(rho c d^2) = 8.75", _other_scheme("pair_exchange", 8.75),
-    ),
-    Family(
-        ("heat_order_matters",), "The numbering of particles could be without effect.",
-        "explicit conduction, whose sums do not depend on it", _same_numbering,
-    ),
-    Family(
-        ("heat_material_counts_single", "heat_material_counts_pairs"), "All materials could conduct alike.",
-        "every K delivers the same", alike({"rows": [{"delivered": 1.0}] * 4}),
-    ),
-)  # fmt: skip
 
 
 # Hard cases of heat conduction, and the largest stable step of every scheme.
@@ -801,20 +776,13 @@ PLAIN = (
 )  # fmt: skip
 MELTING = ("runge_kutta_legendre", "implicit", "conjugate_gradient", "single_pass", "nonlinear_jacobi")
 
-MAPS = (StabilityMap(
-    name="stability_heat_step",
-    title="Largest stable step of conduction",
-    quantity="k dt/(rho c d^2)",
-    criterion="no temperature of a warm and a cold half (with latent heat: of ice beside a reservoir) leaves"
-    " their range by more than 0.1 % in 20 steps.",
-    advice="Take any scheme but the explicit one up to the default limit of 10; RKL with latent heat keeps its"
-    " range up to 3, and limits its steps to that.",
-    cells=tuple(
+MAPS = {
+    "stability_heat_step": tuple(
         Cell(name, column, step_cell, {"scheme": name, "melts": names is MELTING}, 5.0)
         for column, names in (("no latent heat", PLAIN), ("latent heat", MELTING))
         for name in names
-    ),
-),)  # fmt: skip
+    )
+}
 
 
 # Heat conduction: slab, sphere, Stefan's problem and a melting sphere by every scheme, orders, ledgers and ranges.
@@ -954,5 +922,5 @@ def checks(results: Results, check: Checks) -> None:
 EXPERIMENT = Experiment(
     name="heat",
     title="conduction of heat: slab, sphere, Stefan's problem and a melting sphere by every scheme, and who keeps heat",
-    runs=planned, checks=checks, maps=MAPS,
+    runs=planned, checks=checks,
 )  # fmt: skip

@@ -38,7 +38,7 @@ from refsim.melting import MeltingRule
 from refsim.scene.solids import lattice_of
 from refsim.shape_matching.phases import EMPTY, FLUID, INTERIOR, SURFACE
 from validation.checks import Checks
-from validation.experiment import Experiment, Family, Measure, Options, Results, Run, alike
+from validation.experiment import Experiment, Measure, Options, Results, Run
 from validation.experiments.melting.scene import (
     FIGURES,
     HALF_WIDTH,
@@ -826,36 +826,6 @@ def _twice_as_long(measure: Measure) -> list[float]:
     """The reduction takes twice as long."""
     rows = [{"dtype": "float32", "summation": s, "seconds": t} for s, t in (("reduction", 0.02), ("fast", 0.01))]
     return measure.of({"": {"rows": rows}})
-
-
-FAMILIES = (
-    Family(
-        ("melting_outside_in",), "Particles could melt inside a solid.",
-        "a tenth of a solid's particles melts anywhere",
-        _melts_anywhere,
-    ),
-    Family(
-        ("melting_volume_kept", "melting_volume_kept_as_water", "melting_mass_not_kept_as_water"),
-        "The surface could enclose another volume afterwards; the mass could stay.",
-        "a block that loses a tenth of its particles, with the mass of all", _shrinks,
-    ),
-    Family(
-        ("melting_solids_slower",), "A step could take as long with more solid.", "all shares take the same time",
-        alike({"seconds": 0.07}),
-    ),
-    Family(
-        ("melting_sums_in_parallel",), "The reduction's additions could take longer than fast summation.",
-        "a reduction that takes twice as long", _twice_as_long,
-    ),
-    Family(
-        ("melting_gpu_per_stage",), "A stage could take as long on the GPU.", "both take the same time",
-        alike({"cpu": dict.fromkeys("abc", 1.0), "gpu": dict.fromkeys("abc", 1.0)}),
-    ),
-    Family(
-        ("melting_real_time",), "A step could take longer than the time that it covers.",
-        "the paper's own 35.7 ms for a step of 5 ms", alike({"step": 0.005, "seconds": 0.0357}),
-    ),
-)  # fmt: skip
 
 
 # Hard cases of solids, of what holds them together, of their coupling and of melting.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any
 from unittest import mock
 
@@ -18,16 +18,16 @@ from refsim.core.errors import InputError, RunStopped
 from refsim.scene.plan import make_plan
 from refsim.surface_tension.cohesion import COLLAPSE, PairCohesion, compression
 from validation.checks import Checks
-from validation.experiment import Experiment, Family, Measure, Options, Results, Run, alike
+from validation.experiment import Experiment, Measure, Options, Results, Run
 from validation.experiments.droplet.runs import BOILS, CALM, pieces, relaxed
 from validation.experiments.models.scene import MODELS, PRINTED
 from validation.measure.drops import MODELS as SETTINGS
 from validation.measure.drops import OTHER_BASE
 from validation.metrics.droplet import nearest_neighbour_distance, sphericity, surface_mesh
-from validation.metrics.shapes import lattice_ball, lattice_cube
+from validation.metrics.shapes import LATTICES, lattice_ball, lattice_cube
 from validation.results import Result, floats, real
 from validation.running import Context, momenta
-from validation.trials import Cell, StabilityMap, Trial, hard_case, largest_stable, silent_up_to
+from validation.trials import Cell, Trial, hard_case, largest_stable, silent_up_to
 
 NEAR = 1.6  # radii about the middle: particles beyond are not of the drop
 MOMENTS = {"third": 1 / 3, "late": 2 / 3, "end": 1.0}  # of the run, where its surface is measured
@@ -178,48 +178,11 @@ SOONER_THAN_IISPH = measured(seconds, "jiang_zhu", "akinci_iisph", timed=True)
 # Null models
 
 
-def _shape(made: Callable[..., np.ndarray], side: int) -> Callable[[Measure], Sequence[float]]:
-    """The measures of `runs.surface` and of nearest neighbours on particles at rest on a lattice, with spacing 1."""
-
-    def model(measure: Measure) -> list[float]:
-        place = made(side).astype(float)
-        radius = radius_of(place)
-        near = near_of(place)
-        end = surface(place, 1.0, radius)
-        return measure.of({"": {"surface": {"end": end}, "particles": len(place), "end": {"nn_5": near}}})
-
-    return model
-
-
-FAMILIES = (
-    Family(
-        ("rival_csf_uneven", "rival_becker_clusters"),
-        "Particles could be as far apart as on a lattice.", "a ball cut from a lattice", _shape(lattice_ball, 4913),
-    ),
-    Family(
-        ("rival_csf_area", "rival_becker_area", "rival_akinci_area", "rival_iisph_area"),
-        "The rival's drop could be a ball.", "a ball cut from a lattice", _shape(lattice_ball, 4913),
-    ),
-    Family(("own_drop_round",), "The drop could keep edges.", "a cube", _shape(lattice_cube, 17)),
-    Family(
-        ("rival_csf_gaps",), "The surface could be as near to particles as that of the paper's drop.",
-        "both drops are alike", alike({"surface": {"end": {"gap": 1.2}}}),
-    ),
-    Family(
-        ("rival_csf_expands",), "The liquid could keep its extent.", "a drop that does not move",
-        alike({"series": {"extent": [1.0] * 30}}),
-    ),
-    Family(
-        ("rival_csf_rough", "rival_becker_rough", "rival_akinci_rough", "rival_iisph_rough"),
-        "The rival's drop could be as smooth as the paper's.", "both drops are alike",
-        alike({"end": {"radius_variation": 0.01}}),
-    ),
-    Family(
-        ("sooner_than_csf", "sooner_than_becker", "sooner_than_akinci", "sooner_than_iisph"),
-        "The paper's drop could come to rest as late as the rival's, or never.", "both take the same time",
-        alike({"rest": {"wall": 2.0}, "surface": {"end": {"area": 1.0, "thrown": 0}}, "particles": 4913}),
-    ),
-)  # fmt: skip
+def _lattice(measure: Measure, shape: str, side: int) -> list[float]:
+    """What `surface` and nearest neighbours are of particles at rest on a lattice, with spacing 1."""
+    place = LATTICES[shape](side).astype(float)
+    end = surface(place, 1.0, radius_of(place))
+    return measure.of({"": {"surface": {"end": end}, "particles": len(place), "end": {"nn_5": near_of(place)}}})
 
 
 # Hard cases of a drop under every model of surface tension, and their largest stable coefficients.
@@ -631,40 +594,19 @@ def inertia_cell(context: Context, backend: str, model: str, side: int = 8) -> R
     return found.result(silent_up_to(made, 1.0, 256.0, but=tuple(FORESEEN.values())))
 
 
-MAPS = (
-    StabilityMap(
-        name="stability_models_area",
-        title="Largest area term of a drop (ball of 552 particles, Mueller set)",
-        quantity="coefficient as the column names it",
-        criterion="no stop, one piece, less than a tenth of the peak's kinetic energy after 6 capillary times.",
-        advice="Bound the coefficient, not the step: the runner says from where on.",
-        cells=tuple(
-            Cell(f"h = {support:g} d", column, area_cell, {"model": model, "support": support}, seconds=25.0)
-            for model, column in (("akinci", "Akinci, eps N/(gamma rho0)"), ("dong", "Dong, lambda rho0 d/sigma"))
-            for support in (2.0, 2.6)
-        ),
+MAPS = {
+    "stability_models_area": tuple(
+        Cell(f"h = {support:g} d", column, area_cell, {"model": model, "support": support}, seconds=25.0)
+        for model, column in (("akinci", "Akinci, eps N/(gamma rho0)"), ("dong", "Dong, lambda rho0 d/sigma"))
+        for support in (2.0, 2.6)
     ),
-    StabilityMap(
-        name="stability_models_coefficient",
-        title="Largest tension at a given sound speed, every model (cube of 512 particles)",
-        quantity="S = sigma/(rho0 c^2 d) of the nominal tension, cohesion balanced, Oh = 0.3",
-        criterion="no stop, one piece, less than a tenth of the peak's kinetic energy after 6 capillary times.",
-        advice="Keep S at 0.01 or below.",
-        cells=tuple(
-            Cell(words_of(model), "cube", stiffness_cell, {"model": model}, seconds=20.0) for model in HARD_MODELS
-        ),
+    "stability_models_coefficient": tuple(
+        Cell(words_of(model), "cube", stiffness_cell, {"model": model}, seconds=20.0) for model in HARD_MODELS
     ),
-    StabilityMap(
-        name="stability_models_inertia",
-        title="Lowest Ohnesorge number of a cube's start, every model (512 particles)",
-        quantity="1/Oh of the nominal tension",
-        criterion="no stop, one piece, kinetic energy within 4.5 times what the cube's surface releases nominally.",
-        advice="Give a drop an Ohnesorge number of 0.2 at least.",
-        cells=tuple(
-            Cell(words_of(model), "cube", inertia_cell, {"model": model}, seconds=20.0) for model in HARD_MODELS
-        ),
+    "stability_models_inertia": tuple(
+        Cell(words_of(model), "cube", inertia_cell, {"model": model}, seconds=20.0) for model in HARD_MODELS
     ),
-)
+}
 
 
 # The models of surface tension side by side (Jiang & Zhu, figures 3 and 6 and table 1; Dong, figure 1).
@@ -694,5 +636,5 @@ def checks(results: Results, check: Checks) -> None:
 
 EXPERIMENT = Experiment(
     name="models", title="all models of surface tension: force curves, from a cube to a ball, seconds to rest",
-    runs=planned, checks=checks, maps=MAPS,
+    runs=planned, checks=checks,
 )  # fmt: skip

@@ -31,7 +31,7 @@ from refsim.sparse_grid.reference import node_table
 from refsim.study.panels.observables import damped_cosine, deformation
 from refsim.surface_energy import Tension
 from validation.checks import Checks, Quantities
-from validation.experiment import Experiment, Family, Measure, Options, Results, Run, alike, each, every
+from validation.experiment import Experiment, Measure, Options, Results, Run, each, every
 from validation.experiments.mpm_droplet.scene import (
     CELLS,
     MODULUS,
@@ -47,7 +47,7 @@ from validation.metrics.mpm import MODULUS as BULK_MODULUS
 from validation.peers import taichi_mpm
 from validation.results import Result, real
 from validation.running import Context, note
-from validation.trials import Cell, StabilityMap, Trial, hard_case, largest_stable
+from validation.trials import Cell, Trial, hard_case, largest_stable
 
 Array = NDArray[np.float64]
 
@@ -1020,10 +1020,15 @@ def _steps(row: str) -> Callable[[Options], list[Run]]:
     """Cells of the stability map, so that they are computed once: without embedding, and with it."""
 
     def runs(options: Options) -> list[Run]:
-        cells = {(cell.row, cell.column): cell for cell in STEPS.cells}
+        cells = {(cell.row, cell.column): cell for cell in STEPS}
         chosen = [cells[name, column] for column in LIQUIDS_COMPARED for name in ("none, no inset", row)]
         return [
-            Run(f"{STEPS.name}.{c.key}", c.function, {**c.parameters, "backend": options.backend}, estimate=c.seconds)
+            Run(
+                f"stability_mpm_step.{c.key}",
+                c.function,
+                {**c.parameters, "backend": options.backend},
+                estimate=c.seconds,
+            )
             for c in chosen
         ]
 
@@ -1063,27 +1068,6 @@ def _fails(measure: Measure) -> list[float]:
     """The printed embedding, in the place of any other."""
     found = momentum(Context(), SEEDS[0]).values["thesis"]
     return measure.of({"": dict.fromkeys(READINGS, found)})
-
-
-FAMILIES = (
-    Family(
-        tuple(f"mpm_momentum_{name}" for name in ("none", "cluster", "thesis", "gradient_corrected")),
-        "Momentum could be lost between particles and grid.", "the embedding as printed, which loses it", _fails,
-    ),
-    Family(
-        ("mpm_pic_is_viscous",), "Vortices could last as long without affine matrices.", "both lose energy alike",
-        alike({"rate": 0.5}),
-    ),
-    Family(
-        ("mpm_explicit_keeps_energy",), "An implicit step could lose as little energy.", "both lose energy alike",
-        alike({"lost": 0.1}),
-    ),
-    Family(
-        ("mpm_cluster_steadies", "mpm_thesis_steadies"),
-        "Embedded points could leave the largest stable step as it is.",
-        "the same largest step", alike({"largest": 0.01}),
-    ),
-)  # fmt: skip
 
 
 # Hard cases of MPM with surface tension, outcomes of the printed readings, largest stable step of each embedding.
@@ -1459,23 +1443,15 @@ LIQUIDS: Mapping[str, dict[str, Any]] = {
     "cube, lambda 1000, k 1": {"modulus": 1000.0, "tension": 1.0, "dim": 3, "cells": 10, "until": 0.04},
 }
 PLANE = {"dim": 2, "cells": 20, "until": 0.1}
-STEPS = StabilityMap(
-    name="stability_mpm_step",
-    title="The longest stable step of each embedding, over min(h/c, sqrt(rho0 h^3/(2 pi k)))",
-    quantity="step over min(acoustic, capillary)",
-    criterion="a square of 20 cells rounds off for 0.1 s (0.03 s with k = 10), or a cube of 10 cells for 0.04 s,"
-    " without a stop and without gaining 2 % of energy.",
-    advice="Take the cluster with its inset and the runner's own step.",
-    cells=tuple(
-        Cell(
-            row, column, step_cell, {**PLANE, **given, "embedding": reading, "inset": inset},
-            100.0 if inset < 0 and given["tension"] / given["modulus"] >= 0.01 else 25.0,
-        )
-        for row, (reading, inset) in HARD_READINGS.items()
-        for column, given in LIQUIDS.items()
-    ),
+STEPS = tuple(
+    Cell(
+        row, column, step_cell, {**PLANE, **given, "embedding": reading, "inset": inset},
+        100.0 if inset < 0 and given["tension"] / given["modulus"] >= 0.01 else 25.0,
+    )
+    for row, (reading, inset) in HARD_READINGS.items()
+    for column, given in LIQUIDS.items()
 )  # fmt: skip
-MAPS = (STEPS,)
+MAPS = {"stability_mpm_step": STEPS}
 
 
 # The material point method with surface tension: transfers, drops that round off, rest, swing, meet and stand on
@@ -1710,5 +1686,5 @@ def orders(rows: list[dict[str, float]]) -> list[tuple[float, float]]:
 EXPERIMENT = Experiment(
     name="mpm_droplet",
     title="transfers of MPM, drops that round off, rest, swing, meet and stand on floors, speed beside Taichi",
-    runs=planned, checks=checks, maps=MAPS,
+    runs=planned, checks=checks,
 )  # fmt: skip

@@ -19,7 +19,7 @@ from refsim.study.runs import Reading
 from refsim.surface_energy import Tension
 from refsim.surface_energy.reconstruction import Reconstruction, Surface
 from validation.checks import Checks
-from validation.experiment import Experiment, Family, Measure, Options, Results, Run, alike
+from validation.experiment import Experiment, Measure, Options, Results, Run
 from validation.experiments.surface_reconstruction import scene
 from validation.experiments.surface_reconstruction.scene import RADII
 from validation.peers import pysplashsurf
@@ -681,39 +681,6 @@ def _same_time(measure: Measure) -> list[float]:
         for dtype in ("float32", "float64") for kind in ("mls", "gradient")
     ]  # fmt: skip
     return measure.of({"": {"rows": rows, "threads": 2}})
-
-
-FAMILIES = (
-    Family(
-        ("surface_fit_converges",), "The largest eigenvalue could be another than one.",
-        "equal weights instead of (3.7)",
-        _unweighted,
-    ),
-    Family(
-        ("surface_fit_keeps_little",), "The fit could keep as much as the normal equations take.",
-        "a fit that keeps as much", alike({"kept_share": 1.0}),
-    ),
-    Family(
-        ("surface_facets_are_slivers",), "Marching cubes could make well-shaped triangles.", "equilateral triangles",
-        _equilateral,
-    ),
-    Family(
-        ("surface_fit_smooths_normals",), "Fitted normals could jump as much as those of facets.", "both jump alike",
-        alike({"jump_mls": 0.2, "jump_facets": 0.2}),
-    ),
-    Family(
-        ("surface_mls_as_good_as_gradient",), "MLS normals could be farther from the surface's than the gradient's.",
-        "normals in random directions", _random_normals,
-    ),
-    Family(
-        (
-            "surface_fit_scales", "surface_fit_beats_gradients", "surface_fit_beats_factors", "surface_mls_is_cheaper",
-            "surface_mls_is_cheaper_on_gpu", "surface_mls_takes_fewer_registers",
-        ),
-        "The program could take as long, or as many registers, as the one that it is compared with.",
-        "both take the same", _same_time,
-    ),
-)  # fmt: skip
 
 
 # A surface out of particles: how good its normals are, how the fit converges, how good the mesh is, what it costs.
