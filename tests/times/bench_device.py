@@ -14,6 +14,7 @@ from refsim.backends import device
 from refsim.backends.arrays import choose
 from refsim.backends.compile import cuda, cuda_kernel
 from validation import limits, timed
+from validation.peers import missing
 
 SIZES = {"60k": 39, "1M": 100, "8M": 200}  # particles along the edge of a cube
 WARM = 60
@@ -176,8 +177,8 @@ def test_table(on_device, tiny, backend):
 @cuda_alone
 @sizes
 def test_beside_warp(reading, benchmark, tiny, size, backend):
-    if limits.warp_sph.missing():
-        pytest.skip(limits.warp_sph.missing())
+    if reason := missing("warp_sph"):
+        pytest.skip(reason)
     found = {}
 
     def in_turns():

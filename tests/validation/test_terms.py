@@ -3,6 +3,7 @@
 import pytest
 
 from validation.experiments.solutions import runs as case
+from validation.peers import missing
 from validation.running import Context
 
 SMALL = {"side": 6, "seed": 2}
@@ -26,7 +27,7 @@ def _judged(program):
 
 @pytest.mark.parametrize("program", case.COMPARED)
 def test_terms_of_a_program(program):
-    if reason := case.PEERS[program].missing():
+    if reason := missing(case.PEERS[program]):
         pytest.skip(reason)
     result, failed = _judged(program)
     assert not failed

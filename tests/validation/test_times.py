@@ -10,9 +10,10 @@ import pytest
 
 from refsim import Simulation, make_plan
 from validation import limits, timed, times
+from validation.peers import missing
 
 
-@pytest.mark.skipif(bool(limits.warp_sph.missing()), reason=limits.warp_sph.missing())
+@pytest.mark.skipif(bool(missing("warp_sph")), reason=missing("warp_sph"))
 def test_accelerations_of_the_disturbed_cube_are_warps():
     assert 0 < limits.disturbed_difference(5, "cpu", "cpu") < limits.LARGEST_DIFFERENCE
 

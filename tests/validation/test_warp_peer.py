@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from refsim import Akinci2013, Box, Cloud, JiangZhu2023, Scene, Simulation, WeaklyCompressible, make_plan
+from validation import peers
 from validation.peers import warp_sph
 
 EDGE, SPACING, STEP = 6, 1 / 6, 1e-3
@@ -27,7 +28,7 @@ def plan(dtype="float32"):
     )
 
 
-@pytest.mark.skipif(bool(warp_sph.missing()), reason=warp_sph.missing())
+@pytest.mark.skipif(bool(peers.missing("warp_sph")), reason=peers.missing("warp_sph"))
 def test_the_same_accelerations_and_the_same_motion():
     peer = warp_sph.run(plan(), STEP, warm=2, steps=7, every=3, accelerations=True)
     assert "missing" not in peer, peer
@@ -60,5 +61,6 @@ def test_another_scene_is_refused(change):
 
 
 def test_left_out_with_its_reason(monkeypatch):
-    monkeypatch.setattr(warp_sph, "lacking", lambda module, package: f"{package} is not installed")
-    assert warp_sph.run(plan(), STEP, 1, 1, 1) == {"missing": "warp-lang==1.19.0 is not installed"}
+    monkeypatch.setitem(peers.PROGRAMS, "warp_sph", ("Warp", "no_such_module", "warp-lang"))
+    reason = "warp-lang is not installed; run pip install warp-lang"
+    assert warp_sph.run(plan(), STEP, 1, 1, 1) == {"missing": reason}

@@ -1,18 +1,19 @@
 """Other programs on the same work, each in a process of its own.
 
-A module of this package is one program: its `run` calls `launch`, which starts `python -m validation.peers.<module>` in
-an empty folder; there `answer` calls the module's work with what `run` gave and stores what it returns.
+A module of this package is one program: its `run` calls `launch`, which starts `python -m validation.peers MODULE` in
+an empty folder; there the module's `work` gets what `run` gave, and what it returns is stored with the version.
 """
 
 from __future__ import annotations
 
+import importlib.metadata
 import importlib.util
 import json
 import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -21,32 +22,42 @@ import numpy as np
 ROOT = Path(__file__).resolve().parent.parent.parent
 
 
-def lacking(module: str, package: str) -> str:
+PROGRAMS = {  # by module: the program in words, what it is imported as, and its distribution
+    "libigl": ("libigl", "igl", "libigl"), "pysph_terms": ("PySPH", "pysph", "pysph"),
+    "pysplashsurf": ("pysplashsurf", "pysplashsurf", "pysplashsurf"), "taichi_mpm": ("Taichi", "taichi", "taichi"),
+    "warp_sph": ("Warp", "warp", "warp-lang"), "warp_terms": ("Warp", "warp", "warp-lang"),
+} | dict.fromkeys(
+    ("splishsplash", "splishsplash_sampling", "splishsplash_terms"),
+    ("SPlisHSPlasH", "pysplishsplash", "pySPlisHSPlasH"),
+)  # fmt: skip
+
+
+def missing(module: str) -> str:
     """Why a program cannot run here, or ""."""
-    installed = importlib.util.find_spec(module) is not None
-    return "" if installed else f"{package} is not installed; run pip install {package}"
+    _, name, package = PROGRAMS[module]
+    there = importlib.util.find_spec(name) is not None
+    return "" if there else f"{package} is not installed; run pip install {package}"
 
 
 def launch(
-    program: str, words: str, given: Mapping[str, Any], environment: Mapping[str, str], limit: float = 300.0,
-    missing: str = "",
-) -> dict[str, Any]:  # fmt: skip
-    """What the work of a program returns in a process of its own, or {"missing": why}.
+    module: str, given: Mapping[str, Any], environment: Mapping[str, str] | None = None, limit: float = 300.0
+) -> dict[str, Any]:
+    """What the work of a program returns in a process of its own, with its "version", or {"missing": why}.
 
-    program  the module's name; words: the program's. given: its parameters, plain values and arrays
-    limit    seconds that it may take; missing: why it cannot run, or ""
+    given  its parameters, plain values and arrays; limit: seconds that it may take
     """
-    if missing:
-        return {"missing": missing}
+    if why := missing(module):
+        return {"missing": why}
+    words = PROGRAMS[module][0]
     paths = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH", "")]))
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         _write(folder, "given", given)
         try:
             done = subprocess.run(
-                [sys.executable, "-m", f"validation.peers.{program}"],
-                cwd=name, env={**os.environ, "PYTHONPATH": paths, **environment}, capture_output=True, text=True,
-                timeout=limit, check=False,
+                [sys.executable, "-m", "validation.peers", module],
+                cwd=name, env={**os.environ, "PYTHONPATH": paths, **(environment or {})}, capture_output=True,
+                text=True, timeout=limit, check=False,
             )  # fmt: skip
         except (OSError, subprocess.TimeoutExpired) as error:
             return {"missing": f"{words} did not run ({error})"}
@@ -56,9 +67,10 @@ def launch(
         return _read(folder, "answer")
 
 
-def answer(work: Callable[..., Mapping[str, Any]]) -> None:
+def answer(module: str) -> None:
     """In the program's process: do the work on what was given, and leave the answer in the working folder."""
-    _write(Path(), "answer", work(**_read(Path(), "given")))
+    found = importlib.import_module(f"{__name__}.{module}").work(**_read(Path(), "given"))
+    _write(Path(), "answer", {**found, "version": importlib.metadata.version(PROGRAMS[module][2])})
 
 
 def _write(folder: Path, name: str, values: Mapping[str, Any]) -> None:

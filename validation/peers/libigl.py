@@ -5,19 +5,12 @@ Its pseudonormal sign, which is right on every closed mesh. Building its tree is
 
 from __future__ import annotations
 
-import importlib.metadata
-import importlib.util
 import time
 from typing import Any
 
 import numpy as np
 
-from validation.peers import answer, lacking, launch
-
-
-def missing() -> str:
-    """Why the program cannot run here, or ""."""
-    return lacking("igl", "libigl")
+from validation.peers import launch
 
 
 def run(vertices: np.ndarray, faces: np.ndarray, place: np.ndarray, threads: int) -> dict[str, Any]:
@@ -27,7 +20,7 @@ def run(vertices: np.ndarray, faces: np.ndarray, place: np.ndarray, threads: int
     """
     environment = {"OMP_NUM_THREADS": str(threads), "IGL_NUM_THREADS": str(threads)}
     given = {"vertices": vertices, "faces": faces, "place": place}
-    return launch("libigl", "libigl", given, environment, missing=missing())
+    return launch("libigl", given, environment)
 
 
 def work(vertices: np.ndarray, faces: np.ndarray, place: np.ndarray) -> dict[str, Any]:
@@ -43,11 +36,4 @@ def work(vertices: np.ndarray, faces: np.ndarray, place: np.ndarray) -> dict[str
     began = time.perf_counter()
     found = igl.signed_distance(place, vertices, faces, sign_type=kind)
     spent = max(time.perf_counter() - began - tree, 0.0)  # the tree is built once for a field of any size
-    version = importlib.metadata.version("libigl")
-    return {
-        "seconds_per_query": spent / len(place), "tree": tree, "distance": np.asarray(found[0]), "version": version,
-    }  # fmt: skip
-
-
-if __name__ == "__main__":
-    answer(work)
+    return {"seconds_per_query": spent / len(place), "tree": tree, "distance": np.asarray(found[0])}

@@ -6,19 +6,13 @@ Cubic spline throughout.
 
 from __future__ import annotations
 
-import importlib.metadata
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from validation.peers import answer, lacking, launch
-
-
-def missing() -> str:
-    """Why the program cannot run here, or ""."""
-    return lacking("pysph", "pysph")
+from validation.peers import launch
 
 
 def run(position: NDArray, velocity: NDArray, threads: int, **settings: float) -> dict[str, Any]:
@@ -34,10 +28,10 @@ def run(position: NDArray, velocity: NDArray, threads: int, **settings: float) -
     "morris"    `LaminarViscosity`, along the difference of velocities
     """
     given = {"position": position, "velocity": velocity, **settings}
-    return launch("pysph_terms", "PySPH", given, {"OMP_NUM_THREADS": str(threads)}, 400.0)
+    return launch("pysph_terms", given, {"OMP_NUM_THREADS": str(threads)}, 400.0)
 
 
-def terms(
+def work(
     position: NDArray, velocity: NDArray, support: float, mass: float, density: float, sound: float, viscosity: float
 ) -> Mapping[str, Any]:
     """Evaluate the equations in this process."""
@@ -85,11 +79,4 @@ def terms(
         return np.stack([getattr(clouds[name], part) for part in parts], axis=1)
 
     accelerations = {name: vectors(name, "au", "av", "aw") for name in equations if name != "normal"}
-    return {
-        "density": np.array(liquid.rho), "normal": vectors("normal", "cx", "cy", "cz"), **accelerations,
-        "version": importlib.metadata.version("pysph"),
-    }  # fmt: skip
-
-
-if __name__ == "__main__":
-    answer(terms)
+    return {"density": np.array(liquid.rho), "normal": vectors("normal", "cx", "cy", "cz"), **accelerations}

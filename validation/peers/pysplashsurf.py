@@ -11,24 +11,17 @@ normals the smoothing length is three radii: with two, the jittered particles en
 
 from __future__ import annotations
 
-import importlib.metadata
-import importlib.util
 import time
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from validation.peers import answer, lacking, launch
+from validation.peers import launch
 
 THRESHOLD = 0.6
 REPEATS = 3
 LASTS = 0.05  # s of a reading of the normals, at least
-
-
-def missing() -> str:
-    """Why the program cannot run here, or ""."""
-    return lacking("pysplashsurf", "pysplashsurf")
 
 
 def run(position: np.ndarray, cell_size: float, threads: int) -> dict[str, Any]:
@@ -52,7 +45,7 @@ def run_normals(position: np.ndarray, cell_size: float, share: float, smoothing:
 
 
 def _launch(given: Mapping[str, Any], threads: int) -> dict[str, Any]:
-    return launch("pysplashsurf", "pysplashsurf", given, {"RAYON_NUM_THREADS": str(threads)}, missing=missing())
+    return launch("pysplashsurf", given, {"RAYON_NUM_THREADS": str(threads)})
 
 
 def surface(position: np.ndarray, cell: float) -> dict[str, Any]:
@@ -97,9 +90,4 @@ def normals(position: np.ndarray, cell: float, share: float, smoothing: int) -> 
 
 def work(work: str, **given: Any) -> dict[str, Any]:
     """Either of both."""
-    found = {"surface": surface, "normals": normals}[work](**given)
-    return {**found, "version": importlib.metadata.version("pysplashsurf")}
-
-
-if __name__ == "__main__":
-    answer(work)
+    return {"surface": surface, "normals": normals}[work](**given)

@@ -12,8 +12,6 @@ Coefficients are set through its own interface: what a scene file says of them i
 from __future__ import annotations
 
 import ctypes.util
-import importlib.metadata
-import importlib.util
 import json
 import os
 import time
@@ -21,7 +19,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from validation.peers import answer, lacking, launch
+from validation.peers import launch
 
 CELLS = 47  # spacings along 1 m
 SPIN = 5.0  # rad/s
@@ -31,11 +29,6 @@ STIFFNESS = 9e5  # rho0 c^2 [Pa], exponent 1
 VISCOSITY = 0.01  # kinematic [m^2/s]
 GAP = 0.25  # spacings more than one from the tank's particles: without it the corner is too dense and is shot off
 WARM = 3  # steps that are not counted
-
-
-def missing() -> str:
-    """Why the program cannot run here, or ""."""
-    return lacking("pysplishsplash", "pySPlisHSPlasH")
 
 
 def run(side: int, steps: int, threads: int, tension: float = 0.0) -> dict[str, Any]:
@@ -81,7 +74,7 @@ def graphics_libraries() -> dict[str, str]:
 def launched(program: str, given: Mapping[str, Any], threads: int, limit: float = 300.0) -> dict[str, Any]:
     """What a module of this program answers."""
     environment = {"OMP_NUM_THREADS": str(threads), **graphics_libraries()}
-    return launch(program, "SPlisHSPlasH", given, environment, limit)
+    return launch(program, given, environment, limit)
 
 
 WCSPH = {"simulationMethod": 0, "cflMethod": 0}
@@ -234,9 +227,4 @@ def simulator(peer: Any, scene: Mapping[str, Any], **options: Any) -> Any:
 
 def work(work: str, **given: Any) -> dict[str, Any]:
     """One of the three."""
-    found = {"block": block, "drop": drop, "column": column}[work](**given)
-    return {**found, "version": importlib.metadata.version("pySPlisHSPlasH")}
-
-
-if __name__ == "__main__":
-    answer(work)
+    return {"block": block, "drop": drop, "column": column}[work](**given)

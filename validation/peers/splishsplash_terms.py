@@ -6,18 +6,13 @@ radius of two spacings, its standard viscosity, its surface tension of Akinci et
 
 from __future__ import annotations
 
-import importlib.metadata
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from validation.peers import answer
-from validation.peers.splishsplash import WCSPH, coefficients, launched, missing, scene, simulator
-
-__all__ = ["missing", "run"]
-
+from validation.peers.splishsplash import WCSPH, coefficients, launched, scene, simulator
 
 STEP = 1e-6  # s: fields of the beginning of the first step are read, so that its length does not matter
 
@@ -37,7 +32,7 @@ def run(position: NDArray, velocity: NDArray, threads: int, **settings: float) -
     return launched("splishsplash_terms", given, threads, 120.0)
 
 
-def terms(
+def work(
     position: NDArray, velocity: NDArray, spacing: float, density: float, stiffness: float, viscosity: float,
     tension: float,
 ) -> Mapping[str, Any]:  # fmt: skip
@@ -70,9 +65,4 @@ def terms(
     return {
         "density": field("density"), "pressure": pressure, "other": both - pressure, "normal": normal,
         "support": float(simulation.getSupportRadius()), "mass": density * float(fluid.getVolume(0)),
-        "version": importlib.metadata.version("pySPlisHSPlasH"),
     }  # fmt: skip
-
-
-if __name__ == "__main__":
-    answer(terms)

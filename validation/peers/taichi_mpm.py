@@ -13,12 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from validation.peers import answer, lacking, launch
-
-
-def missing() -> str:
-    """Why the program cannot run here, or ""."""
-    return lacking("taichi", "taichi")
+from validation.peers import launch
 
 
 def run(block: dict[str, Any], threads: int, arch: str = "cpu") -> dict[str, Any]:
@@ -30,7 +25,7 @@ def run(block: dict[str, Any], threads: int, arch: str = "cpu") -> dict[str, Any
            "order" (of the particles in memory, see `places`; "lattice" if left out)
     """
     given = {**block, "threads": threads, "arch": arch}
-    return launch("taichi_mpm", "Taichi", given, {"TI_LOG_LEVEL": "error"})
+    return launch("taichi_mpm", given, {"TI_LOG_LEVEL": "error"})
 
 
 def places(cells: int, spacing: float, order: str) -> np.ndarray:
@@ -138,9 +133,4 @@ def work(**spec: Any) -> dict[str, Any]:
     return {
         "particles": n, "seconds": float(np.mean(spent[spec["warm"] :])), "centre": place.mean(0).tolist(),
         "speed": float(np.sqrt((velocity**2).sum(1).mean())), "ratio": float(ratio.to_numpy().astype(float).std()),
-        "version": ".".join(map(str, ti.__version__)),
     }  # fmt: skip
-
-
-if __name__ == "__main__":
-    answer(work)

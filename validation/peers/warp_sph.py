@@ -25,14 +25,9 @@ from typing import Any
 import numpy as np
 
 from refsim.smoothing.shapes import WENDLAND_C2
-from validation.peers import answer, lacking, launch
+from validation.peers import launch
 
 RECORDED = 200_000  # particles at most whose steps are recorded: more take milliseconds, launches tens of microseconds
-
-
-def missing() -> str:
-    """Why the program cannot run here, or ""."""
-    return lacking("warp", "warp-lang==1.19.0")
 
 
 def coefficients(plan: Any) -> dict[str, float]:
@@ -81,7 +76,7 @@ def run(
         "step": step, "skin": skin, "warm": warm, "steps": steps, "every": every, "device": device,
         "accelerations": accelerations, "busy": busy,
     }  # fmt: skip
-    return launch("warp_sph", "Warp", given, {}, 200.0, missing())
+    return launch("warp_sph", given, limit=200.0)
 
 
 def programs() -> tuple[Any, ...]:
@@ -255,9 +250,5 @@ def work(
             why = f"{type(error).__name__}: {error}".splitlines()[0][:200]
     return {
         **found, "particles": n, "seconds": seconds, "speed": speed, "centre": centre, "graph": why,
-        "version": wp.__version__, "device": str(wp.get_device(device).name),
+        "device": str(wp.get_device(device).name),
     }  # fmt: skip
-
-
-if __name__ == "__main__":
-    answer(work)

@@ -5,19 +5,13 @@ In a process of its own, on the CPU, in single precision: its kernels poly6, spi
 
 from __future__ import annotations
 
-import importlib.metadata
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from validation.peers import answer, lacking, launch
-
-
-def missing() -> str:
-    """Why the program cannot run here, or ""."""
-    return lacking("warp", "warp-lang")
+from validation.peers import launch
 
 
 def run(position: NDArray, velocity: NDArray, **settings: float) -> dict[str, Any]:
@@ -28,10 +22,10 @@ def run(position: NDArray, velocity: NDArray, **settings: float) -> dict[str, An
 
     The pressure c^2 (rho - rho0) may be negative.
     """
-    return launch("warp_terms", "Warp", {"position": position, "velocity": velocity, **settings}, {}, 300.0)
+    return launch("warp_terms", {"position": position, "velocity": velocity, **settings})
 
 
-def terms(
+def work(
     position: NDArray, velocity: NDArray, support: float, mass: float, density: float, sound: float, viscosity: float
 ) -> Mapping[str, Any]:
     """Launch the example's kernels in this process."""
@@ -62,9 +56,4 @@ def terms(
         "density": rho.numpy().astype(float),
         "pressure": acceleration(spiky, 0.0),
         "viscous": acceleration(0.0, friction * viscosity * mass / support**6),
-        "version": importlib.metadata.version("warp-lang"),
     }
-
-
-if __name__ == "__main__":
-    answer(terms)

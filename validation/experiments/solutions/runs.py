@@ -39,7 +39,7 @@ from validation.checks import Checks
 from validation.experiment import Experiment, Options, Results, Run
 from validation.experiments.solutions import scene
 from validation.experiments.viscosity import runs as spinning
-from validation.peers import pysph_terms, splishsplash_terms, warp_terms
+from validation.peers import missing, pysph_terms, splishsplash_terms, warp_terms
 from validation.results import Result
 from validation.running import Context, advance
 
@@ -585,7 +585,7 @@ EQUAL = {  # terms for which the program has refsim's formula
     "warp": ("density", "viscous"),
 }
 DOUBLE = ("pysph",)  # programs in double precision
-PEERS = {"splishsplash": splishsplash_terms, "pysph": pysph_terms, "warp": warp_terms}
+PEERS = {"splishsplash": "splishsplash_terms", "pysph": "pysph_terms", "warp": "warp_terms"}  # modules
 Fields = dict[str, NDArray]
 
 
@@ -866,7 +866,7 @@ def planned(options: Options) -> list[Run]:
         *_solved(options.backend),
         *(Run(key, function, {**parameters, "backend": options.backend}, estimate=10.0)
           for key, (function, parameters, _) in VARIED.items()),
-        *(Run(f"terms_{program}", compare, PEER, skip=without or PEERS[program].missing())
+        *(Run(f"terms_{program}", compare, PEER, skip=without or missing(PEERS[program]))
           for program, compare in COMPARED.items()),
     ]  # fmt: skip
 
