@@ -75,8 +75,6 @@ def add_commands(made: argparse.ArgumentParser) -> None:
     part.add_argument("--write", action="store_true", help="write the table into docs/study.md")
     part = add("mass_ratio", "prints by how much the energy rises, by ratio of particle masses and scene", mass_ratios)
     part.add_argument("kinds", nargs="*", help="scenes whose names contain one of these words; all by default")
-    part = add("drop_density", "prints how far small drops are from the rest density, by model and tension", densities)
-    part.add_argument("models", nargs="*", help="models whose names contain one of these words; all by default")
     add("states", "computes the stored moments of the dam break anew (some minutes)", store_states)
 
 
@@ -187,17 +185,6 @@ def time_steps(given: argparse.Namespace) -> int:
         print(f"{row['key']:<58} {words} {row['unstable']}")
     drop_seconds.write(kind, rows, where, given.output)
     print(f"{len(rows)} drops, {time.perf_counter() - began:.0f} s, {where['machine']}, load {where['load']}")
-    return 0
-
-
-def densities(given: argparse.Namespace) -> int:
-    """Print the table."""
-    from validation.measure.drop_density import STIFFNESSES, TENSIONS, row
-
-    print(f"| model | {' | '.join(f'S = {s:g}' for s in STIFFNESSES)} |")
-    for name in TENSIONS:
-        if not given.models or any(word in name for word in given.models):
-            print(f"| {name} | {' | '.join(row(name))} |", flush=True)
     return 0
 
 
