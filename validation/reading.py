@@ -51,17 +51,17 @@ def processor() -> str:
 @functools.cache
 def commit() -> str | None:
     """Git commit of the sources; None outside a checkout."""
-    return _told("git", "-C", str(Path(__file__).resolve().parent), "rev-parse", "HEAD")
+    return told("git", "-C", str(Path(__file__).resolve().parent), "rev-parse", "HEAD")
 
 
 def device() -> dict[str, str]:
     """Name and driver of the CUDA device, as the driver's own library tells them."""
     words = ("name", "driver_version")
-    told = _told("nvidia-smi", f"--query-gpu={','.join(words)}", "--format=csv,noheader") or ""
-    return dict(zip(words, (part.strip() for part in told.partition("\n")[0].split(","))))
+    said = told("nvidia-smi", f"--query-gpu={','.join(words)}", "--format=csv,noheader") or ""
+    return dict(zip(words, (part.strip() for part in said.partition("\n")[0].split(","))))
 
 
-def _told(*command: str) -> str | None:
+def told(*command: str) -> str | None:
     """What a program prints; None where it is not there or fails."""
     try:
         return subprocess.run(command, capture_output=True, text=True, timeout=20, check=True).stdout.strip()

@@ -16,9 +16,8 @@ import warnings
 from pathlib import Path
 from typing import Any
 
-from validation.attack.checkpoints import damage
+from validation.attack.checkpoints import HOW, damage, drawn_damage
 
-HOW = ("bit", "bit", "byte", "zeros", "noise", "cut", "longer", "empty", "gone", "folder", "doubled", "swapped")
 KERNEL = """from refsim.backends.compile import cpu_kernel
 
 
@@ -32,7 +31,7 @@ def kernel(values):
 def make(seed: int, number: int) -> dict[str, Any]:
     """Index or code, and a damage."""
     draw = random.Random(f"caches {seed} {number}")
-    one = {"how": draw.choice(HOW), "at": draw.random(), "length": draw.random() ** 3, "value": draw.randrange(256)}
+    one = drawn_damage(draw, ("bit", *HOW))
     return {"file": draw.choice(("nbi", "nbc")), "damages": [one]}
 
 

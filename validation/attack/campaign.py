@@ -6,7 +6,6 @@ import argparse
 import datetime
 import json
 import os
-import subprocess
 import sys
 import time
 from collections import Counter
@@ -16,6 +15,7 @@ from typing import Any
 
 from refsim.core.errors import InputError
 from refsim.core.versions import versions
+from validation import reading
 from validation.attack import BAD, GOOD, KINDS
 from validation.attack.pool import Ended, carry_out, perform
 
@@ -48,18 +48,10 @@ def mixed(only: Sequence[str], scale: float) -> Iterator[tuple[str, int]]:
             yield from tasks[i * len(tasks) // rounds : (i + 1) * len(tasks) // rounds]
 
 
-def commit(*beside: str) -> str:
-    """The commit of this checkout, with "+" if files but those `beside` were changed; "unknown" outside of one."""
-    git = ["git", "-C", str(Path(__file__).parent)]
-    try:
-        name = subprocess.run([*git, "rev-parse", "HEAD"], capture_output=True, text=True, check=True).stdout.strip()
-        others = [":/", *(f":(top,exclude){path}" for path in beside)]
-        dirty = subprocess.run(
-            [*git, "status", "--porcelain", "-uno", "--", *others], capture_output=True, text=True
-        ).stdout.strip()
-    except (OSError, subprocess.CalledProcessError):
-        return "unknown"
-    return name + ("+" if dirty else "")
+def commit() -> str:
+    """The commit of this checkout, with "+" if files were changed; "unknown" outside of one."""
+    name, changed = reading.commit(), reading.told("git", "-C", str(FINDINGS), "status", "--porcelain", "-uno")
+    return "unknown" if name is None else f"{name}{'+' * bool(changed)}"
 
 
 def store(found: Ended, seed: int, folder: Path, date: str) -> Path:

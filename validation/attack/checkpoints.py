@@ -10,12 +10,14 @@ import functools
 import random
 import shutil
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from validation.attack.commands import (
     compared,
     here,
+    ill,
     last_lines,
     reference,
     resume_command,
@@ -77,15 +79,17 @@ rest_density = 1000.0
 
 
 def make(seed: int, number: int) -> dict[str, Any]:
-    """A file, a damage and how the run goes on; `at` and `length` are shares of the file."""
+    """A file, a damage and how the run goes on."""
     draw = random.Random(f"checkpoints {seed} {number}")
     names, weights = zip(*(RUN_FILES + INPUTS))
     file = draw.choices(names, weights)[0]
-    damages = [
-        {"how": draw.choice(HOW), "at": draw.random(), "length": draw.random() ** 3, "value": draw.randrange(256)}
-        for _ in range(draw.choice((1, 1, 1, 2)))
-    ]
+    damages = [drawn_damage(draw) for _ in range(draw.choice((1, 1, 1, 2)))]
     return {"file": file, "damages": damages, "resume": draw.choice(("folder", "folder", "file"))}
+
+
+def drawn_damage(draw: random.Random, how: Sequence[str] = HOW) -> dict[str, Any]:
+    """A damage; `at` and `length` are shares of the file."""
+    return {"how": draw.choice(how), "at": draw.random(), "length": draw.random() ** 3, "value": draw.randrange(256)}
 
 
 def damage(path: Path, damages: list[dict[str, Any]]) -> None:
@@ -112,7 +116,7 @@ def damage(path: Path, damages: list[dict[str, Any]]) -> None:
         elif how == "doubled":
             content += bytes(content)
         elif how == "swapped":
-            content[place:] = content[place:] + content[:0] if place == 0 else content[place:] + content[:place]
+            content[place:] = content[place:] + content[:place]
         path.unlink(missing_ok=True) if not path.is_dir() else shutil.rmtree(path)
         if how == "folder":
             path.mkdir()
@@ -141,7 +145,7 @@ def perform(trial: dict[str, Any], folder: Path) -> tuple[str, str]:
             return "lost", f"one of two checkpoints is whole, and the folder is refused: {words}"
         outcome, words = here(resume_command(run, *until))
         if outcome != "0":
-            return ("lost" if outcome in "234" else outcome), f"the folder was refused after the file: {words}"
+            return ill(outcome), f"the folder was refused after the file: {words}"
     if outcome == "0":
         frames_kept = not about.startswith("particles")  # raw positions in a frame carry no digest
         wanted = whole if frames_kept else {"state": whole["state"]}
@@ -175,7 +179,7 @@ def _input(trial: dict[str, Any], folder: Path) -> tuple[str, str]:
 def _base() -> tuple[Path, dict[str, Any]]:
     """(folder of a run stopped in the middle with two checkpoints, what the whole run reaches); once a process."""
     folder = Path(tempfile.mkdtemp(prefix="refsim-attack-"))
-    whole = reference(folder, "--backend", "numpy", "--until", END)
+    whole = reference("--backend", "numpy", "--until", END)
     scene = write_tank(folder)
     half = folder / "half"
     arguments = run_command(scene, half, "--backend", "numpy", "--until", HALF, "--checkpoint-every", "0.02")

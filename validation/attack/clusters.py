@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from validation.attack import stores
-from validation.attack.commands import ROOT, apart, ended, here
+from validation.attack.commands import ROOT, apart, ended, here, ill
 
 WORKERS = 2
 LONGEST = 12.0  # s until a kill
@@ -53,10 +53,10 @@ def perform(trial: dict[str, Any], folder: Path) -> tuple[str, str]:
                 os.killpg(process.pid, signal.SIGKILL)
             process.wait()
     if outcome not in ("0", "3") and not (outcome == "2" and trial["killed"] == "scheduler"):  # it never connected
-        return ("code" if outcome in "24" else outcome), said
+        return ill(outcome, "code"), said
     again, more = here(stores.command("sweep", folder))
     if again != "0":
-        return ("lost" if again in "234" else again), more
+        return ill(again), more
     whole, found = stores.values(stores.base("sweep") / "sweep"), stores.values(folder / "sweep")
     return (outcome, said) if found == whole else ("lost", f"{found} and not {whole}")
 

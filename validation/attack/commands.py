@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import io
 import os
 import subprocess
 import sys
+import tempfile
 import traceback
 import warnings
 from collections.abc import Mapping, Sequence
@@ -14,6 +16,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from validation.attack import GOOD
 
 ROOT = Path(__file__).parents[2]
 TANK = """name = "tank"
@@ -100,6 +104,11 @@ def verdict(code: int, err: str) -> tuple[str, str]:
     return str(code), said[0] if said else ""
 
 
+def ill(outcome: str, finding: str = "lost") -> str:
+    """The finding that an outcome is which ought to be another one: itself if it is one, else `finding`."""
+    return finding if outcome in GOOD else outcome
+
+
 def last_lines(text: str) -> str:
     """The beginning and the end of a long text."""
     return text.strip() if len(text) <= 3000 else f"{text[:1500]}\n...\n{text[-1500:]}".strip()
@@ -157,9 +166,10 @@ def compared(run: Path, whole: Mapping[str, Any]) -> tuple[str, str]:
     return "0", ""
 
 
-def reference(folder: Path, *more: str) -> dict[str, Any]:
-    """The uninterrupted run: its final state and frames."""
-    folder.mkdir(parents=True, exist_ok=True)
+@functools.cache
+def reference(*more: str) -> dict[str, Any]:
+    """The uninterrupted run: its final state and frames; once a process."""
+    folder = Path(tempfile.mkdtemp(prefix="refsim-attack-"))
     outcome, words = here(run_command(write_tank(folder), folder / "whole", *more))
     if outcome != "0":
         raise RuntimeError(f"the run without an attack failed: {outcome}: {words}")

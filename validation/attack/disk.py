@@ -14,7 +14,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from validation.attack.commands import compared, reference, resume_command, run_command, verdict, write_tank
+from validation.attack.commands import compared, here, ill, reference, resume_command, run_command, verdict, write_tank
 
 LIMITED = """import resource, sys
 resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[1]), resource.RLIM_INFINITY))
@@ -36,7 +36,7 @@ def make(seed: int, number: int) -> dict[str, Any]:
 
 def perform(trial: dict[str, Any], folder: Path) -> tuple[str, str]:
     """Run on the small disk, then go on without it."""
-    whole = _whole()
+    whole = reference("--backend", "numpy")
     scene, kept = write_tank(folder), folder / "kept"
     kept.mkdir()
     every = ("--checkpoint-every", str(trial["checkpoint_every"]))
@@ -54,14 +54,12 @@ def perform(trial: dict[str, Any], folder: Path) -> tuple[str, str]:
         done = subprocess.run(command, capture_output=True, text=True, timeout=100)
         outcome, words = verdict(done.returncode, done.stderr)
     if outcome not in ("0", "3"):
-        return ("code" if outcome in ("2", "4") else outcome), words
-    from validation.attack.commands import here
-
+        return ill(outcome, "code"), words
     there = any((run / name).exists() for name in ("checkpoint.h5", "checkpoint.previous.h5"))
     again = resume_command(run) if there else run_command(scene, run, "--backend", "numpy", "--overwrite")
     second, later = here(again)
     if second != "0":
-        return ("lost" if second in ("2", "3", "4") else second), f"{words} Then: {later}"
+        return ill(second), f"{words} Then: {later}"
     same = compared(run, whole)
     return same if same[0] != "0" else (outcome, words)
 
@@ -83,8 +81,3 @@ def _namespace() -> tuple[str, ...]:
             if test.returncode == 0:
                 return command
     return ()
-
-
-@functools.cache
-def _whole() -> dict[str, Any]:
-    return reference(Path(tempfile.mkdtemp(prefix="refsim-attack-")), "--backend", "numpy")

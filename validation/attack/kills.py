@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import functools
 import random
-import tempfile
 import time
 from pathlib import Path
 from typing import Any
 
-from validation.attack.commands import apart, compared, ended, reference, resume_command, run_command, write_tank
+from validation.attack.commands import apart, compared, ended, ill, reference, resume_command, run_command, write_tank
 
 LONGEST = 3.0  # s until a kill; a whole run takes about as long
 
@@ -26,7 +24,7 @@ def make(seed: int, number: int) -> dict[str, Any]:
 
 def perform(trial: dict[str, Any], folder: Path) -> tuple[str, str]:
     """Kill, go on, and compare with the uninterrupted run."""
-    whole = _whole(trial["backend"])
+    whole = reference("--backend", trial["backend"])
     run, scene = folder / "run", write_tank(folder)
     for delay in trial["delays"]:
         process = apart(_next(scene, run, trial))
@@ -39,15 +37,11 @@ def perform(trial: dict[str, Any], folder: Path) -> tuple[str, str]:
         else:
             outcome, words = ended(process)
             if outcome != "0":
-                return _refused(outcome), words
+                return ill(outcome), words
     outcome, words = ended(apart(_next(scene, run, trial)))
     if outcome != "0":
-        return _refused(outcome), words
+        return ill(outcome), words
     return compared(run, whole)
-
-
-def _refused(outcome: str) -> str:
-    return "lost" if outcome in ("2", "3", "4") else outcome
 
 
 def _next(scene: Path, run: Path, trial: dict[str, Any]) -> list[str]:
@@ -56,8 +50,3 @@ def _next(scene: Path, run: Path, trial: dict[str, Any]) -> list[str]:
     if any((run / name).exists() for name in ("checkpoint.h5", "checkpoint.previous.h5")):
         return resume_command(run, *more)
     return run_command(scene, run, "--backend", trial["backend"], "--overwrite", *more)
-
-
-@functools.cache
-def _whole(backend: str) -> dict[str, Any]:
-    return reference(Path(tempfile.mkdtemp(prefix="refsim-attack-")), "--backend", backend)

@@ -12,7 +12,7 @@ import subprocess
 from pathlib import Path
 from typing import Any
 
-from validation.attack.commands import apart, last_lines, verdict
+from validation.attack.commands import apart, ill, last_lines, verdict
 
 SOUND = "def gravity(field, acceleration):\n    acceleration += field\n"
 PROGRAMS = "PROGRAMS = {'sph.state': broken, 'sph.gravity': gravity}\n"
@@ -162,7 +162,7 @@ def perform(trial: dict[str, Any], folder: Path) -> tuple[str, str]:
     outcome, said = verdict(process.returncode, quiet)
     wanted = {"import": "2", "table": "2", "program": "4", "harmless": "0"}[group]
     if outcome != wanted:
-        return ("code" if outcome in "0234" else outcome), f"{outcome} and not {wanted}: {said} {last_lines(err)}"
+        return ill(outcome, "code"), f"{outcome} and not {wanted}: {said} {last_lines(err)}"
     if group in ("import", "table"):
         return (outcome, said) if re.search(words, said) else ("sentence", said)
     operations = json.loads(out)["operations"]

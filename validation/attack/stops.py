@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from validation.attack import stores
-from validation.attack.commands import apart, ended, here, run_command, write_tank
+from validation.attack.commands import apart, ended, here, ill, run_command, write_tank
 
 COMMANDS = ("run", "sweep", "sweep", "study", "study", "view", "render", "reproduce")
 SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGKILL")
@@ -44,12 +44,12 @@ def perform(trial: dict[str, Any], folder: Path) -> tuple[str, str]:
         outcomes = [stopped(name, folder, getattr(signal, how), trial["delay"])]
     for outcome, words in outcomes:
         if outcome not in ("0", "3") and not (outcome == "2" and how == "twice" and name in ("run", "view", "render")):
-            return ("code" if outcome in "24" else outcome), words
+            return ill(outcome, "code"), words
     if name == "reproduce":
         return outcomes[0]
     outcome, words = here(command(name, folder))
     if outcome != "0":
-        return ("lost" if outcome in "234" else outcome), f"again: {words}"
+        return ill(outcome), f"again: {words}"
     return checked(name, folder) or outcomes[0]
 
 

@@ -11,8 +11,8 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from validation.attack.checkpoints import HOW, damage
-from validation.attack.commands import here
+from validation.attack.checkpoints import damage, drawn_damage
+from validation.attack.commands import here, ill
 
 SCENE = """dim = 2
 spacing = 0.01
@@ -56,7 +56,7 @@ def values(folder: Path) -> dict[str, float]:
 def make(seed: int, number: int) -> dict[str, Any]:
     """A command, which of its result files, and a damage."""
     draw = random.Random(f"stores {seed} {number}")
-    one = {"how": draw.choice(HOW), "at": draw.random(), "length": draw.random() ** 3, "value": draw.randrange(256)}
+    one = drawn_damage(draw)
     return {"command": draw.choice(("sweep", "sweep", "study")), "file": draw.randrange(3), "damages": [one]}
 
 
@@ -75,7 +75,7 @@ def perform(trial: dict[str, Any], folder: Path) -> tuple[str, str]:
     if outcome == "2" and path.is_dir():
         return outcome, words  # refsim deletes no folder that lies in the place of its file
     if outcome != "0":
-        return ("lost" if outcome in "234" else outcome), words
+        return ill(outcome), words
     if values(folder / name) != whole:
         return "lost", f"{values(folder / name)} and not {whole}"
     told = path.name in said.getvalue() and any(path.parent.glob(f"{path.name}.damaged*"))
