@@ -12,6 +12,7 @@ from matplotlib.colors import Normalize
 from numpy.typing import NDArray
 
 from refsim.render.space import Body
+from refsim.render.surfaces import surface_around
 from validation.checks import VERDICT, read
 from validation.drawing import (
     GREY,
@@ -28,7 +29,6 @@ from validation.drawing import (
 from validation.experiment import Picture, Results
 from validation.experiments.melting.runs import KINDS, ON_GPU, PAPER, TITLES, WIDTHS, grouped
 from validation.experiments.melting.scene import SPACING
-from validation.metrics.droplet import contour
 from validation.results import real
 
 WATER = (0.30, 0.58, 0.86)
@@ -36,7 +36,6 @@ BODY = {
     "red": (0.80, 0.16, 0.14), "green": (0.16, 0.60, 0.26), "blue": (0.15, 0.33, 0.78), "yellow": (0.93, 0.74, 0.12),
 }  # fmt: skip
 ICE = (0.86, 0.93, 0.98)
-CELL = 0.5 * SPACING  # of the grid on which surfaces are extracted
 PIXELS = 480
 
 
@@ -60,44 +59,9 @@ def stage_data(key: str, title: str) -> Any:
     return collect
 
 
-def distance_field(points: NDArray, low: NDArray, shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """|x - xbar| - r on a grid, xbar the weighted mean of the particles nearby (Zhu & Bridson 2005), r = 0.6 d [m]."""
-    reach = 1.6 * SPACING
-    steps = int(np.ceil(reach / CELL))
-    count = int(np.prod(shape))
-    weight, moment = np.zeros(count), np.zeros((3, count))
-    base = np.floor((points - low) / CELL).astype(int)
-    around = np.arange(-steps + 1, steps + 1)
-    layer = np.stack(np.meshgrid([0], around, around, indexing="ij"), axis=-1).reshape(-1, 3)
-    for a in around:
-        node = base[:, None] + layer + (a, 0, 0)
-        away = points[:, None] - (low + CELL * node)
-        near = 1 - (away**2).sum(2) / reach**2
-        held = near > 0
-        flat = np.ravel_multi_index(tuple(node[held].T), shape)
-        w = near[held] ** 3
-        weight += np.bincount(flat, w, count)
-        for c in range(3):
-            moment[c] += np.bincount(flat, w * away[held, c], count)
-    mean = moment / np.maximum(weight, 1e-12)
-    value = np.where(weight > 1e-12, np.sqrt((mean**2).sum(0)) - 0.6 * SPACING, SPACING)
-    return value.reshape(shape)
-
-
-def surface(points: NDArray) -> tuple[NDArray, NDArray]:
-    """(vertices, triangles) of the surface around particles [m]; none for no particles."""
-    from scipy.ndimage import gaussian_filter
-
-    if not len(points):
-        return np.zeros((0, 3)), np.zeros((0, 3), int)
-    margin = 6 * CELL
-    low = np.floor((points.min(0) - margin) / CELL) * CELL
-    shape = tuple((np.ceil((points.max(0) + margin - low) / CELL)).astype(int) + 1)
-    value = gaussian_filter(distance_field(points, low, shape), 0.8)
-    if not (value.min() < 0 < value.max()):
-        return np.zeros((0, 3)), np.zeros((0, 3), int)
-    vertices, triangles = contour(value)
-    return CELL * vertices + low, triangles
+def body_of(points: NDArray, colour: tuple[float, ...], **look: Any) -> Body:
+    """The surface around particles [m], lit."""
+    return Body(*surface_around(points, SPACING), colour, **look)
 
 
 def stage_picture(azimuth: float, elevation: float, melt_shown: bool) -> Any:
@@ -125,12 +89,12 @@ def stage_picture(azimuth: float, elevation: float, melt_shown: bool) -> Any:
             layers = []
             for body, colour in enumerate(data["colours"]):
                 shade = BODY[colour] if melt_shown else ICE
-                layers.append(Body(*surface(x[(part == body) & solid]), shade))
+                layers.append(body_of(x[(part == body) & solid], shade))
                 if melt_shown:
                     paler = tuple(0.45 + 0.55 * c for c in shade)
-                    layers.append(Body(*surface(x[(part == body) & ~solid]), paler))
+                    layers.append(body_of(x[(part == body) & ~solid], paler))
             water = (part < 0) if melt_shown else ~solid
-            layers.append(Body(*surface(x[water]), WATER, water=True))
+            layers.append(body_of(x[water], WATER, water=True))
             edges(axes, corners, False)
             axes.imshow(body_picture(layers, view, extent, PIXELS), extent=(-extent, extent) * 2, zorder=2)
             edges(axes, corners, True)
