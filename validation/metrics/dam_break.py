@@ -16,9 +16,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import minimize_scalar
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
+
+from validation.metrics.spread import groups
 
 _PAPERS = Path(__file__).resolve().parent.parent / "papers"
 
@@ -70,9 +69,7 @@ def front_position(position: ArrayLike, spacing: float, *, axis: int = 0, link: 
     outermost centre, so a column of width a that begins at 0 has its front at a.
     """
     points = np.asarray(position, dtype=np.float64)
-    pairs = cKDTree(points).query_pairs(link * spacing, output_type="ndarray")
-    graph = coo_array((np.ones(len(pairs), dtype=bool), (pairs[:, 0], pairs[:, 1])), shape=(len(points),) * 2)
-    group = connected_components(graph, directed=False)[1]
+    group = groups(points, link * spacing)
     bulk = group == np.argmax(np.bincount(group))
     reach = points[:, axis]
     edges = (float(reach[some].max()) + 0.5 * spacing for some in (bulk, slice(None)))

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.ndimage import gaussian_filter
+from scipy.ndimage import gaussian_filter, maximum_filter, minimum_filter
 from scipy.spatial import cKDTree
 from scipy.special import erfinv
 
@@ -155,16 +155,11 @@ def contour(values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[n
     from refsim import isosurface
     from refsim.backends.arrays import Backend
 
-    cut = np.zeros(values.shape, bool)  # corners of the cells that the surface crosses
     inside = values < 0
-    corners = [inside[tuple(slice(k, k - 1 or None) for k in at)] for at in np.ndindex(2, 2, 2)]
-    crossed = np.logical_or.reduce(corners) & ~np.logical_and.reduce(corners)
-    for at in np.ndindex(2, 2, 2):
-        cut[tuple(slice(k, k - 1 or None) for k in at)] |= crossed
-    nodes = np.argwhere(cut)
+    nodes = np.argwhere(maximum_filter(inside, 3) != minimum_filter(inside, 3))  # of the cells that the surface crosses
     if not len(nodes):
         return np.zeros((0, 3)), np.zeros((0, 3), np.int64)
-    mesh = isosurface.extract(Backend("cpu"), nodes, values[cut], 1.0, 3)
+    mesh = isosurface.extract(Backend("cpu"), nodes, values[tuple(nodes.T)], 1.0, 3)
     return np.asarray(mesh.vertices), np.asarray(mesh.facets).astype(np.int64)
 
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import label
+from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
@@ -18,15 +19,19 @@ CELL = 0.1  # of the raster, in spacings
 SMALLEST_HOLE = 1.0  # in spacings squared: smaller gaps between particles are no holes
 
 
+def groups(position: ArrayLike, reach: float) -> NDArray[np.int32]:
+    """The group (n,) of each particle of position (n, dim); particles within `reach` of each other are of one."""
+    points = np.asarray(position, dtype=float)
+    pairs = cKDTree(points).query_pairs(reach, output_type="ndarray")
+    graph = coo_array((np.ones(len(pairs), dtype=bool), pairs.T), shape=(len(points),) * 2)
+    return connected_components(graph, directed=False)[1]
+
+
 def parts(position: ArrayLike, spacing: float) -> NDArray[np.int64]:
     """Which part of the liquid each particle of position (n, 3) [m] belongs to, (n,); the largest part is 0."""
-    points = np.asarray(position, dtype=float)
-    pairs = cKDTree(points).sparse_distance_matrix(cKDTree(points), REACH * spacing, output_type="coo_matrix")
-    number, part = connected_components(pairs, directed=False)
-    order = np.argsort(-np.bincount(part, minlength=number), kind="stable")
-    rank = np.empty(number, dtype=np.int64)
-    rank[order] = np.arange(number)
-    return rank[part]
+    part = groups(position, REACH * spacing)
+    order = np.argsort(-np.bincount(part), kind="stable")
+    return np.argsort(order)[part]
 
 
 def covered(position: ArrayLike, spacing: float) -> NDArray[np.bool_]:

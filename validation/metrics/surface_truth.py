@@ -23,9 +23,9 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
+
+from validation.metrics.spread import groups
 
 _TURN = 2.0 * np.pi
 _COINCIDENT = 1e-9  # of R: closer centres are one particle
@@ -144,11 +144,7 @@ def _surface(
 
 def _merge_coincident(points: NDArray) -> tuple[NDArray, NDArray]:
     """Distinct points (k, dim), and for every input point its number among them (n,); in units of R."""
-    pairs = cKDTree(points).query_pairs(_COINCIDENT, output_type="ndarray")
-    if len(pairs) == 0:
-        return points, np.arange(len(points))
-    graph = coo_array((np.ones(len(pairs), dtype=bool), (pairs[:, 0], pairs[:, 1])), shape=(len(points),) * 2)
-    label = connected_components(graph, directed=False)[1]
+    label = groups(points, _COINCIDENT)
     return points[np.unique(label, return_index=True)[1]], label
 
 

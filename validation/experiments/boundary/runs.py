@@ -38,7 +38,7 @@ from refsim.core.effect import Extremes
 from refsim.core.errors import RunStopped
 from refsim.core.walls import WallParticles
 from refsim.neighbours import NeighbourSearch
-from refsim.scene.plan import Plan, make_plan
+from refsim.scene.plan import make_plan
 from refsim.sparse_grid.reference import node_table
 from refsim.study.panels import Point
 from refsim.study.runs import Reading
@@ -57,11 +57,12 @@ from validation.experiments.boundary.scene import (
     tilted,
 )
 from validation.metrics.shapes import lattice_ball
+from validation.metrics.spread import groups
 from validation.peers import libigl, splishsplash_sampling
 from validation.reading import reading
 from validation.results import Result, real
 from validation.running import Context, on_threads, search_log
-from validation.trials import Trial, hard_case
+from validation.trials import Trial, hard_case, unguarded
 from validation.work_precision import order_from_errors
 
 DARTS = 30  # places for each particle at which holes are sought
@@ -69,6 +70,13 @@ EXACT_QUERIES = 1000
 FORCES = 2000  # places at which the wall's force is evaluated
 SMOOTH_PART = 0.75  # cosine of the angle between normals near each other beyond which a place counts as at an edge
 HOLE = 1.0  # distance from every particle, in mean spacings, at which another one would fit
+
+
+def meshed(shape: str, count: int) -> tuple[Any, SurfaceMesh, float]:
+    """A shape, its mesh as refsim takes it, and the radius of about so many particles on it."""
+    made = SHAPES[shape]()
+    mesh = mesh_of(made, shape)
+    return made, mesh, radius_for(mesh.area, count)
 
 
 def radius_for(area: float, count: int) -> float:
@@ -158,9 +166,7 @@ def score(position: np.ndarray, normal: np.ndarray, made: Any, radius: float, se
 
 def scorecard(context: Context, shape: str, count: int, backend: str, threads: int | None, seed: int = 0) -> Result:
     """Particles on one shape: how even they are, and what it took."""
-    made = SHAPES[shape]()
-    mesh = mesh_of(made, shape)
-    radius = radius_for(mesh.area, count)
+    made, mesh, radius = meshed(shape, count)
     with on_threads(backend, threads) as there:
         sample(mesh, 2 * radius, backend=there, seed=seed)  # compiles
         began = time.perf_counter()
@@ -177,9 +183,7 @@ def scorecard(context: Context, shape: str, count: int, backend: str, threads: i
 
 def printed(context: Context, shape: str, count: int, backend: str, iterations: int) -> Result:
     """The adopted rule beside the printed one (patent E24): displacements over the iterations."""
-    made = SHAPES[shape]()
-    mesh = mesh_of(made, shape)
-    radius = radius_for(mesh.area, count)
+    _, mesh, radius = meshed(shape, count)
     rows: dict[str, Any] = {}
     arrays = {}
     for name, literal in (("adopted", ()), ("printed", ("E24",))):
@@ -555,12 +559,7 @@ def texture(position: NDArray) -> dict[str, float]:
     A hole is a ring in which the liquid's film has a gap: loops of the graph that no triangles fill, counted by the
     Euler characteristic of edges and triangles of its thin parts.
     """
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-
-    pairs = cKDTree(position).query_pairs(1.5 * SPACING, output_type="ndarray")
-    graph = coo_matrix((np.ones(len(pairs)), tuple(pairs.T)), shape=(len(position),) * 2)
-    return {"components": int(connected_components(graph, directed=False)[0]), "holes": flow_holes(position)}
+    return {"components": len(np.unique(groups(position, 1.5 * SPACING))), "holes": flow_holes(position)}
 
 
 def flow_holes(position: NDArray, cell: float = 0.5 * SPACING, reach: float = 0.85 * SPACING) -> int:
@@ -851,12 +850,6 @@ def tank(coupling: str, file: str, cells: tuple[int, int, int], share: float) ->
     return msgspec.structs.replace(scene, step=share * 0.4 * scene.support_radius / sound)
 
 
-def planned(scene: Scene) -> Plan:
-    """The plan with the scene's step, also where the runner would refuse it as too long."""
-    stable = make_plan(msgspec.structs.replace(scene, step=0.0))
-    return dataclasses.replace(stable, scene=scene)
-
-
 def stiffness_of(cells: tuple[int, int, int]) -> float:
     """k [m/s^2] for which a tenth of a spacing stops what has fallen from the liquid's height: g H/(d/10)."""
     return GRAVITY * cells[2] * SPACING / (0.1 * SPACING)
@@ -879,7 +872,7 @@ def rest(
     """
     with mesh_file(resting_cup(cells)) as file:
         scene = tank(coupling, file, cells, share)
-        simulation = context.simulation(planned(scene), backend)
+        simulation = context.simulation(unguarded(scene, 0.0), backend)
         solid = MeshBoundary(file=file).placed(simulation.plan.grid)
         run = coupled(coupling, simulation, solid, cells)
         mass = simulation.field("mass")
@@ -1060,9 +1053,7 @@ def distances(made: object, position: np.ndarray, radius: float) -> float:
 def spread(context: Context, shape: str, backend: str) -> Result:
     """Boundary particles of a solid before and after they have moved: unevenness of their distances, and how far off
     the surface they are [r]."""
-    made = SHAPES[shape]()
-    mesh = mesh_of(made, shape)
-    radius = radius_for(mesh.area, PARTICLES)
+    made, mesh, radius = meshed(shape, PARTICLES)
     placed, moved = (
         sample(mesh, radius, backend=backend, most_iterations=most).position for most in (0, MOST_ITERATIONS)
     )

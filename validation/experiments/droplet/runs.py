@@ -29,6 +29,7 @@ from validation.metrics.droplet import (
     surface_mesh,
 )
 from validation.metrics.shapes import lattice_ball
+from validation.metrics.spread import groups
 from validation.results import Result, real
 from validation.running import Context, advance, momenta, note, search_log, stage_seconds, until_stopped
 from validation.trials import Cell, Trial, hard_case, largest_stable, silent_up_to
@@ -395,15 +396,7 @@ class Drop(NamedTuple):
 
 def pieces(position: NDArray, reach: float) -> NDArray[np.int64]:
     """Sizes of the pieces of a cloud (n, 3) whose particles are nearer than `reach` [m], the largest first."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-    from scipy.spatial import cKDTree
-
-    pairs = cKDTree(position).query_pairs(reach, output_type="ndarray")
-    n = len(position)
-    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
-    _, label = connected_components(graph, directed=False)
-    return np.sort(np.bincount(label))[::-1]
+    return np.sort(np.bincount(groups(position, reach)))[::-1]
 
 
 def settle(context: Context, backend: str, scene: Any, until: float) -> Drop:

@@ -4,14 +4,12 @@ Everywhere k = rho = c = 1 (SI units), h = 2.5 d; `number` is k dt/(rho c d^2)."
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import math
 import time
 from collections.abc import Callable
 from typing import Any
 
-import msgspec
 import numpy as np
 
 from refsim import Box, HeatConduction, Scene, Simulation, WeaklyCompressible
@@ -21,7 +19,7 @@ from refsim.core.operation import REGISTRY
 from refsim.core.period import period_group
 from refsim.engine.stock import stock
 from refsim.heat import kernels, pair_exchange, reference
-from refsim.scene.plan import make_plan
+from refsim.scene.plan import Plan, make_plan
 from validation.checks import Checks, Quantities
 from validation.experiment import Experiment, Measure, Options, Results, Run, each
 from validation.experiments.heat import scene
@@ -30,7 +28,7 @@ from validation.experiments.melting.scene import SCALE
 from validation.experiments.melting.scene import STEP as PAPER_STEP
 from validation.results import Result, real
 from validation.running import Context, on_threads, take_steps
-from validation.trials import Cell, Trial, hard_case, largest_stable
+from validation.trials import Cell, Trial, hard_case, largest_stable, unguarded
 from validation.work_precision import Order, order_from_errors
 
 NUMBERS = (0.5, 2.0, 8.0, 32.0)
@@ -665,10 +663,9 @@ def explicit_forced(trial: Trial, number: float = 2.0) -> None:
     take_steps(simulation, 2000)
 
 
-def forced(number: float) -> Any:
+def forced(number: float) -> Plan:
     """A plan of the explicit scheme with a step that a scene would refuse."""
-    plan = make_plan(halves(0.1, "explicit"))
-    return dataclasses.replace(plan, scene=msgspec.structs.replace(plan.scene, step=number * UNIT))
+    return unguarded(halves(number, "explicit"), 0.1 * UNIT)
 
 
 @hard_case
@@ -750,7 +747,7 @@ def step_cell(context: Context, backend: str, scheme: str, melts: bool, steps: i
     options: dict[str, Any] = {**ICE, "held": (0,)} if melts else {}
 
     def trouble(number: float) -> str:
-        scene: Any = forced(number) if scheme == "explicit" else halves(number, scheme, **options)
+        scene: Scene | Plan = forced(number) if scheme == "explicit" else halves(number, scheme, **options)
         beyond = 0.0
         try:
             simulation = context.simulation(scene, backend)

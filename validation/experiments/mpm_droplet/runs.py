@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import math
 import pathlib
@@ -26,7 +25,6 @@ from refsim.mpm.limits import FARTHEST
 from refsim.mpm.reference import SYMMETRIC
 from refsim.render.surfaces import distances
 from refsim.scene.files import load_scene
-from refsim.scene.plan import make_plan
 from refsim.sparse_grid.reference import node_table
 from refsim.study.panels.observables import damped_cosine, deformation
 from refsim.surface_energy import Tension
@@ -35,19 +33,23 @@ from validation.experiment import Experiment, Measure, Options, Results, Run, ea
 from validation.experiments.mpm_droplet.scene import (
     CELLS,
     MODULUS,
+    TENSION,
     box,
     drop_scene,
     ellipsoid,
+    half_on_floor,
     lattice,
+    pair,
     radius_of,
     turned,
 )
+from validation.metrics.droplet import inertia_anisotropy
 from validation.metrics.mpm import CELL, DENSITY, Transfers, ball, round_trip
 from validation.metrics.mpm import MODULUS as BULK_MODULUS
 from validation.peers import taichi_mpm
 from validation.results import Result, real
 from validation.running import Context, note
-from validation.trials import Cell, Trial, hard_case, largest_stable
+from validation.trials import Cell, Trial, hard_case, largest_stable, unguarded
 
 Array = NDArray[np.float64]
 
@@ -78,9 +80,7 @@ def sphericity(area: float, volume: float, dim: int) -> float:
 
 def anisotropy(position: Array, dim: int) -> float:
     """Range of the principal second moments of the particles over their mean."""
-    offset = (position - position.mean(0))[:, :dim]
-    moments = np.linalg.eigvalsh(offset.T @ offset)
-    return float((moments[-1] - moments[0]) / moments.mean())
+    return inertia_anisotropy(position[:, :dim])
 
 
 def anisotropy_of_chance(count: int, dim: int, draws: int = 200) -> float:
@@ -149,6 +149,8 @@ class Ledger:
         """One more row. Energies in J, the rest relative; momenta over m v R with the fastest particle so far."""
         run, dim, mass = self.run, self.dim, self.mass
         x, v, ratio = (run.field(name).astype(float) for name in ("position", "velocity", "volume_ratio"))
+        affine = run.field("affine").astype(float)
+        spread = spreads(run) if "inverse_spread" in run.fields else np.zeros((1, 3, 3))
         surface = surface_of(run)
         there = run.backend
         mesh = surface.inset_mesh
@@ -170,22 +172,13 @@ class Ledger:
             "area": area / self.round_area, "volume": volume / self.volume, "sphericity": sphericity(area, volume, dim),
             "pressure": pressure * self.radius / ((dim - 1) * self.tension) if self.tension else 0.0,
             "momentum": float(np.abs(mass @ v).max()),
-            "angular": float(np.abs(self._turning(x, v)).max()),
+            "angular": float(np.abs(turning(mass, (x, v, affine), spread, self.centre)).max()),
             "centre": float(np.abs(x.mean(0) - self.centre).max() / self.h),
             "anisotropy": body_anisotropy(there.host(mesh.vertices), there.host(mesh.facets), dim),
             "particle_anisotropy": anisotropy(x, dim), "least_ratio": float(ratio.min()),
             "greatest_ratio": float(ratio.max()),
         }  # fmt: skip
         note(self.series, row)
-
-    def _turning(self, x: Array, v: Array) -> Array:
-        """Angular momentum about the first centre: sum m (x cross v), and what the affine matrices carry, A D."""
-        turning = (self.mass[:, None] * np.cross(x - self.centre, v)).sum(0)
-        if "inverse_spread" not in self.run.fields:
-            return turning
-        moment = self.run.field("affine").reshape(-1, 3, 3).astype(float) @ spreads(self.run)
-        moment = (self.mass[:, None, None] * moment).sum(0)
-        return turning + [moment[2, 1] - moment[1, 2], moment[0, 2] - moment[2, 0], moment[1, 0] - moment[0, 1]]
 
     def summary(self) -> dict[str, Any]:
         """Drifts over the whole run, and the last values."""
@@ -269,6 +262,17 @@ def spreads(run: Simulation) -> Array:
     packed = run.field("inverse_spread").astype(float)
     inverse = packed[:, SYMMETRIC]
     return run.plan.effects["mpm_liquid"].cell(run.plan.grid) ** 2 / 4 * np.linalg.inv(inverse)
+
+
+def turning(mass: Array, state: tuple[Array, ...], spread: Array, centre: Array) -> Array:
+    """Angular momentum (3,) about a place [kg m^2/s], with what the affine matrices A carry: that of A D.
+
+    state  position, velocity (n, 3) and affine matrices; spread: D of each particle (n, 3, 3) [m^2]
+    """
+    position, velocity, affine = state
+    moment = affine.reshape(-1, 3, 3) @ spread
+    own = np.stack([moment[:, c - 1, c - 2] - moment[:, c - 2, c - 1] for c in range(3)], axis=1)
+    return (mass[:, None] * (np.cross(position - centre, velocity) + own)).sum(0)
 
 
 def inertia_share(run: Simulation) -> float:
@@ -590,12 +594,9 @@ def held(
     elif body == "sheet":
         place, tension, step = box([40.0, 1.0]), {"surface_tension": 0.1, **(tension or {})}, 0.0
     else:
-        single = ellipsoid({"meet": 8.0}.get(body, 11.0) if dim == 2 else 6.0, dim, 0.1 if body == "swing" else 0.0)
-        place = single
+        place = ellipsoid(11.0 if dim == 2 else 6.0, dim, 0.1 if body == "swing" else 0.0)
         if body == "meet":
-            apart = np.array([10.0, 2.0])
-            place = np.vstack([single - apart, single + apart])
-            velocity = np.sign(-place[:, :1]) * [1.0, 0.0, 0.0]
+            place, velocity = pair(8.0, dim)
         if body == "turn":
             velocity = DROP_SPIN * CELLS[dim] * np.stack([-place[:, 1], place[:, 0], 0 * place[:, 0]], axis=1)
     moving = {} if velocity is None else {"velocity": velocity}
@@ -749,11 +750,7 @@ def collision(
     embedding: str = "cluster", step: float | None = None, tension: Mapping[str, Any] | None = None,
 ) -> Result:  # fmt: skip
     """Two drops meet off their axis, each at `speed` [m/s]: ledgers until they are one."""
-    single = ellipsoid(radius, dim)
-    apart = np.array([radius + 2.0, 0.25 * radius, 0.0])[:dim]
-    place = np.vstack([single - apart, single + apart])
-    velocity = np.zeros((len(place), 3))
-    velocity[: len(single), 0], velocity[len(single) :, 0] = speed, -speed
+    place, velocity = pair(radius, dim, speed)
     scene = drop_scene(place, dim, velocity=velocity, tension={"embedding": embedding, **(tension or {})}, step=step)
     run = context.simulation(scene, backend)
     followed = follow(context, run, until, 120, shown)
@@ -768,10 +765,7 @@ def on_floor(
     tension: Mapping[str, Any] | None = None, liquid: Mapping[str, Any] | None = None,
 ) -> Result:  # fmt: skip
     """Half a disc or ball on a slipping floor takes its contact angle: circle through its free surface over time."""
-    place = ellipsoid(radius, dim, seed=1)
-    place = place[place[:, 1] > 0]
-    room = float(math.ceil(4 * radius))
-    walls = {"lower": (-room, 0.0, -room), "upper": (room, room, room), "rule": "slip"}
+    place, walls = half_on_floor(radius, dim)
     wet = {"contact_angle": float(angle), **(tension or {})}
     scene = drop_scene(place, dim, tension=wet, liquid=dict(liquid or {}), walls=walls)
     run = context.simulation(scene, backend)
@@ -859,22 +853,15 @@ def smooth(
     body    "collision": balls of `radius` [cells] that meet off their axis, each at 1 m/s; "merging": two that touch,
             at rest; "floor": half a ball on a slipping floor whose contact angle is `angle` [degrees]
     """
-    place = ellipsoid(radius, 3, seed=1 if body == "floor" else None)
-    tension: dict[str, Any] = {}
-    walls: Mapping[str, Any] | None = None
-    speed = 0.0
+    more: dict[str, Any]
     if body == "floor":
-        far = float(math.ceil(4 * radius))
-        place, tension = place[place[:, 1] > 0], {"contact_angle": angle}
-        walls = {"lower": (-far, 0.0, -far), "upper": (far, far, far), "rule": "slip"}
+        place, walls = half_on_floor(radius, 3)
+        more = {"tension": {"contact_angle": angle}, "walls": walls}
     else:
-        speed = 1.0 if body == "collision" else 0.0
-        apart = np.array([radius + 2.0, 0.25 * radius, 0.0] if body == "collision" else [radius, 0.0, 0.0])
-        place = np.vstack([place - apart, place + apart])
-    velocity = np.zeros((len(place), 3))
-    velocity[:, 0] = -speed * np.sign(place[:, 0])
-    scene = drop_scene(place, 3, velocity=velocity, tension=tension, walls=walls, cell=FINE_CELL, step=step,
-                       liquid={"dynamic_viscosity": viscosity, "bulk_modulus": modulus})  # fmt: skip
+        place, velocity = pair(radius, 3) if body == "collision" else pair(radius, 3, 0.0, (radius, 0.0, 0.0))
+        more = {"velocity": velocity}
+    liquid = {"dynamic_viscosity": viscosity, "bulk_modulus": modulus}
+    scene = drop_scene(place, 3, cell=FINE_CELL, step=step, liquid=liquid, **more)
     run = context.simulation(scene, backend)
     kept, stopped, waiting = {}, "", sorted(shown)
     try:
@@ -1072,12 +1059,9 @@ def _fails(measure: Measure) -> list[float]:
 # Units: rho0 = k = 1, lambda = 1000, cells of 1/64 m in the plane and 1/32 m in space.
 
 
-HARD_CELLS = {2: 1 / 64, 3: 1 / 32}
-HARD_DENSITY, TENSION, HARD_MODULUS = 1.0, 1.0, 1000.0
 MOMENTUM = 1e-10  # of m v_max: the project's bar in float64
 ANGULAR = 1e-4  # of m v_max R: the project's bar
 REMADE = 1e-3  # of m v_max R: what surfaces made anew may change, see `Turning`
-HARD_SPIN = 20.0  # rad/s
 
 
 def block(cells: tuple[int, ...], shift: tuple[float, float, float] = (0.13, -0.21, 0.37)) -> NDArray:
@@ -1094,12 +1078,12 @@ def disc(radius: float, dim: int = 2) -> NDArray:
 
 
 def liquid(
-    place: NDArray, dim: int = 2, velocity: Any = None, modulus: float = HARD_MODULUS, tension: float = TENSION,
+    place: NDArray, dim: int = 2, velocity: Any = None, modulus: float = MODULUS, tension: float = TENSION,
     step: float = 0.0, printed: tuple[str, ...] = (), extra: tuple[Any, ...] = (), **surface: Any,
 ) -> Scene:  # fmt: skip
     """Particles at `place` [cells] under surface tension; `printed` readings of the liquid, no surface where k < 0."""
-    h = HARD_CELLS[dim]
-    effects = (MpmLiquid(rest_density=HARD_DENSITY, bulk_modulus=modulus, literal=printed),)
+    h = CELLS[dim]
+    effects = (MpmLiquid(rest_density=1.0, bulk_modulus=modulus, literal=printed),)
     effects += (SurfaceEnergy(surface_tension=tension, **surface),) if tension >= 0 else ()
     cloud = Cloud(position=h * place, **({} if velocity is None else {"velocity": velocity}))
     return Scene(
@@ -1204,25 +1188,16 @@ def free_body(
     return ledger
 
 
+def _turning(mass: NDArray, state: tuple[NDArray, ...], spread: NDArray) -> float:
+    """Angular momentum about the centre of mass, about z [kg m^2/s]."""
+    return float(turning(mass, state, spread, (mass[:, None] * state[0]).sum(0) / mass.sum())[2])
+
+
 def _spread(run: Simulation) -> NDArray:
     """D of each particle (n, 3, 3) [m^2]."""
     if run.steps and "inverse_spread" in run.fields:
         return spreads(run)
-    return np.broadcast_to(HARD_CELLS[run.plan.grid.dim] ** 2 / 4 * np.eye(3), (run.count, 3, 3))
-
-
-def _own_spin(affine: NDArray, spread: NDArray) -> NDArray:
-    """Angular momentum over mass (n, 3) [m^2/s] of each particle about itself: that of A D."""
-    moment = affine.reshape(-1, 3, 3) @ spread
-    return np.stack([moment[:, c - 1, c - 2] - moment[:, c - 2, c - 1] for c in range(3)], axis=1)
-
-
-def _turning(mass: NDArray, state: tuple[NDArray, ...], spread: NDArray) -> float:
-    """Angular momentum about the centre of mass, about z [kg m^2/s]; `state` is position, velocity, affine matrix."""
-    position, velocity, affine = state
-    centre = (mass[:, None] * position).sum(0) / mass.sum()
-    spin = np.cross(position - centre, velocity) + _own_spin(affine, spread)
-    return float((mass[:, None] * spin).sum(0)[2])
+    return np.broadcast_to(CELLS[run.plan.grid.dim] ** 2 / 4 * np.eye(3), (run.count, 3, 3))
 
 
 # Hard cases
@@ -1238,7 +1213,7 @@ def isolated(trial: Trial, smallest: int) -> None:
     start = run.field("position")
     trial.advance(run, until=0.01)
     displacement = np.abs(run.field("position") - start - run.time * velocity).max()
-    trial.check("displacement less v t [h]", displacement / HARD_CELLS[2], at_most=1e-9)
+    trial.check("displacement less v t [h]", displacement / CELLS[2], at_most=1e-9)
     trial.check("area under tension", float(run._shared["surface"].sample_area.sum()), equals=0)
 
 
@@ -1278,7 +1253,7 @@ def cavity(trial: Trial) -> None:
     place = disc(9.0)
     place = place[np.linalg.norm(place, axis=1) > 1.1]
     free_body(trial, liquid(place), 0.1)
-    sample = trial.context.started[-1]._shared["surface"].sample_position / HARD_CELLS[2]
+    sample = trial.context.started[-1]._shared["surface"].sample_position / CELLS[2]
     trial.check("samples in the hole", int((np.linalg.norm(sample, axis=1) < 3).sum()), equals=0)
 
 
@@ -1302,7 +1277,7 @@ def spin(trial: Trial) -> None:
     """A disc of radius 8 h turns with 20 rad/s."""
     place = disc(8.0)
     centre = place.mean(0)
-    velocity = HARD_SPIN * HARD_CELLS[2] * np.cross([0, 0, 1], place - centre)
+    velocity = DROP_SPIN * CELLS[2] * np.cross([0, 0, 1], place - centre)
     ledger = free_body(trial, liquid(place, velocity=velocity), 0.2, angular=REMADE)
     share = min(row["kinetic"] for row in ledger.rows) / ledger.rows[0]["kinetic"]
     trial.check("least kinetic energy over the start's", share, at_least=0.9)
@@ -1357,7 +1332,7 @@ def as_printed(
     )  # fmt: skip
     run, halved = None, 0
     with trial.ending():
-        run = trial.context.simulation(unguarded(made, step), trial.backend)
+        run = trial.context.simulation(unguarded(msgspec.structs.replace(made, step=step)), trial.backend)
         while run.steps < within:
             run.step()
             if not halved and run.field("volume_ratio").min() < 0.5:
@@ -1372,19 +1347,13 @@ def as_printed(
         trial.check("places that are finite", int(np.isfinite(run.field("position")).all()), equals=1)
 
 
-def unguarded(made: Scene, step: float) -> Any:
-    """A plan with a fixed step [s], however long: a scene refuses one beyond what is stable."""
-    plan = make_plan(msgspec.structs.replace(made, step=1e-9))
-    return dataclasses.replace(plan, scene=msgspec.structs.replace(made, step=step))
-
-
 # The largest stable step
 
 
 def natural(dim: int, modulus: float, tension: float) -> float:
-    """min(h/c, sqrt(rho0 h^3/(2 pi k))) [s]."""
-    h = HARD_CELLS[dim]
-    return min(h / math.sqrt(modulus / HARD_DENSITY), math.sqrt(HARD_DENSITY * h**3 / (2 * math.pi * tension)))
+    """min(h/c, sqrt(rho0 h^3/(2 pi k))) [s], rho0 = 1 kg/m^3."""
+    h = CELLS[dim]
+    return min(h / math.sqrt(modulus), math.sqrt(h**3 / (2 * math.pi * tension)))
 
 
 def step_cell(
@@ -1402,7 +1371,7 @@ def step_cell(
         own, refused = 0.0, True
 
     def trouble(number: float) -> str:
-        run = context.simulation(unguarded(made, number * unit), backend)
+        run = context.simulation(unguarded(msgspec.structs.replace(made, step=number * unit)), backend)
         context.started[:-1] = []
         ledger = HardLedger()
         try:

@@ -55,6 +55,25 @@ def ellipsoid(radius: float, dim: int, stretch: float = 0.0, seed: int | None = 
     return place[((place / semi) ** 2).sum(1) < 1]
 
 
+def pair(radius: float, dim: int, speed: float = 1.0, apart: Sequence[float] = ()) -> tuple[Array, Array]:
+    """Places [cells] and velocities [m/s] of two discs or balls that meet along x, each at `speed`.
+
+    apart  of each from the middle between them [cells]; two cells from touching and off their axis if left out
+    """
+    single = ellipsoid(radius, dim)
+    shift = np.array(apart or (radius + 2.0, 0.25 * radius, 0.0))[:dim]
+    velocity = np.zeros((2 * len(single), 3))
+    velocity[: len(single), 0], velocity[len(single) :, 0] = speed, -speed
+    return np.vstack([single - shift, single + shift]), velocity
+
+
+def half_on_floor(radius: float, dim: int) -> tuple[Array, dict[str, Any]]:
+    """Places [cells] of half a disc or ball on a slipping floor, and the room."""
+    place, far = ellipsoid(radius, dim, seed=1), float(math.ceil(4 * radius))
+    walls = {"lower": (-far, 0.0, -far), "upper": (far, far, far), "rule": "slip"}
+    return place[place[:, 1] > 0], walls
+
+
 def box(sides: Sequence[float], seed: int | None = None, per: int = 2) -> Array:
     """A lattice block of the given sides [cells], `per` particles along a cell, its middle near the origin; turned off
     the axes by `seed`."""
