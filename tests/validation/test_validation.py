@@ -325,12 +325,6 @@ def test_tiny_dam_break(tmp_path, monkeypatch):
     again = dam_runs.detect(context, "two_step", 8, 1, 4.0, (last, mass), "cpu").field("surface")
     assert (again.astype(bool) == found["detection_2d"].arrays["two_step"][-1]).mean() > 0.98
     draw_all(DAM_BREAK, found, tmp_path)
-    steps = found["detection_2d"].values["first_step"]
-    assert set(steps) == set(dam_runs.FIRST_STEPS)
-    assert steps["printed_1.01"]["share"] > steps["printed_0.98"]["share"] > steps["printed_0.90"]["share"]
-    assert steps["adopted_0.25"]["largest_loss"] <= steps["moment_0.25"]["largest_loss"]
-    # The table's rule is the one that the detector uses.
-    assert steps["adopted_0.25"]["share"] == pytest.approx(found["detection_2d"].values["scanned_share"])
     cost = found["detection_cost_3"].values["methods"]["two_step"]
     assert cost["charged"] > cost["whole"] >= cost["scan"] + cost["normals"] > 0
     assert set(found["detection_cost_3"].values["all_threads"]) == set(dam_runs.DETECTORS)

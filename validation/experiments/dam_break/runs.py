@@ -6,7 +6,6 @@ import itertools
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import msgspec
@@ -16,7 +15,6 @@ from scipy.spatial import cKDTree
 from refsim import Box, BoxWalls, Cloud, Gravity, JiangZhu2023, Scene, Simulation, SurfaceDetection, WeaklyCompressible
 from refsim.backends.arrays import unavailable
 from refsim.scene.plan import make_plan
-from refsim.surface_detection import half_space_moment
 from validation.checks import Checks
 from validation.experiment import Experiment, Measure, Options, Results, Run, each, every
 from validation.metrics.dam_break import (
@@ -92,7 +90,7 @@ def collapse(
 ) -> Result:  # fmt: skip
     """The collapse in a tank of 4 L to `until` [s], with every detector scored against the exact surface.
 
-    At every sample, each rule of FIRST_STEPS is tried as the first of two steps. With a `seed` the start is jittered.
+    With a `seed` the start is jittered.
     """
     start = None if seed is None else jittered(columns, depth, seed)
     simulation = context.simulation(column_scene(columns, depth, tank, (SurfaceDetection(),), start), backend)
@@ -104,7 +102,6 @@ def collapse(
     series: dict[str, list[Any]] = {}
     counts = {method: np.zeros(3, int) for method in DETECTORS}  # hits, false surface, false interior
     over_time: dict[str, dict[str, list[float]]] = {method: {} for method in DETECTORS}
-    tried: dict[str, list[tuple[float, int, int, float]]] = {}
 
     def sample(simulation: Simulation, wall: float) -> None:
         simulation.evaluate()
@@ -119,8 +116,6 @@ def collapse(
             if method != "two_step":
                 looked = detect(context, method, columns, depth, tank, (position, mass), backend)
             flags = looked.field("surface").astype(bool)
-            if method == "fan_scan":
-                try_first_steps(tried, simulation, looked, truth)
             if method in METHODS:
                 note(frames, {method: flags})
             score = detection_score(flags, truth)
@@ -138,9 +133,8 @@ def collapse(
     values = {
         "particles": simulation.count, "spacing": spacing, "truth_radius": TRUTH_RADIUS, "time": series["time"],
         "truth": series["truth"], "over_time": over_time, "score": pooled,
-        "scanned_share": float(np.mean(series["scanned"])), "first_step": first_step_values(tried),
-        "ledger": ledger.values(simulation), "steps": simulation.steps, "seconds": wall,
-        "stages": stage_seconds(simulation),
+        "scanned_share": float(np.mean(series["scanned"])), "ledger": ledger.values(simulation),
+        "steps": simulation.steps, "seconds": wall, "stages": stage_seconds(simulation),
     }  # fmt: skip
     return Result(values, {name: np.array(frames[name]) for name in ("position", "truth", *METHODS)})
 
@@ -154,92 +148,6 @@ def detect(
     simulation = context.simulation(scene, backend, threads)
     simulation.evaluate()
     return simulation
-
-
-@dataclass(frozen=True)
-class Neighbourhoods:
-    """What a first step may look at, each (n,): number density over delta0, its mean and largest value among the
-    neighbours within h, first moment over that of a plane surface, |h grad c|."""
-
-    density: np.ndarray
-    mean: np.ndarray
-    largest: np.ndarray
-    moment: np.ndarray
-    gradient: np.ndarray
-
-
-# Rules for the first of two steps: words, what it costs beside the number density, and who is scanned.
-FIRST_STEPS: dict[str, tuple[str, str, Callable[[Neighbourhoods], np.ndarray]]] = {
-    "printed_0.90": ("delta <= 0.90 delta0", "nothing", lambda n: n.density <= 0.90),
-    "printed_0.95": ("delta <= 0.95 delta0", "nothing", lambda n: n.density <= 0.95),
-    "printed_0.98": ("delta <= 0.98 delta0, as printed", "nothing", lambda n: n.density <= 0.98),
-    "printed_1.00": ("delta <= 1.00 delta0", "nothing", lambda n: n.density <= 1.0),
-    "printed_1.01": ("delta <= 1.01 delta0", "nothing", lambda n: n.density <= 1.01),
-    "below_mean": (
-        "delta <= 0.99 of the neighbours' mean", "a pass over the list", lambda n: n.density <= 0.99 * n.mean,
-    ),
-    "below_largest": (
-        "delta <= 0.98 of the neighbours' largest", "a pass over the list", lambda n: n.density <= 0.98 * n.largest,
-    ),
-    "gradient": ("|h grad c| >= 0.4", "J(19) everywhere", lambda n: n.gradient >= 0.4),
-    "moment_0.25": ("first moment >= 0.25 M", "three sums in J(8)", lambda n: n.moment >= 0.25),
-    "adopted_0.15": (
-        "delta <= 0.90 delta0 or first moment >= 0.15 M", "three sums in J(8)",
-        lambda n: (n.density <= 0.90) | (n.moment >= 0.15),
-    ),
-    "adopted_0.25": (
-        "delta <= 0.90 delta0 or first moment >= 0.25 M, adopted", "three sums in J(8)",
-        lambda n: (n.density <= 0.90) | (n.moment >= 0.25),
-    ),
-    "adopted_0.35": (
-        "delta <= 0.90 delta0 or first moment >= 0.35 M", "three sums in J(8)",
-        lambda n: (n.density <= 0.90) | (n.moment >= 0.35),
-    ),
-}  # fmt: skip
-
-
-def neighbourhoods(simulation: Simulation, scanned: Simulation) -> Neighbourhoods:
-    """From a simulation with the two-step detector, and one with the fan scan alone, of the same particles."""
-    grid, fluid = simulation.plan.grid, simulation.plan.effects["weakly_compressible"]
-    rest = fluid.rest_number_density(grid)  # type: ignore[attr-defined]
-    density = simulation.field("number_density").astype(float) / rest
-    moment = simulation.field("asymmetry").astype(float) / half_space_moment(fluid, grid)  # type: ignore[arg-type]
-    pairs = cKDTree(simulation.field("position")).query_pairs(grid.support_radius, output_type="ndarray")
-    one, other = np.concatenate([pairs, pairs[:, ::-1]]).T
-    number = np.bincount(one, minlength=len(density))
-    mean = np.bincount(one, density[other], minlength=len(density)) / np.maximum(number, 1)
-    mean[number == 0] = 1.0
-    largest = density.copy()
-    np.maximum.at(largest, one, density[other])
-    gradient = np.linalg.norm(scanned.field("surface_normal"), axis=1)
-    return Neighbourhoods(density, mean, largest, moment, gradient)
-
-
-def try_first_steps(
-    tried: dict[str, list[tuple[float, int, int, float]]],
-    simulation: Simulation,
-    scanned: Simulation,
-    truth: np.ndarray,
-) -> None:
-    """Note for every rule (recall lost to the fan scan alone, hits, false surface, share scanned)."""
-    seen, surface = neighbourhoods(simulation, scanned), scanned.field("surface").astype(bool)
-    all_hits, count = int((surface & truth).sum()), max(int(truth.sum()), 1)
-    for name, (_, _, rule) in FIRST_STEPS.items():
-        chosen = rule(seen)
-        hits, wrong = int((surface & truth & chosen).sum()), int((surface & ~truth & chosen).sum())
-        tried.setdefault(name, []).append(((all_hits - hits) / count, hits, wrong, float(chosen.mean())))
-
-
-def first_step_values(tried: dict[str, list[tuple[float, int, int, float]]]) -> dict[str, dict[str, float]]:
-    """Of every rule: largest and mean loss of recall over the samples, pooled precision, mean and largest share."""
-    found = {}
-    for name, rows in tried.items():
-        loss, hits, wrong, share = np.array(rows).T
-        found[name] = {
-            "largest_loss": float(loss.max()), "precision": float(hits.sum() / max(hits.sum() + wrong.sum(), 1)),
-            "share": float(share.mean()), "largest_share": float(share.max()),
-        }  # fmt: skip
-    return found
 
 
 class Ledger:

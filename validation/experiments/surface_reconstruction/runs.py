@@ -205,7 +205,7 @@ def eigenvalues(matrix: Any) -> np.ndarray:
 
 
 def meshes(context: Context, backend: str) -> Result:
-    """How good the triangles are, how much normals jump from facet to facet, and whether the surface is closed."""
+    """The surfaces of both shapes, and whether they are closed."""
     rows, arrays = {}, {}
     for shape in scene.RADII:
         made, surface, _ = reconstruct(scene.cloud(shape, RADIUS), backend, **DEFAULT)
@@ -213,15 +213,10 @@ def meshes(context: Context, backend: str) -> Result:
         mesh = Mesh(*(host(a) for a in surface.mesh))
         moved = host(surface.inset_mesh.vertices)
         facet_normal, normal = host(surface.facet_normal), host(surface.samples.normal)
-        pairs = neighbouring_facets(mesh.facets)
-        jump = {name: scene.angles(*(of[pairs[:, k]] for k in (0, 1)))
-                for name, of in (("facets", facet_normal), ("fit", normal))}  # fmt: skip
         edges, unmatched = edge_counts(mesh.facets)
         rows[shape] = {
             "vertices": len(mesh.vertices), "facets": len(mesh.facets), "unmatched": unmatched,
-            "euler": len(mesh.vertices) - edges + len(mesh.facets), "jump_facets": quantiles(jump["facets"]),
-            "jump_fit": quantiles(jump["fit"]),
-            "least_angle": quantiles(smallest_angles(mesh.vertices, mesh.facets)),
+            "euler": len(mesh.vertices) - edges + len(mesh.facets),
         }  # fmt: skip
         arrays |= {
             f"{shape}_vertices": (mesh.vertices / CELL).astype(np.float32), f"{shape}_facets": mesh.facets,
@@ -229,16 +224,7 @@ def meshes(context: Context, backend: str) -> Result:
             f"{shape}_facet_normal": facet_normal.astype(np.float32),
             f"{shape}_normal": normal.astype(np.float32),
         }  # fmt: skip
-        arrays |= {f"{shape}_jump_{name}": values.astype(np.float32) for name, values in jump.items()}
     return Result({"rows": rows}, arrays)
-
-
-def quantiles(values: np.ndarray) -> dict[str, float]:
-    """Least, 5 %, median, mean, 95 % and largest."""
-    return {
-        "min": float(values.min()), "p5": float(np.quantile(values, 0.05)), "median": float(np.median(values)),
-        "mean": float(values.mean()), "p95": float(np.quantile(values, 0.95)), "max": float(values.max()),
-    }  # fmt: skip
 
 
 def smallest_angles(vertices: np.ndarray, facets: np.ndarray) -> np.ndarray:
