@@ -786,8 +786,6 @@ MAPS = {
 
 
 JUDGED_PLAIN = tuple(name for name in SCHEMES if name != "nonlinear_jacobi")
-JUDGED_MELTING = ("runge_kutta_legendre", "implicit", "conjugate_gradient", "nonlinear_jacobi", "single_pass")
-JUDGED_KEEPING = ("pair_exchange", "single_pass", "implicit", "conjugate_gradient", "runge_kutta_legendre")
 SPHERES, COLUMNS = (7, 10, 14, 20), (20, 40, 80)
 JUDGED_BOUNDED = (
     ("single_pass", False), ("conjugate_gradient", False), ("implicit", False), ("single_pass", True),
@@ -817,7 +815,7 @@ def planned(options: Options) -> list[Run]:
         *(Run(f"spheres_{cells}", sphere, {"scheme": BEST, "cells": cells, "numbers": [0.5]}, 0.002 * cells**3,
               slow if cells > 14 else "") for cells in SPHERES),
         *(Run(f"stefan_{name}", stefan, {"scheme": name, **ice}, 6.0, "" if name == BEST else slow)
-          for name in JUDGED_MELTING),
+          for name in MELTING),
         *(Run(f"columns_{cells}", stefan, {"scheme": BEST, "cells": cells, "numbers": [2.0]}, 4.0)
           for cells in COLUMNS),
         Run("oracle", oracle, {}, 8.0, slow),
@@ -825,7 +823,7 @@ def planned(options: Options) -> list[Run]:
               0.005 * cells**3, slow if cells > 10 else "")
           for name, cells, number in ((BEST, 10, 2.0), (BEST, 20, 2.0), ("implicit", 20, 0.5))),
         *(Run(f"ledger_{name}_{dtype}", ledger, {"scheme": name, "dtype": dtype}, 10.0, slow)
-          for name in (*JUDGED_KEEPING, "one_sided") for dtype in DTYPES),
+          for name in (*KEEPING, "one_sided") for dtype in DTYPES),
         *(Run(range_key(name, melts), ranges, {"scheme": name, "melts": melts}, 3.0, slow)
           for name, melts in JUDGED_BOUNDED),
         Run("speed", speed, {"threads": options.threads or 2}, 20.0, slow),
@@ -871,7 +869,7 @@ def checks(results: Results, check: Checks) -> None:
             key = f"slab_{name}_{row['number']:g}".replace(".", "_")
             own, words = key in check.entries, f"{SCHEMES[name]}, {row['number']:g}"
             check(key if own else "slab_error", row["error"], "" if own else f"{name}_{row['number']:g}", words)
-        drift = "slab_drift" if name in JUDGED_KEEPING else "drift"
+        drift = "slab_drift" if name in KEEPING else "drift"
         check.run(results, f"slab_{name}", {drift: lambda v: max(abs(real(row["drift"])) for row in v["rows"])}, name,
                   SCHEMES[name])  # fmt: skip
     orders = results["pair_orders"].values["orders"] if "pair_orders" in results else {}
@@ -888,7 +886,7 @@ def checks(results: Results, check: Checks) -> None:
                 check(f"{what}_{name}", row[name], key, words.format(1 / row["size"]))
         if found := order_over(results, keys, "raw"):
             check(f"{what}_order", found.order)
-        for name in JUDGED_PLAIN if what == "sphere" else JUDGED_MELTING:
+        for name in JUDGED_PLAIN if what == "sphere" else MELTING:
             for row in rows_of(results, f"{what}_{name}"):
                 number = f"{row['number']:.2g}"
                 said = SCHEMES[name] if what == "sphere" else f"{name}, {number}"
@@ -901,8 +899,8 @@ def checks(results: Results, check: Checks) -> None:
         check.run(results, f"melting_{key}", {bar: "shifted"}, f"{key}_shifted", f"{words}, from the first held layer")
         late: Quantities = {"melting_time": lambda v: 100 * (v["melted"] / v["melted_exactly"] - 1)}
         check.run(results, f"melting_{key}", late, key, words)
-    for name, dtype in itertools.product((*JUDGED_KEEPING, "one_sided"), DTYPES):
-        key, keeps = f"ledger_{name}_{dtype}", name in JUDGED_KEEPING
+    for name, dtype in itertools.product((*KEEPING, "one_sided"), DTYPES):
+        key, keeps = f"ledger_{name}_{dtype}", name in KEEPING
         bar, run = (f"ledger_{dtype}", name) if keeps else ("ledger_one_sided", dtype)
         check.run(results, key, {bar: "largest"}, run, f"{SCHEMES[name]}, {dtype}")
         if key in results and results[key].values["melted"]:

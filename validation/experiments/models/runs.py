@@ -30,7 +30,6 @@ from validation.running import Context, momenta
 from validation.trials import Cell, Trial, hard_case, largest_stable, silent_up_to
 
 NEAR = 1.6  # radii about the middle: particles beyond are not of the drop
-MOMENTS = {"third": 1 / 3, "late": 2 / 3, "end": 1.0}  # of the run, where its surface is measured
 
 
 def relax(context: Context, model: str, shape: str, count: int, backend: str, seed: int = 1) -> Result:
@@ -46,29 +45,22 @@ def relax(context: Context, model: str, shape: str, count: int, backend: str, se
     first = int(busy.max(initial=-1)) + 1
     still = not values["stopped"] and first < len(energy)
     values["rest"] = {k: values["series"][k][first] for k in ("time", "wall", "steps")} if still else None
-    frames = result.arrays["position"]
-    last = len(frames) - 1
-    values["surface"] = {
-        name: surface(frames[round(share * last)], values["spacing"], values["radius"])
-        for name, share in MOMENTS.items()
-    }
+    values["surface"] = {"end": surface(result.arrays["position"][-1], values["spacing"], values["radius"])}
     return Result(values, result.arrays)
 
 
 def surface(position: NDArray, spacing: float, radius: float) -> dict[str, Any]:
     """What the surface of a drop is like.
 
-    area      over that of a ball of the same volume (NaN where there is no one closed surface)
-    gap       distance from a place on the surface to the nearest particle, 99th percentile, in spacings
-    gyration  rms distance of the particles from their middle, in radii of the ball that they would fill
-    thrown    particles that have left the drop
+    area    over that of a ball of the same volume (NaN where there is no one closed surface)
+    gap     distance from a place on the surface to the nearest particle, 99th percentile, in spacings
+    thrown  particles that have left the drop
     """
     x = position.astype(float)
     x = x - np.median(x, axis=0)
     own = np.linalg.norm(x, axis=1) <= NEAR * radius
     drop = x[own]
     found = {"area": float("nan"), "gap": float("nan"), "thrown": int((~own).sum())}
-    found["gyration"] = float(np.sqrt((drop**2).sum(1).mean()) / radius) if len(drop) else float("nan")
     try:
         vertices, faces = surface_mesh(drop, spacing)
         found["area"] = 1 / sphericity(vertices, faces)
