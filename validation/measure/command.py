@@ -28,16 +28,19 @@ def add_commands(made: argparse.ArgumentParser) -> None:
     """The subcommands."""
     commands = made.add_subparsers(dest="what", metavar="WHAT", required=True, parser_class=type(made))
 
-    def add(name: str, words: str, execute: Callable[[argparse.Namespace], int]) -> argparse.ArgumentParser:
+    def add(name: str, words: str, module: str = "") -> argparse.ArgumentParser:
+        """A command that `perform` of a module carries out, of this package's module of its name if left out."""
         part = commands.add_parser(name, help=words, description=f"{words[0].upper()}{words[1:]}.")
-        part.set_defaults(perform=execute)
+        where = module or f"validation.measure.{name}"
+        part.set_defaults(perform=lambda given: importlib.import_module(where).perform(given) or 0)
         return part
 
     for name, words, file in (
         ("drops", "measures the free drops of the sigma map", "drops.json"),
         ("sessile", "measures the drops of the wetting map, which sit on a plane", "wetting.json"),
     ):
-        part = add(name, words, measure_drops)
+        part = add(name, words)
+        part.set_defaults(perform=measure_drops)
         where = part.add_mutually_exclusive_group()
         where.add_argument("--jobs", type=int, default=1, help="processes of one thread each")
         where.add_argument("--scheduler", metavar="ADDRESS", help="the workers of a Dask scheduler instead")
@@ -55,13 +58,15 @@ def add_commands(made: argparse.ArgumentParser) -> None:
         ("sigma_map", "condenses the free drops on file into the table of refsim.calibrate"),
         ("wetting_map", "condenses the sessile drops on file into the table of refsim.calibrate_contact_angle"),
     ):
-        add(name, words, write_map).add_argument("--output", type=Path, help="the packaged table by default")
-    part = add("drop_seconds", "times a step of each drop; wants a machine that does nothing else", time_steps)
+        part = add(name, words)
+        part.set_defaults(perform=write_map)
+        part.add_argument("--output", type=Path, help="the packaged table by default")
+    part = add("drop_seconds", "times a step of each drop; wants a machine that does nothing else")
     part.add_argument("--cuda", action="store_true", help="the drops on a GPU, otherwise those of the CPU")
     part.add_argument("--models", type=_words, help="some of them only; the rows of the others are removed")
     part.add_argument("--seconds", type=float, default=math.inf, help="begin no drop after 0.7 of this")
     part.add_argument("--output", type=Path, default=DATA / "drop_seconds.json", help="file of rows")
-    part = add("run_time", "holds refsim plan --time against runs of twelve scenes; wants a quiet machine", run_times)
+    part = add("run_time", "holds refsim plan --time against runs of twelve scenes; wants a quiet machine")
     part.add_argument("--backend", default="cpu", help="cpu (default), cuda or numpy")
     part.add_argument("--threads", type=int, help="CPU threads; all by default")
     part.add_argument("--largest", type=int, default=2_000_000, metavar="N", help="no scenes of more particles")
@@ -70,12 +75,16 @@ def add_commands(made: argparse.ArgumentParser) -> None:
     part.add_argument("--fresh", action="store_true", help="measure anew what is on file")
     part.add_argument("--write", action="store_true", help="write the table into docs/study.md")
     part.add_argument("--output", type=Path, default=DATA / "run_time.json", help="file of rows")
-    part = add("studies", "holds refsim study against five scenes with exact answers", solved_studies)
+    part = add("studies", "holds refsim study against five scenes with exact answers")
     part.add_argument("--threads", type=int, help="CPU threads; one for 1,024 particles by default")
     part.add_argument("--write", action="store_true", help="write the table into docs/study.md")
-    part = add("mass_ratio", "prints by how much the energy rises, by ratio of particle masses and scene", mass_ratios)
+    part = add("mass_ratio", "prints by how much the energy rises, by ratio of particle masses and scene")
     part.add_argument("kinds", nargs="*", help="scenes whose names contain one of these words; all by default")
-    add("states", "computes the stored moments of the dam break anew (some minutes)", store_states)
+    add(
+        "states",
+        "computes the stored moments of the dam break anew (some minutes)",
+        "validation.experiments.dam_break.scene",
+    )
 
 
 def _words(text: str) -> tuple[str, ...]:
@@ -170,54 +179,3 @@ def write_map(given: argparse.Namespace) -> int:
     rows, path = read_rows(kind.ROWS), given.output or kind.PACKAGED
     print(f"{len(rows)} drops, {kind.write(rows, path)} settings: {path.name}")
     return 0
-
-
-def time_steps(given: argparse.Namespace) -> int:
-    """Time the drops and keep their rows; prints one line each."""
-    from validation.measure import drop_seconds
-
-    kind = "cuda" if given.cuda else "cpu"
-    where, began = drop_seconds.machine(kind), time.perf_counter()
-    wanted = (p for p in drop_seconds.panel_points(given.cuda) if given.models is None or p.model in given.models)
-    rows = drop_seconds.timed(wanted, given.seconds)
-    for row in rows:
-        words = f"{1e3 * row['seconds_per_step']:9.3f} ms a step +- {100 * row['deviation']:.1f} %"
-        print(f"{row['key']:<58} {words} {row['unstable']}")
-    drop_seconds.write(kind, rows, where, given.output)
-    print(f"{len(rows)} drops, {time.perf_counter() - began:.0f} s, {where['machine']}, load {where['load']}")
-    return 0
-
-
-def mass_ratios(given: argparse.Namespace) -> int:
-    """Print the table."""
-    from validation.measure.mass_ratio import KINDS, RATIOS, rise
-
-    for name, made in KINDS.items():
-        if given.kinds and not any(word in name for word in given.kinds):
-            continue
-        for ratio in RATIOS:
-            share, reason = rise(made(ratio), ratio)
-            print(f"{name:36s} {ratio:7g} {share:12.3g} {reason}", flush=True)
-    return 0
-
-
-def store_states(given: argparse.Namespace) -> int:
-    """Compute the states."""
-    from validation.experiments.dam_break.scene import store
-
-    store()
-    return 0
-
-
-def run_times(given: argparse.Namespace) -> int:
-    """Predicted and measured seconds of the scenes of `run_time`."""
-    from validation.measure import run_time
-
-    return run_time.perform(given.output, given.backend, given)
-
-
-def solved_studies(given: argparse.Namespace) -> int:
-    """Studies against exact answers."""
-    from validation.measure import studies
-
-    return studies.perform(given.threads, given.write)

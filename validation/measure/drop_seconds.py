@@ -7,6 +7,7 @@ else.
 
 from __future__ import annotations
 
+import argparse
 import datetime
 import json
 import math
@@ -123,3 +124,16 @@ def machine(kind: str) -> dict[str, Any]:
         "load": round(found["load"], 2) if found["load"] is not None else None,
         "versions": {n: found["versions"].get(n) for n in ("refsim", "numba", "numba-cuda", "numpy")},
     }
+
+
+def perform(given: argparse.Namespace) -> None:
+    """Time the drops and keep their rows; prints one line each."""
+    kind = "cuda" if given.cuda else "cpu"
+    where, began = machine(kind), time.perf_counter()
+    wanted = (p for p in panel_points(given.cuda) if given.models is None or p.model in given.models)
+    rows = timed(wanted, given.seconds)
+    for row in rows:
+        words = f"{1e3 * row['seconds_per_step']:9.3f} ms a step +- {100 * row['deviation']:.1f} %"
+        print(f"{row['key']:<58} {words} {row['unstable']}")
+    write(kind, rows, where, given.output)
+    print(f"{len(rows)} drops, {time.perf_counter() - began:.0f} s, {where['machine']}, load {where['load']}")

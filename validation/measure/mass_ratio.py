@@ -7,6 +7,7 @@ turned over, in audits every 2 steps.
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Callable
 
 import msgspec
@@ -153,3 +154,11 @@ def rise(scene: Scene, ratio: float, until: float = 0.2) -> tuple[float, str]:
         reason = stop.reason
     assert run.auditor is not None
     return run.auditor.greatest_share, reason
+
+
+def perform(given: argparse.Namespace) -> None:
+    """Print the table."""
+    for name, made in KINDS.items():
+        for ratio in RATIOS if not given.kinds or any(word in name for word in given.kinds) else ():
+            share, reason = rise(made(ratio), ratio)
+            print(f"{name:36s} {ratio:7g} {share:12.3g} {reason}", flush=True)

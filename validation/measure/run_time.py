@@ -7,6 +7,7 @@ nothing else. A scene whose row is on file for the backend is not measured again
 
 from __future__ import annotations
 
+import argparse
 import datetime
 import json
 import math
@@ -236,12 +237,11 @@ def write_page(path: Path, page: Path = PAGE) -> None:
         page.write_text(replaced(page.read_text(), f"run_time {backend}", [told], page))
 
 
-def perform(path: Path, backend: str, given: Any) -> int:
-    """The command; 0 also where predictions miss, which the table shows."""
-    rows = measure_all(path, backend, given.threads, given.largest, given.fresh, given.only, given.budget)
+def perform(given: argparse.Namespace) -> None:
+    """The command."""
+    rows = measure_all(given.output, given.backend, given.threads, given.largest, given.fresh, given.only, given.budget)
     print(summary(rows))
     if given.write:
-        write_page(path)
+        write_page(given.output)
     if any(not math.isfinite(row["predicted"]) for row in rows):
         print("some scenes could not be predicted", file=sys.stderr)
-    return 0

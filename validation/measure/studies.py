@@ -7,6 +7,7 @@ table on docs/study.md. Results are kept in results/study.
 
 from __future__ import annotations
 
+import argparse
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -136,12 +137,11 @@ def row(name: str, threads: int | None) -> str:
     )
 
 
-def perform(threads: int | None, write: bool) -> int:
+def perform(given: argparse.Namespace) -> None:
     """The command."""
     lines = [HEAD]
     for name in SOLVED:
-        lines.append(row(name, threads))
+        lines.append(row(name, given.threads))
         print(lines[-1], flush=True)
-    if write:
+    if given.write:
         PAGE.write_text(replaced(PAGE.read_text(), "solved", lines, PAGE))
-    return 0

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import json
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,7 +38,7 @@ def load_state(name: str) -> State:
         return State(stored["position"], stored["mass"], stored["surface"], columns, depth, made["time"])
 
 
-def store() -> None:
+def perform(given: Any) -> None:
     """Compute and store every moment."""
     from refsim import Simulation
     from refsim.study.panels.drops import run_to
