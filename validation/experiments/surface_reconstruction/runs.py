@@ -684,7 +684,6 @@ def planned(options: Options) -> list[Run]:
     slow = "takes a minute with the others; run without --quick" if quick else ""
     on_gpu = slow if options.backend == "cuda" else "a bar for the GPU, measured with --backend cuda"
     counts = [8_000, 64_000] if quick else [8_000, 64_000, 1_000_000]
-    scaled = [n for n in (1, 2, 4, 8, 16) if n <= (options.threads or there_threads())]
     peer = {"count": 64_000 if quick else 524_288, "rounds": 3, "threads": options.threads or 2}
     return [
         *(Run(f"normals_{shape}", normal_errors, {"shape": shape, **backend}, 8.0) for shape in RADII),
@@ -695,8 +694,6 @@ def planned(options: Options) -> list[Run]:
         Run("beside_transfers", beside_transfers, {"cells": 50, "rounds": 3, **backend}, 30.0, on_gpu),
         Run("normals_cost", normals_cost, {**backend, **threads}, 3.0),
         Run("solvers", solvers, threads, 30.0, slow),
-        Run("fit_scaling", fit_scaling, {"threads": scaled if options.backend == "cpu" else [], **backend}, 30.0,
-            slow),
         Run("peer_pysplashsurf", against_pysplashsurf, peer, 40.0,
             "" if options.peers else "measured with --peers"),
     ]  # fmt: skip
