@@ -19,7 +19,6 @@ from refsim.sparse_grid.reference import node_table
 CELL = 0.2  # h [m]
 DENSITY, MODULUS = 1000.0, 1e5
 NAMES = ("node_mass", "node_momentum", "node_velocity")
-SURFACE_ARRAYS = ("cluster_share", "inverse_spread", "embedding", "carrier_first", "carrier_position", "carrier_moment")
 
 
 class Transfers:
