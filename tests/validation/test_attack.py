@@ -55,12 +55,12 @@ def test_a_trial_that_kills_its_process_or_does_not_end_is_a_finding(monkeypatch
     assert "ValueError: no" in found[3].words
 
 
-def test_a_lost_state_is_noticed(tmp_path):
-    whole = commands.reference(tmp_path, "--backend", "numpy")
-    assert commands.compared(tmp_path / "whole", whole) == ("0", "")
+def test_a_lost_state_is_noticed():
+    whole = commands.reference("--backend", "numpy")
+    assert commands.compared(whole["run"], whole) == ("0", "")
     other = whole["state"] | {"position": b"other"}
-    assert commands.compared(tmp_path / "whole", whole | {"state": other})[0] == "lost"
-    assert commands.compared(tmp_path / "whole", whole | {"frames": whole["frames"][:-1]})[0] == "lost"
+    assert commands.compared(whole["run"], whole | {"state": other})[0] == "lost"
+    assert commands.compared(whole["run"], whole | {"frames": whole["frames"][:-1]})[0] == "lost"
 
 
 def test_bad_options_and_files_get_one_sentence(tmp_path, capsys):

@@ -168,9 +168,10 @@ def compared(run: Path, whole: Mapping[str, Any]) -> tuple[str, str]:
 
 @functools.cache
 def reference(*more: str) -> dict[str, Any]:
-    """The uninterrupted run: its final state and frames; once a process."""
+    """The uninterrupted run: its folder, final state and frames; once a process."""
     folder = Path(tempfile.mkdtemp(prefix="refsim-attack-"))
     outcome, words = here(run_command(write_tank(folder), folder / "whole", *more))
     if outcome != "0":
         raise RuntimeError(f"the run without an attack failed: {outcome}: {words}")
-    return {"state": state(folder / "whole" / "checkpoint.h5"), "frames": frames(folder / "whole")}
+    run = folder / "whole"
+    return {"run": run, "state": state(run / "checkpoint.h5"), "frames": frames(run)}
