@@ -140,7 +140,7 @@ def test_the_example_is_judged(page, example, tmp_path):
     for name, text in FILE.findall(page):
         path = tmp_path / name
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text.replace("real(2) * mass_j", "real(3) * mass_j"))
+        path.write_text(text.replace("type(r)(2) * mass_j", "type(r)(3) * mass_j"))
     with pytest.raises(AssertionError, match="FAIL velocity_smoothing"):
         run(tmp_path, LADDER.replace("dtype))", "dtype), ('T1',))"), NUMBA_DISABLE_JIT="1")
 
