@@ -20,7 +20,7 @@ from refsim.scene.plan import Plan
 
 STEPS, FRAMES = 12, 6  # of the short run, about
 USUAL_FRAMES = 101  # of a run without --every
-WRITING = ("frames", "writing")
+KEPT = ("writing", "checkpoints")  # of frames that are held until then, so few times in a run
 
 
 def waits(plan: Plan, backend: str, threads: int | None = None) -> dict[str, float]:
@@ -50,12 +50,12 @@ def parts(seconds: dict[str, Any], frames: int, used: float, took: float) -> dic
     Its report has seconds of the clock; the processor's are taken to be in proportion in each part of the run.
     """
     stages = seconds["stages"]
-    writing = sum(stages.get(name, 0.0) for name in WRITING)
-    kept = stages.get("checkpoints", 0.0)
+    frame = stages.get("frames", 0.0) / max(frames, 1)
+    kept = sum(stages.get(name, 0.0) for name in KEPT)
     run = sum(stages.values()) + seconds["first_calls"]
     share = min(1.0, used / took)
     return {
         "start": max(used - share * run, 0.0),
         "loading": share * seconds["first_calls"],
-        "writing": share * (writing / max(frames, 1) * USUAL_FRAMES + kept),
+        "writing": share * (frame * USUAL_FRAMES + kept),
     }
