@@ -48,7 +48,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("--at", type=float, metavar="T", help="with --run: time [s]; that of the last frame by default")
     words = "with --run: times the width of refsim's three runs that a measure may be away from their middle (3)"
     add("--within", type=float, metavar="N", help=words)
-    words = "with --run: largest difference of a measure, in place of --within; may be repeated"
+    words = "with --run: no coarser run; for a code with the same equations, spacing and steps as refsim"
+    add("--chaos-only", action="store_true", help=words)
+    words = "with --run: largest difference of a measure, in place of both bands; may be repeated"
     add("--allow", action="append", default=[], metavar="MEASURE=VALUE", help=words)
     add("--backend", help="with --run: numpy, cpu or cuda (cpu)")
     words = "judge nothing; write test vectors of the operations named, all by default, into a new folder"
@@ -142,6 +144,7 @@ OF_MODES: dict[str, tuple[str, ...]] = {
     "at": ("run",),
     "within": ("run",),
     "allow": ("run",),
+    "chaos_only": ("run",),
     "backend": ("run",),
     "step": ("",),
 }
@@ -157,9 +160,12 @@ def _check_modes(options: argparse.Namespace) -> None:
     if mode == "arguments" and options.names and options.names[0] not in REGISTRY:
         mode = ""  # of a library, whose request may name a part of the ladder
     for name, modes in OF_MODES.items():
-        if getattr(options, name) not in (None, []) and mode not in modes:
-            wanted = " or ".join(f"--{m}" if m else "programs to judge" for m in modes)
-            raise InputError(f"--{name} goes with {wanted}, not with {f'--{mode}' if mode else 'programs to judge'}.")
+        if getattr(options, name) not in (None, [], False) and mode not in modes:
+            option = name.replace("_", "-")
+            wanted, got = (
+                " or ".join(f"--{m}" if m else "programs to judge" for m in names) for names in (modes, [mode])
+            )
+            raise InputError(f"--{option} goes with {wanted}, not with {got}.")
 
 
 # What an operation takes
@@ -230,39 +236,39 @@ def _whole_run(options: argparse.Namespace) -> CommandResult:
         if value is not None and not 0 < value < math.inf:
             raise InputError(f"--{name} = {value:g} is not possible; give a positive number.")
     within = WITHIN if options.within is None else options.within
-    time, found = whole_runs.compare(
-        load_scene(options.run), Path(options.names[0]), options.at, options.backend or "cpu", within,
-        dict(map(_allowed, options.allow)),
+    scene, folder = options.run, options.names[0]
+    time, found, coarser = whole_runs.compare(
+        load_scene(scene), Path(folder), options.at, options.backend or "cpu", within,
+        dict(map(_allowed, options.allow)), options.chaos_only,
     )  # fmt: skip
-    holds = all(m.holds for m in found)
-    rows = []
-    for m in found:
-        ours, width = 0.5 * (min(m.ours) + max(m.ours)), max(m.ours) - min(m.ours)
-        verdict = "holds" if m.holds else "FAILS"
-        numbers = f"{m.theirs:.6g}", f"{ours:.6g}", f"{width:.2g}", f"{m.difference:.2g}", f"{m.allowed:.2g}"
-        rows.append((m.name, f"{m.time:.4g}", *numbers, m.unit, verdict))
-    head = (
-        "measure",
-        "at [s]",
-        options.names[0],
-        "refsim",
-        "width of 3 runs",
-        "difference",
-        "allowed",
-        "unit",
-        "verdict",
-    )
+    rows = [
+        (m.name, f"{m.time:.4g}", f"{m.theirs:.6g}", f"{whole_runs.middle(m.ours):.6g}",
+         *(f"{value:.2g}" for value in (m.difference, m.chaos, m.resolution)), m.unit, m.verdict)
+        for m in found
+    ]  # fmt: skip
+    head = ("measure", "at [s]", folder, "refsim", "difference", "chaos", "resolution", "unit", "verdict")
     lines = [
-        f"{options.names[0]} against {options.run} up to {time:g} s, each measure where it is farthest off; allowed is"
-        f" {within:g} times the largest width of refsim's runs from three starts that differ by 1e-6 spacings",
+        f"{folder} against {scene} up to {time:g} s, each measure where it is farthest off; chaos is {within:g} times"
+        " the largest width of refsim's runs from three starts that differ by 1e-6 spacings"
+        + (
+            f", resolution the difference to one with a spacing of {coarser:.4g} m"
+            if not isinstance(coarser, str)
+            else ""
+        )
+        + ". The larger of the two is allowed.",
         "",
         table(rows, head, (1, 2, 3, 4, 5, 6)),
         "",
         f"{sum(m.holds for m in found)} of {len(found)} measures hold.",
     ]
+    if any(m.verdict == "within resolution" for m in found):
+        lines.append("Within resolution is right for another discretisation; for the same, judge with --chaos-only.")
+    if isinstance(coarser, str) and coarser:
+        lines.append(f"There is no coarser run: {coarser}")
     if not any(m.name == "kinetic energy" for m in found):
         lines.append("Momentum and kinetic energy are not judged: the frames have no velocity.")
-    data = {"scene": options.run, "time": time, "holds": holds, "within": within}
+    holds = all(m.holds for m in found)
+    data = {"scene": scene, "time": time, "holds": holds, "within": within, "coarser": coarser}
     return CommandResult(data | {"measures": whole_runs.report(found)}, "\n".join(lines), 0 if holds else 4)
 
 

@@ -10,6 +10,7 @@ from refsim.core.checked import suggestion
 from refsim.core.errors import InputError
 from refsim.core.writing import replace_file, writing
 from refsim.engine.progress import say
+from refsim.scene.refine import RATIO
 from refsim.scene.scene import Scene
 from refsim.study import KNOBS
 from refsim.study.convergence import Reference
@@ -18,7 +19,6 @@ from refsim.study.panels import abouts, panel
 from refsim.study.panels.making import MADE
 from refsim.study.panels.measured import measured, observable
 from refsim.study.panels.scenes import packaged
-from refsim.study.refine import RATIO
 
 DESCRIPTION = """Run a scene at several spacings, and with every other setting changed alone, and say how accurate the
 observable is, where its error comes from, and which setting is the cheapest for an error. Each run's result is kept in

@@ -1,7 +1,8 @@
-"""A trajectory of another code against refsim's run of the same scene, with the scene's own chaos as the yardstick.
+"""A trajectory of another code against refsim's run of the same scene: by the chaos of the start, and by resolution.
 
 What is compared are measures of the whole liquid, as single particles of two correct codes part soon. Three runs of
-refsim, from the scene's start and from two starts that are shaken, say how far such a measure is determined at all.
+refsim, from the scene's start and from two starts that are shaken, say how far such a measure is determined at all. A
+fourth with a coarser spacing says how far a code of another discretisation may be away.
 """
 
 from __future__ import annotations
@@ -15,13 +16,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from refsim.contract.trajectories import Snapshot, trajectory
-from refsim.core.errors import InputError
+from refsim.core.errors import InputError, RunStopped
 from refsim.engine.simulation import Simulation
 from refsim.io.results import SAME_TIME
+from refsim.scene.refine import RATIO, refined, spaced
 from refsim.scene.scene import Scene
 
 SHAKEN = 1e-6  # of the particle spacing; of the coordinates' precision where that is coarser
 SEEDS = (1, 2)
+RATIOS = (RATIO, 2.0)  # of the coarser spacing to the scene's; the first at which boxes keep their edges
 AXES = "xyz"
 MASS_ROUNDING = 1e-5  # share of the mass that sums in single precision may be off
 
@@ -30,9 +33,10 @@ MASS_ROUNDING = 1e-5  # share of the mass that sums in single precision may be o
 class Measure:
     """One measure as a curve over the frames up to the time of the comparison, told where it is farthest off.
 
-    theirs   of the trajectory at `time` [s]
-    ours     of refsim's three runs at that time, the unshaken first
-    allowed  largest distance of the curve from the middle of refsim's: so many times their largest width, or as given
+    theirs      of the trajectory at `time` [s]
+    ours        of refsim's three runs at that time, the unshaken first
+    chaos       largest distance from their middle: so many times their largest width, or as given
+    resolution  largest distance of the coarser run from their middle; 0 without such a run, and where a value is given
     """
 
     name: str
@@ -40,17 +44,41 @@ class Measure:
     time: float
     theirs: float
     ours: tuple[float, ...]
-    allowed: float
+    chaos: float
+    resolution: float = 0.0
 
     @property
     def difference(self) -> float:
         """Distance from the middle of refsim's runs."""
-        return abs(self.theirs - 0.5 * (min(self.ours) + max(self.ours)))
+        return abs(self.theirs - middle(self.ours))
+
+    @property
+    def allowed(self) -> float:
+        """Largest difference with which the measure holds."""
+        return max(self.chaos, self.resolution)
 
     @property
     def holds(self) -> bool:
         """Whether the difference is at most what is allowed."""
         return self.difference <= self.allowed
+
+    @property
+    def verdict(self) -> str:
+        """Whether the measure holds, and by which of the two."""
+        return "FAILS" if not self.holds else "holds" if self.difference <= self.chaos else "within resolution"
+
+
+def middle(ours: Sequence[float]) -> float:
+    """Middle between the smallest and the largest value."""
+    return 0.5 * (min(ours) + max(ours))
+
+
+class Comparison(NamedTuple):
+    """Measures up to a time [s], and the coarser spacing [m] or why there is none."""
+
+    time: float
+    measures: list[Measure]
+    coarser: float | str
 
 
 # Measures
@@ -79,13 +107,14 @@ def measures(found: Snapshot, dim: int, gravity: np.ndarray | None) -> dict[str,
 
 def compare(
     scene: Scene, folder: Path, at: float | None = None, backend: str = "cpu", within: float = 3.0,
-    allowed: Mapping[str, float] | None = None,
-) -> tuple[float, list[Measure]]:  # fmt: skip
-    """(time [s], measures) of the trajectory in a folder up to a time, and of three runs of refsim.
+    allowed: Mapping[str, float] | None = None, chaos_only: bool = False,
+) -> Comparison:  # fmt: skip
+    """The trajectory in a folder up to a time against three runs of refsim and a coarser one.
 
-    at       time of the comparison [s], the last frame's by default; frames up to the one nearest to it are taken
-    within   how many times the largest width of refsim's three runs a measure may be away from their middle
-    allowed  largest distance by the name of a measure, in place of `within`
+    at          time of the comparison [s], the last frame's by default; frames up to the one nearest to it are taken
+    within      how many times the largest width of refsim's three runs a measure may be away from their middle
+    allowed     largest distance by the name of a measure, in place of both bands
+    chaos_only  without the coarser run: for a code with the same equations, spacing and steps
 
     The number of particles and, up to single precision, the mass are those of the scene. The frames' velocities belong
     to the frames' time; refsim's, which are half a step behind, are interpolated. Where the frames have no masses, all
@@ -103,24 +132,44 @@ def compare(
     frames = [frame for frame in frames if 0 <= frame.time <= time]
     simulation = Simulation(scene, backend)
     gravity, total = _gravity(simulation), float(np.asarray(simulation.field("mass"), dtype=float).sum())
-    runs = [_run(scene, seed, [frame.time for frame in frames], backend) for seed in (None, *SEEDS)]
     theirs = [measures(_with_mass(frame, total), scene.dim, gravity) for frame in frames]
     names = [name for name in theirs[-1] if all(name in values for values in theirs)]
-    unknown = ", ".join(set(allowed or {}) - set(names))
+    given = dict(allowed or {})
+    unknown = ", ".join(given.keys() - set(names))
     if unknown:
         raise InputError(f"--allow: there is no measure {unknown}; there are {', '.join(names)}.")
+    given = {"particles": 0.0, "mass": MASS_ROUNDING * total} | given
+    times = [frame.time for frame in frames]
+    runs = [_run(scene, seed, times, backend) for seed in (None, *SEEDS)]
+    other, coarser = (None, "") if chaos_only else _coarser(scene, times, backend, total)
     found = []
     for name in names:
         curves = [tuple(run[k][name] for run in runs) for k in range(len(frames))]
-        width = max(max(ours) - min(ours) for ours in curves)
-        limit = {"particles": 0.0, "mass": MASS_ROUNDING * total}.get(name, within * width)
-        limit = (allowed or {}).get(name, limit)
+        chaos, resolution = within * max(max(ours) - min(ours) for ours in curves), 0.0
+        if name in given:
+            chaos = given[name]
+        elif other is not None:
+            resolution = max(abs(values[name] - middle(ours)) for values, ours in zip(other, curves))
         points = [
-            Measure(name, theirs[k][name][1], frames[k].time, theirs[k][name][0], ours, limit)
-            for k, ours in enumerate(curves)
+            Measure(name, values[name][1], time, values[name][0], ours, chaos, resolution)
+            for time, values, ours in zip(times, theirs, curves)
         ]
         found.append(max(points, key=lambda point: (point.difference, point.time)))
-    return time, found
+    return Comparison(time, found, coarser)
+
+
+def _coarser(
+    scene: Scene, times: Sequence[float], backend: str, total: float
+) -> tuple[list[dict[str, float]] | None, float | str]:
+    """(measures at times [s] of a run with a coarser spacing and the same mass, the spacing), or (None, why not)."""
+    why = ""
+    for ratio in RATIOS:
+        try:
+            other = refined(scene, spaced(scene, 2, 0, ratio)[0])
+            return _run(other, None, times, backend, total), other.spacing
+        except (InputError, RunStopped) as error:
+            why = why or str(error)
+    return None, why
 
 
 def _with_mass(frame: Snapshot, total: float) -> Snapshot:
@@ -135,9 +184,12 @@ def _gravity(simulation: Simulation) -> np.ndarray | None:
     return None if effect is None else np.array(effect.acceleration, dtype=float)
 
 
-def _run(scene: Scene, seed: int | None, times: Sequence[float], backend: str) -> list[dict[str, float]]:
-    """Measures at times [s] of a run from the scene's start, or from a shaken one."""
+def _run(
+    scene: Scene, seed: int | None, times: Sequence[float], backend: str, total: float = 0.0
+) -> list[dict[str, float]]:
+    """Measures at times [s] of a run from the scene's start, or from a shaken one; with a total mass [kg] if given."""
     simulation = Simulation(scene, backend)
+    share = total / float(np.asarray(simulation.field("mass"), dtype=float).sum()) if total else 1.0
     if seed is not None:
         position = simulation.field("position")
         grid = simulation.plan.grid
@@ -154,7 +206,7 @@ def _run(scene: Scene, seed: int | None, times: Sequence[float], backend: str) -
             before, after = after, _state(simulation)
         position = _between(before.time, before.position, after.time, after.position, until)
         velocity = _between(before.velocity_time, before.velocity, after.velocity_time, after.velocity, until)
-        told = measures(Snapshot(until, position, velocity, after.mass), scene.dim, _gravity(simulation))
+        told = measures(Snapshot(until, position, velocity, share * after.mass), scene.dim, _gravity(simulation))
         found.append({name: value for name, (value, _) in told.items()})
     return found
 
@@ -182,7 +234,8 @@ def _between(start: float, first: np.ndarray, end: float, last: np.ndarray, time
 def report(found: list[Measure]) -> list[dict[str, Any]]:
     """The measures as plain data."""
     return [
-        {"name": m.name, "unit": m.unit, "time": m.time, "theirs": m.theirs, "refsim": list(m.ours),
-         "difference": m.difference, "allowed": m.allowed, "holds": m.holds}
+        {"name": m.name, "unit": m.unit, "time": m.time, "theirs": m.theirs, "refsim": list(m.ours), "chaos": m.chaos,
+         "resolution": m.resolution, "difference": m.difference, "allowed": m.allowed, "holds": m.holds,
+         "verdict": m.verdict}
         for m in found
     ]  # fmt: skip

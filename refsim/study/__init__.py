@@ -1,7 +1,7 @@
 """What accuracy costs in a scene: its value with an uncertainty, the sources of error, and the cheapest setting.
 
-Contents: study; the modules refine (other spacings), methods (other models), observables, convergence (orders and
-uncertainty), runs, tasks (runs in other processes), cost (seconds before a run), memory, result and picture.
+Contents: study; the modules methods (other models), observables, convergence (orders and uncertainty), runs, tasks
+(runs in other processes), cost (seconds before a run), memory, result and picture.
 """
 
 import os
@@ -19,12 +19,12 @@ from refsim.core.tables import in_time
 from refsim.engine.simulation import Simulation
 from refsim.scene.files import load_scene, suggestion
 from refsim.scene.plan import Plan, make_plan
+from refsim.scene.refine import RATIO, notes, refined, spaced
 from refsim.scene.scene import Scene
 from refsim.study import cost
 from refsim.study.convergence import Convergence, converge
 from refsim.study.methods import others
 from refsim.study.observables import Observable, observable_of
-from refsim.study.refine import RATIO, notes, refined, spaced
 from refsim.study.result import Reference, Study
 from refsim.study.runs import Reading, Setting, in_turn, keep, kept, key_of, machine, measure
 from refsim.study.tasks import Batch

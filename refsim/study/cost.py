@@ -12,7 +12,7 @@ The seconds of a run are those of its passes and of its list builds:
     n_builds from its list builds: the number grows as the path in units of the list's skin
 
 Neighbours enter with the lattice: every size has the scene's ratio of support radius to spacing, and so its neighbours.
-The coarse run is the scene with a larger spacing; see `refsim.study.refine`.
+The coarse run is the scene with a larger spacing; see `refsim.scene.refine`.
 """
 
 import dataclasses
@@ -34,9 +34,9 @@ from refsim.engine.simulation import Simulation
 from refsim.engine.stepping import DeviceStepper, stable_steps, step_limits
 from refsim.io.store import read_stored, write_stored
 from refsim.scene.plan import Plan, make_plan
+from refsim.scene.refine import fitting, refined
 from refsim.scene.scene import Scene
 from refsim.study.memory import bytes_of
-from refsim.study.refine import fitting, refined
 from refsim.study.runs import machine, scene_digest, source_digest
 from refsim.study.waits import waits
 

@@ -37,11 +37,8 @@ acceleration = [0.0, -9.81, 0.0]
 STEPS = 40
 
 
-@pytest.fixture(scope="module")
-def other(tmp_path_factory):
-    """(scene file, snapshots): refsim's references as the other code, from a third shaken start."""
-    path = tmp_path_factory.mktemp("scene") / "scene.toml"
-    path.write_text(SCENE)
+def run_of(path):
+    """Snapshots of a run of refsim's references, as of another code, from a third shaken start."""
     simulation = Simulation(load_scene(path), "numpy")
     position = simulation.field("position")
     shift = np.random.default_rng(7).uniform(-2e-8, 2e-8, position.shape) * [1, 1, 0]
@@ -55,7 +52,15 @@ def other(tmp_path_factory):
             found[-1]["velocity"] += share * (now["velocity"] - found[-1]["velocity"])
         length = simulation.previous_length
         found.append({"time": simulation.time} | now)
-    return path, found[:-1]
+    return found[:-1]
+
+
+@pytest.fixture(scope="module")
+def other(tmp_path_factory):
+    """(scene file, snapshots)"""
+    path = tmp_path_factory.mktemp("scene") / "scene.toml"
+    path.write_text(SCENE)
+    return path, run_of(path)
 
 
 def written(folder, frames):
@@ -80,25 +85,57 @@ def test_a_run_of_the_same_equations_holds(other, tmp_path, capsys):
     assert {"centre x", "spread y", "largest x", "momentum y", "kinetic energy", "potential energy"} <= set(measures)
     assert code == 0, [m for m in measures.values() if not m["holds"]]
     centre = measures["centre y"]
-    assert max(centre["refsim"]) - min(centre["refsim"]) > 0
-    assert centre["allowed"] >= 3 * (max(centre["refsim"]) - min(centre["refsim"]))
+    assert found["coarser"] == 0.04
+    assert centre["chaos"] >= 3 * (max(centre["refsim"]) - min(centre["refsim"])) > 0
+    assert centre["allowed"] == max(centre["chaos"], centre["resolution"])
+    assert {m["verdict"] for m in measures.values()} == {"holds"}
 
 
 def test_a_slip_is_found(other, tmp_path, capsys):
-    """Gravity stronger by 1e-4 of itself moves the centre by much more than three starts differ."""
+    """Gravity stronger by 1e-4 of itself moves the centre by much more than three starts differ; resolution by more."""
     scene, frames = other
     wrong = [dict(frame, position=frame["position"] - [0, 0.5e-4 * 9.81 * frame["time"] ** 2, 0]) for frame in frames]
     folder = written(tmp_path / "run", wrong)
-    code, _, measures = judged(capsys, scene, folder)
+    code, found, measures = judged(capsys, scene, folder, "--chaos-only")
     assert code == 4
+    assert found["coarser"] == ""
     assert not measures["centre y"]["holds"]
     assert measures["spread y"]["holds"]
-    assert main(["contract", "--run", str(scene), folder, "--backend", "numpy"]) == 4
+    assert main(["contract", "--run", str(scene), folder, "--backend", "numpy", "--chaos-only"]) == 4
     out = capsys.readouterr().out
     (line,) = (line for line in out.splitlines() if line.startswith("centre y"))
     assert line.endswith("FAILS")
-    code, _, measures = judged(capsys, scene, folder, "--within", "1e9")
+    code, _, measures = judged(capsys, scene, folder, "--within", "1e9", "--chaos-only")
     assert code == 0
+    code, _, measures = judged(capsys, scene, folder)
+    assert code == 0
+    centre = measures["centre y"]
+    assert (centre["verdict"], centre["chaos"] < centre["difference"] <= centre["resolution"]) == (
+        "within resolution",
+        True,
+    )
+
+
+def test_another_discretisation_is_right_and_another_flow_is_not(other, tmp_path, capsys):
+    """Sound that is faster by a tenth changes no measure by more than the spacing does; half the gravity does."""
+    for number, (one, another, passed) in enumerate((("15.0", "16.5", True), ("-9.81", "-4.9", False))):
+        scene = tmp_path / f"{number}.toml"
+        scene.write_text(SCENE.replace(one, another))
+        folder = written(tmp_path / str(number), run_of(scene))
+        code, _, measures = judged(capsys, other[0], folder)
+        assert (code == 0) == passed, [m for m in measures.values() if not m["holds"]]
+        assert judged(capsys, other[0], folder, "--chaos-only")[0] == 4
+
+
+def test_a_scene_without_another_spacing_is_judged_by_chaos(tmp_path, capsys):
+    scene = tmp_path / "prime.toml"
+    scene.write_text(SCENE.replace("cells = [6, 8, 1]", "cells = [5, 7, 1]"))
+    folder = written(tmp_path / "run", run_of(scene)[:3])
+    code, found, _ = judged(capsys, scene, folder)
+    assert code == 0
+    assert "its boxes have no spacing near 0.03 m" in found["coarser"]
+    main(["contract", "--run", str(scene), folder, "--backend", "numpy"])
+    assert "There is no coarser run: " in capsys.readouterr().out
 
 
 def test_vtk_files_are_read(other, tmp_path):

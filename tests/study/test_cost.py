@@ -11,8 +11,8 @@ import pytest
 from refsim import Box, BoxWalls, Gravity, Scene, Simulation, WeaklyCompressible, make_plan
 from refsim.__main__ import main
 from refsim.commands.plan import describe_plan
+from refsim.scene.refine import refined
 from refsim.study import cost
-from refsim.study.refine import refined
 from refsim.study.waits import parts, waits
 
 

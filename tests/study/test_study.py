@@ -27,9 +27,9 @@ from refsim import (
 )
 from refsim.__main__ import main
 from refsim.core.locks import in_turn
+from refsim.scene.refine import refined
 from refsim.study import runs
 from refsim.study.observables import observable_of
-from refsim.study.refine import refined
 
 SCENE = """
 spacing = 0.01

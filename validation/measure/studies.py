@@ -18,8 +18,8 @@ from scipy.special import erf
 
 import refsim
 from refsim import InputError, make_plan
+from refsim.scene.refine import fitting, refined
 from refsim.study.observables import observable_of
-from refsim.study.refine import fitting, refined
 from refsim.study.result import Study, percent
 from refsim.study.runs import Reading, Setting, measure
 from validation.experiments.heat.scene import stefan_root

@@ -11,11 +11,11 @@ import numpy as np
 
 from refsim.scene.files import parse_scene, put, scene_from_dict, scene_to_dict
 from refsim.scene.plan import make_plan
+from refsim.scene.refine import refined
 from refsim.scene.scene import Scene
 from refsim.scene.shapes import Cloud
 from refsim.study.panels import FOLDER, OWN, Panel, Point, panel
 from refsim.study.panels.making import MADE
-from refsim.study.refine import refined
 
 
 def packaged(name: str) -> Scene | None:

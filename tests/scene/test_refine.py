@@ -22,7 +22,7 @@ from refsim import (
     WeaklyCompressible,
     make_plan,
 )
-from refsim.study.refine import misfit, notes, refined, resting_step, spaced
+from refsim.scene.refine import misfit, notes, refined, resting_step, spaced
 
 LIQUID = WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=2.0, density="summation")
 
