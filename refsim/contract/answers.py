@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import dataclasses
 import functools
+import itertools
 import time
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
@@ -42,9 +43,9 @@ def closed_forms(target: Target) -> Iterator[Trial]:
     ]
     fitting = [form for form in forms if not target.kernel or _of_kernel(target, form[2])]
     for name, exact, inputs in fitting:
-        yield Trial("T1", name, functools.partial(_closed_form, target, name, exact, inputs))
+        yield Trial(name, functools.partial(_closed_form, target, exact, inputs))
     if forms and not fitting:
-        yield Trial("T1", "closed forms", _other_kernel)
+        yield Trial("closed forms", _other_kernel)
 
 
 def _other_kernel() -> Outcome:
@@ -87,7 +88,7 @@ def _dropped_outputs(operation: Operation, variant: Mapping[str, Any]) -> set[st
     return {name for name, value in variant.items() if value is None and name in written}
 
 
-def _closed_form(target: Target, trial: str, exact: cases.Exact, inputs: Inputs) -> Outcome:
+def _closed_form(target: Target, exact: cases.Exact, inputs: Inputs) -> Outcome:
     start = {n: 0 * inputs.output(target.operation, n) for n in target.operation.adds}
     before, after = target.launch(inputs, before=start)
     answer = {n: (np.asarray(v, dtype=float), np.asarray(0.0)) for n, v in exact.expected.items() if n in after}
@@ -100,7 +101,7 @@ def _closed_form(target: Target, trial: str, exact: cases.Exact, inputs: Inputs)
         with np.errstate(over="ignore"):  # what was not written may be as large as a number can be
             shares = error / exact_bound(target.operation, value, target.dtype)
         found[name] = np.where(np.isfinite(error), shares, np.inf)
-    return judgement(target, "T1", trial, Judged(inputs, before, after, answer, found))
+    return judgement(target, Judged(inputs, before, after, answer, found))
 
 
 def _same(given: Any, override: Any) -> bool:
@@ -143,15 +144,14 @@ def _cast(value: Any, usual: Any, dtype: str) -> Any:
 # T2, T3
 
 
-def on_case(target: Target, name: str, step: str = "T2", lists: str = "search") -> Outcome:
+def on_case(target: Target, name: str, lists: str = "search") -> Outcome:
     """T2: one hard input against the oracle, over the neighbour search's lists or the oracle's."""
     judged = target.on_case(name, lists)
-    trial = name if lists == "search" else f"{name} over all pairs"
     if judged.inputs.case.count >= 20 and not judged.inputs.case.ties:
         share = undecided(target.operation, judged.inputs, judged.answer)
         if share > MOST_UNDECIDED:
-            return target.outcome(step, trial, np.inf, f"{share:.0%} of the flags are too near to flipping to compare")
-    return judgement(target, step, trial, judged)
+            return target.outcome(np.inf, f"{share:.0%} of the flags are too near to flipping to compare")
+    return judgement(target, judged)
 
 
 def hard_inputs(target: Target) -> Iterator[Trial]:
@@ -166,36 +166,33 @@ def hard_inputs(target: Target) -> Iterator[Trial]:
     if takes_neighbours(target.operation):
         names.append(DENSE)
     for name in names:
-        yield Trial("T2", name, functools.partial(on_case, target, name))
-    if target.listed:
-        for dim in target.dims:
-            name = CLOUDS[dim]
-            yield Trial("T2", f"{name} over all pairs", functools.partial(on_case, target, name, lists="all_pairs"))
+        yield Trial(name, functools.partial(on_case, target, name))
+    for name in (CLOUDS[dim] for dim in target.dims if target.listed):
+        yield Trial(f"{name} over all pairs", functools.partial(on_case, target, name, lists="all_pairs"))
     if not target.kernel and shape_acts(target.operation) and target.loader is None:
-        for kernel in SHAPES:
-            for name in CLOUDS.values():
-                run = functools.partial(_with_kernel, target, kernel, name)
-                yield Trial("T2", f"{name} with {kernel}", run)
+        for kernel, name in itertools.product(SHAPES, CLOUDS.values()):
+            yield Trial(f"{name} with {kernel}", functools.partial(_with_kernel, target, kernel, name))
 
 
 def _with_kernel(target: Target, kernel: str, name: str) -> Outcome:
     outcome = on_case(dataclasses.replace(target, kernel=kernel, faults=[]), name)
-    return dataclasses.replace(outcome, trial=f"{name} with {kernel}", kernel=target.kernel)
+    return dataclasses.replace(outcome, kernel=target.kernel)
 
 
 def large_case(target: Target) -> Iterator[Trial]:
     """T3: some thousand particles, sampled rows against the oracle; of other programs also more than 16 bits count."""
     for dim in target.dims:
-        yield Trial("T3", LARGE[dim], functools.partial(_large, target, LARGE[dim]))
+        yield Trial(LARGE[dim], functools.partial(_large, target, LARGE[dim]))
     if target.loader and target.variant == 0 and takes_neighbours(target.operation):
-        yield Trial("T3", MANY, functools.partial(_many, target))
+        yield Trial(MANY, functools.partial(_many, target))
 
 
 def _large(target: Target, name: str) -> Outcome:
-    return judgement(target, "T3", name, target.on_case(name, rows=_sampled(name)))
+    return judgement(target, target.on_case(name, rows=sampled(name)))
 
 
-def _sampled(name: str) -> np.ndarray:
+def sampled(name: str) -> np.ndarray:
+    """Rows of a large case that are compared."""
     case = cases.CASES[name]()
     return np.sort(case.random("rows").choice(case.count, SAMPLED_ROWS, replace=False))
 
@@ -240,14 +237,12 @@ def parameters(target: Target) -> Iterator[Trial]:
             answer = functools.partial(oracle, operation, inputs) if acting else usual
             given = (inputs, None, None) if name == "period" else (inputs, neighbours, walls)  # which has other lists
             trial = f"another {name}.{member}{' in the plane' if dim == 2 else ''}"
-            run = functools.partial(
-                _another, target, trial, f"{name}.{member}", given, answer, usual if acting else None
-            )
-            yield Trial("T10", trial, run)
+            run = functools.partial(_another, target, f"{name}.{member}", given, answer, usual if acting else None)
+            yield Trial(trial, run)
 
 
 def _another(
-    target: Target, trial: str, member: str, given: Given, answer: Callable[[], Any], usual: Callable[[], Any] | None
+    target: Target, member: str, given: Given, answer: Callable[[], Any], usual: Callable[[], Any] | None
 ) -> Outcome | None:
     inputs, operation = given[0], target.operation
     right = answer()
@@ -260,10 +255,9 @@ def _another(
         if all(value.shape == same[n][0].shape for n, (value, _) in right.items()) and (
             worst(errors(operation, inputs, before, after, answer=same)) <= 1
         ):
-            return target.outcome(
-                "T10", trial, worst(judged.found), f"your program's answer does not follow {member}", telling=True
-            )
-    return judgement(target, "T10", trial, judged)
+            words = f"your program's answer does not follow {member}"
+            return target.outcome(worst(judged.found), words, telling=True)
+    return judgement(target, judged)
 
 
 def _takes(target: Target) -> Iterator[Trial]:
@@ -285,8 +279,7 @@ def _takes(target: Target) -> Iterator[Trial]:
     for (name, member), (found, wanted) in moved.items():
         words = "" if found == wanted else "changes nothing" if wanted else "changes the answer, and is not in `takes`"
         error = 0.0 if found == wanted else np.inf
-        trial = f"{name}.{member} acts"
-        yield Trial("T10", trial, functools.partial(target.outcome, "T10", trial, error, words))
+        yield Trial(f"{name}.{member} acts", functools.partial(target.outcome, error, words))
 
 
 def differs(one: Mapping[str, tuple[Any, Any]], other: Mapping[str, tuple[Any, Any]]) -> bool:

@@ -10,6 +10,7 @@ A pair within rounding of r = h counts or not, as its distance is rounded: a row
 
 from __future__ import annotations
 
+import functools
 import inspect
 from collections.abc import Mapping
 from typing import Any
@@ -89,48 +90,56 @@ def errors(
     share          how many times the bound is allowed
     """
     answer = oracle(operation, inputs, rows) if answer is None else answer
-    eps = float(np.finfo(inputs.dtype).eps)
-    near = neighbour_counts(operation, inputs, rows)
-    conditioned: dict[str, np.ndarray] | None = None
-    jumps: dict[str, np.ndarray] | None = None
+    allowed = Bounds(operation, inputs, rows, share)
     found = {}
     for name, (value, scale) in answer.items():
-        own = inputs.per_particle(name)
         got = np.asarray(after[name], dtype=float)
         start = np.asarray(before[name], dtype=float)
-        if own and rows is not None:
+        if rows is not None and inputs.per_particle(name):
             got, start = got[rows], start[rows]
         if name in operation.exact:
-            decided = ~(scale <= operation.tolerance * eps)
-            found[name] = np.where(decided & (got != value), np.inf, 0.0)
+            found[name] = np.where(np.isfinite(allowed.exact(scale)) & (got != value), np.inf, 0.0)
             continue
         with np.errstate(invalid="ignore"):  # of infinity less infinity, which is no number and no agreement
             error = size(got - (start if name in operation.adds else 0) - value)
-        factor = share * operation.tolerance * eps
-        bound = share * _bound(operation, inputs, name, scale, start, near)
+        bound = allowed.plain(name, scale, start)
         ratio = _ratio(error, bound)
-        if takes_neighbours(operation) and (ratio > 1).any():
-            if conditioned is None:
-                conditioned = conditioning(operation, inputs, rows)
-            bound = bound + factor * conditioned[name]
-            ratio = _ratio(error, bound)
+        for part in (allowed.conditioned, allowed.jumps) if takes_neighbours(operation) else ():
             if (ratio > 1).any():
-                jumps = edge_terms(operation, inputs, rows) if jumps is None else jumps
-                ratio = _ratio(error, bound + share * jumps.get(name, 0.0))
+                bound = bound + part().get(name, 0.0)
+                ratio = _ratio(error, bound)
         found[name] = ratio
     return found
 
 
-def _bound(
-    operation: Operation, inputs: Inputs, name: str, scale: np.ndarray, start: np.ndarray, near: np.ndarray
-) -> np.ndarray:
-    """c (neighbours + 1) eps sum|terms| of an output, and the rounding of the sum with what stood there."""
-    factor = operation.tolerance * float(np.finfo(inputs.dtype).eps)
-    terms = near + 1 if inputs.per_particle(name) else 1 if name in operation.entrywise else 1 + len(near)
-    bound = factor * terms * size(scale)
-    if name in operation.adds:
-        bound = bound + factor * size(start)
-    return bound + np.finfo(inputs.dtype).tiny
+class Bounds:
+    """Largest errors allowed on inputs, `share` times, of all particles or of `rows`; its parts cost more and more."""
+
+    def __init__(
+        self, operation: Operation, inputs: Inputs, rows: np.ndarray | None = None, share: float = 1.0
+    ) -> None:
+        self.operation, self.inputs, self.rows, self.share = operation, inputs, rows, share
+        self.near = neighbour_counts(operation, inputs, rows)
+        self.factor = operation.tolerance * float(np.finfo(inputs.dtype).eps)
+        self.conditioned, self.jumps = functools.cache(self._conditioned), functools.cache(self._jumps)
+
+    def exact(self, scale: np.ndarray) -> np.ndarray:
+        """Of an output that agrees exactly: 0, or infinite where a rounding may decide."""
+        return np.where(scale <= self.factor, np.inf, 0.0)
+
+    def plain(self, name: str, scale: np.ndarray, start: np.ndarray) -> np.ndarray:
+        """c (neighbours + 1) eps sum|terms| of an output, and the rounding of the sum with what stood there."""
+        entries = 1 if name in self.operation.entrywise else 1 + len(self.near)
+        bound = (self.near + 1 if self.inputs.per_particle(name) else entries) * size(scale)
+        bound = self.factor * (bound + size(start) if name in self.operation.adds else bound)
+        return self.share * (bound + np.finfo(self.inputs.dtype).tiny)
+
+    def _conditioned(self) -> dict[str, np.ndarray]:
+        found = conditioning(self.operation, self.inputs, self.rows)
+        return {name: self.share * self.factor * value for name, value in found.items()}
+
+    def _jumps(self) -> dict[str, np.ndarray]:
+        return {n: self.share * value for n, value in edge_terms(self.operation, self.inputs, self.rows).items()}
 
 
 def exact_bound(operation: Operation, value: np.ndarray, dtype: str) -> float:
@@ -140,29 +149,27 @@ def exact_bound(operation: Operation, value: np.ndarray, dtype: str) -> float:
 
 
 def allowed(
-    operation: Operation, inputs: Inputs, before: Mapping[str, Any], answer: Mapping[str, tuple[Any, Any]]
-) -> dict[str, np.ndarray]:
+    operation: Operation, inputs: Inputs, before: Mapping[str, Any], answer: Mapping[str, tuple[Any, Any]],
+    rows: np.ndarray | None = None,
+) -> dict[str, np.ndarray]:  # fmt: skip
     """Largest error allowed in each row of each output, the conditioning included; 0 or infinite for exact outputs.
 
-    answer  in the oracle's form; (value, None) for a closed form
+    answer  in the oracle's form, of all particles or of `rows`; (value, None) for a closed form
     """
-    near = neighbour_counts(operation, inputs)
+    bounds = Bounds(operation, inputs, rows)
     known = {name: part for name, part in answer.items() if name in before}
-    summed = takes_neighbours(operation) and all(scale is not None for _, scale in known.values())
-    summed = summed and not set(known) <= set(operation.exact)
-    conditioned = conditioning(operation, inputs) if summed else {}
-    jumps = edge_terms(operation, inputs) if summed else {}
-    factor = operation.tolerance * float(np.finfo(inputs.dtype).eps)
     found = {}
     for name, (value, scale) in known.items():
         if name in operation.exact:
-            found[name] = np.zeros(np.shape(value)) if scale is None else np.where(scale <= factor, np.inf, 0.0)
+            found[name] = np.zeros(np.shape(value)) if scale is None else bounds.exact(scale)
         elif scale is None:
             found[name] = np.full(np.shape(value)[:1], exact_bound(operation, value, inputs.dtype))
         else:
             start = np.asarray(before[name], dtype=float)
-            found[name] = _bound(operation, inputs, name, scale, start, near) + factor * conditioned.get(name, 0.0)
-            found[name] = found[name] + jumps.get(name, 0.0)
+            start = start[rows] if rows is not None and inputs.per_particle(name) else start
+            found[name] = bounds.plain(name, scale, start)
+            for part in (bounds.conditioned, bounds.jumps) if takes_neighbours(operation) else ():
+                found[name] = found[name] + part().get(name, 0.0)
     return found
 
 

@@ -38,19 +38,17 @@ ENOUGH = 1.0  # s of the processor for such calls
 ROUNDINGS = 8  # of a sum over all particles, up to which an error may be one of its rounding
 SMALLEST_SINGLE = 4e-9  # share of the terms from which on an error may be one of single precision
 
-Alter = Callable[[Inputs, int], Inputs]
 
-
-def judgement(target: Target, step: str, trial: str, judged: Judged) -> Outcome:
+def judgement(target: Target, judged: Judged) -> Outcome:
     """The outcome of an answer; of a wrong one with its cause and the values of its worst row."""
     error = worst(judged.found)
     if error <= 1 or target.faults:
-        return target.outcome(step, trial, error, named_worst(judged.found, judged.rows), telling=judged.telling)
+        return target.outcome(error, named_worst(judged.found, judged.rows), telling=judged.telling)
     began = time.process_time()
     with np.errstate(all="ignore"):  # which a library may have changed for the whole process
         words, values = Wrong(target, judged).told(target.sought.seconds < MOST_SEEKING)
     target.sought.seconds += time.process_time() - began
-    return target.outcome(step, trial, error, words, telling=judged.telling, values=values)
+    return target.outcome(error, words, telling=judged.telling, values=values)
 
 
 class Wrong:
@@ -201,7 +199,7 @@ class Wrong:
     def holds_on(self, i: int, others: np.ndarray) -> bool:
         """Whether the program is right for particle i among `others`, wall particles as they are."""
         keep = np.sort(np.append(others, i)).astype(int)
-        some, quiet = subset(self.operation, self.inputs, keep), self.target.quiet()
+        some, quiet = self.some(keep), self.target.quiet()
         row = np.array([int(np.searchsorted(keep, i))])
         before, after = quiet.launch(some, complete=False)
         found = errors(
@@ -218,7 +216,7 @@ class Wrong:
             given = self.inputs[name] if name in self.taken else None
             if given is None or (name == "walls" and not len(given.position)):
                 continue
-            other, quiet = alter(self.inputs, 0), self.target.quiet()
+            other, quiet = alter(self.inputs), self.target.quiet()
             before, after = quiet.launch(other, complete=False)
             answer = {self.name: oracle(self.operation, other)[self.name]}
             if worst(errors(self.operation, other, before, after, None, answer)) <= 1 and not quiet.faults:
@@ -255,19 +253,19 @@ class Wrong:
 
     def predicted(self) -> tuple[str, int | None]:
         """The first hypothesis that explains all rows that are looked at."""
-        for words, alter in self.hypotheses():
-            if self.explains_all(alter):
+        for words, inputs in self.hypotheses():
+            if self.explains_all(inputs):
                 return words, None
         for name in self.taken:
             taken = name != "position" and self.inputs.per_particle(name) and not self.inputs.dropped(name)
-            if taken and self.explains(partial(self.altered, alter=partial(same, name))):
+            if taken and self.explains(partial(self.with_own, name)):
                 symbol = SYMBOLS.get(name, name)
                 return f"the answer has {symbol}_i in place of {symbol}_j", None
         for words, sign in (
             ("leaves out the particle itself (missing self term)", -1),
             ("counts the particle itself twice", 1),
         ):
-            if self.explains(partial(self.with_self, sign=sign)):
+            if self.explains(partial(self.with_self, sign)):
                 return f"your program {words}", None
         return "", None
 
@@ -298,55 +296,66 @@ class Wrong:
         """One neighbour too few or too many in each wrong row."""
         for words, sign in (("one neighbour is missing", -1), ("one neighbour is counted twice", 1)):
             partner = self.closest(self.worst, sign)
-            if partner is not None and self.explains(partial(self.with_best, sign=sign)):
+            if partner is not None and self.explains(partial(self.with_best, sign)):
                 return f"off by one: in each wrong row {words}", partner
         return "", None
 
-    def hypotheses(self) -> Iterator[tuple[str, Alter]]:
+    def hypotheses(self) -> Iterator[tuple[str, Inputs]]:
         """(words, inputs that would give the program's answer in all rows)."""
         operation, inputs, taken = self.operation, self.inputs, self.taken
-        yield "the answer is that of half the support radius: h/2 in place of h", partial(scaled, operation, 0.5)
-        yield "the answer is that of twice the support radius: 2 h in place of h", partial(scaled, operation, 2.0)
-        if any(name in taken for name in KERNELS):
+        yield "the answer is that of half the support radius: h/2 in place of h", scaled(operation, inputs, 0.5)
+        yield "the answer is that of twice the support radius: 2 h in place of h", scaled(operation, inputs, 2.0)
+        kernels = {name: inputs[name] for name in KERNELS if name in taken}
+        if kernels:
             other = 5 - inputs.case.dim
-            yield (
-                f"the answer has the kernel's normalisation for {other} dimensions",
-                partial(normalised, operation, other),
-            )
+            turned = {name: group._replace(dim=type(group.dim)(other)) for name, group in kernels.items()}
+            yield f"the answer has the kernel's normalisation for {other} dimensions", inputs.replaced(**turned)
             for shape in SHAPES if shape_acts(operation) else ():
-                yield f"the answer is that of the kernel {shape}", partial(shaped, operation, shape)
+                yield f"the answer is that of the kernel {shape}", with_kernel(operation, inputs, shape)
         if "mass" in taken and "density" in taken:
-            yield "the answer has m_j/rho_j in place of m_j", partial(with_mass, inputs["mass"] / inputs["density"])
-            yield "the answer has m_j in place of m_j/rho_j", partial(with_mass, inputs["mass"] * inputs["density"])
+            mass, density = inputs["mass"], inputs["density"]
+            yield "the answer has m_j/rho_j in place of m_j", inputs.replaced(mass=mass / density)
+            yield "the answer has m_j in place of m_j/rho_j", inputs.replaced(mass=mass * density)
         if "period" in taken and inputs["period"] is not None:
-            yield "the answer is that without a period", without_period
+            yield "the answer is that without a period", without_period(inputs)
         if "walls" in taken and inputs["walls"] is not None and len(inputs["walls"].position):
-            yield "the answer is that without wall particles", without_walls
+            yield "the answer is that without wall particles", without_walls(inputs)
             for axis in range(inputs.case.dim):
-                yield f"the wall particles are mirrored: {'xyz'[axis]} has the wrong sign", partial(mirrored, axis)
+                position = inputs["walls"].position * np.where(np.arange(3) == axis, -1, 1).astype(inputs.dtype)
+                mirrored = inputs.replaced(walls=inputs["walls"]._replace(position=position))
+                yield f"the wall particles are mirrored: {'xyz'[axis]} has the wrong sign", mirrored
 
-    def altered(self, k: int, alter: Alter, row: int | None = None) -> np.ndarray:
-        """The oracle's answer in the k-th row with altered inputs, where it is the answer's row `row`."""
-        i = int(self.number[k])
-        rows = np.array([i if row is None else row])
-        return oracle(self.operation, alter(self.inputs, i), rows)[self.name][0][0]
+    def answer(self, inputs: Inputs, row: int) -> np.ndarray:
+        """The oracle's answer to altered inputs in one row."""
+        return oracle(self.operation, inputs, np.array([row]))[self.name][0][0]
 
-    def with_self(self, k: int, sign: int) -> np.ndarray:
+    def with_own(self, name: str, k: int) -> np.ndarray:
+        """The answer in the k-th row where all particles have that particle's value of a field."""
+        values, i = self.inputs[name], int(self.number[k])
+        own = np.broadcast_to(values[i], values.shape).copy()
+        return self.answer(self.inputs.replaced(**{name: own}), i)
+
+    def with_self(self, sign: int, k: int) -> np.ndarray:
         """The right answer with or without what the particle by itself gives."""
-        return self.right[k] + sign * self.altered(k, partial(only, self.operation), 0)
+        return self.right[k] + sign * self.answer(self.some(self.number[k : k + 1]), 0)
 
-    def with_best(self, k: int, sign: int) -> np.ndarray:
+    def some(self, keep: np.ndarray) -> Inputs:
+        """The inputs with some of the particles."""
+        return subset(self.operation, self.inputs, keep)
+
+    def with_best(self, sign: int, k: int) -> np.ndarray:
         """The right answer with or without the neighbour that explains it best."""
-        return self.right[k] + sign * self.best(k, sign)
+        near, adds = self.parts(k)
+        return np.atleast_1d(self.right[k]) + (sign * adds[self.place(k, sign)] if len(near) else 0.0)
 
     def explains(self, predict: Callable[[int], Any]) -> bool:
         """Whether what a cause predicts is what the program gave, in the rows that are looked at."""
         rows = self.looked_at
         return self.agrees(np.array([predict(k) for k in rows]).reshape(self.right[rows].shape), rows)
 
-    def explains_all(self, alter: Alter) -> bool:
+    def explains_all(self, inputs: Inputs) -> bool:
         """Whether altered inputs give what the program gave, in all rows, right ones too."""
-        prediction = oracle(self.operation, alter(self.inputs, 0), self.number)[self.name][0]
+        prediction = oracle(self.operation, inputs, self.number)[self.name][0]
         return self.agrees(prediction, list(range(len(self.right))))
 
     def agrees(self, prediction: np.ndarray, rows: list[int]) -> bool:
@@ -367,25 +376,20 @@ class Wrong:
             i = int(self.number[k])
             near = self.near(i)[: self.inside(i)]
             near = near if len(near) <= MOST_PAIRS else near[:0]
-            adds = [
-                self.right[k] - self.altered(k, partial(less, self.operation, int(j)), i - int(j < i)) for j in near
-            ]
+            every = np.arange(self.count)
+            adds = [self.right[k] - self.answer(self.some(np.delete(every, j)), i - int(j < i)) for j in near]
             self._parts[k] = near, np.array(adds).reshape(len(near), -1)
         return self._parts[k]
 
-    def best(self, k: int, sign: int) -> np.ndarray:
-        """What the neighbour adds whose absence (-1) or repetition (1) explains the k-th row best."""
-        near, adds = self.parts(k)
-        if not len(near):
-            return np.zeros_like(np.atleast_1d(self.right[k]))
+    def place(self, k: int, sign: int) -> int:
+        """Place of the neighbour whose absence (-1) or repetition (1) explains the k-th row best."""
         error = np.atleast_1d(self.got[k] - self.right[k])
-        return adds[int(np.argmin(np.abs(error - sign * adds).sum(1)))]
+        return int(np.argmin(np.abs(error - sign * self.parts(k)[1]).sum(1)))
 
     def closest(self, k: int, sign: int) -> int | None:
         """The number of that neighbour."""
-        near, adds = self.parts(k)
-        error = np.atleast_1d(self.got[k] - self.right[k])
-        return int(near[int(np.argmin(np.abs(error - sign * adds).sum(1)))]) if len(near) else None
+        near, _ = self.parts(k)
+        return int(near[self.place(k, sign)]) if len(near) else None
 
     # Where it is wrong
 
@@ -436,10 +440,8 @@ class Wrong:
             "adds": None,
         }  # fmt: skip
         with contextlib.suppress(TypeError, ValueError, IndexError, KeyError, AttributeError):
-            pair = subset(self.operation, self.inputs, np.array(sorted((i, j))))
-            alone = subset(self.operation, self.inputs, np.array([i]))
-            both = oracle(self.operation, pair, np.array([int(j < i)]))[self.name][0][0]
-            told["adds"] = (both - oracle(self.operation, alone, np.array([0]))[self.name][0][0]).tolist()
+            both = self.answer(self.some(np.array(sorted((i, j)))), int(j < i))
+            told["adds"] = (both - self.answer(self.some(np.array([i])), 0)).tolist()
         return told
 
 
@@ -475,18 +477,7 @@ def subset(operation: Any, inputs: Inputs, keep: np.ndarray) -> Inputs:
     return inputs.replaced(**{n: inputs[n][keep] for n in kept})
 
 
-def only(operation: Any, inputs: Inputs, i: int) -> Inputs:
-    """Particle i by itself."""
-    return subset(operation, inputs, np.array([i]))
-
-
-def less(operation: Any, j: int, inputs: Inputs, i: int) -> Inputs:
-    """All but particle j."""
-    every = np.arange(len(inputs["position"]))
-    return subset(operation, inputs, every[every != j])
-
-
-def scaled(operation: Any, share: float, inputs: Inputs, i: int) -> Inputs:
+def scaled(operation: Any, inputs: Inputs, share: float) -> Inputs:
     """The same with a support radius of `share` times its own in every group that has one."""
     made: dict[str, Any] = {}
     for name, group in groups_of(operation, inputs).items():
@@ -498,41 +489,11 @@ def scaled(operation: Any, share: float, inputs: Inputs, i: int) -> Inputs:
     return followed(operation, inputs.replaced(**made))
 
 
-def normalised(operation: Any, dim: int, inputs: Inputs, i: int) -> Inputs:
-    """The same with the normalisation of another dimension."""
-    taken = {name: inputs[name] for name in KERNELS if name in operation.arguments("numpy")}
-    return inputs.replaced(**{name: group._replace(dim=type(group.dim)(dim)) for name, group in taken.items()})
-
-
-def shaped(operation: Any, shape: str, inputs: Inputs, i: int) -> Inputs:
-    """The same with another kernel."""
-    return with_kernel(operation, inputs, shape)
-
-
-def same(name: str, inputs: Inputs, i: int) -> Inputs:
-    """The same with particle i's value of a field for all."""
-    values = inputs[name]
-    return inputs.replaced(**{name: np.broadcast_to(values[i], values.shape).copy()})
-
-
-def with_mass(mass: np.ndarray, inputs: Inputs, i: int) -> Inputs:
-    """The same with other masses."""
-    return inputs.replaced(mass=mass)
-
-
-def without_period(inputs: Inputs, i: int) -> Inputs:
+def without_period(inputs: Inputs) -> Inputs:
     """The same without a period."""
     return inputs.replaced(period=None)
 
 
-def without_walls(inputs: Inputs, i: int) -> Inputs:
+def without_walls(inputs: Inputs) -> Inputs:
     """The same without wall particles."""
     return inputs.replaced(walls=WallParticles(np.zeros((0, 3), inputs.dtype), np.zeros(0, inputs.dtype)))
-
-
-def mirrored(axis: int, inputs: Inputs, i: int) -> Inputs:
-    """The same with wall particles whose coordinate along an axis has the other sign."""
-    walls = inputs["walls"]
-    position = np.array(walls.position)
-    position[:, axis] *= -1
-    return inputs.replaced(walls=walls._replace(position=position))

@@ -17,13 +17,15 @@ class Step:
     """One trial of the ladder of one operation, in the order in which they are climbed.
 
     number      of the trial in the operation's ladder
+    step        its step's name, "-" for all
     trial       None for what is not judged as a whole: a dtype, a variant
     not_judged  why
     """
 
     number: int
     target: Target
-    trial: Trial | None
+    step: str = "-"
+    trial: Trial | None = None
     not_judged: str = ""
 
     @property
@@ -31,22 +33,14 @@ class Step:
         """Name of the trial."""
         return self.trial.name if self.trial else "every trial"
 
-    @property
-    def step(self) -> str:
-        """Name of the step, "-" for all."""
-        return self.trial.step if self.trial else "-"
-
-    def outcome(self, error: float = 0.0, words: str = "") -> Outcome:
+    def outcome(self) -> Outcome:
         """An outcome of this trial that did not pass."""
-        target = self.target
-        return Outcome(
-            target.operation.name, self.step, self.name, target.backend, target.dtype, target.variant, False, error,
-            words, self.not_judged, target.kernel,
-        )  # fmt: skip
+        made = self.target.outcome(0.0)
+        return replace(made, step=self.step, trial=self.name, passed=False, not_judged=self.not_judged)
 
     def perform(self) -> Outcome | None:
         """Call the program and judge; None where the trial does not apply."""
-        return performed(self.target, self.trial) if self.trial else self.outcome()
+        return performed(self.target, self.step, self.trial) if self.trial else self.outcome()
 
 
 def ladder(
@@ -85,10 +79,10 @@ def ladder(
         )
         reason = dtype if dtype not in programs.dtypes else programs.unsupported(found, overrides[variant])
         if reason:
-            yield Step(next(counter), at, None, reason)
+            yield Step(next(counter), at, not_judged=reason)
             continue
-        for trial in planned(at, tuple(steps) or None):
-            yield Step(next(counter), at, trial)
+        for step, trial in planned(at, tuple(steps) or None):
+            yield Step(next(counter), at, step, trial)
 
 
 def trials(

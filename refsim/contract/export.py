@@ -18,12 +18,23 @@ import msgspec
 import numpy as np
 
 from refsim.contract import describe
-from refsim.contract.answers import CLOUDS, DENSE, FEW, exact_forms, exact_inputs
+from refsim.contract.answers import CLOUDS, DENSE, FEW, LARGE, exact_forms, exact_inputs, sampled
 from refsim.contract.bounds import allowed, oracle, takes_neighbours
+from refsim.contract.causes import without_walls
 from refsim.contract.features import extended
 from refsim.contract.inputs import Inputs, arguments_of_others, unset
 from refsim.contract.parameters import shape_acts, varied, with_kernel
-from refsim.contract.properties import Spoiled, Usual, descriptions, spoilable
+from refsim.contract.properties import (
+    CONSERVED,
+    TOTALS,
+    Spoiled,
+    Usual,
+    descriptions,
+    force_bound,
+    held,
+    on_grid,
+    spoilable,
+)
 from refsim.contract.target import Answer, Target
 from refsim.core import cases
 from refsim.core.errors import InputError
@@ -172,6 +183,8 @@ class _Vector:
 
     free      rows of each output that may be anything
     measured  inputs on which the bound is measured where `inputs` hold a NaN
+    rows      that the answer has of outputs with a row for each particle; the others may be anything
+    invariants  {name: largest size of the sum of m a or of its moment; 0 for the dissipation}
     """
 
     name: str
@@ -181,6 +194,8 @@ class _Vector:
     like: str = ""
     free: Mapping[str, np.ndarray] = field(default_factory=dict)
     measured: Inputs | None = None
+    rows: np.ndarray | None = None
+    invariants: Mapping[str, float] = field(default_factory=dict)
 
     def arrays(self, operation: Operation) -> dict[str, np.ndarray]:
         """The arrays of the file that belong to the case, by name."""
@@ -189,15 +204,28 @@ class _Vector:
             values |= flat(name, self.inputs[name])
         outputs = [name for name in operation.outputs if not self.inputs.dropped(name)]
         before = {name: _before(operation, self.inputs, name) for name in outputs}
+        before |= {name: 0 * value for name, value in before.items() if self.invariants and name in operation.adds}
         values |= {f"before/{name}": value for name, value in before.items()}
-        bounds = allowed(operation, self.measured or self.inputs, before, self.answer)
+        values |= {f"invariant/{name}": np.float64(value) for name, value in self.invariants.items()}
+        bounds = allowed(operation, self.measured or self.inputs, before, self.answer, self.rows)
         for name in (name for name in outputs if name in self.answer):
+            answer = np.asarray(self.answer[name][0], dtype=float)
+            bound = np.where(self.free.get(name, False), np.inf, bounds[name])
+            if self.rows is not None and self.inputs.per_particle(name):
+                count = self.inputs.case.count
+                answer, bound = _spread(answer, self.rows, count, 0.0), _spread(bound, self.rows, count, np.inf)
             start = before[name].astype(float) if name in operation.adds else 0.0
-            free = self.free.get(name, False)
-            values[f"answer/{name}"] = start + np.asarray(self.answer[name][0], dtype=float)
-            values[f"bound/{name}"] = np.where(free, np.inf, bounds[name])
+            values[f"answer/{name}"] = start + answer
+            values[f"bound/{name}"] = bound
         prefix = f"{self.name}/" if self.name else ""
         return {f"{prefix}{name}": np.asarray(value, order="C") for name, value in values.items()}
+
+
+def _spread(values: np.ndarray, rows: np.ndarray, count: int, other: float) -> np.ndarray:
+    """Values of some rows among those of all particles."""
+    whole = np.full((count, *values.shape[1:]), other)
+    whole[rows] = values
+    return whole
 
 
 def _before(operation: Operation, inputs: Inputs, name: str) -> np.ndarray:
@@ -218,6 +246,11 @@ def _vectors(target: Target) -> Iterator[_Vector]:
         inputs = target.varied(Inputs(cases.CASES[case](), target.dtype))
         inputs = with_kernel(operation, inputs, kernel) if kernel else inputs
         yield _Vector(name, "T2", inputs, oracle(operation, inputs))
+    for case in LARGE.values():
+        inputs, rows = target.varied(Inputs(cases.CASES[case](), target.dtype)), sampled(case)
+        yield _Vector(case, "T3", inputs, oracle(operation, inputs, rows), rows=rows)
+    for case in CLOUDS.values():
+        yield from _conserved(target, case)
     for case in CLOUDS.values():
         usual, like = Usual(target, case), f"{case}_on_a_grid"
         others = descriptions(usual)
@@ -235,6 +268,20 @@ def _vectors(target: Target) -> Iterator[_Vector]:
             answer = oracle(operation, inputs)
             if all(len(value) == len(inputs.output(operation, name)) for name, (value, _) in answer.items()):
                 yield _Vector(f"{case}_other_{group}.{member}", "T10", inputs, answer)
+
+
+def _conserved(target: Target, case: str) -> Iterator[_Vector]:
+    """Inputs without walls, on which totals are held to what is conserved; one beside it has another velocity."""
+    usual, operation = without_walls(on_grid(target, case)), target.operation
+    kept = [name for name in held(target) if name in CONSERVED]
+    totals = {name: TOTALS[name](usual, 0 * usual["velocity"], force_bound(target, usual))[1]
+              for name in kept if name.endswith("momentum")}  # fmt: skip
+    if kept:
+        yield _Vector(f"{case}_alone", "T4", usual, oracle(operation, usual), invariants=totals)
+    for name in (name for name in kept if name not in totals):
+        for number, inputs in enumerate(CONSERVED[name][0](usual)):
+            like, bound = (f"{case}_alone", {}) if name == "galilean" else ("", {name: 0.0})
+            yield _Vector(f"{case}_{name}_{number}", "T4", inputs, oracle(operation, inputs), like, invariants=bound)
 
 
 def _given(operation: Operation) -> Iterator[tuple[str, str, str]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -30,17 +31,18 @@ AGAINST_ORACLE = ("T2", "T3", "T9")  # say nothing about the oracle itself
 def run(operation: Operation | str, backend: str, dtype: str, case: str, variant: int = 0) -> Outcome:
     """One operation's program on one case against the oracle (T2)."""
     operation = REGISTRY[operation] if isinstance(operation, str) else operation
-    return on_case(Target(operation, backend, dtype, variant), case)
+    target = Target(operation, backend, dtype, variant)
+    return performed(target, "T2", Trial(case, functools.partial(on_case, target, case)))  # type: ignore[return-value]
 
 
-def planned(target: Target, steps: tuple[str, ...] | None = None) -> Iterator[Trial]:
-    """Trials of all steps, or of those named; for the references those that judge them. No program is called."""
+def planned(target: Target, steps: tuple[str, ...] | None = None) -> Iterator[tuple[str, Trial]]:
+    """(step, trial) of all steps, or of those named; for the references those that judge them. No program is called."""
     for name in STEPS if steps is None else steps:
         if target.backend != "numpy" or name not in AGAINST_ORACLE:
-            yield from STEPS[name](target)
+            yield from ((name, trial) for trial in STEPS[name](target))
 
 
-def performed(target: Target, trial: Trial) -> Outcome | None:
+def performed(target: Target, step: str, trial: Trial) -> Outcome | None:
     """The outcome of one trial; None where it does not apply.
 
     A trial fails in which the program raises, changes an input, writes beside its arrays or leaves an output unset.
@@ -49,13 +51,15 @@ def performed(target: Target, trial: Trial) -> Outcome | None:
         outcome = trial.run()
     except NotJudged as reason:
         target.faults.clear()
-        return dataclasses.replace(target.outcome(trial.step, trial.name, 0.0), passed=False, not_judged=str(reason))
-    return target.outcome(trial.step, trial.name, np.inf) if outcome is None and target.faults else outcome
+        outcome = dataclasses.replace(target.outcome(0.0), passed=False, not_judged=str(reason))
+    if outcome is None and target.faults:
+        outcome = target.outcome(np.inf)
+    return outcome and dataclasses.replace(outcome, step=step, trial=trial.name)
 
 
 def climbing(target: Target, steps: tuple[str, ...] | None = None) -> Iterator[Outcome]:
     """Outcomes of all steps, or of those named, as they come; for the references those that judge them."""
-    found = (performed(target, trial) for trial in planned(target, steps))
+    found = (performed(target, step, trial) for step, trial in planned(target, steps))
     return (outcome for outcome in found if outcome is not None)
 
 

@@ -11,12 +11,11 @@ import numpy as np
 from refsim.backends.arrays import set_threads
 from refsim.contract.answers import CLOUDS, LARGE
 from refsim.contract.bounds import errors, neighbour_counts, oracle, size
-from refsim.contract.causes import subset
+from refsim.contract.causes import subset, without_walls
 from refsim.contract.inputs import Inputs, distances, period_of, unwritten
 from refsim.contract.target import Outcome, Target, Trial, named_worst, worst
 from refsim.core import cases
 from refsim.core.operation import Operation
-from refsim.core.walls import WallParticles
 from refsim.neighbours.reference import nearest_image
 
 TURNS = {
@@ -33,15 +32,8 @@ REPEATS = 6  # calls of other programs with the same inputs
 def invariants(target: Target) -> Iterator[Trial]:
     """T4: conservation and dissipation, as far as the operation claims them; no wall takes part."""
     for name in held(target):
-        if name in CONSERVED:
-            for case in CLOUDS.values():
-                yield Trial("T4", f"{name} in {case}", functools.partial(_conserved, target, name, case))
-
-
-def _conserved(target: Target, name: str, case: str) -> Outcome:
-    check, words = CONSERVED[name]
-    error = check(target, target.varied(_without_walls(_on_grid(case, target.dtype))))
-    return target.outcome("T4", f"{name} in {case}", error, "" if error <= 1 else words)
+        for case in CLOUDS.values() if name in CONSERVED else ():
+            yield Trial(f"{name} in {case}", functools.partial(_conserved, target, name, case))
 
 
 def held(target: Target) -> tuple[str, ...]:
@@ -50,71 +42,85 @@ def held(target: Target) -> tuple[str, ...]:
     return tuple(name for name in target.operation.invariants if name not in broken)
 
 
-def _on_grid(name: str, dtype: str) -> Inputs:
+def _conserved(target: Target, name: str, case: str) -> Outcome:
+    moves, words = CONSERVED[name]
+    inputs = without_walls(on_grid(target, case))
+    if name == "galilean":
+        answers = [target.launch(given)[1] for given in (inputs, *moves(inputs))]
+        same = all(np.array_equal(answers[0][n], answers[1][n]) for n in answers[0])
+        return target.outcome(0.0 if same else np.inf, "" if same else words)
+    error = 0.0
+    for given in moves(inputs):
+        _, after = target.launch(given, before={"acceleration": np.zeros((len(given["position"]), 3))})
+        total, bound = TOTALS[name](given, np.asarray(after["acceleration"], dtype=float), force_bound(target, given))
+        error = max(error, float(total / bound) if bound else 0.0 if total < 0 else np.inf)
+    return target.outcome(error, "" if error <= 1 else words)
+
+
+def on_grid(target: Target, name: str) -> Inputs:
     """A case with positions and velocities on a binary grid, in the order in which it is written."""
     cases.discover()
+    dtype = target.dtype
     inputs = Inputs(cases.CASES[name](), dtype)
     walls = inputs["walls"]
-    return inputs.replaced(
-        position=np.round(inputs["position"] / GRID) * np.dtype(dtype).type(GRID),
-        velocity=np.round(inputs["velocity"] / GRID) * np.dtype(dtype).type(GRID),
-        walls=walls._replace(position=(np.round(walls.position / GRID) * GRID).astype(dtype)),
+    return target.varied(
+        inputs.replaced(
+            position=np.round(inputs["position"] / GRID) * np.dtype(dtype).type(GRID),
+            velocity=np.round(inputs["velocity"] / GRID) * np.dtype(dtype).type(GRID),
+            walls=walls._replace(position=(np.round(walls.position / GRID) * GRID).astype(dtype)),
+        )
     )
 
 
-def _without_walls(inputs: Inputs) -> Inputs:
-    none = WallParticles(np.zeros((0, 3), inputs.dtype), np.zeros(0, inputs.dtype))
-    return inputs.replaced(walls=none)
+def force_bound(target: Target, inputs: Inputs) -> np.ndarray:
+    """Bound on the rounding of m a for each particle, from zero."""
+    operation = target.operation
+    _, scale = oracle(operation, inputs)["acceleration"]
+    share = operation.tolerance * (neighbour_counts(operation, inputs) + 1) * float(np.finfo(target.dtype).eps)
+    return share * np.asarray(inputs["mass"], dtype=float) * size(scale)
 
 
-def _force(target: Target, inputs: Inputs) -> tuple[np.ndarray, np.ndarray]:
-    """(m a, bound on the rounding of m a) for each particle, from zero."""
-    count = len(inputs["position"])
-    _, after = target.launch(inputs, before={"acceleration": np.zeros((count, 3))})
-    mass = np.asarray(inputs["mass"], dtype=float)
-    _, scale = oracle(target.operation, inputs)["acceleration"]
-    eps = float(np.finfo(target.dtype).eps)
-    bound = target.operation.tolerance * (neighbour_counts(target.operation, inputs) + 1) * eps * mass * size(scale)
-    return mass[:, None] * np.asarray(after["acceleration"], dtype=float), bound
+def _momentum(inputs: Inputs, acceleration: np.ndarray, bound: np.ndarray) -> tuple[float, float]:
+    return float(size((inputs["mass"][:, None] * acceleration).sum(0)[None])[0]), float(bound.sum())
 
 
-def _momentum(target: Target, inputs: Inputs) -> float:
-    force, bound = _force(target, inputs)
-    return float(size(force.sum(0)[None])[0] / bound.sum())
-
-
-def _angular_momentum(target: Target, inputs: Inputs) -> float:
-    force, bound = _force(target, inputs)
+def _angular_momentum(inputs: Inputs, acceleration: np.ndarray, bound: np.ndarray) -> tuple[float, float]:
     arm = np.asarray(inputs["position"], dtype=float)
     arm = arm - arm.mean(0)
-    return float(size(np.cross(arm, force).sum(0)[None])[0] / (bound * size(arm)).sum())
+    turning = np.cross(arm, inputs["mass"][:, None] * acceleration).sum(0)
+    return float(size(turning[None])[0]), float((bound * size(arm)).sum())
 
 
-def _galilean(target: Target, inputs: Inputs) -> float:
-    """A common velocity, added without rounding, changes nothing at all."""
-    wind = np.array([4.0, -2.0, 0.0], dtype=target.dtype)
-    _, still = target.launch(inputs)
-    _, moved = target.launch(inputs.replaced(velocity=inputs["velocity"] + wind))
-    return 0.0 if all(np.array_equal(still[n], moved[n]) for n in still) else np.inf
+def _power(inputs: Inputs, acceleration: np.ndarray, bound: np.ndarray) -> tuple[float, float]:
+    return float((inputs["mass"][:, None] * acceleration * inputs["velocity"]).sum()), 0.0
 
 
-def _dissipation(target: Target, inputs: Inputs) -> float:
-    """Without pressure the kinetic energy falls; also where all that moves is one particle."""
+TOTALS = {"linear_momentum": _momentum, "angular_momentum": _angular_momentum, "dissipation": _power}
+
+
+def _as_it_is(inputs: Inputs) -> Iterator[Inputs]:
+    yield inputs
+
+
+def _in_wind(inputs: Inputs) -> Iterator[Inputs]:
+    """With a common velocity, which is added without rounding."""
+    yield inputs.replaced(velocity=inputs["velocity"] + np.array([4.0, -2.0, 0.0], dtype=inputs.dtype))
+
+
+def _calm(inputs: Inputs) -> Iterator[Inputs]:
+    """Without pressure; also where all that moves is one particle."""
     calm = inputs.replaced(pressure=0 * inputs["pressure"])
     lone = 0 * inputs["velocity"]
     lone[len(lone) // 2] = [1.0, 2.0, 0.0]
-    for velocity in (inputs["velocity"], lone):
-        force, _ = _force(target, calm.replaced(velocity=velocity))
-        if not (force * velocity).sum() < 0:
-            return np.inf
-    return 0.0
+    yield calm
+    yield calm.replaced(velocity=lone)
 
 
-CONSERVED = {
-    "linear_momentum": (_momentum, "the sum of m a over all particles is not zero"),
-    "angular_momentum": (_angular_momentum, "the sum of m x cross a over all particles is not zero"),
-    "galilean": (_galilean, "a velocity added to all particles changes the answer"),
-    "dissipation": (_dissipation, "without pressure the kinetic energy does not fall"),
+CONSERVED: dict[str, tuple[Callable[[Inputs], Iterator[Inputs]], str]] = {
+    "linear_momentum": (_as_it_is, "the sum of m a over all particles is not zero"),
+    "angular_momentum": (_as_it_is, "the sum of m x cross a over all particles is not zero"),
+    "galilean": (_in_wind, "a velocity added to all particles changes the answer"),
+    "dissipation": (_calm, "without pressure the kinetic energy does not fall"),
 }
 
 # T5: the same particles, described otherwise
@@ -136,10 +142,9 @@ def symmetries(target: Target) -> Iterator[Trial]:
     for case in CLOUDS.values():
         usual = Usual(target, case)
         for name, other in descriptions(usual).items():
-            yield Trial("T5", f"{name} of {case}", functools.partial(_compared, usual, name, other))
+            yield Trial(f"{name} of {case}", functools.partial(_compared, usual, name, other))
         if target.by_ranks and target.operation.reach == 1:
-            trial = f"{RANKS} ranks with {case}"
-            yield Trial("T5", trial, functools.partial(_by_ranks, usual, trial))
+            yield Trial(f"{RANKS} ranks with {case}", functools.partial(_by_ranks, usual))
 
 
 def descriptions(usual: Usual) -> dict[str, Callable[[], Description]]:
@@ -165,7 +170,7 @@ class Usual:
 
     @functools.cached_property
     def inputs(self) -> Inputs:
-        return self.target.varied(_on_grid(self.case, self.target.dtype))
+        return on_grid(self.target, self.case)
 
     @functools.cached_property
     def expected(self) -> dict[str, tuple[Any, Any]]:
@@ -194,13 +199,16 @@ def _compared(usual: Usual, name: str, other: Callable[[], Description]) -> Outc
     scales = {n: (after[n] - (before[n] if n in target.operation.adds else 0), answer[n][1]) for n in after}
     brought = {n: back(v) if inputs.per_particle(n) else v for n, v in moved.items()}
     found = errors(target.operation, inputs, before, brought, answer=scales, share=2.0)
-    words = named_worst(found)
-    if not worst(found) <= 1:
-        words = f"your program's answer does not follow {MOVED[name.split()[0]]}: {words}"
-    return target.outcome("T5", f"{name} of {usual.case}", worst(found), words)
+    return _told(target, found, f"your program's answer does not follow {MOVED[name.split()[0]]}")
 
 
-def _by_ranks(usual: Usual, trial: str) -> Outcome:
+def _told(target: Target, found: dict[str, np.ndarray], wrong: str) -> Outcome:
+    """The outcome, with words for a wrong answer."""
+    words, error = named_worst(found), worst(found)
+    return target.outcome(error, words if error <= 1 else f"{wrong}: {words}")
+
+
+def _by_ranks(usual: Usual) -> Outcome:
     """Each rank gets its share and, behind it, the particles within reach as ghosts; the answers are gathered."""
     target, inputs, operation = usual.target, usual.inputs, usual.target.operation
     reach = inputs.case.list_radius * (1 + inputs.case.skin)
@@ -217,10 +225,7 @@ def _by_ranks(usual: Usual, trial: str) -> Outcome:
     before = {name: inputs.output(operation, name) for name in gathered}
     answer = {name: usual.expected[name] for name in gathered}
     found = errors(operation, inputs, before, gathered, answer=answer)
-    words = named_worst(found)
-    if not worst(found) <= 1:
-        words = f"the answer of {RANKS} ranks with ghosts is not that of one: {words}"
-    return target.outcome("T5", trial, worst(found), words)
+    return _told(target, found, f"the answer of {RANKS} ranks with ghosts is not that of one")
 
 
 def _translated(usual: Usual) -> Description:
@@ -271,8 +276,7 @@ def repeats(target: Target) -> Iterator[Trial]:
     if target.loader:
         for dim in target.dims:
             case = LARGE[dim] if target.variant == 0 else CLOUDS[dim]
-            trial = f"{REPEATS} calls with {case}"
-            yield Trial("T6", trial, functools.partial(_repeated, target, trial, case, (None,) * REPEATS))
+            yield Trial(f"{REPEATS} calls with {case}", functools.partial(_repeated, target, case, (None,) * REPEATS))
         return
     counts: tuple[int | None, ...] = (None, None)
     if target.place.name == "cpu":
@@ -280,10 +284,10 @@ def repeats(target: Target) -> Iterator[Trial]:
 
         counts = tuple(sorted({1, min(2, numba.config.NUMBA_NUM_THREADS), numba.config.NUMBA_NUM_THREADS})) * 2
     trial = "again" if target.place.name != "cpu" else f"on {', '.join(map(str, counts))} threads"
-    yield Trial("T6", trial, functools.partial(_repeated, target, trial, CLOUDS[3], counts))
+    yield Trial(trial, functools.partial(_repeated, target, CLOUDS[3], counts))
 
 
-def _repeated(target: Target, trial: str, case: str, counts: tuple[int | None, ...]) -> Outcome:
+def _repeated(target: Target, case: str, counts: tuple[int | None, ...]) -> Outcome:
     inputs, neighbours, walls = target.prepared(case)
     answers = []
     try:
@@ -295,21 +299,21 @@ def _repeated(target: Target, trial: str, case: str, counts: tuple[int | None, .
     first = answers[0]
     changed = {n: np.max([size(a[n] - v) for a in answers], 0) for n, v in first.items() if v.dtype.kind == "f"}
     if all(a[n].tobytes() == v.tobytes() for a in answers for n, v in first.items()):
-        return target.outcome("T6", trial, 0.0)
+        return target.outcome(0.0)
     name = max(changed, key=lambda n: float(np.nanmax(changed[n], initial=0.0)), default="")
     rows = int(np.count_nonzero(changed[name])) if name else 0
     most = float(np.nanmax(size(first[name]), initial=0.0)) if name else 0.0
     share = float(np.nanmax(changed[name], initial=0.0)) / most if most > 0 else np.inf
     rounding = share < 100 * float(np.finfo(target.dtype).eps)
     if rounding and not target.same_bits:
-        return target.outcome("T6", trial, 0.0)
+        return target.outcome(0.0)
     words = f"your program gives other bits for the same inputs, within rounding ({rows} rows): a race, or atomic sums"
     if not rounding:
         words = (
             f"your program gives other values of {name} for the same inputs ({rows} rows, by {share:.2g} of the"
             " largest): a race between threads, or memory that is read before it is written"
         )
-    return target.outcome("T6", trial, np.inf, words)
+    return target.outcome(np.inf, words)
 
 
 def additivity(target: Target) -> Iterator[Trial]:
@@ -318,17 +322,16 @@ def additivity(target: Target) -> Iterator[Trial]:
     left_out = {name for name, value in variant.items() if value is None}
     free = [n for n in operation.outputs if n not in left_out and n not in operation.arguments("numpy")]
     for dim in target.dims if free else ():
-        trial = f"from another start{_in(dim)}"
-        yield Trial("T7", trial, functools.partial(_from_another_start, target, trial, CLOUDS[dim], free))
+        run = functools.partial(_from_another_start, target, CLOUDS[dim], free)
+        yield Trial(f"from another start{_in(dim)}", run)
 
 
 def _in(dim: int) -> str:
     return " in the plane" if dim == 2 else ""
 
 
-def _from_another_start(target: Target, trial: str, case: str, free: list[str]) -> Outcome:
-    inputs = target.varied(_on_grid(case, target.dtype))
-    operation = target.operation
+def _from_another_start(target: Target, case: str, free: list[str]) -> Outcome:
+    inputs, operation = on_grid(target, case), target.operation
     zero = {n: 0 * inputs.output(operation, n) for n in free if n in operation.adds}
     _, first = target.launch(inputs, before=zero)
     other = {n: np.full_like(first[n], 7) for n in free if n not in operation.adds}
@@ -348,7 +351,7 @@ def _from_another_start(target: Target, trial: str, case: str, free: list[str]) 
                 words = f"your program does not write {peak}"
         elif np.array_equal(first[peak], second[peak]):
             words = f"your program overwrites {peak}; it must add to what stands there"
-    return target.outcome("T7", trial, worst(found), words)
+    return target.outcome(worst(found), words)
 
 
 # T9
@@ -361,13 +364,9 @@ def bad_input(target: Target) -> Iterator[Trial]:
     not finite, or has such a residual or shift, is the search's to report.
     """
     for dim in target.dims:
-        yield from _spoilable(Usual(target, CLOUDS[dim]), _in(dim))
-
-
-def _spoilable(usual: Usual, where: str) -> Iterator[Trial]:
-    for name in spoilable(usual.target.operation, usual.inputs):
-        trial = f"NaN in {name}{where}"
-        yield Trial("T9", trial, functools.partial(_spoiled, usual, trial, name))
+        usual = Usual(target, CLOUDS[dim])
+        for name in spoilable(target.operation, usual.inputs):
+            yield Trial(f"NaN in {name}{_in(dim)}", functools.partial(_spoiled, usual, name))
 
 
 def spoilable(operation: Operation, inputs: Inputs) -> Iterator[str]:
@@ -409,7 +408,7 @@ class Spoiled:
         return {n: np.abs(other[n][0] - value) > 1e-9 * scale for n, (value, scale) in answer.items()}
 
 
-def _spoiled(usual: Usual, trial: str, name: str) -> Outcome:
+def _spoiled(usual: Usual, name: str) -> Outcome:
     target, inputs = usual.target, usual.inputs
     operation, spoiled = target.operation, Spoiled(usual, name)
     broken_inputs, far = spoiled.inputs, spoiled.far
@@ -443,4 +442,4 @@ def _spoiled(usual: Usual, trial: str, name: str) -> Outcome:
             visible |= got.any() or (after[output] != before[output]).any()
     used = any(depends.any() for depends in spoiled.depends.values())
     error = worst(found) if visible or not used else np.inf
-    return target.outcome("T9", trial, error, words or named_worst(found))
+    return target.outcome(error, words or named_worst(found))

@@ -125,7 +125,35 @@ public:
         }
         return worst;
     }
+
+    /* T4, at most 1 where it holds: the sum of m a ("linear_momentum") or m (x - mean x) x a ("angular_momentum") over
+     * the case's invariant/NAME; for "dissipation" 0 where the sum of m a . v is negative. */
+    template <class T> double invariant(const std::string &kept, const std::vector<T> &acceleration) const
+    {
+        const std::vector<double> x = get<double>("position"), v = get<double>("velocity"), m = get<double>("mass");
+        double mean[3] = {0, 0, 0}, total[3] = {0, 0, 0}, power = 0;
+        for (std::size_t k = 0; k < x.size(); k++)
+            mean[k % 3] += x[k] / m.size();
+        for (std::size_t i = 0; i < m.size(); i++)
+            for (int c = 0; c < 3; c++) {
+                const int d = (c + 1) % 3, e = (c + 2) % 3;
+                const double a = acceleration[3 * i + c], b = acceleration[3 * i + d], f = acceleration[3 * i + e];
+                power += m[i] * a * v[3 * i + c];
+                total[c] += kept == "linear_momentum" ? m[i] * a
+                                                      : m[i] * ((x[3 * i + d] - mean[d]) * f - (x[3 * i + e] - mean[e]) * b);
+            }
+        if (kept == "dissipation")
+            return power < 0 ? 0 : std::numeric_limits<double>::infinity();
+        const double size = std::sqrt(total[0] * total[0] + total[1] * total[1] + total[2] * total[2]);
+        return size / number<double>("invariant/" + kept);
+    }
 };
+
+/* Whether two answers of your code have the same bits: call it several times with the same inputs (T6). */
+template <class T> bool same_bits(const std::vector<T> &one, const std::vector<T> &other)
+{
+    return one.size() == other.size() && std::memcmp(one.data(), other.data(), one.size() * sizeof(T)) == 0;
+}
 
 /* A file of vectors: a zip file of npy files that are not compressed. */
 class Vectors {

@@ -6,7 +6,7 @@ import dataclasses
 import functools
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -194,17 +194,16 @@ class Target:
         """Whether the program reads a list of neighbours."""
         return bool(LISTED & self.taken)
 
-    def outcome(self, step: str, trial: str, error: float, words: str = "", **more: Any) -> Outcome:
-        """Passed where the error is at most the bound and no launch since the last outcome had a fault; NaN fails.
-
-        Of a program whose answers vary from call to call no other cause is told.
+    def outcome(self, error: float, words: str = "", **more: Any) -> Outcome:
+        """Of a trial without a name; it passed if the error is at most the bound and no launch since the last outcome
+        had a fault. NaN fails. Of a program whose answers vary from call to call no other cause is told.
         """
         faults = tuple(dict.fromkeys(self.faults))
         self.faults.clear()
         passed = bool(error <= 1) and not faults
         words = "; ".join(faults) or ("" if passed else self.sought.unsteady) or words
         return Outcome(
-            self.operation.name, step, trial, self.backend, self.dtype, self.variant, passed, float(error), words,
+            self.operation.name, "", "", self.backend, self.dtype, self.variant, passed, float(error), words,
             kernel=self.kernel, dim=self.last.get("dim", 0), **more,
         )  # fmt: skip
 
@@ -306,11 +305,9 @@ class Target:
         return dataclasses.replace(self, faults=[], last={})
 
 
-@dataclass(frozen=True)
-class Trial:
-    """One trial of one step, by a name that is known before the program is called; None where it does not apply."""
+class Trial(NamedTuple):
+    """One trial, by a name that is known before the program is called; None where it does not apply."""
 
-    step: str
     name: str
     run: Callable[[], Outcome | None]
 

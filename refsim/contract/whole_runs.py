@@ -26,6 +26,7 @@ SHAKEN = 1e-6  # of the particle spacing; of the coordinates' precision where th
 SEEDS = (1, 2)
 RATIOS = (RATIO, 2.0)  # of the coarser spacing to the scene's; the first at which boxes keep their edges
 AXES = "xyz"
+EXTENTS = ("largest", "smallest")  # measures of single particles, which no code knows to less than the spacing
 MASS_ROUNDING = 1e-5  # share of the mass that sums in single precision may be off
 
 
@@ -36,7 +37,8 @@ class Measure:
     theirs      of the trajectory at `time` [s]
     ours        of refsim's three runs at that time, the unshaken first
     chaos       largest distance from their middle: so many times their largest width, or as given
-    resolution  largest distance of the coarser run from their middle; 0 without such a run, and where a value is given
+    resolution  largest distance of the coarser run from their middle, of an extent at least the spacing; 0 without such
+                a run, and where a value is given
     """
 
     name: str
@@ -150,6 +152,7 @@ def compare(
             chaos = given[name]
         elif other is not None:
             resolution = max(abs(values[name] - middle(ours)) for values, ours in zip(other, curves))
+            resolution = max(resolution, scene.spacing if name.startswith(EXTENTS) else 0.0)
         points = [
             Measure(name, values[name][1], time, values[name][0], ours, chaos, resolution)
             for time, values, ours in zip(times, theirs, curves)

@@ -174,12 +174,12 @@ def test_arrays_on_a_device_are_written_and_returned():
 # Test vectors
 
 
-VECTORS = ("sph.density", "mpm.particle_to_grid", "surface_detection.near_surface")
+VECTORS = ("sph.density", "mpm.particle_to_grid", "surface_detection.near_surface", "viscosities.artificial")
 
 
 @pytest.fixture(scope="module")
 def vectors(tmp_path_factory):
-    """(folder of vectors, their index) of three operations' plain variants."""
+    """(folder of vectors, their index) of four operations' plain variants."""
     made = tmp_path_factory.mktemp("of_contract") / "vectors"
     assert main(["contract", "--export", str(made), "--variant", "0", *VECTORS]) == 0
     return made, msgspec.json.decode((made / "vectors.json").read_bytes(), type=Vectors)
@@ -187,7 +187,7 @@ def vectors(tmp_path_factory):
 
 def test_vectors_say_what_they_hold(vectors):
     made, index = vectors
-    density, to_grid, near = index.operations
+    density, to_grid, near, viscosity = index.operations
     assert {a.name: a.unit for a in density.arguments}["mass"] == "kg (kg/m in 2D)"
     assert {a.name: a.kind for a in to_grid.arguments}["nodes"] == "int32 (nodes, 3)"
     names = {case.name for case in density.files[0].cases}
@@ -196,7 +196,9 @@ def test_vectors_say_what_they_hold(vectors):
     for operation in index.operations:
         assert [(file.variant, file.dtype) for file in operation.files] == [(0, "float32"), (0, "float64")]
         for file in operation.files:
-            assert {case.step for case in file.cases} >= {"T2", "T5", "T10"}
+            steps = {case.step for case in file.cases}
+            assert steps >= {"T2", "T3", "T5", "T10"}
+            assert ("T4" in steps) == (operation is viscosity)
             with np.load(made / file.file) as arrays:
                 assert {name.partition("/")[0] for name in arrays} == {case.name for case in file.cases}
                 assert all(array.dtype.kind in "fiub" for array in arrays.values())
@@ -224,6 +226,41 @@ def test_symmetry_pairs_have_one_answer(vectors):
             one, other = (arrays[f"{case}/answer/density"] for case in (name, like))
             assert np.allclose(np.sort(one), np.sort(other), rtol=1e-12)
             assert not np.array_equal(arrays[f"{name}/position"], arrays[f"{like}/position"])
+
+
+CONSERVATION = r"""
+#include "refsim_vectors.h"
+int main(int, char **argv)
+{
+    const refsim::Vectors file(argv[1]);
+    for (const refsim::Case &c : file.cases())
+        for (const char *kept : {"linear_momentum", "angular_momentum", "dissipation"})
+            if (c.has(std::string("invariant/") + kept)) {
+                std::vector<double> right = c.get<double>("answer/acceleration"), wrong = right;
+                for (std::size_t k = 0; k < wrong.size(); k++)
+                    wrong[k] = k < wrong.size() / 2 ? 1.01 * wrong[k] : -wrong[k];
+                const int holds = c.invariant(kept, right) <= 1, slips = c.invariant(kept, wrong) <= 1;
+                std::printf("%s %s %d %d\n", c.name.c_str(), kept, holds, slips);
+            }
+}
+"""
+
+
+def test_conservation_is_read_in_cpp(vectors, tmp_path):
+    made, _ = vectors
+    if shutil.which("g++") is None:
+        pytest.skip("g++ is not on the path")
+    (tmp_path / "conserved.cpp").write_text("#include <cstdio>\n" + CONSERVATION)
+    command = ["g++", "-std=c++11", "-Wall", "-Wextra", "-Werror", f"-I{made}", "conserved.cpp", "-o", "conserved"]
+    subprocess.run(command, cwd=tmp_path, check=True)
+    for dtype in ("float32", "float64"):
+        file = made / f"viscosities.artificial/variant_0_{dtype}.npz"
+        said = subprocess.run([tmp_path / "conserved", file], capture_output=True, text=True, check=True).stdout
+        found = [line.split() for line in said.splitlines()]
+        assert len(found) == 8, said
+        assert {kept for _, kept, *_ in found} == {"linear_momentum", "angular_momentum", "dissipation"}
+        assert all(right == "1" for *_, right, _ in found), said
+        assert all(wrong == "0" for _, kept, _, wrong in found if kept != "dissipation"), said
 
 
 def test_every_operation_has_vectors():
