@@ -2,14 +2,14 @@
 
 T1 closed form, T2 hard inputs against the oracle, T3 a large case on sampled rows, T4 conservation, T5 symmetries,
 T6 the same bits again, T7 additivity, T9 bad input, T10 other parameters; and for a whole run T8, resuming.
-`trials(load("module"), "sph.density")` runs it on a program of your own, as `refsim contract` does; `check` does the
-same with a loader; `run` makes one comparison; `bindings` gives the arguments of a program by name.
+`trials(load("module"), "sph.density")` runs it on a program of your own, as `refsim contract` does; `run` makes one
+comparison; `bindings` gives the arguments of a program by name.
 """
 
 from refsim.contract.arrays import to_numpy
 from refsim.contract.climb import Step, ladder, trials
 from refsim.contract.inputs import Inputs, bindings
-from refsim.contract.ladder import STEPS, check, climb, run
+from refsim.contract.ladder import STEPS, climb, run
 from refsim.contract.programs import Programs, load, own
 from refsim.contract.resuming import resumes
 from refsim.contract.target import Outcome, Target
@@ -22,7 +22,6 @@ __all__ = [
     "Step",
     "Target",
     "bindings",
-    "check",
     "climb",
     "ladder",
     "load",

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import functools
 import inspect
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -53,13 +53,18 @@ def neighbour_counts(operation: Operation, inputs: Inputs, rows: np.ndarray | No
     count = np.zeros(wanted)
     if not takes_neighbours(operation):
         return count
+    for place, distance in _all_distances(operation, inputs, rows):
+        count[place] += (distance < inputs.case.list_radius).sum(1)
+    return count
+
+
+def _all_distances(operation: Operation, inputs: Inputs, rows: np.ndarray | None) -> Iterator[tuple[slice, np.ndarray]]:
+    """Blocks of particles, of all or of `rows`, and their distances [m] to all particles, then to wall particles."""
     sources = [inputs["position"]]
     if "walls" in operation.arguments("numpy") and inputs["walls"] is not None:
         sources.append(inputs["walls"].position)
     for source in sources:
-        for place, distance in distances(inputs["position"], source, rows, period_of(operation, inputs)):
-            count[place] += (distance < inputs.case.list_radius).sum(1)
-    return count
+        yield from distances(inputs["position"], source, rows, period_of(operation, inputs))
 
 
 def takes_neighbours(operation: Operation) -> bool:
@@ -206,12 +211,8 @@ def edge_terms(operation: Operation, inputs: Inputs, rows: np.ndarray | None = N
     """Sum of |T| of the pairs at r = h within `EDGE` roundings, in rows that have such a pair; else 0."""
     edge, radius = EDGE * float(np.finfo(inputs.dtype).eps), inputs.case.list_radius
     near = np.zeros(len(inputs["position"]) if rows is None else len(rows), dtype=bool)
-    sources = [inputs["position"]]
-    if "walls" in operation.arguments("numpy") and inputs["walls"] is not None:
-        sources.append(inputs["walls"].position)
-    for source in sources:
-        for place, distance in distances(inputs["position"], source, rows, period_of(operation, inputs)):
-            near[place] |= (np.abs(distance / radius - 1) <= edge).any(1)
+    for place, distance in _all_distances(operation, inputs, rows):
+        near[place] |= (np.abs(distance / radius - 1) <= edge).any(1)
     if not near.any():
         return {}
     less, more = (_stretched(operation, inputs, 1 + part, rows) for part in (-2 * edge, 2 * edge))

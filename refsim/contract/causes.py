@@ -36,6 +36,7 @@ SYMBOLS = {"mass": "m", "density": "rho", "pressure": "p", "velocity": "v", "vol
 REPEATS = 6  # calls with the same inputs
 ENOUGH = 1.0  # s of the processor for such calls
 ROUNDINGS = 8  # of a sum over all particles, up to which an error may be one of its rounding
+REFUSED = (TypeError, ValueError, IndexError, KeyError, AttributeError)  # of an oracle that gets altered inputs
 SMALLEST_SINGLE = 4e-9  # share of the terms from which on an error may be one of single precision
 
 
@@ -91,7 +92,7 @@ class Wrong:
                 (self.isolated, small),
             )  # fmt: skip
             for seek in (seek for seek, possible in steps if possible):
-                with contextlib.suppress(TypeError, ValueError, IndexError, KeyError, AttributeError):
+                with contextlib.suppress(*REFUSED):
                     words, partner = seek()
                 if words:
                     break
@@ -199,13 +200,14 @@ class Wrong:
     def holds_on(self, i: int, others: np.ndarray) -> bool:
         """Whether the program is right for particle i among `others`, wall particles as they are."""
         keep = np.sort(np.append(others, i)).astype(int)
-        some, quiet = self.some(keep), self.target.quiet()
-        row = np.array([int(np.searchsorted(keep, i))])
-        before, after = quiet.launch(some, complete=False)
-        found = errors(
-            self.operation, some, before, after, row, {self.name: oracle(self.operation, some, row)[self.name]}
-        )
-        return bool(worst(found) <= 1) and not quiet.faults
+        return self.right_on(self.some(keep), np.searchsorted(keep, [i]))
+
+    def right_on(self, inputs: Inputs, rows: np.ndarray | None = None) -> bool:
+        """Whether the program is right on altered inputs."""
+        quiet = self.target.quiet()
+        before, after = quiet.launch(inputs, complete=False)
+        answer = {self.name: oracle(self.operation, inputs, rows)[self.name]}
+        return bool(worst(errors(self.operation, inputs, before, after, rows, answer)) <= 1) and not quiet.faults
 
     def reduced(self) -> tuple[str, int | None]:
         """What the program is right without."""
@@ -216,11 +218,10 @@ class Wrong:
             given = self.inputs[name] if name in self.taken else None
             if given is None or (name == "walls" and not len(given.position)):
                 continue
-            other, quiet = alter(self.inputs), self.target.quiet()
-            before, after = quiet.launch(other, complete=False)
-            answer = {self.name: oracle(self.operation, other)[self.name]}
-            if worst(errors(self.operation, other, before, after, None, answer)) <= 1 and not quiet.faults:
-                return f"{self.name} is wrong only {words}", self.isolated_partner()
+            if self.right_on(alter(self.inputs)):
+                with contextlib.suppress(*REFUSED):
+                    return f"{self.name} is wrong only {words}", self.isolated()[1]
+                return f"{self.name} is wrong only {words}", None
         return "", None
 
     def isolated(self) -> tuple[str, int | None]:
@@ -243,11 +244,12 @@ class Wrong:
         if high > inside:
             return f"{self.name} counts particles beyond the support radius: there is no cut at r = h", partner
         if high >= CAPACITY and self.holds_on(i, near[high - 1 : high]):
-            return (
-                f"{self.name} is right with up to {high - 1} neighbours and wrong with more: is a list cut off?",
-                partner,
-            )
+            return self.cut_off(high - 1), partner
         return "", partner
+
+    def cut_off(self, most: int) -> str:
+        """Words for a list that is too short."""
+        return f"{self.name} is right with up to {most} neighbours and wrong with more: is a list cut off?"
 
     # What the oracle predicts
 
@@ -400,14 +402,8 @@ class Wrong:
         counted = np.array([self.inside(int(i)) for i in self.number])
         most = counted[~self.wrong].max(initial=-1)
         if most >= CAPACITY and counted[self.wrong].min() > most:
-            return f"{self.name} is right with up to {most} neighbours and wrong with more: is a list cut off?", None
+            return self.cut_off(most), None
         return "", None
-
-    def isolated_partner(self) -> int | None:
-        """The neighbour that spoils the worst row, if it can be found."""
-        with contextlib.suppress(TypeError, ValueError, IndexError, KeyError, AttributeError):
-            return self.isolated()[1]
-        return None
 
     def values(self, partner: int | None) -> dict[str, Any]:
         """The worst row in numbers, and the pair that matters."""
@@ -423,7 +419,7 @@ class Wrong:
             told["neighbours"] = self.inside(i)
             near = self.near(i)[: told["neighbours"]]
             if partner is None and len(near) and self.count <= MOST_PARTICLES:
-                with contextlib.suppress(TypeError, ValueError, IndexError, KeyError, AttributeError):
+                with contextlib.suppress(*REFUSED):
                     partner = min((self.closest(k, sign) for sign in (-1, 1)), key=lambda j: -1 if j is None else j)
             if partner is None and len(near):
                 partner = int(near[0])
@@ -439,7 +435,7 @@ class Wrong:
             "particle": int(j), "distance": distance, "over_support": distance / self.inputs.case.support_radius,
             "adds": None,
         }  # fmt: skip
-        with contextlib.suppress(TypeError, ValueError, IndexError, KeyError, AttributeError):
+        with contextlib.suppress(*REFUSED):
             both = self.answer(self.some(np.array(sorted((i, j)))), int(j < i))
             told["adds"] = (both - self.answer(self.some(np.array([i])), 0)).tolist()
         return told

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Callable, Iterator
-from typing import Any
 
 import numpy as np
 
@@ -66,34 +65,3 @@ def climbing(target: Target, steps: tuple[str, ...] | None = None) -> Iterator[O
 def climb(target: Target, steps: tuple[str, ...] | None = None) -> list[Outcome]:
     """Outcomes of all steps, or of those named; for the references those that judge them."""
     return list(climbing(target, steps))
-
-
-def check(
-    name: str,
-    program_loader: Callable[[Operation], Callable[..., Any]] | None = None,
-    backend: str = "cpu",
-    dtypes: tuple[str, ...] = ("float32", "float64"),
-    variants: tuple[int, ...] | None = None,
-    steps: tuple[str, ...] | None = None,
-) -> list[Outcome]:
-    """Outcomes of the whole ladder for operation `name`.
-
-    program_loader  operation -> a plain callable that takes what refsim's own program on `backend` takes, in that
-                    order, and writes its outputs in place; refsim's own by default
-    backend         whose arrays and neighbour lists the callable takes: "cpu" (NumPy arrays, NeighbourRows) or
-                    "cuda" (device arrays, NeighbourColumns)
-    dtypes          in which it is run
-    variants        numbers of the operation's variants; all by default
-    steps           names in STEPS; all by default
-
-    Raises KeyError for an unknown operation and InputError for a backend that is not there.
-    """
-    operation = REGISTRY[name]
-    target = Target(operation, backend, loader=program_loader)
-    numbers = range(len(operation.variants)) if variants is None else variants
-    return [
-        outcome
-        for dtype in dtypes
-        for number in numbers
-        for outcome in climb(dataclasses.replace(target, dtype=dtype, variant=number), steps)
-    ]
