@@ -166,7 +166,8 @@ def allowed(
     found = {}
     for name, (value, scale) in known.items():
         if name in operation.exact:
-            found[name] = np.zeros(np.shape(value)) if scale is None else bounds.exact(scale)
+            entries = np.zeros(np.shape(value)) if scale is None else bounds.exact(scale)
+            found[name] = entries.max(tuple(range(1, entries.ndim)))
         elif scale is None:
             found[name] = np.full(np.shape(value)[:1], exact_bound(operation, value, inputs.dtype))
         else:

@@ -204,7 +204,7 @@ class _Vector:
             values |= flat(name, self.inputs[name])
         outputs = [name for name in operation.outputs if not self.inputs.dropped(name)]
         before = {name: _before(operation, self.inputs, name) for name in outputs}
-        before |= {name: 0 * value for name, value in before.items() if self.invariants and name in operation.adds}
+        before |= {name: 0 * value for name, value in before.items() if self.step == "T4" and name in operation.adds}
         values |= {f"before/{name}": value for name, value in before.items()}
         values |= {f"invariant/{name}": np.float64(value) for name, value in self.invariants.items()}
         bounds = allowed(operation, self.measured or self.inputs, before, self.answer, self.rows)
