@@ -34,6 +34,7 @@ class Argument:
     role      "in", "out" or "add to"; "" for a member
     kind      type and shape in a float32 run of n particles, and on a grid of so many nodes
     optional  None in some variants
+    unit      that the meaning names, "-" for none
     """
 
     name: str
@@ -41,12 +42,7 @@ class Argument:
     kind: str
     optional: bool
     meaning: str
-
-    @property
-    def unit(self) -> str:
-        """The unit that the meaning names, "-" for none."""
-        found = re.findall(r"\[([^\]]+)\]", self.meaning)
-        return found[-1] if found else "-"
+    unit: str
 
 
 def arguments(operation: Operation, arrays: str) -> list[Argument]:
@@ -58,12 +54,17 @@ def arguments(operation: Operation, arrays: str) -> list[Argument]:
     found = []
     for name, value in given.items():
         role = "add to" if name in operation.adds else "out" if name in operation.outputs else "in"
-        found.append(Argument(name, role, _kind(value, sizes), name in operation.optional, _meaning(name, value)))
+        found.append(_argument(name, role, _kind(value, sizes), name in operation.optional, _meaning(name, value)))
         if hasattr(value, "_fields"):
             said = member_meanings(type(value))
             for member, part in zip(value._fields, value):
-                found.append(Argument(f"{name}.{member}", "", _kind(part, sizes), False, said[member]))
+                found.append(_argument(f"{name}.{member}", "", _kind(part, sizes), False, said[member]))
     return found
+
+
+def _argument(name: str, role: str, kind: str, optional: bool, meaning: str) -> Argument:
+    units = re.findall(r"\[([^\]]+)\]", meaning)
+    return Argument(name, role, kind, optional, meaning, units[-1] if units else "-")
 
 
 def member_meanings(group: type) -> dict[str, str]:

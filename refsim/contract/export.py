@@ -47,17 +47,6 @@ REPLAY = "replay.npz"  # of `write_replay`
 INDEX, SCHEMA, READER = "vectors.json", "vectors.schema.json", "refsim_vectors.h"
 
 
-class VectorArgument(msgspec.Struct, frozen=True):
-    """An argument, or a member of a group ("smoothing.shape"); `kind` is its type in a run of n particles."""
-
-    name: str
-    role: str
-    kind: str
-    optional: bool
-    meaning: str
-    unit: str
-
-
 class VectorCase(msgspec.Struct, frozen=True):
     """One case of a file. The answer is worked out by hand in step T1 of the ladder, else it is the reference's.
 
@@ -94,7 +83,7 @@ class VectorOperation(msgspec.Struct, frozen=True):
     name: str
     paper: str
     equation: str
-    arguments: list[VectorArgument]
+    arguments: list[describe.Argument]
     outputs: list[str]
     adds: list[str]
     exact: list[str]
@@ -133,7 +122,7 @@ def export(
             for variant in range(len(operation.variants))
             if not variants or variant in variants
         ]
-        told = [VectorArgument(a.name, a.role, a.kind, a.optional, a.meaning, a.unit) for a in _arguments(operation)]
+        told = list(_arguments(operation))
         outputs, adds, exact = map(list, (operation.outputs, operation.adds, operation.exact))
         found.append(VectorOperation(name, operation.paper, operation.equation, told, outputs, adds, exact, files))
     vectors = Vectors(FORMAT, VERSION, found)

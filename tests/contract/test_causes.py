@@ -1,5 +1,6 @@
 """Words and values of a wrong answer: what is recognised, what no message says, and one trial run again."""
 
+import functools
 import json
 import pathlib
 import sys
@@ -96,6 +97,25 @@ def test_the_right_programs_hold():
         ("sph.density", density_with(lambda terms, *_: terms)), ("sph.momentum", momentum_with(right)),
     ):  # fmt: skip
         assert not [str(o) for o in judged(operation, program, ("T1", "T2", "T7"), (2, 3)) if not o.passed]
+
+
+@pytest.mark.slow
+def test_an_index_of_16_bits_is_noticed():
+    """Among 70,000 particles, with lists; a program over all pairs that takes too long for them says so."""
+
+    def density(position, mass, neighbours, smoothing, density, bits=np.uint16):
+        own = np.repeat(np.arange(len(mass)), neighbours.count)
+        place = np.arange(len(own)) + np.repeat(neighbours.start - np.cumsum(neighbours.count), neighbours.count)
+        index = neighbours.entries[place + np.repeat(neighbours.count, neighbours.count)].astype(bits)
+        q = np.minimum(np.sqrt(((position[own] - position[index]) ** 2).sum(1)) / float(smoothing.support_radius), 1)
+        terms = mass[index] * float(smoothing.value_scale) * (1 - q) ** 4 * (1 + 4 * q)
+        density[:] = mass * float(smoothing.value_scale) + np.bincount(own, terms, len(mass))
+
+    for bits, passed in ((np.uint16, False), (np.uint32, True)):
+        outcomes = judged("sph.density", functools.partial(density, bits=bits), ("T3",))
+        (many,) = (o for o in outcomes if o.trial == "many_particles")
+        assert many.passed == passed, str(many)
+        assert passed or "is an index held in 16 bits?" in many.words
 
 
 # What no message says
