@@ -27,6 +27,7 @@ CLOUDS = {3: "cloud_3d", 2: "cloud_2d"}
 FEW = {3: "few", 2: "few_2d"}
 LARGE = {3: "large", 2: "large_2d"}
 DENSE, MANY = "dense_cluster", "many_particles"
+MANY_PARTICLES = "above 65,536 particles"
 MOST_SECONDS = 6.0  # that a call with many particles may take; a busy machine takes twenty times as long
 
 Given = tuple[Inputs, Any, Any]
@@ -205,7 +206,7 @@ def _many(target: Target) -> Outcome:
     seconds = time.perf_counter() - began
     growth = cases.CASES[MANY]().count / inputs.case.count
     if seconds * growth ** (1 if target.listed else 2) > MOST_SECONDS:
-        raise NotJudged(f"above 65,536 particles, which would take more than {MOST_SECONDS:g} s")
+        raise NotJudged(f"{MANY_PARTICLES}, which would take more than {MOST_SECONDS:g} s")
     return _large(target, MANY)
 
 

@@ -25,6 +25,7 @@ from typing import Any
 
 import numpy as np
 
+from refsim.contract.answers import MANY, MANY_PARTICLES
 from refsim.contract.target import Outcome
 from refsim.core.errors import InputError
 from refsim.core.operation import BACKENDS
@@ -172,7 +173,8 @@ def _outcomes(child: _Child, names: Sequence[str], arrays: str, request: Request
                 endings += 1
                 left = not dtype or endings == MOST_ENDINGS
                 words = f"{fault}; the trials behind this one are not judged" if left else fault
-                yield Outcome(operation, step, trial, arrays, dtype, variant, False, np.inf, words)
+                many = MANY_PARTICLES if trial == MANY and "did not return" in fault else ""
+                yield Outcome(operation, step, trial, arrays, dtype, variant, False, np.inf, words, many)
                 if left:
                     endings = 0
                     if operation in waiting:

@@ -338,8 +338,8 @@ class Wrong:
         return self.answer(self.inputs.replaced(**{name: own}), i)
 
     def with_self(self, sign: int, k: int) -> np.ndarray:
-        """The right answer with or without what the particle by itself gives."""
-        return self.right[k] + sign * self.answer(self.some(self.number[k : k + 1]), 0)
+        """The right answer with or without what the particle by itself gives, far from walls."""
+        return self.right[k] + sign * self.answer(without_walls(self.some(self.number[k : k + 1])), 0)
 
     def some(self, keep: np.ndarray) -> Inputs:
         """The inputs with some of the particles."""

@@ -53,7 +53,8 @@ class Sought:
 class Outcome:
     """One trial of one step: whether it passed, and the largest error as a share of what is allowed.
 
-    not_judged  what the trial needs that the program is declared not to support; then nothing ran, and it did not pass
+    not_judged  what the trial needs that the program is declared not to support; then nothing ran, and it did not pass;
+                with `words` that say why not in spite of what is declared
     kernel      smoothing kernel of the inputs, "" for that of the case; `dim` their dimension
     telling     whether the right answer differs from zero, so that the trial could fail
     values      of a wrong answer: output, row, got, expected, error, bound, neighbours, and the pair that matters
@@ -100,7 +101,7 @@ def told_values(values: Mapping[str, Any]) -> str:
         f"{values['output']} of particle {values['row']}: got {got}, expected {expected}, error {values['error']:.3g}"
     )
     text += "" if values["bound"] is None else f", bound {values['bound']:.3g}"
-    text += f", {values['neighbours']} neighbours"
+    text += f", {values['neighbours']} neighbour{'s' if values['neighbours'] != 1 else ''}"
     pair = values.get("pair")
     if pair:
         adds = "" if pair["adds"] is None else f", which adds {_number(pair['adds'])}"
