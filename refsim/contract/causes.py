@@ -88,8 +88,8 @@ class Wrong:
             sampled, small = len(self.number) * self.count <= MOST_PARTICLES**2, self.count <= MOST_PARTICLES
             steps: tuple[tuple[Callable[[], tuple[str, int | None]], bool], ...] = (
                 (self.unsteady, not self.target.listed or self.count <= MOST_LISTED), (self.predicted, sampled),
-                (self.reduced, small), (self.rounded, True), (self.off_by_one, small), (self.located, small),
-                (self.isolated, small),
+                (lambda: (self.factor(), None), True), (self.reduced, small), (self.rounded, True),
+                (self.off_by_one, small), (self.located, small), (self.isolated, small),
             )  # fmt: skip
             for seek in (seek for seek, possible in steps if possible):
                 with contextlib.suppress(*REFUSED):
@@ -129,7 +129,14 @@ class Wrong:
             return f"your program gives 0 for {self.name} everywhere"
         if factor == -1:
             return f"your program gives {self.name} with the opposite sign"
-        return f"your program gives {factor:.4g} times the right {self.name}, everywhere"
+        words = f"your program gives {factor:.4g} times the right {self.name}, everywhere"
+        kernel, dim = kernel_of(self.operation, self.inputs), self.inputs.case.dim
+        if kernel is not None:
+            shape = next(name for name, number in SHAPES.items() if number == kernel.shape)
+            own, other = (float(smoothing(shape, 1.0, d).value_scale) for d in (dim, 5 - dim))
+            if abs(factor * own / other - 1) <= SAME:
+                words += f": the kernel's normalisation has the constant for {5 - dim} dimensions"
+        return words
 
     def single(self) -> str:
         """An error of the size of single precision, or one that comes with the number of particles."""

@@ -67,6 +67,9 @@ def twice_itself(terms, mass, w, r):
 CAUSES = {
     "m_i for m_j": ("sph.density", density_with(lambda t, m, w, r: m[:, None] * w), "m_i in place of m_j"),
     "off by one": ("sph.density", density_with(last_missing), "in each wrong row one neighbour is missing"),
+    "constant of the plane": (
+        "sph.density", density_with(lambda t, m, w, r: 2 / 3 * t), "normalisation has the constant for 2 dimensions",
+    ),
     "self twice": ("sph.density", density_with(twice_itself), "counts the particle itself twice"),
     "mass for volume": (
         "sph.momentum", momentum_with(lambda m, rho, p: rho[None] * right(m, rho, p)), "m_j in place of m_j/rho_j",

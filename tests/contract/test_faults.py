@@ -21,7 +21,7 @@ CAUSES = {
     "edge": "cut at r = h",
 }
 STEPS = {"prefix": ("T2", "T3"), "mirror": ("T2",), "image": ("T2",)}
-VARIANTS = {"mirror": (6,), "image": (7,), "none": (0, 6, 7)}
+VARIANTS = {"self": (0, 6), "mirror": (6,), "image": (7,), "none": (0, 6, 7)}
 KERNELS = ("wendland_c2", "cubic_spline")
 
 
