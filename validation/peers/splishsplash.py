@@ -5,6 +5,7 @@ block  its WCSPH on a block of liquid that spins. Equation of state, viscosity, 
        the surface tension of Akinci et al. 2013, where a coefficient is given.
 drop   its DFSPH with the surface tension of Akinci et al. 2013, on a cube of liquid that becomes a drop.
 column its DFSPH on a column of liquid that collapses in a tank, in 2D; walls are its sampled boundary particles.
+tank   its DFSPH or WCSPH on the same tank, full from wall to wall.
 
 Coefficients are set through its own interface: what a scene file says of them it does not read in every version.
 """
@@ -63,6 +64,16 @@ def run_column(settings: Mapping[str, Any], threads: int) -> dict[str, Any]:
     Wall seconds count stepping alone, from the first step on.
     """
     return launched("splishsplash", {"work": "column", **settings}, threads)
+
+
+def run_tank(settings: Mapping[str, Any], threads: int) -> dict[str, Any]:
+    """Liquid 1 m deep at rest in a tank 1 m wide, in 2D: {"time" (samples,), "position", "velocity" (samples, n, 3),
+    "seconds" (of the processor), "steps", "version"} or {"missing"}.
+
+    settings  "cells" (particles along 1 m), "method" ("dfsph" or "wcsph"), "sound" [m/s], "viscosity" (kinematic
+              [m^2/s]) and "times" (of the samples [s]); rest density 1000 kg/m^3
+    """
+    return launched("splishsplash", {"work": "tank", **settings}, threads, 7200.0)
 
 
 def graphics_libraries() -> dict[str, str]:
@@ -216,6 +227,47 @@ def column(
     return watched(peer, base, times, see, (viscosity, 0.0), spacing, shake, flat=True)
 
 
+def tank(cells: int, method: str, sound: float, viscosity: float, times: list[float]) -> dict[str, Any]:
+    """Run the tank in this process."""
+    import numpy as np
+    import pysplishsplash as peer
+    import trimesh
+
+    spacing = 1.0 / cells
+    step = 0.25 * spacing / (1.1 * sound)
+    trimesh.creation.box((1.0, 1.0, 1.0)).export("box.obj")
+    settings = (WCSPH | {"timeStepSize": step} if method == "wcsph" else DFSPH | {"cflMaxTimeStepSize": 0.005}) | {
+        "sim2D": True, "gravitation": [0.0, -9.81, 0.0], "boundaryHandlingMethod": 0, "stopAt": times[-1] + 1e-9,
+    }  # fmt: skip
+    wide, gap = 1.0 + (1.0 + 2.0 * GAP) * spacing, GAP * spacing
+    walls = {
+        "geometryFile": "box.obj", "translation": [0.5 * wide, 1.0, 0.0], "scale": [wide, 2.0, 4.0], "isDynamic": False,
+        "isWall": True, "mapInvert": True, "samplingMode": 1,
+    }  # fmt: skip
+    liquid = {"start": [gap, gap, -1.0], "end": [gap + 1.0 + spacing, gap + 1.0 + spacing, 1.0]}
+    base = simulator(peer, scene(spacing, settings, liquid, False, RigidBodies=[walls]))
+    seen: dict[str, list[Any]] = {"time": [], "position": [], "velocity": []}
+    clock = {"began": 0.0, "steps": 0}
+
+    def after_step() -> None:
+        clock["began"] = clock["began"] or time.process_time()
+        clock["steps"] += 1
+        now = peer.TimeManager.getCurrent().getTime()
+        if len(seen["time"]) < len(times) and now >= times[len(seen["time"])] - 1e-9:
+            model = peer.Simulation.getCurrent().getFluidModel(0)
+            seen["time"].append(float(now))
+            for name, low in (("position", (0.5 + GAP) * spacing), ("velocity", 0.0)):
+                values = np.array(model.getFieldBuffer(name))[: model.numActiveParticles()].astype(float)
+                seen[name].append(values - low)
+
+    base.setTimeStepCB(after_step)
+    base.initSimulation()
+    coefficients(peer, viscosity, 0.0, DENSITY * sound**2 if method == "wcsph" else 0.0)
+    base.runSimulation()
+    spent = time.process_time() - clock["began"]
+    return {**{name: np.array(values) for name, values in seen.items()}, "seconds": spent, "steps": clock["steps"]}
+
+
 def simulator(peer: Any, scene: Mapping[str, Any], **options: Any) -> Any:
     """Its simulator with a scene file in the working folder."""
     Path("scene.json").write_text(json.dumps(scene))
@@ -226,5 +278,5 @@ def simulator(peer: Any, scene: Mapping[str, Any], **options: Any) -> Any:
 
 
 def work(work: str, **given: Any) -> dict[str, Any]:
-    """One of the three."""
-    return {"block": block, "drop": drop, "column": column}[work](**given)
+    """One of the four."""
+    return {"block": block, "drop": drop, "column": column, "tank": tank}[work](**given)

@@ -28,6 +28,7 @@ from refsim import (
 )
 from validation.checks import Checks
 from validation.experiment import Experiment, Options, Results, Run
+from validation.metrics.liquid import fitted
 from validation.results import Result
 from validation.running import Context, advance
 
@@ -67,17 +68,6 @@ def _liquid(sound: float, viscosity: float, tensile_control: str) -> WeaklyCompr
         state="linear", density="continuity", diffusion=0.1, gradient="plain", clamp_pressure=False,
         tensile_control=tensile_control, kernels="wendland",  # type: ignore[arg-type]
     )  # fmt: skip
-
-
-def fitted(place: NDArray, position: NDArray, values: NDArray, reach: float) -> NDArray:
-    """Linear fits at `place` (m, 2) [m] of values (n,) at `position` (n, 2) [m], weighted by (1 - r/reach)^2."""
-    found = np.empty(len(place))
-    for k, x in enumerate(place):
-        away = position - x
-        weight = np.clip(1 - np.hypot(*away.T) / reach, 0, None)
-        rows = np.column_stack([np.ones(len(away)), away]) * weight[:, None]
-        found[k] = np.linalg.lstsq(rows, values * weight, rcond=None)[0][0]
-    return found
 
 
 def cavity(context: Context, cells: int, support: float, backend: str) -> Result:

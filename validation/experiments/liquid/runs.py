@@ -37,6 +37,7 @@ from validation.checks import Checks
 from validation.experiment import Experiment, Options, Results, Run
 from validation.experiments.solutions import scene as exact
 from validation.experiments.solutions.runs import _projected, _standing
+from validation.metrics.liquid import vortex, vortex_error
 from validation.results import Result
 from validation.running import Context, advance
 
@@ -144,15 +145,11 @@ def vortices(context: Context, kind: str, cells: int, support: float, backend: s
         period=(1.0, 1.0, 0.0), fluid=(Box(cells=(cells, cells, 1)),), effects=effects,
     )  # fmt: skip
 
-    def flow(x: NDArray, time: float) -> NDArray:
-        made = np.zeros_like(x)
-        made[:, 0] = -np.cos(k * x[:, 0]) * np.sin(k * x[:, 1])
-        made[:, 1] = np.sin(k * x[:, 0]) * np.cos(k * x[:, 1])
-        return made * math.exp(-2 * k**2 / REYNOLDS * time)
-
     simulation = context.simulation(scene, backend)
     x = simulation.field("position")
-    simulation.set_field("velocity", flow(x, 0.0))
+    velocity = np.zeros_like(x)
+    velocity[:, :2] = vortex(x, 0.0, REYNOLDS)
+    simulation.set_field("velocity", velocity)
     if kind != "papers":
         excess = -0.25 * DENSITY * np.cos(2 * k * x[:, :2]).sum(1) / sound**2
         simulation.set_field("advanced_excess", excess)
@@ -160,10 +157,10 @@ def vortices(context: Context, kind: str, cells: int, support: float, backend: s
     half = 0.5 * simulation.previous_length
     velocity = simulation.field("velocity") + half * simulation.field("acceleration")
     x, time = simulation.field("position"), simulation.time
-    size = float(np.linalg.norm(velocity) / np.linalg.norm(flow(x, 0.0)))
+    size = float(np.linalg.norm(velocity) / np.linalg.norm(vortex(x, 0.0, REYNOLDS)))
     values = {
         "kind": kind, "cells": cells, "support": support, "particles": simulation.count,
-        "error": float(np.linalg.norm(velocity - flow(x, time)) / np.linalg.norm(flow(x, time))),
+        "error": vortex_error(x, velocity, time, REYNOLDS),
         "rate_off": abs(-math.log(size) / time / (2 * k**2 / REYNOLDS) - 1),
     }  # fmt: skip
     return Result(values)

@@ -1,0 +1,62 @@
+"""Error against processor time of three flows: the papers' liquid, the one that rests, and those of other programs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import matplotlib.pyplot as plt
+
+from validation.drawing import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION
+from validation.experiment import Picture, Results
+
+TITLES = {
+    "vortices": "Taylor-Green vortices, Re 100\n(velocity at 1 s, L2)",
+    "tank": "tank at rest\n(speed after 4 s, of the sound speed)",
+    "cavity": "lid-driven cavity, Re 100\n(centre-line velocity, largest)",
+}
+LOOKS = {  # colour and marker
+    ("refsim", "papers"): (VERMILION, "o", "refsim, the papers' liquid"),
+    ("refsim", "rests"): (BLUE, "o", "refsim, the liquid that rests"),
+    ("refsim", "corrected"): (GREEN, "o", "the same, renormalised gradients"),
+    ("PySPH", "wcsph"): (GREY, "s", "PySPH, WCSPH"),
+    ("PySPH", "tvf"): (ORANGE, "s", "PySPH, transport velocity"),
+    ("PySPH", "edac"): (PURPLE, "s", "PySPH, EDAC"),
+    ("PySPH", "adami"): (SKY, "s", "PySPH, Adami et al. 2012"),
+    ("SPlisHSPlasH", "dfsph"): ("black", "^", "SPlisHSPlasH, DFSPH"),
+    ("SPlisHSPlasH", "wcsph"): (GREY, "^", "SPlisHSPlasH, WCSPH"),
+}  # fmt: skip
+
+
+def data(results: Results) -> dict[str, Any]:
+    """[seconds, error, particles along a side] by flow, program and scheme."""
+    lines: dict[str, dict[str, list[list[float]]]] = {}
+    for result in results.values():
+        row = result.values
+        if "error" in row:
+            point = [float(f"{row['seconds']:.3g}"), float(f"{row['error']:.4g}"), row["cells"]]
+            lines.setdefault(row["flow"], {}).setdefault(f"{row['program']} {row['kind']}", []).append(point)
+    return {"lines": lines}
+
+
+def picture(data: Mapping[str, Any]) -> Any:
+    """A part for each flow; errors in per cent."""
+    figure, parts = plt.subplots(1, max(1, len(data["lines"])), figsize=(12.0, 5.2), squeeze=False)
+    shown = {}
+    for axes, (flow, kinds) in zip(parts[0], data["lines"].items()):
+        for name, points in kinds.items():
+            colour, marker, words = LOOKS[tuple(name.split())]  # type: ignore[index]
+            seconds, errors, cells = zip(*sorted(points, key=lambda point: point[2]))
+            (line,) = axes.plot(seconds, [100 * e for e in errors], color=colour, marker=marker, label=words)
+            shown[words] = line
+            axes.annotate(
+                f"{cells[-1]:g}", (seconds[-1], 100 * errors[-1]), (4, 4), textcoords="offset points", fontsize=8.5,
+                color=colour,
+            )  # fmt: skip
+        axes.set(xscale="log", yscale="log", xlabel="seconds of one processor", ylabel="error [%]", title=TITLES[flow])
+        axes.grid(True)
+    figure.legend(shown.values(), shown.keys(), loc="outside lower center", ncols=3, fontsize=9)
+    return figure
+
+
+PICTURES = (Picture("other_liquids", data, picture),)

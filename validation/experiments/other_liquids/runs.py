@@ -1,0 +1,185 @@
+"""The same flows by refsim's liquids, PySPH and SPlisHSPlasH, judged by one program (docs/solutions.md).
+
+2D, equal particles from one lattice, equal viscosities and sound speeds; kernels, steps and schemes are each program's
+own. Every run takes one thread; its seconds are processor time of the steps, the first one apart. refsim runs in
+float64, h = 3.2 d in vortices and cavity and 3 d in the tank.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from refsim import Box, BoxWalls, Gravity, ParticleShifting, Scene, Simulation, WeaklyCompressible
+from validation.checks import Checks
+from validation.experiment import Experiment, Options, Results, Run
+from validation.experiments.flows.runs import GHIA_U, GHIA_V
+from validation.metrics.liquid import cavity_error, rest, vortex, vortex_error
+from validation.peers import pysph_flows, splishsplash
+from validation.peers.pysph_flows import DENSITY, DEPTH, GRAVITY, SOUND
+from validation.results import Result
+from validation.running import Context
+
+REYNOLDS, ARTIFICIAL = 100.0, 0.02  # of vortices and cavity; alpha whose kinematic viscosity the tank has
+TIMES = {  # s of the samples; what is judged is their mean
+    "vortices": [1.0], "tank": [3.5 + 0.05 * k for k in range(11)], "cavity": [14.0 + 0.1 * k for k in range(11)],
+}  # fmt: skip
+CELLS = {"vortices": (25, 50, 100), "tank": (16, 32), "cavity": (25, 50)}
+SUPPORT = {"vortices": 3.2, "tank": 3.0, "cavity": 3.2}  # spacings
+SCHEMES = {"vortices": ("wcsph", "tvf", "edac"), "tank": ("wcsph", "adami", "edac"), "cavity": ("tvf", "edac")}
+OWN = {"vortices": ("papers", "rests", "corrected"), "tank": ("papers", "rests"), "cavity": ("rests", "corrected")}
+METHODS = ("dfsph", "wcsph")  # of SPlisHSPlasH, in the tank
+STEPS = {"vortices": 20, "tank": 150, "cavity": 250}  # times the cells, for the progress bar
+
+Sample = tuple[float, NDArray, NDArray]  # moment, positions, velocities
+
+
+def viscosity(flow: str, cells: int) -> float:
+    """Kinematic viscosity [m^2/s]."""
+    return ARTIFICIAL * 0.5 * SUPPORT["tank"] * DEPTH / cells * SOUND / 8 if flow == "tank" else 1 / REYNOLDS
+
+
+def judged(flow: str, cells: int, samples: Sequence[Sample]) -> dict[str, float]:
+    """Errors of one flow: {"error"}, and {"level_off"} of a tank."""
+    if flow == "vortices":
+        return {"error": vortex_error(samples[-1][1], samples[-1][2], samples[-1][0], REYNOLDS)}
+    if flow == "cavity":
+        reach = SUPPORT[flow] / cells
+        return {"error": cavity_error([(x, v) for _, x, v in samples], GHIA_U, GHIA_V, reach)}
+    found = [rest(x, v, DEPTH, SOUND) for _, x, v in samples]
+    return {"error": float(np.mean([row["moving"] for row in found])), "level_off": found[-1]["level_off"]}
+
+
+def _scene(flow: str, kind: str, cells: int) -> Scene:
+    spacing = 1.0 / cells
+    own: dict[str, Any] = {"density": "summation", "clamp_pressure": flow == "tank"}
+    if kind != "papers":
+        own = {"density": "continuity", "gradient": "corrected" if kind == "corrected" else "plain"}
+    sound, nu = SOUND if flow == "tank" else 10.0, viscosity(flow, cells)
+    liquid = WeaklyCompressible(
+        rest_density=DENSITY, sound_speed=sound, dynamic_viscosity=DENSITY * nu, viscosity="central", **own
+    )
+    effects: list[Any] = [liquid]
+    model: Any = "mirrored" if kind == "papers" else "extrapolated"
+    walls: dict[str, Any] = {"lower": (0.0, 0.0, 0.0), "model": model}
+    if flow == "vortices" and kind != "papers":
+        effects.append(ParticleShifting(surface="none"))
+    elif flow == "tank":
+        effects += [Gravity(acceleration=(0.0, -GRAVITY, 0.0)), BoxWalls(upper=(1.0, 2 * DEPTH, 0.0), **walls)]
+    elif flow == "cavity":
+        lid: dict[str, Any] = {"moving_faces": ("+y",), "velocity": (1.0, 0.0, 0.0), "viscosity": 2 * DENSITY * nu}
+        effects.append(BoxWalls(upper=(1.0, 1.0, 0.0), **walls, **lid))
+    return Scene(
+        name=flow, dim=2, dtype="float64", spacing=spacing, support_radius=SUPPORT[flow] * spacing,
+        period=(1.0, 1.0, 0.0) if flow == "vortices" else None, fluid=(Box(cells=(cells, cells, 1)),),
+        effects=tuple(effects),
+    )  # fmt: skip
+
+
+def _sample(simulation: Simulation) -> Sample:
+    """Velocities are taken to the moment of the positions."""
+    v = simulation.field("velocity") + 0.5 * simulation.previous_length * simulation.field("acceleration")
+    return simulation.time, simulation.field("position")[:, :2], v[:, :2]
+
+
+def of_refsim(context: Context, flow: str, kind: str, cells: int, threads: int, backend: str) -> Result:
+    """error  of the flow, level_off  of a tank; seconds  of the processor."""
+    simulation = context.simulation(_scene(flow, kind, cells), backend, threads)
+    if flow == "vortices":
+        x = simulation.field("position")[:, :2]
+        start = np.zeros((simulation.count, 3))
+        start[:, :2] = vortex(x, 0.0, REYNOLDS)
+        simulation.set_field("velocity", start)
+        if kind != "papers":
+            excess = -0.25 * DENSITY * np.cos(4 * np.pi * x).sum(1) / 10.0**2
+            simulation.set_field("advanced_excess", excess)
+    simulation.step()
+    samples, spent = [], 0.0
+    for at in TIMES[flow]:
+        began = time.process_time()
+        while simulation.time < at:
+            simulation.step()
+        spent += time.process_time() - began
+        samples.append(_sample(simulation))
+        context.progress(simulation.time / TIMES[flow][-1])
+    return _result("refsim", flow, kind, cells, samples, spent)
+
+
+def of_pysph(context: Context, flow: str, kind: str, cells: int, threads: int) -> Result:
+    """The same by PySPH; version."""
+    more = {"viscosity": viscosity(flow, cells)} if flow == "tank" else {}
+    found = pysph_flows.run(flow, kind, cells, TIMES[flow], **more)
+    return _of_peer("PySPH", flow, kind, cells, found)
+
+
+def of_splishsplash(context: Context, flow: str, kind: str, cells: int, threads: int) -> Result:
+    """The same by SPlisHSPlasH; version."""
+    settings = {"cells": cells, "method": kind, "sound": SOUND, "viscosity": viscosity(flow, cells)}
+    found = splishsplash.run_tank(settings | {"times": TIMES[flow]}, threads)
+    return _of_peer("SPlisHSPlasH", flow, kind, cells, found)
+
+
+def _of_peer(program: str, flow: str, kind: str, cells: int, found: dict[str, Any]) -> Result:
+    if "missing" in found:
+        return Result({"program": program, "flow": flow, "kind": kind, "cells": cells, "missing": found["missing"]})
+    samples = [(float(at), x[:, :2], v[:, :2]) for at, x, v in zip(found["time"], found["position"], found["velocity"])]
+    made = _result(program, flow, kind, cells, samples, found["seconds"])
+    return Result(made.values | {"version": found["version"]})
+
+
+def _result(program: str, flow: str, kind: str, cells: int, samples: list[Sample], seconds: float) -> Result:
+    row = {"program": program, "flow": flow, "kind": kind, "cells": cells, "particles": len(samples[-1][1])}
+    return Result(row | judged(flow, cells, samples) | {"seconds": seconds, "until": samples[-1][0]})
+
+
+def planned(options: Options) -> list[Run]:
+    """Every flow by every scheme; with --quick vortices of 625 particles by refsim's liquid that rests."""
+    if options.quick:
+        return [_run(of_refsim, "refsim", "vortices", "rests", 25, options)]
+    made = []
+    for flow, sizes in CELLS.items():
+        for cells in sizes:
+            made += [_run(of_refsim, "refsim", flow, kind, cells, options) for kind in OWN[flow]]
+            made += [_run(of_pysph, "pysph", flow, kind, cells, options) for kind in SCHEMES[flow]]
+            if flow == "tank":
+                made += [_run(of_splishsplash, "splishsplash", flow, kind, cells, options) for kind in METHODS]
+    return made
+
+
+def _run(function: Any, program: str, flow: str, kind: str, cells: int, options: Options) -> Run:
+    row: dict[str, Any] = {"flow": flow, "kind": kind, "cells": cells, "threads": 1}
+    skip = ""
+    if function is of_refsim:
+        row["backend"] = options.backend
+    elif not options.peers:
+        skip = "measured with --peers"
+    else:
+        skip = (pysph_flows if function is of_pysph else splishsplash).missing()
+    estimate = 2e-6 * STEPS[flow] * cells**3
+    return Run(f"{flow}_{program}_{kind}_{cells}", function, row, estimate=estimate, skip=skip, rough=True)
+
+
+def checks(results: Results, check: Checks) -> None:
+    """Errors and seconds are shown; refsim's best has a smaller error than every peer at equal particles."""
+    for flow, sizes in CELLS.items():
+        for cells in sizes:
+            rows = {key: r.values for key, r in results.items() if key.startswith(f"{flow}_") and "error" in r.values}
+            rows = {key: row for key, row in rows.items() if row["cells"] == cells}
+            for key, row in rows.items():
+                where = f"{row['program']}, {row['kind']}, {cells} particles along a side"
+                check("error", row["error"], key, where)
+                check("seconds", row["seconds"], key, where)
+            own = [row["error"] for row in rows.values() if row["program"] == "refsim" and row["kind"] != "papers"]
+            others = [row["error"] for row in rows.values() if row["program"] != "refsim"]
+            if own and others:
+                check("over_best_peer", min(own) / min(others), f"{flow}_{cells}", f"{flow}, {cells} along a side")
+
+
+EXPERIMENT = Experiment(
+    name="other_liquids", title="vortices, a tank and a cavity by refsim, PySPH and SPlisHSPlasH", runs=planned,
+    checks=checks,
+)  # fmt: skip

@@ -1,0 +1,121 @@
+"""Flows of a weakly compressible liquid by PySPH, in a process of its own.
+
+vortices  its example `taylor_green`, cavity its example `cavity`; tank  a tank at rest of its scheme classes with three
+layers of wall particles. Kernel (a quintic spline of radius 3 d), step and scheme are its own; c is ten times the
+largest speed, as refsim's. One thread; the seconds are processor time from the first step on.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from validation.peers import answer, lacking, launch
+
+LAYERS = 3  # of wall particles, as many as the support is wide
+GRAVITY, DENSITY, DEPTH = 9.81, 1000.0, 1.0  # m/s^2, kg/m^2, m: of the tank
+SOUND = 10 * (GRAVITY * DEPTH) ** 0.5  # m/s
+
+
+def missing() -> str:
+    """Why the program cannot run here, or ""."""
+    return lacking("pysph", "pysph")
+
+
+def run(flow: str, scheme: str, cells: int, times: Sequence[float], **more: float) -> dict[str, Any]:
+    """The liquid at the `times` [s]: {"time" (samples,), "position", "velocity" (samples, n, 2), "seconds", "steps",
+    "version"}, or {"missing"}.
+
+    flow    "vortices" (in a box of 1 m, Re 100), "cavity" (the same) or "tank" (1 m deep, `viscosity` [m^2/s])
+    scheme  the name that PySPH gives it; cells: particles along a side
+    """
+    given = {"flow": flow, "scheme": scheme, "cells": cells, "times": list(times), **more}
+    return launch("pysph_flows", "PySPH", given, {"OMP_NUM_THREADS": "1"}, 7200.0, missing())
+
+
+def _tank(scheme: str, cells: int, viscosity: float) -> type:
+    """A tank of `cells` by `cells` particles between three walls, for one of PySPH's schemes; it begins at rest."""
+    from pysph.base.kernels import QuinticSpline
+    from pysph.base.utils import get_particle_array
+    from pysph.solver.application import Application
+    from pysph.sph.scheme import AdamiHuAdamsScheme, WCSPHScheme
+    from pysph.sph.wc.edac import EDACScheme
+
+    spacing = DEPTH / cells
+    both = {"dim": 2, "rho0": DENSITY, "c0": SOUND, "nu": viscosity, "gy": -GRAVITY}
+    step, gamma = 0.25 * spacing / (1.1 * SOUND), 7.0 if scheme == "wcsph" else 1.0
+
+    class Tank(Application):
+        def create_particles(self) -> list:
+            places = np.indices((cells + 2 * LAYERS, 2 * cells + LAYERS)).reshape(2, -1).T - LAYERS
+            inside = ((places >= 0) & (places < [cells, 2 * cells])).all(1)
+            wet = inside & (places[:, 1] < cells)
+            arrays = []
+            for name, chosen in (("fluid", wet), ("solid", ~inside)):
+                x, y = ((places[chosen] + 0.5) * spacing).T
+                pressure = DENSITY * GRAVITY * np.maximum(DEPTH - y, 0)
+                density = DENSITY * (1 + gamma * pressure / (DENSITY * SOUND**2)) ** (1 / gamma)
+                same = {"m": DENSITY * spacing**2, "rho": density, "p": pressure, "h": spacing}
+                arrays.append(get_particle_array(name=name, x=x, y=y, **same))
+            self.scheme.setup_properties(arrays)
+            for array in arrays:
+                if "V" in array.properties:
+                    array.V[:] = 1 / spacing**2
+            return arrays
+
+        def create_scheme(self) -> Any:
+            names = (["fluid"], ["solid"])
+            if scheme == "wcsph":
+                made = WCSPHScheme(*names, h0=spacing, hdx=1.0, gamma=gamma, alpha=0.0, **both)
+            elif scheme == "adami":
+                made = AdamiHuAdamsScheme(*names, h0=spacing, gamma=gamma, **both)
+            else:
+                made = EDACScheme(*names, h=spacing, **both)
+            made.configure_solver(kernel=QuinticSpline(dim=2), dt=step, tf=1.0, pfreq=10**9)
+            return made
+
+    return Tank
+
+
+def work(flow: str, scheme: str, cells: int, times: list[float], viscosity: float = 0.0) -> dict[str, Any]:
+    """Run one flow in this process."""
+    words = ["--pfreq", str(10**9), "--tf", repr(times[-1] + 1e-9), "-d", "output", "--no-openmp"]
+    if flow == "vortices":
+        from pysph.examples.taylor_green import TaylorGreen as Flow
+    elif flow == "cavity":
+        from pysph.examples.cavity import LidDrivenCavity as Flow
+    else:
+        Flow = _tank(scheme, cells, viscosity)
+    if flow != "tank":
+        words += ["--scheme", scheme, "--nx", str(cells), "--re", "100"]
+    seen: dict[str, list[NDArray | float]] = {"time": [], "position": [], "velocity": []}
+    clock = {"began": 0.0, "steps": 0}
+
+    class Watched(Flow):  # type: ignore[misc, valid-type]
+        def pre_step(self, solver: Any) -> None:
+            if clock["steps"] == 1:
+                clock["began"] = time.process_time()
+
+        def post_step(self, solver: Any) -> None:
+            clock["steps"] += 1
+            now = solver.t + solver.dt  # `t` is that of the step's start
+            while len(seen["time"]) < len(times) and now >= times[len(seen["time"])] - 1e-9:
+                fluid = next(array for array in self.particles if array.name == "fluid")
+                seen["time"].append(float(now))
+                for name, parts in (("position", ("x", "y")), ("velocity", ("u", "v"))):
+                    values = [fluid.get(part, only_real_particles=True) for part in parts]
+                    seen[name].append(np.column_stack(values))
+
+    Watched().run(words)
+    spent = time.process_time() - clock["began"]
+    found = {name: np.array(values) for name, values in seen.items()}
+    return {**found, "seconds": spent, "steps": clock["steps"], "version": importlib.metadata.version("pysph")}
+
+
+if __name__ == "__main__":
+    answer(work)
