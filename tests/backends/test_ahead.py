@@ -35,7 +35,7 @@ print(json.dumps([told, [[sum(p.stats.cache_hits.values()), sum(p.stats.cache_mi
 FALL = "(Gravity(acceleration=(0.0, -9.81, 0.0)),)"
 LIQUID = f"(WeaklyCompressible(sound_speed=20.0), *{FALL})"
 NAMES = {FALL: ("sph.gravity", "sph.extremes", "sph.kick_drift")}  # every kernel of the run
-NAMES[LIQUID] = ("sph.density", "sph.momentum", *NAMES[FALL])
+NAMES[LIQUID] = ("sph.continuity", "sph.momentum", *NAMES[FALL])
 
 
 @pytest.fixture

@@ -160,11 +160,14 @@ def test_lone_particles_feel_gravity_of_the_moment(backend):
 
 
 def test_walls_feel_gravity_of_the_moment():
-    """A tank whose acceleration is constant is one of another gravity; also where walls extrapolate."""
+    """A tank whose acceleration is constant is one of another gravity, but for the start and for the diffusion."""
     motion = (Motion(of="gravity", kind="formula", direction=(1.0, 0.0, 0.0), formula="0.5*2*t**2"),)
     swayed, tilted = (
-        Simulation(scene, "cpu") for scene in (tank(motion=motion), tank(pull=(-2.0, -G, 0.0)))
+        Simulation(tank(diffusion=0.0, **own), "cpu") for own in ({"motion": motion}, {"pull": (-2.0, -G, 0.0)})
     )  # fmt: skip
+    for simulation in (swayed, tilted):  # which begin with the pressure of rest in their own gravity
+        simulation.set_field("advanced_excess", np.zeros(simulation.count))
+        simulation.set_field("mass", np.full(simulation.count, DENSITY * 0.1**2))
     for _ in range(30):
         swayed.step()
         tilted.step()

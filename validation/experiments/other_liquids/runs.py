@@ -75,7 +75,7 @@ def _scene(flow: str, kind: str, cells: int) -> Scene:
         effects.append(BoxWalls(upper=(1.0, 1.0, 0.0), **walls, **lid))
     return Scene(
         name=flow, dim=2, dtype="float64", spacing=spacing, support_radius=SUPPORT[flow] * spacing,
-        period=(1.0, 1.0, 0.0) if flow == "vortices" else None, fluid=(Box(cells=(cells, cells, 1)),),
+        period=(1.0, 1.0, 0.0) if flow == "vortices" else (0.0, 0.0, 0.0), fluid=(Box(cells=(cells, cells, 1)),),
         effects=tuple(effects),
     )  # fmt: skip
 
