@@ -18,7 +18,7 @@ TITLES = {
 LOOKS = {  # colour and marker
     ("refsim", "papers"): (VERMILION, "o", "refsim, the papers' liquid"),
     ("refsim", "rests"): (BLUE, "o", "refsim, the liquid that rests"),
-    ("refsim", "corrected"): (GREEN, "o", "the same, renormalised gradients"),
+    ("refsim", "corrected"): (GREEN, "o", "refsim, renormalised gradients"),
     ("PySPH", "wcsph"): (GREY, "s", "PySPH, WCSPH"),
     ("PySPH", "tvf"): (ORANGE, "s", "PySPH, transport velocity"),
     ("PySPH", "edac"): (PURPLE, "s", "PySPH, EDAC"),
@@ -50,7 +50,7 @@ def picture(data: Mapping[str, Any]) -> Any:
             (line,) = axes.plot(seconds, [100 * e for e in errors], color=colour, marker=marker, label=words)
             shown[words] = line
             axes.annotate(
-                f"{cells[-1]:g}", (seconds[-1], 100 * errors[-1]), (4, 4), textcoords="offset points", fontsize=8.5,
+                f"{cells[-1]:g}", (seconds[-1], 100 * errors[-1]), (4, 4), textcoords="offset points", fontsize=9,
                 color=colour,
             )  # fmt: skip
         axes.set(xscale="log", yscale="log", xlabel="seconds of one processor", ylabel="error [%]", title=TITLES[flow])
