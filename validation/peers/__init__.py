@@ -26,6 +26,7 @@ PROGRAMS = {  # by module: the program in words, what it is imported as, and its
     "libigl": ("libigl", "igl", "libigl"), "pysph_terms": ("PySPH", "pysph", "pysph"),
     "pysplashsurf": ("pysplashsurf", "pysplashsurf", "pysplashsurf"), "taichi_mpm": ("Taichi", "taichi", "taichi"),
     "warp_sph": ("Warp", "warp", "warp-lang"), "warp_terms": ("Warp", "warp", "warp-lang"),
+    "pysph_flows": ("PySPH", "pysph", "pysph"),
 } | dict.fromkeys(
     ("splishsplash", "splishsplash_sampling", "splishsplash_terms"),
     ("SPlisHSPlasH", "pysplishsplash", "pySPlisHSPlasH"),

@@ -7,7 +7,6 @@ largest speed, as refsim's. One thread; the seconds are processor time from the 
 
 from __future__ import annotations
 
-import importlib.metadata
 import time
 from collections.abc import Sequence
 from typing import Any
@@ -15,16 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from validation.peers import answer, lacking, launch
+from validation.peers import launch
 
 LAYERS = 3  # of wall particles, as many as the support is wide
 GRAVITY, DENSITY, DEPTH = 9.81, 1000.0, 1.0  # m/s^2, kg/m^2, m: of the tank
 SOUND = 10 * (GRAVITY * DEPTH) ** 0.5  # m/s
-
-
-def missing() -> str:
-    """Why the program cannot run here, or ""."""
-    return lacking("pysph", "pysph")
 
 
 def run(flow: str, scheme: str, cells: int, times: Sequence[float], **more: float) -> dict[str, Any]:
@@ -35,7 +29,7 @@ def run(flow: str, scheme: str, cells: int, times: Sequence[float], **more: floa
     scheme  the name that PySPH gives it; cells: particles along a side
     """
     given = {"flow": flow, "scheme": scheme, "cells": cells, "times": list(times), **more}
-    return launch("pysph_flows", "PySPH", given, {"OMP_NUM_THREADS": "1"}, 7200.0, missing())
+    return launch("pysph_flows", given, {"OMP_NUM_THREADS": "1"}, 7200.0)
 
 
 def _tank(scheme: str, cells: int, viscosity: float) -> type:
@@ -114,8 +108,4 @@ def work(flow: str, scheme: str, cells: int, times: list[float], viscosity: floa
     Watched().run(words)
     spent = time.process_time() - clock["began"]
     found = {name: np.array(values) for name, values in seen.items()}
-    return {**found, "seconds": spent, "steps": clock["steps"], "version": importlib.metadata.version("pysph")}
-
-
-if __name__ == "__main__":
-    answer(work)
+    return {**found, "seconds": spent, "steps": clock["steps"]}

@@ -19,7 +19,7 @@ from validation.checks import Checks
 from validation.experiment import Experiment, Options, Results, Run
 from validation.experiments.flows.runs import GHIA_U, GHIA_V
 from validation.metrics.liquid import cavity_error, rest, vortex, vortex_error
-from validation.peers import pysph_flows, splishsplash
+from validation.peers import missing, pysph_flows, splishsplash
 from validation.peers.pysph_flows import DENSITY, DEPTH, GRAVITY, SOUND
 from validation.results import Result
 from validation.running import Context
@@ -158,7 +158,7 @@ def _run(function: Any, program: str, flow: str, kind: str, cells: int, options:
     elif not options.peers:
         skip = "measured with --peers"
     else:
-        skip = (pysph_flows if function is of_pysph else splishsplash).missing()
+        skip = missing("pysph_flows" if function is of_pysph else "splishsplash")
     estimate = 2e-6 * STEPS[flow] * cells**3
     return Run(f"{flow}_{program}_{kind}_{cells}", function, row, estimate=estimate, skip=skip, rough=True)
 
