@@ -10,8 +10,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from docutils.nodes import Text
-
 ROOT = Path(__file__).resolve().parent.parent
 PAPERS = {
     "jiang_zhu_2023": "Jiang & Zhu 2023",
@@ -230,8 +228,8 @@ def readable(app: Any, tree: Any) -> None:
         if node.tagname == "entry" and len(words := node.astext()) > 30 and " " in words:
             node["classes"].append("sentences" if len(words) > 80 else "words")
         if node.tagname == "entry":
-            for text in list(node.findall(Text)):
-                text.parent.replace(text, Text(UNIT.sub("\N{NO-BREAK SPACE}", text)))
+            for text in [part for part in node.findall() if part.tagname == "#text"]:
+                text.parent.replace(text, type(text)(UNIT.sub("\N{NO-BREAK SPACE}", text)))
 
 
 def literal_tables(app: Any, what: str, name: str, found: Any, options: Any, lines: list[str]) -> None:

@@ -17,14 +17,12 @@ from refsim.scene.scene import Scene
 from refsim.sph.iisph import ImplicitPressure
 from refsim.study.convergence import Convergence, Reference, converge
 from refsim.study.runs import Reading, Setting
-from refsim.surface_tension.calibration import BESIDE, SETTINGS
 
 PARAMETERS = {"liquid": ("density", "gradient"), "walls": ("model",), "heat": ("scheme",)}
 OWN = "as it is"  # the scene's own method
 Runs = Sequence[tuple[Setting, Reading]]
 METHODS = (*PARAMETERS, "tension")
 MODELS = ("akinci", "dong", "he", "jiang_zhu", "becker_teschner", "tartakovsky_meakin", "csf", "akinci_iisph")
-TENSIONS = {SETTINGS[name][1](1.0).name for name in MODELS}
 
 
 def others(scene: Scene, kinds: Sequence[str], left_out: list[str]) -> dict[str, Scene]:
@@ -97,8 +95,11 @@ def _literals(known: Any) -> tuple[str, ...]:
 
 def _tensions(scene: Scene) -> Iterator[tuple[str, tuple[Effect, ...]]]:
     """Effects with each other model of the surface tension in place of the scene's, of the same tension."""
+    from refsim.surface_tension.calibration import BESIDE, SETTINGS  # which a package without these effects lacks
+
+    names = {SETTINGS[name][1](1.0).name for name in MODELS}
     for k, effect in enumerate(scene.effects):
-        if effect.name not in TENSIONS:
+        if effect.name not in names:
             continue
         tension = getattr(effect, "surface_tension", None)
         if tension is None:

@@ -67,7 +67,7 @@ def assert_union(vertices, faces, occupied, turn=UPRIGHT, rounding=1e-6, spacing
     return mesh
 
 
-@pytest.mark.parametrize("seed, turn", enumerate((UPRIGHT, TURN, TURN, UPRIGHT)))
+@pytest.mark.parametrize("seed, turn", list(enumerate((UPRIGHT, TURN, TURN, UPRIGHT))))
 def test_boxes_whose_faces_lie_in_one_plane_are_their_union(seed, turn):
     """Boxes with whole corners touch, overlap and share faces and edges; some are divided more finely."""
     random = np.random.default_rng(seed)

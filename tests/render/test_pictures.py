@@ -15,6 +15,7 @@ from PIL import Image
 
 from refsim import Box, BoxWalls, Gravity, InputError, Scene, Simulation, WeaklyCompressible, simulate
 from refsim.__main__ import main
+from refsim.core.stopping import heeding
 from refsim.io.frames import ParticleWriter
 from refsim.io.vtkhdf import origin_of
 from refsim.render import space
@@ -386,7 +387,7 @@ def test_a_signal_waits_until_vtk_is_imported(monkeypatch):
         return pytest.importorskip(module)
 
     monkeypatch.setattr(space, "extra", interrupted)
-    with pytest.raises(KeyboardInterrupt):
+    with heeding(), pytest.raises(KeyboardInterrupt):
         space.pyvista()
     assert imported == ["pyvista"]
 

@@ -195,7 +195,7 @@ def test_the_command_predicts_every_backend(cache, tmp_path, monkeypatch, capsys
         assert found["cuda"]["note"]
     assert main(["plan", "tank.toml", "--time"]) == 0
     said = capsys.readouterr().out
-    assert "Time on this machine" in said
+    assert "Time of refsim run on this machine" in said
     assert main(["plan", "tank.toml", "--time", "--json"]) == 0
     assert all(each["kept"] for each in json.loads(capsys.readouterr().out)["time"] if each["backend"] != "cuda")
 

@@ -59,15 +59,6 @@ def test_a_run_keeps_frames_and_what_it_watched(cube):
     assert not [m for m in made_of if m.verdict == FAIL], made_of
 
 
-def test_surface_of_a_block_is_closed():
-    import trimesh
-
-    block = 0.2 * np.stack(np.meshgrid(*[np.arange(5)] * 3, indexing="ij"), -1).reshape(-1, 3)
-    mesh = trimesh.Trimesh(*pictures.surface(block))
-    assert mesh.is_watertight
-    assert mesh.volume == pytest.approx(1.0, rel=0.25)
-
-
 def test_regions_fill_level_by_level():
     """Each pass keeps what the one before wrote; entries lie where arrayR wants them."""
     result = melting.filling(Context())
