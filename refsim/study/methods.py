@@ -79,8 +79,8 @@ def _choices(scene: Scene, kind: str) -> Iterator[tuple[str, tuple[Effect, ...]]
 
 
 def _resolved(scene: Scene) -> tuple[Effect, ...]:
-    """The scene's effects with the values that parameters of `PARAMETERS` have by default."""
-    planned, names = make_plan(scene).effects, itertools.chain(*PARAMETERS.values())
+    """The scene's effects with the values that parameters of `PARAMETERS` and the viscosity have by default."""
+    planned, names = make_plan(scene).effects, itertools.chain(*PARAMETERS.values(), ("viscosity",))
     for name in names:
         effects = (_with(e, **{name: getattr(planned[e.name], name, None)}) for e in scene.effects)
         scene = msgspec.structs.replace(scene, effects=tuple(effects))

@@ -45,6 +45,7 @@ def test_liquids_that_need_extrapolated_walls_get_them():
         effects = {effect.name: effect for effect in scene.effects}
         assert effects["box_walls"].model == ("extrapolated" if "extrapolated" in label else "mirrored")
         assert effects["weakly_compressible"].density == ("continuity" if "continuity" in label else "summation")
+        assert effects["weakly_compressible"].viscosity == "laplacian"  # as it is
         assert ("iisph" in effects) == (label == "implicit pressure")
 
 
