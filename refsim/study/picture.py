@@ -89,7 +89,7 @@ def _methods(study: Any, compared: Any, axes: Any) -> None:
         axes.axhspan(1e-9, 100 * judge.uncertainty, color=GREY, alpha=0.15, lw=0)
     errors = [study.error, *(e for line in lines for e in line.errors if e > 0)]
     low, high = 60 * min(errors), 200 * max(errors)
-    axes.set_ylim(low * (low / high) ** (0.1 * len(lines)), high)  # room for the legend
+    axes.set_ylim(low * (low / high) ** (0.1 * len(lines)), high)  # above the legend
     _finish(axes, "error [%]; grey: what is known", "what each method buys for a second")
 
 

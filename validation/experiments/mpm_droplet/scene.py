@@ -68,7 +68,7 @@ def pair(radius: float, dim: int, speed: float = 1.0, apart: Sequence[float] = (
 
 
 def half_on_floor(radius: float, dim: int) -> tuple[Array, dict[str, Any]]:
-    """Places [cells] of half a disc or ball on a slipping floor, and the room."""
+    """Places [cells] of half a disc or ball on a slipping floor, and the walls around it."""
     place, far = ellipsoid(radius, dim, seed=1), float(math.ceil(4 * radius))
     walls = {"lower": (-far, 0.0, -far), "upper": (far, far, far), "rule": "slip"}
     return place[place[:, 1] > 0], walls
