@@ -1,30 +1,12 @@
-"""Statistics of work and precision: Pareto front and observed order of convergence."""
+"""Observed order of convergence."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-
-
-def pareto(points: Sequence[Mapping[str, Any]]) -> list[int]:
-    """Numbers of the points that no other one beats in both error and seconds, from the fastest on.
-
-    A point without a finite error or time is never on the front; of equals, the first one is.
-    """
-    order = sorted(
-        (k for k, p in enumerate(points) if math.isfinite(p["error"]) and math.isfinite(p["seconds"])),
-        key=lambda k: (points[k]["seconds"], points[k]["error"]),
-    )
-    front, best = [], math.inf
-    for k in order:
-        if points[k]["error"] < best:
-            front.append(k)
-            best = points[k]["error"]
-    return front
 
 
 @dataclass(frozen=True)

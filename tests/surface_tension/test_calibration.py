@@ -12,7 +12,7 @@ from refsim.surface_tension.calibration import MAP, SETTINGS, sigma_map
 from validation.experiments.laplace import runs as laplace
 from validation.experiments.water_drop import runs as water_drop
 from validation.measure import sigma_map as condensing
-from validation.measure.drops import device_points, fit_laplace, fit_oscillation, points
+from validation.measure.drops import fit_laplace, fit_oscillation, points
 
 EXAMPLE = Path(__file__).parents[2] / "refsim" / "examples" / "water_drop.toml"
 WATER = {"spacing": 1e-3, "rest_density": 1000.0}
@@ -113,7 +113,7 @@ def test_one_seed_is_less_certain_than_three():
 def test_the_published_map_is_that_of_the_published_drops(tmp_path):
     rows = condensing.read_rows()
     assert len(rows) > 60
-    wanted = {point.key for point in (*points(), *device_points())}
+    wanted = {point.key for point in points()}
     assert {row["key"] for row in rows} <= wanted
     condensing.write(rows, tmp_path / "map.json")
     assert json.loads((tmp_path / "map.json").read_text()) == json.loads(MAP.read_text())

@@ -1,7 +1,5 @@
 """Panels in the repository: the page that their points make, their runs without a packaged scene, and readings."""
 
-import math
-
 import numpy as np
 import pytest
 
@@ -18,7 +16,7 @@ from validation.experiments.dam_break.runs import TRUTH_RADIUS
 from validation.experiments.dam_break.scene import load_state
 from validation.metrics.surface_truth import arc_cover_surface, cap_cover_surface
 from validation.reading import reading
-from validation.work_precision import order_from_errors, pareto
+from validation.work_precision import order_from_errors
 
 
 def test_the_page_is_what_the_stored_points_make():
@@ -119,11 +117,6 @@ def test_peers_are_read_as_refsim_is(monkeypatch):
 
 
 # Statistics
-
-
-def test_pareto_front_holds_what_nothing_beats():
-    points = [(2.0, 1.0), (1.0, 2.0), (2.0, 2.0), (0.5, math.inf), (math.nan, 0.1), (1.0, 2.0)]
-    assert pareto([{"error": e, "seconds": s} for e, s in points]) == [0, 1]
 
 
 def test_order_from_errors():

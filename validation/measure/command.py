@@ -52,8 +52,6 @@ def add_commands(made: argparse.ArgumentParser) -> None:
         )  # fmt: skip
         part.add_argument("--seconds", type=float, default=math.inf, help="stop after so long")
         part.add_argument("--limit", type=int, default=10**9, help="measure at most so many")
-        if name == "drops":
-            part.add_argument("--cuda", action="store_true", help="the few drops that are measured on a GPU, too")
     for name, words in (
         ("sigma_map", "condenses the free drops on file into the table of refsim.calibrate"),
         ("wetting_map", "condenses the sessile drops on file into the table of refsim.calibrate_contact_angle"),
@@ -61,11 +59,6 @@ def add_commands(made: argparse.ArgumentParser) -> None:
         part = add(name, words)
         part.set_defaults(perform=write_map)
         part.add_argument("--output", type=Path, help="the packaged table by default")
-    part = add("drop_seconds", "times a step of each drop; wants a machine that does nothing else")
-    part.add_argument("--cuda", action="store_true", help="the drops on a GPU, otherwise those of the CPU")
-    part.add_argument("--models", type=_words, help="some of them only; the rows of the others are removed")
-    part.add_argument("--seconds", type=float, default=math.inf, help="begin no drop after 0.7 of this")
-    part.add_argument("--output", type=Path, default=DATA / "drop_seconds.json", help="file of rows")
     part = add("run_time", "holds refsim plan --time against runs of twelve scenes; wants a quiet machine")
     part.add_argument("--backend", default="cpu", help="cpu (default), cuda or numpy")
     part.add_argument("--threads", type=int, help="CPU threads; all by default")
@@ -116,7 +109,7 @@ def measured(
     Prints the efficiency, the sum of task seconds over workers x wall.
     """
     began, spent, most = time.perf_counter(), 0.0, 0
-    tasks = [Task(p.key, p.key, work, (p,), p.cost(), gpu=getattr(p, "backend", "cpu") == "cuda") for p in points]
+    tasks = [Task(p.key, p.key, work, (p,), p.cost()) for p in points]
 
     def watch(shares: Mapping[str, float], workers: int) -> None:
         nonlocal most
@@ -144,14 +137,10 @@ def measure_drops(given: argparse.Namespace) -> int:
     os.environ["NUMBA_NUM_THREADS"] = "1"
     kind = importlib.import_module(f"validation.measure.{'wetting' if sessile else 'drops'}")
     rows = json.loads(given.output.read_text()) if given.output.exists() else {}
-    cuda = not sessile and given.cuda
-    wanted = list(
-        kind.device_points() if cuda else kind.points(tuple(given.models or kind.MODELS), tuple(map(int, given.dims)))
-    )
+    wanted = list(kind.points(tuple(given.models or kind.MODELS), given.dims))
     missing = [p for p in wanted if p.key not in rows]
-    if not cuda:  # those stand in the order in which they matter
-        longest_first = given.scheduler is not None  # on many workers the longest drop is the shortest wall time
-        missing.sort(key=lambda p: (0 if longest_first else p.urgency(), p.cost() if given.jobs == 1 else -p.cost()))
+    longest_first = given.scheduler is not None  # on many workers the longest drop is the shortest wall time
+    missing.sort(key=lambda p: (0 if longest_first else p.urgency(), p.cost() if given.jobs == 1 else -p.cost()))
     missing = missing[: given.limit]
     print(f"{len(missing)} drops to measure, {len(rows)} there", flush=True)
     given.output.parent.mkdir(parents=True, exist_ok=True)

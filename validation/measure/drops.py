@@ -70,7 +70,6 @@ class Point:
     stiffness  S = sigma/(rho0 c^2 d) of the nominal sigma
     kernels    of weakly_compressible
     kicked     whether it is set into oscillation at the end
-    dtype, backend  with what it is computed; the map holds float32 on the cpu
     """
 
     model: str
@@ -82,31 +81,25 @@ class Point:
     seed: int = 1
     kicked: bool = True
     dtype: Any = "float32"
-    backend: str = "cpu"
 
     @property
     def key(self) -> str:
         """Name of the point's row."""
         size = f"h{self.support:g}.R{self.radius:g}.S{self.stiffness:g}"
-        how = "".join(f".{name}" for name in (self.dtype, self.backend) if name not in ("float32", "cpu"))
-        return f"{self.model}.{self.dim}d.{self.kernels}.{size}.{self.seed}{how}"
+        return f"{self.model}.{self.dim}d.{self.kernels}.{size}.{self.seed}"
 
     def cost(self) -> float:
-        """About the seconds that it takes, on one core or a GPU."""
+        """About the seconds that it takes on one core."""
         particles = self.radius**self.dim * (4.2 if self.dim == 3 else math.pi)
         steps = self.radius**1.5 * math.sqrt(0.01 / self.stiffness) * (130 if self.kicked else 90)
-        if self.backend == "cuda":
-            return 80.0 if self.model in BESIDE else 20.0
-        if self.backend == "numpy":
-            return 1.5e-6 * particles**2 * steps
         solver = 3.0 if self.model in BESIDE else 1.0
         return (
             1e-6 * solver * particles * steps * (2.6 if self.dim == 3 else 0.8) * (self.support / 2.6) ** (self.dim - 1)
         )
 
     def urgency(self) -> int:
-        """0 for what `tension_cost` shows, 1 to 3 along the axes: one radius, the others, other seeds."""
-        if at_base(self.model, asdict(self)) or in_panel(asdict(self)):
+        """0 for the base, 1 to 3 along the axes: one radius, the others, other seeds."""
+        if at_base(self.model, asdict(self)):
             return 0
         return 3 if self.seed > 1 else 1 if self.radius == SEEDED[self.dim] else 2
 
@@ -115,11 +108,7 @@ RADII = {2: (8.0, 11.0, 16.0, 24.0), 3: (5.0, 7.0, 8.5, 10.0, 12.0, 14.0)}
 SEEDED = {2: 16.0, 3: 10.0}  # radius at which three seeds are run, and from which on drops are kicked
 LARGE = 10.0  # radius in 3D beyond which drops are measured at the base only: they take minutes
 LARGE_IMPLICIT = 10.0  # the same of implicit pressure, each step of which is an iteration
-COSTED = (7.0, 10.0)  # radii in 3D of drops in float64, for what accuracy costs
-ALL_PAIRS = 4.0  # radius in 3D of drops on the numpy backend, which compares all pairs
-FEW = ("he", "csf")  # models whose larger drops do not last, left out on a GPU
 SEEDED_MODELS = ("akinci", "dong")  # with three seeds along the axes, too
-ROUNDER: dict[str, Any] = {"model": "akinci", "dim": 3, "kernels": "wendland"}  # off the base, nearer to one tension
 AXES: dict[str, tuple[Any, ...]] = {
     "support": (2.0, 2.3, 2.6, 3.0), "stiffness": (0.003, 0.01, 0.03), "kernels": ("mueller", "wendland"),
 }  # fmt: skip
@@ -135,19 +124,11 @@ def at_base(model: str, setting: Mapping[str, Any]) -> bool:
     return all(setting[name] == value for name, value in base(model).items())
 
 
-def in_panel(row: Mapping[str, Any]) -> bool:
-    """Whether a point or row belongs to what accuracy costs: 3D at the base, and what comes nearest to one tension."""
-    if row["dim"] != 3:
-        return False
-    rounder = row["radius"] >= LARGE and at_base(row["model"], {**row, "kernels": base(row["model"])["kernels"]})
-    return at_base(row["model"], row) or (rounder and all(row[name] == value for name, value in ROUNDER.items()))
-
-
 def points(models: tuple[str, ...] = tuple(MODELS), dims: tuple[int, ...] = (2, 3)) -> Iterator[Point]:
     """The map: all radii and three seeds at the base point, and each axis on its own through it at four radii.
 
     Akinci 2013 has three seeds at every radius from 10 spacings on, with both sets of kernels. Implicit pressure knows
-    no sound speed, and so no stiffness. At the base, drops in float64 and on the numpy backend come last.
+    no sound speed, and so no stiffness.
     """
     for model, dim in itertools.product(models, dims):
         centre = base(model)
@@ -167,20 +148,6 @@ def points(models: tuple[str, ...] = tuple(MODELS), dims: tuple[int, ...] = (2, 
                 kicked = radius >= SEEDED[dim] or (based and dim == 3)
                 for seed in (1, 2, 3) if three else (1,):
                     yield Point(model, dim, radius=radius, seed=seed, kicked=kicked, **dict(setting))
-        for radius in COSTED if dim == 3 else ():
-            yield Point(model, dim, radius=radius, dtype="float64", **centre)
-        if dim == 3 and model not in BESIDE:  # all pairs in each of its iterations take minutes even so
-            yield Point(model, dim, radius=ALL_PAIRS, dtype="float64", backend="numpy", **centre)
-
-
-def device_points() -> Iterator[Point]:
-    """Drops of the base setting on a GPU, for what accuracy costs there; what matters most comes first."""
-    models = [model for model in MODELS if model not in FEW]
-    for radius, dtype in ((10.0, "float32"), (14.0, "float32"), (7.0, "float32"), (10.0, "float64")):
-        for model in models:
-            yield Point(model, 3, radius=radius, dtype=dtype, backend="cuda", **base(model))
-        if radius >= LARGE and dtype == "float32":
-            yield Point(**ROUNDER, radius=radius, backend="cuda")
 
 
 def start(point: Point) -> NDArray:
@@ -194,7 +161,7 @@ def measure(point: Point) -> dict[str, Any]:
     laplace    sigma = P R/(dim - 1) from the virial pressure, mean over balls of 0.4 to 0.7 R and over 40 snapshots
     rayleigh   sigma = rho R^3 (omega^2 + beta^2)/k from the damped frequency, k = 8 in 3D and 6 in 2D; omega for
                small amplitudes, by the known softening in 3D
-    steps      of all stages together, for what the drop costs
+    steps      of all stages together
     spurious   rms speed at rest over sqrt(sigma/(rho R)); capillary = mu max|v|/sigma
     """
     return row_of(point, _measure)
@@ -224,12 +191,12 @@ def _measure(point: Point, row: dict[str, Any]) -> None:
     capillary_time = math.sqrt(point.radius**3)
     position = start(point)
     row["particles"] = len(position)
-    calm = Simulation(free_drop(point, position, None, CALM), point.backend)
+    calm = Simulation(free_drop(point, position, None, CALM))
     if point.model not in UNSTIRRED:
         stir(calm, point, STIRRED * capillary_time, lambda: _together(calm, point))
     run_to(calm, RELAXED * capillary_time)
     _together(calm, point)
-    thin = Simulation(free_drop(point, calm.field("position").astype(float), None, THIN), point.backend)
+    thin = Simulation(free_drop(point, calm.field("position").astype(float), None, THIN))
     run_to(thin, SETTLED * capillary_time)
     samples = []
     for k in range(SNAPSHOTS):
@@ -284,7 +251,7 @@ def _oscillate(point: Point, thin: Simulation, radius: float, row: dict[str, Any
     nominal = math.sqrt(RAYLEIGH[point.dim] / radius**3)
     x, v = thin.field("position").astype(float), thin.field("velocity").astype(float)
     x = x - x.mean(0)
-    kicked = Simulation(free_drop(point, x, v - v.mean(0) + KICK * nominal * FLOW[point.dim] * x, THIN), point.backend)
+    kicked = Simulation(free_drop(point, x, v - v.mean(0) + KICK * nominal * FLOW[point.dim] * x, THIN))
     sigma = max(row["laplace"], 0.25) if math.isfinite(row["laplace"]) else 1.0
     expected = nominal * math.sqrt(sigma)
     until, count = PERIODS * 2 * math.pi / expected, round(PERIODS * PER_PERIOD)

@@ -61,14 +61,9 @@ def condensed(rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
     stopped                            how many drops ended otherwise, by reason
     """
     groups: dict[tuple[Any, ...], list[Mapping[str, Any]]] = {}
-    for row in filter(in_map, rows):
+    for row in rows:
         groups.setdefault(tuple(row[name] for name in AXES), []).append(row)
     return [_entry(dict(zip(AXES, key)), groups[key]) for key in sorted(groups, key=str)]
-
-
-def in_map(row: Mapping[str, Any]) -> bool:
-    """Whether a row is in float32 on the cpu; the others tell what accuracy costs."""
-    return row.get("dtype", "float32") == "float32" and row.get("backend", "cpu") == "cpu"
 
 
 def _entry(entry: dict[str, Any], rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
@@ -130,7 +125,7 @@ def _of_radius(rows: Sequence[Mapping[str, Any]], radius: float) -> dict[str, An
 
 def at_base(entry: Mapping[str, Any]) -> bool:
     """Whether a row or setting of the map stands where the axes of its model cross."""
-    return in_map(entry) and drops.at_base(entry["model"], entry)
+    return drops.at_base(entry["model"], entry)
 
 
 # What the experiments have in common

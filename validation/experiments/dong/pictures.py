@@ -142,13 +142,12 @@ def _counts(frame: Mapping[str, Any], *names: str) -> str:
 
 
 def splash_data(results: Results) -> dict[str, Any]:
-    """Figure 4: from above at frames 60 to 90, with and without tension; of the quick runs where they are the ones."""
-    runs = "rest" if "rest_with" in results else "fall"
+    """Figure 4: from above at frames 60 to 90, with and without tension."""
     frames = (*scenes.FRAMES, *scenes.LATER)
     return {
         "title": "Dong, figure 4: the block after its impact, from above",
-        "spacing_m": results[f"{runs}_with"].values["spacing"],
-        "rows": [{"words": words, "frames": [_room(results[f"{runs}_{arm}"], frame, TOP) for frame in frames]}
+        "spacing_m": results["rest_with"].values["spacing"],
+        "rows": [{"words": words, "frames": [_room(results[f"rest_{arm}"], frame, TOP) for frame in frames]}
                  for arm, words in ARMS.items()],
     }  # fmt: skip
 
@@ -282,7 +281,6 @@ def sweep_picture(data: Mapping[str, Any]) -> Any:
 PICTURES = (
     Picture("dong_figure_3", cube_data, cube_picture, ("cube_4913",), shaded=True),
     Picture("dong_figure_4", splash_data, splash_picture, ("rest_with", "rest_without"), shaded=True),
-    Picture("dong_fall", splash_data, splash_picture, ("fall_with", "fall_without"), shaded=True),
     Picture("dong_figure_5", rest_data, rest_picture, ("rest_with", "rest_without")),
     Picture("dong_sweep", sweep_data, sweep_picture, tuple(runs.sweep_pairs())),
     Picture("dong_figure_6", merging_data, merging_picture, ("rest_with",), shaded=True),

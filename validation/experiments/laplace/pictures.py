@@ -14,7 +14,7 @@ from refsim.study.panels.drops import cap_volume
 from refsim.surface_tension.calibration import BASE
 from validation.drawing import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, headline, shared_legend
 from validation.experiment import Picture, Results
-from validation.experiments.laplace.runs import data, drop_words, setting_words
+from validation.experiments.laplace.runs import setting_words
 from validation.measure.drops import FITTED_FROM, MODELS, SEEDED, base
 from validation.measure.sigma_map import WORST_MISFIT, at_base
 from validation.results import real
@@ -249,43 +249,6 @@ def spurious_picture(data: Mapping[str, Any]) -> Any:
 
 
 SPURIOUS_PICTURES = (Picture("spurious", spurious_data, spurious_picture, ("map",)),)
-
-
-# Errors of drops against the seconds that they take.
-
-
-def cost_picture(data: Mapping[str, Any]) -> Any:
-    """The larger of two errors against seconds, a line each model through its resolutions on one CPU thread."""
-    figure, axes = plt.subplots(figsize=(7.2, 4.8))
-    lines: dict[tuple[str, str], list[Any]] = {}
-    for p in data["points"]:
-        error = max(real(p.get("sigma")), real(p.get("frequency")))
-        if (p["dtype"], p["backend"]) == ("float32", "cpu") and not p["stopped"] and real(p["seconds"]) > 0 < error:
-            lines.setdefault((p["model"], p["kernels"]), []).append((p["seconds"], error, p["radius"], drop_words(p)))
-    for (model, kernels), own in lines.items():
-        seconds, errors, _, words = zip(*sorted(own, key=lambda entry: entry[2]))
-        own_kernels = kernels == base(model)["kernels"]
-        look = {"color": COLOURS[model], "label": words[0], "lw": 1.3, "ls": STYLES[model] if own_kernels else ":"}
-        axes.plot(seconds, errors, marker="o", ms=5, mfc=COLOURS[model] if own_kernels else "white", **look)
-    for entry in data["advice"]:
-        p = entry["point"]
-        if p and (p["dtype"], p["backend"]) == ("float32", "cpu"):
-            place = p["seconds"], max(p["sigma"], p["frequency"])
-            axes.plot(*place, "o", ms=12, mfc="none", color=BLACK, mew=1.2)
-            words = f"{100 * entry['bar']:g} %: R = {p['radius']:g} d"
-            axes.annotate(words, place, (0, -10), textcoords="offset points", ha="center", va="top", fontsize=9,
-                          bbox={"fc": "white", "ec": "none", "alpha": 0.8, "pad": 0.5})  # fmt: skip
-    axes.set(xscale="log", yscale="log", xlabel="seconds of the whole run, one CPU thread, float32",
-             ylabel="error of tension or frequency, the larger")  # fmt: skip
-    axes.set_yticks([0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1], ["1 %", "2 %", "5 %", "10 %", "20 %", "50 %", "100 %"])
-    axes.yaxis.set_minor_locator(NullLocator())
-    axes.grid(True, which="major")
-    shared_legend(figure, [axes], ncols=3, fontsize=8.5, columnspacing=1.0, handlelength=1.6)
-    headline(figure, "What the accuracy of a drop costs; rings: the cheapest within an error", 10.5)
-    return figure
-
-
-COST_PICTURES = (Picture("tension_cost", data, cost_picture, ("map", "seconds")),)
 
 
 # Contact angle against the coefficient of adhesion, and the outlines of drops.

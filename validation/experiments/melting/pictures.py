@@ -286,38 +286,6 @@ def speed_picture(data: Mapping[str, Any]) -> Any:
     return figure
 
 
-def savings_data(results: Results) -> dict[str, Any]:
-    """What a step of figure 4's scene takes with one effect after the other left out."""
-    rows = [
-        {
-            **{name: row[name] for name in ("scene", "particles", "operations", "melted")},
-            "milliseconds": 1e3 * row["seconds"], "bytes": row["bytes"] / row["particles"],
-            "stages": {name: 1e3 * seconds for name, seconds in row["stages"].items()},
-        }
-        for row in results["savings"].values["rows"]
-    ]  # fmt: skip
-    threads = results["savings"].values["threads"]
-    return {"title": "What is left out costs nothing: a step of figure 4's scene", "threads": threads, "rows": rows}
-
-
-def savings_picture(data: Mapping[str, Any]) -> Any:
-    """A bar for each scene, cut into stages, with its time, operations and bytes."""
-    rows = data["rows"]
-    figure, axes = plt.subplots(figsize=(9.6, 3.4))
-    ends = stacked_bars(axes, [row["stages"] for row in rows], COLOURS)
-    for k, (row, left) in enumerate(zip(rows, ends)):
-        words = f"  {row['milliseconds']:.0f} ms, {row['operations']} operations, {row['bytes']:.0f} bytes a particle"
-        axes.text(left, k, words, va="center", fontsize=8.5)
-    axes.set_yticks(range(len(rows)), [row["scene"] for row in rows], fontsize=8)
-    axes.set_xlim(0, 1.6 * max(row["milliseconds"] for row in rows))
-    axes.invert_yaxis()
-    axes.grid(axis="x")
-    axes.set_xlabel(f"milliseconds a step, CPU, {data['threads']} threads")
-    axes.legend(loc="upper center", bbox_to_anchor=(0.45, -0.2), ncols=5)
-    axes.set_title(data["title"])
-    return figure
-
-
 SUMS = {
     "gather": ("member by member", "#4A90C2", "o"), "reduction": ("parallel reduction (the paper)", "#D9653B", "s"),
     "fast": ("fast summation", "#5AAE7A", "^"),
@@ -362,6 +330,5 @@ PICTURES = (
     Picture("melting_speed", speed_data, speed_picture, ("figure_5", "own_pressure")),
     Picture("melting_half_width", width_data, width_picture, tuple(f"width_{width}" for width in WIDTHS)),
     Picture("melting_figure_7", time_data, time_picture, tuple(f"{kind}_{name}" for name in PAPER for kind in KINDS)),
-    Picture("melting_savings", savings_data, savings_picture, ("savings",)),
     Picture("melting_gpu", gpu_data, gpu_picture, tuple(f"gpu_{figure}" for figure in ON_GPU)),
 )  # fmt: skip

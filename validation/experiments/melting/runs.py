@@ -8,7 +8,6 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-import msgspec
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components, dijkstra
@@ -329,51 +328,6 @@ def step_cost(
         "figure": figure, "liquid": simulation.count - bodies, "solid": bodies, "seconds": float(np.median(whole)),
         "rounds": whole, "stages": stages, "step": scene.step, "threads": threads or os.cpu_count(),
     })  # fmt: skip
-
-
-def savings(
-    context: Context, backend: str, size: float, threads: int | None, warm: int = 100, rounds: int = 5, steps: int = 8
-) -> Result:
-    """Figure 4's scene with one effect after the other left out: seconds a step, by stage, and bytes of the arrays.
-
-    `warm` steps pass first; from about the 80th on the cube melts.
-    """
-    whole = scene_of("figure_4", size)
-    heat = next(effect for effect in whole.effects if isinstance(effect, HeatConduction))
-    of_water = {name: getattr(heat, name)[-1] for name in ("temperature", "conductivity")}
-    liquid = msgspec.structs.replace(heat, **of_water, melting_point=None)
-    solids = (Melting, TwoWayCoupling, ShapeMatching, HeatConduction)
-    bare = _without(msgspec.structs.replace(whole, solid=()), *solids)
-    kinds = {
-        "everything": whole, "no melting": _without(whole, Melting),
-        "no melting, no heat": _without(whole, Melting, HeatConduction),
-        "no solids": msgspec.structs.replace(bare, effects=(*bare.effects, liquid)), "no solids, no heat": bare,
-    }  # fmt: skip
-    running = {words: context.simulation(scene, backend, threads) for words, scene in kinds.items()}
-    taken: dict[str, list[float]] = {words: [] for words in kinds}
-    for simulation in running.values():
-        take_steps(simulation, max(warm, 2))
-        simulation.timings.stages.clear()
-    for k in range(rounds):  # in turns, so that a busy moment does not hit one of them alone
-        for words, simulation in running.items():
-            taken[words].append(take_steps(simulation, steps) / steps)
-        context.progress((k + 1) / rounds)
-    rows, nodes, ice = [], len(running["everything"].plan.grid.solids.lattice.key), whole.solid[0].density
-    for words, simulation in running.items():
-        plan = simulation.plan
-        rows.append({
-            "scene": words, "particles": simulation.count, "seconds": float(np.median(taken[words])),
-            "bytes": sum(values.nbytes for values in simulation.fields.values()),
-            "operations": len(plan.passes) + len(plan.motion) + len(plan.begin),
-            "stages": grouped({name: s / (rounds * steps) for name, s in stage_seconds(simulation).items()}),
-            "melted": int((simulation.field("rest_density")[:nodes] != ice).sum()) if words == "everything" else 0,
-        })  # fmt: skip
-    return Result({"rows": rows, "threads": threads or os.cpu_count()})
-
-
-def _without(scene: Scene, *kinds: type) -> Scene:
-    """The scene without effects of these kinds."""
-    return msgspec.structs.replace(scene, effects=tuple(e for e in scene.effects if not isinstance(e, kinds)))
 
 
 GROUPS = {
@@ -989,7 +943,6 @@ def planned(options: Options) -> list[Run]:
     own = {**scenes["figure_5"], "weighted": False}  # every particle of a pair pushes by its own pressure
     printed = {**scenes["figure_4"], "size": QUICK, "shares": [0.5, 0.0], "scale": 1.0, "largest_number": 10.0}
     cost = {**size, **backend, **threads, "warm": 40, "rounds": 5, "steps": 4}
-    few = {"warm": 3, "rounds": 2, "steps": 2} if quick else {}
     return [
         *(Run(figure, melt, scene, 8.0 if quick else 120.0) for figure, scene in scenes.items()),
         Run("own_pressure", melt, own, 120.0, "takes as long as figure 5; run without --quick" if quick else ""),
@@ -1007,7 +960,6 @@ def planned(options: Options) -> list[Run]:
           for figure in ON_GPU),
         *(Run(f"width_{width}", stiffness, {"half_width": width, "steps": 30 if quick else 60, **backend}, 3.0)
           for width in WIDTHS),
-        Run("savings", savings, {**size, **backend, **threads, **few}, 1.0 if quick else 20.0),
     ]  # fmt: skip
 
 
