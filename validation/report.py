@@ -22,7 +22,7 @@ from validation.tables import Table
 
 WIDTH, LINES = 100, 25  # characters of a line and lines of the summary, at most
 FIVE = (  # the summary shows the first five that were measured: (experiment, how the check's name begins, in words)
-    ("timing", "steady_seconds.default", "cube to rest, seconds of this machine"),
+    ("models", "rest_seconds.cut_jiang_zhu", "cube to rest, seconds of this machine"),
     ("dam_break", "f1_gain.detection_2d", "detection: F1, two-step above number density"),
     ("dam_break", "recall_gap.detection_2d", "detection: recall, two-step less fan scan"),
     ("dam_break", "detection_ratio.", "detection: time, two-step over fan scan"),

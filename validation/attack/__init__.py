@@ -12,14 +12,14 @@ from __future__ import annotations
 
 GOOD = ("0", "2", "3", "4")
 BAD = ("traceback", "sentence", "code", "lost", "silent", "hang", "died")
-KINDS = {  # name: (module, trials of a whole campaign, seconds that one may take)
-    "scenes": ("scenes", 10_000, 60.0),
-    "checkpoints": ("checkpoints", 4_700, 60.0),
-    "caches": ("caches", 300, 90.0),
-    "kills": ("kills", 200, 120.0),
-    "stops": ("stops", 300, 240.0),
-    "stores": ("stores", 300, 120.0),
-    "clusters": ("clusters", 30, 240.0),
-    "libraries": ("libraries", 60, 120.0),
-    "disk": ("disk", 60, 120.0),
+KINDS = {  # name: (trials of a whole campaign, seconds that one may take)
+    "scenes": (10_000, 60.0),
+    "checkpoints": (4_700, 60.0),
+    "caches": (300, 90.0),
+    "kills": (200, 120.0),
+    "stops": (300, 240.0),
+    "stores": (300, 120.0),
+    "clusters": (30, 240.0),
+    "libraries": (60, 120.0),
+    "disk": (60, 120.0),
 }

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from refsim.core.errors import InputError
+from refsim.core.tables import table
 from refsim.core.versions import versions
 from validation import reading
 from validation.attack import BAD, GOOD, KINDS
@@ -37,15 +38,9 @@ def add_options(made: argparse.ArgumentParser) -> None:
 
 def mixed(only: Sequence[str], scale: float) -> Iterator[tuple[str, int]]:
     """(kind, number) of all trials, the kinds spread evenly, so that an early end leaves a share of each."""
-    counts = {kind: max(1, round(KINDS[kind][1] * scale)) for kind in only}
-    order = sorted((((n + 0.5) / count, kind, n) for kind, count in counts.items() for n in range(count)))
-    slow = [(kind, n) for _, kind, n in order if kind not in ("scenes", "checkpoints")]
-    quick = {kind: [(k, n) for _, k, n in order if k == kind] for kind in ("scenes", "checkpoints") if kind in counts}
-    rounds = max(len(slow), 50)
-    for i in range(rounds):
-        yield from slow[i : i + 1]
-        for tasks in quick.values():
-            yield from tasks[i * len(tasks) // rounds : (i + 1) * len(tasks) // rounds]
+    counts = {kind: max(1, round(KINDS[kind][0] * scale)) for kind in only}
+    order = sorted(((n + 0.5) / count, kind, n) for kind, count in counts.items() for n in range(count))
+    return ((kind, n) for _, kind, n in order)
 
 
 def commit() -> str:
@@ -62,16 +57,6 @@ def store(found: Ended, seed: int, folder: Path, date: str) -> Path:
     data |= {"outcome": found.outcome, "words": found.words, "trial": found.trial}
     path.write_text(json.dumps(data, indent=1) + "\n")
     return path
-
-
-def table(counts: Counter[tuple[str, str]], only: Sequence[str]) -> str:
-    """Trials by kind and outcome."""
-    used = [o for o in (*GOOD, *BAD) if any(counts[kind, o] for kind in only)]
-    lines = [("kind", "trials", *used)]
-    for kind in only:
-        lines.append((kind, str(sum(counts[kind, o] for o in used)), *(str(counts[kind, o]) for o in used)))
-    widths = [max(len(line[k]) for line in lines) for k in range(len(lines[0]))]
-    return "\n".join("  ".join(cell.rjust(w) for cell, w in zip(line, widths)) for line in lines)
 
 
 def main(given: argparse.Namespace) -> int:
@@ -100,15 +85,13 @@ def replay(files: Sequence[Path]) -> int:
 def campaign(given: argparse.Namespace) -> int:
     """All trials, the table, and the JSON file."""
     date, began = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"), time.monotonic()
-    until = began + max(60 * given.minutes - LEFT_OVER, 1.0)
-    counts: Counter[tuple[str, str]] = Counter()
-    seconds: Counter[str] = Counter()
+    counts: dict[str, Counter[str]] = {kind: Counter() for kind in given.only}
     findings: list[dict[str, Any]] = []
     stopped = False
+    until = began + max(60 * given.minutes - LEFT_OVER, 1.0)
     try:
         for found in perform(mixed(given.only, given.scale), given.seed, given.jobs, until):
-            counts[found.kind, found.outcome] += 1
-            seconds[found.kind] += found.seconds
+            counts[found.kind] += Counter({"trials": 1, found.outcome: 1})
             if found.outcome not in GOOD:
                 path = store(found, given.seed, given.out / "findings", date)
                 findings.append({"file": path.name, "outcome": found.outcome, "words": found.words})
@@ -116,27 +99,18 @@ def campaign(given: argparse.Namespace) -> int:
     except KeyboardInterrupt:
         stopped = True
     data: dict[str, Any] = {
-        "date": date,
-        "commit": commit(),
-        "seed": given.seed,
-        "jobs": given.jobs,
-        "scale": given.scale,
-        "interrupted": stopped,
-        "seconds": round(time.monotonic() - began, 1),
-        "versions": versions(),
-        "counts": {
-            kind: {"trials": sum(counts[kind, o] for o in (*GOOD, *BAD)), "seconds": round(seconds[kind], 1)}
-            | {o: counts[kind, o] for o in (*GOOD, *BAD) if counts[kind, o]}
-            for kind in given.only
-        },
-        "findings": findings,
-    }
+        "date": date, "commit": commit(), "seed": given.seed, "jobs": given.jobs, "scale": given.scale,
+        "interrupted": stopped, "seconds": round(time.monotonic() - began, 1), "versions": versions(),
+        "counts": counts, "findings": findings,
+    }  # fmt: skip
     if "disk" in given.only:
         from validation.attack.disk import method
 
         data["disk_method"] = method()
     given.out.mkdir(parents=True, exist_ok=True)
     (given.out / "attack.json").write_text(json.dumps(data, indent=1) + "\n")
-    print(table(counts, given.only))
+    names = [name for name in ("trials", *GOOD, *BAD) if any(counted[name] for counted in counts.values())]
+    rows = [[kind, *(str(counted[name]) for name in names)] for kind, counted in counts.items()]
+    print(table(rows, ("kind", *names), right=range(1, len(names) + 1)))
     print(f"{len(findings)} findings in {data['seconds']:.0f} s; {given.out / 'attack.json'}")
     return 4 if findings else 0
