@@ -40,12 +40,13 @@ FLOOR = 1e-17  # where an error that is exactly zero is drawn
 
 
 def square_data(results: Results) -> dict[str, Any]:
-    """Particles at four times, and energies over time."""
+    """Particles [cells] at four times, and energies over time."""
     result = results["square_cluster"]
+    count, series = len(result.values["shown"]), result.values["series"]
     return {
-        "title": "A square of liquid becomes a disc", "frames": result.arrays["frames"][:, :, :2].round(5).tolist(),
-        "times": result.values["frames"], "surfaces": frames_of(result, len(result.values["frames"])),
-        "series": result.values["series"], "until": result.values["series"]["time"][-1],
+        "title": "A square of liquid becomes a disc", "times": result.values["shown"],
+        "frames": [result.arrays[f"position_{k}"].round(3).tolist() for k in range(count)],
+        "surfaces": frames_of(result, count), "series": chosen(series, *ENERGIES),
     }  # fmt: skip
 
 
@@ -55,23 +56,18 @@ def square_picture(data: Mapping[str, Any]) -> Any:
         [["0", "1", "2", "3"], ["energy"] * 4], figsize=(8.6, 5.4), height_ratios=(1, 1.2), layout="constrained"
     )
     points = np.concatenate(data["frames"])
-    low, high = points.min(0) - 0.01, points.max(0) + 0.01
+    low, high = points.min(0) - 0.64, points.max(0) + 0.64
     for k, (at, frame) in enumerate(zip(data["times"], data["frames"])):
         axes = places[str(k)]
-        axes.scatter([x for x, _ in frame], [y for _, y in frame], s=1.6, color=BLUE, linewidths=0)
-        outline(axes, data["surfaces"][k], VERMILION, 1 / 64)
+        axes.scatter(*np.transpose(frame), s=1.6, color=BLUE, linewidths=0)
+        outline(axes, data["surfaces"][k], VERMILION)
         axes.set(aspect="equal", xlim=(low[0], high[0]), ylim=(low[1], high[1]))
         axes.set(title=f"{at:g} s", xticks=[], yticks=[])
         axes.grid(False)
-    series, axes = data["series"], places["energy"]
-    for name, words, colour in LEDGER:
-        axes.plot(series["time"], series[name], color=colour, label=words, linewidth=2.2 if name == "energy" else 1.4)
-    axes.set(xlabel="time [s]", ylabel="energy [J/m]")
+    axes = places["energy"]
+    ledger_lines(axes, data["series"])
+    axes.set(ylabel="energy [J/m]", title="energy ledger", xlim=(0, data["series"]["time"][-1]))
     axes.set_ylim(bottom=0)
-    axes.set_xlim(0, data["until"])
-    axes.legend(frameon=False, ncols=4, loc="center right")
-    axes.grid(axis="y")
-    axes.set_title("energy ledger")
     return figure
 
 
@@ -176,9 +172,9 @@ LEDGERS = {
 }  # fmt: skip
 
 
-def outline(axes: Any, frame: Mapping[str, Any], colour: str, unit: float = 1.0) -> None:
-    """A reconstructed outline in the plane; vertices in `unit` of the axes."""
-    corner = unit * vertices_of(frame)[facets_of(frame)][:, :, :2]
+def outline(axes: Any, frame: Mapping[str, Any], colour: str) -> None:
+    """A reconstructed outline in the plane, in cells."""
+    corner = vertices_of(frame)[facets_of(frame)][:, :, :2]
     axes.add_collection(LineCollection(corner, colors=colour, linewidths=1.2, capstyle="round"))
 
 
@@ -187,7 +183,7 @@ def surfaces_data(results: Results) -> dict[str, Any]:
     rows = []
     for key, words in SURFACES.items():
         values = results[key].values
-        times = values["frames"] if key == "square_cluster" else values["shown"]
+        times = values["shown"]
         rows.append({"words": words, "floor": key.startswith("floor"), "space": "vertices_0" in results[key].arrays
                      and results[key].arrays["facets_0"].shape[1] == 3, "times": times,
                      "frames": frames_of(results[key], len(times))})  # fmt: skip

@@ -368,71 +368,6 @@ def off_free_fall(run: Simulation, velocity: Array, pull: Array, steps: int) -> 
     return float(abs(run.field("position") - start - displacement).max() / abs(displacement).max())
 
 
-def square(context: Context, backend: str, embedding: str, cells: int, until: float) -> Result:
-    """A square of liquid whose surface draws it together: ledgers of momentum, energy and shape.
-
-    Lengths in cells of 1/64 m, rho = 1, k = 1, lambda = 1000.
-    """
-    h = 1 / 64
-    scene = Scene(
-        spacing=h / 2, support_radius=1.5 * h, dim=2, dtype="float64", step=2e-4,
-        fluid=(Box(lower=(0.4 + 0.13 * h, 0.4 - 0.21 * h, 0.0), cells=(2 * cells, 2 * cells, 1)),),
-        effects=(
-            MpmLiquid(rest_density=1.0, bulk_modulus=1000.0), SurfaceEnergy(surface_tension=1.0, embedding=embedding),
-        ),
-    )  # fmt: skip
-    run = context.simulation(scene, backend)
-    mass = run.field("mass")
-    centre, radius = run.field("position").mean(0), math.sqrt(mass.sum() / math.pi)
-    series: dict[str, list[float]] = {}
-    frames, peak, stopped = [run.field("position")], 0.0, ""
-    surfaces: dict[str, np.ndarray] = {}
-    total = round(until / 2e-4)
-    shown = [*(round(at / 2e-4) for at in FRAMES), total]
-    try:
-        while run.steps < total:
-            run.step()
-            if run.steps in shown:
-                frames.append(run.field("position"))
-            if run.steps in (1, *shown):  # the first step begins with the surface of the start
-                mesh = run._shared["surface"].latest.inset_mesh
-                surfaces[f"vertices_{len(frames) - 1}"] = run.backend.host(mesh.vertices) / h
-                surfaces[f"facets_{len(frames) - 1}"] = run.backend.host(mesh.facets)
-            if run.steps % max(1, total // 100) and run.steps not in (1, total):
-                continue
-            row = ledger(run, mass, centre, radius, h)
-            peak = max(peak, row.pop("speed"))
-            note(series, row)
-            context.progress(run.steps / total)
-    except RunStopped as stop:
-        stopped = f"{stop.reason} in step {run.steps}"
-    scale = mass.sum() * peak
-    return Result(
-        {
-            "stopped": stopped, "frames": [0.0, *FRAMES, until], "series": series, "radius_in_cells": radius / h,
-            "momentum": max(series["momentum"]) / scale, "angular": max(series["angular"]) / (scale * radius),
-            "centre": max(series["centre"]), "least_ratio": min(series["least_ratio"]),
-            "energy_rise": max(series["energy"]) / series["energy"][0] - 1,
-        },
-        {"frames": np.array(frames), **surfaces},
-    )  # fmt: skip
-
-
-def ledger(run: Simulation, mass: np.ndarray, centre: np.ndarray, radius: float, h: float) -> dict[str, float]:
-    """Momenta, energies and shape at present."""
-    x, v, ratio = (run.field(name) for name in ("position", "velocity", "volume_ratio"))
-    length = float(run._shared["surface"].sample_area.sum())
-    kinetic = 0.5 * float((mass * (v**2).sum(1)).sum())
-    bulk = 0.5 * 1000.0 * float((mass * (ratio - 1) ** 2).sum())
-    return {
-        "time": run.time, "kinetic": kinetic, "bulk": bulk, "surface": length, "energy": kinetic + bulk + length,
-        "perimeter": length / (2 * math.pi * radius), "pressure": float(-1000.0 * (ratio - 1).mean() * radius),
-        "momentum": float(abs(mass @ v).max()), "angular": abs(float((mass * np.cross(x - centre, v)[:, 2]).sum())),
-        "centre": float(abs(x.mean(0) - centre).max() / h), "least_ratio": float(ratio.min()),
-        "speed": float(np.sqrt((v**2).sum(1).max())),
-    }  # fmt: skip
-
-
 def against_taichi(
     context: Context, cells: int, steps: int, rounds: int, threads: int, backend: str, order: str = "lattice"
 ) -> Result:
@@ -523,6 +458,8 @@ def follow(
                 place = f"{len(shown) - len(waiting)}"
                 kept[f"vertices_{place}"] = run.backend.host(mesh.vertices) / ledger.h
                 kept[f"facets_{place}"] = run.backend.host(mesh.facets)
+                if ledger.dim == 2:
+                    kept[f"position_{place}"] = run.field("position")[:, :2] / ledger.h
                 waiting.pop(0)
     except RunStopped as stop:
         stopped = f"{stop.reason} in step {run.steps}"
@@ -1544,7 +1481,8 @@ def planned(options: Options) -> list[Run]:
     quick, backend = options.quick, {"backend": options.backend}
     reason = "takes minutes with the others; run without --quick" if quick else ""
     asked = "" if options.peers else "measured with --peers"
-    body = {"cells": 20, "until": 0.2 if quick else 0.6, **backend}
+    until = 0.2 if quick else 0.6
+    body = {"shape": "square", "size": 20.0, "until": until, "shown": [0.0, *FRAMES, until], **backend}
     peer = {"cells": 24 if quick else 40, "steps": 10, "rounds": 3 if quick else 5, "threads": options.threads or 2}
     beside = [Run("peer_taichi", against_taichi, peer | backend, 60.0, asked)]
     if options.backend == "cuda":
@@ -1557,7 +1495,7 @@ def planned(options: Options) -> list[Run]:
     return [
         Run("transfers", transfers, {}, 5.0),
         *(Run(f"free_fall_{dim}d", free_fall, {"dim": dim, **backend}, 3.0) for dim in (2, 3)),
-        *(Run(f"square_{name}", square, {"embedding": name, **body}, 10.0 if quick else 40.0,
+        *(Run(f"square_{name}", rounding, {"tension": {"embedding": name}, **body}, 10.0 if quick else 40.0,
               reason if name != "cluster" else "") for name in READINGS),
         *bodies(options),
         *beside,
