@@ -86,8 +86,9 @@ def test_no_temperature_leaves_the_range_of_the_start(scheme, more, number):
     """Up to s_max of 1e7; a truncated iteration may overshoot by a thousandth of the range, and nonlinear Jacobi loses
     heat."""
     values = ran(bar(number, scheme=scheme, largest_drift=0.0, **more), 3).field("temperature")
-    assert values.min() >= -10 - 0.06
-    assert values.max() <= 50 + 0.06
+    beyond = 60 * (1e-3 if scheme in ("implicit", "conjugate_gradient") else 1e-12)
+    assert values.min() >= -10 - beyond
+    assert values.max() <= 50 + beyond
 
 
 def test_a_step_beyond_the_explicit_limit_is_refused():

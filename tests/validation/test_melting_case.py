@@ -73,8 +73,7 @@ def test_regions_fill_level_by_level():
     assert pictures.filling_picture(json.loads(json.dumps(finite(pictures.filling_data({"filling": result})))))
 
 
-def test_regions_of_a_few_rounds_and_those_of_the_rival():
-    assert melting.region_rounds(Context(), 2, rounds=20, side=4).values["wrong"] == 0
+def test_the_rival_finds_the_same_regions():
     plan = make_plan(scene_of("figure_4", 0.3))
     lattice = plan.grid.solids.lattice
     nodes = len(lattice.key)

@@ -34,7 +34,6 @@ from refsim.backends.compile import cpu_kernel
 from refsim.boundary.mesh import SurfaceMesh, load_mesh, surface_mesh
 from refsim.boundary.sampling import HEXAGONAL, MOST_ITERATIONS, relaxed, sample
 from refsim.boundary.signed_distance import NarrowBand, signed_distance
-from refsim.core.effect import Extremes
 from refsim.core.errors import RunStopped
 from refsim.core.walls import WallParticles
 from refsim.neighbours import NeighbourSearch
@@ -234,28 +233,6 @@ def distance_errors(
         })  # fmt: skip
         context.progress((k + 1) / len(spacings))
     return Result({"shape": shape, "rows": rows})
-
-
-def exact_nodes(context: Context, shape: str, spacing: float, level: int, backend: str) -> Result:
-    """Node values against the exact closest triangle of trimesh, and signs against the winding number, in float32."""
-    import trimesh
-
-    made = SHAPES[shape](level)
-    mesh = mesh_of(made, shape)
-    there = choose(backend)
-    band = signed_distance(mesh, spacing, backend=there)
-    field = type(band.field)(*(there.host(p) if hasattr(p, "shape") and p.shape else p for p in band.field))
-    inside = np.flatnonzero(field.closest >= 0)
-    rows = np.random.default_rng(1).choice(inside, min(EXACT_QUERIES, len(inside)), replace=False)
-    place = band.spacing * node_table(field)[rows]
-    distance = trimesh.proximity.closest_point(made, place + mesh.origin)[1]
-    found = field.distance[rows]
-    clear = distance > 1e-5
-    signs = np.concatenate([solid_angles(p[None], mesh.corners)[0].sum(1) for p in place[clear]]) > 2 * np.pi
-    return Result({
-        "shape": shape, "nodes": len(rows), "error": float(np.abs(np.abs(found) - distance).max()) / spacing,
-        "wrong_signs": int(np.count_nonzero((found[clear] < 0) != signs)),
-    })  # fmt: skip
 
 
 def against_peers(context: Context, level: int, count: int, threads: int, rounds: int, scale: float) -> Result:
@@ -633,49 +610,6 @@ def own_tension(context: Context, gamma: float, count: int, backend: str) -> Res
         "core_density": float(density[core].mean() / DENSITY), "energy_share": energy[-1] / max(energy),
         "extent": float(away.max() / radius),
     })  # fmt: skip
-
-
-def own_bound(context: Context, gamma: float, backend: str, layers: int = 15, steps: int = 300) -> Result:
-    """Largest step of the patent's term alone: particles in the middle of a lattice, all others held, leap-frog.
-
-    A step holds if displacements of 1e-6 spacings, at random, have not grown a thousandfold. Beside it 2/omega of the
-    stiffest wave on the lattice, from which the runner's limit is taken.
-    """
-    position = (
-        np.stack(np.meshgrid(*3 * [np.arange(layers)], indexing="ij"), axis=-1).reshape(-1, 3) - layers // 2
-    ) * SPACING
-    scene = Scene(
-        spacing=SPACING, support_radius=SUPPORT, dtype="float64", fluid=(Cloud(position=position),),
-        effects=(
-            WeaklyCompressible(rest_density=DENSITY, sound_speed=1e-4, clamp_pressure=False, density="summation"),
-            NormalDifference2014(area_acceleration=gamma),
-        ),
-    )  # fmt: skip
-    simulation = context.simulation(scene, backend)
-    free = np.abs(simulation.field("position")).max(1) < (layers // 2 - 2 * SUPPORT / SPACING + 0.01) * SPACING
-    start = np.random.default_rng(0).normal(0, 1e-6 * SPACING, position.shape) * free[:, None]
-    identity = np.array(simulation.fields["identity"])
-
-    def holds(step: float) -> bool:
-        moved, velocity = start.copy(), np.zeros_like(start)
-        for _ in range(steps):
-            simulation.backend.assign(simulation.fields["position"], (position + moved)[identity])
-            simulation.evaluate()
-            velocity += step * simulation.field("acceleration") * free[:, None]
-            moved += step * velocity
-            if np.abs(moved).max() > 1e-3 * SPACING:
-                return False
-        return True
-
-    limit = simulation.limits["normal_tension"].at(Extremes(0.0, 0.0))
-    low, high = 0.5 * limit, 8 * limit
-    for k in range(8):
-        middle = math.sqrt(low * high)
-        low, high = (middle, high) if holds(middle) else (low, middle)
-        context.progress((k + 1) / 8)
-    return Result(
-        {"gamma": gamma, "largest_step": low, "limit": limit, "predicted": 2 * limit, "free": int(free.sum())}
-    )
 
 
 def marked_cost(context: Context, everywhere: bool, backend: str, repeats: int = 60) -> Result:
@@ -1274,7 +1208,6 @@ def coincident(trial: Trial) -> None:
 SPACINGS = [0.2, 0.1, 0.05]
 SMOOTH = ("sphere", "torus")
 MEASURED = (*SMOOTH, "cube", "organic")
-EXACT = ("needle", "organic")
 
 
 def sampling_planned(options: Options) -> list[Run]:
@@ -1295,8 +1228,6 @@ def sampling_planned(options: Options) -> list[Run]:
         *(Run(f"distance_{shape}", distance_errors,
               {"shape": shape, "spacings": SPACINGS, "level": 6 if shape in SMOOTH else 4, **backend}, 6.0)
           for shape in MEASURED),
-        *(Run(f"nodes_{shape}", exact_nodes, {"shape": shape, "spacing": 0.04, "level": 4, **backend},
-              4.0) for shape in EXACT),
         Run("sampling_peers", against_peers, peers, 900.0,
             "" if options.peers else "measured with --peers"),
     ]  # fmt: skip
@@ -1325,9 +1256,6 @@ def sampling_checks(results: Results, check: Checks) -> None:
             check.run(results, "distance_cube",
                       {"distance_edges": lambda v: max(r["largest_in_spacings"] for r in v["rows"])})  # fmt: skip
         check.run(results, f"distance_{shape}", own, shape)
-    for shape in EXACT:
-        check.run(results, f"nodes_{shape}", {"node_error": "error"}, shape)
-        check.run(results, f"nodes_{shape}", {"distance_signs": "wrong_signs"}, f"nodes_{shape}", f"{shape}, nodes")
     values = results["sampling_peers"].values if "sampling_peers" in results else {}
     if "sampling_ratio" in values:
         check("peer_sampling_ratio", values["sampling_ratio"])
@@ -1372,7 +1300,6 @@ def flow_planned(options: Options) -> list[Run]:
         *(Run(f"flow_sigma_{gamma:g}", own_tension,
               {"gamma": gamma, "count": 257 if options.quick else 515, **backend}, 6.0,
               "" if gamma == GAMMAS[1] else reason) for gamma in GAMMAS),
-        Run("flow_bound", own_bound, {"gamma": 1.0, **backend}, 30.0, reason),
     ]  # fmt: skip
 
 
@@ -1393,7 +1320,6 @@ def flow_checks(results: Results, check: Checks) -> None:
     for gamma in GAMMAS:
         own = {"own_density": "core_density", "own_sigma": "sigma"}
         check.run(results, f"flow_sigma_{gamma:g}", own, f"{gamma:g}", f"gamma = {gamma:g} m/s^2")
-    check.run(results, "flow_bound", {"own_bound": lambda v: real(v["largest_step"]) / real(v["predicted"])})
     for shape, arm in itertools.product(POUR, ARMS):
         check.run(results, f"flow_pour_{shape}_{arm}", {"pour_leaks": "inside"}, f"{shape}_{arm}")
 

@@ -6,19 +6,15 @@ from __future__ import annotations
 
 import itertools
 import math
-import time
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from refsim import Box, HeatConduction, Scene, Simulation, WeaklyCompressible
-from refsim.core.effect import Discretisation
+from refsim import Box, HeatConduction, Scene, Simulation
 from refsim.core.errors import InputError, RunStopped
-from refsim.core.operation import REGISTRY
-from refsim.core.period import period_group
 from refsim.engine.stock import stock
-from refsim.heat import kernels, pair_exchange, reference
+from refsim.heat import kernels, pair_exchange
 from refsim.scene.plan import Plan, make_plan
 from validation.checks import Checks, Quantities
 from validation.experiment import Experiment, Measure, Options, Results, Run, each
@@ -27,7 +23,7 @@ from validation.experiments.heat.scene import SCHEMES, SUPPORT, Conductor, cosin
 from validation.experiments.melting.scene import SCALE
 from validation.experiments.melting.scene import STEP as PAPER_STEP
 from validation.results import Result, real
-from validation.running import Context, on_threads, take_steps
+from validation.running import Context, take_steps
 from validation.trials import Cell, Trial, hard_case, largest_stable, unguarded
 from validation.work_precision import Order, order_from_errors
 
@@ -69,41 +65,6 @@ def slab(context: Context, scheme: str) -> Result:
         profiles[f"profile_{number:g}"] = slab.temperature.reshape(LENGTH, -1).mean(1)
         context.progress((share + 1) / len(NUMBERS))
     return Result({"scheme": scheme, "rows": rows}, profiles)
-
-
-def pair_orders(context: Context, numbers: tuple[float, ...] = (2.0, 8.0, 32.0)) -> Result:
-    """Errors of R3 in plain Python, one pair after the other: by the particles' numbers, and at random.
-
-    No colours, no cells: what the order of the pairs alone does. The box is 6 spacings wide, as the others'.
-    """
-    cells = (LENGTH, 6, 6)
-    position = lattice(cells, SPACING)
-    period = period_group((0.0, 6 * SPACING, 6 * SPACING), "float64")
-    conduction = HeatConduction(scheme="pair_exchange").conduction(
-        Discretisation(3, "float64", SPACING, SUPPORT * SPACING, len(position))
-    )
-    volume, one = np.full(len(position), SPACING**3), np.ones(len(position))
-    i, j, g = reference.pairs(position, volume, one, (0.0, 1.0), conduction, period)
-    once = i < j
-    i, j, g = i[once], j[once], g[once] / SPACING**3  # s of a pair for a step of one second
-    found = {}
-    for words, order in (("by number", np.arange(len(g))), ("at random", np.random.default_rng(0).permutation(len(g)))):
-        found[words] = []
-        for number in numbers:
-            steps = round(END / (number * SPACING**2))
-            s = g[order] * (END / steps / 2)
-            sweep = list(zip(i[order].tolist(), j[order].tolist(), (s / (1 + 2 * s)).tolist()))
-            start = scene.cosine(position[:, 0], LENGTH * SPACING, 0.0)
-            t = start.tolist()
-            for _ in range(steps):
-                for pairs in (sweep, reversed(sweep)):
-                    for a, b, share in pairs:
-                        moved = share * (t[b] - t[a])
-                        t[a] += moved
-                        t[b] -= moved
-            truth = scene.cosine(position[:, 0], LENGTH * SPACING, END)
-            found[words].append({"number": number, "error": rms(np.array(t) - truth)})
-    return Result({"orders": found})
 
 
 # Orders of convergence
@@ -338,75 +299,6 @@ def ledger(context: Context, scheme: str, dtype: str, steps: int = 1000) -> Resu
         },
         {"drift": np.array(drift)},
     )  # fmt: skip
-
-
-RANGE = (1.0, 1e2, 1e4, 3e6)
-
-
-def ranges(context: Context, scheme: str, melts: bool) -> Result:
-    """How far temperatures leave the range of the start, over it, in three steps of s_max up to 1e7.
-
-    A jittered ball, one half 50 deg C and the other -10, conductivities 1000 : 1 from particle to particle.
-    """
-    position, _ = ball(5, 0.2)
-    random = np.random.default_rng(3)
-    start = np.where(position[:, 0] > 0, 50.0, -10.0)
-    conductivity = random.choice([1.0, 1e-3], len(position))
-    rows = []
-    for number in RANGE:
-        made = Conductor(
-            scheme, position, 1.0, start, conductivity=conductivity, ice=(0.0, LATENT) if melts else None,
-            largest_number=1e9,
-        )  # fmt: skip
-        beyond, began = 0.0, made.heat()
-        for _ in range(3):
-            made.step(number)
-            beyond = max(beyond, float(made.temperature.max()) - 50.0, -10.0 - float(made.temperature.min()))
-        drift = (made.heat() - began) / (60.0 * len(position))
-        rows.append({"number": number, "beyond": beyond / 60.0, "drift": drift})
-    return Result({"scheme": scheme, "melts": melts, "rows": rows})
-
-
-# What a step costs
-
-
-def speed(context: Context, threads: int, number: float = 2.0, rounds: int = 7) -> Result:
-    """Median seconds of one step of every scheme on 60,800 jittered particles in float32, beside a density pass.
-
-    All of them take turns over the same neighbours; building the list is not counted.
-    """
-    position = lattice((40, 40, 38), 1.0)
-    position += np.random.default_rng(1).uniform(-0.1, 0.1, position.shape)
-    start = np.where(position[:, 0] > 20, 50.0, -10.0)
-    schemes = {name: {} for name in STEPS} | {"nonlinear_jacobi": {"ice": (0.0, LATENT)}}
-    schemes |= {"runge_kutta_legendre with ice": {"ice": (0.0, LATENT)}}
-    made = {
-        name: Conductor(name.split()[0], position, 1.0, start, dtype="float32", **options)
-        for name, options in schemes.items()
-    }
-    one = made["explicit"]
-    liquid = WeaklyCompressible(rest_density=1.0, sound_speed=1.0, density="summation")
-    given = {**dict.fromkeys(("walls", "number_density", "asymmetry")), **one.given}
-    given |= liquid.shares(one.grid, {liquid.name: liquid})
-    given["density"] = np.empty(len(position), np.float32)
-    operation = REGISTRY["sph.density"]
-    program, names = operation.program("cpu"), operation.arguments("cpu")
-    spent: dict[str, list[float]] = {"density": [], **{name: [] for name in made}}
-    with on_threads("cpu", threads):
-        for k in range(rounds + 1):  # the first round compiles
-            began = time.perf_counter()
-            program(*(given[name] for name in names))
-            spent["density"].append(time.perf_counter() - began)
-            for name, conductor in made.items():
-                conductor.temperature[...] = start
-                before = conductor.seconds
-                conductor.step(number)
-                spent[name].append(conductor.seconds - before)
-            context.progress((k + 1) / (rounds + 1))
-    median = {name: float(np.median(seconds[1:])) for name, seconds in spent.items()}
-    ratio = {name: float(np.median(np.array(v[1:]) / np.array(spent["density"][1:]))) for name, v in spent.items()}
-    passes = {name: conductor.passes(number) for name, conductor in made.items()}
-    return Result({"particles": len(position), "threads": threads, "seconds": median, "ratio": ratio, "passes": passes})
 
 
 # What the paper on melting claims of its conduction of heat, equation (4), measured on a cosine in a slab.
@@ -787,10 +679,6 @@ MAPS = {
 
 JUDGED_PLAIN = tuple(name for name in SCHEMES if name != "nonlinear_jacobi")
 SPHERES, COLUMNS = (7, 10, 14, 20), (20, 40, 80)
-JUDGED_BOUNDED = (
-    ("single_pass", False), ("conjugate_gradient", False), ("implicit", False), ("single_pass", True),
-    ("nonlinear_jacobi", True), ("implicit", True),
-)  # fmt: skip
 THEORY = {
     "explicit": 1.0, "one_sided": None, "single_pass": 1.0, "pair_exchange": 2.0, "implicit": 1.0,
     "conjugate_gradient": 1.0, "runge_kutta_legendre": 2.0,
@@ -808,7 +696,6 @@ def planned(options: Options) -> list[Run]:
         *(Run(f"slab_{name}", slab, {"scheme": name}, 40.0 if name == "pair_exchange" else 4.0,
               "" if name in fast else slow) for name in JUDGED_PLAIN),
         *(Run(f"step_{name}", order_in_step, {"scheme": name}, 5.0, slow) for name in JUDGED_PLAIN),
-        Run("pair_orders", pair_orders, {}, 20.0, slow),
         Run("spacing", order_in_spacing, {}, 4.0),
         *(Run(f"sphere_{name}", sphere, {"scheme": name, **ball}, 8.0, slow)
           for name in JUDGED_PLAIN if name != "one_sided"),
@@ -824,15 +711,7 @@ def planned(options: Options) -> list[Run]:
           for name, cells, number in ((BEST, 10, 2.0), (BEST, 20, 2.0), ("implicit", 20, 0.5))),
         *(Run(f"ledger_{name}_{dtype}", ledger, {"scheme": name, "dtype": dtype}, 10.0, slow)
           for name in (*KEEPING, "one_sided") for dtype in DTYPES),
-        *(Run(range_key(name, melts), ranges, {"scheme": name, "melts": melts}, 3.0, slow)
-          for name, melts in JUDGED_BOUNDED),
-        Run("speed", speed, {"threads": options.threads or 2}, 20.0, slow),
     ]  # fmt: skip
-
-
-def range_key(scheme: str, melts: bool) -> str:
-    """Key of the run in which a scheme's temperatures are held against their range."""
-    return f"range_{scheme}{'_ice' if melts else ''}"
 
 
 def rows_of(results: Results, key: str) -> list[dict[str, Any]]:
@@ -872,10 +751,6 @@ def checks(results: Results, check: Checks) -> None:
         drift = "slab_drift" if name in KEEPING else "drift"
         check.run(results, f"slab_{name}", {drift: lambda v: max(abs(real(row["drift"])) for row in v["rows"])}, name,
                   SCHEMES[name])  # fmt: skip
-    orders = results["pair_orders"].values["orders"] if "pair_orders" in results else {}
-    for words, row in ((words, row) for words, rows in orders.items() for row in rows):
-        run = f"{words.replace(' ', '_')}_{row['number']:g}"
-        check("pair_order", row["error"], run, f"{words}, {row['number']:g}")
     check.run(results, "spacing", {"order_in_spacing": lambda v: order_of(v["rows"], 2.0).order})
     for name in JUDGED_PLAIN:
         order: Quantities = {f"order_{name}": lambda v, name=name: order_of(v["rows"], THEORY[name]).order}
@@ -905,13 +780,6 @@ def checks(results: Results, check: Checks) -> None:
         check.run(results, key, {bar: "largest"}, run, f"{SCHEMES[name]}, {dtype}")
         if key in results and results[key].values["melted"]:
             check("ledger_melted", results[key].values["melted"], f"{name}_{dtype}", f"{name}, {dtype}")
-    for name, ratio in results["speed"].values["ratio"].items() if "speed" in results else ():
-        check("speed", ratio, name.replace(" ", "_"), name)
-    for name, melts in JUDGED_BOUNDED:
-        bar = "range_solved" if name in ("conjugate_gradient", "implicit") else "range"
-        words = f"{SCHEMES[name]}{', with latent heat' if melts else ''}"
-        beyond: Quantities = {bar: lambda v: max(real(row["beyond"]) for row in v["rows"])}
-        check.run(results, range_key(name, melts), beyond, range_key(name, melts), words)
 
 
 EXPERIMENT = Experiment(

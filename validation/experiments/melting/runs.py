@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components, dijkstra
-from scipy.spatial import cKDTree
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial.distance import pdist
 
 from refsim import (
@@ -33,7 +32,6 @@ from refsim.backends import runtime
 from refsim.backends.arrays import unavailable
 from refsim.backends.compile import cpu_kernel, formula
 from refsim.core.operation import REGISTRY
-from refsim.melting import MeltingRule
 from refsim.scene.solids import lattice_of
 from refsim.shape_matching.phases import EMPTY, FLUID, INTERIOR, SURFACE
 from validation.checks import Checks
@@ -185,54 +183,6 @@ def free_lattice(context: Context, backend: str, steps: int, summation: str = "g
             context.progress((k + 1) / steps)
     turns = steps * STEP * float(np.linalg.norm(body.spin)) / (2 * np.pi)
     return Result({**most, "shape": change / SPACING, "steps": steps, "turns": turns, "nodes": simulation.count})
-
-
-def region_rounds(context: Context, half_width: int, rounds: int = 200, side: int = 6) -> Result:
-    """Random particles of two bodies that touch melt, round by round: regions against a search over their graph.
-
-    SciPy's shortest paths on the graph of one body's cells nearer than 1.8 cells are the reference.
-    """
-    random = np.random.default_rng(half_width)
-    cells = np.stack(np.meshgrid(*[np.arange(side)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
-    cut = int(0.55 * len(cells))
-    lattice = lattice_of([cells[:cut], cells[cut:]])
-    nodes = len(cells)
-    identity, phase = np.arange(nodes, dtype=np.int32), np.full(nodes, SURFACE, np.int32)
-    direct, region = np.empty((nodes, 27), np.int32), np.empty((nodes, (2 * half_width + 1) ** 3), np.int32)
-    count, melted, number, rebuild = (np.zeros(n, np.int32) for n in (nodes, nodes, 1, nodes))
-    program = {name: REGISTRY[name].program("cpu") for name in (
-        "shape_matching.direct_neighbours", "shape_matching.regions", "shape_matching.classify", "melting.melt",
-        "melting.detach",
-    )}  # fmt: skip
-    program["shape_matching.direct_neighbours"](phase, identity, lattice, direct)
-    program["shape_matching.regions"](direct, None, lattice, region, count)
-    pairs = cKDTree(lattice.cell).query_pairs(1.8, output_type="ndarray")
-    pairs = pairs[lattice.body[pairs[:, 0]] == lattice.body[pairs[:, 1]]]
-    rule, ones = MeltingRule(np.int32(0), 1000.0, 1.0, 0.6, 4186.0), np.ones(nodes)
-    wrong = 0
-    for k in range(rounds):
-        solid = np.flatnonzero(phase != FLUID)
-        chosen = random.choice(solid, min(len(solid), 1), replace=False)
-        temperature = np.full(nodes, -1.0)
-        temperature[chosen] = 1.0
-        phase[solid] = SURFACE  # so that any may melt, not only what lies outside
-        program["melting.melt"](
-            identity, temperature, None, 0 * ones, None, rule, melted, number, ones, ones.copy(), None, None, phase
-        )
-        program["melting.detach"](melted, number, region, direct, rebuild)
-        program["shape_matching.regions"](direct, rebuild, lattice, region, count)
-        program["shape_matching.classify"](identity, direct, phase)
-        there = phase != FLUID
-        kept = pairs[there[pairs].all(1)]
-        graph = coo_array((np.ones(len(kept)), kept.T), shape=(nodes, nodes))
-        steps = dijkstra(graph.tocsr(), directed=False, unweighted=True, limit=half_width)
-        wanted = np.isfinite(steps) & there[:, None] & there[None, :]
-        found = np.zeros((nodes, nodes), bool)
-        row, slot = np.nonzero(region != EMPTY)
-        found[row, region[row, slot]] = True
-        wrong += int((found != wanted).any(1).sum()) + int((count != wanted.sum(1)).sum())
-        context.progress((k + 1) / rounds)
-    return Result({"wrong": wrong, "rounds": rounds, "half_width": half_width, "left": int((phase != FLUID).sum())})
 
 
 def conserved(context: Context, backend: str, dtype: str, bookkeeping: str, steps: int) -> Result:
@@ -919,7 +869,6 @@ BODIES = {
 
 SHARES = {"figure_4": [0.9, 0.5, 0.1], "figure_5": [0.8, 0.5, 0.2], "figure_6": [0.8, 0.5, 0.2]}
 UNTIL = 4.0  # [s]
-SEARCHED = (1, 2, 3)  # half-widths whose regions are compared with a search
 KEPT = (("float64", "immiscible"), ("float32", "immiscible"), ("float64", "water"))  # dtype and bookkeeping
 KINDS = {"cost": "refsim", "rival": "stand-in for the rival"}
 QUICK = 0.4  # size of the scenes with --quick
@@ -948,7 +897,6 @@ def planned(options: Options) -> list[Run]:
         Run("own_pressure", melt, own, 120.0, "takes as long as figure 5; run without --quick" if quick else ""),
         Run("as_printed", melt, printed, 4.0),
         Run("filling", filling, estimate=0.5),
-        *(Run(f"regions_{width}", region_rounds, {"half_width": width}, 2.0) for width in SEARCHED),
         Run("lattice", free_lattice, {"steps": 400 if quick else 10000, **backend}, 8.0),
         *(Run(f"kept_{dtype}_{books}", conserved,
               {"dtype": dtype, "bookkeeping": books, "steps": 200 if quick else 1000, **backend}, 5.0)
@@ -975,8 +923,6 @@ def checks(results: Results, check: Checks) -> None:
         }, figure)  # fmt: skip
     check.run(results, "own_pressure", {"fastest_own_pressure": lambda v: max(v["series"]["fastest"])})
     check.run(results, "as_printed", {"printed_time": lambda v: v["times"][-1]})
-    for width in SEARCHED:
-        check.run(results, f"regions_{width}", {"wrong_regions": "wrong"}, f"w_{width}")
     check.run(results, "lattice", {f"lattice_{name}": name for name in ("angular_momentum", "momentum", "shape")})
     for dtype, bookkeeping in KEPT:
         key = f"kept_{dtype}_{bookkeeping}"
