@@ -2,7 +2,8 @@
 
 A loop that reads an entry of the list, then that neighbour's fields, then computes, waits for the memory twice in each
 round. Here entries are read three rounds ahead and fields one. `packed_program` makes such a program of a kernel and
-the pair function of its sum; several sums over `neighbours` in a kernel read the same fields of the neighbour.
+the pair function of its sum; several sums over `neighbours` in a kernel read the same fields of the neighbour. It is
+compiled for one shape of the smoothing kernel.
 """
 
 from __future__ import annotations
@@ -11,10 +12,13 @@ import inspect
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from refsim.backends import device
 from refsim.backends.compile import Kernel, cuda, cuda_kernel
 from refsim.backends.primitives import set_four
 from refsim.neighbours.pair_functions import Layout, fields_of, kind_of, layout
+from refsim.smoothing.shapes import Smoothing
 
 
 class PackedColumns(NamedTuple):
@@ -31,7 +35,7 @@ def packed_program(body: Kernel, pair: Callable) -> Callable:
     kernel, names, fields = body.on("cuda"), body.arguments, fields_of(pair, "j")
 
     def program(scratch: Any, *values: Any) -> None:
-        given = dict(zip(names, values))
+        given = dict(zip(names, map(fixed, values)))
         found = layout(pair, tuple(kind_of(given[name]) for name in fields))
         given["neighbours"] = packed(found, given, scratch)
         kernel(*given.values())
@@ -42,6 +46,11 @@ def packed_program(body: Kernel, pair: Callable) -> Callable:
         [inspect.Parameter(name, parameter) for name in ("scratch", *names)]
     )
     return program
+
+
+def fixed(value: Any) -> Any:
+    """A Smoothing with its shape as the length of a tuple, which the compiler knows; other values stay."""
+    return value._replace(shape=(np.int32(0),) * value.shape) if isinstance(value, Smoothing) else value
 
 
 def packed(found: Layout, given: Mapping[str, Any], scratch: Any) -> PackedColumns:

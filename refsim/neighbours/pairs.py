@@ -50,7 +50,7 @@ from refsim.neighbours.pair_functions import (
     parts_of,
     terms,
 )
-from refsim.neighbours.rows import entry, over_lanes, row_of
+from refsim.neighbours.rows import over_lanes, row_of
 
 HEAD = """\
 def sums(pair, i, lane, listed, places, box, {given}):
@@ -89,19 +89,28 @@ NEAR_LOOP = """\
 """
 PACKED_LOOP = """\
     if count > 0:
-        j = entry(listed, first, stride, count, 0)
-        following = entry(listed, first, stride, count, 1)
-        after = entry(listed, first, stride, count, 2)
+        j = listed.entries[first]
+        following = after = j
+        if count > 1:
+            following = listed.entries[first + stride]
+        if count > 2:
+            after = listed.entries[first + np.uint64(2) * stride]
+        at = first + np.uint64(2) * stride
+        left = np.int32(count)
         {now}
-        for k in range(count):
+        while left > 0:
             {ahead}
-            following, after = after, entry(listed, first, stride, count, k + np.uint64(3))
+            following = after
+            at += stride
+            if left > 3:
+                after = listed.entries[at]
             dx, dy, dz = to_nearest_image(x - x_j, y - y_j, z - z_j, box)
             r2 = dx * dx + dy * dy + dz * dz
             if r2 < limit:
                 {theirs}
                 {added}
             {shifted}
+            left = np.int32(left - 1)
     return {totals}
 """
 
@@ -173,7 +182,7 @@ def loop_source(
 def _packed_names() -> dict[str, Any]:
     from refsim.backends.primitives import four_of  # loads numba.cuda, which a CPU does without
 
-    return {"entry": entry, "four_of": four_of, "np": np}
+    return {"four_of": four_of, "np": np}
 
 
 def _packed_lines(pair: Callable, given: Mapping[str, str | None]) -> dict[str, list[str]]:

@@ -56,12 +56,6 @@ def _row_of(neighbours, i, lane=None):  # noqa: ANN001, ANN202
     return lambda neighbours, i, lane=None: cuda_share_row(neighbours, i, lane[0], lane[1])
 
 
-@formula
-def entry(neighbours, first, stride, count, k):  # noqa: ANN001, ANN201
-    """Entry k of a row that is not empty, the last one if there is none."""
-    return neighbours.entries[first + min(np.uint64(k), count - np.uint64(1)) * stride]
-
-
 def first_lane(lane):  # noqa: ANN001, ANN201
     """Whether this thread writes what the lanes of its row have found together; True on a CPU."""
     return lane is None or lane[0] == 0

@@ -6,7 +6,9 @@
 
 import math
 
-from refsim.backends.compile import formula
+from numba import types
+
+from refsim.backends.compile import formula, overloaded
 from refsim.smoothing.shapes import CUBIC_SPLINE, POLY6, QUINTIC_SPLINE, SPIKY, WENDLAND_C2, WENDLAND_C4, WENDLAND_C6
 
 EDGE = math.exp(-9)  # of the Gaussian, three standard widths away
@@ -79,16 +81,30 @@ def slope(q, shape):
     return real(-18) * q * real(math.exp(real(-9) * q * q))
 
 
+def shape_of(smoothing):
+    """The number of the shape; of a `fixed` one the compiler knows it, and leaves the other shapes out."""
+    return len(smoothing.shape) if isinstance(smoothing.shape, tuple) else smoothing.shape
+
+
+def _shape_of(smoothing):
+    if isinstance(smoothing[smoothing.fields.index("shape")], types.BaseTuple):
+        return lambda smoothing: len(smoothing.shape)
+    return lambda smoothing: smoothing.shape
+
+
+overloaded(shape_of, _shape_of)
+
+
 @formula
 def kernel_value(r, smoothing):
     """W(r, h) = scale * w(r/h) [1/m^dim]."""
-    return smoothing.value_scale * value(r * smoothing.inverse_radius, smoothing.shape)
+    return smoothing.value_scale * value(r * smoothing.inverse_radius, shape_of(smoothing))
 
 
 @formula
 def kernel_slope(r, smoothing):
     """dW/dr [1/m^(dim+1)], never positive; grad W_ij = dW/dr * (x_i - x_j)/r."""
-    return smoothing.slope_scale * slope(r * smoothing.inverse_radius, smoothing.shape)
+    return smoothing.slope_scale * slope(r * smoothing.inverse_radius, shape_of(smoothing))
 
 
 @formula
