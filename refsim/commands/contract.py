@@ -88,6 +88,8 @@ def execute(options: argparse.Namespace) -> CommandResult:
     if not options.names:
         raise InputError("name the programs to judge: a file folder/file.py or a module; see refsim contract --help.")
     source, *operations = options.names
+    if source in REGISTRY:
+        raise InputError(f"{source} is an operation; name the programs before it: refsim contract mine.py {source}.")
     check_names(operations, options.dtype, options.variant, options.step)
     request = apart.Request(
         source, tuple(operations), tuple(options.dtype), tuple(options.variant), tuple(options.step), options.time_limit
@@ -173,13 +175,11 @@ def _check_modes(options: argparse.Namespace) -> None:
 
 def _known(names: Sequence[str]) -> list[Any]:
     """The operations of these names; InputError where there is none."""
-    from refsim.core.checked import suggestion
+    from refsim.contract.programs import check_names
 
     if not names:
         raise InputError("name an operation; `refsim list` has them all.")
-    for name in names:
-        if name not in REGISTRY:
-            raise InputError(f"there is no operation {name!r}; {suggestion(name, REGISTRY)}")
+    check_names(names)
     return [REGISTRY[name] for name in names]
 
 

@@ -89,7 +89,7 @@ def judge(request: Request) -> tuple[About, Iterator[Outcome]]:
     `MOST_ENDINGS` times for one operation. Raises InputError if the library cannot be imported or the request does not
     fit it.
     """
-    if request.source not in SHARED or request.replay:
+    if request.source not in SHARED or len(request.operations) == 1:
         child = _Child(request, request.operations, True)
         try:
             about = _about(child, request)

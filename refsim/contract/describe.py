@@ -20,7 +20,7 @@ SHOWN_IN = "cloud_3d"  # the case whose arguments are shown
 OF_LISTS = {
     "start": "first entry of each particle's neighbours",
     "count": "number of each particle's neighbours",
-    "entries": "numbers of the neighbours, or of the wall particles",
+    "entries": "numbers of the particles within the support radius and a skin, without the particle itself",
     "index": "number of the k-th neighbour of particle i at k n + i",
     "dim": "2 or 3",
 }
@@ -72,7 +72,7 @@ def member_meanings(group: type) -> dict[str, str]:
     said = {name: comment or "" for name, comment in MEMBER.findall(inspect.getsource(group))}
     for member in group._fields:  # type: ignore[attr-defined]
         stated = MEMBERS.get(f"{group.__name__}.{member}") or OF_LISTS.get(member, "")
-        meaning = said.get(member, "") or stated
+        meaning = stated or said.get(member, "")
         codes = cases.CODES.get((group, member))
         if codes:
             numbers = ", ".join(f"{number} {name}" for name, number in codes.items())

@@ -191,11 +191,7 @@ def load(source: str) -> Programs:
     except BaseException as error:  # a module may raise whatever it likes, SystemExit too
         if isinstance(error, ModuleNotFoundError) and not entries and (error.name or "") in _parents(place):
             hint = "give a file (folder/file.py), a module that Python can import, or an entry point's name"
-            near = difflib.get_close_matches(place, REGISTRY, 1)
-            meant = f" (or did you mean the operation {near[0]}?)" if near else ""
-            raise InputError(
-                f"There is no module {place!r} and no such entry point of {GROUP}; {hint}{meant}."
-            ) from None
+            raise InputError(f"There is no module {place!r} and no such entry point of {GROUP}; {hint}.") from None
         raise InputError(f"{source} cannot be imported: {told(error)}.") from None
     try:
         return _programs(found, source, place, attribute)
@@ -242,9 +238,9 @@ def _parents(module: str) -> set[str]:
 
 def _operation(name: str, owner: str) -> Operation:
     if name not in REGISTRY:
-        from refsim.core.checked import suggestion
-
-        raise InputError(f"{owner}: {name!r} is not an operation; {suggestion(name, REGISTRY)}")
+        near = difflib.get_close_matches(name, REGISTRY, 1, 0.55)
+        hint = f"did you mean {near[0]}?" if near else "`refsim list` has them all."
+        raise InputError(f"{owner}: {name!r} is not an operation; {hint}")
     return REGISTRY[name]
 
 

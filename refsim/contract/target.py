@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -96,10 +97,10 @@ def told_values(values: Mapping[str, Any]) -> str:
     """The worst row of a wrong answer on one line; "" without values."""
     if not values:
         return ""
-    got, expected = (_number(values[name]) for name in ("got", "expected"))
-    text = (
-        f"{values['output']} of particle {values['row']}: got {got}, expected {expected}, error {values['error']:.3g}"
-    )
+    largest, error = float(np.max(np.abs(values["expected"]))), values["error"]
+    more = 2 + math.ceil(math.log10(largest / error)) if 0 < error < largest < math.inf else 0
+    got, expected = (_number(values[name], more) for name in ("got", "expected"))
+    text = f"{values['output']} of particle {values['row']}: got {got}, expected {expected}, error {error:.3g}"
     text += "" if values["bound"] is None else f", bound {values['bound']:.3g}"
     text += f", {values['neighbours']} neighbour{'s' if values['neighbours'] != 1 else ''}"
     pair = values.get("pair")
@@ -109,8 +110,11 @@ def told_values(values: Mapping[str, Any]) -> str:
     return text
 
 
-def _number(value: Any) -> str:
-    return f"({', '.join(f'{v:.7g}' for v in value)})" if isinstance(value, list) else f"{value:.9g}"
+def _number(value: Any, digits: int = 0) -> str:
+    """A number with at least 9 digits, or a vector with 7."""
+    if isinstance(value, list):
+        return f"({', '.join(f'{v + 0.0:.{max(7, digits)}g}' for v in value)})"
+    return f"{value:.{max(9, digits)}g}"
 
 
 @dataclass(frozen=True)

@@ -104,7 +104,7 @@ def cubic(position, mass, smoothing, density):
     q = np.minimum(np.sqrt(((position[:, None] - position[None]) ** 2).sum(2)) / h, 1)
     w = np.where(q <= 0.5, 1 - 6 * q * q * (1 - q), 2 * (1 - q) ** 3)
     scale = {2: 40 / (7 * math.pi), 3: 8 / math.pi}[dim] / h**dim
-    density[:] = (scale * w * np.where(q < 1, mass[None], 0)).sum(1)
+    density[:] = (scale * w * mass[None]).sum(1)
 
 
 OWN = contract.Programs(
