@@ -42,7 +42,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("--step", action="append", default=[], help="T1 to T7, T9 or T10; all by default")
     words = "seconds for the import of the programs and for each call of one (120)"
     add("--time-limit", type=float, default=120.0, metavar="S", help=words)
-    add("--arguments", action="store_true", help="judge nothing; say what the operations take")
+    add("--arguments", action="store_true", help="judge nothing; say what the operations named take")
     words = "judge a trajectory: a folder of npz, bgeo or VTK files, in place of PROGRAMS, against runs of the scene"
     add("--run", metavar="SCENE", help=words)
     add("--at", type=float, metavar="T", help="with --run: time [s]; that of the last frame by default")
@@ -52,7 +52,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add("--chaos-only", action="store_true", help=words)
     words = "with --run: largest difference of a measure, in place of both bands; may be repeated"
     add("--allow", action="append", default=[], metavar="MEASURE=VALUE", help=words)
-    add("--backend", help="with --run: numpy, cpu or cuda (cpu)")
+    add("--backend", help="with --run: numpy, cpu or cuda; with --arguments and --template: cpu or cuda (cpu)")
     words = "judge nothing; write test vectors of the operations named, all by default, into a new folder"
     add("--export", metavar="FOLDER", help=words)
     words = "judge nothing; print a Python file with a stub for each of the operations named"
@@ -79,12 +79,12 @@ def execute(options: argparse.Namespace) -> CommandResult:
     if options.export is not None:
         return _export(options)
     if options.template:
-        return _template(options.names)
+        return _template(options.names, options.backend or "cpu")
     if options.guide:
         text = resources.files("refsim.contract").joinpath("guide.md").read_text()
         return CommandResult({"guide": text}, text)
-    if options.arguments and (not options.names or options.names[0] in REGISTRY):
-        return _arguments(options.names, "cpu")
+    if options.arguments:
+        return _arguments(options.names, options.backend or "cpu")
     if not options.names:
         raise InputError("name the programs to judge: a file folder/file.py or a module; see refsim contract --help.")
     source, *operations = options.names
@@ -94,9 +94,6 @@ def execute(options: argparse.Namespace) -> CommandResult:
     request = apart.Request(
         source, tuple(operations), tuple(options.dtype), tuple(options.variant), tuple(options.step), options.time_limit
     )
-    if options.arguments:
-        about = apart.describe(request)
-        return _arguments(about.names, about.arrays)
     if options.replay is not None:
         request = _replayed(request, options.replay)
     return _judged(request, options)
@@ -147,7 +144,7 @@ OF_MODES: dict[str, tuple[str, ...]] = {
     "within": ("run",),
     "allow": ("run",),
     "chaos_only": ("run",),
-    "backend": ("run",),
+    "backend": ("run", "arguments", "template"),
     "step": ("",),
 }
 OF_MODES |= {"dtype": ("", "export"), "variant": ("", "export"), "junit": ("",)}
@@ -159,8 +156,6 @@ def _check_modes(options: argparse.Namespace) -> None:
     if len(chosen) > 1:
         raise InputError(f"--{chosen[0]} and --{chosen[1]} exclude each other; give one of them.")
     mode = chosen[0] if chosen else ""
-    if mode == "arguments" and options.names and options.names[0] not in REGISTRY:
-        mode = ""  # of a library, whose request may name a part of the ladder
     for name, modes in OF_MODES.items():
         if getattr(options, name) not in (None, [], False) and mode not in modes:
             option = name.replace("_", "-")
@@ -173,13 +168,14 @@ def _check_modes(options: argparse.Namespace) -> None:
 # What an operation takes
 
 
-def _known(names: Sequence[str]) -> list[Any]:
-    """The operations of these names; InputError where there is none."""
-    from refsim.contract.programs import check_names
+def _known(names: Sequence[str], arrays: str) -> list[Any]:
+    """The operations of these names; InputError where there is none, or where no program has such arrays."""
+    from refsim.contract.programs import ARRAYS, among, check_names
 
     if not names:
         raise InputError("name an operation; `refsim list` has them all.")
     check_names(names)
+    among((arrays,), ARRAYS, "--backend: there are no arrays of")
     return [REGISTRY[name] for name in names]
 
 
@@ -189,7 +185,7 @@ def _arguments(names: Sequence[str], arrays: str) -> CommandResult:
     from refsim.contract.features import extended
 
     data, lines = {}, []
-    for operation in _known(names):
+    for operation in _known(names, arrays):
         found = describe.arguments(operation, arrays)
         told = describe.variants(extended(operation.name))
         rows = []
@@ -208,11 +204,11 @@ def _arguments(names: Sequence[str], arrays: str) -> CommandResult:
     return CommandResult({"arrays": arrays, "operations": data}, "\n".join(lines).rstrip())
 
 
-def _template(names: Sequence[str]) -> CommandResult:
+def _template(names: Sequence[str], arrays: str) -> CommandResult:
     """A stub for the operations, which runs and computes nothing."""
     from refsim.contract import describe
 
-    text = describe.template([operation.name for operation in _known(names)])
+    text = describe.template([operation.name for operation in _known(names, arrays)], arrays)
     return CommandResult({"template": text}, text)
 
 

@@ -70,18 +70,6 @@ class About:
     declared: dict[str, list[Any]]
 
 
-def describe(request: Request, operations: Sequence[str] = ()) -> About:
-    """Import the programs in a process of their own and say what they are, for some operations or for all.
-
-    Raises InputError as `judge` does.
-    """
-    child = _Child(request, operations, False)
-    try:
-        return _about(child, request)
-    finally:
-        child.close()
-
-
 def judge(request: Request) -> tuple[About, Iterator[Outcome]]:
     """(what the library is, outcomes of the ladder as they come, operation by operation).
 
@@ -89,16 +77,28 @@ def judge(request: Request) -> tuple[About, Iterator[Outcome]]:
     `MOST_ENDINGS` times for one operation. Raises InputError if the library cannot be imported or the request does not
     fit it.
     """
-    if request.source not in SHARED or len(request.operations) == 1:
-        child = _Child(request, request.operations, True)
-        try:
-            about = _about(child, request)
-        except BaseException:
-            child.close()
-            raise
-        return about, _outcomes(child, about.names, about.arrays, request)
-    about = describe(request, request.operations)
-    return about, _merged(about, request)
+    if request.source in SHARED and not request.replay:
+        from refsim.contract.programs import own
+
+        about = _described(own(request.source), request)
+        return about, _merged(about, request)
+    child = _Child(request, request.operations)
+    try:
+        about = _about(child, request)
+    except BaseException:
+        child.close()
+        raise
+    return about, _outcomes(child, about.names, about.arrays, request)
+
+
+def _described(programs: Any, request: Request) -> About:
+    """What the programs are; InputError if they do not fit the request."""
+    from refsim.contract.programs import checked_request
+
+    names = list(checked_request(programs, request))
+    offered = None if programs.programs is None else list(programs.programs)
+    declared = {key: list(getattr(programs, key)) for key in ("dtypes", "dims", "kernels", "left_out")}
+    return About(programs.name, programs.arrays, names, offered, declared)
 
 
 def _merged(about: About, request: Request) -> Iterator[Outcome]:
@@ -108,7 +108,7 @@ def _merged(about: About, request: Request) -> Iterator[Outcome]:
 
     def work(names: list[str]) -> None:
         try:
-            for outcome in _outcomes(_Child(request, names, True, stopped), names, about.arrays, request):
+            for outcome in _outcomes(_Child(request, names, stopped), names, about.arrays, request):
                 found.put(outcome)
                 if stopped.is_set():
                     break
@@ -182,7 +182,7 @@ def _outcomes(child: _Child, names: Sequence[str], arrays: str, request: Request
                 child.close()
                 if waiting:
                     first = 0 if left else number + 1
-                    child = _Child(dataclasses.replace(request, first=first), waiting, True, child.stopped)
+                    child = _Child(dataclasses.replace(request, first=first), waiting, child.stopped)
     finally:
         child.close()
 
@@ -194,12 +194,10 @@ class _Gone(Exception):
 class _Child:
     """The process with the programs, and its messages."""
 
-    def __init__(
-        self, request: Request, operations: Sequence[str], judged: bool, stopped: threading.Event | None = None
-    ) -> None:
+    def __init__(self, request: Request, operations: Sequence[str], stopped: threading.Event | None = None) -> None:
         context = multiprocessing.get_context("spawn")  # a forked process would inherit the threads of Numba's pool
         self.pipe, there = context.Pipe(duplex=False)
-        task = (there, dataclasses.replace(request, operations=tuple(operations)), judged, list(sys.path))
+        task = (there, dataclasses.replace(request, operations=tuple(operations)), list(sys.path))
         self.process = context.Process(target=_work, args=task)
         self.process.start()
         there.close()
@@ -264,7 +262,7 @@ def _ending(code: int | None) -> str:
 # In the other process
 
 
-def _work(pipe: Any, request: Request, judged: bool, path: list[str]) -> None:
+def _work(pipe: Any, request: Request, path: list[str]) -> None:
     """Import and judge. What programs print goes to standard error, which is no report; nothing is typed into them."""
     from refsim.contract import programs as library
     from refsim.contract.binding import told
@@ -295,25 +293,22 @@ def _work(pipe: Any, request: Request, judged: bool, path: list[str]) -> None:
             tell("import")
             with np.errstate(), warnings.catch_warnings():  # a library may change both for the whole process
                 found = library.load(request.source)
-                names = library.checked_request(found, request)
+                about = _described(found, request)
         except InputError as error:
             tell("refused", str(error))
             return
         except BaseException as error:
             tell("refused", f"{request.source} cannot be imported: {told(error)}.")
             return
-        offered = None if found.programs is None else list(found.programs)
-        keys = ("dtypes", "dims", "kernels", "left_out")
-        declared = {key: list(getattr(found, key)) for key in keys}
-        tell("about", dataclasses.asdict(About(found.name, found.arrays, list(names), offered, declared)))
-        for operation in names if judged else ():
+        tell("about", dataclasses.asdict(about))
+        for operation in about.names:
             tell("begin", [operation, "", 0, "-", "the start", 0])
 
             def calling(case: str | None) -> None:
                 tell("returned" if case is None else "call", case)
 
             for step in ladder(found, operation, request.dtypes, request.variants, request.steps, calling):
-                if operation == names[0] and step.number < request.first:
+                if operation == about.names[0] and step.number < request.first:
                     continue
                 trial, target = step.outcome(), step.target
                 if request.replay not in ("", trial.replay):

@@ -65,6 +65,7 @@ def test_refsims_own_programs_come_through_the_same_door():
 
 MISTAKES = {
     "no such module": ("nowhere.to.be_found", None, "There is no module 'nowhere.to.be_found'"),
+    "an operation first": ("sph.density", None, "name the programs before it: refsim contract mine.py sph.density."),
     "no such file": ("nowhere.py", None, "there is no file nowhere.py; give the path of a Python file."),
     "its own import fails": ("own.py", "import a_thing_that_is_not_there", "own.py cannot be imported: ModuleNotFound"),
     "it raises": ("own.py", "1 / 0", "own.py cannot be imported: ZeroDivisionError: division by zero."),
@@ -397,7 +398,12 @@ def test_a_program_that_ends_every_process_is_given_up(folder, capsys, monkeypat
         ("--run", "a.toml", "--export", "b"),
         ("--run", "a.toml"),
     ]
-    + [("--template",), ("--template", "--dtype", "float32"), ("--export", "new", "--step", "T1")],
+    + [
+        ("--template",),
+        ("--template", "--dtype", "float32"),
+        ("--arguments", "--backend", "numpy"),
+        ("--export", "new", "--step", "T1"),
+    ],
 )
 def test_options_are_checked_before_a_process_is_started(options, folder, capsys, monkeypatch):
     monkeypatch.setattr("multiprocessing.get_context", lambda name: pytest.fail("a process was started"))
