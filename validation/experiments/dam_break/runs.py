@@ -598,6 +598,7 @@ def beside_walls(trial: Trial, method: str, depth: int = 1, columns: int = 20) -
     trial.check("found off the surface", int((flags & ~top).sum()), equals=0)
     trial.check("missed of the surface away from the contact line", int((~flags & top & ~line).sum()), equals=0)
     trial.show("missed of the contact line", f"{int((~flags & line).sum())} of {int(line.sum())}")
+    trial.arrays = {"position": x / spacing, "wrong": flags & ~top}
 
 
 @hard_case
@@ -665,6 +666,7 @@ def sheet(trial: Trial, method: str, layers: int, side: int = 11) -> None:
     truth = cap_cover_surface(position, TRUTH_RADIUS * spacing)
     trial.check("particles that are no surface", int((~truth).sum()), equals=0)
     trial.check("missed", int((truth & ~flags).sum()), equals=0)
+    trial.arrays = {"position": position / spacing, "wrong": truth & ~flags}
 
 
 # Collapse of a liquid column: surface detection against the exact truth, its cost, the surge front.

@@ -497,7 +497,7 @@ def filament(trial: Trial, radius: float = 3.0, wave: float = 27.0, waves: int =
         trial.show("pieces", found.tolist())
         trial.check("drops of more than 100 particles", int((found > 100).sum()), at_least=3)
         trial.check("particles in crumbs of fewer than 5, share", float(found[found < 5].sum()) / len(x), at_most=0.01)
-    trial.arrays = {"position": x}
+    trial.arrays = {"position": x / SPACING}
 
 
 @hard_case

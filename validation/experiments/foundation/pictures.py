@@ -27,14 +27,13 @@ def data(results: Results) -> dict[str, Any]:
     """Places in spacings, who is wrong, and the change of heat by scheme."""
     made: dict[str, Any] = {"title": "Known failures"}
     for key, axes in SEEN.items():
-        values, arrays = results[key].values, results[key].arrays
-        d = values["spacing"]
-        place = arrays["position"][:, axes] / d
-        wrong = arrays["nearest"] < 0.1 if key == "impact" else arrays.get("flags", np.zeros(len(place)))
-        entry = {"place": place.round(2).tolist(), "wrong": np.flatnonzero(wrong).tolist()}
+        arrays = results[key].arrays
+        made[key] = {
+            "place": arrays["position"][:, axes].round(2).tolist(),
+            "wrong": np.flatnonzero(arrays.get("wrong", ())).tolist(),
+        }
         if "walls" in arrays:
-            entry["walls"] = (arrays["walls"][:, axes] / d).round(2).tolist()
-        made[key] = entry
+            made[key]["walls"] = arrays["walls"][:, axes].round(2).tolist()
     checks = results["rounding"].values["checks"]
     made["rounding"] = {
         name: [found["value"], found["bound"]] for name, found in checks.items() if name.endswith("heat")
