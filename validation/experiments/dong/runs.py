@@ -7,7 +7,7 @@ import math
 import statistics
 import time
 from collections.abc import Callable, Mapping
-from typing import Any, Literal
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -188,10 +188,10 @@ def printed_limits(context: Context, backend: str) -> Result:
 
 def fall(
     context: Context, tension: bool, backend: str, seed: int = 1, frames: tuple[int, ...] = scenes.FRAMES,
-    filtered: bool = True, solver: Literal["shared", "hu_adams"] = "shared",
+    filtered: bool = True,
 ) -> Result:  # fmt: skip
     """The block of 810 particles falls into the room: what lies on the floor at the given frames."""
-    return falling(context, scenes.block_scene(seed, tension, filtered, solver=solver), list(frames), backend)
+    return falling(context, scenes.block_scene(seed, tension, filtered), list(frames), backend)
 
 
 def falling(context: Context, scene: Scene, frames: list[int], backend: str) -> Result:
@@ -668,9 +668,6 @@ def _pairs(measure: Measure) -> list[float]:
 TERMS = {"both": (True, True), "cohesion": (True, False), "correction": (False, True), "neither": (False, False)}
 WORDS = {"both": "both terms", "cohesion": "cohesion alone", "correction": "correction alone", "neither": "no tension"}
 JUDGED_ARMS = {"with": True, "without": False}
-OWN = {"solver": "hu_adams"}  # D(3) to D(5) in place of the shared liquid
-JUDGED_SMALL = 1331  # particles of the cube that both solvers round, at any size of the experiment
-SOLVERS = {"shared": "shared liquid", "own": "D(3) to D(5)"}
 LATE = tuple(sorted({*scenes.LATER, *scenes.MERGING, *range(100, scenes.REST + 1, 20)}))
 
 
@@ -678,9 +675,7 @@ def planned(options: Options) -> list[Run]:
     """The runs under the options."""
     reason = "takes minutes; run without --quick" if options.quick else ""
     backend = {"backend": options.backend}
-    large = {"shape": "cube", "count": 4913, **backend}
-    small = {"shape": "cube", "count": JUDGED_SMALL, **backend}
-    made = [Run("cube_4913", cube, large, 40.0, reason)]
+    made = [Run("cube_4913", cube, {"shape": "cube", "count": 4913, **backend}, 40.0, reason)]
     for name, (cohesion, correction) in TERMS.items():
         parameters = {"side": 17, "cohesion": cohesion, "correction": correction, "steps": 400, **backend}
         made.append(Run(f"printed_{name}", printed, parameters, 8.0, reason))
@@ -690,19 +685,12 @@ def planned(options: Options) -> list[Run]:
     for arm, tension in JUDGED_ARMS.items():
         parameters = {"tension": tension, "frames": frames, **backend}
         made.append(Run(f"{key}_{arm}", fall, parameters, estimate))
-        made.append(Run(f"own_{key}_{arm}", fall, {**parameters, **OWN}, 2 * estimate))
-    for name, changes in (("shared", {}), ("own", OWN)):
-        made.append(Run(f"{name}_cube_{JUDGED_SMALL}", cube, {**small, "changes": changes}, 10.0))
-    made.append(Run("own_cube_4913", cube, {**large, "changes": OWN}, 60.0, reason))
     return made + [Run(key, sweep, {**pair, **backend}, 3.0, reason) for key, pair in sweep_pairs().items()]
 
 
-def blocks(results: Results, solver: str = "") -> dict[str, list[dict[str, Any]]]:
-    """What lies on the floor, frame by frame, of both arms: until they rest, or the quick runs; empty without them.
-
-    solver  "own_" for the runs with D(3) to D(5)
-    """
-    for key in (f"{solver}rest", f"{solver}fall"):
+def blocks(results: Results) -> dict[str, list[dict[str, Any]]]:
+    """What lies on the floor, frame by frame, of both arms: until they rest, or the quick runs; empty without them."""
+    for key in ("rest", "fall"):
         if {f"{key}_{arm}" for arm in JUDGED_ARMS} <= set(results):
             return {arm: results[f"{key}_{arm}"].values["rows"] for arm in JUDGED_ARMS}
     return {}
@@ -731,20 +719,6 @@ def checks(results: Results, check: Checks) -> None:
         "printed_step": lambda v: v["step"] / v["limit"], "printed_refused": lambda v: float(bool(v["refused"])),
         "printed_compression": "soft",
     })  # fmt: skip
-    for key in (*(f"{name}_cube_{JUDGED_SMALL}" for name in SOLVERS), "own_cube_4913"):
-        count = int(key.rpartition("_")[2])
-        check.run(results, key, {
-            "solver_octahedron": lambda v: max(v["series"]["moment"]),
-            "solver_roundness": lambda v: v["series"]["radius_variation"][-1], "solver_swing": "swing_late",
-        }, key, f"cube of {count:,}, {SOLVERS[key.partition('_')[0]]}")  # fmt: skip
-    for arm, rows in blocks(results, "own_").items():
-        for row in rows:
-            frame, words = row["frame"], f"frame {row['frame']}, {arm} tension, D(3) to D(5)"
-            if frame in (*scenes.FRAMES, *scenes.LATER, scenes.REST):
-                for name in ("parts", "lone", "holes"):
-                    check(name, row[name], f"own_{frame}_{arm}", words)
-            if frame == scenes.REST:
-                check("solver_layers", row["layers"], f"own_{arm}", words)
     at = {arm: {row["frame"]: row for row in rows} for arm, rows in blocks(results).items()}
     for frame in (*scenes.FRAMES, *scenes.LATER) if at else ():
         for name, arm in itertools.product(("parts", "lone", "holes"), JUDGED_ARMS):

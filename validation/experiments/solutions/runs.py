@@ -135,11 +135,10 @@ def tank(context: Context, cells: int, backend: str) -> Result:
     return Result(values, {"height": height[order], "pressure": pressure[order] / scale})
 
 
-def wave(context: Context, cells: int, form: str, backend: str, crest: float = CREST) -> Result:
+def wave(context: Context, cells: int, form: str, backend: str) -> Result:
     """A standing wave of half a wave length in a closed box, `cells` particles deep, started by the velocities.
 
     Measured is the part of the velocity in the linear flow, fitted to A exp(-gamma t) cos(omega t + phase).
-    crest  height of the first crest [m]
     period, decay   measured over linear theory; residual  of the fit, over A
     """
     spacing, sound = DEPTH / cells, 10 * math.sqrt(GRAVITY * DEPTH)
@@ -149,7 +148,7 @@ def wave(context: Context, cells: int, form: str, backend: str, crest: float = C
     flow = _standing(k, top)
     walls = BoxWalls(lower=(0.0, 0.0, 0.0), upper=(LENGTH, 2 * DEPTH, 0.0), open_faces=("+y",))
     effects = (Gravity(acceleration=(0.0, -GRAVITY, 0.0)), walls)
-    cloud = Cloud(position=position, velocity=crest * omega * flow(position))
+    cloud = Cloud(position=position, velocity=CREST * omega * flow(position))
     simulation = context.simulation(_scene("wave", spacing, cloud, effects, sound, WAVE_VISCOSITY, form), backend)
     time, part = _projected(context, simulation, flow, np.linspace(0, PERIODS * 2 * math.pi / omega, 161))
     amplitude, decay, rate, residual = scene.fitted(time, part, gamma, omega)
@@ -157,18 +156,18 @@ def wave(context: Context, cells: int, form: str, backend: str, crest: float = C
         cells, spacing, len(position), ("period", "decay"), form=form, period=omega / rate, decay=decay / gamma,
         residual=residual / abs(amplitude),
     )  # fmt: skip
-    return Result(values, {"time": time, "part": part / (crest * omega), "theory": scene.swing(time, gamma, omega)})
+    return Result(values, {"time": time, "part": part / (CREST * omega), "theory": scene.swing(time, gamma, omega)})
 
 
-def ellipse(context: Context, cells: int, backend: str, mach: float = MACH) -> Result:
+def ellipse(context: Context, cells: int, backend: str) -> Result:
     """A disc of radius 1 m, `cells` spacings, in the force -Omega^2 x, that starts with v = sigma (x, -y).
 
-    Viscous forces along the line of centres; the sound speed is Omega R/mach. The semi-axis is twice the root mean
+    Viscous forces along the line of centres; the sound speed is Omega R/MACH. The semi-axis is twice the root mean
     square of x.
     error  root mean square of a - a_exact over R, with the numerical viscosity in the equation; inviscid  without
     period  time of the second maximum of a over the exact
     """
-    spacing, sound = 1.0 / cells, PULL / mach
+    spacing, sound = 1.0 / cells, PULL / MACH
     position, radius = _disc(spacing, PULL**2 + STRAIN**2, sound)
     viscosity = NUMERICAL * sound * SUPPORT * spacing
     velocity = STRAIN * position * np.array([1.0, -1.0, 0.0])
@@ -218,17 +217,13 @@ def vortex(context: Context, cells: int, form: str, backend: str) -> Result:
     return _turning(context, cells, form, backend, math.pi, (walls,), (0.0, 0.0, 0.0))
 
 
-def vortices(context: Context, cells: int, form: str, backend: str, reynolds: float = REYNOLDS) -> Result:
-    """Four vortices of Taylor & Green, U = 1 m/s, in a periodic box of 1 m with `cells` particles a side.
-
-    reynolds  U/nu times the side of a vortex
-    """
-    return _turning(context, cells, form, backend, 2 * math.pi, (), (1.0, 1.0, 0.0), reynolds)
+def vortices(context: Context, cells: int, form: str, backend: str) -> Result:
+    """Four vortices of Taylor & Green, U = 1 m/s, in a periodic box of 1 m with `cells` particles a side."""
+    return _turning(context, cells, form, backend, 2 * math.pi, (), (1.0, 1.0, 0.0))
 
 
 def _turning(
-    context: Context, cells: int, form: str, backend: str, k: float, walls: tuple,
-    period: tuple[float, float, float], reynolds: float = REYNOLDS,
+    context: Context, cells: int, form: str, backend: str, k: float, walls: tuple, period: tuple[float, float, float],
 ) -> Result:  # fmt: skip
     """A flow of Taylor & Green with wave number k [1/m] in a square of 1 m, until it has decayed as in `vortex`.
 
@@ -236,8 +231,8 @@ def _turning(
     rate   of decay of the part of the velocity in the initial flow over 2 nu k^2
     error  root mean square of v - v_exact at the end over that of v_exact
     """
-    sound, viscosity = 10.0, math.pi / k / reynolds
-    until = MIXED * math.pi / k * reynolds / REYNOLDS
+    sound, viscosity = 10.0, math.pi / k / REYNOLDS
+    until = MIXED * math.pi / k
     width = 1.0 / cells
     spacing = width * math.sqrt(1 + BACKGROUND / sound**2)  # which sets the particles' mass
     position = Box(cells=(cells, cells, 1)).positions(Discretisation(2, "float64", width, SUPPORT * width, 0))
@@ -263,24 +258,24 @@ def _turning(
     return Result(values, {"time": time, "part": part, "theory": np.exp(-decay * time)})
 
 
-def couette(context: Context, cells: int, form: str, backend: str, friction: float = STICKING) -> Result:
+def couette(context: Context, cells: int, form: str, backend: str) -> Result:
     """Liquid between a plate at rest and one that begins to move, `cells` particles apart; measured as `_between`."""
     solution = partial(scene.couette, gap=GAP, speed=PLATE_SPEED, viscosity=PLATE_VISCOSITY)
-    return _between(context, cells, form, backend, friction, solution, moving=True)
+    return _between(context, cells, form, backend, solution, moving=True)
 
 
-def poiseuille(context: Context, cells: int, form: str, backend: str, friction: float = STICKING) -> Result:
+def poiseuille(context: Context, cells: int, form: str, backend: str) -> Result:
     """Liquid between two plates at rest that begins to be pushed along them; measured as `_between`."""
     push = 8 * PLATE_VISCOSITY * PLATE_SPEED / GAP**2
     solution = partial(scene.poiseuille, gap=GAP, push=push, viscosity=PLATE_VISCOSITY)
-    return _between(context, cells, form, backend, friction, solution, push=push)
+    return _between(context, cells, form, backend, solution, push=push)
 
 
 def _between(
-    context: Context, cells: int, form: str, backend: str, friction: float, solution: Callable[..., NDArray],
+    context: Context, cells: int, form: str, backend: str, solution: Callable[..., NDArray],
     moving: bool = False, push: float = 0.0,
 ) -> Result:  # fmt: skip
-    """A channel that is periodic along x over half its height; its friction is that of the liquid times `friction`.
+    """A channel that is periodic along x over half its height; its friction is that of the liquid times STICKING.
 
     error   root mean square of u - u_exact over all particles and samples, over the largest velocity
     steady  the same in the last sample
@@ -289,7 +284,7 @@ def _between(
     half = cells // 2 * spacing
     walls = BoxWalls(
         lower=(0.0, 0.0, 0.0), upper=(half, GAP, 0.0), open_faces=("-x", "+x"),
-        viscosity=friction * DENSITY * PLATE_VISCOSITY, moving_faces=("+y",) if moving else (),
+        viscosity=STICKING * DENSITY * PLATE_VISCOSITY, moving_faces=("+y",) if moving else (),
         velocity=(PLATE_SPEED if moving else 0.0, 0.0, 0.0),
     )  # fmt: skip
     effects: tuple = (walls, Gravity(acceleration=(push, 0.0, 0.0))) if push else (walls,)
@@ -845,14 +840,6 @@ JUDGED = {  # quantities by problem: those with a measured order, and those that
     "drop": ("rate_off",), "meniscus": ("lifted_off",), "jurin": ("risen_off",),
 }  # fmt: skip
 ORDERED = {"tank": "error", "ellipse": "error", "couette": "steady"}  # surfaces are of first order
-VARIED: dict[str, tuple[Callable[..., Result], dict[str, Any], tuple[str, ...]]] = {  # run, parameters, quantities
-    "varied_crest_0.005": (wave, {"cells": 20, "form": "central", "crest": 0.005}, ("period", "decay")),
-    "varied_crest_0.06": (wave, {"cells": 20, "form": "central", "crest": 0.06}, ("period", "decay")),
-    "varied_creeping_laplacian": (vortices, {"cells": 40, "form": "laplacian", "reynolds": 0.5}, ("rate",)),
-    "varied_creeping_central": (vortices, {"cells": 40, "form": "central", "reynolds": 0.5}, ("rate",)),
-    "varied_mu_laplacian": (couette, {"cells": 24, "form": "laplacian", "friction": 1.0}, ("steady",)),
-    "varied_mach_0.05": (ellipse, {"cells": 20, "mach": 0.05}, ("error", "period")),
-}
 PEER = {"side": 12, "seed": 1}  # of every comparison of terms
 SECONDS = 5e-6  # of a particle in a step, for the progress bar
 
@@ -864,8 +851,6 @@ def planned(options: Options) -> list[Run]:
     without = "" if options.peers else "measured with --peers"
     return [
         *_solved(options.backend),
-        *(Run(key, function, {**parameters, "backend": options.backend}, estimate=10.0)
-          for key, (function, parameters, _) in VARIED.items()),
         *(Run(f"terms_{program}", compare, PEER, skip=without or missing(PEERS[program]))
           for program, compare in COMPARED.items()),
     ]  # fmt: skip
@@ -896,7 +881,7 @@ def series(results: Results) -> dict[str, dict[str, list[float]]]:
     """Spacings and quantities of every problem (with its viscosity), from the largest spacing to the smallest."""
     found: dict[str, dict[str, list[float]]] = {}
     for key, result in results.items():
-        if key.startswith("terms_") or key in VARIED:
+        if key.startswith("terms_"):
             continue
         one = found.setdefault(key.rpartition("_")[0], {})
         for name, value in result.values.items():
@@ -927,10 +912,6 @@ def checks(results: Results, check: Checks) -> None:
                 check(f"{problem}_kept", value, f"{1 / size:.0f}", f"R = {1 / size:.0f} d")
             if problem == "tank":
                 check("tank_any", value * HEIGHT / (SUPPORT * size), f"{1 / size:.0f}", f"H = {1 / size:.0f} d")
-    for key, (_, _, quantities) in VARIED.items():
-        check.run(
-            results, key, {f"varied_{quantity}": quantity for quantity in quantities}, key.removeprefix("varied_")
-        )
     for program, names in TERMS.items():
         precise = "_double" if program in DOUBLE else ""
         for term in names:
