@@ -104,7 +104,7 @@ def convergence_picture(data: Mapping[str, Any]) -> Any:
     right.set(title="Trilinear distance near the surface")
     right.xaxis.set(major_formatter="{x:g}", minor_formatter="")
     right.set_xticks([0.05, 0.1, 0.2])
-    right.legend()
+    right.legend(loc="lower right")
     right.grid()
     bytes_axes.set(xlabel="bytes of the narrow band", title="The same, over its memory")
     bytes_axes.grid()
@@ -138,7 +138,8 @@ def pour_picture(data: Mapping[str, Any]) -> Any:
         axes.bar_label(axes.bar(*zip(*there), 0.25, color=shade, label=arm), fontsize=9)
     axes.set_xticks(range(len(shapes)), shapes)
     axes.set_ylabel("holes of the liquid at the end")
-    axes.legend(fontsize=9, loc="upper left")
+    axes.margins(y=0.2)
+    axes.legend(fontsize=9, loc="upper left", ncols=3)
     headline(figure, "Cohesion closes holes of poured liquid; the difference of normals does not", 10.5)
     return figure
 

@@ -54,7 +54,7 @@ def jump_picture(data: Mapping[str, Any]) -> Any:
                 axes.plot(radius, tension, STYLES[model], **look)
         now = [d for d in data.get("now", ()) if d["dim"] == dim]
         if now:
-            axes.plot(*_by_radius(now, dim), label="Akinci 2013, measured now", **RING)
+            axes.plot(*_by_radius(now, dim), label="Akinci 2013, measured again", **RING)
         axes.axvspan(0, least, color="#eeeeee", lw=0)
         axes.text(least - 0.1, 0.15, "R < 3 h", ha="right", color=GREY, fontsize=8)
         axes.axhline(1, color=GREY, lw=0.8, ls=":")
@@ -189,7 +189,7 @@ def picture(data: Mapping[str, Any]) -> Any:
         now = [d for d in data.get("now", ()) if d["dim"] == dim]
         if now:
             x, y = [d["laplace"] for d in now], [d["rayleigh"] for d in now]
-            axes.plot(x, y, label=f"{MODELS[SHOWN][0]}, measured now", **RING)
+            axes.plot(x, y, label=f"{MODELS[SHOWN][0]}, measured again", **RING)
         axes.set(xscale="log", yscale="log")
         ticks = (0.5, 1, 2, 5, 10, 20)
         for axis in (axes.xaxis, axes.yaxis):
