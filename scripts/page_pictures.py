@@ -45,10 +45,11 @@ def styles() -> Any:
     from PIL import Image
 
     _run("mesh_boundary")
-    figure, axes = plt.subplots(1, 3, figsize=(9.6, 3.0))
+    figure, axes = plt.subplots(1, 3, figsize=(9.6, 2.6))
     for place, name in zip(axes, ("paper", "water", "particles")):
         refsim_command(f"render mesh_boundary_run --frames 45 --style {name} --size 480x420 -o {name}.png".split())
-        place.imshow(Image.open(f"{name}.png"))
+        image = Image.open(f"{name}.png")  # without time and scale bar, whose words would be too small here
+        place.imshow(image.crop((0, 0.07 * image.height, image.width, 0.9 * image.height)))
         place.set_title(f"--style {name}")
         place.axis("off")
     return figure
