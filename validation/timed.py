@@ -16,23 +16,29 @@ import numpy as np
 
 from refsim import (
     Akinci2013,
+    BeckerTeschner2007,
     Box,
     BoxWalls,
     Cloud,
+    CsfWang2019,
     Dong2016,
     Gravity,
+    He2014,
     HeatConduction,
     JiangZhu2023,
     Melting,
     MeshBoundary,
     MpmLiquid,
     MpmWalls,
+    NormalDifference2014,
+    ParticleShifting,
     Scene,
     ShapeMatching,
     Simulation,
     SolidBox,
     SurfaceDetection,
     SurfaceEnergy,
+    TartakovskyMeakin2005,
     TwoWayCoupling,
     WeaklyCompressible,
 )
@@ -44,12 +50,27 @@ from validation.running import take_steps
 PEBBLE = str(Path(__file__).resolve().parent.parent / "refsim" / "examples" / "pebble.obj")
 STEP = 2e-5  # [s], so short that the particles stay where they are and a neighbour list is built once
 EDGE = 79  # particles along the edge of a system's cube: 493,039
-TENSIONS = {
-    "jiang_zhu": JiangZhu2023(surface_tension=0.5, pair_mode="all", area_ratio=0.0, density_correction=False),
-    "akinci": Akinci2013(surface_tension=0.5),  # cohesion and area term
-}
 SOUND, SPIN = 20.0, 1.0  # of the turning cube [m/s], [rad/s]
 LIQUID = WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=5.0, density="summation")
+THIN = WeaklyCompressible(sound_speed=SOUND, dynamic_viscosity=1.0, density="summation")
+COHESION = JiangZhu2023(surface_tension=0.5, pair_mode="all", area_ratio=0.0, density_correction=False)
+# Effects of the turning cube by the name of a reading
+CUBES: dict[str, tuple[Any, ...]] = {
+    "jiang_zhu": (THIN, COHESION),
+    "akinci": (THIN, Akinci2013(surface_tension=0.5)),  # cohesion and area term
+    "detection": (THIN, COHESION, SurfaceDetection(each_step=True)),
+    "dong": (THIN, Dong2016(surface_tension=0.5)),
+    "he": (THIN, He2014(surface_tension=0.5)),
+    "csf": (THIN, CsfWang2019(surface_tension=0.5)),
+    "becker": (THIN, BeckerTeschner2007(surface_tension=0.5)),
+    "tartakovsky": (THIN, TartakovskyMeakin2005(surface_tension=0.5)),
+    "normal_difference": (THIN, NormalDifference2014(area_acceleration=0.1)),
+    "continuity": (WeaklyCompressible(sound_speed=SOUND, dynamic_viscosity=1.0),),
+    "shifting": (
+        WeaklyCompressible(sound_speed=SOUND, dynamic_viscosity=1.0), SurfaceDetection(each_step=True),
+        ParticleShifting(),
+    ),
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -182,12 +203,12 @@ def systems(edge: int = EDGE) -> dict[str, Callable[[], Scene]]:
     }  # fmt: skip
 
 
-def spinning_cube(edge: int, tension: Any = TENSIONS["jiang_zhu"], **more: Any) -> Scene:
-    """A cube of edge^3 particles of viscous liquid, side 1 m, h = 2 d, float32; `spinning` makes it turn."""
+def spinning_cube(edge: int, effects: str = "jiang_zhu", **more: Any) -> Scene:
+    """A cube of edge^3 particles with CUBES[effects], side 1 m, h = 2 d, float32; `spinning` makes it turn."""
     spacing = 1.0 / edge
     return Scene(
         dtype="float32", spacing=spacing, support_radius=2 * spacing, fluid=(Box(cells=(edge,) * 3),),
-        effects=(WeaklyCompressible(sound_speed=SOUND, dynamic_viscosity=1.0, density="summation"), tension), **more,
+        effects=CUBES[effects], **more,
     )  # fmt: skip
 
 

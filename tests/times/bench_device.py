@@ -113,10 +113,12 @@ def test_kernel(on_device, tiny, size, kernel, backend):
 
 
 @cuda_alone
-@pytest.mark.parametrize("tension", timed.TENSIONS)
-@sizes
-def test_step(reading, benchmark, tiny, size, tension, backend):
-    simulation = Simulation(timed.spinning_cube(3 if tiny else SIZES[size], timed.TENSIONS[tension]), backend)
+@pytest.mark.parametrize(
+    "size, effects",
+    [*((size, "jiang_zhu") for size in SIZES), *(("8M", name) for name in timed.CUBES if name != "jiang_zhu")],
+)
+def test_step(reading, benchmark, tiny, size, effects, backend):
+    simulation = Simulation(timed.spinning_cube(3 if tiny else SIZES[size], effects), backend)
     simulation._set("velocity", timed.spinning(simulation.plan.state.position))
     more = {"particles": simulation.count, "steps": 1 if tiny else 100}
 
@@ -124,7 +126,7 @@ def test_step(reading, benchmark, tiny, size, tension, backend):
         for _ in range(more["steps"]):
             simulation.step()
 
-    reading("device", backend, f"{size} {tension}", steps, warm=1, rounds=3, iterations=1, **more)
+    reading("device", backend, f"{size} {effects}", steps, warm=1, rounds=3, iterations=1, **more)
     assert simulation.search.log.missed_neighbours == 0
 
 
