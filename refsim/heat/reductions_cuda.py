@@ -13,7 +13,7 @@ from refsim.heat.kernels import capacity_of, weight_at
 from refsim.heat.reductions import flow_along, step_ratio, stepped, turned
 from refsim.heat.shapes import ExchangeColumns
 from refsim.neighbours.formulas import to_nearest_image
-from refsim.neighbours.rows import entry, over_lanes, row_of
+from refsim.neighbours.rows import over_lanes, row_of
 
 
 def weighed(body, neighbours, step, scratch):
@@ -53,19 +53,25 @@ def weigh(placed, conductor, step, exchanges, inverse, exchange_sum, largest):
         x, y, z, own_volume = four_of(placed, i)
         own_conductivity = conductivity[i]
         if count > 0:
-            j = entry(exchanges, first, stride, count, 0)
-            following = entry(exchanges, first, stride, count, 1)
-            after = entry(exchanges, first, stride, count, 2)
+            j = exchanges.entries[first]
+            following = after = j
+            if count > 1:
+                following = exchanges.entries[first + stride]
+            if count > 2:
+                after = exchanges.entries[first + np.uint64(2) * stride]
             xj, yj, zj, volume_j = four_of(placed, j)
             conductivity_j = conductivity[j]
             for k in range(count):
+                at = first + k * stride
                 xn, yn, zn, next_volume = four_of(placed, following)
                 next_conductivity = conductivity[following]
-                following, after = after, entry(exchanges, first, stride, count, k + np.uint64(3))
+                following = after
+                if k + np.uint64(3) < count:
+                    after = exchanges.entries[at + np.uint64(3) * stride]
                 dx, dy, dz = to_nearest_image(x - xj, y - yj, z - zj, step.period)
                 q = math.sqrt(dx * dx + dy * dy + dz * dz) * conduction.inverse_radius
                 g = weight_at(q, own_volume, volume_j, own_conductivity, conductivity_j, step.timestep[1], conduction)
-                exchanges.weight[first + k * stride] = g
+                exchanges.weight[at] = g
                 total += g
                 xj, yj, zj, volume_j, conductivity_j = xn, yn, zn, next_volume, next_conductivity
         total = over_lanes(total, (lane, lanes))
