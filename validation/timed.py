@@ -19,7 +19,6 @@ from refsim import (
     BeckerTeschner2007,
     Box,
     BoxWalls,
-    Cloud,
     CsfWang2019,
     Dong2016,
     Gravity,
@@ -171,12 +170,9 @@ def systems(edge: int = EDGE) -> dict[str, Callable[[], Scene]]:
     cube: dict[str, Any] = {"spacing": d, "support_radius": 2.6 * d, "fluid": (Box(cells=(edge,) * 3),)}
 
     def akinci() -> Scene:
-        place = (np.indices((edge,) * 3).reshape(3, -1).T + 0.5) * (1 / 47)
-        liquid = WeaklyCompressible(sound_speed=30.0, dynamic_viscosity=10.0, density="summation")
-        return Scene(
-            spacing=1 / 47, support_radius=2 / 47, step=5e-4, effects=(liquid, Akinci2013(gamma=0.5)),
-            fluid=(Cloud(position=place, velocity=np.cross([0.0, 0.0, 5.0], place - place.mean(0))),),
-        )  # fmt: skip
+        from validation.experiments.timing.runs import spinning_block
+
+        return spinning_block(edge, 0.5)
 
     def melting() -> Scene:
         from validation.experiments.melting.scene import made, shared_tank

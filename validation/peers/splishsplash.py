@@ -1,5 +1,8 @@
 """SPlisHSPlasH on the same work: in a process of its own.
 
+block  its WCSPH on a block of liquid that spins. Equation of state, viscosity, step and support radius (2 spacings) are
+       those of `timing.runs.spinning_block`. The neighbour search runs in every step, as that program does it. With
+       the surface tension of Akinci et al. 2013, where a coefficient is given.
 drop   its DFSPH with the surface tension of Akinci et al. 2013, on a cube of liquid that becomes a drop.
 column its DFSPH on a column of liquid that collapses in a tank, in 2D; walls are its sampled boundary particles.
 tank   its DFSPH or WCSPH on the same tank, full from wall to wall.
@@ -19,8 +22,22 @@ from typing import Any
 
 from validation.peers import launch
 
+CELLS = 47  # spacings along 1 m
+SPIN = 5.0  # rad/s
+STEP = 5e-4  # s
 DENSITY = 1000.0  # kg/m^3
+STIFFNESS = 9e5  # rho0 c^2 [Pa], exponent 1
+VISCOSITY = 0.01  # kinematic [m^2/s]
 GAP = 0.25  # spacings more than one from the tank's particles: without it the corner is too dense and is shot off
+WARM = 3  # steps that are not counted
+
+
+def run(side: int, steps: int, threads: int, tension: float = 0.0) -> dict[str, Any]:
+    """Time `steps` steps of side^3 particles: {"particles", "seconds" (mean of a step), "version"} or {"missing"}.
+
+    tension  its one coefficient of cohesion and area term after Akinci et al. 2013; 0 for none
+    """
+    return launched("splishsplash", {"work": "block", "side": side, "steps": steps, "tension": tension}, threads)
 
 
 def run_drop(settings: Mapping[str, Any], threads: int) -> dict[str, Any]:
@@ -137,6 +154,25 @@ def watched(
     }  # fmt: skip
 
 
+def block(side: int, steps: int, tension: float) -> dict[str, Any]:
+    """Run the spinning block in this process."""
+    import numpy as np
+    import pysplishsplash as peer
+
+    spacing = 1.0 / CELLS
+    liquid = {"start": [0.0] * 3, "end": [(side + 0.5) * spacing] * 3, "initialAngularVelocity": [0.0, 0.0, SPIN]}
+    settings = WCSPH | {"timeStepSize": STEP, "stopAt": STEP * (steps + WARM + 2)}
+    base = simulator(peer, scene(spacing, settings, liquid, tension > 0))
+    moments: list[float] = []
+    base.setTimeStepCB(lambda: moments.append(time.perf_counter()))
+    base.initSimulation()
+    fluid = coefficients(peer, VISCOSITY, tension, STIFFNESS)
+    particles = fluid.numActiveParticles()
+    base.runSimulation()
+    spent = np.diff(moments)[WARM : WARM + steps]
+    return {"particles": int(particles), "seconds": float(np.mean(spent)), "steps": len(spent)}
+
+
 def drop(
     side: int, tension: float, viscosity: float, step: float, until: float, samples: int, shake: int
 ) -> dict[str, Any]:
@@ -242,5 +278,5 @@ def simulator(peer: Any, scene: Mapping[str, Any], **options: Any) -> Any:
 
 
 def work(work: str, **given: Any) -> dict[str, Any]:
-    """One of the three."""
-    return {"drop": drop, "column": column, "tank": tank}[work](**given)
+    """One of the four."""
+    return {"block": block, "drop": drop, "column": column, "tank": tank}[work](**given)
