@@ -17,7 +17,7 @@ _NEAR = "near_surface surface_normal"
         without(names, extremes="moving")
         for names in (f"{_NEAR} walls period", "walls period", "period", f"{_NEAR} walls")
     ),
-    invariants="translation reordering",
+    invariants="translation reordering", packed="crowding_pair",
 )  # fmt: skip
 def shift(
     position, mass, density, near_surface, surface_normal, walls, smoothing, shifting, period, extremes, timestep,

@@ -64,6 +64,7 @@ def density(position, mass, walls, smoothing, fluid, period=None, rows=None):
     tolerance=12.0, reason="one rounding in each of distance, slope, volume, velocity difference, projection,"
     " quotients, product and sum", invariants=f"{SYMMETRY} galilean",
     broken={1: "rotation", 2: "rotation galilean", 3: "translation rotation galilean", 4: "rotation"},
+    packed="continuity_pair",
 )  # fmt: skip
 def continuity(
     position, velocity, mass, rest_density, phase, advanced_excess, walls, wall_motion, smoothing, fluid, diffusion,
