@@ -182,9 +182,9 @@ def _methods(axes: Any, of: Panel, found: Sequence[Candidate]) -> None:
         axes.plot([], [], mark, color=colour, label=name)
     if any(gpu for _, gpu in methods.values()):
         axes.plot([], [], "--", color=GREY, label="dashed, small: on a GPU")
-    axes.plot([], [], "o", color=GREY, mfc="white", mew=1.2, label="hollow: timing has not settled")
+    axes.plot([], [], "o", color=GREY, mfc="white", mew=1.2, label="hollow: seconds scatter")
     if passed:
-        axes.plot([], [], "o", color=GREY, alpha=0.35, label="pale: passed over at its own error")
+        axes.plot([], [], "o", color=GREY, alpha=0.35, label="pale: not advised")
 
 
 def _named(axes: Any, of: Panel) -> None:
@@ -205,7 +205,7 @@ def _named(axes: Any, of: Panel) -> None:
         axes.annotate(letter, at, (8, 6), textcoords="offset points", fontsize=8, zorder=6, fontweight="bold",
                       bbox={"fc": "white", "ec": "none", "alpha": 0.6, "pad": 0.3})  # fmt: skip
         words = textwrap.indent(textwrap.fill(c.point.words, 36), "    ")
-        listed.append(f"{letter}: for {', '.join(errors[c.point.key])}{'' if advised else ', not settled'}\n{words}")
+        listed.append(f"{letter}: for {', '.join(errors[c.point.key])}{'' if advised else ', seconds scatter'}\n{words}")
     axes.text(1.02, 0.0, "\n".join(listed), transform=axes.transAxes, va="bottom", fontsize=7)
 
 

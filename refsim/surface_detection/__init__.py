@@ -185,9 +185,9 @@ class SurfaceDetection(Effect, FindsSurface, HasErrata, frozen=True, kw_only=Tru
                  "E6" (s = h), "E23" (J(12) alone is the first step, so that only N is scanned); "paper" for their own
                  choices, "all" for both
 
-    A particle with fewer than 3 neighbours within the support radius is surface whatever its normal; one with more
-    whose normal has no direction is not (Jiang & Zhu E20), unless `thin_features` marks it. Wall particles count as
-    neighbours and occupy the scan region.
+    A particle with fewer than 3 neighbours within the support radius is surface, whatever its normal. With 3 or more
+    neighbours, a particle whose normal is zero is not surface (Jiang & Zhu E20), unless `thin_features` marks it. Wall
+    particles count as neighbours and occupy the scan region.
     """
 
     name: ClassVar[str] = "surface_detection"
