@@ -6,6 +6,7 @@ Modules of `validation/` import each other in no circle either, and refsim impor
 """
 
 import ast
+import functools
 import graphlib
 import pathlib
 
@@ -31,6 +32,7 @@ def modules(root=ROOT):
     return found
 
 
+@functools.cache
 def imports(*roots):
     """{module: modules that it imports}, at its top, inside its functions, and by a name that is written out."""
     paths = {module: path for root in roots or (ROOT,) for module, path in modules(root).items()}

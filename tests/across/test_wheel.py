@@ -1,4 +1,4 @@
-"""The wheel: which names it installs, that its data is in it, and that it works without the clone."""
+"""The wheel: which names it installs, and that its data is in it; test_journeys.py works with it alone."""
 
 import importlib.metadata
 import os
@@ -12,27 +12,6 @@ import pytest
 
 ROOT = pathlib.Path(__file__).parents[2]
 SCRIPTS = sorted(file for file in (ROOT / "scripts").glob("*.py") if "__main__" in file.read_text())
-SCENE = """
-spacing = 0.01
-support_radius = 0.02
-dim = 2
-end_time = 0.001
-
-[[fluid]]
-shape = "box"
-cells = [4, 4, 1]
-
-[effects.weakly_compressible]
-density = "summation"
-sound_speed = 20.0
-"""
-COMMANDS = """
-import sys
-from refsim.__main__ import main
-for words in sys.argv[1:]:
-    assert main(words.split()) == 0, words
-    print(end="\\0", flush=True)
-"""
 HELP = """
 import contextlib, os, runpy, sys
 plain, scripts = sys.path[1:], sys.argv[1:]
@@ -95,32 +74,6 @@ def test_the_wheel_holds_every_source_and_its_data(unpacked):
     data = {p.name for p in files(unpacked / "refsim") if p.suffix != ".py"}
     assert data >= {"scene.schema.json", "sigma_map.json", "wetting_map.json", "py.typed", "melting.toml", "pebble.obj"}
     assert any(p.name == "1_surface_particles.md" for p in files(unpacked / "refsim"))
-
-
-def test_commands_work_with_the_wheel_alone(unpacked, tmp_path):
-    """In a folder that holds a scene and nothing else; the path of modules begins with the unpacked wheel."""
-    (tmp_path / "drop.toml").write_text(SCENE)
-    program = "from refsim.surface_tension import calibration as c; print(c.__file__, len(c.sigma_map()))"
-    found = run(("-c", program), tmp_path, PYTHONPATH=str(unpacked))
-    assert found.startswith(str(unpacked))
-    assert run(("-m", "refsim", "--version"), tmp_path, PYTHONPATH=str(unpacked)).startswith("refsim ")
-    said = {
-        "plan drop.toml": "16 particles",
-        "run drop.toml --backend numpy --quiet": "scene: reached",
-        "schema": "{",
-        "example": "melting",
-        "example mesh_boundary surface_detection": "wrote pebble.obj",
-        "plan surface_detection.toml": "800 particles",
-        "list": "gravity",
-    }
-    outputs = run(("-c", COMMANDS, *said), tmp_path, PYTHONPATH=str(unpacked)).split("\0")[:-1]
-    told = dict(zip(said, outputs, strict=True))
-    assert [command for command, words in said.items() if words not in told[command]] == []
-    assert told["schema"].startswith("{")
-    program = "import refsim; print(len(refsim.open_run('drop_run')), refsim.__file__)"
-    frames, file = run(("-c", program), tmp_path, PYTHONPATH=str(unpacked)).split()
-    assert int(frames) > 1
-    assert file.startswith(str(unpacked))
 
 
 def test_scripts_find_the_clone_from_any_folder(tmp_path):

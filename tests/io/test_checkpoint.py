@@ -3,7 +3,6 @@
 import errno
 import os
 import random
-import signal
 import subprocess
 import sys
 import time
@@ -315,42 +314,6 @@ def python(code, path, **options):
         os.path.dirname(os.path.dirname(os.path.abspath(checkpoint.__file__))),
     ]
     return subprocess.Popen([sys.executable, "-c", PREAMBLE + code, str(path), *folders], text=True, **options)
-
-
-@posix
-def test_kill_in_the_middle_of_writing(tmp_path):
-    """SIGKILL at seeded random moments of a process that does nothing but write."""
-    path = tmp_path / "run.h5"
-    rng = random.Random(7)
-    last, left_behind, progress = -1, 0, 0
-    for _ in range(8):
-        writer = python(
-            f"""
-for step in range({last} + 1, 10**9):
-    write_checkpoint(path, state(step, n=20000), {{"step": step}})
-    print(step, flush=True)
-""",
-            path,
-            stdout=subprocess.PIPE,
-        )
-        reported = int(writer.stdout.readline())  # it is at work
-        time.sleep(rng.uniform(0, 0.1))
-        writer.send_signal(signal.SIGKILL)
-        reported = max([reported, *map(int, writer.stdout.read().split())])
-        writer.stdout.close()
-        assert writer.wait() == -signal.SIGKILL
-        found = whole_checkpoint(tmp_path)[1]
-        step = found.attributes["step"]
-        assert reported <= step <= reported + 1  # at most the write that was under way is lost
-        assert_same(found.arrays, state(step, n=20000))
-        assert read_checkpoint(path).attributes["step"] == step
-        left_behind += any(file.name.endswith(".tmp") for file in tmp_path.iterdir())
-        progress += step > last
-        last = step
-    assert progress == 8
-    assert left_behind > 0  # some kills did hit a write
-    write_checkpoint(path, state(0), {"step": 0})
-    assert sorted(tmp_path.iterdir()) == sorted([path, previous_path(path)])
 
 
 @posix

@@ -6,10 +6,8 @@ import hashlib
 import itertools
 import os
 import random
-import signal
 import subprocess
 import sys
-import time as clock
 from contextlib import suppress
 
 import h5py
@@ -450,53 +448,6 @@ def expected_frame(step):
     names = {}
     exec(PREAMBLE.split("path = ")[1].split("\n", 1)[1], {"np": np}, names)
     return names["frame"](step)
-
-
-@posix
-def test_kill_in_the_middle_of_appending(tmp_path):
-    """SIGKILL at seeded random moments: every frame that was reported is there, whole, and the run goes on."""
-    path = tmp_path / "run.vtkhdf"
-    rng = random.Random(11)
-    last = -1
-    for _ in range(8):
-        writer = python(
-            f"""
-writer = ParticleWriter(path, fields, append=True)
-for step in range({last} + 1, 10**9):
-    position, values = frame(step)
-    writer.write(float(step), position, **values)
-    print(step, flush=True)
-""",
-            path,
-            stdout=subprocess.PIPE,
-        )
-        reported = int(writer.stdout.readline())
-        clock.sleep(rng.uniform(0, 0.1))
-        writer.send_signal(signal.SIGKILL)
-        reported = max([reported, *map(int, writer.stdout.read().split())])
-        writer.stdout.close()
-        assert writer.wait() == -signal.SIGKILL
-        if rng.random() < 0.5:  # half of the time, ParaView is the first to look
-            steps = reported + 1
-            with Messages() as messages:
-                reader = vtk.vtkHDFReader()
-                reader.SetFileName(str(path))
-                reader.UpdateInformation()
-                steps = reader.GetOutputInformation(0).Length(vtk.vtkStreamingDemandDrivenPipeline.TIME_STEPS())
-            assert messages.text == ""
-            assert steps == 0 or reported + 1 <= steps <= reported + 2  # a file of one frame has no list of times
-        found = read_particles(path)
-        assert [one.time for one in found] == list(range(len(found)))
-        assert reported + 1 <= len(found) <= reported + 2
-        last = len(found) - 1
-        for step in {0, last // 2, last}:
-            position, values = expected_frame(step)
-            assert_frame(found[step], (float(step), position, values))
-    with ParticleWriter(path, {"density": (1, "float64"), "velocity": (3, "float32")}, append=True):
-        pass
-    assert [file.name for file in tmp_path.iterdir()] == ["run.vtkhdf"]
-    found = read_particles(path)
-    assert_vtk(path, [(one.time, one.position, one.fields) for one in found])
 
 
 class Stop(BaseException):
