@@ -1,4 +1,7 @@
-"""Ten faults of a fresh engineer are noticed, each with its cause, for two kernels, in NumPy, C++ and Rust."""
+"""Ten faults of a fresh engineer are noticed, each with its cause, for two kernels, in NumPy, C++ and Rust.
+
+By default each language with one kernel, at night with both.
+"""
 
 import functools
 import shutil
@@ -22,18 +25,22 @@ CAUSES = {
 }
 STEPS = {"prefix": ("T2", "T3"), "mirror": ("T2",), "image": ("T2",)}
 VARIANTS = {"self": (0, 6), "mirror": (6,), "image": (7,), "none": (0, 6, 7)}
-KERNELS = ("wendland_c2", "cubic_spline")
+USUAL = [("numpy", "wendland_c2"), ("cpp", "cubic_spline"), ("rs", "wendland_c2")]
+OTHER = [("numpy", "cubic_spline"), ("cpp", "wendland_c2"), ("rs", "cubic_spline")]
+WRITTEN = [*USUAL, *(pytest.param(other, marks=pytest.mark.slow) for other in OTHER)]
 
 
-@pytest.fixture(scope="module", params=["numpy", "cpp", "rs"])
+@pytest.fixture(scope="module", ids="-".join, params=WRITTEN)
 def written(request, tmp_path_factory):
-    """A function of fault and kernel that gives a library in one language."""
-    if request.param == "numpy":
-        return faulty.in_numpy
-    compiler = faulty.COMPILERS[request.param][0]
+    """The kernel, and a function of a fault that gives a library in one language."""
+    language, kernel = request.param
+    if language == "numpy":
+        return kernel, functools.partial(faulty.in_numpy, kernel=kernel)
+    compiler = faulty.COMPILERS[language][0]
     if shutil.which(compiler) is None:
         pytest.skip(f"the compiler {compiler} is not on the path")
-    return functools.partial(faulty.in_library, faulty.compiled(tmp_path_factory.mktemp(request.param), request.param))
+    libraries = faulty.compiled(tmp_path_factory.mktemp(language), language)
+    return kernel, functools.partial(faulty.in_library, libraries, kernel=kernel)
 
 
 def judged(programs, fault, dtype):
@@ -41,12 +48,12 @@ def judged(programs, fault, dtype):
     return list(contract.trials(programs, "sph.density", (dtype,), variants, steps))
 
 
-@pytest.mark.parametrize("kernel", KERNELS)
 @pytest.mark.parametrize("fault", [pytest.param(f, marks=pytest.mark.slow) if f == "race" else f for f in CAUSES])
-def test_a_fault_is_noticed_with_its_cause(fault, kernel, written):
+def test_a_fault_is_noticed_with_its_cause(fault, written):
     """Most failed trials name the cause, and the first does, which a report tells first."""
     dtype = "float32" if fault == "prefix" else "float64"
-    failed = [o for o in judged(written(fault, kernel), fault, dtype) if not o.passed and not o.not_judged]
+    kernel, programs = written
+    failed = [o for o in judged(programs(fault), fault, dtype) if not o.passed and not o.not_judged]
     named = [o for o in failed if CAUSES[fault] in o.words]
     assert failed[0] in named, [str(o) for o in failed]
     assert len(named) > len(failed) / 2, [str(o) for o in failed]
@@ -54,19 +61,18 @@ def test_a_fault_is_noticed_with_its_cause(fault, kernel, written):
 
 
 def test_a_race_is_said_by_repeated_calls():
-    outcomes = contract.trials(faulty.in_numpy("race", KERNELS[0]), "sph.density", ("float32",), (6,), ("T6",))
+    outcomes = contract.trials(faulty.in_numpy("race", "wendland_c2"), "sph.density", ("float32",), (6,), ("T6",))
     assert all(CAUSES["race"] in o.words for o in outcomes)
 
 
 @pytest.mark.slow  # threads that share a busy processor seldom race
 def test_a_race_of_compiled_threads_is_said_by_repeated_calls(written):
-    outcomes = contract.trials(written("race", KERNELS[0]), "sph.density", ("float32",), (6,), ("T6",))
+    outcomes = contract.trials(written[1]("race"), "sph.density", ("float32",), (6,), ("T6",))
     assert all(CAUSES["race"] in o.words for o in outcomes)
 
 
-@pytest.mark.parametrize("kernel", KERNELS)
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
-def test_the_right_programs_pass(dtype, kernel, written):
-    outcomes = judged(written("none", kernel), "none", dtype)
+def test_the_right_programs_pass(dtype, written):
+    outcomes = judged(written[1]("none"), "none", dtype)
     assert not [str(o) for o in outcomes if not o.passed and not o.not_judged]
     assert {o.dim for o in outcomes if o.telling} == {2, 3}

@@ -481,7 +481,8 @@ def test_largest_values_do_not_outlive_their_call(cuda):
 )
 def test_operation_agrees_with_its_reference(name, program, variant):
     """One hard input of the contract; all of them run on a GPU (`scripts/gpu_check.py`)."""
-    outcome = contract.run(name, program, "float32", "cloud_2d", variant)
+    case = "few_2d" if name == "heat.conjugate_gradient" else "cloud_2d"  # whose iterations are Python's, too
+    outcome = contract.run(name, program, "float32", case, variant)
     assert outcome.passed, str(outcome)
 
 

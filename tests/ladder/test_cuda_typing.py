@@ -87,7 +87,7 @@ CASE = "cloud_2d"
 COMPILED = set()  # what was looked at already
 DTYPES = ("float32", "float64")
 
-# Every variant in float32; in float64, which branches nowhere of its own, the first one.
+# Every variant in float32; at night the first one also in float64, which branches nowhere of its own.
 LAUNCHED = [
     (name, program, variant, dtype)
     for name, operation in REGISTRY.items()
@@ -325,7 +325,11 @@ def assert_compiles(cuda, kernel, values, dtype):
     COMPILED.add((kernel, kinds, dtype))
 
 
-@pytest.mark.parametrize(("name", "program", "variant", "dtype"), LAUNCHED)
+def double_at_night(given, dtype):
+    return pytest.param(*given, marks=[pytest.mark.slow] if dtype == "float64" else [])
+
+
+@pytest.mark.parametrize(("name", "program", "variant", "dtype"), [double_at_night(g, g[-1]) for g in LAUNCHED])
 def test_operation_compiles(compiler, monkeypatch, name, program, variant, dtype):
     arguments = operation_arguments(name, program, variant, dtype)
     made = launches(monkeypatch, REGISTRY[name].program(program), arguments.values())
@@ -348,7 +352,7 @@ def test_what_rounding_takes_from_a_position_is_not_cancelled(compiler, monkeypa
     assert found[1] - found[0] == 3 * 6
 
 
-@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("dtype", [double_at_night((d,), d) for d in DTYPES])
 def test_search_and_array_moves_compile(compiler, dtype):
     for kernel, values in support_launches(dtype):
         assert_compiles(compiler, kernel, values, dtype)
