@@ -205,7 +205,8 @@ def _named(axes: Any, of: Panel) -> None:
         axes.annotate(letter, at, (8, 6), textcoords="offset points", fontsize=8, zorder=6, fontweight="bold",
                       bbox={"fc": "white", "ec": "none", "alpha": 0.6, "pad": 0.3})  # fmt: skip
         words = textwrap.indent(textwrap.fill(c.point.words, 36), "    ")
-        listed.append(f"{letter}: for {', '.join(errors[c.point.key])}{'' if advised else ', seconds scatter'}\n{words}")
+        scatter = "" if advised else ", seconds scatter"
+        listed.append(f"{letter}: for {', '.join(errors[c.point.key])}{scatter}\n{words}")
     axes.text(1.02, 0.0, "\n".join(listed), transform=axes.transAxes, va="bottom", fontsize=7)
 
 

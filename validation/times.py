@@ -349,7 +349,9 @@ def limits(times: Times) -> list[str]:
         measured = NOT_YET if value is None else f"{value:.3g} {line.unit}"
         bar = "" if line.bar is None else f"{line.bar:g}"
         rows.append([line.words, measured, bar, line.reached(value), *beside])
-    lines = table(["work", "measured", "required on an H200", "reached", "another program", "share of the copy speed"], rows)
+    lines = table(
+        ["work", "measured", "required on an H200", "reached", "another program", "share of the copy speed"], rows
+    )
     said, fast = NOT_YET, speeds(found)
     if fast is not None:
         said = (
