@@ -16,9 +16,9 @@ import msgspec
 
 from refsim.core.checked import suggestion
 from refsim.core.errors import InputError
+from refsim.study.convergence import converge
 
 SCHEMA = "refsim panel, version 1"
-TWO_GRIDS = 3.0  # safety factor of the grid convergence index where the order is assumed, not observed (Roache 1994)
 OWN = "refsim"
 FOLDER = importlib.resources.files("refsim") / "study" / "panels"
 
@@ -34,7 +34,7 @@ class About(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     base          key of the setting from which others differ in one thing
     value, scale  error = |value of a point - value|/scale
     uncertainty, uncertain  of the reference, relative, and why
-    limit_of      keys of two spacings, coarse and fine, whose Richardson limit of first order is the reference
+    limit_of      keys of spacings whose Richardson limit is the reference
     spread        another width of the picture, in words
     unit          of the value where errors are given in it, too
     method        knob whose values are the picture's lines
@@ -58,8 +58,8 @@ class About(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     value: float = 0.0
     scale: float = 1.0
     uncertainty: float = 0.0
-    uncertain: str = "three times the last correction of the limit"
-    limit_of: tuple[str, str] | None = None
+    uncertain: str = "grid convergence index of the limit"
+    limit_of: tuple[str, ...] | None = None
     spread: tuple[float, str] | None = None
     unit: str = ""
     method: str = "backend"
@@ -150,20 +150,15 @@ class Panel:
     points: Mapping[str, Point]
 
     def reference(self) -> tuple[float, float, float]:
-        """(value, scale, relative uncertainty) of what errors are taken from.
-
-        Of `limit_of`: v_f + (v_f - v_c)/(r - 1) with the ratio r of the spacings, scale 1 of it, and TWO_GRIDS times
-        the last term.
+        """(value, scale, relative uncertainty) of what errors are taken from: of `limit_of` the extrapolated value, scale
+        1 of it, and the grid convergence index.
         """
         about = self.about
         if about.limit_of is None:
             return about.value, about.scale, about.uncertainty
-        coarse, fine = (self.points[key] for key in about.limit_of)
-        assert coarse.value is not None
-        assert fine.value is not None
-        change = (fine.value - coarse.value) / (coarse.knobs["spacing"] / fine.knobs["spacing"] - 1.0)
-        limit = fine.value + change
-        return limit, abs(limit), TWO_GRIDS * abs(change / limit)
+        values = {self.points[key].knobs["spacing"]: self.points[key].value for key in about.limit_of}
+        found = converge([*values], [*values.values()])
+        return found.value, abs(found.value), found.relative
 
     def error(self, point: Point) -> float:
         """Relative error of a point; NaN where it failed."""

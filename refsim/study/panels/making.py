@@ -21,6 +21,7 @@ from refsim.core.writing import replace_file
 from refsim.engine.simulation import Simulation
 from refsim.heat import HeatConduction
 from refsim.mpm import MpmLiquid
+from refsim.particle_shifting import ParticleShifting
 from refsim.scene.scene import Scene
 from refsim.scene.shapes import Box, Cloud
 from refsim.sph import Gravity, WeaklyCompressible
@@ -34,6 +35,7 @@ GRAVITY, DENSITY = 9.81, 1000.0  # m/s^2; kg/m^3, in the plane kg/m^2
 SHARE = 0.02  # kinematic viscosity of a tank over c h: calms the start
 LATENT, WARM, COLD = 100.0, 50.0, -10.0  # of the ball of ice [J/kg], [deg C]
 CLOUDS = {"detection_2d": (60, 1), "detection_3d": (16, 16)}  # particles along and across the column
+REYNOLDS = 100.0  # of the vortices
 MODULUS, CELL = 1000.0, 1 / 64  # of MPM discs [N/m], and of one of 11 cells [m]
 
 
@@ -55,49 +57,60 @@ def lattice(*axes: np.ndarray) -> np.ndarray:
 
 
 def calm(sound: float, reach: float) -> WeaklyCompressible:
-    """Water that comes to rest: a kinematic viscosity of SHARE c h."""
+    """Water of a summed density that comes to rest: a kinematic viscosity of SHARE c h."""
     return WeaklyCompressible(density="summation", sound_speed=sound, dynamic_viscosity=DENSITY * SHARE * sound * reach)
 
 
+def rests(sound: float, reach: float) -> WeaklyCompressible:
+    """Water of an advanced density with corrected gradients: a kinematic viscosity of SHARE c h/4."""
+    viscosity = 0.25 * DENSITY * SHARE * sound * reach
+    return WeaklyCompressible(sound_speed=sound, dynamic_viscosity=viscosity, gradient="corrected")
+
+
 def implicit_pressure(given: Given, seed: int = 0) -> Scene:
-    """Water of 1 m x 1 m in the plane, in hydrostatic balance between walls."""
-    d, tolerance, support = 1.0 / given["cells"], given["tolerance"], 2.6
+    """Water of 1 m x 1 m in the plane, in hydrostatic balance between walls.
+
+    Its density is advanced with corrected gradients; with a `tolerance` it is summed and the pressure implicit.
+    """
+    d, tolerance, support = 1.0 / given["cells"], given.get("tolerance", 0.0), 2.6
     sound = 10 * math.sqrt(GRAVITY)
-    axis = (np.arange(given["cells"]) + 0.5) * d
-    place = lattice(axis, axis)
-    if not tolerance:
-        place[:, 1], _ = compressed(place[:, 1], 1.0, GRAVITY, sound)
-    liquid = WeaklyCompressible(
-        density="summation", sound_speed=sound, dynamic_viscosity=DENSITY * SHARE * sound * support * d
-    )
+    liquid = calm(sound, support * d) if tolerance else rests(sound, support * d)
     walls = BoxWalls(lower=(0.0, 0.0, 0.0), upper=(1.0, 2.0, 0.0), open_faces=("+y",))
     solver = (ImplicitPressure(tolerance=tolerance),) if tolerance else ()
     step = {"step": 0.04 * given["step"] * d} if tolerance else {"step_factor": given["step"]}
     return Scene(
         dim=2, spacing=d, support_radius=support * d, dtype=given["dtype"], end_time=5.0 / math.sqrt(GRAVITY),
-        fluid=(Cloud(position=place),), effects=(liquid, *solver, Gravity(acceleration=(0.0, -GRAVITY, 0.0)), walls),
-        **step,
+        fluid=(Box(cells=(given["cells"], given["cells"], 1)),),
+        effects=(liquid, *solver, Gravity(acceleration=(0.0, -GRAVITY, 0.0)), walls), **step,
     )  # fmt: skip
 
 
 def tank_pressure(given: Given, seed: int = 0) -> Scene:
-    """A cube of 0.1 m of water, in hydrostatic balance in a cup that is a mesh.
-
-    Boundary particles stand for a layer a spacing thick, half of it outside: the liquid begins there, and the cup is a
-    spacing wider than the water.
-    """
-    height, cells, support = 0.1, given["cells"], 3.0
-    d, sound = height / cells, 10 * math.sqrt(2 * GRAVITY * height)
-    axis = (np.arange(cells) + 0.5) * d
-    place = lattice(axis, axis, axis)
-    place[:, 2], _ = compressed(place[:, 2], height, GRAVITY, sound)
-    liquid = WeaklyCompressible(
-        density="summation", sound_speed=sound, dynamic_viscosity=DENSITY * SHARE * sound * support * d
-    )
-    cup = MeshBoundary(file=str(FOLDER / f"cup_{cells}.obj"), literal=given.get("literal", ()))
+    """A cube of 0.1 m of water in a cup that is a mesh."""
+    height, cells, support = 0.1, given["cells"], 2.6
+    d = height / cells
     return Scene(
         spacing=d, support_radius=support * d, dtype=given["dtype"], end_time=3.0 * math.sqrt(height / GRAVITY),
-        fluid=(Cloud(position=place + 0.5 * d),), effects=(liquid, Gravity(), cup),
+        fluid=(Box(cells=(cells, cells, cells)),),
+        effects=(
+            rests(10 * math.sqrt(2 * GRAVITY * height), support * d), Gravity(),
+            MeshBoundary(file=str(FOLDER / "cup.obj")),
+        ),
+    )  # fmt: skip
+
+
+def vortex_decay(given: Given, seed: int = 0) -> Scene:
+    """Four Taylor-Green vortices of 1 m/s in a periodic box of 1 m at a Reynolds number of 100."""
+    cells, support = given["cells"], given["support"]
+    d, k = 1.0 / cells, 2 * math.pi
+    axis = (np.arange(cells) + 0.5) * d
+    place = lattice(axis, axis)
+    x, y = k * place[:, 0], k * place[:, 1]
+    velocity = np.column_stack([np.sin(x) * np.cos(y), -np.cos(x) * np.sin(y), np.zeros(len(place))])
+    liquid = WeaklyCompressible(sound_speed=10.0, dynamic_viscosity=DENSITY / REYNOLDS)
+    return Scene(
+        dim=2, spacing=d, support_radius=support * d, dtype=given["dtype"], end_time=1.0, period=(1.0, 1.0, 0.0),
+        fluid=(Cloud(position=place, velocity=velocity),), effects=(liquid, ParticleShifting(surface="none")),
     )  # fmt: skip
 
 
@@ -256,6 +269,7 @@ MADE: Mapping[str, Callable[..., Scene | None]] = (
         for made in (
             implicit_pressure,
             tank_pressure,
+            vortex_decay,
             melting,
             mpm_pressure,
             mpm_frequency,

@@ -16,7 +16,7 @@ from refsim.scene.scene import Scene
 from refsim.sph import liquid_of
 from refsim.study.observables import observable_of
 from refsim.study.panels import FOLDER, drops
-from refsim.study.panels.making import DENSITY, GRAVITY, MODULUS, compressed, frequency, radius, solid
+from refsim.study.panels.making import DENSITY, GRAVITY, MODULUS, REYNOLDS, compressed, frequency, radius, solid
 from refsim.surface_tension.calibration import BASE, sigma_map
 
 DIRECTIONS, CONE = 200, np.radians(10)
@@ -72,22 +72,30 @@ def droplet(simulation: Simulation) -> float:
     return float(outermost.std() / outermost.mean())
 
 
-@watched(lambda scene: scene.end_time - 1.0 + np.linspace(0.0, 1.0, 41), mean)
+@watched(lambda scene: scene.end_time - 2.5 + np.linspace(0.0, 2.5, 101), mean)
 def coupling(simulation: Simulation) -> float:
-    """Height of the box's centre over the water's level, over its edge; mean of the last second.
+    """Height of the box's centre over the level of water and half of the box, over its edge; mean of the last 2.5 s."""
+    plan = simulation.plan
+    assert plan.grid.solids is not None
+    box = simulation.field("position")[: len(plan.grid.solids.lattice.key), 2].astype(float)
+    volume = plan.grid.spacing**3 * (plan.grid.count - 0.5 * len(box))
+    return float(box.mean() - volume / BASIN**2) / EDGE
 
-    The level is half a spacing over the highest particles of columns a spacing wide, beside the box.
-    """
-    place, spacing = simulation.field("position").astype(float), simulation.plan.grid.spacing
-    solids = simulation.plan.grid.solids
-    assert solids is not None
-    count = len(solids.lattice.key)
-    water = place[count:]
-    water = water[np.abs(water[:, :2] - 0.5 * BASIN).max(1) > 0.4 * BASIN]
-    column = np.unique((water[:, :2] // spacing).astype(int), axis=0, return_inverse=True)[1].ravel()
-    highest = np.full(column.max() + 1, -np.inf)
-    np.maximum.at(highest, column, water[:, 2])
-    return float(place[:count, 2].mean() - np.median(highest) - 0.5 * spacing) / EDGE
+
+@watched(lambda scene: scene.end_time * np.linspace(0.8, 1.0, 61), mean)
+def wall_force(simulation: Simulation) -> float:
+    """Force on a side wall over rho g H^2/2."""
+    series = simulation.gauge("wall")["force_x"]
+    return -float(series[-1]) / (0.5 * DENSITY * GRAVITY)
+
+
+def vortex_decay(simulation: Simulation) -> float:
+    """Rate at which the speed decays over 8 pi^2/Re, that of one wave in the box of 1 m."""
+    position, speed = simulation.field("position").astype(float), simulation.field("velocity").astype(float)
+    speed += 0.5 * simulation.previous_length * simulation.field("acceleration")
+    x, y = 2 * np.pi * position[:, 0], 2 * np.pi * position[:, 1]
+    first = (np.sin(x) * np.cos(y)) ** 2 + (np.cos(x) * np.sin(y)) ** 2
+    return float(-0.5 * np.log((speed**2).sum() / first.sum()) / simulation.time * REYNOLDS / (8 * np.pi**2))
 
 
 def spinning_body(simulation: Simulation) -> float:
@@ -240,7 +248,7 @@ def tank_pressure(simulation: Simulation) -> Any:
     """Places, pressures and what is known of them: hydrostatic pressure of the compressible liquid."""
     simulation.evaluate()
     height, sound = 0.1, liquid_of(simulation.plan.effects).sound_speed
-    top = compressed(np.zeros(1), height, GRAVITY, sound)[1] + 0.5 * simulation.plan.grid.spacing
+    top = compressed(np.zeros(1), height, GRAVITY, sound)[1]
 
     def known(place: np.ndarray) -> tuple[np.ndarray, slice, float]:
         above = np.clip(top - place[:, 2], 0.0, None)
