@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from refsim.study.advice import answer, keeps
+from refsim.study.advice import answer, own_error
 from refsim.study.choice import Candidate, Choice, by_chance, candidates, duration, kinds, percent, refused
 from refsim.study.panels import OWN, Panel, abouts, panel
 from validation.drawing import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, YELLOW, save_picture, style
@@ -54,7 +54,7 @@ def _cells(of: Panel, error: float) -> list[str]:
     assert choice is not None
     if choice.named is None:
         return [choice.why, "", "", _time(gpu), peer]
-    own = keeps(of, choice.named, choice.nearest is None)
+    own = own_error(of, choice.named, choice.nearest is None)
     words = choice.named.point.words
     if choice.nearest is not None:
         return ["not reached", own, "", "", peer]
@@ -127,7 +127,7 @@ def picture(of: Panel) -> Any:
     axes.set(xscale="log", yscale="log")
     low, high = axes.get_xlim()
     low, high = min(low, 0.08 if low < 0.5 else 0.8), max(high, 12.0)
-    failed = [p for p in of.points.values() if p.shown and p.failed]
+    failed = [p for p in of.points.values() if p.failed]
     if failed:
         high *= (high / low) ** 0.07
         more = f"; and {len(failed) - 1} more" if len(failed) > 1 else ""
@@ -240,7 +240,7 @@ def overview() -> Any:
             axes.plot(100 * WANTED, _seconds(panel(name), WANTED, kind), "o", color=colour, mfc=fill, ms=7)
     axes.plot([], [], "--", color=GREY, label="dashed: on a GPU")
     axes.axvline(100 * WANTED, color=GREY, ls=":", lw=1.2)
-    axes.set(xscale="log", yscale="log", xlabel="error that is kept [%]", ylabel="wall time")
+    axes.set(xscale="log", yscale="log", xlabel="relative error [%]", ylabel="wall time")
     axes.set_xlim(10, 0.1)
     axes.set_xticks([10, 5, 2, 1, 0.5, 0.2, 0.1], ["10", "5", "2", "1", "0.5", "0.2", "0.1"])
     axes.set_xticks([], minor=True)

@@ -94,7 +94,10 @@ def shao_song(literal: tuple[str, ...]) -> Measured:
 
 
 def patent(literal: tuple[str, ...]) -> Measured:
-    """Pressure of the tank of the panel `tank_pressure`, root mean square over that at the bottom."""
+    """Pressure of the tank of the panel `tank_pressure`, root mean square over that at the bottom.
+
+    Its density is summed; mirrored walls stand for a layer half a spacing beyond the mesh, where the water begins.
+    """
     from refsim.study.observables import observable_of
     from refsim.study.panels import panel
     from refsim.study.panels.measured import observable
@@ -102,7 +105,15 @@ def patent(literal: tuple[str, ...]) -> Measured:
     from refsim.study.runs import Setting, measure
 
     of = panel("tank_pressure")
-    scene = changed(scene_of(of, of.points["n10"]), [("effects.mesh_boundary.literal", literal)])
+    scene = scene_of(of, of.points["n10"])
+    assert scene is not None
+    d = scene.spacing
+    liquid = {"density": "summation", "gradient": "plain", "dynamic_viscosity": 8.4}
+    changes = {f"effects.weakly_compressible.{name}": value for name, value in liquid.items()} | {
+        "effects.mesh_boundary.literal": literal, "fluid.1.lower": [0.5 * d] * 3, "fluid.1.cells": [9, 9, 10],
+        "support_radius": 3.0 * d,
+    }  # fmt: skip
+    scene = changed(scene, list(changes.items()))
     found = measure(Setting("", "", 1.0, scene, "cpu"), observable_of(observable(of.name), make_plan(scene)))
     return {"value": None if found.failed else found.value, "remark": f"stops: {found.failed}" * bool(found.failed)}
 

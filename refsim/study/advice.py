@@ -19,6 +19,7 @@ from refsim.study.panels import Panel, abouts, panel
 from refsim.study.panels.scenes import scene_of
 
 MOST_THREADS = 2  # for the CPU, as in the panels' timings
+NOTABLE = 0.05  # share of an error from which on what is known of it is said
 
 
 @dataclass(frozen=True)
@@ -56,11 +57,11 @@ class Advice:
 
 def answer(of: Panel, error: float, kind: str = "cpu") -> Advice:
     """The rules' answer for a relative error."""
-    limit = of.about.no_meaning
-    if limit and error <= limit[0]:
-        return Advice(of, error, kind, no_meaning=limit[1])
     found, uncertainty = kinds(of), of.reference()[2]
-    chosen = choose(found[kind], error, uncertainty, physics(found)) if found[kind] else None
+    if error <= uncertainty:
+        why = f"the reference is known to {percent(uncertainty)} ({of.about.uncertain})"
+        return Advice(of, error, kind, no_meaning=why)
+    chosen = choose(found[kind], error, physics(found)) if found[kind] else None
     peer = choose(found["peer"], error) if found["peer"] else None
     return Advice(of, error, kind, chosen, peer)
 
@@ -110,17 +111,17 @@ def scaled(advice: Advice) -> Advice:
     return replace(advice, own=found.seconds * share, own_note=f"{note}; {found.note}" if found.note else note)
 
 
-def keeps(of: Panel, candidate: Candidate, reached: bool = True) -> str:
+def own_error(of: Panel, candidate: Candidate, reached: bool = True) -> str:
     """The error that a setting keeps; also in the observable's own unit, where its number is another one.
 
-    "at most" with the reference's uncertainty added, where that is larger; "at least" where no setting has less. Else
-    with the standard deviation of its readings, if that is a twentieth of it or more.
+    "at most" with the reference's uncertainty added, if that is a twentieth of it or more; else with the standard deviation
+    of its readings, if that is; "at least" where no setting has less.
     """
-    about, (_, scale, uncertainty) = of.about, of.reference()
+    about, scale = of.about, of.reference()[1]
     error, before, after = candidate.error, "" if reached else "at least ", ""
-    if error < uncertainty:
-        error, before = error + uncertainty, "at most "
-    elif NORMAL * candidate.point.error_mad >= 0.05 * error:
+    if candidate.uncertainty >= NOTABLE * error:
+        error, before = candidate.most, "at most "
+    elif NORMAL * candidate.point.error_mad >= NOTABLE * error:
         after = f" ± {percent(NORMAL * candidate.point.error_mad)}"
     shown = about.unit and about.unit != "%" and (about.limit_of or scale > 1)
     own = f" ({error * scale:.2g} {about.unit})" if shown else ""
@@ -145,7 +146,7 @@ def text_of(advice: Advice) -> str:
             took = f"{fast} to {slow}, not settled,"
         elif setting.starts:
             took += f" ({' to '.join(duration(choice.seconds * share) for share in setting.starts)} over the starts)"
-        lines.append(f"  setting    {setting.point.words}; keeps {keeps(advice.panel, setting)}")
+        lines.append(f"  setting    {setting.point.words}; error {own_error(advice.panel, setting)}")
         lines.append(f"  measured   {took} on {advice.panel.where(gpu)}")
         if setting.point.bytes:
             lines.append(f"  memory     {in_bytes(setting.point.bytes)} in fields")
@@ -174,7 +175,7 @@ def data_of(advice: Advice) -> dict[str, Any]:
         if found.named is not None:
             point = found.named.point
             made |= {
-                "key": point.key, "setting": point.words, "program": point.program, "keeps": found.named.error,
+                "key": point.key, "setting": point.words, "program": point.program, "error": found.named.most,
                 "seconds": found.seconds if math.isfinite(found.seconds) else None, "bytes": point.bytes,
                 "settled": not found.named.unsettled,
             }  # fmt: skip

@@ -1,7 +1,7 @@
 """Which measured setting is advised for an error: the rules, for one panel and one kind of machine.
 
-1. A setting is a candidate if it keeps the error, was not stopped, computes the scene with all its effects and no more,
-   and nothing speaks against it elsewhere.
+1. A setting is a candidate if its error and the uncertainty of the reference together are within the error, if it was
+   not stopped, and nothing speaks against it elsewhere.
 2. A step beyond the stable one is no candidate: the runner gives a note on it.
 3. float64 is no candidate where float32 with the same knobs has the same error within its noise, or 1 %.
 4. Of the candidates whose timing has settled (`unsettled`) the fastest is advised. Where none has settled, none is.
@@ -10,8 +10,7 @@
    reading of that one is below the fastest reading of the settled one. The cheaper one is then named with its readings.
 6. A setting that keeps an error which a finer spacing with the same other knobs does not keep is no candidate for it:
    errors of opposite sign cancel there.
-7. An error below the uncertainty of the reference is marked as such.
-8. Physics decides once: the error of a setting that was measured on a CPU and on a GPU is the larger one on both, and
+7. Physics decides once: the error of a setting that was measured on a CPU and on a GPU is the larger one on both, and
    rules 2, 3 and 6 hold for both machines by the settings that either has: what differs is seconds.
 """
 
@@ -66,10 +65,16 @@ def unsettled(seconds: Sequence[float]) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """One point of a panel as the rules see it; `error` is relative."""
+    """One point of a panel as the rules see it; `error` and the `uncertainty` of its reference are relative."""
 
     point: Point
     error: float
+    uncertainty: float = 0.0
+
+    @property
+    def most(self) -> float:
+        """The largest error that the setting may have."""
+        return self.error + self.uncertainty
 
     @property
     def wall(self) -> float:
@@ -78,10 +83,11 @@ class Candidate:
 
     def seconds(self, error: float) -> float | None:
         """Median seconds until it keeps a relative error; None where it does not."""
-        if self.error > error:
+        if self.most > error:
             return None
         if self.point.reached:
-            return next((s for bar, s in self.point.reached if bar <= error * (1 + 1e-9)), None)
+            within = error * (1 + 1e-9) - self.uncertainty
+            return next((s for bar, s in self.point.reached if bar <= within), None)
         return self.wall
 
     @property
@@ -131,14 +137,10 @@ class Choice:
 
 
 def candidates(panel: Panel) -> list[Candidate]:
-    """Points of the panel's scene that came to an end."""
-    made = []
-    for key, point in panel.points.items():
-        another = key.removeprefix("cuda_").startswith(panel.about.other_scenes)
-        error = panel.error(point)
-        if not another and point.shown and math.isfinite(error):
-            made.append(Candidate(point, error))
-    return made
+    """Points of the panel that came to an end."""
+    uncertainty = panel.reference()[2]
+    made = (Candidate(point, panel.error(point), uncertainty) for point in panel.points.values())
+    return [candidate for candidate in made if math.isfinite(candidate.error)]
 
 
 def kinds(panel: Panel) -> dict[str, list[Candidate]]:
@@ -150,7 +152,7 @@ def kinds(panel: Panel) -> dict[str, list[Candidate]]:
         largest[_setting(c)] = max(c.error, largest.get(_setting(c), 0.0))
     for c in found:
         kind = "peer" if c.point.program != OWN else "gpu" if c.point.gpu else "cpu"
-        made[kind].append(Candidate(c.point, largest[_setting(c)]))
+        made[kind].append(Candidate(c.point, largest[_setting(c)], c.uncertainty))
     return made
 
 
@@ -195,18 +197,15 @@ def by_chance(candidate: Candidate, error: float, others: Sequence[Candidate]) -
     for other in others:
         theirs = other.point.knobs
         finer = theirs.get("spacing", 0.0) < knobs.get("spacing", 0.0)
-        if finer and {**theirs, "spacing": 0.0} == {**knobs, "spacing": 0.0} and other.error > error:
+        if finer and {**theirs, "spacing": 0.0} == {**knobs, "spacing": 0.0} and other.most > error:
             return other
     return None
 
 
-def choose(
-    found: Sequence[Candidate], error: float, uncertainty: float = 0.0, known: Sequence[Candidate] | None = None
-) -> Choice:
+def choose(found: Sequence[Candidate], error: float, known: Sequence[Candidate] | None = None) -> Choice:
     """The cheapest settled setting for a relative error; see the rules above.
 
-    uncertainty  of the reference, relative
-    known        `physics`; those found, if left out
+    known  `physics`; those found, if left out
     """
     allowed = sound(found, found if known is None else known)
     judges = list(allowed.values()) if known is None else list(sound(known, known))
@@ -218,18 +217,16 @@ def choose(
         finer = by_chance(allowed[pair[1]], error, judges)
         if finer is not None:
             reach.remove(pair)
-            said = f"{pair[1].point.words} keeps {percent(pair[1].error)} by chance"
-            notes.append(f"passed over: {said}, {finer.point.words} {percent(finer.error)}")
-    if error < uncertainty:
-        notes.append(f"below the uncertainty of the reference ({percent(uncertainty)})")
+            said = f"{pair[1].point.words} has an error of {percent(pair[1].error)} by chance"
+            notes.append(f"passed over: {said}, {finer.point.words} of {percent(finer.error)}")
     if not reach:
         if not allowed:
             return Choice(None, why="not reached: no setting may be advised", notes=tuple(notes))
-        lasting = [c for c, by in allowed.items() if by_chance(by, c.error, judges) is None]
+        lasting = [c for c, by in allowed.items() if by_chance(by, c.most, judges) is None]
         if not lasting:
-            return Choice(None, why="not reached: all settings keep their errors by chance", notes=tuple(notes))
+            return Choice(None, why="not reached: all settings have their errors by chance", notes=tuple(notes))
         best = min(lasting, key=lambda c: c.error)
-        why = f"not reached: {best.point.words} keeps {percent(best.error)} after {duration(best.wall)}"
+        why = f"not reached: {best.point.words} has an error of {percent(best.most)} after {duration(best.wall)}"
         return Choice(None, why=why, notes=tuple(notes), nearest=best)
     settled = [(seconds, c) for seconds, c in reach if not c.unsettled]
     least, nearest = min(reach, key=lambda pair: pair[0])
@@ -252,7 +249,8 @@ def least_error(found: Sequence[Candidate], seconds: float, known: Sequence[Cand
     allowed, judges = sound(found, known), list(sound(known, known))
     least: list[float] = []
     for c, by in allowed.items():
-        kept = [max(error, c.error) for error, spent in c.point.reached or [(c.error, c.wall)] if spent <= seconds]
+        curve = c.point.reached or [(c.error, c.wall)]
+        kept = [max(error, c.error) + c.uncertainty for error, spent in curve if spent <= seconds]
         if kept and not c.unsettled and by_chance(by, min(kept), judges) is None:
             least.append(min(kept))
     return min(least, default=None)

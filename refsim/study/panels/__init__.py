@@ -40,8 +40,6 @@ class About(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     method        knob whose values are the picture's lines
     more          errors in the table beside those of all panels
     remark        what the reader must know, one sentence
-    no_meaning    (error, why): neither this error nor a smaller one has a meaning
-    other_scenes  how keys of settings begin that compute another scene: with an effect more, or one less
     with_spacing  parameters of the packaged scene, by name, that are in proportion to the spacing
     reaches       the value is the time at which the observable has this value
     shaken        whether each reading starts from particles displaced otherwise, so that errors have a noise
@@ -65,8 +63,6 @@ class About(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     method: str = "backend"
     more: tuple[float, ...] = ()
     remark: str = ""
-    no_meaning: tuple[float, str] | None = None
-    other_scenes: tuple[str, ...] = ()
     with_spacing: tuple[str, ...] = ()
     reaches: float | None = None
     shaken: bool = False
@@ -91,9 +87,6 @@ class Point(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     reached         (error, seconds until the run keeps it), from large errors to small ones; empty without a curve
     failed          why the setting failed; "" if it did not; `spent`: seconds until then
     against         what speaks against it elsewhere
-    speaks_against  knobs of the settings that its own error would speak against
-    shown           whether it is a point of the panel; else its error alone is wanted
-    scene           digest of the scene
     """
 
     key: str
@@ -116,9 +109,6 @@ class Point(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     failed: str = ""
     spent: float = 0.0
     against: str = ""
-    speaks_against: dict[str, Any] = {}
-    shown: bool = True
-    scene: str = ""
 
     @property
     def gpu(self) -> bool:

@@ -1,5 +1,6 @@
 """Panels measured here: every setting several times, in turns, until its seconds settle."""
 
+import dataclasses
 import datetime
 import math
 from collections.abc import Callable, Iterable, Sequence
@@ -101,7 +102,7 @@ def measured(
     "missing: " leaves the point out. Raises InputError for an unknown key and a backend that is not there.
     """
     require_backend(backend)
-    own = (p for p in panel.points.values() if p.program == OWN and p.shown)
+    own = (p for p in panel.points.values() if p.program == OWN)
     chosen = list(keys) or [p.key for p in own if p.knobs.get("backend", "cpu") == backend]
     if unknown := [key for key in chosen if key not in panel.points]:
         raise InputError(f"panel {panel.name!r} has no setting {unknown[0]!r}; it has {', '.join(panel.points)}.")
@@ -139,8 +140,6 @@ def merged(found: Measured) -> Panel:
 
 def _without(panel: Panel, point: Point) -> str:
     """Why a setting cannot be measured by its packaged scene; "" where it can."""
-    if "start" in point.setting:
-        return f"its start is {point.setting['start']}"
     scene = scene_of(panel, point)
     if scene is None:
         return "it ends before its particles rest" if panel.name in MADE else "a fixed step beyond the stable one"
@@ -160,7 +159,13 @@ def _reading(panel: Panel, point: Point, number: int, threads: int | None) -> Re
         reads: Observable = observable_of(observable(panel.name), make_plan(scene))
     except InputError as error:
         return Reading(math.nan, 0.0, 0.0, 0, 0, 0, 0.0, failed=str(error))
-    return measure(setting, reads, panel.about.reaches, threads, repeats=1)
+    found = measure(setting, reads, panel.about.reaches, threads, repeats=1)
+    if threads != 1 or found.failed:
+        return found
+    # of one thread the processor's seconds are those of a machine that does nothing else
+    share = min(1.0, found.processor_seconds / found.seconds) if found.seconds else 1.0
+    curve = [(share * spent, value) for spent, value in found.curve]
+    return dataclasses.replace(found, seconds=share * found.seconds, curve=curve)
 
 
 def _noise(seconds: Sequence[float], readings: int) -> list[float]:
@@ -173,9 +178,8 @@ def _noise(seconds: Sequence[float], readings: int) -> list[float]:
 def _point(panel: Panel, point: Point, runs: Sequence[Reading], place: int, readings: int) -> Point:
     failed = next((run.failed for run in runs if run.failed), "")
     same = Point(
-        point.key, point.words, place, point.knobs, setting=point.setting, shown=point.shown,
-        speaks_against=point.speaks_against, against=point.against, particles=runs[0].particles, steps=runs[0].steps,
-        program=point.program,
+        point.key, point.words, place, point.knobs, setting=point.setting, against=point.against,
+        particles=runs[0].particles, steps=runs[0].steps, program=point.program,
     )  # fmt: skip
     if failed:
         return msgspec.structs.replace(same, failed=failed, spent=runs[-1].seconds)

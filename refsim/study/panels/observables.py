@@ -248,7 +248,8 @@ def tank_pressure(simulation: Simulation) -> Any:
     """Places, pressures and what is known of them: hydrostatic pressure of the compressible liquid."""
     simulation.evaluate()
     height, sound = 0.1, liquid_of(simulation.plan.effects).sound_speed
-    top = compressed(np.zeros(1), height, GRAVITY, sound)[1]
+    water: Any = simulation.plan.scene.fluid[0]
+    top = water.lower[2] + compressed(np.zeros(1), height, GRAVITY, sound)[1]
 
     def known(place: np.ndarray) -> tuple[np.ndarray, slice, float]:
         above = np.clip(top - place[:, 2], 0.0, None)
