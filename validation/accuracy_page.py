@@ -47,20 +47,25 @@ def rows(of: Panel) -> list[str]:
 
 
 def _cells(of: Panel, error: float) -> list[str]:
-    """Cells behind the error: setting, its own error, seconds, seconds on a GPU, the best other program's seconds."""
+    """Cells behind the error: setting, its own error, seconds, seconds on a GPU, the best other program's seconds.
+
+    The setting is a CPU's, or a GPU's where none that was measured on a CPU reaches the error.
+    """
     found = answer(of, error)
     choice, gpu = found.choice, answer(of, error, "gpu").choice
     peer = "" if found.peer is None else _time(found.peer, lambda c: f" ({c.point.program})")
     assert choice is not None
+    on_gpu = gpu is not None and bool(gpu.advised or gpu.read)
+    seconds, there = _time(choice), _time(gpu) if on_gpu else ABSENT
+    if on_gpu and choice.nearest is not None:
+        choice, seconds = gpu, ABSENT
     if choice.named is None:
-        return [choice.why, "", "", _time(gpu), peer]
+        return [choice.why, "", "", there, peer]
     own = own_error(of, choice.named, choice.nearest is None)
-    words = choice.named.point.words
     if choice.nearest is not None:
         return ["not reached", own, "", "", peer]
-    known = gpu is not None and (gpu.advised or gpu.read)
-    there = _time(gpu) if known else ABSENT  # physics decides once: it was not measured there
-    return [words if choice.advised else f"{HOLLOW} {words}", own, _time(choice), there, peer]
+    words = choice.named.point.words.removesuffix(", on a GPU")
+    return [words if choice.advised else f"{HOLLOW} {words}", own, seconds, there, peer]
 
 
 def _time(choice: Choice | None, after: Callable[[Candidate], str] = lambda c: "") -> str:

@@ -16,7 +16,7 @@ STEP = 2e-3  # s, the longest of the front, which SPlisHSPlasH shortens by the s
 
 
 def front_by_splishsplash(point: Point, repeat: int, threads: int | None) -> Reading:
-    """Mean front over t sqrt(2g/L) from 1 to 3 by DFSPH, with refsim's kinematic viscosity."""
+    """Mean front over t sqrt(2g/L) from 1 to 3 by DFSPH, with the kinematic viscosity of the experiment `dam_break`."""
     width, columns = 0.5 * HEIGHT, point.setting["columns"]
     found = splishsplash.run_column(
         {

@@ -112,10 +112,10 @@ def scaled(advice: Advice) -> Advice:
 
 
 def own_error(of: Panel, candidate: Candidate, reached: bool = True) -> str:
-    """The error that a setting keeps; also in the observable's own unit, where its number is another one.
+    """The error of a setting; also in the observable's own unit, where its number is another one.
 
-    "at most" with the reference's uncertainty added, if that is a twentieth of it or more; else with the standard deviation
-    of its readings, if that is; "at least" where no setting has less.
+    "at most" with the reference's uncertainty added, if that is a twentieth of it or more; else with the standard
+    deviation of its readings, if that is; "at least" where no setting has less.
     """
     about, scale = of.about, of.reference()[1]
     error, before, after = candidate.error, "" if reached else "at least ", ""

@@ -1,17 +1,16 @@
 """Which measured setting is advised for an error: the rules, for one panel and one kind of machine.
 
-1. A setting is a candidate if its error and the uncertainty of the reference together are within the error, if it was
-   not stopped, and nothing speaks against it elsewhere.
-2. A step beyond the stable one is no candidate: the runner gives a note on it.
-3. float64 is no candidate where float32 with the same knobs has the same error within its noise, or 1 %.
-4. Of the candidates whose timing has settled (`unsettled`) the fastest is advised. Where none has settled, none is.
+1. A setting is a candidate if its error and the uncertainty of the reference together are within the error, and it
+   was not stopped.
+2. float64 is no candidate where float32 with the same knobs has the same error within its noise, or 1 %.
+3. Of the candidates whose timing has settled (`unsettled`) the fastest is advised. Where none has settled, none is.
    Timings are those of equal runs: where starts differ in what they cost, the range of the starts stands beside.
-5. A settled candidate is not advised either where an unsettled one is faster beyond its scatter: where the slowest
+4. A settled candidate is not advised either where an unsettled one is faster beyond its scatter: where the slowest
    reading of that one is below the fastest reading of the settled one. The cheaper one is then named with its readings.
-6. A setting that keeps an error which a finer spacing with the same other knobs does not keep is no candidate for it:
+5. A setting that has an error which a finer spacing with the same other knobs exceeds is no candidate for it:
    errors of opposite sign cancel there.
-7. Physics decides once: the error of a setting that was measured on a CPU and on a GPU is the larger one on both, and
-   rules 2, 3 and 6 hold for both machines by the settings that either has: what differs is seconds.
+6. Physics decides once: the error of a setting that was measured on a CPU and on a GPU is the larger one on both, and
+   rules 2 and 5 hold for both machines by the settings that either has: what differs is seconds.
 """
 
 import math
@@ -176,10 +175,6 @@ def _setting(candidate: Candidate) -> str:
 def refused(candidate: Candidate, others: Sequence[Candidate]) -> str:
     """Why a candidate may not be advised, whatever its time; "" if it may."""
     point, knobs = candidate.point, candidate.point.knobs
-    if point.against:
-        return point.against
-    if knobs.get("step", 1.0) > 1.0 and "scheme" not in knobs:
-        return "the runner gives a note on a step beyond the stable one"
     if knobs.get("dtype") == "float64":
         same = {**knobs, "dtype": "float32"}
         for other in others:

@@ -70,7 +70,7 @@ def test_the_answer_is_for_the_error_itself():
     assert 0.01 < found.choice.advised.error <= 0.04
     assert "an error of 4 %" in advice.text_of(found)
     assert advice.find("contact_angle", 0.033).choice.advised.error < 0.033
-    assert advice.find("contact_angle", 0.01).no_meaning
+    assert advice.find("surface_tension_jump", 0.01).no_meaning
 
 
 def test_the_least_error_that_seconds_buy(folder, capsys):
@@ -148,10 +148,10 @@ def test_seconds_here_are_the_prediction_s_share(monkeypatch, gains, taken, word
 
 
 def test_what_has_no_meaning_and_what_is_not_advised_is_said(folder, capsys, monkeypatch):
-    assert advise("detection_2d", "--error", "0.001") == 0
-    assert "no meaning: which particles are surface" in capsys.readouterr().out
-    assert advise("front", "--error", "0.001", "--measured") == 0
-    assert "not reached: d = L/40, float32, cpu keeps 1.6 %" in capsys.readouterr().out
+    assert advise("surface_tension_jump", "--error", "0.01") == 0
+    assert "no meaning: the reference is known to 2.3 % (uncertainty of Akinci's flat" in capsys.readouterr().out
+    assert advise("detection_2d", "--error", "0.001", "--measured") == 0
+    assert "not reached: " in capsys.readouterr().out
     assert not list(folder.iterdir())
     found = advice.find("droplet", 0.05)
     read = replace(found.choice, advised=None, read=found.choice.advised, why="not advised: it has not settled")

@@ -6,6 +6,7 @@ import shutil
 import sys
 import threading
 import time
+from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -438,3 +439,16 @@ def test_seconds_that_do_not_settle_are_said(monkeypatch):
     assert [reading.unsettled for reading in made] == [
         "", "the processor worked for 0.3 of 0.5 s", "its two fastest of 6 runs differ by 100 %",
     ]  # fmt: skip
+
+
+def test_the_page_s_example_finds_the_exact_temperature():
+    """Two halves of a slab at 100 and 0 degrees C between insulated ends (Carslaw & Jaeger 1959)."""
+    page = (Path(__file__).parents[2] / "docs" / "study.md").read_text()
+    space = {}
+    exec(page.split("In Python:\n\n```python\n")[1].split("print(")[0], space)
+    found, n = space["found"].convergence, np.arange(1, 40, 2)
+    k, diffusivity = n * np.pi / 0.12, 400.0 / (385.0 * 8960.0)
+    waves = 200 / (n * np.pi) * np.sin(0.5 * n * np.pi) * np.cos(0.035 * k) * np.exp(-diffusivity * k**2 * 5.0)
+    assert found.asymptotic
+    assert found.relative < 0.02
+    assert abs(found.value - (50 + waves.sum())) < found.uncertainty

@@ -86,7 +86,6 @@ class Point(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     bytes           of the fields
     reached         (error, seconds until the run keeps it), from large errors to small ones; empty without a curve
     failed          why the setting failed; "" if it did not; `spent`: seconds until then
-    against         what speaks against it elsewhere
     """
 
     key: str
@@ -108,7 +107,6 @@ class Point(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     reached: list[tuple[float, float]] = []
     failed: str = ""
     spent: float = 0.0
-    against: str = ""
 
     @property
     def gpu(self) -> bool:
@@ -140,14 +138,15 @@ class Panel:
     points: Mapping[str, Point]
 
     def reference(self) -> tuple[float, float, float]:
-        """(value, scale, relative uncertainty) of what errors are taken from: of `limit_of` the extrapolated value, scale
-        1 of it, and the grid convergence index.
+        """(value, scale, relative uncertainty) of what errors are taken from.
+
+        Of `limit_of`: the extrapolated value, twice, and the grid convergence index.
         """
         about = self.about
         if about.limit_of is None:
             return about.value, about.scale, about.uncertainty
-        values = {self.points[key].knobs["spacing"]: self.points[key].value for key in about.limit_of}
-        found = converge([*values], [*values.values()])
+        points = [self.points[key] for key in about.limit_of]
+        found = converge([p.knobs["spacing"] for p in points], [p.value for p in points if p.value is not None])
         return found.value, abs(found.value), found.relative
 
     def error(self, point: Point) -> float:

@@ -18,7 +18,6 @@ from refsim.boundary.akinci_2012 import BoxWalls
 from refsim.boundary.one_way_coupling import MeshBoundary
 from refsim.boundary.sampling import HEXAGONAL
 from refsim.core.writing import replace_file
-from refsim.engine.simulation import Simulation
 from refsim.heat import HeatConduction
 from refsim.mpm import MpmLiquid
 from refsim.particle_shifting import ParticleShifting
@@ -177,10 +176,7 @@ def disc(given: Given, seed: int, stretch: float, end: float) -> Scene:
         fluid=(Cloud(position=np.pad(h * math.sqrt(ratio) * place, ((0, 0), (0, 1)))),),
         effects=(liquid, SurfaceEnergy(surface_tension=1.0, **given["tension"])),
     )  # fmt: skip
-    share = given["step"]
-    if share <= 1.0:
-        return msgspec.structs.replace(made, step_factor=share)
-    return msgspec.structs.replace(made, step=share * Simulation(made).step().length)
+    return msgspec.structs.replace(made, step_factor=given["step"])
 
 
 def mpm_pressure(given: Given, seed: int = 0) -> Scene:
@@ -239,10 +235,8 @@ def signed_distance(given: Given, seed: int = 0) -> Scene:
     return beside("ball", given, 0.1, field_spacing=given["spacing"])
 
 
-def boundary_sampling(given: Given, seed: int = 0) -> Scene | None:
-    """A ball with waves and as many particles, 2 r apart; None for one that ends before they rest."""
-    if given["iterations"] < 1000:
-        return None
+def boundary_sampling(given: Given, seed: int = 0) -> Scene:
+    """A ball with waves and as many particles, 2 r apart."""
     radius = math.sqrt(HEXAGONAL * solid("lobes").area / (math.pi * given["count"]))
     return beside("lobes", given, 2 * radius, radius=radius)
 
@@ -263,7 +257,7 @@ def surface_normals(given: Given, seed: int = 0) -> Scene:
 
 
 STIRRED_DROPS = (drops.contact_angle, drops.surface_tension_jump, drops.surface_tension_frequency)
-MADE: Mapping[str, Callable[..., Scene | None]] = (
+MADE: Mapping[str, Callable[..., Scene]] = (
     {
         made.__name__: made
         for made in (

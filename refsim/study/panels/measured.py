@@ -19,7 +19,6 @@ from refsim.scene.plan import make_plan
 from refsim.study.choice import REPEATS, duration, middle, percent, unsettled
 from refsim.study.observables import Observable, observable_of
 from refsim.study.panels import OWN, Panel, Place, Point
-from refsim.study.panels.making import MADE
 from refsim.study.panels.scenes import scene_of
 from refsim.study.runs import Reading, Setting, machine, measure
 
@@ -106,9 +105,8 @@ def measured(
     chosen = list(keys) or [p.key for p in own if p.knobs.get("backend", "cpu") == backend]
     if unknown := [key for key in chosen if key not in panel.points]:
         raise InputError(f"panel {panel.name!r} has no setting {unknown[0]!r}; it has {', '.join(panel.points)}.")
-    refused = {} if read else {key: why for key in chosen if (why := _without(panel, panel.points[key]))}
     read = read or partial(_reading, panel)
-    runs: dict[str, list[Reading]] = {key: [] for key in chosen if key not in refused}
+    runs: dict[str, list[Reading]] = {key: [] for key in chosen}
     order, waiting = np.random.default_rng(0), list(runs)
     for turn in range(readings * (MOST if readings >= REPEATS else 1)):
         for key in order.permutation(waiting).tolist():
@@ -123,7 +121,7 @@ def measured(
             ]  # fmt: skip
         waiting = [key for key in waiting if not runs[key][-1].failed]
     places = (*panel.places, _here(backend, threads))
-    refused |= {key: why for key, (first, *_) in runs.items() if (why := first.failed.partition(MISSING)[2])}
+    refused = {key: why for key, (first, *_) in runs.items() if (why := first.failed.partition(MISSING)[2])}
     points = {
         key: _point(panel, panel.points[key], found, len(places) - 1, readings)
         for key, found in runs.items() if key not in refused
@@ -136,18 +134,6 @@ def merged(found: Measured) -> Panel:
     """The stored panel with what was measured here in place of what it had."""
     points = {key: found.here.points.get(key, point) for key, point in found.stored.points.items()}
     return replace(found.stored, places=found.here.places, points=points)
-
-
-def _without(panel: Panel, point: Point) -> str:
-    """Why a setting cannot be measured by its packaged scene; "" where it can."""
-    scene = scene_of(panel, point)
-    if scene is None:
-        return "it ends before its particles rest" if panel.name in MADE else "a fixed step beyond the stable one"
-    try:
-        make_plan(scene)
-    except InputError as error:
-        return str(error)
-    return ""
 
 
 def _reading(panel: Panel, point: Point, number: int, threads: int | None) -> Reading:
@@ -164,7 +150,7 @@ def _reading(panel: Panel, point: Point, number: int, threads: int | None) -> Re
         return found
     # of one thread the processor's seconds are those of a machine that does nothing else
     share = min(1.0, found.processor_seconds / found.seconds) if found.seconds else 1.0
-    curve = [(share * spent, value) for spent, value in found.curve]
+    curve = tuple((share * spent, value) for spent, value in found.curve)
     return dataclasses.replace(found, seconds=share * found.seconds, curve=curve)
 
 
@@ -178,8 +164,8 @@ def _noise(seconds: Sequence[float], readings: int) -> list[float]:
 def _point(panel: Panel, point: Point, runs: Sequence[Reading], place: int, readings: int) -> Point:
     failed = next((run.failed for run in runs if run.failed), "")
     same = Point(
-        point.key, point.words, place, point.knobs, setting=point.setting, against=point.against,
-        particles=runs[0].particles, steps=runs[0].steps, program=point.program,
+        point.key, point.words, place, point.knobs, setting=point.setting, particles=runs[0].particles,
+        steps=runs[0].steps, program=point.program,
     )  # fmt: skip
     if failed:
         return msgspec.structs.replace(same, failed=failed, spent=runs[-1].seconds)

@@ -27,7 +27,7 @@ def packaged(name: str) -> Scene | None:
 
 
 def scene_of(panel: Panel, point: Point, reading: int | None = None) -> Scene | None:
-    """The scene of a setting; None without a packaged one, for other programs and for steps beyond the stable one.
+    """The scene of a setting; None without a packaged one and for other programs.
 
     reading  its number, where starts differ: of panels that are `shaken`, and of some of `MADE`
 
@@ -35,13 +35,15 @@ def scene_of(panel: Panel, point: Point, reading: int | None = None) -> Scene | 
     holds other parameters of the scene file by name, as in sweeps.
     """
     if panel.name in MADE:
-        made = MADE[panel.name]({**point.knobs, **point.setting}, reading or 0) if point.program == OWN else None
-        return None if made is None else msgspec.structs.replace(made, name=panel.name)
+        if point.program != OWN:
+            return None
+        made = MADE[panel.name]({**point.knobs, **point.setting}, reading or 0)
+        return msgspec.structs.replace(made, name=panel.name)
     scene = packaged(panel.name)
     base = panel.points[panel.about.base].knobs
     knobs = point.knobs
     step = knobs.get("step", 1.0) / base.get("step", 1.0)
-    if scene is None or point.program != OWN or (scene.step == 0 and step > 1):
+    if scene is None or point.program != OWN:
         return None
     if "spacing" in knobs:
         factor = Fraction(base["spacing"] / knobs["spacing"]).limit_denominator(100)
