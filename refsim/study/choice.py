@@ -106,7 +106,7 @@ class Candidate:
         return self._range(seconds) if not self.unsettled and unsettled(seconds) else None
 
     def _range(self, seconds: Sequence[float]) -> tuple[float, float]:
-        median = self.wall
+        median = middle(seconds)[0]
         return (min(seconds) / median, max(seconds) / median) if len(seconds) and median > 0 else (1.0, 1.0)
 
 
