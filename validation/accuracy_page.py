@@ -57,14 +57,15 @@ def _cells(of: Panel, error: float) -> list[str]:
     assert choice is not None
     on_gpu = gpu is not None and bool(gpu.advised or gpu.read)
     seconds, there = _time(choice), _time(gpu) if on_gpu else ABSENT
-    if on_gpu and choice.nearest is not None:
-        choice, seconds = gpu, ABSENT
+    if choice.nearest is not None and gpu is not None:
+        if on_gpu or (gpu.nearest is not None and gpu.nearest.most < choice.nearest.most):
+            choice, seconds = gpu, ABSENT
     if choice.named is None:
         return [choice.why, "", "", there, peer]
     own = own_error(of, choice.named, choice.nearest is None)
     if choice.nearest is not None:
         return ["not reached", own, "", "", peer]
-    words = choice.named.point.words.removesuffix(", on a GPU")
+    words = choice.named.point.words.replace(", on a GPU", "").replace(", float32", "").replace(", cpu", "")
     return [words if choice.advised else f"{HOLLOW} {words}", own, seconds, there, peer]
 
 
@@ -92,7 +93,7 @@ def pictures(of: Panel) -> list[str]:
     """The panel's picture, its reference and how well that is known."""
     about, known = of.about, of.reference()[2]
     within = f", known to {percent(known)}" if known else ""
-    picture = f"![{about.words[0].upper()}{about.words[1:]}](../figures/accuracy_cost_{of.name}.png)"
+    picture = f"![{of.name}](../figures/accuracy_cost_{of.name}.png)"
     return [picture, "", f"*Reference: {about.reference}{within}.*", ""]
 
 
