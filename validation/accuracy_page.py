@@ -57,9 +57,8 @@ def _cells(of: Panel, error: float) -> list[str]:
     assert choice is not None
     on_gpu = gpu is not None and bool(gpu.advised or gpu.read)
     seconds, there = _time(choice), _time(gpu) if on_gpu else ABSENT
-    if choice.nearest is not None and gpu is not None:
-        if on_gpu or (gpu.nearest is not None and gpu.nearest.most < choice.nearest.most):
-            choice, seconds = gpu, ABSENT
+    if choice.nearest and gpu and (on_gpu or (gpu.nearest and gpu.nearest.most < choice.nearest.most)):
+        choice, seconds = gpu, ABSENT
     if choice.named is None:
         return [choice.why, "", "", there, peer]
     own = own_error(of, choice.named, choice.nearest is None)
