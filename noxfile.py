@@ -151,9 +151,9 @@ def lowest(session: nox.Session) -> None:
 
 @nox.session(python=PYTHONS[0])
 def extras(session: nox.Session) -> None:
-    """The wheel with every extra but that of a GPU, Warp and Taichi; the tests that need them, and the site."""
+    """The wheel with every extra but that of a GPU, and Warp; the tests that need them, and the site."""
     names = [name for name in settings()["options.extras_require"] if name not in ("cuda", "dev")]
-    installed(session, OF_EXTRAS, f"[{','.join(names)}]", "warp-lang", "taichi")
+    installed(session, OF_EXTRAS, f"[{','.join(names)}]", "warp-lang")
 
 
 @nox.session(python=PYTHONS[0])

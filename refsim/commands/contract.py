@@ -7,6 +7,7 @@ import os
 import sys
 import time
 from collections.abc import Sequence
+from functools import partial
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -276,7 +277,8 @@ def _export(options: argparse.Namespace) -> CommandResult:
     from refsim.contract.programs import check_names
 
     check_names(options.names, options.dtype, options.variant)
-    vectors = export(Path(options.export), options.names, options.dtype, options.variant)
+    told = partial(print, file=sys.stderr) if sys.stderr.isatty() else lambda name: None
+    vectors = export(Path(options.export), options.names, options.dtype, options.variant, told)
     files = [file for operation in vectors.operations for file in operation.files]
     lines = [
         f"{options.export}: {sum(len(file.cases) for file in files)} test vectors of {len(vectors.operations)}"

@@ -9,6 +9,7 @@ matters.
 from __future__ import annotations
 
 import contextlib
+import os
 import time
 from collections.abc import Callable, Iterator
 from functools import cached_property, partial
@@ -191,8 +192,9 @@ class Wrong:
     def unsteady(self) -> tuple[str, int | None]:
         """Other values in another call."""
         quiet, began = self.target.quiet(), time.process_time()
-        for _ in range(REPEATS):
-            other = quiet.launch(self.inputs, before=self.judged.before)[1][self.name]
+        for number in range(REPEATS):
+            with on_one_core(number % 2 == 0):
+                other = quiet.launch(self.inputs, before=self.judged.before)[1][self.name]
             other = other if len(other) == len(self.got) else other[self.number]
             if (lengths(other - self.after) > self.bound).any():
                 self.target.sought.unsteady = (
@@ -446,6 +448,20 @@ class Wrong:
             both = self.answer(self.some(np.array(sorted((i, j)))), int(j < i))
             told["adds"] = (both - self.answer(self.some(np.array([i])), 0)).tolist()
         return told
+
+
+@contextlib.contextmanager
+def on_one_core(wanted: bool) -> Iterator[None]:
+    """Threads that a program starts share one core, if `wanted` and on Linux: those that race meet in another order."""
+    if not wanted or not hasattr(os, "sched_setaffinity"):
+        yield
+        return
+    cores = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {min(cores)})
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, cores)
 
 
 def factor_between(got: np.ndarray, value: np.ndarray) -> float | None:

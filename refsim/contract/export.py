@@ -8,7 +8,7 @@ be finite, one with an infinite bound may be anything. An argument without an ar
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
@@ -99,10 +99,14 @@ class Vectors(msgspec.Struct, frozen=True):
 
 
 def export(
-    folder: Path, names: Sequence[str] = (), dtypes: Sequence[str] = (), variants: Sequence[int] = ()
+    folder: Path,
+    names: Sequence[str] = (),
+    dtypes: Sequence[str] = (),
+    variants: Sequence[int] = (),
+    begins: Callable[[str], None] = lambda name: None,
 ) -> Vectors:
     """Write the vectors of the operations (all by default), with a reader for C++, into a new or empty folder and
-    return their index.
+    return their index; `begins` is told each operation's name.
 
     Raises InputError for a folder that cannot be written or holds files.
     """
@@ -115,6 +119,7 @@ def export(
         raise InputError(f"--export {folder} cannot be written: {error.strerror}; give another folder.") from None
     found = []
     for name in names or REGISTRY:
+        begins(name)
         operation = extended(name)
         files = [
             _written(folder, operation, dtype, variant)

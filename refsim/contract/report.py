@@ -100,15 +100,16 @@ def verdict(operation: Mapping[str, Any]) -> str:
 
 
 def _failures(name: str, outcomes: Sequence[Outcome]) -> list[str]:
-    """Failed trials by what is wrong, those with values first."""
+    """Failed trials by what is wrong, the most frequent first."""
     groups: dict[str, list[Outcome]] = {}
     for o in outcomes:
         if not o.passed and not o.not_judged:
             groups.setdefault(re.sub(r"[\d.e+]+", "#", o.words), []).append(o)
     if not groups:
         return []
-    lines = ["", f"{name} fails:"] + [_told(alike) for alike in list(groups.values())[:TOLD]]
-    rest = sum(map(len, list(groups.values())[TOLD:]))
+    frequent = sorted(groups.values(), key=len, reverse=True)
+    lines = ["", f"{name} fails:"] + [_told(alike) for alike in frequent[:TOLD]]
+    rest = sum(map(len, frequent[TOLD:]))
     return [*lines, f"  and {rest} more failed trials; --json has all"] if rest else lines
 
 

@@ -1,4 +1,4 @@
-"""The whole files of docs/contract: a C library, Warp and Taichi under the contract, and test vectors read in C++."""
+"""The whole files of docs/contract: a C library, Warp and MPI under the contract, and test vectors read in C++."""
 
 import importlib.util
 import itertools
@@ -72,19 +72,31 @@ def test_the_c_library_holds(folder, compiler, capsys):
     holds(*judged(capsys, "c_library.py", *QUICK))
 
 
-@pytest.mark.parametrize("name", ["warp", "taichi"])
-def test_the_other_frameworks_hold(name, folder, capsys):
-    if importlib.util.find_spec(name) is None:
-        pytest.skip(f"{name} is not installed")
-    holds(*judged(capsys, f"{name}_backend.py", *QUICK))
+def test_warp_holds(folder, capsys):
+    if importlib.util.find_spec("warp") is None:
+        pytest.skip("warp is not installed")
+    holds(*judged(capsys, "warp_backend.py", *QUICK))
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["c_library", "warp_backend", "taichi_backend"])
+@pytest.mark.parametrize("ranks", [2, 4])
+def test_ranks_of_mpi_hold_and_need_their_ghosts(ranks, folder, capsys, monkeypatch):
+    if importlib.util.find_spec("mpi4py") is None or shutil.which("mpirun") is None:
+        pytest.skip("mpi4py or an MPI is not installed")
+    for name in ("ALLOW_RUN_AS_ROOT", "ALLOW_RUN_AS_ROOT_CONFIRM", "MCA_rmaps_base_oversubscribe"):
+        monkeypatch.setenv(f"OMPI_{name}", "1")
+    text = (folder / "mpi_ranks.py").read_text().replace("RANKS = 4", f"RANKS = {ranks}")
+    for near, code in (("low - h", 0), ("low", 4)):
+        (folder / "own.py").write_text(text.replace("low - h", near))
+        found, operations = judged(capsys, "own.py", "--dtype", "float64")
+        assert found == code, operations
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["c_library", "warp_backend"])
 def test_the_examples_hold_in_all_steps(name, folder, compiler, capsys):
-    package = name.removesuffix("_backend")
-    if package != name and importlib.util.find_spec(package) is None:
-        pytest.skip(f"{package} is not installed")
+    if name == "warp_backend" and importlib.util.find_spec("warp") is None:
+        pytest.skip("warp is not installed")
     compiled(folder, compiler)
     holds(*judged(capsys, f"{name}.py"))
 
