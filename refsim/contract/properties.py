@@ -361,7 +361,7 @@ def _from_another_start(target: Target, case: str, free: list[str]) -> Outcome:
 def bad_input(target: Target) -> Iterator[Trial]:
     """T9: a NaN in one particle's values stays visible in every answer that depends on them, and changes no other.
 
-    A program without lists may multiply it by the zero of the kernel beyond its support.
+    A program over all pairs may multiply it by the zero of the kernel beyond its support.
 
     What depends on them is what the oracle changes where they change. Flags cannot show a NaN; a position that is
     not finite, or has such a residual or shift, is the search's to report.
@@ -414,7 +414,8 @@ class Spoiled:
 def _spoiled(usual: Usual, name: str) -> Outcome:
     target, inputs = usual.target, usual.inputs
     operation, spoiled = target.operation, Spoiled(usual, name)
-    broken_inputs, far = spoiled.inputs, spoiled.far & target.listed
+    over_all = "neighbours" in target.arguments and "neighbours" not in target.taken
+    broken_inputs, far = spoiled.inputs, spoiled.far & (not over_all)
     before, after = target.launch(broken_inputs, complete=False)  # an iteration may end at the NaN
     if any(unwritten(before, after)):
         quiet = target.quiet()

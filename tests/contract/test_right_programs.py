@@ -99,12 +99,16 @@ def test_only_rows_with_a_pair_at_the_edge_are_widened():
 # NaN
 
 
+def beside_walls(position, mass, walls, smoothing, density):
+    cubic(position, mass, smoothing, density)
+
+
 def over_lists(position, mass, neighbours, smoothing, density):
     cubic(position, mass, smoothing, density)
 
 
-def test_a_nan_may_meet_the_zero_of_the_kernel_in_programs_without_lists():
-    for program, passed in ((cubic, True), (over_lists, False)):
+def test_a_nan_may_meet_the_zero_of_the_kernel_in_programs_over_all_pairs():
+    for program, passed in ((cubic, True), (beside_walls, True), (over_lists, False)):
         programs = dataclasses.replace(OWN, programs={"sph.density": program})
         outcomes = [o for o in contract.trials(programs, "sph.density", steps=("T9",)) if not o.not_judged]
         assert [o.passed for o in outcomes] == [passed] * 2
