@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from refsim.boundary.adami_2012 import Lean
 from refsim.core.checked import suggestion
 from refsim.core.effect import Effect, Pass
 from refsim.core.errors import InputError
@@ -25,7 +24,7 @@ from refsim.gauges import Gauge, GaugeSeries, due
 from refsim.gauges.places import Points, crossing, points_of, shares_of_faces
 from refsim.neighbours.reference import pair_blocks
 from refsim.smoothing.reference import kernel_value
-from refsim.sph import acceleration_of, gravity_of, liquid_of
+from refsim.sph import Lean, acceleration_of, gravity_of, liquid_of
 
 OF_LIQUID = ("one_way_coupling.wall_pressure",)  # forces of walls whose own pressure is a sum over the liquid
 FRICTION = "one_way_coupling.wall_viscosity"

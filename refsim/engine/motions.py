@@ -36,7 +36,7 @@ class Motions:
         if kinds & {"gravity", "turn"}:
             for groups in run._parameters.values():
                 for name in PULLS:
-                    if name in groups:
+                    if groups.get(name) is not None:
                         groups[name] = run.backend.asarray(self.rest.astype(plan.grid.dtype))
                         self.pulls.append(groups[name])
         if "moving_faces" in kinds:

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from refsim.core.capabilities import FollowsScene
 from refsim.core.effect import Discretisation, Effect, Pass
 from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
@@ -125,11 +124,9 @@ def accounts(grid: Discretisation, effects: Mapping[str, Effect]) -> dict[str, E
         account = effect.energy(grid, effects)
         passes = effect.passes(effects)
         if account is None and any(MOVES & {*p.writes, *p.updates} for p in passes):
-            papers = effect.in_papers if isinstance(effect, FollowsScene) else {}
-            instead = "".join(f", or set its {key} = {value!r}" for key, value in list(papers.items())[:1])
             raise InputError(
                 f"energy_audit: the forces of effect {name!r} have no energy that can be computed; leave out"
-                f" the audit or the effect{instead}."
+                " the audit or the effect."
             )
         found[name] = account or EnergyAccount()
     return found

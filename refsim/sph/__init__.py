@@ -55,8 +55,9 @@ CORRECTION_DIAGONAL = Field("correction_diagonal", "-", "diagonal of the matrix 
 CORRECTION_MIXED = Field("correction_mixed", "-", "B_xy, B_xz and B_yz", 3)
 CORRECTION = (CORRECTION_DIAGONAL.name, CORRECTION_MIXED.name)
 
-# rho0 c h/mu up to which liquid between walls and drops were found to gain no energy (docs/stability.md)
 LARGEST_SHIFT = 0.5  # of v_max dt: longest displacement of a step beside dt v (Sun et al. 2017)
+# rho0 c h/mu up to which liquid between walls and drops were found to gain no energy, and tanks and columns to come to
+# rest (docs/stability.md)
 LEAST_VISCOUS = {"wendland": 250.0, "mueller": 80.0, "cubic_spline": 80.0}
 # Ratio of the largest to the smallest mass up to which a heavy particle in a block gains less than 1 % of the energy
 # exchanged (docs/stability.md). Beyond it J(7) makes its neighbours too dense, and J(10) is not the gradient of their
@@ -103,9 +104,15 @@ class Diffusion(NamedTuple):
     """Parameters of the diffusion of the density in kernels."""
 
     coefficient: float  # delta h_s c [m^2/s], h_s = h/2
-    x: float  # rho0 g/c^2 [kg/m^(dim + 1)], the slope of the density at rest
-    y: float
-    z: float
+    stretch: float  # rho0/c^2 [kg s^2/m^(dim + 2)]: times g, the slope of the density at rest
+
+
+class Lean(NamedTuple):
+    """Acceleration of gravity as kernels take it, seen from the walls: g - a_w [m/s^2]."""
+
+    x: Any  # [m/s^2]
+    y: Any  # [m/s^2]
+    z: Any  # [m/s^2]
 
 
 class CentralViscosity(NamedTuple):
@@ -360,9 +367,8 @@ class WeaklyCompressible(
     def _density_passes(self, others: Others) -> tuple[Pass, ...]:
         if not self.advances():
             return (Pass("sph.density", ("position", "mass"), ("density", "number_density", "asymmetry")),)
-        reads, names = ("position", "velocity", "mass", "advanced_excess"), {"smoothing": "gradient_smoothing"}
         return (
-            Pass("sph.continuity", reads, ("density_excess", "density"), names={**names, **LIQUID_ALONE}),
+            continuity_pass(others, (), LIQUID_ALONE),
             *self.summed_passes(others),
             Pass("sph.keep_density", ("density_excess",), updates=("advanced_excess",), stage="motion"),
         )
@@ -422,9 +428,9 @@ class WeaklyCompressible(
     def energy(self, grid: Discretisation, others: Others) -> EnergyAccount | None:
         """Work of compression of J(9) or Tait, unless another effect computes the pressure.
 
-        None of an advanced density, whose diffusion does work that is not summed, and of another pressure force.
+        None of another pressure force.
         """
-        if self.advances() or self.controls():
+        if self.controls():
             return None
         if pressure_is_replaced(others):
             return EnergyAccount()
@@ -440,7 +446,8 @@ class WeaklyCompressible(
             )
             return compression_amount(work, mass * (stiffness * exponent + cohesion) / self.rest_density, grid.dtype)
 
-        return EnergyAccount({"compression": compression})
+        spread = self.advances() and self.diffusion > 0
+        return EnergyAccount({"compression": compression}, ("the diffusion of the density",) if spread else ())
 
     def initial(self, grid: Discretisation, state: InitialState, others: Others) -> Mapping[str, np.ndarray]:
         """Density of liquid at rest: that of the pressure rho0 g depth in each part that stands on a wall.
@@ -533,16 +540,18 @@ class WeaklyCompressible(
         near = surface_of(others).near_groups(grid, others) if self.tensile_control == "inside" else {}
         return {
             **near,
-            **({"diffusion": self._diffusion(grid, others)} if self.advances() else {}),
+            **(self.spreading(grid, others) if self.advances() else {}),
             "viscosity": ViscosityTerm(grid.real(sign * self.dynamic_viscosity)) if viscous else None,
             "central_viscosity": CentralViscosity(central) if self.central() else None,
         }
 
-    def _diffusion(self, grid: Discretisation, others: Others) -> Diffusion | None:
+    def spreading(self, grid: Discretisation, others: Others) -> dict[str, Any]:
+        """Parameter groups of the diffusion of an advanced density."""
         if self.diffusion == 0:
-            return None
-        at_rest = [self.rest_density * g / self.sound_speed**2 for g in acceleration_of(others)]
-        return Diffusion(*map(grid.real, (0.5 * self.diffusion * grid.support_radius * self.sound_speed, *at_rest)))
+            return {"diffusion": None, "lean": None}
+        coefficient = 0.5 * self.diffusion * grid.support_radius * self.sound_speed
+        stretch = self.rest_density / self.sound_speed**2
+        return {"diffusion": Diffusion(grid.real(coefficient), grid.real(stretch)), **lean(grid, others)}
 
     def step_limits(self, grid: Discretisation, others: Others) -> dict[str, StepLimit]:
         stiffening = 2 * cohesive_pressure(grid, others) / self.rest_density
@@ -557,6 +566,19 @@ class WeaklyCompressible(
             seconds = 0.125 * half**2 * self.rest_density / self.dynamic_viscosity
             limits["viscous"] = StepLimit.constant(seconds / stiffer)
         return limits
+
+
+def continuity_pass(others: Others, of_solids: tuple[str, ...], names: Mapping[str, str | None]) -> Pass:
+    """The pass that advances the density; walls, where there are any, are those of `adami_2012`."""
+    reads = ("position", "velocity", "mass", "advanced_excess", *of_solids)
+    walled = bool(having(others, BringsWalls))
+    reads, names = (*reads, *(("wall_strain",) if walled else ())), {"smoothing": "gradient_smoothing", **names}
+    return Pass(
+        "sph.continuity",
+        reads,
+        ("density_excess", "density"),
+        names=names if walled else {**names, "wall_strain": None},
+    )
 
 
 def liquid_of(others: Others) -> WeaklyCompressible:
@@ -602,6 +624,11 @@ class Gravity(Effect, frozen=True, kw_only=True):
 def gravity_of(others: Others) -> Gravity | None:
     """The scene's gravity, if it has any."""
     return others.get(Gravity.name)  # type: ignore[return-value]
+
+
+def lean(grid: Discretisation, others: Others) -> dict[str, Lean]:
+    """Parameter group of gravity as walls at rest see it, for `Effect.prepare`."""
+    return {"lean": Lean(*map(grid.real, acceleration_of(others)))}
 
 
 def acceleration_of(others: Others) -> tuple[float, float, float]:

@@ -34,6 +34,7 @@ from refsim.sph import (
     Diffusion,
     Fluid,
     Gravity,
+    Lean,
     ViscosityTerm,
     WeaklyCompressible,
 )
@@ -112,9 +113,8 @@ def _central_viscosity(case, grid):
 
 @groups("diffusion")
 def _diffusion(case, grid):
-    """delta = 0.1, c = 20 m/s; the slope of the density at rest is oblique."""
-    slope = (0.3, -9.81, 1.7 if case.dim == 3 else 0.0)
-    return {"diffusion": Diffusion(*map(grid.real, (grid.support_radius, *(REST_DENSITY * g / 400 for g in slope))))}
+    """delta = 0.1, c = 20 m/s."""
+    return {"diffusion": Diffusion(grid.real(grid.support_radius), grid.real(REST_DENSITY / 400))}
 
 
 groups(field=lambda case, grid: np.array([0.3, -9.81, 1.7], dtype=grid.dtype))
@@ -191,7 +191,7 @@ def compressed_pair(w):
     rate = (1000 + excess) * np.array([3.0 / 980.0, 2.0 / 1100.0]) * 2 * w.slope
     given = {
         **ALONE, "mass": [2.0, 3.0], "velocity": [[7.0, 2.0, 0.0], [3.0, 0.0, -5.0]], "fluid": WATER,
-        "advanced_excess": excess, "timestep": [0.5, 0.25], "diffusion": None,
+        "advanced_excess": excess, "timestep": [0.5, 0.25], "diffusion": None, "lean": None,
     }  # fmt: skip
     return Exact(PAIR, given, {"density_excess": excess + 0.25 * rate, "density": 1000 + excess + 0.25 * rate})
 
@@ -202,7 +202,7 @@ def torn_pair():
     torn = np.full(2, -50.0)
     given = {
         **ALONE, "mass": [2.0, 3.0], "velocity": [[0.0, -7e4, 0.0], [0.0, 7e4, 0.0]], "fluid": WATER,
-        "advanced_excess": [100.0, -20.0], "timestep": [0.5, 0.25], "diffusion": None,
+        "advanced_excess": [100.0, -20.0], "timestep": [0.5, 0.25], "diffusion": None, "lean": None,
     }  # fmt: skip
     return Exact(PAIR, given, {"density_excess": torn, "density": 1000 + torn})
 
@@ -216,23 +216,27 @@ def diffusing_pair(w):
     rate = slope * difference * np.array([3.0 / 980.0, -2.0 / 1100.0])
     given = {
         **ALONE, "mass": [2.0, 3.0], "velocity": np.zeros((2, 3)), "fluid": WATER, "advanced_excess": excess,
-        "timestep": [0.5, 0.25], "diffusion": Diffusion(0.5, 7.0, 40.0, -3.0),
+        "timestep": [0.5, 0.25], "diffusion": Diffusion(0.5, 2.0), "lean": Lean(3.5, 20.0, -1.5),
     }  # fmt: skip
     return Exact(PAIR, given, {"density_excess": excess + 0.25 * rate, "density": 1000 + excess + 0.25 * rate})
 
 
 @for_each_kernel("sph.continuity")
 def moving_walls(w):
-    """One wall particle at rest below, one that moves at the same distance above: V_b (v - v_b).e |W'(h/2)| of each."""
+    """One wall particle at rest below, one that moves at the same distance above.
+
+    V_b (v - v_b).e |W'(h/2)| of each, and their strain times W(h/2)/V.
+    """
     place = np.array([[0.0, -1.0, 0.0], [0.0, 1.0, 0.0]])
     case = at("between_walls", [0, 0, 0], place)
     far = np.full(3, np.inf)
-    rate = 1100 * 0.25 * w.slope * (-2.0 + (2.0 - 5.0))
+    rate = 1100 * (50 * w.slope * (-0.002 + (0.002 - 0.005)) + 1100 / 2 * (0.02 - 0.01) * w.share * w.own)
     excess = 100.0 + 0.25 * rate
     given = {
-        **ALONE, "mass": [2.0], "velocity": [[1.0, 2.0, 0.0]], "fluid": WATER, "diffusion": None,
-        "advanced_excess": [100.0], "timestep": [0.5, 0.25], "walls": WallParticles(place, np.full(2, 0.25)),
-        "wall_motion": WallMotion(-far, np.array([np.inf, 0.5, np.inf]), np.array([3.0, 5.0, 0.0])),
+        **ALONE, "mass": [2.0], "velocity": [[1.0, 0.002, 0.0]], "fluid": WATER, "diffusion": None, "lean": None,
+        "advanced_excess": [100.0], "timestep": [0.5, 0.25], "walls": WallParticles(place, np.full(2, 50.0)),
+        "wall_strain": [0.02, -0.01],
+        "wall_motion": WallMotion(-far, np.array([np.inf, 0.5, np.inf]), np.array([3.0, 0.005, 0.0])),
     }  # fmt: skip
     return Exact(case, given, {"density_excess": [excess], "density": [1000 + excess]})
 
@@ -243,8 +247,8 @@ def liquid_beside_a_solid(w):
     rate = 1100 * 3.0 / 900.0 * 2 * w.slope
     given = {
         "mass": [2.0, 3.0], "velocity": [[7.0, 2.0, 0.0], [3.0, 0.0, -5.0]], "fluid": WATER,
-        "advanced_excess": [100.0, 0.0], "timestep": [0.5, 0.25], "diffusion": Diffusion(0.5, 7.0, 40.0, -3.0),
-        "rest_density": [1000.0, 900.0], "phase": [0, 1],
+        "advanced_excess": [100.0, 0.0], "timestep": [0.5, 0.25], "diffusion": Diffusion(0.5, 2.0),
+        "lean": Lean(3.5, 20.0, -1.5), "rest_density": [1000.0, 900.0], "phase": [0, 1],
     }  # fmt: skip
     return Exact(PAIR, given, {"density_excess": [100 + 0.25 * rate, 0.0], "density": [1100 + 0.25 * rate, 900.0]})
 

@@ -32,14 +32,25 @@ def continuity_pair(volume_j, approach, slope):
     return volume_j * approach * slope
 
 
+LOOSE, SURROUNDED = 0.75, 0.85  # -sum V_j r W'/dim of liquid and walls: 1 far from a surface, 1/2 at it
+
+
+@formula
+def surrounded_share(around):
+    """f = (s - 0.75)/0.1 in 0 to 1 [-], share of the walls' strain in the density; s = -sum V_j r W'/dim [-]."""
+    real = type(around)
+    share = (around - real(LOOSE)) / real(SURROUNDED - LOOSE)
+    return min(max(share, real(0)), real(1))
+
+
 @formula
 def diffusion_pair(volume_j, excess_i, excess_j, head, slope, diffusion):
     """Fourtakas et al. 2019 for one neighbour: part of d rho_i/dt [kg/(m^dim s)]; `slope` = W'(r)/r.
 
-    delta h_s c psi_ij.grad W_ij V_j = -2 delta h_s c (rho_j - rho_i + x_ij.g rho0/c^2) W'(r)/r V_j, `head` the last
-    term: the difference at rest does not count. Molteni & Colagrossi 2009 where it is 0.
+    delta h_s c psi_ij.grad W_ij V_j = -2 delta h_s c (rho_j - rho_i + x_ij.g rho0/c^2) W'(r)/r V_j, `head` x_ij.g
+    [m^2/s^2]: the difference at rest does not count. Molteni & Colagrossi 2009 where it is 0.
     """
-    difference = excess_j - excess_i + head
+    difference = excess_j - excess_i + head * diffusion.stretch
     return -type(slope)(2) * diffusion.coefficient * volume_j * difference * slope
 
 

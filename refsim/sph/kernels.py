@@ -104,37 +104,43 @@ def wall_gradient(i, lane, position, walls, smoothing, weight, period):
 @pair
 def continuity_pair(
     r, x_ij, velocity_i, velocity_j, mass_j, rest_density_j, phase_j, advanced_excess_i, advanced_excess_j, smoothing,
-    fluid, diffusion,
+    fluid, diffusion, lean,
 ):  # fmt: skip
-    """(d rho_i/dt)/rho_i by the flow [1/s], and d rho_i/dt by diffusion [kg/(m^dim s)], by liquid alone."""
+    """(d rho_i/dt)/rho_i by the flow [1/s], d rho_i/dt by diffusion [kg/(m^dim s)], by liquid alone, and -V_j r W'."""
     slope = gradient_factor(r, smoothing)
     rest = fluid.rest_density if rest_density_j is None else rest_density_j
     volume = mass_j / (rest + advanced_excess_j)
     approach = dot(difference(velocity_i, velocity_j), x_ij)
     spread = type(r)(0)
     if diffusion is not None:
-        head = x_ij[0] * diffusion.x + x_ij[1] * diffusion.y + x_ij[2] * diffusion.z
+        head = dot(lean, x_ij)
         spread = formulas.diffusion_pair(volume, advanced_excess_i, advanced_excess_j, head, slope, diffusion)
         if phase_j is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
             if phase_j != LIQUID_PHASE:
                 spread = type(r)(0)
-    return formulas.continuity_pair(volume, approach, slope), spread
+    return formulas.continuity_pair(volume, approach, slope), spread, -volume * slope * r * r
 
 
 @pair
-def wall_continuity_pair(r, x_ij, velocity_i, place_j, volume_j, smoothing, wall_motion):
-    """(d rho_i/dt)/rho_i by a wall particle [1/s], which is at rest or moves beyond the planes of `wall_motion`."""
+def wall_continuity_pair(r, x_ij, velocity_i, place_j, volume_j, wall_strain_j, smoothing, wall_motion, number):
+    """(d rho_i/dt)/rho_i by a wall particle [1/s], at rest or moving beyond the planes of `wall_motion`, -V_b r W' and
+    (d rho_i/dt)/rho_i by its strain, `number` = rho_i/m_i [1/m^dim].
+    """
     approach = dot(velocity_i, x_ij)
     if wall_motion is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
         if wall_moves(place_j, wall_motion):
             approach -= dot(wall_motion.velocity, x_ij)
-    return formulas.continuity_pair(volume_j, approach, gradient_factor(r, smoothing))
+    slope = gradient_factor(r, smoothing)
+    given = type(r)(0)
+    if wall_strain_j is not None:
+        given = number * wall_strain_j * kernel_value(r, smoothing)
+    return formulas.continuity_pair(volume_j, approach, slope), -volume_j * slope * r * r, given
 
 
 @kernel(lanes=True)
 def continuity(
-    i, lane, position, velocity, mass, rest_density, phase, advanced_excess, neighbours, walls, wall_motion, smoothing,
-    fluid, diffusion, period, timestep, density_excess, density,
+    i, lane, position, velocity, mass, rest_density, phase, advanced_excess, wall_strain, neighbours, walls,
+    wall_motion, smoothing, fluid, diffusion, lean, period, timestep, density_excess, density,
 ):  # fmt: skip
     """Continuity equation with diffusion: density after the latest step [kg/m^dim], and its excess over rho0.
 
@@ -147,15 +153,17 @@ def continuity(
                 density_excess[i] = type(rest)(0)
                 density[i] = rest
             return
-    rate, spread = neighbour_sum(
+    rate, spread, fill = neighbour_sum(
         continuity_pair, i, lane, neighbours, position, period, velocity, mass, rest_density, phase, advanced_excess,
-        smoothing, fluid, diffusion,
+        smoothing, fluid, diffusion, lean,
     )  # fmt: skip
     if walls is not None:
-        rate += neighbour_sum(
-            wall_continuity_pair, i, lane, walls, position, period, velocity, walls.position, walls.volume, smoothing,
-            wall_motion,
+        number = (rest + advanced_excess[i]) / mass[i]
+        beside, filled, given = neighbour_sum(
+            wall_continuity_pair, i, lane, walls, position, period, velocity, walls.position, walls.volume, wall_strain,
+            smoothing, wall_motion, number,
         )  # fmt: skip
+        rate += beside + formulas.surrounded_share((fill + filled) / type(fill)(smoothing.dim)) * given
     if first_lane(lane):
         excess = advanced_excess[i]
         excess += timestep[1] * ((rest + excess) * rate + spread)

@@ -56,10 +56,11 @@ def density(position, mass, walls, smoothing, fluid, period=None, rows=None):
 @operation(
     "continuity equation with diffusion",
     paper="Colagrossi & Landrini 2003; Molteni & Colagrossi 2009; Fourtakas et al. 2019",
-    outputs="density_excess density", optional="walls wall_motion diffusion period rest_density phase",
+    outputs="density_excess density", optional="walls wall_strain wall_motion diffusion lean period rest_density phase",
     variants=(
-        "walls wall_motion diffusion period rest_density phase", "walls wall_motion period",
-        "period wall_motion rest_density phase", "period", "walls wall_motion rest_density phase",
+        "walls wall_strain wall_motion diffusion lean period rest_density phase",
+        "walls wall_strain wall_motion period",
+        "period wall_motion rest_density phase", "period", "walls wall_strain wall_motion rest_density phase",
     ),
     tolerance=12.0, reason="one rounding in each of distance, slope, volume, velocity difference, projection,"
     " quotients, product and sum", invariants=f"{SYMMETRY} galilean",
@@ -67,13 +68,14 @@ def density(position, mass, walls, smoothing, fluid, period=None, rows=None):
     packed="continuity_pair",
 )  # fmt: skip
 def continuity(
-    position, velocity, mass, rest_density, phase, advanced_excess, walls, wall_motion, smoothing, fluid, diffusion,
-    period, timestep, rows=None,
+    position, velocity, mass, rest_density, phase, advanced_excess, wall_strain, walls, wall_motion, smoothing, fluid,
+    diffusion, lean, period, timestep, rows=None,
 ):  # fmt: skip
     """Density [kg/m^dim] a step after rho0 + advanced_excess, and its excess over rho0.
 
-    d rho_i/dt = rho_i sum_j V_j (v_i - v_j).grad W_ij + rho_i sum_b V_b (v_i - v_b).grad W_ib + D_i, V_j = m_j/rho_j;
-    D_i = delta h_s c sum_j V_j psi_ij.grad W_ij, psi_ij = 2 (rho_j - rho_i - rho0 g.x_ji/c^2) x_ji/|x_ij|^2.
+    d rho_i/dt = rho_i sum_j V_j (v_i - v_j).grad W_ij + rho_i sum_b [V_b (v_i - v_b).grad W_ib + f s_b W_ib/V_i] + D_i;
+    V_j = m_j/rho_j, s_b `wall_strain`, f from 0 at -sum V x.grad W/dim = 0.75 (liquid and walls) to 1 at 0.85;
+    D_i = delta h_s c sum_j V_j psi_ij.grad W_ij, psi_ij = 2 (rho_j - rho_i - rho0 g.x_ji/c^2) x_ji/|x_ij|^2, g `lean`.
     rho is at least 0.95 rho0: a liquid that is pulled further apart breaks.
     `timestep` [s] has the step's length second; v_b = 0, or that of `wall_motion` beyond its planes. Solids (`phase`
     not 0) keep their rest density and take no part in D_i.
@@ -85,16 +87,17 @@ def continuity(
     velocity = np.asarray(velocity, dtype=float)
     volume = np.asarray(mass, dtype=float) / (rest + before)
     spreading = volume * liquid
-    e, v, rest, changing = (rows_of(values, rows) for values in (before, velocity, rest, liquid))
-    strain, spread = Sums(len(e)), Sums(len(e))
+    e, v, rest, changing, own_volume = (rows_of(values, rows) for values in (before, velocity, rest, liquid, volume))
+    strain, spread, around, given = (Sums(len(e)) for _ in range(4))
     for place, separation, distance in pair_blocks(position, position, rows, period):
         apart = np.where(distance > 0, distance, 1.0)
         gradient = (kernel_slope(distance, smoothing) / apart)[..., None] * separation
         parting = v[place, None, :] - velocity[None, :, :]
         size = volume[None, :] * (np.abs(gradient) * (np.abs(v)[place, None, :] + np.abs(velocity)[None, :, :])).sum(-1)
         strain.add(place, volume[None, :] * (gradient * parting).sum(-1), size)
+        around.add(place, -volume[None, :] * distance * kernel_slope(distance, smoothing))
         if diffusion is not None:
-            slope = np.array([float(part) for part in (diffusion.x, diffusion.y, diffusion.z)])
+            slope = float(diffusion.stretch) * np.array([float(part) for part in lean])
             difference = before[None, :] - e[place, None] + separation @ slope
             most = np.abs(before)[None, :] + np.abs(e)[place, None] + np.abs(separation) @ np.abs(slope)
             psi = -2 * separation / (apart**2)[..., None]
@@ -112,6 +115,12 @@ def continuity(
             most = np.abs(v)[place, None, :] + np.abs(wall_velocity)[None, :, :]
             sized = wall_volume[None, :] * (np.abs(gradient) * most).sum(-1)
             strain.add(place, wall_volume[None, :] * (gradient * parting).sum(-1), sized)
+            around.add(place, -wall_volume[None, :] * distance * kernel_slope(distance, smoothing))
+            if wall_strain is not None:
+                given.add(place, kernel_value(distance, smoothing) * np.asarray(wall_strain)[None, :])
+        share = np.clip((around.value / int(smoothing.dim) - 0.75) / 0.1, 0, 1)
+        strain.value += share * given.value / own_volume
+        strain.scale += (share + 10 * around.scale) * given.scale / own_volume  # 10 is the slope of f
     excess = changing * np.maximum(e + dt * ((rest + e) * strain.value + spread.value), -0.05 * rest)
     size = np.abs(e) + dt * ((rest + np.abs(e)) * strain.scale + spread.scale)
     return {"density_excess": (excess, size), "density": (rest + excess, rest + size)}

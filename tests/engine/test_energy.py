@@ -1,6 +1,7 @@
 """The audit of the energy: each part against another program, what gains energy stops, no bit of a run changes."""
 
 import json
+import math
 
 import msgspec
 import numpy as np
@@ -171,6 +172,36 @@ def test_sound_scenes_pass_with_the_published_bound(made, until, dtype):
     assert audit["greatest_share"] <= 0.05
     lost = sum(audit["start"].values()) - sum(audit["now"].values())
     assert lost > 0.01 * audit["turned_over"] > 0
+
+
+@pytest.mark.parametrize("cells", [(6, 30), (12, 12)], ids=["column", "tank"])
+def test_extrapolated_walls_give_no_energy(cells):
+    """The density takes the strain that the walls' pressure works on: water suddenly under its weight gains nothing.
+
+    It falls and rises as an elastic rod does. Without the strain the column's share is 0.1.
+    """
+    spacing, sound = 1.0 / cells[1], 31.0
+    still = Scene(
+        dim=2, dtype="float64", spacing=spacing, support_radius=2.6 * spacing, energy_audit=EnergyAudit(every=3),
+        fluid=(Box(cells=(*cells, 1)),),
+        effects=(
+            WeaklyCompressible(sound_speed=sound, dynamic_viscosity=1000 * sound * 2.6 * spacing / 250),
+            Gravity(acceleration=(0.0, -9.81, 0.0)),
+            BoxWalls(lower=(0.0, 0.0, 0.0), upper=(cells[0] * spacing, 2.0, 0.0)),
+        ),
+    )  # fmt: skip
+    simulation = Simulation(still, "cpu")
+    simulation.set_field("advanced_excess", np.zeros(simulation.count))
+    simulation.set_field("mass", np.full(simulation.count, 1000 * spacing**2))
+    fastest, rod = 0.0, 9.81 / sound / math.sqrt(3)
+    while simulation.time < 1.0:
+        simulation.step()
+        fastest = max(fastest, float(np.sqrt((simulation.field("velocity") ** 2).sum(1).mean())))
+    audit = simulation.auditor.report()
+    assert audit["greatest_share"] <= 0.005
+    assert audit["turned_over"] > 0.5 * simulation.count * 1000 * spacing**2 * rod**2
+    assert 0.9 * rod < fastest <= 1.05 * rod
+    assert "box_walls: the walls' pressure at the surface" in audit["uncounted"]
 
 
 AT_REST = {

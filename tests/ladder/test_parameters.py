@@ -788,7 +788,10 @@ SETUPS = {
         (water(density="continuity", diffusion=0.05), PULL),
         lambda dim: (
             liquid(dim, clamp=0)
-            | {"diffusion": {"coefficient": 0.025 * H * C, "x": RHO * 0.3 / C**2, "y": RHO * -9.7 / C**2, "z": 0.0}}
+            | {
+                "diffusion": {"coefficient": 0.025 * H * C, "stretch": RHO / C**2},
+                "lean": {"x": 0.3, "y": -9.7, "z": 0.0},
+            }
         ),
     ),
     "shifting": (
@@ -907,7 +910,7 @@ SETUPS = {
         lambda dim: {
             "delay": {"tau": 4 * H / C},
             "lean": {"x": 0.3, "y": -9.7, "z": 0.0},
-            "diffusion": {"coefficient": 0.025 * H * C, "x": RHO * 0.3 / C**2, "y": RHO * -9.7 / C**2, "z": 0.0},
+            "diffusion": {"coefficient": 0.025 * H * C, "stretch": RHO / C**2},
         },
         (3,),
     ),

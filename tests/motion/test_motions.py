@@ -160,10 +160,10 @@ def test_lone_particles_feel_gravity_of_the_moment(backend):
 
 
 def test_walls_feel_gravity_of_the_moment():
-    """A tank whose acceleration is constant is one of another gravity, but for the start and for the diffusion."""
+    """A tank whose acceleration is constant is one of another gravity, but for the start."""
     motion = (Motion(of="gravity", kind="formula", direction=(1.0, 0.0, 0.0), formula="0.5*2*t**2"),)
     swayed, tilted = (
-        Simulation(tank(diffusion=0.0, **own), "cpu") for own in ({"motion": motion}, {"pull": (-2.0, -G, 0.0)})
+        Simulation(tank(**own), "cpu") for own in ({"motion": motion}, {"pull": (-2.0, -G, 0.0)})
     )  # fmt: skip
     for simulation in (swayed, tilted):  # which begin with the pressure of rest in their own gravity
         simulation.set_field("advanced_excess", np.zeros(simulation.count))

@@ -12,7 +12,6 @@ from refsim import (
     Ball,
     Box,
     BoxWalls,
-    EnergyAudit,
     Gauge,
     Gravity,
     HeatConduction,
@@ -103,11 +102,6 @@ def test_a_plan_lists_gauges_and_motions():
     assert re.search(r"Gauges\n.*\n.*\n? *floor +force +0.01 +-y", _text(told))
     assert re.search(r"Motions\n.*\n.*\n? *gravity +sway +1, 0, 0 +0.01 +0.5", _text(told))
     assert "Gauges" not in _text(describe_plan(make_plan(made), "cpu"))
-
-
-def test_an_audit_says_which_density_it_can_count():
-    with pytest.raises(InputError, match="leave out the audit or the effect, or set its density = 'summation'"):
-        make_plan(scene().with_(energy_audit=EnergyAudit()))
 
 
 def test_a_checkpoint_without_an_advanced_density_is_refused(tmp_path):

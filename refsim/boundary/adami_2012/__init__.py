@@ -6,15 +6,17 @@ There is no effect of this name: `box_walls` and `mesh_boundary` add the passes 
 from __future__ import annotations
 
 import math
-from typing import Any, Literal, NamedTuple
+from typing import Literal
 
 from refsim.boundary.adami_2012 import reference as reference
 from refsim.core.capabilities import BringsWalls, having
 from refsim.core.effect import Discretisation, Others, Pass
+from refsim.core.energy import EnergyAccount
 from refsim.core.fields import Field
-from refsim.sph import acceleration_of, liquid_of
+from refsim.sph import liquid_of
 
 WALL_PRESSURE = Field("wall_pressure", "Pa", "pressure of the wall particles, from the liquid", rows="walls")
+WALL_STRAIN = Field("wall_strain", "m^(2 dim)/s", "strain of the liquid at the wall particles", rows="walls")
 LEAST_SHARE = 1e-3  # of a cell that a wall particle fills
 
 
@@ -23,14 +25,25 @@ def passes(own: BringsWalls, others: Others) -> tuple[Pass, ...]:
     if own is not next(effect for effect in having(others, BringsWalls) if effect.extrapolates()):
         return ()
     solids = ("phase",) if "two_way_coupling" in others else ()
-    names: dict[str, str | None] = {} if solids else {"phase": None}
-    reads = ("position", "density", "pressure", *solids)
+    names: dict[str, str | None] = {"smoothing": "gradient_smoothing", **({} if solids else {"phase": None})}
+    reads, liquid = ("position", "density", "pressure", *solids), liquid_of(others)
+    moving = ("position", "velocity", "mass", "advanced_excess", *solids)
     return (
+        *((Pass("adami_2012.strain", moving, ("wall_strain",), names=names),) if liquid.advances() else ()),
         Pass("adami_2012.extrapolation", reads, ("wall_pressure",), names=names),
-        liquid_of(others).with_own_force(
-            "adami_2012.wall_force", (*reads, "wall_pressure"), {"smoothing": "gradient_smoothing", **names}, "pressure"
-        ),
-    )  # fmt: skip
+        liquid.with_own_force("adami_2012.wall_force", (*reads, "wall_pressure"), names, "pressure"),
+    )
+
+
+def fields(others: Others) -> tuple[Field, ...]:
+    """Fields of walls with an extrapolated pressure."""
+    return (WALL_PRESSURE, WALL_STRAIN) if liquid_of(others).advances() else (WALL_PRESSURE,)
+
+
+def account(others: Others) -> EnergyAccount | None:
+    """Walls at rest do no work inside of an advanced density, which takes their strain; None beside a summed one."""
+    liquid = liquid_of(others)
+    return EnergyAccount(uncounted=("the walls' pressure at the surface",)) if liquid.advances() else None
 
 
 def walls_model(others: Others) -> Literal["mirrored", "extrapolated"]:
@@ -41,16 +54,3 @@ def walls_model(others: Others) -> Literal["mirrored", "extrapolated"]:
 def layers(grid: Discretisation) -> int:
     """As many layers of wall particles as the support is wide, and one more."""
     return math.ceil(grid.support_radius / grid.spacing * (1 - 1e-9)) + 1
-
-
-class Lean(NamedTuple):
-    """g - a_w as the kernels take it: the acceleration of gravity seen from the walls [m/s^2]."""
-
-    x: Any  # [m/s^2]
-    y: Any  # [m/s^2]
-    z: Any  # [m/s^2]
-
-
-def lean(grid: Discretisation, others: Others) -> dict[str, Lean]:
-    """Parameter group of the extrapolation, for `Effect.prepare`: walls at rest."""
-    return {"lean": Lean(*map(grid.real, acceleration_of(others)))}

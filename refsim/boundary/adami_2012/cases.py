@@ -2,12 +2,13 @@
 
 import numpy as np
 
-from refsim.boundary.adami_2012 import Lean
 from refsim.boundary.akinci_2012 import BoxWalls
-from refsim.core.cases import Exact, at, example, groups
+from refsim.core.cases import Exact, at, example, groups, takes
 from refsim.core.walls import WallParticles
 from refsim.smoothing.cases import for_each_kernel
+from refsim.sph import Fluid, Lean
 
+takes("adami_2012.strain", fluid="rest_density")
 example(BoxWalls(lower=(-0.03, -0.03, -0.5), upper=(0.8, 0.8, 0.8)))
 
 
@@ -19,6 +20,14 @@ def _wall_pressure(case, grid):
     """Of either sign."""
     count = len(case.wall_position)
     return {"wall_pressure": (4e4 * case.random("wall_pressure").uniform(-0.5, 1.0, count)).astype(grid.dtype)}
+
+
+@groups("wall_strain")
+def _wall_strain(case, grid):
+    """Of either sign, some volumes times the rate of a flow of 1 m/s."""
+    volume = case.spacing**case.dim
+    strain = volume**2 / case.spacing * case.random("wall_strain").uniform(-1.0, 1.0, len(case.wall_position))
+    return {"wall_strain": strain.astype(grid.dtype)}
 
 
 def _beside(wall_position):
@@ -36,6 +45,18 @@ def mean_of_two(w):
         "walls": WallParticles(place, np.full(2, 0.5)), "period": None, "phase": np.zeros(2, np.int32),
     }  # fmt: skip
     return Exact(_beside(place), given, {"wall_pressure": [wanted, 0.0]})
+
+
+@for_each_kernel("adami_2012.strain")
+def strained_by_one(w):
+    """V_w V_f v_f.e |W'(h/2)|/W(h/2); a solid does not count."""
+    place = np.array([[0.0, 1.0, 0.0]])
+    given = {
+        "mass": [2.0, 3.0], "velocity": [[7.0, 2.0, 0.0], [3.0, 0.0, -5.0]], "advanced_excess": [100.0, -20.0],
+        "walls": WallParticles(place, np.array([0.25])), "period": None, "phase": [0, 1],
+        "fluid": Fluid(1000.0, 4e5, 1, 0),
+    }  # fmt: skip
+    return Exact(_beside(place), given, {"wall_strain": [0.25 * 2.0 * 2 / 1100 * w.slope / (w.share * w.own)]})
 
 
 @for_each_kernel("adami_2012.wall_force")

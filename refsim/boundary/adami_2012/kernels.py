@@ -30,6 +30,29 @@ def extrapolation(i, density, pressure, phase, liquid_near_walls, walls, smoothi
 
 
 @pair
+def straining_pair(r, x_ij, velocity_j, mass_j, advanced_excess_j, phase_j, smoothing, fluid):
+    """V_f v_f.grad_f W_fw [1/s], and W [1/m^dim]; none by solids."""
+    w = kernel_value(r, smoothing)
+    volume = mass_j / (fluid.rest_density + advanced_excess_j)
+    strain = -volume * dot(velocity_j, x_ij) * gradient_factor(r, smoothing)
+    if phase_j is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
+        if phase_j != LIQUID_PHASE:
+            w, strain = type(r)(0), type(r)(0)
+    return strain, w
+
+
+@kernel
+def strain(i, velocity, mass, advanced_excess, phase, liquid_near_walls, walls, smoothing, fluid, period, wall_strain):
+    """V_w sum_f V_f v_f.grad_f W_fw / sum_f W_fw of wall particle i [m^(2 dim)/s]; 0 without liquid."""
+    zero = type(smoothing.support_radius)(0)
+    total, weights = neighbour_sum(
+        straining_pair, i, None, liquid_near_walls, walls.position, period, velocity, mass, advanced_excess, phase,
+        smoothing, fluid,
+    )  # fmt: skip
+    wall_strain[i] = walls.volume[i] * total / weights if weights > zero else zero
+
+
+@pair
 def pushing_pair(r, x_ij, pressure_i, wall_pressure_j, volume_j, smoothing):
     """J(10) of a wall particle, -V_w (p_i + p_w) grad W_iw [N/m^3]."""
     f = -volume_j * (pressure_i + wall_pressure_j) * gradient_factor(r, smoothing)

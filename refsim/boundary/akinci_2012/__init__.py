@@ -15,7 +15,7 @@ import msgspec
 import numpy as np
 
 from refsim.boundary import adami_2012
-from refsim.boundary.adami_2012 import LEAST_SHARE, WALL_PRESSURE, lean, walls_model
+from refsim.boundary.adami_2012 import LEAST_SHARE, walls_model
 from refsim.core.capabilities import BringsWalls, FollowsScene, HasErrata, HasPlanes, SumsDensity, having
 from refsim.core.checked import Printed
 from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit, require
@@ -26,7 +26,7 @@ from refsim.core.period import Lengths
 from refsim.core.walls import Bounds, WallMotion, WallParticles, WallViscosity
 from refsim.scene.solids import countable
 from refsim.smoothing import lattice, smoothing
-from refsim.sph import LIQUID, gravity_of, least_wall_share, liquid_of, pressure_is_replaced
+from refsim.sph import LIQUID, gravity_of, lean, least_wall_share, liquid_of, pressure_is_replaced
 
 if TYPE_CHECKING:
     from refsim.core.effect import InitialState
@@ -138,7 +138,7 @@ class BoxWalls(Effect, BringsWalls, HasPlanes, HasErrata, FollowsScene, SumsDens
         return self.model == "extrapolated"
 
     def fields(self, others: Others) -> tuple[Field, ...]:
-        return (WALL_PRESSURE,) if self.extrapolates() else ()
+        return adami_2012.fields(others) if self.extrapolates() else ()
 
     def passes(self, others: Others) -> tuple[Pass, ...]:
         made = adami_2012.passes(self, others) if self.extrapolates() else ()
@@ -170,10 +170,12 @@ class BoxWalls(Effect, BringsWalls, HasPlanes, HasErrata, FollowsScene, SumsDens
     def energy(self, grid: Discretisation, others: Others) -> EnergyAccount | None:
         """None of its own: walls at rest do no work. The liquid's compression includes their part of the density.
 
-        No account of walls that move or whose pressure is extrapolated: their work is not summed.
+        No account of walls that move: their work is not summed.
         """
-        if self.moving_faces or self.extrapolates():
+        if self.moving_faces:
             return None
+        if self.extrapolates():
+            return adami_2012.account(others)
         if pressure_is_replaced(others) or least_wall_share(others) == 1:
             return EnergyAccount()
         return EnergyAccount(uncounted=("half of the walls' pressure force, which mirrors the liquid's pressure",))

@@ -17,7 +17,7 @@ import msgspec
 import numpy as np
 
 from refsim.boundary import adami_2012
-from refsim.boundary.adami_2012 import WALL_PRESSURE, lean, walls_model
+from refsim.boundary.adami_2012 import walls_model
 from refsim.boundary.akinci_2012 import wall_kernel_sums
 from refsim.boundary.one_way_coupling import reference as reference
 from refsim.boundary.penetration import CORRECTIONS, correction_pass, penetration_groups
@@ -37,7 +37,7 @@ from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.core.walls import WallParticles, WallViscosity
 from refsim.smoothing import lattice, smoothing
-from refsim.sph import LIQUID, acceleration_of, liquid_of, pressure_is_replaced
+from refsim.sph import LIQUID, acceleration_of, lean, liquid_of, pressure_is_replaced
 
 MOST_LAYERS = 100  # of boundary particles
 FINEST = (
@@ -223,7 +223,7 @@ class MeshBoundary(
 
     def fields(self, others: Others) -> tuple[Field, ...]:
         own = () if self.correction == "none" else (CORRECTIONS,)
-        return (*own, WALL_PRESSURE) if self.extrapolates() else own
+        return (*own, *adami_2012.fields(others)) if self.extrapolates() else own
 
     def initial(self, grid: Discretisation, state: InitialState, others: Others) -> Mapping[str, np.ndarray]:
         inside = int((self.placed(grid).distance(state.position) < 0).sum())
@@ -251,9 +251,11 @@ class MeshBoundary(
         return tuple(made)
 
     def energy(self, grid: Discretisation, others: Others) -> EnergyAccount | None:
-        """No energy of its own, since the solid is at rest; adhesion and an extrapolated pressure have no account."""
-        if self.adhesion > 0 or self.extrapolates():
+        """No energy of its own, since the solid is at rest; adhesion has no account."""
+        if self.adhesion > 0:
             return None
+        if self.extrapolates():
+            return adami_2012.account(others)
         words = ("the boundary particles' own pressure",) if self._presses(others) else ()
         return EnergyAccount(uncounted=words)
 

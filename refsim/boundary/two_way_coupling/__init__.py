@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from refsim.boundary.adami_2012 import lean
 from refsim.boundary.two_way_coupling import reference as reference
 from refsim.core.capabilities import HasErrata, LimitsMassRatio, SumsDensity
 from refsim.core.checked import Printed
@@ -18,7 +17,16 @@ from refsim.core.fields import Field
 from refsim.core.scalars import int32
 from refsim.shape_matching import PHASE
 from refsim.shape_matching.phases import FLUID
-from refsim.sph import DENSITY, LIQUID, PRESSURE, ViscosityTerm, cohesive_pressure, liquid_of
+from refsim.sph import (
+    DENSITY,
+    LIQUID,
+    PRESSURE,
+    ViscosityTerm,
+    cohesive_pressure,
+    continuity_pass,
+    lean,
+    liquid_of,
+)
 
 if TYPE_CHECKING:
     from refsim.core.effect import InitialState
@@ -143,7 +151,7 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, SumsDensity, frozen=Tru
     def passes(self, others: Others) -> tuple[Pass, ...]:
         liquid = liquid_of(others)
         if liquid.advances():
-            return self._advanced_passes(liquid.summed_passes(others))
+            return self._advanced_passes(liquid.summed_passes(others), others)
         viscous = liquid.dynamic_viscosity > 0
         state = ("position", "mass", "rest_density", "phase", "relative_contribution")
         return (
@@ -158,13 +166,12 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, SumsDensity, frozen=Tru
             ),
         )
 
-    def _advanced_passes(self, summed: tuple[Pass, ...]) -> tuple[Pass, ...]:
+    def _advanced_passes(self, summed: tuple[Pass, ...], others: Others) -> tuple[Pass, ...]:
         names, moving = {"smoothing": "gradient_smoothing"}, ("position", "velocity", "phase")
         return (
-            Pass(
-                "sph.continuity", (*moving, "mass", "rest_density", "advanced_excess"), ("density_excess", "density"),
-                names=names,
-            ), *summed, Pass("sph.state", ("density",), ("pressure",)),
+            continuity_pass(others, ("phase", "rest_density"), {}),
+            *summed,
+            Pass("sph.state", ("density",), ("pressure",)),
             Pass("two_way_coupling.extrapolation", (*moving, "followed_velocity", "density"), updates=("pressure",)),
             Pass(
                 "two_way_coupling.push", ("position", "phase", "mass", "density", "pressure"),
@@ -205,7 +212,7 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, SumsDensity, frozen=Tru
         liquid = liquid_of(others)
         if liquid.advances():
             delay = Delay(grid.real(DELAY * grid.support_radius / liquid.sound_speed))
-            return {"delay": delay, "diffusion": liquid.prepare(grid, others)["diffusion"], **lean(grid, others)}
+            return {"delay": delay, **liquid.spreading(grid, others), **lean(grid, others)}
         printed = self.printed()
         exponent = 7 if liquid.state == "tait" else 1
         viscous = liquid.dynamic_viscosity > 0

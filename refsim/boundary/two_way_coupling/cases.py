@@ -4,12 +4,11 @@ import math
 
 import numpy as np
 
-from refsim.boundary.adami_2012 import Lean
 from refsim.boundary.two_way_coupling import Coupling, Delay, TwoWayCoupling
 from refsim.core.cases import REST_DENSITY, Case, Exact, at, closed_form, example, groups, particles, takes, vectors
 from refsim.shape_matching.phases import FLUID, INTERIOR, SURFACE
 from refsim.smoothing.cases import for_each_kernel
-from refsim.sph import Fluid, ViscosityTerm
+from refsim.sph import Fluid, Lean, ViscosityTerm
 
 example(TwoWayCoupling(), brings="relative_contribution rest_density volume")
 
