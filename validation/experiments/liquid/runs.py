@@ -18,6 +18,7 @@ from refsim import (
     Box,
     BoxWalls,
     Cloud,
+    EnergyAudit,
     Gauge,
     Gravity,
     MeshBoundary,
@@ -31,7 +32,10 @@ from refsim import (
     WeaklyCompressible,
 )
 from refsim.core.effect import Discretisation
+from refsim.core.errors import RunStopped
 from refsim.core.operation import REGISTRY
+from refsim.smoothing import lattice, smoothing
+from refsim.smoothing.reference import kernel_slope
 from refsim.sph import CORRECTION
 from validation.checks import Checks
 from validation.experiment import Experiment, Options, Results, Run
@@ -40,6 +44,7 @@ from validation.experiments.solutions.runs import _projected, _standing
 from validation.metrics.liquid import vortex, vortex_error
 from validation.results import Result
 from validation.running import Context, advance
+from validation.trials import Cell, largest_stable, silent_up_to
 
 DENSITY, GRAVITY, DEPTH = 1000.0, 9.81, 1.0  # kg/m^2 or kg/m^3, m/s^2, m
 SOUND = 10 * math.sqrt(GRAVITY * DEPTH)  # m/s
@@ -51,13 +56,16 @@ REYNOLDS, CREST, WAVE_VISCOSITY, PERIODS = 100.0, 0.02, 0.012, 4  # U/nu of the 
 LIQUIDS, CORRECTED = ("papers", "rests"), "corrected"
 
 
-def _liquid(kind: str, sound: float, viscosity: float, clamp: bool = True) -> WeaklyCompressible:
+def _liquid(
+    kind: str, sound: float, viscosity: float, clamp: bool = True, kernels: Any = "wendland"
+) -> WeaklyCompressible:
     own: dict[str, Any] = {"density": "summation", "clamp_pressure": clamp}
     if kind != "papers":
         own = {"density": "continuity", "gradient": "corrected" if kind == "corrected" else "plain"}
     return WeaklyCompressible(
-        rest_density=DENSITY, sound_speed=sound, dynamic_viscosity=DENSITY * viscosity, viscosity="central", **own
-    )
+        rest_density=DENSITY, sound_speed=sound, dynamic_viscosity=DENSITY * viscosity, viscosity="central",
+        kernels=kernels, **own,
+    )  # fmt: skip
 
 
 def _walls(kind: str, upper: tuple[float, float, float]) -> BoxWalls:
@@ -73,6 +81,86 @@ def _still(simulation: Simulation) -> float:
     return float(np.sqrt((simulation.field("velocity") ** 2).sum(1).mean()))
 
 
+def _water(dim: int, cells: tuple[int, int], support: float, liquid: WeaklyCompressible, *effects: Any) -> Scene:
+    """Water 1 m deep in a box, `cells` wide and deep, on the lattice."""
+    wide, deep = cells
+    spacing, up = DEPTH / deep, dim - 1
+    pull, upper = np.zeros(3), np.full(3, wide * spacing)
+    pull[up], upper[up] = -GRAVITY, 2 * DEPTH
+    walls = _walls("papers" if liquid.density == "summation" else "rests", tuple(upper))
+    return Scene(
+        name="tank", dim=dim, dtype="float64", spacing=spacing, support_radius=support * spacing,  # type: ignore[arg-type]
+        fluid=(Box(cells=(wide, deep, 1) if dim == 2 else (wide, wide, deep)),),
+        effects=(liquid, Gravity(acceleration=tuple(pull)), walls, *effects),
+    )  # fmt: skip
+
+
+def _shaken(simulation: Simulation, shake: float) -> Simulation:
+    """The simulation with each particle moved by up to `shake` spacings along each axis."""
+    grid = simulation.plan.grid
+    moves = np.random.default_rng(SEED).uniform(-shake, shake, (simulation.count, 3)) * grid.spacing
+    moves[:, grid.dim :] = 0
+    simulation.set_field("position", simulation.field("position") + moves)
+    return simulation
+
+
+def rest_cell(context: Context, backend: str, cells: tuple[int, int], kernels: str) -> Result:
+    """The largest c h/nu with which water, shaken by 0.1 d, rests after 4 s."""
+
+    def made(number: float) -> Scene:
+        viscosity = SOUND * 2.6 * DEPTH / cells[1] / number
+        return _water(2, cells, 2.6, _liquid("rests", SOUND, viscosity, kernels=kernels))
+
+    def trouble(number: float) -> str:
+        simulation = _shaken(context.simulation(made(number), backend), 0.1)
+        try:
+            while simulation.time < UNTIL:
+                simulation.step()
+        except RunStopped as stop:
+            return f"stopped: {stop.reason}"
+        context.started[:-1] = []
+        moving = _still(simulation) / SOUND
+        return f"it moves with {moving:.4f} c" if moving > 0.001 else ""
+
+    return largest_stable(trouble, 1024.0, 8.0, 16384.0, factor=1.2).result(
+        silent_up_to(made, 8.0, 16384.0, but=("sound_speed",))
+    )
+
+
+REST_CELLS = tuple(
+    Cell(f"{wide} x {deep}", kernels, rest_cell, {"cells": (wide, deep), "kernels": kernels}, seconds=30.0)
+    for wide, deep in ((8, 8), (16, 16), (6, 30))
+    for kernels in ("wendland", "mueller", "cubic_spline")
+)
+MAPS = {"stability_rest": REST_CELLS}
+
+
+def column(context: Context, cells: tuple[int, int], support: float, backend: str) -> Result:
+    """Water 1 m deep, `cells` wide and deep, suddenly under its own weight for 4 s, with c h/nu = 250.
+
+    speed  largest root mean square speed over that of an elastic rod, g H/(c sqrt(3)); energy_rise  of the audit
+    """
+    liquid = _liquid("rests", SOUND, SOUND * support * DEPTH / cells[1] / 250)
+    scene = _water(2, cells, support, liquid).with_(energy_audit=EnergyAudit(every=5, bound=1e6))
+    simulation = context.simulation(scene, backend)
+    simulation.set_field("advanced_excess", np.zeros(simulation.count))
+    simulation.set_field("mass", np.full(simulation.count, DENSITY * simulation.plan.grid.spacing**2))
+    speed = 0.0
+
+    def sample(simulation: Simulation, wall: float) -> None:
+        nonlocal speed
+        speed = max(speed, _still(simulation))
+
+    advance(simulation, (DEPTH / SOUND * np.arange(1, UNTIL * SOUND / DEPTH) / 4).tolist(), sample, context)
+    assert simulation.auditor is not None
+    values = {
+        "kind": "column", "cells": cells[1], "wide": cells[0], "support": support, "particles": simulation.count,
+        "speed": speed * math.sqrt(3) * SOUND / (GRAVITY * DEPTH),
+        "energy_rise": simulation.auditor.report()["greatest_share"],
+    }  # fmt: skip
+    return Result(values)
+
+
 def tank(
     context: Context, kind: str, dim: int, cells: tuple[int, int], support: float, shake: float, shifted: bool,
     backend: str,
@@ -83,23 +171,10 @@ def tank(
     over the depth, weight  of the liquid that the walls carry, means of the last half second (weight with extrapolated
     walls only); stops  at the planes of the box
     """
-    wide, deep = cells
-    spacing, up = DEPTH / deep, dim - 1
-    pull, upper = np.zeros(3), np.full(3, wide * spacing)
-    pull[up], upper[up] = -GRAVITY, 2 * DEPTH
+    spacing, up = DEPTH / cells[1], dim - 1
     viscosity = ARTIFICIAL * 0.5 * support * spacing * SOUND / (2 * (dim + 2))
-    scene = Scene(
-        name="tank", dim=dim, dtype="float64", spacing=spacing, support_radius=support * spacing,  # type: ignore[arg-type]
-        fluid=(Box(cells=(wide, deep, 1) if dim == 2 else (wide, wide, deep)),),
-        effects=(
-            _liquid(kind, SOUND, viscosity), Gravity(acceleration=tuple(pull)), _walls(kind, tuple(upper)),
-            *_shifting(shifted),
-        ),
-    )  # fmt: skip
-    simulation = context.simulation(scene, backend)
-    moves = np.random.default_rng(SEED).uniform(-shake, shake, (simulation.count, 3)) * spacing
-    moves[:, dim:] = 0
-    simulation.set_field("position", simulation.field("position") + moves)
+    liquid = _liquid(kind, SOUND, viscosity)
+    simulation = _shaken(context.simulation(_water(dim, cells, support, liquid, *_shifting(shifted)), backend), shake)
     total = simulation.field("mass").sum() * GRAVITY
     seen: list[tuple[float, float, float]] = []
 
@@ -113,7 +188,7 @@ def tank(
     advance(simulation, [UNTIL - MEAN + 0.02 * k for k in range(1 + round(MEAN / 0.02))], sample, context)
     slope, level, weight = np.mean(seen, axis=0)
     values = {
-        "kind": kind, "dim": dim, "cells": deep, "support": support, "shake": shake, "shifted": shifted,
+        "kind": kind, "dim": dim, "cells": cells[1], "support": support, "shake": shake, "shifted": shifted,
         "particles": simulation.count, "moving": _still(simulation) / SOUND, "slope_off": abs(float(slope) - 1),
         "level_off": abs(float(level) - 1), "stops": simulation.stopped_at_walls,
     }  # fmt: skip
@@ -193,6 +268,24 @@ def wave(context: Context, kind: str, cells: int, support: float, shifted: bool,
         "kind": kind, "cells": cells, "support": support, "shifted": shifted, "particles": simulation.count,
         "period_off": abs(omega / rate - 1), "decay_off": abs(decay / gamma - 1),
     }  # fmt: skip
+    return Result(values)
+
+
+def shear_modulus(context: Context, support: float, backend: str) -> Result:
+    """Shear modulus over the pressure of a square lattice whose particles push with V_i V_j (p_i + p_j) grad W_ij.
+
+    sum_j V (q.x)^2 (t.grad)^2 W for transverse waves along q, along the axes and the diagonals; a liquid has 0
+    """
+    kernel = smoothing("wendland_c2", support, 2)
+    x = lattice(math.ceil(support), 2)[:, :2].astype(float)
+    x = x[np.abs(x).max(1) > 0]
+    r, step = np.linalg.norm(x, axis=1), 1e-4
+    slope = kernel_slope(r, kernel)
+    bend = (kernel_slope(r + step, kernel) - kernel_slope(r - step, kernel)) / (2 * step)
+    values: dict[str, Any] = {"kind": "lattice", "support": support}
+    for name, angle in (("axis", 0.0), ("diagonal", 0.25 * math.pi)):
+        along, across = x @ [math.cos(angle), math.sin(angle)], x @ [-math.sin(angle), math.cos(angle)]
+        values[name] = float((along**2 * (slope / r + (bend - slope / r) * (across / r) ** 2)).sum())
     return Result(values)
 
 
@@ -386,7 +479,8 @@ TANKS = (
 OF_CORRECTED = ((2, (32, 32), 2.6, 0.0, False), (2, (32, 32), 3.0, 0.0, False), (2, (32, 32), 3.2, 0.1, True))
 OF_PAPERS = ((2, (16, 16), 2.6, 0.0, False), (3, (8, 8), 2.6, 0.0, False))
 SIDES, VORTICES_SUPPORT = (25, 50, 100), 3.2
-DEPTHS, WAVE_SUPPORT = (10, 20, 40), 3.0
+DEPTHS, WAVE_SUPPORT = (10, 20, 40), 3.2  # at which the lattice resists shear least, see `shear_modulus`
+COLUMNS = ((20, 100), (60, 100))
 
 
 # cells (wide, high) of the solid and (wide, deep) of the tank, shaken by [d]
@@ -407,6 +501,11 @@ def planned(options: Options) -> list[Run]:
         for cells in DEPTHS:
             flow = {"kind": kind, "cells": cells, "support": WAVE_SUPPORT, "shifted": False, "backend": "cpu"}
             made.append(Run(f"wave_{kind}_{cells}", wave, flow, estimate=4e-4 * cells**3))
+    for support in (2.6, 3.0, WAVE_SUPPORT, 4.0):
+        made.append(Run(f"lattice_{support:g}", shear_modulus, {"support": support, "backend": "cpu"}))
+    for wide, deep in COLUMNS:
+        row = {"cells": (wide, deep), "support": 3.0, "backend": "cpu"}
+        made.append(Run(f"column_{wide}_{deep}", column, row, estimate=0.02 * wide * deep))
     for body, cells, shake in HELD:
         words = f"held_{body[0]}_{body[1]}" + ("_shaken" if shake else "")
         row = {"body": body, "cells": cells, "support": 3.0, "shake": shake, "backend": "cpu"}
@@ -435,6 +534,10 @@ def checks(results: Results, check: Checks) -> None:
     """The bars hold for the liquid that rests; the papers' values are shown."""
     for key, result in results.items():
         row, papers = result.values, result.values["kind"] == "papers"
+        if row["kind"] == "lattice":
+            for name in ("axis", "diagonal"):
+                check("shear_modulus", row[name], key, f"{name}, h = {row['support']:g} d")
+            continue
         where = f"{row['kind']}, {row['cells']} cells, h = {row['support']:g} d"
         if key.startswith("tank"):
             where = f"{row['dim']}D, {where}"
@@ -444,6 +547,8 @@ def checks(results: Results, check: Checks) -> None:
                 own["slope_off"] = "slope_off_corrected"
         elif key.startswith("vortices"):
             own = {"error": f"error_{row['cells']}", "rate_off": "rate_off"}
+        elif key.startswith("column"):
+            where, own = f"{row['wide']} x {row['cells']} cells", {"speed": "speed", "energy_rise": "energy_rise"}
         elif key.startswith("held"):
             where = f"{row['cells']} x {row['high']} cells{', shaken' if row['shake'] else ''}"
             narrow = "_narrow" * (row["cells"] == 5 or row["high"] == 2)
