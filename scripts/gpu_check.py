@@ -311,8 +311,8 @@ def device_bytes() -> int:
 
 def plan_task(arguments: list[str]) -> list[Row]:
     """Launches and bytes of a step of each scene of a ladder, and the memory of a large cube, against the plan."""
-    if arguments[0] in timed.TENSIONS:
-        plan = make_plan(timed.spinning_cube(4 if runtime.simulated() else 100, timed.TENSIONS[arguments[0]]))
+    if arguments[0] in timed.CUBES:
+        plan = make_plan(timed.spinning_cube(4 if runtime.simulated() else 100, arguments[0]))
         before, simulation = device_bytes(), Simulation(plan, "cuda")
         simulation.step()  # the list then holds the lattice that the plan counts
         said = describe_plan(plan, "cuda")["bytes"]["total"]
@@ -358,7 +358,7 @@ def planned(quick: bool) -> tuple[list[str], list[str]]:
     together += [f"run {name} {dtype} {100 if quick else 1000}" for name in SCENES for dtype in DTYPES]
     together += [f"pairing {name} {dtype}" for name in REGISTRY for dtype in (DTYPES[:1] if quick else DTYPES)]
     together += [f"pair {first} {second}" for first, second in pairs.pairs()]
-    together += [f"plan {name}" for name in (*timed.ladders(), *timed.TENSIONS)]
+    together += [f"plan {name}" for name in (*timed.ladders(), *timed.CUBES)]
     return together, ["cache first", "cache second"]
 
 
