@@ -277,7 +277,7 @@ LINES = (
     Line("Jiang & Zhu cohesion, 59,319 particles", "60k jiang_zhu", "ms a step", 0.08),
     Line("the same, 1,000,000", "1M jiang_zhu", "ms a step"),
     Line("the same, 8,000,000", "8M jiang_zhu", FAST, 3.0),
-    Line("the same with surface detection in each step", "8M detection", AS_FAST, 0.6),
+    Line("with surface detection", "8M detection", AS_FAST, 0.6),
     Line("Akinci", "8M akinci", AS_FAST, 0.6),
     Line("Dong", "8M dong", AS_FAST, 0.6),
     Line("He", "8M he", AS_FAST, 0.6),
@@ -285,11 +285,11 @@ LINES = (
     Line("Becker & Teschner", "8M becker", AS_FAST, 0.6),
     Line("Tartakovsky & Meakin", "8M tartakovsky", AS_FAST, 0.6),
     Line("normal differences", "8M normal_difference", AS_FAST, 0.6),
-    Line("continuity, central viscosity", "8M continuity", AS_FAST, 0.6),
-    Line("the same with detection and shifting in each step", "8M shifting", AS_FAST, 0.6),
-    Line("melting, figure 6, with list builds", "melting figure_6", "ms a step", 0.45),
+    Line("continuity", "8M continuity", AS_FAST, 0.6),
+    Line("with detection and shifting", "8M shifting", AS_FAST, 0.6),
+    Line("melting, figure 6", "melting figure_6", "ms a step", 0.45),
     Line("MPM surface of a million particles", "surface in turns", "plain steps", 1.5),
-    Line("new table of MPM blocks, 2,097,152 particles", "table", "ms", 1.0),
+    Line("table of MPM blocks, 2,097,152 particles", "table", "ms", 1.0),
 )
 
 
