@@ -196,7 +196,7 @@ class Simulation(Shown):
             values = self.plan.grid.absolute(values)
             values += self._host("position_residual") if "position_residual" in self.fields else 0.0
         if self.plan.fields[name].rows is not None:
-            return self.lists.in_first_order(values) if name == "wall_pressure" else values
+            return self.lists.in_first_order(values) if name in ("wall_pressure", "wall_strain") else values
         ordered = np.empty_like(values)
         ordered[self._host("identity")] = values
         return ordered
