@@ -73,7 +73,40 @@ def one_sentence(err):
 
 BOX = 'shape = "box"\ncells = [6, 10, 1]'
 BAD = {
-    "unknown key": ("spacing =", "spacng =", "did you mean spacing?"),
+    "unknown key": ("spacing =", "spaceing =", "unknown key 'spaceing'; did you mean spacing?"),
+    "unknown key of a part": ("cells =", "cels =", "unknown key 'cels' in [[fluid]] number 1; did you mean cells?"),
+    "unknown key of an effect": (
+        "sound_speed", "soundspeed", "key 'soundspeed' in [effects.weakly_compressible]; did you mean sound_speed?",
+    ),
+    "unknown effect": ("effects.gravity", "effects.gravitation", "'gravitation' is unknown; did you mean gravity?"),
+    "effect without its table": ("[effects.gravity]", "[gravity]", "call it [effects.gravity]"),
+    "unknown shape": ('shape = "box"', 'shape = "bal"', "number 1 has the unknown shape 'bal'; did you mean ball?"),
+    "shape in a list": ('shape = "box"', 'shape = ["box"]', "unknown shape ['box']"),
+    "no shape": ('shape = "box"', "", "[[fluid]] number 1 has no shape"),
+    "one fluid": ("[[fluid]]", "[fluid]", "begin each with [[fluid]]"),
+    "missing key": (
+        "sound_speed = 20.0", "", "[effects.weakly_compressible]: the key 'sound_speed' (numerical sound speed c",
+    ),
+    "text for a number": ("sound_speed = 20.0", 'sound_speed = "20"', "sound_speed = '20' is text; give a number"),
+    "truth for a number": ("sound_speed = 20.0", "sound_speed = true", "True is true or false; give a number"),
+    "two cells": ("[6, 10, 1]", "[6, 10]", "[[fluid]] number 1: cells has 2 values; give 3"),
+    "decimals": ("[6, 10, 1]", "[6, 10.5, 1]", "cells[1] = 10.5 is a number with decimals; give a whole number"),
+    "no list": ("[6, 10, 1]", "6", "cells = 6 is a whole number; give a list in square brackets"),
+    "wrong dim": ("dim = 2", "dim = 4", "dim = 4 is not possible; choose from 2, 3"),
+    "dim in text": ("dim = 2", 'dim = "2"', "dim = '2'"),
+    "wrong word": ('"tait"', '"tiat"', "state = 'tiat' is not possible; did you mean tait?"),
+    "wrong face": ('"+y"', '"y+"', "open_faces[0] = 'y+' is not possible"),
+    "not TOML": ("spacing = 0.01", "spacing 0.01", "is not TOML: expected '='"),
+    "twice": ("dim = 2", "dim = 2\ndim = 3", "is not TOML: cannot overwrite a value (at line 5"),
+    "a later version": ("dim = 2", "dim = 2\nversion = 2", "version = 2 is not known; this refsim reads version 1."),
+    "a true version": ("dim = 2", "dim = 2\nversion = true", "version = True is not known"),
+    "a version in text": ("dim = 2", 'dim = 2\nversion = "1"', "version = '1' is not known"),
+    "cloud of nothing": (BOX, 'shape = "cloud"', "either position or file"),
+    "cloud of both": (BOX, CLOUD.format('[[0, 0, 0]]\nfile = "x.npy"'), "either position or file"),
+    "cloud of no file": (BOX, 'shape = "cloud"\nfile = "none.npy"', "cannot read"),
+    "cloud of unequal rows": (BOX, CLOUD.format("[[0.0, 0.0, 0.0], [1.0]]"), "list of coordinates"),
+    "velocity of a cloud": (BOX, CLOUD.format("[[0.0, 0.0]]\nvelocity = 'fast'"), "velocity does not fit 1 particles"),
+    "masses of a cloud": (BOX, CLOUD.format("[[0.0, 0.0]]\nmass = [1.0, 2.0]"), "mass does not fit 1 particles"),
     "missing effect": ("[effects.weakly_compressible]", "[effects.surface_detection]", ""),
     "effect that an effect needs": (
         SCENE[SCENE.index("[effects.weakly") : SCENE.index("[effects.gravity")],
@@ -112,7 +145,6 @@ BAD = {
     "no particles": ("[[fluid]]\n" + BOX, "", "no particles"),
     "no particles in the box": ("cells = [6, 10, 1]", "cells = [0, 10, 1]", "cells = [0, 10, 1]"),
     "empty cloud": (BOX, CLOUD.format("[]"), "position"),
-    "not TOML": ("dim = 2", "dim: 2", "is not TOML"),
     "depth in 2D": (BOX, CLOUD.format("[[0.1, 0.2, 0.3], [0.2, 0.2, 0.0]]"), "particle 0 has z = 0.3"),
     "out of the plane in 2D": (BOX, BOX + "\nvelocity = [0.0, 0.0, 0.5]", "particle 0 has v_z = 0.5 m/s"),
     "more than can be numbered": ("cells = [6, 10, 1]", "cells = [9223372036854775808, 10, 1]", "can be numbered"),
@@ -148,9 +180,7 @@ BAD = {
     "a great sound speed": ("sound_speed = 20.0", "sound_speed = 1.7e308", "sound_speed = 1.7e+308 is too large"),
     "positions as text": (BOX, CLOUD.format('[["0.1", "0.2"]]'), "list of coordinates"),
     "a name that no file has": (BOX, 'shape = "cloud"\nfile = "a\\u0000b"', "no file can have this name"),
-    "a version": ("dim = 2", 'dim = 2\nversion = "1"', "this refsim reads version 1"),
-    "wrong kind": ("dim = 2", 'dim = "2"', "dim = '2'"),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("command", ["plan", "run"])
@@ -300,13 +330,16 @@ def test_a_solid_beyond_the_lattice_is_refused(scene, capsys):
         assert words in one_sentence(capsys.readouterr().err)
 
 
-LARGE = b"{'descr': '<f8', 'fortran_order': False, 'shape': (99999999999, 3), }".ljust(117) + b"\n"
+def array(kind, rows):
+    """Bytes of an .npy file with the head of an array, and of no more numbers than six."""
+    head = f"{{'descr': '{kind}', 'fortran_order': False, 'shape': ({rows}, 3), }}".encode().ljust(117)
+    return b"\x93NUMPY\x01\x00v\x00" + head + b"\n" + bytes(48)
 
 
 @pytest.mark.parametrize(
     "content",
-    [b"", b"\x93NUMPY", b"\x93NUMPY\x01\x00v\x00" + LARGE, b"PK\x03\x04", b"\x80\x04K\x01."],
-    ids=["none", "begun", "large", "zip", "pickle"],
+    [b"", b"\x93NUMPY", array("<f8", 99999999999), array("<c16", 1), b"PK\x03\x04", b"\x80\x04K\x01."],
+    ids=["none", "begun", "large", "complex", "zip", "pickle"],
 )
 def test_a_cloud_of_no_numbers_is_told(scene, capsys, content):
     pathlib.Path("p.npy").write_bytes(content)

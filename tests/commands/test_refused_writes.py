@@ -13,21 +13,10 @@ from refsim.__main__ import main
 from refsim.core import writing
 from refsim.io import checkpoint
 from tests.commands.test_cli import one_sentence
+from tests.tank_file import tank
 
 ROOT = pathlib.Path(__file__).parents[2]
-SCENE = """
-dim = 2
-spacing = 0.01
-support_radius = 0.02
-end_time = 0.002
-[[fluid]]
-shape = "box"
-cells = [4, 6, 1]
-[effects.weakly_compressible]
-density = "summation"
-sound_speed = 20.0
-dynamic_viscosity = 2.0
-"""
+SCENE = tank(0.002)
 SWEEP = 'scene = "tank.toml"\nobservable = "{}"\nbackend = "numpy"\n'
 STUDY = ["study", "tank.toml", "--backend", "numpy", "--levels", "1", "--knobs", "spacing", "--quiet", "--observable"]
 posix = pytest.mark.skipif(os.name != "posix", reason="links and limits of POSIX")

@@ -12,20 +12,10 @@ import weakref
 import pytest
 
 from refsim.core.stopping import heeding
+from tests.tank_file import tank
 
 ROOT = pathlib.Path(__file__).parents[2]
-SCENE = """
-dim = 2
-spacing = 0.01
-support_radius = 0.02
-end_time = 100.0
-[[fluid]]
-shape = "box"
-cells = [4, 6, 1]
-[effects.weakly_compressible]
-density = "summation"
-sound_speed = 20.0
-"""
+SCENE = tank(100.0)
 SWEEP = """
 scene = "tank.toml"
 observable = "kinetic_energy"

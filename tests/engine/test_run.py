@@ -229,142 +229,94 @@ def test_end_and_name_may_change(tmp_path):
     assert Simulation.resume(tmp_path / "c.h5", scene=scene).plan.scene == scene
 
 
-@pytest.mark.parametrize("lost", ["field.velocity", "build_position"])
-def test_a_checkpoint_that_lacks_something_is_refused(tmp_path, lost):
-    Simulation(tank(), "numpy").checkpoint(tmp_path / "c.h5")
-    saved = read_checkpoint(tmp_path / "c.h5")
-    write_checkpoint(tmp_path / "c.h5", {k: v for k, v in saved.arrays.items() if k != lost}, saved.attributes)
-    with pytest.raises(InputError, match=lost):
-        Simulation.resume(tmp_path / "c.h5")
-    wrong = saved.arrays | {lost: saved.arrays[lost][:-1]}
-    write_checkpoint(tmp_path / "c.h5", wrong, saved.attributes)
-    with pytest.raises(InputError, match="the scene has"):
-        Simulation.resume(tmp_path / "c.h5")
-
-
 ALWAYS = (
     "backend", "time", "steps", "previous_length", "first_length", "squared_way", "margin", "set_between_steps",
     "list_built", "stopped_at_walls", "limiters", "versions", "search_log", "remarks", "origin", "scene",
 )  # fmt: skip
+LOST = object()
+LACKING = r"{}.*; start the run again\.$"
+NUMBERS = "numbers are not those of a run"
 
 
-def test_a_checkpoint_that_lacks_any_of_its_attributes_is_refused(tmp_path):
-    simulation = Simulation(tank(), "numpy")
-    simulation.step()
-    simulation.checkpoint(tmp_path / "c.h5")
-    saved = read_checkpoint(tmp_path / "c.h5")
-    assert set(saved.attributes) == set(ALWAYS)
-    for lost in ALWAYS:
-        left = {name: value for name, value in saved.attributes.items() if name != lost}
-        write_checkpoint(tmp_path / "c.h5", saved.arrays, left)
-        words = "has no scene" if lost == "scene" else f"lacks '{lost}'"
-        with pytest.raises(InputError, match=rf"{words}.*; start the run again\.$"):
-            load_checkpoint(tmp_path / "c.h5")
+def changed(row, value):
+    """A function that gives a copy of an array with another row."""
+
+    def of(array):
+        array = array.copy()
+        array[row] = value
+        return array
+
+    return of
 
 
-@pytest.mark.parametrize(
-    "change, words",
-    [
-        ({"previous_length": 1e30}, r"previous_length = 1e\+30 s is no step of a run that has come to"),
-        ({"previous_length": 0.0}, "previous_length = 0 s is no step"),
-        ({"first_length": 1e30}, r"first_length = 1e\+30 s is no step"),
-        ({"first_length": 0.0}, "first_length = 0 s is no step"),
-        ({"margin": 1e30}, r"margin = 1e\+30 m is more than the neighbour list's skin of 0\.00"),
-    ],
-)
-def test_lengths_that_no_run_has_after_its_steps_are_refused(tmp_path, change, words):
-    simulation = Simulation(tank(), "numpy")
-    for _ in range(3):
-        simulation.step()
-    simulation.checkpoint(tmp_path / "c.h5")
-    saved = read_checkpoint(tmp_path / "c.h5")
-    write_checkpoint(tmp_path / "c.h5", saved.arrays, saved.attributes | change)
-    with pytest.raises(InputError, match=words):
-        load_checkpoint(tmp_path / "c.h5")
+# (what is changed, what it is instead, words of the refusal)
+SPOILED = [
+    *((name, LOST, LACKING.format("has no scene" if name == "scene" else f"lacks '{name}'")) for name in ALWAYS),
+    *((name, LOST, f"lacks '{name}'") for name in ("field.velocity", "build_position")),
+    *((name, lambda a: a[:-1], "the scene has") for name in ("field.velocity", "build_position")),
+    *((name, 1e30, rf"{name} = 1e\+30 s is no step of a run that has come to") for name in ALWAYS[3:5]),
+    *((name, 0.0, f"{name} = 0 s is no step") for name in ALWAYS[3:5]),
+    ("margin", 1e30, r"margin = 1e\+30 m is more than the neighbour list's skin of 0\.00"),
+    *((name, math.inf, f"{name} = inf") for name in ("time", "first_length", "margin")),
+    *((name, -1.0, f"{name} = -1") for name in ("previous_length", "squared_way")),
+    ("steps", -1, "steps = -1 is not possible"),
+    ("steps", 10**400, "steps = 1000"),
+    ("time", "0.1", NUMBERS),
+    ("time", 10**400, NUMBERS),
+    ("steps", 1.5, NUMBERS),
+    ("backend", "quantum", NUMBERS),
+    ("list_built", "yes", NUMBERS),
+    ("limiters", "[1]", NUMBERS),
+    ("limiters", "[" * 100000, NUMBERS),
+    ("versions", '{"numpy": 1}', NUMBERS),
+    ("search_log", '{"__class__": 1}', "search log"),
+    ("scene", 3, "has no scene"),
+    ("scene", "spacing = 0.01", "the scene in"),
+    ("field.mass", changed(3, -1.0), "1 of its particles have no positive mass"),
+    ("field.mass", lambda a: a.astype("float64"), "the scene has float32"),
+    ("field.velocity", changed(3, 1e38), "beyond 1e"),
+    ("field.velocity", lambda a: a.astype("complex64"), "the scene has float32"),
+    ("field.velocity", changed((0, 2), 0.5), "v_z than 0 in a 2D scene"),
+    ("field.identity", changed(3, 4), "identity"),
+    ("field.identity", changed(3, 2**31 - 1), "identity"),
+    ("field.position", lambda a: np.tile(a[:1], (len(a), 1)), r"its \d+ particles are all at one place"),
+    ("field.position", changed((0, 2), 0.5), "z than 0 in a 2D scene"),
+    ("build_position", lambda a: a[:, :2], "the scene has float32"),
+    *(("start.sizes", np.array(value), "") for value in ([41], [-1], [40.0], 40)),
+    ("start.mass", np.array(1.0), ""),
+    ("start.position", np.zeros((40, 5)), ""),
+    ("start.velocity", np.zeros(40, complex), ""),
+]
 
 
-@pytest.mark.parametrize(
-    "change, words",
-    [
-        ({"time": float("inf")}, "time = inf"),
-        ({"time": "0.1"}, "numbers are not those of a run"),
-        ({"steps": 1.5}, "numbers are not those of a run"),
-        ({"steps": -1}, "steps = -1 is not possible"),
-        ({"steps": 10**400}, "steps = 1000"),
-        ({"time": 10**400}, "numbers are not those of a run"),
-        ({"previous_length": -1.0}, "previous_length = -1"),
-        ({"first_length": float("inf")}, "first_length = inf"),
-        ({"squared_way": -1.0}, "squared_way = -1"),
-        ({"margin": float("inf")}, "margin = inf"),
-        ({"backend": "quantum"}, "numbers are not those of a run"),
-        ({"list_built": "yes"}, "numbers are not those of a run"),
-        ({"limiters": "[1]"}, "numbers are not those of a run"),
-        ({"limiters": "[" * 100000}, "numbers are not those of a run"),
-        ({"versions": '{"numpy": 1}'}, "numbers are not those of a run"),
-        ({"search_log": '{"__class__": 1}'}, "search log"),
-        ({"scene": 3}, "has no scene"),
-        ({"scene": "spacing = 0.01"}, "the scene in"),
-    ],
-)
-def test_a_checkpoint_with_impossible_numbers_is_refused(tmp_path, change, words):
-    Simulation(tank(), "numpy").checkpoint(tmp_path / "c.h5")
-    saved = read_checkpoint(tmp_path / "c.h5")
-    write_checkpoint(tmp_path / "c.h5", saved.arrays, saved.attributes | change)
+@pytest.fixture(scope="module")
+def checkpoints(tmp_path_factory):
+    """Checkpoints of the tank after three steps and of a cloud at its start."""
+    points = np.random.default_rng(5).random((40, 3)) * 0.05
+    liquid = WeaklyCompressible(sound_speed=20.0, density="summation")
+    cloud = Scene(spacing=0.01, support_radius=0.02, fluid=(Cloud(position=points),), effects=(liquid,))
+    path = tmp_path_factory.mktemp("checkpoints") / "c.h5"
+    found = []
+    for run in (advance(Simulation(tank(), "numpy"), 3), Simulation(cloud, "numpy")):
+        run.checkpoint(path)
+        found.append(read_checkpoint(path))
+    assert set(found[0].attributes) == set(ALWAYS)
+    return found
+
+
+@pytest.mark.parametrize("name, value, words", SPOILED)
+def test_a_checkpoint_that_no_run_writes_is_refused(tmp_path, checkpoints, name, value, words):
+    saved = checkpoints[name.startswith("start.")]
+    given = saved.arrays | saved.attributes
+    given[name] = value(given[name]) if callable(value) else value
+    given = {key: part for key, part in given.items() if part is not LOST}
+    arrays, attributes = (
+        {key: given[key] for key in part if key in given} for part in (saved.arrays, saved.attributes)
+    )
+    write_checkpoint(tmp_path / "c.h5", arrays, attributes)
     with pytest.raises(InputError, match=words) as caught:
         load_checkpoint(tmp_path / "c.h5")
     assert "\n" not in str(caught.value)
-
-
-def with_row(array, row, value):
-    array = array.copy()
-    array[row] = value
-    return array
-
-
-@pytest.mark.parametrize(
-    "name, spoil, words",
-    [
-        ("field.mass", lambda a: with_row(a, 3, -1.0), "1 of its particles have no positive mass"),
-        ("field.velocity", lambda a: with_row(a, 3, 1e38), "beyond 1e"),
-        ("field.mass", lambda a: a.astype("float64"), "the scene has float32"),
-        ("field.identity", lambda a: with_row(a, 3, 4), "identity"),
-        ("field.identity", lambda a: with_row(a, 3, 2**31 - 1), "identity"),
-        ("field.position", lambda a: np.tile(a[:1], (len(a), 1)), r"its \d+ particles are all at one place"),
-        ("field.position", lambda a: with_row(a, (0, 2), 0.5), "z than 0 in a 2D scene"),
-        ("field.velocity", lambda a: with_row(a, (0, 2), 0.5), "v_z than 0 in a 2D scene"),
-        ("field.velocity", lambda a: a.astype("complex64"), "the scene has float32"),
-        ("build_position", lambda a: a[:, :2], "the scene has float32"),
-    ],
-)
-def test_a_checkpoint_with_impossible_particles_is_refused(tmp_path, name, spoil, words):
-    Simulation(tank(), "numpy").checkpoint(tmp_path / "c.h5")
-    saved = read_checkpoint(tmp_path / "c.h5")
-    write_checkpoint(tmp_path / "c.h5", saved.arrays | {name: spoil(saved.arrays[name])}, saved.attributes)
-    with pytest.raises(InputError, match=words):
-        Simulation.resume(tmp_path / "c.h5")
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"start.sizes": np.array([41])},
-        {"start.sizes": np.array([-1])},
-        {"start.sizes": np.array([40.0])},
-        {"start.sizes": np.array(40)},
-        {"start.mass": np.array(1.0)},
-        {"start.position": np.zeros((40, 5))},
-        {"start.velocity": np.zeros(40, complex)},
-    ],
-)
-def test_a_checkpoint_with_impossible_clouds_is_refused(tmp_path, change):
-    points = np.random.default_rng(5).random((40, 3)) * 0.05
-    liquid = WeaklyCompressible(sound_speed=20.0, density="summation")
-    scene = Scene(spacing=0.01, support_radius=0.02, fluid=(Cloud(position=points),), effects=(liquid,))
-    Simulation(scene, "numpy").checkpoint(tmp_path / "c.h5")
-    saved = read_checkpoint(tmp_path / "c.h5")
-    write_checkpoint(tmp_path / "c.h5", saved.arrays | change, saved.attributes)
-    with pytest.raises(InputError):
-        load_checkpoint(tmp_path / "c.h5")
 
 
 # -- runs that are interrupted

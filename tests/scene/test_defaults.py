@@ -12,14 +12,12 @@ from refsim import (
     Ball,
     Box,
     BoxWalls,
-    Gauge,
     Gravity,
     HeatConduction,
     ImplicitPressure,
     InputError,
     Melting,
     MeshBoundary,
-    Motion,
     Scene,
     ShapeMatching,
     Simulation,
@@ -89,19 +87,6 @@ def test_a_plan_names_each_default_that_the_papers_have_otherwise_once():
     ]
     assert _text(told).count("Default: ") == 4
     assert describe_plan(make_plan(scene(walls={}, density="summation")), "cpu")["defaults"] == []
-
-
-def test_a_plan_lists_gauges_and_motions():
-    made = scene(walls={})
-    gauge = Gauge(name="floor", kind="force", on="-y", every=0.01)
-    sway = Motion(of="gravity", kind="sway", direction=(1.0, 0.0, 0.0), amplitude=0.01, period=0.5)
-    changed = made.with_(gauge=(gauge,), motion=(sway,))
-    told = describe_plan(make_plan(changed), "cpu")
-    assert told["gauges"] == [{"name": "floor", "kind": "force", "every": 0.01, "on": "-y"}]
-    assert told["motions"][0]["amplitude"] == 0.01
-    assert re.search(r"Gauges\n.*\n.*\n? *floor +force +0.01 +-y", _text(told))
-    assert re.search(r"Motions\n.*\n.*\n? *gravity +sway +1, 0, 0 +0.01 +0.5", _text(told))
-    assert "Gauges" not in _text(describe_plan(make_plan(made), "cpu"))
 
 
 def test_a_checkpoint_without_an_advanced_density_is_refused(tmp_path):

@@ -14,6 +14,7 @@ from refsim.commands.plan import describe_plan
 from refsim.scene.refine import refined
 from refsim.study import cost
 from refsim.study.waits import parts, waits
+from tests import tank_file
 
 
 def tank(cells=10, **more):
@@ -163,21 +164,7 @@ def test_steps_and_builds_of_a_finer_scene():
     assert all(seconds >= 0 and math.isfinite(seconds) for seconds in found.stages.values())
 
 
-SCENE = """
-spacing = 0.01
-support_radius = 0.02
-dim = 2
-end_time = 0.01
-
-[[fluid]]
-shape = "box"
-cells = [6, 10, 1]
-
-[effects.weakly_compressible]
-density = "summation"
-sound_speed = 20.0
-dynamic_viscosity = 2.0
-"""
+SCENE = tank_file.tank(0.01, 6, 10)
 
 
 def test_the_command_predicts_every_backend(cache, tmp_path, monkeypatch, capsys):

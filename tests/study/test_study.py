@@ -6,7 +6,6 @@ import shutil
 import sys
 import threading
 import time
-from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -31,25 +30,9 @@ from refsim.core.locks import in_turn
 from refsim.scene.refine import refined
 from refsim.study import runs
 from refsim.study.observables import observable_of
+from tests.tank_file import GRAVITY, tank
 
-SCENE = """
-spacing = 0.01
-support_radius = 0.02
-dim = 2
-end_time = 0.001
-
-[[fluid]]
-shape = "box"
-cells = [6, 12, 1]
-
-[effects.weakly_compressible]
-density = "summation"
-sound_speed = 20.0
-dynamic_viscosity = 2.0
-
-[effects.gravity]
-acceleration = [0.0, -9.81, 0.0]
-"""
+SCENE = tank(0.001, 6, 12, GRAVITY)
 
 
 def block(**more):
@@ -439,16 +422,3 @@ def test_seconds_that_do_not_settle_are_said(monkeypatch):
     assert [reading.unsettled for reading in made] == [
         "", "the processor worked for 0.3 of 0.5 s", "its two fastest of 6 runs differ by 100 %",
     ]  # fmt: skip
-
-
-def test_the_page_s_example_finds_the_exact_temperature():
-    """Two halves of a slab at 100 and 0 degrees C between insulated ends (Carslaw & Jaeger 1959)."""
-    page = (Path(__file__).parents[2] / "docs" / "study.md").read_text()
-    space = {}
-    exec(page.split("In Python:\n\n```python\n")[1].split("print(")[0], space)
-    found, n = space["found"].convergence, np.arange(1, 40, 2)
-    k, diffusivity = n * np.pi / 0.12, 400.0 / (385.0 * 8960.0)
-    waves = 200 / (n * np.pi) * np.sin(0.5 * n * np.pi) * np.cos(0.035 * k) * np.exp(-diffusivity * k**2 * 5.0)
-    assert found.asymptotic
-    assert found.relative < 0.02
-    assert abs(found.value - (50 + waves.sum())) < found.uncertainty

@@ -7,25 +7,9 @@ from refsim.study import runs, tasks
 from refsim.study.observables import observable_of
 from refsim.sweep import points_of, read_sweep
 from tests.cluster import cluster_tasks as there
+from tests.tank_file import GRAVITY, tank
 
-SCENE = """
-spacing = 0.01
-support_radius = 0.02
-dim = 2
-end_time = 0.002
-
-[[fluid]]
-shape = "box"
-cells = [4, 6, 1]
-
-[effects.weakly_compressible]
-density = "summation"
-sound_speed = 20.0
-dynamic_viscosity = 2.0
-
-[effects.gravity]
-acceleration = [0.0, -9.81, 0.0]
-"""
+SCENE = tank(0.002, more=GRAVITY)
 SWEEP = """
 scene = "tank.toml"
 observable = "kinetic_energy"
