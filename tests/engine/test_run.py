@@ -282,10 +282,10 @@ SPOILED = [
     ("field.position", lambda a: np.tile(a[:1], (len(a), 1)), r"its \d+ particles are all at one place"),
     ("field.position", changed((0, 2), 0.5), "z than 0 in a 2D scene"),
     ("build_position", lambda a: a[:, :2], "the scene has float32"),
-    *(("start.sizes", np.array(value), "") for value in ([41], [-1], [40.0], 40)),
-    ("start.mass", np.array(1.0), ""),
-    ("start.position", np.zeros((40, 5)), ""),
-    ("start.velocity", np.zeros(40, complex), ""),
+    *(("start.sizes", np.array(value), "clouds do not fit their numbers") for value in ([41], [-1], [40.0], 40)),
+    ("start.mass", np.array(1.0), "clouds do not fit their numbers"),
+    ("start.position", np.zeros((40, 5)), r"position has shape \(40, 5\)"),
+    ("start.velocity", np.zeros(40, complex), "velocity does not fit 40 particles"),
 ]
 
 
