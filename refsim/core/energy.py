@@ -1,4 +1,4 @@
-"""Audit of the mechanical energy: without driving it must not grow.
+"""Audit of the mechanical energy: it must not grow by more than what drives the run puts in.
 
 Contents: EnergyAudit (a scene's option), EnergyAccount (what an effect counts), EnergyState;
 compression_energy, compression_amount, pair_potential. The audit of a run is `refsim.engine.audit`.

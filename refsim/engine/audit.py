@@ -13,11 +13,14 @@ from numpy.typing import NDArray
 
 from refsim.core.energy import Amount, amount
 from refsim.core.errors import RunStopped
+from refsim.engine.driving import Driving
 from refsim.engine.run import Run
 from refsim.scene.passes import accounts
 
 LEAP_FROGS = ("sph.kick_drift", "penetration.kick_drift")
 ROUNDINGS = 4.0  # eps of the run's dtype in each term; a smaller change is rounding
+KINETIC, COMPRESSION = "kinetic", "compression"
+DRIVEN = "driving"  # part of the energy that is less the work of motions and moving faces
 ROWS = 16384  # particles whose pairs are summed at once
 
 
@@ -76,6 +79,7 @@ class AuditState(msgspec.Struct, frozen=True):
     lowest: float | None
     turned_over: float
     greatest_share: float
+    work: float = 0.0  # of what drives the run
 
 
 class Auditor:
@@ -91,6 +95,8 @@ class Auditor:
         late = {effect.name for effect, p in motion if effect is not None and "acceleration" in p.updates}
         self.staggered = any(p.operation in LEAP_FROGS for _, p in motion) and late <= {"shape_matching"}
         self.solids = bool(late)
+        driven = bool(plan.scene.motion) or "wall_motion" in plan.shared
+        self.driving = Driving(simulation) if driven else None
         self.renew()
 
     def renew(self) -> None:
@@ -98,13 +104,18 @@ class Auditor:
         self.start: dict[str, float] | None = None
         self.now: dict[str, float] = {}
         self.lowest, self.turned_over, self.greatest_share = math.inf, 0.0, 0.0
+        if self.driving is not None:
+            self.driving.renew()
 
     def uncounted(self) -> tuple[str, ...]:
         """What follows from no energy, by effect."""
         return tuple(f"{name}: {words}" for name, account in self.accounts.items() for words in account.uncounted)
 
     def energies(self) -> dict[str, Amount]:
-        """All parts of the energy [J; J/m in 2D] in the present state, velocities at the positions' time."""
+        """All parts of the energy [J; J/m in 2D] in the present state, velocities at the positions' time.
+
+        What drives the run brings a part of its own, less the work that it has done.
+        """
         state = StateOfRun(self.simulation)
         state.evaluate()
         mass, velocity = state.field("mass"), state.field("velocity")
@@ -116,9 +127,11 @@ class Auditor:
                 kick[state.flags("phase") != FLUID] = 0.0
             velocity += kick
         kinetic = amount(0.5 * mass * (velocity**2).sum(1))
-        parts = {"kinetic": kinetic._replace(size=kinetic.size + self._unsure(state, mass))}
+        parts = {KINETIC: kinetic._replace(size=kinetic.size + self._unsure(state, mass))}
         for account in self.accounts.values():
             parts |= {name: count(state) for name, count in account.parts.items()}
+        if self.driving is not None:
+            parts[DRIVEN] = amount(np.array(-self.driving.work))
         return parts
 
     def _unsure(self, state: StateOfRun, mass: NDArray) -> float:
@@ -133,12 +146,16 @@ class Auditor:
         return float(np.finfo(s.plan.grid.dtype).eps) * float(0.5 * (mass[held] * (speed**2).sum(1)).sum())
 
     def begin(self) -> None:
-        """Note the energies that the run begins with, where they are not noted yet."""
+        """Note the energies that the run begins with, where they are not noted yet, and what drives the step."""
+        if self.driving is not None:
+            self.driving.begin()
         if self.start is None:
             self.look()
 
     def after_step(self) -> None:
         """Audit where it is due."""
+        if self.driving is not None:
+            self.driving.after_step()
         if self.simulation.steps % self.rule.every == 0:
             self.look()
 
@@ -155,7 +172,9 @@ class Auditor:
         if not math.isfinite(total):
             raise RunStopped("non_finite", f"{where} the energy is not finite: {_words(values)}.")
         start = values if self.start is None else self.start
-        turned = values["kinetic"] + math.fsum(abs(v - start[name]) for name, v in values.items() if name != "kinetic")
+        # Liquid at rest has been compressed by its weight: all of that was turned over.
+        begun = {name: 0.0 if name in (KINETIC, COMPRESSION) else v for name, v in start.items()}
+        turned = math.fsum(abs(v - begun[name]) for name, v in values.items() if name != DRIVEN)
         turned = max(self.turned_over, turned)
         lowest = min(self.lowest, total)
         rounding = ROUNDINGS * float(np.finfo(s.plan.grid.dtype).eps) * math.fsum(part.size for part in parts.values())
@@ -184,13 +203,16 @@ class Auditor:
     def saved(self) -> AuditState:
         """Its state, from which it is restored bit for bit."""
         lowest = self.lowest if math.isfinite(self.lowest) else None
-        return AuditState(self.start, self.now, lowest, self.turned_over, self.greatest_share)
+        work = 0.0 if self.driving is None else self.driving.work
+        return AuditState(self.start, self.now, lowest, self.turned_over, self.greatest_share, work)
 
     def restore(self, state: AuditState) -> None:
         """Go on from what `saved` gave."""
         self.start, self.now = state.start, state.now
         self.lowest = math.inf if state.lowest is None else state.lowest
         self.turned_over, self.greatest_share = state.turned_over, state.greatest_share
+        if self.driving is not None:
+            self.driving.work = state.work
 
 
 def _words(values: Mapping[str, float]) -> str:

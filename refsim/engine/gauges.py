@@ -6,7 +6,6 @@ the sums that make a number of it are added on the host in float64, in the order
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
@@ -16,18 +15,16 @@ from numpy.typing import NDArray
 from refsim.core.checked import suggestion
 from refsim.core.effect import Effect, Pass
 from refsim.core.errors import InputError
-from refsim.core.operation import REGISTRY
 from refsim.core.walls import WallParticles, liquid_with_list
 from refsim.engine.binding import bound
 from refsim.engine.run import Run
+from refsim.engine.wall_forces import FRICTION, WallForces
 from refsim.gauges import Gauge, GaugeSeries, due
 from refsim.gauges.places import Points, crossing, points_of, shares_of_faces
 from refsim.neighbours.reference import pair_blocks
 from refsim.smoothing.reference import kernel_value
 from refsim.sph import Lean, acceleration_of, gravity_of, liquid_of
 
-OF_LIQUID = ("one_way_coupling.wall_pressure",)  # forces of walls whose own pressure is a sum over the liquid
-FRICTION = "one_way_coupling.wall_viscosity"
 LEAST_OPEN = 0.1  # of the space around a point that walls leave to the liquid, below which it counts as wall
 
 
@@ -56,8 +53,8 @@ class Gauges:
                 count += len(points.place)
         self.places = np.concatenate([p.place for p in self.points.values()]) if self.points else np.zeros((0, 3))
         self.shares: dict[int, tuple[Share, ...]] = {}
-        self._listed_at = self._rows_of = -1
-        self._rows: Any = None
+        self._listed_at = -1
+        self.walls = WallForces(run)
         self._static: Any = None
         self._open: NDArray[np.float64] | None = None
         if "rest_density" not in plan.fields:
@@ -192,11 +189,10 @@ class Gauges:
 
     def _split(self, gauge: Gauge) -> Iterable[Share]:
         """The launches that make a force: equal shares of components together."""
-        run, plan = self.run, self.run.plan
+        plan = self.run.plan
         grid, dim = plan.grid, plan.grid.dim
-        pushing = [(effect, p) for effect, p in plan.passes if _of_walls(p)]
-        of_friction = tuple(part for part in pushing if part[1].operation == FRICTION)
-        of_pressure = tuple(part for part in pushing if part[1].operation != FRICTION)
+        of_friction = tuple(part for part in self.walls.passes if part[1].operation == FRICTION)
+        of_pressure = tuple(part for part in self.walls.passes if part[1].operation != FRICTION)
         owner = gauge.on if gauge.on in plan.wall_rows else "box_walls"
         first, last = plan.wall_rows[owner]
         whole = np.ones((last - first, dim))
@@ -213,56 +209,20 @@ class Gauges:
                 if passes and share[:, axes[0]].any():
                     volume = np.zeros(len(plan.walls.volume))
                     volume[first:last] = plan.walls.volume[first:last] * share[:, axes[0]]
-                    volume = run.lists.in_list_order(volume).astype(grid.dtype)
-                    yield Share(run.backend.asarray(volume), tuple(axes), passes)
-
-    def _near_walls(self) -> Any:
-        """Rows (m,) of the particles that have wall particles within reach, on the backend."""
-        run = self.run
-        search = run.lists.search
-        if self._rows is None or (search is not None and self._rows_of != search.log.rebuilds):
-            near = np.ones(run.plan.grid.count) if search is None else run.backend.host(run._shared["walls"].count)
-            self._rows = run.backend.asarray(np.flatnonzero(near).astype(np.int32))
-            self._rows_of = 0 if search is None else search.log.rebuilds
-        return self._rows
-
-    def _taken(self, array: Any, rows: Any) -> NDArray[np.float64]:
-        return self.run.backend.taken(array, rows).astype(float)
+                    yield Share(self.walls.volumes(volume), tuple(axes), passes)
 
     def _wall(self, k: int) -> list[float]:
         """Force and torque of the liquid on a wall: the reaction to the forces of the wall on the liquid."""
-        gauge, run, rows = self.gauges[k], self.run, self._near_walls()
-        mass, place = (self._taken(run.fields[name], rows) for name in ("mass", "position"))
+        gauge, run, forces = self.gauges[k], self.run, self.walls
+        rows = forces.rows()
+        mass, place = (forces.taken(run.fields[name], rows) for name in ("mass", "position"))
         place = run.plan.grid.absolute(place)
         push = np.zeros((len(mass), 3))
         for share in self._shares(k):
             axes = list(share.components)
-            push[:, axes] -= mass[:, None] * self._acceleration(share, rows)[:, axes]
+            push[:, axes] -= mass[:, None] * forces.acceleration(share.passes, share.volume, rows)[:, axes]
         about = np.array(gauge.about or (0.0, 0.0, 0.0))
         return self._row(push, place - about)
-
-    def _acceleration(self, share: Share, rows: Any) -> NDArray[np.float64]:
-        """Acceleration (m, 3) [m/s^2] of these rows of the liquid by wall particles of these volumes."""
-        run = self.run
-        found = run.backend.zeros((run.plan.grid.count, 3), run.plan.grid.dtype)
-        walls = run._shared["walls"]
-        self._push(share, found, walls._replace(volume=share.volume))
-        total = self._taken(found, rows)
-        if run.backend.name != "numpy":
-            return total
-        run.backend.assign(found, 0.0)  # the oracles sum over the liquid, too
-        self._push(share, found, walls._replace(volume=np.zeros_like(share.volume)))
-        return total - found
-
-    def _push(self, share: Share, acceleration: Any, walls: Any) -> None:
-        run = self.run
-        for effect, p in share.passes:
-            own: dict[str, Any] = {"acceleration": acceleration, "walls": walls}
-            near = run._shared["neighbours"]
-            if near is not None and p.operation not in OF_LIQUID:
-                own["neighbours"] = near._replace(count=run.backend.zeros(near.count.shape, near.count.dtype))
-            plain = dataclasses.replace(p, algorithm="plain")
-            self._launch(plain, own, run._parameters[effect.name])
 
     def _body(self, gauge: Gauge) -> list[float]:
         """Force and torque on a solid of all that acts on its particles but gravity and the solid itself."""
@@ -317,10 +277,3 @@ class Gauges:
     def restore(self, tables: dict[str, NDArray[np.float64]]) -> None:
         """Go on after these tables, by the gauges' names."""
         self.rows = [tables[gauge.name].tolist() for gauge in self.gauges]
-
-
-def _of_walls(p: Pass) -> bool:
-    """Whether a pass of the forces adds what walls do to the liquid."""
-    if "acceleration" not in p.written or p.operation not in REGISTRY or p.names.get("walls", "walls") is None:
-        return False
-    return "walls" in REGISTRY[p.operation].arguments("numpy")

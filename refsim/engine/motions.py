@@ -6,7 +6,7 @@ was recorded as a CUDA graph reads the values of its own time.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,10 +18,25 @@ from refsim.sph import acceleration_of
 PULLS = ("field", "lean", "wall_gravity")  # parameter groups that are the acceleration of gravity (3,) [m/s^2]
 
 
+class Drive(NamedTuple):
+    """What motions add to gravity at rest at one time."""
+
+    pull: NDArray[np.float64]  # (3,) [m/s^2]
+    spin: NDArray[np.float64]  # (3,) [1/s]
+    change: NDArray[np.float64]  # of the spin (3,) [1/s^2]
+    pivot: NDArray[np.float64]  # (3,) [m]
+
+    def at(self, place: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Acceleration (n, 3) [m/s^2] at `place` (n, 3) [m], without Coriolis', which does no work."""
+        arm = place - self.pivot
+        return self.pull - np.cross(self.change, arm) - np.cross(self.spin, np.cross(self.spin, arm))
+
+
 class Motions:
     """The motions of a run.
 
     gravity  acceleration of gravity in the scene's frame, (3,) [m/s^2], at the time that was set last
+    drive    what they add to gravity at rest then
     """
 
     def __init__(self, run: Run) -> None:
@@ -47,6 +62,7 @@ class Motions:
     def move(self, time: float) -> None:
         """Set what passes read to `time` [s]. Raises RunStopped where a motion has no finite value then."""
         pull, drag, rest = np.zeros(3), np.zeros(3), self.rest
+        turning = np.zeros((3, 3))
         for number, motion in enumerate(self.moving, 1):
             try:
                 moved = motion.at(time)
@@ -61,10 +77,12 @@ class Motions:
             elif motion.of == "turn":
                 axis, place = motion.unit(), self.run.plan.grid.local(np.array(motion.pivot or (0.0, 0.0, 0.0)))
                 rest = turned(self.rest, axis, -moved.place)
-                self._assign(self.turning, np.concatenate([moved.velocity * axis, moved.acceleration * axis, place]))
+                turning = np.array([moved.velocity * axis, moved.acceleration * axis, place])
+                self._assign(self.turning, turning.ravel())
             else:
                 drag += moved.velocity * motion.unit()
         self.gravity = rest + pull
+        self.drive = Drive(self.gravity - self.rest, *turning)
         for array in self.pulls:
             self._assign(array, self.gravity)
         if self.faces is not None:

@@ -142,17 +142,13 @@ def turning_pass(motions: Sequence[Motion]) -> tuple[Pass, ...]:
     return (Pass("motion.turning", ("position", "velocity"), updates=("acceleration",)),) if turns else ()
 
 
-def check_motions(motions: Sequence[Motion], end: float, audited: bool, grid: Discretisation, effects: Others) -> None:
+def check_motions(motions: Sequence[Motion], end: float, grid: Discretisation, effects: Others) -> None:
     """Raise InputError for motions that the scene cannot have; `end` of the run [s]."""
     for number, motion in enumerate(motions, 1):
         owner = f"[[motion]] number {number}"
         motion.check(owner)
         if LIQUID not in effects:
             raise InputError(f"{owner}: it moves the liquid of {LIQUID}; add that effect to the scene.")
-        if audited:
-            raise InputError(
-                f"{owner}: a motion drives the liquid, and energy_audit refuses that; leave one of them out."
-            )
         if motion.of == "turn":
             if grid.dim == 2 and any(motion.direction[:2]):
                 raise InputError(f"{owner}: a 2D tank turns about z; set direction = [0.0, 0.0, 1.0].")

@@ -44,7 +44,7 @@ def checked(scene: Scene) -> tuple[Discretisation, dict[str, Effect]]:
     for effect in postponed:
         effect.check(grid, effects)
     check_gauges(scene.gauge, len(scene.solid), grid, effects)
-    check_motions(scene.motion, scene.end_time, scene.energy_audit is not None, grid, effects)
+    check_motions(scene.motion, scene.end_time, grid, effects)
     return grid, effects
 
 

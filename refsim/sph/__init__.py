@@ -56,9 +56,12 @@ CORRECTION_MIXED = Field("correction_mixed", "-", "B_xy, B_xz and B_yz", 3)
 CORRECTION = (CORRECTION_DIAGONAL.name, CORRECTION_MIXED.name)
 
 LARGEST_SHIFT = 0.5  # of v_max dt: longest displacement of a step beside dt v (Sun et al. 2017)
-# rho0 c h/mu up to which liquid between walls and drops were found to gain no energy, and tanks and columns to come to
-# rest (docs/stability.md)
-LEAST_VISCOUS = {"wendland": 250.0, "mueller": 80.0, "cubic_spline": 80.0}
+# rho0 c h/mu up to which, with a summed density, liquid between walls and drops were found to gain no energy and, with an
+# advanced one, tanks and columns to come to rest (docs/stability.md)
+LEAST_VISCOUS = {
+    "summation": {"wendland": 250.0, "mueller": 80.0, "cubic_spline": 80.0},
+    "continuity": {"wendland": 1500.0, "mueller": 250.0, "cubic_spline": 250.0},
+}
 # Ratio of the largest to the smallest mass up to which a heavy particle in a block gains less than 1 % of the energy
 # exchanged (docs/stability.md). Beyond it J(7) makes its neighbours too dense, and J(10) is not the gradient of their
 # energy.
@@ -411,18 +414,22 @@ class WeaklyCompressible(
         )
 
     def _thin(self, grid: Discretisation, others: Others) -> tuple[str, ...]:
-        """Note on a viscosity with which kinetic energy may grow."""
+        """Note on a viscosity with which kinetic energy may grow, or liquid between walls may not come to rest."""
+        risk = "water may not come to rest" if self.advances() else "kinetic energy may grow at walls and in drops"
         return tuple(
-            f"{self.name}: with a viscosity of {found.value:g} Pa s, below rho0 c h/{LEAST_VISCOUS[self.kernels]:g} ="
-            f" {found.limit:.3g} Pa s, kinetic energy may grow at walls and in drops: increase the viscosity, or"
-            " monitor the energy"
+            f"{self.name}: with a viscosity of {found.value:g} Pa s, below rho0 c h/{self._largest_number():g} ="
+            f" {found.limit:.3g} Pa s, {risk}: increase the viscosity, or monitor the energy"
             for found in self.margins(grid, others)
             if found.value < found.limit
         )
 
+    def _largest_number(self) -> float:
+        """rho0 c h/mu up to which the liquid is known to behave, see LEAST_VISCOUS."""
+        return LEAST_VISCOUS["continuity" if self.advances() else "summation"][self.kernels]
+
     def margins(self, grid: Discretisation, others: Others) -> Iterator[Margin]:
         if not pressure_is_replaced(others):
-            least = self.rest_density * self.sound_speed * grid.support_radius / LEAST_VISCOUS[self.kernels]
+            least = self.rest_density * self.sound_speed * grid.support_radius / self._largest_number()
             yield Margin("dynamic_viscosity [Pa s]", self.dynamic_viscosity, least, least=True)
 
     def energy(self, grid: Discretisation, others: Others) -> EnergyAccount | None:

@@ -21,6 +21,7 @@ from refsim import (
     ImplicitPressure,
     InputError,
     JiangZhu2023,
+    Motion,
     MpmLiquid,
     NormalDifference2014,
     RunStopped,
@@ -37,6 +38,7 @@ from refsim import (
 )
 from refsim.__main__ import main
 from refsim.scene.files import parse_scene, scene_to_toml
+from validation.experiments.liquid import runs
 
 AUDIT = EnergyAudit(every=20)
 EXPLODING = WeaklyCompressible(
@@ -202,6 +204,117 @@ def test_extrapolated_walls_give_no_energy(cells):
     assert audit["turned_over"] > 0.5 * simulation.count * 1000 * spacing**2 * rod**2
     assert 0.9 * rod < fastest <= 1.05 * rod
     assert "box_walls: the walls' pressure at the surface" in audit["uncounted"]
+
+
+# What drives a run is counted
+
+RESONANT = 2 * math.pi / math.sqrt(9.81 * math.pi * math.tanh(0.5 * math.pi))  # s, of water half as deep as wide
+SWAY = Motion(of="gravity", kind="sway", direction=(1.0, 0.0, 0.0), amplitude=0.02, period=RESONANT)
+DRIVES = {
+    "sway": ((SWAY,), {}),
+    "ramp": ((msgspec.structs.replace(SWAY, amplitude=0.01, ramp=1.2),), {}),
+    "table": (
+        (Motion(of="gravity", kind="table", direction=(0.0, 1.0, 0.0), times=(0.1, 0.3, 0.5), values=(0, 0.03, 0)),),
+        {},
+    ),
+    "turn": (
+        (Motion(of="turn", kind="sway", direction=(0.0, 0.0, 1.0), pivot=(0.5, 0.0, 0.0), amplitude=0.05, period=1.3),),
+        {},
+    ),
+    "faces": (
+        (Motion(of="moving_faces", kind="formula", direction=(1.0, 0.0, 0.0), formula="0.1*sin(2*pi*t/0.4)"),),
+        {"viscosity": 2.0, "moving_faces": ("-y",), "velocity": (0.5, 0.0, 0.0)},
+    ),
+}  # fmt: skip
+
+
+def driven(motion, walls, cells=20, audit=AUDIT):
+    """Water half as deep as the tank is wide, 1 m, of the default liquid."""
+    spacing, sound = 1.0 / cells, 10 * math.sqrt(0.5 * 9.81)
+    return Scene(
+        dim=2, dtype="float64", spacing=spacing, support_radius=3 * spacing, motion=motion, energy_audit=audit,
+        end_time=2.0, fluid=(Box(cells=(cells, cells // 2, 1)),),
+        effects=(
+            WeaklyCompressible(sound_speed=sound, dynamic_viscosity=sound * 3000 * spacing / 1500),
+            Gravity(acceleration=(0.0, -9.81, 0.0)),
+            BoxWalls(lower=(0.0, 0.0, 0.0), upper=(1.0, 1.0, 0.0), **walls),
+        ),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("name", DRIVES)
+def test_the_work_of_motions_is_counted(name):
+    """Less that work the energy of a tank rises by no more than 2 % of what is turned over."""
+    simulation = Simulation(driven(*DRIVES[name]), "cpu")
+    while simulation.time < 1.5:
+        simulation.step()
+    audit = simulation.auditor.report()
+    assert audit["greatest_share"] <= 0.02
+    assert -audit["now"]["driving"] > 5 * audit["greatest_share"] * audit["turned_over"]
+
+
+@pytest.mark.parametrize("backend", ["numpy", "cpu"])
+def test_a_face_gives_its_velocity_times_the_momentum(backend):
+    """A floor that moves along a period drags a shallow layer without weight: nothing else pushes it along."""
+    given = {"viscosity": 50.0, "moving_faces": ("-y",), "velocity": (0.5, 0.0, 0.0), "open_faces": ("-x", "+x", "+y")}
+    liquid, _, walls = driven((), given, cells=10).effects
+    scene = msgspec.structs.replace(
+        driven((), given, cells=10), period=(1.0, 0.0, 0.0), fluid=(Box(cells=(10, 3, 1)),), effects=(liquid, walls)
+    )
+    simulation = Simulation(scene, backend)
+    advance(simulation, 40)
+    simulation.auditor.look()
+    half = 0.5 * simulation.previous_length * simulation.field("acceleration")
+    gained = simulation.field("mass") @ (simulation.field("velocity") + half)[:, 0]
+    assert gained > 1.0
+    assert -simulation.auditor.now["driving"] == pytest.approx(0.5 * gained, rel=1e-6)
+
+
+def test_work_is_kept_in_checkpoints_and_changes_no_bit(tmp_path):
+    scene = driven(*DRIVES["faces"], cells=10)
+    plain, whole, first = (Simulation(scene.with_(energy_audit=a)) for a in (None, AUDIT, AUDIT))
+    advance(first, 13)
+    first.checkpoint(tmp_path / "cut.h5")
+    resumed = Simulation.resume(tmp_path / "cut.h5")
+    advance(resumed, 17)
+    for simulation in (plain, whole):
+        advance(simulation, 30)
+    assert resumed.auditor.saved() == whole.auditor.saved()
+    assert whole.auditor.saved().work > 0
+    assert plain.field("velocity").tobytes() == whole.field("velocity").tobytes()
+
+
+def test_ice_that_rises_gains_little():
+    """Kinetic energy of water and solid against gravity and compression; 2 % of what is turned over."""
+    scene = runs.submerged((3, 3), 2, (8, 7), 2.6, runs.ARTIFICIAL)
+    simulation = Simulation(scene.with_(energy_audit=EnergyAudit(every=10)), "cpu")
+    while simulation.time < 1.0:
+        simulation.step()
+    audit = simulation.auditor.report()
+    assert audit["greatest_share"] <= 0.02
+    assert audit["start"]["gravity"] - audit["now"]["gravity"] > 0.3 * audit["turned_over"]
+    assert "two_way_coupling: the pressure extrapolated to solids" in audit["uncounted"]
+
+
+@pytest.mark.parametrize("of", ["gravity", "turn"])
+def test_dust_in_a_driven_frame_has_the_energy_of_the_work(of):
+    """Single particles in a frame that sways or turns: kinetic and potential energy change by the work, exactly."""
+    pivot = (0.3, -0.2, 0.0) if of == "turn" else None
+    axis = (0.0, 0.0, 1.0) if of == "turn" else (1.0, 2.0, 0.0)
+    motion = Motion(of=of, kind="formula", direction=axis, pivot=pivot, formula="0.3*sin(5*t) + t**2")
+    place = np.array([[0.0, 0.0, 0.0], [1.0, 0.5, 0.0], [-0.4, 2.0, 0.0]])
+    dust = Scene(
+        dim=2, dtype="float64", spacing=0.1, support_radius=0.21, step=5e-4, motion=(motion,), end_time=0.5,
+        fluid=(Cloud(position=place, velocity=(0.3, -1.0, 0.0)),), energy_audit=AUDIT,
+        effects=(WeaklyCompressible(sound_speed=50.0), Gravity(acceleration=(0.0, -9.81, 0.0))),
+    )  # fmt: skip
+    simulation = Simulation(dust, "numpy")
+    simulation.step()
+    begun = math.fsum(part.value for part in simulation.auditor.energies().values())
+    advance(simulation, 900)
+    found = {name: part.value for name, part in simulation.auditor.energies().items()}
+    assert abs(found["driving"]) > 1.0
+    assert math.fsum(found.values()) == pytest.approx(begun, abs=2e-3 * abs(found["driving"]))
 
 
 AT_REST = {

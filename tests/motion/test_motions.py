@@ -6,7 +6,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from refsim import Box, BoxWalls, EnergyAudit, Gauge, Gravity, InputError, Motion, Scene, Simulation, WeaklyCompressible
+from refsim import Box, BoxWalls, Gauge, Gravity, InputError, Motion, Scene, Simulation, WeaklyCompressible
 from refsim import make_plan as planned
 from refsim.contract import resumes
 from refsim.engine.motions import turned
@@ -134,8 +134,6 @@ def test_bad_motions_are_refused(changes, words):
 def test_motions_without_what_they_move_are_refused():
     with pytest.raises(InputError, match="no gravity that could move"):
         planned(tank(motion=(SWAY,), pull=(0.0, 0.0, 0.0)))
-    with pytest.raises(InputError, match="energy_audit refuses that"):
-        planned(msgspec.structs.replace(tank(motion=(SWAY,)), energy_audit=EnergyAudit()))
     across = Motion(of="moving_faces", kind="formula", direction=(0.0, 1.0, 0.0), formula="0.1*t")
     with pytest.raises(InputError, match="part across the face -y"):
         planned(tank(motion=(across,), walls={"moving_faces": ("-y",), "viscosity": 1.0}))

@@ -168,12 +168,9 @@ class BoxWalls(Effect, BringsWalls, HasPlanes, HasErrata, FollowsScene, SumsDens
         return {"wall friction": StepLimit.friction(grid, self.viscosity, liquid_of(others).rest_density)}
 
     def energy(self, grid: Discretisation, others: Others) -> EnergyAccount | None:
-        """None of its own: walls at rest do no work. The liquid's compression includes their part of the density.
-
-        No account of walls that move: their work is not summed.
+        """None of its own: the run sums the work of walls that move. The liquid's compression includes their part of
+        the density.
         """
-        if self.moving_faces:
-            return None
         if self.extrapolates():
             return adami_2012.account(others)
         if pressure_is_replaced(others) or least_wall_share(others) == 1:

@@ -180,22 +180,18 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, SumsDensity, frozen=Tru
         )  # fmt: skip
 
     def energy(self, grid: Discretisation, others: Others) -> EnergyAccount | None:
-        """Work of compression of the liquid's particles, relative to each one's own rest density.
-
-        None with an advanced density: the extrapolated pressure does work that is not summed.
-        """
+        """Work of compression of the liquid's particles, relative to each one's own rest density."""
         liquid = liquid_of(others)
-        if liquid.advances():
-            return None
         exponent = 7 if liquid.state == "tait" else 1
 
         def compression(state: EnergyState) -> Any:
             wet = state.flags("phase") == FLUID
             mass, density, rest = (state.field(name)[wet] for name in ("mass", "density", "rest_density"))
-            work = compression_energy(mass, density, rest, rest * liquid.sound_speed**2 / exponent, exponent)
+            stiffness = rest * liquid.sound_speed**2 / exponent
+            work = compression_energy(mass, density, rest, stiffness, exponent, clamped=liquid.clamps())
             return compression_amount(work, mass * liquid.sound_speed**2, grid.dtype)
 
-        uncounted = []
+        uncounted = ["the pressure extrapolated to solids"] if liquid.advances() else []
         if self.density_weighted:
             uncounted.append("the difference of the density-weighted pressure from each particle's own")
         if {"M2", "M4"} & self.printed():

@@ -1,0 +1,80 @@
+"""Work that motions and moving faces of walls do on the liquid of a run, summed step by step."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from refsim.core.capabilities import BringsWalls, having
+from refsim.engine.motions import Drive
+from refsim.engine.run import Run
+from refsim.engine.wall_forces import FRICTION, WallForces
+
+
+class Driving:
+    """The work done on a run since `renew`.
+
+    work  [J; J/m in 2D]
+
+    A step moves a particle by dt v between two forces, and each of them acts for half of it: forces of the frame work
+    along dt v with the mean of both, faces with the mean of the power at both ends.
+    """
+
+    def __init__(self, run: Run) -> None:
+        self.run, plan = run, run.plan
+        self.forces: WallForces | None = None
+        if "wall_motion" in plan.shared:
+            self.forces = WallForces(run)
+            low, high = plan.shared["wall_motion"].lower, plan.shared["wall_motion"].upper
+            moving = ((plan.walls.position < low) | (plan.walls.position > high)).any(1)
+            self.volume = self.forces.volumes(np.where(moving, plan.walls.volume, 0.0))
+            extrapolated = any(effect.extrapolates() for effect in having(plan.effects, BringsWalls))
+            pushing = self.forces.passes if extrapolated else ()
+            self.passes = [part for part in self.forces.passes if part[1].operation == FRICTION]
+            self.pressing = [part for part in pushing if part[1].operation != FRICTION]
+        self.renew()
+
+    def renew(self) -> None:
+        """Begin anew: the state was set between two steps."""
+        self.work, self.power, self.drive = 0.0, math.nan, None
+
+    drive: Drive | None  # at the beginning of the step
+
+    def begin(self) -> None:
+        """Note what acts at the beginning of a step."""
+        self.drive = None if self.run.motions is None else self.run.motions.drive
+        if self.forces is not None and math.isnan(self.power):
+            self.power = self._of_faces(self.forces)
+
+    def after_step(self) -> None:
+        """Add the work of the step."""
+        run = self.run
+        if self.drive is not None:
+            mass, velocity, place = (run._host(n).astype(float) for n in ("mass", "velocity", "position"))
+            way = velocity * run.previous_length
+            mean = 0.5 * (self.drive.at(place - way) + run.motions.drive.at(place))
+            self.work += math.fsum(mass * (mean * way).sum(1))
+        if self.forces is not None:
+            before, self.power = self.power, self._of_faces(self.forces)
+            self.work += 0.5 * (before + self.power) * run.previous_length
+
+    def _of_faces(self, forces: WallForces) -> float:
+        """Power [W] of the moving faces: their friction and the liquid's own pressure on them, times their velocity.
+
+        The pressure of their particles works on the strain that the density takes.
+        """
+        run = self.run
+        reads = {name for _, p in (*self.passes, *self.pressing) for name in p.reads}
+        run.lists.update()
+        run.order.attend()
+        run.bring(sorted(reads))
+        rows = forces.rows()
+        wall: NDArray[np.float64] = np.asarray(run.backend.host(run._shared["wall_motion"].velocity), dtype=float)
+        push = forces.acceleration(self.passes, self.volume, rows)
+        if self.pressing:
+            none: Any = run.backend.zeros(run.fields["wall_pressure"].shape, run.plan.grid.dtype)
+            push += forces.acceleration(self.pressing, self.volume, rows, wall_pressure=none)
+        return math.fsum(forces.taken(run.fields["mass"], rows) * (push @ wall))

@@ -1,0 +1,88 @@
+"""Forces of wall particles on the liquid, launched for a choice of them alone."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from refsim.core.effect import Effect, Pass
+from refsim.core.operation import REGISTRY
+from refsim.engine.binding import bound
+from refsim.engine.run import Run
+
+OF_LIQUID = ("one_way_coupling.wall_pressure",)  # forces of walls whose own pressure is a sum over the liquid
+FRICTION = "one_way_coupling.wall_viscosity"
+
+
+class WallForces:
+    """The passes by which the walls of a run push its liquid.
+
+    passes  of the forces, with their effects
+    """
+
+    def __init__(self, run: Run) -> None:
+        self.run = run
+        self.passes: tuple[tuple[Effect, Pass], ...] = tuple(part for part in run.plan.passes if _of_walls(part[1]))
+        self._rows_of = -1
+        self._rows: Any = None
+
+    def volumes(self, values: NDArray[np.float64]) -> Any:
+        """Volumes (m,) [m^dim] of wall particles in the order of the plan, as `acceleration` takes them."""
+        run = self.run
+        return run.backend.asarray(run.lists.in_list_order(values).astype(run.plan.grid.dtype))
+
+    def rows(self) -> Any:
+        """Rows (m,) of the particles that have wall particles within reach, on the backend."""
+        run = self.run
+        search = run.lists.search
+        if self._rows is None or (search is not None and self._rows_of != search.log.rebuilds):
+            near = np.ones(run.plan.grid.count) if search is None else run.backend.host(run._shared["walls"].count)
+            self._rows = run.backend.asarray(np.flatnonzero(near).astype(np.int32))
+            self._rows_of = 0 if search is None else search.log.rebuilds
+        return self._rows
+
+    def taken(self, array: Any, rows: Any) -> NDArray[np.float64]:
+        """Rows of an array of the backend, on the host in float64."""
+        return self.run.backend.taken(array, rows).astype(float)
+
+    def acceleration(
+        self, passes: Iterable[tuple[Effect, Pass]], volume: Any, rows: Any, **given: Any
+    ) -> NDArray[np.float64]:
+        """Acceleration (m, 3) [m/s^2] of these rows of the liquid by wall particles of these volumes.
+
+        given  arrays by which fields are replaced
+        """
+        run = self.run
+        found = run.backend.zeros((run.plan.grid.count, 3), run.plan.grid.dtype)
+        walls = run._shared["walls"]
+        self._push(passes, found, walls._replace(volume=volume), given)
+        total = self.taken(found, rows)
+        if run.backend.name != "numpy":
+            return total
+        run.backend.assign(found, 0.0)  # the oracles sum over the liquid, too
+        self._push(passes, found, walls._replace(volume=np.zeros_like(volume)), given)
+        return total - found
+
+    def _push(
+        self, passes: Iterable[tuple[Effect, Pass]], acceleration: Any, walls: Any, given: dict[str, Any]
+    ) -> None:
+        run = self.run
+        for effect, p in passes:
+            own: dict[str, Any] = {"acceleration": acceleration, "walls": walls, **given}
+            near = run._shared["neighbours"]
+            if near is not None and p.operation not in OF_LIQUID:
+                own["neighbours"] = near._replace(count=run.backend.zeros(near.count.shape, near.count.dtype))
+            plain = dataclasses.replace(p, algorithm="plain")
+            sources = (own, run._parameters[effect.name], run._shared, run.fields)
+            run.timings.run(p.operation, bound(plain, run.backend, sources))
+
+
+def _of_walls(p: Pass) -> bool:
+    """Whether a pass of the forces adds what walls do to the liquid."""
+    if "acceleration" not in p.written or p.operation not in REGISTRY or p.names.get("walls", "walls") is None:
+        return False
+    return "walls" in REGISTRY[p.operation].arguments("numpy")
