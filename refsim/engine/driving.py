@@ -29,7 +29,8 @@ class Driving:
         if "wall_motion" in plan.shared:
             self.forces = WallForces(run)
             low, high = plan.shared["wall_motion"].lower, plan.shared["wall_motion"].upper
-            moving = ((plan.walls.position < low) | (plan.walls.position > high)).any(1)
+            place = plan.grid.local(plan.walls.position)
+            moving = ((place < low) | (place > high)).any(1)
             self.volume = self.forces.volumes(np.where(moving, plan.walls.volume, 0.0))
             extrapolated = any(effect.extrapolates() for effect in having(plan.effects, BringsWalls))
             pushing = self.forces.passes if extrapolated else ()

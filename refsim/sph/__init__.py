@@ -56,8 +56,8 @@ CORRECTION_MIXED = Field("correction_mixed", "-", "B_xy, B_xz and B_yz", 3)
 CORRECTION = (CORRECTION_DIAGONAL.name, CORRECTION_MIXED.name)
 
 LARGEST_SHIFT = 0.5  # of v_max dt: longest displacement of a step beside dt v (Sun et al. 2017)
-# rho0 c h/mu up to which, with a summed density, liquid between walls and drops were found to gain no energy and, with an
-# advanced one, tanks and columns to come to rest (docs/stability.md)
+# rho0 c h/mu up to which liquid of a summed density was found to gain no energy between walls and in drops, and tanks
+# and columns of an advanced one to come to rest (docs/stability.md)
 LEAST_VISCOUS = {
     "summation": {"wendland": 250.0, "mueller": 80.0, "cubic_spline": 80.0},
     "continuity": {"wendland": 1500.0, "mueller": 250.0, "cubic_spline": 250.0},
@@ -269,9 +269,11 @@ class WeaklyCompressible(
         for effect in others.values():
             replaced = sorted({"sph.density", "sph.state", "sph.pressure", "sph.momentum"} & set(effect.replaces()))
             if replaced and effect.name != coupled:
+                why = f"which replaces {replaced[0]}"
+                if self.controls() and effect.name == "two_way_coupling":
+                    why = "whose solids bear the opposite of plain pair forces"
                 raise InputError(
-                    f"{self.name}: {what} and {effect.name}, which replaces {replaced[0]}, exclude each other; leave"
-                    " one of them out."
+                    f"{self.name}: {what} and {effect.name}, {why}, exclude each other; leave one of them out."
                 )
             if isinstance(effect, BringsWalls) and not effect.extrapolates():
                 raise InputError(

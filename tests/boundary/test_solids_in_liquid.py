@@ -120,13 +120,15 @@ def test_a_detected_surface_has_its_number_density():
     ("changed", "words"),
     [
         ({"viscosity": "laplacian"}, "'laplacian' would brake their rotation; set viscosity = 'central'"),
+        ({"gradient": "corrected"}, "two_way_coupling, whose solids bear the opposite of plain pair forces"),
+        ({"tensile_control": "everywhere"}, "two_way_coupling, whose solids bear the opposite of plain pair forces"),
         ({"literal": ("M2",)}, "density_weighted and literal belong to a summed density"),
         ({"density_weighted": True}, "density_weighted and literal belong to a summed density"),
     ],
 )  # fmt: skip
 def test_what_does_not_fit_is_refused_in_a_sentence(changed, words):
     scene = submerged(*SMALL)
-    owner = WeaklyCompressible if "viscosity" in changed else TwoWayCoupling
+    owner = WeaklyCompressible if {"viscosity", "gradient", "tensile_control"} & set(changed) else TwoWayCoupling
     effects = tuple(msgspec.structs.replace(e, **changed) if isinstance(e, owner) else e for e in scene.effects)
     with pytest.raises(InputError) as refused:
         make_plan(msgspec.structs.replace(scene, effects=effects))
