@@ -23,8 +23,7 @@ if not __package__:
 from refsim.core.errors import InputError, RefsimError
 from refsim.study.choice import REPEATS
 from refsim.study.panels import abouts
-from validation import accuracy, accuracy_page, judging, own_choices, page, times
-from validation.attack import campaign
+from validation import accuracy, accuracy_page, attack, judging, own_choices, page, times
 from validation.checks import CLAIM, HARD_CASE, KINDS, VALUE, VERDICT
 from validation.experiment import Options, Picture, chosen, discover
 from validation.measure import command
@@ -103,7 +102,7 @@ def parser() -> argparse.ArgumentParser:
     part.set_defaults(perform=verified)
 
     command.add_commands(add("measure", "measures the drops behind packaged tables, and writes the tables"))
-    campaign.add_options(add("attack", "attacks the command line for some minutes and counts how it ends"))
+    attack.add_options(add("attack", "attacks the command line for some minutes and counts how it ends"))
     return made
 
 
