@@ -12,6 +12,7 @@ import datetime
 import os
 import shutil
 import sqlite3
+import tomllib
 from pathlib import Path
 
 import nox
@@ -31,48 +32,7 @@ NIGHT = {  # minutes, and the command
     "verify": (40, (*VALIDATION, "verify", "--draw", "20")),
     "linkcheck": (20, (*PYTHON, "-m", "sphinx", "-q", "-b", "linkcheck", "docs", "build/linkcheck")),
 }
-MUTATED = {  # functions of the host whose values closed forms know
-    "backends/tuples": "determinant",
-    "boundary/one_way_coupling/__init__": "step_limits ledger prepare",
-    "boundary/two_way_coupling/__init__": "energy step_limits initial prepare",
-    "core/effect": "constant crossing falling exchanging at",
-    "core/energy": "amount compression_energy compression_amount _zero_pressure pair_potential phi",
-    "engine/audit": "pair_sum energies _unsure look",
-    "engine/stepping": "step_limits stable_steps check_extremes",
-    "engine/stock": "stock",
-    "heat/__init__": "step_limits greatest_diffusivity particle_mass initial of_particles _reservoir _range enthalpy_of"
-    " temperature_at ledger _stored balance",
-    "melting/__init__": "ledger prepare",
-    "mpm/__init__": "energy step_limits _viscous_factor sound_speed particle_mass initial background prepare domain"
-    " nodes stand verdict",
-    "scene/particles": "_solid_particles lattice_mass",
-    "scene/shapes": "positions",
-    "scene/solids": "inside extent",
-    "shape_matching/__init__": "initial",
-    "sph/__init__": "energy step_limits lattice_number_density rest_number_density particle_mass particle_volume shares"
-    " prepare central_coefficient greatest_speed largest_mass_ratio",
-    "sph/iisph/__init__": "step_limits",
-    "surface_energy/effect": "step_limits contact_pull verdict remark",
-    "surface_tension/cohesion": "pair_account pair_mass step_limits capillary_limit compression"
-    " balanced_pressure collapse_number check_collapse",
-    "surface_tension/normal_difference_2014/__init__": "step_limits",
-}
-MUTANTS = """
-[cosmic-ray]
-module-path = {modules}
-timeout = 60.0
-excluded-modules = []
-test-command = "python -m pytest -n 0 -qx tests/across/test_host_values.py tests/ladder/test_parameters.py"
-[cosmic-ray.distributor]
-name = "local"
-[cosmic-ray.filters.operators-filter]
-exclude-operators = [
-    "core/ReplaceBinaryOperator_.*_(BitAnd|BitOr|BitXor|LShift|RShift|FloorDiv|Mod|Pow|Add)",
-    "core/ReplaceBinaryOperator_Bit.*",
-    "core/ReplaceComparisonOperator_.*_(Is|IsNot|Eq|NotEq|LtE|GtE)",
-    "core/RemoveDecorator",
-]
-"""
+MUTANTS = "tests/mutants.toml"
 SURVIVE = 10  # per cent of the mutants at most: those that change no value, such as one more node of a quadrature
 TOOLS = ("pytest>=8", "pytest-xdist>=3.6", "pytest-benchmark>=4")  # configured in pyproject.toml
 TESTS = ("tests/journeys", "tests/smoothing", "tests/io/test_checkpoint.py", "tests/scene/test_checked.py")
@@ -166,8 +126,11 @@ def mutants(session: nox.Session) -> None:
         shutil.copytree(name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copy("pyproject.toml", folder)
     session.chdir(folder)
-    chosen = {name: words for name, words in MUTATED.items() if name in (session.posargs or MUTATED)}
-    Path("mutants.toml").write_text(MUTANTS.format(modules=[f"refsim/{name}.py" for name in chosen]))
+    head, _, functions = Path(MUTANTS).read_text(encoding="utf-8").partition("[functions]")
+    known = tomllib.loads(functions)
+    chosen = {name: words for name, words in known.items() if name in (session.posargs or known)}
+    modules = [f"refsim/{name}.py" for name in chosen]
+    Path("mutants.toml").write_text(head.replace("[cosmic-ray]", f"[cosmic-ray]\nmodule-path = {modules}", 1))
     session.run("cosmic-ray", "init", "mutants.toml", "mutants.sqlite")
     session.run("cr-filter-operators", "mutants.sqlite", "mutants.toml")
     with contextlib.closing(sqlite3.connect("mutants.sqlite")) as found:

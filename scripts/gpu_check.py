@@ -331,20 +331,12 @@ def plan_task(arguments: list[str]) -> list[Row]:
     return rows
 
 
-def cache_task(_: list[str]) -> list[Row]:
-    """Seconds until a kernel's first launch has run; the second process finds it on disk."""
-    began = time.perf_counter()
-    Simulation(SCENES["droplet"](), "cuda").step()
-    return [row("first step of the droplet in a process", float(f"{time.perf_counter() - began:.3g}"), "s")]
-
-
 TASKS: dict[str, Callable[[list[str]], list[Row]]] = {
     "device": device_task,
     "pairing": pairing_task,
     "search": search_task,
     "run": run_task,
     "pair": pair_task,
-    "cache": cache_task,
     "plan": plan_task,
 }
 
@@ -352,14 +344,13 @@ TASKS: dict[str, Callable[[list[str]], list[Row]]] = {
 # The host side: processes, time limits, report.
 
 
-def planned(quick: bool) -> tuple[list[str], list[str]]:
-    """(tasks that share the GPU, tasks that have it for themselves)."""
-    together = [f"search {dim} {dtype}" for dim in (2, 3) for dtype in DTYPES]
-    together += [f"run {name} {dtype} {100 if quick else 1000}" for name in SCENES for dtype in DTYPES]
-    together += [f"pairing {name} {dtype}" for name in REGISTRY for dtype in (DTYPES[:1] if quick else DTYPES)]
-    together += [f"pair {first} {second}" for first, second in pairs.pairs()]
-    together += [f"plan {name}" for name in (*timed.ladders(), *timed.CUBES)]
-    return together, ["cache first", "cache second"]
+def planned(quick: bool) -> list[str]:
+    """All tasks but "device"."""
+    tasks = [f"search {dim} {dtype}" for dim in (2, 3) for dtype in DTYPES]
+    tasks += [f"run {name} {dtype} {100 if quick else 1000}" for name in SCENES for dtype in DTYPES]
+    tasks += [f"pairing {name} {dtype}" for name in REGISTRY for dtype in (DTYPES[:1] if quick else DTYPES)]
+    tasks += [f"pair {first} {second}" for first, second in pairs.pairs()]
+    return tasks + [f"plan {name}" for name in (*timed.ladders(), *timed.CUBES)]
 
 
 def executed(task: str, deadline: float, devices: queue.SimpleQueue[str] | None = None) -> dict[str, Any]:
@@ -416,34 +407,24 @@ def commit() -> str:
 
 
 def as_markdown(answers: list[dict[str, Any]]) -> str:
-    """The tasks of a device's report as Markdown."""
+    """The tasks of a device's report as Markdown: a row a task; every number stands in the JSON file beside it."""
     bad = [a["task"] for a in answers if failed(a)]
     lines = [f"{len(answers) - len(bad)} of {len(answers)} tasks pass.", ""]
     lines += [f"Failed: {', '.join(bad)}.", ""] if bad else []
-    pairing = [a for a in answers if a["task"].startswith("pairing")]
+    lines += ["| task | judged | worst | tolerance | date | commit |", "| --- | --- | --- | --- | --- | --- |"]
     for answer in answers:
-        if answer in pairing and not failed(answer):
-            continue
-        lines += [f"### {answer['task']}", "", f"{answer['date']}, commit {answer['commit']}.", ""]
-        if answer["error"]:
-            lines += [f"**{answer['error']}**", ""]
-        if answer["rows"]:
-            lines += ["| quantity | value | unit | tolerance | verdict | |", "| --- | --- | --- | --- | --- | --- |"]
-            lines += [
-                f"| {r['name']} | {r['value']} | {r['unit']} | {r['tolerance']} | {r['verdict']} | {r['words']} |"
-                for r in answer["rows"]
-            ]
-            lines.append("")
-    good = [a for a in pairing if not failed(a)]
-    if good:
-        lines += ["### Pairing", "", "Largest error as a share of the contract's bound.", ""]
-        lines += ["| operation | dtype | trials | largest error | date | commit |"]
-        lines += ["| --- | --- | --- | --- | --- | --- |"]
-        for answer in good:
-            _, name, dtype = answer["task"].split()
-            cells = [name, dtype, answer["rows"][0]["name"], answer["rows"][0]["value"], answer["date"]]
-            lines.append("| " + " | ".join(map(str, [*cells, answer["commit"]])) + " |")
-    return "\n".join(lines).rstrip() + "\n"
+        rows = [r for r in answer["rows"] if r["verdict"] != "shown"]
+        last = max(rows, key=lambda r: (r["verdict"] == "fail", share(r)), default=row(answer["error"] or "", 0))
+        number = f"{last['value']:.3g}" if rows else ""
+        worst = [f"{last['name']} {number} {last['unit']}".strip(), last["tolerance"]]
+        lines.append(f"| {' | '.join([answer['task'], str(len(rows)), *worst, answer['date'], answer['commit']])} |")
+    return "\n".join(lines) + "\n"
+
+
+def share(one: Row) -> float:
+    """A judged value over its limit; 0 where the limit is."""
+    limit = float(one["tolerance"].removeprefix("<= "))
+    return float(one["value"]) / limit if limit else 0.0
 
 
 SECTION = "whole check"
@@ -469,7 +450,7 @@ def write(answers: list[dict[str, Any]], stem: pathlib.Path, device: str) -> Non
     stem.parent.mkdir(parents=True, exist_ok=True)
     kept = stored(stem)
     merged = kept | {a["task"]: a for a in answers if not unfinished(a)}
-    order = {task: number for number, task in enumerate(["device", *(t for tasks in planned(False) for t in tasks)])}
+    order = {task: number for number, task in enumerate(["device", *planned(False)])}
     tasks = sorted((a for a in merged.values() if a["task"] in order), key=lambda a: order[a["task"]])
     path = stem.with_suffix(".json")
     whole = json.loads(path.read_text()) if path.exists() else {}
@@ -519,25 +500,21 @@ def main() -> int:
         print(f"The GPU cannot be checked: {reason}.", file=sys.stderr)
         return 2
     wanted = tuple(options.only)
-    together, alone = ([task for task in tasks if task.startswith(wanted)] for tasks in planned(options.quick))
+    tasks = [task for task in planned(options.quick) if task.startswith(wanted)]
     answers = [executed("device", deadline)]
     tell(answers[0])
     device = next((str(r["value"]) for r in answers[0]["rows"] if r["name"] == "device"), "unknown device")
     stem = report_of(device, options.folder)
-    reserve = min(120, 20 * len(alone))  # for those that run last and have the GPU to themselves
     places = (options.workers if (os.cpu_count() or 1) >= 8 else 1) * options.devices
     devices: queue.SimpleQueue[str] | None = queue.SimpleQueue() if options.devices > 1 else None
     for place in range(places if devices is not None else 0):
         devices.put(str(place % options.devices))
     with concurrent.futures.ThreadPoolExecutor(places) as pool:
-        waiting = [pool.submit(executed, task, deadline - reserve, devices) for task in together]
+        waiting = [pool.submit(executed, task, deadline, devices) for task in tasks]
         for done in concurrent.futures.as_completed(waiting):
             answers.append(done.result())
             tell(answers[-1])
-    answers[1:] = sorted(answers[1:], key=lambda a: together.index(a["task"]))
-    for task in alone:
-        answers.append(executed(task, deadline))
-        tell(answers[-1])
+    answers[1:] = sorted(answers[1:], key=lambda a: tasks.index(a["task"]))
     date = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
     about = {"date": date, "commit": commit()}
     write([answer | about for answer in answers], stem, device)

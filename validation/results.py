@@ -1,7 +1,7 @@
 """Results on disk: `results/<experiment>/<run>-<digest>/` with result.json and arrays.npz.
 
-The digest covers the run's parameters and the code of every module that its function imports, directly or through
-others. Comments, docstrings and layout do not count, so that a result outlives their edits.
+The digest covers the run's parameters, refsim, and the code of every module of validation that its own imports, without
+comments, docstrings and layout.
 
 result.json begins with the digest of its content and has that of arrays.npz; a folder that does not match is renamed to
 `*.damaged`, and so is one that was written before there were digests.
@@ -22,7 +22,7 @@ import shutil
 import sys
 import tempfile
 import zlib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -37,6 +37,7 @@ PRESENTING = (
     "accuracy", "accuracy_page", "checks", "drawing", "experiment", "filling", "judging",
     "maps", "page", "perform", "report", "results", "tables",
 )  # fmt: skip
+AROUND = ("cluster", "commands", "contract", "examples", "render", "sweep")  # of refsim: they compute no run
 DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
 _HERE = Path(__file__).resolve().parent
 _ROOT = _HERE.parent
@@ -52,140 +53,53 @@ class Result:
 
 
 @functools.cache
-def sources_digest(module_file: str, without: tuple[str, ...] = (), function: str = "") -> str:
-    """Digest of the code in which a run's function stands, and of what this imports of refsim and validation.
-
-    without   paths of modules and packages that the run imports and does not compute with
-    function  of the module: what it does not reach does not count; all counts without
-    """
-    digest, own = hashlib.sha256(), Path(module_file).resolve()
-    for file in modules_behind(own, tuple(_ROOT / path for path in without), function):
+def sources_digest(module_file: str) -> str:
+    """Digest of a run's module, of what this imports of validation, and of refsim."""
+    digest = hashlib.sha256()
+    for file in modules_behind(Path(module_file).resolve()):
         place = file.relative_to(_ROOT) if file.is_relative_to(_ROOT) else Path(file.name)
-        code = _digest_of(_reached(file, function)) if file == own and function else _code_digest(file)
-        digest.update(f"{place.as_posix()}\0{code}\n".encode())
+        digest.update(f"{place.as_posix()}\0{_digest_of(file)}\n".encode())
     return digest.hexdigest()[:16]
 
 
-def modules_behind(file: Path, without: tuple[Path, ...] = (), function: str = "") -> list[Path]:
-    """A module's file and those of all modules of this repository that it imports, directly or through others.
+def modules_behind(file: Path) -> list[Path]:
+    """A module's file, those of validation that it imports, directly or through others, and those of refsim.
 
-    A method's package counts with all of its modules but the contract's cases: its operations load their programs when
-    they are first used. A name that refsim exports counts with the module that defines it, and not with all of refsim.
-    Modules of PRESENTING and below `without` do not count, nor what `function` of the first module does not reach.
+    Modules of validation in PRESENTING, and packages of refsim in AROUND, do not count.
     """
-    found = {file} if function else set[Path]()
-    waiting = _imports(_reached(file, function)) if function else [file]
+    refsim = _ROOT / "refsim"
+    found = {each for each in refsim.rglob("*.py") if each.relative_to(refsim).parts[0] not in AROUND}
+    waiting = [file]
     while waiting:
         file = waiting.pop()
-        left_out = (file.parent == _HERE and file.stem in PRESENTING) or any(map(file.is_relative_to, without))
-        if file not in found and not left_out:
-            found.add(file)
-            waiting += _imported_by(file)
+        if file in found or not file.exists() or (file.parent == _HERE and file.stem in PRESENTING):
+            continue
+        found.add(file)
+        for node in ast.walk(ast.parse(file.read_text())):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "validation":
+                stem = _ROOT.joinpath(*str(node.module).split("."))
+                names = ("__init__", *(alias.name for alias in node.names))
+                waiting += [stem.with_suffix(".py"), *(stem / f"{name}.py" for name in names)]
     return sorted(found)
 
 
-def _reached(file: Path, name: str) -> list[ast.stmt]:
-    """Statements at the top of a module that one of its names needs, directly or through others."""
-    binding: dict[str, list[ast.stmt]] = {}
-    for statement in _tree(file).body:
-        nodes = [statement] if isinstance(statement, DOCUMENTED) else list(ast.walk(statement))
-        names = {getattr(node, "name", "") for node in nodes if isinstance(node, DOCUMENTED)}
-        names |= {node.id for node in nodes if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)}
-        names |= {(node.asname or node.name).partition(".")[0] for node in nodes if isinstance(node, ast.alias)}
-        for bound in names:
-            binding.setdefault(bound, []).append(statement)
-    waiting, found = [name], list[ast.stmt]()
-    while waiting:
-        for statement in binding.pop(waiting.pop(), ()):
-            found.append(statement)
-            waiting += [node.id for node in ast.walk(statement) if isinstance(node, ast.Name)]
-    return [statement for statement in _tree(file).body if statement in found]
-
-
 @functools.cache
-def _imported_by(file: Path) -> list[Path]:
-    found = _imports(_tree(file).body)
-    if file.name == "__init__.py" and (file.parent / "cases.py").exists():
-        found += [other for other in file.parent.glob("*.py") if other.name != "cases.py"]
-    return found
-
-
-def _imports(statements: Sequence[ast.stmt]) -> list[Path]:
-    found: set[Path | None] = set()
-    waiting: list[ast.AST] = list(statements)
-    while waiting:
-        node = waiting.pop()
-        if isinstance(node, ast.ImportFrom):
-            if node.module and not node.level:
-                for name in (alias.name for alias in node.names):
-                    module = _defined_in(node.module, name)
-                    found.add(_file_of(f"{module}.{name}") or _file_of(module))
-        elif isinstance(node, ast.Import):
-            found |= {_file_of(alias.name) for alias in node.names}
-        elif not isinstance(node, ast.If) or "TYPE_CHECKING" not in ast.dump(node.test):
-            for part in ("body", "orelse", "handlers", "finalbody", "cases"):
-                inside = getattr(node, part, [])
-                waiting += inside if isinstance(inside, list) else []
-    return [other for other in found if other is not None]
-
-
-def _file_of(module: str) -> Path | None:
-    """The file of a module of this repository; None for any other."""
-    names = module.split(".")
-    if names[0] not in ("refsim", "validation"):
-        return None
-    stem = _ROOT.joinpath(*names)
-    places = (stem / "__init__.py", stem.with_suffix(".py"))
-    return next((place for place in places if place.exists()), None)
-
-
-def _defined_in(module: str, name: str) -> str:
-    """The module behind a name that refsim exports; of other modules the module itself."""
-    if module != "refsim":
-        return module
-    nodes = (node for node in _tree(_ROOT / "refsim" / "__init__.py").body if isinstance(node, ast.ImportFrom))
-    exported = {alias.asname or alias.name: str(node.module) for node in nodes for alias in node.names}
-    return exported.get(name, module)
-
-
-@functools.cache
-def _tree(file: Path) -> ast.Module:
-    return ast.parse(file.read_text())
-
-
-@functools.cache
-def _code_digest(file: Path) -> str:
-    """Digest of a module's code without its comments, docstrings and layout."""
-    return _digest_of(_tree(file))
-
-
-def _digest_of(code: Any) -> str:
-    return hashlib.sha256(_dumped(code).encode()).hexdigest()
-
-
-def _dumped(node: Any) -> str:
-    """A syntax tree without docstrings, in words that are the same for every version of Python.
-
-    `ast.dump` writes fields that other versions have not, and Python 3.12 has empty texts in the formats of f-strings.
-    """
-    if isinstance(node, ast.AST):
-        fields = []
-        for name in node._fields:
-            value = getattr(node, name, None)
-            if name == "values" and isinstance(node, ast.JoinedStr):
-                value = [part for part in value if not (isinstance(part, ast.Constant) and part.value == "")]
-            elif name == "body" and isinstance(node, DOCUMENTED) and ast.get_docstring(node, clean=False) is not None:
-                value = node.body[1:] or [ast.Pass()]
-            if value is not None and value != []:
-                fields.append(f"{name}={_dumped(value)}")
-        return f"{type(node).__name__}({', '.join(fields)})"
-    return f"[{', '.join(map(_dumped, node))}]" if isinstance(node, list) else repr(node)
+def _digest_of(file: Path) -> str:
+    """Digest of a module: of refsim its text, of others their code without comments, docstrings and layout."""
+    text = file.read_text()
+    if not file.is_relative_to(_ROOT / "refsim"):
+        tree = ast.parse(text)
+        for node in ast.walk(tree):
+            if isinstance(node, DOCUMENTED) and ast.get_docstring(node, clean=False) is not None:
+                node.body = node.body[1:] or [ast.Pass()]
+        text = ast.dump(tree)
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def result_folder(root: Path, experiment: str, key: str, function: Callable, parameters: Mapping[str, Any]) -> Path:
     """Where the result of `function(**parameters)` belongs; raises TypeError for parameters JSON does not know."""
     text = json.dumps(parameters, sort_keys=True, allow_nan=False)
-    sources = sources_digest(inspect.getfile(inspect.unwrap(function)), function=function.__name__)
+    sources = sources_digest(inspect.getfile(inspect.unwrap(function)))
     digest = hashlib.sha256(f"{FORMAT} {function.__name__} {sources} {text}".encode()).hexdigest()[:12]
     return root / experiment / f"{key}-{digest}"
 

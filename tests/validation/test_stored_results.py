@@ -19,12 +19,12 @@ def module(tmp_path):
     def write(text):
         path = tmp_path / "module.py"
         path.write_text(text)
-        for remembered in (results.sources_digest, results._imported_by, results._tree, results._code_digest):
+        for remembered in (results.sources_digest, results._digest_of):
             remembered.cache_clear()
         return results.sources_digest(str(path))
 
     yield write
-    for remembered in (results.sources_digest, results._imported_by, results._tree, results._code_digest):
+    for remembered in (results.sources_digest, results._digest_of):
         remembered.cache_clear()
 
 
@@ -37,26 +37,11 @@ def test_comments_docstrings_and_layout_do_not_count(module):
     assert module('def f(x):\n    return x + 1\n\n\nTEXT = """Words."""\n') != plain
 
 
-def test_of_the_functions_own_module_only_what_it_reaches_counts(tmp_path):
-    def digest(text):
-        path = tmp_path / f"{abs(hash(text))}.py"
-        path.write_text(text)
-        return results._digest_of(results._reached(path, "run"))
-
-    first = "import math\nSIZE = 2\ndef helper(x):\n    return x * SIZE\ndef run():\n    return helper(1)\n"
-    assert digest(first + "def judged():\n    return math.pi\nBAR = 3\n") == digest(first)
-    assert digest(first.replace("SIZE = 2", "SIZE = 3")) != digest(first)
-    behind = {
-        file.relative_to(ROOT).as_posix() for file in results.modules_behind(Path(heat_runs.__file__), (), "slab")
-    }
-    assert "validation/running.py" in behind
-    assert "validation/experiments/melting/scene.py" not in behind, "that is of the claims"
-
-
-def test_another_method_does_not_count():
+def test_refsim_and_imports_of_validation_count_and_what_presents_does_not():
     behind = {file.relative_to(ROOT).as_posix() for file in results.modules_behind(Path(heat_runs.__file__))}
-    assert {"refsim/heat/kernels.py", "refsim/heat/reference.py", "validation/running.py"} <= behind
-    assert not any(place.startswith(("refsim/mpm/", "refsim/surface_tension/", "refsim/contract/")) for place in behind)
+    scene = "validation/experiments/heat/scene.py"
+    assert {"refsim/heat/kernels.py", "refsim/core/effect.py", "validation/running.py", scene} <= behind
+    assert not any(place.startswith(("refsim/contract/", "refsim/render/", "validation/report")) for place in behind)
     assert results.sources_digest(dam_claims.__file__) != results.sources_digest(droplet_runs.__file__)
 
 
@@ -73,7 +58,7 @@ print("\\n".join(sys.modules[name].__file__ for name in set(sys.modules) - befor
 
 
 def test_what_a_run_loads_counts(tmp_path):
-    """Every module that is loaded only when a step is run is behind a file that imports the scene's effects."""
+    """Every module that is loaded only when a step is run is behind every run."""
     file = tmp_path / "run.py"
     file.write_text(PROGRAM)
     found = subprocess.run(

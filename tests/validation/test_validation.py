@@ -94,7 +94,7 @@ def test_fresh_and_changed_sources_compute_anew(options, monkeypatch):
     perform(fake(), options)
     perform(fake(), dataclasses.replace(options, fresh=True))
     assert CALLS == [2, 2]
-    monkeypatch.setattr(results, "sources_digest", lambda file, function: "another")
+    monkeypatch.setattr(results, "sources_digest", lambda file: "another")
     perform(fake(), options)
     assert CALLS == [2, 2, 2]
 
