@@ -18,28 +18,26 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import msgspec
-
 from refsim import (
+    Akinci2013,
     Ball,
     Box,
     BoxWalls,
-    Dong2016,
+    CsfWang2019,
     Gravity,
     HeatConduction,
     ImplicitPressure,
-    JiangZhu2023,
     Melting,
-    MeshBoundary,
+    Motion,
     MpmLiquid,
     MpmWalls,
     RunStopped,
     Scene,
     ShapeMatching,
     Simulation,
-    SolidBall,
+    SolidBox,
+    SolidTorus,
     SurfaceDetection,
-    SurfaceEnergy,
     TwoWayCoupling,
     WeaklyCompressible,
     make_plan,
@@ -55,101 +53,124 @@ DOWN = Gravity(acceleration=(0.0, 0.0, -9.81))
 DOWN_2D = Gravity(acceleration=(0.0, -9.81, 0.0))
 
 
-def column_2d(cells: int, end_time: float, *more: Any) -> Scene:
-    """A column of water, 1 m wide and 2 m high, collapses in a tank 3 m wide."""
-    liquid = WeaklyCompressible(sound_speed=62.0, dynamic_viscosity=700.0 / cells, state="tait", density="summation")
-    walls = BoxWalls(lower=(0, 0, 0), upper=(3.0, 3.0, 0), open_faces=("+y",))
+def water(cells: int, fall: float, **more: Any) -> WeaklyCompressible:
+    """Water of `cells` particles a metre that falls so far [m], at a viscosity with which it rests."""
+    sound = 10.0 * math.sqrt(2 * 9.81 * fall)
+    return WeaklyCompressible(sound_speed=sound, dynamic_viscosity=1000.0 * sound * 2.6 / cells / 125.0, **more)
+
+
+def sloshing(cells: int, end_time: float) -> Scene:
+    """A tank of water, 2 m long and 1 m deep, that sways."""
+    sway = Motion(of="gravity", kind="sway", direction=(1.0, 0.0, 0.0), amplitude=0.05, period=1.7, ramp=0.5)
+    walls = BoxWalls(lower=(0, 0, 0), upper=(2.0, 2.0, 0), open_faces=("+y",))
     return Scene(
-        dim=2, spacing=1 / cells, support_radius=2.6 / cells, end_time=end_time,
-        fluid=(Box(cells=(cells, 2 * cells, 1)),), effects=(liquid, DOWN_2D, walls, *more),
+        dim=2, spacing=1 / cells, support_radius=2.6 / cells, end_time=end_time, motion=(sway,),
+        fluid=(Box(cells=(2 * cells, cells, 1)),), effects=(water(cells, 1.1), DOWN_2D, walls),
     )  # fmt: skip
 
 
-def column_3d(cells: int, end_time: float) -> Scene:
-    """A column of water, 1 x 1 x 1.5 m, collapses in a tank 2 m long."""
-    liquid = WeaklyCompressible(sound_speed=55.0, dynamic_viscosity=600.0 / cells, state="tait", density="summation")
-    walls = BoxWalls(lower=(0, 0, 0), upper=(2.0, 1.0, 2.0), open_faces=("+z",))
+def couette(cells: int, end_time: float, viscosity: float) -> Scene:
+    """A viscous liquid between plates 1 mm apart, of which one moves."""
+    d = 1e-3 / cells
+    walls = BoxWalls(
+        lower=(0, 0, 0), upper=(5e-4, 1e-3, 0), open_faces=("-x", "+x"), viscosity=2 * viscosity, moving_faces=("+y",),
+        velocity=(1e-4, 0.0, 0.0),
+    )  # fmt: skip
     return Scene(
-        spacing=1 / cells, support_radius=2.4 / cells, end_time=end_time,
-        fluid=(Box(cells=(cells, cells, 3 * cells // 2)),), effects=(liquid, DOWN, walls),
+        dim=2, spacing=d, support_radius=3.0 * d, end_time=end_time, period=(5e-4, 0.0, 0.0),
+        fluid=(Box(cells=(cells // 2, cells, 1)),),
+        effects=(WeaklyCompressible(sound_speed=2e-3, dynamic_viscosity=viscosity), walls),
     )  # fmt: skip
 
 
-def implicit(cells: int, end_time: float) -> Scene:
-    """The column in the plane by implicit incompressible SPH."""
-    scene = column_2d(cells, end_time)
-    return msgspec.structs.replace(scene, effects=(*scene.effects, ImplicitPressure()))
-
-
-def drop(cells: int, end_time: float, tension: Any) -> Scene:
-    """A cube of liquid, 8 mm wide, rounds off."""
-    d = 0.008 / cells
-    liquid = WeaklyCompressible(sound_speed=3.6, dynamic_viscosity=0.1, kernels="mueller", density="summation")
+def poured_torus(cells: int, end_time: float) -> Scene:
+    """A ball of water falls on a heavy ring that lies in a box."""
+    d = 1.0 / cells
+    ring = SolidTorus(center=(1.0, 1.0, 0.35), radius=0.5, tube_radius=0.25, density=4000.0)
+    walls = BoxWalls(lower=(0, 0, 0), upper=(2.0, 2.0, 3.0), open_faces=("+z",))
     return Scene(
-        spacing=d, support_radius=2.6 * d, end_time=end_time, effects=(liquid, tension),
-        fluid=(Box(lower=(-0.004,) * 3, cells=(cells,) * 3),),
+        spacing=d, support_radius=2.5 * d, end_time=end_time, solid=(ring,),
+        fluid=(Ball(center=(1.0, 1.0, 1.3), radius=0.5),),
+        effects=(water(cells, 2.0), DOWN, walls, ShapeMatching(), TwoWayCoupling()),
     )  # fmt: skip
 
 
-def mpm_drop(cells: int, end_time: float) -> Scene:
-    """A slab of liquid draws together by the material point method with surface energy."""
-    d = 0.012 / cells
-    box = Box(lower=(-0.006, -0.006, -0.003), cells=(cells, cells, cells // 2))
-    liquid = MpmLiquid(bulk_modulus=3000.0, dynamic_viscosity=0.06)
+def candle(cells: int, end_time: float) -> Scene:
+    """A column of wax melts beneath a hot drop and runs down."""
+    d = 1.0 / cells
+    walls = BoxWalls(lower=(-1.0, -1.0, 0.0), upper=(2.0, 2.0, 4.0), open_faces=("+z",))
+    heat = HeatConduction(
+        temperature=(20.0, 300.0), conductivity=2e4, heat_capacity=2500.0, melting_point=60.0, latent_heat=2e5,
+    )  # fmt: skip
     return Scene(
-        spacing=d, support_radius=2.5 * d, end_time=end_time, fluid=(box,),
-        effects=(liquid, SurfaceEnergy(surface_tension=0.05, enclose_volume=True)),
+        spacing=d, support_radius=2.4 * d, end_time=end_time,
+        solid=(SolidBox(lower=(0.0, 0.0, 0.0), upper=(1.0, 1.0, 2.0), density=900.0),),
+        fluid=(Box(lower=(0.0, 0.0, 2.0), cells=(cells, cells, cells // 2)),),
+        effects=(water(cells, 2.5), DOWN, walls, ShapeMatching(), TwoWayCoupling(), heat, Melting()),
     )  # fmt: skip
 
 
 def mpm_column(cells: int, end_time: float) -> Scene:
-    """A column of liquid collapses by the material point method."""
-    walls = MpmWalls(lower=(0.0, 0.0, 0.0), upper=(2.0, 1.0, 2.0))
+    """A column of liquid collapses in the plane by the material point method."""
+    walls = MpmWalls(lower=(0.0, 0.0, 0.0), upper=(4.0, 3.0, 0.0))
     return Scene(
-        spacing=1 / cells, support_radius=2.5 / cells, end_time=end_time, fluid=(Box(cells=(cells, cells, cells)),),
-        effects=(MpmLiquid(bulk_modulus=1e5, dynamic_viscosity=1.0), DOWN, walls),
+        dim=2, spacing=1 / cells, support_radius=2.6 / cells, end_time=end_time,
+        fluid=(Box(cells=(cells, 2 * cells, 1)),),
+        effects=(MpmLiquid(bulk_modulus=4e6, dynamic_viscosity=2.0), DOWN_2D, walls),
     )  # fmt: skip
 
 
-def ice(cells: int, end_time: float, solid: Any) -> Scene:
-    """A body of ice falls into warm water and melts (Shao & Song 2017)."""
-    d = 3.0 / cells
+def splash(cells: int, end_time: float, *more: Any) -> Scene:
+    """A disc of water falls into a basin."""
+    walls = BoxWalls(lower=(0, 0, 0), upper=(3.0, 3.0, 0), open_faces=("+y",))
+    disc = Ball(center=(1.5, 1.7, 0.0), radius=0.4, velocity=(0.0, -2.0, 0.0))
     return Scene(
-        spacing=d, support_radius=2.5 * d, step=0.3 * d / 15.0, end_time=end_time, solid=(solid,),
-        fluid=(Box(cells=(cells, cells, cells // 2)),),
-        effects=(
-            WeaklyCompressible(sound_speed=35.0, dynamic_viscosity=50.0, state="tait", kernels="cubic_spline",
-                               density="summation"),
-            DOWN, BoxWalls(lower=(0.0, 0.0, 0.0), upper=(3.0, 3.0, 4.5)), ShapeMatching(), TwoWayCoupling(),
-            HeatConduction(temperature=(-5.0, 30.0), conductivity=0.25, melting_point=0.0, literal=("M11",)), Melting(),
-        ),
+        dim=2, spacing=1 / cells, support_radius=2.6 / cells, end_time=end_time,
+        fluid=(Box(cells=(3 * cells, cells, 1)), disc), effects=(water(cells, 2.2), DOWN_2D, walls, *more),
     )  # fmt: skip
 
 
-def pebble(cells: int, end_time: float) -> Scene:
-    """A ball of liquid falls on a pebble."""
-    d = 0.16 / cells
-    liquid = WeaklyCompressible(sound_speed=22.0, dynamic_viscosity=260.0 * d, density="summation")
-    stone = MeshBoundary(file=str(ROOT / "refsim" / "examples" / "pebble.obj"), center=(0.0, 0.0, 0.0), viscosity=0.5)
+def implicit(cells: int, end_time: float) -> Scene:
+    """A column collapses in space by implicit incompressible SPH."""
+    walls = BoxWalls(lower=(0, 0, 0), upper=(2.0, 1.0, 2.0), open_faces=("+z",))
     return Scene(
-        spacing=d, support_radius=2.7 * d, end_time=end_time, fluid=(Ball(center=(0.0, 0.0, 0.2), radius=0.08),),
-        effects=(liquid, DOWN, stone),
+        spacing=1 / cells, support_radius=2.4 / cells, end_time=end_time, fluid=(Box(cells=(cells, cells, cells)),),
+        effects=(water(cells, 1.0, density="summation"), DOWN, walls, ImplicitPressure()),
     )  # fmt: skip
 
 
-SCENES: dict[str, Any] = {  # end times: a minute or less on two threads of a quiet machine
-    "column, 2D": lambda: column_2d(24, 0.8),
-    "column, 2D, detection": lambda: column_2d(70, 0.2, SurfaceDetection(each_step=True)),
-    "column, 2D, implicit pressure": lambda: implicit(50, 0.4),
-    "column, 3D": lambda: column_3d(30, 0.15),
-    "column, 3D, a million": lambda: column_3d(88, 0.01),
-    "drop, Jiang & Zhu": lambda: drop(16, 0.02, JiangZhu2023(surface_tension=0.06)),
-    "drop, Jiang & Zhu, large": lambda: drop(46, 0.0015, JiangZhu2023(surface_tension=0.06)),
-    "drop, Dong": lambda: drop(20, 0.01, Dong2016(surface_tension=0.06)),
-    "drop, MPM with surface energy": lambda: mpm_drop(30, 0.006),
-    "column, MPM": lambda: mpm_column(60, 0.06),
-    "ice ball in water": lambda: ice(24, 0.6, SolidBall(center=(1.5, 1.5, 2.2), radius=0.45)),
-    "liquid on a mesh": lambda: pebble(32, 0.1),
+def drop(cells: int, end_time: float, tension: Any, *more: Any) -> Scene:
+    """A cube of liquid, 6 mm wide, rounds off, on a plane if there is one."""
+    d = 0.006 / cells
+    liquid = WeaklyCompressible(sound_speed=4.0, dynamic_viscosity=0.08, density="summation")
+    return Scene(
+        spacing=d, support_radius=2.7 * d, end_time=end_time, fluid=(Box(cells=(cells, cells, cells)),),
+        effects=(liquid, tension, *more),
+    )  # fmt: skip
+
+
+def slab(cells: int, end_time: float) -> Scene:
+    """Two blocks of copper, one of them hot, touch."""
+    d = 0.1 / cells
+    heat = HeatConduction(temperature=(100.0, 0.0), conductivity=400.0, heat_capacity=385.0, density=8960.0)
+    halves = (Box(cells=(cells, cells, cells)), Box(lower=(0.1, 0.0, 0.0), cells=(cells, cells, cells)))
+    return Scene(spacing=d, support_radius=2.5 * d, end_time=end_time, fluid=halves, effects=(heat,))
+
+
+PLANE = BoxWalls(lower=(-0.01, -0.01, 0.0), upper=(0.02, 0.02, 0.03), open_faces=("-x", "+x", "-y", "+y", "+z"))
+SCENES: dict[str, Any] = {  # end times: half a minute or less on two threads of a quiet machine
+    "tank that sways": lambda: sloshing(40, 3.0),
+    "Couette cell": lambda: couette(60, 0.1, 1e-3),
+    "Couette cell, thick": lambda: couette(60, 0.02, 8e-3),
+    "pour on a torus": lambda: poured_torus(24, 0.5),
+    "candle that melts": lambda: candle(14, 0.6),
+    "column in the plane, MPM": lambda: mpm_column(80, 0.2),
+    "splash": lambda: splash(50, 0.6),
+    "splash, fan scan": lambda: splash(36, 0.6, SurfaceDetection(method="fan_scan", each_step=True)),
+    "column in space, implicit": lambda: implicit(24, 0.3),
+    "drop, continuum force": lambda: drop(18, 0.02, CsfWang2019(surface_tension=0.05)),
+    "drop on a plane, Akinci": lambda: drop(18, 0.02, Akinci2013(surface_tension=0.05, adhesion=0.02), PLANE),
+    "two blocks of copper": lambda: slab(30, 120.0),
 }
 
 

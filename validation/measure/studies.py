@@ -39,12 +39,29 @@ def slab(x: float, time: float, length: float, hot: float, diffusivity: float, t
     return float(hot * (0.5 + (2 / n * np.sin(n / 2) * np.cos(n * x / length) * decay).sum()))
 
 
-def melted(time: float, wall: float, conductivity: float, heat_capacity: float, density: float, latent: float) -> float:
-    """Heat [J/m^2] that ice at 0 degrees C has taken up from a wall at `wall` [degrees C], by Neumann's solution."""
-    reach = 2 * math.sqrt(conductivity / (density * heat_capacity) * time)
-    root = stefan_root(wall * heat_capacity / latent, 0.0, 1.0)
-    sensible = heat_capacity * wall * (1 - math.exp(-(root**2))) / (math.sqrt(math.pi) * float(erf(root)))
-    return density * reach * (latent * root + sensible)
+def melted(
+    time: float, wall: float, cold: float, conductivity: float, heat_capacity: float, density: float, latent: float
+) -> float:
+    """Heat [J/m^2] that a wall has given to ice, by Neumann's solution.
+
+    Wall and ice begin `wall` above and `cold` below the melting point [K].
+    """
+    root = stefan_root(wall, -cold, latent / heat_capacity)
+    return 2 * wall * math.sqrt(conductivity * density * heat_capacity * time / math.pi) / float(erf(root))
+
+
+def sloshed(time: float, length: float, depth: float, push: float, rate: float, modes: int = 99) -> float:
+    """Mean horizontal velocity [m/s] of water in a tank, seen from there, whose acceleration is push sin(rate t).
+
+    Each odd mode of the level is an oscillator of frequency sqrt(g k tanh(k H)) (Faltinsen & Timokha 2009, chapter 5).
+    """
+    n = np.arange(1, modes + 1, 2)
+    k = n * np.pi / length
+    square = 9.81 * k * np.tanh(k * depth)
+    share = square * 8 * length**2 / (9.81 * depth * (n * np.pi) ** 4)
+    return float(
+        (share * push * rate / (square - rate**2) * (np.cos(np.sqrt(square) * time) - np.cos(rate * time))).sum()
+    )
 
 
 def falling_rod(time: float, height: float, width: float, density: float, sound: float, pull: float) -> float:
@@ -63,10 +80,12 @@ class Solved:
     observable: str
     answer: Callable[[], float]
     ratio: float = 1.5
+    with_spacing: tuple[str, ...] = ()
 
     def study(self, name: str, **more: object) -> Study:
         """What `refsim study` finds."""
         given = {"levels": 4, "finer": 2, "ratio": self.ratio, "knobs": ("spacing", "support", "step")}
+        given["with_spacing"] = self.with_spacing
         return refsim.study(SCENES / f"{name}.toml", self.observable, **(given | more))  # type: ignore[arg-type]
 
 
@@ -75,6 +94,9 @@ SOLVED = {
     "couette": Solved(
         "field:velocity.x@2.5e-4,5e-4", lambda: float(scene.couette(MIDDLE, 0.1, 1e-3, 1.25e-5, 1e-6)[0])
     ),
+    "couette_thick": Solved(
+        "field:velocity.x@2.5e-4,5e-4", lambda: float(scene.couette(MIDDLE, 0.05, 1e-3, 1.25e-5, 3e-6)[0])
+    ),
     "poiseuille": Solved(
         "field:velocity.x@2.5e-4,5e-4", lambda: float(scene.poiseuille(MIDDLE, 0.225, 1e-3, 1e-4, 1e-6)[0])
     ),
@@ -82,8 +104,21 @@ SOLVED = {
     "melting_wall": Solved(  # the wall is a fifth of the particles; the ice is 0.08 m deep
         "field:enthalpy@mean",
         lambda: (
-            0.2 * (333e3 + 50.0 * 4186.0) + 0.8 * melted(3000.0, 50.0, 0.6, 4186.0, 1000.0, 333e3) / (1000.0 * 0.08)
+            0.2 * (333e3 + 50.0 * 4186.0)
+            + 0.8 * melted(3000.0, 50.0, 0.0, 0.6, 4186.0, 1000.0, 333e3) / (1000.0 * 0.08)
         ),
+    ),
+    "candle": Solved(  # as deep in spacings; cold wax begins below 0
+        "field:enthalpy@mean",
+        lambda: (
+            0.2 * (200e3 + 90.0 * 2500.0)
+            + 0.8 * (melted(600.0, 90.0, 40.0, 0.25, 2500.0, 900.0, 200e3) / (900.0 * 0.04) - 40.0 * 2500.0)
+        ),
+    ),
+    "sloshing": Solved(
+        "field:velocity.x@mean",
+        lambda: sloshed(0.9, 1.0, 0.5, 0.2, 4.0),
+        with_spacing=("effects.weakly_compressible.dynamic_viscosity",),
     ),
     "column": Solved("kinetic_energy", lambda: falling_rod(0.05, 1.0, 0.4, 1000.0, 10.0, 9.81), ratio=2.0),
 }
