@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from validation.measure import studies
-from validation.measure.studies import SOLVED
+from validation.measure.studies import SOLVED, sloshed
 
 
 def conducted(start, held, seconds, cell, conductivity, density, heat_of, temperature_of):
@@ -20,26 +20,48 @@ def conducted(start, held, seconds, cell, conductivity, density, heat_of, temper
     return heat
 
 
-def test_slab_and_melting_wall_by_finite_volumes():
+def test_the_slab_by_finite_volumes():
     cells = 200
     start = np.where(np.arange(cells) < cells // 2, 100.0, 0.0)
     heat = conducted(start, 0, 20.0, 0.1 / cells, 400.0, 8960.0, lambda t: 385.0 * t, lambda h: h / 385.0)
     at = 385.0 * SOLVED["slab"].answer()
     assert heat[cells // 4 - 1 : cells // 4 + 1].mean() == pytest.approx(at, rel=1e-4)
 
+
+@pytest.mark.parametrize(
+    ("name", "wall", "cold", "until", "length", "conductivity", "capacity", "density", "latent"),
+    [
+        ("melting_wall", 50.0, 0.0, 3000.0, 0.1, 0.6, 4186.0, 1000.0, 333e3),
+        ("candle", 90.0, 40.0, 600.0, 0.05, 0.25, 2500.0, 900.0, 200e3),
+    ],
+)
+def test_melting_by_finite_volumes(name, wall, cold, until, length, conductivity, capacity, density, latent):
     def heat_of(t):
-        return np.where(t > 0, 333e3 + 4186.0 * t, 4186.0 * t)
+        return np.where(t > 0, latent + capacity * t, capacity * t)
 
     def temperature_of(h):
-        return np.where(h > 333e3, (h - 333e3) / 4186.0, np.minimum(h, 0.0) / 4186.0)
+        return np.where(h > latent, (h - latent) / capacity, np.minimum(h, 0.0) / capacity)
 
     means = []
     for cells in (125, 250):  # the wall's temperature stands half a cell from the face: an error of first order
-        wall = cells // 5
-        start = np.where(np.arange(cells) < wall, 50.0, 0.0)
-        heat = conducted(start, wall, 3000.0, 0.1 / cells, 0.6, 1000.0, heat_of, temperature_of)
+        held = cells // 5
+        start = np.where(np.arange(cells) < held, wall, -cold)
+        heat = conducted(start, held, until, length / cells, conductivity, density, heat_of, temperature_of)
         means.append(heat.mean())
-    assert 2 * means[1] - means[0] == pytest.approx(SOLVED["melting_wall"].answer(), rel=2e-4)
+    assert 2 * means[1] - means[0] == pytest.approx(SOLVED[name].answer(), rel=2e-4)
+
+
+def test_the_sloshing_water_is_that_of_its_level():
+    """In shallow water, by the wave equation of the level in cells of equal width."""
+    length, depth, push, rate, until, cells, steps = 1.0, 0.02, 0.2, 4.0, 2.0, 200, 4000
+    level, speed = np.zeros(cells), np.zeros(cells + 1)
+    width, dt = length / cells, until / steps
+    for k in range(steps):  # velocities stand on faces, half a step behind the level
+        slope = np.diff(level) / width
+        speed[1:-1] -= dt * (9.81 * slope + push * np.sin(rate * k * dt))
+        level -= dt * depth * np.diff(speed) / width
+    mean = (speed[1:-1].sum()) / cells
+    assert sloshed(until, length, depth, push, rate) == pytest.approx(mean, rel=0.01)
 
 
 def test_the_rod_is_that_of_its_modes():
