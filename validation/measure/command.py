@@ -68,7 +68,7 @@ def add_commands(made: argparse.ArgumentParser) -> None:
     part.add_argument("--fresh", action="store_true", help="measure anew what is on file")
     part.add_argument("--write", action="store_true", help="write the table into docs/study.md")
     part.add_argument("--output", type=Path, default=DATA / "run_time.json", help="file of rows")
-    part = add("studies", "holds refsim study against five scenes with exact answers")
+    part = add("studies", "holds refsim study against scenes with exact answers")
     part.add_argument("--threads", type=int, help="CPU threads; one for 1,024 particles by default")
     part.add_argument("--write", action="store_true", help="write the table into docs/study.md")
     part = add("mass_ratio", "prints by how much the energy rises, by ratio of particle masses and scene")
