@@ -158,17 +158,21 @@ HEAD = (
 
 
 def row(name: str, threads: int | None) -> str:
-    """One row of the table."""
+    """One row of the table; a study whose values do not fall into order is not continued."""
     solved = SOLVED[name]
     found = solved.study(name, threads=threads, folder=ROOT / "results" / "study" / name)
-    finer = further(found, solved.observable, threads)
     limit, answer, sources = found.convergence, solved.answer(), found.sources()
     assert limit is not None
     shares = ", ".join(percent(sources[kind]) if kind in sources else "-" for kind in ("spacing", "support", "step"))
+    order, later = "-", "- | - | -"
+    if limit.asymptotic:
+        finer = further(found, solved.observable, threads)
+        order = f"{limit.order:.2f}"
+        foreseen = f"{finer.value:.5g}, {finer.run.value:.5g} | {finer.seconds:.3g}, {finer.run.seconds:.3g}"
+        later = f"{finer.spacing:.3g} | {foreseen}"
     return (
-        f"| `{name}` | {answer:.5g} {found.unit} | {limit.value:.5g} ± {limit.uncertainty:.2g} | {limit.order:.2f}"
-        f" | {percent(limit.value / answer - 1, signed=True)} | {shares} | {finer.spacing:.3g}"
-        f" | {finer.value:.5g}, {finer.run.value:.5g} | {finer.seconds:.3g}, {finer.run.seconds:.3g} |"
+        f"| `{name}` | {answer:.5g} {found.unit} | {limit.value:.5g} ± {limit.uncertainty:.2g} | {order}"
+        f" | {percent(limit.value / answer - 1, signed=True)} | {shares} | {later} |"
     )
 
 
