@@ -18,6 +18,7 @@ from refsim import (
     Cloud,
     EnergyAudit,
     Gravity,
+    He2014,
     HeatConduction,
     JiangZhu2023,
     MpmLiquid,
@@ -527,6 +528,7 @@ def test_sums_over_boxes_agree_with_the_reference(monkeypatch, name):
         # its pairs have weights
         (JiangZhu2023(surface_tension=0.5, pair_mode="soft"), "jiang_zhu_2023.tension", False),
         (Akinci2013(surface_tension=0.5), "akinci_2013.tension", True),
+        (He2014(surface_tension=0.5), "he_2014.tension", True),
     ],
 )
 def test_pair_forces_and_pressure_share_a_loop_where_one_exists(tension, last, fused):

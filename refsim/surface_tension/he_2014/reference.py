@@ -5,7 +5,7 @@ Arrays: position (n, 3); mass, density, color (n,); SI units.
 
 import numpy as np
 
-from refsim.core.operation import SYMMETRY, operations
+from refsim.core.operation import SYMMETRY, Program, operations
 from refsim.neighbours.reference import Sums, pair_blocks
 from refsim.smoothing.reference import kernel_gradient, kernel_value
 
@@ -46,7 +46,15 @@ def squared_gradient(position, mass, density, color, gradient_smoothing, rows=No
     optional="color_gradient_squared gradient_energy air_pressure",
     variants=("gradient_energy color_gradient_squared", "", "air_pressure"), tolerance=12.0,
     reason="one rounding in each of distance, slope, volume, two factors, direction, product and sum",
-    invariants=f"{SYMMETRY} linear_momentum angular_momentum", packed="tension_pair",
+    invariants=f"{SYMMETRY} linear_momentum angular_momentum",
+    programs={
+        "cuda:fused": Program(
+            "kernels", "tension_and_momentum", packed="fused_pair", also=("sph.momentum",),
+            names={"smoothing": "gradient_smoothing"},
+            variants=("period", "gradient_energy color_gradient_squared walls period"),
+        )
+    },
+    packed="tension_pair",
 )  # fmt: skip
 def tension(
     position, mass, density, color_gradient_squared, gradient_smoothing, gradient_energy, air_pressure, rows=None
