@@ -80,6 +80,7 @@ def beside_warp(edge: int) -> dict[str, Any]:
             for _, _, call in simulation.force_calls:
                 call()
             simulation.backend.synchronize()
+        simulation.outdate()
         built, began = search.log.rebuilds, time.perf_counter()
         for _ in range(steps):
             simulation.step()  # waits for the device

@@ -105,10 +105,13 @@ class NeighbourLists:
         if self.search is not None and self.built:
             self.policy.keeps(self._particles())
 
-    def look_ahead(self) -> None:
-        """Launch the comparison of displacements behind a step, if it will probably be needed; for a GPU."""
+    def look_ahead(self) -> bool:
+        """Launch the comparison of displacements behind a step, if it will probably be needed, which is told; for a
+        GPU."""
+        expected = self.policy.expects_look()
         if self.search is not None and self.built:
-            self.search.look_ahead(self._particles(), self.policy.expects_look())
+            self.search.look_ahead(self._particles(), expected)
+        return expected
 
     def _particles(self) -> Particles:
         run = self.run
@@ -142,6 +145,7 @@ class NeighbourLists:
         at_walls = None if self._walls is None else self.search.build_against(run.build_position, self._static)
         around = self.search.build_around(run.build_position, self._static) if self.around_walls else None
         self.policy.after_build()
+        run.outdate()
         if known is None or any(new is not old for new, old in zip((near, at_walls, around), known)):
             self._lists = (near, at_walls, around)
             run._shared["neighbours"] = near

@@ -245,13 +245,13 @@ class Simulation(Shown):
             self.auditor.begin()
         if self.gauges is not None:
             self.gauges.begin()
-        self.outdate()
+        self._current.clear()
         self.order.sort_alone()
         self.lists.update()
         self.order.attend()
         self.order.follow()
         done = self.stepper.advance()
-        self.outdate()
+        self._current.clear()
         self.lists.velocities_set = False
         self.lists.policy.after_step(done)
         self.stopped_at_walls += done.stopped
@@ -355,6 +355,7 @@ class Simulation(Shown):
     def outdate(self) -> None:
         """Note that the state is another one, or sorted anew: no field that follows from it belongs to it any more."""
         self._current.clear()
+        self.stepper.known = False
 
     def _is_of_steps(self, name: str) -> bool:
         """Whether only a step writes a field, which does not outlive it."""
@@ -377,6 +378,7 @@ class Simulation(Shown):
         touched = set().union(*(self.force_passes[k][1].written for k in only))
         kept = {name: self._host(name) for name, f in self.plan.fields.items() if f.state and name in touched}
         self._current -= touched
+        self.stepper.known = False
         try:
             yield from self.launch(only)
             self._current |= touched

@@ -28,6 +28,11 @@ class ParticleOrder:
             self._attended = [value for group in groups for value in group.values() if hasattr(value, "attend")]
         self._rows: Any = None
 
+    @property
+    def attends(self) -> bool:
+        """Whether groups make arrays before each step."""
+        return bool(self._attended)
+
     def due(self) -> bool:
         """Whether particles that no neighbour list sorts are to be sorted before this step."""
         return self._cells is not None and self.run.steps % SORT_EVERY == 0

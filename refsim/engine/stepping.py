@@ -4,6 +4,7 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import NoReturn
 
 import numpy as np
@@ -118,6 +119,8 @@ def advanced(
 class HostStepper:
     """Launches the passes one by one and chooses the step in between."""
 
+    known = False  # whether the forces of the next step are launched
+
     def __init__(self, simulation: Run) -> None:
         self.simulation = simulation
 
@@ -155,7 +158,9 @@ class HostStepper:
 class DeviceStepper:
     """Chooses the step on the device: passes, choice and motion are one CUDA graph, which sends the clock back.
 
-    Passes that need nothing of each other are branches of the graph.
+    Passes that need nothing of each other are branches of the graph. Where nothing but the state goes into the forces,
+    and the list will probably serve, those of the next step are launched behind a step: the device then works on while
+    the host looks at what the step did.
 
     In a run that is profiled they are launched one by one, each with a wait behind it; the programs are the same.
     """
@@ -168,7 +173,7 @@ class DeviceStepper:
         self.names = list(s.limits)
         self.limits = s.backend.asarray(np.array(list(s.limits.values()), dtype=np.float64))
         self.clock = s.backend.zeros(device.CLOCK_ROWS, np.float64)
-        self.mirror = device.Mirror(self.clock)
+        self.mirror, self.mark = device.Mirror(self.clock), device.Mark()
         watched = {name for effect in having(s.plan.effects, Watches) for name in effect.watched}
         self.mirrors = {name: device.Mirror(s.fields[name]) for name in sorted(watched)}
         self.in_step_with = -1  # the step up to which the device's clock has counted
@@ -176,14 +181,25 @@ class DeviceStepper:
         whole = not (self.profiled or any(effect.host_in_step for effect in s.plan.effects.values()))
         passes = (*s.plan.passes, *s.plan.motion)
         self.pushed = any("acceleration" in (*p.writes, *p.updates) for _, p in passes)  # else it stays zero
-        self.calls, touches = self._sequence()
-        self.after = needed_before(touches)
-        self.recorded = device.Recorded(self._launch, whole)
+        self.calls, self.touches = self._sequence()
+        choice = [name for name, _ in self.calls].index("choose_step")
+        self.known = False  # whether the forces of the next step are launched
+        self.foresees = whole and not (s.plan.begin or s.motions or s.order.attends or self._forces_change_state())
+        self.recorded, self.forces, self.motion = (
+            device.Recorded(partial(self._launch, part), whole)
+            for part in (slice(None), slice(choice), slice(choice, None))
+        )
 
     def rebind(self) -> None:
         """The arrays have changed: record the step anew."""
-        self.calls, _ = self._sequence()
-        self.recorded = self.recorded.renewed()
+        self.calls, self.touches = self._sequence()
+        self.recorded, self.forces, self.motion = (r.renewed() for r in (self.recorded, self.forces, self.motion))
+        self.known = False
+
+    def _forces_change_state(self) -> bool:
+        """Whether a pass before the choice of the step changes what outlives the step."""
+        s = self.simulation
+        return any(s.plan.fields[name].state for _, p in s.force_passes for name in p.written if name in s.plan.fields)
 
     def watched(self, name: str) -> np.ndarray:
         """A watched field after the step, which sent it with the clock."""
@@ -198,10 +214,16 @@ class DeviceStepper:
         if not self.recorded.called:
             self._launch_each()  # each program's first call is timed, because it compiles
             self.recorded.called = True
+        elif self.known:
+            self.motion()
         else:
             self.recorded()
-        s.lists.look_ahead()
-        clock = self.mirror.read()
+        self.mark.set()
+        foresees = not s.lists.look_ahead() and self.foresees
+        if foresees:
+            self.forces()  # of the next step, while the host looks at this one
+        self.mark.wait()
+        clock = self.mirror.values
         if not self.profiled:
             s.timings.add("step", time.perf_counter() - began)
         seen = (device.SPEED, device.ACCELERATION, device.RATE, device.EXCESS, device.DENSE, device.CRUSHED)
@@ -209,6 +231,7 @@ class DeviceStepper:
         length, limiter = float(clock[device.LENGTH]), int(clock[device.LIMITER])
         name = "fixed" if limiter < 0 else self.names[limiter]
         reason = int(clock[device.REASON])
+        self.known = foresees
         if reason:
             self.in_step_with = -1
             check_extremes(s, int(s.backend.host(s.extremes)[2]), extremes)
@@ -225,11 +248,11 @@ class DeviceStepper:
         values[[device.TIME, device.PREVIOUS, device.FIRST]] = s.time, s.previous_length, s.first_length or 0.0
         s.backend.assign(self.clock, values)
 
-    def _launch(self) -> None:
+    def _launch(self, part: slice) -> None:
         if self.profiled:
             self._launch_each()
         else:
-            self.device.launch_after([call for _, call in self.calls], self.after)
+            self.device.launch_after([call for _, call in self.calls[part]], needed_before(self.touches[part]))
 
     def _launch_each(self) -> None:
         for name, call in self.calls:

@@ -797,6 +797,26 @@ def test_slow_motion_and_forces_far_away_are_those_of_the_references(far):
     assert runs[0].field("position_residual").any()
 
 
+def test_forces_launched_before_the_host_looks_give_the_same_bits():
+    """Also where a list is built, a field is read or set, or forces are evaluated between two steps."""
+    ahead, behind = runs = Simulation(droplet("float32"), "cuda"), Simulation(droplet("float32"), "cuda")
+    behind.stepper.foresees = False
+    known = []
+    for step in range(9):
+        for run in runs:
+            run.step()
+            if step == 2:
+                run.evaluate()
+            if step == 5:
+                run.set_field("velocity", 20 * run.field("position"))
+        known.append(ahead.stepper.known)
+    assert ahead.search.log.rebuilds > 1
+    assert True in known
+    assert False in known
+    for name in ("position", "velocity", "density", "acceleration"):
+        assert np.array_equal(ahead.field(name), behind.field(name)), name
+
+
 def test_run_rebuilds_its_list_and_audits_the_old_one():
     run = Simulation(dam_break("float64"), "cuda")
     run.step()
