@@ -62,7 +62,6 @@ def add_commands(made: argparse.ArgumentParser) -> None:
     part = add("run_time", "holds refsim plan --time against runs of twelve scenes; wants a quiet machine")
     part.add_argument("--backend", default="cpu", help="cpu (default), cuda or numpy")
     part.add_argument("--threads", type=int, help="CPU threads; all by default")
-    part.add_argument("--largest", type=int, default=2_000_000, metavar="N", help="no scenes of more particles")
     part.add_argument("--budget", type=float, default=10.0, help="seconds that a prediction may measure (10)")
     part.add_argument("--only", nargs="+", default=[], metavar="WORD", help="scenes whose names contain one of these")
     part.add_argument("--fresh", action="store_true", help="measure anew what is on file")
