@@ -1,5 +1,6 @@
 """Slips of host code: what a key covers, what is read, which end a prediction is for, what is counted."""
 
+import importlib
 import json
 import os
 import shutil
@@ -97,25 +98,28 @@ def test_a_key_follows_the_buffers_of_a_mesh_and_so_does_the_mesh(tmp_path):
     assert [reach for *_, reach in found] == pytest.approx([0.05, 0.1])
 
 
+FUNCTIONS = """
 FACTOR = 1.0
+def scaled(simulation):
+    return FACTOR * simulation
+def around(value, by=1.0):
+    return (lambda s: value * s, lambda s, by=by: by * s, lambda s: scaled(s))
+"""
 
 
-def test_a_key_follows_the_values_that_a_function_names(monkeypatch):
+def test_a_key_follows_the_values_that_a_function_names(tmp_path, monkeypatch):
     """Those around it, those of its module, its defaults, and what functions that it calls name."""
+    (tmp_path / "functions_of_keys.py").write_text(FUNCTIONS)
+    monkeypatch.syspath_prepend(tmp_path)
+    module = importlib.import_module("functions_of_keys")
     plan, keys = make_plan(block()), []
-
-    def scaled(simulation):
-        return FACTOR * simulation
-
-    def around(value, by=1.0):
-        return (lambda s: value * s, lambda s, by=by: by * s, lambda s: scaled(s))
-
-    for functions in (around(1.0), around(np.ones(2), by=2.0), around(2 * np.ones(2), by=3.0)):
+    for functions in (module.around(1.0), module.around(np.ones(2), by=2.0), module.around(2 * np.ones(2), by=3.0)):
         keys.append([key(block(), observable_of(function, plan)) for function in functions])
-        again = around(2 * np.ones(2), by=3.0)
+    again = module.around(2 * np.ones(2), by=3.0)
     assert keys[-1] == [key(block(), observable_of(function, plan)) for function in again]
-    monkeypatch.setitem(globals(), "FACTOR", 2.0)
+    monkeypatch.setattr(module, "FACTOR", 2.0)
     keys.append([*keys[-1][:2], key(block(), observable_of(again[2], plan))])
+    monkeypatch.delitem(sys.modules, "functions_of_keys")
     assert [len(set(each)) for each in zip(*keys)] == [3, 3, 2]
 
 
