@@ -87,15 +87,31 @@ CASE = "cloud_2d"
 COMPILED = set()  # what was looked at already
 DTYPES = ("float32", "float64")
 
-# Every variant in float32; at night the first one also in float64, which branches nowhere of its own.
-LAUNCHED = [
-    (name, program, variant, dtype)
-    for name, operation in REGISTRY.items()
-    for program in operation.names()
-    if backend_of(program) == "cuda"
-    for variant in range(len(operation.as_computed_by(program).variants))
-    for dtype in DTYPES[: 1 if variant else 2]
-]
+
+def telling(operation):
+    """Variants in which, taken together, each optional argument is given and left out, if it is in any."""
+    holds = [{(n, v.get(n, "given") is None) for n in {*operation.optional, *v}} for v in operation.variants]
+    left, chosen = set().union(*holds), {0}
+    left -= holds[0]
+    while left:
+        best = max(range(len(holds)), key=lambda k: len(holds[k] & left))
+        chosen.add(best)
+        left -= holds[best]
+    return chosen
+
+
+def launched():
+    """(name, program, variant, dtype, by day): by day `telling` variants in float32; at night the others, and the first
+    in float64, which branches nowhere of its own."""
+    for name, operation in REGISTRY.items():
+        for program in operation.names():
+            own = operation.as_computed_by(program)
+            for variant in range(len(own.variants)) if backend_of(program) == "cuda" else ():
+                for dtype in DTYPES[: 1 if variant else 2]:
+                    yield name, program, variant, dtype, dtype == "float32" and variant in telling(own)
+
+
+LAUNCHED = list(launched())
 
 pytestmark = pytest.mark.skipif(runtime.simulated(), reason="the CUDA simulator compiles nothing")
 
@@ -325,11 +341,13 @@ def assert_compiles(cuda, kernel, values, dtype):
     COMPILED.add((kernel, kinds, dtype))
 
 
-def double_at_night(given, dtype):
-    return pytest.param(*given, marks=[pytest.mark.slow] if dtype == "float64" else [])
+def at_night(*given, by_day):
+    return pytest.param(*given, marks=[] if by_day else [pytest.mark.slow])
 
 
-@pytest.mark.parametrize(("name", "program", "variant", "dtype"), [double_at_night(g, g[-1]) for g in LAUNCHED])
+@pytest.mark.parametrize(
+    ("name", "program", "variant", "dtype"), [at_night(*given, by_day=by_day) for *given, by_day in LAUNCHED]
+)
 def test_operation_compiles(compiler, monkeypatch, name, program, variant, dtype):
     arguments = operation_arguments(name, program, variant, dtype)
     made = launches(monkeypatch, REGISTRY[name].program(program), arguments.values())
@@ -352,7 +370,7 @@ def test_what_rounding_takes_from_a_position_is_not_cancelled(compiler, monkeypa
     assert found[1] - found[0] == 3 * 6
 
 
-@pytest.mark.parametrize("dtype", [double_at_night((d,), d) for d in DTYPES])
+@pytest.mark.parametrize("dtype", [at_night(d, by_day=d == "float32") for d in DTYPES])
 def test_search_and_array_moves_compile(compiler, dtype):
     for kernel, values in support_launches(dtype):
         assert_compiles(compiler, kernel, values, dtype)
@@ -368,7 +386,7 @@ def test_sums_over_boxes_compile(compiler, monkeypatch, name):
 def test_no_kernel_is_left_out(compiler, monkeypatch):
     monkeypatch.setattr("refsim.shape_matching.fast_summation_cuda.NARROW", 0)
     known = {kernel for kernel, _ in support_launches("float32")}
-    for name, program, variant, dtype in LAUNCHED:
+    for name, program, variant, dtype, _ in LAUNCHED:
         if dtype == "float32":
             values = operation_arguments(name, program, variant, dtype).values()
             known |= {kernel for kernel, _ in launches(monkeypatch, REGISTRY[name].program(program), values)}
