@@ -157,15 +157,21 @@ def basin(folder, offset, cells=(8, 8, 6), **changes):
 
 
 def test_a_mesh_carries_the_liquid_on_it(tmp_path):
-    """Where its surface cuts the cells of the lattice: the first layer stays half a spacing above it."""
+    """Between planes of the lattice: the first layer stays half a spacing above it, and it bears rho g depth."""
     offset = 0.3
     simulation = Simulation(basin(tmp_path, offset), "cpu", threads=2)
-    spacing, weights = simulation.plan.grid.spacing, []
+    spacing, weights, pressures = simulation.plan.grid.spacing, [], []
+    below = (np.array([3.0, 3.0, offset]) * spacing - simulation.plan.walls.position) / spacing
+    first = (np.abs(below) < [2, 2, 0.6]).all(1)
+    assert below[first, 2] == pytest.approx(0.5)
+    head = runs.DENSITY * runs.GRAVITY * (runs.DEPTH + 0.5 * spacing)
     while simulation.time < 1.2:
         simulation.step()
         if simulation.time > 0.8 and simulation.steps % 5 == 0:
             simulation.evaluate()
             weights.append(runs.pushed(simulation)[2])
+            pressures.append(simulation.field("wall_pressure")[first].mean())
+    assert np.mean(pressures) == pytest.approx(head, rel=0.01)
     assert np.mean(weights) == pytest.approx(simulation.field("mass").sum() * runs.GRAVITY, rel=0.01)
     assert simulation.field("position")[:, 2].min() > (offset + 0.35) * spacing
     assert np.sqrt((simulation.field("velocity") ** 2).sum(1).mean()) <= 1e-3 * runs.SOUND
@@ -185,8 +191,22 @@ def test_cells_of_a_mesh_and_of_the_box_fill_space_once(tmp_path):
     plan = make_plan(basin(tmp_path, 0.3))
     spacing, place = plan.grid.spacing, plan.walls.position
     column = np.abs(place[:, :2] - [-0.5 * spacing, 2.5 * spacing]).max(1) < 0.1 * spacing
-    low = column & (np.abs(place[:, 2]) < 3 * spacing)
-    assert plan.walls.volume[low].sum() == pytest.approx(6 * spacing**3, rel=1e-2)
+    low = column & (np.abs(place[:, 2] + 0.5 * spacing) < 3.5 * spacing)
+    assert plan.walls.volume[low].sum() == pytest.approx(7 * spacing**3, rel=1e-2)
+
+
+def test_cells_of_a_mesh_begin_at_its_flat_faces():
+    """Between two faces all cells but one are whole; of faces nearer than half a cell the larger stays."""
+    from refsim.boundary.one_way_coupling.placing import cell_edges, flat_faces
+
+    box = trimesh.creation.box(bounds=[[0.1, 0.1, 0.3], [4.1, 4.1, 3.6]])
+    step = trimesh.creation.box(bounds=[[0.1, 0.1, 3.6], [1.1, 1.1, 3.9]])
+    planes = flat_faces(np.concatenate([box.triangles, step.triangles]), 1.0)[2]
+    assert planes == pytest.approx([0.3, 3.6])
+    assert cell_edges(planes, -1.0, 5.0, 1.0) == pytest.approx([-1.7, -0.7, 0.3, 1.3, 2.6, 3.6, 4.6, 5.6])
+    assert cell_edges(np.zeros(0), -1.0, 2.0, 1.0) == pytest.approx([-1, 0, 1, 2])
+    plate = trimesh.creation.box(bounds=[[0.0, 0.0, 0.3], [9.0, 9.0, 2.3]])
+    assert [len(found) for found in flat_faces(plate.triangles, 1.0)] == [0, 0, 2]
 
 
 def test_options_of_the_patent_and_an_extrapolated_pressure_exclude_each_other(tmp_path):

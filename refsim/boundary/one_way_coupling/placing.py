@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import functools
+import itertools
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -41,40 +43,89 @@ class PlacedSolid:
     band: NarrowBand
     notes: tuple[str, ...]
 
-    def filled(self, points: np.ndarray, spacing: float) -> tuple[np.ndarray, np.ndarray]:
-        """Share (n,) that the solid fills of cells of edge `spacing` [m] about points (n, 3) [m]; its centre (n, 3)."""
-        distance = self.distance(points)
+    def filled(self, points: np.ndarray, size: float | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Share (n,) that the solid fills of cells of edges `size` [m] about points (n, 3) [m]; its centre (n, 3).
+
+        size  of all edges, or (n, 3)
+        """
+        distance, size = self.distance(points), np.broadcast_to(size, points.shape)
         share, centre = (distance < 0).astype(float), np.array(points, dtype=float)
-        cut = np.flatnonzero(np.abs(distance) < HALF_DIAGONAL * spacing)
-        steps = ((np.indices((PARTS,) * 3).reshape(3, -1).T + 0.5) / PARTS - 0.5) * spacing
+        cut = np.flatnonzero(np.abs(distance) < HALF_DIAGONAL * size.max(1))
+        steps = (np.indices((PARTS,) * 3).reshape(3, -1).T + 0.5) / PARTS - 0.5
         for few in np.array_split(cut, 1 + len(cut) // 4096):
-            inner = points[few, None, :] + steps
+            inner = points[few, None, :] + steps * size[few, None, :]
             depth = -self.distance(inner.reshape(-1, 3)).reshape(inner.shape[:2])
-            part = np.clip(0.5 + depth * PARTS / spacing, 0, 1)
+            part = np.clip(0.5 + depth * PARTS / size[few].min(1)[:, None], 0, 1)
             share[few] = part.mean(1)
             centre[few] = (part[..., None] * inner).sum(1) / np.maximum(part.sum(1), 1e-300)[:, None]
         return share, centre
 
     def cells(self, spacing: float, layers: int) -> tuple[np.ndarray, np.ndarray]:
-        """Shares (m,) that the solid fills of cells of the lattice, `layers` deep, and their centres (m, 3) [m]."""
+        """Volumes (m,) of the solid in cells `layers` deep, over spacing^3, and their centres (m, 3) [m].
+
+        The cells are those of the lattice; across large flat faces they begin at these faces.
+        """
         from scipy.ndimage import distance_transform_edt
 
         corners = self.mesh.vertices + self.mesh.origin
         low, high = np.floor(corners.min(0) / spacing) - 2, np.ceil(corners.max(0) / spacing) + 2
-        size = (high - low).astype(int)
         countable(
-            f"mesh_boundary: the cells of {self.mesh.source!r} at a spacing of {spacing} m", size.tolist(), each=1
-        )
-        points = (np.indices(size).reshape(3, -1).T + low + 0.5) * spacing
+            f"mesh_boundary: the cells of {self.mesh.source!r} at a spacing of {spacing} m",
+            (high - low).astype(int).tolist(), each=1,
+        )  # fmt: skip
+        edges = [
+            cell_edges(planes, low[k] * spacing, high[k] * spacing, spacing)
+            for k, planes in enumerate(flat_faces(corners[self.mesh.faces], spacing))
+        ]
+        points = np.stack(np.meshgrid(*(0.5 * (e[1:] + e[:-1]) for e in edges), indexing="ij"), -1)
+        sizes = np.stack(np.meshgrid(*map(np.diff, edges), indexing="ij"), -1).reshape(-1, 3)
+        shape, points = points.shape[:3], points.reshape(-1, 3)
         distance = self.distance(points)
-        deep = distance_transform_edt((distance < 0).reshape(size)).ravel()
-        wanted = ((deep > 0) & (deep <= layers)) | (np.abs(distance) < HALF_DIAGONAL * spacing)
-        share, centre = self.filled(points[wanted], spacing)
-        return share[share > LEAST_SHARE], centre[share > LEAST_SHARE]
+        deep = distance_transform_edt((distance < 0).reshape(shape)).ravel()
+        wanted = ((deep > 0) & (deep <= layers)) | (np.abs(distance) < HALF_DIAGONAL * sizes.max(1))
+        share, centre = self.filled(points[wanted], sizes[wanted])
+        kept = share > LEAST_SHARE
+        return (share * (sizes[wanted] / spacing).prod(1))[kept], centre[kept]
 
     def distance(self, points: np.ndarray) -> np.ndarray:
         """Signed distances (n,) [m] of points (n, 3) [m], negative inside, clamped to the band."""
         return self.band.at(np.ascontiguousarray(points, dtype=float))[0]
+
+
+def flat_faces(triangles: np.ndarray, spacing: float) -> list[np.ndarray]:
+    """Coordinates [m] of the flat faces of triangles (f, 3, 3) [m] across each axis, at least half a spacing apart.
+
+    An axis with less than half the area of the axis with the most has none; of near faces the larger stays.
+    """
+    across = 0.5 * np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    area = np.linalg.norm(across, axis=1)
+    flat = np.abs(across) > (1 - 1e-6) * area[:, None]
+    most = max(float(area[flat[:, axis]].sum()) for axis in range(3))
+    found = []
+    for axis in range(3):
+        own = flat[:, axis]
+        planes: list[float] = []
+        if 2 * area[own].sum() >= most > 0:
+            place = triangles[own, :, axis].mean(1)
+            key, member = np.unique(np.round(place / spacing, 6), return_inverse=True)
+            for k in np.argsort(-np.bincount(member, area[own]), kind="stable"):
+                if all(abs(key[k] - other) >= 0.5 for other in planes):
+                    planes.append(float(key[k]))
+        found.append(spacing * np.sort(np.array(planes)))
+    return found
+
+
+def cell_edges(planes: np.ndarray, low: float, high: float, spacing: float) -> np.ndarray:
+    """Edges of cells [m] from `low` to `high` [m] or beyond: between planes whole cells but the one in the middle."""
+    if not len(planes):
+        return np.arange(round(low / spacing), round(high / spacing) + 1) * spacing
+    parts = [planes[0] - spacing * np.arange(math.ceil((planes[0] - low) / spacing), 0, -1), planes[:1]]
+    for start, end in itertools.pairwise(planes):
+        count = round((end - start) / spacing)
+        before, after = count // 2, (count - 1) // 2
+        parts += [start + spacing * np.arange(1, before + 1), end - spacing * np.arange(after, 0, -1), [end]]
+    parts.append(planes[-1] + spacing * np.arange(1, math.ceil((high - planes[-1]) / spacing) + 1))
+    return np.concatenate(parts)
 
 
 def placed_solid(
