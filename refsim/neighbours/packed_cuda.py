@@ -12,8 +12,6 @@ import inspect
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from refsim.backends import device
 from refsim.backends.compile import Kernel, cuda, cuda_kernel
 from refsim.backends.primitives import set_four
@@ -35,7 +33,7 @@ def packed_program(body: Kernel, pair: Callable) -> Callable:
     kernel, names, fields = body.on("cuda"), body.arguments, fields_of(pair, "j")
 
     def program(scratch: Any, *values: Any) -> None:
-        given = dict(zip(names, map(fixed, values)))
+        given = {name: v.fixed() if isinstance(v, Smoothing) else v for name, v in zip(names, values)}
         found = layout(pair, tuple(kind_of(given[name]) for name in fields))
         given["neighbours"] = packed(found, given, scratch)
         kernel(*given.values())
@@ -46,11 +44,6 @@ def packed_program(body: Kernel, pair: Callable) -> Callable:
         [inspect.Parameter(name, parameter) for name in ("scratch", *names)]
     )
     return program
-
-
-def fixed(value: Any) -> Any:
-    """A Smoothing with its shape as the length of a tuple, which the compiler knows; other values stay."""
-    return value._replace(shape=(np.int32(0),) * value.shape) if isinstance(value, Smoothing) else value
 
 
 def packed(found: Layout, given: Mapping[str, Any], scratch: Any) -> PackedColumns:
