@@ -20,6 +20,8 @@ from refsim.core.period import Period
 from refsim.core.walls import WallParticles, liquid_with_list, with_list
 from refsim.neighbours import NeighbourSearch
 from refsim.neighbours.reference import pair_blocks
+from refsim.smoothing import Smoothing
+from refsim.smoothing.shapes import WENDLAND_C2
 
 LISTS = ("search", "all_pairs")
 
@@ -242,6 +244,13 @@ def on_backend(value: Any, backend: Backend) -> Any:
     if isinstance(value, tuple) and hasattr(value, "_fields") and any(isinstance(v, np.ndarray) for v in value):
         return type(value)(*(on_backend(part, backend) for part in value))
     return value.on_backend(backend) if hasattr(value, "on_backend") else value
+
+
+def as_in_runs(value: Any) -> Any:
+    """A value as refsim's own programs for a CPU get it: the default smoothing kernel as in a run, with a shape that
+    the compiler knows. All other shapes share a program, which is compiled once.
+    """
+    return value.fixed() if isinstance(value, Smoothing) and value.shape == WENDLAND_C2 else value
 
 
 def with_variant(inputs: Inputs, variant: Mapping[str, Any]) -> Inputs:

@@ -17,6 +17,7 @@ from refsim.contract.guards import Guards
 from refsim.contract.inputs import (
     Inputs,
     all_pairs,
+    as_in_runs,
     backend_for,
     on_backend,
     period_of,
@@ -268,7 +269,8 @@ class Target:
         def lookup(name: str) -> Any:
             if name not in values:
                 made = value_of(operation, name, inputs, neighbours, walls, place) if name in self.taken else None
-                values[name] = guards.hold(name, made)
+                own = self.program is None and place.name == "cpu"
+                values[name] = guards.hold(name, as_in_runs(made) if own else made)
             return values[name]
 
         if self.program is None:

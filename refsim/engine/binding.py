@@ -9,6 +9,7 @@ from refsim.backends.arrays import Backend
 from refsim.core.effect import Effect, Pass
 from refsim.core.operation import PROCEDURES, REGISTRY, Current, backend_of
 from refsim.scene.plan import Plan
+from refsim.smoothing import Smoothing
 
 
 def fused(passes: Sequence[tuple[Effect, Pass]], backend: str) -> list[tuple[tuple[Effect, ...], Pass]]:
@@ -76,7 +77,9 @@ def bound(p: Pass, backend: Backend, sources: Sequence[Mapping[str, Any]]) -> Ca
 
 
 def on_backend(value: Any, backend: Backend) -> Any:
-    """A parameter group with its arrays on the backend."""
+    """A parameter group with its arrays on the backend; a CPU's programs are compiled for the smoothing kernel."""
+    if isinstance(value, Smoothing):
+        return value.fixed() if backend.name == "cpu" else value
     if isinstance(value, np.ndarray):
         return backend.asarray(value)
     if isinstance(value, tuple) and any(isinstance(part, np.ndarray) for part in value):

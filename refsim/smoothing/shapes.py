@@ -48,16 +48,12 @@ class Smoothing(NamedTuple):
     value_scale: float  # [1/m^dim]
     slope_scale: float  # [1/m^(dim+1)]
     laplacian_scale: float  # [1/m^(dim+2)]
-    shape: Any  # its number; a tuple of that length in `fixed` ones
+    shape: Any  # its number; a tuple of that length where it is `fixed`
     dim: int
 
     def fixed(self) -> Smoothing:
         """The same with a shape that the compiler knows: loops over neighbours have no branches and vectorise."""
         return self._replace(shape=(np.int32(0),) * int(self.shape))
-
-    def on_backend(self, backend: Any) -> Smoothing:
-        """As programs of a run take it: `fixed` on a CPU; on a GPU those that gain by it fix it themselves."""
-        return self.fixed() if backend.name == "cpu" else self
 
 
 def lattice(reach: int, dim: int) -> np.ndarray:
