@@ -1,8 +1,9 @@
 """Flows of a weakly compressible liquid by PySPH, in a process of its own.
 
-vortices  its example `taylor_green`, cavity its example `cavity`; tank  a tank at rest of its scheme classes with three
-layers of wall particles. Kernel (a quintic spline of radius 3 d), step and scheme are its own; c is ten times the
-largest speed, as refsim's. One thread; the seconds are processor time from the first step on.
+vortices  its example `taylor_green`, cavity its example `cavity`; tank  a tank at rest, dam  the column of its example
+`dam_break_2d`, both of its scheme classes with three layers of wall particles. Kernel (a quintic spline of radius 3 d),
+step and scheme are its own; c is ten times the largest speed, as refsim's. One thread; the seconds are processor time
+from the first step on.
 """
 
 from __future__ import annotations
@@ -17,43 +18,46 @@ from numpy.typing import NDArray
 from validation.peers import launch
 
 LAYERS = 3  # of wall particles, as many as the support is wide
-GRAVITY, DENSITY, DEPTH = 9.81, 1000.0, 1.0  # m/s^2, kg/m^2, m: of the tank
-SOUND = 10 * (GRAVITY * DEPTH) ** 0.5  # m/s
+GRAVITY, DENSITY = 9.81, 1000.0  # m/s^2, kg/m^2
+LIQUID = {"tank": (1, 1), "dam": (1, 2)}  # m wide and deep
+BOX = {"tank": (1, 2), "dam": (6, 3)}  # m wide and high
+SOUND = {"tank": 10 * GRAVITY**0.5, "dam": 20 * GRAVITY**0.5}  # m/s
 
 
 def run(flow: str, scheme: str, cells: int, times: Sequence[float], **more: float) -> dict[str, Any]:
     """The liquid at the `times` [s]: {"time" (samples,), "position", "velocity" (samples, n, 2), "seconds", "steps",
     "version"}, or {"missing"}.
 
-    flow    "vortices" (in a box of 1 m, Re 100), "cavity" (the same) or "tank" (1 m deep, `viscosity` [m^2/s])
-    scheme  the name that PySPH gives it; cells: particles along a side
+    flow    "vortices" (in a box of 1 m, Re 100), "cavity" (the same), "tank" or "dam" (`viscosity` [m^2/s])
+    scheme  the name that PySPH gives it; cells: particles along 1 m
     """
     given = {"flow": flow, "scheme": scheme, "cells": cells, "times": list(times), **more}
     return launch("pysph_flows", given, {"OMP_NUM_THREADS": "1"}, 7200.0)
 
 
-def _tank(scheme: str, cells: int, viscosity: float) -> type:
-    """A tank of `cells` by `cells` particles between three walls, for one of PySPH's schemes; it begins at rest."""
+def _tank(flow: str, scheme: str, cells: int, viscosity: float) -> type:
+    """A column of liquid between three walls, for one of PySPH's schemes; it begins at rest."""
     from pysph.base.kernels import QuinticSpline
     from pysph.base.utils import get_particle_array
     from pysph.solver.application import Application
     from pysph.sph.scheme import AdamiHuAdamsScheme, WCSPHScheme
     from pysph.sph.wc.edac import EDACScheme
 
-    spacing = DEPTH / cells
-    both = {"dim": 2, "rho0": DENSITY, "c0": SOUND, "nu": viscosity, "gy": -GRAVITY}
-    step, gamma = 0.25 * spacing / (1.1 * SOUND), 7.0 if scheme == "wcsph" else 1.0
+    spacing, (wide, deep), box, sound = 1.0 / cells, LIQUID[flow], BOX[flow], SOUND[flow]
+    both = {"dim": 2, "rho0": DENSITY, "c0": sound, "nu": viscosity, "gy": -GRAVITY}
+    step, gamma = 0.25 * spacing / (1.1 * sound), 7.0 if scheme == "wcsph" else 1.0
 
     class Tank(Application):
         def create_particles(self) -> list:
-            places = np.indices((cells + 2 * LAYERS, 2 * cells + LAYERS)).reshape(2, -1).T - LAYERS
-            inside = ((places >= 0) & (places < [cells, 2 * cells])).all(1)
-            wet = inside & (places[:, 1] < cells)
+            places = np.indices((box[0] * cells + 2 * LAYERS, box[1] * cells + LAYERS)).reshape(2, -1).T - LAYERS
+            inside = ((places >= 0) & (places < np.multiply(box, cells))).all(1)
+            wet = inside & (places < [wide * cells, deep * cells]).all(1)
             arrays = []
             for name, chosen in (("fluid", wet), ("solid", ~inside)):
                 x, y = ((places[chosen] + 0.5) * spacing).T
-                pressure = DENSITY * GRAVITY * np.maximum(DEPTH - y, 0)
-                density = DENSITY * (1 + gamma * pressure / (DENSITY * SOUND**2)) ** (1 / gamma)
+                loaded = (x < wide) | (wide == box[0])
+                pressure = DENSITY * GRAVITY * np.maximum(deep - y, 0) * loaded
+                density = DENSITY * (1 + gamma * pressure / (DENSITY * sound**2)) ** (1 / gamma)
                 same = {"m": DENSITY * spacing**2, "rho": density, "p": pressure, "h": spacing}
                 arrays.append(get_particle_array(name=name, x=x, y=y, **same))
             self.scheme.setup_properties(arrays)
@@ -84,8 +88,8 @@ def work(flow: str, scheme: str, cells: int, times: list[float], viscosity: floa
     elif flow == "cavity":
         from pysph.examples.cavity import LidDrivenCavity as Flow
     else:
-        Flow = _tank(scheme, cells, viscosity)
-    if flow != "tank":
+        Flow = _tank(flow, scheme, cells, viscosity)
+    if flow not in LIQUID:
         words += ["--scheme", scheme, "--nx", str(cells), "--re", "100"]
     seen: dict[str, list[NDArray | float]] = {"time": [], "position": [], "velocity": []}
     clock = {"began": 0.0, "steps": 0}

@@ -30,6 +30,7 @@ STIFFNESS = 9e5  # rho0 c^2 [Pa], exponent 1
 VISCOSITY = 0.01  # kinematic [m^2/s]
 GAP = 0.25  # spacings more than one from the tank's particles: without it the corner is too dense and is shot off
 WARM = 3  # steps that are not counted
+UP = [0, 2, 1]  # axes of a tank in 3D with z up, for a program whose rigid bodies fall along -y
 
 
 def run(side: int, steps: int, threads: int, tension: float = 0.0) -> dict[str, Any]:
@@ -74,6 +75,15 @@ def run_tank(settings: Mapping[str, Any], threads: int) -> dict[str, Any]:
               [m^2/s]) and "times" (of the samples [s]); rest density 1000 kg/m^3
     """
     return launched("splishsplash", {"work": "tank", **settings}, threads, 7200.0)
+
+
+def run_body(settings: Mapping[str, Any], threads: int) -> dict[str, Any]:
+    """A rigid cube in a tank: as `run_tank`, the cube's centre as the first of the particles.
+
+    settings  "water" (n, 3) [m], "edge" and "centre" (3,) of the cube [m], "wide" of the tank [m], "spacing" [m],
+              "density" of the cube [kg/m^3], "viscosity" (kinematic [m^2/s]) and "times" [s]
+    """
+    return launched("splishsplash", {"work": "body", **settings}, threads, 7200.0)
 
 
 def graphics_libraries() -> dict[str, str]:
@@ -229,7 +239,6 @@ def column(
 
 def tank(cells: int, method: str, sound: float, viscosity: float, times: list[float]) -> dict[str, Any]:
     """Run the tank in this process."""
-    import numpy as np
     import pysplishsplash as peer
     import trimesh
 
@@ -246,6 +255,62 @@ def tank(cells: int, method: str, sound: float, viscosity: float, times: list[fl
     }  # fmt: skip
     liquid = {"start": [gap, gap, -1.0], "end": [gap + 1.0 + spacing, gap + 1.0 + spacing, 1.0]}
     base = simulator(peer, scene(spacing, settings, liquid, False, RigidBodies=[walls]))
+    base.initSimulation()
+    coefficients(peer, viscosity, 0.0, DENSITY * sound**2 if method == "wcsph" else 0.0)
+    return sampled(peer, base, times, (0.5 + GAP) * spacing)
+
+
+def body(
+    water: Any, edge: float, centre: list[float], wide: float, spacing: float, density: float, viscosity: float,
+    times: list[float],
+) -> dict[str, Any]:  # fmt: skip
+    """Run the cube in this process, by DFSPH; its rigid bodies fall along -y, so y is up there."""
+    import numpy as np
+    import pysplishsplash as peer
+    import trimesh
+
+    trimesh.creation.box((1.0, 1.0, 1.0)).export("box.obj")
+    settings = DFSPH | {
+        "gravitation": [0.0, -9.81, 0.0], "boundaryHandlingMethod": 0, "cflMaxTimeStepSize": 0.005,
+        "stopAt": times[-1] + 1e-9,
+    }  # fmt: skip
+    margin = (0.5 + GAP) * spacing  # as far as the walls' particles stand further out than refsim's planes
+    same = {"geometryFile": "box.obj", "mapInvert": False, "isWall": False, "isDynamic": False}
+    outside = wide + 2 * margin
+    walls = {
+        "translation": [0.5 * wide, 1.0, 0.5 * wide], "scale": [outside, 2.0 + 2 * margin, outside], "isWall": True,
+        "mapInvert": True,
+    }  # fmt: skip
+    inner = edge - spacing  # the surface through the outermost particles, which the program pushes
+    cube = {
+        "translation": np.array(centre)[UP].tolist(), "scale": [inner] * 3, "isDynamic": True,
+        "density": density * (edge / inner) ** 3, "collisionObjectType": 2, "collisionObjectScale": [inner] * 3,
+    }  # fmt: skip
+    # a block of as many particles as the water has, which are then put in their places
+    side = max(k for k in range(1, 10) if len(water) % k**2 == 0)
+    block = [side + 1.0, side + 1.0, len(water) // side**2 + 1.0]
+    line = {"start": [0.0] * 3, "end": [part * spacing for part in block]}
+    bodies = [same | walls, same | cube]
+    base = simulator(peer, scene(spacing, settings, line, False, RigidBodies=bodies))
+    base.initSimulation()
+    fluid = coefficients(peer, viscosity, 0.0)
+    if fluid.numActiveParticles() != len(water):
+        raise RuntimeError(f"{fluid.numActiveParticles()} particles in place of {len(water)}")
+    for i, place in enumerate(np.asarray(water[:, UP], dtype=np.float32)):
+        fluid.setPosition(i, place)
+
+    def first() -> tuple[Any, Any]:
+        rigid = peer.Simulation.getCurrent().getBoundaryModel(1).getRigidBodyObject()
+        return np.array(rigid.getPosition()), np.array(rigid.getVelocity())
+
+    found = sampled(peer, base, times, 0.0, first)
+    return found | {name: found[name][:, :, UP] for name in ("position", "velocity")}
+
+
+def sampled(peer: Any, base: Any, times: list[float], low: float, first: Callable | None = None) -> dict[str, Any]:
+    """Run, and see positions less `low` [m] and velocities at the times, those of `first` before the particles'."""
+    import numpy as np
+
     seen: dict[str, list[Any]] = {"time": [], "position": [], "velocity": []}
     clock = {"began": 0.0, "steps": 0}
 
@@ -256,13 +321,11 @@ def tank(cells: int, method: str, sound: float, viscosity: float, times: list[fl
         if len(seen["time"]) < len(times) and now >= times[len(seen["time"])] - 1e-9:
             model = peer.Simulation.getCurrent().getFluidModel(0)
             seen["time"].append(float(now))
-            for name, low in (("position", (0.5 + GAP) * spacing), ("velocity", 0.0)):
-                values = np.array(model.getFieldBuffer(name))[: model.numActiveParticles()].astype(float)
-                seen[name].append(values - low)
+            for k, (name, shift) in enumerate((("position", low), ("velocity", 0.0))):
+                values = np.array(model.getFieldBuffer(name))[: model.numActiveParticles()].astype(float) - shift
+                seen[name].append(values if first is None else np.vstack([first()[k], values]))
 
     base.setTimeStepCB(after_step)
-    base.initSimulation()
-    coefficients(peer, viscosity, 0.0, DENSITY * sound**2 if method == "wcsph" else 0.0)
     base.runSimulation()
     spent = time.process_time() - clock["began"]
     return {**{name: np.array(values) for name, values in seen.items()}, "seconds": spent, "steps": clock["steps"]}
@@ -278,5 +341,5 @@ def simulator(peer: Any, scene: Mapping[str, Any], **options: Any) -> Any:
 
 
 def work(work: str, **given: Any) -> dict[str, Any]:
-    """One of the four."""
-    return {"block": block, "drop": drop, "column": column, "tank": tank}[work](**given)
+    """One of the five."""
+    return {"block": block, "drop": drop, "column": column, "tank": tank, "body": body}[work](**given)

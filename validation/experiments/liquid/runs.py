@@ -367,6 +367,17 @@ def held(
     return Result(values)
 
 
+def draught(water: NDArray, middle: float, edge: int, wide: int, spacing: float) -> float:
+    """Share of a cube's edge below the level of the water far from it; `edge` and `wide` (of the tank) in cells.
+
+    water (n, 3) [m]; middle  height of the cube's centre [m]
+    """
+    far = np.abs(water[:, :2] - 0.5 * wide * spacing).max(1) > (0.5 * edge + 1) * spacing
+    layer = (wide**2 - (edge + 2) ** 2) // 2
+    level = np.sort(water[far, 2])[-layer:].mean() + 0.5 * spacing
+    return float(level - middle) / (edge * spacing) + 0.5
+
+
 def ice(
     context: Context, edge: int, bottom: int, cells: tuple[int, int], falls: float, artificial: float, backend: str
 ) -> Result:
@@ -383,11 +394,7 @@ def ice(
 
     def sample(simulation: Simulation, wall: float) -> None:
         x = simulation.field("position")
-        far = np.abs(x[:, :2] - 0.5 * cells[0] * spacing).max(1) > (0.5 * edge + 1) * spacing
-        far[:count] = False
-        layer = (cells[0] ** 2 - (edge + 2) ** 2) // 2
-        level = np.sort(x[far, 2])[-layer:].mean() + 0.5 * spacing
-        shares.append(float(level - x[:count, 2].mean()) / (edge * spacing) + 0.5)
+        shares.append(draught(x[count:], x[:count, 2].mean(), edge, cells[0], spacing))
 
     advance(simulation, np.linspace(0, until, 41).tolist(), sample, context)
     rise = 2 * float(simulation.field("position")[:count, 2].mean() - start) / simulation.time**2

@@ -1,4 +1,4 @@
-"""Error against processor time of three flows: the papers' liquid, the one that rests, and those of other programs."""
+"""Error against processor time of five flows: the papers' liquid, the one that rests, and those of other programs."""
 
 from __future__ import annotations
 
@@ -14,6 +14,8 @@ TITLES = {
     "vortices": "Taylor-Green vortices, Re 100\n(velocity at 1 s, L2)",
     "tank": "tank at rest\n(speed after 4 s, of the sound speed)",
     "cavity": "lid-driven cavity, Re 100\n(centre-line velocity, largest)",
+    "dam": "dam break\n(front, of the column's width)",
+    "body": "floating cube\n(draught, of its edge)",
 }
 LOOKS = {  # colour and marker
     ("refsim", "papers"): (VERMILION, "o", "refsim, the papers' liquid"),
