@@ -19,9 +19,16 @@ def test_a_known_error_is_found():
     x = lattice(20)
     exact = vortex(x, 0.7, 100.0)
     assert judged("vortices", 20, [(0.7, x, 1.03 * exact)])["error"] == pytest.approx(0.03)
-    velocity = 0.002 * SOUND * np.tile([0.6, -0.8], (len(x), 1))
+    velocity = 0.002 * SOUND["tank"] * np.tile([0.6, -0.8], (len(x), 1))
     found = judged("tank", 20, [(3.5, x, velocity), (4.0, x + [0.0, 0.01], 3 * velocity)])
     assert found == pytest.approx({"error": 0.004, "level_off": 0.02})
+
+
+def test_a_cube_that_lies_too_deep_is_found():
+    cells, spacing = np.indices((20, 20, 12)).reshape(3, -1).T, 1 / 12
+    water = (cells + 0.5) * spacing
+    centre = [10 * spacing, 10 * spacing, 1.0 - (0.917 - 0.5 + 0.03) * 5 * spacing]
+    assert judged("body", 12, [(4.0, np.vstack([centre, water]), water)])["error"] == pytest.approx(0.03)
 
 
 def test_velocities_of_a_cavity_are_taken_at_its_centre_lines():
