@@ -11,15 +11,6 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parent.parent
-PAPERS = {
-    "jiang_zhu_2023": "Jiang & Zhu 2023",
-    "dong_2016": "Dong, Zhang & Chen 2016",
-    "mpm": "a thesis on surface tension in MPM",
-    "surface_energy": "a thesis on surface tension in MPM",
-    "heat": "Shao & Song 2017",
-    "melting": "Shao & Song 2017",
-    "one_way_coupling": "patent CN104318598A",
-}
 ABOVE = {"CONTRIBUTING.md": "contributing.md", "CHANGELOG.md": "changelog.md", "README.md": "index.md"}
 LINK = re.compile(r"(?<!!)\[([^\]]*)\]\(([^)\s]+)\)")
 BAR = "\\|"
@@ -162,13 +153,14 @@ def gallery() -> Iterator[str]:
     """A card for each figure: thumbnail, what it shows, paper, claims and their verdicts, command."""
     from validation.checks import CLAIM, read_all
     from validation.experiment import discover
+    from validation.page import SYSTEMS
 
     claims = read_all(CLAIM)
     yield '<div class="gallery">\n'
     for name, experiment in discover().items():
         own = [claim for claim in claims if claim.experiment == name]
         counted = Counter(claim.verdict for claim in own)
-        papers = dict.fromkeys(PAPERS.get(claim.system, claim.system) for claim in own)
+        papers = dict.fromkeys(SYSTEMS.get(claim.system, claim.system).partition(":")[0] for claim in own)
         verdict = ", ".join(f"{number} {words}" for words, number in counted.most_common())
         for picture in experiment.pictures:
             if not (ROOT / "figures" / picture.file).exists():

@@ -22,11 +22,22 @@ rest_density = 1000.0
 sound_speed = 20.0
 density = "summation"
 """
+FAR_APART = b"""spacing = 0.01
+support_radius = 0.026
+fluid = [{shape = "box", cells = [2, 2, 2]}]
+[effects.weakly_compressible]
+density = "summation"
+sound_speed = 1e29
+rest_density = 1e29
+[effects.gravity]
+acceleration = [0.0, -1e29, 0.0]
+"""
 FOUND = {  # what was done, and a trial that once ended in a traceback
     "effects that need a solid": (plan, NOT_COUPLED),
     "header of zeros": (resume, ("cloud.npy", [Damage("zeros", 1330, 537)], True)),
     "swapped frames": (resume, ("particles.vtkhdf", [Damage("cut", 8637), Damage("swapped", 2168)], False)),
     "lost checkpoint": (resume, ("checkpoint.h5", [Damage("gone")], False)),
+    "numbers that are far apart": (plan, FAR_APART),
     "endless stack": (plan, b"spacing = " + b"[" * 5000),
 }
 
