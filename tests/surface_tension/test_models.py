@@ -32,7 +32,6 @@ from refsim.smoothing import smoothing
 from refsim.smoothing.reference import kernel_slope
 from refsim.sph import Fluid
 from refsim.surface_tension.akinci_2013 import LARGEST_AREA, SHATTERING_AREA
-from refsim.surface_tension.akinci_2013.reference import adhesion_function, cohesion_function
 from refsim.surface_tension.cohesion import (
     compression,
     neighbours_in_support,
@@ -109,38 +108,6 @@ def test_large_area_terms_are_noted(dim):
     assert "dong_2016: correction = 24 sigma/(rho0 d) is above 24" in note
     assert "they swell" in note
     assert "they fly apart" in notes(Dong2016(surface_tension=2.0, correction=2 * 96.1))[0]
-
-
-# Force functions
-
-
-def test_akinci_spline_has_the_published_values():
-    """Values of the spline at h = 1 m, its zero and its two extremes."""
-    c = cohesion_function(np.array([0.01, 0.1, 0.2725, 0.5, 1.0]), 1.0, 3)
-    np.testing.assert_allclose(np.abs(c), [0.159135176, 0.144303877, 4.3605e-4, 0.159154943, 0], rtol=2e-5)
-    assert (np.sign(c) == [-1, -1, -1, 1, 0]).all()
-    r = np.linspace(0, 1, 100001)
-    c = cohesion_function(r, 1.0, 3)
-    assert r[np.flatnonzero(c > 0)[0]] == pytest.approx(0.2729, abs=5e-5)
-    assert c.max() == pytest.approx(0.1592, abs=1e-4)
-    assert -c[0] == pytest.approx(c.max(), rel=1e-9)
-    assert r[np.argmax(c)] == pytest.approx(0.5, abs=1e-4)
-
-
-def test_adhesion_has_the_published_values():
-    a = adhesion_function(np.array([0.4, 0.51, 0.75, 1.0]), 1.0, 3)
-    np.testing.assert_allclose(a, [0, 0.002619160, 0.004949747, 0], rtol=1e-6)
-
-
-@pytest.mark.parametrize(("ratio", "lowest"), [(1.5, -0.0035), (2.0, -0.0208), (2.5, -0.0506)])
-def test_dong_force_has_the_published_shape(ratio, lowest):
-    r = np.linspace(0, ratio, 200001)
-    shape = dong_force(r, ratio, 1.0)
-    assert shape[0] == pytest.approx(1, rel=1e-12)
-    assert dong_force(1.0, ratio, 1.0) == pytest.approx(0, abs=1e-12)
-    assert shape[-1] == 0
-    assert shape.min() == pytest.approx(lowest, abs=5e-5)
-    assert r[np.argmin(shape)] == pytest.approx(ratio - (ratio - 1) / math.sqrt(2), abs=1e-4)
 
 
 # Nominal tension and internal pressure
