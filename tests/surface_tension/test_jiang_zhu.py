@@ -39,11 +39,6 @@ def prepared(dim=3, dtype="float64", support_radius=1.0, spacing=None, rest_dens
     return effect.prepare(grid, others)
 
 
-def shape(q, **options):
-    cohesion = prepared(**options)["cohesion"]
-    return np.array([formulas.force_shape(np.float64(x), cohesion) for x in np.atleast_1d(q)])
-
-
 def drop(n=5, dtype="float32", dim=3, fluid=None, wobble=0.0, **parameters):
     spacing = 1.0 / n
     cells = (n, n, n if dim == 3 else 1)
@@ -61,32 +56,6 @@ def drop(n=5, dtype="float32", dim=3, fluid=None, wobble=0.0, **parameters):
     return Scene(
         spacing=spacing, support_radius=H * spacing, dim=dim, dtype=dtype, fluid=(part,), effects=tuple(effects)
     )
-
-
-# The force function J(17)
-
-
-@pytest.mark.parametrize("dim", [2, 3])
-def test_force_function_has_the_published_shape(dim):
-    q = np.linspace(0, 1, 20001)
-    c = shape(q, dim=dim)
-    assert c[0] == pytest.approx(0.6 / 0.8**3 - 0.9, rel=1e-12)
-    zero = q[np.flatnonzero(c < 0)[0]]
-    assert zero == pytest.approx(0.3609, abs=1e-4)
-    lowest = np.argmin(c)
-    assert q[lowest] == pytest.approx(0.589, abs=1e-3)
-    assert c[0] / -c[lowest] == pytest.approx(1.97, abs=5e-3)
-    assert c[-1] == 0.0
-
-
-def test_printed_coefficient_in_2d_has_hardly_any_core():
-    q = np.linspace(0, 1, 20001)
-    c = shape(q, dim=2, literal=("E7",))
-    assert q[np.flatnonzero(c < 0)[0]] == pytest.approx(0.153, abs=1e-3)
-    assert c[0] / -c.min() == pytest.approx(0.22, abs=5e-3)
-
-
-# Nominal tension and cohesive pressure
 
 
 # Pair modes
