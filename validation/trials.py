@@ -258,6 +258,13 @@ def largest_stable(
     return Limit(low, high, answers.get(high, ""), sorted(answers.items()))
 
 
+def at_step(plan: Plan, factor: float) -> Plan:
+    """The plan with `factor` times the stable step, also above 1, which scenes refuse."""
+    scene = msgspec.structs.replace(plan.scene)
+    msgspec.structs.force_setattr(scene, "step_factor", factor)
+    return dataclasses.replace(plan, scene=scene)
+
+
 def silent_up_to(made: Callable[[float], Scene], least: float, most: float, but: tuple[str, ...] = ()) -> float:
     """The largest value between `least` and `most` whose scene the runner neither refuses nor says anything about;
     notes with any of the words `but`, which the value does not change, are left out."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -32,7 +31,7 @@ from validation.metrics.shapes import lattice_ball
 from validation.metrics.spread import groups
 from validation.results import Result, real
 from validation.running import Context, advance, momenta, note, search_log, stage_seconds, until_stopped
-from validation.trials import Cell, Trial, hard_case, largest_stable, silent_up_to
+from validation.trials import Cell, Trial, at_step, hard_case, largest_stable, silent_up_to
 
 SAMPLES = 72
 BULK = 0.6  # of R: particles inside count as bulk
@@ -565,9 +564,7 @@ def step_cell(
     limiter = {}
 
     def run(factor: float) -> Drop:
-        # A scene refuses a factor above 1, a plan does not.
-        forced = dataclasses.replace(plan, scene=msgspec.structs.replace(made, step_factor=factor))
-        drop = settle(context, backend, forced, until)
+        drop = settle(context, backend, at_step(plan, factor), until)
         limiter[factor] = max(context.started[-1].limiters.items(), key=lambda item: item[1], default=("", 0))[0]
         return drop
 

@@ -22,7 +22,7 @@ from validation.experiments.heat.runs import each_scheme
 from validation.metrics.droplet import nearest_neighbour_distance
 from validation.results import Result
 from validation.running import Context, momenta
-from validation.trials import Cell, Trial, hard_case, largest_stable, silent_up_to
+from validation.trials import Cell, Trial, at_step, hard_case, largest_stable, silent_up_to
 
 SPACING, SUPPORT = 0.01, 0.026  # [m]
 SOUND, STABILITY_DENSITY = 20.0, 1000.0  # [m/s], [kg/m^3]
@@ -242,8 +242,7 @@ def step_cell(context: Context, backend: str, state: str, kernels: str, viscosit
     limiter: dict[str, int] = {}
 
     def run(factor: float) -> tuple[str, float]:
-        forced = dataclasses.replace(plan, scene=msgspec.structs.replace(plan.scene, step_factor=factor))
-        simulation = context.simulation(forced, backend)
+        simulation = context.simulation(at_step(plan, factor), backend)
         energy = _Energy(simulation)
         if stopped := energy.run(4 * math.sqrt(height / GRAVITY)):
             return stopped, math.inf

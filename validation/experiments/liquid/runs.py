@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import tempfile
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,7 @@ from refsim import (
     SurfaceDetection,
     TwoWayCoupling,
     WeaklyCompressible,
+    make_plan,
 )
 from refsim.core.effect import Discretisation
 from refsim.core.errors import RunStopped
@@ -44,7 +46,7 @@ from validation.experiments.solutions.runs import _projected, _standing
 from validation.metrics.liquid import vortex, vortex_error
 from validation.results import Result
 from validation.running import Context, advance
-from validation.trials import Cell, largest_stable, silent_up_to
+from validation.trials import Cell, at_step, largest_stable, silent_up_to
 
 DENSITY, GRAVITY, DEPTH = 1000.0, 9.81, 1.0  # kg/m^2 or kg/m^3, m/s^2, m
 SOUND = 10 * math.sqrt(GRAVITY * DEPTH)  # m/s
@@ -95,44 +97,67 @@ def _water(dim: int, cells: tuple[int, int], support: float, liquid: WeaklyCompr
     )  # fmt: skip
 
 
-def _shaken(simulation: Simulation, shake: float) -> Simulation:
+def _shaken(simulation: Simulation, shake: float, seed: int = SEED) -> Simulation:
     """The simulation with each particle moved by up to `shake` spacings along each axis."""
     grid = simulation.plan.grid
-    moves = np.random.default_rng(SEED).uniform(-shake, shake, (simulation.count, 3)) * grid.spacing
+    moves = np.random.default_rng(seed).uniform(-shake, shake, (simulation.count, 3)) * grid.spacing
     moves[:, grid.dim :] = 0
     simulation.set_field("position", simulation.field("position") + moves)
     return simulation
 
 
-def rest_cell(context: Context, backend: str, cells: tuple[int, int], kernels: str) -> Result:
-    """The largest c h/nu with which water, shaken by 0.1 d, rests after 4 s."""
+def _restless(context: Context, scene: Scene, seed: int, backend: str, factor: float = 1.0) -> str:
+    """Why water, shaken by 0.1 d, does not rest after 4 s with this share of the runner's own step, or ""."""
+    simulation = _shaken(context.simulation(at_step(make_plan(scene), factor), backend), 0.1, seed)
+    try:
+        while simulation.time < UNTIL:
+            simulation.step()
+    except RunStopped as stop:
+        return f"stopped: {stop.reason}"
+    context.started[:-1] = []
+    moving = _still(simulation) / SOUND
+    return f"it moves with {moving:.4f} c" if moving > 0.001 else ""
 
-    def made(number: float) -> Scene:
-        viscosity = SOUND * 2.6 * DEPTH / cells[1] / number
-        return _water(2, cells, 2.6, _liquid("rests", SOUND, viscosity, kernels=kernels))
+
+def _of_number(dim: int, cells: tuple[int, int], kernels: str, number: float) -> Scene:
+    viscosity = SOUND * 2.6 * DEPTH / cells[1] / number
+    return _water(dim, cells, 2.6, _liquid("rests", SOUND, viscosity, kernels=kernels))
+
+
+def rest_cell(context: Context, backend: str, dim: int, cells: tuple[int, int], seed: int, kernels: str) -> Result:
+    """The largest c h/nu with which water rests."""
 
     def trouble(number: float) -> str:
-        simulation = _shaken(context.simulation(made(number), backend), 0.1)
-        try:
-            while simulation.time < UNTIL:
-                simulation.step()
-        except RunStopped as stop:
-            return f"stopped: {stop.reason}"
-        context.started[:-1] = []
-        moving = _still(simulation) / SOUND
-        return f"it moves with {moving:.4f} c" if moving > 0.001 else ""
+        return _restless(context, _of_number(dim, cells, kernels, number), seed, backend)
 
-    return largest_stable(trouble, 1024.0, 8.0, 16384.0, factor=1.2).result(
-        silent_up_to(made, 8.0, 16384.0, but=("sound_speed",))
-    )
+    own = silent_up_to(lambda number: _of_number(dim, cells, kernels, number), 8.0, 16384.0, but=("sound_speed",))
+    return largest_stable(trouble, 1024.0, 8.0, 16384.0, factor=1.2).result(own)
 
 
-REST_CELLS = tuple(
-    Cell(f"{wide} x {deep}", kernels, rest_cell, {"cells": (wide, deep), "kernels": kernels}, seconds=30.0)
-    for wide, deep in ((8, 8), (16, 16), (6, 30))
-    for kernels in ("wendland", "mueller", "cubic_spline")
-)
-MAPS = {"stability_rest": REST_CELLS}
+def rest_step_cell(context: Context, backend: str, dim: int, cells: tuple[int, int], seed: int, kernels: str) -> Result:
+    """The largest share of the runner's own step with which water of c h/nu = 250 rests."""
+    scene = _of_number(dim, cells, kernels, 250.0)
+    return largest_stable(lambda factor: _restless(context, scene, seed, backend, factor), 1.0, 0.25, 4.0).result(1.0)
+
+
+# The limits were chosen with the first three; others judge them, shaken otherwise.
+_BASINS = (
+    (2, (8, 8), SEED), (2, (16, 16), SEED), (2, (6, 30), SEED), (2, (10, 16), 11), (2, (7, 35), 11), (3, (6, 6), 11),
+)  # fmt: skip
+
+
+def _rest_cells(function: Callable[..., Result]) -> tuple[Cell, ...]:
+    return tuple(
+        Cell(
+            f"{wide} x {deep}" if dim == 2 else f"{wide} x {wide} x {deep}", kernels, function,
+            {"dim": dim, "cells": (wide, deep), "seed": seed, "kernels": kernels}, seconds=60.0,
+        )
+        for dim, (wide, deep), seed in _BASINS
+        for kernels in ("wendland", "mueller", "cubic_spline")
+    )  # fmt: skip
+
+
+MAPS = {"stability_rest": _rest_cells(rest_cell), "stability_rest_step": _rest_cells(rest_step_cell)}
 
 
 def column(context: Context, cells: tuple[int, int], support: float, backend: str) -> Result:
