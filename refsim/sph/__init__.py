@@ -60,7 +60,7 @@ LARGEST_SHIFT = 0.5  # of v_max dt: longest displacement of a step beside dt v (
 # and columns of an advanced one to come to rest (docs/stability.md)
 LEAST_VISCOUS = {
     "summation": {"wendland": 250.0, "mueller": 80.0, "cubic_spline": 80.0},
-    "continuity": {"wendland": 1500.0, "mueller": 250.0, "cubic_spline": 250.0},
+    "continuity": {"wendland": 500.0, "mueller": 250.0, "cubic_spline": 250.0},
 }
 # Ratio of the largest to the smallest mass up to which a heavy particle in a block gains less than 1 % of the energy
 # exchanged (docs/stability.md). Beyond it J(7) makes its neighbours too dense, and J(10) is not the gradient of their
