@@ -60,6 +60,13 @@ class Backend:
         """(NumPy or CuPy, what shows it an array of this backend, what makes one)."""
         return np, np.asarray, np.asarray
 
+    def running_sum(self, values: Any) -> Any:
+        """(n + 1,) int32 on this backend: sum of the integers that stand before each place, and of all at the end."""
+        xp, seen, wrapped = self.library()
+        total = xp.zeros(values.shape[0] + 1, np.int32)
+        total[1:] = xp.cumsum(seen(values), dtype=np.int32)
+        return wrapped(total)
+
     def synchronize(self) -> None:
         """Wait until everything launched has run."""
 

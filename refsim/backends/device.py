@@ -54,22 +54,6 @@ def stable_order(keys: Any, out: Any = None) -> Any:
     return out
 
 
-def computed(function: Any, *arguments: Any) -> Any:
-    """Result of `function(library, ...)` for device arrays; arrays in it (also in tuples and lists) are on the device.
-
-    Host arrays are passed to NumPy and returned as host arrays.
-    """
-    if any(isinstance(a, np.ndarray) for a in arguments):
-        return function(np, *arguments)
-
-    def back(value: Any) -> Any:
-        if isinstance(value, tuple | list):
-            return type(value)(back(part) for part in value)
-        return wrapped(value) if hasattr(value, "shape") else value
-
-    return back(function(library(), *(seen(a) if hasattr(a, "copy_to_host") else a for a in arguments)))
-
-
 # Running sums by kernels only, so that they can be recorded: sums of tiles, sums before each tile, sums within tiles.
 EACH = 8  # values that a thread adds up
 
@@ -450,19 +434,6 @@ class Rows:
     def nbytes(self) -> int:
         """Memory of the spare arrays."""
         return sum(a.nbytes for _, spare in self.kinds for a in spare)
-
-
-def running_sum(values: Any) -> Any:
-    """(n + 1,) int32: sum of the integers that stand before each place, and of everything at the end."""
-    xp = library()
-    total = xp.zeros(values.shape[0] + 1, np.int32)
-    total[1:] = xp.cumsum(seen(values), dtype=np.int32)
-    return wrapped(total)
-
-
-def looked_up(places: Any, table: Any) -> Any:
-    """table[places] for a short table, as a new array."""
-    return wrapped(seen(table)[seen(places)])
 
 
 def largest(values: Any) -> int:

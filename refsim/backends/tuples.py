@@ -78,6 +78,18 @@ def converted(a, real):
     return real(a)
 
 
+@entrywise
+def least_of(a, b, c):
+    """The least of three."""
+    return min(a, b, c)
+
+
+@entrywise
+def greatest_of(a, b, c):
+    """The greatest of three."""
+    return max(a, b, c)
+
+
 # Rows of arrays
 
 
@@ -85,6 +97,12 @@ def converted(a, real):
 def three(values, i):
     """Row i of an array (n, 3)."""
     return values[i, 0], values[i, 1], values[i, 2]
+
+
+@formula
+def triple(values, i, k):
+    """The k-th vector in row i of an array (n, 3 m)."""
+    return values[i, 3 * k], values[i, 3 * k + 1], values[i, 3 * k + 2]
 
 
 @formula

@@ -51,15 +51,14 @@ def pair_exchange(
     inverse = scratch.array("heat inverse", volume.shape[0], volume.dtype)
     invert_capacities(mass, volume, heat_capacity, reservoir, conduction, inverse)
     given = Exchanging(position, volume, conductivity, inverse, timestep, conduction, period, temperature)
+    xp, seen, wrapped = scratch.backend.library()
+    members, first, found = colours(xp, seen(position), conduction, period)
     if scratch.backend.name == "cuda":
-        from refsim.backends import device
-
-        members, first, found = device.computed(colours, position, conduction, period)
+        members, first, found = wrapped(members), wrapped(first), list(map(wrapped, found))
         for backwards, order in ((0, found), (1, found[::-1])):
             for cells in order:
                 exchange_cells(cells, members, first, np.int32(backwards), given)
     else:
-        members, first, found = colours(np, position, conduction, period)
         cells, ends = joined(found)
         for backwards in (0, 1):
             exchange_colours(cells, ends, members, first, np.int32(backwards), given)

@@ -16,31 +16,18 @@ from refsim.heat.stages import (
 )
 
 
-def weighed(*arguments):
-    """As `reductions.weighed`, on the backend of the last argument, the scratch memory."""
-    if arguments[-1].backend.name == "cuda":
+def reductions_on(scratch):
+    """The module with sums over all particles for the backend of the scratch memory."""
+    if scratch.backend.name == "cuda":
         from refsim.heat import reductions_cuda
 
-        return reductions_cuda.weighed(*arguments)
-    return reductions.weighed(*arguments)
+        return reductions_cuda
+    return reductions
 
 
-def turn(*arguments):
-    """As `reductions.turn`, on the backend of the last argument, the scratch memory."""
-    if arguments[-1].backend.name == "cuda":
-        from refsim.heat import reductions_cuda
-
-        return reductions_cuda.turn(*arguments)
-    return reductions.turn(*arguments)
-
-
-def take_step(*arguments):
-    """As `reductions.step`, on the backend of the last argument, the scratch memory."""
-    if arguments[-1].backend.name == "cuda":
-        from refsim.heat import reductions_cuda
-
-        return reductions_cuda.step(*arguments)
-    return reductions.step(*arguments)
+def weighed(body, neighbours, step, scratch):
+    """(exchanges, 1/C_i [K/J], s_i, array (1,) of the largest s_i, infinite where a sum is not finite)."""
+    return reductions_on(scratch).weighed(body, neighbours, step, scratch)
 
 
 # What the schemes share
@@ -186,12 +173,13 @@ def solve(exchanges, inverse, conduction, scratch, temperature):
     flow(exchanges, temperature, residual)
     for array in (direction, image, solution, dots):
         scratch.backend.assign(array, 0)
-    take_step(inverse, direction, image, dots, solution, residual, gradient, scratch)
+    sums = reductions_on(scratch)
+    sums.step(inverse, direction, image, dots, solution, residual, gradient, scratch)
     first, passes = None, 1
     while True:
-        turn(exchanges, inverse, gradient, dots, direction, turned, image, scratch)
+        sums.turn(exchanges, inverse, gradient, dots, direction, turned, image, scratch)
         direction, turned = turned, direction
-        take_step(inverse, direction, image, dots, solution, residual, gradient, scratch)
+        sums.step(inverse, direction, image, dots, solution, residual, gradient, scratch)
         passes += 1
         if first is None or passes % every == 0:
             now, _, before = (float(v) for v in scratch.host(dots))

@@ -54,13 +54,9 @@ def edges_and_facets(backend: Backend, blocks: Blocks, node_state: Any, dim: int
     table, bits_set = case_tables(backend, dim, merged)
     crossings, cell_case = backend.empty(count, np.uint8), backend.empty(count, np.uint8)
     REGISTRY["isosurface.classify"].program(backend.name)(blocks, node_state, crossings, cell_case)
-    if backend.name == "cuda":
-        from refsim.backends import device
-
-        edge_first = device.running_sum(device.looked_up(crossings, bits_set))
-        facet_first = device.running_sum(device.looked_up(cell_case, table.count))
-    else:
-        edge_first, facet_first = running_sum(bits_set[crossings]), running_sum(table.count[cell_case])
+    _, seen, wrapped = backend.library()
+    edge_first = backend.running_sum(wrapped(seen(bits_set)[seen(crossings)]))
+    facet_first = backend.running_sum(wrapped(seen(table.count)[seen(cell_case)]))
     vertices, facets = (int(backend.host(first[count:])[0]) for first in (edge_first, facet_first))
     vertex_edge, facet = backend.empty(vertices, np.int32), backend.empty((facets, dim), np.int32)
     REGISTRY["isosurface.facets"].program(backend.name)(
@@ -70,13 +66,6 @@ def edges_and_facets(backend: Backend, blocks: Blocks, node_state: Any, dim: int
 
 
 BITS_SET = np.array([0, 1, 1, 2, 1, 2, 2, 3], np.uint8)
-
-
-def running_sum(values: np.ndarray) -> np.ndarray:
-    """(n + 1,) int32: sum of the values before each place; the last entry is the total."""
-    total = np.zeros(len(values) + 1, np.int32)
-    np.cumsum(values, out=total[1:])
-    return total
 
 
 def on_backend(table: CaseTable, backend: Backend) -> CaseTable:

@@ -6,7 +6,7 @@ from refsim.mpm import formulas
 from refsim.mpm.groups import Nodes
 from refsim.mpm.limits import FARTHEST
 from refsim.sparse_grid.formulas import block_key, find_node, node_coordinates, step_node
-from refsim.surface_energy.formulas import grid_offset, spline_weight
+from refsim.surface_energy.formulas import place_over, spline_weight
 
 # Cells and stencils
 
@@ -75,9 +75,8 @@ def weights(i, position, background, base_node, spline_weight, spline_slope):
         base_node[i, c] = j
         f = type(background.cell_size)(float(position[i, c]) * background.inverse_cell - float(j))
         w, s = formulas.spline_weights(f), formulas.spline_slopes(f)
-        spline_weight[i, 3 * c], spline_slope[i, 3 * c] = w[0], s[0]
-        spline_weight[i, 3 * c + 1], spline_slope[i, 3 * c + 1] = w[1], s[1]
-        spline_weight[i, 3 * c + 2], spline_slope[i, 3 * c + 2] = w[2], s[2]
+        for k in range(3):
+            spline_weight[i, 3 * c + k], spline_slope[i, 3 * c + k] = w[k], s[k]
 
 
 # Clusters and viscosity
@@ -306,7 +305,7 @@ def contact(i, sample_position, sample_line, spline_cells, blocks, surface_term,
     """Young's force k cos(theta) sum_s B_i(x_s) l_s [N], added to that on node i; l_s: outward normals of the edge of
     the wetted area, in the wall, times length."""
     real = type(surface_term.cell_size)
-    fx, fy, fz = real(0), real(0), real(0)
+    total = real(0), real(0), real(0)
     space = blocks.neighbour.shape[1] == 27
     for kz in range(3 if space else 1):
         for ky in range(3):
@@ -316,17 +315,12 @@ def contact(i, sample_position, sample_line, spline_cells, blocks, surface_term,
                     continue
                 for k in range(spline_cells.first[cell], spline_cells.first[cell + 1]):
                     s = spline_cells.point[k]
-                    lx, ly, lz = sample_line[s, 0], sample_line[s, 1], sample_line[s, 2]
-                    if lx == real(0) and ly == real(0) and lz == real(0):
+                    line = three(sample_line, s)
+                    if line[0] == real(0) and line[1] == real(0) and line[2] == real(0):
                         continue
-                    jx, jy, jz = node_coordinates(blocks, cell)
-                    weight = spline_weight(grid_offset(sample_position[s, 0], jx, surface_term), kx)
-                    weight *= spline_weight(grid_offset(sample_position[s, 1], jy, surface_term), ky)
+                    fx, fy, fz = place_over(sample_position, s, node_coordinates(blocks, cell), surface_term)
+                    weight = spline_weight(fx, kx) * spline_weight(fy, ky)
                     if space:
-                        weight *= spline_weight(grid_offset(sample_position[s, 2], jz, surface_term), kz)
-                    fx += weight * lx
-                    fy += weight * ly
-                    fz += weight * lz
-    node_force[i, 0] += contact.pull * fx
-    node_force[i, 1] += contact.pull * fy
-    node_force[i, 2] += contact.pull * fz
+                        weight *= spline_weight(fz, kz)
+                    total = added(total, scaled(line, weight))
+    put(node_force, i, added(three(node_force, i), scaled(total, contact.pull)))

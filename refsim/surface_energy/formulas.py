@@ -3,7 +3,7 @@
 import math
 
 from refsim.backends.compile import formula
-from refsim.backends.tuples import dot
+from refsim.backends.tuples import dot, three
 
 LEAST_SUM = 1e-12  # of a node's splines; a node with a smaller sum is not active
 REACH = 2  # [h] up to which the nearest particle is looked for
@@ -19,11 +19,16 @@ def grid_offset(x, j, surface_term):
 @formula
 def place_over(position, p, j, surface_term):
     """u = x/h - j of point p along the three axes, dimensionless."""
+    return offsets_over(three(position, p), j, surface_term)
+
+
+@formula
+def offsets_over(x, j, surface_term):
+    """u = x/h - j of a place x [m] along the three axes, dimensionless."""
     return (
-        grid_offset(position[p, 0], j[0], surface_term),
-        grid_offset(position[p, 1], j[1], surface_term),
-        grid_offset(position[p, 2], j[2], surface_term),
-    )
+        grid_offset(x[0], j[0], surface_term), grid_offset(x[1], j[1], surface_term),
+        grid_offset(x[2], j[2], surface_term),
+    )  # fmt: skip
 
 
 @formula
@@ -76,6 +81,16 @@ def exit_length(along, across_squared, surface_term):
     across_squared  q^2, squared distance of the centre from the edge
     """
     return along + math.sqrt(surface_term.radius_squared - across_squared)
+
+
+@formula
+def on_edge(j, axis, length, h):
+    """Algorithm 1, line 16: x = h (j + l e) [m], at a distance l [h] from node j along an axis e."""
+    real = type(h)
+    x = real(j[0]) + real(axis[0]) * length
+    y = real(j[1]) + real(axis[1]) * length
+    z = real(j[2]) + real(axis[2]) * length
+    return h * x, h * y, h * z
 
 
 @formula

@@ -8,6 +8,7 @@ import math
 from refsim.backends import arrays
 from refsim.backends.compile import formula, kernel
 from refsim.backends.tuples import added, cross, difference, dot, over, put, scaled, three
+from refsim.neighbours.formulas import lower_bound
 from refsim.sparse_grid.formulas import node_coordinates, step_node
 from refsim.surface_energy import formulas
 
@@ -80,9 +81,7 @@ def exit_points(v, interior_position, cells, blocks, node_state, surface_term, v
                     u = formulas.place_over(interior_position, cells.point[k], j, surface_term)
                     farthest = farther_exit(farthest, u, (ax, ay, az), towards, surface_term)
     length = real(towards) * min(farthest, real(1))
-    vertex_position[v, 0] = h * (real(j[0]) + real(ax) * length)
-    vertex_position[v, 1] = h * (real(j[1]) + real(ay) * length)
-    vertex_position[v, 2] = h * (real(j[2]) + real(az) * length)
+    put(vertex_position, v, formulas.on_edge(j, (ax, ay, az), length, h))
 
 
 @kernel
@@ -120,14 +119,7 @@ def candidates(k, vertex_position, facets, area_before, dice, candidate_facet, c
     total = int(area_before[shares])
     width = total // int(dice.candidates)
     mark = width * k + ((width * (formulas.hash_word(dice.seed, k, 0) >> 16)) >> 16)
-    low, high = 0, shares
-    while low < high:
-        middle = (low + high) >> 1
-        if area_before[middle + 1] <= mark:
-            low = middle + 1
-        else:
-            high = middle
-    f = min(low, shares - 1)
+    f = min(lower_bound(area_before[1:], mark + 1), shares - 1)
     u = formulas.unit_share(formulas.hash_word(dice.seed, k, 1), one)
     a, b = facets[f, 0], facets[f, 1]
     if facets.shape[1] == 2:

@@ -117,14 +117,11 @@ def test_rebound_is_a_hash_between_zero_and_its_maximum():
 
 def test_a_path_is_clipped_to_the_box():
     box = types.SimpleNamespace(lower=(-1.0, -1.0, -1.0), upper=(1.0, 1.0, 1.0))
-    first, last = clipped(
-        np.float64(0), np.float64(0), np.float64(5), np.float64(0), np.float64(0), np.float64(-8), box
-    )
+    path = np.array([0.0, 0.0, -8.0])
+    first, last = clipped(np.array([0.0, 0.0, 5.0]), path, box)
     assert math.isclose(first, 0.5)
     assert math.isclose(last, 0.75)
-    first, last = clipped(
-        np.float64(3), np.float64(0), np.float64(5), np.float64(0), np.float64(0), np.float64(-8), box
-    )
+    first, last = clipped(np.array([3.0, 0.0, 5.0]), path, box)
     assert first > last
 
 

@@ -89,87 +89,59 @@ def _slab() -> DistanceField:
     )  # fmt: skip
 
 
-def _fall(begin, speed, **changes):
-    """One particle that moves onto the slab for 1 s without acceleration; c_r = 1/2, D_r = 0."""
-    position = np.array([begin], dtype=float)
-    field = _slab()
-    lower, upper = marked_box(field)
-    group = Penetration(0.5, 0.0, 1, 0, 0, lower, upper)._replace(**changes)
-    return at("onto_a_slab", position), {
-        "velocity": np.array([speed], dtype=float), "acceleration": np.zeros((1, 3)), "timestep": [0.0, 1.0],
-        "build_position": position, "corrections": np.zeros(1, np.int32), "identity": np.zeros(1, np.int32),
-        "solid_field": field, "penetration": group,
+def _step(begin, speed, position, velocity, corrections=1, field=None, **changes):
+    """One particle before and after 1 s without acceleration, onto the slab or in another field; c_r = 1/2, D_r = 0."""
+    slab, start = _slab(), np.array([begin])
+    given = {
+        "velocity": np.array([speed]), "acceleration": np.zeros((1, 3)), "timestep": [0.0, 1.0],
+        "build_position": start, "corrections": np.zeros(1, np.int32), "identity": np.zeros(1, np.int32),
+        "solid_field": field or slab,
+        "penetration": Penetration(0.5, 0.0, 1, 0, 0, *marked_box(slab))._replace(**changes),
     }  # fmt: skip
+    moved = np.array(position) - begin
+    after = {"position": [position], "velocity": [velocity], "corrections": [corrections]}
+    return Exact(at("onto_a_slab", start), given, after | {"displacement": [moved @ moved, 0.0]})
 
 
 @closed_form("penetration.kick_drift")
 def printed_bounce():
     """Point: z = 1 - 3 = -2 becomes 0, and v_z = -3 becomes 3/2; x and v_x are not changed."""
-    made, given = _fall((0.25, 0.5, 1.0), (1.0, 0.0, -3.0), swept=0)
-    moved = np.array([1.0, 0.0, -1.0])
-    return Exact(
-        made, given,
-        {"position": [[1.25, 0.5, 0.0]], "velocity": [[1.0, 0.0, 1.5]],
-         "corrections": [1], "displacement": [moved @ moved, 0.0]},
-    )  # fmt: skip
+    return _step((0.25, 0.5, 1.0), (1.0, 0.0, -3.0), (1.25, 0.5, 0.0), (1.0, 0.0, 1.5), swept=0)
 
 
 @closed_form("penetration.kick_drift")
 def swept_bounce():
     """Swept, from 1 m at 3 m/s: samples z = 1, 1/4, 0, -1/4, which is 5/12 of the path; there P8 moves it to z = 0."""
-    made, given = _fall((0.25, 0.5, 1.0), (0.0, 0.0, -3.0))
-    moved = np.array([0.0, 0.0, -1.0])
-    return Exact(
-        made, given,
-        {"position": [[0.25, 0.5, 0.0]], "velocity": [[0.0, 0.0, 1.5]],
-         "corrections": [1], "displacement": [moved @ moved, 0.0]},
-    )  # fmt: skip
+    return _step((0.25, 0.5, 1.0), (0.0, 0.0, -3.0), (0.25, 0.5, 0.0), (0.0, 0.0, 1.5))
 
 
 @closed_form("penetration.kick_drift")
 def leaving_is_not_reflected():
     """Inside at z = -2 and rising: P8 moves it from z = -1 to 0, and v is not changed (patent E27)."""
-    made, given = _fall((0.25, 0.5, -2.0), (0.0, 0.0, 1.0))
-    return Exact(
-        made, given,
-        {"position": [[0.25, 0.5, 0.0]], "velocity": [[0.0, 0.0, 1.0]], "corrections": [1], "displacement": [4.0, 0.0]},
-    )  # fmt: skip
+    return _step((0.25, 0.5, -2.0), (0.0, 0.0, 1.0), (0.25, 0.5, 0.0), (0.0, 0.0, 1.0))
 
 
 @closed_form("penetration.kick_drift")
 def printed_leaving():
     """The printed rule reflects it nevertheless: v_z = 1 becomes -1/2."""
-    made, given = _fall((0.25, 0.5, -2.0), (0.0, 0.0, 1.0), printed=1)
-    return Exact(
-        made, given,
-        {"position": [[0.25, 0.5, 0.0]], "velocity": [[0.0, 0.0, -0.5]],
-         "corrections": [1], "displacement": [4.0, 0.0]},
-    )  # fmt: skip
+    return _step((0.25, 0.5, -2.0), (0.0, 0.0, 1.0), (0.25, 0.5, 0.0), (0.0, 0.0, -0.5), printed=1)
+
+
+def _flat():
+    """phi = z/5, as flat as over a rounded edge."""
+    return _slab()._replace(distance=0.2 * _slab().distance)
 
 
 @closed_form("penetration.kick_drift")
 def pushed_until_out():
-    """phi = z/5, as flat as over a rounded edge: from z = -1 m a push of 2|phi| leaves 3/5 of z, the seventh h/128."""
-    made, given = _fall((0.25, 0.5, -0.5), (0.0, 0.0, -0.5))
-    given["solid_field"] = given["solid_field"]._replace(distance=0.2 * given["solid_field"].distance)
-    depth = 0.6**7
-    return Exact(
-        made, given,
-        {"position": [[0.25, 0.5, -depth]], "velocity": [[0.0, 0.0, 0.25]],
-         "corrections": [1], "displacement": [(0.5 - depth) ** 2, 0.0]},
-    )  # fmt: skip
+    """From z = -1 m under a flat phi a push of 2|phi| leaves 3/5 of z, the seventh less than h/128."""
+    return _step((0.25, 0.5, -0.5), (0.0, 0.0, -0.5), (0.25, 0.5, -(0.6**7)), (0.0, 0.0, 0.25), field=_flat())
 
 
 @closed_form("penetration.kick_drift")
 def pushed_once():
     """Without the sweep one push of 2|phi| is all: 3/5 of z is left."""
-    made, given = _fall((0.25, 0.5, -0.5), (0.0, 0.0, -0.5), swept=0)
-    given["solid_field"] = given["solid_field"]._replace(distance=0.2 * given["solid_field"].distance)
-    return Exact(
-        made, given,
-        {"position": [[0.25, 0.5, -0.6]], "velocity": [[0.0, 0.0, 0.25]],
-         "corrections": [1], "displacement": [0.01, 0.0]},
-    )  # fmt: skip
+    return _step((0.25, 0.5, -0.5), (0.0, 0.0, -0.5), (0.25, 0.5, -0.6), (0.0, 0.0, 0.25), field=_flat(), swept=0)
 
 
 @closed_form("penetration.kick_drift")
@@ -178,31 +150,20 @@ def from_outside_the_box():
 
     Samples along the path are phi - 1/4 m apart, at least 1/4 m; the first one below z = 0 is put back.
     """
-    speed = np.array([1.0, 0.0, -11.0])
-    made, given = _fall((-4.25, 0.5, 9.0), speed)
     t, phi = 5 / 11, 5.0
     while phi >= 0:
         t += max(phi - 0.25, 0.25) / math.sqrt(122.0)
         phi = 9 - 11 * t
-    place = np.array([t - 4.25, 0.5, 0.0])
-    moved = place - [-4.25, 0.5, 9.0]
-    return Exact(
-        made, given,
-        {"position": place[None], "velocity": [[1.0, 0.0, 5.5]], "corrections": [1],
-         "displacement": [moved @ moved, 0.0]},
-    )  # fmt: skip
+    return _step((-4.25, 0.5, 9.0), (1.0, 0.0, -11.0), (t - 4.25, 0.5, 0.0), (1.0, 0.0, 5.5))
 
 
 @closed_form("penetration.kick_drift")
 def first_cell():
     """From the first cell of the blocks, 3.5 m deep, 1/4 m further down: to z = 0."""
-    begin = (-3.75, -3.75, -3.5)
-    made, given = _fall(begin, (0.0, 0.0, -0.25))
-    return Exact(
-        made, given,
-        {"position": [[-3.75, -3.75, 0.0]], "velocity": [[0.0, 0.0, 0.125]],
-         "corrections": [1], "displacement": [12.25, 0.0]},
-    )  # fmt: skip
+    return _step((-3.75, -3.75, -3.5), (0.0, 0.0, -0.25), (-3.75, -3.75, 0.0), (0.0, 0.0, 0.125))
+
+
+FAR = np.full(3, 99.0)  # [m], a corner of a box around everything
 
 
 def _wall():
@@ -213,53 +174,29 @@ def _wall():
     return field._replace(distance=depth, inside_after=(block[:, 0] == 0).astype(np.uint8))
 
 
-def _beyond(begin, speed, position, corrections):
-    """A particle that begins deep inside the wall, beyond the band."""
-    made, given = _fall(begin, speed)
-    field = _wall()
-    far = np.full(3, 99.0)
-    given["solid_field"] = field
-    given["penetration"] = given["penetration"]._replace(lower=-far, upper=far)
-    moved = np.array(position) - begin
-    return Exact(
-        made, given,
-        {"position": [position], "velocity": [speed], "corrections": [corrections],
-         "displacement": [moved @ moved, 0.0]},
-    )  # fmt: skip
-
-
 @closed_form("penetration.kick_drift")
 def deep_inside():
     """Beyond the band no distance has a slope: the particle moves on."""
-    return _beyond((9.0, 0.5, 0.5), (-2.0, 1.0, 0.25), (7.0, 1.5, 0.75), 0)
+    speed = (-2.0, 1.0, 0.25)
+    return _step((9.0, 0.5, 0.5), speed, (7.0, 1.5, 0.75), speed, 0, _wall(), lower=-FAR, upper=FAR)
 
 
 @closed_form("penetration.kick_drift")
 def out_of_the_depth():
     """It begins inside, so that only the end of its step counts, not where it meets the band: from x = 2 m to 0."""
-    return _beyond((8.5, 0.5, 0.5), (-6.5, 1.0, 0.25), (0.0, 1.5, 0.75), 1)
+    speed = (-6.5, 1.0, 0.25)
+    return _step((8.5, 0.5, 0.5), speed, (0.0, 1.5, 0.75), speed, 1, _wall(), lower=-FAR, upper=FAR)
 
 
 @closed_form("penetration.kick_drift")
 def higher_than_wide():
     """The box ends at x = 2 m; at z = 2.5 m a particle moves into the wall: samples x = -3/8, -1/8, 1/8, put to 0."""
-    made, given = _fall((-0.375, 0.5, 2.5), (2.0, 0.0, 0.0))
-    given["solid_field"] = _wall()
-    given["penetration"] = given["penetration"]._replace(lower=np.full(3, -99.0), upper=np.array([2.0, 99.0, 99.0]))
-    return Exact(
-        made, given,
-        {"position": [[0.0, 0.5, 2.5]], "velocity": [[-1.0, 0.0, 0.0]],
-         "corrections": [1], "displacement": [0.140625, 0.0]},
-    )  # fmt: skip
+    box = {"lower": -FAR, "upper": np.array([2.0, 99.0, 99.0])}
+    return _step((-0.375, 0.5, 2.5), (2.0, 0.0, 0.0), (0.0, 0.5, 2.5), (-1.0, 0.0, 0.0), field=_wall(), **box)
 
 
 @closed_form("penetration.kick_drift")
 def along_the_box():
     """Beside the box, which ends at y = 0, no distance is looked at: deep inside the wall a particle moves on."""
-    made, given = _fall((6.0, 0.5, 0.5), (2.0, 0.0, 0.0))
-    given["solid_field"] = _wall()
-    given["penetration"] = given["penetration"]._replace(lower=np.full(3, -99.0), upper=np.array([99.0, 0.0, 99.0]))
-    return Exact(
-        made, given,
-        {"position": [[8.0, 0.5, 0.5]], "velocity": [[2.0, 0.0, 0.0]], "corrections": [0], "displacement": [4.0, 0.0]},
-    )  # fmt: skip
+    box = {"lower": -FAR, "upper": np.array([99.0, 0.0, 99.0])}
+    return _step((6.0, 0.5, 0.5), (2.0, 0.0, 0.0), (8.0, 0.5, 0.5), (2.0, 0.0, 0.0), 0, _wall(), **box)

@@ -7,10 +7,10 @@ import math
 from typing import Any, NamedTuple
 
 from refsim.backends.compile import formula
-from refsim.backends.tuples import added, scaled, three
+from refsim.backends.tuples import added, difference, dot, over, scaled, three
 from refsim.boundary.penetration.formulas import pushed, rebound, reflected
-from refsim.boundary.signed_distance.formulas import beyond_inside, trilinear
-from refsim.sparse_grid.formulas import cell_coordinate, find_node
+from refsim.boundary.signed_distance.formulas import beyond_inside, place_in_field, trilinear
+from refsim.sparse_grid.formulas import find_node
 from refsim.sph.formulas import drifted
 
 LONGEST = 4096  # samples along one path
@@ -22,62 +22,53 @@ LEFT = 128  # a push that leaves the particle less deep than h/LEFT is the last 
 
 
 @formula
-def marked_distance(x, y, z, solid_field, penetration):
+def marked_distance(x, solid_field, penetration):
     """(phi [m], its slope along x, y, z) at a point: interpolated in a marked cell, +-band and slope 0 in others."""
-    real = type(x)
     if not penetration.everywhere:
-        inverse = solid_field.inverse_spacing
-        jx = cell_coordinate(float(x) - solid_field.origin_x, inverse, 0.0)
-        jy = cell_coordinate(float(y) - solid_field.origin_y, inverse, 0.0)
-        jz = cell_coordinate(float(z) - solid_field.origin_z, inverse, 0.0)
+        _, (jx, jy, jz) = place_in_field(x, solid_field)
         if find_node(solid_field, jx, jy, jz) < 0:
-            far = solid_field.band
+            far, flat = solid_field.band, type(x[0])(0)
             if beyond_inside(solid_field, jx, jy, jz):
                 far = -far
-            return far, real(0), real(0), real(0)
-    return trilinear(x, y, z, solid_field)
+            return far, (flat, flat, flat)
+    return trilinear(x, solid_field)
 
 
 @formula
-def clipped(x, y, z, wx, wy, wz, penetration):
-    """Interval (first, last) of t for which x + t w [m], 0 <= t <= 1, is in the band's box; first > last if none is."""
-    real = type(x)
+def clipped(x, path, penetration):
+    """Interval (first, last) of t for which x + t path [m], 0 <= t <= 1, is in the band's box; first > last if none."""
+    real = type(x[0])
     first, last = real(0), real(1)
     for c in range(3):
-        p, w = x, wx
-        if c == 1:
-            p, w = y, wy
-        elif c == 2:
-            p, w = z, wz
         low, high = penetration.lower[c], penetration.upper[c]
-        if w == real(0):
-            if p < low or p > high:
+        if path[c] == real(0):
+            if x[c] < low or x[c] > high:
                 last = real(-1)
         else:
-            a, b = (low - p) / w, (high - p) / w
+            a, b = (low - x[c]) / path[c], (high - x[c]) / path[c]
             first = max(first, min(a, b))
             last = min(last, max(a, b))
     return first, last
 
 
 @formula
-def entry(x, y, z, wx, wy, wz, solid_field, penetration):
-    """Least t in [0, 1] for which sphere tracing finds a negative distance at x + t w [m]; 2 if there is none.
+def entry(x, path, solid_field, penetration):
+    """Least t in [0, 1] for which sphere tracing finds a negative distance at x + t path [m]; 2 if there is none.
 
     The path is clipped to the band's box first, so that it may begin anywhere.
     """
-    real = type(x)
+    real = type(x[0])
     never = real(2)
-    length = math.sqrt(wx * wx + wy * wy + wz * wz)
+    length = math.sqrt(dot(path, path))
     if not (length > real(0) and length < real(math.inf)):
         return never
-    first, last = clipped(x, y, z, wx, wy, wz, penetration)
+    first, last = clipped(x, path, penetration)
     if not first <= last:
         return never
     clearance = solid_field.spacing / real(CLEARANCE)
     t = first
     for _ in range(LONGEST):
-        d, _, _, _ = marked_distance(x + t * wx, y + t * wy, z + t * wz, solid_field, penetration)
+        d, _ = marked_distance(added(x, scaled(path, t)), solid_field, penetration)
         if d < real(0):
             return t
         if t >= last:
@@ -87,10 +78,12 @@ def entry(x, y, z, wx, wy, wz, solid_field, penetration):
 
 
 @formula
-def outside_box(x, y, z, penetration):
+def outside_box(x, penetration):
     """Whether a point [m] is outside the marked region's box, where no distance is needed."""
     low, high = penetration.lower, penetration.upper
-    return not (x >= low[0] and x <= high[0] and y >= low[1] and y <= high[1] and z >= low[2] and z <= high[2])
+    return not (
+        x[0] >= low[0] and x[0] <= high[0] and x[1] >= low[1] and x[1] <= high[1] and x[2] >= low[2] and x[2] <= high[2]
+    )
 
 
 class Moving(NamedTuple):
@@ -131,32 +124,31 @@ def corrected_step(i, acceleration, identity, build_position, bounds, timestep, 
     """
     real = type(timestep[0])
     corrections, position_residual, velocity, position = moving
-    x0, y0, z0 = three(position, i)
-    u, v, w = added(three(velocity, i), scaled(three(acceleration, i), timestep[0]))
-    x, y, z = advanced(i, position, position_residual, scaled((u, v, w), timestep[1]))
+    start = three(position, i)
+    v = added(three(velocity, i), scaled(three(acceleration, i), timestep[0]))
+    x = advanced(i, position, position_residual, scaled(v, timestep[1]))
     corrected = False
     if penetration.swept:
         begun = real(1)
-        if not outside_box(x0, y0, z0, penetration):
-            begun, _, _, _ = marked_distance(x0, y0, z0, solid_field, penetration)
+        if not outside_box(start, penetration):
+            begun, _ = marked_distance(start, solid_field, penetration)
         if begun >= real(0):  # otherwise the particle is inside already, and only the end of its step counts
-            t = entry(x0, y0, z0, x - x0, y - y0, z - z0, solid_field, penetration)
+            path = difference(x, start)
+            t = entry(start, path, solid_field, penetration)
             if t < real(1):
-                x, y, z = x0 + t * (x - x0), y0 + t * (y - y0), z0 + t * (z - z0)
+                x = added(start, scaled(path, t))
                 corrected = True
-    if penetration.everywhere or not outside_box(x, y, z, penetration):
+    if penetration.everywhere or not outside_box(x, penetration):
         share = rebound(identity[i], corrections[i], penetration)
         allowed = real(0)
         for push in range(PUSHES if penetration.swept else 1):
-            depth, nx, ny, nz = marked_distance(x, y, z, solid_field, penetration)
-            steep = math.sqrt(nx * nx + ny * ny + nz * nz)
+            depth, n = marked_distance(x, solid_field, penetration)
+            steep = math.sqrt(dot(n, n))
             if not (depth < allowed and steep > real(0)):
                 break
-            nx, ny, nz = nx / steep, ny / steep, nz / steep
-            jump = reflected(u * nx + v * ny + w * nz, penetration)
-            u, v, w = u + jump * nx, v + jump * ny, w + jump * nz
-            distance = pushed(depth, steep, share)
-            x, y, z = x + distance * nx, y + distance * ny, z + distance * nz
+            n = over(n, steep)
+            v = added(v, scaled(n, reflected(dot(v, n), penetration)))
+            x = added(x, scaled(n, pushed(depth, steep, share)))
             corrected = True
             if push == 0:
                 corrections[i] += 1
@@ -164,12 +156,7 @@ def corrected_step(i, acceleration, identity, build_position, bounds, timestep, 
     stopped = False
     squared = real(0)
     for c in range(3):
-        place, speed = x, u
-        if c == 1:
-            place, speed = y, v
-        elif c == 2:
-            place, speed = z, w
-        held = corrected
+        place, speed, held = x[c], v[c], corrected
         if bounds is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
             if place < bounds.lower[c] or place > bounds.upper[c]:
                 place = min(max(place, bounds.lower[c]), bounds.upper[c])

@@ -210,12 +210,8 @@ def isosurface(band: NarrowBand, level: float = 0.0) -> tuple[Any, Any]:
     """(vertices (v, 3) [m] relative to the mesh's origin, facets (f, 3) int32) of phi = level [m]."""
     backend, blocks = band.backend, band.blocks
     at = type(band.grid.spacing)(level)
-    if backend.name == "cuda":
-        from refsim.backends import device
-
-        state = device.computed(lambda xp, phi: (phi < at).astype(np.uint8), band.field.distance)
-    else:
-        state = (band.field.distance < at).astype(np.uint8)
+    _, seen, wrapped = backend.library()
+    state = wrapped((seen(band.field.distance) < at).astype(np.uint8))
     cells = edges_and_facets(backend, blocks, state, 3)
     corner = backend.empty((cells.vertex_edge.shape[0], 3), band.field.distance.dtype)
     contour = Contour(band.grid.spacing, at)
@@ -285,20 +281,11 @@ def relaxed(
         step = STEP * (1.0 if printed else DECAY**iteration)
         program(position, neighbours, field, relaxation_step(radius, step, seed, printed, dtype), other, step_length)
         position, other = other, position
-        total, largest = _total_and_largest(backend, step_length)
-        moved += largest
-        residuals.append(total / (radius * count))
+        lengths = backend.library()[1](step_length)
+        moved += float(lengths.max())
+        residuals.append(float(lengths.sum(dtype=np.float64)) / (radius * count))
         if watch is not None:
             watch(iteration + 1, position)
         if residuals[-1] < THRESHOLD:
             return position, residuals, True
     return position, residuals, False
-
-
-def _total_and_largest(backend: Backend, length: Any) -> tuple[float, float]:
-    if backend.name == "cuda":
-        from refsim.backends import device
-
-        total, largest = device.computed(lambda xp, a: (float(a.sum(dtype=np.float64)), float(a.max())), length)
-        return total, largest
-    return float(length.sum(dtype=np.float64)), float(length.max())

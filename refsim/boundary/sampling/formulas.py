@@ -3,6 +3,7 @@
 import math
 
 from refsim.backends.compile import formula
+from refsim.neighbours.formulas import lower_bound
 from refsim.surface_energy.formulas import hash_word, unit_share
 
 
@@ -28,12 +29,4 @@ def hashed_direction(i, j, seed, one):
 @formula
 def facet_of(i, facet_last):
     """Patent P2: facet f with N_(f-1) <= i < N_f for the cumulative count N_f of particles (dimensionless)."""
-    low = 0
-    high = facet_last.shape[0] - 1
-    while low < high:
-        middle = (low + high) >> 1
-        if facet_last[middle] <= i:
-            low = middle + 1
-        else:
-            high = middle
-    return low
+    return lower_bound(facet_last, i + 1)

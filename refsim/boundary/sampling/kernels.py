@@ -3,6 +3,7 @@
 import math
 
 from refsim.backends.compile import formula, kernel
+from refsim.backends.tuples import cross, difference, dot, three
 from refsim.boundary.sampling.formulas import facet_of, hashed_direction, repulsion
 from refsim.boundary.signed_distance.formulas import trilinear_near
 from refsim.neighbours.rows import row_of
@@ -12,19 +13,11 @@ from refsim.surface_energy.formulas import hash_word, unit_share
 @kernel
 def areas(f, facet_corner, facets_of_mesh, facet_area):
     """Patent P2: area [m^2] of facet f, half the length of the cross product of two sides."""
-    a, b, c = facets_of_mesh[f, 0], facets_of_mesh[f, 1], facets_of_mesh[f, 2]
-    ux, uy, uz = (
-        facet_corner[b, 0] - facet_corner[a, 0],
-        facet_corner[b, 1] - facet_corner[a, 1],
-        facet_corner[b, 2] - facet_corner[a, 2],
-    )
-    vx, vy, vz = (
-        facet_corner[c, 0] - facet_corner[a, 0],
-        facet_corner[c, 1] - facet_corner[a, 1],
-        facet_corner[c, 2] - facet_corner[a, 2],
-    )
-    x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-    facet_area[f] = math.sqrt(x * x + y * y + z * z) * type(ux)(0.5)
+    a = three(facet_corner, facets_of_mesh[f, 0])
+    u = difference(three(facet_corner, facets_of_mesh[f, 1]), a)
+    v = difference(three(facet_corner, facets_of_mesh[f, 2]), a)
+    w = cross(u, v)
+    facet_area[f] = math.sqrt(dot(w, w)) * type(u[0])(0.5)
 
 
 @kernel
@@ -69,7 +62,7 @@ def relaxed_particle(i, position, neighbours, field, relaxation, block):
                 tx += ex
                 ty += ey
                 tz += ez
-    phi, nx, ny, nz, found = trilinear_near(x, y, z, field, block)
+    phi, (nx, ny, nz), found = trilinear_near((x, y, z), field, block)
     steep = math.sqrt(nx * nx + ny * ny + nz * nz)
     if steep > 0:
         nx, ny, nz = nx / steep, ny / steep, nz / steep

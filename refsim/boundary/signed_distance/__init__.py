@@ -284,15 +284,8 @@ def band_blocks(backend: Backend, triangles: Triangles, grid: BandGrid) -> tuple
     """Blocks within the band of a triangle, and the triangles near each block."""
     count = backend.empty(triangles.corner.shape[0], np.int32)
     _compute(backend, "count_blocks", triangles=triangles, band_grid=grid, block_count=count)
-    if backend.name == "cuda":
-        from refsim.backends import device
-
-        first = device.running_sum(count)
-        pairs = int(backend.host(first[count.shape[0] :])[0])
-    else:
-        first = np.zeros(len(count) + 1, np.int32)
-        np.cumsum(count, out=first[1:])
-        pairs = int(first[-1])
+    first = backend.running_sum(count)
+    pairs = int(backend.host(first[count.shape[0] :])[0])
     key, triangle = backend.empty(pairs, np.int64), backend.empty(pairs, np.int32)
     _compute(
         backend, "list_blocks", triangles=triangles, band_grid=grid, block_first=first, pair_key=key,

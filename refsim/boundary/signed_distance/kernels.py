@@ -3,18 +3,19 @@
 import math
 
 from refsim.backends.compile import formula, kernel
+from refsim.backends.tuples import added, difference, dot, greatest_of, least_of, put, scaled, three, triple
 from refsim.boundary.signed_distance.formulas import (
     CULL_SLACK,
     MOST_STEPS,
     WIDTH,
-    block_key,
     block_range,
     box_distance,
-    step_in_block,
+    place_in_field,
     triangle_offset,
     trilinear,
 )
-from refsim.sparse_grid.formulas import BLOCK, cell_coordinate, find_node, node_coordinates
+from refsim.neighbours.formulas import OFFSET, cell_key
+from refsim.sparse_grid.formulas import BLOCK, find_node, node_coordinates, step_node
 from refsim.winding_number.formulas import winding_at
 
 
@@ -41,37 +42,33 @@ def blocks_of_triangle(t, triangles, grid, first, pair_key, pair_triangle):
     h = grid.spacing
     real = type(h)
     corner, normal = triangles.corner, triangles.normal
-    x0 = min(corner[t, 0], corner[t, 3], corner[t, 6])
-    y0 = min(corner[t, 1], corner[t, 4], corner[t, 7])
-    z0 = min(corner[t, 2], corner[t, 5], corner[t, 8])
-    x1 = max(corner[t, 0], corner[t, 3], corner[t, 6])
-    y1 = max(corner[t, 1], corner[t, 4], corner[t, 7])
-    z1 = max(corner[t, 2], corner[t, 5], corner[t, 8])
-    bx0, bx1 = block_range(x0 - grid.band, x1 + grid.band, grid.inverse_spacing)
-    by0, by1 = block_range(y0 - grid.band, y1 + grid.band, grid.inverse_spacing)
-    bz0, bz1 = block_range(z0 - grid.band, z1 + grid.band, grid.inverse_spacing)
+    a, b, c = triple(corner, t, 0), triple(corner, t, 1), triple(corner, t, 2)
+    low, high = difference(least_of(a, b, c), grid.band), added(greatest_of(a, b, c), grid.band)
+    (bx0, bx1), (by0, by1), (bz0, bz1) = block_range(low, high, grid.inverse_spacing)
     reach = (grid.band + grid.half_diagonal) * real(CULL_SLACK)
     center = real(1.5)
     count = 0
     for bz in range(bz0, bz1 + 1):
         for by in range(by0, by1 + 1):
             for bx in range(bx0, bx1 + 1):
-                px = h * (real(WIDTH * bx) + center)
-                py = h * (real(WIDTH * by) + center)
-                pz = h * (real(WIDTH * bz) + center)
-                height = (
-                    (px - corner[t, 0]) * normal[t, 0]
-                    + (py - corner[t, 1]) * normal[t, 1]
-                    + (pz - corner[t, 2]) * normal[t, 2]
-                )
-                if abs(height) <= reach:
-                    ox, oy, oz, _ = triangle_offset(px, py, pz, t, corner, normal)
-                    if ox * ox + oy * oy + oz * oz <= reach * reach:
+                p = added((real(WIDTH * bx), real(WIDTH * by), real(WIDTH * bz)), center)
+                p = scaled(p, h)
+                if abs(dot(difference(p, a), triple(normal, t, 0))) <= reach:
+                    offset, _ = triangle_offset(p, t, corner, normal)
+                    if dot(offset, offset) <= reach * reach:
                         if first >= 0:
-                            pair_key[first + count] = block_key(bx, by, bz)
+                            pair_key[first + count] = cell_key(bx + OFFSET, by + OFFSET, bz + OFFSET)
                             pair_triangle[first + count] = t
                         count += 1
     return count
+
+
+@formula
+def node_place(n, band_grid, band_blocks):
+    """Place h j [m] of node n relative to the mesh's origin."""
+    h, (jx, jy, jz) = band_grid.spacing, node_coordinates(band_blocks, n)
+    real = type(h)
+    return scaled((real(jx), real(jy), real(jz)), h)
 
 
 @kernel
@@ -81,24 +78,16 @@ def nearest(n, triangles, band_grid, band_blocks, triangle_lists, unsigned_dista
     Of the triangles that share the closest edge or corner the lowest is kept, independent of the rounding of distances.
     Triangles whose bounding box is farther than the nearest so far are skipped.
     """
-    h = band_grid.spacing
-    real = type(h)
-    jx, jy, jz = node_coordinates(band_blocks, n)
-    px, py, pz = h * real(jx), h * real(jy), h * real(jz)
-    corner = triangles.corner
+    corner, p = triangles.corner, node_place(n, band_grid, band_blocks)
     best = band_grid.band * band_grid.band
     found = -1
     for k in range(triangle_lists.first[n >> 6], triangle_lists.first[(n >> 6) + 1]):
         t = triangle_lists.triangle[k]
-        ax, ay, az = corner[t, 0], corner[t, 1], corner[t, 2]
-        bx, by, bz = corner[t, 3], corner[t, 4], corner[t, 5]
-        cx, cy, cz = corner[t, 6], corner[t, 7], corner[t, 8]
-        x = box_distance(px, min(ax, bx, cx), max(ax, bx, cx))
-        y = box_distance(py, min(ay, by, cy), max(ay, by, cy))
-        z = box_distance(pz, min(az, bz, cz), max(az, bz, cz))
-        if x * x + y * y + z * z <= best:
-            ox, oy, oz, f = triangle_offset(px, py, pz, t, corner, triangles.normal)
-            squared = ox * ox + oy * oy + oz * oz
+        a, b, c = triple(corner, t, 0), triple(corner, t, 1), triple(corner, t, 2)
+        away = box_distance(p, least_of(a, b, c), greatest_of(a, b, c))
+        if dot(away, away) <= best:
+            offset, f = triangle_offset(p, t, corner, triangles.normal)
+            squared = dot(offset, offset)
             if squared < best or (found < 0 and squared <= best):
                 best = squared
                 found = triangles.owner[t, f]
@@ -113,19 +102,15 @@ def signs(n, triangles, band_grid, band_blocks, closest, unsigned_distance, wind
     m is the angle-weighted pseudonormal of the face, edge or corner on which the closest point c lies. Where that is
     unclear phi < 0 if the winding number exceeds 1/2.
     """
-    h = band_grid.spacing
-    real = type(h)
     value = unsigned_distance[n]
     t = closest[n]
     if t >= 0:
-        jx, jy, jz = node_coordinates(band_blocks, n)
-        px, py, pz = h * real(jx), h * real(jy), h * real(jz)
-        normal = triangles.normal
-        ox, oy, oz, f = triangle_offset(px, py, pz, t, triangles.corner, normal)
-        inside = ox * normal[t, 3 * f] + oy * normal[t, 3 * f + 1] + oz * normal[t, 3 * f + 2] < 0
+        p = node_place(n, band_grid, band_blocks)
+        offset, f = triangle_offset(p, t, triangles.corner, triangles.normal)
+        inside = dot(offset, triple(triangles.normal, t, f)) < 0
         if winding_clusters is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
             if unclear[t, f]:
-                inside = winding_at(px, py, pz, winding_clusters) > real(0.5)
+                inside = winding_at(p, winding_clusters) > type(value)(0.5)
         if inside:
             value = -value
     distance[n] = value
@@ -156,9 +141,8 @@ def fill(row, band_grid, row_first, closest, distance, inside_after):
 @kernel
 def interpolate(i, query, distance_field, query_distance, query_gradient):
     """Patent P1: phi [m] at a point, and its slope (dimensionless), trilinear."""
-    value, gx, gy, gz = trilinear(query[i, 0], query[i, 1], query[i, 2], distance_field)
-    query_distance[i] = value
-    query_gradient[i, 0], query_gradient[i, 1], query_gradient[i, 2] = gx, gy, gz
+    query_distance[i], slope = trilinear(three(query, i), distance_field)
+    put(query_gradient, i, slope)
 
 
 @kernel
@@ -168,44 +152,38 @@ def project(i, query, triangles, distance_field, projected, projected_normal):
     The search begins with the triangles that are closest to the corners of the point's cell, and goes from the nearest
     of them across edges to neighbours as long as these are nearer.
     """
-    x, y, z = query[i, 0], query[i, 1], query[i, 2]
-    real = type(distance_field.spacing)
-    px, py = float(x) - distance_field.origin_x, float(y) - distance_field.origin_y
-    pz = float(z) - distance_field.origin_z
-    jx = cell_coordinate(px, distance_field.inverse_spacing, 0.0)
-    jy = cell_coordinate(py, distance_field.inverse_spacing, 0.0)
-    jz = cell_coordinate(pz, distance_field.inverse_spacing, 0.0)
-    qx, qy, qz = real(px), real(py), real(pz)
-    best = real(math.inf)
-    ox, oy, oz = real(0), real(0), real(0)
+    x, real = three(query, i), type(distance_field.spacing)
+    place, (jx, jy, jz) = place_in_field(x, distance_field)
+    p = real(place[0]), real(place[1]), real(place[2])
+    best, offset = real(math.inf), (real(0), real(0), real(0))
     closest, feature = -1, 0
     node = find_node(distance_field, jx, jy, jz)
     for c in range(8):
         there = (
-            step_in_block(distance_field, node, c & 1, (c >> 1) & 1, c >> 2)
+            step_node(distance_field, node, c & 1, (c >> 1) & 1, c >> 2)
             if node >= 0
             else find_node(distance_field, jx + (c & 1), jy + ((c >> 1) & 1), jz + (c >> 2))
         )
         t = distance_field.closest[there] if there >= 0 else -1
         if t >= 0 and t != closest:
-            dx, dy, dz, f = triangle_offset(qx, qy, qz, t, triangles.corner, triangles.normal)
-            squared = dx * dx + dy * dy + dz * dz
+            away, f = triangle_offset(p, t, triangles.corner, triangles.normal)
+            squared = dot(away, away)
             if squared < best or (squared == best and t < closest):
-                best = squared
-                ox, oy, oz = dx, dy, dz
+                best, offset = squared, away
                 closest, feature = t, f
     for _ in range(MOST_STEPS if closest >= 0 else 0):
         start = closest
         for k in range(3):
             t = triangles.across[start, k]
-            dx, dy, dz, f = triangle_offset(qx, qy, qz, t, triangles.corner, triangles.normal)
-            squared = dx * dx + dy * dy + dz * dz
+            away, f = triangle_offset(p, t, triangles.corner, triangles.normal)
+            squared = dot(away, away)
             if squared < best:
-                best = squared
-                ox, oy, oz = dx, dy, dz
+                best, offset = squared, away
                 closest, feature = t, f
         if closest == start:
             break
-    projected[i, 0], projected[i, 1], projected[i, 2] = x - ox, y - oy, z - oz
+    put(projected, i, difference(x, offset))
     for c in range(3):
-        projected_normal[i, c] = triangles.normal[closest, 3 * feature + c] if closest >= 0 else x - x  # NaN stays NaN
+        projected_normal[i, c] = (
+            triangles.normal[closest, 3 * feature + c] if closest >= 0 else x[c] - x[c]
+        )  # NaN stays

@@ -8,6 +8,7 @@ import numpy as np
 
 from refsim.backends.compile import cuda, cuda_formula, cuda_kernel, formula
 from refsim.backends.primitives import sum_before
+from refsim.backends.tuples import put, three
 from refsim.sparse_grid.block_search_cuda import SUMMING, number
 from refsim.sparse_grid.formulas import block_bits, cell_coordinate, find_node_near, node_coordinates
 from refsim.surface_energy import formulas
@@ -34,11 +35,11 @@ def clear(held, held_points, members, sample_count, counts):
 
 
 @formula
-def node_at(x, y, z, shift, guess, blocks, surface_term):
+def node_at(x, shift, guess, blocks, surface_term):
     """Node of the cell j = floor(x/h - shift) of a position [m], -1 where no block holds it; block `guess` first."""
-    jx = cell_coordinate(x, surface_term.inverse_cell, shift)
-    jy = cell_coordinate(y, surface_term.inverse_cell, shift)
-    jz = cell_coordinate(z, surface_term.inverse_cell, shift) if blocks.neighbour.shape[1] == 27 else 0
+    jx = cell_coordinate(x[0], surface_term.inverse_cell, shift)
+    jy = cell_coordinate(x[1], surface_term.inverse_cell, shift)
+    jz = cell_coordinate(x[2], surface_term.inverse_cell, shift) if blocks.neighbour.shape[1] == 27 else 0
     return find_node_near(blocks, jx, jy, jz, guess)
 
 
@@ -50,8 +51,7 @@ def count_particles(interior_position, surface_term, blocks, sure, held, place, 
     """
     i = cuda.grid(1)
     if i < cell.shape[0]:
-        x, y, z = interior_position[i, 0], interior_position[i, 1], interior_position[i, 2]
-        found = node_at(x, y, z, 0.0, cell[i] >> 6, blocks, surface_term)
+        found = node_at(three(interior_position, i), 0.0, cell[i] >> 6, blocks, surface_term)
         cell[i] = found
         if found < 0 or sure[found >> 6] == 0:
             counts[MISSING] = 1
@@ -68,10 +68,8 @@ def place_particles(interior_position, surface_term, blocks, first, point, cell,
     at = cuda.grid(1)
     if at < first[first.shape[0] - 1]:
         i = number(point[at])
-        jx, jy, jz = node_coordinates(blocks, cell[i] & ~(CELLS - 1))
-        placed[at, 0] = formulas.grid_offset(interior_position[i, 0], jx, surface_term)
-        placed[at, 1] = formulas.grid_offset(interior_position[i, 1], jy, surface_term)
-        placed[at, 2] = formulas.grid_offset(interior_position[i, 2], jz, surface_term)
+        lowest = node_coordinates(blocks, cell[i] & ~(CELLS - 1))
+        put(placed, at, formulas.place_over(interior_position, i, lowest, surface_term))
 
 
 @cuda_kernel(block_for_each_row=True, threads=CELLS, rows_of="total")

@@ -3,7 +3,7 @@
 import numpy as np
 
 from refsim.backends.compile import cuda, cuda_kernel
-from refsim.backends.tuples import three
+from refsim.backends.tuples import put, scaled, three
 from refsim.sparse_grid.formulas import node_coordinates
 from refsim.surface_energy import formulas
 from refsim.surface_energy.recorded.cells_cuda import CELLS, FILLED, MADE, node_at, occupied_near
@@ -26,8 +26,7 @@ def locate_samples(sample_position, vertex_edge, facets, blocks, surface_term, c
     s = cuda.grid(1)
     if s < counts[MADE]:
         guess = (vertex_edge[facets[s, 0]] // 3) >> 6
-        x, y, z = sample_position[s, 0], sample_position[s, 1], sample_position[s, 2]
-        cell = node_at(x, y, z, 0.5, guess, blocks, surface_term)
+        cell = node_at(three(sample_position, s), 0.5, guess, blocks, surface_term)
         sample_cell[s] = cell
         if cell >= 0:
             sample_place[s] = cuda.atomic.add(held, cell, 1)
@@ -84,11 +83,9 @@ def pull_nodes(first, rank, blocks, pulls, surface_term, node_force, total):
     i = CELLS * b + cuda.threadIdx.x
     real = type(surface_term.cell_size)
     near = cuda.shared.array(REACHING, np.int32)
-    tx, ty, tz = real(0), real(0), real(0)
+    t = real(0), real(0), real(0)
     if occupied_near(first, blocks, b, 0, blocks.neighbour.shape[1] // 2 + 1):
         load_columns(b, rank, blocks, pulls, near)
-        tx = sum_around(near, blocks, 0, 3, pulls)
-        ty = sum_around(near, blocks, 1, 3, pulls)
-        tz = sum_around(near, blocks, 2, 3, pulls)
-    strength = -surface_term.tension / surface_term.cell_size
-    node_force[i, 0], node_force[i, 1], node_force[i, 2] = strength * tx, strength * ty, strength * tz
+        x, y = sum_around(near, blocks, 0, 3, pulls), sum_around(near, blocks, 1, 3, pulls)
+        t = x, y, sum_around(near, blocks, 2, 3, pulls)
+    put(node_force, i, scaled(t, -surface_term.tension / surface_term.cell_size))

@@ -94,9 +94,7 @@ def nearest_of_lanes(lane, i, x, seed, spheres, blocks, surface_term):
     real = type(surface_term.cell_size)
     cells, placed = spheres.cells, spheres.placed
     j = node_coordinates(blocks, CELLS * b)
-    ox = formulas.grid_offset(x[0], j[0], surface_term)
-    oy = formulas.grid_offset(x[1], j[1], surface_term)
-    oz = formulas.grid_offset(x[2], j[2], surface_term)
+    ox, oy, oz = formulas.offsets_over(x, j, surface_term)
     best = real(formulas.REACH * formulas.REACH)
     second, found = best, np.int32(-1)
     if seed >= 0:
@@ -246,21 +244,18 @@ def place_vertices(spheres, blocks, node_state, surface_term, vertex_edge, count
         real = type(h)
         i = vertex_edge[v] // 3
         axis = vertex_edge[v] - 3 * i
-        ax, ay, az = int(axis == 0), int(axis == 1), int(axis == 2)
+        axes = int(axis == 0), int(axis == 1), int(axis == 2)
         towards = 1
         if node_state[i] != 1:
-            i = step_node(blocks, i, ax, ay, az)
+            i = step_node(blocks, i, axes[0], axes[1], axes[2])
             towards = -1
-        jx, jy, jz = node_coordinates(blocks, i)
-        farthest, seed = farthest_of_lanes(lane, i, (ax, ay, az), towards, spheres, blocks, surface_term)
+        farthest, seed = farthest_of_lanes(lane, i, axes, towards, spheres, blocks, surface_term)
         length = real(towards) * min(farthest, real(1))
-        x = h * (real(jx) + real(ax) * length)
-        y = h * (real(jy) + real(ay) * length)
-        z = h * (real(jz) + real(az) * length)
-        own = node_at(x, y, z, 0.0, i >> 6, blocks, surface_term)
-        p, n = nearest_of_lanes(lane, own, (x, y, z), seed, spheres, blocks, surface_term)
+        x = formulas.on_edge(node_coordinates(blocks, i), axes, length, h)
+        own = node_at(x, 0.0, i >> 6, blocks, surface_term)
+        p, n = nearest_of_lanes(lane, own, x, seed, spheres, blocks, surface_term)
         if lane == 0:
-            put(vertices.vertex_position, v, (x, y, z))
+            put(vertices.vertex_position, v, x)
             put(vertices.vertex_outward, v, n)
             vertices.vertex_nearest[v] = p
 
@@ -273,7 +268,7 @@ def place_points(spheres, blocks, surface_term, vertex_edge, vertices, facets, c
     if s < made:
         x, _, normal = kernels.facet_sample(s, vertices.vertex_position, facets)
         guess = (vertex_edge[facets[s, 0]] // 3) >> 6
-        own = node_at(x[0], x[1], x[2], 0.0, guess, blocks, surface_term)
+        own = node_at(x, 0.0, guess, blocks, surface_term)
         seed = vertices.vertex_nearest[facets[s, lane % facets.shape[1]]]
         p, n = nearest_of_lanes(lane, own, x, seed, spheres, blocks, surface_term)
         for k in range(lane, 2, LANES):
@@ -287,7 +282,7 @@ def place_points(spheres, blocks, surface_term, vertex_edge, vertices, facets, c
                 r = made + s
                 x = added(x, scaled(n, surface_term.offset * surface_term.cell_size))
             put(points.fit_position, r, x)
-            cell = node_at(x[0], x[1], x[2], 0.5, own >> 6, blocks, surface_term)
+            cell = node_at(x, 0.5, own >> 6, blocks, surface_term)
             points.fit_cell[r] = cell
             if cell >= 0:
                 points.fit_place[r] = cuda.atomic.add(points.held_points, cell, 1)
@@ -296,7 +291,7 @@ def place_points(spheres, blocks, surface_term, vertex_edge, vertices, facets, c
 @formula
 def implicit_normal(q, position, guess, blocks, surface_term, coefficients, outward, mls, normal):
     """Unit normal of the implicit surface at position q: (3.17), or without `mls` (3.9)."""
-    base = node_at(position[q, 0], position[q, 1], position[q, 2], 0.5, guess, blocks, surface_term)
+    base = node_at(three(position, q), 0.5, guess, blocks, surface_term)
     if mls is not None:
         _, gradient = kernels.mls_gradient(q, position, base, blocks, surface_term, coefficients)
     else:
@@ -332,7 +327,7 @@ def place_samples(spheres, blocks, surface_term, vertex_edge, inset_position, fa
     if s < counts[MADE]:
         x, area, _ = kernels.facet_sample(s, inset_position, facets)
         guess = (vertex_edge[facets[s, 0]] // 3) >> 6
-        own = node_at(x[0], x[1], x[2], 0.0, guess, blocks, surface_term)
+        own = node_at(x, 0.0, guess, blocks, surface_term)
         p, _ = nearest_of_lanes(lane, own, x, samples.nearest[s], spheres, blocks, surface_term)
         if lane == 0:
             has_tension = False
