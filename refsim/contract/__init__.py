@@ -6,28 +6,18 @@ T6 the same bits again, T7 additivity, T9 bad input, T10 other parameters; and f
 comparison; `bindings` gives the arguments of a program by name.
 """
 
-from refsim.contract.arrays import to_numpy
-from refsim.contract.climb import Step, ladder, trials
-from refsim.contract.inputs import Inputs, bindings
-from refsim.contract.ladder import STEPS, climb, run
-from refsim.contract.programs import Programs, load, own
-from refsim.contract.resuming import resumes
-from refsim.contract.target import Outcome, Target
-
-__all__ = [
-    "STEPS",
-    "Inputs",
-    "Outcome",
-    "Programs",
-    "Step",
-    "Target",
-    "bindings",
-    "climb",
-    "ladder",
-    "load",
-    "own",
-    "resumes",
-    "run",
-    "to_numpy",
-    "trials",
-]
+from refsim.contract.arrays import to_numpy as to_numpy
+from refsim.contract.climb import Step as Step
+from refsim.contract.climb import ladder as ladder
+from refsim.contract.climb import trials as trials
+from refsim.contract.inputs import Inputs as Inputs
+from refsim.contract.inputs import bindings as bindings
+from refsim.contract.ladder import STEPS as STEPS
+from refsim.contract.ladder import climb as climb
+from refsim.contract.ladder import run as run
+from refsim.contract.programs import Programs as Programs
+from refsim.contract.programs import load as load
+from refsim.contract.programs import own as own
+from refsim.contract.resuming import resumes as resumes
+from refsim.contract.target import Outcome as Outcome
+from refsim.contract.target import Target as Target

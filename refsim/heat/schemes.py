@@ -16,18 +16,12 @@ from refsim.heat.stages import (
 )
 
 
-def reductions_on(scratch):
-    """The module with sums over all particles for the backend of the scratch memory."""
-    if scratch.backend.name == "cuda":
-        from refsim.heat import reductions_cuda
-
-        return reductions_cuda
-    return reductions
-
-
 def weighed(body, neighbours, step, scratch):
     """(exchanges, 1/C_i [K/J], s_i, array (1,) of the largest s_i, infinite where a sum is not finite)."""
-    return reductions_on(scratch).weighed(body, neighbours, step, scratch)
+    sums = reductions
+    if scratch.backend.name == "cuda":
+        from refsim.heat import reductions_cuda as sums
+    return sums.weighed(body, neighbours, step, scratch)
 
 
 # What the schemes share
@@ -173,7 +167,9 @@ def solve(exchanges, inverse, conduction, scratch, temperature):
     flow(exchanges, temperature, residual)
     for array in (direction, image, solution, dots):
         scratch.backend.assign(array, 0)
-    sums = reductions_on(scratch)
+    sums = reductions
+    if scratch.backend.name == "cuda":
+        from refsim.heat import reductions_cuda as sums
     sums.step(inverse, direction, image, dots, solution, residual, gradient, scratch)
     first, passes = None, 1
     while True:

@@ -6,6 +6,7 @@ The argument of the spline is the offset f = x/h - j of a particle from its base
 import math
 
 from refsim.backends.compile import formula
+from refsim.backends.tuples import entrywise
 from refsim.mpm.limits import FARTHEST
 
 STICKY, SLIP, SEPARATING = 1, 2, 3
@@ -66,16 +67,19 @@ def dilation(trace, liquid, step):
     return real(1) + (real(1) if liquid.timeless else step) * trace
 
 
-@formula
-def wall_velocity(v, below, above, low_rule, high_rule):
-    """Component v [m/s] of a node's velocity along the normal of a wall: n.v >= 0 or n.v = 0 in the wall.
+@entrywise
+def stuck(j, low, high, low_rule, high_rule):
+    """Whether node j (dimensionless) is in a sticky wall, where v = 0: a low one reaches up to `low`."""
+    return (j <= low and low_rule == STICKY) or (j >= high and high_rule == STICKY)
 
-    below, above  whether the node is in the wall at the low and at the high end of the axis
-    """
+
+@entrywise
+def wall_velocity(v, j, low, high, low_rule, high_rule):
+    """Component v [m/s] of the velocity of node j along the normal of a wall: n.v >= 0 or n.v = 0 in the wall."""
     real = type(v)
-    if below and (low_rule == SLIP or (low_rule == SEPARATING and v < real(0))):
+    if j <= low and (low_rule == SLIP or (low_rule == SEPARATING and v < real(0))):
         return real(0)
-    if above and (high_rule == SLIP or (high_rule == SEPARATING and v > real(0))):
+    if j >= high and (high_rule == SLIP or (high_rule == SEPARATING and v > real(0))):
         return real(0)
     return v
 
@@ -90,47 +94,63 @@ def inverse_spread(xx, xy, xz, yy, yz, zz):
     return a / det, b / det, c / det, (xx * zz - xz * xz) / det, (xy * xz - xx * yz) / det, (xx * yy - xy * xy) / det
 
 
-@formula
-def canonical(j, low, high, below, above):
-    """The node a on the liquid's side of mirrors at `low` and `high` of which j is an image, dimensionless:
-    a = 2 low - j below, 2 high - j above, else j."""
-    if below and j < low:
+# Mirrors of an axis, at nodes `low` and `high`, each there if its rule is not 0
+
+
+@entrywise
+def canonical(j, low, high, low_rule, high_rule):
+    """The node a on the liquid's side of the mirrors of which j is an image, dimensionless: a = 2 low - j below,
+    2 high - j above, else j."""
+    if low_rule > 0 and j < low:
         return 2 * low - j
-    if above and j > high:
+    if high_rule > 0 and j > high:
         return 2 * high - j
     return j
 
 
-@formula
+@entrywise
+def within_rows(j, low, high, low_rule, high_rule):
+    """Whether node j (dimensionless) is in the imaged rows behind a wall, or in their images."""
+    return (low_rule > 0 and j <= low + IMAGED_ROWS) or (high_rule > 0 and j >= high - IMAGED_ROWS)
+
+
+@entrywise
 def buried(j, low, high, low_rule, high_rule):
     """Whether node j (dimensionless) is farther behind a wall than the liquid reaches, so that m_j = 0."""
     return (low_rule > 0 and j < low - IMAGED_ROWS) or (high_rule > 0 and j > high + IMAGED_ROWS)
 
 
-@formula
-def image(j, which, low, high, below, above):
+@entrywise
+def image(j, which, low, high, low_rule, high_rule):
     """Image i = 2 low - j (1) or 2 high - j (2) of node j, j itself (0), dimensionless; NOWHERE if there is none.
 
     Points reach at most IMAGED_ROWS rows behind a mirror, and a node on it is its own image.
     """
     if which == 0:
         return j
-    if which == 1 and below and 0 < j - low <= IMAGED_ROWS:
+    if which == 1 and low_rule > 0 and 0 < j - low <= IMAGED_ROWS:
         return 2 * low - j
-    if which == 2 and above and 0 < high - j <= IMAGED_ROWS:
+    if which == 2 and high_rule > 0 and 0 < high - j <= IMAGED_ROWS:
         return 2 * high - j
     return NOWHERE
 
 
-@formula
+@entrywise
+def mirror_of(own, j, low):
+    """Which mirror, as for `image`, makes node j of node a = `own` on the liquid's side, dimensionless; 0 if j = a."""
+    if own == j:
+        return 0
+    return 1 if j < low else 2
+
+
+@entrywise
 def on_mirror(j, low, high, low_rule, high_rule):
-    """(whether node j is on a sticky face, v = 0; whether it is on any, n.v = 0 [m/s]) for two mirrors of an axis."""
+    """(whether node j is on a sticky face, v = 0; whether it is on any, n.v = 0 [m/s])."""
     below, above = low_rule > 0 and j == low, high_rule > 0 and j == high
-    stuck = (below and low_rule == STICKY) or (above and high_rule == STICKY)
-    return stuck, below or above
+    return (below and low_rule == STICKY) or (above and high_rule == STICKY), below or above
 
 
-@formula
+@entrywise
 def reflection(which, low_rule, high_rule):
     """Signs of v' = (-v_n, +-v_t), the image of a velocity in a face (dimensionless), `which` as for `image`.
 

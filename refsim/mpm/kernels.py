@@ -206,29 +206,27 @@ def node_update(node, nodes, field, planes, background, timestep, blocks):
 
 
 @formula
-def at_walls(j, v, planes):
-    """Velocity of node j at the walls [m/s]: 0 in a sticky one, without the component into a slip or separating one."""
-    lx, ux = j[0] <= planes.lower[0], j[0] >= planes.upper[0]
-    ly, uy = j[1] <= planes.lower[1], j[1] >= planes.upper[1]
-    lz, uz = j[2] <= planes.lower[2], j[2] >= planes.upper[2]
-    r = planes.rules
-    if (
-        (lx and r[0] == formulas.STICKY) or (ux and r[1] == formulas.STICKY) or (ly and r[2] == formulas.STICKY)
-        or (uy and r[3] == formulas.STICKY) or (lz and r[4] == formulas.STICKY) or (uz and r[5] == formulas.STICKY)
-    ):  # fmt: skip
-        zero = type(v[0])(0)
-        return zero, zero, zero
-    return (
-        formulas.wall_velocity(v[0], lx, ux, r[0], r[1]),
-        formulas.wall_velocity(v[1], ly, uy, r[2], r[3]),
-        formulas.wall_velocity(v[2], lz, uz, r[4], r[5]),
-    )
+def faces_of(planes):
+    """(nodes of the lower walls along x, y and z, those of the upper ones, the rules of both)."""
+    a, b, r = planes.lower, planes.upper, planes.rules
+    low, high = (int(a[0]), int(a[1]), int(a[2])), (int(b[0]), int(b[1]), int(b[2]))
+    return low, high, (int(r[0]), int(r[2]), int(r[4])), (int(r[1]), int(r[3]), int(r[5]))
 
 
 @formula
-def within_rows(j, low, high, low_rule, high_rule):
-    """Whether coordinate j is in the imaged rows behind a wall of an axis, or in their images."""
-    return (low_rule > 0 and j <= low + formulas.IMAGED_ROWS) or (high_rule > 0 and j >= high - formulas.IMAGED_ROWS)
+def any_of(flags):
+    """Whether one of three flags is set."""
+    return flags[0] or flags[1] or flags[2]
+
+
+@formula
+def at_walls(j, v, planes):
+    """Velocity of node j at the walls [m/s]: 0 in a sticky one, without the component into a slip or separating one."""
+    low, high, below, above = faces_of(planes)
+    if any_of(formulas.stuck(j, low, high, below, above)):
+        zero = type(v[0])(0)
+        return zero, zero, zero
+    return formulas.wall_velocity(v, j, low, high, below, above)
 
 
 @formula
@@ -237,66 +235,47 @@ def mirrored_update(node, nodes, field, planes, background, timestep, blocks):
 
     The velocity is that of the node on the liquid's side; a node behind the wall moves as its image.
     """
-    jx, jy, jz = node_coordinates(blocks, node)
-    low = int(planes.lower[0]), int(planes.lower[1]), int(planes.lower[2])
-    high = int(planes.upper[0]), int(planes.upper[1]), int(planes.upper[2])
-    r = planes.rules
-    near_x = within_rows(jx, low[0], high[0], r[0], r[1])
-    near_y = within_rows(jy, low[1], high[1], r[2], r[3])
-    near_z = within_rows(jz, low[2], high[2], r[4], r[5])
-    if not (near_x or near_y or near_z):
+    j = node_coordinates(blocks, node)
+    low, high, below, above = faces_of(planes)
+    if not any_of(formulas.within_rows(j, low, high, below, above)):
         return node_update(node, nodes, field, None, background, timestep, blocks)
     real = type(background.least_mass)
-    if (
-        formulas.buried(jx, low[0], high[0], r[0], r[1]) or formulas.buried(jy, low[1], high[1], r[2], r[3])
-        or formulas.buried(jz, low[2], high[2], r[4], r[5])
-    ):  # fmt: skip
-        return real(0), real(0), real(0)
-    ax = formulas.canonical(jx, low[0], high[0], r[0] > 0, r[1] > 0)
-    ay = formulas.canonical(jy, low[1], high[1], r[2] > 0, r[3] > 0)
-    az = formulas.canonical(jz, low[2], high[2], r[4] > 0, r[5] > 0)
-    mass, momentum = real(0), (real(0), real(0), real(0))
+    rest = real(0), real(0), real(0)
+    if any_of(formulas.buried(j, low, high, below, above)):
+        return rest
+    own = formulas.canonical(j, low, high, below, above)
+    mass, momentum = real(0), rest
     for kz in range(3):
-        iz = formulas.image(az, kz, low[2], high[2], r[4] > 0, r[5] > 0)
         for ky in range(3):
-            iy = formulas.image(ay, ky, low[1], high[1], r[2] > 0, r[3] > 0)
             for kx in range(3):
-                ix = formulas.image(ax, kx, low[0], high[0], r[0] > 0, r[1] > 0)
+                which = kx, ky, kz
+                ix, iy, iz = formulas.image(own, which, low, high, below, above)
                 if ix == formulas.NOWHERE or iy == formulas.NOWHERE or iz == formulas.NOWHERE:
                     continue
                 n = find_node(blocks, ix, iy, iz)
                 if n < 0:
                     continue
-                sx, sy, sz = signs(kx, ky, kz, r)
+                sx, sy, sz = signs(which, below, above)
                 mass += nodes.node_mass[n]
                 px, py, pz = pushed(n, nodes.node_momentum, nodes.node_pull, timestep[1])
                 momentum = added(momentum, (real(sx) * px, real(sy) * py, real(sz) * pz))
     if not mass > background.least_mass:
-        return real(0), real(0), real(0)
+        return rest
     vx, vy, vz = accelerated(momentum, mass, field, timestep[1])
-    stuck_x, rests_x = formulas.on_mirror(ax, low[0], high[0], r[0], r[1])
-    stuck_y, rests_y = formulas.on_mirror(ay, low[1], high[1], r[2], r[3])
-    stuck_z, rests_z = formulas.on_mirror(az, low[2], high[2], r[4], r[5])
+    (stuck_x, rests_x), (stuck_y, rests_y), (stuck_z, rests_z) = formulas.on_mirror(own, low, high, below, above)
     if stuck_x or stuck_y or stuck_z:
-        return real(0), real(0), real(0)
+        return rest
     vx = real(0) if rests_x else vx
     vy = real(0) if rests_y else vy
     vz = real(0) if rests_z else vz
-    sx, sy, sz = signs(
-        0 if ax == jx else (1 if jx < low[0] else 2),
-        0 if ay == jy else (1 if jy < low[1] else 2),
-        0 if az == jz else (1 if jz < low[2] else 2),
-        r,
-    )
+    sx, sy, sz = signs(formulas.mirror_of(own, j, low), below, above)
     return real(sx) * vx, real(sy) * vy, real(sz) * vz
 
 
 @formula
-def signs(kx, ky, kz, rules):
-    """Signs of the components of a velocity after mirrors kx, ky, kz (0 none, 1 lower, 2 upper) of the three axes."""
-    xn, xt = formulas.reflection(kx, rules[0], rules[1])
-    yn, yt = formulas.reflection(ky, rules[2], rules[3])
-    zn, zt = formulas.reflection(kz, rules[4], rules[5])
+def signs(which, below, above):
+    """Signs of the components of a velocity after a mirror of each axis: 0 none, 1 the lower, 2 the upper one."""
+    (xn, xt), (yn, yt), (zn, zt) = formulas.reflection(which, below, above)
     return xn * yt * zt, xt * yn * zt, xt * yt * zn
 
 

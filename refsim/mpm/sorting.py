@@ -49,15 +49,6 @@ def write_cells(chunk, position, inverse_cell, keys, complete, bits, counts, cel
     counts[chunk, 0], counts[chunk, 1] = find_chunk(begin, end, position, inverse_cell, keys, complete, bits, cell)
 
 
-@kernel(rows_of="ends")
-def write_first(k, owner, ends, first):
-    """first[p] <- k for the particles p after the owner of sorted sample k - 1 up to that of sample k."""
-    low = owner[k - 1] if k > 0 else -1
-    high = owner[k] if k < owner.shape[0] else first.shape[0] - 1
-    for p in range(low + 1, high + 1):
-        first[p] = k
-
-
 def block_keys(position, inverse_cell, dim):
     """Keys (n,) of the points' blocks."""
     keys = np.empty(len(position), np.int64)
@@ -87,6 +78,6 @@ def cells(position, carrier_position, surface_sample, grid, cell):
 def by_owner(sample_owner, count):
     """(numbers of the samples by owner, place of the first of each owner and the total), int32, stable."""
     order = np.argsort(sample_owner, kind="stable").astype(np.int32)
-    first = np.empty(count + 1, np.int32)
-    write_first(sample_owner[order], np.empty(len(order) + 1, np.uint8), first)
+    first = np.zeros(count + 1, np.int32)
+    np.cumsum(np.bincount(sample_owner, minlength=count), out=first[1:])
     return order, first
