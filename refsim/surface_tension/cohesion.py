@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from refsim.core.capabilities import BalancesCohesion, KnowsLimits, Margin, SumsDensity
-from refsim.core.effect import Discretisation, Effect, Others, StepLimit
+from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit
 from refsim.core.energy import EnergyAccount, EnergyState, pair_potential
 from refsim.core.errors import InputError
 from refsim.smoothing import lattice
@@ -124,6 +124,19 @@ class PairCohesion(Effect, BalancesCohesion, KnowsLimits, SumsDensity, frozen=Tr
     needed: ClassVar[tuple[str, ...]] = (LIQUID,)
 
     balance_pressure: bool = True
+
+    def check(self, grid: Discretisation, others: Others) -> None:
+        self.check_coefficients()
+        self.check_collapse(grid, others)
+
+    def passes(self, others: Others) -> tuple[Pass, ...]:
+        """The pass of the pair force, where it is all that the model has."""
+        if not self.coheres():
+            return ()
+        return (Pass(f"{self.name}.cohesion", ("position", "mass"), updates=("acceleration",)),)
+
+    def list_radius(self, grid: Discretisation) -> float:
+        return grid.support_radius if self.passes({}) else 0.0
 
     def check_coefficients(self) -> None:
         """Raise InputError unless either the tension or the model's own coefficient is given, and not negative."""

@@ -301,21 +301,21 @@ def wall_kernel_sums(
     return sums
 
 
+def lattice_layers(shape: str, support_radius: float, spacing: float, dim: int) -> tuple[list[float], float]:
+    """(sum of W over each layer of the lattice, from a particle's own on [1/m^dim]; share that a half-space lacks)."""
+    from refsim.smoothing.reference import kernel_value
+
+    kernel = smoothing(shape, support_radius, dim)
+    reach = math.ceil(support_radius / spacing)
+    flat2 = (lattice(reach, dim - 1) ** 2).sum(1)
+    layer = [float(kernel_value(spacing * np.sqrt(flat2 + k * k), kernel).sum()) for k in range(reach + 1)]
+    return layer, 1 - sum(layer) / sum(layer[abs(k)] for k in range(-reach, reach + 1))
+
+
 def calibrated_factor(shape: str, support_radius: float, spacing: float, dim: int) -> float:
     """g for which the first fluid layer of a half-space lattice on a flat wall has the rest density.
 
     rho_1/rho0 = (sum over fluid layers)/(sum over the full lattice) + g (sum_b W_ib)/(sum_k W_bk) = 1.
     """
-    from refsim.smoothing.reference import kernel_value
-
-    kernel = smoothing(shape, support_radius, dim)
-    reach = math.ceil(support_radius / spacing)
-    flat = lattice(reach, dim - 1)
-    flat2 = (flat**2).sum(1)
-
-    def layer(k: int) -> float:
-        return float(kernel_value(spacing * np.sqrt(flat2 + k * k), kernel).sum())
-
-    full = sum(layer(k) for k in range(-reach, reach + 1))
-    fluid = sum(layer(k) for k in range(0, reach + 1))
-    return (1 - fluid / full) * layer(0) / layer(1)
+    layer, lacking = lattice_layers(shape, support_radius, spacing, dim)
+    return lacking * layer[0] / layer[1]

@@ -18,7 +18,7 @@ import numpy as np
 
 from refsim.boundary import adami_2012
 from refsim.boundary.adami_2012 import walls_model
-from refsim.boundary.akinci_2012 import wall_kernel_sums
+from refsim.boundary.akinci_2012 import lattice_layers, wall_kernel_sums
 from refsim.boundary.one_way_coupling import reference as reference
 from refsim.boundary.penetration import CORRECTIONS, correction_pass, penetration_groups
 from refsim.core.capabilities import (
@@ -36,7 +36,7 @@ from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.core.walls import WallParticles, WallViscosity
-from refsim.smoothing import lattice, smoothing
+from refsim.smoothing import smoothing
 from refsim.sph import LIQUID, acceleration_of, lean, liquid_of, pressure_is_replaced
 
 MOST_LAYERS = 100  # of boundary particles
@@ -311,12 +311,6 @@ def layer_factors(shape: str, support_radius: float, spacing: float, radius: flo
     from refsim.smoothing.reference import kernel_value
 
     kernel = smoothing(shape, support_radius, 3)
-    reach = math.ceil(support_radius / spacing)
-    flat = lattice(reach, 2)
-    flat2 = (flat**2).sum(1)
-
-    def of_lattice(k: int) -> float:
-        return float(kernel_value(spacing * np.sqrt(flat2 + k * k), kernel).sum())
 
     def of_plane(away: float) -> float:
         """Integral of W over a plane at distance `away` [1/m]."""
@@ -325,9 +319,8 @@ def layer_factors(shape: str, support_radius: float, spacing: float, radius: flo
         rho = 0.5 * rim * (node + 1)
         return float((0.5 * rim * weight * 2 * math.pi * rho * kernel_value(np.hypot(rho, away), kernel)).sum())
 
-    full = sum(of_lattice(k) for k in range(-reach, reach + 1))
-    fluid = sum(of_lattice(k) for k in range(0, reach + 1))
-    lacking = (1 - fluid / full) / sum(of_plane((k + 1) * spacing) for k in range(layers))  # s d
+    _, lacking = lattice_layers(shape, support_radius, spacing, 3)
+    lacking /= sum(of_plane((k + 1) * spacing) for k in range(layers))  # s d
     apart = 2 * radius
     far = math.ceil(2 * support_radius / apart) + 1
     a, b = np.meshgrid(np.arange(-far, far + 1), np.arange(-far, far + 1))

@@ -9,7 +9,7 @@ from typing import Any, ClassVar, NamedTuple
 
 from numpy.typing import NDArray
 
-from refsim.core.effect import Discretisation, Others, Pass
+from refsim.core.effect import Discretisation, Others
 from refsim.core.energy import EnergyAccount
 from refsim.smoothing.shapes import CUBIC_SPLINE, NORMALISATION
 from refsim.sph import liquid_of
@@ -44,10 +44,6 @@ class BeckerTeschner2007(PairCohesion, frozen=True, kw_only=True):
     kappa: float | None = None
     clamp_distance: bool = True
 
-    def check(self, grid: Discretisation, others: Others) -> None:
-        self.check_coefficients()
-        self.check_collapse(grid, others)
-
     def notes(self, grid: Discretisation, others: Others) -> tuple[str, ...]:
         notes = super().notes(grid, others)
         if self.clamp_distance or not self.passes(others):
@@ -58,20 +54,12 @@ class BeckerTeschner2007(PairCohesion, frozen=True, kw_only=True):
             " drops burst",
         )
 
-    def passes(self, others: Others) -> tuple[Pass, ...]:
-        if not self.coheres():
-            return ()
-        return (Pass("becker_teschner_2007.cohesion", ("position", "mass"), updates=("acceleration",)),)
-
     def pair_mass(self, mass_i: NDArray, mass_j: NDArray, grid: Discretisation, others: Others) -> Any:
         """m times the pair's mean mass, m of the lattice's particles: the force on i has the factor m_j alone."""
         return liquid_of(others).particle_mass(grid) * 0.5 * (mass_i + mass_j)
 
     def energy(self, grid: Discretisation, others: Others) -> EnergyAccount:
         return self.pair_account(grid, others) if self.passes(others) else EnergyAccount()
-
-    def list_radius(self, grid: Discretisation) -> float:
-        return grid.support_radius if self.passes({}) else 0.0
 
     def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         kappa = self.coefficient(grid, others)

@@ -157,9 +157,6 @@ class Dong2016(PairCohesion, HasErrata, frozen=True, kw_only=True):
             return self.pair_account(grid, others, tuple(uncounted))
         return EnergyAccount(uncounted=tuple(uncounted))
 
-    def list_radius(self, grid: Discretisation) -> float:
-        return grid.support_radius if self.passes({}) else 0.0
-
     def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         real, fluid = grid.real, liquid_of(others)
         share = self._rest_distance(grid) / grid.support_radius

@@ -11,7 +11,7 @@ from typing import Any, ClassVar, NamedTuple
 
 from numpy.typing import NDArray
 
-from refsim.core.effect import Discretisation, Others, Pass
+from refsim.core.effect import Discretisation, Others
 from refsim.core.energy import EnergyAccount
 from refsim.sph import liquid_of
 from refsim.surface_tension.cohesion import PairCohesion
@@ -42,24 +42,12 @@ class TartakovskyMeakin2005(PairCohesion, frozen=True, kw_only=True):
     surface_tension: float | None = None
     strength: float | None = None
 
-    def check(self, grid: Discretisation, others: Others) -> None:
-        self.check_coefficients()
-        self.check_collapse(grid, others)
-
-    def passes(self, others: Others) -> tuple[Pass, ...]:
-        if not self.coheres():
-            return ()
-        return (Pass("tartakovsky_meakin_2005.cohesion", ("position", "mass"), updates=("acceleration",)),)
-
     def pair_mass(self, mass_i: NDArray, mass_j: NDArray, grid: Discretisation, others: Others) -> Any:
         """m^2 of the lattice's particles: the force of a pair does not depend on its masses."""
         return liquid_of(others).particle_mass(grid) ** 2
 
     def energy(self, grid: Discretisation, others: Others) -> EnergyAccount:
         return self.pair_account(grid, others) if self.passes(others) else EnergyAccount()
-
-    def list_radius(self, grid: Discretisation) -> float:
-        return grid.support_radius if self.passes({}) else 0.0
 
     def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         strength = self.coefficient(grid, others)
