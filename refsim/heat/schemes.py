@@ -16,12 +16,31 @@ from refsim.heat.stages import (
 )
 
 
-def weighed(body, neighbours, step, scratch):
-    """(exchanges, 1/C_i [K/J], s_i, array (1,) of the largest s_i, infinite where a sum is not finite)."""
-    sums = reductions
-    if scratch.backend.name == "cuda":
-        from refsim.heat import reductions_cuda as sums
-    return sums.weighed(body, neighbours, step, scratch)
+def weighed(*arguments):
+    """As `reductions.weighed`, on the backend of the last argument, the scratch memory."""
+    if arguments[-1].backend.name == "cuda":
+        from refsim.heat import reductions_cuda
+
+        return reductions_cuda.weighed(*arguments)
+    return reductions.weighed(*arguments)
+
+
+def turn(*arguments):
+    """As `reductions.turn`, on the backend of the last argument, the scratch memory."""
+    if arguments[-1].backend.name == "cuda":
+        from refsim.heat import reductions_cuda
+
+        return reductions_cuda.turn(*arguments)
+    return reductions.turn(*arguments)
+
+
+def take_step(*arguments):
+    """As `reductions.step`, on the backend of the last argument, the scratch memory."""
+    if arguments[-1].backend.name == "cuda":
+        from refsim.heat import reductions_cuda
+
+        return reductions_cuda.step(*arguments)
+    return reductions.step(*arguments)
 
 
 # What the schemes share
@@ -167,15 +186,12 @@ def solve(exchanges, inverse, conduction, scratch, temperature):
     flow(exchanges, temperature, residual)
     for array in (direction, image, solution, dots):
         scratch.backend.assign(array, 0)
-    sums = reductions
-    if scratch.backend.name == "cuda":
-        from refsim.heat import reductions_cuda as sums
-    sums.step(inverse, direction, image, dots, solution, residual, gradient, scratch)
+    take_step(inverse, direction, image, dots, solution, residual, gradient, scratch)
     first, passes = None, 1
     while True:
-        sums.turn(exchanges, inverse, gradient, dots, direction, turned, image, scratch)
+        turn(exchanges, inverse, gradient, dots, direction, turned, image, scratch)
         direction, turned = turned, direction
-        sums.step(inverse, direction, image, dots, solution, residual, gradient, scratch)
+        take_step(inverse, direction, image, dots, solution, residual, gradient, scratch)
         passes += 1
         if first is None or passes % every == 0:
             now, _, before = (float(v) for v in scratch.host(dots))
