@@ -320,7 +320,7 @@ def test_energy_of_motion_leaves_out_the_kick_of_solids():
     state = State(mass=[2.0, 3.0], velocity=[[1.0, 0, 0], [0, 2.0, 0]], acceleration=[[4.0, 0, 8.0]] * 2, phase=[0, 1])
     state.evaluate = lambda: None
     auditor = SimpleNamespace(
-        simulation=SimpleNamespace(previous_length=0.5), accounts={}, staggered=True, solids=True,
+        simulation=SimpleNamespace(previous_length=0.5), accounts={}, driving=None, staggered=True, solids=True,
         _unsure=lambda state, mass: 7.0,
     )  # fmt: skip
     with mock.patch("refsim.engine.audit.StateOfRun", return_value=state):
