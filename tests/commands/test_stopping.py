@@ -83,7 +83,7 @@ def test_the_processes_of_a_killed_sweep_end_with_it(sweeping):
 def test_a_study_that_is_asked_to_stop_says_what_is_kept(tmp_path):
     (tmp_path / "tank.toml").write_text(SCENE)
     process = start(
-        tmp_path, "study", "tank.toml", "--observable", "kinetic_energy", "--backend", "numpy", "--levels", "1"
+        tmp_path, "study", "tank.toml", "--observable", "kinetic_energy", "--backend", "numpy", "--knobs", "step"
     )
     assert "runs to do" in process.stderr.readline()
     process.send_signal(signal.SIGTERM)
