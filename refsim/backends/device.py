@@ -211,21 +211,17 @@ class Mirror:
         self.array = array
         self.values = np.zeros(array.shape, array.dtype)
         if not simulated():
-            cupy = library()
-            self.memory = cupy.cuda.alloc_pinned_memory(self.values.nbytes)  # for an asynchronous copy
-            self.values = np.frombuffer(self.memory, array.dtype, self.values.size).reshape(array.shape)
-            self.pointer = seen(array).data.ptr
+            memory = library().cuda.alloc_pinned_memory(self.values.nbytes)  # which kernels can write
+            self.values = np.frombuffer(memory, array.dtype, self.values.size).reshape(array.shape)
+            place = {"shape": array.shape, "typestr": array.dtype.str, "data": (memory.ptr, False), "version": 3}
+            self.there = cuda.from_cuda_array_interface(place, memory, sync=False)
 
     def send(self) -> None:
         """Launch the copy; it can be recorded."""
         if simulated():
             self.values[...] = self.array.copy_to_host()
         else:
-            cupy = library()
-            cupy.cuda.runtime.memcpyAsync(
-                self.values.ctypes.data, self.pointer, self.values.nbytes,
-                cupy.cuda.runtime.memcpyDeviceToHost, own_stream().ptr,
-            )  # fmt: skip
+            copy(self.array, self.there)  # a kernel: it takes half as long as a copy of its own
 
     def read(self) -> np.ndarray:
         """Wait for all launches; the values at the time of `send`."""
