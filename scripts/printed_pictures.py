@@ -209,7 +209,7 @@ def jet(radius: float, length: float, start: tuple[float, float, float], spacing
 
 POURS = {
     "pour_sphere": Pour(
-        sphere, (3.2 * MM, 25.2 * MM), (0.6 * MM, 0.0, 5.4 * MM), -6 * MM, 24 * MM, 0.5, (0.018, 0.03),
+        sphere, (3.2 * MM, 25.2 * MM), (0.0, 0.0, 5.4 * MM), -6 * MM, 24 * MM, 0.5, (0.018, 0.03),
         ((-11, -11, -6), (11, 11, 17)), "-60,18"
     ),
     "pour_funnel": Pour(
