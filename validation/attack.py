@@ -426,7 +426,7 @@ def held(kind: str, seed: int, kept: Path) -> bool:
 
     try:
         trials()
-    except Exception as error:
+    except Exception as error:  # any that a trial raises is a finding: Hypothesis has made it small and noted the trial
         traceback.print_exception(error)
         return False
     print(
