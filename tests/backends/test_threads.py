@@ -11,6 +11,7 @@ import pytest
 from refsim import Cloud, Scene, Simulation, WeaklyCompressible
 from refsim.backends import threads
 from refsim.backends.arrays import Backend, set_threads
+from tests.running import advanced
 
 STARTS = {
     "threads first": "from refsim.backends.arrays import Backend, set_threads; set_threads(Backend('cpu'), 1)",
@@ -52,8 +53,7 @@ def test_a_small_scene_takes_one_thread_and_gives_the_same_bits():
         for asked, used in ((None, 1), (2, 2)):
             run = Simulation(scene, backend="cpu", threads=asked)
             assert numba.get_num_threads() == used
-            for _ in range(5):
-                run.step()
+            advanced(run, 5)
             found.append(run.field("position").tobytes())
     finally:
         set_threads(Backend("cpu"), None)

@@ -12,6 +12,7 @@ from refsim.boundary.one_way_coupling import layer_factors
 from refsim.scene.files import load_scene, scene_to_toml
 from refsim.smoothing import smoothing
 from refsim.smoothing.reference import kernel_value
+from tests.running import advanced
 
 SPACING, SUPPORT = 0.01, 0.027
 LIQUID = WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=0.5, density="summation")
@@ -133,8 +134,7 @@ def test_without_a_mesh_there_are_none_of_its_fields_and_launches(plate):
 def test_a_run_resumes_bit_for_bit_from_its_checkpoint(plate, tmp_path):
     weak = MeshBoundary(file=plate, volume_factor=0.01)
     whole = Simulation(scene(LIQUID, Gravity(), weak, gap=0.3, dtype="float32"))  # as other tests compile it
-    for _ in range(100):
-        whole.step()
+    advanced(whole, 100)
     assert whole.field("corrections").sum() > 0
     whole.checkpoint(tmp_path / "checkpoint.h5")
     resumed = Simulation.resume(tmp_path / "checkpoint.h5")

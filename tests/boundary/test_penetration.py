@@ -10,6 +10,7 @@ import trimesh
 from refsim import Box, Cloud, Gravity, InputError, MeshBoundary, Scene, Simulation, WeaklyCompressible, make_plan
 from refsim.boundary.penetration.kernels import clipped
 from refsim.boundary.penetration.reference import rebound
+from tests.running import advanced
 
 SPACING = 0.01
 LIQUID = WeaklyCompressible(
@@ -48,8 +49,7 @@ def bullets(file, correction, speed, dtype="float32", shift=(0.0, 0.0, 0.0), **c
 
 def through(simulation, steps, height=0.0):
     """Number of particles that passed below the solid."""
-    for _ in range(steps):
-        simulation.step()
+    advanced(simulation, steps)
     return int((simulation.field("position")[:, 2] < height - 0.003).sum())
 
 
@@ -78,8 +78,7 @@ def test_paths_that_begin_far_outside_the_grid_are_swept(ball):
 def test_far_from_the_origin_in_float32(plate):
     """1e4 m away positions are rounded to a tenth of a spacing; no particle passes the plate."""
     simulation = bullets(plate, "swept", 3.0, shift=(0.0, 0.0, 1e4))
-    for _ in range(20):
-        simulation.step()
+    advanced(simulation, 20)
     assert (simulation.field("position")[:, 2] > 1e4 - 0.003).all()
 
 
@@ -87,8 +86,7 @@ def test_marked_region_and_every_particle_give_the_same_bits(ball):
     states = []
     for every in (False, True):
         simulation = bullets(ball, "swept", 0.8, every_particle=every)
-        for _ in range(12):
-            simulation.step()
+        advanced(simulation, 12)
         states.append([simulation.field(name).tobytes() for name in ("position", "velocity", "corrections")])
     assert states[0] == states[1]
 

@@ -20,6 +20,7 @@ from refsim import (
     make_plan,
 )
 from refsim.core.operation import REGISTRY
+from tests.running import advanced, run_to
 from validation.experiments.liquid import runs
 from validation.running import Context
 
@@ -61,8 +62,7 @@ def test_ice_rises_with_the_water_that_it_carries_along():
     simulation = Simulation(submerged((edge, edge), edge, cells, 3.0, 0.005), "cpu", threads=2)
     until = 1.5 * (edge / cells[1] / runs.GRAVITY) ** 0.5
     start = simulation.field("position")[: edge**3, 2].mean()
-    while simulation.time < until:
-        simulation.step()
+    run_to(simulation, until)
     rise = 2 * (simulation.field("position")[: edge**3, 2].mean() - start) / simulation.time**2
     wanted = runs.GRAVITY * (runs.DENSITY - runs.ICE) / (runs.ICE + runs.ADDED * runs.DENSITY)
     assert rise == pytest.approx(wanted, rel=0.15)
@@ -71,8 +71,7 @@ def test_ice_rises_with_the_water_that_it_carries_along():
 def test_liquid_solid_and_walls_balance_their_momentum():
     """The sum of all forces is the weight and the walls' push, to rounding."""
     simulation = Simulation(submerged(*SMALL, dtype="float64"), "numpy")
-    for _ in range(3):
-        simulation.step()
+    advanced(simulation, 3)
     simulation.evaluate()
     mass, force = simulation.field("mass"), simulation.field("mass") @ simulation.field("acceleration")
     weight = np.array([0.0, 0.0, -runs.GRAVITY]) * mass.sum()
@@ -84,8 +83,7 @@ def test_solids_feel_a_tank_that_sways():
     """Their pressure is that of the acceleration in the tank's frame, 1 m/s^2 along x here."""
     sway = Motion(of="gravity", kind="formula", direction=(1.0, 0.0, 0.0), formula="-0.5*t**2")
     simulation = Simulation(msgspec.structs.replace(submerged(*SMALL, dtype="float64"), motion=(sway,)), "numpy")
-    for _ in range(3):
-        simulation.step()
+    advanced(simulation, 3)
     simulation.evaluate()
     plan, operation = simulation.plan, REGISTRY["two_way_coupling.extrapolation"]
     names = ("position", "velocity", "followed_velocity", "phase", "density", "pressure")

@@ -301,10 +301,7 @@ def test_a_mesh_does_not_wait_for_what_it_names(scene, capsys):
 )
 def test_what_is_no_mesh_is_told_of_a_solid_as_of_a_boundary(scene, capsys, suffix, content):
     pathlib.Path(f"m.{suffix}").write_bytes(content)
-    parts = {
-        "solid mesh: ": MESH.format(f"m.{suffix}"),
-        "mesh: ": f'[effects.mesh_boundary]\nfile = "m.{suffix}"',
-    }
+    parts = {"solid mesh: ": MESH.format(f"m.{suffix}"), "mesh: ": f'[effects.mesh_boundary]\nfile = "m.{suffix}"'}
     for words, part in parts.items():
         fluid = '[[fluid]]\nshape = "box"\ncells = [2, 2, 2]\n[effects.weakly_compressible]\nsound_speed = 1.0\n'
         scene.write_text("spacing = 0.1\nsupport_radius = 0.2\n" + fluid + part)

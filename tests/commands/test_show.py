@@ -23,12 +23,7 @@ def test_every_program_is_shown(name, program):
 def test_a_body_is_shown_with_the_loop_of_the_backend(capsys):
     assert main(["show", "sph.momentum", "--backend", "cuda"]) == 0
     shown = capsys.readouterr().out
-    parts = (
-        "J(10)",
-        "def pressure_pair(",
-        "def momentum(position, velocity, mass, density",
-        "neighbour_sum(",
-    )
+    parts = ("J(10)", "def pressure_pair(", "def momentum(position, velocity, mass, density", "neighbour_sum(")
     assert all(part in shown for part in parts)
     assert "lanes = len(neighbours.lanes)" in shown
     assert shown.index("def pressure_pair(") < shown.index("## Reference") < shown.index("## The loop")

@@ -38,6 +38,7 @@ from refsim import (
 )
 from refsim.__main__ import main
 from refsim.scene.files import parse_scene, scene_to_toml
+from tests.running import advanced, run_to
 from validation.experiments.liquid import runs
 
 AUDIT = EnergyAudit(every=20)
@@ -98,11 +99,6 @@ def growing(dtype="float32", audit=AUDIT):
     )  # fmt: skip
 
 
-def advance(simulation, steps):
-    for _ in range(steps):
-        simulation.step()
-
-
 # Each part against another program
 
 
@@ -140,7 +136,7 @@ def test_cohesion_is_the_potential_of_its_force(name):
 def test_a_scene_that_gains_energy_stops(backend, dtype):
     simulation = Simulation(growing(dtype), backend)
     with pytest.raises(RunStopped, match=r"the bound of energy_audit, 0\.05:") as stop:
-        advance(simulation, 2000)
+        advanced(simulation, 2000)
     assert stop.value.reason == "energy_gained"
     assert simulation.steps % AUDIT.every == 0
     assert np.isfinite(simulation.field("velocity")).all()
@@ -246,8 +242,7 @@ def driven(motion, walls, cells=20, audit=AUDIT):
 def test_the_work_of_motions_is_counted(name):
     """Less that work the energy of a tank rises by no more than 2 % of what is turned over."""
     simulation = Simulation(driven(*DRIVES[name]), "cpu")
-    while simulation.time < 1.5:
-        simulation.step()
+    run_to(simulation, 1.5)
     audit = simulation.auditor.report()
     assert audit["greatest_share"] <= 0.02
     assert -audit["now"]["driving"] > 5 * audit["greatest_share"] * audit["turned_over"]
@@ -262,7 +257,7 @@ def test_a_face_gives_its_velocity_times_the_momentum(backend):
         driven((), given, cells=10), period=(1.0, 0.0, 0.0), fluid=(Box(cells=(10, 3, 1)),), effects=(liquid, walls)
     )
     simulation = Simulation(scene, backend)
-    advance(simulation, 40)
+    advanced(simulation, 40)
     simulation.auditor.look()
     half = 0.5 * simulation.previous_length * simulation.field("acceleration")
     gained = simulation.field("mass") @ (simulation.field("velocity") + half)[:, 0]
@@ -273,12 +268,12 @@ def test_a_face_gives_its_velocity_times_the_momentum(backend):
 def test_work_is_kept_in_checkpoints_and_changes_no_bit(tmp_path):
     scene = driven(*DRIVES["faces"], cells=10)
     plain, whole, first = (Simulation(scene.with_(energy_audit=a)) for a in (None, AUDIT, AUDIT))
-    advance(first, 13)
+    advanced(first, 13)
     first.checkpoint(tmp_path / "cut.h5")
     resumed = Simulation.resume(tmp_path / "cut.h5")
-    advance(resumed, 17)
+    advanced(resumed, 17)
     for simulation in (plain, whole):
-        advance(simulation, 30)
+        advanced(simulation, 30)
     assert resumed.auditor.saved() == whole.auditor.saved()
     assert whole.auditor.saved().work > 0
     assert plain.field("velocity").tobytes() == whole.field("velocity").tobytes()
@@ -288,8 +283,7 @@ def test_ice_that_rises_gains_little():
     """Kinetic energy of water and solid against gravity and compression; 2 % of what is turned over."""
     scene = runs.submerged((3, 3), 2, (8, 7), 2.6, runs.ARTIFICIAL)
     simulation = Simulation(scene.with_(energy_audit=EnergyAudit(every=10)), "cpu")
-    while simulation.time < 1.0:
-        simulation.step()
+    run_to(simulation, 1.0)
     audit = simulation.auditor.report()
     assert audit["greatest_share"] <= 0.02
     assert audit["start"]["gravity"] - audit["now"]["gravity"] > 0.3 * audit["turned_over"]
@@ -311,7 +305,7 @@ def test_dust_in_a_driven_frame_has_the_energy_of_the_work(of):
     simulation = Simulation(dust, "numpy")
     simulation.step()
     begun = math.fsum(part.value for part in simulation.auditor.energies().values())
-    advance(simulation, 900)
+    advanced(simulation, 900)
     found = {name: part.value for name, part in simulation.auditor.energies().items()}
     assert abs(found["driving"]) > 1.0
     assert math.fsum(found.values()) == pytest.approx(begun, abs=2e-3 * abs(found["driving"]))
@@ -343,8 +337,7 @@ def test_an_audit_changes_no_bit(backend):
     bits = []
     for audit in (None, EnergyAudit(every=3, bound=1e6)):
         simulation = Simulation(dam(audit=audit), backend)
-        for _ in range(40):
-            simulation.step()
+        advanced(simulation, 40)
         bits.append([simulation.field(n).tobytes() for n in ("position", "velocity")] + [simulation.time])
         assert (simulation.auditor is None) == (audit is None)
     assert bits[0] == bits[1]
@@ -355,12 +348,12 @@ def test_a_resumed_audit_is_the_same(tmp_path, cut):
     """Its memory is in the checkpoint, number for number."""
     rule = EnergyAudit(every=10, bound=1e6)
     whole, first = Simulation(dam(audit=rule)), Simulation(dam(audit=rule))
-    advance(whole, 45)
-    advance(first, cut)
+    advanced(whole, 45)
+    advanced(first, cut)
     first.checkpoint(tmp_path / "cut.h5")
     resumed = Simulation.resume(tmp_path / "cut.h5")
     assert resumed.auditor.saved() == first.auditor.saved()
-    advance(resumed, 45 - cut)
+    advanced(resumed, 45 - cut)
     assert resumed.auditor.saved() == whole.auditor.saved()
     assert whole.auditor.turned_over > 0
     assert whole.field("velocity").tobytes() == resumed.field("velocity").tobytes()
@@ -374,7 +367,7 @@ def test_the_last_good_checkpoint_stays(tmp_path, capsys):
     simulation.step()
     simulation.checkpoint(tmp_path / "good.h5")
     before = (tmp_path / "good.h5").read_bytes()
-    advance(simulation, 60)
+    advanced(simulation, 60)
     with pytest.raises(RunStopped, match="bound") as stop:
         simulation.checkpoint(tmp_path / "good.h5")
     assert stop.value.reason == "energy_gained"

@@ -33,6 +33,7 @@ from refsim import (
 from refsim.io.checkpoint import read_checkpoint, write_checkpoint
 from refsim.study.observables import observable_of
 from tests.engine.test_run import assert_same_run
+from tests.running import advanced
 
 D, C = 0.01, 10.0
 LIQUID = WeaklyCompressible(sound_speed=C, dynamic_viscosity=2.0, density="summation")
@@ -45,12 +46,6 @@ def block(at, velocity=(0.0, 0.0, 0.0), cells=(6, 6, 6), dim=3, **changes):
     low = tuple((x - 0.5 * n) * D if axis < dim else 0.0 for axis, (x, n) in enumerate(zip(at, cells)))
     given = {"spacing": D, "support_radius": 2.6 * D, "dim": dim, "effects": (LIQUID,)} | changes
     return Scene(fluid=(Box(lower=low, cells=cells, velocity=velocity),), **given)
-
-
-def advanced(simulation, steps):
-    for _ in range(steps):
-        simulation.step()
-    return simulation
 
 
 def place(simulation):

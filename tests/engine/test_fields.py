@@ -18,6 +18,7 @@ from refsim import (
 )
 from refsim.core.errors import InputError
 from refsim.engine.checkpoints import load_checkpoint
+from tests.running import advanced
 
 D = 0.05
 
@@ -30,10 +31,9 @@ def dam(*effects, **changes):
     return Scene(dim=2, spacing=D, support_radius=2.6 * D, end_time=1.0, **values | changes)
 
 
-def advanced(backend, steps, **changes):
+def begun(backend, steps, **changes):
     made = Simulation(dam(**changes), backend)
-    for _ in range(steps):
-        made.step()
+    advanced(made, steps)
     return made
 
 
@@ -41,7 +41,7 @@ def advanced(backend, steps, **changes):
 @pytest.mark.parametrize("steps", [0, 1, 6])
 def test_fields_are_those_of_the_present_state(backend, steps):
     """Before the first step as after each: as in a new run of particles that stand where these do."""
-    run = advanced(backend, steps, dtype="float64")
+    run = begun(backend, steps, dtype="float64")
     cloud = Cloud(position=run.field("position"), velocity=run.field("velocity"), mass=run.field("mass"))
     new = Simulation(dam(dtype="float64", fluid=(cloud,)), "numpy")
     new.evaluate()
@@ -75,7 +75,7 @@ def launches(run, call):
 
 
 def test_a_reading_launches_what_its_field_needs_and_once():
-    run = advanced("cpu", 2)
+    run = begun("cpu", 2)
     for name, field in run.plan.fields.items():
         if field.state:
             assert launches(run, lambda name=name: run.field(name)) == [], name
@@ -108,7 +108,7 @@ def test_an_audit_a_frame_and_a_checkpoint_of_one_state_take_one_evaluation(tmp_
 
 
 def test_what_is_set_outdates_what_follows_from_it(tmp_path):
-    run = advanced("cpu", 3)
+    run = begun("cpu", 3)
     before = run.field("density")
     run.set_field("position", 1.02 * run.field("position"))
     assert run.field("density").mean() < 0.99 * before.mean()

@@ -11,6 +11,7 @@ from refsim import Box, Cloud, Gravity, InputError, JiangZhu2023, RunStopped, Sc
 from refsim import WeaklyCompressible as Liquid
 from refsim.engine.stock import check_particles
 from refsim.io.checkpoint import read_checkpoint, write_checkpoint
+from tests.running import advanced, run_to
 
 D, H, SOUND, DENSITY = 0.01, 0.026, 20.0, 1000.0  # [m], [m], [m/s], [kg/m^3]
 ROUNDINGS = 32 * 1.2e-7  # of float32, over sum of m |v|
@@ -33,19 +34,13 @@ def block(n):
     return D * (np.stack(np.meshgrid(*[np.arange(n)] * 3, indexing="ij"), axis=-1).reshape(-1, 3) + 0.5)
 
 
-def advanced(scene, steps):
+def sound(scene, steps):
     """A run after some steps: no particle lost, all finite, no neighbour missed."""
     run = scene if isinstance(scene, Simulation) else Simulation(scene)
-    for _ in range(steps):
-        run.step()
+    advanced(run, steps)
     check_particles(run)
     assert run.search.log.missed_neighbours == 0
     return run
-
-
-def run_until(run, time):
-    while run.time < time:
-        run.step()
 
 
 def momentum(run):
@@ -58,7 +53,7 @@ def fastest(run):
 
 
 def test_particles_that_meet_at_one_place_in_a_run_part_slowly_and_keep_momentum(tmp_path):
-    run = advanced(liquid(Box(cells=(6, 6, 6)), tension()), 5)
+    run = sound(liquid(Box(cells=(6, 6, 6)), tension()), 5)
     run.checkpoint(tmp_path / "edited.h5")
     saved = read_checkpoint(tmp_path / "edited.h5")
     x = saved.arrays["field.position"]
@@ -68,7 +63,7 @@ def test_particles_that_meet_at_one_place_in_a_run_part_slowly_and_keep_momentum
     write_checkpoint(tmp_path / "edited.h5", saved.arrays, saved.attributes)
     edited = Simulation.resume(tmp_path / "edited.h5")
     before, _ = momentum(edited)
-    after, scale = momentum(advanced(edited, 200))
+    after, scale = momentum(sound(edited, 200))
     assert np.linalg.norm(after - before) <= ROUNDINGS * scale
     assert fastest(edited) <= 0.5 * SOUND
 
@@ -76,7 +71,7 @@ def test_particles_that_meet_at_one_place_in_a_run_part_slowly_and_keep_momentum
 @pytest.mark.parametrize("count", [1, 2, 3, 4])
 def test_a_few_particles_fall_freely_and_are_all_surface(count):
     points = D * np.array([[0.0, 0, 0], [0.4, 0, 0], [0.2, 0.5, 0], [0.1, 0.2, 0.6]])[:count]
-    run = advanced(liquid(Cloud(position=points), Gravity(), tension(), SurfaceDetection(each_step=True)), 300)
+    run = sound(liquid(Cloud(position=points), Gravity(), tension(), SurfaceDetection(each_step=True)), 300)
     run.evaluate()
     reached = -9.81 * (run.time - run.last.length / 2)  # velocities are half a step behind
     assert run.field("velocity")[:, 2].astype(float).mean() == pytest.approx(reached, rel=1e-4)
@@ -88,7 +83,7 @@ def test_a_few_particles_fall_freely_and_are_all_surface(count):
 def test_particles_almost_at_one_place_move_in_float64_and_are_refused_in_float32():
     points = block(4)
     points = np.vstack([points, points[21] + [1e-12 * D, 0, 0], [[1.0, 0, 0]], [[1.0 + 1e-12 * D, 0, 0]]])
-    run = advanced(liquid(Cloud(position=points), tension(), dtype="float64"), 100)
+    run = sound(liquid(Cloud(position=points), tension(), dtype="float64"), 100)
     total, scale = momentum(run)
     assert np.linalg.norm(total) <= 32 * 2.3e-16 * scale
     assert fastest(run) <= 0.5 * SOUND
@@ -105,10 +100,10 @@ def test_masses_of_1000_to_1_stop_by_name_or_stay_slow(heavy):
     run = Simulation(liquid(Cloud(position=points, mass=mass)))
     if heavy == "one":
         with pytest.raises(RunStopped) as stopped:
-            run_until(run, 0.05)
+            run_to(run, 0.05)
         assert stopped.value.reason == "compressed"
         return
-    run_until(run, 0.05)
+    run_to(run, 0.05)
     total, scale = momentum(run)
     assert np.linalg.norm(total) <= ROUNDINGS * scale
     energy = 0.5 * float((run.field("mass") * (run.field("velocity").astype(float) ** 2).sum(1)).sum())
@@ -120,7 +115,7 @@ def test_where_nothing_acts_rest_is_bitwise_and_motion_keeps_velocity_and_shape(
     cube = Box(cells=(6, 6, 6), velocity=velocity)
     run = Simulation(liquid(cube, Gravity(acceleration=(0.0, 0.0, 0.0)), tension(0.0), viscosity=0.0))
     start = run.field("position").astype(float)
-    advanced(run, 100)
+    sound(run, 100)
     change = float(np.abs(run.field("velocity") - np.array(velocity, dtype=np.float32)).max())
     displacement = np.abs(run.field("position").astype(float) - start - np.array(velocity) * run.time).max()
     moving = any(velocity)
@@ -139,7 +134,7 @@ def test_particles_on_the_borders_of_cells_move_as_beside_them(dtype, bound):
         run = Simulation(liquid(cloud, tension(), spacing=spacing, support_radius=2.5 * spacing, skin=0.2, dtype=dtype))
         run.evaluate()
         density.append(run.field("density").astype(float))
-        place.append(advanced(run, 30).field("position").astype(float) - shift)
+        place.append(sound(run, 30).field("position").astype(float) - shift)
         total, scale = momentum(run)
         assert np.linalg.norm(total) <= 32 * float(np.finfo(dtype).eps) * scale
     assert np.abs(density[0] / density[1] - 1).max() <= 200 * float(np.finfo(dtype).eps)
@@ -149,7 +144,7 @@ def test_particles_on_the_borders_of_cells_move_as_beside_them(dtype, bound):
 def test_a_particle_that_leaves_at_9_c_is_not_lost_and_disturbs_no_other():
     cube, flung = Box(cells=(6, 6, 6)), Cloud(position=[[0.5, 0.0, 0.0]], velocity=(9 * SOUND, 0.0, 0.0))
     step = 0.5 * 0.4 * H / (10 * SOUND)
-    alone, both = (advanced(liquid(parts, tension(), step=step), 300) for parts in ((cube,), (cube, flung)))
+    alone, both = (sound(liquid(parts, tension(), step=step), 300) for parts in ((cube,), (cube, flung)))
     assert float(both.field("velocity")[-1, 0]) == pytest.approx(9 * SOUND, rel=1e-6)
     assert np.abs(both.field("position")[:-1] - alone.field("position")).max() <= 0.02 * D
 
@@ -160,6 +155,6 @@ def test_the_list_grows_to_every_pair_until_particles_count_as_collapsed(count):
     scene = liquid(Cloud(position=points, mass=np.full(count, DENSITY * D**3 / count)))
     if count > 4096:
         with pytest.raises(RunStopped, match="collapsed"):
-            advanced(scene, 3)
+            sound(scene, 3)
     else:
-        assert advanced(scene, 3).search.log.most_neighbours == count - 1
+        assert sound(scene, 3).search.log.most_neighbours == count - 1

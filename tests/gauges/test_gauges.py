@@ -10,6 +10,7 @@ from refsim import Box, BoxWalls, Gauge, Gravity, InputError, Scene, Simulation,
 from refsim.engine.driver import simulate
 from refsim.gauges import due
 from refsim.gauges.places import crossing, points_of, shares_of_faces
+from tests.running import advanced, run_to
 
 G, DENSITY, DEPTH = 9.81, 1000.0, 1.0
 SOUND = 10 * math.sqrt(G * DEPTH)
@@ -43,12 +44,6 @@ def tank(cells=8, gauges=GAUGES, dim=2, model="extrapolated", dtype="float64", *
             BoxWalls(lower=(0.0, 0.0, 0.0), upper=tuple(upper), model=model, **changes),
         ),
     )  # fmt: skip
-
-
-def run_to(simulation, time):
-    while simulation.time < time:
-        simulation.step()
-    return simulation
 
 
 def late(series, column=0, since=1.5):
@@ -121,8 +116,7 @@ def test_backends_read_the_same(model):
     read = []
     for backend in ("numpy", "cpu"):
         simulation = Simulation(tank(5, gauges, model=model, viscosity=2.0), backend)
-        for _ in range(6):
-            simulation.step()
+        advanced(simulation, 6)
         read.append([simulation.gauge(g.name) for g in gauges])
     for own, other in zip(*read):
         assert len(own) == 7
@@ -208,8 +202,7 @@ def test_a_block_that_flies_through_a_patch():
         effects=(WeaklyCompressible(sound_speed=30.0, density="summation"),),
     )  # fmt: skip
     simulation = Simulation(scene, "cpu")
-    for _ in range(3):
-        simulation.step()
+    advanced(simulation, 3)
     assert simulation.gauge("flux").values[-1] == pytest.approx([3.0 * 0.8], rel=0.02)
     assert simulation.gauge("level").values[-1] == pytest.approx([0.8], rel=0.01)
     assert simulation.gauge("dry").values[-1] == pytest.approx([-0.5])

@@ -10,6 +10,7 @@ import pytest
 from refsim import Box, Cloud, HeatConduction, InputError, RunStopped, Scene, Simulation, make_plan
 from refsim.engine.stock import stock
 from refsim.heat import reference
+from tests.running import advanced
 from validation.experiments.heat import runs, scene
 from validation.running import Context
 
@@ -39,14 +40,8 @@ def bar(number=2.0, dtype="float64", **options):
 
 def ran(scene, steps=10):
     simulation = Simulation(scene)
-    for _ in range(steps):
-        simulation.step()
+    advanced(simulation, steps)
     return simulation
-
-
-def advanced(simulation, steps):
-    for _ in range(steps):
-        simulation.step()
 
 
 def heat(of):
@@ -202,8 +197,7 @@ def test_a_temperature_that_a_user_sets_begins_a_new_range():
     assert values.max() < high < 60
     melting = ran(bar(scheme="single_pass", **ICE), 1)
     melting.set_field("enthalpy", melting.field("enthalpy") + 1e6)  # 970 K more
-    for _ in range(3):
-        melting.step()
+    advanced(melting, 3)
     assert melting.field("temperature").max() > 900
 
 
@@ -352,8 +346,7 @@ def decay_around_a_box(cells, backend):
         fluid=(Cloud(position=np.stack([x, y, 0 * x], axis=1)),), effects=(heat,),
     )  # fmt: skip
     simulation = Simulation(scene, backend)
-    for _ in range(20):
-        simulation.step()
+    advanced(simulation, 20)
     above = simulation.field("temperature") - 20
     return -np.log((above * wave).mean() / 5) / simulation.time / (4 * np.pi**2), above.mean()
 

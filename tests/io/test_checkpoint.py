@@ -49,13 +49,7 @@ def test_every_dtype_comes_back_bit_for_bit(tmp_path):
         "columns": np.asfortranarray(np.arange(6.0).reshape(2, 3)),
         "strided": np.arange(10, dtype=np.int32)[::3],
     }
-    attributes = {
-        "time": 0.1 + 0.2,
-        "limit": float("inf"),
-        "step": 2**70,
-        "on": True,
-        "scene": "é\n\0='x'" * 20000,
-    }
+    attributes = {"time": 0.1 + 0.2, "limit": float("inf"), "step": 2**70, "on": True, "scene": "é\n\0='x'" * 20000}
     write_checkpoint(tmp_path / "run.h5", arrays, attributes)
     back = read_checkpoint(tmp_path / "run.h5")
     assert_same(back.arrays, arrays)
@@ -309,10 +303,7 @@ path = Path(sys.argv[1])
 
 
 def python(code, path, **options):
-    folders = [
-        os.path.dirname(__file__),
-        os.path.dirname(os.path.dirname(os.path.abspath(checkpoint.__file__))),
-    ]
+    folders = [os.path.dirname(__file__), os.path.dirname(os.path.dirname(os.path.abspath(checkpoint.__file__)))]
     return subprocess.Popen([sys.executable, "-c", PREAMBLE + code, str(path), *folders], text=True, **options)
 
 

@@ -26,6 +26,7 @@ from refsim.core.operation import REGISTRY
 from refsim.melting import MeltingRule
 from refsim.scene.solids import lattice_of
 from refsim.shape_matching.phases import FLUID, INTERIOR, SURFACE
+from tests.running import advanced, run_to
 
 EXAMPLE = Path(__file__).parents[2] / "refsim" / "examples" / "melting.toml"
 LIQUID = WeaklyCompressible(
@@ -74,8 +75,7 @@ def test_nothing_melts_below_the_melting_point():
     """Not even at the next lower floating-point number."""
     simulation = Simulation(scene(highest=float(np.nextafter(np.float32(0), np.float32(-1)))))
     plain = simulation.field("phase").copy()
-    for _ in range(3):
-        simulation.step()
+    advanced(simulation, 3)
     assert (simulation.field("phase") == plain).all()
     assert (plain[:125] == SURFACE).sum() == 98
 
@@ -196,8 +196,7 @@ def test_mass_and_rest_density_of_the_melt(bookkeeping, change):
     simulation = Simulation(scene(melting=Melting(bookkeeping=bookkeeping), dtype="float64"), "numpy")
     volume = 1 / simulation.plan.effects["weakly_compressible"].rest_number_density(simulation.plan.grid)
     before = simulation.field("mass").sum()
-    for _ in range(4):
-        simulation.step()
+    advanced(simulation, 4)
     assert simulation.field("mass").sum() - before == pytest.approx(125 * change * volume, abs=1e-9 * before)
     assert (simulation.field("rest_density")[:125] == (1000.0 if change else 917.0)).all()
 
@@ -212,8 +211,7 @@ def half_molten(**options):
 
 def test_the_rest_moves_on_as_a_body():
     simulation = Simulation(half_molten())
-    for _ in range(150):
-        simulation.step()
+    advanced(simulation, 150)
     phase, v = simulation.field("phase")[:125], simulation.field("velocity")
     assert (phase == FLUID).sum() == 50
     assert (phase == INTERIOR).sum() == 9
@@ -285,8 +283,7 @@ def test_a_plate_of_one_layer_melts():
     assert (simulation.field("phase")[:25] == SURFACE).all()
     simulation.step()
     assert (simulation.field("phase") == FLUID).all()
-    for _ in range(50):
-        simulation.step()
+    advanced(simulation, 50)
     assert np.isfinite(simulation.field("position")).all()
 
 
@@ -295,8 +292,7 @@ def test_ice_floats_and_melts_into_a_liquid_that_rests():
     simulation = Simulation(load_scene(EXAMPLE), "cpu", threads=1)
     liquid = simulation.plan.effects["weakly_compressible"]
     assert liquid.advances()
-    while simulation.time < 0.6:
-        simulation.step()
+    run_to(simulation, 0.6)
     phase, position = simulation.field("phase"), simulation.field("position")
     wet = phase == FLUID
     assert 400 < wet.sum() < 456

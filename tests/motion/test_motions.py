@@ -11,6 +11,7 @@ from refsim import make_plan as planned
 from refsim.contract import resumes
 from refsim.engine.motions import turned
 from refsim.motion.expression import Jet, parsed
+from tests.running import run_to
 
 G, DENSITY = 9.81, 1000.0
 SWAY = Motion(of="gravity", kind="sway", direction=(2.0, 0.0, 0.0), amplitude=0.01, period=0.5)
@@ -29,12 +30,6 @@ def tank(cells=10, motion=(), dtype="float64", gauge=(), end_time=1.0, pull=(0.0
             BoxWalls(lower=(0.0, 0.0, 0.0), upper=(1.0, 1.0, 0.0), model="extrapolated", **(walls or {})),
         ),
     )  # fmt: skip
-
-
-def run_to(simulation, time):
-    while simulation.time < time:
-        simulation.step()
-    return simulation
 
 
 @pytest.mark.parametrize(

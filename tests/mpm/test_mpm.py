@@ -24,6 +24,7 @@ from refsim import (
 from refsim.mpm import Counting, reference
 from refsim.mpm.limits import FARTHEST
 from refsim.surface_energy.effect import CROWDED, OVERFULL, UNEVEN
+from tests.running import advanced, run_to
 from validation.experiments.mpm_droplet.scene import drop_scene, ellipsoid
 from validation.metrics.mpm import CELL, DENSITY, Transfers, ball, round_trip, turning
 
@@ -163,8 +164,7 @@ def test_grid_follows_the_liquid(dim):
     two.step()
     assert two._parameters["mpm_liquid"]["grid"].nodes == 2 * alone
     flying = Simulation(scene(LIQUID, dim=dim, velocity=(40.0, 0.0, 0.0)))
-    for _ in range(150):
-        flying.step()
+    advanced(flying, 150)
     grid = flying._parameters["mpm_liquid"]["grid"]
     assert grid.rebuilds > 3
     assert grid.nodes <= 3 * alone
@@ -176,8 +176,7 @@ def test_walls_hold_the_liquid(rule):
     walls = MpmWalls(lower=(0, 0, 0), upper=(1.2, 1.2, 0), rule=rule)
     box = Box(lower=(0.25, 0.25, 0.0), cells=(5, 5, 1), velocity=(-2.0, -1.0, 0.0))
     run = Simulation(scene(MpmLiquid(bulk_modulus=2e5), walls, dim=2, fluid=(box,)))
-    while run.time < 0.5:
-        run.step()
+    run_to(run, 0.5)
     position, velocity = run.field("position"), run.field("velocity")
     assert position[:, :2].min() > -0.02
     speed = np.linalg.norm(velocity.mean(0))
@@ -186,11 +185,6 @@ def test_walls_hold_the_liquid(rule):
         assert velocity[:, 0].mean() > 0.3
     if rule == "sticky":
         assert position[:, 0].mean() < 0.5
-
-
-def advance(run, steps):
-    for _ in range(steps):
-        run.step()
 
 
 STOPS = {
@@ -212,7 +206,7 @@ def test_named_stops(reason):
         options["fluid"] = (Cloud(position=position, velocity=squeeze * position),)
     run = Simulation(scene(liquid, **options))
     with pytest.raises(RunStopped) as stopped:
-        advance(run, 200)
+        advanced(run, 200)
     assert stopped.value.reason == reason
     assert np.isfinite(run.field("position")).all()
 
@@ -221,7 +215,7 @@ def test_a_particle_beyond_the_last_cell_stops_the_run():
     far = Cloud(position=np.array([[CELL * (FARTHEST - 3), 0.0, 0.0]]), velocity=(2e3, 0.0, 0.0))
     run = Simulation(scene(LIQUID, fluid=(far,)))
     with pytest.raises(RunStopped) as stopped:
-        advance(run, 100)
+        advanced(run, 100)
     assert stopped.value.reason == "out_of_grid"
 
 
@@ -235,8 +229,7 @@ def test_a_square_begins_to_round_off(reading):
         scene(MpmLiquid(rest_density=1.0, bulk_modulus=2e3), surface, dim=2, fluid=(Cloud(position=position),))
     )
     corner = np.linalg.norm(position - position.mean(0), axis=1).max()
-    for _ in range(40):
-        run.step()
+    advanced(run, 40)
     velocity, mass = run.field("velocity"), run.field("mass")
     lost = abs(mass @ velocity).max() / (mass.sum() * abs(velocity).max())
     place = run.field("position")
@@ -429,8 +422,7 @@ def test_volume_ratio_follows_the_counted_density(volume):
     disc = crowded(1.2, recount_time=1e-3)
     liquid = msgspec.structs.replace(disc.effects[0], volume=volume, bulk_modulus=1e-3)
     run = Simulation(msgspec.structs.replace(disc, effects=(liquid, disc.effects[1])))
-    for _ in range(40):
-        run.step()
+    advanced(run, 40)
     assert run.field("crowding").max() < 1.051
     inside = np.linalg.norm(run.field("position"), axis=1) < 3 * disc.spacing
     assert run.field("volume_ratio")[inside] == pytest.approx(1.05, abs=2e-3)
@@ -452,8 +444,7 @@ def test_positions_turn_outwards_and_only_det_f_knows():
         run = Simulation(
             drop_scene(place, 2, velocity=velocity, liquid=quiet, tension={"surface_tension": 1e-9}, step=1e-3)
         )
-        for _ in range(20):
-            run.step()
+        advanced(run, 20)
         inside = np.linalg.norm(run.field("position"), axis=1) < 4 / 64
         turned[volume] = run.field("crowding")[inside].mean()
     assert turned["gradient"] == pytest.approx(1.0, abs=2e-4)

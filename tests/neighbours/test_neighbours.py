@@ -15,6 +15,7 @@ from refsim.core.walls import Bounds
 from refsim.neighbours import AUDITED_ROWS, MOST_NEIGHBOURS, AuditedRows, NeighbourSearch, Particles, coincident_pairs
 from refsim.neighbours.reference import neighbour_list, pair_blocks
 from refsim.neighbours.rows import NeighbourRows
+from tests.running import advanced
 
 CPU = choose("cpu")
 
@@ -265,8 +266,7 @@ def test_list_is_kept_until_half_the_skin_is_used_up():
     Where something else than forces moves particles, that is; what falls as one needs no second list.
     """
     simulation = Simulation(falling_box(step=1e-3, skin=0.1, dtype="float64"))
-    for _ in range(25):
-        simulation.step()
+    advanced(simulation, 25)
     assert simulation.search.log.rebuilds == 1
     simulation = Simulation(falling_box(step=1e-3, skin=0.1, dtype="float64"))
     simulation.lists.policy.by_forces = False
@@ -348,8 +348,7 @@ def test_a_state_set_between_steps_keeps_the_list_and_the_audit_right():
         Scene(spacing=0.1, support_radius=0.2, fluid=(drop,), effects=(liquid,), step=5e-4, dtype="float64")
     )
     for seed in range(4):
-        for _ in range(5):
-            simulation.step()
+        advanced(simulation, 5)
         thrown = np.random.default_rng(seed).normal(0, 40, position.shape)
         simulation.set_field("velocity", thrown)
         assert np.array_equal(simulation.field("velocity"), thrown)

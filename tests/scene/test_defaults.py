@@ -30,6 +30,7 @@ from refsim import (
 )
 from refsim.commands.plan import _text, describe_plan
 from refsim.io.checkpoint import read_checkpoint, write_checkpoint
+from tests.running import run_to
 
 EXAMPLES = pathlib.Path(__file__).parents[2] / "refsim" / "examples"
 PEBBLE = str(EXAMPLES / "pebble.obj")
@@ -105,8 +106,7 @@ def test_a_checkpoint_without_an_advanced_density_is_refused(tmp_path):
 def test_spray_of_the_packaged_dam_break_breaks():
     """A particle that leaves others behind at the rim of the tank would have no density left."""
     simulation = Simulation(load_scene(EXAMPLES / "dam_break_2d.toml"), threads=1)
-    while simulation.time < 0.46:
-        simulation.step()
+    run_to(simulation, 0.46)
     density = simulation.field("density")
     assert 950.0 <= density.min() < 1000.0 < density.max() < 1050.0
 
@@ -130,8 +130,7 @@ def test_a_collision_off_axis_keeps_its_angular_momentum():
         )
         simulation = Simulation(scene, "cpu", threads=1)
         before = spin(simulation)
-        while simulation.time < math.sqrt(1000 * radius**3 / sigma):
-            simulation.step()
+        run_to(simulation, math.sqrt(1000 * radius**3 / sigma))
         kept[viscosity] = spin(simulation) / before
     assert kept[None] == pytest.approx(1.0, abs=1e-5)
     assert kept["laplacian"] < 0.99

@@ -10,15 +10,7 @@ import pytest
 from refsim import Ball, Box, BoxWalls, Cloud, Gravity, Scene, WeaklyCompressible, make_plan
 from refsim.__main__ import main
 from refsim.core.effect import EFFECTS
-from refsim.scene.files import (
-    SHAPES,
-    describe,
-    load_scene,
-    parse_scene,
-    scene_schema,
-    scene_to_toml,
-    unit_of,
-)
+from refsim.scene.files import SHAPES, describe, load_scene, parse_scene, scene_schema, scene_to_toml, unit_of
 from tests.commands.test_cli import SCENE
 
 ROOT = pathlib.Path(__file__).parents[2]

@@ -26,6 +26,7 @@ from refsim.core.operation import REGISTRY
 from refsim.scene.solids import lattice_of
 from refsim.shape_matching import Matching, floors, reference
 from refsim.shape_matching.boxes import boxes_of
+from tests.running import advanced
 
 # Rotations
 
@@ -172,8 +173,7 @@ def test_a_crushed_corner_does_not_set_a_body_spinning():
     assert crushed.sum() == 27
     x[crushed] = [0.323, 0.256, 0.189]
     simulation.set_field("position", x)
-    for _ in range(100):
-        simulation.step()
+    advanced(simulation, 100)
     assert np.isfinite(simulation.field("region_spin")).all()
     assert np.abs(simulation.field("velocity")).max() < 60  # 0.2 m a step
 
@@ -196,8 +196,7 @@ def free(solid, steps, dt=0.005, dtype="float64", gravity=None, **options):
     effects = (ShapeMatching(**options), *(() if gravity is None else (Gravity(acceleration=gravity),)))
     scene = Scene(spacing=0.2, support_radius=0.5, fluid=(), solid=solid, effects=effects, step=dt, dtype=dtype)
     simulation = Simulation(scene)
-    for _ in range(steps):
-        simulation.step()
+    advanced(simulation, steps)
     return simulation
 
 
@@ -232,8 +231,7 @@ def test_forces_on_a_deformed_body_conserve_momenta():
         random = np.random.default_rng(1).normal(size=(36, 3))
         simulation.backend.assign(simulation.fields["velocity"], simulation.field("velocity") + random)
         p0, l0 = momenta(simulation)
-        for _ in range(100):
-            simulation.step()
+        advanced(simulation, 100)
         p1, l1 = momenta(simulation)
         scale = np.linalg.norm(simulation.field("mass")) * 1.0
         assert np.abs(p1 - p0).max() < 1e-12 * scale
@@ -247,8 +245,7 @@ def test_damping_takes_the_ringing_away():
         simulation = free((SolidBox(lower=(0, 0, 0), upper=(1, 1, 1)),), 0, damping=damping, half_width=1)
         noise = 0.12 * np.random.default_rng(2).normal(size=(125, 3))
         simulation.backend.assign(simulation.fields["position"], simulation.field("position") + noise)
-        for _ in range(400):
-            simulation.step()
+        advanced(simulation, 400)
         speeds[damping] = np.abs(simulation.field("velocity")).max()
         assert np.isfinite(speeds[damping])
     assert speeds[0.0] > 10 * speeds[0.1]
@@ -285,8 +282,7 @@ def test_summation_methods_give_the_same_motion():
         simulation = free((body,), 0, dtype="float32", summation=summation)
         kick = np.random.default_rng(5).normal(size=(len(cells), 3)).astype(np.float32)
         simulation.backend.assign(simulation.fields["velocity"], simulation.field("velocity") + kick)
-        for _ in range(40):
-            simulation.step()
+        advanced(simulation, 40)
         ends.append(simulation.field("position").astype(float))
     assert (ends[1] == ends[0]).all()
     assert np.abs(ends[2] - ends[0]).max() < 2e-5

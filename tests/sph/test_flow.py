@@ -33,6 +33,7 @@ from refsim import (
 )
 from refsim.surface_tension.calibration import BESIDE, SETTINGS
 from refsim.surface_tension.cohesion import KEEPS_DENSITY
+from tests.running import advanced
 
 DOWN = Gravity(acceleration=(0.0, -9.81, 0.0))
 COLUMN = Box(cells=(5, 40, 1))  # 2 m high at a spacing of 0.05 m
@@ -206,8 +207,7 @@ CRUSHED = {"sound": 2.0, "fluid": (Box(cells=(5, 20, 1)),)}
 
 def run_until_stop(made, backend="numpy", steps=400):
     simulation = Simulation(made, backend, threads=1 if backend == "cpu" else None)
-    for _ in range(steps):
-        simulation.step()
+    advanced(simulation, steps)
     return simulation
 
 
@@ -244,8 +244,7 @@ def test_another_bound_of_the_density_lets_the_run_go_on_unchanged(tmp_path):
     assert report.reason == "compressed"
     assert "greatest density" in (tmp_path / "postmortem.json").read_text()
     free = Simulation(far, "numpy")
-    for _ in range(report.steps):
-        free.step()
+    advanced(free, report.steps)
     there = Simulation.resume(tmp_path / "checkpoint.h5")
     while there.steps < report.steps:
         there.step()

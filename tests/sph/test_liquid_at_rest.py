@@ -21,6 +21,7 @@ from refsim import (
     make_plan,
     simulate,
 )
+from tests.running import advanced, run_to
 from validation.experiments.liquid.runs import pushed
 
 G, DENSITY, DEPTH = 9.81, 1000.0, 1.0
@@ -116,8 +117,7 @@ def flow(x, time):
 @pytest.mark.parametrize(("cells", "error"), [(25, 0.04), pytest.param(50, 0.022, marks=pytest.mark.slow)])
 def test_vortices_decay_as_they_should(cells, error):
     simulation = vortices(cells)
-    while simulation.time < 1.0:
-        simulation.step()
+    run_to(simulation, 1.0)
     half = 0.5 * simulation.previous_length
     velocity = simulation.field("velocity") + half * simulation.field("acceleration")
     exact = flow(simulation.field("position"), simulation.time)
@@ -132,8 +132,7 @@ def test_shifting_keeps_the_linear_momentum_of_vortices(dtype):
     """To a rounding of each velocity in each of 50 steps: velocities are not shifted, and forces of a pair cancel."""
     simulation = vortices(25, dtype)
     size = np.abs(simulation.field("velocity")).sum()
-    for _ in range(50):
-        simulation.step()
+    advanced(simulation, 50)
     assert np.abs(simulation.field("velocity").astype(float).sum(0)).max() <= 50 * np.finfo(dtype).eps * size
 
 
@@ -144,8 +143,7 @@ def test_a_run_goes_on_bit_for_bit_from_a_checkpoint():
 
 def test_reading_a_field_does_not_advance_the_density():
     simulation = shaken(Simulation(tank(8, 2.6, 2), "cpu"), 0.1)
-    for _ in range(3):
-        simulation.step()
+    advanced(simulation, 3)
     first = simulation.field("density")
     simulation.evaluate()
     assert np.array_equal(simulation.field("density"), first)
@@ -238,8 +236,7 @@ def test_walls_that_do_not_hold_the_liquid_are_noted():
             ),
         )  # fmt: skip
         simulation = Simulation(scene, "cpu", threads=2)
-        while simulation.time < 0.5:
-            simulation.step()
+        run_to(simulation, 0.5)
         notes[model] = [
             note for note in simulation.notes if "planes have stopped" in note or "carry the weight" in note
         ]

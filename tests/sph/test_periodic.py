@@ -22,6 +22,7 @@ from refsim import (
 from refsim.core.period import wrapped
 from refsim.engine.driver import simulate
 from refsim.io.results import open_run
+from tests.running import advanced
 
 LIQUID = WeaklyCompressible(sound_speed=10.0, dynamic_viscosity=20.0, clamp_pressure=False, density="summation")
 
@@ -44,8 +45,7 @@ def channel(**options):
 
 def run(scene, steps, backend="cpu"):
     simulation = Simulation(scene, backend)
-    for _ in range(steps):
-        simulation.step()
+    advanced(simulation, steps)
     simulation.evaluate()
     return simulation
 

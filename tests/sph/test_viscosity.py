@@ -29,6 +29,7 @@ from refsim.core.effect import Discretisation
 from refsim.core.operation import REGISTRY
 from refsim.smoothing import smoothing
 from refsim.smoothing.reference import viscosity_laplacian
+from tests.running import advanced
 from validation.experiment import Options, discover
 from validation.experiments.viscosity import runs as case_of_drops
 from validation.running import Context
@@ -222,8 +223,7 @@ def test_a_spinning_drop_keeps_its_angular_momentum(dim, solver):
         simulation = Simulation(scene)
         first = angular_momentum(simulation)
         v = simulation.field("velocity").copy()
-        for _ in range(12):
-            simulation.step()
+        advanced(simulation, 12)
         kept[form] = angular_momentum(simulation) / first
         assert np.abs(simulation.field("velocity") - v).max() > 1e-3
         if form == "central":

@@ -12,10 +12,7 @@ from refsim.core import cases
 from refsim.core.effect import EFFECTS, Discretisation, Effect
 from refsim.core.operation import REGISTRY
 from refsim.scene.plan import make_plan
-from refsim.surface_detection import (
-    FanScan,
-    detection_in,
-)
+from refsim.surface_detection import FanScan, detection_in
 from validation.metrics.surface_truth import arc_cover_surface, cap_cover_surface
 
 METHODS = ("number_density", "fan_scan", "two_step")
@@ -363,11 +360,7 @@ def plan_of(*effects, dim=2):
 
 def test_detection_runs_only_when_its_field_is_read():
     own = [k for k in plan_of(SurfaceDetection()).launches(on_demand=True) if k.startswith("surface_")]
-    assert own == [
-        "surface_detection.candidates",
-        "surface_normal.color_gradient",
-        "surface_detection.fan_scan",
-    ]
+    assert own == ["surface_detection.candidates", "surface_normal.color_gradient", "surface_detection.fan_scan"]
     assert not any(k.startswith("surface_") for k in plan_of(SurfaceDetection()).launches())
     assert set(own) <= set(plan_of(SurfaceDetection(each_step=True)).launches())
 

@@ -13,6 +13,7 @@ from refsim.sparse_grid.reference import node_table
 from refsim.surface_energy import Tension, reference
 from refsim.surface_energy.reconstruction import Reconstruction
 from refsim.surface_energy.reference_reconstruction import ReferenceReconstruction
+from tests.running import advanced
 
 CPU = Backend("cpu")
 H = 1 / 32
@@ -385,8 +386,7 @@ def test_run_of_the_references_is_the_cpus(dim, parameters):
     """
     runs = [Simulation(shaken_block(dim, **parameters), backend) for backend in ("numpy", "cpu")]
     for simulation in runs:
-        for _ in range(5 if dim == 2 else 2):
-            simulation.step()
+        advanced(simulation, 5 if dim == 2 else 2)
     oracle, own = (simulation._shared["surface"].latest for simulation in runs)
     assert len(oracle.samples.area) > 10
     assert np.array_equal(oracle.mesh.facets, own.mesh.facets)

@@ -18,11 +18,9 @@ from refsim import (
     make_plan,
 )
 from refsim.core.effect import Discretisation
-from refsim.surface_tension.jiang_zhu_2023 import (
-    formulas,
-    reference,
-)
+from refsim.surface_tension.jiang_zhu_2023 import formulas, reference
 from refsim.surface_tension.jiang_zhu_2023.modes import PAIR_MODES
+from tests.running import run_to
 
 H = 2.7  # support radius in spacings
 
@@ -153,8 +151,7 @@ def radius_variation(position):
 def test_a_cube_rounds_off():
     simulation = Simulation(drop(9, surface_tension=1.0), "cpu")
     cube = radius_variation(simulation.field("position"))
-    while simulation.time < 0.55:
-        simulation.step()
+    run_to(simulation, 0.55)
     position, velocity = simulation.field("position"), simulation.field("velocity")
     assert radius_variation(position) < 0.25 * cube
     assert np.abs(velocity.mean(0)).max() < 1e-5

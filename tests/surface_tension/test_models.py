@@ -32,13 +32,10 @@ from refsim.smoothing import smoothing
 from refsim.smoothing.reference import kernel_slope
 from refsim.sph import Fluid
 from refsim.surface_tension.akinci_2013 import LARGEST_AREA, SHATTERING_AREA
-from refsim.surface_tension.cohesion import (
-    compression,
-    neighbours_in_support,
-    nominal_tension,
-)
+from refsim.surface_tension.cohesion import compression, neighbours_in_support, nominal_tension
 from refsim.surface_tension.dong_2016 import LARGEST_CORRECTION, NormalCorrection
 from refsim.surface_tension.dong_2016.reference import force_function as dong_force
+from tests.running import run_to
 
 COHESIVE = (JiangZhu2023, Akinci2013, Dong2016, BeckerTeschner2007, TartakovskyMeakin2005)
 cohesive = pytest.mark.parametrize("model", COHESIVE, ids=lambda model: model.name)
@@ -63,8 +60,7 @@ def drop(*effects, n=6, h=2.7, until=0.4, sound_speed=40.0, kernels="wendland", 
     cube = Box(lower=(-0.5, -0.5, -0.5), cells=(n, n, n))
     scene = Scene(spacing=1 / n, support_radius=h / n, fluid=(cube,), effects=(fluid, *effects))
     simulation = Simulation(scene, "cpu")
-    while simulation.time < until:
-        simulation.step()
+    run_to(simulation, until)
     return simulation
 
 

@@ -60,11 +60,7 @@ def test_seeds_are_set_wherever_the_scene_has_one(folder):
         ('"numpy"', "3", "backend = 3 is a whole number; give text in quotes"),
         ("[1.0, 2.0]", "[]", "gives no value for 'effects.weakly"),
         ("[1.0, 2.0]", '["thick"]', r"dynamic_viscosity = 'thick'"),
-        (
-            "weakly_compressible.dyn",
-            "weakly_compresible.dyn",
-            "lack of 'weakly_compresible'; did you mean",
-        ),
+        ("weakly_compressible.dyn", "weakly_compresible.dyn", "lack of 'weakly_compresible'; did you mean"),
         (".dynamic_viscosity", ".viscosity", "viscosity"),
         ("fluid.1", "fluid.2", "no parameter 'fluid.2.velocity', for lack of '2'; it has numbers 1 to 1"),
         ("fluid.1.velocity", "fluid.1", "'fluid.1' is no parameter"),
