@@ -10,8 +10,6 @@ from refsim import Box, Gravity, InputError, MeshBoundary, Scene, Simulation, We
 from refsim.boundary.akinci_2012 import calibrated_factor
 from refsim.boundary.one_way_coupling import layer_factors
 from refsim.scene.files import load_scene, scene_to_toml
-from refsim.smoothing import smoothing
-from refsim.smoothing.reference import kernel_value
 from tests.running import advanced
 
 SPACING, SUPPORT = 0.01, 0.027
@@ -30,22 +28,6 @@ def scene(*effects, gap=1.0, **changes):
     fluid = Box(lower=(-0.035, -0.035, 0.03 + (gap - 0.5) * SPACING), cells=(7, 7, 5))
     given = {"dtype": "float64", **changes}
     return Scene(spacing=SPACING, support_radius=SUPPORT, fluid=(fluid,), effects=effects, **given)
-
-
-def test_density_is_p5(plate):
-    """Patent P5: rho_i = sum_j m_j W_ij + sum_b rho0 g W_ib / sum_b' W_bb', summed here over all particles."""
-    simulation = Simulation(scene(LIQUID, MeshBoundary(file=plate, literal=("E30",))))
-    simulation.evaluate()
-    x, m = simulation.field("position"), simulation.field("mass")
-    b = simulation.plan.walls.position
-    kernel = smoothing("wendland_c2", SUPPORT, 3)
-
-    def w(a, c):
-        return kernel_value(np.linalg.norm(a[:, None] - c[None], axis=2), kernel)
-
-    volume = 1 / w(b, b).sum(1)
-    expected = w(x, x) @ m + 1000 * w(x, b) @ volume
-    assert np.allclose(simulation.field("density"), expected, rtol=1e-12)
 
 
 def test_the_calibrated_factor_gives_the_first_layer_the_rest_density(plate):
@@ -76,59 +58,6 @@ def test_layers_below_the_surface_are_a_spacing_apart(plate):
 def test_factors_of_hexagons_and_of_the_lattice_are_alike():
     for shape, ratio in (("wendland_c2", 2.7), ("poly6", 2.6)):
         assert abs(layer_factors(shape, ratio, 1.0, 0.5, 1)[0] / calibrated_factor(shape, ratio, 1.0, 3) - 1) < 0.03
-
-
-def test_pressure_at_the_wall_derives_from_the_energy_of_p5(plate):
-    """With p = c^2 (rho - rho0): F_i = -d/dx_i sum_k m_k e(rho_k), whose wall part is Psi_b p_i/rho_i^2 once."""
-    simulation = Simulation(
-        scene(
-            WeaklyCompressible(sound_speed=20.0, density="summation"),
-            MeshBoundary(file=plate, literal=("E30",)),
-            gap=0.9,
-        )
-    )
-    simulation.evaluate()
-    assert simulation.plan.shared["fluid"].wall_share == 1.0
-    row = int(np.argmin(simulation.field("position")[:, 2] + np.abs(simulation.field("position")[:, :2]).sum(1)))
-    x, b = simulation.field("position")[row], simulation.plan.walls.position
-    kernel, apart = smoothing("wendland_c2", SUPPORT, 3), 1e-7
-    volume = simulation.plan.walls.volume
-
-    def filled(z):
-        return 1000 * float(kernel_value(np.linalg.norm(x + [0, 0, z] - b, axis=1), kernel) @ volume)
-
-    rho, p = simulation.field("density")[row], simulation.field("pressure")[row]
-    expected = -p / rho**2 * (filled(apart) - filled(-apart)) / (2 * apart)
-    bare = Simulation(scene(WeaklyCompressible(sound_speed=20.0, density="summation"), gap=0.9))
-    for name in ("density", "pressure"):
-        assert name in bare.fields
-    from refsim.core.operation import REGISTRY
-
-    given = {n: simulation.field(n) for n in ("position", "velocity", "mass", "density", "pressure")}
-    program = REGISTRY["sph.pressure"].program("numpy")
-    shared = simulation.plan.shared
-    both = [
-        program(*given.values(), walls, shared["gradient_smoothing"], shared["fluid"], None)["acceleration"][0]
-        for walls in (simulation.plan.walls, None)
-    ]
-    assert np.isclose((both[0] - both[1])[row, 2], expected, rtol=1e-5)
-    assert expected > 0
-
-
-def test_without_a_mesh_there_are_none_of_its_fields_and_launches(plate):
-    without, with_it = make_plan(scene(LIQUID)), make_plan(scene(LIQUID, MeshBoundary(file=plate, viscosity=0.1)))
-    assert without.walls is None
-    assert with_it.walls is not None
-    assert "corrections" not in without.fields
-    assert "corrections" in with_it.fields
-    new = {"one_way_coupling.wall_viscosity", "penetration.kick_drift"}
-    assert set(with_it.launches()) - set(without.launches()) == new | {"one_way_coupling.wall_pressure"}
-    printed = make_plan(scene(LIQUID, MeshBoundary(file=plate, viscosity=0.1, literal=("E30",))))
-    assert set(printed.launches()) - set(without.launches()) == new
-    assert without.shared["fluid"].wall_share == 2.0
-    free = make_plan(scene(LIQUID, MeshBoundary(file=plate, correction="none", literal=("E30",))))
-    assert "corrections" not in free.fields
-    assert free.launches() == without.launches()
 
 
 def test_a_run_resumes_bit_for_bit_from_its_checkpoint(plate, tmp_path):

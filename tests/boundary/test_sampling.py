@@ -10,8 +10,7 @@ import trimesh
 from refsim.__main__ import main
 from refsim.backends.arrays import Backend, set_threads
 from refsim.boundary.mesh import surface_mesh
-from refsim.boundary.sampling import HEXAGONAL, facet_counts, relaxed, sample
-from refsim.boundary.signed_distance import signed_distance
+from refsim.boundary.sampling import HEXAGONAL, facet_counts, sample
 from refsim.commands.sample import nearest_distances
 from refsim.core.errors import InputError
 
@@ -74,37 +73,6 @@ def test_printed_step_does_not_converge_on_a_box():
     assert sample(BOX, 0.06, most_iterations=300).converged
 
 
-def test_coincident_particles_separate():
-    """Fifty coincident particles on a ball end at fifty positions, the same in each run."""
-    band = signed_distance(BALL, 0.08)
-    pile = np.repeat(np.array([[0.0, 0.0, 0.99]], np.float32), 50, axis=0)
-    ends = [relaxed(Backend("cpu"), band.local, pile.copy(), 0.08, 3, False, 60)[0] for _ in range(2)]
-    assert np.array_equal(*ends)
-    assert nearest_distances(ends[0]).min() > 0.5 * 0.08
-
-
-def test_a_mesh_far_away_gets_the_same_particles(on_ball):
-    shift = np.array([16384.0, -8192.0, 4096.0])
-    far = sample(surface_mesh(BALL.vertices + shift, BALL.faces, "far"), 0.08, seed=1)
-    assert np.abs(far.position - shift - on_ball.position).max() < 1e-9
-
-
-TILT = trimesh.transformations.rotation_matrix(0.4, [1.0, 0.7, 0.2])
-
-
-def tilted_plate(thickness):
-    made = trimesh.creation.box((1.0, 0.8, thickness)).apply_transform(TILT)
-    return surface_mesh(made.vertices, made.faces)
-
-
-def test_a_thin_plate_gets_a_finer_grid():
-    plate = sample(tilted_plate(0.02), 0.03)
-    assert any("finer" in note for note in plate.notes)
-    assert len(plate.position) == pytest.approx(plate.expected, abs=1)
-    upper = (plate.position @ TILT[:3, 2]) > 0
-    assert abs(upper.mean() - 0.5) < 0.03
-
-
 @pytest.mark.parametrize(
     "options, words",
     [
@@ -117,11 +85,6 @@ def test_a_thin_plate_gets_a_finer_grid():
 def test_bad_input_is_refused(options, words):
     with pytest.raises(InputError, match=words):
         sample(BALL, **options)
-
-
-def test_a_sheet_too_thin_for_any_grid_is_refused():
-    with pytest.raises(InputError, match="thinner than the grid"):
-        sample(tilted_plate(1e-4), 0.1)
 
 
 def test_command(tmp_path, capsys):

@@ -117,37 +117,7 @@ def test_memory_follows_the_surface():
     assert 1.9 < both.nbytes / one.nbytes < 2.1
 
 
-def test_a_mesh_far_away_has_the_same_field():
-    near, far = meshed(BOX), surface_mesh(np.array(BOX.vertices) + [16384.0, -8192.0, 4096.0], BOX.faces)
-    one, other = (signed_distance(mesh, 0.05, dtype="float32") for mesh in (near, far))
-    assert np.array_equal(one.field.keys, other.field.keys)
-    assert np.array_equal(one.field.distance, other.field.distance)
-    place = np.random.default_rng(7).uniform(-0.5, 0.5, (100, 3))
-    assert np.array_equal(one.at(place)[0], other.at(place + [16384.0, -8192.0, 4096.0])[0]) or np.allclose(
-        one.at(place)[0], other.at(place + [16384.0, -8192.0, 4096.0])[0], atol=1e-9
-    )
-
-
 # Meshes that are repaired, with a note
-
-
-def test_duplicated_faces_are_left_out():
-    mesh = surface_mesh(BOX.vertices, np.concatenate([BOX.faces, BOX.faces[:2], BOX.faces[3:4, ::-1]]))
-    assert mesh.notes == ("3 duplicated faces left out",)
-    assert mesh.volume == pytest.approx(0.48)
-
-
-def test_triangles_without_area_are_merged_into_the_neighbour():
-    """A vertex in the middle of an edge, on one side only: a flat triangle joins it to the long edge on the other."""
-    a, b, c = BOX.faces[0]
-    middle = 0.5 * (BOX.vertices[a] + BOX.vertices[b])
-    m = len(BOX.vertices)
-    faces = np.concatenate([BOX.faces[1:], [[a, m, c], [m, b, c], [a, b, m]]])
-    mesh = surface_mesh(np.concatenate([BOX.vertices, middle[None]]), faces)
-    assert mesh.notes == ("1 triangle without area taken into the neighbours",)
-    assert mesh.volume == pytest.approx(0.48)
-    assert len(mesh.faces) == len(BOX.faces) + 2
-    signed_distance(mesh, 0.1)
 
 
 def test_bodies_inside_out_and_wrong_windings_are_turned():

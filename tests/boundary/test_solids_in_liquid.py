@@ -193,20 +193,6 @@ def test_cells_of_a_mesh_and_of_the_box_fill_space_once(tmp_path):
     assert plan.walls.volume[low].sum() == pytest.approx(7 * spacing**3, rel=1e-2)
 
 
-def test_cells_of_a_mesh_begin_at_its_flat_faces():
-    """Between two faces all cells but one are whole; of faces nearer than half a cell the larger stays."""
-    from refsim.boundary.one_way_coupling.placing import cell_edges, flat_faces
-
-    box = trimesh.creation.box(bounds=[[0.1, 0.1, 0.3], [4.1, 4.1, 3.6]])
-    step = trimesh.creation.box(bounds=[[0.1, 0.1, 3.6], [1.1, 1.1, 3.9]])
-    planes = flat_faces(np.concatenate([box.triangles, step.triangles]), 1.0)[2]
-    assert planes == pytest.approx([0.3, 3.6])
-    assert cell_edges(planes, -1.0, 5.0, 1.0) == pytest.approx([-1.7, -0.7, 0.3, 1.3, 2.6, 3.6, 4.6, 5.6])
-    assert cell_edges(np.zeros(0), -1.0, 2.0, 1.0) == pytest.approx([-1, 0, 1, 2])
-    plate = trimesh.creation.box(bounds=[[0.0, 0.0, 0.3], [9.0, 9.0, 2.3]])
-    assert [len(found) for found in flat_faces(plate.triangles, 1.0)] == [0, 0, 2]
-
-
 def test_options_of_the_patent_and_an_extrapolated_pressure_exclude_each_other(tmp_path):
     with pytest.raises(InputError, match="belong to model = 'mirrored'; leave them out with 'extrapolated'"):
         make_plan(basin(tmp_path, 0.0, layers=2))

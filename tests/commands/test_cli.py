@@ -72,21 +72,18 @@ def one_sentence(err):
 # -- mistakes
 
 BOX = 'shape = "box"\ncells = [6, 10, 1]'
+SIZES = "spacing = 0.01\nsupport_radius = 0.02"
 BAD = {
     "unknown key": ("spacing =", "spaceing =", "unknown key 'spaceing'; did you mean spacing?"),
     "unknown key of a part": ("cells =", "cels =", "unknown key 'cels' in [[fluid]] number 1; did you mean cells?"),
-    "unknown key of an effect": (
-        "sound_speed", "soundspeed", "key 'soundspeed' in [effects.weakly_compressible]; did you mean sound_speed?",
-    ),
+    "unknown key of an effect": ("sound_speed", "soundspeed", "[effects.weakly_compressible]; did you mean sound"),
     "unknown effect": ("effects.gravity", "effects.gravitation", "'gravitation' is unknown; did you mean gravity?"),
     "effect without its table": ("[effects.gravity]", "[gravity]", "call it [effects.gravity]"),
     "unknown shape": ('shape = "box"', 'shape = "bal"', "number 1 has the unknown shape 'bal'; did you mean ball?"),
     "shape in a list": ('shape = "box"', 'shape = ["box"]', "unknown shape ['box']"),
     "no shape": ('shape = "box"', "", "[[fluid]] number 1 has no shape"),
     "one fluid": ("[[fluid]]", "[fluid]", "begin each with [[fluid]]"),
-    "missing key": (
-        "sound_speed = 20.0", "", "[effects.weakly_compressible]: the key 'sound_speed' (numerical sound speed c",
-    ),
+    "missing key": ("sound_speed = 20.0", "", "the key 'sound_speed' (numerical sound speed c"),
     "text for a number": ("sound_speed = 20.0", 'sound_speed = "20"', "sound_speed = '20' is text; give a number"),
     "truth for a number": ("sound_speed = 20.0", "sound_speed = true", "True is true or false; give a number"),
     "two cells": ("[6, 10, 1]", "[6, 10]", "[[fluid]] number 1: cells has 2 values; give 3"),
@@ -107,33 +104,17 @@ BAD = {
     "cloud of unequal rows": (BOX, CLOUD.format("[[0.0, 0.0, 0.0], [1.0]]"), "list of coordinates"),
     "velocity of a cloud": (BOX, CLOUD.format("[[0.0, 0.0]]\nvelocity = 'fast'"), "velocity does not fit 1 particles"),
     "masses of a cloud": (BOX, CLOUD.format("[[0.0, 0.0]]\nmass = [1.0, 2.0]"), "mass does not fit 1 particles"),
-    "missing effect": ("[effects.weakly_compressible]", "[effects.surface_detection]", ""),
-    "effect that an effect needs": (
-        SCENE[SCENE.index("[effects.weakly") : SCENE.index("[effects.gravity")],
-        "",
-        "needs effect",
-    ),
+    "effect that an effect needs": (SCENE[SCENE.index("[effects.w") : SCENE.index("[effects.g")], "", "needs effect"),
     "position nan": (BOX, CLOUD.format("[[nan, 0.0], [0.1, 0.1]]"), "position of particle 0 is not a finite number"),
     "position inf": (BOX, CLOUD.format("[[0.2, 0.2], [inf, 0.1]]"), "position of particle 1 is not a finite number"),
     "velocity nan": (BOX, BOX + "\nvelocity = [nan, 0.0, 0.0]", "velocity along x = nan is not possible"),
-    "duplicates": (
-        BOX,
-        CLOUD.format("[[0.1, 0.2], [0.2, 0.2], [0.1, 0.2]]"),
-        "particles 0 and 2 are at the same place",
-    ),
+    "duplicates": (BOX, CLOUD.format("[[0.1, 0.2], [0.2, 0.2], [0.1, 0.2]]"), "0 and 2 are at the same place"),
     "mass zero": (BOX, CLOUD.format("[[0.1, 0.2], [0.2, 0.2]]") + "mass = [1.0, 0.0]", "mass of particle 1 is 0.0"),
-    "mass negative": (
-        BOX,
-        CLOUD.format("[[0.1, 0.2], [0.2, 0.2]]") + "mass = [-1.0, 1.0]",
-        "mass of particle 0 is -1.0",
-    ),
+    "mass negative": (BOX, CLOUD.format("[[0.1, 0.2], [0.2, 0.2]]") + "mass = [-1.0, 1.0]", "particle 0 is -1.0"),
     "spacing zero": ("spacing = 0.01", "spacing = 0", "spacing = 0"),
-    "spacing negative": ("spacing = 0.01", "spacing = -0.01", "spacing = -0.01"),
     "spacing nan": ("spacing = 0.01", "spacing = nan", "spacing = nan"),
     "radius zero": ("support_radius = 0.02", "support_radius = 0", "support_radius = 0"),
-    "radius negative": ("support_radius = 0.02", "support_radius = -1.0", "support_radius = -1.0"),
     "radius below one spacing": ("support_radius = 0.02", "support_radius = 0.009", "below one spacing"),
-    "density zero": ("rest_density = 1000.0", "rest_density = 0.0", "rest_density = 0.0"),
     "density negative": ("rest_density = 1000.0", "rest_density = -1.0", "rest_density = -1.0"),
     "viscosity negative": ("dynamic_viscosity = 2.0", "dynamic_viscosity = -0.05", "dynamic_viscosity = -0.05"),
     "sound speed zero": ("sound_speed = 20.0", "sound_speed = 0.0", "sound_speed = 0.0"),
@@ -149,32 +130,20 @@ BAD = {
     "out of the plane in 2D": (BOX, BOX + "\nvelocity = [0.0, 0.0, 0.5]", "particle 0 has v_z = 0.5 m/s"),
     "more than can be numbered": ("cells = [6, 10, 1]", "cells = [9223372036854775808, 10, 1]", "can be numbered"),
     "a ball beyond numbers": (BOX, 'shape = "ball"\nradius = 1e9', "can be numbered"),
-    "walls beyond numbers": (
-        "spacing = 0.01\nsupport_radius = 0.02",
-        "spacing = 1e-9\nsupport_radius = 2e-9",
-        "box_walls: its box at a spacing of 1e-09 m makes",
-    ),
+    "walls beyond numbers": (SIZES, "spacing = 1e-9\nsupport_radius = 2e-9", "its box at a spacing of 1e-09 m makes"),
     "mass of one for two": (BOX, CLOUD.format("[[0.1, 0.2], [0.2, 0.2]]") + "mass = [1.0]", "mass does not fit 2"),
     "behind a wall": (BOX, BOX + "\nlower = [-0.2, 0.0, 0.0]", "is behind a wall (60 such particles)"),
     "support radius in another unit": ("support_radius = 0.02", "support_radius = 20.0", "more than the 4,096 that a"),
     "skin in another unit": ("dim = 2", "dim = 2\nskin = 1e9", "more than the 4,096 that a"),
     "400 digits": ("spacing = 0.01", "spacing = 1" + "0" * 400, "spacing = 1000000000"),
-    "400 digits of cells": (
-        "cells = [6, 10, 1]",
-        "cells = [1" + "0" * 400 + ", 10, 1]",
-        "cells along x = 100000000000...",
-    ),
+    "400 digits of cells": ("cells = [6", "cells = [1" + "0" * 400, "cells along x = 100000000000..."),
     "5,000 digits": ("spacing = 0.01", "spacing = " + "1" * 5000, "is not TOML: exceeds the limit"),
     "lists in lists": ("spacing = 0.01", "spacing = " + "[" * 100000 + "]" * 100000, "nested too deeply"),
     "tables in tables": ("dim = 2", "dim = 2\n" + "a." * 3000 + "a = 1", "nested too deeply"),
     "tables in an effect": ("sound_speed = 20.0", "sound_speed." + "a." * 3000 + "a = 1", "nested too deeply"),
     "a far corner": (BOX, BOX + "\nlower = [1.7e308, 0.0, 0.0]", "lower along x = 1.7e+308 is too large"),
     "a great speed": (BOX, BOX + "\nvelocity = [1.7e308, 0.0, 0.0]", "velocity along x = 1.7e+308 is too large"),
-    "a great length": (
-        "spacing = 0.01\nsupport_radius = 0.02",
-        "spacing = 1e308\nsupport_radius = 1.7e308",
-        "too large",
-    ),
+    "a great length": (SIZES, "spacing = 1e308\nsupport_radius = 1.7e308", "too large"),
     "a tiny step": ("dim = 2", "dim = 2\nstep = 5e-324", "step = 4.94066e-324 is too small"),
     "great walls": ("upper = [0.3, 0.3, 0.0]", "upper = [1.7e308, 0.3, 0.0]", "upper along x = 1.7e+308 is too large"),
     "a great sound speed": ("sound_speed = 20.0", "sound_speed = 1.7e308", "sound_speed = 1.7e+308 is too large"),
@@ -272,25 +241,6 @@ def test_what_never_ends_is_not_read(tmp_path, make):
     for _, code, err in told:
         assert code == 2
         assert "it is a pipe or a device, and not a file" in one_sentence(err)
-
-
-@pytest.mark.skipif(os.name != "posix", reason="pipes of POSIX")
-def test_a_mesh_does_not_wait_for_what_it_names(scene, capsys):
-    """A .gltf whose buffer is a pipe."""
-    os.mkfifo("pipe.bin")
-    views = [{"buffer": 0, "byteLength": 36}]
-    accessors = [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}]
-    primitives = [{"primitives": [{"attributes": {"POSITION": 0}}]}]
-    pathlib.Path("m.gltf").write_text(
-        json.dumps(
-            {
-                "asset": {"version": "2.0"}, "buffers": [{"uri": "pipe.bin", "byteLength": 36}], "bufferViews": views,
-                "accessors": accessors, "meshes": primitives, "nodes": [{"mesh": 0}], "scenes": [{"nodes": [0]}],
-            }
-        )
-    )  # fmt: skip
-    assert main(["sample", "m.gltf", "--radius", "0.1"]) == 2
-    assert "it is a pipe or a device" in one_sentence(capsys.readouterr().err)
 
 
 @pytest.mark.parametrize("suffix", ["obj", "stl", "ply", "off", "glb", "gltf", "xyz"])

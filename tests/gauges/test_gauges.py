@@ -9,7 +9,7 @@ import refsim
 from refsim import Box, BoxWalls, Gauge, Gravity, InputError, Scene, Simulation, SolidBox, WeaklyCompressible, make_plan
 from refsim.engine.driver import simulate
 from refsim.gauges import due
-from refsim.gauges.places import crossing, points_of, shares_of_faces
+from refsim.gauges.places import crossing, shares_of_faces
 from tests.running import advanced, run_to
 
 G, DENSITY, DEPTH = 9.81, 1000.0, 1.0
@@ -303,10 +303,3 @@ def test_shares_of_faces_add_up():
         plan = make_plan(tank(5, (), dim=3, open_faces=faces))
         for parts in shares_of_faces(plan.effects["box_walls"], plan.walls.position, (0.0, -G, 0.0), plan.grid):
             assert np.allclose(sum(parts.values()), 1.0)
-
-
-def test_points_of_a_patch():
-    points = points_of(GAUGES[-1], make_plan(tank(8, ())).grid)
-    assert points.axis == 0
-    assert len(points.place) == 12
-    assert points.area * len(points.place) == pytest.approx(1.5)

@@ -225,23 +225,6 @@ def test_blocks_cover_what_they_must_and_no_domain(dim):
     assert (np.diff(blocks.keys) > 0).all()
 
 
-@pytest.mark.parametrize("dim", [2, 3])
-@pytest.mark.parametrize("shift", [0.0, 0.5])
-def test_points_by_cell_are_in_their_cells_in_order(dim, shift):
-    position = scattered(dim)
-    grid = SparseGrid(CPU, dim, "float32", 0.1)
-    blocks = grid.cover(position[:60], 1, 1)
-    listed = grid.by_cell(position, blocks, shift)
-    cells = np.floor(position.astype(float) / np.float32(0.1) - shift).astype(int)
-    cells[:, dim:] = 0
-    expected = Lookup(blocks)(cells)
-    own = np.repeat(np.arange(nodes(blocks)), np.diff(listed.first))
-    assert np.array_equal(expected[listed.point], own)
-    assert sorted(listed.point) == list(np.flatnonzero(expected >= 0))
-    for cell in np.unique(own):
-        assert (np.diff(listed.point[listed.first[cell] : listed.first[cell + 1]]) > 0).all()
-
-
 def test_place_that_is_no_number_stands_in_the_farthest_cell():
     position = scattered(3)
     position[3, 1] = np.nan

@@ -16,7 +16,6 @@ from refsim import (
     ShapeMatching,
     Simulation,
     SolidBox,
-    SolidCells,
     TwoWayCoupling,
     WeaklyCompressible,
     load_scene,
@@ -54,36 +53,6 @@ def scene(solid=(BODY,), highest=5.0, slope=0.0, melting=None, **options):
 
 
 # Which particles melt
-
-
-def test_only_surfaces_melt_and_one_layer_in_a_step():
-    """A uniformly hot cube of 5 x 5 x 5: 98, 26 and 1 particles melt in three steps, each from a surface."""
-    simulation = Simulation(scene())
-    gone = []
-    for _ in range(4):
-        before = simulation.field("phase")
-        simulation.step()
-        after = simulation.field("phase")
-        melted = (before != FLUID) & (after == FLUID)
-        assert (before[melted] == SURFACE).all()
-        gone.append(int(melted.sum()))
-    assert gone == [98, 26, 1, 0]
-    assert not (simulation.field("region")[:] >= 0).any(), "nothing is left in the tables"
-
-
-def test_nothing_melts_below_the_melting_point():
-    """Not even at the next lower floating-point number."""
-    simulation = Simulation(scene(highest=float(np.nextafter(np.float32(0), np.float32(-1)))))
-    plain = simulation.field("phase").copy()
-    advanced(simulation, 3)
-    assert (simulation.field("phase") == plain).all()
-    assert (plain[:125] == SURFACE).sum() == 98
-
-
-def test_exactly_at_the_melting_point_it_melts():
-    simulation = Simulation(scene(highest=0.0))
-    simulation.step()
-    assert (simulation.field("phase")[:125] == FLUID).sum() == 98
 
 
 def test_what_melts_does_not_depend_on_the_order():
@@ -267,24 +236,6 @@ def test_a_solid_has_the_mesh_of_a_boundary(tmp_path):
         make_plan(scene(solid=(SolidMesh(file=str(path), center=(0, 0, 0)),)))
     with pytest.raises(InputError, match="there is no file"):
         make_plan(scene(solid=(SolidMesh(file=str(tmp_path / "none.stl"), center=(0, 0, 0)),)))
-
-
-def test_impossible_bookkeeping_and_missing_heat():
-    with pytest.raises(InputError, match=r"bookkeeping = 'switch_density' is not possible.*10\^7"):
-        make_plan(scene(melting=Melting(bookkeeping="switch_density")))
-    effects = tuple(effect for effect in scene().effects if effect.name != "heat_conduction")
-    with pytest.raises(InputError, match="'melting' needs effect 'heat_conduction'"):
-        make_plan(Scene(spacing=0.2, support_radius=0.5, fluid=(), solid=(BODY,), effects=effects))
-
-
-def test_a_plate_of_one_layer_melts():
-    plate = SolidCells(cells=[[a, b, 5] for a in range(2, 7) for b in range(2, 7)])
-    simulation = Simulation(scene(solid=(plate,)))
-    assert (simulation.field("phase")[:25] == SURFACE).all()
-    simulation.step()
-    assert (simulation.field("phase") == FLUID).all()
-    advanced(simulation, 50)
-    assert np.isfinite(simulation.field("position")).all()
 
 
 def test_ice_floats_and_melts_into_a_liquid_that_rests():

@@ -1,6 +1,5 @@
 """Transfers of MPM: what holds exactly, the readings of the embedding, the grid's memory, walls, stops, bad input."""
 
-import itertools
 import math
 
 import msgspec
@@ -22,7 +21,6 @@ from refsim import (
     simulate,
 )
 from refsim.mpm import Counting, reference
-from refsim.mpm.limits import FARTHEST
 from refsim.surface_energy.effect import CROWDED, OVERFULL, UNEVEN
 from tests.running import advanced, run_to
 from validation.experiments.mpm_droplet.scene import drop_scene, ellipsoid
@@ -185,38 +183,6 @@ def test_walls_hold_the_liquid(rule):
         assert velocity[:, 0].mean() > 0.3
     if rule == "sticky":
         assert position[:, 0].mean() < 0.5
-
-
-STOPS = {
-    "outrun": (LIQUID, {"velocity": (30.0, 0.0, 0.0), "step": 5e-3}),
-    "compressed": (MpmLiquid(bulk_modulus=1e-3, initial_ratio=0.21), {"squeeze": -1.0}),
-    "expanded": (MpmLiquid(bulk_modulus=1e-3, initial_ratio=2.9), {"squeeze": 1.0}),
-    "volume_jump": (MpmLiquid(bulk_modulus=1e-3), {"squeeze": 90.0, "step": 5e-3}),
-}
-
-
-@pytest.mark.parametrize("reason", STOPS)
-def test_named_stops(reason):
-    liquid, options = STOPS[reason]
-    options = dict(options)
-    squeeze = options.pop("squeeze", None)
-    if squeeze is not None:
-        axis = (np.arange(5) - 2) * 0.1
-        position = np.array(list(itertools.product(axis, axis, axis)))
-        options["fluid"] = (Cloud(position=position, velocity=squeeze * position),)
-    run = Simulation(scene(liquid, **options))
-    with pytest.raises(RunStopped) as stopped:
-        advanced(run, 200)
-    assert stopped.value.reason == reason
-    assert np.isfinite(run.field("position")).all()
-
-
-def test_a_particle_beyond_the_last_cell_stops_the_run():
-    far = Cloud(position=np.array([[CELL * (FARTHEST - 3), 0.0, 0.0]]), velocity=(2e3, 0.0, 0.0))
-    run = Simulation(scene(LIQUID, fluid=(far,)))
-    with pytest.raises(RunStopped) as stopped:
-        advanced(run, 100)
-    assert stopped.value.reason == "out_of_grid"
 
 
 @pytest.mark.parametrize("reading", ["none", "cluster", "thesis", "gradient_corrected"])

@@ -1,15 +1,12 @@
 """What a scene has that names no density, viscosity or model of walls, and how it is told."""
 
-import math
 import pathlib
 import re
 
-import numpy as np
 import pytest
 
 from refsim import (
     Akinci2013,
-    Ball,
     Box,
     BoxWalls,
     Gravity,
@@ -22,7 +19,6 @@ from refsim import (
     ShapeMatching,
     Simulation,
     SolidBox,
-    TartakovskyMeakin2005,
     TwoWayCoupling,
     WeaklyCompressible,
     load_scene,
@@ -109,34 +105,3 @@ def test_spray_of_the_packaged_dam_break_breaks():
     run_to(simulation, 0.46)
     density = simulation.field("density")
     assert 950.0 <= density.min() < 1000.0 < density.max() < 1050.0
-
-
-def test_a_collision_off_axis_keeps_its_angular_momentum():
-    """We = 6, by pair forces, while the drops merge; with J(11) a part of it is lost."""
-    d, radius, sigma = 1e-3, 6e-3, 0.072
-    speed = math.sqrt(6 * sigma / (1000 * 2 * radius))
-    drops = tuple(
-        Ball(center=(-1.2 * side * radius, 0.5 * side * radius, 0.0), radius=radius, velocity=(side * speed / 2, 0, 0))
-        for side in (1, -1)
-    )
-    kept = {}
-    for viscosity in (None, "laplacian"):
-        liquid = WeaklyCompressible(sound_speed=4.0, dynamic_viscosity=0.05, viscosity=viscosity)
-        scene = Scene(
-            spacing=d,
-            support_radius=2.6 * d,
-            fluid=drops,
-            effects=(liquid, TartakovskyMeakin2005(surface_tension=sigma)),
-        )
-        simulation = Simulation(scene, "cpu", threads=1)
-        before = spin(simulation)
-        run_to(simulation, math.sqrt(1000 * radius**3 / sigma))
-        kept[viscosity] = spin(simulation) / before
-    assert kept[None] == pytest.approx(1.0, abs=1e-5)
-    assert kept["laplacian"] < 0.99
-
-
-def spin(simulation):
-    """Angular momentum about z [kg m^2/s]."""
-    x, v, m = (simulation.field(name).astype(float) for name in ("position", "velocity", "mass"))
-    return float((m[:, None] * np.cross(x, v)).sum(0)[2])

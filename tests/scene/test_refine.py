@@ -38,33 +38,6 @@ def scene_of(**more):
     return Scene(**(given | more))
 
 
-@pytest.mark.parametrize("factor", [0.5, 1.5, 2.0])
-def test_bodies_stay_where_they_are(factor):
-    scene = scene_of(fluid=(Box(lower=(0.1, -0.2, 0.0), cells=(20, 40, 1), velocity=(1.0, 0.0, 0.0)),))
-    other = refined(scene, factor)
-    before, after = make_plan(scene).state, make_plan(other).state
-    assert len(after.mass) == len(before.mass) * factor**2
-    assert other.support_radius / other.spacing == pytest.approx(2.6)
-    for edge in (np.min, np.max):
-        off = 0.5 if edge is np.min else -0.5
-        here = edge(before.position[:, :2], axis=0) - off * scene.spacing
-        assert edge(after.position[:, :2], axis=0) - off * other.spacing == pytest.approx(here)
-    assert after.mass.sum() == pytest.approx(before.mass.sum(), rel=0.02)
-    assert (after.velocity[:, 0] == 1.0).all()
-
-
-def test_balls_and_solids_keep_their_size():
-    scene = Scene(
-        spacing=0.1, support_radius=0.25, fluid=(Ball(center=(0, 0, 5), radius=1.0),),
-        solid=(SolidBox(lower=(0.0, 0.0, 0.0), upper=(1.0, 1.0, 1.0)),), effects=(LIQUID, ShapeMatching()),
-    )  # fmt: skip
-    sizes = [make_plan(refined(scene, f)).state.sizes for f in (1.0, 1.5, 2.0)]
-    assert [solid for solid, _ in sizes] == [10**3, 15**3, 20**3]
-    assert sizes[2][1] == pytest.approx(8 * sizes[0][1], rel=0.03)
-    assert misfit(scene, 1.5) == 0
-    assert misfit(scene, 1.43) == pytest.approx(0.3 / 14.3, rel=1e-6)
-
-
 def box_mesh(folder):
     """A box of 0.43 x 0.31 x 0.22 m as a file."""
     import trimesh

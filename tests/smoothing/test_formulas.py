@@ -10,8 +10,7 @@ from refsim import InputError
 from refsim.boundary.akinci_2012 import box_layers, calibrated_factor, wall_kernel_sums
 from refsim.smoothing import SHAPES, formulas, reference, smoothing
 from refsim.smoothing.formulas import kernel_slope, kernel_value, viscosity_laplacian
-from refsim.sph import Fluid, lattice_number_density
-from refsim.sph.formulas import state_pressure
+from refsim.sph import lattice_number_density
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(40)
 
@@ -99,40 +98,6 @@ class TestKernels:
 def test_impossible_kernels_are_refused(arguments, words):
     with pytest.raises(InputError, match=words):
         smoothing(*arguments)
-
-
-def fluid(exponent, clamp, c=20.0, dtype=np.float64):
-    return Fluid(dtype(1000.0), dtype(1000 * c**2 / exponent), np.int32(exponent), np.int32(clamp))
-
-
-@pytest.mark.parametrize("exponent", [1, 7])
-@pytest.mark.parametrize("dtype", [np.float32, np.float64])
-class TestEquationOfState:
-    def test_rest_density_has_no_pressure(self, exponent, dtype):
-        for clamp in (0, 1):
-            assert state_pressure(dtype(1000), fluid(exponent, clamp, dtype=dtype)) == 0
-
-    def test_sound_speed_is_the_slope_at_rest(self, exponent, dtype):
-        step = 1.0
-        liquid = fluid(exponent, 0, dtype=dtype)
-        rise = state_pressure(dtype(1000 + step), liquid) - state_pressure(dtype(1000 - step), liquid)
-        assert rise / (2 * step) == pytest.approx(400, rel=1e-3)
-
-    def test_vacuum(self, exponent, dtype):
-        assert state_pressure(dtype(0), fluid(exponent, 0, dtype=dtype)) == pytest.approx(-4e5 / exponent)
-        assert state_pressure(dtype(0), fluid(exponent, 1, dtype=dtype)) == 0
-
-    def test_clamping_touches_only_tension(self, exponent, dtype):
-        for rho in (1000.5, 1100.0, 2000.0):
-            free, clamped = (state_pressure(dtype(rho), fluid(exponent, clamp, dtype=dtype)) for clamp in (0, 1))
-            assert free == clamped > 0
-            assert isinstance(free, dtype)
-        assert state_pressure(dtype(990), fluid(exponent, 0, dtype=dtype)) < 0
-
-
-def test_tait_is_stiffer_than_linear():
-    assert state_pressure(2000.0, fluid(7, 0)) == pytest.approx(1000 * 400 / 7 * 127)
-    assert state_pressure(2000.0, fluid(1, 0)) == pytest.approx(1000 * 400)
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,6 @@ from refsim import (
     Simulation,
     SurfaceDetection,
     WeaklyCompressible,
-    contract,
     make_plan,
     simulate,
 )
@@ -93,9 +92,7 @@ def vortices(cells, dtype="float64"):
         dim=2, dtype=dtype, spacing=spacing, support_radius=3.2 * spacing, period=(1.0, 1.0, 0.0),
         fluid=(Box(cells=(cells, cells, 1)),),
         effects=(
-            WeaklyCompressible(
-                sound_speed=10.0, dynamic_viscosity=10.0, viscosity="central", density="continuity"
-            ),
+            WeaklyCompressible(sound_speed=10.0, dynamic_viscosity=10.0, viscosity="central", density="continuity"),
             ParticleShifting(surface="none"),
         ),
     )  # fmt: skip
@@ -134,11 +131,6 @@ def test_shifting_keeps_the_linear_momentum_of_vortices(dtype):
     size = np.abs(simulation.field("velocity")).sum()
     advanced(simulation, 50)
     assert np.abs(simulation.field("velocity").astype(float).sum(0)).max() <= 50 * np.finfo(dtype).eps * size
-
-
-def test_a_run_goes_on_bit_for_bit_from_a_checkpoint():
-    outcomes = contract.resumes(tank(8, 2.6, 2, "float32", (SurfaceDetection(), ParticleShifting())), "cpu", (20, 20))
-    assert [str(outcome) for outcome in outcomes if not outcome.passed] == []
 
 
 def test_reading_a_field_does_not_advance_the_density():

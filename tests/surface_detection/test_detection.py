@@ -143,23 +143,6 @@ def test_spray_is_surface(method, count, dim):
     assert surface(np.arange(count)[:, None] * [0.6, 0.8, 0.0], dim=dim, method=method).all()
 
 
-def test_a_wet_wall_is_no_surface():
-    """In a full tank neither set has a member; in an open one the top layer is S."""
-    cells, size = 8, (8.0, 8.0, 0.0)
-    position = lattice(Box(cells=(cells, cells, 1)))
-    closed = BoxWalls(lower=(0.0, 0.0, 0.0), upper=size)
-    full = detect(position, walls=(closed,))
-    assert not full.field("scan_candidates").any()
-    assert not detect(position, walls=(closed,), literal=("E23",)).field("near_surface").any()
-    assert not full.field("surface").any()
-    assert not surface(position, walls=(closed,), method="fan_scan").any()
-    assert surface(position).any()  # without walls the same block has a surface
-    opened = BoxWalls(lower=(0.0, 0.0, 0.0), upper=size, open_faces=("+y",))
-    top = position[:, 1] > 7
-    np.testing.assert_array_equal(surface(position, walls=(opened,)), top)
-    np.testing.assert_array_equal(surface(position, walls=(opened,), method="fan_scan"), top)
-
-
 def test_the_full_radius_sees_across_a_gap_that_the_half_one_misses():
     block = lattice(Box(cells=(8, 12, 1)))
     apart = 3.6  # wider than h = 2.6, within reach of a ball of radius h
@@ -274,16 +257,6 @@ def test_flags_do_not_depend_on_place_angle_or_order(settings):
     np.testing.assert_array_equal(surface(position[order], **settings), found[order])
 
 
-@pytest.mark.parametrize("spacing", [1e-6, 1e3])
-def test_flags_do_not_depend_on_scale_in_single_precision(spacing):
-    film = lattice(Box(cells=(14, 2, 1))) + [14.0, 0.0, 0.0]
-    position = np.vstack([jittered_disc(), film])
-    for settings in ({}, {**THIN, "scan_normal": "corrected"}):
-        found = surface(position, spacing=0.01, **settings)
-        small = surface(position, backend="cpu", dtype="float32", spacing=spacing, **settings)
-        np.testing.assert_array_equal(small, found)
-
-
 # Normals
 
 
@@ -356,13 +329,6 @@ def plan_of(*effects, dim=2):
         effects=(WeaklyCompressible(sound_speed=1.0, density="summation"), *effects),
     )
     return make_plan(scene)
-
-
-def test_detection_runs_only_when_its_field_is_read():
-    own = [k for k in plan_of(SurfaceDetection()).launches(on_demand=True) if k.startswith("surface_")]
-    assert own == ["surface_detection.candidates", "surface_normal.color_gradient", "surface_detection.fan_scan"]
-    assert not any(k.startswith("surface_") for k in plan_of(SurfaceDetection()).launches())
-    assert set(own) <= set(plan_of(SurfaceDetection(each_step=True)).launches())
 
 
 def test_released_pressure_acts_before_the_forces():

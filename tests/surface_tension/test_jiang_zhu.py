@@ -20,7 +20,6 @@ from refsim import (
 from refsim.core.effect import Discretisation
 from refsim.surface_tension.jiang_zhu_2023 import formulas, reference
 from refsim.surface_tension.jiang_zhu_2023.modes import PAIR_MODES
-from tests.running import run_to
 
 H = 2.7  # support radius in spacings
 
@@ -134,28 +133,6 @@ def test_detection_shares_its_passes_with_tension():
     limit = plan.parameters["jiang_zhu_2023"]["near_surface_limit"].number_density
     fluid = plan.effects["weakly_compressible"]
     assert limit == pytest.approx(0.95 * fluid.rest_number_density(plan.grid))
-
-
-def radius_variation(position):
-    """std/mean over 200 Fibonacci directions of the greatest distance from the centre within 20 degrees."""
-    k = np.arange(200) + 0.5
-    polar, around = np.arccos(1 - k / 100), math.pi * (1 + math.sqrt(5)) * k
-    directions = np.stack([np.cos(around) * np.sin(polar), np.sin(around) * np.sin(polar), np.cos(polar)], 1)
-    offset = position - position.mean(0)
-    distance = np.linalg.norm(offset, axis=1)
-    inside = offset @ directions.T > math.cos(math.radians(20)) * distance[:, None]
-    outermost = np.where(inside, distance[:, None], 0).max(0)
-    return outermost.std() / outermost.mean()
-
-
-def test_a_cube_rounds_off():
-    simulation = Simulation(drop(9, surface_tension=1.0), "cpu")
-    cube = radius_variation(simulation.field("position"))
-    run_to(simulation, 0.55)
-    position, velocity = simulation.field("position"), simulation.field("velocity")
-    assert radius_variation(position) < 0.25 * cube
-    assert np.abs(velocity.mean(0)).max() < 1e-5
-    assert np.sqrt((velocity**2).sum(1).mean()) < 0.2
 
 
 # Bad input

@@ -30,10 +30,9 @@ from refsim.core.effect import Discretisation
 from refsim.core.operation import REGISTRY
 from refsim.smoothing import smoothing
 from refsim.smoothing.reference import kernel_slope
-from refsim.sph import Fluid
 from refsim.surface_tension.akinci_2013 import LARGEST_AREA, SHATTERING_AREA
 from refsim.surface_tension.cohesion import compression, neighbours_in_support, nominal_tension
-from refsim.surface_tension.dong_2016 import LARGEST_CORRECTION, NormalCorrection
+from refsim.surface_tension.dong_2016 import LARGEST_CORRECTION
 from refsim.surface_tension.dong_2016.reference import force_function as dong_force
 from tests.running import run_to
 
@@ -288,50 +287,6 @@ def test_curvature_of_a_ball(dim, literal):
 # Conservation, with the oracle
 
 
-def cloud(count=60, seed=3):
-    rng = np.random.default_rng(seed)
-    return rng.uniform(0, 2, (count, 3)), rng.uniform(0.5, 1.5, count), rng.normal(size=(count, 3))
-
-
-def test_printed_correction_loses_momentum():
-    """Dong E21: V_j = m_j/rho_j makes a pair's two forces as different as the densities; the mean density mends it."""
-    position, density, normal = cloud()
-    mass = np.full(len(density), 0.03)
-    kernel = smoothing("wendland_c2", 1.0, 3)
-
-    def drift(symmetric):
-        correction = NormalCorrection(2.0, np.int32(symmetric))
-        program = REGISTRY["dong_2016.tension"].program("numpy")
-        value, scale = program(position, mass, density, normal, kernel, None, correction)["acceleration"]
-        return np.abs((mass[:, None] * value).sum(0)).max() / (mass[:, None] * scale).sum()
-
-    assert drift(True) < 1e-15
-    assert drift(False) > 1e-3
-
-
-def test_equal_masses_make_pairs_of_forces():
-    """Akinci's area term and Becker & Teschner's attraction conserve momentum for equal masses only."""
-    position, density, normal = cloud()
-    kernel, fluid = smoothing("wendland_c2", 1.0, 3), Fluid(1.0, 1e4, np.int32(1), np.int32(0))
-    grid, others = setting(h=1.0)
-    area = Akinci2013(gamma=0.0, area_acceleration=2.0).prepare(grid, others)["area_term"]
-    attraction = BeckerTeschner2007(kappa=1.0, clamp_distance=False).prepare(grid, others)["attraction"]
-
-    def drifts(mass):
-        forces = (
-            REGISTRY["akinci_2013.tension"].program("numpy")(
-                position, mass, density, normal, kernel, fluid, None, area
-            ),
-            REGISTRY["becker_teschner_2007.cohesion"].program("numpy")(position, mass, kernel, attraction),
-        )
-        for force in forces:
-            value, scale = force["acceleration"]
-            yield np.abs((mass[:, None] * value).sum(0)).max() / (mass[:, None] * scale).sum()
-
-    assert max(drifts(np.full(len(density), 0.03))) < 1e-15
-    assert min(drifts(0.03 * density)) > 1e-3
-
-
 # In scenes
 
 
@@ -342,7 +297,7 @@ def roundness(simulation):
     return ((x**4).sum(1) - 0.6 * (x**2).sum(1) ** 2).mean() / ((x**2).sum(1) ** 2).mean()
 
 
-@pytest.mark.parametrize("model", COHESIVE[1:], ids=lambda model: model.name)
+@cohesive
 def test_a_cube_rounds_off_at_rest_density(model):
     simulation = drop(model(surface_tension=1.0), n=8)
     assert abs(roundness(simulation)) < 0.04
