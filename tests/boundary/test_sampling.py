@@ -109,8 +109,6 @@ def test_command(tmp_path, capsys):
     "arguments, words",
     [
         (["none.obj", "--radius", "0.1"], "there is no file"),
-        (["box.obj", "--radius", "-1"], "radius"),
-        (["box.obj", "--radius", "9"], "larger than the mesh"),
         (["box.obj", "--radius", "0.1", "-o", "x.txt"], "vtp"),
         (["box.obj"], "--radius"),
     ],

@@ -120,10 +120,7 @@ def test_memory_follows_the_surface():
 # Meshes that are repaired, with a note
 
 
-def test_bodies_inside_out_and_wrong_windings_are_turned():
-    mesh = surface_mesh(BOX.vertices, BOX.faces[:, ::-1])
-    assert mesh.notes == ("1 body turned inside out",)
-    assert mesh.volume == pytest.approx(0.48)
+def test_a_wrong_winding_is_turned():
     faces = BOX.faces.copy()
     faces[2] = faces[2, ::-1]
     mesh = surface_mesh(BOX.vertices, faces)
@@ -176,7 +173,6 @@ NOT_FINITE = np.where(np.arange(24).reshape(8, 3) == 4, np.nan, BOX.vertices)
 @pytest.mark.parametrize(
     "given, words",
     [
-        ((BALL.vertices, BALL.faces[100:]), "is open"),
         (nested(), "a body inside another body"),
         ((NOT_FINITE, BOX.faces), "not finite"),
         ((BOX.vertices, np.zeros((0, 3), int)), "has no triangles"),
@@ -184,7 +180,7 @@ NOT_FINITE = np.where(np.arange(24).reshape(8, 3) == 4, np.nan, BOX.vertices)
         ((BOX.vertices, [[0, 1, 99]]), "not there"),
         (strip(), "one side only"),
     ],
-    ids=["open", "nested", "nan", "empty", "point", "index", "moebius"],
+    ids=["nested", "nan", "empty", "point", "index", "moebius"],
 )
 def test_what_cannot_be_repaired_is_refused(given, words):
     with pytest.raises(InputError, match=words) as caught:
@@ -194,13 +190,8 @@ def test_what_cannot_be_repaired_is_refused(given, words):
 
 @pytest.mark.parametrize(
     "spacing, band, words",
-    [
-        (2.0, None, "2 m across|across"),
-        (-1.0, None, "positive"),
-        (0.1, 0.1, "too narrow"),
-        (1e-7, None, "larger spacing"),
-    ],
-    ids=["larger_than_mesh", "negative", "narrow", "tiny"],
+    [(-1.0, None, "positive"), (0.1, 0.1, "too narrow"), (1e-7, None, "larger spacing")],
+    ids=["negative", "narrow", "tiny"],
 )
 def test_impossible_grids_are_refused(spacing, band, words):
     with pytest.raises(InputError, match=words):

@@ -20,7 +20,7 @@ from refsim import (
     make_plan,
 )
 from refsim.core.operation import REGISTRY
-from tests.running import advanced, run_to
+from tests.running import advanced
 from validation.experiments.liquid import runs
 from validation.running import Context
 
@@ -30,42 +30,6 @@ SMALL = ((3, 3), 2, (8, 7), 2.6, runs.ARTIFICIAL)  # body, cells below it, tank,
 def submerged(*given, dtype="float32"):
     """The experiment's scene; in single precision, whose kernels other tests need, too."""
     return msgspec.structs.replace(runs.submerged(*given), dtype=dtype)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("body", "wide", "shake", "bar"), [((5, 5), 13, 0.0, 0.05), ((6, 2), 14, 0.0, 0.05), ((6, 6), 14, 0.1, 0.03)]
-)
-def test_a_held_solid_is_lifted_by_what_it_displaces(body, wide, shake, bar):
-    simulation = Simulation(submerged(body, (wide - body[1]) // 2, (wide, wide), 3.0, runs.ARTIFICIAL), "cpu")
-    count = body[0] ** 2 * body[1]
-    moves = np.random.default_rng(3).uniform(-shake, shake, (simulation.count, 3)) * simulation.plan.grid.spacing
-    moves[:count] = 0
-    simulation.set_field("position", simulation.field("position") + moves)
-    place, forces = simulation.field("position")[:count], []
-    until = 4.0 if shake else 1.8
-    while simulation.time < until:
-        simulation.step()
-        runs.hold(simulation, place)
-        if simulation.time > until - 0.4 and simulation.steps % 5 == 0:
-            simulation.evaluate()
-            forces.append(runs.lift(simulation, count))
-    water = simulation.field("velocity")[count:]
-    assert abs(np.mean(forces) - 1) <= bar
-    assert np.std(forces) <= 0.02
-    assert np.sqrt((water**2).sum(1).mean()) <= 1e-3 * runs.SOUND
-
-
-def test_ice_rises_with_the_water_that_it_carries_along():
-    """2 z/t^2 after 1.5 sqrt(edge/g), C of a cube: 15 %."""
-    edge, cells = 5, (20, 15)
-    simulation = Simulation(submerged((edge, edge), edge, cells, 3.0, 0.005), "cpu", threads=2)
-    until = 1.5 * (edge / cells[1] / runs.GRAVITY) ** 0.5
-    start = simulation.field("position")[: edge**3, 2].mean()
-    run_to(simulation, until)
-    rise = 2 * (simulation.field("position")[: edge**3, 2].mean() - start) / simulation.time**2
-    wanted = runs.GRAVITY * (runs.DENSITY - runs.ICE) / (runs.ICE + runs.ADDED * runs.DENSITY)
-    assert rise == pytest.approx(wanted, rel=0.15)
 
 
 def test_liquid_solid_and_walls_balance_their_momentum():

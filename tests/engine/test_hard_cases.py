@@ -147,14 +147,3 @@ def test_a_particle_that_leaves_at_9_c_is_not_lost_and_disturbs_no_other():
     alone, both = (sound(liquid(parts, tension(), step=step), 300) for parts in ((cube,), (cube, flung)))
     assert float(both.field("velocity")[-1, 0]) == pytest.approx(9 * SOUND, rel=1e-6)
     assert np.abs(both.field("position")[:-1] - alone.field("position")).max() <= 0.02 * D
-
-
-@pytest.mark.parametrize("count", [3000, 4200])
-def test_the_list_grows_to_every_pair_until_particles_count_as_collapsed(count):
-    points = np.random.default_rng(4).uniform(0.0, 0.5 * H, (count, 3))
-    scene = liquid(Cloud(position=points, mass=np.full(count, DENSITY * D**3 / count)))
-    if count > 4096:
-        with pytest.raises(RunStopped, match="collapsed"):
-            sound(scene, 3)
-    else:
-        assert sound(scene, 3).search.log.most_neighbours == count - 1

@@ -9,7 +9,7 @@ import refsim
 from refsim import Box, BoxWalls, Gauge, Gravity, InputError, Scene, Simulation, SolidBox, WeaklyCompressible, make_plan
 from refsim.engine.driver import simulate
 from refsim.gauges import due
-from refsim.gauges.places import crossing, shares_of_faces
+from refsim.gauges.places import crossing
 from tests.running import advanced, run_to
 
 G, DENSITY, DEPTH = 9.81, 1000.0, 1.0
@@ -295,11 +295,3 @@ def test_crossing_of_the_surface():
     assert crossing(height, np.array([1.0, 0.0, 1.0, 0.0])) == pytest.approx(2.5)
     assert crossing(height, np.zeros(4)) == 0.0
     assert crossing(height, np.ones(4)) == 3.0
-
-
-def test_shares_of_faces_add_up():
-    """Of every wall particle and component, whatever faces are open."""
-    for faces in ((), ("+y",), ("+y", "-x", "+x"), ("-z", "+z")):
-        plan = make_plan(tank(5, (), dim=3, open_faces=faces))
-        for parts in shares_of_faces(plan.effects["box_walls"], plan.walls.position, (0.0, -G, 0.0), plan.grid):
-            assert np.allclose(sum(parts.values()), 1.0)

@@ -46,27 +46,6 @@ def heat(of):
     return stock(of)["effects"]["heat_conduction"]["heat"]
 
 
-KEEPING = [
-    ("implicit", {}), ("conjugate_gradient", {}), ("runge_kutta_legendre", {}), ("single_pass", {}),
-    ("pair_exchange", {}), ("implicit", ICE), ("conjugate_gradient", ICE), ("runge_kutta_legendre", ICE),
-    ("single_pass", ICE),
-]  # fmt: skip
-
-
-@pytest.mark.parametrize("scheme, more", KEEPING, ids=lambda v: v if isinstance(v, str) else "ice" if v else "plain")
-def test_heat_is_kept(scheme, more):
-    simulation = ran(bar(scheme=scheme, **more), 20)
-    size = abs(simulation.field("temperature")).max() * simulation.count * 1e6
-    assert simulation.field("temperature").std() < 28  # of 30: something was exchanged
-    assert abs(heat(simulation) - heat(simulation.plan)) < 1e-12 * max(size, abs(heat(simulation)))
-
-
-def test_one_sided_exchange_does_not_keep_heat():
-    """The literal reading (R1): what one particle gains no other loses."""
-    simulation = ran(bar(2.0, scheme="one_sided", conductivity=(1.0, 3.0), largest_drift=0.0))
-    assert abs(heat(simulation) / heat(simulation.plan) - 1) > 1e-3
-
-
 def test_a_temperature_that_is_not_finite_stops_the_run():
     simulation = ran(bar(), 1)
     simulation.fields["temperature"][3] = np.nan
@@ -166,32 +145,6 @@ def test_the_plan_says_which_sums_limit_the_step():
     fixed = make_plan(bar(0.25, scheme="explicit"))
     assert any("is not shortened" in note for note in fixed.notes)
     assert not make_plan(bar(0.25)).notes
-
-
-def slab_error(number, scheme):
-    """Largest error of a cosine along an insulated bar of 32 x 4 x 4, against the mode's own decay in the bar."""
-    cells = (32, 4, 4)
-    x = (np.arange(32) + 0.5) * 0.1
-    mode = np.repeat(np.cos(math.pi * x / 3.2), 16)
-    decay = {}
-    for name, n in ((scheme, number), ("runge_kutta_legendre", 0.25)):
-        effect = HeatConduction(
-            temperature=tuple(50 * mode), conductivity=1.0, heat_capacity=1000.0, scheme=name, largest_number=1e9
-        )
-        scene = Scene(
-            spacing=0.1, support_radius=0.25, fluid=(Box(cells=cells),), effects=(effect,), step=n * NUMBER,
-            dtype="float64",
-        )  # fmt: skip
-        decay[name, n] = ran(scene, round(16 / n)).field("temperature")
-    exact = decay["runge_kutta_legendre", 0.25]
-    return abs(decay[scheme, number] - exact).max()
-
-
-def test_orders_in_time():
-    """Backward Euler is of first order in dt; RKL2, of second, is far nearer at the same step."""
-    coarse, fine = slab_error(8.0, "conjugate_gradient"), slab_error(4.0, "conjugate_gradient")
-    assert 0.8 < math.log2(coarse / fine) < 1.3
-    assert slab_error(8.0, "runge_kutta_legendre") < 0.1 * coarse
 
 
 def newton(body, melting, step, enthalpy, temperature, most=60):

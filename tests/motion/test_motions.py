@@ -187,32 +187,6 @@ def test_a_restart_goes_on_bit_for_bit():
     assert [str(outcome) for outcome in outcomes if not outcome.passed] == []
 
 
-def test_a_swayed_tank_sloshes_with_its_period():
-    """omega^2 = g k tanh(k H), k = pi/L, of small waves; a level and the force on the walls after one push."""
-    push = Motion(of="gravity", kind="table", direction=(1.0, 0.0, 0.0), times=(0.0, 0.3), values=(0.0, 0.01))
-    gauges = (
-        Gauge(name="level", kind="level", lower=(0.1, 0.0, 0.0), upper=(0.1, 1.0, 0.0), every=0.02),
-        Gauge(name="left", kind="force", on="-x", every=0.02), Gauge(name="right", kind="force", on="+x", every=0.02),
-    )  # fmt: skip
-    simulation = run_to(Simulation(tank(20, (push,), gauge=gauges, density="continuity"), "cpu", threads=2), 4.0)
-    expected = 2 * math.pi / math.sqrt(G * math.pi * math.tanh(math.pi * 0.5))
-    level, left, right = (simulation.gauge(name) for name in ("level", "left", "right"))
-    assert period(level.time, level["level"], expected) == pytest.approx(expected, rel=0.02)
-    assert period(left.time, left["force_x"] + right["force_x"], expected) == pytest.approx(expected, rel=0.02)
-
-
-def period(time, values, near):
-    """Period [s] of a decaying oscillation after 0.4 s, by least squares."""
-    from scipy.optimize import curve_fit
-
-    def wave(t, a, b, decay, omega, mean):
-        return np.exp(-decay * t) * (a * np.cos(omega * t) + b * np.sin(omega * t)) + mean
-
-    t, x = time[time > 0.4], values[time > 0.4]
-    found, _ = curve_fit(wave, t, x, p0=(np.ptp(x) / 2, 0.0, 0.1, 2 * math.pi / near, x.mean()))
-    return 2 * math.pi / abs(found[3])
-
-
 def test_a_free_particle_flies_straight_as_a_turning_tank_sees_it():
     """Its place in the tank is that in the world, turned back; all fictitious accelerations together."""
     angle = "0.3*sin(4*t) + 0.2*t"

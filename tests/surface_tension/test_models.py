@@ -10,11 +10,9 @@ from refsim import (
     Akinci2013,
     BeckerTeschner2007,
     Box,
-    BoxWalls,
     Cloud,
     CsfWang2019,
     Dong2016,
-    Gravity,
     He2014,
     ImplicitPressure,
     InputError,
@@ -315,31 +313,6 @@ def test_one_coefficient_for_both_terms_flies_apart():
     assert np.abs(drop(literal, bound=100.0).field("position")).max() > 10
     with pytest.raises(RunStopped, match="denser than"):
         drop(literal)
-
-
-def test_implicit_pressure_holds_a_column():
-    """Water of 8 spacings at rest between walls: density within 1 %, and p grows by rho0 g with the depth."""
-    fluid = WeaklyCompressible(sound_speed=10.0, dynamic_viscosity=20.0, density="summation")
-    scene = Scene(
-        spacing=0.1, support_radius=0.26, dim=2, step=4e-3, fluid=(Box(cells=(8, 8, 1)),),
-        effects=(fluid, ImplicitPressure(), Gravity(acceleration=(0.0, -9.81, 0.0)),
-                 BoxWalls(lower=(0, 0, 0), upper=(0.8, 1.6, 0), open_faces=("+y",))),
-    )  # fmt: skip
-    simulation = Simulation(scene, "cpu")
-    assert not {"sph.state", "sph.pressure", "sph.momentum"} & set(simulation.plan.launches())
-    assert "acoustic" not in simulation.limits
-    pressures = []
-    while simulation.time < 1.5:
-        simulation.step()
-        if simulation.time > 1.0:
-            pressures.append(simulation.field("pressure"))
-    simulation.evaluate()
-    assert simulation.field("density").max() < 1000 * 1.01
-    height = simulation.field("position")[:, 1]
-    mean = np.mean(pressures, axis=0)
-    deep, high = (height > 0.1) & (height < 0.35), (height > 0.37) & (height < 0.65)  # away from floor and surface
-    weight = 1000 * 9.81 * (height[high].mean() - height[deep].mean())
-    assert mean[deep].mean() - mean[high].mean() == pytest.approx(weight, rel=0.2)
 
 
 def test_implicit_drop_rounds_off():
