@@ -70,31 +70,12 @@ print(values[0], compiled() - before, sum(kernel.stats.cache_hits.values()))
 """
 SUMS = """
 import hashlib
-import numpy as np
-from refsim.neighbours.rows import NeighbourRows
+from refsim import contract
 from refsim.core.operation import REGISTRY
-from refsim.smoothing import smoothing
-from refsim.sph import Fluid
-
-n, real, random = 300, np.float32, np.random.default_rng(3)
-position = random.random((n, 3)).astype(real)
-position[:, 2] = 0
-values = {
-    "position": position,
-    "velocity": random.random((n, 3)).astype(real),
-    "mass": random.random(n).astype(real),
-    "density": (1 + random.random(n)).astype(real),
-    "pressure": random.random(n).astype(real),
-    "smoothing": smoothing("wendland_c2", 0.2, 2, "float32"),
-    "fluid": Fluid(real(1), real(1), np.int32(7), np.int32(1)),
-    "neighbours": NeighbourRows(
-        np.arange(n) * n, np.full(n, n, np.int32), np.tile(np.arange(n, dtype=np.uint32), n)
-    ),
-    "acceleration": np.zeros((n, 3), real),
-}
-REGISTRY["sph.pressure"].bind("cpu", values.get)()
-hits = sum(REGISTRY["sph.pressure"].program("cpu").stats.cache_hits.values())
-print(hashlib.sha256(values["acceleration"].tobytes()).hexdigest(), hits)
+program = REGISTRY["sph.pressure"].program("cpu")
+values = contract.bindings("sph.pressure", "cpu", "float32", "cloud_3d", lists="all_pairs")
+program(*values.values())
+print(hashlib.sha256(values["acceleration"].tobytes()).hexdigest(), sum(program.stats.cache_hits.values()))
 """
 
 
@@ -211,10 +192,7 @@ def test_copies_of_refsim_share_their_kernels(tmp_path, monkeypatch):
 
 def test_the_process_that_compiles_computes_the_same_bits(tmp_path):
     """Sums may be taken in any order, but in the same one before and after a resume."""
-    environment = dict(os.environ, REFSIM_CACHE_DIR=str(tmp_path))
-    environment["PYTHONPATH"] = os.pathsep.join(
-        [str(pathlib.Path(__file__).parents[2]), os.environ.get("PYTHONPATH", "")]
-    )
+    environment = os.environ | {"REFSIM_CACHE_DIR": str(tmp_path), "PYTHONPATH": os.pathsep.join(sys.path)}
     command = [sys.executable, "-c", SUMS]
     (first, compiled), (second, loaded) = (
         subprocess.run(command, capture_output=True, text=True, env=environment, check=True).stdout.split()

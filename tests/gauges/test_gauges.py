@@ -9,7 +9,6 @@ import refsim
 from refsim import Box, BoxWalls, Gauge, Gravity, InputError, Scene, Simulation, SolidBox, WeaklyCompressible, make_plan
 from refsim.engine.driver import simulate
 from refsim.gauges import due
-from refsim.gauges.places import crossing
 from tests.running import advanced, run_to
 
 G, DENSITY, DEPTH = 9.81, 1000.0, 1.0
@@ -287,11 +286,3 @@ def test_due_once_on_each_multiple():
     assert len(found) == 1 + int(times[-1] / 0.05)
     assert due(0.0, 1.0, 0.5)
     assert not due(0.0, 1.0, 1.0)
-
-
-def test_crossing_of_the_surface():
-    height = np.array([0.0, 1.0, 2.0, 3.0])
-    assert crossing(height, np.array([1.0, 1.0, 0.25, 0.0])) == pytest.approx(1 + 2 / 3)
-    assert crossing(height, np.array([1.0, 0.0, 1.0, 0.0])) == pytest.approx(2.5)
-    assert crossing(height, np.zeros(4)) == 0.0
-    assert crossing(height, np.ones(4)) == 3.0

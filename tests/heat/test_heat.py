@@ -243,34 +243,6 @@ def test_a_sphere_cools_as_the_series_says():
     assert row["shifted"] < 2 < row["raw"]
 
 
-def decay_around_a_box(cells, backend):
-    """Rate of decay of a sine of temperature around a periodic box of 1 m over (2 pi)^2 k/(rho c); the heat gained."""
-    spacing = 1 / cells
-    place = (np.arange(cells) + 0.5) * spacing
-    x, y = (part.ravel() for part in np.meshgrid(place, place, indexing="ij"))
-    wave = np.sin(2 * np.pi * x)
-    heat = HeatConduction(
-        temperature=tuple(20 + 10 * wave), conductivity=1.0, heat_capacity=1.0, density=1.0,
-        scheme="runge_kutta_legendre",
-    )  # fmt: skip
-    scene = Scene(
-        dim=2, dtype="float64", spacing=spacing, support_radius=2.6 * spacing, period=(1.0, 1.0, 0.0), step=2e-4,
-        fluid=(Cloud(position=np.stack([x, y, 0 * x], axis=1)),), effects=(heat,),
-    )  # fmt: skip
-    simulation = Simulation(scene, backend)
-    advanced(simulation, 20)
-    above = simulation.field("temperature") - 20
-    return -np.log((above * wave).mean() / 5) / simulation.time / (4 * np.pi**2), above.mean()
-
-
-def test_a_wave_around_a_periodic_box_decays_at_second_order():
-    (coarse, _), (fine, gained) = (decay_around_a_box(cells, "cpu") for cells in (10, 20))
-    assert abs(gained) < 1e-12
-    assert abs(fine - 1) < 0.015
-    assert 3.5 < (coarse - 1) / (fine - 1) < 4.5
-    assert decay_around_a_box(10, "numpy")[0] == pytest.approx(coarse, rel=1e-12)
-
-
 # The total of the heat
 
 

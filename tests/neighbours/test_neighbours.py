@@ -28,6 +28,14 @@ def rows(listed):
     return [np.sort(listed.entries[s : s + c]) for s, c in zip(listed.start, listed.count)]
 
 
+def listings(listed, sources):
+    """(queries, sources): how often a list holds each of so many sources."""
+    table = np.zeros((len(listed.start), sources), dtype=np.int64)
+    for i, row in enumerate(rows(listed)):
+        np.add.at(table[i], row, 1)
+    return table
+
+
 def ordered(case, dtype, **options):
     """(search, positions in cell order, list)."""
     search = search_for(case, dtype, **options)
@@ -50,9 +58,7 @@ def test_list_holds_all_pairs(name, dtype):
     search, position, listed = ordered(case, dtype)
     assert sorted(map(tuple, position)) == sorted(map(tuple, case.position.astype(dtype)))
     own = np.arange(len(position))
-    table = np.zeros((len(position), len(position)), dtype=np.int64)
-    for i, row in enumerate(rows(listed)):
-        np.add.at(table[i], row, 1)
+    table = listings(listed, len(position))
     for place, needed, allowed in certain(position, position, search.reach):
         other = own[place, None] != own[None, :]
         assert (table[place] <= (allowed & other)).all()
@@ -71,16 +77,12 @@ def test_wall_list_holds_all_pairs(name, dtype):
     static = search.static_set(case.wall_position)
     assert np.array_equal(static.position, case.wall_position.astype(dtype)[static.order])
     listed = search.build_against(position, static)
-    table = np.zeros((len(position), len(static.position)), dtype=np.int64)
-    for i, row in enumerate(rows(listed)):
-        np.add.at(table[i], row, 1)
+    table = listings(listed, len(static.position))
     for place, needed, allowed in certain(position, static.position, search.reach):
         assert (table[place] <= allowed).all()
         assert (table[place] >= needed).all()
     search.build(position)
-    around = np.zeros_like(table.T)
-    for i, row in enumerate(rows(search.build_around(position, static))):
-        np.add.at(around[i], row, 1)
+    around = listings(search.build_around(position, static), len(position))
     for place, needed, allowed in certain(static.position, position, search.reach):
         assert (around[place] <= allowed).all()
         assert (around[place] >= needed).all()
@@ -107,9 +109,8 @@ def test_list_of_a_periodic_box_holds_all_pairs(lengths, dtype):
     eps = 64 * np.finfo(dtype).eps
     for source, found, others in ((position, listed, True), (static.position, near, False)):
         (_, _, distance), *_ = pair_blocks(position, source, period=lengths)
-        table = np.zeros(distance.shape, dtype=np.int64)
+        table = listings(found, len(source))
         for i, row in enumerate(rows(found)):
-            np.add.at(table[i], row, 1)
             assert (row == found.entries[found.start[i] : found.start[i] + found.count[i]]).all()  # in their order
         other = (own[:, None] != own[None, :]) if others else np.ones_like(table, bool)
         assert (table <= ((distance < search.reach + eps) & other)).all()

@@ -124,15 +124,6 @@ def test_vortices_decay_as_they_should(cells, error):
     assert abs(rate / (8 * np.pi**2 / 100) - 1) <= 0.015
 
 
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
-def test_shifting_keeps_the_linear_momentum_of_vortices(dtype):
-    """To a rounding of each velocity in each of 50 steps: velocities are not shifted, and forces of a pair cancel."""
-    simulation = vortices(25, dtype)
-    size = np.abs(simulation.field("velocity")).sum()
-    advanced(simulation, 50)
-    assert np.abs(simulation.field("velocity").astype(float).sum(0)).max() <= 50 * np.finfo(dtype).eps * size
-
-
 def test_reading_a_field_does_not_advance_the_density():
     simulation = shaken(Simulation(tank(8, 2.6, 2), "cpu"), 0.1)
     advanced(simulation, 3)

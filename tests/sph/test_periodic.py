@@ -19,7 +19,6 @@ from refsim import (
     contract,
     make_plan,
 )
-from refsim.core.period import wrapped
 from refsim.engine.driver import simulate
 from refsim.io.results import open_run
 from tests.running import advanced
@@ -86,22 +85,6 @@ def test_the_walls_of_a_channel_go_once_around():
         assert np.allclose(x, -0.35 + 0.1 * np.arange(8))
     assert np.ptp(plan.walls.volume) < 1e-12
     assert np.isinf(plan.shared["bounds"].lower[0])
-
-
-@pytest.mark.parametrize("backend", ["numpy", "cpu"])
-def test_images_of_particles_are_the_particles(backend):
-    """Liquid at rest density everywhere flies through the box for ever; nothing acts on it."""
-    block = Box(cells=(8, 9, 1), velocity=(3.0, -1.0, 0.0))
-    scene = channel(period=(0.8, 0.9, 0.0), period_lower=(0.0, 0.0, 0.0), fluid=(block,), effects=(LIQUID,))
-    simulation = run(scene, 60, backend)
-    moved = simulation.field("position") - make_plan(scene).state.position
-    assert moved[0, 0] > 0.8
-    # 60 sums of displacements, each rounded to 1e-16 of a metre; density is one sum of some 30 equal terms
-    assert np.allclose(moved, [[3.0 * simulation.time, -simulation.time, 0.0]], atol=1e-12)
-    assert np.allclose(simulation.field("density"), 1000.0, rtol=1e-12)
-    inside = wrapped(simulation.field("position"), scene.period, scene.period_lower)
-    assert (inside >= 0).all()
-    assert (inside[:, :2] < [0.8, 0.9]).all()
 
 
 def test_backends_agree_and_the_moving_plate_drags():

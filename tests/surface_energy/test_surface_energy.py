@@ -35,53 +35,11 @@ def reconstructed(place, dim=3, dtype="float64", h=H, number=None, **parameters)
     return made, made.surface((h * place).astype(dtype), number=number)
 
 
-def angles(normal, place, radii=(1.0, 1.0, 1.0)):
-    """Angles [degrees] between normals at places outside an ellipsoid and its own at the points nearest to them."""
-    axes = np.array(radii) ** 2
-    low, high = np.zeros((len(place), 1)), np.full((len(place), 1), 1e3)
-    for _ in range(80):  # x_i = a_i^2 y_i/(a_i^2 + t) stands on the ellipsoid
-        t = 0.5 * (low + high)
-        outside = ((axes * place / (axes + t)) ** 2 / axes).sum(1, keepdims=True) > 1
-        low, high = np.where(outside, t, low), np.where(outside, high, t)
-    true = place / (axes + low)
-    true = true / np.linalg.norm(true, axis=1, keepdims=True)
-    return np.degrees(np.arccos(np.clip((normal * true).sum(1), -1, 1)))
-
-
 def sides(facets):
     return collections.Counter((int(t[k - 1]), int(t[k])) for t in facets for k in range(3))
 
 
 # The surface
-
-
-@pytest.mark.parametrize("radii", [(1.0, 1.0, 1.0), (1.4, 1.0, 0.75)], ids=["sphere", "ellipsoid"])
-def test_normals_of_a_particle_cloud(radii):
-    """Radius 9 h: below 4 degrees in the mean and 15 at most in the best setting; facets and offsets are far worse."""
-    place = ball(9, radii=radii)
-    found = {}
-    for name, parameters in {
-        "best": {"offset": 0.25, "iterations": 1, "normals": "gradient"},
-        "default": {},
-        "facets": {"normals": "facets"},
-        "offsets": {"normals": "offsets"},
-    }.items():
-        _, surface = reconstructed(place, inset=-1.0, **parameters)
-        found[name] = angles(surface.samples.normal, surface.samples.position, 9 * H * np.array(radii))
-    assert found["best"].mean() < 4
-    assert found["best"].max() < 15
-    assert found["default"].mean() < 5.5
-    assert found["facets"].mean() > 1.5 * found["default"].mean()
-    assert found["offsets"].mean() > 2 * found["default"].mean()
-
-
-@pytest.mark.parametrize("radii", [(1.0, 1.0, 1.0), (1.4, 1.0, 0.75)], ids=["sphere", "ellipsoid"])
-def test_surface_of_a_cloud_is_closed(radii):
-    _, surface = reconstructed(ball(6, radii=radii), dtype="float32")
-    edges = sides(surface.mesh.facets)
-    assert set(edges.values()) == {1}
-    assert all((b, a) in edges for a, b in edges)
-    assert len(surface.mesh.vertices) - len(edges) // 2 + len(surface.mesh.facets) == 2
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -181,17 +139,6 @@ def fit_matrix(made, surface):
     matrix = np.zeros((len(points), len(active)))
     matrix[row[weight > 0], column] = weight[weight > 0]
     return matrix, np.repeat([0.0, made.term.offset], len(points) // 2), points, active
-
-
-@pytest.mark.parametrize("dim", [2, 3])
-def test_spectrum_of_the_fit_lies_between_zero_and_one(dim):
-    """Lambda B^T B is stochastic: its greatest eigenvalue is 1, so the fit converges for 0 < omega < 2 (thesis M15)."""
-    matrix, _, _, _ = fit_matrix(*reconstructed(ball(4 if dim == 2 else 2, dim=dim), dim, inset=-1.0))
-    root = np.sqrt(1 / matrix.sum(0))
-    values = np.linalg.eigvalsh(root[:, None] * (matrix.T @ matrix) * root[None])
-    assert values.max() == pytest.approx(1, abs=1e-12)
-    assert values.min() > -1e-12
-    assert (values < 1e-6).sum() > 5  # null directions: the limit is not unique, the fitted values are
 
 
 def test_fit_goes_to_least_squares_and_its_residual_never_grows():

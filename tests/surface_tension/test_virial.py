@@ -17,7 +17,7 @@ from refsim import (
     WeaklyCompressible,
 )
 from refsim.core.effect import Discretisation
-from refsim.study.panels.virial import inner_pressure, pair_virials, share_inside
+from refsim.study.panels.virial import inner_pressure, pair_virials
 
 TENSIONS = (
     JiangZhu2023(surface_tension=1.0),
@@ -51,18 +51,6 @@ def test_sum_of_pairs_is_the_sum_of_the_forces(tension):
     assert abs(virial.sum()) > 1e-3 * np.abs(virial).sum()
 
 
-def test_pairs_far_from_the_edge_of_a_ball_are_counted_whole_or_not_at_all():
-    simulation = blob(Akinci2013(surface_tension=1.0))
-    simulation.evaluate()
-    i, j, virial = pair_virials(simulation)
-    x = simulation.field("position").astype(float)
-    x -= x.mean(0)
-    for radius in (0.1, 0.25, 0.4):
-        shares = share_inside(x[i], x[j], radius)
-        expected = (shares * virial).sum() / (4 * np.pi * radius**3)
-        assert inner_pressure(simulation, [radius]) == pytest.approx(expected, rel=1e-9)
-
-
 def test_liquid_under_its_own_pressure():
     """On a lattice squeezed by 2 % the virial is the pressure of the equation of state."""
     grid = Discretisation(3, "float64", 1.0, 2.7, 0)
@@ -76,18 +64,3 @@ def test_liquid_under_its_own_pressure():
     pressure = simulation.field("pressure")[inside].mean()
     assert pressure == pytest.approx(400 * (0.98**-3 - 1), rel=0.05)
     assert inner_pressure(simulation, (3.0, 4.0)) == pytest.approx(pressure, rel=0.05)
-
-
-def test_share_of_a_line_inside_a_ball():
-    """Of radius 2: wholly in, wholly out, one end in, through the centre, along a chord, beside it."""
-    lines = [
-        ((0, 0, 0), (1, 1, 0), 1.0),
-        ((3, 0, 0), (5, 0, 0), 0.0),
-        ((0, 0, 0), (8, 0, 0), 0.25),
-        ((-4, 0, 0), (4, 0, 0), 0.5),
-        ((-3, 1, 0), (3, 1, 0), 12**0.5 / 6),
-        ((-3, 2.5, 0), (3, 2.5, 0), 0.0),
-    ]
-    first, second, share = (np.array(column, dtype=float) for column in zip(*lines))
-    assert share_inside(first, second, 2.0) == pytest.approx(share, abs=1e-12)
-    assert share_inside(second, first, 2.0) == pytest.approx(share, abs=1e-12)
