@@ -36,6 +36,7 @@ from refsim import (
 )
 from refsim.__main__ import main
 from refsim.scene.files import parse_scene, scene_to_toml
+from tests.motion.test_motions import tank
 from tests.running import advanced, run_to
 from validation.experiments.liquid import runs
 
@@ -188,17 +189,7 @@ DRIVES = {
 
 
 def driven(motion, walls, cells=20, audit=AUDIT):
-    """Water half as deep as the tank is wide, 1 m, of the default liquid."""
-    spacing, sound = 1.0 / cells, 10 * math.sqrt(0.5 * 9.81)
-    return Scene(
-        dim=2, dtype="float64", spacing=spacing, support_radius=3 * spacing, motion=motion, energy_audit=audit,
-        end_time=2.0, fluid=(Box(cells=(cells, cells // 2, 1)),),
-        effects=(
-            WeaklyCompressible(sound_speed=sound, dynamic_viscosity=sound * 3000 * spacing / 1500),
-            Gravity(acceleration=(0.0, -9.81, 0.0)),
-            BoxWalls(lower=(0.0, 0.0, 0.0), upper=(1.0, 1.0, 0.0), **walls),
-        ),
-    )  # fmt: skip
+    return tank(cells, motion, walls=walls, end_time=2.0).with_(energy_audit=audit)
 
 
 @pytest.mark.parametrize("name", DRIVES)

@@ -6,22 +6,14 @@ import types
 
 import pytest
 
-from refsim import Ball, Box, Gravity, RunStopped, Scene, WeaklyCompressible, simulate
+from refsim import Ball, RunStopped, simulate
 from refsim.engine import progress
+from refsim.scene.files import parse_scene
+from tests.tank_file import GRAVITY, tank
 
 
 def scene(**changes):
-    values = {
-        "name": "block",
-        "dim": 2,
-        "spacing": 0.01,
-        "support_radius": 0.025,
-        "end_time": 1e-3,
-        "step": 2e-4,
-        "fluid": (Box(cells=(4, 4, 1)),),
-        "effects": (WeaklyCompressible(sound_speed=10.0, density="summation"), Gravity(acceleration=(0.0, -9.81, 0.0))),
-    }
-    return Scene(**values | changes)
+    return parse_scene(tank(1e-3, 4, 4, GRAVITY), "tank.toml").with_(name="block", step=2e-4, **changes)
 
 
 def run(**options):
@@ -64,7 +56,7 @@ def test_the_run_is_logged(caplog, tmp_path):
     messages = [(record.levelname, record.getMessage()) for record in caplog.records]
     assert messages[0][0] == "INFO"
     assert messages[0][1].startswith("block: ")
-    assert any(level == "WARNING" and "kinetic energy may grow" in text for level, text in messages)
+    assert any(level == "WARNING" and "brakes free rotation" in text for level, text in messages)
     assert sum(text.startswith("frame at") for _, text in messages) == 3
     assert messages[-1] == ("INFO", "block: reached 0.001 s in 5 steps")
 

@@ -501,64 +501,54 @@ def spoiled(simulation, name, field, value):
             simulation.force_calls[k] = (operation, rare, spoil)
 
 
-def test_a_nan_names_its_particle_and_pass_and_leaves_the_checkpoint(tmp_path):
+@pytest.mark.parametrize(
+    "spoil, cause",
+    [
+        (lambda run: spoiled(run, "sph.state", "pressure", np.nan), "sph.state wrote pressure"),
+        (lambda run: run.fields["position"].__setitem__(77, np.inf), "sph.kick_drift wrote position"),
+    ],
+)
+def test_what_is_not_finite_names_its_particle_and_pass_and_leaves_the_checkpoint(tmp_path, spoil, cause):
     simulation = Simulation(tank(), "numpy")
-    taken = []
 
     def progress(simulation):
-        taken.append(simulation.steps)
         if simulation.steps == 3:
-            spoiled(simulation, "sph.state", "pressure", np.nan)
-
-    with pytest.raises(RunStopped) as caught, np.errstate(invalid="ignore"):
-        simulate(simulation, 1.0, output=tmp_path, progress=progress, checkpoint_every=0.0, every=1.0)
-    assert caught.value.reason == "non_finite"
-    assert read_checkpoint(tmp_path / "checkpoint.h5").attributes["steps"] == 2
-    post = json.loads((tmp_path / "postmortem.json").read_text())
-    assert post["cause"] == "sph.state wrote pressure"
-    assert post["particle"]["identity"] == 77
-    assert post["bad_particles"] == 1
-    assert post["particle"]["pressure"] == "nan"
-    assert post["last_step_limits"]["acoustic"] > 0
-    assert post["step"] == 3
-    near = load(tmp_path / "postmortem.npz")
-    assert near["identity"][0] == 77
-    assert 4 < len(near["identity"]) < 128
-
-
-def test_a_position_that_is_not_finite_is_named(tmp_path):
-    simulation = Simulation(tank(), "numpy")
-
-    def progress(simulation):
-        if simulation.steps == 2:
-            simulation.fields["position"][5] = np.inf
+            spoil(simulation)
 
     with pytest.raises(RunStopped) as caught, np.errstate(all="ignore"):
         simulate(simulation, 1.0, output=tmp_path, progress=progress, checkpoint_every=0.0, every=1.0)
     assert caught.value.reason == "non_finite"
+    assert read_checkpoint(tmp_path / "checkpoint.h5").attributes["steps"] == 2
     post = json.loads((tmp_path / "postmortem.json").read_text())
-    assert post["cause"] == "sph.kick_drift wrote position"
-    assert post["particle"]["identity"] == simulation.fields["identity"][5]
-    assert len(load(tmp_path / "postmortem.npz")["identity"]) > 4
+    assert (post["cause"], post["step"], post["particle"]["identity"]) == (cause, 3, 77)
+    assert post["last_step_limits"]["acoustic"] > 0
+    near = load(tmp_path / "postmortem.npz")
+    assert 4 < len(near["identity"]) < 128
+    if "pressure" in cause:
+        assert (post["bad_particles"], post["particle"]["pressure"], near["identity"][0]) == (1, "nan", 77)
 
 
-def test_missed_neighbours_end_the_run(tmp_path, monkeypatch):
-    simulation = Simulation(tank())
-    monkeypatch.setattr(simulation.search, "allowed_displacement", 0.02)  # forty times too lax
+def no_memory():
+    raise MemoryError
+
+
+@pytest.mark.parametrize(
+    "backend, reason, spoil",
+    [
+        ("cpu", "missed_neighbours", lambda patch, run: patch(run.search, "allowed_displacement", 0.02)),  # 40 times
+        ("numpy", "step_too_small", lambda patch, run: patch(stepping, "stable_steps", lambda *_: {"force": 1e-12})),
+        ("numpy", "out_of_memory", lambda patch, run: patch(run, "step", no_memory)),
+    ],
+)
+def test_a_run_that_cannot_go_on_ends_with_its_reason(tmp_path, monkeypatch, backend, reason, spoil):
+    simulation = advance(Simulation(tank(), backend), 1)
+    spoil(monkeypatch.setattr, simulation)
     with pytest.raises(RunStopped) as caught:
         simulate(simulation, 1.0, output=tmp_path)
-    assert caught.value.reason == "missed_neighbours"
-    assert (tmp_path / "postmortem.json").exists()
-
-
-def test_a_shrinking_step_ends_the_run(tmp_path, monkeypatch):
-    simulation = Simulation(tank(), "numpy")
-    advance(simulation, 1)
-    monkeypatch.setattr(stepping, "stable_steps", lambda limits, extremes: {"force": 1e-12})
-    with pytest.raises(RunStopped) as caught:
-        simulate(simulation, 1.0, output=tmp_path)
-    assert caught.value.reason == "step_too_small"
-    assert json.loads((tmp_path / "postmortem.json").read_text())["cause"] == "greatest acceleration"
+    assert caught.value.reason == json.loads((tmp_path / "report.json").read_text())["reason"] == reason
+    post = tmp_path / "postmortem.json"
+    assert post.exists() == (reason != "out_of_memory")
+    assert reason != "step_too_small" or json.loads(post.read_text())["cause"] == "greatest acceleration"
 
 
 @pytest.mark.parametrize(
@@ -574,19 +564,6 @@ def test_no_particle_is_lost_silently(spoil, words):
     spoil(simulation.fields)
     with pytest.raises(RunStopped, match=words):
         check_particles(simulation)
-
-
-def test_memory_that_runs_out_has_a_name(tmp_path, monkeypatch):
-    simulation = Simulation(tank(), "numpy")
-
-    def step():
-        raise MemoryError
-
-    monkeypatch.setattr(simulation, "step", step)
-    with pytest.raises(RunStopped) as caught:
-        simulate(simulation, 1.0, output=tmp_path)
-    assert caught.value.reason == "out_of_memory"
-    assert json.loads((tmp_path / "report.json").read_text())["reason"] == "out_of_memory"
 
 
 def test_a_full_disk_keeps_the_last_checkpoint(tmp_path, monkeypatch):

@@ -10,9 +10,9 @@ from refsim import Box, BoxWalls, Gauge, Gravity, InputError, Scene, Simulation,
 from refsim.engine.driver import simulate
 from refsim.gauges import due
 from tests.running import advanced, run_to
+from tests.sph.test_liquid_at_rest import DENSITY, DEPTH, SOUND, G
+from tests.sph.test_liquid_at_rest import tank as water
 
-G, DENSITY, DEPTH = 9.81, 1000.0, 1.0
-SOUND = 10 * math.sqrt(G * DEPTH)
 GAUGES = (
     Gauge(name="floor", kind="force", on="-y", every=0.02),
     Gauge(name="left", kind="force", on="-x", every=0.02),
@@ -26,23 +26,13 @@ GAUGES = (
 )
 
 
-def tank(cells=8, gauges=GAUGES, dim=2, model="extrapolated", dtype="float64", **changes):
+def tank(cells=8, gauges=GAUGES, dim=2, model="extrapolated", dtype="float64", **walls):
     """Water 1 m deep in a box of its own width, open above the water."""
-    spacing, up = DEPTH / cells, dim - 1
-    pull, upper = [0.0, 0.0, 0.0], [DEPTH] * 3
-    pull[up], upper[up] = -G, 2 * DEPTH
-    calm = 1.0 if model == "extrapolated" else 10.0
-    viscosity = calm * DENSITY * 0.02 * 0.5 * 3 * spacing * SOUND / (2 * (dim + 2))
-    liquid = {"density": "continuity"} if model == "extrapolated" else {"density": "summation", "state": "tait"}
-    return Scene(
-        dim=dim, dtype=dtype, spacing=spacing, support_radius=3 * spacing, gauge=gauges,
-        fluid=(Box(cells=(cells, cells, cells if dim == 3 else 1)),),
-        effects=(
-            WeaklyCompressible(sound_speed=SOUND, dynamic_viscosity=viscosity, viscosity="central", **liquid),
-            Gravity(acceleration=tuple(pull)),
-            BoxWalls(lower=(0.0, 0.0, 0.0), upper=tuple(upper), model=model, **changes),
-        ),
-    )  # fmt: skip
+    liquid = {} if model == "extrapolated" else {"density": "summation", "state": "tait"}
+    made = water(cells, 3.0, dim, dtype, **liquid)
+    calm = made.effects[0].dynamic_viscosity * (1.0 if model == "extrapolated" else 10.0)
+    walls = {f"box_walls__{name}": value for name, value in ({"model": model} | walls).items()}
+    return made.with_(gauge=gauges, weakly_compressible__dynamic_viscosity=calm, **walls)
 
 
 def late(series, column=0, since=1.5):
