@@ -6,6 +6,7 @@ No bytecode is written: it goes by a source's size and second, and a test edits 
 import atexit
 import multiprocessing
 import os
+import pathlib
 import sys
 
 from numba.core.registry import cpu_target
@@ -45,3 +46,11 @@ class Launch:
         """(exit code, standard output, standard error)."""
         self.process.join()
         return self.process.exitcode, self.out.read_text(), self.err.read_text()
+
+
+def launch(folder, program, **variables):
+    """Start a program in a folder, whose packages it can import, with a compile cache in it."""
+    root = pathlib.Path(__file__).parents[2]
+    places = [str(folder), str(root), os.environ.get("PYTHONPATH", "")]
+    own = {"REFSIM_CACHE_DIR": str(folder / "cache"), "PYTHONPATH": os.pathsep.join(places)}
+    return Launch(program, os.environ | own | {"PYTHONDONTWRITEBYTECODE": "1"} | variables, folder)

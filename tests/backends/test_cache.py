@@ -12,7 +12,7 @@ from refsim.backends import cache
 from refsim.backends.cache import sources_behind
 from refsim.backends.cache_files import refuse_foreign
 from refsim.core.errors import InputError
-from tests.backends.launched import Launch
+from tests.backends.launched import launch
 
 FILES = {
     "__init__.py": "",
@@ -94,11 +94,7 @@ def started(package, kind="float32", late="0 0"):
 
 
 def launched(package, program, **variables):
-    environment = dict(os.environ, REFSIM_CACHE_DIR=str(package.parent / "cache"), PYTHONDONTWRITEBYTECODE="1")
-    environment |= variables
-    here = [str(package.parent), str(pathlib.Path(__file__).parents[2]), environment.get("PYTHONPATH", "")]
-    environment["PYTHONPATH"] = os.pathsep.join(here)
-    return Launch(program, environment, package.parent)
+    return launch(package.parent, program, **variables)
 
 
 def ended(process):

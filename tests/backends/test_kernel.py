@@ -1,9 +1,6 @@
 """A body is written once: the loops around it, their files in the cache folder, and the line that an error names."""
 
-import os
 import pathlib
-import subprocess
-import sys
 import textwrap
 
 import numba
@@ -12,6 +9,7 @@ import pytest
 
 from refsim.backends.compile import kernel
 from refsim.sph import kernels
+from tests.backends.launched import launch
 
 BODY = """
 from refsim.backends.compile import kernel
@@ -43,16 +41,13 @@ def run(tmp_path):
     (tmp_path / "tiny").mkdir()
     (tmp_path / "tiny" / "__init__.py").touch()
     (tmp_path / "tiny" / "body.py").write_text(BODY)
-    cache = tmp_path / "cache"
-    places = os.pathsep.join([str(tmp_path), str(pathlib.Path(kernels.__file__).parents[2])])
-    environment = dict(os.environ, PYTHONPATH=places, REFSIM_CACHE_DIR=str(cache))
 
     def again():
-        done = subprocess.run([sys.executable, "-c", PROGRAM], env=environment, capture_output=True, text=True)
-        assert done.returncode == 0, done.stderr
-        return done.stdout.split()
+        code, out, err = launch(tmp_path, PROGRAM).ended()
+        assert code == 0, err
+        return out.split()
 
-    return cache, again
+    return tmp_path / "cache", again
 
 
 def test_loops_are_files_of_the_cache_folder_and_found_again(run):
