@@ -54,14 +54,6 @@ def test_an_answer_and_its_scene(folder, capsys):
     assert found.choice.advised.most <= 0.007
     assert (folder / "droplet.toml").read_text() == found.toml
     assert load_scene("droplet.toml").dtype == "float32"
-    assert advise("droplet", "--error", "0.007", "--measured") == 0  # the same file
-    (folder / "droplet.toml").write_text("mine")
-    capsys.readouterr()
-    assert advise("droplet", "--error", "0.007", "--measured") == 2
-    assert "droplet.toml is there already" in capsys.readouterr().err
-    assert (folder / "droplet.toml").read_text() == "mine"
-    assert advise("droplet", "--error", "0.007", "--measured", "--overwrite") == 0
-    assert (folder / "droplet.toml").read_text() == found.toml
 
 
 def test_the_answer_is_for_the_error_itself():

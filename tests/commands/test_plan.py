@@ -6,22 +6,9 @@ import re
 import msgspec
 import pytest
 
-from refsim import (
-    Akinci2013,
-    Box,
-    BoxWalls,
-    CsfWang2019,
-    Dong2016,
-    Gauge,
-    Gravity,
-    He2014,
-    JiangZhu2023,
-    Motion,
-    Scene,
-    WeaklyCompressible,
-)
+from refsim import Box, BoxWalls, CsfWang2019, Gauge, Gravity, JiangZhu2023, Motion, Scene, WeaklyCompressible
 from refsim.commands.plan import _text, describe_plan
-from refsim.core.capabilities import KnowsLimits, Margin
+from refsim.core.capabilities import Margin
 from refsim.scene.plan import make_plan
 from refsim.surface_tension.jiang_zhu_2023 import LARGEST_AREA
 
@@ -77,27 +64,6 @@ def test_a_note_is_given_beyond_a_limit_and_only_there(setting):
         margin = margins[setting]["factor"]
         assert (margin < 1) == any(words in note for note in notes), (factor, notes)
         assert margin == pytest.approx(2.0 if factor == within else 0.5)
-
-
-@pytest.mark.parametrize(
-    "tension",
-    [
-        Akinci2013(surface_tension=0.07),
-        Dong2016(surface_tension=0.07, correction=1e-6),
-        He2014(surface_tension=0.07),
-        JiangZhu2023(surface_tension=0.07, pair_mode="soft"),
-        JiangZhu2023(surface_tension=0.07, balance_pressure=False),
-    ],
-)
-def test_every_model_of_tension_says_its_limits(tension):
-    plan = make_plan(scene(LIQUID, tension))
-    effect = plan.effects[tension.name]
-    assert isinstance(effect, KnowsLimits)
-    margins = list(effect.margins(plan.grid, plan.effects))
-    assert margins
-    for margin in margins:
-        assert margin.limit > 0
-        assert margin.value >= 0
 
 
 def test_a_fixed_step_and_the_table():

@@ -170,14 +170,6 @@ def test_series_are_files(tmp_path, capsys):
     assert "is damaged" in capsys.readouterr().err
 
 
-def test_a_scene_file_keeps_its_gauges():
-    from refsim.scene.files import parse_scene, scene_to_toml
-
-    scene = tank(5)
-    assert parse_scene(scene_to_toml(scene), "scene") == scene
-    assert scene.with_(gauge__0__every=0.5).gauge[0].every == 0.5
-
-
 def test_a_block_that_flies_through_a_patch():
     """Flux is velocity times the width of the block; a drop has no level where it is not."""
     gauges = (
@@ -195,14 +187,6 @@ def test_a_block_that_flies_through_a_patch():
     assert simulation.gauge("flux").values[-1] == pytest.approx([3.0 * 0.8], rel=0.02)
     assert simulation.gauge("level").values[-1] == pytest.approx([0.8], rel=0.01)
     assert simulation.gauge("dry").values[-1] == pytest.approx([-0.5])
-
-
-def test_a_tank_in_space_weighs_on_its_floor():
-    gauges = (Gauge(name="floor", kind="force", on="-z", every=0.1), Gauge(name="level", kind="level", every=0.1,
-              lower=(0.5, 0.5, 0.0), upper=(0.5, 0.5, 2.0)))  # fmt: skip
-    simulation = run_to(Simulation(tank(6, gauges, dim=3), "cpu", threads=2), 2.5)
-    assert late(simulation.gauge("floor"), 2) == pytest.approx(-simulation.field("mass").sum() * G, rel=0.005)
-    assert late(simulation.gauge("level")) == pytest.approx(1.0, rel=0.01)
 
 
 def test_a_force_on_a_solid_moves_it():

@@ -77,9 +77,5 @@ def test_example_writes_the_lessons(tmp_path, capsys):
     written = {path.name for path in (tmp_path / "mine").iterdir()}
     assert written == {name + ending for name in LESSONS for ending in (".md", ".ipynb", ".py")}
     assert "{judge}" not in (tmp_path / "mine" / f"{FIRST}.md").read_text()
-    (tmp_path / "mine" / f"{FIRST}.md").write_text("mine")
-    assert main(given) == 2
-    assert "give another folder (--lessons) or --overwrite" in capsys.readouterr().err
-    assert main([*given, "--overwrite"]) == 0
     assert main(["example", "droplet", "--lessons", str(tmp_path)]) == 2
     assert "leave out the names" in capsys.readouterr().err

@@ -134,13 +134,6 @@ def test_motions_without_what_they_move_are_refused():
         planned(tank(motion=(across,), walls={"moving_faces": ("-y",), "viscosity": 1.0}))
 
 
-def test_a_scene_file_keeps_its_motions():
-    from refsim.scene.files import parse_scene, scene_to_toml
-
-    scene = tank(motion=(SWAY, Motion(of="gravity", kind="formula", direction=(0.0, 1.0, 0.0), formula="0.01*t**3")))
-    assert parse_scene(scene_to_toml(scene), "scene") == scene
-
-
 @pytest.mark.parametrize("backend", ["numpy", "cpu"])
 def test_lone_particles_feel_gravity_of_the_moment(backend):
     scene = msgspec.structs.replace(

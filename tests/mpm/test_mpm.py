@@ -20,7 +20,7 @@ from refsim import (
     make_plan,
     simulate,
 )
-from refsim.mpm import Counting, reference
+from refsim.mpm import Counting
 from refsim.surface_energy.effect import CROWDED, OVERFULL, UNEVEN
 from tests.running import advanced, run_to
 from validation.experiments.mpm_droplet.scene import drop_scene, ellipsoid
@@ -69,32 +69,6 @@ def test_transfers_keep_an_affine_field(dim, reading):
     assert abs(t.values["velocity"] - velocity).max() < 1e-11
     assert abs(t.values["affine"].reshape(-1, 3, 3) - g).max() < 1e-10
     assert np.allclose(t.values["volume_ratio"], 1 + t.step * np.trace(g), atol=1e-13)
-
-
-def test_angular_momentum_within_a_step():
-    """sum m x v + sum m (A D)^T : epsilon is the same on particles and nodes."""
-    position, samples = ball()
-    velocity, affine, _ = turning(position, 3)
-    random = np.random.default_rng(9)
-    velocity = velocity + random.normal(size=velocity.shape)
-    affine = affine + random.normal(size=affine.shape)
-    t = Transfers(position, velocity, affine, samples, 1)
-    _, momentum = t.to_grid()
-    on_nodes = np.cross(t.nodes, momentum).sum(0)
-
-    def of_particles():
-        six = t.values["inverse_spread"]
-        spread = CELL**2 / 4 * np.linalg.inv(six[:, reference.SYMMETRIC])
-        moment = t.values["affine"].reshape(-1, 3, 3) @ spread
-        spin = np.stack([moment[:, c - 1, c - 2] - moment[:, c - 2, c - 1] for c in range(3)], axis=-1)
-        own = np.cross(t.values["position"] - moved, t.values["velocity"])
-        return t.mass @ (own - np.stack([spin[:, c] for c in range(3)], axis=-1) * -1)
-
-    moved = 0.0
-    assert np.allclose(of_particles(), on_nodes, atol=1e-10 * t.mass.sum())
-    t.back()
-    moved = t.step * t.values["velocity"]
-    assert np.allclose(of_particles(), on_nodes, atol=1e-10 * t.mass.sum())
 
 
 def test_a_rigid_rotation_keeps_the_volume():

@@ -7,7 +7,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from refsim import Ball, Box, BoxWalls, Cloud, Gravity, Scene, WeaklyCompressible, make_plan
+from refsim import Ball, Box, BoxWalls, Cloud, Gauge, Gravity, Motion, Scene, WeaklyCompressible, make_plan
 from refsim.__main__ import main
 from refsim.core.effect import EFFECTS
 from refsim.scene.files import SHAPES, describe, load_scene, parse_scene, scene_schema, scene_to_toml, unit_of
@@ -34,12 +34,8 @@ def test_a_scene_file_is_the_scene_in_python():
 
 def test_toml_gives_the_same_scene_back_bit_for_bit():
     scene = Scene(
-        name='a "name" \\ with\nlines, é and \U0001f4a7 and \x7f',
-        spacing=0.1 + 1e-17,
-        support_radius=1 / 3,
-        dim=2,
-        dtype="float64",
-        step=1e-300,
+        name='a "name" \\ with\nlines, é and \U0001f4a7 and \x7f', spacing=0.1 + 1e-17, support_radius=1 / 3, dim=2,
+        dtype="float64", step=1e-300,
         fluid=(
             Ball(radius=np.nextafter(1.0, 2.0), center=(1.0, -2.5, 0.0)),
             Box(cells=(1, 2, 1), velocity=(1e-9, 0.0, 0.0)),
@@ -48,23 +44,16 @@ def test_toml_gives_the_same_scene_back_bit_for_bit():
             Gravity(acceleration=(0.1, 0.2, 0.0)),
             WeaklyCompressible(sound_speed=3.0, clamp_pressure=False, density="summation"),
         ),
-    )
+        gauge=(Gauge(name="floor", kind="force", on="-y", every=0.02),),
+        motion=(Motion(of="gravity", kind="formula", direction=(0.0, 1.0, 0.0), formula="0.01*t**3"),),
+    )  # fmt: skip
     text = scene_to_toml(scene)
     again = parse_scene(text, "scene")
     assert again == scene
     assert [e.name for e in again.effects] == ["gravity", "weakly_compressible"]
     assert scene_to_toml(again) == text
-
-
-def test_a_cloud_goes_through_toml():
     cloud = Cloud(position=np.array([[0.1, 0.2, 0.3], [1 / 3, 0.0, 1e-20]]), mass=np.array([1.0, 2.0]))
-    scene = Scene(
-        spacing=0.1,
-        support_radius=0.2,
-        fluid=(cloud,),
-        effects=(WeaklyCompressible(sound_speed=1.0, density="summation"),),
-    )
-    again = parse_scene(scene_to_toml(scene), "scene").fluid[0]
+    again = parse_scene(scene_to_toml(scene.with_(fluid=(cloud,))), "scene").fluid[0]
     assert np.array_equal(again.position, cloud.position)
     assert again.mass == [1.0, 2.0]
 

@@ -249,25 +249,6 @@ def test_damping_takes_the_ringing_away():
     assert speeds[0.0] > 10 * speeds[0.1]
 
 
-def test_summation_methods_give_the_same_motion():
-    """Gather and fast summation, on a body with a hole and a fin, where some regions are not whole boxes.
-
-    A CPU sums "reduction" as "gather".
-    """
-    cells = [[a, b, e] for a in range(6) for b in range(6) for e in range(5) if not (a == 2 and b in (1, 2, 3))]
-    cells += [[a, 9, 0] for a in range(6)] + [[0, b, 0] for b in (6, 7, 8)]
-    ends = []
-    for summation in ("gather", "reduction", "fast"):
-        body = SolidCells(cells=cells, spin=(0.5, 1.0, 2.0), velocity=(1.0, 0.0, 0.0))
-        simulation = free((body,), 0, dtype="float32", summation=summation)
-        kick = np.random.default_rng(5).normal(size=(len(cells), 3)).astype(np.float32)
-        simulation.backend.assign(simulation.fields["velocity"], simulation.field("velocity") + kick)
-        advanced(simulation, 40)
-        ends.append(simulation.field("position").astype(float))
-    assert (ends[1] == ends[0]).all()
-    assert np.abs(ends[2] - ends[0]).max() < 2e-5
-
-
 def test_fast_sums_are_exact_far_from_the_first_particle():
     """float32, two particles that spin 4 m from their body's first one: sums taken from there need float64.
 

@@ -110,23 +110,6 @@ def test_same_particles_give_the_same_bits_in_any_order_on_any_threads(dim, dtyp
     assert np.array_equal(order[surfaces[1].samples.nearest], surfaces[0].samples.nearest)
 
 
-def test_shift_by_whole_cells_shifts_the_surface():
-    place = np.round(ball(4) * 64) / 64
-    shift = np.array([5.0, -3.0, 8.0])
-    _, here = reconstructed(place)
-    _, there = reconstructed(place + shift)
-
-    def ordered(surface):
-        at = np.round(surface.samples.position / H, 6)
-        order = np.lexsort(at.T)
-        return at[order], surface.samples.area[order], surface.samples.normal[order]
-
-    first, second = ordered(here), ordered(there)
-    assert np.abs(second[0] - shift - first[0]).max() < 1e-5
-    assert np.abs(second[1] - first[1]).max() < 1e-12
-    assert np.abs(second[2] - first[2]).max() < 1e-9
-
-
 # The fit
 
 

@@ -2,7 +2,6 @@
 
 import csv
 import json
-import re
 import shutil
 import subprocess
 import sys
@@ -93,40 +92,26 @@ def test_what_was_computed_is_not_computed_again(folder, capsys):
     assert 0 < found["efficiency"] <= 1
 
 
-EDITED = [
-    ("7.0", False),
-    ("null", False),
-    ("null", True),
-    ('"abc"', True),
-    ("1e999", True),
-    ('"nan"', True),
-    ("[1]", True),
-]
+FORGED = ["null", '"abc"', "1e999", '"nan"', "[1]"]
 
 
-def test_a_result_that_was_edited_is_set_aside_and_computed_anew(folder, capsys):
-    """Also one whose digest was made to fit, if it holds no number; four files at a time."""
+def test_a_result_that_holds_no_number_is_set_aside_and_computed_anew(folder, capsys):
+    """Also one whose digest was made to fit; four files at a time."""
     before = sweep("grid.toml", folder="out", jobs=2)
-    for part in (EDITED[:4], EDITED[4:]):
+    for part in (FORGED[:4], FORGED[4:]):
         files = sorted((folder / "out").glob("*.json"))[: len(part)]
-        for file, (changed, forged) in zip(files, part, strict=True):
+        for file, changed in zip(files, part, strict=True):
             values = json.loads(file.read_text())
-            (value,) = re.findall(r'"value": ([^,]*),', file.read_text())
-            if forged:
-                del values["sha256"]
-                values["reading"]["value"] = json.loads(changed)
-                write_stored(file, values)
-            else:
-                file.write_text(file.read_text().replace(f'"value": {value}', f'"value": {changed}'))
+            del values["sha256"]
+            values["reading"]["value"] = json.loads(changed)
+            write_stored(file, values)
         assert main(["sweep", "grid.toml", "--output", "out", "--jobs", "1", "--quiet", "--json"]) == 0
         found = json.loads(capsys.readouterr().out)
         assert found["computed"] == len(found["notes"]) == len(part)
         assert [row["value"] for row in found["runs"]] == [reading.value for reading in before.readings]
         for file in files:
             assert any(f"{file.name} is damaged (it " in note for note in found["notes"])
-            assert (folder / "out" / f"{file.name}.damaged").is_file()
-        for file in (folder / "out").glob("*.damaged"):
-            file.unlink()
+            (folder / "out" / f"{file.name}.damaged").unlink()
 
 
 def test_two_sweeps_at_once_both_have_all_values(folder):
