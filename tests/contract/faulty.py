@@ -1,10 +1,7 @@
-"""Densities by summation with one planted fault each, in NumPy and, by ctypes, in C++ and Rust (faults.cpp, .rs)."""
+"""Densities by summation with one planted fault each, in NumPy."""
 
-import ctypes
 import math
-import pathlib
 import random
-import subprocess
 import threading
 import time
 
@@ -12,7 +9,6 @@ import numpy as np
 
 from refsim.contract import Programs
 
-FAULTS = ("none", "self", "norm", "cap", "race", "unset", "half", "mirror", "image", "prefix", "edge")
 NORMS = {
     "cubic_spline": {2: 40 / (7 * math.pi), 3: 8 / math.pi},
     "wendland_c2": {2: 7 / math.pi, 3: 21 / (2 * math.pi)},
@@ -24,9 +20,6 @@ def programs(function, kernel):
     return Programs(
         {"sph.density": function}, kernels=(kernel,), without=("number_density", "asymmetry"), name="faulty"
     )
-
-
-# NumPy
 
 
 def kernel_of(kernel, h, dim, dtype, cut=True):
@@ -112,50 +105,3 @@ def _prefix(kernel):
         density[:] = mass * w(np.zeros(1)) + (running[end] - running[end - neighbours.count])
 
     return density
-
-
-# C++ and Rust
-
-COMPILERS = {
-    "cpp": ("g++", "-O2 -shared -fPIC -pthread -DREAL={real}"),
-    "rs": ("rustc", "-O --edition 2021 --crate-type cdylib -D warnings --cfg {real}"),
-}
-
-
-def compiled(folder, language):
-    """The two libraries of faults.cpp or faults.rs in a folder."""
-    compiler, options = COMPILERS[language]
-    source = pathlib.Path(__file__).with_name(f"faults.{language}")
-    for dtype, real in (("float32", "float"), ("float64", "double")):
-        command = [compiler, *options.format(real=real).split(), source, "-o", folder / f"{dtype}.so"]
-        subprocess.run(command, check=True)
-    return {dtype: ctypes.CDLL(str(folder / f"{dtype}.so")) for dtype in ("float32", "float64")}
-
-
-def in_library(libraries, fault, kernel):
-    number, cubic = FAULTS.index(fault), int(kernel == "cubic_spline")
-
-    def pointer(values):
-        return None if values is None else values.ctypes.data_as(ctypes.c_void_p)
-
-    def begin(smoothing, mass):
-        real = {"float32": ctypes.c_float, "float64": ctypes.c_double}[str(mass.dtype)]
-        h = real(float(smoothing.support_radius))
-        return real, (number, cubic, int(smoothing.dim), h, ctypes.c_int64(len(mass)))
-
-    def density(position, mass, walls, smoothing, fluid, period, density):
-        real, first = begin(smoothing, mass)
-        lengths = None if period is None else np.array(period[:3], mass.dtype)
-        wall = (None, None) if walls is None else (walls.position, walls.volume)
-        count = ctypes.c_int64(0 if walls is None else len(walls.position))
-        libraries[str(mass.dtype)].density(
-            *first, pointer(position), pointer(mass), count, *map(pointer, wall), real(float(fluid.rest_density)),
-            pointer(lengths), pointer(density),
-        )  # fmt: skip
-
-    def prefix(position, mass, neighbours, smoothing, density):
-        _, first = begin(smoothing, mass)
-        lists = map(pointer, (neighbours.start, neighbours.count, neighbours.entries))
-        libraries[str(mass.dtype)].prefix(*first, pointer(position), pointer(mass), *lists, pointer(density))
-
-    return programs(prefix if fault == "prefix" else density, kernel)

@@ -1,7 +1,6 @@
 """The whole files of docs/contract: a C library, Warp and MPI under the contract, and test vectors read in C++."""
 
 import importlib.util
-import itertools
 import json
 import os
 import pathlib
@@ -314,50 +313,6 @@ def test_vectors_are_read_in_cpp_and_by_ctest(vectors, folder):
         (folder / f"{name}.cpp").write_text(text.replace(right, wrong))
     failed, _ = tested()
     assert len(failed) == 4
-
-
-# MPM by an array of nodes
-
-
-def to_grid(position, velocity, mass, affine, volume_ratio, liquid, background, timestep, nodes):
-    """MLS-MPM with quadratic B-splines; nodes are found by their coordinates in a dictionary."""
-    h, axes = float(background.cell_size), range(3 if background.layers == 3 else 2)
-    number = {tuple(node): j for j, node in enumerate(nodes.tolist())}
-    node_mass, node_momentum = np.zeros(len(nodes)), np.zeros((len(nodes), 3))
-    volume = mass / float(liquid.rest_density) if not liquid.unit_volume else np.ones(len(mass))
-    stress = float(liquid.stress) * (volume_ratio.astype(float) - 1)
-    push = 4 / h**2 * float(timestep[1]) * volume * stress * (1 if liquid.linear_stress else volume_ratio)
-    for p, place in enumerate(position.astype(float) / h):
-        base = np.array([np.floor(place[c] - 0.5) if c in axes else 0 for c in range(3)], int)
-        for step in itertools.product(*(range(3) if c in axes else (0,) for c in range(3))):
-            u = np.abs(place - base - step)
-            spline = np.where(u < 0.5, 0.75 - u**2, 0.5 * (1.5 - u) ** 2)
-            weight, arm = spline[list(axes)].prod(), h * (base + step - place) * [c in axes for c in range(3)]
-            j = number[tuple((base + step).tolist())]
-            node_mass[j] += weight * mass[p]
-            field = velocity[p] + affine[p].reshape(3, 3) @ arm
-            node_momentum[j] += weight * (mass[p] * field - push[p] * arm)
-    return {"node_mass": node_mass.astype(mass.dtype), "node_momentum": node_momentum.astype(mass.dtype)}
-
-
-def test_a_program_of_mpm_needs_no_object_of_refsim():
-    mine = contract.Programs({"mpm.particle_to_grid": to_grid}, dtypes=("float32",))
-    steps = ("T1", "T2", "T5", "T9")
-    outcomes = list(contract.trials(mine, "mpm.particle_to_grid", variants=(0,), steps=steps))
-    assert len(outcomes) > 30
-    assert [str(o) for o in outcomes if not o.passed] == []
-
-
-def test_a_slip_in_mpm_is_noticed():
-    def slipped(position, velocity, mass, affine, volume_ratio, liquid, background, timestep, nodes):
-        given = position, velocity, mass, -affine, volume_ratio, liquid, background, timestep, nodes
-        return to_grid(*given)
-
-    mine = contract.Programs({"mpm.particle_to_grid": slipped}, dtypes=("float32",))
-    outcomes = {o.trial: o for o in contract.trials(mine, "mpm.particle_to_grid", variants=(0,), steps=("T2",))}
-    assert outcomes["no_particles"].passed
-    assert "node_momentum" in str(outcomes["cloud_3d"])
-    assert not outcomes["cloud_3d"].passed
 
 
 def test_vectors_are_not_mixed_with_other_files(tmp_path, capsys):

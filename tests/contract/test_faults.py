@@ -1,10 +1,4 @@
-"""Ten faults of a fresh engineer are noticed, each with its cause, for two kernels, in NumPy, C++ and Rust.
-
-By default each language with one kernel, at night with both.
-"""
-
-import functools
-import shutil
+"""Ten faults of a fresh engineer are noticed, each with its cause; with a second kernel at night."""
 
 import pytest
 
@@ -25,35 +19,20 @@ CAUSES = {
 }
 STEPS = {"prefix": ("T2", "T3"), "mirror": ("T2",), "image": ("T2",)}
 VARIANTS = {"self": (0, 6), "mirror": (6,), "image": (7,), "none": (0, 6, 7)}
-USUAL = [("numpy", "wendland_c2"), ("cpp", "cubic_spline"), ("rs", "wendland_c2")]
-OTHER = [("numpy", "cubic_spline"), ("cpp", "wendland_c2"), ("rs", "cubic_spline")]
-WRITTEN = [*USUAL, *(pytest.param(other, marks=pytest.mark.slow) for other in OTHER)]
+kernels = pytest.mark.parametrize("kernel", ["wendland_c2", pytest.param("cubic_spline", marks=pytest.mark.slow)])
 
 
-@pytest.fixture(scope="module", ids="-".join, params=WRITTEN)
-def written(request, tmp_path_factory):
-    """The kernel, and a function of a fault that gives a library in one language."""
-    language, kernel = request.param
-    if language == "numpy":
-        return kernel, functools.partial(faulty.in_numpy, kernel=kernel)
-    compiler = faulty.COMPILERS[language][0]
-    if shutil.which(compiler) is None:
-        pytest.skip(f"the compiler {compiler} is not on the path")
-    libraries = faulty.compiled(tmp_path_factory.mktemp(language), language)
-    return kernel, functools.partial(faulty.in_library, libraries, kernel=kernel)
-
-
-def judged(programs, fault, dtype):
+def judged(fault, kernel, dtype):
     steps, variants = STEPS.get(fault, ("T2",)), VARIANTS.get(fault, (0,))
-    return list(contract.trials(programs, "sph.density", (dtype,), variants, steps))
+    return list(contract.trials(faulty.in_numpy(fault, kernel), "sph.density", (dtype,), variants, steps))
 
 
+@kernels
 @pytest.mark.parametrize("fault", [pytest.param(f, marks=pytest.mark.slow) if f == "race" else f for f in CAUSES])
-def test_a_fault_is_noticed_with_its_cause(fault, written):
+def test_a_fault_is_noticed_with_its_cause(fault, kernel):
     """Most failed trials name the cause, and the first does, which a report tells first."""
     dtype = "float32" if fault == "prefix" else "float64"
-    kernel, programs = written
-    failed = [o for o in judged(programs(fault), fault, dtype) if not o.passed and not o.not_judged]
+    failed = [o for o in judged(fault, kernel, dtype) if not o.passed and not o.not_judged]
     named = [o for o in failed if CAUSES[fault] in o.words]
     assert failed[0] in named, [str(o) for o in failed]
     assert len(named) > len(failed) / 2, [str(o) for o in failed]
@@ -65,14 +44,9 @@ def test_a_race_is_said_by_repeated_calls():
     assert all(CAUSES["race"] in o.words for o in outcomes)
 
 
-@pytest.mark.slow  # few particles do not suffice: threads that share a busy processor seldom meet
-def test_a_race_of_compiled_threads_is_said_by_repeated_calls(written):
-    outcomes = contract.trials(written[1]("race"), "sph.density", ("float32",), (0,), ("T6",))
-    assert all(CAUSES["race"] in o.words for o in outcomes)
-
-
+@kernels
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
-def test_the_right_programs_pass(dtype, written):
-    outcomes = judged(written[1]("none"), "none", dtype)
+def test_the_right_programs_pass(dtype, kernel):
+    outcomes = judged("none", kernel, dtype)
     assert not [str(o) for o in outcomes if not o.passed and not o.not_judged]
     assert {o.dim for o in outcomes if o.telling} == {2, 3}
