@@ -268,12 +268,6 @@ def test_a_field_read_alone_is_that_of_all_passes(effects):
         assert simulation.field(name).tobytes() == expected[name].tobytes(), name
 
 
-def test_a_run_that_is_not_its_plan_is_told(monkeypatch):
-    plain = make_plan(scene(LIQUID))
-    monkeypatch.setattr(type(plain), "launches", lambda plan, on_demand=False: ())
-    assert [line.split(": ")[1] for line in differences((LIQUID,))] == ["launches of a step", "all launches"]
-
-
 @pytest.mark.parametrize("name", pairs.EFFECTS)
 def test_an_effect_brings_its_own_and_nothing_else(name):
     whole = pairs.scene(name, name)
@@ -312,25 +306,6 @@ def test_every_effect_is_looked_at_here():
     assert {type(effect) for effects in SETS for effect in effects} == set(EFFECTS.values())
 
 
-def test_solids_and_melting_bring_their_own_and_nothing_else():
-    """Without solids no table of nodes, without melting no refilling of regions and no flags for it."""
-    liquid, held = make_plan(scene(CLAMPED)), make_plan(scene(CLAMPED, SHAPE, COUPLING))
-    warm, melting = (make_plan(scene(CLAMPED, SHAPE, COUPLING, WARM, *more)) for more in ((), (MELTING,)))
-    assert set(liquid.bytes_of_fields()) == set(liquid.field_bytes())
-    assert "phase" not in liquid.fields
-    assert set(melting.fields) - set(warm.fields) == {"melted", "melted_count", "rebuild", "melting_point"}
-    new = {"melting.melt", "melting.detach", "shape_matching.regions", "shape_matching.classify"}
-    assert set(melting.launches()) - set(warm.launches()) == new
-    assert not warm.begin
-    replaced = {"sph.density", "sph.state", "sph.pressure"}
-    assert replaced & set(liquid.launches()) == replaced
-    assert not replaced & set(held.launches())
-    rigid = make_plan(scene(STIFF))
-    assert not {"region_velocity", "region_spin"} & set(rigid.fields)
-    assert rigid.bytes_of_fields()["region"] == 4 * 27 * 18
-    assert held.bytes_of_fields()["region"] == 4 * 125 * 18
-
-
 def state(simulation):
     return {name: simulation.field(name).tobytes() for name in ("position", "velocity", "mass")}
 
@@ -354,14 +329,6 @@ def advanced(*effects, steps=15):
 )
 def test_effects_that_exert_nothing_leave_every_bit(with_it, without):
     assert state(advanced(*with_it)) == state(advanced(*without))
-
-
-def test_effects_that_act_are_seen():
-    """So that the comparison of bits above can fail."""
-    plain = state(advanced(LIQUID))
-    assert plain != state(advanced(LIQUID, steps=14))
-    for effect in (GRAVITY, TENSION, BoxWalls(lower=(0, 0, 0), upper=(0.4, 0.4, 0.4))):
-        assert state(advanced(LIQUID, effect)) != plain
 
 
 PROGRAM = """
@@ -405,34 +372,10 @@ def test_where_an_effect_does_not_exist_the_bits_are_the_same(tmp_path):
     assert bits == whole_bits
 
 
-def test_forces_add_up():
-    """The acceleration of all effects together is the sum of what each adds to the liquid's own."""
-    small = Gravity(acceleration=(0.3, 0.0, -1.0))
-
-    def pull(*effects):
-        simulation = Simulation(scene(LIQUID, *effects, dtype="float64"), "numpy")
-        simulation.evaluate()
-        return simulation.field("acceleration")
-
-    own = pull()
-    parts = [pull(effect) - own for effect in (small, TENSION)]
-    together = pull(small, TENSION) - own
-    assert min(np.abs(part).max() for part in parts) > 1e-4
-    assert np.abs(together - sum(parts)).max() < 1e-12 * np.abs(own).max()
-
-
 def test_what_an_effect_needs_must_be_there():
     for effect in (WALLS, DETECTION, TENSION):
         with pytest.raises(InputError, match=f"'{effect.name}' needs effect 'weakly_compressible'"):
             make_plan(scene(effect))
-
-
-def test_without_neighbours_there_is_no_search():
-    simulation = Simulation(scene(GRAVITY))
-    simulation.step()
-    assert simulation.plan.list_radius == 0
-    assert simulation.search is None
-    assert set(simulation.fields) == {f.name for f in (*BASE, POSITION_RESIDUAL)}
 
 
 @pytest.mark.parametrize("dim", [2, 3])

@@ -124,13 +124,6 @@ def test_references_into_the_code_exist(page):
     assert not list(broken_references(text))
 
 
-def test_a_broken_link_and_a_wrong_reference_are_found():
-    text = "[a](nowhere.md) [c](sph.md#step) ![d](../figures/figure_99.png) [e](https://x.y)"
-    assert list(broken_links(ROOT / "docs" / "index.md", text)) == ["nowhere.md", "../figures/figure_99.png"]
-    text = "`sph/formulas.py:state_pressure` `sph/formulas.py:no` `refsim.simulate` `refsim.sph.nothing` `refsim/no.py`"
-    assert list(broken_references(text)) == ["sph/formulas.py:no", "refsim/no.py", "refsim.sph.nothing"]
-
-
 # Nothing that can be switched on goes unexplained
 
 
@@ -253,15 +246,6 @@ def test_commands_on_the_pages_are_understood(page):
     assert [" ".join(words) for words in commands(page.read_text()) if not understood(words)] == []
 
 
-def test_a_command_that_is_not_there_is_found():
-    text = (
-        "`refsim rnu x` `refsim run x --untill 3` `python -m validation run dropplet` `python -m validation droplet`"
-        " `python -m validation run droplet --qick` `python -m validation.claims`"
-    )
-    wrong = [words for words in commands(text) if not understood(words)]
-    assert len(wrong) == len(list(commands(text))) == 6
-
-
 def missing_files(text):
     """Files below a folder of the repository that a command line names and that are not there."""
     folders = {path.name for path in ROOT.iterdir() if path.is_dir()}
@@ -272,12 +256,6 @@ def missing_files(text):
 @pages
 def test_files_of_the_repository_in_commands_are_there(page):
     assert missing_files(page.read_text()) == []
-
-
-def test_a_missing_file_is_found():
-    assert missing_files("`refsim run docs/nothing.toml` `refsim run refsim/examples/droplet.toml`") == [
-        "docs/nothing.toml"
-    ]
 
 
 def test_the_version_is_one():

@@ -113,17 +113,6 @@ def test_a_circle_is_noticed(tmp_path, line):
         graphlib.TopologicalSorter(imports(root)).prepare()
 
 
-def test_an_upward_import_is_noticed(tmp_path):
-    tmp_path /= "refsim"
-    tmp_path.mkdir()
-    for folder in ("core", "scene"):
-        (tmp_path / folder).mkdir()
-        (tmp_path / folder / "__init__.py").write_text("")
-    (tmp_path / "scene" / "files.py").write_text("")
-    (tmp_path / "core" / "walls.py").write_text("def look():\n    from refsim.scene import files\n")
-    assert list(upwards(imports(tmp_path))) == ["refsim.core.walls imports refsim.scene.files"]
-
-
 def long_signatures(root=ROOT):
     """Functions with more than MOST_ARGUMENTS that may be given by place, `self` not counted.
 
@@ -144,13 +133,3 @@ def long_signatures(root=ROOT):
 
 def test_functions_take_at_most_ten_arguments():
     assert not list(long_signatures())
-
-
-def test_a_long_signature_is_noticed(tmp_path):
-    root = tmp_path / "refsim"
-    root.mkdir()
-    names = [f"x{k}" for k in range(MOST_ARGUMENTS + 1)]
-    (root / "waves.py").write_text(
-        f"def wave({', '.join(names)}): ...\n\n\nclass A:\n    def wave(self, {', '.join(names[1:])}, *, y): ...\n"
-    )
-    assert list(long_signatures(root)) == ["refsim.waves.wave takes 11"]

@@ -298,13 +298,6 @@ def test_a_term_of_zero_is_left_out(place):
     assert not fields & set(without.fields)
 
 
-def test_what_acts_is_seen():
-    """So that the comparisons above can fail."""
-    plain = make_plan(scene(LIQUID))
-    for effect in (PULL, HeatConduction(), JiangZhu2023(surface_tension=1e-9), Akinci2013(gamma=1e-9)):
-        assert make_plan(scene(LIQUID, effect)).launches(True) != plain.launches(True)
-
-
 def test_a_limp_solid_still_melts():
     """Without stiffness and damping regions are not matched, but melting finds its tables."""
     heat = HeatConduction(conductivity=0.0, temperature=5.0, melting_point=0.0)

@@ -110,11 +110,3 @@ def test_reproduce_from_the_wheel_names_the_repository(bash):
     assert re.fullmatch(
         r"refsim: reproduce needs the repository, .*refsim-[\d.]+\.tar\.gz and run `python [^`]+`.*\n", told
     )
-
-
-@needs_bash
-def test_a_page_that_is_wrong_is_found(bash):
-    with pytest.raises(AssertionError, match="the page shows"):
-        walked("```sh\nrefsim --version\n```\n```text\nrefsim of another kind\n```", bash)
-    with pytest.raises(AssertionError, match="refsim lits"):
-        walked("```sh\nrefsim lits\n```", bash)
