@@ -555,8 +555,8 @@ def table(value, group):
 
 
 def around(beyond):
-    """Whether a box reaches beyond the mesh by at least its band, two spacings, and at most two blocks."""
-    return (beyond >= 2 * 0.06).all() and (beyond <= 8 * 0.06).all()
+    """Whether a box reaches beyond the mesh by its band of two spacings or more, and at most two blocks and a spacing."""
+    return (beyond >= 2 * 0.06).all() and (beyond <= 9 * 0.06).all()
 
 
 def mesh(gravity=(0.0, 0.0, 0.0), swept=1, printed=0, everywhere=0, pulls=True):
