@@ -357,14 +357,6 @@ def test_audit_counts_what_a_list_misses(cuda):
     assert search.log.missed_neighbours == expected
 
 
-def test_equal_keys_keep_their_order(cuda):
-    from refsim.backends import device
-
-    keys = np.array([3, 1, 3, 1, 2**62, 3, 1], np.int64)
-    order = cuda.host(device.stable_order(cuda.asarray(keys)))
-    assert list(order) == [1, 3, 6, 0, 2, 5, 4]
-
-
 @pytest.mark.parametrize("walls", [False, True])
 @pytest.mark.parametrize("dim", [2, 3])
 def test_ways_are_compared_in_cells_up_to_two_apart(cuda, dim, walls):
@@ -423,23 +415,6 @@ def test_occupied_cells_are_found_or_counted(cuda, capacity):
         assert list(cells[:3]) == sorted(set(keys))
         assert list(first[:4]) == [0, 2, 5, 6]
         assert (cells[3:] == programs.FARTHEST).all()
-
-
-@pytest.mark.parametrize("shape", [(), (3,), (1,)])
-def test_arrays_are_filled_assigned_and_reordered(cuda, shape):
-    values = np.random.default_rng(4).normal(size=(19, *shape)).astype(np.float32)
-    there = cuda.zeros(values.shape, np.float32)
-    assert not cuda.host(there).any()
-    cuda.assign(there, 2.5)
-    assert (cuda.host(there) == 2.5).all()
-    cuda.assign(there, values.astype(float))
-    assert np.array_equal(cuda.host(there), values)
-    copy = cuda.empty(values.shape, np.float32)
-    cuda.assign(copy, there)
-    order = np.random.default_rng(5).permutation(19)
-    search = neighbours.NeighbourSearch(cuda, 3, "float32", RADIUS)
-    assert np.array_equal(cuda.host(search.reorder(copy, cuda.asarray(order))), values[order])
-    assert np.array_equal(cuda.host(copy), values)
 
 
 def test_largest_values_do_not_outlive_their_call(cuda):

@@ -555,7 +555,7 @@ def table(value, group):
 
 
 def around(beyond):
-    """Whether a box reaches beyond the mesh by its band of two spacings or more, and at most two blocks and a spacing."""
+    """Whether a box reaches beyond the mesh by its band, and by at most two blocks and a spacing."""
     return (beyond >= 2 * 0.06).all() and (beyond <= 9 * 0.06).all()
 
 

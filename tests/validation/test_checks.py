@@ -24,8 +24,6 @@ from validation.checks import (
     read_all,
 )
 from validation.experiment import Experiment, Measure, Options, Run, discover
-from validation.experiments.droplet import runs as droplet
-from validation.experiments.heat import runs as heat
 from validation.filling import Recorded, filled, filled_page
 from validation.perform import EXIT_FAILED, EXIT_FINE, EXIT_INPUT
 from validation.results import Result
@@ -328,19 +326,3 @@ def test_a_draw_is_repeated_by_its_seed(capsys):
     assert main(["verify", "repulsion_3d", "--draw", "1"]) == EXIT_INPUT
     assert main(["verify", "--draw", "1", "--seed", "5", "--jobs", "1"]) == EXIT_FINE
     assert "seed 5: " in capsys.readouterr().err
-
-
-# Tiny runs of what the claims measure
-
-
-def test_the_explicit_scheme_keeps_the_range_up_to_half_and_loses_it_from_one_on():
-    assert heat.long_steps(Context(), "explicit", 0.5).values["beyond"] < 1e-9
-    assert heat.long_steps(Context(), "explicit", 1.0).values["beyond"] > 1.0
-
-
-def test_area_term_keeps_momentum_and_turns_the_drop():
-    both = droplet.area_force(Context(), 125, 1, "all", "cpu").values
-    one_sided = droplet.area_force(Context(), 125, 1, "one_sided", "cpu").values
-    assert both["area"]["linear"] < 1e-13 < 1e-4 < both["area"]["angular"]
-    assert both["without"]["angular"] < 1e-13
-    assert one_sided["area"]["linear"] > 1e-3

@@ -204,15 +204,6 @@ def test_verdicts(tmp_path):
         Checks("y", folder=tmp_path)
 
 
-@pytest.mark.parametrize(
-    ("judged", "code"),
-    [(["pass", "shown"], 0), (["pass", "fail"], 4), ([], 0)],
-)
-def test_exit_codes_follow_the_verdicts(options, judged, code):
-    case = fake(judge=lambda found: [measurement(verdict=v) for v in judged])
-    assert performing.exit_code(perform(case, options)) == code
-
-
 def test_a_stopped_run_is_reported_and_the_others_go_on(options):
     both = [fake(function=stopping, parameters={}), fake(judge=lambda found: [measurement(verdict="fail")])]
     outcomes = performing.perform([each.part(options) for each in both], options, stream=io.StringIO())
