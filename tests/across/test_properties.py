@@ -9,36 +9,34 @@ import pytest
 
 from refsim import BoxWalls, Cloud, Gravity, JiangZhu2023, Scene, Simulation, WeaklyCompressible
 
-SEEDS = range(6)
+SEEDS = range(4)
 SPACING, H = 0.1, 0.22
 
 
 def scene(seed, **options):
-    """A random blob of liquid with random settings; float64, so that conservation shows to round-off."""
+    """A random blob of liquid with random settings; float64, so that conservation shows to round-off.
+
+    Seeds 0 and 1 have viscosity, 0 and 3 tension; odd ones are in space.
+    """
     random = np.random.default_rng(seed)
     dim = 2 + seed % 2
     count = int(random.integers(40, 90))
-    side = 0.5 * SPACING * count ** (1 / dim)
-    position = np.zeros((count, 3))
-    position[:, :dim] = relaxed(random, count, dim, side)
-    velocity = np.zeros((count, 3))
+    position, velocity = np.zeros((2, count, 3))
+    position[:, :dim] = relaxed(random, count, dim, 0.5 * SPACING * count ** (1 / dim))
     velocity[:, :dim] = random.normal(scale=0.3, size=(count, dim))
     liquid = WeaklyCompressible(
         sound_speed=12.0,
-        dynamic_viscosity=float(random.choice([0.0, 0.4])),
+        dynamic_viscosity=0.4 * (seed < 2),
         state=str(random.choice(["linear", "tait"])),
         clamp_pressure=bool(random.integers(2)),
-        kernels=str(random.choice(["wendland", "mueller"])),
         density_bound=100.0,
         density="summation",
     )
-    effects = [liquid]
-    if options.pop("tension", False):
-        effects.append(JiangZhu2023(surface_tension=0.5))
     mass = 1000 * SPACING**dim * random.uniform(0.8, 1.2, count)
     return Scene(
-        spacing=SPACING, support_radius=H, dim=dim, dtype="float64", step=2e-4, skin=0.1,
-        fluid=(Cloud(position=position, velocity=velocity, mass=mass),), effects=tuple(effects), **options,
+        spacing=SPACING, support_radius=H, dim=dim, dtype="float64", step=2e-4, skin=0.1, **options,
+        fluid=(Cloud(position=position, velocity=velocity, mass=mass),),
+        effects=(liquid, JiangZhu2023(surface_tension=0.5)) if seed % 3 == 0 else (liquid,),
     )  # fmt: skip
 
 
@@ -72,49 +70,22 @@ def changed(scene, **parts):
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_momentum_and_mass_stay(seed):
-    begun = scene(seed, tension=seed % 3 == 0)
-    simulation = run(begun)
-    x, v, m = state(simulation)
+def test_mass_and_momenta_stay(seed):
+    """The angular one without viscosity and area term: with central forces x cross v is kept between the steps, too."""
+    begun = scene(seed)
+    x, v, m = state(run(begun))
     first = cloud_of(begun)
     assert np.array_equal(m, first.mass)
-    total = (m[:, None] * v).sum(0)
-    before = (m[:, None] * first.velocity).sum(0)
+    total, before = ((m[:, None] * speeds).sum(0) for speeds in (v, first.velocity))
     assert np.abs(total - before).max() < 1e-12 * (m[:, None] * np.abs(v)).sum()
     assert np.abs(x - first.position).max() > 1e-4  # something moved
+    if seed == 2:
+        spin, kick = ((m[:, None] * np.cross(*at)).sum(0) for at in ((x, v), (first.position, first.velocity)))
+        scale = (m * np.linalg.norm(x, axis=1) * np.linalg.norm(v, axis=1)).sum()
+        assert np.abs(spin - kick).max() < 1e-10 * scale
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_angular_momentum_stays_without_viscosity(seed):
-    begun = scene(seed)
-    liquid = msgspec.structs.replace(begun.effects[0], dynamic_viscosity=0.0)
-    begun = msgspec.structs.replace(begun, effects=(liquid,))
-    simulation = run(begun)
-    x, v, m = state(simulation)
-    # The velocity belongs half a step before the position: with central forces x cross v is kept at either.
-    first = cloud_of(begun)
-    spin = (m[:, None] * np.cross(x, v)).sum(0)
-    kick = (m[:, None] * np.cross(first.position, first.velocity)).sum(0)
-    scale = (m * np.linalg.norm(x, axis=1) * np.linalg.norm(v, axis=1)).sum()
-    assert np.abs(spin - kick).max() < 1e-10 * scale
-
-
-@pytest.mark.parametrize("seed", SEEDS)
-def test_viscosity_alone_only_slows(seed):
-    """Where no density can make a pressure, the kinetic energy falls in every step."""
-    begun = scene(seed)
-    liquid = msgspec.structs.replace(begun.effects[0], dynamic_viscosity=0.4, clamp_pressure=True, rest_density=1e9)
-    simulation = Simulation(msgspec.structs.replace(begun, effects=(liquid,)))
-    energies = []
-    for _ in range(8):
-        simulation.step()
-        _, v, m = state(simulation)
-        energies.append(0.5 * (m * (v**2).sum(1)).sum())
-    assert (simulation.field("pressure") == 0).all()
-    assert (np.diff(energies) < 0).all()
-
-
-@pytest.mark.parametrize("seed", SEEDS[:4])
 def test_nothing_depends_on_place_speed_or_naming(seed):
     begun = scene(seed)
     x, v, _ = state(run(begun))
@@ -140,13 +111,13 @@ def test_nothing_depends_on_place_speed_or_naming(seed):
     assert np.abs(turned[1] @ turn - v).max() < 1e-7
 
 
-@pytest.mark.parametrize("seed", SEEDS[:2])
+@pytest.mark.parametrize("seed", [0, 3])
 def test_a_run_repeats_bit_for_bit(seed):
-    one, two = (state(run(scene(seed, tension=True))) for _ in range(2))
+    one, two = (state(run(scene(seed))) for _ in range(2))
     assert all(a.tobytes() == b.tobytes() for a, b in zip(one, two))
 
 
-@pytest.mark.parametrize("seed", SEEDS[:3])
+@pytest.mark.parametrize("seed", [1, 2])
 def test_units_do_not_matter(seed):
     """A liquid a thousand times smaller and as much faster in its own time runs through the same shapes."""
     begun = scene(seed)
