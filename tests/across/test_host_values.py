@@ -47,8 +47,8 @@ from refsim import (
 from refsim.backends.tuples import determinant
 from refsim.core.capabilities import BalancesCohesion
 from refsim.core.effect import Discretisation, Extremes, InitialState, StepLimit
-from refsim.core.energy import Amount, amount, compression_amount, compression_energy, pair_potential
-from refsim.engine.audit import Auditor, StateOfRun
+from refsim.core.energy import Amount, compression_energy
+from refsim.engine.audit import Auditor
 from refsim.engine.stepping import check_extremes, stable_steps, step_limits
 from refsim.engine.stock import stock
 from refsim.heat import enthalpy_of, temperature_at
@@ -162,13 +162,6 @@ def test_reports_take_what_effects_keep_account_of():
 # Energies
 
 
-def test_energy_amounts_add_terms_and_their_sizes():
-    assert amount([3.0, -5.0]) == (-2.0, 8.0)
-    found = compression_amount(np.array([3.0, -5.0]), np.array([7.0, 9.0]), "float32")
-    assert found.value == -2.0
-    assert found.size == near(8.0 + 2.0**-23 * 16.0)
-
-
 def energy_of_compression(exponent, stiffness, cohesion, clamped):
     """m int p/rho^2 drho, p as J(9) has it."""
     mass, rest = 2.0, 900.0
@@ -189,33 +182,6 @@ def test_energy_of_compression_is_the_work_of_the_pressure():
         (1, 7), ((4000.0, 0.0), (4000.0, 700.0), (3.0, 0.5)), (True, False)
     ):
         energy_of_compression(exponent, stiffness, cohesion, clamped)
-
-
-def test_energy_of_a_known_pair_force():
-    phi = pair_potential(lambda r: np.cos(3 * r), 2.0, parts=64)
-    r = np.linspace(0.0, 2.0, 333)
-    assert np.abs(phi(r) - (np.sin(6.0) - np.sin(3 * r)) / 3).max() < 1e-7
-    assert np.abs(phi(np.array([2.0, 2.5]))).max() < 1e-15
-    short = pair_potential(lambda r: np.where(r < 0.7, 3 * r**2, np.nan), 0.7)  # not evaluated from its reach on
-    r = np.linspace(0.0, 0.7, 99)
-    assert np.abs(short(r) - (0.343 - r**3)).max() < 1e-14
-
-
-def test_energy_of_a_known_pair_force_is_precise():
-    r = np.linspace(0.0, 2.0, 333)
-    rough = pair_potential(lambda r: np.cos(3 * r), 2.0)
-    assert np.abs(rough(r) - (np.sin(6.0) - np.sin(3 * r)) / 3).max() < 1e-11
-
-
-def test_energy_counts_each_pair_once():
-    place = np.array([[0.0, 0, 0], [1.0, 0, 0], [1.0, 0.5, 0], [9.0, 0, 0]])
-    state = StateOfRun(None)
-    state.field = lambda name: place
-    for rows in (2, 3, 16384):  # at once
-        with mock.patch("refsim.engine.audit.ROWS", rows):
-            found = state.pair_sum(lambda r, i, j: (-1.0) ** i * (10 * i + j) * r, 8.5)
-        terms = [1.0, 2 * math.sqrt(1.25), -12 * 0.5, -13 * 8.0, 23 * math.sqrt(64.25)]
-        assert found == (near(sum(terms)), near(sum(map(abs, terms))))
 
 
 def test_energy_of_pairs_weighs_with_both_masses():

@@ -524,19 +524,13 @@ def test_pair_forces_and_pressure_share_a_loop_where_one_exists(tension, last, f
 def dam_break(dtype):
     spacing = 0.02
     return Scene(
-        dim=2,
-        dtype=dtype,
-        spacing=spacing,
-        support_radius=2 * spacing,
-        skin=0.05,
-        fluid=(Box(cells=(5, 6, 1)),),
+        dim=2, dtype=dtype, spacing=spacing, support_radius=2 * spacing, skin=0.05, fluid=(Box(cells=(5, 6, 1)),),
         effects=(
             WeaklyCompressible(sound_speed=8.0, dynamic_viscosity=0.2, state="tait", density="summation"),
-            Gravity(acceleration=(2.0, -9.81, 0.0)),
-            BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.2, 0.2, 0.0)),
+            Gravity(acceleration=(2.0, -9.81, 0.0)), BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.2, 0.2, 0.0)),
             SurfaceDetection(),
         ),
-    )
+    )  # fmt: skip
 
 
 def basin(dtype):
@@ -555,17 +549,13 @@ def basin(dtype):
 def droplet(dtype):
     spacing = 0.01
     return Scene(
-        dim=3,
-        dtype=dtype,
-        spacing=spacing,
-        support_radius=2 * spacing,
-        skin=0.05,
+        dim=3, dtype=dtype, spacing=spacing, support_radius=2 * spacing, skin=0.05,
         fluid=(Ball(radius=0.018, velocity=(0.3, -0.1, 0.2)),),
         effects=(
             WeaklyCompressible(sound_speed=5.0, dynamic_viscosity=0.05, density="summation"),
             JiangZhu2023(surface_tension=0.07, density_correction=True),
         ),
-    )
+    )  # fmt: skip
 
 
 # Steps are few because rounding differences grow with every one of them; the tolerances allow for that growth.
