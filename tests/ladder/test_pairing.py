@@ -1,8 +1,9 @@
 """Every operation on every backend, precision and hard input: this file only calls the contract.
 
-A kernel is compiled for every combination of optional terms and every precision. By default the CPU's run with every
-combination in one precision: the last of several (or that of `DOUBLE`) in double, the others in single; the
-references in double. The rest is `slow`.
+A kernel is compiled for every combination of optional terms, every precision, and once more for smoothing kernels other
+than the default. By default the CPU's run with every combination in one precision: the last of several (or that of
+`DOUBLE`) in double, the others in single; the first combination with every smoothing kernel, the others with the
+default; the references in double. The rest is `slow`.
 """
 
 import os
@@ -26,12 +27,14 @@ from refsim import (
 from refsim.backends.arrays import unavailable
 from refsim.contract import parameters
 from refsim.contract.answers import typed
+from refsim.contract.parameters import shape_acts
 from refsim.core import cases
 from refsim.core.operation import REGISTRY, backend_of
 from refsim.engine.checkpoints import restore
 from refsim.neighbours.rows import NeighbourRows
 from validation import pairs
 
+DEFAULT = "wendland_c2"  # a smoothing kernel
 DOUBLE = {  # runs of other tests compile these in double
     "heat.pair_exchange": 1, "mpm.grid_to_particle": 2, "one_way_coupling.wall_viscosity": 1, "sph.density": 2,
     "surface_detection.fan_scan": 2, "surface_normal.corrected": 1,
@@ -48,19 +51,21 @@ def trials():
             for variant in range(variants):
                 for dtype in ("float32", "float64"):
                     single = dtype == "float32"
-                    by_default = {"numpy": not single, "cpu": single != (variant == in_double), "cuda": True}
-                    marks = [pytest.mark.gpu] if backend == "cuda" else []
-                    if not by_default[backend]:
-                        marks.append(pytest.mark.slow)
-                    yield pytest.param(name, variant, program, dtype, marks=marks)
+                    by_default = {"numpy": not single, "cpu": single != (variant == in_double), "cuda": True}[backend]
+                    own = backend == "cpu" and by_default and variant > 0 and bool(shape_acts(operation))
+                    gpu = [pytest.mark.gpu] if backend == "cuda" else []
+                    for kernels in ("every", DEFAULT) if own else ("every",):
+                        slow = [] if by_default and own == (kernels == DEFAULT) else [pytest.mark.slow]
+                        yield pytest.param(name, variant, program, dtype, kernels, marks=gpu + slow)
 
 
-@pytest.mark.parametrize("name, variant, program, dtype", list(trials()))
-def test_ladder(name, variant, program, dtype):
+@pytest.mark.parametrize("name, variant, program, dtype, kernels", list(trials()))
+def test_ladder(name, variant, program, dtype, kernels):
     reason = unavailable(backend_of(program))
     if reason is not None:
         pytest.skip(reason)
-    outcomes = contract.climb(contract.Target(REGISTRY[name], program, dtype, variant))
+    kernel = "" if kernels == "every" else kernels
+    outcomes = contract.climb(contract.Target(REGISTRY[name], program, dtype, variant, kernel=kernel))
     assert len(outcomes) >= 2, "nothing was climbed"
     failed = [str(outcome) for outcome in outcomes if not outcome.passed]
     assert not failed, "\n".join(failed)
