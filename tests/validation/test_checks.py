@@ -24,7 +24,6 @@ from validation.checks import (
     read_all,
 )
 from validation.experiment import Experiment, Measure, Options, Run, discover
-from validation.filling import Recorded, filled, filled_page
 from validation.perform import EXIT_FAILED, EXIT_FINE, EXIT_INPUT
 from validation.results import Result
 from validation.running import Context
@@ -79,23 +78,6 @@ def test_numbers_on_the_pages_are_those_of_the_records():
     for path in sorted((ROOT / "docs").glob("*.md")):
         text = path.read_text()
         assert page.renewed(text) == text, f"{path.name}: run python -m validation claims --write"
-
-
-def test_reasons_and_pages_are_filled():
-    entry = claim(measured=0.866, spread=(0.8, 1.13), starts=3, bound=0.9)
-    record = Recorded(entry, [0.8, 0.866, None])
-    reason = "{low.less:.0f} to {high.more:.0f} % in {keeping} of {starts}: {values[1]}, {values[2]}"
-    assert filled(reason, {}, record) == "20 to 13 % in 2 of 3: 0.866, infinite"
-    mark, kept = "<!-- {one.median.percent:.0f} -->%s<!-- . --> %%\n", "| it is so | kept | one |"
-    text = filled_page(
-        mark % 7 + "| it is so | by hand | `one` |\n" + kept, {"one": record}, lambda name: f"found of {name}"
-    )
-    assert text == mark % 87 + "| it is so | found of one | `one` |\n" + kept
-    for wrong in ("{two.low}", "{low.half}", "{values[9]}", "{picture[none][rows]}"):
-        with pytest.raises(ValueError, match="names what no record holds"):
-            filled(wrong, {}, record)
-    with pytest.raises(ValueError, match="lacks the lines"):
-        filling.replaced("no marks", "totals", [], pathlib.Path("page.md"))
 
 
 # How it is judged
