@@ -16,11 +16,10 @@ from __future__ import annotations
 import argparse
 import concurrent.futures
 import datetime
-import importlib.metadata
 import json
+import math
 import os
 import pathlib
-import platform
 import queue
 import re
 import subprocess
@@ -46,11 +45,9 @@ from refsim import (  # noqa: E402  (from this working tree)
     Gravity,
     ImplicitPressure,
     JiangZhu2023,
-    MpmLiquid,
     Scene,
     Simulation,
     SurfaceDetection,
-    SurfaceEnergy,
     WeaklyCompressible,
     load_scene,
     make_plan,
@@ -62,11 +59,12 @@ from refsim.commands.plan import describe_plan  # noqa: E402
 from refsim.core.operation import REGISTRY  # noqa: E402
 from refsim.study.memory import bytes_of  # noqa: E402
 from validation import pairs, timed  # noqa: E402
+from validation.experiments.melting.scene import scene_of  # noqa: E402
+from validation.reading import commit, environment  # noqa: E402
 
 DTYPES = ("float32", "float64")
 WORKERS = 6
 MARK = "gpu_check result: "
-PACKAGES = ("numpy", "numba", "numba-cuda", "cupy-cuda13x", "cuda-bindings", "cuda-core")
 COMPARED = {"float32": 5, "float64": 20}  # steps before two backends are compared: rounding grows with each
 # Share of the largest value. On the CPU, float32 and float64 already differ by 2 % in the pressure of the dam break
 # after five steps, because a liquid at rest has almost none. The pairing tests accuracy; this tests whole runs.
@@ -99,28 +97,11 @@ def without_paths(text: str) -> str:
 
 def device_task(_: list[str]) -> list[Row]:
     """Which device, which versions."""
-    rows = [row("python", platform.python_version())]
-    for package in PACKAGES:
-        try:
-            rows.append(row(package, importlib.metadata.version(package)))
-        except importlib.metadata.PackageNotFoundError:
-            rows.append(row(package, "not installed"))
-    rows.append(row("arrays are sorted by", runtime.array_library()))
+    found = environment(None, "cuda")
+    rows = [row(name, version) for name, version in found["versions"].items()]
     if runtime.simulated():
         return [*rows, row("device", "CUDA simulator")]
-    import cupy
-
-    properties = cupy.cuda.runtime.getDeviceProperties(0)
-    rows += [
-        row("device", properties["name"].decode()),
-        row("compute capability", f"{properties['major']}.{properties['minor']}"),
-        row("device memory", round(properties["totalGlobalMem"] / 2**30, 1), "GiB"),
-        row("CUDA of the driver", cupy.cuda.runtime.driverGetVersion()),
-    ]
-    asked = subprocess.run(
-        ["nvidia-smi", "--query-gpu=driver_version", "--format=csv,noheader"], capture_output=True, text=True
-    )
-    return [*rows, row("driver", asked.stdout.strip().splitlines()[0] if asked.returncode == 0 else "not told")]
+    return [*rows, row("device", found["device"]["name"]), row("driver", found["device"].get("driver_version"))]
 
 
 def pairing_task(arguments: list[str]) -> list[Row]:
@@ -137,16 +118,10 @@ def pairing_task(arguments: list[str]) -> list[Row]:
             outcomes += contract.climb(contract.Target(REGISTRY[name], "cuda:fast", dtype, variant))
     bad = [outcome for outcome in outcomes if not outcome.passed]
     finite = [outcome.error for outcome in outcomes if np.isfinite(outcome.error)]
-    rows = [
-        row(
-            f"{len(outcomes)} trials",
-            float(f"{max(finite, default=0.0):.3g}"),
-            "of the bound",
-            "<= 1",
-            "fail" if bad or not outcomes else "pass",
-        )
+    worst = float(f"{max(finite, default=0.0):.3g}") if outcomes and not bad else math.inf
+    return [judged(f"{len(outcomes)} trials", worst, 1, "of the bound")] + [
+        row(f"{o.step} {o.trial}", o.error, "of the bound", "<= 1", "fail", str(o)) for o in bad[:5]
     ]
-    return rows + [row(f"{o.step} {o.trial}", o.error, "of the bound", "<= 1", "fail", str(o)) for o in bad[:5]]
 
 
 def search_task(arguments: list[str]) -> list[Row]:
@@ -219,21 +194,6 @@ def pebble() -> Scene:
     return msgspec.structs.replace(scene, fluid=(column,))
 
 
-def melting() -> Scene:
-    """A small version of the melting case's first scene: heat, solids, coupling and melting."""
-    from validation.experiments.melting.scene import scene_of
-
-    return scene_of("figure_4", 0.2 if runtime.simulated() else 0.4)
-
-
-def energy() -> Scene:
-    """A cube of the material point method under surface energy."""
-    cell, edge = 1 / 64, 4 if runtime.simulated() else 12
-    liquid = Box(lower=(0.4, 0.4, 0.4), cells=(edge,) * 3)
-    effects = (MpmLiquid(rest_density=1.0, bulk_modulus=1000.0), SurfaceEnergy(surface_tension=1.0))
-    return Scene(spacing=cell / 2, support_radius=1.5 * cell, step=2e-4, fluid=(liquid,), effects=effects)
-
-
 LIQUID = WeaklyCompressible(sound_speed=3.0, dynamic_viscosity=0.05, density="summation")
 SCENES: dict[str, Callable[[], Scene]] = {
     "dam_break": dam_break,
@@ -242,8 +202,8 @@ SCENES: dict[str, Callable[[], Scene]] = {
     "dong": drop_of(LIQUID, Dong2016(surface_tension=0.07)),
     "implicit": drop_of(LIQUID, ImplicitPressure(), Akinci2013(surface_tension=0.07)),
     "pebble": pebble,
-    "melting": melting,
-    "energy": energy,
+    "melting": lambda: scene_of("figure_4", 0.2 if runtime.simulated() else 0.4),
+    "energy": timed.systems(4 if runtime.simulated() else 12)["MPM with surface tension"],
 }
 
 
@@ -400,12 +360,6 @@ def tell(answer: dict[str, Any]) -> None:
             print(f"{text}  {r['words']}{'  FAIL' if r['verdict'] == 'fail' else ''}".rstrip(), flush=True)
 
 
-def commit() -> str:
-    """Short name of the working tree's commit, or of none."""
-    asked = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, cwd=ROOT)
-    return asked.stdout.strip() if asked.returncode == 0 else "unknown"
-
-
 def as_markdown(answers: list[dict[str, Any]]) -> str:
     """The tasks of a device's report as Markdown: a row a task; every number stands in the JSON file beside it."""
     bad = [a["task"] for a in answers if failed(a)]
@@ -516,7 +470,7 @@ def main() -> int:
             tell(answers[-1])
     answers[1:] = sorted(answers[1:], key=lambda a: tasks.index(a["task"]))
     date = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
-    about = {"date": date, "commit": commit()}
+    about = {"date": date, "commit": (commit() or "unknown")[:7]}
     write([answer | about for answer in answers], stem, device)
     bad = [a["task"] for a in answers if failed(a)]
     print(f"{len(answers) - len(bad)} of {len(answers)} tasks passed" + (f"; failed: {', '.join(bad)}" if bad else ""))
