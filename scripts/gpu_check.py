@@ -17,7 +17,6 @@ import argparse
 import concurrent.futures
 import datetime
 import json
-import math
 import os
 import pathlib
 import queue
@@ -118,8 +117,8 @@ def pairing_task(arguments: list[str]) -> list[Row]:
             outcomes += contract.climb(contract.Target(REGISTRY[name], "cuda:fast", dtype, variant))
     bad = [outcome for outcome in outcomes if not outcome.passed]
     finite = [outcome.error for outcome in outcomes if np.isfinite(outcome.error)]
-    worst = float(f"{max(finite, default=0.0):.3g}") if outcomes and not bad else math.inf
-    return [judged(f"{len(outcomes)} trials", worst, 1, "of the bound")] + [
+    worst, verdict = float(f"{max(finite, default=0.0):.3g}"), "fail" if bad or not outcomes else "pass"
+    return [row(f"{len(outcomes)} trials", worst, "of the bound", "<= 1", verdict)] + [
         row(f"{o.step} {o.trial}", o.error, "of the bound", "<= 1", "fail", str(o)) for o in bad[:5]
     ]
 
@@ -246,9 +245,7 @@ def run_task(arguments: list[str]) -> list[Row]:
     if runs[0].search is not None:  # the material point method keeps no list
         log = runs[0].search.log
         rows += [judged("neighbours missed", log.missed_neighbours, 0), row("rebuilds of the list", log.rebuilds)]
-    rows += [
-        row("simulated time", float(f"{result.time:.5g}"), "s", words=f"step limited by {result.limiter}"),
-    ]
+    rows.append(row("simulated time", float(f"{result.time:.5g}"), "s", words=f"step limited by {result.limiter}"))
     if steps > compared:
         rows.append(row("time per step", float(f"{1e3 * took / (2 * (steps - compared)):.4g}"), "ms"))
     return rows
@@ -260,23 +257,17 @@ def pair_task(arguments: list[str]) -> list[Row]:
     return [judged(f"{part.field} against the numpy run", part.error, part.allowed, "of largest") for part in found]
 
 
-def device_bytes() -> int:
-    """Bytes of the device's memory that this process holds in arrays."""
-    if runtime.simulated():
-        return 0
-    import cupy
-
-    return cupy.get_default_memory_pool().used_bytes()
-
-
 def plan_task(arguments: list[str]) -> list[Row]:
     """Launches and bytes of a step of each scene of a ladder, and the memory of a large cube, against the plan."""
     if arguments[0] in timed.CUBES:
         plan = make_plan(timed.spinning_cube(4 if runtime.simulated() else 100, arguments[0]))
-        before, simulation = device_bytes(), Simulation(plan, "cuda")
+        simulation = Simulation(plan, "cuda")
         simulation.step()  # the list then holds the lattice that the plan counts
-        said = describe_plan(plan, "cuda")["bytes"]["total"]
-        off = 0.0 if runtime.simulated() else abs((device_bytes() - before) / said - 1)
+        said, off = describe_plan(plan, "cuda")["bytes"]["total"], 0.0
+        if not runtime.simulated():
+            import cupy
+
+            off = abs(cupy.get_default_memory_pool().used_bytes() / said - 1)
         return [judged("memory held, off what the plan says", round(off, 3), 0.1, words=f"{said / 2**20:.0f} MiB")]
     rows = []
     for rung in timed.ladders(runtime.simulated())[arguments[0]].rungs:
@@ -292,13 +283,9 @@ def plan_task(arguments: list[str]) -> list[Row]:
 
 
 TASKS: dict[str, Callable[[list[str]], list[Row]]] = {
-    "device": device_task,
-    "pairing": pairing_task,
-    "search": search_task,
-    "run": run_task,
-    "pair": pair_task,
+    "device": device_task, "pairing": pairing_task, "search": search_task, "run": run_task, "pair": pair_task,
     "plan": plan_task,
-}
+}  # fmt: skip
 
 
 # The host side: processes, time limits, report.
@@ -344,11 +331,6 @@ def failed(answer: dict[str, Any]) -> bool:
     return bool(answer["error"]) or any(r["verdict"] == "fail" for r in answer["rows"])
 
 
-def unfinished(answer: dict[str, Any]) -> bool:
-    """Whether a task had too little time."""
-    return (answer["error"] or "").startswith(("not run", "not ended"))
-
-
 def tell(answer: dict[str, Any]) -> None:
     """Print what a task found."""
     print(f"{'FAIL' if failed(answer) else 'ok  '} {answer['task']}  ({answer['seconds']} s)", flush=True)
@@ -360,62 +342,19 @@ def tell(answer: dict[str, Any]) -> None:
             print(f"{text}  {r['words']}{'  FAIL' if r['verdict'] == 'fail' else ''}".rstrip(), flush=True)
 
 
-def as_markdown(answers: list[dict[str, Any]]) -> str:
-    """The tasks of a device's report as Markdown: a row a task; every number stands in the JSON file beside it."""
-    bad = [a["task"] for a in answers if failed(a)]
-    lines = [f"{len(answers) - len(bad)} of {len(answers)} tasks pass.", ""]
-    lines += [f"Failed: {', '.join(bad)}.", ""] if bad else []
-    lines += ["| task | judged | worst | tolerance | date | commit |", "| --- | --- | --- | --- | --- | --- |"]
-    for answer in answers:
-        rows = [r for r in answer["rows"] if r["verdict"] != "shown"]
-        last = max(rows, key=lambda r: (r["verdict"] == "fail", share(r)), default=row(answer["error"] or "", 0))
-        number = f"{last['value']:.3g}" if rows else ""
-        worst = [f"{last['name']} {number} {last['unit']}".strip(), last["tolerance"]]
-        lines.append(f"| {' | '.join([answer['task'], str(len(rows)), *worst, answer['date'], answer['commit']])} |")
-    return "\n".join(lines) + "\n"
-
-
-def share(one: Row) -> float:
-    """A judged value over its limit; 0 where the limit is."""
-    limit = float(one["tolerance"].removeprefix("<= "))
-    return float(one["value"]) / limit if limit else 0.0
-
-
 SECTION = "whole check"
-HEADING = "## Whole check\n"
+NO_TIME = ("not run", "not ended")
 
 
-def report_of(device: str, folder: pathlib.Path) -> pathlib.Path:
-    """Where a device's report lies, without its ending."""
-    return folder / re.sub(r"[^a-z0-9]+", "_", device.lower()).strip("_")
-
-
-def stored(stem: pathlib.Path) -> dict[str, dict[str, Any]]:
-    """The tasks of a device's report by name; none without a report."""
-    path = stem.with_suffix(".json")
-    section = json.loads(path.read_text()).get(SECTION, {}) if path.exists() else {}
-    return {
-        a["task"]: {"date": section.get("date"), "commit": section.get("commit"), **a} for a in section.get("tasks", [])
-    }
-
-
-def write(answers: list[dict[str, Any]], stem: pathlib.Path, device: str) -> None:
-    """Put tasks that ran to their end in place of their like in a device's report, JSON and Markdown."""
-    stem.parent.mkdir(parents=True, exist_ok=True)
-    kept = stored(stem)
-    merged = kept | {a["task"]: a for a in answers if not unfinished(a)}
-    order = {task: number for number, task in enumerate(["device", *planned(False)])}
-    tasks = sorted((a for a in merged.values() if a["task"] in order), key=lambda a: order[a["task"]])
-    path = stem.with_suffix(".json")
+def write(answers: list[dict[str, Any]], path: pathlib.Path) -> None:
+    """Put tasks that ran to their end in place of their like in a device's report, a task a line."""
     whole = json.loads(path.read_text()) if path.exists() else {}
-    whole[SECTION] = {"tasks": tasks}
-    path.write_text(json.dumps(whole, separators=(",", ":")) + "\n")
-    page = stem.with_suffix(".md")
-    text = page.read_text() if page.exists() else f"# {device}\n\n{HEADING}"
-    before, _, rest = text.partition(HEADING)
-    _, mark, after = rest.partition("\n## ")
-    page.write_text(f"{before}{HEADING}\n{as_markdown(tasks)}{mark}{after}")
-    print(f"report: {path.name} and {page.name} in {stem.parent.name}/")
+    kept = {a["task"]: a for a in whole.get(SECTION, {}).get("tasks", [])}
+    kept |= {a["task"]: a for a in answers if not (a["error"] or "").startswith(NO_TIME)}
+    whole[SECTION] = {"tasks": [kept[task] for task in ("device", *planned(False)) if task in kept]}
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(whole, separators=(",", ":")).replace('{"task"', '\n{"task"') + "\n")
+    print(f"report: {path}")
 
 
 def work(task: str) -> int:
@@ -458,7 +397,6 @@ def main() -> int:
     answers = [executed("device", deadline)]
     tell(answers[0])
     device = next((str(r["value"]) for r in answers[0]["rows"] if r["name"] == "device"), "unknown device")
-    stem = report_of(device, options.folder)
     places = (options.workers if (os.cpu_count() or 1) >= 8 else 1) * options.devices
     devices: queue.SimpleQueue[str] | None = queue.SimpleQueue() if options.devices > 1 else None
     for place in range(places if devices is not None else 0):
@@ -468,10 +406,10 @@ def main() -> int:
         for done in concurrent.futures.as_completed(waiting):
             answers.append(done.result())
             tell(answers[-1])
-    answers[1:] = sorted(answers[1:], key=lambda a: tasks.index(a["task"]))
     date = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
     about = {"date": date, "commit": (commit() or "unknown")[:7]}
-    write([answer | about for answer in answers], stem, device)
+    name = re.sub(r"[^a-z0-9]+", "_", device.lower()).strip("_")
+    write([answer | about for answer in answers], options.folder / f"{name}.json")
     bad = [a["task"] for a in answers if failed(a)]
     print(f"{len(answers) - len(bad)} of {len(answers)} tasks passed" + (f"; failed: {', '.join(bad)}" if bad else ""))
     return 4 if bad else 0

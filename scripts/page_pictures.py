@@ -72,45 +72,6 @@ def dam_break() -> Any:
     return figure
 
 
-def height_of_the_centre() -> Any:
-    """What the frames of a run give: the height of the centre of mass, and the front, over time."""
-    import matplotlib.pyplot as plt
-
-    run = _run("dam_break_2d")
-    figure, (left, right) = plt.subplots(1, 2, figsize=(7.6, 2.7))
-    left.plot(run.times, [frame.position[:, 1].mean() for frame in run], color=BLUE)
-    left.set(xlabel="time [s]", ylabel="height of the centre [m]", title="frame.position[:, 1].mean()")
-    right.plot(run.times, [frame.position[:, 0].max() for frame in run], color=ORANGE)
-    right.set(xlabel="time [s]", ylabel="front [m]", title="frame.position[:, 0].max()")
-    for axes in (left, right):
-        axes.grid(True)
-    return figure
-
-
-def sweep_of_tension() -> Any:
-    """The sweep of the page at more values: kinetic energy of the droplet over tension, for two spacings."""
-    import matplotlib.pyplot as plt
-
-    from refsim.sweep import sweep
-
-    tensions, spacings = (0.03, 0.04, 0.05, 0.06, 0.07), (0.001, 0.0008)
-    refsim_command(["example", "droplet"])
-    Path("drops.toml").write_text(
-        'scene = "droplet.toml"\nobservable = "kinetic_energy"\nbackend = "cpu"\n[grid]\n'
-        f'"effects.jiang_zhu_2023.surface_tension" = {list(tensions)}\nspacing = {list(spacings)}\n',
-        encoding="utf-8",
-    )
-    rows = sweep("drops.toml", folder="drops_sweep").rows()
-    figure, axes = plt.subplots(figsize=(5.2, 2.9))
-    for spacing, color in zip(spacings, (BLUE, ORANGE)):
-        values = [row["value"] for row in rows if row["spacing"] == spacing]
-        axes.plot(tensions, values, "o-", color=color, label=f"spacing {spacing} m")
-    axes.set(xlabel="surface tension [N/m]", ylabel="kinetic energy [J]", title="Ten runs of one scene", yscale="log")
-    axes.grid(True)
-    axes.legend()
-    return figure
-
-
 def rounding_of_density() -> Any:
     """The contract's outcomes for the CPU's density in single precision: error of each trial over its bound."""
     import matplotlib.pyplot as plt
@@ -170,8 +131,6 @@ def verdicts() -> Any:
 PICTURES: dict[str, Callable[[], Any]] = {
     "styles.webp": styles,
     "dam_break.png": dam_break,
-    "height_of_the_centre.png": height_of_the_centre,
-    "sweep_of_tension.png": sweep_of_tension,
     "rounding_of_density.png": rounding_of_density,
     "verdicts.png": verdicts,
 }

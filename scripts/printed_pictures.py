@@ -39,10 +39,8 @@ from refsim import (  # noqa: E402
     make_plan,
     simulate,
 )
-from refsim.backends.arrays import Backend  # noqa: E402
 from refsim.core.errors import InputError  # noqa: E402
 from refsim.io.frames import Frame  # noqa: E402
-from refsim.isosurface import extract  # noqa: E402
 from refsim.render.pictures import Look, Series  # noqa: E402
 from refsim.render.saved_run import SavedRun, open_run  # noqa: E402
 from validation.drawing import BLUE, save_picture, style  # noqa: E402
@@ -139,50 +137,6 @@ def funnel() -> Any:
     return made
 
 
-# Ellipsoids of a standing figure: centre, half axes [mm], turn about y [degrees]; z is up, the base lies at z = -11.
-STATUE = (
-    ((0.0, 0.0, -1.6), (2.0, 1.6, 3.6), 0),  # gown
-    ((0.0, 0.0, -5.6), (3.0, 2.6, 4.2), 0),
-    ((0.0, 0.0, 2.4), (2.4, 1.5, 2.2), 0),  # chest
-    ((0.0, 0.0, 5.0), (0.8, 0.8, 1.6), 0),  # neck
-    ((0.0, 0.0, 7.0), (1.6, 1.5, 1.9), 0),  # head
-    ((2.5, 0.2, 2.2), (0.8, 0.8, 2.4), -24),  # arms
-    ((-2.5, 0.2, 2.2), (0.8, 0.8, 2.4), 24),
-    ((3.2, -0.9, 0.4), (0.65, 1.6, 0.65), 0),
-    ((-3.2, -0.9, 0.4), (0.65, 1.6, 0.65), 0),
-)
-BASE = (4.4, 4.4, 0.8)  # half edges of the block under it [mm], its middle at z = -9.9
-BLEND = 0.35  # mm over which parts run into each other
-
-
-def statue(cell: float = 0.25) -> Any:
-    """A figure with arms on a block, 20 mm tall; marching cubes on a grid of `cell` [mm]."""
-    import trimesh
-
-    half = np.array([6.0, 5.2, 11.6])
-    count = np.ceil(half / cell).astype(int)
-    axes = [np.arange(-n, n + 1) for n in count]
-    nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    shift = np.array([0.317, 0.211, 0.407])  # no node on the surface
-    points = cell * (nodes + shift)
-    total = np.zeros(len(points))
-    for centre, axes_of, turn in STATUE:
-        c, s = math.cos(math.radians(turn)), math.sin(math.radians(turn))
-        away = points - np.array(centre)
-        turned = np.stack([c * away[:, 0] - s * away[:, 2], away[:, 1], s * away[:, 0] + c * away[:, 2]], axis=1)
-        scaled = np.linalg.norm(turned / np.array(axes_of), axis=1)
-        slope = np.linalg.norm(turned / np.array(axes_of) ** 2, axis=1)
-        distance = scaled * (scaled - 1) / np.maximum(slope, 1e-9)
-        total += np.exp(np.clip(-distance / BLEND, -60, 60))
-    blended = -BLEND * np.log(total)
-    outside = np.abs(points - np.array([0.0, 0.0, -9.9])) - np.array(BASE)
-    block = np.linalg.norm(np.maximum(outside, 0), axis=1) + np.minimum(outside.max(1), 0) - 0.15
-    found = extract(Backend("cpu"), nodes, np.minimum(blended, block), cell * MM, 3)
-    made = trimesh.Trimesh(np.asarray(found.vertices) + cell * MM * shift, np.asarray(found.facets), process=True)
-    trimesh.smoothing.filter_taubin(made, iterations=6)
-    return made
-
-
 def jet(radius: float, length: float, start: tuple[float, float, float], spacing: float) -> NDArray[np.float64]:
     """(n, 3) positions [m] of an upright cylinder of liquid on a lattice."""
     n, layers = math.ceil(radius / spacing), max(1, round(length / spacing))
@@ -253,9 +207,6 @@ POURS = {
     "pour_plate": Pour(
         shape("box", (14 * MM, 14 * MM, 0.8 * MM)), (3.2, 25.2, 0.8), (-8, 24), 0.9, (0.01, 0.018),
         ((-13, -13, -8), (13, 13, 14)), "-60,18,1.25",
-    ),
-    "pour_statue": Pour(
-        statue, (3.2, 25.2, 9.4), (-11, 24), 0.9, (0.0132, 0.022), ((-11, -11, -11), (11, 11, 18)), "-70,14,1.25"
     ),
 }  # fmt: skip
 

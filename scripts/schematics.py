@@ -294,26 +294,6 @@ def regions() -> Any:
     return figure
 
 
-def spline_bases() -> Any:
-    """Thesis figure 3.5: quadratic B-splines of neighbouring nodes, which add up to one."""
-    import matplotlib.pyplot as plt
-
-    x = np.linspace(-0.5, 4.5, 501)
-    base = np.floor(x - 0.5).astype(int)
-    figure, axes = plt.subplots(figsize=(5.8, 2.9))
-    for node in range(5):
-        value = np.array([spline_weight(p - j, node - j) if 0 <= node - j <= 2 else 0.0 for p, j in zip(x, base)])
-        there = value > 0
-        color = SURFACE_RED if node == 2 else SKY
-        axes.plot(x[there], value[there], color=color, lw=2.2 if node == 2 else 1.5)
-        axes.text(node, 0.78, f"$B_{{i{node - 2:+d}}}$" if node != 2 else "$B_i$", ha="center", size=12, color=color)
-    axes.axvspan(0.5, 3.5, color=PALE, zorder=0)
-    axes.set_xticks(range(5), [r"$x_{i-2}$", r"$x_{i-1}$", r"$x_i$", r"$x_{i+1}$", r"$x_{i+2}$"], size=12)
-    axes.set(xlim=(-0.5, 4.5), ylim=(0, 0.9), yticks=[0, 0.5, 0.75])
-    axes.set_title(r"A quadratic B-spline reaches $3h/2$ far: three at each point")
-    return figure
-
-
 def spline_nodes() -> Any:
     """Thesis figure 3.6: the nodes whose B-splines reach a point, counted from the lower left one."""
     import matplotlib.pyplot as plt
@@ -340,7 +320,7 @@ def spline_nodes() -> Any:
 
 
 DRAWINGS = (
-    fan_scan, level_set, marching_cases, surface_samples, lattice, regions, spline_bases, spline_nodes,
+    fan_scan, level_set, marching_cases, surface_samples, lattice, regions, spline_nodes,
 )  # fmt: skip
 SCHEMATICS: dict[str, Callable[[], Any]] = {f"{drawing.__name__}.png": drawing for drawing in DRAWINGS}
 
