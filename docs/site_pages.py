@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import functools
 import html
+import inspect
 import re
 from collections import Counter
 from collections.abc import Iterator
@@ -185,12 +185,11 @@ def api() -> Iterator[str]:
     import refsim
     from refsim.core.operation import REGISTRY
 
-    public = [name for name in refsim.__all__ if not name.startswith("_")]
+    public = {name: _kind(getattr(refsim, name)) for name in refsim.__all__ if not name.startswith("_")}
     kinds = {"Functions": "autofunction", "Classes": "autoclass", "Errors": "autoexception", "Modules": "automodule"}
     for title, directive in kinds.items():
-        names = [name for name in public if _kind(getattr(refsim, name)) == directive]
-        if names:
-            yield f"\n## {title}\n"
+        names = [name for name, kind in public.items() if kind == directive]
+        yield f"\n## {title}\n" if names else ""
         for name in names:
             yield f"```{{eval-rst}}\n.. {directive}:: refsim.{name}\n```\n"
     yield "\n## Operations\n"
@@ -199,15 +198,10 @@ def api() -> Iterator[str]:
         yield f"- `{name}`: {operation.paper}, {operation.equation}. {said}"
 
 
-@functools.singledispatch
 def _kind(found: Any) -> str:
-    import inspect
-
-    if inspect.ismodule(found):
-        return "automodule"
     if inspect.isclass(found):
         return "autoexception" if issubclass(found, Exception) else "autoclass"
-    return "autofunction" if callable(found) else ""
+    return "automodule" if inspect.ismodule(found) else "autofunction" if callable(found) else ""
 
 
 def readable(app: Any, tree: Any) -> None:

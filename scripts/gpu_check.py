@@ -300,17 +300,16 @@ def planned(quick: bool) -> list[str]:
     return tasks + [f"plan {name}" for name in (*timed.ladders(), *timed.CUBES)]
 
 
-def executed(task: str, deadline: float, devices: queue.SimpleQueue[str] | None = None) -> dict[str, Any]:
-    """Run a task in a process of its own, on a GPU that it takes from `devices`: task, rows, seconds, error."""
-    device = None if devices is None else devices.get()
-    began, around = time.monotonic(), {} if device is None else {"CUDA_VISIBLE_DEVICES": device}
+def executed(task: str, deadline: float, devices: queue.SimpleQueue[dict[str, str]]) -> dict[str, Any]:
+    """Run a task in a process of its own, its GPU named by variables of `devices`: task, rows, seconds, error."""
+    device, began = devices.get(), time.monotonic()
     answer: dict[str, Any] = {"task": task, "rows": [], "error": None}
     try:
         if deadline - began < 5:
             return answer | {"error": "not run: no time was left", "seconds": 0.0}
         process = subprocess.run(
             [sys.executable, __file__, "--task", task], capture_output=True, text=True,
-            timeout=min(deadline - began, 240), env=os.environ | around,
+            timeout=min(deadline - began, 240), env=os.environ | device,
         )  # fmt: skip
         lines = [line for line in process.stdout.splitlines() if line.startswith(MARK)]
         if lines:
@@ -321,8 +320,7 @@ def executed(task: str, deadline: float, devices: queue.SimpleQueue[str] | None 
     except subprocess.TimeoutExpired:
         answer["error"] = f"not ended after {time.monotonic() - began:.0f} s"
     finally:
-        if devices is not None:
-            devices.put(device)
+        devices.put(device)
     return answer | {"seconds": round(time.monotonic() - began, 1)}
 
 
@@ -394,13 +392,12 @@ def main() -> int:
         return 2
     wanted = tuple(options.only)
     tasks = [task for task in planned(options.quick) if task.startswith(wanted)]
-    answers = [executed("device", deadline)]
-    tell(answers[0])
-    device = next((str(r["value"]) for r in answers[0]["rows"] if r["name"] == "device"), "unknown device")
     places = (options.workers if (os.cpu_count() or 1) >= 8 else 1) * options.devices
-    devices: queue.SimpleQueue[str] | None = queue.SimpleQueue() if options.devices > 1 else None
-    for place in range(places if devices is not None else 0):
-        devices.put(str(place % options.devices))
+    devices: queue.SimpleQueue[dict[str, str]] = queue.SimpleQueue()
+    for place in range(places):
+        devices.put({"CUDA_VISIBLE_DEVICES": str(place % options.devices)} if options.devices > 1 else {})
+    answers = [executed("device", deadline, devices)]
+    tell(answers[0])
     with concurrent.futures.ThreadPoolExecutor(places) as pool:
         waiting = [pool.submit(executed, task, deadline, devices) for task in tasks]
         for done in concurrent.futures.as_completed(waiting):
@@ -408,6 +405,7 @@ def main() -> int:
             tell(answers[-1])
     date = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
     about = {"date": date, "commit": (commit() or "unknown")[:7]}
+    device = next((str(r["value"]) for r in answers[0]["rows"] if r["name"] == "device"), "unknown device")
     name = re.sub(r"[^a-z0-9]+", "_", device.lower()).strip("_")
     write([answer | about for answer in answers], options.folder / f"{name}.json")
     bad = [a["task"] for a in answers if failed(a)]

@@ -1,7 +1,7 @@
 """Draw the pictures of pages about use: `python scripts/page_pictures.py [NAME ...]` writes figures/pages/NAME.
 
-They are made of the packaged examples, of the contract's outcomes, and of verdicts and tables on file. Needs
-`pip install "refsim[view]"`; takes two minutes on two cores. Exit code: 0, 2 for a name that is no picture.
+They are made of packaged examples and of verdicts on file. Needs `pip install "refsim[view]"`; takes a minute.
+Exit code: 0, 2 for a name that is no picture.
 """
 
 from __future__ import annotations
@@ -18,12 +18,11 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
 import refsim  # noqa: E402
-from refsim import contract  # noqa: E402
 from refsim.__main__ import main as refsim_command  # noqa: E402
-from refsim.core import cases  # noqa: E402
-from refsim.core.operation import REGISTRY  # noqa: E402
 from scripts.pictures import command  # noqa: E402
-from validation.drawing import BLUE, GREEN, GREY, ORANGE, SKY  # noqa: E402
+from validation import checks  # noqa: E402
+from validation.drawing import GREEN, GREY, ORANGE, SKY  # noqa: E402
+from validation.page import SYSTEMS  # noqa: E402
 
 FOLDER = ROOT / "figures" / "pages"
 
@@ -72,38 +71,6 @@ def dam_break() -> Any:
     return figure
 
 
-def rounding_of_density() -> Any:
-    """The contract's outcomes for the CPU's density in single precision: error of each trial over its bound."""
-    import matplotlib.pyplot as plt
-
-    cases.discover()
-    outcomes = contract.climb(contract.Target(REGISTRY["sph.density"], "cpu", "float32"))
-    steps = sorted({outcome.step for outcome in outcomes}, key=lambda step: int(step[1:]))
-    figure, axes = plt.subplots(figsize=(6.4, 2.9))
-    for k, step in enumerate(steps):
-        errors = np.array([outcome.error for outcome in outcomes if outcome.step == step])
-        axes.plot(
-            np.full(len(errors), k) + np.linspace(-0.28, 0.28, len(errors)), np.maximum(errors, 1e-5), ".", color=BLUE
-        )
-    axes.axhline(1.0, color=ORANGE)
-    axes.text(0.5, 1.1e-5, "exact", color=GREY)
-    axes.text(len(steps) - 0.5, 1.3, "bound", color=ORANGE, ha="right")
-    axes.set(yscale="log", ylim=(5e-6, 5), xticks=range(len(steps)), xticklabels=steps, xlabel="step")
-    axes.set(
-        ylabel="error / bound", title=f"sph.density in single precision: {len(outcomes)} trials, all below the bound"
-    )
-    return figure
-
-
-SOURCES = {
-    "jiang_zhu_2023": "Jiang & Zhu 2023",
-    "dong_2016": "Dong, Zhang & Chen 2016",
-    "mpm": "thesis: particles and grid",
-    "surface_energy": "thesis: surface and tension",
-    "heat": "Shao & Song 2017: heat",
-    "melting": "Shao & Song 2017: melting",
-    "one_way_coupling": "patent CN104318598A",
-}
 VERDICTS = {"confirmed": GREEN, "mixed": SKY, "refuted": ORANGE, "not testable": GREY}
 
 
@@ -111,10 +78,8 @@ def verdicts() -> Any:
     """How many claims of each source were confirmed, mixed, refuted, or cannot be tested."""
     import matplotlib.pyplot as plt
 
-    from validation import checks
-
     found = collections.Counter((claim.system, claim.verdict) for claim in checks.read_all(checks.CLAIM))
-    systems = list(SOURCES)[::-1]
+    systems = list(SYSTEMS)[::-1]
     figure, axes = plt.subplots(figsize=(7.6, 0.9 + 0.32 * len(systems)))
     left = np.zeros(len(systems))
     for verdict, color in VERDICTS.items():
@@ -123,7 +88,7 @@ def verdicts() -> Any:
         for k in np.flatnonzero(count):
             axes.text(left[k] + count[k] / 2, k, str(count[k]), ha="center", va="center", color="white", fontsize=8)
         left += count
-    axes.set(yticks=range(len(systems)), yticklabels=[SOURCES[s] for s in systems], xlabel="claims")
+    axes.set(yticks=range(len(systems)), yticklabels=[SYSTEMS[s] for s in systems], xlabel="claims")
     axes.legend(loc="lower right")
     return figure
 
@@ -131,7 +96,6 @@ def verdicts() -> Any:
 PICTURES: dict[str, Callable[[], Any]] = {
     "styles.webp": styles,
     "dam_break.png": dam_break,
-    "rounding_of_density.png": rounding_of_density,
     "verdicts.png": verdicts,
 }
 

@@ -27,7 +27,7 @@ from validation import accuracy, accuracy_page, attack, judging, own_choices, pa
 from validation.checks import CLAIM, HARD_CASE, KINDS, VALUE, VERDICT
 from validation.experiment import Options, Picture, chosen, discover
 from validation.measure import command
-from validation.perform import EXIT_FAILED, EXIT_FINE, Performed, exit_code, perform
+from validation.perform import EXIT_FAILED, EXIT_FINE, Performed, exit_code, perform, redraw
 from validation.report import as_json, report
 from validation.results import finite
 
@@ -82,6 +82,11 @@ def parser() -> argparse.ArgumentParser:
     part.add_argument("--write", action="store_true", help="store what was measured and renew docs/accuracy_cost.md")
     part.add_argument("--draw", action="store_true", help="page and pictures from the stored points; measures nothing")
     part.set_defaults(perform=panels)
+
+    part = add("draw", "draws pictures anew from their data files; nothing is simulated")
+    part.add_argument("names", nargs="*", metavar="PICTURE", help="every one that has data by default")
+    part.add_argument("--quick", action="store_true", help="those of the quick sizes, in figures/quick")
+    part.set_defaults(perform=drawn)
 
     part = add("own", "measures what each paper's own choices give beside refsim's, in a minute, and writes the table")
     part.set_defaults(perform=own)
@@ -168,6 +173,15 @@ def every_picture() -> dict[str, Picture]:
     options, known = Options(), discover()
     parts = [part for e in known.values() for part in (e.part(options), judging.trial_part(e, options))]
     return {picture.name: picture for part in parts for picture in part.pictures}
+
+
+def drawn(given: argparse.Namespace) -> int:
+    """Draw pictures from their data."""
+    folder, known = Path("figures/quick" if given.quick else "figures"), every_picture()
+    names = given.names or [name for name in known if any(folder.glob(f"{name}.json*"))]
+    for picture in chosen(names, known, "picture") if names else ():
+        print(redraw(picture, folder))
+    return EXIT_FINE
 
 
 def check(given: argparse.Namespace) -> int:

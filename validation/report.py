@@ -9,7 +9,7 @@ import base64
 import dataclasses
 import datetime
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
@@ -161,13 +161,8 @@ def _plain(table: Table) -> list[str]:
 
 STYLE = """
 body { font: 15px/1.45 system-ui, sans-serif; margin: 0 auto; max-width: 72rem; padding: 1rem 1.5rem; color: #222; }
-h1, h2, h3 { line-height: 1.2; } h2 { border-bottom: 1px solid #ccc; margin-top: 2.5rem; }
-table { border-collapse: collapse; font-size: 13px; margin: 0.5rem 0 1rem; }
-.wide { overflow-x: auto; } caption { text-align: left; font-weight: 600; padding: 0.3rem 0; }
-th, td { border-bottom: 1px solid #ddd; padding: 0.15rem 0.7rem 0.15rem 0; text-align: left; vertical-align: top; }
-td.number, th.number { text-align: right; font-variant-numeric: tabular-nums; }
-.pass { color: #00734f; } .fail { color: #fff; background: #b3261e; font-weight: 600; } .shown { color: #666; }
-figure { margin: 1rem 0; } img { max-width: 100%; height: auto; } figcaption, .note { color: #555; font-size: 13px; }
+h2 { border-bottom: 1px solid #ccc; margin-top: 2.5rem; } pre { overflow-x: auto; font-size: 12.5px; }
+figure { margin: 1rem 0; } img { max-width: 100%; height: auto; } figcaption { color: #555; font-size: 13px; }
 nav a { margin-right: 0.9rem; }
 """
 
@@ -175,103 +170,50 @@ nav a { margin-right: 0.9rem; }
 def write_page(whole: Whole, path: Path) -> Path:
     """Write the page; returns its path."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(page(whole), encoding="utf-8")
+    path.write_text(page(whole, path), encoding="utf-8")
     return path
 
 
-def page(whole: Whole) -> str:
+def page(whole: Whole, path: Path) -> str:
     """Every verdict, table and picture as one HTML document that loads nothing from elsewhere."""
-    failed = [(name, c) for name, c in whole.checks if c.verdict == FAIL]
     here = ", ".join(f"{name} {value}" for name, value in whole.machine.items())
     day = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
-    head = ["experiment", "quantity", "paper", "measured", "unit", "bar", "verdict"]
-    parts = [
-        f"<h1>{escape(whole.title)}</h1>",
-        f"<p>{day}. {escape(here)}. It took {whole.seconds:.0f} s.</p>",
-        "<nav>" + " ".join(_link(name, name) for name in _names(whole)) + "</nav>",
-        '<h2 id="summary">The numbers that matter</h2>',
-        _html(head, [[_link(name, name), *_verdict_cells(c)] for name, _, c in whole.five()]),
-        f"<p>{len(whole.checks)} quantities: {_counted(c for _, c in whole.checks)}.</p>",
-    ]
-    if failed:
-        parts += [
-            '<h2 id="failed">What failed</h2>',
-            _html(head, [[_link(name, name), *_verdict_cells(c)] for name, c in failed]),
-        ]
-    if said := notes(whole.performed):
-        parts += ["<ul>", *(f"<li>{escape(line)}</li>" for line in said), "</ul>"]
-    for each in whole.performed:
-        parts += _section(each, whole.titles.get(each.part.name, ""), head[1:])
-    parts += ['<h2 id="claims">Claims of the papers</h2>', _claims(whole.claims)]
+    bad = [dataclasses.replace(e, checks=[c for c in e.checks if c.verdict == FAIL]) for e in whole.performed]
+    sections = {"summary": [_text(summary(whole, path))], "failed": [_text(check_table(bad) or "nothing")]}
+    sections["notes"] = [_text("\n".join(notes(whole.performed)))]
+    sections |= {each.part.name: _section(each, whole.titles.get(each.part.name, "")) for each in whole.performed}
+    sections["claims"] = [_text(_claims(whole.claims))]
+    links = " ".join(f'<a href="#{escape(name)}">{escape(name)}</a>' for name in sections)
     title = escape(whole.title)
-    return (
-        f'<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n<title>{title}</title>\n'
-        f'<link rel="icon" href="data:,">\n<style>{STYLE}</style>\n</head>\n<body>\n'
-        + "\n".join(parts)
-        + "\n</body>\n</html>\n"
-    )
+    parts = [
+        f'<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n<title>{title}</title>',
+        f'<link rel="icon" href="data:,">\n<style>{STYLE}</style>\n</head>\n<body>',
+        f"<h1>{title}</h1>\n<p>{day}. {escape(here)}.</p>\n<nav>{links}</nav>",
+    ]
+    for name, lines in sections.items():
+        parts += [f'<h2 id="{escape(name)}">{escape(name)}</h2>', *lines]
+    return "\n".join([*parts, "</body>\n</html>\n"])
 
 
-def _names(whole: Whole) -> list[str]:
-    return ["summary", *(each.part.name for each in whole.performed), "claims"]
+def _text(words: str) -> str:
+    return f"<pre>{escape(words)}</pre>"
 
 
-def _link(name: str, words: str) -> str:
-    return f'<a href="#{escape(name)}">{escape(words)}</a>'
-
-
-def _counted(checks: Iterable[Check]) -> str:
-    verdicts = [c.verdict for c in checks]
-    return ", ".join(f"{verdicts.count(v)} {words}" for v, words in ((PASS, "pass"), (FAIL, "fail"), (SHOWN, "shown")))
-
-
-def _section(each: Performed, title: str, head: Sequence[str]) -> list[str]:
-    """One experiment or panel: its pictures, verdicts and tables."""
-    name = each.part.name
-    made = [f'<h2 id="{escape(name)}">{escape(name)}{escape(f": {title}" if title else "")}</h2>']
+def _section(each: Performed, title: str) -> list[str]:
+    """One experiment: its pictures, verdicts and tables."""
+    made = [f"<p>{escape(title)}</p>"]
     for picture, path in each.drawn.items():
         data = base64.b64encode(path.read_bytes()).decode("ascii")
         source = f"data:{MIME[path.suffix]};base64,{data}"
         words = escape(picture.replace("_", " "))
         made.append(f'<figure><img alt="{words}" src="{source}"><figcaption>{words}</figcaption></figure>')
-    if each.checks:
-        made.append(_html(head, [_verdict_cells(c) for c in each.checks]))
-    return made + [_table(table) for table in each.tables]
-
-
-def _verdict_cells(check: Check) -> list[str]:
-    *words, verdict = _cells(check)
-    return [*map(escape, words), f'<span class="{escape(check.verdict)}">{escape(verdict)}</span>']
+    return made + [_text(words) for words in (check_table([each]), *map(str, each.tables)) if words]
 
 
 def _claims(claims: Sequence[tuple[Entry, Check | None]]) -> str:
     rows = []
     for entry, check in claims:
-        now = check.measured() if check else "(not measured here)"
         verdict = entry.verdict if check is None or check.verdict == PASS else f"{entry.verdict}, now {check.found}"
-        mark = f'<span class="{check.verdict if check else PASS}">{escape(verdict)}</span>'
-        rest = [in_range(entry) if entry.starts else "", now, entry.what or entry.says, entry.bar(), entry.name]
-        rows.append([escape(entry.system), escape(entry.title), mark, *map(escape, rest)])
-    return _html(["system", "claim", "verdict", "written", "measured now", "quantity", "bar", "name"], rows)
-
-
-def _table(table: Table) -> str:
-    """A table with its title, and its note below."""
-    cells = [["-" if c is None else c if isinstance(c, str) else number(c) for c in row] for row in table.rows]
-    note = f'<p class="note">{escape(table.note)}</p>' if table.note else ""
-    return _html(table.heading, [list(map(escape, row)) for row in cells], table.title) + note
-
-
-def _html(heading: Sequence[str], rows: Sequence[Sequence[str]], title: str = "") -> str:
-    """A table; cells are HTML, the heading and the title are plain. Columns of numbers stand to the right."""
-    right = [bool(rows) and all(_is_number(row[k]) for row in rows) for k in range(len(heading))]
-    mark = [' class="number"' if each else "" for each in right]
-    lines = ["".join(f"<th{m}>{escape(word)}</th>" for m, word in zip(mark, heading))]
-    lines += ["".join(f"<td{m}>{cell}</td>" for m, cell in zip(mark, row)) for row in rows]
-    caption = f"<caption>{escape(title)}</caption>" if title else ""
-    body = "\n".join(f"<tr>{line}</tr>" for line in lines)
-    return f'<div class="wide"><table>{caption}\n{body}\n</table></div>'
-
-
-def _is_number(cell: str) -> bool:
-    return cell[:1].isdigit() or cell[:1] in "+-" or cell == "none"
+        now = check.measured() if check else "(not measured here)"
+        rows.append([entry.system, entry.name, verdict, in_range(entry) if entry.starts else "", now, entry.bar()])
+    return table(rows, ["system", "claim", "verdict", "written", "measured now", "bar"])
