@@ -70,8 +70,6 @@ def add_commands(made: argparse.ArgumentParser) -> None:
     part = add("studies", "holds refsim study against scenes with exact answers")
     part.add_argument("--threads", type=int, help="CPU threads; one for 1,024 particles by default")
     part.add_argument("--write", action="store_true", help="write the table into docs/study.md")
-    part = add("mass_ratio", "prints by how much the energy rises, by ratio of particle masses and scene")
-    part.add_argument("kinds", nargs="*", help="scenes whose names contain one of these words; all by default")
     add(
         "states",
         "computes the stored moments of the dam break anew (some minutes)",

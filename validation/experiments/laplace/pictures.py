@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.ticker import FixedLocator, NullLocator, StrMethodFormatter
 
 from refsim.study.panels.drops import cap_volume
 from refsim.surface_tension.calibration import BASE
-from validation.drawing import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, headline, shared_legend
+from validation.drawing import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, shared_legend
 from validation.experiment import Picture, Results
 from validation.experiments.laplace.runs import setting_words
 from validation.measure.drops import FITTED_FROM, MODELS, SEEDED, base
-from validation.measure.sigma_map import WORST_MISFIT, at_base
+from validation.measure.sigma_map import at_base
 from validation.results import real
 
 COLOURS = dict(zip(MODELS, (BLACK, VERMILION, ORANGE, BLUE, SKY, GREEN, PURPLE, GREY, "#8c6d31", "#bbbbbb", "#d62fae")))
@@ -146,109 +145,6 @@ PICTURES = (
     Picture("laplace", jump_data, jump_picture, ("map",)),
     Picture("sigma_map", map_data, map_picture, ("map",)),
 )
-
-
-# Tension by Rayleigh against tension by Laplace, drop by drop.
-
-
-def oscillation_data(results: Results) -> dict[str, Any]:
-    """Both tensions of every kicked drop whose frequency can be read."""
-    names = ("model", "dim", "support", "stiffness", "radius", "seed", "laplace", "rayleigh", "misfit")
-
-    def swung(rows: Iterable[Any], worst: float) -> list[dict[str, Any]]:
-        known = (r for r in rows if not r["stopped"] and math.isfinite(real(r.get("rayleigh"))))
-        return [{n: row[n] for n in names} for row in known if not real(row["misfit"]) > worst]
-
-    now = [result.values for key, result in results.items() if key != "map"]
-    drops = swung(results["map"].values["rows"], WORST_MISFIT)
-    return {"title": "Tension by Rayleigh against tension by Laplace", "drops": drops, "now": swung(now, math.inf)}
-
-
-AGREE = 0.1  # relative difference up to which both measures agree
-SHOWN = "akinci"  # the model whose drops stand out
-
-
-def picture(data: Mapping[str, Any]) -> Any:
-    """On the line a drop has one surface tension; above it something else holds the shape, too."""
-    figure, panels = plt.subplots(1, 2, figsize=(9.6, 5.0), sharey=True)
-    share = ""
-    for axes, dim in zip(panels, (2, 3)):
-        axes.fill_between([0.3, 30], [0.3 * (1 - AGREE), 30 * (1 - AGREE)], [0.3 * (1 + AGREE), 30 * (1 + AGREE)],
-                          color="#dddddd", lw=0, label="equal within 10 %")  # fmt: skip
-        drops = [d for d in data["drops"] if d["dim"] == dim and d["laplace"] > 0]
-        counted = []
-        for own, colour, words in (
-            ([d for d in drops if d["model"] != SHOWN], SKY, "other models"),
-            ([d for d in drops if d["model"] == SHOWN], VERMILION, MODELS[SHOWN][0]),
-        ):
-            near = sum(abs(d["rayleigh"] / d["laplace"] - 1) <= AGREE for d in own)
-            counted.append(f"{near} of {len(own)} drops of {words}")
-            x, y = [d["laplace"] for d in own], [d["rayleigh"] for d in own]
-            axes.plot(x, y, "o", ms=4.5, color=colour, mec="white", mew=0.4, label=words)
-        share = f"3D: {counted[1]} and {counted[0]} have one surface tension"
-        now = [d for d in data.get("now", ()) if d["dim"] == dim]
-        if now:
-            x, y = [d["laplace"] for d in now], [d["rayleigh"] for d in now]
-            axes.plot(x, y, label=f"{MODELS[SHOWN][0]}, measured again", **RING)
-        axes.set(xscale="log", yscale="log")
-        ticks = (0.5, 1, 2, 5, 10, 20)
-        for axis in (axes.xaxis, axes.yaxis):
-            axis.set(major_locator=FixedLocator(ticks), major_formatter=StrMethodFormatter("{x:g}"))
-            axis.set(minor_locator=NullLocator())
-        axes.set(xlim=(0.5, 12), ylim=(0.5, 27))
-        beyond = sum(
-            d["dim"] == dim and not (0.5 <= d["laplace"] <= 12 and 0.5 <= d["rayleigh"] <= 27) for d in data["drops"]
-        )
-        words = f"; {beyond} drops lie outside" if beyond else ""
-        axes.set(title=f"{dim}D, mode n = 2{words}", xlabel="tension by the pressure jump, over the nominal one")
-        axes.grid(True)
-    panels[0].set_ylabel("tension by the frequency, over the nominal one")
-    shared_legend(figure, panels, ncols=4, fontsize=8)
-    figure.suptitle(share, fontweight="bold")
-    return figure
-
-
-OSCILLATION_PICTURES = (Picture("oscillation", oscillation_data, picture, ("map",)),)
-
-
-# Spurious speed and capillary number of drops at rest.
-
-
-SPURIOUS_KEPT = ("spurious", "capillary", "momentum", "angular_momentum", "nn_5", "roughness")
-
-
-def spurious_data(results: Results) -> dict[str, Any]:
-    """Every drop at the map's base."""
-    names = ("model", "dim", "radius", "seed", *SPURIOUS_KEPT)
-    rows = [{n: r[n] for n in names} for r in results["map"].values["rows"] if at_base(r) and not r["stopped"]]
-    return {"title": "Spurious motion of drops at rest", "drops": rows}
-
-
-def spurious_picture(data: Mapping[str, Any]) -> Any:
-    """The speed of every drop, a line each model, the slowest in space first; larger marks for larger drops."""
-    found: dict[tuple[str, int], list[Any]] = {}
-    for d in data["drops"]:
-        found.setdefault((d["model"], d["dim"]), []).append(d)
-    middle = {key: float(np.median([d["spurious"] for d in drops])) for key, drops in found.items()}
-    order = sorted(dict.fromkeys(model for model, _ in found), key=lambda m: middle.get((m, 3), middle.get((m, 2), 0)))
-    figure, axes = plt.subplots(figsize=(7.2, 0.42 * len(order) + 1.3))
-    for (model, dim), drops in found.items():
-        colour, y = COLOURS[model], -order.index(model) + (0.17 if dim == 2 else -0.17)
-        face = "white" if dim == 2 else colour
-        for d in drops:
-            axes.plot(d["spurious"], y, "o", ms=3 + 0.2 * d["radius"], color=colour, mfc=face, alpha=0.85)
-    for dim, face in ((2, "white"), (3, GREY)):
-        axes.plot([], [], "o", color=GREY, mfc=face, label=f"{dim}D")
-    axes.set_yticks([-k for k in range(len(order))], [MODELS[model][0] for model in order])
-    axes.set(xscale="log", xlabel=r"rms speed at rest over $\sqrt{\sigma/(\rho R)}$; Oh = 0.03, h = 2.6 d (IISPH 2 d)")
-    axes.grid(True, axis="x")
-    axes.legend(loc="lower left", fontsize=9)
-    least, most = (middle[model, 3] for model in (order[0], order[-1]))
-    headline(figure, f"A drop at rest in space moves at {least:.2g} to {most:.2g} of its capillary speed", 10.5)
-    return figure
-
-
-SPURIOUS_PICTURES = (Picture("spurious", spurious_data, spurious_picture, ("map",)),)
 
 
 # Contact angle against the coefficient of adhesion, and the outlines of drops.

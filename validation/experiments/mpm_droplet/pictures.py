@@ -442,30 +442,6 @@ def drops_picture(data: Mapping[str, Any]) -> Any:
     return figure
 
 
-def collision_data(results: Results) -> dict[str, Any]:
-    """Ledgers of two drops that meet, in space and in the plane."""
-    space, plane = results["collision_3d"], results["collision_2d"]
-    return {
-        "title": "Two drops meet off their axis",
-        "space": chosen(space.values["series"], *ENERGIES), "plane": chosen(plane.values["series"], *ENERGIES),
-        "kept": {name: [r.values[name] for r in (space, plane)] for name in ("momentum", "angular", "centre")},
-    }  # fmt: skip
-
-
-def collision_picture(data: Mapping[str, Any]) -> Any:
-    """Energies over time in space and in the plane."""
-    figure, panels = plt.subplots(1, 2, figsize=(10.4, 3.0))
-    parts = (("space", "In space", "J"), ("plane", "In the plane", "J/m"))
-    for k, (axes, (name, words, unit)) in enumerate(zip(panels, parts)):
-        ledger_lines(axes, data[name])
-        axes.set_ylabel(f"energy [{unit}]")
-        axes.set_ylim(bottom=0)
-        momentum, angular, centre = (data["kept"][n][k] for n in ("momentum", "angular", "centre"))
-        words = f"{words}: drift of momentum {momentum:.0e},\nof angular momentum {angular:.0e}"
-        axes.set_title(f"{words}, the centre {centre:.0e} h", fontsize=8.5)
-    return figure
-
-
 def floor_data(results: Results) -> dict[str, Any]:
     """Angles of drops on a floor over time, in the plane and in space."""
     angles = sorted(int(key.removeprefix("floor_3d_")) for key in results if key.startswith("floor_3d_"))
@@ -623,25 +599,6 @@ def sheet_picture(data: Mapping[str, Any]) -> Any:
     return figure
 
 
-def example_data(results: Results) -> dict[str, Any]:
-    """Surfaces of the example scene."""
-    result = results["example"]
-    return {
-        "title": "refsim/examples/mpm_droplet.toml", "times": result.values["shown"],
-        "frames": frames_of(result, len(result.values["shown"])), "millimetres": result.values["millimetres"],
-    }  # fmt: skip
-
-
-def example_picture(data: Mapping[str, Any]) -> Any:
-    """A row of lit surfaces."""
-    figure, panels = plt.subplots(1, len(data["frames"]), figsize=(10.4, 2.1))
-    extent = 1.04 * max(np.abs(vertices_of(f) - vertices_of(f).mean(0)).max() for f in data["frames"])
-    for axes, at, frame in zip(panels, data["times"], data["frames"]):
-        shaded(axes, frame, extent)
-        plain_title(axes, f"{1e3 * at:g} ms")
-    return figure
-
-
 PICTURES = (
     Picture("mpm_square", square_data, square_picture, ("square_cluster",)),
     Picture("mpm_readings", readings_data, readings_picture, ("transfers",)),
@@ -650,11 +607,9 @@ PICTURES = (
     Picture("mpm_box", box_data, box_picture, ("box", "box_default")),
     Picture("mpm_settling", settling_data, settling_picture, ("box", "box_thin")),
     Picture("mpm_drops", drops_data, drops_picture, DROPS, shaded=True),
-    Picture("mpm_collision", collision_data, collision_picture, ("collision_2d", "collision_3d")),
     Picture("mpm_floor", floor_data, floor_picture, tuple(f"floor_{d}d_{a}" for d in (2, 3) for a in ANGLES)),
     Picture("mpm_pressure", pressure_data, pressure_picture, ("rest_2d_22_enclosing_0",)),
     Picture("mpm_frequency", frequency_data, frequency_picture,
             ("swing_2d_22", "swing_3d_9", "potential_flow_2d", "potential_flow_3d")),
-    Picture("mpm_example", example_data, example_picture, ("example",)),
     Picture("mpm_sheet", sheet_data, sheet_picture, ("sheet",)),
 )  # fmt: skip

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import pathlib
 import statistics
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -24,7 +23,6 @@ from refsim.mpm import READINGS
 from refsim.mpm.limits import FARTHEST
 from refsim.mpm.reference import SYMMETRIC
 from refsim.render.surfaces import distances
-from refsim.scene.files import load_scene
 from refsim.sparse_grid.reference import node_table
 from refsim.study.panels.observables import damped_cosine, deformation
 from refsim.surface_energy import Tension
@@ -81,17 +79,6 @@ def sphericity(area: float, volume: float, dim: int) -> float:
 def anisotropy(position: Array, dim: int) -> float:
     """Range of the principal second moments of the particles over their mean."""
     return inertia_anisotropy(position[:, :dim])
-
-
-def anisotropy_of_chance(count: int, dim: int, draws: int = 200) -> float:
-    """Mean anisotropy of `count` particles placed at random in a ball (disc): what their number alone makes."""
-    random = np.random.default_rng(0)
-    found = []
-    for _ in range(draws):
-        place = random.normal(size=(count, dim))
-        place *= (random.uniform(size=count) ** (1 / dim) / np.linalg.norm(place, axis=1))[:, None]
-        found.append(anisotropy(place, dim))
-    return float(np.mean(found))
 
 
 def anisotropy_of_cut(radius: float, dim: int, per: int = 2, draws: int = 40) -> float:
@@ -410,7 +397,6 @@ def plain_block(context: Context, block: dict[str, Any], threads: int, backend: 
 # Runs of bodies of liquid under surface tension: at rest, rounding off, swinging, colliding, on a floor, a sheet.
 
 
-EXAMPLE = pathlib.Path(__file__).resolve().parents[3] / "refsim" / "examples" / "mpm_droplet.toml"
 THESIS = "M9, M10"  # the embedding as printed
 DROP_SPIN = 20.0  # rad/s, of the disc that turns
 SIDES = (1.3, 1.0, 0.8)  # of the box that becomes a sphere
@@ -479,8 +465,7 @@ def rounding(
     run = context.simulation(scene, backend)
     followed = follow(context, run, until, rows, shown)
     cut = anisotropy_of_cut(radius_of(run.count, dim, per), dim, per)
-    return told(run, followed, shown, last=late(followed[0].series), chance=anisotropy_of_chance(run.count, dim),
-                cut=cut, inside=evenness(run))  # fmt: skip
+    return told(run, followed, shown, last=late(followed[0].series), cut=cut, inside=evenness(run))  # fmt: skip
 
 
 def erratum(context: Context, backend: str, printed: str, dim: int, size: float, until: float) -> Result:
@@ -725,13 +710,6 @@ def sheet(context: Context, backend: str, length: float, thick: float, tension: 
     speed = -0.5 * float(np.polyfit(t[held], w[held], 1)[0]) * CELLS[2] if held.sum() > 5 else float("nan")
     seen = {"time": times[::5], "value": width[::5]}
     return told(run, followed, shown, speed=speed, culick=culick, width=seen)
-
-
-def example(context: Context, backend: str, until: float, shown: Sequence[float]) -> Result:
-    """The scene file refsim/examples/mpm_droplet.toml, as `refsim run` runs it, and its surface."""
-    run = context.simulation(load_scene(EXAMPLE), backend)
-    followed = follow(context, run, until, 60, shown)
-    return told(run, followed, shown, millimetres=1e3 * followed[0].h)
 
 
 # Drops in space at twice the resolution of `drops`, for pictures: the smooth surface around their particles.
@@ -1450,7 +1428,6 @@ def bodies(options: Options) -> list[Run]:
         seconds = 150.0 if scene.get("dim") == 3 else 30.0
         add(f"held_{key}", held, seconds, **{"until": 2.0, **scene})
     add("small_held", held, 1.0, True, body="meet", until=0.02)
-    add("example", example, 60.0, until=0.25, shown=[0.0, 0.005, 0.01, 0.02, 0.05, 0.25])
     add("small_box", rounding, 4.0, True, shape="box", size=5.0, until=0.02, tension=ENCLOSING, liquid=RESTFUL)
     add("small_rest", at_rest, 1.0, True, dim=2, radius=5.5, until=0.05)
     add("small_floor", on_floor, 2.0, True, dim=2, radius=5.5, angle=60, until=0.05, liquid=DAMPED)

@@ -18,11 +18,10 @@ WORDS = {"laplacian": "J(11)", "central": "central"}
 def data(results: Results) -> dict[str, Any]:
     """The series of every drop that spins, and its rates."""
     drops = []
-    for key, result in results.items():
-        if key.startswith("spin"):
-            rates = {n: v for n, v in result.values.items() if n.startswith(("braking", "damping"))}
-            series = {n: [float(f"{v:.6g}") for v in values] for n, values in result.arrays.items()}
-            drops.append({n: result.values[n] for n in ("dim", "radius", "size")} | rates | series)
+    for result in results.values():
+        rates = {n: v for n, v in result.values.items() if n.startswith(("braking", "damping"))}
+        series = {n: [float(f"{v:.6g}") for v in values] for n, values in result.arrays.items()}
+        drops.append({n: result.values[n] for n in ("dim", "radius", "size")} | rates | series)
     return {"title": "Viscosity of free drops, h = 2.6 d", "drops": drops}
 
 

@@ -1,12 +1,10 @@
-"""Drops that spin, and drops that oscillate in the mode n = 2, with either form of the viscosity.
+"""Drops that spin, with either form of the viscosity.
 
 Lengths in spacings, rho0 = 1, nominal sigma = 1. The tension acts along the pair: Akinci 2013 without its area term."""
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -16,9 +14,6 @@ from refsim import Akinci2013, Cloud, Scene, Simulation, WeaklyCompressible
 from refsim.study.panels.drops import (
     FLOW,
     LAMB,
-    RAYLEIGH,
-    fit_oscillation,
-    followed,
     kicks,
     radius_of,
     run_to,
@@ -36,7 +31,6 @@ STIRRED, RESTED = 2.0, 2.0  # stages in t_sigma = sqrt(rho R^3/sigma)
 CALM = 0.3  # Ohnesorge number mu/sqrt(rho sigma R) while relaxing and while spinning
 SPIN = 0.1  # angular velocity in 1/t_sigma: the drop stays round
 TURNED = 1.5  # length of the spin-down, in R^2/(5 nu), R^2/(4 nu) in 2D
-KICK, PERIODS, SAMPLES = 0.4, 2.25, 54  # amplitude of the oscillation in radii; what is fitted
 
 
 def scene(form: Any, dim: Any, position: NDArray, velocity: NDArray, viscosity: float) -> Scene:
@@ -112,32 +106,6 @@ def _accelerations(context: Context, made: Scene) -> NDArray:
     return simulation.field("acceleration")[place]
 
 
-def swing(context: Context, dim: int, radius: float, seed: int, ohnesorge: Sequence[float]) -> Result:
-    """Damping of the mode n = 2 of one relaxed drop that is kicked, with either form and several viscosities.
-
-    seen.<form>.<Oh>    beta of a + b t + A exp(-beta t) sin(omega t + phi) over Lamb's 5 nu/R^2 (4 in 2D)
-    misfit.<form>.<Oh>  rms of what the fit leaves, over that of the motion
-    """
-    position, size, values = relaxed(context, dim, radius, seed)
-    nominal = math.sqrt(RAYLEIGH[dim] / size**3)
-    values["ohnesorge"] = list(ohnesorge)
-    arrays: dict[str, NDArray] = {}
-    for share, form in enumerate(FORMS):
-        for number in ohnesorge:
-            viscosity = number * math.sqrt(radius)
-            made = scene(form, dim, position, KICK * nominal * FLOW[dim] * position, viscosity)
-            simulation = context.simulation(made, "cpu")
-            marks = (PERIODS * 2 * math.pi / nominal * (k + 1) / SAMPLES for k in range(SAMPLES))
-            times, moments = followed(simulation, dim, marks)
-            _, beta, misfit, _ = fit_oscillation(times, moments, nominal)
-            values[f"seen.{form}.{number:g}"] = beta / (LAMB[dim] * viscosity / size**2)
-            values[f"misfit.{form}.{number:g}"] = misfit
-            arrays |= {f"time.{form}.{number:g}": times * nominal / (2 * math.pi)}
-            arrays |= {f"moment.{form}.{number:g}": moments}
-        context.progress(0.4 + 0.3 * (share + 1))
-    return Result(values, arrays)
-
-
 def _angular_momentum(simulation: Simulation) -> float:
     """About the z axis through the origin, which the drop does not leave."""
     x, v, m = (simulation.field(name) for name in ("position", "velocity", "mass"))
@@ -148,20 +116,14 @@ def _angular_momentum(simulation: Simulation) -> float:
 
 
 RADII = {2: (8.0, 16.0, 32.0), 3: (5.0, 7.0, 10.0)}  # in spacings
-KICKED = {2: 16.0, 3: 7.0}
-OHNESORGE = (0.02, 0.05, 0.1)
 SEED = 2
 
 
 def planned(options: Options) -> list[Run]:
-    """Three sizes in 2D and in 3D, and one that oscillates; with --quick the smallest in 2D."""
+    """Three sizes in 2D and in 3D; with --quick the smallest in 2D."""
     if options.quick:
         return [_spin(2, RADII[2][0])]
-    made = [_spin(dim, radius) for dim, radii in RADII.items() for radius in radii]
-    for dim, radius in KICKED.items():
-        drop: dict[str, Any] = {"dim": dim, "radius": radius, "seed": SEED, "ohnesorge": OHNESORGE}
-        made.append(Run(f"swing_{dim}d", swing, drop, estimate=30.0))
-    return made
+    return [_spin(dim, radius) for dim, radii in RADII.items() for radius in radii]
 
 
 def _spin(dim: int, radius: float) -> Run:
@@ -174,11 +136,6 @@ def checks(results: Results, check: Checks) -> None:
     for key, result in results.items():
         row = result.values
         words = f"{row['dim']}D, R = {row['radius']:g} d"
-        if key.startswith("swing"):
-            for form, number in itertools.product(FORMS, row["ohnesorge"]):
-                name = f"{form}.{number:g}"
-                check("seen", row[f"seen.{name}"], f"{key}.{name}", f"{form}, {words}, Oh = {number:g}")
-            continue
         check("kept", row["change.central"], key, words)
         check("braking", row["braking.laplacian"], key, words)
         for form in FORMS:
