@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from refsim import SolidMesh
-from refsim.core.operation import REGISTRY
 from refsim.scene.plan import make_plan
 from refsim.scene.solids import body_cells
 from validation.checks import FAIL
@@ -71,21 +70,6 @@ def test_regions_fill_level_by_level():
     for i, j in np.argwhere(passes[-1] >= 0):
         assert (cells[passes[-1][i, j]] - own == (i - 2, j - 2, 0)).all()
     assert pictures.filling_picture(json.loads(json.dumps(finite(pictures.filling_data({"filling": result})))))
-
-
-def test_the_rival_finds_the_same_regions():
-    plan = make_plan(scene_of("figure_4", 0.3))
-    lattice = plan.grid.solids.lattice
-    nodes = len(lattice.key)
-    phase = (np.random.default_rng(3).random(nodes) < 0.7).astype(np.int32)
-    direct, count = np.empty((nodes, 27), np.int32), np.empty(nodes, np.int32)
-    REGISTRY["shape_matching.direct_neighbours"].program("cpu")(
-        phase, np.arange(nodes, dtype=np.int32), lattice, direct
-    )
-    ours, theirs = np.empty((nodes, 125), np.int32), np.empty((nodes, 125), np.int32)
-    REGISTRY["shape_matching.regions"].program("cpu")(direct, None, lattice, ours, count)
-    melting.all_regions(direct, lattice.cell, np.int32(2), theirs, count)
-    assert (ours == theirs).all()
 
 
 def test_columns_of_rays_find_the_cells_in_a_mesh(tmp_path):

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from refsim.render.space import Body
 from refsim.render.surfaces import surface_around
-from validation.checks import VERDICT, read
 from validation.drawing import (
     GREY,
     ball_picture,
@@ -27,7 +26,7 @@ from validation.drawing import (
     view_matrix,
 )
 from validation.experiment import Picture, Results
-from validation.experiments.melting.runs import KINDS, ON_GPU, PAPER, TITLES, WIDTHS, grouped
+from validation.experiments.melting.runs import ON_GPU, PAPER, TITLES, WIDTHS, grouped
 from validation.experiments.melting.scene import SPACING
 from validation.results import real
 
@@ -186,31 +185,25 @@ def time_data(results: Results) -> dict[str, Any]:
     """Table 2 and figure 7: milliseconds a step, stage by stage."""
     rows = []
     for figure, (words, paper) in PAPER.items():
-        for kind in ("cost", "rival"):
-            key = f"{kind}_{figure}"
-            if key in results:
-                values = results[key].values
-                rows.append({
-                    "figure": figure, "words": words, "kind": kind, "paper": paper,
-                    "liquid": values["liquid"], "solid": values["solid"],
-                    "milliseconds": 1e3 * values["seconds"], "threads": values["threads"],
-                    "stages": {name: 1e3 * s for name, s in grouped(values["stages"]).items()},
-                })  # fmt: skip
+        values = results[f"cost_{figure}"].values
+        rows.append({
+            "figure": figure, "words": words, "paper": paper, "liquid": values["liquid"], "solid": values["solid"],
+            "milliseconds": 1e3 * values["seconds"], "threads": values["threads"],
+            "stages": {name: 1e3 * s for name, s in grouped(values["stages"]).items()},
+        })  # fmt: skip
     return {"title": "Table 2 and figure 7: a step of 5 ms", "rows": rows}
 
 
 def time_picture(data: Mapping[str, Any]) -> Any:
-    """A bar for each scene and method, cut into stages, and the paper's number beside it."""
+    """A bar for each scene, cut into stages, and the paper's number beside it."""
     rows = data["rows"]
     figure, axes = plt.subplots(figsize=(9.6, 0.9 + 0.55 * len(rows)))
     labels = []
     ends = stacked_bars(axes, [row["stages"] for row in rows], COLOURS)
     for k, (row, left) in enumerate(zip(rows, ends)):
         axes.text(left, k, f"  {row['milliseconds']:.0f} ms", va="center", fontsize=8.5)
-        if row["kind"] == "cost":
-            axes.plot([row["paper"]] * 2, [k - 0.42, k + 0.42], color="black", linewidth=2)
-        words = f"{row['liquid'] / 1e3:.1f}k + {row['solid'] / 1e3:.1f}k"
-        labels.append(f"{words}\n{'refsim' if row['kind'] == 'cost' else 'stand-in for the rival'}")
+        axes.plot([row["paper"]] * 2, [k - 0.42, k + 0.42], color="black", linewidth=2)
+        labels.append(f"{row['liquid'] / 1e3:.1f}k + {row['solid'] / 1e3:.1f}k")
     axes.plot([], [], color="black", linewidth=2, label="paper, GTX 690")
     axes.set_yticks(range(len(rows)), labels, fontsize=8)
     axes.invert_yaxis()
@@ -259,33 +252,6 @@ def gpu_picture(data: Mapping[str, Any]) -> Any:
     return figure
 
 
-def speed_data(results: Results) -> dict[str, Any]:
-    """The fastest particle of figure 5 over time, by how pairs of liquid push each other."""
-    rows = []
-    for key, words in (("figure_5", "one pressure a pair"), ("own_pressure", "each by its own pressure")):
-        values = results[key].values
-        series = values["series"]
-        later = np.diff(series["time"], prepend=-1.0) > 0  # the last entry may repeat the one before
-        own = {name: np.asarray(series[name])[later].tolist() for name in ("time", "fastest", "solid")}
-        rows.append({"words": words, "step": values["options"].get("step"), **own})
-    bar = read("melting", VERDICT)["fastest"].bound
-    return {"title": "Figure 5: the fastest particle in every ten steps", "bar": bar, "rows": rows}
-
-
-def speed_picture(data: Mapping[str, Any]) -> Any:
-    """Greatest speed over time, and the bar."""
-    figure, axes = plt.subplots(figsize=(7.2, 3.4))
-    for row, colour in zip(data["rows"], ("#4A90C2", "#D9653B")):
-        axes.plot(row["time"], row["fastest"], color=colour, label=row["words"], linewidth=1.2)
-    axes.axhline(data["bar"], color="black", linestyle="--", linewidth=1, label="bar")
-    axes.set(xlabel="time [s]", ylabel="greatest speed [m/s]")
-    axes.set_ylim(bottom=0)
-    axes.grid(True)
-    axes.legend(loc="upper left")
-    axes.set_title(data["title"])
-    return figure
-
-
 SUMS = {
     "gather": ("member by member", "#4A90C2", "o"), "reduction": ("parallel reduction (the paper)", "#D9653B", "s"),
     "fast": ("fast summation", "#5AAE7A", "^"),
@@ -327,8 +293,7 @@ PICTURES = (
     Picture("melting_figure_3", filling_data, filling_picture, ("filling",)),
     *(Picture(f"melting_{key}", stage_data(key, TITLES[key]), stage_picture(*view), (key,), shaded=True)
       for key, view in VIEWS.items()),
-    Picture("melting_speed", speed_data, speed_picture, ("figure_5", "own_pressure")),
     Picture("melting_half_width", width_data, width_picture, tuple(f"width_{width}" for width in WIDTHS)),
-    Picture("melting_figure_7", time_data, time_picture, tuple(f"{kind}_{name}" for name in PAPER for kind in KINDS)),
+    Picture("melting_figure_7", time_data, time_picture, tuple(f"cost_{name}" for name in PAPER)),
     Picture("melting_gpu", gpu_data, gpu_picture, tuple(f"gpu_{figure}" for figure in ON_GPU)),
 )  # fmt: skip

@@ -30,7 +30,6 @@ from refsim import (
 )
 from refsim.backends import runtime
 from refsim.backends.arrays import unavailable
-from refsim.backends.compile import cpu_kernel, formula
 from refsim.core.operation import REGISTRY
 from refsim.scene.solids import lattice_of
 from refsim.shape_matching.phases import EMPTY, FLUID, INTERIOR, SURFACE
@@ -239,40 +238,25 @@ def conserved(context: Context, backend: str, dtype: str, bookkeeping: str, step
 
 def step_cost(
     context: Context, figure: str, size: float, backend: str, threads: int | None, warm: int, rounds: int, steps: int,
-    rival: bool = False, solid_share: float = -1.0, **options: Any,
+    solid_share: float = -1.0, **options: Any,
 ) -> Result:  # fmt: skip
     """Seconds a step of a figure's scene, stage by stage: `rounds` times `steps` steps after `warm` ones.
 
-    rival        explicit heat, and every region searched anew in every step (see `rival`)
     solid_share  where not negative, a tank of as many particles with this share of solid instead of the figure
     """
-    if rival:
-        options = {"scheme": "explicit", **options}
     setting = shared_tank(figure, size, solid_share) if solid_share >= 0 else FIGURES[figure](size)
     scene = made(setting, figure, **options)
     simulation = context.simulation(scene, backend, threads)
     take_steps(simulation, max(warm, 2))
-    search = RegionSearch(simulation) if rival else None
-    if search:
-        search()  # compiles
-    whole, searching = [], 0.0
+    whole = []
     simulation.timings.stages.clear()
     for k in range(rounds):
         began = time.perf_counter()
         for _ in range(steps):
             simulation.step()
-            at = time.perf_counter()
-            if search:
-                search()
-                searching += time.perf_counter() - at
         whole.append((time.perf_counter() - began) / steps)
         context.progress((k + 1) / rounds)
     stages = {name: seconds / (rounds * steps) for name, seconds in stage_seconds(simulation).items()}
-    if rival:
-        stages["rival.all_regions"] = searching / (rounds * steps)
-        for name in ("shape_matching.regions", "melting.detach"):
-            saved = stages.pop(name, 0.0)
-            whole = [seconds - saved for seconds in whole]
     bodies = int(np.diff(simulation.plan.grid.solids.lattice.first).sum())
     return Result({
         "figure": figure, "liquid": simulation.count - bodies, "solid": bodies, "seconds": float(np.median(whole)),
@@ -282,7 +266,7 @@ def step_cost(
 
 GROUPS = {
     "neighbour list": ("neighbours",), "liquid and coupling": ("two_way_coupling.", "sph."), "heat": ("heat.",),
-    "melting": ("melting.", "shape_matching.regions", "shape_matching.classify", "rival."),
+    "melting": ("melting.", "shape_matching.regions", "shape_matching.classify"),
     "shape matching": ("shape_matching.",),
 }  # fmt: skip
 
@@ -491,62 +475,6 @@ def beside_cpu(context: Context, figure: str, size: float, threads: int) -> Resu
     cpu = grouped({name: seconds / 20 for name, seconds in stage_seconds(on_cpu).items()})
     seconds = sum(map(sum, taken.values())) / STEPS
     return Result({"gpu": gpu, "cpu": cpu, "seconds": seconds, "step": scene.step, "particles": on_gpu.count})
-
-
-# Stand-in for the paper's rival: every region is searched anew in every step, breadth first.
-#
-# It is not the method of Iwasaki et al. 2010, with which figure 7 compares.
-
-
-@formula
-def _search(s: int, direct: Any, cell: Any, half_width: int, region: Any) -> int:
-    """Members of the region of node s by a queue of its own; how many there are."""
-    side = 2 * half_width + 1
-    slots = side * side * side
-    queue = np.empty(slots, np.int32)
-    level = np.empty(slots, np.int32)
-    for slot in range(slots):
-        region[s, slot] = EMPTY
-    if direct[s, 13] == EMPTY:
-        return 0
-    queue[0], level[0] = s, 0
-    region[s, slots // 2] = s
-    head, count = 0, 1
-    while head < count:
-        node = queue[head]
-        if level[head] < half_width:
-            for near in range(27):
-                other = direct[node, near]
-                if other != EMPTY:
-                    a = cell[other, 0] - cell[s, 0] + half_width
-                    b = cell[other, 1] - cell[s, 1] + half_width
-                    e = cell[other, 2] - cell[s, 2] + half_width
-                    slot = (a * side + b) * side + e
-                    if region[s, slot] == EMPTY:
-                        region[s, slot] = other
-                        queue[count], level[count] = other, level[head] + 1
-                        count += 1
-        head += 1
-    return count
-
-
-@cpu_kernel(ordered=True)
-def all_regions(direct: Any, cell: Any, half_width: int, region: Any, region_count: Any) -> None:
-    """Every region, breadth first."""
-    for s in range(region_count.shape[0]):
-        region_count[s] = _search(s, direct, cell, half_width, region)
-
-
-class RegionSearch:
-    """The rival's search on the tables of a simulation."""
-
-    def __init__(self, simulation: Simulation) -> None:
-        self.simulation, self.cell = simulation, simulation.plan.grid.solids.lattice.cell
-
-    def __call__(self) -> None:
-        field = self.simulation.fields
-        width = np.int32((round(field["region"].shape[1] ** (1 / 3)) - 1) // 2)
-        all_regions(field["direct"], self.cell, width, field["region"], field["region_count"])
 
 
 # What the paper on melting claims of its scenes: order of melting, volume and mass, shares of solid, sums, time.
@@ -870,7 +798,6 @@ BODIES = {
 SHARES = {"figure_4": [0.9, 0.5, 0.1], "figure_5": [0.8, 0.5, 0.2], "figure_6": [0.8, 0.5, 0.2]}
 UNTIL = 4.0  # [s]
 KEPT = (("float64", "immiscible"), ("float32", "immiscible"), ("float64", "water"))  # dtype and bookkeeping
-KINDS = {"cost": "refsim", "rival": "stand-in for the rival"}
 QUICK = 0.4  # size of the scenes with --quick
 TITLES = {
     "figure_4": "Figure 4, an ice cube in warm water",
@@ -901,8 +828,7 @@ def planned(options: Options) -> list[Run]:
         *(Run(f"kept_{dtype}_{books}", conserved,
               {"dtype": dtype, "bookkeeping": books, "steps": 200 if quick else 1000, **backend}, 5.0)
           for dtype, books in KEPT),
-        *(Run(f"{kind}_{figure}", step_cost, {"figure": figure, "rival": kind == "rival", **cost},
-              1.0 if quick else 12.0) for figure in PAPER for kind in KINDS),
+        *(Run(f"cost_{figure}", step_cost, {"figure": figure, **cost}, 1.0 if quick else 12.0) for figure in PAPER),
         *shares(options),
         *(Run(f"gpu_{figure}", on_gpu, {"figure": figure, **size}, 10.0, unavailable("cuda") or "")
           for figure in ON_GPU),
@@ -933,9 +859,6 @@ def checks(results: Results, check: Checks) -> None:
     for figure, (words, paper) in PAPER.items():
         own = {"step": lambda v: 1e3 * v["seconds"], "step_ratio": lambda v, paper=paper: 1e3 * v["seconds"] / paper}
         check.run(results, f"cost_{figure}", own, figure, words)
-        if {f"cost_{figure}", f"rival_{figure}"} <= set(results):
-            seconds, rival = (results[f"{kind}_{figure}"].values["seconds"] for kind in ("cost", "rival"))
-            check("rival_ratio", rival / seconds, figure, words)
 
 
 EXPERIMENT = Experiment(
@@ -943,5 +866,4 @@ EXPERIMENT = Experiment(
     title="melting in fluid-solid interaction: scenes, times, conservation, regions",
     runs=planned,
     checks=checks,
-
-)  # fmt: skip
+)
