@@ -1,8 +1,9 @@
 """The loop over rows of a CPU kernel, shared by Numba's threads: `over_rows`.
 
 Numba's own parallel loops (`prange`) compile a body twice, as Python and as machine code, and rewrite it for arrays
-before; here the body is compiled once. A thread gets one part of the rows, and each row is computed by one call of the
-body, so that the result does not depend on the number of threads.
+before; here the body is compiled once. A thread takes a part of the rows whenever it has done one, because rows at a
+surface take longer than others, and each row is computed by one call of the body, so that the result does not depend
+on which thread that was.
 """
 
 from typing import Any
@@ -15,6 +16,7 @@ from refsim.backends.private import names
 
 _private = names("rows")
 cgutils: Any = _private and _private.cgutils
+PARTS = 16  # of the rows, for each thread
 
 
 def over_rows(body: Any, rows: int, arguments: tuple) -> None:
@@ -51,15 +53,18 @@ def _lowered(context: Any, builder: ir.IRBuilder, signature: Any, values: tuple)
     threads = builder.call(
         cgutils.get_or_insert_function(builder.module, ir.FunctionType(word, []), "get_num_threads"), []
     )
-    with builder.if_else(builder.icmp_signed("<=", threads, threads.type(1))) as (one, many):
+    alone = (builder.icmp_signed("<=", number, word(1)) for number in (threads, rows))
+    with builder.if_else(builder.or_(*alone)) as (one, many):
         with one:
             _call(context, builder, loop, tuple_type, rows.type(0), rows, values[2])
         with many:
-            # Numba's threading layers hand a thread some of the parts, one or several at a time, and an address that is
-            # larger by the step for each part before: from 0 with a step of 1 byte it is the number of the first part.
-            first, count, step = ir.Constant(byte, None), threads, word(1)
-            data = cgutils.pack_struct(builder, (rows, threads, values[2]))
-            places = [cgutils.alloca_once_value(builder, value) for value in (first, count, step, data)]
+            # Numba's threading layers call `part` once or several times in each thread, with pieces of an array; here of
+            # an empty one. What is shared: the first row that no thread has taken, rows, rows of a part, arguments.
+            shares = builder.mul(threads, threads.type(PARTS))
+            size = builder.udiv(builder.add(rows, builder.sub(shares, word(1))), shares)
+            data = cgutils.pack_struct(builder, (word(0), rows, size, values[2]))
+            given = ir.Constant(byte, None), threads, word(1), data
+            places = [cgutils.alloca_once_value(builder, value) for value in given]
             launch = cgutils.get_or_insert_function(
                 builder.module, ir.FunctionType(ir.VoidType(), [byte] * 5 + [word] * 3), "numba_parallel_for"
             )
@@ -93,14 +98,21 @@ def _part(context: Any, module: ir.Module, loop: ir.Function, kind: types.BaseTu
     part = ir.Function(module, shape, name=module.get_unique_name("over_rows.part"))
     part.linkage = "internal"
     builder = ir.IRBuilder(part.append_basic_block())
-    data = ir.LiteralStructType([word, word, context.get_value_type(kind)])
-    rows, threads, packed = cgutils.unpack_tuple(
-        builder, builder.load(builder.bitcast(part.args[3], data.as_pointer())), 3
-    )
-    number = builder.ptrtoint(builder.load(part.args[0]), word)
-    after = builder.add(number, builder.load(part.args[1]))
-    first, end = (builder.udiv(builder.mul(rows, k), threads) for k in (number, after))
-    _call(context, builder, loop, kind, first, builder.sub(end, first), packed)
+    data = ir.LiteralStructType([word, word, word, context.get_value_type(kind)])
+    shared = builder.bitcast(part.args[3], data.as_pointer())
+    free, *rest = (cgutils.gep_inbounds(builder, shared, 0, k) for k in range(4))
+    rows, size, packed = map(builder.load, rest)
+    ask, take, end = map(part.append_basic_block, ("ask", "take", "end"))
+    builder.branch(ask)
+    builder.position_at_end(ask)
+    first = builder.atomic_rmw("add", free, size, "monotonic")
+    left = builder.sub(rows, first)
+    builder.cbranch(builder.icmp_signed(">", left, word(0)), take, end)
+    builder.position_at_end(take)
+    count = builder.select(builder.icmp_signed("<", left, size), left, size)
+    _call(context, builder, loop, kind, first, count, packed)
+    builder.branch(ask)
+    builder.position_at_end(end)
     builder.ret_void()
     return part
 
