@@ -102,14 +102,23 @@ def add_up_within(values, totals, out):  # noqa: ANN001, ANN201
         out[k] = running
 
 
-class RunningSum:
-    """out[i] = values[0] + ... + values[i] for one pair of int32 arrays, as launches that can be recorded."""
+def tiles(values: int) -> int:
+    """Number of tiles of so many values."""
+    tile = add_up_tiles.threads * EACH
+    return (values + tile - 1) // tile
 
-    def __init__(self, values: Any, out: Any) -> None:
-        tile = add_up_tiles.threads * EACH
+
+class RunningSum:
+    """out[i] = values[0] + ... + values[i] for one pair of int32 arrays, as launches that can be recorded.
+
+    totals  (tiles and one more) int32, scratch memory; by default its own
+    """
+
+    def __init__(self, values: Any, out: Any, totals: Any = None) -> None:
         self.values, self.out = values, out
-        self.totals = empty((values.shape[0] + tile - 1) // tile, np.int32)
-        self.one = empty(1, np.int32)
+        count = tiles(values.shape[0])
+        totals = empty(count + 1, np.int32) if totals is None else totals
+        self.totals, self.one = totals[:count], totals[count:]
 
     def __call__(self) -> None:
         add_up_tiles(self.values, self.totals)

@@ -58,8 +58,8 @@ def _lowered(context: Any, builder: ir.IRBuilder, signature: Any, values: tuple)
         with one:
             _call(context, builder, loop, tuple_type, rows.type(0), rows, values[2])
         with many:
-            # Numba's threading layers call `part` once or several times in each thread, with pieces of an array; here of
-            # an empty one. What is shared: the first row that no thread has taken, rows, rows of a part, arguments.
+            # Numba's threading layers call `part` in each thread, with pieces of an array, of which there is none here.
+            # What is shared: the first row that no thread has taken, rows, rows of a part, arguments.
             shares = builder.mul(threads, threads.type(PARTS))
             size = builder.udiv(builder.add(rows, builder.sub(shares, word(1))), shares)
             data = cgutils.pack_struct(builder, (word(0), rows, size, values[2]))

@@ -190,6 +190,7 @@ class Effect(Checked, frozen=True, kw_only=True):
 
     name: ClassVar[str] = ""
     host_in_step: ClassVar[bool] = False  # its passes need the host, so that a step cannot be one CUDA graph
+    host_passes: ClassVar[tuple[str, ...]] = ()  # passes that need the host, between which others are CUDA graphs
     periodic: ClassVar[bool] = False  # whether its passes take separations to the nearest image in a periodic box
     with_spacing: ClassVar[tuple[str, ...]] = ()  # its lengths [m] that follow the spacing if a scene is refined
     places: ClassVar[tuple[str, ...]] = ()  # its parameters that are places in the scene [m]

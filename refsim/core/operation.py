@@ -341,13 +341,13 @@ class Procedure:
     takes: tuple[str, ...]
     operations: tuple[str, ...]
 
-    def bind(self, lookup: Callable[[str], Any]) -> Callable[[], None]:
-        """A call without arguments on the values that `lookup` gives for the names."""
+    def bind(self, lookup: Callable[[str], Any]) -> Callable[[], Any]:
+        """A call without arguments on the values that `lookup` gives for the names; it returns what the method does."""
         values = [lookup(name) for name in (self.owner, *self.takes)]
 
-        def call() -> None:
+        def call() -> Any:
             owner, *arguments = map(current, values)
-            getattr(owner, self.method)(*arguments)
+            return getattr(owner, self.method)(*arguments)
 
         return call
 

@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
 
@@ -184,17 +184,39 @@ class DeviceStepper:
         self.calls, self.touches = self._sequence()
         choice = [name for name, _ in self.calls].index("choose_step")
         self.known = False  # whether the forces of the next step are launched
-        self.foresees = whole and not (s.plan.begin or s.motions or s.order.attends or self._forces_change_state())
+        self.hosted = {name for e in s.plan.effects.values() for name in e.host_passes} if whole else set()
+        apart = self.hosted or s.plan.begin or s.motions or s.order.attends or self._forces_change_state()
+        self.foresees = whole and not apart
         self.recorded, self.forces, self.motion = (
             device.Recorded(partial(self._launch, part), whole)
             for part in (slice(None), slice(choice), slice(choice, None))
         )
+        self.parts = self._parts()
+        self.version: Any = None  # of the arrays that the graphs behind a pass of the host take
 
     def rebind(self) -> None:
         """The arrays have changed: record the step anew."""
         self.calls, self.touches = self._sequence()
         self.recorded, self.forces, self.motion = (r.renewed() for r in (self.recorded, self.forces, self.motion))
+        self.parts = self._parts()
         self.known = False
+
+    def _parts(self) -> list[Callable[[], Any]]:
+        """A step with passes of the host: these, and graphs of what stands between them."""
+        names, first = [name for name, _ in self.calls], 0
+        parts: list[Callable[[], Any]] = []
+        for k in [k for k, name in enumerate(names) if name in self.hosted]:
+            parts += [self.device.Recorded(partial(self._launch, slice(first, k))), self.calls[k][1]]
+            first = k + 1
+        return [*parts, self.device.Recorded(partial(self._launch, slice(first, None)))] if parts else []
+
+    def _launch_parts(self) -> None:
+        """The parts; those behind a pass of the host are recorded anew where it says that arrays are others."""
+        for k, part in enumerate(self.parts):
+            version = part()
+            if version is not None and version != self.version:
+                self.version = version
+                self.parts[k + 1 :] = self._parts()[k + 1 :]
 
     def _forces_change_state(self) -> bool:
         """Whether a pass before the choice of the step changes what outlives the step."""
@@ -214,6 +236,8 @@ class DeviceStepper:
         if not self.recorded.called:
             self._launch_each()  # each program's first call is timed, because it compiles
             self.recorded.called = True
+        elif self.parts:
+            self._launch_parts()
         elif self.known:
             self.motion()
         else:

@@ -33,6 +33,7 @@ from refsim.mpm.limits import FARTHEST
 from refsim.mpm.step import Step
 from refsim.sph import LIQUID, acceleration_of
 from refsim.sph.flow import at_least, fast_flow
+from refsim.surface_energy import REACH
 from refsim.surface_energy.effect import UNEVEN, surface_of
 
 if TYPE_CHECKING:
@@ -241,8 +242,10 @@ class MpmLiquid(
         from refsim.mpm.memory import blocks_at, grid_bytes  # after this module
 
         blocks = blocks_at(position, grid.dim, grid.dtype, self.cell(grid), backend)
-        tension = self.step(others).tension
-        return {"background_grid": grid_bytes(blocks, grid.count, grid.dim, grid.dtype, backend, tension)}
+        tension, surface = self.step(others).tension, surface_of(others)
+        hosted = surface is not None and surface.host_in_step
+        size = grid_bytes(blocks, grid.count, grid.dim, grid.dtype, backend, tension, hosted=hosted)
+        return {"background_grid": size}
 
     def step(self, others: Others) -> Step:
         """What a step consists of in this scene."""
@@ -307,7 +310,8 @@ class MpmLiquid(
         pull = any(acceleration) and not idle
         recount = 0.0 if surface is None else surface.recount_time
         return {
-            "grid": MpmGrid(grid.dim, grid.dtype, self.cell(grid)), "background": self.background(grid),
+            "grid": MpmGrid(grid.dim, grid.dtype, self.cell(grid), reach=0 if surface is None else REACH),
+            "background": self.background(grid),
             "liquid": Liquid(
                 grid.real(self.rest_density), grid.real(share * self.bulk_modulus * (2 if "M27" in printed else 1)),
                 np.int32("M4" in printed), np.int32("M3" in printed), np.int32("M5" in printed),

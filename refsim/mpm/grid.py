@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from refsim.backends.arrays import Backend
+from refsim.backends.scratch import Scratch
 from refsim.core.errors import RunStopped
 from refsim.core.operation import REGISTRY
 from refsim.mpm.groups import Places
@@ -34,17 +35,6 @@ class Bins(NamedTuple):
     point: Any  # (points,) int32
 
 
-class Sorting(NamedTuple):
-    """Arrays in which particles are sorted without the host, int32."""
-
-    bins: Bins
-    held: Any  # (nodes + 3,) particles of each cell; those not deep in the blocks, at no possible place, out of order
-    sums: Any  # what adds up the particles of the cells
-    place: Any  # (n,) place of each particle in its cell
-    unsorted: Any  # (n,) particles of each cell, in any order
-    noted: Any  # the last three of `held` on the host
-
-
 class Background(NamedTuple):
     """The background grid as kernels take it; the inverse in float64: places far off keep their digits."""
 
@@ -60,19 +50,23 @@ class MpmGrid:
     """Blocks, bins and node arrays on one backend.
 
     dim, dtype, cell_size  dimension, dtype of the node arrays, h [m]
+    reach                  cells along an axis by which points of other sets may be away from their particle
 
     `node_mass` (nodes,) [kg], `node_momentum`, `node_velocity` (nodes, 3); node 64 b + l is the l-th of block b.
     """
 
-    def __init__(self, dim: int, dtype: str, cell_size: float, backend: Backend | None = None) -> None:
-        self.dim, self.dtype, self.cell_size = dim, dtype, cell_size
+    def __init__(self, dim: int, dtype: str, cell_size: float, backend: Backend | None = None, reach: int = 0) -> None:
+        self.dim, self.dtype, self.cell_size, self.reach = dim, dtype, cell_size, reach
         self.backend = backend or Backend("numpy")
         self.width = 6 if dim == 3 else 10
         self.inverse_cell = 1.0 / float(np.dtype(dtype).type(cell_size))
         self.on_device = self.backend.name == "cuda"
         self.blocks: Any = None
         self.complete: Any = None  # (b,) 1 where the blocks that its particles reach are there, too; see DEEP
-        self.sorting: Sorting | None = None  # where particles are sorted without the host
+        # Where points are sorted without the host: how many particles are not deep in the blocks, are at no possible
+        # place, and are out of order
+        self.noted: Any = None
+        self.lists = Scratch(self.backend)  # in which they are sorted
         self._unseen = 0  # steps for which the blocks suffice
         self.cells: dict[str, Any] = {}
         self.bins: dict[str, Bins] = {}
@@ -83,7 +77,7 @@ class MpmGrid:
 
     def on_backend(self, backend: Backend) -> MpmGrid:
         """A grid like this one on another backend, with the same blocks and points in it."""
-        grid = MpmGrid(self.dim, self.dtype, self.cell_size, backend)
+        grid = MpmGrid(self.dim, self.dtype, self.cell_size, backend, self.reach)
         if self._located:
             grid.blocks = Blocks(*map(backend.asarray, self.blocks))
             grid.complete = backend.asarray(self.complete)
@@ -156,29 +150,22 @@ class MpmGrid:
         Raises RunStopped where a particle is not finite or too far away.
         """
         self._unseen -= 1
-        if self.sorting is not None and self._unseen > 0 and not moved:
+        if self.noted is not None and self._unseen > 0 and not moved:
             return False
         from refsim.backends import device
         from refsim.mpm import sorting_cuda as programs  # loads numba.cuda
 
-        n, empty = position.shape[0], self.backend.empty
-        self._unseen = UNSEEN
-        if self.sorting is not None and not moved:
+        self._unseen = UNSEEN - 2 * self.reach
+        if self.noted is None:
+            self.noted = device.Mirror(self.backend.zeros(3, "int32"))
+        elif not moved:
             shallow, lost, _ = self._noted()  # by the step before, half a cell ago
             self._check_lost(SETS[0], lost)
             if not shallow:
                 return False
         keys = programs.block_keys(position, self.inverse_cell, self.dim)
         self._check_lost(SETS[0], self._rebuild([keys], programs.make_table))
-        kept = self.sorting if self.sorting is not None and self.sorting.place.shape[0] == n else None
-        spare = (kept.place, kept.unsorted, kept.bins.point) if kept else tuple(empty(n, np.int32) for _ in range(3))
-        place, unsorted, point = spare
-        bins = Bins(empty(self.nodes + 1, np.int32), point)
-        held = empty(self.nodes + 3, np.int32)
-        self.backend.assign(bins.first, 0)
-        sums, noted = device.RunningSum(held[: self.nodes], bins.first[1:]), device.Mirror(held[self.nodes :])
-        self.sorting = Sorting(bins, held, sums, place, unsorted, noted)
-        self.bins = {SETS[0]: bins}
+        self.bins = {SETS[0]: programs.bins_of(SETS[0], self, position.shape[0])}
         for name in ("node_mass", "node_momentum", "node_velocity", "scratch", "block_extremes"):
             getattr(self, name)  # nothing may be allocated while a step is recorded
         return True
@@ -189,18 +176,16 @@ class MpmGrid:
         Particles of a cell keep their order, which depends on nothing but their places. None where they stand in it
         already, but for a few.
         """
-        assert self.sorting is not None
         from refsim.mpm import sorting_cuda as programs
 
         cell = self._array("order_cell", (position.shape[0],), np.int32)
-        programs.sort_particles(position, self, cell, gaps=True)
-        return self.sorting.bins.point if self._noted()[2] > OUT_OF_ORDER * position.shape[0] else None
+        point = programs.order(position, self, cell)
+        return point if self._noted()[2] > OUT_OF_ORDER * position.shape[0] else None
 
     def _noted(self) -> list[int]:
         """Particles not deep in the blocks, at no possible place, and out of order, as counted last."""
-        assert self.sorting is not None
-        self.sorting.noted.send()
-        return self.sorting.noted.read().tolist()
+        self.noted.send()
+        return self.noted.read().tolist()
 
     def _check_lost(self, name: str, lost: int) -> None:
         if lost:
@@ -212,12 +197,11 @@ class MpmGrid:
 
     def bytes(self) -> int:
         """Memory of all arrays but the particles' cells, which are a field."""
-        kept = [*self._storage.values(), *(self.blocks or ()), *itertools.chain(*self.bins.values())]
+        kept = [*self._storage.values(), *(self.blocks or ())]
+        kept += [] if self.noted is not None else itertools.chain(*self.bins.values())
         kept += [] if self.complete is None else [self.complete]
         kept += [cell for name, cell in self.cells.items() if name != SETS[0]]
-        if self.sorting is not None:
-            kept += [self.sorting.held, self.sorting.place, self.sorting.unsorted]
-        return sum(int(np.prod(a.shape)) * a.dtype.itemsize for a in kept)
+        return sum(int(np.prod(a.shape)) * a.dtype.itemsize for a in kept) + self.lists.bytes
 
     def count_blocks(self, keys: np.ndarray, backend: str) -> int:
         """Number of blocks that a grid like this one makes on a backend for points with these `keys`, -1 for none."""
@@ -240,14 +224,9 @@ class MpmGrid:
 
         Raises RunStopped where a point is not finite or too far away.
         """
-        sets = {name: values for name, values in positions.items() if values is not None}
+        sets = self.held(positions, cell)
         if self.backend.name == "numpy":
             self._located = {name: np.array(values) for name, values in sets.items()}
-        for name, values in sets.items():
-            if name == SETS[0]:
-                self.cells[name] = cell
-            elif name not in self.cells or self.cells[name].shape != values.shape[:1]:
-                self.cells[name] = self.backend.empty(values.shape[0], np.int32)
 
         def found() -> list[tuple[int, int]]:
             """Points in no block, and at no possible place, of each set."""
@@ -263,6 +242,16 @@ class MpmGrid:
         for name, (_, lost) in zip(sets, counts, strict=True):
             self._check_lost(name, lost)
         self.bins = {name: Bins(*sorted_bins(self.cells[name], self.nodes // NODES)) for name in sets}
+
+    def held(self, positions: Mapping[str, Any], cell: Any) -> dict[str, Any]:
+        """The sets of points that there are, whose cells are then `cell` for the particles, and arrays of their own."""
+        sets = {name: values for name, values in positions.items() if values is not None}
+        for name, values in sets.items():
+            if name == SETS[0]:
+                self.cells[name] = cell
+            elif name not in self.cells or self.cells[name].shape != values.shape[:1]:
+                self.cells[name] = self.backend.empty(values.shape[0], np.int32)
+        return sets
 
     # Inside
 

@@ -490,7 +490,7 @@ def _permanent(m):
     outputs="carrier_first carrier_position carrier_owner cluster_share inverse_spread",
     exact="carrier_first carrier_owner", entrywise="carrier_position", tolerance=16.0,
     reason="a few roundings for each product, and twenty in the inverse of a matrix whose entries are at most one",
-    programs={"cpu": "embedding", "cuda": "embedding"},
+    programs={"cpu": "embedding", "cuda": "embedding_cuda"},
 )  # fmt: skip
 def embed(position, surface_sample, sample_owner, background):
     """Points x_s and x_o = 2 x_p - x_s [m] by owner p, w = 1/(2 C_p + 1), and E_p^-1, dimensionless.

@@ -73,11 +73,3 @@ def cells(position, carrier_position, surface_sample, grid, cell):
     """Cell of every particle, with the blocks and bins of all point sets brought up to date."""
     sets = {"particles": position, "carriers": carrier_position, "samples": surface_sample}
     grid.locate(sets, cell, find_cells, block_keys, sorted_bins)
-
-
-def by_owner(sample_owner, count):
-    """(numbers of the samples by owner, place of the first of each owner and the total), int32, stable."""
-    order = np.argsort(sample_owner, kind="stable").astype(np.int32)
-    first = np.zeros(count + 1, np.int32)
-    np.cumsum(np.bincount(sample_owner, minlength=count), out=first[1:])
-    return order, first

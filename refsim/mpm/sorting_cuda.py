@@ -5,11 +5,12 @@ import numpy as np
 from refsim.backends import device
 from refsim.backends.compile import cuda, cuda_kernel, formula
 from refsim.mpm.formulas import base_coordinate
+from refsim.mpm.grid import SETS, Bins
 from refsim.mpm.kernels import write_keys
 from refsim.mpm.limits import DEEP, FARTHEST
 from refsim.neighbours.formulas import BITS, OFFSET, lower_bound
 from refsim.sparse_grid import block_table_cuda
-from refsim.sparse_grid.block_search_cuda import fill_cells, number, sort_cells, sorted_points
+from refsim.sparse_grid.block_search_cuda import begin_lists, fill_lists, lists_of, number, sorted_points
 from refsim.sparse_grid.formulas import COORDINATE, block_bits, block_key, place_in_block
 
 
@@ -128,15 +129,14 @@ def find_place(jx, jy, jz, bits, hint, blocks):
 
 
 @cuda_kernel
-def count_cells(position, inverse_cell, blocks, complete, held, place, cell):
-    """Cell of each particle, and how many of its cell were counted before it; -1 outside all blocks.
+def count_cells(position, inverse_cell, blocks, complete, held, noted, place, cell):
+    """Cell of each point, and how many of its cell were counted before it; -1 outside all blocks.
 
-    The search begins in the block of the present value of `cell`, which may be any number. After the counts of the
-    nodes, `held` counts the particles that are not deep in the blocks (see DEEP), and those too far away or NaN.
+    The search begins in the block of the present value of `cell`, which may be any number. `noted` counts the points
+    that are not deep in the blocks (see DEEP), and those too far away or NaN.
     """
     i = number(cuda.grid(1))
     if i < cell.shape[0]:
-        nodes = 64 * complete.shape[0]
         deep = blocks.neighbour.shape[1] == 27
         jx = base_coordinate(position[i, 0], inverse_cell)
         jy = base_coordinate(position[i, 1], inverse_cell)
@@ -151,47 +151,51 @@ def count_cells(position, inverse_cell, blocks, complete, held, place, cell):
             if state != 0:
                 found = np.int32(b * 64 + local)
                 place[i] = cuda.atomic.add(held, number(found), 1)
-            if state != DEEP:
-                cuda.atomic.add(held, nodes, 1)
-        else:
-            cuda.atomic.add(held, nodes + 1, 1)
+            if noted is not None and state != DEEP:
+                cuda.atomic.add(noted, 0, 1)
+        elif noted is not None:
+            cuda.atomic.add(noted, 1, 1)
         cell[i] = found
 
 
 @cuda_kernel(rows_of="point")
-def count_gaps(point, held):
-    """The last of `held` counts particles that are not in memory directly after their predecessor in the lists."""
+def count_gaps(point, noted):
+    """The last of `noted` counts particles that are not in memory directly after their predecessor in the lists."""
     i = cuda.grid(1)
     if i + 1 < point.shape[0] and point[i + 1] != point[i] + 1:
-        cuda.atomic.add(held, held.shape[0] - 1, 1)
+        cuda.atomic.add(noted, 2, 1)
 
 
-def sort_particles(position, grid, cell, gaps=False):
-    """Cells and bins of the particles, whose blocks exist; with `gaps` also the number of those out of order."""
-    bins, held, sums, place, unsorted, _ = grid.sorting
-    device.fill(held, 0)
-    blocks = grid.blocks
-    count_cells(position, grid.inverse_cell, blocks, grid.complete, held, place, cell)
-    sums()
-    fill_cells(cell, place, bins.first, unsorted)
-    sort_cells(cell, bins.first, unsorted, bins.point)
-    if gaps:
-        count_gaps(bins.point, held)
+def bins_of(name, grid, points):
+    """Bins for so many points of a set, whose arrays are then there."""
+    lists = lists_of(grid.lists, name, grid.nodes, points)
+    return Bins(lists.first, lists.point)
+
+
+def sort_points(name, position, grid, cell, noted=None):
+    """Cells and bins of a set of points, whose blocks exist; those that are NaN are in none."""
+    lists = lists_of(grid.lists, name, grid.nodes, position.shape[0])
+    begin_lists(lists.first, lists.held)
+    if noted is not None:
+        device.fill(noted, 0)
+    count_cells(position, grid.inverse_cell, grid.blocks, grid.complete, lists.held, noted, lists.place, cell)
+    fill_lists(cell, lists)
+    grid.bins[name] = Bins(lists.first, lists.point)
+
+
+def order(position, grid, cell):
+    """The particles, cell by cell; how many are out of order is noted."""
+    sort_points(SETS[0], position, grid, cell, grid.noted.array)
+    point = grid.bins[SETS[0]].point
+    count_gaps(point, grid.noted.array)
+    return point
 
 
 def cells(position, carrier_position, surface_sample, grid, cell):
     """Cell of every particle, with the blocks and bins of all point sets brought up to date."""
-    if grid.sorting is not None:
-        grid.cells["particles"] = cell
-        sort_particles(position, grid, cell)
-        return
     sets = {"particles": position, "carriers": carrier_position, "samples": surface_sample}
+    if grid.noted is not None:
+        for name, points in grid.held(sets, cell).items():
+            sort_points(name, points, grid, grid.cells[name], grid.noted.array if points is position else None)
+        return
     grid.locate(sets, cell, find_cells, block_keys, sorted_bins, make_table)
-
-
-def by_owner(sample_owner, count):
-    """(numbers of the samples by owner, place of the first of each owner and the total), int32, stable."""
-    xp, owner = device.library(), device.seen(sample_owner)
-    order = xp.argsort(owner, kind="stable").astype(np.int32) if len(owner) else xp.zeros(0, np.int32)
-    first = xp.searchsorted(owner[order], xp.arange(count + 1, dtype=np.int32)).astype(np.int32)
-    return device.wrapped(order), device.wrapped(first)

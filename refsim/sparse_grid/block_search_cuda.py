@@ -1,5 +1,7 @@
 """Blocks and lists of points on a CUDA device; a counting sort makes the lists."""
 
+from typing import Any, NamedTuple
+
 import numpy as np
 
 from refsim.backends import device
@@ -134,6 +136,42 @@ def sort_counted(cell, place, held, total, one, first, unsorted, point):
     write_first(held, total, first)
     fill_cells(cell, place, first, unsorted)
     sort_cells(cell, first, unsorted, point)
+
+
+class Lists(NamedTuple):
+    """Points by bin, as `PointList`, and scratch memory in which they are made without the host, int32."""
+
+    first: Any
+    point: Any
+    held: Any  # (bins,) points of each
+    place: Any  # (points,) place of each in its bin
+    unsorted: Any  # (points,) the points of each bin, in any order
+    totals: Any
+
+
+def lists_of(scratch, name, bins, points):
+    """Lists of so many points, in scratch memory under a name."""
+    shapes = bins + 1, points, bins, points, points, device.tiles(bins) + 1
+    return Lists(
+        *(scratch.array(f"{name} {part}", shape, np.int32) for part, shape in zip(Lists._fields, shapes, strict=True))
+    )
+
+
+@cuda_kernel(rows_of="held")
+def begin_lists(first, held):
+    """Counts and the first place are 0."""
+    i = cuda.grid(1)
+    if i < held.shape[0]:
+        held[i] = 0
+        if i == 0:
+            first[0] = 0
+
+
+def fill_lists(cell, lists):
+    """The points of each bin by their numbers; `held` and `place` are counted before. It can be recorded."""
+    device.RunningSum(lists.held, lists.first[1:], lists.totals)()
+    fill_cells(cell, lists.place, lists.first, lists.unsorted)
+    sort_cells(cell, lists.first, lists.unsorted, lists.point)
 
 
 def sorted_points(cell, nodes):

@@ -20,6 +20,7 @@ from refsim.core.scalars import int32
 from refsim.sparse_grid import inverse_cell
 from refsim.surface_energy import reference as reference
 
+REACH = 2  # [h] up to which the nearest particle is looked for
 LARGEST_INSET = 0.75  # cells, of an inset that follows the volume
 
 
@@ -94,6 +95,11 @@ class Tension(Effect, HasErrata, frozen=True, kw_only=True):
     def inset_distance(self) -> float | None:
         """delta/h, None where the surface stays at r."""
         return None if "M31" in self.printed() or self.inset < 0 else self.inset
+
+    def recorded(self) -> bool:
+        """Whether a GPU reconstructs the surface as a recorded graph: the host needs no intermediate result."""
+        kinds = self.quadrature == "facets" and self.normals in ("mls", "gradient")
+        return kinds and self.inset_distance() is not None and not self.enclose_volume
 
     def check_parameters(self, dim: int) -> None:
         """Raise InputError if a parameter is out of its range."""

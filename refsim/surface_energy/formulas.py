@@ -4,9 +4,9 @@ import math
 
 from refsim.backends.compile import formula
 from refsim.backends.tuples import dot, three
+from refsim.surface_energy import REACH
 
 LEAST_SUM = 1e-12  # of a node's splines; a node with a smaller sum is not active
-REACH = 2  # [h] up to which the nearest particle is looked for
 EQUALLY_NEAR = 1e-4  # [h] by which particles farther than the nearest count as equally near; float32 rounds less
 
 

@@ -64,7 +64,8 @@ class Reconstruction:
             if self._rows is None or self._rows.shape[0] != position.shape[0]:
                 self._rows = self.backend.asarray(np.arange(position.shape[0], dtype=np.int32))
             number = self._rows
-        if volume is None and self._reused and not self.timed and self.backend.name == "cuda":
+        by_graph = self._reused and self.tension.recorded() and position.shape[0]
+        if by_graph and volume is None and not self.timed and self.backend.name == "cuda":
             found = self._recorded_surface(position, number)
             if found is not None:
                 return found
@@ -94,13 +95,9 @@ class Reconstruction:
         return self._mesh(position, blocks, cells)
 
     def _recorded_surface(self, position: Any, number: Any) -> Surface | None:
-        """The surface by a recorded graph; None if there is no particle, no facet, or the parameters do not suit."""
+        """The surface by a recorded graph; None if there is no facet."""
         from refsim.surface_energy import recorded
 
-        if not recorded.suits(self.tension):
-            return None
-        if not position.shape[0]:
-            return None
         for _ in range(3):  # blocks for particles that have left theirs, then capacity for vertices and facets
             graph = self._recorded
             if graph is not None and graph.particles == position.shape[0]:

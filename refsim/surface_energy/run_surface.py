@@ -38,22 +38,30 @@ class SurfaceSamples:
     """Samples on one backend, replaced in each step by those of the new surface (`assign`).
 
     sample_position (s, 3) [m], sample_normal (s, 3) outward, sample_area (s,) [m^(d-1)], sample_nearest (s,) int32,
-    the particle nearest to each; sample_line (s, 3) [m^(d-2)], on the edge of a wetted area its outward normal in the
-    wall times its length, None without contact angles; carrier_... of the 2 s embedded points, by owner:
-    carrier_first (n + 1), carrier_position (2 s, 3) [m], carrier_owner (2 s,), carrier_moment (2 s, 12).
+    the particle nearest to each, -1 where there is no sample but capacity; sample_line (s, 3) [m^(d-2)], on the edge of
+    a wetted area its outward normal in the wall times its length, None without contact angles; carrier_... of the 2 s
+    embedded points, by owner: carrier_first (n + 1), carrier_position (2 s, 3) [m], carrier_owner (2 s,),
+    carrier_moment (2 s, 12).
+
+    version  is another one whenever the samples stand in other arrays
     """
+
+    version = 0
 
     def __init__(self, count: int, dtype: str, backend: Backend) -> None:
         self.count, self.dtype, self.backend = count, dtype, backend
         self._storage: dict[str, Any] = {}
         self._views: dict[str, Any] = {}
+        self._taken: tuple[Any, ...] = (None,) * 5
         none = backend.zeros
         self.assign(none((0, 3), dtype), none((0, 3), dtype), none(0, dtype), none(0, "int32"))
 
     def assign(self, position: Any, normal: Any, area: Any, nearest: Any, line: Any = None) -> None:
         """Take the samples of this step: arrays of this backend."""
-        self.sample_position, self.sample_normal, self.sample_area = position, normal, area
-        self.sample_nearest, self.sample_line = nearest, line
+        taken = position, normal, area, nearest, line
+        self.version += any(a is not b for a, b in zip(taken, self._taken, strict=True))
+        self._taken = taken
+        self.sample_position, self.sample_normal, self.sample_area, self.sample_nearest, self.sample_line = taken
 
     @property
     def carrier_first(self) -> Any:
@@ -124,13 +132,13 @@ class SurfaceOfRun(SurfaceSamples):
         """Parameter group of the surface's kernels."""
         return self.reconstruction.term
 
-    def reconstruct_enclosing(self, position: Any, identity: Any, mass: Any, volume_ratio: Any) -> None:
+    def reconstruct_enclosing(self, position: Any, identity: Any, mass: Any, volume_ratio: Any) -> int:
         """The surface of particles at `position` (n, 3) [m] that encloses their volume, sum m J/rho0."""
         xp, seen, _ = self.backend.library()
-        self.reconstruct(position, identity, seen(mass).astype(xp.float64) * seen(volume_ratio))
+        return self.reconstruct(position, identity, seen(mass).astype(xp.float64) * seen(volume_ratio))
 
-    def reconstruct(self, position: Any, identity: Any, held: Any = None) -> None:
-        """The surface of particles at `position` (n, 3) [m], with m J [kg] of each to enclose their volume.
+    def reconstruct(self, position: Any, identity: Any, held: Any = None) -> int:
+        """The surface of particles at `position` (n, 3) [m], with m J [kg] of each to enclose their volume; `version`.
 
         Of equally near particles the one with the lowest `identity` (n,) is taken, however they are sorted.
 
@@ -158,9 +166,11 @@ class SurfaceOfRun(SurfaceSamples):
                 " smaller step, or an inset and the embedding 'cluster'.",
             )
         if owner is None:
+            samples = self.latest.padded or samples
             self.assign(samples.position, samples.normal, samples.area, samples.nearest)
         else:
             self._keep_free(position, identity, owner)
+        return self.version
 
     def _with_images(self, position: Any) -> tuple[Any, Any]:
         """(particles and their images in the walls near them, the particle of each)."""

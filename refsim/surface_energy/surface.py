@@ -36,6 +36,7 @@ class Surface:
     mesh             the level set's surface, before the inset
     inset_mesh       after it; the same mesh without an inset
     component_size   (particles,) int32, particles in the component of each
+    padded           the samples with unused capacity, see `RecordedSurface`, or None
     seconds          time of each stage [s], if measured
     most_in_a_cell   largest number of particles in one cell, or None: not computed
     unfound          whether a sample has no particle, or None: not computed
@@ -52,5 +53,6 @@ class Surface:
     offset_direction: Any
     sample_place: Any
     seconds: dict[str, float] = field(default_factory=dict)
+    padded: Samples | None = None
     most_in_a_cell: int | None = None
     unfound: bool | None = None

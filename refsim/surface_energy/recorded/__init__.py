@@ -15,7 +15,6 @@ import numpy as np
 from refsim.backends import device
 from refsim.isosurface import Mesh, case_tables
 from refsim.sparse_grid import Blocks, PointList, nodes
-from refsim.surface_energy import Tension
 from refsim.surface_energy.counts_cuda import look_up_members
 from refsim.surface_energy.recorded import stages
 from refsim.surface_energy.recorded.cells_cuda import EDGES, FACETS, MADE, MISSING, MOST, UNFOUND, VERTICES
@@ -25,21 +24,16 @@ MARGIN = 4  # a capacity is larger by 1/MARGIN than what was found last
 GRAPHS = 4  # particles may stand in so many arrays by turns
 
 
-def suits(tension: Tension) -> bool:
-    """Whether a surface with these parameters can be recorded: the host needs no intermediate result."""
-    return (
-        tension.quadrature == "facets"
-        and tension.normals in ("mls", "gradient")
-        and tension.inset_distance() is not None
-        and not tension.enclose_volume
-    )
-
-
 class RecordedSurface(Surface):
-    """A surface whose arrays are overwritten by the next one; arrays beside the samples are made on request."""
+    """A surface whose arrays are overwritten by the next one; arrays beside the samples are made on request.
 
-    def __init__(self, samples: Samples, blocks: Blocks, cells: PointList, later: dict[str, Callable[[], Any]]) -> None:
-        self.samples, self.blocks, self.cells, self.seconds = samples, blocks, cells, {}
+    padded  the samples in all of their arrays: behind them are some at NaN, of area 0 and without a particle (-1)
+    """
+
+    def __init__(
+        self, samples: Samples, padded: Samples, blocks: Blocks, cells: PointList, later: dict[str, Callable[[], Any]]
+    ) -> None:
+        self.samples, self.padded, self.blocks, self.cells, self.seconds = samples, padded, blocks, cells, {}
         self._later = later
 
     def __getattr__(self, name: str) -> Any:
@@ -111,6 +105,8 @@ class SurfaceGraph:
         names = ("sample_position", "sample_normal", "sample_area", "nearest")
         place, normal, area, nearest = (view(name, facets) for name in names)  # `position` belongs to the graphs
         self.samples = Samples(place, normal, area, nearest, a["sample_count"])
+        place, normal, area, nearest = (a[name] for name in names)
+        padded = Samples(place, normal, area, nearest, a["sample_count"])
         cells = stages.listed(a)
         later = {
             "mesh": lambda: Mesh(view("vertex_position", vertices), view("facets", facets)),
@@ -122,7 +118,7 @@ class SurfaceGraph:
             "sample_place": lambda: view("sample_place", facets),
         }
         ended = self.ended.read()
-        made = RecordedSurface(self.samples, self.blocks, cells, later)
+        made = RecordedSurface(self.samples, padded, self.blocks, cells, later)
         made.most_in_a_cell, made.unfound = int(ended[MOST]), bool(ended[UNFOUND])
         return made
 

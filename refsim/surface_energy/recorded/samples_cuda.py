@@ -322,7 +322,10 @@ def find_normals(samples, vertices, vertex_edge, facets, blocks, surface_term, c
 
 @cuda_kernel(lanes=LANES, rows_of="facets")
 def place_samples(spheres, blocks, surface_term, vertex_edge, inset_position, facets, components, samples, counts):
-    """Samples after the inset, their nearest particles, and areas, 0 on components of fewer than `least` particles."""
+    """Samples after the inset, their nearest particles, and areas, 0 on components of fewer than `least` particles.
+
+    Behind them stand samples at NaN, of area 0 and without a particle.
+    """
     s, lane = cuda.grid(1) // LANES, cuda.grid(1) % LANES
     if s < counts[MADE]:
         x, area, _ = kernels.facet_sample(s, inset_position, facets)
@@ -340,3 +343,8 @@ def place_samples(spheres, blocks, surface_term, vertex_edge, inset_position, fa
             put(samples.sample_position, s, x)
             samples.sample_area[s] = area if has_tension else type(area)(0)
             samples.nearest[s] = p
+    elif lane == 0 and s < min(samples.nearest.shape[0], samples.sample_area.shape[0]):
+        nowhere = type(surface_term.cell_size)(math.nan)
+        put(samples.sample_position, s, (nowhere, nowhere, nowhere))
+        samples.sample_area[s] = type(nowhere)(0)
+        samples.nearest[s] = -1
