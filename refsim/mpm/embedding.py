@@ -25,7 +25,7 @@ def by_owner(sample_owner, count):
 
 
 def embed(
-    position, surface_sample, sample_owner, background, carrier_first, carrier_position, carrier_owner,
+    position, surface_sample, sample_owner, background, scratch, carrier_first, carrier_position, carrier_owner,
     cluster_share, inverse_spread,
 ):  # fmt: skip
     """Embedded points [m] by owner, shares w = 1/(2 C + 1) and E^-1 of the clusters."""

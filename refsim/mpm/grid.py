@@ -16,23 +16,15 @@ from refsim.backends.arrays import Backend
 from refsim.backends.scratch import Scratch
 from refsim.core.errors import RunStopped
 from refsim.core.operation import REGISTRY
-from refsim.mpm.groups import Places
+from refsim.mpm.groups import SETS, Bins, Places
 from refsim.mpm.limits import FARTHEST
 from refsim.sparse_grid import Blocks, PointList
 from refsim.sparse_grid.tables import blocks_of, reached
 
 NODES = 64  # of a block
-SETS = ("particles", "carriers", "samples")
 SLACK = {"cuda": 1}  # blocks by which a new table reaches further, where making one costs more than passing over it
 UNSEEN = 8  # steps, of half a cell each at most, in which a particle crosses no more than one block
 OUT_OF_ORDER = 0.05  # share of particles out of order in memory, above which they are sorted
-
-
-class Bins(NamedTuple):
-    """Points by block (CPU) or by cell (GPU): those of bin i are point[first[i] : first[i + 1]]."""
-
-    first: Any  # (bins + 1,) int32
-    point: Any  # (points,) int32
 
 
 class Background(NamedTuple):

@@ -2,6 +2,8 @@
 
 from typing import Any, NamedTuple
 
+SETS = ("particles", "carriers", "samples")  # of points
+
 
 class Particles(NamedTuple):
     """Fields of the particles before the step, as both transfers to the grid read them."""
@@ -62,6 +64,13 @@ class Nodes(NamedTuple):
     node_mass: Any
     node_momentum: Any
     node_pull: Any  # or None
+
+
+class Bins(NamedTuple):
+    """Points by block (CPU) or by cell (GPU): those of bin i are point[first[i] : first[i + 1]]."""
+
+    first: Any  # (bins + 1,) int32
+    point: Any  # (points,) int32
 
 
 class Places(NamedTuple):

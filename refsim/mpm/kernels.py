@@ -11,14 +11,14 @@ from refsim.surface_energy.formulas import place_over, spline_weight
 # Cells and stencils
 
 
-@kernel
-def write_keys(i, position, inverse_cell, bits, keys):
-    """Key of the block of a point at `position` [m]; -1 where it is too far or NaN."""
+@formula
+def point_key(i, position, inverse_cell, bits):
+    """Key (dimensionless) of the block of point i, x in b; -1 where it is too far or NaN."""
     jx = formulas.base_coordinate(position[i, 0], inverse_cell)
     jy = formulas.base_coordinate(position[i, 1], inverse_cell)
     jz = formulas.base_coordinate(position[i, 2], inverse_cell) if bits == 2 else 0
     lost = jx > FARTHEST or jy > FARTHEST or jz > FARTHEST
-    keys[i] = -1 if lost else block_key(jx, jy, jz, bits)
+    return -1 if lost else block_key(jx, jy, jz, bits)
 
 
 @formula

@@ -8,7 +8,7 @@ import numpy as np
 from refsim.backends.chunks import CHUNKS, limits
 from refsim.backends.compile import formula, kernel
 from refsim.mpm.formulas import base_coordinate
-from refsim.mpm.kernels import write_keys
+from refsim.mpm.kernels import point_key
 from refsim.mpm.limits import FARTHEST
 from refsim.neighbours.formulas import lower_bound
 from refsim.sparse_grid.block_search import points_by_block
@@ -47,6 +47,12 @@ def write_cells(chunk, position, inverse_cell, keys, complete, bits, counts, cel
     """Cell of each point: number of its base node; -1 outside all blocks. counts[chunk] = (missing, lost)."""
     begin, end = limits(chunk, cell.shape[0])
     counts[chunk, 0], counts[chunk, 1] = find_chunk(begin, end, position, inverse_cell, keys, complete, bits, cell)
+
+
+@kernel
+def write_keys(i, position, inverse_cell, bits, keys):
+    """Key of the block of a point at `position` [m]; -1 where it is too far or NaN."""
+    keys[i] = point_key(i, position, inverse_cell, bits)
 
 
 def block_keys(position, inverse_cell, dim):

@@ -5,12 +5,13 @@ import numpy as np
 from refsim.backends import device
 from refsim.backends.compile import cuda, cuda_kernel, formula
 from refsim.mpm.formulas import base_coordinate
-from refsim.mpm.grid import SETS, Bins
-from refsim.mpm.kernels import write_keys
+from refsim.mpm.groups import SETS, Bins
+from refsim.mpm.kernels import point_key
 from refsim.mpm.limits import DEEP, FARTHEST
 from refsim.neighbours.formulas import BITS, OFFSET, lower_bound
 from refsim.sparse_grid import block_table_cuda
 from refsim.sparse_grid.block_search_cuda import begin_lists, fill_lists, lists_of, number, sorted_points
+from refsim.sparse_grid.block_table_cuda import EMPTY, enter_point
 from refsim.sparse_grid.formulas import COORDINATE, block_bits, block_key, place_in_block
 
 
@@ -35,11 +36,20 @@ def write_cells(position, inverse_cell, keys, complete, bits, counts, cell):
                 cell[i] = b * 64 + place_in_block(jx, jy, jz, bits)
 
 
+@cuda_kernel(rows_of="position")
+def enter_points(position, inverse_cell, bits, table, listed, counts):
+    """The different keys of the points' blocks."""
+    i = cuda.grid(1)
+    if i < position.shape[0]:
+        key = point_key(i, position, inverse_cell, bits)
+        before = point_key(i - 1, position, inverse_cell, bits) if i > 0 else EMPTY
+        enter_point(key, before, table, listed, counts)
+
+
 def block_keys(position, inverse_cell, dim):
-    """Keys (n,) of the points' blocks."""
-    keys = device.empty(position.shape[0], np.int64)
-    write_keys(position, inverse_cell, 2 if dim == 3 else 3, keys)
-    return keys
+    """The points as `make_table` takes them: their number, and a call that enters the keys of their blocks."""
+    bits = 2 if dim == 3 else 3
+    return position.shape[0], lambda *table: enter_points(position, inverse_cell, bits, *table)
 
 
 def find_cells(position, inverse_cell, blocks, complete, cell):
@@ -50,39 +60,38 @@ def find_cells(position, inverse_cell, blocks, complete, cell):
     return missing, lost
 
 
+@formula
+def has_reach(neighbour, b):
+    """Whether all blocks exist that the particles of block b (x in b, dimensionless) reach."""
+    ways = neighbour.shape[1]
+    found = True
+    for way in range(ways // 2, ways):
+        if way % 3 > 0 and way // 3 % 3 > 0 and neighbour[b, way] < 0:
+            found = False
+    return found
+
+
 @cuda_kernel
 def mark_complete(neighbour, complete):
-    """1 where all blocks that a block's particles reach exist, else 0."""
+    """1 where all blocks that a block's particles reach exist, DEEP where so do all around it and theirs, else 0."""
     b = cuda.grid(1)
     if b < complete.shape[0]:
-        ways = neighbour.shape[1]
-        found = 1
-        for way in range(ways // 2, ways):
-            if way % 3 > 0 and way // 3 % 3 > 0 and neighbour[b, way] < 0:
-                found = 0
+        found = 0
+        if has_reach(neighbour, b):
+            found = DEEP
+            for way in range(neighbour.shape[1]):
+                other = neighbour[b, way]
+                if other < 0 or not has_reach(neighbour, other):
+                    found = 1
         complete[b] = found
 
 
-@cuda_kernel
-def mark_deep(neighbour, complete):
-    """DEEP where all blocks around a complete one exist and are complete."""
-    b = cuda.grid(1)
-    if b < complete.shape[0] and complete[b] != 0:
-        deep = True
-        for way in range(neighbour.shape[1]):
-            other = neighbour[b, way]
-            if other < 0 or complete[other] == 0:
-                deep = False
-        if deep:
-            complete[b] = DEEP
-
-
-def make_table(keys, dim, low, high):
-    """(blocks in reach of points with such `keys`, whether each is complete, points without a key)."""
-    blocks, lost = block_table_cuda.make_table(keys, dim, low, high)
+def make_table(points, dim, low, high):
+    """(blocks in reach of points as `block_keys` gives them, whether each is complete, points without a key)."""
+    counts, entries = zip(*points, strict=True)
+    blocks, lost = block_table_cuda.make_table(sum(counts), entries, dim, low, high)
     complete = device.empty(blocks.keys.shape[0], np.uint8)
     mark_complete(blocks.neighbour, complete)
-    mark_deep(blocks.neighbour, complete)
     return blocks, complete, lost
 
 

@@ -9,7 +9,7 @@ from refsim.backends.compile import SIMULATED_THREADS, cuda, cuda_kernel, formul
 from refsim.backends.primitives import sum_before
 from refsim.backends.runtime import simulated
 from refsim.neighbours.formulas import BITS, OFFSET, lower_bound
-from refsim.sparse_grid.block_table_cuda import make_table
+from refsim.sparse_grid.block_table_cuda import enter_keys, make_table
 from refsim.sparse_grid.formulas import BLOCK, block_key, cell_coordinate, find_node
 from refsim.sparse_grid.tables import PointList, key_steps
 
@@ -247,7 +247,8 @@ class BlockSearch:
 
     def _blocks(self, keys, below, above):
         axis = self._axis(below, above)
-        return make_table([keys], self.dim, axis[0], axis[-1])[0]
+        entries = [lambda *table: enter_keys(*table, keys)]
+        return make_table(keys.shape[0], entries, self.dim, axis[0], axis[-1])[0]
 
     def by_cell(self, position, blocks, shift):
         cell = self.cell_of(position, blocks, shift)

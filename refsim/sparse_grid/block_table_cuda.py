@@ -46,23 +46,30 @@ def enter(key, entry, table, listed, counts, number):
 
 
 @cuda_kernel
-def clear_table(table):
-    """No key in the table."""
+def clear_table(counts, table):
+    """No key in the table, and counts of 0."""
     at = cuda.grid(1)
     if at < table.shape[0]:
         table[at] = EMPTY
+        if at < counts.shape[0]:
+            counts[at] = 0
+
+
+@cuda_formula
+def enter_point(key, before, table, listed, counts):
+    """The key of a point, -1 for none, where it is not that of the point before."""
+    if key < 0:
+        cuda.atomic.add(counts, LOST, 1)
+    elif key != before:
+        enter(key, key, table, listed, counts, HELD)
 
 
 @cuda_kernel
 def enter_keys(table, listed, counts, keys):
-    """The different keys of points, as they are; of equal ones in a row the first."""
+    """The different keys of points."""
     i = cuda.grid(1)
     if i < keys.shape[0]:
-        key = keys[i]
-        if key < 0:
-            cuda.atomic.add(counts, LOST, 1)
-        elif i == 0 or keys[i - 1] != key:
-            enter(key, key, table, listed, counts, HELD)
+        enter_point(keys[i], keys[i - 1] if i > 0 else EMPTY, table, listed, counts)
 
 
 @formula
@@ -93,21 +100,21 @@ def find_neighbours(keys, neighbour):
         neighbour[b, way] = place if place < keys.shape[0] and keys[place] == key else -1
 
 
-def make_table(keys, dim, low, high):
+def make_table(points, entries, dim, low, high):
     """(blocks from `low` to `high` around those of points along each axis, how many points have no block).
 
-    keys  of the points' blocks, int64 arrays, -1 for none
+    points   their number
+    entries  calls that enter keys of the points' blocks, with (table, list of different keys, counts)
     """
     xp, width = device.library(), high - low + 1
     layers = width if dim == 3 else 1
-    points = sum(part.shape[0] for part in keys)
     size = 1 << (max(LEAST, points // EACH) - 1).bit_length()
     while True:
-        counts = device.wrapped(xp.zeros(4, np.int32))
+        counts = device.empty(4, np.int32)
         table, listed, reached = (device.empty(size, np.int64) for _ in range(3))
-        clear_table(table)
-        for part in keys:
-            enter_keys(table, listed, counts, part)
+        clear_table(counts, table)
+        for enter_points in entries:
+            enter_points(table, listed, counts)
         enter_reached(listed, low, width, layers, counts, table, reached)
         _, made, lost, full = device.seen(counts).tolist()
         if not full:

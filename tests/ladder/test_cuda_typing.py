@@ -194,7 +194,6 @@ def support_launches(dtype):
     from refsim.backends import device
     from refsim.core.period import period_group
     from refsim.core.walls import Bounds
-    from refsim.mpm import kernels as mpm
     from refsim.mpm import sorting_cuda as mpm_sorting
     from refsim.neighbours import cell_boxes_cuda as cell_boxes
     from refsim.neighbours import cell_list_cuda as search
@@ -252,14 +251,15 @@ def support_launches(dtype):
         (sparse.point_nodes, (vectors, 1.0, 0.5, blocks, integers)),
         (sparse.count_uncovered, (keys, keys, np.zeros(n, np.uint8), integers)),
         (sparse.count_points, 3 * (integers,)),
-        (table.clear_table, (keys,)),
+        (table.clear_table, (integers, keys)),
         (table.enter_keys, (keys, keys, integers, keys)),
         (table.enter_reached, (keys, -1, 4, 4, integers, keys, keys)),
         (table.find_neighbours, (keys, blocks.neighbour)),
         (mpm_sorting.mark_complete, (blocks.neighbour, np.zeros(n, np.uint8))),
-        (mpm_sorting.mark_deep, (blocks.neighbour, np.zeros(n, np.uint8))),
-        (mpm.write_keys.on("cuda"), (vectors, 1.0, 2, keys)),
-        (mpm_sorting.count_cells, (vectors, 1.0, blocks, np.zeros(n, np.uint8), *3 * (integers,))),
+        (mpm_sorting.enter_points, (vectors, 1.0, 2, keys, keys, integers)),
+        (mpm_sorting.count_cells, (vectors, 1.0, blocks, np.zeros(n, np.uint8), *4 * (integers,))),
+        (mpm_sorting.count_cells, (vectors, 1.0, blocks, np.zeros(n, np.uint8), integers, None, *2 * (integers,))),
+        (sparse.begin_lists, (integers, integers)),
         (mpm_sorting.count_gaps, (integers, integers)),
         (sparse.total_blocks, (integers, integers)),
         (sparse.sum_blocks, (integers, integers)),
