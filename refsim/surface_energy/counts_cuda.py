@@ -4,6 +4,7 @@ import numpy as np
 
 from refsim.backends import device
 from refsim.backends.compile import cuda, cuda_kernel
+from refsim.surface_energy.counts import look_up_members
 
 
 def sample_counts(nearest, sample_count):
@@ -34,12 +35,3 @@ def count_members(cell, node_label, held):
     p = cuda.grid(1)
     if p < cell.shape[0] and cell[p] >= 0 and node_label[cell[p]] >= 0:
         cuda.atomic.add(held, node_label[cell[p]], 1)
-
-
-@cuda_kernel
-def look_up_members(cell, node_label, members, component_size):
-    """Particles in the component of each particle."""
-    p = cuda.grid(1)
-    if p < component_size.shape[0]:
-        i = cell[p]
-        component_size[p] = members[node_label[i]] if i >= 0 and node_label[i] >= 0 else 0

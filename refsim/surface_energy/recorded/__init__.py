@@ -15,7 +15,7 @@ import numpy as np
 from refsim.backends import device
 from refsim.isosurface import Mesh, case_tables
 from refsim.sparse_grid import Blocks, PointList, nodes
-from refsim.surface_energy.counts_cuda import look_up_members
+from refsim.surface_energy.counts import look_up_members
 from refsim.surface_energy.recorded import stages
 from refsim.surface_energy.recorded.cells_cuda import EDGES, FACETS, MADE, MISSING, MOST, UNFOUND, VERTICES
 from refsim.surface_energy.surface import Samples, Surface

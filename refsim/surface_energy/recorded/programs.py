@@ -62,7 +62,7 @@ def components(blocks, node_state, node_label):
 
 def component_sizes(cells, node_label, blocks, component_size):
     """Particles in the component of each particle."""
-    from refsim.surface_energy.counts_cuda import look_up_members
+    from refsim.surface_energy.counts import look_up_members
 
     a = arrays(blocks, np.float32)
     label = device.empty(node_label.shape, np.int32)
