@@ -34,7 +34,7 @@ IN_DOUBLE = {
     **dict.fromkeys(
         (
             "contact",
-            "write_keys",
+            "enter_points",
             "write_cells",
             "place_particles",
             "count_cells",
