@@ -60,14 +60,15 @@ def count_particles(interior_position, surface_term, blocks, sure, held, place, 
 
 
 @cuda_kernel
-def place_particles(interior_position, surface_term, blocks, first, point, cell, placed):
-    """Offsets [h] of the particles from the lowest node of their block, cell by cell as in `point`.
+def place_particles(interior_position, surface_term, blocks, first, place, cell, unsorted, placed):
+    """The particles of each cell, in any order, and their offsets [h] from the lowest node of their block.
 
     These need no double precision: a search that stays within a few blocks takes their differences.
     """
-    at = cuda.grid(1)
-    if at < first[first.shape[0] - 1]:
-        i = number(point[at])
+    i = cuda.grid(1)
+    if i < cell.shape[0] and cell[i] >= 0:
+        at = number(first[cell[i]] + place[i])
+        unsorted[at] = i
         lowest = node_coordinates(blocks, cell[i] & ~(CELLS - 1))
         put(placed, at, formulas.place_over(interior_position, i, lowest, surface_term))
 

@@ -67,7 +67,7 @@ def inside_spheres(local, dx, dy, dz, begin, end, placed, blocks, surface_term):
 def mark_nodes(state, placed, first, blocks, surface_term):
     """Algorithm 1, lines 5 to 9, of the nodes of a thread block's block: state <- 1 or 0.
 
-    Cells that touch a node come first, a thread to each node; then several threads share an undecided node and take the
+    Every particle in a node's own cell is nearer than sqrt(dim) h: deep in the liquid that decides. Cells that touch a node come first, a thread to each node; then several threads share an undecided node and take the
     cells around it by turns.
     """
     begin = cuda.shared.array(AROUND, np.int32)
@@ -75,15 +75,17 @@ def mark_nodes(state, placed, first, blocks, surface_term):
     waiting = cuda.shared.array(CELLS, np.int32)
     many = cuda.shared.array(1, np.int32)
     b, thread = cuda.blockIdx.x, cuda.threadIdx.x
+    space = blocks.neighbour.shape[1] == 27
+    i = number(CELLS * b + thread)
+    own = 0
+    if first[i] < first[i + 1] and surface_term.radius_squared >= type(surface_term.cell_size)(3 if space else 2):
+        own = 1
+    state[thread] = own
+    if cuda.syncthreads_and(own) != 0:
+        return
     if thread == 0:
         many[0] = 0
     load_cells(b, blocks, first, begin, end)
-    space = blocks.neighbour.shape[1] == 27
-    x, y, z = local_place(thread, 2 if space else 3)
-    c = x + 2 + 7 * (y + 2) + 49 * (z + 2) if space else x + 2 + 11 * (y + 2)
-    own = 0
-    if begin[c] < end[c] and surface_term.radius_squared >= type(surface_term.cell_size)(3 if space else 2):
-        own = 1  # every particle in the node's own cell is nearer than sqrt(dim) h
     for c in range(7 if space else 3):
         if own == 0:
             dx, dy, dz = (c & 1) - 1, ((c >> 1) & 1) - 1, (c >> 2) - 1 if space else 0

@@ -13,7 +13,7 @@ import numpy as np
 
 from refsim.backends import device
 from refsim.sparse_grid import PointList
-from refsim.sparse_grid.block_search_cuda import fill_cells, sum_blocks, write_first
+from refsim.sparse_grid.block_search_cuda import sum_blocks, write_first
 from refsim.surface_energy.recorded import cells_cuda, fit_cuda, force_cuda, level_set_cuda, samples_cuda
 from refsim.surface_energy.recorded.samples_cuda import Components, FitPoints, Samples, Spheres, Vertices
 
@@ -66,8 +66,7 @@ def sort_particles(a: Arrays, position: Any, blocks: Any, term: Any, sure: Any) 
     cells_cuda.total_blocks(a["held"], counts, total)
     sum_blocks(a["one"], total)
     write_first(a["held"], total, a["first"])
-    fill_cells(a["cell"], a["place"], a["first"], a["unsorted"])
-    cells_cuda.place_particles(position, term, blocks, a["first"], a["unsorted"], a["cell"], a["placed"])
+    cells_cuda.place_particles(position, term, blocks, a["first"], a["place"], a["cell"], a["unsorted"], a["placed"])
 
 
 def mark_nodes(a: Arrays, blocks: Any, term: Any, given: bool = False) -> None:
