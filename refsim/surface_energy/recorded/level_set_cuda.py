@@ -67,8 +67,9 @@ def inside_spheres(local, dx, dy, dz, begin, end, placed, blocks, surface_term):
 def mark_nodes(state, placed, first, blocks, surface_term):
     """Algorithm 1, lines 5 to 9, of the nodes of a thread block's block: state <- 1 or 0.
 
-    Every particle in a node's own cell is nearer than sqrt(dim) h: deep in the liquid that decides. Cells that touch a node come first, a thread to each node; then several threads share an undecided node and take the
-    cells around it by turns.
+    Every particle in a node's own cell is nearer than sqrt(dim) h: deep in the liquid that decides. Else cells that
+    touch a node come first, a thread to each node; then several threads share an undecided node and take the cells
+    around it by turns.
     """
     begin = cuda.shared.array(AROUND, np.int32)
     end = cuda.shared.array(AROUND, np.int32)
