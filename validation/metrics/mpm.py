@@ -10,6 +10,7 @@ import numpy as np
 
 from refsim import Box, MpmLiquid, Scene
 from refsim.backends.arrays import Backend
+from refsim.backends.scratch import Scratch
 from refsim.core.operation import REGISTRY
 from refsim.mpm import READINGS, Embedding, Liquid
 from refsim.mpm.grid import MpmGrid
@@ -46,7 +47,8 @@ class Transfers:
             "mass": self.mass, "volume_ratio": np.ones(n) if ratio is None else np.array(ratio),
             "background": background, "liquid": Liquid(DENSITY, MODULUS, *np.zeros(4, np.int32)),
             "timestep": np.array([step, step]), "grid": MpmGrid(dim, "float64", CELL, Backend("cpu")),
-            "cell": np.zeros(n, np.int32), "displacement": np.zeros(2), "step_extremes": np.zeros(4),
+            "scratch": Scratch(Backend("cpu")), "cell": np.zeros(n, np.int32), "displacement": np.zeros(2),
+            "step_extremes": np.zeros(4),
         }  # fmt: skip
         self.embedded = samples is not None and reading > 0
         if samples is not None:
