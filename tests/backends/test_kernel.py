@@ -7,6 +7,7 @@ import numba
 import numpy as np
 import pytest
 
+from refsim.backends.arrays import Backend
 from refsim.backends.compile import kernel
 from refsim.sph import kernels
 from tests.backends.launched import launch
@@ -91,3 +92,11 @@ def test_a_kernel_runs_where_its_rows_are():
     assert kernels.gravity.on("cpu") is kernels.gravity.on("cpu")
     if not numba.config.DISABLE_JIT:
         assert textwrap.dedent(kernels.gravity.source("cpu")).startswith("def gravity(field, acceleration):")
+
+
+@pytest.mark.parametrize("count", [0, 5, 64, 1000])
+def test_running_sums_of_all_threads_are_numpys(count):
+    values = np.random.default_rng(count).integers(0, 5, count).astype(np.uint8)
+    own, other = (Backend(name).running_sum(values) for name in ("cpu", "numpy"))
+    assert own.dtype == other.dtype
+    assert own.tolist() == other.tolist()
