@@ -14,10 +14,8 @@ from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.particle_shifting import reference as reference
 from refsim.smoothing import smoothing
-from refsim.sph import DETECTION, LARGEST_SHIFT, LIQUID, SETS, liquid_of, surface_of
+from refsim.sph import DETECTION, LARGEST_SHIFT, LIQUID, SETS, SHIFT, liquid_of, surface_of
 from refsim.surface_normal import SURFACE_NORMAL, color_gradient_pass, normal_term
-
-SHIFT = Field("shift", "m", "displacement of a step beside dt v", 3)
 
 
 class Shifting(NamedTuple):

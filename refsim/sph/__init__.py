@@ -48,6 +48,7 @@ DENSITY_EXCESS = Field("density_excess", "kg/m^3 (kg/m^2 in 2D)", "density over 
 ADVANCED_EXCESS = Field(
     "advanced_excess", "kg/m^3 (kg/m^2 in 2D)", "rho - rho0 at the end of the step before", state=True
 )
+SHIFT = Field("shift", "m", "displacement of the latest step beside dt v", 3, state=True)
 SUMMED_DENSITY = Field("summed_density", "kg/m^3 (kg/m^2 in 2D)", "density J(7), beside an advanced one")
 PRESSURE = Field("pressure", "Pa", "pressure p, J(9)")
 OWN_PRESSURE = Field("own_pressure", "Pa", "pressure of a particle in its own force, -p where p < 0 inside")
@@ -581,12 +582,13 @@ def continuity_pass(others: Others, of_solids: tuple[str, ...], names: Mapping[s
     """The pass that advances the density; walls, where there are any, are those of `adami_2012`."""
     reads = ("position", "velocity", "mass", "advanced_excess", *of_solids)
     walled = bool(having(others, BringsWalls))
-    reads, names = (*reads, *(("wall_strain",) if walled else ())), {"smoothing": "gradient_smoothing", **names}
+    taken = {"wall_strain": walled, "shift": any(SHIFT in effect.fields(others) for effect in others.values())}
+    left_out = {name: None for name, there in taken.items() if not there}
     return Pass(
         "sph.continuity",
-        reads,
+        (*reads, *(name for name, there in taken.items() if there)),
         ("density_excess", "density"),
-        names=names if walled else {**names, "wall_strain": None},
+        names={"smoothing": "gradient_smoothing", **names, **left_out},
     )
 
 

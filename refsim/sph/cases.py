@@ -181,7 +181,7 @@ def two_particles(w):
     )  # fmt: skip
 
 
-ALONE = {"phase": None, "rest_density": None}  # no solids
+ALONE = {"phase": None, "rest_density": None, "shift": None}  # no solids
 
 
 @for_each_kernel("sph.continuity")
@@ -194,6 +194,20 @@ def compressed_pair(w):
         "advanced_excess": excess, "timestep": [0.5, 0.25], "diffusion": None, "lean": None,
     }  # fmt: skip
     return Exact(PAIR, given, {"density_excess": excess + 0.25 * rate, "density": 1000 + excess + 0.25 * rate})
+
+
+@for_each_kernel("sph.continuity")
+def shifted_pair(w):
+    """At rest: d rho_1 = V_2 (2 rho_1 s_1 + (rho_2 - rho_1) s_2).grad W, shifts across the pair do nothing."""
+    excess = np.array([100.0, -20.0])
+    across = np.array([2 * 1100 * 0.002 - 120 * 0.001, -(2 * 980 * 0.001 + 120 * 0.002)])
+    change = across * np.array([3.0 / 980.0, 2.0 / 1100.0]) * w.slope
+    given = {
+        **ALONE, "mass": [2.0, 3.0], "velocity": np.zeros((2, 3)), "fluid": WATER, "advanced_excess": excess,
+        "timestep": [0.5, 0.25], "diffusion": None, "lean": None,
+        "shift": [[0.3, 0.002, 0.0], [0.0, 0.001, -0.4]],
+    }  # fmt: skip
+    return Exact(PAIR, given, {"density_excess": excess + change, "density": 1000 + excess + change})
 
 
 @closed_form("sph.continuity")
@@ -248,7 +262,7 @@ def liquid_beside_a_solid(w):
     given = {
         "mass": [2.0, 3.0], "velocity": [[7.0, 2.0, 0.0], [3.0, 0.0, -5.0]], "fluid": WATER,
         "advanced_excess": [100.0, 0.0], "timestep": [0.5, 0.25], "diffusion": Diffusion(0.5, 2.0),
-        "lean": Lean(3.5, 20.0, -1.5), "rest_density": [1000.0, 900.0], "phase": [0, 1],
+        "lean": Lean(3.5, 20.0, -1.5), "rest_density": [1000.0, 900.0], "phase": [0, 1], "shift": None,
     }  # fmt: skip
     return Exact(PAIR, given, {"density_excess": [100 + 0.25 * rate, 0.0], "density": [1100 + 0.25 * rate, 900.0]})
 

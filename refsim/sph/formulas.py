@@ -32,6 +32,16 @@ def continuity_pair(volume_j, approach, slope):
     return volume_j * approach * slope
 
 
+@formula
+def shift_approach(own, other):
+    """Sun et al. 2019 for one neighbour: what the shifts add to `approach` dt [m^2].
+
+    (2 s_i + (rho_j/rho_i - 1) s_j).x_ij, since -rho div s + div(rho s) is summed with s_j - s_i and with rho_j s_j +
+    rho_i s_i; `own` = s_i.x_ij, `other` = (rho_j/rho_i - 1) s_j.x_ij.
+    """
+    return own + own + other
+
+
 LOOSE, SURROUNDED = 0.75, 0.85  # -sum V_j r W'/dim of liquid and walls: 1 far from a surface, 1/2 at it
 
 

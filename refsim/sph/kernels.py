@@ -103,14 +103,17 @@ def wall_gradient(i, lane, position, walls, smoothing, weight, period):
 
 @pair
 def continuity_pair(
-    r, x_ij, velocity_i, velocity_j, mass_j, rest_density_j, phase_j, advanced_excess_i, advanced_excess_j, smoothing,
-    fluid, diffusion, lean,
+    r, x_ij, velocity_i, velocity_j, mass_j, rest_density_j, phase_j, advanced_excess_i, advanced_excess_j, shift_i,
+    shift_j, smoothing, fluid, diffusion, lean, own_rest, per_step,
 ):  # fmt: skip
     """(d rho_i/dt)/rho_i by the flow [1/s], d rho_i/dt by diffusion [kg/(m^dim s)], by liquid alone, and -V_j r W'."""
     slope = gradient_factor(r, smoothing)
     rest = fluid.rest_density if rest_density_j is None else rest_density_j
     volume = mass_j / (rest + advanced_excess_j)
     approach = dot(difference(velocity_i, velocity_j), x_ij)
+    if shift_j is not None:
+        more = ((rest - own_rest) + (advanced_excess_j - advanced_excess_i)) / (own_rest + advanced_excess_i)
+        approach += per_step * formulas.shift_approach(dot(shift_i, x_ij), more * dot(shift_j, x_ij))
     spread = type(r)(0)
     if diffusion is not None:
         head = dot(lean, x_ij)
@@ -122,7 +125,9 @@ def continuity_pair(
 
 
 @pair
-def wall_continuity_pair(r, x_ij, velocity_i, place_j, volume_j, wall_strain_j, smoothing, wall_motion, number):
+def wall_continuity_pair(
+    r, x_ij, velocity_i, shift_i, place_j, volume_j, wall_strain_j, smoothing, wall_motion, number, per_step
+):
     """(d rho_i/dt)/rho_i by a wall particle [1/s], at rest or moving beyond the planes of `wall_motion`, -V_b r W' and
     (d rho_i/dt)/rho_i by its strain, `number` = rho_i/m_i [1/m^dim].
     """
@@ -130,6 +135,8 @@ def wall_continuity_pair(r, x_ij, velocity_i, place_j, volume_j, wall_strain_j, 
     if wall_motion is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
         if wall_moves(place_j, wall_motion):
             approach -= dot(wall_motion.velocity, x_ij)
+    if shift_i is not None:
+        approach += per_step * formulas.shift_approach(dot(shift_i, x_ij), type(r)(0))
     slope = gradient_factor(r, smoothing)
     given = type(r)(0)
     if wall_strain_j is not None:
@@ -139,10 +146,10 @@ def wall_continuity_pair(r, x_ij, velocity_i, place_j, volume_j, wall_strain_j, 
 
 @kernel(lanes=True)
 def continuity(
-    i, lane, position, velocity, mass, rest_density, phase, advanced_excess, wall_strain, neighbours, walls,
+    i, lane, position, velocity, mass, rest_density, phase, advanced_excess, wall_strain, shift, neighbours, walls,
     wall_motion, smoothing, fluid, diffusion, lean, period, timestep, density_excess, density,
 ):  # fmt: skip
-    """Continuity equation with diffusion: density after the latest step [kg/m^dim], and its excess over rho0.
+    """Continuity equation with diffusion and shifts: density after the latest step [kg/m^dim], and its excess over rho0.
 
     Solids, where there are any, keep their rest density.
     """
@@ -153,15 +160,18 @@ def continuity(
                 density_excess[i] = type(rest)(0)
                 density[i] = rest
             return
+    per_step = type(rest)(0)  # as no step has been taken before the first
+    if timestep[1] > per_step:
+        per_step = type(rest)(1) / timestep[1]
     rate, spread, fill = neighbour_sum(
         continuity_pair, i, lane, neighbours, position, period, velocity, mass, rest_density, phase, advanced_excess,
-        smoothing, fluid, diffusion, lean,
+        shift, smoothing, fluid, diffusion, lean, rest, per_step,
     )  # fmt: skip
     if walls is not None:
         number = (rest + advanced_excess[i]) / mass[i]
         beside, filled, given = neighbour_sum(
-            wall_continuity_pair, i, lane, walls, position, period, velocity, walls.position, walls.volume, wall_strain,
-            smoothing, wall_motion, number,
+            wall_continuity_pair, i, lane, walls, position, period, velocity, shift, walls.position, walls.volume,
+            wall_strain, smoothing, wall_motion, number, per_step,
         )  # fmt: skip
         rate += beside + formulas.surrounded_share((fill + filled) / type(fill)(smoothing.dim)) * given
     if first_lane(lane):

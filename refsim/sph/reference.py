@@ -54,13 +54,14 @@ def density(position, mass, walls, smoothing, fluid, period=None, rows=None):
 
 
 @operation(
-    "continuity equation with diffusion",
-    paper="Colagrossi & Landrini 2003; Molteni & Colagrossi 2009; Fourtakas et al. 2019",
-    outputs="density_excess density", optional="walls wall_strain wall_motion diffusion lean period rest_density phase",
+    "continuity equation with diffusion and shifts",
+    paper="Colagrossi & Landrini 2003; Molteni & Colagrossi 2009; Fourtakas et al. 2019; Sun et al. 2019",
+    outputs="density_excess density",
+    optional="walls wall_strain wall_motion diffusion lean period rest_density phase shift",
     variants=(
-        "walls wall_strain wall_motion diffusion lean period rest_density phase",
-        "walls wall_strain wall_motion period",
-        "period wall_motion rest_density phase", "period", "walls wall_strain wall_motion rest_density phase",
+        "walls wall_strain wall_motion diffusion lean period rest_density phase shift",
+        "walls wall_strain wall_motion period shift",
+        "period wall_motion rest_density phase", "period shift", "walls wall_strain wall_motion rest_density phase",
     ),
     tolerance=12.0, reason="one rounding in each of distance, slope, volume, velocity difference, projection,"
     " quotients, product and sum", invariants=f"{SYMMETRY} galilean",
@@ -68,14 +69,16 @@ def density(position, mass, walls, smoothing, fluid, period=None, rows=None):
     packed="continuity_pair",
 )  # fmt: skip
 def continuity(
-    position, velocity, mass, rest_density, phase, advanced_excess, wall_strain, walls, wall_motion, smoothing, fluid,
-    diffusion, lean, period, timestep, rows=None,
+    position, velocity, mass, rest_density, phase, advanced_excess, wall_strain, shift, walls, wall_motion, smoothing,
+    fluid, diffusion, lean, period, timestep, rows=None,
 ):  # fmt: skip
     """Density [kg/m^dim] a step after rho0 + advanced_excess, and its excess over rho0.
 
     d rho_i/dt = rho_i sum_j V_j (v_i - v_j).grad W_ij + rho_i sum_b [V_b (v_i - v_b).grad W_ib + f s_b W_ib/V_i] + D_i;
     V_j = m_j/rho_j, s_b `wall_strain`, f from 0 at -sum V x.grad W/dim = 0.75 (liquid and walls) to 1 at 0.85;
     D_i = delta h_s c sum_j V_j psi_ij.grad W_ij, psi_ij = 2 (rho_j - rho_i - rho0 g.x_ji/c^2) x_ji/|x_ij|^2, g `lean`.
+    Shifts s [m] of the step before add (-rho div s + div(rho s))/dt, over liquid and walls, whose s is 0:
+    sum_j V_j (rho_i s_i - rho_i s_j + rho_j s_j + rho_i s_i).grad W_ij/dt.
     rho is at least 0.95 rho0: a liquid that is pulled further apart breaks.
     `timestep` [s] has the step's length second; v_b = 0, or that of `wall_motion` beyond its planes. Solids (`phase`
     not 0) keep their rest density and take no part in D_i.
@@ -87,11 +90,20 @@ def continuity(
     velocity = np.asarray(velocity, dtype=float)
     volume = np.asarray(mass, dtype=float) / (rest + before)
     spreading = volume * liquid
+    total = rest + before
     e, v, rest, changing, own_volume = (rows_of(values, rows) for values in (before, velocity, rest, liquid, volume))
     strain, spread, around, given = (Sums(len(e)) for _ in range(4))
+    move = np.zeros_like(velocity) if shift is None or dt == 0 else np.asarray(shift, dtype=float) / dt
+    s = rows_of(move, rows)
     for place, separation, distance in pair_blocks(position, position, rows, period):
         apart = np.where(distance > 0, distance, 1.0)
         gradient = (kernel_slope(distance, smoothing) / apart)[..., None] * separation
+        if shift is not None:
+            ratio = (total[None, :] / (rest + e)[place, None])[..., None]
+            carried = 2 * s[place, None, :] + (ratio - 1) * move[None, :, :]
+            most = 2 * np.abs(s)[place, None, :] + (ratio + 1) * np.abs(move)[None, :, :]
+            sized = volume[None, :] * (np.abs(gradient) * most).sum(-1)
+            strain.add(place, volume[None, :] * (gradient * carried).sum(-1), sized)
         parting = v[place, None, :] - velocity[None, :, :]
         size = volume[None, :] * (np.abs(gradient) * (np.abs(v)[place, None, :] + np.abs(velocity)[None, :, :])).sum(-1)
         strain.add(place, volume[None, :] * (gradient * parting).sum(-1), size)
@@ -111,8 +123,8 @@ def continuity(
             wall_velocity[((x < lower) | (x > upper)).any(1)] = moving
         for place, separation, distance in pair_blocks(position, x, rows, period):
             gradient = kernel_gradient(separation, distance, smoothing)
-            parting = v[place, None, :] - wall_velocity[None, :, :]
-            most = np.abs(v)[place, None, :] + np.abs(wall_velocity)[None, :, :]
+            parting = (v + 2 * s)[place, None, :] - wall_velocity[None, :, :]
+            most = (np.abs(v) + 2 * np.abs(s))[place, None, :] + np.abs(wall_velocity)[None, :, :]
             sized = wall_volume[None, :] * (np.abs(gradient) * most).sum(-1)
             strain.add(place, wall_volume[None, :] * (gradient * parting).sum(-1), sized)
             around.add(place, -wall_volume[None, :] * distance * kernel_slope(distance, smoothing))
