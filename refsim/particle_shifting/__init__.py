@@ -6,6 +6,7 @@ detected surface only their tangential part acts. Free drops and collisions do w
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any, ClassVar, Literal, NamedTuple
 
 from refsim.core.capabilities import CorrectsPositions, open_axis
@@ -16,6 +17,8 @@ from refsim.particle_shifting import reference as reference
 from refsim.smoothing import smoothing
 from refsim.sph import DETECTION, LARGEST_SHIFT, LIQUID, SETS, SHIFT, liquid_of, surface_of
 from refsim.surface_normal import SURFACE_NORMAL, color_gradient_pass, normal_term
+
+PASSING_SHIFT = dataclasses.replace(SHIFT, state=False)  # that no later density takes
 
 
 class Shifting(NamedTuple):
@@ -31,7 +34,8 @@ class ParticleShifting(Effect, CorrectsPositions, frozen=True, kw_only=True):
 
     strength  A, 0 for none; Sun et al. 2017 have 1, with which vortices at Re 50 to 200 decay too fast
     surface   "detected": at the surface that `surface_detection` finds only the tangential part acts; "none": the
-              liquid has no surface, as in a periodic box or between walls on all sides
+              liquid has no surface, as in a periodic box or between walls on all sides, and its continuity equation
+              takes the shifts (Sun et al. 2019)
     """
 
     name: ClassVar[str] = "particle_shifting"
@@ -69,7 +73,9 @@ class ParticleShifting(Effect, CorrectsPositions, frozen=True, kw_only=True):
     def fields(self, others: Others) -> tuple[Field, ...]:
         if self.strength == 0:
             return ()
-        return (SHIFT, *((*surface_of(others).near_fields(), SURFACE_NORMAL) if self._at_surface() else ()))
+        if self._at_surface():
+            return (PASSING_SHIFT, *surface_of(others).near_fields(), SURFACE_NORMAL)
+        return (SHIFT,)
 
     def passes(self, others: Others) -> tuple[Pass, ...]:
         if self.strength == 0:

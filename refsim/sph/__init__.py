@@ -48,7 +48,7 @@ DENSITY_EXCESS = Field("density_excess", "kg/m^3 (kg/m^2 in 2D)", "density over 
 ADVANCED_EXCESS = Field(
     "advanced_excess", "kg/m^3 (kg/m^2 in 2D)", "rho - rho0 at the end of the step before", state=True
 )
-SHIFT = Field("shift", "m", "displacement of the latest step beside dt v", 3, state=True)
+SHIFT = Field("shift", "m", "displacement of a step beside dt v", 3, state=True)  # for the next density
 SUMMED_DENSITY = Field("summed_density", "kg/m^3 (kg/m^2 in 2D)", "density J(7), beside an advanced one")
 PRESSURE = Field("pressure", "Pa", "pressure p, J(9)")
 OWN_PRESSURE = Field("own_pressure", "Pa", "pressure of a particle in its own force, -p where p < 0 inside")

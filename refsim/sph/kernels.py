@@ -149,7 +149,7 @@ def continuity(
     i, lane, position, velocity, mass, rest_density, phase, advanced_excess, wall_strain, shift, neighbours, walls,
     wall_motion, smoothing, fluid, diffusion, lean, period, timestep, density_excess, density,
 ):  # fmt: skip
-    """Continuity equation with diffusion and shifts: density after the latest step [kg/m^dim], and its excess over rho0.
+    """Continuity equation with diffusion and shifts: density after the step [kg/m^dim], and its excess over rho0.
 
     Solids, where there are any, keep their rest density.
     """
