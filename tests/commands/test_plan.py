@@ -6,15 +6,30 @@ import re
 import msgspec
 import pytest
 
-from refsim import Box, BoxWalls, CsfWang2019, Gauge, Gravity, JiangZhu2023, Motion, Scene, WeaklyCompressible
+from refsim import (
+    Akinci2013,
+    Box,
+    BoxWalls,
+    CsfWang2019,
+    Dong2016,
+    Gauge,
+    Gravity,
+    JiangZhu2023,
+    Motion,
+    Scene,
+    WeaklyCompressible,
+)
 from refsim.commands.plan import _text, describe_plan
 from refsim.core.capabilities import Margin
 from refsim.scene.plan import make_plan
+from refsim.surface_tension import akinci_2013
+from refsim.surface_tension.dong_2016 import LARGEST_CORRECTION
 from refsim.surface_tension.jiang_zhu_2023 import LARGEST_AREA
 
 D = 0.01
 LIQUID = WeaklyCompressible(sound_speed=10.0, dynamic_viscosity=2.0, viscosity="central", density="summation")
 AREA = LARGEST_AREA["corrected"][LIQUID.kernels]
+NEAR = 4 * math.pi / 3 * 2.6**3  # neighbours in the support
 
 
 def scene(*effects, support=2.6, **more):
@@ -37,7 +52,7 @@ def test_the_margin_is_the_factor_to_the_limit():
     assert Margin("a", 0.0, 2.0).factor == math.inf
 
 
-CASES = {  # setting: (effects of a scene by the value's factor, support [d], words of the note)
+CASES = {  # setting: (effects of a scene by the value's factor, words of the note)
     "dynamic_viscosity [Pa s]": (
         lambda x: (msgspec.structs.replace(LIQUID, dynamic_viscosity=x * 1000 * 10 * 2.6 * D / 250),),
         "kinetic energy may grow",
@@ -49,6 +64,14 @@ CASES = {  # setting: (effects of a scene by the value's factor, support [d], wo
     "sigma/(rho0 c^2 d)": (
         lambda x: (LIQUID, CsfWang2019(surface_tension=0.015 * x * 1000 * 100 * D)),
         "sigma/(rho0 c^2 d) =",
+    ),
+    "area_acceleration/(gamma rho0)": (
+        lambda x: (LIQUID, Akinci2013(gamma=1.0, area_acceleration=x * akinci_2013.LARGEST_AREA * 1000 / NEAR)),
+        "a shorter step does not help",
+    ),
+    "correction rho0 d/sigma": (
+        lambda x: (LIQUID, Dong2016(surface_tension=0.07, correction=x * LARGEST_CORRECTION * 0.07 / 10)),
+        "a shorter step does not help",
     ),
 }
 # of the values at twice the limit for a largest, half of it for a least
