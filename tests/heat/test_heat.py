@@ -147,44 +147,6 @@ def test_the_plan_says_which_sums_limit_the_step():
     assert not make_plan(bar(0.25)).notes
 
 
-def newton(body, melting, step, enthalpy, temperature, most=60):
-    """(enthalpy [J/kg], temperature [degrees C], steps): the same equation to round-off by a semi-smooth Newton method.
-
-    F(H) = H - H^n - c/C dt Q(T(H)) = 0; the Jacobian takes dT/dH = 1/c outside and 0 inside of the melting range.
-    """
-    i, j, g, inverse = reference.exchanges(body, step)
-    start, old, c, latent = reference._floats(temperature, enthalpy, body.heat_capacity, melting.latent_heat)
-    n, h, t = len(start), old.copy(), start
-    s = reference.exchange_sums(i, j, g, inverse)
-    for passes in range(most):
-        t = reference.temperature_of(h, c, melting.melting_point, latent)
-        miss = h - old - c * inverse * reference.flow(i, j, g, t)
-        if np.abs(miss).max(initial=0) <= 1e-12 * (np.abs(h).max(initial=0) + np.abs(c * t).max(initial=0)):
-            return h, t, passes
-        slope = np.where((h < 0) | (h > latent), 1 / c, 0.0)
-        matrix = np.zeros((n, n))
-        matrix[i, j] = -c[i] * inverse[i] * g * slope[j]
-        matrix[np.arange(n), np.arange(n)] = 1 + c * s * slope
-        h = h - np.linalg.solve(matrix, miss)
-    return h, t, most
-
-
-def test_nonlinear_jacobi_converges_to_newton():
-    """Both solve backward Euler with latent heat; `newton` by a semi-smooth Newton method."""
-    scene = bar(1.0, scheme="nonlinear_jacobi", iterations=200, **ICE)
-    simulation = Simulation(scene)
-    simulation.step()
-    start = Simulation(scene)
-    body = reference.Body(*(None if name == "reservoir" else start.field(name) for name in reference.Body._fields))
-    melting = reference.Melting(start.field("melting_point"), start.field("latent_heat"))
-    step = reference.Step((0.0, scene.step), scene.effects[0].conduction(simulation.plan.grid), None)
-    state = start.field("enthalpy"), start.field("temperature")
-    enthalpy, temperature, steps = newton(body, melting, step, *state)
-    assert steps < 20
-    assert abs(simulation.field("enthalpy") - enthalpy).max() < 1e-6 * abs(enthalpy).max()
-    assert abs(simulation.field("temperature") - temperature).max() < 1e-4
-
-
 def test_reservoirs_hold_their_temperature():
     values = ran(bar(5.0, held=(1,)), 200).field("temperature")
     assert (values[128:] == -10).all()

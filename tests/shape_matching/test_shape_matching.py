@@ -163,19 +163,6 @@ def test_collapsed_regions_turn_as_the_reference_says(name, program, dtype):
             assert np.allclose(got, (q if trial % 2 else [0.5, 0.5, -0.5, 0.5]), atol=1e-6)
 
 
-def test_a_crushed_corner_does_not_set_a_body_spinning():
-    """Fast sums: 27 nodes of a body in one place are drawn back without a spin that is not finite."""
-    simulation = free((SolidBox(lower=(0, 0, 0), upper=(1.4, 1.4, 1.4)),), 0, summation="fast", half_width=1)
-    x = simulation.field("position")
-    crushed = (x < 0.55).all(1)
-    assert crushed.sum() == 27
-    x[crushed] = [0.323, 0.256, 0.189]
-    simulation.set_field("position", x)
-    advanced(simulation, 100)
-    assert np.isfinite(simulation.field("region_spin")).all()
-    assert np.abs(simulation.field("velocity")).max() < 60  # 0.2 m a step
-
-
 def test_undetermined_twist_stays_and_determined_directions_turn():
     """A line along x that now points along y: the rotation takes x to y and turns as little as it can about it."""
     q, _ = matched(LINE @ rotation_matrix(quaternion([0, 0, 1], 90)).T, LINE)
