@@ -258,29 +258,22 @@ def test_fast_sums_are_exact_far_from_the_first_particle():
 # Coupling
 
 
-def coupled(step=0.004, gravity=True, walls=True, viscosity=50.0, dtype="float64", **options):
-    """A light box over a basin."""
-    effects = [
+def test_a_light_body_floats_at_rest():
+    """Energy does not grow: a box of half the water's density ends half under water, and everything comes to rest."""
+    effects = (
         WeaklyCompressible(
-            sound_speed=40.0, dynamic_viscosity=viscosity, state="tait", kernels="cubic_spline", density="summation"
+            sound_speed=40.0, dynamic_viscosity=50.0, state="tait", kernels="cubic_spline", density="summation"
         ),
         ShapeMatching(summation="gather"),
         TwoWayCoupling(),
-    ]
-    if gravity:
-        effects.append(Gravity())
-    if walls:
-        effects.append(BoxWalls(lower=(0, 0, 0), upper=(1.6, 1.6, 3)))
+        Gravity(),
+        BoxWalls(lower=(0, 0, 0), upper=(1.6, 1.6, 3)),
+    )
     body = SolidBox(lower=(0.4, 0.4, 0.8), upper=(1.2, 1.2, 1.6), density=500.0, velocity=(0.0, 0.0, -1.0))
-    return Scene(
-        spacing=0.2, support_radius=0.5, fluid=(Box(cells=(8, 8, 4)),), solid=(body,), effects=tuple(effects),
-        step=step, dtype=dtype, **options,
-    )  # fmt: skip
-
-
-def test_a_light_body_floats_at_rest():
-    """Energy does not grow: a box of half the water's density ends half under water, and everything comes to rest."""
-    simulation = Simulation(coupled())
+    scene = Scene(
+        spacing=0.2, support_radius=0.5, fluid=(Box(cells=(8, 8, 4)),), solid=(body,), effects=effects, step=0.004
+    )
+    simulation = Simulation(scene)
     kinetic = []
     for _ in range(700):
         simulation.step()
