@@ -203,35 +203,6 @@ def scaling_table(times: Times) -> list[str]:
     return [*table(heading, rows), "", f"CPU: {where(times, 'scaling cpu', f', {max(counts)} cores')}."]
 
 
-def scaling_picture(times: Times) -> Any:
-    """How many times as fast a step is as on one thread, over threads, system by system; ranges of the readings."""
-    import matplotlib.pyplot as plt
-
-    from validation.drawing import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION
-
-    figure, axes = plt.subplots(figsize=(6.4, 4.4))
-    axes.set_title("a step on more threads, over one thread")
-    found = scaling(times)
-    if not found:
-        axes.text(0.5, 0.5, NOT_YET, ha="center", transform=axes.transAxes, color=GREY)
-        return figure
-    for (name, system), colour in zip(found.items(), (BLUE, VERMILION, GREEN, ORANGE, PURPLE, SKY), strict=True):
-        counts, alone = sorted(system), float(np.median(system[1]["seconds"]))
-        speeds, fast, slow = (
-            np.array([alone / of(system[count]["seconds"]) for count in counts]) for of in (np.median, min, max)
-        )
-        label = f"{name}, {system[1]['particles']:,} particles"
-        axes.errorbar(counts, speeds, [speeds - slow, fast - speeds], fmt="o-", color=colour, ms=4, lw=1.2, capsize=2,
-                      label=label)  # fmt: skip
-    axes.plot([1, max(counts)], [1, max(counts)], color=GREY, lw=0.8, ls=":", label="as many times as threads")
-    axes.set(xscale="log", yscale="log", xlabel="threads, each on a core of its own", ylabel="times as fast")
-    axes.set_xticks(counts, [str(count) for count in counts])
-    axes.set_yticks(counts, [str(count) for count in counts])
-    axes.minorticks_off()
-    axes.legend(fontsize=7)
-    return figure
-
-
 # Limits of the device
 
 
@@ -420,7 +391,7 @@ PARTS: dict[str, Callable[[Times], list[str]]] = {
     "effects": effects, "device limits": limits, "cpu scaling": scaling_table,
 }  # fmt: skip
 PICTURES: dict[str, Callable[[Times], Any]] = {
-    "effects_cost.png": effects_picture, "device_limits.png": limits_picture, "cpu_scaling.png": scaling_picture,
+    "effects_cost.png": effects_picture, "device_limits.png": limits_picture,
 }  # fmt: skip
 
 

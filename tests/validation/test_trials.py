@@ -3,7 +3,6 @@
 import io
 import math
 
-import numpy as np
 import pytest
 
 from refsim import Box, Cloud, InputError, JiangZhu2023, RunStopped, Scene, WeaklyCompressible
@@ -11,7 +10,6 @@ from refsim.scene.plan import make_plan
 from validation import checks, judging, perform
 from validation.__main__ import main
 from validation.experiment import Experiment, Options, discover
-from validation.metrics.voids import find_voids
 from validation.results import Result
 from validation.running import Context
 from validation.trials import Cell, StabilityMap, Trial, largest_stable, silent_up_to
@@ -150,18 +148,3 @@ def test_nothing_is_said_of_what_holds():
     assert braked_alone(make_plan(scene(effects=(off,))).notes)
     made = silent_up_to(lambda x: scene(effects=(JiangZhu2023(surface_tension=0.05, area_ratio=x),)), 1e-3, 1.0)
     assert 0.0055 < made <= 0.006
-
-
-def test_voids_are_holes_that_no_air_reaches():
-    lattice = np.stack(np.meshgrid(np.arange(20.0), np.arange(20.0), indexing="ij"), -1).reshape(-1, 2)
-    assert find_voids(lattice, 1.0, 1.0).count == 0
-    inner = ~((np.abs(lattice - 9.0) <= 1).all(1) | (np.abs(lattice - [3.0, 15.0]) < 1).all(1))
-    found = find_voids(lattice[inner], 1.0, 1.0)
-    assert found.count == 1  # one missing particle leaves no place for a disc of one spacing
-    # A square of side 4 less what is within 1 of the points on its border: 4, and 8 (1 - mean of sqrt(1 - u^2)).
-    assert found.area == pytest.approx(4.35, abs=0.3)
-    assert np.abs(found.place - 9.0).max() < 1.5
-    notch = lattice[~((lattice[:, 1] > 12) & (np.abs(lattice[:, 0] - 9.0) <= 2))]
-    assert find_voids(notch, 1.0, 1.0).count == 0
-    lid = np.stack([np.arange(5.0, 14.0), np.full(9, 19.0)], axis=1)
-    assert find_voids(notch, 1.0, 1.0, walls=lid).count == 1

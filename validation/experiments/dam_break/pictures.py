@@ -16,16 +16,13 @@ from validation.drawing import (
     GREY,
     INTERIOR_BLUE,
     ORANGE,
-    PURPLE,
     SKY,
     SURFACE_RED,
     VERMILION,
-    headline,
-    plain_title,
     shared_legend,
 )
 from validation.experiment import Picture, Results
-from validation.experiments.dam_break.runs import FIGURE_5, METHODS, STARTS, WIDEST, WORDS
+from validation.experiments.dam_break.runs import FIGURE_5, METHODS, WORDS
 from validation.metrics.dam_break import data_tolerance, load_front_data, ritter_front
 from validation.results import floats
 
@@ -84,39 +81,6 @@ def detection_picture(data: Mapping[str, Any]) -> Any:
     truth_words = f"truth: exact arc cover, radius {data['truth_radius_spacings']:g} spacings"
     dots = {label: Line2D([], [], ls="", **look) for label, look in marks}
     shared_legend(figure, (), dots, ncols=4, title=f"{words}; {truth_words}", title_fontsize=9)
-    return figure
-
-
-def score_data(results: Results) -> dict[str, Any]:
-    """Precision and recall over the collapse, in 2D and, where it was run, in 3D."""
-    data: dict[str, Any] = {"title": "Surface detection over the collapse against the exact truth", "runs": {}}
-    names = {"particles": "particles", "time_s": "time", "over_time": "over_time", "pooled": "score"}
-    for words, key in (("2D", "detection_2d"), ("3D", "detection_3d")):
-        if key in results:
-            values = results[key].values
-            data["truth_radius_spacings"] = values["truth_radius"]
-            data["runs"][words] = {name: values[own] for name, own in names.items()}
-    return data
-
-
-def score_picture(data: Mapping[str, Any]) -> Any:
-    """Precision against time, every detector; a panel for each dimension."""
-    found = data["runs"]
-    figure, panels = plt.subplots(1, len(found), figsize=(7.2, 3.9), sharey=True, squeeze=False)
-    looks: dict[str, Any] = {name: {"marker": mark, "color": colour} for name, (mark, colour) in LOOKS.items()}
-    looks["two_step_printed"] = {"color": SKY, "marker": "D", "ls": "--"}
-    for axes, (words, run) in zip(panels[0], found.items()):
-        for method, look in looks.items():
-            precision = floats(run["over_time"][method]["precision"])
-            axes.plot(run["time_s"], precision, ms=3.5, lw=1.3, label=WORDS[method], **look)
-        axes.set(ylim=(0, 1.05), xlabel="time [s]")
-        plain_title(axes, f"{words}, {run['particles']:,} particles")
-        axes.grid(True)
-    panels[0, 0].set_ylabel("share of marked particles on the surface")
-    shared_legend(figure, panels[0], ncols=2, fontsize=9)
-    shares = [run["pooled"][name]["precision"] for name in ("number_density", "two_step") for run in found.values()]
-    words = f"precision {min(shares):.2f} over the collapse, of two steps {min(shares[len(found) :]):.2f}"
-    headline(figure, f"Number density marks the interior: {words}", 10)
     return figure
 
 
@@ -225,50 +189,8 @@ def front_picture(data: Mapping[str, Any]) -> Any:
     return figure
 
 
-# The picture of the voids
-
-
-def void_data(results: Results) -> dict[str, Any]:
-    """Void area over time by start, and the particles at 0.3 s of four of them."""
-    result = results["voids"]
-    shown = result.values["shown"]
-    frames = {name: result.arrays[f"at_0.3_{k}"] for k, name in enumerate(STARTS) if f"at_0.3_{k}" in result.arrays}
-    return {
-        "title": "Voids after the start of a collapsing column", "spacing_m": shown["spacing"], "disc_spacings": WIDEST,
-        "time_s": shown["time"], "area_d2": shown["area"],
-        "position_um": {name: np.rint(1e6 * x).astype(int) for name, x in list(frames.items())[:4]},
-    }  # fmt: skip
-
-
-def void_picture(data: Mapping[str, Any]) -> Any:
-    """Particles at 0.3 s, and the area of voids over time."""
-    figure = plt.figure(figsize=(9.6, 6.8))
-    top, bottom = figure.subfigures(2, 1, height_ratios=(1.25, 1))
-    headline(top, data["title"], 10.5)
-    panels = top.subplots(1, len(data["position_um"]), sharey=True)
-    size = 0.9 * (72 * 2.1 * data["spacing_m"]) ** 2
-    for (name, x), axes in zip(data["position_um"].items(), panels):
-        points = floats(x) / 1e6
-        axes.scatter(points[:, 0], points[:, 1], s=size, color=BLUE, linewidths=0)
-        axes.set(aspect="equal", xlim=(0, 1.0), xticks=[0.0, 0.5, 1.0], ylim=(0, 1.05))
-        plain_title(axes, name.replace(", ", ",\n"), fontsize=9)
-        axes.set_xlabel("x [m]")
-    panels[0].set_ylabel("y [m], t = 0.3 s")
-    axes = bottom.subplots()
-    looks = ((BLUE, "-"), (SKY, "--"), (VERMILION, "-"), (ORANGE, "--"), (PURPLE, "-"), (GREEN, "-."))
-    for (name, area), (colour, dash) in zip(data["area_d2"].items(), looks):
-        axes.plot(data["time_s"], np.maximum(floats(area), 0.05), dash, color=colour, label=name)
-    axes.set(yscale="log", ylim=(0.04, None), xlabel="time [s]", ylabel=r"voids [$d^2$]; below 0.05: none")
-    axes.grid(True)
-    axes.legend(ncols=2, loc="upper center", bbox_to_anchor=(0.5, -0.22))
-    axes.axhline(2.0, color=GREY, lw=0.8)
-    return figure
-
-
 PICTURES = (
     Picture("figure_4", detection_data, detection_picture, ("detection_2d",)),
-    Picture("figure_4_scores", score_data, score_picture, ("detection_2d",)),
     Picture("figure_5", cost_data, cost_picture, FIGURE_5),
     Picture("front", front_data, front_picture, ("front_2d",)),
-    Picture("voids", void_data, void_picture, ("voids",)),
 )

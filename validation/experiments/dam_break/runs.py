@@ -26,7 +26,6 @@ from validation.metrics.dam_break import (
     load_front_data,
 )
 from validation.metrics.surface_truth import arc_cover_surface, cap_cover_surface, detection_score
-from validation.metrics.voids import find_voids
 from validation.results import Result, floats, real
 from validation.running import Context, advance, note, search_log, stage_seconds
 from validation.trials import Trial, hard_case
@@ -508,73 +507,11 @@ def _exact(measure: Measure) -> list[float]:
     return measure.of({"": {"score": {"number_density": {"precision": score.precision}}}})
 
 
-# Hard cases of a collapsing column: voids at the start, detection beside walls, in sprays and in films.
+# Hard cases of a collapsing column: detection beside walls, in sprays and in films.
 
 
 COLUMNS = 40
 SPLASH = (0.8, 0.9, 1.0, 1.1, 1.2)  # s
-WIDEST = 1.0  # spacings: a disc that fits into a void between the particles' centres; a lattice has none above 0.71
-STARTS: dict[str, dict[str, Any]] = {
-    "cold": {}, "hydrostatic": {"hydrostatic": True}, "cold, walls as printed": {"walls": ("g",)},
-    "hydrostatic, walls as printed": {"hydrostatic": True, "walls": ("g",)}, "cold, jittered by d/10": {"jitter": 0.1},
-    "cold, an eighth of the viscosity": {"viscosity": 0.125},
-}  # fmt: skip
-
-
-def hydrostatic_column(columns: int) -> np.ndarray:
-    """The column's particles (n, 3) [m], each layer as near to the next as Tait's equation has it under its weight."""
-    spacing, layers = 0.5 * HEIGHT / columns, 2 * columns
-    above = (layers - np.arange(layers) - 0.5) * spacing
-    bulk = DENSITY * 100.0 * GRAVITY * HEIGHT  # rho0 c^2
-    layer = spacing * (1 + 7 * DENSITY * GRAVITY * above / bulk) ** (-1 / 7)
-    x = (np.arange(columns) + 0.5) * spacing
-    return np.stack(np.meshgrid(x, np.cumsum(layer) - 0.5 * layer, [0.0], indexing="ij"), axis=-1).reshape(-1, 3)
-
-
-def start_scene(hydrostatic: bool = False, walls: tuple = (), jitter: float = 0.0, viscosity: float = 1.0) -> Scene:
-    """The dam break's column in one of its starts; `jitter` in spacings, `viscosity` as a share of the dam break's."""
-    scene = column_scene(COLUMNS)
-    liquid, gravity, box = scene.effects
-    liquid = msgspec.structs.replace(liquid, dynamic_viscosity=viscosity * liquid.dynamic_viscosity)
-    effects = (liquid, gravity, msgspec.structs.replace(box, literal=walls))
-    position = hydrostatic_column(COLUMNS) if hydrostatic else make_plan(scene).state.position.copy()
-    shift = np.random.default_rng(1).uniform(-jitter, jitter, (len(position), 2))
-    position[:, :2] += scene.spacing * shift
-    return msgspec.structs.replace(scene, fluid=(Cloud(position=position),), effects=effects)
-
-
-@hard_case
-def voids(trial: Trial, until: float = 0.5, samples: int = 20) -> None:
-    """Void area over time from a cold and a hydrostatic start, with calibrated and with printed walls, and others."""
-    times = np.linspace(0.0, until, samples + 1)[1:]
-    area: dict[str, list[float]] = {}
-    count: dict[str, list[int]] = {}
-    frames = {}
-    with trial.ending():
-        for name, changes in STARTS.items():
-            simulation = trial.start(start_scene(**changes))
-            spacing, walls = simulation.plan.grid.spacing, simulation.plan.walls.position
-            area[name], count[name] = [], []
-            for at in times:
-                while simulation.time < at:
-                    simulation.step()
-                x = simulation.field("position")
-                found = find_voids(x, spacing, WIDEST * spacing, walls)
-                area[name].append(found.area)
-                count[name].append(found.count)
-                if abs(at - 0.3) < 1e-9:
-                    frames[name] = x[:, :2]
-            trial.account(simulation)
-        trial.check("void area of a cold start [d^2]", max(area["cold"]), at_most=2.0)
-        trial.check("void area of a hydrostatic start [d^2]", max(area["hydrostatic"]), at_most=2.0)
-        trial.check("void area with printed walls, cold [d^2]", max(area["cold, walls as printed"]), at_least=100.0)
-        both = max(area["hydrostatic, walls as printed"])
-        trial.check("void area with printed walls, hydrostatic [d^2]", both, at_least=100.0)
-        trial.show("time", times)
-        trial.show("area", area)
-        trial.show("count", count)
-        trial.show("spacing", spacing)
-    trial.arrays = {f"at_0.3_{k}": frames[name] for k, name in enumerate(STARTS) if name in frames}
 
 
 @hard_case
@@ -598,7 +535,6 @@ def beside_walls(trial: Trial, method: str, depth: int = 1, columns: int = 20) -
     trial.check("found off the surface", int((flags & ~top).sum()), equals=0)
     trial.check("missed of the surface away from the contact line", int((~flags & top & ~line).sum()), equals=0)
     trial.show("missed of the contact line", f"{int((~flags & line).sum())} of {int(line.sum())}")
-    trial.arrays = {"position": x / spacing, "wrong": flags & ~top}
 
 
 @hard_case
@@ -666,7 +602,6 @@ def sheet(trial: Trial, method: str, layers: int, side: int = 11) -> None:
     truth = cap_cover_surface(position, TRUTH_RADIUS * spacing)
     trial.check("particles that are no surface", int((~truth).sum()), equals=0)
     trial.check("missed", int((truth & ~flags).sum()), equals=0)
-    trial.arrays = {"position": position / spacing, "wrong": truth & ~flags}
 
 
 # Collapse of a liquid column: surface detection against the exact truth, its cost, the surge front.

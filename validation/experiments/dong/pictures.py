@@ -8,17 +8,12 @@ from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.colors import LogNorm
-from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
 from validation.drawing import (
     BLUE,
-    GREEN,
     GREY,
     ORANGE,
-    VERMILION,
-    WATER,
     plain_title,
     show_balls,
     view_matrix,
@@ -27,77 +22,14 @@ from validation.drawing import (
 from validation.experiment import Picture, Results
 from validation.experiments.dong import runs
 from validation.experiments.dong import scene as scenes
-from validation.experiments.dong.runs import NEEDS, rayleigh_period
+from validation.experiments.dong.runs import NEEDS
 from validation.results import Result
 
-CUBE_VIEW = view_matrix(azimuth=10.0, elevation=7.0)  # nearly along an axis, as in the paper
 TOP, SIDE_VIEW = view_matrix(azimuth=-90.0, elevation=90.0), view_matrix(azimuth=-90.0, elevation=1.0)
 COLOURS = [(0.16, 0.50, 0.80), (0.90, 0.45, 0.13), (0.20, 0.62, 0.40), (0.65, 0.35, 0.65), (0.80, 0.65, 0.15)]
 GLASS = (0.55, 0.72, 0.86)  # of what belongs to no larger part
-CUBE_EXTENT, ROOM_EXTENT = 1.3, 0.54  # half widths: in R, in m
+ROOM_EXTENT = 0.54  # half width [m]
 MILLI = 1e-3
-
-
-def moments(values: Mapping[str, Any]) -> list[int]:
-    """Samples of figure 3: start, ball, halfway, octahedron, ball, and the end."""
-    moment = np.array(values["series"]["moment"])
-    top = next(k for k in range(2, len(moment)) if moment[k] > 0 and moment[k] >= moment[min(k + 1, len(moment) - 1)])
-    ball = int(np.argmin(np.abs(moment[: top + 1])))
-    after = top + int(np.argmax(moment[top:] <= 0))
-    low = after + int(np.argmin(moment[after : after + top]))
-    return [0, ball // 2, ball, (ball + top) // 2, top, after, low, len(moment) - 1]
-
-
-def cube_data(results: Results) -> dict[str, Any]:
-    """Figure 3: the particles that can be seen at eight moments, and the drop's points and corners over time."""
-    result = results["cube_4913"]
-    values, frames = result.values, []
-    for k in moments(values):
-        x = result.arrays["position"][k].astype(float)
-        x = (x - x.mean(0)) / values["radius"]
-        seen = visible_balls(x, 0.5 * values["spacing"] / values["radius"], CUBE_VIEW, CUBE_EXTENT)
-        frames.append({
-            "time_s": values["series"]["time"][k], "moment": values["series"]["moment"][k],
-            "position_milliradii": np.rint(x[seen] / MILLI).astype(int),
-        })  # fmt: skip
-    keep = ("time", "moment", "points", "corners")
-
-    return {
-        "title": "Dong, figure 3: a cube of 0.5 m without gravity",
-        "spacing_radii": values["spacing"] / values["radius"], "frames": frames,
-        "series": {name: np.round(values["series"][name], 5) for name in keep},
-        "oscillation": values["oscillation"], "rayleigh_s": rayleigh_period(scenes.TENSION, values["radius"]),
-        "tension_n_per_m": scenes.TENSION,
-    }  # fmt: skip
-
-
-def cube_picture(data: Mapping[str, Any]) -> Any:
-    """Draw figure 3: eight moments, and under them the history of the shape."""
-    figure = plt.figure(figsize=(9.6, 6.9))
-    grid = figure.add_gridspec(3, 4, height_ratios=(1.0, 1.0, 0.95))
-    for k, frame in enumerate(data["frames"]):
-        place = figure.add_subplot(grid[k // 4, k % 4])
-        x = np.array(frame["position_milliradii"], dtype=float) * MILLI
-        show_balls(place, x, data["spacing_radii"], WATER, CUBE_VIEW, CUBE_EXTENT, 420)
-        plain_title(place, f"{frame['time_s']:.2f} s, q4 {frame['moment']:+.3f}", fontsize=8.5)
-    series = data["series"]
-    left, right = figure.add_subplot(grid[2, :2]), figure.add_subplot(grid[2, 2:])
-    left.plot(series["time"], series["moment"], color=BLUE)
-    for frame in data["frames"]:
-        left.plot(frame["time_s"], frame["moment"], "o", color=BLUE, markersize=4)
-    left.axhline(0, color=GREY, linewidth=0.8)
-    period = data["oscillation"]["period"]
-    words = f"period {period:.2f} s;\nRayleigh's n = 4 at {data['tension_n_per_m']:.0f} N/m: {data['rayleigh_s']:.2f} s"
-    left.text(0.97, 0.06, words, transform=left.transAxes, ha="right", fontsize=8.5)
-    left.set(xlabel="time [s]", ylabel="q4 (octahedron above 0)", title="shape")
-    right.plot(series["time"], series["points"], color=GREEN, label="along the axes (six points)")
-    right.plot(series["time"], series["corners"], color=VERMILION, label="along the body diagonals (corners)")
-    right.set(xlabel="time [s]", ylabel="reach over R", title="reach")
-    right.legend()
-    for axes in (left, right):
-        axes.grid(True)
-    figure.suptitle(data["title"], fontsize=10.5, fontweight="bold")
-    return figure
 
 
 def _room(result: Result, frame: int, view: NDArray) -> dict[str, Any]:
@@ -229,60 +161,9 @@ def merging_picture(data: Mapping[str, Any]) -> Any:
     return figure
 
 
-DARK = 8e-4  # excess of area above which letters on the map's colours are white
-
-
-def sweep_data(results: Results) -> dict[str, Any]:
-    """Area of small drops over k and lambda, and which of them are at rest."""
-
-    rows = []
-    for key, pair in runs.sweep_pairs().items():
-        values = results[key].values
-        names = ("stiffness", "correction", "area", "kinetic_share", "swing", "stopped")
-        rows.append({**pair, **{f"{name}_found" if name in pair else name: values[name] for name in names}})
-    return {
-        "title": "k against lambda: how far drops are from a ball", "unit_of_cohesion": "k of the calibrated tension",
-        "unit_of_correction": "nominal sigma/(rho0 d) of the calibrated tension", "calm": 0.01, "rows": rows,
-    }  # fmt: skip
-
-
-def sweep_picture(data: Mapping[str, Any]) -> Any:
-    """Draw a map for each size; the best that is at rest is framed."""
-    sides = list(dict.fromkeys(row["side"] for row in data["rows"]))
-    figure, axes = plt.subplots(1, len(sides), figsize=(11.5, 3.0), sharey=True)
-    for place, side in zip(axes, sides):
-        rows = [row for row in data["rows"] if row["side"] == side]
-        across, up = (list(dict.fromkeys(row[name] for row in rows)) for name in ("correction", "cohesion"))
-        excess, best = np.full((len(up), len(across)), np.nan), None
-        for row in rows:
-            at = up.index(row["cohesion"]), across.index(row["correction"])
-            whole = row["area"] is not None and not row["stopped"]
-            excess[at] = row["area"] - 1 if whole else np.nan
-            calm = whole and row["kinetic_share"] < data["calm"]
-            words = "torn" if not whole else f"{1e3 * excess[at]:.2f}" + ("" if calm else "\nmoves")
-            ink = "white" if whole and excess[at] > DARK else "black"
-            place.text(at[1], at[0], words, ha="center", va="center", fontsize=6.5, color=ink)
-            if calm and row["correction"] and (best is None or excess[at] < excess[best]):
-                best = at
-        image = place.imshow(excess, origin="lower", aspect="auto", cmap="YlGnBu", norm=LogNorm(3e-4, 2e-3))
-        if best is not None:
-            place.add_patch(
-                Rectangle((best[1] - 0.5, best[0] - 0.5), 1, 1, fill=False, edgecolor=VERMILION, linewidth=2)
-            )
-        place.set_xticks(range(len(across)), [f"{value:g}" for value in across])
-        place.set_yticks(range(len(up)), [f"{value:g}" for value in up])
-        place.set(xlabel="$\\lambda\\,\\rho_0 d/\\sigma$", title=f"cube of {side**3:,}")
-    axes[0].set(ylabel="k over the calibrated one")
-    figure.colorbar(image, ax=axes, label="area over a ball's, less one", shrink=0.9)
-    figure.suptitle(data["title"] + " (numbers: thousandths)", fontsize=10.5, fontweight="bold")
-    return figure
-
-
 PICTURES = (
-    Picture("dong_figure_3", cube_data, cube_picture, ("cube_4913",), shaded=True),
     Picture("dong_figure_4", splash_data, splash_picture, ("rest_with", "rest_without"), shaded=True),
     Picture("dong_figure_5", rest_data, rest_picture, ("rest_with", "rest_without")),
-    Picture("dong_sweep", sweep_data, sweep_picture, tuple(runs.sweep_pairs())),
     Picture("dong_figure_6", merging_data, merging_picture, ("rest_with",), shaded=True),
 )
 

@@ -9,7 +9,6 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -273,32 +272,6 @@ def seconds_per_frame(
         "step": statistics.median(each) if each else math.nan,
         "spread": [min(late), max(late)] if late else [], "threads": threads or context.threads, "turn": turn,
     })  # fmt: skip
-
-
-SWEEP_SIDES = (9, 11, 13)
-COHESIONS = (0.25, 1.0, 4.0)  # times the calibrated tension's k
-CORRECTIONS = (0.0, 0.3, 1.0, 3.0, 10.0, 30.0)  # sigma/(rho0 d) of the calibrated nominal tension
-
-
-def sweep_pairs() -> dict[str, dict[str, Any]]:
-    """Sides and pairs of coefficients by the keys of their runs."""
-    return {
-        f"sweep_{side}_{k:g}_{c:g}": {"side": side, "cohesion": k, "correction": c}
-        for side in SWEEP_SIDES
-        for k in COHESIONS
-        for c in CORRECTIONS
-    }
-
-
-def sweep(context: Context, side: int, cohesion: float, correction: float, backend: str) -> Result:
-    """A small cube under one pair of k and lambda, 4 s."""
-    position, spacing = scenes.start("cube", side**3)
-    calibrated = scenes.cube_scene(position, spacing, viscosity=scenes.CALM)
-    base = coefficients(calibrated)
-    effect = Dong2016(stiffness=cohesion * base["stiffness"], correction=correction * base["correction"] / 3.0)
-    changed = msgspec.structs.replace(calibrated, effects=(calibrated.effects[0], effect))
-    found = drop(context, changed, np.linspace(0.0, 4.0, 41), backend)
-    return Result({**found.values, "series": {}})
 
 
 # What Dong, Zhang & Chen 2016 claim, measured: density, area, momentum, time, shape, coefficients, distances, drops.
@@ -685,7 +658,7 @@ def planned(options: Options) -> list[Run]:
     for arm, tension in JUDGED_ARMS.items():
         parameters = {"tension": tension, "frames": frames, **backend}
         made.append(Run(f"{key}_{arm}", fall, parameters, estimate))
-    return made + [Run(key, sweep, {**pair, **backend}, 3.0, reason) for key, pair in sweep_pairs().items()]
+    return made
 
 
 def blocks(results: Results) -> dict[str, list[dict[str, Any]]]:

@@ -475,7 +475,6 @@ def film(trial: Trial, layers: int, side: int = 15, until: float = 0.4) -> None:
         x = simulation.field("position").astype(float)
         trial.show("extent at the end over the start's", float(np.ptp(x[:, 0]) / np.ptp(position[:, 0])))
         trial.show("pieces", len(pieces(x, 2 * SPACING)))
-    trial.arrays = {"position": np.zeros((0, 3)) if simulation is None else x}
 
 
 @hard_case
@@ -489,14 +488,12 @@ def filament(trial: Trial, radius: float = 3.0, wave: float = 27.0, waves: int =
     position = SPACING * lattice[np.hypot(lattice[:, 0], lattice[:, 1]) <= local]
     area = 2 * math.pi * radius * length * SPACING**2
     simulation = _watched(trial, droplet_scene(position, SPACING), until, area=area)
-    x = np.zeros((0, 3))
     if simulation is not None:
         x = simulation.field("position").astype(float)
         found = pieces(x, 2 * SPACING)
         trial.show("pieces", found.tolist())
         trial.check("drops of more than 100 particles", int((found > 100).sum()), at_least=3)
         trial.check("particles in crumbs of fewer than 5, share", float(found[found < 5].sum()) / len(x), at_most=0.01)
-    trial.arrays = {"position": x / SPACING}
 
 
 @hard_case

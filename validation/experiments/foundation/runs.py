@@ -14,11 +14,7 @@ from refsim.boundary.akinci_2012 import calibrated_factor, wall_kernel_sums
 from refsim.core.errors import RunStopped
 from refsim.core.walls import WallParticles
 from refsim.scene.plan import Plan, make_plan
-from validation.checks import Checks
-from validation.experiment import Experiment, Options, Results, Run
-from validation.experiments.dam_break.runs import beside_walls, sheet
-from validation.experiments.droplet.runs import filament
-from validation.experiments.heat.runs import each_scheme
+from validation.experiment import Experiment
 from validation.metrics.droplet import nearest_neighbour_distance
 from validation.results import Result
 from validation.running import Context, momenta
@@ -105,13 +101,8 @@ def impact(trial: Trial, what: str, mach: float = MACH) -> None:
     before = momenta(simulation)
     peak: list[float] = []
 
-    def look(simulation: Simulation) -> None:
-        peak.append(_kinetic(simulation))
-        near = _nearest(simulation) / SPACING
-        if not trial.arrays or near.min() < trial.arrays["nearest"].min():
-            trial.arrays = {"position": simulation.field("position") / SPACING, "nearest": near, "wrong": near < 0.1}
-
-    trial.advance(simulation, until=3 * size / speed, watch=look, every=4)
+    watch = lambda simulation: peak.append(_kinetic(simulation))  # noqa: E731
+    trial.advance(simulation, until=3 * size / speed, watch=watch, every=4)
     trial.check("kinetic energy over the start's", max(peak) / before["kinetic_energy"], at_most=1.01)
     trial.check("greatest speed over the impact's", _speed(simulation) / speed, at_most=3.0)
     trial.check("least distance [d]", float(_nearest(simulation).min()) / SPACING, at_least=0.1)
@@ -139,8 +130,6 @@ def sharp_edge(trial: Trial, edge: str) -> None:
         share = _speed(simulation) / math.sqrt(2 * below)
         trial.check("greatest speed over that of free fall", share, at_most=1.5)
         trial.check("least distance [d]", float(_nearest(simulation).min()) / SPACING, at_least=0.05)
-    x = simulation.field("position").astype(float)
-    trial.arrays = {"position": x / SPACING, "wrong": inside(x), "walls": plan.walls.position / SPACING}
 
 
 def _edge_plan(edge: str) -> tuple[Plan, Any]:
@@ -304,34 +293,3 @@ MAPS = {"stability_tank_step": STEP_CELLS, "stability_viscosity": VISCOSITY_CELL
 
 
 EXPERIMENT = Experiment(name="foundation", title="the liquid, its walls, its list and its files")
-
-
-# What the hard cases look like that fail: states for pictures of docs/stability.md.
-
-
-def planned(options: Options) -> list[Run]:
-    """A run for each kind of failure; with --quick the short ones."""
-    backend = {"backend": options.backend}
-    reason = "takes a minute; run without --quick" if options.quick else ""
-    tank = {**backend, "method": "number_density", "depth": 20}
-    return [
-        Run("impact", impact, {**backend, "what": "wall"}, 5.0),
-        Run("edge_wedge", sharp_edge, {**backend, "edge": "wedge"}, 3.0),
-        Run("edge_level_plate", sharp_edge, {**backend, "edge": "level plate"}, 3.0),
-        Run("upright_edges", beside_walls, tank, 3.0),
-        Run("sheet", sheet, {**backend, "method": "fan_scan", "layers": 1}, 2.0),
-        Run("filament", filament, backend, 40.0, reason),
-        Run("rounding", each_scheme, {**backend, "what": "", "number": 3e6, "steps": 3}, 20.0, reason),
-    ]
-
-
-def checks(results: Results, check: Checks) -> None:
-    """How many particles are wrong; shown."""
-    for key, result in results.items():
-        if "wrong" in result.arrays:
-            check("wrong", int(result.arrays["wrong"].sum()), key)
-
-
-FAILURES_EXPERIMENT = Experiment(
-    name="known_failures", title="what the hard cases look like that fail", runs=planned, checks=checks
-)

@@ -326,61 +326,6 @@ def box_picture(data: Mapping[str, Any]) -> Any:
     return figure
 
 
-SETTLING = {
-    "box": "as judged", "box_turn_5": "turned otherwise", "box_turn_7": "turned otherwise", "box_full": "27 a cell",
-    "box_coarse": "coarse", "box_fine": "fine", "box_thin": "0.4 of the viscosity",
-}  # fmt: skip
-
-
-def settling_data(results: Results) -> dict[str, Any]:
-    """Anisotropy of the particles and of the body, over time and over the last quarter, in each box."""
-    rows = []
-    for key, words in SETTLING.items():
-        if key not in results:
-            continue
-        v = results[key].values
-        rows.append(
-            {"words": words, "radius": v["radius_in_cells"], "inside": v["inside"], "cut": v["cut"],
-             "series": chosen(v["series"], "anisotropy", "particle_anisotropy"),
-             "last": {name: v["last"][name] for name in ("anisotropy", "particle_anisotropy")}}
-        )  # fmt: skip
-    return {"title": "A box becomes a ball: anisotropy of its inertia", "rows": rows}
-
-
-def settling_picture(data: Mapping[str, Any]) -> Any:
-    """Particles and body over time on the left; mean and largest over the last quarter on the right."""
-    figure, (left, right) = plt.subplots(1, 2, figsize=(9.6, 3.4), width_ratios=(1.1, 1))
-    kinds = (("particle_anisotropy", "particles", BLUE), ("anisotropy", "body in the surface", VERMILION))
-    row = data["rows"][0]
-    for name, words, colour in kinds:
-        left.semilogy(row["series"]["time"], row["series"][name], color=colour, label=words)
-    left.axhline(0.01, color=GREY, linestyle="--", linewidth=1.0)
-    left.set(xlabel="time [s]", ylabel="anisotropy of inertia")
-    left.set(title=f"{row['words'].capitalize()}, R = {row['radius']:.1f} h")
-    left.legend(loc="upper right")
-    labels = [f"{row['words']}, R = {row['radius']:.1f} h" for row in data["rows"]]
-    for name, _, colour in kinds:
-        shift = -0.13 if name == "anisotropy" else 0.13
-        for k, row in enumerate(data["rows"]):
-            last = row["last"][name]
-            right.plot([last["mean"], last["largest"]], [k + shift] * 2, color=colour, linewidth=1.4)
-            right.plot(last["largest"], k + shift, "o", color=colour, markersize=4)
-    for k, row in enumerate(data["rows"]):
-        right.plot(row["cut"], k, "|", color=GREY, markersize=14)
-    right.axvline(0.01, color=GREY, linestyle="--", linewidth=1.0)
-    right.set_xscale("log")
-    ticks = (0.002, 0.005, 0.01, 0.02, 0.05)
-    right.set_xticks(ticks, [f"{v:g}" for v in ticks])
-    right.minorticks_off()
-    right.set(xlim=(0.0012, 0.06), xlabel="stroke: a lattice cut by a sphere")
-    right.set_yticks(range(len(labels)), labels)
-    right.invert_yaxis()
-    right.set_title("Last quarter: mean to largest")
-    for axes in (left, right):
-        axes.grid(axis="both" if axes is left else "x")
-    return figure
-
-
 DROPS = tuple(f"fine_{key}" for key in fine_runs.RUNS)  # runs at twice the resolution
 LEVEL = 0.02  # cells: rounding of the distances
 BAND = 0.76  # cells, beyond which they are cut off: more than between two nodes
@@ -605,7 +550,6 @@ PICTURES = (
     Picture("mpm_surfaces", surfaces_data, surfaces_picture, tuple(SURFACES), shaded=True),
     Picture("mpm_ledgers", ledgers_data, ledgers_picture, tuple(LEDGERS)),
     Picture("mpm_box", box_data, box_picture, ("box", "box_default")),
-    Picture("mpm_settling", settling_data, settling_picture, ("box", "box_thin")),
     Picture("mpm_drops", drops_data, drops_picture, DROPS, shaded=True),
     Picture("mpm_floor", floor_data, floor_picture, tuple(f"floor_{d}d_{a}" for d in (2, 3) for a in ANGLES)),
     Picture("mpm_pressure", pressure_data, pressure_picture, ("rest_2d_22_enclosing_0",)),

@@ -109,42 +109,6 @@ def mesh_picture(data: Mapping[str, Any]) -> Any:
     return figure
 
 
-def convergence_data(results: Results) -> dict[str, Any]:
-    """Residual and error against sweeps, and the spectrum."""
-    values = results["convergence"].values
-    return {"title": "Convergence of the fit", "curves": values["curves"], "eigenvalues": values["spectrum"]["values"]}
-
-
-def convergence_picture(data: Mapping[str, Any]) -> Any:
-    """Residuals, errors of normals, eigenvalues."""
-    curves = data["curves"]
-    sweeps = floats(curves["sweeps"])
-    figure, panels = plt.subplots(1, 3, figsize=(10.2, 3.3))
-    looks = {
-        "cloud_1": ("particle cloud, $\\omega$ = 1", ORANGE, "-"),
-        "cloud_1.9": ("particle cloud, $\\omega$ = 1.9", ORANGE, "--"),
-        "smooth_1": ("smooth samples, $\\omega$ = 1", BLUE, "-"),
-        "smooth_1.9": ("smooth samples, $\\omega$ = 1.9", BLUE, "--"),
-    }  # fmt: skip
-    for key, (words, colour, line) in looks.items():
-        panels[0].loglog(sweeps, floats(curves[key]["residual"]), line, color=colour, label=words)
-        panels[1].semilogx(sweeps, floats(curves[key]["error"]), line, color=colour, label=words)
-    panels[0].set_ylabel(r"rms residual / $\epsilon$")
-    panels[1].set_ylabel("mean error of normals [degrees]")
-    panels[1].set_ylim(bottom=0)
-    for axes in panels[:2]:
-        axes.set_xlabel("sweeps")
-        axes.grid()
-    panels[0].legend(fontsize=7.5)
-    values = np.maximum(floats(data["eigenvalues"]), 1e-12)
-    panels[2].semilogy(np.arange(1, len(values) + 1) / len(values), values, color=GREEN)
-    panels[2].set(xlabel="share of the eigenvalues", ylabel=r"eigenvalue of $\Lambda B^T B$ (disc)", ylim=(1e-9, 2))
-    panels[2].grid()
-    for axes, words in zip(panels, ("Residual", "Normals", "Spectrum")):
-        axes.set_title(words)
-    return figure
-
-
 BOXES = (
     ("cells", "particles\nby cell"), ("level set and facets", "level set,\nmarching cubes"), ("samples", "samples"),
     ("offsets", "nearest particles,\noffsets"), ("fit", "spline fit\n(LSPIA)"), ("normals", "normals"),
@@ -197,6 +161,5 @@ def pipeline_picture(data: Mapping[str, Any], columns: int = 5) -> Any:
 PICTURES = (
     Picture("surface_normals", error_data, error_picture, ("normals_sphere", "normals_ellipsoid")),
     Picture("surface_meshes", mesh_data, mesh_picture, ("meshes",)),
-    Picture("surface_convergence", convergence_data, convergence_picture, ("convergence",)),
     Picture("surface_pipeline", pipeline_data, pipeline_picture, ("stages",)),
 )

@@ -116,48 +116,6 @@ def fitted_normals(made: Reconstruction, sample: np.ndarray, away: np.ndarray) -
     return made._smooth_normals(blocks, made._fit(blocks, points), there.asarray(sample), there.asarray(away))
 
 
-def convergence(context: Context, backend: str, offset: float = 1.0) -> Result:
-    """Residual and normal error against sweeps, for two relaxations, on the particle cloud and on smooth samples."""
-    place = scene.cloud("sphere", RADIUS)
-    made, surface, _ = reconstruct(place, backend, inset=-1.0, offset=offset, normals="gradient")
-    there = made.backend
-    rough = there.host(surface.sample_place), there.host(surface.offset_direction)
-    true = scene.fibonacci_sphere(2480)
-    smooth = CELL * RADIUS * true, scene.tilted(true, 11.8)
-    counts = (1, 2, 3, 5, 10, 20, 30, 50, 100, 200, 300, 500, 1000)
-    curves: dict[str, Any] = {"sweeps": counts}
-    for name, (sample, away) in {"cloud": rough, "smooth": smooth}.items():
-        for relaxation in (1.0, 1.9):
-            residuals, errors = [], []
-            for sweeps in counts:
-                tension = Tension(
-                    surface_tension=1.0, normals="gradient", offset=offset, iterations=sweeps, relaxation=relaxation
-                )
-                fit = Reconstruction(there, 3, "float64", CELL, tension)
-                normal = there.host(fitted_normals(fit, sample, away))
-                residuals.append(rms_residual(fit, sample, away) / offset)
-                outward = scene.true_normals(sample / CELL, "sphere", RADIUS)
-                errors.append(float(scene.angles(normal, outward).mean()))
-            curves[f"{name}_{relaxation:g}"] = {"residual": residuals, "error": errors}
-            context.progress(len(curves) / 5)
-    return Result({"curves": curves, "spectrum": spectrum()})
-
-
-def rms_residual(made: Reconstruction, sample: np.ndarray, away: np.ndarray) -> float:
-    """Root mean square of b - B C over all rows [h], after the fit."""
-    there = made.backend
-    blocks, points = fitted_points(made, sample, away)
-    coefficients = made._fit(blocks, points)
-    value = there.empty(points.shape[0], points.dtype)
-    unit = there.zeros(points.shape, points.dtype)
-    bases = made.grid.by_cell(points, blocks, 0.5)
-    REGISTRY["surface_energy.spline_normals"].program(there.name)(
-        points, bases, blocks, made.term, coefficients, unit, value, None, there.empty(points.shape, points.dtype)
-    )
-    goal = np.repeat([0.0, float(made.term.offset)], len(sample))
-    return float(np.sqrt(((there.host(value) - goal) ** 2).mean()))
-
-
 def fitted_points(made: Reconstruction, sample: np.ndarray, away: np.ndarray) -> tuple[Any, Any]:
     """(grid around samples [m], the samples and the points `offset` away from them) of a fit."""
     points = np.vstack([sample, sample + float(made.term.offset) * float(made.term.cell_size) * away])
@@ -183,15 +141,6 @@ def fit_system(
     active, column = np.unique(node, return_inverse=True)
     goal = np.repeat([0.0, float(made.term.offset)], len(points) // 2)
     return csr_array((weight, (row, column)), shape=(len(points), len(active))), goal, active, surface
-
-
-def spectrum() -> dict[str, Any]:
-    """Eigenvalues of Lambda B^T B of a disc's fit, in descending order."""
-    values = eigenvalues(fit_system(2, 9.0, offset=1.0)[0])[::-1]
-    return {
-        "values": values, "largest": float(values[0]),
-        "below_1e-2": float((values < 1e-2).mean()), "below_1e-6": float((values < 1e-6).mean()),
-    }  # fmt: skip
 
 
 def eigenvalues(matrix: Any) -> np.ndarray:
@@ -689,7 +638,6 @@ def planned(options: Options) -> list[Run]:
         *(Run(f"normals_{shape}", normal_errors, {"shape": shape, **backend}, 8.0) for shape in RADII),
         Run("meshes", meshes, backend, 2.0),
         Run("smooth", smooth_samples, backend, 15.0, slow),
-        Run("convergence", convergence, backend, 30.0, slow),
         Run("stages", stages, {"counts": counts, **backend, **threads}, 4.0 if quick else 30.0),
         Run("beside_transfers", beside_transfers, {"cells": 50, "rounds": 3, **backend}, 30.0, on_gpu),
         Run("normals_cost", normals_cost, {**backend, **threads}, 3.0),
@@ -709,7 +657,6 @@ def checks(results: Results, check: Checks) -> None:
     check.run(results, "smooth", {"smooth_error": lambda v: next(
         row["gradient"] for row in v["rows"] if row["offset"] == 0.25 and row["iterations"] == 300
     )})  # fmt: skip
-    check.run(results, "convergence", {"largest_eigenvalue": lambda v: abs(v["spectrum"]["largest"] - 1)})
     for row in results["stages"].values["rows"] if "stages" in results else ():
         words = f"{row['particles']:,} particles, {row['quadrature']}"
         check("stage_time", 1e3 * sum(row["stages"].values()), f"{row['particles']}_{row['quadrature']}", words)
