@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
-from refsim import SolidBall, SolidBox, SolidTorus, smoothing  # noqa: E402
+from refsim import smoothing  # noqa: E402
 from refsim.core.effect import Lattice  # noqa: E402
 from refsim.isosurface.table import edges, facets  # noqa: E402
 from refsim.shape_matching import reference as matching  # noqa: E402
@@ -215,37 +215,6 @@ def surface_samples() -> Any:
     return figure
 
 
-def lattice() -> Any:
-    """Shao & Song figure 2: bodies of one global lattice, in a cut."""
-    import matplotlib.pyplot as plt
-    from matplotlib.patches import Rectangle
-
-    bodies = (
-        SolidBox(lower=(0.3, 0.6, -1.0), upper=(4.4, 4.7, 1.0)),
-        SolidBall(center=(8.0, 5.2, 0.5), radius=2.6),
-        SolidTorus(center=(14.2, 3.9, 0.5), radius=2.2, tube_radius=0.95),
-    )
-    cells = np.stack(np.meshgrid(np.arange(18), np.arange(9), indexing="ij"), -1).reshape(-1, 2)
-    centre = np.column_stack([cells + 0.5, np.full(len(cells), 0.5)])
-    x, y = np.meshgrid(np.linspace(0, 18, 1081), np.linspace(0, 9, 541))
-    fine = np.column_stack([x.ravel(), y.ravel(), np.full(x.size, 0.5)])
-    figure, axes = plt.subplots(figsize=(6.6, 3.7))
-    _grid(axes, np.zeros(2), np.array([18.0, 9.0]))
-    number = 0
-    for body, color in zip(bodies, (ORANGE, GREEN, INTERIOR_BLUE)):
-        own = cells[body.inside(centre)]
-        for cell in own:
-            axes.add_patch(Rectangle(tuple(cell), 1, 1, fc=color, ec="white", lw=0.6, alpha=0.35, zorder=1))
-            axes.text(*(cell + 0.5), str(number), size=6, ha="center", va="center", zorder=3)
-            number += 1
-        axes.contour(
-            x, y, body.inside(fine).reshape(x.shape).astype(float), [0.5], colors=[color], linewidths=2, zorder=2
-        )
-    axes.set(xlim=(-0.1, 18.1), ylim=(-0.1, 9.1))
-    _bare(axes, "One lattice for all bodies: a cell whose centre lies in a body is its particle")
-    return figure
-
-
 def cut_body(side: tuple[int, int, int], melted: set[tuple[int, int]]) -> tuple[Array, Any, Any, Any]:
     """(cells (S, 3), direct neighbours (S, 27), regions (S, 125), phases (S,)) of a block without melted columns."""
     cell = np.array(list(itertools.product(*map(range, side))))
@@ -320,7 +289,7 @@ def spline_nodes() -> Any:
 
 
 DRAWINGS = (
-    fan_scan, level_set, marching_cases, surface_samples, lattice, regions, spline_nodes,
+    fan_scan, level_set, marching_cases, surface_samples,regions, spline_nodes,
 )  # fmt: skip
 SCHEMATICS: dict[str, Callable[[], Any]] = {f"{drawing.__name__}.png": drawing for drawing in DRAWINGS}
 

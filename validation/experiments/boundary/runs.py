@@ -55,7 +55,6 @@ from validation.experiments.boundary.scene import (
     mesh_of,
     tilted,
 )
-from validation.metrics.shapes import lattice_ball
 from validation.metrics.spread import groups
 from validation.peers import libigl, splishsplash_sampling
 from validation.reading import reading
@@ -323,7 +322,7 @@ def distance_by_libigl(point: Point, repeat: int, threads: int | None) -> Readin
     return _off_sphere(place, choose("cpu").host(other.at(place)[0]), seconds, held.nbytes)
 
 
-# Runs of liquid at meshes: rain, a resting tank, pouring, and what the patent's tension amounts to.
+# Runs of liquid at meshes: rain, a resting tank, pouring.
 
 
 DENSITY, SOUND, GRAVITY = 1000.0, 20.0, 9.81
@@ -570,46 +569,6 @@ def euler(filled: NDArray) -> int:
             found = ahead | behind
         total += (-1) ** (3 - sum(joined)) * int(found.sum())
     return total
-
-
-# The patent's tension alone
-
-
-def drop_scene(gamma: float, count: int = 1021, clamp: bool = True, step: float = 0.0, **changes: Any) -> Scene:
-    """A ball cut from the lattice, without gravity."""
-    position = lattice_ball(count).astype(float) * SPACING
-    fluid = liquid(sound=20.0, viscosity=1.0, clamp_pressure=clamp)
-    return Scene(
-        spacing=SPACING, support_radius=SUPPORT, dtype="float64", fluid=(Cloud(position=position),), step=step,
-        effects=(fluid, NormalDifference2014(area_acceleration=gamma)), **changes,
-    )  # fmt: skip
-
-
-def own_tension(context: Context, gamma: float, count: int, backend: str) -> Result:
-    """A drop under the patent's term alone for 0.2 s: density and pressure in its middle, and how far it reaches.
-
-    sigma is that of Laplace's law, p = 2 sigma/R; it means something only where the drop holds together.
-    """
-    simulation = context.simulation(drop_scene(gamma, count), backend)
-    energy = []
-    while simulation.time < 0.2:
-        simulation.step()
-        if simulation.steps % 20 == 0:
-            energy.append(float((simulation.field("velocity") ** 2).sum()))
-            context.progress(simulation.time / 0.2)
-    simulation.evaluate()
-    position, pressure = simulation.field("position"), simulation.field("pressure")
-    mass, density = simulation.field("mass"), simulation.field("density")
-    away = np.linalg.norm(position - position.mean(0), axis=1)
-    radius = float((0.75 / math.pi * (mass / DENSITY).sum()) ** (1 / 3))
-    core = away < 0.5 * radius
-    inner = float(pressure[core].mean())
-    return Result({
-        "gamma": gamma, "particles": simulation.count, "radius": radius, "pressure": inner,
-        "sigma": 0.5 * inner * radius, "spread": float(pressure[core].std() / max(abs(inner), 1e-300)),
-        "core_density": float(density[core].mean() / DENSITY), "energy_share": energy[-1] / max(energy),
-        "extent": float(away.max() / radius),
-    })  # fmt: skip
 
 
 def marked_cost(context: Context, everywhere: bool, backend: str, repeats: int = 60) -> Result:
@@ -1274,12 +1233,11 @@ def _order(values: Mapping[str, Any]) -> float:
 RAINED = ("sphere", "torus", "cube", "needle", "plate", "funnel", "pebble")
 CORRECTIONS = {"none": "no correction", "point": "where the step ends", "swept": "swept"}
 JUDGED_SHARES = (0.5, 1.0, 1.55)  # of the runner's step, which 1 stands for; it refuses fixed steps over 1.6
-GAMMAS = (0.02, 0.1, 0.4)
 QUICK_RAIN, QUICK_POUR = 640, 0.1  # particles; simulated seconds
 
 
 def flow_planned(options: Options) -> list[Run]:
-    """Liquid at meshes; the quick ones are one rain, one pour and a drop."""
+    """Liquid at meshes; the quick ones are one rain and one pour."""
     reason = "takes minutes; run without --quick" if options.quick else ""
     backend = {"backend": options.backend}
     fewer = {"count": QUICK_RAIN} if options.quick else {}
@@ -1297,9 +1255,6 @@ def flow_planned(options: Options) -> list[Run]:
         *(Run(f"flow_pour_{shape}_{arm}", pour, {"shape": shape, "arm": arm, **backend, **shorter}, 8.0,
               "" if (shape, arm) == ("sphere", "difference") else reason) for shape in POUR for arm in ARMS),
         Run("flow_tank", resting_tank, {"steps": 10_000, **backend}, 100.0, reason),
-        *(Run(f"flow_sigma_{gamma:g}", own_tension,
-              {"gamma": gamma, "count": 257 if options.quick else 515, **backend}, 6.0,
-              "" if gamma == GAMMAS[1] else reason) for gamma in GAMMAS),
     ]  # fmt: skip
 
 
@@ -1317,9 +1272,6 @@ def flow_checks(results: Results, check: Checks) -> None:
         "tank_everywhere": lambda v: abs(real(v["pressure_everywhere"])), "tank_gradient": "gradient_error",
         "tank_force": lambda v: abs(real(v["force_error"])), "tank_noise": "force_noise",
     })  # fmt: skip
-    for gamma in GAMMAS:
-        own = {"own_density": "core_density", "own_sigma": "sigma"}
-        check.run(results, f"flow_sigma_{gamma:g}", own, f"{gamma:g}", f"gamma = {gamma:g} m/s^2")
     for shape, arm in itertools.product(POUR, ARMS):
         check.run(results, f"flow_pour_{shape}_{arm}", {"pour_leaks": "inside"}, f"{shape}_{arm}")
 

@@ -9,7 +9,6 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 
-from refsim.study.panels.drops import cap_volume
 from refsim.surface_tension.calibration import BASE
 from validation.drawing import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, shared_legend
 from validation.experiment import Picture, Results
@@ -147,7 +146,7 @@ PICTURES = (
 )
 
 
-# Contact angle against the coefficient of adhesion, and the outlines of drops.
+# Contact angle against the coefficient of adhesion.
 
 
 WETTING_COLOURS = (BLACK, BLUE, SKY, VERMILION, ORANGE, PURPLE)
@@ -159,23 +158,14 @@ def wetting_at_base(entry: Mapping[str, Any]) -> bool:
 
 
 def wetting_data(results: Results) -> dict[str, Any]:
-    """The map, and the outlines of the drops that were measured now."""
-    drawn = [
-        {name: result.values[name] for name in ("dim", "asked", "angle", "circle", "particles", "density", "profile")}
-        for key, result in results.items()
-        if key != "map" and not result.values["stopped"]
-    ]
-    drawn.sort(key=lambda drop: (drop["dim"], drop["asked"]))
+    """The map."""
     title = "Contact angle of sessile drops, Akinci 2013 (triangles: up, leaves the plane; down, a film)"
-    return {"title": title, "settings": results["map"].values["settings"], "drops": drawn}
+    return {"title": title, "settings": results["map"].values["settings"]}
 
 
 def wetting_picture(data: Mapping[str, Any]) -> Any:
-    """Above: the angle against beta/gamma at the base, and its cosine along the axes; below: outlines of drops."""
-    drops = data["drops"]
-    figure = plt.figure(figsize=(11.0, 7.0 if drops else 3.9))
-    above, below = figure.subfigures(2, 1, height_ratios=(1.35, 1)) if drops else (figure, None)
-    panels = above.subplots(1, 3)
+    """The angle against beta/gamma at the base, and its cosine along the axes."""
+    figure, panels = plt.subplots(1, 3, figsize=(11.0, 3.9))
     for dim, colour in ((2, BLUE), (3, VERMILION)):
         for entry in (e for e in data["settings"] if e["dim"] == dim and wetting_at_base(e)):
             _line(panels[0], entry, colour, f"{dim}D", angle=True)
@@ -192,9 +182,6 @@ def wetting_picture(data: Mapping[str, Any]) -> Any:
         axes.set_xlabel("adhesion over cohesion, beta/gamma")
         axes.grid(True)
         axes.legend(loc="upper right" if axes is panels[0] else "upper left", fontsize=7.5, ncols=1)
-    if below is not None:
-        for axes, drop in zip(np.atleast_1d(below.subplots(1, len(drops))), drops):
-            _outline(axes, drop)
     figure.suptitle(data["title"], fontsize=11)
     return figure
 
@@ -215,24 +202,6 @@ def _line(axes: Any, entry: Mapping[str, Any], colour: str, label: str, angle: b
             for fate, mark, y in (("film", "v", 3), ("detached", "^", 177)):
                 if drop["angle"] is None and fate in drop["fates"]:
                     axes.plot(drop["share"], y, mark, ms=6, color=colour)
-
-
-def _outline(axes: Any, drop: Mapping[str, Any]) -> None:
-    """Mean radii of the slices, and the cap with the drop's volume and the angle that was read."""
-    radius = np.array(drop["profile"])
-    z = np.arange(len(radius)) + 0.5
-    axes.plot(np.concatenate([-radius, radius]), np.concatenate([z, z]), "o", ms=3.5, color=BLUE, label="slices")
-    for kind, colour, style, label in (("angle", VERMILION, "-", "cap"), ("asked", GREEN, "--", "requested")):
-        turn = math.radians(drop[kind])
-        size = (drop["particles"] / drop["density"] / cap_volume(turn, drop["dim"])) ** (1 / drop["dim"])
-        along = np.linspace(-turn, turn, 200)
-        x, y = size * np.sin(along), size * (np.cos(along) - math.cos(turn))
-        axes.plot(x, y, style, lw=1.2, color=colour, label=label)
-    axes.axhline(0, color=BLACK, lw=1.5)
-    axes.set_aspect("equal")
-    axes.set_title(f"{drop['dim']}D: {drop['angle']:.0f} of {drop['asked']:.0f} degrees", fontsize=9)
-    axes.set_xlabel("[d]")
-    axes.legend(loc="lower center", fontsize=7)
 
 
 WETTING_PICTURES = (Picture("wetting", wetting_data, wetting_picture, ("map",)),)

@@ -31,7 +31,7 @@ from validation.drawing import (
 )
 from validation.experiment import Picture, Results
 from validation.experiments.mpm_droplet import runs as fine_runs
-from validation.experiments.mpm_droplet.runs import ANGLES, orders, pressures
+from validation.experiments.mpm_droplet.runs import orders, pressures
 from validation.metrics.droplet import contour
 from validation.results import floats, real
 
@@ -387,31 +387,6 @@ def drops_picture(data: Mapping[str, Any]) -> Any:
     return figure
 
 
-def floor_data(results: Results) -> dict[str, Any]:
-    """Angles of drops on a floor over time, in the plane and in space."""
-    angles = sorted(int(key.removeprefix("floor_3d_")) for key in results if key.startswith("floor_3d_"))
-    curves = {}
-    for angle in angles:
-        for dim in (2, 3):
-            v = results[f"floor_{dim}d_{angle}"].values
-            curves[f"{dim}d_{angle}"] = {"time": v["time"][::4], "angle": v["angles"][::4], "mean": v["angle"]}
-    return {"title": "Drops on a slipping floor", "angles": angles, "curves": curves}
-
-
-def floor_picture(data: Mapping[str, Any]) -> Any:
-    """Contact angles over time, beside the required angles."""
-    figure, axes = plt.subplots(figsize=(6.4, 2.8))
-    for angle, colour in zip(data["angles"], (BLUE, GREEN, VERMILION)):
-        axes.axhline(angle, color=GREY, linewidth=0.8)
-        for dim, line in ((2, "--"), (3, "-")):
-            curve = data["curves"][f"{dim}d_{angle}"]
-            label = ("in space" if dim == 3 else "in the plane") if angle == 90 else None
-            axes.plot(curve["time"], floats(curve["angle"]), line, color=colour, label=label, linewidth=1.3)
-    axes.set(ylim=(20, 160), xlabel="time [s]", ylabel="contact angle [degrees]")
-    axes.legend(loc="upper right")
-    return figure
-
-
 def pressure_data(results: Results) -> dict[str, Any]:
     """Pressures at rest against resolution."""
 
@@ -551,7 +526,6 @@ PICTURES = (
     Picture("mpm_ledgers", ledgers_data, ledgers_picture, tuple(LEDGERS)),
     Picture("mpm_box", box_data, box_picture, ("box", "box_default")),
     Picture("mpm_drops", drops_data, drops_picture, DROPS, shaded=True),
-    Picture("mpm_floor", floor_data, floor_picture, tuple(f"floor_{d}d_{a}" for d in (2, 3) for a in ANGLES)),
     Picture("mpm_pressure", pressure_data, pressure_picture, ("rest_2d_22_enclosing_0",)),
     Picture("mpm_frequency", frequency_data, frequency_picture,
             ("swing_2d_22", "swing_3d_9", "potential_flow_2d", "potential_flow_3d")),
