@@ -382,3 +382,13 @@ def test_compressed_arrays_of_a_mesh_are_not_unpacked(tmp_path, monkeypatch, nam
         read_mesh(name)
     mesh.write(name, **plain)
     assert len(read_mesh(name).faces) == 12
+
+
+def test_a_box_drawn_inside_out_and_one_with_a_flat_triangle_are_the_box():
+    vertices, faces = np.array(BOX.vertices), np.array(BOX.faces)
+    (a, b, c), m = faces[0], len(vertices)
+    flat = np.concatenate([faces[1:], [[a, m, c], [m, b, c], [a, b, m]]])
+    middle = np.vstack([vertices, 0.5 * (vertices[a] + vertices[b])])
+    for mesh in (surface_mesh(vertices, faces[:, ::-1], "inside out"), surface_mesh(middle, flat, "flat triangle")):
+        assert len(mesh.notes) == 1
+        assert mesh.volume == pytest.approx(1.0, abs=1e-9)

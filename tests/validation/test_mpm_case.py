@@ -36,10 +36,6 @@ def test_an_ellipse_in_the_plane():
     assert runs.body_anisotropy(vertices, facets, 2) == pytest.approx(0.44 / 1.22, rel=1e-6)
 
 
-def test_a_larger_lattice_cut_by_a_sphere_is_rounder():
-    assert runs.anisotropy_of_cut(8.0, 3, draws=10) < 0.7 * runs.anisotropy_of_cut(4.0, 3, draws=10)
-
-
 def test_even_particles_are_told_from_uneven_ones():
     """A disc pressed together: its density is 1/J, and with a sixteenth of one side's particles gone it is not."""
     place = ellipsoid(9.0, 2)

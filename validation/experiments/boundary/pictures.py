@@ -23,9 +23,9 @@ from validation.drawing import (
     view_matrix,
 )
 from validation.experiment import Picture, Results
-from validation.experiments.boundary.runs import ARMS, DENSITY, GRAVITY, MEASURED, POUR, RAINED
+from validation.experiments.boundary.runs import ARMS, DENSITY, GRAVITY, POUR, RAINED
 from validation.experiments.boundary.scene import SHAPES
-from validation.results import floats, real
+from validation.results import real
 
 VIEW = view_matrix(azimuth=32.0, elevation=24.0)
 COLOURS = {"sphere": BLUE, "torus": GREEN, "cube": VERMILION, "organic": ORANGE}
@@ -71,43 +71,6 @@ def shape_picture(data: Mapping[str, Any]) -> Any:
         words = f"least/mean {row['least']:.3f}, variation {row['variation']:.3f}"
         caption(axes, f"{words}\n{row['iterations']} iterations, {row['holes']} holes")
     figure.colorbar(last, ax=panels, shrink=0.6, label="distance to the nearest particle / 2 r")
-    return figure
-
-
-def convergence_data(results: Results) -> dict[str, Any]:
-    """Displacements of the iterations, adopted and printed, and errors of the distance over the spacing."""
-    printed = results["sampling_printed"].arrays
-    distance = {shape: results[f"distance_{shape}"].values["rows"] for shape in COLOURS}
-    return {"title": "Relaxation and distance", **{k: printed[k] for k in ("adopted", "printed")}, "distance": distance}
-
-
-def convergence_picture(data: Mapping[str, Any]) -> Any:
-    """The sum of displacements; the error of the trilinear distance over the grid's spacing and over its bytes."""
-    figure, (left, right, bytes_axes) = plt.subplots(1, 3, figsize=(13.2, 3.8))
-    for name, colour in (("printed", ORANGE), ("adopted", BLUE)):
-        moved = floats(data[name])
-        words = {"printed": "as printed (patent E24)", "adopted": "adopted: the step decays"}[name]
-        left.semilogy(np.arange(1, len(moved) + 1), moved, color=colour, label=words)
-    left.axhline(2e-3, color=GREY, linestyle="--", linewidth=1)
-    left.text(0.99, 2.1e-3, "threshold", transform=left.get_yaxis_transform(), ha="right", va="bottom", color=GREY)
-    left.set(xlabel="iteration", ylabel=r"$\Sigma|\Delta x|\,/\,(r N)$", title="Relaxation on a cube")
-    left.legend()
-    left.grid()
-    bytes_axes.sharey(right)
-    for shape, rows in data["distance"].items():
-        for axes, key in ((right, "spacing"), (bytes_axes, "bytes")):
-            over = [row[key] for row in rows]
-            axes.loglog(over, [row["rms"] for row in rows], "o-", color=COLOURS[shape], label=shape)
-    guide = np.array([0.05, 0.2])
-    right.loglog(guide, 0.02 * guide**2, "--", color=GREY, label="second order")
-    right.set(xlabel="grid spacing [m]", ylabel="rms error of the distance [m]")
-    right.set(title="Trilinear distance near the surface")
-    right.xaxis.set(major_formatter="{x:g}", minor_formatter="")
-    right.set_xticks([0.05, 0.1, 0.2])
-    right.legend(loc="lower right")
-    right.grid()
-    bytes_axes.set(xlabel="bytes of the narrow band", title="The same, over its memory")
-    bytes_axes.grid()
     return figure
 
 
@@ -213,8 +176,6 @@ def tank_picture(data: Mapping[str, Any]) -> Any:
 
 PICTURES = (
     Picture("boundary_sampling", shape_data, shape_picture, tuple(f"sampling_{s}" for s in SHAPES), shaded=True),
-    Picture("boundary_convergence", convergence_data, convergence_picture,
-            ("sampling_printed", *(f"distance_{shape}" for shape in MEASURED))),
     Picture("boundary_pouring", pour_data, pour_picture, ("flow_pour_sphere_difference",), shaded=True),
     Picture("boundary_penetration", rain_data, rain_picture,
             tuple(f"flow_rain_{s}_{c}_1" for s in RAINED for c in ("none", "swept"))),

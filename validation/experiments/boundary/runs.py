@@ -460,22 +460,14 @@ def resting_tank(context: Context, steps: int, backend: str) -> Result:
         {
             "steps": steps, "particles": len(z), "lost": lost, "inside": int((inside > INSIDE * SPACING).sum()),
             "pressure_error": core, "pressure_everywhere": float(np.median(errors)),
-            "pressure_spread": float(errors.std()), "gradient_error": float(-slope / (DENSITY * GRAVITY) - 1),
-            "level_m": level, "surface_m": float(-offset / slope), "top_m": surface_height(place[middle]),
+            "gradient_error": float(-slope / (DENSITY * GRAVITY) - 1),
+            "level_m": level, "surface_m": float(-offset / slope),
             "force_error": float(force.mean() / weight - 1), "force_noise": float(force.std() / weight),
             "greatest_speed": float(np.max(speeds)), "search": search_log(simulation),
             "corrections": int(simulation.field("corrections").sum()),
         },
         {"position": position.astype(np.float32), "height": z.astype(np.float32), "pressure": p.astype(np.float32)},
     )  # fmt: skip
-
-
-def surface_height(place: NDArray) -> float:
-    """Height [m] of a liquid's level: half a spacing over the highest particles of columns a spacing wide."""
-    column = np.unique((place[:, :2] // SPACING).astype(int), axis=0, return_inverse=True)[1].ravel()
-    highest = np.full(column.max() + 1, -np.inf)
-    np.maximum.at(highest, column, place[:, 2])
-    return float(np.median(highest) + 0.5 * SPACING)
 
 
 # Pouring: three arms
@@ -994,57 +986,6 @@ def _box(size: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> tuple[np.ndarray
 
     made = tilted(trimesh.creation.box(size))
     return np.array(made.vertices), np.array(made.faces)
-
-
-def _opened() -> SurfaceMesh:
-    made = SHAPES["sphere"](3)
-    return surface_mesh(made.vertices, made.faces[made.triangles_center[:, 2] < 0], "open")
-
-
-def _not_manifold() -> SurfaceMesh:
-    vertices, faces = _box()
-    fin = np.array([[faces[0, 0], faces[0, 1], len(vertices)]])
-    return surface_mesh(np.concatenate([vertices, [[3.0, 3.0, 3.0]]]), np.concatenate([faces, fin]), "fin")
-
-
-def _duplicated() -> SurfaceMesh:
-    vertices, faces = _box()
-    return surface_mesh(vertices, np.concatenate([faces, faces[:3]]), "duplicated")
-
-
-def _inside_out() -> SurfaceMesh:
-    vertices, faces = _box()
-    return surface_mesh(vertices, faces[:, ::-1], "inside out")
-
-
-def _zero_area() -> SurfaceMesh:
-    vertices, faces = _box()
-    a, b, c = faces[0]
-    middle, m = 0.5 * (vertices[a] + vertices[b]), len(vertices)
-    new = np.array([[a, m, c], [m, b, c], [a, b, m]])
-    return surface_mesh(np.concatenate([vertices, [middle]]), np.concatenate([faces[1:], new]), "flat triangle")
-
-
-def _crossed() -> SurfaceMesh:
-    """A box of 0.9 m^3 and one that reaches 0.125 m out of it at both ends, 0.1 m^3 in all."""
-    (one, faces), (other, more) = _box((1.0, 1.0, 0.9)), _box((0.5, 0.8, 1.15))
-    return surface_mesh(np.concatenate([one, other]), np.concatenate([faces, more + len(one)]), "crossed")
-
-
-MESHES: dict[str, Callable[[], SurfaceMesh]] = {
-    "open": _opened, "not_manifold": _not_manifold, "duplicated": _duplicated, "inside_out": _inside_out,
-    "zero_area": _zero_area, "crossed": _crossed,
-}  # fmt: skip
-
-
-@hard_case
-def bad_mesh(trial: Trial, kind: str) -> None:
-    """A defective mesh: refused, or repaired with a note and then sampled as evenly as a sound one."""
-    mesh = MESHES[kind]()
-    found = sample(mesh, 0.04, backend=trial.backend)
-    trial.check("repairs noted", len(mesh.notes), at_least=1)
-    trial.check("volume off", abs(mesh.volume - 1), at_most=1e-9)
-    _check_even(trial, found.position)
 
 
 def _check_even(trial: Trial, position: np.ndarray, least: float = 0.7) -> None:

@@ -26,7 +26,7 @@ from validation.drawing import (
     view_matrix,
 )
 from validation.experiment import Picture, Results
-from validation.experiments.melting.runs import ON_GPU, PAPER, TITLES, WIDTHS, grouped
+from validation.experiments.melting.runs import ON_GPU, PAPER, TITLES, grouped
 from validation.experiments.melting.scene import SPACING
 from validation.results import real
 
@@ -252,48 +252,11 @@ def gpu_picture(data: Mapping[str, Any]) -> Any:
     return figure
 
 
-SUMS = {
-    "gather": ("member by member", "#4A90C2", "o"), "reduction": ("parallel reduction (the paper)", "#D9653B", "s"),
-    "fast": ("fast summation", "#5AAE7A", "^"),
-}  # fmt: skip
-
-
-def width_data(results: Results) -> dict[str, Any]:
-    """Stiffness, error and cost over half-width, by summation."""
-    rows = [{"half_width": width, **row} for width in WIDTHS for row in results[f"width_{width}"].values["rows"]]
-    return {"title": "A bent bar of 20 x 8 x 8 nodes: what half-width and way of summing do", "rows": rows}
-
-
-def width_picture(data: Mapping[str, Any]) -> Any:
-    """Stiffness, distance from float64, and time of a step's four sums, over w."""
-    figure, panels = plt.subplots(1, 3, figsize=(11.0, 3.6))
-    for summation, (words, colour, marker) in SUMS.items():
-        own = [row for row in data["rows"] if row["summation"] == summation and row["dtype"] == "float32"]
-        width = [row["half_width"] for row in own]
-        look = {"color": colour, "marker": marker, "label": words}
-        panels[0].plot(width, [row["stiffness"] for row in own], **look)
-        panels[1].semilogy(width, [row["error"] for row in own], **look)
-        panels[2].semilogy(width, [1e9 * row["seconds"] / row["nodes"] for row in own], **look)
-    double = [row for row in data["rows"] if row["dtype"] == "float64"]
-    x, y = ([row[name] for row in double] for name in ("half_width", "stiffness"))
-    panels[0].plot(x, y, color="black", linestyle="--", label="float64, member by member")
-    titles = ("stiffness: kick over bend [1/s]", "float32 from float64 [d]", "four sums [ns a node], CPU")
-    for axes, title in zip(panels, titles):
-        axes.set(xticks=[1, 2, 3, 4], xlabel="half-width w [cells]")
-        axes.set_title(title, loc="left", fontsize=9.5)
-        axes.grid(True)
-    panels[0].set_ylim(bottom=0)
-    shared_legend(figure, panels[:1], ncols=4)
-    headline(figure, data["title"])
-    return figure
-
-
 VIEWS = {"figure_4": (-68.0, 16.0, False), "figure_5": (-68.0, 22.0, True), "figure_6": (-72.0, 24.0, True)}
 PICTURES = (
     Picture("melting_figure_3", filling_data, filling_picture, ("filling",)),
     *(Picture(f"melting_{key}", stage_data(key, TITLES[key]), stage_picture(*view), (key,), shaded=True)
       for key, view in VIEWS.items()),
-    Picture("melting_half_width", width_data, width_picture, tuple(f"width_{width}" for width in WIDTHS)),
     Picture("melting_figure_7", time_data, time_picture, tuple(f"cost_{name}" for name in PAPER)),
     Picture("melting_gpu", gpu_data, gpu_picture, tuple(f"gpu_{figure}" for figure in ON_GPU)),
 )  # fmt: skip

@@ -281,47 +281,28 @@ def grouped(stages: dict[str, float]) -> dict[str, float]:
     return total
 
 
-# Half-width and summation
+# Summation
 
 
-def stiffness(context: Context, backend: str, half_width: int, steps: int = 60) -> Result:
-    """A bar that is bent by opposite kicks at its ends and in its middle: how far it bends, and what it costs.
-
-    Stiffness is the kick over the largest bend [1/s]; for each summation the time of the four sums of a step, and
-    how far positions end from those of plain gather, in float32 and, for gather, in float64.
-    """
-    rows, ends = [], {}
-    kinds = (("gather", "float64"), ("gather", "float32"), ("reduction", "float32"), ("fast", "float32"))
-    for summation, dtype in kinds:
+def summations(context: Context, backend: str, half_width: int, steps: int = 60) -> Result:
+    """A free bar at rest, float32: for each summation the seconds of the four sums of a step."""
+    rows = []
+    for summation in ("gather", "reduction", "fast"):
         body = SolidBox(lower=(0, 0, 0), upper=(4.0, 1.6, 1.6))
         scene = Scene(
-            spacing=SPACING, support_radius=SUPPORT, fluid=(), solid=(body,), step=STEP, dtype=dtype,
+            spacing=SPACING, support_radius=SUPPORT, fluid=(), solid=(body,), step=STEP,
             effects=(ShapeMatching(half_width=half_width, summation=summation, damping=0.1),),
         )  # fmt: skip
         simulation = context.simulation(scene, backend)
-        x = simulation.field("position").astype(float)
-        outer, inner = np.abs(x[:, 0] - 2.0) > 1.5, np.abs(x[:, 0] - 2.0) < 0.3
-        kick = np.zeros_like(x)
-        kick[:, 2] = np.where(np.abs(x[:, 0] - 2.0) > 1.0, 1.0, -1.0)
-        simulation.backend.assign(simulation.fields["velocity"], kick.astype(dtype))
-        bend = 0.0
-        for k in range(steps):
-            simulation.step()
-            if k == 4:
-                simulation.timings.stages.clear()
-            z = simulation.field("position")[:, 2] - x[:, 2]
-            bend = max(bend, abs(float(z[outer].mean() - z[inner].mean())))
-        ends[summation, dtype] = simulation.field("position").astype(float)
+        take_steps(simulation, 5)
+        simulation.timings.stages.clear()
+        take_steps(simulation, steps - 5)
         seconds = sum(
             s for name, s in stage_seconds(simulation).items()
             if name.rpartition(".")[2] in ("match", "pull", "region_motion", "damp")
         ) / (steps - 5)  # fmt: skip
-        rows.append({
-            "summation": summation, "dtype": dtype, "stiffness": 2.0 / bend,
-            "seconds": seconds, "nodes": simulation.count,
-            "error": float(np.abs(ends[summation, dtype] - ends["gather", "float64"]).max()) / SPACING,
-        })  # fmt: skip
-        context.progress(len(rows) / 4)
+        rows.append({"summation": summation, "seconds": seconds})
+        context.progress(len(rows) / 3)
     return Result({"half_width": half_width, "rows": rows})
 
 
@@ -568,17 +549,14 @@ def slower(results: Results) -> list[float]:
 
 
 def sums(options: Options) -> list[Run]:
-    """A bent bar with every summation, at half-widths 1 to 4."""
+    """A bar with every summation, at half-widths 1 to 4."""
     parameters = {"backend": options.backend, "steps": 30 if options.quick else 60}
-    return [Run(f"width_{w}", stiffness, {"half_width": w, **parameters}, 3.0) for w in WIDTHS]
+    return [Run(f"width_{w}", summations, {"half_width": w, **parameters}, 3.0) for w in WIDTHS]
 
 
 def by_members(results: Results) -> list[float]:
     """Seconds of the additions of a reduction over those of fast summation, float32, for each half-width."""
-    seconds = [
-        {row["summation"]: row["seconds"] for row in result.values["rows"] if row["dtype"] == "float32"}
-        for result in results.values()
-    ]
+    seconds = [{row["summation"]: row["seconds"] for row in result.values["rows"]} for result in results.values()]
     return [each["reduction"] / each["fast"] for each in seconds]
 
 
@@ -656,7 +634,7 @@ def _shrinks(measure: Measure) -> list[float]:
 
 def _twice_as_long(measure: Measure) -> list[float]:
     """The reduction takes twice as long."""
-    rows = [{"dtype": "float32", "summation": s, "seconds": t} for s, t in (("reduction", 0.02), ("fast", 0.01))]
+    rows = [{"summation": s, "seconds": t} for s, t in (("reduction", 0.02), ("fast", 0.01))]
     return measure.of({"": {"rows": rows}})
 
 
@@ -832,8 +810,6 @@ def planned(options: Options) -> list[Run]:
         *shares(options),
         *(Run(f"gpu_{figure}", on_gpu, {"figure": figure, **size}, 10.0, unavailable("cuda") or "")
           for figure in ON_GPU),
-        *(Run(f"width_{width}", stiffness, {"half_width": width, "steps": 30 if quick else 60, **backend}, 3.0)
-          for width in WIDTHS),
     ]  # fmt: skip
 
 

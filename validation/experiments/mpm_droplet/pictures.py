@@ -13,7 +13,6 @@ from matplotlib.ticker import NullLocator
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from refsim.mpm import READINGS
 from validation.drawing import (
     BLUE,
     GREEN,
@@ -68,30 +67,6 @@ def square_picture(data: Mapping[str, Any]) -> Any:
     ledger_lines(axes, data["series"])
     axes.set(ylabel="energy [J/m]", title="energy ledger", xlim=(0, data["series"]["time"][-1]))
     axes.set_ylim(bottom=0)
-    return figure
-
-
-def readings_data(results: Results) -> dict[str, Any]:
-    """Errors of the four readings."""
-    return {"title": "What the readings keep", "readings": results["transfers"].values["readings"]}
-
-
-def readings_picture(data: Mapping[str, Any]) -> Any:
-    """Errors side by side on a logarithmic axis."""
-    parts = {"grid_momentum": "momentum\non the grid", "momentum": "momentum\nthere and back", "velocity": "velocity",
-             "gradient": "gradient A\nat the surface", "power": "power\nbalance"}  # fmt: skip
-    figure, axes = plt.subplots(figsize=(8.6, 3.8), layout="constrained")
-    for k, name in enumerate(READINGS):
-        found = data["readings"][name]
-        errors = [abs(found[p] - 1) if p == "power" else found[p] for p in parts]
-        place = [i + 0.2 * (k - 1.5) for i in range(len(parts))]
-        axes.bar(place, [max(e, FLOOR) for e in errors], width=0.18, color=COLOURS[name], label=name.replace("_", " "))
-    axes.set(yscale="log", ylim=(FLOOR, 30))
-    axes.set_xticks(range(len(parts)), parts.values())
-    axes.set_ylabel("relative error")
-    axes.grid(axis="y")
-    axes.legend(frameon=False, ncols=4, loc="upper left")
-    axes.set_title("Affine field to the grid and back: four readings of the embedding", pad=12)
     return figure
 
 
@@ -485,43 +460,8 @@ def marked(axes: Any, x: Any, rows: Any, colour: str, words: str) -> None:
                   markersize=4, capsize=2, label=words)  # fmt: skip
 
 
-def sheet_data(results: Results) -> dict[str, Any]:
-    """The sheet's outline at several times, and its width."""
-    result = results["sheet"]
-    v = result.values
-    return {
-        "title": "A sheet of one cell draws back", "times": v["shown"], "frames": frames_of(result, len(v["shown"])),
-        "width": v["width"], "speed": v["speed"], "culick": v["culick"],
-    }  # fmt: skip
-
-
-def sheet_picture(data: Mapping[str, Any]) -> Any:
-    """Outlines above each other, and the width over time."""
-    figure, (left, right) = plt.subplots(1, 2, figsize=(9.6, 3.2), width_ratios=(1.5, 1))
-    gap = 7.0
-    for k, (at, frame) in enumerate(zip(data["times"], data["frames"])):
-        corner = vertices_of(frame)[facets_of(frame)][:, :, :2] - [0.0, k * gap]
-        left.add_collection(LineCollection(corner, colors=BLUE, linewidths=1.2))
-        left.text(22.5, -k * gap, f"{at:g} s", va="center", fontsize=8.5)
-    left.set(xlim=(-22, 28), ylim=(-gap * (len(data["frames"]) - 0.3), 0.7 * gap), aspect="equal", xlabel="cells")
-    left.set(yticks=[])
-    left.spines["left"].set_visible(False)
-    left.set_title("Reconstructed outline")
-    time = floats(data["width"]["time"])
-    right.plot(time, data["width"]["value"], color=BLUE, label=f"width; ends move at {data['speed']:.2f} m/s")
-    h = 1 / 64
-    start = data["width"]["value"][0]
-    right.plot(time, start - 2 * data["culick"] * time / h, "--", color=GREY,
-               label=f"Taylor and Culick: {data['culick']:.2f} m/s")  # fmt: skip
-    right.set(ylim=(0, 1.3 * start), xlim=(0, time[-1]), xlabel="time [s]", ylabel="width [cells]")
-    right.grid(axis="y")
-    right.legend(loc="upper right")
-    return figure
-
-
 PICTURES = (
     Picture("mpm_square", square_data, square_picture, ("square_cluster",)),
-    Picture("mpm_readings", readings_data, readings_picture, ("transfers",)),
     Picture("mpm_surfaces", surfaces_data, surfaces_picture, tuple(SURFACES), shaded=True),
     Picture("mpm_ledgers", ledgers_data, ledgers_picture, tuple(LEDGERS)),
     Picture("mpm_box", box_data, box_picture, ("box", "box_default")),
@@ -529,5 +469,4 @@ PICTURES = (
     Picture("mpm_pressure", pressure_data, pressure_picture, ("rest_2d_22_enclosing_0",)),
     Picture("mpm_frequency", frequency_data, frequency_picture,
             ("swing_2d_22", "swing_3d_9", "potential_flow_2d", "potential_flow_3d")),
-    Picture("mpm_sheet", sheet_data, sheet_picture, ("sheet",)),
 )  # fmt: skip

@@ -36,10 +36,8 @@ from validation.experiments.mpm_droplet.scene import (
     drop_scene,
     ellipsoid,
     half_on_floor,
-    lattice,
     pair,
     radius_of,
-    turned,
 )
 from validation.metrics.droplet import inertia_anisotropy
 from validation.metrics.mpm import CELL, DENSITY, Transfers, round_trip
@@ -79,17 +77,6 @@ def sphericity(area: float, volume: float, dim: int) -> float:
 def anisotropy(position: Array, dim: int) -> float:
     """Range of the principal second moments of the particles over their mean."""
     return inertia_anisotropy(position[:, :dim])
-
-
-def anisotropy_of_cut(radius: float, dim: int, per: int = 2, draws: int = 40) -> float:
-    """Mean anisotropy of the sites of a lattice, turned at random, within a ball (disc) of `radius` cells: what the
-    distance of the particles alone leaves to a round body."""
-    random = np.random.default_rng(0)
-    found = []
-    for seed in range(draws):
-        site = turned(lattice(0.5 * per * radius + 1, dim, random.uniform(-0.25, 0.25, 3)), seed) * 2 / per
-        found.append(anisotropy(site[(site**2).sum(1) < radius**2], dim))
-    return float(np.mean(found))
 
 
 def body_anisotropy(vertices: Array, facets: NDArray[np.integer], dim: int) -> float:
@@ -464,8 +451,7 @@ def rounding(
     scene = drop_scene(place, dim, tension=dict(tension or {}), liquid=dict(liquid or {}), cell=cell, per=per)
     run = context.simulation(scene, backend)
     followed = follow(context, run, until, rows, shown)
-    cut = anisotropy_of_cut(radius_of(run.count, dim, per), dim, per)
-    return told(run, followed, shown, last=late(followed[0].series), cut=cut, inside=evenness(run))  # fmt: skip
+    return told(run, followed, shown, last=late(followed[0].series))
 
 
 def erratum(context: Context, backend: str, printed: str, dim: int, size: float, until: float) -> Result:

@@ -89,39 +89,6 @@ def angles_off(made: Reconstruction, surface: Surface, shape: str = "sphere", ra
     return scene.angles(normal, scene.true_normals(sample / CELL, shape, radius))
 
 
-def smooth_samples(context: Context, backend: str, count: int = 2480, input_error: float = 11.8) -> Result:
-    """The fit alone: samples exactly on a sphere, directions with a mean error of `input_error` degrees."""
-    there = choose(backend)
-    true = scene.fibonacci_sphere(count)
-    away = scene.tilted(true, input_error)
-    sample = CELL * RADIUS * true
-    rows = []
-    for offset in (0.25, 0.5, 1.0):
-        for sweeps in (1, 10, 30, 100, 300):
-            row: dict[str, Any] = {"offset": offset, "iterations": sweeps}
-            for kind in ("mls", "gradient"):
-                tension = Tension(surface_tension=1.0, normals=kind, offset=offset, iterations=sweeps)
-                made = Reconstruction(there, 3, "float64", CELL, tension)
-                normal = fitted_normals(made, sample, away)
-                row[kind] = float(scene.angles(there.host(normal), true).mean())
-            rows.append(row)
-            context.progress(len(rows) / 15)
-    return Result({"samples": count, "input": float(scene.angles(away, true).mean()), "rows": rows})
-
-
-def fitted_normals(made: Reconstruction, sample: np.ndarray, away: np.ndarray) -> Any:
-    """Normals at samples [m] from the fit to them and to points `offset` away from them."""
-    there = made.backend
-    blocks, points = fitted_points(made, sample, away)
-    return made._smooth_normals(blocks, made._fit(blocks, points), there.asarray(sample), there.asarray(away))
-
-
-def fitted_points(made: Reconstruction, sample: np.ndarray, away: np.ndarray) -> tuple[Any, Any]:
-    """(grid around samples [m], the samples and the points `offset` away from them) of a fit."""
-    points = np.vstack([sample, sample + float(made.term.offset) * float(made.term.cell_size) * away])
-    return made.grid.cover(made.backend.asarray(sample), 4, 6), made.backend.asarray(points)
-
-
 def fit_system(
     dim: int, radius: float, seed: int = 0, **parameters: Any
 ) -> tuple[Any, np.ndarray, np.ndarray, Surface]:
@@ -637,7 +604,6 @@ def planned(options: Options) -> list[Run]:
     return [
         *(Run(f"normals_{shape}", normal_errors, {"shape": shape, **backend}, 8.0) for shape in RADII),
         Run("meshes", meshes, backend, 2.0),
-        Run("smooth", smooth_samples, backend, 15.0, slow),
         Run("stages", stages, {"counts": counts, **backend, **threads}, 4.0 if quick else 30.0),
         Run("beside_transfers", beside_transfers, {"cells": 50, "rounds": 3, **backend}, 30.0, on_gpu),
         Run("normals_cost", normals_cost, {**backend, **threads}, 3.0),
@@ -654,9 +620,6 @@ def checks(results: Results, check: Checks) -> None:
         check.run(results, f"normals_{shape}", own, shape)
         for name in ("euler", "unmatched"):
             check.run(results, "meshes", {name: lambda v, name=name, shape=shape: v["rows"][shape][name]}, shape)
-    check.run(results, "smooth", {"smooth_error": lambda v: next(
-        row["gradient"] for row in v["rows"] if row["offset"] == 0.25 and row["iterations"] == 300
-    )})  # fmt: skip
     for row in results["stages"].values["rows"] if "stages" in results else ():
         words = f"{row['particles']:,} particles, {row['quadrature']}"
         check("stage_time", 1e3 * sum(row["stages"].values()), f"{row['particles']}_{row['quadrature']}", words)
