@@ -62,7 +62,6 @@ from validation.experiments.melting.scene import scene_of  # noqa: E402
 from validation.reading import commit, environment  # noqa: E402
 
 DTYPES = ("float32", "float64")
-WORKERS = 6
 MARK = "gpu_check result: "
 COMPARED = {"float32": 5, "float64": 20}  # steps before two backends are compared: rounding grows with each
 # Share of the largest value. On the CPU, float32 and float64 already differ by 2 % in the pressure of the dam break
@@ -153,10 +152,8 @@ def search_task(arguments: list[str]) -> list[Row]:
         their_order = cpu.order(position)
         theirs = cpu.build(np.ascontiguousarray(position[their_order]))
         rows.append(judged("particles in another order than on the CPU", int((order != their_order).sum()), 0))
-        other = 0
-        for i, own in enumerate(lists):
-            first = theirs.start[i]
-            other += not np.array_equal(own, theirs.entries[first : first + theirs.count[i]])
+        rows_of = zip(lists, theirs.start, theirs.count)
+        other = sum(not np.array_equal(own, theirs.entries[s : s + n]) for own, s, n in rows_of)
         # Products are fused differently, so that in float32 a pair on the very edge may fall on either side.
         rows.append(judged("rows that differ from the CPU's", other, 10 if dtype == "float32" else 0))
     return rows
@@ -166,12 +163,9 @@ def dam_break() -> Scene:
     """A 2D column with walls and surface detection."""
     cells = (4, 6, 1) if runtime.simulated() else (40, 80, 1)
     spacing = 1.0 / cells[1]
-    effects = (
-        WeaklyCompressible(sound_speed=45.0, dynamic_viscosity=0.5, state="tait", density="summation"),
-        Gravity(acceleration=(0.0, -9.81, 0.0)),
-        BoxWalls(lower=(0.0, 0.0, 0.0), upper=(2.0, 2.0, 0.0)),
-        SurfaceDetection(),
-    )
+    liquid = WeaklyCompressible(sound_speed=45.0, dynamic_viscosity=0.5, state="tait", density="summation")
+    walls = BoxWalls(lower=(0.0, 0.0, 0.0), upper=(2.0, 2.0, 0.0))
+    effects = (liquid, Gravity(acceleration=(0.0, -9.81, 0.0)), walls, SurfaceDetection())
     return Scene(dim=2, spacing=spacing, support_radius=2 * spacing, fluid=(Box(cells=cells),), effects=effects)
 
 
@@ -377,7 +371,7 @@ def main() -> int:
     parser.add_argument("--quick", action="store_true", help="float32 pairing, short runs")
     parser.add_argument("--only", nargs="+", default=[""], metavar="PREFIX", help="tasks whose names start like these")
     parser.add_argument("--minutes", type=float, default=6.0, help="time for everything")
-    parser.add_argument("--workers", type=int, default=WORKERS, help="processes that share a GPU (1 below 8 cores)")
+    parser.add_argument("--workers", type=int, default=6, help="processes that share a GPU (1 below 8 cores)")
     parser.add_argument("--devices", type=int, default=1, help="GPUs of this machine that share what is not timed")
     parser.add_argument("--folder", type=pathlib.Path, default=REPORTS, help="where the report is written")
     parser.add_argument("--task", help=argparse.SUPPRESS)

@@ -93,11 +93,7 @@ def verdicts() -> Any:
     return figure
 
 
-PICTURES: dict[str, Callable[[], Any]] = {
-    "styles.webp": styles,
-    "dam_break.png": dam_break,
-    "verdicts.png": verdicts,
-}
+PICTURES: dict[str, Callable[[], Any]] = {"styles.webp": styles, "dam_break.png": dam_break, "verdicts.png": verdicts}
 
 
 if __name__ == "__main__":

@@ -43,7 +43,7 @@ from refsim.core.errors import InputError  # noqa: E402
 from refsim.io.frames import Frame  # noqa: E402
 from refsim.render.pictures import Look, Series  # noqa: E402
 from refsim.render.saved_run import SavedRun, open_run  # noqa: E402
-from validation.drawing import BLUE, save_picture, style  # noqa: E402
+from validation.drawing import BLUE, headline, save_picture, style  # noqa: E402
 from validation.experiment import chosen  # noqa: E402
 from validation.experiments.dong import scene as dong  # noqa: E402
 from validation.experiments.melting.scene import scene_of  # noqa: E402
@@ -226,8 +226,7 @@ def pour_picture(name: str, asked: Drawing) -> Any:
             frame = frame_at(run, time)
             show(axes, run, frame, look, corners, f"{words}: {pieces(run, frame)[1]:,} lone particles")
     solid = name.removeprefix("pour_")
-    title = f"{len(frame.position):,} particles poured {'into' if solid == 'funnel' else 'on'} a {solid}"
-    figure.suptitle(title, fontsize=11, fontweight="bold")
+    headline(figure, f"{len(frame.position):,} particles poured {'into' if solid == 'funnel' else 'on'} a {solid}")
     return figure
 
 
@@ -279,11 +278,11 @@ def ice_picture(name: str, asked: Drawing) -> Any:
         axes.grid(True)
         axes.legend(loc="upper right")
     above, weight = high[-1] - level[-1], (1 - 917 / 1000) * (high[0] - low[0])
-    figure.suptitle(
+    headline(
+        figure,
         f"Ice that does not melt, after {time[-1]:.0f} s: its top is {abs(above):.2f} m"
         f" {'above' if above > 0 else 'below'} the level (by its weight: {weight:.2f} m above)",
-        fontsize=11, fontweight="bold",
-    )  # fmt: skip
+    )
     return figure
 
 
@@ -312,8 +311,7 @@ def dong_cube(name: str, asked: Drawing) -> Any:
     for axes, k in zip(panels.flat, (0, ball // 2, ball, top, after, len(moment) - 1)):
         middle = position_of(frames[k]).mean(0)
         show(axes, run, frames[k], look, (middle - 0.36, middle + 0.36), f"q4 {moment[k]:+.3f}")
-    title = f"Dong, figure 3: a cube of 0.5 m without gravity, {side**3:,} particles"
-    figure.suptitle(title, fontsize=11, fontweight="bold")
+    headline(figure, f"Dong, figure 3: a cube of 0.5 m without gravity, {side**3:,} particles")
     return figure
 
 
@@ -353,18 +351,14 @@ def dong_floor(name: str, asked: Drawing) -> Any:
         run = asked.run(f"dong_figure_4_fine_{arm}", scene, round(until / ROOM_EVERY))
         dong_room(row, run, frames, f"{arm}, " if len(arms) > 1 else "")
     words = "with and without tension, from above" if len(arms) > 1 else "the liquid merges"
-    title = f"Dong, figure {name.split('_')[2]}: {words}, {sum(run.plan.state.sizes):,} particles"
-    figure.suptitle(title, fontsize=11, fontweight="bold")
+    headline(figure, f"Dong, figure {name.split('_')[2]}: {words}, {sum(run.plan.state.sizes):,} particles")
     return figure
 
 
 PICTURES: dict[str, Callable[[str, Drawing], Any]] = {
-    **dict.fromkeys(POURS, pour_picture),
-    "ice_floats": ice_picture,
-    "dong_figure_3_fine": dong_cube,
-    "dong_figure_4_fine": dong_floor,
-    "dong_figure_6_fine": dong_floor,
-}
+    **dict.fromkeys(POURS, pour_picture), "ice_floats": ice_picture, "dong_figure_3_fine": dong_cube,
+    "dong_figure_4_fine": dong_floor, "dong_figure_6_fine": dong_floor,
+}  # fmt: skip
 
 
 def main(words: Sequence[str] | None = None) -> int:

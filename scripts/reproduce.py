@@ -92,15 +92,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(error, file=sys.stderr)
         return error.exit_code
     claims = judging.claims_of(perform(judging.parts((), [CLAIM], options), options, compute=False))
-    whole = Whole(
-        title="refsim: the main job" if options.quick else "refsim: the published sizes",
-        performed=performed,
-        titles={name: each.title for name, each in experiments.items()},
-        claims=claims,
-        seconds=time.perf_counter() - began,
-        machine=here,
-        figures=options.figures,
-    )
+    title = "refsim: the main job" if options.quick else "refsim: the published sizes"
+    titles = {name: each.title for name, each in experiments.items()}
+    whole = Whole(title, performed, titles, claims, time.perf_counter() - began, here, options.figures)
     page = write_page(whole, options.results / "report.html")
     print(summary(whole, page), file=out)
     if given.json:
