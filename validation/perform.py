@@ -7,7 +7,6 @@ import gzip
 import json
 import math
 import os
-import platform
 import sys
 import tempfile
 import time
@@ -20,6 +19,7 @@ from refsim.backends.arrays import device_name
 from refsim.cluster import perform as elsewhere
 from refsim.cluster.tasks import Task
 from refsim.core.errors import InputError, RunStopped
+from refsim.core.versions import versions
 from validation.checks import Check, failed
 from validation.drawing import LONG_DATA, MEASURED, read_data, save_picture, shortened, style
 from validation.experiment import Options, Part, Picture, Run
@@ -322,16 +322,8 @@ def redraw(picture: Picture, folder: Path) -> Path:
 
 def machine(gpu: bool = False) -> dict[str, Any]:
     """The machine in words, with its GPU where that was used, and the versions that compute."""
-    import numba
-    import numpy
-
-    import refsim
-
-    return {
-        "processor": processor(), **({"gpu": device_name()} if gpu else {}), "cores": cores(),
-        "python": platform.python_version(), "refsim": refsim.__version__, "numba": numba.__version__,
-        "numpy": numpy.__version__,
-    }  # fmt: skip
+    found = {name: versions()[name] for name in ("python", "refsim", "numba", "numpy")}
+    return {"processor": processor(), **({"gpu": device_name()} if gpu else {}), "cores": cores(), **found}
 
 
 def exit_code(performed: Sequence[Performed]) -> int:

@@ -233,11 +233,8 @@ def started(edge: int, backend: str = "cuda", warm: int = 60) -> Simulation:
 def planned(scene: Scene, backend: str) -> dict[str, Any]:
     """Operations of a step, particles and bytes of a scene by its plan."""
     plan = make_plan(scene)
-    return {
-        "operations": list(step_launches(plan, backend)), "particles": plan.grid.count,
-        "walls": 0 if plan.walls is None else len(plan.walls.position), "fields": sum(plan.field_bytes().values()),
-        "bytes": bytes_of(plan, backend)["total"],
-    }  # fmt: skip
+    operations, held = list(step_launches(plan, backend)), bytes_of(plan, backend)["total"]
+    return {"operations": operations, "particles": plan.grid.count, "bytes": held}
 
 
 def launched(simulation: Simulation) -> list[str]:

@@ -16,10 +16,8 @@ from typing import Any
 import numpy as np
 
 from refsim.core.errors import InputError
-from refsim.engine.binding import step_launches
-from refsim.scene.plan import make_plan
 from refsim.study.choice import unsettled
-from refsim.study.memory import bytes_of
+from validation import timed
 from validation.limits import STEP_KERNELS, Work, least
 from validation.timed import ladders
 
@@ -100,17 +98,9 @@ def table(heading: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
 
 
 def planned(backend: str) -> dict[str, dict[str, Any]]:
-    """Operations of a step, particles, and bytes of fields and in all, of each rung of the ladders by its plan."""
-    made = {}
-    for name, ladder in ladders().items():
-        for rung in ladder.rungs:
-            plan = make_plan(rung.scene)
-            made[f"{name}: {rung.words}"] = {
-                "operations": len(step_launches(plan, backend)), "particles": plan.grid.count,
-                "fields": sum(plan.field_bytes().values()),
-                "each": bytes_of(plan, backend)["total"] / plan.grid.count,
-            }  # fmt: skip
-    return made
+    """What its plan says of each rung of the ladders."""
+    rungs = {f"{name}: {rung.words}": rung.scene for name, ladder in ladders().items() for rung in ladder.rungs}
+    return {name: timed.planned(scene, backend) for name, scene in rungs.items()}
 
 
 def span(seconds: Sequence[float]) -> str:
@@ -135,9 +125,11 @@ def effects(times: Times) -> list[str]:
         rows.append([f"**{ladder.words}**, {particles:,} particles of liquid", *[""] * (len(heading) - 1)])
         for rung in ladder.rungs:
             key = f"{name}: {rung.words}"
+            plan = plan_of[key]
             rows.append([
-                rung.words, str(plan_of[key]["operations"]), str(gpu.get(key, {}).get("kernels", "")),
-                f"{plan_of[key]['each']:.0f}", microseconds(own[key]["seconds"]) if key in own else NOT_YET,
+                rung.words, str(len(plan["operations"])), str(gpu.get(key, {}).get("kernels", "")),
+                f"{plan['bytes'] / plan['particles']:.0f}",
+                microseconds(own[key]["seconds"]) if key in own else NOT_YET,
                 f"{1e6 * median(gpu[key]):.0f}" if key in gpu else NOT_YET,
             ])  # fmt: skip
     said = f"CPU: {where(times, 'effects cpu', ', 2 threads')}. GPU: {where(times, 'effects cuda')}."

@@ -27,7 +27,7 @@ def test_a_ladder_only_adds(name):
 
     def of(rungs):
         plans = [make_plan(rung.scene) for rung in rungs]
-        return [(len(times.step_launches(plan, "cuda")), sum(plan.field_bytes().values())) for plan in plans]
+        return [(len(timed.step_launches(plan, "cuda")), sum(plan.field_bytes().values())) for plan in plans]
 
     rungs = of(timed.ladders()[name].rungs)
     for before, after in itertools.pairwise(rungs):
