@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +33,9 @@ class Driving:
             moving = ((place < low) | (place > high)).any(1)
             self.volume = self.forces.volumes(np.where(moving, plan.walls.volume, 0.0))
             extrapolated = any(effect.extrapolates() for effect in having(plan.effects, BringsWalls))
-            self.passes = [part for part in self.forces.passes if extrapolated or part[1].operation == FRICTION]
+            pushing = self.forces.passes if extrapolated else ()
+            self.passes = [part for part in self.forces.passes if part[1].operation == FRICTION]
+            self.pressing = [part for part in pushing if part[1].operation != FRICTION]
         self.renew()
 
     def renew(self) -> None:
@@ -60,13 +63,19 @@ class Driving:
             self.work += 0.5 * (before + self.power) * run.previous_length
 
     def _of_faces(self, forces: WallForces) -> float:
-        """Power [W] of the moving faces: their friction and, where it is extrapolated, their pressure."""
+        """Power [W] of the moving faces: their friction and the liquid's own pressure on them, times their velocity.
+
+        The pressure of their particles works on the strain that the density takes.
+        """
         run = self.run
-        reads = {name for _, p in self.passes for name in p.reads}
+        reads = {name for _, p in (*self.passes, *self.pressing) for name in p.reads}
         run.lists.update()
         run.order.attend()
         run.bring(sorted(reads))
         rows = forces.rows()
         wall: NDArray[np.float64] = np.asarray(run.backend.host(run._shared["wall_motion"].velocity), dtype=float)
         push = forces.acceleration(self.passes, self.volume, rows)
+        if self.pressing:
+            none: Any = run.backend.zeros(run.fields["wall_pressure"].shape, run.plan.grid.dtype)
+            push += forces.acceleration(self.pressing, self.volume, rows, wall_pressure=none)
         return math.fsum(forces.taken(run.fields["mass"], rows) * (push @ wall))

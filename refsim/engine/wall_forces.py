@@ -49,23 +49,30 @@ class WallForces:
         """Rows of an array of the backend, on the host in float64."""
         return self.run.backend.taken(array, rows).astype(float)
 
-    def acceleration(self, passes: Iterable[tuple[Effect, Pass]], volume: Any, rows: Any) -> NDArray[np.float64]:
-        """Acceleration (m, 3) [m/s^2] of these rows of the liquid by wall particles of these volumes."""
+    def acceleration(
+        self, passes: Iterable[tuple[Effect, Pass]], volume: Any, rows: Any, **given: Any
+    ) -> NDArray[np.float64]:
+        """Acceleration (m, 3) [m/s^2] of these rows of the liquid by wall particles of these volumes.
+
+        given  arrays by which fields are replaced
+        """
         run = self.run
         found = run.backend.zeros((run.plan.grid.count, 3), run.plan.grid.dtype)
         walls = run._shared["walls"]
-        self._push(passes, found, walls._replace(volume=volume))
+        self._push(passes, found, walls._replace(volume=volume), given)
         total = self.taken(found, rows)
         if run.backend.name != "numpy":
             return total
         run.backend.assign(found, 0.0)  # the oracles sum over the liquid, too
-        self._push(passes, found, walls._replace(volume=np.zeros_like(volume)))
+        self._push(passes, found, walls._replace(volume=np.zeros_like(volume)), given)
         return total - found
 
-    def _push(self, passes: Iterable[tuple[Effect, Pass]], acceleration: Any, walls: Any) -> None:
+    def _push(
+        self, passes: Iterable[tuple[Effect, Pass]], acceleration: Any, walls: Any, given: dict[str, Any]
+    ) -> None:
         run = self.run
         for effect, p in passes:
-            own: dict[str, Any] = {"acceleration": acceleration, "walls": walls}
+            own: dict[str, Any] = {"acceleration": acceleration, "walls": walls, **given}
             near = run._shared["neighbours"]
             if near is not None and p.operation not in OF_LIQUID:
                 own["neighbours"] = near._replace(count=run.backend.zeros(near.count.shape, near.count.dtype))

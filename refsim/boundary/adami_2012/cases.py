@@ -4,7 +4,7 @@ import numpy as np
 
 from refsim.boundary.akinci_2012 import BoxWalls
 from refsim.core.cases import Exact, at, example, groups, takes
-from refsim.core.walls import WallMotion, WallParticles
+from refsim.core.walls import WallParticles
 from refsim.smoothing.cases import for_each_kernel
 from refsim.sph import Fluid, Lean
 
@@ -47,28 +47,16 @@ def mean_of_two(w):
     return Exact(_beside(place), given, {"wall_pressure": [wanted, 0.0]})
 
 
-def _strained(w, wall_motion, speed):
-    """A wall particle between liquid that comes nearer with `speed` and a solid."""
+@for_each_kernel("adami_2012.strain")
+def strained_by_one(w):
+    """V_w V_f v_f.e |W'(h/2)|/W(h/2); a solid does not count."""
     place = np.array([[0.0, 1.0, 0.0]])
     given = {
         "mass": [2.0, 3.0], "velocity": [[7.0, 2.0, 0.0], [3.0, 0.0, -5.0]], "advanced_excess": [100.0, -20.0],
         "walls": WallParticles(place, np.array([0.25])), "period": None, "phase": [0, 1],
-        "fluid": Fluid(1000.0, 4e5, 1, 0), "wall_motion": wall_motion,
+        "fluid": Fluid(1000.0, 4e5, 1, 0),
     }  # fmt: skip
-    return Exact(_beside(place), given, {"wall_strain": [0.25 * 2.0 * speed / 1100 * w.slope / (w.share * w.own)]})
-
-
-@for_each_kernel("adami_2012.strain")
-def strained_by_one(w):
-    """V_w V_f v_f.e |W'(h/2)|/W(h/2); a solid does not count."""
-    return _strained(w, None, 2.0)
-
-
-@for_each_kernel("adami_2012.strain")
-def strained_by_a_wall_that_moves(w):
-    """v_f - v_w in place of v_f."""
-    far = np.full(3, np.inf)
-    return _strained(w, WallMotion(-far, np.array([np.inf, 0.5, np.inf]), np.array([3.0, 0.75, 0.0])), 1.25)
+    return Exact(_beside(place), given, {"wall_strain": [0.25 * 2.0 * 2 / 1100 * w.slope / (w.share * w.own)]})
 
 
 @for_each_kernel("adami_2012.wall_force")

@@ -1,12 +1,12 @@
 """What a wall particle takes from the liquid, and a liquid particle from the walls."""
 
 from refsim.backends.compile import kernel
-from refsim.backends.tuples import difference, dot, over, three
+from refsim.backends.tuples import dot, over
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import add_vector
 from refsim.smoothing.formulas import gradient_factor, kernel_value
-from refsim.sph.formulas import continuity_pair, corrected
-from refsim.sph.kernels import LIQUID_PHASE, wall_moves
+from refsim.sph.formulas import corrected
+from refsim.sph.kernels import LIQUID_PHASE
 
 
 @pair
@@ -30,12 +30,11 @@ def extrapolation(i, density, pressure, phase, liquid_near_walls, walls, smoothi
 
 
 @pair
-def straining_pair(r, x_ij, velocity_j, mass_j, advanced_excess_j, phase_j, smoothing, fluid, own_velocity):
-    """V_f (v_f - v_w).grad_f W_fw [1/s] with v_w `own_velocity`, and W [1/m^dim]; none by solids."""
+def straining_pair(r, x_ij, velocity_j, mass_j, advanced_excess_j, phase_j, smoothing, fluid):
+    """V_f v_f.grad_f W_fw [1/s], and W [1/m^dim]; none by solids."""
     w = kernel_value(r, smoothing)
     volume = mass_j / (fluid.rest_density + advanced_excess_j)
-    approach = dot(difference(own_velocity, velocity_j), x_ij)
-    strain = continuity_pair(volume, approach, gradient_factor(r, smoothing))
+    strain = -volume * dot(velocity_j, x_ij) * gradient_factor(r, smoothing)
     if phase_j is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
         if phase_j != LIQUID_PHASE:
             w, strain = type(r)(0), type(r)(0)
@@ -43,19 +42,12 @@ def straining_pair(r, x_ij, velocity_j, mass_j, advanced_excess_j, phase_j, smoo
 
 
 @kernel
-def strain(
-    i, velocity, mass, advanced_excess, phase, liquid_near_walls, walls, wall_motion, smoothing, fluid, period,
-    wall_strain,
-):  # fmt: skip
-    """V_w sum_f V_f (v_f - v_w).grad_f W_fw / sum_f W_fw of wall particle i [m^(2 dim)/s]; 0 without liquid."""
+def strain(i, velocity, mass, advanced_excess, phase, liquid_near_walls, walls, smoothing, fluid, period, wall_strain):
+    """V_w sum_f V_f v_f.grad_f W_fw / sum_f W_fw of wall particle i [m^(2 dim)/s]; 0 without liquid."""
     zero = type(smoothing.support_radius)(0)
-    own_velocity = zero, zero, zero
-    if wall_motion is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
-        if wall_moves(three(walls.position, i), wall_motion):
-            own_velocity = wall_motion.velocity[0], wall_motion.velocity[1], wall_motion.velocity[2]
     total, weights = neighbour_sum(
         straining_pair, i, None, liquid_near_walls, walls.position, period, velocity, mass, advanced_excess, phase,
-        smoothing, fluid, own_velocity,
+        smoothing, fluid,
     )  # fmt: skip
     wall_strain[i] = walls.volume[i] * total / weights if weights > zero else zero
 
