@@ -11,7 +11,7 @@ from validation.drawing import BLUE, GREEN, GREY, VERMILION
 from validation.experiment import Picture, Results
 
 WORDS = {
-    "papers": "the papers' liquid", "rests": "advanced density, extrapolated walls\n(vortices: with shifting)",
+    "papers": "the papers' liquid", "rests": "advanced density, extrapolated walls (vortices: with shifting)",
     "corrected": "the same, renormalised gradients",
 }  # fmt: skip
 COLOURS = {"papers": VERMILION, "rests": BLUE, "corrected": GREEN}
@@ -48,7 +48,7 @@ def picture(data: Mapping[str, Any]) -> Any:
         axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
         axes.minorticks_off()
         axes.grid(True)
-    parts[0][0].legend(fontsize=7.5)
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=3)
     figure.suptitle(data["title"], fontsize=11)
 
     return figure
