@@ -253,6 +253,14 @@ def test_bad_input_gets_one_sentence(words):
     assert words in str(error.value)
 
 
+@pytest.mark.parametrize(
+    ("count", "words"), [(0, "there are no particles; add a fluid"), (1, "1 particles do not resolve a body")]
+)
+def test_too_few_particles_are_bad_input(count, words):
+    with pytest.raises(InputError, match=words):
+        make_plan(scene(LIQUID, SurfaceEnergy(surface_tension=1.0), fluid=(Cloud(position=np.full((count, 3), 0.3)),)))
+
+
 def test_a_particle_beyond_the_grid_is_bad_input():
     far = Cloud(position=np.array([[0.2 * 2**21, 0.0, 0.0]]))
     with pytest.raises(InputError, match="background grid"):

@@ -314,16 +314,6 @@ def transfers(context: Context) -> Result:
     return Result({"readings": readings})
 
 
-def off_free_fall(run: Simulation, velocity: Array, pull: Array, steps: int) -> float:
-    """Largest distance from x + sum of dt v after so many steps, over the largest displacement."""
-    start, displacement = run.field("position"), np.zeros(3)
-    for _ in range(steps):
-        length = run.step().length
-        velocity = velocity + length * pull
-        displacement = displacement + length * velocity
-    return float(abs(run.field("position") - start - displacement).max() / abs(displacement).max())
-
-
 def against_taichi(
     context: Context, cells: int, steps: int, rounds: int, threads: int, backend: str, order: str = "lattice"
 ) -> Result:
@@ -1177,25 +1167,6 @@ def many_samples(trial: Trial) -> None:
     """A ball whose surface stays at r: some particles are the nearest of more than ten samples."""
     ledger = free_body(trial, liquid(block((4, 4, 4)), 3, inset=-1.0), 0.01, every=1, angular=REMADE)
     trial.check("largest C_p", max(row["samples"] for row in ledger.rows), at_least=11)
-
-
-@hard_case
-def no_particle(trial: Trial) -> None:
-    """A scene without particles."""
-    with trial.ending():
-        trial.start(liquid(np.zeros((0, 3))))
-    trial.check("the sentence says what to add", "add a fluid" in trial.message, equals=1)
-
-
-@hard_case
-def one(trial: Trial, tension: float) -> None:
-    """One particle: plain liquid falls freely; with surface tension the scene is refused."""
-    pull = np.array([0.3, -9.81, 0.0])
-    made = liquid(np.array([[0.3, 0.1, 0.0]]), tension=tension, extra=(Gravity(acceleration=tuple(pull)),))
-    run = trial.start(made)
-    error = off_free_fall(run, np.zeros(3), pull, 50)
-    trial.account(run)
-    trial.check("displacement against free fall, relative", error, at_most=1e-12)
 
 
 @hard_case
