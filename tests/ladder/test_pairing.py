@@ -1,9 +1,10 @@
 """Every operation on every backend, precision and hard input: this file only calls the contract.
 
 A kernel is compiled for every combination of optional terms, every precision, and once more for smoothing kernels other
-than the default. By default the CPU's run with every combination in one precision: the last of several (or that of
-`DOUBLE`) in double, the others in single; the first combination with every smoothing kernel, the others with the
-default; the references in double. The rest is `slow`.
+than the default. By default the CPU's run with combinations in which each term is given and left out (`telling`; the
+simulator runs all as Python), each in one precision: the last (or that of `DOUBLE`) in double, the others in single.
+The first combination runs with every smoothing kernel, the others with the default; the references run in double. The
+rest is `slow`.
 """
 
 import os
@@ -32,6 +33,7 @@ from refsim.core import cases
 from refsim.core.operation import REGISTRY, backend_of
 from refsim.engine.checkpoints import restore
 from refsim.neighbours.rows import NeighbourRows
+from tests.ladder.test_cuda_typing import telling
 from validation import pairs
 
 DEFAULT = "wendland_c2"  # a smoothing kernel
@@ -46,16 +48,18 @@ def trials():
     for name, operation in REGISTRY.items():
         for program in operation.names():
             backend = backend_of(program)
-            variants = len(operation.as_computed_by(program).variants)
-            in_double = DOUBLE.get(name, variants - 1) if variants > 1 else None
+            own = operation.as_computed_by(program)
+            variants, by_day = len(own.variants), telling(own)
+            in_double = DOUBLE.get(name, max(by_day)) if variants > 1 else None
             for variant in range(variants):
                 for dtype in ("float32", "float64"):
                     single = dtype == "float32"
-                    by_default = {"numpy": not single, "cpu": single != (variant == in_double), "cuda": True}[backend]
-                    own = backend == "cpu" and by_default and variant > 0 and bool(shape_acts(operation))
+                    once = single != (variant == in_double) and variant in {*by_day, in_double}
+                    by_default = {"numpy": not single, "cpu": once, "cuda": True}[backend]
+                    twice = backend == "cpu" and by_default and variant > 0 and bool(shape_acts(operation))
                     gpu = [pytest.mark.gpu] if backend == "cuda" else []
-                    for kernels in ("every", DEFAULT) if own else ("every",):
-                        slow = [] if by_default and own == (kernels == DEFAULT) else [pytest.mark.slow]
+                    for kernels in ("every", DEFAULT) if twice else ("every",):
+                        slow = [] if by_default and twice == (kernels == DEFAULT) else [pytest.mark.slow]
                         yield pytest.param(name, variant, program, dtype, kernels, marks=gpu + slow)
 
 

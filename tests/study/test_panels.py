@@ -236,10 +236,11 @@ LONG = {  # left to the nights: scenes that take 10 s to make, settings that tak
     "mpm_pressure", "tank_pressure", "contact_angle", "droplet", "implicit_pressure", "coupling", "detection_3d",
     "melt_front", "detection_2d", "spinning_body", *SOLIDS, "surface_normals",
 }  # fmt: skip
+AGAIN = {("heat", "runge_kutta_legendre_8")}  # which melting has by day
 
 
 def at_night(given, name):
-    return pytest.param(*given, marks=[pytest.mark.slow] if name in LONG else [])
+    return pytest.param(*given, marks=[pytest.mark.slow] if name in LONG or given in AGAIN else [])
 
 
 @pytest.mark.parametrize("name", [at_night((n,), n) for n in abouts()])
