@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -11,11 +12,11 @@ from validation.drawing import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION
 from validation.experiment import Picture, Results
 
 TITLES = {
-    "vortices": "Taylor-Green vortices, Re 100\n(velocity at 1 s, L2)",
-    "tank": "tank at rest\n(speed after 4 s, of the sound speed)",
-    "cavity": "lid-driven cavity, Re 100\n(centre-line velocity, largest)",
-    "dam": "dam break\n(front, of the column's width)",
-    "body": "floating cube\n(draught, of its edge)",
+    "vortices": "vortices, Re 100\n(velocity at 1 s, L2)",
+    "tank": "tank at rest\n(speed at 4 s over c)",
+    "cavity": "cavity, Re 100\n(centre-line velocity)",
+    "dam": "dam break\n(front over the width)",
+    "body": "floating cube\n(draught over its edge)",
 }
 LOOKS = {  # colour and marker
     ("refsim", "papers"): (VERMILION, "o", "refsim, the papers' liquid"),
@@ -43,7 +44,7 @@ def data(results: Results) -> dict[str, Any]:
 
 def picture(data: Mapping[str, Any]) -> Any:
     """A part for each flow; errors in per cent."""
-    figure, parts = plt.subplots(1, max(1, len(data["lines"])), figsize=(12.0, 5.2), squeeze=False)
+    figure, parts = plt.subplots(1, max(1, len(data["lines"])), figsize=(14.0, 5.2), squeeze=False)
     shown = {}
     for axes, (flow, kinds) in zip(parts[0], data["lines"].items()):
         for name, points in kinds.items():
@@ -57,6 +58,8 @@ def picture(data: Mapping[str, Any]) -> Any:
             )  # fmt: skip
         axes.set(xscale="log", yscale="log", xlabel="seconds of one processor", ylabel="error [%]", title=TITLES[flow])
         axes.grid(True)
+        for grow, ends in ((axes.set_xlim, axes.get_xlim()), (axes.set_ylim, axes.get_ylim())):  # whole decades
+            grow(10 ** math.floor(math.log10(ends[0])), 10 ** math.ceil(math.log10(ends[1])))
     figure.legend(shown.values(), shown.keys(), loc="outside lower center", ncols=3, fontsize=9)
     return figure
 
