@@ -15,9 +15,10 @@ from refsim.surface_energy import formulas
 
 CELLS = 64  # of a block, a thread to each
 # What `counts` holds: whether a particle is not covered, most particles in a cell, cut edges and facets as found and
-# as made (0 where they do not fit), samples without a particle, cells with a point of the fit or a sample
-MISSING, MOST, EDGES, FACETS, VERTICES, MADE, UNFOUND, FILLED = range(8)
-COUNTS = 8
+# as made (0 where they do not fit), samples without a particle, cells with a point of the fit or a sample, blocks with
+# weights of the fit
+MISSING, MOST, EDGES, FACETS, VERTICES, MADE, UNFOUND, FILLED, ACTIVE = range(9)
+COUNTS = 9
 
 
 @cuda_kernel(rows_of="held")

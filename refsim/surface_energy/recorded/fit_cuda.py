@@ -5,6 +5,8 @@ the cells that reach a node. Cells with points are numbered, so that no others a
 cell n are column n of row k, so that neighbouring threads read and write contiguous memory.
 """
 
+from typing import Any, NamedTuple
+
 import numpy as np
 
 from refsim.backends.compile import cuda, cuda_formula, cuda_kernel, formula
@@ -12,7 +14,7 @@ from refsim.backends.primitives import sum_before, sum_of_lanes
 from refsim.sparse_grid.block_search_cuda import SUMMING, number
 from refsim.sparse_grid.formulas import step_node
 from refsim.surface_energy import formulas, kernels
-from refsim.surface_energy.recorded.cells_cuda import CELLS, FILLED, MADE, occupied_near, sum_pairs
+from refsim.surface_energy.recorded.cells_cuda import ACTIVE, CELLS, FILLED, MADE, occupied_near, sum_pairs
 
 REACHING = 216  # cells that reach a block's nodes: 6 x 6 x 6, or 10 x 10 in the plane
 CELL_BIT = 1 << 24  # counts a cell beside its points: the points of 64 cells are fewer than 2^24
@@ -194,12 +196,22 @@ def sum_around(near, blocks, first_row, rows, sums):
     return total
 
 
+class Active(NamedTuple):
+    """Blocks with weights, in any order, by the names of their work arrays."""
+
+    active_block: Any  # (blocks,) their numbers
+    active_columns: Any  # (blocks, REACHING) columns of the cells that reach each
+
+
 @cuda_kernel(block_for_each_row=True, threads=CELLS, rows_of="total")
-def begin_fit(fit_first, rank, blocks, reached, change, surface_term, node_weight, coefficients, total):
+def begin_fit(
+    fit_first, rank, blocks, reached, change, surface_term, node_weight, coefficients, counts, active, total
+):  # fmt: skip
     """(3.7): 1/sum_r B_i(x_r), 0 where the sum is at most LEAST_SUM, and the first sweep from C = 0."""
-    b = cuda.blockIdx.x
-    i = CELLS * b + cuda.threadIdx.x
+    b, thread = cuda.blockIdx.x, cuda.threadIdx.x
+    i = CELLS * b + thread
     near = cuda.shared.array(REACHING, np.int32)
+    place = cuda.shared.array(1, np.int32)
     real = type(surface_term.cell_size)
     weight, value = real(0), real(0)
     # a block's nodes are reached from itself and the blocks below, directions 0 to the middle
@@ -210,18 +222,26 @@ def begin_fit(fit_first, rank, blocks, reached, change, surface_term, node_weigh
             weight = real(1) / whole
             if surface_term.iterations > 0:
                 value = surface_term.relaxation * weight * sum_around(near, blocks, 0, 1, change)
+        if cuda.syncthreads_or(1 if weight > real(0) else 0) != 0:
+            if thread == 0:
+                place[0] = cuda.atomic.add(counts, ACTIVE, 1)
+            cuda.syncthreads()
+            active.active_block[place[0]] = b
+            for c in range(thread, REACHING, CELLS):
+                active.active_columns[place[0], c] = near[c]
     node_weight[i] = weight
     coefficients[i] = value
 
 
 @cuda_kernel(block_for_each_row=True, threads=CELLS, rows_of="total")
-def correct(rank, blocks, change, surface_term, node_weight, coefficients, total):
-    """C <- C + w Lambda B^T (b - B C)."""
-    b = cuda.blockIdx.x
-    i = CELLS * b + cuda.threadIdx.x
-    near = cuda.shared.array(REACHING, np.int32)
-    weight = node_weight[i]
-    if cuda.syncthreads_or(1 if weight > type(weight)(0) else 0) != 0:
-        load_columns(b, rank, blocks, change, near)
+def correct(blocks, change, surface_term, node_weight, coefficients, counts, active, total):
+    """C <- C + w Lambda B^T (b - B C), on a block with weights."""
+    if cuda.blockIdx.x < counts[ACTIVE]:
+        near = cuda.shared.array(REACHING, np.int32)
+        for c in range(cuda.threadIdx.x, REACHING, CELLS):
+            near[c] = active.active_columns[cuda.blockIdx.x, c]
+        i = number(CELLS * active.active_block[cuda.blockIdx.x] + cuda.threadIdx.x)
+        weight = node_weight[i]
+        cuda.syncthreads()
         if weight > type(weight)(0):
             coefficients[i] += surface_term.relaxation * weight * sum_around(near, blocks, 0, 1, change)

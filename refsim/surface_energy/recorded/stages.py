@@ -34,7 +34,8 @@ def work_arrays(
         "facet_normal": ((f, 3), real), "outward": ((f, 3), real), "fit_position": ((2 * f, 3), real),
         "fit_cell": 2 * f, "fit_place": 2 * f, "held_points": count, "fit_first": count + 1, "fit_unsorted": 2 * f,
         "fit_splines": ((2 * f, 9), real), "fit_target": (2 * f, real), "node_weight": (count, real),
-        "coefficients": (count, real), "rank": count, "filled": 2 * f, "pair_total": (b, np.int64),
+        "coefficients": (count, real), "rank": count, "filled": 2 * f, "pair_total": (b, np.int64), "active_block": b,
+        "active_columns": ((b, fit_cuda.REACHING), np.int32),
         "reached": ((27, 2 * f + 1), real), "change": ((27, 2 * f + 1), real), "pulls": ((81, f + 1), real),
         "planes": (3 * f, np.uint8), "sample_normal": ((f, 3), real), "vertex_normal": ((v, 3), real),
         "inset_position": ((v, 3), real), "sample_position": ((f, 3), real), "sample_area": (f, real), "nearest": f,
@@ -119,10 +120,11 @@ def sweep(a: Arrays, blocks: Any, term: Any) -> None:
     weight, coefficients, rank, change = a["node_weight"], a["coefficients"], a["rank"], a["change"]
     points = a["fit_first"], a["fit_splines"], a["fit_target"], blocks
     fit_cuda.sum_fit(*points, None, a["counts"], a["reached"], change, a["filled"])
-    fit_cuda.begin_fit(a["fit_first"], rank, blocks, a["reached"], change, term, weight, coefficients, a["total"])
+    active = a["counts"], named(fit_cuda.Active, a), a["total"]
+    fit_cuda.begin_fit(a["fit_first"], rank, blocks, a["reached"], change, term, weight, coefficients, *active)
     for _ in range(int(term.iterations) - 1):
         fit_cuda.sum_fit(*points, coefficients, a["counts"], None, change, a["filled"])
-        fit_cuda.correct(rank, blocks, change, term, weight, coefficients, a["total"])
+        fit_cuda.correct(blocks, change, term, weight, coefficients, *active)
 
 
 def find_normals(a: Arrays, blocks: Any, term: Any, mls: Any) -> None:
