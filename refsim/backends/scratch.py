@@ -1,5 +1,6 @@
 """Scratch memory of operations; its contents are undefined after a call."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,10 @@ class Scratch:
         if held is None or tuple(held.shape) != shape or held.dtype != np.dtype(dtype):
             held = self._arrays[name] = self.backend.empty(shape, dtype)
         return held
+
+    def called(self, name: str) -> Callable[[str, Any, Any], Any]:
+        """`array` for the parts of what is called `name`."""
+        return lambda part, shape, dtype: self.array(f"{name} {part}", shape, dtype)
 
     def host(self, array: Any) -> np.ndarray:
         """An array's values on the host."""

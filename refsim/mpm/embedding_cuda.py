@@ -17,7 +17,7 @@ def embed(
 
     A sample without an owner (-1) is none; the arrays of embedded points then end with NaN.
     """
-    lists = lists_of(scratch, "owners", position.shape[0], sample_owner.shape[0])
+    lists = lists_of(scratch.called("owners"), position.shape[0], sample_owner.shape[0])
     begin_lists(lists.first, lists.held)
     count_points(sample_owner, lists.held, lists.place)
     fill_lists(sample_owner, lists)

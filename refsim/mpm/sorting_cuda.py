@@ -177,13 +177,13 @@ def count_gaps(point, noted):
 
 def bins_of(name, grid, points):
     """Bins for so many points of a set, whose arrays are then there."""
-    lists = lists_of(grid.lists, name, grid.nodes, points)
+    lists = lists_of(grid.lists.called(name), grid.nodes, points)
     return Bins(lists.first, lists.point)
 
 
 def sort_points(name, position, grid, cell, noted=None):
     """Cells and bins of a set of points, whose blocks exist; those that are NaN are in none."""
-    lists = lists_of(grid.lists, name, grid.nodes, position.shape[0])
+    lists = lists_of(grid.lists.called(name), grid.nodes, position.shape[0])
     begin_lists(lists.first, lists.held)
     if noted is not None:
         device.fill(noted, 0)

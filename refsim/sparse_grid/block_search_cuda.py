@@ -6,7 +6,6 @@ import numpy as np
 
 from refsim.backends import device
 from refsim.backends.compile import SIMULATED_THREADS, cuda, cuda_kernel, formula
-from refsim.backends.primitives import sum_before
 from refsim.backends.runtime import simulated
 from refsim.neighbours.formulas import BITS, OFFSET, lower_bound
 from refsim.sparse_grid.block_table_cuda import enter_keys, make_table
@@ -68,46 +67,6 @@ def count_points(node, held, place):
 
 
 @cuda_kernel
-def total_blocks(held, total):
-    """Particles of each block."""
-    b = cuda.grid(1)
-    if b < total.shape[0]:
-        count = 0
-        for c in range(64 * b, 64 * b + 64):
-            count += held[c]
-        total[b] = count
-
-
-@cuda_kernel(block_for_each_row=True, threads=SUMMING, rows_of="one")
-def sum_blocks(one, total):
-    """total[b] <- particles of the blocks before b, by one thread block."""
-    part = cuda.shared.array(SUMMING, np.int32)
-    thread = cuda.threadIdx.x
-    size = (total.shape[0] + SUMMING - 1) // SUMMING
-    begin, end = min(thread * size, total.shape[0]), min(thread * size + size, total.shape[0])
-    count = 0
-    for b in range(begin, end):
-        count += total[b]
-    before = sum_before(part, count)
-    for b in range(begin, end):
-        count = total[b]
-        total[b] = before
-        before += count
-
-
-@cuda_kernel(block_for_each_row=True, threads=64, rows_of="total")
-def write_first(held, total, first):
-    """first[c]: particles of the cells before c; a thread for each cell of a block."""
-    part = cuda.shared.array(64, np.int32)
-    b = cuda.blockIdx.x
-    c = 64 * b + cuda.threadIdx.x
-    before = total[b] + sum_before(part, held[c])
-    first[c] = before
-    if c == first.shape[0] - 2:
-        first[c + 1] = before + held[c]
-
-
-@cuda_kernel
 def fill_cells(cell, place, first, unsorted):
     """The particles of each cell, in any order."""
     i = cuda.grid(1)
@@ -129,15 +88,6 @@ def sort_cells(cell, first, unsorted, point):
         point[at] = i
 
 
-def sort_counted(cell, place, held, total, one, first, unsorted, point):
-    """first, point <- the points by cell; `held` and `place` are counted before, the others are scratch memory."""
-    total_blocks(held, total)
-    sum_blocks(one, total)
-    write_first(held, total, first)
-    fill_cells(cell, place, first, unsorted)
-    sort_cells(cell, first, unsorted, point)
-
-
 class Lists(NamedTuple):
     """Points by bin, as `PointList`, and scratch memory in which they are made without the host, int32."""
 
@@ -149,12 +99,10 @@ class Lists(NamedTuple):
     totals: Any
 
 
-def lists_of(scratch, name, bins, points):
-    """Lists of so many points, in scratch memory under a name."""
+def lists_of(empty, bins, points):
+    """Lists of so many points; empty(part, shape, dtype) gives the arrays."""
     shapes = bins + 1, points, bins, points, points, device.tiles(bins) + 1
-    return Lists(
-        *(scratch.array(f"{name} {part}", shape, np.int32) for part, shape in zip(Lists._fields, shapes, strict=True))
-    )
+    return Lists(*(empty(part, shape, np.int32) for part, shape in zip(Lists._fields, shapes, strict=True)))
 
 
 @cuda_kernel(rows_of="held")
@@ -176,17 +124,14 @@ def fill_lists(cell, lists):
 
 def sorted_points(cell, nodes):
     """(first, point) of the points of each of `nodes` cells; the end of `point` is unused where points have no cell."""
-    n = cell.shape[0]
-    held, first = device.empty(nodes, np.int32), device.empty(nodes + 1, np.int32)
-    place, unsorted, point = (device.empty(n, np.int32) for _ in range(3))
-    if not n or not nodes:
-        device.fill(first, 0)
-        return first, point
-    device.fill(held, 0)
-    count_points(cell, held, place)
-    total, one = device.empty(nodes // BLOCK, np.int32), device.empty(1, np.int32)
-    sort_counted(cell, place, held, total, one, first, unsorted, point)
-    return first, point
+    lists = lists_of(lambda _, *kind: device.empty(*kind), nodes, cell.shape[0])
+    if not cell.shape[0] or not nodes:
+        device.fill(lists.first, 0)
+        return lists.first, lists.point
+    begin_lists(lists.first, lists.held)
+    count_points(cell, lists.held, lists.place)
+    fill_lists(cell, lists)
+    return lists.first, lists.point
 
 
 class BlockSearch:

@@ -22,8 +22,8 @@ COUNTS = 9
 
 
 @cuda_kernel(rows_of="held")
-def clear(held, held_points, members, sample_count, counts):
-    """Sets to 0 everything that is counted."""
+def clear(held, held_points, members, sample_count, first, counts):
+    """Sets to 0 everything that is counted, and the first place."""
     i = cuda.grid(1)
     if i < held.shape[0]:
         held[i] = 0
@@ -31,6 +31,8 @@ def clear(held, held_points, members, sample_count, counts):
         members[i] = 0
         if i < counts.shape[0]:
             counts[i] = 0
+        if i == 0:
+            first[0] = 0
         for p in range(i, sample_count.shape[0], held.shape[0]):
             sample_count[p] = 0
 
@@ -61,8 +63,8 @@ def count_particles(interior_position, surface_term, blocks, sure, held, place, 
 
 
 @cuda_kernel
-def place_particles(interior_position, surface_term, blocks, first, place, cell, unsorted, placed):
-    """The particles of each cell, in any order, and their offsets [h] from the lowest node of their block.
+def place_particles(interior_position, surface_term, blocks, first, place, cell, counts, unsorted, placed):
+    """The particles of each cell, in any order, their offsets [h] from the lowest node of their block, most in a cell.
 
     These need no double precision: a search that stays within a few blocks takes their differences.
     """
@@ -70,21 +72,10 @@ def place_particles(interior_position, surface_term, blocks, first, place, cell,
     if i < cell.shape[0] and cell[i] >= 0:
         at = number(first[cell[i]] + place[i])
         unsorted[at] = i
+        if place[i] >= counts[MOST]:
+            cuda.atomic.max(counts, MOST, place[i] + 1)
         lowest = node_coordinates(blocks, cell[i] & ~(CELLS - 1))
         put(placed, at, formulas.place_over(interior_position, i, lowest, surface_term))
-
-
-@cuda_kernel(block_for_each_row=True, threads=CELLS, rows_of="total")
-def total_blocks(held, counts, total):
-    """Points of each block; with `counts` also the most in a cell."""
-    part = cuda.shared.array(CELLS, np.int32)
-    thread = cuda.threadIdx.x
-    mine = held[CELLS * cuda.blockIdx.x + thread]
-    if counts is not None and mine > counts[MOST]:
-        cuda.atomic.max(counts, MOST, mine)
-    before = sum_before(part, mine)
-    if thread == CELLS - 1:
-        total[cuda.blockIdx.x] = before + mine
 
 
 @cuda_formula

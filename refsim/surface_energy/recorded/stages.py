@@ -13,7 +13,6 @@ import numpy as np
 
 from refsim.backends import device
 from refsim.sparse_grid import PointList
-from refsim.sparse_grid.block_search_cuda import sum_blocks, write_first
 from refsim.surface_energy.recorded import cells_cuda, fit_cuda, force_cuda, level_set_cuda, samples_cuda
 from refsim.surface_energy.recorded.samples_cuda import Components, FitPoints, Samples, Spheres, Vertices
 
@@ -39,7 +38,8 @@ def work_arrays(
         "reached": ((27, 2 * f + 1), real), "change": ((27, 2 * f + 1), real), "pulls": ((81, f + 1), real),
         "planes": (3 * f, np.uint8), "sample_normal": ((f, 3), real), "vertex_normal": ((v, 3), real),
         "inset_position": ((v, 3), real), "sample_position": ((f, 3), real), "sample_area": (f, real), "nearest": f,
-        "sample_count": n, "either": (f + v, np.uint8), "total": b, "one": 1, "counts": cells_cuda.COUNTS,
+        "sample_count": n, "either": (f + v, np.uint8), "total": b, "one": 1,
+        "totals": device.tiles(count) + 1, "counts": cells_cuda.COUNTS,
         "held_samples": count, "samples_first": count + 1, "sample_point": f, "node_force": ((count, 3), real),
     }  # fmt: skip
     kinds = {name: shape if isinstance(shape, tuple) else (shape, np.int32) for name, shape in shapes.items()}
@@ -61,13 +61,13 @@ def named(kind: Any, a: Arrays) -> Any:
 
 def sort_particles(a: Arrays, position: Any, blocks: Any, term: Any, sure: Any) -> None:
     """Particles by cell, by counting; counters are set to 0."""
-    counts, total = a["counts"], a["total"]
-    cells_cuda.clear(a["held"], a["held_points"], a["members"], a["sample_count"], counts)
+    counts, first = a["counts"], a["first"]
+    cells_cuda.clear(a["held"], a["held_points"], a["members"], a["sample_count"], first, counts)
     cells_cuda.count_particles(position, term, blocks, sure, a["held"], a["place"], a["cell"], counts)
-    cells_cuda.total_blocks(a["held"], counts, total)
-    sum_blocks(a["one"], total)
-    write_first(a["held"], total, a["first"])
-    cells_cuda.place_particles(position, term, blocks, a["first"], a["place"], a["cell"], a["unsorted"], a["placed"])
+    device.RunningSum(a["held"], first[1:], a["totals"])()
+    cells_cuda.place_particles(
+        position, term, blocks, first, a["place"], a["cell"], counts, a["unsorted"], a["placed"]
+    )  # fmt: skip
 
 
 def mark_nodes(a: Arrays, blocks: Any, term: Any, given: bool = False) -> None:
