@@ -191,7 +191,7 @@ def launches(monkeypatch, program, arguments):
 
 def support_launches(dtype):
     """Launches of the kernels of searches and array moves, with the types that the searches hand them."""
-    from refsim.backends import device
+    from refsim.backends import device, sums
     from refsim.core.period import period_group
     from refsim.core.walls import Bounds
     from refsim.mpm import sorting_cuda as mpm_sorting
@@ -237,6 +237,8 @@ def support_launches(dtype):
         (device.add_up_tiles, (integers, integers)),
         (device.add_up_before, (integers, integers)),
         (device.add_up_within, (integers, integers, integers)),
+        (sums.sum_chunk.on("cuda"), (integers, integers)),
+        (sums.write_chunk.on("cuda"), (integers, integers, integers)),
         (cell_boxes.near_cells, (keys, integers, None, n, integers)),
         (cell_boxes.near_cells, (keys, integers, keys, n, integers)),
         (cell_boxes.cell_boxes, (vectors, vectors, vectors, scalars, integers, integers, scalars, vectors, vectors)),

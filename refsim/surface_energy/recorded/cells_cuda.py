@@ -63,17 +63,18 @@ def count_particles(interior_position, surface_term, blocks, sure, held, place, 
 
 
 @cuda_kernel
-def place_particles(interior_position, surface_term, blocks, first, place, cell, counts, unsorted, placed):
-    """The particles of each cell, in any order, their offsets [h] from the lowest node of their block, most in a cell.
+def place_particles(interior_position, surface_term, blocks, first, point, cell, counts, placed):
+    """Offsets [h] of the particles from the lowest node of their block, cell by cell as in `point`; most in a cell.
 
     These need no double precision: a search that stays within a few blocks takes their differences.
     """
-    i = cuda.grid(1)
-    if i < cell.shape[0] and cell[i] >= 0:
-        at = number(first[cell[i]] + place[i])
-        unsorted[at] = i
-        if place[i] >= counts[MOST]:
-            cuda.atomic.max(counts, MOST, place[i] + 1)
+    at = cuda.grid(1)
+    if at < first[first.shape[0] - 1]:
+        i = number(point[at])
+        c = number(cell[i])
+        held = first[c + 1] - first[c]
+        if held > counts[MOST]:
+            cuda.atomic.max(counts, MOST, held)
         lowest = node_coordinates(blocks, cell[i] & ~(CELLS - 1))
         put(placed, at, formulas.place_over(interior_position, i, lowest, surface_term))
 

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from refsim.backends.compile import cuda, cuda_formula, cuda_kernel, formula
-from refsim.backends.primitives import sum_before, sum_of_lanes
+from refsim.backends.primitives import sum_before
 from refsim.sparse_grid.block_search_cuda import SUMMING, number
 from refsim.sparse_grid.formulas import step_node
 from refsim.surface_energy import formulas, kernels
@@ -18,8 +18,7 @@ from refsim.surface_energy.recorded.cells_cuda import ACTIVE, CELLS, FILLED, MAD
 
 REACHING = 216  # cells that reach a block's nodes: 6 x 6 x 6, or 10 x 10 in the plane
 CELL_BIT = 1 << 24  # counts a cell beside its points: the points of 64 cells are fewer than 2^24
-LANES = 4  # threads that share a cell of points: one for each row of nodes that these reach, and a spare one
-ROW = 9  # nodes of such rows, in three layers
+REACHED = 27  # nodes that the points of a cell reach; 9 in the plane
 
 
 @cuda_kernel(rows_of="cell")
@@ -95,52 +94,48 @@ def first_points(held, first, rank, filled, pair_total):
         first[i + 1] = (before & 0xFFFFFFFF) + mine
 
 
-@cuda_kernel(lanes=LANES, rows_of="filled")
+@cuda_kernel(threads=CELLS)
 def sum_fit(fit_first, fit_splines, fit_target, blocks, coefficients, counts, reached, change, filled):
     """Of each cell's points, for each node k that they reach: sum of B_k, and of (b - B C) B_k in units of h.
 
-    Without `coefficients` C is 0; the first of the sums is left out where `reached` is. A thread takes the nodes of a
-    row ky, the fourth none.
+    Without `coefficients` C is 0; the first of the sums is left out where `reached` is.
     """
-    n, lane = cuda.grid(1) // LANES, cuda.grid(1) % LANES
+    n = cuda.grid(1)
     if n < counts[FILLED]:
-        cell, ky = filled[n], min(lane, 2)
+        cell = filled[n]
         zero = fit_target.dtype.type(0)
         space = blocks.neighbour.shape[1] == 27
-        c = cuda.local.array(ROW, fit_target.dtype)
-        total = cuda.local.array(ROW, fit_target.dtype)
-        changed = cuda.local.array(ROW, fit_target.dtype)
-        for m in range(ROW):
-            c[m], total[m], changed[m] = zero, zero, zero
+        c = cuda.local.array(REACHED, fit_target.dtype)
+        total = cuda.local.array(REACHED, fit_target.dtype)
+        changed = cuda.local.array(REACHED, fit_target.dtype)
+        for k in range(REACHED):
+            c[k], total[k], changed[k] = zero, zero, zero
             if coefficients is not None:
-                j = step_node(blocks, cell, m % 3, ky, m // 3 if space else 0)
+                j = step_node(blocks, cell, k % 3, k // 3 % 3, k // 9 if space else 0)
                 held = coefficients[number(max(j, 0))]  # read in any case: such reads do not wait for each other
-                c[m] = held if j >= 0 else zero
+                c[k] = held if j >= 0 else zero
         for point in range(fit_first[cell], fit_first[cell + 1]):
             r = number(point)
             x0, x1, x2 = fit_splines[r, 0], fit_splines[r, 1], fit_splines[r, 2]
-            y = fit_splines[r, 3 + ky] if lane < 3 else zero
             residual = fit_target[r]
             if coefficients is not None:
-                value = zero
-                for m in range(0, ROW, 3):
-                    value += (c[m] * x0 + c[m + 1] * x1 + c[m + 2] * x2) * (y * fit_splines[r, 6 + m // 3])
-                residual -= sum_of_lanes(value, lane, LANES)
-            for m in range(0, ROW, 3):
-                across = y * fit_splines[r, 6 + m // 3]
+                for k in range(0, REACHED, 3):
+                    across = fit_splines[r, 3 + k // 3 % 3] * fit_splines[r, 6 + k // 9]
+                    residual -= (c[k] * x0 + c[k + 1] * x1 + c[k + 2] * x2) * across
+            for k in range(0, REACHED, 3):
+                across = fit_splines[r, 3 + k // 3 % 3] * fit_splines[r, 6 + k // 9]
                 if reached is not None:
-                    total[m] += across * x0
-                    total[m + 1] += across * x1
-                    total[m + 2] += across * x2
+                    total[k] += across * x0
+                    total[k + 1] += across * x1
+                    total[k + 2] += across * x2
                 across *= residual
-                changed[m] += across * x0
-                changed[m + 1] += across * x1
-                changed[m + 2] += across * x2
-        for m in range(ROW if lane < 3 else 0):
-            k = m % 3 + 3 * ky + 9 * (m // 3)
-            change[k, number(n)] = changed[m]
+                changed[k] += across * x0
+                changed[k + 1] += across * x1
+                changed[k + 2] += across * x2
+        for k in range(REACHED):
+            change[k, number(n)] = changed[k]
             if reached is not None:
-                reached[k, number(n)] = total[m]
+                reached[k, number(n)] = total[k]
 
 
 @cuda_formula

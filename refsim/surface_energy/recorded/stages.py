@@ -13,6 +13,7 @@ import numpy as np
 
 from refsim.backends import device
 from refsim.sparse_grid import PointList
+from refsim.sparse_grid.block_search_cuda import fill_cells
 from refsim.surface_energy.recorded import cells_cuda, fit_cuda, force_cuda, level_set_cuda, samples_cuda
 from refsim.surface_energy.recorded.samples_cuda import Components, FitPoints, Samples, Spheres, Vertices
 
@@ -65,9 +66,8 @@ def sort_particles(a: Arrays, position: Any, blocks: Any, term: Any, sure: Any) 
     cells_cuda.clear(a["held"], a["held_points"], a["members"], a["sample_count"], first, counts)
     cells_cuda.count_particles(position, term, blocks, sure, a["held"], a["place"], a["cell"], counts)
     device.RunningSum(a["held"], first[1:], a["totals"])()
-    cells_cuda.place_particles(
-        position, term, blocks, first, a["place"], a["cell"], counts, a["unsorted"], a["placed"]
-    )  # fmt: skip
+    fill_cells(a["cell"], a["place"], first, a["unsorted"])
+    cells_cuda.place_particles(position, term, blocks, first, a["unsorted"], a["cell"], counts, a["placed"])
 
 
 def mark_nodes(a: Arrays, blocks: Any, term: Any, given: bool = False) -> None:
