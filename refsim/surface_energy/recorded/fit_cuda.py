@@ -196,12 +196,11 @@ class Active(NamedTuple):
 
     active_block: Any  # (blocks,) their numbers
     active_columns: Any  # (blocks, REACHING) columns of the cells that reach each
+    counts: Any
 
 
 @cuda_kernel(block_for_each_row=True, threads=CELLS, rows_of="total")
-def begin_fit(
-    fit_first, rank, blocks, reached, change, surface_term, node_weight, coefficients, counts, active, total
-):  # fmt: skip
+def begin_fit(fit_first, rank, blocks, reached, change, surface_term, node_weight, coefficients, active, total):
     """(3.7): 1/sum_r B_i(x_r), 0 where the sum is at most LEAST_SUM, and the first sweep from C = 0."""
     b, thread = cuda.blockIdx.x, cuda.threadIdx.x
     i = CELLS * b + thread
@@ -219,7 +218,7 @@ def begin_fit(
                 value = surface_term.relaxation * weight * sum_around(near, blocks, 0, 1, change)
         if cuda.syncthreads_or(1 if weight > real(0) else 0) != 0:
             if thread == 0:
-                place[0] = cuda.atomic.add(counts, ACTIVE, 1)
+                place[0] = cuda.atomic.add(active.counts, ACTIVE, 1)
             cuda.syncthreads()
             active.active_block[place[0]] = b
             for c in range(thread, REACHING, CELLS):
@@ -229,9 +228,9 @@ def begin_fit(
 
 
 @cuda_kernel(block_for_each_row=True, threads=CELLS, rows_of="total")
-def correct(blocks, change, surface_term, node_weight, coefficients, counts, active, total):
+def correct(blocks, change, surface_term, node_weight, coefficients, active, total):
     """C <- C + w Lambda B^T (b - B C), on a block with weights."""
-    if cuda.blockIdx.x < counts[ACTIVE]:
+    if cuda.blockIdx.x < active.counts[ACTIVE]:
         near = cuda.shared.array(REACHING, np.int32)
         for c in range(cuda.threadIdx.x, REACHING, CELLS):
             near[c] = active.active_columns[cuda.blockIdx.x, c]

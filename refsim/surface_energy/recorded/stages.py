@@ -120,7 +120,7 @@ def sweep(a: Arrays, blocks: Any, term: Any) -> None:
     weight, coefficients, rank, change = a["node_weight"], a["coefficients"], a["rank"], a["change"]
     points = a["fit_first"], a["fit_splines"], a["fit_target"], blocks
     fit_cuda.sum_fit(*points, None, a["counts"], a["reached"], change, a["filled"])
-    active = a["counts"], named(fit_cuda.Active, a), a["total"]
+    active = named(fit_cuda.Active, a), a["total"]
     fit_cuda.begin_fit(a["fit_first"], rank, blocks, a["reached"], change, term, weight, coefficients, *active)
     for _ in range(int(term.iterations) - 1):
         fit_cuda.sum_fit(*points, coefficients, a["counts"], None, change, a["filled"])
