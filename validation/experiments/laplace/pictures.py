@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -10,68 +9,12 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from refsim.surface_tension.calibration import BASE
-from validation.drawing import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, shared_legend
+from validation.drawing import BLACK, BLUE, GREY, ORANGE, PURPLE, SKY, VERMILION
 from validation.experiment import Picture, Results
 from validation.experiments.laplace.runs import setting_words
-from validation.measure.drops import FITTED_FROM, MODELS, SEEDED, base
+from validation.measure.drops import MODELS, SEEDED, base
 from validation.measure.sigma_map import at_base
 from validation.results import real
-
-COLOURS = dict(zip(MODELS, (BLACK, VERMILION, ORANGE, BLUE, SKY, GREEN, PURPLE, GREY, "#8c6d31", "#bbbbbb", "#d62fae")))
-STYLES = {name: "--" if name.endswith(("cohesion", "soft")) else "-" for name in MODELS}
-
-
-RING = {"marker": "o", "ms": 8, "mfc": "none", "mec": "black", "mew": 1.0, "ls": "none"}  # of what is measured now
-
-
-def jump_data(results: Results) -> dict[str, Any]:
-    """Jump of each drop at the map's base, the fits, and the drops measured now."""
-    values = results["map"].values
-    names = ("model", "dim", "effective_radius", "pressure", "seed")
-    drops = [{n: row[n] for n in names} for row in values["rows"] if at_base(row) and not row["stopped"]]
-    fits = [
-        {n: entry[n] for n in ("model", "dim", "laplace", "laplace_error", "intercept")}
-        for entry in values["settings"]
-        if at_base(entry) and math.isfinite(real(entry["laplace"]))
-    ]
-    rows = [result.values for key, result in results.items() if key != "map"]
-    now = [{n: row[n] for n in names} for row in rows if not row["stopped"]]
-    return {"title": "Pressure jump of drops at rest", "drops": drops, "fits": fits, "now": now}
-
-
-def jump_picture(data: Mapping[str, Any]) -> Any:
-    """R jump/(dim - 1) against R, which is level if drops have a surface tension."""
-    figure, panels = plt.subplots(1, 2, figsize=(9.6, 5.0))
-    for dim, axes in zip((2, 3), panels):
-        least = FITTED_FROM * BASE["support"]  # smaller drops are not judged: the surface reaches all of them
-        for model, colour in COLOURS.items():
-            own = [d for d in data["drops"] if d["model"] == model and d["dim"] == dim and d["pressure"] > 0]
-            if own:
-                radius, tension = _by_radius(own, dim)
-                look = {"marker": "o", "ms": 4, "lw": 1.4, "color": colour, "label": MODELS[model][0]}
-                axes.plot(radius, tension, STYLES[model], **look)
-        now = [d for d in data.get("now", ()) if d["dim"] == dim]
-        if now:
-            axes.plot(*_by_radius(now, dim), label="Akinci 2013, measured again", **RING)
-        axes.axvspan(0, least, color="#eeeeee", lw=0)
-        axes.text(least - 0.1, 0.15, "R < 3 h", ha="right", color=GREY, fontsize=8)
-        axes.axhline(1, color=GREY, lw=0.8, ls=":")
-        axes.set(xlim=(4.5, 26 if dim == 2 else 15), ylim=(0, 6.2), title=f"{dim}D, h = 2.6 d (IISPH 2 d), S = 0.01")
-        axes.set(xlabel="radius R [d]", ylabel=f"{'R' if dim == 2 else 'R/2'} times jump, over the nominal tension")
-        axes.grid(True)
-    shared_legend(figure, panels, ncols=4, fontsize=8)
-    figure.suptitle("A drop's pressure jump is that of a surface tension where the line is level", fontweight="bold")
-    return figure
-
-
-def _by_radius(drops: list[dict[str, Any]], dim: int) -> tuple[list[float], list[float]]:
-    """Radii, rounded to spacings, and the mean tension R jump/(dim - 1) of the drops of each."""
-    found: dict[int, list[tuple[float, float]]] = {}
-    for d in drops:
-        tension = d["effective_radius"] * d["pressure"] / (dim - 1)
-        found.setdefault(round(d["effective_radius"]), []).append((d["effective_radius"], tension))
-    means = [[sum(column) / len(rows) for column in zip(*rows)] for _, rows in sorted(found.items())]
-    return [m[0] for m in means], [m[1] for m in means]
 
 
 def map_data(results: Results) -> dict[str, Any]:
@@ -140,10 +83,7 @@ def _models(axes: Any, entries: list[dict[str, Any]]) -> list[float]:
     return seen
 
 
-PICTURES = (
-    Picture("laplace", jump_data, jump_picture, ("map",)),
-    Picture("sigma_map", map_data, map_picture, ("map",)),
-)
+PICTURES = (Picture("sigma_map", map_data, map_picture, ("map",)),)
 
 
 # Contact angle against the coefficient of adhesion.

@@ -98,13 +98,13 @@ def dong_picture(data: Mapping[str, Any]) -> Any:
     return figure
 
 
-def panel_data(results: Results, shape: str = "cube") -> dict[str, Any]:
+def panel_data(results: Results) -> dict[str, Any]:
     """Figure 6 for all models: the particles that can be seen soon after the start, at a quarter and at the end."""
     rows = []
     for name, model in MODELS.items():
-        if f"{shape}_{name}" not in results:
+        if f"cube_{name}" not in results:
             continue
-        result = results[f"{shape}_{name}"]
+        result = results[f"cube_{name}"]
         values, position = result.values, result.arrays["position"]
         last = len(position) - 1
         frames = []
@@ -123,11 +123,6 @@ def panel_data(results: Results, shape: str = "cube") -> dict[str, Any]:
     count = result.values["particles"]
     title = f"Figure 6: the same cube of {count:,} under all models"
     return {"title": title, "half_width_radii": EXTENT, "rows": rows}
-
-
-def cut_panel_data(results: Results) -> dict[str, Any]:
-    """The same from the cube that is cut from a turned lattice."""
-    return panel_data(results, "cut")
 
 
 def panel_picture(data: Mapping[str, Any]) -> Any:
@@ -218,6 +213,5 @@ PICTURES = (
     Picture("figure_3_force_curves", curve_data, curve_picture),
     Picture("dong_figure_1", dong_data, dong_picture),
     Picture("models_panel", panel_data, panel_picture, tuple(f"cube_{m}" for m in MODELS), shaded=True),
-    Picture("models_panel_cut", cut_panel_data, panel_picture, tuple(f"cut_{m}" for m in MODELS), shaded=True),
     Picture("models_table_1", rest_data, rest_picture, tuple(f"{shape}_{m}" for shape in SHAPES for m in MODELS)),
 )

@@ -9,7 +9,6 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.collections import LineCollection
-from matplotlib.ticker import NullLocator
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
@@ -131,19 +130,12 @@ def chosen(series: Mapping[str, Any], *names: str) -> dict[str, Any]:
 ENERGIES = ("energy", "surface", "kinetic", "bulk")
 
 
-# Runs whose surfaces are shown over time, and those whose ledgers are
+# Runs whose surfaces are shown over time
 SURFACES = {  # the left half of the picture, then the right one
     "square_cluster": "square, 20 h", "swing_2d_16": "ellipse, R = 16 h",
     "rest_2d_11_default_0": "disc, R = 11 h", "collision_2d": "two discs, R = 8 h",
     "cube": "cube, 10 h", "swing_3d_6": "spheroid, R = 6.2 h", "floor_2d_60": "floor, 60 degrees",
     "floor_2d_120": "floor, 120 degrees",
-}  # fmt: skip
-LEDGERS = {
-    "square_cluster": "square to disc", "swing_2d_16": "ellipse", "rest_2d_11_default_0": "disc at rest",
-    "collision_2d": "two discs meet", "floor_2d_90": "half a disc on a floor", "sheet": "sheet",
-    "cube": "cube to ball", "box": "turned box to ball, viscous", "swing_3d_6": "spheroid",
-    "rest_3d_6_default_0": "ball at rest", "collision_3d": "two balls meet",
-    "floor_3d_90": "half a ball on a floor",
 }  # fmt: skip
 
 
@@ -199,57 +191,6 @@ def surfaces_picture(data: Mapping[str, Any]) -> Any:
 def middle_of(place: np.ndarray) -> np.ndarray:
     """The middle of the box round all places."""
     return 0.5 * (place.min(0) + place.max(0))
-
-
-def ledgers_data(results: Results) -> dict[str, Any]:
-    """Energies and drifts of each scene; drifts over m v_max (R) and cells."""
-    rows = []
-    for key, words in LEDGERS.items():
-        values = results[key].values
-        series = dict(values["series"])
-        series["angular"] = np.abs(floats(series["angular"]) - series["angular"][0]).tolist()  # drops that meet turn
-        row: dict[str, Any] = {"words": words, "series": chosen(series, *ENERGIES, "momentum", "angular", "centre")}
-        row["scale"] = {name: scale_of(series[name], values[name]) for name in ("momentum", "angular")}
-        row["kept"] = {name: values[name] for name in ("momentum", "angular", "centre")}
-        rows.append(row)
-    return {"title": "Ledgers of energy and momentum", "rows": rows}
-
-
-def scale_of(series: Any, largest: float) -> float:
-    """What brings a series to the relative value of its largest entry."""
-    most = float(np.nanmax(np.abs(floats(series))))
-    return largest / most if most > 0 else 0.0
-
-
-def ledgers_picture(data: Mapping[str, Any]) -> Any:
-    """The change of all energy of every scene over its time."""
-    figure, axes = plt.subplots(figsize=(7.2, 4.4))
-    ends = []
-    for k, row in enumerate(data["rows"]):
-        series = row["series"]
-        time, energy = floats(series["time"]), floats(series["energy"])
-        change = 100 * (energy / energy[0] - 1)
-        (line,) = axes.plot(time / time[-1], change, lw=1.5, color=f"C{k % 10}", ls="-" if k < 10 else "--")
-        ends.append((float(change[-1]), row["words"], line.get_color(), float(change.max())))
-    axes.axhline(0.0, color=GREY, linewidth=0.8)
-    axes.set_yscale("symlog", linthresh=1.0)
-    ticks = (-30, -10, -3, -1, -0.5, 0, 0.5, 1, 3)
-    axes.set_yticks(ticks, [f"{tick:g}" for tick in ticks])
-    axes.set(
-        xlim=(0, 1), ylim=(-40, 8), xlabel="time over that of the run", ylabel="change of all energy [% of the start]"
-    )
-    axes.yaxis.set_minor_locator(NullLocator())
-    axes.grid(axis="y")
-    place = 1.0
-    for value, words, colour, _ in sorted(ends, reverse=True):
-        share = float(axes.transAxes.inverted().transform(axes.transData.transform((1.0, value)))[1])
-        place = min(share, place - 0.062)
-        look = {"arrowstyle": "-", "color": colour, "lw": 0.8, "relpos": (0.0, 0.5)}
-        axes.annotate(f"{words}, {value:.3g} %", (1.0, share), (1.04, place), xycoords="axes fraction", fontsize=9,
-                      va="center", color=colour, arrowprops=look, annotation_clip=False)  # fmt: skip
-    most, where = max((rise, words) for _, words, _, rise in ends)
-    headline(figure, f"All energy rises by {most:.1f} % at most ({where}: where the level sets join)", 10)
-    return figure
 
 
 def box_data(results: Results) -> dict[str, Any]:
@@ -463,7 +404,6 @@ def marked(axes: Any, x: Any, rows: Any, colour: str, words: str) -> None:
 PICTURES = (
     Picture("mpm_square", square_data, square_picture, ("square_cluster",)),
     Picture("mpm_surfaces", surfaces_data, surfaces_picture, tuple(SURFACES), shaded=True),
-    Picture("mpm_ledgers", ledgers_data, ledgers_picture, tuple(LEDGERS)),
     Picture("mpm_box", box_data, box_picture, ("box", "box_default")),
     Picture("mpm_drops", drops_data, drops_picture, DROPS, shaded=True),
     Picture("mpm_pressure", pressure_data, pressure_picture, ("rest_2d_22_enclosing_0",)),
