@@ -124,6 +124,16 @@ def fit_matrix(made, surface):
     return matrix, np.repeat([0.0, made.term.offset], len(points) // 2), points, active
 
 
+@pytest.mark.parametrize("dim", [2, 3])
+def test_spectrum_of_the_fit_lies_between_zero_and_one(dim):
+    """Lambda B^T B is stochastic: its greatest eigenvalue is 1, so the fit converges for 0 < omega < 2 (thesis M15)."""
+    matrix, _, _, _ = fit_matrix(*reconstructed(ball(4 if dim == 2 else 2, dim=dim), dim, inset=-1.0))
+    root = np.sqrt(1 / matrix.sum(0))
+    values = np.linalg.eigvalsh(root[:, None] * (matrix.T @ matrix) * root[None])
+    assert values.max() == pytest.approx(1, abs=1e-12)
+    assert values.min() > -1e-12
+
+
 def test_fit_goes_to_least_squares_and_its_residual_never_grows():
     """Many samples with bumpy directions: no spline passes through all of them; SciPy's least squares is the limit."""
     made, surface = reconstructed(ball(4, dim=2), 2, quadrature="poisson", disk_radius=0.1, inset=-1.0)
