@@ -110,6 +110,7 @@ def row_part(b, x0, x1, y, z, part, blocks, first):
 
     Cells are counted from the lowest of block b; the row spans at most two blocks. `start` is the lowest cell along x
     of the part's block. Cells in a row along x of one block are numbered consecutively, and so are their particles.
+    All is read without a condition, so that reads for several parts do not wait for each other.
     """
     bits = block_bits(blocks)
     rest = (1 << bits) - 1
@@ -119,16 +120,11 @@ def row_part(b, x0, x1, y, z, part, blocks, first):
     else:
         start += 1 << bits
         x0 = start
-    begin, end = np.int32(0), np.int32(0)
-    if x0 <= x1:
-        way = (start >> bits) + 3 * (y >> bits) + (9 * (z >> bits) if bits == 2 else 0)
-        other = blocks.neighbour[b, blocks.neighbour.shape[1] // 2 + way]
-        if other >= 0:
-            cell = CELLS * other + (((y & rest) << bits) | (x0 & rest))
-            if bits == 2:
-                cell += (z & rest) << 4
-            begin, end = np.int32(first[number(cell)]), np.int32(first[number(cell + x1 - x0 + 1)])
-    return begin, end, start
+    way = min(start >> bits, 1) + 3 * (y >> bits) + (9 * (z >> bits) if bits == 2 else 0)
+    other = blocks.neighbour[b, blocks.neighbour.shape[1] // 2 + way]
+    cell = number(CELLS * max(other, 0) + (((y & rest) << bits) | (x0 & rest)) + ((z & rest) << 4 if bits == 2 else 0))
+    begin, end = np.int32(first[cell]), np.int32(first[cell + max(x1 - x0 + 1, 0)])
+    return begin, end if other >= 0 else begin, start
 
 
 @cuda_formula

@@ -120,8 +120,10 @@ def nearest_of_lanes(lane, i, x, seed, spheres, blocks, surface_term):
             if left >= real(0):
                 x0, x1 = cells_within(ox, math.sqrt(left), ix)
                 py, pz = oy - real(block_start(cy, bits)), oz - real(block_start(cz, bits)) if space else oz
+                near = row_part(b, x0, x1, cy, cz, 0, blocks, cells.first)
+                far = row_part(b, x0, x1, cy, cz, 1, blocks, cells.first)
                 for part in range(2):
-                    begin, end, start = row_part(b, x0, x1, cy, cz, part, blocks, cells.first)
+                    begin, end, start = near if part == 0 else far
                     px = ox - real(start)
                     for at in range(begin, end):
                         k = number(at)
@@ -214,8 +216,10 @@ def farthest_of_lanes(lane, i, axis, towards, spheres, blocks, surface_term):
         cy, cz = iy - 2 + (row & 3), iz - 2 + (row >> 2) if space else 0
         py = real(block_start(cy, bits) - iy)
         pz = real(block_start(cz, bits) - iz) if space else real(0)
+        near = row_part(b, ix - 2, ix + 1, cy, cz, 0, blocks, cells.first)
+        far = row_part(b, ix - 2, ix + 1, cy, cz, 1, blocks, cells.first)
         for part in range(2):
-            begin, end, start = row_part(b, ix - 2, ix + 1, cy, cz, part, blocks, cells.first)
+            begin, end, start = near if part == 0 else far
             px = real(start - ix)
             for at in range(begin, end):
                 k = number(at)
