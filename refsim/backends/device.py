@@ -218,7 +218,7 @@ class Mirror:
 
     def __init__(self, array: Any) -> None:
         self.array = array
-        self.values = np.zeros(array.shape, array.dtype)
+        self.values = self.there = np.zeros(array.shape, array.dtype)
         if not simulated():
             memory = library().cuda.alloc_pinned_memory(self.values.nbytes)  # which kernels can write
             self.values = np.frombuffer(memory, array.dtype, self.values.size).reshape(array.shape)
@@ -274,15 +274,6 @@ def fill_scalars(value, out):  # noqa: ANN001, ANN201  (types are Numba's)
         out[i] = value
 
 
-@cuda_kernel
-def fill_vectors(value, out):  # noqa: ANN001, ANN201
-    """out[i, c] = value."""
-    i = cuda.grid(1)
-    if i < out.shape[0]:
-        for c in range(out.shape[1]):
-            out[i, c] = value
-
-
 def set_row(out, i, array, j):  # noqa: ANN001, ANN201
     """out[i] = array[j], of arrays of one dimension or of two."""
     out[i] = array[j]
@@ -290,8 +281,12 @@ def set_row(out, i, array, j):  # noqa: ANN001, ANN201
 
 def _set_row_of(out, i, array, j):  # noqa: ANN001, ANN202
     def set_vector(out, i, array, j):  # noqa: ANN001, ANN202
-        for c in range(out.shape[1]):
-            out[i, c] = array[j, c]
+        if out.shape[1] == 3:  # all are read before one is written: the arrays might be the same memory
+            x, y, z = array[j, 0], array[j, 1], array[j, 2]
+            out[i, 0], out[i, 1], out[i, 2] = x, y, z
+        else:
+            for c in range(out.shape[1]):
+                out[i, c] = array[j, c]
 
     return set_row if out.ndim == 1 else set_vector
 
@@ -379,11 +374,15 @@ def choose_step(extremes, limits, factor, fixed, smallest, greatest_speed, most_
 
 
 @cuda_kernel
-def note_displacement(displacement, clock):  # noqa: ANN001, ANN201
-    """Copy the largest squared displacement [m^2] and the number of stopped particles into the clock."""
-    if cuda.grid(1) == 0:
-        clock[WAY] = displacement[0]
-        clock[STOPPED] = displacement[1]
+def send_clock(displacement, clock, there):  # noqa: ANN001, ANN201
+    """The largest squared displacement [m^2] and the number of stopped particles go into the clock, it goes `there`."""
+    k = cuda.grid(1)
+    if k < there.shape[0]:
+        if k == WAY:
+            clock[k] = displacement[0]
+        elif k == STOPPED:
+            clock[k] = displacement[1]
+        there[k] = clock[k]
 
 
 def copy(array: Any, out: Any) -> None:
@@ -401,7 +400,7 @@ def invert(order, places):  # noqa: ANN001, ANN201
 
 def fill(out: Any, value: float) -> None:
     """Set every element of a device array of one or two dimensions to `value`."""
-    (fill_scalars if len(out.shape) == 1 else fill_vectors)(out.dtype.type(value), out)
+    fill_scalars(out.dtype.type(value), out if len(out.shape) == 1 else out.reshape(out.size))
 
 
 def gather(array: Any, order: Any, out: Any) -> None:

@@ -10,21 +10,6 @@ WARP, WHOLE_WARP = 32, 0xFFFFFFFF
 
 
 @cuda_formula
-def largest_of_block(values, mine):  # noqa: ANN001, ANN201
-    """Largest `mine` of the block's threads, a power of two of them; `values` is shared, one entry for each thread."""
-    thread = cuda.threadIdx.x
-    values[thread] = mine
-    cuda.syncthreads()
-    half = cuda.blockDim.x // 2
-    while half > 0:
-        if thread < half and values[thread + half] > values[thread]:
-            values[thread] = values[thread + half]
-        cuda.syncthreads()
-        half //= 2
-    return values[0]
-
-
-@cuda_formula
 def sum_of_block(values, mine):  # noqa: ANN001, ANN201
     """Sum of `mine` over the block's threads, a power of two of them; `values` is shared, one entry for each thread."""
     thread = cuda.threadIdx.x
@@ -40,6 +25,20 @@ def sum_of_block(values, mine):  # noqa: ANN001, ANN201
 
 
 if simulated():
+
+    @cuda_formula
+    def largest_of_block(values, mine):  # noqa: ANN001, ANN201
+        """Largest `mine` of the block's threads, a power of two; `values` is shared, one entry for each thread."""
+        thread = cuda.threadIdx.x
+        values[thread] = mine
+        cuda.syncthreads()
+        half = cuda.blockDim.x // 2
+        while half > 0:
+            if thread < half and values[thread + half] > values[thread]:
+                values[thread] = values[thread + half]
+            cuda.syncthreads()
+            half //= 2
+        return values[0]
 
     @cuda_formula
     def sum_before(values, mine):  # noqa: ANN001, ANN201  (types are Numba's)
@@ -67,6 +66,26 @@ if simulated():
         return found
 
 else:
+
+    @cuda_formula
+    def largest_of_block(values, mine):  # noqa: ANN001, ANN201
+        """Largest `mine` of the block's threads, whole warps; `values` is shared, one entry for each thread."""
+        largest = mine
+        step = WARP // 2
+        while step > 0:
+            other = cuda.shfl_xor_sync(WHOLE_WARP, largest, step)
+            if other > largest:
+                largest = other
+            step //= 2
+        cuda.syncthreads()  # an earlier result may still be read
+        if cuda.laneid == 0:
+            values[cuda.threadIdx.x // WARP] = largest
+        cuda.syncthreads()
+        largest = values[0]
+        for w in range(1, cuda.blockDim.x // WARP):
+            if values[w] > largest:
+                largest = values[w]
+        return largest
 
     @cuda_formula
     def sum_before(values, mine):  # noqa: ANN001, ANN201

@@ -17,6 +17,19 @@ class Scratch:
     def __init__(self, backend: Backend) -> None:
         self.backend = backend
         self._arrays: dict[str, Any] = {}
+        self._packed: tuple[Any, ...] | None = None
+
+    def unchanged(self, held: bool) -> None:
+        """From now on positions and masses do not change, or they may."""
+        self._packed = () if held else None
+
+    def packs(self, fields: tuple[Any, ...]) -> bool:
+        """Note that the first packed row holds these fields, positions and masses; whether it holds them already."""
+        before = self._packed
+        if before is None:
+            return False
+        self._packed = fields
+        return len(fields) > 0 and len(before) == len(fields) and all(a is b for a, b in zip(before, fields))
 
     def array(self, name: str, shape: Any, dtype: Any) -> Any:
         """The array called `name`, of this shape and dtype; its values are not set."""

@@ -33,9 +33,10 @@ class Program:
 
     module     of the operation's folder, or of `folder`
     function   in it; by default the one that has the operation's function's name
-    also       operations whose accelerations it adds in the same loop over the neighbours; a GPU launches it in place
-               of the passes of all of them, so that each neighbour is read once
-    names      what arguments of the operations' references are called in such a program, where names differ
+    also       operations that it computes in the same loop over the neighbours, accelerations added up; a GPU launches
+               it in place of the passes of all of them, so that each neighbour is read once
+    names      what an argument of the operations' references is called in such a program, where names differ; of one
+               operation's alone by "operation.argument"
     tolerance  c of its own bound, with the reason in `reason`; None for that of the operation
     variants   argument overrides under which it is tested; None for those of the operation
     work       arguments beside the operation's that serve as work space
@@ -53,6 +54,10 @@ class Program:
     work: tuple[str, ...] = ()
     folder: str = ""
     packed: str = ""
+
+    def called(self, part: Operation, argument: str) -> str:
+        """What the program calls an argument of a part's reference."""
+        return self.names.get(f"{part.name}.{argument}", self.names.get(argument, argument))
 
 
 PLAIN = {"numpy": Program("reference"), "cpu": Program("kernels"), "cuda": Program("kernels")}
@@ -129,7 +134,7 @@ class Operation:
     def as_computed_by(self, name: str) -> Operation:
         """The operation that judges the program called `name`: this one, with what the program's entry changes.
 
-        Where the program adds other operations' accelerations, too, its reference adds their references'.
+        Where the program computes other operations, too, its reference does, and adds accelerations up.
         """
         entry = self.entry(name)
         changed: dict[str, Any] = {"work": (*self.work, *entry.work)}
@@ -143,13 +148,15 @@ class Operation:
         kept = [set(part.invariants).difference(*part.broken.values()) for part in parts]
         changed |= {
             "name": f"{self.name}:{name.partition(':')[2]}",
+            "outputs": tuple(dict.fromkeys(entry.called(p, name) for p in reversed(parts) for name in p.outputs)),
+            "adds": tuple(dict.fromkeys(name for part in parts for name in part.adds)),
             "optional": tuple(dict.fromkeys(name for part in parts for name in part.optional)),
             "invariants": tuple(invariant for invariant in self.invariants if all(invariant in k for k in kept)),
             "cases": tuple(dict.fromkeys(case for part in parts for case in part.cases)),
             "tolerance": max(changed.get("tolerance", 0.0), *(part.tolerance for part in parts)),
         }
         shared = {f.name: getattr(self, f.name) for f in fields(Operation)}
-        return Fused(**(shared | changed), parts=parts, called=entry.names)
+        return Fused(**(shared | changed), parts=parts, together=entry)
 
     def arguments(self, name: str) -> tuple[str, ...]:
         """Names that the program called `name` takes, in order."""
@@ -180,10 +187,10 @@ class Operation:
 
 @dataclass(frozen=True)
 class Fused(Operation):
-    """What a program computes that adds the accelerations of several operations: the sum of theirs."""
+    """What a program computes that stands for several operations: all of theirs, the sum of accelerations."""
 
     parts: tuple[Operation, ...] = ()
-    called: Mapping[str, str] = field(default_factory=dict)
+    together: Program = PLAIN["cuda"]
 
     def program(self, name: str) -> Callable:
         """As Operation's; the reference is the sum of the parts' references."""
@@ -193,15 +200,17 @@ class Fused(Operation):
         """Names that the program called `name` takes; of the reference those that one of the parts takes."""
         if name != "numpy":
             return super().arguments(name)
-        return tuple(dict.fromkeys(self.called.get(a, a) for part in self.parts for a in part.arguments(name)))
+        called = self.together.called
+        return tuple(dict.fromkeys(called(part, a) for part in self.parts for a in part.arguments(name)))
 
     def _sum(self, *values: Any, rows: Any = None) -> dict[str, tuple[Any, Any]]:
         given = dict(zip(self.arguments("numpy"), values))
         total: dict[str, tuple[Any, Any]] = {}
         for part in self.parts:
-            taken = [given[self.called.get(name, name)] for name in part.arguments("numpy")]
+            taken = [given[self.together.called(part, name)] for name in part.arguments("numpy")]
             answer = part.program("numpy")(*taken, rows=rows)
-            for name, terms in answer.items():
+            for own, terms in answer.items():
+                name = self.together.called(part, own)
                 total[name] = tuple(map(sum, zip(total.get(name, (0, 0)), terms)))  # type: ignore[assignment]
         return total
 

@@ -1,5 +1,6 @@
 """Passes of a plan as calls without arguments: every name that a program takes is looked up once."""
 
+import contextlib
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -7,7 +8,9 @@ import numpy as np
 
 from refsim.backends.arrays import Backend
 from refsim.core.effect import Effect, Pass
+from refsim.core.errors import InputError
 from refsim.core.operation import PROCEDURES, REGISTRY, Current, backend_of
+from refsim.scene.passes import ordered_passes
 from refsim.scene.plan import Plan
 from refsim.smoothing import Smoothing
 
@@ -16,6 +19,7 @@ def fused(passes: Sequence[tuple[Effect, Pass]], backend: str) -> list[tuple[tup
     """The passes in their order, each with its effects; one in place of several that one program computes together.
 
     It stands where the last of them stood: what all of them read is there by then, and accelerations add in any order.
+    What reads a field that it writes comes behind it; where it would wait for that itself, the passes stay apart.
     """
     result: list[tuple[tuple[Effect, ...], Pass]] = [((effect,), p) for effect, p in passes]
     for _, p in list(passes):
@@ -32,10 +36,16 @@ def fused(passes: Sequence[tuple[Effect, Pass]], backend: str) -> list[tuple[tup
             names = {a: b for _, q in together for a, b in q.names.items() if a in optional and a in taken}
             reads = tuple(dict.fromkeys(field for _, q in together for field in q.reads))
             if set(reads) <= {*taken, *names.values()}:
-                one = Pass(p.operation, reads, updates=p.updates, names=names, algorithm=name.partition(":")[2])
-                result[places[-1]] = (tuple(effect for effects, _ in together for effect in effects), one)
-                for k in reversed(places[:-1]):
-                    del result[k]
+                writes = tuple(dict.fromkeys(field for _, q in together for field in q.writes))
+                updates = tuple(dict.fromkeys(field for _, q in together for field in q.updates))
+                one = Pass(p.operation, reads, writes, updates, names=names, algorithm=name.partition(":")[2])
+                effects = tuple(effect for effects, _ in together for effect in effects)
+                left_out = {*places[:-1]}
+                joined = [
+                    (effects, one) if k == places[-1] else part for k, part in enumerate(result) if k not in left_out
+                ]
+                with contextlib.suppress(InputError):
+                    result = list(ordered_passes(joined))
     return result
 
 

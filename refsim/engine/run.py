@@ -49,6 +49,7 @@ class Run(Protocol):
     balances: Any  # Balances
     gauges: Any  # Gauges, or None
     motions: Any  # Motions, or None
+    scratch: Any  # Scratch
     _shared: dict[str, Any]
     _parameters: dict[str, dict[str, Any]]
 

@@ -277,6 +277,7 @@ class DeviceStepper:
             self._launch_each()
         else:
             self.device.launch_after([call for _, call in self.calls[part]], needed_before(self.touches[part]))
+        self.simulation.scratch.unchanged(False)
 
     def _launch_each(self) -> None:
         for name, call in self.calls:
@@ -284,26 +285,33 @@ class DeviceStepper:
                 self.simulation.timings.run(name, call)
             else:  # no operation of the step
                 call()
+        self.simulation.scratch.unchanged(False)
 
     def _sequence(self) -> tuple[Calls, list[Touched | None]]:
         """All that a step launches, in order, and what each launch touches."""
         s, plan, backend = self.simulation, self.simulation.plan, self.simulation.backend.name
         forces = [(name, call, p) for (name, rare, call), (_, p) in zip(s.force_calls, s.force_passes) if not rare]
-        own = frozenset({"acceleration"})
+        own = frozenset({"acceleration", "extremes", "displacement"})
+        motion = [(name, _cleared(call)) for name, call in s.motion_calls]
         steps: list[tuple[str, Callable[[], None], Touched | None]] = [
             *((*call, touched(p, backend)) for call, (_, p) in zip(s.begin_calls, plan.begin)),
             ("", self._clear, Touched(own, own)),
             *((name, call, touched(p, backend)) for name, call, p in forces),
-            ("sph.extremes", s.extremes_call, touched(Pass("sph.extremes"), backend)),
+            ("sph.extremes", _cleared(s.extremes_call), touched(Pass("sph.extremes"), backend)),
             ("choose_step", self._choose, Touched(frozenset({"extremes", "timestep"}), frozenset({"timestep"}))),
-            *((*call, touched(p, backend)) for call, (_, p) in zip(s.motion_calls, plan.motion)),
+            *((*call, touched(p, backend)) for call, (_, p) in zip(motion, plan.motion)),
             ("send_clock", self._send, None),
         ]
         return [(name, call) for name, call, _ in steps], [what for *_, what in steps]
 
     def _clear(self) -> None:
+        s = self.simulation
+        s.scratch.unchanged(True)  # in what is launched behind this, up to the motion
         if self.pushed:
-            self.device.fill(self.simulation.fields["acceleration"], 0)
+            self.device.fill(s.fields["acceleration"], 0)
+        reduced = [(s.extremes_call, s.extremes), *((call, s.displacement) for _, call in s.motion_calls)]
+        for array in (array for call, array in reduced if _cleared(call) is not call):
+            self.device.fill(array, 0)
 
     def _choose(self) -> None:
         s, scene = self.simulation, self.simulation.plan.scene
@@ -313,6 +321,15 @@ class DeviceStepper:
         )  # fmt: skip
 
     def _send(self) -> None:
-        self.device.note_displacement(self.simulation.displacement, self.clock)
-        for mirror in (self.mirror, *self.mirrors.values()):
+        self.device.send_clock(self.simulation.displacement, self.clock, self.mirror.there)
+        for mirror in self.mirrors.values():
             mirror.send()
+
+
+def _cleared(call: Callable[[], None]) -> Callable[[], None]:
+    """The call without filling its outputs with zeros, where its program has a kernel that does only the rest.
+
+    At the start of a step the zeros are written beside other launches, in front of a kernel they would delay it.
+    """
+    kernel = getattr(getattr(call, "func", None), "cleared", None)
+    return call if kernel is None else partial(kernel, *call.args)  # type: ignore[attr-defined]

@@ -35,16 +35,17 @@ def weigh_and_pack(i, body, neighbours, seconds, conduction, period, exchanges):
     """Write the exchanges of particle i, those nearer than h, one after the other; their sum of g [J/K]."""
     position, volume, conductivity = body.position, body.volume, body.conductivity
     first, stride, count = row_of(neighbours, i)
+    for k in range(count):  # a loop of its own, which vectorises
+        j = neighbours.entries[first + k * stride]
+        exchanges.weight[first + k * stride] = weight(i, j, position, volume, conductivity, seconds, conduction, period)
     total = type(conduction.support_radius)(0)
     found = np.uint64(0)
     for k in range(count):
-        j = neighbours.entries[first + k * stride]
-        g = weight(i, j, position, volume, conductivity, seconds, conduction, period)
-        if g != type(g)(0):
-            exchanges.entries[first + found * stride] = j
-            exchanges.weight[first + found * stride] = g
-            total += g
-            found += np.uint64(1)
+        g = exchanges.weight[first + k * stride]
+        exchanges.entries[first + found * stride] = neighbours.entries[first + k * stride]
+        exchanges.weight[first + found * stride] = g
+        total += g
+        found += np.uint64(g != type(g)(0))
     exchanges.count[i] = found
     return total
 

@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 
 from refsim.backends import device
-from refsim.backends.compile import cuda, cuda_formula, cuda_kernel, formula
+from refsim.backends.compile import THREADS_PER_BLOCK, cuda, cuda_formula, cuda_kernel, formula
 from refsim.backends.primitives import across_lanes, largest_of_block
 from refsim.backends.runtime import simulated
 from refsim.neighbours.formulas import BITS, lower_bound, squared_between
@@ -61,22 +61,30 @@ def cell_boxes(position, build_position, velocity, timestep, first, report, disp
     if k < high.shape[0] and k < report[0]:
         begin, end = first[k], first[k + 1]
         ahead = type(timestep[1])(LOOK_AHEAD) * timestep[1]
-        for c in range(3):
-            least = position[begin, c] - build_position[begin, c]
-            least_ahead = least + ahead * velocity[begin, c]
-            most, most_ahead = least, least_ahead
-            for i in range(begin + lane, end, CELL_LANES):
-                displacement = position[i, c] - build_position[i, c]
-                least = min(least, displacement)
-                most = max(most, displacement)
-                displacement += ahead * velocity[i, c]
-                least_ahead = min(least_ahead, displacement)
-                most_ahead = max(most_ahead, displacement)
-            least, most = box_of_lanes(lane, least, most)
-            least_ahead, most_ahead = box_of_lanes(lane, least_ahead, most_ahead)
-            if lane == 0:
-                low[k, c], high[k, c] = least, most
-                low[k, c + 3], high[k, c + 3] = least_ahead, most_ahead
+        given = begin, end, lane, ahead, position, build_position, velocity
+        x, y, z = box_along(0, *given), box_along(1, *given), box_along(2, *given)
+        if lane == 0:  # written when all is read: for the compiler, it might be the same memory
+            low[k, 0], high[k, 0], low[k, 3], high[k, 3] = x
+            low[k, 1], high[k, 1], low[k, 4], high[k, 4] = y
+            low[k, 2], high[k, 2], low[k, 5], high[k, 5] = z
+
+
+@cuda_formula
+def box_along(c, begin, end, lane, ahead, position, build_position, velocity):
+    """The least and the largest displacement [m] along axis c of the particles from `begin` to `end`, now and ahead."""
+    least = position[begin, c] - build_position[begin, c]
+    least_ahead = least + ahead * velocity[begin, c]
+    most, most_ahead = least, least_ahead
+    for i in range(begin + lane, end, CELL_LANES):
+        displacement = position[i, c] - build_position[i, c]
+        least = min(least, displacement)
+        most = max(most, displacement)
+        displacement += ahead * velocity[i, c]
+        least_ahead = min(least_ahead, displacement)
+        most_ahead = max(most_ahead, displacement)
+    least, most = box_of_lanes(lane, least, most)
+    least_ahead, most_ahead = box_of_lanes(lane, least_ahead, most_ahead)
+    return least, most, least_ahead, most_ahead
 
 
 @cuda_formula
@@ -131,11 +139,11 @@ def compare_boxes(low, high, cells, report, reach, displacements, near):
     place = cuda.grid(1)
     capacity = high.shape[0]
     k, c = place // capacity, place % capacity
+    now, ahead = reach - reach, reach - reach
     if place < near.shape[0] and c < report[0]:
         across, along = row_offset(k)
         middle = cells[c] + (across << BITS) + (along << (2 * BITS))
         b = near[place]
-        now, ahead = reach - reach, reach - reach
         if b < 0:
             b = -1 - b
             now, ahead = farthest(low, high, c, 0), farthest(low, high, c, 3)
@@ -147,10 +155,16 @@ def compare_boxes(low, high, cells, report, reach, displacements, near):
             now = max(now, apart(low, high, c, b, 0) - gap)
             ahead = max(ahead, apart(low, high, c, b, 3) - gap)
             b += 1
-        if now > displacements[0]:
-            cuda.atomic.max(displacements, 0, now)
-        if ahead > displacements[1]:
-            cuda.atomic.max(displacements, 1, ahead)
+    # They only grow: a value read too early costs a reduction of this block and nothing else.
+    if cuda.syncthreads_or(np.int32(now > displacements[0] or ahead > displacements[1])) == 0:
+        return
+    shared = cuda.shared.array(THREADS_PER_BLOCK, low.dtype)
+    now = largest_of_block(shared, now)
+    cuda.syncthreads()
+    ahead = largest_of_block(shared, ahead)
+    if cuda.threadIdx.x == 0:
+        cuda.atomic.max(displacements, 0, now)
+        cuda.atomic.max(displacements, 1, ahead)
 
 
 @formula

@@ -13,7 +13,7 @@ from refsim.neighbours.cell_table_cuda import CellTable, cell_keys
 from refsim.neighbours.columns_cuda import ListOf, pack_places
 from refsim.neighbours.formulas import known_before, periodic_cells, squared_distance_before
 
-ROWS_TOGETHER = 1 if simulated() else 8  # threads that audit a particle
+ROWS_TOGETHER = 1 if simulated() else 2  # threads that audit a particle
 
 
 @cuda_kernel(rows_of="position", lanes=ROWS_TOGETHER)

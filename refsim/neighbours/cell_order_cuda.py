@@ -27,15 +27,17 @@ def box_of_cells(keys, report):
     i, t = cuda.grid(1), cuda.threadIdx.x
     most = cuda.shared.array(6, np.int32)
     if t < 6:
-        most[t] = -(1 << 30)
+        most[t] = report[t]  # which only grows
     cuda.syncthreads()
     if i < keys.shape[0]:
         for c in range(3):
-            own = (keys[i] >> (BITS * c)) & ((1 << BITS) - 1)
-            cuda.atomic.max(most, c, -own)
-            cuda.atomic.max(most, c + 3, own)
+            own = np.int32((keys[i] >> (BITS * c)) & ((1 << BITS) - 1))
+            if -own > most[c]:
+                cuda.atomic.max(most, c, -own)
+            if own > most[c + 3]:
+                cuda.atomic.max(most, c + 3, own)
     cuda.syncthreads()
-    if t < 6:
+    if t < 6 and most[t] > report[t]:
         cuda.atomic.max(report, t, most[t])
 
 

@@ -52,9 +52,11 @@ def packed(found: Layout, given: Mapping[str, Any], scratch: Any) -> PackedColum
     count = len(found.vectors) + len(found.together)
     rows = tuple(scratch.array(f"packed {k}", (position.shape[0], 4), position.dtype) for k in range(count))
     vectors = tuple(given[name] if name else position for name in found.vectors)
-    if vectors:
+    first = int(scratch.packs((position, given["mass"]) if found.beside[:1] == ["mass"] else ()))
+    if first < len(vectors):
         scalars = tuple(given[name] for name in found.beside) or (neighbours.count,)
-        device.packed(vectors, (*scalars, *[scalars[0]] * (len(vectors) - len(scalars))), rows[: len(vectors)])
+        scalars = (*scalars, *[scalars[0]] * (len(vectors) - len(scalars)))
+        device.packed(vectors[first:], scalars[first:], rows[first : len(vectors)])
     for names, out in zip(found.together, rows[len(vectors) :]):
         together = tuple(given[name] for name in names)
         pack_scalars((*together, *[together[0]] * (4 - len(together))), out)

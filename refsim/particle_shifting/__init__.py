@@ -18,6 +18,9 @@ from refsim.smoothing import smoothing
 from refsim.sph import DETECTION, LARGEST_SHIFT, LIQUID, SETS, SHIFT, liquid_of, surface_of
 from refsim.surface_normal import SURFACE_NORMAL, color_gradient_pass, normal_term
 
+CONCENTRATION_GRADIENT = Field(
+    "concentration_gradient", "1/m", "gradient of the concentration, sum_j V_j (1 + 0.2 (W_ij/W(d))^4) grad W_ij", 3
+)
 PASSING_SHIFT = dataclasses.replace(SHIFT, state=False)  # that no later density takes
 
 
@@ -74,19 +77,21 @@ class ParticleShifting(Effect, CorrectsPositions, frozen=True, kw_only=True):
         if self.strength == 0:
             return ()
         if self._at_surface():
-            return (PASSING_SHIFT, *surface_of(others).near_fields(), SURFACE_NORMAL)
-        return (SHIFT,)
+            return (CONCENTRATION_GRADIENT, PASSING_SHIFT, *surface_of(others).near_fields(), SURFACE_NORMAL)
+        return (CONCENTRATION_GRADIENT, SHIFT)
 
     def passes(self, others: Others) -> tuple[Pass, ...]:
         if self.strength == 0:
             return ()
-        reads: tuple[str, ...] = ("position", "mass", "density")
         names: dict[str, str | None] = {"smoothing": "gradient_smoothing"}
+        gradient = CONCENTRATION_GRADIENT.name
+        reads: tuple[str, ...] = (gradient,)
         detected: tuple[Pass, ...] = ()
         if self._at_surface():
             reads = (*reads, "near_surface", "surface_normal")
             detected = (*surface_of(others).near_passes(), color_gradient_pass())
-        return (*detected, Pass("particle_shifting.shift", reads, ("shift",), names=names, stage="motion"))
+        crowding = Pass("particle_shifting.crowding", ("position", "mass", "density"), (gradient,), names=names)
+        return (crowding, *detected, Pass("particle_shifting.shift", reads, ("shift",), stage="motion"))
 
     def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         if self.strength == 0:

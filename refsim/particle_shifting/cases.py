@@ -2,12 +2,14 @@
 
 import numpy as np
 
-from refsim.core.cases import Exact, at, example, groups
+from refsim.core.cases import Exact, at, closed_form, example, groups, particles, takes
 from refsim.particle_shifting import ParticleShifting, Shifting
 from refsim.smoothing.cases import for_each_kernel
 
-example(ParticleShifting(), brings="near_surface shift")
+example(ParticleShifting(), brings="concentration_gradient near_surface shift")
 
+takes("particle_shifting.crowding", shifting="inverse_neighbour")
+takes("particle_shifting.shift", shifting="length largest")
 PAIR = at("shifted_pair", [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 
 
@@ -17,41 +19,56 @@ groups(
 )
 
 
+@particles("concentration_gradient")
+def _gradients(case, random):
+    """Those of a lattice and of a surface."""
+    return random.normal(0, 1, (case.count, 3)) / case.support_radius
+
+
 def moving(case, grid):
     """Largest values of a step with v_max = 3 m/s."""
     return np.array([9.0, 0, 0, 0, 0, 0, 0], dtype=grid.dtype)
 
 
-def _given(w, **more):
-    return {
-        "mass": [2.0, 3.0], "density": [1000.0, 500.0], "walls": None, "near_surface": None,
-        "surface_normal": None, "extremes": [16.0, 0, 0, 0, 0, 0, 0], "timestep": [0.5, 0.25],
-        "shifting": Shifting(0.5, 1 / (w.share * w.own), 1e9),
-    } | more  # fmt: skip
+GIVEN = {
+    "mass": [2.0, 3.0], "density": [1000.0, 500.0], "walls": None, "near_surface": None, "surface_normal": None,
+    "extremes": [16.0, 0, 0, 0, 0, 0, 0], "timestep": [0.5, 0.25],
+}  # fmt: skip
+MOST = 0.5 * 1.0  # A 2 h_s v_max dt [m^2]
 
 
-STEP = 0.5 * 1.0 * 1.2  # A 2 h_s v_max dt (1 + 0.2), over the volume and |W'(d)|
-
-
-@for_each_kernel("particle_shifting.shift")
+@for_each_kernel("particle_shifting.crowding")
 def apart(w):
-    """The neighbour stands at W(d): the pair parts by A v_max dt 2 h_s V_j 1.2 |W'|."""
-    shift = STEP * w.slope * np.array([[0.0, -3.0 / 500.0, 0.0], [0.0, 2.0 / 1000.0, 0.0]])
-    return Exact(PAIR, _given(w), {"shift": shift})
+    """The neighbour stands at W(d): sum_j V_j 1.2 W' e_ij."""
+    gradient = 1.2 * w.slope * np.array([[0.0, 3.0 / 500.0, 0.0], [0.0, -2.0 / 1000.0, 0.0]])
+    given = GIVEN | {"shifting": Shifting(0.5, 1 / (w.share * w.own), 1e9)}
+    return Exact(PAIR, given, {"concentration_gradient": gradient})
 
 
-@for_each_kernel("particle_shifting.shift")
-def along_the_surface(w):
+def _shifted(gradient, shift, largest=1e9, **more):
+    given = GIVEN | {"shifting": Shifting(0.5, 1.0, largest), "concentration_gradient": gradient}
+    return Exact(PAIR, given | more, {"shift": shift})
+
+
+@closed_form("particle_shifting.shift")
+def down_the_gradient():
+    """-A v_max dt 2 h_s g."""
+    gradient = np.array([[0.0, 3.0, 0.0], [0.5, -2.0, 1.0]])
+    return _shifted(gradient, -MOST * gradient)
+
+
+@closed_form("particle_shifting.shift")
+def along_the_surface():
     """Near the surface only the part across the normal is left, and nothing where the normal has no direction."""
     normal = np.array([[3.0, 4.0, 0.0], [0.0, 0.01, 0.0]])
-    along = STEP * w.slope * -3.0 / 500.0 * np.array([-0.48, 0.36, 0.0])  # (0, 1) less (0, 1).n n, n = (0.6, 0.8)
+    along = -MOST * 3.0 * np.array([-0.48, 0.36, 0.0])  # (0, 1) less (0, 1).n n, n = (0.6, 0.8)
     near = np.array([1, 1], np.uint8)
-    return Exact(PAIR, _given(w, near_surface=near, surface_normal=normal), {"shift": [along, np.zeros(3)]})
+    gradient = [[0.0, 3.0, 0.0], [0.0, -2.0, 0.0]]
+    return _shifted(gradient, [along, np.zeros(3)], near_surface=near, surface_normal=normal)
 
 
-@for_each_kernel("particle_shifting.shift")
-def no_further(w):
+@closed_form("particle_shifting.shift")
+def no_further():
     """Bounded by half of what the first would move, over v_max dt = 1 m; the second moves by a third."""
-    bound = 0.5 * STEP * w.slope * 3.0 / 500.0
-    shift = np.array([[0.0, -bound, 0.0], [0.0, STEP * w.slope * 2.0 / 1000.0, 0.0]])
-    return Exact(PAIR, _given(w, shifting=Shifting(0.5, 1 / (w.share * w.own), bound)), {"shift": shift})
+    bound = 0.5 * MOST * 3.0
+    return _shifted([[0.0, 3.0, 0.0], [0.0, -1.0, 0.0]], [[0.0, -bound, 0.0], [0.0, MOST, 0.0]], bound)

@@ -2,22 +2,20 @@
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from refsim.core.effect import Discretisation, Effect, Pass
 from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
-from refsim.core.fields import Field
 from refsim.core.operation import PROCEDURES, REGISTRY
 
+Owner = TypeVar("Owner")
 MOVES = {"acceleration", "velocity", "position", "mass", "density", "rest_density", "pressure"}
 
 
-def motion_passes(
-    asked: Sequence[tuple[Effect, Pass]], fields: Mapping[str, Field]
-) -> tuple[tuple[Effect | None, Pass], ...]:
+def motion_passes(asked: Sequence[tuple[Effect, Pass]]) -> tuple[tuple[Effect | None, Pass], ...]:
     """Passes once the step's length is known, ordered by what they touch, the integrator last.
 
     Raises InputError where there are two integrators.
@@ -31,7 +29,7 @@ def motion_passes(
     last: list[tuple[Effect | None, Pass]] = list(moving)
     if not moving:
         last = [(None, Pass("sph.kick_drift", updates=("velocity", "position"), stage="motion"))]
-    return (*ordered_passes([(e, p) for e, p in asked if "position" not in p.updates], fields), *last)
+    return (*ordered_passes([(e, p) for e, p in asked if "position" not in p.updates]), *last)
 
 
 def merged_passes(
@@ -83,10 +81,8 @@ def _same(a: Any, b: Any) -> bool:
     return type(a) is type(b) and bool(np.array_equal(a, b))
 
 
-def ordered_passes(
-    passes: Sequence[tuple[Effect, Pass]], fields: Mapping[str, Field]
-) -> tuple[tuple[Effect, Pass], ...]:
-    """Passes so that every field is written, then updated, then read; otherwise in the effects' order."""
+def ordered_passes(passes: Sequence[tuple[Owner, Pass]]) -> tuple[tuple[Owner, Pass], ...]:
+    """Passes, each with its owner, so that every field is written, then updated, then read; else in the same order."""
     for _, p in passes:
         if p.operation not in REGISTRY and p.operation not in PROCEDURES:
             raise InputError(f"A pass names operation {p.operation!r}, which is not registered.")

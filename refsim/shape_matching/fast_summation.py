@@ -354,30 +354,33 @@ def box_sums(source, target, half_width, boxes):
     area, window = boxes.side[1] * columns, 2 * half_width + 1
     lines, sums = np.zeros(area), np.zeros((window, area))
     for p in range(planes.shape[0]):
-        low, high = planes[p, 6], planes[p, 7]
+        # unsigned: indices that may be negative cost a test each, and loops over them do not vectorise
+        low, high = np.uint64(planes[p, 6]), np.uint64(planes[p, 7])
         for row in range(planes[p, 2], planes[p, 3]):
-            at = row * columns
-            there = p * area + at
+            at = np.uint64(row * columns)
+            there = np.uint64(p * area + row * columns)
             for c in range(low, high):
                 lines[at + c] = source[there + c]
-            for k in range(1, half_width + 1):
+            for k in range(np.uint64(1), np.uint64(half_width + 1)):
                 for c in range(low, high):
                     lines[at + c] += source[there + c - k] + source[there + c + k]
         plane = sums[p % window]
         for row in range(planes[p, 4], planes[p, 5]):
-            at = row * columns
+            at = np.uint64(row * columns)
             for c in range(low, high):
                 plane[at + c] = 0.0
             for near in range(max(row - half_width, planes[p, 2]), min(row + half_width + 1, planes[p, 3])):
-                beside = near * columns
+                beside = np.uint64(near * columns)
                 for c in range(low, high):
                     plane[at + c] += lines[beside + c]
         middle = p - half_width
         if middle >= 0:
+            start = middle * area
             for s in range(planes[middle, 0], planes[middle, 1]):
                 total = 0.0
+                own = np.uint64(boxes.cell[s] - start)
                 for k in range(window):
-                    total += sums[k, boxes.cell[s] - middle * area]
+                    total += sums[np.uint64(k), own]
                 target[boxes.cell[s]] = total
 
 

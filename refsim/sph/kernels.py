@@ -40,15 +40,28 @@ def wall_moment_pair(r, x_ij, volume_j, smoothing):
     return w, w * x_ij[0], w * x_ij[1], w * x_ij[2]
 
 
-@kernel(lanes=True)
+@kernel(lanes=True, registers=40)
 def density(i, lane, position, mass, neighbours, walls, smoothing, fluid, period, number_density, asymmetry, density):
     """J(7) [kg/m^dim]; J(8) where `number_density` is requested, |sum W_ij x_ij| where `asymmetry` is."""
-    own = own_share(smoothing)
+    zero = type(smoothing.support_radius)(0)
+    moment = zero, zero, zero
     if asymmetry is None:
         rho, number = neighbour_sum(density_pair, i, lane, neighbours, position, period, mass, smoothing)
     else:
-        sums = neighbour_sum(density_moment_pair, i, lane, neighbours, position, period, mass, smoothing)
-        rho, number, moment = sums[0], sums[1], sums[2:5]
+        found = neighbour_sum(density_moment_pair, i, lane, neighbours, position, period, mass, smoothing)
+        rho, number, moment = found[0], found[1], found[2:5]
+    sums = rho, number, moment[0], moment[1], moment[2]
+    put_sums(
+        i, lane, sums, (position, mass), walls, (smoothing, fluid), period, number_density, asymmetry, density
+    )  # fmt: skip
+
+
+@formula(inlined=True)
+def put_sums(i, lane, sums, fields, walls, groups, period, number_density, asymmetry, density):
+    """Write what `density` says [kg/m^dim] with the neighbours' sums; the own part and the walls' are added."""
+    (position, mass), (smoothing, fluid) = fields, groups
+    rho, number, moment = sums[0], sums[1], sums[2:5]
+    own = own_share(smoothing)
     if not number >= type(own)(0):  # keeps the sum of W in every variant, so that the density has the same bits in all
         rho = number
     rho += mass[i] * own
@@ -160,26 +173,83 @@ def continuity(
                 density_excess[i] = type(rest)(0)
                 density[i] = rest
             return
-    per_step = type(rest)(0)  # as no step has been taken before the first
-    if timestep[1] > per_step:
-        per_step = type(rest)(1) / timestep[1]
-    rate, spread, fill = neighbour_sum(
+    per_step = inverse_step(timestep, rest)
+    sums = neighbour_sum(
         continuity_pair, i, lane, neighbours, position, period, velocity, mass, rest_density, phase, advanced_excess,
         shift, smoothing, fluid, diffusion, lean, rest, per_step,
     )  # fmt: skip
+    fields = position, velocity, mass, advanced_excess, density_excess, density
+    given = rest, per_step, timestep, smoothing
+    put_advanced(i, lane, sums, fields, given, walls, wall_strain, shift, wall_motion, period)
+
+
+@formula
+def inverse_step(timestep, zero_like):
+    """1/dt [1/s]; 0 before the first step, as none has been taken."""
+    real = type(zero_like)
+    return real(1) / timestep[1] if timestep[1] > real(0) else real(0)
+
+
+@formula(inlined=True)
+def put_advanced(i, lane, sums, fields, given, walls, wall_strain, shift, wall_motion, period):
+    """Write what `continuity` says [kg/m^dim] with the neighbours' sums; the walls' are added."""
+    position, velocity, mass, advanced_excess, density_excess, density = fields
+    rest, per_step, timestep, smoothing = given
+    rate, spread, fill = sums
     if walls is not None:
         number = (rest + advanced_excess[i]) / mass[i]
-        beside, filled, given = neighbour_sum(
+        beside, filled, strain = neighbour_sum(
             wall_continuity_pair, i, lane, walls, position, period, velocity, shift, walls.position, walls.volume,
             wall_strain, smoothing, wall_motion, number, per_step,
         )  # fmt: skip
-        rate += beside + formulas.surrounded_share((fill + filled) / type(fill)(smoothing.dim)) * given
+        rate += beside + formulas.surrounded_share((fill + filled) / type(fill)(smoothing.dim)) * strain
     if first_lane(lane):
         excess = advanced_excess[i]
         excess += timestep[1] * ((rest + excess) * rate + spread)
         excess = formulas.least_excess(excess, rest)
         density_excess[i] = excess
         density[i] = rest + excess
+
+
+@pair
+def continuity_and_sums_pair(
+    r, x_ij, velocity_i, velocity_j, mass_j, rest_density_j, phase_j, advanced_excess_i, advanced_excess_j, shift_i,
+    shift_j, gradient_smoothing, smoothing, fluid, diffusion, lean, own_rest, per_step,
+):  # fmt: skip
+    """Terms of the continuity equation and those of J(7), J(8) and sum W_ij x_ij."""
+    a = continuity_pair(
+        r, x_ij, velocity_i, velocity_j, mass_j, rest_density_j, phase_j, advanced_excess_i, advanced_excess_j, shift_i,
+        shift_j, gradient_smoothing, fluid, diffusion, lean, own_rest, per_step,
+    )  # fmt: skip
+    s = density_moment_pair(r, x_ij, mass_j, smoothing)
+    return a[0], a[1], a[2], s[0], s[1], s[2], s[3], s[4]
+
+
+@kernel(lanes=True)
+def continuity_and_sums(
+    i, lane, position, velocity, mass, rest_density, phase, advanced_excess, wall_strain, shift, neighbours, walls,
+    wall_motion, gradient_smoothing, smoothing, fluid, diffusion, lean, period, timestep, number_density, asymmetry,
+    summed_density, density_excess, density,
+):  # fmt: skip
+    """`continuity`, and J(7) [kg/m^dim] beside it; J(8) where `number_density` is requested, |sum W_ij x_ij| where
+    `asymmetry` is."""
+    rest = fluid.rest_density if rest_density is None else rest_density[i]
+    per_step = inverse_step(timestep, rest)
+    sums = neighbour_sum(
+        continuity_and_sums_pair, i, lane, neighbours, position, period, velocity, mass, rest_density, phase,
+        advanced_excess, shift, gradient_smoothing, smoothing, fluid, diffusion, lean, rest, per_step,
+    )  # fmt: skip
+    fields = position, velocity, mass, advanced_excess, density_excess, density
+    given = rest, per_step, timestep, gradient_smoothing
+    put_advanced(i, lane, sums[0:3], fields, given, walls, wall_strain, shift, wall_motion, period)
+    if phase is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
+        if phase[i] != LIQUID_PHASE and first_lane(lane):
+            density_excess[i] = type(rest)(0)
+            density[i] = rest
+    groups = smoothing, fluid
+    put_sums(
+        i, lane, sums[3:8], (position, mass), walls, groups, period, number_density, asymmetry, summed_density
+    )  # fmt: skip
 
 
 @formula

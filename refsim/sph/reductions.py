@@ -92,31 +92,40 @@ def stepped(i, position, position_residual, velocity, acceleration, build_positi
 
     Returns (squared displacement since the list was built [m^2], whether a wall's plane stopped the particle).
     """
-    squared = type(timestep[0])(0)
-    stopped = False
-    for c in range(3):
-        v = velocity[i, c] + timestep[0] * acceleration[i, c]
-        change = timestep[1] * v
-        if shift is not None:
-            change += shift[i, c]
-        if position_residual is not None:
-            x, position_residual[i, c] = drifted(position[i, c], position_residual[i, c], change)
-        else:
-            x = position[i, c] + change
-        if bounds is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
-            if x < bounds.lower[c] or x > bounds.upper[c]:
-                x = min(max(x, bounds.lower[c]), bounds.upper[c])
-                v = type(v)(0)
-                stopped = True
-                if position_residual is not None:
-                    position_residual[i, c] = type(v)(0)
-        velocity[i, c] = v
-        position[i, c] = x
-        moved = x - build_position[i, c]
-        squared += moved * moved
+    given = position, position_residual, velocity, acceleration, build_position, bounds, timestep, shift
+    u, x, a, squared_x, stopped_x = stepped_along(0, i, *given)
+    v, y, b, squared_y, stopped_y = stepped_along(1, i, *given)
+    w, z, c, squared_z, stopped_z = stepped_along(2, i, *given)
+    # Written when all is read: an array might be the same memory as another, so that a GPU would wait for each value.
+    velocity[i, 0], velocity[i, 1], velocity[i, 2] = u, v, w
+    position[i, 0], position[i, 1], position[i, 2] = x, y, z
+    if position_residual is not None:
+        position_residual[i, 0], position_residual[i, 1], position_residual[i, 2] = a, b, c
+    squared = squared_x + squared_y + squared_z
     if not squared >= type(squared)(0):  # NaN: a maximum over the particles would ignore it
         squared = type(squared)(math.inf)
-    return squared, stopped
+    return squared, stopped_x or stopped_y or stopped_z
+
+
+@formula
+def stepped_along(
+    c, i, position, position_residual, velocity, acceleration, build_position, bounds, timestep, shift
+):  # fmt: skip
+    """(v [m/s], x [m], its residual [m], squared displacement [m^2], whether a plane stopped it) along axis c."""
+    v = velocity[i, c] + timestep[0] * acceleration[i, c]
+    change, residual, stopped = timestep[1] * v, type(v)(0), False
+    if shift is not None:
+        change += shift[i, c]
+    if position_residual is not None:
+        x, residual = drifted(position[i, c], position_residual[i, c], change)
+    else:
+        x = position[i, c] + change
+    if bounds is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
+        if x < bounds.lower[c] or x > bounds.upper[c]:
+            x = min(max(x, bounds.lower[c]), bounds.upper[c])
+            v, residual, stopped = type(v)(0), type(v)(0), True
+    moved = x - build_position[i, c]
+    return v, x, residual, moved * moved, stopped
 
 
 def kick_drift(

@@ -93,6 +93,9 @@ def kick_drift(
 @cuda_formula
 def reduce_step(squared, stopped, displacement):
     """Add one step of the block's threads to `displacement`: the largest square [m^2], and how many are stopped."""
+    # It only grows: a value read too early costs a reduction of this block and nothing else.
+    if cuda.syncthreads_or(np.int32(squared > displacement[0] or stopped)) == 0:
+        return
     shared = cuda.shared.array(THREADS_PER_BLOCK, displacement.dtype)
     largest = largest_of_block(shared, squared)
     stops = cuda.syncthreads_count(1 if stopped else 0)
@@ -115,3 +118,7 @@ def step_and_reduce(
             i, position, position_residual, velocity, acceleration, build_position, bounds, timestep, shift
         )
     reduce_step(squared, stopped, displacement)
+
+
+# Where the outputs are zero already, these kernels do for the programs.
+extremes.cleared, kick_drift.cleared = reduce_extremes, step_and_reduce  # type: ignore[attr-defined]

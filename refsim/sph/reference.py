@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from refsim.core.operation import SYMMETRY, operations, without
+from refsim.core.operation import SYMMETRY, Program, operations, without
 from refsim.neighbours.reference import Sums, other_particles, pair_blocks, rows_of
 from refsim.smoothing.reference import kernel_gradient, kernel_slope, kernel_value, viscosity_laplacian
 
@@ -66,6 +66,18 @@ def density(position, mass, walls, smoothing, fluid, period=None, rows=None):
     tolerance=12.0, reason="one rounding in each of distance, slope, volume, velocity difference, projection,"
     " quotients, product and sum", invariants=f"{SYMMETRY} galilean",
     broken={1: "rotation", 2: "rotation galilean", 3: "translation rotation galilean", 4: "rotation"},
+    programs={
+        "cuda:fused": Program(
+            "kernels", "continuity_and_sums", packed="continuity_and_sums_pair", also=("sph.density",),
+            names={
+                "smoothing": "gradient_smoothing", "sph.density.smoothing": "smoothing",
+                "sph.density.density": "summed_density",
+            },
+            variants=(
+                "walls wall_strain wall_motion period rest_density phase shift", "diffusion lean period number_density",
+            ),
+        )
+    },
     packed="continuity_pair",
 )  # fmt: skip
 def continuity(

@@ -71,7 +71,8 @@ def _list_bytes(plan: Plan, backend: str, each: int) -> int:
     launched = {p.operation for _, p in (*plan.passes, *plan.motion)}
     coupled = not launched.isdisjoint({"two_way_coupling.forces", "two_way_coupling.pressure"})
     placed = coupled or bool(forces) or any(name == "sph.density" or name.startswith("heat.") for name in launched)
-    packed = 1 + placed + bool(forces) + any(p.names.get("area_normal") is not None for p in forces)  # 1: of the list
+    vectors = (sum(plan.fields[name].components == 3 for name in p.reads) for p in forces)
+    packed = 1 + max(placed, *vectors, 0)  # 1: of the list
     packed += 2 * coupled
     packed *= 4 * np.dtype(plan.grid.dtype).itemsize
     counted = 20  # cells, buckets and sums that order the particles

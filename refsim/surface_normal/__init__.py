@@ -54,5 +54,4 @@ def _pass(operation: str, reads: tuple[str, ...], output: str, candidates: str |
     names: dict[str, Any] = {"candidates": candidates}
     if candidates is not None:
         reads = (*reads, candidates)
-    algorithm = "packed" if candidates is None else "plain"  # for few rows it is not worth packing the fields of all
-    return Pass(operation, reads, (output,), on_demand=on_demand, names=names, algorithm=algorithm)
+    return Pass(operation, reads, (output,), on_demand=on_demand, names=names)

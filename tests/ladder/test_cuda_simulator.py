@@ -16,6 +16,7 @@ from refsim import (
     Box,
     BoxWalls,
     Cloud,
+    Dong2016,
     EnergyAudit,
     Gravity,
     He2014,
@@ -504,6 +505,7 @@ def test_sums_over_boxes_agree_with_the_reference(monkeypatch, name):
         (JiangZhu2023(surface_tension=0.5, pair_mode="soft"), "jiang_zhu_2023.tension", False),
         (Akinci2013(surface_tension=0.5), "akinci_2013.tension", True),
         (He2014(surface_tension=0.5), "he_2014.tension", True),
+        (Dong2016(surface_tension=0.5), "dong_2016.tension", True),
     ],
 )
 def test_pair_forces_and_pressure_share_a_loop_where_one_exists(tension, last, fused):

@@ -30,7 +30,7 @@ IN_DOUBLE = {
     "add_up": "the dots of conjugate gradients are taken in float64",
     "plan_chebyshev": "one thread finds the passes, in float64 as on the host",
     "choose_step": "one thread keeps the clock, in float64 as on the host",
-    "note_displacement": "one thread keeps the clock, in float64 as on the host",
+    "send_clock": "one thread keeps the clock, in float64 as on the host",
     **dict.fromkeys(
         (
             "contact",
@@ -267,11 +267,10 @@ def support_launches(dtype):
         (sparse.sort_cells, 4 * (integers,)),
         (device.fill_scalars, (one, scalars)),
         (device.fill_scalars, (np.int32(0), integers)),
-        (device.fill_vectors, (one, vectors)),
         (device.gather_all, ((integers,), keys, (integers,))),
         (device.invert, (integers, integers)),
         (device.choose_step, (scalars, np.zeros((2, 4)), 1.0, 0.0, 1e-6, 9.0, 0.0, scalars, np.zeros(10))),
-        (device.note_displacement, (scalars, np.zeros(10))),
+        (device.send_clock, (scalars, np.zeros(14), np.zeros(14))),
     ]
 
 

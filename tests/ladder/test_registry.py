@@ -218,8 +218,8 @@ def unequal_signatures(operations, root):
         for program, names in found.items():
             if program != "numpy" and tuple(names[-len(operation.outputs) :]) != operation.outputs:
                 yield f"{operation.name}: outputs {operation.outputs} do not stand last in {program}, {names}"
-            said = {*operation.entry(program).work, *operation.entry(program).names}
-            if not {name.partition(".")[0] for name in said} <= known:
+            entry = operation.entry(program)
+            if not {*(n.partition(".")[0] for n in entry.work), *(n.rpartition(".")[2] for n in entry.names)} <= known:
                 yield f"{operation.name}: {program} names work space or arguments that no program takes"
 
 

@@ -5,7 +5,7 @@ Arrays: position, velocity, normals (n, 3); mass, density, pressure (n,); SI uni
 
 import numpy as np
 
-from refsim.core.operation import SYMMETRY, operations
+from refsim.core.operation import SYMMETRY, Program, operations
 from refsim.neighbours.reference import Sums, other_particles, pair_blocks, rows_of
 from refsim.smoothing.reference import kernel_gradient, kernel_slope, kernel_value
 
@@ -82,6 +82,13 @@ def momentum(position, velocity, mass, density, pressure, walls, smoothing, flui
     variants=("normal_correction surface_normal", "", "molecular_force"), tolerance=12.0,
     reason="one rounding in each of distance, powers, kernel, quotients, product and sum",
     invariants=f"{SYMMETRY} linear_momentum angular_momentum", broken={1: "angular_momentum", 2: "angular_momentum"},
+    programs={
+        "cuda:fused": Program(
+            "kernels", "tension_and_momentum", packed="fused_pair", also=("sph.momentum",),
+            names={"sph.momentum.smoothing": "gradient_smoothing"},
+            variants=("period", "normal_correction surface_normal walls period"),
+        )
+    },
     packed="tension_pair",
 )  # fmt: skip
 def tension(position, mass, density, surface_normal, smoothing, molecular_force, normal_correction, rows=None):
