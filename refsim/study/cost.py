@@ -6,7 +6,7 @@ The seconds of a run are those of its passes and of its list builds:
 
     t_p(N)   seconds of one launch with N particles on the scene's lattice, measured at a few sizes N of this scene and
              continued linearly beyond the largest; of an iteration whose first steps differ, the mean of
-             the coarse run in proportion to N
+             the coarse run in proportion to N; sizes of an iteration on a GPU are timed up to one time of the flow
     r_p      mean seconds of a launch over the course of a run over those of its first steps, measured in a coarse run
     n_steps  from the step limits of the scene at the speeds, accelerations and rates of exchange of the coarse run
     n_builds from its list builds: the number grows as the path in units of the list's skin
@@ -46,6 +46,7 @@ SIZES = 4.0  # ratio of the particles of two sizes at which launches are timed
 FIRST = 4  # timed steps of each size, each with a list build; on a GPU also as many without
 MOST_STEPS = 200  # of each kind on a GPU, where so many
 SHORT = 0.2  # [s] take no longer than this
+ITERATED = 16  # steps of the smallest size where a GPU's steps iterate; larger sizes are timed up to its time
 SHARES = {"course": 0.5, "sizes": 0.5}  # of the seconds that measuring may take
 MOST = {"numpy": 250, "cpu": 300_000, "cuda": 4_000_000}  # particles of the largest size
 LONG = 60.0  # [s] of a run for which constants are measured before it begins
@@ -209,13 +210,16 @@ def calibrate(scene: Scene, backend: str, threads: int | None = None, budget: fl
     course = _course(scene, backend, used, particles, SHARES["course"] * budget)
     sizes: list[tuple[int, dict[str, float]]] = []
     left = SHARES["sizes"] * budget
-    wanted = float(course.particles)
+    wanted, until = float(course.particles), 0.0
     while True:
         clock = time.perf_counter()
-        count, seconds = _first_steps(_sized(scene, particles, wanted), backend, used)
-        if sizes and count <= sizes[-1][0]:
+        simulation = Simulation(_sized(scene, particles, wanted), backend, used)
+        count, seconds = simulation.count, _first_steps(simulation, until, left)
+        if sizes and (count <= sizes[-1][0] or simulation.time < until):
             break
         sizes.append((count, seconds))
+        if backend == "cuda" and _iterates(simulation):
+            until = until or simulation.time
         took = time.perf_counter() - clock
         left -= took
         wanted = count * SIZES
@@ -260,12 +264,11 @@ def _steps(simulation: Simulation, count: int) -> int:
     return count
 
 
-def _first_steps(scene: Scene, backend: str, threads: int | None) -> tuple[int, dict[str, float]]:
-    """Particles, and seconds of each stage in a step, medians of some steps from the start."""
-    simulation = Simulation(scene, backend, threads)
+def _first_steps(simulation: Simulation, until: float, budget: float) -> dict[str, float]:
+    """Seconds of each stage in a step, medians of some steps from the start; `until` and `budget` as `_whole_steps`."""
     _steps(simulation, 1)  # first calls are counted apart
-    if backend == "cuda":
-        return simulation.count, _whole_steps(simulation)
+    if simulation.backend.name == "cuda":
+        return _whole_steps(simulation, until, budget)
     each: list[dict[str, float]] = []
     for _ in range(FIRST):
         before, clock = dict(simulation.timings.stages), time.perf_counter()
@@ -277,17 +280,27 @@ def _first_steps(scene: Scene, backend: str, threads: int | None) -> tuple[int, 
         seconds["other"] = max(whole - sum(seconds.values()), 0.0)
         each.append(seconds)
     stages = {stage for seconds in each for stage in seconds}
-    return simulation.count, {s: float(np.median([seconds.get(s, 0.0) for seconds in each])) for s in stages}
+    return {s: float(np.median([seconds.get(s, 0.0) for seconds in each])) for s in stages}
 
 
-def _whole_steps(simulation: Simulation) -> dict[str, float]:
+def _iterates(simulation: Simulation) -> bool:
+    """Whether steps on a GPU need the host for another number of launches each, so that they are not one graph."""
+    return not (isinstance(simulation.stepper, DeviceStepper) and simulation.stepper.recorded.whole)
+
+
+def _whole_steps(simulation: Simulation, until: float = 0.0, budget: float = math.inf) -> dict[str, float]:
     """Seconds of a step that builds no list, and what a build adds to it, medians.
 
     A GPU works on while the host launches the next stage: stages of a step cannot be told apart by the host's clock.
+    Steps that iterate need fewer iterations later: theirs is the mean up to the time `until` [s], or of some steps
+    where that is 0, in at most `budget` seconds.
     """
-    plain, built, began = list[float](), list[float](), time.perf_counter()
+    plain, built, began, iterates = list[float](), list[float](), time.perf_counter(), _iterates(simulation)
     for k in range(2 * MOST_STEPS):
-        if k >= 2 * FIRST and time.perf_counter() - began > SHORT:
+        spent = time.perf_counter() - began
+        if iterates and (spent > budget or (simulation.time >= until if until else k >= ITERATED)):
+            break
+        if not iterates and k >= 2 * FIRST and spent > SHORT:
             break
         spans = plain if k % 2 or simulation.search is None else built
         if spans is built:
@@ -299,7 +312,14 @@ def _whole_steps(simulation: Simulation) -> dict[str, float]:
             break
         spans.append(time.perf_counter() - clock)
     step = float(np.median(plain or built or [0.0]))
-    return {"step": step} | ({LISTS: max(float(np.median(built)) - step, 0.0)} if built else {})
+    lists = {LISTS: max(float(np.median(built)) - step, 0.0)} if built else {}
+    return {"step": _mean(plain) if iterates and plain else step} | lists
+
+
+def _mean(spans: list[float]) -> float:
+    """Mean of steps, without those that have compiled or recorded kernels."""
+    usual = SLOW * float(np.median(spans or [0.0]))
+    return float(np.mean([span for span in spans if span <= usual] or [0.0]))
 
 
 def _course(scene: Scene, backend: str, threads: int | None, particles: int, budget: float) -> Course:
@@ -326,11 +346,8 @@ def _course(scene: Scene, backend: str, threads: int | None, particles: int, bud
         part = np.array(rows[k : k + block])
         course.history.append([float(part[-1, 0]), *part[:, 1:].mean(0).tolist()])
     if backend == "cuda":
-        stepper = simulation.stepper
-        one_graph = isinstance(stepper, DeviceStepper) and stepper.recorded.whole
-        if not one_graph:  # which does the same work each time
-            usual = SLOW * float(np.median(spans or [0.0]))
-            course.seconds = {"step": float(np.mean([s for s in spans if s <= usual] or [0.0]))}
+        if _iterates(simulation):  # one graph does the same work each time
+            course.seconds = {"step": _mean(spans[1:])}
         return course
     steps, whole = max(simulation.steps - 1, 1), sum(spans[1:])
     stages = simulation.timings.stages

@@ -85,17 +85,20 @@ def test_on_a_gpu_a_step_that_the_first_ones_do_not_tell_grows_as_they_do():
 
 
 class Clocked:
-    """A run on a GPU by its own clock: steps of 1 ms, 5 ms more with a list build; the first ones take longer."""
+    """A run on a GPU by its own clock: steps of 1 ms, 5 ms more with a list build; the first ones take longer.
 
-    def __init__(self, listed):
+    length  of a step [s]; first, more: number of the first ones, and how much longer they take [s]
+    """
+
+    def __init__(self, listed, length=1.0, first=2 * cost.FIRST, more=1e-3):
         self.search, self.now, self.new = (object() if listed else None), 0.0, False
-        self.recording = 2 * cost.FIRST
+        self.time, self.length, self.first, self.more = 0.0, length, first, more
         self.lists = types.SimpleNamespace(policy=types.SimpleNamespace(invalidate=lambda: setattr(self, "new", True)))
 
     def step(self):
-        self.now += (6e-3 if self.new else 1e-3) + (1e-3 if self.recording > 0 else 0.0)
+        self.now += (6e-3 if self.new else 1e-3) + (self.more if self.time < self.first * self.length else 0.0)
         self.new = False
-        self.recording -= 1
+        self.time += self.length
 
 
 @pytest.mark.parametrize("listed", (True, False))
@@ -103,8 +106,24 @@ def test_on_a_gpu_whole_steps_are_timed_with_and_without_a_list_build(monkeypatc
     """The median of so many steps that those which still record a graph do not count."""
     run = Clocked(listed)
     monkeypatch.setattr(cost.time, "perf_counter", lambda: run.now)
+    monkeypatch.setattr(cost, "_iterates", lambda run: False)
     expected = {"step": 1e-3} | ({"neighbours": 5e-3} if listed else {})
     assert cost._whole_steps(run) == pytest.approx(expected)
+
+
+def test_on_a_gpu_sizes_of_an_iteration_are_timed_over_the_same_flow(monkeypatch):
+    """Steps of 7 ms until 8 s and of 1 ms later: their mean until 16 s is 4 ms, however many steps that takes."""
+    monkeypatch.setattr(cost, "_iterates", lambda run: True)
+    for finer in (1, 2, 4):
+        run = Clocked(True, 1.0 / finer, 8 * finer, 6e-3)
+        monkeypatch.setattr(cost.time, "perf_counter", lambda run=run: run.now)
+        until = 0.0 if finer == 1 else 16.0
+        assert cost._whole_steps(run, until) == pytest.approx({"step": 4e-3, "neighbours": 5e-3})
+        assert run.time == 16.0
+    long = Clocked(False)
+    monkeypatch.setattr(cost.time, "perf_counter", lambda: long.now)
+    cost._whole_steps(long, 16.0, budget=5e-3)
+    assert long.time < 16.0  # such a size is left out
 
 
 def test_limits_that_follow_the_spacing_otherwise():
