@@ -51,7 +51,7 @@ def melted(
 
 
 def sloshed(time: float, length: float, depth: float, push: float, rate: float, modes: int = 99) -> float:
-    """Mean horizontal velocity [m/s] of water in a tank, seen from there, whose acceleration is push sin(rate t).
+    """Mean horizontal displacement [m] of water in a tank, seen from there, whose acceleration is push sin(rate t).
 
     Each odd mode of the level is an oscillator of frequency sqrt(g k tanh(k H)) (Faltinsen & Timokha 2009, chapter 5).
     """
@@ -59,9 +59,8 @@ def sloshed(time: float, length: float, depth: float, push: float, rate: float, 
     k = n * np.pi / length
     square = 9.81 * k * np.tanh(k * depth)
     share = square * 8 * length**2 / (9.81 * depth * (n * np.pi) ** 4)
-    return float(
-        (share * push * rate / (square - rate**2) * (np.cos(np.sqrt(square) * time) - np.cos(rate * time))).sum()
-    )
+    swung = np.sin(np.sqrt(square) * time) / np.sqrt(square) - np.sin(rate * time) / rate
+    return float((share * push * rate / (square - rate**2) * swung).sum())
 
 
 def falling_rod(time: float, height: float, width: float, density: float, sound: float, pull: float) -> float:
@@ -116,8 +115,8 @@ SOLVED = {
         ),
     ),
     "sloshing": Solved(
-        "field:velocity.x@mean",
-        lambda: sloshed(0.9, 1.0, 0.5, 0.2, 4.0),
+        "field:position.x@mean",
+        lambda: sloshed(0.7, 1.0, 0.5, 1.2, 4.0),
         with_spacing=("effects.weakly_compressible.dynamic_viscosity",),
     ),
     "column": Solved("kinetic_energy", lambda: falling_rod(0.05, 1.0, 0.4, 1000.0, 10.0, 9.81), ratio=2.0),
@@ -134,7 +133,7 @@ class Further:
     run: Reading
 
 
-def further(found: Study, observable: str, threads: int | None, backend: str = "cpu") -> Further:
+def further(found: Study, solved: Solved, threads: int | None, backend: str = "cpu") -> Further:
     """The spacing that the study advises for two thirds of the error of its finest level, with whole cells."""
     setting, finest = max(found.of("spacing"), key=lambda pair: pair[0].factor)
     limit = found.convergence
@@ -142,9 +141,9 @@ def further(found: Study, observable: str, threads: int | None, backend: str = "
     if limit is None or advice is None or advice.measured:
         raise InputError(f"{found.scene.name}: its study cannot be continued ({'; '.join(found.answers()[:1])}).")
     factor = fitting(found.scene, found.scene.spacing / advice.spacing)
-    scene = refined(found.scene, factor)
+    scene = refined(found.scene, factor, solved.with_spacing)
     one = Setting("spacing", f"spacing {scene.spacing:.4g} m", factor, scene, backend)
-    run = measure(one, observable_of(observable, make_plan(found.scene)), None, threads)
+    run = measure(one, observable_of(solved.observable, make_plan(found.scene)), None, threads)
     finer = setting.scene.spacing / scene.spacing
     value = limit.value + (finest.value - limit.value) * finer**-limit.order
     power = math.log(advice.seconds / finest.seconds, setting.scene.spacing / advice.spacing)
@@ -166,7 +165,7 @@ def row(name: str, threads: int | None) -> str:
     shares = ", ".join(percent(sources[kind]) if kind in sources else "-" for kind in ("spacing", "support", "step"))
     order, later = "-", "- | - | -"
     if limit.asymptotic:
-        finer = further(found, solved.observable, threads)
+        finer = further(found, solved, threads)
         order = f"{limit.order:.2f}"
         foreseen = f"{finer.value:.5g}, {finer.run.value:.5g} | {finer.seconds:.3g}, {finer.run.seconds:.3g}"
         later = f"{finer.spacing:.3g} | {foreseen}"
