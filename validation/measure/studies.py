@@ -117,6 +117,7 @@ SOLVED = {
     "sloshing": Solved(
         "field:position.x@mean",
         lambda: sloshed(0.7, 1.0, 0.5, 1.2, 4.0),
+        ratio=2.0,
         with_spacing=("effects.weakly_compressible.dynamic_viscosity",),
     ),
     "column": Solved("kinetic_energy", lambda: falling_rod(0.05, 1.0, 0.4, 1000.0, 10.0, 9.81), ratio=2.0),
