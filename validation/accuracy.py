@@ -26,6 +26,8 @@ BOUNDARY, SURFACE = "validation.experiments.boundary.runs", "validation.experime
 PEERS = {  # what gives a reading of another program's point, of its number and threads
     "front": "validation.panel_runs:front_by_splishsplash",
     "droplet": "validation.panel_runs:drop_by_splishsplash",
+    "implicit_pressure": "validation.panel_runs:tank_by_pysph",
+    "vortex_decay": "validation.panel_runs:vortices_by_pysph",
     "surface_normals": f"{SURFACE}:peer_normals",
     "boundary_sampling": f"{BOUNDARY}:quality_by_splishsplash",
     "signed_distance": f"{BOUNDARY}:distance_by_libigl",

@@ -41,6 +41,8 @@ def rows(of: Panel) -> list[str]:
         groups.setdefault(tuple(_cells(of, error)), []).append(percent(error) + own)
     lines = []
     for cells, errors in groups.items():
+        if not name and cells[-1] == about.peer:  # said once
+            cells = (*cells[:-1], "")
         lines.append(f"| {name} | {', '.join(errors)} | {' | '.join(cells)} |")
         name = ""
     return lines
@@ -53,7 +55,7 @@ def _cells(of: Panel, error: float) -> list[str]:
     """
     found = answer(of, error)
     choice, gpu = found.choice, answer(of, error, "gpu").choice
-    peer = "" if found.peer is None else _time(found.peer, lambda c: f" ({c.point.program})")
+    peer = of.about.peer if found.peer is None else _peer(found.peer)
     assert choice is not None
     on_gpu = gpu is not None and bool(gpu.advised or gpu.read)
     seconds, there = _time(choice), _time(gpu) if on_gpu else ABSENT
@@ -64,8 +66,22 @@ def _cells(of: Panel, error: float) -> list[str]:
     own = own_error(of, choice.named, choice.nearest is None)
     if choice.nearest is not None:
         return ["not reached", own, "", "", peer]
-    words = choice.named.point.words.replace(", on a GPU", "").replace(", float32", "").replace(", cpu", "")
+    words = _words(choice.named)
+    if on_gpu and gpu and gpu.named and gpu.nearest is None and _words(gpu.named) != words:
+        there += f" ({_words(gpu.named)})"
     return [words if choice.advised else f"{HOLLOW} {words}", own, seconds, there, peer]
+
+
+def _words(setting: Candidate) -> str:
+    """The setting, whatever it ran on."""
+    return setting.point.words.replace(", on a GPU", "").replace(", float32", "").replace(", cpu", "").replace(", cuda", "")
+
+
+def _peer(choice: Choice) -> str:
+    """Seconds of the best other program, or the least error that it has."""
+    if choice.nearest is None:
+        return _time(choice, lambda c: f" ({c.point.program})")
+    return f"{percent(choice.nearest.most)} at best ({choice.nearest.point.program})"
 
 
 def _time(choice: Choice | None, after: Callable[[Candidate], str] = lambda c: "") -> str:

@@ -1,14 +1,15 @@
-"""Readings of panels by SPlisHSPlasH (DFSPH): the surge front, and the drop that was a cube."""
+"""Readings of panels by SPlisHSPlasH (DFSPH): surge front, drop that was a cube; by PySPH: tank, vortices."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from refsim.study.panels import Point
+from refsim.study.panels.making import GRAVITY, REYNOLDS, SHARE
 from refsim.study.panels.observables import FALL, kept
 from refsim.study.runs import Reading
 from validation.experiments.dam_break.runs import DENSITY, HEIGHT, LID, viscosity
-from validation.peers import splishsplash
+from validation.peers import pysph_flows, splishsplash
 from validation.reading import reading
 
 WALLED = 15.0  # column widths: the tank of the front
@@ -42,3 +43,29 @@ def drop_by_splishsplash(point: Point, repeat: int, threads: int | None) -> Read
     torn = "" if np.isfinite(value) else "torn: no outer surface all around"
     seconds = found["wall"][above[-1] + 1 if above else 0]
     return reading(value, seconds, found["steps"], found["particles"], torn)
+
+
+def vortices_by_pysph(point: Point, repeat: int, threads: int | None) -> Reading:
+    """Rate at which the speed of four vortices decays in 1 s, over 8 pi^2/Re."""
+    found = pysph_flows.run("vortices", point.setting["scheme"], point.setting["cells"], [1.0])
+    if "missing" in found:
+        return reading(failed=f"missing: {found['missing']}")
+    x, y = 2 * np.pi * found["position"][-1].T
+    first = (np.sin(x) * np.cos(y)) ** 2 + (np.cos(x) * np.sin(y)) ** 2
+    decay = -0.5 * np.log((found["velocity"][-1] ** 2).sum() / first.sum()) / found["time"][-1]
+    return reading(float(decay * REYNOLDS / (8 * np.pi**2)), found["seconds"], found["steps"], len(x))
+
+
+def tank_by_pysph(point: Point, repeat: int, threads: int | None) -> Reading:
+    """Root mean square of p - rho g (H - y) over rho g H farther than h from walls and surface, in places and pressures
+    of the mean of samples; the kinematic viscosity is that of refsim's liquid."""
+    cells, sound = point.setting["cells"], pysph_flows.SOUND["tank"]
+    reach, end = 2.6 / cells, 5.0 / np.sqrt(GRAVITY)
+    times = (end * np.linspace(0.8, 1.0, 61)).tolist()
+    found = pysph_flows.run("tank", point.setting["scheme"], cells, times, viscosity=0.25 * SHARE * sound * reach)
+    if "missing" in found:
+        return reading(failed=f"missing: {found['missing']}")
+    x, y = found["position"].mean(0).T
+    bulk = (np.minimum(x, 1 - x) > reach) & (np.minimum(y, 1 - y) > reach)
+    off = found["pressure"].mean(0) / (1000.0 * GRAVITY) - (1 - y)
+    return reading(float(np.sqrt((off[bulk] ** 2).mean())), found["seconds"], found["steps"], len(x))

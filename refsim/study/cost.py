@@ -55,7 +55,7 @@ HISTORY = 200  # entries of the coarse run's history
 USUAL_SHARE = (0.5, 2.0)  # r_p of a pass whose first steps do what later ones do
 LARGEST_GROWTH = 2.0  # of its seconds a particle, from the smallest to the largest size
 LISTS = "neighbours"  # stage of the list builds
-SLOW = 10.0  # times the median step on a GPU, beyond which a step has compiled or recorded kernels
+SLOW = 5.0  # times the median step on a GPU, beyond which a step has compiled or recorded kernels
 
 
 @dataclass

@@ -25,8 +25,8 @@ SOUND = {"tank": 10 * GRAVITY**0.5, "dam": 20 * GRAVITY**0.5}  # m/s
 
 
 def run(flow: str, scheme: str, cells: int, times: Sequence[float], **more: float) -> dict[str, Any]:
-    """The liquid at the `times` [s]: {"time" (samples,), "position", "velocity" (samples, n, 2), "seconds", "steps",
-    "version"}, or {"missing"}.
+    """The liquid at the `times` [s]: {"time" (samples,), "position", "velocity" (samples, n, 2), "pressure" (samples,
+    n), "seconds", "steps", "version"}, or {"missing"}.
 
     flow    "vortices" (in a box of 1 m, Re 100), "cavity" (the same), "tank" or "dam" (`viscosity` [m^2/s])
     scheme  the name that PySPH gives it; cells: particles along 1 m
@@ -91,7 +91,7 @@ def work(flow: str, scheme: str, cells: int, times: list[float], viscosity: floa
         Flow = _tank(flow, scheme, cells, viscosity)
     if flow not in LIQUID:
         words += ["--scheme", scheme, "--nx", str(cells), "--re", "100"]
-    seen: dict[str, list[NDArray | float]] = {"time": [], "position": [], "velocity": []}
+    seen: dict[str, list[NDArray | float]] = {"time": [], "position": [], "velocity": [], "pressure": []}
     clock = {"began": 0.0, "steps": 0}
 
     class Watched(Flow):  # type: ignore[misc, valid-type]
@@ -108,6 +108,7 @@ def work(flow: str, scheme: str, cells: int, times: list[float], viscosity: floa
                 for name, parts in (("position", ("x", "y")), ("velocity", ("u", "v"))):
                     values = [fluid.get(part, only_real_particles=True) for part in parts]
                     seen[name].append(np.column_stack(values))
+                seen["pressure"].append(fluid.get("p", only_real_particles=True).copy())
 
     Watched().run(words)
     spent = time.process_time() - clock["began"]

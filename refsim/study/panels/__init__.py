@@ -40,6 +40,7 @@ class About(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     method        knob whose values are the picture's lines
     more          errors in the table beside those of all panels
     remark        what the reader must know, one sentence
+    peer          what other programs have of it, where none was measured here
     with_spacing  parameters of the packaged scene, by name, that are in proportion to the spacing
     reaches       the value is the time at which the observable has this value
     shaken        whether each reading starts from particles displaced otherwise, so that errors have a noise
@@ -63,6 +64,7 @@ class About(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     method: str = "backend"
     more: tuple[float, ...] = ()
     remark: str = ""
+    peer: str = ""
     with_spacing: tuple[str, ...] = ()
     reaches: float | None = None
     shaken: bool = False
