@@ -74,7 +74,10 @@ def _cells(of: Panel, error: float) -> list[str]:
 
 def _words(setting: Candidate) -> str:
     """The setting, whatever it ran on."""
-    return setting.point.words.replace(", on a GPU", "").replace(", float32", "").replace(", cpu", "").replace(", cuda", "")
+    words = setting.point.words
+    for part in (", on a GPU", ", float32", ", cpu", ", cuda"):
+        words = words.replace(part, "")
+    return words
 
 
 def _peer(choice: Choice) -> str:
