@@ -89,7 +89,8 @@ def test_an_error_beyond_the_runs_is_continued(order):
     finest = max(found.of("spacing"), key=lambda pair: pair[0].factor)
     factor = finest[0].scene.spacing / advice.spacing
     assert advice.bytes == pytest.approx(finest[1].bytes * factor**2)
-    assert finest[1].seconds * factor**2 <= advice.seconds <= finest[1].seconds * factor**4 * (1 + 1e-9)
+    least = finest[1].seconds * factor**2  # at equal bounds, rounding decides
+    assert least * (1 - 1e-9) <= advice.seconds <= finest[1].seconds * factor**4 * (1 + 1e-9)
     half = found.cheapest(0.005)
     assert half.spacing == pytest.approx(advice.spacing / 2 ** (1 / order))
     assert "estimated" in found.text()
