@@ -330,7 +330,7 @@ def dong_block(tension: bool, until: float, size: float) -> Scene:
 
 
 def dong_room(panels: NDArray, run: SavedRun, frames: Sequence[int], words: str) -> None:
-    """The room from above at frames of 5 ms, a panel each."""
+    """The box seen from above at frames of 5 ms, a panel each."""
     half = 0.5 * dong.ROOM
     for axes, number in zip(panels, frames):
         frame = frame_at(run, number * dong.FRAME)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import datetime
+import importlib.util
 import json
 import os
 import sys
@@ -23,7 +24,7 @@ if not __package__:
 from refsim.core.errors import InputError, RefsimError
 from refsim.study.choice import REPEATS
 from refsim.study.panels import abouts
-from validation import accuracy, accuracy_page, attack, judging, own_choices, page, times
+from validation import accuracy, accuracy_page, judging, own_choices, page, times
 from validation.checks import CLAIM, HARD_CASE, KINDS, VALUE, VERDICT
 from validation.experiment import Options, Picture, chosen, discover
 from validation.measure import command
@@ -100,15 +101,24 @@ def parser() -> argparse.ArgumentParser:
     part.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes; one a core")
     part.add_argument("--threads", type=int, help="CPU threads of a single process; all by default")
     part.add_argument("--json", action="store_true", help="one JSON object on standard output")
-    part.add_argument(
-        "--draw", type=int, metavar="N", help="N other claims, drawn at random, instead of those of the file"
-    )
+    part.add_argument("--draw", type=int, metavar="N", help="N claims drawn at random, instead of those of the file")
     part.add_argument("--seed", type=int, help="of the draw; by default today's date")
     part.set_defaults(perform=verified)
 
     command.add_commands(add("measure", "measures the drops behind packaged tables, and writes the tables"))
-    attack.add_options(add("attack", "attacks the command line for some minutes and counts how it ends"))
+    part = add("attack", "attacks the command line for some minutes and counts how it ends")
+    if importlib.util.find_spec("hypothesis"):
+        from validation import attack
+
+        attack.add_options(part)
+    else:
+        part.set_defaults(perform=without_hypothesis)
     return made
+
+
+def without_hypothesis(_: argparse.Namespace) -> int:
+    """Raises InputError: attacks are drawn by Hypothesis, which the main job does without."""
+    raise InputError('attack: Hypothesis is not installed; install it with: pip install -e ".[test]".')
 
 
 def add_options(made: argparse.ArgumentParser, *more: str) -> None:
@@ -120,9 +130,7 @@ def add_options(made: argparse.ArgumentParser, *more: str) -> None:
     made.add_argument("--threads", type=int, help="CPU threads; all by default")
     made.add_argument("--peers", action="store_true", help="also time other programs on the same work")
     made.add_argument("--fresh", action="store_true", help="compute anew what is stored")
-    made.add_argument(
-        "--json", action="store_true", help="one JSON object on standard output, the rest on standard error"
-    )
+    made.add_argument("--json", action="store_true", help="one JSON object on standard output, the rest on the other")
     if not more:
         return
     made.add_argument("--results", type=Path, default=Path("results"), help="where results are kept and reused")

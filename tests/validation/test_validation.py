@@ -5,6 +5,8 @@ from __future__ import annotations
 import dataclasses
 import io
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -356,3 +358,14 @@ def test_a_drop_that_stops_is_a_result_with_its_reason(monkeypatch):
     assert values["stopped"] == "non_finite at 0.000 s"
     assert values["steady"] is None
     assert droplet.outcome(Result({**values, "end": results.finite(values["end"])})).startswith("stopped: non_finite")
+
+
+def test_the_main_job_needs_no_package_of_the_tests():
+    """`pip install -e .` is all that scripts/reproduce.py has; an attack says what it lacks."""
+    code = (
+        "import sys; sys.modules['hypothesis'] = None; import scripts.reproduce; from validation.__main__ import main;"
+        " sys.exit(main(['attack']))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=Path(__file__).parents[2], capture_output=True, text=True)
+    assert done.returncode == 2
+    assert "Hypothesis is not installed" in done.stderr

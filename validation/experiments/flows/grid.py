@@ -18,7 +18,7 @@ FACES = np.array([[0.0, 0.5], [0.5, 0.0]])  # where each component of the veloci
 
 
 def _around(x: NDArray, axis: int, shape: NDArray) -> tuple[NDArray, NDArray, NDArray]:
-    """Flat numbers (n, 4) of the nodes of a component around each particle, weights, and ways to them [cells]."""
+    """Flat numbers (n, 4) of the nodes of a component around each particle, weights, displacements to them [cells]."""
     at = x - FACES[axis]
     node = np.floor(at).astype(int)[:, None] + CORNERS
     away = node - at[:, None]
