@@ -130,7 +130,7 @@ def add_options(made: argparse.ArgumentParser, *more: str) -> None:
     made.add_argument("--threads", type=int, help="CPU threads; all by default")
     made.add_argument("--peers", action="store_true", help="also time other programs on the same work")
     made.add_argument("--fresh", action="store_true", help="compute anew what is stored")
-    made.add_argument("--json", action="store_true", help="one JSON object on standard output, the rest on the other")
+    made.add_argument("--json", action="store_true", help="one JSON object on standard output")
     if not more:
         return
     made.add_argument("--results", type=Path, default=Path("results"), help="where results are kept and reused")
