@@ -209,7 +209,7 @@ def time_picture(data: Mapping[str, Any]) -> Any:
     axes.invert_yaxis()
     axes.set_xlabel(f"milliseconds a step, CPU, {rows[0]['threads']} threads")
     axes.grid(axis="x")
-    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=6)
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.24), ncols=6)
     axes.set_title(data["title"])
     return figure
 
