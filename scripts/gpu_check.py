@@ -303,7 +303,7 @@ def executed(task: str, deadline: float, devices: queue.SimpleQueue[dict[str, st
             return answer | {"error": "not run: no time was left", "seconds": 0.0}
         process = subprocess.run(
             [sys.executable, __file__, "--task", task], capture_output=True, text=True,
-            timeout=min(deadline - began, 240), env=os.environ | device,
+            timeout=deadline - began, env=os.environ | device,
         )  # fmt: skip
         lines = [line for line in process.stdout.splitlines() if line.startswith(MARK)]
         if lines:
@@ -385,7 +385,15 @@ def main() -> int:
         print(f"The GPU cannot be checked: {reason}.", file=sys.stderr)
         return 2
     wanted = tuple(options.only)
+    took = {
+        a["task"]: a["seconds"]
+        for path in REPORTS.glob("*.json")
+        for a in json.loads(path.read_text())[SECTION]["tasks"]
+    }
     tasks = [task for task in planned(options.quick) if task.startswith(wanted)]
+    tasks.sort(
+        key=lambda task: -took.get(task, np.inf)
+    )  # the longest first, so that no worker waits for one at the end
     places = (options.workers if (os.cpu_count() or 1) >= 8 else 1) * options.devices
     devices: queue.SimpleQueue[dict[str, str]] = queue.SimpleQueue()
     for place in range(places):
