@@ -134,10 +134,11 @@ class Operation:
     def as_computed_by(self, name: str) -> Operation:
         """The operation that judges the program called `name`: this one, with what the program's entry changes.
 
-        Where the program computes other operations, too, its reference does, and adds accelerations up.
+        Where the program computes other operations, too, its reference does, and adds accelerations up. Asked again,
+        the result is the same.
         """
         entry = self.entry(name)
-        changed: dict[str, Any] = {"work": (*self.work, *entry.work)}
+        changed: dict[str, Any] = {"work": tuple(dict.fromkeys((*self.work, *entry.work)))}
         if entry.tolerance is not None:
             changed |= {"tolerance": entry.tolerance, "tolerance_reason": entry.reason}
         if entry.variants is not None:
@@ -191,6 +192,10 @@ class Fused(Operation):
 
     parts: tuple[Operation, ...] = ()
     together: Program = PLAIN["cuda"]
+
+    def as_computed_by(self, name: str) -> Operation:
+        """This one, which is judged by the sum of its parts already."""
+        return self
 
     def program(self, name: str) -> Callable:
         """As Operation's; the reference is the sum of the parts' references."""
