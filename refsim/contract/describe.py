@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import functools
 import inspect
 import re
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from importlib import resources
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from refsim.contract.inputs import Inputs, arguments_of_others, bindings, fields, with_variant
-from refsim.contract.meanings import ARGUMENTS, MEMBERS
 from refsim.core import cases
 from refsim.core.operation import REGISTRY, Operation
 
@@ -71,8 +73,7 @@ def member_meanings(group: type) -> dict[str, str]:
     """{member of a parameter group: meaning, unit, and what its integers stand for}; from the comments beside them."""
     said = {name: comment or "" for name, comment in MEMBER.findall(inspect.getsource(group))}
     for member in group._fields:  # type: ignore[attr-defined]
-        stated = MEMBERS.get(f"{group.__name__}.{member}") or OF_LISTS.get(member, "")
-        meaning = stated or said.get(member, "")
+        meaning = OF_LISTS.get(member) or said.get(member, "")
         codes = cases.CODES.get((group, member))
         if codes:
             numbers = ", ".join(f"{number} {name}" for name, number in codes.items())
@@ -127,7 +128,13 @@ def _meaning(name: str, value: Any) -> str:
     if hasattr(value, "_fields"):
         return f"{type(value).__module__}.{type(value).__name__}"
     found = fields().get(name)
-    return f"{found.meaning} [{found.unit}]" if found else ARGUMENTS.get(name, "")
+    return f"{found.meaning} [{found.unit}]" if found else _arguments().get(name, "")
+
+
+@functools.cache
+def _arguments() -> dict[str, str]:
+    """What arguments mean that are no particle fields, by name."""
+    return msgspec.toml.decode((resources.files("refsim.contract") / "arguments.toml").read_bytes())
 
 
 # A stub

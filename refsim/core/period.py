@@ -14,12 +14,12 @@ Lengths = tuple[float, float, float]
 class Period(NamedTuple):
     """Lengths [m] of a periodic box and their inverses; both 0 along axes without a period."""
 
-    x: float
-    y: float
-    z: float
-    inverse_x: float
-    inverse_y: float
-    inverse_z: float
+    x: float  # length of the periodic box along x, 0 without a period [m]
+    y: float  # length of the periodic box along y, 0 without a period [m]
+    z: float  # length of the periodic box along z, 0 without a period [m]
+    inverse_x: float  # 1 over the length along x, 0 without a period [1/m]
+    inverse_y: float  # 1 over the length along y, 0 without a period [1/m]
+    inverse_z: float  # 1 over the length along z, 0 without a period [1/m]
 
 
 def period_group(lengths: Lengths, dtype: str) -> Period:

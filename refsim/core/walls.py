@@ -40,8 +40,8 @@ class WallMotion(NamedTuple):
 class WallRows(NamedTuple):
     """Wall particles and, row by row, those near each fluid particle (CPU)."""
 
-    position: Any
-    volume: Any
+    position: Any  # (m, 3) positions of the wall particles [m]
+    volume: Any  # (m,) volumes of the wall particles [m^dim]
     start: Any
     count: Any
     entries: Any
@@ -50,8 +50,8 @@ class WallRows(NamedTuple):
 class WallColumns(NamedTuple):
     """Wall particles and, column by column, those near each fluid particle (GPU)."""
 
-    position: Any
-    volume: Any
+    position: Any  # (m, 3) positions of the wall particles [m]
+    volume: Any  # (m,) volumes of the wall particles [m^dim]
     count: Any
     entries: Any
 
@@ -59,7 +59,7 @@ class WallColumns(NamedTuple):
 class LiquidRows(NamedTuple):
     """Positions of the liquid particles and, row by row, those near each wall particle (CPU)."""
 
-    position: Any
+    position: Any  # (n, 3) positions of the liquid particles [m]
     start: Any
     count: Any
     entries: Any
@@ -68,7 +68,7 @@ class LiquidRows(NamedTuple):
 class LiquidColumns(NamedTuple):
     """Positions of the liquid particles and, column by column, those near each wall particle (GPU)."""
 
-    position: Any
+    position: Any  # (n, 3) positions of the liquid particles [m]
     count: Any
     entries: Any
 

@@ -81,7 +81,7 @@ class Liquid(NamedTuple):
 class Embedding(NamedTuple):
     """How embedded points are read: index in READINGS."""
 
-    reading: Any
+    reading: Any  # how embedded points are read
 
 
 class Counting(NamedTuple):
@@ -106,7 +106,7 @@ class ViscousStress(NamedTuple):
 class KernelGradient(NamedTuple):
     """Thesis M6 as printed: the liquid's force acts through grad B, not through the affine field."""
 
-    on: Any
+    on: Any  # 1: thesis M6 as printed
 
 
 class WallNodes(NamedTuple):
@@ -120,7 +120,7 @@ class WallNodes(NamedTuple):
 class Mirrors(NamedTuple):
     """The faces of `WallNodes` mirror the liquid: they have a contact angle."""
 
-    on: Any
+    on: Any  # 1: the walls mirror the liquid
 
 
 class Contact(NamedTuple):

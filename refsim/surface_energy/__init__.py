@@ -41,7 +41,7 @@ class SurfaceTerm(NamedTuple):
 class Dice(NamedTuple):
     """Random numbers of the Poisson-disk samples."""
 
-    seed: int
+    seed: int  # seed of the random numbers [-]
     candidates: int  # number of candidates
 
 

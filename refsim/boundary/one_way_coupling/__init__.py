@@ -55,8 +55,8 @@ class WallGravity(NamedTuple):
     """Gravity in the boundary particles' pressure."""
 
     x: float  # [m/s^2]
-    y: float
-    z: float
+    y: float  # [m/s^2]
+    z: float  # [m/s^2]
 
 
 class MeshBoundary(

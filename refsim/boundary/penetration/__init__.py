@@ -29,7 +29,7 @@ class Penetration(NamedTuple):
     printed: int  # reflect also velocities that point out of the solid (patent E27)
     everywhere: int  # interpolate a distance for every particle, not only in marked cells
     lower: Any  # (3,) corners of the box around all marked cells [m]
-    upper: Any
+    upper: Any  # (3,) the box's other corner [m]
 
 
 def correction_pass() -> Pass:

@@ -66,8 +66,8 @@ class DistanceField(NamedTuple):
     inverse_spacing: Any  # 1/h [1/m], float64
     band: float  # [m]
     origin_x: Any  # of the mesh in the scene [m], float64
-    origin_y: Any
-    origin_z: Any
+    origin_y: Any  # of the mesh in the scene [m], float64
+    origin_z: Any  # of the mesh in the scene [m], float64
 
 
 @dataclass(frozen=True)

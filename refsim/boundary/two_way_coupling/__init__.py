@@ -60,7 +60,7 @@ class Coupling(NamedTuple):
 
     least_volume: float  # V_min, the volume of a liquid particle in the undisturbed bulk [m^dim]
     stiffness: float  # c^2/g of Tait's equation [m^2/s^2]
-    exponent: int
+    exponent: int  # exponent g of Tait's equation [-]
     printed_volume: int  # V_k from the particles at surfaces alone (Shao & Song M4)
     printed_pressure: int  # (2) without one m_i (Shao & Song M2)
     printed_viscosity: int  # (3) without one V_i (Shao & Song M3)

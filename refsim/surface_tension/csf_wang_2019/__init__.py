@@ -43,9 +43,9 @@ class Continuum(NamedTuple):
 class Marangoni(NamedTuple):
     """Gradient of the surface tension [N/m^2]."""
 
-    x: float
-    y: float
-    z: float
+    x: float  # gradient of the surface tension along x [N/m^2]
+    y: float  # gradient of the surface tension along y [N/m^2]
+    z: float  # gradient of the surface tension along z [N/m^2]
 
 
 @functools.lru_cache(maxsize=64)

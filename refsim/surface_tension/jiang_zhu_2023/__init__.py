@@ -68,17 +68,17 @@ class PairSelection(NamedTuple):
 class SoftThresholds(NamedTuple):
     """Parameters of the soft surface weight in kernels; |h grad c| is dimensionless."""
 
-    lower: float
-    upper: float
-    inverse_width: float
+    lower: float  # |h grad c| at which the weight begins to rise from 0 [-]
+    upper: float  # |h grad c| at which the weight reaches 1 [-]
+    inverse_width: float  # 1/(upper - lower) [-]
 
 
 class Cohesion(NamedTuple):
     """Parameters of J(16) and J(17) in kernels."""
 
     gamma: float  # [m^4/(kg s^2)]; negative for the printed sign (Jiang & Zhu E4)
-    alpha: float
-    beta: float
+    alpha: float  # alpha of J(16) [-]
+    beta: float  # beta of J(16) [-]
     amplitude: float  # gamma W_poly6(0, h)
     inner_share: float  # W_poly6(0, 0.8 h)/W_poly6(0, h)
     inner_stretch: float  # 1/0.8
