@@ -3,7 +3,7 @@
 import errno
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -66,10 +66,15 @@ def _is_written(temporary: str) -> bool:
     return True
 
 
-def replace_file(path: Path, content: bytes | bytearray, tidy: bool = True) -> None:
+def replace_file(
+    path: Path, content: bytes | bytearray | memoryview, tidy: bool = True, put: Callable[[Path], None] | None = None
+) -> None:
     """Write `content` to `path`, which names the old file or the whole new one at every instant.
 
-    tidy  whether to remove what killed writers left, for which the folder is listed. Raises OSError.
+    tidy  whether to remove what killed writers left, for which the folder is listed
+    put   renames the whole new file, whose path it is given, to `path`
+
+    Raises OSError.
     """
     if tidy:
         remove_stale_temporaries(path)
@@ -78,7 +83,10 @@ def replace_file(path: Path, content: bytes | bytearray, tidy: bool = True) -> N
         with open(temporary, "xb", buffering=0) as file:
             write_all(file, content)
             os.fsync(file.fileno())
-        os.replace(temporary, path)
+        if put is None:
+            os.replace(temporary, path)
+        else:
+            put(temporary)
     finally:
         with suppress(OSError):
             temporary.unlink(missing_ok=True)

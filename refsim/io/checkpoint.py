@@ -14,6 +14,7 @@ attributes as JSON text in the dataset `attributes`. Version 1 had no digest of 
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 import math
 import os
@@ -22,15 +23,18 @@ import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from io import BufferedReader, FileIO
+from io import BufferedReader
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from refsim.core.errors import InputError, RunStopped
 from refsim.core.reading import open_regular
-from refsim.core.writing import remove_stale_temporaries, sync_folder, temporary_path, write_all, writing
+from refsim.core.writing import replace_file, temporary_path, writing
+
+if TYPE_CHECKING:
+    import h5py
 
 FORMAT = "refsim checkpoint"
 VERSION = 2
@@ -75,25 +79,13 @@ def write_checkpoint(
         raise ValueError(f"keep must be at least 1, not {keep}")
     checked = {name: _checked_array(path, name, array) for name, array in arrays.items()}
     text = _attributes_text(path, attributes)
-
-    remove_stale_temporaries(path)
-    temporary = temporary_path(path)
-    with writing("checkpoint", path, KEPT), _Stream(temporary, "x+") as stream:
-        try:
-            try:
-                _write_hdf5(stream, checked, text)
-                stream.finish(_next_written_ns(path))
-            except Exception:
-                if stream.error is None:  # HDF5 reads back what it wrote, and fails in many ways after a refused write
-                    raise
-            finally:
-                stream.close()
-            if stream.error is not None:
-                raise stream.error
-            _put_in_place(temporary, path, keep)
-        finally:
-            with suppress(OSError):
-                temporary.unlink(missing_ok=True)
+    content = in_hdf5(lambda file: _fill(file, checked, text))
+    with writing("checkpoint", path, KEPT):
+        head = _Head(VERSION, _next_written_ns(path), len(content))
+        digest = head.digest()
+        digest.update(content[BLOCK:])
+        content[:BLOCK] = replace(head, sha256=digest.hexdigest()).block()
+        replace_file(path, content, put=lambda new: _put_in_place(new, path, keep))
 
 
 def whole_checkpoint(path: str | os.PathLike[str]) -> tuple[Path, Checkpoint, tuple[str, ...]]:
@@ -177,15 +169,24 @@ def _attributes_text(path: Path, attributes: Mapping[str, Attribute]) -> str:
     return json.dumps(plain)
 
 
-def _write_hdf5(stream: _Stream, arrays: Mapping[str, np.ndarray], text: str) -> None:
+def in_hdf5(fill: Callable[[h5py.File], object]) -> memoryview:
+    """An HDF5 file with what `fill` puts into it, behind an empty block that HDF5 passes over; in memory."""
     import h5py
 
+    content = io.BytesIO()
     # In this format HDF5 checksums its own structures.
-    with h5py.File(stream, "w", libver=("v110", "v110"), userblock_size=BLOCK) as file:
-        group = file.create_group("arrays")
-        for name, array in arrays.items():
-            group.create_dataset(name, data=array)
-        file.create_dataset("attributes", data=text, dtype=h5py.string_dtype("utf-8", len(text)))
+    with h5py.File(content, "w", libver=("v110", "v110"), userblock_size=BLOCK) as file:
+        fill(file)
+    return content.getbuffer()
+
+
+def _fill(file: h5py.File, arrays: Mapping[str, np.ndarray], text: str) -> None:
+    import h5py
+
+    group = file.create_group("arrays")
+    for name, array in arrays.items():
+        group.create_dataset(name, data=array)
+    file.create_dataset("attributes", data=text, dtype=h5py.string_dtype("utf-8", len(text)))
 
 
 @dataclass(frozen=True)
@@ -204,58 +205,14 @@ class _Head:
     def block(self) -> bytes:
         return (self.lines() + f"sha256 {self.sha256}\n".encode()).ljust(BLOCK, b"\0")
 
-    def digest(self, file: BufferedReader | FileIO) -> str:
-        """SHA-256 of the lines and of what `file` still has to give."""
-        digest = hashlib.sha256(self.lines())
-        buffer = memoryview(bytearray(1 << 20))
-        while count := file.readinto(buffer):
-            digest.update(buffer[:count])
-        return digest.hexdigest()
+    def digest(self) -> hashlib._Hash:
+        """SHA-256 of the lines, to which all that follows the block is added."""
+        return hashlib.sha256(self.lines())
 
 
 HEAD = re.compile(
     rb"refsim checkpoint\nversion (\d{1,9})\nwritten_ns (\d{1,19})\nbytes (\d{1,19})\nsha256 ([0-9a-f]{64})\n"
 )
-
-
-class _Stream(FileIO):
-    """The file that h5py writes to. It remembers the first error of the disk instead of raising it: an
-    exception inside HDF5's own close leaves the library with a half-closed file, and loses the error
-    number."""
-
-    error: OSError | None = None
-
-    def write(self, data: Any) -> int:
-        self._remember(write_all, super(), data)
-        return len(data)
-
-    def truncate(self, size: int | None = None) -> int:
-        self._remember(super().truncate, size)
-        return size or 0
-
-    def finish(self, written_ns: int) -> None:
-        """Put the block with the digest of what HDF5 has written before it: only now is the file a checkpoint."""
-        head = _Head(VERSION, written_ns, self.seek(0, os.SEEK_END))
-        self.seek(BLOCK)
-        head = replace(head, sha256=head.digest(self))
-        self.seek(0)
-        self.write(head.block())
-
-    def close(self) -> None:
-        """Put everything on the disk and close; `error` holds what went wrong, now or before."""
-        if not self.closed:
-            self._remember(os.fsync, self.fileno())
-            try:
-                super().close()
-            except OSError as error:
-                self.error = self.error or error
-
-    def _remember(self, action: Callable[..., object], *arguments: object) -> None:
-        if self.error is None:
-            try:
-                action(*arguments)
-            except OSError as error:
-                self.error = error
 
 
 def _put_in_place(temporary: Path, path: Path, keep: int) -> None:
@@ -277,7 +234,6 @@ def _put_in_place(temporary: Path, path: Path, keep: int) -> None:
     os.replace(temporary, path)
     if old.exists():
         os.replace(old, previous_path(path))
-    sync_folder(path.parent)
 
 
 def _copy_name(source: Path, target: Path) -> None:
@@ -320,7 +276,7 @@ def read_checkpoint(path: str | os.PathLike[str]) -> Checkpoint:
         size = os.fstat(file.fileno()).st_size
         if size != head.size:
             raise Unreadable(path, f"is cut short or damaged (it has {size} of {head.size} bytes)")
-        if head.digest(file) != head.sha256:
+        if hashlib.file_digest(file, head.digest).hexdigest() != head.sha256:
             raise Unreadable(path, "is damaged (it does not match its digest)")
         try:
             with h5py.File(file, "r") as root:

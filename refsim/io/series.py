@@ -11,6 +11,7 @@ import hashlib
 import io
 from collections.abc import Iterable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,29 +19,35 @@ from refsim.core.errors import InputError
 from refsim.core.reading import open_regular
 from refsim.core.writing import replace_file, writing
 from refsim.gauges import GaugeSeries
-from refsim.io.checkpoint import KEPT
+from refsim.io.checkpoint import BLOCK, KEPT, in_hdf5
+
+if TYPE_CHECKING:
+    import h5py
 
 GAUGES = "gauges.hdf5"
 HEAD = b"refsim gauges\nversion 1\nsha256 "
-BLOCK = 512  # bytes before what HDF5 reads; HDF5 looks for its signature there
 
 
 def write_series(path: Path, series: Iterable[GaugeSeries]) -> None:
     """Replace the file by one with these series. Raises InputError or RunStopped where the disk refuses."""
-    import h5py
 
-    content = io.BytesIO()
-    with h5py.File(content, "w", libver=("v110", "v110"), userblock_size=BLOCK) as file:
+    def fill(file: h5py.File) -> None:
         for one in series:
             group = file.create_group(one.name)
             group.attrs["kind"] = one.kind
             group.attrs["columns"], group.attrs["units"] = list(one.columns), list(one.units)
             group.create_dataset("time", data=one.time)
             group.create_dataset("values", data=one.values)
-    body = content.getvalue()[BLOCK:]
-    head = HEAD + hashlib.sha256(body).hexdigest().encode() + b"\n"
+
+    content = in_hdf5(fill)
+    content[:BLOCK] = _head(content[BLOCK:])
     with writing("file of gauges", path, KEPT):
-        replace_file(path, head.ljust(BLOCK, b"\0") + body)
+        replace_file(path, content)
+
+
+def _head(body: bytes | memoryview) -> bytes:
+    """The block before what HDF5 reads."""
+    return (HEAD + hashlib.sha256(body).hexdigest().encode() + b"\n").ljust(BLOCK, b"\0")
 
 
 def read_series(path: Path) -> dict[str, GaugeSeries]:
@@ -55,8 +62,7 @@ def read_series(path: Path) -> dict[str, GaugeSeries]:
             f"file of gauges {path} cannot be read ({error.strerror}); a run of a scene with [[gauge]] writes it with"
             " its first checkpoint."
         ) from None
-    head = HEAD + hashlib.sha256(content[BLOCK:]).hexdigest().encode() + b"\n"
-    if content[:BLOCK] != head.ljust(BLOCK, b"\0"):
+    if content[:BLOCK] != _head(content[BLOCK:]):
         raise InputError(f"file of gauges {path} is damaged (it does not match its digest); run the scene again.")
     found = {}
     with h5py.File(io.BytesIO(content), "r") as root:

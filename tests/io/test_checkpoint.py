@@ -11,6 +11,7 @@ import h5py
 import numpy as np
 import pytest
 
+from refsim.core import writing
 from refsim.core.errors import InputError, RunStopped
 from refsim.core.writing import replace_file
 from refsim.io import checkpoint
@@ -203,13 +204,12 @@ def test_what_refsim_never_writes_is_refused_whatever_the_digest_says(tmp_path, 
     """A file with a right digest, written by another program."""
     path = tmp_path / "run.h5"
 
-    def write_hdf5(stream, arrays, text):
-        with h5py.File(stream, "w", userblock_size=checkpoint.BLOCK) as file:
-            file["arrays/a"] = np.zeros(3)
-            file["attributes"] = text
-            fill(file)
+    def other(file, arrays, text):
+        file["arrays/a"] = np.zeros(3)
+        file["attributes"] = text
+        fill(file)
 
-    monkeypatch.setattr(checkpoint, "_write_hdf5", write_hdf5)
+    monkeypatch.setattr(checkpoint, "_fill", other)
     write_checkpoint(path, {}, {"step": 3})
     refuse(path, "not a checkpoint of refsim")
 
@@ -341,36 +341,25 @@ def test_the_disk_refuses_at_the_end(tmp_path, monkeypatch, number, call):
     assert sorted(tmp_path.iterdir()) == sorted([path, previous_path(path)])
 
 
-def test_every_single_write_refused(tmp_path, monkeypatch):
-    """ENOSPC at the first, second, ... write of the file, each also after a part of it was taken."""
+@pytest.mark.parametrize("share", np.linspace(0, 1, 9))
+def test_a_write_refused_after_a_share_of_it(tmp_path, monkeypatch, share):
     path = tmp_path / "run.h5"
     write_checkpoint(path, state(0, n=50), {"step": 0})
     before = path.read_bytes()
-    real = checkpoint.write_all
-    space = 0
+    real = writing.write_all
 
-    def counted(file, data):
-        nonlocal space
-        space -= 1
-        if space < 0:
-            real(file, memoryview(data).cast("B")[: len(data) // 2])
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        real(file, data)
+    def refuse_rest(file, data):
+        real(file, memoryview(data).cast("B")[: int(share * len(data))])
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(checkpoint, "write_all", counted)
-    refused = 0
-    while True:
-        space = refused
-        try:
+    with monkeypatch.context() as patch:
+        patch.setattr(writing, "write_all", refuse_rest)
+        with pytest.raises(RunStopped) as caught:
             write_checkpoint(path, state(1, n=50), {"step": 1})
-            break
-        except RunStopped as stop:
-            reason = stop.reason
-        assert reason == "disk_full"
-        assert path.read_bytes() == before
-        assert [file.name for file in tmp_path.iterdir()] == ["run.h5"]
-        refused += 1
-    assert refused > 5
+    assert caught.value.reason == "disk_full"
+    assert path.read_bytes() == before
+    assert [file.name for file in tmp_path.iterdir()] == ["run.h5"]
+    write_checkpoint(path, state(1, n=50), {"step": 1})
     assert read_checkpoint(path).attributes["step"] == 1
 
 
