@@ -212,18 +212,6 @@ class Effect(Checked, frozen=True, kw_only=True):
         moved = {name: tuple(map(float, grid.local(getattr(self, name)))) for name in self.places}
         return msgspec.structs.replace(self, **moved) if any(grid.origin) and moved else self
 
-    def require(self, positive: str = "", not_negative: str = "", finite: str = "") -> None:
-        """Check parameters, whose names stand in one string, that are not None; of a vector every component.
-
-        Raises InputError with one sentence that names the parameter.
-        """
-        for rule, names in (("positive", positive), ("not negative", not_negative), ("finite", finite)):
-            for name in names.split():
-                value = getattr(self, name)
-                vector = np.ndim(value) > 0
-                parts = {f"{name} along {c}": v for c, v in zip("xyz", value)} if vector else {name: value}
-                require(self.name, **{part: (number, rule) for part, number in parts.items()})
-
     def needs(self) -> tuple[str, ...]:
         """Names of effects without which this one cannot work."""
         return self.needed
@@ -270,22 +258,6 @@ class Effect(Checked, frozen=True, kw_only=True):
 
     def check(self, grid: Discretisation, others: Others) -> None:
         """Raise InputError where the parameters do not fit the scene, whose particles are not yet counted."""
-
-
-def require(owner: str, **bounds: tuple[float | None, str]) -> None:
-    """Check numbers that are not None: `name=(value, rule)`, rule one of "positive", "not negative", "finite".
-
-    Raises InputError with one sentence that names the parameter.
-    """
-    tests = {
-        "positive": (lambda x: x > 0, "a positive number"),
-        "not negative": (lambda x: x >= 0, "zero or a positive number"),
-        "finite": (lambda x: True, "a finite number"),
-    }
-    for name, (value, rule) in bounds.items():
-        test, words = tests[rule]
-        if value is not None and not (math.isfinite(value) and test(value)):
-            raise InputError(f"{owner}: {name} = {value} is not possible; give {words}.")
 
 
 def literal_errata(

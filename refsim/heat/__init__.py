@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 
 from refsim.core.capabilities import Balance, FollowsSettings, HasErrata, KeepsBalance, KeepsLedger, KnowsParticleMass
-from refsim.core.checked import Printed
+from refsim.core.checked import Count, NotNegative, Positive, Printed
 from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
@@ -130,19 +130,19 @@ class HeatConduction(
     melting_point: PerPart | None = None
     latent_heat: PerPart = 0.0
     held: tuple[int, ...] = ()
-    density: float = 1000.0
+    density: Positive = 1000.0
     scheme: Literal[
         "implicit", "conjugate_gradient", "nonlinear_jacobi", "runge_kutta_legendre", "single_pass", "pair_exchange",
         "one_sided", "explicit",
     ] = "implicit"  # fmt: skip
-    largest_number: float = 10.0
+    largest_number: Positive = 10.0
     mean: Literal["harmonic", "arithmetic"] = "harmonic"
     laplacian: Literal["spiky", "mueller"] = "spiky"
     calibrated: bool = True
-    tolerance: float = 4e-3
-    residual: float = 1e-3
-    iterations: int = 16
-    largest_drift: float = 0.01
+    tolerance: Positive = 4e-3
+    residual: Positive = 1e-3
+    iterations: Count = 16
+    largest_drift: NotNegative = 0.01
     literal: Printed = ()
 
     @property
@@ -190,7 +190,6 @@ class HeatConduction(
             for value in np.atleast_1d(np.asarray(given, dtype=float)):
                 if not (math.isfinite(value) and test(value)):
                     raise InputError(f"{self.name}: {name} = {value} is not possible; give {words}.")
-        self.require("density largest_number tolerance residual iterations", not_negative="largest_drift")
         if self.tolerance >= 1 or self.residual >= 1:
             raise InputError(f"{self.name}: tolerance and residual are shares of an error; give numbers below 1.")
         if self.melts and self.melting_point is None:

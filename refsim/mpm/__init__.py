@@ -22,8 +22,8 @@ from refsim.core.capabilities import (
     NeedsCellOrder,
     Watches,
 )
-from refsim.core.checked import Printed
-from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit, require
+from refsim.core.checked import NotNegative, Positive, Printed
+from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit
 from refsim.core.energy import EnergyAccount, EnergyState, amount
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
@@ -159,17 +159,16 @@ class MpmLiquid(
     with_spacing: ClassVar[tuple[str, ...]] = ("cell_size",)
     replaced: ClassVar[tuple[str, ...]] = ("sph.gravity",)
 
-    rest_density: float = 1000.0
-    bulk_modulus: float
-    dynamic_viscosity: float = 0.0
-    cell_size: float = 0.0
-    initial_ratio: float = 1.0
+    rest_density: Positive = 1000.0
+    bulk_modulus: Positive
+    dynamic_viscosity: NotNegative = 0.0
+    cell_size: NotNegative = 0.0
+    initial_ratio: Positive = 1.0
     volume: Literal["ratio", "gradient", "full_gradient"] = "ratio"
-    acoustic_number: float = 0.3
+    acoustic_number: Positive = 0.3
     literal: Printed = ()
 
     def check(self, grid: Discretisation, others: Others) -> None:
-        self.require("rest_density bulk_modulus initial_ratio acoustic_number", "dynamic_viscosity cell_size")
         if self.acoustic_number > 0.5:
             raise InputError(
                 f"{self.name}: acoustic_number = {self.acoustic_number} is near the limit of stability; give at most"
@@ -420,7 +419,6 @@ class MpmWalls(Effect, HasPlanes, frozen=True, kw_only=True):
         h = mpm_liquid_of(others).cell(grid) if MpmLiquid.name in others else grid.spacing
         for axis in range(grid.dim):
             low, high = self.lower[axis], self.upper[axis]
-            require(self.name, lower=(low, "finite"), upper=(high, "finite"))
             if high - low < 3 * h:
                 raise InputError(
                     f"{self.name}: along {'xyz'[axis]} the domain from {low} to {high} m is narrower than three cells"

@@ -10,6 +10,7 @@ import dataclasses
 from typing import Any, ClassVar, Literal, NamedTuple
 
 from refsim.core.capabilities import CorrectsPositions, open_axis
+from refsim.core.checked import NotNegative
 from refsim.core.effect import Discretisation, Effect, Others, Pass
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
@@ -44,14 +45,13 @@ class ParticleShifting(Effect, CorrectsPositions, frozen=True, kw_only=True):
     name: ClassVar[str] = "particle_shifting"
     periodic: ClassVar[bool] = True
 
-    strength: float = 2.2
+    strength: NotNegative = 2.2
     surface: Literal["detected", "none"] = "detected"
 
     def needs(self) -> tuple[str, ...]:
         return (LIQUID, DETECTION) if self._at_surface() else (LIQUID,)
 
     def check(self, grid: Discretisation, others: Others) -> None:
-        self.require(not_negative="strength")
         if self.strength == 0:
             return
         if "shape_matching" in others:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 import numpy as np
 
 from refsim.core.capabilities import HasErrata
-from refsim.core.checked import Printed
+from refsim.core.checked import Printed, Share
 from refsim.core.effect import Discretisation, Effect, Others, Pass
 from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
@@ -86,18 +86,14 @@ class ShapeMatching(Effect, HasErrata, frozen=True, kw_only=True):
     paper: ClassVar[Mapping[str, Any]] = {"damping": 0.0}
 
     half_width: int = 2
-    stiffness: float = 1.0
-    damping: float = 0.1
+    stiffness: Share = 1.0
+    damping: Share = 0.1
     summation: Literal["gather", "reduction", "fast"] = "fast"
     literal: Printed = ()
 
     def check(self, grid: Discretisation, others: Others) -> None:
         if not (isinstance(self.half_width, int) and 1 <= self.half_width <= WIDEST):
             raise InputError(f"{self.name}: half_width = {self.half_width} is not possible; give 1 to {WIDEST}.")
-        self.require(not_negative="stiffness damping")
-        for name in ("stiffness", "damping"):
-            if getattr(self, name) > 1:
-                raise InputError(f"{self.name}: {name} = {getattr(self, name)} is not possible; give 0 to 1.")
         self.printed()
 
     def holds(self) -> bool:

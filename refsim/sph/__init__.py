@@ -27,7 +27,7 @@ from refsim.core.capabilities import (
     having,
     open_axis,
 )
-from refsim.core.checked import Printed
+from refsim.core.checked import NotNegative, Positive, Printed
 from refsim.core.effect import Discretisation, Effect, InitialState, Others, Pass, StepLimit
 from refsim.core.energy import EnergyAccount, EnergyState, amount, compression_amount, compression_energy
 from refsim.core.errors import InputError
@@ -199,9 +199,9 @@ class WeaklyCompressible(
     of_liquid: ClassVar[bool] = True
     periodic: ClassVar[bool] = True
 
-    rest_density: float = 1000.0
-    sound_speed: float
-    dynamic_viscosity: float = 0.0
+    rest_density: Positive = 1000.0
+    sound_speed: Positive
+    dynamic_viscosity: NotNegative = 0.0
     viscosity: Literal["laplacian", "central"] | None = None
     state: Literal["linear", "tait"] = "linear"
     density: Literal["summation", "continuity"] | None = None
@@ -224,7 +224,6 @@ class WeaklyCompressible(
         return (DETECTION,) if self.tensile_control == "inside" else ()
 
     def check(self, grid: Discretisation, others: Others) -> None:
-        self.require(positive="rest_density sound_speed", not_negative="dynamic_viscosity")
         if not self.density_bound > DENSE:
             raise InputError(
                 f"{self.name}: density_bound = {self.density_bound:g} is not above {DENSE:g}, from which on a run has a"
@@ -614,7 +613,6 @@ class Gravity(Effect, frozen=True, kw_only=True):
     acceleration: tuple[float, float, float] = (0.0, 0.0, -9.81)
 
     def check(self, grid: Discretisation, others: Others) -> None:
-        self.require(finite="acceleration")
         if grid.dim == 2 and self.acceleration[2] != 0:
             raise InputError("gravity: acceleration has a z part in a 2D scene; point it along x or y.")
 

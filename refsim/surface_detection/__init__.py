@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 import numpy as np
 
 from refsim.core.capabilities import FindsSurface, HasErrata
-from refsim.core.checked import Printed
+from refsim.core.checked import Positive, Printed
 from refsim.core.effect import Discretisation, Effect, Others, Pass
 from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
@@ -197,8 +197,8 @@ class SurfaceDetection(Effect, FindsSurface, HasErrata, frozen=True, kw_only=Tru
     needed: ClassVar[tuple[str, ...]] = (LIQUID,)
 
     method: Literal["number_density", "fan_scan", "two_step"] = "two_step"
-    threshold: float | None = None
-    asymmetry: float = 0.25
+    threshold: Positive | None = None
+    asymmetry: Positive = 0.25
     scan_radius: Literal["half", "full"] = "half"
     scan_normal: Literal["color", "corrected"] = "color"
     thin_features: Literal["fan_scan", "second_moment"] = "fan_scan"
@@ -207,7 +207,6 @@ class SurfaceDetection(Effect, FindsSurface, HasErrata, frozen=True, kw_only=Tru
     literal: Printed = ()
 
     def check(self, grid: Discretisation, others: Others) -> None:
-        self.require(positive="asymmetry threshold")
         if self.threshold is not None and self.threshold > 1.2:
             raise InputError(
                 f"{self.name}: threshold = {self.threshold} would mark every particle as near the surface; give a"

@@ -12,8 +12,8 @@ from typing import Any, ClassVar, Literal, NamedTuple
 import numpy as np
 
 from refsim.core.capabilities import HasErrata
-from refsim.core.checked import Printed
-from refsim.core.effect import Effect, require
+from refsim.core.checked import NotNegative, Positive, Printed
+from refsim.core.effect import Effect
 from refsim.core.errors import InputError
 from refsim.core.operation import Program, add_program
 from refsim.core.scalars import int32
@@ -70,14 +70,14 @@ class Tension(Effect, HasErrata, frozen=True, kw_only=True):
     errata: ClassVar[tuple[str, ...]] = ("M1", "M14", "M31", "M32")
     improvements: ClassVar[tuple[str, ...]] = ("M31", "M32")
 
-    surface_tension: float
-    level_set_radius: float | None = None
+    surface_tension: NotNegative
+    level_set_radius: Positive | None = None
     quadrature: Literal["facets", "poisson"] = "facets"
-    disk_radius: float = 0.5
+    disk_radius: Positive = 0.5
     seed: int = 0
-    offset: float = 0.5
+    offset: Positive = 0.5
     iterations: int = 10
-    relaxation: float = 1.0
+    relaxation: Positive = 1.0
     normals: Literal["mls", "gradient", "facets", "offsets"] = "mls"
     inset: float = 0.25
     enclose_volume: bool = False
@@ -105,11 +105,6 @@ class Tension(Effect, HasErrata, frozen=True, kw_only=True):
         """Raise InputError if a parameter is out of its range."""
         owner = self.name or "surface_energy"
         self.printed()
-        require(
-            owner, surface_tension=(self.surface_tension, "not negative"),
-            level_set_radius=(self.radius(dim), "positive"), disk_radius=(self.disk_radius, "positive"),
-            offset=(self.offset, "positive"), relaxation=(self.relaxation, "positive"), inset=(self.inset, "finite"),
-        )  # fmt: skip
         limits = (
             (
                 "level_set_radius", self.radius(dim), dim**0.5, 2.0,

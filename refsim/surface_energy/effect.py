@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol
 import numpy as np
 
 from refsim.core.capabilities import HoldsOtherMemory, Watches
+from refsim.core.checked import NotNegative, Positive
 from refsim.core.effect import Discretisation, Others, Pass, StepLimit
 from refsim.core.energy import Amount, EnergyAccount, EnergyState, amount
 from refsim.core.errors import InputError
@@ -71,8 +72,8 @@ class SurfaceEnergy(Tension, HoldsOtherMemory, Watches, frozen=True, kw_only=Tru
 
     embedding: Literal["none", "cluster", "thesis", "gradient_corrected"] = "cluster"
     contact_angle: float = 180.0
-    capillary_number: float = 0.3
-    recount_time: float = 0.0
+    capillary_number: Positive = 0.3
+    recount_time: NotNegative = 0.0
 
     @property
     def host_in_step(self) -> bool:  # type: ignore[override]
@@ -97,7 +98,6 @@ class SurfaceEnergy(Tension, HoldsOtherMemory, Watches, frozen=True, kw_only=Tru
 
     def check(self, grid: Discretisation, others: Others) -> None:
         self.check_parameters(grid.dim)
-        self.require(positive="capillary_number", not_negative="recount_time")
         if not 0 <= self.contact_angle <= 180:
             raise InputError(
                 f"{self.name}: contact_angle = {self.contact_angle} is not possible; give 0 to 180 degrees."

@@ -139,9 +139,8 @@ class PairCohesion(Effect, BalancesCohesion, KnowsLimits, SumsDensity, frozen=Tr
         return grid.support_radius if self.passes({}) else 0.0
 
     def check_coefficients(self) -> None:
-        """Raise InputError unless either the tension or the model's own coefficient is given, and not negative."""
+        """Raise InputError unless either the tension or the model's own coefficient is given."""
         one_of(self.name, **{name: getattr(self, name) for name in ("surface_tension", self.own)})
-        self.require(not_negative=f"surface_tension {self.own}")
 
     def coheres(self) -> bool:
         """Whether the coefficient, given or from sigma, is not zero."""

@@ -334,8 +334,8 @@ BAD = {
         spacing=0.2, support_radius=0.5, fluid=(Box(cells=(2, 2, 2)),), effects=(ShapeMatching(),)
     ),
     "set dim to 3": solids(BALL, dim=2),
-    "half_width = 5": solids(BALL, effects=(ShapeMatching(half_width=5),)),
-    "damping = 1.5": solids(BALL, effects=(ShapeMatching(damping=1.5),)),
+    "half_width = 5": {"half_width": 5},
+    "damping = 1.5": {"damping": 1.5},
     "a cell is listed twice": solids(SolidCells(cells=[[0, 0, 0], [0, 0, 0]])),
     "rows of 3 whole numbers": solids(SolidCells(cells=[[0.5, 0, 0]])),
     "its extent from": solids(SolidBox(lower=(1, 0, 0), upper=(0, 1, 1))),
@@ -357,5 +357,5 @@ BAD = {
 @pytest.mark.parametrize("words", BAD)
 def test_bad_solids_are_refused_in_one_sentence(words):
     with pytest.raises(InputError, match=words) as caught:
-        make_plan(BAD[words])
+        make_plan(scene if isinstance(scene := BAD[words], Scene) else solids(BALL, effects=(ShapeMatching(**scene),)))
     assert "\n" not in str(caught.value)

@@ -263,7 +263,7 @@ def with_clamped_tension():
         (without_walls(density="continuity", diffusion=-0.1), "diffusion = -0.1 is not possible; give 0 to 0.17"),
         (without_walls(density="continuity", diffusion=0.5), "diffusion = 0.5 is not possible; give 0 to 0.17"),
         (with_effects(ParticleShifting()), "needs effect 'surface_detection'; add it"),
-        (with_effects(ParticleShifting(strength=-1.0)), "strength = -1.0 is not possible"),
+        (lambda: ParticleShifting(strength=-1.0), "strength = -1.0 is not possible"),
         (without_walls(tensile_control="everywhere", density="continuity"), "but the scene is open along x"),
         (without_walls(tensile_control="inside", density="continuity"), "needs effect 'surface_detection'; add it"),
         (with_clamped_tension, "tensile_control acts on negative pressures, which clamp_pressure sets to zero"),

@@ -17,8 +17,8 @@ import numpy as np
 from refsim.boundary import adami_2012
 from refsim.boundary.adami_2012 import LEAST_SHARE, walls_model
 from refsim.core.capabilities import BringsWalls, FollowsScene, HasErrata, HasPlanes, SumsDensity, having
-from refsim.core.checked import Printed
-from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit, require
+from refsim.core.checked import NotNegative, Printed
+from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit
 from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
@@ -65,13 +65,12 @@ class BoxWalls(Effect, BringsWalls, HasPlanes, HasErrata, FollowsScene, SumsDens
     upper: tuple[float, float, float]
     model: Literal["mirrored", "extrapolated"] | None = None
     open_faces: tuple[Literal["-x", "+x", "-y", "+y", "-z", "+z"], ...] = ()
-    viscosity: float = 0.0
+    viscosity: NotNegative = 0.0
     moving_faces: tuple[Literal["-x", "+x", "-y", "+y", "-z", "+z"], ...] = ()
     velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
     literal: Printed = ()
 
     def check(self, grid: Discretisation, others: Others) -> None:
-        self.require(not_negative="viscosity")
         for face in FACES:
             across = grid.period["xyz".index(face[1])] > 0
             if across and face not in self.open_faces:
@@ -83,7 +82,6 @@ class BoxWalls(Effect, BringsWalls, HasPlanes, HasErrata, FollowsScene, SumsDens
             if grid.period[axis] > 0:
                 continue
             low, high = self.lower[axis], self.upper[axis]
-            require(self.name, lower=(low, "finite"), upper=(high, "finite"))
             if high - low < grid.spacing:
                 raise InputError(
                     f"box_walls: along {'xyz'[axis]} the box from {low} to {high} m is thinner than one particle"
@@ -102,7 +100,6 @@ class BoxWalls(Effect, BringsWalls, HasPlanes, HasErrata, FollowsScene, SumsDens
 
     def _check_motion(self, grid: Discretisation, others: Others) -> None:
         """Raise InputError for faces that cannot move as they are said to, and for friction at others' particles."""
-        self.require(finite="velocity")
         for face in self.moving_faces:
             axis = "xyz".index(face[1])
             if face in self.open_faces or axis >= grid.dim:

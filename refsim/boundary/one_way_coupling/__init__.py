@@ -30,7 +30,7 @@ from refsim.core.capabilities import (
     KeepsLedger,
     SumsDensity,
 )
-from refsim.core.checked import Printed
+from refsim.core.checked import NotNegative, Printed, Share
 from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit
 from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
@@ -104,29 +104,25 @@ class MeshBoundary(
 
     file: str
     center: tuple[float, float, float] | None = None
-    size: float = 0.0
+    size: NotNegative = 0.0
     rotation: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    radius: float = 0.0
+    radius: NotNegative = 0.0
     layers: int = 0
     model: Literal["mirrored", "extrapolated"] | None = None
-    viscosity: float = 0.0
-    adhesion: float = 0.0
+    viscosity: NotNegative = 0.0
+    adhesion: NotNegative = 0.0
     correction: Literal["swept", "point", "none"] = "swept"
-    restitution: float = 0.0
-    rebound: float = 0.1
-    field_spacing: float = 0.0
+    restitution: Share = 0.0
+    rebound: NotNegative = 0.1
+    field_spacing: NotNegative = 0.0
     every_particle: bool = False
-    volume_factor: float = 0.0
+    volume_factor: NotNegative = 0.0
     seed: int = 0
     literal: Printed = ()
 
     def check(self, grid: Discretisation, others: Others) -> None:
         if grid.dim != 3:
             raise InputError(f"{self.name}: a mesh is a body in space; set dim to 3 or leave it out.")
-        lengths = "size radius viscosity adhesion rebound field_spacing volume_factor"
-        self.require(not_negative=lengths, finite="center rotation")
-        if not 0 <= self.restitution <= 1:
-            raise InputError(f"{self.name}: restitution = {self.restitution} is not possible; give 0 to 1.")
         if not 0 <= self.layers <= MOST_LAYERS:
             raise InputError(
                 f"{self.name}: layers = {self.layers} is not possible; give 1 to {MOST_LAYERS}, or 0: layers deeper"

@@ -12,8 +12,10 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from refsim.core.capabilities import SumsDensity
-from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit, require
+from refsim.core.checked import Count, Positive
+from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit
 from refsim.core.energy import EnergyAccount
+from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.core.scalars import int32
 from refsim.smoothing import lattice, smoothing
@@ -57,16 +59,15 @@ class ImplicitPressure(Effect, SumsDensity, frozen=True, kw_only=True):
     needed: ClassVar[tuple[str, ...]] = (LIQUID,)
     replaced: ClassVar[tuple[str, ...]] = ("sph.state", "sph.pressure", "sph.momentum")
 
-    relaxation: float = 0.25
-    tolerance: float = 1e-3
-    iterations: tuple[int, int] = (2, 100)
-    courant: float = 0.2
+    relaxation: Positive = 0.25
+    tolerance: Positive = 1e-3
+    iterations: tuple[Count, Count] = (2, 100)
+    courant: Positive = 0.2
 
     def check(self, grid: Discretisation, others: Others) -> None:
-        self.require(positive="relaxation tolerance courant")
         least, most = self.iterations
-        numbers = {"least number of iterations": least, "largest number of iterations": most - least + 1}
-        require(self.name, **{name: (number, "positive") for name, number in numbers.items()})
+        if most < least:
+            raise InputError(f"{self.name}: iterations = [{least}, {most}] is not possible; let the second be larger.")
 
     def fields(self, others: Others) -> tuple[Field, ...]:
         return (PRESSURE, *WORK)

@@ -13,7 +13,7 @@ from typing import Any, ClassVar, NamedTuple
 from numpy.typing import NDArray
 
 from refsim.core.capabilities import BringsWalls, HasErrata, Margin, having
-from refsim.core.checked import Printed
+from refsim.core.checked import NotNegative, Printed
 from refsim.core.effect import Discretisation, Others, Pass
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
@@ -75,15 +75,14 @@ class Akinci2013(PairCohesion, HasErrata, frozen=True, kw_only=True):
     improvements: ClassVar[tuple[str, ...]] = errata
     paper: ClassVar[Mapping[str, Any]] = {"balance_pressure": False}
 
-    surface_tension: float | None = None
-    gamma: float | None = None
-    area_acceleration: float | None = None
-    adhesion: float = 0.0
+    surface_tension: NotNegative | None = None
+    gamma: NotNegative | None = None
+    area_acceleration: NotNegative | None = None
+    adhesion: NotNegative = 0.0
     literal: Printed = ()
 
     def check(self, grid: Discretisation, others: Others) -> None:
         self.check_coefficients()
-        self.require(not_negative="area_acceleration adhesion")
         if "gamma" in self.printed() and self.area_acceleration is not None:
             raise InputError(
                 f"{self.name}: literal 'gamma' sets the coefficient of the area term, and so does area_acceleration;"

@@ -9,6 +9,7 @@ from typing import Any, ClassVar, NamedTuple
 
 from numpy.typing import NDArray
 
+from refsim.core.checked import NotNegative
 from refsim.core.effect import Discretisation, Others
 from refsim.core.energy import EnergyAccount
 from refsim.smoothing.shapes import CUBIC_SPLINE, NORMALISATION
@@ -40,8 +41,8 @@ class BeckerTeschner2007(PairCohesion, frozen=True, kw_only=True):
     name: ClassVar[str] = "becker_teschner_2007"
     own: ClassVar[str] = "kappa"
 
-    surface_tension: float | None = None
-    kappa: float | None = None
+    surface_tension: NotNegative | None = None
+    kappa: NotNegative | None = None
     clamp_distance: bool = True
 
     def notes(self, grid: Discretisation, others: Others) -> tuple[str, ...]:

@@ -14,7 +14,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from refsim.core.capabilities import HasErrata, KnowsLimits, Margin, SumsDensity
-from refsim.core.checked import Printed
+from refsim.core.checked import NotNegative, Positive, Printed
 from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit
 from refsim.core.fields import Field
 from refsim.core.scalars import int32
@@ -93,15 +93,14 @@ class CsfWang2019(Effect, KnowsLimits, HasErrata, SumsDensity, frozen=True, kw_o
     errata: ClassVar[tuple[str, ...]] = ("shell",)
     needed: ClassVar[tuple[str, ...]] = (LIQUID,)
 
-    surface_tension: float
+    surface_tension: NotNegative
     tension_gradient: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    threshold: float = 0.5
+    threshold: Positive = 0.5
     normalise: bool = True
     density_correction: bool = True
     literal: Printed = ()
 
     def check(self, grid: Discretisation, others: Others) -> None:
-        self.require(positive="threshold", not_negative="surface_tension", finite="tension_gradient")
         self.printed()
 
     def notes(self, grid: Discretisation, others: Others) -> tuple[str, ...]:

@@ -13,7 +13,7 @@ from typing import Any, ClassVar, Literal, NamedTuple
 from numpy.typing import NDArray
 
 from refsim.core.capabilities import HasErrata, Margin
-from refsim.core.checked import Printed
+from refsim.core.checked import NotNegative, Positive, Printed
 from refsim.core.effect import Discretisation, Others, Pass
 from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
@@ -73,17 +73,16 @@ class Dong2016(PairCohesion, HasErrata, frozen=True, kw_only=True):
     lattice: ClassVar[bool] = True
     with_spacing: ClassVar[tuple[str, ...]] = ("rest_distance",)
 
-    surface_tension: float | None = None
-    stiffness: float | None = None
-    rest_distance: float | None = None
-    correction: float | None = None
+    surface_tension: NotNegative | None = None
+    stiffness: NotNegative | None = None
+    rest_distance: Positive | None = None
+    correction: NotNegative | None = None
     filter_density: bool = True
     solver: Literal["shared", "hu_adams"] = "shared"
     literal: Printed = ()
 
     def check(self, grid: Discretisation, others: Others) -> None:
         self.check_coefficients()
-        self.require(positive="rest_distance", not_negative="correction")
         if self._rest_distance(grid) >= grid.support_radius:
             raise InputError(
                 f"{self.name}: rest_distance = {self._rest_distance(grid)} m is not below the support radius of"

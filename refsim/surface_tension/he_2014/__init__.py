@@ -13,6 +13,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from refsim.core.checked import NotNegative
 from refsim.core.effect import Discretisation, Others, Pass
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
@@ -94,14 +95,13 @@ class He2014(PairCohesion, frozen=True, kw_only=True):
 
     name: ClassVar[str] = "he_2014"
 
-    surface_tension: float | None = None
-    kappa: float | None = None
-    air_pressure: float = 0.0
+    surface_tension: NotNegative | None = None
+    kappa: NotNegative | None = None
+    air_pressure: NotNegative = 0.0
 
     def check(self, grid: Discretisation, others: Others) -> None:
         if self.surface_tension is not None and self.kappa is not None:
             raise InputError(f"{self.name}: both of surface_tension and kappa given; give one of them, or neither.")
-        self.require(not_negative="surface_tension kappa air_pressure")
         self.check_collapse(grid, others)
 
     def notes(self, grid: Discretisation, others: Others) -> tuple[str, ...]:

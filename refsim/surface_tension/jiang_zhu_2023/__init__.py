@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from refsim.core.capabilities import HasErrata, Margin
-from refsim.core.checked import Printed
+from refsim.core.checked import NotNegative, Positive, Printed
 from refsim.core.effect import Discretisation, Others, Pass
 from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
@@ -179,21 +179,20 @@ class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
     improvements: ClassVar[tuple[str, ...]] = ("E6", "E7", "E23")
     paper: ClassVar[Mapping[str, Any]] = {"pair_mode": "either", "balance_pressure": False}  # Jiang & Zhu E9
 
-    surface_tension: float | None = None
-    gamma: float | None = None
+    surface_tension: NotNegative | None = None
+    gamma: NotNegative | None = None
     pair_mode: Literal["all", "soft", "one_sided", "either", "both"] = "all"
     area_term: Literal["corrected", "color", "none"] = "corrected"
-    area_ratio: float = 0.01
-    area_acceleration: float | None = None
+    area_ratio: NotNegative = 0.01
+    area_acceleration: NotNegative | None = None
     density_correction: bool | None = None
-    threshold: float | None = None
-    soft_lower: float = 0.3
-    soft_upper: float = 1.0
+    threshold: Positive | None = None
+    soft_lower: NotNegative = 0.3
+    soft_upper: Positive = 1.0
     literal: Printed = ()
 
     def check(self, grid: Discretisation, others: Others) -> None:
         self.check_coefficients()
-        self.require(positive="threshold soft_upper", not_negative="area_ratio area_acceleration soft_lower")
         if self.soft_upper <= self.soft_lower:
             raise InputError(
                 f"{self.name}: soft_upper = {self.soft_upper} is not above soft_lower = {self.soft_lower}; give"

@@ -14,7 +14,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from refsim.core.capabilities import HasErrata, SumsDensity
-from refsim.core.checked import Printed
+from refsim.core.checked import NotNegative, Printed
 from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit
 from refsim.core.fields import Field
 from refsim.core.scalars import int32
@@ -49,11 +49,10 @@ class NormalDifference2014(Effect, HasErrata, SumsDensity, frozen=True, kw_only=
     improvements: ClassVar[tuple[str, ...]] = errata
     needed: ClassVar[tuple[str, ...]] = (LIQUID,)
 
-    area_acceleration: float
+    area_acceleration: NotNegative
     literal: Printed = ()
 
     def check(self, grid: Discretisation, others: Others) -> None:
-        self.require(not_negative="area_acceleration")
         self.printed()
 
     def notes(self, grid: Discretisation, others: Others) -> tuple[str, ...]:

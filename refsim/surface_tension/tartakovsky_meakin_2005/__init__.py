@@ -11,6 +11,7 @@ from typing import Any, ClassVar, NamedTuple
 
 from numpy.typing import NDArray
 
+from refsim.core.checked import NotNegative
 from refsim.core.effect import Discretisation, Others
 from refsim.core.energy import EnergyAccount
 from refsim.sph import liquid_of
@@ -39,8 +40,8 @@ class TartakovskyMeakin2005(PairCohesion, frozen=True, kw_only=True):
     name: ClassVar[str] = "tartakovsky_meakin_2005"
     own: ClassVar[str] = "strength"
 
-    surface_tension: float | None = None
-    strength: float | None = None
+    surface_tension: NotNegative | None = None
+    strength: NotNegative | None = None
 
     def pair_mass(self, mass_i: NDArray, mass_j: NDArray, grid: Discretisation, others: Others) -> Any:
         """m^2 of the lattice's particles: the force of a pair does not depend on its masses."""
