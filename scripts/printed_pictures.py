@@ -177,10 +177,8 @@ class Pour:
         floor, half = (MM * value for value in self.floor)
         cohesion = Akinci2013(surface_tension=TENSION, area_acceleration=0.0)
         liquid = WeaklyCompressible(sound_speed=self.sound, dynamic_viscosity=VISCOSITY / size, density="summation")
-        basin = BoxWalls(
-            lower=(-half, -half, floor), upper=(half, half, low + 2 * length),
-            open_faces=("-x", "+x", "-y", "+y", "+z"),
-        )  # fmt: skip
+        beyond = {"open_faces": ("-x", "+x", "-y", "+y", "+z")}
+        basin = BoxWalls(lower=(-half, -half, floor), upper=(half, half, low + 2 * length), **beyond)
         effects: tuple[Any, ...] = (liquid, Gravity(), basin)
         adhesion = 0.0
         if arm == "with":
@@ -278,11 +276,9 @@ def ice_picture(name: str, asked: Drawing) -> Any:
         axes.grid(True)
         axes.legend(loc="upper right")
     above, weight = high[-1] - level[-1], (1 - 917 / 1000) * (high[0] - low[0])
-    headline(
-        figure,
-        f"Ice that does not melt, after {time[-1]:.0f} s: its top is {abs(above):.2f} m"
-        f" {'above' if above > 0 else 'below'} the level (by its weight: {weight:.2f} m above)",
-    )
+    words = f"Ice that does not melt, after {time[-1]:.0f} s: its top is {abs(above):.2f} m"
+    words += f" {'above' if above > 0 else 'below'} the level (by its weight: {weight:.2f} m above)"
+    headline(figure, words)
     return figure
 
 
@@ -322,11 +318,8 @@ def dong_block(tension: bool, until: float, size: float) -> Scene:
     axes = [(np.arange(n) + 0.5) * spacing - 0.5 * n * spacing * (k < 2) for k, n in enumerate(cells)]
     x = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3) + (0.0, 0.0, dong.HEIGHT)
     x += np.random.default_rng(1).uniform(-0.01, 0.01, x.shape) * spacing
-    coarse = dong.block_scene(1, tension)
-    fluid = (Cloud(position=x),)
-    return msgspec.structs.replace(
-        coarse, spacing=spacing, support_radius=2.7 * spacing, fluid=fluid, end_time=until, name="dong_block_fine"
-    )
+    finer = {"spacing": spacing, "support_radius": 2.7 * spacing, "fluid": (Cloud(position=x),), "end_time": until}
+    return msgspec.structs.replace(dong.block_scene(1, tension), name="dong_block_fine", **finer)
 
 
 def dong_room(panels: NDArray, run: SavedRun, frames: Sequence[int], words: str) -> None:

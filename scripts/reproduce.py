@@ -36,12 +36,10 @@ MAIN: tuple[dict[str, tuple[str, ...]], ...] = (
         "droplet": ("cube_4913",),
     },
     {
-        "dong": ("fall_with", "fall_without"),
-        "mpm_droplet": ("square_cluster",),
-        "melting": ("figure_4",),
+        "dong": ("fall_with", "fall_without"), "mpm_droplet": ("square_cluster",), "melting": ("figure_4",),
         "boundary": ("flow_pour_sphere_difference",),
     },
-)
+)  # fmt: skip
 
 
 def planned(experiments: Mapping[str, Experiment], options: Options) -> list[list[Part]]:
@@ -72,9 +70,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     here = machine()
     jobs = 1 if options.backend == "cuda" else options.threads or here["cores"]
     size = "main job" if options.quick else "published sizes"
-    print(
-        f"The {size} on backend {options.backend}, {jobs} at a time; {here['processor']}"[:WIDTH], file=out, flush=True
-    )
+    begin = f"The {size} on backend {options.backend}, {jobs} at a time; {here['processor']}"
+    print(begin[:WIDTH], file=out, flush=True)
     pictures: list[Path] = []
 
     def shown(picture: Path) -> None:

@@ -138,9 +138,8 @@ def level_set() -> Any:
     figure, axes = plt.subplots(figsize=(6.0, 4.6))
     _grid(axes, lower, upper)
     axes.contourf(x, y, distance, [0, r], colors=[PALE], zorder=1)
-    outline = np.concatenate(
-        axes.contour(x, y, distance, [r], colors=[SURFACE_RED], linewidths=2.2, zorder=4).allsegs[0]
-    )
+    contour = axes.contour(x, y, distance, [r], colors=[SURFACE_RED], linewidths=2.2, zorder=4)
+    outline = np.concatenate(contour.allsegs[0])
     outer = sorted({int(np.hypot(*(place[:, :2] - point).T).argmin()) for point in outline})
     for centre in place[outer, :2]:
         axes.add_patch(Circle(tuple(centre), r, fill=False, color=SKY, lw=0.8, zorder=2))
@@ -182,9 +181,8 @@ def marching_cases() -> Any:
         axes.scatter(*corner[inside].T, s=26, color=SURFACE_RED, depthshade=False, zorder=9)
         axes.set(xlim=(0, 1), ylim=(0, 1), zlim=(0, 1), box_aspect=(1, 1, 1))
         axes.set_proj_type("ortho")
-    figure.suptitle(
-        f"Marching cubes cuts a cell in {len(CASES)} ways (red: corners inside the liquid)", weight="bold", size=10.5
-    )
+    words = f"Marching cubes cuts a cell in {len(CASES)} ways (red: corners inside the liquid)"
+    figure.suptitle(words, weight="bold", size=10.5)
     return figure
 
 
@@ -196,9 +194,8 @@ def surface_samples() -> Any:
     lower, upper = _frame(place)
     figure, axes = plt.subplots(figsize=(6.0, 4.6))
     _grid(axes, lower, upper)
-    nodes = np.stack(np.meshgrid(*(np.arange(a, b + 1) for a, b in zip(lower, upper)), indexing="ij"), -1).reshape(
-        -1, 2
-    )
+    ticks = (np.arange(a, b + 1) for a, b in zip(lower, upper))
+    nodes = np.stack(np.meshgrid(*ticks, indexing="ij"), -1).reshape(-1, 2)
     r = Tension(surface_tension=1.0).radius(2)
     inside = np.array([(np.hypot(*(place[:, :2] - n).T) < r).any() for n in nodes])
     axes.scatter(*nodes[inside].T, s=16, marker="s", color=ORANGE, zorder=2, label="node within r of a particle")
@@ -238,17 +235,14 @@ def regions() -> Any:
     for axes, melted, title in ((panels[0], set(), "before"), (panels[1], slit, "after a slit has melted")):
         cell, direct, region, phase = cut_body(side, melted)
         shown = [s for s in range(len(cell)) if cell[s, 2] == level]
-        drawn = [
-            (s, j) for s in shown for j in direct[s] if j > s and cell[j, 2] == level and phase[s] != matching.FLUID
-        ]
-        for s, j in drawn:
-            axes.plot(*cell[[s, j], :2].T, color="#b8b8b8", lw=0.8, zorder=1)
+        solid = [s for s in shown if phase[s] != matching.FLUID]
+        for link in ([s, j] for s in solid for j in direct[s] if j > s and cell[j, 2] == level):
+            axes.plot(*cell[link, :2].T, color="#b8b8b8", lw=0.8, zorder=1)
         here = next(s for s in shown if tuple(cell[s, :2]) == node)
         members = [j for j in region[here] if j != matching.EMPTY and cell[j, 2] == level]
         axes.scatter(*cell[members, :2].T, s=330, color="#fbd9a0", zorder=0, label="region of the marked particle")
-        for kind, color, what in (
-            (matching.SURFACE, SURFACE_RED, "surface"), (matching.INTERIOR, INTERIOR_BLUE, "interior"),
-        ):  # fmt: skip
+        kinds = ((matching.SURFACE, SURFACE_RED, "surface"), (matching.INTERIOR, INTERIOR_BLUE, "interior"))
+        for kind, color, what in kinds:
             rows = [s for s in shown if phase[s] == kind]
             axes.scatter(*cell[rows, :2].T, s=60, color=color, zorder=3, label=what)
         rows = [s for s in shown if phase[s] == matching.FLUID]
@@ -288,9 +282,7 @@ def spline_nodes() -> Any:
     return figure
 
 
-DRAWINGS = (
-    fan_scan, level_set, marching_cases, surface_samples,regions, spline_nodes,
-)  # fmt: skip
+DRAWINGS = (fan_scan, level_set, marching_cases, surface_samples, regions, spline_nodes)
 SCHEMATICS: dict[str, Callable[[], Any]] = {f"{drawing.__name__}.png": drawing for drawing in DRAWINGS}
 
 

@@ -60,7 +60,5 @@ def cohesion(position, mass, neighbours, smoothing, attraction, acceleration):
 
 PROGRAMS = Programs(
     {"sph.density": density, "sph.momentum": momentum, "becker_teschner_2007.cohesion": cohesion},
-    kernels=("wendland_c2",),
-    walls=False,
-    without=("number_density", "asymmetry", "period"),
-)
+    kernels=("wendland_c2",), walls=False, without=("number_density", "asymmetry", "period"),
+)  # fmt: skip

@@ -59,27 +59,6 @@ def momentum_sum(
     added[i] = total / rho[i]
 
 
-@wp.kernel
-def cohesion_sum(
-    x: wp.array(dtype=wp.vec3), mass: wp.array(dtype=wp.float32), start: wp.array(dtype=wp.int64),
-    count: wp.array(dtype=wp.int32), entries: wp.array(dtype=wp.int32), w: Kernel, strength: wp.float32,
-    least: wp.float32, added: wp.array(dtype=wp.vec3),
-):  # fmt: skip
-    i = wp.tid()
-    total = wp.vec3(0.0, 0.0, 0.0)
-    for k in range(count[i]):
-        j = entries[int(start[i]) + k]
-        d = x[i] - x[j]
-        q = wp.length(d) * w.inverse
-        if q < 1.0:
-            q = wp.max(q, least)
-            s = 2.0 * (1.0 - q) * (1.0 - q) * (1.0 - q)
-            if q <= 0.5:
-                s = 1.0 - 6.0 * q * q * (1.0 - q)
-            total -= d * (mass[j] * s)
-    added[i] = total * (strength / mass[i])
-
-
 def shared(array):
     """The same memory as an array of Warp; rows of three numbers are vectors."""
     array = array.view(np.int32) if array.dtype == np.uint32 else array
@@ -110,15 +89,7 @@ def momentum(position, velocity, mass, density, pressure, neighbours, smoothing,
     )
 
 
-def cohesion(position, mass, neighbours, smoothing, attraction):
-    numbers = (attraction.strength, attraction.least_q)
-    return launched(cohesion_sum, wp.vec3, (position, mass), neighbours, smoothing, *numbers)
-
-
 PROGRAMS = Programs(
-    {"sph.density": density, "sph.momentum": momentum, "becker_teschner_2007.cohesion": cohesion},
-    kernels=("wendland_c2",),
-    dtypes=("float32",),
-    walls=False,
+    {"sph.density": density, "sph.momentum": momentum}, kernels=("wendland_c2",), dtypes=("float32",), walls=False,
     without=("number_density", "asymmetry", "period"),
-)
+)  # fmt: skip

@@ -4,8 +4,6 @@ import json
 import os
 import pathlib
 import pickle
-import re
-import shutil
 import subprocess
 import sys
 import tracemalloc
@@ -14,7 +12,6 @@ import msgspec
 import numpy as np
 import pytest
 
-import refsim
 from refsim import (
     Box,
     BoxWalls,
@@ -216,13 +213,6 @@ def test_an_effect_brings_its_own_and_nothing_else(name):
     assert with_it.walls is None or name in ("box_walls", "mesh_boundary")
 
 
-def test_shared_passes_run_once():
-    """Detection and tension both want the colour-gradient normal: one field, one launch, in every step."""
-    plan = make_plan(scene(LIQUID, DETECTION, TENSION))
-    assert plan.launches().count("surface_normal.color_gradient") == 1
-    assert make_plan(scene(LIQUID, DETECTION)).launches() == make_plan(scene(LIQUID)).launches()
-
-
 def test_the_second_moment_is_summed_only_where_a_scene_asks_for_it():
     """The same fields and launches; without the option the scan gets no limit, so that its loop is not compiled."""
     plain, thin = (make_plan(scene(LIQUID, effect)) for effect in (DETECTION, DETECTION_THIN))
@@ -257,47 +247,6 @@ def advanced(*effects, steps=15):
 )
 def test_effects_that_exert_nothing_leave_every_bit(with_it, without):
     assert state(advanced(*with_it)) == state(advanced(*without))
-
-
-PROGRAM = """
-import hashlib, sys
-from refsim import Box, Gravity, Scene, Simulation, WeaklyCompressible
-simulation = Simulation(Scene(spacing=0.1, support_radius=0.21, dim=2, fluid=(Box(cells=(4, 5, 1)),), step=1e-3,
-    effects=(WeaklyCompressible(sound_speed=12.0, dynamic_viscosity=0.2), Gravity(acceleration=(0.0, -9.81, 0.0)))))
-for _ in range(4):
-    simulation.step()
-print([hashlib.sha256(simulation.field(name).tobytes()).hexdigest() for name in ("position", "velocity")])
-print(sorted(m for m in sys.modules if m.startswith("refsim.surface")))
-"""
-
-
-def printed(folder):
-    environment = dict(os.environ, PYTHONPATH=str(folder), NUMBA_DISABLE_JIT="1")
-    done = subprocess.run(
-        [sys.executable, "-c", PROGRAM], capture_output=True, text=True, env=environment, cwd=folder, check=True
-    )
-    return done.stdout.splitlines()
-
-
-def test_where_an_effect_does_not_exist_the_bits_are_the_same(tmp_path):
-    """A copy of the package without the surface folders and MPM, which uses one; kernels run as Python in both."""
-    source = pathlib.Path(refsim.__file__).parent
-    shutil.copytree(source, tmp_path / "refsim", ignore=shutil.ignore_patterns("__pycache__"))
-    for folder in (
-        tmp_path / "refsim" / "mpm",
-        tmp_path / "refsim" / "particle_shifting",
-        *(tmp_path / "refsim").glob("surface_*"),
-    ):
-        shutil.rmtree(folder)
-    contents = tmp_path / "refsim" / "__init__.py"
-    text = contents.read_text()
-    torn = re.sub(r".*(?:surface_|refsim\.mpm|Mpm|hifting|SurfaceDetection|SurfaceEnergy|JiangZhu).*\n", "", text)
-    assert torn != text
-    contents.write_text(torn)
-    bits, modules = printed(tmp_path)
-    whole_bits, whole_modules = printed(source.parent)
-    assert modules == "[]" != whole_modules
-    assert bits == whole_bits
 
 
 def test_what_an_effect_needs_must_be_there():

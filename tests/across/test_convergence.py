@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 
-from refsim import Box, Gravity, Scene, Simulation
 from refsim.contract import Inputs, Target
 from refsim.core.cases import Case, lattice
 from refsim.core.operation import REGISTRY
@@ -137,20 +136,3 @@ def test_leap_frog_is_of_second_order_while_the_step_changes():
     steps = [16, 32, 64, 128]
     assert 1.9 < order([1 / n for n in steps], [oscillate(n) for n in steps]) < 2.1
     assert 1.9 < order([1 / n for n in steps], [oscillate(n, varying=False) for n in steps]) < 2.1
-
-
-def test_free_fall_is_exact():
-    """A constant acceleration is integrated without error, from rest, at any step."""
-    fall = (0.5, 0.0, -9.81)
-    scene = Scene(
-        spacing=0.1, support_radius=0.2, fluid=(Box(cells=(2, 2, 2)),), effects=(Gravity(acceleration=fall),),
-        dtype="float64", step=0.01,
-    )  # fmt: skip
-    simulation = Simulation(scene)
-    begun = simulation.field("position")
-    for _ in range(40):
-        simulation.step()
-    moved = simulation.field("position") - begun
-    assert simulation.time == pytest.approx(0.4)
-    assert np.abs(moved - 0.5 * np.array(fall) * simulation.time**2).max() < 1e-14 * 40
-    assert simulation.search is None  # no effect needed neighbours

@@ -1,9 +1,7 @@
-"""The pages agree with the code: links, code references, examples, and everything that is registered is explained."""
+"""The pages agree with the code: links, examples, commands, and everything that is registered is explained."""
 
-import ast
 import contextlib
 import functools
-import importlib.util
 import io
 import pathlib
 import re
@@ -27,27 +25,13 @@ from validation.drawing import LARGEST_PICTURE
 from validation.experiment import discover
 
 ROOT = pathlib.Path(__file__).parents[2]
-spec = importlib.util.spec_from_file_location("site_pages", ROOT / "docs" / "site_pages.py")
-site_pages = importlib.util.module_from_spec(spec)
-spec.loader.exec_module(site_pages)
 DOCS = sorted((ROOT / "docs").rglob("*.md"))
 PAGES = [*DOCS, *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md"))]
-NO_EFFECT = (
-    "index.md", "guarantees.md", "scene_files.md", "accuracy_cost.md", "contract.md", "results.md", "effects_cost.md",
-    "study.md", "api.md", "gallery.md", "changelog.md", "contributing.md", "solutions.md", "lessons.md", "sweep.md",
-    "public_names.md", "refuted.md", "sph_by_hand.md", "mpm_by_hand.md",
-)  # fmt: skip
-EFFECT_PAGES = [p for p in DOCS if p.name not in NO_EFFECT and p.parent.name != "lessons"]
 PUBLISHED = {name: effect for name, effect in EFFECTS.items() if effect.__module__.startswith("refsim.")}
 
 BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s#]+)[^)\s]*\)")
-PLACE = re.compile(r"\b([\w/.-]+\.py):(\w+)")
 LARGEST_FOLDER = 12_000_000  # bytes of all pictures and their data
-PATH = re.compile(r"`((?:refsim|tests|validation|scripts|docs|figures)/[\w/.-]*)`")
-DOTTED = re.compile(r"\brefsim((?:\.\w+)+)")
-STEMS = (ROOT, ROOT / "refsim", ROOT / "tests")
-
 pages = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
 ERRATA = ROOT / "docs" / "errata.md"
 SWITCH = re.compile(r'`"(\w+)"` on ((?:`\w+`(?:, )?)+)')
@@ -73,55 +57,9 @@ def broken_links(page, text):
             yield target
 
 
-@functools.cache
-def defined(path):
-    """Functions, classes, methods and module-level names of a source file."""
-    tree = ast.parse(path.read_text())
-    names = {node.name for node in ast.walk(tree) if isinstance(node, (ast.FunctionDef, ast.ClassDef))}
-    for node in tree.body:
-        targets = node.targets if isinstance(node, ast.Assign) else [getattr(node, "target", None)]
-        names |= {target.id for target in targets if isinstance(target, ast.Name)}
-    return names
-
-
-def broken_references(text):
-    for file, name in PLACE.findall(text):
-        found = [stem / file for stem in STEMS if (stem / file).exists()]
-        if not found or not any(name in defined(path) for path in found):
-            yield f"{file}:{name}"
-    made_by_runs = (ROOT / ".gitignore").read_text().splitlines()
-    for path in PATH.findall(text):
-        if not (ROOT / path).exists() and path not in made_by_runs and "NAME" not in path:
-            yield path
-    for dotted in DOTTED.findall(text):
-        if not resolves(dotted[1:].split(".")):
-            yield f"refsim{dotted}"
-
-
-def resolves(names):
-    found, place = refsim, "refsim"
-    for name in names:
-        place = f"{place}.{name}"
-        if not hasattr(found, name):
-            try:
-                importlib.import_module(place)
-            except ImportError:
-                return False
-        found = getattr(found, name)
-    return True
-
-
 @pages
 def test_links_lead_somewhere(page):
     assert not list(broken_links(page, prose(page)))
-
-
-@pages
-def test_references_into_the_code_exist(page):
-    text = prose(page)
-    if page.name == "CONTRIBUTING.md":  # adds a method that is not there; test_contributing looks after it
-        text = re.sub(r"`?refsim[./]velocity_smoothing\S*", "", text)
-    assert not list(broken_references(text))
 
 
 # Nothing that can be switched on goes unexplained
@@ -147,7 +85,7 @@ def test_printed_readings_are_explained(name):
     """Each that an effect accepts stands in a table row of a page with the effect; numbered ones among the errata."""
     errata = switchable(PUBLISHED[name])
     assert errata or PUBLISHED[name].paper
-    text = words(EFFECT_PAGES)
+    text = words(DOCS)
     for erratum in errata:
         rows = [row for row in text.splitlines() if row.startswith("|") and f'`"{erratum}"` on' in row]
         assert any(f"`{name}`" in row for row in rows), f"no row says what {erratum} on {name} does"
@@ -244,18 +182,6 @@ def understood(words):
 @pages
 def test_commands_on_the_pages_are_understood(page):
     assert [" ".join(words) for words in commands(page.read_text()) if not understood(words)] == []
-
-
-def missing_files(text):
-    """Files below a folder of the repository that a command line names and that are not there."""
-    folders = {path.name for path in ROOT.iterdir() if path.is_dir()}
-    named = {word.partition(":")[0] for words in commands(text) for word in words}
-    return sorted(name for name in named if name.split("/")[0] in folders and not (ROOT / name).exists())
-
-
-@pages
-def test_files_of_the_repository_in_commands_are_there(page):
-    assert missing_files(page.read_text()) == []
 
 
 def test_the_version_is_one():

@@ -1,7 +1,6 @@
 """Lessons that compute in the browser: their numbers against refsim's references, by mouse, touch and keyboard."""
 
 import functools
-import json
 import pathlib
 import re
 
@@ -10,7 +9,7 @@ import pytest
 
 from refsim import Cloud, Scene, Simulation, SurfaceDetection, WeaklyCompressible
 from refsim.smoothing import smoothing
-from refsim.smoothing.reference import kernel_slope, kernel_value
+from refsim.smoothing.reference import kernel_value
 from refsim.surface_detection import plane_moment
 from tests.render.browser import Browser, chromium
 
@@ -21,8 +20,6 @@ WIDTHS = (1280, 390)
 in_each_width = pytest.mark.parametrize("opened", WIDTHS, indirect=True)
 SAID = "document.querySelector('.live .said').textContent"
 COUNTED = "document.querySelector('.live .count').textContent"
-LETTERS = """[...document.querySelectorAll('.live svg text')].map(text =>
-  parseFloat(getComputedStyle(text).fontSize) * text.getScreenCTM().a)"""
 D, H = 0.01, 0.026  # of the fan scan [m]
 EFFECTS = (WeaklyCompressible(sound_speed=10.0, dynamic_viscosity=1.0, density="summation"), SurfaceDetection())
 
@@ -85,14 +82,6 @@ def numbers(text):
     return [float(found) for found in re.findall(r"-?\d+\.?\d*", text.replace("−", "-"))]
 
 
-def test_the_kernel_of_the_pages_is_that_of_the_reference(opened):
-    browser = opened(SUM)
-    r, shape = np.linspace(0.0, 0.15, 31), smoothing("wendland_c2", 0.13, 2)
-    for name, exact in (("kernel", kernel_value), ("slope", kernel_slope)):
-        found = browser.value(f"{json.dumps(list(r))}.map(r => Live.{name}(r, 0.13))")
-        np.testing.assert_allclose(found, exact(r, shape), rtol=1e-12, atol=1e-12)
-
-
 def test_the_smoothed_sum_is_that_of_the_reference_while_the_sliders_move(opened):
     browser = opened(SUM)
     moves = ("x", -50), ("h", 6), ("d", 2), ("jitter", 5), ("field", "wave"), ("x", 27), ("h", -9)
@@ -122,13 +111,6 @@ def test_the_point_follows_the_mouse_and_a_finger(opened):
         act((x, y), (x - 0.1 * side, y))
         assert browser.value("SmoothedSum.state.x") == pytest.approx(0.5 - 0.14, abs=0.011)
         assert numbers(browser.value(SAID))[0] == browser.value("SmoothedSum.state.x")
-
-
-@in_each_width
-def test_letters_of_the_drawings_are_nine_pixels_high(opened):
-    found = opened(SUM).value(LETTERS)
-    assert len(found) > 10
-    assert min(found) >= 9
 
 
 def answered(browser, number, text, by_keyboard):
@@ -166,12 +148,6 @@ def test_right_answers_are_praised_and_wrong_ones_told_apart(opened, page, name,
         assert answered(browser, number, "many", True) == "Write one number, such as 0.5 or 3/16."
     if page == SUM:
         assert all(answered(browser, 1, text, True).startswith("Right") for text in ("3/16", "0,1875", " 0.1875 "))
-
-
-def test_a_quarter_of_the_error_is_left_at_half_the_support_radius():
-    errors = [smoothed(lattice(0.025), 0.025, h, "wave", 0.25)[0] - 1 for h in (0.24, 0.13, 0.12, 0.11)]
-    assert errors[0] == pytest.approx(-0.076, abs=5e-4)
-    assert errors[2] / errors[0] == pytest.approx(0.25, abs=0.02)
 
 
 @functools.cache

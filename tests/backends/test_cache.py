@@ -9,7 +9,6 @@ import sys
 import pytest
 
 from refsim.backends import cache
-from refsim.backends.cache import sources_behind
 from refsim.backends.cache_files import refuse_foreign
 from refsim.core.errors import InputError
 from tests.backends.launched import launch
@@ -167,12 +166,6 @@ def test_processes_that_compile_one_kernel_at_once_do_not_disturb_each_other(tin
     at_once = [started(tiny, "float32", late="1.2 0"), started(tiny, "float64", late="0.6 1.8")]
     assert [ended(p)[0] for p in at_once] == [4, 4]
     assert [ended(started(tiny, kind)) for kind in ("float32", "float64")] == [(4, 0, 1), (4, 0, 1)]
-
-
-def test_sources_behind_a_kernel(tiny):
-    found = {path.name for path in sources_behind(tiny / "cpu.py")}
-    assert found >= {"cpu.py", "particle.py", "formulas.py", "numbers.py"}
-    assert "other.py" not in found
 
 
 def test_copies_of_refsim_share_their_kernels(tmp_path, monkeypatch):

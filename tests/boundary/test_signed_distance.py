@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from refsim.boundary.mesh import load_mesh, surface_mesh
+from refsim.boundary.mesh import surface_mesh
 from refsim.boundary.signed_distance import signed_distance
 from refsim.boundary.signed_distance.cases import needle, plate
 from refsim.core.errors import InputError
@@ -196,18 +196,3 @@ def test_what_cannot_be_repaired_is_refused(given, words):
 def test_impossible_grids_are_refused(spacing, band, words):
     with pytest.raises(InputError, match=words):
         signed_distance(meshed(BOX), spacing, band)
-
-
-def test_files_that_cannot_be_read_are_refused(tmp_path):
-    with pytest.raises(InputError, match="there is no file"):
-        load_mesh(tmp_path / "none.obj")
-    for name, words in (("bad.ply", "cannot be read"), ("empty.obj", "no triangles|cannot be read")):
-        (tmp_path / name).write_text("not a mesh\n")
-        with pytest.raises(InputError, match=words):
-            load_mesh(tmp_path / name)
-    (tmp_path / "latin.obj").write_bytes(b"# caf\xe9\nv 0 0 0\n")
-    words = "neither binary nor text in UTF-8|no triangles"  # the latter where a library is there that guesses
-    with pytest.raises(InputError, match=words):
-        load_mesh(tmp_path / "latin.obj")
-    BOX.export(tmp_path / "box.stl")
-    assert load_mesh(tmp_path / "box.stl").volume == pytest.approx(0.48)

@@ -2,7 +2,6 @@
 
 import importlib.util
 import json
-import os
 import pathlib
 import re
 import shutil
@@ -57,8 +56,8 @@ def judged(capsys, *arguments):
     return code, json.loads(capsys.readouterr().out)["operations"]
 
 
-def holds(code, operations):
-    assert list(operations) == OPERATIONS
+def holds(name, code, operations):
+    assert list(operations) == OPERATIONS[: 2 if name == "warp_backend" else 3]
     failed = [o for operation in operations.values() for o in operation["outcomes"] if not o["passed"]]
     assert code == 0, failed
     assert all(o["not_judged"] for o in failed)
@@ -68,13 +67,13 @@ def holds(code, operations):
 
 def test_the_c_library_holds(folder, compiler, capsys):
     compiled(folder, compiler)
-    holds(*judged(capsys, "c_library.py", *QUICK))
+    holds("c_library", *judged(capsys, "c_library.py", *QUICK))
 
 
 def test_warp_holds(folder, capsys):
     if importlib.util.find_spec("warp") is None:
         pytest.skip("warp is not installed")
-    holds(*judged(capsys, "warp_backend.py", *QUICK))
+    holds("warp_backend", *judged(capsys, "warp_backend.py", *QUICK))
 
 
 @pytest.mark.slow
@@ -97,7 +96,7 @@ def test_the_examples_hold_in_all_steps(name, folder, compiler, capsys):
     if name == "warp_backend" and importlib.util.find_spec("warp") is None:
         pytest.skip("warp is not installed")
     compiled(folder, compiler)
-    holds(*judged(capsys, f"{name}.py"))
+    holds(name, *judged(capsys, f"{name}.py"))
 
 
 def test_a_slip_is_found_where_masses_differ(folder, compiler, capsys):
@@ -153,33 +152,6 @@ def test_arrays_in_groups_are_converted():
     outcomes = list(contract.trials(programs, "sph.density", variants=(1,), steps=("T1",)))
     assert kinds == {OfDlpack}
     assert all(o.words == "your program does not write number_density, asymmetry" for o in outcomes)
-
-
-ON_DEVICE = """
-import numpy as np
-from numba import cuda
-from refsim import contract
-
-def written(field, acceleration):
-    acceleration.copy_to_device(acceleration.copy_to_host() + field.copy_to_host())
-
-def returned(field, acceleration):
-    return cuda.to_device(np.broadcast_to(field.copy_to_host(), acceleration.shape).copy())
-
-def wrong(field, acceleration):
-    return cuda.to_device(np.zeros((len(acceleration), 3), np.float32))
-
-for program in (written, returned, wrong):
-    mine = contract.Programs({"sph.gravity": program}, arrays="cuda", dtypes=("float32",))
-    print(all(o.passed for o in contract.trials(mine, "sph.gravity", steps=("T1", "T7"))))
-"""
-
-
-def test_arrays_on_a_device_are_written_and_returned():
-    """Under Numba's simulator, whose arrays have the interface of those on a GPU."""
-    environment = dict(os.environ, NUMBA_ENABLE_CUDASIM="1", NUMBA_DISABLE_JIT="1")
-    done = subprocess.run([sys.executable, "-c", ON_DEVICE], capture_output=True, text=True, env=environment)
-    assert done.stdout.split() == ["True", "True", "False"], done.stderr
 
 
 # Test vectors

@@ -28,7 +28,7 @@ def judged(fault, kernel, dtype):
 
 
 @kernels
-@pytest.mark.parametrize("fault", [pytest.param(f, marks=pytest.mark.slow) if f == "race" else f for f in CAUSES])
+@pytest.mark.parametrize("fault", CAUSES)
 def test_a_fault_is_noticed_with_its_cause(fault, kernel):
     """Most failed trials name the cause, and the first does, which a report tells first."""
     dtype = "float32" if fault == "prefix" else "float64"

@@ -101,17 +101,6 @@ def test_a_resumed_run_is_the_same_run(tmp_path):
         assert_same_run(plain, advance(resumed, STEPS))
 
 
-def test_cuts_stand_around_a_look_and_a_rebuild():
-    """Before half a skin of way is used up, between that and a look, between looks, and on either side of a rebuild:
-    otherwise the cuts would prove little."""
-    simulation, seen = Simulation(tank()), set()
-    for cut in CUTS:
-        advance(simulation, cut)
-        pending = simulation.lists.policy.squared_displacement > simulation.search.allowed_displacement**2
-        seen.add((simulation.search.log.rebuilds, pending, simulation.lists.policy.margin > 0))
-    assert {(1, False, False), (1, True, False), (1, True, True), (2, False, False)} <= seen
-
-
 def test_frames_and_looks_change_nothing(tmp_path):
     scene = tank()
     plain = advance(Simulation(scene), 40)

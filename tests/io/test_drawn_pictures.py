@@ -33,11 +33,3 @@ def test_what_is_drawn_of_files_is_what_is_stored(tmp_path):
 def test_an_unknown_name_is_refused(tmp_path, capsys):
     assert pictures.command("", schematics.SCHEMATICS, tmp_path, ["fan_scam.png"]) == 2
     assert "did you mean 'fan_scan.png'?" in capsys.readouterr().err
-
-
-def test_a_region_does_not_cross_what_has_melted():
-    whole = schematics.cut_body((7, 5, 5), set())
-    slit = schematics.cut_body((7, 5, 5), {(4, b) for b in range(5)})
-    for (cell, _, region, _), farthest in ((whole, 5), (slit, 3)):
-        here = np.flatnonzero((cell == (3, 2, 2)).all(1))[0]
-        assert cell[region[here][region[here] >= 0], 0].max() == farthest

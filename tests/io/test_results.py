@@ -16,9 +16,6 @@ from refsim import (
     Gravity,
     InputError,
     Scene,
-    ShapeMatching,
-    SolidCells,
-    TwoWayCoupling,
     WeaklyCompressible,
     make_plan,
     open_run,
@@ -121,23 +118,6 @@ def same_start(first, second):
 
 def test_the_scene_of_a_run_is_the_one_it_was_made_of(folder):
     same_start(open_run(folder).scene, scene())
-
-
-def test_the_scene_keeps_what_it_took_from_files(tmp_path):
-    """The positions of a cloud and the cells of a solid, though the files are gone."""
-    np.save(tmp_path / "cloud.npy", GRID + 0.1)
-    cells = np.argwhere(np.ones((3, 3, 3))) + 30
-    made = scene(
-        dim=3,
-        fluid=(Cloud(file=str(tmp_path / "cloud.npy")),),
-        solid=(SolidCells(cells=cells),),
-        effects=(*scene().effects, ShapeMatching(), TwoWayCoupling()),
-    )
-    simulate(made, 4e-4, backend="numpy", output=tmp_path / "run")
-    start = make_plan(made).state.position
-    (tmp_path / "cloud.npy").unlink()
-    found = open_run(tmp_path / "run").scene
-    assert np.array_equal(make_plan(found).state.position, start)
 
 
 def test_ledger_and_report_are_those_of_the_run(folder):

@@ -883,6 +883,8 @@ def test_passes_that_need_nothing_of_each_other_may_come_in_any_order(monkeypatc
 
 @pytest.mark.parametrize("share, holds", [(1, True), (2, False)])
 def test_a_third_partys_program_on_device_arrays_is_judged(share, holds):
+    from numba import cuda as device
+
     def gravity(field, acceleration):
         for _ in range(share):
             REGISTRY["sph.gravity"].program("cuda")(field, acceleration)
@@ -891,6 +893,12 @@ def test_a_third_partys_program_on_device_arrays_is_judged(share, holds):
     found = list(contract.trials(programs, "sph.gravity", steps=("T1", "T7")))
     assert found
     assert all(outcome.passed for outcome in found) == holds
+
+    def sent(field, acceleration):
+        return device.to_device(np.broadcast_to(field.copy_to_host(), acceleration.shape).copy())
+
+    sending = contract.Programs({"sph.gravity": sent}, arrays="cuda", dtypes=("float32",))
+    assert all(outcome.passed for outcome in contract.trials(sending, "sph.gravity", steps=("T1", "T7")))
     returning = contract.Programs({"sph.gravity": lambda field, acceleration: acceleration}, arrays="cuda")
     for outcome in contract.trials(returning, "sph.gravity", steps=("T1",)):
         assert not outcome.passed

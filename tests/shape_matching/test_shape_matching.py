@@ -163,15 +163,6 @@ def test_collapsed_regions_turn_as_the_reference_says(name, program, dtype):
             assert np.allclose(got, (q if trial % 2 else [0.5, 0.5, -0.5, 0.5]), atol=1e-6)
 
 
-def test_undetermined_twist_stays_and_determined_directions_turn():
-    """A line along x that now points along y: the rotation takes x to y and turns as little as it can about it."""
-    q, _ = matched(LINE @ rotation_matrix(quaternion([0, 0, 1], 90)).T, LINE)
-    assert np.allclose(rotation_matrix(q) @ [1, 0, 0], [0, 1, 0], atol=1e-6)
-    assert np.allclose(q, quaternion([0, 0, 1], 90), atol=1e-6)
-    q, _ = matched(0.0 * CUBE, CUBE, tuple(quaternion([1, 1, 0], 33)))
-    assert np.allclose(q, quaternion([1, 1, 0], 33)), "where nothing is determined the one before stays"
-
-
 # Whole bodies
 
 

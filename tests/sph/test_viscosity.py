@@ -30,9 +30,6 @@ from refsim.core.operation import REGISTRY
 from refsim.smoothing import smoothing
 from refsim.smoothing.reference import viscosity_laplacian
 from tests.running import advanced
-from validation.experiment import Options, discover
-from validation.experiments.viscosity import runs as case_of_drops
-from validation.running import Context
 
 MU = 0.7
 FORMS = {"laplacian": "sph.viscosity", "central": "sph.central_viscosity"}
@@ -242,20 +239,3 @@ def test_what_the_choice_does_not_go_with_is_refused():
         make_plan(Scene(**place, solid=solid, effects=(liquid("central"), ShapeMatching(), TwoWayCoupling())))
     with pytest.raises(InputError, match=r"printed sign of J\(11\), which viscosity = 'central' does not use"):
         make_plan(Scene(**place, effects=(liquid("central", literal=("E3",)),)))
-
-
-def test_the_case_of_spinning_drops_at_small_size(monkeypatch):
-    """A disc of 52 particles: judged, tabulated, drawn; the bar on angular momentum holds at any size."""
-    monkeypatch.setattr(case_of_drops, "STIRRED", 0.1)
-    monkeypatch.setattr(case_of_drops, "RESTED", 0.1)
-    (planned,) = case_of_drops.planned(Options(quick=True))
-    assert planned.parameters == {"dim": 2, "radius": 8.0, "seed": case_of_drops.SEED}
-    found = {"spin_2d_4": case_of_drops.spin(Context(), 2, 4.0, 1)}
-    verdicts = {m.name: m.verdict for m in case_of_drops.EXPERIMENT.checked(found)}
-    assert verdicts["kept.spin_2d_4"] == "pass"
-    assert set(verdicts.values()) == {"pass", "shown"}
-    values = found["spin_2d_4"].values
-    assert values["damping.central"] > 1.6 * values["damping.laplacian"] > 0.5
-    assert "damping.central" in "".join(map(str, case_of_drops.EXPERIMENT.tables(found)))
-    (picture,) = discover()["viscosity"].pictures
-    assert len(picture.draw(picture.collect(found)).axes) == 2

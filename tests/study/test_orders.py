@@ -50,39 +50,6 @@ def test_power_laws_are_found(order, ratios, limit, slope):
     assert found.uncertainty >= (1 - 1e-6) * 1.25 * abs(q[0] - limit)
 
 
-def trapezoids(n):
-    x = np.linspace(0, 1, n + 1)
-    return float(np.sum((np.exp(x[1:]) + np.exp(x[:-1])) / 2) / n)
-
-
-def rectangles(n):
-    return float(np.sum(np.exp(np.arange(n) / n)) / n)
-
-
-def decay(n):
-    """Explicit Euler of y' = -y to t = 1."""
-    return (1 - 1 / n) ** n
-
-
-@pytest.mark.parametrize(
-    "computed, exact, order",
-    [(trapezoids, math.e - 1, 2), (rectangles, math.e - 1, 1), (decay, math.exp(-1), 1)],
-    ids=["trapezoids", "rectangles", "euler"],
-)
-@pytest.mark.parametrize("cells", [(8, 12, 18), (20, 30, 45, 67), (10, 20, 40)])
-def test_programs_of_known_order(computed, exact, order, cells):
-    """Their own higher terms are in the values: order, extrapolation and band still hold."""
-    found = converge([1 / n for n in cells], [computed(n) for n in cells])
-    assert found.asymptotic
-    assert found.order == pytest.approx(order, abs=0.1)
-    finest = abs(computed(cells[-1]) - exact)
-    assert abs(found.value - exact) < 0.2 * finest
-    assert abs(found.value - exact) < found.uncertainty
-    for n in cells:
-        assert found.bound(computed(n)) > abs(computed(n) - exact) / exact
-        assert found.bound(computed(n)) < 2 * abs(computed(n) - exact) / exact
-
-
 @pytest.mark.parametrize(
     "values, words",
     [

@@ -7,7 +7,6 @@ import shutil
 import sys
 from pathlib import Path
 
-import msgspec
 import numpy as np
 import pytest
 
@@ -18,7 +17,7 @@ from refsim.study import cost, runs
 from refsim.study.local_modules import forget, local_modules
 from refsim.study.memory import bytes_of
 from refsim.study.observables import observable_of
-from tests.study.test_cost import made, tank
+from tests.study.test_cost import tank
 
 FLIGHT = {
     "spacing": 0.01, "support_radius": 0.026, "end_time": 0.002,
@@ -212,29 +211,6 @@ def test_the_front_is_that_of_the_liquid_beside_a_solid():
 
 
 # What a prediction is for
-
-
-def test_seconds_left_are_those_up_to_the_time_that_is_asked_for(monkeypatch):
-    """`refsim run --until` ends before the scene does."""
-    scene = tank(20)
-    monkeypatch.setattr(cost, "load", lambda *of: made())
-    simulation = Simulation(scene, "cpu", 1)
-    whole = cost.seconds_left(simulation, scene.end_time)
-    assert whole == pytest.approx(cost.estimate(make_plan(scene), made()).seconds)
-    early = make_plan(msgspec.structs.replace(scene, end_time=0.025))
-    assert cost.seconds_left(simulation, 0.025) == pytest.approx(cost.estimate(early, made()).seconds)
-    assert cost.seconds_left(simulation, 0.025) < 0.4 * whole
-    simulation.time = 0.05
-    assert cost.seconds_left(simulation, 0.1) == pytest.approx(whole / 2)
-
-
-def test_steps_follow_the_step_factor():
-    half = tank(20, step_factor=0.5)
-    rest = made(course=cost.Course(spacing=0.02, particles=50, reached=0.0))
-    for constants in (made(), rest):
-        one, two = (cost.steps_of(make_plan(scene), constants) for scene in (tank(20), half))
-        assert two == pytest.approx(2 * one)
-    assert cost.steps_of(make_plan(tank(20, step=1e-4)), made()) == 1000
 
 
 def test_a_resumed_run_counts_the_seconds_before_its_restart(tmp_path, monkeypatch):

@@ -209,16 +209,6 @@ def test_levels_that_work_are_kept_and_shown():
     assert found.rows()[2]["value"] is None
 
 
-def test_a_scene_that_diverges_is_reported():
-    wild = block(fluid=(Box(cells=(6, 12, 1), velocity=(1e4, 0.0, 0.0)),))
-    found = studied("front", scene=wild)
-    assert found.convergence is None
-    assert found.text().count("moves with 1e+04 m/s") == 3
-    assert "no spacing gave a value" in found.text()
-    assert found.cheapest() is None
-    assert found.sources() == {}
-
-
 def test_a_study_goes_on_where_it_was_stopped(tmp_path, monkeypatch):
     done = []
     own = runs.measure

@@ -8,7 +8,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from refsim import Ball, Box, BoxWalls, Cloud, InputError, Scene, Simulation, SurfaceDetection, WeaklyCompressible
-from refsim.core import cases
 from refsim.core.effect import EFFECTS, Discretisation, Effect
 from refsim.core.operation import REGISTRY
 from refsim.scene.plan import make_plan
@@ -54,13 +53,6 @@ def detect(position, backend="numpy", dtype="float64", spacing=1.0, dim=2, ratio
 
 def surface(position, **options):
     return detect(position, **options).field("surface").astype(bool)
-
-
-def shape(name):
-    """Positions of particles and walls of a hard input, in spacings."""
-    cases.discover()
-    case = cases.CASES[name]()
-    return case.position / case.spacing, case.wall_position / case.spacing
 
 
 def turned(position, angle):
@@ -159,11 +151,6 @@ def test_the_printed_cone_finds_no_surface():
     assert surface(disc()).any()
     assert not surface(disc(), literal=("E5",)).any()
     assert not surface(disc(), literal=("all",)).any()
-
-
-def test_corrected_normals_find_less():
-    position, _ = shape("three_layers")
-    assert surface(position, scan_normal="corrected").sum() < surface(position).sum()
 
 
 # Films and filaments
@@ -374,17 +361,6 @@ def borrower():
 
     yield Borrower
     EFFECTS.pop("borrower")
-
-
-def test_two_effects_share_the_detected_sets(borrower):
-    for effects in ((borrower(), SurfaceDetection()), (SurfaceDetection(), borrower()), (borrower(),)):
-        plan = plan_of(*effects)
-        assert [k for k in plan.launches() if k.startswith("surface_")] == [
-            "surface_detection.candidates",
-            "surface_normal.color_gradient",
-            "surface_detection.fan_scan",
-        ]
-        assert plan.launches() == plan.launches(on_demand=True)
 
 
 def test_a_pass_over_every_row_serves_who_wants_some(borrower):

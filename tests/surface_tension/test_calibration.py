@@ -100,12 +100,6 @@ def test_outside_the_map_it_refuses_in_one_sentence(name):
     assert str(refused.value).endswith(".")
 
 
-def test_one_seed_is_less_certain_than_three():
-    certain, less = (calibrate(1.0, **WATER, settings=[setting(seeds=n)]).uncertainty for n in (3, 1))
-    assert less == pytest.approx(0.1)
-    assert certain < less
-
-
 # The published map
 
 

@@ -78,6 +78,8 @@ def test_what_a_model_does_to_drops_is_noted():
         assert notes_with(notes(effect), turning) == notes_with(notes(without, viscosity=0.0), turning) == []
         assert len(notes_with(notes(effect, form="central"), turning)) == 1
         assert notes_with(notes(without, form="central"), turning) == []
+    pairs_of_two = JiangZhu2023(surface_tension=1.0, pair_mode="either", area_ratio=0.0)
+    assert notes_with(notes(pairs_of_two), "boil or fall apart")
     assert notes_with(notes(akinci, ImplicitPressure()), "tremble at rest")
     assert notes_with(notes(akinci), "tremble") == []
     dong = Dong2016(surface_tension=1.0)

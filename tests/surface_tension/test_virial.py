@@ -17,7 +17,7 @@ from refsim import (
     WeaklyCompressible,
 )
 from refsim.core.effect import Discretisation
-from refsim.study.panels.virial import inner_pressure, pair_virials
+from refsim.study.panels.virial import pair_virials
 
 TENSIONS = (
     JiangZhu2023(surface_tension=1.0),
@@ -49,18 +49,3 @@ def test_sum_of_pairs_is_the_sum_of_the_forces(tension):
     _, _, virial = pair_virials(simulation)
     assert virial.sum() == pytest.approx((m[:, None] * x * a).sum(), abs=2e-6 * np.abs(virial).sum())
     assert abs(virial.sum()) > 1e-3 * np.abs(virial).sum()
-
-
-def test_liquid_under_its_own_pressure():
-    """On a lattice squeezed by 2 % the virial is the pressure of the equation of state."""
-    grid = Discretisation(3, "float64", 1.0, 2.7, 0)
-    fluid = WeaklyCompressible(rest_density=1.0, sound_speed=20.0, density="summation")
-    points = 0.98 * Ball(radius=8.0).positions(grid)
-    simulation = Simulation(
-        Scene(spacing=1.0, support_radius=2.7, dtype="float64", fluid=(Cloud(position=points),), effects=(fluid,))
-    )
-    simulation.evaluate()
-    inside = np.linalg.norm(points, axis=1) < 3
-    pressure = simulation.field("pressure")[inside].mean()
-    assert pressure == pytest.approx(400 * (0.98**-3 - 1), rel=0.05)
-    assert inner_pressure(simulation, (3.0, 4.0)) == pytest.approx(pressure, rel=0.05)

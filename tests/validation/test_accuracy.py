@@ -3,20 +3,14 @@
 import numpy as np
 import pytest
 
-from refsim import Simulation
-from refsim.scene.plan import make_plan
 from refsim.study.panels import FOLDER, OWN, Point, abouts, panel
-from refsim.study.panels.making import DENSITY, GRAVITY, MADE, implicit_pressure
+from refsim.study.panels.making import MADE
 from refsim.study.panels.measured import measured
 from refsim.study.panels.observables import FALL
 from validation import accuracy, accuracy_page
 from validation import panel_runs as accuracy_runs
 from validation.__main__ import main
-from validation.experiments.dam_break.runs import TRUTH_RADIUS
-from validation.experiments.dam_break.scene import load_state
-from validation.metrics.surface_truth import arc_cover_surface, cap_cover_surface
 from validation.reading import reading
-from validation.work_precision import order_from_errors
 
 
 def test_the_page_is_what_the_stored_points_make():
@@ -77,29 +71,6 @@ def test_starts_of_unequal_cost_settle_where_each_repeats():
     assert point.seconds == spent
 
 
-def test_implicit_pressure_is_larger_at_walls():
-    """The particles at the floor, away from the sides, have two to three times the pressure of the water above them."""
-    given = {"cells": 20, "dtype": "float64", "tolerance": 1e-3, "step": 1.0}
-    run, found = Simulation(implicit_pressure(given), threads=1), []
-    while run.time < 1.5:
-        run.step()
-        if run.time > 1.0:
-            place, pressure = run.field("position"), run.field("pressure")
-            first = (place[:, 1] < 0.5 / 20) & (np.abs(place[:, 0] - 0.5) < 0.15)
-            found.append(float((pressure[first] / (DENSITY * GRAVITY * (1 - place[first, 1]))).mean()))
-    assert 2 < np.mean(found) < 3
-
-
-@pytest.mark.parametrize(("name", "cover"), [("2d", arc_cover_surface), ("3d", cap_cover_surface)])
-def test_detectors_are_held_against_the_exact_cover(name, cover):
-    """Of some particles of the stored clouds."""
-    cloud = load_state(f"dam_break_{name}")
-    plan = make_plan(MADE[f"detection_{name}"]({"effect": {}, "dtype": "float32"}, 0))
-    some = np.random.default_rng(1).choice(len(cloud.position), 300, replace=False)
-    truth = cover(cloud.position, TRUTH_RADIUS * plan.grid.spacing, plan.walls.position, some)
-    assert (truth == cloud.surface[some]).all()
-
-
 def test_peers_are_read_as_refsim_is(monkeypatch):
     """A front that moves evenly from 1 to 2 widths; a drop that keeps 0.02 from its second sample on."""
     times = np.linspace(0, 4.6, 93) * FALL
@@ -114,15 +85,3 @@ def test_peers_are_read_as_refsim_is(monkeypatch):
     assert (read.value, read.seconds) == (0.02, 1.5)
     monkeypatch.setattr(accuracy_runs.splishsplash, "run_drop", lambda given, threads: {"missing": "it is not there"})
     assert accuracy_runs.drop_by_splishsplash(given, 0, 1).failed == "missing: it is not there"
-
-
-# Statistics
-
-
-def test_order_from_errors():
-    size = [0.1, 0.05, 0.025, 0.0125]
-    exact = order_from_errors(size, [3 * s**2 for s in size], 2.0)
-    assert exact.asymptotic
-    assert exact.order == pytest.approx(2.0)
-    assert not order_from_errors(size, [1.0, 0.5, 0.6, 0.1], 2.0).asymptotic
-    assert "2 of 3 sizes" in order_from_errors(size[:2], [1.0, 0.5], 2.0).words

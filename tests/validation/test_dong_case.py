@@ -48,10 +48,6 @@ def test_the_fit_finds_period_and_decay():
     assert math.isnan(runs.oscillation(time, -np.exp(-time))["period"])
 
 
-def test_rayleigh_period_of_the_fourth_mode():
-    assert runs.rayleigh_period(1000 / 72, 1.0) == pytest.approx(2 * math.pi)
-
-
 def test_printed_settings_are_the_papers():
     made = scene.printed_cube(17, cohesion=True, correction=True)
     tension = made.effects[1]

@@ -69,16 +69,6 @@ def test_prosperettis_wave_fulfils_its_equation(damping):
         assert np.trapezoid(height * np.exp(-s * time), time) == pytest.approx(wanted[:, 0], rel=1e-5)
 
 
-def test_prosperettis_wave_begins_as_it_is_started():
-    time = np.linspace(0.0, 0.02, 201)
-    rest = scene.prosperetti(time, 2.0**2, 0.05)
-    assert rest[0] == pytest.approx(1.0)
-    assert np.polyfit(time, rest, 2)[1] == pytest.approx(0.0, abs=0.01)
-    flat = scene.prosperetti(time, 2.0**2, 0.05, velocity=True)
-    assert flat[0] == pytest.approx(0.0, abs=1e-12)
-    assert np.polyfit(time, flat, 3)[2] == pytest.approx(2.0, rel=0.01)
-
-
 def test_a_wall_carries_what_it_lifts():
     """The profile x(z) of a meniscus (Landau & Lifshitz, section 61), integrated: z'' = z (1 + z'^2)^1.5."""
     from scipy.integrate import solve_ivp
