@@ -213,17 +213,6 @@ def test_an_effect_brings_its_own_and_nothing_else(name):
     assert with_it.walls is None or name in ("box_walls", "mesh_boundary")
 
 
-def test_the_second_moment_is_summed_only_where_a_scene_asks_for_it():
-    """The same fields and launches; without the option the scan gets no limit, so that its loop is not compiled."""
-    plain, thin = (make_plan(scene(LIQUID, effect)) for effect in (DETECTION, DETECTION_THIN))
-    assert plain.launches(True) == thin.launches(True)
-    for plan, wanted in ((plain, False), (thin, True)):
-        (scan,) = [p for _, p in plan.all_passes() if p.operation == "surface_detection.fan_scan"]
-        assert (scan.names.get("thin_feature", "thin_feature") is not None) == wanted
-        detection = plan.effects["surface_detection"]
-        assert ("thin_feature" in detection.prepare(plan.grid, plan.effects)) == wanted
-
-
 def state(simulation):
     return {name: simulation.field(name).tobytes() for name in ("position", "velocity", "mass")}
 

@@ -221,18 +221,3 @@ def test_particles_follow_mouse_finger_and_arrow_keys(opened):
     moved = (compare(browser) - before) / D
     assert moved[4] == pytest.approx((-0.3, 0.3))
     assert "Particle 5." in browser.value(SAID)
-
-
-def test_the_page_says_why(opened):
-    browser = opened(FAN)
-    assert browser.value(SAID).endswith("its fan is empty: surface.")
-    browser.value("document.querySelector('.live svg').focus()")
-    browser.press("ArrowUp", 20)
-    slide(browser, "chosen", -1)
-    assert browser.value(SAID).endswith("in its fan stands particle 50: not surface.")
-    slide(browser, "chosen", -18)
-    assert browser.value(SAID).endswith("It is not scanned, and not surface.")
-    slide(browser, "chosen", 19)
-    browser.value("document.querySelector('.live svg').focus()")
-    browser.press("ArrowUp", 12)
-    assert browser.value(SAID).endswith("It has fewer than 3 neighbours: surface.")

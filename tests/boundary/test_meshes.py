@@ -259,51 +259,9 @@ def test_a_wall_with_a_hole_is_open_in_the_hole_only(kind):
     assert len(made.position) == pytest.approx(made.expected, abs=1)
 
 
-POUR = """
-spacing = 0.1
-support_radius = 0.2
-[[fluid]]
-shape = "box"
-lower = [0.85, 0.35, 0.85]
-cells = [13, 5, 13]
-[effects.weakly_compressible]
-density = "summation"
-sound_speed = 15.0
-[effects.gravity]
-acceleration = [0.0, -1.0, 0.0]
-[effects.box_walls]
-lower = [-0.2, -0.6, -0.2]
-upper = [3.2, 1.4, 3.2]
-[effects.mesh_boundary]
-file = "wall.stl"
-"""
-
-
-def test_a_pour_onto_a_wall_with_a_hole_stays_calm(tmp_path, monkeypatch, capsys):
-    """The wall lies flat; liquid falls onto its rim and through the hole, at most 1.5 times as fast as in free fall."""
-    from refsim import Simulation, load_scene
-
-    monkeypatch.chdir(tmp_path)
-    vertices, faces = wall_with_a_hole("fan")
-    trimesh.Trimesh(vertices, faces, process=False).export("wall.stl")
-    (tmp_path / "pour.toml").write_text(POUR)
-    assert main(["plan", "pour.toml"]) == 0
-    assert "inside is where the winding number exceeds 1/2" in " ".join(capsys.readouterr().out.split())
-    simulation = Simulation(load_scene("pour.toml"))
-    assert any("mesh_boundary: " in note and "winding number" in note for note in simulation.notes)
-    fastest = 0.0
-    while simulation.time < 0.9:
-        simulation.step()
-        fastest = max(fastest, float(np.linalg.norm(simulation.field("velocity"), axis=1).max()))
-    position = simulation.field("position").astype(float)
-    assert fastest < 1.5 * np.sqrt(2 * 1.0 * (0.85 + 0.6))
-    assert (position[:, 1] < -0.1).sum() > 30
-    assert wall_distance(position, "fan").min() > -0.02
-
-
 def test_clusters_are_the_winding_number():
-    """Of a ball of 20,480 triangles, at points around it, and near two crossing balls."""
-    ball = trimesh.creation.icosphere(5)
+    """Of a ball of 5,120 triangles, at points around it, and near two crossing balls."""
+    ball = trimesh.creation.icosphere(4)
     corners = np.concatenate([ball.triangles, ball.triangles * 0.5 + [0.7, 0.1, 0.2]])
     place = np.random.default_rng(1).uniform(-1.4, 1.4, (200, 3))
     exact = solid_angles(place, corners)[0].sum(1) / (4 * np.pi)

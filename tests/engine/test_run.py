@@ -28,7 +28,6 @@ from refsim import (
 from refsim.__main__ import main
 from refsim.core.errors import REASONS
 from refsim.engine import driver, stepping
-from refsim.engine import simulation as run_module
 from refsim.engine.checkpoints import load_checkpoint
 from refsim.engine.stock import check_particles
 from refsim.io.checkpoint import read_checkpoint, whole_checkpoint, write_checkpoint
@@ -553,23 +552,6 @@ def test_no_particle_is_lost_silently(spoil, words):
     spoil(simulation.fields)
     with pytest.raises(RunStopped, match=words):
         check_particles(simulation)
-
-
-def test_a_full_disk_keeps_the_last_checkpoint(tmp_path, monkeypatch):
-    simulation = Simulation(tank(), "numpy")
-
-    def progress(simulation):
-        if simulation.steps == 3:
-            monkeypatch.setattr(run_module, "write_checkpoint", full)
-
-    def full(path, *_):
-        raise RunStopped("disk_full", f"checkpoint {path} was not written because the disk is full")
-
-    with pytest.raises(RunStopped) as caught:
-        simulate(simulation, 1.0, output=tmp_path, progress=progress, checkpoint_every=0.0)
-    assert caught.value.reason == "disk_full"
-    assert Simulation.resume(tmp_path).steps == 2
-    assert not (tmp_path / "postmortem.json").exists()
 
 
 def test_a_disk_that_refuses_the_held_frames_leaves_the_reason_and_the_post_mortem(tmp_path, monkeypatch):

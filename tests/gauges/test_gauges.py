@@ -58,13 +58,6 @@ def test_a_tank_at_rest_reads_what_it_holds():
     assert abs(late(read["flux"])) < 1e-3
 
 
-def test_faces_share_the_force_of_all_walls():
-    simulation = run_to(Simulation(tank(8), "cpu"), 0.1)
-    faces = sum(simulation.gauge(name).values for name in ("floor", "left", "right"))
-    whole = simulation.gauge("walls").values
-    assert np.allclose(faces, whole, rtol=0, atol=1e-9 * np.abs(whole).max())
-
-
 def test_the_force_on_all_walls_balances_the_liquid():
     """F = -sum m_i (a_i - g): what the walls take is what the step gives the liquid, mirrored and with friction too."""
     for model, viscosity in (("extrapolated", 0.0), ("extrapolated", 3.0), ("mirrored", 3.0)):

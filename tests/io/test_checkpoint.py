@@ -3,8 +3,6 @@
 import errno
 import os
 import random
-import subprocess
-import sys
 import time
 
 import h5py
@@ -271,52 +269,6 @@ def test_the_newest_wins_whatever_the_file_times_say(tmp_path, monkeypatch):
 
 
 # -- kills and full disks
-
-PREAMBLE = """
-import resource, signal, sys
-from pathlib import Path
-sys.path[:0] = sys.argv[2:]
-from test_checkpoint import state
-from refsim.io.checkpoint import write_checkpoint
-from refsim.core.errors import RunStopped
-path = Path(sys.argv[1])
-"""
-
-
-def python(code, path, **options):
-    folders = [os.path.dirname(__file__), os.path.dirname(os.path.dirname(os.path.abspath(checkpoint.__file__)))]
-    return subprocess.Popen([sys.executable, "-c", PREAMBLE + code, str(path), *folders], text=True, **options)
-
-
-@posix
-@pytest.mark.parametrize("space", [0, 50, 2000, 70000])
-def test_no_space_left_for_a_real_write(tmp_path, space):
-    """A process that may write files of `space` bytes only: the system itself refuses, at different places."""
-    path = tmp_path / "run.h5"
-    write_checkpoint(path, state(0), {"step": 0})
-    before = path.read_bytes()
-    assert len(before) > 70000 - 20000
-    writer = python(
-        f"""
-signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-resource.setrlimit(resource.RLIMIT_FSIZE, ({space}, {space}))
-for _ in range(2):
-    try:
-        write_checkpoint(path, state(1, n=2000), {{"step": 1}})
-    except RunStopped as stop:
-        print(stop.reason, stop)
-""",
-        path,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-    )
-    out, err = writer.communicate(timeout=20)
-    assert writer.returncode == 0, err
-    assert err == ""
-    assert len(out.splitlines()) == 2
-    assert all(line.startswith("disk_full checkpoint ") and "untouched" in line for line in out.splitlines())
-    assert [file.name for file in tmp_path.iterdir()] == ["run.h5"]
-    assert path.read_bytes() == before
 
 
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT, errno.EIO])

@@ -2,7 +2,6 @@
 
 import dataclasses
 import errno
-import hashlib
 import itertools
 import os
 import random
@@ -365,29 +364,6 @@ def test_a_reader_leaves_the_journal_of_a_living_writer_alone(tmp_path, monkeypa
     assert len(read_particles(path)) == 3  # completed by the reader, now that the writer has ended
     assert journal.read_bytes() == b""
     assert not journal.with_name("run.vtkhdf.journal.lock").exists()
-
-
-def test_the_digest_is_that_of_the_file(tmp_path):
-    """Computed anew from the bytes, after frames were added and dropped. A continued file equals one written
-    at once, but for the second page, where HDF5 notes when it created the root group.
-    """
-    path, again = tmp_path / "run.vtkhdf", tmp_path / "again.vtkhdf"
-    for step in range(6):
-        with ParticleWriter(path, FIELDS, append=True, resume_time=None if step < 4 else 0.15) as writer:
-            write_frames(writer, [frame(step, 700 - 100 * step)])
-        content = path.read_bytes()
-        total = 0
-        for number in range(1, -(-len(content) // 4096)):
-            page = content[4096 * number : 4096 * (number + 1)]
-            salt = bytes([number % 256, number // 256]) + bytes(14)
-            for power, byte in enumerate(hashlib.blake2b(page, digest_size=32, salt=salt).digest()):
-                total += byte << 8 * power
-        head = f"refsim particles\nversion 1\nbytes {len(content)}\ndigest {total % 2**256:064x}\n"
-        assert content[:4096] == head.encode() + bytes(4096 - len(head))
-        if step == 3:
-            with ParticleWriter(again, FIELDS) as writer:
-                write_frames(writer, [frame(number, 700 - 100 * number) for number in range(4)])
-            assert again.read_bytes()[8192:] == content[8192:]
 
 
 def test_one_writer_at_a_time(tmp_path):

@@ -1,8 +1,8 @@
 """Injects one slip after another into an operation's programs and asks the contract to notice each.
 
 Run as `NUMBA_DISABLE_JIT=1 python slips.py OPERATION...`: kernels are then Python functions, and a slip is put in by
-giving a function the code of its altered source. The operations must share one program. Prints one JSON object, see
-`inject`. Kinds: sign, factor, index, condition.
+giving a function the code of its altered source: another sign, factor, index or condition. The operations must share
+one program. Prints the slips that no trial notices as a JSON list.
 """
 
 import argparse
@@ -47,12 +47,7 @@ FIRST_CASES = ("three_particles", "cloud_2d", "cloud_3d", "printed_readings")
 HARMLESS = tomllib.loads(pathlib.Path(__file__).with_name("harmless.toml").read_text())  # slips, and why
 
 NEGATED = {ast.Lt: ast.GtE, ast.LtE: ast.Gt, ast.Gt: ast.LtE, ast.GtE: ast.Lt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq}
-SWAPPED = {
-    ast.Add: ("sign", ast.Sub),
-    ast.Sub: ("sign", ast.Add),
-    ast.Mult: ("factor", ast.Div),
-    ast.Div: ("factor", ast.Mult),
-}
+SWAPPED = {ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult}
 
 
 def functions_behind(operation):
@@ -82,7 +77,7 @@ def parsed(function):
 
 
 def sites(tree, flags=False):
-    """(kind, number, change) for every place where something can slip: `change` alters node `number` of a copy."""
+    """(number, change) for every place where something can slip: `change` alters node `number` of a copy."""
     nodes = list(ast.walk(tree))
     parents = {child: node for node in nodes for child in ast.iter_child_nodes(node)}
 
@@ -99,39 +94,35 @@ def sites(tree, flags=False):
     names = {n.id for n in nodes if isinstance(n, ast.Name)}
     taken = {n.arg for n in nodes if isinstance(n, ast.arg)}
     other = {"j": "i", "b": "i", "i": "j" if "j" in names else ""}
-    typed = {
-        part for node in nodes if named(node, "type") for part in ast.walk(node)
-    }  # of which only the type is taken
+    typed = {part for node in nodes if of_type(node) for part in ast.walk(node)}  # of which only the type is taken
     for number, node in enumerate(nodes):
         if node in typed:
             continue
         if isinstance(node, (ast.BinOp, ast.AugAssign)) and type(node.op) in SWAPPED:
-            kind, replacement = SWAPPED[type(node.op)]
-            yield kind, number, lambda n, r=replacement: setattr(n, "op", r())
+            yield number, lambda n: setattr(n, "op", SWAPPED[type(n.op)]())
         elif isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Subscript) and not zero(node.value):
-            yield "sign", number, lambda n: setattr(n, "value", ast.UnaryOp(ast.USub(), n.value))
+            yield number, lambda n: setattr(n, "value", ast.UnaryOp(ast.USub(), n.value))
             if not flags:  # 1.01 is 1 there
-                yield "factor", number, lambda n: setattr(n, "value", scaled(n.value))
+                yield number, lambda n: setattr(n, "value", scaled(n.value))
         elif isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
-            yield "sign", number, lambda n: setattr(n, "op", ast.UAdd())
+            yield number, lambda n: setattr(n, "op", ast.UAdd())
         elif isinstance(node, ast.Compare) and type(node.ops[0]) in NEGATED:
-            yield "condition", number, lambda n: n.ops.__setitem__(0, NEGATED[type(n.ops[0])]())
+            yield number, lambda n: n.ops.__setitem__(0, NEGATED[type(n.ops[0])]())
             if isinstance(parents[node], ast.Return):
-                yield "factor", number, lambda n: setattr(n, "comparators", [scaled(n.comparators[0])])
+                yield number, lambda n: setattr(n, "comparators", [scaled(n.comparators[0])])
         elif isinstance(node, ast.Constant) and type(node.value) in (int, float):
             if in_index(node):
-                yield "index", number, lambda n: setattr(n, "value", (n.value + 1) % 3)
+                yield number, lambda n: setattr(n, "value", (n.value + 1) % 3)
             else:
-                yield "factor", number, lambda n: setattr(n, "value", n.value * 1.01 if n.value % 1 else n.value + 1)
+                yield number, lambda n: setattr(n, "value", n.value * 1.01 if n.value % 1 else n.value + 1)
         elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load) and in_index(node) and other.get(node.id):
-            yield "index", number, lambda n: setattr(n, "id", other[n.id])
+            yield number, lambda n: setattr(n, "id", other[n.id])
         elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load) and partner(node.id) in taken:
-            yield "index", number, lambda n: setattr(n, "id", partner(n.id))
+            yield number, lambda n: setattr(n, "id", partner(n.id))
 
 
-def named(node, name):
-    """Whether a node calls the function of that name."""
-    return isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == name
+def of_type(node):
+    return isinstance(node, ast.Call) and ast.unparse(node.func) == "type"
 
 
 def zero(node):
@@ -263,17 +254,16 @@ def too_long(number, frame):
 
 
 def planted(operation):
-    """(function, kind, number, change) for every slip of an operation's program."""
+    """(function, number, change) for every slip of an operation's program."""
     for function in functions_behind(operation):
         for site in sites(parsed(function), bool(operation.exact)):
             yield function, *site
 
 
 def inject(operations):
-    """Every slip of `planted` in the program that the operations share.
+    """Slips of the program that the operations share which no operation with the same function notices.
 
-    {"noticed": {operation: {kind: number}}, "functions": {name: {"planted": {kind: number}, "survived": [slips that no
-    operation with the same function notices]}}}. Slips that change no answer are looked for in few cases only.
+    Slips that change no answer are looked for in few cases only.
     """
     limits = {}
     for operation, deep in itertools.product(operations, (False, True)):
@@ -281,38 +271,23 @@ def inject(operations):
         assert not noticed(operation, deep), f"{operation.name} fails before any slip"
         limits[operation.name, deep] = 1 + PATIENCE * (time.process_time() - begun)
     users = programs_with()  # while every function's source can still be read
-    caught, found = {operation.name: {} for operation in operations}, {}
-    for function, group in itertools.groupby(list(planted(operations[0])), key=lambda slip: slip[0]):
-        right, of = function.__code__, found.setdefault(key(function), {"planted": {}, "survived": []})
-        others = [operation for operation in users[key(function)] if operation not in operations]
-        for _, kind, number, change in group:
-            of["planted"][kind] = of["planted"].get(kind, 0) + 1
-            code, words = altered(function, number, change)
-            slip = f"{function.__name__}: {words}"
-            steps = ((others, False),) if harmless(slip) else ((others, False), (operations, True), (others, True))
-            function.__code__ = code
-            try:
-                by = [operation for operation in operations if noticed(operation, False, limits[operation.name, False])]
-                for operation in by:
-                    caught[operation.name][kind] = caught[operation.name].get(kind, 0) + 1
-                if not by and not any(
-                    noticed(operation, deep, limits.get((operation.name, deep), math.inf))
-                    for among, deep in steps
-                    for operation in among
-                ):
-                    of["survived"].append(slip)
-            finally:
-                function.__code__ = right
-    return {"noticed": caught, "functions": found}
-
-
-def together(answers):
-    """(number planted by kind, slips that survived) of what `inject` says about several functions or parts."""
-    made = {}
-    for answer in answers:
-        for kind, number in answer["planted"].items():
-            made[kind] = made.get(kind, 0) + number
-    return dict(sorted(made.items())), [slip for answer in answers for slip in answer["survived"]]
+    survived = []
+    for function, number, change in list(planted(operations[0])):
+        right, others = function.__code__, [o for o in users[key(function)] if o not in operations]
+        code, words = altered(function, number, change)
+        slip = f"{function.__name__}: {words}"
+        steps = ((operations, False), (others, False), (operations, True), (others, True))
+        function.__code__ = code
+        try:
+            if not any(
+                noticed(operation, deep, limits.get((operation.name, deep), math.inf))
+                for among, deep in (steps[:2] if harmless(slip) else steps)
+                for operation in among
+            ):
+                survived.append(slip)
+        finally:
+            function.__code__ = right
+    return survived
 
 
 def harmless(slip):

@@ -392,17 +392,6 @@ def test_a_signal_waits_until_vtk_is_imported(monkeypatch):
     assert imported == ["pyvista"]
 
 
-@needs_pyvista
-def test_a_film_of_a_hundred_pictures_takes_a_minute_of_two_cores(in_plane, in_space):
-    """A fifth of a second of computing for a picture in 2D, and one second in 3D."""
-    for run, most in ((in_plane, 0.2), (in_space, 1.0)):
-        pictures = iter(Series(open_run(run), Look(colour="velocity"), range(3)))
-        next(pictures)
-        began = time.process_time()
-        assert len(list(pictures)) == 2
-        assert time.process_time() - began < 2 * most
-
-
 @pytest.mark.parametrize(
     "words, answer",
     [

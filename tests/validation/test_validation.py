@@ -335,19 +335,6 @@ def test_ledger_finds_a_lost_particle_and_gained_energy():
     assert values["energy_rise"] == pytest.approx(0.5)
 
 
-def test_tiny_droplet(tmp_path):
-    result = droplet.relax(Context(), "cube", 1331, "cpu", until=0.12, samples=6)
-    found = {"cube_4913": as_stored(tmp_path / "one", result)}
-    values = found["cube_4913"].values
-    assert values["particles"] == 1331
-    assert values["series"]["cubic_moment"][-1] > values["series"]["cubic_moment"][0]
-    made = judged(droplet.EXPERIMENT, found)
-    assert made["momentum.cube_4913"].verdict == "pass"
-    assert made["missed_neighbours.cube_4913"].verdict == "pass"
-    assert made["lattice_variation.ball"].value < made["lattice_variation.cube"].value
-    draw_all(droplet.EXPERIMENT, found, tmp_path)
-
-
 def test_a_drop_that_stops_is_a_result_with_its_reason(monkeypatch):
     def stop(simulation, times, sample, context):
         sample(simulation, 0.0)
