@@ -13,8 +13,6 @@ from refsim import (
     ImplicitPressure,
     InputError,
     MeshBoundary,
-    MpmLiquid,
-    MpmWalls,
     Scene,
     ShapeMatching,
     Simulation,
@@ -81,17 +79,6 @@ def agree(made, steps=3):
 def test_backends_agree_on_a_whole_scene(solver, walls, plate):
     """What is none of the pairs of test_pairs.py: the patent's mesh, two walls, and Dong's own solver with any."""
     agree(scene(effects(solver, walls, plate)))
-
-
-@pytest.mark.parametrize("rule", ["sticky", "slip", "separating"])
-def test_backends_agree_on_material_points_between_walls(rule):
-    walls = MpmWalls(lower=(-0.04, -0.04, 0.0), upper=(0.04, 0.04, 0.1), rule=rule)
-    liquid = Box(lower=(-0.02, -0.02, 0.002), cells=(4, 4, 3), velocity=(0.3, 0.0, -1.0))
-    made = Scene(
-        spacing=SPACING, support_radius=2 * SPACING, fluid=(liquid,),
-        effects=(MpmLiquid(bulk_modulus=1e5), Gravity(), walls),
-    )  # fmt: skip
-    agree(made)
 
 
 def takes_wall_share(name):

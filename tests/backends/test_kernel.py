@@ -63,13 +63,6 @@ def test_loops_are_files_of_the_cache_folder_and_found_again(run):
     assert pathlib.Path(place).stat().st_mtime_ns == stamp
 
 
-def test_a_cache_folder_that_cannot_be_written_costs_the_cache_only(run):
-    cache, again = run
-    cache.write_text("a file where the folder should be")
-    _, hits, *_ = again()
-    assert int(hits) == 0
-
-
 def test_lanes_are_an_option():
     cpu, cuda = kernels.density.source("cpu"), kernels.density.source("cuda")
     assert "over_rows(body, density.shape[0], (None, position" in cpu

@@ -7,8 +7,6 @@ import pytest
 import trimesh
 
 from refsim import Box, Gravity, InputError, MeshBoundary, Scene, Simulation, WeaklyCompressible, make_plan
-from refsim.boundary.akinci_2012 import calibrated_factor
-from refsim.boundary.one_way_coupling import layer_factors
 from refsim.scene.files import load_scene, scene_to_toml
 from tests.running import advanced
 
@@ -53,11 +51,6 @@ def test_layers_below_the_surface_are_a_spacing_apart(plate):
     assert all(layer.sum() > 50 for layer in upper)
     assert not (middle & (z > 0.001) & ~upper[0] & ~upper[1]).any()
     assert abs(volume[upper[0]].mean() / volume[upper[1]].mean() - 1) < 0.05
-
-
-def test_factors_of_hexagons_and_of_the_lattice_are_alike():
-    for shape, ratio in (("wendland_c2", 2.7), ("poly6", 2.6)):
-        assert abs(layer_factors(shape, ratio, 1.0, 0.5, 1)[0] / calibrated_factor(shape, ratio, 1.0, 3) - 1) < 0.03
 
 
 def test_a_run_resumes_bit_for_bit_from_its_checkpoint(plate, tmp_path):

@@ -57,18 +57,6 @@ def test_solids_feel_a_tank_that_sways():
     assert simulation.field("pressure") == pytest.approx(found, rel=1e-9, abs=1e-6)
 
 
-def test_the_papers_coupling_has_none_of_it():
-    scene = submerged(*SMALL)
-    papers = (
-        WeaklyCompressible(sound_speed=runs.SOUND, clamp_pressure=True, density="summation"), TwoWayCoupling(),
-        BoxWalls(lower=(0.0, 0.0, 0.0), upper=(2.0, 2.0, 2.0)),
-    )  # fmt: skip
-    kept = {type(effect): effect for effect in scene.effects} | {type(effect): effect for effect in papers}
-    plan = make_plan(msgspec.structs.replace(scene, effects=tuple(kept.values())))
-    assert not {"followed_velocity", "advanced_excess", "wall_pressure"} & set(plan.fields)
-    assert not any(name.startswith(("adami", "sph.continuity")) for name in plan.launches(on_demand=True))
-
-
 def test_a_detected_surface_has_its_number_density():
     scene = submerged(*SMALL)
     scene = msgspec.structs.replace(scene, effects=(*scene.effects, SurfaceDetection()))

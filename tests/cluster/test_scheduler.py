@@ -19,6 +19,7 @@ from tests.cluster import cluster_tasks as there
 from tests.sweep.small_sweep import files, killed_task, same_bits
 
 WORKERS = 3
+slow = pytest.mark.slow  # each starts a scheduler and workers of its own
 
 
 def test_without_dask_a_sentence_says_what_to_do(monkeypatch):
@@ -208,7 +209,10 @@ def lost(done, *, kept):
     assert len(list(Path("out").glob("*.json"))) >= kept
 
 
-@pytest.mark.parametrize(("moment", "kept"), [("resources", 0), ("watch", 0), ("_outcome", 1)])
+@pytest.mark.parametrize(
+    ("moment", "kept"),
+    [pytest.param("resources", 0, marks=slow), ("watch", 0), pytest.param("_outcome", 1, marks=slow)],
+)
 def test_a_scheduler_killed_before_or_in_a_task_or_before_its_result_is_here(killed, moment, kept):
     lost(killed(SWEEP, moment), kept=kept)
     if kept:
@@ -218,7 +222,7 @@ def test_a_scheduler_killed_before_or_in_a_task_or_before_its_result_is_here(kil
         assert not again.missing
 
 
-@pytest.mark.parametrize("moment", ["watch", "_outcome"])
+@pytest.mark.parametrize("moment", [pytest.param("watch", marks=slow), "_outcome"])
 def test_a_worker_killed_in_a_task_or_before_its_result_is_here_costs_nothing_else(killed, moment):
     done = killed(SWEEP, moment, worker=True)
     assert done.returncode == 0, done.stderr

@@ -472,15 +472,6 @@ def test_a_profile_lists_the_seconds_by_pass_and_changes_nothing(scene, capsys, 
     assert sorted(line.split()[0] for line in lines[2:]) == sorted(stages)
 
 
-def test_import_is_light():
-    heavy = ("numba", "h5py", "scipy", "tqdm")
-    code = f"import sys, refsim, refsim.__main__, refsim.contract; print([m for m in {heavy} if m in sys.modules])"
-    command = [sys.executable, "-c", code]
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    done = subprocess.run(command, capture_output=True, text=True, env=environment, check=True)
-    assert done.stdout == "[]\n"
-
-
 def test_without_a_command_help_is_shown(capsys):
     assert main([]) == 0
     out = capsys.readouterr().out

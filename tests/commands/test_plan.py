@@ -20,7 +20,6 @@ from refsim import (
     WeaklyCompressible,
 )
 from refsim.commands.plan import _text, describe_plan
-from refsim.core.capabilities import Margin
 from refsim.scene.plan import make_plan
 from refsim.surface_tension import akinci_2013
 from refsim.surface_tension.dong_2016 import LARGEST_CORRECTION
@@ -42,14 +41,6 @@ def found(*effects, **more):
     """(margins by setting, notes) of a scene."""
     told = describe_plan(make_plan(scene(*effects, **more)), "cpu")
     return {m["setting"]: m for m in told["margins"]}, told["notes"]
-
-
-def test_the_margin_is_the_factor_to_the_limit():
-    assert Margin("a", 2.0, 6.0).factor == pytest.approx(3.0)
-    assert Margin("a", 6.0, 2.0).factor == pytest.approx(1 / 3)
-    assert Margin("a", 6.0, 2.0, least=True).factor == pytest.approx(3.0)
-    assert Margin("a", 0.0, 2.0, least=True).factor == 0.0
-    assert Margin("a", 0.0, 2.0).factor == math.inf
 
 
 CASES = {  # setting: (effects of a scene by the value's factor, words of the note)

@@ -56,13 +56,6 @@ def test_programs_are_found_by_file_module_name_and_entry_point(folder):
     assert all(o.passed for o in contract.trials(found, "sph.gravity", ("float64",), steps=("T1",)))
 
 
-def test_refsims_own_programs_come_through_the_same_door():
-    through = list(contract.trials(contract.load("cpu"), "sph.gravity", ("float32",), steps=("T1", "T2")))
-    target = contract.Target(REGISTRY["sph.gravity"], "cpu", "float32")
-    assert through == contract.climb(target, ("T1", "T2"))
-    assert len(through) > 20
-
-
 MISTAKES = {
     "no such module": ("nowhere.to.be_found", None, "There is no module 'nowhere.to.be_found'"),
     "an operation first": ("sph.density", None, "name the programs before it: refsim contract mine.py sph.density."),

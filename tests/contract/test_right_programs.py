@@ -12,7 +12,6 @@ from refsim import contract
 from refsim.__main__ import main
 from refsim.contract import coverage
 from refsim.contract.apart import Request
-from refsim.contract.bounds import edge_terms
 from refsim.contract.parameters import shape_acts
 from refsim.core import cases
 from refsim.core.operation import REGISTRY
@@ -89,11 +88,6 @@ def test_pairs_within_rounding_of_the_support_radius_may_count_or_not(dtype, squ
         steps = contract.ladder(programs, "akinci_2013.tension", (dtype,), (0, 1), ("T2",))
         for step in (s for s in steps if s.trial and s.trial.name == case):
             assert step.perform().passed, str(step.perform())
-
-
-def test_only_rows_with_a_pair_at_the_edge_are_widened():
-    inputs = contract.Inputs(cases.CASES["cloud_3d"](), "float32")
-    assert edge_terms(REGISTRY["sph.density"], inputs) == {}
 
 
 # NaN

@@ -84,14 +84,3 @@ def test_a_motion_pass_acts():
 def test_values_that_do_not_fit_are_an_error_of_the_effect():
     with pytest.raises(ValueError, match="gives 'table' the shape"):
         make_plan(scene(LIQUID, Extra(shape=4)))
-
-
-def test_tables_outlive_a_checkpoint(tmp_path):
-    """A table is saved and loaded as it is, whatever the order of the particles."""
-    simulation = Simulation(scene(LIQUID, Extra()), "cpu")
-    for _ in range(3):
-        simulation.step()
-    saved = simulation.snapshot().arrays
-    assert saved["field.table"].tolist() == [0, 1, 2]
-    assert "field.mark" in saved
-    assert "field.place" not in saved

@@ -222,14 +222,6 @@ def test_runge_kutta_legendre_keeps_heat_in_float32(number):
     assert not any("heat has changed" in note for note in simulation.notes)
 
 
-@pytest.mark.parametrize("more", [{}, ICE], ids=["plain", "ice"])
-def test_runge_kutta_legendre_keeps_heat_in_float32_over_many_steps(more):
-    simulation = ran(bar(0.3 if more else 10.0, "float32", scheme="runge_kutta_legendre", **more), 600)
-    start, exchanged = heat(simulation.plan), 30.0 * 1e3 * simulation.field("mass").sum(dtype=float)
-    assert abs(heat(simulation) - start) < 1e-5 * exchanged
-    assert not any("heat has changed" in note for note in simulation.notes)
-
-
 def lossy(monkeypatch, share):
     """A scheme that cools every particle by a share of its temperature in each step."""
     real = Simulation.launch

@@ -116,10 +116,6 @@ def same_start(first, second):
     assert {**one, "fluid": 0, "solid": 0} == {**other, "fluid": 0, "solid": 0}
 
 
-def test_the_scene_of_a_run_is_the_one_it_was_made_of(folder):
-    same_start(open_run(folder).scene, scene())
-
-
 def test_ledger_and_report_are_those_of_the_run(folder):
     run, written = open_run(folder), json.loads((folder / "report.json").read_text())
     mass = run.ledger["mass"]
@@ -172,19 +168,6 @@ def test_sorted_rows_are_the_same_particle_in_every_frame(tmp_path):
         assert by_identity["mark"].tolist() == [[i, -i] for i in range(n)]
         assert by_identity.position.tolist() == [[i, i + k, 0] for i in range(n)]
         assert by_identity.time == frame.time
-
-
-def test_a_run_that_is_being_written_can_be_opened(folder, tmp_path):
-    frames = read_particles(folder / "particles.vtkhdf")
-    fields = {name: (1 if v.ndim == 1 else v.shape[1], v.dtype) for name, v in frames[0].fields.items()}
-    with ParticleWriter(tmp_path / "live.vtkhdf", fields) as writer:
-        writer.write(0.0, frames[0].position, **frames[0].fields)
-        run = open_run(tmp_path / "live.vtkhdf")
-        for k in range(1, 6):
-            writer.write(0.1 * k, frames[k].position, **frames[k].fields)
-            assert np.array_equal(run[0]["velocity"], frames[0].fields["velocity"])
-            assert len(open_run(tmp_path / "live.vtkhdf")) == k + 1
-        assert len(run) == 1
 
 
 def test_a_resumed_run_states_its_own_end(folder, tmp_path):

@@ -163,18 +163,6 @@ def test_walls_feel_gravity_of_the_moment():
         assert np.allclose(swayed.field(name), tilted.field(name), rtol=0, atol=1e-10 * scale), name
 
 
-def test_faces_drag_with_the_velocity_of_the_moment():
-    moving = {"moving_faces": ("-y",), "viscosity": 5.0}
-    motion = (Motion(of="moving_faces", kind="formula", direction=(1.0, 0.0, 0.0), formula="0.3*t"),)
-    by_motion = Simulation(tank(motion=motion, walls=moving), "cpu")
-    by_velocity = Simulation(tank(walls=moving | {"velocity": (0.3, 0.0, 0.0)}), "cpu")
-    for _ in range(10):
-        by_motion.step()
-        by_velocity.step()
-    assert np.array_equal(by_motion.field("velocity"), by_velocity.field("velocity"))
-    assert by_motion.field("velocity")[:, 0].max() > 0
-
-
 def test_a_restart_goes_on_bit_for_bit():
     outcomes = resumes(tank(motion=(SWAY,), dtype="float32", density="continuity"), "cpu", (20, 20))
     assert [str(outcome) for outcome in outcomes if not outcome.passed] == []

@@ -148,11 +148,6 @@ def test_errors_are_taken_from_the_converged_value():
     assert chosen(of, 0.05).advised is None
 
 
-def test_seconds_are_those_until_the_error_is_kept():
-    run = Candidate(point("run", 0.01, 4.0, reached=[(0.5, 1.0), (0.05, 2.0), (0.01, 4.0)]), 0.01)
-    assert [run.seconds(error) for error in (0.9, 0.2, 0.05, 0.01, 0.009)] == [1.0, 2.0, 2.0, 4.0, None]
-
-
 def test_kinds_of_machines_and_programs_stand_apart():
     gpu = point("cuda_ours", 0.01, 1.0, knobs={"backend": "cuda"})
     found = kinds(made(point("ours", 0.01, 3.0), gpu, point("theirs", 0.01, 1.0, program="other")))

@@ -250,18 +250,6 @@ def test_levels_of_a_ball_have_one_mass():
     assert [row["value"] for row in rows] == pytest.approx([0.5 * rows[0]["mass"]] * 3, rel=1e-3)
 
 
-def test_a_damaged_result_is_measured_anew(tmp_path):
-    studied("front", folder=tmp_path, knobs=())
-    (file,) = tmp_path.glob("*.json")
-    good = json.loads(file.read_text())["reading"]["value"]
-    for damaged in (file.read_text()[:40], file.read_text().replace(f'"value": {good}', '"value": 7.0')):
-        file.write_text(damaged)
-        again = studied("front", folder=tmp_path, knobs=())
-        assert again.base.value == good
-        assert any(f"{file.name} is damaged" in note for note in again.notes)
-    assert len(list(tmp_path.glob("*.damaged*"))) == 2
-
-
 def test_a_file_of_the_scene_that_changes_during_a_run_leaves_no_result(tmp_path):
     np.save(tmp_path / "cloud.npy", 0.01 * np.indices((4, 4)).reshape(2, -1).T)
     scene = msgspec.structs.replace(block(), fluid=(Cloud(file=str(tmp_path / "cloud.npy")),))
