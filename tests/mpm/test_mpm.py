@@ -20,9 +20,11 @@ from refsim import (
     make_plan,
     simulate,
 )
+from refsim.mpm import Counting
+from refsim.surface_energy.effect import CROWDED, OVERFULL, UNEVEN
 from tests.running import advanced, run_to
 from validation.experiments.mpm_droplet.scene import drop_scene, ellipsoid
-from validation.metrics.mpm import CELL, Transfers, ball, turning
+from validation.metrics.mpm import CELL, DENSITY, Transfers, ball, turning
 
 CUBES = {2: (8, 8, 1), 3: (5, 5, 5)}
 
@@ -281,6 +283,39 @@ def test_velocity_of_before_the_update_knows_no_force(surface):
     assert abs(run.field("position") - start - moved * np.array([3.0, -2.0, 0.0])).max() < 1e-12
     assert start[:, 0].max() + 3.0 * moved > 0.9  # it is in the wall
     assert abs(run.field("volume_ratio") - 0.9).max() < 1e-12
+
+
+def strewn(dim, shares):
+    """Crowding of a cube of particles strewn at random, each within its own share of the volume or anywhere."""
+    count = 150 if dim == 2 else 34
+    axes = np.meshgrid(*[np.arange(float(count))] * dim, indexing="ij")
+    lattice = np.stack(axes, axis=-1).reshape(-1, dim)
+    random = np.random.default_rng(9)
+    place = lattice + {"lattice": 0.3, "own": random.uniform(size=lattice.shape)}.get(shares, 0.0)
+    if shares == "any":
+        place = random.uniform(0, count, lattice.shape)
+    frame = np.linalg.qr(random.normal(size=(dim, dim)))[0]
+    position = np.pad(0.5 * CELL * (place - count / 2) @ frame, ((0, 0), (0, 3 - dim)))
+    full = DENSITY * (CELL / 2) ** dim
+    spread = Transfers(position, 0 * position, np.zeros((len(place), 9)), mass=np.full(len(place), full), dim=dim)
+    spread.values |= {"counting": Counting(DENSITY * CELL**dim), "greatest_crowding": np.zeros(1)}
+    spread.values |= {"crowding": np.zeros(len(place))}
+    spread.to_grid()
+    spread.run("mpm.count")
+    found = spread.values["crowding"]
+    assert found.max() == spread.values["greatest_crowding"][0]
+    return found[(abs(place - count / 2) < count / 2 - 5).all(1)]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("dim", [2, 3])
+def test_crowding_of_particles_strewn_at_random(dim):
+    """Where the limits of crowding come from: a lattice has 1; what lies in shares of its own stays below CROWDED, most
+    of it below UNEVEN; what lies anywhere stays below OVERFULL."""
+    assert abs(strewn(dim, "lattice") - 1).max() < 1e-3
+    own, anywhere = strewn(dim, "own"), strewn(dim, "any")
+    assert own.max() < 1.2 < CROWDED < anywhere.max() < OVERFULL
+    assert own.mean() + own.std() < UNEVEN < own.max()
 
 
 def crowded(ratio, **surface):

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from refsim import Simulation
 from refsim.study.panels import FOLDER, OWN, Point, abouts, panel
-from refsim.study.panels.making import MADE
+from refsim.study.panels.making import DENSITY, GRAVITY, MADE, implicit_pressure
 from refsim.study.panels.measured import measured
 from refsim.study.panels.observables import FALL
 from validation import accuracy, accuracy_page
@@ -69,6 +70,20 @@ def test_starts_of_unequal_cost_settle_where_each_repeats():
     assert len(spent) == 10
     assert point.noise == pytest.approx([1.0] * 10)
     assert point.seconds == spent
+
+
+@pytest.mark.slow
+def test_implicit_pressure_is_larger_at_walls():
+    """The particles at the floor, away from the sides, have two to three times the pressure of the water above them."""
+    given = {"cells": 20, "dtype": "float64", "tolerance": 1e-3, "step": 1.0}
+    run, found = Simulation(implicit_pressure(given), threads=1), []
+    while run.time < 1.5:
+        run.step()
+        if run.time > 1.0:
+            place, pressure = run.field("position"), run.field("pressure")
+            first = (place[:, 1] < 0.5 / 20) & (np.abs(place[:, 0] - 0.5) < 0.15)
+            found.append(float((pressure[first] / (DENSITY * GRAVITY * (1 - place[first, 1]))).mean()))
+    assert 2 < np.mean(found) < 3
 
 
 def test_peers_are_read_as_refsim_is(monkeypatch):
