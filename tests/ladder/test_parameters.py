@@ -632,278 +632,139 @@ SETUPS = {
     "tait": ((water(state="tait", clamp_pressure=False),), lambda dim: liquid(dim, exponent=7, clamp=0)),
     "mueller": ((water(kernels="mueller"),), lambda dim: liquid(dim, "mueller")),
     "cubic spline": ((water(kernels="cubic_spline"),), lambda dim: liquid(dim, "cubic_spline")),
-    "printed liquid": (
-        (water(literal=("all",)),),
-        lambda dim: liquid(dim, gradient=0.5, viscosity=-MU),  # Jiang & Zhu E24, E3
-    ),
-    "central viscosity": (  # zeta = 5 eta/3 of Espanol & Revenga 2003 in 3D: (dim + 2) mu along the line of centres
-        (water(viscosity="central"),),
-        lambda dim: liquid(dim, viscosity=0.0, central=(dim + 2) * MU),
-    ),
+    # Jiang & Zhu E24, E3
+    "printed liquid": ((water(literal=("all",)),), lambda dim: liquid(dim, gradient=0.5, viscosity=-MU)),
+    # zeta = 5 eta/3 of Espanol & Revenga 2003 in 3D: (dim + 2) mu along the line of centres
+    "central viscosity": ((water(viscosity="central"),),
+        lambda dim: liquid(dim, viscosity=0.0, central=(dim + 2) * MU)),
     "inviscid": ((water(dynamic_viscosity=0.0),), lambda dim: liquid(dim, viscosity=0.0)),
-    "cohesive liquid": (
-        (WATER, jz()),
-        lambda dim: liquid(
-            dim,
-            pressure=bulk_pressure(
-                lambda r: jiang_zhu(dim)["cohesion"]["gamma"] * jiang_zhu_shape(r, dim, {2: 0.75, 3: 0.6}[dim]), dim
-            ),
-        ),
-    ),
-    "liquid with Akinci's cohesion": (
-        (WATER, Akinci2013(gamma=0.02)),
-        lambda dim: liquid(dim, pressure=bulk_pressure(lambda r: -0.02 * akinci_shape(r, dim), dim)),
-    ),
-    "liquid with attraction": (
-        (WATER, BeckerTeschner2007(kappa=0.3)),
-        lambda dim: liquid(
-            dim,
-            pressure=bulk_pressure(lambda r: -0.3 * kernel("cubic_spline", np.maximum(r, D), dim) * r / mass(dim), dim),
-        ),
-    ),
-    "liquid with a cosine force": (
-        (WATER, TartakovskyMeakin2005(strength=0.3)),
-        lambda dim: liquid(
-            dim, pressure=bulk_pressure(lambda r: 0.3 * np.cos(1.5 * math.pi * r / H) / mass(dim) ** 2, dim)
-        ),
-    ),
-    "liquid under air": (
-        (WATER, He2014(kappa=0.1, air_pressure=200.0)),
-        lambda dim: liquid(dim, pressure=bulk_pressure(lambda r: 200.0 * slope("wendland_c2", r, dim) / RHO**2, dim)),
-    ),
-    "liquid with a molecular force": (
-        (WATER, Dong2016(stiffness=0.3)),
-        lambda dim: liquid(dim, pressure=lattice_pressure(lambda r: 0.3 * molecular_shape(r, D), dim)),
-    ),
+    "cohesive liquid": ((WATER, jz()), lambda dim: liquid(dim,
+        pressure=bulk_pressure(lambda r: jiang_zhu(dim)["cohesion"]["gamma"] * jiang_zhu_shape(r, dim,
+        {2: 0.75, 3: 0.6}[dim]), dim))),
+    "liquid with Akinci's cohesion": ((WATER, Akinci2013(gamma=0.02)),
+        lambda dim: liquid(dim, pressure=bulk_pressure(lambda r: -0.02 * akinci_shape(r, dim), dim))),
+    "liquid with attraction": ((WATER, BeckerTeschner2007(kappa=0.3)), lambda dim: liquid(dim,
+        pressure=bulk_pressure(lambda r: -0.3 * kernel("cubic_spline", np.maximum(r, D), dim) * r / mass(dim), dim))),
+    "liquid with a cosine force": ((WATER, TartakovskyMeakin2005(strength=0.3)), lambda dim: liquid(dim,
+        pressure=bulk_pressure(lambda r: 0.3 * np.cos(1.5 * math.pi * r / H) / mass(dim) ** 2, dim))),
+    "liquid under air": ((WATER, He2014(kappa=0.1, air_pressure=200.0)),
+        lambda dim: liquid(dim, pressure=bulk_pressure(lambda r: 200.0 * slope("wendland_c2", r, dim) / RHO**2, dim))),
+    "liquid with a molecular force": ((WATER, Dong2016(stiffness=0.3)),
+        lambda dim: liquid(dim, pressure=lattice_pressure(lambda r: 0.3 * molecular_shape(r, D), dim))),
     "liquid without balance": ((WATER, Akinci2013(gamma=0.02, balance_pressure=False)), liquid),
     "liquid on a mesh": ((WATER, block_of()), lambda dim: liquid(dim, wall=1.0), (3,)),
     "gravity": ((Gravity(acceleration=(0.3, -9.7, 0.0)),), lambda dim: {"field": [0.3, -9.7, 0.0]}),
     "box walls": ((BoxWalls(lower=WALLS[0], upper=WALLS[1], open_faces=("+y",)), WATER), box_walls),
-    "extrapolated walls": (
-        (BoxWalls(lower=WALLS[0], upper=WALLS[1], open_faces=("+y",), model="extrapolated"), WATER, PULL),
-        lambda dim: box_walls(dim) | {"lean": {"x": 0.3, "y": -9.7, "z": 0.0}},
-    ),
-    "advanced liquid": (  # delta h_s c with h_s = h/2, and the slope rho0 g/c^2 of the density at rest
-        (water(density="continuity", diffusion=0.05), PULL),
-        lambda dim: (
-            liquid(dim, clamp=0)
-            | {
-                "diffusion": {"coefficient": 0.025 * H * C, "stretch": RHO / C**2},
-                "lean": {"x": 0.3, "y": -9.7, "z": 0.0},
-            }
-        ),
-    ),
-    "shifting": (
-        (ParticleShifting(strength=1.5), WATER, SurfaceDetection()),
-        lambda dim: (
-            shifting(dim, 1.5) | normal_term(dim) | {"near_surface_limit": detection(dim)["near_surface_limit"]}
-        ),
-    ),
-    "shifting without surface": (
-        (ParticleShifting(surface="none"), WATER, BoxWalls(lower=WALLS[0], upper=WALLS[1])),
-        lambda dim: shifting(dim, 2.2),
-    ),
+    "extrapolated walls": ((BoxWalls(lower=WALLS[0], upper=WALLS[1], open_faces=("+y",), model="extrapolated"), WATER,
+        PULL), lambda dim: box_walls(dim) | {"lean": {"x": 0.3, "y": -9.7, "z": 0.0}}),
+    # delta h_s c with h_s = h/2, and the slope rho0 g/c^2 of the density at rest
+    "advanced liquid": ((water(density="continuity", diffusion=0.05), PULL), lambda dim: (liquid(dim, clamp=0)
+        | {"diffusion": {"coefficient": 0.025 * H * C, "stretch": RHO / C**2},
+        "lean": {"x": 0.3, "y": -9.7, "z": 0.0}})),
+    "shifting": ((ParticleShifting(strength=1.5), WATER, SurfaceDetection()), lambda dim: (shifting(dim, 1.5)
+        | normal_term(dim) | {"near_surface_limit": detection(dim)["near_surface_limit"]})),
+    "shifting without surface": ((ParticleShifting(surface="none"), WATER, BoxWalls(lower=WALLS[0], upper=WALLS[1])),
+        lambda dim: shifting(dim, 2.2)),
     "detection": ((SurfaceDetection(), WATER), detection),
-    "detection of films": (
-        (SurfaceDetection(thin_features="second_moment"), WATER),
-        lambda dim: detection(dim) | {"thin_feature": {"variance": 1.3 * film_variance(dim) / H**2, "dim": dim}},
-    ),
-    "detection, other settings": (
-        (SurfaceDetection(threshold=0.95, asymmetry=0.4, scan_normal="corrected", literal=("E5", "E6", "E10")), WATER),
-        lambda dim: detection(dim, 0.95, 0.95, 0.4, H, 1e-12 / H, 1, 1) | normal_term(dim, 1),
-    ),
+    "detection of films": ((SurfaceDetection(thin_features="second_moment"), WATER),
+        lambda dim: detection(dim) | {"thin_feature": {"variance": 1.3 * film_variance(dim) / H**2, "dim": dim}}),
+    "detection, other settings": ((SurfaceDetection(threshold=0.95, asymmetry=0.4, scan_normal="corrected",
+        literal=("E5", "E6", "E10")), WATER),
+        lambda dim: detection(dim, 0.95, 0.95, 0.4, H, 1e-12 / H, 1, 1) | normal_term(dim, 1)),
     "jiang_zhu": ((jz(), WATER), lambda dim: jiang_zhu(dim, area=corrected_area(dim))),
-    "jiang_zhu, gamma": (
-        (jz(surface_tension=None, gamma=0.02, area_ratio=0.03, pair_mode="soft", soft_lower=0.2), WATER),
-        lambda dim: jiang_zhu(dim, 0.02, area=corrected_area(dim, 0.03), mode=0, soft=(0.2, 1.0)),
-    ),
-    "jiang_zhu, J(18)": (
-        (jz(area_term="color", pair_mode="either"), WATER),
-        lambda dim: jiang_zhu(dim, mode=3, area=lambda gamma: (1, 1e-3 * gamma * RHO)),  # eps' of Akinci et al. 2013
-    ),
-    "jiang_zhu, printed": (
-        (jz(literal=("E4", "E7", "E10"), area_term="color", area_acceleration=2.1), WATER),
-        lambda dim: jiang_zhu(dim, alpha=0.6, sign=-1, area=lambda gamma: (1, 2.1)) | normal_term(dim, 1),
-    ),
+    "jiang_zhu, gamma": ((jz(surface_tension=None, gamma=0.02, area_ratio=0.03, pair_mode="soft", soft_lower=0.2),
+        WATER), lambda dim: jiang_zhu(dim, 0.02, area=corrected_area(dim, 0.03), mode=0, soft=(0.2, 1.0))),
+    # eps' of Akinci et al. 2013
+    "jiang_zhu, J(18)": ((jz(area_term="color", pair_mode="either"), WATER),
+        lambda dim: jiang_zhu(dim, mode=3, area=lambda gamma: (1, 1e-3 * gamma * RHO))),
+    "jiang_zhu, printed": ((jz(literal=("E4", "E7", "E10"), area_term="color", area_acceleration=2.1), WATER),
+        lambda dim: jiang_zhu(dim, alpha=0.6, sign=-1, area=lambda gamma: (1, 2.1)) | normal_term(dim, 1)),
     "jiang_zhu, no area": ((jz(area_term="none", pair_mode="both"), WATER), lambda dim: jiang_zhu(dim, mode=4)),
-    "jiang_zhu, one-sided": (
-        (jz(pair_mode="one_sided"), WATER),
-        lambda dim: jiang_zhu(dim, mode=2, area=corrected_area(dim)),
-    ),
+    "jiang_zhu, one-sided": ((jz(pair_mode="one_sided"), WATER),
+        lambda dim: jiang_zhu(dim, mode=2, area=corrected_area(dim))),
     "akinci": ((Akinci2013(surface_tension=SIGMA, adhesion=1.7), WATER), lambda dim: akinci(dim, beta=1.7)),
-    "akinci, gamma": (
-        (Akinci2013(gamma=0.3, area_acceleration=4.0), WATER),
-        lambda dim: akinci(dim, 0.3, lambda gamma: 4.0),
-    ),
-    "akinci, printed": (
-        (Akinci2013(gamma=0.3, literal=("gamma",)), WATER),
-        lambda dim: akinci(dim, 0.3, lambda gamma: gamma),
-    ),
+    "akinci, gamma": ((Akinci2013(gamma=0.3, area_acceleration=4.0), WATER),
+        lambda dim: akinci(dim, 0.3, lambda gamma: 4.0)),
+    "akinci, printed": ((Akinci2013(gamma=0.3, literal=("gamma",)), WATER),
+        lambda dim: akinci(dim, 0.3, lambda gamma: gamma)),
     "becker_teschner": ((BeckerTeschner2007(surface_tension=SIGMA), WATER), becker_teschner),
-    "becker_teschner, kappa": (
-        (BeckerTeschner2007(kappa=0.3, clamp_distance=False), WATER),
-        lambda dim: becker_teschner(dim, 0.3, 0.0),
-    ),
+    "becker_teschner, kappa": ((BeckerTeschner2007(kappa=0.3, clamp_distance=False), WATER),
+        lambda dim: becker_teschner(dim, 0.3, 0.0)),
     "csf": ((CsfWang2019(surface_tension=SIGMA), WATER), continuum),
-    "csf, mueller": (
-        (
-            CsfWang2019(surface_tension=SIGMA, threshold=0.3, literal=("shell",), tension_gradient=(1.0, -2.0, 3.0)),
-            water(kernels="mueller"),
-            SurfaceDetection(),
-        ),
-        lambda dim: continuum(dim, "mueller", plain=1, threshold=0.3, gradient=(1.0, -2.0, 3.0)),
-    ),
-    "csf, plain": (
-        (CsfWang2019(surface_tension=SIGMA, normalise=False), WATER),
-        lambda dim: continuum(dim, normalise=False),
-    ),
+    "csf, mueller": ((CsfWang2019(surface_tension=SIGMA, threshold=0.3, literal=("shell",),
+        tension_gradient=(1.0, -2.0, 3.0)), water(kernels="mueller"), SurfaceDetection()),
+        lambda dim: continuum(dim, "mueller", plain=1, threshold=0.3, gradient=(1.0, -2.0, 3.0))),
+    "csf, plain": ((CsfWang2019(surface_tension=SIGMA, normalise=False), WATER),
+        lambda dim: continuum(dim, normalise=False)),
     "dong": ((Dong2016(surface_tension=SIGMA), WATER), dong),
-    "dong, stiffness": (
-        (Dong2016(stiffness=3.0, rest_distance=0.11, correction=5.0, literal=("E21",)), WATER),
-        lambda dim: dong(dim, 0.11, 3.0, 5.0, 0),
-    ),
-    "dong's solver": (
-        (Dong2016(surface_tension=SIGMA, solver="hu_adams"), WATER),
-        lambda dim: dong(dim) | {"viscosity": {"coefficient": MU}, "central_viscosity": None},
-    ),
-    "dong's solver, central viscosity": (
-        (Dong2016(surface_tension=SIGMA, solver="hu_adams"), water(viscosity="central")),
-        lambda dim: dong(dim) | {"viscosity": None, "central_viscosity": {"coefficient": (dim + 2) * MU}},
-    ),
-    "he": (
-        (He2014(surface_tension=SIGMA, air_pressure=200.0), WATER),
-        lambda dim: he(dim, SIGMA / he_unit_tension(dim, "wendland"), 200.0),
-    ),
-    "he, mueller": (
-        (He2014(surface_tension=SIGMA), water(kernels="mueller")),
-        lambda dim: he(dim, SIGMA / he_unit_tension(dim, "mueller")),
-    ),
+    "dong, stiffness": ((Dong2016(stiffness=3.0, rest_distance=0.11, correction=5.0, literal=("E21",)), WATER),
+        lambda dim: dong(dim, 0.11, 3.0, 5.0, 0)),
+    "dong's solver": ((Dong2016(surface_tension=SIGMA, solver="hu_adams"), WATER),
+        lambda dim: dong(dim) | {"viscosity": {"coefficient": MU}, "central_viscosity": None}),
+    "dong's solver, central viscosity": ((Dong2016(surface_tension=SIGMA, solver="hu_adams"),
+        water(viscosity="central")),
+        lambda dim: dong(dim) | {"viscosity": None, "central_viscosity": {"coefficient": (dim + 2) * MU}}),
+    "he": ((He2014(surface_tension=SIGMA, air_pressure=200.0), WATER),
+        lambda dim: he(dim, SIGMA / he_unit_tension(dim, "wendland"), 200.0)),
+    "he, mueller": ((He2014(surface_tension=SIGMA), water(kernels="mueller")),
+        lambda dim: he(dim, SIGMA / he_unit_tension(dim, "mueller"))),
     "he, kappa": ((He2014(kappa=0.4), WATER), lambda dim: he(dim, 0.4)),
     "tartakovsky": ((TartakovskyMeakin2005(surface_tension=SIGMA), WATER), cosine),
     "tartakovsky, strength": ((TartakovskyMeakin2005(strength=0.3), WATER), lambda dim: cosine(dim, 0.3)),
-    "normal difference": (
-        (NormalDifference2014(area_acceleration=2.5), WATER),
-        lambda dim: normal_term(dim) | {"normal_tension": {"coefficient": 2.5, "printed_mass": 0}},
-    ),
-    "normal difference, printed": (
-        (NormalDifference2014(area_acceleration=2.5, literal=("P7",)), WATER),
-        lambda dim: normal_term(dim) | {"normal_tension": {"coefficient": 2.5, "printed_mass": 1}},
-    ),
+    "normal difference": ((NormalDifference2014(area_acceleration=2.5), WATER),
+        lambda dim: normal_term(dim) | {"normal_tension": {"coefficient": 2.5, "printed_mass": 0}}),
+    "normal difference, printed": ((NormalDifference2014(area_acceleration=2.5, literal=("P7",)), WATER),
+        lambda dim: normal_term(dim) | {"normal_tension": {"coefficient": 2.5, "printed_mass": 1}}),
     "iisph": ((ImplicitPressure(), WATER), implicit),
-    "iisph, central viscosity": (
-        (ImplicitPressure(), water(viscosity="central")),
-        lambda dim: implicit(dim) | {"viscosity": None, "central_viscosity": {"coefficient": (dim + 2) * MU}},
-    ),
-    "iisph, other settings": (
-        (ImplicitPressure(relaxation=0.4, tolerance=2e-3, iterations=(3, 50)), WATER),
-        lambda dim: implicit(dim, 0.4, 2e-3, 3, 50),
-    ),
+    "iisph, central viscosity": ((ImplicitPressure(), water(viscosity="central")),
+        lambda dim: implicit(dim) | {"viscosity": None, "central_viscosity": {"coefficient": (dim + 2) * MU}}),
+    "iisph, other settings": ((ImplicitPressure(relaxation=0.4, tolerance=2e-3, iterations=(3, 50)), WATER),
+        lambda dim: implicit(dim, 0.4, 2e-3, 3, 50)),
     "two-way": ((TwoWayCoupling(), WATER, ShapeMatching()), coupling, (3,)),
-    "two-way, advanced liquid": (  # four crossings of the support radius by sound; diffusion as in "advanced liquid"
-        lambda dim: (
-            TwoWayCoupling(),
-            water(density="continuity", diffusion=0.05, viscosity="central"),
-            ShapeMatching(),
-            PULL,
-        ),
-        lambda dim: {
-            "delay": {"tau": 4 * H / C},
-            "lean": {"x": 0.3, "y": -9.7, "z": 0.0},
-            "diffusion": {"coefficient": 0.025 * H * C, "stretch": RHO / C**2},
-        },
-        (3,),
-    ),
-    "two-way, printed": (
-        (TwoWayCoupling(literal=("all",), density_weighted=True), water(state="tait"), ShapeMatching()),
-        lambda dim: coupling(dim, 7, 1, 1, 1, 1),
-        (3,),
-    ),
-    "two-way, Shao & Song M2": (
-        (TwoWayCoupling(literal=("M2",)), WATER, ShapeMatching()),
-        lambda dim: coupling(dim, m2=1),
-        (3,),
-    ),
-    "two-way, Shao & Song M3": (
-        (TwoWayCoupling(literal=("M3",)), WATER, ShapeMatching()),
-        lambda dim: coupling(dim, m3=1),
-        (3,),
-    ),
+    # four crossings of the support radius by sound; diffusion as in "advanced liquid"
+    "two-way, advanced liquid": (lambda dim: (TwoWayCoupling(),
+        water(density="continuity", diffusion=0.05, viscosity="central"), ShapeMatching(), PULL),
+        lambda dim: {"delay": {"tau": 4 * H / C}, "lean": {"x": 0.3, "y": -9.7, "z": 0.0},
+        "diffusion": {"coefficient": 0.025 * H * C, "stretch": RHO / C**2}}, (3,)),
+    "two-way, printed": ((TwoWayCoupling(literal=("all",), density_weighted=True), water(state="tait"),
+        ShapeMatching()), lambda dim: coupling(dim, 7, 1, 1, 1, 1), (3,)),
+    "two-way, Shao & Song M2": ((TwoWayCoupling(literal=("M2",)), WATER, ShapeMatching()),
+        lambda dim: coupling(dim, m2=1), (3,)),
+    "two-way, Shao & Song M3": ((TwoWayCoupling(literal=("M3",)), WATER, ShapeMatching()),
+        lambda dim: coupling(dim, m3=1), (3,)),
     "heat": ((HEAT,), lambda dim: heat(dim, profile=0.5)),
-    "heat, other settings": (
-        (
-            HeatConduction(
-                temperature=1.0,
-                laplacian="mueller",
-                calibrated=False,
-                tolerance=2e-2,
-                residual=1e-4,
-                iterations=9,
-                mean="arithmetic",
-                largest_number=0.5,
-            ),
-        ),
-        lambda dim: heat(
-            dim, "mueller", 1, 0.5, 0.5, largest=0.5, tolerance=2e-2, residual=1e-4, iterations=9, harmonic=0
-        ),
-    ),
-    "heat, mueller": (
-        (HeatConduction(temperature=1.0, laplacian="mueller"),),
-        lambda dim: heat(dim, "mueller", 1, 0.5),
-    ),
-    "heat, printed": (
-        (HeatConduction(temperature=1.0, scheme="explicit", literal=("M5", "M8", "M9", "M11")),),
-        lambda dim: heat(dim, "poly6", 2, 0.75 - 0.5625 * dim, 0.5, 0, sweep_share=1.0, unit_capacity=1, frozen=1),
-    ),
+    "heat, other settings": ((HeatConduction(temperature=1.0, laplacian="mueller", calibrated=False, tolerance=2e-2,
+        residual=1e-4, iterations=9, mean="arithmetic", largest_number=0.5),),
+        lambda dim: heat(dim, "mueller", 1, 0.5, 0.5, largest=0.5, tolerance=2e-2, residual=1e-4, iterations=9,
+        harmonic=0)),
+    "heat, mueller": ((HeatConduction(temperature=1.0, laplacian="mueller"),),
+        lambda dim: heat(dim, "mueller", 1, 0.5)),
+    "heat, printed": ((HeatConduction(temperature=1.0, scheme="explicit", literal=("M5", "M8", "M9", "M11")),),
+        lambda dim: heat(dim, "poly6", 2, 0.75 - 0.5625 * dim, 0.5, 0, sweep_share=1.0, unit_capacity=1, frozen=1)),
     "heat, Shao & Song M6": (
         (HeatConduction(temperature=1.0, scheme="one_sided", laplacian="mueller", literal=("M6",)),),
-        lambda dim: heat(dim, "mueller", 1, 0.5, 1.0, 0),
-    ),
-    "shape matching": (
-        (ShapeMatching(half_width=1, stiffness=0.7, damping=0.3),),
-        lambda dim: matching(1, 0.7, 0.3) | body_lattice() | BOXES,
-        (3,),
-    ),
+        lambda dim: heat(dim, "mueller", 1, 0.5, 1.0, 0)),
+    "shape matching": ((ShapeMatching(half_width=1, stiffness=0.7, damping=0.3),),
+        lambda dim: matching(1, 0.7, 0.3) | body_lattice() | BOXES, (3,)),
     "shape matching by members": ((ShapeMatching(summation="gather"),), lambda dim: matching() | body_lattice(), (3,)),
     "melting": ((Melting(), HEAT, WATER), melting),
     "melting into water": ((Melting(bookkeeping="water"), HEAT, WATER), lambda dim: melting(dim, 1)),
     "material points": (lambda dim: (MPM[dim],), material_points),
-    "material points, printed": (
-        lambda dim: (
-            liquid_of_points(dim, literal=("M3", "M4", "M5", "M6", "M27"), volume="gradient"),
-            Gravity(acceleration=(0.1, -9.0, 0.0)),
-        ),
-        lambda dim: material_points(dim, 2.0, 1, 1, 1, 1, True) | {"field": [0.1, -9.0, 0.0]},
-    ),
-    "material points, thesis M7": (
-        lambda dim: (liquid_of_points(dim, literal=("M7",)),),
-        lambda dim: material_points(dim, 0.0),
-    ),
-    "material points in a box": (
-        lambda dim: (MPM[dim], BETWEEN, SurfaceEnergy(surface_tension=SIGMA, contact_angle=70.0, recount_time=0.02)),
-        lambda dim: material_points(
-            dim,
-            reading=1,
-            planes=wall_nodes(dim),
-            mirrors={"on": 1},
-            contact={"pull": SIGMA * math.cos(70 * math.pi / 180)},
-            recount=0.02,
-        ),
-    ),
-    "surface of a run": (
-        lambda dim: (SurfaceEnergy(surface_tension=SIGMA, contact_angle=70.0), MPM[dim], BETWEEN),
-        surface_of_run,
-    ),
+    "material points, printed": (lambda dim: (liquid_of_points(dim, literal=("M3", "M4", "M5", "M6", "M27"),
+        volume="gradient"), Gravity(acceleration=(0.1, -9.0, 0.0))),
+        lambda dim: material_points(dim, 2.0, 1, 1, 1, 1, True) | {"field": [0.1, -9.0, 0.0]}),
+    "material points, thesis M7": (lambda dim: (liquid_of_points(dim, literal=("M7",)),),
+        lambda dim: material_points(dim, 0.0)),
+    "material points in a box": (lambda dim: (MPM[dim], BETWEEN,
+        SurfaceEnergy(surface_tension=SIGMA, contact_angle=70.0, recount_time=0.02)), lambda dim: material_points(dim,
+        reading=1, planes=wall_nodes(dim), mirrors={"on": 1}, contact={"pull": SIGMA * math.cos(70 * math.pi / 180)},
+        recount=0.02)),
+    "surface of a run": (lambda dim: (SurfaceEnergy(surface_tension=SIGMA, contact_angle=70.0), MPM[dim], BETWEEN),
+        surface_of_run),
     "mesh": ((block_of(), WATER), lambda dim: mesh(), (3,)),
-    "mesh, other settings": (
-        (
-            block_of(literal=("E27",), correction="point", every_particle=True),
-            WATER,
-            Gravity(acceleration=(0.2, 0.4, -9.0)),
-        ),
-        lambda dim: mesh((0.2, 0.4, -9.0), 0, 1, 1),
-        (3,),
-    ),
-}
+    "mesh, other settings": ((block_of(literal=("E27",), correction="point", every_particle=True), WATER,
+        Gravity(acceleration=(0.2, 0.4, -9.0))), lambda dim: mesh((0.2, 0.4, -9.0), 0, 1, 1), (3,)),
+}  # fmt: skip
 
 
 @pytest.fixture(scope="module", autouse=True)
