@@ -62,59 +62,39 @@ LIMP = ShapeMatching(stiffness=0.0, damping=0.0)
 # (effect with zeros, the rest of the scene, fields that stay as its own state)
 IDENTITIES = {
     "gravity": [(NOTHING, (LIQUID,), ()), (NOTHING, (MPM,), ()), (NOTHING, (), ())],
-    "heat_conduction": [
-        # temperatures and what the report's ledger of heat is made of; other effects melt by them
-        (HeatConduction(conductivity=0.0), (LIQUID,), ("temperature", "heat_capacity")),
+    # temperatures and what the report's ledger of heat is made of; other effects melt by them
+    "heat_conduction": [(HeatConduction(conductivity=0.0), (LIQUID,), ("temperature", "heat_capacity")),
         (HeatConduction(conductivity=0.0), (), ("temperature", "heat_capacity")),
         (HeatConduction(conductivity=(0.0,), scheme="explicit"), (LIQUID,), ("temperature", "heat_capacity")),
-        (
-            HeatConduction(conductivity=0.0, latent_heat=3e5, held=(0,), **FROZEN),
-            (LIQUID,),
-            ("temperature", "heat_capacity", "enthalpy", "melting_point", "latent_heat", "reservoir"),
-        ),
-    ],
+        (HeatConduction(conductivity=0.0, latent_heat=3e5, held=(0,), **FROZEN), (LIQUID,),
+        ("temperature", "heat_capacity", "enthalpy", "melting_point", "latent_heat", "reservoir"))],
     # which particles are solid, and which of them are at a surface, is what coupling and melting need
     "shape_matching": [(LIMP, (LIQUID,), ("phase", "place", "direct"))],
-    "surface_energy": [
-        (SurfaceEnergy(surface_tension=0.0), (MPM,), ()),
+    "surface_energy": [(SurfaceEnergy(surface_tension=0.0), (MPM,), ()),
         (SurfaceEnergy(surface_tension=0.0, embedding="none", enclose_volume=True), (MPM,), ()),
-        (SurfaceEnergy(surface_tension=0.0, contact_angle=60.0), (MPM, MpmWalls(**TANK)), ()),
-    ],
-    "akinci_2013": [
-        (Akinci2013(surface_tension=0.0), (LIQUID,), ()),
+        (SurfaceEnergy(surface_tension=0.0, contact_angle=60.0), (MPM, MpmWalls(**TANK)), ())],
+    "akinci_2013": [(Akinci2013(surface_tension=0.0), (LIQUID,), ()),
         (Akinci2013(gamma=0.0, area_acceleration=0.0, adhesion=0.0), (LIQUID, BoxWalls(**TANK)), ()),
-        (Akinci2013(gamma=0.0, literal=("gamma",)), (LIQUID,), ()),
-    ],
-    "becker_teschner_2007": [
-        (BeckerTeschner2007(surface_tension=0.0), (LIQUID,), ()),
-        (BeckerTeschner2007(kappa=0.0), (LIQUID,), ()),
-    ],
-    "tartakovsky_meakin_2005": [
-        (TartakovskyMeakin2005(surface_tension=0.0), (LIQUID,), ()),
-        (TartakovskyMeakin2005(strength=0.0), (LIQUID,), ()),
-    ],
+        (Akinci2013(gamma=0.0, literal=("gamma",)), (LIQUID,), ())],
+    "becker_teschner_2007": [(BeckerTeschner2007(surface_tension=0.0), (LIQUID,), ()),
+        (BeckerTeschner2007(kappa=0.0), (LIQUID,), ())],
+    "tartakovsky_meakin_2005": [(TartakovskyMeakin2005(surface_tension=0.0), (LIQUID,), ()),
+        (TartakovskyMeakin2005(strength=0.0), (LIQUID,), ())],
     # its density filter is a switch, and acts whatever the tension is
-    "dong_2016": [
-        (Dong2016(surface_tension=0.0, filter_density=False), (LIQUID,), ()),
-        (Dong2016(stiffness=0.0, correction=0.0, filter_density=False), (LIQUID,), ()),
-    ],
-    "he_2014": [
-        (He2014(), (LIQUID,), ()),
-        (He2014(surface_tension=0.0, air_pressure=0.0), (LIQUID,), ()),
-        (He2014(kappa=0.0), (LIQUID,), ()),
-    ],
-    "jiang_zhu_2023": [
-        (JiangZhu2023(surface_tension=0.0), (LIQUID,), ()),
+    "dong_2016": [(Dong2016(surface_tension=0.0, filter_density=False), (LIQUID,), ()),
+        (Dong2016(stiffness=0.0, correction=0.0, filter_density=False), (LIQUID,), ())],
+    "he_2014": [(He2014(), (LIQUID,), ()), (He2014(surface_tension=0.0, air_pressure=0.0), (LIQUID,), ()),
+        (He2014(kappa=0.0), (LIQUID,), ())],
+    "jiang_zhu_2023": [(JiangZhu2023(surface_tension=0.0), (LIQUID,), ()),
         (JiangZhu2023(gamma=0.0, pair_mode="either", area_ratio=0.5), (LIQUID,), ()),
         (JiangZhu2023(gamma=0.0, pair_mode="soft", area_term="color", area_acceleration=1.0), (LIQUID,), ()),
-        (JiangZhu2023(surface_tension=0.0, density_correction=False), (LIQUID, SurfaceDetection()), ()),
-    ],
+        (JiangZhu2023(surface_tension=0.0, density_correction=False), (LIQUID, SurfaceDetection()), ())],
     "csf_wang_2019": [(CsfWang2019(surface_tension=0.0), (LIQUID,), ())],
     "normal_difference_2014": [(NormalDifference2014(area_acceleration=0.0), (LIQUID,), ())],
     "particle_shifting": [(ParticleShifting(strength=0.0), (LIQUID,), ())],
     "box_walls": [(BoxWalls(open_faces=FACES, **TANK), (LIQUID, PULL), ())],
     "mpm_walls": [(MpmWalls(open_faces=FACES, **TANK), (MPM, PULL), ())],
-}
+}  # fmt: skip
 WITHOUT = {
     "weakly_compressible": "the liquid itself: density and sound speed are positive",
     "mpm_liquid": "the liquid itself: density and bulk modulus are positive",

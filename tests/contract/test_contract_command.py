@@ -68,27 +68,20 @@ MISTAKES = {
     "empty": ("own.py", "PROGRAMS = {}", "own.py has no program for any operation"),
     "unknown operation": ("own.py", "PROGRAMS = {'sph.densty': len}", "did you mean sph.density?"),
     "no function": ("own.py", "PROGRAMS = {'sph.density': 3}", "its program for sph.density is 3; give a function."),
-    "no such dtype": (
-        "own.py",
+    "no such dtype": ("own.py",
         "from refsim.contract import Programs\nPROGRAMS = Programs({'sph.gravity': len}, dtypes=('float16',))",
-        "there is no dtype 'float16'; choose from float32, float64.",
-    ),
-    "no such arrays": (
-        "own.py",
+        "there is no dtype 'float16'; choose from float32, float64."),
+    "no such arrays": ("own.py",
         "from refsim.contract import Programs\nPROGRAMS = Programs({'sph.gravity': len}, arrays='fpga')",
-        "there are no arrays of 'fpga'; take one of cpu, cuda.",
-    ),
+        "there are no arrays of 'fpga'; take one of cpu, cuda."),
     "sys.exit": ("own.py", "import sys\nsys.exit(0)", "cannot be imported: SystemExit: 0."),
-    "os._exit": (
-        "own.py",
-        "import os\nos._exit(0)",
-        "cannot be imported: the program ended its process (exit code 0).",
-    ),
+    "os._exit": ("own.py", "import os\nos._exit(0)",
+        "cannot be imported: the program ended its process (exit code 0)."),
     "crash": ("own.py", "import ctypes\nctypes.string_at(0)", "the program ended its process (signal SIGSEGV)."),
     "endless": ("own.py", "while True: pass", "cannot be imported: its import did not end within 2 s (--time-limit)."),
     "interrupt": ("own.py", "raise KeyboardInterrupt", "cannot be imported: KeyboardInterrupt"),
     "words": ("own.py", "class E(Exception):\n def __str__(self): return 1/0\nraise E", "imported: E: no message."),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", MISTAKES)

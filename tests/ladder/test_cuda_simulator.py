@@ -748,21 +748,15 @@ PLANE = {"dim": 2, "spacing": 0.1, "support_radius": 0.3}
 STEPPED = {
     "liquid": composition.scene(composition.LIQUID),
     "liquid between walls": composition.scene(composition.VISCOUS, composition.GRAVITY, composition.WALLS),
-    "tension and detection": composition.scene(
-        composition.VISCOUS, composition.TENSION, composition.DETECTION_EACH_STEP
-    ),
+    "tension and detection": composition.scene(composition.VISCOUS, composition.TENSION,
+        composition.DETECTION_EACH_STEP),
     "implicit pressure": composition.scene(composition.VISCOUS, composition.IMPLICIT),
-    "melting": composition.scene(
-        composition.CLAMPED, composition.SHAPE, composition.COUPLING, composition.WARM, composition.MELTING
-    ),
+    "melting": composition.scene(composition.CLAMPED, composition.SHAPE, composition.COUPLING, composition.WARM,
+        composition.MELTING),
     "material points": Scene(fluid=(Box(cells=(3, 3, 1)),), effects=(composition.MPM_FULL,), step=5e-4, **PLANE),
-    "their surface": Scene(
-        fluid=(Box(cells=(3, 3, 1)),),
-        step=5e-4,
-        **PLANE,
-        effects=(composition.MPM, SurfaceEnergy(surface_tension=0.5, iterations=2)),
-    ),
-}
+    "their surface": Scene(fluid=(Box(cells=(3, 3, 1)),), step=5e-4, **PLANE,
+        effects=(composition.MPM, SurfaceEnergy(surface_tension=0.5, iterations=2))),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", STEPPED)

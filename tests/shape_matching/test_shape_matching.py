@@ -311,19 +311,12 @@ BALL = SolidBall(center=(0, 0, 0), radius=0.5)
 BAD = {
     "number 1: no centre of a lattice cell": solids(SolidBall(center=(0, 0, 0), radius=0.05)),
     "number 1 and number 2 overlap": solids(BALL, SolidBox(lower=(0, 0, 0), upper=(1, 1, 1))),
-    "number 1 reaches outside the walls": solids(
-        BALL,
-        effects=(
-            ShapeMatching(),
-            WeaklyCompressible(sound_speed=10.0, density="summation"),
-            BoxWalls(lower=(0, 0, 0), upper=(2, 2, 2)),
-        ),
-    ),
+    "number 1 reaches outside the walls": solids(BALL, effects=(ShapeMatching(),
+        WeaklyCompressible(sound_speed=10.0, density="summation"), BoxWalls(lower=(0, 0, 0), upper=(2, 2, 2)))),
     "less than half a spacing from a solid's": solids(BALL, fluid=(Box(lower=(0.05, 0, 0), cells=(3, 3, 3)),)),
     "nothing holds its solids together": solids(BALL, effects=()),
-    "the scene has no solids to hold together": Scene(
-        spacing=0.2, support_radius=0.5, fluid=(Box(cells=(2, 2, 2)),), effects=(ShapeMatching(),)
-    ),
+    "the scene has no solids to hold together": Scene(spacing=0.2, support_radius=0.5, fluid=(Box(cells=(2, 2, 2)),),
+        effects=(ShapeMatching(),)),
     "set dim to 3": solids(BALL, dim=2),
     "half_width = 5": {"half_width": 5},
     "damping = 1.5": {"damping": 1.5},
@@ -331,18 +324,11 @@ BAD = {
     "rows of 3 whole numbers": solids(SolidCells(cells=[[0.5, 0, 0]])),
     "its extent from": solids(SolidBox(lower=(1, 0, 0), upper=(0, 1, 1))),
     "2,147,483,647 can be numbered": solids(SolidBox(lower=(0, 0, 0), upper=(1e9, 1e9, 1e9))),
-    "negative pressures would make solids stick": solids(
-        BALL,
-        effects=(
-            ShapeMatching(),
-            TwoWayCoupling(),
-            WeaklyCompressible(sound_speed=10.0, clamp_pressure=False, density="summation"),
-        ),
-    ),
-    "needs effect 'shape_matching'": solids(
-        BALL, effects=(TwoWayCoupling(), WeaklyCompressible(sound_speed=10.0, density="summation"))
-    ),
-}
+    "negative pressures would make solids stick": solids(BALL, effects=(ShapeMatching(), TwoWayCoupling(),
+        WeaklyCompressible(sound_speed=10.0, clamp_pressure=False, density="summation"))),
+    "needs effect 'shape_matching'": solids(BALL,
+        effects=(TwoWayCoupling(), WeaklyCompressible(sound_speed=10.0, density="summation"))),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("words", BAD)
