@@ -76,13 +76,9 @@ def still(case, **given):
     n = case.count
     liquid = Fluid(1.0, 1.0, np.int32(1), np.int32(0))
     return {
-        "mass": np.full(n, 1.0 / n),
-        "density": np.ones(n),
-        "pressure": np.zeros(n),
-        "velocity": np.zeros((n, 3)),
-        "fluid": liquid,
-        "viscosity": ViscosityTerm(0.5),
-    } | given
+        "mass": np.full(n, 1.0 / n), "density": np.ones(n), "pressure": np.zeros(n), "velocity": np.zeros((n, 3)),
+        "fluid": liquid, "viscosity": ViscosityTerm(0.5),
+    } | given  # fmt: skip
 
 
 def test_pressure_force_is_of_second_order():

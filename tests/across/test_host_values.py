@@ -213,13 +213,9 @@ def test_energy_of_effects_in_their_own_words():
         for literal, share in (((), 1.0), (("E24",), 0.5)):
             for clamp in (True, False):
                 liquid = WeaklyCompressible(
-                    sound_speed=13.0,
-                    rest_density=900.0,
-                    state=kind,
-                    literal=literal,
-                    clamp_pressure=clamp,
+                    sound_speed=13.0, rest_density=900.0, state=kind, literal=literal, clamp_pressure=clamp,
                     density="summation",
-                )
+                )  # fmt: skip
                 others = named(liquid, Balanced())
                 found = liquid.energy(grid(dtype="float32"), others).parts["compression"](dense)
                 work = share * compression_energy(
@@ -848,11 +844,9 @@ def test_verdicts_of_an_audit():
 
     def auditor(*energies, bound=0.25):
         simulation = SimpleNamespace(
-            steps=1,
-            time=0.5,
-            plan=SimpleNamespace(grid=grid()),
+            steps=1, time=0.5, plan=SimpleNamespace(grid=grid()),
             timings=SimpleNamespace(of_host=lambda name: nullcontext()),
-        )
+        )  # fmt: skip
         looks = iter(energies)
         made = SimpleNamespace(
             simulation=simulation, rule=SimpleNamespace(bound=bound), start=None, now={}, lowest=math.inf,

@@ -25,13 +25,9 @@ def scene(seed, **options):
     position[:, :dim] = relaxed(random, count, dim, 0.5 * SPACING * count ** (1 / dim))
     velocity[:, :dim] = random.normal(scale=0.3, size=(count, dim))
     liquid = WeaklyCompressible(
-        sound_speed=12.0,
-        dynamic_viscosity=0.4 * (seed < 2),
-        state=str(random.choice(["linear", "tait"])),
-        clamp_pressure=bool(random.integers(2)),
-        density_bound=100.0,
-        density="summation",
-    )
+        sound_speed=12.0, dynamic_viscosity=0.4 * (seed < 2), state=str(random.choice(["linear", "tait"])),
+        clamp_pressure=bool(random.integers(2)), density_bound=100.0, density="summation",
+    )  # fmt: skip
     mass = 1000 * SPACING**dim * random.uniform(0.8, 1.2, count)
     return Scene(
         spacing=SPACING, support_radius=H, dim=dim, dtype="float64", step=2e-4, skin=0.1, **options,
@@ -121,12 +117,9 @@ def test_units_do_not_matter(seed):
     dim = begun.dim
     small = changed(begun, position=first.position * factor, mass=first.mass * factor**dim)
     small = msgspec.structs.replace(
-        small,
-        spacing=SPACING * factor,
-        support_radius=H * factor,
-        step=begun.step * factor,
+        small, spacing=SPACING * factor, support_radius=H * factor, step=begun.step * factor,
         effects=(msgspec.structs.replace(liquid, dynamic_viscosity=liquid.dynamic_viscosity * factor),),
-    )
+    )  # fmt: skip
     x, v, _ = state(run(begun))
     y, w, _ = state(run(small))
     assert np.abs(y / factor - x).max() < 1e-9

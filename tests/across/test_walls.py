@@ -30,11 +30,9 @@ LIQUID = WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=0.5, density="su
 BOX = BoxWalls(lower=(-0.03, -0.03, 0.03), upper=(0.03, 0.03, 0.1))
 DONG = Dong2016(surface_tension=1.0, solver="hu_adams")
 SOLVERS = {
-    "shared": (LIQUID,),
-    "dong_2016": (LIQUID, DONG),
-    "iisph": (LIQUID, ImplicitPressure()),
+    "shared": (LIQUID,), "dong_2016": (LIQUID, DONG), "iisph": (LIQUID, ImplicitPressure()),
     "two_way_coupling": (LIQUID, TwoWayCoupling(), ShapeMatching()),
-}
+}  # fmt: skip
 WALLS = {"box": (BOX,), "mesh": (None,), "box and mesh": (BOX, None), "printed mesh": ("E30",)}
 
 

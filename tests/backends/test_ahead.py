@@ -90,12 +90,9 @@ def test_kernels_inside_host_functions_are_among_those_compiled_ahead(monkeypatc
 
     monkeypatch.setattr(ahead, "compile_ahead", seen)
     scene = refsim.Scene(
-        spacing=0.1,
-        support_radius=0.2,
-        dim=3,
-        fluid=(refsim.Box(cells=(4, 4, 4)),),
+        spacing=0.1, support_radius=0.2, dim=3, fluid=(refsim.Box(cells=(4, 4, 4)),),
         effects=(refsim.WeaklyCompressible(sound_speed=20.0, density="summation"), *effects),
-    )
+    )  # fmt: skip
     with pytest.raises(Seen) as names:
         refsim.Simulation(scene, "cpu")
     assert kernels <= names.value.args[0], kernels - names.value.args[0]

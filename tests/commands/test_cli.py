@@ -370,11 +370,8 @@ def test_list_tells_the_registry(capsys):
     assert set(found["operations"]["sph.density"]["programs"]) == {*BACKENDS, "cuda:packed"}
     (speed,) = [p for p in found["effects"]["weakly_compressible"]["parameters"] if p["name"] == "sound_speed"]
     assert speed == {
-        "name": "sound_speed",
-        "default": None,
-        "required": True,
-        "meaning": "numerical sound speed c [m/s]",
-    }
+        "name": "sound_speed", "default": None, "required": True, "meaning": "numerical sound speed c [m/s]",
+    }  # fmt: skip
     assert main(["list"]) == 0
     assert "Jiang & Zhu 2023" in capsys.readouterr().out
 

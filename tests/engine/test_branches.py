@@ -17,14 +17,9 @@ def launch(taken, changed):
 
 def test_a_launch_waits_for_what_it_reads_and_for_what_reads_what_it_changes():
     launches = [
-        launch("", "a"),
-        launch("", "b"),
-        launch("a ", "c"),
-        launch("a b ", "d"),
-        launch("d ", "a"),
-        None,
+        launch("", "a"), launch("", "b"), launch("a ", "c"), launch("a b ", "d"), launch("d ", "a"), None,
         launch("", "e"),
-    ]
+    ]  # fmt: skip
     assert needed_before(launches) == [(), (), (0,), (0, 1), (2, 3), (4,), (5,)]
 
 

@@ -139,12 +139,10 @@ def test_clouds_come_out_of_the_checkpoint(tmp_path):
         spacing=0.01,
         support_radius=0.02,
         fluid=(
-            file,
-            Box(cells=(2, 2, 2), lower=(1.0, 0.0, 0.0)),
-            Cloud(position=points + 2.0, mass=np.arange(1.0, 41.0)),
+            file, Box(cells=(2, 2, 2), lower=(1.0, 0.0, 0.0)), Cloud(position=points + 2.0, mass=np.arange(1.0, 41.0)),
         ),
         effects=(WeaklyCompressible(sound_speed=20.0, density_bound=1e6, density="summation"),),
-    )
+    )  # fmt: skip
     first = Simulation(scene, "numpy")
     first.checkpoint(tmp_path / "c.h5")
     (tmp_path / "points.npy").unlink()

@@ -20,20 +20,12 @@ ICE = {"melting_point": 0.0, "latent_heat": 3e4}
 def bar(number=2.0, dtype="float64", **options):
     """A warm half on a cold one, in steps of k dt/(rho c d^2) = `number`."""
     given = {
-        "temperature": (50.0, -10.0),
-        "conductivity": 1.0,
-        "heat_capacity": 1000.0,
-        "largest_number": 1e9,
-        **options,
-    }
+        "temperature": (50.0, -10.0), "conductivity": 1.0, "heat_capacity": 1000.0, "largest_number": 1e9, **options,
+    }  # fmt: skip
     return Scene(
-        spacing=0.1,
-        support_radius=0.25,
-        fluid=BAR,
-        effects=(HeatConduction(**given),),
-        step=number * NUMBER,
+        spacing=0.1, support_radius=0.25, fluid=BAR, effects=(HeatConduction(**given),), step=number * NUMBER,
         dtype=dtype,
-    )
+    )  # fmt: skip
 
 
 def ran(scene, steps=10):

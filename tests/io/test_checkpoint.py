@@ -22,13 +22,11 @@ def state(step, n=1000):
     """Arrays of every dtype in use, all of them different at every step."""
     rng = np.random.default_rng(step)
     return {
-        "position": rng.normal(size=(n, 3)).astype(np.float32),
-        "velocity": rng.normal(size=(n, 3)),
+        "position": rng.normal(size=(n, 3)).astype(np.float32), "velocity": rng.normal(size=(n, 3)),
         "order": rng.integers(-(2**31), 2**31, n, dtype=np.int32),
-        "key": rng.integers(-(2**63), 2**63 - 1, n, dtype=np.int64),
-        "phase": rng.integers(0, 256, n, dtype=np.uint8),
+        "key": rng.integers(-(2**63), 2**63 - 1, n, dtype=np.int64), "phase": rng.integers(0, 256, n, dtype=np.uint8),
         "surface": rng.random(n) < 0.5,
-    }
+    }  # fmt: skip
 
 
 def assert_same(left, right):
@@ -42,12 +40,10 @@ def assert_same(left, right):
 def test_every_dtype_comes_back_bit_for_bit(tmp_path):
     arrays = state(0) | {
         "edge32": np.array([-0.0, 1e-45, np.finfo(np.float32).max], np.float32),
-        "edge64": np.array([-0.0, 5e-324, np.finfo(np.float64).max]),
-        "empty": np.empty((0, 3), np.float32),
-        "scalar": np.array(0.1),
-        "columns": np.asfortranarray(np.arange(6.0).reshape(2, 3)),
+        "edge64": np.array([-0.0, 5e-324, np.finfo(np.float64).max]), "empty": np.empty((0, 3), np.float32),
+        "scalar": np.array(0.1), "columns": np.asfortranarray(np.arange(6.0).reshape(2, 3)),
         "strided": np.arange(10, dtype=np.int32)[::3],
-    }
+    }  # fmt: skip
     attributes = {"time": 0.1 + 0.2, "limit": float("inf"), "step": 2**70, "on": True, "scene": "é\n\0='x'" * 20000}
     write_checkpoint(tmp_path / "run.h5", arrays, attributes)
     back = read_checkpoint(tmp_path / "run.h5")

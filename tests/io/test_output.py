@@ -22,13 +22,9 @@ from refsim.io.vtp import write_vtp
 posix = pytest.mark.skipif(os.name != "posix", reason="signals and file size limits of POSIX")
 
 FIELDS = {
-    "density": (1, "float32"),
-    "velocity": (3, "float32"),
-    "energy": (1, np.float64),
-    "phase": (1, np.int32),
-    "surface": (1, "uint8"),
-    "pair": (2, "int64"),
-}
+    "density": (1, "float32"), "velocity": (3, "float32"), "energy": (1, np.float64), "phase": (1, np.int32),
+    "surface": (1, "uint8"), "pair": (2, "int64"),
+}  # fmt: skip
 
 
 def frame(step, n=50):

@@ -35,16 +35,11 @@ def needs(package):
 
 def scene(**changes):
     values = {
-        "name": "cloud",
-        "dim": 2,
-        "dtype": "float64",
-        "spacing": 0.01,
-        "support_radius": 0.025,
-        "end_time": 2e-3,
+        "name": "cloud", "dim": 2, "dtype": "float64", "spacing": 0.01, "support_radius": 0.025, "end_time": 2e-3,
         "step": 2e-4,
         "fluid": (Cloud(position=GRID + 0.1, velocity=(0.1, 0.2, 0.0)), Ball(center=(0.3, 0.1, 0.0), radius=0.02)),
         "effects": (WeaklyCompressible(sound_speed=10.0, density="summation"), Gravity(acceleration=(0.0, -9.81, 0.0))),
-    }
+    }  # fmt: skip
     return Scene(**values | changes)
 
 

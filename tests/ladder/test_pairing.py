@@ -112,10 +112,8 @@ def flying_drop(**options):
         fluid=(Ball(center=(0.5, 0.5, 0.0), radius=0.35, velocity=(3.0, -1.0, 0.0)),),
         effects=(
             WeaklyCompressible(sound_speed=12.0, dynamic_viscosity=0.3, density="summation"),
-            Gravity(acceleration=(0.0, -9.81, 0.0)),
-            BoxWalls(lower=(0, 0, 0), upper=(1, 1, 1)),
-            SurfaceDetection(each_step=True),
-            JiangZhu2023(surface_tension=2.0),
+            Gravity(acceleration=(0.0, -9.81, 0.0)), BoxWalls(lower=(0, 0, 0), upper=(1, 1, 1)),
+            SurfaceDetection(each_step=True), JiangZhu2023(surface_tension=2.0),
         ),
         **options,
     )  # fmt: skip

@@ -81,11 +81,9 @@ def shape(name, q):
     q = np.asarray(q, dtype=float)
     inner, outer = 6 * (q**3 - q**2) + 1, 2 * (1 - q) ** 3
     w = {
-        "poly6": (1 - q**2) ** 3,
-        "spiky": (1 - q) ** 3,
-        "cubic_spline": np.where(q < 0.5, inner, outer),
+        "poly6": (1 - q**2) ** 3, "spiky": (1 - q) ** 3, "cubic_spline": np.where(q < 0.5, inner, outer),
         "wendland_c2": (1 - q) ** 4 * (1 + 4 * q),
-    }[name]
+    }[name]  # fmt: skip
     return np.where(q < 1, w, 0.0)
 
 
@@ -104,11 +102,9 @@ def slope(name, r, dim, h=H):
     q = np.asarray(r) / h + 1e-30j
     one = 1 - q
     w = {
-        "poly6": (1 - q**2) ** 3,
-        "spiky": one**3,
-        "cubic_spline": np.where(q.real < 0.5, 6 * (q**3 - q**2) + 1, 2 * one**3),
-        "wendland_c2": one**4 * (1 + 4 * q),
-    }[name]
+        "poly6": (1 - q**2) ** 3, "spiky": one**3,
+        "cubic_spline": np.where(q.real < 0.5, 6 * (q**3 - q**2) + 1, 2 * one**3), "wendland_c2": one**4 * (1 + 4 * q),
+    }[name]  # fmt: skip
     return np.where(q.real < 1, norm(name, dim) / h ** (dim + 1) * w.imag / 1e-30, 0.0)
 
 
@@ -155,14 +151,10 @@ def smoothing_group(name, dim):
     # Mueller et al. 2003: lap W = A (h - r), exact on quadratic fields: (1/2 dim) int r^2 lap W dV = 1.
     second = sphere(dim) * integral(lambda q: q ** (dim + 1) * (1 - q))
     return {
-        "support_radius": H,
-        "inverse_radius": 1 / H,
-        "value_scale": norm(name, dim) / H**dim,
-        "slope_scale": norm(name, dim) / H ** (dim + 1),
-        "laplacian_scale": 2 * dim / second / H ** (dim + 2),
-        "shape": NUMBERS[name],
-        "dim": dim,
-    }
+        "support_radius": H, "inverse_radius": 1 / H, "value_scale": norm(name, dim) / H**dim,
+        "slope_scale": norm(name, dim) / H ** (dim + 1), "laplacian_scale": 2 * dim / second / H ** (dim + 2),
+        "shape": NUMBERS[name], "dim": dim,
+    }  # fmt: skip
 
 
 # What each effect is to hand out, from its paper's equations: {group: {member: value}}.
@@ -174,20 +166,13 @@ def liquid(
     """Jiang & Zhu 2023, J(9) (Tait's equation with exponent 7), J(10), J(11); walls with p_b = p_i push twice."""
     sums, gradients = SETS[kernels]
     fluid = {
-        "rest_density": RHO,
-        "stiffness": RHO * C**2 / exponent,
-        "exponent": exponent,
-        "clamp": clamp,
-        "internal_pressure": pressure,
-        "gradient_share": gradient,
-        "wall_share": wall,
-    }
+        "rest_density": RHO, "stiffness": RHO * C**2 / exponent, "exponent": exponent, "clamp": clamp,
+        "internal_pressure": pressure, "gradient_share": gradient, "wall_share": wall,
+    }  # fmt: skip
     groups = {
-        "smoothing": smoothing_group(sums, dim),
-        "gradient_smoothing": smoothing_group(gradients, dim),
-        "fluid": fluid,
+        "smoothing": smoothing_group(sums, dim), "gradient_smoothing": smoothing_group(gradients, dim), "fluid": fluid,
         "density_bounds": {"rest_density": RHO, "dense": 1.1, "crushed": 1.5},
-    }
+    }  # fmt: skip
     viscous = {"viscosity": viscosity, "central_viscosity": central}
     return groups | {name: {"coefficient": value} if value else None for name, value in viscous.items()}
 
@@ -242,20 +227,14 @@ def jiang_zhu(dim, gamma=None, alpha=None, sign=1, mode=1, area=None, soft=(0.3,
     gamma = gamma or SIGMA / sharp_tension(lambda r: jiang_zhu_shape(r, dim, alpha), dim)
     at_zero = kernel("poly6", 0.0, dim), kernel("poly6", 0.0, dim, 0.8 * H)
     cohesion = {
-        "gamma": sign * gamma,
-        "alpha": alpha,
-        "beta": 0.9,
-        "amplitude": sign * gamma * at_zero[0],
-        "inner_share": at_zero[1] / at_zero[0],
-        "inner_stretch": 1 / 0.8,
-    }
+        "gamma": sign * gamma, "alpha": alpha, "beta": 0.9, "amplitude": sign * gamma * at_zero[0],
+        "inner_share": at_zero[1] / at_zero[0], "inner_stretch": 1 / 0.8,
+    }  # fmt: skip
     area = area(gamma) if area else None
     return detection(dim, **scan) | {
-        "pairs": {"mode": mode},
-        "soft": {"lower": soft[0], "upper": soft[1], "inverse_width": 1 / (soft[1] - soft[0])},
-        "cohesion": cohesion,
-        "area": area and dict(zip(("kind", "coefficient"), area)),
-    }
+        "pairs": {"mode": mode}, "soft": {"lower": soft[0], "upper": soft[1], "inverse_width": 1 / (soft[1] - soft[0])},
+        "cohesion": cohesion, "area": area and dict(zip(("kind", "coefficient"), area)),
+    }  # fmt: skip
 
 
 def corrected_area(dim, ratio=0.01):
@@ -336,11 +315,9 @@ def dong(dim, d0=D, stiffness=None, correction=None, symmetric=1):
     stiffness = SIGMA / unit if stiffness is None else stiffness
     correction = 3 * stiffness * unit / (RHO * D) if correction is None else correction
     force = {
-        "stiffness": stiffness,
-        "rest_distance": d0,
-        "rest_share": (H - d0) ** 2 / H**2,
+        "stiffness": stiffness, "rest_distance": d0, "rest_share": (H - d0) ** 2 / H**2,
         "scale": H**2 / (d0 * (2 * H - d0)),
-    }
+    }  # fmt: skip
     # The normal of the kernels is h n of D(11).
     both = normal_term(dim) | {"molecular_force": force if stiffness else None}
     return both | {"normal_correction": {"coefficient": correction / H, "symmetric": symmetric} if correction else None}
@@ -435,23 +412,11 @@ def heat(dim, name="spiky", number=0, profile=None, factor=None, planned=None, l
     rho = s / (1 + s)
     passes = math.ceil(math.log(tolerance / 2) / math.log(rho / (1 + math.sqrt(1 - rho**2))))
     group = {
-        "support_radius": H,
-        "inverse_radius": 1 / H,
-        "inverse_volume": 1 / D**dim,
-        "scale": factor * float(half) / profile * D ** (2 * dim),
-        "factor": factor,
-        "tolerance": 4e-3,
-        "residual": 1e-3,
-        "sweep_share": 0.5,
-        "laplacian": number,
-        "harmonic": 1,
-        "unit_capacity": 0,
-        "frozen": 0,
-        "most_passes": 64,
-        "planned_passes": min(64, passes) if planned is None else planned,
-        "iterations": 16,
-        "dim": dim,
-    }
+        "support_radius": H, "inverse_radius": 1 / H, "inverse_volume": 1 / D**dim,
+        "scale": factor * float(half) / profile * D ** (2 * dim), "factor": factor, "tolerance": 4e-3, "residual": 1e-3,
+        "sweep_share": 0.5, "laplacian": number, "harmonic": 1, "unit_capacity": 0, "frozen": 0, "most_passes": 64,
+        "planned_passes": min(64, passes) if planned is None else planned, "iterations": 16, "dim": dim,
+    }  # fmt: skip
     return {"conduction": group | changes}
 
 
@@ -839,12 +804,10 @@ def test_every_member_is_the_papers(name, dim):
 
 
 BY_PRECISION = {  # what float32 takes where rounding decides: 64 roundings, and the floors of the solvers
-    "smallest_normal": lambda value: 64 * 2.0**-23 * (value / 1e-12),
-    "inertia_floor": lambda value: 1e-5,
-    "precision": lambda value: 0.05 * 2.0**-23,
-    "eps": lambda value: 2.0**-23,
+    "smallest_normal": lambda value: 64 * 2.0**-23 * (value / 1e-12), "inertia_floor": lambda value: 1e-5,
+    "precision": lambda value: 0.05 * 2.0**-23, "eps": lambda value: 2.0**-23,
     "least_mass": lambda value: 1e-12 * value / 1e-24,
-}
+}  # fmt: skip
 ROUNDED = {"lower", "upper", "distance"}  # of the band, and the next number outwards
 
 

@@ -29,12 +29,8 @@ LIQUID = WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=2.0, density="su
 
 def scene_of(**more):
     given = {
-        "spacing": 0.01,
-        "support_radius": 0.026,
-        "fluid": (Box(cells=(20, 40, 1)),),
-        "dim": 2,
-        "effects": (LIQUID,),
-    }
+        "spacing": 0.01, "support_radius": 0.026, "fluid": (Box(cells=(20, 40, 1)),), "dim": 2, "effects": (LIQUID,),
+    }  # fmt: skip
     return Scene(**(given | more))
 
 

@@ -122,13 +122,11 @@ def test_a_grid_liquid_is_told_its_bulk_modulus():
 # Tension
 
 COEFFICIENTS = {  # models by a coefficient of their own instead of a tension
-    "jiang_zhu": lambda k: JiangZhu2023(gamma=k),
-    "akinci": lambda k: Akinci2013(gamma=k),
+    "jiang_zhu": lambda k: JiangZhu2023(gamma=k), "akinci": lambda k: Akinci2013(gamma=k),
     "becker_teschner": lambda k: BeckerTeschner2007(kappa=k),
-    "tartakovsky_meakin": lambda k: TartakovskyMeakin2005(strength=k),
-    "dong": lambda k: Dong2016(stiffness=k),
+    "tartakovsky_meakin": lambda k: TartakovskyMeakin2005(strength=k), "dong": lambda k: Dong2016(stiffness=k),
     "he": lambda k: He2014(kappa=k),
-}
+}  # fmt: skip
 
 
 def drop(*effects, sound=1.0, dim=3):

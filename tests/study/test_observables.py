@@ -13,13 +13,10 @@ from validation.metrics.dam_break import front_position
 def simulation():
     """A block that flies, and a piece apart from it."""
     scene = Scene(
-        dim=2,
-        dtype="float64",
-        spacing=0.01,
-        support_radius=0.026,
+        dim=2, dtype="float64", spacing=0.01, support_radius=0.026,
         fluid=(Box(cells=(8, 6, 1), velocity=(2.0, 1.0, 0.0)), Box(lower=(0.3, 0.0, 0.0), cells=(2, 2, 1))),
         effects=(WeaklyCompressible(sound_speed=20.0, density="summation"), Gravity(acceleration=(0.0, -9.81, 0.0))),
-    )
+    )  # fmt: skip
     made = Simulation(scene, "numpy")
     made.step()
     return made

@@ -192,12 +192,8 @@ def test_the_least_error_within_some_seconds():
         made(point("rough", 0.2, 1.0), falling, point("fine", 0.001, 50.0), point("new", 0.1, 0.1, SCATTERED))
     )
     assert [least_error(found["cpu"], s, found["cpu"]) for s in (0.5, 1.5, 3.0, 10.0, 60.0)] == [
-        None,
-        0.2,
-        0.05,
-        0.01,
-        0.001,
-    ]
+        None, 0.2, 0.05, 0.01, 0.001,
+    ]  # fmt: skip
 
 
 # What is stored

@@ -38,13 +38,10 @@ def jittered_disc(seed=5):
 def detect(position, backend="numpy", dtype="float64", spacing=1.0, dim=2, ratio=2.6, walls=(), **settings):
     """A simulation whose fields belong to the given positions; these are in spacings."""
     scene = Scene(
-        spacing=spacing,
-        support_radius=ratio * spacing,
-        dim=dim,
-        dtype=dtype,
+        spacing=spacing, support_radius=ratio * spacing, dim=dim, dtype=dtype,
         fluid=(Cloud(position=position * spacing),),
         effects=(WeaklyCompressible(sound_speed=10.0, density="summation"), SurfaceDetection(**settings), *walls),
-    )
+    )  # fmt: skip
     simulation = Simulation(scene, backend)
     simulation.evaluate()
     return simulation
@@ -264,12 +261,9 @@ def test_normals_of_a_disc_point_inward(kind):
 
 def plan_of(*effects, dim=2):
     scene = Scene(
-        spacing=1.0,
-        support_radius=2.6,
-        dim=dim,
-        fluid=(Ball(radius=3.0),),
+        spacing=1.0, support_radius=2.6, dim=dim, fluid=(Ball(radius=3.0),),
         effects=(WeaklyCompressible(sound_speed=1.0, density="summation"), *effects),
-    )
+    )  # fmt: skip
     return make_plan(scene)
 
 
@@ -321,13 +315,10 @@ def borrower():
 @pytest.mark.parametrize(
     "other",
     [
-        {"threshold": 0.95},
-        {"asymmetry": 0.3},
-        {"literal": ("E10",)},
-        {"scan_radius": "full"},
+        {"threshold": 0.95}, {"asymmetry": 0.3}, {"literal": ("E10",)}, {"scan_radius": "full"},
         {"thin_features": "second_moment"},
     ],
-)
+)  # fmt: skip
 def test_different_settings_for_one_field_are_refused(borrower, other):
     with pytest.raises(InputError, match=r"'surface_detection' and 'borrower' compute field '\w+' in different ways"):
         plan_of(SurfaceDetection(), borrower(own=SurfaceDetection(**other)))

@@ -31,13 +31,9 @@ def setting(ratio=2.0, apart=0.0, support=2.6, stiffness=0.01, seeds=3, radii=(1
 
 
 MADE_UP = (
-    setting(2.0),
-    setting(3.0, support=3.0),
-    setting(1.0, stiffness=0.003),
-    setting(4.0, stiffness=0.03),
-    setting(3.0, apart=0.6, model="dong"),
-    setting(model="he", radii=()),
-)
+    setting(2.0), setting(3.0, support=3.0), setting(1.0, stiffness=0.003), setting(4.0, stiffness=0.03),
+    setting(3.0, apart=0.6, model="dong"), setting(model="he", radii=()),
+)  # fmt: skip
 
 
 def made_up(sigma=0.072, model="akinci", **options):

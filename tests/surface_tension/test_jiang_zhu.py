@@ -61,12 +61,10 @@ def drop(n=5, dtype="float32", dim=3, fluid=None, wobble=0.0, **parameters):
 @pytest.mark.parametrize("mode", PAIR_MODES)
 def test_pair_weight_table(mode):
     expected = {
-        "soft": lambda wi, wj, si, sj: (wi + wj) / 2,
-        "all": lambda wi, wj, si, sj: 1,
-        "one_sided": lambda wi, wj, si, sj: si,
-        "either": lambda wi, wj, si, sj: max(si, sj),
+        "soft": lambda wi, wj, si, sj: (wi + wj) / 2, "all": lambda wi, wj, si, sj: 1,
+        "one_sided": lambda wi, wj, si, sj: si, "either": lambda wi, wj, si, sj: max(si, sj),
         "both": lambda wi, wj, si, sj: min(si, sj),
-    }[mode]
+    }[mode]  # fmt: skip
     for wi, wj, si, sj in itertools.product((0.0, 0.25, 1.0), (0.0, 0.25, 1.0), (0, 1), (0, 1)):
         base, slope = formulas.pair_weight(PAIR_MODES[mode], np.float32(wi), np.uint8(si))
         assert base + slope * (wj if mode == "soft" else sj) == expected(wi, wj, si, sj)
@@ -84,11 +82,9 @@ def test_density_correction_lifts_the_surface_before_the_equation_of_state():
     for simulation in (raw, corrected):
         simulation.evaluate()
     assert corrected.plan.launches()[:4] == (
-        "sph.density",
-        "surface_detection.near_surface",
-        "jiang_zhu_2023.corrected_density",
+        "sph.density", "surface_detection.near_surface", "jiang_zhu_2023.corrected_density",
         "jiang_zhu_2023.replace_density",
-    )
+    )  # fmt: skip
     before, after = raw.field("density"), corrected.field("density")
     near = corrected.field("near_surface") != 0
     assert 0 < near.sum() < len(near)
@@ -159,9 +155,7 @@ def test_bad_parameters_get_one_sentence(parameters, words):
     with pytest.raises(InputError, match=words):
         make_plan(
             Scene(
-                spacing=0.2,
-                support_radius=0.54,
-                fluid=(Box(cells=(3, 3, 3)),),
+                spacing=0.2, support_radius=0.54, fluid=(Box(cells=(3, 3, 3)),),
                 effects=(liquid, JiangZhu2023(**parameters)),
             )
-        )
+        )  # fmt: skip

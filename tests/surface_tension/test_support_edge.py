@@ -10,13 +10,9 @@ from refsim.core.operation import REGISTRY
 
 FOLDER = "refsim.surface_tension."
 JUMPING = {
-    "akinci_2013.tension",
-    "akinci_2013.tension:fused",
-    "jiang_zhu_2023.area",
-    "jiang_zhu_2023.tension",
-    "jiang_zhu_2023.tension:fused",
-    "normal_difference_2014.tension",
-}
+    "akinci_2013.tension", "akinci_2013.tension:fused", "jiang_zhu_2023.area", "jiang_zhu_2023.tension",
+    "jiang_zhu_2023.tension:fused", "normal_difference_2014.tension",
+}  # fmt: skip
 NEAR = 1e-10  # of h
 dims = pytest.mark.parametrize("dim", [2, 3])
 

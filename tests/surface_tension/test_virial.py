@@ -20,14 +20,11 @@ from refsim.core.effect import Discretisation
 from refsim.study.panels.virial import pair_virials
 
 TENSIONS = (
-    JiangZhu2023(surface_tension=1.0),
-    JiangZhu2023(surface_tension=1.0, pair_mode="soft", area_ratio=0.2),
-    Akinci2013(surface_tension=1.0, area_acceleration=20.0),
-    Dong2016(surface_tension=1.0),
-    BeckerTeschner2007(surface_tension=1.0),
-    TartakovskyMeakin2005(surface_tension=1.0),
+    JiangZhu2023(surface_tension=1.0), JiangZhu2023(surface_tension=1.0, pair_mode="soft", area_ratio=0.2),
+    Akinci2013(surface_tension=1.0, area_acceleration=20.0), Dong2016(surface_tension=1.0),
+    BeckerTeschner2007(surface_tension=1.0), TartakovskyMeakin2005(surface_tension=1.0),
     He2014(surface_tension=1.0, air_pressure=3.0),
-)
+)  # fmt: skip
 
 
 def blob(*effects, dim=3, clamp=True):
