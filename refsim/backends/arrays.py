@@ -3,6 +3,7 @@
 A backend is chosen once and named in every report. Nothing ever falls back to another one.
 """
 
+import contextlib
 import functools
 import importlib.util
 import os
@@ -197,16 +198,28 @@ def set_threads(backend: Backend, threads: int | None, rows: int | None = None) 
 
 
 def host_memory() -> dict[str, int | None]:
-    """Bytes of the machine's memory, "total" and "free"; None where the system does not say."""
+    """Bytes of the machine's memory: "total", and "free" to take; None where the system does not say."""
     try:
         page = os.sysconf("SC_PAGE_SIZE")
         total, free = (page * os.sysconf(name) for name in ("SC_PHYS_PAGES", "SC_AVPHYS_PAGES"))
     except (AttributeError, ValueError, OSError):
         return {"total": None, "free": None}
+    with contextlib.suppress(OSError, StopIteration, ValueError):  # pages that files only borrow are free to take, too
+        lines = Path("/proc/meminfo").read_text().splitlines()
+        free = 1024 * next(int(line.split()[1]) for line in lines if line.startswith("MemAvailable"))
     limit = Path("/sys/fs/cgroup/memory.max")
     if limit.is_file() and (text := limit.read_text().strip()).isdigit():
         total = min(total, int(text))
     return {"total": total, "free": min(free, total)}
+
+
+def on_backend(value: Any, backend: Backend) -> Any:
+    """A value with its arrays on the backend (a copy); of a parameter group those of its members."""
+    if isinstance(value, np.ndarray):
+        return backend.asarray(value)
+    if isinstance(value, tuple) and hasattr(value, "_fields") and any(isinstance(v, np.ndarray) for v in value):
+        return type(value)(*(on_backend(part, backend) for part in value))
+    return value.on_backend(backend) if hasattr(value, "on_backend") else value
 
 
 def fill(array: Any, value: float) -> None:

@@ -6,6 +6,7 @@ the one that started them, however that ends.
 """
 
 import contextlib
+import math
 import multiprocessing
 import os
 import signal
@@ -14,9 +15,9 @@ from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
+from refsim.backends.arrays import host_memory, unavailable
 from refsim.cluster.tasks import ATTEMPTS, ONE_THREAD, Outcome, Task, Watch, killed
 from refsim.core.errors import InputError
 from refsim.core.stopping import end_with
@@ -47,7 +48,8 @@ def by_processes(tasks: Sequence[Task], jobs: int, watch: Watch) -> Generator[Ou
     context = multiprocessing.get_context("spawn")  # a forked process would inherit the threads of Numba's pool
     shares = context.Array("d", len(tasks), lock=False)
     parent, alive = context.Pipe(duplex=False)  # the end `alive` is in this process alone
-    memory = available_memory()
+    free_memory = host_memory()["free"]
+    memory = math.inf if free_memory is None else float(free_memory)
     waiting = sorted(range(len(tasks)), key=lambda k: -tasks[k].weight)
     free = [_Slot(f"process {k}", device) for k, device in enumerate(devices[: len(tasks)])]
     busy: dict[Future[Any], _Slot] = {}
@@ -103,22 +105,11 @@ def _too_large(task: Task, memory: float) -> InputError:
     )
 
 
-def available_memory() -> float:
-    """Bytes that processes can still take on this machine; infinite where the system does not tell."""
-    try:
-        lines = Path("/proc/meminfo").read_text().splitlines()
-        return 1024.0 * next(int(line.split()[1]) for line in lines if line.startswith("MemAvailable"))
-    except (OSError, StopIteration, ValueError):
-        return float("inf")
-
-
 def visible_devices() -> list[str]:
     """Names of the CUDA devices as CUDA_VISIBLE_DEVICES takes them."""
     named = os.environ.get("CUDA_VISIBLE_DEVICES")
     if named is not None:
         return [word.strip() for word in named.split(",") if word.strip()]
-    from refsim.backends.arrays import unavailable
-
     if unavailable("cuda") is not None:
         return []
     from numba import cuda

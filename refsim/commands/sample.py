@@ -2,7 +2,6 @@
 
 import argparse
 import time
-from pathlib import Path
 
 import numpy as np
 
@@ -10,6 +9,7 @@ from refsim.boundary.mesh import load_mesh
 from refsim.boundary.sampling import LITERAL, MOST_ITERATIONS, sample
 from refsim.commands import CommandResult, command, in_bytes, in_time, table
 from refsim.core.errors import InputError
+from refsim.core.writing import output_path
 from refsim.io.vtp import write_vtp
 
 DESCRIPTION = (
@@ -36,9 +36,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 @command("sample", "spread boundary particles over a mesh", configure, DESCRIPTION)
 def execute(options: argparse.Namespace) -> CommandResult:
     """Read, sample, write, and say how even the particles are."""
-    output = Path(options.output)
-    if output.suffix != ".vtp":
-        raise InputError(f"sample: {options.output!r} is no .vtp file; give the output a name that ends in .vtp.")
+    output = output_path(options.output, "file of particles", ".vtp")
     if options.iterations < 1:
         raise InputError(f"sample: --iterations {options.iterations} is not possible; give 1 or more.")
     began = time.perf_counter()

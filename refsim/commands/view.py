@@ -6,8 +6,7 @@ import webbrowser
 from pathlib import Path
 
 from refsim.commands import CommandResult, command, in_bytes
-from refsim.core.errors import InputError
-from refsim.core.writing import writing
+from refsim.core.writing import output_path, writing
 
 DESCRIPTION = (
     "Show a run in the browser: turn, play, colour by any field, clip. With --html the page is written to a file, which"
@@ -30,10 +29,9 @@ def execute(options: argparse.Namespace) -> CommandResult:
     from refsim.render.view import view
 
     fields = None if options.fields is None else [name.strip() for name in options.fields.split(",") if name.strip()]
-    if options.html is not None and not Path(options.html).parent.is_dir():
-        raise InputError(f"there is no folder {str(Path(options.html).parent)!r} for the page; make it.")
+    given = None if options.html is None else output_path(options.html, "page")
     page = view(options.run, options.frames, fields)
-    path = Path(options.html) if options.html is not None else Path(tempfile.mkdtemp(prefix="refsim_")) / "view.html"
+    path = given or Path(tempfile.mkdtemp(prefix="refsim_")) / "view.html"
     with writing("page", path, "nothing is left of it"):
         page.save(path)
     size = path.stat().st_size

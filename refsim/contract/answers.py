@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from refsim.contract.bounds import errors, exact_bound, oracle, size, takes_neighbours, undecided
+from refsim.contract.bounds import errors, oracle, takes_neighbours, undecided
 from refsim.contract.causes import judgement
 from refsim.contract.inputs import Inputs, with_variant
 from refsim.contract.parameters import acts, readings_of, shape_acts, varied
@@ -92,16 +92,9 @@ def _dropped_outputs(operation: Operation, variant: Mapping[str, Any]) -> set[st
 def _closed_form(target: Target, exact: cases.Exact, inputs: Inputs) -> Outcome:
     start = {n: 0 * inputs.output(target.operation, n) for n in target.operation.adds}
     before, after = target.launch(inputs, before=start)
-    answer = {n: (np.asarray(v, dtype=float), np.asarray(0.0)) for n, v in exact.expected.items() if n in after}
-    found = {}
-    for name, (value, _) in answer.items():
-        if name in target.operation.exact:
-            found[name] = np.where(after[name] == value, 0.0, np.inf)
-            continue
-        error = size(np.asarray(after[name], dtype=float) - value)
-        with np.errstate(over="ignore"):  # what was not written may be as large as a number can be
-            shares = error / exact_bound(target.operation, value, target.dtype)
-        found[name] = np.where(np.isfinite(error), shares, np.inf)
+    known = {n: np.asarray(v, dtype=float) for n, v in exact.expected.items() if n in after}
+    found = errors(target.operation, inputs, before, after, answer={n: (v, None) for n, v in known.items()})
+    answer = {n: (v, np.asarray(0.0)) for n, v in known.items()}
     return judgement(target, Judged(inputs, before, after, answer, found))
 
 

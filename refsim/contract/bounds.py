@@ -91,66 +91,72 @@ def errors(
     """Error over bound for each particle (entry, for outputs of the whole set), by output; infinite for NaN.
 
     before, after  outputs on the host before and after the launch, of all particles
-    answer         what to compare with, in the oracle's form; the oracle's by default
+    answer         what to compare with, in the oracle's form; (value, None) for a closed form; the oracle's by default
     share          how many times the bound is allowed
     """
     answer = oracle(operation, inputs, rows) if answer is None else answer
-    allowed = Bounds(operation, inputs, rows, share)
+    bounds = Bounds(operation, inputs, rows, share)
     found = {}
     for name, (value, scale) in answer.items():
-        got = np.asarray(after[name], dtype=float)
-        start = np.asarray(before[name], dtype=float)
-        if rows is not None and inputs.per_particle(name):
-            got, start = got[rows], start[rows]
+        got, start = bounds.rows_of(name, after[name]), bounds.rows_of(name, before[name])
+        growing = bounds.growing(name, value, scale, start)
         if name in operation.exact:
-            found[name] = np.where(np.isfinite(allowed.exact(scale)) & (got != value), np.inf, 0.0)
+            found[name] = np.where(np.isfinite(next(growing)) & (got != value), np.inf, 0.0)
             continue
-        with np.errstate(invalid="ignore"):  # of infinity less infinity, which is no number and no agreement
+        # infinity less infinity is no number and no agreement; what was not written may be as large as a number can be
+        with np.errstate(invalid="ignore", over="ignore"):
             error = size(got - (start if name in operation.adds else 0) - value)
-        bound = allowed.plain(name, scale, start)
-        ratio = _ratio(error, bound)
-        for part in (allowed.conditioned, allowed.jumps) if takes_neighbours(operation) else ():
-            if (ratio > 1).any():
-                bound = bound + part().get(name, 0.0)
-                ratio = _ratio(error, bound)
-        found[name] = ratio
+            for bound in growing:
+                found[name] = np.where(np.isfinite(error), error / bound, np.inf)
+                if not (found[name] > 1).any():
+                    break
     return found
 
 
 class Bounds:
-    """Largest errors allowed on inputs, `share` times, of all particles or of `rows`; its parts cost more and more."""
+    """Largest errors allowed on inputs, `share` times, of all particles or of `rows`."""
 
     def __init__(
         self, operation: Operation, inputs: Inputs, rows: np.ndarray | None = None, share: float = 1.0
     ) -> None:
         self.operation, self.inputs, self.rows, self.share = operation, inputs, rows, share
-        self.near = neighbour_counts(operation, inputs, rows)
-        self.factor = operation.tolerance * float(np.finfo(inputs.dtype).eps)
-        self.conditioned, self.jumps = functools.cache(self._conditioned), functools.cache(self._jumps)
+        self.tiny, self.factor = (
+            float(np.finfo(inputs.dtype).tiny),
+            operation.tolerance * float(np.finfo(inputs.dtype).eps),
+        )
+        self.near = functools.cache(functools.partial(neighbour_counts, operation, inputs, rows))
+        self.conditioned = functools.cache(functools.partial(conditioning, operation, inputs, rows))
+        self.jumps = functools.cache(functools.partial(edge_terms, operation, inputs, rows))
 
-    def exact(self, scale: np.ndarray) -> np.ndarray:
-        """Of an output that agrees exactly: 0, or infinite where a rounding may decide."""
-        return np.where(scale <= self.factor, np.inf, 0.0)
+    def rows_of(self, name: str, values: Any) -> np.ndarray:
+        """The rows of an output that are compared, in float64."""
+        values = np.asarray(values, dtype=float)
+        return values if self.rows is None or not self.inputs.per_particle(name) else values[self.rows]
 
-    def plain(self, name: str, scale: np.ndarray, start: np.ndarray) -> np.ndarray:
-        """c (neighbours + 1) eps sum|terms| of an output, and the rounding of the sum with what stood there."""
-        entries = 1 if name in self.operation.entrywise else 1 + len(self.near)
-        bound = (self.near + 1 if self.inputs.per_particle(name) else entries) * size(scale)
-        bound = self.factor * (bound + size(start) if name in self.operation.adds else bound)
-        return self.share * (bound + np.finfo(self.inputs.dtype).tiny)
+    def growing(self, name: str, value: np.ndarray, scale: Any, start: np.ndarray) -> Iterator[np.ndarray]:
+        """Bounds of an output's rows, each with a term more that costs more to compute; the last is the bound.
 
-    def _conditioned(self) -> dict[str, np.ndarray]:
-        found = conditioning(self.operation, self.inputs, self.rows)
-        return {name: self.share * self.factor * value for name, value in found.items()}
+        An output that agrees exactly has 0 for each entry, or infinity where a rounding may decide.
 
-    def _jumps(self) -> dict[str, np.ndarray]:
-        return {n: self.share * value for n, value in edge_terms(self.operation, self.inputs, self.rows).items()}
-
-
-def exact_bound(operation: Operation, value: np.ndarray, dtype: str) -> float:
-    """Largest error allowed against a closed form."""
-    largest = float(np.max(np.abs(value), initial=0))
-    return 8 * operation.tolerance * float(np.finfo(dtype).eps) * largest + float(np.finfo(dtype).tiny)
+        value, scale  in the oracle's form; None is the scale of a closed form
+        start         what stood there before
+        """
+        if name in self.operation.exact:
+            yield np.zeros(np.shape(value)) if scale is None else np.where(scale <= self.factor, np.inf, 0.0)
+        elif scale is None:
+            largest = float(np.max(np.abs(value), initial=0))
+            yield np.full(np.shape(value)[:1], self.share * (8 * self.factor * largest + self.tiny))
+        else:  # c (neighbours + 1) eps sum|terms|, and the rounding of the sum with what stood there
+            near = self.near()
+            entries = 1 if name in self.operation.entrywise else 1 + len(near)
+            bound = (near + 1 if self.inputs.per_particle(name) else entries) * size(scale)
+            bound = self.factor * (bound + size(start) if name in self.operation.adds else bound)
+            bound = self.share * (bound + self.tiny)
+            yield bound
+            if takes_neighbours(self.operation):
+                bound = bound + self.share * self.factor * self.conditioned().get(name, 0.0)
+                yield bound
+                yield bound + self.share * self.jumps().get(name, 0.0)
 
 
 def allowed(
@@ -161,26 +167,12 @@ def allowed(
 
     answer  in the oracle's form, of all particles or of `rows`; (value, None) for a closed form
     """
-    bounds = Bounds(operation, inputs, rows)
-    known = {name: part for name, part in answer.items() if name in before}
-    found = {}
-    for name, (value, scale) in known.items():
-        if name in operation.exact:
-            entries = np.zeros(np.shape(value)) if scale is None else bounds.exact(scale)
-            found[name] = entries.max(tuple(range(1, entries.ndim)))
-        elif scale is None:
-            found[name] = np.full(np.shape(value)[:1], exact_bound(operation, value, inputs.dtype))
-        else:
-            start = np.asarray(before[name], dtype=float)
-            start = start[rows] if rows is not None and inputs.per_particle(name) else start
-            found[name] = bounds.plain(name, scale, start)
-            for part in (bounds.conditioned, bounds.jumps) if takes_neighbours(operation) else ():
-                found[name] = found[name] + part().get(name, 0.0)
+    bounds, found = Bounds(operation, inputs, rows), {}
+    for name, (value, scale) in answer.items():
+        if name in before:
+            *_, bound = bounds.growing(name, value, scale, bounds.rows_of(name, before[name]))
+            found[name] = bound.max(tuple(range(1, bound.ndim)))
     return found
-
-
-def _ratio(error: np.ndarray, bound: np.ndarray) -> np.ndarray:
-    return np.where(np.isfinite(error), error / bound, np.inf)
 
 
 def conditioning(operation: Operation, inputs: Inputs, rows: np.ndarray | None = None) -> dict[str, np.ndarray]:

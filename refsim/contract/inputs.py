@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from refsim.backends.arrays import Backend
+from refsim.backends.arrays import Backend, on_backend
 from refsim.backends.scratch import Scratch
 from refsim.core import cases
 from refsim.core.fields import Field
@@ -235,15 +235,6 @@ def value_of(operation: Operation, name: str, inputs: Inputs, neighbours: Any, w
     if name == "walls" and not inputs.dropped(name):
         return walls
     return on_backend(inputs[name], backend)
-
-
-def on_backend(value: Any, backend: Backend) -> Any:
-    """A value with its arrays on the backend (a copy)."""
-    if isinstance(value, np.ndarray):
-        return backend.asarray(value)
-    if isinstance(value, tuple) and hasattr(value, "_fields") and any(isinstance(v, np.ndarray) for v in value):
-        return type(value)(*(on_backend(part, backend) for part in value))
-    return value.on_backend(backend) if hasattr(value, "on_backend") else value
 
 
 def as_in_runs(value: Any) -> Any:

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from refsim.core.errors import InputError
+from refsim.core.extras import extra
 from refsim.io.frames import read_particles
 
 
@@ -171,31 +172,23 @@ def _bgeo(path: Path, time: float | None) -> Snapshot:
 
 
 def _vtk(path: Path, time: float | None) -> Snapshot:
+    vista = extra("pyvista", f"{path}, a VTK file,")
     try:
-        from vtkmodules.util.numpy_support import vtk_to_numpy
-        from vtkmodules.vtkIOLegacy import vtkGenericDataObjectReader
-        from vtkmodules.vtkIOXML import vtkXMLPolyDataReader, vtkXMLUnstructuredGridReader
-    except ImportError:
-        raise InputError(f"{path}: VTK files are read by the package vtk; `pip install vtk`, or give npz.") from None
-    readers = {".vtp": vtkXMLPolyDataReader, ".vtu": vtkXMLUnstructuredGridReader, ".vtk": vtkGenericDataObjectReader}
-    reader: Any = readers[path.suffix]()
-    reader.SetFileName(str(path))
-    reader.Update()
-    data = reader.GetOutput()
-    points = data.GetPoints() if data is not None and hasattr(data, "GetPoints") else None
-    if points is None:
+        data = vista.read(path)
+    except (OSError, RuntimeError, ValueError) as error:
+        raise InputError(f"{path} cannot be read: {error}") from None
+    if not len(getattr(data, "points", ())):
         raise InputError(f"{path} has no points; give a file of particles.")
-    arrays, fields = data.GetPointData(), data.GetFieldData()
-    names = {arrays.GetArrayName(k).lower(): k for k in range(arrays.GetNumberOfArrays())}
-    given = {name: vtk_to_numpy(arrays.GetArray(names[name])) for name in ("velocity", "mass") if name in names}
+    given = {name.lower(): np.asarray(values) for name, values in data.point_data.items()}
     if time is None:
-        stated = fields.GetArray("TimeValue") or fields.GetArray("TIME")
+        stated = data.field_data.get("TimeValue", data.field_data.get("TIME"))
         if stated is None:
             raise InputError(
                 f"{path} has no time; give the field data TimeValue [s], a .pvd file or times.txt beside it."
             )
-        time = float(stated.GetTuple1(0))
-    return _checked(path, time, {"position": vtk_to_numpy(points.GetData()), **given})
+        time = float(np.ravel(stated)[0])
+    named = {name: given[name] for name in ("velocity", "mass") if name in given}
+    return _checked(path, time, {"position": np.asarray(data.points), **named})
 
 
 def _checked(path: Path, time: float, given: Mapping[str, np.ndarray]) -> Snapshot:

@@ -321,12 +321,6 @@ def case(maker: Callable[[], Case]) -> Callable[[], Case]:
     return CASES[maker.__name__]
 
 
-def common(maker: Callable[[], Case]) -> Callable[[], Case]:
-    """Enter a case that every operation meets."""
-    COMMON.append(maker.__name__)
-    return case(maker)
-
-
 def cloud(name: str, count: int, dim: int, spacing: float = 0.1) -> np.ndarray:
     """Random positions (count, 3), on average one particle to spacing^dim, around the origin."""
     side = spacing * count ** (1 / dim)
@@ -341,6 +335,14 @@ def lattice(cells: tuple[int, int, int], spacing: float = 0.1, dim: int = 3) -> 
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
+def cloud_with(name: str, count: int, places: Mapping[int, Any]) -> np.ndarray:
+    """A random cloud (count, 3) in space, of which some particles, by number, stand at places [m] of their own."""
+    position = cloud(name, count, 3)
+    for number, place in places.items():
+        position[number] = place
+    return position
+
+
 def floor_below(position: np.ndarray, dim: int, spacing: float) -> np.ndarray:
     """One layer of wall particles (m, 3), half a spacing below the lowest particle."""
     low, high = position.min(0), position.max(0)
@@ -351,12 +353,12 @@ def floor_below(position: np.ndarray, dim: int, spacing: float) -> np.ndarray:
 
 
 def hard_input(
-    name: str, dim: int, position: int | Callable[[], Any], floor: bool = False, enter: Any = case, **more: Any
+    name: str, dim: int, position: int | Callable[[], Any], floor: bool = False, common: bool = False, **more: Any
 ) -> None:
     """Enter a case: of so many particles of a random cloud, or at these positions, on a floor or not.
 
-    enter  `case`, or `common` for one that every operation meets
-    more   further entries of Case
+    common  every operation meets it
+    more    further entries of Case
     """
 
     def made() -> Case:
@@ -366,10 +368,11 @@ def hard_input(
         return Case(name, dim, places, **walls, **more)
 
     made.__name__ = name
-    enter(made)
+    case(made)
+    COMMON.extend([name] * common)
 
 
-_common = functools.partial(hard_input, enter=common)
+_common = functools.partial(hard_input, common=True)
 _common("cloud_3d", 3, 150, floor=True)
 # the other set of smoothing kernels, Tait, clamped
 _common("cloud_2d", 2, 130, floor=True, support_radius=0.26, kernels="mueller", state="tait", clamp=True)
@@ -388,25 +391,10 @@ _common("one_particle", 3, lambda: [[0.3, -0.2, 0.1]])
 _common("two_particles", 2, lambda: [[0.0, 0.0, 0.0], [0.12, 0.15, 0.0]])
 # the third reaches only one of the others
 _common("three_particles", 3, lambda: [[0.0, 0.0, 0.0], [0.1, 0.02, 0.0], [-0.05, 0.03, 0.15]])
-
-
-@common
-def coincident_pair() -> Case:
-    """Two particles at exactly the same place, among others."""
-    position = cloud("coincident_pair", 40, 3)
-    position[1] = position[0]
-    return Case("coincident_pair", 3, position)
-
-
-@common
-def nearly_coincident() -> Case:
-    """A pair 1e-12 spacings apart, where the precision of the coordinates distinguishes the two."""
-    position = cloud("nearly_coincident", 40, 3)
-    position[0] = 0
-    position[1] = [0, 1e-13, 0]
-    return Case("nearly_coincident", 3, position)
-
-
+# two particles at exactly the same place, among others
+_common("coincident_pair", 3, lambda: cloud("coincident_pair", 40, 3)[[0, 0, *range(2, 40)]])
+# a pair 1e-12 spacings apart, where the precision of the coordinates distinguishes the two
+_common("nearly_coincident", 3, lambda: cloud_with("nearly_coincident", 40, {0: 0.0, 1: [0.0, 1e-13, 0.0]}))
 # 1e4 spacings from the origin, and 1e6: there coordinates in float32 come in steps of a sixteenth of a spacing
 _common("far_away", 3, lambda: cloud("far_away", 80, 3) + [1000.0, -1000.0, 500.0], floor=True)
 _common("very_far_away", 2, lambda: cloud("very_far_away", 60, 2) + [1e5, 6e4, 0.0], support_radius=0.26)
@@ -419,16 +407,7 @@ _common(
     ties=True,
 )  # fmt: skip
 _common("filament", 3, lambda: np.linspace(0, 3, 41)[:, None] * np.array([0.6, 0.0, 0.8]), ties=True)
-
-
-@common
-def flung_particle() -> Case:
-    """One particle 1e6 spacings away from a cloud."""
-    position = cloud("flung_particle", 60, 3)
-    position[7] = [1e5, -1e5, 3e4]
-    return Case("flung_particle", 3, position)
-
-
+_common("flung_particle", 3, lambda: cloud_with("flung_particle", 60, {7: [1e5, -1e5, 3e4]}))  # by 1e6 spacings
 _common("negative_coordinates", 3, lambda: cloud("negative_coordinates", 80, 3) - [7.3, 5.1, 9.9])
 # for other values of the parameters; compared on sampled rows
 for _name, _count in (("few", 60), ("large", 3000)):

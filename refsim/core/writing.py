@@ -37,6 +37,20 @@ def writing(what: str, path: Path, kept: str) -> Iterator[None]:
         ) from error
 
 
+def output_path(given: str | os.PathLike[str], what: str, *endings: str) -> Path:
+    """The path of a file to write. Raises InputError for a name without one of the `endings`, and without its folder.
+
+    what  the file is ("picture")
+    """
+    path, (*others, last) = Path(given), endings or ("",)
+    if endings and path.suffix not in endings:
+        named = f"{', '.join(others)} or {last}" if others else last
+        raise InputError(f"{os.fspath(given)!r} is no {what}; give a name that ends in {named}.")
+    if not path.parent.is_dir():
+        raise InputError(f"there is no folder {str(path.parent)!r} for the {what}; make it.")
+    return path
+
+
 def temporary_path(path: Path) -> Path:
     """A hidden name beside `path`, which `remove_stale_temporaries` finds again after a kill."""
     return path.with_name(f".{path.name}.{os.getpid()}.tmp")

@@ -72,13 +72,13 @@ class StateOfRun:
 
 
 class AuditState(msgspec.Struct, frozen=True):
-    """State of an audit between steps; energies in J (J/m in 2D)."""
+    """State of an audit between steps; energies in J (J/m in 2D), None before the first look."""
 
-    start: dict[str, float] | None
-    now: dict[str, float]
-    lowest: float | None
-    turned_over: float
-    greatest_share: float
+    start: dict[str, float] | None = None
+    now: dict[str, float] = {}
+    lowest: float | None = None
+    turned_over: float = 0.0
+    greatest_share: float = 0.0
     work: float = 0.0  # of what drives the run
 
 
@@ -101,9 +101,7 @@ class Auditor:
 
     def renew(self) -> None:
         """Begin anew at the next step: the state was set between two steps."""
-        self.start: dict[str, float] | None = None
-        self.now: dict[str, float] = {}
-        self.lowest, self.turned_over, self.greatest_share = math.inf, 0.0, 0.0
+        self.state = AuditState()
         if self.driving is not None:
             self.driving.renew()
 
@@ -149,7 +147,7 @@ class Auditor:
         """Note the energies that the run begins with, where they are not noted yet, and what drives the step."""
         if self.driving is not None:
             self.driving.begin()
-        if self.start is None:
+        if self.state.start is None:
             self.look()
 
     def after_step(self) -> None:
@@ -161,8 +159,8 @@ class Auditor:
 
     def look(self, note: bool = True) -> None:
         """Audit now. Raises RunStopped where the energy has grown; without `note` the audit's state is not changed."""
-        s = self.simulation
-        if self.start is None and not note:
+        s, before = self.simulation, self.state
+        if before.start is None and not note:
             return
         with s.timings.of_host("energy_audit"):
             parts = self.energies()
@@ -171,18 +169,17 @@ class Auditor:
         values = {name: part.value for name, part in parts.items()}
         if not math.isfinite(total):
             raise RunStopped("non_finite", f"{where} the energy is not finite: {_words(values)}.")
-        start = values if self.start is None else self.start
+        start = values if before.start is None else before.start
         # Liquid at rest has been compressed by its weight: all of that was turned over.
         begun = {name: 0.0 if name in (KINETIC, COMPRESSION) else v for name, v in start.items()}
         turned = math.fsum(abs(v - begun[name]) for name, v in values.items() if name != DRIVEN)
-        turned = max(self.turned_over, turned)
-        lowest = min(self.lowest, total)
+        turned = max(before.turned_over, turned)
+        lowest = total if before.lowest is None else min(before.lowest, total)
         rounding = ROUNDINGS * float(np.finfo(s.plan.grid.dtype).eps) * math.fsum(part.size for part in parts.values())
         rise = max(total - lowest - rounding, 0.0)
         share = rise / turned if turned > 0 else 0.0
         if note:
-            self.start, self.now, self.lowest, self.turned_over = start, values, lowest, turned
-            self.greatest_share = max(self.greatest_share, share)
+            self.state = AuditState(start, values, lowest, turned, max(before.greatest_share, share))
         if share > self.rule.bound:
             raise RunStopped(
                 "energy_gained",
@@ -193,24 +190,19 @@ class Auditor:
 
     def report(self) -> dict[str, Any]:
         """For the report of a run."""
-        return {
-            "every": self.rule.every, "bound": self.rule.bound, "start": self.start, "now": self.now,
-            "turned_over": self.turned_over, "greatest_share": self.greatest_share, "uncounted": list(self.uncounted()),
-        }  # fmt: skip
+        found = {name: getattr(self.state, name) for name in ("start", "now", "turned_over", "greatest_share")}
+        return {"every": self.rule.every, "bound": self.rule.bound, **found, "uncounted": list(self.uncounted())}
 
     # In checkpoints
 
     def saved(self) -> AuditState:
         """Its state, from which it is restored bit for bit."""
-        lowest = self.lowest if math.isfinite(self.lowest) else None
         work = 0.0 if self.driving is None else self.driving.work
-        return AuditState(self.start, self.now, lowest, self.turned_over, self.greatest_share, work)
+        return msgspec.structs.replace(self.state, work=work)
 
     def restore(self, state: AuditState) -> None:
         """Go on from what `saved` gave."""
-        self.start, self.now = state.start, state.now
-        self.lowest = math.inf if state.lowest is None else state.lowest
-        self.turned_over, self.greatest_share = state.turned_over, state.greatest_share
+        self.state = state
         if self.driving is not None:
             self.driving.work = state.work
 

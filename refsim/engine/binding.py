@@ -4,15 +4,12 @@ import contextlib
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-import numpy as np
-
 from refsim.backends.arrays import Backend
 from refsim.core.effect import Effect, Pass
 from refsim.core.errors import InputError
 from refsim.core.operation import PROCEDURES, REGISTRY, Current, backend_of
 from refsim.scene.passes import ordered_passes
 from refsim.scene.plan import Plan
-from refsim.smoothing import Smoothing
 
 
 def fused(passes: Sequence[tuple[Effect, Pass]], backend: str) -> list[tuple[tuple[Effect, ...], Pass]]:
@@ -84,14 +81,3 @@ def bound(p: Pass, backend: Backend, sources: Sequence[Mapping[str, Any]]) -> Ca
     if operation is None:
         return PROCEDURES[p.operation].bind(lookup)
     return backend.bind(operation, lookup, p.algorithm)
-
-
-def on_backend(value: Any, backend: Backend) -> Any:
-    """A parameter group with its arrays on the backend; a CPU's programs are compiled for the smoothing kernel."""
-    if isinstance(value, Smoothing):
-        return value.fixed() if backend.name == "cpu" else value
-    if isinstance(value, np.ndarray):
-        return backend.asarray(value)
-    if isinstance(value, tuple) and any(isinstance(part, np.ndarray) for part in value):
-        return type(value)(*(on_backend(part, backend) for part in value))
-    return value.on_backend(backend) if hasattr(value, "on_backend") else value

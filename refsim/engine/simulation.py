@@ -9,7 +9,7 @@ from __future__ import annotations
 import contextlib
 import math
 import os
-from collections.abc import Callable, Collection, Generator, Iterator, Sequence
+from collections.abc import Callable, Collection, Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -25,7 +25,7 @@ from refsim.core.errors import InputError, RunStopped
 from refsim.core.tables import Shown
 from refsim.engine.audit import Auditor
 from refsim.engine.balance import Balances
-from refsim.engine.binding import bound, fused, on_backend
+from refsim.engine.binding import bound, fused
 from refsim.engine.checkpoints import load_checkpoint, restore, snapshot
 from refsim.engine.gauges import Gauges
 from refsim.engine.motions import Motions
@@ -45,6 +45,7 @@ from refsim.io.scenes import check_same_scene
 from refsim.neighbours import NeighbourSearch
 from refsim.scene.plan import Plan, make_plan
 from refsim.scene.scene import Scene
+from refsim.smoothing import Smoothing
 from refsim.sph import CROWD, DENSE, LIQUID
 
 Compiling = Callable[[int, int], Callable[[], Any]]
@@ -109,12 +110,9 @@ class Simulation(Shown):
         self.remarks: dict[str, str] = {}
         self.timings = Timings(wait=self.backend.synchronize if profile else None)
         self._allocate()
-        self._shared = {name: on_backend(value, self.backend) for name, value in self.plan.shared.items()}
+        self._shared = self._placed(self.plan.shared)
         self._shared["scratch"] = self.scratch = Scratch(self.backend)
-        self._parameters = {
-            effect: {name: on_backend(value, self.backend) for name, value in group.items()}
-            for effect, group in self.plan.parameters.items()
-        }
+        self._parameters = {effect: self._placed(group) for effect, group in self.plan.parameters.items()}
         self.motions = Motions(self) if self.plan.scene.motion else None
         self.order = ParticleOrder(self)
         self.lists = NeighbourLists(self)
@@ -126,6 +124,14 @@ class Simulation(Shown):
         self._bind()
         self.stepper = (DeviceStepper if self.backend.name == "cuda" else HostStepper)(self)
         self.start()
+
+    def _placed(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        """Parameter groups on the backend; a CPU's programs are compiled for the smoothing kernel."""
+        cpu = self.backend.name == "cpu"
+        return {
+            name: backends.on_backend(v.fixed() if cpu and isinstance(v, Smoothing) else v, self.backend)
+            for name, v in values.items()
+        }
 
     def _allocate(self) -> None:
         """Make the fields and what every step needs beside them."""

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from refsim.backends.arrays import Backend
+from refsim.backends.arrays import Backend, on_backend
 from refsim.core.errors import InputError
 from refsim.core.operation import REGISTRY
 from refsim.isosurface import reference as reference
@@ -66,12 +66,6 @@ def edges_and_facets(backend: Backend, blocks: Blocks, node_state: Any, dim: int
 
 
 BITS_SET = np.array([0, 1, 1, 2, 1, 2, 2, 3], np.uint8)
-
-
-def on_backend(table: CaseTable, backend: Backend) -> CaseTable:
-    """The table with its arrays on the backend."""
-    count, edge, corner = (backend.asarray(part) for part in table[:3])
-    return CaseTable(count, edge, corner, table.merged)
 
 
 _TABLES: dict[tuple[str, int, bool], tuple[CaseTable, Any]] = {}

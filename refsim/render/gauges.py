@@ -6,12 +6,10 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from refsim.core.errors import InputError
-from refsim.core.writing import writing
+from refsim.core.writing import output_path, writing
 from refsim.gauges import GaugeSeries
 from refsim.io.series import GAUGES, read_series
 
-FORMATS = (".png", ".pdf", ".svg")
 DOTS = 150  # pixels an inch
 
 
@@ -26,16 +24,14 @@ def plot_gauges(run: str | os.PathLike[str], output: str | os.PathLike[str], siz
 
     series = list(read_series(Path(run) / GAUGES).values())
     parts = [(one, unit) for one in series for unit in dict.fromkeys(one.units)]
-    output = Path(output)
-    if output.suffix not in FORMATS:
-        raise InputError(f"picture {output}: {output.suffix!r} is not possible; end it with {', '.join(FORMATS)}.")
+    path = output_path(output, "picture", ".png", ".pdf", ".svg")
     figure = Figure(figsize=(size[0] / DOTS, 0.4 * size[1] / DOTS * len(parts)), dpi=DOTS, layout="constrained")
     for axes, (one, unit) in zip(figure.subplots(len(parts), 1, sharex=True, squeeze=False)[:, 0], parts):
         _plot(axes, one, unit)
     axes.set_xlabel("time [s]")
-    with writing("picture", output, "nothing is left of it"):
-        figure.savefig(output)
-    return output
+    with writing("picture", path, "nothing is left of it"):
+        figure.savefig(path)
+    return path
 
 
 def _plot(axes: object, one: GaugeSeries, unit: str) -> None:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from refsim.core.errors import InputError
 from refsim.core.stopping import held_back
-from refsim.core.writing import remove_stale_temporaries, replace_file, temporary_path, writing
+from refsim.core.writing import output_path, remove_stale_temporaries, replace_file, temporary_path, writing
 from refsim.engine.progress import bar_of, wanted
 from refsim.io.frames import Frame
 from refsim.render import looks
@@ -346,11 +346,7 @@ def write_pictures(
 
     Raises InputError for a run, look or path that is not possible.
     """
-    path = Path(output)
-    if path.suffix not in FORMATS:
-        raise InputError(f"{os.fspath(output)!r} is no picture; give a name that ends in .png, .webp or .jpg.")
-    if not path.parent.is_dir():
-        raise InputError(f"there is no folder {str(path.parent)!r} for the picture; make it.")
+    path = output_path(output, "picture", *FORMATS)
     from PIL import Image
 
     found = open_run(run)
@@ -376,11 +372,7 @@ def write_film(
 
     Raises InputError where imageio-ffmpeg is not installed, and for a run, look or path that is not possible.
     """
-    path = Path(output)
-    if path.suffix != ".mp4":
-        raise InputError(f"{os.fspath(output)!r} is no film; give a name that ends in .mp4.")
-    if not path.parent.is_dir():
-        raise InputError(f"there is no folder {str(path.parent)!r} for the film; make it.")
+    path = output_path(output, "film", ".mp4")
     if not 0.1 <= per_second <= 240:
         raise InputError(f"--per-second {per_second:g} is not possible; give 0.1 to 240 pictures a second.")
     try:

@@ -23,18 +23,6 @@ def loops(facets: NDArray) -> list[NDArray[np.int64]]:
     return found
 
 
-def filled_path(points: ArrayLike, facets: NDArray) -> Any:
-    """The area inside of segments (f, 2) between points (n, 3) [m] as a matplotlib path."""
-    from matplotlib.path import Path
-
-    place = np.asarray(points, dtype=float)[:, :2]
-    corners, codes = [np.zeros((0, 2))], [np.zeros(0, np.uint8)]
-    for line in loops(facets):
-        corners.append(place[np.append(line, line[0])])
-        codes.append(np.array([Path.MOVETO] + [Path.LINETO] * (len(line) - 1) + [Path.CLOSEPOLY], np.uint8))
-    return Path(np.concatenate(corners), np.concatenate(codes))
-
-
 def add_discs(axes: Any, position: NDArray, radius: float, colour: NDArray) -> None:
     """Discs of one radius [m] at `position` (n, 3) in colours (n, 3)."""
     from matplotlib.collections import EllipseCollection
@@ -51,14 +39,15 @@ def add_discs(axes: Any, position: NDArray, radius: float, colour: NDArray) -> N
 def add_area(axes: Any, points: NDArray, facets: NDArray, colour: NDArray | Paint, size: float) -> None:
     """The area inside of a surface in one colour (3,), or with a cell each `size` in the colours of its places."""
     from matplotlib.patches import PathPatch
+    from matplotlib.path import Path
 
     if not len(facets):
         return
-    path = filled_path(points, facets)
+    place = np.asarray(points, dtype=float)[:, :2]
+    path = Path.make_compound_path(*(Path(place[np.append(line, line[0])], closed=True) for line in loops(facets)))
     if not callable(colour):
         axes.add_artist(PathPatch(path, facecolor=colour, edgecolor="none"))
         return
-    place = np.asarray(points, dtype=float)[:, :2]
     low, high = place.min(0) - size, place.max(0) + size
     counts = np.minimum(np.ceil((high - low) / size), 1200).astype(int)
     x, y = (low[k] + (np.arange(counts[k]) + 0.5) * (high[k] - low[k]) / counts[k] for k in range(2))

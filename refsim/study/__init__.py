@@ -8,6 +8,7 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing, suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +27,7 @@ from refsim.study.convergence import Convergence, converge
 from refsim.study.methods import others
 from refsim.study.observables import Observable, observable_of
 from refsim.study.result import Reference, Study
-from refsim.study.runs import Reading, Setting, in_turn, keep, kept, key_of, machine, measure
+from refsim.study.runs import Reading, Setting, kept, kept_or_made, key_of, machine, measure
 from refsim.study.tasks import Batch
 
 KNOBS = ("spacing", "support", "step", "precision", "tolerance", "backend", "effects")
@@ -220,15 +221,10 @@ def _measured(
         for count, k in enumerate(sorted(open_runs, key=lambda k: seconds[k]), 1):
             setting = settings[k]
             say(f"{count} of {len(open_runs)}: {setting.label}, {about} {in_time(seconds[k])}")
-            with in_turn(folder, keys[k]):
-                reading = kept(folder, keys[k])
-                if reading is None:
-                    reading = measure(setting, observable, reaches, threads, progress)
-                    if key_of(setting, observable, reaches, threads) != keys[k]:
-                        raise InputError(f"study: a file of {setting.label} has changed while it ran; call it again.")
-                    keep(folder, keys[k], setting, reading)
-            found[k] = reading
-            say(f"  {reading.failed}" if reading.failed else f"  {reading.value:.6g} in {in_time(reading.seconds)}")
+            how = setting, observable, reaches, threads
+            make, read = partial(measure, *how, progress), partial(key_of, *how)
+            found[k] = reading = kept_or_made(folder, keys[k], setting, make, read, keys[k])
+            say(f"  {reading}")
     return [(setting, reading) for setting, reading in zip(settings, found) if reading is not None]
 
 
@@ -246,8 +242,7 @@ def _elsewhere(
                 failed = outcome.error
                 say(f"{outcome.task.name}: {outcome.error}")
             else:
-                words = reading.failed or f"{reading.value:.6g} in {in_time(reading.seconds)}"
-                say(f"{outcome.task.name}, {outcome.worker}: {words}")
+                say(f"{outcome.task.name}, {outcome.worker}: {reading}")
     if failed is not None:
         raise failed
     return [(setting, batch.readings[key]) for setting, key in zip(settings, batch.keys)]

@@ -9,7 +9,7 @@ import os
 import platform
 import time
 from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext, suppress
+from contextlib import nullcontext, suppress
 from pathlib import Path
 from typing import Any
 
@@ -18,10 +18,11 @@ import numpy as np
 
 import refsim.core
 from refsim.backends.threads import cores
-from refsim.core import locks
 from refsim.core.errors import InputError, RunStopped
+from refsim.core.locks import in_turn
 from refsim.core.plain import plain
 from refsim.core.reading import open_regular
+from refsim.core.tables import in_time
 from refsim.core.versions import versions
 from refsim.core.writing import replace_file
 from refsim.engine.driver import CHECKPOINT
@@ -89,6 +90,9 @@ class Reading:
     mass: float = 0.0
     curve: tuple[tuple[float, float], ...] = ()
     unsettled: str = ""
+
+    def __str__(self) -> str:
+        return self.failed or f"{self.value:.6g} in {in_time(self.seconds)}"
 
 
 def measure(
@@ -389,6 +393,18 @@ def keep(folder: Path | None, key: str, setting: Setting, reading: Reading) -> N
         raise InputError(f"study: {folder} cannot be written ({error.strerror or error}); give another.") from error
 
 
-def in_turn(folder: Path | None, key: str) -> AbstractContextManager[None]:
-    """Let one process after the other compute this run: the next one finds its result on file."""
-    return nullcontext() if folder is None else locks.in_turn(folder / f"{key}.json.lock")
+def kept_or_made(
+    folder: Path | None, key: str, setting: Setting, make: Callable[[], Reading], read: Callable[[], str], before: str
+) -> Reading:
+    """The reading on file, or the one that `make` gives, which is kept; one process after the other computes a run.
+
+    Raises InputError where `read`, a digest of the files that the run reads, is not what it was `before`.
+    """
+    with nullcontext() if folder is None else in_turn(folder / f"{key}.json.lock"):
+        if (found := kept(folder, key)) is not None:
+            return found
+        reading = make()
+        if read() != before:
+            raise InputError(f"{setting.label}: a file that it reads has changed since the call; call it again.")
+        keep(folder, key, setting, reading)
+        return reading

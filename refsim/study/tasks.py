@@ -5,6 +5,7 @@ import shutil
 from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,9 +22,9 @@ from refsim.study.runs import (
     REPEATS,
     Reading,
     Setting,
-    in_turn,
     keep,
     kept,
+    kept_or_made,
     key_of,
     measure,
     scene_digest,
@@ -106,27 +107,22 @@ def compute(report: Report, work: Work) -> Reading:
             f"{work.setting.label}: the worker has another refsim, or other packages, than the caller ({said}); install"
             " the same on both."
         )
-    folder = Path(work.folder)
-    with in_turn(folder, work.key):
-        return kept(folder, work.key) or _computed(report, work, folder)
-
-
-def _computed(report: Report, work: Work, folder: Path) -> Reading:
-    end, place = work.setting.scene.end_time, folder / RUNNING / work.key
+    folder, scene = Path(work.folder), work.setting.scene
+    place = folder / RUNNING / work.key
 
     def progress(simulation: Simulation) -> None:
-        report(simulation.time / end if end else 1.0)
+        report(simulation.time / scene.end_time if scene.end_time else 1.0)
 
-    try:
-        observable = observable_of(work.observable, make_plan(work.setting.scene))
-    except InputError as error:
-        reading = Reading(float("nan"), 0.0, 0.0, 0, 0, 0, 0.0, failed=str(error))
-    else:
+    def made() -> Reading:
+        try:
+            observable = observable_of(work.observable, make_plan(scene))
+        except InputError as error:
+            return Reading(float("nan"), 0.0, 0.0, 0, 0, 0, 0.0, failed=str(error))
         repeats = REPEATS if work.timed else 1
-        reading = measure(work.setting, observable, work.reaches, work.threads, progress, repeats, place, work.every)
-    if _read(work.setting.scene, work.observable) != work.read:
-        raise InputError(f"{work.setting.label}: a file that it reads has changed since the call; call it again.")
-    keep(folder, work.key, work.setting, reading)
+        return measure(work.setting, observable, work.reaches, work.threads, progress, repeats, place, work.every)
+
+    read = partial(_read, scene, work.observable)
+    reading = kept_or_made(folder, work.key, work.setting, made, read, work.read)
     shutil.rmtree(place, ignore_errors=True)
     return reading
 

@@ -50,7 +50,7 @@ def test_a_task_that_kills_every_process_ends(monkeypatch):
 
 
 def test_memory_is_never_more_than_there_is(monkeypatch):
-    monkeypatch.setattr(pool, "available_memory", lambda: 100.0)
+    monkeypatch.setattr(pool, "host_memory", lambda: {"total": 100, "free": 100})
     most = []
     tasks = [Task(str(k), str(k), there.square, (k,), bytes=60) for k in range(3)]
     tasks.append(Task("large", "large run", there.square, (3,), bytes=101))

@@ -139,8 +139,8 @@ def test_a_scene_without_another_spacing_is_judged_by_chaos(tmp_path, capsys):
 
 
 def test_vtk_files_are_read(other, tmp_path):
-    if importlib.util.find_spec("vtkmodules") is None:
-        pytest.skip("vtk is not installed")
+    if importlib.util.find_spec("pyvista") is None:
+        pytest.skip("pyvista is not installed")
     _, frames = other
     sets = ""
     for number, frame in enumerate(frames[:3]):

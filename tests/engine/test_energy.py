@@ -213,7 +213,7 @@ def test_a_face_gives_its_velocity_times_the_momentum(backend):
     half = 0.5 * simulation.previous_length * simulation.field("acceleration")
     gained = simulation.field("mass") @ (simulation.field("velocity") + half)[:, 0]
     assert gained > 1.0
-    assert -simulation.auditor.now["driving"] == pytest.approx(0.5 * gained, rel=1e-6)
+    assert -simulation.auditor.state.now["driving"] == pytest.approx(0.5 * gained, rel=1e-6)
 
 
 def test_work_is_kept_in_checkpoints_and_changes_no_bit(tmp_path):
@@ -295,7 +295,7 @@ def test_a_resumed_audit_is_the_same(tmp_path, cut):
     assert resumed.auditor.saved() == first.auditor.saved()
     advanced(resumed, 45 - cut)
     assert resumed.auditor.saved() == whole.auditor.saved()
-    assert whole.auditor.turned_over > 0
+    assert whole.auditor.state.turned_over > 0
     assert whole.field("velocity").tobytes() == resumed.field("velocity").tobytes()
 
 

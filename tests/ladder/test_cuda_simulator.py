@@ -576,13 +576,13 @@ def test_an_audit_of_the_energy_is_the_cpus():
     for _ in range(4):
         oracle.step()
         run.step()
-        seen.append(dict(run.auditor.now))
-    start, now = run.auditor.start, run.auditor.now
+        seen.append(dict(run.auditor.state.now))
+    start, now = run.auditor.state.start, run.auditor.state.now
     assert set(now) == {"kinetic", "compression", "cohesion"}
     assert seen[0] == start
     assert seen[1] == seen[2] != start
     assert seen[3] == now != seen[1]
-    for found, expected in ((start, oracle.auditor.start), (now, oracle.auditor.now)):
+    for found, expected in ((start, oracle.auditor.state.start), (now, oracle.auditor.state.now)):
         largest = max(map(abs, expected.values()))
         for name, value in expected.items():
             assert abs(found[name] - value) <= 1e-9 * largest, name

@@ -200,7 +200,7 @@ def test_a_file_that_changes_before_its_run_leaves_no_result(folder, name):
 
 
 def test_a_run_that_was_not_computed_is_named(folder, monkeypatch, capsys):
-    monkeypatch.setattr("refsim.cluster.pool.available_memory", lambda: 10.0)
+    monkeypatch.setattr("refsim.cluster.pool.host_memory", lambda: {"total": 10, "free": 10})
     assert main(["sweep", "grid.toml", "--jobs", "2"]) == 3
     said = capsys.readouterr()
     assert "4 not computed" in said.out

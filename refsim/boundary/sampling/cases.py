@@ -6,7 +6,7 @@ import numpy as np
 
 from refsim.boundary.sampling import CUTOFF, HEXAGONAL, STEP, WIDTH, facet_counts, reference, relaxation_step
 from refsim.boundary.signed_distance.cases import SHAPES, bodies
-from refsim.core.cases import CASES, Case, Exact, case, closed_form, groups
+from refsim.core.cases import CASES, Case, Exact, closed_form, groups, hard_input
 
 
 @groups("facet_corner", "facets_of_mesh", "facet_area", "facet_last", "sample_seed", "placed")
@@ -30,11 +30,9 @@ def as_printed(case, grid):
     return relaxation_step(case.list_radius / (CUTOFF * WIDTH), STEP, 5, True, grid.dtype)
 
 
-@case
-def piled_up() -> Case:
-    """Groups of two, three and seven coincident particles, on the surface of the first body."""
-    place = np.repeat(0.045 * np.array([[1, 0, 0], [0, 1, 0], [0, 0, -1], [0.5, 0.5, 0]]), (2, 3, 7, 1), axis=0)
-    return Case("piled_up", 3, np.concatenate([np.zeros((1, 3)), place]))
+# groups of two, three and seven coincident particles, on the surface of the first body
+PILES = 0.045 * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, -1], [0.5, 0.5, 0]])
+hard_input("piled_up", 3, lambda: np.repeat(PILES, (1, 2, 3, 7, 1), axis=0))
 
 
 @closed_form("sampling.areas")
