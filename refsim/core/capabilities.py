@@ -79,6 +79,10 @@ class SumsDensity:
         return True
 
 
+class PullsParticles(SumsDensity):
+    """Draws particles together, which an advanced density sees only where it is restored from the summed one."""
+
+
 class BringsWalls:
     """Brings static boundary particles into the scene."""
 

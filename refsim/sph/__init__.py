@@ -23,6 +23,7 @@ from refsim.core.capabilities import (
     LimitsMassRatio,
     LimitsSpeed,
     Margin,
+    PullsParticles,
     SumsDensity,
     having,
     open_axis,
@@ -67,6 +68,7 @@ LEAST_VISCOUS = {
 # exchanged (docs/stability.md). Beyond it J(7) makes its neighbours too dense, and J(10) is not the gradient of their
 # energy.
 MASS_RATIO = 1.5
+RESTORING = 0.3  # `restoring` beside tension: drops of other radii keep jump and density from 0.1 to 1 (docs/liquid.md)
 MOST_DIFFUSIVE = (
     0.17  # delta up to which the acoustic step 0.4 h/c resolves diffusion: its fastest rate is 28 delta c/h
 )
@@ -111,6 +113,15 @@ class Diffusion(NamedTuple):
     stretch: float  # rho0/c^2 [kg s^2/m^(dim + 2)]: times g, the slope of the density at rest
 
 
+class Restoring(NamedTuple):
+    """Parameters of an advanced density's return to the summed one in kernels."""
+
+    rate: float  # [1/s]
+    own: float  # W(0) [1/m^dim]
+    room: float  # 1/(delta0 - W(0)) [m^dim]
+    volume: float  # 1/delta0 [m^dim]
+
+
 class Lean(NamedTuple):
     """Acceleration of gravity as kernels take it, seen from the walls: g - a_w [m/s^2]."""
 
@@ -134,6 +145,13 @@ def lattice_number_density(shape: str, support_radius: float, spacing: float, di
     steps = lattice(reach, dim) * spacing
     distance = np.sqrt((steps**2).sum(1))
     return float(kernel_value(distance, smoothing(shape, support_radius, dim)).sum())
+
+
+def own_number_density(shape: str, support_radius: float, dim: int) -> float:
+    """W(0) [1/m^dim]."""
+    from refsim.smoothing.reference import kernel_value
+
+    return float(kernel_value(0.0, smoothing(shape, support_radius, dim)))
 
 
 def central_coefficient(dynamic_viscosity: float, dim: int) -> float:
@@ -178,6 +196,8 @@ class WeaklyCompressible(
     density            "continuity" (the continuity equation, advanced from step to step) or "summation" (J(7)); by
                        default advanced, and summed where `literal` or another effect of the scene needs it
     diffusion          delta of the diffusion of an advanced density, after Fourtakas et al. 2019; 0 for none
+    restoring          rate [c/h] at which an advanced density returns inside the liquid to the summed one, which
+                       sees particles crowd (after Colagrossi & Landrini 2003); by default 0.3 beside tension, else 0
     gradient           "plain" or "corrected" (renormalised after Bonet & Lok 1999: the pressure force of a lattice is
                        that of the pressure's gradient; it keeps the linear, not the angular momentum)
     tensile_control    p_i + p_j becomes p_j - p_i where p_i < 0 (Sun et al. 2018): "none", "inside" (but at the surface
@@ -206,6 +226,7 @@ class WeaklyCompressible(
     state: Literal["linear", "tait"] = "linear"
     density: Literal["summation", "continuity"] | None = None
     diffusion: float = 0.1
+    restoring: float | None = None
     gradient: Literal["plain", "corrected"] = "plain"
     tensile_control: Literal["none", "inside", "everywhere"] = "none"
     clamp_pressure: bool | None = None
@@ -218,7 +239,11 @@ class WeaklyCompressible(
         density = self.density or ("summation" if summed else "continuity")
         printed = self.density == "summation" or self.literal or (summed and "two_way_coupling" in others)
         viscosity = self.viscosity or ("laplacian" if printed else "central")
-        return msgspec.structs.replace(self, density=density, viscosity=viscosity)
+        restoring = self.restoring
+        if restoring is None:
+            pulled = density == "continuity" and having(others, PullsParticles)
+            restoring = RESTORING if pulled else 0.0
+        return msgspec.structs.replace(self, density=density, viscosity=viscosity, restoring=restoring)
 
     def needs(self) -> tuple[str, ...]:
         return (DETECTION,) if self.tensile_control == "inside" else ()
@@ -254,6 +279,16 @@ class WeaklyCompressible(
             raise InputError(
                 f"{self.name}: diffusion = {self.diffusion:g} is not possible; give 0 to {MOST_DIFFUSIVE:g}, above"
                 " which the acoustic step is too long for it."
+            )
+        if not 0 <= (self.restoring or 0.0) <= 1:
+            raise InputError(
+                f"{self.name}: restoring = {self.restoring:g} is not possible; give 0 to 1, in units of c/h, which a step"
+                " resolves."
+            )
+        if self.restoring and not self.advances():
+            raise InputError(
+                f"{self.name}: restoring = {self.restoring:g} is for an advanced density, and this one is summed; leave"
+                " it out, or set density = 'continuity'."
             )
         walls = having(others, BringsWalls)
         extrapolated = any(effect.extrapolates() for effect in walls)
@@ -306,7 +341,8 @@ class WeaklyCompressible(
         summed = (SUMMED_DENSITY,) if self._sums_wanted(others) else ()
         if not self.advances():
             return (*own, *summed) if "two_way_coupling" in others else own  # whose density counts no particles
-        return (*own, DENSITY_EXCESS, ADVANCED_EXCESS, *summed)
+        number = (NUMBER_DENSITY,) if self.restoring else ()
+        return (*own, DENSITY_EXCESS, ADVANCED_EXCESS, *summed, *number)
 
     def passes(self, others: Others) -> tuple[Pass, ...]:
         viscous = self.dynamic_viscosity > 0
@@ -364,7 +400,7 @@ class WeaklyCompressible(
 
     def _sums_wanted(self, others: Others) -> bool:
         """Whether an effect needs a sum of J(8), which an advanced density does without."""
-        if self.tensile_control == "inside":
+        if self.tensile_control == "inside" or self.restoring:
             return True
         rest = (effect for effect in others.values() if effect is not self)
         return any(f in (NUMBER_DENSITY, ASYMMETRY) for effect in rest for f in effect.fields(others))
@@ -375,8 +411,17 @@ class WeaklyCompressible(
         return (
             continuity_pass(others, (), LIQUID_ALONE),
             *self.summed_passes(others),
-            Pass("sph.keep_density", ("density_excess",), updates=("advanced_excess",), stage="motion"),
+            self._kept(others),
         )
+
+    def _kept(self, others: Others) -> Pass:
+        """The pass that keeps the density for the next step."""
+        taken = {"number_density": bool(self.restoring), "phase": self.restoring and "two_way_coupling" in others}
+        return Pass(
+            "sph.keep_density", ("density_excess", *(name for name, there in taken.items() if there)),
+            updates=("advanced_excess",), names={name: None for name, there in taken.items() if not there},
+            stage="motion",
+        )  # fmt: skip
 
     def summed_passes(self, others: Others) -> tuple[Pass, ...]:
         """J(7) and J(8) beside a density that is advanced or another effect's, where an effect needs them."""
@@ -455,8 +500,9 @@ class WeaklyCompressible(
             )
             return compression_amount(work, mass * (stiffness * exponent + cohesion) / self.rest_density, grid.dtype)
 
-        spread = self.advances() and self.diffusion > 0
-        return EnergyAccount({"compression": compression}, ("the diffusion of the density",) if spread else ())
+        uncounted = ["the diffusion of the density"] if self.advances() and self.diffusion > 0 else []
+        uncounted += ["what restoring changes in the density"] if self.restoring else []
+        return EnergyAccount({"compression": compression}, tuple(uncounted))
 
     def initial(self, grid: Discretisation, state: InitialState, others: Others) -> Mapping[str, np.ndarray]:
         """Density of liquid at rest: that of the pressure rho0 g depth in each part that stands on a wall.
@@ -550,9 +596,15 @@ class WeaklyCompressible(
         return {
             **near,
             **(self.spreading(grid, others) if self.advances() else {}),
+            "restoring": self._restoring(grid) if self.restoring else None,
             "viscosity": ViscosityTerm(grid.real(sign * self.dynamic_viscosity)) if viscous else None,
             "central_viscosity": CentralViscosity(central) if self.central() else None,
         }
+
+    def _restoring(self, grid: Discretisation) -> Restoring:
+        rest, own = self.rest_number_density(grid), own_number_density(self.sum_kernel(), grid.support_radius, grid.dim)
+        rate = (self.restoring or 0.0) * self.sound_speed / grid.support_radius
+        return Restoring(*map(grid.real, (rate, own, 1 / (rest - own), 1 / rest)))
 
     def spreading(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         """Parameter groups of the diffusion of an advanced density."""

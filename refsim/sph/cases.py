@@ -35,8 +35,10 @@ from refsim.sph import (
     Fluid,
     Gravity,
     Lean,
+    Restoring,
     ViscosityTerm,
     WeaklyCompressible,
+    own_number_density,
 )
 
 example(WeaklyCompressible(sound_speed=12.0, dynamic_viscosity=0.3, density="summation"), brings="density pressure")
@@ -115,6 +117,15 @@ def _central_viscosity(case, grid):
 def _diffusion(case, grid):
     """delta = 0.1, c = 20 m/s."""
     return {"diffusion": Diffusion(grid.real(grid.support_radius), grid.real(REST_DENSITY / 400))}
+
+
+@groups("restoring")
+def _restoring(case, grid):
+    """Half of the way back in a second."""
+    fluid = case.effects[FLUID]
+    rest = fluid.rest_number_density(case.grid("float64"))
+    own = own_number_density(fluid.sum_kernel(), case.grid("float64").support_radius, grid.dim)
+    return {"restoring": Restoring(*map(grid.real, (0.5, own, 1 / (rest - own), 1 / rest)))}
 
 
 groups(field=lambda case, grid: np.array([0.3, -9.81, 1.7], dtype=grid.dtype))
@@ -270,7 +281,19 @@ def liquid_beside_a_solid(w):
 @closed_form("sph.keep_density")
 def kept():
     """The same value."""
-    return Exact(PAIR, {"density_excess": [1.5, -2.25]}, {"advanced_excess": [1.5, -2.25]})
+    given = {"density_excess": [1.5, -2.25], "number_density": None, "phase": None, "restoring": None, "fluid": WATER}
+    return Exact(PAIR, given, {"advanced_excess": [1.5, -2.25]})
+
+
+@closed_form("sph.keep_density")
+def restored():
+    """Half of the way to rho0 (delta/delta0 - 1) inside, a quarter where f = 1/2, none at a surface; delta0 = 10."""
+    three = Case("three", 3, np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 2.0, 0.0]]))
+    given = {
+        "density_excess": [20.0, -4.0, 7.0], "number_density": [10.5, 8.4, 7.0], "phase": None,
+        "restoring": Restoring(2.0, 2.0, 0.125, 0.1), "timestep": [0.5, 0.25], "fluid": WATER,
+    }  # fmt: skip
+    return Exact(three, given, {"advanced_excess": [35.0, -4.0 - 0.25 * 156.0, 7.0]})
 
 
 @closed_form("sph.state")

@@ -72,6 +72,19 @@ def least_excess(excess, rest_density):
 
 
 @formula
+def restored_excess(excess, number_density, rest_density, share, restoring):
+    """e + share f (rho0 (delta/delta0 - 1) - e) [kg/m^dim], f of (delta - W(0))/(delta0 - W(0)); `share` = rate dt.
+
+    Re-initialisation by the summed density (Colagrossi & Landrini 2003), by a share in each step and away from surfaces
+    alone, where the sum lacks neighbours.
+    """
+    real = type(excess)
+    inside = surrounded_share((number_density - restoring.own) * restoring.room)
+    summed = rest_density * (number_density * restoring.volume - real(1))
+    return excess + share * inside * (summed - excess)
+
+
+@formula
 def pressure_pair(volume_j, pressure_i, pressure_j, slope, fluid):
     """J(10) for one neighbour: factor of e_ij in the force density [N/m^3], -s V_j (p_i + p_j) W'(r).
 

@@ -261,9 +261,21 @@ def wall_moves(place, wall_motion):
 
 
 @kernel
-def keep_density(i, density_excess, advanced_excess):
-    """The excess of the density at the end of the step [kg/m^dim], from which the next one goes on."""
-    advanced_excess[i] = density_excess[i]
+def keep_density(
+    i, density_excess, number_density, phase, fluid, restoring, timestep, advanced_excess
+):  # fmt: skip
+    """The excess of the density at the end of the step [kg/m^dim], from which the next one goes on.
+
+    That of liquid returns to the summed one where `restoring` is given.
+    """
+    excess = density_excess[i]
+    if restoring is not None:
+        share = restoring.rate * timestep[1]
+        if phase is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
+            if phase[i] != LIQUID_PHASE:
+                share = type(excess)(0)
+        excess = formulas.restored_excess(excess, number_density[i], fluid.rest_density, share, restoring)
+    advanced_excess[i] = excess
 
 
 @kernel

@@ -15,7 +15,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from refsim.core.capabilities import BalancesCohesion, KnowsLimits, Margin, SumsDensity
+from refsim.core.capabilities import BalancesCohesion, KnowsLimits, Margin, PullsParticles
 from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit
 from refsim.core.energy import EnergyAccount, EnergyState, pair_potential
 from refsim.core.errors import InputError
@@ -112,7 +112,7 @@ def compression(number: float) -> float:
     return 2 / (1 + math.sqrt(1 - 4 * number))
 
 
-class PairCohesion(Effect, BalancesCohesion, KnowsLimits, SumsDensity, frozen=True, kw_only=True):
+class PairCohesion(Effect, BalancesCohesion, KnowsLimits, PullsParticles, frozen=True, kw_only=True):
     """Base of the models with pair cohesion: nominal tension, internal pressure, its balance, capillary step limit.
 
     balance_pressure  the equation of state balances the cohesion of the bulk by P_int (rho/rho0)^2; without it

@@ -13,7 +13,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from refsim.core.capabilities import HasErrata, KnowsLimits, Margin, SumsDensity
+from refsim.core.capabilities import HasErrata, KnowsLimits, Margin, PullsParticles
 from refsim.core.checked import NotNegative, Positive, Printed
 from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit
 from refsim.core.fields import Field
@@ -73,7 +73,7 @@ LARGEST_STIFFNESS = 0.015
 LEAST_VISCOSITY = 0.45
 
 
-class CsfWang2019(Effect, KnowsLimits, HasErrata, SumsDensity, frozen=True, kw_only=True):
+class CsfWang2019(Effect, KnowsLimits, HasErrata, PullsParticles, frozen=True, kw_only=True):
     """Surface tension of a free liquid surface as a force along its normal, by its curvature.
 
     surface_tension      sigma [N/m]

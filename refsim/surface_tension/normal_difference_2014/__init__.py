@@ -13,7 +13,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from refsim.core.capabilities import HasErrata, SumsDensity
+from refsim.core.capabilities import HasErrata, PullsParticles
 from refsim.core.checked import NotNegative, Printed
 from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit
 from refsim.core.fields import Field
@@ -34,7 +34,7 @@ class NormalDifference(NamedTuple):
     printed_mass: int  # 1: factor m_i as printed (patent P7); 0: harmonic mean of the masses
 
 
-class NormalDifference2014(Effect, HasErrata, SumsDensity, frozen=True, kw_only=True):
+class NormalDifference2014(Effect, HasErrata, PullsParticles, frozen=True, kw_only=True):
     """Surface tension without cohesion: the force on a particle is opposite to its normal less its neighbours'.
 
     area_acceleration  gamma [m/s^2], coefficient of the force, which does not vanish at r = h: where a pair
