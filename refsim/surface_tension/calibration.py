@@ -1,8 +1,8 @@
 """Coefficient for a surface tension: the measured sigma map and its inverse.
 
 The map (`sigma_map.json`) has tensions measured on drops at rest and in oscillation, divided by the nominal one, for
-each model, dimension, support radius h/d, stiffness S = sigma/(rho0 c^2 d) of the nominal tension, and set of smoothing
-kernels. `python -m validation measure drops` measures it and `validation/measure/sigma_map.py` condenses it.
+each model, dimension, support radius h/d, stiffness S = sigma/(rho0 c^2 d) of the nominal tension, set of smoothing
+kernels, and density where it is not summed. `python -m validation measure drops` measures it and `validation/measure/sigma_map.py` condenses it.
 """
 
 from __future__ import annotations
@@ -93,7 +93,7 @@ def sigma_map() -> tuple[Mapping[str, Any], ...]:
 def calibrate(
     sigma: float, model: str = "akinci", *, spacing: float, rest_density: float, dim: int = 3,
     support_radius: float | None = None, sound_speed: float | None = None, kernels: str = "mueller",
-    radius: float | None = None, settings: Sequence[Mapping[str, Any]] | None = None,
+    radius: float | None = None, density: str = "summation", settings: Sequence[Mapping[str, Any]] | None = None,
 ) -> Calibration:  # fmt: skip
     """Coefficients of `model` that give the surface tension `sigma`, by the measured map.
 
@@ -103,7 +103,7 @@ def calibrate(
     rest_density    rho0 [kg/m^3; kg/m^2 in 2D]
     support_radius  h [m]; left out, 2.6 d
     sound_speed     of weakly_compressible [m/s]; left out, the one with which S = 0.01
-    kernels         of weakly_compressible
+    kernels, density  of weakly_compressible
     radius          of the drops to use [m]; left out, all measured radii
     settings        a map instead of the published one
 
@@ -119,9 +119,12 @@ def calibrate(
             raise InputError(f"calibrate: {name} = {value} is not a positive number that can be meant in SI units.")
     if model not in SETTINGS:
         raise InputError(f"calibrate: there is no model {model!r}; choose from {', '.join(SETTINGS)}.")
-    own = [e for e in entries if e["model"] == model and e["dim"] == dim and e["kernels"] == kernels]
+    place = {"model": model, "dim": dim, "kernels": kernels, "density": density}
+    own = [e for e in entries if all(e.get(name, "summation") == value for name, value in place.items())]
     if not own:
-        raise InputError(f"calibrate: the map has no drops of {model} in {dim}D with {kernels} kernels.")
+        raise InputError(
+            f"calibrate: the map has no drops of {model} in {dim}D with {kernels} kernels and density = {density!r}."
+        )
     support = float(BASE["support"]) if support_radius is None else support_radius / spacing
     line = [_judged(entry, None if radius is None else radius / spacing) for entry in own]
     if sound_speed is None:

@@ -214,6 +214,7 @@ class PairCohesion(Effect, BalancesCohesion, KnowsLimits, PullsParticles, frozen
     def notes(self, grid: Discretisation, others: Others) -> tuple[str, ...]:
         number = self.collapse_number(grid, others)
         notes = [stiffness_note(self.name, *limit, grid, others) for limit in self.stiffness_limits(grid, others)]
+        notes.append(liquid_note(self.name, others) if self.passes(others) else "")
         if number >= STRAINED:
             notes.append(
                 f"{self.name}: its cohesion compresses the bulk by about {100 * (compression(number) - 1):.0f} % (P_int"
@@ -272,6 +273,16 @@ def stiffness_note(name: str, sigma: float, largest: float, fate: str, grid: Dis
             value = f"sigma/(rho0 c^2 d) = {margin.value:.2g}"
             return f"{name}: {value} is above {largest:g}, up to which {fate}: take {needed}"
     return ""
+
+
+def liquid_note(name: str, others: Others) -> str:
+    """Note where the density is advanced: the tension of a coefficient is another one than with a summed density."""
+    if not liquid_of(others).advances():
+        return ""
+    return (
+        f"{name}: beside an advanced density a drop shows another share of this nominal tension than beside a summed"
+        " one: take the coefficient of calibrate(..., density = 'continuity')"
+    )
 
 
 def spreading_note(name: str, term: str) -> str:

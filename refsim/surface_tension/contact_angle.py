@@ -55,7 +55,8 @@ def wetting_map() -> tuple[Mapping[str, Any], ...]:
 
 def calibrate_contact_angle(
     angle: float, sigma: float, *, spacing: float, rest_density: float, dim: int = 3,
-    support_radius: float | None = None, kernels: str = "mueller", settings: Sequence[Mapping[str, Any]] | None = None,
+    support_radius: float | None = None, kernels: str = "mueller", density: str = "summation",
+    settings: Sequence[Mapping[str, Any]] | None = None,
 ) -> ContactAngle:  # fmt: skip
     """Coefficients of Akinci 2013 for a contact angle `angle` of liquid of tension `sigma` on a plane wall.
 
@@ -64,7 +65,7 @@ def calibrate_contact_angle(
     spacing         d [m]
     rest_density    rho0 [kg/m^3; kg/m^2 in 2D]
     support_radius  h [m]; left out, 2.6 d
-    kernels         of weakly_compressible
+    kernels, density  of weakly_compressible
     settings        a wetting map instead of the published one
 
     For walls of `box_walls` and S = sigma/(rho0 c^2 d) = 0.01 of the nominal tension, which sets the sound speed. The
@@ -84,19 +85,20 @@ def calibrate_contact_angle(
         entry
         for entry in (wetting_map() if settings is None else settings)
         if entry["dim"] == dim and entry["kernels"] == kernels and _same(entry["stiffness"], stiffness)
+        and entry.get("density", "summation") == density
     ]
     there = [entry for entry in own if _same(entry["support"], support)]
     if not there:
         known = ", ".join(f"{entry['support']:g}" for entry in own) or "none"
         raise InputError(
-            f"{this}: the map has no sessile drops in {dim}D with {kernels} kernels at h = {support:.3g} d; it has"
-            f" h/d = {known}."
+            f"{this}: the map has no sessile drops in {dim}D with {kernels} kernels and density = {density!r} at h ="
+            f" {support:.3g} d; it has h/d = {known}."
         )
     share, uncertainty = _share_of(angle, there[0], this, support)
-    lengths = {"spacing": spacing, "rest_density": rest_density, "dim": dim, "kernels": kernels}
+    lengths = {"spacing": spacing, "rest_density": rest_density, "dim": dim, "kernels": kernels, "density": density}
     tension = calibrate(sigma, "akinci", support_radius=support * spacing, **lengths)  # type: ignore[arg-type]
     fluid = WeaklyCompressible(
-        rest_density=rest_density, sound_speed=tension.sound_speed, density="summation",
+        rest_density=rest_density, sound_speed=tension.sound_speed, density=density,  # type: ignore[arg-type]
         kernels=kernels,  # type: ignore[arg-type]
     )  # fmt: skip
     grid = Discretisation(dim, "float64", spacing, support * spacing, 0)

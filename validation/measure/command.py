@@ -50,6 +50,8 @@ def add_commands(made: argparse.ArgumentParser) -> None:
             "--dims", type=lambda text: tuple(map(int, text.split(","))), default=(2, 3),
             help="2, 3 or 2,3 (the default)",
         )  # fmt: skip
+        part.add_argument("--backend", default="cpu", help="cpu (default) or cuda")
+        part.add_argument("--advanced", action="store_true", help="only drops of an advanced density")
         part.add_argument("--seconds", type=float, default=math.inf, help="stop after so long")
         part.add_argument("--limit", type=int, default=10**9, help="measure at most so many")
     for name, words in (
@@ -93,20 +95,21 @@ class TimeUp(Exception):
     """The seconds of a call are over."""
 
 
-def work(report: Callable[[float], None], point: Any) -> dict:
+def work(report: Callable[[float], None], point: Any, backend: str) -> dict:
     """One drop, in a process of its own or by a worker of a scheduler."""
-    return importlib.import_module(type(point).__module__).measure(point)
+    return importlib.import_module(type(point).__module__).measure(point, backend)
 
 
 def measured(
-    points: list[Any], seconds: float, keep: Callable[[dict], None], jobs: int = 1, scheduler: str | None = None
-) -> None:
+    points: list[Any], seconds: float, keep: Callable[[dict], None], jobs: int = 1, scheduler: str | None = None,
+    backend: str = "cpu",
+) -> None:  # fmt: skip
     """Measure the points until time is up; what is then unfinished is given up.
 
     Prints the efficiency, the sum of task seconds over workers x wall.
     """
     began, spent, most = time.perf_counter(), 0.0, 0
-    tasks = [Task(p.key, p.key, work, (p,), p.cost()) for p in points]
+    tasks = [Task(p.key, p.key, work, (p, backend), p.cost()) for p in points]
 
     def watch(shares: Mapping[str, float], workers: int) -> None:
         nonlocal most
@@ -135,6 +138,7 @@ def measure_drops(given: argparse.Namespace) -> int:
     kind = importlib.import_module(f"validation.measure.{'wetting' if sessile else 'drops'}")
     rows = json.loads(given.output.read_text()) if given.output.exists() else {}
     wanted = list(kind.points(tuple(given.models or kind.MODELS), given.dims))
+    wanted = [p for p in wanted if p.density == "continuity"] if given.advanced else wanted
     missing = [p for p in wanted if p.key not in rows]
     longest_first = given.scheduler is not None  # on many workers the longest drop is the shortest wall time
     missing.sort(key=lambda p: (0 if longest_first else p.urgency(), p.cost() if given.jobs == 1 else -p.cost()))
@@ -151,7 +155,7 @@ def measure_drops(given: argparse.Namespace) -> int:
         words = f"{row['stopped'] or 'ok':<12} {first:7.3f} {second:7.3f} {row['seconds']:7.1f} s"
         print(f"{time.perf_counter() - began:5.0f}  {row['key']:<58} {words}", flush=True)
 
-    measured(missing, given.seconds, keep, given.jobs, given.scheduler)
+    measured(missing, given.seconds, keep, given.jobs, given.scheduler, given.backend)
     left = sum(p.key not in rows for p in wanted)
     print(f"{left} left; {time.perf_counter() - began:.0f} s")
     return 0

@@ -68,7 +68,7 @@ class Point:
     support    h in spacings
     radius     R in spacings
     stiffness  S = sigma/(rho0 c^2 d) of the nominal sigma
-    kernels    of weakly_compressible
+    kernels, density  of weakly_compressible
     kicked     whether it is set into oscillation at the end
     """
 
@@ -81,12 +81,13 @@ class Point:
     seed: int = 1
     kicked: bool = True
     dtype: Any = "float32"
+    density: Any = "summation"
 
     @property
     def key(self) -> str:
         """Name of the point's row."""
         size = f"h{self.support:g}.R{self.radius:g}.S{self.stiffness:g}"
-        return f"{self.model}.{self.dim}d.{self.kernels}.{size}.{self.seed}"
+        return f"{self.model}.{self.dim}d.{self.kernels}.{size}.{self.seed}{liquid_key(self.density)}"
 
     def cost(self) -> float:
         """About the seconds that it takes on one core."""
@@ -104,7 +105,13 @@ class Point:
         return 3 if self.seed > 1 else 1 if self.radius == SEEDED[self.dim] else 2
 
 
+def liquid_key(density: str) -> str:
+    """What the name of a row ends with: nothing for a summed density."""
+    return "" if density == "summation" else f".{density}"
+
+
 RADII = {2: (8.0, 11.0, 16.0, 24.0), 3: (5.0, 7.0, 8.5, 10.0, 12.0, 14.0)}
+ADVANCED = {3: (8.5, 10.0, 12.0)}  # radii of the drops of an advanced density
 SEEDED = {2: 16.0, 3: 10.0}  # radius at which three seeds are run, and from which on drops are kicked
 LARGE = 10.0  # radius in 3D beyond which drops are measured at the base only: they take minutes
 LARGE_IMPLICIT = 10.0  # the same of implicit pressure, each step of which is an iteration
@@ -120,16 +127,24 @@ def base(model: str) -> dict[str, Any]:
 
 
 def at_base(model: str, setting: Mapping[str, Any]) -> bool:
-    """Whether a point, row or map entry of the model stands where its axes cross."""
-    return all(setting[name] == value for name, value in base(model).items())
+    """Whether a point, row or map entry of the model stands where its axes cross, with a summed density."""
+    return summed(setting) and all(setting[name] == value for name, value in base(model).items())
+
+
+def summed(setting: Mapping[str, Any]) -> bool:
+    """Whether a point, row or map entry is of a summed density."""
+    return setting.get("density", "summation") == "summation"
 
 
 def points(models: tuple[str, ...] = tuple(MODELS), dims: tuple[int, ...] = (2, 3)) -> Iterator[Point]:
     """The map: all radii and three seeds at the base point, and each axis on its own through it at four radii.
 
     Akinci 2013 has three seeds at every radius from 10 spacings on, with both sets of kernels. Implicit pressure knows
-    no sound speed, and so no stiffness.
+    no sound speed, and so no stiffness. Drops of an advanced density are those of ADVANCED.
     """
+    for model, dim in itertools.product(models, dims):
+        for radius in ADVANCED.get(dim, ()) if model not in BESIDE else ():
+            yield Point(model, dim, radius=radius, kernels="wendland", density="continuity")
     for model, dim in itertools.product(models, dims):
         centre = base(model)
         axes = {name: values for name, values in AXES.items() if name != "stiffness" or model not in BESIDE}
@@ -155,7 +170,7 @@ def start(point: Point) -> NDArray:
     return shifted_ball(point.dim, point.radius, np.random.default_rng(point.seed), point.support)
 
 
-def measure(point: Point) -> dict[str, Any]:
+def measure(point: Point, backend: str = "cpu") -> dict[str, Any]:
     """Relax the drop, average its pressure, kick it, and fit its frequency. A run that stops is a row, too.
 
     laplace    sigma = P R/(dim - 1) from the virial pressure, mean over balls of 0.4 to 0.7 R and over 40 snapshots
@@ -164,7 +179,7 @@ def measure(point: Point) -> dict[str, Any]:
     steps      of all stages together
     spurious   rms speed at rest over sqrt(sigma/(rho R)); capillary = mu max|v|/sigma
     """
-    return row_of(point, _measure)
+    return row_of(point, lambda point, row: _measure(point, row, backend))
 
 
 def row_of(point: Any, observe: Callable[[Any, dict[str, Any]], None]) -> dict[str, Any]:
@@ -187,16 +202,16 @@ class Dispersed(Exception):
     """Nothing is left where the drop was."""
 
 
-def _measure(point: Point, row: dict[str, Any]) -> None:
+def _measure(point: Point, row: dict[str, Any], backend: str) -> None:
     capillary_time = math.sqrt(point.radius**3)
     position = start(point)
     row["particles"] = len(position)
-    calm = Simulation(free_drop(point, position, None, CALM))
+    calm = Simulation(free_drop(point, position, None, CALM), backend)
     if point.model not in UNSTIRRED:
         stir(calm, point, STIRRED * capillary_time, lambda: _together(calm, point))
     run_to(calm, RELAXED * capillary_time)
     _together(calm, point)
-    thin = Simulation(free_drop(point, calm.field("position").astype(float), None, THIN))
+    thin = Simulation(free_drop(point, calm.field("position").astype(float), None, THIN), backend)
     run_to(thin, SETTLED * capillary_time)
     samples = []
     for k in range(SNAPSHOTS):
@@ -222,7 +237,7 @@ def _measure(point: Point, row: dict[str, Any]) -> None:
         "roughness": radius_variation(x) if point.dim == 3 else _disc_variation(x),
     }  # fmt: skip
     if point.kicked:
-        _oscillate(point, thin, radius, row)
+        _oscillate(point, thin, radius, row, backend)
 
 
 def _together(simulation: Simulation, point: Point) -> None:
@@ -246,12 +261,12 @@ def _rest(simulation: Simulation, point: Point) -> dict[str, float]:
     }  # fmt: skip
 
 
-def _oscillate(point: Point, thin: Simulation, radius: float, row: dict[str, Any]) -> None:
+def _oscillate(point: Point, thin: Simulation, radius: float, row: dict[str, Any], backend: str) -> None:
     """Kick the mode n = 2 and fit its damped frequency."""
     nominal = math.sqrt(RAYLEIGH[point.dim] / radius**3)
     x, v = thin.field("position").astype(float), thin.field("velocity").astype(float)
     x = x - x.mean(0)
-    kicked = Simulation(free_drop(point, x, v - v.mean(0) + KICK * nominal * FLOW[point.dim] * x, THIN))
+    kicked = Simulation(free_drop(point, x, v - v.mean(0) + KICK * nominal * FLOW[point.dim] * x, THIN), backend)
     sigma = max(row["laplace"], 0.25) if math.isfinite(row["laplace"]) else 1.0
     expected = nominal * math.sqrt(sigma)
     until, count = PERIODS * 2 * math.pi / expected, round(PERIODS * PER_PERIOD)

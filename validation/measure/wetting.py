@@ -22,8 +22,8 @@ from refsim import Simulation
 from refsim.study.panels.drops import ON_PLANE, STIRRED, angle_by_lift, cap, run_to, sessile, stir
 from refsim.surface_tension.calibration import BASE
 from refsim.surface_tension.contact_angle import WETTING_MAP as PACKAGED
-from validation.measure.drops import row_of
-from validation.measure.sigma_map import write_settings
+from validation.measure.drops import liquid_key, row_of
+from validation.measure.sigma_map import setting_of, write_settings
 
 ROWS = Path(__file__).resolve().parent.parent / "data" / "wetting.json"
 RELAXED, AVERAGED, SNAPSHOTS = ON_PLANE
@@ -33,7 +33,7 @@ SHAPELESS = 15.0  # degrees by which the two angles of a cap differ at most
 SHARES = {2: (2.0, 5.0, 8.0, 12.0, 16.0, 20.0, 25.0), 3: (3.0, 4.0, 5.0, 7.0, 10.0, 13.0, 16.0, 20.0, 24.0)}
 BEYOND = (0.0, 50.0)  # where no cap is expected
 MODELS = ("akinci",)
-AXES = ("dim", "support", "stiffness", "kernels")
+AXES = ("dim", "support", "stiffness", "kernels", "density")
 
 
 @dataclass(frozen=True)
@@ -54,12 +54,14 @@ class Point:
     seed: int = 1
     begin: float = 90.0
     model: str = "akinci"
+    density: Any = "summation"
 
     @property
     def key(self) -> str:
         """Name of the point's row."""
         size = f"h{self.support:g}.R{self.radius:g}.S{self.stiffness:g}"
-        return f"{self.model}.{self.dim}d.{self.kernels}.{size}.b{self.share:g}.from{self.begin:g}.{self.seed}"
+        begun = f"from{self.begin:g}.{self.seed}{liquid_key(self.density)}"
+        return f"{self.model}.{self.dim}d.{self.kernels}.{size}.b{self.share:g}.{begun}"
 
     def cost(self) -> float:
         """About the seconds that it takes on one core."""
@@ -78,6 +80,8 @@ LARGER = {2: 24.0, 3: 11.0}
 def points(models: tuple[str, ...] = MODELS, dims: tuple[int, ...] = (2, 3)) -> Iterator[Point]:
     """The map at its base with three seeds, a larger size and two other starts; along h/d and S with one."""
     for dim in dims if "akinci" in models else ():
+        for share in SHARES[dim] if dim == 3 else ():
+            yield Point(share, dim, radius=SIZE[dim], kernels="wendland", density="continuity")
         for share in (*SHARES[dim], *BEYOND):
             for seed in (1, 2, 3):
                 yield Point(share, dim, radius=SIZE[dim], seed=seed)
@@ -179,9 +183,9 @@ def condensed(rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """
     groups: dict[tuple[Any, ...], list[Mapping[str, Any]]] = {}
     for row in rows:
-        groups.setdefault(tuple(row[name] for name in AXES), []).append(row)
+        groups.setdefault(setting_of(row, AXES), []).append(row)
     return [
-        {**dict(zip(AXES, key)), "drops": [_of_share(own, share) for share in sorted({r["share"] for r in own})]}
+        {**dict(key), "drops": [_of_share(own, share) for share in sorted({r["share"] for r in own})]}
         for key, own in sorted(groups.items(), key=str)
     ]
 
