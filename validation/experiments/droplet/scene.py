@@ -19,7 +19,7 @@ def droplet_scene(
     position: NDArray, spacing: float, *, support: float = 2.6, sound_speed: float = 40.0, viscosity: float = 0.1,
     kernels: str = "mueller", tension: Mapping[str, Any] | None = None, surface_tension: float = 1.0,
     literal: tuple[str, ...] = (), detection: bool = False, effects: tuple | None = None, dtype: str = "float32",
-    step_factor: float = 1.0, skin: float = 0.1, spin: float = 0.0,
+    step_factor: float = 1.0, skin: float = 0.1, spin: float = 0.0, density: Any = "summation",
 ) -> Scene:  # fmt: skip
     """Liquid of the given particles, without gravity; SI units.
 
@@ -39,13 +39,9 @@ def droplet_scene(
     if detection:
         effects = (*effects, SurfaceDetection(each_step=True))
     liquid = WeaklyCompressible(
-        rest_density=1.0,
-        sound_speed=sound_speed,
-        dynamic_viscosity=viscosity,
-        kernels=kernels,
-        literal=literal,
-        density="summation",
-    )
+        rest_density=1.0, sound_speed=sound_speed, dynamic_viscosity=viscosity, kernels=kernels, literal=literal,
+        density=density,
+    )  # fmt: skip
     return Scene(
         name="droplet", spacing=spacing, support_radius=support * spacing, dtype=dtype, skin=skin,
         step_factor=step_factor, end_time=END_TIME, effects=(liquid, *effects),

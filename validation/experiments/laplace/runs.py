@@ -12,7 +12,7 @@ import numpy as np
 from refsim import calibrate, calibrate_contact_angle
 from validation.checks import Checks
 from validation.experiment import Experiment, Options, Results, Run
-from validation.measure.drops import MODELS, SEEDED, fit_laplace
+from validation.measure.drops import MODELS, SEEDED, fit_laplace, liquid_key, summed
 from validation.measure.sigma_map import WORST, at_base, digest_of, drop_run, map_run, read_rows, words_of
 from validation.measure.wetting import ROWS, SIZE, Point, condensed, measure
 from validation.results import Result, real
@@ -80,7 +80,7 @@ def checks(results: Results, check: Checks) -> None:
                 check("agreement_drops", apart_by(drop), name, f"{MODELS[entry['model']][0]}, {words}")
     known = {}
     for entry in settings(results):
-        if entry["dim"] == 3 and math.isfinite(value := farthest_apart(entry)):
+        if entry["dim"] == 3 and summed(entry) and math.isfinite(value := farthest_apart(entry)):
             place = f"h = {entry['support']:g} d, S = {entry['stiffness']:g}, {entry['kernels']}"
             known[f"{MODELS[entry['model']][0]}, {place}"] = value
     if known:
@@ -213,12 +213,14 @@ def asked(context: Context, dim: int, radius: float, angle: float) -> Result:
 
 def setting_words(entry: Mapping[str, Any]) -> str:
     """A setting in words."""
-    return f"{entry['dim']}D, h = {entry['support']:g} d, S = {entry['stiffness']:g}, {entry['kernels']}"
+    liquid = "" if summed(entry) else ", advanced density"
+    return f"{entry['dim']}D, h = {entry['support']:g} d, S = {entry['stiffness']:g}, {entry['kernels']}{liquid}"
 
 
 def setting_name(entry: Mapping[str, Any]) -> str:
     """A setting as a part of a measurement's name."""
-    return f"{entry['dim']}d_{entry['kernels']}_h{entry['support']:g}_S{entry['stiffness']:g}"
+    place = f"{entry['dim']}d_{entry['kernels']}_h{entry['support']:g}_S{entry['stiffness']:g}"
+    return place + liquid_key(entry.get("density", "summation"))
 
 
 def wetting_planned(options: Options) -> list[Run]:

@@ -20,7 +20,7 @@ from refsim.surface_tension.cohesion import COLLAPSE, PairCohesion, compression
 from validation.checks import Checks
 from validation.experiment import Experiment, Measure, Options, Results, Run
 from validation.experiments.droplet.runs import BOILS, CALM, pieces, relaxed
-from validation.experiments.models.scene import MODELS, PRINTED
+from validation.experiments.models.scene import ADVANCED, MODELS, PRINTED
 from validation.measure.drops import MODELS as SETTINGS
 from validation.measure.drops import OTHER_BASE
 from validation.metrics.droplet import nearest_neighbour_distance, sphericity, surface_mesh
@@ -37,7 +37,7 @@ def relax(context: Context, model: str, shape: str, count: int, backend: str, se
 
     At rest from: the first sample from which on the kinetic energy stays below 1e-3 of its peak.
     """
-    chosen = (MODELS | PRINTED)[model]
+    chosen = (MODELS | PRINTED | ADVANCED)[model]
     result = relaxed(context, chosen.words, chosen.changes, shape, count, backend, seed=seed)
     values = dict(result.values)
     energy = floats(values["series"]["kinetic_energy"])
@@ -605,13 +605,13 @@ MAPS = {
 
 
 def planned(options: Options) -> list[Run]:
-    """Every model from the cube of 17^3, and from the cube of 5,039 cut from a turned lattice."""
+    """Every model from the cube of 17^3, and, on both liquids, from the cube of 5,039 cut from a turned lattice."""
     reason = "takes minutes; run without --quick" if options.quick else ""
     made = []
-    for shape, count in (("cube", 4913), ("cut", 5039)):
-        for model in MODELS:
+    for shape, count, models in (("cube", 4913, MODELS), ("cut", 5039, MODELS | ADVANCED)):
+        for model in models:
             parameters = {"model": model, "shape": shape, "count": count, "backend": options.backend}
-            made.append(Run(f"{shape}_{model}", relax, parameters, 20.0, reason, timed=True))
+            made.append(Run(f"{shape}_{model}", relax, parameters, 20.0, reason, timed=model in MODELS))
     return made
 
 
