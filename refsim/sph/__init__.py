@@ -28,7 +28,7 @@ from refsim.core.capabilities import (
     having,
     open_axis,
 )
-from refsim.core.checked import NotNegative, Positive, Printed
+from refsim.core.checked import NotNegative, Positive, Printed, Share
 from refsim.core.effect import Discretisation, Effect, InitialState, Others, Pass, StepLimit
 from refsim.core.energy import EnergyAccount, EnergyState, amount, compression_amount, compression_energy
 from refsim.core.errors import InputError
@@ -226,7 +226,7 @@ class WeaklyCompressible(
     state: Literal["linear", "tait"] = "linear"
     density: Literal["summation", "continuity"] | None = None
     diffusion: float = 0.1
-    restoring: float | None = None
+    restoring: Share | None = None
     gradient: Literal["plain", "corrected"] = "plain"
     tensile_control: Literal["none", "inside", "everywhere"] = "none"
     clamp_pressure: bool | None = None
@@ -279,11 +279,6 @@ class WeaklyCompressible(
             raise InputError(
                 f"{self.name}: diffusion = {self.diffusion:g} is not possible; give 0 to {MOST_DIFFUSIVE:g}, above"
                 " which the acoustic step is too long for it."
-            )
-        if not 0 <= (self.restoring or 0.0) <= 1:
-            raise InputError(
-                f"{self.name}: restoring = {self.restoring:g} is not possible; give 0 to 1, in units of c/h, which a step"
-                " resolves."
             )
         if self.restoring and not self.advances():
             raise InputError(

@@ -2,7 +2,8 @@
 
 The map (`sigma_map.json`) has tensions measured on drops at rest and in oscillation, divided by the nominal one, for
 each model, dimension, support radius h/d, stiffness S = sigma/(rho0 c^2 d) of the nominal tension, set of smoothing
-kernels, and density where it is not summed. `python -m validation measure drops` measures it and `validation/measure/sigma_map.py` condenses it.
+kernels, and density where it is not summed. `python -m validation measure drops` measures it and
+`validation/measure/sigma_map.py` condenses it.
 """
 
 from __future__ import annotations

@@ -84,7 +84,9 @@ def calibrate_contact_angle(
     own = [
         entry
         for entry in (wetting_map() if settings is None else settings)
-        if entry["dim"] == dim and entry["kernels"] == kernels and _same(entry["stiffness"], stiffness)
+        if entry["dim"] == dim
+        and entry["kernels"] == kernels
+        and _same(entry["stiffness"], stiffness)
         and entry.get("density", "summation") == density
     ]
     there = [entry for entry in own if _same(entry["support"], support)]

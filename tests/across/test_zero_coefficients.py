@@ -159,6 +159,7 @@ TERMS = {
 # Numbers that may be zero and are no coefficient of a force or a flux, with what zero means.
 OTHERS = {
     "weakly_compressible.diffusion": "an advanced density without diffusion",
+    "weakly_compressible.restoring": "an advanced density that never returns to the summed one",
     "shape_matching.stiffness": "alone it leaves the damping, which needs the regions' rigid motion",
     "heat_conduction.temperature": "a temperature",
     "heat_conduction.largest_drift": "any",
