@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 
 from refsim import Akinci2013, BeckerTeschner2007, Dong2016, JiangZhu2023, TartakovskyMeakin2005, WeaklyCompressible
 from refsim.core.effect import Discretisation
+from refsim.surface_tension.calibration import sigma_map
 from refsim.surface_tension.dong_2016.reference import force_function
 from validation.drawing import (
     BLUE,
@@ -20,12 +22,14 @@ from validation.drawing import (
     VERMILION,
     WATER,
     caption,
+    read_data,
     seen_thousandths,
     show_balls,
     view_matrix,
 )
 from validation.experiment import Picture, Results
-from validation.experiments.models.scene import MODELS
+from validation.experiments.models.scene import ADVANCED, MODELS
+from validation.filling import ROOT
 from validation.results import real
 
 VIEW = view_matrix(azimuth=32.0, elevation=24.0)
@@ -209,7 +213,70 @@ def rest_picture(data: Mapping[str, Any]) -> Any:
     return figure
 
 
+LIQUIDS = {"summation": ("summed density, as in the papers", GREY), "continuity": ("advanced density", BLUE)}
+SEEN = {
+    "laplace": "jump\n[nominal tension]", "rayleigh": "frequency of n = 2\n[nominal tension]",
+    "spurious": "speed at rest\n[$\\sqrt{\\sigma/\\rho R}$]", "radius_variation": "a cube's ball:\nradius variation",
+    "time_s": "a cube's ball:\nat rest from [s]",
+}  # fmt: skip
+
+
+def liquids_data(results: Results) -> dict[str, Any]:
+    """Drops of R = 10 d of each model on both liquids, of the maps, and the balls that cubes become.
+
+    On the papers' liquid those are of table 1, which has settings of its own for each model.
+    """
+    table = {row["model"]: row["cut"] for row in read_data(ROOT / "figures", "models_table_1")["rows"]}
+    rows = []
+    for name, model in MODELS.items():
+        if (result := results.get(f"cut_advanced_{name}")) is None:
+            continue
+        rest = result.values["rest"]
+        ball = {"radius_variation": result.values["end"]["radius_variation"], "time_s": rest and rest["time"]}
+        balls = {"summation": table[model.words], "continuity": ball}
+        row: dict[str, Any] = {"model": model.words}
+        for liquid, own in balls.items():
+            kept = {key: own[key] for key in ("radius_variation", "time_s")}
+            row[liquid] = {**seen_of(name, liquid), **kept}
+        rows.append(row)
+    return {"title": "Drops of R = 10 d, h = 2.6 d, Wendland kernels, and the balls of cut cubes", "rows": rows}
+
+
+def seen_of(model: str, density: str) -> dict[str, Any]:
+    """What the map holds of the model's drop of 10 spacings on a liquid; empty where none lasted."""
+    place = {"model": model, "dim": 3, "support": 2.6, "stiffness": 0.01, "kernels": "wendland", "density": density}
+    for entry in sigma_map():
+        if all(entry.get(key, "summation") == value for key, value in place.items()):
+            drops = [drop for drop in entry["drops_by_radius"] if drop["radius"] == 10.0]
+            return {"spurious": entry["spurious"], **{k: d[k] for d in drops for k in ("laplace", "rayleigh")}}
+    return {}
+
+
+def liquids_picture(data: Mapping[str, Any]) -> Any:
+    """Draw both liquids side by side: a bar for each, a panel for each quantity."""
+    rows = data["rows"]
+    figure, panels = plt.subplots(1, len(SEEN), figsize=(11.0, 4.6), sharey=True)
+    at = np.arange(len(rows))[::-1]
+    for axes, (key, words) in zip(panels, SEEN.items()):
+        for shift, (liquid, (label, colour)) in zip((0.19, -0.19), LIQUIDS.items()):
+            values = [real(row[liquid].get(key)) for row in rows]
+            axes.barh(at + shift, values, 0.36, color=colour, label=label)
+            for y, value in zip(at + shift, values):
+                text = f"{value:.2g}" if math.isfinite(value) else "none"
+                axes.text(value if math.isfinite(value) else 0, y, f" {text}", va="center", fontsize=7, color=colour)
+        axes.set_title(words, fontsize=9)
+        axes.margins(x=0.25)
+        axes.grid(True, axis="x")
+        if key in ("spurious", "radius_variation"):
+            axes.set(xscale="log", xlim=(1e-3, 10.0))
+    panels[0].set_yticks(at, [row["model"] for row in rows])
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
+    figure.suptitle(data["title"], fontsize=11)
+    return figure
+
+
 PICTURES = (
+    Picture("models_liquids", liquids_data, liquids_picture, tuple(f"cut_{m}" for m in ADVANCED)),
     Picture("figure_3_force_curves", curve_data, curve_picture),
     Picture("dong_figure_1", dong_data, dong_picture),
     Picture("models_panel", panel_data, panel_picture, tuple(f"cube_{m}" for m in MODELS), shaded=True),
