@@ -291,7 +291,7 @@ def beside_akinci(fluid):
 
 
 def test_a_rate_of_restoring_that_cannot_be_is_refused():
-    with pytest.raises(InputError, match="restoring is 1.5"):
+    with pytest.raises(InputError, match=r"restoring = 1.5 is not possible; give at most 1\."):
         WeaklyCompressible(sound_speed=10.0, density="continuity", restoring=1.5)
     summed = WeaklyCompressible(sound_speed=10.0, density="summation", restoring=0.3)
     with pytest.raises(InputError, match=r"restoring = 0.3 is for an advanced density, and this one is summed; leave"):
