@@ -19,8 +19,9 @@ from refsim.core.capabilities import BalancesCohesion, KnowsLimits, Margin, Pull
 from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit
 from refsim.core.energy import EnergyAccount, EnergyState, pair_potential
 from refsim.core.errors import InputError
-from refsim.smoothing import lattice
-from refsim.sph import LIQUID, liquid_of, pressure_is_replaced
+from refsim.smoothing import lattice, smoothing
+from refsim.smoothing.reference import kernel_slope
+from refsim.sph import LIQUID, SETS, liquid_of, pressure_is_replaced
 from refsim.sph.flow import at_least
 
 COLLAPSE = 0.25  # Pi beyond which no density balances the cohesion
@@ -180,6 +181,15 @@ class PairCohesion(Effect, BalancesCohesion, KnowsLimits, PullsParticles, frozen
             return lattice_tension(force, fluid.rest_density, fluid.particle_mass(grid), grid)
         return nominal_tension(force, fluid.rest_density, grid.support_radius, grid.dim)
 
+    def tension_with_balance(self, grid: Discretisation, others: Others) -> float:
+        """sigma [N/m] of C(r) - 2 P W'(r)/rho0^2: pair force and balancing pressure, which an advanced density has
+        up to the surface; a summed one falls there."""
+        fluid, pressure = liquid_of(others), self.balanced_pressure(grid, others)
+        kernel, force = smoothing(SETS[fluid.kernels][1], grid.support_radius, grid.dim), self._force(grid, others)
+        return self._tension_of(
+            lambda r: force(r) - 2 * pressure * kernel_slope(r, kernel) / fluid.rest_density**2, grid, others
+        )
+
     def internal_pressure(self, grid: Discretisation, others: Others) -> float:
         """P_int [Pa] of the pair force in the undisturbed bulk; 0 if it does not act there."""
         if not self.acts_on_all_pairs():
@@ -214,7 +224,13 @@ class PairCohesion(Effect, BalancesCohesion, KnowsLimits, PullsParticles, frozen
     def notes(self, grid: Discretisation, others: Others) -> tuple[str, ...]:
         number = self.collapse_number(grid, others)
         notes = [stiffness_note(self.name, *limit, grid, others) for limit in self.stiffness_limits(grid, others)]
-        notes.append(liquid_note(self.name, others) if self.passes(others) else "")
+        if liquid_of(others).advances() and self.balanced_pressure(grid, others) > 0:
+            share = self.tension_with_balance(grid, others) / self._tension_of(self._force(grid, others), grid, others)
+            notes.append(
+                f"{self.name}: on an advanced density the pressure that balances cohesion acts up to the surface and"
+                f" leaves about {share:.2g} of its nominal tension: take the coefficient of calibrate(..., density ="
+                " 'continuity')"
+            )
         if number >= STRAINED:
             notes.append(
                 f"{self.name}: its cohesion compresses the bulk by about {100 * (compression(number) - 1):.0f} % (P_int"
@@ -273,16 +289,6 @@ def stiffness_note(name: str, sigma: float, largest: float, fate: str, grid: Dis
             value = f"sigma/(rho0 c^2 d) = {margin.value:.2g}"
             return f"{name}: {value} is above {largest:g}, up to which {fate}: take {needed}"
     return ""
-
-
-def liquid_note(name: str, others: Others) -> str:
-    """Note where the density is advanced: the tension of a coefficient is another one than with a summed density."""
-    if not liquid_of(others).advances():
-        return ""
-    return (
-        f"{name}: beside an advanced density a drop shows another share of this nominal tension than beside a summed"
-        " one: take the coefficient of calibrate(..., density = 'continuity')"
-    )
 
 
 def spreading_note(name: str, term: str) -> str:
