@@ -120,7 +120,7 @@ def calibrate(
             raise InputError(f"calibrate: {name} = {value} is not a positive number that can be meant in SI units.")
     if model not in SETTINGS:
         raise InputError(f"calibrate: there is no model {model!r}; choose from {', '.join(SETTINGS)}.")
-    place = {"model": model, "dim": dim, "kernels": kernels, "density": density}
+    place = {"model": model, "dim": dim, "kernels": kernels, "liquid": density}
     own = [e for e in entries if all(e.get(name, "summation") == value for name, value in place.items())]
     if not own:
         raise InputError(

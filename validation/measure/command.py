@@ -138,7 +138,7 @@ def measure_drops(given: argparse.Namespace) -> int:
     kind = importlib.import_module(f"validation.measure.{'wetting' if sessile else 'drops'}")
     rows = json.loads(given.output.read_text()) if given.output.exists() else {}
     wanted = list(kind.points(tuple(given.models or kind.MODELS), given.dims))
-    wanted = [p for p in wanted if p.density == "continuity"] if given.advanced else wanted
+    wanted = [p for p in wanted if p.liquid == "continuity"] if given.advanced else wanted
     missing = [p for p in wanted if p.key not in rows]
     longest_first = given.scheduler is not None  # on many workers the longest drop is the shortest wall time
     missing.sort(key=lambda p: (0 if longest_first else p.urgency(), p.cost() if given.jobs == 1 else -p.cost()))

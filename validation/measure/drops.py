@@ -68,7 +68,7 @@ class Point:
     support    h in spacings
     radius     R in spacings
     stiffness  S = sigma/(rho0 c^2 d) of the nominal sigma
-    kernels, density  of weakly_compressible
+    kernels, liquid  `kernels` and `density` of weakly_compressible
     kicked     whether it is set into oscillation at the end
     """
 
@@ -81,13 +81,13 @@ class Point:
     seed: int = 1
     kicked: bool = True
     dtype: Any = "float32"
-    density: Any = "summation"
+    liquid: Any = "summation"
 
     @property
     def key(self) -> str:
         """Name of the point's row."""
         size = f"h{self.support:g}.R{self.radius:g}.S{self.stiffness:g}"
-        return f"{self.model}.{self.dim}d.{self.kernels}.{size}.{self.seed}{liquid_key(self.density)}"
+        return f"{self.model}.{self.dim}d.{self.kernels}.{size}.{self.seed}{liquid_key(self.liquid)}"
 
     def cost(self) -> float:
         """About the seconds that it takes on one core."""
@@ -133,7 +133,7 @@ def at_base(model: str, setting: Mapping[str, Any]) -> bool:
 
 def summed(setting: Mapping[str, Any]) -> bool:
     """Whether a point, row or map entry is of a summed density."""
-    return setting.get("density", "summation") == "summation"
+    return setting.get("liquid", "summation") == "summation"
 
 
 def points(models: tuple[str, ...] = tuple(MODELS), dims: tuple[int, ...] = (2, 3)) -> Iterator[Point]:
@@ -144,7 +144,7 @@ def points(models: tuple[str, ...] = tuple(MODELS), dims: tuple[int, ...] = (2, 
     """
     for model, dim in itertools.product(models, dims):
         for radius in ADVANCED.get(dim, ()) if model not in BESIDE else ():
-            yield Point(model, dim, radius=radius, kernels="wendland", density="continuity")
+            yield Point(model, dim, radius=radius, kernels="wendland", liquid="continuity")
     for model, dim in itertools.product(models, dims):
         centre = base(model)
         axes = {name: values for name, values in AXES.items() if name != "stiffness" or model not in BESIDE}

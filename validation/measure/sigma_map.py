@@ -24,7 +24,7 @@ from validation.results import Result, finite
 from validation.running import Context
 
 ROWS = Path(__file__).resolve().parent.parent / "data" / "drops.json"
-AXES = ("model", "dim", "support", "stiffness", "kernels", "density")
+AXES = ("model", "dim", "support", "stiffness", "kernels", "liquid")
 WORST_MISFIT = 0.35  # of the oscillation's fit: beyond it no frequency is read
 WORST = {"spurious": max, "capillary": max, "momentum": max, "angular_momentum": max, "nn_5": min, "roughness": max}
 
@@ -68,7 +68,7 @@ def condensed(rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
 
 def setting_of(row: Mapping[str, Any], axes: Sequence[str]) -> tuple[tuple[str, Any], ...]:
     """Name and value of each axis of a row; that of the density where it is not summed."""
-    return tuple((name, row[name]) for name in axes if name != "density" or not drops.summed(row))
+    return tuple((name, row[name]) for name in axes if name != "liquid" or not drops.summed(row))
 
 
 def _entry(entry: dict[str, Any], rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:

@@ -33,7 +33,7 @@ SHAPELESS = 15.0  # degrees by which the two angles of a cap differ at most
 SHARES = {2: (2.0, 5.0, 8.0, 12.0, 16.0, 20.0, 25.0), 3: (3.0, 4.0, 5.0, 7.0, 10.0, 13.0, 16.0, 20.0, 24.0)}
 BEYOND = (0.0, 50.0)  # where no cap is expected
 MODELS = ("akinci",)
-AXES = ("dim", "support", "stiffness", "kernels", "density")
+AXES = ("dim", "support", "stiffness", "kernels", "liquid")
 
 
 @dataclass(frozen=True)
@@ -54,13 +54,13 @@ class Point:
     seed: int = 1
     begin: float = 90.0
     model: str = "akinci"
-    density: Any = "summation"
+    liquid: Any = "summation"
 
     @property
     def key(self) -> str:
         """Name of the point's row."""
         size = f"h{self.support:g}.R{self.radius:g}.S{self.stiffness:g}"
-        begun = f"from{self.begin:g}.{self.seed}{liquid_key(self.density)}"
+        begun = f"from{self.begin:g}.{self.seed}{liquid_key(self.liquid)}"
         return f"{self.model}.{self.dim}d.{self.kernels}.{size}.b{self.share:g}.{begun}"
 
     def cost(self) -> float:
@@ -81,7 +81,7 @@ def points(models: tuple[str, ...] = MODELS, dims: tuple[int, ...] = (2, 3)) -> 
     """The map at its base with three seeds, a larger size and two other starts; along h/d and S with one."""
     for dim in dims if "akinci" in models else ():
         for share in SHARES[dim] if dim == 3 else ():
-            yield Point(share, dim, radius=SIZE[dim], kernels="wendland", density="continuity")
+            yield Point(share, dim, radius=SIZE[dim], kernels="wendland", liquid="continuity")
         for share in (*SHARES[dim], *BEYOND):
             for seed in (1, 2, 3):
                 yield Point(share, dim, radius=SIZE[dim], seed=seed)

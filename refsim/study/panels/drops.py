@@ -142,7 +142,7 @@ def free_drop(point: Any, position: NDArray, velocity: NDArray | None, ohnesorge
     """The drop as it stands, with a viscosity mu = Oh sqrt(rho sigma R)."""
     fluid = WeaklyCompressible(
         rest_density=1.0, sound_speed=1 / math.sqrt(point.stiffness),
-        dynamic_viscosity=ohnesorge * math.sqrt(point.radius), kernels=point.kernels, density=point.density,
+        dynamic_viscosity=ohnesorge * math.sqrt(point.radius), kernels=point.kernels, density=point.liquid,
     )  # fmt: skip
     return Scene(
         name=point.key, spacing=1.0, support_radius=point.support, dim=point.dim, dtype=point.dtype,
@@ -172,7 +172,7 @@ def sessile(point: Any, position: NDArray) -> Scene:
     """The drop over the plane."""
     fluid = WeaklyCompressible(
         rest_density=1.0, sound_speed=1 / math.sqrt(point.stiffness),
-        dynamic_viscosity=CALM * math.sqrt(point.radius), kernels=point.kernels, density=point.density,
+        dynamic_viscosity=CALM * math.sqrt(point.radius), kernels=point.kernels, density=point.liquid,
     )  # fmt: skip
     grid = Discretisation(point.dim, "float64", 1.0, point.support, 0)
     gamma = Akinci2013(surface_tension=1.0).coefficient(grid, {"weakly_compressible": fluid})
@@ -236,7 +236,7 @@ class Drop:
     support: float = BASE["support"]
     stiffness: float = BASE["stiffness"]
     kernels: Any = BASE["kernels"]
-    density: Any = "summation"
+    liquid: Any = "summation"  # `density` of weakly_compressible
     begin: float = 90.0
     share: float = 0.0
     key: str = "drop"

@@ -220,7 +220,7 @@ def setting_words(entry: Mapping[str, Any]) -> str:
 def setting_name(entry: Mapping[str, Any]) -> str:
     """A setting as a part of a measurement's name."""
     place = f"{entry['dim']}d_{entry['kernels']}_h{entry['support']:g}_S{entry['stiffness']:g}"
-    return place + liquid_key(entry.get("density", "summation"))
+    return place + liquid_key(entry.get("liquid", "summation"))
 
 
 def wetting_planned(options: Options) -> list[Run]:

@@ -242,9 +242,9 @@ def liquids_data(results: Results) -> dict[str, Any]:
     return {"title": "Drops of R = 10 d, h = 2.6 d, Wendland kernels, and the balls of cut cubes", "rows": rows}
 
 
-def seen_of(model: str, density: str) -> dict[str, Any]:
+def seen_of(model: str, liquid: str) -> dict[str, Any]:
     """What the map holds of the model's drop of 10 spacings on a liquid; empty where none lasted."""
-    place = {"model": model, "dim": 3, "support": 2.6, "stiffness": 0.01, "kernels": "wendland", "density": density}
+    place = {"model": model, "dim": 3, "support": 2.6, "stiffness": 0.01, "kernels": "wendland", "liquid": liquid}
     for entry in sigma_map():
         if all(entry.get(key, "summation") == value for key, value in place.items()):
             drops = [drop for drop in entry["drops_by_radius"] if drop["radius"] == 10.0]
