@@ -590,16 +590,18 @@ class WeaklyCompressible(
         near = surface_of(others).near_groups(grid, others) if self.tensile_control == "inside" else {}
         return {
             **near,
-            **(self.spreading(grid, others) if self.advances() else {}),
-            "restoring": self._restoring(grid) if self.restoring else None,
+            **(self.spreading(grid, others) | self._restored(grid) if self.advances() else {}),
             "viscosity": ViscosityTerm(grid.real(sign * self.dynamic_viscosity)) if viscous else None,
             "central_viscosity": CentralViscosity(central) if self.central() else None,
         }
 
-    def _restoring(self, grid: Discretisation) -> Restoring:
+    def _restored(self, grid: Discretisation) -> dict[str, Any]:
+        """Parameter group of the return to the summed density."""
+        if not self.restoring:
+            return {"restoring": None}
         rest, own = self.rest_number_density(grid), own_number_density(self.sum_kernel(), grid.support_radius, grid.dim)
-        rate = (self.restoring or 0.0) * self.sound_speed / grid.support_radius
-        return Restoring(*map(grid.real, (rate, own, 1 / (rest - own), 1 / rest)))
+        rate = self.restoring * self.sound_speed / grid.support_radius
+        return {"restoring": Restoring(*map(grid.real, (rate, own, 1 / (rest - own), 1 / rest)))}
 
     def spreading(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         """Parameter groups of the diffusion of an advanced density."""
