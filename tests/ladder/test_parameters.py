@@ -573,6 +573,12 @@ BETWEEN = MpmWalls(
 )  # fmt: skip
 
 
+def restoring(dim, rate):
+    """delta0 of the lattice, and W(0) of Wendland C2: 7/(pi h^2) and 21/(2 pi h^3)."""
+    delta0, own = rest_number_density(dim), {2: 7 / (math.pi * H**2), 3: 21 / (2 * math.pi * H**3)}[dim]
+    return {"rate": rate, "own": own, "room": 1 / (delta0 - own), "volume": 1 / delta0}
+
+
 def water(**changes):
     return WeaklyCompressible(**({name: getattr(WATER, name) for name in WATER.__struct_fields__} | changes))
 
@@ -623,8 +629,8 @@ SETUPS = {
     "extrapolated walls": ((BoxWalls(lower=WALLS[0], upper=WALLS[1], open_faces=("+y",), model="extrapolated"), WATER,
         PULL), lambda dim: box_walls(dim) | {"lean": {"x": 0.3, "y": -9.7, "z": 0.0}}),
     # delta h_s c with h_s = h/2, and the slope rho0 g/c^2 of the density at rest
-    "advanced liquid": ((water(density="continuity", diffusion=0.05), PULL), lambda dim: (liquid(dim, clamp=0)
-        | {"diffusion": {"coefficient": 0.025 * H * C, "stretch": RHO / C**2},
+    "advanced liquid": ((water(density="continuity", diffusion=0.05, restoring=0.4), PULL),
+        lambda dim: (liquid(dim, clamp=0) | {"restoring": restoring(dim, 0.4 * C / H), "diffusion": {"coefficient": 0.025 * H * C, "stretch": RHO / C**2},
         "lean": {"x": 0.3, "y": -9.7, "z": 0.0}})),
     "shifting": ((ParticleShifting(strength=1.5), WATER, SurfaceDetection()), lambda dim: (shifting(dim, 1.5)
         | normal_term(dim) | {"near_surface_limit": detection(dim)["near_surface_limit"]})),
