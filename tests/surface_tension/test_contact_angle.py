@@ -68,7 +68,7 @@ OUTSIDE = {
     "above": ({"angle": 150.0}, "150 degrees is outside the map at h = 2.6 d, which has 60 to 120 degrees"),
     "below": ({"angle": 20.0}, "beyond it drops spread to a film or detach from the plane"),
     "dimension": ({"dim": 2}, "the map has no sessile drops in 2D with mueller kernels at h = 2.6 d"),
-    "support": ({"support_radius": 2.8e-3}, "at h = 2.8 d; it has h/d = 2.6."),
+    "support": ({"support_radius": 2.8e-3}, "at h = 2.8 d and density = 'summation'; it has h/d = 2.6."),
     "no cap": ({"settings": made_up(drop(0.0, None))}, "no drop at h = 2.6 d came to rest as a cap"),
 }
 
