@@ -93,8 +93,8 @@ def calibrate_contact_angle(
     if not there:
         known = ", ".join(f"{entry['support']:g}" for entry in own) or "none"
         raise InputError(
-            f"{this}: the map has no sessile drops in {dim}D with {kernels} kernels at h = {support:.3g} d and density ="
-            f" {density!r}; it has h/d = {known}."
+            f"{this}: the map has no sessile drops in {dim}D with {kernels} kernels at h = {support:.3g} d and"
+            f" density = {density!r}; it has h/d = {known}."
         )
     share, uncertainty = _share_of(angle, there[0], this, support)
     lengths = {"spacing": spacing, "rest_density": rest_density, "dim": dim, "kernels": kernels, "density": density}

@@ -1,7 +1,7 @@
 """The measured drops (`data/drops.json`) condensed into the sigma map that `refsim.calibrate` reads.
 
 `python -m validation measure sigma_map` writes it anew from the rows that `measure drops` measured. The experiments
-`laplace`, `oscillation` and `spurious` show it, and measure a few of its drops again.
+`laplace` and `oscillation` show it, and measure a few of its drops again.
 """
 
 from __future__ import annotations

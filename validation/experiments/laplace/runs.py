@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -13,7 +12,7 @@ from refsim import calibrate, calibrate_contact_angle
 from validation.checks import Checks
 from validation.experiment import Experiment, Options, Results, Run
 from validation.measure.drops import MODELS, SEEDED, fit_laplace, liquid_key, summed
-from validation.measure.sigma_map import WORST, at_base, digest_of, drop_run, map_run, read_rows, words_of
+from validation.measure.sigma_map import at_base, digest_of, drop_run, map_run, read_rows, words_of
 from validation.measure.wetting import ROWS, SIZE, Point, condensed, measure
 from validation.results import Result, real
 from validation.running import Context
@@ -154,40 +153,6 @@ def requested(row: Mapping[str, Any]) -> dict[str, float]:
 OSCILLATION_EXPERIMENT = Experiment(
     name="oscillation", title="frequency of kicked drops, mode n = 2, every model: tension by Rayleigh",
     runs=oscillation_planned, checks=oscillation_checks,
-)  # fmt: skip
-
-
-# Drops at rest: spurious speed, momentum, clustering.
-
-
-NAMES = ("spurious", "capillary", "momentum", "angular_momentum", "nn_5", "roughness")
-SPURIOUS_MEASURED = ("akinci", "jiang_zhu", "dong")
-RADIUS = {2: 8.0, 3: 8.5}
-
-
-def spurious_planned(options: Options) -> list[Run]:
-    """The published map, and drops measured now: three models and three seeds in 2D and 3D, one drop with --quick."""
-    if options.quick:
-        return [map_run(), drop_run(SPURIOUS_MEASURED[0], 2, RADIUS[2])]
-    every = itertools.product(RADIUS.items(), SPURIOUS_MEASURED, (1, 2, 3))
-    return [map_run(), *(drop_run(model, dim, radius, seed) for (dim, radius), model, seed in every)]
-
-
-def spurious_checks(results: Results, check: Checks) -> None:
-    """The worst seed of each model: linear momentum, which all of them keep, is judged; the rest is shown."""
-    groups: dict[tuple[str, int], list[Any]] = {}
-    for row in measured_now(results):
-        if not row["stopped"]:
-            groups.setdefault((row["model"], row["dim"]), []).append(row)
-    for (model, dim), rows in groups.items():
-        words = f"{MODELS[model][0]}, {dim}D, {len(rows)} seed{'s' * (len(rows) > 1)} measured now"
-        for name in NAMES:
-            check(name, WORST[name](row[name] for row in rows), f"{model}_{dim}d", words)
-
-
-SPURIOUS_EXPERIMENT = Experiment(
-    name="spurious", title="drops at rest, every model: spurious speed, momentum, clustering", runs=spurious_planned,
-    checks=spurious_checks,
 )  # fmt: skip
 
 
