@@ -630,7 +630,8 @@ SETUPS = {
         PULL), lambda dim: box_walls(dim) | {"lean": {"x": 0.3, "y": -9.7, "z": 0.0}}),
     # delta h_s c with h_s = h/2, and the slope rho0 g/c^2 of the density at rest
     "advanced liquid": ((water(density="continuity", diffusion=0.05, restoring=0.4), PULL),
-        lambda dim: (liquid(dim, clamp=0) | {"restoring": restoring(dim, 0.4 * C / H), "diffusion": {"coefficient": 0.025 * H * C, "stretch": RHO / C**2},
+        lambda dim: (liquid(dim, clamp=0) | {"restoring": restoring(dim, 0.4 * C / H),
+        "diffusion": {"coefficient": 0.025 * H * C, "stretch": RHO / C**2},
         "lean": {"x": 0.3, "y": -9.7, "z": 0.0}})),
     "shifting": ((ParticleShifting(strength=1.5), WATER, SurfaceDetection()), lambda dim: (shifting(dim, 1.5)
         | normal_term(dim) | {"near_surface_limit": detection(dim)["near_surface_limit"]})),
