@@ -34,28 +34,46 @@ Execute = Callable[[argparse.Namespace], CommandResult]
 
 @dataclass(frozen=True)
 class Command:
-    """A subcommand: how it reads its arguments and what it does with them."""
+    """A subcommand: the function that executes it, which `takes` its arguments."""
 
     name: str
     summary: str
-    configure: Callable[[argparse.ArgumentParser], None]
     execute: Execute
     description: str = ""
 
+    def configure(self, parser: argparse.ArgumentParser) -> None:
+        """Enter its arguments."""
+        groups: dict[str, Any] = {"": parser}
+        for names, group, settings in ARGUMENTS.get(self.execute, ()):
+            if group not in groups:
+                groups[group] = parser.add_mutually_exclusive_group()
+            groups[group].add_argument(*names, **settings)
+
 
 COMMANDS: dict[str, Command] = {}
+ARGUMENTS: dict[Execute, list[tuple[tuple[str, ...], str, dict[str, Any]]]] = {}
 
 
-def command(
-    name: str, summary: str, configure: Callable[[argparse.ArgumentParser], None] = lambda parser: None,
-    description: str = "",
-) -> Callable[[Execute], Execute]:  # fmt: skip
+def command(name: str, summary: str, description: str = "") -> Callable[[Execute], Execute]:
     """Enter the function that a command executes; a name is entered once."""
 
     def enter(execute: Execute) -> Execute:
         if name in COMMANDS:
             raise ValueError(f"command {name!r} is registered twice")
-        COMMANDS[name] = Command(name, summary, configure, execute, description)
+        COMMANDS[name] = Command(name, summary, execute, description)
+        return execute
+
+    return enter
+
+
+def takes(*names: str, group: str = "", **settings: Any) -> Callable[[Execute], Execute]:
+    """An argument of the command that a function executes, as `argparse` has it, in the order of the decorators.
+
+    group  of arguments that exclude each other
+    """
+
+    def enter(execute: Execute) -> Execute:
+        ARGUMENTS.setdefault(execute, []).insert(0, (names, group, settings))
         return execute
 
     return enter

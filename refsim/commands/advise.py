@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from refsim.commands import CommandResult, command, table, write_new
+from refsim.commands import CommandResult, command, table, takes, write_new
 from refsim.core.errors import InputError
 from refsim.study import advice
 from refsim.study.panels import abouts
@@ -13,19 +13,14 @@ take on this machine; the setting's scene is written where it has one. Without a
 scene: refsim study."""
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `refsim advise`."""
-    add = parser.add_argument
-    add("observable", nargs="?", help="one of the panels; none lists them")
-    add("--error", type=float, default=0.01, metavar="E", help="relative error to reach (0.01)")
-    add("--seconds", type=float, metavar="S", help="instead: the least error within so many measured seconds")
-    add("--gpu", action="store_true", help="the setting for a GPU; the prediction is for this machine's")
-    add("--measured", action="store_true", help="the stored seconds alone: nothing is measured on this machine")
-    add("--output", metavar="FILE", help="where the scene is written (OBSERVABLE.toml)")
-    add("--overwrite", action="store_true", help="replace a file that is there")
-
-
-@command("advise", "the cheapest setting for an accuracy", configure, DESCRIPTION)
+@command("advise", "the cheapest setting for an accuracy", DESCRIPTION)
+@takes("observable", nargs="?", help="one of the panels; none lists them")
+@takes("--error", type=float, default=0.01, metavar="E", help="relative error to reach (0.01)")
+@takes("--seconds", type=float, metavar="S", help="instead: the least error within so many measured seconds")
+@takes("--gpu", action="store_true", help="the setting for a GPU; the prediction is for this machine's")
+@takes("--measured", action="store_true", help="the stored seconds alone: nothing is measured on this machine")
+@takes("--output", metavar="FILE", help="where the scene is written (OBSERVABLE.toml)")
+@takes("--overwrite", action="store_true", help="replace a file that is there")
 def execute(options: argparse.Namespace) -> CommandResult:
     """Advise on an observable, or list what there is."""
     if options.observable is None:

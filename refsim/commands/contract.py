@@ -12,7 +12,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from refsim.commands import CommandResult, command, in_time, table
+from refsim.commands import CommandResult, command, in_time, table, takes
 from refsim.core.errors import InputError
 from refsim.core.operation import BACKENDS, REGISTRY
 from refsim.core.writing import writing
@@ -27,44 +27,38 @@ DESCRIPTION = (
 )
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `refsim contract`."""
-    add = parser.add_argument
-    add(
-        "names",
-        nargs="*",
-        metavar="PROGRAMS [OPERATION ...]",
-        help="folder/file.py, package.module or the name of an entry point of refsim.contract, with :NAME for"
-        f" another mapping than PROGRAMS, or refsim's own: {', '.join(BACKENDS)}; behind it operations to judge, all"
-        " that the backend has by default",
-    )
-    add("--dtype", action="append", default=[], help="float32 or float64; both by default")
-    add("--variant", action="append", default=[], type=int, help="number of a variant; all by default")
-    add("--step", action="append", default=[], help="T1 to T7, T9 or T10; all by default")
-    words = "seconds for the import of the programs and for each call of one (120)"
-    add("--time-limit", type=float, default=120.0, metavar="S", help=words)
-    add("--arguments", action="store_true", help="judge nothing; say what the operations named take")
-    words = "judge a trajectory: a folder of npz, bgeo or VTK files, in place of PROGRAMS, against runs of the scene"
-    add("--run", metavar="SCENE", help=words)
-    add("--at", type=float, metavar="T", help="with --run: time [s]; that of the last frame by default")
-    words = "with --run: times the width of refsim's three runs that a measure may be away from their middle (3)"
-    add("--within", type=float, metavar="N", help=words)
-    words = "with --run: no coarser run; for a code with the same equations, spacing and steps as refsim"
-    add("--chaos-only", action="store_true", help=words)
-    words = "with --run: largest difference of a measure, in place of both bands; may be repeated"
-    add("--allow", action="append", default=[], metavar="MEASURE=VALUE", help=words)
-    add("--backend", help="with --run: numpy, cpu or cuda; with --arguments and --template: cpu or cuda (cpu)")
-    words = "judge nothing; write test vectors of the operations named, all by default, into a new folder"
-    add("--export", metavar="FOLDER", help=words)
-    words = "judge nothing; print a Python file with a stub for each of the operations named"
-    add("--template", action="store_true", help=words)
-    words = f"run one trial by the name that a report gives, and write its inputs and answers into {REPLAYED}"
-    add("--replay", metavar="TRIAL", help=words)
-    add("--junit", metavar="FILE", help="write the outcomes as JUnit's XML, too, for CI servers")
-    add("--guide", action="store_true", help="judge nothing; print how to bring your own code")
-
-
-@command("contract", "judge programs of your own against the reference", configure, DESCRIPTION)
+@command("contract", "judge programs of your own against the reference", DESCRIPTION)
+@takes("names", nargs="*", metavar="PROGRAMS [OPERATION ...]",
+       help="folder/file.py, package.module or the name of an entry point of refsim.contract, with :NAME for"
+            f" another mapping than PROGRAMS, or refsim's own: {', '.join(BACKENDS)}; behind it operations to judge,"
+            " all that the backend has by default")  # fmt: skip
+@takes("--dtype", action="append", default=[], help="float32 or float64; both by default")
+@takes("--variant", action="append", default=[], type=int, help="number of a variant; all by default")
+@takes("--step", action="append", default=[], help="T1 to T7, T9 or T10; all by default")
+@takes("--time-limit", type=float, default=120.0, metavar="S",
+       help="seconds for the import of the programs and for each call of one (120)")  # fmt: skip
+@takes("--arguments", action="store_true", help="judge nothing; say what the operations named take")
+@takes("--run", metavar="SCENE",
+       help="judge a trajectory: a folder of npz, bgeo or VTK files, in place of PROGRAMS, against"
+            " runs of the scene")  # fmt: skip
+@takes("--at", type=float, metavar="T", help="with --run: time [s]; that of the last frame by default")
+@takes("--within", type=float, metavar="N",
+       help="with --run: times the width of refsim's three runs that a measure may be away from their"
+            " middle (3)")  # fmt: skip
+@takes("--chaos-only", action="store_true",
+       help="with --run: no coarser run; for a code with the same equations, spacing and steps as refsim")  # fmt: skip
+@takes("--allow", action="append", default=[], metavar="MEASURE=VALUE",
+       help="with --run: largest difference of a measure, in place of both bands; may be repeated")  # fmt: skip
+@takes("--backend", help="with --run: numpy, cpu or cuda; with --arguments and --template: cpu or cuda (cpu)")
+@takes("--export", metavar="FOLDER",
+       help="judge nothing; write test vectors of the operations named, all by default, into a new folder")  # fmt: skip
+@takes("--template", action="store_true",
+       help="judge nothing; print a Python file with a stub for each of the operations named")  # fmt: skip
+@takes("--replay", metavar="TRIAL",
+       help="run one trial by the name that a report gives, and write its inputs and answers into"
+            f" {REPLAYED}")  # fmt: skip
+@takes("--junit", metavar="FILE", help="write the outcomes as JUnit's XML, too, for CI servers")
+@takes("--guide", action="store_true", help="judge nothing; print how to bring your own code")
 def execute(options: argparse.Namespace) -> CommandResult:
     """Judge the programs and report."""
     from refsim.contract import apart

@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 from typing import Any
 
-from refsim.commands import CommandResult, command, table, write_new
+from refsim.commands import CommandResult, command, table, takes, write_new
 from refsim.core.checked import suggestion
 from refsim.core.errors import InputError
 from refsim.io.lessons import lessons, notebook, script, shown, title
@@ -39,15 +39,11 @@ def files_of(name: str, text: str) -> dict[str, bytes]:
     return {f"{name}.toml": text.encode()} | {file: (folder / file).read_bytes() for file in named if file}
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `refsim example`."""
-    parser.add_argument("names", nargs="*", metavar="NAME", help="examples to write; none lists them")
-    parser.add_argument("--output", default=".", metavar="DIR", help="folder to write into (this one)")
-    parser.add_argument("--lessons", metavar="DIR", help="write the lessons into this folder")
-    parser.add_argument("--overwrite", action="store_true", help="replace files that are there")
-
-
-@command("example", "list example scenes, or write one, or the lessons", configure, DESCRIPTION)
+@command("example", "list example scenes, or write one, or the lessons", DESCRIPTION)
+@takes("names", nargs="*", metavar="NAME", help="examples to write; none lists them")
+@takes("--output", default=".", metavar="DIR", help="folder to write into (this one)")
+@takes("--lessons", metavar="DIR", help="write the lessons into this folder")
+@takes("--overwrite", action="store_true", help="replace files that are there")
 def execute(options: argparse.Namespace) -> CommandResult:
     """List the examples, or write some of them or the lessons."""
     known, alone = examples(), packaged(".py")  # scenes, and whole methods with NumPy alone

@@ -9,7 +9,7 @@ from typing import Any
 
 import msgspec
 
-from refsim.commands import CommandResult, command, table
+from refsim.commands import CommandResult, command, table, takes
 from refsim.commands.show import file_of, parsed
 from refsim.core.capabilities import HasErrata
 from refsim.core.checked import suggestion
@@ -57,13 +57,9 @@ def _parameters(effect: type[Effect]) -> list[dict[str, Any]]:
     return found
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `refsim list`."""
-    parser.add_argument("words", nargs="*", metavar="WORD", help="what to show: part of a name, a paper or an equation")
-    parser.add_argument("--all", action="store_true", help="show every operation and effect in full")
-
-
-@command("list", "list operations and effects", configure)
+@command("list", "list operations and effects")
+@takes("words", nargs="*", metavar="WORD", help="what to show: part of a name, a paper or an equation")
+@takes("--all", action="store_true", help="show every operation and effect in full")
 def execute(options: argparse.Namespace) -> CommandResult:
     """List the registry and the effects: by method, or in full those that the words name."""
     operations: dict[str, dict[str, Any]] = {

@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from refsim.commands import CommandResult, command, in_bytes, in_time, planned, table
+from refsim.commands import CommandResult, command, in_bytes, in_time, planned, table, takes
 from refsim.core.capabilities import (
     BringsWalls,
     FollowsScene,
@@ -214,16 +214,12 @@ def _notes(plan: Plan, steps: dict[str, Any]) -> Iterator[str]:
         )
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `refsim plan`."""
-    parser.add_argument("scene", help="scene file (TOML)")
-    parser.add_argument("--backend", default="cpu", help=f"whose kernels are named: {', '.join(BACKENDS)} (cpu)")
-    parser.add_argument("--time", action="store_true", help="predict seconds and memory on this machine's backends")
-    parser.add_argument("--threads", type=int, metavar="N", help="CPU threads for --time (one for 1,024 particles)")
-    parser.add_argument("--fresh", action="store_true", help="measure the constants of --time anew")
-
-
-@command("plan", "show what a scene would allocate and launch", configure)
+@command("plan", "show what a scene would allocate and launch")
+@takes("scene", help="scene file (TOML)")
+@takes("--backend", default="cpu", help=f"whose kernels are named: {', '.join(BACKENDS)} (cpu)")
+@takes("--time", action="store_true", help="predict seconds and memory on this machine's backends")
+@takes("--threads", type=int, metavar="N", help="CPU threads for --time (one for 1,024 particles)")
+@takes("--fresh", action="store_true", help="measure the constants of --time anew")
 def execute(options: argparse.Namespace) -> CommandResult:
     """Plan a scene file."""
     if options.backend not in BACKENDS:

@@ -5,7 +5,7 @@ import os
 import time
 from typing import Any
 
-from refsim.commands import CommandResult, command, in_bytes, in_time, table
+from refsim.commands import CommandResult, command, in_bytes, in_time, table, takes
 from refsim.core.errors import InputError
 
 DESCRIPTION = (
@@ -14,26 +14,21 @@ DESCRIPTION = (
 )
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `refsim render`."""
-    add = parser.add_argument
-    add("run", metavar="RUN", help="folder that `refsim run` has written")
-    add("--frames", metavar="LIST", help="such as 0,5,-1 or 0:100:10, or all (the last one; of a film all)")
-    add("--film", metavar="FILE.mp4", help="write a film")
-    add("-o", "--output", metavar="FILE.png", help="picture to write, .png, .webp or .jpg (RUN.png)")
-    add("--gauges", action="store_true", help="plot what the gauges have measured (RUN_gauges.png)")
-    add("--style", default="paper", help="paper (opaque surfaces), water (clear ones) or particles (default paper)")
-    add("--color", metavar="FIELD", help="colour by a field of the run, such as pressure, velocity or velocity.x")
-    words = "of the colour bar (0.5 %% of a frame's particles may lie beyond either end)"
-    add("--limits", metavar="LOW,HIGH", help=words)
-    add("--camera", metavar="A,E[,Z]", help="azimuth, elevation [degrees] and zoom (default -60,20,1)")
-    add("--cut", metavar="x=0", help="leave away what lies before this plane [m]")
-    add("--surface", default="isosurface", help="isosurface (refsim's own) or pysplashsurf (default isosurface)")
-    add("--size", default="1280x960", metavar="WxH", help="pixels (default 1280x960)")
-    add("--per-second", type=float, default=25, metavar="N", help="frames of the run for a second of film (25)")
-
-
-@command("render", "draw pictures and films of a run", configure, DESCRIPTION)
+@command("render", "draw pictures and films of a run", DESCRIPTION)
+@takes("run", metavar="RUN", help="folder that `refsim run` has written")
+@takes("--frames", metavar="LIST", help="such as 0,5,-1 or 0:100:10, or all (the last one; of a film all)")
+@takes("--film", metavar="FILE.mp4", help="write a film")
+@takes("-o", "--output", metavar="FILE.png", help="picture to write, .png, .webp or .jpg (RUN.png)")
+@takes("--gauges", action="store_true", help="plot what the gauges have measured (RUN_gauges.png)")
+@takes("--style", default="paper", help="paper (opaque surfaces), water (clear ones) or particles (default paper)")
+@takes("--color", metavar="FIELD", help="colour by a field of the run, such as pressure, velocity or velocity.x")
+@takes("--limits", metavar="LOW,HIGH",
+       help="of the colour bar (0.5 %% of a frame's particles may lie beyond either end)")  # fmt: skip
+@takes("--camera", metavar="A,E[,Z]", help="azimuth, elevation [degrees] and zoom (default -60,20,1)")
+@takes("--cut", metavar="x=0", help="leave away what lies before this plane [m]")
+@takes("--surface", default="isosurface", help="isosurface (refsim's own) or pysplashsurf (default isosurface)")
+@takes("--size", default="1280x960", metavar="WxH", help="pixels (default 1280x960)")
+@takes("--per-second", type=float, default=25, metavar="N", help="frames of the run for a second of film (25)")
 def execute(options: argparse.Namespace) -> CommandResult:
     """Draw, write, and say what was written."""
     from refsim.render.pictures import Look, write_film, write_pictures

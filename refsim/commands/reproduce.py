@@ -6,7 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from refsim.commands import CommandResult, command
+from refsim.commands import CommandResult, command, takes
 from refsim.core.errors import InputError
 from refsim.core.versions import VERSION
 
@@ -17,13 +17,6 @@ DESCRIPTION = (
 )
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `refsim reproduce`."""
-    size = parser.add_mutually_exclusive_group()
-    size.add_argument("--quick", action="store_true", help="the main job: small sizes, minutes in all")
-    size.add_argument("--full", action="store_true", help="the published sizes, hours in all (the default)")
-
-
 def repository() -> Path | None:
     """Folder of the repository: the one of this package, else the current one; None if neither is."""
     for folder in (Path(__file__).resolve().parents[2], Path.cwd()):
@@ -32,7 +25,9 @@ def repository() -> Path | None:
     return None
 
 
-@command("reproduce", "run the papers' experiments (in the repository)", configure, DESCRIPTION)
+@command("reproduce", "run the papers' experiments (in the repository)", DESCRIPTION)
+@takes("--quick", action="store_true", help="the main job: small sizes, minutes in all", group="size")
+@takes("--full", action="store_true", help="the published sizes, hours in all (the default)", group="size")
 def execute(options: argparse.Namespace) -> CommandResult:
     """Run the script; its exit code. Raises InputError where there is no repository."""
     folder = repository()

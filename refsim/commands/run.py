@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from refsim.backends.loading import load_without_rules
-from refsim.commands import CommandResult, command, in_time, planned, table
+from refsim.commands import CommandResult, command, in_time, planned, table, takes
 from refsim.core.errors import InputError, RunStopped
 from refsim.core.stopping import heeding
 from refsim.engine.driver import RunReport, simulate
@@ -25,25 +25,20 @@ DESCRIPTION = """Run a scene to its end. The folder of the run holds particles.v
 checkpoint.h5, report.json and, if the run stops, a post-mortem. Ctrl-C ends the run with a checkpoint."""
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `refsim run`."""
-    add = parser.add_argument
-    add("scene", nargs="?", help="scene file (TOML); with --resume it may be left out")
-    add("--backend", help="numpy, cpu or cuda (cpu; with --resume that of the checkpoint)")
-    add("--until", type=float, metavar="T", help="end [s of simulated time] (end_time of the scene)")
-    words = "folder of the run (NAME_run for NAME.toml; with --resume that of the checkpoint)"
-    add("--output", metavar="DIR", help=words)
-    add("--every", type=float, metavar="S", help="simulated time between frames [s] (a hundredth of the run)")
-    add("--checkpoint-every", type=float, default=60.0, metavar="S", help="wall time between checkpoints [s] (60)")
-    add("--resume", metavar="FILE|DIR", help="go on from a checkpoint, or from the newest one in a folder")
-    add("--overwrite", action="store_true", help="begin anew in a folder that holds an earlier run")
-    add("--threads", type=int, metavar="N", help="CPU threads (one for 1,024 particles, at most all)")
-    add("--observable", metavar="WHAT", help="print its value, as refsim study takes it (panel:NAME of refsim advise)")
-    add("--profile", action="store_true", help="time every pass to its end, and print the seconds by pass")
-    add("--quiet", action="store_true", help="no progress")
-
-
-@command("run", "run a scene, or go on from a checkpoint", configure, DESCRIPTION)
+@command("run", "run a scene, or go on from a checkpoint", DESCRIPTION)
+@takes("scene", nargs="?", help="scene file (TOML); with --resume it may be left out")
+@takes("--backend", help="numpy, cpu or cuda (cpu; with --resume that of the checkpoint)")
+@takes("--until", type=float, metavar="T", help="end [s of simulated time] (end_time of the scene)")
+@takes("--output", metavar="DIR",
+       help="folder of the run (NAME_run for NAME.toml; with --resume that of the checkpoint)")  # fmt: skip
+@takes("--every", type=float, metavar="S", help="simulated time between frames [s] (a hundredth of the run)")
+@takes("--checkpoint-every", type=float, default=60.0, metavar="S", help="wall time between checkpoints [s] (60)")
+@takes("--resume", metavar="FILE|DIR", help="go on from a checkpoint, or from the newest one in a folder")
+@takes("--overwrite", action="store_true", help="begin anew in a folder that holds an earlier run")
+@takes("--threads", type=int, metavar="N", help="CPU threads (one for 1,024 particles, at most all)")
+@takes("--observable", metavar="WHAT", help="print its value, as refsim study takes it (panel:NAME of refsim advise)")
+@takes("--profile", action="store_true", help="time every pass to its end, and print the seconds by pass")
+@takes("--quiet", action="store_true", help="no progress")
 def execute(options: argparse.Namespace) -> CommandResult:
     """Run the scene, or go on from the checkpoint."""
     load_without_rules()

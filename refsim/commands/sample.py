@@ -7,7 +7,7 @@ import numpy as np
 
 from refsim.boundary.mesh import load_mesh
 from refsim.boundary.sampling import LITERAL, MOST_ITERATIONS, sample
-from refsim.commands import CommandResult, command, in_bytes, in_time, table
+from refsim.commands import CommandResult, command, in_bytes, in_time, table, takes
 from refsim.core.errors import InputError
 from refsim.core.writing import output_path
 from refsim.io.vtp import write_vtp
@@ -18,22 +18,17 @@ DESCRIPTION = (
 )
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
-    """The mesh, the radius and where the particles go."""
-    add = parser.add_argument
-    add("mesh", help="mesh file: .obj, .stl, .ply, .off, .glb and whatever else trimesh reads")
-    add("--radius", type=float, required=True, help="r of the particles [m]; they stand about 2 r apart")
-    add("-o", "--output", default="boundary.vtp", help="VTP file to write (default boundary.vtp)")
-    add("--seed", type=int, default=0, help="of the first places (default 0)")
-    words = "of the signed distance's grid [m] (default 1.5 r, less for thin or sharp parts)"
-    add("--grid-spacing", type=float, help=words)
-    add("--density", type=float, help="g in g A/(pi r^2) (default pi/(2 sqrt 3) = 0.9069, hexagonal)")
-    add("--iterations", type=int, default=MOST_ITERATIONS, help="most iterations of the relaxation")
-    add("--literal", default="", help=f"readings of the patent: {', '.join(LITERAL)}, paper or all")
-    add("--backend", default="cpu", choices=("cpu", "cuda"), help="where it runs (default cpu)")
-
-
-@command("sample", "spread boundary particles over a mesh", configure, DESCRIPTION)
+@command("sample", "spread boundary particles over a mesh", DESCRIPTION)
+@takes("mesh", help="mesh file: .obj, .stl, .ply, .off, .glb and whatever else trimesh reads")
+@takes("--radius", type=float, required=True, help="r of the particles [m]; they stand about 2 r apart")
+@takes("-o", "--output", default="boundary.vtp", help="VTP file to write (default boundary.vtp)")
+@takes("--seed", type=int, default=0, help="of the first places (default 0)")
+@takes("--grid-spacing", type=float,
+       help="of the signed distance's grid [m] (default 1.5 r, less for thin or sharp parts)")  # fmt: skip
+@takes("--density", type=float, help="g in g A/(pi r^2) (default pi/(2 sqrt 3) = 0.9069, hexagonal)")
+@takes("--iterations", type=int, default=MOST_ITERATIONS, help="most iterations of the relaxation")
+@takes("--literal", default="", help=f"readings of the patent: {', '.join(LITERAL)}, paper or all")
+@takes("--backend", default="cpu", choices=("cpu", "cuda"), help="where it runs (default cpu)")
 def execute(options: argparse.Namespace) -> CommandResult:
     """Read, sample, write, and say how even the particles are."""
     output = output_path(options.output, "file of particles", ".vtp")

@@ -8,7 +8,7 @@ import importlib.util
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from refsim.commands import CommandResult, command
+from refsim.commands import CommandResult, command, takes
 from refsim.core.checked import suggestion
 from refsim.core.errors import InputError
 from refsim.core.operation import REGISTRY, Operation, backend_of
@@ -114,14 +114,10 @@ def describe(operation: Operation, program: str) -> dict[str, list[Source]]:
     return found
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Operation and program."""
-    parser.add_argument("operation", help="its name, such as sph.momentum; `refsim list` names all")
-    words = "cpu, cuda, or another program of the operation (cuda:fused)"
-    parser.add_argument("--backend", default="cpu", metavar="PROGRAM", help=words)
-
-
-@command("show", "print equation, formula, reference and program of an operation", configure)
+@command("show", "print equation, formula, reference and program of an operation")
+@takes("operation", help="its name, such as sph.momentum; `refsim list` names all")
+@takes("--backend", default="cpu", metavar="PROGRAM",
+       help="cpu, cuda, or another program of the operation (cuda:fused)")  # fmt: skip
 def execute(options: argparse.Namespace) -> CommandResult:
     """Print the sources of one operation."""
     operation = REGISTRY.get(options.operation)

@@ -5,7 +5,7 @@ import shlex
 from pathlib import Path
 
 from refsim import study
-from refsim.commands import CommandResult, command, kept_in, results_folder
+from refsim.commands import CommandResult, command, kept_in, results_folder, takes
 from refsim.core.checked import suggestion
 from refsim.core.errors import InputError
 from refsim.core.writing import replace_file, writing
@@ -29,31 +29,27 @@ FAILED = 3
 GIVEN = ("levels", "finer", "ratio", "error", "reaches", "backend", "threads", "scheduler")  # as `study` takes them
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `refsim study`."""
-    add = parser.add_argument
-    add("scene", help="scene file (TOML), or the name of a panel")
-    words = "front (front:-y), kinetic_energy, field:NAME@X,Y,Z (or @mean, @max, @min), gauge:NAME, or FILE.py:function"
-    add("--observable", metavar="WHAT", help=words)
-    add("--reaches", type=float, metavar="VALUE", help="study the time at which the observable has this value")
-    add("--levels", type=int, default=3, metavar="N", help="number of spacings (3)")
-    add("--finer", type=int, metavar="N", help="how many of them are finer than the scene's (half of them)")
-    add("--ratio", type=float, default=RATIO, help=f"of two spacings, about ({RATIO:g})")
-    add("--knobs", default=",".join(KNOBS), metavar="LIST", help=f"what to change ({','.join(KNOBS)})")
-    add("--error", type=float, default=0.01, metavar="E", help="relative error to reach (0.01)")
-    add("--with-spacing", default="", metavar="LIST", help="parameters in proportion to the spacing, by name")
-    add("--method", nargs="?", const=",".join(METHODS), default="", metavar="LIST",
-        help=f"compare with other methods of {', '.join(METHODS)}; all without a LIST")  # fmt: skip
-    add("--exact", type=float, metavar="VALUE", help="hold the observable against this value, which is not zero")
-    add("--points", nargs="*", metavar="KEY", help="of a panel: measure these settings, all by default")
-    add("--backend", default="cpu", help="cpu, cuda or numpy (cpu)")
-    add("--threads", type=int, metavar="N", help="CPU threads (one for 1,024 particles, at most all)")
-    add("--scheduler", metavar="ADDRESS", help="do the runs on the workers of a Dask scheduler")
-    add("--output", metavar="DIR", help="folder of the study (NAME_study for NAME.toml)")
-    add("--quiet", action="store_true", help="no progress")
-
-
-@command("study", "say what accuracy costs in a scene", configure, DESCRIPTION)
+@command("study", "say what accuracy costs in a scene", DESCRIPTION)
+@takes("scene", help="scene file (TOML), or the name of a panel")
+@takes("--observable", metavar="WHAT",
+       help="front (front:-y), kinetic_energy, field:NAME@X,Y,Z (or @mean, @max, @min), gauge:NAME, or"
+            " FILE.py:function")  # fmt: skip
+@takes("--reaches", type=float, metavar="VALUE", help="study the time at which the observable has this value")
+@takes("--levels", type=int, default=3, metavar="N", help="number of spacings (3)")
+@takes("--finer", type=int, metavar="N", help="how many of them are finer than the scene's (half of them)")
+@takes("--ratio", type=float, default=RATIO, help=f"of two spacings, about ({RATIO:g})")
+@takes("--knobs", default=",".join(KNOBS), metavar="LIST", help=f"what to change ({','.join(KNOBS)})")
+@takes("--error", type=float, default=0.01, metavar="E", help="relative error to reach (0.01)")
+@takes("--with-spacing", default="", metavar="LIST", help="parameters in proportion to the spacing, by name")
+@takes("--method", nargs="?", const=",".join(METHODS), default="", metavar="LIST",
+       help=f"compare with other methods of {', '.join(METHODS)}; all without a LIST")  # fmt: skip
+@takes("--exact", type=float, metavar="VALUE", help="hold the observable against this value, which is not zero")
+@takes("--points", nargs="*", metavar="KEY", help="of a panel: measure these settings, all by default")
+@takes("--backend", default="cpu", help="cpu, cuda or numpy (cpu)")
+@takes("--threads", type=int, metavar="N", help="CPU threads (one for 1,024 particles, at most all)")
+@takes("--scheduler", metavar="ADDRESS", help="do the runs on the workers of a Dask scheduler")
+@takes("--output", metavar="DIR", help="folder of the study (NAME_study for NAME.toml)")
+@takes("--quiet", action="store_true", help="no progress")
 def execute(options: argparse.Namespace) -> CommandResult:
     """Study a scene file or a panel; table, picture and page are written into the study's folder."""
     scene: Scene | str = options.scene

@@ -2,7 +2,7 @@
 
 import argparse
 
-from refsim.commands import CommandResult, command, kept_in, results_folder
+from refsim.commands import CommandResult, command, kept_in, results_folder, takes
 from refsim.engine.progress import say, wanted
 from refsim.sweep import TABLE, sweep
 
@@ -12,20 +12,14 @@ stopped."""
 FAILED = 3
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `refsim sweep`."""
-    add = parser.add_argument
-    add("sweep", metavar="SWEEP.toml", help="scene, observable, and a grid or a list of parameters, seeds")
-    where = parser.add_mutually_exclusive_group()
-    where.add_argument("--scheduler", metavar="ADDRESS", help="compute on the workers of a Dask scheduler")
-    where.add_argument("--jobs", type=int, metavar="N", help="processes of this machine (as many as processors)")
-    add("--output", metavar="DIR", help="folder of the results (NAME_sweep for NAME.toml)")
-    words = "wall time between a run's checkpoints [s] (60)"
-    add("--checkpoint-every", type=float, default=60.0, metavar="S", help=words)
-    add("--quiet", action="store_true", help="no progress")
-
-
-@command("sweep", "run a scene at many parameters", configure, DESCRIPTION)
+@command("sweep", "run a scene at many parameters", DESCRIPTION)
+@takes("sweep", metavar="SWEEP.toml", help="scene, observable, and a grid or a list of parameters, seeds")
+@takes("--scheduler", metavar="ADDRESS", help="compute on the workers of a Dask scheduler", group="where")
+@takes("--jobs", type=int, metavar="N", help="processes of this machine (as many as processors)", group="where")
+@takes("--output", metavar="DIR", help="folder of the results (NAME_sweep for NAME.toml)")
+@takes("--checkpoint-every", type=float, default=60.0, metavar="S",
+       help="wall time between a run's checkpoints [s] (60)")  # fmt: skip
+@takes("--quiet", action="store_true", help="no progress")
 def execute(options: argparse.Namespace) -> CommandResult:
     """Compute what is missing; print all runs."""
     folder = results_folder(options.output, options.sweep, "sweep")

@@ -5,7 +5,7 @@ import tempfile
 import webbrowser
 from pathlib import Path
 
-from refsim.commands import CommandResult, command, in_bytes
+from refsim.commands import CommandResult, command, in_bytes, takes
 from refsim.core.writing import output_path, writing
 
 DESCRIPTION = (
@@ -14,16 +14,11 @@ DESCRIPTION = (
 )
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `refsim view`."""
-    add = parser.add_argument
-    add("run", metavar="RUN", help="folder that `refsim run` has written")
-    add("--html", metavar="FILE", help="write the page to this file, and open no browser")
-    add("--frames", metavar="LIST", help="such as 0:100:2 (all)")
-    add("--fields", metavar="LIST", help="to colour by, such as pressure,velocity.x (the eight that matter most)")
-
-
-@command("view", "show a run in the browser", configure, DESCRIPTION)
+@command("view", "show a run in the browser", DESCRIPTION)
+@takes("run", metavar="RUN", help="folder that `refsim run` has written")
+@takes("--html", metavar="FILE", help="write the page to this file, and open no browser")
+@takes("--frames", metavar="LIST", help="such as 0:100:2 (all)")
+@takes("--fields", metavar="LIST", help="to colour by, such as pressure,velocity.x (the eight that matter most)")
 def execute(options: argparse.Namespace) -> CommandResult:
     """Write the page, and open it unless --html names a file."""
     from refsim.render.view import view
