@@ -263,23 +263,29 @@ CLOSED_FORMS: dict[str, list[Callable[[], Exact]]] = {}
 
 
 def closed_form(
-    *operations: str, over: Iterable[Any] = (), across: float = 0.0
+    *operations: str, over: Iterable[Any] = (), across: float = 0.0, **named: Callable[[], Exact]
 ) -> Callable[[Callable[..., Exact]], Callable[..., Exact]]:
-    """Mark a function that returns an exactly known case of the operations.
+    """Mark a function that returns an exactly known case of the operations, or enter functions `name=function`.
 
     over    its arguments, for each of which it returns one; a tuple stands for several arguments
     across  length [m] of a periodic box across whose border the same pair is another one (`across_a_border`)
     """
 
-    def mark(maker: Callable[..., Exact]) -> Callable[..., Exact]:
+    def enter(name: str, maker: Callable[..., Exact]) -> None:
         each = [value if isinstance(value, tuple) else (value,) for value in over] or [()]
         plain = all(isinstance(part, (int, str)) for values in each for part in values)
         parts = each if plain else [(number,) for number in range(len(each))]
-        made = [_named(functools.partial(maker, *values), maker.__name__, *own) for values, own in zip(each, parts)]
+        made = [_named(functools.partial(maker, *values), name, *own) for values, own in zip(each, parts)]
         if across:
-            made.append(_named(lambda: across_a_border(maker(), across), maker.__name__, "across"))
+            made.append(_named(lambda: across_a_border(maker(), across), name, "across"))
         for operation in operations:
             CLOSED_FORMS.setdefault(operation, []).extend(made)
+
+    for name, maker in named.items():
+        enter(name, maker)
+
+    def mark(maker: Callable[..., Exact]) -> Callable[..., Exact]:
+        enter(maker.__name__, maker)
         return maker
 
     return mark

@@ -49,28 +49,36 @@ def at_half(kernel: str, dim: int) -> AtHalf:
 
 
 def for_each_kernel(
-    *operations: str, dims: tuple[int, ...] = (3,), across: float = 0.0
+    *operations: str, dims: tuple[int, ...] = (3,), across: float = 0.0, **named: Callable[[AtHalf], Exact]
 ) -> Callable[[Callable[[AtHalf], Exact]], Callable[[AtHalf], Exact]]:
     """Mark a function that returns an exactly known case of the operations for a kernel, in each of the dimensions.
 
     across  as of `closed_form`, in space
+    named   further ones, `name=function`
     """
 
-    def mark(maker: Callable[[AtHalf], Exact]) -> Callable[[AtHalf], Exact]:
+    def mark(maker: Callable[[AtHalf], Exact], name: str = "") -> Callable[[AtHalf], Exact]:
+        name = name or maker.__name__
         for kernel, dim in itertools.product(AT_HALF, dims):
-            made = [_form(maker, kernel, dim)] + [_form(maker, kernel, 3, across)] * (across > 0 and dim == 3)
+            made = [_form(name, maker, kernel, dim)] + [_form(name, maker, kernel, 3, across)] * (
+                across > 0 and dim == 3
+            )
             for operation in operations:
                 CLOSED_FORMS.setdefault(operation, []).extend(made)
         return maker
 
+    for name, maker in named.items():
+        mark(maker, name)
     return mark
 
 
-def _form(maker: Callable[[AtHalf], Exact], kernel: str, dim: int, across: float = 0.0) -> Callable[[], Exact]:
+def _form(
+    name: str, maker: Callable[[AtHalf], Exact], kernel: str, dim: int, across: float = 0.0
+) -> Callable[[], Exact]:
     def form() -> Exact:
         w = at_half(kernel, dim)
         exact = across_a_border(maker(w), across) if across else maker(w)
         return replace(exact, given={"smoothing": w.smoothing, "gradient_smoothing": w.smoothing, **exact.given})
 
-    form.__name__ = f"{maker.__name__}_{kernel}{'_2d' if dim == 2 else ''}{'_across' if across else ''}"
+    form.__name__ = f"{name}_{kernel}{'_2d' if dim == 2 else ''}{'_across' if across else ''}"
     return form

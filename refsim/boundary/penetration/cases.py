@@ -103,45 +103,32 @@ def _step(begin, speed, position, velocity, corrections=1, field=None, **changes
     return Exact(at("onto_a_slab", start), given, after | {"displacement": [moved @ moved, 0.0]})
 
 
-@closed_form("penetration.kick_drift")
-def printed_bounce():
-    """Point: z = 1 - 3 = -2 becomes 0, and v_z = -3 becomes 3/2; x and v_x are not changed."""
-    return _step((0.25, 0.5, 1.0), (1.0, 0.0, -3.0), (1.25, 0.5, 0.0), (1.0, 0.0, 1.5), swept=0)
-
-
-@closed_form("penetration.kick_drift")
-def swept_bounce():
-    """Swept, from 1 m at 3 m/s: samples z = 1, 1/4, 0, -1/4, which is 5/12 of the path; there P8 moves it to z = 0."""
-    return _step((0.25, 0.5, 1.0), (0.0, 0.0, -3.0), (0.25, 0.5, 0.0), (0.0, 0.0, 1.5))
-
-
-@closed_form("penetration.kick_drift")
-def leaving_is_not_reflected():
-    """Inside at z = -2 and rising: P8 moves it from z = -1 to 0, and v is not changed (patent E27)."""
-    return _step((0.25, 0.5, -2.0), (0.0, 0.0, 1.0), (0.25, 0.5, 0.0), (0.0, 0.0, 1.0))
-
-
-@closed_form("penetration.kick_drift")
-def printed_leaving():
-    """The printed rule reflects it nevertheless: v_z = 1 becomes -1/2."""
-    return _step((0.25, 0.5, -2.0), (0.0, 0.0, 1.0), (0.25, 0.5, 0.0), (0.0, 0.0, -0.5), printed=1)
-
-
 def _flat():
     """phi = z/5, as flat as over a rounded edge."""
     return _slab()._replace(distance=0.2 * _slab().distance)
 
 
-@closed_form("penetration.kick_drift")
-def pushed_until_out():
-    """From z = -1 m under a flat phi a push of 2|phi| leaves 3/5 of z, the seventh less than h/128."""
-    return _step((0.25, 0.5, -0.5), (0.0, 0.0, -0.5), (0.25, 0.5, -(0.6**7)), (0.0, 0.0, 0.25), field=_flat())
-
-
-@closed_form("penetration.kick_drift")
-def pushed_once():
-    """Without the sweep one push of 2|phi| is all: 3/5 of z is left."""
-    return _step((0.25, 0.5, -0.5), (0.0, 0.0, -0.5), (0.25, 0.5, -0.6), (0.0, 0.0, 0.25), field=_flat(), swept=0)
+closed_form(
+    "penetration.kick_drift",
+    # point: z = 1 - 3 = -2 becomes 0, and v_z = -3 becomes 3/2; x and v_x are not changed
+    printed_bounce=lambda: _step((0.25, 0.5, 1.0), (1.0, 0.0, -3.0), (1.25, 0.5, 0.0), (1.0, 0.0, 1.5), swept=0),
+    # swept, from 1 m at 3 m/s: samples z = 1, 1/4, 0, -1/4, which is 5/12 of the path; there P8 moves it to z = 0
+    swept_bounce=lambda: _step((0.25, 0.5, 1.0), (0.0, 0.0, -3.0), (0.25, 0.5, 0.0), (0.0, 0.0, 1.5)),
+    # inside at z = -2 and rising: P8 moves it from z = -1 to 0, and v is not changed (patent E27)
+    leaving_is_not_reflected=lambda: _step((0.25, 0.5, -2.0), (0.0, 0.0, 1.0), (0.25, 0.5, 0.0), (0.0, 0.0, 1.0)),
+    # the printed rule reflects it nevertheless: v_z = 1 becomes -1/2
+    printed_leaving=lambda: _step((0.25, 0.5, -2.0), (0.0, 0.0, 1.0), (0.25, 0.5, 0.0), (0.0, 0.0, -0.5), printed=1),
+    # from z = -1 m under a flat phi a push of 2|phi| leaves 3/5 of z, the seventh less than h/128
+    pushed_until_out=lambda: _step(
+        (0.25, 0.5, -0.5), (0.0, 0.0, -0.5), (0.25, 0.5, -(0.6**7)), (0.0, 0.0, 0.25), field=_flat()
+    ),
+    # without the sweep one push of 2|phi| is all: 3/5 of z is left
+    pushed_once=lambda: _step(
+        (0.25, 0.5, -0.5), (0.0, 0.0, -0.5), (0.25, 0.5, -0.6), (0.0, 0.0, 0.25), field=_flat(), swept=0
+    ),
+    # from the first cell of the blocks, 3.5 m deep, 1/4 m further down: to z = 0
+    first_cell=lambda: _step((-3.75, -3.75, -3.5), (0.0, 0.0, -0.25), (-3.75, -3.75, 0.0), (0.0, 0.0, 0.125)),
+)
 
 
 @closed_form("penetration.kick_drift")
@@ -157,12 +144,6 @@ def from_outside_the_box():
     return _step((-4.25, 0.5, 9.0), (1.0, 0.0, -11.0), (t - 4.25, 0.5, 0.0), (1.0, 0.0, 5.5))
 
 
-@closed_form("penetration.kick_drift")
-def first_cell():
-    """From the first cell of the blocks, 3.5 m deep, 1/4 m further down: to z = 0."""
-    return _step((-3.75, -3.75, -3.5), (0.0, 0.0, -0.25), (-3.75, -3.75, 0.0), (0.0, 0.0, 0.125))
-
-
 FAR = np.full(3, 99.0)  # [m], a corner of a box around everything
 
 
@@ -174,29 +155,22 @@ def _wall():
     return field._replace(distance=depth, inside_after=(block[:, 0] == 0).astype(np.uint8))
 
 
-@closed_form("penetration.kick_drift")
-def deep_inside():
-    """Beyond the band no distance has a slope: the particle moves on."""
-    speed = (-2.0, 1.0, 0.25)
-    return _step((9.0, 0.5, 0.5), speed, (7.0, 1.5, 0.75), speed, 0, _wall(), lower=-FAR, upper=FAR)
-
-
-@closed_form("penetration.kick_drift")
-def out_of_the_depth():
-    """It begins inside, so that only the end of its step counts, not where it meets the band: from x = 2 m to 0."""
-    speed = (-6.5, 1.0, 0.25)
-    return _step((8.5, 0.5, 0.5), speed, (0.0, 1.5, 0.75), speed, 1, _wall(), lower=-FAR, upper=FAR)
-
-
-@closed_form("penetration.kick_drift")
-def higher_than_wide():
-    """The box ends at x = 2 m; at z = 2.5 m a particle moves into the wall: samples x = -3/8, -1/8, 1/8, put to 0."""
-    box = {"lower": -FAR, "upper": np.array([2.0, 99.0, 99.0])}
-    return _step((-0.375, 0.5, 2.5), (2.0, 0.0, 0.0), (0.0, 0.5, 2.5), (-1.0, 0.0, 0.0), field=_wall(), **box)
-
-
-@closed_form("penetration.kick_drift")
-def along_the_box():
-    """Beside the box, which ends at y = 0, no distance is looked at: deep inside the wall a particle moves on."""
-    box = {"lower": -FAR, "upper": np.array([99.0, 0.0, 99.0])}
-    return _step((6.0, 0.5, 0.5), (2.0, 0.0, 0.0), (8.0, 0.5, 0.5), (2.0, 0.0, 0.0), 0, _wall(), **box)
+# Boxes that end at x = 2 m and at y = 0, and one around everything
+NARROW, LOW, ALL = ({"lower": -FAR, "upper": np.array(upper)} for upper in ([2.0, 99.0, 99.0], [99.0, 0.0, 99.0], FAR))
+closed_form(
+    "penetration.kick_drift",
+    # beyond the band no distance has a slope: the particle moves on
+    deep_inside=lambda: _step(
+        (9.0, 0.5, 0.5), (-2.0, 1.0, 0.25), (7.0, 1.5, 0.75), (-2.0, 1.0, 0.25), 0, _wall(), **ALL
+    ),
+    # it begins inside, so that only the end of its step counts, not where it meets the band: from x = 2 m to 0
+    out_of_the_depth=lambda: _step(
+        (8.5, 0.5, 0.5), (-6.5, 1.0, 0.25), (0.0, 1.5, 0.75), (-6.5, 1.0, 0.25), 1, _wall(), **ALL
+    ),
+    # at z = 2.5 m, higher than the box is wide, a particle moves into the wall: samples x = -3/8, -1/8, 1/8, put to 0
+    higher_than_wide=lambda: _step(
+        (-0.375, 0.5, 2.5), (2.0, 0.0, 0.0), (0.0, 0.5, 2.5), (-1.0, 0.0, 0.0), 1, _wall(), **NARROW
+    ),
+    # beside the box no distance is looked at: deep inside the wall a particle moves on
+    along_the_box=lambda: _step((6.0, 0.5, 0.5), (2.0, 0.0, 0.0), (8.0, 0.5, 0.5), (2.0, 0.0, 0.0), 0, _wall(), **LOW),
+)
