@@ -5,9 +5,8 @@ import math
 import numpy as np
 
 from refsim.backends.compile import formula, kernel
-from refsim.neighbours.formulas import BITS, OFFSET
 from refsim.sparse_grid.formulas import BLOCK, FARTHEST, block_key, find_node_near
-from refsim.sparse_grid.tables import PointList, blocks_of, reached
+from refsim.sparse_grid.tables import PointList, blocks_of, keys_at, reached
 
 CHUNKS, LEAST_CHUNK = 64, 2048  # of points that one thread takes in their order
 
@@ -150,10 +149,6 @@ class BlockSearch:
         self.bits = 2 if dim == 3 else 3
         self.width = 1 << self.bits
 
-    def keys(self, block):
-        """Sortable keys of block coordinates (..., 3)."""
-        return ((block[..., 2] + OFFSET) << (2 * BITS)) | ((block[..., 1] + OFFSET) << BITS) | (block[..., 0] + OFFSET)
-
     def block_of(self, coordinates):
         block = coordinates >> self.bits
         if self.dim == 2:
@@ -169,7 +164,7 @@ class BlockSearch:
         return self._blocks(np.unique(np.concatenate(runs)), below, above)
 
     def holding(self, coordinates):
-        return self._blocks(np.unique(self.keys(self.block_of(np.asarray(coordinates, np.int64)))), 1, 1)
+        return self._blocks(np.unique(keys_at(self.block_of(np.asarray(coordinates, np.int64)))), 1, 1)
 
     def _blocks(self, occupied, below, above):
         keys = reached(occupied, self.dim, (-below) >> self.bits, (self.width - 1 + above) >> self.bits)
@@ -177,7 +172,7 @@ class BlockSearch:
 
     def node_of(self, coordinates, blocks):
         """Number of the node (n,) int64 with integer coordinates (n, 3), -1 where no block holds it."""
-        key = self.keys(self.block_of(coordinates))
+        key = keys_at(self.block_of(coordinates))
         if not len(blocks.keys):
             return np.full(len(key), -1)
         place = np.minimum(np.searchsorted(blocks.keys, key), len(blocks.keys) - 1)

@@ -7,10 +7,10 @@ import numpy as np
 from refsim.backends import device
 from refsim.backends.compile import SIMULATED_THREADS, cuda, cuda_kernel, formula
 from refsim.backends.runtime import simulated
-from refsim.neighbours.formulas import BITS, OFFSET, lower_bound
+from refsim.neighbours.formulas import lower_bound
 from refsim.sparse_grid.block_table_cuda import enter_keys, make_table
 from refsim.sparse_grid.formulas import BLOCK, block_key, cell_coordinate, find_node
-from refsim.sparse_grid.tables import PointList, key_steps
+from refsim.sparse_grid.tables import PointList, key_steps, keys_at
 
 SUMMING = SIMULATED_THREADS if simulated() else 1024
 
@@ -186,9 +186,8 @@ class BlockSearch:
     def holding(self, coordinates):
         xp = device.library()
         block = xp.asarray(device.seen(coordinates)).astype(np.int64)
-        block = xp.stack([block[:, c] >> self.bits if c < self.dim else 0 * block[:, c] for c in range(3)])
-        keys = ((block[2] + OFFSET) << (2 * BITS)) | ((block[1] + OFFSET) << BITS) | (block[0] + OFFSET)
-        return self._blocks(device.wrapped(keys), 1, 1)
+        block = xp.stack([block[:, c] >> self.bits if c < self.dim else 0 * block[:, c] for c in range(3)], axis=1)
+        return self._blocks(device.wrapped(keys_at(block)), 1, 1)
 
     def _blocks(self, keys, below, above):
         axis = self._axis(below, above)

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 BITS = 21  # of a block's coordinate in its key
+OFFSET = 1 << 20  # of it, so that keys are positive
 
 
 class Blocks(NamedTuple):
@@ -24,6 +25,11 @@ class PointList(NamedTuple):
     cell: Any  # (points,) int32, the cell of each point, -1 for none
 
 
+def keys_at(block: Any) -> Any:
+    """Sortable keys (...) of blocks with integer coordinates (..., 3)."""
+    return ((block[..., 2] + OFFSET) << (2 * BITS)) | ((block[..., 1] + OFFSET) << BITS) | (block[..., 0] + OFFSET)
+
+
 def key_steps(dim: int, axis: Iterable[int]) -> np.ndarray:
     """Differences (ways,) of the keys of blocks that are the steps of `axis` apart along each axis; x runs fastest."""
     along = [list(axis) if c < dim else [0] for c in (2, 1, 0)]
@@ -35,10 +41,10 @@ def reached(occupied: np.ndarray, dim: int, low: int, high: int) -> np.ndarray:
     return np.unique((occupied[:, None] + key_steps(dim, range(low, high + 1))[None, :]).ravel())
 
 
-def blocks_of(keys: np.ndarray, dim: int) -> Blocks:
-    """The blocks with these ascending keys, and their neighbours."""
-    wanted = keys[:, None] + key_steps(dim, (-1, 0, 1))[None, :]
+def blocks_of(keys: Any, dim: int, xp: Any = np) -> Blocks:
+    """The blocks with these ascending keys, arrays of `xp`, and their neighbours."""
+    wanted = keys[:, None] + xp.asarray(key_steps(dim, (-1, 0, 1)))[None, :]
     if not len(keys):
-        return Blocks(keys, np.full(wanted.shape, -1, np.int32))
-    place = np.minimum(np.searchsorted(keys, wanted.ravel()).reshape(wanted.shape), len(keys) - 1)
-    return Blocks(keys, np.where(keys[place] == wanted, place, -1).astype(np.int32))
+        return Blocks(keys, xp.full(wanted.shape, -1, np.int32))
+    place = xp.minimum(xp.searchsorted(keys, wanted.ravel()).reshape(wanted.shape), len(keys) - 1)
+    return Blocks(keys, xp.where(keys[place] == wanted, place, -1).astype(np.int32))

@@ -12,6 +12,7 @@ from refsim.core.cases import CASES, VARIATIONS, Case, Exact, Variation, closed_
 from refsim.isosurface.cases import cell_size, extraction
 from refsim.sparse_grid import Blocks, SparseGrid, nodes
 from refsim.sparse_grid.reference import node_table
+from refsim.sparse_grid.tables import blocks_of, keys_at
 from refsim.surface_energy import Dice, SurfaceTerm, Tension, reference, surface_term
 from refsim.surface_energy.effect import SurfaceEnergy
 
@@ -193,8 +194,7 @@ H = 2.0
 
 def one_block(dim: int) -> Blocks:
     """Block 0 alone: 4 x 4 x 4 nodes, 8 x 8 in the plane, with cell 0 in one corner and the last cell in the other."""
-    neighbour = np.where(np.arange(3**dim) == 3**dim // 2, 0, -1)
-    return Blocks(np.array([2**62 + 2**41 + 2**20]), neighbour[None].astype(np.int32))
+    return blocks_of(keys_at(np.zeros((1, 3), int)), dim)
 
 
 def lone(dim: int, where: float = 0.5, blocks: Blocks | None = None, **parameters):
@@ -501,15 +501,6 @@ def two_separate_particles(dim):
     return Exact(made, given, {"node_label": label, "component_size": [1, 2, 2]})
 
 
-def blocks_at(places: np.ndarray, dim: int) -> Blocks:
-    """Blocks at integer coordinates (b, 3), in the order of z, y, x."""
-    number = {tuple(place): b for b, place in enumerate(places.tolist())}
-    steps = [(x, y, z) for z in ((-1, 0, 1) if dim == 3 else (0,)) for y in (-1, 0, 1) for x in (-1, 0, 1)]
-    neighbour = [[number.get(tuple(place + step), -1) for step in np.array(steps)] for place in places]
-    keys = ((places + 2**20) * np.array([1, 2**21, 2**42])).sum(1)
-    return Blocks(keys, np.array(neighbour, np.int32))
-
-
 @closed_form("surface_energy.components", over=(2, 3))
 def full_and_half_blocks(dim):
     """A path from node 0 over three blocks, a lone node, and a component of three full blocks and a half of a fourth.
@@ -519,7 +510,7 @@ def full_and_half_blocks(dim):
     """
     made, _, given = lone(dim)
     rows = ((0, 0), (1, 0), *((k, 0) for k in range(3, 67)), *((k, 1) for k in range(4)), (2, 2), (3, 2))
-    blocks, w = blocks_at(np.array([(*row, 0) for row in rows]), dim), 4 if dim == 3 else 8
+    blocks, w = blocks_of(keys_at(np.array([(*row, 0) for row in rows])), dim), 4 if dim == 3 else 8
     j = node_table(blocks)
     x, y, _ = j.T
     number = {tuple(place): i for i, place in enumerate(j.tolist())}

@@ -17,7 +17,7 @@ from refsim.isosurface import Mesh
 from refsim.isosurface import reference as isosurface
 from refsim.sparse_grid import Blocks, PointList
 from refsim.sparse_grid.reference import Lookup, covering
-from refsim.sparse_grid.tables import blocks_of
+from refsim.sparse_grid.tables import blocks_of, keys_at
 from refsim.surface_energy import LARGEST_INSET, Dice, SurfaceTerm, Tension, reference, surface_term
 from refsim.surface_energy.reconstruction import AREA_UNITS, CANDIDATES, DENSEST
 from refsim.surface_energy.surface import Liquid, Samples, Surface
@@ -142,8 +142,7 @@ class ReferenceReconstruction:
         reach = self.tension.radius(self.dim) + self.tension.offset + 0.5
         node = covering(position, h, self.dim, math.ceil(reach), math.floor(reach) + 2)
         width = np.array([4, 4, 4] if self.dim == 3 else [8, 8, 1])
-        place = np.unique(node // width, axis=0) + 2**20
-        blocks = blocks_of(np.sort((place[:, 2] * 2**21 + place[:, 1]) * 2**21 + place[:, 0]), self.dim)
+        blocks = blocks_of(np.unique(keys_at(node // width)), self.dim)
         return blocks, self._list(position, blocks, 0.0)
 
     def _list(self, place: Any, blocks: Blocks, shift: float) -> PointList:

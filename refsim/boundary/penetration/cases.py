@@ -8,8 +8,10 @@ import numpy as np
 from refsim.boundary.mesh import surface_mesh
 from refsim.boundary.penetration import Penetration, marked_box, penetration_groups
 from refsim.boundary.signed_distance import DistanceField, signed_distance
+from refsim.boundary.signed_distance.cases import field_at
 from refsim.core.cases import Exact, at, closed_form, cloud, groups, hard_input, other, particles, takes
 from refsim.sparse_grid import inverse_cell
+from refsim.winding_number.cases import FACES, OCTAHEDRON
 
 UNIT = 0.625  # spacing of the bands [spacings of the case]
 
@@ -17,11 +19,7 @@ UNIT = 0.625  # spacing of the bands [spacings of the case]
 @functools.cache
 def _octahedron() -> DistanceField:
     """Band of an octahedron of radius 1.7, nodes UNIT apart, about the origin."""
-    corners = 1.7 * np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], dtype=float)
-    faces = np.array(
-        [[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]], dtype=np.int64
-    )
-    return signed_distance(surface_mesh(corners, faces), UNIT, dtype="float64").field
+    return signed_distance(surface_mesh(1.7 * OCTAHEDRON, FACES), UNIT, dtype="float64").field
 
 
 def octahedron(center: np.ndarray, size: float, dtype: str) -> DistanceField:
@@ -73,20 +71,12 @@ hard_input("towards_edges", 3, lambda: cloud("towards_edges", 120, 3, 0.12))
 hard_input("outside_the_grid", 3, lambda: 6 * cloud("outside_the_grid", 120, 3))
 
 
+BLOCKS = [(x, y, z) for z in (-1, 0) for y in (-1, 0) for x in (-1, 0)]  # around the origin
+
+
 def _slab() -> DistanceField:
     """phi = z, linear, so that interpolation is exact: the solid fills z < 0; 8 blocks around the origin, h = 1 m."""
-    axis = np.arange(-1, 1)
-    block = np.array([(x, y, z) for z in axis for y in axis for x in axis])
-    keys = ((block[:, 2] + (1 << 20)) << 42) + ((block[:, 1] + (1 << 20)) << 21) + block[:, 0] + (1 << 20)
-    number = {tuple(b): n for n, b in enumerate(block.tolist())}
-    steps = [(x, y, z) for z in (-1, 0, 1) for y in (-1, 0, 1) for x in (-1, 0, 1)]
-    neighbour = [[number.get(tuple(b + np.array(s)), -1) for s in steps] for b in block]
-    height = np.concatenate([np.repeat(4.0 * b[2] + np.arange(4), 16) for b in block])
-    zero, one = np.float64(0), np.float64(1)
-    return DistanceField(
-        keys.astype(np.int64), np.array(neighbour, np.int32), height, np.zeros(len(height), np.int32),
-        np.zeros(8, np.uint8), one, one, np.float64(5), zero, zero, zero,
-    )  # fmt: skip
+    return field_at(BLOCKS, np.concatenate([np.repeat(4.0 * z + np.arange(4), 16) for _, _, z in BLOCKS]))
 
 
 def _step(begin, speed, position, velocity, corrections=1, field=None, **changes):
@@ -149,10 +139,8 @@ FAR = np.full(3, 99.0)  # [m], a corner of a box around everything
 
 def _wall():
     """phi = -x: the solid fills x > 0, also beyond the last block."""
-    field = _slab()
-    block = np.array([(x, y, z) for z in (-1, 0) for y in (-1, 0) for x in (-1, 0)])
-    depth = np.concatenate([np.tile(-4.0 * b[0] - np.arange(4), 16) for b in block])
-    return field._replace(distance=depth, inside_after=(block[:, 0] == 0).astype(np.uint8))
+    field = field_at(BLOCKS, np.concatenate([np.tile(-4.0 * x - np.arange(4), 16) for x, _, _ in BLOCKS]))
+    return field._replace(inside_after=np.array([x == 0 for x, _, _ in BLOCKS], np.uint8))
 
 
 # Boxes that end at x = 2 m and at y = 0, and one around everything

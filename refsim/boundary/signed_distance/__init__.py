@@ -6,7 +6,6 @@ sorted keys. The distance is negative inside.
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -20,6 +19,7 @@ from refsim.core.operation import REGISTRY
 from refsim.scene.overlaps import edge_numbers
 from refsim.scene.solids import countable
 from refsim.sparse_grid import Blocks, inverse_cell, nodes
+from refsim.sparse_grid.tables import blocks_of
 from refsim.winding_number import Clusters, clusters
 
 LEAST_BAND = 2.0  # band over spacing: a cell that the surface meets has all its corners nearer than sqrt(3) spacings
@@ -301,19 +301,7 @@ def band_blocks(backend: Backend, triangles: Triangles, grid: BandGrid) -> tuple
     keys = key[place]
     ends = xp.full(1, pairs, np.int32)
     lists = TriangleLists(give(xp.concatenate([place.astype(np.int32), ends])), give(triangle))
-    return Blocks(give(keys), give(_neighbours(xp, keys))), lists
-
-
-def _neighbours(xp: Any, keys: Any) -> Any:
-    """(b, 27) int32 numbers of the adjacent blocks, x lowest, -1 for none."""
-    found = xp.full((len(keys), 27), -1, dtype=np.int32)
-    for slot, (z, y, x) in enumerate(itertools.product((-1, 0, 1), repeat=3)):
-        if not len(keys):
-            break
-        wanted = keys + ((z << 42) + (y << 21) + x)
-        place = xp.minimum(xp.searchsorted(keys, wanted), len(keys) - 1)
-        found[:, slot] = xp.where(keys[place] == wanted, place, -1)
-    return found
+    return Blocks(*map(give, blocks_of(keys, 3, xp))), lists
 
 
 def block_rows(keys: np.ndarray) -> np.ndarray:

@@ -5,26 +5,14 @@ import math
 
 import numpy as np
 
+from refsim.boundary import signed_distance
 from refsim.boundary.mesh import SurfaceMesh
-from refsim.boundary.signed_distance import (
-    BandGrid,
-    DistanceField,
-    TriangleLists,
-    Triangles,
-    _neighbours,
-    band_grid,
-    block_rows,
-    reference,
-    triangle_table,
-)
+from refsim.boundary.signed_distance import BandGrid, DistanceField, TriangleLists, Triangles, band_grid, reference
 from refsim.core.cases import CASES, VARIATIONS, Case, Exact, Variation, at, closed_form, groups, hard_input, takes
-from refsim.sparse_grid import Blocks
+from refsim.sparse_grid.tables import blocks_of, keys_at
 from refsim.winding_number import clusters
+from refsim.winding_number.cases import FACES, OCTAHEDRON
 
-OCTAHEDRON = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], float)
-OCTAHEDRON_FACES = np.array(
-    [[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]], np.int64
-)
 SHIFT = np.array([0.31, 0.17, 0.23])  # of the grid's spacing, from a case's first particle to the grid's nodes
 BODIES = 8  # around the first particles of a case
 QUERIES = 40
@@ -36,7 +24,7 @@ def bodies(made: Case) -> SurfaceMesh:
     place = place[np.sort(np.unique(np.round(1e6 * place / made.spacing), axis=0, return_index=True)[1])]
     place = place[np.abs(place).max(1, initial=0.0) < 1000 * made.spacing]
     corner = (place[:, None] + 0.45 * made.spacing * (OCTAHEDRON @ _turn().T)[None]).reshape(-1, 3) + _shift(made)
-    faces = (6 * np.arange(len(place))[:, None, None] + OCTAHEDRON_FACES[None]).reshape(-1, 3)
+    faces = (6 * np.arange(len(place))[:, None, None] + FACES[None]).reshape(-1, 3)
     return SurfaceMesh(corner, faces, np.zeros(3))
 
 
@@ -114,7 +102,7 @@ def band_of(name: str, dtype: str) -> dict:
     made = CASES[name]()
     mesh = SHAPES[name]() if name in SHAPES else bodies(made)
     h = SPACINGS.get(name, 0.25 * made.spacing)
-    triangles, grid = triangle_table(mesh, dtype), band_grid(h, BANDS.get(name, 2.5) * h, dtype)
+    triangles, grid = signed_distance.triangle_table(mesh, dtype), band_grid(h, BANDS.get(name, 2.5) * h, dtype)
     found: dict = {"triangles": triangles, "band_grid": grid} | follow(triangles, grid, dtype)
     found["unclear"] = made.random("unclear").integers(0, 2, (len(mesh.faces), 7)).astype(np.uint8)
     found["winding_clusters"] = clusters(mesh.corners, dtype)
@@ -132,12 +120,12 @@ def follow(triangles: Triangles, grid: BandGrid, dtype: str) -> dict:
     key, triangle = pairs["pair_key"].astype(np.int64), pairs["pair_triangle"].astype(np.int32)
     order = np.argsort(key, kind="stable")
     keys, begin = np.unique(key[order], return_index=True)
-    blocks = Blocks(keys, _neighbours(np, keys))
+    blocks = blocks_of(keys, 3)
     lists = TriangleLists(np.append(begin, len(key)).astype(np.int32), triangle[order])
     near = {n: v for n, (v, _) in reference.nearest(triangles, grid, blocks, lists).items()}
     unsigned, closest = near["unsigned_distance"].astype(dtype), near["closest"].astype(np.int32)
     signed = reference.signs(triangles, grid, blocks, closest, unsigned, None, None)["distance"][0].astype(dtype)
-    rows = block_rows(keys)
+    rows = signed_distance.block_rows(keys)
     filled = reference.fill(grid, rows, closest, signed)
     after = filled["inside_after"][0].astype(np.uint8)
     field = DistanceField(
@@ -149,6 +137,13 @@ def follow(triangles: Triangles, grid: BandGrid, dtype: str) -> dict:
         "triangle_lists": lists, "unsigned_distance": unsigned, "closest": closest, "distance": signed,
         "row_first": rows, "inside_after": after, "distance_field": field,
     }  # fmt: skip
+
+
+def field_at(block: object, distance: np.ndarray) -> DistanceField:
+    """Distances [m] at the nodes of blocks with integer coordinates (b, 3), h = 1 m, band 5 m, about the origin."""
+    blocks, (zero, one) = blocks_of(keys_at(np.array(block, np.int64)), 3), map(np.float64, (0, 1))
+    unknown = np.zeros(len(distance), np.int32), np.zeros(len(blocks.keys), np.uint8)
+    return DistanceField(*blocks, distance, *unknown, one, one, np.float64(5), zero, zero, zero)
 
 
 def queries(made: Case, mesh: SurfaceMesh, grid: BandGrid) -> np.ndarray:
@@ -198,24 +193,17 @@ def cube_distance(place: np.ndarray) -> np.ndarray:
     return np.linalg.norm(np.maximum(over, 0), axis=1) + np.minimum(over.max(1), 0)
 
 
-def _cube(*names):
-    """The unit cube's nodes, |phi| and phi by hand."""
+def _cube(name):
+    """|phi| or phi at the unit cube's nodes by hand."""
     given = band_of("unit_cube", "float64")
     known, band = cube_distance(0.5 * reference.node_table(given["band_blocks"])), 1.25
     answers = {"unsigned_distance": np.minimum(np.abs(known), band), "distance": np.minimum(known, band)}
-    return Exact(CASES["unit_cube"](), {}, {name: answers[name] for name in names})
+    return Exact(CASES["unit_cube"](), {}, {name: answers[name]})
 
 
-@closed_form("signed_distance.nearest")
-def nodes_of_a_cube():
-    """Distance of every node from the cube, at most the band of 5/4 m; h = 1/2 m."""
-    return _cube("unsigned_distance")
-
-
-@closed_form("signed_distance.signs")
-def signs_of_a_cube():
-    """The cube is 1 m deep, so that all of its inside lies in the band."""
-    return _cube("distance")
+# Distance of every node from the cube, at most the band of 5/4 m, h = 1/2 m; all of its inside lies in the band
+closed_form("signed_distance.nearest", nodes_of_a_cube=lambda: _cube("unsigned_distance"))
+closed_form("signed_distance.signs", signs_of_a_cube=lambda: _cube("distance"))
 
 
 @closed_form("signed_distance.fill")
@@ -257,7 +245,7 @@ def speck() -> tuple[Case, dict]:
     """
     corner = 1.5 + np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]) / 1024
     faces = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]], np.int64)
-    given = {"triangles": triangle_table(SurfaceMesh(corner, faces, np.zeros(3)), "float64")}
+    given = {"triangles": signed_distance.triangle_table(SurfaceMesh(corner, faces, np.zeros(3)), "float64")}
     given["band_grid"] = band_grid(1.0, 2.0, "float64")
     given["block_first"] = 7 * np.arange(5, dtype=np.int32)
     given |= {"pair_key": np.zeros(28, np.int64), "pair_triangle": np.zeros(28, np.int32)}
@@ -276,8 +264,8 @@ def their_keys():
     """The same blocks by key, z before y before x."""
     made, given = speck()
     steps = [(0, 0, -1), (0, -1, 0), (-1, 0, 0), (0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)]
-    keys = [((z + 2**20) * 2**21 + y + 2**20) * 2**21 + x + 2**20 for x, y, z in steps]
-    return Exact(made, given, {"pair_key": np.array(4 * keys), "pair_triangle": np.repeat(np.arange(4), 7)})
+    keys = np.tile(keys_at(np.array(steps)), 4)
+    return Exact(made, given, {"pair_key": keys, "pair_triangle": np.repeat(np.arange(4), 7)})
 
 
 def _apart(count: int) -> tuple[np.ndarray, ...]:
@@ -293,7 +281,7 @@ def _obtuse(order: list[int]) -> Exact:
     point. From all other nodes the nearest point is on one of the same edges, too.
     """
     corner = np.array([[1.5, 1.5, 1.5], [1.5, 5.5, 1.5], [1.5, -2.5, 2.5]])
-    blocks = Blocks(np.array([2**62 + 2**41 + 2**20]), np.where(np.arange(27) == 13, 0, -1)[None].astype(np.int32))
+    blocks = blocks_of(keys_at(np.zeros((1, 3), int)), 3)
     node = reference.node_table(blocks).astype(float)
     distance = np.full(64, np.inf)
     for k in range(3):
@@ -319,16 +307,11 @@ def _obtuse(order: list[int]) -> Exact:
     return Exact(made, given, {"unsigned_distance": wanted, "closest": np.zeros(64)})
 
 
-@closed_form("signed_distance.nearest")
-def beyond_two_edges():
-    """The plane of y and z."""
-    return _obtuse([0, 1, 2])
-
-
-@closed_form("signed_distance.nearest")
-def beyond_two_edges_upright():
-    """The plane of z and y."""
-    return _obtuse([0, 2, 1])
+closed_form(
+    "signed_distance.nearest",
+    beyond_two_edges=lambda: _obtuse([0, 1, 2]),  # in the plane of y and z
+    beyond_two_edges_upright=lambda: _obtuse([0, 2, 1]),  # in the plane of z and y
+)
 
 
 @closed_form("signed_distance.interpolate")
@@ -348,12 +331,8 @@ def sides_of_missing_blocks():
 
     Seven corners of the cell before node 0 have no block.
     """
-    block = np.array([[0, 0, 0], [0, 1, 1], [1, 1, 1]], np.int64)
-    keys = ((block[:, 2] + 2**20) * 2**21 + block[:, 1] + 2**20) * 2**21 + block[:, 0] + 2**20
-    field = DistanceField(
-        keys, _neighbours(np, keys), np.full(192, 3.0), np.zeros(192, np.int32), np.array([1, 0, 1], np.uint8),
-        np.float64(1), np.float64(1), np.float64(5), *3 * (np.float64(0),),
-    )  # fmt: skip
+    field = field_at([[0, 0, 0], [0, 1, 1], [1, 1, 1]], np.full(192, 3.0))
+    field = field._replace(inside_after=np.array([1, 0, 1], np.uint8))
     answers = {
         (-0.5, -0.5, -0.5): (0.125 * (7 * 5 + 3), -0.5), (6.5, 1.5, 1.5): (-5.0, 0.0), (-6.5, 1.5, 1.5): (5.0, 0.0),
         (9.5, 5.5, 5.5): (-5.0, 0.0), (-2.5, 5.5, 5.5): (5.0, 0.0), (9.5, 1.5, 5.5): (5.0, 0.0),
@@ -410,11 +389,7 @@ def onto_a_strip():
     closest = np.full((4, 4, 4), -1, np.int32)
     for (x, y, z), triangle in known.items():
         closest[z, y, x] = triangle
-    blocks = Blocks(np.array([2**62 + 2**41 + 2**20]), np.where(np.arange(27) == 13, 0, -1)[None].astype(np.int32))
-    field = DistanceField(
-        blocks.keys, blocks.neighbour, np.zeros(64), closest.ravel(), np.zeros(1, np.uint8), np.float64(1),
-        np.float64(1), np.float64(5), *3 * (np.float64(0),),
-    )  # fmt: skip
+    field = field_at([[0, 0, 0]], np.zeros(64))._replace(closest=closest.ravel())
     answers = {
         (3.25, 0.25, 1.5): (3.25, 0.25, 0), (0.25, 0.25, 1.5): (0.25, 0.25, 0), (0.25, 1.25, 1.75): (0.25, 1, 0),
         (-0.5, -0.5, -0.5): (0, 0, 0), (-0.5, 2.5, 2.5): (0, 1, 0), (2.5, -0.5, 2.5): (2.5, 0, 0),
