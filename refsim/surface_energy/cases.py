@@ -248,16 +248,13 @@ def _facet(dim, corners, centroid, area, normal):
     return Exact(made, given, {name: np.array([value]) for name, value in expected.items()})
 
 
-@closed_form("surface_energy.facet_samples")
-def right_triangle():
-    """Sides 3 and 4 m at a right angle in the plane z = 5 m: area 6 m^2, normal +z."""
-    return _facet(3, [[0.0, 0, 5], [3, 0, 5], [0, 4, 5]], [1.0, 4 / 3, 5.0], 6.0, [0.0, 0, 1])
-
-
-@closed_form("surface_energy.facet_samples")
-def segment():
-    """From (0, 0) to (3, 4): length 5, the outside on the right."""
-    return _facet(2, [[0.0, 0, 0], [3, 4, 0]], [1.5, 2.0, 0.0], 5.0, [0.8, -0.6, 0.0])
+closed_form(
+    "surface_energy.facet_samples",
+    # sides 3 and 4 m at a right angle in the plane z = 5 m: area 6 m^2, normal +z
+    right_triangle=lambda: _facet(3, [[0.0, 0, 5], [3, 0, 5], [0, 4, 5]], [1.0, 4 / 3, 5.0], 6.0, [0.0, 0, 1]),
+    # from (0, 0) to (3, 4): length 5, the outside on the right
+    segment=lambda: _facet(2, [[0.0, 0, 0], [3, 4, 0]], [1.5, 2.0, 0.0], 5.0, [0.8, -0.6, 0.0]),
+)
 
 
 def _candidates(x, facets, before, dice, expected, place):
@@ -276,10 +273,11 @@ def candidates_on_two_segments():
     return _candidates([0, 1, 4], [[0, 1], [1, 2]], [0, 1 << 20, 4 << 20], (1, 4), [0, 1, 1, 1], x)
 
 
-@closed_form("surface_energy.candidates")
-def candidates_without_area():
-    """Facets without area: all candidates on the last of them."""
-    return _candidates([3, 3], [[0, 1], [1, 0]], [0, 0, 0], (1, 2), [1, 1], [3, 3])
+# Facets without area: all candidates on the last of them
+closed_form(
+    "surface_energy.candidates",
+    candidates_without_area=lambda: _candidates([3, 3], [[0, 1], [1, 0]], [0, 0, 0], (1, 2), [1, 1], [3, 3]),
+)
 
 
 def _darts(x, accepted, blocks=None):
@@ -291,16 +289,15 @@ def _darts(x, accepted, blocks=None):
     return Exact(made, given, {"accepted": np.array(accepted([reference.hash_word(4, k, 3) for k in range(3)]), int)})
 
 
-@closed_form("surface_energy.poisson_disk")
-def three_darts():
-    """Three in a row, 0.8 m apart, with disks of 1 m: the one in the middle, or the two others."""
-    return _darts(((0.5, 1), (1.3, 1), (2.1, 1)), lambda t: [0, 1, 0] if t[1] == min(t) else [1, 0, 1])
-
-
-@closed_form("surface_energy.poisson_disk")
-def darts_at_both_ends():
-    """Two in cell 0, 0.8 m apart, of which the one drawn first is taken, and one in the last cell."""
-    return _darts(((0.5, 1), (1.3, 1), (15, 15)), lambda t: [t[0] < t[1], t[1] < t[0], 1], one_block(2))
+closed_form(
+    "surface_energy.poisson_disk",
+    # three in a row, 0.8 m apart, with disks of 1 m: the one in the middle, or the two others
+    three_darts=lambda: _darts(((0.5, 1), (1.3, 1), (2.1, 1)), lambda t: [0, 1, 0] if t[1] == min(t) else [1, 0, 1]),
+    # two in cell 0, 0.8 m apart, of which the one drawn first is taken, and one in the last cell
+    darts_at_both_ends=lambda: _darts(
+        ((0.5, 1), (1.3, 1), (15, 15)), lambda t: [t[0] < t[1], t[1] < t[0], 1], one_block(2)
+    ),
+)
 
 
 @closed_form("surface_energy.offsets")
@@ -389,18 +386,16 @@ def end_fit(dim: int):
     return found
 
 
-@closed_form("surface_energy.fit_weights")
-def weights_of_one_sample():
-    """Lambda_j = 1/(B_j(x) + B_j(q))."""
-    made, given, _, _ = middle_fit(3)
-    return Exact(made, given, {name: given[name] for name in ("fit_splines", "node_weight")})
+def _weights(given):
+    return Exact(given[0], given[1], {name: given[1][name] for name in ("fit_splines", "node_weight")})
 
 
-@closed_form("surface_energy.fit_weights")
-def weights_at_the_first_node():
-    """Lambda_j = 1/(B_j(x) + 2 B_j(q)); the splines of the point outside are 0."""
-    made, given, _, _ = end_fit(3)
-    return Exact(made, given, {name: given[name] for name in ("fit_splines", "node_weight")})
+closed_form(
+    "surface_energy.fit_weights",
+    weights_of_one_sample=lambda: _weights(middle_fit(3)),  # Lambda_j = 1/(B_j(x) + B_j(q))
+    # Lambda_j = 1/(B_j(x) + 2 B_j(q)); the splines of the point outside are 0
+    weights_at_the_first_node=lambda: _weights(end_fit(3)),
+)
 
 
 @closed_form("surface_energy.fit", over=(2, 3))
@@ -442,15 +437,14 @@ def plane(place, outward, blocks: Blocks | None = None):
     return Exact(made, given, {"surface_value": value, "surface_gradient": slope, "sample_normal": normal})
 
 
-@closed_form("surface_energy.mls_normals", "surface_energy.spline_normals")
-def plane_in_the_middle():
-    return plane([[1.1, 2.3, 0.7], [0.2, 0.1, 2.9]], [[1.0, 0, 0], [-1.0, 0, 0]])
-
-
-@closed_form("surface_energy.mls_normals", "surface_energy.spline_normals")
-def plane_at_the_first_node():
-    """Where splines begin at node 0; and outside all blocks."""
-    return plane([[1.1, 2.3, 1.7], [1.2, 1.1, 2.9], [99.0, 1.0, 1.0]], [[1.0, 0, 0]] * 3, one_block(3))
+closed_form(
+    "surface_energy.mls_normals", "surface_energy.spline_normals",
+    plane_in_the_middle=lambda: plane([[1.1, 2.3, 0.7], [0.2, 0.1, 2.9]], [[1.0, 0, 0], [-1.0, 0, 0]]),
+    # where splines begin at node 0; and outside all blocks
+    plane_at_the_first_node=lambda: plane(
+        [[1.1, 2.3, 1.7], [1.2, 1.1, 2.9], [99.0, 1.0, 1.0]], [[1.0, 0, 0]] * 3, one_block(3)
+    ),
+)  # fmt: skip
 
 
 @closed_form("surface_energy.inset")

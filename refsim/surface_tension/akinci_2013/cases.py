@@ -1,7 +1,6 @@
 """Inputs and closed forms of Akinci et al. 2013."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
@@ -40,12 +39,13 @@ plain_keeps("akinci_2013.tension", spline="the equation sums cohesion and area t
 
 # h = 2 m in 3D at r = h/2: C = 32/(pi h^3) (1/64) = 1/(16 pi), the spline's greatest attraction.
 PAIR = pair_case("akinci_pair")
-NEAR = replace(PAIR, name="akinci_near_pair", position=np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.5]]))
+NEAR = at("akinci_near_pair", [[0.0, 0.0, 0.0], [0.0, 0.0, 0.5]])
 MASS, DENSITY = np.array([2.0, 3.0]), np.array([1000.0, 600.0])  # K_12 = 2 1000/1600 = 5/4
 SPLINE = CohesionSpline(0.5, 0.5 * 4 / math.pi)
 
 
 PULL = 5 / 4 * 0.5 / (16 * math.pi)  # K gamma C(h/2)
+PUSH = 5 / 4 * 0.5 * 4 / math.pi * 5 / 2048  # at r = h/4 the core repels: 2 (3/4)^3 (1/4)^3 - 1/64 = -5/2048
 
 
 def _pair(acceleration, case=PAIR, **given):
@@ -54,24 +54,14 @@ def _pair(acceleration, case=PAIR, **given):
     return Exact(case, own | {"area_normal": np.zeros((2, 3))} | given, {"acceleration": np.array(acceleration)})
 
 
-@closed_form("akinci_2013.tension")
-def attracted_pair():
-    """a_1 = -K gamma m_2 C(h/2) e_12 with K = 5/4."""
-    return _pair([[0.0, 3 * PULL, 0.0], [0.0, -2 * PULL, 0.0]])
-
-
-@closed_form("akinci_2013.tension:fused")
-def pair_at_rest():
-    """Without pressure and at equal velocities only cohesion acts."""
-    more = {"pressure": np.zeros(2), "velocity": np.ones((2, 3)), "walls": None}
-    return _pair([[0.0, 3 * PULL, 0.0], [0.0, -2 * PULL, 0.0]], **more)
-
-
-@closed_form("akinci_2013.tension")
-def repelled_pair():
-    """At r = h/4 the core repels: 2 (3/4)^3 (1/4)^3 - 1/64 = -5/2048 = C pi h^3/32."""
-    push = 5 / 4 * 0.5 * 4 / math.pi * 5 / 2048
-    return _pair([[0.0, 0.0, -3 * push], [0.0, 0.0, 2 * push]], NEAR)
+ATTRACTED = [[0.0, 3 * PULL, 0.0], [0.0, -2 * PULL, 0.0]]  # a_1 = -K gamma m_2 C(h/2) e_12 with K = 5/4
+AT_REST = {"pressure": np.zeros(2), "velocity": np.ones((2, 3)), "walls": None}  # so that only cohesion acts
+closed_form(
+    "akinci_2013.tension",
+    attracted_pair=lambda: _pair(ATTRACTED),
+    repelled_pair=lambda: _pair([[0.0, 0.0, -3 * PUSH], [0.0, 0.0, 2 * PUSH]], NEAR),
+)
+closed_form("akinci_2013.tension:fused", pair_at_rest=lambda: _pair(ATTRACTED, **AT_REST))
 
 
 @closed_form("akinci_2013.tension")

@@ -23,24 +23,16 @@ VARIATIONS[Attraction] = Variation(_attraction_follows, other={"least_q": lambda
 takes("becker_teschner_2007.cohesion", smoothing="support_radius dim")
 
 
-# h = 2 m in 3D: W(0) = 1/pi, W(h/2) = W(0)/4, W(h/4) = (1 - 6/16 + 6/64) W(0) = 23/32 W(0).
-PAIR = pair_case("attracted_pair", 0.5)
+def _pair(kernel, least_q):
+    """h = 2 m in 3D: W(0) = 1/pi, W(h/2) = W(0)/4, W(h/4) = (1 - 6/16 + 6/64) W(0) = 23/32 W(0)."""
+    pull = 0.5 * kernel / math.pi * 0.5
+    given = {"mass": [2.0, 3.0], "attraction": Attraction(0.5, 0.5 / math.pi, least_q)}
+    expected = np.array([[0.0, 3 / 2 * pull, 0.0], [0.0, -2 / 3 * pull, 0.0]])
+    return Exact(pair_case("attracted_pair", 0.5), given, {"acceleration": expected})
 
 
-def _pull(kernel):
-    f = 0.5 * kernel / math.pi * 0.5
-    return np.array([[0.0, 3 / 2 * f, 0.0], [0.0, -2 / 3 * f, 0.0]])
-
-
-@closed_form("becker_teschner_2007.cohesion")
-def plain_pair():
-    """a_1 = -kappa m_2/m_1 W(h/4) x_12."""
-    given = {"mass": [2.0, 3.0], "attraction": Attraction(0.5, 0.5 / math.pi, 0.0)}
-    return Exact(PAIR, given, {"acceleration": _pull(23 / 32)})
-
-
-@closed_form("becker_teschner_2007.cohesion")
-def clamped_pair():
-    """Below one spacing the kernel is W(h/2)."""
-    given = {"mass": [2.0, 3.0], "attraction": Attraction(0.5, 0.5 / math.pi, 0.5)}
-    return Exact(PAIR, given, {"acceleration": _pull(1 / 4)})
+closed_form(
+    "becker_teschner_2007.cohesion",
+    plain_pair=lambda: _pair(23 / 32, 0.0),  # a_1 = -kappa m_2/m_1 W(h/4) x_12
+    clamped_pair=lambda: _pair(1 / 4, 0.5),  # below one spacing the kernel is W(h/2)
+)

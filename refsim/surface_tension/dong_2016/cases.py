@@ -48,16 +48,11 @@ def _pushed(r, push):
     return Exact(pair_case("dong_pair", r), _given(), {"acceleration": expected})
 
 
-@closed_form("dong_2016.tension")
-def repelled_pair():
-    """a_1 = m_2 L(h/4) e_12, 15/64 k."""
-    return _pushed(0.5, 2.0 * 15 / 64)
-
-
-@closed_form("dong_2016.tension")
-def attracted_pair():
-    """a_1 = m_2 L(3 h/4) e_12, -k/64."""
-    return _pushed(1.5, -2.0 / 64)
+closed_form(
+    "dong_2016.tension",
+    repelled_pair=lambda: _pushed(0.5, 2.0 * 15 / 64),  # a_1 = m_2 L(h/4) e_12, 15/64 k
+    attracted_pair=lambda: _pushed(1.5, -2.0 / 64),  # a_1 = m_2 L(3 h/4) e_12, -k/64
+)
 
 
 def _corrected(w, symmetric, volume):
@@ -70,16 +65,12 @@ def _corrected(w, symmetric, volume):
     return Exact(pair_case("dong_pair"), given, {"acceleration": expected})
 
 
-@for_each_kernel("dong_2016.tension")
-def corrected_pair(w):
-    """a_1 = -lambda 2 m_2/(rho_1 + rho_2) (n_1 - n_2) W(h/2)."""
-    return _corrected(w, True, (6 / 1600, 4 / 1600))
-
-
-@for_each_kernel("dong_2016.tension")
-def pair_as_printed(w):
-    """a_1 = -lambda m_2/rho_2 (n_1 - n_2) W(h/2) (Dong E21)."""
-    return _corrected(w, False, (3 / 600, 2 / 1000))
+for_each_kernel(
+    "dong_2016.tension",
+    # a_1 = -lambda 2 m_2/(rho_1 + rho_2) (n_1 - n_2) W(h/2); and as printed -lambda m_2/rho_2 ... (Dong E21)
+    corrected_pair=lambda w: _corrected(w, True, (6 / 1600, 4 / 1600)),
+    pair_as_printed=lambda w: _corrected(w, False, (3 / 600, 2 / 1000)),
+)
 
 
 @for_each_kernel("dong_2016.density")

@@ -37,10 +37,10 @@ GIVEN = {"mass": [2.0, 3.0], "density": [1000.0, 600.0]}
 VOLUME = np.array([2 / 1000, 3 / 600])
 
 
-@for_each_kernel("he_2014.color")
-def two_colors(w):
-    """c_1 = V_1 W(0) + V_2 W(h/2)."""
-    return Exact(PAIR, GIVEN, {"color": w.own * (VOLUME + w.share * VOLUME[::-1])})
+# c_1 = V_1 W(0) + V_2 W(h/2)
+for_each_kernel(
+    "he_2014.color", two_colors=lambda w: Exact(PAIR, GIVEN, {"color": w.own * (VOLUME + w.share * VOLUME[::-1])})
+)
 
 
 @for_each_kernel("he_2014.squared_gradient")

@@ -77,10 +77,10 @@ def two_densities(w):
     return Exact(PAIR, given, {"corrected_density": [value, 500.0]})
 
 
-@closed_form("jiang_zhu_2023.replace_density")
-def copied():
-    """A copy."""
-    return Exact(PAIR, {"corrected_density": [3.0, 4.0]}, {"density": [3.0, 4.0]})
+closed_form(
+    "jiang_zhu_2023.replace_density",
+    copied=lambda: Exact(PAIR, {"corrected_density": [3.0, 4.0]}, {"density": [3.0, 4.0]}),
+)
 
 
 @closed_form("jiang_zhu_2023.soft_weight")
@@ -99,51 +99,16 @@ def _cohering(share, **given):
     return Exact(PAIR, own | {"area_normal": np.zeros((2, 3))} | given, {"acceleration": expected})
 
 
-@closed_form("jiang_zhu_2023.cohesion", "jiang_zhu_2023.tension")
-def cohering_pair():
-    """a_1 = gamma m_2 C(h/2) e_12, half of it where one of the two is of the bulk."""
-    return _cohering(0.5, surface_weight=[1.0, 0.0], surface=None, pairs=PairSelection(0))
-
-
-AT_REST = {"pressure": np.zeros(2), "velocity": np.ones((2, 3)), "walls": None}
-
-
-@closed_form("jiang_zhu_2023.tension:fused")
-def cohering_pair_at_rest():
-    """Without pressure and at equal velocities only cohesion acts: a_1 = gamma m_2 C(h/2) e_12."""
-    return _cohering(1.0, **AT_REST)
-
-
-@closed_form("jiang_zhu_2023.cohesion:fused")
-def cohering_pair_without_area_term():
-    """As the pair at rest, with neither area term nor walls."""
-    return _cohering(1.0, **AT_REST, area=None, area_normal=None)
-
-
-@closed_form("jiang_zhu_2023.cohesion")
-def cohering_marked_pair():
-    """Particle 2 is of the surface: the pair acts where either has to be."""
-    marks = {"surface_weight": None, "surface": [0, 1], "pairs": PairSelection(3)}
-    return _cohering(1.0, **marks, area=None, area_normal=None)
-
-
-@closed_form("jiang_zhu_2023.tension")
-def area_pair():
-    """a_1 = -eps m_2/(rho_1 rho_2) (n_1 - n_2), halved by the weights; cohesion is zero."""
-    cohesion = COHESION._replace(amplitude=0.0, gamma=0.0)
-    return _area_pair(0.5, pairs=SOFT, surface_weight=[1.0, 0.0], cohesion=cohesion)
-
-
-@closed_form("jiang_zhu_2023.area")
-def weighted_area_pair():
-    """The same without cohesion."""
-    return _area_pair(0.5, pairs=SOFT, surface_weight=[1.0, 0.0], cohesion=None)
-
-
-@closed_form("jiang_zhu_2023.area")
-def whole_area_pair():
-    """The same between all pairs, without weights."""
-    return _area_pair(1.0, pairs=ALL, surface_weight=None, cohesion=None)
+AT_REST = {"pressure": np.zeros(2), "velocity": np.ones((2, 3)), "walls": None}  # so that only cohesion acts
+ALONE = {"area": None, "area_normal": None}
+MARKED = {"surface_weight": None, "surface": [0, 1], "pairs": PairSelection(3)}
+HALF = {"surface_weight": [1.0, 0.0], "surface": None, "pairs": PairSelection(0)}
+# a_1 = gamma m_2 C(h/2) e_12, half of it where one of the two is of the bulk
+closed_form("jiang_zhu_2023.cohesion", "jiang_zhu_2023.tension", cohering_pair=lambda: _cohering(0.5, **HALF))
+closed_form("jiang_zhu_2023.tension:fused", cohering_pair_at_rest=lambda: _cohering(1.0, **AT_REST))
+closed_form("jiang_zhu_2023.cohesion:fused", cohering_pair_without_area_term=lambda: _cohering(1.0, **AT_REST, **ALONE))
+# particle 2 is of the surface: the pair acts where either has to be
+closed_form("jiang_zhu_2023.cohesion", cohering_marked_pair=lambda: _cohering(1.0, **MARKED, **ALONE))
 
 
 def _area_pair(share, pairs, **given):
@@ -154,3 +119,14 @@ def _area_pair(share, pairs, **given):
         "area": AreaTerm(0, 8.0), "area_normal": [difference, [0.0, 0.0, 0.0]],
     }  # fmt: skip
     return Exact(PAIR, given, {"acceleration": factor * np.array([-3 * difference, 2 * difference])})
+
+
+# a_1 = -eps m_2/(rho_1 rho_2) (n_1 - n_2), halved by the weights, or between all pairs; cohesion is zero, or none
+NOTHING = COHESION._replace(amplitude=0.0, gamma=0.0)
+WEIGHTS = {"surface_weight": [1.0, 0.0]}
+closed_form("jiang_zhu_2023.tension", area_pair=lambda: _area_pair(0.5, SOFT, **WEIGHTS, cohesion=NOTHING))
+closed_form(
+    "jiang_zhu_2023.area",
+    weighted_area_pair=lambda: _area_pair(0.5, SOFT, **WEIGHTS, cohesion=None),
+    whole_area_pair=lambda: _area_pair(1.0, ALL, surface_weight=None, cohesion=None),
+)

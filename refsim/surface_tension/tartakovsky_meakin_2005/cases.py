@@ -2,8 +2,6 @@
 
 import math
 
-import numpy as np
-
 from refsim.core.cases import VARIATIONS, Exact, Variation, closed_form, example, pair_case, prepared, takes
 from refsim.surface_tension.tartakovsky_meakin_2005 import CosineForce, TartakovskyMeakin2005
 
@@ -22,20 +20,14 @@ VARIATIONS[CosineForce] = Variation(_wave_follows)
 takes("tartakovsky_meakin_2005.cohesion", smoothing="support_radius")
 
 
-GIVEN = {"mass": [2.0, 3.0], "cosine_force": CosineForce(12.0, 0.75 * math.pi)}  # h = 2 m
+def _pair(r, force):
+    """h = 2 m; the force on the second particle."""
+    given = {"mass": [2.0, 3.0], "cosine_force": CosineForce(12.0, 0.75 * math.pi)}
+    return Exact(pair_case("cosine_pair", r), given, {"acceleration": [[0, -force / 2, 0], [0, force / 3, 0]]})
 
 
-def _push(force):
-    return np.array([[0.0, -force / 2, 0.0], [0.0, force / 3, 0.0]])
-
-
-@closed_form("tartakovsky_meakin_2005.cohesion")
-def attracted_pair():
-    """At r = h/2 the force is s cos(3 pi/4) = -s/sqrt 2."""
-    return Exact(pair_case("cosine_pair"), GIVEN, {"acceleration": _push(-12 / math.sqrt(2))})
-
-
-@closed_form("tartakovsky_meakin_2005.cohesion")
-def repelled_pair():
-    """At r = h/6 it is s cos(pi/4) = s/sqrt 2."""
-    return Exact(pair_case("cosine_pair", 1 / 3), GIVEN, {"acceleration": _push(12 / math.sqrt(2))})
+closed_form(
+    "tartakovsky_meakin_2005.cohesion",
+    attracted_pair=lambda: _pair(1.0, -12 / math.sqrt(2)),  # at r = h/2 the force is s cos(3 pi/4) = -s/sqrt 2
+    repelled_pair=lambda: _pair(1 / 3, 12 / math.sqrt(2)),  # at r = h/6 it is s cos(pi/4) = s/sqrt 2
+)
