@@ -172,22 +172,17 @@ def _swept_twice(weight):
     return _moved(once * APART * (1 + (1 - once * INVERSE.sum())))
 
 
-@closed_form("heat.exchange_rate")
-def rates_of_a_pair():
-    """G/C_i, G = WEIGHT/dt; a reservoir has none."""
-    return _rates(np.array([WEIGHT / 0.5 * INVERSE[0], 0.0]), reservoir=[0, 1])
-
-
-@closed_form("heat.explicit", across=5.0)
-def a_pair_forward():
-    """E = g (T_2 - T_1)."""
-    return _pair(_moved(WEIGHT * APART))
-
-
-@closed_form("heat.single_pass", "heat.conjugate_gradient", across=5.0)
-def a_pair_backward():
-    """E = g (T_2 - T_1)/(1 + g (1/C_1 + 1/C_2)): M(4) is backward Euler for a pair, and so is NPX."""
-    return _pair(_moved(_alone() * APART))
+# E = g (T_2 - T_1); and over 1 + g (1/C_1 + 1/C_2): M(4) is backward Euler for a pair, and so is NPX
+closed_form("heat.explicit", across=5.0, a_pair_forward=lambda: _pair(_moved(WEIGHT * APART)))
+closed_form(
+    "heat.single_pass", "heat.conjugate_gradient", across=5.0, a_pair_backward=lambda: _pair(_moved(_alone() * APART))
+)
+# across a border in a box of four support radii
+closed_form("heat.pair_exchange", across=8.0, a_pair_in_two_sweeps=lambda: _pair(_swept_twice(WEIGHT)))
+closed_form(
+    "heat.exchange_rate",  # G/C_i, G = WEIGHT/dt; a reservoir has none
+    rates_of_a_pair=lambda: _rates(np.array([WEIGHT / 0.5 * INVERSE[0], 0.0]), reservoir=[0, 1]),
+)
 
 
 @closed_form("heat.single_pass", "heat.conjugate_gradient", "heat.chebyshev")
@@ -197,12 +192,6 @@ def a_pair_with_a_reservoir():
     conduction = _conduction_of(tolerance=1e-14, residual=1e-14)
     temperature = np.array([TEMPERATURE[0] + share * APART / (1 + share), TEMPERATURE[1]])
     return _pair(temperature, reservoir=[0, 1], conduction=conduction)
-
-
-@closed_form("heat.pair_exchange", across=8.0)
-def a_pair_in_two_sweeps():
-    """Across a border in a box of four support radii."""
-    return _pair(_swept_twice(WEIGHT))
 
 
 @closed_form("heat.one_sided", across=5.0)
@@ -238,48 +227,38 @@ POLY6_WEIGHT = 0.5 * VOLUME[0] * VOLUME[1] * (2 * 1.5) * 315 / (64 * 32 * math.p
 BY_POLY6 = _conduction_of(laplacian=POLY6, sweep_share=0.5)
 
 
-@closed_form("heat.exchange_rate", across=5.0)
-def rates_by_poly6():
-    """The moduli: |G|/C_i."""
-    return _rates(np.abs(POLY6_WEIGHT) / 0.5 * INVERSE, conduction=BY_POLY6)
-
-
-@closed_form("heat.explicit")
-def a_pair_forward_by_poly6():
-    """Heat goes from cold to warm."""
-    return _pair(_moved(POLY6_WEIGHT * APART), conduction=BY_POLY6)
-
-
-@closed_form("heat.pair_exchange")
-def a_pair_in_two_sweeps_by_poly6():
-    return _pair(_swept_twice(POLY6_WEIGHT), conduction=BY_POLY6)
+closed_form(  # the moduli: |G|/C_i
+    "heat.exchange_rate", across=5.0,
+    rates_by_poly6=lambda: _rates(np.abs(POLY6_WEIGHT) / 0.5 * INVERSE, conduction=BY_POLY6),
+)  # fmt: skip
+closed_form(  # heat goes from cold to warm
+    "heat.explicit", a_pair_forward_by_poly6=lambda: _pair(_moved(POLY6_WEIGHT * APART), conduction=BY_POLY6)
+)
+closed_form(
+    "heat.pair_exchange",
+    a_pair_in_two_sweeps_by_poly6=lambda: _pair(_swept_twice(POLY6_WEIGHT), conduction=BY_POLY6),
+)
 
 
 # Conductivities below 1 W/(m K), a tenth of the pair's: the harmonic mean of 0.3 and 0.1 is 0.15.
 
 POOR = 0.1 * CONDUCTIVITY
-
-
-@closed_form("heat.explicit")
-def a_poor_conductor_forward():
-    return _pair(_moved(0.1 * WEIGHT * APART), conductivity=POOR)
-
-
-@closed_form("heat.single_pass", "heat.conjugate_gradient")
-def a_poor_conductor_backward():
-    return _pair(_moved(_alone(0.1 * WEIGHT) * APART), conductivity=POOR)
-
-
-@closed_form("heat.chebyshev")
-def a_poor_conductor_by_chebyshev():
-    """Solved to 1e-14: backward Euler."""
-    conduction = _conduction_of(tolerance=1e-14)
-    return _pair(_moved(_alone(0.1 * WEIGHT) * APART), conductivity=POOR, conduction=conduction)
-
-
-@closed_form("heat.pair_exchange")
-def a_poor_conductor_in_two_sweeps():
-    return _pair(_swept_twice(0.1 * WEIGHT), conductivity=POOR)
+SOLVED = _conduction_of(tolerance=1e-14)  # so that Chebyshev's iteration is backward Euler
+closed_form("heat.explicit", a_poor_conductor_forward=lambda: _pair(_moved(0.1 * WEIGHT * APART), conductivity=POOR))
+closed_form(
+    "heat.single_pass", "heat.conjugate_gradient",
+    a_poor_conductor_backward=lambda: _pair(_moved(_alone(0.1 * WEIGHT) * APART), conductivity=POOR),
+)  # fmt: skip
+closed_form(
+    "heat.chebyshev",
+    a_poor_conductor_by_chebyshev=lambda: _pair(
+        _moved(_alone(0.1 * WEIGHT) * APART), conductivity=POOR, conduction=SOLVED
+    ),
+)
+closed_form(
+    "heat.pair_exchange",
+    a_poor_conductor_in_two_sweeps=lambda: _pair(_swept_twice(0.1 * WEIGHT), conductivity=POOR),
+)
 
 
 # With latent heat: the first particle at 80 melts nothing, the second stands 60 J/kg below its melting point of 0.
@@ -294,22 +273,13 @@ def _molten(heat, **more):
     return Exact(PAIR, _given(**ICE, **more), {"enthalpy": enthalpy, "temperature": temperature})
 
 
-@closed_form("heat.explicit")
-def ice_forward():
-    """H += E/m; T(H) is constant from 0 to the latent heat."""
-    return _molten(-WEIGHT * APART)
-
-
-@closed_form("heat.single_pass", "heat.conjugate_gradient")
-def ice_in_a_single_pass():
-    """The same with E = g (T_2 - T_1)/(1 + g (1/C_1 + 1/C_2))."""
-    return _molten(-_alone() * APART)
-
-
-@closed_form("heat.runge_kutta_legendre")
-def ice_by_one_stage():
-    """RKL1 with one stage, which s_max < 1 allows, is forward Euler."""
-    return _molten(-WEIGHT / 2 * APART, timestep=np.array([0.7, 0.25]))
+# H += E/m, E = g (T_2 - T_1), and over 1 + g (1/C_1 + 1/C_2); T(H) is constant from 0 to the latent heat
+closed_form("heat.explicit", ice_forward=lambda: _molten(-WEIGHT * APART))
+closed_form("heat.single_pass", "heat.conjugate_gradient", ice_in_a_single_pass=lambda: _molten(-_alone() * APART))
+closed_form(  # RKL1 with one stage, which s_max < 1 allows, is forward Euler
+    "heat.runge_kutta_legendre",
+    ice_by_one_stage=lambda: _molten(-WEIGHT / 2 * APART, timestep=np.array([0.7, 0.25])),
+)
 
 
 @closed_form("heat.enthalpy_jacobi")
@@ -348,20 +318,17 @@ def rates_at_nearly_half_a_period():
 
 
 def _two_sweeps_at(place):
-    pair = a_pair_in_two_sweeps()
+    pair = _pair(_swept_twice(WEIGHT))
     return dataclasses.replace(pair, case=dataclasses.replace(pair.case, position=pair.case.position + place))
 
 
-@closed_form("heat.pair_exchange")
-def two_sweeps_across_a_far_border():
-    """In a box of 104 cells: the pair stands in the last one and in the first."""
-    return cases.across_a_border(_two_sweeps_at([0.0, 103.5, 0.0]), 104.0)
-
-
-@closed_form("heat.pair_exchange")
-def two_sweeps_beyond_all_cells():
-    """2^21 cells from the origin; cells are numbered up to 2^20."""
-    return _two_sweeps_at([0.0, 0.0, 2.0**21])
+closed_form(
+    "heat.pair_exchange",
+    # in a box of 104 cells the pair stands in the last one and in the first
+    two_sweeps_across_a_far_border=lambda: cases.across_a_border(_two_sweeps_at([0.0, 103.5, 0.0]), 104.0),
+    # 2^21 cells from the origin; cells are numbered up to 2^20
+    two_sweeps_beyond_all_cells=lambda: _two_sweeps_at([0.0, 0.0, 2.0**21]),
+)
 
 
 @closed_form("heat.particle_volume")
