@@ -17,12 +17,17 @@ from refsim.heat.stages import (
 
 
 def reduced(scratch):
-    """The reductions on the backend of the scratch memory."""
+    """(weighed, turn, step) of `reductions`, on the backend of the scratch memory."""
     if scratch.backend.name != "cuda":
-        return reductions
+        return reductions.weighed, reductions.turn, reductions.step
     from refsim.heat import reductions_cuda  # loads numba.cuda
 
-    return reductions_cuda
+    return reductions_cuda.weighed, reductions_cuda.turn, reductions_cuda.step
+
+
+def weighed(body, neighbours, step, scratch):
+    """As `reductions.weighed`, on the backend of the scratch memory."""
+    return reduced(scratch)[0](body, neighbours, step, scratch)
 
 
 # What the schemes share
@@ -99,14 +104,14 @@ def known(largest, enthalpy, temperature, scratch):
 
 def explicit(body: Body, melting: Melting, neighbours, step: Step, scratch, enthalpy, temperature):
     """Forward Euler."""
-    exchanges, inverse, _, _ = reduced(scratch).weighed(body, neighbours, step, scratch)
+    exchanges, inverse, _, _ = weighed(body, neighbours, step, scratch)
     plan = written([EXPLICIT], scratch, temperature.dtype)
     run_stages(plan, exchanges, inverse, substance_of(body, melting), scratch, enthalpy, temperature)
 
 
 def one_sided(body: Body, neighbours, step: Step, scratch, temperature):
     """M(4) read literally (R1): every particle by itself, forwards, then backwards."""
-    exchanges, inverse, _, _ = reduced(scratch).weighed(body, neighbours, step, scratch)
+    exchanges, inverse, _, _ = weighed(body, neighbours, step, scratch)
     for backwards in (0, 1):
         old = copied(temperature, "heat start", scratch)
         sweep(exchanges, inverse, step.conduction, np.int32(backwards), old, temperature)
@@ -114,7 +119,7 @@ def one_sided(body: Body, neighbours, step: Step, scratch, temperature):
 
 def single_pass(body: Body, melting: Melting, neighbours, step: Step, scratch, enthalpy, temperature):
     """NPX: all pairs at once."""
-    exchanges, inverse, sums, _ = reduced(scratch).weighed(body, neighbours, step, scratch)
+    exchanges, inverse, sums, _ = weighed(body, neighbours, step, scratch)
     old = copied(temperature, "heat start", scratch)
     pass_once(exchanges, sums, inverse, old, substance_of(body, melting), enthalpy, temperature)
 
@@ -124,7 +129,7 @@ def chebyshev(body: Body, melting: Melting, neighbours, step: Step, scratch, ent
 
     With `planned_passes` a GPU finds the number of passes itself, so that a step waits for nothing.
     """
-    exchanges, inverse, _, largest = reduced(scratch).weighed(body, neighbours, step, scratch)
+    exchanges, inverse, _, largest = weighed(body, neighbours, step, scratch)
     start = None if enthalpy is None else copied(temperature, "heat start", scratch)
     plan, real = None, temperature.dtype
     if step.conduction.planned_passes and scratch.backend.name == "cuda":
@@ -146,7 +151,7 @@ def chebyshev(body: Body, melting: Melting, neighbours, step: Step, scratch, ent
 
 def conjugate_gradient(body: Body, melting: Melting, neighbours, step: Step, scratch, enthalpy, temperature):
     """Backward Euler by conjugate gradients; with latent heat Chernoff's formula."""
-    exchanges, inverse, _, largest = reduced(scratch).weighed(body, neighbours, step, scratch)
+    exchanges, inverse, _, largest = weighed(body, neighbours, step, scratch)
     if known(largest, enthalpy, temperature, scratch) is None:
         return
     start = None if enthalpy is None else copied(temperature, "heat start", scratch)
@@ -165,16 +170,16 @@ def solve(exchanges, inverse, conduction, scratch, temperature):
     residual, gradient, direction, turned, image, solution = (scratch.array(f"heat {k}", n, real) for k in names)
     dots = scratch.array("heat dots", 3, np.float64)
     every = 8 if scratch.backend.name == "cuda" else 1  # passes between looks at the residual, which a GPU waits for
-    programs = reduced(scratch)
+    _, turn, step = reduced(scratch)
     flow(exchanges, temperature, residual)
     for array in (direction, image, solution, dots):
         scratch.backend.assign(array, 0)
-    programs.step(inverse, direction, image, dots, solution, residual, gradient, scratch)
+    step(inverse, direction, image, dots, solution, residual, gradient, scratch)
     first, passes = None, 1
     while True:
-        programs.turn(exchanges, inverse, gradient, dots, direction, turned, image, scratch)
+        turn(exchanges, inverse, gradient, dots, direction, turned, image, scratch)
         direction, turned = turned, direction
-        programs.step(inverse, direction, image, dots, solution, residual, gradient, scratch)
+        step(inverse, direction, image, dots, solution, residual, gradient, scratch)
         passes += 1
         if first is None or passes % every == 0:
             now, _, before = (float(v) for v in scratch.host(dots))
@@ -188,7 +193,7 @@ def solve(exchanges, inverse, conduction, scratch, temperature):
 
 def runge_kutta_legendre(body: Body, melting: Melting, neighbours, step: Step, scratch, enthalpy, temperature):
     """RKL2 on temperatures, RKL1 on enthalpies."""
-    exchanges, inverse, _, largest = reduced(scratch).weighed(body, neighbours, step, scratch)
+    exchanges, inverse, _, largest = weighed(body, neighbours, step, scratch)
     most = known(largest, enthalpy, temperature, scratch)
     if most is None:
         return
@@ -199,7 +204,7 @@ def runge_kutta_legendre(body: Body, melting: Melting, neighbours, step: Step, s
 
 def enthalpy_jacobi(body: Body, melting: Melting, neighbours, step: Step, scratch, enthalpy, temperature):
     """Backward Euler with latent heat, nonlinear Jacobi."""
-    exchanges, inverse, sums, _ = reduced(scratch).weighed(body, neighbours, step, scratch)
+    exchanges, inverse, sums, _ = weighed(body, neighbours, step, scratch)
     start = copied(enthalpy, "heat start", scratch)
     for _ in range(step.conduction.iterations):
         old = copied(temperature, "heat warm 0", scratch)

@@ -567,16 +567,10 @@ def _taken(dim, deformation):
     return Exact(made, given, expected)
 
 
-@closed_form("mpm.grid_to_particle", over=(2, 3))
-def affine_field(dim):
-    """A = G, v = c + G x, J = 3/2 (1 + dt tr G), x + dt v."""
-    return _taken(dim, None)
-
-
-@closed_form("mpm.grid_to_particle")
-def deformed():
-    """F = (1 + dt G) F."""
-    return _taken(3, np.array([[1.0, 0.25, 0.0, 0.0, 1.0, 0.0, 0.5, 0.0, 2.0]]))
+DEFORMED = np.array([[1.0, 0.25, 0.0, 0.0, 1.0, 0.0, 0.5, 0.0, 2.0]])
+# A = G, v = c + G x, J = 3/2 (1 + dt tr G), x + dt v; F = (1 + dt G) F
+closed_form("mpm.grid_to_particle", over=(2, 3), affine_field=lambda dim: _taken(dim, None))
+closed_form("mpm.grid_to_particle", deformed=lambda: _taken(3, DEFORMED))
 
 
 @closed_form("mpm.grid_to_particle", over=(2, 3))

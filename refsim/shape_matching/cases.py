@@ -332,10 +332,8 @@ def _kept(given, crowd, middle, half_width, before=(0.48, 0.6, 0.0, 0.64)):
     return Exact(whole, given, {"rotation": rotation, "region_center": none, "region_anchor": anchor})
 
 
-@closed_form("shape_matching.match")
-def members_in_one_place():
-    """Members in one place, away from their body's middle, do not turn their region."""
-    return _kept(*_crowd(), 1)
+# Members in one place, away from their body's middle, do not turn their region
+closed_form("shape_matching.match", members_in_one_place=lambda: _kept(*_crowd(), 1))
 
 
 @closed_form("shape_matching.match", over=range(3))
@@ -396,16 +394,11 @@ def _at_the_bound(share):
     return Exact(made.case, made.given, {"rotation": wanted})
 
 
-@closed_form("shape_matching.match")
-def turned_by_more_than_rounding():
-    """A tenth above the bound: the region turns back a little."""
-    return _at_the_bound(0.9)
-
-
-@closed_form("shape_matching.match")
-def turned_by_rounding():
-    """At three quarters of the bound: the region keeps its rotation."""
-    return _at_the_bound(0.6)
+closed_form(
+    "shape_matching.match",
+    turned_by_more_than_rounding=lambda: _at_the_bound(0.9),  # a tenth above: the region turns back a little
+    turned_by_rounding=lambda: _at_the_bound(0.6),  # at three quarters of it: the region keeps its rotation
+)
 
 
 @closed_form("shape_matching.match")

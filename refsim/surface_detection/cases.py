@@ -76,16 +76,13 @@ def _printed_fan(surface, *directions):
     return _scanned(np.concatenate([np.zeros((1, 3)), around]), [surface, 0, 0, 0], [1, 0, 0, 0], printed=1)
 
 
-@closed_form("surface_detection.fan_scan")
-def printed_cone_of_three():
-    """As printed, particles in the cone do not count: with three of them particle 0 is surface."""
-    return _printed_fan(1, -10, 5, 40)
-
-
-@closed_form("surface_detection.fan_scan")
-def printed_beside_the_cone():
-    """As printed, a particle 50 degrees off the axis, outside the cone, occupies the region."""
-    return _printed_fan(0, -10, 5, 50)
+closed_form(
+    "surface_detection.fan_scan",
+    # as printed, particles in the cone do not count: with three of them particle 0 is surface
+    printed_cone_of_three=lambda: _printed_fan(1, -10, 5, 40),
+    # as printed, a particle 50 degrees off the axis, outside the cone, occupies the region
+    printed_beside_the_cone=lambda: _printed_fan(0, -10, 5, 50),
+)
 
 
 def _crosses(*arms, limit, thin, dim=2, walls=()):
@@ -102,24 +99,19 @@ def _crosses(*arms, limit, thin, dim=2, walls=()):
     return _scanned(position, surface, middle, thin=feature, normal=(0.0, 0.0, 0.0), dim=dim, wall_position=wall)
 
 
-@closed_form("surface_detection.fan_scan")
-def thinner_than_the_limit():
-    """b = 0.25 between a = 0.5: variance 0.9375/70 = 0.02679; b = 0.3: 0.0378; and 0.5 each way: 3/32 = 0.0938."""
-    return _crosses((1.0, 0.5), (1.0, 0.6), (0.5, 1.0), (1.0, 1.0), limit=0.03, thin=[1, 0, 1, 0])
-
-
-@closed_form("surface_detection.fan_scan")
-def a_plane_in_space_is_thin():
-    """All neighbours in the plane z = 0 of 3D: no variance across it, whatever the limit."""
-    return _crosses((1.0, 1.0), limit=1e-3, thin=[1], dim=3)
-
-
-@closed_form("surface_detection.fan_scan")
-def a_film_between_two_walls():
-    """In space, wall particles 1 m off the plane, w = 3/4: p = 3/19 of the weight on one side, variance p (1 - p)/4 =
-    12/361 = 0.0332; on both sides 6/22 of it, 6/88 = 0.0682."""
-    walls = [(0, 0, 1), (10, 0, 1), (10, 0, -1)]
-    return _crosses((1.0, 1.0), (1.0, 1.0), limit=0.05, thin=[1, 0], dim=3, walls=walls)
+WALLS = [(0, 0, 1), (10, 0, 1), (10, 0, -1)]
+closed_form(
+    "surface_detection.fan_scan",
+    # b = 0.25 between a = 0.5: variance 0.9375/70 = 0.02679; b = 0.3: 0.0378; and 0.5 each way: 3/32 = 0.0938
+    thinner_than_the_limit=lambda: _crosses(
+        (1.0, 0.5), (1.0, 0.6), (0.5, 1.0), (1.0, 1.0), limit=0.03, thin=[1, 0, 1, 0]
+    ),
+    # all neighbours in the plane z = 0 of 3D: no variance across it, whatever the limit
+    a_plane_in_space_is_thin=lambda: _crosses((1.0, 1.0), limit=1e-3, thin=[1], dim=3),
+    # in space, wall particles 1 m off the plane, w = 3/4: p = 3/19 of the weight on one side, variance p (1 - p)/4 =
+    # 12/361 = 0.0332; on both sides 6/22 of it, 6/88 = 0.0682
+    a_film_between_two_walls=lambda: _crosses((1.0, 1.0), (1.0, 1.0), limit=0.05, thin=[1, 0], dim=3, walls=WALLS),
+)
 
 
 @closed_form("surface_detection.release_pressure")

@@ -35,16 +35,22 @@ def _beside(wall_position):
     return at("beside_walls", position, wall_position)
 
 
-@for_each_kernel("adami_2012.extrapolation")
-def mean_of_two(w):
-    """A wall particle 1 m from both: mean of p_1 + rho_1 g.(0, 1, 0) and p_2 - rho_2 g.(0, 1, 0); 0 far away."""
+def _extrapolated(phase, wanted):
+    """Wall particles 1 m from both of the liquid's and far away."""
     place = np.array([[0.0, 1.0, 0.0], [0.0, 9.0, 0.0]])
-    wanted = 0.5 * (300.0 + 1000.0 * -9.0 + 500.0 - 500.0 * -9.0)
     given = {
         "density": [1000.0, 500.0], "pressure": [300.0, 500.0], "lean": Lean(2.0, -9.0, 1.5),
-        "walls": WallParticles(place, np.full(2, 0.5)), "period": None, "phase": np.zeros(2, np.int32),
+        "walls": WallParticles(place, np.full(2, 0.5)), "period": None, "phase": np.array(phase, np.int32),
     }  # fmt: skip
     return Exact(_beside(place), given, {"wall_pressure": [wanted, 0.0]})
+
+
+for_each_kernel(
+    "adami_2012.extrapolation",
+    # mean of p_1 + rho_1 g.(0, 1, 0) and p_2 - rho_2 g.(0, 1, 0); that of the liquid alone where a solid is as near
+    mean_of_two=lambda w: _extrapolated([0, 0], 0.5 * (300.0 + 1000.0 * -9.0 + 500.0 - 500.0 * -9.0)),
+    beside_a_solid=lambda w: _extrapolated([0, 1], 300.0 + 1000.0 * -9.0),
+)
 
 
 @for_each_kernel("adami_2012.strain")
@@ -70,14 +76,3 @@ def pushed_by_its_wall(w):
         "correction_mixed": [[0.0, 9.0, 0.0], [0.5, 9.0, -0.25]],
     }  # fmt: skip
     return Exact(_beside(place), given, {"acceleration": [[0.0, -push[0], 0.0], push[1] * np.array([0.5, 3.0, -0.25])]})
-
-
-@for_each_kernel("adami_2012.extrapolation")
-def beside_a_solid(w):
-    """The pressure of the liquid alone, where a solid is as near."""
-    place = np.array([[0.0, 1.0, 0.0]])
-    given = {
-        "density": [1000.0, 500.0], "pressure": [300.0, 500.0], "lean": Lean(2.0, -9.0, 1.5),
-        "walls": WallParticles(place, np.full(1, 0.5)), "period": None, "phase": [0, 1],
-    }  # fmt: skip
-    return Exact(_beside(place), given, {"wall_pressure": [300.0 + 1000.0 * -9.0]})

@@ -79,19 +79,13 @@ def _pushing(w, pressure, gravity, expected, clamp):
     return Exact(case, given, {"acceleration": -push * case.wall_position})
 
 
-@for_each_kernel("one_way_coupling.wall_pressure")
-def pushed_by_one_particle(w):
-    """p_b = p_i + rho0 g.(x_b - x_i)."""
-    return _pushing(w, 2000.0, (2.0, -1.0, 3.0), 2000.0 + 1000 * (0.6 * -1.0 + 0.8 * 3.0), False)
-
-
-@for_each_kernel("one_way_coupling.wall_pressure")
-def pushed_below_a_pascal(w):
-    """p_b = 0.5 - 0.25 Pa, clamped."""
-    return _pushing(w, 0.5, (0.0, -1 / 2400, 0.0), 0.25, True)
-
-
-@for_each_kernel("one_way_coupling.wall_pressure")
-def clamped_below_zero(w):
-    """p_b = 0.25 - 0.5 Pa, clamped."""
-    return _pushing(w, 0.25, (0.0, 0.0, -1 / 1600), 0.0, True)
+for_each_kernel(
+    "one_way_coupling.wall_pressure",
+    # p_b = p_i + rho0 g.(x_b - x_i)
+    pushed_by_one_particle=lambda w: _pushing(
+        w, 2000.0, (2.0, -1.0, 3.0), 2000.0 + 1000 * (0.6 * -1.0 + 0.8 * 3.0), False
+    ),
+    # p_b = 0.5 - 0.25 Pa, and 0.25 - 0.5 Pa, clamped
+    pushed_below_a_pascal=lambda w: _pushing(w, 0.5, (0.0, -1 / 2400, 0.0), 0.25, True),
+    clamped_below_zero=lambda w: _pushing(w, 0.25, (0.0, 0.0, -1 / 1600), 0.0, True),
+)

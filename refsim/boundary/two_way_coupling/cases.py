@@ -107,16 +107,11 @@ def _substances(w, stiffness):
     )  # fmt: skip
 
 
-@for_each_kernel("two_way_coupling.density")
-def tait_of_two_substances(w):
-    """2.54 MPa."""
-    return _substances(w, 100.0)
-
-
-@for_each_kernel("two_way_coupling.density")
-def tait_of_soft_substances(w):
-    """A quarter of a pascal."""
-    return _substances(w, 1e-5)
+for_each_kernel(
+    "two_way_coupling.density",
+    tait_of_two_substances=lambda w: _substances(w, 100.0),  # 2.54 MPa
+    tait_of_soft_substances=lambda w: _substances(w, 1e-5),  # a quarter of a pascal
+)
 
 
 def _pushed(coupling, viscosity, force):
@@ -130,16 +125,13 @@ def _pushed(coupling, viscosity, force):
     return Exact(PAIR, given, {"acceleration": [force / 2, -force / 3]})
 
 
-@for_each_kernel("two_way_coupling.pressure")
-def solid_pushes_liquid(w):
-    """F = -V^2 p phi |W'|: 0.25 m^6 * 40 Pa * 0.25, repulsive; the solid's own pressure has no effect."""
-    return _pushed(_coupled(), None, [0.0, -2.5 * w.slope, 0.0])
-
-
-@for_each_kernel("two_way_coupling.pressure")
-def printed_push(w):
-    """Shao & Song (2) as printed lacks one m_i = 2 kg."""
-    return _pushed(_coupled(printed_pressure=1), None, [0.0, -1.25 * w.slope, 0.0])
+for_each_kernel(
+    "two_way_coupling.pressure",
+    # F = -V^2 p phi |W'|: 0.25 m^6 * 40 Pa * 0.25, repulsive; the solid's own pressure has no effect
+    solid_pushes_liquid=lambda w: _pushed(_coupled(), None, [0.0, -2.5 * w.slope, 0.0]),
+    # Shao & Song (2) as printed lacks one m_i = 2 kg
+    printed_push=lambda w: _pushed(_coupled(printed_pressure=1), None, [0.0, -1.25 * w.slope, 0.0]),
+)
 
 
 @for_each_kernel("two_way_coupling.pressure")
@@ -154,18 +146,13 @@ def two_liquids_by_one_pressure(w):
     return Exact(PAIR, given, {"acceleration": [force / 2, -force / 12]})
 
 
-@for_each_kernel("two_way_coupling.forces")
-def solid_drags_liquid(w):
-    """F = mu V^2 phi v lap W in addition: 3 Pa s * 0.25 m^6 * 0.25 * 8 m/s * 45/(64 pi)."""
-    drag = 3 * 0.0625 * 8 * 45 / (64 * math.pi)
-    return _pushed(_coupled(), ViscosityTerm(3.0), [drag, -2.5 * w.slope, 0.0])
-
-
-@for_each_kernel("two_way_coupling.forces")
-def printed_drag(w):
-    """Shao & Song (3) as printed lacks one V_i = 0.5 m^3."""
-    drag = 3 * 0.125 * 8 * 45 / (64 * math.pi)
-    return _pushed(_coupled(printed_viscosity=1), ViscosityTerm(3.0), [drag, -2.5 * w.slope, 0.0])
+DRAG = 3 * 0.0625 * 8 * 45 / (64 * math.pi)  # mu V^2 phi v lap W: 3 Pa s * 0.25 m^6 * 0.25 * 8 m/s * 45/(64 pi)
+for_each_kernel(
+    "two_way_coupling.forces",
+    solid_drags_liquid=lambda w: _pushed(_coupled(), ViscosityTerm(3.0), [DRAG, -2.5 * w.slope, 0.0]),
+    # Shao & Song (3) as printed lacks one V_i = 0.5 m^3
+    printed_drag=lambda w: _pushed(_coupled(printed_viscosity=1), ViscosityTerm(3.0), [2 * DRAG, -2.5 * w.slope, 0.0]),
+)
 
 
 def _held(**changes):
@@ -178,38 +165,31 @@ def _held(**changes):
     return given | changes
 
 
-@for_each_kernel("two_way_coupling.extrapolation")
-def solid_that_rises(w):
-    """p = 300 Pa + 1000 kg/m^3 (-9 - 2) m/s^2 * 1 m; the liquid's pressure stays."""
-    return Exact(PAIR, _held(), {"pressure": [300.0, 300.0 - 11000.0]})
+for_each_kernel(
+    "two_way_coupling.extrapolation",
+    # p = 300 Pa + 1000 kg/m^3 (-9 - 2) m/s^2 * 1 m; the liquid's pressure stays
+    solid_that_rises=lambda w: Exact(PAIR, _held(), {"pressure": [300.0, 300.0 - 11000.0]}),
+    # 0 Pa beside another solid's particle
+    solid_in_the_air=lambda w: Exact(PAIR, _held(phase=[SURFACE, SURFACE]), {"pressure": np.zeros(2)}),
+)
 
 
-@for_each_kernel("two_way_coupling.extrapolation")
-def solid_in_the_air(w):
-    """0 Pa beside another solid's particle."""
-    alone = _held(phase=[SURFACE, SURFACE])
-    return Exact(PAIR, alone, {"pressure": np.zeros(2)})
-
-
-@for_each_kernel("two_way_coupling.push")
-def liquid_lifts_solid(w):
-    """F = V_i V_k (p_i + p_k) |W'(h/2)| = 0.5 * 2 m^6 * 40 Pa |W'(h/2)|."""
+def _lifted(w, phase, force):
+    """`force` [N] over |W'(h/2)| on the second particle, upwards."""
     given = {
-        "mass": [500.0, 1800.0], "density": [1000.0, 900.0], "phase": WATER_AND_ICE,
-        "pressure": [30.0, 10.0], "fluid": Fluid(1000.0, 1.0, 1, 0),
+        "mass": [500.0, 1800.0], "density": [1000.0, 900.0], "phase": phase, "pressure": [30.0, 10.0],
+        "fluid": Fluid(1000.0, 1.0, 1, 0),
     }  # fmt: skip
-    force = np.array([0.0, -40.0 * w.slope, 0.0])
+    force = np.array([0.0, -force * w.slope, 0.0])
     return Exact(PAIR, given, {"acceleration": [force / 500, -force / 1800]})
 
 
-@for_each_kernel("two_way_coupling.push")
-def solids_do_not_push_each_other(w):
-    """No force."""
-    given = {
-        "mass": [500.0, 1800.0], "density": [1000.0, 900.0], "phase": [SURFACE, INTERIOR], "pressure": [30.0, 10.0],
-        "fluid": Fluid(1000.0, 1.0, 1, 0),
-    }  # fmt: skip
-    return Exact(PAIR, given, {"acceleration": np.zeros((2, 3))})
+for_each_kernel(
+    "two_way_coupling.push",
+    # F = V_i V_k (p_i + p_k) |W'(h/2)| = 0.5 * 2 m^6 * 40 Pa |W'(h/2)|; solids do not push each other
+    liquid_lifts_solid=lambda w: _lifted(w, WATER_AND_ICE, 40.0),
+    solids_do_not_push_each_other=lambda w: _lifted(w, [SURFACE, INTERIOR], 0.0),
+)
 
 
 @closed_form("two_way_coupling.follow")

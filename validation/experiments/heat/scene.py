@@ -163,7 +163,7 @@ class Conductor:
 
         given = {**self.given, "timestep": np.array([0.0, seconds])}
         body, step = (kind(*(given[name] for name in kind._fields)) for kind in (Body, Step))
-        return schemes.reduced(given["scratch"]).weighed(body, given["neighbours"], step, given["scratch"])
+        return schemes.weighed(body, given["neighbours"], step, given["scratch"])
 
     def _solved(self, seconds: float) -> int:
         """Passes that conjugate gradients take."""
