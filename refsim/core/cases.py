@@ -172,6 +172,15 @@ class Variation:
 
 
 VARIATIONS: dict[type, Variation] = {}
+
+
+def following(**members: Callable[[Any, float, int], float]) -> Callable[[Any, Any, Any], Members]:
+    """For `Variation.follow`: members that follow from (group, support radius [m], dim), by name."""
+    return lambda group, inputs, kernel: {
+        name: made(group, float(kernel.support_radius), int(kernel.dim)) for name, made in members.items()
+    }
+
+
 TAKES: dict[tuple[str, str], tuple[str, ...]] = {}
 
 

@@ -4,7 +4,6 @@ from typing import Any, NamedTuple
 
 from refsim.backends.compile import formula, kernel
 from refsim.backends.runtime import simulated
-from refsim.melting.formulas import melts
 from refsim.neighbours.rows import first_lane, lane_slots, over_lanes
 from refsim.shape_matching.phases import EMPTY, FLUID, SURFACE
 
@@ -33,11 +32,11 @@ class Molten(NamedTuple):
 
 @formula
 def melted_now(i, heated, melting, melted, molten):
-    """Melt particle i if it is at a body's surface and hot enough; returns whether it melted.
+    """Melt particle i if it is at a body's surface and T_i >= Tm_i; returns whether it melted.
 
     The decision takes the particle's own values only, so it does not depend on the order of the particles.
     """
-    gone = molten.phase[i] == SURFACE and melts(heated.temperature[i], heated.melting_point[i])
+    gone = molten.phase[i] == SURFACE and heated.temperature[i] >= heated.melting_point[i]
     gone = gone and has_taken_up(i, heated.enthalpy, heated.latent_heat)
     if heated.identity[i] < melted.shape[0]:
         melted[heated.identity[i]] = gone

@@ -3,7 +3,6 @@
 import functools
 import math
 
-import msgspec
 import numpy as np
 
 from refsim.backends.arrays import Backend
@@ -29,24 +28,9 @@ def tension_of(case) -> Tension:
     return Tension(surface_tension=0.07, iterations=4, literal=("M1", "M31") if case.literal else ())
 
 
-def _surface_with(case, grid, **parameters) -> SurfaceTerm:
-    tension = msgspec.structs.replace(tension_of(case), **parameters)
-    return surface_term(tension, case.dim, grid.dtype, 2 * case.spacing)
-
-
-def without_sweeps(case, grid):
-    """The fit of thesis M14."""
-    return _surface_with(case, grid, literal=("M14",))
-
-
-def relaxed_further(case, grid):
-    """A fit of three sweeps of over-relaxation."""
-    return _surface_with(case, grid, relaxation=1.9, iterations=3)
-
-
-def printed_sign(case, grid):
-    """The force of thesis M1."""
-    return _surface_with(case, grid, literal=("M1",))
+without_sweeps = cases.other("surface_term", iterations=0)  # the fit of thesis M14
+relaxed_further = cases.other("surface_term", relaxation=1.9, iterations=3)
+printed_sign = cases.other("surface_term", tension=-0.07)  # the force of thesis M1
 
 
 def listed(case, position, dtype, shift=0.0):

@@ -113,11 +113,8 @@ def calibrate(
     the map, with the others at BASE. Raises InputError outside the map, and if the two tensions disagree by too much.
     """
     entries = sigma_map() if settings is None else settings
-    lengths = {"support_radius": support_radius, "sound_speed": sound_speed, "radius": radius}
     given = {"sigma": sigma, "spacing": spacing, "rest_density": rest_density}
-    for name, value in (given | {n: v for n, v in lengths.items() if v is not None}).items():
-        if not 1 / GREATEST <= value <= GREATEST:
-            raise InputError(f"calibrate: {name} = {value} is not a positive number that can be meant in SI units.")
+    check_given("calibrate", **given, support_radius=support_radius, sound_speed=sound_speed, radius=radius)
     if model not in SETTINGS:
         raise InputError(f"calibrate: there is no model {model!r}; choose from {', '.join(SETTINGS)}.")
     place = {"model": model, "dim": dim, "kernels": kernels, "liquid": density}
@@ -166,7 +163,7 @@ def _judged(entry: Mapping[str, Any], radius: float | None) -> dict[str, Any]:
             nothing = dict.fromkeys(("ratio", "laplace", "rayleigh"), math.nan)
             return {**made, **nothing, "uncertainty": math.inf, "reach": reach}
         nearest = sorted(drops, key=lambda d: abs(d["radius"] - radius))[:2]
-        drops = nearest[:1] if _same(nearest[0]["radius"], radius) else nearest
+        drops = nearest[:1] if same(nearest[0]["radius"], radius) else nearest
     laplace, rayleigh = (sum(d[name] for d in drops) / len(drops) for name in ("laplace", "rayleigh"))
     ratio = 0.5 * (laplace + rayleigh)
     result = {**made, "ratio": ratio, "laplace": laplace, "rayleigh": rayleigh, "reach": ""}
@@ -182,21 +179,29 @@ def _judged(entry: Mapping[str, Any], radius: float | None) -> dict[str, Any]:
     return {**result, "uncertainty": math.sqrt(sum(part**2 for part in parts)) / ratio}
 
 
-def _same(value: float, other: float) -> bool:
+def check_given(owner: str, **given: float | None) -> None:
+    """Raise InputError, naming the owner and the number, for one that is not positive or beyond all SI units."""
+    for name, value in given.items():
+        if value is not None and not 1 / GREATEST <= value <= GREATEST:
+            raise InputError(f"{owner}: {name} = {value} is not a positive number that can be meant in SI units.")
+
+
+def same(value: float, other: float) -> bool:
+    """Whether two settings are one, but for rounding."""
     return math.isclose(value, other, rel_tol=SAME)
 
 
 def _at(own: Sequence[Mapping[str, Any]], support: float, stiffness: float, model: str) -> dict[str, Any]:
     """The map at (h/d, S), one of which is the base's."""
-    based = _same(stiffness, float(BASE["stiffness"]))
-    if not based and not _same(support, float(BASE["support"])):
+    based = same(stiffness, float(BASE["stiffness"]))
+    if not based and not same(support, float(BASE["support"])):
         raise InputError(
             f"calibrate: the map has S = {stiffness:.3g} at h = {BASE['support']:g} d only; for h = {support:.3g} d"
             " leave sound_speed out."
         )
     axis, place = ("support", support) if based else ("stiffness", stiffness)
     fixed = "stiffness" if based else "support"
-    line = sorted((e for e in own if _same(e[fixed], float(BASE[fixed]))), key=lambda e: e[axis])
+    line = sorted((e for e in own if same(e[fixed], float(BASE[fixed]))), key=lambda e: e[axis])
     words, unit = ("h", " d") if based else ("S", "")
     if not line:
         raise InputError(f"calibrate: the map has no drops of {model} with {words} = {place:.3g}{unit}.")
@@ -213,7 +218,7 @@ def _at(own: Sequence[Mapping[str, Any]], support: float, stiffness: float, mode
                 f"calibrate: the radius is outside the drops of {model} that were measured at h = {end['support']:g} d"
                 f" and S = {end['stiffness']:g}, {end['reach']} spacings."
             )
-    if _same(first[axis], last[axis]):
+    if same(first[axis], last[axis]):
         return {**first, "stiffness": stiffness}
     share = (math.log(place) - math.log(first[axis])) / (math.log(last[axis]) - math.log(first[axis]))
     mixed = {name: (1 - share) * first[name] + share * last[name] for name in ("ratio", "laplace", "rayleigh")}
@@ -226,12 +231,12 @@ def _at(own: Sequence[Mapping[str, Any]], support: float, stiffness: float, mode
 def _at_sound_speed(own: Sequence[Mapping[str, Any]], support: float, wanted: float, model: str) -> dict[str, Any]:
     """The map where S of the nominal tension times the ratio is `wanted` = sigma/(rho0 c^2 d)."""
     own = [e for e in own if not e["reach"] and math.isfinite(e["ratio"])]
-    line = sorted({e["stiffness"] for e in own if _same(e["support"], support)})
-    if not _same(support, float(BASE["support"])):
+    line = sorted({e["stiffness"] for e in own if same(e["support"], support)})
+    if not same(support, float(BASE["support"])):
         line = [float(BASE["stiffness"])]
     reached = [(s, s * _at(own, support, s, model)["ratio"]) for s in line]
     for stiffness, product in reached:
-        if _same(product, wanted):
+        if same(product, wanted):
             return _at(own, support, stiffness, model)
     for (low, at_low), (high, at_high) in itertools.pairwise(reached):
         if at_low <= wanted <= at_high:

@@ -20,10 +20,9 @@ import msgspec
 
 from refsim.core.effect import Discretisation
 from refsim.core.errors import InputError
-from refsim.core.reading import GREATEST
 from refsim.sph import LIQUID, WeaklyCompressible
 from refsim.surface_tension.akinci_2013 import Akinci2013
-from refsim.surface_tension.calibration import BASE, SAME, Calibration, calibrate
+from refsim.surface_tension.calibration import BASE, Calibration, calibrate, check_given, same
 
 WETTING_MAP = Path(__file__).with_name("wetting_map.json")
 ONE_DROP = 5.0  # uncertainty assumed for an angle measured on one drop only [degrees]
@@ -75,10 +74,7 @@ def calibrate_contact_angle(
     """
     this = "calibrate_contact_angle"
     given = {"angle": angle, "sigma": sigma, "spacing": spacing, "rest_density": rest_density}
-    given |= {} if support_radius is None else {"support_radius": support_radius}
-    for name, value in given.items():
-        if not 1 / GREATEST <= value <= GREATEST:
-            raise InputError(f"{this}: {name} = {value} is not a positive number that can be meant in SI units.")
+    check_given(this, **given, support_radius=support_radius)
     support = float(BASE["support"]) if support_radius is None else support_radius / spacing
     stiffness = float(BASE["stiffness"])
     own = [
@@ -86,10 +82,10 @@ def calibrate_contact_angle(
         for entry in (wetting_map() if settings is None else settings)
         if entry["dim"] == dim
         and entry["kernels"] == kernels
-        and _same(entry["stiffness"], stiffness)
+        and same(entry["stiffness"], stiffness)
         and entry.get("liquid", "summation") == density
     ]
-    there = [entry for entry in own if _same(entry["support"], support)]
+    there = [entry for entry in own if same(entry["support"], support)]
     if not there:
         known = ", ".join(f"{entry['support']:g}" for entry in own) or "none"
         raise InputError(
@@ -135,7 +131,3 @@ def _share_of(angle: float, entry: Mapping[str, Any], this: str, support: float)
 def _uncertain(drop: Mapping[str, Any]) -> float:
     spread = ONE_DROP if drop["spread"] is None else drop["spread"]
     return math.hypot(spread, 0.5 * (drop["angle"] - drop["circle"]) if drop["circle"] is not None else 0.0)
-
-
-def _same(value: float, other: float) -> bool:
-    return math.isclose(value, other, rel_tol=SAME)

@@ -7,25 +7,13 @@ import numpy as np
 from refsim.boundary.signed_distance.reference import interpolate
 from refsim.core.operation import operations
 from refsim.neighbours.reference import other_particles, pair_blocks
+from refsim.surface_energy.reference import hash_word
 
 operation = operations(paper="patent CN104318598A, 2014")
 
 
-def _hash(a, b, c):
-    """hash(a, b, c): 32-bit words of two rounds of xor, shift and multiply."""
-    mask = 0xFFFFFFFF
-    word = (int(a) * 0x9E3779B1 + int(b) * 0x85EBCA77 + int(c) * 0xC2B2AE3D) & mask
-    for _ in range(2):
-        word ^= word >> 16
-        word = word * 0x7FEB352D & mask
-        word ^= word >> 15
-        word = word * 0x846CA68B & mask
-        word ^= word >> 16
-    return word
-
-
 def _share(a, b, c):
-    return (_hash(a, b, c) >> 8) / 2.0**24
+    return (hash_word(a, b, c) >> 8) / 2.0**24
 
 
 @operation(

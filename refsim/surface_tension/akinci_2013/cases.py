@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from refsim.core import cases
-from refsim.core.cases import VARIATIONS, Exact, Variation, at, closed_form, groups, pair_case, plain_keeps
+from refsim.core.cases import VARIATIONS, Exact, Variation, at, closed_form, following, groups, pair_case, plain_keeps
 from refsim.core.walls import WallParticles
 from refsim.surface_tension.akinci_2013 import Adhesion, Akinci2013, AreaMinimisation, CohesionSpline
 
@@ -19,19 +19,10 @@ def _tension(case, grid):
     return effect.prepare(grid, case.effects)
 
 
-def _spline_follows(group, inputs, kernel):
-    """gamma 32/(pi h^dim)."""
-    volume = float(kernel.support_radius) ** int(kernel.dim)
-    return {"amplitude": 32 * float(group.gamma) / (math.pi * volume)}
-
-
-def _adhesion_follows(group, inputs, kernel):
-    """0.007 beta/h^dim."""
-    return {"amplitude": 0.007 * float(group.beta) / float(kernel.support_radius) ** int(kernel.dim)}
-
-
-VARIATIONS[CohesionSpline] = Variation(_spline_follows)
-VARIATIONS[Adhesion] = Variation(_adhesion_follows)
+VARIATIONS[CohesionSpline] = Variation(
+    following(amplitude=lambda own, h, dim: 32 * float(own.gamma) / (math.pi * h**dim))
+)
+VARIATIONS[Adhesion] = Variation(following(amplitude=lambda own, h, dim: 0.007 * float(own.beta) / h**dim))
 cases.takes("akinci_2013.tension:fused", fluid="rest_density gradient_share wall_share")
 cases.takes("akinci_2013.tension", "akinci_2013.adhesion", smoothing="support_radius dim")
 plain_keeps("akinci_2013.tension", spline="the equation sums cohesion and area term; cohesion needs no normals")

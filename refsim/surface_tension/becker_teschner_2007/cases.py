@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from refsim.core.cases import VARIATIONS, Exact, Variation, closed_form, example, pair_case, prepared, takes
+from refsim.core.cases import VARIATIONS, Exact, Variation, closed_form, example, following, pair_case, prepared, takes
 from refsim.surface_tension.becker_teschner_2007 import Attraction, BeckerTeschner2007
 
 example(BeckerTeschner2007(surface_tension=0.5))
@@ -13,13 +13,11 @@ example(BeckerTeschner2007(surface_tension=0.5))
 prepared("attraction", lambda case: BeckerTeschner2007(kappa=3.0, clamp_distance=case.literal))
 
 
-def _attraction_follows(group, inputs, kernel):
-    """kappa W(0) of the cubic spline: 40/(7 pi h^2) in the plane, 8/(pi h^3) in space."""
-    at_zero = (8 if kernel.dim == 3 else 40 / 7) / (math.pi * float(kernel.support_radius) ** int(kernel.dim))
-    return {"strength": float(group.kappa) * at_zero}
-
-
-VARIATIONS[Attraction] = Variation(_attraction_follows, other={"least_q": lambda q: 0.6})
+# kappa W(0) of the cubic spline
+VARIATIONS[Attraction] = Variation(
+    following(strength=lambda own, h, dim: float(own.kappa) * (8 if dim == 3 else 40 / 7) / (math.pi * h**dim)),
+    other={"least_q": lambda q: 0.6},
+)
 takes("becker_teschner_2007.cohesion", smoothing="support_radius dim")
 
 

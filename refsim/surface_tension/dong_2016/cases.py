@@ -2,7 +2,18 @@
 
 import numpy as np
 
-from refsim.core.cases import VARIATIONS, Exact, Variation, closed_form, example, groups, pair_case, plain_keeps, takes
+from refsim.core.cases import (
+    VARIATIONS,
+    Exact,
+    Variation,
+    closed_form,
+    example,
+    following,
+    groups,
+    pair_case,
+    plain_keeps,
+    takes,
+)
 from refsim.smoothing.cases import for_each_kernel
 from refsim.sph import Fluid, ViscosityTerm
 from refsim.surface_tension.dong_2016 import Dong2016, MolecularForce, NormalCorrection
@@ -17,13 +28,12 @@ def _tension(case, grid):
     return effect.prepare(grid, case.effects)
 
 
-def _force_follows(group, inputs, kernel):
-    """(1 - d0/h)^2 and 1/(e (2 - e)), e = d0/h."""
-    share = float(group.rest_distance) / float(kernel.support_radius)
-    return {"rest_share": (1 - share) ** 2, "scale": 1 / (share * (2 - share))}
-
-
-VARIATIONS[MolecularForce] = Variation(_force_follows)
+VARIATIONS[MolecularForce] = Variation(
+    following(
+        rest_share=lambda own, h, dim: (1 - float(own.rest_distance) / h) ** 2,
+        scale=lambda own, h, dim: 1 / (1 - (1 - float(own.rest_distance) / h) ** 2),
+    )
+)
 takes("dong_2016.momentum", fluid="rest_density gradient_share wall_share")
 plain_keeps(
     "dong_2016.tension",

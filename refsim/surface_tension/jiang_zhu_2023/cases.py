@@ -5,7 +5,17 @@ import math
 import numpy as np
 
 from refsim.core import cases
-from refsim.core.cases import VARIATIONS, Exact, Variation, closed_form, groups, particles, plain_keeps, takes
+from refsim.core.cases import (
+    VARIATIONS,
+    Exact,
+    Variation,
+    closed_form,
+    following,
+    groups,
+    particles,
+    plain_keeps,
+    takes,
+)
 from refsim.smoothing.cases import for_each_kernel
 from refsim.surface_tension.jiang_zhu_2023 import AreaTerm, Cohesion, JiangZhu2023, PairSelection, SoftThresholds
 from refsim.surface_tension.jiang_zhu_2023.modes import ALL, AREA_TERMS, PAIR_MODES, SOFT
@@ -34,18 +44,17 @@ def _tension(case, grid):
     return effect.prepare(grid, case.effects)
 
 
-def _cohesion_follows(group, inputs, kernel):
-    """gamma W(0, h) of poly6, 4/(pi h^2) in the plane and 315/(64 pi h^3) in space; W(0, 0.8 h) over it."""
-    at_zero = (315 / 64 if kernel.dim == 3 else 4) / (math.pi * float(kernel.support_radius) ** int(kernel.dim))
-    return {"amplitude": float(group.gamma) * at_zero, "inner_share": 0.8 ** -int(kernel.dim)}
-
-
-def _width_follows(group, inputs, kernel):
-    return {"inverse_width": 1 / (float(group.upper) - float(group.lower))}
-
-
-VARIATIONS[Cohesion] = Variation(_cohesion_follows, {"inner_stretch": "the reference has the 0.8 of J(17)"})
-VARIATIONS[SoftThresholds] = Variation(_width_follows)
+# gamma W(0, h) of poly6, and W(0, 0.8 h) over it
+VARIATIONS[Cohesion] = Variation(
+    following(
+        amplitude=lambda own, h, dim: float(own.gamma) * (315 / 64 if dim == 3 else 4) / (math.pi * h**dim),
+        inner_share=lambda own, h, dim: 0.8**-dim,
+    ),
+    {"inner_stretch": "the reference has the 0.8 of J(17)"},
+)
+VARIATIONS[SoftThresholds] = Variation(
+    lambda group, inputs, kernel: {"inverse_width": 1 / (float(group.upper) - float(group.lower))}
+)
 takes("jiang_zhu_2023.tension:fused", "jiang_zhu_2023.cohesion:fused", fluid="rest_density gradient_share wall_share")
 takes("jiang_zhu_2023.cohesion", "jiang_zhu_2023.tension", smoothing="support_radius dim")
 takes("jiang_zhu_2023.area", smoothing="support_radius")

@@ -2,7 +2,7 @@
 
 import math
 
-from refsim.core.cases import VARIATIONS, Exact, Variation, closed_form, example, pair_case, prepared, takes
+from refsim.core.cases import VARIATIONS, Exact, Variation, closed_form, example, following, pair_case, prepared, takes
 from refsim.surface_tension.tartakovsky_meakin_2005 import CosineForce, TartakovskyMeakin2005
 
 example(TartakovskyMeakin2005(surface_tension=0.5))
@@ -11,12 +11,7 @@ example(TartakovskyMeakin2005(surface_tension=0.5))
 prepared("cosine_force", lambda case: TartakovskyMeakin2005(strength=3.0))
 
 
-def _wave_follows(group, inputs, kernel):
-    """3 pi/(2 h)."""
-    return {"wave_number": 1.5 * math.pi / float(kernel.support_radius)}
-
-
-VARIATIONS[CosineForce] = Variation(_wave_follows)
+VARIATIONS[CosineForce] = Variation(following(wave_number=lambda own, h, dim: 1.5 * math.pi / h))
 takes("tartakovsky_meakin_2005.cohesion", smoothing="support_radius")
 
 
