@@ -92,7 +92,7 @@ def describe_plan(plan: Plan, backend: str) -> dict[str, Any]:
         "gauges": _listed(scene.gauge),
         "motions": _listed(scene.motion),
         "margins": [
-            {"of": of, **m._asdict(), "factor": m.factor if math.isfinite(m.factor) else None}
+            {"of": of, **dict(zip(m._fields[:-1], m)), "factor": m.factor if math.isfinite(m.factor) else None}
             for of, m in _margins(plan, steps)
         ],
         "energy_audit": _energy_audit(plan),

@@ -203,12 +203,14 @@ class Margin(NamedTuple):
     setting  its name with its unit
     value    in the scene
     limit    the largest value that held, or with `least` the smallest
+    beyond   note where the value is beyond the limit
     """
 
     setting: str
     value: float
     limit: float
     least: bool = False
+    beyond: str = ""
 
     @property
     def factor(self) -> float:
@@ -220,9 +222,15 @@ class Margin(NamedTuple):
 class KnowsLimits:
     """Has settings of which it was measured how far they can go; a note is given beyond."""
 
+    name: ClassVar[str]
+
     def margins(self, grid: Discretisation, others: Mapping[str, Effect]) -> Iterator[Margin]:
         """Those that act in this scene."""
         raise NotImplementedError  # an effect with this capability defines it
+
+    def exceeded(self, grid: Discretisation, others: Mapping[str, Effect]) -> list[str]:
+        """Notes of the margins whose value is beyond the limit."""
+        return [f"{self.name}: {m.beyond}" for m in self.margins(grid, others) if m.beyond and m.factor < 1 - 1e-9]
 
 
 class NeedsCellOrder:

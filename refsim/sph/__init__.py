@@ -426,7 +426,7 @@ class WeaklyCompressible(
         return (Pass("sph.density", ("position", "mass"), written, names={"density": "summed_density"}),)
 
     def notes(self, grid: Discretisation, others: Others) -> tuple[str, ...]:
-        return (*self._braked(grid, others), *self._thin(grid, others))
+        return (*self._braked(grid, others), *self.exceeded(grid, others))
 
     def notes_on_start(
         self, grid: Discretisation, state: InitialState, walls: WallParticles | None, others: Others
@@ -455,16 +455,6 @@ class WeaklyCompressible(
             " conserves it"
         )
 
-    def _thin(self, grid: Discretisation, others: Others) -> tuple[str, ...]:
-        """Note on a viscosity with which kinetic energy may grow, or liquid between walls may not come to rest."""
-        risk = "water may not come to rest" if self.advances() else "kinetic energy may grow at walls and in drops"
-        return tuple(
-            f"{self.name}: with a viscosity of {found.value:g} Pa s, below rho0 c h/{self._largest_number():g} ="
-            f" {found.limit:.3g} Pa s, {risk}: increase the viscosity, or monitor the energy"
-            for found in self.margins(grid, others)
-            if found.value < found.limit
-        )
-
     def _largest_number(self) -> float:
         """rho0 c h/mu up to which the liquid is known to behave, see LEAST_VISCOUS."""
         return LEAST_VISCOUS["continuity" if self.advances() else "summation"][self.kernels]
@@ -472,7 +462,12 @@ class WeaklyCompressible(
     def margins(self, grid: Discretisation, others: Others) -> Iterator[Margin]:
         if not pressure_is_replaced(others):
             least = self.rest_density * self.sound_speed * grid.support_radius / self._largest_number()
-            yield Margin("dynamic_viscosity [Pa s]", self.dynamic_viscosity, least, least=True)
+            risk = "water may not come to rest" if self.advances() else "kinetic energy may grow at walls and in drops"
+            words = (
+                f"with a viscosity of {self.dynamic_viscosity:g} Pa s, below rho0 c h/{self._largest_number():g} ="
+                f" {least:.3g} Pa s, {risk}: increase the viscosity, or monitor the energy"
+            )
+            yield Margin("dynamic_viscosity [Pa s]", self.dynamic_viscosity, least, least=True, beyond=words)
 
     def energy(self, grid: Discretisation, others: Others) -> EnergyAccount | None:
         """Work of compression of J(9) or Tait, unless another effect computes the pressure.

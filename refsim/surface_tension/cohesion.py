@@ -222,8 +222,7 @@ class PairCohesion(Effect, BalancesCohesion, KnowsLimits, PullsParticles, frozen
         return max(0.0, self.internal_pressure(grid, others)) / (fluid.rest_density * fluid.sound_speed**2)
 
     def notes(self, grid: Discretisation, others: Others) -> tuple[str, ...]:
-        number = self.collapse_number(grid, others)
-        notes = [stiffness_note(self.name, *limit, grid, others) for limit in self.stiffness_limits(grid, others)]
+        notes = self.exceeded(grid, others)
         if liquid_of(others).advances() and self.balanced_pressure(grid, others) > 0:
             share = self.tension_with_balance(grid, others) / self._tension_of(self._force(grid, others), grid, others)
             notes.append(
@@ -231,20 +230,18 @@ class PairCohesion(Effect, BalancesCohesion, KnowsLimits, PullsParticles, frozen
                 f" leaves about {share:.2g} of its nominal tension: take the coefficient of calibrate(..., density ="
                 " 'continuity')"
             )
-        if number >= STRAINED:
-            notes.append(
-                f"{self.name}: its cohesion compresses the bulk by about {100 * (compression(number) - 1):.0f} % (P_int"
+        return tuple(notes)
+
+    def margins(self, grid: Discretisation, others: Others) -> Iterator[Margin]:
+        if (number := self.collapse_number(grid, others)) > 0:
+            words = (
+                f"its cohesion compresses the bulk by about {100 * (compression(number) - 1):.0f} % (P_int"
                 f" = {number:.2g} rho0 c^2; beyond {COLLAPSE} the liquid collapses): take a larger sound_speed, or set"
                 " balance_pressure = true"
             )
-        return tuple(filter(None, notes))
-
-    def margins(self, grid: Discretisation, others: Others) -> Iterator[Margin]:
-        number = self.collapse_number(grid, others)
-        if number > 0:
-            yield Margin("P_int/(rho0 c^2)", number, STRAINED)
-        for sigma, largest, _ in self.stiffness_limits(grid, others):
-            yield from stiffness_margin(sigma, largest, grid, others)
+            yield Margin("P_int/(rho0 c^2)", number, STRAINED, beyond=words)
+        for limit in self.stiffness_limits(grid, others):
+            yield from stiffness_margin(*limit, grid, others)
 
     def stiffness_limits(self, grid: Discretisation, others: Others) -> Iterator[tuple[float, float, str]]:
         """(tension [N/m], its largest S = sigma/(rho0 c^2 d), what holds up to it), where there is tension."""
@@ -272,23 +269,14 @@ class PairCohesion(Effect, BalancesCohesion, KnowsLimits, PullsParticles, frozen
         return lambda r: self.pair_force(r, grid, others)
 
 
-def stiffness_margin(sigma: float, largest: float, grid: Discretisation, others: Others) -> Iterator[Margin]:
-    """S = sigma/(rho0 c^2 d) beside the `largest` that held; nothing where no sound speed acts."""
+def stiffness_margin(sigma: float, largest: float, fate: str, grid: Discretisation, others: Others) -> Iterator[Margin]:
+    """S = sigma/(rho0 c^2 d) beside the `largest`, up to which `fate`; nothing where no sound speed acts."""
     fluid = liquid_of(others)
     if not pressure_is_replaced(others):
         value = sigma / (fluid.rest_density * fluid.sound_speed**2 * grid.spacing)
-        yield Margin("sigma/(rho0 c^2 d)", value, largest)
-
-
-def stiffness_note(name: str, sigma: float, largest: float, fate: str, grid: Discretisation, others: Others) -> str:
-    """Note if S of `stiffness_margin` is above the limit, up to which what `fate` says was found; else ""."""
-    sound = liquid_of(others).sound_speed
-    for margin in stiffness_margin(sigma, largest, grid, others):
-        if margin.value > largest * (1 + 1e-9):
-            needed = at_least("sound_speed", sound * math.sqrt(margin.value / largest), "m/s")
-            value = f"sigma/(rho0 c^2 d) = {margin.value:.2g}"
-            return f"{name}: {value} is above {largest:g}, up to which {fate}: take {needed}"
-    return ""
+        needed = at_least("sound_speed", fluid.sound_speed * math.sqrt(max(1.0, value / largest)), "m/s")
+        words = f"sigma/(rho0 c^2 d) = {value:.2g} is above {largest:g}, up to which {fate}: take {needed}"
+        yield Margin("sigma/(rho0 c^2 d)", value, largest, beyond=words)
 
 
 def spreading_note(name: str, term: str) -> str:

@@ -138,36 +138,29 @@ class Akinci2013(PairCohesion, HasErrata, frozen=True, kw_only=True):
     def margins(self, grid: Discretisation, others: Others) -> Iterator[Margin]:
         yield from super().margins(grid, others)
         if self._has_area() and self.coheres():
-            near = neighbours_in_support(grid)
-            yield Margin("area_acceleration/(gamma rho0)", self._area_share(grid, others) / near, LARGEST_AREA / near)
-
-    def _area_share(self, grid: Discretisation, others: Others) -> float:
-        """area_acceleration/(gamma rho0) times the neighbours in the support."""
-        unit = self.coefficient(grid, others) * liquid_of(others).rest_density
-        return self.area_coefficient(grid, others) / unit * neighbours_in_support(grid)
+            unit = self.coefficient(grid, others) * liquid_of(others).rest_density
+            near, value = neighbours_in_support(grid), self.area_coefficient(grid, others) / unit
+            largest, fate = LARGEST_AREA / near, "fly apart" if value * near >= SHATTERING_AREA else "boil"
+            name = "area_acceleration/(gamma rho0)"
+            words = (
+                f"{name} = {value:.3g} is above {largest:.2g}, up to which drops with {near:.0f} neighbours come to"
+                f" rest: they {fate}; a shorter step does not help"
+            )
+            yield Margin(name, value, largest, beyond=words)
 
     def _unstable(self, grid: Discretisation, others: Others) -> Iterator[str]:
-        """Notes on angular momentum, and on area terms with which drops were found to boil or to fly apart."""
+        """Notes on an area term that changes angular momentum, stands alone, or adds kinetic energy."""
         if not self._has_area():
             return
         if note := angular_momentum_note(self.name, "area term", others):
             yield note
         if not self.coheres():
             yield spreading_note(self.name, "area term")
-            return
-        if "iisph" in others:
+        elif "iisph" in others:
             yield (
                 f"{self.name}: with implicit pressure the area term adds kinetic energy: drops of some hundred"
                 " particles were found to tremble at rest, with up to 40 % of their initial kinetic energy at any step;"
                 " with area_acceleration = 0 they come to rest"
-            )
-        near, value = neighbours_in_support(grid), self._area_share(grid, others)
-        if value > LARGEST_AREA * (1 + 1e-9):
-            fate = "fly apart" if value >= SHATTERING_AREA else "boil"
-            yield (
-                f"{self.name}: area_acceleration/(gamma rho0) = {value / near:.3g} is above"
-                f" {LARGEST_AREA / near:.2g}, up to which drops with {near:.0f} neighbours come to rest: they {fate};"
-                " a shorter step does not help"
             )
 
     def _has_area(self) -> bool:

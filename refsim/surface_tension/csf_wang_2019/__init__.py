@@ -22,7 +22,7 @@ from refsim.smoothing import lattice, smoothing
 from refsim.smoothing.reference import kernel_slope, kernel_value
 from refsim.sph import LIQUID, NUMBER_DENSITY, SETS, liquid_of
 from refsim.surface_detection import NEAR_SURFACE, detection_in, near_surface_pass
-from refsim.surface_tension.cohesion import BECAME_DROPS, capillary_limit, stiffness_margin, stiffness_note
+from refsim.surface_tension.cohesion import BECAME_DROPS, capillary_limit, stiffness_margin
 from refsim.surface_tension.csf_wang_2019 import reference as reference
 from refsim.surface_tension.jiang_zhu_2023 import CORRECTED_DENSITY, corrected_density_passes
 
@@ -104,31 +104,25 @@ class CsfWang2019(Effect, KnowsLimits, HasErrata, PullsParticles, frozen=True, k
         self.printed()
 
     def notes(self, grid: Discretisation, others: Others) -> tuple[str, ...]:
-        fluid = liquid_of(others)
         if not self._acts():
             return ()
-        notes = [
+        return (
             f"{self.name}: the forces of a pair are not opposite and equal: momentum is not conserved, and drops of"
             " few layers were found to gain energy until particles gather in pairs or leave the drop",
-            stiffness_note(self.name, self.surface_tension, LARGEST_STIFFNESS, BECAME_DROPS, grid, others),
-        ]
-        least = self._least_viscosity(grid, others)
-        if fluid.dynamic_viscosity < least * (1 - 1e-9):
-            notes.append(
-                f"{self.name}: dynamic_viscosity {fluid.dynamic_viscosity:.3g} Pa s is below {least:.3g} Pa s ="
-                f" {LEAST_VISCOSITY:g} sqrt(rho0 sigma d), the least with which cubes became drops in one piece"
-            )
-        return tuple(filter(None, notes))
+            *self.exceeded(grid, others),
+        )
 
     def margins(self, grid: Discretisation, others: Others) -> Iterator[Margin]:
-        if self._acts():
-            yield from stiffness_margin(self.surface_tension, LARGEST_STIFFNESS, grid, others)
-            least, own = self._least_viscosity(grid, others), liquid_of(others).dynamic_viscosity
-            yield Margin("dynamic_viscosity [Pa s]", own, least, least=True)
-
-    def _least_viscosity(self, grid: Discretisation, others: Others) -> float:
-        """The least with which cubes became drops in one piece [Pa s]."""
-        return LEAST_VISCOSITY * math.sqrt(liquid_of(others).rest_density * self.surface_tension * grid.spacing)
+        if not self._acts():
+            return
+        yield from stiffness_margin(self.surface_tension, LARGEST_STIFFNESS, BECAME_DROPS, grid, others)
+        fluid = liquid_of(others)
+        least = LEAST_VISCOSITY * math.sqrt(fluid.rest_density * self.surface_tension * grid.spacing)
+        words = (
+            f"dynamic_viscosity {fluid.dynamic_viscosity:.3g} Pa s is below {least:.3g} Pa s = {LEAST_VISCOSITY:g}"
+            " sqrt(rho0 sigma d), the least with which cubes became drops in one piece"
+        )
+        yield Margin("dynamic_viscosity [Pa s]", fluid.dynamic_viscosity, least, least=True, beyond=words)
 
     def nominal_tension(self, grid: Discretisation, others: Others) -> float:
         """sigma [N/m]."""

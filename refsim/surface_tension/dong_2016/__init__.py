@@ -177,40 +177,27 @@ class Dong2016(PairCohesion, HasErrata, frozen=True, kw_only=True):
         return groups | {"molecular_force": force, "normal_correction": correction}
 
     def notes(self, grid: Discretisation, others: Others) -> tuple[str, ...]:
-        return (*super().notes(grid, others), *self._unstable(grid, others))
+        turning = angular_momentum_note(self.name, "correction", others) if self._corrects() else ""
+        return (*super().notes(grid, others), *filter(None, [turning]))
 
     def margins(self, grid: Discretisation, others: Others) -> Iterator[Margin]:
         yield from super().margins(grid, others)
         if self.coheres():
-            yield Margin("support_radius/spacing", grid.support_radius / grid.spacing, math.sqrt(3), least=True)
-        if value := self._correction_share(grid, others):
-            yield Margin("correction rho0 d/sigma", value, LARGEST_CORRECTION)
-
-    def _correction_share(self, grid: Discretisation, others: Others) -> float:
-        """The correction in sigma/(rho0 d); 0 where it or the tension does not act."""
-        sigma = self.nominal_tension(grid, others) if self._corrects() and self.coheres() else 0.0
-        if sigma <= 0:
-            return 0.0
-        return self.correction_coefficient(grid, others) * liquid_of(others).rest_density * grid.spacing / sigma
-
-    def _unstable(self, grid: Discretisation, others: Others) -> Iterator[str]:
-        """Notes on a short support radius and on corrections with which drops were found to swell or to fly apart."""
-        share = grid.support_radius / grid.spacing
-        if self.coheres() and share <= math.sqrt(3):
-            yield (
-                f"{self.name}: with a support radius of {share:.3g} spacings only the neighbours along the diagonals"
-                " of the lattice attract: drops were found to freeze in the shape they have and to tremble, with up to"
-                " 14 % of their initial kinetic energy"
+            share = grid.support_radius / grid.spacing
+            words = (
+                f"with a support radius of {share:.3g} spacings only the neighbours along the diagonals of the lattice"
+                " attract: drops were found to freeze in the shape they have and to tremble, with up to 14 % of their"
+                " initial kinetic energy"
             )
-        if self._corrects() and (note := angular_momentum_note(self.name, "correction", others)):
-            yield note
-        value = self._correction_share(grid, others)
-        if value > LARGEST_CORRECTION * (1 + 1e-9):
+            yield Margin("support_radius/spacing", share, math.sqrt(3), least=True, beyond=words)
+        if self._corrects() and self.coheres() and (sigma := self.nominal_tension(grid, others)) > 0:
+            value = self.correction_coefficient(grid, others) * liquid_of(others).rest_density * grid.spacing / sigma
             fate = "fly apart" if value >= SHATTERING_CORRECTION else "swell"
-            yield (
-                f"{self.name}: correction = {value:.3g} sigma/(rho0 d) is above {LARGEST_CORRECTION:g}, up to which"
-                f" drops come to rest at their density: they {fate}; a shorter step does not help"
+            words = (
+                f"correction = {value:.3g} sigma/(rho0 d) is above {LARGEST_CORRECTION:g}, up to which drops come to"
+                f" rest at their density: they {fate}; a shorter step does not help"
             )
+            yield Margin("correction rho0 d/sigma", value, LARGEST_CORRECTION, beyond=words)
 
     def _rest_distance(self, grid: Discretisation) -> float:
         return grid.spacing if self.rest_distance is None else self.rest_distance

@@ -312,34 +312,35 @@ class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
         yield from super().margins(grid, others)
         if not self.coheres():
             return
+        fluid = liquid_of(others)
         if self.pair_mode == "soft":
-            yield Margin("pull of the soft pair force/(rho0 c^2)", self._soft_pull(grid, others), LARGEST_SOFT)
+            number = abs(self._pressure(grid, others)) / (fluid.rest_density * fluid.sound_speed**2)
+            words = (
+                f"with pair_mode 'soft' the pair force of {number:.2g} rho0 c^2 is above {LARGEST_SOFT:g}, up to which"
+                " drops come to rest: take a larger sound_speed"
+            )
+            yield Margin("pull of the soft pair force/(rho0 c^2)", number, LARGEST_SOFT, beyond=words)
         if not (self.balance_pressure and self.acts_on_all_pairs()):
-            least, own = self._least_viscosity(grid, others), liquid_of(others).dynamic_viscosity
-            yield Margin("dynamic_viscosity [Pa s]", own, least, least=True)
+            least = fluid.rest_density * fluid.sound_speed * grid.support_radius / LEAST_VISCOUS
+            words = (
+                f"with unbalanced cohesion and a viscosity of {fluid.dynamic_viscosity:g} Pa s, below rho0 c"
+                f" h/{LEAST_VISCOUS:g} = {least:.3g} Pa s, drops may gain kinetic energy"
+            )
+            yield Margin("dynamic_viscosity [Pa s]", fluid.dynamic_viscosity, least, least=True, beyond=words)
         if self._area() != "none":
-            yield self._area_margin(grid, others)
-
-    def _soft_pull(self, grid: Discretisation, others: Others) -> float:
-        """Internal pressure of the pair force over rho0 c^2, as if all pairs acted."""
-        fluid = liquid_of(others)
-        return abs(self._pressure(grid, others)) / (fluid.rest_density * fluid.sound_speed**2)
-
-    def _least_viscosity(self, grid: Discretisation, others: Others) -> float:
-        """The least with which drops of unbalanced cohesion gain no energy [Pa s]."""
-        fluid = liquid_of(others)
-        return fluid.rest_density * fluid.sound_speed * grid.support_radius / LEAST_VISCOUS
-
-    def _area_margin(self, grid: Discretisation, others: Others) -> Margin:
-        fluid, value, name = liquid_of(others), self.area_ratio, "area_ratio"
-        if self._area() == "color":
-            unit = abs(self.signed_gamma(grid, others)) * fluid.rest_density
-            value = AKINCI_RATIO if self.area_acceleration is None else self.area_acceleration / unit
-            name = "area_acceleration/(gamma rho0)"
-        return Margin(name, value, LARGEST_AREA[self._area()][fluid.kernels])
+            value, name, largest = self.area_ratio, "area_ratio", LARGEST_AREA[self._area()][fluid.kernels]
+            if self._area() == "color":
+                unit = abs(self.signed_gamma(grid, others)) * fluid.rest_density
+                value = AKINCI_RATIO if self.area_acceleration is None else self.area_acceleration / unit
+                name = "area_acceleration/(gamma rho0)"
+            words = (
+                f"{name} = {value:.3g} is above {largest:g}, up to which drops with {fluid.kernels} kernels come to"
+                " rest in one piece; a shorter step does not help"
+            )
+            yield Margin(name, value, largest, beyond=words)
 
     def _unstable(self, grid: Discretisation, others: Others) -> Iterator[str]:
-        """Notes on settings with which drops were found to boil or to lose particles at any step."""
+        """Notes on pairs that are switched, and on an area term that changes angular momentum."""
         if not self.coheres():
             return
         if self._marked():
@@ -347,31 +348,8 @@ class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
                 f"{self.name}: pair_mode {self.pair_mode!r} switches tension on and off as particles enter and leave"
                 " the surface set, so that drops boil or fall apart: 'all' comes to rest"
             )
-        fluid = liquid_of(others)
-        if self.pair_mode == "soft":
-            number = self._soft_pull(grid, others)
-            if number > LARGEST_SOFT:
-                yield (
-                    f"{self.name}: with pair_mode 'soft' the pair force of {number:.2g} rho0 c^2 is above"
-                    f" {LARGEST_SOFT:g}, up to which drops come to rest: take a larger sound_speed"
-                )
-        if not (self.balance_pressure and self.acts_on_all_pairs()):
-            least = self._least_viscosity(grid, others)
-            if fluid.dynamic_viscosity < least:
-                yield (
-                    f"{self.name}: with unbalanced cohesion and a viscosity of {fluid.dynamic_viscosity:g}"
-                    f" Pa s, below rho0 c h/{LEAST_VISCOUS:g} = {least:.3g} Pa s, drops may gain kinetic energy"
-                )
-        if self._area() == "none":
-            return
-        if note := angular_momentum_note(self.name, "area term", others):
+        if self._area() != "none" and (note := angular_momentum_note(self.name, "area term", others)):
             yield note
-        area, kernels = self._area_margin(grid, others), fluid.kernels
-        if area.value > area.limit:
-            yield (
-                f"{self.name}: {area.setting} = {area.value:.3g} is above {area.limit:g}, up to which drops with"
-                f" {kernels} kernels come to rest in one piece; a shorter step does not help"
-            )
 
     def pair_force(self, r: NDArray, grid: Discretisation, others: Others) -> NDArray:
         """C(r) [N/kg^2] of J(16) and J(17)."""
