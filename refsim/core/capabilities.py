@@ -6,7 +6,7 @@ An effect names its capabilities among its bases, `class BoxWalls(Effect, Brings
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from typing import Any, ClassVar, NamedTuple, TypeVar
+from typing import Any, ClassVar, Literal, NamedTuple, TypeVar, get_args
 
 import msgspec
 import numpy as np
@@ -101,12 +101,39 @@ class BringsWalls:
         raise NotImplementedError  # an effect with this capability defines it
 
 
+Face = Literal["-x", "+x", "-y", "+y", "-z", "+z"]
+FACES: tuple[Face, ...] = get_args(Face)
+
+
 class HasPlanes:
-    """Holds the particles in a box by planes."""
+    """Holds the particles in a box by planes, on its faces that are not open."""
+
+    name: ClassVar[str]
+    lower: tuple[float, float, float]  # corners of the box [m]
+    upper: tuple[float, float, float]
+    open_faces: tuple[Face, ...]
 
     def domain(self, grid: Discretisation) -> tuple[np.ndarray, np.ndarray]:
-        """Lower and upper corner (3,) of the box [m]; infinite where it is open."""
-        raise NotImplementedError  # an effect with this capability defines it
+        """Lower and upper corner (3,) of the box [m]; infinite where it is open, and along z in 2D."""
+        ends = np.array([self.lower, self.upper], dtype=float).T.ravel()
+        for number, face in enumerate(FACES):
+            if face in self.open_faces or number >= 2 * grid.dim:
+                ends[number] = (-math.inf, math.inf)[number % 2]
+        return ends[::2], ends[1::2]
+
+    def check_inside(self, grid: Discretisation, position: np.ndarray, slack: float, first: int = 0) -> None:
+        """Raise InputError if one of these positions (n, 3) [m] is behind a plane, by more than `slack` [m].
+
+        first  number of the first one among the scene's particles
+        """
+        lower, upper = self.domain(grid)
+        out = np.flatnonzero(((position < lower - slack) | (position > upper + slack)).any(1))
+        if len(out):
+            where = ", ".join(f"{x:.6g}" for x in grid.absolute(position[out[0]])[: grid.dim])
+            raise InputError(
+                f"{self.name}: particle {first + out[0]} at ({where}) m is behind a wall ({len(out)} such particles);"
+                " move the liquid or the wall, or open that face."
+            )
 
     def wall_speed(self) -> float:
         """Speed of its fastest wall [m/s]."""

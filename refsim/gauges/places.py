@@ -9,13 +9,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from refsim.core.capabilities import BringsWalls, HasPlanes, having
+from refsim.core.capabilities import FACES, BringsWalls, HasPlanes, having
 from refsim.core.checked import suggestion
 from refsim.core.effect import Discretisation, Effect, Others
 from refsim.core.errors import InputError
 from refsim.gauges import Gauge
 
-FACES = ("-x", "+x", "-y", "+y", "-z", "+z")
 FINER = 4  # points of a level in a spacing
 MOST_POINTS = 10**6  # of a gauge
 LIQUID = "weakly_compressible"

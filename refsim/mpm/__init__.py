@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 import numpy as np
 
 from refsim.core.capabilities import (
+    FACES,
+    Face,
     HasErrata,
     HasPlanes,
     HoldsOtherMemory,
@@ -376,10 +378,6 @@ class MpmLiquid(
         return None
 
 
-Face = Literal["-x", "+x", "-y", "+y", "-z", "+z"]
-FACES = ("-x", "+x", "-y", "+y", "-z", "+z")
-
-
 def mpm_liquid_of(others: Others) -> MpmLiquid:
     """The scene's liquid on the background grid; an effect that takes it has `mpm_liquid` among its needs."""
     return others[MpmLiquid.name]  # type: ignore[return-value]
@@ -426,25 +424,9 @@ class MpmWalls(Effect, HasPlanes, frozen=True, kw_only=True):
                 )
 
     def initial(self, grid: Discretisation, state: InitialState, others: Others) -> Mapping[str, np.ndarray]:
-        lower, upper = self.domain(grid)
         inside = mpm_liquid_of(others).cell(grid) * 1e-6 if MpmLiquid.name in others else 0.0
-        out = np.flatnonzero(((state.position < lower - inside) | (state.position > upper + inside)).any(1))
-        if len(out):
-            where = ", ".join(f"{x:.6g}" for x in grid.absolute(state.position[out[0]])[: grid.dim])
-            raise InputError(
-                f"{self.name}: particle {out[0]} at ({where}) m is in a wall ({len(out)} such particles);"
-                " move the liquid or the wall, or open that face."
-            )
+        self.check_inside(grid, state.position, inside)
         return {}
-
-    def domain(self, grid: Discretisation) -> tuple[np.ndarray, np.ndarray]:
-        lower, upper = np.full(3, -np.inf), np.full(3, np.inf)
-        for axis in range(grid.dim):
-            if FACES[2 * axis] not in self.open_faces:
-                lower[axis] = self.lower[axis]
-            if FACES[2 * axis + 1] not in self.open_faces:
-                upper[axis] = self.upper[axis]
-        return lower, upper
 
     def stand(self, grid: Discretisation) -> bool:
         """Whether any face has a wall."""

@@ -233,7 +233,7 @@ BAD = {
     "surface_tension = -1": lambda: (LIQUID, SurfaceEnergy(surface_tension=-1.0)),
     "do not resolve": lambda: (LIQUID, SurfaceEnergy(surface_tension=1.0, smallest=200)),
     "do not resolve the body": lambda: (MpmLiquid(bulk_modulus=1e5, cell_size=2.0), SurfaceEnergy(surface_tension=1.0)),
-    "is in a wall": lambda: (LIQUID, MpmWalls(lower=(0.3, 0, 0), upper=(2, 2, 2))),
+    "is behind a wall": lambda: (LIQUID, MpmWalls(lower=(0.3, 0, 0), upper=(2, 2, 2))),
     "bulk_modulus = -1.0": lambda: (MpmLiquid(bulk_modulus=-1.0),),
     "rest_density = 0": lambda: (MpmLiquid(bulk_modulus=1.0, rest_density=0.0),),
     "cell_size = 0.05": lambda: (MpmLiquid(bulk_modulus=1.0, cell_size=0.05),),

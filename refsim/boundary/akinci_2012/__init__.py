@@ -16,7 +16,7 @@ import numpy as np
 
 from refsim.boundary import adami_2012
 from refsim.boundary.adami_2012 import LEAST_SHARE, walls_model
-from refsim.core.capabilities import BringsWalls, FollowsScene, HasErrata, HasPlanes, SumsDensity, having
+from refsim.core.capabilities import FACES, BringsWalls, Face, FollowsScene, HasErrata, HasPlanes, SumsDensity, having
 from refsim.core.checked import NotNegative, Printed
 from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit
 from refsim.core.energy import EnergyAccount
@@ -31,10 +31,8 @@ from refsim.sph import LIQUID, gravity_of, lean, least_wall_share, liquid_of, pr
 if TYPE_CHECKING:
     from refsim.core.effect import InitialState
 
-WIDE = (
-    2.5  # spacings of the support radius, from which on one layer pushes less the nearer a particle is (docs/liquid.md)
-)
-FACES = ("-x", "+x", "-y", "+y", "-z", "+z")
+# Spacings of the support radius from which on one layer pushes less the nearer a particle is (docs/liquid.md)
+WIDE = 2.5
 
 
 class BoxWalls(Effect, BringsWalls, HasPlanes, HasErrata, FollowsScene, SumsDensity, frozen=True, kw_only=True):
@@ -64,9 +62,9 @@ class BoxWalls(Effect, BringsWalls, HasPlanes, HasErrata, FollowsScene, SumsDens
     lower: tuple[float, float, float]
     upper: tuple[float, float, float]
     model: Literal["mirrored", "extrapolated"] | None = None
-    open_faces: tuple[Literal["-x", "+x", "-y", "+y", "-z", "+z"], ...] = ()
+    open_faces: tuple[Face, ...] = ()
     viscosity: NotNegative = 0.0
-    moving_faces: tuple[Literal["-x", "+x", "-y", "+y", "-z", "+z"], ...] = ()
+    moving_faces: tuple[Face, ...] = ()
     velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
     literal: Printed = ()
 
@@ -201,15 +199,6 @@ class BoxWalls(Effect, BringsWalls, HasPlanes, HasErrata, FollowsScene, SumsDens
         volume = liquid_of(others).particle_volume(grid) * left[kept]
         return WallParticles(moment[kept] / left[kept, None], volume)
 
-    def domain(self, grid: Discretisation) -> tuple[np.ndarray, np.ndarray]:
-        lower, upper = np.full(3, -np.inf), np.full(3, np.inf)
-        for axis in range(grid.dim):
-            if "-" + "xyz"[axis] not in self.open_faces:
-                lower[axis] = self.lower[axis]
-            if "+" + "xyz"[axis] not in self.open_faces:
-                upper[axis] = self.upper[axis]
-        return lower, upper
-
     def wall_speed(self) -> float:
         return math.hypot(*self.velocity) if self.moving_faces else 0.0
 
@@ -228,19 +217,8 @@ class BoxWalls(Effect, BringsWalls, HasPlanes, HasErrata, FollowsScene, SumsDens
 
     def initial(self, grid: Discretisation, state: InitialState, others: Others) -> Mapping[str, np.ndarray]:
         """No values of its own; raises InputError for particles that start behind a wall."""
-        bounds = self.shares(grid, others).get("bounds")
-        if bounds is None:
-            return {}
-        slack = 1e-3 * grid.spacing  # for the rounding of the planes
         first = 0 if grid.solids is None else len(grid.solids.lattice.key)  # ShapeMatching tests particles of solids
-        x = state.position[first:]
-        out = np.flatnonzero(((x < bounds.lower - slack) | (x > bounds.upper + slack)).any(1))
-        if len(out):
-            where = ", ".join(f"{c:.6g}" for c in grid.absolute(x[out[0]])[: grid.dim])
-            raise InputError(
-                f"{self.name}: particle {first + out[0]} at ({where}) m is behind a wall ({len(out)} such particles);"
-                " move the liquid or the wall, or open that face."
-            )
+        self.check_inside(grid, state.position[first:], 1e-3 * grid.spacing, first)  # for the rounding of the planes
         return {}
 
 
