@@ -44,9 +44,8 @@ NEAREST = 1.05  # spacings; a smaller support radius hardly reaches the nearest 
 RIGHT = 2.0, 6.0
 TOLD = 1.1  # of the outermost layer's number density, the least of an inner corner's at which J(12) tells the two
 TOWARDS_SECOND = 0.75  # of the way from the outermost layer's number density to an inner corner's
-FACE_MOMENTS = (
-    2.0  # first moments of a particle on a lattice's face; more than M from 1.5 to 1.85 spacings on, by kernel
-)
+# First moments of a particle on a lattice's face; more than M from 1.5 to 1.85 spacings on, by kernel
+FACE_MOMENTS = 2.0
 THIN = 1.3  # of the variance across two lattice layers: allows displacements of a fifth of the spacing
 THIN_FROM = 2.0  # spacings; a smaller support radius barely exceeds a film of three layers
 

@@ -5,9 +5,8 @@ import numpy as np
 from refsim.core.operation import operation
 from refsim.neighbours.reference import Sums
 
-UNDECIDED = (
-    1e-5  # relative distance from a triangle's plane, or from a cluster's reach, within which a row is not judged
-)
+# Relative distance from a triangle's plane, or from a cluster's reach, within which a row is not judged
+UNDECIDED = 1e-5
 
 
 def solid_angles(points, corners):

@@ -40,9 +40,8 @@ from refsim.smoothing import smoothing
 from refsim.sph import LIQUID, acceleration_of, lean, liquid_of, pressure_is_replaced
 
 MOST_LAYERS = 100  # of boundary particles
-FINEST = (
-    0.01  # least spacing of boundary particles and distances, in spacings of the liquid: guards against wrong units
-)
+# Least spacing of boundary particles and distances, in spacings of the liquid: guards against wrong units
+FINEST = 0.01
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -14,9 +14,8 @@ from refsim.sparse_grid.formulas import find_node
 from refsim.sph.formulas import drifted
 
 LONGEST = 4096  # samples along one path
-CLEARANCE = (
-    4  # h/CLEARANCE is subtracted from interpolated distances and is the least step along a path; h: band's spacing
-)
+# h/CLEARANCE is subtracted from interpolated distances and is the least step along a path; h: band's spacing
+CLEARANCE = 4
 PUSHES = 16  # at most, in one step; each is at most two depths long, and halves the depth on rounded edges
 LEFT = 128  # a push that leaves the particle less deep than h/LEFT is the last one
 
