@@ -9,7 +9,7 @@ import numpy as np
 
 from refsim.contract.inputs import Inputs
 from refsim.core.cases import TAKES, VARIATIONS, Variation
-from refsim.core.operation import Operation
+from refsim.core.operation import Fused, Operation
 from refsim.smoothing import smoothing
 
 KERNELS = ("smoothing", "gradient_smoothing")  # arguments that are smoothing kernels
@@ -34,9 +34,18 @@ def varied(operation: Operation, inputs: Inputs) -> Iterator[tuple[str, str, Inp
 
 def acts(operation: Operation, name: str, member: str, inputs: Inputs) -> bool:
     """Whether the member of group `name` is said to change the operation's answer."""
-    rule = VARIATIONS.get(type(inputs[name]), Variation())
-    said = TAKES.get((operation.name, name), rule.usual)
+    said = _said(operation, name, VARIATIONS.get(type(inputs[name]), Variation()).usual)
     return said is None or member in said
+
+
+def _said(operation: Operation, name: str, usual: tuple[str, ...] | None) -> tuple[str, ...] | None:
+    """Members of group `name` that are said to act, of a fused program those of all parts; None for all."""
+    if not isinstance(operation, Fused):
+        return TAKES.get((operation.name, name), usual)
+    called = operation.together.called
+    takers = [(p, own) for p in operation.parts for own in p.arguments("numpy") if called(p, own) == name]
+    said = [_said(part, own, usual) for part, own in takers]
+    return None if None in said else tuple(member for members in said for member in members or ())
 
 
 def followed(operation: Operation, inputs: Inputs) -> Inputs:
@@ -62,11 +71,9 @@ def readings_of(group: Any) -> tuple[str, ...]:
 
 def shape_acts(operation: Operation) -> tuple[str, ...]:
     """The smoothing kernels that the operation takes and whose shape changes its answer."""
-    return tuple(
-        name
-        for name in KERNELS
-        if name in operation.arguments("numpy") and "shape" in TAKES.get((operation.name, name), ("shape",))
-    )
+    there = [name for name in KERNELS if name in operation.arguments("numpy")]
+    said = {name: _said(operation, name, None) for name in there}
+    return tuple(name for name, members in said.items() if members is None or "shape" in members)
 
 
 def with_kernel(operation: Operation, inputs: Inputs, kernel: str) -> Inputs:

@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from refsim.contract import Target
+from refsim.contract.answers import parameters
 from refsim.contract.bounds import oracle
 from refsim.contract.inputs import Inputs, with_variant
 from refsim.core import cases
@@ -28,3 +30,12 @@ def test_the_first_variant_is_plain_and_not_zero(name):
     assert present == set(kept), "variant 0 leaves out all that is optional, or `plain_keeps` says what it needs"
     assert all(kept.values())
     assert answers(operation, first)
+
+
+@pytest.mark.parametrize("name", [name for name in REGISTRY if REGISTRY[name].programs.get("cuda:fused")])
+def test_members_that_act_in_a_fused_program_are_those_of_its_parts(name):
+    """A part without its optional walls takes more than acts; none acts that no part takes."""
+    fused = REGISTRY[name].as_computed_by("cuda:fused")
+    outcomes = [trial.run() for trial in parameters(Target(fused, "numpy", "float64"))]
+    assert outcomes
+    assert not [str(outcome) for outcome in outcomes if "is not in `takes`" in str(outcome)]

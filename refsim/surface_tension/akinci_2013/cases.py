@@ -23,7 +23,6 @@ VARIATIONS[CohesionSpline] = Variation(
     following(amplitude=lambda own, h, dim: 32 * float(own.gamma) / (math.pi * h**dim))
 )
 VARIATIONS[Adhesion] = Variation(following(amplitude=lambda own, h, dim: 0.007 * float(own.beta) / h**dim))
-cases.takes("akinci_2013.tension:fused", fluid="rest_density gradient_share wall_share")
 cases.takes("akinci_2013.tension", "akinci_2013.adhesion", smoothing="support_radius dim")
 plain_keeps("akinci_2013.tension", spline="the equation sums cohesion and area term; cohesion needs no normals")
 

@@ -55,7 +55,6 @@ VARIATIONS[Cohesion] = Variation(
 VARIATIONS[SoftThresholds] = Variation(
     lambda group, inputs, kernel: {"inverse_width": 1 / (float(group.upper) - float(group.lower))}
 )
-takes("jiang_zhu_2023.tension:fused", "jiang_zhu_2023.cohesion:fused", fluid="rest_density gradient_share wall_share")
 takes("jiang_zhu_2023.cohesion", "jiang_zhu_2023.tension", smoothing="support_radius dim")
 takes("jiang_zhu_2023.area", smoothing="support_radius")
 cases.codes(PairSelection, mode=PAIR_MODES)
