@@ -4,12 +4,12 @@ import math
 
 import numpy as np
 
+from refsim.backends.bits import WORD, lowest, marked
 from refsim.backends.compile import formula, kernel
 from refsim.neighbours import formulas
 from refsim.neighbours.limits import NEIGHBOUR_CAPACITY, WALL_CAPACITY
 from refsim.neighbours.rows import NeighbourRows
 
-PLACE_OF_BYTE = np.uint64(0x0020406080A0C0E0)  # times a lone 1 in byte k: k in the three highest bits
 CHUNKS = 64  # fixed, so that the list does not depend on the number of threads
 
 
@@ -31,15 +31,14 @@ def mark_near(x, y, z, limit, candidates, period, near, mark):
 
 
 @formula
-def append_marked(words, candidates, names, index, at):
-    """Append the names of the marked candidates to `index`, eight marks at a time; the next free place."""
-    for word in range(np.uint64((candidates + 7) // 8)):
-        marks = words[word]
+def append_marked(mark, candidates, names, index, at):
+    """Append the names of the marked candidates to `index`; the next free place."""
+    for first in range(np.uint64(0), np.uint64(candidates), np.uint64(WORD)):
+        marks = marked(mark, first)
         while marks != np.uint64(0):
-            lowest = marks & (~marks + np.uint64(1))
-            index[at] = names[(word << np.uint64(3)) + ((lowest * PLACE_OF_BYTE) >> np.uint64(61))]
+            index[at] = names[first + lowest(marks)]
             at += np.uint64(1)
-            marks ^= lowest
+            marks &= marks - np.uint64(1)
     return at
 
 
@@ -102,7 +101,7 @@ def build_chunk(chunk, queries, sources, radius, dim, exclude_self, period, peri
                         longer[m] = names[m]
                         for c in range(3):
                             wider[c, m] = near[c, m]
-                    near, names, mark = wider, longer, np.zeros(8 * ((grown + 7) // 8), np.uint8)
+                    near, names, mark = wider, longer, np.zeros(WORD * ((grown + WORD - 1) // WORD), np.uint8)
                 if exclude_self and least <= current and current <= most:
                     own = candidates - low  # this row of cells holds the query itself
                 for m in range(size):
@@ -112,13 +111,13 @@ def build_chunk(chunk, queries, sources, radius, dim, exclude_self, period, peri
                     near[2, candidates + m] = source[low + m, 2]
                 candidates += size
         mark_near(query[i, 0], query[i, 1], query[i, 2], limit, candidates, period, near, mark)
-        for m in range(candidates, 8 * ((candidates + 7) // 8)):
+        for m in range(candidates, WORD * ((candidates + WORD - 1) // WORD)):
             mark[m] = 0
         if exclude_self:
             mark[own + i] = 0
         start[i] = at
         if at + candidates <= capacity:
-            at = np.int64(append_marked(mark.view(np.uint64), candidates, names, index, np.uint64(at)))
+            at = np.int64(append_marked(mark, candidates, names, index, np.uint64(at)))
         else:
             for m in range(candidates):
                 if mark[m]:
