@@ -21,8 +21,9 @@ After the pair function come the particle, its lane (None in a kernel without la
 period or None, and then what the pair function names, in its order, each field once. The first group has the support
 radius. A list with positions of its own, as of walls, is one of other particles. Without positions (None) the sum goes
 over all entries of the list, near and far; its numbers have the type of FIELD, or of the first value that is no field.
-A branch on a parameter that is None leaves no code. Where the list carries packed fields, those are read, ahead of
-their use (`refsim.neighbours.packed_cuda`).
+A branch on a parameter that is None leaves no code. A CPU puts the fields of the near neighbours side by side before it
+computes with them (`refsim.backends.staging`); where the list carries packed fields, those are read, ahead of their use
+(`refsim.neighbours.packed_cuda`).
 """
 
 from __future__ import annotations
@@ -37,6 +38,7 @@ from typing import Any
 import numpy as np
 from numba import types
 
+from refsim.backends import staging
 from refsim.backends.compile import formula, overloaded
 from refsim.neighbours.formulas import to_nearest_image
 from refsim.neighbours.pair_functions import (
@@ -85,6 +87,18 @@ NEAR_LOOP = """\
         if r2 < limit:
             {theirs}
             {added}
+    return {totals}
+"""
+STAGED_LOOP = """\
+    {rooms}
+    for begin in range(np.uint64(0), count, np.uint64(staging.AT_A_TIME)):
+        size = staging.staged(listed.entries, first + begin, count - begin, ({arrays}), ({parts}))
+        for m in range(size):
+            dx, dy, dz = to_nearest_image(x - x_at[m], y - y_at[m], z - z_at[m], box)
+            r2 = dx * dx + dy * dy + dz * dz
+            if r2 < limit:
+                {theirs}
+                {added}
     return {totals}
 """
 PACKED_LOOP = """\
@@ -164,19 +178,48 @@ def loop_source(
         "zeros": [f"s{n} = real(0)" for n in sums],
         "added": added(pair),
     }
-    packed = near and "rows" in listed
-    if packed:
+    source = "listed.position" if "position" in listed else "places"
+    loop, more, words = NEAR + NEAR_LOOP if near else LOOP, {}, {}
+    if near and "rows" in listed:
         lines |= _packed_lines(pair, given)
+        loop, more = NEAR + PACKED_LOOP, _packed_names()
+    elif near and "start" in listed and not held and staging.there:
+        lines, words = lines | _staged_lines(pair, given, source), _staged_words(pair, given, source)
+        loop, more = NEAR + STAGED_LOOP, {"staging": staging, "np": np}
     else:
         lines["theirs"] = [f"{name}_j = {entry_of(name, given[name], 'j')}" for name in fields_of(pair, "j")]
         lines["theirs"] += [f"{name}_ij = listed.{name}[at]" for name in held]
     text = filled_in(
-        HEAD + (NEAR + (PACKED_LOOP if packed else NEAR_LOOP) if near else LOOP), lines, given=", ".join(given),
+        HEAD + loop, lines, given=", ".join(given),
         smoothing=other, real=f"listed.{held[0]}.dtype.type" if held else f"type({other})",
-        source="listed.position" if "position" in listed else "places",
-        totals=", ".join(f"over_lanes(s{n}, lane)" for n in sums),
+        source=source, totals=", ".join(f"over_lanes(s{n}, lane)" for n in sums), **words,
     )  # fmt: skip
-    return text, _packed_names() if packed else {}
+    return text, more
+
+
+def _rooms(pair: Callable, given: Mapping[str, str | None], source: str) -> dict[str, list[str]]:
+    """Names of the rooms of each array that is read at the neighbour, the positions first."""
+    rooms = {name: [f"{name}_at{c}" for c in range(3 if given[name] == VECTOR else 1)] for name in fields_of(pair, "j")}
+    return {source: ["x_at", "y_at", "z_at"]} | {name: own for name, own in rooms.items() if given[name] is not None}
+
+
+def _staged_lines(pair: Callable, given: Mapping[str, str | None], source: str) -> dict[str, list[str]]:
+    """Lines of the loop over staged fields."""
+    rooms = _rooms(pair, given, source)
+    parts = {name: ", ".join(f"{part}[m]" for part in rooms.get(name, ())) for name in fields_of(pair, "j")}
+    return {
+        "rooms": [f"{part} = staging.room({array})" for array, own in rooms.items() for part in own],
+        "theirs": [f"{name}_j = ({values})" if values else f"{name}_j = None" for name, values in parts.items()],
+    }
+
+
+def _staged_words(pair: Callable, given: Mapping[str, str | None], source: str) -> dict[str, str]:
+    """What that loop stages, and where."""
+    rooms = _rooms(pair, given, source)
+    return {
+        "arrays": "".join(f"{array}, " for array in rooms),
+        "parts": "".join(f"{part}, " for own in rooms.values() for part in own),
+    }
 
 
 def _packed_names() -> dict[str, Any]:

@@ -11,7 +11,7 @@ from refsim.neighbours.pair_functions import given_to, layout, terms
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import NeighbourRows
 
-N, H = 40, 0.9
+N, H = 131, 0.9  # more neighbours than are staged at a time
 LENGTHS = np.array([1.0, 2.0, 0.0])
 
 

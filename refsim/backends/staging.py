@@ -1,0 +1,128 @@
+"""Values of a particle's neighbours side by side, for CPU kernels: `room` to put them, and `staged`, which does.
+
+A processor that gathers eight values reads one after the other, and once more for each component of a vector. Here the
+components of a vector are one read, of four neighbours at a time, and the loop that follows reads side by side what it
+computes side by side.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.extending import lower_builtin, type_callable
+
+from refsim.backends.private import names
+
+_private = names("rows")
+cgutils: Any = _private and _private.cgutils
+there = cgutils is not None
+AT_A_TIME = 128  # neighbours that are staged
+FOUR, WIDE = 4, 16  # neighbours that are read together, and that a loop computes together at most
+
+
+def room(array: Any) -> Any:
+    """Room for one component of AT_A_TIME rows of `array`; compiled, on the stack, with whatever stands there."""
+    return np.empty(AT_A_TIME, array.dtype)
+
+
+def staged(entries: Any, first: Any, count: Any, arrays: tuple, rooms: tuple) -> Any:
+    """Put the rows entries[first], entries[first + 1], ... of the arrays into the rooms; the number of values there.
+
+    These are `count` rows, AT_A_TIME at most. An (n, 3) array has a room for each component, an (n,) array one. The
+    first array is one of positions. Compiled code fills the rooms up to a multiple of WIDE, so that it needs no other
+    loop for a rest: the first room with infinity, so that what stands there is nowhere near.
+    """
+    rows = entries[int(first) : int(first) + min(int(count), AT_A_TIME)]
+    columns = [column for array in arrays for column in (array.T if array.ndim == 2 else (array,))]
+    for column, part in zip(columns, rooms):
+        part[: len(rows)] = column[rows]
+    return len(rows)
+
+
+def _placed(context: Any, builder: ir.IRBuilder, signature: Any, values: Any) -> Any:
+    """`room`, on the stack."""
+    kind = context.get_data_type(signature.return_type.dtype)
+    with builder.goto_entry_block():
+        data = builder.alloca(ir.ArrayType(kind, AT_A_TIME + WIDE))
+    data.align = 64
+    made = context.make_array(signature.return_type)(context, builder)
+    size, item = (context.get_constant(types.intp, n) for n in (AT_A_TIME, context.get_abi_sizeof(kind)))
+    made.data = builder.bitcast(data, made.data.type)
+    made.nitems, made.itemsize = size, item
+    made.shape, made.strides = (cgutils.pack_array(builder, [value]) for value in (size, item))
+    made.meminfo, made.parent = (cgutils.get_null_value(pointer.type) for pointer in (made.meminfo, made.parent))
+    return made._getvalue()
+
+
+def _read(context: Any, builder: ir.IRBuilder, signature: Any, values: Any) -> Any:
+    """`staged`: a loop over groups of four, and one group more for a rest."""
+    entries, _, _, arrays, rooms = signature.args
+    word = cgutils.intp_t
+
+    def opened(kinds: Any, packed: Any) -> list[Any]:
+        members = zip(kinds, cgutils.unpack_tuple(builder, packed))
+        return [context.make_array(kind)(context, builder, value) for kind, value in members]
+
+    begin = builder.gep(context.make_array(entries)(context, builder, values[0]).data, [values[1]])
+    sources, places = opened(arrays, values[3]), iter([found.data for found in opened(rooms, values[4])])
+    parts = [[next(places) for _ in range(3 if kind.ndim == 2 else 1)] for kind in arrays]
+    most = word(AT_A_TIME)
+    number = builder.select(builder.icmp_unsigned("<", values[2], most), values[2], most)
+
+    def put(part: Any, at: Any, value: Any) -> None:
+        store = builder.store(value, builder.bitcast(builder.gep(part, [at]), value.type.as_pointer()))
+        store.align = context.get_abi_sizeof(value.type.element)
+
+    def four(at: Any, numbers: list[Any]) -> None:
+        rows = [builder.zext(builder.load(builder.gep(begin, [m])), word) for m in numbers]
+        for kind, source, own in zip(arrays, sources, parts):
+            for part, value in zip(own, _components(context, builder, kind, source, rows)):
+                put(part, at, value)
+
+    whole = builder.and_(number, word(-FOUR))
+    with cgutils.for_range_slice(builder, word(0), whole, word(FOUR), word) as (at, _):
+        four(at, [builder.add(at, word(n)) for n in range(FOUR)])
+    with builder.if_then(builder.icmp_unsigned("<", whole, number)):
+        last = builder.sub(number, word(1))
+        beyond = [builder.add(whole, word(n)) for n in range(FOUR)]
+        four(whole, [builder.select(builder.icmp_unsigned("<", m, last), m, last) for m in beyond])
+    item = parts[0][0].type.pointee
+    put(parts[0][0], number, ir.Constant(ir.VectorType(item, WIDE), [item(math.inf)] * WIDE))
+    return builder.and_(builder.add(number, word(WIDE - 1)), word(-WIDE))
+
+
+def _components(context: Any, builder: ir.IRBuilder, kind: Any, source: Any, rows: list[Any]) -> list[Any]:
+    """Vectors of four: the values of an array at four rows, or of an (n, 3) array those of each component."""
+
+    def shuffled(a: Any, b: Any, *order: int) -> Any:
+        return builder.shuffle_vector(a, b, ir.Constant(ir.VectorType(ir.IntType(32), len(order)), list(order)))
+
+    if kind.ndim == 1 and kind.layout == "C":
+        places = [builder.gep(source.data, [row]) for row in rows]
+    else:
+        base, stride = builder.bitcast(source.data, cgutils.voidptr_t), builder.extract_value(source.strides, 0)
+        places = [builder.bitcast(builder.gep(base, [builder.mul(row, stride)]), source.data.type) for row in rows]
+    item = source.data.type.pointee
+    if kind.ndim == 1:
+        four: Any = ir.Constant(ir.VectorType(item, FOUR), ir.Undefined)
+        for n, place in enumerate(places):
+            four = builder.insert_element(four, builder.load(place), ir.IntType(32)(n))
+        return [four]
+    found = [builder.load(builder.bitcast(place, ir.VectorType(item, 3).as_pointer())) for place in places]
+    for load in found:
+        load.align = context.get_abi_sizeof(item)
+    a, b, c, d = found
+    low, lower = shuffled(a, b, 0, 3, 1, 4), shuffled(c, d, 0, 3, 1, 4)
+    high, higher = shuffled(a, b, 2, 5), shuffled(c, d, 2, 5)
+    return [
+        shuffled(low, lower, 0, 1, 4, 5), shuffled(low, lower, 2, 3, 6, 7), shuffled(high, higher, 0, 1, 2, 3)
+    ]  # fmt: skip
+
+
+if there:
+    type_callable(room)(lambda context: lambda array: types.Array(array.dtype, 1, "C"))
+    lower_builtin(room, types.Array)(_placed)
+    type_callable(staged)(lambda context: lambda entries, first, count, arrays, rooms: types.uint64)
+    lower_builtin(staged, types.Array, types.Any, types.Any, types.BaseTuple, types.BaseTuple)(_read)
