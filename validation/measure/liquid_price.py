@@ -1,0 +1,107 @@
+"""What the liquid's options cost: a step of a cubic tank at rest with each of them, in turns on the same cores.
+
+`python -m validation measure liquid_price` takes steps 14 to 74 of each tank, one of each in turn, in processor time.
+It stores medians of the steps that keep the list and of those that build one; --write puts them on docs/liquid.md.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import statistics
+import time
+from pathlib import Path
+from typing import Any
+
+from refsim import Box, BoxWalls, Gravity, ParticleShifting, Scene, Simulation, SurfaceDetection, WeaklyCompressible
+from validation.filling import replaced
+from validation.reading import environment
+from validation.running import take_steps
+from validation.times import table
+
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "liquid.md"
+CELLS, FIRST, LAST = 32, 14, 74
+SOUND = 10 * math.sqrt(9.81)  # of a tank 1 m deep [m/s]
+EXTRAPOLATED: dict[str, Any] = {"model": "extrapolated"}
+PAPERS: dict[str, Any] = {"density": "summation"}
+CENTRAL: dict[str, Any] = {**PAPERS, "viscosity": "central"}
+FOUND = (SurfaceDetection(each_step=True), ParticleShifting())
+# support radius over the spacing, liquid, walls, further effects
+TANKS: dict[str, tuple[float, dict[str, Any], dict[str, Any], tuple[Any, ...]]] = {
+    "the papers' liquid, J(11), h = 2.6 d": (2.6, PAPERS, {}, ()),
+    "+ central viscosity": (2.6, CENTRAL, {}, ()),
+    "+ extrapolated walls": (2.6, CENTRAL, EXTRAPOLATED, ()),
+    "+ advanced density": (2.6, {"diffusion": 0.0}, {}, ()),
+    "+ diffusion: the default": (2.6, {}, {}, ()),
+    "+ detection and shifting": (2.6, {}, {}, FOUND),
+    "the papers' liquid, h = 3.2 d": (3.2, PAPERS, {}, ()),
+    "the default, h = 3.2 d": (3.2, {}, {}, ()),
+    "the papers' liquid, h = 4.0 d": (4.0, PAPERS, {}, ()),
+    "the default, h = 4.0 d": (4.0, {}, {}, ()),
+}
+
+
+def tank(h: float, liquid: dict[str, Any], walls: dict[str, Any], more: tuple[Any, ...], cells: int) -> Scene:
+    """A cube of water, 1 m deep, with `cells` particles along its edge, that fills the lower half of its box."""
+    d = 1 / cells
+    viscosity = 1000 * SOUND * h * d / 125
+    effects = (
+        WeaklyCompressible(sound_speed=SOUND, dynamic_viscosity=viscosity, **liquid), Gravity(),
+        BoxWalls(lower=(0.0, 0.0, 0.0), upper=(1.0, 1.0, 2.0), **walls), *more,
+    )  # fmt: skip
+    return Scene(spacing=d, support_radius=h * d, fluid=(Box(cells=(cells,) * 3),), effects=effects, dtype="float32")
+
+
+def measured(threads: int, cells: int = CELLS, last: int = LAST) -> dict[str, dict[str, float]]:
+    """Processor seconds of a step from FIRST to `last` that keeps the list and that builds one, and their mean."""
+    tanks = {name: Simulation(tank(*given, cells), "cpu", threads) for name, given in TANKS.items()}
+    found: dict[str, dict[str, list[float]]] = {name: {"kept": [], "built": []} for name in tanks}
+    for simulation in tanks.values():
+        take_steps(simulation, FIRST)
+    for _ in range(FIRST, last):
+        for name, simulation in tanks.items():
+            listed = simulation.search
+            assert listed is not None
+            builds, began = listed.log.rebuilds, time.process_time()
+            simulation.step()
+            kind = "kept" if listed.log.rebuilds == builds else "built"
+            found[name][kind].append(time.process_time() - began)
+    return {name: summed_up(**steps) for name, steps in found.items()}
+
+
+def summed_up(kept: list[float], built: list[float]) -> dict[str, float]:
+    """Medians of both kinds of steps, and their mean over the run, each at its median."""
+    medians = {kind: statistics.median(own) for kind, own in (("kept", kept), ("built", built)) if own}
+    whole = sum(medians[kind] * len(own) for kind, own in (("kept", kept), ("built", built)) if own)
+    return medians | {"mean": whole / (len(kept) + len(built))}
+
+
+def rows(stored: dict[str, Any]) -> list[str]:
+    """The table of the page; in brackets how many times the papers' liquid with the same support radius."""
+    heading = ["step that keeps the list [ms] (over the papers'; mean with builds over theirs)"]
+    lines, papers = [], ""
+    for name in TANKS:
+        papers = name if "papers'" in name else papers
+        cells = [name]
+        for own in stored.values():
+            steps, others = own["tanks"][name], own["tanks"][papers]
+            over = "; ".join(f"{steps[kind] / others[kind]:.2f}" for kind in ("kept", "mean"))
+            cells.append(f"{1e3 * steps['kept']:.1f}" + f" ({over})" * (name != papers))
+        lines.append(cells)
+    about = next(iter(stored.values()))
+    heading += [f"{count} thread{'s'[: int(count) > 1]}" for count in stored]
+    return [*table(heading, lines), "", f"CPU: {about['processor']}, {about['date']}."]
+
+
+def perform(given: argparse.Namespace) -> None:
+    """The command."""
+    stored: dict[str, Any] = json.loads(given.output.read_text()) if given.output.exists() else {}
+    for threads in given.threads:
+        about = environment(threads, "cpu")
+        kept = {name: about[name] for name in ("date", "processor", "commit")}
+        stored[str(threads)] = {**kept, "tanks": measured(threads)}
+        given.output.write_text(json.dumps(stored, indent=1) + "\n")
+    print(*rows(stored), sep="\n")
+    if given.write:
+        PAGE.write_text(replaced(PAGE.read_text(), "price", rows(stored), PAGE))
