@@ -167,8 +167,8 @@ def test_runs_hold_and_launch_what_the_plan_says():
     Compiled kernels have placed the boundary particles of the mesh, which is the same in all scenes.
     """
     program = (
-        "import json, pickle, sys; from tests.across import test_composition as t;"
-        "placed = pickle.load(sys.stdin.buffer); t.refsim.MeshBoundary.placed = lambda effect, grid: placed;"
+        "import json, pickle, sys, refsim; from tests.across import test_composition as t;"
+        "placed = pickle.load(sys.stdin.buffer); refsim.MeshBoundary.placed = lambda effect, grid: placed;"
         "print(json.dumps([len(t.SCENES), [line for name in t.SCENES for line in t.differences(name)]]))"
     )
     root = str(pathlib.Path(__file__).parents[2])
