@@ -47,13 +47,26 @@ def test_spin_down_begins_with_4_and_ends_with_3_39():
 
 def test_waves_are_fitted():
     time = np.linspace(0, 4, 200)
-    omega, gamma = scene.wave(np.pi, 0.5, 9.81, 0.012, "central")
-    assert gamma == 2 * scene.wave(np.pi, 0.5, 9.81, 0.012, "laplacian")[1] == pytest.approx(2 * 0.012 * np.pi**2)
-    assert omega == pytest.approx(np.sqrt(9.81 * np.pi * np.tanh(np.pi / 2)), rel=2e-3)
-    _, decay, rate, rest = scene.fitted(time, 0.3 * scene.swing(time, 0.4, 5.0), gamma, omega)
+    decay, rate = scene.fitted(time, 0.3 * np.exp(-0.4 * time) * np.cos(5.0 * time), 0.3, 5.3)
     assert (decay, rate) == pytest.approx((0.4, 5.0))
-    assert rest < 1e-9
     assert scene.peak(time, np.cos(time - 1.234)) == pytest.approx(1.234, abs=1e-4)
+
+
+@pytest.mark.parametrize("form", ["central", "laplacian"])
+def test_a_standing_wave_of_little_viscosity_is_potential_flow(form):
+    omega, gamma = scene.wave(np.pi, 0.5, 9.81, 1e-5, form)
+    assert omega == pytest.approx(np.sqrt(9.81 * np.pi * np.tanh(np.pi / 2)))
+    time = np.linspace(0, 4 * 2 * np.pi / omega, 321)
+    part, _ = scene.standing_wave(time, np.pi, 0.5, 9.81, 1e-5, 200.0, form, 40)
+    decay, rate = scene.fitted(time, part, gamma, omega)
+    assert rate == pytest.approx(omega, rel=1e-4)
+    assert decay == pytest.approx(gamma, rel=0.01)
+
+
+def test_a_standing_wave_on_deep_water_is_prosperettis():
+    time = np.linspace(0, 30, 301)
+    _, level = scene.standing_wave(time, 1.0, 8.0, 1.0, 0.02, 300.0, "central", 50)
+    np.testing.assert_allclose(level, scene.prosperetti(time, 1.0, 0.02, velocity=True), atol=1e-5)
 
 
 @pytest.mark.parametrize("damping", [1e-3, 0.03, 0.2])

@@ -139,24 +139,25 @@ def wave(context: Context, cells: int, form: str, backend: str) -> Result:
     """A standing wave of half a wave length in a closed box, `cells` particles deep, started by the velocities.
 
     Measured is the part of the velocity in the linear flow, fitted to A exp(-gamma t) cos(omega t + phase).
-    period, decay   measured over linear theory; residual  of the fit, over A
+    period, decay   measured over linear theory; error  root mean square of the part - the theory's, over the theory's
     """
     spacing, sound = DEPTH / cells, 10 * math.sqrt(GRAVITY * DEPTH)
     position, top = _column(spacing, (round(LENGTH / spacing), cells), sound)
     k = math.pi / LENGTH
-    omega, gamma = scene.wave(k, top, GRAVITY, WAVE_VISCOSITY, form)
+    omega, _ = scene.wave(k, top, GRAVITY, WAVE_VISCOSITY, form)
     flow = _standing(k, top)
     walls = BoxWalls(lower=(0.0, 0.0, 0.0), upper=(LENGTH, 2 * DEPTH, 0.0), open_faces=("+y",))
     effects = (Gravity(acceleration=(0.0, -GRAVITY, 0.0)), walls)
     cloud = Cloud(position=position, velocity=CREST * omega * flow(position))
     simulation = context.simulation(_scene("wave", spacing, cloud, effects, sound, WAVE_VISCOSITY, form), backend)
     time, part = _projected(context, simulation, flow, np.linspace(0, PERIODS * 2 * math.pi / omega, 161))
-    amplitude, decay, rate, residual = scene.fitted(time, part, gamma, omega)
+    part /= CREST * omega
+    period, decay, theory = scene.beside_linear(time, part, k, top, GRAVITY, WAVE_VISCOSITY, sound, form)
+    error = _rms(part - theory) / _rms(theory)
     values = _told(
-        cells, spacing, len(position), ("period", "decay"), form=form, period=omega / rate, decay=decay / gamma,
-        residual=residual / abs(amplitude),
-    )  # fmt: skip
-    return Result(values, {"time": time, "part": part / (CREST * omega), "theory": scene.swing(time, gamma, omega)})
+        cells, spacing, len(position), ("period", "decay"), form=form, period=period, decay=decay, error=error
+    )
+    return Result(values, {"time": time, "part": part, "theory": theory})
 
 
 def ellipse(context: Context, cells: int, backend: str) -> Result:

@@ -16,7 +16,7 @@ def hydrostatic(height: NDArray, top: float, density: float, gravity: float, sou
 
 
 def wave(k: float, depth: float, gravity: float, viscosity: float, form: str) -> tuple[float, float]:
-    """(angular frequency, rate of decay) [1/s] of a standing wave of small amplitude between walls that slip.
+    """(angular frequency, rate of decay) [1/s] of a standing wave of small amplitude in potential flow, walls slip.
 
     omega^2 = g k tanh(k H), less gamma^2. gamma = 2 nu k^2 (Lamb 1932, art. 348, 349) follows from the work 2 mu D:D in
     the potential flow, at any depth; J(11) does half of it.
@@ -25,21 +25,81 @@ def wave(k: float, depth: float, gravity: float, viscosity: float, form: str) ->
     return math.sqrt(gravity * k * math.tanh(k * depth) - gamma**2), gamma
 
 
-def swing(time: NDArray, gamma: float, omega: float) -> NDArray:
-    """exp(-gamma t) cos(omega t)."""
-    return np.exp(-gamma * time) * np.cos(omega * time)
+def standing_wave(
+    time: NDArray, k: float, depth: float, gravity: float, viscosity: float, sound: float, form: str, modes: int = 28
+) -> tuple[NDArray, NDArray]:
+    """(part of the velocity in the flow of the start, level at the crest [s] over the start's velocity there), linear.
+
+    It starts flat, with the velocities of the potential flow. Unlike the latter the liquid has no stress at its
+    surface: a layer of sqrt(2 nu/omega) there slows the decay, by 0.7 sqrt(nu k^2/omega) on deep water.
+    v_t = -grad q + viscous forces, q_t = -c^2 div v + g w for p = c^2 (rho - rho0), q = g level at the surface; in
+    Legendre polynomials of the height with the natural condition of the viscous work: 2 mu D:D + mu (div v)^2, with
+    J(11) mu |grad v|^2.
+    time  equally spaced, from 0
+    """
+    from numpy.polynomial import legendre
+    from scipy.linalg import expm, null_space
+
+    points = modes + 20
+    node, weight = legendre.leggauss(points)
+    z, weight = 0.5 * depth * (node + 1), 0.5 * depth * weight
+    along = legendre.legvander(node, modes)
+    along_slope = np.stack([legendre.legval(node, legendre.legder(row)) for row in np.eye(modes + 1)], 1) * 2 / depth
+    still = null_space((-1.0) ** np.arange(modes + 1)[None, :])  # w = 0 on the floor
+    none = np.zeros((points, modes + 1)), np.zeros((points, modes))
+    u, w = np.hstack([along, none[1]]), np.hstack([none[0], along @ still])  # times sin(k x) and cos(k x)
+    u_z, w_z = np.hstack([along_slope, none[1]]), np.hstack([none[0], along_slope @ still])
+    top = np.concatenate([np.zeros(modes + 1), np.ones(modes + 1) @ still])
+    density = np.exp(gravity * (depth - z) / sound**2)
+
+    def product(a: NDArray, b: NDArray, factor: NDArray | float = 1.0) -> NDArray:
+        return a.T @ ((weight * factor)[:, None] * b)
+
+    squeeze = k * u + w_z
+    work = (
+        product(squeeze, squeeze) + 2 * (k**2 * product(u, u) + product(w_z, w_z)) + product(u_z - k * w, u_z - k * w)
+    )
+    if form == "laplacian":
+        work = sum(product(part, part) for part in (k * u, k * w, u_z, w_z))
+    inverse = np.linalg.inv(product(u, u, density) + product(w, w, density))
+    push = (density[:, None] * (squeeze - gravity / sound**2 * w)).T * weight
+    count = len(top)
+    rates = np.zeros((count + points + 1,) * 2)
+    rates[:count, :count], rates[:count, count:-1] = -viscosity * inverse @ work, inverse @ push
+    rates[:count, -1] = -gravity * inverse @ top
+    rates[count:-1, :count], rates[-1, :count] = gravity * w - sound**2 * squeeze, top
+    start = np.concatenate([-np.cosh(k * z), np.sinh(k * z)]) / math.sinh(k * depth)
+    state = np.zeros(count + points + 1)
+    state[:count] = np.linalg.lstsq(np.vstack([u, w]), start, rcond=None)[0]
+    twice = np.tile(weight, 2) * start
+    part = twice @ np.vstack([u, w]) / (twice @ start)
+    onward, found = expm(rates * (time[1] - time[0])), []
+    for _ in time:
+        found.append((part @ state[:count], state[-1]))
+        state = onward @ state
+    return tuple(np.array(found).T)  # type: ignore[return-value]
 
 
-def fitted(time: NDArray, part: NDArray, gamma: float, omega: float) -> tuple[float, float, float, float]:
-    """(amplitude, gamma, omega, root mean square of the rest) of A exp(-gamma t) cos(omega t + phase)."""
+def fitted(time: NDArray, part: NDArray, gamma: float, omega: float) -> tuple[float, float]:
+    """(gamma, omega) [1/s] of A exp(-gamma t) cos(omega t + phase)."""
     from scipy.optimize import curve_fit
 
     def model(t: NDArray, size: float, decay: float, rate: float, phase: float) -> NDArray:
         return size * np.exp(-decay * t) * np.cos(rate * t + phase)
 
-    (size, decay, rate, phase), _ = curve_fit(model, time, part, (part[0], gamma, omega, 0.0))
-    rest = part - model(time, size, decay, rate, phase)
-    return float(size), float(decay), float(rate), float(np.sqrt(np.mean(rest**2)))
+    (_, decay, rate, _), _ = curve_fit(model, time, part, (part[0], gamma, omega, 0.0))
+    return float(decay), float(rate)
+
+
+def beside_linear(
+    time: NDArray, part: NDArray, k: float, depth: float, gravity: float, viscosity: float, sound: float, form: str
+) -> tuple[float, float, NDArray]:
+    """Period and decay over those of `standing_wave`, both fitted alike, and that solution, for part(0) = 1."""
+    often = np.linspace(0.0, time[-1], 8 * len(time))
+    exact = np.interp(time, often, standing_wave(often, k, depth, gravity, viscosity, sound, form)[0])
+    omega, gamma = wave(k, depth, gravity, viscosity, form)
+    (decay, rate), (own_decay, own_rate) = (fitted(time, values, gamma, omega) for values in (part, exact))
+    return own_rate / rate, decay / own_decay, exact
 
 
 def ellipse(time: NDArray, radius: float, pull: float, strain: float, friction: float) -> tuple[NDArray, NDArray]:
