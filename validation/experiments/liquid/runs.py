@@ -42,7 +42,7 @@ from refsim.sph import CORRECTION
 from validation.checks import Checks
 from validation.experiment import Experiment, Options, Results, Run
 from validation.experiments.solutions import scene as exact
-from validation.experiments.solutions.runs import _projected, _standing
+from validation.experiments.solutions.runs import _projected, _standing, order
 from validation.metrics.liquid import vortex, vortex_error
 from validation.results import Result
 from validation.running import Context, advance
@@ -602,6 +602,11 @@ def checks(results: Results, check: Checks) -> None:
                 own = {name: f"corrected_{name}" for name in ("period_off", "decay_off")}
         for name, rule in own.items():
             check(f"papers_{name}" if papers else rule, row[name], key, where)
+    for flow, sizes, names in (("vortices", SIDES, ("error",)), ("wave", DEPTHS, ("period_off", "decay_off"))):
+        found = [results[key].values for size in sizes if (key := f"{flow}_rests_{size}") in results]
+        for name in names if len(found) == len(sizes) else ():
+            rise = order([1 / size for size in sizes], [row[name] for row in found])
+            check(f"{flow}_order", rise, name, f"from {sizes[0]} to {sizes[-1]} cells")
 
 
 EXPERIMENT = Experiment(

@@ -21,6 +21,7 @@ from refsim import (
     BoxWalls,
     Cloud,
     Gravity,
+    ParticleShifting,
     Scene,
     Simulation,
     WeaklyCompressible,
@@ -43,7 +44,8 @@ from validation.peers import missing, pysph_terms, splishsplash_terms, warp_term
 from validation.results import Result
 from validation.running import Context, advance
 
-DENSITY, SUPPORT = 1000.0, 2.6  # kg/m^2; h/d
+DENSITY, SUPPORT, WIDER = 1000.0, 2.6, 3.2  # kg/m^2; h/d; h/d of the liquid that rests
+RESTS = "rests"
 GRAVITY = 9.81  # m/s^2
 NUMERICAL = 1 / 200  # kinematic viscosity over c h where the solution has none: above the least of docs/stability.md
 STEP = 0.3  # c dt/h of a fixed step
@@ -66,13 +68,19 @@ def _scene(
     name: str, spacing: float, fluid: Any, effects: tuple, sound: float, viscosity: float, form: str,
     clamp: bool = True, **more: Any,
 ) -> Scene:  # fmt: skip
-    """A scene in 2D of one part of the base liquid with kinematic viscosity `viscosity` [m^2/s]."""
+    """A scene in 2D of one part of the base liquid with kinematic viscosity `viscosity` [m^2/s].
+
+    form  of the viscosity, or "rests": the liquid that rests (docs/liquid.md), with the central one
+    """
+    own: dict[str, Any] = {"viscosity": form, "density": "summation", "clamp_pressure": clamp}
+    if form == RESTS:
+        own = {"viscosity": "central", "density": "continuity"}
     liquid = WeaklyCompressible(
-        rest_density=DENSITY, sound_speed=sound, dynamic_viscosity=DENSITY * viscosity, clamp_pressure=clamp,
-        viscosity=form, density="summation",  # type: ignore[arg-type]
-    )  # fmt: skip
+        rest_density=DENSITY, sound_speed=sound, dynamic_viscosity=DENSITY * viscosity, **own
+    )
+    reach = (WIDER if form == RESTS else SUPPORT) * spacing
     return Scene(
-        name=name, dim=2, dtype="float64", spacing=spacing, support_radius=SUPPORT * spacing, fluid=(fluid,),
+        name=name, dim=2, dtype="float64", spacing=spacing, support_radius=reach, fluid=(fluid,),
         effects=(liquid, *effects), **more,
     )  # fmt: skip
 
@@ -160,7 +168,7 @@ def wave(context: Context, cells: int, form: str, backend: str) -> Result:
     return Result(values, {"time": time, "part": part, "theory": theory})
 
 
-def ellipse(context: Context, cells: int, backend: str) -> Result:
+def ellipse(context: Context, cells: int, backend: str, form: str = "central") -> Result:
     """A disc of radius 1 m, `cells` spacings, in the force -Omega^2 x, that starts with v = sigma (x, -y).
 
     Viscous forces along the line of centres; the sound speed is Omega R/MACH. The semi-axis is twice the root mean
@@ -173,7 +181,7 @@ def ellipse(context: Context, cells: int, backend: str) -> Result:
     viscosity = NUMERICAL * sound * SUPPORT * spacing
     velocity = STRAIN * position * np.array([1.0, -1.0, 0.0])
     until = SWINGS * 2 * math.pi / (math.sqrt(2) * PULL)
-    time, (along, _) = _pulled(context, "ellipse", spacing, sound, position, velocity, viscosity, "central", until,
+    time, (along, _) = _pulled(context, "ellipse", spacing, sound, position, velocity, viscosity, form, until,
                                     lambda x, v: 2 * np.sqrt((x[:, :2] ** 2).mean(0)), backend)  # fmt: skip
     a, b = scene.ellipse(time, radius, PULL, STRAIN, 2 * viscosity)
     ideal, _ = scene.ellipse(time, radius, PULL, STRAIN, 0.0)
@@ -213,7 +221,10 @@ def _spun_down(
 
 
 def vortex(context: Context, cells: int, form: str, backend: str) -> Result:
-    """One vortex of Taylor & Green, U = 1 m/s, in a closed box of 1 m with `cells` particles a side; its walls slip."""
+    """One vortex of Taylor & Green, U = 1 m/s, in a closed box of 1 m with `cells` particles a side; its walls slip.
+
+    The liquid that rests is shifted.
+    """
     walls = BoxWalls(lower=(0.0, 0.0, 0.0), upper=(1.0, 1.0, 0.0))
     return _turning(context, cells, form, backend, math.pi, (walls,), (0.0, 0.0, 0.0))
 
@@ -235,7 +246,8 @@ def _turning(
     sound, viscosity = 10.0, math.pi / k / REYNOLDS
     until = MIXED * math.pi / k
     width = 1.0 / cells
-    spacing = width * math.sqrt(1 + BACKGROUND / sound**2)  # which sets the particles' mass
+    # which sets the particles' mass
+    spacing = width if form == RESTS else width * math.sqrt(1 + BACKGROUND / sound**2)
     position = Box(cells=(cells, cells, 1)).positions(Discretisation(2, "float64", width, SUPPORT * width, 0))
 
     def flow(x: NDArray) -> NDArray:
@@ -245,8 +257,12 @@ def _turning(
         return made
 
     cloud = Cloud(position=position, velocity=flow(position))
-    made = _scene("vortex", spacing, cloud, walls, sound, viscosity, form, clamp=False, period=period)
+    effects = (*walls, ParticleShifting(surface="none")) if form == RESTS else walls
+    made = _scene("vortex", spacing, cloud, effects, sound, viscosity, form, clamp=False, period=period)
     simulation = context.simulation(made, backend)
+    if form == RESTS:  # the pressure of the flow, with p = 0 in the mean
+        pressure = 0.25 * DENSITY * np.cos(2 * k * position[:, :2]).sum(1)
+        simulation.set_field("advanced_excess", pressure / sound**2)
     time, part = _projected(context, simulation, flow, np.linspace(0, until, 41))
     x, v = simulation.field("position"), simulation.field("velocity")
     decay = 2 * viscosity * k**2
@@ -276,21 +292,22 @@ def _between(
     context: Context, cells: int, form: str, backend: str, solution: Callable[..., NDArray],
     moving: bool = False, push: float = 0.0,
 ) -> Result:  # fmt: skip
-    """A channel that is periodic along x over half its height; its friction is that of the liquid times STICKING.
+    """A channel that is periodic along x over half its height (its height with more neighbours); its friction is that of
+    the liquid times STICKING.
 
     error   root mean square of u - u_exact over all particles and samples, over the largest velocity
     steady  the same in the last sample
     """
     spacing = GAP / cells
-    half = cells // 2 * spacing
+    wide = cells if form == RESTS else cells // 2
     walls = BoxWalls(
-        lower=(0.0, 0.0, 0.0), upper=(half, GAP, 0.0), open_faces=("-x", "+x"),
+        lower=(0.0, 0.0, 0.0), upper=(wide * spacing, GAP, 0.0), open_faces=("-x", "+x"),
         viscosity=STICKING * DENSITY * PLATE_VISCOSITY, moving_faces=("+y",) if moving else (),
         velocity=(PLATE_SPEED if moving else 0.0, 0.0, 0.0),
     )  # fmt: skip
     effects: tuple = (walls, Gravity(acceleration=(push, 0.0, 0.0))) if push else (walls,)
-    made = _scene("channel", spacing, Box(cells=(cells // 2, cells, 1)), effects, PLATE_SOUND, PLATE_VISCOSITY, form,
-                  clamp=False, period=(half, 0.0, 0.0))  # fmt: skip
+    made = _scene("channel", spacing, Box(cells=(wide, cells, 1)), effects, PLATE_SOUND, PLATE_VISCOSITY, form,
+                  clamp=False, period=(wide * spacing, 0.0, 0.0))  # fmt: skip
     simulation = context.simulation(made, backend)
     height, speed, wanted = [], [], []
 
@@ -322,11 +339,15 @@ def _pulled(
 
     No effect has this force: it is added to the velocities between the steps, with the leap-frog's share of the step.
     """
-    reach = SUPPORT * spacing
-    viscous = 0.125 * (0.5 * reach) ** 2 / viscosity / (3 if form == "central" else 1)  # docs/sph.md#step
+    reach = (WIDER if form == RESTS else SUPPORT) * spacing
+    viscous = 0.125 * (0.5 * reach) ** 2 / viscosity / (1 if form == "laplacian" else 3)  # docs/sph.md#step
     step = min(STEP * reach / sound, 0.8 * viscous)
     cloud = Cloud(position=position, velocity=velocity)
     simulation = context.simulation(_scene(name, spacing, cloud, (), sound, viscosity, form, step=step), backend)
+    if form == RESTS:
+        square = (position**2).sum(1)
+        edge = np.sort(square)[-1]
+        simulation.set_field("advanced_excess", 0.5 * DENSITY * (PULL / sound) ** 2 * (edge - square))
     steps = math.ceil(until / step)
     every = max(1, steps // 120)
     time, found = [0.0], [measure(position, velocity)]
@@ -827,12 +848,14 @@ COMPARED: dict[str, Callable[..., Result]] = {"splishsplash": splishsplash, "pys
 
 
 FORMS = ("laplacian", "central")
+ALL = (*FORMS, RESTS)
 CELLS = {
     "tank": (20, 40, 80), "wave": (10, 20, 40), "ellipse": (10, 20, 40), "disc": (10, 20, 40), "vortex": (20, 40, 80),
     "vortices": (20, 40, 80), "couette": (12, 24, 48), "poiseuille": (12, 24, 48), "capillary": (12, 24, 48),
     "drop": (6, 12, 24), "meniscus": (4, 8, 12), "jurin": (8, 12, 16),
 }  # fmt: skip
-WITH_FORMS = dict.fromkeys(("wave", "disc", "vortex", "vortices", "couette", "poiseuille", "drop"), FORMS)
+WITH_FORMS = dict.fromkeys(("disc", "vortex", "couette", "poiseuille"), ALL)  # wave and vortices stand in `liquid`
+WITH_FORMS |= {"ellipse": ("", RESTS), **dict.fromkeys(("wave", "vortices", "drop"), FORMS)}
 WITH_FORMS["meniscus"] = ("70", "110")  # [degrees]
 JUDGED = {  # quantities by problem: those with a measured order, and those that are judged at the smallest spacing
     "tank": ("error", "bulk"), "wave": ("period_off", "decay_off"), "ellipse": ("error", "period_off"),
