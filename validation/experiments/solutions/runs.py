@@ -75,9 +75,7 @@ def _scene(
     own: dict[str, Any] = {"viscosity": form, "density": "summation", "clamp_pressure": clamp}
     if form == RESTS:
         own = {"viscosity": "central", "density": "continuity"}
-    liquid = WeaklyCompressible(
-        rest_density=DENSITY, sound_speed=sound, dynamic_viscosity=DENSITY * viscosity, **own
-    )
+    liquid = WeaklyCompressible(rest_density=DENSITY, sound_speed=sound, dynamic_viscosity=DENSITY * viscosity, **own)
     reach = (WIDER if form == RESTS else SUPPORT) * spacing
     return Scene(
         name=name, dim=2, dtype="float64", spacing=spacing, support_radius=reach, fluid=(fluid,),
@@ -292,8 +290,7 @@ def _between(
     context: Context, cells: int, form: str, backend: str, solution: Callable[..., NDArray],
     moving: bool = False, push: float = 0.0,
 ) -> Result:  # fmt: skip
-    """A channel that is periodic along x over half its height (its height with more neighbours); its friction is that of
-    the liquid times STICKING.
+    """A channel, periodic along x over half its height or all; its friction is that of the liquid times STICKING.
 
     error   root mean square of u - u_exact over all particles and samples, over the largest velocity
     steady  the same in the last sample

@@ -7,7 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-FRICTION = {"laplacian": 1.0, "central": 2.0, "rests": 2.0}  # work of the viscous forces in a flow without curl, over mu |grad v|^2
+# work of the viscous forces in a flow without curl, over mu |grad v|^2
+FRICTION = {"laplacian": 1.0, "central": 2.0}
 
 
 def hydrostatic(height: NDArray, top: float, density: float, gravity: float, sound: float) -> NDArray:
