@@ -351,7 +351,11 @@ def _pulled(
     for k in range(steps):
         x, v = simulation.field("position"), simulation.field("velocity")
         v = v - (0.5 if k == 0 else 1.0) * step * PULL**2 * x
+        now = simulation.field("density") if form == RESTS else None
         simulation.set_field("velocity", v)
+        if now is not None:  # an advanced density would take the strain of this push before it moves anything
+            excess = simulation.field("advanced_excess")
+            simulation.set_field("advanced_excess", excess + now - simulation.field("density"))
         simulation.step()
         if (k + 1) % every == 0:
             time.append(simulation.time)
