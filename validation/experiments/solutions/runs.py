@@ -45,7 +45,7 @@ from validation.results import Result
 from validation.running import Context, advance
 
 DENSITY, SUPPORT, WIDER = 1000.0, 2.6, 3.2  # kg/m^2; h/d; h/d of the liquid that rests
-RESTS = "rests"
+RESTS, CORRECTED = "rests", "corrected"
 GRAVITY = 9.81  # m/s^2
 NUMERICAL = 1 / 200  # kinematic viscosity over c h where the solution has none: above the least of docs/stability.md
 STEP = 0.3  # c dt/h of a fixed step
@@ -70,13 +70,13 @@ def _scene(
 ) -> Scene:  # fmt: skip
     """A scene in 2D of one part of the base liquid with kinematic viscosity `viscosity` [m^2/s].
 
-    form  of the viscosity, or "rests": the liquid that rests (docs/liquid.md), with the central one
+    form  of the viscosity, or the liquid that rests (docs/liquid.md), with the central one; "corrected" gradients or not
     """
     own: dict[str, Any] = {"viscosity": form, "density": "summation", "clamp_pressure": clamp}
-    if form == RESTS:
-        own = {"viscosity": "central", "density": "continuity"}
+    if form in (RESTS, CORRECTED):
+        own = {"density": "continuity", "viscosity": "central", "gradient": "plain" if form == RESTS else "corrected"}
     liquid = WeaklyCompressible(rest_density=DENSITY, sound_speed=sound, dynamic_viscosity=DENSITY * viscosity, **own)
-    reach = (WIDER if form == RESTS else SUPPORT) * spacing
+    reach = (WIDER if form in (RESTS, CORRECTED) else SUPPORT) * spacing
     return Scene(
         name=name, dim=2, dtype="float64", spacing=spacing, support_radius=reach, fluid=(fluid,),
         effects=(liquid, *effects), **more,
@@ -336,12 +336,13 @@ def _pulled(
 
     No effect has this force: it is added to the velocities between the steps, with the leap-frog's share of the step.
     """
-    reach = (WIDER if form == RESTS else SUPPORT) * spacing
+    advanced = form in (RESTS, CORRECTED)
+    reach = (WIDER if advanced else SUPPORT) * spacing
     viscous = 0.125 * (0.5 * reach) ** 2 / viscosity / (1 if form == "laplacian" else 3)  # docs/sph.md#step
     step = min(STEP * reach / sound, 0.8 * viscous)
     cloud = Cloud(position=position, velocity=velocity)
     simulation = context.simulation(_scene(name, spacing, cloud, (), sound, viscosity, form, step=step), backend)
-    if form == RESTS:
+    if advanced:
         square = (position**2).sum(1)
         edge = np.sort(square)[-1]
         simulation.set_field("advanced_excess", 0.5 * DENSITY * (PULL / sound) ** 2 * (edge - square))
@@ -351,7 +352,7 @@ def _pulled(
     for k in range(steps):
         x, v = simulation.field("position"), simulation.field("velocity")
         v = v - (0.5 if k == 0 else 1.0) * step * PULL**2 * x
-        now = simulation.field("density") if form == RESTS else None
+        now = simulation.field("density") if advanced else None
         simulation.set_field("velocity", v)
         if now is not None:  # an advanced density would take the strain of this push before it moves anything
             excess = simulation.field("advanced_excess")
@@ -856,7 +857,7 @@ CELLS = {
     "drop": (6, 12, 24), "meniscus": (4, 8, 12), "jurin": (8, 12, 16),
 }  # fmt: skip
 WITH_FORMS = dict.fromkeys(("disc", "vortex", "couette", "poiseuille"), ALL)  # wave and vortices stand in `liquid`
-WITH_FORMS |= {"ellipse": ("", RESTS), **dict.fromkeys(("wave", "vortices", "drop"), FORMS)}
+WITH_FORMS |= {"ellipse": ("", RESTS, CORRECTED), **dict.fromkeys(("wave", "vortices", "drop"), FORMS)}
 WITH_FORMS["meniscus"] = ("70", "110")  # [degrees]
 JUDGED = {  # quantities by problem: those with a measured order, and those that are judged at the smallest spacing
     "tank": ("error", "bulk"), "wave": ("period_off", "decay_off"), "ellipse": ("error", "period_off"),
