@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 
 from refsim.core.energy import Amount, amount
 from refsim.core.errors import RunStopped
-from refsim.engine.driving import Driving
+from refsim.engine.driving import PUSH, Driving
 from refsim.engine.run import Run
 from refsim.scene.passes import accounts
 
 LEAP_FROGS = ("sph.kick_drift", "penetration.kick_drift")
 ROUNDINGS = 4.0  # eps of the run's dtype in each term; a smaller change is rounding
 KINETIC, COMPRESSION = "kinetic", "compression"
-DRIVEN = "driving"  # part of the energy that is less the work of motions and moving faces
+DRIVEN = "driving"  # part of the energy that is less the work of motions, moving faces and solids' pressure
 ROWS = 16384  # particles whose pairs are summed at once
 
 
@@ -96,6 +96,7 @@ class Auditor:
         self.staggered = any(p.operation in LEAP_FROGS for _, p in motion) and late <= {"shape_matching"}
         self.solids = bool(late)
         driven = bool(plan.scene.motion) or "wall_motion" in plan.shared
+        driven = driven or any(p.operation == PUSH for _, p in plan.passes)
         self.driving = Driving(simulation) if driven else None
         self.renew()
 

@@ -1,7 +1,8 @@
-"""Work that motions and moving faces of walls do on the liquid of a run, summed step by step."""
+"""Work of motions, of moving faces of walls and of the pressure that is extrapolated to solids, step by step."""
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from typing import Any
 
@@ -9,9 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from refsim.core.capabilities import BringsWalls, having
+from refsim.engine.binding import bound
 from refsim.engine.motions import Drive
 from refsim.engine.run import Run
 from refsim.engine.wall_forces import FRICTION, WallForces
+from refsim.shape_matching.phases import FLUID
+
+PUSH = "two_way_coupling.push"  # between liquid and solids with an extrapolated pressure
 
 
 class Driving:
@@ -20,11 +25,12 @@ class Driving:
     work  [J; J/m in 2D]
 
     A step moves a particle by dt v between two forces, and each of them acts for half of it: forces of the frame work
-    along dt v with the mean of both, faces with the mean of the power at both ends.
+    along dt v with the mean of both, and so do solids; faces with the mean of the power at both ends.
     """
 
     def __init__(self, run: Run) -> None:
         self.run, plan = run, run.plan
+        self.solids = [part for part in plan.passes if part[1].operation == PUSH]
         self.forces: WallForces | None = None
         if "wall_motion" in plan.shared:
             self.forces = WallForces(run)
@@ -40,15 +46,18 @@ class Driving:
 
     def renew(self) -> None:
         """Begin anew: the state was set between two steps."""
-        self.work, self.power, self.drive = 0.0, math.nan, None
+        self.work, self.power, self.drive, self.push = 0.0, math.nan, None, None
 
     drive: Drive | None  # at the beginning of the step
+    push: NDArray[np.float64] | None  # of solids at the beginning of the step
 
     def begin(self) -> None:
         """Note what acts at the beginning of a step."""
         self.drive = None if self.run.motions is None else self.run.motions.drive
         if self.forces is not None and math.isnan(self.power):
             self.power = self._of_faces(self.forces)
+        if self.solids and self.push is None:
+            self.push = self._of_solids()
 
     def after_step(self) -> None:
         """Add the work of the step."""
@@ -61,6 +70,29 @@ class Driving:
         if self.forces is not None:
             before, self.power = self.power, self._of_faces(self.forces)
             self.work += 0.5 * (before + self.power) * run.previous_length
+        if self.solids:
+            before_step, self.push = self.push, self._of_solids()
+            way = run.stored("velocity").astype(float) * run.previous_length
+            self.work += math.fsum(0.5 * ((before_step + self.push) * way).sum(1))
+
+    def _of_solids(self) -> NDArray[np.float64]:
+        """Forces (n, 3) [N] of the pressure p_k of solids' particles, V_i V_k p_k grad W_ik, in the first order.
+
+        The liquid's own pressure works on the strain that its density takes, p_k on one that no density has.
+        """
+        run, dtype = self.run, self.run.plan.grid.dtype
+        run.lists.update()
+        run.order.attend()
+        run.bring(("pressure", "density"))
+        pressure = np.where(run._host("phase") == FLUID, 0.0, run._host("pressure")).astype(dtype)
+        found = run.backend.zeros((len(pressure), 3), dtype)
+        given = {"acceleration": found, "pressure": run.backend.asarray(pressure)}
+        for effect, p in self.solids:
+            sources = (given, run._parameters[effect.name], run._shared, run.fields)
+            run.timings.run(p.operation, bound(dataclasses.replace(p, algorithm="plain"), run.backend, sources))
+        force = np.empty((len(pressure), 3))
+        force[run._host("identity")] = run._host("mass")[:, None] * np.asarray(run.backend.host(found), dtype=float)
+        return force
 
     def _of_faces(self, forces: WallForces) -> float:
         """Power [W] of the moving faces: their friction and the liquid's own pressure on them, times their velocity.

@@ -191,7 +191,7 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, SumsDensity, frozen=Tru
             work = compression_energy(mass, density, rest, stiffness, exponent, clamped=liquid.clamps())
             return compression_amount(work, mass * liquid.sound_speed**2, grid.dtype)
 
-        uncounted = ["the pressure extrapolated to solids"] if liquid.advances() else []
+        uncounted = []
         if self.density_weighted:
             uncounted.append("the difference of the density-weighted pressure from each particle's own")
         if {"M2", "M4"} & self.printed():

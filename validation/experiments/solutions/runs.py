@@ -70,7 +70,7 @@ def _scene(
 ) -> Scene:  # fmt: skip
     """A scene in 2D of one part of the base liquid with kinematic viscosity `viscosity` [m^2/s].
 
-    form  of the viscosity, or the liquid that rests (docs/liquid.md), with the central one; "corrected" gradients or not
+    form  of the viscosity, or the liquid that rests (docs/liquid.md), with the central one: "rests", "corrected"
     """
     own: dict[str, Any] = {"viscosity": form, "density": "summation", "clamp_pressure": clamp}
     if form in (RESTS, CORRECTED):
