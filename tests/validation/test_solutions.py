@@ -152,7 +152,7 @@ def test_the_runs_at_small_size(monkeypatch):
         "jurin_risen_off",
     } <= set(verdicts)
     without, periodic, tense = discover()["solutions"].pictures
-    assert (len(without.needs), len(periodic.needs), len(tense.needs)) == (24, 18, 15)
+    assert (len(without.needs), len(periodic.needs), len(tense.needs)) == (36, 24, 15)
     drawn = ((without, pictures.TITLES), (periodic, pictures.PERIODIC), (tense, pictures.WITH_TENSION))
     for picture, titles in drawn:
         panels = picture.draw(picture.collect(results)).axes

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
-from validation.drawing import BLUE, GREY, VERMILION
+from validation.drawing import BLUE, GREEN, GREY, PURPLE, VERMILION
 from validation.experiment import Picture, Results
 from validation.experiments.solutions.runs import _behind
 
@@ -28,8 +28,15 @@ WITH_TENSION = {
     "meniscus": ("Liquid lifted by a wall", {"lifted_off": "area"}),
 }
 STYLES = ("-", "--")
-COLOURS = {"": BLUE, "laplacian": VERMILION, "central": BLUE, "70": BLUE, "110": VERMILION}
-WORDS = {"": "", "laplacian": ", J(11)", "central": ", central", "70": ", 70 degrees", "110": ", 110 degrees"}
+COLOURS = {
+    "": BLUE, "laplacian": VERMILION, "central": BLUE, "rests": GREEN, "corrected": PURPLE,
+    "70": BLUE, "110": VERMILION,
+}  # fmt: skip
+WORDS = {
+    "": "", "laplacian": ", J(11)", "central": ", central", "rests": ", that rests",
+    "corrected": ", that rests, corrected",
+    "70": ", 70 degrees", "110": ", 110 degrees",
+}  # fmt: skip
 
 
 Titles = Mapping[str, tuple[str, Mapping[str, str]]]

@@ -929,12 +929,13 @@ def checks(results: Results, check: Checks) -> None:
         problem, _, form = name.partition("_")
         whole = len(one["spacing"]) == len(CELLS[problem])
         for quantity in (q for q in JUDGED[problem] if q in one and whole):
-            check(f"{problem}_{quantity}", one[quantity][-1], form)
+            own = "_of_rest" if quantity == "error" and problem == "ellipse" and form else ""
+            check(f"{problem}_{quantity}{own}", one[quantity][-1], form)
             rule = "order" if ORDERED.get(problem) == quantity else "order_shown"
             if quantity != "side":  # no error
                 check(rule, order(one["spacing"], one[quantity]), f"{name}.{quantity}")
         for value, size in zip(one.get("error", ()), one["spacing"]):
-            if name in ("disc_central", "drop_central"):
+            if name in ("disc_central", "disc_rests", "drop_central"):
                 check(f"{problem}_kept", value, f"{1 / size:.0f}", f"R = {1 / size:.0f} d")
             if problem == "tank":
                 check("tank_any", value * HEIGHT / (SUPPORT * size), f"{1 / size:.0f}", f"H = {1 / size:.0f} d")
