@@ -70,10 +70,11 @@ class Driving:
         if self.forces is not None:
             before, self.power = self.power, self._of_faces(self.forces)
             self.work += 0.5 * (before + self.power) * run.previous_length
-        if self.solids:
-            before_step, self.push = self.push, self._of_solids()
-            way = run.stored("velocity").astype(float) * run.previous_length
-            self.work += math.fsum(0.5 * ((before_step + self.push) * way).sum(1))
+        if self.push is not None:
+            push = self._of_solids()
+            way = self._in_first_order(run._host("velocity")) * run.previous_length
+            self.work += math.fsum(0.5 * ((self.push + push) * way).sum(1))
+            self.push = push
 
     def _of_solids(self) -> NDArray[np.float64]:
         """Forces (n, 3) [N] of the pressure p_k of solids' particles, V_i V_k p_k grad W_ik, in the first order.
@@ -90,9 +91,12 @@ class Driving:
         for effect, p in self.solids:
             sources = (given, run._parameters[effect.name], run._shared, run.fields)
             run.timings.run(p.operation, bound(dataclasses.replace(p, algorithm="plain"), run.backend, sources))
-        force = np.empty((len(pressure), 3))
-        force[run._host("identity")] = run._host("mass")[:, None] * np.asarray(run.backend.host(found), dtype=float)
-        return force
+        return self._in_first_order(run._host("mass")[:, None] * np.asarray(run.backend.host(found), dtype=float))
+
+    def _in_first_order(self, rows: NDArray) -> NDArray[np.float64]:
+        ordered = np.empty(rows.shape)
+        ordered[self.run._host("identity")] = rows
+        return ordered
 
     def _of_faces(self, forces: WallForces) -> float:
         """Power [W] of the moving faces: their friction and the liquid's own pressure on them, times their velocity.
