@@ -12,7 +12,7 @@ import contextlib
 import os
 import time
 from collections.abc import Callable, Iterator
-from functools import cached_property, partial
+from functools import cache, cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -81,6 +81,7 @@ class Wrong:
         self.worst = int(np.argmax(self.ratio))
         self.own = self.inputs.per_particle(self.name)
         self.taken, self.count = self.operation.arguments("numpy"), len(self.inputs["position"])
+        self.parts = cache(self._parts)
 
     def told(self, deep: bool) -> tuple[str, dict[str, Any]]:
         """(cause, values of the worst row); with `deep` the oracle and the program are called to find them."""
@@ -377,20 +378,14 @@ class Wrong:
         hits = int((self.wrong[rows] & (effect > 4 * bound)).sum())
         return hits >= min(2, int(self.wrong.sum()))
 
-    @cached_property
-    def _parts(self) -> dict[int, tuple[np.ndarray, np.ndarray]]:
-        return {}
-
-    def parts(self, k: int) -> tuple[np.ndarray, np.ndarray]:
+    def _parts(self, k: int) -> tuple[np.ndarray, np.ndarray]:
         """(neighbours within the support, what each adds) of the k-th row, by leaving out one at a time."""
-        if k not in self._parts:
-            i = int(self.number[k])
-            near = self.near(i)[: self.inside(i)]
-            near = near if len(near) <= MOST_PAIRS else near[:0]
-            every = np.arange(self.count)
-            adds = [self.right[k] - self.answer(self.some(np.delete(every, j)), i - int(j < i)) for j in near]
-            self._parts[k] = near, np.array(adds).reshape(len(near), -1)
-        return self._parts[k]
+        i = int(self.number[k])
+        near = self.near(i)[: self.inside(i)]
+        near = near if len(near) <= MOST_PAIRS else near[:0]
+        every = np.arange(self.count)
+        adds = [self.right[k] - self.answer(self.some(np.delete(every, j)), i - int(j < i)) for j in near]
+        return near, np.array(adds).reshape(len(near), -1)
 
     def place(self, k: int, sign: int) -> int:
         """Place of the neighbour whose absence (-1) or repetition (1) explains the k-th row best."""

@@ -127,11 +127,7 @@ class Gauges:
 
     def _in_first_order(self, values: Any) -> NDArray[np.float64]:
         found = np.asarray(self.run.backend.host(values), dtype=float)
-        if self._static is None:
-            return found
-        ordered = np.empty_like(found)
-        ordered[self._static.order] = found
-        return ordered
+        return found if self._static is None else self._static.in_first_order(found)
 
     def _launch(self, p: Pass, *sources: dict[str, Any]) -> None:
         run = self.run

@@ -54,11 +54,7 @@ class NeighbourLists:
 
     def in_first_order(self, values: np.ndarray) -> np.ndarray:
         """A table of the wall particles in the order in which the effects gave them."""
-        if self._static is None:
-            return values
-        ordered = np.empty_like(values)
-        ordered[self._static.order] = values
-        return ordered
+        return values if self._static is None else self._static.in_first_order(values)
 
     def in_list_order(self, values: np.ndarray) -> np.ndarray:
         """A table of the wall particles in the order of the lists: the inverse of `in_first_order`."""

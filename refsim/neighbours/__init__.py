@@ -200,6 +200,12 @@ class StaticSet:
     order: np.ndarray
     position: Any
 
+    def in_first_order(self, values: np.ndarray) -> np.ndarray:
+        """A table of these particles in the order in which they were given."""
+        ordered = np.empty_like(values)
+        ordered[self.order] = values
+        return ordered
+
 
 def coincident_pairs(position: np.ndarray) -> list[tuple[int, int]]:
     """Pairs of particles at exactly the same place; position (n, 3) [m]."""

@@ -138,16 +138,20 @@ def stir(simulation: Simulation, point: Any, until: float, look: Callable[[], No
         look()
 
 
-def free_drop(point: Any, position: NDArray, velocity: NDArray | None, ohnesorge: float) -> Scene:
-    """The drop as it stands, with a viscosity mu = Oh sqrt(rho sigma R)."""
-    fluid = WeaklyCompressible(
+def _liquid(point: Any, ohnesorge: float) -> WeaklyCompressible:
+    """The liquid of a drop, with a viscosity mu = Oh sqrt(rho sigma R)."""
+    return WeaklyCompressible(
         rest_density=1.0, sound_speed=1 / math.sqrt(point.stiffness),
         dynamic_viscosity=ohnesorge * math.sqrt(point.radius), kernels=point.kernels, density=point.liquid,
     )  # fmt: skip
+
+
+def free_drop(point: Any, position: NDArray, velocity: NDArray | None, ohnesorge: float) -> Scene:
+    """The drop as it stands."""
     return Scene(
         name=point.key, spacing=1.0, support_radius=point.support, dim=point.dim, dtype=point.dtype,
         fluid=(Cloud(position=position, velocity=(0.0, 0.0, 0.0) if velocity is None else velocity),),
-        effects=(fluid, SETTINGS[point.model][1](1.0), *BESIDE.get(point.model, ())),
+        effects=(_liquid(point, ohnesorge), SETTINGS[point.model][1](1.0), *BESIDE.get(point.model, ())),
     )  # fmt: skip
 
 
@@ -170,10 +174,7 @@ def cap(point: Any) -> NDArray:
 
 def sessile(point: Any, position: NDArray) -> Scene:
     """The drop over the plane."""
-    fluid = WeaklyCompressible(
-        rest_density=1.0, sound_speed=1 / math.sqrt(point.stiffness),
-        dynamic_viscosity=CALM * math.sqrt(point.radius), kernels=point.kernels, density=point.liquid,
-    )  # fmt: skip
+    fluid = _liquid(point, CALM)
     grid = Discretisation(point.dim, "float64", 1.0, point.support, 0)
     gamma = Akinci2013(surface_tension=1.0).coefficient(grid, {"weakly_compressible": fluid})
     up, width = point.dim - 1, float(math.ceil(FLOOR * point.radius))
