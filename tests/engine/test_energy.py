@@ -258,7 +258,7 @@ def test_the_work_of_solids_is_that_of_the_oracle():
     for backend in ("numpy", "cpu"):
         simulation = Simulation(ice(3, 6).with_(energy_audit=EnergyAudit(every=1)), backend)
         advanced(simulation, 3)
-        work.append(-simulation.auditor.now["driving"])
+        work.append(-simulation.auditor.report()["now"]["driving"])
     assert work[0] == pytest.approx(work[1], rel=1e-3)
 
 
