@@ -130,8 +130,7 @@ def rows_of(sigma=1.7, left=0.01, radii=(8.0, 11.0, 16.0, 24.0)):
                 "model": "akinci", "dim": 2, "support": 2.6, "stiffness": 0.01, "kernels": "mueller", "radius": radius,
                 "seed": 1, "stopped": "", "effective_radius": radius, "spurious": moving,
                 "pressure": sigma / radius + left - moving**2 / radius / 2,
-                "laplace": sigma + left * radius - moving**2 / 2, "capillary": 0.1, "momentum": 0.0,
-                "angular_momentum": 0.0, "nn_5": 0.8, "roughness": 0.01,
+                "laplace": sigma + left * radius - moving**2 / 2,
                 **({"rayleigh": 1.8, "misfit": 0.1} if radius >= 16 else {}),
             }
         )  # fmt: skip

@@ -47,7 +47,6 @@ from refsim.study.panels.drops import (
     stir,
 )
 from refsim.surface_tension.calibration import BASE, BESIDE, SETTINGS
-from validation.metrics.droplet import nearest_neighbour_distance, radius_variation
 
 FITTED_FROM = 3.0  # support radii: drops that are smaller are not fitted against 1/R
 SOFTENING = {2: 0.0, 3: 34409 / 58800}  # omega = omega_0 (1 - s A^2) at amplitude A (Tsamopoulos & Brown 1983)
@@ -177,7 +176,7 @@ def measure(point: Point, backend: str = "cpu") -> dict[str, Any]:
     rayleigh   sigma = rho R^3 (omega^2 + beta^2)/k from the damped frequency, k = 8 in 3D and 6 in 2D; omega for
                small amplitudes, by the known softening in 3D
     steps      of all stages together
-    spurious   rms speed at rest over sqrt(sigma/(rho R)); capillary = mu max|v|/sigma
+    spurious   rms speed at rest over sqrt(sigma/(rho R))
     """
     return row_of(point, lambda point, row: _measure(point, row, backend))
 
@@ -220,21 +219,10 @@ def _measure(point: Point, row: dict[str, Any], backend: str) -> None:
         samples.append(_rest(thin, point))
     mean = {name: float(np.mean([s[name] for s in samples])) for name in samples[0]}
     radius = mean["radius"]
-    x, v, m = (thin.field(name).astype(float) for name in ("position", "velocity", "mass"))
-    moduli = (m[:, None] * np.abs(v)).sum()
-    turning = (m * np.linalg.norm(x, axis=1) * np.sqrt((v**2).sum(1))).sum()
-    near = nearest_neighbour_distance(x)
     row |= {
-        "steps": calm.steps + thin.steps, "effective_radius": radius, "pressure": mean["pressure"], "balls": len(BALLS),
-        "pressure_deviation": float(np.std([s["pressure"] for s in samples])),
+        "steps": calm.steps + thin.steps, "effective_radius": radius, "pressure": mean["pressure"],
         "laplace": mean["pressure"] * radius / (point.dim - 1), "bulk_error": mean["density"] - 1,
         "spurious": mean["rms"] * math.sqrt(radius),
-        "capillary": THIN * math.sqrt(point.radius) * float(np.max([s["max"] for s in samples])),
-        "momentum": float(np.linalg.norm((m[:, None] * v).sum(0)) / moduli),
-        "angular_momentum": float(np.linalg.norm((m[:, None] * np.cross(x, v)).sum(0)) / turning),
-        "nn_min": float(near.min()), "nn_5": float(np.quantile(near, 0.05)),
-        "extent": float(np.linalg.norm(x - x.mean(0), axis=1).max() / radius),
-        "roughness": radius_variation(x) if point.dim == 3 else _disc_variation(x),
     }  # fmt: skip
     if point.kicked:
         _oscillate(point, thin, radius, row, backend)
@@ -254,11 +242,8 @@ def _rest(simulation: Simulation, point: Point) -> dict[str, float]:
     if away.min() > INNER * point.radius or away.max() > 10 * point.radius:
         raise Dispersed
     density, radius = inside(simulation, point.radius)
-    speed = np.sqrt(((v - v.mean(0)) ** 2).sum(1))
-    return {
-        "pressure": inner_pressure(simulation, BALLS * radius), "density": density, "radius": radius,
-        "rms": float(np.sqrt((speed**2).mean())), "max": float(speed.max()),
-    }  # fmt: skip
+    rms = math.sqrt(((v - v.mean(0)) ** 2).sum(1).mean())
+    return {"pressure": inner_pressure(simulation, BALLS * radius), "density": density, "radius": radius, "rms": rms}
 
 
 def _oscillate(point: Point, thin: Simulation, radius: float, row: dict[str, Any], backend: str) -> None:
@@ -280,16 +265,6 @@ def _oscillate(point: Point, thin: Simulation, radius: float, row: dict[str, Any
         "rayleigh": squared * radius**3 / RAYLEIGH[point.dim],
         "lamb": float(LAMB[point.dim]) * THIN * math.sqrt(point.radius) / radius**2,
     }  # fmt: skip
-
-
-def _disc_variation(position: NDArray, directions: int = 120, half_angle: float = 10.0) -> float:
-    """Roughness of a disc: std/mean over directions of the greatest distance from the centre near each."""
-    x = position[:, :2] - position[:, :2].mean(0)
-    angle, away = np.arctan2(x[:, 1], x[:, 0]), np.linalg.norm(x, axis=1)
-    turn = 2 * math.pi * np.arange(directions) / directions
-    off = np.abs((angle[None, :] - turn[:, None] + math.pi) % (2 * math.pi) - math.pi)
-    near = np.where(off < math.radians(half_angle), away[None, :], 0.0).max(1)
-    return float(near.std() / near.mean()) if (near > 0).all() else math.nan
 
 
 def fit_laplace(rows: Sequence[Mapping[str, Any]]) -> tuple[float, float, float]:

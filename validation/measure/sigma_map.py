@@ -26,7 +26,6 @@ from validation.running import Context
 ROWS = Path(__file__).resolve().parent.parent / "data" / "drops.json"
 AXES = ("model", "dim", "support", "stiffness", "kernels", "liquid")
 WORST_MISFIT = 0.35  # of the oscillation's fit: beyond it no frequency is read
-WORST = {"spurious": max, "capillary": max, "momentum": max, "angular_momentum": max, "nn_5": min, "roughness": max}
 
 
 def read_rows(path: Path = ROWS) -> list[dict[str, Any]]:
@@ -51,8 +50,7 @@ def condensed(rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """One entry for each setting, sorted.
 
     laplace, laplace_error, intercept  fit of P = (dim - 1) sigma/R + P0 over the radii, sigma over the nominal one
-    flat_laplace, flat_rayleigh        limits for R to infinity of the drops' R P/(dim - 1) and of Rayleigh's tension by
-                                       lines in 1/R (Tolman 1949); with their standard errors, flat_..._error
+    flat_laplace                       limit for R to infinity of the drops' R P/(dim - 1) by a line in 1/R
     rayleigh, rayleigh_spread          mean and standard deviation over the drops whose oscillation could be fitted
     seeds, seed_spread                 drops that differ by their seed alone, and the deviation of their P R
     drops_by_radius                    of each radius [d] whose frequency was read: both tensions of the drops
@@ -81,8 +79,7 @@ def _entry(entry: dict[str, Any], rows: Sequence[Mapping[str, Any]]) -> dict[str
         "laplace": slope,
         "laplace_error": error,
         "intercept": intercept,
-        **_flat("laplace", large),
-        **_flat("rayleigh", [r for r in large if _read(r) and r["radius"] >= SEEDED[r["dim"]]]),
+        "flat_laplace": _flat(large),
         "rayleigh": float(np.mean(waves)) if waves else math.nan,
         "rayleigh_spread": float(np.std(waves)) if len(waves) > 1 else math.nan,
         "seeds": len(seeded),
@@ -95,21 +92,16 @@ def _entry(entry: dict[str, Any], rows: Sequence[Mapping[str, Any]]) -> dict[str
         "radii": sorted({r["radius"] for r in lasting}),
         "drops": len(rows),
         "stopped": dict(Counter(r["stopped"] for r in rows if r["stopped"])),
+        "spurious": max((r["spurious"] for r in lasting), default=math.nan),
     }
-    for name, worst in WORST.items():
-        values = [r[name] for r in lasting if math.isfinite(r[name])]
-        entry[name] = float(worst(values)) if values else math.nan
     return entry
 
 
-def _flat(name: str, rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
-    """What a tension of drops becomes where curvature is gone; NaN below three radii."""
-    limit = error = math.nan
-    if len({r["radius"] for r in rows}) >= 3:
-        curvature = np.array([1 / r["effective_radius"] for r in rows])
-        (_, limit), covariance = np.polyfit(curvature, [r[name] for r in rows], 1, cov=True)
-        error = math.sqrt(covariance[1, 1])
-    return {f"flat_{name}": float(limit), f"flat_{name}_error": float(error)}
+def _flat(rows: Sequence[Mapping[str, Any]]) -> float:
+    """What the jump's tension of drops becomes where curvature is gone (Tolman 1949); NaN below three radii."""
+    if len({r["radius"] for r in rows}) < 3:
+        return math.nan
+    return float(np.polyfit([1 / r["effective_radius"] for r in rows], [r["laplace"] for r in rows], 1)[1])
 
 
 def _read(row: Mapping[str, Any]) -> bool:
