@@ -144,7 +144,7 @@ class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
     """Surface tension of a free liquid surface.
 
     surface_tension     sigma [N/m]; nominal: turned into gamma by the Kirkwood-Buff integral (kirkwood_buff_sigma).
-                        A drop of summed density has 2.57 times this tension by its jump and 1.95 times by its frequency (3D,
+                        A drop of summed density has 2.57 times this by its jump and 1.95 times by its frequency (3D,
                         radius of 10 spacings, h = 2.6 spacings; docs/sigma_map.md)
     gamma               coefficient of J(16) [m^4/(kg s^2)], instead of sigma
     pair_mode           "all", "soft" (pairs weighted by their soft surface weights), or by the surface set S:

@@ -9,7 +9,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from refsim.surface_tension.calibration import BASE
-from validation.drawing import BLACK, BLUE, GREY, ORANGE, PURPLE, SKY, VERMILION
+from validation.drawing import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION
 from validation.experiment import Picture, Results
 from validation.experiments.laplace.runs import setting_words
 from validation.measure.drops import MODELS, SEEDED, base
@@ -89,7 +89,7 @@ PICTURES = (Picture("sigma_map", map_data, map_picture, ("map",)),)
 # Contact angle against the coefficient of adhesion.
 
 
-WETTING_COLOURS = (BLACK, BLUE, SKY, VERMILION, ORANGE, PURPLE)
+WETTING_COLOURS = (BLACK, BLUE, SKY, VERMILION, ORANGE, PURPLE, GREEN)
 
 
 def wetting_at_base(entry: Mapping[str, Any]) -> bool:

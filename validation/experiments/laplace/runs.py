@@ -178,7 +178,7 @@ def asked(context: Context, dim: int, radius: float, angle: float) -> Result:
 
 def setting_words(entry: Mapping[str, Any]) -> str:
     """A setting in words."""
-    liquid = "" if summed(entry) else ", advanced density"
+    liquid = "" if summed(entry) else ", advanced"
     return f"{entry['dim']}D, h = {entry['support']:g} d, S = {entry['stiffness']:g}, {entry['kernels']}{liquid}"
 
 

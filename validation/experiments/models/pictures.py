@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -259,16 +258,17 @@ def liquids_picture(data: Mapping[str, Any]) -> Any:
     at = np.arange(len(rows))[::-1]
     for axes, (key, words) in zip(panels, SEEN.items()):
         for shift, (liquid, (label, colour)) in zip((0.19, -0.19), LIQUIDS.items()):
-            values = [real(row[liquid].get(key)) for row in rows]
-            axes.barh(at + shift, values, 0.36, color=colour, label=label)
+            values = [row[liquid].get(key) for row in rows]
+            axes.barh(at + shift, [value or 0 for value in values], 0.36, color=colour, label=label)
             for y, value in zip(at + shift, values):
-                text = f"{value:.2g}" if math.isfinite(value) else "none"
-                axes.text(value if math.isfinite(value) else 0, y, f" {text}", va="center", fontsize=7, color=colour)
+                none = "never" if key == "time_s" else "none"
+                text = none if value is None else f"{value:.2g}"
+                axes.text(value or 0, y, f" {text}", va="center", fontsize=7, color=colour)
         axes.set_title(words, fontsize=9)
         axes.margins(x=0.25)
         axes.grid(True, axis="x")
         if key in ("spurious", "radius_variation"):
-            axes.set(xscale="log", xlim=(1e-3, 10.0))
+            axes.set(xscale="log", xlim=(1e-4, 10.0))
     panels[0].set_yticks(at, [row["model"] for row in rows])
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
     figure.suptitle(data["title"], fontsize=11)
