@@ -53,7 +53,6 @@ def add_commands(made: argparse.ArgumentParser) -> None:
         part.add_argument("--backend", default="cpu", help="cpu (default) or cuda")
         part.add_argument("--advanced", action="store_true", help="only drops of an advanced density")
         part.add_argument("--seconds", type=float, default=math.inf, help="stop after so long")
-        part.add_argument("--limit", type=int, default=10**9, help="measure at most so many")
     for name, words in (
         ("sigma_map", "condenses the free drops on file into the table of refsim.calibrate"),
         ("wetting_map", "condenses the sessile drops on file into the table of refsim.calibrate_contact_angle"),
@@ -146,7 +145,6 @@ def measure_drops(given: argparse.Namespace) -> int:
     missing = [p for p in wanted if p.key not in rows]
     longest_first = given.scheduler is not None  # on many workers the longest drop is the shortest wall time
     missing.sort(key=lambda p: (0 if longest_first else p.urgency(), p.cost() if given.jobs == 1 else -p.cost()))
-    missing = missing[: given.limit]
     print(f"{len(missing)} drops to measure, {len(rows)} there", flush=True)
     given.output.parent.mkdir(parents=True, exist_ok=True)
     began = time.perf_counter()

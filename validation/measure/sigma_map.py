@@ -52,7 +52,6 @@ def condensed(rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
     laplace, laplace_error, intercept  fit of P = (dim - 1) sigma/R + P0 over the radii, sigma over the nominal one
     flat_laplace                       limit for R to infinity of the drops' R P/(dim - 1) by a line in 1/R
     rayleigh, rayleigh_spread          mean and standard deviation over the drops whose oscillation could be fitted
-    seeds, seed_spread                 drops that differ by their seed alone, and the deviation of their P R
     drops_by_radius                    of each radius [d] whose frequency was read: both tensions of the drops
                                        themselves, R P/(dim - 1) and Rayleigh's, means and deviations over the seeds
     radii                              in spacings, of the drops that lasted
@@ -73,7 +72,6 @@ def _entry(entry: dict[str, Any], rows: Sequence[Mapping[str, Any]]) -> dict[str
     lasting = [row for row in rows if not row["stopped"]]
     slope, error, intercept = fit_laplace(lasting)
     waves = [r["rayleigh"] for r in lasting if _read(r) and r["radius"] >= SEEDED[r["dim"]]]
-    seeded = [r["laplace"] for r in lasting if r["radius"] == SEEDED[r["dim"]]]
     large = [r for r in lasting if r["radius"] >= FITTED_FROM * r["support"]]
     entry |= {
         "laplace": slope,
@@ -82,8 +80,6 @@ def _entry(entry: dict[str, Any], rows: Sequence[Mapping[str, Any]]) -> dict[str
         "flat_laplace": _flat(large),
         "rayleigh": float(np.mean(waves)) if waves else math.nan,
         "rayleigh_spread": float(np.std(waves)) if len(waves) > 1 else math.nan,
-        "seeds": len(seeded),
-        "seed_spread": float(np.std(seeded)) if len(seeded) > 1 else math.nan,
         "drops_by_radius": [
             _of_radius(lasting, radius)
             for radius in sorted({r["radius"] for r in lasting if _read(r)})

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -34,20 +34,14 @@ def planned(options: Options) -> list[Run]:
     return made
 
 
-def measured_now(results: Results, dim: int | None = None) -> list[Mapping[str, Any]]:
-    """Rows of the drops that were measured now, of one dimension or of both."""
-    return [r.values for key, r in results.items() if key != "map" and dim in (None, r.values["dim"])]
+def measured_now(results: Results, dim: int) -> list[Mapping[str, Any]]:
+    """Rows of the drops of one dimension that were measured now."""
+    return [r.values for key, r in results.items() if key != "map" and r.values["dim"] == dim]
 
 
-def settings(results: Results, dim: int | None = None) -> list[dict[str, Any]]:
-    """The map's entries; of one dimension those at the base."""
-    found = results["map"].values["settings"] if "map" in results else []
-    return [entry for entry in found if dim is None or (entry["dim"] == dim and at_base(entry))]
-
-
-def spread_of(values: Sequence[float]) -> float:
-    """Standard deviation over the mean."""
-    return float(np.std(values, ddof=1) / np.mean(values))
+def settings(results: Results) -> list[dict[str, Any]]:
+    """The map's entries."""
+    return results["map"].values["settings"] if "map" in results else []
 
 
 def checks(results: Results, check: Checks) -> None:
@@ -59,24 +53,19 @@ def checks(results: Results, check: Checks) -> None:
         slope, error, intercept = fit_laplace(rows)
         name, words = f"{LEADING}_{dim}d", f"{MODELS[LEADING][0]}, {dim}D, measured now"
         check("sigma", slope, name, words)
-        seeded = [row["laplace"] for row in rows if row["radius"] == SEEDED[dim] and not row["stopped"]]
-        if len(seeded) > 1:
-            check("seed_spread", spread_of(seeded), name, f"{words}, {len(seeded)} seeds")
         check("fit_error", error / slope if slope else math.nan, name, words)
         largest = max(row["radius"] for row in rows if not row["stopped"])
         check("left_over", abs(intercept) * largest / ((dim - 1) * slope), name, words)
     for entry in settings(results):
         if at_base(entry) and math.isfinite(real(entry["laplace"])):
             check("sigma", entry["laplace"], f"map_{entry['model']}_{entry['dim']}d", words_of(entry))
-    for entry in settings(results, 3):
-        slope, model = real(entry["laplace"]), MODELS[entry["model"]][0]
-        error = real(entry["laplace_error"]) / slope if slope > 0 else math.nan
-        check("agreement", apart_by(entry), entry["model"], f"{model}, fit +- {100 * error:.0f} %")
-    for entry in settings(results, 3):
-        for drop in entry["drops_by_radius"]:
+    for entry in settings(results):
+        for drop in entry["drops_by_radius"] if entry["dim"] == 3 and (at_base(entry) or not summed(entry)) else ():
             if drop["radius"] >= LARGE:
-                words, name = (f"R = {drop['radius']:g} d", f"{entry['model']}_R{drop['radius']:g}")
-                check("agreement_drops", apart_by(drop), name, f"{MODELS[entry['model']][0]}, {words}")
+                liquid = "" if summed(entry) else ", advanced density"
+                name = f"{entry['model']}_R{drop['radius']:g}{liquid_key(entry.get('liquid', 'summation'))}"
+                words = f"{MODELS[entry['model']][0]}{liquid}, R = {drop['radius']:g} d"
+                check("agreement_drops", apart_by(drop), name, words)
     known = {}
     for entry in settings(results):
         if entry["dim"] == 3 and summed(entry) and math.isfinite(value := farthest_apart(entry)):
@@ -136,11 +125,6 @@ def oscillation_checks(results: Results, check: Checks) -> None:
             for name, value in requested(row).items():
                 check("requested", value, f"{key}.{name}", f"{name}, seed {row['seed']}")
         check("damping", real(row.get("damping")) / real(row.get("lamb")), key, words)
-    for dim in (2, 3):
-        found = [real(row.get("rayleigh")) for row in measured_now(results, dim) if not row["stopped"]]
-        if len(found) > 1:
-            words = f"{MODELS[LEADING][0]}, {dim}D, {len(found)} seeds"
-            check("seed_spread", spread_of(found), f"{LEADING}_{dim}d", words)
 
 
 def requested(row: Mapping[str, Any]) -> dict[str, float]:

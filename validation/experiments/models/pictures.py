@@ -227,17 +227,16 @@ def liquids_data(results: Results) -> dict[str, Any]:
     """
     table = {row["model"]: row["cut"] for row in read_data(ROOT / "figures", "models_table_1")["rows"]}
     rows = []
-    for name, model in MODELS.items():
-        if (result := results.get(f"cut_advanced_{name}")) is None:
-            continue
-        rest = result.values["rest"]
-        ball = {"radius_variation": result.values["end"]["radius_variation"], "time_s": rest and rest["time"]}
-        balls = {"summation": table[model.words], "continuity": ball}
-        row: dict[str, Any] = {"model": model.words}
-        for liquid, own in balls.items():
-            kept = {key: own[key] for key in ("radius_variation", "time_s")}
-            row[liquid] = {**seen_of(name, liquid), **kept}
-        rows.append(row)
+    for name in ADVANCED:
+        values, words = results[f"cut_{name}"].values, ADVANCED[name].words
+        ball = {
+            "radius_variation": values["end"]["radius_variation"],
+            "time_s": values["rest"] and values["rest"]["time"],
+        }
+        own = {key: table[words][key] for key in ball}
+        model = name.removeprefix("advanced_")
+        row = {"summation": seen_of(model, "summation") | own, "continuity": seen_of(model, "continuity") | ball}
+        rows.append({"model": words, **row})
     return {"title": "Drops of R = 10 d, h = 2.6 d, Wendland kernels, and the balls of cut cubes", "rows": rows}
 
 
@@ -261,11 +260,9 @@ def liquids_picture(data: Mapping[str, Any]) -> Any:
             values = [row[liquid].get(key) for row in rows]
             axes.barh(at + shift, [value or 0 for value in values], 0.36, color=colour, label=label)
             for y, value in zip(at + shift, values):
-                none = "never" if key == "time_s" else "none"
-                text = none if value is None else f"{value:.2g}"
-                axes.text(value or 0, y, f" {text}", va="center", fontsize=7, color=colour)
-        axes.set_title(words, fontsize=9)
-        axes.margins(x=0.25)
+                text = f" {'none' if value is None else format(value, '.2g')}"
+                axes.text(value or 0, y, text, va="center", fontsize=7, color=colour)
+        axes.set(title=words, xmargin=0.25)
         axes.grid(True, axis="x")
         if key in ("spurious", "radius_variation"):
             axes.set(xscale="log", xlim=(1e-4, 10.0))
