@@ -25,7 +25,7 @@ def front_by_splishsplash(point: Point, repeat: int, threads: int | None) -> Rea
             "viscosity": viscosity(width / columns) / DENSITY, "shake": repeat,
             "times": (FALL * np.arange(0.0, 4.625, 0.05)).tolist(),
         },
-        threads or 2,
+        threads or 1,
     )  # fmt: skip
     if "missing" in found:
         return reading(failed=f"missing: {found['missing']}")
@@ -35,7 +35,7 @@ def front_by_splishsplash(point: Point, repeat: int, threads: int | None) -> Rea
 
 def drop_by_splishsplash(point: Point, repeat: int, threads: int | None) -> Reading:
     """Radius variation that a drop keeps under Akinci et al. 2013, and the seconds after which it does."""
-    found = splishsplash.run_drop({**point.setting["settings"], "shake": repeat}, threads or 2)
+    found = splishsplash.run_drop({**point.setting["settings"], "shake": repeat}, threads or 1)
     if "missing" in found:
         return reading(failed=f"missing: {found['missing']}")
     value = kept(np.array(found["time"]), found["error"])

@@ -14,11 +14,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from scipy.optimize import brentq
 from scipy.special import erf
 
 import refsim
 from refsim import InputError, make_plan
 from refsim.scene.refine import fitting, refined
+from refsim.scene.surface_mesh import load_mesh, signed_volume
 from refsim.study.observables import observable_of
 from refsim.study.result import Study, percent
 from refsim.study.runs import Reading, Setting, measure
@@ -70,6 +72,27 @@ def falling_rod(time: float, height: float, width: float, density: float, sound:
     """
     reached = sound * time
     return 0.5 * density * width * (pull * time) ** 2 * (height - reached + reached / 3)
+
+
+def poured(volume: float, wide: float, mesh: Path, sound: float) -> float:
+    """Height [m] of the centre of mass of a liquid at rest over a torus about z, in a box `wide` m wide.
+
+    volume  at rest density [m^3]; at rest the density is exp(g (top - z)/c^2) times as large. mesh: of the torus; its
+            tube is taken as round and as large as the mesh
+    """
+    made = load_mesh(mesh)
+    wider, _, thick = np.ptp(made.vertices, axis=0)
+    ring = 0.5 * (wider - thick)
+    tube = math.sqrt(signed_volume(made.vertices[made.faces]) / (2 * math.pi**2 * ring))
+
+    def moments(top: float) -> np.ndarray:
+        z = np.linspace(0.0, top, 20001)
+        solid = 4 * math.pi * ring * np.sqrt(np.maximum(tube**2 - (z - made.origin[2]) ** 2, 0.0))
+        density = (wide**2 - solid) * np.exp(9.81 * (top - z) / sound**2)
+        return np.trapezoid([density, z * density], z)
+
+    amount, moment = moments(brentq(lambda top: moments(top)[0] - volume, 0.0, 2 * volume / wide**2))
+    return float(moment / amount)
 
 
 @dataclass(frozen=True)

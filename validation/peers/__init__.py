@@ -13,6 +13,7 @@ import os
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -31,6 +32,12 @@ PROGRAMS = {  # by module: the program in words, what it is imported as, and its
     ("splishsplash", "splishsplash_sampling", "splishsplash_terms"),
     ("SPlisHSPlasH", "pysplishsplash", "pySPlisHSPlasH"),
 )  # fmt: skip
+
+
+def stopwatch() -> float:
+    """Seconds of this process; those of the processor if it has one thread, which other work does not slow."""
+    one = "1" in (os.environ.get("OMP_NUM_THREADS"), os.environ.get("RAYON_NUM_THREADS"))
+    return time.process_time() if one else time.perf_counter()
 
 
 def missing(module: str) -> str:

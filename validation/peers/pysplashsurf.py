@@ -11,13 +11,12 @@ normals the smoothing length is three radii: with two, the jittered particles en
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from validation.peers import launch
+from validation.peers import launch, stopwatch
 
 THRESHOLD = 0.6
 REPEATS = 3
@@ -55,12 +54,12 @@ def surface(position: np.ndarray, cell: float) -> dict[str, Any]:
     radius = cell / 4
     spent, facets = [], 0
     for _ in range(REPEATS):
-        began = time.perf_counter()
+        began = stopwatch()
         made = pysplashsurf.reconstruct_surface(
             position, particle_radius=radius, smoothing_length=2.0, cube_size=cell / radius,
             iso_surface_threshold=THRESHOLD, multi_threading=True, simd=True,
         )  # fmt: skip
-        spent.append(time.perf_counter() - began)
+        spent.append(stopwatch() - began)
         facets = len(made.mesh.triangles)
     if abs(made.grid.cell_size / cell - 1) > 1e-4:  # lengths are meant in radii, whatever its guide says
         raise RuntimeError(f"its cells are {made.grid.cell_size:g} m instead of {cell:g} m")
@@ -81,8 +80,8 @@ def normals(position: np.ndarray, cell: float, share: float, smoothing: int) -> 
                if smoothing else {}),
         )[0]  # fmt: skip
 
-    made, calls, began = computed(), 0, time.perf_counter()
-    while (spent := time.perf_counter() - began) < LASTS:
+    made, calls, began = computed(), 0, stopwatch()
+    while (spent := stopwatch() - began) < LASTS:
         made, calls = computed(), calls + 1
     normal = np.asarray(made.point_attributes["normals"])
     return {"seconds": spent / calls, "place": np.asarray(made.mesh.vertices), "normal": normal}

@@ -20,7 +20,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from validation.peers import launch
+from validation.peers import launch, stopwatch
 
 CELLS = 47  # spacings along 1 m
 SPIN = 5.0  # rad/s
@@ -49,7 +49,7 @@ def run_drop(settings: Mapping[str, Any], threads: int) -> dict[str, Any]:
               step [s]), "until" [s], "samples" and "shake" (seed of the small displacements at the start); rest
               density 1000 kg/m^3, side of 1 m
 
-    Wall seconds count stepping alone, from the first step on.
+    Seconds, in "wall", count stepping alone, from the first step on (`stopwatch`).
     """
     return launched("splishsplash", {"work": "drop", **settings}, threads)
 
@@ -62,7 +62,7 @@ def run_column(settings: Mapping[str, Any], threads: int) -> dict[str, Any]:
               (kinematic [m^2/s]), "step" (largest step [s]), "times" (of the samples [s]) and "shake" (seed of the
               small displacements at the start); rest density 1000 kg/m^3
 
-    Wall seconds count stepping alone, from the first step on.
+    Seconds, in "wall", count stepping alone, from the first step on (`stopwatch`).
     """
     return launched("splishsplash", {"work": "column", **settings}, threads)
 
@@ -131,7 +131,7 @@ def watched(
     peer: Any, base: Any, times: Sequence[float], see: Callable[[Any], dict[str, float]], coefficients_given: tuple,
     spacing: float, shake: int, flat: bool = False,
 ) -> dict[str, Any]:  # fmt: skip
-    """Run from a shaken lattice: moments, wall seconds and what `see(positions)` says at the `times`."""
+    """Run from a shaken lattice: moments, seconds and what `see(positions)` says at the `times`."""
     import numpy as np
 
     from validation.metrics.shapes import shaken
@@ -140,7 +140,7 @@ def watched(
     clock = {"last": 0.0, "spent": 0.0, "steps": 0}
 
     def after_step() -> None:
-        clock["spent"] += time.perf_counter() - clock["last"]
+        clock["spent"] += stopwatch() - clock["last"]
         clock["steps"] += 1
         now = peer.TimeManager.getCurrent().getTime()
         if len(found["time"]) < len(times) and now >= times[len(found["time"])]:
@@ -148,7 +148,7 @@ def watched(
             position = np.array(model.getFieldBuffer("position"))[: model.numActiveParticles()]
             for name, value in {"time": now, "wall": clock["spent"], **see(position)}.items():
                 found.setdefault(name, []).append(float(value))
-        clock["last"] = time.perf_counter()
+        clock["last"] = stopwatch()
 
     base.setTimeStepCB(after_step)
     base.initSimulation()
@@ -156,7 +156,7 @@ def watched(
     lattice = np.array(fluid.getFieldBuffer("position"))[: fluid.numActiveParticles()].astype(float)
     for i, place in enumerate(shaken(lattice, spacing, shake)):
         fluid.setPosition(i, (place * [1.0, 1.0, 0.0] if flat else place).astype(np.float32))
-    clock["last"] = time.perf_counter()
+    clock["last"] = stopwatch()
     base.runSimulation()
     return {
         **found, "particles": int(fluid.numActiveParticles()), "lowest": lattice.min(0).tolist(),

@@ -7,12 +7,12 @@ less densely: a disk's radius is `scale` times that of the particles, for as man
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from validation.peers import stopwatch
 from validation.peers.splishsplash import launched, simulator
 
 SCALE = 1.44  # for 10,000 particles on a sphere, and less for more particles
@@ -51,9 +51,9 @@ def work(vertices: np.ndarray, faces: np.ndarray, radius: float) -> dict[str, An
     }  # fmt: skip
     base = simulator(peer, scene, useCache=False)
     base.initSimulation()
-    began = time.perf_counter()
+    began = stopwatch()
     base.getBoundarySimulator().initBoundaryData()
-    seconds = time.perf_counter() - began
+    seconds = stopwatch() - began
     model = peer.Simulation.getCurrent().getBoundaryModel(0)
     count = model.numberOfParticles()
     position = np.array([model.getPosition(i) for i in range(count)])
