@@ -86,3 +86,14 @@ def test_a_study_finds_the_exact_answer_and_foresees_a_finer_run():
     assert finer.run.particles > finest.particles
     assert abs(finer.run.value - finer.value) < 0.2 * abs(finer.run.value - finest.value)
     assert abs(finer.run.value - answer) < abs(finest.value - answer)
+
+
+def test_the_pool_over_the_torus_is_that_of_its_volume():
+    """Of an incompressible liquid by the mesh's volume; compressed, it sinks by g H^2/(3 c^2) or so."""
+    trimesh = pytest.importorskip("trimesh")
+    file = studies.SCENES / "torus.obj"
+    ring = trimesh.load(file)
+    depth = (0.6**3 + ring.volume) / 0.8**2
+    centre = (0.5 * 0.8**2 * depth**2 - 0.2 * ring.volume) / 0.6**3
+    assert studies.poured(0.6**3, 0.8, file, 1e6) == pytest.approx(centre, rel=1e-5)
+    assert SOLVED["torus"].answer() == pytest.approx(centre - 9.81 * depth**2 / (3 * 40.0**2), rel=5e-4)

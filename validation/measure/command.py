@@ -69,6 +69,8 @@ def add_commands(made: argparse.ArgumentParser) -> None:
     part.add_argument("--write", action="store_true", help="write the table into docs/study.md")
     part.add_argument("--output", type=Path, default=DATA / "run_time.json", help="file of rows")
     part = add("studies", "holds refsim study against scenes with exact answers")
+    part.add_argument("names", nargs="*", metavar="SCENE", help="all by default")
+    part.add_argument("--backend", default="cpu", help="cpu (default) or cuda")
     part.add_argument("--threads", type=int, help="CPU threads; one for 1,024 particles by default")
     part.add_argument("--write", action="store_true", help="write the table into docs/study.md")
     part = add("liquid_price", "measures what a step of the liquid costs with each of its options (minutes)")

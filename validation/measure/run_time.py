@@ -27,6 +27,7 @@ from refsim import (
     Gravity,
     HeatConduction,
     ImplicitPressure,
+    InputError,
     Melting,
     Motion,
     MpmLiquid,
@@ -42,7 +43,7 @@ from refsim import (
     WeaklyCompressible,
     make_plan,
 )
-from refsim.study.cost import predict
+from refsim.study.cost import Prediction, predict
 from validation.filling import replaced
 from validation.reading import environment
 
@@ -178,7 +179,10 @@ def held_against(name: str, scene: Scene, backend: str, threads: int | None, bud
     """One row: what was predicted, what the run took, and their ratio."""
     plan = make_plan(scene)
     clock = time.perf_counter()
-    found = predict(plan, backend, threads=threads, budget=budget, fresh=True)
+    try:
+        found = predict(plan, backend, threads=threads, budget=budget, fresh=True)
+    except (InputError, RunStopped) as error:
+        found = Prediction(backend, math.nan, note=str(error))
     row = {
         "scene": name, "backend": backend, "particles": plan.grid.count, "predicted": found.seconds,
         "predicted_steps": found.steps, "predicted_builds": found.builds, "predicted_in": time.perf_counter() - clock,
@@ -242,7 +246,7 @@ def summary(rows: Sequence[Mapping[str, Any]]) -> str:
     within = sum(error <= WORST for error in off)
     return (
         f"median error {100 * statistics.median(off):.0f} % (aim {100 * MEDIAN:.0f} %), largest {100 * max(off):.0f} %;"
-        f" {within} of {len(off)} scenes within {100 * WORST:.0f} %"
+        f" {within} of {len(rows)} scenes within {100 * WORST:.0f} %"
     )
 
 

@@ -143,6 +143,7 @@ SOLVED = {
         ratio=2.0,
         with_spacing=("effects.weakly_compressible.dynamic_viscosity",),
     ),
+    "torus": Solved("field:position.z@mean", lambda: poured(0.6**3, 0.8, SCENES / "torus.obj", 40.0)),
     "column": Solved("kinetic_energy", lambda: falling_rod(0.05, 1.0, 0.4, 1000.0, 10.0, 9.81), ratio=2.0),
 }
 
@@ -180,16 +181,16 @@ HEAD = (
 )
 
 
-def row(name: str, threads: int | None) -> str:
+def row(name: str, threads: int | None, backend: str = "cpu") -> str:
     """One row of the table; a study whose values do not fall into order is not continued."""
     solved = SOLVED[name]
-    found = solved.study(name, threads=threads, folder=ROOT / "results" / "study" / name)
+    found = solved.study(name, threads=threads, backend=backend, folder=ROOT / "results" / "study" / name)
     limit, answer, sources = found.convergence, solved.answer(), found.sources()
     assert limit is not None
     shares = ", ".join(percent(sources[kind]) if kind in sources else "-" for kind in ("spacing", "support", "step"))
     order, later = "-", "- | - | -"
     if limit.asymptotic:
-        finer = further(found, solved, threads)
+        finer = further(found, solved, threads, backend)
         order = f"{limit.order:.2f}"
         foreseen = f"{finer.value:.5g}, {finer.run.value:.5g} | {finer.seconds:.3g}, {finer.run.seconds:.3g}"
         later = f"{finer.spacing:.3g} | {foreseen}"
@@ -201,9 +202,10 @@ def row(name: str, threads: int | None) -> str:
 
 def perform(given: argparse.Namespace) -> None:
     """The command."""
-    lines = [HEAD]
-    for name in SOLVED:
-        lines.append(row(name, given.threads))
-        print(lines[-1], flush=True)
-    if given.write:
-        PAGE.write_text(replaced(PAGE.read_text(), "solved", lines, PAGE))
+    text = PAGE.read_text()
+    lines = {name: next((old for old in text.splitlines() if old.startswith(f"| `{name}` |")), "") for name in SOLVED}
+    for name in given.names or SOLVED:
+        lines[name] = row(name, given.threads, given.backend)
+        print(lines[name], flush=True)
+        if given.write:
+            PAGE.write_text(replaced(text, "solved", [HEAD, *filter(None, lines.values())], PAGE))
