@@ -61,7 +61,7 @@ from validation.reading import reading
 from validation.results import Result, real
 from validation.running import Context, on_threads, search_log
 from validation.trials import Trial, hard_case, unguarded
-from validation.work_precision import order_from_errors
+from validation.work_precision import observed_order
 
 DARTS = 30  # places for each particle at which holes are sought
 EXACT_QUERIES = 1000
@@ -1168,7 +1168,7 @@ def sampling_checks(results: Results, check: Checks) -> None:
 
 def _order(values: Mapping[str, Any]) -> float:
     rows = values["rows"]
-    return order_from_errors([r["spacing"] for r in rows], [r["rms"] for r in rows], 2.0).order
+    return observed_order([r["spacing"] for r in rows], [r["rms"] for r in rows])
 
 
 RAINED = ("sphere", "torus", "cube", "needle", "plate", "funnel", "pebble")

@@ -25,7 +25,7 @@ from validation.experiments.melting.scene import STEP as PAPER_STEP
 from validation.results import Result, real
 from validation.running import Context, take_steps
 from validation.trials import Cell, Trial, hard_case, largest_stable, unguarded
-from validation.work_precision import Order, order_from_errors
+from validation.work_precision import observed_order
 
 NUMBERS = (0.5, 2.0, 8.0, 32.0)
 SPACING, LENGTH, END = 0.2, 40, 6.4  # of the slab: [m], spacings along x, [s]
@@ -679,10 +679,6 @@ MAPS = {
 
 JUDGED_PLAIN = tuple(name for name in SCHEMES if name != "nonlinear_jacobi")
 SPHERES, COLUMNS = (7, 10, 14, 20), (20, 40, 80)
-THEORY = {
-    "explicit": 1.0, "one_sided": None, "single_pass": 1.0, "pair_exchange": 2.0, "implicit": 1.0,
-    "conjugate_gradient": 1.0, "runge_kutta_legendre": 2.0,
-}  # fmt: skip
 BEST = "runge_kutta_legendre"
 DTYPES = ("float64", "float32")
 
@@ -719,15 +715,15 @@ def rows_of(results: Results, key: str) -> list[dict[str, Any]]:
     return results[key].values["rows"] if key in results else []
 
 
-def order_of(rows: list[dict[str, Any]], theory: float | None, error: str = "error") -> Order:
+def order_of(rows: list[dict[str, Any]], error: str = "error") -> float:
     """Observed order over sizes."""
-    return order_from_errors([real(row["size"]) for row in rows], [real(row[error]) for row in rows], theory)
+    return observed_order([real(row["size"]) for row in rows], [real(row[error]) for row in rows])
 
 
-def order_over(results: Results, keys: list[str], error: str) -> Order | None:
+def order_over(results: Results, keys: list[str], error: str) -> float | None:
     """Observed order over several runs of one row each; None where one of them was not performed."""
     rows = [row for key in keys for row in rows_of(results, key)]
-    return order_of(rows, 1.0, error) if len(rows) == len(keys) else None
+    return order_of(rows, error) if len(rows) == len(keys) else None
 
 
 REFINED = {  # check: (keys of the runs, what their sizes are called)
@@ -751,16 +747,16 @@ def checks(results: Results, check: Checks) -> None:
         drift = "slab_drift" if name in KEEPING else "drift"
         check.run(results, f"slab_{name}", {drift: lambda v: max(abs(real(row["drift"])) for row in v["rows"])}, name,
                   SCHEMES[name])  # fmt: skip
-    check.run(results, "spacing", {"order_in_spacing": lambda v: order_of(v["rows"], 2.0).order})
+    check.run(results, "spacing", {"order_in_spacing": lambda v: order_of(v["rows"])})
     for name in JUDGED_PLAIN:
-        order: Quantities = {f"order_{name}": lambda v, name=name: order_of(v["rows"], THEORY[name]).order}
+        order: Quantities = {f"order_{name}": lambda v, name=name: order_of(v["rows"])}
         check.run(results, f"step_{name}", order)
     for what, (keys, words) in REFINED.items():
         for key, row in ((run, row) for run in keys for row in rows_of(results, run)):
             for name in ("raw", "shifted"):
                 check(f"{what}_{name}", row[name], key, words.format(1 / row["size"]))
-        if found := order_over(results, keys, "raw"):
-            check(f"{what}_order", found.order)
+        if (found := order_over(results, keys, "raw")) is not None:
+            check(f"{what}_order", found)
         for name in JUDGED_PLAIN if what == "sphere" else MELTING:
             for row in rows_of(results, f"{what}_{name}"):
                 number = f"{row['number']:.2g}"
