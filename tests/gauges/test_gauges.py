@@ -49,7 +49,7 @@ def test_a_tank_at_rest_reads_what_it_holds():
     assert late(read["floor"], 2) == pytest.approx(-weight * 0.5, rel=0.005)  # about the origin, by half the width
     assert late(read["walls"], 1) == pytest.approx(-weight, rel=0.005)
     assert abs(late(read["walls"])) < 1e-3 * weight
-    assert -late(read["left"]) == pytest.approx(0.5 * weight, rel=0.002)
+    assert -late(read["left"]) == pytest.approx(0.5 * weight, rel=0.01)
     assert late(read["right"]) == pytest.approx(-late(read["left"]), rel=0.01)
     assert late(read["point"]) == pytest.approx(0.5 * DENSITY * G, rel=0.03)
     assert late(read["patch"]) == pytest.approx(0.5 * DENSITY * G, rel=0.03)
