@@ -6,49 +6,85 @@ There is no effect of this name: `box_walls` and `mesh_boundary` add the passes 
 from __future__ import annotations
 
 import math
-from typing import Literal
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
+
+import msgspec
 
 from refsim.boundary.adami_2012 import reference as reference
-from refsim.core.capabilities import BringsWalls, having
-from refsim.core.effect import Discretisation, Others, Pass
+from refsim.core.capabilities import BringsWalls, FollowsScene, SumsDensity, having
+from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit
 from refsim.core.energy import EnergyAccount
 from refsim.core.fields import Field
-from refsim.sph import liquid_of
+from refsim.core.walls import WallViscosity
+from refsim.sph import LIQUID, lean, liquid_of
 
 WALL_PRESSURE = Field("wall_pressure", "Pa", "pressure of the wall particles, from the liquid", rows="walls")
 WALL_STRAIN = Field("wall_strain", "m^(2 dim)/s", "strain of the liquid at the wall particles", rows="walls")
 LEAST_SHARE = 1e-3  # of a cell that a wall particle fills
 
 
-def passes(own: BringsWalls, others: Others) -> tuple[Pass, ...]:
-    """Extrapolation and push of all walls, where `own` is the first effect with such walls; solids take no part."""
-    if own is not next(effect for effect in having(others, BringsWalls) if effect.extrapolates()):
-        return ()
-    solids = ("phase",) if "two_way_coupling" in others else ()
-    names: dict[str, str | None] = {"smoothing": "gradient_smoothing", **({} if solids else {"phase": None})}
-    reads, liquid = ("position", "density", "pressure", *solids), liquid_of(others)
-    moving = ("position", "velocity", "mass", "advanced_excess", *solids)
-    return (
-        *((Pass("adami_2012.strain", moving, ("wall_strain",), names=names),) if liquid.advances() else ()),
-        Pass("adami_2012.extrapolation", reads, ("wall_pressure",), names=names),
-        liquid.with_own_force("adami_2012.wall_force", (*reads, "wall_pressure"), names, "pressure"),
-    )
+class ParticleWalls(Effect, BringsWalls, FollowsScene, SumsDensity, frozen=True, kw_only=True):
+    """Walls of particles whose pressure is mirrored or extrapolated from the liquid, with friction."""
 
+    in_papers: ClassVar[Mapping[str, str]] = {"model": "mirrored"}
+    needed: ClassVar[tuple[str, ...]] = (LIQUID,)
 
-def fields(others: Others) -> tuple[Field, ...]:
-    """Fields of walls with an extrapolated pressure."""
-    return (WALL_PRESSURE, WALL_STRAIN) if liquid_of(others).advances() else (WALL_PRESSURE,)
+    if TYPE_CHECKING:  # parameters of each
+        model: Literal["mirrored", "extrapolated"] | None
+        viscosity: float
+
+    def settled(self, others: Others) -> ParticleWalls:
+        """Extrapolated, where no model is given, with a liquid whose density is advanced; else mirrored."""
+        advances = liquid_of(others).settled(others).advances()
+        return msgspec.structs.replace(self, model=self.model or ("extrapolated" if advances else "mirrored"))
+
+    def extrapolates(self) -> bool:
+        return self.model == "extrapolated"
+
+    def fields(self, others: Others) -> tuple[Field, ...]:
+        if not self.extrapolates():
+            return ()
+        return (WALL_PRESSURE, WALL_STRAIN) if liquid_of(others).advances() else (WALL_PRESSURE,)
+
+    def passes(self, others: Others) -> tuple[Pass, ...]:
+        return (*self.pressure_passes(others), *self.friction_passes())
+
+    def pressure_passes(self, others: Others) -> tuple[Pass, ...]:
+        """Extrapolation and push of all walls, of the first effect with such walls; solids take no part."""
+        if self is not next((effect for effect in having(others, BringsWalls) if effect.extrapolates()), None):
+            return ()
+        solids = ("phase",) if "two_way_coupling" in others else ()
+        names: dict[str, str | None] = {"smoothing": "gradient_smoothing", **({} if solids else {"phase": None})}
+        reads, liquid = ("position", "density", "pressure", *solids), liquid_of(others)
+        moving = ("position", "velocity", "mass", "advanced_excess", *solids)
+        return (
+            *((Pass("adami_2012.strain", moving, ("wall_strain",), names=names),) if liquid.advances() else ()),
+            Pass("adami_2012.extrapolation", reads, ("wall_pressure",), names=names),
+            liquid.with_own_force("adami_2012.wall_force", (*reads, "wall_pressure"), names, "pressure"),
+        )
+
+    def friction_passes(self) -> tuple[Pass, ...]:
+        """Friction at the wall particles, where there is a viscosity."""
+        if self.viscosity == 0:
+            return ()
+        reads, names = ("position", "velocity", "density"), {"smoothing": "gradient_smoothing"}
+        return (Pass("one_way_coupling.wall_viscosity", reads, updates=("acceleration",), names=names),)
+
+    def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:
+        groups: dict[str, Any] = lean(grid, others) if self.extrapolates() else {}
+        return groups | ({"wall_viscosity": WallViscosity(grid.real(self.viscosity))} if self.viscosity > 0 else {})
+
+    def step_limits(self, grid: Discretisation, others: Others) -> dict[str, StepLimit]:
+        if self.viscosity == 0:
+            return {}
+        return {"wall friction": StepLimit.friction(grid, self.viscosity, liquid_of(others).rest_density)}
 
 
 def account(others: Others) -> EnergyAccount | None:
     """Walls at rest do no work inside of an advanced density, which takes their strain; None beside a summed one."""
     liquid = liquid_of(others)
     return EnergyAccount(uncounted=("the walls' pressure at the surface",)) if liquid.advances() else None
-
-
-def walls_model(others: Others) -> Literal["mirrored", "extrapolated"]:
-    """Model of walls that name none: extrapolated where the liquid's density is advanced."""
-    return "extrapolated" if liquid_of(others).settled(others).advances() else "mirrored"
 
 
 def layers(grid: Discretisation) -> int:

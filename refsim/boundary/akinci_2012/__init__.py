@@ -11,22 +11,20 @@ import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-import msgspec
 import numpy as np
 
 from refsim.boundary import adami_2012
-from refsim.boundary.adami_2012 import LEAST_SHARE, walls_model
-from refsim.core.capabilities import FACES, BringsWalls, Face, FollowsScene, HasErrata, HasPlanes, SumsDensity, having
+from refsim.boundary.adami_2012 import LEAST_SHARE, ParticleWalls
+from refsim.core.capabilities import FACES, BringsWalls, Face, HasErrata, HasPlanes, having
 from refsim.core.checked import NotNegative, Printed
-from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit
+from refsim.core.effect import Discretisation, Others
 from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
-from refsim.core.fields import Field
 from refsim.core.period import Lengths
-from refsim.core.walls import Bounds, WallMotion, WallParticles, WallViscosity
+from refsim.core.walls import Bounds, WallMotion, WallParticles
 from refsim.scene.solids import countable
 from refsim.smoothing import lattice, smoothing
-from refsim.sph import LIQUID, gravity_of, lean, least_wall_share, liquid_of, pressure_is_replaced
+from refsim.sph import gravity_of, least_wall_share, liquid_of, pressure_is_replaced
 
 if TYPE_CHECKING:
     from refsim.core.effect import InitialState
@@ -35,7 +33,7 @@ if TYPE_CHECKING:
 WIDE = 2.5
 
 
-class BoxWalls(Effect, BringsWalls, HasPlanes, HasErrata, FollowsScene, SumsDensity, frozen=True, kw_only=True):
+class BoxWalls(ParticleWalls, HasPlanes, HasErrata, frozen=True, kw_only=True):
     """Walls around the box from `lower` to `upper` [m].
 
     lower, upper  corners of the box [m]; in 2D the z components are ignored, and those along a period of the scene
@@ -55,9 +53,7 @@ class BoxWalls(Effect, BringsWalls, HasPlanes, HasErrata, FollowsScene, SumsDens
     source: ClassVar[str] = "Akinci et al."
     errata: ClassVar[tuple[str, ...]] = ("g",)
     improvements: ClassVar[tuple[str, ...]] = errata
-    in_papers: ClassVar[Mapping[str, str]] = {"model": "mirrored"}
     places: ClassVar[tuple[str, ...]] = ("lower", "upper")
-    needed: ClassVar[tuple[str, ...]] = (LIQUID,)
 
     lower: tuple[float, float, float]
     upper: tuple[float, float, float]
@@ -126,28 +122,6 @@ class BoxWalls(Effect, BringsWalls, HasPlanes, HasErrata, FollowsScene, SumsDens
     def sums_density(self) -> bool:
         return self.model == "mirrored" or bool(self.literal)
 
-    def settled(self, others: Others) -> BoxWalls:
-        return msgspec.structs.replace(self, model=self.model or walls_model(others))
-
-    def extrapolates(self) -> bool:
-        return self.model == "extrapolated"
-
-    def fields(self, others: Others) -> tuple[Field, ...]:
-        return adami_2012.fields(others) if self.extrapolates() else ()
-
-    def passes(self, others: Others) -> tuple[Pass, ...]:
-        made = adami_2012.passes(self, others) if self.extrapolates() else ()
-        if self.viscosity == 0:
-            return made
-        reads, names = ("position", "velocity", "density"), {"smoothing": "gradient_smoothing"}
-        return (*made, Pass("one_way_coupling.wall_viscosity", reads, updates=("acceleration",), names=names))
-
-    def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:
-        groups: dict[str, Any] = lean(grid, others) if self.extrapolates() else {}
-        if self.viscosity > 0:
-            groups["wall_viscosity"] = WallViscosity(grid.real(self.viscosity))
-        return groups
-
     def notes(self, grid: Discretisation, others: Others) -> tuple[str, ...]:
         wide = grid.support_radius / grid.spacing
         if self.extrapolates() or grid.dim == 2 or wide < WIDE or gravity_of(others) is None:
@@ -156,11 +130,6 @@ class BoxWalls(Effect, BringsWalls, HasPlanes, HasErrata, FollowsScene, SumsDens
             f"{self.name}: model = 'mirrored' does not carry the weight of liquid in 3D at a support radius of"
             f" {wide:.3g} spacings; take less than {WIDE:g}, or model = 'extrapolated'",
         )
-
-    def step_limits(self, grid: Discretisation, others: Others) -> dict[str, StepLimit]:
-        if self.viscosity == 0:
-            return {}
-        return {"wall friction": StepLimit.friction(grid, self.viscosity, liquid_of(others).rest_density)}
 
     def energy(self, grid: Discretisation, others: Others) -> EnergyAccount | None:
         """None of its own: the run sums the work of walls that move. The liquid's compression includes their part of

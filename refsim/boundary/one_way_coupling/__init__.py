@@ -17,27 +17,19 @@ import msgspec
 import numpy as np
 
 from refsim.boundary import adami_2012
-from refsim.boundary.adami_2012 import walls_model
+from refsim.boundary.adami_2012 import ParticleWalls
 from refsim.boundary.akinci_2012 import lattice_layers, wall_kernel_sums
 from refsim.boundary.one_way_coupling import reference as reference
 from refsim.boundary.penetration import CORRECTIONS, correction_pass, penetration_groups
-from refsim.core.capabilities import (
-    BringsWalls,
-    CorrectsPositions,
-    FollowsScene,
-    HasErrata,
-    HoldsOtherMemory,
-    KeepsLedger,
-    SumsDensity,
-)
+from refsim.core.capabilities import CorrectsPositions, HasErrata, HoldsOtherMemory, KeepsLedger
 from refsim.core.checked import NotNegative, Printed, Share
-from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit
+from refsim.core.effect import Discretisation, Others, Pass
 from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
-from refsim.core.walls import WallParticles, WallViscosity
+from refsim.core.walls import WallParticles
 from refsim.smoothing import smoothing
-from refsim.sph import LIQUID, acceleration_of, lean, liquid_of, pressure_is_replaced
+from refsim.sph import acceleration_of, liquid_of, pressure_is_replaced
 
 MOST_LAYERS = 100  # of boundary particles
 # Least spacing of boundary particles and distances, in spacings of the liquid: guards against wrong units
@@ -59,9 +51,8 @@ class WallGravity(NamedTuple):
 
 
 class MeshBoundary(
-    Effect, BringsWalls, CorrectsPositions, HoldsOtherMemory, KeepsLedger, HasErrata, FollowsScene, SumsDensity,
-    frozen=True, kw_only=True,
-):  # fmt: skip
+    ParticleWalls, CorrectsPositions, HoldsOtherMemory, KeepsLedger, HasErrata, frozen=True, kw_only=True
+):
     """A solid at rest, given as a closed triangle mesh, that the liquid flows around.
 
     file            mesh file that trimesh reads (.obj, .stl, .ply, ...); in a scene file, relative to its folder
@@ -96,10 +87,8 @@ class MeshBoundary(
     errata: ClassVar[tuple[str, ...]] = ("E27", "E30")
     improvements: ClassVar[tuple[str, ...]] = errata
     paper: ClassVar[Mapping[str, Any]] = {"correction": "point"}
-    in_papers: ClassVar[Mapping[str, str]] = {"model": "mirrored"}
     wall_share: ClassVar[float] = 1.0  # the boundary particles' own pressure is a pass of its own
     with_spacing: ClassVar[tuple[str, ...]] = ("radius", "field_spacing")
-    needed: ClassVar[tuple[str, ...]] = (LIQUID,)
 
     file: str
     center: tuple[float, float, float] | None = None
@@ -133,10 +122,6 @@ class MeshBoundary(
                     f"{self.name}: {part} = {getattr(self, part):g} m is below {FINEST:g} spacings of"
                     f" {grid.spacing:g} m; check its unit, or leave it out."
                 )
-        if self.correction not in ("swept", "point", "none"):
-            raise InputError(
-                f"{self.name}: correction = {self.correction!r} is unknown; choose one of swept, point, none."
-            )
         self.printed()
         if self.extrapolates() and self._of_mirrored():
             raise InputError(
@@ -150,12 +135,6 @@ class MeshBoundary(
 
     def sums_density(self) -> bool:
         return self.model == "mirrored" or self._of_mirrored()
-
-    def settled(self, others: Others) -> MeshBoundary:
-        return msgspec.structs.replace(self, model=self.model or walls_model(others))
-
-    def extrapolates(self) -> bool:
-        return self.model == "extrapolated"
 
     def local(self, grid: Discretisation) -> MeshBoundary:
         if not any(grid.origin):
@@ -217,8 +196,7 @@ class MeshBoundary(
         return not (self.extrapolates() or "E30" in self.printed() or pressure_is_replaced(others))
 
     def fields(self, others: Others) -> tuple[Field, ...]:
-        own = () if self.correction == "none" else (CORRECTIONS,)
-        return (*own, *adami_2012.fields(others)) if self.extrapolates() else own
+        return (*(() if self.correction == "none" else (CORRECTIONS,)), *super().fields(others))
 
     def initial(self, grid: Discretisation, state: InitialState, others: Others) -> Mapping[str, np.ndarray]:
         inside = int((self.placed(grid).distance(state.position) < 0).sum())
@@ -230,15 +208,11 @@ class MeshBoundary(
         return {} if self.correction == "none" else {"corrections": np.zeros(grid.count, np.int32)}
 
     def passes(self, others: Others) -> tuple[Pass, ...]:
-        made = list(adami_2012.passes(self, others)) if self.extrapolates() else []
+        made = [*self.pressure_passes(others)]
         if self._presses(others):
-            reads: tuple[str, ...] = ("position", "density", "pressure")
-            names = {"smoothing": "gradient_smoothing"}
+            reads, names = ("position", "density", "pressure"), {"smoothing": "gradient_smoothing"}
             made.append(Pass("one_way_coupling.wall_pressure", reads, updates=("acceleration",), names=names))
-        if self.viscosity > 0:
-            reads = ("position", "velocity", "density")
-            names = {"smoothing": "gradient_smoothing"}
-            made.append(Pass("one_way_coupling.wall_viscosity", reads, updates=("acceleration",), names=names))
+        made += self.friction_passes()
         if self.adhesion > 0:
             made.append(Pass("akinci_2013.adhesion", ("position",), updates=("acceleration",)))
         if self.correction != "none":
@@ -258,11 +232,9 @@ class MeshBoundary(
         return grid.support_radius
 
     def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:
-        groups: dict[str, Any] = lean(grid, others) if self.extrapolates() else {}
+        groups = super().prepare(grid, others)
         if self._presses(others):
             groups["wall_gravity"] = WallGravity(*map(grid.real, acceleration_of(others)))
-        if self.viscosity > 0:
-            groups["wall_viscosity"] = WallViscosity(grid.real(self.viscosity))
         if self.adhesion > 0:
             from refsim.surface_tension.akinci_2013 import Adhesion
 
@@ -274,11 +246,6 @@ class MeshBoundary(
                 "E27" in self.printed(), self.every_particle,
             )  # fmt: skip
         return groups
-
-    def step_limits(self, grid: Discretisation, others: Others) -> dict[str, StepLimit]:
-        if self.viscosity == 0:
-            return {}
-        return {"wall friction": StepLimit.friction(grid, self.viscosity, liquid_of(others).rest_density)}
 
     def other_memory(self) -> str:
         return "distances in a band around the mesh"

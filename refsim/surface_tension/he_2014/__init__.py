@@ -155,9 +155,6 @@ class He2014(PairCohesion, frozen=True, kw_only=True):
             passes.append(Pass("he_2014.tension", reads, updates=("acceleration",), names=names))
         return tuple(passes)
 
-    def list_radius(self, grid: Discretisation) -> float:
-        return grid.support_radius if self._has_energy() or self.air_pressure > 0 else 0.0
-
     def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         kappa = self.coefficient(grid, others)
         energy = GradientEnergy(grid.real(kappa), grid.real(kappa / 4)) if self._has_energy() else None
