@@ -48,7 +48,7 @@ from refsim.backends.tuples import determinant
 from refsim.core.capabilities import BalancesCohesion
 from refsim.core.effect import Discretisation, Extremes, InitialState, StepLimit
 from refsim.core.energy import Amount, compression_energy
-from refsim.engine.audit import Auditor
+from refsim.engine.audit import Auditor, AuditState
 from refsim.engine.stepping import check_extremes, stable_steps, step_limits
 from refsim.engine.stock import stock
 from refsim.heat import enthalpy_of, temperature_at
@@ -847,38 +847,41 @@ def test_verdicts_of_an_audit():
         )  # fmt: skip
         looks = iter(energies)
         made = SimpleNamespace(
-            simulation=simulation, rule=SimpleNamespace(bound=bound), start=None, now={}, lowest=math.inf,
-            turned_over=0.0, greatest_share=0.0, energies=lambda: {k: Amount(*v) for k, v in next(looks).items()},
+            simulation=simulation, rule=SimpleNamespace(bound=bound), state=AuditState(),
+            energies=lambda: {k: Amount(*v) for k, v in next(looks).items()},
         )  # fmt: skip
         for _ in energies:
             Auditor.look(made)
         return made
 
+    def audited(*energies, **more):
+        return auditor(*energies, **more).state
+
     def both(kinetic, gravity, size=0.0):
         return {"kinetic": (kinetic, size), "gravity": (gravity, 0.0)}
 
-    found = auditor(both(0.0, 10.0), both(3.0, 5.0), both(4.0, 6.0))
+    found = audited(both(0.0, 10.0), both(3.0, 5.0), both(4.0, 6.0))
     assert found.start == {"kinetic": 0.0, "gravity": 10.0}
     assert found.now == {"kinetic": 4.0, "gravity": 6.0}
     assert (found.lowest, found.turned_over, found.greatest_share) == (8.0, 8.0, 0.25)
     with pytest.raises(RunStopped, match=r"stands 2 J above its lowest value, 0\.25 of the 8 J") as stop:
-        auditor(both(0.0, 10.0), both(3.0, 5.0), both(4.0, 6.0), bound=0.2499)
+        audited(both(0.0, 10.0), both(3.0, 5.0), both(4.0, 6.0), bound=0.2499)
     assert stop.value.reason == "energy_gained"
-    assert auditor(both(0.0, 10.0), both(0.0, 10.0)).greatest_share == 0.0
-    assert auditor(both(0.0, 10.0), both(3.0, 5.0), both(3.0, 5.0)).greatest_share == 0.0
-    tiny = auditor(both(0.0, 10 / 64), both(3 / 64, 5 / 64), both(4 / 64, 6 / 64))
+    assert audited(both(0.0, 10.0), both(0.0, 10.0)).greatest_share == 0.0
+    assert audited(both(0.0, 10.0), both(3.0, 5.0), both(3.0, 5.0)).greatest_share == 0.0
+    tiny = audited(both(0.0, 10 / 64), both(3 / 64, 5 / 64), both(4 / 64, 6 / 64))
     assert (tiny.turned_over, tiny.greatest_share) == (8 / 64, 0.25)
-    moving = auditor(both(20.0, 10.0), both(16.0, 7.0))  # turned over: all that moves, and what else has changed
+    moving = audited(both(20.0, 10.0), both(16.0, 7.0))  # turned over: all that moves, and what else has changed
     assert moving.turned_over == 20.0
-    assert auditor(both(20.0, 10.0), both(18.0, 7.0)).turned_over == 21.0
-    rounded = auditor(both(0.0, 10.0), both(3.0, 5.0), both(4.0, 6.0, 2.0**48))
+    assert audited(both(20.0, 10.0), both(18.0, 7.0)).turned_over == 21.0
+    rounded = audited(both(0.0, 10.0), both(3.0, 5.0), both(4.0, 6.0, 2.0**48))
     assert rounded.greatest_share == near((2.0 - 4 * 2.0**-52 * 2.0**48) / 8.0)
     with pytest.raises(RunStopped) as stop:
-        auditor(both(math.nan, 10.0))
+        audited(both(math.nan, 10.0))
     assert stop.value.reason == "non_finite"
     quiet = auditor(both(0.0, 10.0), both(3.0, 5.0))
     quiet.energies = lambda: {k: Amount(*v) for k, v in both(4.0, 5.0).items()}
     Auditor.look(quiet, note=False)
-    assert quiet.now == {"kinetic": 3.0, "gravity": 5.0}
-    unbegun = SimpleNamespace(simulation=None, start=None)
+    assert quiet.state.now == {"kinetic": 3.0, "gravity": 5.0}
+    unbegun = SimpleNamespace(simulation=None, state=AuditState())
     assert Auditor.look(unbegun, note=False) is None
