@@ -23,64 +23,59 @@ from validation.times import table
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "liquid.md"
 CELLS, FIRST, LAST = 32, 14, 74
 SOUND = 10 * math.sqrt(9.81)  # of a tank 1 m deep [m/s]
-EXTRAPOLATED: dict[str, Any] = {"model": "extrapolated"}
 PAPERS: dict[str, Any] = {"density": "summation"}
 CENTRAL: dict[str, Any] = {**PAPERS, "viscosity": "central"}
-FOUND = (SurfaceDetection(each_step=True), ParticleShifting())
-# support radius over the spacing, liquid, walls, further effects
-TANKS: dict[str, tuple[float, dict[str, Any], dict[str, Any], tuple[Any, ...]]] = {
-    "the papers' liquid, J(11), h = 2.6 d": (2.6, PAPERS, {}, ()),
-    "+ central viscosity": (2.6, CENTRAL, {}, ()),
-    "+ extrapolated walls": (2.6, CENTRAL, EXTRAPOLATED, ()),
-    "+ advanced density": (2.6, {"diffusion": 0.0}, {}, ()),
-    "+ diffusion: the default": (2.6, {}, {}, ()),
-    "+ detection and shifting": (2.6, {}, {}, FOUND),
-    "the papers' liquid, h = 3.2 d": (3.2, PAPERS, {}, ()),
-    "the default, h = 3.2 d": (3.2, {}, {}, ()),
-    "the papers' liquid, h = 4.0 d": (4.0, PAPERS, {}, ()),
-    "the default, h = 4.0 d": (4.0, {}, {}, ()),
+# support radius over the spacing, liquid, model of the walls, further effects; after the papers' liquid those beside it
+TANKS: dict[str, tuple[float, dict[str, Any], Any, tuple[Any, ...]]] = {
+    "the papers' liquid, h = 2.6 d": (2.6, PAPERS, None, ()),
+    "with central viscosity": (2.6, CENTRAL, None, ()),
+    "and extrapolated walls": (2.6, CENTRAL, "extrapolated", ()),
+    "the default": (2.6, {}, None, ()),
+    "without diffusion": (2.6, {"diffusion": 0.0}, None, ()),
+    "with J(11)": (2.6, {"viscosity": "laplacian"}, None, ()),
+    "with detection and shifting": (2.6, {}, None, (SurfaceDetection(each_step=True), ParticleShifting())),
+    "the papers' liquid, h = 3.2 d": (3.2, PAPERS, None, ()),
+    "the default, h = 3.2 d": (3.2, {}, None, ()),
+    "the papers' liquid, h = 4.0 d": (4.0, PAPERS, None, ()),
+    "the default, h = 4.0 d": (4.0, {}, None, ()),
 }
 
 
-def tank(h: float, liquid: dict[str, Any], walls: dict[str, Any], more: tuple[Any, ...], cells: int) -> Scene:
+def tank(h: float, liquid: dict[str, Any], model: Any, more: tuple[Any, ...], cells: int) -> Scene:
     """A cube of water, 1 m deep, with `cells` particles along its edge, that fills the lower half of its box."""
     d = 1 / cells
-    viscosity = 1000 * SOUND * h * d / 125
     effects = (
-        WeaklyCompressible(sound_speed=SOUND, dynamic_viscosity=viscosity, **liquid), Gravity(),
-        BoxWalls(lower=(0.0, 0.0, 0.0), upper=(1.0, 1.0, 2.0), **walls), *more,
+        WeaklyCompressible(sound_speed=SOUND, dynamic_viscosity=1000 * SOUND * h * d / 125, **liquid), Gravity(),
+        BoxWalls(lower=(0.0, 0.0, 0.0), upper=(1.0, 1.0, 2.0), model=model), *more,
     )  # fmt: skip
     return Scene(spacing=d, support_radius=h * d, fluid=(Box(cells=(cells,) * 3),), effects=effects, dtype="float32")
 
 
 def measured(threads: int, cells: int = CELLS, last: int = LAST) -> dict[str, dict[str, float]]:
-    """Processor seconds of a step from FIRST to `last` that keeps the list and that builds one, and their mean."""
+    """Processor seconds of a step from FIRST to `last` that keeps the list, of one that builds it, and of the mean."""
     tanks = {name: Simulation(tank(*given, cells), "cpu", threads) for name, given in TANKS.items()}
     found: dict[str, dict[str, list[float]]] = {name: {"kept": [], "built": []} for name in tanks}
     for simulation in tanks.values():
         take_steps(simulation, FIRST)
     for _ in range(FIRST, last):
         for name, simulation in tanks.items():
-            listed = simulation.search
-            assert listed is not None
-            builds, began = listed.log.rebuilds, time.process_time()
+            assert simulation.search is not None
+            log = simulation.search.log
+            builds, began = log.rebuilds, time.process_time()
             simulation.step()
-            kind = "kept" if listed.log.rebuilds == builds else "built"
-            found[name][kind].append(time.process_time() - began)
-    return {name: summed_up(**steps) for name, steps in found.items()}
-
-
-def summed_up(kept: list[float], built: list[float]) -> dict[str, float]:
-    """Medians of both kinds of steps, and their mean over the run, each at its median."""
-    medians = {kind: statistics.median(own) for kind, own in (("kept", kept), ("built", built)) if own}
-    whole = sum(medians[kind] * len(own) for kind, own in (("kept", kept), ("built", built)) if own)
-    return medians | {"mean": whole / (len(kept) + len(built))}
+            found[name]["kept" if log.rebuilds == builds else "built"].append(time.process_time() - began)
+    medians = {
+        name: {kind: statistics.median(own) for kind, own in kinds.items() if own} for name, kinds in found.items()
+    }
+    for name, own in medians.items():  # a mean of steps at their medians, which no other work on the machine moves
+        own["mean"] = sum(own[kind] * len(found[name][kind]) for kind in list(own)) / (last - FIRST)
+    return medians
 
 
 def rows(stored: dict[str, Any]) -> list[str]:
     """The table of the page; in brackets how many times the papers' liquid with the same support radius."""
-    heading = ["step that keeps the list [ms] (over the papers'; mean with builds over theirs)"]
-    lines, papers = [], ""
+    lines: list[list[str]] = []
+    papers = ""
     for name in TANKS:
         papers = name if "papers'" in name else papers
         cells = [name]
@@ -88,9 +83,11 @@ def rows(stored: dict[str, Any]) -> list[str]:
             steps, others = own["tanks"][name], own["tanks"][papers]
             over = "; ".join(f"{steps[kind] / others[kind]:.2f}" for kind in ("kept", "mean"))
             cells.append(f"{1e3 * steps['kept']:.1f}" + f" ({over})" * (name != papers))
-        lines.append(cells)
+        if name != papers or not lines:
+            lines.append(cells)
+    threads = [f"{count} thread{'s'[: int(count) > 1]}" for count in stored]
     about = next(iter(stored.values()))
-    heading += [f"{count} thread{'s'[: int(count) > 1]}" for count in stored]
+    heading = ["step that keeps its list [ms] (over the papers'; of all steps)", *threads]
     return [*table(heading, lines), "", f"CPU: {about['processor']}, {about['date']}."]
 
 
