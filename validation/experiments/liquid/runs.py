@@ -600,6 +600,7 @@ def checks(results: Results, check: Checks) -> None:
             own = {name: name for name in ("period_off", "decay_off") if papers or row["cells"] == DEPTHS[-1]}
             if row["kind"] == CORRECTED:
                 own = {name: f"corrected_{name}" for name in ("period_off", "decay_off")}
+            check("wave_error", row["error"], key, where)
         for name, rule in own.items():
             check(f"papers_{name}" if papers else rule, row[name], key, where)
     for flow, sizes, names in (("vortices", SIDES, ("error",)), ("wave", DEPTHS, ("period_off", "decay_off"))):

@@ -11,7 +11,7 @@ from validation.experiment import Picture, Results
 from validation.experiments.solutions.runs import _behind
 
 TITLES = {
-    "tank": ("Tank: pressure", {"error": "all", "bulk": "h from the edges"}),
+    "tank": ("Tank: pressure", {"error": "all"}),
     "wave": ("Standing wave", {"period_off": "period", "decay_off": "decay"}),
     "ellipse": ("Ellipse in a central force", {"error": "semi-axis", "period_off": "period"}),
     "disc": ("Spin-down of a disc", {"rate_off": "rate"}),
