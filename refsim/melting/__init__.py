@@ -109,11 +109,5 @@ class Melting(Effect, KeepsLedger, SumsDensity, frozen=True, kw_only=True):
         liquid = liquid_of(others)
         heat: Any = others["heat_conduction"]
         last = [float(np.ravel(values)[-1]) for values in (heat.conductivity, heat.heat_capacity)]  # the last part's
-        return {
-            "melting": MeltingRule(
-                int32(self.bookkeeping == "water"),
-                grid.real(liquid.rest_density),
-                grid.real(liquid.particle_mass(grid)),
-                *map(grid.real, last),
-            )
-        }
+        numbers = map(grid.real, (liquid.rest_density, liquid.particle_mass(grid), *last))
+        return {"melting": MeltingRule(int32(self.bookkeeping == "water"), *numbers)}

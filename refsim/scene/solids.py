@@ -18,10 +18,9 @@ from refsim.core.effect import Discretisation, Lattice, Nodes
 from refsim.core.errors import InputError
 from refsim.scene.overlaps import winding
 from refsim.scene.surface_mesh import SurfaceMesh, placed_mesh
+from refsim.sparse_grid.tables import OFFSET, keys_at
 
 Vector = tuple[float, float, float]
-BITS = 21  # of a cell's coordinate in its key, as in the neighbour search
-OFFSET = 1 << 20
 MOST_CELLS = 2**31 - 1  # particles are numbered in 32 bits
 LAID_OUT = 100  # bytes of a particle while a scene is built, in float64
 
@@ -178,8 +177,7 @@ class SolidCells(Solid, tag="cells", frozen=True, kw_only=True):
 
 def cell_key(cell: np.ndarray) -> np.ndarray:
     """Sortable keys (S,) int64 of cells (S, 3), x lowest."""
-    shifted = np.asarray(cell, np.int64) + OFFSET
-    return (shifted[:, 2] << (2 * BITS)) | (shifted[:, 1] << BITS) | shifted[:, 0]
+    return keys_at(np.asarray(cell, np.int64))
 
 
 def lattice_of(cells: list[np.ndarray]) -> Lattice:

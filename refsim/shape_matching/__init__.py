@@ -114,11 +114,8 @@ class ShapeMatching(Effect, HasErrata, frozen=True, kw_only=True):
         nodes = self._solids(grid)
         phase = np.full(grid.count, FLUID, np.int32)
         phase[:nodes] = SURFACE
-        return (
-            {"phase": phase, "rotation": np.tile([1.0, 0.0, 0.0, 0.0], (nodes, 1))}
-            if self.holds()
-            else {"phase": phase}
-        )
+        rotation = {"rotation": np.tile([1.0, 0.0, 0.0, 0.0], (nodes, 1))} if self.holds() else {}
+        return {"phase": phase, **rotation}
 
     def passes(self, others: Others) -> tuple[Pass, ...]:
         tables = ("solid_position", "region", "region_count", "place")
