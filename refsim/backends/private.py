@@ -50,7 +50,7 @@ FEATURES = {
             "numba.core.cgutils:alloca_once_value", "numba.core.cgutils:for_range",
             "numba.core.cgutils:unpack_tuple", "numba.core.cgutils:get_null_value",
         ),
-        "loops over particles run on one thread, and gather the fields of each neighbour alone",
+        "loops over particles run on one thread",
     ),
     "cache": Feature(
         (

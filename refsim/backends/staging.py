@@ -13,11 +13,6 @@ from llvmlite import ir
 from numba import types
 from numba.extending import lower_builtin, type_callable
 
-from refsim.backends.private import names
-
-_private = names("rows")
-cgutils: Any = _private and _private.cgutils
-there = cgutils is not None
 AT_A_TIME = 128  # neighbours that are staged
 FOUR, WIDE = 4, 16  # neighbours that are read together, and that a loop computes together at most
 
@@ -51,19 +46,19 @@ def _placed(context: Any, builder: ir.IRBuilder, signature: Any, values: Any) ->
     size, item = (context.get_constant(types.intp, n) for n in (AT_A_TIME, context.get_abi_sizeof(kind)))
     made.data = builder.bitcast(data, made.data.type)
     made.nitems, made.itemsize = size, item
-    made.shape, made.strides = (cgutils.pack_array(builder, [value]) for value in (size, item))
-    made.meminfo, made.parent = (cgutils.get_null_value(pointer.type) for pointer in (made.meminfo, made.parent))
+    made.shape, made.strides = (builder.insert_value(made.shape, value, 0) for value in (size, item))
+    made.meminfo, made.parent = (ir.Constant(pointer.type, None) for pointer in (made.meminfo, made.parent))
     return made._getvalue()
 
 
 def _read(context: Any, builder: ir.IRBuilder, signature: Any, values: Any) -> Any:
     """`staged`: a loop over groups of four, and one group more for a rest."""
     entries, _, _, arrays, rooms = signature.args
-    word = cgutils.intp_t
+    word = ir.IntType(types.intp.bitwidth)
 
     def opened(kinds: Any, packed: Any) -> list[Any]:
-        members = zip(kinds, cgutils.unpack_tuple(builder, packed))
-        return [context.make_array(kind)(context, builder, value) for kind, value in members]
+        members = [builder.extract_value(packed, n) for n in range(len(kinds))]
+        return [context.make_array(kind)(context, builder, value) for kind, value in zip(kinds, members)]
 
     begin = builder.gep(context.make_array(entries)(context, builder, values[0]).data, [values[1]])
     sources, places = opened(arrays, values[3]), iter([found.data for found in opened(rooms, values[4])])
@@ -82,8 +77,16 @@ def _read(context: Any, builder: ir.IRBuilder, signature: Any, values: Any) -> A
                 put(part, at, value)
 
     whole = builder.and_(number, word(-FOUR))
-    with cgutils.for_range_slice(builder, word(0), whole, word(FOUR), word) as (at, _):
-        four(at, [builder.add(at, word(n)) for n in range(FOUR)])
+    start, loop, rest = builder.block, builder.append_basic_block("four"), builder.append_basic_block("rest")
+    builder.cbranch(builder.icmp_unsigned("<", word(0), whole), loop, rest)
+    builder.position_at_end(loop)
+    at = builder.phi(word)
+    four(at, [builder.add(at, word(n)) for n in range(FOUR)])
+    following = builder.add(at, word(FOUR))
+    at.add_incoming(word(0), start)
+    at.add_incoming(following, builder.block)
+    builder.cbranch(builder.icmp_unsigned("<", following, whole), loop, rest)
+    builder.position_at_end(rest)
     with builder.if_then(builder.icmp_unsigned("<", whole, number)):
         last = builder.sub(number, word(1))
         beyond = [builder.add(whole, word(n)) for n in range(FOUR)]
@@ -102,7 +105,8 @@ def _components(context: Any, builder: ir.IRBuilder, kind: Any, source: Any, row
     if kind.ndim == 1 and kind.layout == "C":
         places = [builder.gep(source.data, [row]) for row in rows]
     else:
-        base, stride = builder.bitcast(source.data, cgutils.voidptr_t), builder.extract_value(source.strides, 0)
+        base = builder.bitcast(source.data, ir.IntType(8).as_pointer())
+        stride = builder.extract_value(source.strides, 0)
         places = [builder.bitcast(builder.gep(base, [builder.mul(row, stride)]), source.data.type) for row in rows]
     item = source.data.type.pointee
     if kind.ndim == 1:
@@ -121,8 +125,7 @@ def _components(context: Any, builder: ir.IRBuilder, kind: Any, source: Any, row
     ]  # fmt: skip
 
 
-if there:
-    type_callable(room)(lambda context: lambda array: types.Array(array.dtype, 1, "C"))
-    lower_builtin(room, types.Array)(_placed)
-    type_callable(staged)(lambda context: lambda entries, first, count, arrays, rooms: types.uint64)
-    lower_builtin(staged, types.Array, types.Any, types.Any, types.BaseTuple, types.BaseTuple)(_read)
+type_callable(room)(lambda context: lambda array: types.Array(array.dtype, 1, "C"))
+lower_builtin(room, types.Array)(_placed)
+type_callable(staged)(lambda context: lambda entries, first, count, arrays, rooms: types.uint64)
+lower_builtin(staged, types.Array, types.Any, types.Any, types.BaseTuple, types.BaseTuple)(_read)

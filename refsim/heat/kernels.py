@@ -9,6 +9,7 @@ import math
 import numpy as np
 
 from refsim.backends.compile import formula, kernel
+from refsim.backends.tuples import difference
 from refsim.heat.formulas import melted, pair_share, pair_weight, single_pass_share, temperature_of
 from refsim.heat.stages import chebyshev_omega, chebyshev_passes
 from refsim.neighbours.formulas import to_nearest_image
@@ -17,10 +18,9 @@ from refsim.neighbours.rows import first_lane, row_of
 
 
 @formula
-def scaled_distance(i, j, position, period, conduction):
-    """q = |x_i - x_j|/h; with a period to the nearest image."""
-    dx, dy, dz = position[i, 0] - position[j, 0], position[i, 1] - position[j, 1], position[i, 2] - position[j, 2]
-    dx, dy, dz = to_nearest_image(dx, dy, dz, period)
+def scaled_distance(away, period, conduction):
+    """q = |x_i - x_j|/h of `away` = x_i - x_j [m]; with a period to the nearest image."""
+    dx, dy, dz = to_nearest_image(away[0], away[1], away[2], period)
     return math.sqrt(dx * dx + dy * dy + dz * dz) * conduction.inverse_radius
 
 
@@ -45,7 +45,8 @@ def capacity_of(i, body, conduction):
 @formula
 def weight(i, j, position, volume, conductivity, seconds, conduction, period):
     """g of a pair [J/K]: 0 beyond h and for coincident particles; NaN where the distance is NaN."""
-    q = scaled_distance(i, j, position, period, conduction)
+    x, y = (position[i, 0], position[i, 1], position[i, 2]), (position[j, 0], position[j, 1], position[j, 2])
+    q = scaled_distance(difference(x, y), period, conduction)
     return weight_at(q, volume[i], volume[j], conductivity[i], conductivity[j], seconds, conduction)
 
 

@@ -183,7 +183,7 @@ def loop_source(
     if near and "rows" in listed:
         lines |= _packed_lines(pair, given)
         loop, more = NEAR + PACKED_LOOP, _packed_names()
-    elif near and "start" in listed and not held and staging.there:
+    elif near and "start" in listed and not held:
         lines, words = lines | _staged_lines(pair, given, source), _staged_words(pair, given, source)
         loop, more = NEAR + STAGED_LOOP, {"staging": staging, "np": np}
     else:
