@@ -212,11 +212,12 @@ def effects_of(model: str) -> tuple[Effect, ...]:
 def drop_scene(
     model: str, position: NDArray, velocity: NDArray | None = None, *, viscosity: float = 0.0, support: float = 2.6,
     stiffness: float = STIFFNESS, effects: tuple[Effect, ...] | None = None, dtype: str = "float32",
+    form: Any = "laplacian",
 ) -> Scene:  # fmt: skip
     """Liquid of the given particles (n, 3) [d] without gravity."""
     fluid = WeaklyCompressible(
         rest_density=1.0, sound_speed=1 / math.sqrt(stiffness), dynamic_viscosity=viscosity, density_bound=UNBOUND,
-        kernels=OTHER_BASE.get(model, {}).get("kernels", "mueller"), density="summation",
+        kernels=OTHER_BASE.get(model, {}).get("kernels", "mueller"), density="summation", viscosity=form,
     )  # fmt: skip
     return Scene(
         name=model, spacing=1.0, support_radius=support, dtype=dtype,  # type: ignore[arg-type]
@@ -382,22 +383,29 @@ def spinning(trial: Trial, model: str, turns: float = 2.0) -> None:
 
 
 @hard_case
-def collision(trial: Trial, model: str, offset: float) -> None:
-    """Two drops meet at a Weber number rho v^2 D/sigma of about 4 (nominal) and become one.
+def collision(trial: Trial, model: str, offset: float, weber: float = 4.0, form: str = "laplacian") -> None:
+    """Two drops meet at a Weber number rho v^2 D/sigma (nominal) and become one.
 
-    offset  distance between their paths, over the radius
+    offset  distance between their paths, over the radius; with the default viscosity, the central form, the angular
+            momentum is judged
     """
     one = ball(257)
     radius = radius_of(one)
     shift = np.array([radius + 1.5, 0.5 * offset * radius, 0.0])
-    speed = 0.5 * math.sqrt(4.0 / (2 * radius))
+    speed = 0.5 * math.sqrt(weber / (2 * radius))
     position = np.concatenate([one - shift, one + shift])
     velocity = np.repeat([[speed, 0.0, 0.0], [-speed, 0.0, 0.0]], len(one), axis=0)
-    scene = drop_scene(model, position, velocity, viscosity=HARD_CALM * math.sqrt(radius))
+    scene = drop_scene(model, position, velocity, viscosity=HARD_CALM * math.sqrt(radius), form=form)
     began = 0.5 * len(position) * speed**2
     simulation, watch = _run(trial, scene, 8 * radius**1.5)
     _whole(trial, simulation, share=0.99)
     _check(trial, simulation, "kinetic energy at the end over the start's", watch.energy[-1] / began, at_most=0.5)
+    if form == "central":
+        first = simulation.field("mass") @ np.cross(position, velocity)
+        lost = momenta(simulation)["angular_momentum"] - first
+        share = float(np.linalg.norm(lost) / np.linalg.norm(first))
+        word = "does not act along the pair"
+        trial.check_unless_noted(simulation, word, "angular momentum gone, share", share, at_most=1e-3)
 
 
 @hard_case
