@@ -97,7 +97,7 @@ def reconstruction(name: str, dtype: str) -> dict:
 
 
 @groups(
-    "interior_position", "interior_number", "cells", "surface_term", "sample_position", "sample_area", "facet_normal",
+    "interior_position", "interior_number", "cells", "sample_position", "sample_area", "facet_normal",
     "area_before", "dice", "candidate_facet", "candidate_position", "candidate_cells", "accepted", "sample_cells",
     "nearest", "offset_direction", "fit_position", "sample_count", "fit_cells", "fit_splines", "node_weight", "active",
     "residual", "coefficients", "query_position", "outward", "spline_cells", "surface_value", "surface_gradient",
@@ -105,6 +105,11 @@ def reconstruction(name: str, dtype: str) -> dict:
 )  # fmt: skip
 def _reconstruction(case, grid):
     return reconstruction(case.name, grid.dtype)
+
+
+@groups("surface_term")
+def _surface_term(case, grid):
+    return {"surface_term": surface_term(tension_of(case), case.dim, grid.dtype, cell_size(case))}
 
 
 VARIATIONS[SurfaceTerm] = Variation(
