@@ -154,10 +154,7 @@ def _shown(found: Measured) -> str:
 
 def markdown(stored: Mapping[str, Any]) -> list[str]:
     """The table of docs/accuracy_cost.md."""
-    head = [
-        '| paper | measured | refsim\'s default | `literal = "paper"` |',
-        "| --- | --- | --- | --- |",
-    ]
+    head = ['| paper | measured | refsim\'s default | `literal = "paper"` |', "| --- | --- | --- | --- |"]
     return head + [
         f"| {ROWS[name][0]} | {ROWS[name][2]} | {_shown(row['refsim'])} | {_shown(row['paper'])} |"
         for name, row in stored.items()

@@ -10,18 +10,7 @@ import numpy as np
 from matplotlib.collections import EllipseCollection
 from scipy.spatial import cKDTree
 
-from validation.drawing import (
-    BLUE,
-    GREEN,
-    GREY,
-    ORANGE,
-    VERMILION,
-    caption,
-    headline,
-    packed,
-    unpacked,
-    view_matrix,
-)
+from validation.drawing import BLUE, GREEN, GREY, ORANGE, VERMILION, caption, headline, packed, unpacked, view_matrix
 from validation.experiment import Picture, Results
 from validation.experiments.boundary.runs import ARMS, DENSITY, GRAVITY, POUR, RAINED
 from validation.experiments.boundary.scene import SHAPES

@@ -10,15 +10,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from numpy.typing import NDArray
 
-from validation.drawing import (
-    BLUE,
-    GREY,
-    ORANGE,
-    plain_title,
-    show_balls,
-    view_matrix,
-    visible_balls,
-)
+from validation.drawing import BLUE, GREY, ORANGE, plain_title, show_balls, view_matrix, visible_balls
 from validation.experiment import Picture, Results
 from validation.experiments.dong import runs
 from validation.experiments.dong import scene as scenes

@@ -11,14 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from refsim import Akinci2013, Cloud, Scene, Simulation, WeaklyCompressible
-from refsim.study.panels.drops import (
-    FLOW,
-    LAMB,
-    kicks,
-    radius_of,
-    run_to,
-    shifted_ball,
-)
+from refsim.study.panels.drops import FLOW, LAMB, kicks, radius_of, run_to, shifted_ball
 from validation.checks import Checks
 from validation.experiment import Experiment, Options, Results, Run
 from validation.results import Result
