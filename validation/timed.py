@@ -6,6 +6,7 @@ turning cube is the scene of the device's limits.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -14,33 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from refsim import (
-    Akinci2013,
-    BeckerTeschner2007,
-    Box,
-    BoxWalls,
-    CsfWang2019,
-    Dong2016,
-    Gravity,
-    He2014,
-    HeatConduction,
-    JiangZhu2023,
-    Melting,
-    MeshBoundary,
-    MpmLiquid,
-    MpmWalls,
-    NormalDifference2014,
-    ParticleShifting,
-    Scene,
-    ShapeMatching,
-    Simulation,
-    SolidBox,
-    SurfaceDetection,
-    SurfaceEnergy,
-    TartakovskyMeakin2005,
-    TwoWayCoupling,
-    WeaklyCompressible,
-)
+import refsim
 from refsim.engine.binding import step_launches
 from refsim.scene.plan import make_plan
 from refsim.study.memory import bytes_of
@@ -49,25 +24,26 @@ from validation.running import take_steps
 PEBBLE = str(Path(__file__).resolve().parent.parent / "refsim" / "examples" / "pebble.obj")
 STEP = 2e-5  # [s], so short that the particles stay where they are and a neighbour list is built once
 EDGE = 79  # particles along the edge of a system's cube: 493,039
+SUMMED = functools.partial(refsim.WeaklyCompressible, density="summation")
 SOUND, SPIN = 20.0, 1.0  # of the turning cube [m/s], [rad/s]
-LIQUID = WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=5.0, density="summation")
-THIN = WeaklyCompressible(sound_speed=SOUND, dynamic_viscosity=1.0, density="summation")
-COHESION = JiangZhu2023(surface_tension=0.5, pair_mode="all", area_ratio=0.0, density_correction=False)
+LIQUID = SUMMED(sound_speed=20.0, dynamic_viscosity=5.0)
+THIN = SUMMED(sound_speed=SOUND, dynamic_viscosity=1.0)
+COHESION = refsim.JiangZhu2023(surface_tension=0.5, pair_mode="all", area_ratio=0.0, density_correction=False)
 # Effects of the turning cube by the name of a reading
 CUBES: dict[str, tuple[Any, ...]] = {
     "jiang_zhu": (THIN, COHESION),
-    "akinci": (THIN, Akinci2013(surface_tension=0.5)),  # cohesion and area term
-    "detection": (THIN, COHESION, SurfaceDetection(each_step=True)),
-    "dong": (THIN, Dong2016(surface_tension=0.5)),
-    "he": (THIN, He2014(surface_tension=0.5)),
-    "csf": (THIN, CsfWang2019(surface_tension=0.5)),
-    "becker": (THIN, BeckerTeschner2007(surface_tension=0.5)),
-    "tartakovsky": (THIN, TartakovskyMeakin2005(surface_tension=0.5)),
-    "normal_difference": (THIN, NormalDifference2014(area_acceleration=0.1)),
-    "continuity": (WeaklyCompressible(sound_speed=SOUND, dynamic_viscosity=1.0),),
+    "akinci": (THIN, refsim.Akinci2013(surface_tension=0.5)),  # cohesion and area term
+    "detection": (THIN, COHESION, refsim.SurfaceDetection(each_step=True)),
+    "dong": (THIN, refsim.Dong2016(surface_tension=0.5)),
+    "he": (THIN, refsim.He2014(surface_tension=0.5)),
+    "csf": (THIN, refsim.CsfWang2019(surface_tension=0.5)),
+    "becker": (THIN, refsim.BeckerTeschner2007(surface_tension=0.5)),
+    "tartakovsky": (THIN, refsim.TartakovskyMeakin2005(surface_tension=0.5)),
+    "normal_difference": (THIN, refsim.NormalDifference2014(area_acceleration=0.1)),
+    "continuity": (refsim.WeaklyCompressible(sound_speed=SOUND, dynamic_viscosity=1.0),),
     "shifting": (
-        WeaklyCompressible(sound_speed=SOUND, dynamic_viscosity=1.0), SurfaceDetection(each_step=True),
-        ParticleShifting(),
+        refsim.WeaklyCompressible(sound_speed=SOUND, dynamic_viscosity=1.0), refsim.SurfaceDetection(each_step=True),
+        refsim.ParticleShifting(),
     ),
 }  # fmt: skip
 
@@ -77,7 +53,7 @@ class Rung:
     """A scene of a ladder, and what it has beyond the one before."""
 
     words: str
-    scene: Scene
+    scene: refsim.Scene
 
 
 @dataclass(frozen=True)
@@ -96,17 +72,18 @@ def ladders(small: bool = False) -> dict[str, Ladder]:
 def _climb(words: str, base: Mapping[str, Any], *rungs: tuple[Any, ...]) -> Ladder:
     """A ladder of (words, effects, what else the scene has)."""
     return Ladder(words, tuple(
-        Rung(said, Scene(effects=effects, step=STEP, **base, **dict(*more))) for said, effects, *more in rungs
+        Rung(said, refsim.Scene(effects=effects, step=STEP, **base, **dict(*more))) for said, effects, *more in rungs
     ))  # fmt: skip
 
 
 def _sph(small: bool) -> Ladder:
     edge, d = 3 if small else 16, 0.01
-    base = {"spacing": d, "support_radius": 2 * d, "fluid": (Box(cells=(edge,) * 3),), "name": "effects_sph"}
-    plain = WeaklyCompressible(sound_speed=4.0, clamp_pressure=False, density="summation")
-    liquid = WeaklyCompressible(sound_speed=4.0, clamp_pressure=False, dynamic_viscosity=0.5, density="summation")
-    walls = BoxWalls(lower=(0.0, 0.0, 0.0), upper=(2 * edge * d, edge * d, 2 * edge * d))
-    parts = (liquid, Gravity(), walls, SurfaceDetection(each_step=True), JiangZhu2023(surface_tension=0.07))
+    base = {"spacing": d, "support_radius": 2 * d, "fluid": (refsim.Box(cells=(edge,) * 3),), "name": "effects_sph"}
+    plain = SUMMED(sound_speed=4.0, clamp_pressure=False)
+    liquid = SUMMED(sound_speed=4.0, clamp_pressure=False, dynamic_viscosity=0.5)
+    walls = refsim.BoxWalls(lower=(0.0, 0.0, 0.0), upper=(2 * edge * d, edge * d, 2 * edge * d))
+    detected, tension = refsim.SurfaceDetection(each_step=True), refsim.JiangZhu2023(surface_tension=0.07)
+    parts = (liquid, refsim.Gravity(), walls, detected, tension)
     added = (
         "viscosity", "gravity", "walls of a box", "surface detection in each step", "surface tension (Jiang & Zhu)",
     )  # fmt: skip
@@ -117,33 +94,31 @@ def _sph(small: bool) -> Ladder:
 def _melting(small: bool) -> Ladder:
     wide, deep = (4, 2) if small else (16, 10)
     d, top = 0.01, wide * 0.01
-    base = {
-        "spacing": d, "support_radius": 2.1 * d, "fluid": (Box(cells=(wide, wide, deep)),), "name": "effects_melting",
-    }  # fmt: skip
+    fluid = (refsim.Box(cells=(wide, wide, deep)),)
+    base = {"spacing": d, "support_radius": 2.1 * d, "fluid": fluid, "name": "effects_melting"}
     low = (0.25 * top, 0.25 * top, deep * d)
-    solid = {"solid": (SolidBox(lower=low, upper=(0.75 * top, 0.75 * top, deep * d + 0.5 * top)),)}
-    walls = BoxWalls(lower=(0.0, 0.0, 0.0), upper=(top, top, 4 * top))
-    fluid = (WeaklyCompressible(sound_speed=10.0, density="summation"), Gravity(), walls)
-    bodies = (*fluid, ShapeMatching(), TwoWayCoupling())
-    warm = HeatConduction(temperature=50.0, melting_point=0.0)
+    solid = {"solid": (refsim.SolidBox(lower=low, upper=(0.75 * top, 0.75 * top, deep * d + 0.5 * top)),)}
+    walls = refsim.BoxWalls(lower=(0.0, 0.0, 0.0), upper=(top, top, 4 * top))
+    liquid = (SUMMED(sound_speed=10.0), refsim.Gravity(), walls)
+    bodies = (*liquid, refsim.ShapeMatching(), refsim.TwoWayCoupling())
+    warm = refsim.HeatConduction(temperature=50.0, melting_point=0.0)
     return _climb(
-        "melting solids in a tank, 3D", base, ("liquid, gravity, walls of a box", fluid),
+        "melting solids in a tank, 3D", base, ("liquid, gravity, walls of a box", liquid),
         ("+ a solid: shape matching and coupling", bodies, solid), ("+ conduction of heat", (*bodies, warm), solid),
-        ("+ melting", (*bodies, warm, Melting()), solid),
+        ("+ melting", (*bodies, warm, refsim.Melting()), solid),
     )  # fmt: skip
 
 
 def _mpm(small: bool) -> Ladder:
     edge, d = 3 if small else 64, 0.01
-    base = {
-        "dim": 2, "spacing": d, "support_radius": 3 * d, "fluid": (Box(cells=(edge, edge, 1)),), "name": "effects_mpm",
-    }  # fmt: skip
-    viscous = (MpmLiquid(bulk_modulus=1e4, dynamic_viscosity=0.1),)
-    heavy = (*viscous, Gravity(acceleration=(0.0, -9.81, 0.0)))
-    tense = (*heavy, SurfaceEnergy(surface_tension=0.07))
-    walls = MpmWalls(lower=(-0.5, 0.0, 0.0), upper=(2.0, 2.0, 0.0))
+    fluid = (refsim.Box(cells=(edge, edge, 1)),)
+    base = {"dim": 2, "spacing": d, "support_radius": 3 * d, "fluid": fluid, "name": "effects_mpm"}
+    viscous = (refsim.MpmLiquid(bulk_modulus=1e4, dynamic_viscosity=0.1),)
+    heavy = (*viscous, refsim.Gravity(acceleration=(0.0, -9.81, 0.0)))
+    tense = (*heavy, refsim.SurfaceEnergy(surface_tension=0.07))
+    walls = refsim.MpmWalls(lower=(-0.5, 0.0, 0.0), upper=(2.0, 2.0, 0.0))
     return _climb(
-        "material points, 2D", base, ("liquid", (MpmLiquid(bulk_modulus=1e4),)), ("+ viscosity", viscous),
+        "material points, 2D", base, ("liquid", (refsim.MpmLiquid(bulk_modulus=1e4),)), ("+ viscosity", viscous),
         ("+ gravity", heavy), ("+ surface energy", tense), ("+ walls, which mirror the surface", (*tense, walls)),
     )  # fmt: skip
 
@@ -152,58 +127,58 @@ def _mesh(small: bool) -> Ladder:
     edge, d = 3 if small else 14, 0.02
     middle = 0.5 * edge * d
     place: dict[str, Any] = {"file": PEBBLE, "center": (middle, middle, -1.5 * middle), "size": 2.5 * middle}
-    base = {"spacing": d, "support_radius": 2 * d, "fluid": (Box(cells=(edge,) * 3),), "name": "effects_mesh"}
-    fluid, kept = (WeaklyCompressible(sound_speed=8.0, density="summation"), Gravity()), {**place, "correction": "none"}
+    base = {"spacing": d, "support_radius": 2 * d, "fluid": (refsim.Box(cells=(edge,) * 3),), "name": "effects_mesh"}
+    fluid, kept = (SUMMED(sound_speed=8.0), refsim.Gravity()), {**place, "correction": "none"}
     sticky = {"viscosity": 0.1, "adhesion": 0.1}
     return _climb(
         "a mesh as boundary, 3D", base, ("liquid and gravity", fluid),
-        ("+ a mesh: pressure of its particles", (*fluid, MeshBoundary(**kept))),
-        ("+ friction", (*fluid, MeshBoundary(viscosity=0.1, **kept))),
-        ("+ adhesion", (*fluid, MeshBoundary(**sticky, **kept))),
-        ("+ correction of places", (*fluid, MeshBoundary(**sticky, **place))),
+        ("+ a mesh: pressure of its particles", (*fluid, refsim.MeshBoundary(**kept))),
+        ("+ friction", (*fluid, refsim.MeshBoundary(viscosity=0.1, **kept))),
+        ("+ adhesion", (*fluid, refsim.MeshBoundary(**sticky, **kept))),
+        ("+ correction of places", (*fluid, refsim.MeshBoundary(**sticky, **place))),
     )  # fmt: skip
 
 
-def systems(edge: int = EDGE) -> dict[str, Callable[[], Scene]]:
+def systems(edge: int = EDGE) -> dict[str, Callable[[], refsim.Scene]]:
     """A scene of each system with about edge^3 particles, float32, by the words of its page."""
     d = 1.0 / edge
-    cube: dict[str, Any] = {"spacing": d, "support_radius": 2.6 * d, "fluid": (Box(cells=(edge,) * 3),)}
+    cube: dict[str, Any] = {"spacing": d, "support_radius": 2.6 * d, "fluid": (refsim.Box(cells=(edge,) * 3),)}
 
-    def akinci() -> Scene:
+    def akinci() -> refsim.Scene:
         from validation.experiments.timing.runs import spinning_block
 
         return spinning_block(edge, 0.5)
 
-    def melting() -> Scene:
+    def melting() -> refsim.Scene:
         from validation.experiments.melting.scene import made, shared_tank
 
         return made(shared_tank("figure_6", 2.55 * edge / 100, 1 / 3))
 
-    def mpm() -> Scene:
+    def mpm() -> refsim.Scene:
         cell = 1 / 64
-        liquid = Box(lower=(0.2, 0.2, 0.2), cells=(edge,) * 3)
-        effects = (MpmLiquid(rest_density=1.0, bulk_modulus=1000.0), SurfaceEnergy(surface_tension=1.0))
-        return Scene(spacing=cell / 2, support_radius=1.5 * cell, step=1e-4, fluid=(liquid,), effects=effects)
+        liquid = refsim.Box(lower=(0.2, 0.2, 0.2), cells=(edge,) * 3)
+        effects = (refsim.MpmLiquid(rest_density=1.0, bulk_modulus=1000.0), refsim.SurfaceEnergy(surface_tension=1.0))
+        return refsim.Scene(spacing=cell / 2, support_radius=1.5 * cell, step=1e-4, fluid=(liquid,), effects=effects)
 
-    def mesh() -> Scene:
+    def mesh() -> refsim.Scene:
         top = 0.623  # of the pebble above its centre [m]
-        pebble = MeshBoundary(file=PEBBLE, center=(0.5, 0.5, -top - d), size=1.25, viscosity=0.1, adhesion=0.1)
-        return Scene(effects=(WeaklyCompressible(sound_speed=8.0, density="summation"), Gravity(), pebble), **cube)
+        pebble = refsim.MeshBoundary(file=PEBBLE, center=(0.5, 0.5, -top - d), size=1.25, viscosity=0.1, adhesion=0.1)
+        return refsim.Scene(effects=(SUMMED(sound_speed=8.0), refsim.Gravity(), pebble), **cube)
 
-    tension, found = JiangZhu2023(surface_tension=0.5), SurfaceDetection(each_step=True)
+    tension, found = refsim.JiangZhu2023(surface_tension=0.5), refsim.SurfaceDetection(each_step=True)
     return {
         "SPH with Akinci": akinci,
-        "Jiang & Zhu with detection": lambda: Scene(effects=(LIQUID, tension, found), **cube),
-        "Dong": lambda: Scene(effects=(LIQUID, Dong2016(surface_tension=0.5)), **cube),
+        "Jiang & Zhu with detection": lambda: refsim.Scene(effects=(LIQUID, tension, found), **cube),
+        "Dong": lambda: refsim.Scene(effects=(LIQUID, refsim.Dong2016(surface_tension=0.5)), **cube),
         "MPM with surface tension": mpm, "melting": melting, "mesh coupling": mesh,
     }  # fmt: skip
 
 
-def spinning_cube(edge: int, effects: str = "jiang_zhu", **more: Any) -> Scene:
+def spinning_cube(edge: int, effects: str = "jiang_zhu", **more: Any) -> refsim.Scene:
     """A cube of edge^3 particles with CUBES[effects], side 1 m, h = 2 d, float32; `spinning` makes it turn."""
     spacing = 1.0 / edge
-    return Scene(
-        dtype="float32", spacing=spacing, support_radius=2 * spacing, fluid=(Box(cells=(edge,) * 3),),
+    return refsim.Scene(
+        dtype="float32", spacing=spacing, support_radius=2 * spacing, fluid=(refsim.Box(cells=(edge,) * 3),),
         effects=CUBES[effects], **more,
     )  # fmt: skip
 
@@ -218,11 +193,11 @@ def fixed_step(edge: int) -> float:
     return 0.4 * (2 / edge) / (SOUND + 1.0)
 
 
-def started(edge: int, backend: str = "cuda", warm: int = 60) -> Simulation:
+def started(edge: int, backend: str = "cuda", warm: int = 60) -> refsim.Simulation:
     """The turning cube with steps of fixed length, after `warm` steps."""
     plan = make_plan(spinning_cube(edge, step=fixed_step(edge)))
     plan.state.velocity[:] = spinning(plan.state.position)
-    simulation = Simulation(plan, backend)
+    simulation = refsim.Simulation(plan, backend)
     take_steps(simulation, warm)
     return simulation
 
@@ -230,14 +205,14 @@ def started(edge: int, backend: str = "cuda", warm: int = 60) -> Simulation:
 # What the plan says, and what a run does
 
 
-def planned(scene: Scene, backend: str) -> dict[str, Any]:
+def planned(scene: refsim.Scene, backend: str) -> dict[str, Any]:
     """Operations of a step, particles and bytes of a scene by its plan."""
     plan = make_plan(scene)
     operations, held = list(step_launches(plan, backend)), bytes_of(plan, backend)["total"]
     return {"operations": operations, "particles": plan.grid.count, "bytes": held}
 
 
-def launched(simulation: Simulation) -> list[str]:
+def launched(simulation: refsim.Simulation) -> list[str]:
     """Operations that one step of a simulation launches, in order; it is advanced by the step.
 
     On backend "cuda" it is the call that the step's graph is recorded from.
@@ -275,7 +250,7 @@ def counted_kernels() -> Iterator[list[str]]:
         CudaKernel.__call__ = launch  # type: ignore[method-assign]
 
 
-def differences(simulation: Simulation, operations: Sequence[str]) -> list[str]:
+def differences(simulation: refsim.Simulation, operations: Sequence[str]) -> list[str]:
     """Where the operations that a step launched, or the bytes of the fields, are not the plan's; one sentence each."""
     plan, found = simulation.plan, []
     expected = list(step_launches(plan, simulation.backend.name))
@@ -288,7 +263,7 @@ def differences(simulation: Simulation, operations: Sequence[str]) -> list[str]:
     return found
 
 
-def neighbourhood(simulation: Simulation) -> tuple[int, float, float]:
+def neighbourhood(simulation: refsim.Simulation) -> tuple[int, float, float]:
     """(particles, mean neighbours within h of sampled particles, mean entries of the list) on backend "cuda"."""
     from refsim.backends import device
 

@@ -17,18 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from refsim import (
-    Akinci2013,
-    Box,
-    BoxWalls,
-    Cloud,
-    Gravity,
-    MeshBoundary,
-    NormalDifference2014,
-    Scene,
-    Simulation,
-    WeaklyCompressible,
-)
+import refsim
 from refsim.backends.arrays import Backend, choose
 from refsim.backends.compile import cpu_kernel
 from refsim.boundary.mesh import SurfaceMesh, load_mesh, surface_mesh
@@ -44,17 +33,9 @@ from refsim.study.runs import Reading
 from refsim.winding_number.reference import solid_angles
 from validation.checks import Checks, Quantities
 from validation.experiment import Experiment, Measure, Options, Results, Run
+from validation.experiments.boundary import scene as meshes
 from validation.experiments.boundary.scene import FLOW_SHAPES as SOLIDS
-from validation.experiments.boundary.scene import (
-    SHAPES,
-    SPACING,
-    SUPPORT,
-    cup,
-    known_distance,
-    mesh_file,
-    mesh_of,
-    tilted,
-)
+from validation.experiments.boundary.scene import SHAPES, SPACING, SUPPORT
 from validation.metrics.spread import groups
 from validation.peers import libigl, splishsplash_sampling
 from validation.reading import reading
@@ -73,7 +54,7 @@ HOLE = 1.0  # distance from every particle, in mean spacings, at which another o
 def meshed(shape: str, count: int) -> tuple[Any, SurfaceMesh, float]:
     """A shape, its mesh as refsim takes it, and the radius of about so many particles on it."""
     made = SHAPES[shape]()
-    mesh = mesh_of(made, shape)
+    mesh = meshes.mesh_of(made, shape)
     return made, mesh, radius_for(mesh.area, count)
 
 
@@ -210,14 +191,14 @@ def distance_errors(
     import trimesh
 
     made = SHAPES[shape](level)
-    mesh = mesh_of(made, shape)
+    mesh = meshes.mesh_of(made, shape)
     there = choose(backend)
     rows = []
     for k, spacing in enumerate(spacings):
         analytic = shape in ("sphere", "torus", "cube")
         place = near_surface(made, spacing, 4000 if analytic else EXACT_QUERIES, k)
         if analytic:
-            known = known_distance(shape, place)
+            known = meshes.known_distance(shape, place)
         else:
             known = -trimesh.proximity.signed_distance(made, place)
         band = signed_distance(mesh, spacing, backend=there, dtype=dtype)
@@ -240,11 +221,11 @@ def against_peers(context: Context, level: int, count: int, threads: int, rounds
     scale  of the other program's disks, so that it makes as many particles
     """
     made = SHAPES["organic"](level)
-    mesh = mesh_of(made, "organic")
+    mesh = meshes.mesh_of(made, "organic")
     radius = radius_for(mesh.area, count)
     own: dict[str, list[float]] = {"sampling": [], "field": []}
     other: dict[str, list[float]] = {"sampling": [], "field": []}
-    with mesh_file(made) as file, on_threads("cpu", threads):
+    with meshes.mesh_file(made) as file, on_threads("cpu", threads):
         sample(mesh, 4 * radius)
         for k in range(rounds):
             began = time.perf_counter()
@@ -289,7 +270,7 @@ PLACES = 4000
 def _meshed(shape: str, level: int) -> tuple[Any, Any]:
     """A shape and its mesh as refsim takes it."""
     made = SHAPES[shape](level)
-    return made, mesh_of(made, shape)
+    return made, meshes.mesh_of(made, shape)
 
 
 def quality_by_splishsplash(point: Point, repeat: int, threads: int | None) -> Reading:
@@ -303,7 +284,7 @@ def quality_by_splishsplash(point: Point, repeat: int, threads: int | None) -> R
 
 
 def _off_sphere(place: np.ndarray, found: np.ndarray, seconds: float, held: int) -> Reading:
-    error = found - known_distance("sphere", place)
+    error = found - meshes.known_distance("sphere", place)
     return reading(float(np.sqrt((error**2).mean())), seconds, particles=len(place), held=held)
 
 
@@ -330,9 +311,9 @@ RAIN = 2560  # particles
 INSIDE = 0.01  # of a spacing: depth from which on a particle counts as inside
 
 
-def liquid(sound: float = SOUND, viscosity: float = 0.5, **changes: Any) -> WeaklyCompressible:
+def liquid(sound: float = SOUND, viscosity: float = 0.5, **changes: Any) -> refsim.WeaklyCompressible:
     """Water-like liquid."""
-    return WeaklyCompressible(
+    return refsim.WeaklyCompressible(
         rest_density=DENSITY, sound_speed=sound, dynamic_viscosity=viscosity, density="summation", **changes
     )
 
@@ -364,13 +345,13 @@ def rain(
     share 1 is the runner's own step; other shares are fixed steps, so many times the first one.
     """
     drops = rain_drops(count, seed) + np.array([0, 0, 10 * SPACING])
-    floor = BoxWalls(lower=(-0.15, -0.15, -0.15), upper=(0.15, 0.15, 1.0), open_faces=("+z",))
+    floor = refsim.BoxWalls(lower=(-0.15, -0.15, -0.15), upper=(0.15, 0.15, 1.0), open_faces=("+z",))
     step = 0.0 if share == 1 else share * 0.4 * SUPPORT / (SOUND + 2)
-    with mesh_file(SOLIDS[shape]()) as file:
-        boundary = MeshBoundary(file=file, correction=correction)  # type: ignore[arg-type]
-        scene = Scene(
-            spacing=SPACING, support_radius=SUPPORT, fluid=(Cloud(position=drops, velocity=(0.0, 0.0, -2.0)),),
-            effects=(liquid(), Gravity(), floor, boundary), step=step,
+    with meshes.mesh_file(SOLIDS[shape]()) as file:
+        boundary = refsim.MeshBoundary(file=file, correction=correction)  # type: ignore[arg-type]
+        scene = refsim.Scene(
+            spacing=SPACING, support_radius=SUPPORT, fluid=(refsim.Cloud(position=drops, velocity=(0.0, 0.0, -2.0)),),
+            effects=(liquid(), refsim.Gravity(), floor, boundary), step=step,
         )  # fmt: skip
         simulation = context.simulation(scene, backend)
         band = boundary.placed(simulation.plan.grid).band
@@ -397,22 +378,22 @@ GAP = 1.0  # between walls and first layer at the start, in spacings
 TANK_SUPPORT = 3.0 * SPACING  # where sums over the lattice deliver 99.7 % of a pressure gradient; 97.8 % at 2.7
 
 
-def resting_scene(file: str, cells: tuple[int, int, int] = CELLS, **changes: Any) -> Scene:
+def resting_scene(file: str, cells: tuple[int, int, int] = CELLS, **changes: Any) -> refsim.Scene:
     """Liquid in a cup that is a mesh, a spacing from its walls."""
     tall = cells[2] * SPACING
-    return Scene(
+    return refsim.Scene(
         spacing=SPACING, support_radius=TANK_SUPPORT, dtype="float64",
-        fluid=(Box(lower=((GAP - 0.5) * SPACING,) * 3, cells=cells),),
+        fluid=(refsim.Box(lower=((GAP - 0.5) * SPACING,) * 3, cells=cells),),
         effects=(
-            liquid(sound=10 * math.sqrt(2 * GRAVITY * tall), viscosity=2.0), Gravity(),
-            MeshBoundary(file=file, **changes),
+            liquid(sound=10 * math.sqrt(2 * GRAVITY * tall), viscosity=2.0), refsim.Gravity(),
+            refsim.MeshBoundary(file=file, **changes),
         ),
     )  # fmt: skip
 
 
 def resting_cup(cells: tuple[int, int, int] = CELLS) -> Any:
     """The cup for it, six spacings higher than the liquid."""
-    return cup(inside_of(cells), 4 * SPACING)
+    return meshes.cup(inside_of(cells), 4 * SPACING)
 
 
 def inside_of(cells: tuple[int, int, int]) -> tuple[float, float, float]:
@@ -423,7 +404,7 @@ def inside_of(cells: tuple[int, int, int]) -> tuple[float, float, float]:
 
 def resting_tank(context: Context, steps: int, backend: str) -> Result:
     """A tank at rest: particles kept, pressure by depth over the last tenth of the steps, noise of the wall's force."""
-    with mesh_file(resting_cup()) as file:
+    with meshes.mesh_file(resting_cup()) as file:
         scene = resting_scene(file)
         simulation = context.simulation(scene, backend)
         band = next(e for e in scene.effects if e.name == "mesh_boundary").placed(simulation.plan.grid).band
@@ -481,24 +462,24 @@ TENSION = 1.0  # nominal, of the cohesion [N/m]
 def tension(arm: str) -> tuple[Any, ...]:
     """The effect of an arm."""
     if arm == "cohesion":
-        return (Akinci2013(surface_tension=TENSION, area_acceleration=0.0),)
-    return (NormalDifference2014(area_acceleration=GAMMA),) if arm == "difference" else ()
+        return (refsim.Akinci2013(surface_tension=TENSION, area_acceleration=0.0),)
+    return (refsim.NormalDifference2014(area_acceleration=GAMMA),) if arm == "difference" else ()
 
 
 def pour(context: Context, shape: str, arm: str, backend: str, seconds: float = 0.0) -> Result:
     """A column of liquid falls on a shape, or into it; components and holes of what it becomes, at several times."""
     until = seconds or POUR[shape]
-    with mesh_file(SOLIDS[shape]()) as file:
-        boundary = MeshBoundary(file=file, viscosity=0.2)
+    with meshes.mesh_file(SOLIDS[shape]()) as file:
+        boundary = refsim.MeshBoundary(file=file, viscosity=0.2)
         wide = 8
         low = 5.5 * SPACING if shape == "funnel" else 6.5 * SPACING
-        column = Box(
+        column = refsim.Box(
             lower=(-0.5 * wide * SPACING, -0.5 * wide * SPACING, low), cells=(wide, wide, 18), velocity=(0.0, 0.0, -0.8)
         )
-        floor = BoxWalls(lower=(-0.16, -0.16, -0.12), upper=(0.16, 0.16, 0.6), open_faces=("+z",))
-        scene = Scene(
+        floor = refsim.BoxWalls(lower=(-0.16, -0.16, -0.12), upper=(0.16, 0.16, 0.6), open_faces=("+z",))
+        scene = refsim.Scene(
             spacing=SPACING, support_radius=SUPPORT, fluid=(column,),
-            effects=(liquid(), Gravity(), floor, boundary, *tension(arm)),
+            effects=(liquid(), refsim.Gravity(), floor, boundary, *tension(arm)),
         )  # fmt: skip
         simulation = context.simulation(scene, backend)
         placed = boundary.placed(simulation.plan.grid)
@@ -565,10 +546,11 @@ def euler(filled: NDArray) -> int:
 
 def marked_cost(context: Context, everywhere: bool, backend: str, repeats: int = 60) -> Result:
     """Seconds of the correction's pass for a large block of which a small part is near the solid."""
-    with mesh_file(SOLIDS["sphere"]()) as file:
-        boundary = MeshBoundary(file=file, every_particle=everywhere)
-        block = Box(lower=(-0.4, -0.4, 0.06), cells=(48, 48, 44))
-        scene = Scene(spacing=SPACING, support_radius=SUPPORT, fluid=(block,), effects=(liquid(), Gravity(), boundary))
+    with meshes.mesh_file(SOLIDS["sphere"]()) as file:
+        boundary = refsim.MeshBoundary(file=file, every_particle=everywhere)
+        block = refsim.Box(lower=(-0.4, -0.4, 0.06), cells=(48, 48, 44))
+        effects = (liquid(), refsim.Gravity(), boundary)
+        scene = refsim.Scene(spacing=SPACING, support_radius=SUPPORT, fluid=(block,), effects=effects)
         simulation = context.simulation(scene, backend)
         simulation.step()
         call = dict(simulation.motion_calls)["penetration.kick_drift"]
@@ -656,7 +638,7 @@ class Rival:
     queries  number of searches for boundary particles
     """
 
-    def __init__(self, simulation: Simulation, wall: NDArray, normal: NDArray) -> None:
+    def __init__(self, simulation: refsim.Simulation, wall: NDArray, normal: NDArray) -> None:
         self.simulation = simulation
         self.plan, self.backend = simulation.plan, simulation.backend
         simulation.lists.auditable = False  # its particles are moved by others, too
@@ -692,7 +674,7 @@ class Rival:
 class DistanceForces(Rival):
     """Mueller 2004: zero one spacing from a boundary particle, stiff enough for the liquid to fall from its height."""
 
-    def __init__(self, simulation: Simulation, wall: NDArray, normal: NDArray, stiffness: float) -> None:
+    def __init__(self, simulation: refsim.Simulation, wall: NDArray, normal: NDArray, stiffness: float) -> None:
         super().__init__(simulation, wall, normal)
         self.stiffness = stiffness
         self.acceleration = np.zeros((simulation.count, 3))
@@ -726,7 +708,7 @@ CALM = 0.15  # [m/s], root mean square speed at the end, of a tank that holds
 COUPLINGS = {"own": "one-way coupling", "distance": "distance-based forces", "forcing": "direct forcing"}
 
 
-def tank(coupling: str, file: str, cells: tuple[int, int, int], share: float) -> Scene:
+def tank(coupling: str, file: str, cells: tuple[int, int, int], share: float) -> refsim.Scene:
     """The tank at rest with a fixed step; only the project's own coupling puts the solid into the scene."""
     scene = resting_scene(file, cells)
     if coupling != "own":
@@ -740,7 +722,7 @@ def stiffness_of(cells: tuple[int, int, int]) -> float:
     return GRAVITY * cells[2] * SPACING / (0.1 * SPACING)
 
 
-def coupled(coupling: str, simulation: Simulation, solid: Any, cells: tuple[int, int, int]) -> Any:
+def coupled(coupling: str, simulation: refsim.Simulation, solid: Any, cells: tuple[int, int, int]) -> Any:
     """The simulation, or a rival around it."""
     if coupling == "distance":
         return DistanceForces(simulation, solid.position, solid.normal, stiffness_of(cells))
@@ -755,10 +737,10 @@ def rest(
 
     The wall's force is the rate of the liquid's momentum, plus its weight.
     """
-    with mesh_file(resting_cup(cells)) as file:
+    with meshes.mesh_file(resting_cup(cells)) as file:
         scene = tank(coupling, file, cells, share)
         simulation = context.simulation(unguarded(scene, 0.0), backend)
-        solid = MeshBoundary(file=file).placed(simulation.plan.grid)
+        solid = refsim.MeshBoundary(file=file).placed(simulation.plan.grid)
         run = coupled(coupling, simulation, solid, cells)
         mass = simulation.field("mass")
         weight = float(mass.sum() * GRAVITY)
@@ -792,12 +774,12 @@ def rest(
 
 def cost(context: Context, cells: tuple[int, int, int], steps: int, backend: str) -> Result:
     """Milliseconds a step without a solid and with each coupling, in turn; what it adds, in fifths."""
-    with mesh_file(resting_cup(cells)) as file:
+    with meshes.mesh_file(resting_cup(cells)) as file:
         runs = {}
         for coupling in ("bare", *COUPLINGS):
             scene = tank(coupling, file, cells, 0.25)
             simulation = context.simulation(scene, backend)
-            solid = MeshBoundary(file=file).placed(simulation.plan.grid)
+            solid = refsim.MeshBoundary(file=file).placed(simulation.plan.grid)
             runs[coupling] = coupled(coupling, simulation, solid, cells)
             for _ in range(3):
                 runs[coupling].step()
@@ -984,7 +966,7 @@ SAMPLING_SPREADS = Measure(
 def _box(size: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> tuple[np.ndarray, np.ndarray]:
     import trimesh
 
-    made = tilted(trimesh.creation.box(size))
+    made = meshes.tilted(trimesh.creation.box(size))
     return np.array(made.vertices), np.array(made.faces)
 
 
@@ -998,7 +980,7 @@ def _check_even(trial: Trial, position: np.ndarray, least: float = 0.7) -> None:
 @hard_case
 def too_coarse(trial: Trial) -> None:
     """A mesh smaller than the spacing of the grid."""
-    signed_distance(mesh_of(SHAPES["cube"](), "cube"), 3.0, backend=trial.backend)
+    signed_distance(meshes.mesh_of(SHAPES["cube"](), "cube"), 3.0, backend=trial.backend)
 
 
 @hard_case
@@ -1015,7 +997,7 @@ def thin_plate(trial: Trial, thickness: float) -> None:
 def needle_edges(trial: Trial) -> None:
     """A cone with a tip of 7 degrees: signs at the tip and along the rim."""
     made = SHAPES["needle"]()
-    mesh = mesh_of(made, "needle")
+    mesh = meshes.mesh_of(made, "needle")
     band = signed_distance(mesh, 0.02, backend=trial.backend)
     random = np.random.default_rng(0)
     tip = np.array(made.vertices)[np.argmax(np.linalg.norm(made.vertices, axis=1))]
@@ -1031,7 +1013,7 @@ def needle_edges(trial: Trial) -> None:
 def piled(trial: Trial) -> None:
     """All particles at one place at the start."""
     there = choose(trial.backend)
-    band = signed_distance(mesh_of(SHAPES["sphere"](3), "ball"), 0.1, backend=there)
+    band = signed_distance(meshes.mesh_of(SHAPES["sphere"](3), "ball"), 0.1, backend=there)
     start = there.asarray(np.repeat(np.array([[0.0, 0.0, 0.99]], np.float32), 100, axis=0))
     end = there.host(relaxed(there, band.local, start, 0.1, 0, False, 200)[0])
     trial.check("least distance of two particles over r", evenness(end)["mean"] / 0.1, at_least=0.5)
@@ -1042,7 +1024,7 @@ def piled(trial: Trial) -> None:
 def far_away(trial: Trial) -> None:
     """A mesh 1e4 m from the origin, in float32: the same particles as beside it."""
     made = SHAPES["sphere"](3)
-    near = sample(mesh_of(made, "ball"), 0.08, backend=trial.backend)
+    near = sample(meshes.mesh_of(made, "ball"), 0.08, backend=trial.backend)
     shift = np.array([16384.0, -8192.0, 4096.0])
     far = sample(surface_mesh(np.array(made.vertices) + shift, made.faces, "far"), 0.08, backend=trial.backend)
     trial.check("largest difference [m]", float(np.abs(far.position - shift - near.position).max()), at_most=1e-9)
@@ -1051,7 +1033,7 @@ def far_away(trial: Trial) -> None:
 # Liquid at meshes
 
 STEP, HARD_SOUND = 2e-4, 20.0  # [s], [m/s]
-LIQUID = WeaklyCompressible(sound_speed=HARD_SOUND, dynamic_viscosity=0.5, density="summation")
+LIQUID = refsim.WeaklyCompressible(sound_speed=HARD_SOUND, dynamic_viscosity=0.5, density="summation")
 
 
 @hard_case
@@ -1065,10 +1047,11 @@ def shots(
     x, y = np.meshgrid(np.arange(-3, 4), np.arange(-3, 4))
     at = np.stack([0.012 * x.ravel(), 0.012 * y.ravel(), np.full(x.size, begin)], axis=1)
     at[:, 2] += 0.1 * SPACING * np.arange(x.size) % SPACING
-    fluid = Cloud(position=at + [0, 0, shift], velocity=(0.0, 0.0, -spacings * SPACING / STEP))
-    with mesh_file(made) as file:
-        boundary = MeshBoundary(**{"file": file, "center": (0.0, 0.0, shift), "field_spacing": 0.0025, **changes})
-        scene = Scene(
+    fluid = refsim.Cloud(position=at + [0, 0, shift], velocity=(0.0, 0.0, -spacings * SPACING / STEP))
+    with meshes.mesh_file(made) as file:
+        given = {"file": file, "center": (0.0, 0.0, shift), "field_spacing": 0.0025, **changes}
+        boundary = refsim.MeshBoundary(**given)
+        scene = refsim.Scene(
             spacing=SPACING, support_radius=1.1 * SPACING, fluid=(fluid,), effects=(LIQUID, boundary), step=STEP
         )
         simulation = trial.start(scene)
@@ -1089,10 +1072,10 @@ def shots(
 @hard_case
 def coincident(trial: Trial) -> None:
     """Every boundary particle stands there twice, with half the volume each: liquid falls on them as on one."""
-    with mesh_file(SOLIDS["plate"]()) as file:
-        block = Box(lower=(-0.03, -0.03, 0.013), cells=(6, 6, 4))
-        effects = (LIQUID, Gravity(), MeshBoundary(file=file))
-        plan = make_plan(Scene(spacing=SPACING, support_radius=2.7 * SPACING, fluid=(block,), effects=effects))
+    with meshes.mesh_file(SOLIDS["plate"]()) as file:
+        block = refsim.Box(lower=(-0.03, -0.03, 0.013), cells=(6, 6, 4))
+        effects = (LIQUID, refsim.Gravity(), refsim.MeshBoundary(file=file))
+        plan = make_plan(refsim.Scene(spacing=SPACING, support_radius=2.7 * SPACING, fluid=(block,), effects=effects))
         twice = WallParticles(np.repeat(plan.walls.position, 2, axis=0), 0.5 * np.repeat(plan.walls.volume, 2))
         places = []
         for walls in (plan.walls, twice):

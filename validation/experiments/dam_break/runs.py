@@ -17,14 +17,7 @@ from refsim.backends.arrays import unavailable
 from refsim.scene.plan import make_plan
 from validation.checks import Checks
 from validation.experiment import Experiment, Measure, Options, Results, Run, each, every
-from validation.metrics.dam_break import (
-    FRONT_DATA,
-    dimensionless_time,
-    fit_time_offset,
-    front_error,
-    front_position,
-    load_front_data,
-)
+from validation.metrics import dam_break
 from validation.metrics.surface_truth import arc_cover_surface, cap_cover_surface, detection_score
 from validation.results import Result, floats, real
 from validation.running import Context, advance, note, search_log, stage_seconds
@@ -191,15 +184,15 @@ def surge(context: Context, columns: int, backend: str, depth: int = 1, tank: fl
     simulation = context.simulation(column_scene(columns, depth, tank), backend)
     spacing = simulation.plan.grid.spacing
     ledger = Ledger(simulation, (width * tank, LID, depth * spacing))
-    published = {name: load_front_data(name) for name in FRONT_DATA}
+    published = {name: dam_break.load_front_data(name) for name in dam_break.FRONT_DATA}
     last = max(data.time[-1] for data in published.values()) + 0.5
     series: dict[str, list[Any]] = {}
 
     def sample(simulation: Simulation, wall: float) -> None:
         simulation.evaluate()
         ledger.add(simulation)
-        found = front_position(simulation.field("position")[:, : simulation.plan.grid.dim], spacing)
-        time = float(dimensionless_time(simulation.time, width, GRAVITY))
+        found = dam_break.front_position(simulation.field("position")[:, : simulation.plan.grid.dim], spacing)
+        time = float(dam_break.dimensionless_time(simulation.time, width, GRAVITY))
         note(series, {"time": time, "connected": found.connected / width, "farthest": found.farthest / width,
                       "detached": found.detached})  # fmt: skip
 
@@ -207,8 +200,8 @@ def surge(context: Context, columns: int, backend: str, depth: int = 1, tank: fl
     wall = advance(simulation, times, sample, context, lambda: series["farthest"][-1] < tank - 0.1)
     fits = {}
     for name, data in published.items():
-        offset = fit_time_offset(series["time"], series["connected"], data).offset
-        error = front_error(series["time"], series["connected"], data, offset)
+        offset = dam_break.fit_time_offset(series["time"], series["connected"], data).offset
+        error = dam_break.front_error(series["time"], series["connected"], data, offset)
         fits[name] = {
             "offset": offset, "largest": error.largest, "at": error.at, "rms": error.rms, "points": error.points
         }  # fmt: skip
@@ -421,7 +414,7 @@ def splash(context: Context, columns: int, until: float, seed: int, corrects: bo
 
     def sample(simulation: Simulation, wall: float) -> None:
         position = simulation.field("position")[:, :2]
-        detached.append(front_position(position, simulation.plan.grid.spacing).detached)
+        detached.append(dam_break.front_position(position, simulation.plan.grid.spacing).detached)
 
     advance(simulation, np.arange(0.4, until + 0.01, 0.05).tolist(), sample, context)
     return Result({"detached": float(np.mean(detached)), "over_time": detached})
@@ -651,7 +644,7 @@ def checks(results: Results, check: Checks) -> None:
         check("scanned_share", values["scanned_share"], key, words)
     for key, words in (("front_2d", "2D"), ("front_3d", "3D")):
         for name, fit in results[key].values["front"].items() if key in results else ():
-            kind = "front" if FRONT_DATA[name][1] == "experiment" else "front_computed"
+            kind = "front" if dam_break.FRONT_DATA[name][1] == "experiment" else "front_computed"
             check(kind, abs(real(fit["largest"])), f"{key}.{name}", f"{words}, {LABELS[name]}")
             check("time_offset", fit["offset"], f"{key}.{name}", f"{words}, {LABELS[name]}")
     kept = ("lost_particles", "mass_change", "energy_rise", "missed_neighbours")

@@ -20,13 +20,7 @@ from validation.checks import Checks, Quantities
 from validation.experiment import Experiment, Measure, Options, Results, Run, each, every
 from validation.experiments.dong import scene as scenes
 from validation.experiments.droplet.runs import relaxed
-from validation.metrics.droplet import (
-    cubic_moment,
-    nearest_neighbour_distance,
-    radius_variation,
-    sphericity,
-    surface_mesh,
-)
+from validation.metrics import droplet
 from validation.metrics.shapes import LATTICES, lattice_ball
 from validation.metrics.spread import layers, seen_from_above
 from validation.results import Result, real
@@ -101,10 +95,10 @@ def drop(context: Context, scene: Scene, times: NDArray, backend: str) -> Result
         distance = np.linalg.norm(away, axis=1)
         share = simulation.field("density").astype(float) / scenes.DENSITY - 1
         bulk = share[distance < BULK * radius]
-        near = nearest_neighbour_distance(x) / spacing
+        near = droplet.nearest_neighbour_distance(x) / spacing
         row = {
-            "time": simulation.time, "wall": wall, "steps": simulation.steps, "moment": cubic_moment(x),
-            "radius_variation": radius_variation(x),
+            "time": simulation.time, "wall": wall, "steps": simulation.steps, "moment": droplet.cubic_moment(x),
+            "radius_variation": droplet.radius_variation(x),
             "points": _reach(away, 1) / radius, "corners": _reach(away, 3) / radius,
             "swing": float(bulk.mean()) if len(bulk) else math.nan, "compression": float(np.quantile(share, 0.95)),
             "nn_5": float(np.quantile(near, 0.05)), "moved": float(np.linalg.norm(x - begin, axis=1).max()) / spacing,
@@ -142,7 +136,7 @@ def coefficients(scene: Scene) -> dict[str, Any]:
 def area(position: NDArray, spacing: float) -> float:
     """Area of the surface over that of a ball of the same volume; NaN where there is no one closed surface."""
     try:
-        return 1 / sphericity(*surface_mesh(position.astype(float), spacing))
+        return 1 / droplet.sphericity(*droplet.surface_mesh(position.astype(float), spacing))
     except ValueError:
         return math.nan
 

@@ -10,26 +10,13 @@ import numpy as np
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 
-from validation.drawing import (
-    BLUE,
-    GREY,
-    ORANGE,
-    SKY,
-    VERMILION,
-    WATER,
-    caption,
-    plain_title,
-    seen_thousandths,
-    show_balls,
-    show_image,
-    surface_picture,
-    view_matrix,
-)
+from validation import drawing
+from validation.drawing import BLUE, GREY, ORANGE, SKY, VERMILION, WATER
 from validation.experiment import Picture, Results
 from validation.metrics.droplet import surface_mesh
 from validation.results import floats
 
-VIEW = view_matrix(azimuth=32.0, elevation=24.0)
+VIEW = drawing.view_matrix(azimuth=32.0, elevation=24.0)
 ROWS = {"cube_4913": "cube", "cut_5039": "cube cut from a turned lattice", "box_4862": "turned box, 1.3 : 1 : 0.8"}
 SURFACE_ONLY = {  # "tension acts on surface particles only", as the paper's text and as its words alone have it
     "mode_text": "cube, the paper's text: pairs of its surface set",
@@ -64,7 +51,7 @@ def frame_data(results: Results) -> dict[str, Any]:
             frames.append({
                 "time_s": series["time"][k], "cubic_moment": series["cubic_moment"][k],
                 "radius_variation": series["radius_variation"][k],
-                "position_milliradii": seen_thousandths(x, values["spacing"] / values["radius"], VIEW, EXTENT),
+                "position_milliradii": drawing.seen_thousandths(x, values["spacing"] / values["radius"], VIEW, EXTENT),
             })  # fmt: skip
         data["rows"].append({
             "start": words, "particles": values["particles"], "radius_m": values["radius"],
@@ -87,9 +74,9 @@ def frame_picture(data: Mapping[str, Any]) -> Any:
         for frame, axes in zip(row["frames"], line):
             x = np.array(frame["position_milliradii"]) / 1000
             colour = colours(norm(np.linalg.norm(x, axis=1)))[:, :3]
-            show_balls(axes, x, row["spacing_radii"], colour, VIEW, extent, 320)
-            plain_title(axes, f"t = {frame['time_s'] / row['capillary_time_s']:.2f}")
-            caption(axes, f"$q_4$ = {frame['cubic_moment']:+.3f}\nroughness {frame['radius_variation']:.4f}")
+            drawing.show_balls(axes, x, row["spacing_radii"], colour, VIEW, extent, 320)
+            drawing.plain_title(axes, f"t = {frame['time_s'] / row['capillary_time_s']:.2f}")
+            drawing.caption(axes, f"$q_4$ = {frame['cubic_moment']:+.3f}\nroughness {frame['radius_variation']:.4f}")
         words = f"{row['start'].capitalize()}, {row['particles']:,} particles"
         line[0].set_title(" \n ", loc="left")  # space for the words, whose width must not push the next frame away
         line[0].text(0, 1.2, words, transform=line[0].transAxes, fontweight="bold").set_in_layout(False)
@@ -123,8 +110,8 @@ def surface_picture_of(data: Mapping[str, Any]) -> Any:
         x = np.array(frame["position_milliradii"]) / 1000
         x = x[np.linalg.norm(x, axis=1) < 3.0]
         mesh = surface_mesh(x, data["spacing_radii"], smoothing=1.0, cell=0.3)
-        show_image(axes, surface_picture(*mesh, WATER, VIEW, extent, pixels=480), extent)
-        plain_title(axes, f"t = {frame['time_s'] / data['capillary_time_s']:.2f}", y=0.95)
+        drawing.show_image(axes, drawing.surface_picture(*mesh, WATER, VIEW, extent, pixels=480), extent)
+        drawing.plain_title(axes, f"t = {frame['time_s'] / data['capillary_time_s']:.2f}", y=0.95)
     figure.supxlabel(r"times in $\sqrt{\rho R^3/\sigma}$; surface where half the volume is liquid", fontsize=8.5)
     return figure
 

@@ -18,15 +18,7 @@ from refsim.surface_tension.jiang_zhu_2023 import kirkwood_buff_sigma, unit_mome
 from validation.checks import Checks, Quantities
 from validation.experiment import Experiment, Measure, Options, Results, Run, each, every
 from validation.experiments.droplet.scene import END_TIME, VARIANTS, droplet_scene, particles
-from validation.metrics.droplet import (
-    cubic_moment,
-    inertia_anisotropy,
-    nearest_neighbour_distance,
-    radius_variation,
-    radius_variation_scale,
-    sphericity,
-    surface_mesh,
-)
+from validation.metrics import droplet
 from validation.metrics.shapes import lattice_ball
 from validation.metrics.spread import groups
 from validation.results import Result, real
@@ -74,10 +66,11 @@ def relaxed(
         x = simulation.field("position").astype(float)
         away = np.linalg.norm(x - x.mean(0), axis=1)
         bulk = simulation.field("density").astype(float)[away < BULK * radius]
-        near = nearest_neighbour_distance(x) / spacing
+        near = droplet.nearest_neighbour_distance(x) / spacing
         note(series, {
-            "time": simulation.time, "wall": wall, "steps": simulation.steps, "radius_variation": radius_variation(x),
-            "cubic_moment": cubic_moment(x, axes), "anisotropy": inertia_anisotropy(x),
+            "time": simulation.time, "wall": wall, "steps": simulation.steps,
+            "radius_variation": droplet.radius_variation(x), "cubic_moment": droplet.cubic_moment(x, axes),
+            "anisotropy": droplet.inertia_anisotropy(x),
             "extent": float(away.max()) / radius, "nn_min": float(near.min()), "nn_5": float(np.quantile(near, 0.05)),
             "nn_mean": float(near.mean()), "bulk_error": float(bulk.mean()) - 1.0 if len(bulk) else math.nan,
             "bulk_spread": float(bulk.std()) if len(bulk) else math.nan, "stages": stage_seconds(simulation),
@@ -87,7 +80,7 @@ def relaxed(
 
     wall, stopped = until_stopped(simulation, np.linspace(0.0, until, samples + 1).tolist(), sample, context)
     try:
-        roundness = sphericity(*surface_mesh(frames[-1].astype(float), spacing))
+        roundness = droplet.sphericity(*droplet.surface_mesh(frames[-1].astype(float), spacing))
     except ValueError:  # torn apart: no one closed surface
         roundness = math.nan
     energy, variation = np.array(series["kinetic_energy"]), np.array(series["radius_variation"])
@@ -100,7 +93,7 @@ def relaxed(
     values = {
         "particles": simulation.count, "spacing": spacing, "radius": radius, "capillary_time": math.sqrt(radius**3),
         "words": words, "stopped": stopped, "series": series,
-        "lattice": radius_variation_scale(simulation.count)._asdict(),
+        "lattice": droplet.radius_variation_scale(simulation.count)._asdict(),
         "end": {
             **{name: series[name][-1] for name in last}, "sphericity": roundness,
             "kinetic_share": float(late.mean()) / peak if peak > 0 else math.nan,
@@ -417,8 +410,8 @@ def settle(context: Context, backend: str, scene: Any, until: float) -> Drop:
         return Drop(stopped or "non_finite", math.inf, math.inf, math.inf, len(x), math.nan, math.nan)
     return Drop(
         stopped=stopped, peak=max(energy), late=float(np.mean(energy[-12:])), moving=max(moving),
-        thrown=len(x) - int(pieces(x, 2.0 * spacing)[0]), roughness=radius_variation(x),
-        near=float(np.quantile(nearest_neighbour_distance(x), 0.05)) / spacing,
+        thrown=len(x) - int(pieces(x, 2.0 * spacing)[0]), roughness=droplet.radius_variation(x),
+        near=float(np.quantile(droplet.nearest_neighbour_distance(x), 0.05)) / spacing,
     )  # fmt: skip
 
 
@@ -542,7 +535,7 @@ def _watched(trial: Trial, scene: Scene, until: float, tension: float = 1.0, are
         trial.show("momentum scale", max(scale))
         trial.account(running, isolated=True)
         trial.check("kinetic energy over the start's surface energy", max(peak) / (tension * area), at_most=1.0)
-        near = nearest_neighbour_distance(running.field("position").astype(float)) / scene.spacing
+        near = droplet.nearest_neighbour_distance(running.field("position").astype(float)) / scene.spacing
         trial.check("nearest neighbour, 5th percentile [d]", float(np.quantile(near, 0.05)), at_least=0.4)
         simulation = running
     return simulation

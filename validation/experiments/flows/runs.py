@@ -14,18 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from refsim import (
-    Box,
-    BoxWalls,
-    Gauge,
-    Gravity,
-    Motion,
-    ParticleShifting,
-    Scene,
-    Simulation,
-    SurfaceDetection,
-    WeaklyCompressible,
-)
+import refsim
 from validation.checks import Checks
 from validation.experiment import Experiment, Options, Results, Run
 from validation.experiments.flows.grid import wall_pressure
@@ -65,8 +54,8 @@ EXTREMES = (
 NEAR = 0.3  # s around an extreme of the experiment in which that of the run is looked for
 
 
-def _liquid(sound: float, viscosity: float, tensile_control: str) -> WeaklyCompressible:
-    return WeaklyCompressible(
+def _liquid(sound: float, viscosity: float, tensile_control: str) -> refsim.WeaklyCompressible:
+    return refsim.WeaklyCompressible(
         rest_density=DENSITY, sound_speed=sound, dynamic_viscosity=DENSITY * viscosity, viscosity="central",
         state="linear", density="continuity", diffusion=0.1, gradient="plain", clamp_pressure=False,
         tensile_control=tensile_control, kernels="wendland",  # type: ignore[arg-type]
@@ -80,12 +69,12 @@ def cavity(context: Context, cells: int, support: float, backend: str) -> Result
     second
     """
     spacing, viscosity = 1.0 / cells, 1.0 / REYNOLDS
-    scene = Scene(
+    scene = refsim.Scene(
         name="cavity", dim=2, dtype="float64", spacing=spacing, support_radius=support * spacing,
-        fluid=(Box(cells=(cells, cells, 1)),),
+        fluid=(refsim.Box(cells=(cells, cells, 1)),),
         effects=(
             _liquid(10.0, viscosity, "none"),
-            BoxWalls(
+            refsim.BoxWalls(
                 lower=(0.0, 0.0, 0.0), upper=(1.0, 1.0, 0.0), model="extrapolated", moving_faces=("+y",),
                 velocity=(1.0, 0.0, 0.0), viscosity=2 * DENSITY * viscosity,
             ),
@@ -96,7 +85,7 @@ def cavity(context: Context, cells: int, support: float, backend: str) -> Result
     across = np.array([(x, 0.5) for x, _ in GHIA_V])
     seen: list[tuple[NDArray, NDArray]] = []
 
-    def sample(simulation: Simulation, wall: float) -> None:
+    def sample(simulation: refsim.Simulation, wall: float) -> None:
         x, v = simulation.field("position")[:, :2], simulation.field("velocity")
         reach = support * spacing
         seen.append((fitted(up, x, v[:, 0], reach), fitted(across, x, v[:, 1], reach)))
@@ -123,19 +112,19 @@ def dam_break(context: Context, cells: int, support: float, backend: str) -> Res
     spacing, sound = height / cells, 10 * math.sqrt(2 * GRAVITY * height)
     viscosity = ARTIFICIAL * 0.5 * support * spacing * sound / 8
     far = round(TANK[0] / spacing) * spacing
-    scene = Scene(
+    scene = refsim.Scene(
         name="dam_break", dim=2, dtype="float64", spacing=spacing, support_radius=support * spacing,
-        fluid=(Box(cells=(2 * cells, cells, 1)),),
+        fluid=(refsim.Box(cells=(2 * cells, cells, 1)),),
         gauge=tuple(
-            Gauge(name=name, kind="pressure", lower=(far, low, 0.0), upper=(far, high, 0.0), every=2e-3)
+            refsim.Gauge(name=name, kind="pressure", lower=(far, low, 0.0), upper=(far, high, 0.0), every=2e-3)
             for name, (low, high) in (("sensor", SENSOR), ("printed", PRINTED))
         ),
         effects=(
-            _liquid(sound, viscosity, "inside"), Gravity(acceleration=(0.0, -GRAVITY, 0.0)),
-            BoxWalls(
+            _liquid(sound, viscosity, "inside"), refsim.Gravity(acceleration=(0.0, -GRAVITY, 0.0)),
+            refsim.BoxWalls(
                 lower=(0.0, 0.0, 0.0), upper=(far, TANK[1], 0.0), model="extrapolated", open_faces=("+y",),
             ),
-            SurfaceDetection(), ParticleShifting(strength=2.2, surface="detected"),
+            refsim.SurfaceDetection(), refsim.ParticleShifting(strength=2.2, surface="detected"),
         ),
     )  # fmt: skip
     simulation = context.simulation(scene, backend)
@@ -229,14 +218,14 @@ def sway(context: Context, cells: int, support: float, amplitude: float, until: 
     columns = round(cells * LENGTH / DEPTH)
     spacing, sound, path = LENGTH / columns, 10 * math.sqrt(GRAVITY * DEPTH), f"{amplitude}*cos(2*pi*t/{PERIOD})"
     viscosity = ARTIFICIAL * 0.5 * support * spacing * sound / 8
-    scene = Scene(
+    scene = refsim.Scene(
         name="sway", dim=2, dtype="float64", spacing=spacing, support_radius=support * spacing,
-        fluid=(Box(cells=(columns, cells, 1)),),
-        motion=(Motion(of="gravity", kind="formula", direction=(1.0, 0.0, 0.0), formula=path),),
-        gauge=(Gauge(name="level", kind="level", lower=(PROBE, 0.0, 0.0), upper=(PROBE, 1.1, 0.0), every=0.01),),
+        fluid=(refsim.Box(cells=(columns, cells, 1)),),
+        motion=(refsim.Motion(of="gravity", kind="formula", direction=(1.0, 0.0, 0.0), formula=path),),
+        gauge=(refsim.Gauge(name="level", kind="level", lower=(PROBE, 0.0, 0.0), upper=(PROBE, 1.1, 0.0), every=0.01),),
         effects=(
-            _liquid(sound, viscosity, "none"), Gravity(acceleration=(0.0, -GRAVITY, 0.0)),
-            BoxWalls(lower=(0.0, 0.0, 0.0), upper=(LENGTH, 1.15, 0.0), model="extrapolated"),
+            _liquid(sound, viscosity, "none"), refsim.Gravity(acceleration=(0.0, -GRAVITY, 0.0)),
+            refsim.BoxWalls(lower=(0.0, 0.0, 0.0), upper=(LENGTH, 1.15, 0.0), model="extrapolated"),
         ),
     )  # fmt: skip
     simulation = context.simulation(scene, backend)

@@ -13,18 +13,8 @@ from numpy.typing import NDArray
 
 from refsim.render.space import Body
 from refsim.render.surfaces import surface_around
-from validation.drawing import (
-    GREY,
-    ball_picture,
-    body_picture,
-    headline,
-    packed,
-    plain_title,
-    shared_legend,
-    stacked_bars,
-    unpacked,
-    view_matrix,
-)
+from validation import drawing
+from validation.drawing import GREY, packed, unpacked
 from validation.experiment import Picture, Results
 from validation.experiments.melting.runs import ON_GPU, PAPER, TITLES, grouped
 from validation.experiments.melting.scene import SPACING
@@ -68,7 +58,7 @@ def stage_picture(azimuth: float, elevation: float, melt_shown: bool) -> Any:
 
     def draw(data: Mapping[str, Any]) -> Any:
         frames, tank = data["frames"], np.array(data["tank"], dtype=float)
-        view = view_matrix(azimuth, elevation)
+        view = drawing.view_matrix(azimuth, elevation)
         middle = tank * (0.5, 0.5, 0.36)
         corners = (np.array(list(np.ndindex(2, 2, 2))) * tank - middle) @ view.T
         extent = 1.04 * np.abs(corners[:, :2]).max()
@@ -95,12 +85,12 @@ def stage_picture(azimuth: float, elevation: float, melt_shown: bool) -> Any:
             water = (part < 0) if melt_shown else ~solid
             layers.append(body_of(x[water], WATER, water=True))
             edges(axes, corners, False)
-            axes.imshow(body_picture(layers, view, extent, PIXELS), extent=(-extent, extent) * 2, zorder=2)
+            axes.imshow(drawing.body_picture(layers, view, extent, PIXELS), extent=(-extent, extent) * 2, zorder=2)
             edges(axes, corners, True)
-            plain_title(axes, f"{f['time']:.2f} s, {100 * f['share']:.0f} % solid")
+            drawing.plain_title(axes, f"{f['time']:.2f} s, {100 * f['share']:.0f} % solid")
             shown = x[:, 1] >= 0 if abs(azimuth + 90) < 45 else x[:, 1] >= -1e9
             shade = colours(norm(temperature[shown]))[:, :3]
-            picture = ball_picture(x[shown], 0.55 * SPACING, shade, view, extent, PIXELS)
+            picture = drawing.ball_picture(x[shown], 0.55 * SPACING, shade, view, extent, PIXELS)
             edges(below, corners, False)
             below.imshow(picture, extent=(-extent, extent) * 2, zorder=2)
             for each in (axes, below):
@@ -111,7 +101,7 @@ def stage_picture(azimuth: float, elevation: float, melt_shown: bool) -> Any:
             aspect=60, label="temperature of the particles [deg C]; the front half is cut away",
         )  # fmt: skip
         solids = f"{sum(data['solids']):,} solid at the start"
-        headline(figure, f"{data['title']}: {data['particles']:,} particles, {solids}")
+        drawing.headline(figure, f"{data['title']}: {data['particles']:,} particles, {solids}")
         return figure
 
     return draw
@@ -158,7 +148,7 @@ def filling_picture(data: Mapping[str, Any]) -> Any:
     corner, side = (a0 - width - 0.5, b0 - width - 0.5), 2 * width + 1
     plate.add_patch(plt.Rectangle(corner, side, side, fill=False, linewidth=1.6))
     plate.set(xlim=(-0.6, 6.6), ylim=(-0.6, 6.6))
-    plain_title(plate, f"the plate; box of node {node}, w = {width}")
+    drawing.plain_title(plate, f"the plate; box of node {node}, w = {width}")
     before = [[-1] * len(passes[0])] * len(passes[0])
     for k, (axes, now) in enumerate(zip(panels[1:], passes)):
         for i, j in np.ndindex(len(now), len(now[0])):
@@ -166,12 +156,12 @@ def filling_picture(data: Mapping[str, Any]) -> Any:
             colour = "white" if entry < 0 else "#FDBE6F" if before[i][j] < 0 else "#CFE3F5"
             cell(axes, i, j, colour, str(entry), 9, entry >= 0)
         axes.set(xlim=(-0.6, len(now) - 0.4), ylim=(-0.6, len(now) - 0.4))
-        plain_title(axes, f"after pass {k}")
+        drawing.plain_title(axes, f"after pass {k}")
         before = now
     for axes in panels:
         axes.set_aspect("equal")
         axes.set_axis_off()
-    headline(figure, data["title"])
+    drawing.headline(figure, data["title"])
     return figure
 
 
@@ -199,7 +189,7 @@ def time_picture(data: Mapping[str, Any]) -> Any:
     rows = data["rows"]
     figure, axes = plt.subplots(figsize=(9.6, 0.9 + 0.55 * len(rows)))
     labels = []
-    ends = stacked_bars(axes, [row["stages"] for row in rows], COLOURS)
+    ends = drawing.stacked_bars(axes, [row["stages"] for row in rows], COLOURS)
     for k, (row, left) in enumerate(zip(rows, ends)):
         axes.text(left, k, f"  {row['milliseconds']:.0f} ms", va="center", fontsize=8.5)
         axes.plot([row["paper"]] * 2, [k - 0.42, k + 0.42], color="black", linewidth=2)
@@ -235,7 +225,7 @@ def gpu_picture(data: Mapping[str, Any]) -> Any:
     groups = [[row for row in data["rows"] if row["paper"]], [row for row in data["rows"] if not row["paper"]]]
     figure, panels = plt.subplots(2, 1, figsize=(9.6, 4.0), height_ratios=[len(rows) for rows in groups])
     for axes, rows in zip(panels, groups):
-        ends = stacked_bars(axes, [row["stages"] for row in rows], COLOURS)
+        ends = drawing.stacked_bars(axes, [row["stages"] for row in rows], COLOURS)
         for k, (row, left) in enumerate(zip(rows, ends)):
             axes.plot([row["seconds"]] * 2, [k - 0.42, k + 0.42], color="black", linewidth=2)
             words = f"  {row['seconds']:.2f} ms a step" + (f", paper {row['paper']:g}" if row["paper"] else "")
@@ -248,7 +238,7 @@ def gpu_picture(data: Mapping[str, Any]) -> Any:
     panels[0].plot([], [], color="black", linewidth=2, label="mean step, lists included")
     panels[0].set_title(data["title"])
     panels[1].set_xlabel(f"milliseconds, {data['machine'].get('gpu', 'GPU')}; each stage by itself")
-    shared_legend(figure, panels[:1], ncols=6, fontsize=8)
+    drawing.shared_legend(figure, panels[:1], ncols=6, fontsize=8)
     return figure
 
 

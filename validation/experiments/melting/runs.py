@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import os
 import time
@@ -13,21 +14,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial.distance import pdist
 
-from refsim import (
-    Box,
-    BoxWalls,
-    Cloud,
-    Gravity,
-    HeatConduction,
-    Melting,
-    Scene,
-    ShapeMatching,
-    Simulation,
-    SolidBall,
-    SolidBox,
-    SolidCells,
-    TwoWayCoupling,
-)
+import refsim
 from refsim.backends import runtime
 from refsim.backends.arrays import unavailable
 from refsim.core.operation import REGISTRY
@@ -35,21 +22,11 @@ from refsim.scene.solids import lattice_of
 from refsim.shape_matching.phases import EMPTY, FLUID, INTERIOR, SURFACE
 from validation.checks import Checks
 from validation.experiment import Experiment, Measure, Options, Results, Run
-from validation.experiments.melting.scene import (
-    FIGURES,
-    HALF_WIDTH,
-    LIQUID,
-    SOUND,
-    SPACING,
-    STEP,
-    SUPPORT,
-    made,
-    scene_of,
-    shared_tank,
-)
+from validation.experiments.melting import scene as tanks
+from validation.experiments.melting.scene import FIGURES, HALF_WIDTH, LIQUID, SOUND, SPACING, STEP, SUPPORT
 from validation.metrics.droplet import surface_mesh
 from validation.results import Result
-from validation.running import Context, momenta, search_log, stage_seconds, take_steps
+from validation.running import Context, momenta, note, search_log, stage_seconds, take_steps
 from validation.trials import Trial, hard_case
 
 PAPER = {"figure_4": ("35k + 5k", 22.5), "figure_5": ("48.5k + 12k", 35.7), "figure_6": ("40.5k + 20k", 42.3)}  # ms
@@ -63,7 +40,7 @@ LARGEST_TEMPERATURE = 250  # as a byte in steps of half a degree, from -25 deg C
 class Watch:
     """Counts what melts, and the greatest speed, from step to step."""
 
-    def __init__(self, simulation: Simulation) -> None:
+    def __init__(self, simulation: refsim.Simulation) -> None:
         self.simulation = simulation
         self.solid = self._phase() != FLUID
         self.phase = self._phase()
@@ -82,7 +59,7 @@ class Watch:
         self.phase = now
         self.fastest = max(self.fastest, float(np.linalg.norm(self.simulation.field("velocity"), axis=1).max()))
 
-    def note(self) -> dict[str, float]:
+    def note(self) -> None:
         """An entry of the series."""
         s = self.simulation
         mass, rest_density = (s.field(name).astype(float) for name in ("mass", "rest_density"))
@@ -91,10 +68,8 @@ class Watch:
             "inside": int((self.phase == INTERIOR).sum()), "fragments": fragments(s.field("direct")),
             "mass": float(mass.sum()), "rest_volume": float((mass / rest_density).sum()), "fastest": self.fastest,
         }  # fmt: skip
-        for name, value in row.items():
-            self.series.setdefault(name, []).append(value)
+        note(self.series, row)
         self.fastest = 0.0
-        return row
 
 
 def fragments(direct: np.ndarray) -> int:
@@ -113,7 +88,7 @@ def melt(
 ) -> Result:
     """A figure's scene until `until` [s]: frames at the start and when the share of solid has fallen to `shares`."""
     setting = FIGURES[figure](size)
-    simulation = context.simulation(scene_of(figure, size, **options), backend)
+    simulation = context.simulation(tanks.scene_of(figure, size, **options), backend)
     watch = Watch(simulation)
     arrays: dict[str, np.ndarray] = {}
     times: list[float] = []
@@ -147,7 +122,7 @@ def melt(
     return Result(values, arrays)
 
 
-def frame(simulation: Simulation, arrays: dict[str, np.ndarray], times: list[float]) -> None:
+def frame(simulation: refsim.Simulation, arrays: dict[str, np.ndarray], times: list[float]) -> None:
     """Keep positions [cm], temperatures [half degrees from -25] and what is solid."""
     k = len(times)
     times.append(simulation.time)
@@ -162,9 +137,9 @@ def frame(simulation: Simulation, arrays: dict[str, np.ndarray], times: list[flo
 
 def free_lattice(context: Context, backend: str, steps: int, summation: str = "gather", half_width: int = 2) -> Result:
     """A free lattice that flies and spins, in float64: how its momenta and its shape change over the steps."""
-    body = SolidBox(lower=(0, 0, 0), upper=(0.8, 0.6, 0.6), velocity=(1.0, 0.0, 0.0), spin=(0.0, 1.0, 3.0))
-    effects = (ShapeMatching(half_width=half_width, summation=summation),)
-    scene = Scene(
+    body = refsim.SolidBox(lower=(0, 0, 0), upper=(0.8, 0.6, 0.6), velocity=(1.0, 0.0, 0.0), spin=(0.0, 1.0, 3.0))
+    effects = (refsim.ShapeMatching(half_width=half_width, summation=summation),)
+    scene = refsim.Scene(
         spacing=SPACING, support_radius=SUPPORT, fluid=(), solid=(body,), effects=effects, step=STEP, dtype="float64"
     )
     simulation = context.simulation(scene, backend)
@@ -189,14 +164,15 @@ def conserved(context: Context, backend: str, dtype: str, bookkeeping: str, step
 
     The conductivity is taken in W/(m K) (without Shao & Song M11), so that the scheme conserves sum m c T.
     """
-    ball = SolidBall(center=(1.0, 1.0, 1.9), radius=0.6, density=917.0, velocity=(0.0, 0.0, -2.0))
+    ball = refsim.SolidBall(center=(1.0, 1.0, 1.9), radius=0.6, density=917.0, velocity=(0.0, 0.0, -2.0))
     diffusivity = 0.3
-    heat = HeatConduction(
+    heat = refsim.HeatConduction(
         temperature=(-10.0, 40.0), conductivity=diffusivity * 1000 * 4186, heat_capacity=4186.0, melting_point=0.0,
     )  # fmt: skip
-    effects = (LIQUID, ShapeMatching(half_width=HALF_WIDTH), TwoWayCoupling(), heat, Melting(bookkeeping=bookkeeping))
-    scene = Scene(
-        spacing=SPACING, support_radius=SUPPORT, fluid=(Box(cells=(10, 10, 6)),), solid=(ball,), effects=effects,
+    bodies = (refsim.ShapeMatching(half_width=HALF_WIDTH), refsim.TwoWayCoupling())
+    effects = (LIQUID, *bodies, heat, refsim.Melting(bookkeeping=bookkeeping))
+    scene = refsim.Scene(
+        spacing=SPACING, support_radius=SUPPORT, fluid=(refsim.Box(cells=(10, 10, 6)),), solid=(ball,), effects=effects,
         step=0.004, dtype=dtype,
     )  # fmt: skip
     simulation = context.simulation(scene, backend)
@@ -244,8 +220,8 @@ def step_cost(
 
     solid_share  where not negative, a tank of as many particles with this share of solid instead of the figure
     """
-    setting = shared_tank(figure, size, solid_share) if solid_share >= 0 else FIGURES[figure](size)
-    scene = made(setting, figure, **options)
+    setting = tanks.shared_tank(figure, size, solid_share) if solid_share >= 0 else FIGURES[figure](size)
+    scene = tanks.made(setting, figure, **options)
     simulation = context.simulation(scene, backend, threads)
     take_steps(simulation, max(warm, 2))
     whole = []
@@ -288,10 +264,10 @@ def summations(context: Context, backend: str, half_width: int, steps: int = 60)
     """A bar bent by kicks at its ends and in its middle: for each summation the seconds of the four sums of a step."""
     rows = []
     for summation in ("gather", "reduction", "fast"):
-        body = SolidBox(lower=(0, 0, 0), upper=(4.0, 1.6, 1.6))
-        scene = Scene(
+        body = refsim.SolidBox(lower=(0, 0, 0), upper=(4.0, 1.6, 1.6))
+        scene = refsim.Scene(
             spacing=SPACING, support_radius=SUPPORT, fluid=(), solid=(body,), step=STEP,
-            effects=(ShapeMatching(half_width=half_width, summation=summation, damping=0.1),),
+            effects=(refsim.ShapeMatching(half_width=half_width, summation=summation, damping=0.1),),
         )  # fmt: skip
         simulation = context.simulation(scene, backend)
         kick = np.zeros((simulation.count, 3), np.float32)
@@ -367,7 +343,7 @@ def clock() -> tuple[Callable[[], Any], Callable[[Any, Any], float]]:
     return mark, between
 
 
-def steps(simulation: Simulation, warm: int, count: int) -> dict[str, list[float]]:
+def steps(simulation: refsim.Simulation, warm: int, count: int) -> dict[str, list[float]]:
     """Wall seconds of steps, those with a new neighbour list apart; every step waits for the device."""
     take_steps(simulation, warm)
     taken: dict[str, list[float]] = {"step": [], "step with a new list": []}
@@ -379,7 +355,7 @@ def steps(simulation: Simulation, warm: int, count: int) -> dict[str, list[float
     return taken
 
 
-def stages(simulation: Simulation, rebuilt: float, repeats: int = 20) -> dict[str, float]:
+def stages(simulation: refsim.Simulation, rebuilt: float, repeats: int = 20) -> dict[str, float]:
     """Device seconds of every operation of a step, each timed alone; `rebuilt` is the share of steps with a new list.
 
     Fields are put back after each, so that all see the same state.
@@ -419,11 +395,11 @@ def list_seconds(taken: dict[str, list[float]], alone: float) -> float:
     return len(renewed) / (len(plain) + len(renewed)) * max(float(np.median(renewed) - np.median(plain)), 0.0)
 
 
-def scene_named(name: str, size: float) -> Scene:
+def scene_named(name: str, size: float) -> refsim.Scene:
     """A figure's scene, or "million": a tank of 999,702 particles at size 1, a third of them solid."""
     if name == "million":
-        return made(shared_tank("figure_6", 2.55 * size, 1 / 3), name)
-    return scene_of(name, size)
+        return tanks.made(tanks.shared_tank("figure_6", 2.55 * size, 1 / 3), name)
+    return tanks.scene_of(name, size)
 
 
 def on_gpu(context: Context, figure: str, size: float, warm: int = WARM, count: int = STEPS) -> Result:
@@ -447,7 +423,7 @@ def on_gpu(context: Context, figure: str, size: float, warm: int = WARM, count: 
 
 def beside_cpu(context: Context, figure: str, size: float, threads: int) -> Result:
     """Seconds of each of the paper's stages on the GPU and on so many threads of the CPU."""
-    scene = scene_of(figure, size)
+    scene = tanks.scene_of(figure, size)
     on_gpu = context.simulation(scene, "cuda")
     taken = steps(on_gpu, WARM, STEPS)
     stage = stages(on_gpu, len(taken["step with a new list"]) / STEPS)
@@ -495,18 +471,17 @@ def melted(context: Context, radius: float, bookkeeping: str, backend: str, seco
     wide = 12
     cells = np.stack(np.meshgrid(*[np.arange(wide)] * 3, indexing="ij"), -1).reshape(-1, 3)
     inside = np.linalg.norm(cells - 0.5 * (wide - 1), axis=1) * SPACING < radius
-    heat = HeatConduction(
+    heat = refsim.HeatConduction(
         temperature=(-10.0, 80.0), conductivity=0.3 * 1000 * 4186, heat_capacity=4186.0, melting_point=0.0
     )
-    effects = (
-        LIQUID, Gravity(), BoxWalls(lower=(0.0, 0.0, 0.0), upper=(wide * SPACING, wide * SPACING, 2 * wide * SPACING)),
-        ShapeMatching(half_width=HALF_WIDTH), TwoWayCoupling(), heat,
-    )  # fmt: skip
+    walls = refsim.BoxWalls(lower=(0.0, 0.0, 0.0), upper=(wide * SPACING, wide * SPACING, 2 * wide * SPACING))
+    bodies = (refsim.ShapeMatching(half_width=HALF_WIDTH), refsim.TwoWayCoupling())
+    effects = (LIQUID, refsim.Gravity(), walls, *bodies, heat)
     found = {}
-    for name, more in (("kept", ()), ("melted", (Melting(bookkeeping=bookkeeping),))):
-        scene = Scene(
-            spacing=SPACING, support_radius=SUPPORT, fluid=(Cloud(position=SPACING * (cells[~inside] + 0.5)),),
-            solid=(SolidCells(cells=cells[inside], density=917.0),), effects=(*effects, *more), step=0.004,
+    for name, more in (("kept", ()), ("melted", (refsim.Melting(bookkeeping=bookkeeping),))):
+        scene = refsim.Scene(
+            spacing=SPACING, support_radius=SUPPORT, fluid=(refsim.Cloud(position=SPACING * (cells[~inside] + 0.5)),),
+            solid=(refsim.SolidCells(cells=cells[inside], density=917.0),), effects=(*effects, *more), step=0.004,
             dtype="float64",
         )  # fmt: skip
         simulation = context.simulation(scene, backend)
@@ -644,44 +619,36 @@ def _twice_as_long(measure: Measure) -> list[float]:
 # Hard cases of solids, of what holds them together, of their coupling and of melting.
 
 
-CUBE = SolidBox(lower=(0.4, 0.4, 0.8), upper=(1.4, 1.4, 1.8))
+CUBE = refsim.SolidBox(lower=(0.4, 0.4, 0.8), upper=(1.4, 1.4, 1.8))
 FASTEST = SOUND  # [m/s]: above it the liquid's equation of state means nothing
 
 
 def pool(
     solid: tuple[Any, ...] = (CUBE,), temperature: Any = (-10.0, 40.0), conductivity: float = 0.3,
     bookkeeping: Any = "immiscible", **more: Any,
-) -> Scene:  # fmt: skip
+) -> refsim.Scene:  # fmt: skip
     """Bodies over a basin of 9 x 9 x 4 particles; K in m^2/s."""
-    effects = (
-        LIQUID,
-        Gravity(),
-        BoxWalls(lower=(0, 0, 0), upper=(1.8, 1.8, 3.0)),
-        ShapeMatching(),
-        TwoWayCoupling(),
-        HeatConduction(
-            temperature=temperature, conductivity=conductivity, melting_point=0.0, mean="arithmetic", literal=("M11",)
-        ),
-        Melting(bookkeeping=bookkeeping),
+    heat = refsim.HeatConduction(
+        temperature=temperature, conductivity=conductivity, melting_point=0.0, mean="arithmetic", literal=("M11",)
     )
+    walls, melting = refsim.BoxWalls(lower=(0, 0, 0), upper=(1.8, 1.8, 3.0)), refsim.Melting(bookkeeping=bookkeeping)
+    effects = (LIQUID, refsim.Gravity(), walls, refsim.ShapeMatching(), refsim.TwoWayCoupling(), heat, melting)
     options = {"spacing": SPACING, "support_radius": SUPPORT, "step": 0.004} | more
-    return Scene(fluid=(Box(cells=(9, 9, 4)),), solid=solid, effects=effects, **options)
+    return refsim.Scene(fluid=(refsim.Box(cells=(9, 9, 4)),), solid=solid, effects=effects, **options)
 
 
-def _watched(trial: Trial, simulation: Simulation, steps: int) -> list[int]:
+def _watched(trial: Trial, simulation: refsim.Simulation, steps: int) -> list[int]:
     """Step, and check that what melts lay at a surface and that speeds stay bounded; how many melted in each step."""
-    phase, gone, speed = simulation.field("phase"), [], 0.0
+    watch = Watch(simulation)
+    solid = [int(watch.solid.sum())]
     for _ in range(steps):
         simulation.step()
-        now = simulation.field("phase")
-        melted = (phase != FLUID) & (now == FLUID)
-        trial.check("melted from inside", int((phase[melted] != SURFACE).sum()), equals=0)
-        gone.append(int(melted.sum()))
-        phase = now
-        speed = max(speed, float(np.linalg.norm(simulation.field("velocity").astype(float), axis=1).max()))
-    trial.check("greatest speed [m/s]", speed, at_most=FASTEST)
+        watch.after_step()
+        trial.check("melted from inside", watch.inside_melted, equals=0)
+        solid.append(int((watch.phase != FLUID).sum()))
+    trial.check("greatest speed [m/s]", watch.fastest, at_most=FASTEST)
     trial.account(simulation)
-    return gone
+    return [before - left for before, left in itertools.pairwise(solid)]
 
 
 @hard_case
@@ -701,7 +668,7 @@ def melting_body(
 ) -> None:  # fmt: skip
     """A body of BODIES falls into warm water and melts."""
     cells = BODIES[body]
-    simulation = trial.start(pool((SolidCells(cells=cells, density=density),), (-10.0, 60.0), 0.5, bookkeeping))
+    simulation = trial.start(pool((refsim.SolidCells(cells=cells, density=density),), (-10.0, 60.0), 0.5, bookkeeping))
     gone = _watched(trial, simulation, steps)
     trial.check("particles left solid", len(cells) - sum(gone), at_most=0.9 * len(cells))
     ratio = float((simulation.field("density") / simulation.field("rest_density")).max())
@@ -727,10 +694,10 @@ DEFORMATIONS = {
 @hard_case
 def mapped(trial: Trial, kind: str, dtype: str = "float32") -> None:
     """A free cube whose particles are mapped through its middle, and let go: it comes back to its shape."""
-    body = SolidBox(lower=(0, 0, 0), upper=(1.0, 1.0, 1.0))
-    scene = Scene(
+    body = refsim.SolidBox(lower=(0, 0, 0), upper=(1.0, 1.0, 1.0))
+    scene = refsim.Scene(
         spacing=SPACING, support_radius=SUPPORT, fluid=(), solid=(body,), step=0.005, dtype=dtype,
-        effects=(ShapeMatching(half_width=1),),
+        effects=(refsim.ShapeMatching(half_width=1),),
     )  # fmt: skip
     simulation = trial.start(scene)
     x = simulation.field("position").astype(float)
@@ -753,7 +720,7 @@ def one_voxel_apart(trial: Trial, gap: int) -> None:
     left = [[a, b, e] for a in range(1, 4) for b in range(3, 6) for e in range(5, 8)]
     right = [[a + 3 + gap, b, e] for a, b, e in left]
     simulation = trial.start(
-        pool((SolidCells(cells=left), SolidCells(cells=right, density=500.0)), (-10.0, -10.0, 60.0), 0.5)
+        pool((refsim.SolidCells(cells=left), refsim.SolidCells(cells=right, density=500.0)), (-10.0, -10.0, 60.0), 0.5)
     )
     _watched(trial, simulation, 150)
     region = simulation.field("region")

@@ -15,22 +15,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from refsim import (
-    Box,
-    BoxWalls,
-    Gravity,
-    HeatConduction,
-    Melting,
-    Scene,
-    ShapeMatching,
-    SolidBall,
-    SolidBox,
-    SolidCells,
-    SolidMesh,
-    SolidTorus,
-    TwoWayCoupling,
-    WeaklyCompressible,
-)
+import refsim
 from refsim.backends.arrays import Backend
 from refsim.isosurface import extract
 from refsim.scene.solids import body_cells
@@ -42,7 +27,7 @@ VISCOSITY = 50.0  # [Pa s]
 HALF_WIDTH = 2
 
 
-LIQUID = WeaklyCompressible(
+LIQUID = refsim.WeaklyCompressible(
     sound_speed=SOUND, dynamic_viscosity=VISCOSITY, state="tait", kernels="cubic_spline", density="summation"
 )
 RED, GREEN, BLUE, YELLOW = "red", "green", "blue", "yellow"
@@ -72,10 +57,10 @@ def metres(*cells: float) -> tuple[float, ...]:
     return tuple(round(SPACING * c, 9) for c in cells)
 
 
-def cube(center: tuple[float, float, float], edges: tuple[int, int, int], **more: Any) -> SolidBox:
+def cube(center: tuple[float, float, float], edges: tuple[int, int, int], **more: Any) -> refsim.SolidBox:
     """A box of so many cells."""
     low = [c - e / 2 for c, e in zip(center, edges)]
-    return SolidBox(lower=metres(*low), upper=metres(*(a + e for a, e in zip(low, edges))), **more)
+    return refsim.SolidBox(lower=metres(*low), upper=metres(*(a + e for a, e in zip(low, edges))), **more)
 
 
 def figure_4(size: float = 1.0) -> Setting:
@@ -93,10 +78,10 @@ def figure_5(size: float = 1.0) -> Setting:
     x, y, up = (0.25 * long, 0.75 * long), (0.25 * wide, 0.75 * wide), deep + 2
     radius, ring, tube = size * 9.0, size * 7.2, size * 4.6
     slab = _cells(size, 20, 15, 10)
-    torus = SolidTorus(center=metres(x[0], y[1], up + tube), radius=SPACING * ring, tube_radius=SPACING * tube)
+    torus = refsim.SolidTorus(center=metres(x[0], y[1], up + tube), radius=SPACING * ring, tube_radius=SPACING * tube)
     bodies = (
         (RED, 10000.0, 50.0, cube((round(x[0]), round(y[0]), up + edge / 2), (edge, edge, edge))),
-        (GREEN, 200.0, 50.0, SolidBall(center=metres(x[1], y[0], up + radius), radius=SPACING * radius)),
+        (GREEN, 200.0, 50.0, refsim.SolidBall(center=metres(x[1], y[0], up + radius), radius=SPACING * radius)),
         (BLUE, 300.0, 50.0, torus),
         (YELLOW, 8000.0, 50.0, cube((round(x[1]), round(y[1]), up + slab[2] / 2), slab)),
     )
@@ -115,13 +100,13 @@ def figure_6(size: float = 1.0) -> Setting:
     with tempfile.TemporaryDirectory() as folder:
         files = {animal: write_mesh(animal, folder) for animal in lengths}
 
-        def body(animal: str, i: int, j: int) -> SolidCells:
+        def body(animal: str, i: int, j: int) -> refsim.SolidCells:
             file, height = files[animal]
             length = lengths[animal]
             middle = metres(x[i], y[j], 0.5 * height * length)
             turn = (0.0, 0.0, 180.0 * (i == 0))  # faces the nearer stream
-            mesh = SolidMesh(file=file, center=middle, size=SPACING * length, rotation=turn)
-            return SolidCells(cells=body_cells(mesh, animal, SPACING))
+            mesh = refsim.SolidMesh(file=file, center=middle, size=SPACING * length, rotation=turn)
+            return refsim.SolidCells(cells=body_cells(mesh, animal, SPACING))
 
         bodies = (
             (RED, 9000.0, 50.0, body("rabbit", 0, 0)), (GREEN, 250.0, 70.0, body("rabbit", 1, 1)),
@@ -142,7 +127,7 @@ def shared_tank(figure: str, size: float, share: float) -> Setting:
     low = (long - thick) // 2
     still = (0.0, 0.0, 0.0)
     waters = ((0, 0, 0), (low, wide, tall), still), ((low + thick, 0, 0), (long - low - thick, wide, tall), still)
-    slab = SolidBox(lower=metres(low, 0, 0), upper=metres(low + thick, wide, tall))
+    slab = refsim.SolidBox(lower=metres(low, 0, 0), upper=metres(low + thick, wide, tall))
     return Setting((long, wide, tall + 10), waters, ((BLUE, 1000.0, 30.0, slab),), -10.0, 40.0, "immiscible")
 
 
@@ -154,7 +139,7 @@ def _cells(size: float, *counts: int) -> tuple[int, ...]:
 FIGURES = {"figure_4": figure_4, "figure_5": figure_5, "figure_6": figure_6}
 
 
-def scene_of(figure: str, size: float = 1.0, **options: Any) -> Scene:
+def scene_of(figure: str, size: float = 1.0, **options: Any) -> refsim.Scene:
     """A figure's scene; `options` as for `made`."""
     return made(FIGURES[figure](size), figure, **options)
 
@@ -171,24 +156,24 @@ def made(
     largest_number: float = 0.2,  # reached: 0.0875; a GPU allocates the passes that it takes
     weighted: bool = True,
     **more: Any,
-) -> Scene:
+) -> refsim.Scene:
     """The scene of a setting; `weighted`: substances that stay apart push each other by one pressure a pair."""
     solid = tuple(msgspec.structs.replace(body, density=density) for _, density, _, body in setting.bodies)
-    fluid = tuple(Box(lower=metres(*low), cells=cells, velocity=v) for low, cells, v in setting.waters)
-    heat = HeatConduction(
+    fluid = tuple(refsim.Box(lower=metres(*low), cells=cells, velocity=v) for low, cells, v in setting.waters)
+    heat = refsim.HeatConduction(
         temperature=(setting.solid_temperature,) * len(solid) + (setting.water_temperature,) * len(fluid),
         conductivity=(*(scale * k for _, _, k, _ in setting.bodies),
                       *(scale * setting.water_conductivity,) * len(fluid)),
         melting_point=0.0, scheme=scheme, mean="arithmetic", largest_number=largest_number, literal=("M11",),
     )  # fmt: skip
     effects = (
-        LIQUID, Gravity(), BoxWalls(lower=(0.0, 0.0, 0.0), upper=metres(*setting.tank)),
-        ShapeMatching(half_width=half_width, summation=summation),
-        TwoWayCoupling(density_weighted=setting.bookkeeping == "immiscible" and weighted), heat,
-        *((Melting(bookkeeping=setting.bookkeeping),) if melting else ()),
+        LIQUID, refsim.Gravity(), refsim.BoxWalls(lower=(0.0, 0.0, 0.0), upper=metres(*setting.tank)),
+        refsim.ShapeMatching(half_width=half_width, summation=summation),
+        refsim.TwoWayCoupling(density_weighted=setting.bookkeeping == "immiscible" and weighted), heat,
+        *((refsim.Melting(bookkeeping=setting.bookkeeping),) if melting else ()),
     )  # fmt: skip
     given = {"spacing": SPACING, "support_radius": SUPPORT, "step": setting.step, "dtype": dtype, "name": name, **more}
-    return Scene(solid=solid, fluid=fluid, effects=effects, **given)
+    return refsim.Scene(solid=solid, fluid=fluid, effects=effects, **given)
 
 
 # Rabbit and duck: closed meshes made of ellipsoids, generated here and free for any use.

@@ -12,21 +12,8 @@ from matplotlib.collections import LineCollection
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from validation.drawing import (
-    BLUE,
-    GREEN,
-    GREY,
-    ORANGE,
-    VERMILION,
-    WATER,
-    headline,
-    packed,
-    plain_title,
-    show_image,
-    surface_picture,
-    unpacked,
-    view_matrix,
-)
+from validation import drawing
+from validation.drawing import BLUE, GREEN, GREY, ORANGE, VERMILION, WATER, packed, unpacked
 from validation.experiment import Picture, Results
 from validation.experiments.mpm_droplet import runs as fine_runs
 from validation.experiments.mpm_droplet.runs import orders, pressures
@@ -69,7 +56,7 @@ def square_picture(data: Mapping[str, Any]) -> Any:
     return figure
 
 
-VIEW = view_matrix(azimuth=32.0, elevation=24.0)
+VIEW = drawing.view_matrix(azimuth=32.0, elevation=24.0)
 LEDGER = (
     ("energy", "all", GREY), ("surface", "surface", VERMILION), ("kinetic", "motion", BLUE), ("bulk", "bulk", GREEN),
 )  # fmt: skip
@@ -109,7 +96,7 @@ def shaded(axes: Any, frame: Mapping[str, Any], extent: float, turn: bool = Fals
 def lit(axes: Any, vertices: np.ndarray, facets: np.ndarray, extent: float, middle: Any = None) -> None:
     """A lit surface, its middle (or the given one) in the middle of the panel."""
     v = vertices - (vertices.mean(0) if middle is None else middle)
-    show_image(axes, surface_picture(v, facets, WATER, VIEW, extent, 420), extent)
+    drawing.show_image(axes, drawing.surface_picture(v, facets, WATER, VIEW, extent, 420), extent)
 
 
 def ledger_lines(axes: Any, series: Mapping[str, Any], names: Any = LEDGER) -> None:
@@ -184,7 +171,7 @@ def surfaces_picture(data: Mapping[str, Any]) -> Any:
                     if row["floor"]:
                         axes.axhline(0.0, color=GREY, linewidth=0.8)
                 words = f"{row['times'][k]:.3g} s"
-                plain_title(axes, f"{row['words']}: {words}" if k == 0 else words, fontsize=8)
+                drawing.plain_title(axes, f"{row['words']}: {words}" if k == 0 else words, fontsize=8)
     return figure
 
 
@@ -214,7 +201,7 @@ def box_picture(data: Mapping[str, Any]) -> Any:
     extent = 1.04 * max(np.abs(vertices_of(f) - vertices_of(f).mean(0)).max() for f in data["frames"])
     for axes, at, frame in zip(above.subplots(1, count), data["times"], data["frames"]):
         shaded(axes, frame, extent)
-        plain_title(axes, f"{at:g} s")
+        drawing.plain_title(axes, f"{at:g} s")
     energy, drift, shape = below.subplots(1, 3)
     ledger_lines(energy, data["series"])
     energy.set_ylabel("energy [J]")
@@ -285,7 +272,7 @@ def drops_picture(data: Mapping[str, Any]) -> Any:
     count = max(len(row["frames"]) for row in data["rows"])
     figure = plt.figure(figsize=(7.2, 1.5 * len(data["rows"])))
     for part, row in zip(np.ravel(figure.subfigures(len(data["rows"]), 1)), data["rows"]):
-        headline(part, row["words"], 9.5)
+        drawing.headline(part, row["words"], 9.5)
         line = part.subplots(1, count)
         bodies = [smooth_surface(frame) for frame in row["frames"]]
         if row["floor"]:
@@ -299,7 +286,7 @@ def drops_picture(data: Mapping[str, Any]) -> Any:
             if row["floor"]:  # the floor stands still
                 middle[1] = 0.4 * extent
             lit(axes, upright(vertices), facets, extent, upright(middle[None])[0])
-            plain_title(axes, f"{at:g} s", fontsize=9)
+            drawing.plain_title(axes, f"{at:g} s", fontsize=9)
     return figure
 
 

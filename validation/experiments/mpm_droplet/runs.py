@@ -28,17 +28,8 @@ from refsim.study.panels.observables import damped_cosine, deformation
 from refsim.surface_energy import Tension
 from validation.checks import Checks, Quantities
 from validation.experiment import Experiment, Measure, Options, Results, Run, each, every
-from validation.experiments.mpm_droplet.scene import (
-    CELLS,
-    MODULUS,
-    TENSION,
-    box,
-    drop_scene,
-    ellipsoid,
-    half_on_floor,
-    pair,
-    radius_of,
-)
+from validation.experiments.mpm_droplet import scene as drops
+from validation.experiments.mpm_droplet.scene import CELLS, MODULUS, TENSION, box, pair
 from validation.metrics.droplet import inertia_anisotropy
 from validation.metrics.mpm import CELL, DENSITY, Transfers, round_trip
 from validation.metrics.mpm import MODULUS as BULK_MODULUS
@@ -438,7 +429,7 @@ def rounding(
         place = box([round(per * scale * side) / per for side in SIDES], seed=seed, per=per)
     else:
         place = box([size] * dim, per=per)
-    scene = drop_scene(place, dim, tension=dict(tension or {}), liquid=dict(liquid or {}), cell=cell, per=per)
+    scene = drops.drop_scene(place, dim, tension=dict(tension or {}), liquid=dict(liquid or {}), cell=cell, per=per)
     run = context.simulation(scene, backend)
     followed = follow(context, run, until, rows, shown)
     return told(run, followed, shown, last=late(followed[0].series))
@@ -449,7 +440,7 @@ def erratum(context: Context, backend: str, printed: str, dim: int, size: float,
     literal: dict[str, Any] = {"literal": (printed,)} if printed else {}
     surface = literal if printed in Tension.errata else {"embedding": "thesis"} if printed == THESIS else {}
     liquid = literal if printed and printed != THESIS and printed not in Tension.errata else {}
-    run = context.simulation(drop_scene(box([size] * dim), dim, tension=surface, liquid=liquid), backend)
+    run = context.simulation(drops.drop_scene(box([size] * dim), dim, tension=surface, liquid=liquid), backend)
     nothing = {"stopped": "", "dim": dim, "printed": printed, "steps": 0}
     try:
         ledger, _, stopped = follow(context, run, until, 60)
@@ -474,13 +465,13 @@ def held(
     elif body == "sheet":
         place, tension, step = box([40.0, 1.0]), {"surface_tension": 0.1, **(tension or {})}, 0.0
     else:
-        place = ellipsoid(11.0 if dim == 2 else 6.0, dim, 0.1 if body == "swing" else 0.0)
+        place = drops.ellipsoid(11.0 if dim == 2 else 6.0, dim, 0.1 if body == "swing" else 0.0)
         if body == "meet":
             place, velocity = pair(8.0, dim)
         if body == "turn":
             velocity = DROP_SPIN * CELLS[dim] * np.stack([-place[:, 1], place[:, 0], 0 * place[:, 0]], axis=1)
     moving = {} if velocity is None else {"velocity": velocity}
-    scene = drop_scene(
+    scene = drops.drop_scene(
         place, dim, tension=dict(tension or {}), liquid=dict(liquid or {}), balanced=balanced, step=step, **moving
     )
     run = context.simulation(scene, backend)
@@ -518,8 +509,8 @@ def at_rest(
     shown: Sequence[float] = (),
 ) -> Result:  # fmt: skip
     """A disc or a ball cut from a turned lattice, with the J that holds its pressure: the pressure it settles at."""
-    place = ellipsoid(radius, dim, seed=seed)
-    scene = drop_scene(
+    place = drops.ellipsoid(radius, dim, seed=seed)
+    scene = drops.drop_scene(
         place, dim, tension=dict(tension or {}), liquid={"bulk_modulus": modulus}, balanced=True, dtype=dtype, step=step
     )
     run = context.simulation(scene, backend)
@@ -536,12 +527,12 @@ def oscillation(
     shown       periods after which the surface is kept
     normalised  lambda in proportion to 1/R, so that the liquid's compression by its surface is the same for all radii
     """
-    place = ellipsoid(radius, dim, amplitude)
-    radius = radius_of(len(place), dim)
+    place = drops.ellipsoid(radius, dim, amplitude)
+    radius = drops.radius_of(len(place), dim)
     if normalised:
         modulus = modulus * 11.0 / radius if dim == 2 else modulus
     surface = {"embedding": embedding, **(tension or {})}
-    scene = drop_scene(place, dim, tension=surface, liquid={"bulk_modulus": modulus}, balanced=True)
+    scene = drops.drop_scene(place, dim, tension=surface, liquid={"bulk_modulus": modulus}, balanced=True)
     run = context.simulation(scene, backend)
     metres = radius * CELLS[dim]
     first = rayleigh(metres, dim)
@@ -631,7 +622,8 @@ def collision(
 ) -> Result:  # fmt: skip
     """Two drops meet off their axis, each at `speed` [m/s]: ledgers until they are one."""
     place, velocity = pair(radius, dim, speed)
-    scene = drop_scene(place, dim, velocity=velocity, tension={"embedding": embedding, **(tension or {})}, step=step)
+    surface = {"embedding": embedding, **(tension or {})}
+    scene = drops.drop_scene(place, dim, velocity=velocity, tension=surface, step=step)
     run = context.simulation(scene, backend)
     followed = follow(context, run, until, 120, shown)
     # both drops turn about the common centre: L is not zero here, its drift is
@@ -645,9 +637,9 @@ def on_floor(
     tension: Mapping[str, Any] | None = None, liquid: Mapping[str, Any] | None = None,
 ) -> Result:  # fmt: skip
     """Half a disc or ball on a slipping floor takes its contact angle: circle through its free surface over time."""
-    place, walls = half_on_floor(radius, dim)
+    place, walls = drops.half_on_floor(radius, dim)
     wet = {"contact_angle": float(angle), **(tension or {})}
-    scene = drop_scene(place, dim, tension=wet, liquid=dict(liquid or {}), walls=walls)
+    scene = drops.drop_scene(place, dim, tension=wet, liquid=dict(liquid or {}), walls=walls)
     run = context.simulation(scene, backend)
     h, times = CELLS[dim], []
     fits: list[dict[str, float]] = []
@@ -670,7 +662,7 @@ def sheet(context: Context, backend: str, length: float, thick: float, tension: 
           shown: Sequence[float], embedding: str = "cluster") -> Result:  # fmt: skip
     """A sheet of liquid in the plane draws back from its ends: their speed against Taylor and Culick's."""
     place = box([length, thick])
-    scene = drop_scene(place, 2, tension={"surface_tension": tension, "embedding": embedding}, step=0.0)
+    scene = drops.drop_scene(place, 2, tension={"surface_tension": tension, "embedding": embedding}, step=0.0)
     run = context.simulation(scene, backend)
     times, width = [], []
 
@@ -728,13 +720,13 @@ def smooth(
     """
     more: dict[str, Any]
     if body == "floor":
-        place, walls = half_on_floor(radius, 3)
+        place, walls = drops.half_on_floor(radius, 3)
         more = {"tension": {"contact_angle": angle}, "walls": walls}
     else:
         place, velocity = pair(radius, 3) if body == "collision" else pair(radius, 3, 0.0, (radius, 0.0, 0.0))
         more = {"velocity": velocity}
     liquid = {"dynamic_viscosity": viscosity, "bulk_modulus": modulus}
-    scene = drop_scene(place, 3, cell=FINE_CELL, step=step, liquid=liquid, **more)
+    scene = drops.drop_scene(place, 3, cell=FINE_CELL, step=step, liquid=liquid, **more)
     run = context.simulation(scene, backend)
     kept, stopped, waiting = {}, "", sorted(shown)
     try:
@@ -879,15 +871,8 @@ def _steps(row: str) -> Callable[[Options], list[Run]]:
     def runs(options: Options) -> list[Run]:
         cells = {(cell.row, cell.column): cell for cell in STEPS}
         chosen = [cells[name, column] for column in LIQUIDS_COMPARED for name in ("none, no inset", row)]
-        return [
-            Run(
-                f"stability_mpm_step.{c.key}",
-                c.function,
-                {**c.parameters, "backend": options.backend},
-                estimate=c.seconds,
-            )
-            for c in chosen
-        ]
+        given = {"backend": options.backend}
+        return [Run(f"stability_mpm_step.{c.key}", c.function, {**c.parameters, **given}, c.seconds) for c in chosen]
 
     return runs
 
