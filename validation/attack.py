@@ -313,12 +313,9 @@ def stop(trial: tuple[list[tuple[str, float]], float], folder: Path) -> str:
         command = [sys.executable, "-m", "refsim", "run", *words, "--every", "0.005", "--quiet"]
         around = os.environ | {"PYTHONPATH": str(ROOT), "NUMBA_NUM_THREADS": "1"}
         process = subprocess.Popen(
-            [*command, "--checkpoint-every", str(every)],
-            env=around,
-            text=True,
-            stderr=subprocess.PIPE,
+            [*command, "--checkpoint-every", str(every)], env=around, text=True, stderr=subprocess.PIPE,
             stdout=subprocess.DEVNULL,
-        )
+        )  # fmt: skip
         try:
             _, said = process.communicate(timeout=delay)
         except subprocess.TimeoutExpired:
@@ -429,7 +426,6 @@ def held(kind: str, seed: int, kept: Path) -> bool:
     except Exception as error:  # any that a trial raises is a finding: Hypothesis has made it small and noted the trial
         traceback.print_exception(error)
         return False
-    print(
-        f"{kind}, seed {seed}: {', '.join(f'{n} of code {code}' for code, n in sorted(outcomes.items()))}", flush=True
-    )
+    said = ", ".join(f"{n} of code {code}" for code, n in sorted(outcomes.items()))
+    print(f"{kind}, seed {seed}: {said}", flush=True)
     return True

@@ -32,7 +32,7 @@ from refsim.study.panels import Point
 from refsim.study.runs import Reading
 from refsim.winding_number.reference import solid_angles
 from validation.checks import Checks, Quantities
-from validation.experiment import Experiment, Measure, Options, Results, Run
+from validation.experiment import Experiment, Measure, Options, Results, Run, each, every
 from validation.experiments.boundary import scene as meshes
 from validation.experiments.boundary.scene import FLOW_SHAPES as SOLIDS
 from validation.experiments.boundary.scene import SHAPES, SPACING, SUPPORT
@@ -808,26 +808,17 @@ BLOCK = (20, 20, 16)  # particles of the tank that is timed
 
 
 def _rests(*couplings: str) -> Callable[[Options], list[Run]]:
-    def runs(options: Options) -> list[Run]:
-        given = {"backend": options.backend}
-        return [
-            Run(f"rival{tank}_{coupling}_{share:g}", rest,
-                {"coupling": coupling, "share": share, **given, **({"cells": cells} if tank else {})}, 10.0)
-            for tank, cells in TANKS.items() for coupling in couplings for share in SHARES
-        ]  # fmt: skip
-
-    return runs
+    runs = {
+        f"rival{tank}_{name}_{share:g}": {"coupling": name, "share": share, **({"cells": cells} if tank else {})}
+        for tank, cells in TANKS.items() for name in couplings for share in SHARES
+    }  # fmt: skip
+    return every(rest, runs, 10.0)
 
 
 def _calmed(*couplings: str) -> Callable[[Options], list[Run]]:
-    def runs(options: Options) -> list[Run]:
-        return [
-            Run(f"rival_noise_{coupling}_{share:g}", rest,
-                {"coupling": coupling, "share": share, "backend": options.backend, "seconds": CALMED}, 15.0)
-            for coupling in couplings for share in STARTS
-        ]  # fmt: skip
-
-    return runs
+    starts = itertools.product(couplings, STARTS)
+    runs = {f"rival_noise_{name}_{share:g}": {"coupling": name, "share": share} for name, share in starts}
+    return every(rest, runs, 15.0, seconds=CALMED)
 
 
 def largest_share(results: Results, coupling: str, tank: str = "") -> float:
@@ -860,9 +851,7 @@ def _noises(results: Results, coupling: str) -> list[float]:
     return [real(results[f"rival_noise_{coupling}_{share:g}"].values["noise"]) for share in STARTS]
 
 
-def _cost(options: Options) -> list[Run]:
-    parameters = {"cells": BLOCK, "steps": 40, "backend": options.backend}
-    return [Run("rival_cost", cost, parameters, 40.0)]
+_cost = every(cost, {"rival_cost": {"cells": BLOCK, "steps": 40}}, 40.0)
 
 
 def _share_over(rival: str) -> Measure:
@@ -878,11 +867,8 @@ def _of_step(results: Results, coupling: str) -> list[float]:
     return [real(share) for share in results["rival_cost"].values["shares"][coupling]]
 
 
-def _pours(options: Options) -> list[Run]:
-    return [
-        Run(f"flow_pour_{shape}_{arm}", pour, {"shape": shape, "arm": arm, "backend": options.backend}, 8.0)
-        for shape in POUR for arm in ("cohesion", "difference")
-    ]  # fmt: skip
+_arms = itertools.product(POUR, ("cohesion", "difference"))
+_pours = every(pour, {f"flow_pour_{shape}_{arm}": {"shape": shape, "arm": arm} for shape, arm in _arms}, 8.0)
 
 
 def _holes(results: Results) -> list[float]:
@@ -891,17 +877,13 @@ def _holes(results: Results) -> list[float]:
     return [counts[f"flow_pour_{shape}_difference"] / max(counts[f"flow_pour_{shape}_cohesion"], 1.0) for shape in POUR]
 
 
-def _marked(options: Options) -> list[Run]:
-    given = {"backend": options.backend}
-    return [
-        Run(f"flow_marked_{int(every)}", marked_cost, {"everywhere": every, **given}, 9.0) for every in (False, True)
-    ]
+_marked = every(marked_cost, {f"flow_marked_{k:d}": {"everywhere": k} for k in (False, True)}, 9.0)
 
 
 def _marked_ratio(results: Results) -> list[float]:
     """Seconds of the marked pass over those of the other, in each fifth of the repeats."""
-    marked, every = (results[f"flow_marked_{k}"].values["fifths"] for k in (0, 1))
-    return [real(a) / real(b) for a, b in zip(marked, every)]
+    marked, whole = (results[f"flow_marked_{k}"].values["fifths"] for k in (0, 1))
+    return [real(a) / real(b) for a, b in zip(marked, whole)]
 
 
 # P3 and P4: the velocity along the normal keeps particles on the surface, that along the tangent spreads them.
@@ -930,8 +912,7 @@ def spread(context: Context, shape: str, backend: str) -> Result:
     })  # fmt: skip
 
 
-def _spread_runs(options: Options) -> list[Run]:
-    return [Run(f"claim_spread_{s}", spread, {"shape": s, "backend": options.backend}, 5.0) for s in CLAIM_SOLIDS]
+_spreads = every(spread, {f"claim_spread_{shape}": {"shape": shape} for shape in CLAIM_SOLIDS}, 5.0)
 
 
 def _thrown_off(measure: Measure) -> list[float]:
@@ -954,10 +935,8 @@ COUPLING_SHARE_OF_STEP = Measure(_cost, lambda found: _of_step(found, "own"), ti
 COUPLING_SHARE_OVER_DISTANCE = _share_over("distance")
 COUPLING_SHARE_OVER_FORCING = _share_over("forcing")
 COUPLING_MARKED_REGION = Measure(_marked, _marked_ratio, timed=True)
-SAMPLING_STAYS_ON_SURFACE = Measure(_spread_runs, lambda found: [real(r.values["off"]) for r in found.values()])
-SAMPLING_SPREADS = Measure(
-    _spread_runs, lambda found: [real(r.values["after"]) / real(r.values["before"]) for r in found.values()]
-)
+SAMPLING_STAYS_ON_SURFACE = Measure(_spreads, each("off"))
+SAMPLING_SPREADS = Measure(_spreads, each("after", "before"))
 
 
 # Hard cases of meshes, of sampling, and of liquid at meshes.
@@ -1096,11 +1075,8 @@ MEASURED = (*SMOOTH, "cube", "organic")
 def sampling_planned(options: Options) -> list[Run]:
     """Sampling and signed distance."""
     backend, threads = {"backend": options.backend}, {"threads": options.threads}
-    size = (
-        {"level": 5, "count": 20_000, "scale": 1.44}
-        if options.quick
-        else {"level": 6, "count": 1_000_000, "scale": 1.28}
-    )
+    whole, small = {"level": 6, "count": 1_000_000, "scale": 1.28}, {"level": 5, "count": 20_000, "scale": 1.44}
+    size = small if options.quick else whole
     peers = {**size, "rounds": 3, "threads": options.threads or 2}
     iterations = 200 if options.quick else 400
     return [

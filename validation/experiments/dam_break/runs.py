@@ -293,10 +293,18 @@ SEEDS = (1, 2, 3, 4, 5)
 # Detection: precision and recall of every detector over the collapse.
 
 
-def _collapses(options: Options) -> list[Run]:
-    columns, until, samples = (20, 1.0, 10) if options.quick else (40, 1.8, 36)
-    runs = {f"claim_collapse_{seed}": {"seed": seed} for seed in SEEDS}
-    return every(collapse, runs, 40.0, columns=columns, until=until, samples=samples)(options)
+def sized(
+    function: Callable[..., Result], runs: Mapping[str, Mapping[str, Any]], estimate: float, small: Mapping[str, Any],
+    whole: Mapping[str, Any],
+) -> Callable[[Options], list[Run]]:  # fmt: skip
+    """`every` run, with parameters that are `small` with --quick."""
+    return lambda options: every(function, runs, estimate, **(small if options.quick else whole))(options)
+
+
+_collapses = sized(
+    collapse, {f"claim_collapse_{seed}": {"seed": seed} for seed in SEEDS}, 40.0,
+    {"columns": 20, "until": 1.0, "samples": 10}, {"columns": 40, "until": 1.8, "samples": 36},
+)  # fmt: skip
 
 
 def scores(method: str, part: str, over: str = "") -> Callable[[Results], list[float]]:
@@ -388,15 +396,12 @@ def oscillation(clamp: bool) -> Measure:
         for seed in SEEDS for method in ("number_density", "two_step")
     }  # fmt: skip
 
-    def planned(options: Options) -> list[Run]:
-        columns, until = (16, 0.6) if options.quick else (40, 1.0)
-        return every(released, runs, 40.0, columns=columns, until=until, clamp=clamp)(options)
-
     def values(results: Results) -> list[float]:
         noise = [results[key].values["noise"] for key in runs]
         return [a / b for a, b in zip(noise[::2], noise[1::2])]
 
-    return Measure(planned, values)
+    small, whole = ({"columns": columns, "until": until, "clamp": clamp} for columns, until in ((16, 0.6), (40, 1.0)))
+    return Measure(sized(released, runs, 40.0, small, whole), values)
 
 
 FALSE_INTERIOR_CLAMPED = oscillation(True)
@@ -426,9 +431,7 @@ SPLASHES = {
 }  # fmt: skip
 
 
-def _splashes(options: Options) -> list[Run]:
-    columns, until = (16, 1.2) if options.quick else (40, 1.8)
-    return every(splash, SPLASHES, 30.0, columns=columns, until=until)(options)
+_splashes = sized(splash, SPLASHES, 30.0, {"columns": 16, "until": 1.2}, {"columns": 40, "until": 1.8})
 
 
 def _spray(results: Results) -> list[float]:
@@ -467,10 +470,8 @@ def thresholds(context: Context, columns: int, until: float, seed: int, backend:
     return Result({"f1": f1})
 
 
-def _thresholds(options: Options) -> list[Run]:
-    columns, until = (16, 0.6) if options.quick else (40, 1.8)
-    runs = {f"claim_lambda_{seed}": {"seed": seed} for seed in SEEDS}
-    return every(thresholds, runs, 20.0, columns=columns, until=until)(options)
+_lambdas = {f"claim_lambda_{seed}": {"seed": seed} for seed in SEEDS}
+_thresholds = sized(thresholds, _lambdas, 20.0, {"columns": 16, "until": 0.6}, {"columns": 40, "until": 1.8})
 
 
 def best(values: Mapping[str, Any], factors: Sequence[float]) -> float:

@@ -32,13 +32,9 @@ def liquid(
     """Water-like liquid of the given parts, without gravity and tension unless `effects` bring them."""
     parts = fluid if isinstance(fluid, tuple) else (fluid,)
     own = WeaklyCompressible(
-        rest_density=STABILITY_DENSITY,
-        sound_speed=SOUND,
-        dynamic_viscosity=viscosity,
-        kernels=kernels,
-        state=state,
+        rest_density=STABILITY_DENSITY, sound_speed=SOUND, dynamic_viscosity=viscosity, kernels=kernels, state=state,
         density="summation",
-    )
+    )  # fmt: skip
     return Scene(spacing=SPACING, support_radius=SUPPORT, fluid=parts, effects=(own, *effects), **changes)
 
 

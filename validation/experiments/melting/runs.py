@@ -21,7 +21,7 @@ from refsim.core.operation import REGISTRY
 from refsim.scene.solids import lattice_of
 from refsim.shape_matching.phases import EMPTY, FLUID, INTERIOR, SURFACE
 from validation.checks import Checks
-from validation.experiment import Experiment, Measure, Options, Results, Run
+from validation.experiment import Experiment, Measure, Options, Results, Run, each, every
 from validation.experiments.melting import scene as tanks
 from validation.experiments.melting.scene import FIGURES, HALF_WIDTH, LIQUID, SOUND, SPACING, STEP, SUPPORT
 from validation.metrics.droplet import surface_mesh
@@ -445,17 +445,6 @@ CLAIM_FIGURES = ("figure_4", "figure_5", "figure_6")
 RADII = (0.5, 0.55, 0.6, 0.65, 0.7)  # of the ice balls whose volume is measured [m]
 
 
-def scenes(options: Options) -> list[Run]:
-    """The figures' scenes, small, until a tenth of the solid is left."""
-    shared = {"size": SMALL, "backend": options.backend, "shares": [0.5, 0.1], "until": 4.0}
-    return [Run(f"melt_{figure}", melt, {"figure": figure, **shared}, estimate=10.0) for figure in CLAIM_FIGURES]
-
-
-def of_scenes(value: Callable[[dict], float]) -> Callable[[Results], list[float]]:
-    """One number of each scene."""
-    return lambda results: [float(value(results[key].values)) for key in sorted(results)]
-
-
 def volume(place: np.ndarray) -> float:
     """Volume that the smoothed surface of a block of particles encloses [m^3]; place (n, 3) [m]."""
     vertices, faces = surface_mesh(place, SPACING)
@@ -502,11 +491,8 @@ def melted(context: Context, radius: float, bookkeeping: str, backend: str, seco
 
 def pools(bookkeeping: str) -> Callable[[Options], list[Run]]:
     """Balls of five sizes."""
-    return lambda options: [
-        Run(f"claim_volume_{bookkeeping}_{radius:g}", melted,
-            {"radius": radius, "bookkeeping": bookkeeping, "backend": options.backend}, estimate=10.0)
-        for radius in RADII
-    ]  # fmt: skip
+    balls = {f"claim_volume_{bookkeeping}_{radius:g}": {"radius": radius} for radius in RADII}
+    return every(melted, balls, 10.0, bookkeeping=bookkeeping)
 
 
 def shares(options: Options) -> list[Run]:
@@ -544,11 +530,6 @@ def full(options: Options) -> list[Run]:
     return [Run(f"gpu_{f}", on_gpu, {"figure": f, "size": 1.0}, estimate=15.0, skip=missing) for f in CLAIM_FIGURES]
 
 
-def of_real_time(results: Results) -> list[float]:
-    """A scene's step over the wall time that it takes, lists included."""
-    return [result.values["step"] / result.values["seconds"] for result in results.values()]
-
-
 def on_both(options: Options) -> list[Run]:
     """The scene of figure 6 on a GPU and on four threads of its host."""
     parameters = {"figure": "figure_6", "size": 1.0, "threads": 4}
@@ -561,24 +542,17 @@ def faster(results: Results) -> list[float]:
     return [values["cpu"][stage] / values["gpu"][stage] for stage in values["gpu"]]
 
 
-def growth(results: Results) -> list[float]:
-    """Volume that the surface encloses after melting over that without melting, less one."""
-    return [abs(result.values["after"] / result.values["before"] - 1) for result in results.values()]
-
-
-def gain(results: Results) -> list[float]:
-    """Change of the mass, over that before."""
-    return [abs(result.values["mass_change"]) for result in results.values()]
-
-
-MELTING_OUTSIDE_IN = Measure(scenes, of_scenes(lambda v: v["inside_melted"]))
-MELTING_VOLUME_KEPT = Measure(pools("immiscible"), growth)
-MELTING_VOLUME_KEPT_AS_WATER = Measure(pools("water"), growth)
-MELTING_MASS_NOT_KEPT_AS_WATER = Measure(pools("water"), gain)
+# The figures' scenes, small, until a tenth of the solid is left
+SCENES = {f"melt_{figure}": {"figure": figure} for figure in CLAIM_FIGURES}
+MELTING_OUTSIDE_IN = Measure(every(melt, SCENES, 10.0, size=SMALL, shares=[0.5, 0.1], until=4.0), each("inside_melted"))
+GROWTH = each(lambda v: abs(v["after"] / v["before"] - 1))  # of the volume within the surface, by melting
+MELTING_VOLUME_KEPT = Measure(pools("immiscible"), GROWTH)
+MELTING_VOLUME_KEPT_AS_WATER = Measure(pools("water"), GROWTH)
+MELTING_MASS_NOT_KEPT_AS_WATER = Measure(pools("water"), each(lambda v: abs(v["mass_change"])))
 MELTING_SOLIDS_SLOWER = Measure(shares, slower, quick=False, timed=True)
 MELTING_SUMS_IN_PARALLEL = Measure(sums, by_members, timed=True)
 MELTING_GPU_PER_STAGE = Measure(on_both, faster, quick=False, timed=True)
-MELTING_REAL_TIME = Measure(full, of_real_time, quick=False, timed=True)
+MELTING_REAL_TIME = Measure(full, each("step", "seconds"), quick=False, timed=True)  # lists included
 
 # Null models
 
@@ -808,8 +782,6 @@ def checks(results: Results, check: Checks) -> None:
 
 
 EXPERIMENT = Experiment(
-    name="melting",
-    title="melting in fluid-solid interaction: scenes, times, conservation, regions",
-    runs=planned,
+    name="melting", title="melting in fluid-solid interaction: scenes, times, conservation, regions", runs=planned,
     checks=checks,
-)
+)  # fmt: skip

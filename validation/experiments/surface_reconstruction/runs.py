@@ -19,7 +19,7 @@ from refsim.study.runs import Reading
 from refsim.surface_energy import Tension
 from refsim.surface_energy.reconstruction import Reconstruction, Surface
 from validation.checks import Checks
-from validation.experiment import Experiment, Measure, Options, Results, Run
+from validation.experiment import Experiment, Measure, Options, Results, Run, each, every
 from validation.experiments.surface_reconstruction import scene
 from validation.experiments.surface_reconstruction.scene import RADII
 from validation.peers import pysplashsurf
@@ -451,19 +451,7 @@ def reconstruction(context: Context, seed: int, backend: str) -> Result:
     return Result(values)
 
 
-def _clouds(options: Options) -> list[Run]:
-    return [
-        Run(f"claim_surface_{seed}", reconstruction, {"seed": seed, "backend": options.backend}, estimate=6.0)
-        for seed in SEEDS
-    ]
-
-
-def _each(name: str) -> Callable[[Results], list[float]]:
-    return lambda results: [real(result.values[name]) for result in results.values()]
-
-
-def _ratio(above: str, below: str) -> Callable[[Results], list[float]]:
-    return lambda results: [real(result.values[above]) / real(result.values[below]) for result in results.values()]
+CLOUDS = every(reconstruction, {f"claim_surface_{seed}": {"seed": seed} for seed in SEEDS}, 6.0)
 
 
 def _solvers(options: Options) -> list[Run]:
@@ -541,11 +529,11 @@ def _registers(results: Results) -> list[float]:
 SURFACE_MLS_TAKES_FEWER_REGISTERS = Measure(_normals_on_gpu, _registers, quick=False, timed=True)
 SURFACE_FIT_SCALES = Measure(_fits, _gain, quick=False, timed=True)
 SURFACE_MLS_IS_CHEAPER_ON_GPU = Measure(_normals_on_gpu, _costs, quick=False, timed=True)
-SURFACE_FIT_CONVERGES = Measure(_clouds, _each("beyond_one"))
-SURFACE_FIT_KEEPS_LITTLE = Measure(_clouds, _each("kept_share"))
-SURFACE_FACETS_ARE_SLIVERS = Measure(_clouds, _each("slivers"))
-SURFACE_FIT_SMOOTHS_NORMALS = Measure(_clouds, _ratio("jump_mls", "jump_facets"))
-SURFACE_MLS_AS_GOOD_AS_GRADIENT = Measure(_clouds, _ratio("error_mls", "error_gradient"))
+SURFACE_FIT_CONVERGES = Measure(CLOUDS, each("beyond_one"))
+SURFACE_FIT_KEEPS_LITTLE = Measure(CLOUDS, each("kept_share"))
+SURFACE_FACETS_ARE_SLIVERS = Measure(CLOUDS, each("slivers"))
+SURFACE_FIT_SMOOTHS_NORMALS = Measure(CLOUDS, each("jump_mls", "jump_facets"))
+SURFACE_MLS_AS_GOOD_AS_GRADIENT = Measure(CLOUDS, each("error_mls", "error_gradient"))
 
 # Null models
 

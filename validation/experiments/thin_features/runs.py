@@ -16,12 +16,10 @@ from validation.results import Result, real
 from validation.running import Context, advance
 
 DETECTORS: dict[str, dict[str, Any]] = {  # settings of the effect
-    "number_density": {"method": "number_density"},
-    "color": {},
-    "color_thin": {"thin_features": "second_moment"},
+    "number_density": {"method": "number_density"}, "color": {}, "color_thin": {"thin_features": "second_moment"},
     "corrected": {"scan_normal": "corrected"},
     "corrected_thin": {"scan_normal": "corrected", "thin_features": "second_moment"},
-}
+}  # fmt: skip
 WORDS = {
     "number_density": "number density", "color": "J(19)", "color_thin": "J(19), second moment", "corrected": "J(20)",
     "corrected_thin": "J(20), second moment",
@@ -129,6 +127,5 @@ def checks(results: Results, check: Checks) -> None:
 EXPERIMENT = Experiment(
     name="thin_features",
     title="surface detection of films and filaments: the fan scan with and without the second moment",
-    runs=planned,
-    checks=checks,
-)
+    runs=planned, checks=checks,
+)  # fmt: skip
