@@ -1,4 +1,4 @@
-"""Values of a particle's neighbours side by side, for CPU kernels: `room` to put them, and `staged`, which does.
+"""Values of a particle's neighbours side by side, for CPU kernels: `buffer` to put them, and `staged`, which does.
 
 A processor that gathers eight values reads one after the other, and once more for each component of a vector. Here the
 components of a vector are one read, of four neighbours at a time, and the loop that follows reads side by side what it
@@ -17,27 +17,27 @@ AT_A_TIME = 128  # neighbours that are staged
 FOUR, WIDE = 4, 16  # neighbours that are read together, and that a loop computes together at most
 
 
-def room(array: Any) -> Any:
-    """Room for one component of AT_A_TIME rows of `array`; compiled, on the stack, with whatever stands there."""
+def buffer(array: Any) -> Any:
+    """Memory for one component of AT_A_TIME rows of `array`; compiled, on the stack, with whatever stands there."""
     return np.empty(AT_A_TIME, array.dtype)
 
 
-def staged(entries: Any, first: Any, count: Any, arrays: tuple, rooms: tuple) -> Any:
-    """Put the rows entries[first], entries[first + 1], ... of the arrays into the rooms; the number of values there.
+def staged(entries: Any, first: Any, count: Any, arrays: tuple, buffers: tuple) -> Any:
+    """Put the rows entries[first], entries[first + 1], ... of the arrays into the buffers; the number of values there.
 
-    These are `count` rows, AT_A_TIME at most. An (n, 3) array has a room for each component, an (n,) array one. The
-    first array is one of positions. Compiled code fills the rooms up to a multiple of WIDE, so that it needs no other
-    loop for a rest: the first room with infinity, so that what stands there is nowhere near.
+    These are `count` rows, AT_A_TIME at most. An (n, 3) array has a buffer for each component, an (n,) array one. The
+    first array is one of positions. Compiled code fills the buffers up to a multiple of WIDE, so that it needs no other
+    loop for a rest: the first buffer with infinity, so that what stands there is nowhere near.
     """
     rows = entries[int(first) : int(first) + min(int(count), AT_A_TIME)]
     columns = [column for array in arrays for column in (array.T if array.ndim == 2 else (array,))]
-    for column, part in zip(columns, rooms):
+    for column, part in zip(columns, buffers):
         part[: len(rows)] = column[rows]
     return len(rows)
 
 
 def _placed(context: Any, builder: ir.IRBuilder, signature: Any, values: Any) -> Any:
-    """`room`, on the stack."""
+    """`buffer`, on the stack."""
     kind = context.get_data_type(signature.return_type.dtype)
     with builder.goto_entry_block():
         data = builder.alloca(ir.ArrayType(kind, AT_A_TIME + WIDE))
@@ -53,7 +53,7 @@ def _placed(context: Any, builder: ir.IRBuilder, signature: Any, values: Any) ->
 
 def _read(context: Any, builder: ir.IRBuilder, signature: Any, values: Any) -> Any:
     """`staged`: a loop over groups of four, and one group more for a rest."""
-    entries, _, _, arrays, rooms = signature.args
+    entries, _, _, arrays, buffers = signature.args
     word = ir.IntType(types.intp.bitwidth)
 
     def opened(kinds: Any, packed: Any) -> list[Any]:
@@ -61,7 +61,7 @@ def _read(context: Any, builder: ir.IRBuilder, signature: Any, values: Any) -> A
         return [context.make_array(kind)(context, builder, value) for kind, value in zip(kinds, members)]
 
     begin = builder.gep(context.make_array(entries)(context, builder, values[0]).data, [values[1]])
-    sources, places = opened(arrays, values[3]), iter([found.data for found in opened(rooms, values[4])])
+    sources, places = opened(arrays, values[3]), iter([found.data for found in opened(buffers, values[4])])
     parts = [[next(places) for _ in range(3 if kind.ndim == 2 else 1)] for kind in arrays]
     most = word(AT_A_TIME)
     number = builder.select(builder.icmp_unsigned("<", values[2], most), values[2], most)
@@ -125,7 +125,7 @@ def _components(context: Any, builder: ir.IRBuilder, kind: Any, source: Any, row
     ]  # fmt: skip
 
 
-type_callable(room)(lambda context: lambda array: types.Array(array.dtype, 1, "C"))
-lower_builtin(room, types.Array)(_placed)
-type_callable(staged)(lambda context: lambda entries, first, count, arrays, rooms: types.uint64)
+type_callable(buffer)(lambda context: lambda array: types.Array(array.dtype, 1, "C"))
+lower_builtin(buffer, types.Array)(_placed)
+type_callable(staged)(lambda context: lambda entries, first, count, arrays, buffers: types.uint64)
 lower_builtin(staged, types.Array, types.Any, types.Any, types.BaseTuple, types.BaseTuple)(_read)

@@ -7,7 +7,7 @@ import numpy as np
 
 from refsim.backends.chunks import CHUNKS, limits
 from refsim.backends.compile import formula, kernel
-from refsim.backends.staging import AT_A_TIME, room, staged
+from refsim.backends.staging import AT_A_TIME, buffer, staged
 from refsim.heat.kernels import capacity_of, scaled_distance, weight_at
 from refsim.heat.shapes import ExchangeRows
 from refsim.neighbours.pairs import neighbour_sum, pair
@@ -36,12 +36,12 @@ def weigh_and_pack(i, body, neighbours, seconds, conduction, period, exchanges):
     """Write the exchanges of particle i, those nearer than h, one after the other; their sum of g [J/K]."""
     position, volume, conductivity = body.position, body.volume, body.conductivity
     first, stride, count = row_of(neighbours, i)
-    x, y, z = room(position), room(position), room(position)
-    volumes, conductivities = room(volume), room(conductivity)
+    x, y, z = buffer(position), buffer(position), buffer(position)
+    volumes, conductivities = buffer(volume), buffer(conductivity)
     for begin in range(np.uint64(0), count, np.uint64(AT_A_TIME)):
         left = min(count - begin, np.uint64(AT_A_TIME))
-        arrays, rooms = (position, volume, conductivity), (x, y, z, volumes, conductivities)
-        staged(neighbours.entries, first + begin, left, arrays, rooms)
+        arrays, buffers = (position, volume, conductivity), (x, y, z, volumes, conductivities)
+        staged(neighbours.entries, first + begin, left, arrays, buffers)
         for m in range(left):  # a loop of its own, which vectorises
             away = position[i, 0] - x[m], position[i, 1] - y[m], position[i, 2] - z[m]
             q = scaled_distance(away, period, conduction)

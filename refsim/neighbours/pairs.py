@@ -90,7 +90,7 @@ NEAR_LOOP = """\
     return {totals}
 """
 STAGED_LOOP = """\
-    {rooms}
+    {buffers}
     for begin in range(np.uint64(0), count, np.uint64(staging.AT_A_TIME)):
         size = staging.staged(listed.entries, first + begin, count - begin, ({arrays}), ({parts}))
         for m in range(size):
@@ -197,28 +197,30 @@ def loop_source(
     return text, more
 
 
-def _rooms(pair: Callable, given: Mapping[str, str | None], source: str) -> dict[str, list[str]]:
-    """Names of the rooms of each array that is read at the neighbour, the positions first."""
-    rooms = {name: [f"{name}_at{c}" for c in range(3 if given[name] == VECTOR else 1)] for name in fields_of(pair, "j")}
-    return {source: ["x_at", "y_at", "z_at"]} | {name: own for name, own in rooms.items() if given[name] is not None}
+def _buffers(pair: Callable, given: Mapping[str, str | None], source: str) -> dict[str, list[str]]:
+    """Names of the buffers of each array that is read at the neighbour, the positions first."""
+    buffers = {
+        name: [f"{name}_at{c}" for c in range(3 if given[name] == VECTOR else 1)] for name in fields_of(pair, "j")
+    }
+    return {source: ["x_at", "y_at", "z_at"]} | {name: own for name, own in buffers.items() if given[name] is not None}
 
 
 def _staged_lines(pair: Callable, given: Mapping[str, str | None], source: str) -> dict[str, list[str]]:
     """Lines of the loop over staged fields."""
-    rooms = _rooms(pair, given, source)
-    parts = {name: ", ".join(f"{part}[m]" for part in rooms.get(name, ())) for name in fields_of(pair, "j")}
+    buffers = _buffers(pair, given, source)
+    parts = {name: ", ".join(f"{part}[m]" for part in buffers.get(name, ())) for name in fields_of(pair, "j")}
     return {
-        "rooms": [f"{part} = staging.room({array})" for array, own in rooms.items() for part in own],
+        "buffers": [f"{part} = staging.buffer({array})" for array, own in buffers.items() for part in own],
         "theirs": [f"{name}_j = ({values})" if values else f"{name}_j = None" for name, values in parts.items()],
     }
 
 
 def _staged_words(pair: Callable, given: Mapping[str, str | None], source: str) -> dict[str, str]:
     """What that loop stages, and where."""
-    rooms = _rooms(pair, given, source)
+    buffers = _buffers(pair, given, source)
     return {
-        "arrays": "".join(f"{array}, " for array in rooms),
-        "parts": "".join(f"{part}, " for own in rooms.values() for part in own),
+        "arrays": "".join(f"{array}, " for array in buffers),
+        "parts": "".join(f"{part}, " for own in buffers.values() for part in own),
     }
 
 

@@ -120,7 +120,7 @@ class Restoring(NamedTuple):
 
     rate: float  # [1/s]
     own: float  # W(0) [1/m^dim]
-    room: float  # 1/(delta0 - W(0)) [m^dim]
+    inverse_neighbours: float  # 1/(delta0 - W(0)) [m^dim]
     volume: float  # 1/delta0 [m^dim]
 
 

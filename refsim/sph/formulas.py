@@ -79,7 +79,7 @@ def restored_excess(excess, number_density, rest_density, share, restoring):
     alone, where the sum lacks neighbours.
     """
     real = type(excess)
-    inside = surrounded_share((number_density - restoring.own) * restoring.room)
+    inside = surrounded_share((number_density - restoring.own) * restoring.inverse_neighbours)
     summed = rest_density * (number_density * restoring.volume - real(1))
     return excess + share * inside * (summed - excess)
 

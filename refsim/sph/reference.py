@@ -166,15 +166,15 @@ def keep_density(density_excess, number_density, phase, fluid, restoring, timest
     e = rows_of(density_excess, rows)
     if restoring is None:
         return {"advanced_excess": (e, np.abs(e))}
-    rate, own, room, volume = (float(part) for part in restoring)
+    rate, own, inverse, volume = (float(part) for part in restoring)
     n = rows_of(number_density, rows)
     rest = float(fluid.rest_density)
     liquid = np.ones(e.shape) if phase is None else rows_of(phase, rows) == 0
-    around = (n - own) * room
+    around = (n - own) * inverse
     inside = liquid * np.clip(10 * around - 7.5, 0, 1)
     step = rate * float(timestep[1])
     lacking = rest * (n * volume - 1) - e
-    size = np.abs(e) + step * liquid * ((n * volume + 1) * rest + np.abs(e)) * (1 + 10 * (n + own) * room)
+    size = np.abs(e) + step * liquid * ((n * volume + 1) * rest + np.abs(e)) * (1 + 10 * (n + own) * inverse)
     return {"advanced_excess": (e + step * inside * lacking, size)}
 
 

@@ -576,7 +576,7 @@ BETWEEN = MpmWalls(
 def restoring(dim, rate):
     """delta0 of the lattice, and W(0) of Wendland C2: 7/(pi h^2) and 21/(2 pi h^3)."""
     delta0, own = rest_number_density(dim), {2: 7 / (math.pi * H**2), 3: 21 / (2 * math.pi * H**3)}[dim]
-    return {"rate": rate, "own": own, "room": 1 / (delta0 - own), "volume": 1 / delta0}
+    return {"rate": rate, "own": own, "inverse_neighbours": 1 / (delta0 - own), "volume": 1 / delta0}
 
 
 def water(**changes):
