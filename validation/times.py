@@ -189,7 +189,7 @@ def scaling_table(times: Times) -> list[str]:
     rows = []
     for name, system in found.items():
         alone = median(system[counts[0]])
-        speeds = [f"{alone / median(system[count]):.2f}" for count in counts[1:]]
+        speeds = [f"{alone / median(system[count]):.2f}" if count in system else "" for count in counts[1:]]
         rows.append([name, f"{system[counts[0]]['particles']:,}", f"{1e3 * alone:,.0f}", *speeds])
     heading = ["system", "particles", "one thread [ms a step]", *(f"{count} threads" for count in counts[1:])]
     return [*table(heading, rows), "", f"CPU: {where(times, 'scaling cpu', f', {max(counts)} cores')}."]
