@@ -188,7 +188,7 @@ def picture(of: Panel) -> Any:
 def _methods(axes: Any, of: Panel, found: Sequence[Candidate]) -> None:
     """Points of each method, and a line through its best ones; on a GPU dashed and small."""
     own = kinds(of)["cpu"]
-    passed = {c.point.key for c in own if refused(c, own) or by_chance(c, c.error, own)}
+    passed = {c.point.key for c in own if refused(c, own) or by_chance(c, c.error, own)}.difference(_chosen(of)[1])
     methods: dict[str, tuple[list[Candidate], list[Candidate]]] = {}  # of a CPU, of a GPU
     for c in found:
         name = c.point.program if c.point.program != OWN else str(c.point.knobs.get(of.about.method, OWN))
@@ -211,8 +211,8 @@ def _methods(axes: Any, of: Panel, found: Sequence[Candidate]) -> None:
         axes.plot([], [], "o", color=GREY, alpha=0.35, label="pale: not advised")
 
 
-def _named(axes: Any, of: Panel) -> None:
-    """Letters on the settings that the table names, and what they are beside the axes."""
+def _chosen(of: Panel) -> tuple[dict[str, list[str]], dict[str, tuple[Candidate, bool]]]:
+    """Settings that the table names, by key: for which errors; the setting, and whether its seconds have settled."""
     errors: dict[str, list[str]] = {}
     named: dict[str, tuple[Candidate, bool]] = {}
     for kind in ("cpu", "gpu"):
@@ -222,6 +222,12 @@ def _named(axes: Any, of: Panel) -> None:
             if choice is not None and setting is not None:
                 errors.setdefault(setting.point.key, []).append(percent(error))
                 named[setting.point.key] = setting, choice.advised is not None
+    return errors, named
+
+
+def _named(axes: Any, of: Panel) -> None:
+    """Letters on the settings that the table names, and what they are beside the axes."""
+    errors, named = _chosen(of)
     listed = []
     for letter, (c, advised) in zip("abcdefgh", sorted(named.values(), key=lambda pair: -pair[0].error)):
         at = (100 * of.error(c.point), c.wall)

@@ -117,7 +117,7 @@ def wetting_picture(data: Mapping[str, Any]) -> Any:
             if any(drop["angle"] is not None for drop in entry["drops"]):
                 _line(axes, entry, colour, setting_words(entry).partition(", ")[2], angle=False)
         axes.axhline(0, color=GREY, lw=0.8, ls=":")
-        axes.set(ylim=(-1.05, 1.4), ylabel="cosine of the contact angle", title=f"{dim}D")
+        axes.set(ylim=(-1.05, 2.0), ylabel="cosine of the contact angle", title=f"{dim}D")
     for axes in panels:
         axes.set_xlabel("adhesion over cohesion, beta/gamma")
         axes.grid(True)
