@@ -11,7 +11,6 @@ import pytest
 
 from refsim.__main__ import main
 from refsim.core import writing
-from refsim.io import checkpoint
 from tests.commands.test_cli import one_sentence
 from tests.tank_file import tank
 
@@ -47,8 +46,7 @@ def full(monkeypatch):
         file.write(content[:1000])
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    for module in (checkpoint, writing):
-        monkeypatch.setattr(module, "write_all", write_some)
+    monkeypatch.setattr(writing, "write_all", write_some)
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full")
