@@ -3,7 +3,7 @@
     python scripts/gpu_check.py [--quick] [--only PREFIX ...] [--minutes 6] [--workers 6] [--devices 1]
 
 Every task runs in a process of its own, because one illegal memory access ends CUDA for the whole process: the
-pairing suite of the contract for each operation and dtype, over the device's neighbour lists and over all pairs, whole
+pairing suite of the contract for each operation and dtype, the neighbour search against the CPU's and all pairs, whole
 runs against the CPU, every two effects in one small scene against the references, bitwise repetition, and launches and
 bytes against the plan. A task that fails is reported and the others go on. Times are benchmarks (`tests/times`). Exit
 code 0 all well, 2 no GPU, 4 something failed or did not end in time.
@@ -56,7 +56,7 @@ from refsim.backends import runtime  # noqa: E402
 from refsim.commands.plan import describe_plan  # noqa: E402
 from refsim.core.operation import REGISTRY  # noqa: E402
 from refsim.study.memory import bytes_of  # noqa: E402
-from validation import pairs, timed  # noqa: E402
+from validation import pairs, searches, timed  # noqa: E402
 from validation.experiments.melting.scene import scene_of  # noqa: E402
 from validation.reading import commit, environment  # noqa: E402
 
@@ -89,9 +89,6 @@ def without_paths(text: str) -> str:
     return re.sub(r"(?<![\w.])(?:/[\w.@+~-]+)+/([\w.@+~-]+)", r"\1", text)
 
 
-# Tasks: each returns rows.
-
-
 def device_task(_: list[str]) -> list[Row]:
     """Which device, which versions."""
     found = environment(None, "cuda")
@@ -119,6 +116,11 @@ def pairing_task(arguments: list[str]) -> list[Row]:
     return [row(f"{len(outcomes)} trials", worst, "of the bound", "<= 1", verdict)] + [
         row(f"{o.step} {o.trial}", o.error, "of the bound", "<= 1", "fail", str(o)) for o in bad[:5]
     ]
+
+
+def search_task(arguments: list[str]) -> list[Row]:
+    """The neighbour list of a cloud against the CPU's and against all pairs."""
+    return [judged(*found) for found in searches.compare(int(arguments[0]), arguments[1])]
 
 
 def dam_break() -> Scene:
@@ -238,16 +240,15 @@ def plan_task(arguments: list[str]) -> list[Row]:
 
 
 TASKS: dict[str, Callable[[list[str]], list[Row]]] = {
-    "device": device_task, "pairing": pairing_task, "run": run_task, "pair": pair_task, "plan": plan_task,
+    "device": device_task, "pairing": pairing_task, "search": search_task, "run": run_task, "pair": pair_task,
+    "plan": plan_task,
 }  # fmt: skip
-
-
-# The host side: processes, time limits, report.
 
 
 def planned(quick: bool) -> list[str]:
     """All tasks but "device"."""
-    tasks = [f"run {name} {dtype} {100 if quick else 1000}" for name in SCENES for dtype in DTYPES]
+    tasks = [f"search {dim} {dtype}" for dim in (2, 3) for dtype in DTYPES]
+    tasks += [f"run {name} {dtype} {100 if quick else 1000}" for name in SCENES for dtype in DTYPES]
     tasks += [f"pairing {name} {dtype}" for name in REGISTRY for dtype in (DTYPES[:1] if quick else DTYPES)]
     tasks += [f"pair {first} {second}" for first, second in pairs.pairs()]
     return tasks + [f"plan {name}" for name in (*timed.ladders(), *timed.CUBES)]
@@ -293,8 +294,7 @@ def tell(answer: dict[str, Any]) -> None:
             print(f"{text}  {r['words']}{'  FAIL' if r['verdict'] == 'fail' else ''}".rstrip(), flush=True)
 
 
-SECTION = "whole check"
-NO_TIME = ("not run", "not ended")
+SECTION, NO_TIME = "whole check", ("not run", "not ended")
 
 
 def write(answers: list[dict[str, Any]], path: pathlib.Path) -> None:
