@@ -12,28 +12,8 @@ import msgspec
 import numpy as np
 import pytest
 
-from refsim import (
-    Box,
-    BoxWalls,
-    Gravity,
-    HeatConduction,
-    ImplicitPressure,
-    InputError,
-    JiangZhu2023,
-    Melting,
-    MpmLiquid,
-    MpmWalls,
-    ParticleShifting,
-    Scene,
-    ShapeMatching,
-    Simulation,
-    SolidBox,
-    SurfaceDetection,
-    SurfaceEnergy,
-    TwoWayCoupling,
-    WeaklyCompressible,
-    make_plan,
-)
+import refsim as rs
+from refsim import make_plan
 from refsim.commands.plan import describe_plan
 from refsim.core import cases
 from refsim.core.capabilities import NeedsCellOrder, having
@@ -43,29 +23,29 @@ from refsim.mpm.memory import grid_bytes
 from refsim.study.memory import bytes_of
 from validation import pairs
 
-LIQUID = WeaklyCompressible(sound_speed=12.0, clamp_pressure=False, density="summation")  # pulled together: it moves
+LIQUID = rs.WeaklyCompressible(sound_speed=12.0, clamp_pressure=False, density="summation")  # pulled together: it moves
 VISCOUS = msgspec.structs.replace(LIQUID, dynamic_viscosity=0.3)
 CLAMPED = msgspec.structs.replace(LIQUID, clamp_pressure=True)
-ADVANCED = WeaklyCompressible(sound_speed=12.0, density="continuity")
-GRAVITY, IMPLICIT = Gravity(), ImplicitPressure()
-SHAPE, COUPLING, MELTING = ShapeMatching(), TwoWayCoupling(), Melting()
-WALLS = BoxWalls(lower=(0, 0, 0), upper=(0.6, 0.6, 0.6))
-HOLDING = BoxWalls(lower=(0, 0, 0), upper=(0.6, 0.6, 0.6), model="extrapolated")
-DETECTION, DETECTION_EACH_STEP = SurfaceDetection(), SurfaceDetection(each_step=True)
-DETECTION_THIN = SurfaceDetection(thin_features="second_moment")
-TENSION = JiangZhu2023(surface_tension=0.5, pair_mode="soft", density_correction=False)
-WARM = HeatConduction(temperature=50.0, melting_point=0.0)
+ADVANCED = rs.WeaklyCompressible(sound_speed=12.0, density="continuity")
+GRAVITY, IMPLICIT = rs.Gravity(), rs.ImplicitPressure()
+SHAPE, COUPLING, MELTING = rs.ShapeMatching(), rs.TwoWayCoupling(), rs.Melting()
+WALLS = rs.BoxWalls(lower=(0, 0, 0), upper=(0.6, 0.6, 0.6))
+HOLDING = rs.BoxWalls(lower=(0, 0, 0), upper=(0.6, 0.6, 0.6), model="extrapolated")
+DETECTION, DETECTION_EACH_STEP = rs.SurfaceDetection(), rs.SurfaceDetection(each_step=True)
+DETECTION_THIN = rs.SurfaceDetection(thin_features="second_moment")
+TENSION = rs.JiangZhu2023(surface_tension=0.5, pair_mode="soft", density_correction=False)
+WARM = rs.HeatConduction(temperature=50.0, melting_point=0.0)
 MESH = pairs.EFFECTS["mesh_boundary"]
-MPM, MPM_FULL = MpmLiquid(bulk_modulus=144e3), MpmLiquid(bulk_modulus=144e3, volume="gradient")
-TENSE = {2: (), 3: (JiangZhu2023(surface_tension=0.05),)}
-SOLID = SolidBox(lower=(0.1, 0.1, 0.4), upper=(0.4, 0.4, 0.6))
+MPM, MPM_FULL = rs.MpmLiquid(bulk_modulus=144e3), rs.MpmLiquid(bulk_modulus=144e3, volume="gradient")
+TENSE = {2: (), 3: (rs.JiangZhu2023(surface_tension=0.05),)}
+SOLID = rs.SolidBox(lower=(0.1, 0.1, 0.4), upper=(0.4, 0.4, 0.6))
 
 
 def scene(*effects, **options):
     """A box of liquid, and a solid above it where an effect holds one."""
-    solid = (SOLID,) if any(isinstance(effect, ShapeMatching) for effect in effects) else ()
-    return Scene(
-        spacing=0.1, support_radius=0.21, fluid=(Box(cells=(4, 4, 4)),), solid=solid, effects=effects, step=5e-4,
+    solid = (SOLID,) if any(isinstance(effect, rs.ShapeMatching) for effect in effects) else ()
+    return rs.Scene(
+        spacing=0.1, support_radius=0.21, fluid=(rs.Box(cells=(4, 4, 4)),), solid=solid, effects=effects, step=5e-4,
         **options,
     )  # fmt: skip
 
@@ -73,20 +53,20 @@ def scene(*effects, **options):
 SCENES = {name: pairs.scene(name, name, "float32") for name in pairs.EFFECTS} | {  # and with options
     "whole volume": scene(MPM_FULL),
     "contact": scene(
-        SurfaceEnergy(surface_tension=0.5, contact_angle=60.0, embedding="none", iterations=2), MPM,
-        MpmWalls(lower=(-5.0, -5.0, -0.2), upper=(5.0, 5.0, 5.0)),  # images in one wall alone
+        rs.SurfaceEnergy(surface_tension=0.5, contact_angle=60.0, embedding="none", iterations=2), MPM,
+        rs.MpmWalls(lower=(-5.0, -5.0, -0.2), upper=(5.0, 5.0, 5.0)),  # images in one wall alone
     ),
-    "shifting": scene(ADVANCED, GRAVITY, HOLDING, DETECTION, ParticleShifting()),
+    "shifting": scene(ADVANCED, GRAVITY, HOLDING, DETECTION, rs.ParticleShifting()),
     "advanced tension": scene(ADVANCED, TENSION),
     "advanced heat": scene(ADVANCED, WARM),
     "advanced coupling": scene(ADVANCED, GRAVITY, HOLDING, SHAPE, COUPLING),
     "central viscosity": scene(msgspec.structs.replace(VISCOUS, viscosity="central"), IMPLICIT),
     "each step": scene(LIQUID, DETECTION_EACH_STEP),
     "thin features": scene(LIQUID, DETECTION_THIN),
-    "release": scene(LIQUID, SurfaceDetection(release_pressure=True)),
+    "release": scene(LIQUID, rs.SurfaceDetection(release_pressure=True)),
     "mesh alone": scene(VISCOUS, GRAVITY, WALLS, msgspec.structs.replace(MESH, viscosity=0.0, adhesion=0.0)),
     "ice": scene(LIQUID, msgspec.structs.replace(WARM, latent_heat=3e5, held=(0,), scheme="single_pass")),
-    "stiff": scene(ShapeMatching(damping=0.0, half_width=1), GRAVITY),
+    "stiff": scene(rs.ShapeMatching(damping=0.0, half_width=1), GRAVITY),
     "tension and detection": scene(VISCOUS, GRAVITY, WALLS, DETECTION, TENSION),
     "surface of coupled liquid": scene(CLAMPED, SHAPE, COUPLING, DETECTION_EACH_STEP),
     "melting in walls": scene(CLAMPED, GRAVITY, WALLS, SHAPE, COUPLING, WARM, MELTING),
@@ -135,7 +115,7 @@ def held_by_grid(simulation):
 
 def differences(name):
     """What a run of two launches of every pass holds, launches and is limited by, against its plan."""
-    simulation = Simulation(SCENES[name])
+    simulation = rs.Simulation(SCENES[name])
     plan = simulation.plan
     effects = plan.effects.values()
     limits = simulation.step().limits
@@ -146,7 +126,7 @@ def differences(name):
     runner |= {"sorting"} if having(plan.effects, NeedsCellOrder) else set()
     stepped = set(simulation.timings.first_calls)
     simulation.evaluate()
-    sound = any(isinstance(effect, (WeaklyCompressible, MpmLiquid)) for effect in effects)
+    sound = any(isinstance(effect, (rs.WeaklyCompressible, rs.MpmLiquid)) for effect in effects)
     compared = {
         "fields": (set(simulation.fields), set(plan.fields)),
         "bytes": (held, sum(plan.bytes_of_fields().values())),
@@ -184,7 +164,7 @@ def test_runs_hold_and_launch_what_the_plan_says():
 @by_scene
 def test_a_field_read_alone_is_that_of_all_passes(name):
     """The passes that it needs are all that it needs: what others compute is spoilt before."""
-    simulation = Simulation(SCENES[name], "numpy")
+    simulation = rs.Simulation(SCENES[name], "numpy")
     simulation.step()
     simulation.evaluate()
     expected = {name: simulation.field(name) for name in simulation.plan.fields}
@@ -218,7 +198,7 @@ def state(simulation):
 
 
 def advanced(*effects, steps=15):
-    simulation = Simulation(scene(*effects))
+    simulation = rs.Simulation(scene(*effects))
     for _ in range(steps):
         simulation.step()
     return simulation
@@ -229,7 +209,7 @@ def advanced(*effects, steps=15):
     [
         ((LIQUID, DETECTION), (LIQUID,)),
         ((LIQUID, DETECTION_EACH_STEP), (LIQUID,)),
-        ((LIQUID, JiangZhu2023(surface_tension=0.0)), (LIQUID,)),
+        ((LIQUID, rs.JiangZhu2023(surface_tension=0.0)), (LIQUID,)),
         ((DETECTION, LIQUID), (LIQUID, DETECTION)),
     ],
     ids=["looks on demand", "looks in each step", "zero tension", "order of the list"],
@@ -240,7 +220,7 @@ def test_effects_that_exert_nothing_leave_every_bit(with_it, without):
 
 def test_what_an_effect_needs_must_be_there():
     for effect in (WALLS, DETECTION, TENSION):
-        with pytest.raises(InputError, match=f"'{effect.name}' needs effect 'weakly_compressible'"):
+        with pytest.raises(rs.InputError, match=f"'{effect.name}' needs effect 'weakly_compressible'"):
             make_plan(scene(effect))
 
 
@@ -249,18 +229,20 @@ def test_a_run_takes_the_memory_that_its_plan_says(dim):
     """Bytes of `refsim plan` against what the process allocates and holds; while a list is built it takes more."""
     cells, radius = ((100, 100, 1), 0.13) if dim == 2 else ((20, 20, 20), 0.1)
     effects = (
-        WeaklyCompressible(sound_speed=10.0, dynamic_viscosity=0.1, density="summation"),
-        Gravity(acceleration=(0, -9.81, 0)),
+        rs.WeaklyCompressible(sound_speed=10.0, dynamic_viscosity=0.1, density="summation"),
+        rs.Gravity(acceleration=(0, -9.81, 0)),
     )
     plan = make_plan(
-        Scene(dim=dim, spacing=0.05, support_radius=radius, fluid=(Box(cells=cells),), effects=(*effects, *TENSE[dim]))
+        rs.Scene(
+            dim=dim, spacing=0.05, support_radius=radius, fluid=(rs.Box(cells=cells),), effects=(*effects, *TENSE[dim])
+        )
     )
-    Simulation(plan).step()  # so that compiling is no part of it
+    rs.Simulation(plan).step()  # so that compiling is no part of it
     said = describe_plan(plan, "cpu")["bytes"]["total"]
     tracemalloc.start()
     try:
         before, _ = tracemalloc.get_traced_memory()
-        simulation = Simulation(plan)
+        simulation = rs.Simulation(plan)
         for _ in range(3):
             simulation.step()
         held, peak = (b - before for b in tracemalloc.get_traced_memory())

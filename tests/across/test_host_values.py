@@ -15,35 +15,8 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from refsim import (
-    Ball,
-    BeckerTeschner2007,
-    Box,
-    BoxWalls,
-    Cloud,
-    EnergyAudit,
-    Gravity,
-    HeatConduction,
-    ImplicitPressure,
-    InputError,
-    JiangZhu2023,
-    Melting,
-    MeshBoundary,
-    MpmLiquid,
-    MpmWalls,
-    NormalDifference2014,
-    RunStopped,
-    Scene,
-    ShapeMatching,
-    Simulation,
-    SolidBall,
-    SolidBox,
-    SolidTorus,
-    SurfaceEnergy,
-    TwoWayCoupling,
-    WeaklyCompressible,
-    make_plan,
-)
+import refsim as rs
+from refsim import make_plan
 from refsim.backends.tuples import determinant
 from refsim.core.capabilities import BalancesCohesion
 from refsim.core.effect import Discretisation, Extremes, InitialState, StepLimit
@@ -61,8 +34,8 @@ from refsim.surface_tension.cohesion import capillary_limit, compression
 from refsim.surface_tension.normal_difference_2014 import stiffest_wave
 
 H, SPACING = 0.21, 0.1
-LIQUID = WeaklyCompressible(sound_speed=13.0, rest_density=900.0, dynamic_viscosity=0.7, density="summation")
-GRAVITY = Gravity(acceleration=(1.0, -2.0, -9.0))
+LIQUID = rs.WeaklyCompressible(sound_speed=13.0, rest_density=900.0, dynamic_viscosity=0.7, density="summation")
+GRAVITY = rs.Gravity(acceleration=(1.0, -2.0, -9.0))
 
 
 def grid(dim=3, **options):
@@ -112,13 +85,13 @@ def fields(**values):
 def test_reports_sum_mass_momenta_and_energies():
     place = [[0.3, 0.1, -0.4], [1.2, 0.8, 0.9]]
     velocity = [[1.0, -2.0, 0.5], [0.25, 3.0, -4.0]]
-    cloud = Cloud(position=place, velocity=velocity, mass=[2.0, 5.0])
-    walls = BoxWalls(lower=(0.0, 0.0, -1.0), upper=(2.0, 2.0, 2.0), open_faces=("-x",))
-    made = Scene(
+    cloud = rs.Cloud(position=place, velocity=velocity, mass=[2.0, 5.0])
+    walls = rs.BoxWalls(lower=(0.0, 0.0, -1.0), upper=(2.0, 2.0, 2.0), open_faces=("-x",))
+    made = rs.Scene(
         spacing=SPACING, support_radius=H, fluid=(cloud,), effects=(LIQUID, GRAVITY, walls), dtype="float64"
     )  # fmt: skip
     plan = make_plan(made)
-    simulation = Simulation(plan, "numpy")
+    simulation = rs.Simulation(plan, "numpy")
     for found in (stock(plan), stock(simulation)):
         assert found["particles"] == 2
         assert found["mass"] == 7.0
@@ -143,19 +116,21 @@ def test_reports_sum_mass_momenta_and_energies():
 
 
 def test_reports_leave_out_what_a_scene_has_not():
-    found = stock(make_plan(Scene(spacing=SPACING, support_radius=H, fluid=(Box(cells=(2, 1, 1)),), effects=(LIQUID,))))
+    found = stock(
+        make_plan(rs.Scene(spacing=SPACING, support_radius=H, fluid=(rs.Box(cells=(2, 1, 1)),), effects=(LIQUID,)))
+    )
     assert found["outside_walls"] == 0
     assert found["greatest_speed"] == 0.0
     assert not {"potential_energy", "effects"} & set(found)
 
 
 def test_reports_take_what_effects_keep_account_of():
-    heat = HeatConduction(temperature=3.0, heat_capacity=5.0)
-    cube = Scene(spacing=0.5, support_radius=1.1, fluid=(Box(cells=(2, 2, 1)),), effects=(heat,), dim=2)
+    heat = rs.HeatConduction(temperature=3.0, heat_capacity=5.0)
+    cube = rs.Scene(spacing=0.5, support_radius=1.1, fluid=(rs.Box(cells=(2, 2, 1)),), effects=(heat,), dim=2)
     found = stock(make_plan(cube))
     assert found["effects"] == {"heat_conduction": {"heat": near(4 * 1000 * 0.25 * 15, 1e-6)}}
-    literal = HeatConduction(temperature=3.0, literal=("M11",), scheme="explicit")
-    cube = Scene(spacing=0.5, support_radius=1.1, fluid=(Box(cells=(2, 2, 1)),), effects=(literal,), dim=2)
+    literal = rs.HeatConduction(temperature=3.0, literal=("M11",), scheme="explicit")
+    cube = rs.Scene(spacing=0.5, support_radius=1.1, fluid=(rs.Box(cells=(2, 2, 1)),), effects=(literal,), dim=2)
     assert stock(make_plan(cube))["effects"]["heat_conduction"]["heat"] == near(4 * 0.25 * 3.0, 1e-6)
 
 
@@ -185,7 +160,7 @@ def test_energy_of_compression_is_the_work_of_the_pressure():
 
 
 def test_energy_of_pairs_weighs_with_both_masses():
-    effect, others = BeckerTeschner2007(kappa=3.0), named(LIQUID)
+    effect, others = rs.BeckerTeschner2007(kappa=3.0), named(LIQUID)
 
     class Pair(State):
         def pair_sum(self, potential, reach):
@@ -196,23 +171,23 @@ def test_energy_of_pairs_weighs_with_both_masses():
     found = effect.energy(grid(), others).parts["cohesion"](Pair(mass=[2.0, 7.0]))  # here with their mean
     spline = quad(lambda r: 8 / (math.pi * H**3) * 2 * (1 - r / H) ** 3 * r, 0.15, H)[0]
     assert found == near(-4.5 * 3.0 * spline, 1e-8)
-    plain = JiangZhu2023(surface_tension=1.0, area_term="none", density_correction=False)
+    plain = rs.JiangZhu2023(surface_tension=1.0, area_term="none", density_correction=False)
     one, two = (plain.energy(grid(), others).parts["cohesion"](Pair(mass=m)) for m in ([1.0, 1.0], [2.0, 7.0]))
     assert two == near(14 * one)
     assert one < 0
-    assert not BeckerTeschner2007(kappa=0.0).energy(grid(), others).parts
+    assert not rs.BeckerTeschner2007(kappa=0.0).energy(grid(), others).parts
 
 
 def test_energy_of_effects_in_their_own_words():
     state = State(mass=[2.0, 3.0], position=[[0.1, 0.2, 0.3], [1.0, 2.0, 3.0]])
     lifted = GRAVITY.energy(grid(), {}).parts["gravity"](state)
     assert lifted.value == near(2 * (-0.1 + 0.4 + 2.7) + 3 * (-1 + 4 + 27))
-    assert not Gravity(acceleration=(0.0, 0.0, 0.0)).energy(grid(), {}).parts
+    assert not rs.Gravity(acceleration=(0.0, 0.0, 0.0)).energy(grid(), {}).parts
     dense = State(mass=[2.0, 3.0], density=[950.0, 870.0])
     for kind, exponent in (("linear", 1), ("tait", 7)):
         for literal, share in (((), 1.0), (("E24",), 0.5)):
             for clamp in (True, False):
-                liquid = WeaklyCompressible(
+                liquid = rs.WeaklyCompressible(
                     sound_speed=13.0, rest_density=900.0, state=kind, literal=literal, clamp_pressure=clamp,
                     density="summation",
                 )  # fmt: skip
@@ -224,7 +199,7 @@ def test_energy_of_effects_in_their_own_words():
                 assert found.value == near(work.sum())
                 unsure = 2.0**-23 * 5.0 * (900 * 169 + 700.0) / 900
                 assert found.size - np.abs(work).sum() == near(unsure, 1e-8)
-    assert not LIQUID.energy(grid(), named(LIQUID, ImplicitPressure())).parts
+    assert not LIQUID.energy(grid(), named(LIQUID, rs.ImplicitPressure())).parts
 
 
 SUBSTANCES = {"rest_density": [900.0, 1000.0, 500.0], "phase": [0, 0, 1]}
@@ -233,42 +208,42 @@ SUBSTANCES = {"rest_density": [900.0, 1000.0, 500.0], "phase": [0, 0, 1]}
 def test_energy_of_coupled_liquids_is_from_each_ones_density():
     state = State(mass=[2.0, 3.0, 4.0], density=[950.0, 1100.0, 800.0], **SUBSTANCES)
     for kind, exponent in (("linear", 1), ("tait", 7)):
-        liquid = WeaklyCompressible(sound_speed=13.0, rest_density=900.0, state=kind, density="summation")
-        account = TwoWayCoupling().energy(grid(), named(liquid))
+        liquid = rs.WeaklyCompressible(sound_speed=13.0, rest_density=900.0, state=kind, density="summation")
+        account = rs.TwoWayCoupling().energy(grid(), named(liquid))
         found = account.parts["compression"](state)
         rest = np.array([900.0, 1000.0])
         work = compression_energy([2.0, 3.0], [950.0, 1100.0], rest, rest * 169 / exponent, exponent)
         assert found.value == near(work.sum())
         assert found.size - work.sum() == near(2.0**-52 * 5.0 * 169, 1e-2)
         assert account.uncounted == ()
-    words = TwoWayCoupling(density_weighted=True).energy(grid(), named(LIQUID)).uncounted
+    words = rs.TwoWayCoupling(density_weighted=True).energy(grid(), named(LIQUID)).uncounted
     assert len(words) == 1
     assert "density-weighted" in words[0]
-    words = TwoWayCoupling(literal=("M4",)).energy(grid(), named(LIQUID)).uncounted
+    words = rs.TwoWayCoupling(literal=("M4",)).energy(grid(), named(LIQUID)).uncounted
     assert len(words) == 1
     assert "M4" in words[0]
 
 
 def test_energy_of_a_grid_liquid():
-    liquid = MpmLiquid(bulk_modulus=5000.0, rest_density=900.0, cell_size=0.3)
+    liquid = rs.MpmLiquid(bulk_modulus=5000.0, rest_density=900.0, cell_size=0.3)
     account = liquid.energy(grid(), {})
     state = State(mass=[2.0, 3.0], volume_ratio=[0.9, 1.2], affine=[[1.0] * 9, [0.5] * 8 + [2.0]])
     assert account.parts["compression"](state).value == near(2500 / 900 * (2 * 0.01 + 3 * 0.04))
     assert account.parts["affine"](state).value == near(0.09 / 8 * (2 * 9 + 3 * 6))
     assert account.uncounted == ()
-    printed = MpmLiquid(bulk_modulus=5000.0, literal=("M13",)).energy(grid(), {})
+    printed = rs.MpmLiquid(bulk_modulus=5000.0, literal=("M13",)).energy(grid(), {})
     assert printed.uncounted == ()
-    assert "M27" in MpmLiquid(bulk_modulus=5000.0, literal=("M13", "M27")).energy(grid(), {}).uncounted[0]
+    assert "M27" in rs.MpmLiquid(bulk_modulus=5000.0, literal=("M13", "M27")).energy(grid(), {}).uncounted[0]
 
 
 def test_energy_of_motion_is_that_of_the_positions_time():
     """A leap-frog's velocity lags half a step; free fall from rest at (0, 0, 1)."""
-    one = Cloud(position=[[0.0, 0.0, 1.0]], mass=[3.0], velocity=(1.0, 0.0, 2.0))
-    fall = Scene(
-        spacing=SPACING, support_radius=H, fluid=(one,), effects=(Gravity(acceleration=(0.0, 0.0, -2.0)),),
-        energy_audit=EnergyAudit(every=1), dtype="float64", step=0.01,
+    one = rs.Cloud(position=[[0.0, 0.0, 1.0]], mass=[3.0], velocity=(1.0, 0.0, 2.0))
+    fall = rs.Scene(
+        spacing=SPACING, support_radius=H, fluid=(one,), effects=(rs.Gravity(acceleration=(0.0, 0.0, -2.0)),),
+        energy_audit=rs.EnergyAudit(every=1), dtype="float64", step=0.01,
     )  # fmt: skip
-    simulation = Simulation(fall, "numpy")
+    simulation = rs.Simulation(fall, "numpy")
     assert simulation.auditor.energies()["kinetic"].value == near(7.5)
     for _ in range(3):
         simulation.step()
@@ -328,7 +303,7 @@ def test_steps_of_a_plan_always_have_a_limit():
         return SimpleNamespace(grid=grid(), effects=named(*effects), scene=scene)
 
     assert step_limits(plan()) == {"force": StepLimit.falling(H / 32), "resting": StepLimit.constant(1.0)}
-    slow = MpmLiquid(bulk_modulus=1e-6)
+    slow = rs.MpmLiquid(bulk_modulus=1e-6)
     assert set(step_limits(plan(slow))) == {"force", "acoustic", "advection"}
     assert step_limits(plan(end_time=7.0))["resting"] == StepLimit.constant(7.0)
     assert set(step_limits(plan(LIQUID))) == {"force", "acoustic", "viscous"}
@@ -342,31 +317,31 @@ def test_steps_of_the_weakly_compressible_liquid():
     assert set(found) == {"acoustic", "viscous"}
     assert found["acoustic"].at(Extremes(speed=2.0, acceleration=0.0)) == near(0.4 * 0.21 / 15)
     assert found["viscous"].at(Extremes(speed=2.0, acceleration=0.0)) == near(0.105**2 * 900 / 0.7 / 8)
-    central = WeaklyCompressible(
+    central = rs.WeaklyCompressible(
         sound_speed=13.0, rest_density=900.0, dynamic_viscosity=0.7, viscosity="central", density="summation"
     )
     assert central.step_limits(grid(), named(central))["viscous"].length == near(0.105**2 * 900 / 0.7 / 24)
     stiffened = LIQUID.step_limits(grid(), named(LIQUID, Balanced()))["acoustic"]
     assert stiffened.speed == near(math.sqrt(169 + 1400 / 900))
-    assert set(LIQUID.step_limits(grid(), named(LIQUID, ImplicitPressure()))) == {"viscous"}
-    thin = WeaklyCompressible(sound_speed=13.0, density="summation")
+    assert set(LIQUID.step_limits(grid(), named(LIQUID, rs.ImplicitPressure()))) == {"viscous"}
+    thin = rs.WeaklyCompressible(sound_speed=13.0, density="summation")
     assert set(thin.step_limits(grid(), named(thin))) == {"acoustic"}
-    solver = ImplicitPressure(courant=0.3)
+    solver = rs.ImplicitPressure(courant=0.3)
     assert solver.step_limits(grid(), {}) == {"courant": (near(0.063), 0.0, 1.0, 0.0, 0.0)}
 
 
 def test_steps_beside_solids():
     """As the liquid's, with the lightest substance."""
     light = SimpleNamespace(bodies=(SimpleNamespace(density=500.0), SimpleNamespace(density=2000.0)))
-    found = TwoWayCoupling().step_limits(grid(solids=light), named(LIQUID))
+    found = rs.TwoWayCoupling().step_limits(grid(solids=light), named(LIQUID))
     assert found["acoustic"] == (near(0.4 * 0.21), 13.0, 1.0, 0.0, 0.0)
     assert found["viscous"] == (near(0.105**2 * 500 / 0.7 / 8), 1.0, 0.0, 0.0, 0.0)
-    assert set(TwoWayCoupling().step_limits(grid(), named(LIQUID))) == {"acoustic"}
-    thin = WeaklyCompressible(sound_speed=13.0, density="summation")
-    assert set(TwoWayCoupling().step_limits(grid(solids=light), named(thin))) == {"acoustic"}
-    mesh = MeshBoundary(file="none", viscosity=0.6)
+    assert set(rs.TwoWayCoupling().step_limits(grid(), named(LIQUID))) == {"acoustic"}
+    thin = rs.WeaklyCompressible(sound_speed=13.0, density="summation")
+    assert set(rs.TwoWayCoupling().step_limits(grid(solids=light), named(thin))) == {"acoustic"}
+    mesh = rs.MeshBoundary(file="none", viscosity=0.6)
     assert mesh.step_limits(grid(), named(LIQUID)) == {"wall friction": (near(0.105**2 * 900 / 0.6 / 8), 1, 0, 0, 0)}
-    assert MeshBoundary(file="none").step_limits(grid(), named(LIQUID)) == {}
+    assert rs.MeshBoundary(file="none").step_limits(grid(), named(LIQUID)) == {}
 
 
 def test_steps_with_tension():
@@ -374,13 +349,13 @@ def test_steps_with_tension():
     wanted = 0.25 * math.sqrt(900 * 0.105**3 / (2 * math.pi * 0.07))
     assert capillary_limit(0.07, grid(), named(LIQUID)) == {"capillary": (near(wanted), 1.0, 0.0, 0.0, 0.0)}
     assert capillary_limit(0.0, grid(), named(LIQUID)) == {}
-    effect = BeckerTeschner2007(kappa=2.0)
+    effect = rs.BeckerTeschner2007(kappa=2.0)
     sigma = effect.nominal_tension(grid(), named(LIQUID))
     assert effect.step_limits(grid(), named(LIQUID)) == capillary_limit(sigma, grid(), named(LIQUID)) != {}
-    assert NormalDifference2014(area_acceleration=0.0).step_limits(grid(), named(LIQUID)) == {}
+    assert rs.NormalDifference2014(area_acceleration=0.0).step_limits(grid(), named(LIQUID)) == {}
     found = {}
     for strength in (1.0, 4.0):
-        effect = NormalDifference2014(area_acceleration=strength)
+        effect = rs.NormalDifference2014(area_acceleration=strength)
         found[strength] = effect.step_limits(grid(), named(LIQUID))["normal_tension"].length
     assert found[1.0] == near(2 * found[4.0])
     wave = stiffest_wave("wendland_c2", 2.1, 3)  # omega^2 d/gamma; half of the step 2/omega
@@ -392,24 +367,24 @@ def test_steps_with_tension():
 
 def test_steps_of_conduction():
     """number d^2 rho c/k; the largest k, the smallest c and the lightest substance."""
-    heat = HeatConduction(conductivity=(0.6, 2.0), heat_capacity=(4000.0, 500.0), largest_number=7.0)
+    heat = rs.HeatConduction(conductivity=(0.6, 2.0), heat_capacity=(4000.0, 500.0), largest_number=7.0)
     assert heat.greatest_diffusivity(grid(), named(LIQUID)) == near(2.0 / (900 * 500))
     assert heat.greatest_diffusivity(grid(), {}) == near(2.0 / (1000 * 500))
     ice = SimpleNamespace(of_bodies=lambda name: {"density": np.array([800.0, 950.0])}[name])
     assert heat.greatest_diffusivity(grid(solids=ice), named(LIQUID)) == near(2.0 / (800 * 500))
     found = heat.step_limits(grid(), named(LIQUID))
     assert found == {"conduction": (near(7 * 0.01 * 900 * 500 / 2.0), 1, 0, 0, 0)}
-    printed = HeatConduction(conductivity=(0.6, 2.0), scheme="explicit", literal=("M11",))
+    printed = rs.HeatConduction(conductivity=(0.6, 2.0), scheme="explicit", literal=("M11",))
     assert printed.greatest_diffusivity(grid(), named(LIQUID)) == 2.0
-    assert HeatConduction(conductivity=0.0).step_limits(grid(), named(LIQUID)) == {}
-    explicit = HeatConduction(conductivity=2.0, heat_capacity=500.0, scheme="explicit", largest_number=7.0)
+    assert rs.HeatConduction(conductivity=0.0).step_limits(grid(), named(LIQUID)) == {}
+    explicit = rs.HeatConduction(conductivity=2.0, heat_capacity=500.0, scheme="explicit", largest_number=7.0)
     found = explicit.step_limits(grid(), named(LIQUID))
     each = lattice_sum(explicit.conduction(grid()), grid())
     assert found["exchange"].length == near(1.0)
     assert found["exchange"].rate_share == 1.0
     assert found["conduction"].length == near(0.01 * 900 * 500 / 2.0 / each)
     for largest, number in ((7.0, 3.0), (2.0, 2.0)):
-        legendre = HeatConduction(
+        legendre = rs.HeatConduction(
             conductivity=2.0, heat_capacity=500.0, scheme="runge_kutta_legendre", largest_number=largest,
             melting_point=0.0, latent_heat=1.0,
         )  # fmt: skip
@@ -420,29 +395,29 @@ def test_steps_of_conduction():
 
 def test_steps_of_the_grid_liquid():
     """a h/(c + |v|), 0.3 h/|v|, rho0 h^2/(16 mu), sqrt(0.3 h/|g|)."""
-    liquid = MpmLiquid(
+    liquid = rs.MpmLiquid(
         bulk_modulus=3600.0, rest_density=900.0, cell_size=0.3, dynamic_viscosity=0.7, acoustic_number=0.4
     )
     assert liquid.sound_speed() == 2.0
-    found = liquid.step_limits(grid(), named(liquid, Gravity(acceleration=(0.1, -0.2, 0.2))))
+    found = liquid.step_limits(grid(), named(liquid, rs.Gravity(acceleration=(0.1, -0.2, 0.2))))
     assert found == {
         "acoustic": (near(0.12), 2.0, 1.0, 0.0, 0.0),
         "advection": (near(0.09), 0.0, 1.0, 0.0, 0.0),
         "viscous": (near(900 * 0.09 / (16 * 0.7)), 1.0, 0.0, 0.0, 0.0),
         "gravity": (near(math.sqrt(0.09 / 0.3)), 1.0, 0.0, 0.0, 0.0),
     }
-    plain = MpmLiquid(bulk_modulus=3600.0)
+    plain = rs.MpmLiquid(bulk_modulus=3600.0)
     assert set(plain.step_limits(grid(), named(plain))) == {"acoustic", "advection"}
-    weightless = Gravity(acceleration=(0.0, 0.0, 0.0))
+    weightless = rs.Gravity(acceleration=(0.0, 0.0, 0.0))
     assert set(plain.step_limits(grid(), named(plain, weightless))) == {"acoustic", "advection"}
 
 
 def test_steps_of_the_grid_liquids_surface():
     """b sqrt(rho0 h^3/(2 pi k)); for a surface at r also 0.08 (soft: 0.03) min(h/c, sqrt(...))."""
-    others = named(MpmLiquid(bulk_modulus=3600.0, rest_density=900.0, cell_size=0.3))
+    others = named(rs.MpmLiquid(bulk_modulus=3600.0, rest_density=900.0, cell_size=0.3))
 
     def found(**options):
-        limits = SurfaceEnergy(**options).step_limits(grid(), others)
+        limits = rs.SurfaceEnergy(**options).step_limits(grid(), others)
         return {name: limit.length for name, limit in limits.items()}
 
     def period(tension):
@@ -466,12 +441,12 @@ def test_steps_of_the_grid_liquids_surface():
 def test_start_of_a_solid_is_its_rigid_motion():
     """v + omega x (x - x_c), the mass of its substance; about +z a point at +x moves to +y."""
     boxes = (
-        SolidBox(lower=(0.0, 0.0, 0.0), upper=(0.4, 0.2, 0.2), spin=(0.0, 0.0, 3.0), density=500.0),
-        SolidBox(lower=(1.0, 0.0, 0.0), upper=(1.3, 0.2, 0.2), velocity=(1.0, 2.0, 3.0), spin=(2.0, 0.0, -1.0)),
+        rs.SolidBox(lower=(0.0, 0.0, 0.0), upper=(0.4, 0.2, 0.2), spin=(0.0, 0.0, 3.0), density=500.0),
+        rs.SolidBox(lower=(1.0, 0.0, 0.0), upper=(1.3, 0.2, 0.2), velocity=(1.0, 2.0, 3.0), spin=(2.0, 0.0, -1.0)),
     )
-    made = Scene(
-        spacing=SPACING, support_radius=H, dtype="float64", fluid=(Box(lower=(2.0, 0.0, 0.0), cells=(1, 1, 1)),),
-        solid=boxes, effects=(LIQUID, ShapeMatching(), TwoWayCoupling()),
+    made = rs.Scene(
+        spacing=SPACING, support_radius=H, dtype="float64", fluid=(rs.Box(lower=(2.0, 0.0, 0.0), cells=(1, 1, 1)),),
+        solid=boxes, effects=(LIQUID, rs.ShapeMatching(), rs.TwoWayCoupling()),
     )  # fmt: skip
     plan = make_plan(made)
     state = plan.state
@@ -493,31 +468,31 @@ def test_start_of_a_solid_is_its_rigid_motion():
     assert state.values["phase"].tolist() == [1] * 28 + [0]
     assert (state.values["rotation"] == [1.0, 0.0, 0.0, 0.0]).all()
     assert len(state.values["rotation"]) == 28
-    loose = ShapeMatching(stiffness=0.0, damping=0.0)
+    loose = rs.ShapeMatching(stiffness=0.0, damping=0.0)
     assert set(loose.initial(plan.grid, state, {})) == {"phase"}
-    pulled = ShapeMatching(stiffness=1.0, damping=0.0).initial(plan.grid, state, {})
+    pulled = rs.ShapeMatching(stiffness=1.0, damping=0.0).initial(plan.grid, state, {})
     assert set(pulled) == {"phase", "rotation"}
-    assert TwoWayCoupling().initial(grid(), state, named(LIQUID))["rest_density"].tolist() == [900.0] * 3
+    assert rs.TwoWayCoupling().initial(grid(), state, named(LIQUID))["rest_density"].tolist() == [900.0] * 3
 
 
 def test_start_of_a_solid_without_a_liquid_fills_the_lattice():
-    body = SolidBox(lower=(0.0, 0.0, 0.0), upper=(0.2, 0.2, 0.2), density=500.0)
-    made = Scene(spacing=SPACING, support_radius=H, fluid=(), solid=(body,), effects=(ShapeMatching(),))
+    body = rs.SolidBox(lower=(0.0, 0.0, 0.0), upper=(0.2, 0.2, 0.2), density=500.0)
+    made = rs.Scene(spacing=SPACING, support_radius=H, fluid=(), solid=(body,), effects=(rs.ShapeMatching(),))
     assert make_plan(made).state.mass == near(0.5)
-    heavier = SolidBox(lower=(0.0, 0.0, 0.0), upper=(0.2, 0.2, 0.2), density=500.0, mass=4.2)
+    heavier = rs.SolidBox(lower=(0.0, 0.0, 0.0), upper=(0.2, 0.2, 0.2), density=500.0, mass=4.2)
     assert make_plan(made.with_(solid=(heavier,))).state.mass == near(4.2 / 8)
-    with pytest.raises(InputError, match="nothing holds its solids together"):
-        make_plan(Scene(spacing=SPACING, support_radius=H, fluid=(), solid=(body,), effects=(LIQUID,)))
+    with pytest.raises(rs.InputError, match="nothing holds its solids together"):
+        make_plan(rs.Scene(spacing=SPACING, support_radius=H, fluid=(), solid=(body,), effects=(LIQUID,)))
 
 
 def test_start_of_round_bodies():
     """Points just inside and just outside of a ball and of a ring, along its axis and across."""
-    ball = SolidBall(center=(1.0, 2.0, 3.0), radius=0.5)
+    ball = rs.SolidBall(center=(1.0, 2.0, 3.0), radius=0.5)
     for away in np.eye(3):
         points = np.array([[1.0, 2.0, 3.0] + s * away for s in (0.499, -0.499, 0.501, -0.501)])
         assert ball.inside(points).tolist() == [True, True, False, False]
     assert np.array(ball.extent()).tolist() == [[0.5, 1.5, 2.5], [1.5, 2.5, 3.5]]
-    ring = SolidTorus(center=(1.0, 2.0, 3.0), radius=0.5, tube_radius=0.125, axis=(0.0, 3.0, 0.0))
+    ring = rs.SolidTorus(center=(1.0, 2.0, 3.0), radius=0.5, tube_radius=0.125, axis=(0.0, 3.0, 0.0))
     assert np.array(ring.extent()).tolist() == [[0.375, 1.375, 2.375], [1.625, 2.625, 3.625]]
     for x, y, own in (
         (0.0, 0.0, False), (0.374, 0.0, False), (0.376, 0.0, True), (0.624, 0.0, True), (0.626, 0.0, False),
@@ -527,7 +502,7 @@ def test_start_of_round_bodies():
             point = np.array([1.0, 2.0, 3.0]) + x * np.array(across) + [0.0, y, 0.0]
             assert ring.inside(point[None]).tolist() == [own]
     for dim in (2, 3):
-        points = Ball(center=(1.0, 2.0, 0.0), radius=0.29).positions(grid(dim))
+        points = rs.Ball(center=(1.0, 2.0, 0.0), radius=0.29).positions(grid(dim))
         steps = [-0.25, -0.15, -0.05, 0.05, 0.15, 0.25]
         wanted = {
             (round(1 + x, 9), round(2 + y, 9), round(z, 9) + 0.0)
@@ -537,11 +512,11 @@ def test_start_of_round_bodies():
         assert {tuple(np.round(p, 9) + 0.0) for p in points} == wanted
         assert len(points) == len(wanted)
     for dim, words in ((2, "4e\\+10"), (3, "8e\\+15")):
-        with pytest.raises(InputError, match=words):
-            Ball(radius=1e4).positions(grid(dim))
-    exact = Ball(radius=0.5).positions(grid(2, spacing=1.0))
+        with pytest.raises(rs.InputError, match=words):
+            rs.Ball(radius=1e4).positions(grid(dim))
+    exact = rs.Ball(radius=0.5).positions(grid(2, spacing=1.0))
     assert len(exact) == 0
-    assert len(Ball(radius=5.0).positions(grid(2, spacing=2.0))) == 16
+    assert len(rs.Ball(radius=5.0).positions(grid(2, spacing=2.0))) == 16
 
 
 def test_start_of_lattice_masses():
@@ -556,10 +531,10 @@ def test_start_of_lattice_masses():
         assert lattice_number_density("wendland_c2", H, SPACING, dim) == near(number)
         assert LIQUID.particle_volume(grid(dim)) == near(1 / number)
         assert LIQUID.particle_mass(grid(dim)) == near(900 / number)
-        assert MpmLiquid(bulk_modulus=1.0, rest_density=700.0).particle_mass(grid(dim)) == near(700 * 0.1**dim)
-        assert HeatConduction(density=600.0).particle_mass(grid(dim)) == near(600 * 0.1**dim)
+        assert rs.MpmLiquid(bulk_modulus=1.0, rest_density=700.0).particle_mass(grid(dim)) == near(700 * 0.1**dim)
+        assert rs.HeatConduction(density=600.0).particle_mass(grid(dim)) == near(600 * 0.1**dim)
     assert lattice_mass(grid(), {}) == 1.0
-    heat = HeatConduction()
+    heat = rs.HeatConduction()
     assert lattice_mass(grid(), named(heat)) == heat.particle_mass(grid())
     assert lattice_mass(grid(), named(heat, LIQUID)) == LIQUID.particle_mass(grid())
     assert lattice_mass(grid(), named(LIQUID, heat)) == LIQUID.particle_mass(grid())
@@ -567,12 +542,12 @@ def test_start_of_lattice_masses():
 
 def test_start_of_the_grid_liquid():
     three = InitialState(np.zeros((3, 3)), np.zeros((3, 3)), np.ones(3), (3,))
-    found = MpmLiquid(bulk_modulus=1.0, initial_ratio=0.9).initial(grid(), three, {})
+    found = rs.MpmLiquid(bulk_modulus=1.0, initial_ratio=0.9).initial(grid(), three, {})
     assert set(found) == {"volume_ratio", "step_extremes"}
     assert found["volume_ratio"].tolist() == [0.9] * 3
     assert found["step_extremes"].tolist() == [0.9, 0.9, 0.0, 0.0]
     for dim in (2, 3):
-        liquid = MpmLiquid(bulk_modulus=1.0, initial_ratio=0.9, volume="gradient", literal=("M13",))
+        liquid = rs.MpmLiquid(bulk_modulus=1.0, initial_ratio=0.9, volume="gradient", literal=("M13",))
         found = liquid.initial(grid(dim), three, {})
         side = 0.9 ** (1 / dim)
         assert found["deformation"] == near(np.tile(np.diag([side, side, side if dim == 3 else 1.0]).ravel(), (3, 1)))
@@ -583,10 +558,10 @@ def test_start_of_the_grid_liquid():
         place[1, 2] = reach
         state = InitialState(place, place, np.ones(3), (3,))
         if out:
-            with pytest.raises(InputError, match="particle 1 is outside the background grid"):
-                MpmLiquid(bulk_modulus=1.0).initial(grid(), state, {})
+            with pytest.raises(rs.InputError, match="particle 1 is outside the background grid"):
+                rs.MpmLiquid(bulk_modulus=1.0).initial(grid(), state, {})
         else:
-            MpmLiquid(bulk_modulus=1.0).initial(grid(), state, {})
+            rs.MpmLiquid(bulk_modulus=1.0).initial(grid(), state, {})
 
 
 def test_start_of_enthalpy_and_temperature():
@@ -600,7 +575,7 @@ def test_start_of_enthalpy_and_temperature():
 
 def test_start_of_heat():
     four = InitialState(np.zeros((4, 3)), np.zeros((4, 3)), np.ones(4), (1, 3))
-    heat = HeatConduction(temperature=(-10.0, 30.0), conductivity=0.5, heat_capacity=(2.0, 4.0), held=(1,))
+    heat = rs.HeatConduction(temperature=(-10.0, 30.0), conductivity=0.5, heat_capacity=(2.0, 4.0), held=(1,))
     found = heat.initial(grid(count=4), four, {})
     assert found["temperature"].tolist() == [-10.0, 30.0, 30.0, 30.0]
     assert found["heat_capacity"].tolist() == [2.0, 4.0, 4.0, 4.0]
@@ -609,22 +584,22 @@ def test_start_of_heat():
     assert found["volume"] == near([0.001] * 4)
     spare = 0.1 * 40 + 4096 * 2.0**-52 * 30
     assert found["temperature_range"] == near([-10 - spare, 30 + spare], 1e-15)
-    cold = HeatConduction(temperature=(-30.0, 10.0), conductivity=0.5, scheme="single_pass")
+    cold = rs.HeatConduction(temperature=(-30.0, 10.0), conductivity=0.5, scheme="single_pass")
     spare = 0.01 * 40 + 4096 * 2.0**-52 * 30
     assert cold.initial(grid(count=4), four, {})["temperature_range"] == near([-30 - spare, 10 + spare], 1e-15)
     assert "volume" not in cold.initial(grid(count=4), four, named(LIQUID))
-    assert set(HeatConduction(conductivity=0.0).initial(grid(count=4), four, {})) == {"temperature", "heat_capacity"}
-    printed = HeatConduction(temperature=(-30.0, 10.0), scheme="explicit", literal=("M9",))
+    assert set(rs.HeatConduction(conductivity=0.0).initial(grid(count=4), four, {})) == {"temperature", "heat_capacity"}
+    printed = rs.HeatConduction(temperature=(-30.0, 10.0), scheme="explicit", literal=("M9",))
     spare = 40 + 4096 * 2.0**-52 * 30
     assert printed.initial(grid(count=4), four, {})["temperature_range"] == near([-30 - spare, 10 + spare], 1e-15)
-    each = HeatConduction(temperature=(1.0, 2.0, 3.0, 4.0)).of_particles("temperature", four)
+    each = rs.HeatConduction(temperature=(1.0, 2.0, 3.0, 4.0)).of_particles("temperature", four)
     assert each.tolist() == [1.0, 2.0, 3.0, 4.0]
-    with pytest.raises(InputError, match="3 numbers for 2 parts and 4 particles"):
-        HeatConduction(temperature=(1.0, 2.0, 3.0)).of_particles("temperature", four)
+    with pytest.raises(rs.InputError, match="3 numbers for 2 parts and 4 particles"):
+        rs.HeatConduction(temperature=(1.0, 2.0, 3.0)).of_particles("temperature", four)
     for number in (-1, 2):
-        with pytest.raises(InputError, match="give numbers from 0 to 1"):
-            HeatConduction(held=(number,)).initial(grid(count=4), four, {})
-    first = HeatConduction(held=(0,)).initial(grid(count=4), four, {})
+        with pytest.raises(rs.InputError, match="give numbers from 0 to 1"):
+            rs.HeatConduction(held=(number,)).initial(grid(count=4), four, {})
+    first = rs.HeatConduction(held=(0,)).initial(grid(count=4), four, {})
     assert first["reservoir"].tolist() == [1, 0, 0, 0]
 
 
@@ -632,7 +607,7 @@ def test_start_of_latent_heat():
     """What melts may take the liquid's heat capacity and be warmer by the ratio of the two."""
     four = InitialState(np.zeros((4, 3)), np.zeros((4, 3)), np.ones(4), (1, 3))
     for capacity, ratio in (((2.0, 4.0), 1.0), ((6.0, 4.0), 1.5)):
-        heat = HeatConduction(
+        heat = rs.HeatConduction(
             temperature=(-10.0, 30.0), heat_capacity=capacity, melting_point=(5.0, 7.0), latent_heat=50.0,
         )  # fmt: skip
         found = heat.initial(grid(count=4), four, {})
@@ -641,11 +616,11 @@ def test_start_of_latent_heat():
         assert found["enthalpy"] == near([-15.0 * capacity[0], *[50 + 23 * 4.0] * 3])
         spare = 0.1 * 40 + 4096 * 2.0**-52 * 30
         assert found["temperature_range"] == near([-10 - spare, 30 + spare + 25 * (ratio - 1)], 1e-15)
-    frozen = HeatConduction(temperature=-10.0, heat_capacity=(6.0, 4.0), melting_point=5.0, latent_heat=50.0)
+    frozen = rs.HeatConduction(temperature=-10.0, heat_capacity=(6.0, 4.0), melting_point=5.0, latent_heat=50.0)
     spare = 4096 * 2.0**-52 * 10
     assert frozen.initial(grid(count=4), four, {})["temperature_range"] == near([-10 - spare, -10 + spare], 1e-15)
 
-    three = HeatConduction(heat_capacity=(8.0, 2.0, 4.0), melting_point=5.0, latent_heat=50.0)
+    three = rs.HeatConduction(heat_capacity=(8.0, 2.0, 4.0), melting_point=5.0, latent_heat=50.0)
     for cold, warm in (([-10.0, 30.0], [-20.0, 40.0]), ([-20.0, 40.0], [-10.0, 30.0])):  # of T and of H
         enthalpy = enthalpy_of(np.array(warm), 4.0, np.full(2, 5.0), 50.0)
         field = fields(
@@ -673,7 +648,7 @@ def test_start_of_latent_heat():
 def test_ledgers_of_melting():
     """Number and mass of solid particles; the rest volume is the sum of m/rho."""
     field = fields(mass=[2.0, 3.0, 5.0], rest_density=[500.0, 500.0, 1000.0], phase=[1, 0, 2])
-    found = Melting().ledger(field)
+    found = rs.Melting().ledger(field)
     assert found == {"solid_particles": 2, "solid_mass": 7.0, "rest_volume": near(0.004 + 0.006 + 0.005)}
 
 
@@ -683,21 +658,21 @@ def test_ledgers_of_heat():
         mass=[2.0, 3.0, 5.0], heat_capacity=[4.0, 6.0, 7.0], temperature=[10.0, -1.0, 2.0], reservoir=[0, 1, 0],
         enthalpy=[8.0, 9.0, 11.0], volume=[0.5, 0.25, 2.0],
     )  # fmt: skip
-    assert HeatConduction().ledger(field) == {"heat": 80.0 - 18.0 + 70.0}
-    assert HeatConduction(held=(1,)).ledger(field) == {"heat": 80.0 + 70.0}
-    assert HeatConduction(melting_point=0.0, latent_heat=3.0).ledger(field) == {"heat": 16.0 + 27.0 + 55.0}
-    printed = HeatConduction(literal=("M11",), scheme="explicit")
+    assert rs.HeatConduction().ledger(field) == {"heat": 80.0 - 18.0 + 70.0}
+    assert rs.HeatConduction(held=(1,)).ledger(field) == {"heat": 80.0 + 70.0}
+    assert rs.HeatConduction(melting_point=0.0, latent_heat=3.0).ledger(field) == {"heat": 16.0 + 27.0 + 55.0}
+    printed = rs.HeatConduction(literal=("M11",), scheme="explicit")
     assert printed.ledger(field) == {"heat": 5.0 - 0.25 + 4.0}
-    still = HeatConduction(literal=("M11",), scheme="explicit", conductivity=0.0)
+    still = rs.HeatConduction(literal=("M11",), scheme="explicit", conductivity=0.0)
     assert still.ledger(field) == {"heat": 80.0 - 18.0 + 70.0}
-    total, size, exchangeable = HeatConduction().balance(field)  # what the particle above the mean can give
+    total, size, exchangeable = rs.HeatConduction().balance(field)  # what the particle above the mean can give
     assert (total, size, exchangeable) == near((132.0, 168.0, 8 * (10 - 132 / 61)))
 
 
 def test_ledgers_of_corrected_positions():
-    found = MeshBoundary(file="none").ledger(fields(corrections=[0, 3, 1, 0, 0]))
+    found = rs.MeshBoundary(file="none").ledger(fields(corrections=[0, 3, 1, 0, 0]))
     assert found == {"corrections": 4.0, "corrected_particles": 2.0}
-    assert MeshBoundary(file="none", correction="none").ledger(fields(corrections=[1])) == {}
+    assert rs.MeshBoundary(file="none", correction="none").ledger(fields(corrections=[1])) == {}
 
 
 # Parameter groups
@@ -705,31 +680,31 @@ def test_ledgers_of_corrected_positions():
 
 def test_groups_of_walls_on_the_grid():
     lower, upper = (1.0, 2.0, 3.0), (4.0, 5.0, 6.0)
-    everything = MpmWalls(lower=lower, upper=upper).domain(grid())
+    everything = rs.MpmWalls(lower=lower, upper=upper).domain(grid())
     assert np.array(everything).tolist() == [list(lower), list(upper)]
-    opened = MpmWalls(lower=lower, upper=upper, open_faces=("+x", "-y")).domain(grid())
+    opened = rs.MpmWalls(lower=lower, upper=upper, open_faces=("+x", "-y")).domain(grid())
     assert np.array(opened).tolist() == [[1.0, -math.inf, 3.0], [math.inf, 5.0, 6.0]]
-    flat = MpmWalls(lower=lower, upper=upper).domain(grid(2))
+    flat = rs.MpmWalls(lower=lower, upper=upper).domain(grid(2))
     assert np.array(flat).tolist() == [[1.0, 2.0, -math.inf], [4.0, 5.0, math.inf]]
 
 
 def test_groups_of_walls_that_stand():
     flat = ("-x", "+x", "-y", "+y")
     for faces, dim, stands in ((flat, 2, False), (flat, 3, True), (flat[:3], 2, True), ((*flat, "-z", "+z"), 3, False)):
-        walls = MpmWalls(lower=(0.0, 0.0, 0.0), upper=(3.0, 3.0, 3.0), open_faces=faces)
+        walls = rs.MpmWalls(lower=(0.0, 0.0, 0.0), upper=(3.0, 3.0, 3.0), open_faces=faces)
         assert walls.stand(grid(dim)) == stands
 
 
 def test_groups_of_contact():
     """k cos(angle); nothing stands in the way of a liquid at rest: no field, no mirrors, no planes."""
     for angle, pull in ((0.0, 0.4), (60.0, 0.2), (90.0, 0.0), (120.0, -0.2), (180.0, -0.4)):
-        assert SurfaceEnergy(surface_tension=0.4, contact_angle=angle).contact_pull() == near(pull)
+        assert rs.SurfaceEnergy(surface_tension=0.4, contact_angle=angle).contact_pull() == near(pull)
     every = ("-x", "+x", "-y", "+y", "-z", "+z")
-    liquid, still = MpmLiquid(bulk_modulus=3600.0, cell_size=0.3), Gravity(acceleration=(0.0, 0.0, 0.0))
-    none = MpmWalls(lower=(0.0, 0.0, 0.0), upper=(3.0, 3.0, 3.0), open_faces=every)
+    liquid, still = rs.MpmLiquid(bulk_modulus=3600.0, cell_size=0.3), rs.Gravity(acceleration=(0.0, 0.0, 0.0))
+    none = rs.MpmWalls(lower=(0.0, 0.0, 0.0), upper=(3.0, 3.0, 3.0), open_faces=every)
     found = liquid.prepare(grid(), named(liquid, none, still))
     assert [found[name] for name in ("field", "planes", "mirrors", "contact")] == [None] * 4
-    assert MpmLiquid(bulk_modulus=3600.0).background(grid()).cell_size == 0.2
+    assert rs.MpmLiquid(bulk_modulus=3600.0).background(grid()).cell_size == 0.2
     assert LIQUID.greatest_speed(grid()) == 130.0
 
 
@@ -756,7 +731,7 @@ def test_verdicts_on_speeds_and_accelerations():
     def reason(broken=0, **options):
         try:
             check_extremes(simulation, broken, Extremes(**{"speed": 10.0, "acceleration": 1e9} | options))
-        except RunStopped as stop:
+        except rs.RunStopped as stop:
             return stop.reason
 
     assert reason() is None
@@ -767,13 +742,13 @@ def test_verdicts_on_speeds_and_accelerations():
     assert reason(dense=4000, crushed=5) == "compressed"
     for names, words in (((), "a velocity or an acceleration that"), (("temperature",), "or a temperature that")):
         simulation.fields = dict.fromkeys(names)
-        with pytest.raises(RunStopped, match=words):
+        with pytest.raises(rs.RunStopped, match=words):
             check_extremes(simulation, 1, Extremes(speed=1.0, acceleration=1.0))
 
 
 def test_verdicts_on_particles_of_a_grid_liquid():
     """J from 0.2 to 3, half of itself and half a cell in a step; each bound is allowed."""
-    liquid = MpmLiquid(bulk_modulus=3600.0, cell_size=0.5)
+    liquid = rs.MpmLiquid(bulk_modulus=3600.0, cell_size=0.5)
     assert (LEAST_VOLUME, LARGEST_VOLUME) == (0.2, 3.0)
 
     def reason(*seen):
@@ -790,7 +765,7 @@ def test_verdicts_on_particles_of_a_grid_liquid():
 
 
 def test_verdicts_on_crowding():
-    surface = SurfaceEnergy(surface_tension=0.4)
+    surface = rs.SurfaceEnergy(surface_tension=0.4)
     for crowding, remarked, stopped in (
         (CROWDED, False, False), (CROWDED + 1e-9, True, False), (OVERFULL, True, False), (OVERFULL + 1e-9, True, True),
     ):  # fmt: skip
@@ -806,26 +781,26 @@ def test_verdicts_on_cohesion_that_compresses():
         assert s == near(1 + number * s * s)
     assert compression(0.1) < 2
     assert math.isnan(compression(0.2500001))
-    tait = WeaklyCompressible(sound_speed=13.0, rest_density=900.0, state="tait", density="summation")
-    free = BeckerTeschner2007(kappa=1.0, balance_pressure=False)
-    held = BeckerTeschner2007(kappa=1.0)
+    tait = rs.WeaklyCompressible(sound_speed=13.0, rest_density=900.0, state="tait", density="summation")
+    free = rs.BeckerTeschner2007(kappa=1.0, balance_pressure=False)
+    held = rs.BeckerTeschner2007(kappa=1.0)
     push = free.internal_pressure(grid(), named(LIQUID))
     assert push > 0
     assert free.collapse_number(grid(), named(LIQUID)) == near(push / (900 * 169))
     assert free.collapse_number(grid(), named(tait)) == 0.0
-    assert free.collapse_number(grid(), named(LIQUID, ImplicitPressure())) == 0.0
+    assert free.collapse_number(grid(), named(LIQUID, rs.ImplicitPressure())) == 0.0
     assert held.collapse_number(grid(), named(LIQUID)) == 0.0
     assert (free.balanced_pressure(grid(), named(LIQUID)), held.balanced_pressure(grid(), named(LIQUID))) == (0.0, push)
-    idle = BeckerTeschner2007(kappa=0.0, balance_pressure=False)
+    idle = rs.BeckerTeschner2007(kappa=0.0, balance_pressure=False)
     assert idle.collapse_number(grid(), named(LIQUID)) == 0.0
-    assert BeckerTeschner2007(kappa=0.0).balanced_pressure(grid(), named(LIQUID)) == 0.0
+    assert rs.BeckerTeschner2007(kappa=0.0).balanced_pressure(grid(), named(LIQUID)) == 0.0
     for share, stops in ((0.249, False), (0.251, True)):
-        liquid = WeaklyCompressible(
+        liquid = rs.WeaklyCompressible(
             sound_speed=math.sqrt(push / (900 * share)), rest_density=900.0, density="summation"
         )
         if stops:
             words = f"{2 * math.sqrt(push / 900):.4g} m/s"
-            with pytest.raises(InputError, match=words):
+            with pytest.raises(rs.InputError, match=words):
                 free.check_collapse(grid(), named(liquid))
         else:
             free.check_collapse(grid(), named(liquid))
@@ -834,7 +809,7 @@ def test_verdicts_on_cohesion_that_compresses():
 def test_verdicts_on_masses():
     """Whose density is summed allows 1.5; a solver in its place, any."""
     assert LIQUID.largest_mass_ratio(named(LIQUID)) == 1.5
-    assert LIQUID.largest_mass_ratio(named(LIQUID, TwoWayCoupling())) == math.inf
+    assert LIQUID.largest_mass_ratio(named(LIQUID, rs.TwoWayCoupling())) == math.inf
 
 
 def test_verdicts_of_an_audit():
@@ -864,7 +839,7 @@ def test_verdicts_of_an_audit():
     assert found.start == {"kinetic": 0.0, "gravity": 10.0}
     assert found.now == {"kinetic": 4.0, "gravity": 6.0}
     assert (found.lowest, found.turned_over, found.greatest_share) == (8.0, 8.0, 0.25)
-    with pytest.raises(RunStopped, match=r"stands 2 J above its lowest value, 0\.25 of the 8 J") as stop:
+    with pytest.raises(rs.RunStopped, match=r"stands 2 J above its lowest value, 0\.25 of the 8 J") as stop:
         audited(both(0.0, 10.0), both(3.0, 5.0), both(4.0, 6.0), bound=0.2499)
     assert stop.value.reason == "energy_gained"
     assert audited(both(0.0, 10.0), both(0.0, 10.0)).greatest_share == 0.0
@@ -876,7 +851,7 @@ def test_verdicts_of_an_audit():
     assert audited(both(20.0, 10.0), both(18.0, 7.0)).turned_over == 21.0
     rounded = audited(both(0.0, 10.0), both(3.0, 5.0), both(4.0, 6.0, 2.0**48))
     assert rounded.greatest_share == near((2.0 - 4 * 2.0**-52 * 2.0**48) / 8.0)
-    with pytest.raises(RunStopped) as stop:
+    with pytest.raises(rs.RunStopped) as stop:
         audited(both(math.nan, 10.0))
     assert stop.value.reason == "non_finite"
     quiet = auditor(both(0.0, 10.0), both(3.0, 5.0))

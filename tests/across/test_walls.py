@@ -4,34 +4,18 @@ import numpy as np
 import pytest
 import trimesh
 
-from refsim import (
-    Akinci2013,
-    Box,
-    BoxWalls,
-    Dong2016,
-    Gravity,
-    ImplicitPressure,
-    InputError,
-    MeshBoundary,
-    Scene,
-    ShapeMatching,
-    Simulation,
-    SolidBox,
-    TwoWayCoupling,
-    WeaklyCompressible,
-    contract,
-    make_plan,
-)
+import refsim as rs
+from refsim import contract, make_plan
 from refsim.core import cases
 from refsim.core.operation import REGISTRY
 
 SPACING, SUPPORT = 0.01, 0.027
-LIQUID = WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=0.5, density="summation")
-BOX = BoxWalls(lower=(-0.03, -0.03, 0.03), upper=(0.03, 0.03, 0.1))
-DONG = Dong2016(surface_tension=1.0, solver="hu_adams")
+LIQUID = rs.WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=0.5, density="summation")
+BOX = rs.BoxWalls(lower=(-0.03, -0.03, 0.03), upper=(0.03, 0.03, 0.1))
+DONG = rs.Dong2016(surface_tension=1.0, solver="hu_adams")
 SOLVERS = {
-    "shared": (LIQUID,), "dong_2016": (LIQUID, DONG), "iisph": (LIQUID, ImplicitPressure()),
-    "two_way_coupling": (LIQUID, TwoWayCoupling(), ShapeMatching()),
+    "shared": (LIQUID,), "dong_2016": (LIQUID, DONG), "iisph": (LIQUID, rs.ImplicitPressure()),
+    "two_way_coupling": (LIQUID, rs.TwoWayCoupling(), rs.ShapeMatching()),
 }  # fmt: skip
 WALLS = {"box": (BOX,), "mesh": (None,), "box and mesh": (BOX, None), "printed mesh": ("E30",)}
 
@@ -47,19 +31,19 @@ def scene(effects, **changes):
     """Liquid so near the upper face of the plate, z = 0.03 m, that it is pressed."""
     solid = ()
     if any(effect.name == "shape_matching" for effect in effects):
-        solid = (SolidBox(lower=(-0.0201, -0.0201, 0.0699), upper=(0.0001, 0.0001, 0.0901), density=900.0),)
-    liquid = Box(lower=(-0.02, -0.02, 0.03 + 0.3 * SPACING), cells=(4, 4, 3))
-    return Scene(spacing=SPACING, support_radius=SUPPORT, fluid=(liquid,), solid=solid, effects=effects, **changes)
+        solid = (rs.SolidBox(lower=(-0.0201, -0.0201, 0.0699), upper=(0.0001, 0.0001, 0.0901), density=900.0),)
+    liquid = rs.Box(lower=(-0.02, -0.02, 0.03 + 0.3 * SPACING), cells=(4, 4, 3))
+    return rs.Scene(spacing=SPACING, support_radius=SUPPORT, fluid=(liquid,), solid=solid, effects=effects, **changes)
 
 
 def effects(solver, walls, plate):
-    meshes = {None: MeshBoundary(file=plate), "E30": MeshBoundary(file=plate, literal=("E30",))}
-    return (*SOLVERS[solver], Gravity(), *(meshes.get(wall, wall) for wall in WALLS[walls]))
+    meshes = {None: rs.MeshBoundary(file=plate), "E30": rs.MeshBoundary(file=plate, literal=("E30",))}
+    return (*SOLVERS[solver], rs.Gravity(), *(meshes.get(wall, wall) for wall in WALLS[walls]))
 
 
 def agree(made, steps=3):
     """Compare positions, velocities and accelerations on "numpy" and "cpu" after some steps, from the same start."""
-    runs = [Simulation(made, backend) for backend in ("numpy", "cpu")]
+    runs = [rs.Simulation(made, backend) for backend in ("numpy", "cpu")]
     for simulation in runs:
         for _ in range(steps):
             simulation.step()
@@ -102,13 +86,13 @@ def test_a_mesh_adds_the_other_half_of_the_pressure_where_walls_push_with_one(so
 @pytest.mark.parametrize("walls, acts", [(WALLS["box"], 1), (WALLS["mesh"], 1), ((), 0)])
 def test_adhesion_acts_at_walls_of_every_kind(walls, acts, plate):
     """And nowhere else."""
-    given = (MeshBoundary(file=plate) if wall is None else wall for wall in walls)
-    launched = make_plan(scene((LIQUID, Akinci2013(gamma=0.1, adhesion=2.0), *given))).launches()
+    given = (rs.MeshBoundary(file=plate) if wall is None else wall for wall in walls)
+    launched = make_plan(scene((LIQUID, rs.Akinci2013(gamma=0.1, adhesion=2.0), *given))).launches()
     assert launched.count("akinci_2013.adhesion") == acts
 
 
 def test_two_effects_cannot_take_the_same_place(plate):
     """Both of their pressure forces would act."""
-    for pair in ((DONG, ImplicitPressure()), (TwoWayCoupling(), ShapeMatching(), ImplicitPressure())):
-        with pytest.raises(InputError, match="take the place of 'sph"):
+    for pair in ((DONG, rs.ImplicitPressure()), (rs.TwoWayCoupling(), rs.ShapeMatching(), rs.ImplicitPressure())):
+        with pytest.raises(rs.InputError, match="take the place of 'sph"):
             make_plan(scene((LIQUID, *pair)))

@@ -11,36 +11,8 @@ import pathlib
 import msgspec
 import pytest
 
-from refsim import (
-    Akinci2013,
-    BeckerTeschner2007,
-    Box,
-    BoxWalls,
-    Cloud,
-    CsfWang2019,
-    Dong2016,
-    Gravity,
-    He2014,
-    HeatConduction,
-    InputError,
-    JiangZhu2023,
-    Melting,
-    MeshBoundary,
-    MpmLiquid,
-    MpmWalls,
-    NormalDifference2014,
-    ParticleShifting,
-    Scene,
-    ShapeMatching,
-    Simulation,
-    SolidBox,
-    SurfaceDetection,
-    SurfaceEnergy,
-    TartakovskyMeakin2005,
-    TwoWayCoupling,
-    WeaklyCompressible,
-    make_plan,
-)
+import refsim as rs
+from refsim import make_plan
 from refsim.commands.plan import describe_plan
 from refsim.core.effect import Extremes
 from validation import pairs
@@ -48,52 +20,52 @@ from validation import pairs
 PEBBLE = pathlib.Path(__file__).parents[2] / "refsim" / "examples" / "pebble.obj"
 FACES = ("-x", "+x", "-y", "+y", "-z", "+z")
 TANK = {"lower": (-0.2, -0.2, -0.2), "upper": (0.8, 0.8, 0.8)}
-LIQUID = WeaklyCompressible(  # its surface pulls it together: it moves
+LIQUID = rs.WeaklyCompressible(  # its surface pulls it together: it moves
     sound_speed=12.0, clamp_pressure=False, density_bound=10.0, density="summation"
 )
-CLAMPED = WeaklyCompressible(sound_speed=12.0, density="summation")
-MPM = MpmLiquid(bulk_modulus=144e3, initial_ratio=0.98)
-PULL = Gravity()
-NOTHING = Gravity(acceleration=(0.0, 0.0, 0.0))
+CLAMPED = rs.WeaklyCompressible(sound_speed=12.0, density="summation")
+MPM = rs.MpmLiquid(bulk_modulus=144e3, initial_ratio=0.98)
+PULL = rs.Gravity()
+NOTHING = rs.Gravity(acceleration=(0.0, 0.0, 0.0))
 FROZEN = {"melting_point": 0.0, "temperature": -5.0}
-SHAPE = ShapeMatching()
-LIMP = ShapeMatching(stiffness=0.0, damping=0.0)
+SHAPE = rs.ShapeMatching()
+LIMP = rs.ShapeMatching(stiffness=0.0, damping=0.0)
 
 # (effect with zeros, the rest of the scene, fields that stay as its own state)
 IDENTITIES = {
     "gravity": [(NOTHING, (LIQUID,), ()), (NOTHING, (MPM,), ()), (NOTHING, (), ())],
     # temperatures and what the report's ledger of heat is made of; other effects melt by them
-    "heat_conduction": [(HeatConduction(conductivity=0.0), (LIQUID,), ("temperature", "heat_capacity")),
-        (HeatConduction(conductivity=0.0), (), ("temperature", "heat_capacity")),
-        (HeatConduction(conductivity=(0.0,), scheme="explicit"), (LIQUID,), ("temperature", "heat_capacity")),
-        (HeatConduction(conductivity=0.0, latent_heat=3e5, held=(0,), **FROZEN), (LIQUID,),
+    "heat_conduction": [(rs.HeatConduction(conductivity=0.0), (LIQUID,), ("temperature", "heat_capacity")),
+        (rs.HeatConduction(conductivity=0.0), (), ("temperature", "heat_capacity")),
+        (rs.HeatConduction(conductivity=(0.0,), scheme="explicit"), (LIQUID,), ("temperature", "heat_capacity")),
+        (rs.HeatConduction(conductivity=0.0, latent_heat=3e5, held=(0,), **FROZEN), (LIQUID,),
         ("temperature", "heat_capacity", "enthalpy", "melting_point", "latent_heat", "reservoir"))],
     # which particles are solid, and which of them are at a surface, is what coupling and melting need
     "shape_matching": [(LIMP, (LIQUID,), ("phase", "place", "direct"))],
-    "surface_energy": [(SurfaceEnergy(surface_tension=0.0), (MPM,), ()),
-        (SurfaceEnergy(surface_tension=0.0, embedding="none", enclose_volume=True), (MPM,), ()),
-        (SurfaceEnergy(surface_tension=0.0, contact_angle=60.0), (MPM, MpmWalls(**TANK)), ())],
-    "akinci_2013": [(Akinci2013(surface_tension=0.0), (LIQUID,), ()),
-        (Akinci2013(gamma=0.0, area_acceleration=0.0, adhesion=0.0), (LIQUID, BoxWalls(**TANK)), ()),
-        (Akinci2013(gamma=0.0, literal=("gamma",)), (LIQUID,), ())],
-    "becker_teschner_2007": [(BeckerTeschner2007(surface_tension=0.0), (LIQUID,), ()),
-        (BeckerTeschner2007(kappa=0.0), (LIQUID,), ())],
-    "tartakovsky_meakin_2005": [(TartakovskyMeakin2005(surface_tension=0.0), (LIQUID,), ()),
-        (TartakovskyMeakin2005(strength=0.0), (LIQUID,), ())],
+    "surface_energy": [(rs.SurfaceEnergy(surface_tension=0.0), (MPM,), ()),
+        (rs.SurfaceEnergy(surface_tension=0.0, embedding="none", enclose_volume=True), (MPM,), ()),
+        (rs.SurfaceEnergy(surface_tension=0.0, contact_angle=60.0), (MPM, rs.MpmWalls(**TANK)), ())],
+    "akinci_2013": [(rs.Akinci2013(surface_tension=0.0), (LIQUID,), ()),
+        (rs.Akinci2013(gamma=0.0, area_acceleration=0.0, adhesion=0.0), (LIQUID, rs.BoxWalls(**TANK)), ()),
+        (rs.Akinci2013(gamma=0.0, literal=("gamma",)), (LIQUID,), ())],
+    "becker_teschner_2007": [(rs.BeckerTeschner2007(surface_tension=0.0), (LIQUID,), ()),
+        (rs.BeckerTeschner2007(kappa=0.0), (LIQUID,), ())],
+    "tartakovsky_meakin_2005": [(rs.TartakovskyMeakin2005(surface_tension=0.0), (LIQUID,), ()),
+        (rs.TartakovskyMeakin2005(strength=0.0), (LIQUID,), ())],
     # its density filter is a switch, and acts whatever the tension is
-    "dong_2016": [(Dong2016(surface_tension=0.0, filter_density=False), (LIQUID,), ()),
-        (Dong2016(stiffness=0.0, correction=0.0, filter_density=False), (LIQUID,), ())],
-    "he_2014": [(He2014(), (LIQUID,), ()), (He2014(surface_tension=0.0, air_pressure=0.0), (LIQUID,), ()),
-        (He2014(kappa=0.0), (LIQUID,), ())],
-    "jiang_zhu_2023": [(JiangZhu2023(surface_tension=0.0), (LIQUID,), ()),
-        (JiangZhu2023(gamma=0.0, pair_mode="either", area_ratio=0.5), (LIQUID,), ()),
-        (JiangZhu2023(gamma=0.0, pair_mode="soft", area_term="color", area_acceleration=1.0), (LIQUID,), ()),
-        (JiangZhu2023(surface_tension=0.0, density_correction=False), (LIQUID, SurfaceDetection()), ())],
-    "csf_wang_2019": [(CsfWang2019(surface_tension=0.0), (LIQUID,), ())],
-    "normal_difference_2014": [(NormalDifference2014(area_acceleration=0.0), (LIQUID,), ())],
-    "particle_shifting": [(ParticleShifting(strength=0.0), (LIQUID,), ())],
-    "box_walls": [(BoxWalls(open_faces=FACES, **TANK), (LIQUID, PULL), ())],
-    "mpm_walls": [(MpmWalls(open_faces=FACES, **TANK), (MPM, PULL), ())],
+    "dong_2016": [(rs.Dong2016(surface_tension=0.0, filter_density=False), (LIQUID,), ()),
+        (rs.Dong2016(stiffness=0.0, correction=0.0, filter_density=False), (LIQUID,), ())],
+    "he_2014": [(rs.He2014(), (LIQUID,), ()), (rs.He2014(surface_tension=0.0, air_pressure=0.0), (LIQUID,), ()),
+        (rs.He2014(kappa=0.0), (LIQUID,), ())],
+    "jiang_zhu_2023": [(rs.JiangZhu2023(surface_tension=0.0), (LIQUID,), ()),
+        (rs.JiangZhu2023(gamma=0.0, pair_mode="either", area_ratio=0.5), (LIQUID,), ()),
+        (rs.JiangZhu2023(gamma=0.0, pair_mode="soft", area_term="color", area_acceleration=1.0), (LIQUID,), ()),
+        (rs.JiangZhu2023(surface_tension=0.0, density_correction=False), (LIQUID, rs.SurfaceDetection()), ())],
+    "csf_wang_2019": [(rs.CsfWang2019(surface_tension=0.0), (LIQUID,), ())],
+    "normal_difference_2014": [(rs.NormalDifference2014(area_acceleration=0.0), (LIQUID,), ())],
+    "particle_shifting": [(rs.ParticleShifting(strength=0.0), (LIQUID,), ())],
+    "box_walls": [(rs.BoxWalls(open_faces=FACES, **TANK), (LIQUID, PULL), ())],
+    "mpm_walls": [(rs.MpmWalls(open_faces=FACES, **TANK), (MPM, PULL), ())],
 }  # fmt: skip
 WITHOUT = {
     "weakly_compressible": "the liquid itself: density and sound speed are positive",
@@ -113,46 +85,47 @@ TERMS = {
         MPM, msgspec.structs.replace(MPM, dynamic_viscosity=0.3), (), {"mpm.viscosity"}, set(),
     ),
     "heat_conduction.latent_heat": (
-        HeatConduction(), HeatConduction(latent_heat=3e5, **FROZEN), (LIQUID,), set(),
+        rs.HeatConduction(), rs.HeatConduction(latent_heat=3e5, **FROZEN), (LIQUID,), set(),
         {"enthalpy", "melting_point", "latent_heat"},
     ),
     "shape_matching.damping": (
-        ShapeMatching(damping=0.0), SHAPE, (LIQUID,), {"shape_matching.region_motion", "shape_matching.damp"},
+        rs.ShapeMatching(damping=0.0), SHAPE, (LIQUID,), {"shape_matching.region_motion", "shape_matching.damp"},
         {"region_velocity", "region_spin"},
     ),
     "akinci_2013.area_acceleration": (
-        Akinci2013(surface_tension=0.5, area_acceleration=0.0), Akinci2013(surface_tension=0.5), (LIQUID,),
+        rs.Akinci2013(surface_tension=0.5, area_acceleration=0.0), rs.Akinci2013(surface_tension=0.5), (LIQUID,),
         {"surface_normal.color_gradient"}, {"surface_normal"},
     ),
     "akinci_2013.adhesion": (
-        Akinci2013(surface_tension=0.5), Akinci2013(surface_tension=0.5, adhesion=0.1), (LIQUID, BoxWalls(**TANK)),
+        rs.Akinci2013(surface_tension=0.5), rs.Akinci2013(surface_tension=0.5, adhesion=0.1), (LIQUID,
+        rs.BoxWalls(**TANK)),
         {"akinci_2013.adhesion"}, set(),
     ),
     "dong_2016.correction": (
-        Dong2016(surface_tension=0.5, correction=0.0), Dong2016(surface_tension=0.5), (LIQUID,),
+        rs.Dong2016(surface_tension=0.5, correction=0.0), rs.Dong2016(surface_tension=0.5), (LIQUID,),
         {"surface_normal.color_gradient"}, {"surface_normal"},
     ),
     "he_2014.surface_tension": (
-        He2014(air_pressure=1.0), He2014(surface_tension=0.1, air_pressure=1.0), (LIQUID,),
+        rs.He2014(air_pressure=1.0), rs.He2014(surface_tension=0.1, air_pressure=1.0), (LIQUID,),
         {"he_2014.color", "he_2014.squared_gradient"}, {"color", "color_gradient_squared"},
     ),
     "jiang_zhu_2023.area_ratio": (
-        JiangZhu2023(surface_tension=0.5, area_ratio=0.0), JiangZhu2023(surface_tension=0.5), (LIQUID,),
+        rs.JiangZhu2023(surface_tension=0.5, area_ratio=0.0), rs.JiangZhu2023(surface_tension=0.5), (LIQUID,),
         {"surface_normal.corrected", "jiang_zhu_2023.tension"}, {"corrected_normal"},
     ),
     "jiang_zhu_2023.area_acceleration": (
-        JiangZhu2023(surface_tension=0.5, area_term="color", area_acceleration=0.0),
-        JiangZhu2023(surface_tension=0.5, area_term="color"), (LIQUID,),
+        rs.JiangZhu2023(surface_tension=0.5, area_term="color", area_acceleration=0.0),
+        rs.JiangZhu2023(surface_tension=0.5, area_term="color"), (LIQUID,),
         {"surface_normal.color_gradient", "jiang_zhu_2023.tension"}, {"surface_normal"},
     ),
     "mesh_boundary.viscosity": (
-        MeshBoundary(file=str(PEBBLE), center=(0.2, 0.2, -0.4), size=0.4),
-        MeshBoundary(file=str(PEBBLE), center=(0.2, 0.2, -0.4), size=0.4, viscosity=0.1), (LIQUID,),
+        rs.MeshBoundary(file=str(PEBBLE), center=(0.2, 0.2, -0.4), size=0.4),
+        rs.MeshBoundary(file=str(PEBBLE), center=(0.2, 0.2, -0.4), size=0.4, viscosity=0.1), (LIQUID,),
         {"one_way_coupling.wall_viscosity"}, set(),
     ),
     "mesh_boundary.adhesion": (
-        MeshBoundary(file=str(PEBBLE), center=(0.2, 0.2, -0.4), size=0.4),
-        MeshBoundary(file=str(PEBBLE), center=(0.2, 0.2, -0.4), size=0.4, adhesion=0.1), (LIQUID,),
+        rs.MeshBoundary(file=str(PEBBLE), center=(0.2, 0.2, -0.4), size=0.4),
+        rs.MeshBoundary(file=str(PEBBLE), center=(0.2, 0.2, -0.4), size=0.4, adhesion=0.1), (LIQUID,),
         {"akinci_2013.adhesion"}, set(),
     ),
 }  # fmt: skip
@@ -185,19 +158,19 @@ CASES = [(name, k) for name, cases in IDENTITIES.items() for k in range(len(case
 
 
 def scene(*effects, solid=False):
-    solids = (SolidBox(lower=(0.1, 0.1, 0.5), upper=(0.4, 0.4, 0.7)),) if solid else ()
-    return Scene(spacing=0.1, support_radius=0.21, fluid=(Box(cells=(4, 4, 4)),), solid=solids, effects=effects)
+    solids = (rs.SolidBox(lower=(0.1, 0.1, 0.5), upper=(0.4, 0.4, 0.7)),) if solid else ()
+    return rs.Scene(spacing=0.1, support_radius=0.21, fluid=(rs.Box(cells=(4, 4, 4)),), solid=solids, effects=effects)
 
 
 def both(name, k):
     """(scene without the effect, scene with its zeros, fields that stay)."""
     effect, rest, own = IDENTITIES[name][k]
-    if not isinstance(effect, ShapeMatching):
+    if not isinstance(effect, rs.ShapeMatching):
         return scene(*rest), scene(*rest, effect), own
     with_it = scene(*rest, effect, solid=True)  # a solid must have its effect: without it the same particles are liquid
     start = make_plan(with_it).state
     solid = slice(0, start.sizes[0])
-    cloud = Cloud(position=start.position[solid], mass=start.mass[solid])
+    cloud = rs.Cloud(position=start.position[solid], mass=start.mass[solid])
     return msgspec.structs.replace(scene(*rest), fluid=(cloud, *with_it.fluid)), with_it, own
 
 
@@ -231,7 +204,7 @@ def test_a_zero_leaves_out_what_it_belongs_to(name):
         try:
             zero = changed(name, **{f.name: 0})
             make_plan(zero)
-        except (InputError, ZeroDivisionError):
+        except (rs.InputError, ZeroDivisionError):
             continue
         if f"{name}.{f.name}" in listed or any(getattr(case[0], f.name) == 0 for case in identities):
             continue
@@ -242,7 +215,7 @@ def test_a_zero_leaves_out_what_it_belongs_to(name):
 
 @pytest.mark.parametrize("name, k", CASES)
 def test_the_plan_is_that_of_a_scene_without(name, k):
-    without, with_it, own = (make_plan(s) if isinstance(s, Scene) else s for s in both(name, k))
+    without, with_it, own = (make_plan(s) if isinstance(s, rs.Scene) else s for s in both(name, k))
     assert with_it.launches(True) == without.launches(True)
     assert [p for _, p in with_it.motion] == [p for _, p in without.motion]
     started = {p.operation for _, p in with_it.start} - {p.operation for _, p in without.start}
@@ -272,7 +245,7 @@ def test_the_plan_is_that_of_a_scene_without(name, k):
 @pytest.mark.parametrize("place", TERMS)
 def test_a_term_of_zero_is_left_out(place):
     zero, act, rest, operations, fields = TERMS[place]
-    without, with_it = (make_plan(scene(*rest, e, solid=isinstance(e, ShapeMatching))) for e in (zero, act))
+    without, with_it = (make_plan(scene(*rest, e, solid=isinstance(e, rs.ShapeMatching))) for e in (zero, act))
     assert operations <= set(with_it.launches(True))
     assert not operations & set(without.launches(True))
     assert fields <= set(with_it.fields)
@@ -281,8 +254,10 @@ def test_a_term_of_zero_is_left_out(place):
 
 def test_a_limp_solid_still_melts():
     """Without stiffness and damping regions are not matched, but melting finds its tables."""
-    heat = HeatConduction(conductivity=0.0, temperature=5.0, melting_point=0.0)
-    simulation = Simulation(scene(CLAMPED, LIMP, TwoWayCoupling(), heat, Melting(bookkeeping="water"), solid=True))
+    heat = rs.HeatConduction(conductivity=0.0, temperature=5.0, melting_point=0.0)
+    simulation = rs.Simulation(
+        scene(CLAMPED, LIMP, rs.TwoWayCoupling(), heat, rs.Melting(bookkeeping="water"), solid=True)
+    )
     solid = int((simulation.field("phase") != 0).sum())
     simulation.step()
     assert solid > 0

@@ -5,20 +5,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from refsim import (
-    Box,
-    BoxWalls,
-    Gravity,
-    InputError,
-    MeshBoundary,
-    Motion,
-    Scene,
-    Simulation,
-    SurfaceDetection,
-    TwoWayCoupling,
-    WeaklyCompressible,
-    make_plan,
-)
+import refsim as rs
+from refsim import make_plan
 from refsim.core.operation import REGISTRY
 from tests.running import advanced
 from validation.experiments.liquid import runs
@@ -34,7 +22,7 @@ def submerged(*given, dtype="float32"):
 
 def test_liquid_solid_and_walls_balance_their_momentum():
     """The sum of all forces is the weight and the walls' push, to rounding."""
-    simulation = Simulation(submerged(*SMALL, dtype="float64"), "numpy")
+    simulation = rs.Simulation(submerged(*SMALL, dtype="float64"), "numpy")
     advanced(simulation, 3)
     simulation.evaluate()
     mass, force = simulation.field("mass"), simulation.field("mass") @ simulation.field("acceleration")
@@ -45,8 +33,8 @@ def test_liquid_solid_and_walls_balance_their_momentum():
 
 def test_solids_feel_a_tank_that_sways():
     """Their pressure is that of the acceleration in the tank's frame, 1 m/s^2 along x here."""
-    sway = Motion(of="gravity", kind="formula", direction=(1.0, 0.0, 0.0), formula="-0.5*t**2")
-    simulation = Simulation(msgspec.structs.replace(submerged(*SMALL, dtype="float64"), motion=(sway,)), "numpy")
+    sway = rs.Motion(of="gravity", kind="formula", direction=(1.0, 0.0, 0.0), formula="-0.5*t**2")
+    simulation = rs.Simulation(msgspec.structs.replace(submerged(*SMALL, dtype="float64"), motion=(sway,)), "numpy")
     advanced(simulation, 3)
     simulation.evaluate()
     plan, operation = simulation.plan, REGISTRY["two_way_coupling.extrapolation"]
@@ -59,8 +47,8 @@ def test_solids_feel_a_tank_that_sways():
 
 def test_a_detected_surface_has_its_number_density():
     scene = submerged(*SMALL)
-    scene = msgspec.structs.replace(scene, effects=(*scene.effects, SurfaceDetection()))
-    simulation = Simulation(scene, "cpu")
+    scene = msgspec.structs.replace(scene, effects=(*scene.effects, rs.SurfaceDetection()))
+    simulation = rs.Simulation(scene, "cpu")
     inner = np.abs(simulation.field("position") - 0.5).max(1) < 0.2
     assert not simulation.field("surface")[inner].any()
     assert simulation.field("surface")[simulation.field("position")[:, 2] > 0.9].all()
@@ -78,9 +66,9 @@ def test_a_detected_surface_has_its_number_density():
 )  # fmt: skip
 def test_what_does_not_fit_is_refused_in_a_sentence(changed, words):
     scene = submerged(*SMALL)
-    owner = WeaklyCompressible if {"viscosity", "gradient", "tensile_control"} & set(changed) else TwoWayCoupling
+    owner = rs.WeaklyCompressible if {"viscosity", "gradient", "tensile_control"} & set(changed) else rs.TwoWayCoupling
     effects = tuple(msgspec.structs.replace(e, **changed) if isinstance(e, owner) else e for e in scene.effects)
-    with pytest.raises(InputError) as refused:
+    with pytest.raises(rs.InputError) as refused:
         make_plan(msgspec.structs.replace(scene, effects=effects))
     assert words in str(refused.value)
     assert str(refused.value).count(". ") == 0
@@ -92,16 +80,16 @@ def basin(folder, offset, cells=(8, 8, 6), **changes):
     wide, deep = np.array([*cells[:2], 0]) * spacing, 8 * spacing
     block = trimesh.creation.box(bounds=[-deep * np.ones(3), wide + [deep, deep, offset * spacing]])
     block.export(folder / "block.obj")
-    return Scene(
+    return rs.Scene(
         dtype="float64", spacing=spacing, support_radius=3 * spacing,
-        fluid=(Box(lower=(0.0, 0.0, offset * spacing), cells=cells),),
+        fluid=(rs.Box(lower=(0.0, 0.0, offset * spacing), cells=cells),),
         effects=(
-            WeaklyCompressible(
+            rs.WeaklyCompressible(
                 sound_speed=runs.SOUND, dynamic_viscosity=80.0, viscosity="central", density="continuity"
             ),
-            Gravity(acceleration=(0.0, 0.0, -runs.GRAVITY)),
-            BoxWalls(lower=(0.0, 0.0, 0.0), upper=(*wide[:2], 2.0), open_faces=("-z",), model="extrapolated"),
-            MeshBoundary(file=str(folder / "block.obj"), **({"model": "extrapolated"} | changes)),
+            rs.Gravity(acceleration=(0.0, 0.0, -runs.GRAVITY)),
+            rs.BoxWalls(lower=(0.0, 0.0, 0.0), upper=(*wide[:2], 2.0), open_faces=("-z",), model="extrapolated"),
+            rs.MeshBoundary(file=str(folder / "block.obj"), **({"model": "extrapolated"} | changes)),
         ),
     )  # fmt: skip
 
@@ -109,7 +97,7 @@ def basin(folder, offset, cells=(8, 8, 6), **changes):
 def test_a_mesh_carries_the_liquid_on_it(tmp_path):
     """Between planes of the lattice: the first layer stays half a spacing above it, and it bears rho g depth."""
     offset = 0.3
-    simulation = Simulation(basin(tmp_path, offset), "cpu", threads=2)
+    simulation = rs.Simulation(basin(tmp_path, offset), "cpu", threads=2)
     spacing, weights, pressures = simulation.plan.grid.spacing, [], []
     below = (np.array([3.0, 3.0, offset]) * spacing - simulation.plan.walls.position) / spacing
     first = (np.abs(below) < [2, 2, 0.6]).all(1)
@@ -146,7 +134,7 @@ def test_cells_of_a_mesh_and_of_the_box_fill_space_once(tmp_path):
 
 
 def test_options_of_the_patent_and_an_extrapolated_pressure_exclude_each_other(tmp_path):
-    with pytest.raises(InputError, match="belong to model = 'mirrored'; leave them out with 'extrapolated'"):
+    with pytest.raises(rs.InputError, match="belong to model = 'mirrored'; leave them out with 'extrapolated'"):
         make_plan(basin(tmp_path, 0.0, layers=2))
-    with pytest.raises(InputError, match="needs an extrapolated pressure at all walls"):
+    with pytest.raises(rs.InputError, match="needs an extrapolated pressure at all walls"):
         make_plan(basin(tmp_path, 0.0, model="mirrored"))

@@ -6,19 +6,7 @@ import re
 import msgspec
 import pytest
 
-from refsim import (
-    Akinci2013,
-    Box,
-    BoxWalls,
-    CsfWang2019,
-    Dong2016,
-    Gauge,
-    Gravity,
-    JiangZhu2023,
-    Motion,
-    Scene,
-    WeaklyCompressible,
-)
+import refsim as rs
 from refsim.commands.plan import _text, describe_plan
 from refsim.scene.plan import make_plan
 from refsim.surface_tension import akinci_2013
@@ -26,14 +14,14 @@ from refsim.surface_tension.dong_2016 import LARGEST_CORRECTION
 from refsim.surface_tension.jiang_zhu_2023 import LARGEST_AREA
 
 D = 0.01
-LIQUID = WeaklyCompressible(sound_speed=10.0, dynamic_viscosity=2.0, viscosity="central", density="summation")
+LIQUID = rs.WeaklyCompressible(sound_speed=10.0, dynamic_viscosity=2.0, viscosity="central", density="summation")
 AREA = LARGEST_AREA["corrected"][LIQUID.kernels]
 NEAR = 4 * math.pi / 3 * 2.6**3  # neighbours in the support
 
 
 def scene(*effects, support=2.6, **more):
-    return Scene(
-        spacing=D, support_radius=support * D, fluid=(Box(cells=(4, 4, 4)),), effects=effects, end_time=0.1, **more
+    return rs.Scene(
+        spacing=D, support_radius=support * D, fluid=(rs.Box(cells=(4, 4, 4)),), effects=effects, end_time=0.1, **more
     )  # fmt: skip
 
 
@@ -49,19 +37,19 @@ CASES = {  # setting: (effects of a scene by the value's factor, words of the no
         "kinetic energy may grow",
     ),
     "area_ratio": (
-        lambda x: (LIQUID, JiangZhu2023(surface_tension=0.07, area_term="corrected", area_ratio=x * AREA)),
+        lambda x: (LIQUID, rs.JiangZhu2023(surface_tension=0.07, area_term="corrected", area_ratio=x * AREA)),
         "area_ratio =",
     ),
     "sigma/(rho0 c^2 d)": (
-        lambda x: (LIQUID, CsfWang2019(surface_tension=0.015 * x * 1000 * 100 * D)),
+        lambda x: (LIQUID, rs.CsfWang2019(surface_tension=0.015 * x * 1000 * 100 * D)),
         "sigma/(rho0 c^2 d) =",
     ),
     "area_acceleration/(gamma rho0)": (
-        lambda x: (LIQUID, Akinci2013(gamma=1.0, area_acceleration=x * akinci_2013.LARGEST_AREA * 1000 / NEAR)),
+        lambda x: (LIQUID, rs.Akinci2013(gamma=1.0, area_acceleration=x * akinci_2013.LARGEST_AREA * 1000 / NEAR)),
         "a shorter step does not help",
     ),
     "correction rho0 d/sigma": (
-        lambda x: (LIQUID, Dong2016(surface_tension=0.07, correction=x * LARGEST_CORRECTION * 0.07 / 10)),
+        lambda x: (LIQUID, rs.Dong2016(surface_tension=0.07, correction=x * LARGEST_CORRECTION * 0.07 / 10)),
         "a shorter step does not help",
     ),
 }
@@ -94,9 +82,9 @@ def test_a_fixed_step_and_the_table():
 
 
 def test_a_plan_lists_gauges_and_motions():
-    made = scene(LIQUID, Gravity(), BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.1, 0.1, 0.1)))
-    gauge = Gauge(name="floor", kind="force", on="-y", every=0.01)
-    sway = Motion(of="gravity", kind="sway", direction=(1.0, 0.0, 0.0), amplitude=0.01, period=0.5)
+    made = scene(LIQUID, rs.Gravity(), rs.BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.1, 0.1, 0.1)))
+    gauge = rs.Gauge(name="floor", kind="force", on="-y", every=0.01)
+    sway = rs.Motion(of="gravity", kind="sway", direction=(1.0, 0.0, 0.0), amplitude=0.01, period=0.5)
     changed = made.with_(gauge=(gauge,), motion=(sway,))
     told = describe_plan(make_plan(changed), "cpu")
     assert told["gauges"] == [{"name": "floor", "kind": "force", "every": 0.01, "on": "-y"}]

@@ -255,10 +255,7 @@ def test_every_operation_has_vectors():
             assert all(np.asarray(part).dtype.kind in "fiub" for part in flat(name, inputs[name]).values()), name
 
 
-SLIPS = {
-    "density": ("mass[j] * scale", "mass[i] * scale"),
-    "particle_to_grid": ("place - 0.5", "place"),
-}
+SLIPS = {"density": ("mass[j] * scale", "mass[i] * scale"), "particle_to_grid": ("place - 0.5", "place")}
 
 
 def test_vectors_are_read_in_cpp_and_by_ctest(vectors, folder):

@@ -6,20 +6,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from refsim import (
-    Box,
-    BoxWalls,
-    Dong2016,
-    Gravity,
-    HeatConduction,
-    InputError,
-    JiangZhu2023,
-    Scene,
-    ShapeMatching,
-    Simulation,
-    SurfaceDetection,
-    WeaklyCompressible,
-)
+import refsim as rs
 from refsim.__main__ import main
 from refsim.boundary.mesh import surface_mesh
 from refsim.boundary.sampling import sample
@@ -54,15 +41,24 @@ def test_paper_takes_improvements_and_parameters_and_leaves_misprints_corrected(
 @pytest.mark.parametrize(
     "make, words",
     [
-        (lambda: SurfaceDetection(literal="Paper").printed(), "literal has Paper; only E5, E6, E10, E23, paper or all"),
-        (lambda: ShapeMatching(literal=("M25",)).printed(), "shape_matching: literal has M25; only paper or all can"),
-        (lambda: SurfaceDetection(literal=3), "literal = 3 is a whole number; give text or a tuple or a list"),
-        (lambda: SurfaceDetection(literal=("paper", 3)), r"literal\[1\] = 3 is a whole number; give text"),
         (
-            lambda: JiangZhu2023(gamma=1.0, literal="paper", pair_mode="both"),
+            lambda: rs.SurfaceDetection(literal="Paper").printed(),
+            "literal has Paper; only E5, E6, E10, E23, paper or all",
+        ),
+        (
+            lambda: rs.ShapeMatching(literal=("M25",)).printed(),
+            "shape_matching: literal has M25; only paper or all can",
+        ),
+        (lambda: rs.SurfaceDetection(literal=3), "literal = 3 is a whole number; give text or a tuple or a list"),
+        (lambda: rs.SurfaceDetection(literal=("paper", 3)), r"literal\[1\] = 3 is a whole number; give text"),
+        (
+            lambda: rs.JiangZhu2023(gamma=1.0, literal="paper", pair_mode="both"),
             "jiang_zhu_2023: literal 'paper' sets pair_mode = 'either', but pair_mode = 'both' is given; leave one of",
         ),
-        (lambda: HeatConduction(literal=("M5", "paper"), scheme="explicit"), "sets scheme = 'one_sided', but scheme ="),
+        (
+            lambda: rs.HeatConduction(literal=("M5", "paper"), scheme="explicit"),
+            "sets scheme = 'one_sided', but scheme =",
+        ),
         (
             lambda: sample(TETRAHEDRON, 0.1, literal=("papers",)),
             "sampling: literal has papers; only E24, E25, paper or all",
@@ -70,7 +66,7 @@ def test_paper_takes_improvements_and_parameters_and_leaves_misprints_corrected(
     ],
 )
 def test_wrong_words_get_one_sentence(make, words):
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(rs.InputError, match=words):
         make()
 
 
@@ -81,39 +77,39 @@ TETRAHEDRON = surface_mesh(
 
 def moved(*effects, **scene):
     """Velocities after three steps of a block of 4^3 particles, in float64."""
-    given = {"spacing": 0.05, "support_radius": 0.13, "dtype": "float64", "fluid": (Box(cells=(4, 4, 4)),)} | scene
-    simulation = Simulation(Scene(**given, effects=effects), backend="numpy")
+    given = {"spacing": 0.05, "support_radius": 0.13, "dtype": "float64", "fluid": (rs.Box(cells=(4, 4, 4)),)} | scene
+    simulation = rs.Simulation(rs.Scene(**given, effects=effects), backend="numpy")
     for _ in range(3):
         simulation.step()
     return simulation.field("velocity")
 
 
 def liquid(**given):
-    return WeaklyCompressible(sound_speed=10.0, dynamic_viscosity=20.0, density="summation", **given)
+    return rs.WeaklyCompressible(sound_speed=10.0, dynamic_viscosity=20.0, density="summation", **given)
 
 
 @pytest.mark.parametrize(
     "own, spelled, usual",
     [
         (
-            (liquid(literal="paper"), JiangZhu2023(surface_tension=1.0, literal="paper")),
+            (liquid(literal="paper"), rs.JiangZhu2023(surface_tension=1.0, literal="paper")),
             (
                 liquid(literal=("E24",)),
-                JiangZhu2023(
+                rs.JiangZhu2023(
                     surface_tension=1.0, pair_mode="either", balance_pressure=False, literal=("E6", "E7", "E23")
                 ),
             ),
-            (liquid(), JiangZhu2023(surface_tension=1.0)),
+            (liquid(), rs.JiangZhu2023(surface_tension=1.0)),
         ),
         (
-            (liquid(), Dong2016(surface_tension=0.1, literal="paper")),
-            (liquid(), Dong2016(surface_tension=0.1, solver="hu_adams", balance_pressure=False, literal=("E21",))),
-            (liquid(), Dong2016(surface_tension=0.1)),
+            (liquid(), rs.Dong2016(surface_tension=0.1, literal="paper")),
+            (liquid(), rs.Dong2016(surface_tension=0.1, solver="hu_adams", balance_pressure=False, literal=("E21",))),
+            (liquid(), rs.Dong2016(surface_tension=0.1)),
         ),
         (
-            (liquid(), Gravity(), BoxWalls(**TANK, literal="paper")),
-            (liquid(), Gravity(), BoxWalls(**TANK, literal="g")),
-            (liquid(), Gravity(), BoxWalls(**TANK)),
+            (liquid(), rs.Gravity(), rs.BoxWalls(**TANK, literal="paper")),
+            (liquid(), rs.Gravity(), rs.BoxWalls(**TANK, literal="g")),
+            (liquid(), rs.Gravity(), rs.BoxWalls(**TANK)),
         ),
     ],
     ids=["jiang_zhu", "dong", "walls"],

@@ -6,42 +6,16 @@ import msgspec
 import numpy as np
 import pytest
 
-from refsim import (
-    Akinci2013,
-    BeckerTeschner2007,
-    Box,
-    BoxWalls,
-    Cloud,
-    CsfWang2019,
-    Dong2016,
-    EnergyAudit,
-    Gravity,
-    He2014,
-    ImplicitPressure,
-    InputError,
-    JiangZhu2023,
-    Motion,
-    MpmLiquid,
-    NormalDifference2014,
-    RunStopped,
-    Scene,
-    ShapeMatching,
-    Simulation,
-    SolidBox,
-    TartakovskyMeakin2005,
-    TwoWayCoupling,
-    WeaklyCompressible,
-    make_plan,
-    simulate,
-)
+import refsim as rs
+from refsim import make_plan, simulate
 from refsim.__main__ import main
 from refsim.scene.files import parse_scene, scene_to_toml
 from tests.motion.test_motions import tank
 from tests.running import advanced, run_to
 from validation.experiments.liquid import runs
 
-AUDIT = EnergyAudit(every=20)
-EXPLODING = WeaklyCompressible(
+AUDIT = rs.EnergyAudit(every=20)
+EXPLODING = rs.WeaklyCompressible(
     sound_speed=20.0, dynamic_viscosity=20.0, state="tait", literal=("E3",), density="summation"
 )
 
@@ -54,36 +28,36 @@ def lattice(side=6, seed=3, spacing=0.1, shaken=0.1):
 
 
 def cloud(**options):
-    return Cloud(position=lattice(), **options)
+    return rs.Cloud(position=lattice(), **options)
 
 
 def scene(*effects, fluid=None, audit=AUDIT, **options):
     options = {"dtype": "float64", **options}
-    return Scene(
+    return rs.Scene(
         spacing=0.1, support_radius=0.21, fluid=(fluid or cloud(),), effects=effects, energy_audit=audit, **options
     )
 
 
 def dam(audit=AUDIT):
     """The dam break of docs/scene_files.md with a quarter of the particles."""
-    return Scene(
-        dim=2, spacing=0.01, support_radius=0.026, fluid=(Box(cells=(10, 20, 1)),), energy_audit=audit,
+    return rs.Scene(
+        dim=2, spacing=0.01, support_radius=0.026, fluid=(rs.Box(cells=(10, 20, 1)),), energy_audit=audit,
         effects=(
-            WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=2.2, state="tait", density="summation"),
-            Gravity(acceleration=(0.0, -9.81, 0.0)),
-            BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.4, 0.4, 0.0), open_faces=("+y",)),
+            rs.WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=2.2, state="tait", density="summation"),
+            rs.Gravity(acceleration=(0.0, -9.81, 0.0)),
+            rs.BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.4, 0.4, 0.0), open_faces=("+y",)),
         ),
     )  # fmt: skip
 
 
 def drop():
     """The drop of docs/scene_files.md."""
-    return Scene(
+    return rs.Scene(
         spacing=0.00111111, support_radius=0.00289, energy_audit=AUDIT,
-        fluid=(Box(lower=(-0.005,) * 3, cells=(9, 9, 9)),),
+        fluid=(rs.Box(lower=(-0.005,) * 3, cells=(9, 9, 9)),),
         effects=(
-            WeaklyCompressible(sound_speed=3.4, dynamic_viscosity=0.13, kernels="mueller", density="summation"),
-            JiangZhu2023(surface_tension=0.072),
+            rs.WeaklyCompressible(sound_speed=3.4, dynamic_viscosity=0.13, kernels="mueller", density="summation"),
+            rs.JiangZhu2023(surface_tension=0.072),
         ),
     )  # fmt: skip
 
@@ -91,7 +65,7 @@ def drop():
 def growing(dtype="float32", audit=AUDIT):
     """Viscosity with its printed sign (Jiang & Zhu E3) pushes particles away from their neighbours' velocity."""
     place = lattice(shaken=0.0)
-    block = Cloud(position=place, velocity=0.1 * np.random.default_rng(8).standard_normal(place.shape))
+    block = rs.Cloud(position=place, velocity=0.1 * np.random.default_rng(8).standard_normal(place.shape))
     return scene(EXPLODING, fluid=block, audit=audit, dtype=dtype)
 
 
@@ -99,23 +73,23 @@ def growing(dtype="float32", audit=AUDIT):
 
 
 PAIRS = {
-    "jiang_zhu_2023": JiangZhu2023(surface_tension=1.0, area_term="none", density_correction=False),
-    "dong_2016": Dong2016(surface_tension=1.0, correction=0.0, filter_density=False),
-    "becker_teschner_2007": BeckerTeschner2007(surface_tension=1.0),
-    "tartakovsky_meakin_2005": TartakovskyMeakin2005(surface_tension=1.0),
+    "jiang_zhu_2023": rs.JiangZhu2023(surface_tension=1.0, area_term="none", density_correction=False),
+    "dong_2016": rs.Dong2016(surface_tension=1.0, correction=0.0, filter_density=False),
+    "becker_teschner_2007": rs.BeckerTeschner2007(surface_tension=1.0),
+    "tartakovsky_meakin_2005": rs.TartakovskyMeakin2005(surface_tension=1.0),
 }
 
 
 @pytest.mark.parametrize("name", PAIRS)
 def test_cohesion_is_the_potential_of_its_force(name):
     """Moving a particle changes the energy by minus the force of the reference times the displacement."""
-    fluid = WeaklyCompressible(sound_speed=40.0, density="summation")
+    fluid = rs.WeaklyCompressible(sound_speed=40.0, density="summation")
     shift = 1e-6
 
     def at(shift, *effects):
         place = lattice()
         place[100] += shift
-        simulation = Simulation(scene(fluid, *effects, fluid=Cloud(position=place)), "numpy")
+        simulation = rs.Simulation(scene(fluid, *effects, fluid=rs.Cloud(position=place)), "numpy")
         found = {n: p.value for n, p in simulation.auditor.energies().items()}
         return found, simulation.field("acceleration")[100] * simulation.field("mass")[100]
 
@@ -130,8 +104,8 @@ def test_cohesion_is_the_potential_of_its_force(name):
 
 @pytest.mark.parametrize("backend, dtype", [("numpy", "float64"), ("cpu", "float32")])
 def test_a_scene_that_gains_energy_stops(backend, dtype):
-    simulation = Simulation(growing(dtype), backend)
-    with pytest.raises(RunStopped, match=r"the bound of energy_audit, 0\.05:") as stop:
+    simulation = rs.Simulation(growing(dtype), backend)
+    with pytest.raises(rs.RunStopped, match=r"the bound of energy_audit, 0\.05:") as stop:
         advanced(simulation, 2000)
     assert stop.value.reason == "energy_gained"
     assert simulation.steps % AUDIT.every == 0
@@ -144,17 +118,17 @@ def test_a_heavy_particle_gains_energy_and_is_announced():
     middle = place.mean(0)
     mass = np.full(len(place), 1.0)
     mass[np.argmin(((place - middle) ** 2).sum(1))] = 4.0
-    fluid = WeaklyCompressible(
+    fluid = rs.WeaklyCompressible(
         sound_speed=10.0, dynamic_viscosity=8.4, state="tait", density_bound=10.0, density="summation"
     )
-    heavy = Cloud(position=place, velocity=-1.25 * (place - middle), mass=mass)
-    with_it = scene(fluid, fluid=heavy, audit=EnergyAudit(every=2))
+    heavy = rs.Cloud(position=place, velocity=-1.25 * (place - middle), mass=mass)
+    with_it = scene(fluid, fluid=heavy, audit=rs.EnergyAudit(every=2))
     assert any("4 times the mass of the lightest; up to 1.5" in note for note in make_plan(with_it).notes)
-    with pytest.raises(RunStopped) as stop:
+    with pytest.raises(rs.RunStopped) as stop:
         simulate(with_it, 0.2)
     assert stop.value.reason == "energy_gained"
     assert simulate(msgspec.structs.replace(with_it, energy_audit=None), 0.2).reason is None
-    equal = Cloud(position=place, velocity=-1.25 * (place - middle), mass=np.full(len(place), 1.0))
+    equal = rs.Cloud(position=place, velocity=-1.25 * (place - middle), mass=np.full(len(place), 1.0))
     assert not any("times the mass" in note for note in make_plan(scene(fluid, fluid=equal)).notes)
 
 
@@ -162,7 +136,7 @@ def test_a_heavy_particle_gains_energy_and_is_announced():
 def test_sound_scenes_pass_with_the_published_bound(made, until):
     report = simulate(made(), until)
     audit = report.energy_audit
-    assert audit["bound"] == EnergyAudit().bound == 0.05
+    assert audit["bound"] == rs.EnergyAudit().bound == 0.05
     assert audit["greatest_share"] <= 0.05
     lost = sum(audit["start"].values()) - sum(audit["now"].values())
     assert lost > 0.01 * audit["turned_over"] > 0
@@ -171,15 +145,15 @@ def test_sound_scenes_pass_with_the_published_bound(made, until):
 # What drives a run is counted
 
 RESONANT = 2 * math.pi / math.sqrt(9.81 * math.pi * math.tanh(0.5 * math.pi))  # s, of water half as deep as wide
-SWAY = Motion(of="gravity", kind="sway", direction=(1.0, 0.0, 0.0), amplitude=0.02, period=RESONANT)
+SWAY = rs.Motion(of="gravity", kind="sway", direction=(1.0, 0.0, 0.0), amplitude=0.02, period=RESONANT)
 DRIVES = {
     "sway": ((SWAY,), {}),
     "turn": (
-        (Motion(of="turn", kind="sway", direction=(0.0, 0.0, 1.0), pivot=(0.5, 0.0, 0.0), amplitude=0.05, period=1.3),),
+        (rs.Motion(of="turn", kind="sway", direction=(0, 0, 1), pivot=(0.5, 0.0, 0.0), amplitude=0.05, period=1.3),),
         {},
     ),
     "faces": (
-        (Motion(of="moving_faces", kind="formula", direction=(1.0, 0.0, 0.0), formula="0.1*sin(2*pi*t/0.4)"),),
+        (rs.Motion(of="moving_faces", kind="formula", direction=(1.0, 0.0, 0.0), formula="0.1*sin(2*pi*t/0.4)"),),
         {"viscosity": 2.0, "moving_faces": ("-y",), "velocity": (0.5, 0.0, 0.0)},
     ),
 }  # fmt: skip
@@ -192,7 +166,7 @@ def driven(motion, walls, cells=20, audit=AUDIT):
 @pytest.mark.parametrize("name", DRIVES)
 def test_the_work_of_motions_is_counted(name):
     """Less that work the energy of a tank rises by no more than 2 % of what is turned over."""
-    simulation = Simulation(driven(*DRIVES[name]), "cpu")
+    simulation = rs.Simulation(driven(*DRIVES[name]), "cpu")
     run_to(simulation, 1.5)
     audit = simulation.auditor.report()
     assert audit["greatest_share"] <= 0.02
@@ -205,9 +179,9 @@ def test_a_face_gives_its_velocity_times_the_momentum(backend):
     given = {"viscosity": 50.0, "moving_faces": ("-y",), "velocity": (0.5, 0.0, 0.0), "open_faces": ("-x", "+x", "+y")}
     liquid, _, walls = driven((), given, cells=10).effects
     scene = msgspec.structs.replace(
-        driven((), given, cells=10), period=(1.0, 0.0, 0.0), fluid=(Box(cells=(10, 3, 1)),), effects=(liquid, walls)
+        driven((), given, cells=10), period=(1.0, 0.0, 0.0), fluid=(rs.Box(cells=(10, 3, 1)),), effects=(liquid, walls)
     )
-    simulation = Simulation(scene, backend)
+    simulation = rs.Simulation(scene, backend)
     advanced(simulation, 40)
     simulation.auditor.look()
     half = 0.5 * simulation.previous_length * simulation.field("acceleration")
@@ -223,10 +197,10 @@ def ice(cells_below, deep):
 
 @pytest.mark.parametrize("scene", [driven(*DRIVES["faces"], cells=10), ice(3, 6)], ids=["faces", "ice"])
 def test_work_is_kept_in_checkpoints_and_changes_no_bit(tmp_path, scene):
-    plain, whole, first = (Simulation(scene.with_(energy_audit=a)) for a in (None, AUDIT, AUDIT))
+    plain, whole, first = (rs.Simulation(scene.with_(energy_audit=a)) for a in (None, AUDIT, AUDIT))
     advanced(first, 13)
     first.checkpoint(tmp_path / "cut.h5")
-    resumed = Simulation.resume(tmp_path / "cut.h5")
+    resumed = rs.Simulation.resume(tmp_path / "cut.h5")
     advanced(resumed, 17)
     for simulation in (plain, whole):
         advanced(simulation, 30)
@@ -237,7 +211,7 @@ def test_work_is_kept_in_checkpoints_and_changes_no_bit(tmp_path, scene):
 
 def test_ice_that_rises_gains_little():
     """Kinetic energy of water and solid against gravity and compression; 2 % of what is turned over."""
-    simulation = Simulation(ice(2, 7).with_(energy_audit=EnergyAudit(every=10)), "cpu")
+    simulation = rs.Simulation(ice(2, 7).with_(energy_audit=rs.EnergyAudit(every=10)), "cpu")
     run_to(simulation, 1.0)
     audit = simulation.auditor.report()
     assert audit["greatest_share"] <= 0.02
@@ -246,7 +220,7 @@ def test_ice_that_rises_gains_little():
 
 def test_the_pressure_of_ice_that_emerges_works_on_the_water():
     """Its work is 0.13 of what is turned over, without which the energy rises by 0.06 in place of 0.03."""
-    simulation = Simulation(ice(3, 6).with_(energy_audit=EnergyAudit(every=5)), "cpu")
+    simulation = rs.Simulation(ice(3, 6).with_(energy_audit=rs.EnergyAudit(every=5)), "cpu")
     run_to(simulation, 1.0)
     audit = simulation.auditor.report()
     assert audit["greatest_share"] <= 0.035
@@ -256,7 +230,7 @@ def test_the_pressure_of_ice_that_emerges_works_on_the_water():
 def test_the_work_of_solids_is_that_of_the_oracle():
     work = []
     for backend in ("numpy", "cpu"):
-        simulation = Simulation(ice(3, 6).with_(energy_audit=EnergyAudit(every=1)), backend)
+        simulation = rs.Simulation(ice(3, 6).with_(energy_audit=rs.EnergyAudit(every=1)), backend)
         advanced(simulation, 3)
         work.append(-simulation.auditor.report()["now"]["driving"])
     assert work[0] == pytest.approx(work[1], rel=1e-3)
@@ -267,14 +241,14 @@ def test_dust_in_a_driven_frame_has_the_energy_of_the_work(of):
     """Single particles in a frame that sways or turns: kinetic and potential energy change by the work, exactly."""
     pivot = (0.3, -0.2, 0.0) if of == "turn" else None
     axis = (0.0, 0.0, 1.0) if of == "turn" else (1.0, 2.0, 0.0)
-    motion = Motion(of=of, kind="formula", direction=axis, pivot=pivot, formula="0.3*sin(5*t) + t**2")
+    motion = rs.Motion(of=of, kind="formula", direction=axis, pivot=pivot, formula="0.3*sin(5*t) + t**2")
     place = np.array([[0.0, 0.0, 0.0], [1.0, 0.5, 0.0], [-0.4, 2.0, 0.0]])
-    dust = Scene(
+    dust = rs.Scene(
         dim=2, dtype="float64", spacing=0.1, support_radius=0.21, step=5e-4, motion=(motion,), end_time=0.5,
-        fluid=(Cloud(position=place, velocity=(0.3, -1.0, 0.0)),), energy_audit=AUDIT,
-        effects=(WeaklyCompressible(sound_speed=50.0), Gravity(acceleration=(0.0, -9.81, 0.0))),
+        fluid=(rs.Cloud(position=place, velocity=(0.3, -1.0, 0.0)),), energy_audit=AUDIT,
+        effects=(rs.WeaklyCompressible(sound_speed=50.0), rs.Gravity(acceleration=(0.0, -9.81, 0.0))),
     )  # fmt: skip
-    simulation = Simulation(dust, "numpy")
+    simulation = rs.Simulation(dust, "numpy")
     simulation.step()
     begun = math.fsum(part.value for part in simulation.auditor.energies().values())
     advanced(simulation, 900)
@@ -284,12 +258,12 @@ def test_dust_in_a_driven_frame_has_the_energy_of_the_work(of):
 
 
 AT_REST = {
-    "weakly compressible": ((WeaklyCompressible(sound_speed=10.0, density="summation"),), ()),
+    "weakly compressible": ((rs.WeaklyCompressible(sound_speed=10.0, density="summation"),), ()),
     "beside a solid": (
-        (WeaklyCompressible(sound_speed=10.0, density="summation"), ShapeMatching(), TwoWayCoupling()),
-        (SolidBox(lower=(1.0, 1.0, 1.0), upper=(1.3, 1.3, 1.3), density=400.0),),
+        (rs.WeaklyCompressible(sound_speed=10.0, density="summation"), rs.ShapeMatching(), rs.TwoWayCoupling()),
+        (rs.SolidBox(lower=(1.0, 1.0, 1.0), upper=(1.3, 1.3, 1.3), density=400.0),),
     ),
-    "MPM": ((MpmLiquid(bulk_modulus=1e5),), ()),
+    "MPM": ((rs.MpmLiquid(bulk_modulus=1e5),), ()),
 }
 
 
@@ -297,8 +271,8 @@ AT_REST = {
 def test_liquid_at_rest_keeps_its_bound(name):
     """Nothing is turned over: rounding alone, that of single precision, is no growth."""
     effects, solid = AT_REST[name]
-    audit = EnergyAudit(every=1)
-    still = scene(*effects, dtype="float32", fluid=Box(cells=(5, 5, 5)), solid=solid, audit=audit)
+    audit = rs.EnergyAudit(every=1)
+    still = scene(*effects, dtype="float32", fluid=rs.Box(cells=(5, 5, 5)), solid=solid, audit=audit)
     found = simulate(still, 0.05).energy_audit
     assert found["greatest_share"] == 0.0
     assert found["now"]["kinetic"] < 1e-8
@@ -307,12 +281,12 @@ def test_liquid_at_rest_keeps_its_bound(name):
 @pytest.mark.parametrize("cut", [0, 5, 19, 20, 31])
 def test_a_resumed_audit_is_the_same(tmp_path, cut):
     """Its memory is in the checkpoint, number for number."""
-    rule = EnergyAudit(every=10, bound=1e6)
-    whole, first = Simulation(dam(audit=rule)), Simulation(dam(audit=rule))
+    rule = rs.EnergyAudit(every=10, bound=1e6)
+    whole, first = rs.Simulation(dam(audit=rule)), rs.Simulation(dam(audit=rule))
     advanced(whole, 45)
     advanced(first, cut)
     first.checkpoint(tmp_path / "cut.h5")
-    resumed = Simulation.resume(tmp_path / "cut.h5")
+    resumed = rs.Simulation.resume(tmp_path / "cut.h5")
     assert resumed.auditor.saved() == first.auditor.saved()
     advanced(resumed, 45 - cut)
     assert resumed.auditor.saved() == whole.auditor.saved()
@@ -322,12 +296,12 @@ def test_a_resumed_audit_is_the_same(tmp_path, cut):
 
 def test_the_last_good_checkpoint_stays(tmp_path):
     """A checkpoint never holds a state beyond the bound, also between two audits."""
-    simulation = Simulation(growing(audit=EnergyAudit(every=1000000, bound=0.3)))
+    simulation = rs.Simulation(growing(audit=rs.EnergyAudit(every=1000000, bound=0.3)))
     simulation.step()
     simulation.checkpoint(tmp_path / "good.h5")
     before = (tmp_path / "good.h5").read_bytes()
     advanced(simulation, 60)
-    with pytest.raises(RunStopped, match="bound") as stop:
+    with pytest.raises(rs.RunStopped, match="bound") as stop:
         simulation.checkpoint(tmp_path / "good.h5")
     assert stop.value.reason == "energy_gained"
     assert (tmp_path / "good.h5").read_bytes() == before
@@ -337,19 +311,19 @@ def test_the_last_good_checkpoint_stays(tmp_path):
 
 
 REFUSED = {
-    "akinci_2013": Akinci2013(surface_tension=0.1),
-    "csf_wang_2019": CsfWang2019(surface_tension=0.1),
-    "he_2014": He2014(surface_tension=0.1),
-    "normal_difference_2014": NormalDifference2014(area_acceleration=0.1),
-    "jiang_zhu_2023": JiangZhu2023(surface_tension=0.1, pair_mode="soft"),
+    "akinci_2013": rs.Akinci2013(surface_tension=0.1),
+    "csf_wang_2019": rs.CsfWang2019(surface_tension=0.1),
+    "he_2014": rs.He2014(surface_tension=0.1),
+    "normal_difference_2014": rs.NormalDifference2014(area_acceleration=0.1),
+    "jiang_zhu_2023": rs.JiangZhu2023(surface_tension=0.1, pair_mode="soft"),
 }
 
 
 @pytest.mark.parametrize("name", REFUSED)
 def test_forces_without_an_energy_are_refused(name):
-    with pytest.raises(InputError, match=f"effect '{name}' have no energy that can be computed"):
-        make_plan(scene(WeaklyCompressible(sound_speed=10.0, density="summation"), REFUSED[name]))
-    make_plan(scene(WeaklyCompressible(sound_speed=10.0, density="summation"), REFUSED[name], audit=None))
+    with pytest.raises(rs.InputError, match=f"effect '{name}' have no energy that can be computed"):
+        make_plan(scene(rs.WeaklyCompressible(sound_speed=10.0, density="summation"), REFUSED[name]))
+    make_plan(scene(rs.WeaklyCompressible(sound_speed=10.0, density="summation"), REFUSED[name], audit=None))
 
 
 def test_what_is_not_counted_is_said(tmp_path, capsys):
@@ -359,8 +333,8 @@ def test_what_is_not_counted_is_said(tmp_path, capsys):
     said = capsys.readouterr().out
     assert "Energy audit: every 20 steps" in said
     assert "counts kinetic, compression, gravity; not counted: box_walls: half of the walls' pressure force" in said
-    fluid = WeaklyCompressible(sound_speed=10.0, density="summation")
-    implicit = Simulation(scene(fluid, ImplicitPressure(), fluid=Box(cells=(4, 4, 4))), "cpu")
+    fluid = rs.WeaklyCompressible(sound_speed=10.0, density="summation")
+    implicit = rs.Simulation(scene(fluid, rs.ImplicitPressure(), fluid=rs.Box(cells=(4, 4, 4))), "cpu")
     assert implicit.auditor.uncounted() == ("iisph: work of the pressure on the compression that tolerance leaves",)
     assert not implicit.auditor.staggered
 
@@ -376,5 +350,5 @@ def test_what_is_not_counted_is_said(tmp_path, capsys):
 )
 def test_mistakes_are_named(table, words):
     text = f'spacing = 0.1\nsupport_radius = 0.2\n{table}[[fluid]]\nshape = "box"\ncells = [2, 2, 2]\n'
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(rs.InputError, match=words):
         make_plan(parse_scene(text, "here"))

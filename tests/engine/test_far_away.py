@@ -6,37 +6,15 @@ import numpy as np
 import pytest
 import trimesh
 
-from refsim import (
-    Box,
-    BoxWalls,
-    Cloud,
-    EnergyAudit,
-    Gravity,
-    HeatConduction,
-    InputError,
-    JiangZhu2023,
-    MeshBoundary,
-    MpmLiquid,
-    MpmWalls,
-    Scene,
-    ShapeMatching,
-    Simulation,
-    SolidBox,
-    SolidCells,
-    SurfaceEnergy,
-    TwoWayCoupling,
-    WeaklyCompressible,
-    make_plan,
-    open_run,
-    simulate,
-)
+import refsim as rs
+from refsim import make_plan, open_run, simulate
 from refsim.io.checkpoint import read_checkpoint, write_checkpoint
 from refsim.study.observables import observable_of
 from tests.engine.test_run import assert_same_run
 from tests.running import advanced
 
 D, C = 0.01, 10.0
-LIQUID = WeaklyCompressible(sound_speed=C, dynamic_viscosity=2.0, density="summation")
+LIQUID = rs.WeaklyCompressible(sound_speed=C, dynamic_viscosity=2.0, density="summation")
 FAR = 1_000_000
 
 
@@ -45,7 +23,7 @@ def block(at, velocity=(0.0, 0.0, 0.0), cells=(6, 6, 6), dim=3, **changes):
     cells = (*cells[:2], cells[2] if dim == 3 else 1)
     low = tuple((x - 0.5 * n) * D if axis < dim else 0.0 for axis, (x, n) in enumerate(zip(at, cells)))
     given = {"spacing": D, "support_radius": 2.6 * D, "dim": dim, "effects": (LIQUID,)} | changes
-    return Scene(fluid=(Box(lower=low, cells=cells, velocity=velocity),), **given)
+    return rs.Scene(fluid=(rs.Box(lower=low, cells=cells, velocity=velocity),), **given)
 
 
 def place(simulation):
@@ -60,7 +38,7 @@ def place(simulation):
 @pytest.mark.parametrize("mach", [1e-4, 1e-5])
 def test_a_slow_block_moves_by_its_velocity(dim, backend, far, mach):
     velocity = (mach * C, -0.5 * mach * C, 0.0)
-    simulation = Simulation(block((far, 0.3 * far, -far * (dim == 3)), velocity, dim=dim), backend)
+    simulation = rs.Simulation(block((far, 0.3 * far, -far * (dim == 3)), velocity, dim=dim), backend)
     start = simulation.field("position")
     advanced(simulation, 60 if backend == "cpu" else 10)
     assert start.dtype == np.float64
@@ -72,7 +50,9 @@ def test_a_slow_block_moves_by_its_velocity(dim, backend, far, mach):
 def test_slow_blocks_of_a_wide_scene_move_by_their_velocity():
     """2,000 spacings apart they have no common origin that helps, so that only the residual keeps what they move."""
     parts = [block((x, 0, 0), (1e-5 * C, 1e-4 * C, 0), dim=2).fluid[0] for x in (-900, 1_100)]
-    simulation = Simulation(Scene(spacing=D, support_radius=2.6 * D, dim=2, fluid=tuple(parts), effects=(LIQUID,)))
+    simulation = rs.Simulation(
+        rs.Scene(spacing=D, support_radius=2.6 * D, dim=2, fluid=tuple(parts), effects=(LIQUID,))
+    )
     assert simulation.plan.grid.origin == (0.0, 0.0, 0.0)
     start = place(simulation)
     moved = place(advanced(simulation, 100)) - start
@@ -83,7 +63,7 @@ def test_slow_blocks_of_a_wide_scene_move_by_their_velocity():
 
 def walls(at, reach, **changes):
     low, high = ([(x + side * reach) * D for x in at] for side in (-1, 1))
-    return BoxWalls(lower=tuple(low), upper=tuple(high), **changes)
+    return rs.BoxWalls(lower=tuple(low), upper=tuple(high), **changes)
 
 
 @pytest.fixture(scope="module")
@@ -103,10 +83,10 @@ def shaken(at, dim, **changes):
     points[:, :dim] = 0.95 * (cells + 0.5) + np.random.default_rng(3).uniform(-0.15, 0.15, cells.shape)
     velocity = np.random.default_rng(4).normal(size=points.shape) * 0.02 * C * (np.arange(3) < dim)
     given = {"spacing": D, "support_radius": 2.6 * D, "dim": dim, "effects": (LIQUID,)} | changes
-    return Scene(fluid=(Cloud(position=(points + at) * D, velocity=velocity),), **given)
+    return rs.Scene(fluid=(rs.Cloud(position=(points + at) * D, velocity=velocity),), **given)
 
 
-PULL = Gravity(acceleration=(0.0, -9.81, 0.0))
+PULL = rs.Gravity(acceleration=(0.0, -9.81, 0.0))
 
 
 def scenes(kind, at, ball=None):
@@ -117,25 +97,27 @@ def scenes(kind, at, ball=None):
         friction = {"viscosity": 0.5, "moving_faces": ("-y",), "velocity": (0.3, 0.0, 0.0)}
         return shaken(at - [0, 2, 0], 2, effects=(LIQUID, PULL, walls(at, 5.2, **friction)))
     if kind == "tension":
-        return shaken(at, 3, effects=(LIQUID, JiangZhu2023(surface_tension=0.1)))
+        return shaken(at, 3, effects=(LIQUID, rs.JiangZhu2023(surface_tension=0.1)))
     if kind == "period":
         lengths = {"period": (12 * D, 0, 0), "period_lower": (low[0], 0.0, 0.0)}
         open_faces = {"open_faces": ("-x", "+x", "-z", "+z")}
         return shaken(at + [3, 0, 0], 2, effects=(LIQUID, PULL, walls(at, 4.0, **open_faces)), **lengths)
     if kind == "mesh":
         center = None if ball is not None and at[0] else tuple(at * D)
-        above = MeshBoundary(file=ball, center=center, size=6 * D, viscosity=0.1)
+        above = rs.MeshBoundary(file=ball, center=center, size=6 * D, viscosity=0.1)
         return shaken(at + [0.4, 7, 0.3], 3, effects=(LIQUID, PULL, above))
     if kind == "mpm":
-        tension = SurfaceEnergy(surface_tension=1.0, contact_angle=60.0)
-        liquid = MpmLiquid(bulk_modulus=1000 * C**2)
-        box = MpmWalls(lower=low, upper=tuple((at + 6) * D))
-        return shaken(at - [0, 2, 0], 2, effects=(liquid, PULL, box, tension), energy_audit=EnergyAudit(every=5))
+        tension = rs.SurfaceEnergy(surface_tension=1.0, contact_angle=60.0)
+        liquid = rs.MpmLiquid(bulk_modulus=1000 * C**2)
+        box = rs.MpmWalls(lower=low, upper=tuple((at + 6) * D))
+        return shaken(at - [0, 2, 0], 2, effects=(liquid, PULL, box, tension), energy_audit=rs.EnergyAudit(every=5))
     assert kind == "solid"
-    body = SolidBox(lower=tuple((at - [3, 0, 2]) * D), upper=tuple((at + [1, 3, 2]) * D), spin=(0.0, 1.0, 2.0))
-    cells = SolidCells(cells=(at + [[3, 0, 0], [3, 1, 0], [4, 0, 0], [3, 0, 1]]).astype(int), velocity=(-0.1, 0.0, 0.0))
+    body = rs.SolidBox(lower=tuple((at - [3, 0, 2]) * D), upper=tuple((at + [1, 3, 2]) * D), spin=(0.0, 1.0, 2.0))
+    cells = rs.SolidCells(
+        cells=(at + [[3, 0, 0], [3, 1, 0], [4, 0, 0], [3, 0, 1]]).astype(int), velocity=(-0.1, 0.0, 0.0)
+    )
     return block(at - [0, 4, 0], cells=(6, 4, 6), solid=(body, cells), effects=(
-        LIQUID, PULL, ShapeMatching(), TwoWayCoupling(), HeatConduction(temperature=20.0), walls(at, 7.0),
+        LIQUID, PULL, rs.ShapeMatching(), rs.TwoWayCoupling(), rs.HeatConduction(temperature=20.0), walls(at, 7.0),
     ))  # fmt: skip
 
 
@@ -149,7 +131,7 @@ def test_a_scene_far_away_is_the_scene_at_the_origin(kind, at, ball):
         at = (*at[:2], 0)
     if kind == "mesh":
         at = (FAR, 0, -FAR)
-    near, far = (Simulation(scenes(kind, where, ball)) for where in ((0, 0, 0), at))
+    near, far = (rs.Simulation(scenes(kind, where, ball)) for where in ((0, 0, 0), at))
     assert any(far.plan.grid.origin)
     assert near.plan.fields == far.plan.fields
     for step in range(21):
@@ -171,12 +153,12 @@ def test_a_scene_far_away_is_the_scene_at_the_origin(kind, at, ball):
 def test_slow_solids_and_liquid_on_a_grid_move_by_their_velocity(kind):
     at, velocity = np.array([FAR, 10_000, -FAR]), np.array([1e-5, -0.5e-5, 0.0]) * C
     if kind == "mpm":
-        scene = block(at, tuple(velocity), effects=(MpmLiquid(bulk_modulus=1000 * C**2),))
+        scene = block(at, tuple(velocity), effects=(rs.MpmLiquid(bulk_modulus=1000 * C**2),))
     else:
-        body = SolidBox(lower=tuple((at - 2) * D), upper=tuple((at + 2) * D), velocity=tuple(velocity))
-        effects = (LIQUID, ShapeMatching(), TwoWayCoupling())
+        body = rs.SolidBox(lower=tuple((at - 2) * D), upper=tuple((at + 2) * D), velocity=tuple(velocity))
+        effects = (LIQUID, rs.ShapeMatching(), rs.TwoWayCoupling())
         scene = block(at + [20, 0, 0], tuple(velocity), cells=(3, 3, 3), solid=(body,), effects=effects)
-    simulation = Simulation(scene)
+    simulation = rs.Simulation(scene)
     start = place(simulation)
     moved = place(advanced(simulation, 100)) - start
     assert moved.mean(0) == pytest.approx(simulation.time * velocity, rel=0.01, abs=1e-8)
@@ -189,10 +171,10 @@ def test_slow_solids_and_liquid_on_a_grid_move_by_their_velocity(kind):
 @pytest.mark.parametrize("kind", ["walls", "solid", "mpm"])
 def test_a_run_far_away_is_resumed_bit_for_bit(tmp_path, kind):
     at = (FAR, -1_000, FAR if kind == "solid" else 0)
-    plain = advanced(Simulation(scenes(kind, at)), 60)
-    written = advanced(Simulation(scenes(kind, at)), 25)
+    plain = advanced(rs.Simulation(scenes(kind, at)), 60)
+    written = advanced(rs.Simulation(scenes(kind, at)), 25)
     written.checkpoint(tmp_path / "c.h5")
-    resumed = Simulation.resume(tmp_path / "c.h5", scene=scenes(kind, at))
+    resumed = rs.Simulation.resume(tmp_path / "c.h5", scene=scenes(kind, at))
     assert resumed.plan.grid.origin == plain.plan.grid.origin
     assert not np.array_equal(plain._host("identity"), np.arange(plain.count))  # sorted
     assert_same_run(plain, advanced(resumed, 60 - 25))
@@ -211,27 +193,27 @@ def older(path, **changes):
 def test_an_older_checkpoint_goes_on_near_the_origin_and_is_refused_far_away(tmp_path):
     for far in (0, FAR):
         scene = scenes("walls", (far, far, 0))
-        advanced(Simulation(scene), 10).checkpoint(tmp_path / f"{far}.h5")
+        advanced(rs.Simulation(scene), 10).checkpoint(tmp_path / f"{far}.h5")
         older(tmp_path / f"{far}.h5", origin=None)
-    near = Simulation.resume(tmp_path / "0.h5")
+    near = rs.Simulation.resume(tmp_path / "0.h5")
     assert any("dropped what rounding takes" in note for note in near.notes)
-    straight = advanced(Simulation(scenes("walls", (0, 0, 0))), 20)
+    straight = advanced(rs.Simulation(scenes("walls", (0, 0, 0))), 20)
     assert advanced(near, 10).field("position") == pytest.approx(straight.field("position"), abs=1e-5 * D)
-    with pytest.raises(InputError, match=r"positions are relative to .* start the run again"):
-        Simulation.resume(tmp_path / f"{FAR}.h5")
+    with pytest.raises(rs.InputError, match=r"positions are relative to .* start the run again"):
+        rs.Simulation.resume(tmp_path / f"{FAR}.h5")
 
 
 @pytest.mark.parametrize("change", [{"origin": "[0.0, 0.0, 1.0]"}, {"origin": "[0.0]"}, {"origin": "x"}, {}])
 def test_a_checkpoint_without_its_residual_or_of_another_origin_is_refused(tmp_path, change):
-    advanced(Simulation(scenes("walls", (0, 0, 0))), 2).checkpoint(tmp_path / "c.h5")
+    advanced(rs.Simulation(scenes("walls", (0, 0, 0))), 2).checkpoint(tmp_path / "c.h5")
     older(tmp_path / "c.h5", **change)
-    with pytest.raises(InputError, match=r"start the run again"):
-        Simulation.resume(tmp_path / "c.h5")
+    with pytest.raises(rs.InputError, match=r"start the run again"):
+        rs.Simulation.resume(tmp_path / "c.h5")
 
 
 def test_frames_reports_and_observables_are_places_in_the_scene(tmp_path):
     at = np.array([FAR, FAR, 0])
-    simulation = Simulation(scenes("walls", at))
+    simulation = rs.Simulation(scenes("walls", at))
     report = simulate(simulation, until=5e-3, output=tmp_path / "run", every=1e-3)
     assert report.ledger["end"]["outside_walls"] == 0
     run = open_run(tmp_path / "run")
@@ -246,7 +228,7 @@ def test_frames_reports_and_observables_are_places_in_the_scene(tmp_path):
 
 
 def test_a_post_mortem_names_places_in_the_scene(tmp_path):
-    simulation = Simulation(scenes("walls", (FAR, FAR, 0)))
+    simulation = rs.Simulation(scenes("walls", (FAR, FAR, 0)))
     simulation.fields["velocity"][7] = np.nan
     with pytest.raises(Exception, match=r"finite|diverged"):
         simulate(simulation, until=1e-2, output=tmp_path / "run")
@@ -255,18 +237,18 @@ def test_a_post_mortem_names_places_in_the_scene(tmp_path):
 
 
 def test_positions_are_set_as_places_in_the_scene():
-    simulation = advanced(Simulation(scenes("walls", (FAR, FAR, 0))), 5)
+    simulation = advanced(rs.Simulation(scenes("walls", (FAR, FAR, 0))), 5)
     wanted = simulation.field("position") + [0.25 * D, 0.0, 0.0]
     simulation.set_field("position", wanted)
     assert simulation.field("position") == pytest.approx(wanted, abs=1e-6 * D)
     assert not simulation.field("position_residual").any()
-    with pytest.raises(InputError, match="no state"):
+    with pytest.raises(rs.InputError, match="no state"):
         simulation.set_field("position_residual", np.zeros((simulation.count, 3)))
 
 
 def test_messages_name_places_in_the_scene():
     inside, box = block((FAR, FAR, 0), dim=2), walls((FAR, FAR + 2, 0), 3.0)
-    with pytest.raises(InputError, match=r"particle 0 at \(9999.97, 9999.97\) m is behind a wall"):
+    with pytest.raises(rs.InputError, match=r"particle 0 at \(9999.97, 9999.97\) m is behind a wall"):
         make_plan(inside.with_(effects=(LIQUID, box)))
 
 

@@ -3,19 +3,8 @@
 import numpy as np
 import pytest
 
-from refsim import (
-    Box,
-    BoxWalls,
-    Cloud,
-    EnergyAudit,
-    Gravity,
-    ImplicitPressure,
-    Scene,
-    Simulation,
-    SurfaceDetection,
-    WeaklyCompressible,
-    simulate,
-)
+import refsim as rs
+from refsim import simulate
 from refsim.core.errors import InputError
 from refsim.engine.checkpoints import load_checkpoint
 from tests.running import advanced
@@ -24,15 +13,15 @@ D = 0.05
 
 
 def dam(*effects, **changes):
-    walls = BoxWalls(lower=(0.0, 0.0, 0.0), upper=(2.0, 2.0, 0.0))
-    liquid = WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=2.0, density="summation")
-    own = (liquid, Gravity(acceleration=(0.0, -9.81, 0.0)), walls, SurfaceDetection(), *effects)
-    values = {"fluid": (Box(cells=(8, 10, 1)),), "effects": own}
-    return Scene(dim=2, spacing=D, support_radius=2.6 * D, end_time=1.0, **values | changes)
+    walls = rs.BoxWalls(lower=(0.0, 0.0, 0.0), upper=(2.0, 2.0, 0.0))
+    liquid = rs.WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=2.0, density="summation")
+    own = (liquid, rs.Gravity(acceleration=(0.0, -9.81, 0.0)), walls, rs.SurfaceDetection(), *effects)
+    values = {"fluid": (rs.Box(cells=(8, 10, 1)),), "effects": own}
+    return rs.Scene(dim=2, spacing=D, support_radius=2.6 * D, end_time=1.0, **values | changes)
 
 
 def begun(backend, steps, **changes):
-    made = Simulation(dam(**changes), backend)
+    made = rs.Simulation(dam(**changes), backend)
     advanced(made, steps)
     return made
 
@@ -42,8 +31,8 @@ def begun(backend, steps, **changes):
 def test_fields_are_those_of_the_present_state(backend, steps):
     """Before the first step as after each: as in a new run of particles that stand where these do."""
     run = begun(backend, steps, dtype="float64")
-    cloud = Cloud(position=run.field("position"), velocity=run.field("velocity"), mass=run.field("mass"))
-    new = Simulation(dam(dtype="float64", fluid=(cloud,)), "numpy")
+    cloud = rs.Cloud(position=run.field("position"), velocity=run.field("velocity"), mass=run.field("mass"))
+    new = rs.Simulation(dam(dtype="float64", fluid=(cloud,)), "numpy")
     new.evaluate()
     for name, field in run.plan.fields.items():
         if not field.state:
@@ -54,7 +43,7 @@ def test_fields_are_those_of_the_present_state(backend, steps):
 
 @pytest.mark.parametrize("backend", ["numpy", "cpu"])
 def test_reading_changes_no_bit_of_the_run(backend):
-    plain, read = Simulation(dam(), backend), Simulation(dam(), backend)
+    plain, read = rs.Simulation(dam(), backend), rs.Simulation(dam(), backend)
     for step in range(60):
         assert plain.step() == read.step()
         for name in ("surface", "density", "acceleration")[step % 3 :]:
@@ -93,14 +82,14 @@ def test_a_reading_launches_what_its_field_needs_and_once():
 
 def test_an_audit_a_frame_and_a_checkpoint_of_one_state_take_one_evaluation(tmp_path, monkeypatch):
     passes = []
-    original = Simulation.launch
+    original = rs.Simulation.launch
 
     def launch(run, only=None):
         passes.append(only)
         return original(run, only)
 
-    monkeypatch.setattr(Simulation, "launch", launch)
-    scene = dam(step=1e-3, energy_audit=EnergyAudit(every=1, bound=10.0))
+    monkeypatch.setattr(rs.Simulation, "launch", launch)
+    scene = dam(step=1e-3, energy_audit=rs.EnergyAudit(every=1, bound=10.0))
     simulate(scene, 2e-3, backend="cpu", output=tmp_path, every=1e-3, checkpoint_every=0.0)
     steps, evaluations = passes.count(None), len(passes) - passes.count(None)
     assert steps == 2
@@ -115,14 +104,14 @@ def test_what_is_set_outdates_what_follows_from_it(tmp_path):
     run.set_field("mass", 1.2 * run.field("mass"))
     assert run.field("density").mean() > 1.1 * before.mean()
     run.checkpoint(tmp_path / "saved")
-    resumed = Simulation.resume(tmp_path / "saved")
+    resumed = rs.Simulation.resume(tmp_path / "saved")
     assert resumed.field("density").tobytes() == run.field("density").tobytes()
     assert load_checkpoint(tmp_path / "saved").clock.steps == 3
 
 
 def test_what_only_a_step_computes_is_refused_before_the_first(tmp_path):
-    effects = (WeaklyCompressible(sound_speed=20.0, density="summation"), ImplicitPressure())
-    run = Simulation(dam(effects=effects), "cpu")
+    effects = (rs.WeaklyCompressible(sound_speed=20.0, density="summation"), rs.ImplicitPressure())
+    run = rs.Simulation(dam(effects=effects), "cpu")
     assert run.field("density").min() > 0
     for name in ("diagonal", "advected_density"):
         with pytest.raises(InputError, match=f"field: '{name}' is computed in a step, and there was none yet"):

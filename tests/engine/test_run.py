@@ -13,18 +13,8 @@ import msgspec
 import numpy as np
 import pytest
 
-from refsim import (
-    Box,
-    BoxWalls,
-    Cloud,
-    Gravity,
-    InputError,
-    RunStopped,
-    Scene,
-    Simulation,
-    WeaklyCompressible,
-    simulate,
-)
+import refsim as rs
+from refsim import simulate
 from refsim.__main__ import main
 from refsim.engine import driver, stepping
 from refsim.engine.checkpoints import load_checkpoint
@@ -40,7 +30,7 @@ CUTS = (0, 1, 2, 28, 29, 31, 36, 37, 38)
 
 def tank(dtype="float32", step=0.0, literal=(), viscosity=0.05, velocity=(0.0, 0.0, 0.0), **changes):
     """A small 2D dam break: walls, gravity, viscosity."""
-    return Scene(
+    return rs.Scene(
         name="tank",
         spacing=0.01,
         support_radius=0.02,
@@ -48,13 +38,13 @@ def tank(dtype="float32", step=0.0, literal=(), viscosity=0.05, velocity=(0.0, 0
         dtype=dtype,
         end_time=0.05,
         step=step,
-        fluid=(Box(cells=(8, 16, 1), velocity=velocity),),
+        fluid=(rs.Box(cells=(8, 16, 1), velocity=velocity),),
         effects=(
-            WeaklyCompressible(
+            rs.WeaklyCompressible(
                 sound_speed=20.0, dynamic_viscosity=viscosity, state="tait", literal=literal, density="summation"
             ),
-            Gravity(acceleration=(0.0, -9.81, 0.0)),
-            BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.3, 0.3, 0.0), open_faces=("+y",)),
+            rs.Gravity(acceleration=(0.0, -9.81, 0.0)),
+            rs.BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.3, 0.3, 0.0), open_faces=("+y",)),
         ),
         **changes,
     )
@@ -85,15 +75,15 @@ def assert_same_run(first, second):
 
 
 def test_a_resumed_run_is_the_same_run(tmp_path):
-    plain = advance(Simulation(tank()), STEPS)
+    plain = advance(rs.Simulation(tank()), STEPS)
     assert plain.search.log.rebuilds > 1
     assert plain.search.log.audited_rows
-    written = Simulation(tank())
+    written = rs.Simulation(tank())
     for cut in CUTS:
         advance(written, cut).checkpoint(tmp_path / f"{cut}.h5")
     assert_same_run(plain, advance(written, STEPS))  # writing changes nothing
     for cut in CUTS:
-        resumed = Simulation.resume(tmp_path / f"{cut}.h5")
+        resumed = rs.Simulation.resume(tmp_path / f"{cut}.h5")
         assert resumed.steps == cut
         assert resumed.notes == plain.notes
         assert_same_run(plain, advance(resumed, STEPS))
@@ -101,8 +91,8 @@ def test_a_resumed_run_is_the_same_run(tmp_path):
 
 def test_frames_and_looks_change_nothing(tmp_path):
     scene = tank()
-    plain = advance(Simulation(scene), 40)
-    watched = Simulation(scene)
+    plain = advance(rs.Simulation(scene), 40)
+    watched = rs.Simulation(scene)
     report = simulate(watched, plain.time, output=tmp_path / "run", every=1e-4, checkpoint_every=0.0)
     assert report.steps == 40
     assert report.frames == 41
@@ -116,7 +106,7 @@ def test_frames_and_looks_change_nothing(tmp_path):
 
 def test_what_outlives_a_step_survives_a_look():
     """A pass that changes a state field in place, such as a warm start, is not run twice by looking."""
-    simulation = Simulation(tank(), "numpy")
+    simulation = rs.Simulation(tank(), "numpy")
     simulation.plan.fields["mass"]  # a state field
     object.__setattr__(simulation.plan.passes[0][1], "updates", ("mass",))
     call = simulation.force_calls[0]
@@ -134,19 +124,20 @@ def test_what_outlives_a_step_survives_a_look():
 def test_clouds_come_out_of_the_checkpoint(tmp_path):
     points = np.random.default_rng(5).random((40, 3)) * 0.05
     np.save(tmp_path / "points.npy", points)
-    file = Cloud(file=str(tmp_path / "points.npy"), velocity=(1.0, 0.0, 0.0))
-    scene = Scene(
+    file = rs.Cloud(file=str(tmp_path / "points.npy"), velocity=(1.0, 0.0, 0.0))
+    scene = rs.Scene(
         spacing=0.01,
         support_radius=0.02,
         fluid=(
-            file, Box(cells=(2, 2, 2), lower=(1.0, 0.0, 0.0)), Cloud(position=points + 2.0, mass=np.arange(1.0, 41.0)),
+            file, rs.Box(cells=(2, 2, 2), lower=(1.0, 0.0, 0.0)), rs.Cloud(position=points + 2.0, mass=np.arange(1.0,
+            41.0)),
         ),
-        effects=(WeaklyCompressible(sound_speed=20.0, density_bound=1e6, density="summation"),),
+        effects=(rs.WeaklyCompressible(sound_speed=20.0, density_bound=1e6, density="summation"),),
     )  # fmt: skip
-    first = Simulation(scene, "numpy")
+    first = rs.Simulation(scene, "numpy")
     first.checkpoint(tmp_path / "c.h5")
     (tmp_path / "points.npy").unlink()
-    second = Simulation.resume(tmp_path / "c.h5")
+    second = rs.Simulation.resume(tmp_path / "c.h5")
     for name in ("position", "velocity", "mass"):
         assert np.array_equal(getattr(second.plan.state, name), getattr(first.plan.state, name))
     assert second.plan.state.sizes == (40, 8, 40)
@@ -156,24 +147,24 @@ def test_clouds_come_out_of_the_checkpoint(tmp_path):
 
 
 def test_another_backend_goes_on_and_says_so(tmp_path):
-    advance(Simulation(tank()), 20).checkpoint(tmp_path / "c.h5")
-    resumed = Simulation.resume(tmp_path / "c.h5", backend="numpy")
+    advance(rs.Simulation(tank()), 20).checkpoint(tmp_path / "c.h5")
+    resumed = rs.Simulation.resume(tmp_path / "c.h5", backend="numpy")
     assert any("not bit for bit" in note for note in resumed.notes)
-    straight = advance(Simulation(tank()), 30)
+    straight = advance(rs.Simulation(tank()), 30)
     advance(resumed, 30)
     assert np.abs(resumed.field("position") - straight.field("position")).max() < 1e-5
     resumed.checkpoint(tmp_path / "n.h5")
-    back = Simulation.resume(tmp_path / "n.h5", backend="cpu")  # a checkpoint without a list
+    back = rs.Simulation.resume(tmp_path / "n.h5", backend="cpu")  # a checkpoint without a list
     advance(back, 40)
     assert back.search.log.missed_neighbours == 0
 
 
 def test_other_versions_are_noted(tmp_path):
-    Simulation(tank(), "numpy").checkpoint(tmp_path / "c.h5")
+    rs.Simulation(tank(), "numpy").checkpoint(tmp_path / "c.h5")
     saved = read_checkpoint(tmp_path / "c.h5")
     then = json.loads(saved.attributes["versions"]) | {"numpy": "1.0"}
     write_checkpoint(tmp_path / "c.h5", saved.arrays, saved.attributes | {"versions": json.dumps(then)})
-    note = Simulation.resume(tmp_path / "c.h5").notes[-1]
+    note = rs.Simulation.resume(tmp_path / "c.h5").notes[-1]
     assert "numpy 1.0 -> " in note
 
 
@@ -186,9 +177,9 @@ def test_other_versions_are_noted(tmp_path):
     ],
 )
 def test_a_scene_that_is_not_the_checkpoints_is_refused(tmp_path, other, words):
-    Simulation(tank(), "numpy").checkpoint(tmp_path / "c.h5")
-    with pytest.raises(InputError, match=words):
-        Simulation.resume(tmp_path / "c.h5", scene=other)
+    rs.Simulation(tank(), "numpy").checkpoint(tmp_path / "c.h5")
+    with pytest.raises(rs.InputError, match=words):
+        rs.Simulation.resume(tmp_path / "c.h5", scene=other)
 
 
 ALWAYS = (
@@ -255,11 +246,11 @@ SPOILED = [
 def checkpoints(tmp_path_factory):
     """Checkpoints of the tank after three steps and of a cloud at its start."""
     points = np.random.default_rng(5).random((40, 3)) * 0.05
-    liquid = WeaklyCompressible(sound_speed=20.0, density="summation")
-    cloud = Scene(spacing=0.01, support_radius=0.02, fluid=(Cloud(position=points),), effects=(liquid,))
+    liquid = rs.WeaklyCompressible(sound_speed=20.0, density="summation")
+    cloud = rs.Scene(spacing=0.01, support_radius=0.02, fluid=(rs.Cloud(position=points),), effects=(liquid,))
     path = tmp_path_factory.mktemp("checkpoints") / "c.h5"
     found = []
-    for run in (advance(Simulation(tank(), "numpy"), 3), Simulation(cloud, "numpy")):
+    for run in (advance(rs.Simulation(tank(), "numpy"), 3), rs.Simulation(cloud, "numpy")):
         run.checkpoint(path)
         found.append(read_checkpoint(path))
     assert set(found[0].attributes) == set(ALWAYS)
@@ -276,7 +267,7 @@ def test_a_checkpoint_that_no_run_writes_is_refused(tmp_path, checkpoints, name,
         {key: given[key] for key in part if key in given} for part in (saved.arrays, saved.attributes)
     )
     write_checkpoint(tmp_path / "c.h5", arrays, attributes)
-    with pytest.raises(InputError, match=words) as caught:
+    with pytest.raises(rs.InputError, match=words) as caught:
         load_checkpoint(tmp_path / "c.h5")
     assert "\n" not in str(caught.value)
 
@@ -288,7 +279,7 @@ class Killed(BaseException):
     """What nothing in refsim catches, as a kill is."""
 
 
-@pytest.mark.parametrize("stop", [RunStopped("diverged", "It diverged."), MemoryError(), KeyboardInterrupt()])
+@pytest.mark.parametrize("stop", [rs.RunStopped("diverged", "It diverged."), MemoryError(), KeyboardInterrupt()])
 def test_frames_that_are_held_are_written_when_a_run_stops(tmp_path, monkeypatch, stop):
     monkeypatch.setattr(driver, "HELD_FOR", math.inf)
     written = []
@@ -301,7 +292,7 @@ def test_frames_that_are_held_are_written_when_a_run_stops(tmp_path, monkeypatch
         if simulation.steps == 5:
             raise stop
 
-    with pytest.raises((RunStopped, KeyboardInterrupt)):
+    with pytest.raises((rs.RunStopped, KeyboardInterrupt)):
         simulate(tank(), backend="numpy", output=tmp_path, every=1e-9, progress=progress)
     assert written == [1, 4]  # the first one with the first checkpoint; no frame of the step that stopped
     assert len(read_particles(tmp_path / "particles.vtkhdf")) == 5
@@ -340,18 +331,18 @@ def killed_after(steps, scene, out, **options):
 def test_frames_of_a_killed_run_have_the_times_of_the_uninterrupted_one(tmp_path, steps, interval):
     """Also where the run is killed before its second checkpoint."""
     scene = tank("float64")
-    scene = msgspec.structs.replace(scene, end_time=8.5 * Simulation(scene, "numpy").step().length)
+    scene = msgspec.structs.replace(scene, end_time=8.5 * rs.Simulation(scene, "numpy").step().length)
     every = scene.end_time / 4.3
     simulate(scene, backend="numpy", output=tmp_path / "whole", every=every)
     out = tmp_path / "killed"
     killed_after(steps, scene, out, every=every, checkpoint_every=interval)
     if steps == 0:  # before the first checkpoint
-        with pytest.raises(InputError, match="holds no whole checkpoint"):
+        with pytest.raises(rs.InputError, match="holds no whole checkpoint"):
             whole_checkpoint(out)
         report = simulate(scene, backend="numpy", output=out, every=every)
         assert report.resumed_at_step is None
     else:
-        resumed = Simulation.resume(out)
+        resumed = rs.Simulation.resume(out)
         assert resumed.steps == (steps - 1 if interval == 0 else 0)
         report = simulate(resumed, output=out, every=every)
         assert report.resumed_at_step is not None
@@ -359,14 +350,14 @@ def test_frames_of_a_killed_run_have_the_times_of_the_uninterrupted_one(tmp_path
     assert [frame.time for frame in after] == [frame.time for frame in whole]
     for a, b in zip(after, whole):
         assert a.position.tobytes() == b.position.tobytes()
-    assert_same_run(Simulation.resume(tmp_path / "whole"), Simulation.resume(out))
+    assert_same_run(rs.Simulation.resume(tmp_path / "whole"), rs.Simulation.resume(out))
 
 
 def test_no_frame_is_lost_where_steps_divide_the_interval(tmp_path):
     """The sum of steps is a rounding short of a frame's time."""
-    scene = Scene(
-        spacing=0.1, support_radius=0.2, step=5e-3, end_time=9.0, fluid=(Box(cells=(2, 2, 2)),),
-        effects=(Gravity(acceleration=(0.0, 0.0, -1e-3)),),
+    scene = rs.Scene(
+        spacing=0.1, support_radius=0.2, step=5e-3, end_time=9.0, fluid=(rs.Box(cells=(2, 2, 2)),),
+        effects=(rs.Gravity(acceleration=(0.0, 0.0, -1e-3)),),
     )  # fmt: skip
     simulate(scene, backend="numpy", output=tmp_path, every=0.1)
     times = [frame.time for frame in read_particles(tmp_path / "particles.vtkhdf")]
@@ -375,18 +366,20 @@ def test_no_frame_is_lost_where_steps_divide_the_interval(tmp_path):
 
 def test_a_run_resumed_into_another_folder_has_frames_on_the_grid(tmp_path):
     scene = tank("float64")
-    length = Simulation(scene, "numpy").step().length
+    length = rs.Simulation(scene, "numpy").step().length
     scene = msgspec.structs.replace(scene, end_time=8.5 * length)
     every = 3.5 * length
     simulate(scene, backend="numpy", output=tmp_path / "whole", every=every)
     killed_after(6, scene, tmp_path / "killed", every=every, checkpoint_every=0.0)
-    resumed = Simulation.resume(tmp_path / "killed")
+    resumed = rs.Simulation.resume(tmp_path / "killed")
     killed_after(7, resumed, tmp_path / "other", every=every)
-    simulate(Simulation.resume(tmp_path / "other"), output=tmp_path / "other", every=every)  # it has a checkpoint, too
+    simulate(
+        rs.Simulation.resume(tmp_path / "other"), output=tmp_path / "other", every=every
+    )  # it has a checkpoint, too
     whole, after = (read_particles(tmp_path / name / "particles.vtkhdf") for name in ("whole", "other"))
     assert [frame.time for frame in after] == [frame.time for frame in whole][-len(after) :]
-    with pytest.raises(InputError, match="holds an earlier run"):
-        simulate(Simulation.resume(tmp_path / "killed"), output=tmp_path / "other")
+    with pytest.raises(rs.InputError, match="holds an earlier run"):
+        simulate(rs.Simulation.resume(tmp_path / "killed"), output=tmp_path / "other")
 
 
 def test_a_running_run_keeps_its_checkpoints(tmp_path, capsys):
@@ -417,12 +410,12 @@ def test_a_damaged_checkpoint_is_passed_over_and_the_run_says_so(tmp_path, capsy
     content[3803] ^= 1
     newest.write_bytes(content)
     for place in (out, newest):
-        resumed = Simulation.resume(place)
+        resumed = rs.Simulation.resume(place)
         assert resumed.source == out / "checkpoint.previous.h5"
         assert "does not match its digest): resumed from" in resumed.notes[-1]
     assert main(["run", "--resume", str(out), "--until", "0.001", "--quiet"]) == 0
     assert "note: checkpoint" in capsys.readouterr().err
-    assert Simulation.resume(out).source == newest
+    assert rs.Simulation.resume(out).source == newest
 
 
 # -- runs that stop
@@ -494,13 +487,13 @@ def spoiled(simulation, name, field, value):
     ],
 )
 def test_what_is_not_finite_names_its_particle_and_pass_and_leaves_the_checkpoint(tmp_path, spoil, cause):
-    simulation = Simulation(tank(), "numpy")
+    simulation = rs.Simulation(tank(), "numpy")
 
     def progress(simulation):
         if simulation.steps == 3:
             spoil(simulation)
 
-    with pytest.raises(RunStopped) as caught, np.errstate(all="ignore"):
+    with pytest.raises(rs.RunStopped) as caught, np.errstate(all="ignore"):
         simulate(simulation, 1.0, output=tmp_path, progress=progress, checkpoint_every=0.0, every=1.0)
     assert caught.value.reason == "non_finite"
     assert read_checkpoint(tmp_path / "checkpoint.h5").attributes["steps"] == 2
@@ -526,9 +519,9 @@ def no_memory():
     ],
 )
 def test_a_run_that_cannot_go_on_ends_with_its_reason(tmp_path, monkeypatch, backend, reason, spoil):
-    simulation = advance(Simulation(tank(), backend), 1)
+    simulation = advance(rs.Simulation(tank(), backend), 1)
     spoil(monkeypatch.setattr, simulation)
-    with pytest.raises(RunStopped) as caught:
+    with pytest.raises(rs.RunStopped) as caught:
         simulate(simulation, 1.0, output=tmp_path)
     assert caught.value.reason == json.loads((tmp_path / "report.json").read_text())["reason"] == reason
     post = tmp_path / "postmortem.json"
@@ -544,25 +537,25 @@ def test_a_run_that_cannot_go_on_ends_with_its_reason(tmp_path, monkeypatch, bac
     ],
 )
 def test_no_particle_is_lost_silently(spoil, words):
-    simulation = Simulation(tank(), "numpy")
+    simulation = rs.Simulation(tank(), "numpy")
     check_particles(simulation)
     spoil(simulation.fields)
-    with pytest.raises(RunStopped, match=words):
+    with pytest.raises(rs.RunStopped, match=words):
         check_particles(simulation)
 
 
 def test_a_disk_that_refuses_the_held_frames_leaves_the_reason_and_the_post_mortem(tmp_path, monkeypatch):
-    simulation = Simulation(tank(), "numpy")
+    simulation = rs.Simulation(tank(), "numpy")
 
     def full(writer, frames):
-        raise RunStopped("disk_full", "frames were not written because the disk is full")
+        raise rs.RunStopped("disk_full", "frames were not written because the disk is full")
 
     def progress(simulation):
         if simulation.steps == 3:
             monkeypatch.setattr(driver.ParticleWriter, "append", full)
             spoiled(simulation, "sph.state", "pressure", np.nan)
 
-    with pytest.raises(RunStopped) as caught, np.errstate(invalid="ignore"):
+    with pytest.raises(rs.RunStopped) as caught, np.errstate(invalid="ignore"):
         simulate(simulation, 1.0, output=tmp_path, progress=progress, every=1e-9)
     assert caught.value.reason == "non_finite"
     assert json.loads((tmp_path / "postmortem.json").read_text())["cause"] == "sph.state wrote pressure"
@@ -572,7 +565,7 @@ def test_a_disk_that_refuses_the_held_frames_leaves_the_reason_and_the_post_mort
 
 def test_reasons_are_those_of_the_list():
     with pytest.raises(ValueError, match="not one of the reasons"):
-        RunStopped("bored", "x")
+        rs.RunStopped("bored", "x")
 
 
 # -- kills
@@ -608,12 +601,12 @@ def test_a_killed_run_loses_at_most_the_interval(tmp_path):
     process.send_signal(signal.SIGKILL)
     process.communicate()
     known = json.loads((out / "report.json").read_text())["steps"]
-    resumed = Simulation.resume(out)
+    resumed = rs.Simulation.resume(out)
     assert resumed.steps >= known
     end = resumed.time + 0.005
     assert main(["run", "--resume", str(out), "--until", repr(end), "--quiet"]) == 0
-    final = Simulation.resume(out)
-    whole = advance(Simulation(tank()), final.steps)
+    final = rs.Simulation.resume(out)
+    whole = advance(rs.Simulation(tank()), final.steps)
     whole.evaluate(on_demand=False)  # as before each checkpoint, which looks at the list and so decides on a rebuild
     assert_same_run(whole, final)
     times = [frame.time for frame in read_particles(out / "particles.vtkhdf")]
@@ -635,4 +628,4 @@ def test_a_run_that_is_asked_to_stop_ends_between_two_steps_with_a_checkpoint(tm
     assert stdout == b""
     report = json.loads((out / "report.json").read_text())
     assert report["reason"] == "interrupted"
-    assert Simulation.resume(out).steps == report["steps"]
+    assert rs.Simulation.resume(out).steps == report["steps"]

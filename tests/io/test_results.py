@@ -9,18 +9,8 @@ import h5py
 import numpy as np
 import pytest
 
-from refsim import (
-    Ball,
-    Cloud,
-    EnergyAudit,
-    Gravity,
-    InputError,
-    Scene,
-    WeaklyCompressible,
-    make_plan,
-    open_run,
-    simulate,
-)
+import refsim as rs
+from refsim import make_plan, open_run, simulate
 from refsim.core import extras
 from refsim.io.frames import ParticleWriter, read_particles
 from refsim.scene.files import scene_to_dict
@@ -37,10 +27,12 @@ def scene(**changes):
     values = {
         "name": "cloud", "dim": 2, "dtype": "float64", "spacing": 0.01, "support_radius": 0.025, "end_time": 2e-3,
         "step": 2e-4,
-        "fluid": (Cloud(position=GRID + 0.1, velocity=(0.1, 0.2, 0.0)), Ball(center=(0.3, 0.1, 0.0), radius=0.02)),
-        "effects": (WeaklyCompressible(sound_speed=10.0, density="summation"), Gravity(acceleration=(0.0, -9.81, 0.0))),
+        "fluid": (rs.Cloud(position=GRID + 0.1, velocity=(0.1, 0.2, 0.0)), rs.Ball(center=(0.3, 0.1, 0.0),
+        radius=0.02)),
+        "effects": (rs.WeaklyCompressible(sound_speed=10.0, density="summation"), rs.Gravity(acceleration=(0.0, -9.81,
+        0.0))),
     }  # fmt: skip
-    return Scene(**values | changes)
+    return rs.Scene(**values | changes)
 
 
 @pytest.fixture(scope="module")
@@ -84,7 +76,7 @@ def test_only_the_field_that_is_used_is_read(folder, tmp_path):
     density = frame["density"]
     pathlib.Path(copy).unlink()
     assert frame["density"] is density
-    with pytest.raises(InputError, match="changed while it was read"):
+    with pytest.raises(rs.InputError, match="changed while it was read"):
         frame["velocity"]
 
 
@@ -128,7 +120,7 @@ def test_ledger_and_report_are_those_of_the_run(folder):
 
 def test_tables_within_the_report_are_tables(tmp_path):
     """With an audit as without, and where they are empty; an unknown entry gets a sentence."""
-    audited = scene(energy_audit=EnergyAudit(every=5))
+    audited = scene(energy_audit=rs.EnergyAudit(every=5))
     for name, made in (("plain", scene()), ("audited", audited)):
         simulate(made, 1e-3, backend="numpy", output=tmp_path / name)
         report, written = open_run(tmp_path / name).report, json.loads((tmp_path / name / "report.json").read_text())
@@ -139,7 +131,7 @@ def test_tables_within_the_report_are_tables(tmp_path):
     assert audit["start"]["kinetic"] == written["energy_audit"]["start"]["kinetic"]
     assert "energy_audit" in report
     assert report.get("energy_audits") is None
-    with pytest.raises(InputError, match=r"report: there is no row .stepz.; did you mean steps\?"):
+    with pytest.raises(rs.InputError, match=r"report: there is no row .stepz.; did you mean steps\?"):
         report["stepz"]
 
 
@@ -149,7 +141,7 @@ def test_a_time_as_printed_finds_its_frame(tmp_path):
     run = open_run(tmp_path)
     for time in (float(f"{run.times[-1]:.6g}"), 1.000004 * run.times[-1]):
         assert run.at(time).number == len(run) - 1
-    with pytest.raises(InputError, match=f"no frame at {1.0001 * run.times[-1]:.9g} s"):
+    with pytest.raises(rs.InputError, match=f"no frame at {1.0001 * run.times[-1]:.9g} s"):
         run.at(1.0001 * run.times[-1])
 
 
@@ -180,27 +172,27 @@ def test_a_resumed_run_states_its_own_end(folder, tmp_path):
 
 def test_errors_say_what_and_where(folder, tmp_path):
     run = open_run(folder)
-    with pytest.raises(InputError, match="no field 'densty'; did you mean density"):
+    with pytest.raises(rs.InputError, match="no field 'densty'; did you mean density"):
         run[0]["densty"]
     with pytest.raises(IndexError, match="no frame 6; give a number from 0 to 5"):
         run[6]
-    with pytest.raises(InputError, match=r"no frame at 1 s; give 0 to 0\.002 s"):
+    with pytest.raises(rs.InputError, match=r"no frame at 1 s; give 0 to 0\.002 s"):
         run.at(1.0)
-    with pytest.raises(InputError, match="does not exist"):
+    with pytest.raises(rs.InputError, match="does not exist"):
         open_run(tmp_path)
     alone = open_run(shutil.copy(folder / "particles.vtkhdf", tmp_path))
-    with pytest.raises(InputError, match=r"report .*report\.json cannot be read"):
+    with pytest.raises(rs.InputError, match=r"report .*report\.json cannot be read"):
         alone.report["steps"]
-    with pytest.raises(InputError, match="does not hold its scene"):
+    with pytest.raises(rs.InputError, match="does not hold its scene"):
         shuffled(tmp_path / "mixed.vtkhdf").scene  # noqa: B018
     (tmp_path / "report.json").write_text("{")
-    with pytest.raises(InputError, match="is damaged"):
+    with pytest.raises(rs.InputError, match="is damaged"):
         len(alone.ledger)
 
 
 def test_a_missing_extra_is_named(folder, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "xarray", None)
-    with pytest.raises(InputError, match="needs the package xarray, which is not installed; run pip install xarray"):
+    with pytest.raises(rs.InputError, match="needs the package xarray, which is not installed; run pip install xarray"):
         open_run(folder).to_xarray()
     listed = (pathlib.Path(__file__).parents[2] / "setup.cfg").read_text().partition("[options.extras_require]")[2]
     for package, name in extras.EXTRAS.values():
@@ -218,9 +210,9 @@ def test_to_xarray_has_fields_over_time_and_particle(folder, tmp_path):
     assert data["density"].sel(time=run.times[2]).values.tolist() == run[2]["density"].tolist()
     mixed = shuffled(tmp_path / "mixed.vtkhdf")
     assert mixed.to_xarray(frames=slice(2))["mark"].values[1].tolist() == [[i, -i] for i in range(6)]
-    with pytest.raises(InputError, match="use to_pandas"):
+    with pytest.raises(rs.InputError, match="use to_pandas"):
         mixed.to_xarray()
-    with pytest.raises(InputError, match="did you mean density"):
+    with pytest.raises(rs.InputError, match="did you mean density"):
         run.to_xarray(["densty"])
 
 

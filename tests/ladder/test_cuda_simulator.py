@@ -10,30 +10,8 @@ import msgspec
 import numpy as np
 import pytest
 
-from refsim import (
-    Akinci2013,
-    Ball,
-    Box,
-    BoxWalls,
-    Cloud,
-    Dong2016,
-    EnergyAudit,
-    Gravity,
-    He2014,
-    HeatConduction,
-    JiangZhu2023,
-    MpmLiquid,
-    ParticleShifting,
-    RunStopped,
-    Scene,
-    Simulation,
-    SurfaceDetection,
-    SurfaceEnergy,
-    WeaklyCompressible,
-    contract,
-    neighbours,
-    sparse_grid,
-)
+import refsim as rs
+from refsim import contract, neighbours, sparse_grid
 from refsim.backends import arrays as backend
 from refsim.backends import runtime
 from refsim.core.operation import REGISTRY, backend_of
@@ -142,19 +120,19 @@ def test_list_in_a_periodic_box(cuda, lengths, dim):
 
 def test_a_periodic_channel_runs_as_the_references_do(cuda):
     """Particles leave the box and stay neighbours; a thin skin has the lists built and audited anew."""
-    walls = BoxWalls(
+    walls = rs.BoxWalls(
         lower=(0, 0, 0), upper=(9, 0.4, 0), open_faces=("-x", "+x"), viscosity=20.0, moving_faces=("+y",),
         velocity=(1.0, 0.0, 0.0),
     )  # fmt: skip
-    scene = Scene(
+    scene = rs.Scene(
         dim=2, dtype="float64", spacing=0.1, support_radius=0.21, skin=0.02, period=(0.6, 0.0, 0.0),
-        fluid=(Box(cells=(6, 4, 1), velocity=(8.0, 0.0, 0.0)),),
+        fluid=(rs.Box(cells=(6, 4, 1), velocity=(8.0, 0.0, 0.0)),),
         effects=(
-            WeaklyCompressible(sound_speed=10.0, dynamic_viscosity=20.0, clamp_pressure=False, density="summation"),
-            Gravity(acceleration=(1.0, 0.0, 0.0)), HeatConduction(temperature=20.0, scheme="single_pass"), walls,
+            rs.WeaklyCompressible(sound_speed=10.0, dynamic_viscosity=20.0, clamp_pressure=False, density="summation"),
+            rs.Gravity(acceleration=(1.0, 0.0, 0.0)), rs.HeatConduction(temperature=20.0, scheme="single_pass"), walls,
         ),
     )  # fmt: skip
-    oracle, run = Simulation(scene, "numpy"), Simulation(scene, "cuda")
+    oracle, run = rs.Simulation(scene, "numpy"), rs.Simulation(scene, "cuda")
     for _ in range(12):
         oracle.step()
         run.step()
@@ -189,7 +167,7 @@ def test_collapsed_clump_stops_the_run_before_memory_does(cuda, monkeypatch):
 
     for module in (neighbours, cell_order_cuda, columns_cuda):
         monkeypatch.setattr(module, "MOST_NEIGHBOURS", 8)
-    with pytest.raises(RunStopped, match="collapsed into a clump"):
+    with pytest.raises(rs.RunStopped, match="collapsed into a clump"):
         built(cuda, 0.1 * cloud(20, 3), 3)
 
 
@@ -197,7 +175,7 @@ def test_list_larger_than_the_device_stops_the_run(cuda, monkeypatch):
     from refsim.backends import device
 
     monkeypatch.setattr(device, "free_bytes", lambda: 100)
-    with pytest.raises(RunStopped, match="neighbour list needs") as stopped:
+    with pytest.raises(rs.RunStopped, match="neighbour list needs") as stopped:
         built(cuda, cloud(20, 3), 3)
     assert stopped.value.reason == "out_of_memory"
 
@@ -234,7 +212,6 @@ def test_sparse_grid_is_the_cpus(cuda, dim):
 
 def test_particles_of_mpm_are_sorted_without_the_host(cuda):
     """The bins are those that CuPy's sort makes; blocks are made anew only where a particle nears their edge."""
-    from refsim.core.errors import RunStopped
     from refsim.mpm import sorting_cuda as programs
     from refsim.mpm.grid import MpmGrid
 
@@ -259,7 +236,7 @@ def test_particles_of_mpm_are_sorted_without_the_host(cuda):
     for _ in range(7):
         grid.attend(lost)
     programs.cells(lost, None, None, grid, cell)
-    with pytest.raises(RunStopped) as stopped:
+    with pytest.raises(rs.RunStopped) as stopped:
         grid.attend(lost)
     assert stopped.value.reason == "out_of_grid"
 
@@ -470,20 +447,20 @@ def test_sums_over_boxes_agree_with_the_reference(monkeypatch, name):
 @pytest.mark.parametrize(
     ("tension", "last", "fused"),
     [
-        (JiangZhu2023(surface_tension=0.5, area_ratio=0.0), "jiang_zhu_2023.cohesion", True),
+        (rs.JiangZhu2023(surface_tension=0.5, area_ratio=0.0), "jiang_zhu_2023.cohesion", True),
         # its pairs have weights
-        (JiangZhu2023(surface_tension=0.5, pair_mode="soft"), "jiang_zhu_2023.tension", False),
-        (Akinci2013(surface_tension=0.5), "akinci_2013.tension", True),
-        (He2014(surface_tension=0.5), "he_2014.tension", True),
-        (Dong2016(surface_tension=0.5), "dong_2016.tension", True),
+        (rs.JiangZhu2023(surface_tension=0.5, pair_mode="soft"), "jiang_zhu_2023.tension", False),
+        (rs.Akinci2013(surface_tension=0.5), "akinci_2013.tension", True),
+        (rs.He2014(surface_tension=0.5), "he_2014.tension", True),
+        (rs.Dong2016(surface_tension=0.5), "dong_2016.tension", True),
     ],
 )
 def test_pair_forces_and_pressure_share_a_loop_where_one_exists(tension, last, fused):
-    liquid = WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=1.0, density="summation")
-    scene = Scene(
-        dtype="float64", spacing=0.25, support_radius=0.5, fluid=(Box(cells=(2, 2, 2)),), effects=(liquid, tension)
+    liquid = rs.WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=1.0, density="summation")
+    scene = rs.Scene(
+        dtype="float64", spacing=0.25, support_radius=0.5, fluid=(rs.Box(cells=(2, 2, 2)),), effects=(liquid, tension)
     )
-    joined, apart = Simulation(scene, "cuda"), Simulation(scene, "numpy")
+    joined, apart = rs.Simulation(scene, "cuda"), rs.Simulation(scene, "numpy")
     launched = [name for name, _, _ in joined.force_calls]
     assert launched[-1] == last
     assert ("sph.momentum" in launched) == (not fused)
@@ -495,37 +472,37 @@ def test_pair_forces_and_pressure_share_a_loop_where_one_exists(tension, last, f
 
 def dam_break(dtype):
     spacing = 0.02
-    return Scene(
-        dim=2, dtype=dtype, spacing=spacing, support_radius=2 * spacing, skin=0.05, fluid=(Box(cells=(5, 6, 1)),),
+    return rs.Scene(
+        dim=2, dtype=dtype, spacing=spacing, support_radius=2 * spacing, skin=0.05, fluid=(rs.Box(cells=(5, 6, 1)),),
         effects=(
-            WeaklyCompressible(sound_speed=8.0, dynamic_viscosity=0.2, state="tait", density="summation"),
-            Gravity(acceleration=(2.0, -9.81, 0.0)), BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.2, 0.2, 0.0)),
-            SurfaceDetection(),
+            rs.WeaklyCompressible(sound_speed=8.0, dynamic_viscosity=0.2, state="tait", density="summation"),
+            rs.Gravity(acceleration=(2.0, -9.81, 0.0)), rs.BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.2, 0.2, 0.0)),
+            rs.SurfaceDetection(),
         ),
     )  # fmt: skip
 
 
 def basin(dtype):
     spacing = 0.02
-    liquid = WeaklyCompressible(sound_speed=8.0, dynamic_viscosity=0.2, viscosity="central", density="continuity")
-    return Scene(
+    liquid = rs.WeaklyCompressible(sound_speed=8.0, dynamic_viscosity=0.2, viscosity="central", density="continuity")
+    return rs.Scene(
         dim=2, dtype=dtype, spacing=spacing, support_radius=2.6 * spacing, skin=0.05,
-        fluid=(Box(cells=(5, 4, 1), velocity=(1.0, 0.0, 0.0)),),
+        fluid=(rs.Box(cells=(5, 4, 1), velocity=(1.0, 0.0, 0.0)),),
         effects=(
-            liquid, Gravity(acceleration=(2.0, -9.81, 0.0)), SurfaceDetection(), ParticleShifting(),
-            BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.14, 0.2, 0.0), open_faces=("+y",), model="extrapolated"),
+            liquid, rs.Gravity(acceleration=(2.0, -9.81, 0.0)), rs.SurfaceDetection(), rs.ParticleShifting(),
+            rs.BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.14, 0.2, 0.0), open_faces=("+y",), model="extrapolated"),
         ),
     )  # fmt: skip
 
 
 def droplet(dtype):
     spacing = 0.01
-    return Scene(
+    return rs.Scene(
         dim=3, dtype=dtype, spacing=spacing, support_radius=2 * spacing, skin=0.05,
-        fluid=(Ball(radius=0.018, velocity=(0.3, -0.1, 0.2)),),
+        fluid=(rs.Ball(radius=0.018, velocity=(0.3, -0.1, 0.2)),),
         effects=(
-            WeaklyCompressible(sound_speed=5.0, dynamic_viscosity=0.05, density="summation"),
-            JiangZhu2023(surface_tension=0.07, density_correction=True),
+            rs.WeaklyCompressible(sound_speed=5.0, dynamic_viscosity=0.05, density="summation"),
+            rs.JiangZhu2023(surface_tension=0.07, density_correction=True),
         ),
     )  # fmt: skip
 
@@ -541,7 +518,7 @@ def droplet(dtype):
     ],
 )
 def test_run_follows_the_references_and_repeats_bit_for_bit(scene, dtype, steps, tolerance):
-    oracle, run, again = (Simulation(scene(dtype), name) for name in ("numpy", "cuda", "cuda"))
+    oracle, run, again = (rs.Simulation(scene(dtype), name) for name in ("numpy", "cuda", "cuda"))
     for _ in range(steps):
         expected, result, repeated = (s.step() for s in (oracle, run, again))
         assert result.limiter == expected.limiter
@@ -570,8 +547,8 @@ def advance(simulation, steps):
 
 def test_an_audit_of_the_energy_is_the_cpus():
     """Every second step, with cohesion, of which pairs are summed."""
-    audited = msgspec.structs.replace(droplet("float64"), energy_audit=EnergyAudit(every=2, bound=1e6))
-    oracle, run = Simulation(audited, "cpu"), Simulation(audited, "cuda")
+    audited = msgspec.structs.replace(droplet("float64"), energy_audit=rs.EnergyAudit(every=2, bound=1e6))
+    oracle, run = rs.Simulation(audited, "cpu"), rs.Simulation(audited, "cuda")
     seen = []
     for _ in range(4):
         oracle.step()
@@ -589,14 +566,14 @@ def test_an_audit_of_the_energy_is_the_cpus():
 
 
 def test_run_of_a_crushed_liquid_is_noted_and_stops_as_on_the_host():
-    scene = Scene(
+    scene = rs.Scene(
         dim=2, spacing=0.1, support_radius=0.26, dtype="float64",
-        fluid=(Box(cells=(3, 3, 1)), Box(lower=(0.4, 0.0, 0.0), cells=(3, 3, 1), velocity=(-8.0, 0.0, 0.0))),
-        effects=(WeaklyCompressible(sound_speed=2.0, dynamic_viscosity=1.0, density="summation"),),
+        fluid=(rs.Box(cells=(3, 3, 1)), rs.Box(lower=(0.4, 0.0, 0.0), cells=(3, 3, 1), velocity=(-8.0, 0.0, 0.0))),
+        effects=(rs.WeaklyCompressible(sound_speed=2.0, dynamic_viscosity=1.0, density="summation"),),
     )  # fmt: skip
-    oracle, run = Simulation(scene, "numpy"), Simulation(scene, "cuda")
+    oracle, run = rs.Simulation(scene, "numpy"), rs.Simulation(scene, "cuda")
     for each in (oracle, run):
-        with pytest.raises(RunStopped) as stopped:
+        with pytest.raises(rs.RunStopped) as stopped:
             advance(each, 30)
         assert stopped.value.reason == "compressed"
     assert 1 < run.steps == oracle.steps
@@ -607,11 +584,11 @@ def test_run_of_a_crushed_liquid_is_noted_and_stops_as_on_the_host():
 
 def test_run_of_mpm_sorts_its_particles_and_finds_those_that_were_moved(monkeypatch):
     monkeypatch.setattr("refsim.engine.sorting.SORT_EVERY", 2)
-    effects = MpmLiquid(bulk_modulus=100.0, initial_ratio=0.9), Gravity(acceleration=(0.0, -9.81, 0.0))
-    scene = Scene(
-        dim=2, spacing=0.1, support_radius=0.3, dtype="float64", fluid=(Box(cells=(5, 4, 1)),), effects=effects
+    effects = rs.MpmLiquid(bulk_modulus=100.0, initial_ratio=0.9), rs.Gravity(acceleration=(0.0, -9.81, 0.0))
+    scene = rs.Scene(
+        dim=2, spacing=0.1, support_radius=0.3, dtype="float64", fluid=(rs.Box(cells=(5, 4, 1)),), effects=effects
     )
-    oracle, run = Simulation(scene, "numpy"), Simulation(scene, "cuda")
+    oracle, run = rs.Simulation(scene, "numpy"), rs.Simulation(scene, "cuda")
     for step in range(3):
         for s in (oracle, run):
             if step == 2:  # far from all blocks
@@ -625,15 +602,15 @@ def test_run_of_mpm_sorts_its_particles_and_finds_those_that_were_moved(monkeypa
 
 def test_run_of_mpm_under_tension_watches_its_crowding():
     """Two steps of a small body that is counted denser than J says: crowding, J, and the note, as on the CPU."""
-    liquid = MpmLiquid(bulk_modulus=1e3, initial_ratio=1.9, volume="gradient")
+    liquid = rs.MpmLiquid(bulk_modulus=1e3, initial_ratio=1.9, volume="gradient")
     random = np.random.default_rng(4)
     place = np.stack(np.meshgrid(range(5), range(4), [0.0]), axis=-1).reshape(-1, 3) * [1, 1, 0]
     place[:, :2] += random.uniform(-0.1, 0.1, (20, 2))  # no two particles are as near to a sample
-    scene = Scene(
-        dim=2, spacing=0.1, support_radius=0.3, dtype="float64", step=1e-3, fluid=(Cloud(position=0.1 * place),),
-        effects=(liquid, SurfaceEnergy(surface_tension=1.0, iterations=2, recount_time=4e-3)),
+    scene = rs.Scene(
+        dim=2, spacing=0.1, support_radius=0.3, dtype="float64", step=1e-3, fluid=(rs.Cloud(position=0.1 * place),),
+        effects=(liquid, rs.SurfaceEnergy(surface_tension=1.0, iterations=2, recount_time=4e-3)),
     )  # fmt: skip
-    oracle, run = Simulation(scene, "cpu"), Simulation(scene, "cuda")
+    oracle, run = rs.Simulation(scene, "cpu"), rs.Simulation(scene, "cuda")
     for s in (oracle, run):
         advance(s, 2)
     for name in ("position", "volume_ratio", "deformation", "crowding", "greatest_crowding"):
@@ -690,10 +667,10 @@ def test_device_chooses_the_step_as_the_host_does(cuda):
 
 @pytest.mark.parametrize("far", [0, -1_000_000])
 def test_slow_motion_and_forces_far_away_are_those_of_the_references(far):
-    liquid = WeaklyCompressible(sound_speed=10.0, dynamic_viscosity=0.5, density="summation")
-    block = Box(lower=(far * 0.1, 0.0, 0.0), cells=(5, 4, 1), velocity=(1e-4, -5e-5, 0.0))
-    scene = Scene(dim=2, spacing=0.1, support_radius=0.2, fluid=(block,), effects=(liquid,))
-    runs = [Simulation(scene, name) for name in ("cuda", "numpy")]
+    liquid = rs.WeaklyCompressible(sound_speed=10.0, dynamic_viscosity=0.5, density="summation")
+    block = rs.Box(lower=(far * 0.1, 0.0, 0.0), cells=(5, 4, 1), velocity=(1e-4, -5e-5, 0.0))
+    scene = rs.Scene(dim=2, spacing=0.1, support_radius=0.2, fluid=(block,), effects=(liquid,))
+    runs = [rs.Simulation(scene, name) for name in ("cuda", "numpy")]
     start = runs[0].field("position").astype(float)
     for run in runs:
         for _ in range(5):
@@ -711,7 +688,7 @@ def test_slow_motion_and_forces_far_away_are_those_of_the_references(far):
 
 def test_forces_launched_before_the_host_looks_give_the_same_bits():
     """Also where a list is built, a field is read or set, or forces are evaluated between two steps."""
-    ahead, behind = runs = Simulation(droplet("float32"), "cuda"), Simulation(droplet("float32"), "cuda")
+    ahead, behind = runs = rs.Simulation(droplet("float32"), "cuda"), rs.Simulation(droplet("float32"), "cuda")
     behind.stepper.foresees = False
     known = []
     for step in range(9):
@@ -731,7 +708,10 @@ def test_forces_launched_before_the_host_looks_give_the_same_bits():
 
 def test_a_profiled_run_is_the_same_run_and_names_every_pass():
     """The passes are launched one by one in the place of one graph: their seconds are apart, the bits are the same."""
-    plain, profiled = Simulation(dam_break("float32"), "cuda"), Simulation(dam_break("float32"), "cuda", profile=True)
+    plain, profiled = (
+        rs.Simulation(dam_break("float32"), "cuda"),
+        rs.Simulation(dam_break("float32"), "cuda", profile=True),
+    )
     for run in (plain, profiled):
         advance(run, 3)
     for name in plain.fields:
@@ -753,16 +733,16 @@ STEPPED = {
     "implicit pressure": composition.scene(composition.VISCOUS, composition.IMPLICIT),
     "melting": composition.scene(composition.CLAMPED, composition.SHAPE, composition.COUPLING, composition.WARM,
         composition.MELTING),
-    "material points": Scene(fluid=(Box(cells=(3, 3, 1)),), effects=(composition.MPM_FULL,), step=5e-4, **PLANE),
-    "their surface": Scene(fluid=(Box(cells=(3, 3, 1)),), step=5e-4, **PLANE,
-        effects=(composition.MPM, SurfaceEnergy(surface_tension=0.5, iterations=2))),
+    "material points": rs.Scene(fluid=(rs.Box(cells=(3, 3, 1)),), effects=(composition.MPM_FULL,), step=5e-4, **PLANE),
+    "their surface": rs.Scene(fluid=(rs.Box(cells=(3, 3, 1)),), step=5e-4, **PLANE,
+        effects=(composition.MPM, rs.SurfaceEnergy(surface_tension=0.5, iterations=2))),
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("name", STEPPED)
 def test_a_recorded_step_launches_and_holds_what_the_plan_says(name):
     """The calls of the step that a GPU records, in order, and the bytes of the arrays that they work on."""
-    run = Simulation(STEPPED[name], "cuda")
+    run = rs.Simulation(STEPPED[name], "cuda")
     run.step()
     plan, planned = run.plan, bytes_of(run.plan, "cuda")
     run.timings.launches.clear()
@@ -773,10 +753,7 @@ def test_a_recorded_step_launches_and_holds_what_the_plan_says(name):
     assert {f: (a.shape, a.dtype) for f, a in run.fields.items()} == {
         f: (kind.shape(run.count), kind.numpy_dtype(plan.grid.dtype)) for f, kind in plan.fields.items()
     }
-    held = {
-        "fields": sum(a.nbytes for a in run.fields.values()),
-        "positions_at_list_build": run.build_position.nbytes,
-    }
+    held = {"fields": sum(a.nbytes for a in run.fields.values()), "positions_at_list_build": run.build_position.nbytes}
     assert held == {part: planned[part] for part in held}
     for what, (found, expected) in composition.held_by_grid(run).items():
         assert found == expected, what
@@ -801,7 +778,7 @@ def test_passes_that_need_nothing_of_each_other_may_come_in_any_order(monkeypatc
     runs = []
     for order in (device.launch_after, last_first):
         monkeypatch.setattr(device, "launch_after", order)
-        run = Simulation(STEPPED[name], "cuda")
+        run = rs.Simulation(STEPPED[name], "cuda")
         for _ in range(3):  # in the first one calls are launched one by one
             run.step()
         runs.append(run)

@@ -15,16 +15,7 @@ import numba
 import numpy as np
 import pytest
 
-from refsim import (
-    Ball,
-    BoxWalls,
-    Gravity,
-    JiangZhu2023,
-    Scene,
-    SurfaceDetection,
-    WeaklyCompressible,
-    contract,
-)
+from refsim import Ball, BoxWalls, Gravity, JiangZhu2023, Scene, SurfaceDetection, WeaklyCompressible, contract
 from refsim.backends.arrays import unavailable
 from refsim.contract import parameters
 from refsim.contract.answers import _other_kernel, typed

@@ -13,31 +13,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from refsim import (
-    Akinci2013,
-    BeckerTeschner2007,
-    BoxWalls,
-    CsfWang2019,
-    Dong2016,
-    Gravity,
-    He2014,
-    HeatConduction,
-    ImplicitPressure,
-    JiangZhu2023,
-    Melting,
-    MeshBoundary,
-    MpmLiquid,
-    MpmWalls,
-    NormalDifference2014,
-    ParticleShifting,
-    ShapeMatching,
-    SolidBox,
-    SurfaceDetection,
-    SurfaceEnergy,
-    TartakovskyMeakin2005,
-    TwoWayCoupling,
-    WeaklyCompressible,
-)
+import refsim as rs
 from refsim.boundary.sampling import relaxation_step
 from refsim.boundary.signed_distance import band_grid
 from refsim.core import cases
@@ -545,8 +521,8 @@ def mesh(gravity=(0.0, 0.0, 0.0), swept=1, printed=0, everywhere=0, pulls=True):
 
 
 BODIES = (
-    SolidBox(lower=(-0.01, -0.01, -0.01), upper=(0.29, 0.29, 0.29), density=900.0),
-    SolidBox(lower=(0.69, -0.01, -0.01), upper=(0.99, 0.15, 0.15), density=500.0),
+    rs.SolidBox(lower=(-0.01, -0.01, -0.01), upper=(0.29, 0.29, 0.29), density=900.0),
+    rs.SolidBox(lower=(0.69, -0.01, -0.01), upper=(0.99, 0.15, 0.15), density=500.0),
 )
 
 
@@ -555,20 +531,21 @@ def body_lattice():
     first = [(x, y, z) for z in (0, 1) for y in (0, 1) for x in (0, 1)]
     cells = np.array([*first, (5, 0, 0), (6, 0, 0)])
     ascending_in_bodies = lambda key, lattice: (np.diff(key[:8]) > 0).all() and key[8] < key[9]  # noqa: E731
-    return {
-        "lattice": {"cell": cells, "key": ascending_in_bodies, "body": [0] * 8 + [1] * 2, "first": [0, 8, 10]},
-    }
+    return {"lattice": {"cell": cells, "key": ascending_in_bodies, "body": [0] * 8 + [1] * 2, "first": [0, 8, 10]}}
 
 
 BOXES = {"boxes": dict.fromkeys(("node", "cell", "origin", "side", "planes", "first", "second"), table)}
-WATER = WeaklyCompressible(
+WATER = rs.WeaklyCompressible(
     rest_density=RHO, sound_speed=C, dynamic_viscosity=MU, viscosity="laplacian", density="summation"
 )
-HEAT = HeatConduction(temperature=(1.0, 2.0), conductivity=(3.0, 0.7), heat_capacity=(900.0, 2100.0), melting_point=0.0)
+HEAT = rs.HeatConduction(
+    temperature=(1.0, 2.0), conductivity=(3.0, 0.7), heat_capacity=(900.0, 2100.0), melting_point=0.0
+)
 MPM = {
-    dim: MpmLiquid(rest_density=RHO, bulk_modulus=3.1e6, dynamic_viscosity=MU, cell_size=CELLS[dim]) for dim in (2, 3)
+    dim: rs.MpmLiquid(rest_density=RHO, bulk_modulus=3.1e6, dynamic_viscosity=MU, cell_size=CELLS[dim])
+    for dim in (2, 3)
 }
-BETWEEN = MpmWalls(
+BETWEEN = rs.MpmWalls(
     lower=WALLS[0], upper=WALLS[1], sticky_faces=("-x",), slip_faces=("-y",), open_faces=("+y",)
 )  # fmt: skip
 
@@ -580,24 +557,24 @@ def restoring(dim, rate):
 
 
 def water(**changes):
-    return WeaklyCompressible(**({name: getattr(WATER, name) for name in WATER.__struct_fields__} | changes))
+    return rs.WeaklyCompressible(**({name: getattr(WATER, name) for name in WATER.__struct_fields__} | changes))
 
 
 def liquid_of_points(dim, **changes):
-    return MpmLiquid(**({name: getattr(MPM[dim], name) for name in MPM[dim].__struct_fields__} | changes))
+    return rs.MpmLiquid(**({name: getattr(MPM[dim], name) for name in MPM[dim].__struct_fields__} | changes))
 
 
 def block_of(**changes):
     given = {"file": "block.obj", "center": tuple(CENTER), "viscosity": 0.7, "adhesion": 1.3, "restitution": 0.3}
-    return MeshBoundary(**(given | {"rebound": 0.2, "field_spacing": 0.06, "layers": 1} | changes))
+    return rs.MeshBoundary(**(given | {"rebound": 0.2, "field_spacing": 0.06, "layers": 1} | changes))
 
 
 def jz(**changes):
-    return JiangZhu2023(**({"surface_tension": SIGMA} | changes))
+    return rs.JiangZhu2023(**({"surface_tension": SIGMA} | changes))
 
 
 # (effects of the scene, the one under test first; what it is to hand out, by dimension; dimensions)
-PULL = Gravity(acceleration=(0.3, -9.7, 0.0))
+PULL = rs.Gravity(acceleration=(0.3, -9.7, 0.0))
 SETUPS = {
     "liquid": ((WATER,), liquid),
     "tait": ((water(state="tait", clamp_pressure=False),), lambda dim: liquid(dim, exponent=7, clamp=0)),
@@ -612,35 +589,37 @@ SETUPS = {
     "cohesive liquid": ((WATER, jz()), lambda dim: liquid(dim,
         pressure=bulk_pressure(lambda r: jiang_zhu(dim)["cohesion"]["gamma"] * jiang_zhu_shape(r, dim,
         {2: 0.75, 3: 0.6}[dim]), dim))),
-    "liquid with Akinci's cohesion": ((WATER, Akinci2013(gamma=0.02)),
+    "liquid with Akinci's cohesion": ((WATER, rs.Akinci2013(gamma=0.02)),
         lambda dim: liquid(dim, pressure=bulk_pressure(lambda r: -0.02 * akinci_shape(r, dim), dim))),
-    "liquid with attraction": ((WATER, BeckerTeschner2007(kappa=0.3)), lambda dim: liquid(dim,
+    "liquid with attraction": ((WATER, rs.BeckerTeschner2007(kappa=0.3)), lambda dim: liquid(dim,
         pressure=bulk_pressure(lambda r: -0.3 * kernel("cubic_spline", np.maximum(r, D), dim) * r / mass(dim), dim))),
-    "liquid with a cosine force": ((WATER, TartakovskyMeakin2005(strength=0.3)), lambda dim: liquid(dim,
+    "liquid with a cosine force": ((WATER, rs.TartakovskyMeakin2005(strength=0.3)), lambda dim: liquid(dim,
         pressure=bulk_pressure(lambda r: 0.3 * np.cos(1.5 * math.pi * r / H) / mass(dim) ** 2, dim))),
-    "liquid under air": ((WATER, He2014(kappa=0.1, air_pressure=200.0)),
+    "liquid under air": ((WATER, rs.He2014(kappa=0.1, air_pressure=200.0)),
         lambda dim: liquid(dim, pressure=bulk_pressure(lambda r: 200.0 * slope("wendland_c2", r, dim) / RHO**2, dim))),
-    "liquid with a molecular force": ((WATER, Dong2016(stiffness=0.3)),
+    "liquid with a molecular force": ((WATER, rs.Dong2016(stiffness=0.3)),
         lambda dim: liquid(dim, pressure=lattice_pressure(lambda r: 0.3 * molecular_shape(r, D), dim))),
-    "liquid without balance": ((WATER, Akinci2013(gamma=0.02, balance_pressure=False)), liquid),
+    "liquid without balance": ((WATER, rs.Akinci2013(gamma=0.02, balance_pressure=False)), liquid),
     "liquid on a mesh": ((WATER, block_of()), lambda dim: liquid(dim, wall=1.0), (3,)),
-    "gravity": ((Gravity(acceleration=(0.3, -9.7, 0.0)),), lambda dim: {"field": [0.3, -9.7, 0.0]}),
-    "box walls": ((BoxWalls(lower=WALLS[0], upper=WALLS[1], open_faces=("+y",)), WATER), box_walls),
-    "extrapolated walls": ((BoxWalls(lower=WALLS[0], upper=WALLS[1], open_faces=("+y",), model="extrapolated"), WATER,
+    "gravity": ((rs.Gravity(acceleration=(0.3, -9.7, 0.0)),), lambda dim: {"field": [0.3, -9.7, 0.0]}),
+    "box walls": ((rs.BoxWalls(lower=WALLS[0], upper=WALLS[1], open_faces=("+y",)), WATER), box_walls),
+    "extrapolated walls": ((rs.BoxWalls(lower=WALLS[0], upper=WALLS[1], open_faces=("+y",), model="extrapolated"),
+    WATER,
         PULL), lambda dim: box_walls(dim) | {"lean": {"x": 0.3, "y": -9.7, "z": 0.0}}),
     # delta h_s c with h_s = h/2, and the slope rho0 g/c^2 of the density at rest
     "advanced liquid": ((water(density="continuity", diffusion=0.05, restoring=0.4), PULL),
         lambda dim: (liquid(dim, clamp=0) | {"restoring": restoring(dim, 0.4 * C / H),
         "diffusion": {"coefficient": 0.025 * H * C, "stretch": RHO / C**2},
         "lean": {"x": 0.3, "y": -9.7, "z": 0.0}})),
-    "shifting": ((ParticleShifting(strength=1.5), WATER, SurfaceDetection()), lambda dim: (shifting(dim, 1.5)
+    "shifting": ((rs.ParticleShifting(strength=1.5), WATER, rs.SurfaceDetection()), lambda dim: (shifting(dim, 1.5)
         | normal_term(dim) | {"near_surface_limit": detection(dim)["near_surface_limit"]})),
-    "shifting without surface": ((ParticleShifting(surface="none"), WATER, BoxWalls(lower=WALLS[0], upper=WALLS[1])),
+    "shifting without surface": ((rs.ParticleShifting(surface="none"), WATER, rs.BoxWalls(lower=WALLS[0],
+    upper=WALLS[1])),
         lambda dim: shifting(dim, 2.2)),
-    "detection": ((SurfaceDetection(), WATER), detection),
-    "detection of films": ((SurfaceDetection(thin_features="second_moment"), WATER),
+    "detection": ((rs.SurfaceDetection(), WATER), detection),
+    "detection of films": ((rs.SurfaceDetection(thin_features="second_moment"), WATER),
         lambda dim: detection(dim) | {"thin_feature": {"variance": 1.3 * film_variance(dim) / H**2, "dim": dim}}),
-    "detection, other settings": ((SurfaceDetection(threshold=0.95, asymmetry=0.4, scan_normal="corrected",
+    "detection, other settings": ((rs.SurfaceDetection(threshold=0.95, asymmetry=0.4, scan_normal="corrected",
         literal=("E5", "E6", "E10")), WATER),
         lambda dim: detection(dim, 0.95, 0.95, 0.4, H, 1e-12 / H, 1, 1) | normal_term(dim, 1)),
     "jiang_zhu": ((jz(), WATER), lambda dim: jiang_zhu(dim, area=corrected_area(dim))),
@@ -654,88 +633,90 @@ SETUPS = {
     "jiang_zhu, no area": ((jz(area_term="none", pair_mode="both"), WATER), lambda dim: jiang_zhu(dim, mode=4)),
     "jiang_zhu, one-sided": ((jz(pair_mode="one_sided"), WATER),
         lambda dim: jiang_zhu(dim, mode=2, area=corrected_area(dim))),
-    "akinci": ((Akinci2013(surface_tension=SIGMA, adhesion=1.7), WATER), lambda dim: akinci(dim, beta=1.7)),
-    "akinci, gamma": ((Akinci2013(gamma=0.3, area_acceleration=4.0), WATER),
+    "akinci": ((rs.Akinci2013(surface_tension=SIGMA, adhesion=1.7), WATER), lambda dim: akinci(dim, beta=1.7)),
+    "akinci, gamma": ((rs.Akinci2013(gamma=0.3, area_acceleration=4.0), WATER),
         lambda dim: akinci(dim, 0.3, lambda gamma: 4.0)),
-    "akinci, printed": ((Akinci2013(gamma=0.3, literal=("gamma",)), WATER),
+    "akinci, printed": ((rs.Akinci2013(gamma=0.3, literal=("gamma",)), WATER),
         lambda dim: akinci(dim, 0.3, lambda gamma: gamma)),
-    "becker_teschner": ((BeckerTeschner2007(surface_tension=SIGMA), WATER), becker_teschner),
-    "becker_teschner, kappa": ((BeckerTeschner2007(kappa=0.3, clamp_distance=False), WATER),
+    "becker_teschner": ((rs.BeckerTeschner2007(surface_tension=SIGMA), WATER), becker_teschner),
+    "becker_teschner, kappa": ((rs.BeckerTeschner2007(kappa=0.3, clamp_distance=False), WATER),
         lambda dim: becker_teschner(dim, 0.3, 0.0)),
-    "csf": ((CsfWang2019(surface_tension=SIGMA), WATER), continuum),
-    "csf, mueller": ((CsfWang2019(surface_tension=SIGMA, threshold=0.3, literal=("shell",),
-        tension_gradient=(1.0, -2.0, 3.0)), water(kernels="mueller"), SurfaceDetection()),
+    "csf": ((rs.CsfWang2019(surface_tension=SIGMA), WATER), continuum),
+    "csf, mueller": ((rs.CsfWang2019(surface_tension=SIGMA, threshold=0.3, literal=("shell",),
+        tension_gradient=(1.0, -2.0, 3.0)), water(kernels="mueller"), rs.SurfaceDetection()),
         lambda dim: continuum(dim, "mueller", plain=1, threshold=0.3, gradient=(1.0, -2.0, 3.0))),
-    "csf, plain": ((CsfWang2019(surface_tension=SIGMA, normalise=False), WATER),
+    "csf, plain": ((rs.CsfWang2019(surface_tension=SIGMA, normalise=False), WATER),
         lambda dim: continuum(dim, normalise=False)),
-    "dong": ((Dong2016(surface_tension=SIGMA), WATER), dong),
-    "dong, stiffness": ((Dong2016(stiffness=3.0, rest_distance=0.11, correction=5.0, literal=("E21",)), WATER),
+    "dong": ((rs.Dong2016(surface_tension=SIGMA), WATER), dong),
+    "dong, stiffness": ((rs.Dong2016(stiffness=3.0, rest_distance=0.11, correction=5.0, literal=("E21",)), WATER),
         lambda dim: dong(dim, 0.11, 3.0, 5.0, 0)),
-    "dong's solver": ((Dong2016(surface_tension=SIGMA, solver="hu_adams"), WATER),
+    "dong's solver": ((rs.Dong2016(surface_tension=SIGMA, solver="hu_adams"), WATER),
         lambda dim: dong(dim) | {"viscosity": {"coefficient": MU}, "central_viscosity": None}),
-    "dong's solver, central viscosity": ((Dong2016(surface_tension=SIGMA, solver="hu_adams"),
+    "dong's solver, central viscosity": ((rs.Dong2016(surface_tension=SIGMA, solver="hu_adams"),
         water(viscosity="central")),
         lambda dim: dong(dim) | {"viscosity": None, "central_viscosity": {"coefficient": (dim + 2) * MU}}),
-    "he": ((He2014(surface_tension=SIGMA, air_pressure=200.0), WATER),
+    "he": ((rs.He2014(surface_tension=SIGMA, air_pressure=200.0), WATER),
         lambda dim: he(dim, SIGMA / he_unit_tension(dim, "wendland"), 200.0)),
-    "he, mueller": ((He2014(surface_tension=SIGMA), water(kernels="mueller")),
+    "he, mueller": ((rs.He2014(surface_tension=SIGMA), water(kernels="mueller")),
         lambda dim: he(dim, SIGMA / he_unit_tension(dim, "mueller"))),
-    "he, kappa": ((He2014(kappa=0.4), WATER), lambda dim: he(dim, 0.4)),
-    "tartakovsky": ((TartakovskyMeakin2005(surface_tension=SIGMA), WATER), cosine),
-    "tartakovsky, strength": ((TartakovskyMeakin2005(strength=0.3), WATER), lambda dim: cosine(dim, 0.3)),
-    "normal difference": ((NormalDifference2014(area_acceleration=2.5), WATER),
+    "he, kappa": ((rs.He2014(kappa=0.4), WATER), lambda dim: he(dim, 0.4)),
+    "tartakovsky": ((rs.TartakovskyMeakin2005(surface_tension=SIGMA), WATER), cosine),
+    "tartakovsky, strength": ((rs.TartakovskyMeakin2005(strength=0.3), WATER), lambda dim: cosine(dim, 0.3)),
+    "normal difference": ((rs.NormalDifference2014(area_acceleration=2.5), WATER),
         lambda dim: normal_term(dim) | {"normal_tension": {"coefficient": 2.5, "printed_mass": 0}}),
-    "normal difference, printed": ((NormalDifference2014(area_acceleration=2.5, literal=("P7",)), WATER),
+    "normal difference, printed": ((rs.NormalDifference2014(area_acceleration=2.5, literal=("P7",)), WATER),
         lambda dim: normal_term(dim) | {"normal_tension": {"coefficient": 2.5, "printed_mass": 1}}),
-    "iisph": ((ImplicitPressure(), WATER), implicit),
-    "iisph, central viscosity": ((ImplicitPressure(), water(viscosity="central")),
+    "iisph": ((rs.ImplicitPressure(), WATER), implicit),
+    "iisph, central viscosity": ((rs.ImplicitPressure(), water(viscosity="central")),
         lambda dim: implicit(dim) | {"viscosity": None, "central_viscosity": {"coefficient": (dim + 2) * MU}}),
-    "iisph, other settings": ((ImplicitPressure(relaxation=0.4, tolerance=2e-3, iterations=(3, 50)), WATER),
+    "iisph, other settings": ((rs.ImplicitPressure(relaxation=0.4, tolerance=2e-3, iterations=(3, 50)), WATER),
         lambda dim: implicit(dim, 0.4, 2e-3, 3, 50)),
-    "two-way": ((TwoWayCoupling(), WATER, ShapeMatching()), coupling, (3,)),
+    "two-way": ((rs.TwoWayCoupling(), WATER, rs.ShapeMatching()), coupling, (3,)),
     # four crossings of the support radius by sound; diffusion as in "advanced liquid"
-    "two-way, advanced liquid": (lambda dim: (TwoWayCoupling(),
-        water(density="continuity", diffusion=0.05, viscosity="central"), ShapeMatching(), PULL),
+    "two-way, advanced liquid": (lambda dim: (rs.TwoWayCoupling(),
+        water(density="continuity", diffusion=0.05, viscosity="central"), rs.ShapeMatching(), PULL),
         lambda dim: {"delay": {"tau": 4 * H / C}, "lean": {"x": 0.3, "y": -9.7, "z": 0.0},
         "diffusion": {"coefficient": 0.025 * H * C, "stretch": RHO / C**2}}, (3,)),
-    "two-way, printed": ((TwoWayCoupling(literal=("all",), density_weighted=True), water(state="tait"),
-        ShapeMatching()), lambda dim: coupling(dim, 7, 1, 1, 1, 1), (3,)),
-    "two-way, Shao & Song M2": ((TwoWayCoupling(literal=("M2",)), WATER, ShapeMatching()),
+    "two-way, printed": ((rs.TwoWayCoupling(literal=("all",), density_weighted=True), water(state="tait"),
+        rs.ShapeMatching()), lambda dim: coupling(dim, 7, 1, 1, 1, 1), (3,)),
+    "two-way, Shao & Song M2": ((rs.TwoWayCoupling(literal=("M2",)), WATER, rs.ShapeMatching()),
         lambda dim: coupling(dim, m2=1), (3,)),
-    "two-way, Shao & Song M3": ((TwoWayCoupling(literal=("M3",)), WATER, ShapeMatching()),
+    "two-way, Shao & Song M3": ((rs.TwoWayCoupling(literal=("M3",)), WATER, rs.ShapeMatching()),
         lambda dim: coupling(dim, m3=1), (3,)),
     "heat": ((HEAT,), lambda dim: heat(dim, profile=0.5)),
-    "heat, other settings": ((HeatConduction(temperature=1.0, laplacian="mueller", calibrated=False, tolerance=2e-2,
+    "heat, other settings": ((rs.HeatConduction(temperature=1.0, laplacian="mueller", calibrated=False, tolerance=2e-2,
         residual=1e-4, iterations=9, mean="arithmetic", largest_number=0.5),),
         lambda dim: heat(dim, "mueller", 1, 0.5, 0.5, largest=0.5, tolerance=2e-2, residual=1e-4, iterations=9,
         harmonic=0)),
-    "heat, mueller": ((HeatConduction(temperature=1.0, laplacian="mueller"),),
+    "heat, mueller": ((rs.HeatConduction(temperature=1.0, laplacian="mueller"),),
         lambda dim: heat(dim, "mueller", 1, 0.5)),
-    "heat, printed": ((HeatConduction(temperature=1.0, scheme="explicit", literal=("M5", "M8", "M9", "M11")),),
+    "heat, printed": ((rs.HeatConduction(temperature=1.0, scheme="explicit", literal=("M5", "M8", "M9", "M11")),),
         lambda dim: heat(dim, "poly6", 2, 0.75 - 0.5625 * dim, 0.5, 0, sweep_share=1.0, unit_capacity=1, frozen=1)),
     "heat, Shao & Song M6": (
-        (HeatConduction(temperature=1.0, scheme="one_sided", laplacian="mueller", literal=("M6",)),),
+        (rs.HeatConduction(temperature=1.0, scheme="one_sided", laplacian="mueller", literal=("M6",)),),
         lambda dim: heat(dim, "mueller", 1, 0.5, 1.0, 0)),
-    "shape matching": ((ShapeMatching(half_width=1, stiffness=0.7, damping=0.3),),
+    "shape matching": ((rs.ShapeMatching(half_width=1, stiffness=0.7, damping=0.3),),
         lambda dim: matching(1, 0.7, 0.3) | body_lattice() | BOXES, (3,)),
-    "shape matching by members": ((ShapeMatching(summation="gather"),), lambda dim: matching() | body_lattice(), (3,)),
-    "melting": ((Melting(), HEAT, WATER), melting),
-    "melting into water": ((Melting(bookkeeping="water"), HEAT, WATER), lambda dim: melting(dim, 1)),
+    "shape matching by members": ((rs.ShapeMatching(summation="gather"),), lambda dim: matching() | body_lattice(),
+    (3,)),
+    "melting": ((rs.Melting(), HEAT, WATER), melting),
+    "melting into water": ((rs.Melting(bookkeeping="water"), HEAT, WATER), lambda dim: melting(dim, 1)),
     "material points": (lambda dim: (MPM[dim],), material_points),
     "material points, printed": (lambda dim: (liquid_of_points(dim, literal=("M3", "M4", "M5", "M6", "M27"),
-        volume="gradient"), Gravity(acceleration=(0.1, -9.0, 0.0))),
+        volume="gradient"), rs.Gravity(acceleration=(0.1, -9.0, 0.0))),
         lambda dim: material_points(dim, 2.0, 1, 1, 1, 1, True) | {"field": [0.1, -9.0, 0.0]}),
     "material points, thesis M7": (lambda dim: (liquid_of_points(dim, literal=("M7",)),),
         lambda dim: material_points(dim, 0.0)),
     "material points in a box": (lambda dim: (MPM[dim], BETWEEN,
-        SurfaceEnergy(surface_tension=SIGMA, contact_angle=70.0, recount_time=0.02)), lambda dim: material_points(dim,
+        rs.SurfaceEnergy(surface_tension=SIGMA, contact_angle=70.0, recount_time=0.02)),
+        lambda dim: material_points(dim,
         reading=1, planes=wall_nodes(dim), mirrors={"on": 1}, contact={"pull": SIGMA * math.cos(70 * math.pi / 180)},
         recount=0.02)),
-    "surface of a run": (lambda dim: (SurfaceEnergy(surface_tension=SIGMA, contact_angle=70.0), MPM[dim], BETWEEN),
+    "surface of a run": (lambda dim: (rs.SurfaceEnergy(surface_tension=SIGMA, contact_angle=70.0), MPM[dim], BETWEEN),
         surface_of_run),
     "mesh": ((block_of(), WATER), lambda dim: mesh(), (3,)),
     "mesh, other settings": ((block_of(literal=("E27",), correction="point", every_particle=True), WATER,
-        Gravity(acceleration=(0.2, 0.4, -9.0))), lambda dim: mesh((0.2, 0.4, -9.0), 0, 1, 1), (3,)),
+        rs.Gravity(acceleration=(0.2, 0.4, -9.0))), lambda dim: mesh((0.2, 0.4, -9.0), 0, 1, 1), (3,)),
 }  # fmt: skip
 
 

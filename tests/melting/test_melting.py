@@ -5,22 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from refsim import (
-    Box,
-    BoxWalls,
-    Gravity,
-    HeatConduction,
-    InputError,
-    Melting,
-    Scene,
-    ShapeMatching,
-    Simulation,
-    SolidBox,
-    TwoWayCoupling,
-    WeaklyCompressible,
-    load_scene,
-    make_plan,
-)
+import refsim as rs
+from refsim import load_scene, make_plan
 from refsim.core.operation import REGISTRY
 from refsim.melting import MeltingRule
 from refsim.scene.solids import lattice_of
@@ -28,10 +14,10 @@ from refsim.shape_matching.phases import FLUID, INTERIOR, SURFACE
 from tests.running import advanced, run_to
 
 EXAMPLE = Path(__file__).parents[2] / "refsim" / "examples" / "melting.toml"
-LIQUID = WeaklyCompressible(
+LIQUID = rs.WeaklyCompressible(
     sound_speed=40.0, dynamic_viscosity=50.0, state="tait", kernels="cubic_spline", density="summation"
 )
-BODY = SolidBox(lower=(0.4, 0.4, 0.8), upper=(1.4, 1.4, 1.8), density=917.0)
+BODY = rs.SolidBox(lower=(0.4, 0.4, 0.8), upper=(1.4, 1.4, 1.8), density=917.0)
 
 
 def scene(solid=(BODY,), highest=5.0, slope=0.0, melting=None, **options):
@@ -39,12 +25,13 @@ def scene(solid=(BODY,), highest=5.0, slope=0.0, melting=None, **options):
     values = {"spacing": 0.2, "support_radius": 0.5, "step": 0.004} | options
 
     def made(temperature):
-        heat = HeatConduction(temperature=temperature, conductivity=0.0, melting_point=0.0, scheme="single_pass")
+        heat = rs.HeatConduction(temperature=temperature, conductivity=0.0, melting_point=0.0, scheme="single_pass")
         effects = (
-            LIQUID, Gravity(), BoxWalls(lower=(0, 0, 0), upper=(1.8, 1.8, 3)), ShapeMatching(summation="gather"),
-            TwoWayCoupling(), heat, melting or Melting(),
+            LIQUID, rs.Gravity(), rs.BoxWalls(lower=(0, 0, 0), upper=(1.8, 1.8, 3)),
+            rs.ShapeMatching(summation="gather"),
+            rs.TwoWayCoupling(), heat, melting or rs.Melting(),
         )  # fmt: skip
-        return Scene(fluid=(Box(cells=(9, 9, 4)),), solid=solid, effects=effects, **values)
+        return rs.Scene(fluid=(rs.Box(cells=(9, 9, 4)),), solid=solid, effects=effects, **values)
 
     if not slope:
         return made(highest)
@@ -133,7 +120,7 @@ def members_by_search(solid, lattice, width):
 @pytest.mark.parametrize(("bookkeeping", "change"), [("immiscible", 0.0), ("water", 83.0)])
 def test_mass_and_rest_density_of_the_melt(bookkeeping, change):
     """Kept, or those of the liquid: the density of 125 particles of ice increases by 83 kg/m^3."""
-    simulation = Simulation(scene(melting=Melting(bookkeeping=bookkeeping), dtype="float64"), "numpy")
+    simulation = rs.Simulation(scene(melting=rs.Melting(bookkeeping=bookkeeping), dtype="float64"), "numpy")
     volume = 1 / simulation.plan.effects["weakly_compressible"].rest_number_density(simulation.plan.grid)
     before = simulation.field("mass").sum()
     advanced(simulation, 4)
@@ -150,7 +137,7 @@ def half_molten(**options):
 
 
 def test_the_rest_moves_on_as_a_body():
-    simulation = Simulation(half_molten())
+    simulation = rs.Simulation(half_molten())
     advanced(simulation, 150)
     phase, v = simulation.field("phase")[:125], simulation.field("velocity")
     assert (phase == FLUID).sum() == 50
@@ -172,13 +159,13 @@ def test_cells_of_a_mesh_outlive_its_file(tmp_path):
     path = tmp_path / "ball.stl"
     trimesh.creation.icosphere(subdivisions=3, radius=1.0).export(path)
     mesh = SolidMesh(file=str(path), center=(0.9, 0.9, 1.6), size=1.3, rotation=(10.0, 20.0, 30.0))
-    simulation = Simulation(scene(solid=(mesh,)))
+    simulation = rs.Simulation(scene(solid=(mesh,)))
     volume = 4 / 3 * np.pi * 0.65**3
     assert simulation.plan.grid.solids.lattice.first[1] * 0.2**3 == pytest.approx(volume, rel=0.1)
     simulation.step()
     simulation.checkpoint(tmp_path / "saved.h5")
     path.unlink()
-    again = Simulation.resume(tmp_path / "saved.h5")
+    again = rs.Simulation.resume(tmp_path / "saved.h5")
     simulation.step()
     again.step()
     assert (again.field("position") == simulation.field("position")).all()
@@ -204,7 +191,7 @@ def test_a_solid_has_the_mesh_of_a_boundary(tmp_path):
 
 def test_ice_floats_and_melts_into_a_liquid_that_rests():
     """The packaged example: its density is advanced, and the melt has mass and density of the water."""
-    simulation = Simulation(load_scene(EXAMPLE), "cpu", threads=1)
+    simulation = rs.Simulation(load_scene(EXAMPLE), "cpu", threads=1)
     liquid = simulation.plan.effects["weakly_compressible"]
     assert liquid.advances()
     run_to(simulation, 0.6)
@@ -214,7 +201,7 @@ def test_ice_floats_and_melts_into_a_liquid_that_rests():
     assert simulation.field("mass")[wet] == pytest.approx(1000 * 0.2**3, rel=0.01)
     assert simulation.field("density")[wet] == pytest.approx(1000.0, rel=0.01)
     assert position[~wet, 2].mean() > np.percentile(position[wet, 2], 75)
-    melts = Melting(bookkeeping="immiscible")
-    effects = tuple(melts if isinstance(e, Melting) else e for e in load_scene(EXAMPLE).effects)
-    with pytest.raises(InputError, match="and melting brings another; set its bookkeeping = 'water'"):
+    melts = rs.Melting(bookkeeping="immiscible")
+    effects = tuple(melts if isinstance(e, rs.Melting) else e for e in load_scene(EXAMPLE).effects)
+    with pytest.raises(rs.InputError, match="and melting brings another; set its bookkeeping = 'water'"):
         make_plan(load_scene(EXAMPLE).with_(effects=effects, weakly_compressible__density="continuity"))

@@ -6,20 +6,8 @@ import msgspec
 import numpy as np
 import pytest
 
-from refsim import (
-    Box,
-    Cloud,
-    Gravity,
-    InputError,
-    MpmLiquid,
-    MpmWalls,
-    RunStopped,
-    Scene,
-    Simulation,
-    SurfaceEnergy,
-    make_plan,
-    simulate,
-)
+import refsim as rs
+from refsim import make_plan, simulate
 from refsim.mpm import Counting
 from refsim.surface_energy.effect import CROWDED, OVERFULL, UNEVEN
 from tests.running import advanced, run_to
@@ -30,12 +18,12 @@ CUBES = {2: (8, 8, 1), 3: (5, 5, 5)}
 
 
 def scene(*effects, dim=3, velocity=(0.0, 0.0, 0.0), fluid=None, **options):
-    fluid = fluid or (Box(lower=(0.03, 0.05, 0.07), cells=CUBES[dim], velocity=velocity),)
+    fluid = fluid or (rs.Box(lower=(0.03, 0.05, 0.07), cells=CUBES[dim], velocity=velocity),)
     options = {"spacing": 0.1, "support_radius": 0.3, "dtype": "float64", "dim": dim, **options}
-    return Scene(fluid=fluid, effects=effects, **options)
+    return rs.Scene(fluid=fluid, effects=effects, **options)
 
 
-LIQUID = MpmLiquid(bulk_modulus=1e5)
+LIQUID = rs.MpmLiquid(bulk_modulus=1e5)
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -43,8 +31,8 @@ LIQUID = MpmLiquid(bulk_modulus=1e5)
 def test_free_fall_is_exact(dim, volume):
     """Uniform motion and gravity: x + t v + sum dt v, with no pressure and no affine part."""
     gravity = np.array([0.3, -9.81, 0.0])
-    liquid = MpmLiquid(bulk_modulus=1e5, volume=volume)
-    run = Simulation(scene(liquid, Gravity(acceleration=tuple(gravity)), dim=dim, velocity=(1.0, 0.5, 0.0)))
+    liquid = rs.MpmLiquid(bulk_modulus=1e5, volume=volume)
+    run = rs.Simulation(scene(liquid, rs.Gravity(acceleration=tuple(gravity)), dim=dim, velocity=(1.0, 0.5, 0.0)))
     start, v, moved = run.field("position"), np.array([1.0, 0.5, 0.0]), np.zeros(3)
     for _ in range(60):
         length = run.step().length
@@ -89,9 +77,9 @@ def test_viscosity_keeps_both_momenta(dim):
     gradient[:dim, :dim] = np.array([[0.0, -2.0, 0.3], [3.0, 0.0, 0.2], [0.1, 0.4, 0.0]])[:dim, :dim]
     arm, energy = x - x.mean(0), {}
     for viscosity in (0.0, 200.0):
-        liquid = MpmLiquid(bulk_modulus=1e5, dynamic_viscosity=viscosity)
-        fluid = (Cloud(position=x, velocity=arm @ gradient.T),)
-        run = Simulation(scene(liquid, dim=dim, fluid=fluid, step=1e-3))
+        liquid = rs.MpmLiquid(bulk_modulus=1e5, dynamic_viscosity=viscosity)
+        fluid = (rs.Cloud(position=x, velocity=arm @ gradient.T),)
+        run = rs.Simulation(scene(liquid, dim=dim, fluid=fluid, step=1e-3))
         spent = 0.0
         for _ in range(10):
             strain = run.field("affine").reshape(-1, 3, 3)
@@ -111,15 +99,15 @@ def test_viscosity_keeps_both_momenta(dim):
 @pytest.mark.parametrize("dim", [2, 3])
 def test_grid_follows_the_liquid(dim):
     """Two blobs a million cells apart cost twice one blob, and a blob that flies on leaves no blocks behind."""
-    one = Simulation(scene(LIQUID, dim=dim))
+    one = rs.Simulation(scene(LIQUID, dim=dim))
     one.step()
     grid = one._parameters["mpm_liquid"]["grid"]
     alone = grid.nodes
-    far = Box(lower=(0.03 + 0.2 * (2**19), 0.05, 0.07), cells=CUBES[dim])
-    two = Simulation(scene(LIQUID, dim=dim, fluid=(Box(lower=(0.03, 0.05, 0.07), cells=CUBES[dim]), far)))
+    far = rs.Box(lower=(0.03 + 0.2 * (2**19), 0.05, 0.07), cells=CUBES[dim])
+    two = rs.Simulation(scene(LIQUID, dim=dim, fluid=(rs.Box(lower=(0.03, 0.05, 0.07), cells=CUBES[dim]), far)))
     two.step()
     assert two._parameters["mpm_liquid"]["grid"].nodes == 2 * alone
-    flying = Simulation(scene(LIQUID, dim=dim, velocity=(40.0, 0.0, 0.0)))
+    flying = rs.Simulation(scene(LIQUID, dim=dim, velocity=(40.0, 0.0, 0.0)))
     advanced(flying, 150)
     grid = flying._parameters["mpm_liquid"]["grid"]
     assert grid.rebuilds > 3
@@ -129,9 +117,9 @@ def test_grid_follows_the_liquid(dim):
 @pytest.mark.parametrize("rule", ["sticky", "slip", "separating"])
 def test_walls_hold_the_liquid(rule):
     """Liquid thrown into a corner stays in the box; sticky ends at rest along the wall, separating lets go."""
-    walls = MpmWalls(lower=(0, 0, 0), upper=(1.2, 1.2, 0), rule=rule)
-    box = Box(lower=(0.25, 0.25, 0.0), cells=(5, 5, 1), velocity=(-2.0, -1.0, 0.0))
-    run = Simulation(scene(MpmLiquid(bulk_modulus=2e5), walls, dim=2, fluid=(box,)))
+    walls = rs.MpmWalls(lower=(0, 0, 0), upper=(1.2, 1.2, 0), rule=rule)
+    box = rs.Box(lower=(0.25, 0.25, 0.0), cells=(5, 5, 1), velocity=(-2.0, -1.0, 0.0))
+    run = rs.Simulation(scene(rs.MpmLiquid(bulk_modulus=2e5), walls, dim=2, fluid=(box,)))
     run_to(run, 0.5)
     position, velocity = run.field("position"), run.field("velocity")
     assert position[:, :2].min() > -0.02
@@ -148,9 +136,9 @@ def test_a_square_begins_to_round_off(reading):
     """Corners are drawn in; the cluster keeps the momentum to round-off and the thesis does not."""
     side = np.arange(8) * 0.1 + 0.05
     position = np.array([[x, y, 0.0] for x in side for y in side if (x, y) != (side[0], side[0])])
-    surface = SurfaceEnergy(surface_tension=2.0, embedding=reading)
-    run = Simulation(
-        scene(MpmLiquid(rest_density=1.0, bulk_modulus=2e3), surface, dim=2, fluid=(Cloud(position=position),))
+    surface = rs.SurfaceEnergy(surface_tension=2.0, embedding=reading)
+    run = rs.Simulation(
+        scene(rs.MpmLiquid(rest_density=1.0, bulk_modulus=2e3), surface, dim=2, fluid=(rs.Cloud(position=position),))
     )
     corner = np.linalg.norm(position - position.mean(0), axis=1).max()
     advanced(run, 40)
@@ -163,12 +151,12 @@ def test_a_square_begins_to_round_off(reading):
 
 def test_contact_angle_of_180_is_no_contact():
     """Nothing is launched for it, nor for 90 degrees; below 180 only the free surface bounds the liquid."""
-    walls = MpmWalls(lower=(0, 0, 0), upper=(2, 2, 0))
-    box = (Box(lower=(0.4, 0.0, 0.0), cells=(8, 8, 1)),)
+    walls = rs.MpmWalls(lower=(0, 0, 0), upper=(2, 2, 0))
+    box = (rs.Box(lower=(0.4, 0.0, 0.0), cells=(8, 8, 1)),)
     areas = {}
     for angle in (180.0, 90.0, 0.0):
-        surface = SurfaceEnergy(surface_tension=1.0, contact_angle=angle)
-        run = Simulation(scene(MpmLiquid(bulk_modulus=1e4), walls, surface, dim=2, fluid=box))
+        surface = rs.SurfaceEnergy(surface_tension=1.0, contact_angle=angle)
+        run = rs.Simulation(scene(rs.MpmLiquid(bulk_modulus=1e4), walls, surface, dim=2, fluid=box))
         assert ("mpm.contact" in run.plan.launches()) == (angle == 0.0)
         run.step()
         areas[angle] = run._shared["surface"].sample_area.sum()
@@ -190,12 +178,12 @@ def test_walls_at_90_degrees_are_planes_of_symmetry(dim, cut):
     for axis, side in sides.items():
         bounds[0 if side == 1 else 1][axis] = 0.0
     walls = {"lower": tuple(bounds[0]), "upper": tuple(bounds[1]), "rule": "slip"}
-    part = Simulation(drop_scene(whole, dim, tension={"contact_angle": 90.0}, walls=walls), "cpu")
+    part = rs.Simulation(drop_scene(whole, dim, tension={"contact_angle": 90.0}, walls=walls), "cpu")
     for axis in sides:
         image = whole.copy()
         image[:, axis] *= -1
         whole = np.vstack([whole, image])
-    free = Simulation(drop_scene(whole, dim), "cpu")
+    free = rs.Simulation(drop_scene(whole, dim), "cpu")
     start = free.field("position")
     for _ in range(12):
         part.step()
@@ -213,7 +201,7 @@ def test_wall_pulls_at_the_edge_of_the_wetted_area(dim):
     the wall."""
     place = ellipsoid(4.0, dim, seed=1)
     walls = {"lower": (-9.0, 0.0, -9.0), "upper": (9.0, 9.0, 9.0), "rule": "slip"}
-    run = Simulation(drop_scene(place[place[:, 1] > 0], dim, tension={"contact_angle": 60.0}, walls=walls), "cpu")
+    run = rs.Simulation(drop_scene(place[place[:, 1] > 0], dim, tension={"contact_angle": 60.0}, walls=walls), "cpu")
     run.step()
     h, held = 1 / (64 if dim == 2 else 32), run._shared["surface"]
     edge = (held.sample_line != 0).any(1)
@@ -228,27 +216,33 @@ def test_wall_pulls_at_the_edge_of_the_wetted_area(dim):
 
 
 BAD = {
-    "contact_angle = 190": lambda: (LIQUID, SurfaceEnergy(surface_tension=1.0, contact_angle=190.0)),
-    "needs a wall": lambda: (LIQUID, SurfaceEnergy(surface_tension=1.0, contact_angle=60.0)),
-    "surface_tension = -1": lambda: (LIQUID, SurfaceEnergy(surface_tension=-1.0)),
-    "do not resolve": lambda: (LIQUID, SurfaceEnergy(surface_tension=1.0, smallest=200)),
-    "do not resolve the body": lambda: (MpmLiquid(bulk_modulus=1e5, cell_size=2.0), SurfaceEnergy(surface_tension=1.0)),
-    "is behind a wall": lambda: (LIQUID, MpmWalls(lower=(0.3, 0, 0), upper=(2, 2, 2))),
-    "bulk_modulus = -1.0": lambda: (MpmLiquid(bulk_modulus=-1.0),),
-    "rest_density = 0": lambda: (MpmLiquid(bulk_modulus=1.0, rest_density=0.0),),
-    "cell_size = 0.05": lambda: (MpmLiquid(bulk_modulus=1.0, cell_size=0.05),),
-    "acoustic_number = 0.9": lambda: (MpmLiquid(bulk_modulus=1.0, acoustic_number=0.9),),
-    "initial_ratio = 0.1": lambda: (MpmLiquid(bulk_modulus=1.0, initial_ratio=0.1),),
-    "literal has M99": lambda: (MpmLiquid(bulk_modulus=1.0, literal=("M99",)),),
-    "narrower than three cells": lambda: (LIQUID, MpmWalls(lower=(0, 0, 0), upper=(1, 0.5, 1))),
-    "face '-y'": lambda: (LIQUID, MpmWalls(lower=(0, 0, 0), upper=(1, 1, 1), slip_faces=("-y",), open_faces=("-y",))),
-    "needs effect 'mpm_liquid'": lambda: (MpmWalls(lower=(0, 0, 0), upper=(1, 1, 1)),),
+    "contact_angle = 190": lambda: (LIQUID, rs.SurfaceEnergy(surface_tension=1.0, contact_angle=190.0)),
+    "needs a wall": lambda: (LIQUID, rs.SurfaceEnergy(surface_tension=1.0, contact_angle=60.0)),
+    "surface_tension = -1": lambda: (LIQUID, rs.SurfaceEnergy(surface_tension=-1.0)),
+    "do not resolve": lambda: (LIQUID, rs.SurfaceEnergy(surface_tension=1.0, smallest=200)),
+    "do not resolve the body": lambda: (
+        rs.MpmLiquid(bulk_modulus=1e5, cell_size=2.0),
+        rs.SurfaceEnergy(surface_tension=1.0),
+    ),
+    "is behind a wall": lambda: (LIQUID, rs.MpmWalls(lower=(0.3, 0, 0), upper=(2, 2, 2))),
+    "bulk_modulus = -1.0": lambda: (rs.MpmLiquid(bulk_modulus=-1.0),),
+    "rest_density = 0": lambda: (rs.MpmLiquid(bulk_modulus=1.0, rest_density=0.0),),
+    "cell_size = 0.05": lambda: (rs.MpmLiquid(bulk_modulus=1.0, cell_size=0.05),),
+    "acoustic_number = 0.9": lambda: (rs.MpmLiquid(bulk_modulus=1.0, acoustic_number=0.9),),
+    "initial_ratio = 0.1": lambda: (rs.MpmLiquid(bulk_modulus=1.0, initial_ratio=0.1),),
+    "literal has M99": lambda: (rs.MpmLiquid(bulk_modulus=1.0, literal=("M99",)),),
+    "narrower than three cells": lambda: (LIQUID, rs.MpmWalls(lower=(0, 0, 0), upper=(1, 0.5, 1))),
+    "face '-y'": lambda: (
+        LIQUID,
+        rs.MpmWalls(lower=(0, 0, 0), upper=(1, 1, 1), slip_faces=("-y",), open_faces=("-y",)),
+    ),
+    "needs effect 'mpm_liquid'": lambda: (rs.MpmWalls(lower=(0, 0, 0), upper=(1, 1, 1)),),
 }
 
 
 @pytest.mark.parametrize("words", BAD)
 def test_bad_input_gets_one_sentence(words):
-    with pytest.raises(InputError) as error:
+    with pytest.raises(rs.InputError) as error:
         make_plan(scene(*BAD[words]()))
     assert words in str(error.value)
 
@@ -257,13 +251,15 @@ def test_bad_input_gets_one_sentence(words):
     ("count", "words"), [(0, "there are no particles; add a fluid"), (1, "1 particles do not resolve a body")]
 )
 def test_too_few_particles_are_bad_input(count, words):
-    with pytest.raises(InputError, match=words):
-        make_plan(scene(LIQUID, SurfaceEnergy(surface_tension=1.0), fluid=(Cloud(position=np.full((count, 3), 0.3)),)))
+    with pytest.raises(rs.InputError, match=words):
+        make_plan(
+            scene(LIQUID, rs.SurfaceEnergy(surface_tension=1.0), fluid=(rs.Cloud(position=np.full((count, 3), 0.3)),))
+        )
 
 
 def test_a_particle_beyond_the_grid_is_bad_input():
-    far = Cloud(position=np.array([[0.2 * 2**21, 0.0, 0.0]]))
-    with pytest.raises(InputError, match="background grid"):
+    far = rs.Cloud(position=np.array([[0.2 * 2**21, 0.0, 0.0]]))
+    with pytest.raises(rs.InputError, match="background grid"):
         make_plan(scene(LIQUID, fluid=(far,)))
 
 
@@ -271,12 +267,12 @@ def test_a_particle_beyond_the_grid_is_bad_input():
 def test_velocity_of_before_the_update_knows_no_force(surface):
     """Thesis M7: (4.12) to (4.14) with v^n, which is (mv)^n/m^n of (4.11): a thrown block moves straight on, at any
     pressure, tension, gravity, viscosity and wall, and no volume changes."""
-    liquid = MpmLiquid(bulk_modulus=1e5, initial_ratio=0.9, dynamic_viscosity=20.0, literal=("M7",))
-    pull = Gravity(acceleration=(0.0, -9.81, 0.0))
-    effects = [liquid, pull, MpmWalls(lower=(-0.2, -0.2, 0.0), upper=(0.9, 0.9, 0.0), rule="slip")]
+    liquid = rs.MpmLiquid(bulk_modulus=1e5, initial_ratio=0.9, dynamic_viscosity=20.0, literal=("M7",))
+    pull = rs.Gravity(acceleration=(0.0, -9.81, 0.0))
+    effects = [liquid, pull, rs.MpmWalls(lower=(-0.2, -0.2, 0.0), upper=(0.9, 0.9, 0.0), rule="slip")]
     if surface is not None:
-        effects.append(SurfaceEnergy(surface_tension=50.0, contact_angle=surface))
-    run = Simulation(scene(*effects, dim=2, velocity=(3.0, -2.0, 0.0), step=1e-3))
+        effects.append(rs.SurfaceEnergy(surface_tension=50.0, contact_angle=surface))
+    run = rs.Simulation(scene(*effects, dim=2, velocity=(3.0, -2.0, 0.0), step=1e-3))
     start, moved = run.field("position"), 0.0
     for _ in range(150):
         moved += run.step().length
@@ -328,23 +324,23 @@ def crowded(ratio, **surface):
 def test_run_says_from_when_on_particles_gather(tmp_path, dtype):
     """Above 1.25 a note, once, in the run, in the checkpoint and in the report; above 2 a stop."""
     disc = msgspec.structs.replace(crowded(1.3), dtype=dtype)
-    run = Simulation(disc)
+    run = rs.Simulation(disc)
     assert not run.notes
     run.step()
     assert len(run.notes) == 1
     assert "surface_energy: from step 1 on" in run.notes[0]
     assert "the grid counts 1.3" in run.notes[0]
     run.checkpoint(tmp_path / "c.h5")
-    for each in (run, Simulation.resume(tmp_path / "c.h5")):
+    for each in (run, rs.Simulation.resume(tmp_path / "c.h5")):
         each.step()
         assert each.notes == run.notes
         assert len(each.notes) == 1
     assert simulate(disc, 2.5e-4).notes == run.notes
-    calm = Simulation(msgspec.structs.replace(crowded(1.2), dtype=dtype))
+    calm = rs.Simulation(msgspec.structs.replace(crowded(1.2), dtype=dtype))
     calm.step()
     assert not calm.notes
-    with pytest.raises(RunStopped, match=r"the grid counts 2\.1") as stop:
-        Simulation(msgspec.structs.replace(crowded(2.1), dtype=dtype)).step()
+    with pytest.raises(rs.RunStopped, match=r"the grid counts 2\.1") as stop:
+        rs.Simulation(msgspec.structs.replace(crowded(2.1), dtype=dtype)).step()
     assert stop.value.reason == "clumped"
 
 
@@ -354,7 +350,7 @@ def test_volume_ratio_follows_the_counted_density(volume):
     much as J, and momentum stays."""
     disc = crowded(1.2, recount_time=1e-3)
     liquid = msgspec.structs.replace(disc.effects[0], volume=volume, bulk_modulus=1e-3)
-    run = Simulation(msgspec.structs.replace(disc, effects=(liquid, disc.effects[1])))
+    run = rs.Simulation(msgspec.structs.replace(disc, effects=(liquid, disc.effects[1])))
     advanced(run, 40)
     assert run.field("crowding").max() < 1.051
     inside = np.linalg.norm(run.field("position"), axis=1) < 3 * disc.spacing

@@ -3,19 +3,8 @@
 import numpy as np
 import pytest
 
-from refsim import (
-    Ball,
-    Box,
-    BoxWalls,
-    Cloud,
-    EnergyAudit,
-    Gravity,
-    InputError,
-    Scene,
-    SolidBall,
-    WeaklyCompressible,
-    make_plan,
-)
+import refsim as rs
+from refsim import make_plan
 
 WALLS = {"lower": (0, 0, 0), "upper": (1, 1, 1)}
 
@@ -24,10 +13,13 @@ def scene(**changes):
     values = {
         "spacing": 0.1,
         "support_radius": 0.2,
-        "fluid": (Box(cells=(2, 2, 2)), Ball(radius=0.2, center=(1.0, 1.0, 1.0))),
-        "effects": (WeaklyCompressible(sound_speed=10.0, density="summation"), Gravity(acceleration=(0.0, 0.0, -9.81))),
+        "fluid": (rs.Box(cells=(2, 2, 2)), rs.Ball(radius=0.2, center=(1.0, 1.0, 1.0))),
+        "effects": (
+            rs.WeaklyCompressible(sound_speed=10.0, density="summation"),
+            rs.Gravity(acceleration=(0.0, 0.0, -9.81)),
+        ),
     }
-    return Scene(**values | changes)
+    return rs.Scene(**values | changes)
 
 
 @pytest.mark.parametrize(
@@ -35,21 +27,21 @@ def scene(**changes):
     [
         (lambda: scene(spacing=None), r"Scene: spacing = None is a NoneType; give a number\."),
         (lambda: scene(dtype="float23"), r"Scene: dtype = 'float23' is not possible; did you mean float32\?"),
-        (lambda: scene(fluid=Box(cells=(1, 1, 1))), r"Scene: fluid = Box\(.* is a Box; give a tuple or a list\."),
+        (lambda: scene(fluid=rs.Box(cells=(1, 1, 1))), r"Scene: fluid = Box\(.* is a Box; give a tuple or a list\."),
         (lambda: scene(fluid=(3,)), r"Scene: fluid\[0\] = 3 is a whole number; give Box or Ball or Cloud\."),
-        (lambda: scene(effects=Gravity(acceleration=(0, 0, 0))), r"Scene: effects = .* give a tuple or a list\."),
+        (lambda: scene(effects=rs.Gravity(acceleration=(0, 0, 0))), r"Scene: effects = .* give a tuple or a list\."),
         (lambda: scene(energy_audit=5), r"Scene: energy_audit = 5 is a whole number; give EnergyAudit or None\."),
-        (lambda: SolidBall(center=(0, 0, 0), radius="r"), r"SolidBall: radius = 'r' is text; give a number\."),
-        (lambda: SolidBall(center=(0, 0, 0), radius=1, density=-1.0), "density = -1.0 .*; give a positive number"),
-        (lambda: Gravity(acceleration=9.81), r"gravity: acceleration = 9\.81 is a number with decimals; give a tuple"),
-        (lambda: Gravity(acceleration=(0, "g", 0)), r"gravity: acceleration\[1\] = 'g' is text; give a number\."),
-        (lambda: BoxWalls(**WALLS, open_faces="+y"), r"box_walls: open_faces = .\+y. is text; give a tuple"),
-        (lambda: EnergyAudit(every=0.5), r"EnergyAudit: every = 0\.5 is a number with decimals; give a whole number\."),
+        (lambda: rs.SolidBall(center=(0, 0, 0), radius="r"), r"SolidBall: radius = 'r' is text; give a number\."),
+        (lambda: rs.SolidBall(center=(0, 0, 0), radius=1, density=-1.0), "density = -1.0 .*; give a positive number"),
+        (lambda: rs.Gravity(acceleration=9.81), r"gravity: acceleration = 9\.81 is a number with decimals; give a tup"),
+        (lambda: rs.Gravity(acceleration=(0, "g", 0)), r"gravity: acceleration\[1\] = 'g' is text; give a number\."),
+        (lambda: rs.BoxWalls(**WALLS, open_faces="+y"), r"box_walls: open_faces = .\+y. is text; give a tuple"),
+        (lambda: rs.EnergyAudit(every=0.5), r"EnergyAudit: every = 0\.5 is a number with decimals; give a whole"),
         (lambda: scene(spacing=10**400), r"Scene: spacing = 1000.* is not possible \(number out of range\)"),
     ],
 )  # fmt: skip
 def test_an_error_names_class_field_and_value(made, sentence):
-    with pytest.raises(InputError, match=sentence):
+    with pytest.raises(rs.InputError, match=sentence):
         made()
 
 
@@ -57,8 +49,8 @@ def test_numbers_and_arrays_of_numpy_are_taken():
     made = scene(
         spacing=np.float32(0.1),
         support_radius=np.float64(0.2),
-        fluid=[Box(cells=np.array([2, 2, 2])), Cloud(position=np.ones((1, 3)))],
-        effects=[Gravity(acceleration=np.array([0.0, 0.0, -9.81]))],
+        fluid=[rs.Box(cells=np.array([2, 2, 2])), rs.Cloud(position=np.ones((1, 3)))],
+        effects=[rs.Gravity(acceleration=np.array([0.0, 0.0, -9.81]))],
     )
     assert make_plan(made).grid.count == 9
 
@@ -69,10 +61,10 @@ def test_one_parameter_is_changed_by_one_call():
         spacing=0.05, weakly_compressible__sound_speed=20.0, fluid__1__radius=0.3, fluid__1__velocity=(1.0, 0.0, 0.0),
         energy_audit__every=10, name="finer",
     )  # fmt: skip
-    assert (after.spacing, after.name, after.energy_audit) == (0.05, "finer", EnergyAudit(every=10))
-    assert after.effects[0] == WeaklyCompressible(sound_speed=20.0, density="summation")
+    assert (after.spacing, after.name, after.energy_audit) == (0.05, "finer", rs.EnergyAudit(every=10))
+    assert after.effects[0] == rs.WeaklyCompressible(sound_speed=20.0, density="summation")
     assert after.effects[1] is before.effects[1]
-    assert after.fluid == (before.fluid[0], Ball(radius=0.3, center=(1.0, 1.0, 1.0), velocity=(1.0, 0.0, 0.0)))
+    assert after.fluid == (before.fluid[0], rs.Ball(radius=0.3, center=(1.0, 1.0, 1.0), velocity=(1.0, 0.0, 0.0)))
     assert before == scene()
 
 
@@ -91,5 +83,5 @@ def test_one_parameter_is_changed_by_one_call():
     ],
 )
 def test_a_change_that_is_not_possible_is_named(changes, sentence):
-    with pytest.raises(InputError, match=sentence):
+    with pytest.raises(rs.InputError, match=sentence):
         scene().with_(**changes)

@@ -5,25 +5,8 @@ import re
 
 import pytest
 
-from refsim import (
-    Akinci2013,
-    Box,
-    BoxWalls,
-    Gravity,
-    HeatConduction,
-    ImplicitPressure,
-    InputError,
-    Melting,
-    MeshBoundary,
-    Scene,
-    ShapeMatching,
-    Simulation,
-    SolidBox,
-    TwoWayCoupling,
-    WeaklyCompressible,
-    load_scene,
-    make_plan,
-)
+import refsim as rs
+from refsim import load_scene, make_plan
 from refsim.commands.plan import _text, describe_plan
 from refsim.io.checkpoint import read_checkpoint, write_checkpoint
 from tests.running import run_to
@@ -31,10 +14,10 @@ from tests.running import run_to
 EXAMPLES = pathlib.Path(__file__).parents[2] / "refsim" / "examples"
 PEBBLE = str(EXAMPLES / "pebble.obj")
 BOX = {"lower": (0.0, 0.0, 0.0), "upper": (0.4, 0.4, 0.4)}
-PULL = Gravity(acceleration=(0.0, -9.81, 0.0))
-SOLID = (SolidBox(lower=(0.0, 0.0, 0.1), upper=(0.2, 0.2, 0.2)),)
-MOLTEN = (HeatConduction(melting_point=0.0), Melting())
-COUPLED = (ShapeMatching(), TwoWayCoupling())
+PULL = rs.Gravity(acceleration=(0.0, -9.81, 0.0))
+SOLID = (rs.SolidBox(lower=(0.0, 0.0, 0.1), upper=(0.2, 0.2, 0.2)),)
+MOLTEN = (rs.HeatConduction(melting_point=0.0), rs.Melting())
+COUPLED = (rs.ShapeMatching(), rs.TwoWayCoupling())
 ADVANCED, OWN, PAPERS = (
     ("continuity", "central", "extrapolated"),
     ("summation", "central", "mirrored"),
@@ -43,10 +26,10 @@ ADVANCED, OWN, PAPERS = (
 
 
 def scene(*effects, solid=(), walls=None, **liquid):
-    box = () if walls is None else (BoxWalls(**BOX, **walls),)
-    return Scene(
-        spacing=0.05, support_radius=0.13, solid=solid, fluid=(Box(cells=(4, 4, 4), lower=(0.1, 0.1, 0.2)),),
-        effects=(*box, WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=2.0, **liquid), PULL, *effects),
+    box = () if walls is None else (rs.BoxWalls(**BOX, **walls),)
+    return rs.Scene(
+        spacing=0.05, support_radius=0.13, solid=solid, fluid=(rs.Box(cells=(4, 4, 4), lower=(0.1, 0.1, 0.2)),),
+        effects=(*box, rs.WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=2.0, **liquid), PULL, *effects),
     )  # fmt: skip
 
 
@@ -59,12 +42,12 @@ def scene(*effects, solid=(), walls=None, **liquid):
         (scene(walls={}, density="summation"), PAPERS),
         (scene(walls={}, literal=("E24",)), PAPERS),
         (scene(*COUPLED, *MOLTEN, solid=SOLID, walls={}), PAPERS),
-        (scene(*COUPLED[:1], TwoWayCoupling(density_weighted=True), solid=SOLID, walls={}), PAPERS),
+        (scene(*COUPLED[:1], rs.TwoWayCoupling(density_weighted=True), solid=SOLID, walls={}), PAPERS),
         (scene(walls={"model": "mirrored"}), OWN),
         (scene(walls={"literal": ("g",)}), OWN),
-        (scene(Akinci2013(surface_tension=0.1), walls={}), OWN),
-        (scene(ImplicitPressure(), walls={}), OWN),
-        (scene(MeshBoundary(file=PEBBLE, center=(0.2, 0.2, 0.1), size=0.1, adhesion=1e-9), walls={}), OWN),
+        (scene(rs.Akinci2013(surface_tension=0.1), walls={}), OWN),
+        (scene(rs.ImplicitPressure(), walls={}), OWN),
+        (scene(rs.MeshBoundary(file=PEBBLE, center=(0.2, 0.2, 0.1), size=0.1, adhesion=1e-9), walls={}), OWN),
     ],
 )
 def test_what_is_left_open_follows_the_scene(made, expected):
@@ -75,7 +58,9 @@ def test_what_is_left_open_follows_the_scene(made, expected):
 
 
 def test_a_plan_names_each_default_that_the_papers_have_otherwise_once():
-    told = describe_plan(make_plan(scene(MeshBoundary(file=PEBBLE, center=(0.2, 0.2, 0.1), size=0.1), walls={})), "cpu")
+    told = describe_plan(
+        make_plan(scene(rs.MeshBoundary(file=PEBBLE, center=(0.2, 0.2, 0.1), size=0.1), walls={})), "cpu"
+    )
     assert told["defaults"] == [
         "model of box_walls is 'extrapolated'; model = 'mirrored' has that of the papers",
         "density of weakly_compressible is 'continuity'; density = 'summation' has that of the papers",
@@ -88,20 +73,20 @@ def test_a_plan_names_each_default_that_the_papers_have_otherwise_once():
 
 def test_a_checkpoint_without_an_advanced_density_is_refused(tmp_path):
     """As written by versions whose scenes did not name their density, which was summed."""
-    simulation = Simulation(scene(walls={}, density="summation"), "numpy")
+    simulation = rs.Simulation(scene(walls={}, density="summation"), "numpy")
     simulation.checkpoint(tmp_path / "old.h5")
     saved = read_checkpoint(tmp_path / "old.h5")
     named = re.compile(r'^(density = "summation"|model = "mirrored")\n', re.MULTILINE)
     assert named.search(saved.attributes["scene"])
     text = named.sub("", saved.attributes["scene"])
     write_checkpoint(tmp_path / "old.h5", saved.arrays, saved.attributes | {"scene": text})
-    with pytest.raises(InputError, match=r"it has no advanced density, .*; start the run again"):
-        Simulation.resume(tmp_path / "old.h5")
+    with pytest.raises(rs.InputError, match=r"it has no advanced density, .*; start the run again"):
+        rs.Simulation.resume(tmp_path / "old.h5")
 
 
 def test_spray_of_the_packaged_dam_break_breaks():
     """A particle that leaves others behind at the rim of the tank would have no density left."""
-    simulation = Simulation(load_scene(EXAMPLES / "dam_break_2d.toml"), threads=1)
+    simulation = rs.Simulation(load_scene(EXAMPLES / "dam_break_2d.toml"), threads=1)
     run_to(simulation, 0.46)
     density = simulation.field("density")
     assert 950.0 <= density.min() < 1000.0 < density.max() < 1050.0

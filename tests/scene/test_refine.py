@@ -5,33 +5,18 @@ import itertools
 import numpy as np
 import pytest
 
-from refsim import (
-    Ball,
-    Box,
-    Cloud,
-    InputError,
-    MpmLiquid,
-    Scene,
-    ShapeMatching,
-    Simulation,
-    SolidBall,
-    SolidBox,
-    SolidCells,
-    SolidMesh,
-    SolidTorus,
-    WeaklyCompressible,
-    make_plan,
-)
+import refsim as rs
+from refsim import make_plan
 from refsim.scene.refine import misfit, notes, refined, resting_step, spaced
 
-LIQUID = WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=2.0, density="summation")
+LIQUID = rs.WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=2.0, density="summation")
 
 
 def scene_of(**more):
     given = {
-        "spacing": 0.01, "support_radius": 0.026, "fluid": (Box(cells=(20, 40, 1)),), "dim": 2, "effects": (LIQUID,),
+        "spacing": 0.01, "support_radius": 0.026, "fluid": (rs.Box(cells=(20, 40, 1)),), "dim": 2, "effects": (LIQUID,),
     }  # fmt: skip
-    return Scene(**(given | more))
+    return rs.Scene(**(given | more))
 
 
 def box_mesh(folder):
@@ -43,21 +28,21 @@ def box_mesh(folder):
 
 
 PARTS = {
-    "box": lambda folder: {"fluid": (Box(lower=(0.1, -0.2, 0.0), cells=(17, 23, 9)),)},
-    "box in the plane": lambda folder: {"fluid": (Box(cells=(17, 23, 1)),), "dim": 2},
-    "ball": lambda folder: {"fluid": (Ball(radius=0.33),)},
-    "disc": lambda folder: {"fluid": (Ball(radius=0.52),), "dim": 2},
-    "solid ball": lambda folder: {"solid": (SolidBall(center=(0.03, 0.0, 0.0), radius=0.27),), "fluid": ()},
+    "box": lambda folder: {"fluid": (rs.Box(lower=(0.1, -0.2, 0.0), cells=(17, 23, 9)),)},
+    "box in the plane": lambda folder: {"fluid": (rs.Box(cells=(17, 23, 1)),), "dim": 2},
+    "ball": lambda folder: {"fluid": (rs.Ball(radius=0.33),)},
+    "disc": lambda folder: {"fluid": (rs.Ball(radius=0.52),), "dim": 2},
+    "solid ball": lambda folder: {"solid": (rs.SolidBall(center=(0.03, 0.0, 0.0), radius=0.27),), "fluid": ()},
     "torus": lambda folder: {
-        "solid": (SolidTorus(center=(0.0,) * 3, radius=0.4, tube_radius=0.13, axis=(1.0, 2.0, 0.5)),), "fluid": (),
+        "solid": (rs.SolidTorus(center=(0.0,) * 3, radius=0.4, tube_radius=0.13, axis=(1.0, 2.0, 0.5)),), "fluid": (),
     },
     "tilted box": lambda folder: {
-        "solid": (SolidMesh(file=box_mesh(folder), center=(0.0,) * 3, rotation=(20.0, 35.0, 10.0), density=1300.0),),
+        "solid": (rs.SolidMesh(file=box_mesh(folder), center=(0.0,) * 3, rotation=(20.0, 35.0, 10.0), density=1300.0),),
         "fluid": (),
     },
     "box between cells": lambda folder: {
-        "solid": (SolidBox(lower=(0.0,) * 3, upper=(0.42, 0.33, 0.27)),),
-        "fluid": (Ball(center=(2.0,) * 3, radius=0.3),),
+        "solid": (rs.SolidBox(lower=(0.0,) * 3, upper=(0.42, 0.33, 0.27)),),
+        "fluid": (rs.Ball(center=(2.0,) * 3, radius=0.3),),
     },
 }  # fmt: skip
 
@@ -66,7 +51,7 @@ PARTS = {
 def test_levels_keep_the_mass(name, tmp_path):
     given = {"spacing": 0.05, "support_radius": 0.13, "dim": 3, "effects": (LIQUID,)} | PARTS[name](tmp_path)
     if "solid" in given:
-        given["effects"] = (LIQUID, ShapeMatching())
+        given["effects"] = (LIQUID, rs.ShapeMatching())
     scene = scene_of(**given)
     start = make_plan(scene).state
     sizes, masses, speeds = set(), [], []
@@ -93,11 +78,11 @@ def test_a_ball_with_a_mass_keeps_its_density_and_its_volume():
     """Liquid of 2 % more mass takes 2 % more space, at the rest density in its middle."""
     density = []
     for mass in (None, 1.02):
-        scene = scene_of(fluid=(Ball(center=(0.3, 0.1, 0.0), radius=0.12),), dtype="float64")
+        scene = scene_of(fluid=(rs.Ball(center=(0.3, 0.1, 0.0), radius=0.12),), dtype="float64")
         base = make_plan(scene).state
         if mass:
             scene = scene.with_(fluid__0__mass=mass * base.mass.sum())
-        simulation = Simulation(scene, "cpu", threads=1)
+        simulation = rs.Simulation(scene, "cpu", threads=1)
         simulation.evaluate()
         x = simulation.field("position")
         assert x.mean(0) == pytest.approx([0.3, 0.1, 0.0], abs=1e-12)
@@ -110,33 +95,33 @@ def test_a_ball_with_a_mass_keeps_its_density_and_its_volume():
 
 def test_a_box_keeps_its_edges_and_its_density():
     """Between levels, and where another number of cells is written for the same edges."""
-    scene = scene_of(fluid=(Box(lower=(0.1, 0.0, 0.0), cells=(30, 41, 1)),), dtype="float64")
+    scene = scene_of(fluid=(rs.Box(lower=(0.1, 0.0, 0.0), cells=(30, 41, 1)),), dtype="float64")
     for made in (refined(scene, 1.3), refined(refined(scene, 1.3), 1.17)):
         box = made.fluid[0]
         assert box.size[:2] == pytest.approx((0.3, 0.41))
-        simulation = Simulation(made, "cpu", threads=1)
+        simulation = rs.Simulation(made, "cpu", threads=1)
         x, half = simulation.field("position"), 0.5 * np.divide(box.size, box.cells)
         assert x.min(0)[:2] - half[:2] == pytest.approx([0.1, 0.0])
         assert x.max(0)[:2] + half[:2] == pytest.approx([0.4, 0.41])
         simulation.evaluate()
         middle = np.linalg.norm(x - x.mean(0), axis=1) < 0.1
         assert simulation.field("density")[middle].mean() == pytest.approx(1000.0, rel=0.002)
-    far = scene_of(fluid=(Box(cells=(30, 41, 1), size=(0.4, 0.41, 0.01)),))
+    far = scene_of(fluid=(rs.Box(cells=(30, 41, 1), size=(0.4, 0.41, 0.01)),))
     with pytest.raises(
-        InputError, match=r"at 1.33, 1 spacings along the axes; give 0.91 to 1.1, or leave the size out"
+        rs.InputError, match=r"at 1.33, 1 spacings along the axes; give 0.91 to 1.1, or leave the size out"
     ):
         make_plan(far)
 
 
 @pytest.mark.parametrize("mass", [0.0, -1.0, 1e9, 1e-3, float("nan")])
 def test_a_mass_that_does_not_fit_is_refused(mass):
-    with pytest.raises(InputError, match="mass = "):
-        make_plan(scene_of(spacing=0.05, support_radius=0.13, fluid=(Ball(radius=0.1, mass=mass),)))
-    with pytest.raises(InputError, match="mass = "):
+    with pytest.raises(rs.InputError, match="mass = "):
+        make_plan(scene_of(spacing=0.05, support_radius=0.13, fluid=(rs.Ball(radius=0.1, mass=mass),)))
+    with pytest.raises(rs.InputError, match="mass = "):
         make_plan(
             scene_of(
-                spacing=0.05, support_radius=0.13, fluid=(), dim=3, effects=(LIQUID, ShapeMatching()),
-                solid=(SolidBox(lower=(0.0,) * 3, upper=(0.3,) * 3, mass=mass),),
+                spacing=0.05, support_radius=0.13, fluid=(), dim=3, effects=(LIQUID, rs.ShapeMatching()),
+                solid=(rs.SolidBox(lower=(0.0,) * 3, upper=(0.3,) * 3, mass=mass),),
             )
         )  # fmt: skip
 
@@ -146,7 +131,7 @@ def test_a_fixed_step_follows_what_is_stable():
     sound = scene_of(step=1e-5)
     assert refined(sound, 2.0).step == pytest.approx(5e-6)
     thick = scene_of(
-        step=1e-5, effects=(WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=2e5, density="summation"),)
+        step=1e-5, effects=(rs.WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=2e5, density="summation"),)
     )
     ratio = resting_step(thick, 0.005, 0.013) / resting_step(thick, 0.01, 0.026)
     assert ratio == pytest.approx(0.25, rel=1e-6)
@@ -154,26 +139,26 @@ def test_a_fixed_step_follows_what_is_stable():
 
 
 def test_lengths_of_the_mesh_follow():
-    grid = refined(scene_of(effects=(MpmLiquid(bulk_modulus=1e4, cell_size=0.02),)), 2.0).effects[0]
+    grid = refined(scene_of(effects=(rs.MpmLiquid(bulk_modulus=1e4, cell_size=0.02),)), 2.0).effects[0]
     assert grid.cell_size == 0.01
     assert grid.bulk_modulus == 1e4
-    assert refined(scene_of(effects=(MpmLiquid(bulk_modulus=1e4),)), 2.0).effects[0].cell_size == 0  # two spacings
+    assert refined(scene_of(effects=(rs.MpmLiquid(bulk_modulus=1e4),)), 2.0).effects[0].cell_size == 0  # two spacings
 
 
 def test_what_has_no_other_spacing():
-    cloud = scene_of(fluid=(Box(cells=(4, 4, 1)), Cloud(position=[[1.0, 1.0], [1.0, 1.01]])))
-    cells = scene_of(solid=(SolidCells(cells=[[0, 0, 0]]),))
+    cloud = scene_of(fluid=(rs.Box(cells=(4, 4, 1)), rs.Cloud(position=[[1.0, 1.0], [1.0, 1.01]])))
+    cells = scene_of(solid=(rs.SolidCells(cells=[[0, 0, 0]]),))
     for scene, words in ((cloud, r"\[\[fluid\]\] number 2 gives its particles"), (cells, r"\[\[solid\]\] number 1")):
-        with pytest.raises(InputError, match=words):
+        with pytest.raises(rs.InputError, match=words):
             refined(scene, 2.0)
-        with pytest.raises(InputError, match=words):
+        with pytest.raises(rs.InputError, match=words):
             spaced(scene, 3, 1)
 
 
 @pytest.mark.parametrize("cells", [(20, 40, 1), (9, 9, 1), (10, 10, 1), (36, 28, 1)])
 @pytest.mark.parametrize("count, finer", [(3, 1), (4, 2), (3, 0), (3, 2)])
 def test_levels_hold_the_scene_and_whole_cells(cells, count, finer):
-    scene = scene_of(fluid=(Box(cells=cells),))
+    scene = scene_of(fluid=(rs.Box(cells=cells),))
     found = spaced(scene, count, finer)
     assert len(found) == count
     assert found[count - 1 - finer] == 1.0
@@ -184,16 +169,16 @@ def test_levels_hold_the_scene_and_whole_cells(cells, count, finer):
 def test_exact_levels_are_preferred():
     assert all(misfit(scene_of(), f) < 1e-9 for f in spaced(scene_of(), 3, 1))
     assert not notes(scene_of(), spaced(scene_of(), 3, 1))
-    rough = scene_of(fluid=(Box(cells=(30, 41, 1)),))
+    rough = scene_of(fluid=(rs.Box(cells=(30, 41, 1)),))
     assert any("no whole cells" in note for note in notes(rough, spaced(rough, 3, 1)))
 
 
 def test_boxes_without_a_common_divisor():
-    with pytest.raises(InputError, match="give the boxes numbers of cells with a common divisor"):
-        spaced(scene_of(fluid=(Box(cells=(7, 11, 1)), Box(lower=(1.0, 0.0, 0.0), cells=(3, 5, 1)))), 3, 0)
+    with pytest.raises(rs.InputError, match="give the boxes numbers of cells with a common divisor"):
+        spaced(scene_of(fluid=(rs.Box(cells=(7, 11, 1)), rs.Box(lower=(1.0, 0.0, 0.0), cells=(3, 5, 1)))), 3, 0)
 
 
 @pytest.mark.parametrize("given", [(0, 0, 1.5), (3, 3, 1.5), (3, -1, 1.5), (3, 1, 1.0), (3, 1, 9.0)])
 def test_impossible_levels_get_a_sentence(given):
-    with pytest.raises(InputError, match="is not possible; give"):
+    with pytest.raises(rs.InputError, match="is not possible; give"):
         spaced(scene_of(), *given)

@@ -5,21 +5,8 @@ import zlib
 import numpy as np
 import pytest
 
-from refsim import (
-    Box,
-    BoxWalls,
-    Gravity,
-    InputError,
-    Scene,
-    ShapeMatching,
-    Simulation,
-    SolidBall,
-    SolidBox,
-    SolidCells,
-    TwoWayCoupling,
-    WeaklyCompressible,
-    make_plan,
-)  # fmt: skip
+import refsim as rs
+from refsim import make_plan
 from refsim.core.operation import REGISTRY
 from refsim.scene.solids import lattice_of
 from refsim.shape_matching import Matching, floors, reference
@@ -169,9 +156,9 @@ def test_collapsed_regions_turn_as_the_reference_says(name, program, dtype):
 def free(solid, steps, dt=0.005, dtype="float64", gravity=None, **options):
     """A scene of solids alone, advanced."""
     options = {"summation": "gather"} | options
-    effects = (ShapeMatching(**options), *(() if gravity is None else (Gravity(acceleration=gravity),)))
-    scene = Scene(spacing=0.2, support_radius=0.5, fluid=(), solid=solid, effects=effects, step=dt, dtype=dtype)
-    simulation = Simulation(scene)
+    effects = (rs.ShapeMatching(**options), *(() if gravity is None else (rs.Gravity(acceleration=gravity),)))
+    scene = rs.Scene(spacing=0.2, support_radius=0.5, fluid=(), solid=solid, effects=effects, step=dt, dtype=dtype)
+    simulation = rs.Simulation(scene)
     advanced(simulation, steps)
     return simulation
 
@@ -181,7 +168,7 @@ def momenta(simulation):
     return (m[:, None] * v).sum(0), (m[:, None] * np.cross(x, v)).sum(0)
 
 
-SPINNING = SolidBox(lower=(0, 0, 0), upper=(0.8, 0.6, 0.6), velocity=(1.0, 0.0, 0.0), spin=(0.0, 1.0, 3.0))
+SPINNING = rs.SolidBox(lower=(0, 0, 0), upper=(0.8, 0.6, 0.6), velocity=(1.0, 0.0, 0.0), spin=(0.0, 1.0, 3.0))
 
 
 def distances(simulation):
@@ -218,7 +205,7 @@ def test_damping_takes_the_ringing_away():
     """A body whose particles start 0.6 spacings off their places: undamped it rings on, damped it comes to rest."""
     speeds = {}
     for damping in (0.0, 0.1):
-        simulation = free((SolidBox(lower=(0, 0, 0), upper=(1, 1, 1)),), 0, damping=damping, half_width=1)
+        simulation = free((rs.SolidBox(lower=(0, 0, 0), upper=(1, 1, 1)),), 0, damping=damping, half_width=1)
         noise = 0.12 * np.random.default_rng(2).normal(size=(125, 3))
         simulation.backend.assign(simulation.fields["position"], simulation.field("position") + noise)
         advanced(simulation, 400)
@@ -233,7 +220,7 @@ def test_fast_sums_are_exact_far_from_the_first_particle():
     In float32 the pair's inertia would lose what the floor of its inertia holds, and its spin would explode.
     """
     random, pairs = np.random.default_rng(3), [[[20, 5 * k, 17], [21, 5 * k + 1, 17]] for k in range(8)]
-    body = SolidCells(cells=[[0, 0, 0], *(cell for pair in pairs for cell in pair)])
+    body = rs.SolidCells(cells=[[0, 0, 0], *(cell for pair in pairs for cell in pair)])
     simulation = free((body,), 0, dtype="float32", summation="fast")
     kick = np.zeros((17, 3))
     kick[1::2] = random.normal(size=(8, 3)) * (4.0, 4.0, 8.0)
@@ -252,19 +239,19 @@ def test_fast_sums_are_exact_far_from_the_first_particle():
 def test_a_light_body_floats_at_rest():
     """Energy does not grow: a box of half the water's density ends half under water, and everything comes to rest."""
     effects = (
-        WeaklyCompressible(
+        rs.WeaklyCompressible(
             sound_speed=40.0, dynamic_viscosity=50.0, state="tait", kernels="cubic_spline", density="summation"
         ),
-        ShapeMatching(summation="gather"),
-        TwoWayCoupling(),
-        Gravity(),
-        BoxWalls(lower=(0, 0, 0), upper=(1.6, 1.6, 3)),
+        rs.ShapeMatching(summation="gather"),
+        rs.TwoWayCoupling(),
+        rs.Gravity(),
+        rs.BoxWalls(lower=(0, 0, 0), upper=(1.6, 1.6, 3)),
     )
-    body = SolidBox(lower=(0.4, 0.4, 0.8), upper=(1.2, 1.2, 1.6), density=500.0, velocity=(0.0, 0.0, -1.0))
-    scene = Scene(
-        spacing=0.2, support_radius=0.5, fluid=(Box(cells=(8, 8, 4)),), solid=(body,), effects=effects, step=0.004
+    body = rs.SolidBox(lower=(0.4, 0.4, 0.8), upper=(1.2, 1.2, 1.6), density=500.0, velocity=(0.0, 0.0, -1.0))
+    scene = rs.Scene(
+        spacing=0.2, support_radius=0.5, fluid=(rs.Box(cells=(8, 8, 4)),), solid=(body,), effects=effects, step=0.004
     )
-    simulation = Simulation(scene)
+    simulation = rs.Simulation(scene)
     kinetic = []
     for _ in range(700):
         simulation.step()
@@ -280,15 +267,15 @@ def test_a_light_body_floats_at_rest():
 def test_first_layer_of_liquid_on_a_solid(literal, expected):
     """Density over rest density next to a flat solid: V_k over all solids 1.057, over surfaces alone 1.165."""
     effects = (
-        WeaklyCompressible(sound_speed=40.0, state="tait", kernels="cubic_spline", density="summation"),
-        ShapeMatching(summation="gather"),
-        TwoWayCoupling(literal=literal),
+        rs.WeaklyCompressible(sound_speed=40.0, state="tait", kernels="cubic_spline", density="summation"),
+        rs.ShapeMatching(summation="gather"),
+        rs.TwoWayCoupling(literal=literal),
     )
-    scene = Scene(
-        spacing=0.2, support_radius=0.5, fluid=(Box(lower=(0, 0, 0.8), cells=(14, 14, 5)),), dtype="float64",
-        solid=(SolidBox(lower=(0, 0, 0), upper=(2.8, 2.8, 0.8)),), effects=effects, step=1e-3,
+    scene = rs.Scene(
+        spacing=0.2, support_radius=0.5, fluid=(rs.Box(lower=(0, 0, 0.8), cells=(14, 14, 5)),), dtype="float64",
+        solid=(rs.SolidBox(lower=(0, 0, 0), upper=(2.8, 2.8, 0.8)),), effects=effects, step=1e-3,
     )  # fmt: skip
-    simulation = Simulation(scene)
+    simulation = rs.Simulation(scene)
     simulation.evaluate()
     x, rho = simulation.field("position"), simulation.field("density")
     middle = (np.abs(x[:, :2] - 1.4).max(1) < 0.4) & (np.abs(x[:, 2] - 0.9) < 0.01)
@@ -299,40 +286,43 @@ def test_first_layer_of_liquid_on_a_solid(literal, expected):
 # Scenes
 
 
-HELD = (ShapeMatching(),)
+HELD = (rs.ShapeMatching(),)
 
 
 def solids(*bodies, effects=HELD, **options):
     values = {"spacing": 0.2, "support_radius": 0.5, "fluid": (), **options}
-    return Scene(solid=bodies, effects=effects, **values)
+    return rs.Scene(solid=bodies, effects=effects, **values)
 
 
-BALL = SolidBall(center=(0, 0, 0), radius=0.5)
+BALL = rs.SolidBall(center=(0, 0, 0), radius=0.5)
 BAD = {
-    "number 1: no centre of a lattice cell": solids(SolidBall(center=(0, 0, 0), radius=0.05)),
-    "number 1 and number 2 overlap": solids(BALL, SolidBox(lower=(0, 0, 0), upper=(1, 1, 1))),
-    "number 1 reaches outside the walls": solids(BALL, effects=(ShapeMatching(),
-        WeaklyCompressible(sound_speed=10.0, density="summation"), BoxWalls(lower=(0, 0, 0), upper=(2, 2, 2)))),
-    "less than half a spacing from a solid's": solids(BALL, fluid=(Box(lower=(0.05, 0, 0), cells=(3, 3, 3)),)),
+    "number 1: no centre of a lattice cell": solids(rs.SolidBall(center=(0, 0, 0), radius=0.05)),
+    "number 1 and number 2 overlap": solids(BALL, rs.SolidBox(lower=(0, 0, 0), upper=(1, 1, 1))),
+    "number 1 reaches outside the walls": solids(BALL, effects=(rs.ShapeMatching(),
+        rs.WeaklyCompressible(sound_speed=10.0, density="summation"), rs.BoxWalls(lower=(0, 0, 0), upper=(2, 2, 2)))),
+    "less than half a spacing from a solid's": solids(BALL, fluid=(rs.Box(lower=(0.05, 0, 0), cells=(3, 3, 3)),)),
     "nothing holds its solids together": solids(BALL, effects=()),
-    "the scene has no solids to hold together": Scene(spacing=0.2, support_radius=0.5, fluid=(Box(cells=(2, 2, 2)),),
-        effects=(ShapeMatching(),)),
+    "the scene has no solids to hold together": rs.Scene(spacing=0.2, support_radius=0.5, fluid=(rs.Box(cells=(2, 2,
+    2)),),
+        effects=(rs.ShapeMatching(),)),
     "set dim to 3": solids(BALL, dim=2),
     "half_width = 5": {"half_width": 5},
     "damping = 1.5": {"damping": 1.5},
-    "a cell is listed twice": solids(SolidCells(cells=[[0, 0, 0], [0, 0, 0]])),
-    "rows of 3 whole numbers": solids(SolidCells(cells=[[0.5, 0, 0]])),
-    "its extent from": solids(SolidBox(lower=(1, 0, 0), upper=(0, 1, 1))),
-    "2,147,483,647 can be numbered": solids(SolidBox(lower=(0, 0, 0), upper=(1e9, 1e9, 1e9))),
-    "negative pressures would make solids stick": solids(BALL, effects=(ShapeMatching(), TwoWayCoupling(),
-        WeaklyCompressible(sound_speed=10.0, clamp_pressure=False, density="summation"))),
+    "a cell is listed twice": solids(rs.SolidCells(cells=[[0, 0, 0], [0, 0, 0]])),
+    "rows of 3 whole numbers": solids(rs.SolidCells(cells=[[0.5, 0, 0]])),
+    "its extent from": solids(rs.SolidBox(lower=(1, 0, 0), upper=(0, 1, 1))),
+    "2,147,483,647 can be numbered": solids(rs.SolidBox(lower=(0, 0, 0), upper=(1e9, 1e9, 1e9))),
+    "negative pressures would make solids stick": solids(BALL, effects=(rs.ShapeMatching(), rs.TwoWayCoupling(),
+        rs.WeaklyCompressible(sound_speed=10.0, clamp_pressure=False, density="summation"))),
     "needs effect 'shape_matching'": solids(BALL,
-        effects=(TwoWayCoupling(), WeaklyCompressible(sound_speed=10.0, density="summation"))),
+        effects=(rs.TwoWayCoupling(), rs.WeaklyCompressible(sound_speed=10.0, density="summation"))),
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("words", BAD)
 def test_bad_solids_are_refused_in_one_sentence(words):
-    with pytest.raises(InputError, match=words) as caught:
-        make_plan(scene if isinstance(scene := BAD[words], Scene) else solids(BALL, effects=(ShapeMatching(**scene),)))
+    with pytest.raises(rs.InputError, match=words) as caught:
+        make_plan(
+            scene if isinstance(scene := BAD[words], rs.Scene) else solids(BALL, effects=(rs.ShapeMatching(**scene),))
+        )
     assert "\n" not in str(caught.value)

@@ -5,46 +5,22 @@ import math
 import numpy as np
 import pytest
 
-from refsim import (
-    Akinci2013,
-    BeckerTeschner2007,
-    Box,
-    BoxWalls,
-    Cloud,
-    Dong2016,
-    Gravity,
-    He2014,
-    ImplicitPressure,
-    InputError,
-    JiangZhu2023,
-    MpmLiquid,
-    MpmWalls,
-    NormalDifference2014,
-    RunStopped,
-    Scene,
-    ShapeMatching,
-    Simulation,
-    SolidBox,
-    TartakovskyMeakin2005,
-    TwoWayCoupling,
-    WeaklyCompressible,
-    make_plan,
-    simulate,
-)
+import refsim as rs
+from refsim import make_plan, simulate
 from refsim.surface_tension.calibration import BESIDE, SETTINGS
 from refsim.surface_tension.cohesion import KEEPS_DENSITY
 from tests.running import advanced
 
-DOWN = Gravity(acceleration=(0.0, -9.81, 0.0))
-COLUMN = Box(cells=(5, 40, 1))  # 2 m high at a spacing of 0.05 m
-TANK = BoxWalls(lower=(0.0, -1.0, 0.0), upper=(0.5, 6.0, 0.0))  # H = 3 m
+DOWN = rs.Gravity(acceleration=(0.0, -9.81, 0.0))
+COLUMN = rs.Box(cells=(5, 40, 1))  # 2 m high at a spacing of 0.05 m
+TANK = rs.BoxWalls(lower=(0.0, -1.0, 0.0), upper=(0.5, 6.0, 0.0))  # H = 3 m
 
 
 def scene(*effects, sound=2.0, fluid=(COLUMN,), **settings):
     """Liquid in the plane with a sound speed [m/s]."""
-    liquid = WeaklyCompressible(sound_speed=sound, dynamic_viscosity=1.1, density="summation")
+    liquid = rs.WeaklyCompressible(sound_speed=sound, dynamic_viscosity=1.1, density="summation")
     settings = {"dim": 2, "spacing": 0.05, "support_radius": 0.13, "end_time": 1.0} | settings
-    return Scene(fluid=fluid, effects=(liquid, *effects), **settings)
+    return rs.Scene(fluid=fluid, effects=(liquid, *effects), **settings)
 
 
 def flow_notes(made):
@@ -54,15 +30,19 @@ def flow_notes(made):
 
 HEIGHTS = {  # scenes and H [m]: in a tank, tilted to a corner, without a floor (the liquid's extent), in free space
     "tank": (lambda c: scene(DOWN, TANK, sound=c), 3.0),
-    "corner": (lambda c: scene(Gravity(acceleration=(3.0, -4.0, 0.0)), TANK, sound=c), 0.8 * 3.0 + 0.6 * 0.5),
+    "corner": (lambda c: scene(rs.Gravity(acceleration=(3.0, -4.0, 0.0)), TANK, sound=c), 0.8 * 3.0 + 0.6 * 0.5),
     "no floor": (
-        lambda c: scene(DOWN, BoxWalls(lower=(0, -1, 0), upper=(0.5, 6, 0), open_faces=("-y",)), sound=c),
+        lambda c: scene(DOWN, rs.BoxWalls(lower=(0, -1, 0), upper=(0.5, 6, 0), open_faces=("-y",)), sound=c),
         3.0 + 0.025,  # to the lowest particle of the side walls
     ),
     "free": (lambda c: scene(DOWN, sound=c), 2.0),
     "space": (
         lambda c: scene(
-            Gravity(), BoxWalls(lower=(0.0,) * 3, upper=(1.0,) * 3), sound=c, dim=3, fluid=(Box(cells=(4, 4, 8)),)
+            rs.Gravity(),
+            rs.BoxWalls(lower=(0.0,) * 3, upper=(1.0,) * 3),
+            sound=c,
+            dim=3,
+            fluid=(rs.Box(cells=(4, 4, 8)),),
         ),
         0.4,
     ),
@@ -85,32 +65,34 @@ def test_flow_of_a_fall_is_noted_and_the_advice_suffices(name):
 def test_speeds_at_the_start_are_noted():
     still = scene(sound=20.0)
     assert not flow_notes(still)
-    moving = scene(sound=20.0, fluid=(COLUMN, Box(cells=(2, 2, 1), lower=(3.0, 0.0, 0.0), velocity=(0.0, 3.0, 0.0))))
+    moving = scene(sound=20.0, fluid=(COLUMN, rs.Box(cells=(2, 2, 1), lower=(3.0, 0.0, 0.0), velocity=(0.0, 3.0, 0.0))))
     assert "a flow of 3 m/s (the fastest particle" in flow_notes(moving)[0]
-    lid = BoxWalls(
+    lid = rs.BoxWalls(
         lower=(0.0, 0.0, 0.0), upper=(0.5, 2.5, 0.0), viscosity=1.0, moving_faces=("+y",), velocity=(2.5, 0.0, 0.0)
     )
     assert "a flow of 2.5 m/s" in flow_notes(scene(lid, sound=20.0))[0]
-    body = SolidBox(lower=(2.0, 0.0, 0.0), upper=(2.3, 0.3, 0.3), velocity=(0.0, 0.0, -7.0))
-    solid = scene(ShapeMatching(), TwoWayCoupling(), sound=20.0, dim=3, fluid=(Box(cells=(3, 3, 3)),), solid=(body,))
+    body = rs.SolidBox(lower=(2.0, 0.0, 0.0), upper=(2.3, 0.3, 0.3), velocity=(0.0, 0.0, -7.0))
+    solid = scene(
+        rs.ShapeMatching(), rs.TwoWayCoupling(), sound=20.0, dim=3, fluid=(rs.Box(cells=(3, 3, 3)),), solid=(body,)
+    )
     assert "at least 70 m/s" in flow_notes(solid)[0]
 
 
 def test_nothing_is_noted_where_no_liquid_falls_or_no_sound_speed_acts():
-    driven = {"period": (0.5, 0.0, 0.0), "fluid": (Box(cells=(10, 10, 1)),)}
-    assert not flow_notes(scene(Gravity(acceleration=(9.81, 0.0, 0.0)), **driven))
+    driven = {"period": (0.5, 0.0, 0.0), "fluid": (rs.Box(cells=(10, 10, 1)),)}
+    assert not flow_notes(scene(rs.Gravity(acceleration=(9.81, 0.0, 0.0)), **driven))
     assert flow_notes(scene(DOWN, **driven))
-    assert not flow_notes(scene(DOWN, TANK, ImplicitPressure()))
-    assert not flow_notes(scene(Gravity(acceleration=(0.0, 0.0, 0.0)), TANK))
+    assert not flow_notes(scene(DOWN, TANK, rs.ImplicitPressure()))
+    assert not flow_notes(scene(rs.Gravity(acceleration=(0.0, 0.0, 0.0)), TANK))
 
 
 def test_a_grid_liquid_is_told_its_bulk_modulus():
     def made(modulus):
         effects = (
-            MpmLiquid(bulk_modulus=modulus), DOWN,
-            MpmWalls(lower=(0.0, -1.0, 0.0), upper=(0.5, 6.0, 0.0)),
+            rs.MpmLiquid(bulk_modulus=modulus), DOWN,
+            rs.MpmWalls(lower=(0.0, -1.0, 0.0), upper=(0.5, 6.0, 0.0)),
         )  # fmt: skip
-        return Scene(dim=2, spacing=0.05, support_radius=0.13, fluid=(COLUMN,), effects=effects)
+        return rs.Scene(dim=2, spacing=0.05, support_radius=0.13, fluid=(COLUMN,), effects=effects)
 
     wanted = 1000.0 * 100 * 2 * 9.81 * 3.0
     (note,) = flow_notes(made(0.9 * wanted))
@@ -122,17 +104,17 @@ def test_a_grid_liquid_is_told_its_bulk_modulus():
 # Tension
 
 COEFFICIENTS = {  # models by a coefficient of their own instead of a tension
-    "jiang_zhu": lambda k: JiangZhu2023(gamma=k), "akinci": lambda k: Akinci2013(gamma=k),
-    "becker_teschner": lambda k: BeckerTeschner2007(kappa=k),
-    "tartakovsky_meakin": lambda k: TartakovskyMeakin2005(strength=k), "dong": lambda k: Dong2016(stiffness=k),
-    "he": lambda k: He2014(kappa=k),
+    "jiang_zhu": lambda k: rs.JiangZhu2023(gamma=k), "akinci": lambda k: rs.Akinci2013(gamma=k),
+    "becker_teschner": lambda k: rs.BeckerTeschner2007(kappa=k),
+    "tartakovsky_meakin": lambda k: rs.TartakovskyMeakin2005(strength=k), "dong": lambda k: rs.Dong2016(stiffness=k),
+    "he": lambda k: rs.He2014(kappa=k),
 }  # fmt: skip
 
 
 def drop(*effects, sound=1.0, dim=3):
-    liquid = WeaklyCompressible(rest_density=1.0, sound_speed=sound, dynamic_viscosity=1.0, density="summation")
+    liquid = rs.WeaklyCompressible(rest_density=1.0, sound_speed=sound, dynamic_viscosity=1.0, density="summation")
     cells = (6, 6, 6 if dim == 3 else 1)
-    return Scene(dim=dim, spacing=1.0, support_radius=2.6, fluid=(Box(cells=cells),), effects=(liquid, *effects))
+    return rs.Scene(dim=dim, spacing=1.0, support_radius=2.6, fluid=(rs.Box(cells=cells),), effects=(liquid, *effects))
 
 
 def stiff_notes(made):
@@ -150,7 +132,7 @@ def test_a_tension_too_large_for_its_sound_speed_is_noted(model, dim):
     assert 1.0 < advised < 1.02
     assert not stiff_notes(drop(effect(1.01 * limit), sound=advised, dim=dim))
     assert not stiff_notes(drop(effect(limit), dim=dim))
-    assert not stiff_notes(drop(effect(100 * limit), ImplicitPressure(), dim=dim))
+    assert not stiff_notes(drop(effect(100 * limit), rs.ImplicitPressure(), dim=dim))
 
 
 @pytest.mark.parametrize("model", COEFFICIENTS)
@@ -164,18 +146,18 @@ def test_other_coefficients_count_by_their_nominal_tension(model):
 
 
 def test_terms_that_hold_no_drop_together_say_so():
-    for effect in (NormalDifference2014(area_acceleration=1e-6), Akinci2013(gamma=0.0, area_acceleration=1e-6)):
+    for effect in (rs.NormalDifference2014(area_acceleration=1e-6), rs.Akinci2013(gamma=0.0, area_acceleration=1e-6)):
         assert any("alone holds no drop together" in note for note in make_plan(drop(effect)).notes)
-    assert not make_plan(drop(NormalDifference2014(area_acceleration=0.0))).notes[1:]  # the viscosity's
+    assert not make_plan(drop(rs.NormalDifference2014(area_acceleration=0.0))).notes[1:]  # the viscosity's
 
 
 # In the run
 
-CRUSHED = {"sound": 2.0, "fluid": (Box(cells=(5, 20, 1)),)}
+CRUSHED = {"sound": 2.0, "fluid": (rs.Box(cells=(5, 20, 1)),)}
 
 
 def run_until_stop(made, backend="numpy", steps=400):
-    simulation = Simulation(made, backend, threads=1 if backend == "cpu" else None)
+    simulation = rs.Simulation(made, backend, threads=1 if backend == "cpu" else None)
     advanced(simulation, steps)
     return simulation
 
@@ -183,8 +165,8 @@ def run_until_stop(made, backend="numpy", steps=400):
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
 @pytest.mark.parametrize("backend", ["numpy", "cpu"])
 def test_a_crushed_liquid_is_noted_and_stops_by_name(backend, dtype):
-    made = scene(DOWN, BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.25, 3.0, 0.0)), dtype=dtype, **CRUSHED)
-    simulation = Simulation(made, backend, threads=1 if backend == "cpu" else None)
+    made = scene(DOWN, rs.BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.25, 3.0, 0.0)), dtype=dtype, **CRUSHED)
+    simulation = rs.Simulation(made, backend, threads=1 if backend == "cpu" else None)
     densest = []
 
     def advance():
@@ -192,7 +174,7 @@ def test_a_crushed_liquid_is_noted_and_stops_by_name(backend, dtype):
             simulation.step()
             densest.append(simulation.field("density").max())  # of the state after the step
 
-    with pytest.raises(RunStopped, match=r"denser than 1\.5 times the rest density") as stopped:
+    with pytest.raises(rs.RunStopped, match=r"denser than 1\.5 times the rest density") as stopped:
         advance()
     assert stopped.value.reason == "compressed"
     assert max(densest[:-1]) <= 1500 < densest[-1]
@@ -203,23 +185,23 @@ def test_a_crushed_liquid_is_noted_and_stops_by_name(backend, dtype):
 
 
 def test_another_bound_of_the_density_lets_the_run_go_on_unchanged(tmp_path):
-    walls = BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.25, 3.0, 0.0))
+    walls = rs.BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.25, 3.0, 0.0))
     made = scene(DOWN, walls, dtype="float64", **CRUSHED)
     far = made.with_(weakly_compressible__density_bound=100.0)
     assert run_until_stop(far, steps=60).field("density").max() > 1500
-    with pytest.raises(RunStopped) as stopped:
+    with pytest.raises(rs.RunStopped) as stopped:
         simulate(made, backend="numpy", output=tmp_path, progress=False)
     report = stopped.value.report
     assert report.reason == "compressed"
     assert "greatest density" in (tmp_path / "postmortem.json").read_text()
-    free = Simulation(far, "numpy")
+    free = rs.Simulation(far, "numpy")
     advanced(free, report.steps)
-    there = Simulation.resume(tmp_path / "checkpoint.h5")
+    there = rs.Simulation.resume(tmp_path / "checkpoint.h5")
     while there.steps < report.steps:
         there.step()
     assert np.array_equal(free.field("position"), there.field("position"))
     for bound in (1.1, 0.0):
-        with pytest.raises(InputError, match="density_bound"):
+        with pytest.raises(rs.InputError, match="density_bound"):
             make_plan(made.with_(weakly_compressible__density_bound=bound))
 
 
@@ -230,17 +212,19 @@ def test_few_dense_particles_among_many_neither_note_nor_stop():
         position = np.concatenate([place, [[100.0, 0.0], [100.001, 0.0]]])
         at_zero = 7 / (math.pi * 0.26**2)  # Wendland C2 in the plane
         mass = np.append(np.full(side**2, 2.5), [0.6 * 1000 / at_zero] * 2)
-        fluid = (Cloud(position=position, mass=mass),)
+        fluid = (rs.Cloud(position=position, mass=mass),)
         made = scene(sound=20.0, fluid=fluid, spacing=0.1, support_radius=0.26, dtype="float64")
-        simulation = Simulation(made, "cpu", threads=1)
+        simulation = rs.Simulation(made, "cpu", threads=1)
         simulation.step()
         assert any("denser than 1.1" in note for note in simulation.notes) == noted, side
 
 
 def test_densities_count_against_the_own_rest_density():
     """Steel in water is as dense as it should be."""
-    body = SolidBox(lower=(2.0, 0.0, 0.0), upper=(2.3, 0.3, 0.3), density=7800.0)
-    made = scene(ShapeMatching(), TwoWayCoupling(), sound=20.0, dim=3, fluid=(Box(cells=(3, 3, 3)),), solid=(body,))
+    body = rs.SolidBox(lower=(2.0, 0.0, 0.0), upper=(2.3, 0.3, 0.3), density=7800.0)
+    made = scene(
+        rs.ShapeMatching(), rs.TwoWayCoupling(), sound=20.0, dim=3, fluid=(rs.Box(cells=(3, 3, 3)),), solid=(body,)
+    )
     simulation = run_until_stop(made, steps=3)
     assert simulation.field("density").max() == 7800
     assert not any("denser" in note for note in simulation.notes)

@@ -5,21 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from refsim import (
-    Box,
-    BoxWalls,
-    Cloud,
-    Gravity,
-    InputError,
-    ParticleShifting,
-    RunStopped,
-    Scene,
-    Simulation,
-    SurfaceDetection,
-    WeaklyCompressible,
-    make_plan,
-    simulate,
-)
+import refsim as rs
+from refsim import make_plan, simulate
 from tests.running import advanced, run_to
 from validation.experiments.flows import runs as flows
 from validation.experiments.liquid.runs import pushed
@@ -37,13 +24,13 @@ def tank(cells, ratio, dim, dtype="float64", effects=(), **liquid):
     pull[up], upper[up] = -G, 2 * DEPTH
     viscosity = DENSITY * 0.02 * 0.5 * ratio * spacing * SOUND / (2 * (dim + 2))
     liquid = {"density": "continuity", "viscosity": "central"} | liquid
-    return Scene(
+    return rs.Scene(
         dim=dim, dtype=dtype, spacing=spacing, support_radius=ratio * spacing,
-        fluid=(Box(cells=(cells, cells, cells if dim == 3 else 1)),),
+        fluid=(rs.Box(cells=(cells, cells, cells if dim == 3 else 1)),),
         effects=(
-            WeaklyCompressible(sound_speed=SOUND, dynamic_viscosity=viscosity, **liquid),
-            Gravity(acceleration=tuple(pull)),
-            BoxWalls(lower=(0.0, 0.0, 0.0), upper=tuple(upper), model="extrapolated"), *effects,
+            rs.WeaklyCompressible(sound_speed=SOUND, dynamic_viscosity=viscosity, **liquid),
+            rs.Gravity(acceleration=tuple(pull)),
+            rs.BoxWalls(lower=(0.0, 0.0, 0.0), upper=tuple(upper), model="extrapolated"), *effects,
         ),
     )  # fmt: skip
 
@@ -67,9 +54,9 @@ def shaken(simulation, size, seed=3):
 )  # fmt: skip
 def test_a_tank_rests_and_weighs_what_it_holds(cells, ratio, dim, shake, gradient):
     """From the lattice, and shaken with particle shifting; mean values of the last half second."""
-    shifting = (SurfaceDetection(), ParticleShifting()) if shake else ()
+    shifting = (rs.SurfaceDetection(), rs.ParticleShifting()) if shake else ()
     simulation = shaken(
-        Simulation(tank(cells, ratio, dim, effects=shifting, gradient=gradient), "cpu", threads=2), shake
+        rs.Simulation(tank(cells, ratio, dim, effects=shifting, gradient=gradient), "cpu", threads=2), shake
     )
     slopes, weights, total = [], [], simulation.field("mass").sum() * G
     until = 2.0 if gradient == "corrected" else 4.0
@@ -90,15 +77,15 @@ def test_a_tank_rests_and_weighs_what_it_holds(cells, ratio, dim, shake, gradien
 def vortices(cells, dtype="float64"):
     """Periodic Taylor-Green vortices at Re 100, velocities of one metre a second at the start, on the lattice."""
     spacing = 1.0 / cells
-    scene = Scene(
+    scene = rs.Scene(
         dim=2, dtype=dtype, spacing=spacing, support_radius=3.2 * spacing, period=(1.0, 1.0, 0.0),
-        fluid=(Box(cells=(cells, cells, 1)),),
+        fluid=(rs.Box(cells=(cells, cells, 1)),),
         effects=(
-            WeaklyCompressible(sound_speed=10.0, dynamic_viscosity=10.0, viscosity="central", density="continuity"),
-            ParticleShifting(surface="none"),
+            rs.WeaklyCompressible(sound_speed=10.0, dynamic_viscosity=10.0, viscosity="central", density="continuity"),
+            rs.ParticleShifting(surface="none"),
         ),
     )  # fmt: skip
-    simulation = Simulation(scene, "cpu", threads=2)
+    simulation = rs.Simulation(scene, "cpu", threads=2)
     x = simulation.field("position")
     simulation.set_field("velocity", flow(x, 0.0))
     pressure = -0.25 * DENSITY * np.cos(4 * np.pi * x[:, :2]).sum(1)
@@ -135,7 +122,7 @@ def test_a_lid_drives_its_cavity(monkeypatch):
 
 
 def test_reading_a_field_does_not_advance_the_density():
-    simulation = shaken(Simulation(tank(8, 2.6, 2), "cpu"), 0.1)
+    simulation = shaken(rs.Simulation(tank(8, 2.6, 2), "cpu"), 0.1)
     advanced(simulation, 3)
     first = simulation.field("density")
     simulation.evaluate()
@@ -144,25 +131,25 @@ def test_reading_a_field_does_not_advance_the_density():
 
 
 def test_liquid_begins_with_the_pressure_of_rest_and_a_falling_box_without():
-    resting = Simulation(tank(8, 2.6, 2), "cpu")
+    resting = rs.Simulation(tank(8, 2.6, 2), "cpu")
     depth = DEPTH - resting.field("position")[:, 1]
     assert resting.field("pressure") == pytest.approx(DENSITY * G * depth, rel=1e-9)
     scene = tank(8, 2.6, 2)
-    raised = Scene(
+    raised = rs.Scene(
         dim=2, spacing=scene.spacing, support_radius=scene.support_radius, effects=scene.effects,
-        fluid=(Box(lower=(0.0, 0.5, 0.0), cells=(8, 8, 1)),),
+        fluid=(rs.Box(lower=(0.0, 0.5, 0.0), cells=(8, 8, 1)),),
     )  # fmt: skip
-    assert not Simulation(raised, "cpu").field("pressure").any()
+    assert not rs.Simulation(raised, "cpu").field("pressure").any()
 
 
 @pytest.mark.parametrize(("gradient", "error"), [("plain", 0.026), ("corrected", 0.0)])
 def test_the_correction_gives_the_gradient_of_a_linear_pressure(gradient, error):
     """Of which a lattice delivers 0.974 at h = 2.6 d; a shaken liquid keeps its momentum to rounding."""
-    scene = Scene(
-        dim=2, spacing=0.1, support_radius=0.26, dtype="float64", fluid=(Box(cells=(14, 14, 1)),),
-        effects=(WeaklyCompressible(sound_speed=10.0, density="continuity", gradient=gradient),),
+    scene = rs.Scene(
+        dim=2, spacing=0.1, support_radius=0.26, dtype="float64", fluid=(rs.Box(cells=(14, 14, 1)),),
+        effects=(rs.WeaklyCompressible(sound_speed=10.0, density="continuity", gradient=gradient),),
     )  # fmt: skip
-    simulation = Simulation(scene, "cpu")
+    simulation = rs.Simulation(scene, "cpu")
     x = simulation.field("position")
     simulation.set_field("advanced_excess", 0.05 * (x[:, 1] - x[:, 1].mean()))
     simulation.evaluate()
@@ -180,12 +167,12 @@ def test_tensile_control_pushes_apart_what_a_negative_pressure_pulls_together(pu
     """Two particles in a periodic box; where the pressure is positive nothing changes."""
     pushes = {}
     for control in ("none", "everywhere"):
-        scene = Scene(
+        scene = rs.Scene(
             dim=2, spacing=0.1, support_radius=0.26, dtype="float64", period=(1.0, 1.0, 0.0),
-            fluid=(Cloud(position=np.array([[0.5, 0.5, 0.0], [0.6, 0.5, 0.0]])),),
-            effects=(WeaklyCompressible(sound_speed=10.0, density="continuity", tensile_control=control),),
+            fluid=(rs.Cloud(position=np.array([[0.5, 0.5, 0.0], [0.6, 0.5, 0.0]])),),
+            effects=(rs.WeaklyCompressible(sound_speed=10.0, density="continuity", tensile_control=control),),
         )  # fmt: skip
-        simulation = Simulation(scene, "cpu")
+        simulation = rs.Simulation(scene, "cpu")
         simulation.set_field("advanced_excess", np.array([2.0 * pull, 5.0]))
         simulation.evaluate()
         pushes[control] = simulation.field("acceleration")[0, 0] * simulation.field("density")[0]
@@ -193,7 +180,9 @@ def test_tensile_control_pushes_apart_what_a_negative_pressure_pulls_together(pu
 
 
 def test_shifting_and_tensile_control_find_the_surface_once():
-    launches = make_plan(tank(6, 2.6, 2, effects=(SurfaceDetection(), ParticleShifting()), tensile_control="inside"))
+    launches = make_plan(
+        tank(6, 2.6, 2, effects=(rs.SurfaceDetection(), rs.ParticleShifting()), tensile_control="inside")
+    )
     assert list(launches.launches()).count("surface_detection.near_surface") == 1
 
 
@@ -205,9 +194,9 @@ def test_it_costs_nothing_where_the_density_is_summed():
 
 def without_walls(**changes):
     return lambda: make_plan(
-        Scene(
-            dim=2, spacing=0.1, support_radius=0.26, fluid=(Box(cells=(4, 4, 1)),),
-            effects=(WeaklyCompressible(sound_speed=10.0, **changes),),
+        rs.Scene(
+            dim=2, spacing=0.1, support_radius=0.26, fluid=(rs.Box(cells=(4, 4, 1)),),
+            effects=(rs.WeaklyCompressible(sound_speed=10.0, **changes),),
         )
     )  # fmt: skip
 
@@ -220,15 +209,15 @@ def test_walls_that_do_not_hold_the_liquid_are_noted():
     """A basin at h = 2.6 d in 3D: planes stop particles between mirrored walls, and none where the liquid rests."""
     notes = {}
     for model, density in (("mirrored", "summation"), ("extrapolated", "continuity")):
-        scene = Scene(
-            spacing=0.02, support_radius=0.052, fluid=(Box(cells=(10, 10, 8)),),
+        scene = rs.Scene(
+            spacing=0.02, support_radius=0.052, fluid=(rs.Box(cells=(10, 10, 8)),),
             effects=(
-                WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=4.5, density=density, viscosity="laplacian"),
-                Gravity(),
-                BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.2, 0.2, 0.5), open_faces=("+z",), model=model),
+                rs.WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=4.5, density=density, viscosity="laplacian"),
+                rs.Gravity(),
+                rs.BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.2, 0.2, 0.5), open_faces=("+z",), model=model),
             ),
         )  # fmt: skip
-        simulation = Simulation(scene, "cpu", threads=2)
+        simulation = rs.Simulation(scene, "cpu", threads=2)
         run_to(simulation, 0.5)
         notes[model] = [
             note for note in simulation.notes if "planes have stopped" in note or "carry the weight" in note
@@ -242,21 +231,21 @@ def test_a_run_stops_where_planes_hold_the_liquid(tmp_path, monkeypatch, model):
     """Any share is too much here; the checkpoint before stays. A film between mirrored walls goes on."""
     for bound in ("STOPPED", "HELD"):
         monkeypatch.setattr(f"refsim.engine.simulation.{bound}", -1.0)
-    scene = Scene(
-        dim=2, spacing=0.02, support_radius=0.052, step=1e-4, fluid=(Box(cells=(10, 10, 1)),),
+    scene = rs.Scene(
+        dim=2, spacing=0.02, support_radius=0.052, step=1e-4, fluid=(rs.Box(cells=(10, 10, 1)),),
         effects=(
-            WeaklyCompressible(sound_speed=20.0, density="summation"), Gravity(acceleration=(0.0, -9.81, 0.0)),
-            BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.2, 0.5, 0.0), model=model),
+            rs.WeaklyCompressible(sound_speed=20.0, density="summation"), rs.Gravity(acceleration=(0.0, -9.81, 0.0)),
+            rs.BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.2, 0.5, 0.0), model=model),
         ),
     )  # fmt: skip
     if model == "mirrored":
         assert simulate(scene, 0.0105).steps > 100
         return
-    with pytest.raises(RunStopped) as stopped:
+    with pytest.raises(rs.RunStopped) as stopped:
         simulate(scene, 1.0, output=tmp_path, checkpoint_every=0.0)
     assert stopped.value.reason == "held_by_planes"
     assert stopped.value.exit_code == 3
-    assert Simulation.resume(tmp_path / "checkpoint.h5").steps == 99
+    assert rs.Simulation.resume(tmp_path / "checkpoint.h5").steps == 99
 
 
 def with_mirrored_walls():
@@ -264,7 +253,7 @@ def with_mirrored_walls():
 
 
 def with_clamped_tension():
-    return make_plan(tank(6, 2.6, 2, effects=(SurfaceDetection(),), tensile_control="inside", clamp_pressure=True))
+    return make_plan(tank(6, 2.6, 2, effects=(rs.SurfaceDetection(),), tensile_control="inside", clamp_pressure=True))
 
 
 @pytest.mark.parametrize(
@@ -272,8 +261,8 @@ def with_clamped_tension():
     [
         (without_walls(density="continuity", diffusion=-0.1), "diffusion = -0.1 is not possible; give 0 to 0.17"),
         (without_walls(density="continuity", diffusion=0.5), "diffusion = 0.5 is not possible; give 0 to 0.17"),
-        (with_effects(ParticleShifting()), "needs effect 'surface_detection'; add it"),
-        (lambda: ParticleShifting(strength=-1.0), "strength = -1.0 is not possible"),
+        (with_effects(rs.ParticleShifting()), "needs effect 'surface_detection'; add it"),
+        (lambda: rs.ParticleShifting(strength=-1.0), "strength = -1.0 is not possible"),
         (without_walls(tensile_control="everywhere", density="continuity"), "but the scene is open along x"),
         (without_walls(tensile_control="inside", density="continuity"), "needs effect 'surface_detection'; add it"),
         (with_clamped_tension, "tensile_control acts on negative pressures, which clamp_pressure sets to zero"),
@@ -281,7 +270,7 @@ def with_clamped_tension():
     ],
 )  # fmt: skip
 def test_bad_input_is_refused_in_a_sentence(make, words):
-    with pytest.raises(InputError) as refused:
+    with pytest.raises(rs.InputError) as refused:
         make()
     assert words in str(refused.value)
     assert str(refused.value).count(". ") == 0

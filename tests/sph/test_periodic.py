@@ -5,25 +5,13 @@ import re
 import numpy as np
 import pytest
 
-from refsim import (
-    Akinci2013,
-    Box,
-    BoxWalls,
-    Cloud,
-    Gravity,
-    HeatConduction,
-    InputError,
-    Scene,
-    Simulation,
-    WeaklyCompressible,
-    contract,
-    make_plan,
-)
+import refsim as rs
+from refsim import contract, make_plan
 from refsim.engine.driver import simulate
 from refsim.io.results import open_run
 from tests.running import advanced
 
-LIQUID = WeaklyCompressible(sound_speed=10.0, dynamic_viscosity=20.0, clamp_pressure=False, density="summation")
+LIQUID = rs.WeaklyCompressible(sound_speed=10.0, dynamic_viscosity=20.0, clamp_pressure=False, density="summation")
 
 
 def channel(**options):
@@ -31,19 +19,20 @@ def channel(**options):
     given = {
         "dim": 2, "dtype": "float64", "spacing": 0.1, "support_radius": 0.26, "name": "channel",
         "period": (0.8, 0.0, 0.0), "period_lower": (-0.4, 0.0, 0.0),
-        "fluid": (Box(lower=(-0.4, 0.0, 0.0), cells=(8, 6, 1), velocity=(2.0, 0.0, 0.0)),),
+        "fluid": (rs.Box(lower=(-0.4, 0.0, 0.0), cells=(8, 6, 1), velocity=(2.0, 0.0, 0.0)),),
         "effects": (
             LIQUID,
-            Gravity(acceleration=(1.0, 0.0, 0.0)),
-            BoxWalls(lower=(0, 0, 0), upper=(9, 0.6, 0), open_faces=("-x", "+x"), viscosity=20.0, moving_faces=("+y",),
+            rs.Gravity(acceleration=(1.0, 0.0, 0.0)),
+            rs.BoxWalls(lower=(0, 0, 0), upper=(9, 0.6, 0), open_faces=("-x", "+x"), viscosity=20.0,
+            moving_faces=("+y",),
                      velocity=(1.0, 0.0, 0.0)),
         ),
     }  # fmt: skip
-    return Scene(**(given | options))
+    return rs.Scene(**(given | options))
 
 
 def run(scene, steps, backend="cpu"):
-    simulation = Simulation(scene, backend)
+    simulation = rs.Simulation(scene, backend)
     advanced(simulation, steps)
     simulation.evaluate()
     return simulation
@@ -56,8 +45,8 @@ def run(scene, steps, backend="cpu"):
         ({"period": (-1.0, 0.0, 0.0)}, "Scene: period[0] = -1.0 is not possible"),
         ({"period": (0.8, 0.0, 1.0)}, "scene: period has a z part in a 2D scene"),
         ({"period_lower": (0.0, 0.0, 0.0)}, "scene: particle 0 starts at x = -0.35 m, outside the periodic box"),
-        ({"effects": (LIQUID, Akinci2013(surface_tension=1.0))}, "akinci_2013: this effect does not act across"),
-        ({"effects": (LIQUID, BoxWalls(lower=(0, 0, 0), upper=(9, 1, 0), open_faces=("-x",)))},
+        ({"effects": (LIQUID, rs.Akinci2013(surface_tension=1.0))}, "akinci_2013: this effect does not act across"),
+        ({"effects": (LIQUID, rs.BoxWalls(lower=(0, 0, 0), upper=(9, 1, 0), open_faces=("-x",)))},
          "box_walls: the face +x would stand across the scene's period; add it to open_faces"),
         ({"box_walls__velocity": (1.0, 0.5, 0.0)}, "has a part across the face +y"),
         ({"box_walls__moving_faces": ("+x",)}, "the face +x has no wall that could move"),
@@ -66,14 +55,14 @@ def run(scene, steps, backend="cpu"):
     ],
 )  # fmt: skip
 def test_what_cannot_be_is_refused_in_one_sentence(changes, words):
-    with pytest.raises(InputError, match=re.escape(words)):
+    with pytest.raises(rs.InputError, match=re.escape(words)):
         make_plan(channel().with_(**changes))
 
 
 def test_a_short_period_is_refused_by_pair_exchange():
-    heat = HeatConduction(scheme="pair_exchange")
+    heat = rs.HeatConduction(scheme="pair_exchange")
     scene = channel(effects=(LIQUID, heat))
-    with pytest.raises(InputError, match="below four support radii"):
+    with pytest.raises(rs.InputError, match="below four support radii"):
         make_plan(scene)
     make_plan(scene.with_(heat_conduction__scheme="single_pass"))
 
@@ -100,20 +89,20 @@ def test_backends_agree_and_the_moving_plate_drags():
 def test_where_the_border_lies_changes_nothing():
     """The flow moved on by half a period, each particle to its image in the box."""
     scene = channel(period=(1.0, 0.0, 0.0), period_lower=(0.0, 0.0, 0.0))
-    position = Box(cells=(10, 6, 1)).positions(make_plan(channel()).grid)
+    position = rs.Box(cells=(10, 6, 1)).positions(make_plan(channel()).grid)
     velocity = np.zeros_like(position)
     velocity[:, 0] = np.sin(2 * np.pi * position[:, 0])
-    first = run(scene.with_(fluid=(Cloud(position=position, velocity=velocity),)), 30)
+    first = run(scene.with_(fluid=(rs.Cloud(position=position, velocity=velocity),)), 30)
     moved = position.copy()
     moved[:, 0] = (position[:, 0] + 0.5) % 1.0
-    second = run(scene.with_(fluid=(Cloud(position=moved, velocity=velocity),)), 30)
+    second = run(scene.with_(fluid=(rs.Cloud(position=moved, velocity=velocity),)), 30)
     # positions are rounded by 1e-16 m, accelerations by c^2 / d^2 = 1e4 times as much; 30 steps and 1e3 for what grows
     for name in ("velocity", "density", "acceleration"):
         assert np.allclose(first.field(name), second.field(name), rtol=1e-9, atol=1e-9)
 
 
 def test_frames_hold_the_images_in_the_box(tmp_path):
-    scene = channel(fluid=(Box(lower=(-0.4, 0.0, 0.0), cells=(8, 6, 1), velocity=(40.0, 0.0, 0.0)),), end_time=0.02)
+    scene = channel(fluid=(rs.Box(lower=(-0.4, 0.0, 0.0), cells=(8, 6, 1), velocity=(40.0, 0.0, 0.0)),), end_time=0.02)
     simulate(scene, backend="numpy", output=tmp_path / "run")
     found = open_run(tmp_path / "run")[-1]["position"]
     assert (np.abs(found[:, 0]) <= 0.4).all()

@@ -12,19 +12,8 @@ import numpy as np
 import pytest
 
 import refsim
-from refsim import (
-    Ball,
-    Box,
-    BoxWalls,
-    Cloud,
-    Gravity,
-    InputError,
-    MpmLiquid,
-    RunStopped,
-    Scene,
-    WeaklyCompressible,
-    make_plan,
-)
+import refsim as rs
+from refsim import make_plan
 from refsim.__main__ import main
 from refsim.core.locks import in_turn
 from refsim.scene.refine import refined
@@ -41,13 +30,13 @@ def block(**more):
         "support_radius": 0.02,
         "dim": 2,
         "end_time": 0.001,
-        "fluid": (Box(cells=(6, 12, 1)),),
+        "fluid": (rs.Box(cells=(6, 12, 1)),),
         "effects": (
-            WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=2.0, density="summation"),
-            Gravity(acceleration=(0.0, -9.81, 0.0)),
+            rs.WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=2.0, density="summation"),
+            rs.Gravity(acceleration=(0.0, -9.81, 0.0)),
         ),
     }
-    return Scene(**(given | more))
+    return rs.Scene(**(given | more))
 
 
 def manufactured(order):
@@ -119,8 +108,9 @@ def test_what_does_not_converge_is_said():
 def test_the_value_belongs_to_the_end_time():
     """A free fall has its closed form whatever the steps are; read at the last step it would be some per cent off."""
     ball = block(
-        fluid=(Box(cells=(2, 2, 1)),), end_time=0.0205, dtype="float64", support_radius=0.0101, step=0.0004,
-        effects=(WeaklyCompressible(sound_speed=2.0, density="summation"), Gravity(acceleration=(0.0, -9.81, 0.0))),
+        fluid=(rs.Box(cells=(2, 2, 1)),), end_time=0.0205, dtype="float64", support_radius=0.0101, step=0.0004,
+        effects=(rs.WeaklyCompressible(sound_speed=2.0, density="summation"), rs.Gravity(acceleration=(0.0, -9.81,
+        0.0))),
     )  # fmt: skip
     found = studied("field:position.y@mean", scene=ball, knobs=("step",))
     start = 0.01
@@ -132,8 +122,9 @@ def test_the_value_belongs_to_the_end_time():
 def test_the_time_of_an_event():
     """The time at which a free fall has gone 1 mm."""
     ball = block(
-        fluid=(Box(cells=(2, 2, 1)),), end_time=0.1, dtype="float64", support_radius=0.0101, step=0.0004,
-        effects=(WeaklyCompressible(sound_speed=2.0, density="summation"), Gravity(acceleration=(0.0, -9.81, 0.0))),
+        fluid=(rs.Box(cells=(2, 2, 1)),), end_time=0.1, dtype="float64", support_radius=0.0101, step=0.0004,
+        effects=(rs.WeaklyCompressible(sound_speed=2.0, density="summation"), rs.Gravity(acceleration=(0.0, -9.81,
+        0.0))),
     )  # fmt: skip
     found = studied("field:position.y@mean", scene=ball, knobs=(), reaches=0.009)
     assert found.base.value == pytest.approx(math.sqrt(2 * 0.001 / 9.81), rel=1e-4)
@@ -180,16 +171,16 @@ def test_a_wider_support_is_a_source_of_error():
     assert found.sources() == {"support": pytest.approx(2 * change)}
     assert "note: sums over a support of 2 spacings make an error of up to 1.9 %" in found.text()
     assert "note: sums" not in studied(value, knobs=("support",), error=0.05).text()
-    tank = Scene(
-        dim=2, spacing=0.1, support_radius=0.2, end_time=1e-3, fluid=(Box(cells=(4, 4, 1)),),
-        effects=(MpmLiquid(bulk_modulus=1e4),),
+    tank = rs.Scene(
+        dim=2, spacing=0.1, support_radius=0.2, end_time=1e-3, fluid=(rs.Box(cells=(4, 4, 1)),),
+        effects=(rs.MpmLiquid(bulk_modulus=1e4),),
     )  # fmt: skip
     alone = studied("kinetic_energy", scene=tank, knobs=("support",))
     assert alone.left_out == ("another support radius left out: no effect of this scene sums over neighbours",)
 
 
 def test_effects_that_others_need_are_left_out_with_the_reason():
-    walls = BoxWalls(lower=(0, 0, 0), upper=(0.3, 0.3, 0), open_faces=("+y",))
+    walls = rs.BoxWalls(lower=(0, 0, 0), upper=(0.3, 0.3, 0), open_faces=("+y",))
     found = studied("kinetic_energy", scene=block(effects=(*block().effects, walls)), knobs=("effects",))
     assert [s.label for s, _ in found.runs if s.kind == "effect"] == ["without gravity", "without box_walls"]
     assert any("without weakly_compressible left out: Effect 'box_walls' needs" in line for line in found.left_out)
@@ -198,7 +189,7 @@ def test_effects_that_others_need_are_left_out_with_the_reason():
 def test_levels_that_work_are_kept_and_shown():
     def breaks(simulation):
         if simulation.plan.grid.spacing < 0.008:
-            raise RunStopped("diverged", "In step 7 a particle moves with 1e9 m/s.")
+            raise rs.RunStopped("diverged", "In step 7 a particle moves with 1e9 m/s.")
         return 1.0 + simulation.plan.grid.spacing
 
     found = studied(breaks)
@@ -237,9 +228,9 @@ def test_a_study_goes_on_where_it_was_stopped(tmp_path, monkeypatch):
 
 
 def test_levels_of_a_ball_have_one_mass():
-    scene = Scene(
-        spacing=0.1, support_radius=0.26, dim=2, end_time=1e-4, fluid=(Ball(radius=0.4, velocity=(1.0, 0.0, 0.0)),),
-        effects=(WeaklyCompressible(sound_speed=20.0, density="summation"),),
+    scene = rs.Scene(
+        spacing=0.1, support_radius=0.26, dim=2, end_time=1e-4, fluid=(rs.Ball(radius=0.4, velocity=(1.0, 0.0, 0.0)),),
+        effects=(rs.WeaklyCompressible(sound_speed=20.0, density="summation"),),
     )  # fmt: skip
     found = refsim.study(scene, "kinetic_energy", backend="numpy", knobs=("spacing",))
     rows = found.rows()
@@ -252,13 +243,13 @@ def test_levels_of_a_ball_have_one_mass():
 
 def test_a_file_of_the_scene_that_changes_during_a_run_leaves_no_result(tmp_path):
     np.save(tmp_path / "cloud.npy", 0.01 * np.indices((4, 4)).reshape(2, -1).T)
-    scene = msgspec.structs.replace(block(), fluid=(Cloud(file=str(tmp_path / "cloud.npy")),))
+    scene = msgspec.structs.replace(block(), fluid=(rs.Cloud(file=str(tmp_path / "cloud.npy")),))
 
     def observable(simulation):
         np.save(tmp_path / "cloud.npy", 0.01 * np.indices((4, 3)).reshape(2, -1).T)
         return 1.0
 
-    with pytest.raises(InputError, match="a file that it reads has changed since the call; call it again"):
+    with pytest.raises(rs.InputError, match="a file that it reads has changed since the call; call it again"):
         refsim.study(scene, observable, backend="numpy", knobs=(), folder=tmp_path / "out")
     assert not list((tmp_path / "out").glob("*.json"))
 
@@ -311,7 +302,7 @@ def test_a_key_follows_what_changes_a_number():
     ],
 )
 def test_bad_input_gets_a_sentence(more, words):
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(rs.InputError, match=words):
         studied("front", **more)
 
 
@@ -380,7 +371,7 @@ def test_a_run_that_fails_at_every_level_is_exit_code_3(file, capsys):
 
 def test_a_study_by_a_scheduler_needs_a_folder_and_a_text():
     for more in ({}, {"folder": "x"}):
-        with pytest.raises(InputError, match="with a scheduler it needs a folder for the results and an observable"):
+        with pytest.raises(rs.InputError, match="with a scheduler it needs a folder for the results and an observable"):
             studied(manufactured(2) if more else "front", scheduler="tcp://127.0.0.1:1", **more)
 
 

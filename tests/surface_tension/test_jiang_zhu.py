@@ -6,17 +6,8 @@ import math
 import numpy as np
 import pytest
 
-from refsim import (
-    Box,
-    Cloud,
-    InputError,
-    JiangZhu2023,
-    Scene,
-    Simulation,
-    SurfaceDetection,
-    WeaklyCompressible,
-    make_plan,
-)
+import refsim as rs
+from refsim import make_plan
 from refsim.core.effect import Discretisation
 from refsim.surface_tension.jiang_zhu_2023 import formulas, reference
 from refsim.surface_tension.jiang_zhu_2023.modes import PAIR_MODES
@@ -27,9 +18,9 @@ H = 2.7  # support radius in spacings
 def prepared(dim=3, dtype="float64", support_radius=1.0, spacing=None, rest_density=1.0, **parameters):
     """Parameter groups of the effect, with rho0 = 1 and h = 1 unless told otherwise."""
     grid = Discretisation(dim, dtype, spacing or support_radius / H, support_radius, 100)
-    effect = JiangZhu2023(**({"gamma": 1.0} | parameters))
+    effect = rs.JiangZhu2023(**({"gamma": 1.0} | parameters))
     others = {
-        "weakly_compressible": WeaklyCompressible(rest_density=rest_density, sound_speed=100.0, density="summation"),
+        "weakly_compressible": rs.WeaklyCompressible(rest_density=rest_density, sound_speed=100.0, density="summation"),
         effect.name: effect,
     }
     effect.check(grid, others)
@@ -39,18 +30,18 @@ def prepared(dim=3, dtype="float64", support_radius=1.0, spacing=None, rest_dens
 def drop(n=5, dtype="float32", dim=3, fluid=None, wobble=0.0, **parameters):
     spacing = 1.0 / n
     cells = (n, n, n if dim == 3 else 1)
-    part = Box(lower=(-0.5, -0.5, -0.5), cells=cells)
+    part = rs.Box(lower=(-0.5, -0.5, -0.5), cells=cells)
     if wobble:
         grid = Discretisation(dim, dtype, spacing, H * spacing, 0)
         points = part.positions(grid)
         points[:, :dim] += np.random.default_rng(7).uniform(-wobble, wobble, (len(points), dim)) * spacing
-        part = Cloud(position=points)
+        part = rs.Cloud(position=points)
     effects = [
-        fluid or WeaklyCompressible(rest_density=1.0, sound_speed=40.0, dynamic_viscosity=0.2, density="summation")
+        fluid or rs.WeaklyCompressible(rest_density=1.0, sound_speed=40.0, dynamic_viscosity=0.2, density="summation")
     ]
     if parameters:
-        effects.append(JiangZhu2023(**parameters))
-    return Scene(
+        effects.append(rs.JiangZhu2023(**parameters))
+    return rs.Scene(
         spacing=spacing, support_radius=H * spacing, dim=dim, dtype=dtype, fluid=(part,), effects=tuple(effects)
     )
 
@@ -76,9 +67,9 @@ def test_pair_weight_table(mode):
 
 
 def test_density_correction_lifts_the_surface_before_the_equation_of_state():
-    fluid = WeaklyCompressible(rest_density=1.0, sound_speed=40.0, clamp_pressure=False, density="summation")
-    raw = Simulation(drop(11, fluid=fluid), "cpu")
-    corrected = Simulation(drop(11, fluid=fluid, gamma=0.0, density_correction=True), "cpu")
+    fluid = rs.WeaklyCompressible(rest_density=1.0, sound_speed=40.0, clamp_pressure=False, density="summation")
+    raw = rs.Simulation(drop(11, fluid=fluid), "cpu")
+    corrected = rs.Simulation(drop(11, fluid=fluid, gamma=0.0, density_correction=True), "cpu")
     for simulation in (raw, corrected):
         simulation.evaluate()
     assert corrected.plan.launches()[:4] == (
@@ -118,10 +109,10 @@ def test_detection_shares_its_passes_with_tension():
     scene = drop(surface_tension=1.0, pair_mode="either", density_correction=True, area_term="color")
     alone = make_plan(scene).launches()
     assert len(alone) == len(set(alone))
-    beside = Scene(
+    beside = rs.Scene(
         **(
             {f: getattr(scene, f) for f in scene.__struct_fields__}
-            | {"effects": (*scene.effects, SurfaceDetection(threshold=0.95))}
+            | {"effects": (*scene.effects, rs.SurfaceDetection(threshold=0.95))}
         )
     )
     plan = make_plan(beside)
@@ -151,11 +142,11 @@ def test_detection_shares_its_passes_with_tension():
     ],
 )
 def test_bad_parameters_get_one_sentence(parameters, words):
-    liquid = WeaklyCompressible(rest_density=1.0, sound_speed=40.0, density="summation")
-    with pytest.raises(InputError, match=words):
+    liquid = rs.WeaklyCompressible(rest_density=1.0, sound_speed=40.0, density="summation")
+    with pytest.raises(rs.InputError, match=words):
         make_plan(
-            Scene(
-                spacing=0.2, support_radius=0.54, fluid=(Box(cells=(3, 3, 3)),),
-                effects=(liquid, JiangZhu2023(**parameters)),
+            rs.Scene(
+                spacing=0.2, support_radius=0.54, fluid=(rs.Box(cells=(3, 3, 3)),),
+                effects=(liquid, rs.JiangZhu2023(**parameters)),
             )
         )  # fmt: skip

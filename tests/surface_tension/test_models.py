@@ -6,24 +6,8 @@ import msgspec
 import numpy as np
 import pytest
 
-from refsim import (
-    Akinci2013,
-    BeckerTeschner2007,
-    Box,
-    Cloud,
-    CsfWang2019,
-    Dong2016,
-    He2014,
-    ImplicitPressure,
-    InputError,
-    JiangZhu2023,
-    RunStopped,
-    Scene,
-    Simulation,
-    TartakovskyMeakin2005,
-    WeaklyCompressible,
-    make_plan,
-)
+import refsim as rs
+from refsim import make_plan
 from refsim.core.effect import Discretisation
 from refsim.smoothing.reference import kernel_value
 from refsim.study.panels.drops import BALLS, CALM, shifted_ball
@@ -32,24 +16,24 @@ from refsim.surface_tension.calibration import BESIDE, SETTINGS
 from refsim.surface_tension.cohesion import compression
 from tests.running import run_to
 
-COHESIVE = (JiangZhu2023, Akinci2013, Dong2016, BeckerTeschner2007, TartakovskyMeakin2005)
+COHESIVE = (rs.JiangZhu2023, rs.Akinci2013, rs.Dong2016, rs.BeckerTeschner2007, rs.TartakovskyMeakin2005)
 cohesive = pytest.mark.parametrize("model", COHESIVE, ids=lambda model: model.name)
 
 
 def setting(dim=3, h=2.7, sound_speed=100.0, count=100):
     """(grid, others) with rho0 = 1 and d = 1."""
-    fluid = WeaklyCompressible(rest_density=1.0, sound_speed=sound_speed, density="summation")
+    fluid = rs.WeaklyCompressible(rest_density=1.0, sound_speed=sound_speed, density="summation")
     return Discretisation(dim, "float64", 1.0, h, count), {fluid.name: fluid}
 
 
 def drop(*effects, n=6, bound=1.5):
     """A cube of n^3 particles, side 1 m, rho0 = 1 kg/m^3, without gravity, after 0.4 s."""
-    fluid = WeaklyCompressible(
+    fluid = rs.WeaklyCompressible(
         rest_density=1.0, sound_speed=40.0, dynamic_viscosity=0.2, density_bound=bound, density="summation"
     )
-    cube = Box(lower=(-0.5, -0.5, -0.5), cells=(n, n, n))
+    cube = rs.Box(lower=(-0.5, -0.5, -0.5), cells=(n, n, n))
     return run_to(
-        Simulation(Scene(spacing=1 / n, support_radius=2.7 / n, fluid=(cube,), effects=(fluid, *effects))), 0.4
+        rs.Simulation(rs.Scene(spacing=1 / n, support_radius=2.7 / n, fluid=(cube,), effects=(fluid, *effects))), 0.4
     )
 
 
@@ -62,7 +46,7 @@ def test_what_a_model_does_to_drops_is_noted():
     """Each note appears with the setting that it warns of, and not without."""
 
     def notes(*effects, viscosity=1.0, h=2.6, form="laplacian"):
-        fluid = WeaklyCompressible(
+        fluid = rs.WeaklyCompressible(
             rest_density=1.0,
             sound_speed=10.0,
             dynamic_viscosity=viscosity,
@@ -70,30 +54,32 @@ def test_what_a_model_does_to_drops_is_noted():
             viscosity=form,
             density="summation",
         )
-        return make_plan(Scene(spacing=1.0, support_radius=h, fluid=(Box(cells=(2, 2, 2)),), effects=(fluid, *effects)))
+        return make_plan(
+            rs.Scene(spacing=1.0, support_radius=h, fluid=(rs.Box(cells=(2, 2, 2)),), effects=(fluid, *effects))
+        )
 
-    turning, akinci = "does not act along the pair", Akinci2013(surface_tension=1.0)
+    turning, akinci = "does not act along the pair", rs.Akinci2013(surface_tension=1.0)
     for effect, without in (
-        (akinci, Akinci2013(surface_tension=1.0, area_acceleration=0.0)),
-        (Dong2016(surface_tension=1.0), Dong2016(surface_tension=1.0, correction=0.0)),
-        (JiangZhu2023(surface_tension=1.0), JiangZhu2023(surface_tension=1.0, area_term="none")),
+        (akinci, rs.Akinci2013(surface_tension=1.0, area_acceleration=0.0)),
+        (rs.Dong2016(surface_tension=1.0), rs.Dong2016(surface_tension=1.0, correction=0.0)),
+        (rs.JiangZhu2023(surface_tension=1.0), rs.JiangZhu2023(surface_tension=1.0, area_term="none")),
     ):
         assert len(notes_with(notes(effect, viscosity=0.0), turning)) == 1
         assert notes_with(notes(effect), turning) == notes_with(notes(without, viscosity=0.0), turning) == []
         assert len(notes_with(notes(effect, form="central"), turning)) == 1
         assert notes_with(notes(without, form="central"), turning) == []
-    pairs_of_two = JiangZhu2023(surface_tension=1.0, pair_mode="either", area_ratio=0.0)
+    pairs_of_two = rs.JiangZhu2023(surface_tension=1.0, pair_mode="either", area_ratio=0.0)
     assert notes_with(notes(pairs_of_two), "boil or fall apart")
-    assert notes_with(notes(akinci, ImplicitPressure()), "tremble at rest")
+    assert notes_with(notes(akinci, rs.ImplicitPressure()), "tremble at rest")
     assert notes_with(notes(akinci), "tremble") == []
-    dong = Dong2016(surface_tension=1.0)
+    dong = rs.Dong2016(surface_tension=1.0)
     assert notes_with(notes(dong, h=1.7), "freeze in the shape")
     assert notes_with(notes(dong, h=1.8), "freeze in the shape") == []
-    assert notes_with(notes(BeckerTeschner2007(surface_tension=1.0, clamp_distance=False)), "pile up")
-    assert notes_with(notes(BeckerTeschner2007(surface_tension=1.0)), "pile up") == []
+    assert notes_with(notes(rs.BeckerTeschner2007(surface_tension=1.0, clamp_distance=False)), "pile up")
+    assert notes_with(notes(rs.BeckerTeschner2007(surface_tension=1.0)), "pile up") == []
     for effect, without in (
-        (He2014(kappa=1e-3), He2014(air_pressure=1e-3)),
-        (CsfWang2019(surface_tension=1e-3), CsfWang2019(surface_tension=0.0)),
+        (rs.He2014(kappa=1e-3), rs.He2014(air_pressure=1e-3)),
+        (rs.CsfWang2019(surface_tension=1e-3), rs.CsfWang2019(surface_tension=0.0)),
     ):
         assert notes_with(notes(effect), "gather in pairs")
         assert [note for note in notes(without).notes if "brakes free rotation" not in note] == []
@@ -109,18 +95,18 @@ def test_collapse_is_refused_and_strain_is_noted(model):
 
     def at(number):
         fluid = msgspec.structs.replace(others["weakly_compressible"], sound_speed=math.sqrt(pressure / number))
-        cube = Box(cells=(4, 4, 4))
-        return make_plan(Scene(spacing=1.0, support_radius=2.7, fluid=(cube,), effects=(fluid, effect)))
+        cube = rs.Box(cells=(4, 4, 4))
+        return make_plan(rs.Scene(spacing=1.0, support_radius=2.7, fluid=(cube,), effects=(fluid, effect)))
 
     assert notes_with(at(0.04), "compresses the bulk") == []
     (note,) = notes_with(at(0.2), "compresses the bulk")
     assert model.name in note
     assert f"{100 * (compression(0.2) - 1):.0f} %" in note
-    with pytest.raises(InputError, match="would collapse the liquid; give weakly_compressible a sound_speed above"):
+    with pytest.raises(rs.InputError, match="would collapse the liquid; give weakly_compressible a sound_speed above"):
         at(0.2501)
     balanced = make_plan(
-        Scene(
-            spacing=1.0, support_radius=2.7, fluid=(Box(cells=(4, 4, 4)),),
+        rs.Scene(
+            spacing=1.0, support_radius=2.7, fluid=(rs.Box(cells=(4, 4, 4)),),
             effects=(others["weakly_compressible"], model(surface_tension=1e5)),
         )
     )  # fmt: skip
@@ -144,11 +130,11 @@ def test_curvature_of_a_ball(dim, literal):
         else:
             turn = 2 * math.pi * (step / count) + r
             shells.append(r * np.stack([np.cos(turn), np.sin(turn), 0 * turn], 1))
-    fluid = WeaklyCompressible(rest_density=1.0, sound_speed=10.0, density="summation")
-    effect = CsfWang2019(surface_tension=1.0, literal=literal)
-    cloud = Cloud(position=np.concatenate(shells), mass=np.ones(sum(map(len, shells))))
-    scene = Scene(spacing=1.0, support_radius=h, dim=dim, dtype="float32", fluid=(cloud,), effects=(fluid, effect))
-    simulation = Simulation(scene, "cpu")
+    fluid = rs.WeaklyCompressible(rest_density=1.0, sound_speed=10.0, density="summation")
+    effect = rs.CsfWang2019(surface_tension=1.0, literal=literal)
+    cloud = rs.Cloud(position=np.concatenate(shells), mass=np.ones(sum(map(len, shells))))
+    scene = rs.Scene(spacing=1.0, support_radius=h, dim=dim, dtype="float32", fluid=(cloud,), effects=(fluid, effect))
+    simulation = rs.Simulation(scene, "cpu")
     simulation.evaluate()
     kappa, normal = simulation.field("curvature"), simulation.field("interface_normal")
     length = np.linalg.norm(normal, axis=1)
@@ -179,17 +165,17 @@ def test_a_cube_rounds_off_at_rest_density(model):
 
 def test_one_coefficient_for_both_terms_flies_apart():
     """Akinci's one gamma in SI units at rho0 = 1 kg/m^3: the area term is a thousand times that for water."""
-    assert np.abs(drop(Akinci2013(surface_tension=1.0)).field("position")).max() < 0.7
-    literal = Akinci2013(surface_tension=1.0, literal=("gamma",))
+    assert np.abs(drop(rs.Akinci2013(surface_tension=1.0)).field("position")).max() < 0.7
+    literal = rs.Akinci2013(surface_tension=1.0, literal=("gamma",))
     assert np.abs(drop(literal, bound=100.0).field("position")).max() > 10
-    with pytest.raises(RunStopped, match="denser than"):
+    with pytest.raises(rs.RunStopped, match="denser than"):
         drop(literal)
 
 
 def test_implicit_drop_rounds_off():
     """Reference [12]: Akinci's tension on an implicit pressure, in a fraction of the steps."""
-    implicit = drop(Akinci2013(surface_tension=1.0), ImplicitPressure(), n=8)
-    explicit = drop(Akinci2013(surface_tension=1.0), n=8)
+    implicit = drop(rs.Akinci2013(surface_tension=1.0), rs.ImplicitPressure(), n=8)
+    explicit = drop(rs.Akinci2013(surface_tension=1.0), n=8)
     assert abs(roundness(implicit)) < 0.04
     assert implicit.steps < 0.6 * explicit.steps
     assert np.abs(implicit.field("velocity").mean(0)).max() < 1e-5
@@ -199,22 +185,22 @@ def test_implicit_drop_rounds_off():
 @pytest.mark.parametrize(
     ("model", "parameters", "words"),
     [
-        (Akinci2013, {}, "neither of surface_tension and gamma"),
-        (Akinci2013, {"gamma": -1.0}, "gamma = -1.0"),
-        (Akinci2013, {"gamma": 1.0, "area_acceleration": 2.0, "literal": ("gamma",)}, "literal 'gamma' sets"),
-        (Akinci2013, {"gamma": 1.0, "literal": ("E4",)}, "literal has E4"),
-        (Dong2016, {"surface_tension": 1.0, "stiffness": 1.0}, "both of surface_tension and stiffness"),
-        (Dong2016, {"stiffness": 1.0, "rest_distance": 3.0}, "no pair would attract"),
-        (Dong2016, {"surface_tension": 1.0, "rest_distance": 2.6}, "no surface tension"),
-        (BeckerTeschner2007, {"kappa": math.inf}, "kappa = inf"),
-        (TartakovskyMeakin2005, {"strength": -1.0}, "strength = -1.0"),
+        (rs.Akinci2013, {}, "neither of surface_tension and gamma"),
+        (rs.Akinci2013, {"gamma": -1.0}, "gamma = -1.0"),
+        (rs.Akinci2013, {"gamma": 1.0, "area_acceleration": 2.0, "literal": ("gamma",)}, "literal 'gamma' sets"),
+        (rs.Akinci2013, {"gamma": 1.0, "literal": ("E4",)}, "literal has E4"),
+        (rs.Dong2016, {"surface_tension": 1.0, "stiffness": 1.0}, "both of surface_tension and stiffness"),
+        (rs.Dong2016, {"stiffness": 1.0, "rest_distance": 3.0}, "no pair would attract"),
+        (rs.Dong2016, {"surface_tension": 1.0, "rest_distance": 2.6}, "no surface tension"),
+        (rs.BeckerTeschner2007, {"kappa": math.inf}, "kappa = inf"),
+        (rs.TartakovskyMeakin2005, {"strength": -1.0}, "strength = -1.0"),
     ],
 )
 def test_bad_parameters_get_one_sentence(model, parameters, words):
-    fluid = WeaklyCompressible(rest_density=1.0, sound_speed=100.0, density="summation")
-    box = Box(cells=(3, 3, 3))
-    with pytest.raises(InputError) as error:
-        make_plan(Scene(spacing=1.0, support_radius=2.7, fluid=(box,), effects=(fluid, model(**parameters))))
+    fluid = rs.WeaklyCompressible(rest_density=1.0, sound_speed=100.0, density="summation")
+    box = rs.Box(cells=(3, 3, 3))
+    with pytest.raises(rs.InputError) as error:
+        make_plan(rs.Scene(spacing=1.0, support_radius=2.7, fluid=(box,), effects=(fluid, model(**parameters))))
     assert words in str(error.value)
     assert str(error.value).startswith(f"{model.name}: ")
 
@@ -225,14 +211,14 @@ def test_bad_parameters_get_one_sentence(model, parameters, words):
 def disc(model, radius, backend="cpu", kernels="wendland", **liquid):
     """A disc of the nominal sigma = 1, rho0 = 1, d = 1 m, as the sigma map's drops relax."""
     random = np.random.default_rng(7)
-    fluid = WeaklyCompressible(
+    fluid = rs.WeaklyCompressible(
         rest_density=1.0, sound_speed=10.0, dynamic_viscosity=CALM * math.sqrt(radius), kernels=kernels,
         density="continuity", **liquid,
     )  # fmt: skip
-    cloud = Cloud(position=shifted_ball(2, radius, random))
+    cloud = rs.Cloud(position=shifted_ball(2, radius, random))
     effects = (fluid, SETTINGS[model][1](1.0))
-    scene = Scene(dim=2, spacing=1.0, support_radius=2.6, dtype="float64", fluid=(cloud,), effects=effects)
-    return Simulation(scene, backend)
+    scene = rs.Scene(dim=2, spacing=1.0, support_radius=2.6, dtype="float64", fluid=(cloud,), effects=effects)
+    return rs.Simulation(scene, backend)
 
 
 @pytest.mark.parametrize("model", sorted(set(SETTINGS) - set(BESIDE)))
@@ -280,21 +266,23 @@ def crowding(simulation):
 
 def beside_akinci(fluid):
     """27 particles of this liquid under Akinci's tension."""
-    effects = (fluid, Akinci2013(surface_tension=1.0))
-    return Scene(spacing=1.0, support_radius=2.6, fluid=(Box(cells=(3, 3, 3)),), effects=effects)
+    effects = (fluid, rs.Akinci2013(surface_tension=1.0))
+    return rs.Scene(spacing=1.0, support_radius=2.6, fluid=(rs.Box(cells=(3, 3, 3)),), effects=effects)
 
 
 def test_a_rate_of_restoring_that_cannot_be_is_refused():
-    with pytest.raises(InputError, match=r"restoring = 1.5 is not possible; give at most 1\."):
-        WeaklyCompressible(sound_speed=10.0, density="continuity", restoring=1.5)
-    summed = WeaklyCompressible(sound_speed=10.0, density="summation", restoring=0.3)
-    with pytest.raises(InputError, match=r"restoring = 0.3 is for an advanced density, and this one is summed; leave"):
+    with pytest.raises(rs.InputError, match=r"restoring = 1.5 is not possible; give at most 1\."):
+        rs.WeaklyCompressible(sound_speed=10.0, density="continuity", restoring=1.5)
+    summed = rs.WeaklyCompressible(sound_speed=10.0, density="summation", restoring=0.3)
+    with pytest.raises(
+        rs.InputError, match=r"restoring = 0.3 is for an advanced density, and this one is summed; leave"
+    ):
         make_plan(beside_akinci(summed))
 
 
 def test_a_coefficient_on_an_advanced_density_is_noted_and_its_density_restored():
     for density, restoring, noted in (("continuity", 0.3, 1), (None, 0.0, 0)):
-        fluid = WeaklyCompressible(sound_speed=100.0, dynamic_viscosity=10.0, density=density)
+        fluid = rs.WeaklyCompressible(sound_speed=100.0, dynamic_viscosity=10.0, density=density)
         plan = make_plan(beside_akinci(fluid))
         assert plan.effects["weakly_compressible"].restoring == restoring
         assert len(notes_with(plan, "calibrate(..., density = 'continuity')")) == noted

@@ -3,37 +3,27 @@
 import numpy as np
 import pytest
 
-from refsim import (
-    Akinci2013,
-    Ball,
-    BeckerTeschner2007,
-    Cloud,
-    Dong2016,
-    He2014,
-    JiangZhu2023,
-    Scene,
-    Simulation,
-    TartakovskyMeakin2005,
-    WeaklyCompressible,
-)
+import refsim as rs
 from refsim.core.effect import Discretisation
 from refsim.study.panels.virial import pair_virials
 
 TENSIONS = (
-    JiangZhu2023(surface_tension=1.0), JiangZhu2023(surface_tension=1.0, pair_mode="soft", area_ratio=0.2),
-    Akinci2013(surface_tension=1.0, area_acceleration=20.0), Dong2016(surface_tension=1.0),
-    BeckerTeschner2007(surface_tension=1.0), TartakovskyMeakin2005(surface_tension=1.0),
-    He2014(surface_tension=1.0, air_pressure=3.0),
+    rs.JiangZhu2023(surface_tension=1.0), rs.JiangZhu2023(surface_tension=1.0, pair_mode="soft", area_ratio=0.2),
+    rs.Akinci2013(surface_tension=1.0, area_acceleration=20.0), rs.Dong2016(surface_tension=1.0),
+    rs.BeckerTeschner2007(surface_tension=1.0), rs.TartakovskyMeakin2005(surface_tension=1.0),
+    rs.He2014(surface_tension=1.0, air_pressure=3.0),
 )  # fmt: skip
 
 
 def blob(*effects, dim=3, clamp=True):
     grid = Discretisation(dim, "float64", 0.1, 0.26, 0)
-    points = Ball(radius=0.42 if dim == 3 else 0.6).positions(grid)
+    points = rs.Ball(radius=0.42 if dim == 3 else 0.6).positions(grid)
     points[:, :dim] += np.random.default_rng(2).uniform(-0.02, 0.02, (len(points), dim))
-    fluid = WeaklyCompressible(rest_density=1.0, sound_speed=20.0, clamp_pressure=clamp, density="summation")
-    return Simulation(
-        Scene(spacing=0.1, support_radius=0.26, dim=dim, fluid=(Cloud(position=points),), effects=(fluid, *effects))
+    fluid = rs.WeaklyCompressible(rest_density=1.0, sound_speed=20.0, clamp_pressure=clamp, density="summation")
+    return rs.Simulation(
+        rs.Scene(
+            spacing=0.1, support_radius=0.26, dim=dim, fluid=(rs.Cloud(position=points),), effects=(fluid, *effects)
+        )
     )
 
 

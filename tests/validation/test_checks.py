@@ -11,18 +11,7 @@ import pytest
 
 from validation import checks, filling, judging, page
 from validation.__main__ import main
-from validation.checks import (
-    CLAIM,
-    CONFIRMED,
-    HARD_CASE,
-    MIXED,
-    NOT_TESTABLE,
-    REFUTED,
-    VALUE,
-    Entry,
-    Family,
-    read_all,
-)
+from validation.checks import CLAIM, CONFIRMED, HARD_CASE, MIXED, NOT_TESTABLE, REFUTED, VALUE, Entry, Family, read_all
 from validation.experiment import Experiment, Measure, Options, Run, discover
 from validation.perform import EXIT_FAILED, EXIT_FINE, EXIT_INPUT
 from validation.results import Result
