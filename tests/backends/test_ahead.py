@@ -15,7 +15,7 @@ PROGRAM = """
 import json, os
 from refsim import Box, Gravity, Scene, Simulation, WeaklyCompressible
 from refsim.core.operation import REGISTRY
-from refsim.sph import reductions
+from refsim.sph import kernels
 os.sched_getaffinity = lambda process: range(CORES)
 told = []
 def begun(kernels, processes):
@@ -28,7 +28,7 @@ simulation = Simulation(
           effects=EFFECTS), "cpu", compiling=begun)
 for _ in range(2):
     simulation.step()
-launched = {"sph.extremes": reductions.extremes_chunk.on("cpu"), "sph.kick_drift": reductions.step_chunk.on("cpu")}
+launched = {"sph.extremes": kernels.extremes.on("cpu"), "sph.kick_drift": kernels.kick_drift.on("cpu")}
 programs = [launched.get(name) or REGISTRY[name].program("cpu") for name in NAMES]
 print(json.dumps([told, [[sum(p.stats.cache_hits.values()), sum(p.stats.cache_misses.values())] for p in programs]]))
 """

@@ -375,19 +375,19 @@ def test_occupied_cells_are_found_or_counted(cuda, capacity):
 
 def test_largest_values_do_not_outlive_their_call(cuda):
     from refsim.sph import DensityBounds
-    from refsim.sph import reductions_cuda as kernels
 
+    extremes, kick_drift = (REGISTRY[f"sph.{name}"].program("cuda") for name in ("extremes", "kick_drift"))
     out = cuda.asarray(np.array([1e9, 1e9, 7.0, 1e9, 1e9, 7.0, 7.0]))
     velocity = np.random.default_rng(6).normal(size=(21, 3))
     velocity[3] = np.nan
     velocity[20] = [3.0, 4.0, 12.0]
-    kernels.extremes(cuda.asarray(velocity), cuda.asarray(0.5 * velocity), *[None] * 6, out)
+    extremes(cuda.asarray(velocity), cuda.asarray(0.5 * velocity), *[None] * 6, out)
     assert np.allclose(cuda.host(out), [169.0, 42.25, 1.0, 0.0, 0.0, 0.0, 0.0])
     warmth, rates = np.linspace(-3.0, 7.0, 21), np.linspace(1.0, 2.0, 21)
     warmth[4] = rates[5] = np.nan
     bounds = cuda.asarray(np.array([-2.5, 5.0]))
     crowding = cuda.asarray(np.linspace(1.0, 1.6, 21)), None, DensityBounds(1.0, 1.1, 1.5)
-    kernels.extremes(
+    extremes(
         cuda.asarray(velocity), cuda.asarray(0.5 * velocity), cuda.asarray(warmth), bounds, cuda.asarray(rates),
         *crowding, out,
     )  # fmt: skip
@@ -396,7 +396,7 @@ def test_largest_values_do_not_outlive_their_call(cuda):
     way = cuda.asarray(np.array([1e9, 5.0]))
     steps = cuda.asarray(np.array([0.0, 0.1]))
     velocity = cuda.asarray(velocity)
-    kernels.kick_drift(place, cuda.asarray(np.zeros((21, 3))), None, steps, None, way, None, velocity, place)
+    kick_drift(place, cuda.asarray(np.zeros((21, 3))), None, steps, None, None, velocity, place, way)
     assert cuda.host(way)[0] == np.inf  # the particle that is nowhere
     assert cuda.host(way)[1] == 0
 
