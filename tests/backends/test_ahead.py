@@ -68,17 +68,14 @@ def test_one_core_compiles_as_the_run_comes_to_each_kernel(run, tmp_path):
     assert all(hits + misses > 0 for hits, misses in stats), "the run has not come to each kernel"
 
 
-@pytest.mark.parametrize(
-    ("effects", "kernels"),
-    [
-        (
-            (refsim.ImplicitPressure(),),
-            {"predict", "halve", "displace", "relax", "keep", "push", "count_missed", "block_boxes"},
-        ),
-        ((refsim.HeatConduction(),), {"weigh", "advance", "collect"}),
-        ((refsim.HeatConduction(scheme="conjugate_gradient"),), {"weigh", "flow", "turn_chunk", "step_chunk", "add"}),
-    ],
-)
+@pytest.mark.parametrize(("effects", "kernels"), [
+    (
+        (refsim.ImplicitPressure(),),
+        {"predict", "halve", "displace", "relax", "keep", "push", "count_missed", "block_boxes"},
+    ),
+    ((refsim.HeatConduction(),), {"weigh", "advance", "collect"}),
+    ((refsim.HeatConduction(scheme="conjugate_gradient"),), {"weigh", "flow", "turn_chunk", "step_chunk", "add"}),
+])  # fmt: skip
 def test_kernels_inside_host_functions_are_among_those_compiled_ahead(monkeypatch, effects, kernels):
     from refsim.backends import ahead
 

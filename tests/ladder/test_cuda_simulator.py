@@ -60,18 +60,15 @@ def assert_all_pairs(cuda, position, listed, reach=RADIUS * (1 + SKIN)):
 
 
 HARD = {
-    "cloud_2d": (cloud(60, 2), 2),
-    "cloud_3d": (cloud(60, 3), 3),
+    "cloud_2d": (cloud(60, 2), 2), "cloud_3d": (cloud(60, 3), 3),
     "lattice on cell borders": (
-        RADIUS * (1 + SKIN) * np.stack(np.meshgrid(*[np.arange(4) - 2.0] * 3), axis=-1).reshape(-1, 3),
-        3,
+        RADIUS * (1 + SKIN) * np.stack(np.meshgrid(*[np.arange(4) - 2.0] * 3), axis=-1).reshape(-1, 3), 3,
     ),
     "flung particle": (np.vstack([cloud(30, 3), [[1e5, -1e5, 3e4]]]), 3),
     "beyond the cells": (np.vstack([cloud(20, 3), [[1e15, 0, 0], [1e15, 0.1, 0], [-1e30, 0, 1e30]]]), 3),
-    "coincident": (np.vstack([cloud(20, 2), cloud(20, 2)[:3], cloud(20, 2)[:1]]), 2),
-    "one": (np.zeros((1, 3)), 3),
+    "coincident": (np.vstack([cloud(20, 2), cloud(20, 2)[:3], cloud(20, 2)[:1]]), 2), "one": (np.zeros((1, 3)), 3),
     "none": (np.zeros((0, 3)), 2),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", HARD)
@@ -401,16 +398,13 @@ def test_largest_values_do_not_outlive_their_call(cuda):
     assert cuda.host(way)[1] == 0
 
 
-@pytest.mark.parametrize(
-    ("name", "program", "variant"),
-    [
-        (name, program, k)
-        for name, operation in REGISTRY.items()
-        for program in operation.names()
-        if backend_of(program) == "cuda"
-        for k in range(len(operation.as_computed_by(program).variants))
-    ],
-)
+@pytest.mark.parametrize(("name", "program", "variant"), [
+    (name, program, k)
+    for name, operation in REGISTRY.items()
+    for program in operation.names()
+    if backend_of(program) == "cuda"
+    for k in range(len(operation.as_computed_by(program).variants))
+])  # fmt: skip
 def test_operation_agrees_with_its_reference(name, program, variant):
     """One hard input of the contract; all of them run on a GPU (`scripts/gpu_check.py`)."""
     case = "few_2d" if name == "heat.conjugate_gradient" else "cloud_2d"  # whose iterations are Python's, too
@@ -508,15 +502,10 @@ def droplet(dtype):
 
 
 # Steps are few because rounding differences grow with every one of them; the tolerances allow for that growth.
-@pytest.mark.parametrize(
-    ("scene", "dtype", "steps", "tolerance"),
-    [
-        (dam_break, "float64", 8, 1e-9),
-        (dam_break, "float32", 3, 1e-4),
-        (basin, "float64", 5, 1e-9),
-        (droplet, "float64", 4, 1e-9),
-    ],
-)
+@pytest.mark.parametrize(("scene", "dtype", "steps", "tolerance"), [
+    (dam_break, "float64", 8, 1e-9), (dam_break, "float32", 3, 1e-4), (basin, "float64", 5, 1e-9),
+    (droplet, "float64", 4, 1e-9),
+])  # fmt: skip
 def test_run_follows_the_references_and_repeats_bit_for_bit(scene, dtype, steps, tolerance):
     oracle, run, again = (rs.Simulation(scene(dtype), name) for name in ("numpy", "cuda", "cuda"))
     for _ in range(steps):
