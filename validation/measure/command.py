@@ -137,7 +137,7 @@ def measured(
 
 
 def measure_drops(given: argparse.Namespace) -> int:
-    """Measure what is missing, what the map needs most first; prints one line for each row."""
+    """Measure what is missing, on many workers the longest first; prints one line for each row."""
     sessile = given.what == "sessile"
     os.environ["NUMBA_NUM_THREADS"] = "1"
     kind = importlib.import_module(f"validation.measure.{'wetting' if sessile else 'drops'}")
@@ -145,8 +145,7 @@ def measure_drops(given: argparse.Namespace) -> int:
     wanted = list(kind.points(tuple(given.models or kind.MODELS), given.dims))
     wanted = [p for p in wanted if p.liquid == "continuity"] if given.advanced else wanted
     missing = [p for p in wanted if p.key not in rows]
-    longest_first = given.scheduler is not None  # on many workers the longest drop is the shortest wall time
-    missing.sort(key=lambda p: (0 if longest_first else p.urgency(), p.cost() if given.jobs == 1 else -p.cost()))
+    missing.sort(key=lambda p: p.cost(), reverse=given.jobs > 1 or given.scheduler is not None)
     print(f"{len(missing)} drops to measure, {len(rows)} there", flush=True)
     given.output.parent.mkdir(parents=True, exist_ok=True)
     began = time.perf_counter()

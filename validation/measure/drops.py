@@ -97,12 +97,6 @@ class Point:
             1e-6 * solver * particles * steps * (2.6 if self.dim == 3 else 0.8) * (self.support / 2.6) ** (self.dim - 1)
         )
 
-    def urgency(self) -> int:
-        """0 for the base, 1 to 3 along the axes: one radius, the others, other seeds."""
-        if at_base(self.model, asdict(self)):
-            return 0
-        return 3 if self.seed > 1 else 1 if self.radius == SEEDED[self.dim] else 2
-
 
 def liquid_key(density: str) -> str:
     """What the name of a row ends with: nothing for a summed density."""
@@ -110,7 +104,8 @@ def liquid_key(density: str) -> str:
 
 
 RADII = {2: (8.0, 11.0, 16.0, 24.0), 3: (5.0, 7.0, 8.5, 10.0, 12.0, 14.0)}
-ADVANCED = {3: (8.5, 10.0, 12.0)}  # radii of the drops of an advanced density
+ADVANCED = {2: (8.0, 11.0, 16.0, 24.0), 3: (8.5, 10.0, 12.0)}  # radii of the drops of an advanced density
+SWINGING = (8.0, 16.0, 32.0)  # radii in 3D of drops beside the map, whose frequency is held against Lamb's
 SEEDED = {2: 16.0, 3: 10.0}  # radius at which three seeds are run, and from which on drops are kicked
 LARGE = 10.0  # radius in 3D beyond which drops are measured at the base only: they take minutes
 LARGE_IMPLICIT = 10.0  # the same of implicit pressure, each step of which is an iteration
@@ -139,11 +134,16 @@ def points(models: tuple[str, ...] = tuple(MODELS), dims: tuple[int, ...] = (2, 
     """The map: all radii and three seeds at the base point, and each axis on its own through it at four radii.
 
     Akinci 2013 has three seeds at every radius from 10 spacings on, with both sets of kernels. Implicit pressure knows
-    no sound speed, and so no stiffness. Drops of an advanced density are those of ADVANCED.
+    no sound speed, and so no stiffness. Drops of an advanced density are those of ADVANCED; those of SWINGING follow.
     """
     for model, dim in itertools.product(models, dims):
-        for radius in ADVANCED.get(dim, ()) if model not in BESIDE else ():
-            yield Point(model, dim, radius=radius, kernels="wendland", liquid="continuity")
+        for radius in ADVANCED[dim] if model not in BESIDE else ():
+            given = {"radius": radius, "kicked": dim == 3 or radius >= SEEDED[dim], "kernels": "wendland"}
+            for seed in (1, 2, 3) if radius == SEEDED[dim] else (1,):
+                yield Point(model, dim, seed=seed, liquid="continuity", **given)
+    if SEEDED_MODELS[0] in models and 3 in dims:
+        for liquid, radius, seed in itertools.product(("summation", "continuity"), SWINGING, (1, 2, 3)):
+            yield Point(SEEDED_MODELS[0], radius=radius, seed=seed, kernels="wendland", liquid=liquid)
     for model, dim in itertools.product(models, dims):
         centre = base(model)
         axes = {name: values for name, values in AXES.items() if name != "stiffness" or model not in BESIDE}
@@ -213,8 +213,9 @@ def _measure(point: Point, row: dict[str, Any], backend: str) -> None:
     thin = Simulation(free_drop(point, calm.field("position").astype(float), None, THIN), backend)
     run_to(thin, SETTLED * capillary_time)
     samples = []
-    for k in range(SNAPSHOTS):
-        run_to(thin, (SETTLED + AVERAGED * (k + 1) / SNAPSHOTS) * capillary_time)
+    snapshots = SNAPSHOTS if point.radius < 2 * LARGE else SNAPSHOTS // 4  # a large drop has more pairs to average
+    for k in range(snapshots):
+        run_to(thin, (SETTLED + AVERAGED * (k + 1) / snapshots) * capillary_time)
         thin.evaluate()
         samples.append(_rest(thin, point))
     mean = {name: float(np.mean([s[name] for s in samples])) for name in samples[0]}

@@ -59,7 +59,8 @@ def condensed(rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """
     groups: dict[tuple[Any, ...], list[Mapping[str, Any]]] = {}
     for row in rows:
-        groups.setdefault(setting_of(row, AXES), []).append(row)
+        if row["dim"] == 2 or row["radius"] not in drops.SWINGING:
+            groups.setdefault(setting_of(row, AXES), []).append(row)
     return [_entry(dict(key), groups[key]) for key in sorted(groups, key=lambda key: str([value for _, value in key]))]
 
 

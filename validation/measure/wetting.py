@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 
 from refsim import Simulation
 from refsim.study.panels.drops import ON_PLANE, STIRRED, angle_by_lift, cap, run_to, sessile, stir
-from refsim.surface_tension.calibration import BASE
 from refsim.surface_tension.contact_angle import WETTING_MAP as PACKAGED
 from validation.measure.drops import liquid_key, row_of
 from validation.measure.sigma_map import setting_of, write_settings
@@ -67,11 +66,6 @@ class Point:
         """About the seconds that it takes on one core."""
         return 0.4 * (0.5 * self.radius**self.dim * math.pi) ** (1 + 1.5 / self.dim) / 1e4 * (3 if self.dim == 2 else 5)
 
-    def urgency(self) -> int:
-        """0 for the base setting at one radius, 1 for another radius and other starts, 2 along the axes."""
-        away = any(getattr(self, name) != value for name, value in BASE.items())
-        return 2 if away else int(self.radius != SIZE[self.dim] or self.begin != 90.0)
-
 
 SIZE = {2: 16.0, 3: 8.0}
 LARGER = {2: 24.0, 3: 11.0}
@@ -81,7 +75,8 @@ def points(models: tuple[str, ...] = MODELS, dims: tuple[int, ...] = (2, 3)) -> 
     """The map at its base with three seeds, a larger size and two other starts; along h/d and S with one."""
     for dim in dims if "akinci" in models else ():
         for share in SHARES[dim] if dim == 3 else ():
-            yield Point(share, dim, radius=SIZE[dim], kernels="wendland", liquid="continuity")
+            for seed in (1, 2, 3):
+                yield Point(share, dim, radius=SIZE[dim], seed=seed, kernels="wendland", liquid="continuity")
         for share in (*SHARES[dim], *BEYOND):
             for seed in (1, 2, 3):
                 yield Point(share, dim, radius=SIZE[dim], seed=seed)

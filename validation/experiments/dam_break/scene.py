@@ -6,10 +6,9 @@
 from __future__ import annotations
 
 import json
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from refsim.study.panels import FOLDER
 
@@ -17,25 +16,6 @@ STATES = {"dam_break_2d": FOLDER / "detection_2d.npz", "dam_break_3d": FOLDER / 
 # Name: columns, particles across, moment [s]. In 2D the wave that came back breaks, in 3D the front has hit the wall.
 STORED = {"dam_break_2d": (60, 1, 1.0), "dam_break_3d": (16, 16, 0.6)}
 TANK = 4.0  # column widths
-
-
-class State(NamedTuple):
-    """A moment: positions (n, 3) [m], masses (n,) [kg; kg/m in 2D], which are surface, and the column it came from."""
-
-    position: NDArray[np.float32]
-    mass: NDArray[np.float32]
-    surface: NDArray[np.bool_]
-    columns: int
-    depth: int
-    time: float
-
-
-def load_state(name: str) -> State:
-    """The stored moment `name`. Raises KeyError for another name."""
-    columns, depth, _ = STORED[name]
-    with np.load(STATES[name]) as stored:
-        made = json.loads(str(stored["made"]))
-        return State(stored["position"], stored["mass"], stored["surface"], columns, depth, made["time"])
 
 
 def perform(given: Any) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ import numpy as np
 from refsim import calibrate, calibrate_contact_angle
 from validation.checks import Checks
 from validation.experiment import Experiment, Options, Results, Run
-from validation.measure.drops import MODELS, SEEDED, fit_laplace, liquid_key, summed
+from validation.measure.drops import MODELS, SEEDED, SWINGING, fit_laplace, liquid_key, summed
 from validation.measure.sigma_map import at_base, digest_of, drop_run, map_run, read_rows, words_of
 from validation.measure.wetting import ROWS, SIZE, Point, condensed, measure
 from validation.results import Result, real
@@ -125,6 +125,18 @@ def oscillation_checks(results: Results, check: Checks) -> None:
             for name, value in requested(row).items():
                 check("requested", value, f"{key}.{name}", f"{name}, seed {row['seed']}")
         check("damping", real(row.get("damping")) / real(row.get("lamb")), key, words)
+    for (liquid, radius), (off, spread) in swings(results["map"].values["rows"] if "map" in results else []).items():
+        check("lamb", abs(off), f"{liquid}_R{radius:g}", f"{liquid}, R = {radius:g} d: {off:+.3f} +- {spread:.3f}")
+
+
+def swings(rows: Sequence[Mapping[str, Any]]) -> dict[tuple[str, float], tuple[float, float]]:
+    """Frequency of n = 2 over Lamb's of the same drop's jump, less one, of SWINGING: mean and deviation over seeds."""
+    found: dict[tuple[str, float], list[float]] = {}
+    for row in rows:
+        if row["dim"] == 3 and row["radius"] in SWINGING and not row["stopped"]:
+            off = math.sqrt(row["rayleigh"] / row["laplace"]) - 1
+            found.setdefault((row.get("liquid", "summation"), row["radius"]), []).append(off)
+    return {key: (float(np.mean(offs)), float(np.std(offs, ddof=1))) for key, offs in sorted(found.items())}
 
 
 def requested(row: Mapping[str, Any]) -> dict[str, float]:

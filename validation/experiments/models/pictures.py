@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import matplotlib.pyplot as plt
@@ -10,7 +10,6 @@ import numpy as np
 
 from refsim import Akinci2013, BeckerTeschner2007, Dong2016, JiangZhu2023, TartakovskyMeakin2005, WeaklyCompressible
 from refsim.core.effect import Discretisation
-from refsim.surface_tension.calibration import sigma_map
 from refsim.surface_tension.dong_2016.reference import force_function
 from validation.drawing import (
     BLUE,
@@ -27,8 +26,9 @@ from validation.drawing import (
     view_matrix,
 )
 from validation.experiment import Picture, Results
-from validation.experiments.models.scene import ADVANCED, MODELS
+from validation.experiments.models.scene import ADVANCED, CUTS, MODELS
 from validation.filling import ROOT
+from validation.measure.sigma_map import read_rows
 from validation.results import real
 
 VIEW = view_matrix(azimuth=32.0, elevation=24.0)
@@ -227,27 +227,32 @@ def liquids_data(results: Results) -> dict[str, Any]:
     """
     table = {row["model"]: row["cut"] for row in read_data(ROOT / "figures", "models_table_1")["rows"]}
     rows = []
-    for name in ADVANCED:
-        values, words = results[f"cut_{name}"].values, ADVANCED[name].words
-        ball = {
-            "radius_variation": values["end"]["radius_variation"],
-            "time_s": values["rest"] and values["rest"]["time"],
-        }
-        own = {key: table[words][key] for key in ball}
-        model = name.removeprefix("advanced_")
-        row = {"summation": seen_of(model, "summation") | own, "continuity": seen_of(model, "continuity") | ball}
-        rows.append({"model": words, **row})
-    return {"title": "Drops of R = 10 d, h = 2.6 d, Wendland kernels, and the balls of cut cubes", "rows": rows}
+    for name, model in ADVANCED.items():
+        balls = [results[f"{start}_{name}"].values for start in CUTS]
+        ball = averaged("radius_variation", [v["end"]["radius_variation"] for v in balls])
+        ball |= averaged("time_s", [v["rest"] and v["rest"]["time"] for v in balls])
+        own = {key: table[model.words][key] for key in ("radius_variation", "time_s")}
+        short = name.removeprefix("advanced_")
+        row = {"summation": seen_of(short, "summation") | own, "continuity": seen_of(short, "continuity") | ball}
+        rows.append({"model": model.words, **row})
+    return {"title": "Drops of R = 10 d, h = 2.6 d, and the balls of cut cubes; \u00b1 over three seeds", "rows": rows}
+
+
+def averaged(key: str, values: Sequence[Any]) -> dict[str, float | None]:
+    """Mean and deviation over the starts; None where one has no value, or there is but one start."""
+    found = np.array(values, dtype=float)
+    whole = len(found) > 0 and bool(np.isfinite(found).all())
+    spread = float(found.std(ddof=1)) if whole and len(found) > 1 else None
+    return {key: float(found.mean()) if whole else None, f"{key}_spread": spread}
 
 
 def seen_of(model: str, liquid: str) -> dict[str, Any]:
-    """What the map holds of the model's drop of 10 spacings on a liquid; empty where none lasted."""
-    place = {"model": model, "dim": 3, "support": 2.6, "stiffness": 0.01, "kernels": "wendland", "liquid": liquid}
-    for entry in sigma_map():
-        if all(entry.get(key, "summation") == value for key, value in place.items()):
-            drops = [drop for drop in entry["drops_by_radius"] if drop["radius"] == 10.0]
-            return {"spurious": entry["spurious"], **{k: d[k] for d in drops for k in ("laplace", "rayleigh")}}
-    return {}
+    """What the model's drops of 10 spacings on file have on a liquid, over the seeds."""
+    place = {"model": model, "dim": 3, "support": 2.6, "stiffness": 0.01, "kernels": "wendland", "radius": 10.0}
+    wanted = {**place, "liquid": liquid}
+    rows = [r for r in read_rows() if all(r.get(k, "summation") == v for k, v in wanted.items()) and not r["stopped"]]
+    parts = (averaged(key, [real(r.get(key)) for r in rows]) for key in ("spurious", "laplace", "rayleigh"))
+    return {name: value for part in parts for name, value in part.items()}
 
 
 def liquids_picture(data: Mapping[str, Any]) -> Any:
@@ -259,8 +264,10 @@ def liquids_picture(data: Mapping[str, Any]) -> Any:
         for shift, (liquid, (label, colour)) in zip((0.19, -0.19), LIQUIDS.items()):
             values = [row[liquid].get(key) for row in rows]
             axes.barh(at + shift, [value or 0 for value in values], 0.36, color=colour, label=label)
-            for y, value in zip(at + shift, values):
-                text = f" {'none' if value is None else format(value, '.2g')}"
+            for y, value, row in zip(at + shift, values, rows):
+                text = f" {'none' if value is None else format(value, '.3g')}"
+                spread = row[liquid].get(f"{key}_spread")
+                text += "" if spread is None else f" \u00b1 {spread:.1g}"
                 axes.text(value or 0, y, text, va="center", fontsize=7, color=colour)
         axes.set(title=words, xmargin=0.25)
         axes.grid(True, axis="x")
@@ -273,7 +280,7 @@ def liquids_picture(data: Mapping[str, Any]) -> Any:
 
 
 PICTURES = (
-    Picture("models_liquids", liquids_data, liquids_picture, tuple(f"cut_{m}" for m in ADVANCED)),
+    Picture("models_liquids", liquids_data, liquids_picture, tuple(f"{c}_{m}" for c in CUTS for m in ADVANCED)),
     Picture("figure_3_force_curves", curve_data, curve_picture),
     Picture("dong_figure_1", dong_data, dong_picture),
     Picture("models_panel", panel_data, panel_picture, tuple(f"cube_{m}" for m in MODELS), shaded=True),

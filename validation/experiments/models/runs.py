@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -20,7 +21,7 @@ from refsim.surface_tension.cohesion import COLLAPSE, PairCohesion, compression
 from validation.checks import Checks
 from validation.experiment import Experiment, Measure, Options, Results, Run
 from validation.experiments.droplet.runs import BOILS, CALM, pieces, relaxed
-from validation.experiments.models.scene import ADVANCED, MODELS, PRINTED
+from validation.experiments.models.scene import ADVANCED, CUTS, MODELS, PRINTED
 from validation.measure.drops import MODELS as SETTINGS
 from validation.measure.drops import OTHER_BASE
 from validation.metrics.droplet import nearest_neighbour_distance, sphericity, surface_mesh
@@ -613,14 +614,14 @@ MAPS = {
 
 
 def planned(options: Options) -> list[Run]:
-    """Every model from the cube of 17^3, and, on both liquids, from the cube of 5,039 cut from a turned lattice."""
+    """Every model from the cube of 17^3, and, on both liquids, from cubes of 5,039 cut from turned lattices."""
     reason = "takes minutes; run without --quick" if options.quick else ""
     made = []
     for shape, count, models in (("cube", 4913, MODELS), ("cut", 5039, MODELS | ADVANCED)):
         for model in models:
             parameters = {"model": model, "shape": shape, "count": count, "backend": options.backend}
             made.append(Run(f"{shape}_{model}", relax, parameters, 20.0, reason, timed=model in MODELS))
-    return made
+    return made + [drop(options, m, s) for m, s in itertools.product(ADVANCED, CUTS[1:]) if not options.quick]
 
 
 def checks(results: Results, check: Checks) -> None:

@@ -71,6 +71,7 @@ ADVANCED: dict[str, Model] = {
     for name in MODELS
     if name not in BESIDE
 }
+CUTS = ("cut", "cut_2", "cut_3")  # starts of ADVANCED
 # As printed, where that differs from what is shown above: for the claims alone.
 PRINTED: dict[str, Model] = {
     "becker_teschner_printed": Model(

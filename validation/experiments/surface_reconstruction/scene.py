@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -45,14 +43,6 @@ def true_normals(place: Array, shape: str, radius: float) -> Array:
 def angles(first: Array, second: Array) -> Array:
     """Angles [degrees] between unit vectors."""
     return np.degrees(np.arccos(np.clip((first * second).sum(1), -1.0, 1.0)))
-
-
-def fibonacci_sphere(count: int) -> Array:
-    """Evenly spread unit vectors (count, 3)."""
-    k = np.arange(count) + 0.5
-    z, turn = 1 - 2 * k / count, math.pi * (1 + 5**0.5) * k
-    ring = np.sqrt(1 - z * z)
-    return np.stack([ring * np.cos(turn), ring * np.sin(turn), z], axis=1)
 
 
 def tilted(normal: Array, mean_angle: float, seed: int = 0) -> Array:
