@@ -137,7 +137,8 @@ def _for_cpu(function: Callable, origin: tuple[str, str], ordered: bool, packed:
 
 
 class CudaKernel:
-    """A CUDA kernel that launches itself over the rows of one of its arguments: the last one, or `rows_of`.
+    """A CUDA kernel that launches itself over the rows of one of its arguments: the last one, or `rows_of`, an argument
+    or "group.member".
 
     A thread takes a row (with `lanes` so many threads: a number, or as many as share a column of the list of that name,
     True for `neighbours`), or, with `block_for_each_row`, a block, of `threads` threads where the kernel counts on
@@ -156,7 +157,8 @@ class CudaKernel:
             lanes = "neighbours" if lanes else 1
         self.lanes = 1 if isinstance(lanes, str) else lanes
         self.list_at = names.index(lanes) if isinstance(lanes, str) else None
-        self.rows_at = names.index(rows_of) if rows_of else len(names) - 1
+        of, _, self.member = (rows_of or names[-1]).partition(".")
+        self.rows_at = names.index(of)
         self.threads = threads or (SIMULATED_THREADS if simulated() else THREADS_PER_BLOCK)
         self.__name__ = function.__name__
         self.__doc__ = function.__doc__
@@ -171,7 +173,8 @@ class CudaKernel:
         self.launches: Any = None if simulated() else {}
 
     def __call__(self, *arguments: Any) -> None:
-        rows = arguments[self.rows_at].shape[0] * self.lanes
+        of = arguments[self.rows_at]
+        rows = (getattr(of, self.member) if self.member else of).shape[0] * self.lanes
         if self.list_at is not None:
             rows *= len(arguments[self.list_at].lanes)
         if rows:
@@ -285,9 +288,17 @@ class Kernel:
                 self._made[backend] = _for_cpu(function, origin, **self.options[backend])
         return self._made[backend]
 
+    def program(self, backend: str) -> Callable:
+        """What is called with the arguments on `backend`: the kernel itself."""
+        return self.on(backend)
+
     def __call__(self, *arguments: Any) -> None:
         rows = arguments[self.arguments.index(self.rows)]
-        self.on("cuda" if on_device(rows) else "cpu")(*arguments)
+        self.program("cuda" if on_device(rows) else "cpu")(*arguments)
+
+    def _named(self, backend: str) -> dict[str, Any]:
+        """What the loop names beside its arguments."""
+        return {"body": self.body, "over_rows": over_rows} | ({"cuda": _load_cuda()} if backend == "cuda" else {})
 
     def _wrapper(self, backend: str) -> Callable:
         """The loop as a function whose source is a file of the cache folder, where Numba's cache looks for it."""
@@ -296,9 +307,7 @@ class Kernel:
         path = pathlib.Path(cache_folder(pathlib.Path(self.body.__code__.co_filename)), f"{self.__name__}_{backend}.py")
         write_once(path, text)
         linecache.cache[str(path)] = (len(text), None, text.splitlines(keepends=True), str(path))
-        module.__dict__.update(body=self.body, over_rows=over_rows, __file__=str(path))
-        if backend == "cuda":
-            module.__dict__["cuda"] = _load_cuda()
+        module.__dict__.update(self._named(backend), __file__=str(path))
         sys.modules[module.__name__] = module  # Numba's cache finds the globals of a kernel by its module's name
         exec(compile(text, str(path), "exec"), module.__dict__)
         function = module.__dict__[self.__name__]

@@ -188,10 +188,7 @@ def _arguments(names: Sequence[str], arrays: str) -> CommandResult:
             group, _, member = a.name.partition(".")
             optional = "or None" if a.optional else ""
             rows.append((f"  .{member}" if member else group, a.role, a.kind, optional, a.meaning))
-        data[operation.name] = {
-            "arguments": [dataclasses.asdict(a) for a in found],
-            "variants": told,
-        }
+        data[operation.name] = {"arguments": [dataclasses.asdict(a) for a in found], "variants": told}
         lines += [f"{operation.name}: {operation.paper}, {operation.equation}", ""]
         lines += [table(rows, ("argument", "", "type in a float32 run, n particles", "", "meaning")), ""]
         lines += [f"variant {number}: {words}" for number, words in enumerate(told)]

@@ -9,6 +9,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from refsim.backends.arrays import choose, set_threads
 from refsim.commands import CommandResult, command, in_bytes, in_time, planned, table, takes
 from refsim.core.capabilities import (
     BringsWalls,
@@ -228,6 +229,7 @@ def execute(options: argparse.Namespace) -> CommandResult:
     found = describe_plan(plan, options.backend)
     if not options.time:
         return CommandResult(found, _text(found))
+    set_threads(choose("cpu"), options.threads)  # refuses a number that is not possible here
     predicted = every_backend(plan, options.threads, fresh=options.fresh)
     found["time"] = [asdict(each) for each in predicted]
     return CommandResult(found, f"{_text(found)}\n\n{_time(predicted)}")

@@ -1,6 +1,7 @@
 """`refsim study`: what accuracy costs in a scene, and what each of its effects costs."""
 
 import argparse
+import math
 import shlex
 from pathlib import Path
 
@@ -43,7 +44,7 @@ GIVEN = ("levels", "finer", "ratio", "error", "reaches", "backend", "threads", "
 @takes("--with-spacing", default="", metavar="LIST", help="parameters in proportion to the spacing, by name")
 @takes("--method", nargs="?", const=",".join(METHODS), default="", metavar="LIST",
        help=f"compare with other methods of {', '.join(METHODS)}; all without a LIST")  # fmt: skip
-@takes("--exact", type=float, metavar="VALUE", help="hold the observable against this value, which is not zero")
+@takes("--exact", type=float, metavar="VALUE", help="hold the observable against this value")
 @takes("--points", nargs="*", metavar="KEY", help="of a panel: measure these settings, all by default")
 @takes("--backend", default="cpu", help="cpu, cuda or numpy (cpu)")
 @takes("--threads", type=int, metavar="N", help="CPU threads (one for 1,024 particles, at most all)")
@@ -61,9 +62,13 @@ def execute(options: argparse.Namespace) -> CommandResult:
         reference = Reference(*panel(options.scene).reference(), panel(options.scene).about.reference)
     elif options.points is not None:
         raise InputError(f"study: --points is for panels; {suggestion(options.scene, abouts())}")
+    elif not Path(options.scene).exists():
+        raise InputError(f"study: there is no file or panel {options.scene!r}; {suggestion(options.scene, abouts())}")
     if options.observable is None:
         raise InputError("study: give what is to be studied: --observable WHAT.")
-    if options.exact:
+    if options.exact is not None:
+        if not options.exact or not math.isfinite(options.exact):
+            raise InputError(f"study: --exact {options.exact:g} is not possible; give a finite number other than 0.")
         reference = Reference(options.exact, abs(options.exact), 0.0, "the exact value")
     folder = results_folder(options.output, options.scene, "study")
     with kept_in(folder):

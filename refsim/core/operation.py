@@ -423,7 +423,7 @@ def _program(module: str, function: str, backend: str, packed: str) -> Callable:
     found = getattr(place, function)
     if packed:
         return getattr(place, packed).packed(found)
-    return found.on(backend) if hasattr(found, "on") else _ungrouped(found)  # of a body, the kernel that is made of it
+    return _ungrouped(found.program(backend) if hasattr(found, "program") else found)  # of a body, what is made of it
 
 
 def _ungrouped(function: Callable) -> Callable:
@@ -440,6 +440,8 @@ def _ungrouped(function: Callable) -> Callable:
 
     given = [group for argument, group in zip(taken, groups) if argument.name != "rows"]
     names = [n for argument, g in zip(taken, groups) for n in (g._fields if g else (argument.name,))]
+    if hasattr(function, "cleared"):
+        program.cleared = _ungrouped(function.cleared)  # type: ignore[attr-defined]
     kind = inspect.Parameter.POSITIONAL_OR_KEYWORD
     program.__signature__ = inspect.Signature([inspect.Parameter(n, kind) for n in names])  # type: ignore[attr-defined]
     return program

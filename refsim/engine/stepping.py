@@ -331,5 +331,7 @@ def _cleared(call: Callable[[], None]) -> Callable[[], None]:
 
     At the start of a step the zeros are written beside other launches, in front of a kernel they would delay it.
     """
-    kernel = getattr(getattr(call, "func", None), "cleared", None)
-    return call if kernel is None else partial(kernel, *call.args)  # type: ignore[attr-defined]
+    program = getattr(call, "func", None)
+    if getattr(program, "into", "") not in ("extremes", "displacement"):
+        return call
+    return partial(program.cleared, *call.args)  # type: ignore[attr-defined,union-attr]

@@ -235,8 +235,7 @@ closed_form(  # heat goes from cold to warm
     "heat.explicit", a_pair_forward_by_poly6=lambda: _pair(_moved(POLY6_WEIGHT * APART), conduction=BY_POLY6)
 )
 closed_form(
-    "heat.pair_exchange",
-    a_pair_in_two_sweeps_by_poly6=lambda: _pair(_swept_twice(POLY6_WEIGHT), conduction=BY_POLY6),
+    "heat.pair_exchange", a_pair_in_two_sweeps_by_poly6=lambda: _pair(_swept_twice(POLY6_WEIGHT), conduction=BY_POLY6)
 )
 
 
@@ -256,8 +255,7 @@ closed_form(
     ),
 )
 closed_form(
-    "heat.pair_exchange",
-    a_poor_conductor_in_two_sweeps=lambda: _pair(_swept_twice(0.1 * WEIGHT), conductivity=POOR),
+    "heat.pair_exchange", a_poor_conductor_in_two_sweeps=lambda: _pair(_swept_twice(0.1 * WEIGHT), conductivity=POOR)
 )
 
 
@@ -277,8 +275,7 @@ def _molten(heat, **more):
 closed_form("heat.explicit", ice_forward=lambda: _molten(-WEIGHT * APART))
 closed_form("heat.single_pass", "heat.conjugate_gradient", ice_in_a_single_pass=lambda: _molten(-_alone() * APART))
 closed_form(  # RKL1 with one stage, which s_max < 1 allows, is forward Euler
-    "heat.runge_kutta_legendre",
-    ice_by_one_stage=lambda: _molten(-WEIGHT / 2 * APART, timestep=np.array([0.7, 0.25])),
+    "heat.runge_kutta_legendre", ice_by_one_stage=lambda: _molten(-WEIGHT / 2 * APART, timestep=np.array([0.7, 0.25]))
 )
 
 

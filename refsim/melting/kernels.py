@@ -3,6 +3,7 @@
 from typing import Any, NamedTuple
 
 from refsim.backends.compile import formula, kernel
+from refsim.backends.reductions import reduction
 from refsim.backends.runtime import simulated
 from refsim.neighbours.rows import first_lane, lane_slots, over_lanes
 from refsim.shape_matching.phases import EMPTY, FLUID, SURFACE
@@ -30,9 +31,9 @@ class Molten(NamedTuple):
     phase: Any
 
 
-@formula
-def melted_now(i, heated, melting, melted, molten):
-    """Melt particle i if it is at a body's surface and T_i >= Tm_i; returns whether it melted.
+@reduction(into="melted_count", how="count", rows="molten.phase")
+def melt(i, heated: Heated, melting, melted, molten: Molten):
+    """Melt particle i if it is at a body's surface and T_i >= Tm_i [deg C]; returns whether it melted.
 
     The decision takes the particle's own values only, so it does not depend on the order of the particles.
     """

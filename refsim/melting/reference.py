@@ -12,9 +12,8 @@ EMPTY = -1
 
 @operation(
     "Shao & Song, section 2: T >= T_melt at surfaces, with M12, M13",
-    outputs="melted melted_count mass rest_density conductivity heat_capacity phase", exact="melted melted_count phase",
+    outputs="melted mass rest_density conductivity heat_capacity phase melted_count", exact="melted melted_count phase",
     optional="enthalpy latent_heat conductivity heat_capacity", reason="copies",
-    programs={"cpu": "reductions", "cuda": "reductions_cuda"},
 )  # fmt: skip
 def melt(
     identity, temperature, enthalpy, melting_point, latent_heat, melting, phase, mass, rest_density, conductivity,

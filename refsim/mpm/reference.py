@@ -564,7 +564,7 @@ def viscosity(volume_ratio, inverse_spread, viscous_stress, timestep, affine):
 
 @operation(
     "none in the thesis; J sum_j B_j(x_p) m_j/(rho0 h^d), m_j of 4.2.4", outputs="greatest_crowding crowding",
-    tolerance=32.0, reason=_SUMS, invariants="reordering", programs={"cpu": "crowding", "cuda": "crowding_cuda"},
+    tolerance=32.0, reason=_SUMS, invariants="reordering", programs=dict.fromkeys(("cpu", "cuda"), "crowding"),
 )  # fmt: skip
 def count(position, volume_ratio, node_mass, background, counting, grid):
     """q_p = J_p rho_p/rho0, dimensionless, with the counted density rho_p = sum_j B_j(x_p) m_j/h^d; and the largest."""

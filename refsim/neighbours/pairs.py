@@ -40,6 +40,7 @@ from numba import types
 
 from refsim.backends import staging
 from refsim.backends.compile import formula, overloaded
+from refsim.backends.templates import filled_in
 from refsim.neighbours.formulas import to_nearest_image
 from refsim.neighbours.pair_functions import (
     DISTANCE,
@@ -274,15 +275,3 @@ def added(pair: Callable) -> list[str]:
     call = f"terms_of({', '.join(values.get(name, name) for name in inspect.signature(pair).parameters)})"
     sums = range(terms(pair))
     return [f"{', '.join(f't{n}' for n in sums)} = {call}", *(f"s{n} += t{n}" for n in sums)]
-
-
-def filled_in(template: str, lines: Mapping[str, list[str]], **words: str) -> str:
-    """The template with words in its lines, and with several lines, or none, in place of a line."""
-    text = []
-    for line in template.splitlines():
-        name = line.strip()[1:-1]
-        if line.strip() == f"{{{name}}}" and name in lines:
-            text += [line[: len(line) - len(line.lstrip())] + part for part in lines[name]]
-        else:
-            text.append(line.format(**words))
-    return "\n".join(text) + "\n"

@@ -15,7 +15,7 @@ PAIR = at("shifted_pair", [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 
 groups(
     # some of the particles would go beyond the longest shift; W(d) is about that of a spacing
-    shifting=lambda case, grid: Shifting(*map(grid.real, (0.02 * case.support_radius, case.spacing**case.dim, 0.04))),
+    shifting=lambda case, grid: Shifting(*map(grid.real, (0.02 * case.support_radius, case.spacing**case.dim, 0.04)))
 )
 
 

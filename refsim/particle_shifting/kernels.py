@@ -40,8 +40,7 @@ def with_walls(gradient, i, lane, position, walls, smoothing, shifting, period):
     if walls is None:
         return gradient
     return added(
-        gradient,
-        neighbour_sum(wall_crowding_pair, i, lane, walls, position, period, walls.volume, smoothing, shifting),
+        gradient, neighbour_sum(wall_crowding_pair, i, lane, walls, position, period, walls.volume, smoothing, shifting)
     )
 
 

@@ -170,6 +170,14 @@ def coarse_places(grid: Discretisation, state: InitialState) -> tuple[str, ...]:
     )
 
 
+def overlaps(grid: Discretisation, state: InitialState) -> tuple[str, ...]:
+    """A note if more than 1 % of the particles share a cell of half a spacing with another; none of a lattice does."""
+    counts = np.unique(np.floor(state.position * (2 / grid.spacing)), axis=0, return_counts=True)[1]
+    many = counts[counts > 1].sum()
+    words = f"{many} particles start less than a spacing from another: move parts that overlap apart"
+    return (words,) if 100 * many > grid.count else ()
+
+
 def unequal_masses(state: InitialState, effects: Mapping[str, Effect]) -> Iterator[str]:
     """A note where the ratio of masses is above what the forces of an effect were measured with."""
     ratio = float(state.mass.max() / state.mass.min())

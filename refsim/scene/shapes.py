@@ -117,8 +117,9 @@ class Cloud(Checked, tag="cloud", tag_field="shape", frozen=True, kw_only=True):
                 why = error.strerror or error
                 raise InputError(f"fluid cloud: cannot read {self.file!r} ({why}); give a readable file.") from None
             except Exception as error:  # a damaged header of a .npy file is parsed as Python, with any of its errors
+                why = str(error).partition(";")[0].rstrip(".")  # without NumPy's advice
                 raise InputError(
-                    f"fluid cloud: cannot read positions from {self.file!r} ({error}); give a .npy file or one line of"
+                    f"fluid cloud: cannot read positions from {self.file!r} ({why}); give a .npy file or one line of"
                     " comma-separated numbers for each particle."
                 ) from None
         try:

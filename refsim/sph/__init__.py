@@ -71,6 +71,7 @@ MASS_RATIO = 1.5
 # `restoring` beside tension: from 0.1 to 0.3 discs of R = 8 d keep their density to 0.4 % and their jump to 10 %;
 # without it they crowd by 7 % in five capillary times (tests/surface_tension/test_models.py)
 RESTORING = 0.3
+DIFFUSION = 0.1  # delta, by default
 MOST_DIFFUSIVE = (
     0.17  # delta up to which the acoustic step 0.4 h/c resolves diffusion: its fastest rate is 28 delta c/h
 )
@@ -227,7 +228,7 @@ class WeaklyCompressible(
     viscosity: Literal["laplacian", "central"] | None = None
     state: Literal["linear", "tait"] = "linear"
     density: Literal["summation", "continuity"] | None = None
-    diffusion: float = 0.1
+    diffusion: float = DIFFUSION
     restoring: Share | None = None
     gradient: Literal["plain", "corrected"] = "plain"
     tensile_control: Literal["none", "inside", "everywhere"] = "none"
@@ -282,11 +283,12 @@ class WeaklyCompressible(
                 f"{self.name}: diffusion = {self.diffusion:g} is not possible; give 0 to {MOST_DIFFUSIVE:g}, above"
                 " which the acoustic step is too long for it."
             )
-        if self.restoring and not self.advances():
-            raise InputError(
-                f"{self.name}: restoring = {self.restoring:g} is for an advanced density, and this one is summed; leave"
-                " it out, or set density = 'continuity'."
-            )
+        for key, usual in (("diffusion", DIFFUSION), ("restoring", 0)) if not self.advances() else ():
+            if (value := getattr(self, key)) not in (None, 0, usual):
+                raise InputError(
+                    f"{self.name}: {key} = {value:g} is for an advanced density, and this one is summed; leave it out"
+                    ", or set density = 'continuity'."
+                )
         walls = having(others, BringsWalls)
         extrapolated = any(effect.extrapolates() for effect in walls)
         if not (self.advances() or extrapolated or self.controls()):
@@ -405,11 +407,7 @@ class WeaklyCompressible(
     def _density_passes(self, others: Others) -> tuple[Pass, ...]:
         if not self.advances():
             return (Pass("sph.density", ("position", "mass"), ("density", "number_density", "asymmetry")),)
-        return (
-            continuity_pass(others, (), LIQUID_ALONE),
-            *self.summed_passes(others),
-            self._kept(others),
-        )
+        return (continuity_pass(others, (), LIQUID_ALONE), *self.summed_passes(others), self._kept(others))
 
     def _kept(self, others: Others) -> Pass:
         """The pass that keeps the density for the next step."""

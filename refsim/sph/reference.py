@@ -16,7 +16,6 @@ from refsim.smoothing.reference import kernel_gradient, kernel_slope, kernel_val
 operation = operations(paper="Jiang & Zhu 2023")
 _WARMTH = "temperature temperature_range exchange_rate"
 _CROWDING = "density rest_density density_bounds"
-_REDUCTIONS = {"cpu": "reductions", "cuda": "reductions_cuda"}
 
 
 @operation(
@@ -413,7 +412,6 @@ def gravity(field, rows=None):
         f"{_WARMTH} {_CROWDING}", f"temperature_range exchange_rate {_CROWDING}", f"{_WARMTH} rest_density",
         "exchange_rate", "",
     ),
-    programs=_REDUCTIONS,
 )  # fmt: skip
 def extremes(
     velocity, acceleration, temperature, temperature_range, exchange_rate, density, rest_density, density_bounds
@@ -474,13 +472,13 @@ def at_planes(bounds, x, v, rest):
 
 
 @operation(
-    "leap-frog with a changing step", paper="standard", outputs="displacement position_residual velocity position",
+    "leap-frog with a changing step", paper="standard", outputs="position_residual velocity position displacement",
     optional="bounds position_residual shift",
     variants=(
         "bounds position_residual shift", "position_residual shift",
         without("bounds shift", timestep="short_steps"), "shift", "",
     ),
-    reason="one rounding in each product and sum", invariants="reordering", cases="slow_and_far", programs=_REDUCTIONS,
+    reason="one rounding in each product and sum", invariants="reordering", cases="slow_and_far",
 )  # fmt: skip
 def kick_drift(acceleration, build_position, bounds, timestep, shift, position_residual, velocity, position):
     """Leap-frog: v += (dt_previous + dt)/2 a [m/s], x += dt v + shift [m], stopped at the walls' planes `bounds` [m].

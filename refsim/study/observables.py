@@ -32,7 +32,7 @@ from refsim.scene.files import suggestion
 from refsim.scene.plan import Plan
 from refsim.scene.scene import Scene
 from refsim.study.local_modules import forget, local_modules
-from refsim.study.panels import FOLDER
+from refsim.study.panels import FOLDER, panel
 
 OVER_ALL: dict[str, Callable[[np.ndarray], Any]] = {"mean": np.mean, "max": np.max, "min": np.min}
 LINK = 2.0  # spacings up to which two particles of the liquid count as connected
@@ -129,14 +129,13 @@ def observable_of(given: str | Callable[[Simulation], float] | Observable, plan:
     if word == "gauge":
         return _gauge(given, rest, plan)
     if word == "panel":
+        panel(rest)  # refuses an unknown one
         given = f"{FOLDER / 'observables.py'}:{rest}"
     path, _, function = given.rpartition(":")
     if path.endswith(".py"):
         return _from_file(given, Path(path), function)
-    raise InputError(
-        f"there is no observable {given!r}; {suggestion(word, ('front', 'kinetic_energy'))} (Or write"
-        " field:NAME@POINT, gauge:NAME or FILE.py:function.)"
-    )
+    known = ("front", "kinetic_energy", "field:NAME@POINT", "gauge:NAME", "panel:NAME", "FILE.py:function")
+    raise InputError(f"there is no observable {given!r}; {suggestion(word, known)}")
 
 
 def _front(name: str, direction: str, plan: Plan) -> Observable:

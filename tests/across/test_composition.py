@@ -207,13 +207,11 @@ def advanced(*effects, steps=15):
 @pytest.mark.parametrize(
     "with_it, without",
     [
-        ((LIQUID, DETECTION), (LIQUID,)),
-        ((LIQUID, DETECTION_EACH_STEP), (LIQUID,)),
-        ((LIQUID, rs.JiangZhu2023(surface_tension=0.0)), (LIQUID,)),
-        ((DETECTION, LIQUID), (LIQUID, DETECTION)),
+        ((LIQUID, DETECTION), (LIQUID,)), ((LIQUID, DETECTION_EACH_STEP), (LIQUID,)),
+        ((LIQUID, rs.JiangZhu2023(surface_tension=0.0)), (LIQUID,)), ((DETECTION, LIQUID), (LIQUID, DETECTION)),
     ],
     ids=["looks on demand", "looks in each step", "zero tension", "order of the list"],
-)
+)  # fmt: skip
 def test_effects_that_exert_nothing_leave_every_bit(with_it, without):
     assert state(advanced(*with_it)) == state(advanced(*without))
 

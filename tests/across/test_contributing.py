@@ -111,12 +111,9 @@ def example(page, tmp_path_factory):
 
 def run(example, program, *arguments, **environment):
     done = subprocess.run(
-        [sys.executable, "-c", FOUND_BESIDE + program, example, *arguments],
-        capture_output=True,
-        text=True,
-        cwd=example,
-        env=dict(os.environ, PYTHONPATH=str(ROOT), **environment),
-    )
+        [sys.executable, "-c", FOUND_BESIDE + program, example, *arguments], capture_output=True, text=True,
+        cwd=example, env=dict(os.environ, PYTHONPATH=str(ROOT), **environment),
+    )  # fmt: skip
     assert done.returncode == 0, done.stderr
     return done.stdout
 

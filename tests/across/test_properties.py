@@ -135,12 +135,10 @@ def test_walls_hold_random_spray():
     velocity[:, 2] = 0
     simulation = run(
         Scene(
-            spacing=0.05, support_radius=0.12, dim=2,
-            fluid=(Cloud(position=position, velocity=velocity),),
+            spacing=0.05, support_radius=0.12, dim=2, fluid=(Cloud(position=position, velocity=velocity),),
             effects=(
                 WeaklyCompressible(sound_speed=50.0, density_bound=100.0, density="summation"),
-                Gravity(acceleration=(0.0, -9.81, 0.0)),
-                BoxWalls(lower=(0, 0, 0), upper=(1, 1, 1)),
+                Gravity(acceleration=(0.0, -9.81, 0.0)), BoxWalls(lower=(0, 0, 0), upper=(1, 1, 1)),
             ),
         ),
         steps=150,

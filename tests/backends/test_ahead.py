@@ -15,7 +15,7 @@ PROGRAM = """
 import json, os
 from refsim import Box, Gravity, Scene, Simulation, WeaklyCompressible
 from refsim.core.operation import REGISTRY
-from refsim.sph import reductions
+from refsim.sph import kernels
 os.sched_getaffinity = lambda process: range(CORES)
 told = []
 def begun(kernels, processes):
@@ -28,7 +28,7 @@ simulation = Simulation(
           effects=EFFECTS), "cpu", compiling=begun)
 for _ in range(2):
     simulation.step()
-launched = {"sph.extremes": reductions.extremes_chunk.on("cpu"), "sph.kick_drift": reductions.step_chunk.on("cpu")}
+launched = {"sph.extremes": kernels.extremes.on("cpu"), "sph.kick_drift": kernels.kick_drift.on("cpu")}
 programs = [launched.get(name) or REGISTRY[name].program("cpu") for name in NAMES]
 print(json.dumps([told, [[sum(p.stats.cache_hits.values()), sum(p.stats.cache_misses.values())] for p in programs]]))
 """
@@ -68,17 +68,14 @@ def test_one_core_compiles_as_the_run_comes_to_each_kernel(run, tmp_path):
     assert all(hits + misses > 0 for hits, misses in stats), "the run has not come to each kernel"
 
 
-@pytest.mark.parametrize(
-    ("effects", "kernels"),
-    [
-        (
-            (refsim.ImplicitPressure(),),
-            {"predict", "halve", "displace", "relax", "keep", "push", "count_missed", "block_boxes"},
-        ),
-        ((refsim.HeatConduction(),), {"weigh", "advance", "collect"}),
-        ((refsim.HeatConduction(scheme="conjugate_gradient"),), {"weigh", "flow", "turn_chunk", "step_chunk", "add"}),
-    ],
-)
+@pytest.mark.parametrize(("effects", "kernels"), [
+    (
+        (refsim.ImplicitPressure(),),
+        {"predict", "halve", "displace", "relax", "keep", "push", "count_missed", "block_boxes"},
+    ),
+    ((refsim.HeatConduction(),), {"weigh", "advance", "collect"}),
+    ((refsim.HeatConduction(scheme="conjugate_gradient"),), {"weigh", "flow", "turn_chunk", "step_chunk", "add"}),
+])  # fmt: skip
 def test_kernels_inside_host_functions_are_among_those_compiled_ahead(monkeypatch, effects, kernels):
     from refsim.backends import ahead
 

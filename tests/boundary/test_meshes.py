@@ -323,13 +323,10 @@ def test_a_buffer_that_cannot_be_read_is_named_in_one_sentence(tmp_path, monkeyp
         assert words in told
 
 
-@pytest.mark.parametrize(
-    "name, packed, plain",
-    [
-        ("body.vtu", {"compression": "zlib"}, {"compression": None}),
-        ("body.h5m", {"compression": "gzip"}, {"compression": None, "compression_opts": None}),
-    ],
-)
+@pytest.mark.parametrize("name, packed, plain", [
+    ("body.vtu", {"compression": "zlib"}, {"compression": None}),
+    ("body.h5m", {"compression": "gzip"}, {"compression": None, "compression_opts": None}),
+])  # fmt: skip
 def test_compressed_arrays_of_a_mesh_are_not_unpacked(tmp_path, monkeypatch, name, packed, plain):
     meshio = pytest.importorskip("meshio", reason="meshio is not installed (refsim[test])")
     monkeypatch.chdir(tmp_path)

@@ -76,19 +76,12 @@ def test_a_mesh_is_looked_for_beside_the_scene_file(plate, tmp_path):
     assert len(make_plan(loaded).walls.position) > 100
 
 
-@pytest.mark.parametrize(
-    "changes, words",
-    [
-        ({"file": "nowhere.obj"}, "there is no file"),
-        ({"radius": -1.0}, "radius = -1"),
-        ({"radius": 0.2}, "smaller than the boundary particles"),
-        ({"size": 0.004}, "smaller than the boundary particles"),
-        ({"restitution": 1.5}, "restitution = 1.5"),
-        ({"layers": -1}, "layers = -1"),
-        ({"correction": "sweep"}, "correction = 'sweep'"),
-        ({"center": (0.0, float("nan"), 0.0)}, "center along y"),
-    ],
-)
+@pytest.mark.parametrize("changes, words", [
+    ({"file": "nowhere.obj"}, "there is no file"), ({"radius": -1.0}, "radius = -1"),
+    ({"radius": 0.2}, "smaller than the boundary particles"), ({"size": 0.004}, "smaller than the boundary particles"),
+    ({"restitution": 1.5}, "restitution = 1.5"), ({"layers": -1}, "layers = -1"),
+    ({"correction": "sweep"}, "correction = 'sweep'"), ({"center": (0.0, float("nan"), 0.0)}, "center along y"),
+])  # fmt: skip
 def test_bad_input_gets_one_sentence(plate, changes, words):
     with pytest.raises(InputError, match=words) as caught:
         make_plan(scene(LIQUID, MeshBoundary(**{"file": plate, **changes})))

@@ -73,15 +73,12 @@ def test_printed_step_does_not_converge_on_a_box():
     assert sample(BOX, 0.06, most_iterations=300).converged
 
 
-@pytest.mark.parametrize(
-    "options, words",
-    [
-        ({"radius": 0.0}, "positive"), ({"radius": float("nan")}, "positive"),
-        ({"radius": 3.0}, "larger than the mesh"), ({"radius": 0.1, "density": -1.0}, "positive"),
-        ({"radius": 0.1, "literal": ("E99",)}, "E99"),
-        ({"radius": 0.1, "spacing": -1.0}, "positive"), ({"radius": 0.1, "backend": "numpy"}, "choose cpu or cuda"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize("options, words", [
+    ({"radius": 0.0}, "positive"), ({"radius": float("nan")}, "positive"),
+    ({"radius": 3.0}, "larger than the mesh"), ({"radius": 0.1, "density": -1.0}, "positive"),
+    ({"radius": 0.1, "literal": ("E99",)}, "E99"),
+    ({"radius": 0.1, "spacing": -1.0}, "positive"), ({"radius": 0.1, "backend": "numpy"}, "choose cpu or cuda"),
+])  # fmt: skip
 def test_bad_input_is_refused(options, words):
     with pytest.raises(InputError, match=words):
         sample(BALL, **options)
@@ -105,14 +102,10 @@ def test_command(tmp_path, capsys):
     assert "g A/(pi r^2)" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(
-    "arguments, words",
-    [
-        (["none.obj", "--radius", "0.1"], "there is no file"),
-        (["box.obj", "--radius", "0.1", "-o", "x.txt"], "vtp"),
-        (["box.obj"], "--radius"),
-    ],
-)
+@pytest.mark.parametrize("arguments, words", [
+    (["none.obj", "--radius", "0.1"], "there is no file"), (["box.obj", "--radius", "0.1", "-o", "x.txt"], "vtp"),
+    (["box.obj"], "--radius"),
+])  # fmt: skip
 def test_command_refuses_in_one_sentence(tmp_path, capsys, monkeypatch, arguments, words):
     monkeypatch.chdir(tmp_path)
     trimesh.creation.box((1.0, 1.0, 1.0)).export("box.obj")

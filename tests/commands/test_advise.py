@@ -27,17 +27,14 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (["frnt"], "there is no observable 'frnt'; did you mean front?"),
-        (["nothing-like-it"], "choose from front, droplet"),
-        (["front", "--error", "2"], "an error of 2 is not possible; give a share between 0 and 1"),
-        (["front", "--error", "0"], "an error of 0 is not possible"),
-        (["front", "--seconds", "0"], "0 seconds are not possible; give a positive number"),
-        (["front", "--seconds", "1e-4"], "no measured setting of front takes 100 us or less; give more"),
-    ],
-)
+@pytest.mark.parametrize(("words", "said"), [
+    (["frnt"], "there is no observable 'frnt'; did you mean front?"),
+    (["nothing-like-it"], "choose from front, droplet"),
+    (["front", "--error", "2"], "an error of 2 is not possible; give a share between 0 and 1"),
+    (["front", "--error", "0"], "an error of 0 is not possible"),
+    (["front", "--seconds", "0"], "0 seconds are not possible; give a positive number"),
+    (["front", "--seconds", "1e-4"], "no measured setting of front takes 100 us or less; give more"),
+])  # fmt: skip
 def test_bad_input_gets_a_sentence_and_code_2(folder, capsys, words, said):
     assert advise(*words, "--measured") == 2
     assert said in capsys.readouterr().err

@@ -100,6 +100,7 @@ BAD = {
     "cloud of nothing": (BOX, 'shape = "cloud"', "either position or file"),
     "cloud of both": (BOX, CLOUD.format('[[0, 0, 0]]\nfile = "x.npy"'), "either position or file"),
     "cloud of no file": (BOX, 'shape = "cloud"\nfile = "none.npy"', "cannot read"),
+    "diffusion of a sum": ("rest_density", "diffusion = 0.05\nrest_density", "diffusion = 0.05 is for an advanced"),
     "cloud of unequal rows": (BOX, CLOUD.format("[[0.0, 0.0, 0.0], [1.0]]"), "list of coordinates"),
     "velocity of a cloud": (BOX, CLOUD.format("[[0.0, 0.0]]\nvelocity = 'fast'"), "velocity does not fit 1 particles"),
     "masses of a cloud": (BOX, CLOUD.format("[[0.0, 0.0]]\nmass = [1.0, 2.0]"), "mass does not fit 1 particles"),
@@ -165,34 +166,30 @@ def test_bad_scenes_get_one_sentence(scene, capsys, name, command):
     assert [path.name for path in scene.parent.iterdir()] == ["tank.toml"]  # nothing was begun
 
 
-@pytest.mark.parametrize(
-    "arguments, words",
-    [
-        (["plan", "none.toml"], "none.toml does not exist"),
-        (["plan", "."], "cannot be read"),
-        (["run"], "nothing to run"),
-        (["run", "tank.toml", "--backend", "quantum"], "no such backend; choose one of numpy, cpu, cuda"),
-        (["plan", "tank.toml", "--backend", "quantum"], "no backend 'quantum'"),
-        (["run", "tank.toml", "--threads", "0"], "threads = 0"),
-        (["run", "tank.toml", "--threads", "0", "--backend", "numpy"], "threads = 0"),
-        (["run", "tank.toml", "--output", "loop", "--backend", "numpy"], "folder loop cannot be written"),
-        (["run", "tank.toml", "--output", "x" * 300, "--backend", "numpy"], "cannot be written"),
-        (["run", "--resume", "loop"], "cannot be read"),
-        (["run", "--resume", "x" * 300], "cannot be read"),
-        (["plan", "loop"], "cannot be read"),
-        (["plan", "x" * 300], "cannot be read"),
-        (["run", "tank.toml", "--until", "nan", "--backend", "numpy"], "until = nan"),
-        (["run", "tank.toml", "--until", "soon"], "invalid float value: 'soon'"),
-        (["run", "tank.toml", "--every", "0", "--backend", "numpy"], "every = 0"),
-        (["run", "tank.toml", "--output", "tank.toml", "--backend", "numpy"], "tank.toml is a file; give a folder"),
-        (["run", "--resume", "none.h5"], "none.h5 does not exist"),
-        (["run", "--resume", "tank.toml"], "is not a checkpoint"),
-        (["run", "--resume", "."], "holds no whole checkpoint"),
-        (["rnu", "tank.toml"], "no command 'rnu'; did you mean run?"),
-        (["run", "tank.toml", "--outptu", "x"], "unrecognized arguments: --outptu x; see refsim run --help."),
-        (["contract"], "name the programs to judge: a file folder/file.py or a module; see refsim contract --help."),
-    ],
-)
+@pytest.mark.parametrize("arguments, words", [
+    (["plan", "none.toml"], "none.toml does not exist"), (["plan", "."], "cannot be read"), (["run"], "nothing to run"),
+    (["run", "tank.toml", "--backend", "quantum"], "no such backend; choose one of numpy, cpu, cuda"),
+    (["plan", "tank.toml", "--backend", "quantum"], "no backend 'quantum'"),
+    (["run", "tank.toml", "--threads", "0"], "threads = 0"),
+    (["run", "tank.toml", "--threads", "0", "--backend", "numpy"], "threads = 0"),
+    (["run", "tank.toml", "--output", "loop", "--backend", "numpy"], "folder loop cannot be written"),
+    (["run", "tank.toml", "--output", "x" * 300, "--backend", "numpy"], "cannot be written"),
+    (["run", "--resume", "loop"], "cannot be read"), (["run", "--resume", "x" * 300], "cannot be read"),
+    (["plan", "loop"], "cannot be read"), (["plan", "x" * 300], "cannot be read"),
+    (["run", "tank.toml", "--until", "nan", "--backend", "numpy"], "until = nan"),
+    (["run", "tank.toml", "--until", "soon"], "invalid float value: 'soon'"),
+    (["run", "tank.toml", "--every", "0", "--backend", "numpy"], "every = 0"),
+    (["run", "tank.toml", "--output", "tank.toml", "--backend", "numpy"], "tank.toml is a file; give a folder"),
+    (["run", "--resume", "none.h5"], "none.h5 does not exist"),
+    (["run", "--resume", "tank.toml"], "is not a checkpoint"), (["run", "--resume", "."], "holds no whole checkpoint"),
+    (["rnu", "tank.toml"], "no command 'rnu'; did you mean run?"),
+    (["run", "tank.toml", "--outptu", "x"], "unrecognized arguments: --outptu x; see refsim run --help."),
+    (["plan", "tank.toml", "--time", "--threads", "0"], "threads = 0"),
+    (["study", "frontt"], "there is no file or panel 'frontt'; did you mean front?"),
+    (["study", "tank.toml", "--observable", "panel:frnt"], "there is no panel 'frnt'; did you mean front?"),
+    (["study", "tank.toml", "--observable", "front", "--exact", "0"], "--exact 0 is not possible"),
+    (["contract"], "name the programs to judge: a file folder/file.py or a module; see refsim contract --help."),
+])  # fmt: skip
 def test_bad_commands_get_one_sentence(scene, capsys, arguments, words):
     if "loop" in arguments:
         pathlib.Path("loop").symlink_to("loop")
@@ -203,14 +200,11 @@ def test_bad_commands_get_one_sentence(scene, capsys, arguments, words):
 
 
 ENDLESS = (
-    (["plan", "it"], ""),
-    (["run", "--resume", "it"], ""),
-    (["sample", "it", "--radius", "0.1"], ""),
+    (["plan", "it"], ""), (["run", "--resume", "it"], ""), (["sample", "it", "--radius", "0.1"], ""),
     (["plan", "tank.toml"], '[[fluid]]\nshape = "cloud"\nfile = "it"'),
     (["plan", "tank.toml"], '[[fluid]]\nshape = "cloud"\nfile = "it.npy"'),
-    (["plan", "tank.toml"], MESH.format("it.obj")),
-    (["plan", "tank.toml"], '[effects.mesh_boundary]\nfile = "it.obj"'),
-)
+    (["plan", "tank.toml"], MESH.format("it.obj")), (["plan", "tank.toml"], '[effects.mesh_boundary]\nfile = "it.obj"'),
+)  # fmt: skip
 READER = """
 import contextlib, io, json, pathlib, sys
 from refsim.__main__ import main
@@ -357,6 +351,13 @@ def test_plan_names_the_backend_and_warns_of_a_step_that_is_too_large(scene, cap
     assert "refsim.sph.reference.momentum" in out
     assert "1.2 times the stable one" in out
     assert "Neighbour list: none" in out
+
+
+@pytest.mark.parametrize("apart, note", [(0.003, True), (0.06, False)])
+def test_plan_notes_parts_that_overlap(scene, capsys, apart, note):
+    scene.write_text(SCENE.replace("[effects", f"[[fluid]]\n{BOX}\nlower = [{apart}, 0.002, 0.0]\n[effects", 1))
+    assert main(["plan", str(scene)]) == 0
+    assert ("120 particles start less than a spacing from another: move" in capsys.readouterr().out) == note
 
 
 def test_list_tells_the_registry(capsys):

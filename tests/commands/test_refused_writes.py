@@ -82,14 +82,11 @@ def test_nothing_half_written_is_left_on_a_full_disk(ran, full, capsys, words):
 
 
 @posix
-@pytest.mark.parametrize(
-    "words",
-    [
-        ["view", "run", "--html", "loop/page.html"], ["view", "loop"], ["render", "run", "-o", "loop/p.png"],
-        ["render", "loop"], ["sweep", "one.toml", "--output", "loop", "--quiet"], ["sweep", "loop"],
-        [*STUDY, "front", "--output", "loop"], ["run", "tank.toml", "--output", "loop"], ["run", "loop"],
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize("words", [
+    ["view", "run", "--html", "loop/page.html"], ["view", "loop"], ["render", "run", "-o", "loop/p.png"],
+    ["render", "loop"], ["sweep", "one.toml", "--output", "loop", "--quiet"], ["sweep", "loop"],
+    [*STUDY, "front", "--output", "loop"], ["run", "tank.toml", "--output", "loop"], ["run", "loop"],
+])  # fmt: skip
 def test_a_link_to_itself_is_told(ran, capsys, words):
     os.symlink("loop", "loop")
     assert main(words) == 2

@@ -32,13 +32,10 @@ def test_a_body_is_shown_with_the_loop_of_the_backend(capsys):
     assert "over_rows(body, acceleration.shape[0], (None, position" in loop["text"]
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["sph.momentu"], "did you mean sph.momentum?"),
-        (["sph.state", "--backend", "cuda:fused"], "choose one of cpu, cuda"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "words"), [
+    (["sph.momentu"], "did you mean sph.momentum?"),
+    (["sph.state", "--backend", "cuda:fused"], "choose one of cpu, cuda"),
+])  # fmt: skip
 def test_what_does_not_exist_is_said(arguments, words, capsys):
     assert main(["show", *arguments]) == 2
     assert words in capsys.readouterr().err

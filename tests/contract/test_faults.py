@@ -6,17 +6,12 @@ from refsim import contract
 from tests.contract import faulty
 
 CAUSES = {
-    "self": "leaves out the particle itself (missing self term)",
-    "norm": "normalisation for 3 dimensions",
-    "cap": "is right with up to 64 neighbours and wrong with more",
-    "race": "a race between threads",
-    "unset": "adds to density, which holds no number before the call; it must assign it",
-    "half": "h/2 in place of h",
-    "mirror": "the wall particles are mirrored",
-    "image": "is the nearest image taken in both directions?",
-    "prefix": "in float32",
-    "edge": "cut at r = h",
-}
+    "self": "leaves out the particle itself (missing self term)", "norm": "normalisation for 3 dimensions",
+    "cap": "is right with up to 64 neighbours and wrong with more", "race": "a race between threads",
+    "unset": "adds to density, which holds no number before the call; it must assign it", "half": "h/2 in place of h",
+    "mirror": "the wall particles are mirrored", "image": "is the nearest image taken in both directions?",
+    "prefix": "in float32", "edge": "cut at r = h",
+}  # fmt: skip
 STEPS = {"prefix": ("T2", "T3"), "mirror": ("T2",), "image": ("T2",)}
 VARIANTS = {"self": (0, 6), "mirror": (6,), "image": (7,), "none": (0, 6, 7)}
 kernels = pytest.mark.parametrize("kernel", ["wendland_c2", pytest.param("cubic_spline", marks=pytest.mark.slow)])

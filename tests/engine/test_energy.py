@@ -311,12 +311,10 @@ def test_the_last_good_checkpoint_stays(tmp_path):
 
 
 REFUSED = {
-    "akinci_2013": rs.Akinci2013(surface_tension=0.1),
-    "csf_wang_2019": rs.CsfWang2019(surface_tension=0.1),
-    "he_2014": rs.He2014(surface_tension=0.1),
-    "normal_difference_2014": rs.NormalDifference2014(area_acceleration=0.1),
+    "akinci_2013": rs.Akinci2013(surface_tension=0.1), "csf_wang_2019": rs.CsfWang2019(surface_tension=0.1),
+    "he_2014": rs.He2014(surface_tension=0.1), "normal_difference_2014": rs.NormalDifference2014(area_acceleration=0.1),
     "jiang_zhu_2023": rs.JiangZhu2023(surface_tension=0.1, pair_mode="soft"),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", REFUSED)
@@ -339,15 +337,12 @@ def test_what_is_not_counted_is_said(tmp_path, capsys):
     assert not implicit.auditor.staggered
 
 
-@pytest.mark.parametrize(
-    "table, words",
-    [
-        ("energy_audit = 5\n", "energy_audit must be a table"),
-        ("[energy_audit]\nevery = 0\n", "every = 0 is not possible"),
-        ("[energy_audit]\nbound = 0.0\n", "bound = 0.0 is not possible"),
-        ("[energy_audit]\nbound = nan\n", "bound = nan is not possible"),
-    ],
-)
+@pytest.mark.parametrize("table, words", [
+    ("energy_audit = 5\n", "energy_audit must be a table"),
+    ("[energy_audit]\nevery = 0\n", "every = 0 is not possible"),
+    ("[energy_audit]\nbound = 0.0\n", "bound = 0.0 is not possible"),
+    ("[energy_audit]\nbound = nan\n", "bound = nan is not possible"),
+])  # fmt: skip
 def test_mistakes_are_named(table, words):
     text = f'spacing = 0.1\nsupport_radius = 0.2\n{table}[[fluid]]\nshape = "box"\ncells = [2, 2, 2]\n'
     with pytest.raises(rs.InputError, match=words):

@@ -31,13 +31,7 @@ CUTS = (0, 1, 2, 28, 29, 31, 36, 37, 38)
 def tank(dtype="float32", step=0.0, literal=(), viscosity=0.05, velocity=(0.0, 0.0, 0.0), **changes):
     """A small 2D dam break: walls, gravity, viscosity."""
     return rs.Scene(
-        name="tank",
-        spacing=0.01,
-        support_radius=0.02,
-        dim=2,
-        dtype=dtype,
-        end_time=0.05,
-        step=step,
+        name="tank", spacing=0.01, support_radius=0.02, dim=2, dtype=dtype, end_time=0.05, step=step,
         fluid=(rs.Box(cells=(8, 16, 1), velocity=velocity),),
         effects=(
             rs.WeaklyCompressible(
@@ -47,7 +41,7 @@ def tank(dtype="float32", step=0.0, literal=(), viscosity=0.05, velocity=(0.0, 0
             rs.BoxWalls(lower=(0.0, 0.0, 0.0), upper=(0.3, 0.3, 0.0), open_faces=("+y",)),
         ),
         **changes,
-    )
+    )  # fmt: skip
 
 
 def advance(simulation, steps):
@@ -168,14 +162,11 @@ def test_other_versions_are_noted(tmp_path):
     assert "numpy 1.0 -> " in note
 
 
-@pytest.mark.parametrize(
-    "other, words",
-    [
-        (tank("float64"), "dtype = float32 and the scene has float64"),
-        (tank(viscosity=0.06), "effects.weakly_compressible.dynamic_viscosity = 0.05"),
-        (tank(velocity=(1.0, 0.0, 0.0)), "velocity differs"),
-    ],
-)
+@pytest.mark.parametrize("other, words", [
+    (tank("float64"), "dtype = float32 and the scene has float64"),
+    (tank(viscosity=0.06), "effects.weakly_compressible.dynamic_viscosity = 0.05"),
+    (tank(velocity=(1.0, 0.0, 0.0)), "velocity differs"),
+])  # fmt: skip
 def test_a_scene_that_is_not_the_checkpoints_is_refused(tmp_path, other, words):
     rs.Simulation(tank(), "numpy").checkpoint(tmp_path / "c.h5")
     with pytest.raises(rs.InputError, match=words):
@@ -212,25 +203,16 @@ SPOILED = [
     ("margin", 1e30, r"margin = 1e\+30 m is more than the neighbour list's skin of 0\.00"),
     *((name, math.inf, f"{name} = inf") for name in ("time", "first_length", "margin")),
     *((name, -1.0, f"{name} = -1") for name in ("previous_length", "squared_way")),
-    ("steps", -1, "steps = -1 is not possible"),
-    ("steps", 10**400, "steps = 1000"),
-    ("time", "0.1", NUMBERS),
-    ("time", 10**400, NUMBERS),
-    ("steps", 1.5, NUMBERS),
-    ("backend", "quantum", NUMBERS),
-    ("list_built", "yes", NUMBERS),
-    ("limiters", "[1]", NUMBERS),
-    ("limiters", "[" * 100000, NUMBERS),
-    ("versions", '{"numpy": 1}', NUMBERS),
-    ("search_log", '{"__class__": 1}', "search log"),
-    ("scene", 3, "has no scene"),
-    ("scene", "spacing = 0.01", "the scene in"),
+    ("steps", -1, "steps = -1 is not possible"), ("steps", 10**400, "steps = 1000"), ("time", "0.1", NUMBERS),
+    ("time", 10**400, NUMBERS), ("steps", 1.5, NUMBERS), ("backend", "quantum", NUMBERS),
+    ("list_built", "yes", NUMBERS), ("limiters", "[1]", NUMBERS), ("limiters", "[" * 100000, NUMBERS),
+    ("versions", '{"numpy": 1}', NUMBERS), ("search_log", '{"__class__": 1}', "search log"),
+    ("scene", 3, "has no scene"), ("scene", "spacing = 0.01", "the scene in"),
     ("field.mass", changed(3, -1.0), "1 of its particles have no positive mass"),
     ("field.mass", lambda a: a.astype("float64"), "the scene has float32"),
     ("field.velocity", changed(3, 1e38), "beyond 1e"),
     ("field.velocity", lambda a: a.astype("complex64"), "the scene has float32"),
-    ("field.velocity", changed((0, 2), 0.5), "v_z than 0 in a 2D scene"),
-    ("field.identity", changed(3, 4), "identity"),
+    ("field.velocity", changed((0, 2), 0.5), "v_z than 0 in a 2D scene"), ("field.identity", changed(3, 4), "identity"),
     ("field.identity", changed(3, 2**31 - 1), "identity"),
     ("field.position", lambda a: np.tile(a[:1], (len(a), 1)), r"its \d+ particles are all at one place"),
     ("field.position", changed((0, 2), 0.5), "z than 0 in a 2D scene"),
@@ -239,7 +221,7 @@ SPOILED = [
     ("start.mass", np.array(1.0), "clouds do not fit their numbers"),
     ("start.position", np.zeros((40, 5)), r"position has shape \(40, 5\)"),
     ("start.velocity", np.zeros(40, complex), "velocity does not fit 40 particles"),
-]
+]  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -479,13 +461,10 @@ def spoiled(simulation, name, field, value):
             simulation.force_calls[k] = (operation, rare, spoil)
 
 
-@pytest.mark.parametrize(
-    "spoil, cause",
-    [
-        (lambda run: spoiled(run, "sph.state", "pressure", np.nan), "sph.state wrote pressure"),
-        (lambda run: run.fields["position"].__setitem__(77, np.inf), "sph.kick_drift wrote position"),
-    ],
-)
+@pytest.mark.parametrize("spoil, cause", [
+    (lambda run: spoiled(run, "sph.state", "pressure", np.nan), "sph.state wrote pressure"),
+    (lambda run: run.fields["position"].__setitem__(77, np.inf), "sph.kick_drift wrote position"),
+])  # fmt: skip
 def test_what_is_not_finite_names_its_particle_and_pass_and_leaves_the_checkpoint(tmp_path, spoil, cause):
     simulation = rs.Simulation(tank(), "numpy")
 
@@ -529,13 +508,10 @@ def test_a_run_that_cannot_go_on_ends_with_its_reason(tmp_path, monkeypatch, bac
     assert reason != "step_too_small" or json.loads(post.read_text())["cause"] == "greatest acceleration"
 
 
-@pytest.mark.parametrize(
-    "spoil, words",
-    [
-        (lambda fields: fields["identity"].__setitem__(3, 4), "1 of 128 particles are missing"),
-        (lambda fields: fields["mass"].__setitem__(3, 4.0), "1 have another mass"),
-    ],
-)
+@pytest.mark.parametrize("spoil, words", [
+    (lambda fields: fields["identity"].__setitem__(3, 4), "1 of 128 particles are missing"),
+    (lambda fields: fields["mass"].__setitem__(3, 4.0), "1 have another mass"),
+])  # fmt: skip
 def test_no_particle_is_lost_silently(spoil, words):
     simulation = rs.Simulation(tank(), "numpy")
     check_particles(simulation)

@@ -145,23 +145,17 @@ def test_reservoirs_hold_their_temperature():
     assert abs(values[:128] + 10).max() < 5  # the rest goes there
 
 
-@pytest.mark.parametrize(
-    "options, words",
-    [
-        ({"conductivity": -1.0}, "conductivity = -1.0 is not possible"),
-        ({"melting_point": -300.0, "latent_heat": 1.0}, "melting_point = -300.0 is not possible"),
-        ({"temperature": -274.0}, "temperature = -274.0 is not possible"),
-        ({"heat_capacity": 0.0}, "heat_capacity = 0.0 is not possible"),
-        ({"latent_heat": 3e5}, "without a melting_point"),
-        ({"latent_heat": 3e5, "melting_point": 0.0, "scheme": "pair_exchange"}, "has no latent heat"),
-        ({"scheme": "nonlinear_jacobi"}, "is for latent heat only"),
-        ({"literal": ("M5",)}, "conduct from cold to warm"),
-        ({"literal": ("M11",), **ICE}, "with literal Shao & Song M11"),
-        ({"temperature": (1.0, 2.0, 3.0)}, "3 numbers for 2 parts"),
-        ({"held": (5,)}, "held names part 5"),
-        ({"largest_number": 1.0}, "beyond largest_number"),
-    ],
-)
+@pytest.mark.parametrize("options, words", [
+    ({"conductivity": -1.0}, "conductivity = -1.0 is not possible"),
+    ({"melting_point": -300.0, "latent_heat": 1.0}, "melting_point = -300.0 is not possible"),
+    ({"temperature": -274.0}, "temperature = -274.0 is not possible"),
+    ({"heat_capacity": 0.0}, "heat_capacity = 0.0 is not possible"), ({"latent_heat": 3e5}, "without a melting_point"),
+    ({"latent_heat": 3e5, "melting_point": 0.0, "scheme": "pair_exchange"}, "has no latent heat"),
+    ({"scheme": "nonlinear_jacobi"}, "is for latent heat only"), ({"literal": ("M5",)}, "conduct from cold to warm"),
+    ({"literal": ("M11",), **ICE}, "with literal Shao & Song M11"),
+    ({"temperature": (1.0, 2.0, 3.0)}, "3 numbers for 2 parts"), ({"held": (5,)}, "held names part 5"),
+    ({"largest_number": 1.0}, "beyond largest_number"),
+])  # fmt: skip
 def test_bad_input_is_told_in_one_sentence(options, words):
     with pytest.raises(InputError, match=words) as error:
         make_plan(bar(**options))

@@ -175,25 +175,18 @@ def attributes_of(text):
     return fill
 
 
-@pytest.mark.parametrize(
-    "fill",
-    [
-        lambda file: file.create_dataset("arrays/b", (10**12,), "f8"),
-        lambda file: file.create_dataset("arrays/b", (3,), "f8", chunks=(3,)),
-        lambda file: file.create_dataset("arrays/b", (1,), "f8", external="/dev/zero"),
-        lambda file: file.create_dataset("arrays/b", data=["text"]),
-        lambda file: file.create_group("arrays/b"),
-        lambda file: file.pop("arrays"),
-        lambda file: file.pop("attributes"),
-        attributes_of("[1]"),
-        attributes_of('{"scene": [1]}'),
-        attributes_of('{"scene": null}'),
-        attributes_of("{"),
-        attributes_of('{"a":' + "[" * 100000 + "]" * 100000 + "}"),
-        attributes_of('{"a":' + "1" * 5000 + "}"),
-        attributes_of(b"\xff\xfe"),
-    ],
-)
+@pytest.mark.parametrize("fill", [
+    lambda file: file.create_dataset("arrays/b", (10**12,), "f8"),
+    lambda file: file.create_dataset("arrays/b", (3,), "f8", chunks=(3,)),
+    lambda file: file.create_dataset("arrays/b", (1,), "f8", external="/dev/zero"),
+    lambda file: file.create_dataset("arrays/b", data=["text"]),
+    lambda file: file.create_group("arrays/b"),
+    lambda file: file.pop("arrays"),
+    lambda file: file.pop("attributes"),
+    attributes_of("[1]"), attributes_of('{"scene": [1]}'), attributes_of('{"scene": null}'), attributes_of("{"),
+    attributes_of('{"a":' + "[" * 100000 + "]" * 100000 + "}"), attributes_of('{"a":' + "1" * 5000 + "}"),
+    attributes_of(b"\xff\xfe"),
+])  # fmt: skip
 def test_what_refsim_never_writes_is_refused_whatever_the_digest_says(tmp_path, monkeypatch, fill):
     """A file with a right digest, written by another program."""
     path = tmp_path / "run.h5"

@@ -188,15 +188,10 @@ def test_nothing_inside_gives_an_empty_mesh(values):
     assert mesh.facets.shape == (0, 3)
 
 
-@pytest.mark.parametrize(
-    ("coordinates", "values", "h", "words"),
-    [
-        (np.zeros((2, 3), int), np.zeros(2), 0.1, "given twice"),
-        (np.zeros((2, 2), int), np.zeros(2), 0.1, "do not fit"),
-        (box(1, 3), np.zeros(27, int), 0.1, "do not fit"),
-        (box(1, 3), np.zeros(27), 0.0, "cell_size = 0.0"),
-    ],
-)
+@pytest.mark.parametrize(("coordinates", "values", "h", "words"), [
+    (np.zeros((2, 3), int), np.zeros(2), 0.1, "given twice"), (np.zeros((2, 2), int), np.zeros(2), 0.1, "do not fit"),
+    (box(1, 3), np.zeros(27, int), 0.1, "do not fit"), (box(1, 3), np.zeros(27), 0.0, "cell_size = 0.0"),
+])  # fmt: skip
 def test_bad_input_is_told(coordinates, values, h, words):
     with pytest.raises(InputError, match=words):
         extract(CPU, coordinates, values, h, 3)

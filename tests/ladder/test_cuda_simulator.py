@@ -60,18 +60,15 @@ def assert_all_pairs(cuda, position, listed, reach=RADIUS * (1 + SKIN)):
 
 
 HARD = {
-    "cloud_2d": (cloud(60, 2), 2),
-    "cloud_3d": (cloud(60, 3), 3),
+    "cloud_2d": (cloud(60, 2), 2), "cloud_3d": (cloud(60, 3), 3),
     "lattice on cell borders": (
-        RADIUS * (1 + SKIN) * np.stack(np.meshgrid(*[np.arange(4) - 2.0] * 3), axis=-1).reshape(-1, 3),
-        3,
+        RADIUS * (1 + SKIN) * np.stack(np.meshgrid(*[np.arange(4) - 2.0] * 3), axis=-1).reshape(-1, 3), 3,
     ),
     "flung particle": (np.vstack([cloud(30, 3), [[1e5, -1e5, 3e4]]]), 3),
     "beyond the cells": (np.vstack([cloud(20, 3), [[1e15, 0, 0], [1e15, 0.1, 0], [-1e30, 0, 1e30]]]), 3),
-    "coincident": (np.vstack([cloud(20, 2), cloud(20, 2)[:3], cloud(20, 2)[:1]]), 2),
-    "one": (np.zeros((1, 3)), 3),
+    "coincident": (np.vstack([cloud(20, 2), cloud(20, 2)[:3], cloud(20, 2)[:1]]), 2), "one": (np.zeros((1, 3)), 3),
     "none": (np.zeros((0, 3)), 2),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", HARD)
@@ -375,19 +372,19 @@ def test_occupied_cells_are_found_or_counted(cuda, capacity):
 
 def test_largest_values_do_not_outlive_their_call(cuda):
     from refsim.sph import DensityBounds
-    from refsim.sph import reductions_cuda as kernels
 
+    extremes, kick_drift = (REGISTRY[f"sph.{name}"].program("cuda") for name in ("extremes", "kick_drift"))
     out = cuda.asarray(np.array([1e9, 1e9, 7.0, 1e9, 1e9, 7.0, 7.0]))
     velocity = np.random.default_rng(6).normal(size=(21, 3))
     velocity[3] = np.nan
     velocity[20] = [3.0, 4.0, 12.0]
-    kernels.extremes(cuda.asarray(velocity), cuda.asarray(0.5 * velocity), *[None] * 6, out)
+    extremes(cuda.asarray(velocity), cuda.asarray(0.5 * velocity), *[None] * 6, out)
     assert np.allclose(cuda.host(out), [169.0, 42.25, 1.0, 0.0, 0.0, 0.0, 0.0])
     warmth, rates = np.linspace(-3.0, 7.0, 21), np.linspace(1.0, 2.0, 21)
     warmth[4] = rates[5] = np.nan
     bounds = cuda.asarray(np.array([-2.5, 5.0]))
     crowding = cuda.asarray(np.linspace(1.0, 1.6, 21)), None, DensityBounds(1.0, 1.1, 1.5)
-    kernels.extremes(
+    extremes(
         cuda.asarray(velocity), cuda.asarray(0.5 * velocity), cuda.asarray(warmth), bounds, cuda.asarray(rates),
         *crowding, out,
     )  # fmt: skip
@@ -396,21 +393,18 @@ def test_largest_values_do_not_outlive_their_call(cuda):
     way = cuda.asarray(np.array([1e9, 5.0]))
     steps = cuda.asarray(np.array([0.0, 0.1]))
     velocity = cuda.asarray(velocity)
-    kernels.kick_drift(place, cuda.asarray(np.zeros((21, 3))), None, steps, None, way, None, velocity, place)
+    kick_drift(place, cuda.asarray(np.zeros((21, 3))), None, steps, None, None, velocity, place, way)
     assert cuda.host(way)[0] == np.inf  # the particle that is nowhere
     assert cuda.host(way)[1] == 0
 
 
-@pytest.mark.parametrize(
-    ("name", "program", "variant"),
-    [
-        (name, program, k)
-        for name, operation in REGISTRY.items()
-        for program in operation.names()
-        if backend_of(program) == "cuda"
-        for k in range(len(operation.as_computed_by(program).variants))
-    ],
-)
+@pytest.mark.parametrize(("name", "program", "variant"), [
+    (name, program, k)
+    for name, operation in REGISTRY.items()
+    for program in operation.names()
+    if backend_of(program) == "cuda"
+    for k in range(len(operation.as_computed_by(program).variants))
+])  # fmt: skip
 def test_operation_agrees_with_its_reference(name, program, variant):
     """One hard input of the contract; all of them run on a GPU (`scripts/gpu_check.py`)."""
     case = "few_2d" if name == "heat.conjugate_gradient" else "cloud_2d"  # whose iterations are Python's, too
@@ -508,15 +502,10 @@ def droplet(dtype):
 
 
 # Steps are few because rounding differences grow with every one of them; the tolerances allow for that growth.
-@pytest.mark.parametrize(
-    ("scene", "dtype", "steps", "tolerance"),
-    [
-        (dam_break, "float64", 8, 1e-9),
-        (dam_break, "float32", 3, 1e-4),
-        (basin, "float64", 5, 1e-9),
-        (droplet, "float64", 4, 1e-9),
-    ],
-)
+@pytest.mark.parametrize(("scene", "dtype", "steps", "tolerance"), [
+    (dam_break, "float64", 8, 1e-9), (dam_break, "float32", 3, 1e-4), (basin, "float64", 5, 1e-9),
+    (droplet, "float64", 4, 1e-9),
+])  # fmt: skip
 def test_run_follows_the_references_and_repeats_bit_for_bit(scene, dtype, steps, tolerance):
     oracle, run, again = (rs.Simulation(scene(dtype), name) for name in ("numpy", "cuda", "cuda"))
     for _ in range(steps):

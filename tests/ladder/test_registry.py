@@ -17,7 +17,7 @@ from refsim.core.operation import REGISTRY
 
 ROOT = pathlib.Path(refsim.__file__).parent
 LADDER = pathlib.Path(__file__).parent
-KERNELS = ("kernel", "cpu_kernel", "cuda_kernel")
+KERNELS = ("kernel", "cpu_kernel", "cuda_kernel", "reduction")
 COMPILED_ONLY = "test_cuda_typing.py"  # runs no kernel
 IMPORT_SECONDS = 0.3
 IMPORTED = ("numpy", "math", "typing", "refsim.core.operation")  # by references
@@ -177,11 +177,12 @@ def arguments(path, name, root):
     """What a program takes, by name: a body without the row's number and the lane, of a named tuple the members."""
     node = functions(path)[name]
     names = [n for a in node.args.args if a.arg != "rows" for n in members(path, a.annotation, root) or (a.arg,)]
-    found = decorator(node, "kernel")
+    found = decorator(node, "kernel", "reduction")
     if found is None:
         return names
-    lanes = isinstance(found, ast.Call) and any(option.arg == "lanes" for option in found.keywords)
-    return names[2 if lanes else 1 :]
+    options = {option.arg: option.value for option in getattr(found, "keywords", ())}
+    into = [options["into"].value] if "into" in options else []  # which a body does not take
+    return [*names[2 if "lanes" in options else 1 :], *into]
 
 
 def members(path, annotation, root):

@@ -32,17 +32,14 @@ def tank(cells=10, motion=(), dtype="float64", gauge=(), end_time=1.0, pull=(0.0
     )  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("formula", "function"),
-    [
-        ("0.5*t**2 - 3*t", lambda t: 0.5 * t * t - 3 * t),
-        ("sin(2*pi*t)/(1 + t)", lambda t: math.sin(2 * math.pi * t) / (1 + t)),
-        ("-exp(-t)*cos(3*t) + tanh(t)", lambda t: -math.exp(-t) * math.cos(3 * t) + math.tanh(t)),
-        ("sqrt(1 + t)*log(2 + t) + tan(0.3*t)", lambda t: math.sqrt(1 + t) * math.log(2 + t) + math.tan(0.3 * t)),
-        ("2**t + (1 + t)**t", lambda t: 2**t + (1 + t) ** t),
-        ("+4", lambda t: 4.0),
-    ],
-)
+@pytest.mark.parametrize(("formula", "function"), [
+    ("0.5*t**2 - 3*t", lambda t: 0.5 * t * t - 3 * t),
+    ("sin(2*pi*t)/(1 + t)", lambda t: math.sin(2 * math.pi * t) / (1 + t)),
+    ("-exp(-t)*cos(3*t) + tanh(t)", lambda t: -math.exp(-t) * math.cos(3 * t) + math.tanh(t)),
+    ("sqrt(1 + t)*log(2 + t) + tan(0.3*t)", lambda t: math.sqrt(1 + t) * math.log(2 + t) + math.tan(0.3 * t)),
+    ("2**t + (1 + t)**t", lambda t: 2**t + (1 + t) ** t),
+    ("+4", lambda t: 4.0),
+])  # fmt: skip
 def test_formulas_have_their_derivatives(formula, function):
     jet = parsed(formula, "here")
     for time in (0.1, 0.7):
@@ -54,27 +51,14 @@ def test_formulas_have_their_derivatives(formula, function):
         assert found.second == pytest.approx((after - 2 * now + before) / step**2, rel=1e-5, abs=1e-5)
 
 
-@pytest.mark.parametrize(
-    ("formula", "words"),
-    [
-        ("__import__('os').system('true')", "which is not arithmetic"),
-        ("open('x')", "unknown function 'open'"),
-        ("x", "unknown name 'x'"),
-        ("t.real", "not arithmetic"),
-        ("t if t else 1", "not arithmetic"),
-        ("[t]", "not arithmetic"),
-        ("True", "not arithmetic"),
-        ("sin(t, t)", "not arithmetic"),
-        ("t +", "cannot be read"),
-        ("", "is missing"),
-        ("(" * 300 + "t" + ")" * 300, "cannot be read|nested too deeply"),
-        ("-" * 999 + "t", "nested too deeply|cannot be read|not a finite|none"),
-        ("t" * 2000, "2000 characters"),
-        ("1/(t - t)", "not a finite number at 0 s"),
-        ("log(t - 2)", "not a finite number"),
-        ("1e3*t", "it jumps: at 0 s"),
-    ],
-)
+@pytest.mark.parametrize(("formula", "words"), [
+    ("__import__('os').system('true')", "which is not arithmetic"), ("open('x')", "unknown function 'open'"),
+    ("x", "unknown name 'x'"), ("t.real", "not arithmetic"), ("t if t else 1", "not arithmetic"),
+    ("[t]", "not arithmetic"), ("True", "not arithmetic"), ("sin(t, t)", "not arithmetic"), ("t +", "cannot be read"),
+    ("", "is missing"), ("(" * 300 + "t" + ")" * 300, "cannot be read|nested too deeply"),
+    ("-" * 999 + "t", "nested too deeply|cannot be read|not a finite|none"), ("t" * 2000, "2000 characters"),
+    ("1/(t - t)", "not a finite number at 0 s"), ("log(t - 2)", "not a finite number"), ("1e3*t", "it jumps: at 0 s"),
+])  # fmt: skip
 def test_bad_formulas_are_refused(formula, words):
     with pytest.raises(InputError, match=words) as caught:
         planned(tank(motion=(Motion(of="gravity", kind="formula", direction=(1.0, 0.0, 0.0), formula=formula),)))
@@ -103,24 +87,17 @@ def test_a_table_is_smooth_and_rests_outside():
     assert table.at(0.6 - 1e-9).velocity == pytest.approx(0.0, abs=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        ({"amplitude": None}, "'amplitude' is missing"),
-        ({"period": 0.0}, "period = 0.0 is not possible"),
-        ({"formula": "t"}, "takes no 'formula'"),
-        ({"direction": (0.0, 0.0, 0.0)}, "is none"),
-        ({"direction": (0.0, 0.0, 1.0)}, "z part in a 2D scene"),
-        ({"amplitude": 100.0}, "it jumps"),
-        ({"of": "moving_faces"}, "no face moves"),
-        (
-            {"kind": "table", "times": (0.0, 0.0), "values": (0.0, 1.0), "amplitude": None, "period": None},
-            "table jumps",
-        ),
-        ({"kind": "table", "times": (0.0, 1e-4), "values": (0.0, 1.0), "amplitude": None, "period": None}, "it jumps"),
-        ({"kind": "table", "times": (0.0,), "values": (0.0,), "amplitude": None, "period": None}, "at least two"),
-    ],
-)
+@pytest.mark.parametrize(("changes", "words"), [
+    ({"amplitude": None}, "'amplitude' is missing"), ({"period": 0.0}, "period = 0.0 is not possible"),
+    ({"formula": "t"}, "takes no 'formula'"), ({"direction": (0.0, 0.0, 0.0)}, "is none"),
+    ({"direction": (0.0, 0.0, 1.0)}, "z part in a 2D scene"), ({"amplitude": 100.0}, "it jumps"),
+    ({"of": "moving_faces"}, "no face moves"),
+    (
+        {"kind": "table", "times": (0.0, 0.0), "values": (0.0, 1.0), "amplitude": None, "period": None}, "table jumps",
+    ),
+    ({"kind": "table", "times": (0.0, 1e-4), "values": (0.0, 1.0), "amplitude": None, "period": None}, "it jumps"),
+    ({"kind": "table", "times": (0.0,), "values": (0.0,), "amplitude": None, "period": None}, "at least two"),
+])  # fmt: skip
 def test_bad_motions_are_refused(changes, words):
     with pytest.raises(InputError, match=words):
         planned(tank(motion=(msgspec.structs.replace(SWAY, **changes),)))
@@ -202,14 +179,11 @@ def test_liquid_in_a_tilted_tank_lies_level():
     assert np.mean((left["level"] - right["level"])[since]) / 0.5 == pytest.approx(math.tan(0.05), rel=0.1)
 
 
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        ({"direction": (1.0, 0.0, 0.0)}, "a 2D tank turns about z"),
-        ({"of": "gravity", "direction": (1.0, 0.0, 0.0), "pivot": (0.0, 0.0, 0.0)}, "only a turn has a 'pivot'"),
-        ({"pivot": (math.nan, 0.0, 0.0)}, "pivot along x"),
-    ],
-)
+@pytest.mark.parametrize(("changes", "words"), [
+    ({"direction": (1.0, 0.0, 0.0)}, "a 2D tank turns about z"),
+    ({"of": "gravity", "direction": (1.0, 0.0, 0.0), "pivot": (0.0, 0.0, 0.0)}, "only a turn has a 'pivot'"),
+    ({"pivot": (math.nan, 0.0, 0.0)}, "pivot along x"),
+])  # fmt: skip
 def test_bad_turns_are_refused(changes, words):
     turn = Motion(of="turn", kind="sway", direction=(0.0, 0.0, 1.0), amplitude=0.1, period=1.0)
     with pytest.raises(InputError, match=words):

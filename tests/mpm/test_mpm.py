@@ -221,8 +221,7 @@ BAD = {
     "surface_tension = -1": lambda: (LIQUID, rs.SurfaceEnergy(surface_tension=-1.0)),
     "do not resolve": lambda: (LIQUID, rs.SurfaceEnergy(surface_tension=1.0, smallest=200)),
     "do not resolve the body": lambda: (
-        rs.MpmLiquid(bulk_modulus=1e5, cell_size=2.0),
-        rs.SurfaceEnergy(surface_tension=1.0),
+        rs.MpmLiquid(bulk_modulus=1e5, cell_size=2.0), rs.SurfaceEnergy(surface_tension=1.0),
     ),
     "is behind a wall": lambda: (LIQUID, rs.MpmWalls(lower=(0.3, 0, 0), upper=(2, 2, 2))),
     "bulk_modulus = -1.0": lambda: (rs.MpmLiquid(bulk_modulus=-1.0),),
@@ -233,11 +232,10 @@ BAD = {
     "literal has M99": lambda: (rs.MpmLiquid(bulk_modulus=1.0, literal=("M99",)),),
     "narrower than three cells": lambda: (LIQUID, rs.MpmWalls(lower=(0, 0, 0), upper=(1, 0.5, 1))),
     "face '-y'": lambda: (
-        LIQUID,
-        rs.MpmWalls(lower=(0, 0, 0), upper=(1, 1, 1), slip_faces=("-y",), open_faces=("-y",)),
+        LIQUID, rs.MpmWalls(lower=(0, 0, 0), upper=(1, 1, 1), slip_faces=("-y",), open_faces=("-y",)),
     ),
     "needs effect 'mpm_liquid'": lambda: (rs.MpmWalls(lower=(0, 0, 0), upper=(1, 1, 1)),),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("words", BAD)

@@ -239,9 +239,7 @@ def test_positions_that_are_no_numbers_harm_no_other_particle(value):
 
 def falling_box(**options):
     return Scene(
-        spacing=0.1,
-        support_radius=0.2,
-        fluid=(Box(cells=(4, 4, 4), velocity=(1.0, 0.0, 0.0)),),
+        spacing=0.1, support_radius=0.2, fluid=(Box(cells=(4, 4, 4), velocity=(1.0, 0.0, 0.0)),),
         effects=(Gravity(acceleration=(0.0, 0.0, 0.0)),) if options.pop("still", False) else (
             WeaklyCompressible(sound_speed=10.0, density="summation"), Gravity(acceleration=(0.0, 0.0, 0.0))),
         **options,

@@ -40,11 +40,9 @@ class Browser:
         from_chrome, to_us = os.pipe()
         words = [chromium(), *OPTIONS, f"--user-data-dir={folder}", f"--window-size={width},{height}", "about:blank"]
         self.process = subprocess.Popen(
-            [sys.executable, "-c", WITH_PIPES, str(to_chrome), str(to_us), *words],
-            pass_fds=(to_chrome, to_us),
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-        )
+            [sys.executable, "-c", WITH_PIPES, str(to_chrome), str(to_us), *words], pass_fds=(to_chrome, to_us),
+            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        )  # fmt: skip
         os.close(to_chrome)
         os.close(to_us)
         self.out, self.back = os.fdopen(from_us, "wb", buffering=0), os.fdopen(from_chrome, "rb", buffering=0)

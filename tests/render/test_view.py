@@ -93,15 +93,10 @@ def test_a_large_run_makes_a_file_of_at_most_60_megabytes(tmp_path):
     assert len(page.html.encode()) < LARGEST / 10
 
 
-@pytest.mark.parametrize(
-    "wrong, words",
-    [
-        ({"fields": ["colour"]}, "has no field 'colour'; give some of"),
-        ({"fields": []}, "has no field"),
-        ({"frames": "9"}, "the run has 4 frames"),
-        ({"frames": "one"}, "is no list of frames"),
-    ],
-)
+@pytest.mark.parametrize("wrong, words", [
+    ({"fields": ["colour"]}, "has no field 'colour'; give some of"), ({"fields": []}, "has no field"),
+    ({"frames": "9"}, "the run has 4 frames"), ({"frames": "one"}, "is no list of frames"),
+])  # fmt: skip
 def test_wrong_words_are_answered_in_a_sentence(in_plane, wrong, words):
     with pytest.raises(InputError, match=re.escape(words)):
         view(in_plane, **wrong)

@@ -11,35 +11,30 @@ WALLS = {"lower": (0, 0, 0), "upper": (1, 1, 1)}
 
 def scene(**changes):
     values = {
-        "spacing": 0.1,
-        "support_radius": 0.2,
+        "spacing": 0.1, "support_radius": 0.2,
         "fluid": (rs.Box(cells=(2, 2, 2)), rs.Ball(radius=0.2, center=(1.0, 1.0, 1.0))),
         "effects": (
-            rs.WeaklyCompressible(sound_speed=10.0, density="summation"),
-            rs.Gravity(acceleration=(0.0, 0.0, -9.81)),
+            rs.WeaklyCompressible(sound_speed=10.0, density="summation"), rs.Gravity(acceleration=(0.0, 0.0, -9.81)),
         ),
-    }
+    }  # fmt: skip
     return rs.Scene(**values | changes)
 
 
-@pytest.mark.parametrize(
-    "made, sentence",
-    [
-        (lambda: scene(spacing=None), r"Scene: spacing = None is a NoneType; give a number\."),
-        (lambda: scene(dtype="float23"), r"Scene: dtype = 'float23' is not possible; did you mean float32\?"),
-        (lambda: scene(fluid=rs.Box(cells=(1, 1, 1))), r"Scene: fluid = Box\(.* is a Box; give a tuple or a list\."),
-        (lambda: scene(fluid=(3,)), r"Scene: fluid\[0\] = 3 is a whole number; give Box or Ball or Cloud\."),
-        (lambda: scene(effects=rs.Gravity(acceleration=(0, 0, 0))), r"Scene: effects = .* give a tuple or a list\."),
-        (lambda: scene(energy_audit=5), r"Scene: energy_audit = 5 is a whole number; give EnergyAudit or None\."),
-        (lambda: rs.SolidBall(center=(0, 0, 0), radius="r"), r"SolidBall: radius = 'r' is text; give a number\."),
-        (lambda: rs.SolidBall(center=(0, 0, 0), radius=1, density=-1.0), "density = -1.0 .*; give a positive number"),
-        (lambda: rs.Gravity(acceleration=9.81), r"gravity: acceleration = 9\.81 is a number with decimals; give a tup"),
-        (lambda: rs.Gravity(acceleration=(0, "g", 0)), r"gravity: acceleration\[1\] = 'g' is text; give a number\."),
-        (lambda: rs.BoxWalls(**WALLS, open_faces="+y"), r"box_walls: open_faces = .\+y. is text; give a tuple"),
-        (lambda: rs.EnergyAudit(every=0.5), r"EnergyAudit: every = 0\.5 is a number with decimals; give a whole"),
-        (lambda: scene(spacing=10**400), r"Scene: spacing = 1000.* is not possible \(number out of range\)"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize("made, sentence", [
+    (lambda: scene(spacing=None), r"Scene: spacing = None is a NoneType; give a number\."),
+    (lambda: scene(dtype="float23"), r"Scene: dtype = 'float23' is not possible; did you mean float32\?"),
+    (lambda: scene(fluid=rs.Box(cells=(1, 1, 1))), r"Scene: fluid = Box\(.* is a Box; give a tuple or a list\."),
+    (lambda: scene(fluid=(3,)), r"Scene: fluid\[0\] = 3 is a whole number; give Box or Ball or Cloud\."),
+    (lambda: scene(effects=rs.Gravity(acceleration=(0, 0, 0))), r"Scene: effects = .* give a tuple or a list\."),
+    (lambda: scene(energy_audit=5), r"Scene: energy_audit = 5 is a whole number; give EnergyAudit or None\."),
+    (lambda: rs.SolidBall(center=(0, 0, 0), radius="r"), r"SolidBall: radius = 'r' is text; give a number\."),
+    (lambda: rs.SolidBall(center=(0, 0, 0), radius=1, density=-1.0), "density = -1.0 .*; give a positive number"),
+    (lambda: rs.Gravity(acceleration=9.81), r"gravity: acceleration = 9\.81 is a number with decimals; give a tup"),
+    (lambda: rs.Gravity(acceleration=(0, "g", 0)), r"gravity: acceleration\[1\] = 'g' is text; give a number\."),
+    (lambda: rs.BoxWalls(**WALLS, open_faces="+y"), r"box_walls: open_faces = .\+y. is text; give a tuple"),
+    (lambda: rs.EnergyAudit(every=0.5), r"EnergyAudit: every = 0\.5 is a number with decimals; give a whole"),
+    (lambda: scene(spacing=10**400), r"Scene: spacing = 1000.* is not possible \(number out of range\)"),
+])  # fmt: skip
 def test_an_error_names_class_field_and_value(made, sentence):
     with pytest.raises(rs.InputError, match=sentence):
         made()
@@ -68,20 +63,17 @@ def test_one_parameter_is_changed_by_one_call():
     assert before == scene()
 
 
-@pytest.mark.parametrize(
-    "changes, sentence",
-    [
-        ({"spacng": 1.0}, r"with_\(spacng=\.\.\.\): this scene has no 'spacng' there; did you mean spacing\?"),
-        ({"gravty__acceleration": 1.0}, r"no 'gravty' there; did you mean gravity\?"),
-        ({"gravity": 1.0}, r"no 'gravity' there; did you mean gravity__\?"),
-        ({"gravity__accel": 1.0}, r"no 'accel' there; did you mean acceleration\?"),
-        ({"fluid__2__radius": 1.0}, r"no '2' there; choose from 0, 1\."),
-        ({"fluid__radius": 1.0}, r"no 'radius' there; choose from 0, 1\."),
-        ({"solid__0__radius": 1.0}, r"no '0' there; there are none\."),
-        ({"fluid__0__radius": 1.0}, r"no 'radius' there; choose from lower, cells, velocity, size\."),
-        ({"gravity__acceleration": "9"}, r"gravity: acceleration = '9' is text; give a tuple or a list\."),
-    ],
-)
+@pytest.mark.parametrize("changes, sentence", [
+    ({"spacng": 1.0}, r"with_\(spacng=\.\.\.\): this scene has no 'spacng' there; did you mean spacing\?"),
+    ({"gravty__acceleration": 1.0}, r"no 'gravty' there; did you mean gravity\?"),
+    ({"gravity": 1.0}, r"no 'gravity' there; did you mean gravity__\?"),
+    ({"gravity__accel": 1.0}, r"no 'accel' there; did you mean acceleration\?"),
+    ({"fluid__2__radius": 1.0}, r"no '2' there; choose from 0, 1\."),
+    ({"fluid__radius": 1.0}, r"no 'radius' there; choose from 0, 1\."),
+    ({"solid__0__radius": 1.0}, r"no '0' there; there are none\."),
+    ({"fluid__0__radius": 1.0}, r"no 'radius' there; choose from lower, cells, velocity, size\."),
+    ({"gravity__acceleration": "9"}, r"gravity: acceleration = '9' is text; give a tuple or a list\."),
+])  # fmt: skip
 def test_a_change_that_is_not_possible_is_named(changes, sentence):
     with pytest.raises(rs.InputError, match=sentence):
         scene().with_(**changes)

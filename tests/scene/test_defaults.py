@@ -33,23 +33,16 @@ def scene(*effects, solid=(), walls=None, **liquid):
     )  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("made", "expected"),
-    [
-        (scene(walls={}), ADVANCED),
-        (scene(*COUPLED, solid=SOLID, walls={}), ADVANCED),
-        (scene(walls={}, viscosity="laplacian"), ("continuity", "laplacian", "extrapolated")),
-        (scene(walls={}, density="summation"), PAPERS),
-        (scene(walls={}, literal=("E24",)), PAPERS),
-        (scene(*COUPLED, *MOLTEN, solid=SOLID, walls={}), PAPERS),
-        (scene(*COUPLED[:1], rs.TwoWayCoupling(density_weighted=True), solid=SOLID, walls={}), PAPERS),
-        (scene(walls={"model": "mirrored"}), OWN),
-        (scene(walls={"literal": ("g",)}), OWN),
-        (scene(rs.Akinci2013(surface_tension=0.1), walls={}), OWN),
-        (scene(rs.ImplicitPressure(), walls={}), OWN),
-        (scene(rs.MeshBoundary(file=PEBBLE, center=(0.2, 0.2, 0.1), size=0.1, adhesion=1e-9), walls={}), OWN),
-    ],
-)
+@pytest.mark.parametrize(("made", "expected"), [
+    (scene(walls={}), ADVANCED), (scene(*COUPLED, solid=SOLID, walls={}), ADVANCED),
+    (scene(walls={}, viscosity="laplacian"), ("continuity", "laplacian", "extrapolated")),
+    (scene(walls={}, density="summation"), PAPERS), (scene(walls={}, literal=("E24",)), PAPERS),
+    (scene(*COUPLED, *MOLTEN, solid=SOLID, walls={}), PAPERS),
+    (scene(*COUPLED[:1], rs.TwoWayCoupling(density_weighted=True), solid=SOLID, walls={}), PAPERS),
+    (scene(walls={"model": "mirrored"}), OWN), (scene(walls={"literal": ("g",)}), OWN),
+    (scene(rs.Akinci2013(surface_tension=0.1), walls={}), OWN), (scene(rs.ImplicitPressure(), walls={}), OWN),
+    (scene(rs.MeshBoundary(file=PEBBLE, center=(0.2, 0.2, 0.1), size=0.1, adhesion=1e-9), walls={}), OWN),
+])  # fmt: skip
 def test_what_is_left_open_follows_the_scene(made, expected):
     effects = make_plan(made).effects
     liquid, walls = effects["weakly_compressible"], effects["box_walls"]

@@ -61,21 +61,16 @@ LINE = np.array([[0, 0, 0], [1, 0, 0], [-1, 0, 0]])
 SHEET = np.array([[a, b, 0] for a in (0, 1, -1) for b in (0, 1, -1)])
 TURN = rotation_matrix(quaternion([1, 2, 3], 50))
 SHAPES = {
-    "cube turned": (CUBE @ TURN.T, CUBE),
-    "cube flipped by 180 degrees": (CUBE @ np.diag([-1.0, -1.0, 1.0]), CUBE),
-    "cube inverted": (-CUBE, CUBE),
-    "cube mirrored and stretched": (CUBE @ np.diag([1.0, 1.5, -0.2]), CUBE),
+    "cube turned": (CUBE @ TURN.T, CUBE), "cube flipped by 180 degrees": (CUBE @ np.diag([-1.0, -1.0, 1.0]), CUBE),
+    "cube inverted": (-CUBE, CUBE), "cube mirrored and stretched": (CUBE @ np.diag([1.0, 1.5, -0.2]), CUBE),
     "cube pressed flat": (CUBE @ np.diag([1.0, 0.8, 0.0]), CUBE),
     "cube pressed into a line": (CUBE @ np.diag([0.0, 0.0, 1.0]), CUBE),
     "cube pressed into a point": (0.0 * CUBE, CUBE),
     "cube sheared": (CUBE @ np.array([[1, 0.9, 0.3], [0, 1, 0.7], [0, 0, 1]]), CUBE),
-    "line turned": (LINE @ TURN.T, LINE),
-    "line turned end for end": (-1.0 * LINE, LINE),
-    "sheet turned": (SHEET @ TURN.T, SHEET),
-    "sheet flipped": (SHEET @ np.diag([1.0, -1.0, -1.0]), SHEET),
-    "sheet inverted": (-1.0 * SHEET, SHEET),
-    "one node": (np.array([[3.0, 2.0, 1.0]]), np.array([[0, 0, 0]])),
-}
+    "line turned": (LINE @ TURN.T, LINE), "line turned end for end": (-1.0 * LINE, LINE),
+    "sheet turned": (SHEET @ TURN.T, SHEET), "sheet flipped": (SHEET @ np.diag([1.0, -1.0, -1.0]), SHEET),
+    "sheet inverted": (-1.0 * SHEET, SHEET), "one node": (np.array([[3.0, 2.0, 1.0]]), np.array([[0, 0, 0]])),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
@@ -242,11 +237,9 @@ def test_a_light_body_floats_at_rest():
         rs.WeaklyCompressible(
             sound_speed=40.0, dynamic_viscosity=50.0, state="tait", kernels="cubic_spline", density="summation"
         ),
-        rs.ShapeMatching(summation="gather"),
-        rs.TwoWayCoupling(),
-        rs.Gravity(),
+        rs.ShapeMatching(summation="gather"), rs.TwoWayCoupling(), rs.Gravity(),
         rs.BoxWalls(lower=(0, 0, 0), upper=(1.6, 1.6, 3)),
-    )
+    )  # fmt: skip
     body = rs.SolidBox(lower=(0.4, 0.4, 0.8), upper=(1.2, 1.2, 1.6), density=500.0, velocity=(0.0, 0.0, -1.0))
     scene = rs.Scene(
         spacing=0.2, support_radius=0.5, fluid=(rs.Box(cells=(8, 8, 4)),), solid=(body,), effects=effects, step=0.004
@@ -305,9 +298,7 @@ BAD = {
     "the scene has no solids to hold together": rs.Scene(spacing=0.2, support_radius=0.5, fluid=(rs.Box(cells=(2, 2,
     2)),),
         effects=(rs.ShapeMatching(),)),
-    "set dim to 3": solids(BALL, dim=2),
-    "half_width = 5": {"half_width": 5},
-    "damping = 1.5": {"damping": 1.5},
+    "set dim to 3": solids(BALL, dim=2), "half_width = 5": {"half_width": 5}, "damping = 1.5": {"damping": 1.5},
     "a cell is listed twice": solids(rs.SolidCells(cells=[[0, 0, 0], [0, 0, 0]])),
     "rows of 3 whole numbers": solids(rs.SolidCells(cells=[[0.5, 0, 0]])),
     "its extent from": solids(rs.SolidBox(lower=(1, 0, 0), upper=(0, 1, 1))),

@@ -56,18 +56,12 @@ class TestKernels:
             assert viscosity_laplacian(np.float64(r), kernel) == 0
 
 
-@pytest.mark.parametrize(
-    "arguments, words",
-    [
-        (("poly7", 1.0, 3), "poly7"),
-        (("poly6", 1.0, 4), "dim = 4"),
-        (("poly6", 0.0, 3), "support_radius"),
-        (("poly6", -1.0, 3), "support_radius"),
-        (("poly6", math.nan, 3), "support_radius"),
-        (("poly6", 1e-8, 3, "float32"), "too small for smoothing kernels in float32"),
-        (("poly6", 1e8, 3, "float32"), "too large"),
-    ],
-)
+@pytest.mark.parametrize("arguments, words", [
+    (("poly7", 1.0, 3), "poly7"), (("poly6", 1.0, 4), "dim = 4"), (("poly6", 0.0, 3), "support_radius"),
+    (("poly6", -1.0, 3), "support_radius"), (("poly6", math.nan, 3), "support_radius"),
+    (("poly6", 1e-8, 3, "float32"), "too small for smoothing kernels in float32"),
+    (("poly6", 1e8, 3, "float32"), "too large"),
+])  # fmt: skip
 def test_impossible_kernels_are_refused(arguments, words):
     with pytest.raises(InputError, match=words):
         smoothing(*arguments)

@@ -44,14 +44,11 @@ def shaken(simulation, size, seed=3):
     return simulation
 
 
-@pytest.mark.parametrize(
-    ("cells", "ratio", "dim", "shake", "gradient"),
-    [
-        (16, 3.2, 2, 0.1, "plain"), (16, 2.6, 2, 0.0, "plain"), (8, 3.0, 3, 0.0, "plain"),
-        pytest.param(16, 3.0, 2, 0.0, "plain", marks=pytest.mark.slow),
-        pytest.param(32, 3.0, 2, 0.0, "corrected", marks=pytest.mark.slow),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("cells", "ratio", "dim", "shake", "gradient"), [
+    (16, 3.2, 2, 0.1, "plain"), (16, 2.6, 2, 0.0, "plain"), (8, 3.0, 3, 0.0, "plain"),
+    pytest.param(16, 3.0, 2, 0.0, "plain", marks=pytest.mark.slow),
+    pytest.param(32, 3.0, 2, 0.0, "corrected", marks=pytest.mark.slow),
+])  # fmt: skip
 def test_a_tank_rests_and_weighs_what_it_holds(cells, ratio, dim, shake, gradient):
     """From the lattice, and shaken with particle shifting; mean values of the last half second."""
     shifting = (rs.SurfaceDetection(), rs.ParticleShifting()) if shake else ()
@@ -256,19 +253,16 @@ def with_clamped_tension():
     return make_plan(tank(6, 2.6, 2, effects=(rs.SurfaceDetection(),), tensile_control="inside", clamp_pressure=True))
 
 
-@pytest.mark.parametrize(
-    ("make", "words"),
-    [
-        (without_walls(density="continuity", diffusion=-0.1), "diffusion = -0.1 is not possible; give 0 to 0.17"),
-        (without_walls(density="continuity", diffusion=0.5), "diffusion = 0.5 is not possible; give 0 to 0.17"),
-        (with_effects(rs.ParticleShifting()), "needs effect 'surface_detection'; add it"),
-        (lambda: rs.ParticleShifting(strength=-1.0), "strength = -1.0 is not possible"),
-        (without_walls(tensile_control="everywhere", density="continuity"), "but the scene is open along x"),
-        (without_walls(tensile_control="inside", density="continuity"), "needs effect 'surface_detection'; add it"),
-        (with_clamped_tension, "tensile_control acts on negative pressures, which clamp_pressure sets to zero"),
-        (with_mirrored_walls, "needs an extrapolated pressure at all walls; set model = 'extrapolated' in box_walls"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("make", "words"), [
+    (without_walls(density="continuity", diffusion=-0.1), "diffusion = -0.1 is not possible; give 0 to 0.17"),
+    (without_walls(density="continuity", diffusion=0.5), "diffusion = 0.5 is not possible; give 0 to 0.17"),
+    (with_effects(rs.ParticleShifting()), "needs effect 'surface_detection'; add it"),
+    (lambda: rs.ParticleShifting(strength=-1.0), "strength = -1.0 is not possible"),
+    (without_walls(tensile_control="everywhere", density="continuity"), "but the scene is open along x"),
+    (without_walls(tensile_control="inside", density="continuity"), "needs effect 'surface_detection'; add it"),
+    (with_clamped_tension, "tensile_control acts on negative pressures, which clamp_pressure sets to zero"),
+    (with_mirrored_walls, "needs an extrapolated pressure at all walls; set model = 'extrapolated' in box_walls"),
+])  # fmt: skip
 def test_bad_input_is_refused_in_a_sentence(make, words):
     with pytest.raises(rs.InputError) as refused:
         make()

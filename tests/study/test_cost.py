@@ -20,17 +20,13 @@ from tests import tank_file
 def tank(cells=10, **more):
     d = 0.1 / cells
     given = {
-        "dim": 2,
-        "spacing": d,
-        "support_radius": 2.6 * d,
-        "end_time": 0.1,
+        "dim": 2, "spacing": d, "support_radius": 2.6 * d, "end_time": 0.1,
         "fluid": (Box(cells=(cells, 2 * cells, 1)),),
         "effects": (
             WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=1.1, state="tait", density="summation"),
-            Gravity(acceleration=(0.0, -9.81, 0.0)),
-            BoxWalls(lower=(0, 0, 0), upper=(0.4, 0.4, 0), open_faces=("+y",)),
+            Gravity(acceleration=(0.0, -9.81, 0.0)), BoxWalls(lower=(0, 0, 0), upper=(0.4, 0.4, 0), open_faces=("+y",)),
         ),
-    }
+    }  # fmt: skip
     return Scene(**(given | more))
 
 

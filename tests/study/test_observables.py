@@ -69,22 +69,13 @@ def test_own_functions(simulation, tmp_path):
         observable_of(f"{file}:pair", simulation.plan)
 
 
-@pytest.mark.parametrize(
-    "name, words",
-    [
-        ("fornt", "there is no observable 'fornt'; did you mean front"),
-        ("front:z", "is no direction"),
-        ("front:up", "is no direction"),
-        ("field:densty@0,0", "no field 'densty'; did you mean density"),
-        ("field:density", "is no point"),
-        ("field:density@1", "is no point"),
-        ("field:density@a,b", "is no point"),
-        ("field:density.x@0,0", "write field:density"),
-        ("field:velocity@0,0", "write field:velocity.x or"),
-        ("field:velocity.w@0,0", "write field:velocity.x or"),
-        ("gauge:floor", "there is no gauge 'floor'; add a"),
-    ],
-)
+@pytest.mark.parametrize("name, words", [
+    ("fornt", "there is no observable 'fornt'; did you mean front"), ("front:z", "is no direction"),
+    ("front:up", "is no direction"), ("field:densty@0,0", "no field 'densty'; did you mean density"),
+    ("field:density", "is no point"), ("field:density@1", "is no point"), ("field:density@a,b", "is no point"),
+    ("field:density.x@0,0", "write field:density"), ("field:velocity@0,0", "write field:velocity.x or"),
+    ("field:velocity.w@0,0", "write field:velocity.x or"), ("gauge:floor", "there is no gauge 'floor'; add a"),
+])  # fmt: skip
 def test_what_is_not_there_gets_a_sentence(simulation, name, words):
     with pytest.raises(InputError, match=words):
         observable_of(name, make_plan(simulation.plan.scene))

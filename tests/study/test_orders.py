@@ -50,17 +50,11 @@ def test_power_laws_are_found(order, ratios, limit, slope):
     assert found.uncertainty >= (1 - 1e-6) * 1.25 * abs(q[0] - limit)
 
 
-@pytest.mark.parametrize(
-    "values, words",
-    [
-        ([1.0, 1.1, 1.05], "alternate"),
-        ([1.0, 1.3, 1.4], "do not shrink"),
-        ([1.0, 1.0001, 1.5], "not between"),
-        ([1.0, 1.0 + 1.5**0.1 - 1, 1.0 + 2.25**0.1 - 1], "not between"),
-        ([1.01, 1.0225, 1.05, 1.02], "coarser three levels"),
-        ([1.01, 1.0225, 1.050625, 1.0928125], "order changes"),
-    ],
-)
+@pytest.mark.parametrize("values, words", [
+    ([1.0, 1.1, 1.05], "alternate"), ([1.0, 1.3, 1.4], "do not shrink"), ([1.0, 1.0001, 1.5], "not between"),
+    ([1.0, 1.0 + 1.5**0.1 - 1, 1.0 + 2.25**0.1 - 1], "not between"),
+    ([1.01, 1.0225, 1.05, 1.02], "coarser three levels"), ([1.01, 1.0225, 1.050625, 1.0928125], "order changes"),
+])  # fmt: skip
 def test_what_cannot_be_extrapolated(values, words):
     h = [1.5**k for k in range(len(values))]
     found = converge(h, values)

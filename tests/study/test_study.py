@@ -26,16 +26,12 @@ SCENE = tank(0.001, 6, 12, GRAVITY)
 
 def block(**more):
     given = {
-        "spacing": 0.01,
-        "support_radius": 0.02,
-        "dim": 2,
-        "end_time": 0.001,
-        "fluid": (rs.Box(cells=(6, 12, 1)),),
+        "spacing": 0.01, "support_radius": 0.02, "dim": 2, "end_time": 0.001, "fluid": (rs.Box(cells=(6, 12, 1)),),
         "effects": (
             rs.WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=2.0, density="summation"),
             rs.Gravity(acceleration=(0.0, -9.81, 0.0)),
         ),
-    }
+    }  # fmt: skip
     return rs.Scene(**(given | more))
 
 
@@ -139,12 +135,9 @@ def test_each_other_setting_is_changed_alone():
     found = studied("kinetic_energy", knobs=("step", "precision", "effects"))
     kinds = [(s.kind, s.label) for s, _ in found.runs]
     assert kinds == [
-        ("spacing", "spacing 0.01 m"),
-        ("step", "half the step"),
-        ("precision", "float64"),
-        ("effect", "without weakly_compressible"),
-        ("effect", "without gravity"),
-    ]
+        ("spacing", "spacing 0.01 m"), ("step", "half the step"), ("precision", "float64"),
+        ("effect", "without weakly_compressible"), ("effect", "without gravity"),
+    ]  # fmt: skip
     by_label = {s.label: (s, r) for s, r in found.runs}
     assert by_label["half the step"][1].steps > 1.8 * found.base.steps
     assert by_label["float64"][0].scene.dtype == "float64"
@@ -280,27 +273,20 @@ def test_a_key_follows_what_changes_a_number():
     base = runs.Setting("spacing", "a", 1.0, block(), "numpy")
     titled = runs.Setting("step", "b", 1.0, block(name="other title"), "numpy")
     keys = [
-        runs.key_of(base, one, None, None),
-        runs.key_of(base, other, None, None),
-        runs.key_of(base, one, 0.5, None),
+        runs.key_of(base, one, None, None), runs.key_of(base, other, None, None), runs.key_of(base, one, 0.5, None),
         runs.key_of(base, one, None, 1),
         runs.key_of(runs.Setting("spacing", "a", 1.0, block(), "cpu"), one, None, None),
         runs.key_of(runs.Setting("spacing", "a", 1.0, refined(block(), 2), "numpy"), one, None, None),
-    ]
+    ]  # fmt: skip
     assert len(set(keys)) == len(keys)
     assert runs.key_of(titled, one, None, None) == keys[0]
 
 
-@pytest.mark.parametrize(
-    "more, words",
-    [
-        ({"knobs": ("spacings",)}, "there is no knob 'spacings'; did you mean spacing"),
-        ({"error": 2.0}, "error = 2 is not possible"),
-        ({"levels": 0}, "levels = 0"),
-        ({"backend": "gpu"}, "Backend 'gpu' cannot be used"),
-        ({"scene": "none.toml"}, "none.toml does not exist"),
-    ],
-)
+@pytest.mark.parametrize("more, words", [
+    ({"knobs": ("spacings",)}, "there is no knob 'spacings'; did you mean spacing"),
+    ({"error": 2.0}, "error = 2 is not possible"), ({"levels": 0}, "levels = 0"),
+    ({"backend": "gpu"}, "Backend 'gpu' cannot be used"), ({"scene": "none.toml"}, "none.toml does not exist"),
+])  # fmt: skip
 def test_bad_input_gets_a_sentence(more, words):
     with pytest.raises(rs.InputError, match=words):
         studied("front", **more)

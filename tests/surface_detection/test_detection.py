@@ -312,33 +312,25 @@ def borrower():
     EFFECTS.pop("borrower")
 
 
-@pytest.mark.parametrize(
-    "other",
-    [
-        {"threshold": 0.95}, {"asymmetry": 0.3}, {"literal": ("E10",)}, {"scan_radius": "full"},
-        {"thin_features": "second_moment"},
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize("other", [
+    {"threshold": 0.95}, {"asymmetry": 0.3}, {"literal": ("E10",)}, {"scan_radius": "full"},
+    {"thin_features": "second_moment"},
+])  # fmt: skip
 def test_different_settings_for_one_field_are_refused(borrower, other):
     with pytest.raises(InputError, match=r"'surface_detection' and 'borrower' compute field '\w+' in different ways"):
         plan_of(SurfaceDetection(), borrower(own=SurfaceDetection(**other)))
 
 
-@pytest.mark.parametrize(
-    ("settings", "words"),
-    [
-        ({"threshold": 0.0}, "threshold = 0.0"),
-        ({"thin_features": "moments"}, "thin_features = 'moments' is not possible; did you mean second_moment?"),
-        ({"method": "number_density", "thin_features": "second_moment"}, "belongs to the fan scan"),
-        ({"threshold": 1.5}, "threshold = 1.5"),
-        ({"threshold": math.nan}, "threshold = nan"),
-        ({"asymmetry": 0.0}, "asymmetry = 0.0"),
-        ({"method": "umbrella"}, "method = 'umbrella' is not possible; choose from number_density, fan_scan, two_step"),
-        ({"scan_radius": "double"}, "scan_radius = 'double'"),
-        ({"scan_normal": "none"}, "scan_normal = 'none'"),
-        ({"literal": ("E4",)}, "literal has E4; only E5, E6, E10, E23, paper or all"),
-    ],
-)
+@pytest.mark.parametrize(("settings", "words"), [
+    ({"threshold": 0.0}, "threshold = 0.0"),
+    ({"thin_features": "moments"}, "thin_features = 'moments' is not possible; did you mean second_moment?"),
+    ({"method": "number_density", "thin_features": "second_moment"}, "belongs to the fan scan"),
+    ({"threshold": 1.5}, "threshold = 1.5"), ({"threshold": math.nan}, "threshold = nan"),
+    ({"asymmetry": 0.0}, "asymmetry = 0.0"),
+    ({"method": "umbrella"}, "method = 'umbrella' is not possible; choose from number_density, fan_scan, two_step"),
+    ({"scan_radius": "double"}, "scan_radius = 'double'"), ({"scan_normal": "none"}, "scan_normal = 'none'"),
+    ({"literal": ("E4",)}, "literal has E4; only E5, E6, E10, E23, paper or all"),
+])  # fmt: skip
 def test_bad_settings_get_one_sentence(settings, words):
     with pytest.raises(InputError, match=r"^surface_detection: ") as caught:
         plan_of(SurfaceDetection(**settings))

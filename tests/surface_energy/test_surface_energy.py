@@ -211,17 +211,11 @@ def test_small_components_have_no_tension():
     assert not force[far].any()
 
 
-@pytest.mark.parametrize(
-    ("name", "place", "dim", "expected"),
-    [
-        ("filament", 0.5 * np.arange(20)[:, None] * np.array([2, 3, 6]) / 7, 3, {1}),
-        ("two by two filament", None, 3, {3}),
-        ("film", None, 3, {2}),
-        ("row", 0.5 * np.arange(20)[:, None] * np.array([0.6, 0.8, 0]), 2, {1}),
-        ("two rows", None, 2, {2}),
-        ("alone", np.array([[0.0, 0, 0], [3.0, 0, 0]]), 3, {0}),
-    ],
-)
+@pytest.mark.parametrize(("name", "place", "dim", "expected"), [
+    ("filament", 0.5 * np.arange(20)[:, None] * np.array([2, 3, 6]) / 7, 3, {1}), ("two by two filament", None, 3, {3}),
+    ("film", None, 3, {2}), ("row", 0.5 * np.arange(20)[:, None] * np.array([0.6, 0.8, 0]), 2, {1}),
+    ("two rows", None, 2, {2}), ("alone", np.array([[0.0, 0, 0], [3.0, 0, 0]]), 3, {0}),
+])  # fmt: skip
 def test_filaments_and_films_are_told_from_bulk(name, place, dim, expected):
     lattices = {"two by two filament": (20, 2, 2), "film": (8, 8, 1), "two rows": (20, 2, 1)}
     if place is None:
@@ -275,21 +269,15 @@ def test_printed_readings_do_what_they_say():
     assert holes[1] > 0
 
 
-@pytest.mark.parametrize(
-    ("parameters", "words"),
-    [
-        ({"surface_tension": -1.0}, "surface_tension = -1.0"),
-        ({"level_set_radius": 1.0}, "level_set_radius = 1.0 is not possible; give 1.732 to 2"),
-        ({"disk_radius": 1.5}, "disk_radius = 1.5"),
-        ({"relaxation": 2.0}, "so that the fit converges"),
-        ({"offset": 3.0}, "offset = 3.0"),
-        ({"iterations": -1}, "iterations = -1"),
-        ({"normals": "best"}, "normals = 'best' is not possible; choose from mls, gradient, facets, offsets"),
-        ({"quadrature": "gauss"}, "quadrature = 'gauss' is not possible; choose from facets, poisson"),
-        ({"inset": 2.0}, "inset = 2.0"),
-        ({"literal": ("E2",)}, "only M1, M14, M31, M32, paper or all"),
-    ],
-)
+@pytest.mark.parametrize(("parameters", "words"), [
+    ({"surface_tension": -1.0}, "surface_tension = -1.0"),
+    ({"level_set_radius": 1.0}, "level_set_radius = 1.0 is not possible; give 1.732 to 2"),
+    ({"disk_radius": 1.5}, "disk_radius = 1.5"), ({"relaxation": 2.0}, "so that the fit converges"),
+    ({"offset": 3.0}, "offset = 3.0"), ({"iterations": -1}, "iterations = -1"),
+    ({"normals": "best"}, "normals = 'best' is not possible; choose from mls, gradient, facets, offsets"),
+    ({"quadrature": "gauss"}, "quadrature = 'gauss' is not possible; choose from facets, poisson"),
+    ({"inset": 2.0}, "inset = 2.0"), ({"literal": ("E2",)}, "only M1, M14, M31, M32, paper or all"),
+])  # fmt: skip
 def test_bad_parameters_are_told(parameters, words):
     with pytest.raises(InputError, match=words):
         Reconstruction(CPU, 3, "float32", H, Tension(**{"surface_tension": 1.0, **parameters}))

@@ -125,15 +125,13 @@ def rows_of(sigma=1.7, left=0.01, radii=(8.0, 11.0, 16.0, 24.0)):
     made = []
     for radius in radii:
         moving = 0.4
-        made.append(
-            {
-                "model": "akinci", "dim": 2, "support": 2.6, "stiffness": 0.01, "kernels": "mueller", "radius": radius,
-                "seed": 1, "stopped": "", "effective_radius": radius, "spurious": moving,
-                "pressure": sigma / radius + left - moving**2 / radius / 2,
-                "laplace": sigma + left * radius - moving**2 / 2,
-                **({"rayleigh": 1.8, "misfit": 0.1} if radius >= 16 else {}),
-            }
-        )  # fmt: skip
+        made.append({
+            "model": "akinci", "dim": 2, "support": 2.6, "stiffness": 0.01, "kernels": "mueller", "radius": radius,
+            "seed": 1, "stopped": "", "effective_radius": radius, "spurious": moving,
+            "pressure": sigma / radius + left - moving**2 / radius / 2,
+            "laplace": sigma + left * radius - moving**2 / 2,
+            **({"rayleigh": 1.8, "misfit": 0.1} if radius >= 16 else {}),
+        })  # fmt: skip
     return made
 
 

@@ -125,22 +125,18 @@ def test_detection_shares_its_passes_with_tension():
 # Bad input
 
 
-@pytest.mark.parametrize(
-    "parameters, words",
-    [
-        ({}, "neither of surface_tension and gamma"),
-        ({"surface_tension": 1.0, "gamma": 1.0}, "both of surface_tension and gamma"),
-        ({"surface_tension": -1.0}, "surface_tension = -1.0"),
-        ({"gamma": math.nan}, "gamma = nan"),
-        ({"gamma": 1.0, "area_ratio": math.inf}, "area_ratio = inf"),
-        ({"gamma": 1.0, "soft_lower": 1.0}, "soft_lower < soft_upper"),
-        ({"gamma": 1.0, "pair_mode": "some"}, "pair_mode = 'some' is not possible; choose from"),
-        ({"gamma": 1.0, "area_term": "some"}, "area_term = 'some' is not possible; choose from corrected, color, none"),
-        ({"gamma": 1.0, "literal": ("E3",)}, "literal has E3"),
-        ({"surface_tension": 500.0, "balance_pressure": False}, "would collapse the liquid"),
-        ({"gamma": 1.0, "density_correction": True, "threshold": 2.0}, "threshold = 2.0"),
-    ],
-)
+@pytest.mark.parametrize("parameters, words", [
+    ({}, "neither of surface_tension and gamma"),
+    ({"surface_tension": 1.0, "gamma": 1.0}, "both of surface_tension and gamma"),
+    ({"surface_tension": -1.0}, "surface_tension = -1.0"), ({"gamma": math.nan}, "gamma = nan"),
+    ({"gamma": 1.0, "area_ratio": math.inf}, "area_ratio = inf"),
+    ({"gamma": 1.0, "soft_lower": 1.0}, "soft_lower < soft_upper"),
+    ({"gamma": 1.0, "pair_mode": "some"}, "pair_mode = 'some' is not possible; choose from"),
+    ({"gamma": 1.0, "area_term": "some"}, "area_term = 'some' is not possible; choose from corrected, color, none"),
+    ({"gamma": 1.0, "literal": ("E3",)}, "literal has E3"),
+    ({"surface_tension": 500.0, "balance_pressure": False}, "would collapse the liquid"),
+    ({"gamma": 1.0, "density_correction": True, "threshold": 2.0}, "threshold = 2.0"),
+])  # fmt: skip
 def test_bad_parameters_get_one_sentence(parameters, words):
     liquid = rs.WeaklyCompressible(rest_density=1.0, sound_speed=40.0, density="summation")
     with pytest.raises(rs.InputError, match=words):

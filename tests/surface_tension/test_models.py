@@ -47,13 +47,9 @@ def test_what_a_model_does_to_drops_is_noted():
 
     def notes(*effects, viscosity=1.0, h=2.6, form="laplacian"):
         fluid = rs.WeaklyCompressible(
-            rest_density=1.0,
-            sound_speed=10.0,
-            dynamic_viscosity=viscosity,
-            kernels="mueller",
-            viscosity=form,
+            rest_density=1.0, sound_speed=10.0, dynamic_viscosity=viscosity, kernels="mueller", viscosity=form,
             density="summation",
-        )
+        )  # fmt: skip
         return make_plan(
             rs.Scene(spacing=1.0, support_radius=h, fluid=(rs.Box(cells=(2, 2, 2)),), effects=(fluid, *effects))
         )
@@ -182,20 +178,16 @@ def test_implicit_drop_rounds_off():
     assert implicit.field("density_error").mean() < 1e-3
 
 
-@pytest.mark.parametrize(
-    ("model", "parameters", "words"),
-    [
-        (rs.Akinci2013, {}, "neither of surface_tension and gamma"),
-        (rs.Akinci2013, {"gamma": -1.0}, "gamma = -1.0"),
-        (rs.Akinci2013, {"gamma": 1.0, "area_acceleration": 2.0, "literal": ("gamma",)}, "literal 'gamma' sets"),
-        (rs.Akinci2013, {"gamma": 1.0, "literal": ("E4",)}, "literal has E4"),
-        (rs.Dong2016, {"surface_tension": 1.0, "stiffness": 1.0}, "both of surface_tension and stiffness"),
-        (rs.Dong2016, {"stiffness": 1.0, "rest_distance": 3.0}, "no pair would attract"),
-        (rs.Dong2016, {"surface_tension": 1.0, "rest_distance": 2.6}, "no surface tension"),
-        (rs.BeckerTeschner2007, {"kappa": math.inf}, "kappa = inf"),
-        (rs.TartakovskyMeakin2005, {"strength": -1.0}, "strength = -1.0"),
-    ],
-)
+@pytest.mark.parametrize(("model", "parameters", "words"), [
+    (rs.Akinci2013, {}, "neither of surface_tension and gamma"), (rs.Akinci2013, {"gamma": -1.0}, "gamma = -1.0"),
+    (rs.Akinci2013, {"gamma": 1.0, "area_acceleration": 2.0, "literal": ("gamma",)}, "literal 'gamma' sets"),
+    (rs.Akinci2013, {"gamma": 1.0, "literal": ("E4",)}, "literal has E4"),
+    (rs.Dong2016, {"surface_tension": 1.0, "stiffness": 1.0}, "both of surface_tension and stiffness"),
+    (rs.Dong2016, {"stiffness": 1.0, "rest_distance": 3.0}, "no pair would attract"),
+    (rs.Dong2016, {"surface_tension": 1.0, "rest_distance": 2.6}, "no surface tension"),
+    (rs.BeckerTeschner2007, {"kappa": math.inf}, "kappa = inf"),
+    (rs.TartakovskyMeakin2005, {"strength": -1.0}, "strength = -1.0"),
+])  # fmt: skip
 def test_bad_parameters_get_one_sentence(model, parameters, words):
     fluid = rs.WeaklyCompressible(rest_density=1.0, sound_speed=100.0, density="summation")
     box = rs.Box(cells=(3, 3, 3))

@@ -79,36 +79,21 @@ def claim(**changes):
     return Entry(**{**given, **changes})
 
 
-@pytest.mark.parametrize(
-    ("values", "verdict"),
-    [
-        ([0.5, 1.0, 0.7, 0.5, 0.5], CONFIRMED),
-        ([1.2, 1.1, 2.0, 2.0, math.inf], REFUTED),
-        ([0.5, 1.1, 1.2, 1.2, 1.2], MIXED),
-        ([math.nan, 2.0, 2.0, 2.0, 2.0], REFUTED),
-        ([math.inf, 0.1, 0.1, 0.1, 0.1], MIXED),
-        ([0.5, 0.5, 0.5, 0.5], NOT_TESTABLE),
-        ([], NOT_TESTABLE),
-    ],
-)
+@pytest.mark.parametrize(("values", "verdict"), [
+    ([0.5, 1.0, 0.7, 0.5, 0.5], CONFIRMED), ([1.2, 1.1, 2.0, 2.0, math.inf], REFUTED),
+    ([0.5, 1.1, 1.2, 1.2, 1.2], MIXED), ([math.nan, 2.0, 2.0, 2.0, 2.0], REFUTED),
+    ([math.inf, 0.1, 0.1, 0.1, 0.1], MIXED), ([0.5, 0.5, 0.5, 0.5], NOT_TESTABLE), ([], NOT_TESTABLE),
+])  # fmt: skip
 def test_all_starts_confirm_none_refutes_and_few_judge_nothing(values, verdict):
     assert claim().judge(values) == verdict
 
 
-@pytest.mark.parametrize(
-    "outcome, expected, verdict",
-    [
-        ("pass", "pass", "pass"),
-        ("fails: a", "fails: a, b", "pass"),
-        ("fails: a, c", "fails: a, b", "fail"),
-        ("fails: a", "pass", "fail"),
-        ("pass", "fails: a", "fail"),
-        ("warned: a", "fails: a", "fail"),
-        ("pass", "warned: a", "pass"),
-        ("fails: a", "warned: a", "fail"),
-        ("stopped: diverged", "stopped: collapsed", "fail"),
-    ],
-)
+@pytest.mark.parametrize("outcome, expected, verdict", [
+    ("pass", "pass", "pass"), ("fails: a", "fails: a, b", "pass"), ("fails: a, c", "fails: a, b", "fail"),
+    ("fails: a", "pass", "fail"), ("pass", "fails: a", "fail"), ("warned: a", "fails: a", "fail"),
+    ("pass", "warned: a", "pass"), ("fails: a", "warned: a", "fail"),
+    ("stopped: diverged", "stopped: collapsed", "fail"),
+])  # fmt: skip
 def test_an_outcome_may_miss_no_other_checks_than_the_one_on_file(outcome, expected, verdict):
     assert Entry("a", "e", HARD_CASE, verdict=expected).judge([1], outcome) == verdict
 
@@ -124,21 +109,18 @@ def test_what_is_beyond_the_spread_deviates(value):
 CLAIMED = 'kind="claim"\nsystem="s"\nsays="x"\n'
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        (CLAIMED + 'verdict="not testable"\nsource="y"\ntitle="t"\nreading="r"', "a reason"),
-        (CLAIMED + 'verdict="not testable"\nsource="y"\ntitle="t"\nreason="z"', "reading"),
-        (CLAIMED + 'verdict="perhaps"\nsource="y"', "lacks"),
-        (CLAIMED + 'verdict="not testable"\nsource="y"\ntitle="t"\nreading="r"\nreason="z"\nmood="good"', "mood"),
-        ('kind="verdict"\nwhat="a"\nunit="m"\nat_most=1', "source"),
-        ('kind="verdict"\nwhat="a"\nunit="m"\nsource="s"\nat_most=1\nat_least=0', "at most one rule"),
-        ('kind="hard case"\nwhat="a"\nholds="b"\ntrial="c"\nverdict="refused"', "a reason"),
-        ('kind="hard case"\nwhat="a"\nholds="b"\ntrial="c"\nverdict="pass"\nreason="d"', "a reason"),
-        ('kind="value"\nwhat="size"\nspread=[1, 2]\nmeasured=1', "lacks"),
-        ('kind="opinion"\nwhat="a"', "choose from verdict, claim"),
-    ],
-)
+@pytest.mark.parametrize(("text", "words"), [
+    (CLAIMED + 'verdict="not testable"\nsource="y"\ntitle="t"\nreading="r"', "a reason"),
+    (CLAIMED + 'verdict="not testable"\nsource="y"\ntitle="t"\nreason="z"', "reading"),
+    (CLAIMED + 'verdict="perhaps"\nsource="y"', "lacks"),
+    (CLAIMED + 'verdict="not testable"\nsource="y"\ntitle="t"\nreading="r"\nreason="z"\nmood="good"', "mood"),
+    ('kind="verdict"\nwhat="a"\nunit="m"\nat_most=1', "source"),
+    ('kind="verdict"\nwhat="a"\nunit="m"\nsource="s"\nat_most=1\nat_least=0', "at most one rule"),
+    ('kind="hard case"\nwhat="a"\nholds="b"\ntrial="c"\nverdict="refused"', "a reason"),
+    ('kind="hard case"\nwhat="a"\nholds="b"\ntrial="c"\nverdict="pass"\nreason="d"', "a reason"),
+    ('kind="value"\nwhat="size"\nspread=[1, 2]\nmeasured=1', "lacks"),
+    ('kind="opinion"\nwhat="a"', "choose from verdict, claim"),
+])  # fmt: skip
 def test_an_incomplete_entry_is_refused(text, words, tmp_path):
     (tmp_path / "e").mkdir()
     (tmp_path / "e" / "expected.toml").write_text(f"[check.a]\n{text}")

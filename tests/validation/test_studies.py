@@ -28,13 +28,10 @@ def test_the_slab_by_finite_volumes():
     assert heat[cells // 4 - 1 : cells // 4 + 1].mean() == pytest.approx(at, rel=1e-4)
 
 
-@pytest.mark.parametrize(
-    ("name", "wall", "cold", "until", "length", "conductivity", "capacity", "density", "latent"),
-    [
-        ("melting_wall", 50.0, 0.0, 3000.0, 0.1, 0.6, 4186.0, 1000.0, 333e3),
-        ("candle", 90.0, 40.0, 600.0, 0.05, 0.25, 2500.0, 900.0, 200e3),
-    ],
-)
+@pytest.mark.parametrize(("name", "wall", "cold", "until", "length", "conductivity", "capacity", "density", "latent"), [
+    ("melting_wall", 50.0, 0.0, 3000.0, 0.1, 0.6, 4186.0, 1000.0, 333e3),
+    ("candle", 90.0, 40.0, 600.0, 0.05, 0.25, 2500.0, 900.0, 200e3),
+])  # fmt: skip
 def test_melting_by_finite_volumes(name, wall, cold, until, length, conductivity, capacity, density, latent):
     def heat_of(t):
         return np.where(t > 0, latent + capacity * t, capacity * t)

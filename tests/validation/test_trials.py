@@ -63,15 +63,10 @@ def fake(outcome="pass", largest=2.0, runner=1.0):
     return outcome, Experiment("fake", "a thin thing", trials={"ends": ends}, maps=(limits,))
 
 
-@pytest.mark.parametrize(
-    ("system", "on_file", "code"),
-    [
-        (fake(), 'verdict = "pass"', 0),
-        (fake("stopped: diverged"), 'verdict = "stopped: diverged"\nreason = "thin"', 0),
-        (fake("stopped: diverged"), 'verdict = "pass"', 4),
-        (fake(largest=0.5), 'verdict = "pass"', 4),
-    ],
-)
+@pytest.mark.parametrize(("system", "on_file", "code"), [
+    (fake(), 'verdict = "pass"', 0), (fake("stopped: diverged"), 'verdict = "stopped: diverged"\nreason = "thin"', 0),
+    (fake("stopped: diverged"), 'verdict = "pass"', 4), (fake(largest=0.5), 'verdict = "pass"', 4),
+])  # fmt: skip
 def test_a_changed_outcome_or_a_limit_beyond_the_stable_fails(tmp_path, system, on_file, code):
     outcome, experiment = system
     (tmp_path / "fake").mkdir()

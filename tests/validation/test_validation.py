@@ -190,12 +190,9 @@ def test_verdicts(tmp_path):
     check = Checks("x", folder=tmp_path)
     cases = [("low", 0.5, "pass"), ("low", 0.51, "fail"), ("low", float("nan"), "fail"), ("high", 2.0, "pass")]
     cases += [
-        ("low", None, "fail"),
-        ("high", 1.9, "fail"),
-        ("same", 0, "pass"),
-        ("same", 1, "fail"),
+        ("low", None, "fail"), ("high", 1.9, "fail"), ("same", 0, "pass"), ("same", 1, "fail"),
         ("free", float("nan"), "shown"),
-    ]
+    ]  # fmt: skip
     for name, value, verdict in cases:
         assert check(name, value).verdict == verdict, (name, value)
     made = check("low", 0.1, "run_2", "second run")
@@ -233,16 +230,11 @@ def test_command_prints_one_json_object(options, monkeypatch, capsys):
     assert "reused one" in printed.out
 
 
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (["run", "dam_brake"], "did you mean 'dam_break'?"),
-        (["run", "zzz"], "choose from boundary, dam_break"),
-        (["stability", "zzz"], "no hard case 'zzz'"),
-        (["claims", "zzz"], "no claim 'zzz'"),
-        (["run", "droplet", "--quick", "--backend", "abacus"], "there is no such backend"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "said"), [
+    (["run", "dam_brake"], "did you mean 'dam_break'?"), (["run", "zzz"], "choose from boundary, dam_break"),
+    (["stability", "zzz"], "no hard case 'zzz'"), (["claims", "zzz"], "no claim 'zzz'"),
+    (["run", "droplet", "--quick", "--backend", "abacus"], "there is no such backend"),
+])  # fmt: skip
 def test_bad_input_gets_a_sentence_and_code_2(arguments, said, tmp_path, capsys):
     folders = ["--results", str(tmp_path / "r"), "--figures", str(tmp_path / "f")]
     assert command.main([*arguments, *folders]) == 2

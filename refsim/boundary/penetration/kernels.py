@@ -7,6 +7,7 @@ import math
 from typing import Any, NamedTuple
 
 from refsim.backends.compile import formula
+from refsim.backends.reductions import reduction
 from refsim.backends.tuples import added, difference, dot, over, scaled, three
 from refsim.boundary.penetration.formulas import pushed, rebound, reflected
 from refsim.boundary.signed_distance.formulas import beyond_inside, place_in_field, trilinear
@@ -113,8 +114,10 @@ def forget(i, c, held, position_residual):
             position_residual[i, c] = type(position_residual[i, c])(0)
 
 
-@formula
-def corrected_step(i, acceleration, identity, build_position, bounds, timestep, solid_field, penetration, moving):
+@reduction(into="displacement", how="largest count", rows="moving.position")
+def kick_drift(
+    i, acceleration, identity, build_position, bounds, timestep, solid_field, penetration, moving: Moving
+):  # fmt: skip
     """Leap-frog step v += (dt_previous + dt)/2 a, x += dt v, with patent P8 for particles that would enter the solid.
 
     Where there is a residual, x + residual is advanced; a corrected place has none.

@@ -107,7 +107,7 @@ def entry(start, path, sampled, penetration):
 
 @operation(
     "leap-frog and patent P8 with E26 to E28", paper="patent CN104318598A, 2014",
-    outputs="displacement corrections position_residual velocity position", exact="corrections",
+    outputs="corrections position_residual velocity position displacement", exact="corrections",
     optional="bounds position_residual",
     variants=(
         without("bounds position_residual", timestep="long_steps"), "", without("bounds", penetration="as_printed"),
@@ -115,7 +115,6 @@ def entry(start, path, sampled, penetration):
     ),
     reason="one rounding in each product and sum; the scale counts those of distance and normal",
     invariants="reordering", cases="towards_edges outside_the_grid",
-    programs={"cpu": "reductions", "cuda": "reductions_cuda"},
 )  # fmt: skip
 def kick_drift(
     acceleration, identity, build_position, bounds, timestep, solid_field, penetration, corrections,

@@ -17,16 +17,7 @@ from refsim.core.fields import Field
 from refsim.core.scalars import int32
 from refsim.shape_matching import PHASE
 from refsim.shape_matching.phases import FLUID
-from refsim.sph import (
-    DENSITY,
-    LIQUID,
-    PRESSURE,
-    ViscosityTerm,
-    cohesive_pressure,
-    continuity_pass,
-    lean,
-    liquid_of,
-)
+from refsim.sph import DENSITY, LIQUID, PRESSURE, ViscosityTerm, cohesive_pressure, continuity_pass, lean, liquid_of
 
 if TYPE_CHECKING:
     from refsim.core.effect import InitialState

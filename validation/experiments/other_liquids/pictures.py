@@ -52,11 +52,8 @@ def picture(data: Mapping[str, Any]) -> Any:
             seconds, errors, cells = zip(*sorted(points, key=lambda point: point[2]))
             (line,) = axes.plot(seconds, [100 * e for e in errors], color=colour, marker=marker, label=words)
             shown[words] = line
-            axes.annotate(
-                f"{cells[-1]:g}", (seconds[-1], 100 * errors[-1]), (4, 4), textcoords="offset points", fontsize=9,
-                color=colour,
-            )  # fmt: skip
-        axes.set(xscale="log", yscale="log", xlabel="seconds of one processor", ylabel="error [%]", title=TITLES[flow])
+        axes.set(xscale="log", yscale="log", ylabel="error [%]", title=TITLES[flow])
+        axes.set_xlabel(f"seconds of one processor\n(lines end at {cells[-1]:g} particles a side)")
         axes.grid(True)
         for grow, ends in ((axes.set_xlim, axes.get_xlim()), (axes.set_ylim, axes.get_ylim())):  # whole decades
             grow(10 ** math.floor(math.log10(ends[0])), 10 ** math.ceil(math.log10(ends[1])))

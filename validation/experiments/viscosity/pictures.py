@@ -49,9 +49,11 @@ def picture(data: Mapping[str, Any]) -> Any:
     spin.set(xlabel="time times 5 nu/R^2 (4 nu/R^2 in 2D)", ylabel="angular momentum over that at the start")
     spin.set(ylim=(0, 1.05))
     rates.set(xscale="log", ylim=(0, 1.2), xlabel="radius [d]", ylabel="rate over 5 nu/R^2 (4 nu/R^2 in 2D)")
+    rates.set_xticks([5, 10, 20, 30], ["5", "10", "20", "30"])
+    rates.minorticks_off()
     for axes in (spin, rates):
         axes.grid(True)
-        axes.legend(fontsize=7)
+        axes.legend(fontsize=7, handlelength=4)
     figure.suptitle(data["title"], fontsize=10.5)
     return figure
 

@@ -1,0 +1,145 @@
+"""Bodies that give numbers for each row, of which the largest or the count over all rows is wanted: `reduction`.
+
+On a CPU each chunk of the rows has its own; a GPU reduces in each block of threads, then by one atomic for each block.
+Neither maxima nor counts (up to 2^24 in float32) depend on the order of the blocks, so that results repeat bit for bit.
+"""
+
+import inspect
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from refsim.backends.chunks import CHUNKS, limits
+from refsim.backends.compile import THREADS_PER_BLOCK, Kernel, marks, overloaded
+from refsim.backends.templates import filled_in
+
+CPU = """\
+def of_chunk(chunk, {given}, {into}):
+    begin, end = limits(chunk, {rows}.shape[0])
+    {zeros}
+    for i in range(begin, end):
+        {values} = body(i, {given})
+        {reduced}
+    {written}
+
+
+def {name}({given}, {into}):
+    over_rows(of_chunk, {into}.shape[0], ({given}, {into}))
+"""
+CUDA = """\
+def {name}({given}, {into}):
+    i = cuda.grid(1)
+    {zeros}
+    if i < {rows}.shape[0]:
+        {values} = body(i, {given})
+        {reduced}
+    # The numbers only grow: one that is read too early costs a reduction of this block and nothing else.
+    if cuda.syncthreads_or(np.int32({grown})) == 0:
+        return
+    {written}
+"""
+LARGEST = """\
+shared{k} = cuda.shared.array(THREADS_PER_BLOCK, {into}.dtype)
+most{k} = largest_of_block(shared{k}, s{k})
+if cuda.threadIdx.x == 0 and most{k} > {into}[{k}]:
+    cuda.atomic.max({into}, {k}, most{k})
+"""
+COUNT = """\
+count{k} = cuda.syncthreads_count(1 if s{k} else 0)
+if cuda.threadIdx.x == 0 and count{k} > 0:
+    cuda.atomic.add({into}, {k}, {into}.dtype.type(count{k}))
+"""
+
+
+class Reduction(Kernel):
+    """What one row does and gives, written once, and the programs that reduce the numbers over all rows.
+
+    into  the programs' last argument, an array of the reduced numbers, which the body does not take
+    how   "largest" (of numbers of 0 or more; a GPU leaves out NaN) or "count" (of flags) for each number in turn
+    rows  argument with as many rows as there are, or "group.member"
+    """
+
+    def __init__(self, function: Callable, *, into: str, how: str, rows: str) -> None:
+        super().__init__(function)
+        self.into, self.how, self.given = into, how.split(), self.arguments
+        self.arguments, self.rows = [*self.given, into], into
+        self.options["cuda"]["rows_of"] = rows
+        signature = inspect.signature(function)
+        last = inspect.Parameter(into, inspect.Parameter.POSITIONAL_OR_KEYWORD)
+        self._signature = signature.replace(parameters=[*list(signature.parameters.values())[1:], last])
+        self._programs: dict[str, Callable] = {}
+
+    def source(self, backend: str) -> str:
+        """The loop around the body; on a CPU it sets the numbers of each chunk."""
+        on_cpu, into, kinds = backend == "cpu", self.into, list(enumerate(self.how))
+        zero = {"largest": f"{into}.dtype.type(0)", "count": "0" if on_cpu else "False"}
+        step = {"largest": "max(s{k}, t{k})" if on_cpu else "t{k} if t{k} > s{k} else s{k}"}
+        step["count"] = "s{k} + t{k}" if on_cpu else "t{k}"
+        last = dict.fromkeys(zero, "{into}[chunk, {k}] = s{k}") if on_cpu else {"largest": LARGEST, "count": COUNT}
+        lines = {
+            "zeros": [f"s{k} = {zero[kind]}" for k, kind in kinds],
+            "reduced": [f"s{k} = {step[kind].format(k=k)}" for k, kind in kinds],
+            "written": [line for k, kind in kinds for line in last[kind].format(k=k, into=into).splitlines()],
+        }
+        return filled_in(
+            CPU if on_cpu else CUDA, lines, name=self.__name__, given=", ".join(self.given), into=into,
+            rows=self.options["cuda"]["rows_of"],
+            values=", ".join(f"t{k}" for k, _ in kinds),
+            grown=" or ".join(f"s{k}" if kind == "count" else f"s{k} > {into}[{k}]" for k, kind in kinds),
+        )  # fmt: skip
+
+    def program(self, backend: str) -> Callable:
+        """What sets the numbers; of a GPU's, `cleared` does only what remains where they are zero already."""
+        if backend not in self._programs:
+            self._programs[backend] = made = self._of_cuda() if backend == "cuda" else self._of_cpu()
+            made.into = self.into  # type: ignore[attr-defined]
+        return self._programs[backend]
+
+    def _like_body(self, program: Callable) -> Callable:
+        program.__name__, program.__doc__, program.__wrapped__ = self.__name__, self.__doc__, self.__wrapped__  # type: ignore[attr-defined]
+        program.__signature__ = self._signature  # type: ignore[attr-defined]
+        return program
+
+    def _of_cpu(self) -> Callable:
+        counted = [k for k, kind in enumerate(self.how) if kind == "count"]
+
+        def program(*values: Any) -> None:
+            *given, out = values
+            partial = np.zeros((CHUNKS, len(self.how)), out.dtype)
+            self.on("cpu")(*given, partial)
+            out[:] = partial.max(0)
+            out[counted] = partial[:, counted].sum(0)
+
+        return self._like_body(program)
+
+    def _of_cuda(self) -> Callable:
+        from refsim.backends import device  # loads numba.cuda
+
+        def cleared(*values: Any) -> None:
+            self.on("cuda")(*values)
+
+        def program(*values: Any) -> None:
+            device.fill(values[-1], 0)
+            cleared(*values)
+
+        program.cleared = self._like_body(cleared)  # type: ignore[attr-defined]
+        return self._like_body(program)
+
+    def _named(self, backend: str) -> dict[str, Any]:
+        found = {**super()._named(backend), "limits": limits}
+        if backend == "cuda":
+            from refsim.backends.primitives import largest_of_block
+
+            found |= {"largest_of_block": largest_of_block, "THREADS_PER_BLOCK": THREADS_PER_BLOCK, "np": np}
+        return found
+
+    def _wrapper(self, backend: str) -> Callable:
+        function = super()._wrapper(backend)
+        if backend == "cpu":
+            loop = function.__globals__["of_chunk"]
+            overloaded(loop, lambda *types: loop, ("cpu",), forceinline=True, _nrt=False)
+        return function
+
+
+reduction = marks(Reduction)
