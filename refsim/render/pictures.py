@@ -141,8 +141,8 @@ class Series:
     def _surface(self, points: NDArray, liquid: bool) -> SurfaceMesh:
         if self.look.surface == "pysplashsurf" and self.run.dim == 3:
             return splash_surface(points, self.run.spacing)
-        cell, wall = (CELL if self.run.dim == 3 else 0.5 * CELL), self.wall if liquid else None
-        return surface_around(points, self.run.spacing, self.run.dim, cell, wall)
+        cell, around = CELL if self.run.dim == 3 else 0.5 * CELL, (self.wall, self.run.closed_box) if liquid else ()
+        return surface_around(points, self.run.spacing, self.run.dim, cell, *around)
 
     def _bodies(self, frame: Frame) -> Iterator[Body]:
         seen = self._seen(frame.position)
@@ -235,7 +235,7 @@ class Series:
             if self.cut is not None:
                 self._cover(axes, float(pixels(np.full((1, 3), self.cut.place))[0, self.cut.axis]))
         if self.run.box is not None:
-            self._tank(axes, pixels(np.clip(self.run.box, self.low, self.high)))
+            self._tank(axes, pixels)
         axes.set(xlim=(0, width), ylim=(0, height))
         self._labels(figure, axes, frame, metres)
         return _drawn(figure)
@@ -271,11 +271,14 @@ class Series:
             Rectangle((left, low), right - left, high - low, facecolor=axes.figure.get_facecolor(), zorder=2)
         )
 
-    def _tank(self, axes: Any, corners: NDArray) -> None:
-        (x0, y0, _), (x1, y1, _) = corners
-        ends = (((x0, x0), (y0, y1)), ((x1, x1), (y0, y1)), ((x0, x1), (y0, y0)), ((x0, x1), (y1, y1)))
-        for face, line in zip(("-x", "+x", "-y", "+y"), ends):
-            if face not in self.run.walls.open_faces:
+    def _tank(self, axes: Any, pixels: Callable[[NDArray], NDArray]) -> None:
+        box = np.asarray(self.run.box)
+        corners = box.clip(self.low, self.high)
+        (x0, y0, _), (x1, y1, _) = pixels(corners)
+        ends = (((x0, x0), (y0, y1)), ((x0, x1), (y0, y0)), ((x1, x1), (y0, y1)), ((x0, x1), (y1, y1)))
+        seen = (corners == box)[:, :2].ravel()
+        for face, line, shown in zip(("-x", "-y", "+x", "+y"), ends, seen):
+            if shown and face not in self.run.walls.open_faces:
                 axes.plot(*line, color="#6b7178", linewidth=2.0, solid_capstyle="projecting")
 
     def _sheet(self) -> tuple[Any, Any]:

@@ -4,6 +4,7 @@ Zhu & Bridson 2005: phi(x) = |x - xbar(x)| - r with the weighted mean xbar of th
 weights, so that it is a few filters of a grid. `refsim.isosurface` extracts the surface phi = 0.
 """
 
+import itertools
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -20,6 +21,7 @@ THIN = 0.05, 0.12  # weights, of that inside a lattice, between which the surfac
 MARGIN = 4  # spacings of grid around the particles
 CONTACT = 0.6  # spacings by which the surface is moved outwards at a solid, less with the distance from it
 CONTACT_RANGE = 1.2  # spacings from the solid at which it is not moved
+MIRRORED = 3.0  # spacings from a plane up to which particles are mirrored in it
 SUNK = 0.08  # spacings by which it reaches into the solid, so that no gap is seen
 MOST_NODES = 300_000_000
 METHODS = ("isosurface", "pysplashsurf")
@@ -42,18 +44,24 @@ class Distance(Protocol):
 
 
 def surface_around(
-    position: ArrayLike, spacing: float, dim: int = 3, cell: float = CELL, wall: Distance | None = None
-) -> SurfaceMesh:
+    position: ArrayLike, spacing: float, dim: int = 3, cell: float = CELL, wall: Distance | None = None,
+    box: tuple[NDArray, NDArray] | None = None,
+) -> SurfaceMesh:  # fmt: skip
     """The surface around particles at `position` (n, 3) [m] that stand about `spacing` [m] apart.
 
     cell  of the grid [spacings]
     wall  distance from solids and walls, negative inside; the surface reaches to a solid next to it, although the
           liquid's outermost particles stand up to a spacing off, and not beyond
+    box   corners of the walls [m], infinite at open faces: particles are mirrored in its planes, to keep a level flat
 
     Raises InputError where the particles are so far apart that the grid would have more than MOST_NODES nodes.
     """
     points = np.asarray(position, dtype=float)[:, :dim]
     size = cell * spacing
+    for axis, end in itertools.product(range(dim), box or ()):
+        images = points[np.abs(points[:, axis] - end[axis]) < MIRRORED * spacing]
+        images[:, axis] = 2 * end[axis] - images[:, axis]
+        points = np.concatenate([points, images])
     if not len(points):
         return SurfaceMesh(np.zeros((0, 3), np.float32), np.zeros((0, dim), np.int32))
     first, phi, held = distances(points, spacing, size)
@@ -65,7 +73,9 @@ def surface_around(
 
     if wall is not None:
         near = np.argwhere(np.abs(phi) < 1.5 * spacing)
-        share = np.clip(1.0 - wall(place(near)) / (CONTACT_RANGE * spacing), 0.0, 1.0)
+        places = place(near)
+        off, planes = wall(places), np.inf if box is None else np.minimum(places - box[0], box[1] - places).min(1)
+        share = np.where(off < planes, np.clip(1.0 - off / (CONTACT_RANGE * spacing), 0.0, 1.0), 0.0)
         at = tuple(near.T)
         phi[at] -= CONTACT * spacing * share * held[at]
         inside = np.argwhere(phi < spacing)

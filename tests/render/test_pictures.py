@@ -88,6 +88,16 @@ def test_the_surface_reaches_to_a_solid_and_not_beyond():
     assert surface_around(x, 1.0).vertices[:, 2].min() > 0.2
 
 
+def test_a_level_is_flat_up_to_the_walls_of_a_box():
+    box = np.array([0.0, 0.0, -np.inf]), np.full(3, 10.0)
+    mesh = surface_around(
+        lattice((10, 10, 6)), 1.0, wall=lambda points: np.minimum(points, 10 - points)[:, :2].min(1), box=box
+    )
+    top = mesh.vertices[mesh.vertices[:, 2] > 4.5]
+    assert np.ptp(top[(top[:, :2] > 0.2).all(1) & (top[:, :2] < 9.8).all(1), 2]) < 0.05
+    assert np.ptp(mesh.vertices[:, :2], axis=0) == pytest.approx([10.1, 10.1], abs=0.2)
+
+
 def test_no_particle_has_no_surface_and_too_large_a_grid_is_refused():
     assert len(surface_around(np.zeros((0, 3)), 1.0).facets) == 0
     with pytest.raises(InputError, match="draw particles"):
