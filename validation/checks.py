@@ -306,6 +306,12 @@ class Checks:
             for name, of in quantities.items():
                 self(name, of(values) if callable(of) else values[of], run, words)
 
+    def seconds(self, results: Mapping[str, Result]) -> None:
+        """Show the processor time of each run [s], by the check of this name."""
+        for key, result in results.items():
+            if "processor_seconds" in result.about:
+                self("seconds", result.about["processor_seconds"], key)
+
 
 def failed(checks: Iterable[Check]) -> bool:
     """Whether any check failed."""

@@ -274,11 +274,12 @@ def _compute_there(
 
 def compute(experiment: str, run: Run, folder: Path, context: Context | None = None, command: str = "") -> None:
     """Compute one run and store its result, with when, where and with what that was, and how long it took."""
-    context, began = context or Context(threads=1), time.perf_counter()
+    context, began, spent = context or Context(threads=1), time.perf_counter(), time.process_time()
     result = run.function(context, **run.parameters)
     about = {
         "experiment": experiment, "run": run.key, "parameters": dict(run.parameters),
         "seconds": round(time.perf_counter() - began, 3), "command": command,
+        "processor_seconds": round(time.process_time() - spent, 1),
         "date": datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d"), "commit": commit(),
         "machine": machine(context.gpu()),
     }  # fmt: skip

@@ -46,6 +46,7 @@ class Clock(msgspec.Struct, frozen=True, kw_only=True):
     search_log: dict[str, Number]  # counts of the neighbour search
     remarks: dict[str, str]  # notes that effects had made until then, by effect
     first_length: Length | None = None  # None before the first step
+    density_taken: bool | None = None  # whether an advanced density has taken the latest step, see `set_field`
     energy_audit: AuditState | None = None  # None where the scene has none
     origin: tuple[float, float, float] | None = None  # of the positions; None of a version without residual
 
@@ -176,6 +177,7 @@ def snapshot(run: Run) -> Checkpoint:
         squared_displacement=lists.policy.squared_displacement,
         margin=lists.policy.margin,
         velocities_set=lists.velocities_set,
+        density_taken=bool(run.previous_length > 0 and run.backend.host(run.timestep)[1] == 0) or None,
         list_built=lists.built,
         stopped_at_walls=run.stopped_at_walls,
         limiters=run.limiters,
@@ -209,7 +211,8 @@ def restore(run: Run, saved: SavedRun) -> None:
         run.motions.move(run.time)
     run.order.renumber()
     run.start()
-    run.backend.assign(run.timestep, np.array([0.0, run.previous_length], dtype=run.plan.grid.dtype))
+    untaken = 0.0 if clock.density_taken else run.previous_length
+    run.backend.assign(run.timestep, np.array([0.0, untaken], dtype=run.plan.grid.dtype))
     run.limiters = dict(clock.limiters)
     run.stopped_at_walls = clock.stopped_at_walls
     lists.velocities_set = clock.velocities_set

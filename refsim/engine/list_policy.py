@@ -97,7 +97,8 @@ class ListPolicy:
         self._forget()
 
     def velocities_set(self) -> None:
-        """Note that velocities are no longer those that were compared."""
+        """Note that velocities are no longer those that were compared: nothing is known of the time ahead."""
+        self.length = 0.0
         if self.rate is not None:
             self._forget()
 

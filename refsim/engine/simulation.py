@@ -211,7 +211,8 @@ class Simulation(Shown):
         """Set a field of the state between two steps; the run goes on from there, with lists that belong to it.
 
         name    a particle field that outlives the step: "position", "velocity", "mass", "temperature", ...; the
-                velocity is that of half a step before
+                velocity is that of half a step before. Set alone it strains an advanced density from the next step on,
+                as forces do; after positions it is what led to them
         values  one row for each particle, in the order and unit of `field`; positions are places in the scene
 
         Raises InputError where the scene has no such state, or the values have another shape or are not finite.
@@ -224,9 +225,11 @@ class Simulation(Shown):
             raise InputError(f"set_field: {name} has shape {values.shape}; give {wanted}, one row for each particle.")
         if not np.isfinite(values).all():
             raise InputError(f"set_field: {name} has values that are not finite; give finite ones.")
+        if name == "velocity" and not self.lists.velocities_set:
+            self._end_step_of_density()
         self._set(name, values[self._host("identity")])
         self.outdate()
-        self.lists.velocities_set = True
+        self.lists.velocities_set |= name in ("position", "velocity")
         self.lists.policy.velocities_set()
         for effect in having(self.plan.effects, FollowsSettings):
             for own, following in effect.after_setting(name, self._host).items():
@@ -357,6 +360,13 @@ class Simulation(Shown):
                 wanted.update(*((*p.written, *p.reads) for k, (_, p) in enumerate(self.force_passes) if k in more))
             self._needs[name] = frozenset(taken)
         return self._needs[name]
+
+    def _end_step_of_density(self) -> None:
+        """Advance an advanced density by the velocities that led to the positions, before others are set."""
+        if "advanced_excess" in self.fields and self.previous_length > 0:
+            self.bring(("density_excess",))
+            self._set("advanced_excess", self._host("density_excess"))
+            self.backend.assign(self.timestep, 0.0)
 
     def outdate(self) -> None:
         """Note that the state is another one, or sorted anew: no field that follows from it belongs to it any more."""

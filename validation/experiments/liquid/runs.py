@@ -509,7 +509,7 @@ ON_MESH = ((0.0, False, 10, 8), (0.3, False, 10, 8), (0.0, True, 10, 16))  # off
 TANKS = (
     (2, (16, 16), 2.6, 0.0, False), (2, (16, 16), 3.0, 0.0, False), (2, (16, 16), 4.0, 0.0, False),
     (2, (16, 16), 3.2, 0.1, False), (2, (16, 16), 3.2, 0.1, True), (2, (20, 100), 3.2, 0.0, False),
-    (3, (8, 8), 2.6, 0.0, False), (3, (8, 8), 3.0, 0.1, False), (2, (32, 32), 3.0, 0.0, False),
+    (3, (8, 8), 2.6, 0.0, False), (3, (8, 8), 3.0, 0.1, False), *((2, (n, n), 3.0, 0.0, False) for n in (8, 32, 64)),
 )  # fmt: skip
 OF_CORRECTED = ((2, (32, 32), 2.6, 0.0, False), (2, (32, 32), 3.0, 0.0, False), (2, (32, 32), 3.2, 0.1, True))
 OF_PAPERS = ((2, (16, 16), 2.6, 0.0, False), (3, (8, 8), 2.6, 0.0, False))
@@ -567,6 +567,7 @@ def _tank(kind: str, dim: int, cells: tuple[int, int], support: float, shake: fl
 
 def checks(results: Results, check: Checks) -> None:
     """The bars hold for the liquid that rests; the papers' values are shown."""
+    check.seconds(results)
     for key, result in results.items():
         row, papers = result.values, result.values["kind"] == "papers"
         if row["kind"] == "lattice":
