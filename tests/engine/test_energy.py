@@ -227,21 +227,11 @@ def test_the_pressure_of_ice_that_emerges_works_on_the_water():
     assert -audit["now"]["driving"] > 0.1 * audit["turned_over"]
 
 
-<<<<<<< HEAD
-def test_the_work_of_solids_is_that_of_the_oracle():
-    work = []
-    for backend in ("numpy", "cpu"):
-        simulation = rs.Simulation(ice(3, 6).with_(energy_audit=rs.EnergyAudit(every=1)), backend)
-        advanced(simulation, 3)
-        work.append(-simulation.auditor.report()["now"]["driving"])
-    assert work[0] == pytest.approx(work[1], rel=1e-3)
-=======
 @pytest.mark.parametrize("backend", ["cpu", pytest.param("cuda", marks=pytest.mark.gpu)])
 def test_the_work_of_solids_is_that_of_the_oracle(backend):
     simulations = [rs.Simulation(ice(3, 6).with_(energy_audit=rs.EnergyAudit(every=1)), b) for b in ("numpy", backend)]
     oracle, work = (-advanced(s, 3).auditor.report()["now"]["driving"] for s in simulations)
     assert work == pytest.approx(oracle, rel=1e-3)
->>>>>>> 170a1d12 (Velocities that are set strain an advanced density from the next step on, as those that forces give)
 
 
 @pytest.mark.parametrize("of", ["gravity", "turn"])
