@@ -143,7 +143,7 @@ def test_the_runs_at_small_size(monkeypatch):
         "capillary_crest_off", "drop_rate_off.laplacian", "meniscus_lifted_off.110", "jurin_risen_off",
     } <= set(verdicts)  # fmt: skip
     without, periodic, tense = discover()["solutions"].pictures
-    assert (len(without.needs), len(periodic.needs), len(tense.needs)) == (36, 24, 15)
+    assert (len(without.needs), len(periodic.needs), len(tense.needs)) == (39, 24, 15)
     drawn = ((without, pictures.TITLES), (periodic, pictures.PERIODIC), (tense, pictures.WITH_TENSION))
     for picture, titles in drawn:
         panels = picture.draw(picture.collect(results)).axes

@@ -512,7 +512,7 @@ TANKS = (
     (3, (8, 8), 2.6, 0.0, False), (3, (8, 8), 3.0, 0.1, False), *((2, (n, n), 3.0, 0.0, False) for n in (8, 32, 64)),
 )  # fmt: skip
 OF_CORRECTED = ((2, (32, 32), 2.6, 0.0, False), (2, (32, 32), 3.0, 0.0, False), (2, (32, 32), 3.2, 0.1, True))
-OF_PAPERS = ((2, (16, 16), 2.6, 0.0, False), (3, (8, 8), 2.6, 0.0, False))
+OF_PAPERS = (*((2, (n, n), 2.6, 0.0, False) for n in (8, 16, 32)), (3, (8, 8), 2.6, 0.0, False))
 SIDES, VORTICES_SUPPORT = (25, 50, 100), 3.2
 DEPTHS, WAVE_SUPPORT = (10, 20, 40), 3.2  # at which the lattice resists shear least, see `shear_modulus`
 COLUMNS = ((20, 100), (60, 100))

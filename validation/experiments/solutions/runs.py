@@ -44,8 +44,9 @@ from validation.peers import missing, pysph_terms, splishsplash_terms, warp_term
 from validation.results import Result
 from validation.running import Context, advance
 
-DENSITY, SUPPORT, WIDER = 1000.0, 2.6, 3.2  # kg/m^2; h/d; h/d of the liquid that rests
-RESTS, CORRECTED = "rests", "corrected"
+DENSITY, SUPPORT = 1000.0, 2.6  # kg/m^2; h/d
+RESTS, CORRECTED, WIDER = "rests", "corrected", "wider"
+REACH = {RESTS: 3.2, CORRECTED: 3.2, WIDER: 4.0}  # h/d of the liquid that rests
 GRAVITY = 9.81  # m/s^2
 NUMERICAL = 1 / 200  # kinematic viscosity over c h where the solution has none: above the least of docs/stability.md
 STEP = 0.3  # c dt/h of a fixed step
@@ -70,13 +71,14 @@ def _scene(
 ) -> Scene:  # fmt: skip
     """A scene in 2D of one part of the base liquid with kinematic viscosity `viscosity` [m^2/s].
 
-    form  of the viscosity, or the liquid that rests (docs/liquid.md), with the central one: "rests", "corrected"
+    form  of the viscosity, or the liquid that rests (docs/liquid.md), with the central one: a key of REACH
     """
     own: dict[str, Any] = {"viscosity": form, "density": "summation", "clamp_pressure": clamp}
-    if form in (RESTS, CORRECTED):
-        own = {"density": "continuity", "viscosity": "central", "gradient": "plain" if form == RESTS else "corrected"}
+    if form in REACH:
+        gradient = CORRECTED if form == CORRECTED else "plain"
+        own = {"density": "continuity", "viscosity": "central", "gradient": gradient}
     liquid = WeaklyCompressible(rest_density=DENSITY, sound_speed=sound, dynamic_viscosity=DENSITY * viscosity, **own)
-    reach = (WIDER if form in (RESTS, CORRECTED) else SUPPORT) * spacing
+    reach = REACH.get(form, SUPPORT) * spacing
     return Scene(
         name=name, dim=2, dtype="float64", spacing=spacing, support_radius=reach, fluid=(fluid,),
         effects=(liquid, *effects), **more,
@@ -334,13 +336,12 @@ def _pulled(
 
     No effect has this force: it is added to the velocities between the steps, with the leap-frog's share of the step.
     """
-    advanced = form in (RESTS, CORRECTED)
-    reach = (WIDER if advanced else SUPPORT) * spacing
+    reach = REACH.get(form, SUPPORT) * spacing
     viscous = 0.125 * (0.5 * reach) ** 2 / viscosity / (1 if form == "laplacian" else 3)  # docs/sph.md#step
     step = min(STEP * reach / sound, 0.8 * viscous)
     cloud = Cloud(position=position, velocity=velocity)
     simulation = context.simulation(_scene(name, spacing, cloud, (), sound, viscosity, form, step=step), backend)
-    if advanced:
+    if form in REACH:
         square = (position**2).sum(1)
         edge = np.sort(square)[-1]
         simulation.set_field("advanced_excess", 0.5 * DENSITY * (PULL / sound) ** 2 * (edge - square))
@@ -838,7 +839,7 @@ CELLS = {
     "drop": (6, 12, 24), "meniscus": (4, 8, 12), "jurin": (8, 12, 16),
 }  # fmt: skip
 WITH_FORMS = dict.fromkeys(("disc", "vortex", "couette", "poiseuille"), ALL)  # wave and vortices stand in `liquid`
-WITH_FORMS |= {"ellipse": ("", RESTS, CORRECTED), **dict.fromkeys(("wave", "vortices", "drop"), FORMS)}
+WITH_FORMS |= {"ellipse": ("", *REACH), **dict.fromkeys(("wave", "vortices", "drop"), FORMS)}
 WITH_FORMS["meniscus"] = ("70", "110")  # [degrees]
 JUDGED = {  # quantities by problem: those with a measured order, and those that are judged at the smallest spacing
     "tank": ("error",), "wave": ("period_off", "decay_off"), "ellipse": ("error", "period_off"),
