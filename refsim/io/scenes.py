@@ -2,11 +2,13 @@
 
 import dataclasses
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import msgspec
 import numpy as np
 
+from refsim.core.effect import Effect
 from refsim.core.errors import InputError
 from refsim.io.checkpoint import Checkpoint
 from refsim.scene.files import parse_scene, scene_to_dict, scene_to_toml
@@ -42,6 +44,14 @@ def _substance(part: Solid) -> dict[str, Any]:
     return {f.name: getattr(part, f.name) for f in msgspec.structs.fields(Solid)}
 
 
+def _found(effect: Effect, folder: Path) -> Effect:
+    """The effect, with the file that it names in this folder, unless it is found from the present one."""
+    file = getattr(effect, "file", None)
+    if not file or Path(file).exists() or not (folder / file).exists():
+        return effect
+    return msgspec.structs.replace(effect, file=str(folder / file))
+
+
 def scene_from_checkpoint(saved: Checkpoint, source: str) -> Scene:
     """The scene of a checkpoint. Raises InputError where it lacks a part or cannot be read."""
 
@@ -58,7 +68,8 @@ def scene_from_checkpoint(saved: Checkpoint, source: str) -> Scene:
         msgspec.structs.replace(part, cells=array(f"start.cells.{number}")) if isinstance(part, SolidCells) else part
         for number, part in enumerate(scene.solid)
     )
-    scene = msgspec.structs.replace(scene, solid=solid)
+    beside = Path(source).parent.parent  # the folder in which a run's own folder lies
+    scene = msgspec.structs.replace(scene, solid=solid, effects=tuple(_found(e, beside) for e in scene.effects))
     clouds = sum(isinstance(part, Cloud) for part in scene.fluid)
     if not clouds:
         return scene

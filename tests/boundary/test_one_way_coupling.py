@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 import trimesh
 
+import refsim
 from refsim import Box, Gravity, InputError, MeshBoundary, Scene, Simulation, WeaklyCompressible, make_plan
+from refsim.engine.checkpoints import load_checkpoint
 from refsim.scene.files import load_scene, scene_to_toml
 from tests.running import advanced
 
@@ -74,6 +76,16 @@ def test_a_mesh_is_looked_for_beside_the_scene_file(plate, tmp_path):
     loaded = load_scene(tmp_path / "scene.toml")
     assert loaded.effects[-1].file == str(tmp_path / "solid.obj")
     assert len(make_plan(loaded).walls.position) > 100
+
+
+def test_the_mesh_of_a_run_is_found_from_another_folder(plate, tmp_path, monkeypatch):
+    (tmp_path / "solid.obj").write_text(pathlib.Path(plate).read_text())
+    monkeypatch.chdir(tmp_path)
+    refsim.simulate(scene(LIQUID, MeshBoundary(file="solid.obj")), until=1e-5, output="run")
+    assert refsim.open_run("run").scene.effects[-1].file == "solid.obj"
+    monkeypatch.chdir("/")
+    assert refsim.open_run(tmp_path / "run").scene.effects[-1].file == str(tmp_path / "solid.obj")
+    load_checkpoint(tmp_path / "run")
 
 
 @pytest.mark.parametrize("changes, words", [
