@@ -4,8 +4,6 @@ Exit codes: 0 all well, 2 bad input, 3 the run stopped with a named reason, 4 a 
 object goes to standard output and everything else to standard error.
 """
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 import json

@@ -10,8 +10,6 @@ A test file with a mapping `PROGRAMS` and a test that takes `contract_trial`:
 Nothing of refsim but this module is imported unless a test takes one of the two fixtures.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -4,8 +4,6 @@ Under the CUDA simulator, and only there, NumPy stands in for CuPy; `refsim.back
 one is used.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -206,7 +204,7 @@ class Recorded:
                 self.graph = stream.end_capture()
         self.graph.launch(stream)
 
-    def renewed(self) -> Recorded:
+    def renewed(self) -> "Recorded":
         """The same call after its arrays have been replaced: it is recorded again."""
         new = Recorded(self.call, self.whole)
         new.called = self.called

@@ -5,8 +5,6 @@ GPU. One imports the modules of the kernels that it is sent and compiles them on
 process that started it does.
 """
 
-from __future__ import annotations
-
 import contextlib
 import importlib
 import os
@@ -34,7 +32,7 @@ class Task:
     types: bytes
 
     @classmethod
-    def of(cls, program: Any, types: tuple) -> Task | None:
+    def of(cls, program: Any, types: tuple) -> "Task | None":
         """None if no other process can find the kernel or one of its types: those of the main script, say."""
         module, name = getattr(program, "origin", None) or ("__main__", "")
         if module == "__main__" or "<" in name:

@@ -1,7 +1,5 @@
 """Steps that hold a program's answer to a right one: closed forms (T1), the oracle (T2, T3), other parameters (T10)."""
 
-from __future__ import annotations
-
 import copy
 import dataclasses
 import functools

@@ -5,8 +5,6 @@ Only that process imports the programs. It reports to the parent by messages, JS
 goes on behind the trial that ended it.
 """
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import faulthandler
@@ -136,7 +134,7 @@ def _merged(about: About, request: Request) -> Iterator[Outcome]:
             thread.join()
 
 
-def _about(child: _Child, request: Request) -> About:
+def _about(child: "_Child", request: Request) -> About:
     try:
         while True:
             kind, value = child.message(request.seconds)
@@ -148,7 +146,7 @@ def _about(child: _Child, request: Request) -> About:
         raise InputError(f"{request.source} cannot be imported: {gone}.") from None
 
 
-def _outcomes(child: _Child, names: Sequence[str], arrays: str, request: Request) -> Iterator[Outcome]:
+def _outcomes(child: "_Child", names: Sequence[str], arrays: str, request: Request) -> Iterator[Outcome]:
     waiting, endings = list(names), 0
     try:
         while waiting:

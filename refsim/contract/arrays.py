@@ -1,7 +1,5 @@
 """Arrays of other libraries: NumPy's, those with `__dlpack__`, and those with `__cuda_array_interface__`."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Programs called by name: a program's parameters are found in the operation's arguments, its answer is checked."""
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any

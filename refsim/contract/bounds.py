@@ -8,8 +8,6 @@ size. That sum is measured on the oracle, by stretching all positions, wherever 
 A pair within rounding of r = h counts or not, as its distance is rounded: a row that has one may differ by that term.
 """
 
-from __future__ import annotations
-
 import functools
 import inspect
 from collections.abc import Iterator, Mapping

@@ -6,8 +6,6 @@ worst particle alone, then with more and more of its neighbours: the first that 
 matters.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import time

@@ -1,7 +1,5 @@
 """The ladder of one operation of a library: its trials in order, for each dtype, variant and kernel."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """What of a library's declaration no trial judged that could fail: a green verdict needs all of it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What an operation takes and gives, in words: arguments, parameter groups, variants; and a stub of its program."""
 
-from __future__ import annotations
-
 import functools
 import inspect
 import re

@@ -6,8 +6,6 @@ it by answer/OUTPUT and the largest error allowed in each row by bound/OUTPUT. A
 be finite, one with an infinite bound may be anything. An argument without an array is None.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import resources

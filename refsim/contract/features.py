@@ -1,7 +1,5 @@
 """Each feature by itself: variants with one optional argument, where an operation's own have it only beside others."""
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Mapping
 from dataclasses import replace

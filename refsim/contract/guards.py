@@ -1,7 +1,5 @@
 """What a program under test may not touch: its inputs, and the bytes around every array that it is given."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection
 from typing import Any
 

@@ -1,7 +1,5 @@
 """All that an operation names, on one case, on one backend: what the steps of the ladder run on."""
 
-from __future__ import annotations
-
 import functools
 import importlib
 import itertools
@@ -68,7 +66,7 @@ class Inputs:
         self._values: dict[str, Any] = dict(overrides or {})
         self._derived: set[str] = set()  # made from others that may be replaced
 
-    def replaced(self, **overrides: Any) -> Inputs:
+    def replaced(self, **overrides: Any) -> "Inputs":
         """The same with other values; arrays must stand in this object's order of particles."""
         kept = {name: value for name, value in self._values.items() if name not in self._derived}
         return Inputs(self.case, self.dtype, self.order, {**kept, **overrides})

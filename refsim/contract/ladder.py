@@ -1,7 +1,5 @@
 """The ladder: steps from a closed form of two particles to bad input; each gives an outcome for each trial."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 from collections.abc import Callable, Iterator

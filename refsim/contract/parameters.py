@@ -1,7 +1,5 @@
 """Other values for the members of parameter groups, one member at a time."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 

@@ -5,8 +5,6 @@ operation's arguments that it wants, and either writes the outputs in place or r
 there under their own names, so that all programs are loaded by one function.
 """
 
-from __future__ import annotations
-
 import difflib
 import importlib
 import importlib.metadata
@@ -68,7 +66,7 @@ class Programs:
     same_bits: bool = True
     convert: Callable[[Any], Any] | None = None
 
-    def checked(self) -> Programs:
+    def checked(self) -> "Programs":
         """The same; InputError for names that mean nothing."""
         if self.arrays not in (ARRAYS if self.programs is not None else BACKENDS):
             raise InputError(f"{self.name}: there are no arrays of {self.arrays!r}; take one of {', '.join(ARRAYS)}.")

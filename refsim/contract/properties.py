@@ -1,7 +1,5 @@
 """Steps of what holds whatever the numbers are: conservation (T4), symmetries (T5), repetition, additivity, NaN."""
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -147,7 +145,7 @@ def symmetries(target: Target) -> Iterator[Trial]:
             yield Trial(f"{ranks} ranks with {case}", functools.partial(_by_ranks, usual, ranks))
 
 
-def descriptions(usual: Usual) -> dict[str, Callable[[], Description]]:
+def descriptions(usual: "Usual") -> dict[str, Callable[[], Description]]:
     """Other descriptions of the same particles, by name: those whose answer is the same one, described so."""
     kept = held(usual.target)
     described: dict[str, Callable[[], Description]] = {}

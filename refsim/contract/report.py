@@ -1,7 +1,5 @@
 """What the ladder found, as plain data, as text and as JUnit's XML."""
 
-from __future__ import annotations
-
 import collections
 import dataclasses
 import math

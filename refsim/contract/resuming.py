@@ -1,7 +1,5 @@
 """T8: a run that was stopped and resumed is the run that was not, bit for bit, and is not changed by being watched."""
 
-from __future__ import annotations
-
 import pathlib
 import tempfile
 from collections.abc import Callable, Iterator

@@ -1,7 +1,5 @@
 """What is judged: one operation's program with one dtype, variant and kernel; its calls, and the outcomes of trials."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import math
@@ -307,7 +305,7 @@ class Target:
             return f"your program adds to {added}, which holds no number before the call; it must assign it"
         return f"your program does not write {', '.join(left)}"
 
-    def quiet(self) -> Target:
+    def quiet(self) -> "Target":
         """The same program, whose faults are nobody's."""
         return dataclasses.replace(self, faults=[], last={})
 

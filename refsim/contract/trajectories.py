@@ -1,7 +1,5 @@
 """Frames of other codes: npz files, PySPH's npz, bgeo (SPlisHSPlasH, Partio), VTK files, particle files of refsim."""
 
-from __future__ import annotations
-
 import gzip
 import math
 import pickle

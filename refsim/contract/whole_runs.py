@@ -5,8 +5,6 @@ refsim, from the scene's start and from two starts that are shaken, say how far 
 fourth with a coarser spacing says how far a code of another discretisation may be away.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -4,8 +4,6 @@ Contents: EnergyAudit (a scene's option), EnergyAccount (what an effect counts),
 compression_energy, compression_amount, pair_potential. The audit of a run is `refsim.engine.audit`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, Protocol
 
@@ -33,19 +31,6 @@ class Amount(NamedTuple):
     size: float
 
 
-class EnergyAccount(NamedTuple):
-    """Energies of an effect's forces by name, and in words the forces that derive from no energy."""
-
-    parts: Mapping[str, Callable[[EnergyState], Amount]] = {}
-    uncounted: tuple[str, ...] = ()
-
-
-def amount(terms: NDArray) -> Amount:
-    """Sum of terms [J] and of their absolute values."""
-    terms = np.asarray(terms, dtype=float)
-    return Amount(float(terms.sum()), float(np.abs(terms).sum()))
-
-
 class EnergyState(Protocol):
     """The present state as effects' accounts see it: float64 on the host, rows in the order of the memory."""
 
@@ -66,6 +51,19 @@ class EnergyState(Protocol):
 
     def pair_sum(self, potential: Callable[[NDArray, NDArray, NDArray], NDArray], reach: float) -> Amount:
         """Sum of potential(r, i, j) [J] over all pairs nearer than `reach` [m], each counted once."""
+
+
+class EnergyAccount(NamedTuple):
+    """Energies of an effect's forces by name, and in words the forces that derive from no energy."""
+
+    parts: Mapping[str, Callable[[EnergyState], Amount]] = {}
+    uncounted: tuple[str, ...] = ()
+
+
+def amount(terms: NDArray) -> Amount:
+    """Sum of terms [J] and of their absolute values."""
+    terms = np.asarray(terms, dtype=float)
+    return Amount(float(terms.sum()), float(np.abs(terms).sum()))
 
 
 # What effects count with

@@ -1,7 +1,5 @@
 """Locks of files between processes: a file beside the one that is locked, of which the system keeps account."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 from collections.abc import Iterator
@@ -31,7 +29,7 @@ def in_turn(lock: Path, stays: bool = False) -> Iterator[None]:
         held.release()
 
 
-def unlock(lock: FileLock) -> None:
+def unlock(lock: "FileLock") -> None:
     """Release the lock, and remove its file."""
     with contextlib.suppress(OSError):  # where a file in use cannot be removed, the next writer finds and takes it
         os.unlink(lock.lock_file)

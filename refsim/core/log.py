@@ -1,7 +1,5 @@
 """The logger of the package."""
 
-from __future__ import annotations
-
 import functools
 from typing import TYPE_CHECKING
 
@@ -10,7 +8,7 @@ if TYPE_CHECKING:
 
 
 @functools.cache
-def log() -> logging.Logger:
+def log() -> "logging.Logger":
     """The logger `refsim`; it prints nothing unless the program sets up logging."""
     import logging  # here, because it takes a thirtieth of the time that importing refsim does
 

@@ -11,8 +11,6 @@ The reference takes the same names, less the neighbour structures and the output
 is the margin: the relative distance of the decision from flipping.
 """
 
-from __future__ import annotations
-
 import functools
 import importlib
 import inspect
@@ -55,7 +53,7 @@ class Program:
     folder: str = ""
     packed: str = ""
 
-    def called(self, part: Operation, argument: str) -> str:
+    def called(self, part: "Operation", argument: str) -> str:
         """What the program calls an argument of a part's reference."""
         return self.names.get(f"{part.name}.{argument}", self.names.get(argument, argument))
 
@@ -131,7 +129,7 @@ class Operation:
         module = f"{entry.folder or self.folder}.{entry.module}"
         return _program(module, entry.function or self.function, backend_of(name), entry.packed)
 
-    def as_computed_by(self, name: str) -> Operation:
+    def as_computed_by(self, name: str) -> "Operation":
         """The operation that judges the program called `name`: this one, with what the program's entry changes.
 
         Where the program computes other operations, too, its reference does, and adds accelerations up. Asked again,

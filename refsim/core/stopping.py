@@ -1,7 +1,5 @@
 """What ends a process from outside: Ctrl-C, SIGTERM, the terminal that closes (SIGHUP), and a parent that is gone."""
 
-from __future__ import annotations
-
 import _thread
 import os
 import signal
@@ -79,7 +77,7 @@ def held_back() -> Iterator[None]:
         signal.raise_signal(came[0])
 
 
-def end_with(parent: Connection) -> None:
+def end_with(parent: "Connection") -> None:
     """End this process as soon as its parent has closed the other end of the pipe, or is gone, however it ended."""
 
     def wait() -> None:

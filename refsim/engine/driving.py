@@ -1,7 +1,5 @@
 """Work of motions, of moving faces of walls and of the pressure that is extrapolated to solids, step by step."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from typing import Any

@@ -4,8 +4,6 @@ A value belongs to the state between two steps. What it follows from is computed
 the sums that make a number of it are added on the host in float64, in the order of the particles.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 

@@ -5,8 +5,6 @@ skin it is used without a further check. From then on relative displacements dec
 have come within the radius; each step reduces the margin that is left.
 """
 
-from __future__ import annotations
-
 import math
 from typing import TYPE_CHECKING
 
@@ -70,7 +68,7 @@ class ListPolicy:
         largest = math.sqrt(self.squared_displacement) + self.step_displacement
         return largest > self.search.allowed_displacement and self._left(self.length, self.gained) <= 0
 
-    def after_step(self, done: Advance) -> None:
+    def after_step(self, done: "Advance") -> None:
         """Note a step."""
         self.squared_displacement, self.step_displacement = done.squared_displacement, done.step_displacement
         self.length = done.length

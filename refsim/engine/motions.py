@@ -4,8 +4,6 @@ What moves stands in small arrays of the backend, which the passes read and the 
 was recorded as a CUDA graph reads the values of its own time.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

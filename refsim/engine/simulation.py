@@ -4,8 +4,6 @@ What a step needs beside the loop stands in modules of their own: `list_policy` 
 `neighbour_lists`, `sorting`, `binding` (passes as calls), `stepping` (length of a step), `checkpoints`, `timings`.
 """
 
-from __future__ import annotations
-
 import contextlib
 import math
 import os
@@ -455,7 +453,7 @@ class Simulation(Shown):
         scene: Scene | None = None,
         profile: bool = False,
         compiling: Compiling | None = None,
-    ) -> Simulation:
+    ) -> "Simulation":
         """The simulation as it was when the checkpoint was written.
 
         path     a checkpoint, or a folder, of which the newest whole checkpoint is taken; where it is missing or

@@ -1,7 +1,5 @@
 """Forces of wall particles on the liquid, launched for a choice of them alone."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterable
 from typing import Any

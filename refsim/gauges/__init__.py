@@ -3,8 +3,6 @@
 What a run does with them is `refsim.engine.gauges`, where they may stand is `refsim.gauges.places`.
 """
 
-from __future__ import annotations
-
 import csv
 import math
 import os

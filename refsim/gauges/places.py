@@ -1,7 +1,5 @@
 """Where gauges stand: their points, and whether a scene has what they measure."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple

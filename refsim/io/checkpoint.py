@@ -11,8 +11,6 @@ may read a damaged file without end. Behind the block stand one dataset per arra
 attributes as JSON text in the dataset `attributes`. Version 1 had no digest of the file, and is not read any more.
 """
 
-from __future__ import annotations
-
 import hashlib
 import io
 import json
@@ -169,7 +167,7 @@ def _attributes_text(path: Path, attributes: Mapping[str, Attribute]) -> str:
     return json.dumps(plain)
 
 
-def in_hdf5(fill: Callable[[h5py.File], object]) -> memoryview:
+def in_hdf5(fill: "Callable[[h5py.File], object]") -> memoryview:
     """An HDF5 file with what `fill` puts into it, behind an empty block that HDF5 passes over; in memory."""
     import h5py
 
@@ -180,7 +178,7 @@ def in_hdf5(fill: Callable[[h5py.File], object]) -> memoryview:
     return content.getbuffer()
 
 
-def _fill(file: h5py.File, arrays: Mapping[str, np.ndarray], text: str) -> None:
+def _fill(file: "h5py.File", arrays: Mapping[str, np.ndarray], text: str) -> None:
     import h5py
 
     group = file.create_group("arrays")
@@ -205,7 +203,7 @@ class _Head:
     def block(self) -> bytes:
         return (self.lines() + f"sha256 {self.sha256}\n".encode()).ljust(BLOCK, b"\0")
 
-    def digest(self) -> hashlib._Hash:
+    def digest(self) -> "hashlib._Hash":
         """SHA-256 of the lines, to which all that follows the block is added."""
         return hashlib.sha256(self.lines())
 

@@ -4,8 +4,6 @@ A block fenced as `{judge} N` stands below exercise N. It knows the lesson's nam
 module. It raises `Wrong`, or sets `right`, the words for a right answer. Notebooks and pages do not show it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 

@@ -5,8 +5,6 @@ block. Behind it stands a group for each gauge with the datasets `time` (k,) [s]
 attributes `kind`, `columns` and `units`.
 """
 
-from __future__ import annotations
-
 import hashlib
 import io
 from collections.abc import Iterable
@@ -31,7 +29,7 @@ HEAD = b"refsim gauges\nversion 1\nsha256 "
 def write_series(path: Path, series: Iterable[GaugeSeries]) -> None:
     """Replace the file by one with these series. Raises InputError or RunStopped where the disk refuses."""
 
-    def fill(file: h5py.File) -> None:
+    def fill(file: "h5py.File") -> None:
         for one in series:
             group = file.create_group(one.name)
             group.attrs["kind"] = one.kind

@@ -13,8 +13,6 @@ modulo 2^256 of BLAKE2b (32 bytes, little-endian, salted with the page's number)
 that an append hashes only what it changes. The head changes in the same transaction as the other pages.
 """
 
-from __future__ import annotations
-
 import errno
 import hashlib
 import os
@@ -231,7 +229,7 @@ def journal_path(path: Path) -> Path:
     return path.with_name(f"{path.name}.journal")
 
 
-def locked_journal(path: Path) -> tuple[FileIO, FileLock]:
+def locked_journal(path: Path) -> "tuple[FileIO, FileLock]":
     """The journal at `path` and its lock. Raises OSError, BlockingIOError where another writer holds it."""
     if path.exists() and not path.is_file():
         raise OSError(errno.EINVAL, "its journal is a pipe or a device, and not a file", str(path))
@@ -244,7 +242,7 @@ def locked_journal(path: Path) -> tuple[FileIO, FileLock]:
         raise
 
 
-def _lock(journal: Path) -> FileLock:
+def _lock(journal: Path) -> "FileLock":
     """The lock that a living writer holds for its journal, taken: a file beside it, of which the system keeps account.
 
     Raises BlockingIOError where another process holds it, OSError where it cannot be written.

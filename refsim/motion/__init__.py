@@ -3,8 +3,6 @@
 What a run does with them is `refsim.engine.motions`.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Callable, Sequence

@@ -1,7 +1,5 @@
 """Plots of what the gauges of a run have measured."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A scene: particles and a list of effects, with what a run needs to know of space and time."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Annotated, Any, Literal
 
@@ -57,7 +55,7 @@ class Scene(Checked, frozen=True, kw_only=True):
     energy_audit: EnergyAudit | None = None
     name: str = "scene"
 
-    def with_(self, **changes: Any) -> Scene:
+    def with_(self, **changes: Any) -> "Scene":
         """This scene with other values, which are checked like those of a new one.
 
         changes  by name: a field of the scene, `spacing=0.01`; a parameter of an effect,

@@ -1,7 +1,5 @@
 """Progress of a sweep: share done, time left, seconds that the workers have taken so far."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Mapping, Sequence
 from types import TracebackType
@@ -31,7 +29,7 @@ class Progress:
                 total=1.0, bar_format="{percentage:3.0f}%|{bar}| {elapsed} gone, {remaining} left{postfix}"
             )
 
-    def __enter__(self) -> Progress:
+    def __enter__(self) -> "Progress":
         return self
 
     def __exit__(

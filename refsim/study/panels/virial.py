@@ -4,8 +4,6 @@ The pressure of the equation of state is not the liquid's: it carries the cohesi
 jump sigma/R. The virial of all pair forces is the difference of the two.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable
 from typing import Any
