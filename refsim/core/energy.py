@@ -5,12 +5,14 @@ compression_energy, compression_amount, pair_potential. The audit of a run is `r
 """
 
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from refsim.core.checked import Checked, Count, Positive
+
+ROWS = 16384  # particles whose pairs are summed at once
 
 
 class EnergyAudit(Checked, frozen=True, kw_only=True):
@@ -31,26 +33,51 @@ class Amount(NamedTuple):
     size: float
 
 
-class EnergyState(Protocol):
-    """The present state as effects' accounts see it: float64 on the host, rows in the order of the memory."""
+class EnergyState:
+    """The present state of a run as effects' accounts see it: float64 on the host, rows in the order of the memory."""
+
+    def __init__(self, run: Any) -> None:
+        self._run = run
 
     def field(self, name: str) -> NDArray:
         """A field's values, in SI units."""
+        return self._run._host(name).astype(float)
 
     def array(self, name: str) -> Any:
         """A field's array on the backend; read only."""
+        return self._run.fields[name]
 
     def flags(self, name: str) -> NDArray:
         """A field of whole numbers."""
+        return self._run._host(name)
 
     def shared(self, name: str) -> Any:
         """What an effect shares with all passes, on this backend."""
+        return self._run._shared[name]
 
     def host(self, array: Any) -> NDArray:
         """An array of this backend in float64."""
+        return np.asarray(self._run.backend.host(array), dtype=float)
+
+    def evaluate(self) -> None:
+        """Bring every field up to the present positions."""
+        self._run.refresh()
 
     def pair_sum(self, potential: Callable[[NDArray, NDArray, NDArray], NDArray], reach: float) -> Amount:
         """Sum of potential(r, i, j) [J] over all pairs nearer than `reach` [m], each counted once."""
+        from scipy.spatial import cKDTree
+
+        position = self.field("position")
+        tree = cKDTree(position)
+        value = size = 0.0
+        for first in range(0, len(position), ROWS):
+            rows = cKDTree(position[first : first + ROWS])
+            near = rows.sparse_distance_matrix(tree, reach, output_type="ndarray")
+            i, j = near["i"] + first, near["j"]
+            own = i < j
+            part = amount(potential(near["v"][own], i[own], j[own]))
+            value, size = value + part.value, size + part.size
+        return Amount(value, size)
 
 
 class EnergyAccount(NamedTuple):

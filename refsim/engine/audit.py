@@ -4,14 +4,14 @@ It reads the state between two steps, on the host in float64, and changes nothin
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from refsim.core.energy import Amount, amount
+from refsim.core.energy import Amount, EnergyState, amount
 from refsim.core.errors import RunStopped
 from refsim.engine.driving import PUSH, Driving
 from refsim.engine.run import Run
@@ -21,54 +21,6 @@ LEAP_FROGS = ("sph.kick_drift", "penetration.kick_drift")
 ROUNDINGS = 4.0  # eps of the run's dtype in each term; a smaller change is rounding
 KINETIC, COMPRESSION = "kinetic", "compression"
 DRIVEN = "driving"  # part of the energy that is less the work of motions, moving faces and solids' pressure
-ROWS = 16384  # particles whose pairs are summed at once
-
-
-class StateOfRun:
-    """The present state for effects' accounts, as `refsim.core.energy.EnergyState` says."""
-
-    def __init__(self, simulation: Run) -> None:
-        self._simulation = simulation
-
-    def field(self, name: str) -> NDArray:
-        """A field's values, in SI units."""
-        return self._simulation._host(name).astype(float)
-
-    def array(self, name: str) -> Any:
-        """A field's array on the backend; read only."""
-        return self._simulation.fields[name]
-
-    def flags(self, name: str) -> NDArray:
-        """A field of whole numbers."""
-        return self._simulation._host(name)
-
-    def shared(self, name: str) -> Any:
-        """What an effect shares with all passes, on this backend."""
-        return self._simulation._shared[name]
-
-    def host(self, array: Any) -> NDArray:
-        """An array of this backend in float64."""
-        return np.asarray(self._simulation.backend.host(array), dtype=float)
-
-    def evaluate(self) -> None:
-        """Bring every field up to the present positions."""
-        self._simulation.refresh()
-
-    def pair_sum(self, potential: Callable[[NDArray, NDArray, NDArray], NDArray], reach: float) -> Amount:
-        """Sum of potential(r, i, j) [J] over all pairs nearer than `reach` [m], each counted once."""
-        from scipy.spatial import cKDTree
-
-        position = self.field("position")
-        tree = cKDTree(position)
-        value = size = 0.0
-        for first in range(0, len(position), ROWS):
-            rows = cKDTree(position[first : first + ROWS])
-            near = rows.sparse_distance_matrix(tree, reach, output_type="ndarray")
-            i, j = near["i"] + first, near["j"]
-            own = i < j
-            part = amount(potential(near["v"][own], i[own], j[own]))
-            value, size = value + part.value, size + part.size
-        return Amount(value, size)
 
 
 class AuditState(msgspec.Struct, frozen=True):
@@ -115,7 +67,7 @@ class Auditor:
 
         What drives the run brings a part of its own, less the work that it has done.
         """
-        state = StateOfRun(self.simulation)
+        state = EnergyState(self.simulation)
         state.evaluate()
         mass, velocity = state.field("mass"), state.field("velocity")
         if self.staggered:
@@ -133,7 +85,7 @@ class Auditor:
             parts[DRIVEN] = amount(np.array(-self.driving.work))
         return parts
 
-    def _unsure(self, state: StateOfRun, mass: NDArray) -> float:
+    def _unsure(self, state: EnergyState, mass: NDArray) -> float:
         """Energy [J] over eps that solids get from the rounding of places to which they are pulled within a step."""
         s = self.simulation
         if "shape_matching" not in s.plan.effects or not s.previous_length > 0:

@@ -14,7 +14,7 @@ from refsim.core.checked import Checked, NotNegative, Positive, given_keys
 from refsim.core.effect import Discretisation, Others, Pass
 from refsim.core.errors import InputError
 from refsim.motion import reference as reference
-from refsim.motion.expression import Jet, parsed
+from refsim.motion.expression import FUNCTIONS, Jet, parsed
 
 Vector = tuple[float, float, float]
 SAMPLES = 2001  # times between the start and the end at which a motion is looked at before a run
@@ -112,7 +112,7 @@ def _path(motion: Motion) -> Callable[[float], Moved]:
 
 def _sway(motion: Motion, time: float) -> Moved:
     t, ramp = Jet.of_time(time), motion.ramp or 0.0
-    x = Jet.constant(motion.amplitude or 0.0) * (t * Jet.constant(2 * math.pi / (motion.period or 1.0))).sin()
+    x = Jet.constant(motion.amplitude or 0.0) * FUNCTIONS["sin"](t * Jet.constant(2 * math.pi / (motion.period or 1.0)))
     if 0 <= time < ramp:
         share = t * Jet.constant(1 / ramp)  # 10 s^3 - 15 s^4 + 6 s^5, at rest at both ends
         cube = share * share * share

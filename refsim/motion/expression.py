@@ -14,7 +14,6 @@ from refsim.core.checked import suggestion
 from refsim.core.errors import InputError
 
 LONGEST = 1000  # characters of a formula
-FUNCTIONS = ("sin", "cos", "tan", "exp", "log", "sqrt", "tanh")
 NUMBERS = {"pi": math.pi}
 
 
@@ -63,46 +62,22 @@ class Jet(NamedTuple):
             slope = n * v ** (n - 1) if n != 0 else 0.0
             bend = n * (n - 1) * v ** (n - 2) if n not in (0, 1) else 0.0
             return self.through(v**n, slope, bend)
-        return (other * self.log()).exp()
+        return FUNCTIONS["exp"](other * FUNCTIONS["log"](self))
 
     def through(self, value: float, slope: float, bend: float) -> Jet:
         """f(self), of a function with this value and these derivatives."""
         return Jet(value, slope * self.first, bend * self.first**2 + slope * self.second)
 
-    def sin(self) -> Jet:
-        """sin(self)."""
-        s, c = math.sin(self.value), math.cos(self.value)
-        return self.through(s, c, -s)
 
-    def cos(self) -> Jet:
-        """cos(self)."""
-        s, c = math.sin(self.value), math.cos(self.value)
-        return self.through(c, -s, -c)
-
-    def tan(self) -> Jet:
-        """tan(self)."""
-        return self.sin() / self.cos()
-
-    def exp(self) -> Jet:
-        """exp(self)."""
-        e = math.exp(self.value)
-        return self.through(e, e, e)
-
-    def log(self) -> Jet:
-        """Natural logarithm."""
-        return self.through(math.log(self.value), 1 / self.value, -1 / self.value**2)
-
-    def sqrt(self) -> Jet:
-        """Square root."""
-        root = math.sqrt(self.value)
-        return self.through(root, 0.5 / root, -0.25 / root**3)
-
-    def tanh(self) -> Jet:
-        """tanh(self)."""
-        h = math.tanh(self.value)
-        return self.through(h, 1 - h * h, -2 * h * (1 - h * h))
-
-
+FUNCTIONS: dict[str, Callable[[Jet], Jet]] = {
+    "sin": lambda x: x.through(math.sin(x.value), math.cos(x.value), -math.sin(x.value)),
+    "cos": lambda x: x.through(math.cos(x.value), -math.sin(x.value), -math.cos(x.value)),
+    "tan": lambda x: FUNCTIONS["sin"](x) / FUNCTIONS["cos"](x),
+    "exp": lambda x: x.through(*(math.exp(x.value),) * 3),
+    "log": lambda x: x.through(math.log(x.value), 1 / x.value, -1 / x.value**2),
+    "sqrt": lambda x: x.through(root := math.sqrt(x.value), 0.5 / root, -0.25 / root**3),
+    "tanh": lambda x: x.through(h := math.tanh(x.value), 1 - h * h, -2 * h * (1 - h * h)),
+}
 OPERATORS: dict[type, Callable[[Jet, Jet], Jet]] = {
     ast.Add: Jet.__add__, ast.Sub: Jet.__sub__, ast.Mult: Jet.__mul__, ast.Div: Jet.__truediv__, ast.Pow: Jet.power,
 }  # fmt: skip
@@ -143,7 +118,7 @@ def _function(node: ast.expr, owner: str) -> Callable[[Jet], Jet]:
             raise InputError(
                 f"{owner}: formula has the unknown function {node.func.id!r}; {suggestion(node.func.id, FUNCTIONS)}"
             )
-        argument, function = _function(node.args[0], owner), getattr(Jet, node.func.id)
+        argument, function = _function(node.args[0], owner), FUNCTIONS[node.func.id]
         return lambda t: function(argument(t))
     raise InputError(
         f"{owner}: formula has {ast.unparse(node)!r}, which is not arithmetic of t; use + - * / **, pi and"

@@ -260,7 +260,7 @@ def test_energy_of_motion_leaves_out_the_kick_of_solids():
         simulation=SimpleNamespace(previous_length=0.5), accounts={}, driving=None, staggered=True, solids=True,
         _unsure=lambda state, mass: 7.0,
     )  # fmt: skip
-    with mock.patch("refsim.engine.audit.StateOfRun", return_value=state):
+    with mock.patch("refsim.engine.audit.EnergyState", return_value=state):
         for solids, own in ((True, 6.0), (False, 13.5)):
             auditor.solids = solids
             kinetic = 8.0 + own
