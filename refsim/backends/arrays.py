@@ -127,13 +127,6 @@ class CudaBackend(Backend):
 CUDA_PACKAGES = {"numba_cuda": "numba-cuda[cu13]>=0.30", "cupy": "cupy-cuda13x>=14"}  # module: what pip installs
 
 
-def _library(name: str) -> str | None:
-    """The shared library of this name, None where there is none."""
-    import ctypes.util  # here, because it brings processes along
-
-    return ctypes.util.find_library(name)
-
-
 @functools.cache
 def unavailable(name: str) -> str | None:
     """Why backend `name` cannot run here, or None if it can."""
@@ -142,9 +135,11 @@ def unavailable(name: str) -> str | None:
     if name != "cuda" or simulated():
         return None
     missing = [package for module, package in CUDA_PACKAGES.items() if importlib.util.find_spec(module) is None]
-    if missing and _library("nvcuda" if os.name == "nt" else "cuda") is None:
-        return "no driver of an NVIDIA GPU was found"
     if missing:
+        import ctypes.util  # here, because it brings processes along
+
+        if ctypes.util.find_library("cuda") is None:
+            return "no driver of an NVIDIA GPU was found"
         needed = " ".join(f'"{package}"' for package in missing)
         return f"the packages of the CUDA backend are not all installed; run pip install {needed}"
     try:

@@ -26,8 +26,6 @@ _told: set[str] = set()  # kinds of warnings that this process has given
 
 def refuse_foreign(folder: Path) -> None:
     """Raise InputError if another user owns a folder of the cache, or every user may write to it."""
-    if not hasattr(os, "geteuid"):  # Windows
-        return
     try:
         about = os.stat(folder)
     except OSError:
@@ -47,7 +45,7 @@ def refuse_foreign(folder: Path) -> None:
 def is_shared(folder: Path) -> bool:
     """Whether the group of a folder of the cache, but not every user, may write to it; a warning says so once."""
     try:
-        mode = os.stat(folder).st_mode if hasattr(os, "geteuid") else 0
+        mode = os.stat(folder).st_mode
     except OSError:
         return False
     shared = bool(mode & stat.S_IWGRP) and not mode & stat.S_IWOTH

@@ -11,16 +11,8 @@ import numpy as np
 
 from refsim.backends.arrays import choose, set_threads
 from refsim.commands import CommandResult, command, in_bytes, in_time, planned, table, takes
-from refsim.core.capabilities import (
-    BringsWalls,
-    FollowsScene,
-    HasErrata,
-    HoldsOtherMemory,
-    KnowsLimits,
-    LimitsMassRatio,
-    Margin,
-    having,
-)
+from refsim.core import capabilities
+from refsim.core.capabilities import HoldsOtherMemory, having
 from refsim.core.effect import Effect, Extremes
 from refsim.core.errors import InputError
 from refsim.core.fields import BASE
@@ -110,7 +102,7 @@ def _listed(parts: Iterable[Any]) -> list[dict[str, Any]]:
 def _defaults(plan: Plan) -> Iterator[str]:
     """What the scene leaves open and has otherwise than the papers."""
     for effect in plan.scene.effects:
-        for name, printed in effect.in_papers.items() if isinstance(effect, FollowsScene) else ():
+        for name, printed in effect.in_papers.items() if isinstance(effect, capabilities.FollowsScene) else ():
             value = getattr(plan.effects[effect.name], name)
             if getattr(effect, name) is None and value != printed:
                 yield f"{name} of {effect.name} is {value!r}; {name} = {printed!r} has that of the papers"
@@ -151,7 +143,7 @@ def _brings(plan: Plan, name: str, steps: dict[str, Any]) -> dict[str, Any]:
     base = {f.name for f in BASE}
     extremes = Extremes(steps["speed"], steps["acceleration"])
     limits = {k: limit.at(extremes) for k, limit in effect.step_limits(plan.grid, plan.effects).items()}
-    walls = effect.walls(plan.grid, plan.effects) if isinstance(effect, BringsWalls) else None
+    walls = effect.walls(plan.grid, plan.effects) if isinstance(effect, capabilities.BringsWalls) else None
     return {
         "fields": [f.name for f in effect.fields(plan.effects) if f.name not in base],
         "passes": [p.operation for p in effect.passes(plan.effects) if p.operation in plan.launches(True)],
@@ -164,7 +156,7 @@ def _brings(plan: Plan, name: str, steps: dict[str, Any]) -> dict[str, Any]:
 
 def _literal(effect: Effect) -> dict[str, Any]:
     """What `literal` of an effect takes from its source: errata as printed, and by "paper" parameters."""
-    if not (isinstance(effect, HasErrata) and effect.literal):
+    if not (isinstance(effect, capabilities.HasErrata) and effect.literal):
         return {}
     printed = [erratum for erratum in effect.errata if erratum in effect.printed()]
     by_paper = dict(effect.paper) if "paper" in effect.literal else {}
@@ -191,19 +183,19 @@ def _first_step(plan: Plan) -> dict[str, Any]:
     }
 
 
-def _margins(plan: Plan, steps: dict[str, Any]) -> Iterator[tuple[str, Margin]]:
+def _margins(plan: Plan, steps: dict[str, Any]) -> Iterator[tuple[str, capabilities.Margin]]:
     """Settings beside the limits that were measured for them, by effect."""
     for name, effect in plan.effects.items():
-        if isinstance(effect, KnowsLimits):
+        if isinstance(effect, capabilities.KnowsLimits):
             yield from ((name, margin) for margin in effect.margins(plan.grid, plan.effects))
     ratio = float(plan.state.mass.max() / plan.state.mass.min())
     for name, effect in plan.effects.items():
-        if ratio > 1 + 1e-6 and isinstance(effect, LimitsMassRatio):
+        if ratio > 1 + 1e-6 and isinstance(effect, capabilities.LimitsMassRatio):
             largest = effect.largest_mass_ratio(plan.effects)
             if math.isfinite(largest):
-                yield name, Margin("heaviest particle over the lightest", ratio, largest)
+                yield name, capabilities.Margin("heaviest particle over the lightest", ratio, largest)
     if plan.scene.step > 0:
-        yield "every scene", Margin("step [s]", plan.scene.step, min(steps["limits"].values()))
+        yield "every scene", capabilities.Margin("step [s]", plan.scene.step, min(steps["limits"].values()))
 
 
 def _notes(plan: Plan, steps: dict[str, Any]) -> Iterator[str]:

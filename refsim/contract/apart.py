@@ -236,7 +236,7 @@ class _Child:
     def close(self) -> None:
         """End the process and those that it started."""
         if self.process.exitcode is None:
-            with contextlib.suppress(OSError, AttributeError):  # AttributeError: on Windows
+            with contextlib.suppress(OSError):
                 os.killpg(self.process.pid, signal.SIGKILL)  # type: ignore[arg-type]
             self.process.kill()
         self.process.join()
@@ -267,8 +267,7 @@ def _work(pipe: Any, request: Request, path: list[str]) -> None:
     from refsim.contract.climb import ladder
     from refsim.contract.export import write_replay
 
-    if hasattr(os, "setsid"):
-        os.setsid()  # what programs start ends with this process
+    os.setsid()  # what programs start ends with this process
     if request.source not in BACKENDS:  # of OpenMP, so that races show on few cores
         os.environ.setdefault("OMP_NUM_THREADS", str(max(LEAST_THREADS, os.cpu_count() or 1)))
     os.dup2(2, 1)

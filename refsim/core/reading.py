@@ -15,7 +15,7 @@ def open_regular(path: str | os.PathLike[str]) -> BufferedReader:
     Raises OSError, whose `strerror` says why, also for a folder, a pipe, a device and a name that no file can have.
     """
     try:
-        descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
     except ValueError as error:  # a zero byte, or a character that the file system cannot write
         raise OSError(errno.EINVAL, "no file can have this name", str(path)) from error
     mode = os.fstat(descriptor).st_mode

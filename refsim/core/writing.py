@@ -69,7 +69,7 @@ def remove_stale_temporaries(path: Path) -> None:
 def _is_written(temporary: str) -> bool:
     """Whether another process, whose number is in the name, still writes the temporary file."""
     number = re.search(r"\.(\d+)\.(?:old\.)?tmp$", temporary)
-    if number is None or int(number[1]) == os.getpid() or os.name != "posix":
+    if number is None or int(number[1]) == os.getpid():
         return False
     try:
         os.kill(int(number[1]), 0)
@@ -115,10 +115,9 @@ def write_all(file: Any, data: bytes | bytearray | memoryview) -> None:
 
 
 def sync_folder(folder: Path) -> None:
-    """Put the names in `folder` on the disk, where the system can do that."""
-    if os.name == "posix":
-        descriptor = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)
+    """Put the names in `folder` on the disk."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

@@ -21,6 +21,7 @@ from refsim.core.checked import suggestion
 from refsim.core.effect import Effect, Extremes, Pass
 from refsim.core.errors import InputError, RunStopped
 from refsim.core.tables import Shown
+from refsim.engine import stepping
 from refsim.engine.audit import Auditor
 from refsim.engine.balance import Balances
 from refsim.engine.binding import bound, fused
@@ -29,13 +30,6 @@ from refsim.engine.gauges import Gauges
 from refsim.engine.motions import Motions
 from refsim.engine.neighbour_lists import NeighbourLists
 from refsim.engine.sorting import ParticleOrder
-from refsim.engine.stepping import (
-    DeviceStepper,
-    HostStepper,
-    check_extremes,
-    most_dense,
-    step_limits,
-)
 from refsim.engine.timings import Timings
 from refsim.gauges import GaugeSeries
 from refsim.io.checkpoint import Checkpoint, write_checkpoint
@@ -93,7 +87,7 @@ class Simulation(Shown):
         self.time, self.steps, self.previous_length = 0.0, 0, 0.0
         self.first_length: float | None = None
         self.last: StepResult | None = None
-        self.limits = step_limits(self.plan)
+        self.limits = stepping.step_limits(self.plan)
         speeds = (effect.greatest_speed(grid) for effect in having(self.plan.effects, LimitsSpeed))
         self.greatest_speed = min(speeds, default=math.inf)
         self._watching: list[Any] = [effect for effect in having(self.plan.effects, Watches) if effect.watched]
@@ -120,7 +114,7 @@ class Simulation(Shown):
         if self.backend.name == "cpu":
             self._compile_ahead(compiling or (lambda kernels, processes: lambda: None))
         self._bind()
-        self.stepper = (DeviceStepper if self.backend.name == "cuda" else HostStepper)(self)
+        self.stepper = (stepping.DeviceStepper if self.backend.name == "cuda" else stepping.HostStepper)(self)
         self.start()
 
     def _placed(self, values: Mapping[str, Any]) -> dict[str, Any]:
@@ -286,7 +280,7 @@ class Simulation(Shown):
 
     def _note_density(self, dense: int) -> None:
         """Add a note to the run where more particles than may be are above the first bound of the liquid's density."""
-        if dense > most_dense(self) and LIQUID not in self.remarks:
+        if dense > stepping.most_dense(self) and LIQUID not in self.remarks:
             words = f"{LIQUID}: from step {self.steps} on, at {self.time:.6g} s, {dense} of {self.count} particles"
             bound = f"more than {100 * CROWD:g} %, are denser than {DENSE:g} times the rest density"
             self.remark(LIQUID, f"{words}, {bound}: take a larger sound_speed, or a shorter step with iisph")
@@ -419,7 +413,7 @@ class Simulation(Shown):
         self.timings.run("sph.extremes", self.extremes_call)
         speed2, force2, broken, *others = (float(x) for x in self.backend.host(self.extremes))
         extremes = Extremes(math.sqrt(speed2), math.sqrt(force2), *others)
-        check_extremes(self, int(broken), extremes)
+        stepping.check_extremes(self, int(broken), extremes)
         return extremes
 
     # Stopping and going on

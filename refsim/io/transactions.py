@@ -15,6 +15,7 @@ that an append hashes only what it changes. The head changes in the same transac
 
 import errno
 import hashlib
+import io
 import os
 import re
 import struct
@@ -22,7 +23,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from io import BufferedReader, FileIO
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from refsim.core.errors import InputError
 from refsim.core.locks import unlock
@@ -105,7 +106,7 @@ def check_path(path: Path) -> None:
 JOURNAL_MAGIC = b"refsimJ1"
 
 
-class Staged:
+class Staged(io.RawIOBase):
     """A file for h5py to work on: reads see the file below, writes stay in memory, page by page, until `commit`."""
 
     def __init__(self, file: FileIO | None) -> None:
@@ -119,24 +120,13 @@ class Staged:
         self._position = {os.SEEK_SET: 0, os.SEEK_CUR: self._position, os.SEEK_END: self._size}[whence] + offset
         return self._position
 
-    def tell(self) -> int:
-        return self._position
-
-    def flush(self) -> None:
-        pass
-
-    def truncate(self, size: int) -> int:
+    def truncate(self, size: int | None = None) -> int:
+        assert size is not None  # HDF5 names it
         self._size = size
         self._pages = {number: page for number, page in self._pages.items() if number * PAGE < size}
         return size
 
-    def read(self, size: int) -> bytes:
-        """Not used: h5py takes an object with `read` for a file, and reads with `readinto`."""
-        data = bytearray(size)
-        self.readinto(memoryview(data))
-        return bytes(data)
-
-    def readinto(self, buffer: memoryview) -> int:
+    def readinto(self, buffer: Any) -> int:
         view = memoryview(buffer).cast("B")
         for number, inside, place in self._parts(len(view)):
             page = self._pages.get(number) or self._page_below(number)
@@ -144,7 +134,7 @@ class Staged:
         self._position += len(view)
         return len(view)
 
-    def write(self, data: memoryview) -> int:
+    def write(self, data: Any) -> int:
         view = memoryview(data).cast("B")
         for number, inside, place in self._parts(len(view)):
             if number not in self._pages:

@@ -16,20 +16,10 @@ from refsim.core.versions import versions
 from refsim.engine.simulation import Simulation
 from refsim.scene.plan import make_plan
 from refsim.scene.scene import Scene
+from refsim.study import runs
 from refsim.study.memory import bytes_of
 from refsim.study.observables import Observable, digest_of, observable_of
-from refsim.study.runs import (
-    REPEATS,
-    Reading,
-    Setting,
-    keep,
-    kept,
-    kept_or_made,
-    key_of,
-    measure,
-    scene_digest,
-    source_digest,
-)
+from refsim.study.runs import Reading, Setting, source_digest
 
 MANY = 10_000  # runs of one call, above which results lie in 256 folders: file systems are slow with a million in one
 RUNNING = "running"  # folder of the checkpoints of runs under way, below that of the results
@@ -85,7 +75,7 @@ def task_of(
 
 def _read(scene: Scene, observable: str) -> str:
     """Digest of the scene's files and of the observable's."""
-    return f"{scene_digest(scene).hexdigest()} {digest_of(observable)}"
+    return f"{runs.scene_digest(scene).hexdigest()} {digest_of(observable)}"
 
 
 def whole_name(observable: str) -> str:
@@ -118,11 +108,11 @@ def compute(report: Report, work: Work) -> Reading:
             observable = observable_of(work.observable, make_plan(scene))
         except InputError as error:
             return Reading(float("nan"), 0.0, 0.0, 0, 0, 0, 0.0, failed=str(error))
-        repeats = REPEATS if work.timed else 1
-        return measure(work.setting, observable, work.reaches, work.threads, progress, repeats, place, work.every)
+        repeats = runs.REPEATS if work.timed else 1
+        return runs.measure(work.setting, observable, work.reaches, work.threads, progress, repeats, place, work.every)
 
     read = partial(_read, scene, work.observable)
-    reading = kept_or_made(folder, work.key, work.setting, made, read, work.read)
+    reading = runs.kept_or_made(folder, work.key, work.setting, made, read, work.read)
     shutil.rmtree(place, ignore_errors=True)
     return reading
 
@@ -142,7 +132,7 @@ class Batch:
         timed: bool = False, every: float = 60.0,
     ) -> None:  # fmt: skip
         self.folder, self.notes = folder, notes
-        self.keys = [key_of(setting, observable, reaches, threads, where) for setting in settings]
+        self.keys = [runs.key_of(setting, observable, reaches, threads, where) for setting in settings]
         self.readings = {key: reading for key in self.keys if (reading := self.kept(key)) is not None}
         self.tasks = [
             task_of(key, setting, name, reaches, threads, self.place(key), timed, every)
@@ -157,8 +147,8 @@ class Batch:
 
     def kept(self, key: str) -> Reading | None:
         """The reading on file, also where another call kept it that had fewer runs."""
-        found = kept(self.folder, key, self.notes)
-        return kept(self.place(key), key, self.notes) if found is None and len(self.keys) > MANY else found
+        found = runs.kept(self.folder, key, self.notes)
+        return runs.kept(self.place(key), key, self.notes) if found is None and len(self.keys) > MANY else found
 
     def perform(self, **how: Any) -> Generator[tuple[Outcome, Reading | None], None, None]:
         """Perform the tasks (`refsim.cluster.perform`); each outcome with its reading, None where there is none."""
@@ -168,7 +158,7 @@ class Batch:
                 reading = self.kept(key)  # also where another process has computed it meanwhile
                 if reading is None and outcome.error is None:  # the worker's folder is another one
                     reading = outcome.value
-                    keep(self.place(key), key, outcome.task.arguments[0].setting, reading)
+                    runs.keep(self.place(key), key, outcome.task.arguments[0].setting, reading)
                 if reading is not None:
                     self.readings[key] = reading
                 yield outcome, reading

@@ -260,7 +260,7 @@ def sweep(
         _writable(place)
         tidy(place)
     with (
-        Progress(batch.tasks, bar, say) as progress,
+        closing(Progress(batch.tasks, bar, say)) as progress,
         closing(batch.perform(jobs=jobs, scheduler=scheduler, watch=progress.watch, say=say)) as outcomes,
     ):
         for outcome, reading in outcomes:

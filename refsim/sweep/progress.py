@@ -2,8 +2,6 @@
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from types import TracebackType
-from typing import Any
 
 from refsim.cluster.tasks import Outcome, Task
 from refsim.core.tables import in_time
@@ -23,28 +21,19 @@ class Progress:
         self.total, self.say = sum(self.weights.values()), say
         self.done = self.count = 0.0
         self.task_seconds, self.workers, self.began = 0.0, 0, time.perf_counter()
-        self.bar: Any = None
-        if shown and tasks:
-            self.bar = bar_of(
-                total=1.0, bar_format="{percentage:3.0f}%|{bar}| {elapsed} gone, {remaining} left{postfix}"
-            )
+        form = "{percentage:3.0f}%|{bar}| {elapsed} gone, {remaining} left{postfix}"
+        self.bar = bar_of(total=1.0, bar_format=form, disable=not (shown and tasks))
 
-    def __enter__(self) -> "Progress":
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if self.bar is not None:
-            self.bar.close()
+    def close(self) -> None:
+        """Close the bar."""
+        self.bar.close()
 
     def watch(self, shares: Mapping[str, float], workers: int) -> None:
         """The shares done of tasks under way."""
         self.workers = max(self.workers, workers)
-        if self.bar is not None:
-            share = (self.done + sum(self.weights[key] * s for key, s in shares.items())) / self.total
-            self.bar.set_postfix_str(f"{workers} workers, {in_time(self.task_seconds)} of theirs so far", refresh=False)
-            self.bar.update(max(share - self.bar.n, 0.0))
+        share = (self.done + sum(self.weights[key] * s for key, s in shares.items())) / self.total
+        self.bar.set_postfix_str(f"{workers} workers, {in_time(self.task_seconds)} of theirs so far", refresh=False)
+        self.bar.update(max(share - self.bar.n, 0.0))
 
     def ended(self, outcome: Outcome) -> None:
         """A task has ended."""

@@ -72,7 +72,7 @@ class About(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     bars: dict[str, tuple[float, str]] = {}
 
 
-class Point(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class Point(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """One setting, measured.
 
     key, words      name within the panel, and the setting in words
@@ -200,12 +200,5 @@ def parse(text: str) -> Panel:
 def as_text(panel: Panel) -> str:
     """The panel as its file: one point a line, without what is at its default."""
     head = {"schema": SCHEMA, "name": panel.name, "places": msgspec.to_builtins(panel.places)}
-    optional = Point.__struct_fields__[-len(Point.__struct_defaults__) :]
-    given = [getattr(default, "factory", lambda default=default: default)() for default in Point.__struct_defaults__]
-    usual = dict(zip(optional, map(msgspec.to_builtins, given)))
-    lines = []
-    for point in panel.points.values():
-        plain = msgspec.to_builtins(point)
-        unusual = {n: v for n, v in plain.items() if n not in usual or v != usual[n]}
-        lines.append(json.dumps(unusual, allow_nan=False))
+    lines = [json.dumps(msgspec.to_builtins(point), allow_nan=False) for point in panel.points.values()]
     return json.dumps(head)[:-1] + ', "points": [\n' + ",\n".join(lines) + "\n]}\n"
