@@ -56,8 +56,8 @@ def execute(options: argparse.Namespace) -> CommandResult:
         "repairs": list(mesh.notes), "notes": list(made.notes),
     }  # fmt: skip
     rows = [
-        ("mesh", f"{len(mesh.faces):,} triangles, {_lengths(mesh.extent)} m, area {mesh.area:.4g} m^2, volume"
-                 f" {mesh.volume:.4g} m^3"),
+        ("mesh", f"{len(mesh.faces):,} triangles, {' x '.join(f'{x:.4g}' for x in mesh.extent)} m, area"
+                 f" {mesh.area:.4g} m^2, volume {mesh.volume:.4g} m^3"),
         ("particles", f"{len(made.position):,}; g A/(pi r^2) = {made.expected:,.1f}"),
         ("spacing", f"{mean:.4g} m on average, least {data['least_over_mean_spacing']:.3f} of it, variation"
                     f" {data['spacing_variation']:.3f}"),
@@ -76,7 +76,3 @@ def nearest_distances(position: np.ndarray) -> np.ndarray:
 
     distance, _ = cKDTree(position).query(position, k=2)
     return np.asarray(distance)[:, 1]
-
-
-def _lengths(extent: np.ndarray) -> str:
-    return " x ".join(f"{x:.4g}" for x in extent)

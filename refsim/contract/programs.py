@@ -187,7 +187,7 @@ def load(source: str) -> Programs:
     except (InputError, KeyboardInterrupt):
         raise
     except BaseException as error:  # a module may raise whatever it likes, SystemExit too
-        if isinstance(error, ModuleNotFoundError) and not entries and (error.name or "") in _parents(place):
+        if isinstance(error, ModuleNotFoundError) and not entries and f"{place}.".startswith(f"{error.name}."):
             hint = "give a file (folder/file.py), a module that Python can import, or an entry point's name"
             raise InputError(f"There is no module {place!r} and no such entry point of {GROUP}; {hint}.") from None
         raise InputError(f"{source} cannot be imported: {told(error)}.") from None
@@ -227,11 +227,6 @@ def _from_file(path: Path) -> Any:
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
-
-
-def _parents(module: str) -> set[str]:
-    parts = module.split(".")
-    return {".".join(parts[: k + 1]) for k in range(len(parts))}
 
 
 def _operation(name: str, owner: str) -> Operation:

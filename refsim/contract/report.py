@@ -67,7 +67,8 @@ def text(data: Mapping[str, Any], found: Found) -> str:
     rows = []
     for name, o in operations.items():
         cells = [_share(o["steps"].get(step)) for step in used]
-        rows.append((name, *cells, _error(o["largest_error"]), verdict(o)))
+        largest = f"{o['largest_error']:.3g}" if math.isfinite(o["largest_error"]) else "no number"
+        rows.append((name, *cells, largest, verdict(o)))
     lines = [f"{data['programs']}, arrays of {data['arrays']}: trials passed, by step of the ladder", ""]
     lines.append(table(rows, ("operation", *used, "largest error", "verdict"), tuple(range(1, len(used) + 2))))
     for name, outcomes in found.items():
@@ -75,8 +76,8 @@ def text(data: Mapping[str, Any], found: Found) -> str:
     for name, o in operations.items():
         if o["gaps"]:
             lines += ["", f"{name} is declared, and not judged: {', '.join(o['gaps'])}."]
-    reasons = _reasons(operations)
-    if reasons:
+    counts = sum((collections.Counter(o["not_judged"]) for o in operations.values()), collections.Counter[str]())
+    if reasons := ", ".join(f"{reason} ({count})" for reason, count in counts.items()):
         lines += ["", f"Not judged, as declared (trials or whole variants): {reasons}."]
     trials, bad = (sum(o[key] for o in operations.values()) for key in ("trials", "failed"))
     holding = sum(o["holds"] for o in operations.values())
@@ -125,17 +126,6 @@ def _told(alike: Sequence[Outcome]) -> str:
 
 def _share(counts: Mapping[str, int] | None) -> str:
     return "-" if counts is None else f"{counts['trials'] - counts['failed']}/{counts['trials']}"
-
-
-def _error(error: float) -> str:
-    return f"{error:.3g}" if math.isfinite(error) else "no number"
-
-
-def _reasons(operations: Mapping[str, Any]) -> str:
-    counts: collections.Counter[str] = collections.Counter()
-    for o in operations.values():
-        counts.update(o["not_judged"])
-    return ", ".join(f"{reason} ({count})" for reason, count in counts.items())
 
 
 def junit(data: Mapping[str, Any], found: Found) -> bytes:

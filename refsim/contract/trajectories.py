@@ -84,8 +84,9 @@ def _listed(folder: Path) -> dict[str, float]:
 
 def _npz(path: Path) -> Snapshot:
     try:
-        if _is_pysph(path):
-            return _pysph(path)
+        with zipfile.ZipFile(path) as archive:
+            if {"particles.npy", "solver_data.npy"} <= set(archive.namelist()):
+                return _pysph(path, archive)
         with np.load(path, allow_pickle=False) as arrays:
             given = {name: np.array(arrays[name], dtype=float) for name in arrays.files if name in _NAMES}
     except (OSError, ValueError, KeyError, zipfile.BadZipFile, pickle.UnpicklingError) as error:
@@ -111,15 +112,9 @@ class _Plain(pickle.Unpickler):
         raise pickle.UnpicklingError(f"it holds {module}.{name}, which is no plain data")
 
 
-def _is_pysph(path: Path) -> bool:
-    with zipfile.ZipFile(path) as archive:
-        return {"particles.npy", "solver_data.npy"} <= set(archive.namelist())
-
-
-def _pysph(path: Path) -> Snapshot:
+def _pysph(path: Path, archive: zipfile.ZipFile) -> Snapshot:
     """The particle array "fluid", or the only one."""
-    with zipfile.ZipFile(path) as archive:
-        particles, solver = (_object(archive, name) for name in ("particles.npy", "solver_data.npy"))
+    particles, solver = (_object(archive, name) for name in ("particles.npy", "solver_data.npy"))
     name = "fluid" if "fluid" in particles else next(iter(particles))
     arrays = {key: np.asarray(values, dtype=float) for key, values in particles[name]["arrays"].items()}
     given = {"position": _columns(arrays, "xyz"), "velocity": _columns(arrays, "uvw"), "mass": arrays["m"]}

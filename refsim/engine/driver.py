@@ -238,8 +238,12 @@ class _Run:
             raise
 
     def go(self, progress: Callable[[Simulation], None] | None, asked_to_stop: Callable[[], bool]) -> None:
-        simulation = self.simulation
-        self._log_begin()
+        simulation, grid = self.simulation, self.simulation.plan.grid
+        log().info(
+            "%s: %d particles in %dD, %s, backend %s, from %.6g to %.6g s", simulation.plan.scene.name,
+            simulation.count, grid.dim, grid.dtype, simulation.backend.name, simulation.time, self.until,
+        )  # fmt: skip
+        self._log_notes()
         if progress is not None:
             progress(simulation)
         clock = time.perf_counter()
@@ -276,15 +280,6 @@ class _Run:
             if self.writer.last_time is None or simulation.time > self.writer.last_time:
                 self._frame()
             self._checkpoint()
-
-    def _log_begin(self) -> None:
-        simulation, grid = self.simulation, self.simulation.plan.grid
-        log().info(
-            "%s: %d particles in %dD, %s, backend %s, from %.6g to %.6g s",
-            simulation.plan.scene.name, simulation.count, grid.dim, grid.dtype, simulation.backend.name,
-            simulation.time, self.until,
-        )  # fmt: skip
-        self._log_notes()
 
     def _log_notes(self) -> None:
         for note in self.simulation.notes[self.logged :]:

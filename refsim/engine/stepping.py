@@ -185,7 +185,9 @@ class DeviceStepper:
         choice = [name for name, _ in self.calls].index("choose_step")
         self.known = False  # whether the forces of the next step are launched
         self.hosted = {name for e in s.plan.effects.values() for name in e.host_passes} if whole else set()
-        apart = self.hosted or s.plan.begin or s.motions or s.order.attends or self._forces_change_state()
+        written = {name for _, p in s.force_passes for name in p.written}
+        kept = any(f.state for name, f in s.plan.fields.items() if name in written)  # what outlives a step changes
+        apart = self.hosted or s.plan.begin or s.motions or s.order.attends or kept
         self.foresees = whole and not apart
         self.recorded, self.forces, self.motion = (
             device.Recorded(partial(self._launch, part), whole)
@@ -217,11 +219,6 @@ class DeviceStepper:
             if version is not None and version != self.version:
                 self.version = version
                 self.parts[k + 1 :] = self._parts()[k + 1 :]
-
-    def _forces_change_state(self) -> bool:
-        """Whether a pass before the choice of the step changes what outlives the step."""
-        s = self.simulation
-        return any(s.plan.fields[name].state for _, p in s.force_passes for name in p.written if name in s.plan.fields)
 
     def watched(self, name: str) -> np.ndarray:
         """A watched field after the step, which sent it with the clock."""

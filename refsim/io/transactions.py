@@ -194,7 +194,9 @@ class Staged(io.RawIOBase):
                 self._file.seek(self._base)
                 write_all(self._file, tail)
                 os.fsync(self._file.fileno())
-            write_all(journal, _journal_entry(self._size, pages))
+            body = struct.pack("<QQ", self._size, len(pages))
+            body += b"".join(struct.pack("<QQ", offset, len(page)) + page for offset, page in pages)
+            write_all(journal, JOURNAL_MAGIC + body + hashlib.sha256(body).digest())
             os.fsync(journal.fileno())
         except OSError:
             with suppress(OSError):
@@ -248,13 +250,6 @@ def _lock(journal: Path) -> "FileLock":
         if error.errno not in (errno.ENOLCK, errno.ENOTSUP):  # a file system without locks
             raise
     return lock
-
-
-def _journal_entry(size: int, pages: list[tuple[int, bytes]]) -> bytes:
-    body = struct.pack("<QQ", size, len(pages)) + b"".join(
-        struct.pack("<QQ", offset, len(page)) + page for offset, page in pages
-    )
-    return JOURNAL_MAGIC + body + hashlib.sha256(body).digest()
 
 
 def _journalled(journal: FileIO) -> tuple[int, dict[int, bytes]]:

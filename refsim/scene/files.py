@@ -317,15 +317,11 @@ def struct_of(
         raise InputError(f"{source}: {at}the key {missing[0]!r}{words} is missing; add it.")
     made = {}
     for name, value in values.items():
-        made[name] = value if name in ready else _value(value, fields[name].type, source, f"{at}{name}")
+        try:
+            made[name] = value if name in ready else msgspec.convert(value, fields[name].type)
+        except (msgspec.ValidationError, OverflowError) as error:
+            raise InputError(f"{source}: {at}{name}{why(error, value, fields[name].type)}") from None
     return owner(**made)
-
-
-def _value(value: Any, kind: Any, source: str, place: str) -> Any:
-    try:
-        return msgspec.convert(value, kind)
-    except (msgspec.ValidationError, OverflowError) as error:
-        raise InputError(f"{source}: {place}{why(error, value, kind)}") from None
 
 
 # Writing

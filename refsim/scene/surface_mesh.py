@@ -300,7 +300,8 @@ def _welded(vertices: np.ndarray, faces: np.ndarray, size: float, notes: list[st
     best = None
     for power in range(-11, round(np.log10(WIDEST_GAP)) + 1) if least else ():
         group = np.arange(len(vertices))
-        group[at] = at[_first_of(joined(vertices[at], 10.0**power * size))]
+        _, first, place = np.unique(joined(vertices[at], 10.0**power * size), return_index=True, return_inverse=True)
+        group[at] = at[first[place]]
         new = group[faces]
         if (new == np.roll(new, 1, axis=1)).any():
             break
@@ -319,12 +320,6 @@ def _welded(vertices: np.ndarray, faces: np.ndarray, size: float, notes: list[st
     )
     used, new = np.unique(best[faces], return_inverse=True)
     return middle[used], _once(new.reshape(-1, 3), notes)
-
-
-def _first_of(group: np.ndarray) -> np.ndarray:
-    """(n,) index of the first member of each member's group (n,)."""
-    _, first, place = np.unique(group, return_index=True, return_inverse=True)
-    return first[place]
 
 
 def _wound_alike(vertices: np.ndarray, faces: np.ndarray, name: str, notes: list[str]) -> np.ndarray:

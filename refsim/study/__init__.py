@@ -23,7 +23,7 @@ from refsim.scene.plan import Plan, make_plan
 from refsim.scene.refine import RATIO, notes, refined, spaced
 from refsim.scene.scene import Scene
 from refsim.study import cost
-from refsim.study.convergence import Convergence, converge
+from refsim.study.convergence import converge
 from refsim.study.methods import others
 from refsim.study.observables import Observable, observable_of
 from refsim.study.result import Reference, Study
@@ -108,12 +108,13 @@ def study(
                 " read them; give folder, and FILE.py:function for a function of your own."
             )
         runs = _elsewhere(settings, observable, found, reaches, threads or 1, place, scheduler, say, remarks)
+    worked = [(s.scene.spacing, r.value) for s, r in runs if s.kind == "spacing" and not r.failed]
     return Study(
         scene=scene,
         observable=found.name if reaches is None else f"time({found.name} = {reaches:g})",
         unit=found.unit if reaches is None else "s",
         runs=tuple(runs),
-        convergence=_convergence(runs, 0.0 if reference is None else reference.scale),
+        convergence=replace(converge(*zip(*worked)), scale=reference.scale if reference else 0.0) if worked else None,
         error=error,
         notes=(*notes(scene, factors), *remarks),
         machine=machine() if scheduler is None else f"workers of {scheduler}, {threads or 1} threads",
@@ -195,12 +196,6 @@ def _without(scene: Scene, backend: str, left_out: list[str]) -> list[Setting]:
             continue
         made.append(Setting("effect", f"without {effect.name}", 1.0, less, backend))
     return made
-
-
-def _convergence(runs: Sequence[tuple[Setting, Reading]], scale: float) -> Convergence | None:
-    """Of the runs at several spacings; None where none of them gave a value."""
-    worked = [(s.scene.spacing, r.value) for s, r in runs if s.kind == "spacing" and not r.failed]
-    return replace(converge(*zip(*worked)), scale=scale) if worked else None
 
 
 def _measured(

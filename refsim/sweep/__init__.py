@@ -249,7 +249,8 @@ def sweep(
     if scheduler is None or given.backend != "cuda":
         require_backend(given.backend)
     points = points_of(given, Path(path).parent, str(path))
-    name = _from_folder(given.observable, Path(path).parent)
+    file, _, function = given.observable.rpartition(":")  # the file stands relative to the sweep file
+    name = whole_name(f"{Path(path).parent / file}:{function}") if file.endswith(".py") else given.observable
     observable = observable_of(name, _first_plan(points))
     settings = [Setting("sweep", point.label, 1.0, point.scene, given.backend) for point in points]
     notes: list[str] = []
@@ -295,12 +296,6 @@ def _first_plan(points: list[Point]) -> Any:
         except InputError as error:
             first = error
     raise first
-
-
-def _from_folder(observable: str, folder: Path) -> str:
-    """The observable; the file of a function stands relative to the sweep file."""
-    path, _, function = observable.rpartition(":")
-    return whole_name(f"{folder / path}:{function}") if path.endswith(".py") else observable
 
 
 def _writable(folder: Path) -> None:

@@ -47,11 +47,10 @@ def kept(times: np.ndarray, values: list[Any]) -> float:
     return float(late.max()) if np.isfinite(late).all() else float("nan")
 
 
-def _mean_front(times: np.ndarray, values: list[Any]) -> float:
-    return float(np.interp(np.linspace(1.0, 3.0, 41), times / FALL, values).mean())
-
-
-@watched(lambda scene: FALL * np.linspace(0.95, 3.05, 43), _mean_front)
+@watched(
+    lambda scene: FALL * np.linspace(0.95, 3.05, 43),
+    lambda times, values: float(np.interp(np.linspace(1.0, 3.0, 41), times / FALL, values).mean()),
+)
 def front(simulation: Simulation) -> float:
     """Edge of the connected liquid over the column's width of 0.5 m; its mean from t sqrt(2g/L) = 1 to 3."""
     return observable_of("front", simulation.plan)(simulation) / 0.5
