@@ -80,29 +80,27 @@ def execute(options: argparse.Namespace) -> CommandResult:
         if issubclass(effect, HasErrata):  # what literal = "paper" takes
             taken = {"errata": list(effect.improvements), "parameters": dict(effect.paper)}
             effects[name]["paper"] = {"source": effect.source, **taken}
+    texts: dict[str, tuple[str, ...]] = {name: (name, o["paper"], o["equation"]) for name, o in operations.items()}
+    texts |= {name: (name,) for name in effects}
+
+    def has(word: str, name: str) -> bool:
+        return any(word.lower() in text.lower() for text in texts[name])
+
     for word in options.words:
-        if not any(_has(word, name, o["paper"], o["equation"]) for name, o in operations.items()) and not any(
-            _has(word, name) for name in effects
-        ):
+        if not any(has(word, name) for name in texts):
             known = [*EFFECTS, *dict.fromkeys(name.partition(".")[0] for name in REGISTRY), *REGISTRY]
             near = suggestion(word, known)
             hint = near if near.startswith("did you mean") else "`refsim list` shows what there is."
             raise InputError(f"no operation or effect has {word!r} in its name, paper or equation; {hint}")
     if options.words:
-        operations = {
-            name: o
-            for name, o in operations.items()
-            if any(_has(word, name, o["paper"], o["equation"]) for word in options.words)
-        }
-        effects = {name: e for name, e in effects.items() if any(_has(word, name) for word in options.words)}
+        operations, effects = (
+            {name: about for name, about in known.items() if any(has(word, name) for word in options.words)}
+            for known in (operations, effects)
+        )
     data = {"operations": operations, "effects": effects}
     if options.words or options.all:
         return CommandResult(data, "\n".join([*map(_operation, operations.items()), *map(_effect, effects.items())]))
     return CommandResult(data, _overview(operations, effects))
-
-
-def _has(word: str, *texts: str) -> bool:
-    return any(word.lower() in text.lower() for text in texts)
 
 
 def _overview(operations: dict[str, dict[str, Any]], effects: dict[str, dict[str, Any]]) -> str:

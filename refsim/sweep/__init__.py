@@ -11,7 +11,7 @@ import itertools
 import math
 import os
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -180,11 +180,13 @@ def points_of(given: Sweep, folder: Path, source: str) -> list[Point]:
     for name, values in given.grid.items():
         if not values:
             raise InputError(f"{source}: [grid] gives no value for {name!r}; give at least one.")
-    count = math.prod(len(values) for values in given.grid.values()) * max(len(given.points), 1)
-    if count * max(len(given.seeds), 1) > MOST_RUNS:
+    axes = given.grid | ({SEED: given.seeds} if given.seeds else {})
+    count = math.prod(map(len, axes.values())) * max(len(given.points), 1)
+    if count > MOST_RUNS:
         raise InputError(f"{source}: it has {count:,} runs; give at most {MOST_RUNS:,}.")
     points = []
-    for chosen in _combinations(given):
+    for listed, values in itertools.product(given.points or [{}], itertools.product(*axes.values())):
+        chosen = listed | dict(zip(axes, values))
         tables = copy.deepcopy(base)
         for name, value in chosen.items():
             if name == SEED:
@@ -196,29 +198,13 @@ def points_of(given: Sweep, folder: Path, source: str) -> list[Point]:
     return points
 
 
-def _combinations(given: Sweep) -> Iterator[dict[str, Any]]:
-    seeds = [{SEED: seed} for seed in given.seeds] or [{}]
-    for listed in given.points or [{}]:
-        for values in itertools.product(*given.grid.values()):
-            for seed in seeds:
-                yield listed | dict(zip(given.grid, values)) | seed
-
-
 def _seed(tables: Any, seed: int, source: str) -> None:
     """Set every `seed` of a scene."""
-
-    def parts(inside: Any) -> Iterator[dict[str, Any]]:
-        if isinstance(inside, dict) and SEED in inside:
-            yield inside
-        for value in inside.values() if isinstance(inside, dict) else inside:
-            if isinstance(value, dict | list):
-                yield from parts(value)
-
-    found = list(parts(tables))
+    found = [effect for effect in tables["effects"].values() if SEED in effect]
     if not found:
         raise InputError(f"{source}: no effect of the scene has a {SEED!r}, so seeds change nothing; leave them out.")
-    for part in found:
-        part[SEED] = seed
+    for effect in found:
+        effect[SEED] = seed
 
 
 def sweep(
