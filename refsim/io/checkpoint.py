@@ -20,7 +20,7 @@ import re
 import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from io import BufferedReader
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -79,10 +79,14 @@ def write_checkpoint(
     text = _attributes_text(path, attributes)
     content = in_hdf5(lambda file: _fill(file, checked, text))
     with writing("checkpoint", path, KEPT):
-        head = _Head(VERSION, _next_written_ns(path), len(content))
-        digest = head.digest()
+        before = -1
+        with suppress(Unreadable):
+            before = _written_ns(path)
+        now = max(time.time_ns(), before + 1)  # after the checkpoint that is there, even when the clock was set back
+        lines = f"{FORMAT}\nversion {VERSION}\nwritten_ns {now}\nbytes {len(content)}\n".encode()
+        digest = hashlib.sha256(lines)
         digest.update(content[BLOCK:])
-        content[:BLOCK] = replace(head, sha256=digest.hexdigest()).block()
+        content[:BLOCK] = (lines + f"sha256 {digest.hexdigest()}\n".encode()).ljust(BLOCK, b"\0")
         replace_file(path, content, put=lambda new: _put_in_place(new, path, keep))
 
 
@@ -187,30 +191,9 @@ def _fill(file: "h5py.File", arrays: Mapping[str, np.ndarray], text: str) -> Non
     file.create_dataset("attributes", data=text, dtype=h5py.string_dtype("utf-8", len(text)))
 
 
-@dataclass(frozen=True)
-class _Head:
-    """What stands in the block before HDF5's own bytes."""
-
-    version: int
-    written_ns: int
-    size: int
-    sha256: str = ""
-
-    def lines(self) -> bytes:
-        """Everything before the digest, which the digest covers too."""
-        return f"{FORMAT}\nversion {self.version}\nwritten_ns {self.written_ns}\nbytes {self.size}\n".encode()
-
-    def block(self) -> bytes:
-        return (self.lines() + f"sha256 {self.sha256}\n".encode()).ljust(BLOCK, b"\0")
-
-    def digest(self) -> "hashlib._Hash":
-        """SHA-256 of the lines, to which all that follows the block is added."""
-        return hashlib.sha256(self.lines())
-
-
 HEAD = re.compile(
-    rb"refsim checkpoint\nversion (\d{1,9})\nwritten_ns (\d{1,19})\nbytes (\d{1,19})\nsha256 ([0-9a-f]{64})\n"
-)
+    rb"(refsim checkpoint\nversion (\d{1,9})\nwritten_ns (\d{1,19})\nbytes (\d{1,19})\n)sha256 ([0-9a-f]{64})\n\0*"
+)  # the lines that the digest covers, too; version, clock, size; the digest
 
 
 def _put_in_place(temporary: Path, path: Path, keep: int) -> None:
@@ -272,9 +255,9 @@ def read_checkpoint(path: str | os.PathLike[str]) -> Checkpoint:
     with _opened(path) as file:
         head = _head(file)
         size = os.fstat(file.fileno()).st_size
-        if size != head.size:
-            raise Unreadable(path, f"is cut short or damaged (it has {size} of {head.size} bytes)")
-        if hashlib.file_digest(file, head.digest).hexdigest() != head.sha256:
+        if size != int(head[4]):
+            raise Unreadable(path, f"is cut short or damaged (it has {size} of {int(head[4])} bytes)")
+        if hashlib.file_digest(file, lambda: hashlib.sha256(head[1])).hexdigest() != head[5].decode():
             raise Unreadable(path, "is damaged (it does not match its digest)")
         try:
             with h5py.File(file, "r") as root:
@@ -300,8 +283,8 @@ def _opened(path: str | os.PathLike[str]) -> BufferedReader:
         raise Unreadable(path, f"cannot be read ({error.strerror})") from error
 
 
-def _head(file: BufferedReader) -> _Head:
-    """The block at the beginning of a file, which then stands behind it."""
+def _head(file: BufferedReader) -> re.Match[bytes]:
+    """The block at the beginning of a file, which then stands behind it, as `HEAD` divides it."""
     try:
         block = file.read(BLOCK)
     except OSError as error:
@@ -315,22 +298,13 @@ def _head(file: BufferedReader) -> _Head:
         )
     if found is None and block[: len(FORMAT)] != FORMAT.encode():
         raise Unreadable(file.name, "is not a checkpoint (it does not begin as one)")
-    head = None if found is None else _Head(int(found[1]), int(found[2]), int(found[3]), found[4].decode())
-    if head is not None and head.version != VERSION:
-        raise Unreadable(file.name, f"has format version {head.version}, and this refsim reads version {VERSION}")
-    if head is None or head.block() != block:
+    if found is not None and int(found[2]) != VERSION:
+        raise Unreadable(file.name, f"has format version {int(found[2])}, and this refsim reads version {VERSION}")
+    if found is None or found.end() != BLOCK:
         raise Unreadable(file.name, "is cut short or damaged (its first lines are not those of a checkpoint)")
-    return head
+    return found
 
 
 def _written_ns(path: Path) -> int:
     with _opened(path) as file:
-        return _head(file).written_ns
-
-
-def _next_written_ns(path: Path) -> int:
-    """The clock, but always after the checkpoint at `path`, even when the clock was set back."""
-    before = -1
-    with suppress(Unreadable):
-        before = _written_ns(path)
-    return max(time.time_ns(), before + 1)
+        return int(_head(file)[3])
