@@ -5,12 +5,11 @@ import html
 import io
 import math
 import os
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from refsim.core.tables import in_bytes, in_time, table
+from refsim.core.tables import html_table, in_bytes, in_time, table
 from refsim.core.writing import replace_file
 from refsim.scene.scene import Scene
 from refsim.study import methods
@@ -307,13 +306,10 @@ class Study:
         return ["", title, table(rows, head, right=range(1, len(head))), *failed]
 
     def cells(self) -> list[tuple[str, ...]]:
-        """The table as text, without its head (`HEAD`)."""
+        """The table of runs that gave a value, as text, without its head (`HEAD`)."""
         made = []
         for row in self.rows():
-            if row["what"] == "method":
-                continue
-            if row["failed"]:
-                made.append((row["what"], row["setting"], row["failed"], *[""] * 8))
+            if row["what"] == "method" or row["failed"]:
                 continue
             seconds = f"{row['seconds']:.3g}" + "*" * bool(row["unsettled"])
             cost = "-" if row["cost"] is None else f"{row['cost']:.2f}"
@@ -328,10 +324,13 @@ class Study:
 
     def text(self) -> str:
         """Table and answers for a terminal."""
-        whole = [cells for cells in self.cells() if cells[-1]]
-        failed = [f"{what}, {setting}: {why}" for what, setting, why, *rest in self.cells() if not rest[-1]]
-        lines = [table(whole, self.HEAD, right=range(2, len(self.HEAD))), *failed, *self.left_out, ""]
+        lines = [table(self.cells(), self.HEAD, right=range(2, len(self.HEAD))), *self._without(), ""]
         return "\n".join([*lines, *self.answers(), *self._methods()])
+
+    def _without(self) -> list[str]:
+        """Runs that failed, and what was left out, a line each."""
+        failed = [f"{s.kind}, {s.label}: {r.failed}" for s, r in self.runs if r.failed and s.kind != "method"]
+        return [*failed, *self.left_out]
 
     def data(self) -> dict[str, Any]:
         """Everything as plain values."""
@@ -373,16 +372,14 @@ class Study:
     def report(self, path: str | os.PathLike[str]) -> Path:
         """Write table, picture and answers as one self-contained HTML file; its path."""
         picture = base64.b64encode(self.png()).decode()
-        rows = "".join(_html_row(cells) for cells in self.cells())
-        answers = "".join(f"<li>{html.escape(line)}</li>" for line in (*self.answers(), *self.left_out))
-        head = "".join(f"<th>{name}</th>" for name in self.HEAD)
+        answers = "".join(f"<li>{html.escape(line)}</li>" for line in (*self.answers(), *self._without()))
         title = html.escape(f"{self.observable} of {self.scene.name}")
         how = html.escape(f"{self.command or 'refsim.study'}; {self.machine}")
         text = (
             f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">{PHONES}<title>{title}</title>'
             f"<style>{STYLE}</style></head><body><h1>{title}</h1><ul>{answers}</ul>"
             f'<div><img alt="value against spacing, error against time, cost and change of each setting"'
-            f' src="data:image/png;base64,{picture}"></div><div><table><tr>{head}</tr>{rows}</table></div>'
+            f' src="data:image/png;base64,{picture}"></div><div>{html_table("Runs", self.cells(), self.HEAD)}</div>'
             f"<pre>{html.escape(chr(10).join(self._methods()))}</pre><p>{how}</p></body></html>\n"
         )
         replace_file(Path(path), text.encode())
@@ -402,13 +399,6 @@ STYLE = (
     "table{border-collapse:collapse}th,td{padding:.2em .7em;text-align:right;border-bottom:1px solid #ccc}"
     "th:nth-child(-n+2),td:nth-child(-n+2){text-align:left}"
 )
-
-
-def _html_row(cells: Sequence[str]) -> str:
-    what, setting, *rest = map(html.escape, cells)
-    if not rest[-1]:
-        return f'<tr><td>{what}</td><td>{setting}</td><td colspan="9">{rest[0]}</td></tr>'
-    return "<tr>" + "".join(f"<td>{cell}</td>" for cell in (what, setting, *rest)) + "</tr>"
 
 
 def percent(share: float | None, signed: bool = False) -> str:
