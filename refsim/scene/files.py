@@ -34,8 +34,9 @@ SOLIDS: dict[str, type] = {
     "box": SolidBox, "ball": SolidBall, "torus": SolidTorus, "mesh": SolidMesh, "cells": SolidCells,
 }  # fmt: skip
 DEEPEST = 50  # levels of tables and lists; a scene has four
-LISTED: dict[str, type] = {"motion": Motion, "gauge": Gauge}  # what a scene lists, of one class
-PARTS = {"fluid": SHAPES, "solid": SOLIDS}  # what a scene lists, and the shapes that it can have
+LISTED: dict[str, Any] = {  # what a scene lists: its class, or the shapes that it can have
+    "fluid": SHAPES, "solid": SOLIDS, "motion": Motion, "gauge": Gauge,
+}  # fmt: skip
 
 
 def load_scene(path: str | os.PathLike[str]) -> Scene:
@@ -105,23 +106,18 @@ def scene_from_dict(tables: Mapping[str, Any], source: str, folder: pathlib.Path
     version = values.pop("version", VERSION)
     if type(version) is not int or version != VERSION:
         raise InputError(f"{source}: version = {version!r} is not known; this refsim reads version {VERSION}.")
-    for name, shapes in PARTS.items():
-        tables_here = _listed(name, values.get(name, []), source)
-        values[name] = tuple(_beside(_shaped(shapes, part, source, place), folder) for place, part in tables_here)
-    for name, owner in LISTED.items():
-        tables_here = _listed(name, values.get(name, []), source)
-        values[name] = tuple(struct_of(owner, part, source, place) for place, part in tables_here)
+    for name, kind in LISTED.items():
+        listed = _listed(name, values.get(name, []), source)
+        values[name] = tuple(_beside(_part(kind, part, source, place), folder) for place, part in listed)
     values["effects"] = tuple(_beside(effect, folder) for effect in _effects(values.get("effects", {}), source))
     if "energy_audit" in values:
         values["energy_audit"] = _table(EnergyAudit, values["energy_audit"], source, "[energy_audit]")
-    return struct_of(Scene, values, source, ready=(*PARTS, *LISTED, "effects", "energy_audit"))
+    return struct_of(Scene, values, source, ready=(*LISTED, "effects", "energy_audit"))
 
 
 def scene_to_dict(scene: Scene) -> dict[str, Any]:
     """The scene as nested tables of plain values; `scene_from_dict` gives the same scene back."""
-    tables = {name: value for name, value in _plain(scene).items() if name not in (*PARTS, *LISTED, "effects")}
-    for name in PARTS:
-        tables[name] = [_plain(part) for part in getattr(scene, name)]
+    tables = {name: value for name, value in _plain(scene).items() if name not in (*LISTED, "effects")}
     tables |= {name: [_plain(one) for one in getattr(scene, name)] for name in LISTED if getattr(scene, name)}
     tables["effects"] = {effect.name: _plain(effect) for effect in scene.effects}
     return tables
@@ -166,7 +162,7 @@ def _place(tables: Mapping[str, Any], name: str, source: str) -> tuple[Any, str]
 def scene_to_toml(scene: Scene) -> str:
     """The scene as TOML text, every value written out; numbers come back bit for bit."""
     tables = scene_to_dict(scene)
-    apart = {name: tables.pop(name) for name in ("energy_audit", *PARTS, *LISTED, "effects") if name in tables}
+    apart = {name: tables.pop(name) for name in ("energy_audit", *LISTED, "effects") if name in tables}
     headed: list[tuple[str, dict[str, Any]]] = []
     for name, inside in apart.items():
         if name == "effects":
@@ -214,7 +210,7 @@ def unit_of(description: str) -> str | None:
 def scene_schema(effects: Mapping[str, type[Effect]] = EFFECTS) -> dict[str, Any]:
     """JSON schema of scene files, with description and unit of every field (units also as "x-unit")."""
     effects = dict(sorted(effects.items()))
-    owners = [Scene, EnergyAudit, *LISTED.values(), *SHAPES.values(), *SOLIDS.values(), *effects.values()]
+    owners = [Scene, EnergyAudit, Motion, Gauge, *SHAPES.values(), *SOLIDS.values(), *effects.values()]
     _, definitions = msgspec.json.schema_components(owners, ref_template="#/$defs/{name}")
     for owner in owners:
         definition = definitions[owner.__name__]
@@ -240,7 +236,7 @@ def scene_schema(effects: Mapping[str, type[Effect]] = EFFECTS) -> dict[str, Any
     definitions["SolidCells"]["properties"]["cells"] |= {
         "type": "array", "items": {"type": "array", "items": {"type": "integer"}}
     }  # fmt: skip
-    for kind, shapes in PARTS.items():
+    for kind, shapes in (("fluid", SHAPES), ("solid", SOLIDS)):
         for shape in shapes.values():
             definitions[shape.__name__]["properties"]["shape"]["description"] = f"kind of this part of the {kind}"
     head = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "refsim scene"}
@@ -262,8 +258,10 @@ def _listed(kind: str, tables: Any, source: str) -> Iterator[tuple[str, dict[str
         yield place, dict(values)
 
 
-def _shaped(shapes: Mapping[str, type], values: dict[str, Any], source: str, place: str) -> Any:
-    """A part of the fluid or a solid."""
+def _part(shapes: Any, values: dict[str, Any], source: str, place: str) -> Any:
+    """A part of the fluid, a solid, or what is of one class."""
+    if isinstance(shapes, type):
+        return struct_of(shapes, values, source, place)
     shape = values.pop("shape", None)
     if shape is None:
         *some, last = (f'"{name}"' for name in shapes)
