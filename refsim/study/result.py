@@ -307,7 +307,7 @@ class Study:
 
     def cells(self) -> list[tuple[str, ...]]:
         """The table of runs that gave a value, as text, without its head (`HEAD`)."""
-        made = []
+        made: list[tuple[str, ...]] = []
         for row in self.rows():
             if row["what"] == "method" or row["failed"]:
                 continue
