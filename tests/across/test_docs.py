@@ -63,8 +63,6 @@ def test_links_lead_somewhere(page):
 
 
 # Nothing that can be switched on goes unexplained
-
-
 def words(paths):
     return "\n".join(path.read_text() for path in paths)
 
@@ -106,8 +104,6 @@ def test_what_the_errata_call_switchable_is():
 
 
 # Examples work
-
-
 def planned(example):
     """Evaluator of Sybil: a scene, or the effects of one, becomes a plan; a sweep has a grid."""
     text = example.parsed

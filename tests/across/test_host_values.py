@@ -80,8 +80,6 @@ def fields(**values):
 
 
 # Reports
-
-
 def test_reports_sum_mass_momenta_and_energies():
     place = [[0.3, 0.1, -0.4], [1.2, 0.8, 0.9]]
     velocity = [[1.0, -2.0, 0.5], [0.25, 3.0, -4.0]]
@@ -93,17 +91,14 @@ def test_reports_sum_mass_momenta_and_energies():
     plan = make_plan(made)
     simulation = rs.Simulation(plan, "numpy")
     for found in (stock(plan), stock(simulation)):
-        assert found["particles"] == 2
-        assert found["mass"] == 7.0
-        assert found["momentum"] == near([3.25, 11.0, -19.0])
+        assert (found["particles"], found["mass"], found["momentum"]) == (2, 7.0, near([3.25, 11.0, -19.0]))
         spins = [2 * (0.1 * 0.5 - 0.4 * 2), 2 * (-0.4 * 1 - 0.3 * 0.5), 2 * (-0.3 * 2 - 0.1)]
         others = [5 * (-0.8 * 4 - 0.9 * 3), 5 * (0.9 * 0.25 + 1.2 * 4), 5 * (1.2 * 3 - 0.8 * 0.25)]
         assert found["angular_momentum"] == near([a + b for a, b in zip(spins, others)])
         assert found["kinetic_energy"] == near(5.25 + 2.5 * 25.0625)
         assert found["greatest_speed"] == near(math.sqrt(25.0625))
         heights = [2 * (9 * -0.4 + 2 * 0.1 - 0.3), 5 * (9 * 0.9 + 2 * 0.8 - 1.2)]  # m g z, up is plus
-        assert found["potential_energy"] == near(sum(heights))
-        assert found["outside_walls"] == 0
+        assert (found["potential_energy"], found["outside_walls"]) == (near(sum(heights)), 0)
         assert "effects" not in found
     simulation.fields["position"][0, 1] = 2.5  # above the upper wall
     assert stock(simulation)["outside_walls"] == 1
@@ -119,8 +114,7 @@ def test_reports_leave_out_what_a_scene_has_not():
     found = stock(
         make_plan(rs.Scene(spacing=SPACING, support_radius=H, fluid=(rs.Box(cells=(2, 1, 1)),), effects=(LIQUID,)))
     )
-    assert found["outside_walls"] == 0
-    assert found["greatest_speed"] == 0.0
+    assert (found["outside_walls"], found["greatest_speed"]) == (0, 0.0)
     assert not {"potential_energy", "effects"} & set(found)
 
 
@@ -135,8 +129,6 @@ def test_reports_take_what_effects_keep_account_of():
 
 
 # Energies
-
-
 def energy_of_compression(exponent, stiffness, cohesion, clamped):
     """m int p/rho^2 drho, p as J(9) has it."""
     mass, rest = 2.0, 900.0
@@ -214,8 +206,7 @@ def test_energy_of_coupled_liquids_is_from_each_ones_density():
         rest = np.array([900.0, 1000.0])
         work = compression_energy([2.0, 3.0], [950.0, 1100.0], rest, rest * 169 / exponent, exponent)
         assert found.value == near(work.sum())
-        assert found.size - work.sum() == near(2.0**-52 * 5.0 * 169, 1e-2)
-        assert account.uncounted == ()
+        assert (found.size - work.sum(), account.uncounted) == (near(2.0**-52 * 5.0 * 169, 1e-2), ())
     words = rs.TwoWayCoupling(density_weighted=True).energy(grid(), named(LIQUID)).uncounted
     assert len(words) == 1
     assert "density-weighted" in words[0]
@@ -229,8 +220,7 @@ def test_energy_of_a_grid_liquid():
     account = liquid.energy(grid(), {})
     state = State(mass=[2.0, 3.0], volume_ratio=[0.9, 1.2], affine=[[1.0] * 9, [0.5] * 8 + [2.0]])
     assert account.parts["compression"](state).value == near(2500 / 900 * (2 * 0.01 + 3 * 0.04))
-    assert account.parts["affine"](state).value == near(0.09 / 8 * (2 * 9 + 3 * 6))
-    assert account.uncounted == ()
+    assert (account.parts["affine"](state).value, account.uncounted) == (near(0.09 / 8 * (2 * 9 + 3 * 6)), ())
     printed = rs.MpmLiquid(bulk_modulus=5000.0, literal=("M13",)).energy(grid(), {})
     assert printed.uncounted == ()
     assert "M27" in rs.MpmLiquid(bulk_modulus=5000.0, literal=("M13", "M27")).energy(grid(), {}).uncounted[0]
@@ -282,14 +272,10 @@ def test_energy_that_roundings_of_places_give_to_solids():
 
 
 # Step limits
-
-
 def test_steps_by_what_particles_do():
     seen = Extremes(speed=3.0, acceleration=8.0, rate=5.0)
-    assert StepLimit.constant(0.25).at(seen) == 0.25
-    assert StepLimit.crossing(2.0, 1.0).at(seen) == 0.5
-    assert StepLimit.falling(2.0).at(seen) == 0.5
-    assert StepLimit.exchanging(2.0).at(seen) == near(0.4)
+    assert (StepLimit.constant(0.25).at(seen), StepLimit.crossing(2.0, 1.0).at(seen)) == (0.25, 0.5)
+    assert (StepLimit.falling(2.0).at(seen), StepLimit.exchanging(2.0).at(seen)) == (0.5, near(0.4))
     assert StepLimit(2.0, 1.0, 2.0, 3.0, 4.0).at(seen) == near(2.0 / (1 + 6 + 12 + 20))
     still = Extremes(speed=0.0, acceleration=0.0)
     assert StepLimit.crossing(2.0).at(still) == math.inf
@@ -380,8 +366,7 @@ def test_steps_of_conduction():
     explicit = rs.HeatConduction(conductivity=2.0, heat_capacity=500.0, scheme="explicit", largest_number=7.0)
     found = explicit.step_limits(grid(), named(LIQUID))
     each = lattice_sum(explicit.conduction(grid()), grid())
-    assert found["exchange"].length == near(1.0)
-    assert found["exchange"].rate_share == 1.0
+    assert (found["exchange"].length, found["exchange"].rate_share) == (near(1.0), 1.0)
     assert found["conduction"].length == near(0.01 * 900 * 500 / 2.0 / each)
     for largest, number in ((7.0, 3.0), (2.0, 2.0)):
         legendre = rs.HeatConduction(
@@ -436,8 +421,6 @@ def test_steps_of_the_grid_liquids_surface():
 
 
 # Initial values
-
-
 def test_start_of_a_solid_is_its_rigid_motion():
     """v + omega x (x - x_c), the mass of its substance; about +z a point at +x moves to +y."""
     boxes = (
@@ -454,16 +437,13 @@ def test_start_of_a_solid_is_its_rigid_motion():
     x, v = state.position, state.velocity
     first, second = slice(0, 16), slice(16, 28)
     assert sorted({round(c, 9) for c in x[first, 0]}) == [0.05, 0.15, 0.25, 0.35]
-    assert v[first, 0] == near(-3.0 * (x[first, 1] - 0.1))
-    assert v[first, 1] == near(3.0 * (x[first, 0] - 0.2))
+    assert (v[first, 0], v[first, 1]) == (near(-3.0 * (x[first, 1] - 0.1)), near(3.0 * (x[first, 0] - 0.2)))
     assert not v[first, 2].any()
     away = x[second] - [1.15, 0.1, 0.1]
-    assert v[second, 0] == near(1.0 + away[:, 1])
-    assert v[second, 1] == near(2.0 - away[:, 0] - 2 * away[:, 2])
+    assert (v[second, 0], v[second, 1]) == (near(1.0 + away[:, 1]), near(2.0 - away[:, 0] - 2 * away[:, 2]))
     assert v[second, 2] == near(3.0 + 2 * away[:, 1])
     volume = 1 / LIQUID.rest_number_density(plan.grid)
-    assert state.mass[first] == near(500.0 * volume)
-    assert state.mass[second] == near(917.0 * volume)
+    assert (state.mass[first], state.mass[second]) == (near(500.0 * volume), near(917.0 * volume))
     assert state.values["rest_density"].tolist() == [500.0] * 16 + [917.0] * 12 + [900.0]
     assert state.values["phase"].tolist() == [1] * 28 + [0]
     assert (state.values["rotation"] == [1.0, 0.0, 0.0, 0.0]).all()
@@ -509,14 +489,12 @@ def test_start_of_round_bodies():
             for x in steps for y in steps for z in (steps if dim == 3 else [0.0])
             if x * x + y * y + z * z <= 0.0841
         }  # fmt: skip
-        assert {tuple(np.round(p, 9) + 0.0) for p in points} == wanted
-        assert len(points) == len(wanted)
+        assert ({tuple(np.round(p, 9) + 0.0) for p in points}, len(points)) == (wanted, len(wanted))
     for dim, words in ((2, "4e\\+10"), (3, "8e\\+15")):
         with pytest.raises(rs.InputError, match=words):
             rs.Ball(radius=1e4).positions(grid(dim))
     exact = rs.Ball(radius=0.5).positions(grid(2, spacing=1.0))
-    assert len(exact) == 0
-    assert len(rs.Ball(radius=5.0).positions(grid(2, spacing=2.0))) == 16
+    assert (len(exact), len(rs.Ball(radius=5.0).positions(grid(2, spacing=2.0)))) == (0, 16)
 
 
 def test_start_of_lattice_masses():
@@ -543,8 +521,7 @@ def test_start_of_lattice_masses():
 def test_start_of_the_grid_liquid():
     three = InitialState(np.zeros((3, 3)), np.zeros((3, 3)), np.ones(3), (3,))
     found = rs.MpmLiquid(bulk_modulus=1.0, initial_ratio=0.9).initial(grid(), three, {})
-    assert set(found) == {"volume_ratio", "step_extremes"}
-    assert found["volume_ratio"].tolist() == [0.9] * 3
+    assert (set(found), found["volume_ratio"].tolist()) == ({"volume_ratio", "step_extremes"}, [0.9] * 3)
     assert found["step_extremes"].tolist() == [0.9, 0.9, 0.0, 0.0]
     for dim in (2, 3):
         liquid = rs.MpmLiquid(bulk_modulus=1.0, initial_ratio=0.9, volume="gradient", literal=("M13",))
@@ -578,10 +555,8 @@ def test_start_of_heat():
     heat = rs.HeatConduction(temperature=(-10.0, 30.0), conductivity=0.5, heat_capacity=(2.0, 4.0), held=(1,))
     found = heat.initial(grid(count=4), four, {})
     assert found["temperature"].tolist() == [-10.0, 30.0, 30.0, 30.0]
-    assert found["heat_capacity"].tolist() == [2.0, 4.0, 4.0, 4.0]
-    assert found["conductivity"].tolist() == [0.5] * 4
-    assert found["reservoir"].tolist() == [0, 1, 1, 1]
-    assert found["volume"] == near([0.001] * 4)
+    assert (found["heat_capacity"].tolist(), found["conductivity"].tolist()) == ([2.0, 4.0, 4.0, 4.0], [0.5] * 4)
+    assert (found["reservoir"].tolist(), found["volume"]) == ([0, 1, 1, 1], near([0.001] * 4))
     spare = 0.1 * 40 + 4096 * 2.0**-52 * 30
     assert found["temperature_range"] == near([-10 - spare, 30 + spare], 1e-15)
     cold = rs.HeatConduction(temperature=(-30.0, 10.0), conductivity=0.5, scheme="single_pass")
@@ -611,8 +586,7 @@ def test_start_of_latent_heat():
             temperature=(-10.0, 30.0), heat_capacity=capacity, melting_point=(5.0, 7.0), latent_heat=50.0,
         )  # fmt: skip
         found = heat.initial(grid(count=4), four, {})
-        assert found["melting_point"].tolist() == [5.0, 7.0, 7.0, 7.0]
-        assert found["latent_heat"].tolist() == [50.0] * 4
+        assert (found["melting_point"].tolist(), found["latent_heat"].tolist()) == ([5.0, 7.0, 7.0, 7.0], [50.0] * 4)
         assert found["enthalpy"] == near([-15.0 * capacity[0], *[50 + 23 * 4.0] * 3])
         spare = 0.1 * 40 + 4096 * 2.0**-52 * 30
         assert found["temperature_range"] == near([-10 - spare, 30 + spare + 25 * (ratio - 1)], 1e-15)
@@ -643,8 +617,6 @@ def test_start_of_latent_heat():
 
 
 # Ledgers
-
-
 def test_ledgers_of_melting():
     """Number and mass of solid particles; the rest volume is the sum of m/rho."""
     field = fields(mass=[2.0, 3.0, 5.0], rest_density=[500.0, 500.0, 1000.0], phase=[1, 0, 2])
@@ -676,8 +648,6 @@ def test_ledgers_of_corrected_positions():
 
 
 # Parameter groups
-
-
 def test_groups_of_walls_on_the_grid():
     lower, upper = (1.0, 2.0, 3.0), (4.0, 5.0, 6.0)
     everything = rs.MpmWalls(lower=lower, upper=upper).domain(grid())
@@ -720,8 +690,6 @@ def test_groups_of_deformation_have_the_determinant_of_linear_algebra():
 
 
 # Verdicts
-
-
 def test_verdicts_on_speeds_and_accelerations():
     simulation = SimpleNamespace(
         steps=3, time=0.5, fields={}, greatest_speed=10.0, _host=lambda name: np.array([-20.0, 30.0]),
@@ -735,8 +703,7 @@ def test_verdicts_on_speeds_and_accelerations():
             return stop.reason
 
     assert reason() is None
-    assert reason(speed=10.0 * (1 + 1e-9)) == "diverged"
-    assert reason(broken=1) == "non_finite"
+    assert (reason(speed=10.0 * (1 + 1e-9)), reason(broken=1)) == ("diverged", "non_finite")
     assert reason(excess=1e-9) == "temperature_out_of_range"
     assert reason(dense=4000, crushed=4) is None  # a thousandth
     assert reason(dense=4000, crushed=5) == "compressed"
@@ -756,10 +723,8 @@ def test_verdicts_on_particles_of_a_grid_liquid():
         return found and found[0]
 
     assert reason(0.2, 3.0, 4.0, 0.0625) is None
-    assert reason(0.199, 3.0, 4.0, 0.0625) == "compressed"
-    assert reason(0.2, 3.001, 4.0, 0.0625) == "expanded"
-    assert reason(0.2, 3.0, 4.001, 0.0625) == "volume_jump"
-    assert reason(0.2, 3.0, 4.0, 0.0626) == "outrun"
+    assert (reason(0.199, 3.0, 4.0, 0.0625), reason(0.2, 3.001, 4.0, 0.0625)) == ("compressed", "expanded")
+    assert (reason(0.2, 3.0, 4.001, 0.0625), reason(0.2, 3.0, 4.0, 0.0626)) == ("volume_jump", "outrun")
     assert "0.502 cells" in liquid.verdict(grid(), {"step_extremes": np.array([1, 1, 0, 0.063])}, 0.125)[1]
     assert "0.75 of itself" in liquid.verdict(grid(), {"step_extremes": np.array([1, 1, 6, 0])}, 0.125)[1]
 
@@ -836,19 +801,16 @@ def test_verdicts_of_an_audit():
         return {"kinetic": (kinetic, size), "gravity": (gravity, 0.0)}
 
     found = audited(both(0.0, 10.0), both(3.0, 5.0), both(4.0, 6.0))
-    assert found.start == {"kinetic": 0.0, "gravity": 10.0}
-    assert found.now == {"kinetic": 4.0, "gravity": 6.0}
+    assert (found.start, found.now) == ({"kinetic": 0.0, "gravity": 10.0}, {"kinetic": 4.0, "gravity": 6.0})
     assert (found.lowest, found.turned_over, found.greatest_share) == (8.0, 8.0, 0.25)
     with pytest.raises(rs.RunStopped, match=r"stands 2 J above its lowest value, 0\.25 of the 8 J") as stop:
         audited(both(0.0, 10.0), both(3.0, 5.0), both(4.0, 6.0), bound=0.2499)
-    assert stop.value.reason == "energy_gained"
-    assert audited(both(0.0, 10.0), both(0.0, 10.0)).greatest_share == 0.0
+    assert (stop.value.reason, audited(both(0.0, 10.0), both(0.0, 10.0)).greatest_share) == ("energy_gained", 0.0)
     assert audited(both(0.0, 10.0), both(3.0, 5.0), both(3.0, 5.0)).greatest_share == 0.0
     tiny = audited(both(0.0, 10 / 64), both(3 / 64, 5 / 64), both(4 / 64, 6 / 64))
     assert (tiny.turned_over, tiny.greatest_share) == (8 / 64, 0.25)
     moving = audited(both(20.0, 10.0), both(16.0, 7.0))  # turned over: all that moves, and what else has changed
-    assert moving.turned_over == 20.0
-    assert audited(both(20.0, 10.0), both(18.0, 7.0)).turned_over == 21.0
+    assert (moving.turned_over, audited(both(20.0, 10.0), both(18.0, 7.0)).turned_over) == (20.0, 21.0)
     rounded = audited(both(0.0, 10.0), both(3.0, 5.0), both(4.0, 6.0, 2.0**48))
     assert rounded.greatest_share == near((2.0 - 4 * 2.0**-52 * 2.0**48) / 8.0)
     with pytest.raises(rs.RunStopped) as stop:

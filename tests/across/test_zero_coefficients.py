@@ -214,8 +214,7 @@ def test_the_plan_is_that_of_a_scene_without(name, k):
     assert started == (
         {"shape_matching.direct_neighbours", "shape_matching.classify"} if own and "phase" in own else set()
     )
-    assert set(with_it.fields) - set(without.fields) == set(own)
-    assert with_it.list_radius == without.list_radius
+    assert (set(with_it.fields) - set(without.fields), with_it.list_radius) == (set(own), without.list_radius)
     assert limits(with_it) == limits(without)
     assert (with_it.walls is None) == (without.walls is None)
     assert set(with_it.shared) - set(without.shared) <= {"lattice"}
@@ -229,8 +228,7 @@ def test_the_plan_is_that_of_a_scene_without(name, k):
         moved = sum(with_it.field_bytes()[n] for n in own if n in with_it.field_bytes() and with_it.fields[n].state)
         lists = moved * with_it.grid.count if backend == "cuda" and with_it.list_radius else 0  # spare arrays
         assert here["bytes"]["total"] == there["bytes"]["total"] + more + lists
-        assert here["step"]["limits"] == there["step"]["limits"]
-        assert here["not_counted"] == there["not_counted"]
+        assert (here["step"]["limits"], here["not_counted"]) == (there["step"]["limits"], there["not_counted"])
 
 
 @pytest.mark.parametrize("place", TERMS)

@@ -115,8 +115,7 @@ def edit(package, name, old, new):
 
 
 def test_edits_behind_a_kernel_are_seen_and_others_cost_nothing(tiny):
-    assert run(tiny) == (4, 1, 0)
-    assert run(tiny) == (4, 0, 1)
+    assert (run(tiny), run(tiny)) == ((4, 1, 0), (4, 0, 1))
     edit(tiny, "other.py", "1", "2")  # a file that the kernel has nothing to do with
     assert run(tiny) == (4, 0, 1)
     edit(tiny, "formulas.py", "x * type(x)(FACTOR)", "x - type(x)(FACTOR)")  # called through a second file
@@ -187,13 +186,10 @@ def test_the_process_that_compiles_computes_the_same_bits(tmp_path):
         subprocess.run(command, capture_output=True, text=True, env=environment, check=True).stdout.split()
         for _ in range(2)
     )
-    assert (compiled, loaded) == ("0", "1")
-    assert first == second
+    assert ((compiled, loaded), first) == (("0", "1"), second)
 
 
 # Damage
-
-
 def told(package, program=PROGRAM, kind="float32", **variables):
     """(exit code, standard output, standard error) of a process of its own that runs the kernel."""
     return launched(package, program, KIND=kind, LATE="0 0", **variables).ended()
@@ -233,16 +229,14 @@ def test_a_damaged_cache_is_dropped_and_compiled_anew(tiny, kind):
 def test_a_kill_between_code_and_index_leaves_no_index_of_other_code(tiny):
     assert run(tiny) == (4, 1, 0)
     cached(tiny, "nbi").unlink()
-    assert told(tiny, PROGRAM, "float64", DIES="1")[0] == 9
-    assert ended(started(tiny, "float64"))[0] == 4
+    assert (told(tiny, PROGRAM, "float64", DIES="1")[0], ended(started(tiny, "float64"))[0]) == (9, 4)
 
 
 def test_a_full_disk_costs_the_cache_and_not_the_run(tiny):
     resource = pytest.importorskip("resource")
     limited = f"import resource\nresource.setrlimit(resource.RLIMIT_FSIZE, (1000, {resource.RLIM_INFINITY}))\n"
     code, out, err = told(tiny, limited + PROGRAM)
-    assert (code, out) == (0, "4.0 0 0\n")
-    assert err.count("UserWarning") == 1
+    assert ((code, out), err.count("UserWarning")) == ((0, "4.0 0 0\n"), 1)
     assert "cannot be written (File too large); the next run compiles these kernels again." in err
 
 
@@ -268,8 +262,7 @@ def test_a_cache_that_its_group_can_write_to_is_not_used(tiny):
     for folder in (tiny.parent / "cache", cached(tiny, "nbi").parent.parent, cached(tiny, "nbi").parent):
         folder.chmod(0o770)
         code, out, err = told(tiny)
-        assert (code, out) == (0, "4.0 0 0\n")
-        assert err.count("UserWarning") == 1
+        assert ((code, out), err.count("UserWarning")) == ((0, "4.0 0 0\n"), 1)
         assert f"the compile cache {folder} is not used, because its group can write to it" in err
         folder.chmod(0o700)
     assert run(tiny) == (4, 0, 1)

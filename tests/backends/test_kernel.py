@@ -59,8 +59,7 @@ def test_loops_are_files_of_the_cache_folder_and_found_again(run):
     assert error == ["True", "True"], "a typing error does not point at the body"
     stamp = pathlib.Path(place).stat().st_mtime_ns
     _, hits, *_ = again()
-    assert int(hits) == 1
-    assert pathlib.Path(place).stat().st_mtime_ns == stamp
+    assert (int(hits), pathlib.Path(place).stat().st_mtime_ns) == (1, stamp)
 
 
 def test_lanes_are_an_option():

@@ -98,8 +98,7 @@ def test_float32_coordinates_far_from_the_origin_are_in_one_plane():
     vertices, faces = bricks([[0, 0, 0], [2, 2, 1]], [[0, 0, 1], [1, 1, 2]])
     moved = (vertices @ TURN.T + 40).astype(np.float32).astype(float)
     mesh = surface_mesh(*soup(moved, faces))
-    assert mesh.volume == pytest.approx(5.0, rel=1e-5)
-    assert mesh.area == pytest.approx(20.0, rel=1e-5)
+    assert (mesh.volume, mesh.area) == (pytest.approx(5.0, rel=1e-5), pytest.approx(20.0, rel=1e-5))
 
 
 def gaps(part):
@@ -112,8 +111,7 @@ def gaps(part):
 @pytest.mark.parametrize("part", [1e-10, 1e-8, 1e-6, 1e-4])
 def test_triangles_with_gaps_are_joined(part):
     mesh = surface_mesh(*gaps(part))
-    assert mesh.volume == pytest.approx(BALL.volume, rel=1e-9 + part)
-    assert len(mesh.vertices) == len(BALL.vertices)
+    assert (mesh.volume, len(mesh.vertices)) == (pytest.approx(BALL.volume, rel=1e-9 + part), len(BALL.vertices))
     distance, _ = signed_distance(mesh, 0.1).at(np.array([[0.0, 0, 0], [0, 0, 0.8], [0, 0, 1.2]]))
     assert distance == pytest.approx([-0.3, -0.2, 0.2], abs=0.01)
 
@@ -136,8 +134,7 @@ def test_a_flap_of_two_opposite_faces_cancels():
 
 def test_a_model_drawn_from_both_sides_is_taken_once():
     mesh = surface_mesh(BALL.vertices, np.vstack([BALL.faces, BALL.faces[:, ::-1]]))
-    assert mesh.notes == ("1280 duplicated faces left out",)
-    assert mesh.volume == pytest.approx(BALL.volume)
+    assert (mesh.notes, mesh.volume) == (("1280 duplicated faces left out",), pytest.approx(BALL.volume))
 
 
 def test_fins_are_left_out():
@@ -242,8 +239,7 @@ def wall_distance(points, kind):
 def test_a_wall_with_a_hole_is_open_in_the_hole_only(kind):
     mesh = surface_mesh(*wall_with_a_hole(kind))
     cut = 1 if kind != "doorway" else 2
-    assert mesh.volume == pytest.approx(0.2 * (9 - cut))
-    assert mesh.area == pytest.approx(2 * (9 - cut) + 16 * 0.2)
+    assert (mesh.volume, mesh.area) == (pytest.approx(0.2 * (9 - cut)), pytest.approx(2 * (9 - cut) + 16 * 0.2))
     assert "inside is where the winding number exceeds 1/2" in "".join(mesh.notes)
     place = np.random.default_rng(4).uniform(-0.4, 0.6 + np.array([2.8, 0.0, 2.8]), (4000, 3))
     known = wall_distance(place, kind)
@@ -345,5 +341,4 @@ def test_a_box_drawn_inside_out_and_one_with_a_flat_triangle_are_the_box():
     flat = np.concatenate([faces[1:], [[a, m, c], [m, b, c], [a, b, m]]])
     middle = np.vstack([vertices, 0.5 * (vertices[a] + vertices[b])])
     for mesh in (surface_mesh(vertices, faces[:, ::-1], "inside out"), surface_mesh(middle, flat, "flat triangle")):
-        assert len(mesh.notes) == 1
-        assert mesh.volume == pytest.approx(1.0, abs=1e-9)
+        assert (len(mesh.notes), mesh.volume) == (1, pytest.approx(1.0, abs=1e-9))

@@ -118,24 +118,19 @@ def test_memory_follows_the_surface():
 
 
 # Meshes that are repaired, with a note
-
-
 def test_a_wrong_winding_is_turned():
     faces = BOX.faces.copy()
     faces[2] = faces[2, ::-1]
     mesh = surface_mesh(BOX.vertices, faces)
-    assert mesh.notes[0] == "1 face wound as the neighbours are"
-    assert mesh.volume == pytest.approx(0.48)
+    assert (mesh.notes[0], mesh.volume) == ("1 face wound as the neighbours are", pytest.approx(0.48))
 
 
 def test_a_small_hole_is_filled_and_a_cavity_is_kept():
     mesh = surface_mesh(BOX.vertices, BOX.faces[1:])
-    assert mesh.notes == ("holes filled with 1 triangle",)
-    assert mesh.volume == pytest.approx(0.48)
+    assert (mesh.notes, mesh.volume) == (("holes filled with 1 triangle",), pytest.approx(0.48))
     inner = 0.5 * np.array(BOX.vertices)
     hollow = surface_mesh(np.concatenate([BOX.vertices, inner]), np.concatenate([BOX.faces, BOX.faces[:, ::-1] + 8]))
-    assert hollow.notes == ()
-    assert hollow.volume == pytest.approx(0.48 * 7 / 8)
+    assert (hollow.notes, hollow.volume) == ((), pytest.approx(0.48 * 7 / 8))
     distance, _ = signed_distance(hollow, 0.04).at(np.array([[0.0, 0.0, 0.0], [0.38, 0.0, 0.0]]))
     assert distance[0] > 0 > distance[1]
 
@@ -149,8 +144,6 @@ def test_bodies_that_touch_at_a_point_keep_a_normal_each():
 
 
 # Meshes that are refused, each in one sentence
-
-
 def strip():
     """A Moebius strip."""
     turn = np.linspace(0, 2 * np.pi, 21)[:-1]

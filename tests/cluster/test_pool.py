@@ -26,8 +26,7 @@ def test_values_and_errors_come_back():
     found = outcomes(tasks, watch=lambda shares, workers: watched.append(workers))
     assert [found[str(k)].value for k in range(3)] == [0, 1, 4]
     assert isinstance(found["wild"].error, RunStopped)
-    assert found["wild"].error.reason == "diverged"
-    assert max(watched) == 2
+    assert (found["wild"].error.reason, max(watched)) == ("diverged", 2)
     assert all(each.seconds > 0 for each in found.values())
 
 
@@ -55,8 +54,7 @@ def test_memory_is_never_more_than_there_is(monkeypatch):
     tasks = [Task(str(k), str(k), there.square, (k,), bytes=60) for k in range(3)]
     tasks.append(Task("large", "large run", there.square, (3,), bytes=101))
     found = outcomes(tasks, watch=lambda shares, workers: most.append(workers))
-    assert max(most) == 1
-    assert [found[str(k)].value for k in range(3)] == [0, 1, 4]
+    assert (max(most), [found[str(k)].value for k in range(3)]) == (1, [0, 1, 4])
     assert "large run: it needs about 101 B of memory and 100 B are available" in str(found["large"].error)
 
 

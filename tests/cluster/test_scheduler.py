@@ -127,8 +127,7 @@ def test_a_sweep_and_a_study_by_the_workers(cluster, folder, capsys):
     said = capsys.readouterr()
     assert "4 runs, 4 of them computed now" in said.out
     again = sweep("grid.toml", folder="there", scheduler=cluster.address)
-    assert again.computed == 0
-    assert [r.value for r in again.readings] == [r.value for r in here.readings]
+    assert (again.computed, [r.value for r in again.readings]) == (0, [r.value for r in here.readings])
     words = ["study", "tank.toml", "--observable", "kinetic_energy", "--knobs", "precision", "--backend", "numpy"]
     assert main([*words, "--scheduler", cluster.address]) == 0
     said = capsys.readouterr()

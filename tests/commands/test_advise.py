@@ -48,8 +48,7 @@ def test_an_answer_and_its_scene(folder, capsys):
     for word in ("an error of 0.7 %", found.choice.advised.point.words, "best peer", "wrote"):
         assert word in text
     assert found.choice.advised.most <= 0.007
-    assert (folder / "droplet.toml").read_text() == found.toml
-    assert load_scene("droplet.toml").dtype == "float32"
+    assert ((folder / "droplet.toml").read_text(), load_scene("droplet.toml").dtype) == (found.toml, "float32")
 
 
 def test_the_answer_is_for_the_error_itself():
@@ -177,6 +176,5 @@ def test_a_panel_of_clouds_is_studied_by_its_settings(folder, capsys, monkeypatc
         return Measured(of, of, ())
 
     monkeypatch.setattr(study, "measured", measured)
-    assert main(["study", "implicit_pressure", "--quiet"]) == 0
-    assert asked == [("implicit_pressure", ())]
+    assert (main(["study", "implicit_pressure", "--quiet"]), asked) == (0, [("implicit_pressure", ())])
     assert "density advanced, d = H/10, float32" in capsys.readouterr().out

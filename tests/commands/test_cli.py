@@ -69,7 +69,6 @@ def one_sentence(err):
 
 
 # -- mistakes
-
 BOX = 'shape = "box"\ncells = [6, 10, 1]'
 SIZES = "spacing = 0.01\nsupport_radius = 0.02"
 BAD = {
@@ -314,14 +313,11 @@ def test_with_json_a_mistake_is_one_object_too(scene, capsys):
     assert main(["plan", "none.toml", "--json"]) == 2
     told = capsys.readouterr()
     found = json.loads(told.out)
-    assert found["exit_code"] == 2
-    assert found["reason"] == "bad_input"
+    assert (found["exit_code"], found["reason"]) == (2, "bad_input")
     assert found["error"] in one_sentence(told.err)
 
 
 # -- commands
-
-
 def test_plan_shows_what_the_run_allocates_and_launches(scene, capsys):
     assert main(["plan", str(scene), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
@@ -416,13 +412,11 @@ def test_run_writes_a_folder_and_a_report(scene, capsys):
         assert report[key] == found[key]
     assert report["reason"] is None
     assert report["time"] >= 0.04
-    assert sum(report["step_limiters"].values()) == report["steps"]
-    assert report["search"]["missed_neighbours"] == 0
+    assert (sum(report["step_limiters"].values()), report["search"]["missed_neighbours"]) == (report["steps"], 0)
     assert report["search"]["audited_rows"] > 0
     start, end = report["ledger"]["start"], report["ledger"]["end"]
     assert end["particles"] == start["particles"] == 60
-    assert end["mass"] == start["mass"]
-    assert end["outside_walls"] == 0
+    assert (end["mass"], end["outside_walls"]) == (start["mass"], 0)
     assert end["momentum"][1] < 0
     assert end["kinetic_energy"] > 0 == start["kinetic_energy"]
     assert "60 particles" in told.err
@@ -460,8 +454,7 @@ def test_a_profile_lists_the_seconds_by_pass_and_changes_nothing(scene, capsys, 
     shown = {*make_plan(load_scene(scene)).launches(on_demand=True), "sph.extremes", "sph.kick_drift"}
     shown |= {"frames", "writing", "checkpoints", "other"}
     assert shown | ({"neighbours"} if backend == "cpu" else set()) == set(stages)
-    assert stages["sph.kick_drift"]["launches"] == report["steps"]
-    assert stages["frames"]["launches"] == report["frames"]
+    assert (stages["sph.kick_drift"]["launches"], stages["frames"]["launches"]) == (report["steps"], report["frames"])
     counted = sum(seconds) + sum(cost["first"] for cost in stages.values())
     assert 0.5 * report["seconds"]["total"] < counted < report["seconds"]["total"] + 0.1
     assert main([*plain, "--output", "told", "--profile"]) == 0
@@ -484,13 +477,10 @@ def test_a_reader_that_goes_away_is_no_error():
     command = f"{sys.executable} -m refsim list | head -n 1; exit ${{PIPESTATUS[0]}}"
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, env=environment)
-    assert done.returncode == 0
-    assert done.stderr == ""
+    assert (done.returncode, done.stderr) == (0, "")
 
 
 # Examples, a filtered list, and what the doctor says of errors
-
-
 def test_example_replaces_no_file_unless_it_may(tmp_path, capsys):
     given = ["example", "droplet", "--output", str(tmp_path)]
     assert main(given) == 0

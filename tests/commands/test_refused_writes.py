@@ -111,8 +111,7 @@ def test_a_link_in_the_place_of_a_result_is_replaced_and_not_followed(ran, capsy
         link.symlink_to(precious)
     assert main([*STUDY, "kinetic_energy"]) == 0
     assert main(["view", "run", "--html", "page.html"]) == 0
-    assert main(["render", "run", "-o", "picture.png", "--size", "320x240"]) == 0
-    assert precious.read_text() == "precious"
+    assert (main(["render", "run", "-o", "picture.png", "--size", "320x240"]), precious.read_text()) == (0, "precious")
     assert not any(link.is_symlink() for link in links)
 
 

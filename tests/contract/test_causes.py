@@ -122,8 +122,6 @@ def test_an_index_of_16_bits_is_noticed():
 
 
 # What no message says
-
-
 def test_a_scale_error_is_called_neither_an_assignment_nor_a_race():
     program = momentum_with(lambda m, rho, p: 1e9 * right(m, rho, p))
     words = [o.words for o in judged("sph.momentum", program, ("T1", "T2", "T7"))]
@@ -149,8 +147,6 @@ def test_a_right_sum_is_not_said_to_overwrite():
 
 
 # Values
-
-
 def test_the_worst_row_has_values_and_the_pair_that_matters():
     def density(position, mass, smoothing, density):
         _, r, w, _ = pairs(position, smoothing)
@@ -167,8 +163,7 @@ def test_the_worst_row_has_values_and_the_pair_that_matters():
     assert (values["output"], values["row"]) == ("density", 40)
     assert values["expected"] - values["got"] == pytest.approx(wanted["adds"])
     assert values["error"] > values["bound"] > 0
-    assert pair["particle"] == wanted["particle"]
-    assert pair["adds"] == pytest.approx(wanted["adds"])
+    assert (pair["particle"], pair["adds"]) == (wanted["particle"], pytest.approx(wanted["adds"]))
     assert pair["distance"] == pytest.approx(wanted["r"])
 
 

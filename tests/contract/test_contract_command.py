@@ -40,8 +40,6 @@ def refsim(capsys, *arguments):
 
 
 # Where programs may be
-
-
 def test_programs_are_found_by_file_module_name_and_entry_point(folder):
     (folder / "someones_backend.py").write_text(GRAVITY + "FAST = {'sph.gravity': gravity}\nPROGRAMS = dict(FAST)\n")
     made = folder / "someone-1.0.dist-info"
@@ -162,8 +160,6 @@ def test_parts_of_the_ladder_that_are_not_there_are_bad_input():
 
 
 # Judging
-
-
 def test_programs_may_return_or_write_and_name_what_they_want():
     def written(acceleration, field, unused=3):
         acceleration += field
@@ -183,16 +179,13 @@ def test_several_outputs_are_returned_by_name_in_every_variant():
         return {name: value for name, (value, _) in answer.items()}
 
     found = judged(density, "sph.density", ("T1",))
-    assert {o.variant for o in found} == set(range(8))
-    assert {o.kernel for o in found} == set(SHAPES)
+    assert ({o.variant for o in found}, {o.kernel for o in found}) == (set(range(8)), set(SHAPES))
     assert all(o.passed for o in found)
     (first, *_) = judged(lambda mass: mass, "sph.density", ("T1",), variants=(1,))
     assert "it returned ndarray; wanted is {name: array} for number_density, asymmetry" in first.words
 
 
 # What a program may not touch
-
-
 def ended(program):
     """Outcomes of T2 by trial."""
     return {o.trial: o for o in judged(program, steps=("T2",))}
@@ -345,8 +338,7 @@ def test_a_program_that_ends_every_process_is_given_up(folder, capsys, monkeypat
 def test_options_are_checked_before_a_process_is_started(options, folder, capsys, monkeypatch):
     monkeypatch.setattr("multiprocessing.get_context", lambda name: pytest.fail("a process was started"))
     code, out, err = refsim(capsys, "own.py", *options.split())
-    assert (code, out) == (2, "")
-    assert err.count("\n") == 1
+    assert ((code, out), err.count("\n")) == ((2, ""), 1)
 
 
 def test_arguments_of_an_operation_are_told(capsys):
@@ -368,7 +360,6 @@ def test_processes_share_the_operations_of_refsims_own_programs():
     names = ("sph.gravity", "iisph.keep", "iisph.halve")
     request = apart.Request("numpy", names, ("float64",), steps=("T1",))
     about, outcomes = apart.judge(request)
-    assert about.names == list(names)
-    assert {o.operation for o in outcomes if o.passed} == set(names)
+    assert (about.names, {o.operation for o in outcomes if o.passed}) == (list(names), set(names))
     first = next(apart.judge(request)[1])  # of which the others are not waited for
     assert first.passed

@@ -113,8 +113,6 @@ def test_a_slip_is_found_where_masses_differ(folder, compiler, capsys):
 
 
 # Arrays of other libraries
-
-
 class OfDlpack:
     """An array of another library, by the protocol alone."""
 
@@ -155,8 +153,6 @@ def test_arrays_in_groups_are_converted():
 
 
 # Test vectors
-
-
 VECTORS = ("sph.density", "mpm.particle_to_grid", "surface_detection.near_surface", "viscosities.artificial")
 
 
@@ -293,7 +289,6 @@ def test_vectors_are_not_mixed_with_other_files(tmp_path, capsys):
 
 
 # The page's own files
-
 PAGE = FOLDER.parent / "contract.md"
 FILES = dict(re.findall(r"^```\w+\n# file: (\S+)\n(.*?)^```$", PAGE.read_text(), re.MULTILINE | re.DOTALL))
 

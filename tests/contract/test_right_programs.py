@@ -25,8 +25,6 @@ def failures(programs, operation, **chosen):
 
 
 # Heat: Brookshaw's Laplacian with the harmonic mean of the conductivities
-
-
 def heat(position, mass, volume, heat_capacity, conductivity, conduction, timestep, temperature):
     """Forward Euler; -W'(r)/max(r, h/10) with the spiky kernel."""
     h, dim = float(conduction.support_radius), int(conduction.dim)
@@ -62,8 +60,6 @@ def test_readings_as_printed_are_judged_unless_they_are_declared_away():
 
 
 # r = h
-
-
 @pytest.mark.parametrize("squared", [False, True])
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
 def test_pairs_within_rounding_of_the_support_radius_may_count_or_not(dtype, squared):
@@ -91,8 +87,6 @@ def test_pairs_within_rounding_of_the_support_radius_may_count_or_not(dtype, squ
 
 
 # NaN
-
-
 def beside_walls(position, mass, walls, smoothing, density):
     cubic(position, mass, smoothing, density)
 
@@ -109,8 +103,6 @@ def test_a_nan_may_meet_the_zero_of_the_kernel_in_programs_over_all_pairs():
 
 
 # What was not judged
-
-
 def cubic(position, mass, smoothing, density):
     h, dim = float(smoothing.support_radius), int(smoothing.dim)
     q = np.minimum(np.sqrt(((position[:, None] - position[None]) ** 2).sum(2)) / h, 1)
@@ -177,8 +169,6 @@ def test_a_gap_has_exit_code_4_and_is_named(tmp_path, monkeypatch, capsys):
 
 
 # Ranks
-
-
 def of_a_rank(position, mass, smoothing, density, owned):
     """The density of the particles that a rank owns, over these and the ghosts behind them."""
     whole = np.zeros_like(density)

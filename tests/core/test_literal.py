@@ -139,8 +139,7 @@ literal = {literal}
 def test_a_scene_file_takes_a_word_or_a_list_and_plan_and_list_show_it(tmp_path, capsys):
     file = tmp_path / "scene.toml"
     file.write_text(SCENE.format(literal='["paper", "E4"]'))
-    assert load_scene(file).effects[2].literal == ("paper", "E4")
-    assert main(["plan", str(file), "--json"]) == 0
+    assert (load_scene(file).effects[2].literal, main(["plan", str(file), "--json"])) == (("paper", "E4"), 0)
     effects = json.loads(capsys.readouterr().out)["effects"]
     assert effects["weakly_compressible"]["literal"] == {"source": "Jiang & Zhu", "printed": ["E24"], "parameters": {}}
     assert effects["jiang_zhu_2023"]["literal"]["printed"] == ["E4", "E6", "E7", "E23"]

@@ -38,9 +38,7 @@ def test_heat_and_solids_of_a_melting_step_run_side_by_side():
     order = [p.operation for _, p in plan.motion]
     before = needed_before([touched(p, "cuda") for _, p in plan.motion])
     heat, solids = order.index("heat.chebyshev"), [order.index(f"shape_matching.{n}") for n in ("pull", "damp")]
-    assert before[heat] == ()
-    assert before[solids[0]] == ()
-    assert set(before[order.index("sph.kick_drift")]) == {heat, solids[1]}
+    assert (before[heat], before[solids[0]], set(before[order.index("sph.kick_drift")])) == ((), (), {heat, solids[1]})
 
 
 class FakeStream:

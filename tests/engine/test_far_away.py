@@ -166,8 +166,6 @@ def test_slow_solids_and_liquid_on_a_grid_move_by_their_velocity(kind):
 
 
 # What leaves
-
-
 @pytest.mark.parametrize("kind", ["walls", "solid", "mpm"])
 def test_a_run_far_away_is_resumed_bit_for_bit(tmp_path, kind):
     at = (FAR, -1_000, FAR if kind == "solid" else 0)
@@ -253,8 +251,6 @@ def test_messages_name_places_in_the_scene():
 
 
 # What is not changed, and what is not reached
-
-
 def test_scenes_near_the_origin_keep_it_and_double_precision_has_no_residual():
     assert make_plan(block((80, 0, 0))).grid.origin == (0.0, 0.0, 0.0)
     assert make_plan(block((1_000, 0, 0), cells=(700, 2, 1))).grid.origin == (0.0, 0.0, 0.0)

@@ -78,8 +78,7 @@ def test_a_resumed_run_is_the_same_run(tmp_path):
     assert_same_run(plain, advance(written, STEPS))  # writing changes nothing
     for cut in CUTS:
         resumed = rs.Simulation.resume(tmp_path / f"{cut}.h5")
-        assert resumed.steps == cut
-        assert resumed.notes == plain.notes
+        assert (resumed.steps, resumed.notes) == (cut, plain.notes)
         assert_same_run(plain, advance(resumed, STEPS))
 
 
@@ -88,8 +87,7 @@ def test_frames_and_looks_change_nothing(tmp_path):
     plain = advance(rs.Simulation(scene), 40)
     watched = rs.Simulation(scene)
     report = simulate(watched, plain.time, output=tmp_path / "run", every=1e-4, checkpoint_every=0.0)
-    assert report.steps == 40
-    assert report.frames == 41
+    assert (report.steps, report.frames) == (40, 41)
     position = plain.field("position")
     assert_same_run(advance(plain, 45), advance(watched, 45))
     frames = read_particles(tmp_path / "run" / "particles.vtkhdf")
@@ -138,8 +136,6 @@ def test_clouds_come_out_of_the_checkpoint(tmp_path):
 
 
 # -- resuming what does not fit
-
-
 def test_another_backend_goes_on_and_says_so(tmp_path):
     advance(rs.Simulation(tank()), 20).checkpoint(tmp_path / "c.h5")
     resumed = rs.Simulation.resume(tmp_path / "c.h5", backend="numpy")
@@ -255,8 +251,6 @@ def test_a_checkpoint_that_no_run_writes_is_refused(tmp_path, checkpoints, name,
 
 
 # -- runs that are interrupted
-
-
 class Killed(BaseException):
     """What nothing in refsim catches, as a kill is."""
 
@@ -401,8 +395,6 @@ def test_a_damaged_checkpoint_is_passed_over_and_the_run_says_so(tmp_path, capsy
 
 
 # -- runs that stop
-
-
 @pytest.mark.parametrize(
     "scene, reason",
     [
@@ -431,8 +423,7 @@ def test_a_diverging_run_stops_with_its_reason(tmp_path, capsys, scene, reason):
     assert saved.attributes["steps"] <= report["steps"]
 
     post = json.loads((out / "postmortem.json").read_text())
-    assert post["reason"] == reason
-    assert post["step"] == report["steps"]
+    assert (post["reason"], post["step"]) == (reason, report["steps"])
     speed = np.linalg.norm(post["particle"]["velocity"])
     assert speed > 200 if reason == "diverged" else post["particle"]["density"] > 1500
     near = load(out / "postmortem.npz")
@@ -443,8 +434,7 @@ def test_a_diverging_run_stops_with_its_reason(tmp_path, capsys, scene, reason):
     assert words[0] == "refsim"
     assert main([*words[1:], "--quiet"]) == 3
     again = json.loads((out / "replay" / "postmortem.json").read_text())
-    assert again["particle"] == post["particle"]
-    assert again["message"] == post["message"]
+    assert (again["particle"], again["message"]) == (post["particle"], post["message"])
     assert read_checkpoint(out / "checkpoint.h5").attributes == saved.attributes
 
 
@@ -474,8 +464,7 @@ def test_what_is_not_finite_names_its_particle_and_pass_and_leaves_the_checkpoin
 
     with pytest.raises(rs.RunStopped) as caught, np.errstate(all="ignore"):
         simulate(simulation, 1.0, output=tmp_path, progress=progress, checkpoint_every=0.0, every=1.0)
-    assert caught.value.reason == "non_finite"
-    assert read_checkpoint(tmp_path / "checkpoint.h5").attributes["steps"] == 2
+    assert (caught.value.reason, read_checkpoint(tmp_path / "checkpoint.h5").attributes["steps"]) == ("non_finite", 2)
     post = json.loads((tmp_path / "postmortem.json").read_text())
     assert (post["cause"], post["step"], post["particle"]["identity"]) == (cause, 3, 77)
     assert post["last_step_limits"]["acoustic"] > 0
@@ -545,7 +534,6 @@ def test_reasons_are_those_of_the_list():
 
 
 # -- kills
-
 posix = pytest.mark.skipif(os.name != "posix", reason="signals")
 
 
@@ -603,5 +591,4 @@ def test_a_run_that_is_asked_to_stop_ends_between_two_steps_with_a_checkpoint(tm
     assert f"refsim run --resume {out}".encode() in stderr
     assert stdout == b""
     report = json.loads((out / "report.json").read_text())
-    assert report["reason"] == "interrupted"
-    assert rs.Simulation.resume(out).steps == report["steps"]
+    assert (report["reason"], rs.Simulation.resume(out).steps) == ("interrupted", report["steps"])

@@ -135,8 +135,7 @@ def test_a_restart_goes_on_without_a_gap(tmp_path):
         stored, known = run.gauge(name), whole.gauge(name)
         assert np.array_equal(stored.time, known.time)
         assert np.array_equal(stored.values, known.values)
-        assert stored.columns == known.columns
-        assert stored.units == known.units
+        assert (stored.columns, stored.units) == (known.columns, known.units)
     assert len(run.gauge("each")) == whole.steps + 1
 
 
@@ -145,8 +144,7 @@ def test_series_are_files(tmp_path, capsys):
 
     simulate(tank(5), 0.1, output=tmp_path / "run", progress=False)
     floor = refsim.open_run(tmp_path / "run").gauge("floor")
-    assert floor.columns == ("force_x", "force_y", "torque_z")
-    assert floor.units == ("N/m", "N/m", "N")
+    assert (floor.columns, floor.units) == (("force_x", "force_y", "torque_z"), ("N/m", "N/m", "N"))
     assert np.array_equal(floor["force_y"], floor.values[:, 1])
     assert "force_y [N/m]" in repr(floor)
     floor.to_csv(tmp_path / "floor.csv")

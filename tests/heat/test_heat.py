@@ -163,8 +163,6 @@ def test_bad_input_is_told_in_one_sentence(options, words):
 
 
 # The case
-
-
 def test_closed_forms_against_the_anchors():
     """lambda of one-phase Stefan problems (Alexiades & Solomon), the sphere's mean by its own series, the limits."""
     known = {0.01: 0.070593276561, 0.1: 0.220016272743, 0.5: 0.464785920646, 2.0: 0.800601362806}
@@ -192,8 +190,6 @@ def test_a_sphere_cools_as_the_series_says():
 
 
 # The total of the heat
-
-
 @pytest.mark.parametrize("number", [5e5, 5e4, 5e3])
 def test_runge_kutta_legendre_keeps_heat_in_float32(number):
     """A poor conductor beside a good one: thousands of stages, whose mean no flow pulls back."""

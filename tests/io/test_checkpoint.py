@@ -95,8 +95,7 @@ def test_a_whole_checkpoint_lies_there_between_any_two_calls(tmp_path, monkeypat
     watched("replace")
     write_checkpoint(path, state(3), {"step": 3})
     assert len(seen) >= 6
-    assert seen == sorted(seen)
-    assert set(seen) == {2, 3}
+    assert (seen, set(seen)) == (sorted(seen), {2, 3})
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64, np.complex128])
@@ -109,12 +108,10 @@ def test_non_finite_values_never_replace_a_good_checkpoint(tmp_path, dtype, valu
     bad[3, 1] = value
     with pytest.raises(RunStopped, match=r"'force'.*1 non-finite.*\(3, 1\)") as caught:
         write_checkpoint(path, state(1) | {"force": bad}, {"step": 1})
-    assert caught.value.reason == "non_finite"
-    assert caught.value.exit_code == 3
+    assert (caught.value.reason, caught.value.exit_code) == ("non_finite", 3)
     with pytest.raises(RunStopped, match="'time'"):
         write_checkpoint(path, state(1), {"time": float("nan")})
-    assert [file.name for file in tmp_path.iterdir()] == ["run.h5"]
-    assert path.read_bytes() == before
+    assert ([file.name for file in tmp_path.iterdir()], path.read_bytes()) == (["run.h5"], before)
 
 
 def test_what_a_checkpoint_does_not_hold_is_refused(tmp_path):
@@ -131,8 +128,6 @@ def test_what_a_checkpoint_does_not_hold_is_refused(tmp_path):
 
 
 # -- files that are not whole checkpoints
-
-
 def refuse(path, words):
     with pytest.raises(InputError, match=words) as caught:
         read_checkpoint(path)
@@ -258,8 +253,6 @@ def test_the_newest_wins_whatever_the_file_times_say(tmp_path, monkeypatch):
 
 
 # -- kills and full disks
-
-
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT, errno.EIO])
 @pytest.mark.parametrize("call", ["fsync", "replace"])
 def test_the_disk_refuses_at_the_end(tmp_path, monkeypatch, number, call):
@@ -275,8 +268,7 @@ def test_the_disk_refuses_at_the_end(tmp_path, monkeypatch, number, call):
         with pytest.raises(RunStopped) as caught:
             write_checkpoint(path, state(2), {"step": 2})
     assert caught.value.reason == ("write_failed" if number == errno.EIO else "disk_full")
-    assert read_checkpoint(path).attributes["step"] == 1
-    assert read_checkpoint(previous_path(path)).attributes["step"] == 0
+    assert (read_checkpoint(path).attributes["step"], read_checkpoint(previous_path(path)).attributes["step"]) == (1, 0)
     write_checkpoint(path, state(3), {"step": 3})  # space again: the run goes on
     assert read_checkpoint(path).attributes["step"] == 3
     assert sorted(tmp_path.iterdir()) == sorted([path, previous_path(path)])
@@ -297,8 +289,7 @@ def test_a_write_refused_after_a_share_of_it(tmp_path, monkeypatch, share):
         patch.setattr(writing, "write_all", refuse_rest)
         with pytest.raises(RunStopped) as caught:
             write_checkpoint(path, state(1, n=50), {"step": 1})
-    assert caught.value.reason == "disk_full"
-    assert path.read_bytes() == before
+    assert (caught.value.reason, path.read_bytes()) == ("disk_full", before)
     assert [file.name for file in tmp_path.iterdir()] == ["run.h5"]
     write_checkpoint(path, state(1, n=50), {"step": 1})
     assert read_checkpoint(path).attributes["step"] == 1

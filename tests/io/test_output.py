@@ -44,8 +44,7 @@ def assert_frame(found, expected):
     assert found.time == time
     assert found.fields.keys() == fields.keys()
     for left, right in [(found.position, position), *((found.fields[name], fields[name]) for name in fields)]:
-        assert left.dtype == right.dtype
-        assert left.shape == right.shape
+        assert (left.dtype, left.shape) == (right.dtype, right.shape)
         assert left.tobytes() == right.tobytes()
 
 
@@ -119,8 +118,6 @@ def assert_file(path, frames):
 
 
 # -- what is written is what is read
-
-
 @pytest.mark.parametrize("counts", [[50], [50] * 6, [30, 60, 1, 0, 0, 45, 60], [0, 5, 3], [7, 0], [200, 199, 300]])
 def test_every_frame_comes_back_bit_for_bit(tmp_path, monkeypatch, counts):
     monkeypatch.setattr(vtkhdf, "CHUNK_ROWS", 64)  # less than a frame has
@@ -147,8 +144,7 @@ def test_frames_that_are_appended_at_once_come_back_as_those_written_one_by_one(
         with ParticleWriter(path, FIELDS) as writer:
             for first, end in itertools.pairwise(groups):
                 writer.append([Frame(*one) for one in frames[first:end]])
-                assert writer.last_time == frames[end - 1][0]
-                assert len(read_particles(path)) == end
+                assert (writer.last_time, len(read_particles(path))) == (frames[end - 1][0], end)
             writer.append([])
         assert_file(path, frames)
 
@@ -194,8 +190,6 @@ def test_single_frame_through_the_real_reader(tmp_path, dtype, n):
 
 
 # -- going on after a resume
-
-
 @pytest.mark.parametrize("counts", [[20] * 8, [5, 0, 30, 2, 0, 40, 1, 9]])
 @pytest.mark.parametrize("resume_time", [None, -1.0, 0.25, 9.0])
 def test_append_drops_later_frames(tmp_path, resume_time, counts):
@@ -206,8 +200,7 @@ def test_append_drops_later_frames(tmp_path, resume_time, counts):
     kept = [one for one in old if resume_time is None or one[0] <= resume_time]
     new = [frame(step + 100, n) for step, n in enumerate(counts[::-1])]
     with ParticleWriter(path, FIELDS, append=True, resume_time=resume_time) as writer:
-        assert writer.last_time == (kept[-1][0] if kept else None)
-        assert len(read_particles(path)) == len(kept)
+        assert (writer.last_time, len(read_particles(path))) == ((kept[-1][0] if kept else None), len(kept))
         write_frames(writer, new)
     assert_file(path, kept + new)
 
@@ -220,8 +213,7 @@ def test_append_refuses_what_does_not_fit(tmp_path):
     for fields in ({}, FIELDS | {"density": (1, "float64")}, FIELDS | {"velocity": (2, "float32")}):
         with pytest.raises(InputError, match=r"velocity \(3 x float32\)"):
             ParticleWriter(path, fields, append=True)
-    assert [file.name for file in tmp_path.iterdir()] == ["run.vtkhdf"]
-    assert path.read_bytes() == before
+    assert ([file.name for file in tmp_path.iterdir()], path.read_bytes()) == (["run.vtkhdf"], before)
     for content, words in [
         (before[:-10], "cut short"),
         (b"time = 3", "not a particle file"),
@@ -235,8 +227,6 @@ def test_append_refuses_what_does_not_fit(tmp_path):
 
 
 # -- bad input
-
-
 def test_frames_that_do_not_fit_are_refused_and_leave_the_file_alone(tmp_path):
     path = tmp_path / "run.vtkhdf"
     _, position, fields = frame(1)
@@ -292,8 +282,7 @@ def refused(path, monkeypatch):
             read_particles(path)
         with pytest.raises(InputError) as two:
             ParticleWriter(path, FIELDS, append=True, resume_time=0.1)
-    assert str(one.value) == str(two.value)
-    assert {one: one.read_bytes() for one in path.parent.iterdir()} == files
+    assert (str(one.value), {one: one.read_bytes() for one in path.parent.iterdir()}) == (str(two.value), files)
     return str(one.value)
 
 
@@ -375,8 +364,6 @@ def test_one_writer_at_a_time(tmp_path):
 
 
 # -- kills and full disks
-
-
 class Stop(BaseException):
     """Stands for a kill between two writes."""
 
@@ -468,5 +455,4 @@ def test_vtp_on_a_full_disk(tmp_path, monkeypatch):
     monkeypatch.setattr(os, "fsync", refuse)
     with pytest.raises(RunStopped, match="disk is full"):
         write_vtp(path, np.ones((5, 3)))
-    assert [file.name for file in tmp_path.iterdir()] == ["frame.vtp"]
-    assert path.read_bytes() == before
+    assert ([file.name for file in tmp_path.iterdir()], path.read_bytes()) == (["frame.vtp"], before)

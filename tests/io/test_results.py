@@ -64,8 +64,7 @@ def test_frames_by_number_and_time_are_those_of_the_file(folder):
         for name, values in expected.fields.items():
             assert np.array_equal(found[name], values), name
             assert found[name].dtype == values.dtype == run.fields[name].dtype
-    assert run[-1].number == 5
-    assert [frame.number for frame in run[1:5:2]] == [1, 3]
+    assert (run[-1].number, [frame.number for frame in run[1:5:2]]) == (5, [1, 3])
     assert [run.at(time).number for time in (0.0, 1.9e-4, 2.1e-4, 4e-4, run.times[-1])] == [0, 0, 1, 1, 5]
 
 
@@ -88,8 +87,7 @@ def test_units_and_meanings_stand_in_the_file(folder):
         found = (field.unit, field.meaning, field.components)
         assert found == (expected.unit_in(2), expected.meaning, expected.components)
     with h5py.File(folder / "particles.vtkhdf") as file:
-        assert file["VTKHDF/PointData/density"].attrs["unit"] == "kg/m^2"
-        assert file["VTKHDF/Points"].attrs["unit"] == "m"
+        assert (file["VTKHDF/PointData/density"].attrs["unit"], file["VTKHDF/Points"].attrs["unit"]) == ("kg/m^2", "m")
         assert b"[effects.gravity]" in file["refsim/scene"][()]
 
 
@@ -153,8 +151,7 @@ def test_sorted_rows_are_the_same_particle_in_every_frame(tmp_path):
         n = len(frame)
         assert by_identity["identity"].tolist() == list(range(n))
         assert by_identity["mark"].tolist() == [[i, -i] for i in range(n)]
-        assert by_identity.position.tolist() == [[i, i + k, 0] for i in range(n)]
-        assert by_identity.time == frame.time
+        assert (by_identity.position.tolist(), by_identity.time) == ([[i, i + k, 0] for i in range(n)], frame.time)
 
 
 def test_a_resumed_run_states_its_own_end(folder, tmp_path):
@@ -165,8 +162,7 @@ def test_a_resumed_run_states_its_own_end(folder, tmp_path):
     longer = Simulation.resume(copy, scene=scene(end_time=3e-3, name="longer"))
     simulate(longer, output=copy, every=4e-4)
     run = open_run(copy)
-    assert (run.scene.end_time, run.scene.name) == (3e-3, "longer")
-    assert run.times[-1] == pytest.approx(3e-3)
+    assert ((run.scene.end_time, run.scene.name), run.times[-1]) == ((3e-3, "longer"), pytest.approx(3e-3))
     same_start(run.scene, scene(end_time=3e-3, name="longer"))
 
 
@@ -221,8 +217,7 @@ def test_to_pandas_takes_frames_of_any_number(folder, tmp_path):
     run = shuffled(tmp_path / "mixed.vtkhdf")
     data = run.to_pandas()
     assert data.columns.tolist() == ["position_x", "position_y", "position_z", "mark_0", "mark_1"]
-    assert data.loc[0.2, "mark_1"].tolist() == [0, -1, -2, -3, -4]
-    assert len(data) == 17
+    assert (data.loc[0.2, "mark_1"].tolist(), len(data)) == ([0, -1, -2, -3, -4], 17)
     ledger = open_run(folder).ledger.to_pandas()
     assert ledger.loc["mass", "change"] == 0.0
 

@@ -184,8 +184,7 @@ def test_surface_ends_where_nothing_is_known():
 @pytest.mark.parametrize("values", [np.zeros(0), np.ones(5)], ids=["no nodes", "all outside"])
 def test_nothing_inside_gives_an_empty_mesh(values):
     mesh = extract(CPU, box(2, 3)[: len(values)], values, 0.1, 3)
-    assert mesh.vertices.shape == (0, 3)
-    assert mesh.facets.shape == (0, 3)
+    assert (mesh.vertices.shape, mesh.facets.shape) == ((0, 3), (0, 3))
 
 
 @pytest.mark.parametrize(("coordinates", "values", "h", "words"), [
@@ -198,8 +197,6 @@ def test_bad_input_is_told(coordinates, values, h, words):
 
 
 # The sparse grid
-
-
 def scattered(dim, dtype="float32"):
     position = np.random.default_rng(dim).normal(scale=0.4, size=(70, 3)).astype(dtype)
     position[:5] = 0.1 * np.arange(-2, 3)[:, None]  # on nodes

@@ -94,8 +94,6 @@ for operation in REGISTRY.values():
 
 
 # T8: float32, whose kernels are there already; the fields of every effect are in play
-
-
 def flying_drop(**options):
     """A moving drop over a floor with everything switched on; a thin skin, so that lists are rebuilt during the run."""
     return Scene(
@@ -129,8 +127,6 @@ def test_a_resumed_run_is_the_same_run(backend):
 
 
 # What the contract hands out
-
-
 def test_bindings_are_what_the_program_takes():
     values = contract.bindings("sph.momentum", "cpu", "float32", "cloud_3d", variant=1)
     assert tuple(values) == REGISTRY["sph.momentum"].arguments("cpu")
@@ -166,8 +162,6 @@ def test_an_argument_that_nothing_makes_is_named():
 
 
 # T10: parameters
-
-
 def test_every_member_acts_somewhere_or_is_held_with_a_reason():
     cases.discover()
     acting, all_members = set(), set()

@@ -35,7 +35,6 @@ NUMBERS = {"poly6": 0, "spiky": 1, "cubic_spline": 2, "wendland_c2": 3}
 
 
 # The smoothing kernels: shapes of the published kernels in q = r/h, normalised by quadrature.
-
 _NODE, _WEIGHT = np.polynomial.legendre.leggauss(40)
 
 
@@ -134,8 +133,6 @@ def smoothing_group(name, dim):
 
 
 # What each effect is to hand out, from its paper's equations: {group: {member: value}}.
-
-
 def liquid(
     dim, kernels="wendland", exponent=1, clamp=1, pressure=0.0, gradient=1.0, wall=2.0, viscosity=MU, central=0.0
 ):
@@ -816,8 +813,6 @@ def test_single_precision_rounds_what_double_precision_takes(name, dim):
 
 
 # Groups that no effect hands out, made by functions of the host
-
-
 @pytest.mark.parametrize("dim", [2, 3])
 def test_the_surface_of_material_points(dim):
     """Thesis, chapter 3: r = sqrt(dim) h, epsilon, omega, delta; lengths in cells. Thesis M1, M14, M31 as printed."""
@@ -877,7 +872,6 @@ def test_constants_of_other_methods_are_those_of_their_cases():
 
 
 # None is missing
-
 OF_NO_EFFECT = {"ArtificialViscosity", "LaminarViscosity"}
 ELSEWHERE = {"SurfaceTerm", "Dice", "BandGrid", "Relaxation", "Period", "Contour"}  # above; a seed; a level of phi
 

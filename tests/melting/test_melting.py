@@ -40,8 +40,6 @@ def scene(solid=(BODY,), highest=5.0, slope=0.0, melting=None, **options):
 
 
 # Which particles melt
-
-
 def fresh_tables(phase, place, lattice, width, program="cpu"):
     """direct, region and region_count of nodes of which none has melted."""
     nodes = len(lattice.key)
@@ -89,8 +87,7 @@ def test_regions_equal_a_search_after_every_round(width):
         expected = members_by_search(phase != FLUID, lattice, width)
         for s in range(nodes):
             found = region[s][region[s] >= 0]
-            assert set(found.tolist()) == expected[s]
-            assert count[s] == len(found)
+            assert (set(found.tolist()), count[s]) == (expected[s], len(found))
             smaller += len(found) < (2 * width + 1) ** 3
     assert (phase == FLUID).all() or round_ == 199
     assert smaller
@@ -115,8 +112,6 @@ def members_by_search(solid, lattice, width):
 
 
 # Bookkeeping
-
-
 @pytest.mark.parametrize(("bookkeeping", "change"), [("immiscible", 0.0), ("water", 83.0)])
 def test_mass_and_rest_density_of_the_melt(bookkeeping, change):
     """Kept, or those of the liquid: the density of 125 particles of ice increases by 83 kg/m^3."""
@@ -129,8 +124,6 @@ def test_mass_and_rest_density_of_the_melt(bookkeeping, change):
 
 
 # Runs
-
-
 def half_molten(**options):
     """A body whose left part is hot: that part melts in a few steps and the rest stays solid."""
     return scene(highest=0.79, slope=1.0, **options)
@@ -140,8 +133,7 @@ def test_the_rest_moves_on_as_a_body():
     simulation = rs.Simulation(half_molten())
     advanced(simulation, 150)
     phase, v = simulation.field("phase")[:125], simulation.field("velocity")
-    assert (phase == FLUID).sum() == 50
-    assert (phase == INTERIOR).sum() == 9
+    assert ((phase == FLUID).sum(), (phase == INTERIOR).sum()) == (50, 9)
     assert np.abs(v).max() < 10
     x = simulation.field("position")[:125][phase != FLUID]
     rest = simulation.plan.state.position[:125][phase != FLUID]

@@ -81,8 +81,7 @@ def test_a_table_is_smooth_and_rests_outside():
         of="gravity", kind="table", direction=(1.0, 0.0, 0.0), times=(0.1, 0.3, 0.6), values=(0.0, 0.02, 0.01)
     )
     assert [table.at(t).place for t in (0.1, 0.3, 0.6)] == pytest.approx([0.0, 0.02, 0.01])
-    assert table.at(0.0) == (0.0, 0.0, 0.0)
-    assert table.at(2.0) == (0.01, 0.0, 0.0)
+    assert (table.at(0.0), table.at(2.0)) == ((0.0, 0.0, 0.0), (0.01, 0.0, 0.0))
     assert table.at(0.3 - 1e-9) == pytest.approx(table.at(0.3 + 1e-9), rel=1e-5)
     assert table.at(0.6 - 1e-9).velocity == pytest.approx(0.0, abs=1e-6)
 

@@ -207,12 +207,9 @@ def test_bits_do_not_depend_on_threads_or_repetition(dtype):
 
 
 # Where the input is no good
-
-
 def test_coincident_particles_are_named():
     position = np.array([[0.0, 0, 0], [1, 2, 3], [5, 5, 5], [1, 2, 3], [0, 0, 0], [0, 0, 1e-300]])
-    assert sorted(coincident_pairs(position)) == [(0, 4), (1, 3)]
-    assert coincident_pairs(position[:3]) == []
+    assert (sorted(coincident_pairs(position)), coincident_pairs(position[:3])) == ([(0, 4), (1, 3)], [])
     assert coincident_pairs(np.zeros((0, 3))) == []
     liquid = WeaklyCompressible(sound_speed=10.0, density="summation")
     with pytest.raises(InputError, match="particles 1 and 3 are at the same place"):
@@ -235,8 +232,6 @@ def test_positions_that_are_no_numbers_harm_no_other_particle(value):
 
 
 # Skin, rebuilds and the audit
-
-
 def falling_box(**options):
     return Scene(
         spacing=0.1, support_radius=0.2, fluid=(Box(cells=(4, 4, 4), velocity=(1.0, 0.0, 0.0)),),
@@ -263,8 +258,7 @@ def test_list_is_kept_until_half_the_skin_is_used_up():
     assert rebuilds[0] == 1
     changed = np.flatnonzero(np.diff(rebuilds)) + 1
     assert list(changed) in ([10, 20], [11, 21], [10, 21], [11, 22])
-    assert simulation.search.log.audited_rows == 2 * AUDITED_ROWS
-    assert simulation.search.log.missed_neighbours == 0
+    assert (simulation.search.log.audited_rows, simulation.search.log.missed_neighbours) == (2 * AUDITED_ROWS, 0)
 
 
 def test_audit_looks_where_the_list_was_last_used():
@@ -334,8 +328,6 @@ def test_a_state_that_cannot_be_set_is_refused():
 
 
 # Particles that move together need no new list
-
-
 @pytest.mark.parametrize("dim", [2, 3])
 def test_blocks_compare_all_pairs_that_could_meet(dim):
     """The bounds are not below the ways of two particles within two cells, nor of any two, and not far above."""

@@ -68,8 +68,6 @@ def test_a_run_far_away_is_drawn_as_at_the_origin(tmp_path):
 
 
 # Surfaces
-
-
 def test_the_surface_of_a_ball_encloses_its_volume():
     x = lattice((24, 24, 24)) - 12
     ball = x[(x**2).sum(1) < 100]
@@ -115,21 +113,17 @@ def test_lines_in_the_plane_close():
 
 
 # Cameras, cuts and lists of frames
-
-
 @pytest.mark.parametrize("up", [(0, 0, 1), (0, 1, 0), (1, 0, 0), (0.6, 0.0, 0.8)])
 def test_a_camera_looks_level_at_what_is_upright(up):
     right, upward, towards = Camera(35.0, 20.0).axes(np.array(up, dtype=float))
     assert np.allclose(np.stack([right, upward, towards]) @ np.stack([right, upward, towards]).T, np.eye(3))
-    assert right @ up == pytest.approx(0)
-    assert towards @ up == pytest.approx(np.sin(np.radians(20)))
+    assert (right @ up, towards @ up) == (pytest.approx(0), pytest.approx(np.sin(np.radians(20))))
     assert np.cross(*level_axes(np.array(up, dtype=float))) == pytest.approx(np.array(up))
 
 
 def test_a_cut_leaves_away_the_viewers_side():
     towards = camera_of("-60,20").axes(np.array([0.0, 0.0, 1.0]))[2]
-    assert cut_of("y=0.5", towards, 3)([[0, 0, 0]]) == [0.5]
-    assert cut_of("x=0.5", towards, 3)([[0, 0, 0]]) == [-0.5]
+    assert (cut_of("y=0.5", towards, 3)([[0, 0, 0]]), cut_of("x=0.5", towards, 3)([[0, 0, 0]])) == ([0.5], [-0.5])
     assert cut_of(None, towards, 3) is None
 
 
@@ -148,14 +142,10 @@ def test_other_lists_of_frames_are_refused_in_a_sentence(words):
 
 
 # Runs read back
-
-
 def test_quantities_have_values_and_units(in_plane):
     run = open_run(in_plane)
     frame = next(run.frames([3]))
-    assert run.unit("mass") == "kg/m"
-    assert run.unit("velocity.y") == "m/s"
-    assert run.unit("part") == ""
+    assert (run.unit("mass"), run.unit("velocity.y"), run.unit("part")) == ("kg/m", "m/s", "")
     assert [run.label(name) for name in ("velocity", "volume_ratio")] == ["speed", "volume ratio"]
     v = frame.fields["velocity"]
     assert np.allclose(run.values(frame, "velocity"), np.linalg.norm(v, axis=1))
@@ -210,8 +200,6 @@ def test_what_is_no_run_is_refused(tmp_path, place):
 
 
 # Pictures
-
-
 def picture(run, number=-1, **look):
     found = open_run(run)
     series = Series(found, Look(size=SMALL, **look), chosen_frames(str(number), len(found.times)))
@@ -325,8 +313,6 @@ def test_a_cut_has_the_colours_of_the_bar(in_space, monkeypatch):
 
 
 # Files and commands
-
-
 def test_the_command_writes_pictures(in_plane, tmp_path, capsys):
     words = ["render", str(in_plane), "--frames", "0,2", "--size", "320x240", "-o", str(tmp_path / "dam.webp")]
     assert main(words) == 0
@@ -348,8 +334,7 @@ def test_the_command_writes_a_film(in_plane, tmp_path, capsys):
     frames = imageio_ffmpeg.read_frames(str(film))
     facts = next(frames)
     pictures = list(frames)
-    assert facts["size"] == (320, 240)
-    assert facts["fps"] == 4
+    assert (facts["size"], facts["fps"]) == ((320, 240), 4)
     assert len(pictures) == len(open_run(in_plane).times)
     assert pictures[0] != pictures[-1]
 

@@ -28,9 +28,7 @@ def seen(*meshes, behind=np.inf):
 def test_a_box_is_as_thick_as_it_is_deep():
     length, wet, near = seen(trimesh.creation.box((1.02, 0.7, 1.42)))  # facets of more than LARGEST pixels
     assert 1.42 / METRES < LARGEST * 2
-    assert wet.sum() == 20 * 28
-    assert length[wet] == pytest.approx(0.7)
-    assert near[wet] == pytest.approx(-0.35)
+    assert (wet.sum(), length[wet], near[wet]) == (20 * 28, pytest.approx(0.7), pytest.approx(-0.35))
     assert not length[~wet].any()
 
 

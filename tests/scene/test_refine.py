@@ -67,8 +67,7 @@ def test_levels_keep_the_mass(name, tmp_path):
             first += size
         middle = np.average(state.position, axis=0, weights=state.mass)
         speeds.append(np.abs(middle - np.average(start.position, axis=0, weights=start.mass)).max())
-    assert len(sizes) == 4
-    assert np.array(masses) == pytest.approx(np.array([masses[1]] * 4), rel=1e-12)
+    assert (len(sizes), np.array(masses)) == (4, pytest.approx(np.array([masses[1]] * 4), rel=1e-12))
     assert max(speeds) < 0.04
     again = refined(refined(scene, 1.4), 1.3)
     assert make_plan(again).state.mass.sum() == pytest.approx(start.mass.sum(), rel=1e-12)
@@ -89,8 +88,7 @@ def test_a_ball_with_a_mass_keeps_its_density_and_its_volume():
         density.append(simulation.field("density")[np.linalg.norm(x - x.mean(0), axis=1) < 0.05].mean())
         if mass:
             assert np.ptp(x, axis=0)[:2] == pytest.approx(np.ptp(base.position, axis=0)[:2] * mass**0.5)
-    assert density[0] == pytest.approx(1000.0, rel=1e-9)
-    assert density[1] == pytest.approx(1000.0, rel=0.002)
+    assert (density[0], density[1]) == (pytest.approx(1000.0, rel=1e-9), pytest.approx(1000.0, rel=0.002))
 
 
 def test_a_box_keeps_its_edges_and_its_density():
@@ -134,14 +132,12 @@ def test_a_fixed_step_follows_what_is_stable():
         step=1e-5, effects=(rs.WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=2e5, density="summation"),)
     )
     ratio = resting_step(thick, 0.005, 0.013) / resting_step(thick, 0.01, 0.026)
-    assert ratio == pytest.approx(0.25, rel=1e-6)
-    assert refined(thick, 2.0).step == pytest.approx(0.25e-5)
+    assert (ratio, refined(thick, 2.0).step) == (pytest.approx(0.25, rel=1e-6), pytest.approx(0.25e-5))
 
 
 def test_lengths_of_the_mesh_follow():
     grid = refined(scene_of(effects=(rs.MpmLiquid(bulk_modulus=1e4, cell_size=0.02),)), 2.0).effects[0]
-    assert grid.cell_size == 0.01
-    assert grid.bulk_modulus == 1e4
+    assert (grid.cell_size, grid.bulk_modulus) == (0.01, 1e4)
     assert refined(scene_of(effects=(rs.MpmLiquid(bulk_modulus=1e4),)), 2.0).effects[0].cell_size == 0  # two spacings
 
 
@@ -160,8 +156,7 @@ def test_what_has_no_other_spacing():
 def test_levels_hold_the_scene_and_whole_cells(cells, count, finer):
     scene = scene_of(fluid=(rs.Box(cells=cells),))
     found = spaced(scene, count, finer)
-    assert len(found) == count
-    assert found[count - 1 - finer] == 1.0
+    assert (len(found), found[count - 1 - finer]) == (count, 1.0)
     assert all(1.2 < b / a < 1.8 for a, b in itertools.pairwise(found))
     assert max(misfit(scene, f) for f in found) <= 0.03
 

@@ -102,7 +102,6 @@ def test_a_grid_liquid_is_told_its_bulk_modulus():
 
 
 # Tension
-
 COEFFICIENTS = {  # models by a coefficient of their own instead of a tension
     "jiang_zhu": lambda k: rs.JiangZhu2023(gamma=k), "akinci": lambda k: rs.Akinci2013(gamma=k),
     "becker_teschner": lambda k: rs.BeckerTeschner2007(kappa=k),
@@ -152,7 +151,6 @@ def test_terms_that_hold_no_drop_together_say_so():
 
 
 # In the run
-
 CRUSHED = {"sound": 2.0, "fluid": (rs.Box(cells=(5, 20, 1)),)}
 
 

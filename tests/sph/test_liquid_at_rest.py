@@ -248,8 +248,7 @@ def test_a_run_stops_where_planes_hold_the_liquid(tmp_path, monkeypatch, model):
         return
     with pytest.raises(rs.RunStopped) as stopped:
         simulate(scene, 1.0, output=tmp_path, checkpoint_every=0.0)
-    assert stopped.value.reason == "held_by_planes"
-    assert stopped.value.exit_code == 3
+    assert (stopped.value.reason, stopped.value.exit_code) == ("held_by_planes", 3)
     assert rs.Simulation.resume(tmp_path / "checkpoint.h5").steps == 99
 
 

@@ -114,8 +114,7 @@ def test_on_a_gpu_sizes_of_an_iteration_are_timed_over_the_same_flow(monkeypatch
         run = Clocked(True, 1.0 / finer, 8 * finer, 6e-3)
         monkeypatch.setattr(cost.time, "perf_counter", lambda run=run: run.now)
         until = 0.0 if finer == 1 else 16.0
-        assert cost._whole_steps(run, until) == pytest.approx({"step": 4e-3, "neighbours": 5e-3})
-        assert run.time == 16.0
+        assert (cost._whole_steps(run, until), run.time) == (pytest.approx({"step": 4e-3, "neighbours": 5e-3}), 16.0)
     long = Clocked(False)
     monkeypatch.setattr(cost.time, "perf_counter", lambda: long.now)
     cost._whole_steps(long, 16.0, budget=5e-3)
@@ -173,8 +172,7 @@ def test_steps_and_builds_of_a_finer_scene():
     while simulation.time < fine.end_time:
         simulation.step()
     assert found.steps == pytest.approx(simulation.steps, rel=0.05)
-    assert found.builds == pytest.approx(simulation.search.log.rebuilds, rel=0.3)
-    assert found.particles == simulation.count
+    assert (found.builds, found.particles) == (pytest.approx(simulation.search.log.rebuilds, rel=0.3), simulation.count)
     assert set(found.stages) >= {"sph.density", "sph.momentum", "neighbours", "other"}
     assert all(seconds >= 0 and math.isfinite(seconds) for seconds in found.stages.values())
 
@@ -209,8 +207,7 @@ def test_a_run_says_beforehand_how_long_it_takes(cache, tmp_path, monkeypatch, c
     arguments = ["run", "tank.toml", "--backend", "numpy", "--overwrite"]
     assert main(arguments) == 0
     assert "the steps will take" not in capsys.readouterr().err
-    assert main(["plan", "tank.toml", "--time"]) == 0
-    assert main(arguments) == 0
+    assert (main(["plan", "tank.toml", "--time"]), main(arguments)) == (0, 0)
     assert "the steps will take about" in capsys.readouterr().err
 
 

@@ -116,17 +116,14 @@ def test_float64_is_advised_only_where_it_changes_the_error():
         of = made(*(point(d, e, s, knobs={"dtype": d}, error_mad=mad) for d, e, s in both))
         return key(chosen(of, 0.05))
 
-    assert advised(0.02, 0.02) == "float32"
-    assert advised(0.02, 0.0199) == "float32"
-    assert advised(0.02, 0.01) == "float64"
+    assert (advised(0.02, 0.02), advised(0.02, 0.0199), advised(0.02, 0.01)) == ("float32", "float32", "float64")
     assert advised(0.02, 0.01, mad=0.01) == "float32"
     assert key(chosen(made(point("float64", 0.02, 1.0, knobs={"dtype": "float64"})), 0.05)) == "float64"
 
 
 def test_a_setting_that_was_stopped_is_no_candidate():
     stopped, good = point("stopped", 0.01, 0.5, failed="diverged"), point("good", 0.01, 3.0)
-    assert key(chosen(made(stopped, good), 0.05)) == "good"
-    assert chosen(made(stopped), 0.05).why == "not measured"
+    assert (key(chosen(made(stopped, good), 0.05)), chosen(made(stopped), 0.05).why) == ("good", "not measured")
 
 
 def test_an_answer_is_given_where_error_and_uncertainty_of_the_reference_allow_it():
@@ -143,8 +140,7 @@ def test_errors_are_taken_from_the_converged_value():
     points = [point(f"d{n}", 9.9, 1.0, value=2 + 1 / n, knobs={"spacing": 1 / n}) for n in (5, 10, 20)]
     of = made(*points, limit_of=("d5", "d10", "d20"))
     assert {c.point.key: c.error for c in candidates(of)} == pytest.approx({"d5": 0.1, "d10": 0.05, "d20": 0.025})
-    assert of.reference() == pytest.approx((2.0, 2.0, 1.25 * 0.025))
-    assert key(chosen(of, 0.06)) == "d20"
+    assert (of.reference(), key(chosen(of, 0.06))) == (pytest.approx((2.0, 2.0, 1.25 * 0.025)), "d20")
     assert chosen(of, 0.05).advised is None
 
 
@@ -197,8 +193,6 @@ def test_the_least_error_within_some_seconds():
 
 
 # What is stored
-
-
 @pytest.mark.parametrize("name", abouts())
 def test_stored_panels_are_whole(name):
     """Their files are those that are written of them; every point was measured somewhere; the base is among them."""
@@ -221,8 +215,6 @@ def test_another_file_is_refused_with_a_sentence(text):
 
 
 # Packaged scenes
-
-
 LONG = {  # left to the nights: scenes that take 10 s to make, settings that take 5 s to run
     "mpm_pressure", "tank_pressure", "contact_angle", "droplet", "implicit_pressure", "coupling", "detection_3d",
     "melt_front", "detection_2d", "spinning_body", *SOLIDS, "surface_normals",
@@ -312,8 +304,6 @@ def test_what_cannot_be_measured_is_said(monkeypatch):
 
 
 # Observables that watch a run
-
-
 def watching(times, reduce):
     def time(simulation):
         return float(simulation.time)
@@ -332,8 +322,7 @@ def test_an_observable_is_read_at_its_moments_and_reduced():
 
     read = observable_of(watching(lambda scene: [0.08, 0.02], reduce), plan)
     found = measure(Setting("spacing", "", 1.0, scene, "cpu"), read, threads=1, repeats=1)
-    assert found.value == pytest.approx(0.1)
-    assert seen["times"] == pytest.approx([0.02, 0.08], abs=1e-12)
+    assert (found.value, seen["times"]) == (pytest.approx(0.1), pytest.approx([0.02, 0.08], abs=1e-12))
     assert [value for _, value in found.curve] == seen["values"]
     assert found.curve[0][0] < found.curve[1][0] < found.seconds
     assert found.time >= scene.end_time

@@ -34,8 +34,6 @@ def key(scene, observable):
 
 
 # What a key covers
-
-
 def test_a_key_follows_the_body_of_an_observable_and_not_only_its_name(tmp_path):
     plan, file = make_plan(block()), tmp_path / "own.py"
     keys = []
@@ -198,8 +196,6 @@ def test_the_digest_of_the_sources_covers_a_line_of_each_package(tmp_path):
 
 
 # What is read
-
-
 def test_the_front_is_that_of_the_liquid_beside_a_solid():
     solid = SolidBox(lower=(0.1, 0.0, 0.0), upper=(0.13, 0.03, 0.03))
     scene = block(
@@ -211,8 +207,6 @@ def test_the_front_is_that_of_the_liquid_beside_a_solid():
 
 
 # What a prediction is for
-
-
 def test_a_resumed_run_counts_the_seconds_before_its_restart(tmp_path, monkeypatch):
     """A run that is stopped after each step and resumed takes what one without a stop takes."""
     setting = runs.Setting("spacing", "a", 1.0, block(end_time=0.01), "numpy")
@@ -251,8 +245,6 @@ def test_a_resumed_run_counts_the_seconds_before_its_restart(tmp_path, monkeypat
 
 
 # What is counted
-
-
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
 def test_bytes_are_counted_once_and_are_those_that_a_run_allocates(dtype):
     conduction = HeatConduction(temperature=10.0)  # has a table of two rows

@@ -278,8 +278,7 @@ def test_a_key_follows_what_changes_a_number():
         runs.key_of(runs.Setting("spacing", "a", 1.0, block(), "cpu"), one, None, None),
         runs.key_of(runs.Setting("spacing", "a", 1.0, refined(block(), 2), "numpy"), one, None, None),
     ]  # fmt: skip
-    assert len(set(keys)) == len(keys)
-    assert runs.key_of(titled, one, None, None) == keys[0]
+    assert (len(set(keys)), runs.key_of(titled, one, None, None)) == (len(keys), keys[0])
 
 
 @pytest.mark.parametrize("more, words", [
@@ -307,8 +306,6 @@ def test_the_report_is_one_file(tmp_path):
 
 
 # The command
-
-
 @pytest.fixture
 def file(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

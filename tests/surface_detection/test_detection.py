@@ -57,8 +57,6 @@ def turned(position, angle):
 
 
 # What is found
-
-
 def test_ring_of_a_disc_is_found_exactly_on_the_cpu():
     position = disc()
     simulation = detect(position, "cpu", "float32", spacing=0.01)
@@ -150,7 +148,6 @@ def test_the_printed_cone_finds_no_surface():
 
 
 # Films and filaments
-
 THIN = {"thin_features": "second_moment"}
 
 
@@ -221,8 +218,6 @@ def test_a_film_on_a_wall_is_surface_and_one_between_two_walls_is_not(dim, norma
 
 
 # Symmetries
-
-
 @pytest.mark.parametrize(
     "settings", [*({"method": method} for method in METHODS), THIN, {**THIN, "scan_normal": "corrected"}]
 )
@@ -241,8 +236,6 @@ def test_flags_do_not_depend_on_place_angle_or_order(settings):
 
 
 # Normals
-
-
 @pytest.mark.parametrize("kind", ["surface_normal", "corrected_normal"])
 def test_normals_of_a_disc_point_inward(kind):
     scan = {"surface_normal": "color", "corrected_normal": "corrected"}[kind]
@@ -257,8 +250,6 @@ def test_normals_of_a_disc_point_inward(kind):
 
 
 # As part of a scene
-
-
 def plan_of(*effects, dim=2):
     scene = Scene(
         spacing=1.0, support_radius=2.6, dim=dim, fluid=(Ball(radius=3.0),),

@@ -40,8 +40,6 @@ def sides(facets):
 
 
 # The surface
-
-
 @pytest.mark.parametrize("dim", [2, 3])
 def test_vertices_stand_on_the_union_of_spheres(dim):
     """Each is r away from a particle; only a sphere that contains neither end of an edge may cover it (thesis M33)."""
@@ -111,8 +109,6 @@ def test_same_particles_give_the_same_bits_in_any_order_on_any_threads(dim, dtyp
 
 
 # The fit
-
-
 def fit_matrix(made, surface):
     """(B, dense, on its active columns; b; points [m]; active nodes) of a surface's fit."""
     offset = made.term.offset * made.term.cell_size * surface.offset_direction
@@ -152,8 +148,6 @@ def test_fit_goes_to_least_squares_and_its_residual_never_grows():
 
 
 # The force
-
-
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize(
     "parameters", [{}, {"inset": -1.0}, {"quadrature": "poisson"}], ids=["inset", "at r", "poisson"]
@@ -192,8 +186,6 @@ def test_force_is_the_slope_of_the_surface_energy():
 
 
 # Limits
-
-
 def test_small_components_have_no_tension():
     """A drop, a pair and a lone particle: only the last two are components of fewer than 27 particles."""
     drop = ball(3)
@@ -249,8 +241,6 @@ def test_drops_nearer_than_twice_the_radius_share_one_surface():
 
 
 # Readings and bad input
-
-
 def test_printed_readings_do_what_they_say():
     place = ball(4)
     _, printed = reconstructed(place, literal=("M14",), inset=-1.0)

@@ -42,13 +42,11 @@ def made_up(sigma=0.072, model="akinci", **options):
 
 def test_the_nominal_tension_is_the_wanted_one_over_the_measured_ratio():
     found = made_up()
-    assert (found.ratio, found.nominal) == (2.0, 0.036)
-    assert found.effect.surface_tension == found.nominal
+    assert ((found.ratio, found.nominal), found.effect.surface_tension) == ((2.0, 0.036), found.nominal)
     assert found.stiffness == pytest.approx(found.nominal / (1000 * found.sound_speed**2 * 1e-3))
     assert found.stiffness == 0.01
     assert found.uncertainty == pytest.approx(0.01)  # two radii with half of 2 % each, of independent seeds: 1 %
-    assert found.nominal_error == pytest.approx(0.01 * 0.036)
-    assert made_up(radius=0.010).ratio == 2.0
+    assert (found.nominal_error, made_up(radius=0.010).ratio) == (pytest.approx(0.01 * 0.036), 2.0)
 
 
 def test_between_settings_the_ratio_is_interpolated_and_less_certain():
@@ -62,8 +60,7 @@ def test_between_settings_the_ratio_is_interpolated_and_less_certain():
 def test_a_sound_speed_sets_the_stiffness(stiffness, ratio):
     speed = math.sqrt(0.072 / ratio / (stiffness * 1000 * 1e-3))
     found = made_up(sound_speed=speed)
-    assert found.ratio == pytest.approx(ratio, rel=1e-5)
-    assert found.stiffness == pytest.approx(stiffness, rel=1e-5)
+    assert (found.ratio, found.stiffness) == (pytest.approx(ratio, rel=1e-5), pytest.approx(stiffness, rel=1e-5))
     assert found.sound_speed == speed
 
 
@@ -97,8 +94,6 @@ def test_outside_the_map_it_refuses_in_one_sentence(name):
 
 
 # The published map
-
-
 def test_the_published_map_is_that_of_the_published_drops(tmp_path):
     rows = condensing.read_rows()
     assert len(rows) > 60
@@ -118,8 +113,6 @@ def test_water_can_be_calibrated(dim):
 
 
 # Condensing
-
-
 def rows_of(sigma=1.7, left=0.01, radii=(8.0, 11.0, 16.0, 24.0)):
     """Drops whose pressure jump is sigma/R + left, part of it balanced by their motion."""
     made = []
@@ -137,8 +130,7 @@ def rows_of(sigma=1.7, left=0.01, radii=(8.0, 11.0, 16.0, 24.0)):
 
 def test_a_planted_tension_is_found_with_its_motion_and_what_is_left():
     (entry,) = condensing.condensed([condensing.with_motion(row) for row in rows_of()])
-    assert entry["laplace"] == pytest.approx(1.7, abs=1e-9)
-    assert entry["intercept"] == pytest.approx(0.01, abs=1e-9)
+    assert (entry["laplace"], entry["intercept"]) == (pytest.approx(1.7, abs=1e-9), pytest.approx(0.01, abs=1e-9))
     assert [d["radius"] for d in entry["drops_by_radius"]] == [16.0, 24.0]
     assert entry["drops_by_radius"][0]["laplace"] == pytest.approx(1.7 + 0.01 * 16)
     ended = {**rows_of()[0], "stopped": "diverged"}
@@ -164,14 +156,11 @@ def test_the_tension_of_another_drop_is_held_against_the_requested_one():
 
 
 # A drop of water, in SI units
-
-
 def test_the_example_of_the_water_drop_holds_what_calibrate_gives():
     found = calibrate(0.0728, "akinci", spacing=1e-4, rest_density=998.0, kernels="wendland", radius=1e-3)
     assert found.nominal * found.ratio == pytest.approx(0.0728)
     example = load_scene(EXAMPLE)
     liquid, tension = example.effects
-    assert example.spacing == 1e-4
-    assert liquid.kernels == "wendland"
+    assert (example.spacing, liquid.kernels) == (1e-4, "wendland")
     assert tension.surface_tension == pytest.approx(found.nominal, rel=0.01)
     assert liquid.sound_speed == pytest.approx(found.sound_speed, rel=0.01)

@@ -47,8 +47,6 @@ def drop(n=5, dtype="float32", dim=3, fluid=None, wobble=0.0, **parameters):
 
 
 # Pair modes
-
-
 @pytest.mark.parametrize("mode", PAIR_MODES)
 def test_pair_weight_table(mode):
     expected = {
@@ -64,8 +62,6 @@ def test_pair_weight_table(mode):
 
 
 # Density correction J(14), J(15)
-
-
 def test_density_correction_lifts_the_surface_before_the_equation_of_state():
     fluid = rs.WeaklyCompressible(rest_density=1.0, sound_speed=40.0, clamp_pressure=False, density="summation")
     raw = rs.Simulation(drop(11, fluid=fluid), "cpu")
@@ -90,8 +86,6 @@ def test_density_correction_lifts_the_surface_before_the_equation_of_state():
 
 
 # In a scene
-
-
 @pytest.mark.parametrize("mode", PAIR_MODES)
 def test_a_scene_pays_only_for_what_its_pair_mode_uses(mode):
     plan = make_plan(drop(surface_tension=1.0, pair_mode=mode, area_ratio=0.0, density_correction=False))
@@ -123,8 +117,6 @@ def test_detection_shares_its_passes_with_tension():
 
 
 # Bad input
-
-
 @pytest.mark.parametrize("parameters, words", [
     ({}, "neither of surface_tension and gamma"),
     ({"surface_tension": 1.0, "gamma": 1.0}, "both of surface_tension and gamma"),

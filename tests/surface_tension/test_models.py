@@ -139,8 +139,6 @@ def test_curvature_of_a_ball(dim, literal):
 
 
 # In scenes
-
-
 def roundness(simulation):
     """<x^4 + y^4 + z^4 - 0.6 r^4>/<r^4>: -0.127 for a cube along the axes, 0 for a ball."""
     x = simulation.field("position").astype(float)
@@ -198,8 +196,6 @@ def test_bad_parameters_get_one_sentence(model, parameters, words):
 
 
 # The liquid whose density is advanced
-
-
 def disc(model, radius, backend="cpu", kernels="wendland", **liquid):
     """A disc of the nominal sigma = 1, rho0 = 1, d = 1 m, as the sigma map's drops relax."""
     random = np.random.default_rng(7)

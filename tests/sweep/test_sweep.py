@@ -124,8 +124,7 @@ def test_two_sweeps_at_once_both_have_all_values(folder):
     assert [process.returncode for process in both] == [0, 0], said
     rows = list(csv.DictReader((folder / "out" / TABLE).read_text().splitlines()))
     assert all(float(row["value"]) == pytest.approx(0.002) for row in rows)
-    assert len(rows) == 4
-    assert len(list((folder / "out").glob("*.json"))) == 4
+    assert (len(rows), len(list((folder / "out").glob("*.json")))) == (4, 4)
     assert not list((folder / "out").glob("*.lock"))
 
 

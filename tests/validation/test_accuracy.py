@@ -67,9 +67,7 @@ def test_starts_of_unequal_cost_settle_where_each_repeats():
         return reading(2.6, starts[number], 3, 200)
 
     point = measured(panel("front"), ["d10"], read=once).here.points["d10"]
-    assert len(spent) == 10
-    assert point.noise == pytest.approx([1.0] * 10)
-    assert point.seconds == spent
+    assert (len(spent), point.noise, point.seconds) == (10, pytest.approx([1.0] * 10), spent)
 
 
 @pytest.mark.slow

@@ -22,9 +22,9 @@ ENTRIES = filling.with_reasons(read_all())
 CLAIMS = {entry.name: entry for entry in ENTRIES if entry.kind == CLAIM}
 TESTABLE = [name for name, claim in CLAIMS.items() if claim.rule]
 MEASURED = [name for name in TESTABLE if CLAIMS[name].starts]
+
+
 # What is on file
-
-
 def test_every_claim_has_a_measure_and_every_hard_case_a_trial_and_none_is_left_over():
     measured = {(name, claim) for name, experiment in discover().items() for claim in experiment.claims}
     assert measured == {(CLAIMS[name].experiment, name) for name in TESTABLE}
@@ -70,8 +70,6 @@ def test_numbers_on_the_pages_are_those_of_the_records():
 
 
 # How it is judged
-
-
 def claim(**changes):
     given = {"name": "one", "experiment": "e", "kind": CLAIM, "system": "s", "title": "It is small",
              "says": "It is small.", "source": "here", "reading": "as printed", "verdict": CONFIRMED,
@@ -129,8 +127,6 @@ def test_an_incomplete_entry_is_refused(text, words, tmp_path):
 
 
 # The command
-
-
 def number_of(context, value):
     return Result({"value": value})
 
@@ -199,8 +195,6 @@ def test_bad_input_gets_a_sentence(own, capsys):
 
 
 # Published numbers, computed anew
-
-
 def made(context, value):
     return Result({"value": value})
 

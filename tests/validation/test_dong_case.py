@@ -27,8 +27,7 @@ def test_parts_holes_and_layers_of_known_shapes(spacing):
     whole = seen_from_above(spacing * sheet(9), spacing)
     assert (whole["parts"], whole["lone"], whole["holes"]) == (1, 0, 0)
     stack = np.concatenate([sheet(9) + np.array([0.0, 0.0, k]) for k in range(3)])
-    assert layers(spacing * sheet(9), spacing) == 1
-    assert layers(spacing * stack, spacing) == 3
+    assert (layers(spacing * sheet(9), spacing), layers(spacing * stack, spacing)) == (1, 3)
     assert seen_from_above(spacing * stack, spacing)["height"] == pytest.approx(3 * whole["height"])
 
 
@@ -52,8 +51,6 @@ def test_printed_settings_are_the_papers():
     made = scene.printed_cube(17, cohesion=True, correction=True)
     tension = made.effects[1]
     assert (tension.stiffness, tension.correction, made.effects[0].dynamic_viscosity) == (1e-3, 1e-3, 1e-3)
-    assert made.step == 5e-3
-    assert made.support_radius / made.spacing == pytest.approx(1.5)
-    assert len(made.fluid[0].position) == 4913
-    assert len(scene.block()[0]) == 810
+    assert (made.step, made.support_radius / made.spacing) == (5e-3, pytest.approx(1.5))
+    assert (len(made.fluid[0].position), len(scene.block()[0])) == (4913, 810)
     assert abs(scene.TENSION - 17.03) < 0.01

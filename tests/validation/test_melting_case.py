@@ -36,8 +36,7 @@ def test_animals_are_closed_meshes_of_their_own():
 def test_scenes_have_the_counts_of_table_2(figure, liquid, solid):
     plan = make_plan(scene_of(figure))
     bodies = np.diff(plan.grid.solids.lattice.first)
-    assert plan.grid.count - bodies.sum() == liquid
-    assert bodies.sum() == pytest.approx(solid, rel=0.03)
+    assert (plan.grid.count - bodies.sum(), bodies.sum()) == (liquid, pytest.approx(solid, rel=0.03))
 
 
 @pytest.fixture(scope="module")
@@ -48,9 +47,7 @@ def cube():
 
 def test_a_run_keeps_frames_and_what_it_watched(cube):
     values = cube.values
-    assert values["inside_melted"] == 0
-    assert len(values["times"]) == 3
-    assert values["series"]["solid"][0] == 125
+    assert (values["inside_melted"], len(values["times"]), values["series"]["solid"][0]) == (0, 3, 125)
     assert 0 < cube.arrays["solid_2"].sum() <= 63
     assert values["series"]["mass"][-1] > values["series"]["mass"][0], "ice becomes heavier as water"
     made_of = melting.EXPERIMENT.checked({"figure_4": cube})

@@ -26,8 +26,6 @@ COVER = {2: arc_cover_surface, 3: cap_cover_surface}
 
 
 # Surface truth
-
-
 def brute_force_2d(point, radius):
     """On a circle, the farthest from all discs is reached next to a crossing with another circle: try them all."""
     answer = []
@@ -113,19 +111,14 @@ def test_detection_score_counts():
     truth = [1, 1, 1, 1, 0, 0, 0, 0, 0, 0]
     flags = [1, 1, 1, 0, 1, 1, 0, 0, 0, 0]
     score = detection_score(flags, truth)
-    assert score.precision == pytest.approx(3 / 5)
-    assert score.recall == pytest.approx(3 / 4)
-    assert score.f1 == pytest.approx(2 / 3)
-    assert (score.false_interior, score.false_surface) == (1, 2)
+    assert (score.precision, score.recall) == (pytest.approx(3 / 5), pytest.approx(3 / 4))
+    assert (score.f1, (score.false_interior, score.false_surface)) == (pytest.approx(2 / 3), (1, 2))
     nothing = detection_score([0, 0], [0, 1])
     assert np.isnan(nothing.precision)
-    assert nothing.recall == 0
-    assert nothing.f1 == 0
+    assert (nothing.recall, nothing.f1) == (0, 0)
 
 
 # Shapes
-
-
 def test_rotated_lattice_cube_is_a_lattice_cut_by_a_cube():
     for count in (1, 100, 5039):
         cut = shapes.rotated_lattice_cube(count, seed=2, spacing=0.1)
@@ -146,12 +139,9 @@ def test_rotated_lattice_cube_is_a_lattice_cut_by_a_cube():
 
 
 # Droplet
-
-
 def test_radius_variation_of_lattice_shapes():
     scale = droplet.radius_variation_scale(4913)
-    assert round(scale.ball, 4) == 0.0094
-    assert scale.cube == pytest.approx(0.148, abs=5e-4)
+    assert (round(scale.ball, 4), scale.cube) == (0.0094, pytest.approx(0.148, abs=5e-4))
     ball = shapes.lattice_ball(4913)
     assert round(droplet.radius_variation(ball, cone=15), 4) == 0.0042
     assert droplet.radius_variation(ball * 1e-3 + [5.0, -2.0, 1.0]) == pytest.approx(scale.ball, rel=1e-9)
@@ -216,8 +206,6 @@ def test_mesh_measures_of_a_tetrahedron_and_a_cube():
 
 
 # Dam break
-
-
 def test_datasets_are_the_published_series():
     size = {"martin_moyce_1.125in": 10, "martin_moyce_2.25in": 15, "koshizuka_oka": 9, "koshizuka_oka_mps": 18}
     assert set(dam_break.FRONT_DATA) == set(size)
@@ -256,23 +244,17 @@ def test_offset_fit_finds_a_planted_offset(offset):
 def test_front_error_is_relative_to_the_data():
     data = dam_break.FrontData(np.array([1.0, 2.0, 3.0, 9.0]), np.array([2.0, 4.0, 5.0, 20.0]))
     error = dam_break.front_error([0.0, 4.0], [1.0, 5.0], data)  # 2, 3, 4 there; the last point is out of reach
-    assert error.largest == pytest.approx(-0.25)
-    assert error.at == 2.0
-    assert error.points == 3
+    assert (error.largest, error.at, error.points) == (pytest.approx(-0.25), 2.0, 3)
     assert error.rms == pytest.approx(np.sqrt((0.25**2 + 0.2**2) / 3))
 
 
 def test_front_position_leaves_spray_out():
     column = (grid(10, 20) + 0.5) * 0.1
     front = dam_break.front_position(column, 0.1)
-    assert front.connected == pytest.approx(1.0)
-    assert front.farthest == pytest.approx(1.0)
-    assert front.detached == 0
+    assert (front.connected, front.farthest, front.detached) == (pytest.approx(1.0), pytest.approx(1.0), 0)
     spray = np.vstack((column, [[1.7, 0.05], [1.8, 0.05], [2.5, 0.4]]))
     front = dam_break.front_position(spray, 0.1)
-    assert front.connected == pytest.approx(1.0)
-    assert front.farthest == pytest.approx(2.55)
-    assert front.detached == 3
+    assert (front.connected, front.farthest, front.detached) == (pytest.approx(1.0), pytest.approx(2.55), 3)
     tongue = np.vstack((column, [[1.1, 0.05], [1.25, 0.05], [1.4, 0.05]]))
     assert dam_break.front_position(tongue, 0.1).connected == pytest.approx(1.45)
     assert dam_break.front_position(tongue, 0.1, link=1.2).connected == pytest.approx(1.0)

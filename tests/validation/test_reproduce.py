@@ -69,8 +69,6 @@ def performed(experiments, folder):
 
 
 # What it runs
-
-
 def test_main_job_is_made_of_runs_that_are_there():
     script, known = load_script(), discover()
     for group in script.MAIN:
@@ -94,8 +92,6 @@ def test_full_leaves_no_run_out():
 
 
 # How it ends
-
-
 @pytest.mark.parametrize(("verdict", "code"), [(FAIL, 4), (PASS, 0), (SHOWN, 0)])
 def test_reproduce_ends_with_a_short_summary_and_writes_the_page(verdict, code, tmp_path, monkeypatch, capsys):
     script = load_script()
@@ -121,8 +117,6 @@ def test_reproduce_ends_with_a_short_summary_and_writes_the_page(verdict, code, 
 
 
 # The page
-
-
 def test_page_holds_every_picture_table_and_verdict_and_loads_nothing(tmp_path):
     whole = performed([made_up(), made_up("other", FAIL)], tmp_path)
     text = page(whole, tmp_path / "report.html")

@@ -12,8 +12,7 @@ from validation.running import Context
 def test_compressed_heights_are_in_balance():
     rest, gravity, sound = np.linspace(0.0, 1.0, 4001), 9.81, 15.0
     height, top = compressed(rest, 1.0, gravity, sound)
-    assert height[0] == pytest.approx(0.0, abs=1e-12)
-    assert height[-1] == pytest.approx(top, rel=1e-12)
+    assert (height[0], height[-1]) == (pytest.approx(0.0, abs=1e-12), pytest.approx(top, rel=1e-12))
     middle = 0.5 * (height[1:] + height[:-1])
     pressure = sound**2 * 1000.0 * (np.diff(rest) / np.diff(height) - 1)
     wanted = scene.hydrostatic(middle, top, 1000.0, gravity, sound)
@@ -40,8 +39,7 @@ def test_a_free_ellipse_keeps_its_energy():
 
 def test_spin_down_begins_with_4_and_ends_with_3_39():
     left = scene.spin_down(np.array([0.0, 1e-3, 1.0, 2.0]), 1.0)
-    assert left[0] == pytest.approx(1.0)
-    assert left[1] == pytest.approx(1 - 4e-3, rel=1e-4)
+    assert (left[0], left[1]) == (pytest.approx(1.0), pytest.approx(1 - 4e-3, rel=1e-4))
     assert np.log(left[2] / left[3]) == pytest.approx(1.8411837813**2, rel=1e-6)
 
 
@@ -59,8 +57,7 @@ def test_a_standing_wave_of_little_viscosity_is_potential_flow(form):
     time = np.linspace(0, 4 * 2 * np.pi / omega, 321)
     part, _ = scene.standing_wave(time, np.pi, 0.5, 9.81, 1e-5, 200.0, form, 40)
     decay, rate = scene.fitted(time, part, gamma, omega)
-    assert rate == pytest.approx(omega, rel=1e-4)
-    assert decay == pytest.approx(gamma, rel=0.01)
+    assert (rate, decay) == (pytest.approx(omega, rel=1e-4), pytest.approx(gamma, rel=0.01))
 
 
 def test_a_standing_wave_on_deep_water_is_prosperettis():

@@ -19,8 +19,6 @@ def test_accelerations_of_the_disturbed_cube_are_warps():
 
 
 # Scenes
-
-
 @pytest.mark.parametrize("name", timed.ladders())
 def test_a_ladder_only_adds(name):
     """No rung launches less, or holds less, than the one before it; the small scenes have the same effects."""
@@ -38,8 +36,6 @@ def test_a_ladder_only_adds(name):
 
 
 # Benchmarks, store, pages
-
-
 def benchmarks(folder, words, **environment):
     """What `pytest tests/times/...` with these words gives, as it is stored."""
     file = folder / "times.json"

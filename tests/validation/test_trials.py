@@ -24,8 +24,6 @@ def test_a_hard_case_ends_as_on_file(entry):
 
 
 # The outcomes
-
-
 def trial(*checks, ends=None):
     made = Trial(Context(), "cpu")
     with made.ending():
@@ -37,10 +35,8 @@ def trial(*checks, ends=None):
 
 
 def test_outcomes_of_a_trial():
-    assert trial(0.5).outcome == "pass"
-    assert trial(0.5, 1.5).outcome == "fails: size"
-    assert trial(math.nan).outcome == "fails: size"
-    assert trial(ends=InputError("no.")).outcome == "refused"
+    assert (trial(0.5).outcome, trial(0.5, 1.5).outcome) == ("pass", "fails: size")
+    assert (trial(math.nan).outcome, trial(ends=InputError("no.")).outcome) == ("fails: size", "refused")
     assert trial(0.5, ends=RunStopped("diverged", "too fast.")).outcome == "stopped: diverged"
     assert trial(1.5, ends=RunStopped("diverged", "too fast.")).outcome == "fails: size"
     with pytest.raises(ZeroDivisionError), Trial(Context(), "cpu").ending():
@@ -92,14 +88,11 @@ def test_the_command(capsys):
 
 
 # Measures
-
-
 @pytest.mark.parametrize("truth", [0.013, 0.4, 3.0, 90.0])
 def test_bisection_finds_the_limit_to_the_factor(truth):
     found = largest_stable(lambda x: "" if x <= truth else "tears", 1.0, 0.01, 100.0, factor=1.1)
     assert found.largest <= truth < found.failing <= 1.1 * found.largest
-    assert found.why == "tears"
-    assert [value for value, _ in found.tried] == sorted(value for value, _ in found.tried)
+    assert (found.why, [value for value, _ in found.tried]) == ("tears", sorted(value for value, _ in found.tried))
 
 
 def test_bisection_says_where_there_is_no_limit():

@@ -80,16 +80,14 @@ def perform(experiment, options, **more):
 def test_results_are_kept_by_their_parameters_and_reused(options):
     (first,) = perform(fake(), options)
     (second,) = perform(fake(), options)
-    assert CALLS == [2]
-    assert second.reused == ["one"]
+    assert (CALLS, second.reused) == ([2], ["one"])
     assert second.results["one"].values == first.results["one"].values == {"double": 4, "odd": None}
     assert second.results["one"].arrays["line"].tolist() == [0, 1]
     about = second.results["one"].about
     assert about["parameters"] == {"value": 2}
     assert {"date", "machine", "seconds"} <= set(about)
     perform(fake(value=3), options)
-    assert CALLS == [2, 3]
-    assert len(list((options.results / "fake").iterdir())) == 2
+    assert (CALLS, len(list((options.results / "fake").iterdir()))) == ([2, 3], 2)
 
 
 def test_fresh_and_changed_sources_compute_anew(options, monkeypatch):
@@ -253,15 +251,12 @@ def test_pictures_are_drawn_from_their_files_alone(options, monkeypatch):
     monkeypatch.setattr(results, "load", None)
     CALLS.clear()
     performing.redraw(case.pictures[0], options.figures)
-    assert picture.read_bytes() == before
-    assert CALLS == []
+    assert (picture.read_bytes(), CALLS) == (before, [])
     with pytest.raises(InputError, match="run the experiment first"):
         performing.redraw(case.pictures[0], options.figures / "nowhere")
 
 
 # Tiny runs of the real cases
-
-
 def judged(case, found):
     return {m.name: m for m in case.checked(found)}
 
@@ -323,8 +318,7 @@ def test_ledger_finds_a_lost_particle_and_gained_energy():
     ledger.energy.append(1.5 * ledger.energy[0])
     simulation.fields["position"][0] = (-5.0, 0.0, 0.0)
     values = ledger.values(simulation)
-    assert values["lost_particles"] == 1
-    assert values["energy_rise"] == pytest.approx(0.5)
+    assert (values["lost_particles"], values["energy_rise"]) == (1, pytest.approx(0.5))
 
 
 def test_a_drop_that_stops_is_a_result_with_its_reason(monkeypatch):
