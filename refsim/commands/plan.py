@@ -105,7 +105,7 @@ def _defaults(plan: Plan) -> Iterator[str]:
         for name, printed in effect.in_papers.items() if isinstance(effect, capabilities.FollowsScene) else ():
             value = getattr(plan.effects[effect.name], name)
             if getattr(effect, name) is None and value != printed:
-                yield f"{name} of {effect.name} is {value!r}; {name} = {printed!r} has that of the papers"
+                yield f"{name} of {effect.name} is {value!r}; the papers have {printed!r}"
 
 
 def _energy_audit(plan: Plan) -> dict[str, Any] | None:

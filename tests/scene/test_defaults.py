@@ -55,10 +55,10 @@ def test_a_plan_names_each_default_that_the_papers_have_otherwise_once():
         make_plan(scene(rs.MeshBoundary(file=PEBBLE, center=(0.2, 0.2, 0.1), size=0.1), walls={})), "cpu"
     )
     assert told["defaults"] == [
-        "model of box_walls is 'extrapolated'; model = 'mirrored' has that of the papers",
-        "density of weakly_compressible is 'continuity'; density = 'summation' has that of the papers",
-        "viscosity of weakly_compressible is 'central'; viscosity = 'laplacian' has that of the papers",
-        "model of mesh_boundary is 'extrapolated'; model = 'mirrored' has that of the papers",
+        "model of box_walls is 'extrapolated'; the papers have 'mirrored'",
+        "density of weakly_compressible is 'continuity'; the papers have 'summation'",
+        "viscosity of weakly_compressible is 'central'; the papers have 'laplacian'",
+        "model of mesh_boundary is 'extrapolated'; the papers have 'mirrored'",
     ]
     assert _text(told).count("Default: ") == 4
     assert describe_plan(make_plan(scene(walls={}, density="summation")), "cpu")["defaults"] == []
