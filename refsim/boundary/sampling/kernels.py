@@ -2,10 +2,10 @@
 
 import math
 
-from refsim.backends.compile import formula, kernel
+from refsim.backends.compile import kernel
 from refsim.backends.tuples import cross, difference, dot, three
 from refsim.boundary.sampling.formulas import facet_of, hashed_direction, repulsion
-from refsim.boundary.signed_distance.formulas import trilinear_near
+from refsim.boundary.signed_distance.formulas import trilinear
 from refsim.neighbours.rows import row_of
 from refsim.surface_energy.formulas import hash_word, unit_share
 
@@ -35,13 +35,11 @@ def place(i, facet_corner, facets_of_mesh, facet_last, sample_seed, placed):
         placed[i, k] = x
 
 
-@formula(inlined=True)
-def relaxed_particle(i, position, neighbours, field, relaxation, block):
-    """Patent P4 with E24: x += lambda r v_t - phi n, the tangential part at most r/2.
+@kernel
+def relax(i, position, neighbours, distance_field, relaxation, relaxed_position, step_length):
+    """Patent P4 with E24: x += lambda r v_t - phi n [m], the tangential part at most r/2, and the step's length [m].
 
     v_t = (I - n n^T) sum_l Omega(|x - x_l|) (x - x_l)/|x - x_l|, n = grad phi/|grad phi|.
-    Returns (x, y, z [m], length of the step [m], block of the field that held the particle). The search in the field
-    begins with block number `block`, -1 for none.
     """
     first, stride, count = row_of(neighbours, i)
     x, y, z = position[i, 0], position[i, 1], position[i, 2]
@@ -62,7 +60,7 @@ def relaxed_particle(i, position, neighbours, field, relaxation, block):
                 tx += ex
                 ty += ey
                 tz += ez
-    phi, (nx, ny, nz), found = trilinear_near((x, y, z), field, block)
+    phi, (nx, ny, nz) = trilinear((x, y, z), distance_field)
     steep = math.sqrt(nx * nx + ny * ny + nz * nz)
     if steep > 0:
         nx, ny, nz = nx / steep, ny / steep, nz / steep
@@ -75,12 +73,5 @@ def relaxed_particle(i, position, neighbours, field, relaxation, block):
         shorter = relaxation.longest / length
         tx, ty, tz = shorter * tx, shorter * ty, shorter * tz
     tx, ty, tz = tx - phi * nx, ty - phi * ny, tz - phi * nz
-    return x + tx, y + ty, z + tz, math.sqrt(tx * tx + ty * ty + tz * tz), found
-
-
-@kernel
-def relax(i, position, neighbours, distance_field, relaxation, relaxed_position, step_length):
-    """One step of the relaxation: new position [m] and length of the step [m] of particle i."""
-    x, y, z, length, _ = relaxed_particle(i, position, neighbours, distance_field, relaxation, -1)
-    relaxed_position[i, 0], relaxed_position[i, 1], relaxed_position[i, 2] = x, y, z
-    step_length[i] = length
+    relaxed_position[i, 0], relaxed_position[i, 1], relaxed_position[i, 2] = x + tx, y + ty, z + tz
+    step_length[i] = math.sqrt(tx * tx + ty * ty + tz * tz)

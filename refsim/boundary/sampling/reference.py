@@ -58,7 +58,7 @@ def _direction(i, j, seed):
     "patent P3 and P4 with E24: tangential repulsion and projection along the normal",
     outputs="relaxed_position step_length", variants=("", {"relaxation": "as_printed"}), tolerance=16.0,
     reason="one rounding in each of distance, exponential, product and sum, and those of the interpolated distance"
-    " and slope", invariants="reordering", cases="piled_up", programs={"cpu": "relaxation"},
+    " and slope", invariants="reordering", cases="piled_up",
 )  # fmt: skip
 def relax(position, distance_field, relaxation, rows=None):
     """Patent P3 and P4 with E24: x <- x + lambda r v_t - phi n, and the length of that step, both [m].

@@ -5,7 +5,7 @@ import math
 from refsim.backends.compile import formula
 from refsim.backends.tuples import cross, difference, dot, entrywise, scaled, triple
 from refsim.neighbours.formulas import BITS, lower_bound
-from refsim.sparse_grid.formulas import block_key, cell_coordinate, find_node, find_node_near, step_node
+from refsim.sparse_grid.formulas import block_key, cell_coordinate, find_node, step_node
 
 FACE = 0  # features of a triangle a b c: its face, then edges ab, bc, ca (1 to 3), then corners a, b, c (4 to 6)
 MOST_STEPS = 32  # from triangle to triangle towards the nearest one
@@ -105,18 +105,10 @@ def beyond_inside(field, jx, jy, jz):
 
 @formula
 def trilinear(x, field):
-    """Patent P1: (phi = sum_c w_c phi_c [m], its slope) between nodes at x [m]; see `trilinear_near`."""
-    phi, slope, _ = trilinear_near(x, field, -1)
-    return phi, slope
-
-
-@formula(inlined=True)
-def trilinear_near(x, field, block):
-    """Patent P1, value and slope of phi between nodes at x: (phi [m], its slope along x, y, z, block of x).
+    """Patent P1, value and slope of phi between nodes at x: (phi [m], its slope along x, y, z).
 
     phi = sum_c w_c phi_c over the 8 corners of the cell, w_c the product of u or 1 - u along each axis. Beyond the
-    band phi = -band inside and +band outside, and the slope is 0. x [m] is in the scene's frame. The search for the
-    cell begins with block number `block` (-1 for none); the block returned is -1 if no block holds x.
+    band phi = -band inside and +band outside, and the slope is 0. x [m] is in the scene's frame.
     """
     h = field.spacing
     real = type(h)
@@ -124,7 +116,7 @@ def trilinear_near(x, field, block):
     u = real(place[0] * field.inverse_spacing - jx)
     v = real(place[1] * field.inverse_spacing - jy)
     w = real(place[2] * field.inverse_spacing - jz)
-    node = find_node_near(field, jx, jy, jz, block)
+    node = find_node(field, jx, jy, jz)
     least = node
     if node >= 0:
         n100, n010 = step_node(field, node, 1, 0, 0), step_node(field, node, 0, 1, 0)
@@ -148,4 +140,4 @@ def trilinear_near(x, field, block):
         (one - v) * (f101 - f001) + v * (f111 - f011)
     )
     gy = (one - w) * (f10 - f00) + w * (f11 - f01)
-    return f0 + w * (f1 - f0), (gx / h, gy / h, (f1 - f0) / h), node >> 6
+    return f0 + w * (f1 - f0), (gx / h, gy / h, (f1 - f0) / h)
