@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from refsim.study.advice import answer, own_error
-from refsim.study.choice import Candidate, Choice, by_chance, candidates, duration, kinds, percent, refused
+from refsim.study.choice import Candidate, Choice, by_chance, candidates, duration, kinds, percent, physics, refused
 from refsim.study.panels import OWN, Panel, abouts, panel
 from validation.drawing import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, YELLOW, save_picture, style
 from validation.filling import replaced
@@ -155,9 +155,7 @@ def picture(of: Panel) -> Any:
     if failed:
         high *= (high / low) ** 0.07
         more = f"; and {len(failed) - 1} more" if len(failed) > 1 else ""
-        words = textwrap.fill(
-            f"failed: {textwrap.shorten(failed[0].words, 60)}: {failed[0].failed.split()[0]}{more}", 34
-        )
+        words = textwrap.fill(f"stopped: {textwrap.shorten(failed[0].words, 60)}{more}", 34)
         place = 1.1 * axes.get_ylim()[0]
         for k, p in enumerate(sorted(failed, key=lambda p: p.spent)):
             place = max(p.spent, place if k == 0 else 1.25 * place)
@@ -187,8 +185,9 @@ def picture(of: Panel) -> Any:
 
 def _methods(axes: Any, of: Panel, found: Sequence[Candidate]) -> None:
     """Points of each method, and a line through its best ones; on a GPU dashed and small."""
-    own = kinds(of)["cpu"]
-    passed = {c.point.key for c in own if refused(c, own) or by_chance(c, c.error, own)}.difference(_chosen(of)[1])
+    own, known = kinds(of)["cpu"], physics(kinds(of))
+    passed = {c.point.key for c in own if refused(c, own) or by_chance(c, c.error, known)}
+    passed = (passed | {f"cuda_{key}" for key in passed}).difference(_chosen(of)[1])
     methods: dict[str, tuple[list[Candidate], list[Candidate]]] = {}  # of a CPU, of a GPU
     for c in found:
         name = c.point.program if c.point.program != OWN else str(c.point.knobs.get(of.about.method, OWN))

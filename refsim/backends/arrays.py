@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from refsim.backends.runtime import simulated as simulated
-from refsim.backends.threads import choose_layer, threads_for
+from refsim.backends.threads import choose_layer, places, threads_for
 from refsim.core.errors import InputError
 from refsim.core.operation import BACKENDS, Operation
 
@@ -189,7 +189,7 @@ def set_threads(backend: Backend, threads: int | None, rows: int | None = None) 
     most = numba.config.NUMBA_NUM_THREADS
     if threads is not None and not 1 <= threads <= most:
         raise InputError(f"threads = {threads} is not possible here; give 1 to {most}.")
-    numba.set_num_threads(threads or (most if rows is None else threads_for(rows)))
+    places.use(threads or (most if rows is None else threads_for(rows)))
 
 
 def host_memory() -> dict[str, int | None]:

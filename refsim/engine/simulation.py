@@ -16,6 +16,7 @@ import numpy as np
 
 from refsim.backends import arrays as backends
 from refsim.backends.scratch import Scratch
+from refsim.backends.threads import places
 from refsim.core.capabilities import BringsWalls, FollowsSettings, LimitsSpeed, Watches, having
 from refsim.core.checked import suggestion
 from refsim.core.effect import Effect, Extremes, Pass
@@ -242,6 +243,7 @@ class Simulation(Shown):
 
     def step(self) -> StepResult:
         """Advance by one stable step. Raises RunStopped, with the state as it was, where that is impossible."""
+        places.keep()
         if self.auditor is not None:
             self.auditor.begin()
         if self.gauges is not None:

@@ -8,7 +8,7 @@
 4. A settled candidate is not advised either where an unsettled one is faster beyond its scatter: where the slowest
    reading of that one is below the fastest reading of the settled one. The cheaper one is then named with its readings.
 5. A setting that has an error which a finer spacing with the same other knobs exceeds is no candidate for it:
-   errors of opposite sign cancel there.
+   errors of opposite sign cancel there. Nor is one whose finer spacing stops in one of its runs.
 6. Physics decides once: the error of a setting that was measured on a CPU and on a GPU is the larger one on both, and
    rules 2 and 5 hold for both machines by the settings that either has: what differs is seconds.
 """
@@ -143,8 +143,10 @@ def candidates(panel: Panel) -> list[Candidate]:
 
 
 def kinds(panel: Panel) -> dict[str, list[Candidate]]:
-    """Candidates by where they are advised, "cpu", "gpu" and "peer", with the larger error of both machines."""
+    """Candidates by where they are advised, "cpu", "gpu" and "peer", with the larger error of both machines; "stopped":
+    settings of which a run stopped, with an infinite error."""
     made: dict[str, list[Candidate]] = {"cpu": [], "gpu": [], "peer": []}
+    made["stopped"] = [Candidate(p, math.inf) for p in panel.points.values() if p.failed and p.program == OWN]
     found = candidates(panel)
     largest: dict[str, float] = {}
     for c in found:
@@ -157,7 +159,7 @@ def kinds(panel: Panel) -> dict[str, list[Candidate]]:
 
 def physics(found: Mapping[str, Sequence[Candidate]]) -> list[Candidate]:
     """Each setting of `kinds` once, whatever it ran on."""
-    return list({_setting(c): c for c in (*found["gpu"], *found["cpu"])}.values())
+    return list({_setting(c): c for kind in ("stopped", "gpu", "cpu") for c in found[kind]}.values())
 
 
 def sound(found: Sequence[Candidate], known: Sequence[Candidate]) -> dict[Candidate, Candidate]:
@@ -213,7 +215,8 @@ def choose(found: Sequence[Candidate], error: float, known: Sequence[Candidate] 
         if finer is not None:
             reach.remove(pair)
             said = f"{pair[1].point.words} has an error of {percent(pair[1].error)} by chance"
-            notes.append(f"passed over: {said}, {finer.point.words} of {percent(finer.error)}")
+            found_there = "stops" if finer.point.failed else f"of {percent(finer.error)}"
+            notes.append(f"passed over: {said}, {finer.point.words} {found_there}")
     if not reach:
         if not allowed:
             return Choice(None, why="not reached: no setting may be advised", notes=tuple(notes))

@@ -58,3 +58,26 @@ def test_a_small_scene_takes_one_thread_and_gives_the_same_bits():
     finally:
         set_threads(Backend("cpu"), None)
     assert found[0] == found[1]
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity") or threads.cores() < 2, reason="one core, or none to choose")
+def test_threads_stay_on_their_processors_while_nothing_else_computes():
+    """The first look pins them; a processor that others take, or a loop of fewer threads, sets them free."""
+    program = """
+import os, time
+from refsim.backends import threads
+threads.LOOK, taken = 0.0, [0.0]
+threads._busy = lambda processors: taken[0] + time.process_time()
+threads.choose_layer()
+places = threads.places
+def look(number, seconds=0.0):
+    places.use(number)
+    taken[0] += seconds
+    places.keep()
+    return [sorted(os.sched_getaffinity(thread)) for thread in places.threads]
+mask = sorted(os.sched_getaffinity(0))
+free, alone = [mask] * len(mask), [[one] for one in mask]
+assert [look(len(mask)), look(len(mask), 9.0), look(len(mask)), look(1)] == [alone, free, alone, free]
+assert sorted(os.sched_getaffinity(0)) == mask
+"""
+    subprocess.run([sys.executable, "-c", program], check=True, timeout=100)

@@ -124,6 +124,9 @@ def test_float64_is_advised_only_where_it_changes_the_error():
 def test_a_setting_that_was_stopped_is_no_candidate():
     stopped, good = point("stopped", 0.01, 0.5, failed="diverged"), point("good", 0.01, 3.0)
     assert (key(chosen(made(stopped, good), 0.05)), chosen(made(stopped), 0.05).why) == ("good", "not measured")
+    coarse, fine = point("coarse", 0.01, 1.0, knobs={"spacing": 2}), point("fine", 0.01, 2.0, knobs={"spacing": 1})
+    found = kinds(made(coarse, msgspec.structs.replace(fine, failed="diverged")))
+    assert choose(found["cpu"], 0.05, physics(found)).notes[0].endswith("by chance, keeps 0.01 stops")
 
 
 def test_an_answer_is_given_where_error_and_uncertainty_of_the_reference_allow_it():
@@ -148,7 +151,7 @@ def test_kinds_of_machines_and_programs_stand_apart():
     gpu = point("cuda_ours", 0.01, 1.0, knobs={"backend": "cuda"})
     found = kinds(made(point("ours", 0.01, 3.0), gpu, point("theirs", 0.01, 1.0, program="other")))
     assert {kind: [c.point.key for c in some] for kind, some in found.items()} == {
-        "cpu": ["ours"], "gpu": ["cuda_ours"], "peer": ["theirs"],
+        "cpu": ["ours"], "gpu": ["cuda_ours"], "peer": ["theirs"], "stopped": [],
     }  # fmt: skip
 
 

@@ -102,11 +102,12 @@ class Solved:
     observable: str
     answer: Callable[[], float]
     ratio: float = 1.5
+    finer: int = 2
     with_spacing: tuple[str, ...] = ()
 
     def study(self, name: str, **more: object) -> Study:
         """What `refsim study` finds."""
-        given = {"levels": 4, "finer": 2, "ratio": self.ratio, "knobs": ("spacing", "support", "step")}
+        given = {"levels": 4, "finer": self.finer, "ratio": self.ratio, "knobs": ("spacing", "support", "step")}
         given["with_spacing"] = self.with_spacing
         return refsim.study(SCENES / f"{name}.toml", self.observable, **(given | more))  # type: ignore[arg-type]
 
@@ -143,7 +144,7 @@ SOLVED = {
         ratio=2.0,
         with_spacing=("effects.weakly_compressible.dynamic_viscosity",),
     ),
-    "torus": Solved("field:position.z@mean", lambda: poured(0.6**3, 0.8, SCENES / "torus.obj", 40.0)),
+    "torus": Solved("field:position.z@mean", lambda: poured(0.6**3, 0.8, SCENES / "torus.obj", 40.0), finer=3),
     "column": Solved("kinetic_energy", lambda: falling_rod(0.05, 1.0, 0.4, 1000.0, 10.0, 9.81), ratio=2.0),
 }
 
