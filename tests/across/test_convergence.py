@@ -122,7 +122,7 @@ def oscillate(steps, varying=True, plain=False):
     previous = 0.0
     for length in lengths:
         kick = length if plain else 0.5 * (previous + length)
-        kick_drift(-position, built, None, np.array([kick, length]), None, moved, None, velocity, position)
+        kick_drift(-position, built, None, np.array([kick, length]), None, None, velocity, position, moved)
         previous = length
     exact = np.array([math.cos(1.0), 0.5 * math.sin(1.0)])
     return np.abs(position[0, :2] - exact).max()
