@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -145,19 +145,11 @@ def sample(
             if len(residuals)
             else "the particles were not relaxed"
         )
-    place, normal = _on_mesh(band, position)
+    place, normal = replace(band, field=band.local).project(position)
     return BoundarySample(
         backend.host(place).astype(float) + mesh.origin, backend.host(normal).astype(float), radius, expected,
         len(residuals), converged, np.array(residuals), band, tuple(notes),
     )  # fmt: skip
-
-
-def _on_mesh(band: NarrowBand, position: Any) -> tuple[Any, Any]:
-    """Positions projected onto the nearest triangles (n, 3) [m], and the normals there (n, 3)."""
-    place, normal = (band.backend.empty(position.shape, position.dtype) for _ in range(2))
-    program = REGISTRY["signed_distance.project"].program(band.backend.name)
-    program(position, band.triangles, band.local, place, normal)
-    return place, normal
 
 
 def _surface(
@@ -194,9 +186,7 @@ def _surface(
 def _corners_cut_off(band: NarrowBand, corner: np.ndarray, radius: float) -> int:
     """Number of vertices of the mesh farther than CUT_OFF r from the isosurface."""
     backend, vertices = band.backend, band.mesh.vertices.astype(band.field.distance.dtype)
-    distance, slope = backend.empty(len(vertices), vertices.dtype), backend.empty(vertices.shape, vertices.dtype)
-    program = REGISTRY["signed_distance.interpolate"].program(backend.name)
-    program(backend.asarray(vertices), band.local, distance, slope)
+    distance, _ = replace(band, field=band.local).at(backend.asarray(vertices))
     sharp = vertices[backend.host(distance) > ROUNDED * band.spacing]
     if not len(sharp):
         return 0
