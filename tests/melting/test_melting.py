@@ -14,9 +14,7 @@ from refsim.shape_matching.phases import FLUID, INTERIOR, SURFACE
 from tests.running import advanced, run_to
 
 EXAMPLE = Path(__file__).parents[2] / "refsim" / "examples" / "melting.toml"
-LIQUID = rs.WeaklyCompressible(
-    sound_speed=40.0, dynamic_viscosity=50.0, state="tait", kernels="cubic_spline", density="summation"
-)
+LIQUID = rs.WeaklyCompressible(sound_speed=40.0, dynamic_viscosity=50.0, state="tait", density="summation")
 BODY = rs.SolidBox(lower=(0.4, 0.4, 0.8), upper=(1.4, 1.4, 1.8), density=917.0)
 
 
@@ -57,7 +55,7 @@ def melting_round(identity, place, temperature, phase, direct, region, count, la
     ones = np.ones(len(phase))
     rule = MeltingRule(np.int32(0), 1000.0, 1.0, 0.6, 4186.0)
     REGISTRY["melting.melt"].program("cpu")(
-        identity, temperature, None, 0 * ones, None, rule, melted, number, ones, ones.copy(), None, None, phase
+        identity, temperature, None, 0 * ones, None, rule, melted, ones, ones.copy(), None, None, phase, number
     )
     REGISTRY["melting.detach"].program("cpu")(melted, number, region, direct, rebuild)
     REGISTRY["shape_matching.regions"].program("cpu")(direct, rebuild, lattice, region, count)

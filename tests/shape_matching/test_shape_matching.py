@@ -229,9 +229,7 @@ def test_fast_sums_are_exact_far_from_the_first_particle():
 def test_a_light_body_floats_at_rest():
     """Energy does not grow: a box of half the water's density ends half under water, and everything comes to rest."""
     effects = (
-        rs.WeaklyCompressible(
-            sound_speed=40.0, dynamic_viscosity=50.0, state="tait", kernels="cubic_spline", density="summation"
-        ),
+        rs.WeaklyCompressible(sound_speed=40.0, dynamic_viscosity=50.0, state="tait", density="summation"),
         rs.ShapeMatching(summation="gather"), rs.TwoWayCoupling(), rs.Gravity(),
         rs.BoxWalls(lower=(0, 0, 0), upper=(1.6, 1.6, 3)),
     )  # fmt: skip
