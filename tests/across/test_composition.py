@@ -128,15 +128,14 @@ def differences(name):
     simulation.evaluate()
     sound = any(isinstance(effect, (rs.WeaklyCompressible, rs.MpmLiquid)) for effect in effects)
     compared = {
-        "fields": (set(simulation.fields), set(plan.fields)),
-        "bytes": (held, sum(plan.bytes_of_fields().values())),
+        "fields": (set(simulation.fields), set(plan.fields)), "bytes": (held, sum(plan.bytes_of_fields().values())),
         "launches of a step": (stepped, {*plan.launches(), *runner}),
         "all launches": (set(simulation.timings.first_calls), {*plan.launches(True), *runner}),
         "capillary limit": ("capillary" in limits, bool(CAPILLARY & set(plan.effects))),
         "viscous limit": ("viscous" in limits, any(getattr(effect, "dynamic_viscosity", 0) > 0 for effect in effects)),
         "acoustic limit": ("acoustic" in limits, sound and "iisph" not in plan.effects),
         "limits that are not positive": ([name for name, value in limits.items() if not value > 0], []),
-    }
+    }  # fmt: skip
     compared |= held_by_grid(simulation)
     return [f"{name}: {what}: {a}, not {b}" for what, (a, b) in compared.items() if a != b]
 

@@ -386,11 +386,10 @@ def test_steps_of_the_grid_liquid():
     assert liquid.sound_speed() == 2.0
     found = liquid.step_limits(grid(), named(liquid, rs.Gravity(acceleration=(0.1, -0.2, 0.2))))
     assert found == {
-        "acoustic": (near(0.12), 2.0, 1.0, 0.0, 0.0),
-        "advection": (near(0.09), 0.0, 1.0, 0.0, 0.0),
+        "acoustic": (near(0.12), 2.0, 1.0, 0.0, 0.0), "advection": (near(0.09), 0.0, 1.0, 0.0, 0.0),
         "viscous": (near(900 * 0.09 / (16 * 0.7)), 1.0, 0.0, 0.0, 0.0),
         "gravity": (near(math.sqrt(0.09 / 0.3)), 1.0, 0.0, 0.0, 0.0),
-    }
+    }  # fmt: skip
     plain = rs.MpmLiquid(bulk_modulus=3600.0)
     assert set(plain.step_limits(grid(), named(plain))) == {"acoustic", "advection"}
     weightless = rs.Gravity(acceleration=(0.0, 0.0, 0.0))

@@ -15,9 +15,8 @@ ROOT = pathlib.Path(__file__).parents[2]
 NEEDED = ("sphinx", "myst_parser", "furo", "sphinx-mathjax-offline")
 MISSING = [name for name in NEEDED if importlib.util.find_spec(name) is None]
 pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(bool(MISSING), reason=f"{', '.join(MISSING)} (extra [docs]) is not installed"),
-]
+    pytest.mark.slow, pytest.mark.skipif(bool(MISSING), reason=f"{', '.join(MISSING)} (extra [docs]) is not installed"),
+]  # fmt: skip
 NO_NETWORK = dict.fromkeys(("http_proxy", "https_proxy", "HTTP_PROXY", "HTTPS_PROXY"), "http://127.0.0.1:9")
 WIDTHS = (1280, 390)
 PICTURES = """(async () => {

@@ -61,9 +61,8 @@ def test_the_wheel_installs_no_other_name(unpacked):
     (found,) = importlib.metadata.distributions(path=[str(unpacked)])
     assert found.read_text("top_level.txt").split() == ["refsim"]
     assert {(e.group, e.name, e.value) for e in found.entry_points} == {
-        ("console_scripts", "refsim", "refsim.__main__:main"),
-        ("pytest11", "refsim", "refsim.pytest_plugin"),
-    }
+        ("console_scripts", "refsim", "refsim.__main__:main"), ("pytest11", "refsim", "refsim.pytest_plugin"),
+    }  # fmt: skip
 
 
 def test_the_wheel_holds_every_source_and_its_data(unpacked):

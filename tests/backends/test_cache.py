@@ -206,11 +206,9 @@ def flipped(content):
 
 
 DAMAGE = {
-    "empty": lambda content: b"",
-    "half": lambda content: content[: len(content) // 2],
-    "a flipped bit": flipped,
+    "empty": lambda content: b"", "half": lambda content: content[: len(content) // 2], "a flipped bit": flipped,
     "longer": lambda content: content + b"\0",
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("kind", ["nbi", "nbc"])

@@ -32,9 +32,8 @@ def test_values_and_errors_come_back():
 
 def test_a_killed_process_costs_its_own_task_one_attempt(tmp_path):
     tasks = [
-        Task("killed", "killed", there.die_once, (tmp_path / "marker", 7)),
-        Task("other", "other", there.square, (3,)),
-    ]
+        Task("killed", "killed", there.die_once, (tmp_path / "marker", 7)), Task("other", "other", there.square, (3,)),
+    ]  # fmt: skip
     found = outcomes(tasks)
     assert found["killed"].value == (7, "1"), "in another process, of one thread"
     assert found["other"].value == 9

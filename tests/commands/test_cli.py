@@ -237,10 +237,9 @@ def test_what_never_ends_is_not_read(tmp_path, make):
 
 @pytest.mark.parametrize("suffix", ["obj", "stl", "ply", "off", "glb", "gltf", "xyz"])
 @pytest.mark.parametrize(
-    "content",
-    [b"\xff\xfe\xfa\x80abc", b"", b"ply\nformat ascii 1.0\nelement vertex 99999999999\n"],
+    "content", [b"\xff\xfe\xfa\x80abc", b"", b"ply\nformat ascii 1.0\nelement vertex 99999999999\n"],
     ids=["bytes", "none", "ply"],
-)
+)  # fmt: skip
 def test_what_is_no_mesh_is_told_of_a_solid_as_of_a_boundary(scene, capsys, suffix, content):
     pathlib.Path(f"m.{suffix}").write_bytes(content)
     parts = {"solid mesh: ": MESH.format(f"m.{suffix}"), "mesh: ": f'[effects.mesh_boundary]\nfile = "m.{suffix}"'}

@@ -68,10 +68,9 @@ def test_standard_output_on_a_full_disk(folder, words):
 
 
 @pytest.mark.parametrize(
-    "words",
-    [["view", "run", "--html", "new/page.html"], ["render", "run", "-o", "new/p.png", "--size", "320x240"]],
+    "words", [["view", "run", "--html", "new/page.html"], ["render", "run", "-o", "new/p.png", "--size", "320x240"]],
     ids=["view", "render"],
-)
+)  # fmt: skip
 def test_nothing_half_written_is_left_on_a_full_disk(ran, full, capsys, words):
     (ran / "new").mkdir()
     assert main(words) == 3

@@ -7,9 +7,8 @@ import numpy as np
 from refsim.contract import Programs
 
 NORMS = {
-    "cubic_spline": {2: 40 / (7 * math.pi), 3: 8 / math.pi},
-    "wendland_c2": {2: 7 / math.pi, 3: 21 / (2 * math.pi)},
-}
+    "cubic_spline": {2: 40 / (7 * math.pi), 3: 8 / math.pi}, "wendland_c2": {2: 7 / math.pi, 3: 21 / (2 * math.pi)},
+}  # fmt: skip
 
 
 def programs(function, kernel):

@@ -305,11 +305,10 @@ def test_a_broken_program_fails_in_that_trial_and_the_rest_is_judged(folder, cap
     several = {trial: words for trial, words in several.items() if not trial.endswith("_2d")}
     beside = "it wrote behind the end of density"
     assert several == {
-        "one_particle": "it raised ValueError: too few particles",
-        "two_particles": "it raised SystemExit: 7",
+        "one_particle": "it raised ValueError: too few particles", "two_particles": "it raised SystemExit: 7",
         "three_particles": "it returned density as float64 of shape (5,); wanted is float64 of shape (3,)",
         **dict.fromkeys(("very_far_away", "tiny_lengths", "huge_lengths", "flung_particle"), beside),
-    }
+    }  # fmt: skip
     assert len({operation["trials"] for operation in operations.values()}) == 1
     assert len(found["not_offered"]) == len(REGISTRY) - 3
 

@@ -110,9 +110,8 @@ def test_a_slip_is_found(other, tmp_path, capsys):
     assert code == 0
     centre = measures["centre y"]
     assert (centre["verdict"], centre["chaos"] < centre["difference"] <= centre["resolution"]) == (
-        "within resolution",
-        True,
-    )
+        "within resolution", True,
+    )  # fmt: skip
 
 
 def test_another_discretisation_is_right_and_another_flow_is_not(other, tmp_path, capsys):

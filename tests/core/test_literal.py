@@ -44,8 +44,7 @@ def test_paper_takes_improvements_and_parameters_and_leaves_misprints_corrected(
         "literal has Paper; only E5, E6, E10, E23, paper or all",
     ),
     (
-        lambda: rs.ShapeMatching(literal=("M25",)).printed(),
-        "shape_matching: literal has M25; only paper or all can",
+        lambda: rs.ShapeMatching(literal=("M25",)).printed(), "shape_matching: literal has M25; only paper or all can",
     ),
     (lambda: rs.SurfaceDetection(literal=3), "literal = 3 is a whole number; give text or a tuple or a list"),
     (lambda: rs.SurfaceDetection(literal=("paper", 3)), r"literal\[1\] = 3 is a whole number; give text"),
@@ -105,12 +104,11 @@ def liquid(**given):
         ),
         (
             (liquid(), rs.Gravity(), rs.BoxWalls(**TANK, literal="paper")),
-            (liquid(), rs.Gravity(), rs.BoxWalls(**TANK, literal="g")),
-            (liquid(), rs.Gravity(), rs.BoxWalls(**TANK)),
+            (liquid(), rs.Gravity(), rs.BoxWalls(**TANK, literal="g")), (liquid(), rs.Gravity(), rs.BoxWalls(**TANK)),
         ),
     ],
     ids=["jiang_zhu", "dong", "walls"],
-)
+)  # fmt: skip
 def test_a_run_as_in_the_paper_is_that_with_everything_spelled_out(own, spelled, usual):
     found = moved(*own)
     assert np.array_equal(found, moved(*spelled))

@@ -118,8 +118,7 @@ def test_clouds_come_out_of_the_checkpoint(tmp_path):
     np.save(tmp_path / "points.npy", points)
     file = rs.Cloud(file=str(tmp_path / "points.npy"), velocity=(1.0, 0.0, 0.0))
     scene = rs.Scene(
-        spacing=0.01,
-        support_radius=0.02,
+        spacing=0.01, support_radius=0.02,
         fluid=(
             file, rs.Box(cells=(2, 2, 2), lower=(1.0, 0.0, 0.0)), rs.Cloud(position=points + 2.0, mass=np.arange(1.0,
             41.0)),

@@ -14,8 +14,7 @@ from tests.sph.test_liquid_at_rest import DENSITY, DEPTH, SOUND, G
 from tests.sph.test_liquid_at_rest import tank as water
 
 GAUGES = (
-    Gauge(name="floor", kind="force", on="-y", every=0.02),
-    Gauge(name="left", kind="force", on="-x", every=0.02),
+    Gauge(name="floor", kind="force", on="-y", every=0.02), Gauge(name="left", kind="force", on="-x", every=0.02),
     Gauge(name="right", kind="force", on="+x", every=0.02),
     Gauge(name="walls", kind="force", on="box_walls", every=0.02),
     Gauge(name="point", kind="pressure", at=(0.5, 0.5, 0.0), every=0.02),
@@ -23,7 +22,7 @@ GAUGES = (
     Gauge(name="level", kind="level", lower=(0.5, 0.0, 0.0), upper=(0.5, 2 * DEPTH, 0.0), every=0.02),
     Gauge(name="at_wall", kind="level", lower=(0.0, 0.0, 0.0), upper=(0.0, 2 * DEPTH, 0.0), every=0.02),
     Gauge(name="flux", kind="flux", lower=(0.5, 0.0, 0.0), upper=(0.5, 1.5 * DEPTH, 0.0), every=0.02),
-)
+)  # fmt: skip
 
 
 def tank(cells=8, gauges=GAUGES, dim=2, model="extrapolated", dtype="float64", **walls):

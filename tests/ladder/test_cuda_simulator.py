@@ -698,9 +698,8 @@ def test_forces_launched_before_the_host_looks_give_the_same_bits():
 def test_a_profiled_run_is_the_same_run_and_names_every_pass():
     """The passes are launched one by one in the place of one graph: their seconds are apart, the bits are the same."""
     plain, profiled = (
-        rs.Simulation(dam_break("float32"), "cuda"),
-        rs.Simulation(dam_break("float32"), "cuda", profile=True),
-    )
+        rs.Simulation(dam_break("float32"), "cuda"), rs.Simulation(dam_break("float32"), "cuda", profile=True),
+    )  # fmt: skip
     for run in (plain, profiled):
         advance(run, 3)
     for name in plain.fields:

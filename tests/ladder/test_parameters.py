@@ -27,10 +27,9 @@ D, H, RHO, C, MU = 0.14, 0.37, 870.0, 60.0, 0.4  # spacing [m], support radius [
 SIGMA = 0.8  # [N/m]
 RTOL = 1e-6  # the host's quadrature of the clamped attraction runs over a kink and is 3e-7 off; the others 1e-9
 SETS = {
-    "wendland": ("wendland_c2", "wendland_c2"),
-    "mueller": ("poly6", "spiky"),
+    "wendland": ("wendland_c2", "wendland_c2"), "mueller": ("poly6", "spiky"),
     "cubic_spline": ("cubic_spline", "cubic_spline"),
-}
+}  # fmt: skip
 NUMBERS = {"poly6": 0, "spiky": 1, "cubic_spline": 2, "wendland_c2": 3}
 
 
@@ -231,9 +230,8 @@ def akinci(dim, gamma=None, area=None, beta=0.0):
     eps = 1e-3 * gamma * RHO if area is None else area(gamma)
     return normal_term(dim) | {
         "spline": {"gamma": gamma, "amplitude": gamma * 32 / (math.pi * H**dim)} if gamma else None,
-        "area_term": {"coefficient": eps} if eps else None,
-        "adhesion": {"beta": beta, "amplitude": beta * adhesion},
-    }
+        "area_term": {"coefficient": eps} if eps else None, "adhesion": {"beta": beta, "amplitude": beta * adhesion},
+    }  # fmt: skip
 
 
 def becker_teschner(dim, kappa=None, least=D):
@@ -501,8 +499,7 @@ def mesh(gravity=(0.0, 0.0, 0.0), swept=1, printed=0, everywhere=0, pulls=True):
     """Patent CN104318598A: patent P6 (friction, pressure extrapolated by gravity) and P8; the band at the surface."""
     h = 0.06
     return {
-        "wall_gravity": dict(zip("xyz", gravity)) if pulls else None,
-        "wall_viscosity": {"coefficient": 0.7},
+        "wall_gravity": dict(zip("xyz", gravity)) if pulls else None, "wall_viscosity": {"coefficient": 0.7},
         "adhesion": {"beta": 1.3, "amplitude": 1.3 * akinci(3, beta=1.0)["adhesion"]["amplitude"]},
         "penetration": {
             "restitution": 0.3, "rebound": 0.2, "swept": swept, "printed": printed, "everywhere": everywhere,

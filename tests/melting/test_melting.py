@@ -26,8 +26,7 @@ def scene(solid=(BODY,), highest=5.0, slope=0.0, melting=None, **options):
         heat = rs.HeatConduction(temperature=temperature, conductivity=0.0, melting_point=0.0, scheme="single_pass")
         effects = (
             LIQUID, rs.Gravity(), rs.BoxWalls(lower=(0, 0, 0), upper=(1.8, 1.8, 3)),
-            rs.ShapeMatching(summation="gather"),
-            rs.TwoWayCoupling(), heat, melting or rs.Melting(),
+            rs.ShapeMatching(summation="gather"), rs.TwoWayCoupling(), heat, melting or rs.Melting(),
         )  # fmt: skip
         return rs.Scene(fluid=(rs.Box(cells=(9, 9, 4)),), solid=solid, effects=effects, **values)
 

@@ -37,8 +37,7 @@ def tank(cells=10, motion=(), dtype="float64", gauge=(), end_time=1.0, pull=(0.0
     ("sin(2*pi*t)/(1 + t)", lambda t: math.sin(2 * math.pi * t) / (1 + t)),
     ("-exp(-t)*cos(3*t) + tanh(t)", lambda t: -math.exp(-t) * math.cos(3 * t) + math.tanh(t)),
     ("sqrt(1 + t)*log(2 + t) + tan(0.3*t)", lambda t: math.sqrt(1 + t) * math.log(2 + t) + math.tan(0.3 * t)),
-    ("2**t + (1 + t)**t", lambda t: 2**t + (1 + t) ** t),
-    ("+4", lambda t: 4.0),
+    ("2**t + (1 + t)**t", lambda t: 2**t + (1 + t) ** t), ("+4", lambda t: 4.0),
 ])  # fmt: skip
 def test_formulas_have_their_derivatives(formula, function):
     jet = parsed(formula, "here")

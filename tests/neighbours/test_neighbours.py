@@ -90,10 +90,9 @@ def test_wall_list_holds_all_pairs(name, dtype):
 
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
 @pytest.mark.parametrize(
-    "lengths",
-    [(1.0, 0.0, 0.0), (0.0, 0.45, 0.0), (0.45, 0.7, 0.0), (0.95, 0.67, 0.5), (0.0, 0.0, 0.45)],
+    "lengths", [(1.0, 0.0, 0.0), (0.0, 0.45, 0.0), (0.45, 0.7, 0.0), (0.95, 0.67, 0.5), (0.0, 0.0, 0.45)],
     ids=lambda lengths: "-".join(map(str, lengths)),
-)
+)  # fmt: skip
 def test_list_of_a_periodic_box_holds_all_pairs(lengths, dtype):
     """Two, three and more cells along each axis; particles of the box, and some several periods away from it."""
     dim = 3 if lengths[2] else 2

@@ -400,12 +400,11 @@ def test_an_absent_extra_is_named_in_a_sentence(in_space, in_plane, tmp_path, mo
         monkeypatch.setitem(sys.modules, name, None)
     cases = [
         (
-            in_space,
-            ["--style", "particles", "-o", str(tmp_path / "a.png")],
+            in_space, ["--style", "particles", "-o", str(tmp_path / "a.png")],
             "needs the package pyvista, which is not installed",
         ),
         (in_plane, ["--film", str(tmp_path / "a.mp4")], "imageio-ffmpeg, which is not installed"),
-    ]
+    ]  # fmt: skip
     for run, words, answer in cases:
         assert main(["render", str(run), *words]) == 2
         err = capsys.readouterr().err

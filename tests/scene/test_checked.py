@@ -42,11 +42,10 @@ def test_an_error_names_class_field_and_value(made, sentence):
 
 def test_numbers_and_arrays_of_numpy_are_taken():
     made = scene(
-        spacing=np.float32(0.1),
-        support_radius=np.float64(0.2),
+        spacing=np.float32(0.1), support_radius=np.float64(0.2),
         fluid=[rs.Box(cells=np.array([2, 2, 2])), rs.Cloud(position=np.ones((1, 3)))],
         effects=[rs.Gravity(acceleration=np.array([0.0, 0.0, -9.81]))],
-    )
+    )  # fmt: skip
     assert make_plan(made).grid.count == 9
 
 

@@ -19,10 +19,9 @@ SOLID = (rs.SolidBox(lower=(0.0, 0.0, 0.1), upper=(0.2, 0.2, 0.2)),)
 MOLTEN = (rs.HeatConduction(melting_point=0.0), rs.Melting())
 COUPLED = (rs.ShapeMatching(), rs.TwoWayCoupling())
 ADVANCED, OWN, PAPERS = (
-    ("continuity", "central", "extrapolated"),
-    ("summation", "central", "mirrored"),
+    ("continuity", "central", "extrapolated"), ("summation", "central", "mirrored"),
     ("summation", "laplacian", "mirrored"),
-)
+)  # fmt: skip
 
 
 def scene(*effects, solid=(), walls=None, **liquid):

@@ -254,9 +254,8 @@ def test_first_layer_of_liquid_on_a_solid(literal, expected):
     """Density over rest density next to a flat solid: V_k over all solids 1.057, over surfaces alone 1.165."""
     effects = (
         rs.WeaklyCompressible(sound_speed=40.0, state="tait", kernels="cubic_spline", density="summation"),
-        rs.ShapeMatching(summation="gather"),
-        rs.TwoWayCoupling(literal=literal),
-    )
+        rs.ShapeMatching(summation="gather"), rs.TwoWayCoupling(literal=literal),
+    )  # fmt: skip
     scene = rs.Scene(
         spacing=0.2, support_radius=0.5, fluid=(rs.Box(lower=(0, 0, 0.8), cells=(14, 14, 5)),), dtype="float64",
         solid=(rs.SolidBox(lower=(0, 0, 0), upper=(2.8, 2.8, 0.8)),), effects=effects, step=1e-3,

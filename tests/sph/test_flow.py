@@ -89,8 +89,7 @@ def test_nothing_is_noted_where_no_liquid_falls_or_no_sound_speed_acts():
 def test_a_grid_liquid_is_told_its_bulk_modulus():
     def made(modulus):
         effects = (
-            rs.MpmLiquid(bulk_modulus=modulus), DOWN,
-            rs.MpmWalls(lower=(0.0, -1.0, 0.0), upper=(0.5, 6.0, 0.0)),
+            rs.MpmLiquid(bulk_modulus=modulus), DOWN, rs.MpmWalls(lower=(0.0, -1.0, 0.0), upper=(0.5, 6.0, 0.0)),
         )  # fmt: skip
         return rs.Scene(dim=2, spacing=0.05, support_radius=0.13, fluid=(COLUMN,), effects=effects)
 

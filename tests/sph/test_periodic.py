@@ -21,8 +21,7 @@ def channel(**options):
         "period": (0.8, 0.0, 0.0), "period_lower": (-0.4, 0.0, 0.0),
         "fluid": (rs.Box(lower=(-0.4, 0.0, 0.0), cells=(8, 6, 1), velocity=(2.0, 0.0, 0.0)),),
         "effects": (
-            LIQUID,
-            rs.Gravity(acceleration=(1.0, 0.0, 0.0)),
+            LIQUID, rs.Gravity(acceleration=(1.0, 0.0, 0.0)),
             rs.BoxWalls(lower=(0, 0, 0), upper=(9, 0.6, 0), open_faces=("-x", "+x"), viscosity=20.0,
             moving_faces=("+y",),
                      velocity=(1.0, 0.0, 0.0)),

@@ -34,8 +34,7 @@ def made(backend="cpu", **more):
     """Constants as a machine could have given them: 1 s of a run whose particles move with 4 m/s in its second half."""
     course = cost.Course(
         spacing=0.02, particles=50, reached=0.1, history=[[0.05, 0.0, 0.0, 0.0], [0.1, 4.0, 0.0, 0.0]],
-        steps=100, builds=20,
-        seconds={"a": 2e-3, "neighbours": 3e-2, "seldom": 1e-5},
+        steps=100, builds=20, seconds={"a": 2e-3, "neighbours": 3e-2, "seldom": 1e-5},
     )  # fmt: skip
     sizes = [(50, {"a": 1e-3, "neighbours": 1e-2}), (200, {"a": 3e-3, "neighbours": 4e-2})]
     return cost.Constants(backend, None, **({"course": course, "sizes": sizes, "measured_in": 1.0} | more))

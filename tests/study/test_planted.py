@@ -121,14 +121,13 @@ def test_a_key_follows_the_values_that_a_function_names(tmp_path, monkeypatch):
 
 
 HELPERS = {
-    "beside": ("import helper\n", "helper.py", ""),
-    "through another": ("import first\n", "helper.py", "import helper"),
+    "beside": ("import helper\n", "helper.py", ""), "through another": ("import first\n", "helper.py", "import helper"),
     "in a package": ("from parts import helper\n", "parts/helper.py", ""),
     "relative in a package": ("from parts import first as helper\n", "parts/helper.py", "from .helper import *"),
     "when it is called": ("", "helper.py", ""),
     "by its name": ("import importlib\nhelper = importlib.import_module('helper')\n", "helper.py", ""),
     "from a folder below": ("sys.path.insert(0, here + '/lib')\nimport helper\n", "lib/helper.py", ""),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("where", HELPERS)

@@ -160,9 +160,8 @@ def thin_shapes(dim):
         yield f"film of {layers}", sheet, found
         yield (
             f"turned film of {layers}",
-            sheet @ Rotation.random(rng=random).as_matrix() if dim == 3 else turned(sheet, 0.7),
-            found,
-        )
+            sheet @ Rotation.random(rng=random).as_matrix() if dim == 3 else turned(sheet, 0.7), found,
+        )  # fmt: skip
         off = 0.1 * random.uniform(-1, 1, sheet.shape) * (np.arange(3) < dim)
         yield f"jittered film of {layers}", sheet + off, (0.9 if layers == 1 else 1.0, 0.4)
     row = np.arange(30.0)[:, None]

@@ -76,11 +76,10 @@ OUTSIDE = {
     "stiffness": ({"sound_speed": 1000.0}, r"sigma/(rho0 c^2 d) = 7.2e-08 is outside the map of akinci"),
     "off both axes": ({"sound_speed": 4.0, "support_radius": 3e-3}, "leave sound_speed out"),
     "no agreement": (
-        {"model": "dong"},
-        "dong has no one surface tension at h = 2.6 d and S = 0.01: Laplace's law gives 4.8",
+        {"model": "dong"}, "dong has no one surface tension at h = 2.6 d and S = 0.01: Laplace's law gives 4.8",
     ),
     "no drop": ({"model": "he"}, "no drop both stayed whole and oscillated"),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", OUTSIDE)

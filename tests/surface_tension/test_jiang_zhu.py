@@ -92,9 +92,8 @@ def test_a_scene_pays_only_for_what_its_pair_mode_uses(mode):
     launches = set(plan.launches()) - {"sph.density", "sph.state", "sph.momentum"}
     detection = {"surface_detection.candidates", "surface_normal.color_gradient", "surface_detection.fan_scan"}
     assert launches == {"jiang_zhu_2023.cohesion"} | {
-        "soft": {"surface_normal.color_gradient", "jiang_zhu_2023.soft_weight"},
-        "all": set(),
-    }.get(mode, detection)
+        "soft": {"surface_normal.color_gradient", "jiang_zhu_2023.soft_weight"}, "all": set(),
+    }.get(mode, detection)  # fmt: skip
     assert "corrected_normal" not in plan.fields
     assert ("surface" in plan.fields) == (mode not in ("soft", "all"))
 

@@ -46,8 +46,7 @@ def made_up(name="fake", verdict=PASS, checks=1, runs=1):
     """An experiment with two pictures (PNG and WebP), a table and checks, whose words need escaping."""
     words = 'a <quantity> & "more"'
     return Experiment(
-        name=name,
-        title="an experiment <for> tests",
+        name=name, title="an experiment <for> tests",
         runs=lambda options: [Run(f"run_{k}", computed, {"value": k + 2}) for k in range(runs)],
         checks=lambda found, check: check.made.extend(
             Check(f"quantity.{k}", words, 1.5, "m", "2 & 3", "at most <5>", verdict) for k in range(checks)
@@ -57,7 +56,7 @@ def made_up(name="fake", verdict=PASS, checks=1, runs=1):
             for kind, shaded in (("plot", False), ("shaded", True))
         ),
         tables=lambda found: [Table("A <table>", ["what", "value"], [["x<y", 12.5], ["none", None]], "A & B.")],
-    )
+    )  # fmt: skip
 
 
 def performed(experiments, folder):

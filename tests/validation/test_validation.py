@@ -55,8 +55,7 @@ def measurement(value=1.0, verdict="pass", name="double"):
 def fake(value=2, judge=None, function=doubled, parameters=None):
     judge = judge or (lambda found: [measurement(found["one"].values["double"])] if "one" in found else [])
     return Experiment(
-        name="fake",
-        title="an experiment for tests",
+        name="fake", title="an experiment for tests",
         runs=lambda options: [
             Run("one", function, {"value": value} if parameters is None else parameters),
             Run("other", function, {"value": 9}, skip="quick" if options.quick else ""),
@@ -64,7 +63,7 @@ def fake(value=2, judge=None, function=doubled, parameters=None):
         checks=lambda found, check: check.made.extend(judge(found)),
         pictures=(Picture("line", lambda found: {"line": found["one"].arrays["line"]}, draw_line, ("one",)),),
         tables=lambda found: [Table("A table", ["a", "b"], [["x", 1.5], ["y", None]])],
-    )
+    )  # fmt: skip
 
 
 @pytest.fixture
