@@ -98,6 +98,13 @@ def cache_root() -> pathlib.Path:
     return platformdirs.user_cache_path("refsim", appauthor=False)
 
 
+def is_writable() -> bool:
+    """Whether kernels can be kept for the next process: the folder of all caches is there, or can be made."""
+    with contextlib.suppress(OSError):
+        cache_root().mkdir(mode=0o700, parents=True, exist_ok=True)
+    return os.access(cache_root(), os.W_OK)
+
+
 @functools.cache
 def cache_folder(path: pathlib.Path) -> str:
     """Cache folder for the kernels of a source file; the folders longest unused are cleared away.

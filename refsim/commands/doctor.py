@@ -2,7 +2,6 @@
 
 import argparse
 import dataclasses
-import os
 import platform
 import time
 import traceback
@@ -118,7 +117,7 @@ def _threads() -> dict[str, Any]:
 
 
 def _cache() -> dict[str, Any]:
-    from refsim.backends.cache import cache_root
+    from refsim.backends.cache import cache_root, is_writable
 
     root = cache_root()
     files = [p for p in root.rglob("*") if p.is_file()] if root.is_dir() else []
@@ -128,8 +127,7 @@ def _cache() -> dict[str, Any]:
             size += path.stat().st_size
         except OSError:  # another process has just deleted it
             continue
-    parent = next(p for p in (root, *root.parents) if p.exists())
-    return {"folder": str(root), "bytes": size, "files": len(files), "writable": os.access(parent, os.W_OK)}
+    return {"folder": str(root), "bytes": size, "files": len(files), "writable": is_writable()}
 
 
 def _gpu() -> dict[str, Any]:

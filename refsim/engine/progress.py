@@ -107,7 +107,10 @@ class Progress:
     def _open(self, simulation: Run) -> None:
         seconds = sum(simulation.timings.first_calls.values())
         if seconds > 1:
-            say(f"compiled the kernels in {in_time(seconds)}; the next run finds them in the cache")
+            from refsim.backends.cache import is_writable
+
+            end = "finds them in the cache" if is_writable() else "compiles them again: its cache cannot be written"
+            say(f"compiled the kernels in {in_time(seconds)}; the next run {end}")
         self.time = simulation.time
         self.bar = bar_of(
             total=self.until,

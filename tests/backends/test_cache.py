@@ -10,6 +10,7 @@ import pytest
 
 from refsim.backends import cache
 from refsim.backends.cache_files import refuse_foreign
+from refsim.commands import doctor
 from refsim.core.errors import InputError
 from tests.backends.launched import launch
 
@@ -276,3 +277,11 @@ def test_only_folders_of_the_cache_are_cleared_away(tmp_path, monkeypatch):
     (source := tmp_path / "kernel.py").write_text("")
     made = cache.cache_folder(source)
     assert sorted(p.name for p in tmp_path.iterdir() if p.is_dir()) == sorted([pathlib.Path(made).name, "photographs"])
+
+
+@pytest.mark.parametrize("inside", ["caches", "a_file"])
+def test_a_cache_that_cannot_be_made_is_known(tmp_path, monkeypatch, inside):
+    (tmp_path / "a_file").write_text("")
+    monkeypatch.setenv("REFSIM_CACHE_DIR", str(tmp_path / inside / "refsim"))
+    assert cache.is_writable() == (inside == "caches")
+    assert doctor._cache()["writable"] == (inside == "caches")
