@@ -132,7 +132,8 @@ def draw_column(data: Mapping[str, Any]) -> Any:
         if largest > 0:
             axes.plot(largest, k, ">" if lasts else "o", color=BLUE, ms=8)
             said = f"{'at least ' * lasts}{two_digits(largest)}"
-            axes.annotate(said, (largest, k), (9, 0), textcoords="offset points", va="center", fontsize=9.5)
+            beside = max(largest, runner if runner < 2 * largest else 0.0)
+            axes.annotate(said, (beside, k), (9, 0), textcoords="offset points", va="center", fontsize=9.5)
         else:
             axes.text(0.01, k, "none", transform=axes.get_yaxis_transform(), va="center", fontsize=9.5)
         if runner > 0:
