@@ -90,13 +90,13 @@ def _hand_over(returned: Any, operation: Operation, given: Mapping[str, Any], ar
     wanted = {name: given[name] for name in operation.outputs if given[name] is not None}
     if not isinstance(returned, Mapping):
         if len(operation.outputs) > 1:
-            raise ProgramFailed(
-                f"it returned {type(returned).__name__}; wanted is {{name: array}} for {_names(wanted)}"
-            )
+            kind = type(returned).__name__
+            raise ProgramFailed(f"it returned {kind}; wanted is {{name: array}} for {', '.join(wanted)}")
         returned = {operation.outputs[0]: returned}
     for name in returned:
         if name not in operation.outputs:
-            raise ProgramFailed(f"it returned {name!r}, which is no output; those are {_names(operation.outputs)}")
+            known = ", ".join(operation.outputs)
+            raise ProgramFailed(f"it returned {name!r}, which is no output; those are {known}")
     for name, target in wanted.items():
         if name not in returned:
             raise ProgramFailed(f"it did not return {name}; it must, or write all outputs in place")
@@ -118,7 +118,3 @@ def _hand_over(returned: Any, operation: Operation, given: Mapping[str, Any], ar
             target += values
         else:
             target[...] = values
-
-
-def _names(names: Sequence[str] | Mapping[str, Any]) -> str:
-    return ", ".join(names)

@@ -1,11 +1,9 @@
 """Plots of what the gauges of a run have measured."""
 
 import os
-from collections.abc import Sequence
 from pathlib import Path
 
 from refsim.core.writing import output_path, writing
-from refsim.gauges import GaugeSeries
 from refsim.io.series import GAUGES, read_series
 
 DOTS = 150  # pixels an inch
@@ -25,18 +23,14 @@ def plot_gauges(run: str | os.PathLike[str], output: str | os.PathLike[str], siz
     path = output_path(output, "picture", ".png", ".pdf", ".svg")
     figure = Figure(figsize=(size[0] / DOTS, 0.4 * size[1] / DOTS * len(parts)), dpi=DOTS, layout="constrained")
     for axes, (one, unit) in zip(figure.subplots(len(parts), 1, sharex=True, squeeze=False)[:, 0], parts):
-        _plot(axes, one, unit)
+        names = [name for name, own in zip(one.columns, one.units) if own == unit]
+        for name in names:
+            axes.plot(one.time, one[name], label=name, linewidth=1)
+        axes.set_title(one.name, loc="left", fontsize="medium")
+        axes.set_ylabel(f"[{unit}]" if len(names) > 1 else f"{names[0]} [{unit}]")
+        if len(names) > 1:
+            axes.legend(fontsize="small")
     axes.set_xlabel("time [s]")
     with writing("picture", path, "nothing is left of it"):
         figure.savefig(path)
     return path
-
-
-def _plot(axes: object, one: GaugeSeries, unit: str) -> None:
-    names: Sequence[str] = [name for name, own in zip(one.columns, one.units) if own == unit]
-    for name in names:
-        axes.plot(one.time, one[name], label=name, linewidth=1)  # type: ignore[attr-defined]
-    axes.set_title(one.name, loc="left", fontsize="medium")  # type: ignore[attr-defined]
-    axes.set_ylabel(f"[{unit}]" if len(names) > 1 else f"{names[0]} [{unit}]")  # type: ignore[attr-defined]
-    if len(names) > 1:
-        axes.legend(fontsize="small")  # type: ignore[attr-defined]
