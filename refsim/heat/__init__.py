@@ -5,8 +5,6 @@ step's start. Other effects read the field `temperature`, and `enthalpy` if ther
 particles changes their `conductivity`, `heat_capacity` and `mass` if the materials differ, and no other field.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import math
@@ -260,7 +258,7 @@ class HeatConduction(
     def list_radius(self, grid: Discretisation) -> float:
         return grid.support_radius if self.conducts else 0.0
 
-    def initial(self, grid: Discretisation, state: InitialState, others: Others) -> Mapping[str, np.ndarray]:
+    def initial(self, grid: Discretisation, state: "InitialState", others: Others) -> Mapping[str, np.ndarray]:
         names = ("temperature", "heat_capacity", *(("conductivity",) if self.conducts else ()))
         values = {name: self.of_particles(name, state) for name in names}
         if self.melts:
@@ -312,7 +310,7 @@ class HeatConduction(
             high += above * (float(np.max(self.heat_capacity)) / float(np.ravel(self.heat_capacity)[-1]) - 1)
         return np.array([low - margin, high + margin])
 
-    def of_particles(self, name: str, state: InitialState) -> np.ndarray:
+    def of_particles(self, name: str, state: "InitialState") -> np.ndarray:
         """A parameter that may differ from part to part, for every particle in the first order."""
         given = np.asarray(getattr(self, name), dtype=float)
         n = len(state.mass)
@@ -327,7 +325,7 @@ class HeatConduction(
             " all, or for each part, or for each particle."
         )
 
-    def _reservoir(self, state: InitialState) -> np.ndarray:
+    def _reservoir(self, state: "InitialState") -> np.ndarray:
         parts = np.zeros(len(state.sizes), np.uint8)
         for number in self.held:
             if not 0 <= number < len(parts):

@@ -1,7 +1,5 @@
 """Melting: particles at a solid's surface that reach the melting point become liquid (Shao & Song 2017, section 2)."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
@@ -71,7 +69,7 @@ class Melting(Effect, KeepsLedger, SumsDensity, frozen=True, kw_only=True):
     def fields(self, others: Others) -> tuple[Field, ...]:
         return (MELTED, MELTED_COUNT, REBUILD, MELTING_POINT)
 
-    def initial(self, grid: Discretisation, state: InitialState, others: Others) -> Mapping[str, np.ndarray]:
+    def initial(self, grid: Discretisation, state: "InitialState", others: Others) -> Mapping[str, np.ndarray]:
         if "melting_point" in self._provided(others):
             return {}
         heat: Any = others["heat_conduction"]

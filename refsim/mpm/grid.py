@@ -4,8 +4,6 @@ Blocks are made anew only where a point has left them; blocks without a point co
 a result does not depend on when that happened.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -67,7 +65,7 @@ class MpmGrid:
         self._views: dict[str, Any] = {}
         self._located: dict[str, np.ndarray] = {}
 
-    def on_backend(self, backend: Backend) -> MpmGrid:
+    def on_backend(self, backend: Backend) -> "MpmGrid":
         """A grid like this one on another backend, with the same blocks and points in it."""
         grid = MpmGrid(self.dim, self.dtype, self.cell_size, backend, self.reach)
         if self._located:

@@ -1,7 +1,5 @@
 """Memory of the background grid and of the surface on it, from the numbers of what they hold."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 import numpy as np

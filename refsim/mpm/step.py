@@ -4,8 +4,6 @@ Particles to grid, forces on the grid, update of the grid, grid to particles. Th
 ("carriers") take part in both transfers, and the surface's tension is a force on the grid.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal

@@ -4,8 +4,6 @@ Displacements beside dt v keep the linear momentum, since velocities stay, but n
 detected surface only their tangential part acts. Free drops and collisions do without them.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any, ClassVar, Literal, NamedTuple
 

@@ -3,8 +3,6 @@
 The passes of the transfers that the surface takes part in are those of `refsim.mpm`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import replace
@@ -113,7 +111,7 @@ class SurfaceEnergy(Tension, HoldsOtherMemory, Watches, frozen=True, kw_only=Tru
                 f"{self.name}: contact_angle = {self.contact_angle} needs a wall; add mpm_walls or leave it out."
             )
 
-    def initial(self, grid: Discretisation, state: InitialState, others: Others) -> Mapping[str, np.ndarray]:
+    def initial(self, grid: Discretisation, state: "InitialState", others: Others) -> Mapping[str, np.ndarray]:
         if not self.acts():
             return {}
         least = self.least_component(grid.dim)

@@ -4,8 +4,6 @@ Figure 4.7 of the thesis up to the transfers: level set, marching cubes, samples
 which components have tension. All arrays stay on the backend.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable

@@ -4,8 +4,6 @@ Figure 4.7 of the thesis up to the transfers, as `refsim.surface_energy.reconstr
 stage computes in float64; what it hands on is rounded to the run's dtype.
 """
 
-from __future__ import annotations
-
 import math
 from types import SimpleNamespace
 from typing import Any

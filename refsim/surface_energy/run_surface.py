@@ -1,7 +1,5 @@
 """The surface of a run: samples that the transfers take, and the reconstruction that renews them in each step."""
 
-from __future__ import annotations
-
 import copy
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -114,7 +112,7 @@ class SurfaceOfRun(SurfaceSamples):
         self.reconstruction: Any = None
         self.latest: Any = None
 
-    def on_backend(self, backend: Backend) -> SurfaceOfRun:
+    def on_backend(self, backend: Backend) -> "SurfaceOfRun":
         """The same, ready to work, on another backend."""
         made = copy.copy(self)
         SurfaceSamples.__init__(made, self.count, self.dtype, backend)

@@ -1,7 +1,5 @@
 """A reconstructed surface: its samples, which the transfers take, and the results of its reconstruction."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 

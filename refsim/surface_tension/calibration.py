@@ -6,8 +6,6 @@ kernels, and density where it is not summed. `python -m validation measure drops
 `validation/measure/sigma_map.py` condenses it.
 """
 
-from __future__ import annotations
-
 import functools
 import itertools
 import json

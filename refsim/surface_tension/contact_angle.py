@@ -5,8 +5,6 @@ the coefficient of adhesion over that of cohesion. `python -m validation measure
 `validation/measure/wetting.py` condenses it.
 """
 
-from __future__ import annotations
-
 import functools
 import itertools
 import json

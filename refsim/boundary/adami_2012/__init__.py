@@ -3,8 +3,6 @@
 There is no effect of this name: `box_walls` and `mesh_boundary` add the passes with `model = "extrapolated"`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
@@ -34,7 +32,7 @@ class ParticleWalls(Effect, BringsWalls, FollowsScene, SumsDensity, frozen=True,
         model: Literal["mirrored", "extrapolated"] | None
         viscosity: float
 
-    def settled(self, others: Others) -> ParticleWalls:
+    def settled(self, others: Others) -> "ParticleWalls":
         """Extrapolated, where no model is given, with a liquid whose density is advanced; else mirrored."""
         advances = liquid_of(others).settled(others).advances()
         return msgspec.structs.replace(self, model=self.model or ("extrapolated" if advances else "mirrored"))

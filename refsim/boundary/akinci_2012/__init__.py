@@ -5,8 +5,6 @@ is calibrated on the lattice so that this layer has the rest density. A lone par
 and would pass through one layer: the planes of the box stop it, and the run counts these stops.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
@@ -184,7 +182,7 @@ class BoxWalls(ParticleWalls, HasPlanes, HasErrata, frozen=True, kw_only=True):
             groups["bounds"] = Bounds(lower.astype(grid.dtype), upper.astype(grid.dtype))
         return groups
 
-    def initial(self, grid: Discretisation, state: InitialState, others: Others) -> Mapping[str, np.ndarray]:
+    def initial(self, grid: Discretisation, state: "InitialState", others: Others) -> Mapping[str, np.ndarray]:
         """No values of its own; raises InputError for particles that start behind a wall."""
         first = 0 if grid.solids is None else len(grid.solids.lattice.key)  # ShapeMatching tests particles of solids
         self.check_inside(grid, state.position[first:], 1e-3 * grid.spacing, first)  # for the rounding of the planes

@@ -1,7 +1,5 @@
 """Placing of a solid, on the host: mesh read and moved, boundary particles on it, signed distances around it."""
 
-from __future__ import annotations
-
 import functools
 import itertools
 import math

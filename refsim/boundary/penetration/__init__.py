@@ -4,8 +4,6 @@ There is no effect of this name: `mesh_boundary` (`refsim.boundary.one_way_coupl
 leap-frog.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

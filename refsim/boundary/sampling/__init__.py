@@ -4,8 +4,6 @@ The surface is the zero level of the signed distance. g A/(pi r^2) particles are
 other along it and are projected back onto it until they hardly move. Finally they are projected onto the mesh itself.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace

@@ -4,8 +4,6 @@ Nodes lie at h j relative to the mesh's origin. They are stored in blocks of 64,
 sorted keys. The distance is negative inside.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 

@@ -1,7 +1,5 @@
 """Two-way coupling of liquid and solid particles through pressure and viscosity (Shao & Song 2017, (1) to (3))."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
@@ -109,7 +107,7 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, SumsDensity, frozen=Tru
                 " weakly_compressible at 'laplacian', or set density = 'continuity'."
             )
 
-    def _check_advanced(self, liquid: WeaklyCompressible, others: Others) -> None:
+    def _check_advanced(self, liquid: "WeaklyCompressible", others: Others) -> None:
         if "melting" in others and others["melting"].sums_density():  # type: ignore[attr-defined]
             raise InputError(
                 f"{self.name}: a liquid with density = 'continuity' has one rest density, and melting brings another;"
@@ -131,7 +129,7 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, SumsDensity, frozen=Tru
             return (DENSITY, PRESSURE, REST_DENSITY, PHASE, FOLLOWED_VELOCITY)
         return (DENSITY, PRESSURE, REST_DENSITY, PHASE, RELATIVE_CONTRIBUTION, VOLUME)
 
-    def initial(self, grid: Discretisation, state: InitialState, others: Others) -> Mapping[str, np.ndarray]:
+    def initial(self, grid: Discretisation, state: "InitialState", others: Others) -> Mapping[str, np.ndarray]:
         rest_density = np.full(grid.count, liquid_of(others).rest_density)
         if grid.solids is not None:
             own = grid.solids.of_bodies("density")

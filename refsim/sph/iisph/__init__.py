@@ -4,8 +4,6 @@ It replaces the equation of state and the pressure force of weakly_compressible.
 pressures are solved for: all other forces are summed first, and from them follows the advected density.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, ClassVar, NamedTuple
 

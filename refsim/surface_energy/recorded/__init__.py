@@ -5,8 +5,6 @@ at the end. If a capacity is exceeded, or a particle stands in no block, the hos
 graph again. Its stages are programs `cuda:recorded` of the operations whose outputs they compute (`programs.py`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -4,8 +4,6 @@ Each takes the arrays of `work_arrays` by name, the blocks and the parameters, l
 wait for the device. `refsim.surface_energy.recorded` records them; `programs` runs them one at a time.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from typing import Any
 

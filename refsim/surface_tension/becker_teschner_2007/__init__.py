@@ -3,8 +3,6 @@
 Every pair attracts at every distance; only the pressure keeps particles apart.
 """
 
-from __future__ import annotations
-
 from typing import Any, ClassVar, NamedTuple
 
 from numpy.typing import NDArray

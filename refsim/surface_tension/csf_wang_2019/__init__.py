@@ -4,8 +4,6 @@ Jiang & Zhu describe the paper in words: a normal and a tangential force, and a 
 These forces are not pairwise opposite and equal, so that momentum is not conserved.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Iterator

@@ -4,8 +4,6 @@ The normals of D(11) are those of J(19) without the factor h. With solver = "hu_
 after Hu & Adams 2006, as in the paper, replace those of weakly_compressible.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar, Literal, NamedTuple

@@ -3,8 +3,6 @@
 The terms are independent of each other. A term whose coefficient is zero is not computed.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Iterator

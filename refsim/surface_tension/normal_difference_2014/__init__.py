@@ -4,8 +4,6 @@ The patent has no cohesion and states neither the normal nor a value of the coef
 gradient of Akinci et al. 2013, J(19) (patent E29), and gamma is an acceleration.
 """
 
-from __future__ import annotations
-
 import functools
 import itertools
 import math

@@ -4,8 +4,6 @@ Jiang & Zhu write that the force has no repulsion, Dong that it vanishes as r do
 s cos(3 pi r/(2 h)) e_ij: it repels below h/3 and tends to s as r -> 0.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, ClassVar, NamedTuple
 
