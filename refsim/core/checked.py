@@ -91,6 +91,9 @@ def why(error: Exception, value: Any, kind: Any, words: Mapping[str, str] = IN_T
     inside, found = path.rstrip("`"), value
     for index in re.findall(r"\[(\d+)\]", inside):
         found = found[int(index)]
+    if inside.endswith("[...]"):  # of a table of lists, without its key
+        key, found = next(((key, part) for key, part in found.items() if not isinstance(part, list)), ("", found))
+        inside = inside.replace("[...]", f".{key}")
     if said.startswith("Invalid enum value"):
         choices = _choices(kind)
         if isinstance(found, str):

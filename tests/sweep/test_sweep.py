@@ -56,6 +56,7 @@ def test_seeds_are_set_wherever_the_scene_has_one(folder):
     ("[grid]", "colour = 1\n[grid]", "unknown key 'colour'; choose from scene, observable"),
     ('"numpy"', "3", "backend = 3 is a whole number; give text in quotes"),
     ("[1.0, 2.0]", "[]", "gives no value for 'effects.weakly"),
+    ("[1.0, 2.0]", "1.0", "dynamic_viscosity = 1.0 is a number with decimals; give a list in square brackets"),
     ("[1.0, 2.0]", '["thick"]', r"dynamic_viscosity = 'thick'"),
     ("weakly_compressible.dyn", "weakly_compresible.dyn", "lack of 'weakly_compresible'; did you mean"),
     (".dynamic_viscosity", ".viscosity", "viscosity"),
