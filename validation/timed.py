@@ -88,7 +88,12 @@ def _sph(small: bool) -> Ladder:
         "viscosity", "gravity", "walls of a box", "surface detection in each step", "surface tension (Jiang & Zhu)",
     )  # fmt: skip
     rungs = ((f"+ {words}", parts[: k + 1]) for k, words in enumerate(added))
-    return _climb("weakly compressible SPH, 3D", base, ("liquid", (plain,)), *rungs)
+    density = {"density": "continuity", "sound_speed": 4.0, "clamp_pressure": False, "dynamic_viscosity": 0.5}
+    own = (
+        (words, (refsim.WeaklyCompressible(**density, **more), *parts[1:]))
+        for words, more in (("the same, density advanced", {"restoring": 0.0}), ("+ restoring", {}))
+    )
+    return _climb("weakly compressible SPH, 3D", base, ("liquid", (plain,)), *rungs, *own)
 
 
 def _melting(small: bool) -> Ladder:

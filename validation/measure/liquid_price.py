@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from refsim import Box, BoxWalls, Gravity, ParticleShifting, Scene, Simulation, SurfaceDetection, WeaklyCompressible
+from refsim.surface_tension.akinci_2013 import Akinci2013
 from validation.filling import replaced
 from validation.reading import environment
 from validation.running import take_steps
@@ -25,19 +26,20 @@ CELLS, FIRST, LAST = 32, 14, 74
 SOUND = 10 * math.sqrt(9.81)  # of a tank 1 m deep [m/s]
 PAPERS: dict[str, Any] = {"density": "summation"}
 CENTRAL: dict[str, Any] = {**PAPERS, "viscosity": "central"}
+ADVANCED: dict[str, Any] = {"density": "continuity"}
+TENSION = (Akinci2013(surface_tension=0.07),)  # N/m
 # support radius over the spacing, liquid, model of the walls, further effects; after the papers' liquid those beside it
 TANKS: dict[str, tuple[float, dict[str, Any], Any, tuple[Any, ...]]] = {
     "the papers' liquid, h = 2.6 d": (2.6, PAPERS, None, ()),
     "with central viscosity": (2.6, CENTRAL, None, ()),
     "and extrapolated walls": (2.6, CENTRAL, "extrapolated", ()),
     "the default": (2.6, {}, None, ()),
-    "without diffusion": (2.6, {"diffusion": 0.0}, None, ()),
-    "with J(11)": (2.6, {"viscosity": "laplacian"}, None, ()),
     "with detection and shifting": (2.6, {}, None, (SurfaceDetection(each_step=True), ParticleShifting())),
+    "the papers' liquid with tension": (2.6, PAPERS, None, TENSION),
+    "advanced, with Akinci's tension": (2.6, ADVANCED, None, TENSION),
+    "without `restoring`": (2.6, {**ADVANCED, "restoring": 0.0}, None, TENSION),
     "the papers' liquid, h = 3.2 d": (3.2, PAPERS, None, ()),
     "the default, h = 3.2 d": (3.2, {}, None, ()),
-    "the papers' liquid, h = 4.0 d": (4.0, PAPERS, None, ()),
-    "the default, h = 4.0 d": (4.0, {}, None, ()),
 }
 
 
