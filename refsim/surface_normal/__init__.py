@@ -31,6 +31,20 @@ class NormalTerm(NamedTuple):
     own_density: int  # V_j = m_j/rho_i as printed (Jiang & Zhu E10) instead of m_j/rho_j
 
 
+class AxialPart(NamedTuple):
+    """Parameters of an area term whose pairs act along e_ij alone."""
+
+    factor: float  # s of s ((n_i - n_j) . e_ij) e_ij [-]
+
+
+def axial_part(direction: str, grid: Discretisation) -> dict[str, AxialPart | None]:
+    """Parameter group of an area term, for `Effect.prepare`: None where pairs act along n_i - n_j.
+
+    s = (dim + 2)/2: along e_ij alone, normals that vary linearly over h have 2/(dim + 2) of the tension.
+    """
+    return {"axial": AxialPart(grid.real((grid.dim + 2) / 2)) if direction == "axial" else None}
+
+
 def normal_term(fluid: WeaklyCompressible, grid: Discretisation, own_density: bool = False) -> dict[str, NormalTerm]:
     """Parameter group of both normals, for `Effect.prepare`; own_density=True takes Jiang & Zhu E10 as printed."""
     return {"normal_term": NormalTerm(grid.real(fluid.rest_number_density(grid)), int32(own_density))}

@@ -6,7 +6,7 @@ from refsim.core.cases import Case, Exact, case, groups, hard_input, lattice, pa
 from refsim.smoothing import smoothing
 from refsim.smoothing.cases import for_each_kernel
 from refsim.sph import liquid_of
-from refsim.surface_normal import NormalTerm, normal_term, reference
+from refsim.surface_normal import NormalTerm, axial_part, normal_term, reference
 from refsim.surface_normal.reference import SHAPES
 
 
@@ -30,9 +30,9 @@ def _normals(case, random):
 particles(candidates=lambda case, random: (random.random(case.count) < 0.6).astype(np.uint8))
 
 
-@groups("normal_term")
+@groups("normal_term", "axial")
 def _normal_term(case, grid):
-    return normal_term(liquid_of(case.effects), grid, own_density=case.literal)
+    return normal_term(liquid_of(case.effects), grid, own_density=case.literal) | axial_part("axial", grid)
 
 
 takes("surface_normal.color_gradient", normal_term="own_density")

@@ -33,6 +33,17 @@ def _only_candidates(output, value, scale, candidates, rows):
     return {output: (value, scale)}
 
 
+def normals_apart(normal, i, separation, distance, axial):
+    """n_i - n_j (b, n, 3), by `axial` s ((n_i - n_j) . e_ij) e_ij, and the sum of the absolute terms behind it."""
+    normal = np.asarray(normal, dtype=float)
+    apart, size = normal[i, None, :] - normal[None, :, :], np.abs(normal[i, None, :]) + np.abs(normal[None, :, :])
+    if axial is None:
+        return apart, size
+    unit = separation / np.where(distance > 0, distance, 1.0)[..., None]
+    along = (apart * unit).sum(-1, keepdims=True) * float(axial.factor)
+    return along * unit, (size * np.abs(unit)).sum(-1, keepdims=True) * float(axial.factor) * np.abs(unit)
+
+
 @operation("J(19) with Jiang & Zhu E10", outputs="surface_normal", tolerance=8.0, packed="normal_pair")
 def color_gradient(position, mass, density, candidates, walls, gradient_smoothing, normal_term, rows=None):
     """Colour-gradient normals, inward, dimensionless; zero for particles that are no candidates.

@@ -287,18 +287,19 @@ def spreading_note(name: str, term: str) -> str:
     )
 
 
-def angular_momentum_note(name: str, term: str, others: Others) -> str:
+def angular_momentum_note(name: str, term: str, others: Others, direction: str = "") -> str:
     """Note if a term that is not parallel to e_ij alone changes the angular momentum of a free liquid; else "".
 
     With viscosity J(11), which changes it far more, the note of weakly_compressible says so instead.
     """
     fluid = liquid_of(others)
-    if fluid.dynamic_viscosity > 0 and not fluid.central():
+    if direction == "axial" or (fluid.dynamic_viscosity > 0 and not fluid.central()):
         return ""
+    remedy = "take area_direction = 'axial', or leave the term out" if direction else "leave the term out"
     how = "with this viscosity" if fluid.central() else "without viscosity"
     return (
         f"{name}: {how} angular momentum would be conserved, but the {term} does not act along the pair and"
-        " changes it: leave the term out if that matters"
+        f" changes it: {remedy} if that matters"
     )
 
 

@@ -193,7 +193,7 @@ def jiang_zhu_shape(r, dim, alpha, beta=0.9):
     return alpha * kernel("poly6", r, dim, 0.8 * H) - beta * kernel("poly6", r, dim)
 
 
-def jiang_zhu(dim, gamma=None, alpha=None, sign=1, mode=1, area=None, soft=(0.3, 1.0), **scan):
+def jiang_zhu(dim, gamma=None, alpha=None, sign=1, mode=1, area=None, soft=(0.3, 1.0), axial=None, **scan):
     """J(16) with gamma from sigma, J(17) with alpha = 0.6 (0.75 in 2D, Jiang & Zhu E7) and beta = 0.9, J(18), J(21)."""
     alpha = alpha or {2: 0.75, 3: 0.6}[dim]
     gamma = gamma or SIGMA / sharp_tension(lambda r: jiang_zhu_shape(r, dim, alpha), dim)
@@ -205,7 +205,7 @@ def jiang_zhu(dim, gamma=None, alpha=None, sign=1, mode=1, area=None, soft=(0.3,
     area = area(gamma) if area else None
     return detection(dim, **scan) | {
         "pairs": {"mode": mode}, "soft": {"lower": soft[0], "upper": soft[1], "inverse_width": 1 / (soft[1] - soft[0])},
-        "cohesion": cohesion, "area": area and dict(zip(("kind", "coefficient"), area)),
+        "cohesion": cohesion, "area": area and dict(zip(("kind", "coefficient"), area)), "axial": axial,
     }  # fmt: skip
 
 
@@ -222,7 +222,7 @@ def akinci_shape(r, dim):
     return 32 / (math.pi * H ** (dim + 6)) * np.where(r > H / 2, far, inner)
 
 
-def akinci(dim, gamma=None, area=None, beta=0.0):
+def akinci(dim, gamma=None, area=None, beta=0.0, axial=None):
     """Their (1) with gamma from sigma, (3) with eps, (7) whose A(r) is 0.007/h^(13/4) (-4 r^2/h + 6 r - 2 h)^(1/4)."""
     gamma = gamma if gamma is not None else SIGMA / sharp_tension(lambda r: -akinci_shape(r, dim), dim)
     at = 0.75 * H  # where (-4 r^2/h + 6 r - 2 h)^(1/4) is (h/4)^(1/4)
@@ -231,6 +231,7 @@ def akinci(dim, gamma=None, area=None, beta=0.0):
     return normal_term(dim) | {
         "spline": {"gamma": gamma, "amplitude": gamma * 32 / (math.pi * H**dim)} if gamma else None,
         "area_term": {"coefficient": eps} if eps else None, "adhesion": {"beta": beta, "amplitude": beta * adhesion},
+        "axial": axial,
     }  # fmt: skip
 
 
@@ -620,16 +621,17 @@ SETUPS = {
     "jiang_zhu, gamma": ((jz(surface_tension=None, gamma=0.02, area_ratio=0.03, pair_mode="soft", soft_lower=0.2),
         WATER), lambda dim: jiang_zhu(dim, 0.02, area=corrected_area(dim, 0.03), mode=0, soft=(0.2, 1.0))),
     # eps' of Akinci et al. 2013
-    "jiang_zhu, J(18)": ((jz(area_term="color", pair_mode="either"), WATER),
-        lambda dim: jiang_zhu(dim, mode=3, area=lambda gamma: (1, 1e-3 * gamma * RHO))),
+    "jiang_zhu, J(18)": ((jz(area_term="color", area_direction="axial", pair_mode="either"), WATER),
+        lambda dim: jiang_zhu(dim, mode=3, area=lambda gamma: (1, 1e-3 * gamma * RHO),
+        axial={"factor": {2: 2.0, 3: 2.5}[dim]})),
     "jiang_zhu, printed": ((jz(literal=("E4", "E7", "E10"), area_term="color", area_acceleration=2.1), WATER),
         lambda dim: jiang_zhu(dim, alpha=0.6, sign=-1, area=lambda gamma: (1, 2.1)) | normal_term(dim, 1)),
     "jiang_zhu, no area": ((jz(area_term="none", pair_mode="both"), WATER), lambda dim: jiang_zhu(dim, mode=4)),
     "jiang_zhu, one-sided": ((jz(pair_mode="one_sided"), WATER),
         lambda dim: jiang_zhu(dim, mode=2, area=corrected_area(dim))),
     "akinci": ((rs.Akinci2013(surface_tension=SIGMA, adhesion=1.7), WATER), lambda dim: akinci(dim, beta=1.7)),
-    "akinci, gamma": ((rs.Akinci2013(gamma=0.3, area_acceleration=4.0), WATER),
-        lambda dim: akinci(dim, 0.3, lambda gamma: 4.0)),
+    "akinci, gamma": ((rs.Akinci2013(gamma=0.3, area_acceleration=4.0, area_direction="axial"), WATER),
+        lambda dim: akinci(dim, 0.3, lambda gamma: 4.0, axial={"factor": {2: 2.0, 3: 2.5}[dim]})),
     "akinci, printed": ((rs.Akinci2013(gamma=0.3, literal=("gamma",)), WATER),
         lambda dim: akinci(dim, 0.3, lambda gamma: gamma)),
     "becker_teschner": ((rs.BeckerTeschner2007(surface_tension=SIGMA), WATER), becker_teschner),

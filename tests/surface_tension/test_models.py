@@ -50,14 +50,15 @@ def test_what_a_model_does_to_drops_is_noted():
             rest_density=1.0, sound_speed=10.0, dynamic_viscosity=viscosity, kernels="mueller", viscosity=form,
             density="summation",
         )  # fmt: skip
-        return make_plan(
-            rs.Scene(spacing=1.0, support_radius=h, fluid=(rs.Box(cells=(2, 2, 2)),), effects=(fluid, *effects))
-        )
+        box = rs.Box(cells=(2, 2, 2))
+        return make_plan(rs.Scene(spacing=1.0, support_radius=h, fluid=(box,), effects=(fluid, *effects)))
 
     turning, akinci = "does not act along the pair", rs.Akinci2013(surface_tension=1.0)
     for effect, without in (
         (akinci, rs.Akinci2013(surface_tension=1.0, area_acceleration=0.0)),
+        (akinci, rs.Akinci2013(surface_tension=1.0, area_direction="axial")),
         (rs.Dong2016(surface_tension=1.0), rs.Dong2016(surface_tension=1.0, correction=0.0)),
+        (rs.JiangZhu2023(surface_tension=1.0), rs.JiangZhu2023(surface_tension=1.0, area_direction="axial")),
         (rs.JiangZhu2023(surface_tension=1.0), rs.JiangZhu2023(surface_tension=1.0, area_term="none")),
     ):
         assert len(notes_with(notes(effect, viscosity=0.0), turning)) == 1

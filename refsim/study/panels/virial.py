@@ -107,10 +107,10 @@ def _central(simulation: Simulation, pairs: Pairs, name: str) -> NDArray:
     return mass[i] * mass[j] * force * r
 
 
-def _along(normal: NDArray, pairs: Pairs) -> NDArray:
-    """(n_i - n_j) . x_ij."""
+def _along(normal: NDArray, pairs: Pairs, axial: Any = None) -> NDArray:
+    """(n_i - n_j) . x_ij, times the factor of an area term along e_ij alone."""
     i, j, apart, _ = pairs
-    return ((normal[i] - normal[j]) * apart).sum(1)
+    return (1.0 if axial is None else float(axial.factor)) * ((normal[i] - normal[j]) * apart).sum(1)
 
 
 def _jiang_zhu(simulation: Simulation, pairs: Pairs) -> NDArray:
@@ -118,16 +118,16 @@ def _jiang_zhu(simulation: Simulation, pairs: Pairs) -> NDArray:
     if effect.pair_mode not in ("all", "soft"):
         raise ValueError("of jiang_zhu_2023 only the pair modes 'all' and 'soft' are known here")
     total = _central(simulation, pairs, "jiang_zhu_2023")
-    area = simulation.plan.parameters["jiang_zhu_2023"]["area"]
+    area, axial = (simulation.plan.parameters["jiang_zhu_2023"][name] for name in ("area", "axial"))
     if area is not None:
         i, j = pairs[:2]
         mass, density = _field(simulation, "mass"), _field(simulation, "density")
         eps = float(area.coefficient)
         if effect.area_term == "corrected":
             volume = mass / density
-            total = total - eps * volume[i] * volume[j] * _along(_field(simulation, "corrected_normal"), pairs)
+            total = total - eps * volume[i] * volume[j] * _along(_field(simulation, "corrected_normal"), pairs, axial)
         else:
-            total = total - eps * mass[i] * _along(_field(simulation, "surface_normal"), pairs)
+            total = total - eps * mass[i] * _along(_field(simulation, "surface_normal"), pairs, axial)
     if effect.pair_mode == "soft":
         weight = _field(simulation, "surface_weight")
         total = 0.5 * (weight[pairs[0]] + weight[pairs[1]]) * total
@@ -142,7 +142,7 @@ def _akinci(simulation: Simulation, pairs: Pairs) -> NDArray:
     if groups["spline"] is not None:
         total = total + _central(simulation, pairs, "akinci_2013")
     if groups["area_term"] is not None:
-        along = _along(_field(simulation, "surface_normal"), pairs)
+        along = _along(_field(simulation, "surface_normal"), pairs, groups["axial"])
         total = total - float(groups["area_term"].coefficient) * mass[i] * along
     return 2 * rest / (density[i] + density[j]) * total
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple
 
 from numpy.typing import NDArray
 
@@ -18,13 +18,13 @@ from refsim.core.effect import Discretisation, Others, Pass
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
 from refsim.sph import liquid_of
-from refsim.surface_normal import SURFACE_NORMAL, color_gradient_pass, normal_term
+from refsim.surface_normal import SURFACE_NORMAL, axial_part, color_gradient_pass, normal_term
 from refsim.surface_tension.akinci_2013.reference import cohesion_function
 from refsim.surface_tension.cohesion import PairCohesion, angular_momentum_note, neighbours_in_support, spreading_note
 
 WATER_RATIO = 1e-3  # eps/(gamma rho0) of the one printed coefficient, for water in SI units
 # eps N/(gamma rho0), with N neighbours in the support, up to which drops come to rest, and from which on they fly
-# apart at any step (docs/models.md). The area term grows with N, since its sum contains no volume.
+# apart at any step (docs/stability.md). The area term grows with N, since its sum contains no volume.
 LARGEST_AREA, SHATTERING_AREA = 0.14, 1.0
 
 
@@ -56,6 +56,8 @@ class Akinci2013(PairCohesion, HasErrata, frozen=True, kw_only=True):
     gamma              coefficient of the cohesion [m^4/(kg s^2)], instead of sigma
     area_acceleration  eps [m/s^2], coefficient of the area term; left out, 0.001 gamma rho0, the value that one
                        coefficient for both terms has for water in SI units
+    area_direction     of the area term between a pair: "normals" (n_i - n_j, the paper's) or "axial", its part along
+                       e_ij with (dim + 2)/2 times eps, which conserves angular momentum; the tension is another one
     adhesion           beta [m^4/(kg s^2)], coefficient of the attraction by wall particles
     balance_pressure   the equation of state balances the cohesion of the bulk by P_int (rho/rho0)^2 (not in the
                        paper); without it cohesion compresses the liquid
@@ -78,6 +80,7 @@ class Akinci2013(PairCohesion, HasErrata, frozen=True, kw_only=True):
     surface_tension: NotNegative | None = None
     gamma: NotNegative | None = None
     area_acceleration: NotNegative | None = None
+    area_direction: Literal["normals", "axial"] = "normals"
     adhesion: NotNegative = 0.0
     literal: Printed = ()
 
@@ -126,7 +129,8 @@ class Akinci2013(PairCohesion, HasErrata, frozen=True, kw_only=True):
         real, volume = grid.real, grid.support_radius**grid.dim
         fluid = liquid_of(others)
         gamma, beta = self.coefficient(grid, others), self.adhesion
-        return normal_term(fluid, grid) | {
+        groups = normal_term(fluid, grid) | axial_part(self.area_direction, grid)
+        return groups | {
             "spline": CohesionSpline(real(gamma), real(gamma * 32 / (math.pi * volume))) if self.coheres() else None,
             "area_term": AreaMinimisation(real(self.area_coefficient(grid, others))) if self._has_area() else None,
             "adhesion": Adhesion(real(beta), real(0.007 * beta / volume)),
@@ -152,7 +156,7 @@ class Akinci2013(PairCohesion, HasErrata, frozen=True, kw_only=True):
         """Notes on an area term that changes angular momentum, stands alone, or adds kinetic energy."""
         if not self._has_area():
             return
-        if note := angular_momentum_note(self.name, "area term", others):
+        if note := angular_momentum_note(self.name, "area term", others, self.area_direction):
             yield note
         if not self.coheres():
             yield spreading_note(self.name, "area term")

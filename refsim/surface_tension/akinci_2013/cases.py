@@ -7,6 +7,7 @@ import numpy as np
 from refsim.core import cases
 from refsim.core.cases import VARIATIONS, Exact, Variation, at, closed_form, following, groups, pair_case, plain_keeps
 from refsim.core.walls import WallParticles
+from refsim.surface_normal import AxialPart
 from refsim.surface_tension.akinci_2013 import Adhesion, Akinci2013, AreaMinimisation, CohesionSpline
 
 cases.example(Akinci2013(surface_tension=0.5, adhesion=0.1), brings="surface_normal")
@@ -40,7 +41,7 @@ PUSH = 5 / 4 * 0.5 * 4 / math.pi * 5 / 2048  # at r = h/4 the core repels: 2 (3/
 
 def _pair(acceleration, case=PAIR, **given):
     """Cohesion alone, but for what is given."""
-    own = {"mass": MASS, "density": DENSITY, "spline": SPLINE, "area_term": AreaMinimisation(0.0)}
+    own = {"mass": MASS, "density": DENSITY, "spline": SPLINE, "area_term": AreaMinimisation(0.0), "axial": None}
     return Exact(case, own | {"area_normal": np.zeros((2, 3))} | given, {"acceleration": np.array(acceleration)})
 
 
@@ -54,13 +55,20 @@ closed_form(
 closed_form("akinci_2013.tension:fused", pair_at_rest=lambda: _pair(ATTRACTED, **AT_REST))
 
 
-@closed_form("akinci_2013.tension")
-def pair_with_normals():
-    """a_1 = -K eps (n_1 - n_2), for any masses; cohesion is zero."""
+def _with_normals(axial):
+    """a_1 = -K eps (n_1 - n_2), twice its part along y if axial, for any masses; cohesion is zero."""
     difference = np.array([0.5, -1.0, 0.25])
-    given = {"spline": CohesionSpline(0.0, 0.0), "area_term": AreaMinimisation(8.0)}
+    given = {"spline": CohesionSpline(0.0, 0.0), "area_term": AreaMinimisation(8.0), "axial": axial}
     given["area_normal"] = np.array([difference, [0.0, 0.0, 0.0]])
+    difference = difference * (0.0, 2.0, 0.0) if axial else difference
     return _pair(5 / 4 * 8.0 * np.array([-difference, difference]), **given)
+
+
+closed_form(
+    "akinci_2013.tension",
+    pair_with_normals=lambda: _with_normals(None),
+    pair_with_axial_normals=lambda: _with_normals(AxialPart(2.0)),
+)
 
 
 @closed_form("akinci_2013.adhesion")

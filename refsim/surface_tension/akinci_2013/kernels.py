@@ -6,12 +6,13 @@ from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import add_vector
 from refsim.smoothing.formulas import safe_distance
 from refsim.sph.kernels import momentum_pair, wall_pressure
+from refsim.surface_normal.formulas import axial_part
 from refsim.surface_tension.akinci_2013 import formulas
 
 
 @pair
 def tension_pair(
-    r, x_ij, mass_j, density_i, density_j, area_normal_i, area_normal_j, smoothing, fluid, spline, area_term
+    r, x_ij, mass_j, density_i, density_j, area_normal_i, area_normal_j, smoothing, fluid, spline, area_term, axial
 ):
     """K_ij (-gamma m_j C(r) e_ij - eps (n_i - n_j)), each term unless None, K_ij = 2 rho0/(rho_i + rho_j) [m/s^2]."""
     real = type(r)
@@ -23,18 +24,21 @@ def tension_pair(
         a = added(a, scaled(x_ij, f))
     if area_term is not None:
         g = share * area_term.coefficient
-        a = difference(a, scaled(difference(area_normal_i, area_normal_j), g))
+        n_ij = difference(area_normal_i, area_normal_j)
+        if axial is not None:
+            n_ij = axial_part(n_ij, x_ij, r, smoothing, axial)
+        a = difference(a, scaled(n_ij, g))
     return a[0], a[1], a[2]
 
 
 @kernel(lanes=True)
 def tension(
-    i, lane, position, mass, density, area_normal, neighbours, smoothing, fluid, spline, area_term, acceleration
+    i, lane, position, mass, density, area_normal, neighbours, smoothing, fluid, spline, area_term, axial, acceleration
 ):
     """Cohesion and area term, each unless None, with K_ij; added to the acceleration [m/s^2]."""
     a = neighbour_sum(
         tension_pair, i, lane, neighbours, position, None, mass, density, area_normal, smoothing, fluid, spline,
-        area_term,
+        area_term, axial,
     )  # fmt: skip
     add_vector(acceleration, i, lane, a)
 
@@ -42,7 +46,7 @@ def tension(
 @pair
 def fused_pair(
     r, x_ij, velocity_i, velocity_j, mass_j, density_i, density_j, pressure_i, pressure_j, area_normal_i,
-    area_normal_j, gradient_smoothing, fluid, viscosity, spline, area_term, inverse_density,
+    area_normal_j, gradient_smoothing, fluid, viscosity, spline, area_term, axial, inverse_density,
 ):  # fmt: skip
     """Cohesion and area term, each unless None, with J(10) and J(11) [m/s^2]."""
     px, py, pz = momentum_pair(
@@ -51,7 +55,7 @@ def fused_pair(
     )  # fmt: skip
     tx, ty, tz = tension_pair(
         r, x_ij, mass_j, density_i, density_j, area_normal_i, area_normal_j, gradient_smoothing, fluid, spline,
-        area_term,
+        area_term, axial,
     )  # fmt: skip
     return px * inverse_density + tx, py * inverse_density + ty, pz * inverse_density + tz
 
@@ -59,7 +63,7 @@ def fused_pair(
 @kernel(lanes=True)
 def tension_and_momentum(
     i, lane, position, velocity, mass, density, pressure, area_normal, neighbours, walls, gradient_smoothing, fluid,
-    viscosity, spline, area_term, acceleration,
+    viscosity, spline, area_term, axial, acceleration,
 ):  # fmt: skip
     """Cohesion and area term, each unless None, with J(10) and J(11), walls after Akinci 2012.
 
@@ -67,7 +71,7 @@ def tension_and_momentum(
     """
     a = neighbour_sum(
         fused_pair, i, lane, neighbours, position, None, velocity, mass, density, pressure, area_normal,
-        gradient_smoothing, fluid, viscosity, spline, area_term, type(density[i])(1) / density[i],
+        gradient_smoothing, fluid, viscosity, spline, area_term, axial, type(density[i])(1) / density[i],
     )  # fmt: skip
     if walls is not None:
         a = added(a, wall_pressure(i, lane, position, density, pressure, walls, gradient_smoothing, fluid, None))

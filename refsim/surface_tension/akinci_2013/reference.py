@@ -9,6 +9,7 @@ import numpy as np
 
 from refsim.core.operation import SYMMETRY, Program, operations
 from refsim.neighbours.reference import Sums, other_particles, pair_blocks
+from refsim.surface_normal.reference import normals_apart
 
 operation = operations(paper="Akinci, Akinci & Teschner 2013")
 
@@ -30,27 +31,28 @@ def adhesion_function(r, h, dim):
 
 
 @operation(
-    "cohesion, area term and K_ij", adds="acceleration", optional="area_normal spline area_term",
-    variants=("area_term area_normal", "", "spline"), tolerance=12.0,
+    "cohesion, area term and K_ij", adds="acceleration", optional="area_normal spline area_term axial",
+    variants=("area_term area_normal axial", "axial", "spline axial", ""), tolerance=12.0,
     reason="one rounding in each of distance, K_ij, the cubes of the spline, direction, product and sum; not in the"
     " bound: the area term does not vanish at r = h, so that a pair which a rounding moves across r = h changes a by"
     " K_ij eps |n_i - n_j|, at most 3.2 s^2 eps with s = rho0 over the least density near by: the longest normal is"
     " that of a half-space of liquid, h int W dA over its surface, which is below 1.6, times s for V_j = m_j/rho_j,"
     " and K_ij is at most s", invariants=f"{SYMMETRY} linear_momentum angular_momentum",
-    broken={1: "linear_momentum angular_momentum", 2: "linear_momentum angular_momentum"},
+    broken=dict.fromkeys((1, 2, 3), "linear_momentum angular_momentum"),
     programs={
         "cuda:fused": Program(
             "kernels", "tension_and_momentum", packed="fused_pair", also=("sph.momentum",),
             names={"smoothing": "gradient_smoothing"},
-            variants=("period", "area_term area_normal walls period"),
+            variants=("period axial", "area_term area_normal axial walls period", "period"),
         )
     },
     packed="tension_pair",
 )  # fmt: skip
-def tension(position, mass, density, area_normal, smoothing, fluid, spline, area_term, rows=None):
+def tension(position, mass, density, area_normal, smoothing, fluid, spline, area_term, axial, rows=None):
     """Acceleration F/m [m/s^2] by cohesion and area term, each unless None.
 
-    a_i = sum_j K_ij [-gamma m_j C(r) e_ij - eps (n_i - n_j)], K_ij = 2 rho0/(rho_i + rho_j).
+    a_i = sum_j K_ij [-gamma m_j C(r) e_ij - eps (n_i - n_j)], K_ij = 2 rho0/(rho_i + rho_j); by `axial`
+    n_i - n_j along e_ij alone, s ((n_i - n_j) . e_ij) e_ij.
     """
     h, dim = float(smoothing.support_radius), int(smoothing.dim)
     mass, rho = np.asarray(mass, dtype=float), np.asarray(density, dtype=float)
@@ -68,10 +70,9 @@ def tension(position, mass, density, area_normal, smoothing, fluid, spline, area
             size = np.abs(strength) * np.abs(cohesion + (distance <= h / 2) / (math.pi * h**dim))
             sums.add(place, -(strength * cohesion)[..., None] * unit, size[..., None] * np.abs(unit))
         if area_term is not None:
-            normal = np.asarray(area_normal, dtype=float)
             eps = (factor * float(area_term.coefficient))[..., None]
-            size = np.abs(normal[i, None, :]) + np.abs(normal[None, :, :])
-            sums.add(place, -eps * (normal[i, None, :] - normal[None, :, :]), np.abs(eps) * size)
+            apart, size = normals_apart(area_normal, i, separation, distance, axial)
+            sums.add(place, -eps * apart, np.abs(eps) * size)
     return {"acceleration": sums.total()}
 
 

@@ -17,6 +17,7 @@ from refsim.core.cases import (
     takes,
 )
 from refsim.smoothing.cases import for_each_kernel
+from refsim.surface_normal import AxialPart
 from refsim.surface_tension.jiang_zhu_2023 import AreaTerm, Cohesion, JiangZhu2023, PairSelection, SoftThresholds
 from refsim.surface_tension.jiang_zhu_2023.modes import ALL, AREA_TERMS, PAIR_MODES, SOFT
 
@@ -102,7 +103,7 @@ def half_way():
 def _cohering(share, **given):
     """A share of the pull; the area term is zero, but for what is given."""
     pull = share * 0.5 * W0 * SHAPE
-    own = {"mass": MASS, "density": DENSITY, "cohesion": COHESION, "area": AreaTerm(0, 0.0)}
+    own = {"mass": MASS, "density": DENSITY, "cohesion": COHESION, "area": AreaTerm(0, 0.0), "axial": None}
     expected = np.array([[0.0, -3 * pull, 0.0], [0.0, 2 * pull, 0.0]])
     return Exact(PAIR, own | {"area_normal": np.zeros((2, 3))} | given, {"acceleration": expected})
 
@@ -119,13 +120,15 @@ closed_form("jiang_zhu_2023.cohesion:fused", cohering_pair_without_area_term=lam
 closed_form("jiang_zhu_2023.cohesion", cohering_marked_pair=lambda: _cohering(1.0, **MARKED, **ALONE))
 
 
-def _area_pair(share, pairs, **given):
+def _area_pair(share, pairs, axial=None, **given):
     difference = np.array([0.5, -1.0, 0.0])
     factor = share * 8.0 / (1000.0 * 500.0)
     given |= {
         "mass": MASS, "density": DENSITY, "surface": None, "pairs": PairSelection(pairs),
         "area": AreaTerm(0, 8.0), "area_normal": [difference, [0.0, 0.0, 0.0]],
+        "axial": axial,
     }  # fmt: skip
+    difference = difference * (0.0, 2.0, 0.0) if axial else difference  # the pair lies along y
     return Exact(PAIR, given, {"acceleration": factor * np.array([-3 * difference, 2 * difference])})
 
 
@@ -137,4 +140,5 @@ closed_form(
     "jiang_zhu_2023.area",
     weighted_area_pair=lambda: _area_pair(0.5, SOFT, **WEIGHTS, cohesion=None),
     whole_area_pair=lambda: _area_pair(1.0, ALL, surface_weight=None, cohesion=None),
+    axial_area_pair=lambda: _area_pair(1.0, ALL, AxialPart(2.0), surface_weight=None, cohesion=None),
 )

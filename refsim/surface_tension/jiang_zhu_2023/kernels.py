@@ -8,6 +8,7 @@ from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import add_vector, first_lane
 from refsim.smoothing.formulas import kernel_value, safe_distance
 from refsim.sph.kernels import momentum_pair, own_share, wall_pressure, wall_sum
+from refsim.surface_normal.formulas import axial_part
 from refsim.surface_tension.jiang_zhu_2023 import formulas
 
 
@@ -55,7 +56,7 @@ def soft_weight(i, surface_normal, soft, surface_weight):
 @pair
 def tension_pair(
     r, x_ij, mass_j, density_i, density_j, surface_weight_j, surface_j, area_normal_i, area_normal_j, smoothing,
-    base, slope, cohesion, area,
+    base, slope, cohesion, area, axial,
 ):  # fmt: skip
     """J(16) with J(17), and J(21) or J(18), each unless None [m/s^2]."""
     real = type(r)
@@ -71,14 +72,17 @@ def tension_pair(
         a = added(a, scaled(x_ij, f))
     if area is not None:
         g = share * (formulas.area_strength(density_i, area) * formulas.area_pair(mass_j, density_j, area))
-        a = difference(a, scaled(difference(area_normal_i, area_normal_j), g))
+        n_ij = difference(area_normal_i, area_normal_j)
+        if axial is not None:
+            n_ij = axial_part(n_ij, x_ij, r, smoothing, axial)
+        a = difference(a, scaled(n_ij, g))
     return a[0], a[1], a[2]
 
 
 @kernel(lanes=True)
 def tension(
     i, lane, position, mass, density, surface_weight, surface, area_normal, neighbours, smoothing, pairs, cohesion,
-    area, acceleration,
+    area, axial, acceleration,
 ):  # fmt: skip
     """J(16) with J(17), and J(21) or J(18), each unless None; added to the acceleration [m/s^2]."""
     zero = type(smoothing.support_radius)(0)
@@ -86,7 +90,7 @@ def tension(
     if base != zero or slope != zero:
         a = neighbour_sum(
             tension_pair, i, lane, neighbours, position, None, mass, density, surface_weight, surface, area_normal,
-            smoothing, base, slope, cohesion, area,
+            smoothing, base, slope, cohesion, area, axial,
         )  # fmt: skip
         add_vector(acceleration, i, lane, a)
 
@@ -94,7 +98,7 @@ def tension(
 @pair
 def fused_pair(
     r, x_ij, velocity_i, velocity_j, mass_j, density_i, density_j, pressure_i, pressure_j, area_normal_i,
-    area_normal_j, gradient_smoothing, fluid, viscosity, cohesion, area, inverse_density,
+    area_normal_j, gradient_smoothing, fluid, viscosity, cohesion, area, axial, inverse_density,
 ):  # fmt: skip
     """J(16) between all pairs and J(21) or J(18), each unless None, with J(10) and J(11) [m/s^2]."""
     px, py, pz = momentum_pair(
@@ -103,7 +107,7 @@ def fused_pair(
     )  # fmt: skip
     tx, ty, tz = tension_pair(
         r, x_ij, mass_j, density_i, density_j, None, None, area_normal_i, area_normal_j, gradient_smoothing, type(r)(1),
-        type(r)(0), cohesion, area,
+        type(r)(0), cohesion, area, axial,
     )  # fmt: skip
     return px * inverse_density + tx, py * inverse_density + ty, pz * inverse_density + tz
 
@@ -111,7 +115,7 @@ def fused_pair(
 @kernel(lanes=True)
 def tension_and_momentum(
     i, lane, position, velocity, mass, density, pressure, area_normal, neighbours, walls, gradient_smoothing, fluid,
-    viscosity, cohesion, area, acceleration,
+    viscosity, cohesion, area, axial, acceleration,
 ):  # fmt: skip
     """J(16) between all pairs and J(21) or J(18), each unless None, with J(10) and J(11), walls after Akinci 2012.
 
@@ -119,7 +123,7 @@ def tension_and_momentum(
     """
     a = neighbour_sum(
         fused_pair, i, lane, neighbours, position, None, velocity, mass, density, pressure, area_normal,
-        gradient_smoothing, fluid, viscosity, cohesion, area, type(density[i])(1) / density[i],
+        gradient_smoothing, fluid, viscosity, cohesion, area, axial, type(density[i])(1) / density[i],
     )  # fmt: skip
     if walls is not None:
         a = added(a, wall_pressure(i, lane, position, density, pressure, walls, gradient_smoothing, fluid, None))

@@ -8,6 +8,7 @@ import numpy as np
 from refsim.core.operation import SYMMETRY, Program, operations, without
 from refsim.neighbours.reference import Sums, pair_blocks, rows_of
 from refsim.smoothing.reference import kernel_value
+from refsim.surface_normal.reference import normals_apart
 
 operation = operations(paper="Jiang & Zhu 2023")
 INNER = 0.8  # the repulsive kernel's support, as a share of h
@@ -20,21 +21,22 @@ _EDGE = (
     " J(21) and eps' |n_i - n_j| in J(18), at most 3.2 s eps' (as akinci_2013.tension)"
 )
 # Numbers of MODES, and what they do without
-_SOFT = without("surface", pairs={"mode": 0})
-_ALL = without("surface_weight surface", pairs={"mode": 1})
-_ONE_SIDED, _EITHER, _BOTH = (without("surface_weight", pairs={"mode": mode}) for mode in (2, 3, 4))
+_SOFT = without("surface axial", pairs={"mode": 0})
+_AXIAL = without("surface_weight surface", pairs={"mode": 1})
+_ALL = _AXIAL | without("axial")
+_ONE_SIDED, _EITHER, _BOTH = (without("surface_weight axial", pairs={"mode": mode}) for mode in (2, 3, 4))
 _pair_force = operations(
-    paper="Jiang & Zhu 2023", adds="acceleration", optional="surface_weight surface area_normal cohesion area",
+    paper="Jiang & Zhu 2023", adds="acceleration", optional="surface_weight surface area_normal cohesion area axial",
     tolerance=12.0,
 )  # fmt: skip
 
 
-def _fused(left_out):
+def _fused(left_out, *more):
     """The program that sums the pair forces between all pairs in one loop with pressure and viscosity."""
     return {
         "cuda:fused": Program(
             "kernels", "tension_and_momentum", packed="fused_pair", also=("sph.momentum",),
-            names={"smoothing": "gradient_smoothing"}, variants=(without(left_out) | _ALL | without("period"),),
+            names={"smoothing": "gradient_smoothing"}, variants=(without(left_out) | _ALL | without("period"), *more),
         ),
     }  # fmt: skip
 
@@ -112,8 +114,9 @@ def pair_shares(mode, weight_i, weight_j, surface_i, surface_j):
 
 @_pair_force(
     "J(16), J(17), J(21); J(18)",
-    variants=(_ALL | without("area area_normal"), _SOFT, _ALL, _EITHER, _BOTH, _ONE_SIDED), reason=_EDGE,
-    invariants=f"{SYMMETRY} linear_momentum", broken={5: "linear_momentum"}, programs=_fused(""),
+    variants=(_ALL | without("area area_normal"), _SOFT, _ALL, _EITHER, _BOTH, _ONE_SIDED, _AXIAL), reason=_EDGE,
+    invariants=f"{SYMMETRY} linear_momentum angular_momentum", programs=_fused("", _AXIAL | without("period")),
+    broken=dict.fromkeys((1, 2, 3, 4), "angular_momentum") | {5: "linear_momentum angular_momentum"},
 )  # fmt: skip
 @_pair_force(
     "J(21); J(18) with Jiang & Zhu E11", "jiang_zhu_2023.area",
@@ -125,18 +128,22 @@ def pair_shares(mode, weight_i, weight_j, surface_i, surface_j):
     variants=tuple(mode | without("area area_normal") for mode in (_ALL, _SOFT, _EITHER)),
     invariants=f"{SYMMETRY} linear_momentum angular_momentum", programs=_fused("area area_normal walls"),
 )  # fmt: skip
-def tension(position, mass, density, surface_weight, surface, area_normal, smoothing, pairs, cohesion, area, rows=None):
+def tension(
+    position, mass, density, surface_weight, surface, area_normal, smoothing, pairs, cohesion, area, axial, rows=None
+):
     """Acceleration F/m [m/s^2] by the pair force and the area term; marks and weights that are None count as 0.
 
     J(16) a_i = gamma sum_j m_j C(r) e_ij (Jiang & Zhu E4); J(17) C = alpha W_poly6(r, 0.8h) - beta W_poly6(r, h);
     J(21) a_i = -eps sum_j m_j/(rho_i rho_j) (n*_i - n*_j); J(18) a_i = -eps' sum_j (n_i - n_j).
+    By `axial` n_i - n_j along e_ij alone, s ((n_i - n_j) . e_ij) e_ij.
     """
-    marks = (surface_weight, surface, int(pairs.mode))
-    return {"acceleration": _pair_sums(position, mass, density, marks, area_normal, smoothing, cohesion, area, rows)}
+    marks, terms = (surface_weight, surface, int(pairs.mode)), (area_normal, area, axial)
+    return {"acceleration": _pair_sums(position, mass, density, marks, smoothing, cohesion, terms, rows)}
 
 
-def _pair_sums(position, mass, density, marks, area_normal, smoothing, cohesion, area, rows):
+def _pair_sums(position, mass, density, marks, smoothing, cohesion, terms, rows):
     surface_weight, surface, mode = marks
+    area_normal, area, axial = terms
     h, dim = float(smoothing.support_radius), smoothing.dim
     mass = np.asarray(mass, dtype=float)
     count = len(mass)
@@ -156,13 +163,12 @@ def _pair_sums(position, mass, density, marks, area_normal, smoothing, cohesion,
             size = (np.abs(strength) * (repulsion + attraction))[..., None] * np.abs(unit)
             sums.add(place, (strength * (repulsion - attraction))[..., None] * unit, size)
         if area is not None:
-            normal = np.asarray(area_normal, dtype=float)
             factor = float(area.coefficient) * share
             if int(area.kind) == 0:
                 rho = np.asarray(density, dtype=float)
                 factor = factor * (mass / rho)[None, :] / rho[i, None]
-            size = np.abs(factor)[..., None] * (np.abs(normal[i, None, :]) + np.abs(normal[None, :, :]))
-            sums.add(place, -factor[..., None] * (normal[i, None, :] - normal[None, :, :]), size)
+            apart, size = normals_apart(area_normal, i, separation, distance, axial)
+            sums.add(place, -factor[..., None] * apart, np.abs(factor)[..., None] * size)
     return sums.total()
 
 

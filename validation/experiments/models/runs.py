@@ -384,11 +384,14 @@ def spinning(trial: Trial, model: str, turns: float = 2.0) -> None:
 
 
 @hard_case
-def collision(trial: Trial, model: str, offset: float, weber: float = 4.0, form: str = "laplacian") -> None:
+def collision(
+    trial: Trial, model: str, offset: float, weber: float = 4.0, form: str = "laplacian", **changed: Any
+) -> None:
     """Two drops meet at a Weber number rho v^2 D/sigma (nominal) and become one.
 
     offset  distance between their paths, over the radius; with the default viscosity, the central form, the angular
             momentum is judged
+    changed parameters of the model
     """
     one = ball(257)
     radius = radius_of(one)
@@ -396,7 +399,9 @@ def collision(trial: Trial, model: str, offset: float, weber: float = 4.0, form:
     speed = 0.5 * math.sqrt(weber / (2 * radius))
     position = np.concatenate([one - shift, one + shift])
     velocity = np.repeat([[speed, 0.0, 0.0], [-speed, 0.0, 0.0]], len(one), axis=0)
-    scene = drop_scene(model, position, velocity, viscosity=HARD_CALM * math.sqrt(radius), form=form)
+    effects = tuple(msgspec.structs.replace(effect, **changed) for effect in effects_of(model))
+    calm = HARD_CALM * math.sqrt(radius)
+    scene = drop_scene(model, position, velocity, viscosity=calm, form=form, effects=effects)
     began = 0.5 * len(position) * speed**2
     simulation, watch = _run(trial, scene, 8 * radius**1.5)
     _whole(trial, simulation, share=0.99)
