@@ -34,12 +34,15 @@ TANKS: dict[str, tuple[float, dict[str, Any], Any, tuple[Any, ...]]] = {
     "with central viscosity": (2.6, CENTRAL, None, ()),
     "and extrapolated walls": (2.6, CENTRAL, "extrapolated", ()),
     "the default": (2.6, {}, None, ()),
+    "without diffusion": (2.6, {"diffusion": 0.0}, None, ()),
     "with detection and shifting": (2.6, {}, None, (SurfaceDetection(each_step=True), ParticleShifting())),
     "the papers' liquid with tension": (2.6, PAPERS, None, TENSION),
     "advanced, with Akinci's tension": (2.6, ADVANCED, None, TENSION),
     "without `restoring`": (2.6, {**ADVANCED, "restoring": 0.0}, None, TENSION),
     "the papers' liquid, h = 3.2 d": (3.2, PAPERS, None, ()),
     "the default, h = 3.2 d": (3.2, {}, None, ()),
+    "the papers' liquid, h = 4.0 d": (4.0, PAPERS, None, ()),
+    "the default, h = 4.0 d": (4.0, {}, None, ()),
 }
 
 
