@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from refsim.study.panels import Point
@@ -42,7 +44,8 @@ def drop_by_splishsplash(point: Point, repeat: int, threads: int | None) -> Read
     above = [k for k, error in enumerate(found["error"]) if not error <= value]
     torn = "" if np.isfinite(value) else "torn: no outer surface all around"
     seconds = found["wall"][above[-1] + 1 if above else 0]
-    return reading(value, seconds, found["steps"], found["particles"], torn)
+    curve = tuple(zip(found["wall"], found["error"]))
+    return replace(reading(value, seconds, found["steps"], found["particles"], torn), curve=curve)
 
 
 def vortices_by_pysph(point: Point, repeat: int, threads: int | None) -> Reading:
