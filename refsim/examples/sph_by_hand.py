@@ -3,7 +3,7 @@
     python sph_by_hand.py          # a column of 10 x 20 particles collapses for 1 s; about half a minute
 
 Each particle carries mass m. A smoothed sum over its neighbours gives its density, the density gives its pressure, and
-differences of pressure and velocity give forces. All quantities are in SI units.
+differences of pressure and velocity give forces. All quantities are in SI units, in 2D those of a metre of depth.
 """
 
 import numpy as np
@@ -32,64 +32,68 @@ def kernel_slope(r):
 
 def pairs(x, others):
     """Vectors and distances from each of `others` (m, 2) to each particle x (n, 2): (n, m, 2) and (n, m) [m]."""
-    vector = x[:, None] - others[None]
+    vector = x[:, None] - others
     return vector, np.linalg.norm(vector, axis=2)
 
 
 def wall_particles():
     """Three layers of particles that do not move, below and beside the box (m, 2) [m]."""
-    layers = 3
-    columns = np.arange(-layers, round(TANK[0] / SPACING) + layers)
-    rows = np.arange(-layers, round(TANK[1] / SPACING))
-    i, j = (a.ravel() for a in np.meshgrid(columns, rows))
-    outside = (i < 0) | (j < 0) | (i >= round(TANK[0] / SPACING))
-    return SPACING * (np.stack([i[outside], j[outside]], axis=1) + 0.5)
+    wide, high = (round(edge / SPACING) for edge in TANK)
+    i, j = (a.ravel() for a in np.meshgrid(np.arange(-3, wide + 3), np.arange(-3, high)))
+    return SPACING * (np.stack([i, j], axis=1) + 0.5)[(i < 0) | (j < 0) | (i >= wide)]
 
 
-def density(x, walls, mass):
-    """Smoothed sum of masses, rho_i = sum_j m W(x_i - x_j), over liquid and walls (n,) [kg/m^3]."""
-    return mass * (kernel(pairs(x, x)[1]).sum(1) + kernel(pairs(x, walls)[1]).sum(1))
+def density(r, rest, mass):
+    """Smoothed sum of masses, rho_i = sum_j m W(r_ij) (n + m,) [kg/m^3]; `rest` (m,) is that of walls over walls."""
+    share = mass * kernel(r)
+    return np.concatenate([share.sum(1), rest + share[:, len(r) :].sum(0)])
 
 
 def pressure(rho):
-    """Equation of state p = c^2 (rho - rho0), without tension (n,) [Pa]."""
+    """Equation of state p = c^2 (rho - rho0), without tension [Pa]."""
     return np.maximum(SOUND**2 * (rho - DENSITY), 0.0)
 
 
-def acceleration(x, v, walls, mass):
-    """What pressure, viscosity and gravity do (n, 2) [m/s^2].
+def acceleration(x, v, rest, mass):
+    """What pressure, viscosity and gravity do (n, 2) [m/s^2]; x and v (n + m, 2) have the walls' particles at the end.
 
-    Pressure: -sum_j m (p_i/rho_i^2 + p_j/rho_j^2) grad W; a wall particle has the pressure of the particle that it
-    pushes. Viscosity: particles that approach each other are slowed down (Monaghan 1992). Both act along the line
-    between two particles and are opposite for them, so that momentum and angular momentum are kept.
+    Pressure: -sum_j m (p_i/rho_i^2 + p_j/rho_j^2) grad W. Viscosity (Monaghan 1992) slows down what approaches. A wall
+    is liquid that does not move, with a pressure of its own: it gives back no more energy than it took.
     """
-    rho = density(x, walls, mass)
+    own = slice(len(x) - len(rest))
+    vector, r = pairs(x[own], x)
+    rho = density(r, rest, mass)
     share = pressure(rho) / rho**2
-    vector, r = pairs(x, x)
-    approach = np.minimum(np.einsum("ijk,ijk->ij", v[:, None] - v[None], vector), 0.0)
+    approach = np.minimum(np.einsum("ijk,ijk->ij", v[own, None] - v, vector), 0.0)
     damping = -VISCOSITY * SOUND * SUPPORT * approach / (r**2 + 0.01 * SUPPORT**2)
-    push = share[:, None] + share[None] + damping / (0.5 * (rho[:, None] + rho[None]))
-    a = -mass * np.einsum("ij,ijk->ik", push * kernel_slope(r), vector)
-    vector, r = pairs(x, walls)
-    return a - mass * np.einsum("ij,ijk->ik", 2 * share[:, None] * kernel_slope(r), vector) + GRAVITY
+    push = share[own, None] + share + damping / (0.5 * (rho[own, None] + rho))
+    return -mass * np.einsum("ij,ijk->ik", push * kernel_slope(r), vector) + GRAVITY
 
 
-def dam_break(columns=10, rows=20, until=1.0, report=print):
-    """Let a column of liquid collapse: times [s], the fronts at them (s,) [m] and the last places (n, 2) [m]."""
-    i, j = np.meshgrid(np.arange(columns), np.arange(rows))
-    x = SPACING * (np.stack([i.ravel(), j.ravel()], axis=1) + 0.5)
-    v, walls, mass = np.zeros_like(x), wall_particles(), DENSITY * SPACING**2
-    times, fronts = [], []
-    for step in range(round(until / STEP)):
-        v += STEP * acceleration(x, v, walls, mass)
-        x += STEP * v
-        times.append((step + 1) * STEP)
-        fronts.append(x[:, 0].max() + 0.5 * SPACING)
-        if step % 100 == 99:
-            report(
-                f"{times[-1]:.2f} s: front at {fronts[-1]:.2f} m, {len(x)} particles, fastest {np.abs(v).max():.2f} m/s"
-            )
-    return np.array(times), np.array(fronts), x
+def energy(x, v, rest, mass):
+    """Kinetic, potential and compression energy (3,) [J/m]; the last is the integral of p/rho^2 over the density."""
+    liquid = x[: len(x) - len(rest)]
+    s = np.maximum(density(pairs(liquid, x)[1], rest, mass) / DENSITY, 1.0)
+    return mass * np.array([(v**2).sum() / 2, -(liquid @ GRAVITY).sum(), SOUND**2 * (np.log(s) + 1 / s - 1).sum()])
+
+
+def dam_break(columns=10, rows=20, until=1.0, report=print, every=100):
+    """Let a column of liquid collapse; times [s] and fronts at them [m], last places, energies every so many steps."""
+    i, j = (a.ravel() for a in np.meshgrid(np.arange(columns), np.arange(rows)))
+    walls, mass, n = wall_particles(), DENSITY * SPACING**2, len(i)
+    x = np.concatenate([SPACING * (np.stack([i, j], axis=1) + 0.5), walls])
+    v, rest = np.zeros_like(x), mass * kernel(pairs(walls, walls)[1]).sum(1)
+    fronts, energies = [], []
+    for step in range(1, round(until / STEP) + 1):
+        x += 0.5 * STEP * v
+        v[:n] += STEP * acceleration(x, v, rest, mass)
+        x += 0.5 * STEP * v
+        fronts.append(x[:n, 0].max() + 0.5 * SPACING)
+        if step % every == 0:
+            energies.append(e := energy(x, v, rest, mass))
+            told = "{:.0f} = {:.0f} kinetic + {:.0f} potential + {:.0f} of compression".format(sum(e), *e)
+            report(f"{step * STEP:.2f} s: front at {fronts[-1]:.2f} m, energy [J/m] {told}")
+    return STEP * np.arange(1, len(fronts) + 1), np.array(fronts), x[:n], np.array(energies)
 
 
 if __name__ == "__main__":
