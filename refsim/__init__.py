@@ -1,10 +1,11 @@
 """refsim: reference implementations of published particle-fluid methods.
 
-Every equation stands as a readable NumPy reference, a Numba CPU kernel and a CUDA kernel. Importing this
-package loads no Numba and compiles nothing.
+Every equation stands as a readable NumPy reference and as a kernel's body, of which the loops for CPU (Numba) and GPU
+(CUDA) are made. Importing this package loads no Numba and compiles nothing.
 """
 
-from refsim.core import stopping  # first, so that Ctrl-C on the command line leaves no traceback from then on
+from refsim.core import clock as clock  # first: its reading is the beginning of the process
+from refsim.core import stopping  # then, so that Ctrl-C on the command line leaves no traceback from then on
 
 stopping.quiet_while_importing()
 

@@ -15,8 +15,10 @@ from typing import Any, NoReturn
 
 from refsim.commands import COMMANDS, CommandResult, discover, plain
 from refsim.core.checked import suggestion
+from refsim.core.clock import PROCESS, Seconds
 from refsim.core.errors import InputError, RefsimError, RunStopped, refused
 from refsim.core.stopping import heeding
+from refsim.core.streams import any_letter
 
 
 class _Parser(argparse.ArgumentParser):
@@ -38,13 +40,15 @@ def make_parser() -> argparse.ArgumentParser:
     return parser
 
 
+@any_letter()
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code."""
+    began = Seconds.now() if arguments is not None else PROCESS
     arguments = list(sys.argv[1:] if arguments is None else arguments)
     as_json = "--json" in arguments
     try:
         with heeding():
-            outcome = _execute(arguments)
+            outcome = _execute(arguments, began)
             if as_json:
                 _tell(json.dumps(plain(outcome.data), indent=1, allow_nan=False))
             elif outcome.text:
@@ -80,7 +84,7 @@ def _leave_output() -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def _execute(arguments: Sequence[str]) -> CommandResult:
+def _execute(arguments: Sequence[str], began: Seconds) -> CommandResult:
     discover()
     parser = make_parser()
     word = next((a for a in arguments if not a.startswith("-")), None)
@@ -100,6 +104,7 @@ def _execute(arguments: Sequence[str]) -> CommandResult:
         return CommandResult({"version": refsim.__version__}, f"refsim {refsim.__version__}")
     if options.command is None:
         return CommandResult({"commands": {name: c.summary for name, c in COMMANDS.items()}}, parser.format_help())
+    options.began = began
     return COMMANDS[options.command].execute(options)
 
 

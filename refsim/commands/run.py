@@ -43,6 +43,7 @@ def execute(options: argparse.Namespace) -> CommandResult:
     """Run the scene, or go on from the checkpoint."""
     load_without_rules()
     simulation, folder = _begin(options)
+    simulation.timings.began = options.began
     until = simulation.plan.scene.end_time if options.until is None else options.until
     if simulation.source is not None and simulation.time >= until:
         simulation.notes.append(f"the checkpoint is already at {simulation.time:.6g} s: nothing was left to do")
@@ -130,11 +131,10 @@ def _asked_to_stop() -> Iterator[threading.Event]:
 
 def _text(report: RunReport) -> str:
     start, end = report.ledger["start"], report.ledger["end"]
-    stepped = report.seconds["total"] - report.seconds["first_calls"]
     limiters = ", ".join(f"{name} {n:,}" for name, n in sorted(report.step_limiters.items(), key=lambda i: -i[1]))
     lines = [
-        f"{report.scene}: reached {report.time:.6g} s in {report.steps:,} steps; {in_time(stepped)}, and"
-        f" {in_time(report.seconds['first_calls'])} for compiling and first calls",
+        f"{report.scene}: reached {report.time:.6g} s in {report.steps:,} steps",
+        seconds_told(report.seconds),
         f"step set by: {limiters}",
     ]
     if s := report.search:
@@ -157,6 +157,13 @@ def _text(report: RunReport) -> str:
             lines.append(f"{effect}, {name}: {before:.9g} -> {value:.9g}{share}")
     lines += [f"{name}: {path}" for name, path in report.files.items()]
     return "\n".join(lines) + ("" if report.profile is None else _profile(report.profile))
+
+
+def seconds_told(seconds: dict[str, Any]) -> str:
+    """What start, compiling, steps and writing took, of the clock and of all processors."""
+    used = seconds["processor"]
+    parts = (f"{name} {in_time(seconds[name])}" for name in used if name != "total")
+    return f"{in_time(seconds['total'])}: {', '.join(parts)}; {in_time(used['total'])} of processors"
 
 
 def _profile(profile: dict[str, Any]) -> str:

@@ -60,7 +60,10 @@ class RunReport(Shown):
     energy_audit      energies at the start and at the last audit [J], what was turned over, the greatest rise as a
                       share of it, what is not counted; None without an audit
     ledger            particles at the start and at the end: number, mass, momentum, energy, how many behind walls
-    seconds           wall seconds: total, compiling (the first calls), by stage, of this process alone
+    seconds           wall seconds since the simulation was made (of `refsim run`: since the process began): start,
+                      compiling (kernels ahead of the run, and the first call of each, which loads or compiles), steps
+                      and writing, their sum total, and in `processor` those of all processors; in `stages` wall
+                      seconds of this process by stage, without first calls
     profile           of a run that was profiled: `note`, and in `stages` what each stage took
                       (`refsim.engine.timings.StageCost`), the longest first; else None
     """
@@ -133,13 +136,12 @@ def simulate(
     Raises InputError for bad input. Raises RunStopped where the run cannot go on: the last good checkpoint is
     then untouched, and the folder has a post-mortem.
     """
-    began = time.perf_counter()
     shown = progress is True or (progress is None and wanted())
     if isinstance(scene, Simulation):
         simulation = scene
     else:
         simulation = Simulation(scene, backend, threads, profile, compiling_bar if shown else None)
-    run = _Run(simulation, until, output, every, checkpoint_every, overwrite, began, threads)
+    run = _Run(simulation, until, output, every, checkpoint_every, overwrite, threads)
     bar = Progress(run.until, run.folder) if shown else None
     try:
         run.go(bar or (progress if callable(progress) else None), asked_to_stop)
@@ -180,10 +182,9 @@ class _Run:
         every: float | None,
         checkpoint_every: float,
         overwrite: bool,
-        began: float,
         threads: int | None,
     ) -> None:
-        self.simulation, self.began, self.threads = simulation, began, threads
+        self.simulation, self.threads = simulation, threads
         self.until = simulation.plan.scene.end_time if until is None else until
         for name, value in (("until", self.until), ("every", every), ("checkpoint_every", checkpoint_every)):
             if value is not None and not (math.isfinite(value) and (value > 0 or (value == 0 and name != "every"))):
@@ -247,6 +248,7 @@ class _Run:
         if progress is not None:
             progress(simulation)
         clock = time.perf_counter()
+        simulation.timings.begin_steps()
         if self.folder is not None:
             if self._begins_with_frame():
                 self._frame()
@@ -332,11 +334,11 @@ class _Run:
         check_particles(self.simulation)
         with self.simulation.timings.of_host("checkpoints"):
             self.simulation.checkpoint(path)
+            self._write_gauges()
         self.checkpoints += 1
         log().debug("checkpoint at %.6g s: %s", self.simulation.time, path)
         self.last_checkpoint = path
         self.files["checkpoint"] = str(path)
-        self._write_gauges()
         self._write_report()
 
     def _write_gauges(self) -> None:
@@ -402,11 +404,7 @@ class _Run:
             ledger={"start": stock(plan), "end": stock(simulation)},
             frames=self.frames,
             checkpoints=self.checkpoints,
-            seconds={
-                "total": time.perf_counter() - self.began,
-                "first_calls": sum(timings.first_calls.values()),
-                "stages": dict(timings.stages),
-            },
+            seconds={**timings.account(), "stages": dict(timings.stages)},
             profile=self._profile(),
             files=dict(self.files),
             notes=list(simulation.notes),

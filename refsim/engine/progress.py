@@ -105,7 +105,7 @@ class Progress:
             say(f"the steps will take about {in_time(seconds)}, by the constants of this machine (refsim plan --time)")
 
     def _open(self, simulation: Run) -> None:
-        seconds = sum(simulation.timings.first_calls.values())
+        seconds = simulation.timings.account()["compiling"]
         if seconds > 1:
             from refsim.backends.cache import is_writable
 

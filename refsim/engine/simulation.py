@@ -77,6 +77,7 @@ class Simulation(Shown):
         self, scene: Scene | Plan, backend: str = "cpu", threads: int | None = None, profile: bool = False,
         compiling: Compiling | None = None,
     ) -> None:  # fmt: skip
+        self.timings = Timings()
         self.plan = scene if isinstance(scene, Plan) else make_plan(scene)
         self.backend = backends.choose(backend)
         grid = self.plan.grid
@@ -101,7 +102,8 @@ class Simulation(Shown):
                 " for checks"
             )
         self.remarks: dict[str, str] = {}
-        self.timings = Timings(wait=self.backend.synchronize if profile else None)
+        self.timings.compiles = self.backend.name != "numpy"
+        self.timings.wait = self.backend.synchronize if profile else None
         self._allocate()
         self._shared = self._placed(self.plan.shared)
         self._shared["scratch"] = self.scratch = Scratch(self.backend)
@@ -113,7 +115,8 @@ class Simulation(Shown):
         self.balances = Balances(self)
         self.gauges = Gauges(self) if self.plan.scene.gauge else None
         if self.backend.name == "cpu":
-            self._compile_ahead(compiling or (lambda kernels, processes: lambda: None))
+            with self.timings.part("compiling"):
+                self._compile_ahead(compiling or (lambda kernels, processes: lambda: None))
         self._bind()
         self.stepper = (stepping.DeviceStepper if self.backend.name == "cuda" else stepping.HostStepper)(self)
         self.start()

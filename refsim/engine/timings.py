@@ -1,4 +1,4 @@
-"""Wall seconds of a run by stage.
+"""Seconds of a run: start, compiling, steps and writing, which add up to the whole, and wall seconds by stage.
 
 A stage is a pass, or a part of the loop: "neighbours", "sorting", "frames" (their fields), "writing" (of frames),
 "checkpoints", "energy_audit".
@@ -6,9 +6,13 @@ A stage is a pass, or a part of the loop: "neighbours", "sorting", "frames" (the
 
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+from refsim.core.clock import Seconds
+
+WRITING = ("frames", "writing", "checkpoints")  # the stages of the part "writing"
 
 
 class StageCost(NamedTuple):
@@ -30,17 +34,49 @@ class StageCost(NamedTuple):
 
 @dataclass
 class Timings:
-    """Wall seconds by stage; the first call of a program, which may compile it, is counted apart.
+    """Seconds by part, and wall seconds by stage; the first call of a program, which may compile it, is counted apart.
 
+    compiles  whether first calls belong to the part "compiling"
     wait  of a run that is profiled: waits until everything launched has run, after every stage. Without it a stage on
           a GPU takes as long as its launch
     """
 
+    compiles: bool = True
+    began: Seconds = field(default_factory=Seconds.now)
+    parts: dict[str, Seconds] = field(default_factory=dict)  # all but "steps", which is what is left
     stages: dict[str, float] = field(default_factory=dict)
     first_calls: dict[str, float] = field(default_factory=dict)
     launches: dict[str, int] = field(default_factory=dict)
     wait: Callable[[], None] | None = None
     counted: float = 0.0  # seconds of all stages, first calls included
+
+    @contextmanager
+    def part(self, name: str) -> Iterator[None]:
+        """Count what happens inside for a part, less what is counted for others meanwhile."""
+        began, before = Seconds.now(), self._parted()
+        try:
+            yield
+        finally:
+            own = Seconds.now().less(began).less(self._parted().less(before))
+            self.parts[name] = self.parts.get(name, Seconds()).plus(own)
+
+    def begin_steps(self) -> None:
+        """What was not counted until the first call of this is the part "start"."""
+        if "start" not in self.parts:
+            self.parts["start"] = Seconds.now().less(self.began).less(self._parted())
+
+    def account(self) -> dict[str, Any]:
+        """Wall seconds of start, compiling, steps and writing, and their sum, total; in `processor` the same again."""
+        whole, names = Seconds.now().less(self.began), ("start", "compiling", "steps", "writing")
+        parts = self.parts | {"steps" if "start" in self.parts else "start": whole.less(self._parted())}
+        found = {name: parts.get(name, Seconds()) for name in names} | {"total": whole}
+        return {name: s.wall for name, s in found.items()} | {"processor": {n: s.processor for n, s in found.items()}}
+
+    def _parted(self) -> Seconds:
+        whole = Seconds()
+        for seconds in self.parts.values():
+            whole = whole.plus(seconds)
+        return whole
 
     def add(self, stage: str, seconds: float) -> None:
         """Count a call of a program; the first one of a stage is kept apart, because it may compile."""
@@ -53,6 +89,13 @@ class Timings:
 
     def run(self, stage: str, call: Callable[[], None]) -> None:
         """Call a program and count it."""
+        if self.compiles and stage not in self.first_calls:
+            with self.part("compiling"):
+                self._run(stage, call)
+        else:
+            self._run(stage, call)
+
+    def _run(self, stage: str, call: Callable[[], None]) -> None:
         began = time.perf_counter()
         call()
         if self.wait is not None:
@@ -63,7 +106,8 @@ class Timings:
     def of_host(self, stage: str) -> Iterator[None]:
         """Count the host's own work inside, which compiles nothing, less the stages that are counted meanwhile."""
         began, before = time.perf_counter(), self.counted
-        yield
+        with self.part("writing") if stage in WRITING else nullcontext():
+            yield
         own = time.perf_counter() - began - (self.counted - before)
         self.stages[stage] = self.stages.get(stage, 0.0) + own
         self.launches[stage] = self.launches.get(stage, 0) + 1

@@ -52,10 +52,10 @@ def parts(seconds: dict[str, Any], frames: int, used: float, took: float) -> dic
     stages = seconds["stages"]
     frame = stages.get("frames", 0.0) / max(frames, 1)
     kept = sum(stages.get(name, 0.0) for name in KEPT)
-    run = sum(stages.values()) + seconds["first_calls"]
+    run = sum(stages.values()) + seconds["compiling"]
     share = min(1.0, used / took)
     return {
         "start": max(used - share * run, 0.0),
-        "loading": share * seconds["first_calls"],
+        "loading": share * seconds["compiling"],
         "writing": share * (frame * USUAL_FRAMES + kept),
     }

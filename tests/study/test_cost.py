@@ -223,7 +223,7 @@ def test_a_long_run_is_measured_before_it_begins(cache, monkeypatch):
 
 def test_what_is_waited_for_by_hand():
     """A process of 10 s on a processor that half worked for it: 5 s, of which 0.5 s load and 1 s step."""
-    report = {"first_calls": 1.0, "stages": {"a": 2.0, "frames": 0.4, "writing": 0.2, "checkpoints": 0.6}}
+    report = {"compiling": 1.0, "stages": {"a": 2.0, "frames": 0.4, "writing": 0.2, "checkpoints": 0.6}}
     found = parts(report, 6, used=5.0, took=10.0)
     assert found == pytest.approx({"start": 5 - 2.1, "loading": 0.5, "writing": 0.5 * (0.4 / 6 * 101 + 0.2 + 0.6)})
     each = cost.Prediction("cpu", 3.0, waits=found)

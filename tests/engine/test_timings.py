@@ -1,0 +1,79 @@
+"""Seconds of a run: its parts add up, and all that is waited for is in one of them."""
+
+import json
+import os
+import pathlib
+import subprocess
+import sys
+import time
+
+import pytest
+
+import refsim.backends.ahead
+from refsim import Simulation, simulate
+from refsim.engine.timings import Timings
+from refsim.scene.files import parse_scene
+from tests.tank_file import tank
+
+ROOT = pathlib.Path(__file__).parents[2]
+PARTS = ("start", "compiling", "steps", "writing")
+
+
+def scene(end_time=0.002):
+    return parse_scene(tank(end_time), "tank.toml")
+
+
+def add_up(seconds):
+    for each in (seconds, seconds["processor"]):
+        assert all(each[name] >= -1e-9 for name in PARTS)
+        assert sum(each[name] for name in PARTS) == pytest.approx(each["total"], abs=1e-9)
+
+
+def test_kernels_that_are_compiled_ahead_are_counted(monkeypatch):
+    """Also for a simulation that is made before it is handed over, and with the bar's own sentence."""
+    monkeypatch.setattr(refsim.backends.ahead, "compile_ahead", lambda launched, compiling: time.sleep(0.3))
+    simulation = Simulation(scene(), "cpu", 1)
+    assert simulation.timings.account()["compiling"] >= 0.3
+    seconds = simulate(simulation).seconds
+    add_up(seconds)
+    assert 0.3 <= seconds["compiling"] < seconds["total"]
+
+
+def test_the_parts_are_what_was_done():
+    """Frames and checkpoints are writing, first calls are compiling, the rest of the loop is steps."""
+    timings = Timings()
+    time.sleep(0.05)
+    with timings.part("compiling"):
+        time.sleep(0.02)
+    timings.begin_steps()
+    timings.run("density", lambda: time.sleep(0.03))
+    timings.run("density", lambda: time.sleep(0.04))
+    with timings.of_host("frames"):
+        timings.run("only for frames", lambda: time.sleep(0.05))
+        time.sleep(0.06)
+    timings.begin_steps()
+    found = timings.account()
+    add_up(found)
+    assert all(found[name] > least - 0.001 for name, least in zip(PARTS, (0.05, 0.1, 0.04, 0.06)))
+    assert found["processor"]["total"] < 0.05  # it slept
+
+
+@pytest.mark.skipif(os.name != "posix", reason="children's seconds are read by getrusage")
+def test_the_parts_of_a_process(tmp_path):
+    """They are its wall time and its processor seconds, less its end; the reference compiles nothing."""
+    import resource
+
+    (tmp_path / "tank.toml").write_text(tank(0.002))
+    words = [sys.executable, "-m", "refsim", "run", "tank.toml", "--backend", "numpy", "--quiet"]
+    began, before = time.perf_counter(), resource.getrusage(resource.RUSAGE_CHILDREN)
+    told = subprocess.run(words, cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(ROOT)}, check=True, text=True,
+                          capture_output=True).stdout  # fmt: skip
+    wall, after = time.perf_counter() - began, resource.getrusage(resource.RUSAGE_CHILDREN)
+    used = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    seconds = json.loads((tmp_path / "tank_run" / "report.json").read_bytes())["seconds"]
+    add_up(seconds)
+    assert seconds["compiling"] == 0
+    assert 0.6 * wall < seconds["total"] < wall
+    assert 0.6 * used < seconds["processor"]["total"] < used
+    assert 0.6 * used < seconds["processor"]["start"]  # Python, refsim's modules and the plan
+    assert all(f"{name} " in told.splitlines()[1] for name in PARTS)
