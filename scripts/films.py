@@ -22,6 +22,7 @@ FOLDER = ROOT / "docs" / "_site" / "films"
 sys.path.insert(0, str(ROOT))
 
 from refsim.core.errors import InputError  # noqa: E402
+from refsim.core.streams import any_letter  # noqa: E402
 from validation.experiment import chosen  # noqa: E402
 
 SECONDS, PER_SECOND = 10, 15  # of a film
@@ -72,6 +73,7 @@ def make(film: Film) -> int:
     return 0
 
 
+@any_letter()
 def main(words: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="films.py", description="Make the films of the site.")
     parser.add_argument("film", nargs="*", metavar="FILM", help=f"some of {', '.join(FILMS)}; all by default")

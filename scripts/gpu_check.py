@@ -55,6 +55,7 @@ from refsim.backends import arrays as backend  # noqa: E402
 from refsim.backends import runtime  # noqa: E402
 from refsim.commands.plan import describe_plan  # noqa: E402
 from refsim.core.operation import REGISTRY  # noqa: E402
+from refsim.core.streams import any_letter  # noqa: E402
 from refsim.study.memory import bytes_of  # noqa: E402
 from validation import pairs, searches, timed  # noqa: E402
 from validation.experiments.melting.scene import scene_of  # noqa: E402
@@ -299,12 +300,12 @@ SECTION, NO_TIME = "whole check", ("not run", "not ended")
 
 def write(answers: list[dict[str, Any]], path: pathlib.Path) -> None:
     """Put tasks that ran to their end in place of their like in a device's report, a task a line."""
-    whole = json.loads(path.read_text()) if path.exists() else {}
+    whole = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
     kept = {a["task"]: a for a in whole.get(SECTION, {}).get("tasks", [])}
     kept |= {a["task"]: a for a in answers if not (a["error"] or "").startswith(NO_TIME)}
     whole[SECTION] = {"tasks": [kept[task] for task in ("device", *planned(False)) if task in kept]}
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(whole, separators=(",", ":")).replace('{"task"', '\n{"task"') + "\n")
+    path.write_text(json.dumps(whole, separators=(",", ":")).replace('{"task"', '\n{"task"') + "\n", encoding="utf-8")
     print(f"report: {path}")
 
 
@@ -324,6 +325,7 @@ def work(task: str) -> int:
     return 4 if answer["error"] else 0
 
 
+@any_letter()
 def main() -> int:
     """Run everything and write the report."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -341,7 +343,7 @@ def main() -> int:
     if reason := backend.unavailable("cuda"):
         print(f"The GPU cannot be checked: {reason}.", file=sys.stderr)
         return 2
-    known = [json.loads(path.read_text())[SECTION]["tasks"] for path in REPORTS.glob("*.json")]
+    known = [json.loads(path.read_text(encoding="utf-8"))[SECTION]["tasks"] for path in REPORTS.glob("*.json")]
     took = {answer["task"]: answer["seconds"] for answers in known for answer in answers}
     tasks = [task for task in planned(options.quick) if task.startswith(tuple(options.only))]
     tasks.sort(key=lambda task: -took.get(task, np.inf))  # so that no worker waits for a long one at the end

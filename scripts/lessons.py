@@ -24,6 +24,7 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
 from refsim.core.errors import InputError  # noqa: E402
+from refsim.core.streams import any_letter  # noqa: E402
 from refsim.io.lessons import cells, judges, lessons, notebook  # noqa: E402
 from validation.experiment import chosen  # noqa: E402
 from validation.perform import EXIT_FAILED, EXIT_FINE  # noqa: E402
@@ -74,6 +75,7 @@ def run_lesson(name: str, text: str, pictures: Path | None = None) -> dict[str, 
     return namespace
 
 
+@any_letter()
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; returns its exit code."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)

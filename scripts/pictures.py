@@ -14,10 +14,12 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
 from refsim.core.errors import InputError  # noqa: E402
+from refsim.core.streams import any_letter  # noqa: E402
 from validation.drawing import save_picture, style  # noqa: E402
 from validation.experiment import chosen  # noqa: E402
 
 
+@any_letter()
 def command(
     document: str | None, pictures: Mapping[str, Callable[[], Any]], folder: Path, arguments: Sequence[str] | None
 ) -> int:

@@ -40,6 +40,7 @@ from refsim import (  # noqa: E402
     simulate,
 )
 from refsim.core.errors import InputError  # noqa: E402
+from refsim.core.streams import any_letter  # noqa: E402
 from refsim.io.frames import Frame  # noqa: E402
 from refsim.render.pictures import Look, Series  # noqa: E402
 from refsim.render.saved_run import SavedRun, open_run  # noqa: E402
@@ -354,6 +355,7 @@ PICTURES: dict[str, Callable[[str, Drawing], Any]] = {
 }  # fmt: skip
 
 
+@any_letter()
 def main(words: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("name", nargs="*", metavar="NAME", help=f"some of {', '.join(PICTURES)}; all by default")

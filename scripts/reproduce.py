@@ -21,6 +21,7 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
 from refsim.core.errors import RefsimError  # noqa: E402
+from refsim.core.streams import any_letter  # noqa: E402
 from validation import judging  # noqa: E402
 from validation.__main__ import add_options, options_of  # noqa: E402
 from validation.checks import CLAIM, FAIL  # noqa: E402
@@ -59,6 +60,7 @@ def planned(experiments: Mapping[str, Experiment], options: Options) -> list[lis
     return groups
 
 
+@any_letter()
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; returns its exit code."""
     began = time.perf_counter()

@@ -22,6 +22,7 @@ if not __package__:
     sys.exit(2)
 
 from refsim.core.errors import InputError, RefsimError
+from refsim.core.streams import any_letter
 from refsim.study.choice import REPEATS
 from refsim.study.panels import abouts
 from validation import accuracy, accuracy_page, judging, own_choices, page, times
@@ -256,6 +257,7 @@ def told(performed: Sequence[Performed], as_object: bool, written: bool = False)
     return exit_code([each for each in performed if not (written and each.part.kind == CLAIM)])
 
 
+@any_letter()
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; returns its exit code."""
     try:

@@ -126,7 +126,7 @@ def write() -> list[Path]:
     """Renew page and pictures; returns their paths."""
     import matplotlib.pyplot as plt
 
-    PAGE.write_text(page(PAGE.read_text()))
+    PAGE.write_text(page(PAGE.read_text(encoding="utf-8")))
     made = [PAGE]
     drawn = {f"accuracy_cost_{name}": partial(picture, panel(name)) for name in abouts()} | {"accuracy_cost": overview}
     for name, draw in drawn.items():

@@ -222,7 +222,7 @@ def checked(entry: Entry, values: Sequence[float], outcome: str = "", run: str =
 @functools.cache
 def _read(path: Path) -> tuple[tuple[Entry, ...], dict[str, Any]]:
     """The checks of a file, and its tables. Raises ValueError for a table of another kind."""
-    tables = tomllib.loads(path.read_text()) if path.exists() else {}
+    tables = tomllib.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
     if unknown := set(tables) - {"check", "family", "map"}:
         raise ValueError(f"{path}: an entry is [check.NAME], [family.NAME] or [map.NAME]; there are {sorted(unknown)}")
     entries = (_entry(name, path.parent.name, given) for name, given in tables.get("check", {}).items())

@@ -90,7 +90,7 @@ class Pictures(dict[str, Any]):
 def stored() -> dict[str, dict[str, Any]]:
     """What was measured of each claim: its values, one for each start (null is infinite), and where."""
     path = ROOT / "figures" / "claims.json"
-    return json.loads(path.read_text()) if path.exists() else {}
+    return json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
 
 
 def records(entries: Iterable[Entry]) -> dict[str, Recorded]:

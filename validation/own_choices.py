@@ -172,5 +172,5 @@ def write() -> list[Path]:
     """Measure, store, and renew the page; returns the paths."""
     found = measure()
     STORED.write_text(json.dumps(found, indent=1) + "\n")
-    PAGE.write_text(page(PAGE.read_text(), found))
+    PAGE.write_text(page(PAGE.read_text(encoding="utf-8"), found))
     return [STORED, PAGE]

@@ -46,7 +46,7 @@ def write(found: Sequence[tuple[Entry, Check | None]]) -> None:
 
 
 def _rewrite(path: Path, name: str, values: Mapping[str, Any]) -> None:
-    text = path.read_text()
+    text = path.read_text(encoding="utf-8")
     begin = re.search(rf"^\[check\.{re.escape(name)}\]$", text, re.MULTILINE).start()  # type: ignore[union-attr]
     stop = text.find("\n[", begin + 1)
     entry = text[begin : stop if stop > 0 else None]
@@ -54,7 +54,7 @@ def _rewrite(path: Path, name: str, values: Mapping[str, Any]) -> None:
         entry, count = re.subn(rf"^{key} = .*$", f"{key} = {_toml(value)}", entry, flags=re.MULTILINE)
         if count != 1:
             raise ValueError(f"[check.{name}] has {count} lines {key} = ...")
-    path.write_text(text[:begin] + entry + (text[stop:] if stop > 0 else ""))
+    path.write_text(text[:begin] + entry + (text[stop:] if stop > 0 else ""), encoding="utf-8")
 
 
 def _rounded(value: float) -> float:
@@ -72,7 +72,7 @@ def _toml(value: Any) -> str:
 def write_pages() -> None:
     """Renew the numbers of all pages."""
     for page in (ROOT / "docs").glob("*.md"):
-        text = page.read_text()
+        text = page.read_text(encoding="utf-8")
         if (new := renewed(text)) != text:
             page.write_text(new)
 
@@ -98,7 +98,7 @@ def keep(performed: Sequence[Performed], folder: Path) -> None:
     """Write every value of the claims that were measured to `claims.json` among the figures."""
     path = folder / "claims.json"
     path.parent.mkdir(parents=True, exist_ok=True)
-    kept = json.loads(path.read_text()) if path.exists() else {}
+    kept = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
     for each in performed:
         for check in each.checks if each.part.kind == CLAIM else ():
             kept[check.name] = finite(

@@ -75,7 +75,7 @@ def modules_behind(file: Path) -> list[Path]:
         if file in found or not file.exists() or (file.parent == _HERE and file.stem in PRESENTING):
             continue
         found.add(file)
-        for node in ast.walk(ast.parse(file.read_text())):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
             if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "validation":
                 stem = _ROOT.joinpath(*str(node.module).split("."))
                 names = ("__init__", *(alias.name for alias in node.names))
@@ -86,7 +86,7 @@ def modules_behind(file: Path) -> list[Path]:
 @functools.cache
 def _digest_of(file: Path) -> str:
     """Digest of a module: of refsim its text, of others their code without comments, docstrings and layout."""
-    text = file.read_text()
+    text = file.read_text(encoding="utf-8")
     if not file.is_relative_to(_ROOT / "refsim"):
         tree = ast.parse(text)
         for node in ast.walk(tree):

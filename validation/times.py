@@ -34,13 +34,13 @@ Times = Mapping[str, Mapping[str, Any]]  # by page and backend: {"machine", "rea
 
 def stored() -> dict[str, Any]:
     """What is on file, by page and backend."""
-    return json.loads(STORED.read_text()) if STORED.exists() else {}  # type: ignore[no-any-return]
+    return json.loads(STORED.read_text(encoding="utf-8")) if STORED.exists() else {}  # type: ignore[no-any-return]
 
 
 def read(file: Path) -> dict[str, Any]:
     """The readings of a file of pytest-benchmark, as they are stored. Raises InputError for another file."""
     try:
-        whole = json.loads(file.read_text())
+        whole = json.loads(file.read_text(encoding="utf-8"))
         where, commit = whole["machine_info"], whole["commit_info"]
         about = {"date": whole["datetime"][:10], "commit": commit["id"][:10] + "+" * bool(commit.get("dirty"))}
         found: dict[str, Any] = {}
@@ -403,7 +403,7 @@ def perform(files: Sequence[Path]) -> list[Path]:
         times = merged(times, read(file))
     if files:
         STORED.write_text(json.dumps(times, indent=1) + "\n")
-    PAGE.write_text(page(PAGE.read_text(), times))
+    PAGE.write_text(page(PAGE.read_text(encoding="utf-8"), times))
     with style():
         for name, drawing in PICTURES.items():
             figure = drawing(times)

@@ -200,10 +200,10 @@ def host_memory() -> dict[str, int | None]:
     except (AttributeError, ValueError, OSError):
         return {"total": None, "free": None}
     with contextlib.suppress(OSError, StopIteration, ValueError):  # pages that files only borrow are free to take, too
-        lines = Path("/proc/meminfo").read_text().splitlines()
+        lines = Path("/proc/meminfo").read_text(encoding="utf-8").splitlines()
         free = 1024 * next(int(line.split()[1]) for line in lines if line.startswith("MemAvailable"))
     limit = Path("/sys/fs/cgroup/memory.max")
-    if limit.is_file() and (text := limit.read_text().strip()).isdigit():
+    if limit.is_file() and (text := limit.read_text(encoding="utf-8").strip()).isdigit():
         total = min(total, int(text))
     return {"total": total, "free": min(free, total)}
 

@@ -46,7 +46,7 @@ def sources_behind(path: pathlib.Path) -> list[pathlib.Path]:
         if file in found or not file.exists():
             continue
         found.add(file)
-        for module, listed, plain in _IMPORT.findall(file.read_text()):
+        for module, listed, plain in _IMPORT.findall(file.read_text(encoding="utf-8")):
             target = (module or plain).split(".")
             if target[0] != package.name:
                 continue
@@ -67,7 +67,9 @@ def _groups_of(package: pathlib.Path) -> str:
     A kernel takes groups that it does not import. Its compiled code names their classes and reads members by number.
     """
     files = sorted(package.rglob("*.py")) if (package / "__init__.py").exists() else ()
-    return "".join(f"{_place(file)} {group}" for file in files for group in _GROUP.findall(file.read_text()))
+    return "".join(
+        f"{_place(file)} {group}" for file in files for group in _GROUP.findall(file.read_text(encoding="utf-8"))
+    )
 
 
 def _place(source: pathlib.Path) -> str:
@@ -208,7 +210,7 @@ def write_once(path: pathlib.Path, text: str) -> None:
     with contextlib.suppress(OSError):  # of a read-only folder: nothing is cached then
         handle, draft = tempfile.mkstemp(dir=path.parent)
         try:
-            with os.fdopen(handle, "w") as file:
+            with os.fdopen(handle, "w", encoding="utf-8") as file:
                 file.write(text)
             with contextlib.suppress(FileExistsError):  # another process was faster
                 os.link(draft, path)

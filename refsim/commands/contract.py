@@ -76,7 +76,7 @@ def execute(options: argparse.Namespace) -> CommandResult:
     if options.template:
         return _template(options.names, options.backend or "cpu")
     if options.guide:
-        text = resources.files("refsim.contract").joinpath("guide.md").read_text()
+        text = resources.files("refsim.contract").joinpath("guide.md").read_text(encoding="utf-8")
         return CommandResult({"guide": text}, text)
     if options.arguments:
         return _arguments(options.names, options.backend or "cpu")

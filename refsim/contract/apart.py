@@ -273,7 +273,7 @@ def _work(pipe: Any, request: Request, path: list[str]) -> None:
     os.dup2(2, 1)
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
     sys.path[:] = path
-    own, quiet = os.getpid(), open(os.devnull, "w")  # noqa: SIM115
+    own, quiet = os.getpid(), open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
 
     def tell(kind: str, value: Any = None) -> None:
         if os.getpid() != own:  # a copy of the process that a program made

@@ -142,7 +142,7 @@ def _silent() -> Iterator[None]:
     log = logging.getLogger("trimesh")
     before, log.disabled = log.disabled, True
     try:
-        with warnings.catch_warnings(), open(os.devnull, "w") as nowhere:
+        with warnings.catch_warnings(), open(os.devnull, "w", encoding="utf-8") as nowhere:
             warnings.simplefilter("ignore")
             with contextlib.redirect_stdout(nowhere), contextlib.redirect_stderr(nowhere):
                 yield

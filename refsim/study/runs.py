@@ -190,7 +190,9 @@ class _Clock:
         self.kept_at = time.perf_counter()
         if checkpoints is not None and simulation.steps:
             with suppress(OSError, ValueError):
-                self.seconds, self.processor_seconds = map(float, json.loads((checkpoints / CLOCK).read_text()))
+                self.seconds, self.processor_seconds = map(
+                    float, json.loads((checkpoints / CLOCK).read_text(encoding="utf-8"))
+                )
 
     def step(self) -> None:
         """One step of the simulation. Raises RunStopped where that is impossible."""

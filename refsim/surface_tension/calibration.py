@@ -86,7 +86,7 @@ class Calibration:
 @functools.cache
 def sigma_map() -> tuple[Mapping[str, Any], ...]:
     """The measured settings, one mapping each: model, dim, support, stiffness, kernels, laplace, rayleigh, ..."""
-    return tuple(json.loads(MAP.read_text())["settings"])
+    return tuple(json.loads(MAP.read_text(encoding="utf-8"))["settings"])
 
 
 def calibrate(

@@ -47,7 +47,7 @@ class ContactAngle:
 @functools.cache
 def wetting_map() -> tuple[Mapping[str, Any], ...]:
     """The measured settings, one mapping each: dim, support, stiffness, kernels, and the drops by coefficient."""
-    return tuple(json.loads(WETTING_MAP.read_text())["settings"])
+    return tuple(json.loads(WETTING_MAP.read_text(encoding="utf-8"))["settings"])
 
 
 def calibrate_contact_angle(

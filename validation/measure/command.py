@@ -141,7 +141,7 @@ def measure_drops(given: argparse.Namespace) -> int:
     sessile = given.what == "sessile"
     os.environ["NUMBA_NUM_THREADS"] = "1"
     kind = importlib.import_module(f"validation.measure.{'wetting' if sessile else 'drops'}")
-    rows = json.loads(given.output.read_text()) if given.output.exists() else {}
+    rows = json.loads(given.output.read_text(encoding="utf-8")) if given.output.exists() else {}
     wanted = list(kind.points(tuple(given.models or kind.MODELS), given.dims))
     wanted = [p for p in wanted if p.liquid == "continuity"] if given.advanced else wanted
     missing = [p for p in wanted if p.key not in rows]

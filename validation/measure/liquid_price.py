@@ -98,7 +98,7 @@ def rows(stored: dict[str, Any]) -> list[str]:
 
 def perform(given: argparse.Namespace) -> None:
     """The command."""
-    stored: dict[str, Any] = json.loads(given.output.read_text()) if given.output.exists() else {}
+    stored: dict[str, Any] = json.loads(given.output.read_text(encoding="utf-8")) if given.output.exists() else {}
     for threads in given.threads:
         about = environment(threads, "cpu")
         kept = {name: about[name] for name in ("date", "processor", "commit")}
@@ -106,4 +106,4 @@ def perform(given: argparse.Namespace) -> None:
         given.output.write_text(json.dumps(stored, indent=1) + "\n")
     print(*rows(stored), sep="\n")
     if given.write:
-        PAGE.write_text(replaced(PAGE.read_text(), "price", rows(stored), PAGE))
+        PAGE.write_text(replaced(PAGE.read_text(encoding="utf-8"), "price", rows(stored), PAGE))

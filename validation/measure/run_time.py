@@ -214,7 +214,7 @@ def measure_all(
     path: Path, backend: str, threads: int | None, fresh: bool, only: Sequence[str], budget: float
 ) -> list[dict[str, Any]]:
     """Rows of all scenes; each is kept as it comes."""
-    kept: dict[str, Any] = json.loads(path.read_text()) if path.exists() else {}
+    kept: dict[str, Any] = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
     group = kept.setdefault(backend, {"rows": {}})
     rows: dict[str, dict[str, Any]] = {} if fresh else group["rows"]
     for name, make in SCENES.items():
@@ -224,7 +224,7 @@ def measure_all(
         print(line(rows[name]), flush=True)
         about = environment(threads, backend) | {"date": str(datetime.date.today())}
         kept[backend] = about | {"rows": rows}
-        path.write_text(json.dumps(kept, indent=1) + "\n")
+        path.write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
     return list(rows.values())
 
 
@@ -252,11 +252,13 @@ def summary(rows: Sequence[Mapping[str, Any]]) -> str:
 
 def write_page(path: Path, page: Path = PAGE) -> None:
     """Put the summary of every backend on file between its marks on the page."""
-    for backend, group in json.loads(path.read_text()).items():
+    for backend, group in json.loads(path.read_text(encoding="utf-8")).items():
         rows = list(group["rows"].values())
         where = (group["device"] or {}).get("name") or f"{group['processor']}, {group['threads']} threads"
         told = f"Backend {backend}, {where}, {group['date']}: {summary(rows)}."
-        page.write_text(replaced(page.read_text(), f"run_time {backend}", [told], page))
+        page.write_text(
+            replaced(page.read_text(encoding="utf-8"), f"run_time {backend}", [told], page), encoding="utf-8"
+        )
 
 
 def perform(given: argparse.Namespace) -> None:

@@ -34,7 +34,7 @@ def read_rows(path: Path = ROWS) -> list[dict[str, Any]]:
     Irving & Kirkwood's pressure is virial and motion together: P = virial + rho <v^2>/dim. The rows hold the virial
     and the rms speed at rest over sqrt(sigma/(rho R)).
     """
-    rows = json.loads(path.read_text()).values() if path.exists() else []
+    rows = json.loads(path.read_text(encoding="utf-8")).values() if path.exists() else []
     made = [{name: math.nan if value is None else value for name, value in row.items()} for row in rows]
     return [with_motion(row) if "spurious" in row and not row["stopped"] else row for row in made]
 
@@ -167,7 +167,7 @@ def write(rows: Iterable[Mapping[str, Any]], path: Path = PACKAGED) -> int:
 def write_settings(settings: Sequence[Any], path: Path) -> int:
     """Write one setting a line; returns how many there are."""
     entries = [json.dumps(finite(entry), allow_nan=False) for entry in settings]
-    path.write_text('{"settings": [\n' + ",\n".join(entries) + "\n]}\n")
+    path.write_text('{"settings": [\n' + ",\n".join(entries) + "\n]}\n", encoding="utf-8")
     return len(entries)
 
 

@@ -203,7 +203,7 @@ def row(name: str, threads: int | None, backend: str = "cpu") -> str:
 
 def perform(given: argparse.Namespace) -> None:
     """The command."""
-    text = PAGE.read_text()
+    text = PAGE.read_text(encoding="utf-8")
     lines = {name: next((old for old in text.splitlines() if old.startswith(f"| `{name}` |")), "") for name in SOLVED}
     for name in given.names or SOLVED:
         lines[name] = row(name, given.threads, given.backend)

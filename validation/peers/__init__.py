@@ -90,4 +90,4 @@ def _write(folder: Path, name: str, values: Mapping[str, Any]) -> None:
 
 def _read(folder: Path, name: str) -> dict[str, Any]:
     with np.load(folder / f"{name}.npz") as arrays:
-        return {**json.loads((folder / f"{name}.json").read_text()), **arrays}
+        return {**json.loads((folder / f"{name}.json").read_text(encoding="utf-8")), **arrays}

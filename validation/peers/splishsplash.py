@@ -333,7 +333,7 @@ def sampled(peer: Any, base: Any, times: list[float], low: float, first: Callabl
 
 def simulator(peer: Any, scene: Mapping[str, Any], **options: Any) -> Any:
     """Its simulator with a scene file in the working folder."""
-    Path("scene.json").write_text(json.dumps(scene))
+    Path("scene.json").write_text(json.dumps(scene), encoding="utf-8")
     base, paths = peer.Exec.SimulatorBase(), {"sceneFile": "scene.json", "outputDir": "output"}
     made = {name: os.path.abspath(path) for name, path in paths.items()}
     base.init(useGui=False, initialPause=False, **made, **options)
