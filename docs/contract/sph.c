@@ -41,11 +41,12 @@ void momentum(int64_t n, const REAL *x, const REAL *v, const REAL *mass, const R
         REAL sum[3] = {0, 0, 0}, d[3];
         for (int32_t k = 0; k < near.count[i]; k++) {
             const int64_t j = near.entries[near.start[i] + k];
-            const REAL r = apart(x, i, j, d), q = r * w.inverse_radius;
+            const REAL q = apart(x, i, j, d) * w.inverse_radius;
             if (q >= 1)
                 continue;
-            const REAL volume = mass[j] / rho[j], slope = w.slope_scale * -20 * q * (1 - q) * (1 - q) * (1 - q);
-            const REAL f = -share * volume * (p[i] + p[j]) * slope / (r + (REAL)1e-9 * w.support_radius);
+            const REAL volume = mass[j] / rho[j];
+            const REAL slope_over_r = w.slope_scale * w.inverse_radius * -20 * (1 - q) * (1 - q) * (1 - q);
+            const REAL f = -share * volume * (p[i] + p[j]) * slope_over_r;
             for (int c = 0; c < 3; c++)
                 sum[c] += f * d[c];
             if (mu != 0)

@@ -21,7 +21,8 @@ from refsim.core.operation import REGISTRY
 
 FOLDER = pathlib.Path(__file__).parents[2] / "docs" / "contract"
 OPERATIONS = ["sph.density", "sph.momentum", "becker_teschner_2007.cohesion"]
-QUICK = ("--dtype", "float32", "--step", "T1", "--step", "T2", "--step", "T4", "--step", "T7", "--step", "T9")
+LEFT_OUT = ("number_density", "asymmetry", "period", "walls")
+STEPS = {"T1", "T2", "T3", "T4", "T5", "T6", "T7", "T9", "T10"}
 
 
 @pytest.fixture
@@ -61,19 +62,22 @@ def holds(name, code, operations):
     failed = [o for operation in operations.values() for o in operation["outcomes"] if not o["passed"]]
     assert code == 0, failed
     assert all(o["not_judged"] for o in failed)
-    assert {o["not_judged"] for o in failed} >= {"with number_density", "with walls"}
-    assert all(operation["trials"] > 20 for operation in operations.values())
+    assert {o["not_judged"] for o in failed} == {f"with {n}" for n in LEFT_OUT}
+    for name, operation in operations.items():
+        tried = {(o["step"], o["dtype"]) for o in operation["outcomes"] if o["passed"]}
+        steps = STEPS if name == "sph.momentum" else STEPS - {"T4"}  # the others promise no conservation
+        assert tried == {(step, dtype) for step in steps for dtype in ("float32", "float64")}
 
 
 def test_the_c_library_holds(folder, compiler, capsys):
     compiled(folder, compiler)
-    holds("c_library", *judged(capsys, "c_library.py", *QUICK))
+    holds("c_library", *judged(capsys, "c_library.py"))
 
 
 def test_warp_holds(folder, capsys):
     if importlib.util.find_spec("warp") is None:
         pytest.skip("warp is not installed")
-    holds("warp_backend", *judged(capsys, "warp_backend.py", *QUICK))
+    holds("warp_backend", *judged(capsys, "warp_backend.py"))
 
 
 @pytest.mark.slow
@@ -82,21 +86,14 @@ def test_ranks_of_mpi_hold_and_need_their_ghosts(ranks, folder, capsys, monkeypa
     if importlib.util.find_spec("mpi4py") is None or shutil.which("mpirun") is None:
         pytest.skip("mpi4py or an MPI is not installed")
     for name in ("ALLOW_RUN_AS_ROOT", "ALLOW_RUN_AS_ROOT_CONFIRM", "MCA_rmaps_base_oversubscribe"):
-        monkeypatch.setenv(f"OMPI_{name}", "1")
+        monkeypatch.setenv(f"OMPI_{name}", "1")  # up to Open MPI 4
+        monkeypatch.setenv(f"PRTE_{name}", "1")
+    monkeypatch.setenv("PRTE_MCA_rmaps_default_mapping_policy", ":oversubscribe")
     text = (folder / "mpi_ranks.py").read_text().replace("RANKS = 4", f"RANKS = {ranks}")
     for near, code in (("low - h", 0), ("low", 4)):
         (folder / "own.py").write_text(text.replace("low - h", near))
-        found, operations = judged(capsys, "own.py", "--dtype", "float64")
+        found, operations = judged(capsys, "own.py")
         assert found == code, operations
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["c_library", "warp_backend"])
-def test_the_examples_hold_in_all_steps(name, folder, compiler, capsys):
-    if name == "warp_backend" and importlib.util.find_spec("warp") is None:
-        pytest.skip("warp is not installed")
-    compiled(folder, compiler)
-    holds(name, *judged(capsys, f"{name}.py"))
 
 
 def test_a_slip_is_found_where_masses_differ(folder, compiler, capsys):
@@ -295,8 +292,7 @@ FILES = dict(re.findall(r"^```\w+\n# file: (\S+)\n(.*?)^```$", PAGE.read_text(),
 
 def test_the_pages_density_holds_as_it_is_declared(folder, capsys):
     (folder / "mine.py").write_text(FILES["mine.py"])
-    steps = ("--step", "T2", "--step", "T5", "--step", "T7", "--step", "T9")
-    assert main(["contract", "mine.py", *steps]) == 0
+    assert main(["contract", "mine.py"]) == 0
     out = capsys.readouterr().out
     shown = re.search(r"^```text\n(.*?)^```$", PAGE.read_text(), re.MULTILINE | re.DOTALL).group(1)
     told = next(line for line in shown.splitlines() if line.startswith("Not judged")).replace("(3)", "(#)")
