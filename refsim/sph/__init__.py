@@ -221,6 +221,7 @@ class WeaklyCompressible(
     in_papers: ClassVar[Mapping[str, str]] = {"density": "summation", "viscosity": "laplacian"}
     of_liquid: ClassVar[bool] = True
     periodic: ClassVar[bool] = True
+    virial: ClassVar[str] = "it is the pressure of the liquid, which balances"
 
     rest_density: Positive = 1000.0
     sound_speed: Positive

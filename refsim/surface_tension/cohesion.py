@@ -114,13 +114,17 @@ def compression(number: float) -> float:
 
 
 class PairCohesion(Effect, BalancesCohesion, KnowsLimits, PullsParticles, frozen=True, kw_only=True):
-    """Base of the models with pair cohesion: nominal tension, internal pressure, its balance, capillary step limit.
+    """Base of the models with pair cohesion, and of every force between particles at rest that is no pressure.
+
+    A model gives `name`, `own`, `prepare` and `force_of`. It has from here: the coefficient of a nominal tension,
+    internal pressure and its balance, the refusal of a collapse, capillary step limit, energy, and its notes.
 
     balance_pressure  the equation of state balances the cohesion of the bulk by P_int (rho/rho0)^2; without it
                       cohesion compresses the liquid, which collapses at P_int = rho0 c^2/4 (linear equation of state)
     """
 
     lattice: ClassVar[bool] = False  # sums over lattice neighbours, for a force of short range
+    potential: ClassVar[bool] = True  # the force of a pair depends on its distance and masses alone
     own: ClassVar[str] = ""  # the coefficient that may be given instead of surface_tension
     needed: ClassVar[tuple[str, ...]] = (LIQUID,)
 
@@ -251,6 +255,10 @@ class PairCohesion(Effect, BalancesCohesion, KnowsLimits, PullsParticles, frozen
     def pair_mass(self, mass_i: NDArray, mass_j: NDArray, grid: Discretisation, others: Others) -> Any:
         """Factor [kg^2] of C(r) in the force of a pair."""
         return mass_i * mass_j
+
+    def energy(self, grid: Discretisation, others: Others) -> EnergyAccount | None:
+        """The potential of the pair force, where it has one and is all that the model has."""
+        return self.pair_account(grid, others) if self.passes(others) and self.potential else None
 
     def pair_account(self, grid: Discretisation, others: Others, uncounted: tuple[str, ...] = ()) -> EnergyAccount:
         """The potential of the pair force, zero at h; negative where the pair attracts."""

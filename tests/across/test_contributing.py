@@ -84,6 +84,80 @@ assert energies[1] < 0.995 * energies[0], energies
 print("slowed down")
 """
 
+# an author of a tension follows the walk with a force along the pair
+ALONG_THE_PAIR = (
+    ("for place, _, distance", "for place, apart, distance"),
+    ("factor[..., None] * (v[None, :, :] - v[i, None, :])", "-factor[..., None] * apart"),
+)  # fmt: skip
+COMPLAINT = """
+sys.path.insert(0, sys.argv[2])
+import test_registry
+print(*test_registry.unbalanced_virials([operation], root))
+"""
+# the same force behind the door of forces with a virial
+COHESIVE = '''
+"""Attraction by W over the mean density."""
+
+from typing import Any, ClassVar, NamedTuple
+
+from refsim.core.checked import NotNegative
+from refsim.core.effect import Pass
+from refsim.smoothing import smoothing
+from refsim.smoothing.reference import kernel_value
+from refsim.surface_tension.cohesion import PairCohesion
+from refsim.sph import liquid_of
+from refsim.velocity_smoothing import reference as reference
+
+
+class Mixing(NamedTuple):
+    """Attraction as the kernels take it."""
+
+    rate: float  # [1/s^2]
+
+
+class VelocitySmoothing(PairCohesion, frozen=True, kw_only=True):
+    """Attraction between all pairs."""
+
+    name: ClassVar[str] = "velocity_smoothing"
+    own: ClassVar[str] = "rate"
+
+    surface_tension: NotNegative | None = None
+    rate: NotNegative | None = None
+
+    def passes(self, others):
+        reads = ("position", "velocity", "mass", "density")
+        return (Pass("velocity_smoothing.smooth", reads, updates=("acceleration",)),) if self.coheres() else ()
+
+    def prepare(self, grid, others):
+        return {"mixing": Mixing(grid.real(self.coefficient(grid, others)))}
+
+    def force_of(self, coefficient, r, grid, others):
+        kernel = smoothing("wendland_c2", grid.support_radius, grid.dim)
+        return -coefficient * r * kernel_value(r, kernel) / liquid_of(others).rest_density
+'''
+DOOR = """
+import refsim as rs
+
+def planned(sigma=1.0, **given):
+    liquid = rs.WeaklyCompressible(sound_speed=10.0, density="summation")
+    tension = refsim.velocity_smoothing.VelocitySmoothing(surface_tension=sigma, **given)
+    fluid = (rs.Box(cells=(4, 4, 4)),)
+    plan = rs.make_plan(rs.Scene(
+        spacing=0.1, support_radius=0.2, fluid=fluid, effects=(liquid, tension), energy_audit=rs.EnergyAudit(),
+    ))
+    return plan, plan.effects["velocity_smoothing"]
+
+plan, tension = planned()
+assert plan.shared["fluid"].internal_pressure > 0
+assert "capillary" in tension.step_limits(plan.grid, plan.effects)
+assert "cohesion" in tension.energy(plan.grid, plan.effects).parts
+try:
+    planned(1e6, balance_pressure=False)
+except rs.InputError as refusal:
+    assert "would collapse the liquid" in str(refusal)
+    print("balanced")
+"""
+
 SIMULATED = """
 from validation.simulator_threads import install
 install()
@@ -109,6 +183,15 @@ def example(page, tmp_path_factory):
     return root
 
 
+def of_a_tension(example, folder, changed):
+    """The walk's files in another folder, some with other text."""
+    for path in example.rglob("*.py"):
+        target = folder / path.relative_to(example)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_text(changed.get(path.name, lambda text: text)(path.read_text()))
+    return folder
+
+
 def run(example, program, *arguments, **environment):
     done = subprocess.run(
         [sys.executable, "-c", FOUND_BESIDE + program, example, *arguments], capture_output=True, text=True,
@@ -128,7 +211,7 @@ def test_the_example_climbs_the_ladder_and_keeps_the_rules(page, example):
     said = run(example, LADDER + RULES + SCENE, str(ROOT / "tests" / "ladder"), effect)
     assert "cpu float32 climbed T1 T10 T2 T3 T4 T5 T6 T7 T9" in said
     assert "numpy float64 climbed T1" in said
-    assert "kept 6 rules" in said
+    assert "kept 7 rules" in said
     assert "slowed down" in said
 
 
@@ -136,3 +219,21 @@ def test_the_example_runs_in_the_cuda_simulator(example):
     if importlib.util.find_spec("numba_cuda") is None:
         pytest.skip('numba-cuda is not installed; pip install "refsim[cuda]" brings it')
     assert "simulated" in run(example, SIMULATED, NUMBA_ENABLE_CUDASIM="1", NUMBA_DISABLE_JIT="1")
+
+
+def along_the_pair(text):
+    for walk, tension in ALONG_THE_PAIR:
+        assert text.count(walk) == 1
+        text = text.replace(walk, tension)
+    return text
+
+
+def test_a_tension_model_is_sent_through_the_door(example, tmp_path):
+    """A plain force with a virial breaks a rule; from PairCohesion it has balance, capillary limit, energy, refusal."""
+    ladder = str(ROOT / "tests" / "ladder")
+    assert run(example, COMPLAINT, ladder).strip() == ""
+    plain = of_a_tension(example, tmp_path / "plain", {"reference.py": along_the_pair})
+    assert "derive its effect from refsim.surface_tension.cohesion.PairCohesion" in run(plain, COMPLAINT, ladder)
+    files = {"reference.py": along_the_pair, "__init__.py": lambda text: COHESIVE}
+    door = of_a_tension(example, tmp_path / "door", files)
+    assert run(door, COMPLAINT + DOOR, ladder).split() == ["balanced"]

@@ -1,4 +1,4 @@
-"""Rules read from the sources: every kernel is tested against a reference, every program and docstring is there."""
+"""Rules: every kernel is tested against a reference, every program and docstring is there, no virial is unbalanced."""
 
 import ast
 import functools
@@ -8,12 +8,17 @@ import re
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
 import refsim
 from refsim import contract
+from refsim.contract.bounds import oracle
+from refsim.contract.inputs import Inputs, fields, with_variant
 from refsim.core import cases
+from refsim.core.effect import EFFECTS
 from refsim.core.operation import REGISTRY
+from refsim.surface_tension.cohesion import PairCohesion
 
 ROOT = pathlib.Path(refsim.__file__).parent
 LADDER = pathlib.Path(__file__).parent
@@ -261,7 +266,48 @@ def overreaching_references(operations, root):
                     yield f"{path.relative_to(root)} imports {module}"
 
 
-RULES = (stray_kernels, missing_forms, mixed_files, unequal_signatures, wordless, overreaching_references)
+WALLLESS = ("lattice_3d", "unequal_masses", "two_particles")
+
+
+def at_rest(operation, variant, case):
+    """The operation's inputs in a case, all velocities zero."""
+    inputs = with_variant(Inputs(cases.CASES[case](), "float64"), variant)
+    moving = [n for n in operation.arguments("numpy") if n in fields() and fields()[n].unit in ("m/s", "1/s")]
+    return inputs.replaced(**{name: 0 * inputs[name] for name in moving if not inputs.dropped(name)})
+
+
+def virial(operation, variant, case):
+    """sum_i m_i a_i.x_i about the centre of mass over the sum of its absolute terms; dimensionless."""
+    inputs = at_rest(operation, variant, case)
+    mass, position = inputs["mass"][:, None], inputs["position"]
+    terms = mass * oracle(operation, inputs)["acceleration"][0] * (position - (mass * position).sum(0) / mass.sum())
+    return abs(terms.sum()) / max(np.abs(terms).sum(), 1e-300)
+
+
+def effects_of(folder):
+    """The effects of a folder, or of the next one above it that has any."""
+    found = [effect for effect in EFFECTS.values() if f"{effect.__module__}.".startswith(f"{folder}.")]
+    return found or (effects_of(folder.rpartition(".")[0]) if "." in folder else [])
+
+
+def unbalanced_virials(operations, root):
+    """Forces between particles at rest whose virial is not zero, and whose effect has no answer to its pressure."""
+    cases.discover()
+    for operation in operations:
+        if "acceleration" not in operation.adds or not {*LISTED} & {*operation.arguments("cpu")}:
+            continue
+        largest = max(virial(operation, variant, case) for variant in operation.variants for case in WALLLESS)
+        if largest > 1e-9 and not any(issubclass(e, PairCohesion) or e.virial for e in effects_of(operation.folder)):
+            yield (
+                f"{operation.name}: its force between particles at rest has a virial: derive its effect from"
+                " refsim.surface_tension.cohesion.PairCohesion, or say in `virial` of the effect why it needs none"
+            )
+
+
+RULES = (
+    stray_kernels, missing_forms, mixed_files, unequal_signatures, wordless, overreaching_references,
+    unbalanced_virials,
+)  # fmt: skip
 
 
 @pytest.mark.parametrize("rule", RULES, ids=lambda rule: rule.__name__)

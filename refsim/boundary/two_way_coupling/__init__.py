@@ -76,6 +76,7 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, SumsDensity, frozen=Tru
 
     name: ClassVar[str] = "two_way_coupling"
     source: ClassVar[str] = "Shao & Song"
+    virial: ClassVar[str] = "it is the pressure of liquid and solids, which balances"
     errata: ClassVar[tuple[str, ...]] = ("M2", "M3", "M4")
     needed: ClassVar[tuple[str, ...]] = (LIQUID, "shape_matching")
     replaced: ClassVar[tuple[str, ...]] = (

@@ -54,6 +54,7 @@ class ImplicitPressure(Effect, SumsDensity, frozen=True, kw_only=True):
 
     name: ClassVar[str] = "iisph"
     host_in_step: ClassVar[bool] = True
+    virial: ClassVar[str] = "it is the pressure of the liquid, which balances"
     needed: ClassVar[tuple[str, ...]] = (LIQUID,)
     replaced: ClassVar[tuple[str, ...]] = ("sph.state", "sph.pressure", "sph.momentum")
 

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from refsim.core.checked import NotNegative
 from refsim.core.effect import Discretisation, Others
-from refsim.core.energy import EnergyAccount
 from refsim.smoothing.shapes import CUBIC_SPLINE, NORMALISATION
 from refsim.sph import liquid_of
 from refsim.surface_tension.becker_teschner_2007.reference import attraction_function
@@ -56,9 +55,6 @@ class BeckerTeschner2007(PairCohesion, frozen=True, kw_only=True):
     def pair_mass(self, mass_i: NDArray, mass_j: NDArray, grid: Discretisation, others: Others) -> Any:
         """m times the pair's mean mass, m of the lattice's particles: the force on i has the factor m_j alone."""
         return liquid_of(others).particle_mass(grid) * 0.5 * (mass_i + mass_j)
-
-    def energy(self, grid: Discretisation, others: Others) -> EnergyAccount:
-        return self.pair_account(grid, others) if self.passes(others) else EnergyAccount()
 
     def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         kappa = self.coefficient(grid, others)

@@ -89,6 +89,7 @@ class CsfWang2019(Effect, KnowsLimits, HasErrata, PullsParticles, frozen=True, k
     name: ClassVar[str] = "csf_wang_2019"
     source: ClassVar[str] = "Wang et al."
     errata: ClassVar[tuple[str, ...]] = ("shell",)
+    virial: ClassVar[str] = "the force acts on the surface alone, and the capillary limit holds"
     needed: ClassVar[tuple[str, ...]] = (LIQUID,)
 
     surface_tension: NotNegative

@@ -92,6 +92,7 @@ class He2014(PairCohesion, frozen=True, kw_only=True):
     """
 
     name: ClassVar[str] = "he_2014"
+    potential: ClassVar[bool] = False  # both terms depend on the densities
 
     surface_tension: NotNegative | None = None
     kappa: NotNegative | None = None

@@ -45,6 +45,7 @@ class NormalDifference2014(Effect, HasErrata, PullsParticles, frozen=True, kw_on
     source: ClassVar[str] = "patent"
     errata: ClassVar[tuple[str, ...]] = ("P7",)
     improvements: ClassVar[tuple[str, ...]] = errata
+    virial: ClassVar[str] = "normals vanish in the bulk, and the stiffest wave limits the step"
     needed: ClassVar[tuple[str, ...]] = (LIQUID,)
 
     area_acceleration: NotNegative

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from refsim.core.checked import NotNegative
 from refsim.core.effect import Discretisation, Others
-from refsim.core.energy import EnergyAccount
 from refsim.sph import liquid_of
 from refsim.surface_tension.cohesion import PairCohesion
 from refsim.surface_tension.tartakovsky_meakin_2005.reference import force_function
@@ -44,9 +43,6 @@ class TartakovskyMeakin2005(PairCohesion, frozen=True, kw_only=True):
     def pair_mass(self, mass_i: NDArray, mass_j: NDArray, grid: Discretisation, others: Others) -> Any:
         """m^2 of the lattice's particles: the force of a pair does not depend on its masses."""
         return liquid_of(others).particle_mass(grid) ** 2
-
-    def energy(self, grid: Discretisation, others: Others) -> EnergyAccount:
-        return self.pair_account(grid, others) if self.passes(others) else EnergyAccount()
 
     def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         strength = self.coefficient(grid, others)
