@@ -14,9 +14,10 @@ from refsim.boundary.mesh import surface_mesh
 from refsim.engine.simulation import Simulation
 from refsim.scene.scene import Scene
 from refsim.sph import liquid_of
+from refsim.sph.resting import column_of
 from refsim.study.observables import observable_of
 from refsim.study.panels import FOLDER, drops
-from refsim.study.panels.making import DENSITY, GRAVITY, MODULUS, REYNOLDS, compressed, frequency, radius, solid
+from refsim.study.panels.making import DENSITY, GRAVITY, MODULUS, REYNOLDS, frequency, radius, solid
 from refsim.surface_tension.calibration import BASE, sigma_map
 
 DIRECTIONS, CONE = 200, np.radians(10)
@@ -83,9 +84,9 @@ def coupling(simulation: Simulation) -> float:
 
 @watched(lambda scene: scene.end_time * np.linspace(0.8, 1.0, 61), mean)
 def wall_force(simulation: Simulation) -> float:
-    """Force on a side wall over rho g H^2/2."""
-    series = simulation.gauge("wall")["force_x"]
-    return -float(series[-1]) / (0.5 * DENSITY * GRAVITY)
+    """Force on a side wall over that of the compressible liquid at rest, 1 m wide."""
+    series, plan = simulation.gauge("wall")["force_x"], simulation.plan
+    return -float(series[-1]) / column_of(plan.effects, plan.state.mass.sum()).side_force()
 
 
 def vortex_decay(simulation: Simulation) -> float:
@@ -229,15 +230,19 @@ def _resting(times: np.ndarray, values: list[Any]) -> float:
 
 @watched(lambda scene: scene.end_time * np.linspace(0.8, 1.0, 61), _resting)
 def implicit_pressure(simulation: Simulation) -> Any:
-    """Places, pressures and what is known of them: rho g (H - y), farther than h from walls and surface."""
-    if "implicit_pressure" not in simulation.plan.effects:
+    """Places, pressures and what is known of them farther than h from walls and surface: rho g (H - y), and that of the
+    compressible liquid without the solver."""
+    plan = simulation.plan
+    implicit, reach = "iisph" in plan.effects, plan.grid.support_radius
+    if not implicit:
         simulation.evaluate()
-    reach = simulation.plan.grid.support_radius
+    resting = column_of(plan.effects, plan.state.mass.sum())
 
     def known(place: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
         x, y = place[:, 0], place[:, 1]
         bulk = (np.minimum(x, 1 - x) > reach) & (np.minimum(y, 1 - y) > reach)
-        return DENSITY * GRAVITY * (1 - y), bulk, DENSITY * GRAVITY
+        exact = DENSITY * GRAVITY * (1 - y) if implicit else resting.pressure(y)
+        return exact, bulk, DENSITY * GRAVITY
 
     return *(simulation.field(name).astype(float) for name in ("position", "pressure")), known
 
@@ -246,13 +251,12 @@ def implicit_pressure(simulation: Simulation) -> Any:
 def tank_pressure(simulation: Simulation) -> Any:
     """Places, pressures and what is known of them: hydrostatic pressure of the compressible liquid."""
     simulation.evaluate()
-    height, sound = 0.1, liquid_of(simulation.plan.effects).sound_speed
-    water: Any = simulation.plan.scene.fluid[0]
-    top = water.lower[2] + compressed(np.zeros(1), height, GRAVITY, sound)[1]
+    plan, height = simulation.plan, 0.1
+    water: Any = plan.scene.fluid[0]
+    resting = column_of(plan.effects, plan.state.mass.sum() / height**2)
 
     def known(place: np.ndarray) -> tuple[np.ndarray, slice, float]:
-        above = np.clip(top - place[:, 2], 0.0, None)
-        return DENSITY * sound**2 * np.expm1(GRAVITY * above / sound**2), slice(None), DENSITY * GRAVITY * height
+        return resting.pressure(place[:, 2] - water.lower[2]), slice(None), DENSITY * GRAVITY * height
 
     return *(simulation.field(name).astype(float) for name in ("position", "pressure")), known
 
