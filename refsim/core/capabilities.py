@@ -207,6 +207,10 @@ class KnowsParticleMass:
         """Volume of a particle in the bulk [m^dim]."""
         return grid.spacing**grid.dim
 
+    def starting_share(self) -> float:
+        """Share of that volume that a particle is told to have at the start."""
+        return 1.0
+
 
 class LimitsSpeed:
     """Has equations that hold up to some speed of the particles."""

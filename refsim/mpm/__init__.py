@@ -157,6 +157,7 @@ class MpmLiquid(
     errata: ClassVar[tuple[str, ...]] = ("M3", "M4", "M5", "M6", "M7", "M13", "M27")
     improvements: ClassVar[tuple[str, ...]] = ("M4", "M6")
     paper: ClassVar[Mapping[str, Any]] = {"volume": "full_gradient"}
+    of_liquid: ClassVar[bool] = True
     watched: ClassVar[tuple[str, ...]] = ("step_extremes",)
     with_spacing: ClassVar[tuple[str, ...]] = ("cell_size",)
     replaced: ClassVar[tuple[str, ...]] = ("sph.gravity",)
@@ -198,6 +199,9 @@ class MpmLiquid(
     def particle_mass(self, grid: Discretisation) -> float:
         """m = rho0 d^dim [kg; kg/m in 2D]: the lattice fills space."""
         return self.rest_density * grid.spacing**grid.dim
+
+    def starting_share(self) -> float:
+        return self.initial_ratio
 
     def sound_speed(self) -> float:
         """c = sqrt(lambda/rho0) [m/s]."""

@@ -1,5 +1,6 @@
 """What a scene is refused for, or noted on: its numbers and effects, its particles, and what follows from both."""
 
+import dataclasses
 import math
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -7,18 +8,23 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from refsim.core.capabilities import LimitsMassRatio, settled
+from refsim.core.capabilities import KnowsParticleMass, LimitsMassRatio, having, settled
 from refsim.core.effect import EFFECTS, Discretisation, Effect, Extremes, InitialState, Nodes
 from refsim.core.errors import InputError
 from refsim.core.reading import GREATEST
+from refsim.core.walls import WallParticles
 from refsim.gauges.places import check_gauges
 from refsim.motion import check_motions
 from refsim.neighbours import MOST_NEIGHBOURS
+from refsim.scene.counting import Cells
 from refsim.scene.scene import Scene
+from refsim.scene.shapes import Cloud
 
 COARSE = 1e-4  # [spacings] a coarser resolution of positions gives a note: accelerations are off by twice that share
 LEAST = 1e-30  # smallest length [m] and time [s] that a scene may have
 SMALLEST = 1e-100  # magnitude of any other number that is not zero
+CROWDED, TWICE = 1.05, 1.2  # particles over those of a lattice, above which a start has a note and is refused
+LATTICE = 1.02  # largest of the same in a lattice, turned or stretched, that is counted alone
 LONGEST_FIXED = 1.6  # stable steps that a fixed step may span; longer ones gained energy without diverging in tests
 
 
@@ -170,13 +176,44 @@ def coarse_places(grid: Discretisation, state: InitialState) -> tuple[str, ...]:
     )
 
 
-def overlaps(grid: Discretisation, state: InitialState) -> tuple[str, ...]:
-    """A note if more than 1 % of the particles share a cell of half a spacing with another; none of a lattice does."""
-    cells = np.floor(state.position * (2 / grid.spacing)).astype(np.int64) @ (1, 2**21 + 7, (2**21 + 7) ** 2)
-    same = np.diff(np.sort(cells)) == 0
-    many = (np.append(same, False) | np.append(False, same)).sum()
-    words = f"{many} particles start less than a spacing from another: move parts that overlap apart"
-    return (words,) if 100 * many > grid.count else ()
+def crowded(
+    grid: Discretisation, state: InitialState, walls: WallParticles | None, scene: Scene, effects: Mapping[str, Effect]
+) -> Iterator[str]:
+    """A note where more particles are counted than a lattice has, with those of walls; InputError above TWICE.
+
+    Particles count with their volume, heavier ones than a lattice's as one of it. A cloud that is no lattice itself
+    crowds in places; with one in the scene there is no note.
+    """
+    liquid = next((effect for effect in having(effects, KnowsParticleMass) if effect.of_liquid), None)
+    if liquid is None:
+        return
+    solid, lattice = 0 if grid.solids is None else len(grid.solids.lattice.key), grid.spacing**grid.dim
+    volume = lattice * np.minimum(1.0, liquid.starting_share() * state.mass / liquid.particle_mass(grid))
+    volume[:solid] = lattice
+    place, own = state.position, np.zeros(0)
+    if walls is not None:
+        place = np.concatenate([place, grid.local(walls.position)])
+        own = np.minimum(walls.volume, lattice)
+    cells = Cells(place, grid)
+    filled = cells.filled(np.append(volume, 0 * own)) + np.minimum(1.0, cells.filled(np.append(0 * volume, own)))
+    found = cells.at_particles(filled)[: grid.count]
+    first = int(found.argmax())
+    if found[first] <= CROWDED:
+        return
+    where = ", ".join(f"{x:.4g}" for x in grid.absolute(state.position[first])[: grid.dim])
+    words = (
+        f"{found[first]:.3g} times the particles of a lattice of the spacing are counted at ({where}) m, those of walls"
+        " and solids among them"
+    )
+    if found[first] > TWICE:
+        raise InputError(f"scene: {words}: parts of it fill one place twice; move them apart, or leave one out.")
+    ends, alone = np.cumsum(state.sizes).tolist(), dataclasses.replace(grid, period=(0.0, 0.0, 0.0))
+    for part, begin, end in zip(scene.fluid, [0, *ends][-len(scene.fluid) - 1 :], ends[-len(scene.fluid) :]):
+        if isinstance(part, Cloud) and end > begin:
+            cells = Cells(state.position[begin:end], alone)
+            if cells.at_particles(cells.filled(volume[begin:end])).max() > LATTICE:
+                return
+    yield f"{words}: parts that overlap press each other apart; leave a spacing between their particles"
 
 
 def unequal_masses(state: InitialState, effects: Mapping[str, Effect]) -> Iterator[str]:

@@ -164,7 +164,7 @@ def _planned(scene: Scene, grid: Discretisation, given: Mapping[str, Effect], ab
         wall_rows=dict(zip((effect.name for effect in bringing), zip([0, *ends], ends))),
         notes=(
             *checks.coarse_places(grid, state),
-            *checks.overlaps(grid, state),
+            *checks.crowded(grid, state, merged, scene, effects),
             *checks.unequal_masses(state, effects),
             *(note for e in having(effects, JudgesStart) for note in e.notes_on_start(grid, state, merged, effects)),
             *(f"[[solid]] number {k}: {note}" for k, body in enumerate(scene.solid, 1) for note in body.notes()),

@@ -348,11 +348,13 @@ def test_plan_names_the_backend_and_warns_of_a_step_that_is_too_large(scene, cap
     assert "Neighbour list: none" in out
 
 
-@pytest.mark.parametrize("apart, note", [(0.003, True), (0.06, False)])
-def test_plan_notes_parts_that_overlap(scene, capsys, apart, note):
+@pytest.mark.parametrize("apart, code", [(0.003, 2), (0.0595, 0), (0.06, 0)])
+def test_plan_refuses_parts_that_overlap(scene, capsys, apart, code):
     scene.write_text(SCENE.replace("[effects", f"[[fluid]]\n{BOX}\nlower = [{apart}, 0.002, 0.0]\n[effects", 1))
-    assert main(["plan", str(scene)]) == 0
-    assert ("120 particles start less than a spacing from another: move" in capsys.readouterr().out) == note
+    assert main(["plan", str(scene)]) == code
+    out, err = capsys.readouterr()
+    assert ("times the particles of a lattice of the spacing are counted at" in err) == (code == 2)
+    assert "are counted at" not in out
 
 
 def test_list_tells_the_registry(capsys):

@@ -1,0 +1,100 @@
+"""How full places are of particles, counted on cells of two spacings with quadratic B-splines, on the host in float64.
+
+A lattice fills every cell inside it with 1, however it lies to the cells: they are as wide as two of its spacings.
+"""
+
+import itertools
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from refsim.core.effect import Discretisation
+
+WIDTH = 2.0  # of a cell [spacings]
+REACH = 2  # cells around one inside the liquid that are occupied, too: its sums reach one and a half
+AT_ONCE = 1 << 20  # particles whose weights are held in one array
+
+
+class Cells:
+    """The cells that hold particles at (n, 3) [m], and those beside them.
+
+    own     (n,) cell of each particle
+    near    (3^dim, cells) the cells around each, itself among them; the number of cells stands for others
+    volume  of a cell [m^dim]
+    """
+
+    def __init__(self, position: np.ndarray, grid: Discretisation) -> None:
+        self.wide = np.full(grid.dim, WIDTH * grid.spacing)
+        around = np.zeros(grid.dim, np.int64)  # cells along a period
+        for axis, length in enumerate(grid.period[: grid.dim]):
+            if length > 0:
+                around[axis] = max(1, round(length / self.wide[axis]))
+                self.wide[axis] = length / around[axis]
+        self.volume = float(self.wide.prod())
+        self.place = position[:, : grid.dim]
+        number = np.rint(self.place / self.wide).astype(np.int64)
+        count = []
+        for axis, periodic in enumerate(around.tolist()):
+            number[:, axis], n = _numbered(number[:, axis], periodic)
+            count.append(n)
+        stride = [math.prod(count[axis + 1 :]) for axis in range(grid.dim)]
+        key, inverse = np.unique(number @ stride, return_inverse=True)
+        self.offsets = list(itertools.product((-1, 0, 1), repeat=grid.dim))
+
+        def beside(key: np.ndarray, offset: tuple[int, ...]) -> np.ndarray:
+            return sum((key // s + o) % n * s for s, n, o in zip(stride, count, offset))
+
+        cells = np.unique(np.concatenate([beside(key, offset) for offset in self.offsets]))
+        self.own = np.searchsorted(cells, key)[inverse]
+        self.near = np.empty((len(self.offsets), len(cells)), np.int64)
+        for near, offset in zip(self.near, self.offsets):
+            wanted = beside(cells, offset)
+            at = np.minimum(np.searchsorted(cells, wanted), len(cells) - 1)
+            near[:] = np.where(cells[at] == wanted, at, len(cells))
+
+    def filled(self, volume: np.ndarray) -> np.ndarray:
+        """Share of each cell that particles of these volumes (n,) [m^dim] fill; dimensionless."""
+        total = np.zeros(self.near.shape[1] + 1)
+        for part, cell, weight in self._weights():
+            total += np.bincount(cell, weight * volume[part], len(total))
+        return total[:-1] / self.volume
+
+    def at_particles(self, values: np.ndarray) -> np.ndarray:
+        """(n,) mean of the cells' values around each particle, weighted as the particle fills them."""
+        found = np.zeros(len(self.own))
+        for part, cell, weight in self._weights():
+            found[part] += weight * values[cell]
+        return found
+
+    def inside(self) -> np.ndarray:
+        """Which cells lie in liquid, walls or solids, and all within REACH cells of them; gaps of a cell are closed."""
+        beyond = self.near.shape[1]
+        found = (self.near < beyond).all(0)  # all cells around have a particle in or beside them
+        for _ in range(REACH):
+            found = np.append(found, False)[self.near].all(0)
+        return found
+
+    def _weights(self) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
+        """(particles, a cell beside each, B-spline of its centre there)."""
+        for first in range(0, len(self.own), AT_ONCE):
+            part = slice(first, first + AT_ONCE)
+            place = self.place[part] / self.wide
+            x = place - np.rint(place)
+            along = 0.5 * (0.5 - x) ** 2, 0.75 - x**2, 0.5 * (0.5 + x) ** 2
+            for near, offset in zip(self.near, self.offsets):
+                yield part, near[self.own[part]], math.prod(along[o + 1][:, axis] for axis, o in enumerate(offset))
+
+
+def _numbered(number: np.ndarray, around: int) -> tuple[np.ndarray, int]:
+    """(numbers of cells along an axis from 0 on, their count with two empty ones at each end); wide gaps are narrowed.
+
+    Along a period of `around` cells they wrap.
+    """
+    if around:
+        return number % around, around
+    if int(number.max()) - int(number.min()) > 4 * len(number):
+        found, inverse = np.unique(number, return_inverse=True)
+        number = np.append(0, np.cumsum(np.minimum(np.diff(found), 2 * REACH + 2)))[inverse]
+    number = number - number.min() + 2
+    return number, int(number.max()) + 3
