@@ -150,6 +150,12 @@ def _text(report: RunReport) -> str:
     ]
     if "potential_energy" in end:
         lines.append(f"potential energy: {start['potential_energy']:.4g} -> {end['potential_energy']:.4g} J")
+    if (density := report.density) and "counted" in density:
+        lines.append(
+            f"density inside the liquid: {density['told']:.5g} advanced, {density['counted']:.5g} counted"
+            f" ({density['difference']:+.2%}; 1 % of it {density['least']:+.2%}, 1 % {density['most']:+.2%}; at most"
+            f" {density['greatest_difference']:+.2%})"
+        )
     for effect, account in end.get("effects", {}).items():
         for name, value in account.items():
             before = start["effects"][effect][name]

@@ -15,6 +15,7 @@ REASONS = {  # why a run stops: the only names that RunStopped takes
     "outrun": "a particle moved by more than half a cell of the background grid in one step",
     "compressed": "a particle has less than a fifth of its volume (MPM), or more than 0.1 % of the particles of SPH are"
     " denser than the scene's density_bound, 1.5 times the rest density",
+    "miscounted": "the density that is counted inside the liquid is more than 25 % off the advanced one",
     "expanded": "a particle has more than three times its volume",
     "volume_jump": "a particle's volume changed by more than half in one step",
     "clumped": "surface tension has drawn particles together where their volume ratio does not see it",

@@ -46,6 +46,7 @@ class Clock(msgspec.Struct, frozen=True, kw_only=True):
     search_log: dict[str, Number]  # counts of the neighbour search
     remarks: dict[str, str]  # notes that effects had made until then, by effect
     first_length: Length | None = None  # None before the first step
+    greatest_miscount: float | None = None  # of counted and told density, see `Counting`; None before a look
     density_taken: bool | None = None  # whether an advanced density has taken the latest step, see `set_field`
     energy_audit: AuditState | None = None  # None where the scene has none
     origin: tuple[float, float, float] | None = None  # of the positions; None of a version without residual
@@ -186,6 +187,7 @@ def snapshot(run: Run) -> Checkpoint:
         search_log={} if lists.search is None else dataclasses.asdict(lists.search.log),
         energy_audit=None if run.auditor is None else run.auditor.saved(),
         remarks=run.remarks,
+        greatest_miscount=run.counting.greatest,
         origin=run.plan.grid.origin,
     )
     stored = {f.encode_name: getattr(clock, f.name) for f in msgspec.structs.fields(Clock)}
@@ -221,6 +223,7 @@ def restore(run: Run, saved: SavedRun) -> None:
     if run.gauges is not None:
         run.gauges.restore(saved.gauges)
     run.balances.renew()
+    run.counting.greatest = clock.greatest_miscount
     for effect, note in clock.remarks.items():
         run.remark(effect, note)
     if lists.search is not None and clock.list_built:

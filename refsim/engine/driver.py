@@ -26,6 +26,7 @@ from refsim.core.plain import plain
 from refsim.core.tables import Shown, in_time
 from refsim.core.versions import versions
 from refsim.core.writing import replace_file, writing
+from refsim.engine.counting import LOOKED
 from refsim.engine.postmortem import AFTER_THESE, POSTMORTEM, POSTMORTEM_FIELDS, write_postmortem
 from refsim.engine.progress import Progress, compiling_bar, wanted
 from refsim.engine.simulation import Simulation
@@ -57,6 +58,8 @@ class RunReport(Shown):
     search            neighbour list: rebuilds, audited_rows, missed_neighbours (0), most_neighbours,
                       list_bytes
     stopped_at_walls  how often the plane of a wall has stopped a particle
+    density           told and counted inside the liquid at the end [kg/m^3, kg/m^2 in 2D], and the greatest difference
+                      of both that was found; None where none is advanced (`refsim.engine.counting`)
     energy_audit      energies at the start and at the last audit [J], what was turned over, the greatest rise as a
                       share of it, what is not counted; None without an audit
     ledger            particles at the start and at the end: number, mass, momentum, energy, how many behind walls
@@ -83,6 +86,7 @@ class RunReport(Shown):
     last_step: dict[str, Any] | None = None
     search: dict[str, int] | None = None
     stopped_at_walls: int = 0
+    density: dict[str, Any] | None = None
     energy_audit: dict[str, Any] | None = None
     ledger: dict[str, dict[str, Any]] = field(default_factory=dict)
     frames: int = 0
@@ -276,6 +280,10 @@ class _Run:
         check_particles(simulation)
         if simulation.auditor is not None:
             simulation.auditor.look(note=False)
+        words = simulation.counting.judged()
+        if words and LOOKED not in simulation.remarks:
+            simulation.notes.append(words)
+            self._log_notes()
         if self.folder is not None:
             assert self.writer is not None
             self._flush()
@@ -400,6 +408,7 @@ class _Run:
             last_step=asdict(simulation.last) if simulation.last else None,
             search=asdict(simulation.search.log) if simulation.search else None,
             stopped_at_walls=simulation.stopped_at_walls,
+            density=simulation.counting.report(),
             energy_audit=simulation.auditor.report() if simulation.auditor else None,
             ledger={"start": stock(plan), "end": stock(simulation)},
             frames=self.frames,

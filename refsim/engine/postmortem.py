@@ -29,6 +29,7 @@ AFTER_THESE = (
     "step_too_small",
     "collapsed",
     "compressed",
+    "miscounted",
     "missed_neighbours",
     "energy_gained",
     "particles_lost",

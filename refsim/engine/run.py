@@ -47,6 +47,7 @@ class Run(Protocol):
     stepper: Any  # HostStepper or DeviceStepper
     auditor: Any  # Auditor, or None
     balances: Any  # Balances
+    counting: Any  # Counting
     gauges: Any  # Gauges, or None
     motions: Any  # Motions, or None
     scratch: Any  # Scratch

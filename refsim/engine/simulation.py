@@ -27,6 +27,7 @@ from refsim.engine.audit import Auditor
 from refsim.engine.balance import Balances
 from refsim.engine.binding import bound, fused
 from refsim.engine.checkpoints import load_checkpoint, restore, snapshot
+from refsim.engine.counting import Counting
 from refsim.engine.gauges import Gauges
 from refsim.engine.motions import Motions
 from refsim.engine.neighbour_lists import NeighbourLists
@@ -113,6 +114,7 @@ class Simulation(Shown):
         self.lists = NeighbourLists(self)
         self.auditor = Auditor(self) if self.plan.scene.energy_audit is not None else None
         self.balances = Balances(self)
+        self.counting = Counting(self)
         self.gauges = Gauges(self) if self.plan.scene.gauge else None
         if self.backend.name == "cpu":
             with self.timings.part("compiling"):
@@ -279,6 +281,7 @@ class Simulation(Shown):
         if self.auditor is not None:
             self.auditor.after_step()
         self.balances.after_step()
+        self.counting.after_step()
         if self.gauges is not None:
             self.gauges.after_step()
         return self.last
