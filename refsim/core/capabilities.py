@@ -336,6 +336,14 @@ class Watches:
         return None
 
 
+class Inspects:
+    """Looks at fields on the host from time to time and at the end of a run; it may stop it or add a note to it."""
+
+    def inspected(self, grid: Discretisation, field: Callable[[str], np.ndarray]) -> tuple[str, str] | None:
+        """(reason of a stop, or "" for a note; sentence that goes on after "In step n"); `field` as in `balance`."""
+        raise NotImplementedError  # an effect with this capability defines it
+
+
 class HoldsOtherMemory:
     """Holds arrays besides fields, lists and walls, whose size depends on the course of the run."""
 

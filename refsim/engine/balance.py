@@ -1,11 +1,14 @@
-"""Totals that a run keeps, such as its heat: a drift beyond rounding is a note, a large one stops the run."""
+"""What is looked at on the host from time to time: totals that a run keeps, such as its heat, and what effects inspect.
+
+A drift of a total beyond rounding is a note, a large one stops the run.
+"""
 
 import math
 from typing import Any
 
 import numpy as np
 
-from refsim.core.capabilities import KeepsBalance, having
+from refsim.core.capabilities import Inspects, KeepsBalance, having
 from refsim.core.errors import RunStopped
 from refsim.engine.run import Run
 
@@ -25,6 +28,7 @@ class Balances:
         self.keeping: list[Any] = [
             e for e in having(effects, KeepsBalance) if e.is_closed(simulation.plan.grid, effects)
         ]
+        self.inspecting: list[Any] = having(effects, Inspects)
         self.renew()
 
     def renew(self) -> None:
@@ -33,10 +37,26 @@ class Balances:
         self.start = [effect.balance(self.simulation._host) for effect in self.keeping]
 
     def after_step(self) -> None:
-        """Look from time to time. Raises RunStopped where a total has drifted by more than the effect allows."""
+        """Look from time to time. Raises RunStopped where a total has drifted by more than the effect allows, or for
+        what an effect inspects.
+        """
         taken = self.simulation.steps - self.begun
-        if self.keeping and (taken % EVERY == 0 or taken & (taken - 1) == 0):
+        if taken % EVERY == 0 or taken & (taken - 1) == 0:
+            self.inspect()
             self.look()
+
+    def inspect(self) -> None:
+        """Let the effects look now. Raises RunStopped as `after_step`."""
+        s = self.simulation
+        for effect in self.inspecting:
+            found = effect.inspected(s.plan.grid, s._host)
+            if found is None:
+                continue
+            reason, words = found
+            if reason:
+                raise RunStopped(reason, f"In step {s.steps} to {s.time:.6g} s {words}.")
+            if f"{effect.name} inspection" not in s.remarks:
+                s.remark(f"{effect.name} inspection", f"{effect.name}: in step {s.steps}, at {s.time:.6g} s, {words}")
 
     def look(self) -> None:
         """Compare the totals now. Raises RunStopped as `after_step`."""

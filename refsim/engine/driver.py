@@ -278,6 +278,7 @@ class _Run:
                     "interrupted", f"The run was interrupted after step {simulation.steps} at {simulation.time:.6g} s."
                 )
         check_particles(simulation)
+        simulation.balances.inspect()
         if simulation.auditor is not None:
             simulation.auditor.look(note=False)
         words = simulation.counting.judged()

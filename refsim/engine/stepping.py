@@ -14,6 +14,7 @@ from refsim.core.effect import Extremes, Pass, StepLimit
 from refsim.core.errors import RunStopped
 from refsim.engine.branches import Touched, needed_before, touched
 from refsim.engine.run import Calls, Run
+from refsim.motion import pace
 from refsim.scene.plan import Plan
 from refsim.sph import CROWD, LARGEST_SHIFT
 
@@ -43,13 +44,19 @@ class Advance:
 
 
 def step_limits(plan: Plan) -> dict[str, StepLimit]:
-    """Largest stable steps of a plan by what limits them; at least one is finite whatever the particles do."""
+    """Largest stable steps of a plan by what limits them.
+
+    Some limit sees the particles' speed, and particles at rest have one: the run's time, and that of what moves them.
+    """
     grid, effects = plan.grid, plan.effects
     limits = {"force": StepLimit.falling(grid.support_radius / 32)}  # 0.25 sqrt((h/2)/|a|)
     for effect in effects.values():
         limits |= effect.step_limits(grid, effects)
-    if not any(limit.speed > 0 for limit in limits.values()):
-        limits["resting"] = StepLimit.constant(plan.scene.end_time or 1.0)
+    if not any(limit.speed_share > 0 for limit in limits.values()):
+        limits["motion"] = StepLimit.crossing(grid.spacing / 2)
+    longest = min([plan.scene.end_time or 1.0, *(0.25 * pace(m, plan.scene.end_time) for m in plan.scene.motion)])
+    if not min(stable_steps(limits, Extremes(0.0, 0.0)).values(), default=math.inf) <= longest:
+        limits["resting"] = StepLimit.constant(longest)
     return limits
 
 

@@ -134,6 +134,21 @@ def _spline(motion: Motion) -> Callable[[float], Moved]:
     return at
 
 
+def pace(motion: Motion, end: float) -> float:
+    """Time [s] in which it changes: largest speed over largest acceleration up to the `end` [s]; infinite at rest."""
+    path = [motion.at(time) for time in _looked_at(motion, end)]
+    pull = max(abs(moved.acceleration) for moved in path)
+    return max(abs(moved.velocity) for moved in path) / pull if pull > 0 else math.inf
+
+
+def _looked_at(motion: Motion, end: float) -> list[float]:
+    """Times [s] at which a motion is looked at before a run."""
+    times = np.linspace(0.0, end, SAMPLES)
+    if motion.kind == "table":
+        times = np.concatenate([times, 0.5 * (np.array(motion.times)[1:] + np.array(motion.times)[:-1])])
+    return times.tolist()
+
+
 def turning_pass(motions: Sequence[Motion]) -> tuple[Pass, ...]:
     """The pass of a frame that turns, where one does."""
     turns = any(motion.of == "turn" for motion in motions)
@@ -178,10 +193,7 @@ def _check_target(motion: Motion, owner: str, effects: Others) -> None:
 def _check_path(motion: Motion, owner: str, end: float, effects: Others) -> None:
     """Raise InputError where a motion is not finite, or faster than sound: it jumps."""
     sound_speed = effects[LIQUID].sound_speed  # type: ignore[attr-defined]
-    times = np.linspace(0.0, end, SAMPLES)
-    if motion.kind == "table":
-        times = np.concatenate([times, 0.5 * (np.array(motion.times)[1:] + np.array(motion.times)[:-1])])
-    for time in times.tolist():
+    for time in _looked_at(motion, end):
         try:
             moved = motion.at(time)
         except (ArithmeticError, ValueError):

@@ -6,14 +6,15 @@ particles anew, and nodes keep their numbers. Field `place` is the row of a node
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
-from refsim.core.capabilities import HasErrata
+from refsim.core.capabilities import HasErrata, Inspects, JudgesStart
 from refsim.core.checked import Printed, Share
-from refsim.core.effect import Discretisation, Effect, Others, Pass
+from refsim.core.effect import Discretisation, Effect, Extremes, Others, Pass, StepLimit
 from refsim.core.energy import EnergyAccount
 from refsim.core.errors import InputError
 from refsim.core.fields import PLACE, Field
@@ -21,9 +22,11 @@ from refsim.core.scalars import int32
 from refsim.shape_matching import reference as reference
 from refsim.shape_matching.boxes import boxes_of
 from refsim.shape_matching.phases import FLUID, SURFACE
+from refsim.shape_matching.shape import apart, widest_stretch
 
 if TYPE_CHECKING:
     from refsim.core.effect import InitialState
+    from refsim.core.walls import WallParticles
 
 PHASE = Field("phase", "-", "0 liquid, 1 solid at its body's surface, 2 solid inside", dtype="int32", state=True)
 
@@ -43,6 +46,9 @@ SOLID_VELOCITY = _table("solid_velocity", "m/s", "velocity of a node's particle 
 REGION_VELOCITY = _table("region_velocity", "m/s", "v_c: mean velocity of a region", 3)
 REGION_SPIN = _table("region_spin", "1/s", "omega: angular velocity of a region", 3)
 WIDEST = 4  # half-width up to which regions are tested
+STRETCH = 0.005  # share by which its own spin may stretch a body in the mean; it breathes by as much about that
+OFF = 0.1  # share by which neighbours of a body may be nearer or farther than a spacing in the mean without a note
+LOST = 2.0  # times nearer or farther at which a body has lost its shape
 
 
 class Matching(NamedTuple):
@@ -69,7 +75,7 @@ def region_field(half_width: int) -> Field:
     return _table("region", "-", "arrayR: members of a node's region", (2 * half_width + 1) ** 3, "int32")
 
 
-class ShapeMatching(Effect, HasErrata, frozen=True, kw_only=True):
+class ShapeMatching(Effect, HasErrata, Inspects, JudgesStart, frozen=True, kw_only=True):
     """Holds the scene's solids together: every region of a lattice is drawn to its best rigid motion.
 
     half_width  w of the regions [cells], 1 to 4: stiffness and cost grow with it
@@ -158,6 +164,43 @@ class ShapeMatching(Effect, HasErrata, frozen=True, kw_only=True):
         if self.summation != "reduction" or not self.holds():
             return ()
         return (f"{self.name}: summation = 'reduction' is a GPU's; on a CPU regions are summed as with 'gather'",)
+
+    def notes_on_start(
+        self, grid: Discretisation, state: InitialState, walls: WallParticles | None, others: Others
+    ) -> Iterator[str]:
+        """A note on a fixed step in which solids move farther than their spin allows."""
+        speed = float(np.linalg.norm(state.velocity[: self._solids(grid)], axis=1).max())
+        longest = min((limit.at(Extremes(speed, 0.0)) for limit in self.step_limits(grid, others).values()), default=0)
+        if grid.step > longest > 0:
+            yield (
+                f"{self.name}: step = {grid.step:g} s is {grid.step / longest:.3g} times the {longest:.3g} s up to"
+                f" which solids of {speed:.3g} m/s that turn keep their size to {200 * STRETCH:g} %, and the stretch"
+                " grows with its square: take a shorter step"
+            )
+
+    def step_limits(self, grid: Discretisation, others: Others) -> dict[str, StepLimit]:
+        """The step in which the fastest particle moves as far as a body's spin may stretch it by STRETCH."""
+        if self.stiffness == 0 or grid.solids is None:
+            return {}
+        stretch = widest_stretch(grid.solids, self.half_width)
+        return {"solids": StepLimit.crossing(math.sqrt(STRETCH * self.stiffness / stretch))} if stretch > 0 else {}
+
+    def inspected(self, grid: Discretisation, field: Callable[[str], np.ndarray]) -> tuple[str, str] | None:
+        """(reason, sentence) where neighbours of a body's lattice are too near or too far; without reason, a note."""
+        if self.stiffness == 0 or grid.solids is None:
+            return None
+        place = field("place")[: self._solids(grid)]
+        solid = field("phase")[place] != FLUID
+        mean = apart(grid.solids, field("position")[place].astype(float), solid)
+        worst = int(np.argmax(np.maximum(mean, 1 / np.maximum(mean, 1e-30))))
+        ratio = float(mean[worst])
+        if abs(ratio - 1) <= OFF:
+            return None
+        words = (
+            f"neighbours in [[solid]] number {worst + 1} are {ratio:.3g} spacings apart in the mean: take a shorter"
+            " step, or a larger half_width or stiffness of shape_matching"
+        )
+        return ("" if 1 / LOST <= ratio <= LOST else "shape_lost"), words
 
     def energy(self, grid: Discretisation, others: Others) -> EnergyAccount:
         """None: the pull towards the best rigid motion follows from no energy."""

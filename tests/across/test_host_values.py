@@ -285,12 +285,15 @@ def test_steps_by_what_particles_do():
 
 def test_steps_of_a_plan_always_have_a_limit():
     def plan(*effects, end_time=None):
-        scene = SimpleNamespace(end_time=end_time)
+        scene = SimpleNamespace(end_time=end_time, motion=())
         return SimpleNamespace(grid=grid(), effects=named(*effects), scene=scene)
 
-    assert step_limits(plan()) == {"force": StepLimit.falling(H / 32), "resting": StepLimit.constant(1.0)}
+    moving = StepLimit.crossing(SPACING / 2)  # where no effect names a limit by the speed
+    falling = {"force": StepLimit.falling(H / 32), "motion": moving}
+    assert step_limits(plan()) == falling | {"resting": StepLimit.constant(1.0)}
     slow = rs.MpmLiquid(bulk_modulus=1e-6)
-    assert set(step_limits(plan(slow))) == {"force", "acoustic", "advection"}
+    assert set(step_limits(plan(slow))) == {"force", "acoustic", "advection", "resting"}
+    assert set(step_limits(plan(slow, end_time=1e4))) == {"force", "acoustic", "advection"}
     assert step_limits(plan(end_time=7.0))["resting"] == StepLimit.constant(7.0)
     assert set(step_limits(plan(LIQUID))) == {"force", "acoustic", "viscous"}
     fall = StepLimit.falling(H / 32).at(Extremes(speed=0.0, acceleration=9.81))

@@ -179,6 +179,82 @@ def test_a_free_body_keeps_momenta_and_shape(width):
     assert np.abs(distances(end) - distances(start)).max() < 2 * (3.2 * 0.005) ** 2 * 1.2
 
 
+def spinning(cells, axis, rate, half_width=2, stiffness=1.0, damping=0.0, dtype="float64", **more):
+    """A box of cells, a scene of its own, turning at `rate` turns a second about an axis of symmetry."""
+    d, spin = 0.2, 2 * np.pi * rate * np.array(axis) / np.linalg.norm(axis)
+    body = rs.SolidBox(lower=(0, 0, 0), upper=tuple(d * n for n in cells), spin=tuple(spin))
+    effect = rs.ShapeMatching(half_width=half_width, stiffness=stiffness, damping=damping, summation="gather")
+    return rs.Scene(
+        spacing=d, support_radius=0.5, fluid=(), solid=(body,), effects=(effect,), dtype=dtype,
+        end_time=1 / rate, **more,
+    )  # fmt: skip
+
+
+def turned(start, end, axis):
+    """Angle [rad] by which the particle farthest from the axis through the middle has turned about it."""
+    axis = np.array(axis, float) / np.linalg.norm(axis)
+    far = [x - x.mean(0) - np.outer((x - x.mean(0)) @ axis, axis) for x in (start, end)]
+    k = np.argmax((far[0] ** 2).sum(1))
+    return np.arctan2(np.cross(far[0][k], far[1][k]) @ axis, far[0][k] @ far[1][k])
+
+
+SPINS = [  # cells, an axis of symmetry (any one of a cube)
+    ((2, 2, 2), (1, 2, 3)), ((3, 3, 3), (1, -1, 0)), ((5, 5, 5), (3, 1, 1)), ((2, 1, 1), (0, 0, 1)),
+    ((12, 2, 2), (0, 1, 0)), ((12, 2, 2), (1, 0, 0)), ((5, 5, 1), (0, 0, 1)), ((6, 4, 3), (0, 1, 0)),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("number", range(len(SPINS)))
+def test_a_body_that_turns_alone_keeps_its_size_and_its_period(number):
+    """Drawn rates, half-widths and stiffnesses, no other effect: size to 1 %, period to 1.5 %, angular momentum."""
+    (cells, axis), random = SPINS[number], np.random.default_rng((56, number))
+    rate = 10 ** random.uniform(-2, 2)
+    scene = spinning(
+        cells, axis, rate, int(random.integers(1, 4)), random.uniform(0.2, 1), number % 2 * 0.1,
+        "float32" if number % 3 == 2 else "float64",
+    )  # fmt: skip
+    simulation = rs.Simulation(scene)
+    before, apart, (_, l0) = simulation.field("position").astype(float), distances(simulation), momenta(simulation)
+    angle = widest = 0.0
+    while simulation.time < scene.end_time and simulation.steps < 250:
+        simulation.step()
+        now = simulation.field("position").astype(float)
+        angle, before = angle + turned(before, now, axis), now
+        widest = max(widest, np.abs(distances(simulation) - apart).max() / apart.max())
+    assert widest < 0.01
+    assert angle == pytest.approx(2 * np.pi * rate * simulation.time, rel=0.015)
+    assert np.abs(momenta(simulation)[1] - l0).max() < (1e-9 if scene.dtype == "float64" else 1e-3) * np.linalg.norm(l0)
+
+
+def test_a_body_that_has_lost_its_shape_stops_the_run():
+    """A fixed step of a whole turn leaves particles where their first step took them; one of a tenth is noted."""
+    whole, tenth = (rs.Simulation(spinning((3, 3, 3), (0, 0, 1), 1.0, step=step)) for step in (1.0, 0.1))
+    assert "keep their size to 1 %" in whole.notes[0]
+    with pytest.raises(rs.RunStopped, match=r"number 1 are .* spacings apart") as stopped:
+        advanced(whole, 3)
+    assert (stopped.value.reason, stopped.value.exit_code) == ("shape_lost", 3)
+    advanced(tenth, 8)
+    assert any("apart in the mean" in note for note in tenth.notes)
+    held = rs.Simulation(spinning((3, 3, 3), (0, 0, 1), 1.0))
+    advanced(held, 64)
+    assert not held.notes
+
+
+def test_a_body_that_melts_to_pieces_keeps_its_shape():
+    """Nodes that are liquid count in no mean: neighbours of a body are those that still hold it."""
+    solids = rs.SolidBox(lower=(0, 0, 0), upper=(0.6, 0.2, 0.2))
+    plan = make_plan(
+        rs.Scene(spacing=0.2, support_radius=0.5, fluid=(), solid=(solids,), effects=(rs.ShapeMatching(),))
+    )
+    effect = plan.effects["shape_matching"]
+    fields = {"position": np.array([[0, 0, 0], [0.2, 0, 0], [9.0, 0, 0]]), "place": np.arange(3), "phase": [1, 1, 0]}
+    assert effect.inspected(plan.grid, lambda name: np.array(fields[name])) is None
+    fields["phase"] = [1, 1, 1]
+    assert effect.inspected(plan.grid, lambda name: np.array(fields[name]))[0] == "shape_lost"
+    fields["position"] = np.zeros((3, 3))  # in one place
+    assert effect.inspected(plan.grid, lambda name: np.array(fields[name]))[0] == "shape_lost"
+
+
 def test_forces_on_a_deformed_body_conserve_momenta():
     """A body whose particles fly apart in all directions, with and without damping."""
     for damping in (0.0, 0.1):
