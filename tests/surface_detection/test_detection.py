@@ -35,14 +35,19 @@ def jittered_disc(seed=5):
     return points
 
 
-def detect(position, backend="numpy", dtype="float64", spacing=1.0, dim=2, ratio=2.6, walls=(), **settings):
-    """A simulation whose fields belong to the given positions; these are in spacings."""
+def detect(position, backend="numpy", dtype="float64", spacing=1.0, dim=2, ratio=2.6, walls=(), crowded=False, **settings):
+    """A simulation whose fields belong to the given positions; these are in spacings.
+
+    Crowded ones, which no scene may start with, are set between two steps.
+    """
     scene = Scene(
         spacing=spacing, support_radius=ratio * spacing, dim=dim, dtype=dtype,
-        fluid=(Cloud(position=position * spacing),),
+        fluid=(Cloud(position=position * spacing * (2.0 if crowded else 1.0)),),
         effects=(WeaklyCompressible(sound_speed=10.0, density="summation"), SurfaceDetection(**settings), *walls),
     )  # fmt: skip
     simulation = Simulation(scene, backend)
+    if crowded:
+        simulation.set_field("position", position * spacing)
     simulation.evaluate()
     return simulation
 
@@ -83,8 +88,8 @@ def test_faces_of_a_block_are_found_exactly_in_3d():
 @pytest.mark.parametrize("seed", [1, 2])
 def test_two_steps_find_what_both_of_them_find(seed):
     position = np.random.default_rng(seed).uniform(0, 18, (250, 3)) * [1, 1, 0]
-    one, two = (surface(position, method=m) for m in METHODS[:2])
-    printed, found = surface(position, literal=("E23",)), detect(position)
+    one, two = (surface(position, method=m, crowded=True) for m in METHODS[:2])
+    printed, found = surface(position, literal=("E23",), crowded=True), detect(position, crowded=True)
     np.testing.assert_array_equal(printed, one & two)
     assert printed.sum() < one.sum()
     first = found.field("scan_candidates").astype(bool)
@@ -98,7 +103,7 @@ def test_a_pressed_surface_is_lopsided_though_it_is_as_dense_as_the_bulk(dim):
     cells = (16, 16, 1) if dim == 2 else (10, 10, 10)
     position = lattice(Box(cells=cells), dim=dim)
     pressed = (position - position.mean(0)) * 0.85
-    simulation = detect(np.vstack([position, pressed + [60.0, 0, 0]]), dim=dim)
+    simulation = detect(np.vstack([position, pressed + [60.0, 0, 0]]), dim=dim, crowded=True)
     found, delta = simulation.field("surface").astype(bool), simulation.field("number_density")
     count = len(position)
     edge = (np.abs(pressed) > np.abs(pressed).max(0) - 1e-9)[:, :dim].sum(1)
@@ -107,7 +112,7 @@ def test_a_pressed_surface_is_lopsided_though_it_is_as_dense_as_the_bulk(dim):
     assert delta[count:][faces].min() > 0.98 * rest
     np.testing.assert_array_equal(found[:count], found[count:])
     np.testing.assert_array_equal(found[count:], edge > 0)
-    printed = surface(pressed, dim=dim, literal=("E23",))
+    printed = surface(pressed, dim=dim, literal=("E23",), crowded=True)
     assert not printed[faces].any()
 
 
@@ -260,7 +265,7 @@ def plan_of(*effects, dim=2):
 def test_released_pressure_acts_before_the_forces():
     """S keeps no pressure, the rest all of theirs; the force is summed from what is left."""
     position = (disc(5.2) - CENTER) * 0.8  # pressed, so that every particle has a pressure
-    plain, free = detect(position, each_step=True), detect(position, release_pressure=True)
+    plain, free = (detect(position, crowded=True, **{key: True}) for key in ("each_step", "release_pressure"))
     launches = free.plan.launches()
     order = [launches.index(f"s{name}") for name in ("ph.state", "urface_detection.release_pressure", "ph.pressure")]
     assert order == sorted(order)
