@@ -3,6 +3,7 @@
 A lattice fills every cell inside it with 1, however it lies to the cells: they are as wide as two of its spacings.
 """
 
+import functools
 import itertools
 import math
 from collections.abc import Iterator
@@ -43,7 +44,7 @@ class Cells:
         self.offsets = list(itertools.product((-1, 0, 1), repeat=grid.dim))
 
         def beside(key: np.ndarray, offset: tuple[int, ...]) -> np.ndarray:
-            return sum((key // s + o) % n * s for s, n, o in zip(stride, count, offset))
+            return np.sum([(key // s + o) % n * s for s, n, o in zip(stride, count, offset)], axis=0)
 
         cells = np.unique(np.concatenate([beside(key, offset) for offset in self.offsets]))
         self.own = np.searchsorted(cells, key)[inverse]
@@ -70,7 +71,7 @@ class Cells:
     def inside(self) -> np.ndarray:
         """Which cells lie in liquid, walls or solids, and all within REACH cells of them; gaps of a cell are closed."""
         beyond = self.near.shape[1]
-        found = (self.near < beyond).all(0)  # all cells around have a particle in or beside them
+        found: np.ndarray = (self.near < beyond).all(0)  # all cells around have a particle in or beside them
         for _ in range(REACH):
             found = np.append(found, False)[self.near].all(0)
         return found
@@ -83,7 +84,8 @@ class Cells:
             x = place - np.rint(place)
             along = 0.5 * (0.5 - x) ** 2, 0.75 - x**2, 0.5 * (0.5 + x) ** 2
             for near, offset in zip(self.near, self.offsets):
-                yield part, near[self.own[part]], math.prod(along[o + 1][:, axis] for axis, o in enumerate(offset))
+                share = functools.reduce(np.multiply, (along[o + 1][:, axis] for axis, o in enumerate(offset)))
+                yield part, near[self.own[part]], share
 
 
 def _numbered(number: np.ndarray, around: int) -> tuple[np.ndarray, int]:

@@ -35,7 +35,9 @@ def jittered_disc(seed=5):
     return points
 
 
-def detect(position, backend="numpy", dtype="float64", spacing=1.0, dim=2, ratio=2.6, walls=(), crowded=False, **settings):
+def detect(
+    position, backend="numpy", dtype="float64", spacing=1.0, dim=2, ratio=2.6, walls=(), crowded=False, **settings
+):
     """A simulation whose fields belong to the given positions; these are in spacings.
 
     Crowded ones, which no scene may start with, are set between two steps.
