@@ -110,7 +110,7 @@ class Counting:
         cells = Cells(place, grid)
         nothing = np.zeros(len(more))
         left = 1 - cells.filled(np.append(other, more))
-        kept = np.flatnonzero(cells.inside() & (left > 0.5))
+        kept = np.flatnonzero(cells.inside(np.append(wet, nothing > 0), left <= 0.5))
         if len(kept) < LEAST:
             return None
         told, left = cells.filled(np.append(np.where(wet, volume, 0.0), nothing))[kept], left[kept]

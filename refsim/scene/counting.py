@@ -13,7 +13,7 @@ import numpy as np
 from refsim.core.effect import Discretisation
 
 WIDTH = 2.0  # of a cell [spacings]
-REACH = 2  # cells around one inside the liquid that are occupied, too: its sums reach one and a half
+REACH = 2  # cells around one inside the liquid that are full, too: its sums reach one and a half
 AT_ONCE = 1 << 20  # particles whose weights are held in one array
 
 
@@ -68,13 +68,18 @@ class Cells:
             found[part] += weight * values[cell]
         return found
 
-    def inside(self) -> np.ndarray:
-        """Which cells lie in liquid, walls or solids, and all within REACH cells of them; gaps of a cell are closed."""
-        beyond = self.near.shape[1]
-        found: np.ndarray = (self.near < beyond).all(0)  # all cells around have a particle in or beside them
+    def inside(self, liquid: np.ndarray, solid: np.ndarray) -> np.ndarray:
+        """Which cells lie in liquid and all others within REACH cells in liquid or in what is solid (cells,).
+
+        liquid  (n,) which particles are of it; a cell without any is in it if no cell beside it is two away from one
+        """
+        beyond = np.array([False])
+        wet = np.bincount(self.own[liquid], minlength=len(solid)) > 0
+        near = np.append(wet, beyond)[self.near].any(0)
+        found = near & np.append(near | solid, beyond)[self.near].all(0)
         for _ in range(REACH):
-            found = np.append(found, False)[self.near].all(0)
-        return found
+            found = found & np.append(found | solid, beyond)[self.near].all(0)
+        return found & ~solid
 
     def _weights(self) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
         """(particles, a cell beside each, B-spline of its centre there)."""

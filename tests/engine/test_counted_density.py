@@ -142,3 +142,16 @@ def test_a_patch_that_negative_pressures_tear_is_stopped():
     assert simulation.time < 3.5
     assert any("is counted inside the liquid" in words for words in simulation.notes)
     assert np.abs(simulation.field("density") - 1000).max() < 2  # what the particles are told
+
+
+def test_dry_places_between_walls_are_no_liquid(tmp_path):
+    """A film on the floor of a narrow tank: its walls are near, and all that is above is empty."""
+    walls = BoxWalls(lower=(0.0, 0.0, 0.0), upper=(4 * D, 40 * D, 0.0))
+    film = lattice(2, 4)
+    drops = film + (0.0, 20 * D, 0.0)
+    water = WeaklyCompressible(sound_speed=SOUND, dynamic_viscosity=20.0)
+    made = Scene(
+        dim=2, spacing=D, support_radius=2.6 * D, fluid=(Cloud(position=np.concatenate([film, drops])),),
+        effects=(water, walls),
+    )  # fmt: skip
+    assert Simulation(made, "numpy").counting.look() is None

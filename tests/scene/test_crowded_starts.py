@@ -143,7 +143,8 @@ def test_cells_are_full_in_a_lattice_wherever_it_lies():
         place[:, :dim] += random.uniform(-1, 1, dim) * D
         far = place + np.array([1e6 * D, -3e7 * D, 0.0])  # a gap that numbers would not bridge
         cells = Cells(np.concatenate([place, far]), grid)
-        share, inside = cells.filled(np.full(2 * len(place), D**dim)), cells.inside()
+        share = cells.filled(np.full(2 * len(place), D**dim))
+        inside = cells.inside(np.ones(2 * len(place), bool), share < 0)
         assert inside.any()
         assert share[inside] == pytest.approx(1.0, rel=1e-7)  # places are rounded
         assert share.max() < 1 + 1e-7
