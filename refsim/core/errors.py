@@ -21,7 +21,7 @@ REASONS = {  # why a run stops: the only names that RunStopped takes
     "clumped": "surface tension has drawn particles together where their volume ratio does not see it",
     "energy_gained": "the mechanical energy grows beyond its driving and the bound of the scene's energy_audit",
     "held_by_planes": "the planes behind walls stop more than 30 % of the liquid in each step",
-    "shape_lost": "particles of a solid are twice or half as far from their neighbours as in its lattice, in the mean",
+    "shape_lost": "particles of a solid are twice as far from their neighbours as in its lattice, in the mean",
     "particles_lost": "a particle of the start is missing, or has another mass",
     "out_of_memory": "the machine has no memory left",
     "disk_full": "no space or quota is left; the run can be resumed from the last checkpoint",

@@ -48,7 +48,7 @@ REGION_SPIN = _table("region_spin", "1/s", "omega: angular velocity of a region"
 WIDEST = 4  # half-width up to which regions are tested
 STRETCH = 0.005  # share by which its own spin may stretch a body in the mean; it breathes by as much about that
 OFF = 0.1  # share by which neighbours of a body may be nearer or farther than a spacing in the mean without a note
-LOST = 2.0  # times nearer or farther at which a body has lost its shape
+LOST = 2.0  # times farther at which a body has lost its shape; one that is pressed together comes back to it
 
 
 class Matching(NamedTuple):
@@ -200,7 +200,7 @@ class ShapeMatching(Effect, HasErrata, Inspects, JudgesStart, frozen=True, kw_on
             f"neighbours in [[solid]] number {worst + 1} are {ratio:.3g} spacings apart in the mean: take a shorter"
             " step, or a larger half_width or stiffness of shape_matching"
         )
-        return ("" if 1 / LOST <= ratio <= LOST else "shape_lost"), words
+        return ("shape_lost" if ratio > LOST else ""), words
 
     def energy(self, grid: Discretisation, others: Others) -> EnergyAccount:
         """None: the pull towards the best rigid motion follows from no energy."""
