@@ -103,7 +103,7 @@ def _defaults(plan: Plan) -> Iterator[str]:
     """What the scene leaves open and has otherwise than the papers."""
     for effect in plan.scene.effects:
         for name, printed in effect.in_papers.items() if isinstance(effect, capabilities.FollowsScene) else ():
-            value = getattr(plan.effects[effect.name], name)
+            value = getattr(plan.effects.get(effect.name), name, printed)  # a box with all faces open is left out
             if getattr(effect, name) is None and value != printed:
                 yield f"{name} of {effect.name} is {value!r}; the papers have {printed!r}"
 

@@ -80,7 +80,10 @@ class SumsDensity:
 
 
 class PullsParticles(SumsDensity):
-    """Draws particles together, which an advanced density sees only where it is restored from the summed one."""
+    """Draws particles together, which an advanced density sees only where it is restored from the summed one.
+
+    One without passes does not: the scene is settled as if it were not there.
+    """
 
 
 class BringsWalls:
@@ -368,6 +371,10 @@ def having(effects: Mapping[str, Effect] | Iterable[Effect], capability: type[Ca
 
 
 def settled(effects: Iterable[Effect]) -> dict[str, Effect]:
-    """Effects by name, with parameters that follow the scene as it has them; those that they need are among them."""
+    """Effects by name, with parameters that follow the scene as it has them; those that they need are among them.
+
+    A tension that launches nothing, since its coefficients are zero, decides nothing.
+    """
     given = {effect.name: effect for effect in effects}
-    return {name: e.settled(given) if isinstance(e, FollowsScene) else e for name, e in given.items()}
+    acting = {name: e for name, e in given.items() if not isinstance(e, PullsParticles) or e.passes(given)}
+    return {name: e.settled(acting) if isinstance(e, FollowsScene) else e for name, e in given.items()}

@@ -8,7 +8,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from refsim.core.capabilities import KnowsParticleMass, LimitsMassRatio, having, settled
+from refsim.core.capabilities import BringsWalls, HasPlanes, KnowsParticleMass, LimitsMassRatio, having, settled
 from refsim.core.effect import EFFECTS, Discretisation, Effect, Extremes, InitialState, Nodes
 from refsim.core.errors import InputError
 from refsim.core.reading import GREATEST
@@ -34,13 +34,14 @@ def checked(scene: Scene) -> tuple[Discretisation, dict[str, Effect]]:
     Raises InputError for numbers, effects, gauges and motions that are not possible, or not together.
     """
     _check_numbers(scene)
-    effects = _effects(scene)
     grid = Discretisation(
         scene.dim, scene.dtype, scene.spacing, scene.support_radius, 0, scene.step, None, scene.period,
         scene.period_lower,
     )  # fmt: skip
+    given = _effects(scene)
+    effects = settled(effect for effect in given.values() if not _is_open(effect, grid))
     postponed = []
-    for effect in effects.values():
+    for effect in (given | effects).values():
         try:
             effect.check(grid, effects)
         except InputError:
@@ -112,7 +113,14 @@ def _effects(scene: Scene) -> dict[str, Effect]:
                 f"{name}: this effect does not act across the border of a periodic box; leave out the scene's period or"
                 f" the effect (with a period a scene can have {able})."
             )
-    return settled(effects.values())
+    return effects
+
+
+def _is_open(effect: Effect, grid: Discretisation) -> bool:
+    """Whether it is a box of walls without any face: no part of the scene."""
+    return (
+        isinstance(effect, BringsWalls) and isinstance(effect, HasPlanes) and not np.isfinite(effect.domain(grid)).any()
+    )
 
 
 def check_list(scene: Scene, radius: float) -> None:

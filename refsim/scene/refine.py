@@ -1,4 +1,4 @@
-"""The same scene at another spacing: what changes with it, and which scenes have no other spacing."""
+"""The same scene at another spacing, or without an effect: what changes with it, and what must not."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -70,6 +70,14 @@ def _scaled(scene: Scene, factor: float, names: Sequence[str]) -> Scene:
             raise InputError(f"{scene.name}: {name!r} is no number that could be in proportion to the spacing.")
         put(tables, name, value / factor, scene.name)
     return scene_from_dict(tables, scene.name)
+
+
+def without(scene: Scene, name: str) -> Scene:
+    """The scene without an effect; what other effects choose by the scene stays as the whole scene has it.
+
+    So the density of the liquid and the model of walls are the same with and without a tension.
+    """
+    return msgspec.structs.replace(scene, effects=tuple(e for e in settled(scene.effects).values() if e.name != name))
 
 
 def _with_masses(scene: Scene) -> tuple[tuple, tuple]:

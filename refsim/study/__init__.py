@@ -20,7 +20,7 @@ from refsim.core.tables import in_time
 from refsim.engine.simulation import Simulation
 from refsim.scene.files import load_scene, suggestion
 from refsim.scene.plan import Plan, make_plan
-from refsim.scene.refine import RATIO, notes, refined, spaced
+from refsim.scene.refine import RATIO, notes, refined, spaced, without
 from refsim.scene.scene import Scene
 from refsim.study import cost
 from refsim.study.convergence import converge
@@ -184,11 +184,10 @@ def _tolerances(scene: Scene) -> Iterator[tuple[int, str, float]]:
 
 
 def _without(scene: Scene, backend: str, left_out: list[str]) -> list[Setting]:
-    """The scene without each of its effects, where it can be planned without."""
+    """The scene without each of its effects, where it can be planned without, and else the same choices."""
     made = []
     for effect in scene.effects:
-        rest = tuple(e for e in scene.effects if e.name != effect.name)
-        less = msgspec.structs.replace(scene, effects=rest)
+        less = without(scene, effect.name)
         try:
             make_plan(less)
         except InputError as error:

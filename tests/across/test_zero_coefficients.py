@@ -9,6 +9,7 @@ import math
 import pathlib
 
 import msgspec
+import numpy as np
 import pytest
 
 import refsim as rs
@@ -23,6 +24,7 @@ TANK = {"lower": (-0.2, -0.2, -0.2), "upper": (0.8, 0.8, 0.8)}
 LIQUID = rs.WeaklyCompressible(  # its surface pulls it together: it moves
     sound_speed=12.0, clamp_pressure=False, density_bound=10.0, density="summation"
 )
+FOLLOWING = rs.WeaklyCompressible(sound_speed=12.0, dynamic_viscosity=0.5, density_bound=10.0)  # density by the scene
 CLAMPED = rs.WeaklyCompressible(sound_speed=12.0, density="summation")
 MPM = rs.MpmLiquid(bulk_modulus=144e3, initial_ratio=0.98)
 PULL = rs.Gravity()
@@ -153,16 +155,17 @@ def scene(*effects, solid=False):
     return rs.Scene(spacing=0.1, support_radius=0.21, fluid=(rs.Box(cells=(4, 4, 4)),), solid=solids, effects=effects)
 
 
-def both(name, k):
-    """(scene without the effect, scene with its zeros, fields that stay)."""
-    effect, rest, own = IDENTITIES[name][k]
+def both(name, k, others=None):
+    """(scene without the effect, scene with its zeros), beside others than its own rest if they are given."""
+    effect, rest, _ = IDENTITIES[name][k]
+    rest = rest if others is None else others
     if not isinstance(effect, rs.ShapeMatching):
-        return scene(*rest), scene(*rest, effect), own
+        return scene(*rest), scene(*rest, effect)
     with_it = scene(*rest, effect, solid=True)  # a solid must have its effect: without it the same particles are liquid
     start = make_plan(with_it).state
     solid = slice(0, start.sizes[0])
     cloud = rs.Cloud(position=start.position[solid], mass=start.mass[solid])
-    return msgspec.structs.replace(scene(*rest), fluid=(cloud, *with_it.fluid)), with_it, own
+    return msgspec.structs.replace(scene(*rest), fluid=(cloud, *with_it.fluid)), with_it
 
 
 def limits(plan):
@@ -179,9 +182,15 @@ def changed(name, **parameters):
     return msgspec.structs.replace(whole, effects=tuple(e for e in effects if parameters or e.name != name))
 
 
-def same_plan(first, second):
+def beside(name, plan):
+    """The other effects, with what they choose by the scene."""
+    return {n: effect for n, effect in plan.effects.items() if n != name}
+
+
+def same_plan(name, first, second):
     one, other = make_plan(first), make_plan(second)
-    return one.launches(True) == other.launches(True) and one.fields == other.fields and limits(one) == limits(other)
+    launched = one.launches(True) == other.launches(True) and one.fields == other.fields
+    return launched and limits(one) == limits(other) and beside(name, one) == beside(name, other)
 
 
 @pytest.mark.parametrize("name", pairs.EFFECTS)
@@ -199,14 +208,15 @@ def test_a_zero_leaves_out_what_it_belongs_to(name):
             continue
         if f"{name}.{f.name}" in listed or any(getattr(case[0], f.name) == 0 for case in identities):
             continue
-        assert same_plan(zero, changed(name)), f"zero {f.name} of {name} is neither listed nor leaves it out"
+        assert same_plan(name, zero, changed(name)), f"zero {f.name} of {name} is neither listed nor leaves it out"
         leaves_out.append(f.name)
     assert (name in IDENTITIES or bool(leaves_out)) != (name in WITHOUT), name
 
 
 @pytest.mark.parametrize("name, k", CASES)
 def test_the_plan_is_that_of_a_scene_without(name, k):
-    without, with_it, own = (make_plan(s) if isinstance(s, rs.Scene) else s for s in both(name, k))
+    without, with_it = map(make_plan, both(name, k))
+    own = IDENTITIES[name][k][2]
     assert with_it.launches(True) == without.launches(True)
     assert [p for _, p in with_it.motion] == [p for _, p in without.motion]
     started = {p.operation for _, p in with_it.start} - {p.operation for _, p in without.start}
@@ -229,6 +239,34 @@ def test_the_plan_is_that_of_a_scene_without(name, k):
         lists = moved * with_it.grid.count if backend == "cuda" and with_it.list_radius else 0  # spare arrays
         assert here["bytes"]["total"] == there["bytes"]["total"] + more + lists
         assert (here["step"]["limits"], here["not_counted"]) == (there["step"]["limits"], there["not_counted"])
+
+
+def followed(rest):
+    """The same effects with a liquid and walls that follow the scene; None where the scene has no such liquid."""
+    if LIQUID not in rest:
+        return None
+    own = [FOLLOWING if effect is LIQUID else effect for effect in rest]
+    walls = [] if any(isinstance(effect, rs.BoxWalls) for effect in rest) else [rs.BoxWalls(**TANK)]
+    return (*own, *walls)
+
+
+@pytest.mark.parametrize("name, k", [(n, k) for n, k in CASES if followed(IDENTITIES[n][k][1])])
+def test_a_zero_decides_nothing(name, k):
+    """Density, restoring, viscosity and walls that the scene chooses, and the motion to the bit, on the references."""
+    rest = IDENTITIES[name][k][1]
+    for others in (followed(rest), tuple(FOLLOWING if e is LIQUID else e for e in rest)):
+        if name == "box_walls":  # is the one that brings walls
+            others = tuple(e for e in others if not isinstance(e, rs.BoxWalls))
+        without, with_it = both(name, k, others)
+        plans = make_plan(without), make_plan(with_it)
+        assert beside(name, plans[1]) == dict(plans[0].effects)
+        runs = [rs.Simulation(plan, "numpy") for plan in plans]
+        for run in runs:
+            for _ in range(3):
+                run.step()
+        assert runs[0].time == runs[1].time
+        for field in ("position", "velocity"):
+            assert np.array_equal(runs[0].field(field), runs[1].field(field)), field
 
 
 @pytest.mark.parametrize("place", TERMS)

@@ -1,4 +1,4 @@
-"""The same scene at another spacing."""
+"""The same scene at another spacing, or without an effect."""
 
 import itertools
 
@@ -7,7 +7,7 @@ import pytest
 
 import refsim as rs
 from refsim import make_plan
-from refsim.scene.refine import misfit, notes, refined, resting_step, spaced
+from refsim.scene.refine import misfit, notes, refined, resting_step, spaced, without
 
 LIQUID = rs.WeaklyCompressible(sound_speed=20.0, dynamic_viscosity=2.0, density="summation")
 
@@ -177,3 +177,25 @@ def test_boxes_without_a_common_divisor():
 def test_impossible_levels_get_a_sentence(given):
     with pytest.raises(rs.InputError, match="is not possible; give"):
         spaced(scene_of(), *given)
+
+
+TENSIONS = (
+    rs.Akinci2013(surface_tension=0.1), rs.JiangZhu2023(surface_tension=0.1), rs.CsfWang2019(surface_tension=0.1),
+    rs.He2014(surface_tension=0.1), rs.NormalDifference2014(area_acceleration=1.0),
+)  # fmt: skip
+LEFT_OUT = [
+    *((tension, None, "summation") for tension in TENSIONS),
+    *((tension, "continuity", "continuity") for tension in TENSIONS),
+    (rs.ImplicitPressure(), None, "summation"), (rs.Gravity(acceleration=(0.0, -9.81, 0.0)), None, "continuity"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("left_out", "given", "density"), LEFT_OUT)
+def test_what_is_left_out_decides_for_the_rest_all_the_same(left_out, given, density):
+    """Density, restoring, viscosity and walls are those of the whole scene."""
+    walls = rs.BoxWalls(lower=(0.0, 0.0, 0.0), upper=(1.0, 1.0, 0.0))
+    liquid = rs.WeaklyCompressible(sound_speed=50.0, dynamic_viscosity=2.0, density=given)
+    whole = scene_of(effects=(liquid, walls, left_out))
+    rest, every = make_plan(without(whole, left_out.name)).effects, make_plan(whole).effects
+    assert dict(rest) == {name: effect for name, effect in every.items() if name != left_out.name}
+    assert rest["weakly_compressible"].density == density

@@ -51,7 +51,7 @@ class Dong2016(PairCohesion, HasErrata, frozen=True, kw_only=True):
     stiffness         k of D(7) [N/kg^2], instead of sigma
     rest_distance     d0 of D(7) [m]; left out, the spacing
     correction        lambda of D(9) [m^2/s^2]; left out, 3 sigma/(rho0 d)
-    filter_density    one Shepard filter of all densities in every step, as in the paper
+    filter_density    one Shepard filter of all densities in every step, as in the paper; not without tension
     solver            "shared" (density, pressure and viscosity of weakly_compressible, so that the models differ by
                       their tension alone) or "hu_adams" (D(3) to D(5))
     balance_pressure  the equation of state balances the cohesion of the bulk by P_int (rho/rho0)^2 (not in the paper);
@@ -108,7 +108,7 @@ class Dong2016(PairCohesion, HasErrata, frozen=True, kw_only=True):
 
     def fields(self, others: Others) -> tuple[Field, ...]:
         fields: list[Field] = []
-        if self.filter_density:
+        if self._filters():
             fields.append(CORRECTED_DENSITY)
         if self._corrects():
             fields.append(SURFACE_NORMAL)
@@ -129,7 +129,7 @@ class Dong2016(PairCohesion, HasErrata, frozen=True, kw_only=True):
                     names={"smoothing": "gradient_smoothing"},
                 ),
             ]
-        if self.filter_density:  # an update of `density`: precedes every pass that reads it
+        if self._filters():  # an update of `density`: precedes every pass that reads it
             passes += [
                 Pass(
                     "dong_2016.shepard_filter", ("position", "mass"), ("corrected_density",), ("density",),
@@ -149,7 +149,7 @@ class Dong2016(PairCohesion, HasErrata, frozen=True, kw_only=True):
     def energy(self, grid: Discretisation, others: Others) -> EnergyAccount:
         """The potential of D(7); the correction and the filtered density have none."""
         uncounted = ["the correction D(9)"] if self._corrects() else []
-        uncounted += ["what the density filter changes in the pressure"] if self.filter_density else []
+        uncounted += ["what the density filter changes in the pressure"] if self._filters() else []
         if self.coheres():
             return self.pair_account(grid, others, tuple(uncounted))
         return EnergyAccount(uncounted=tuple(uncounted))
@@ -198,3 +198,7 @@ class Dong2016(PairCohesion, HasErrata, frozen=True, kw_only=True):
     def _corrects(self) -> bool:
         """Whether the correction is computed: not if its coefficient is zero."""
         return self.correction != 0 and (self.coheres() or self.correction is not None)
+
+    def _filters(self) -> bool:
+        """Whether densities are filtered: not where nothing else of the model acts."""
+        return self.filter_density and (self.coheres() or self._corrects() or self.solver == "hu_adams")
