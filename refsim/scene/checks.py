@@ -25,6 +25,7 @@ LEAST = 1e-30  # smallest length [m] and time [s] that a scene may have
 SMALLEST = 1e-100  # magnitude of any other number that is not zero
 CROWDED, TWICE = 1.05, 1.2  # particles over those of a lattice, above which a start has a note and is refused
 LATTICE = 1.02  # largest of the same in a lattice, turned or stretched, that is counted alone
+ALONE, FEW = 1.05, 1.5  # spacings of a support below which a lattice's particle has no neighbour, few of them
 LONGEST_FIXED = 1.6  # stable steps that a fixed step may span; longer ones gained energy without diverging in tests
 
 
@@ -40,6 +41,7 @@ def checked(scene: Scene) -> tuple[Discretisation, dict[str, Effect]]:
     )  # fmt: skip
     given = _effects(scene)
     effects = settled(effect for effect in given.values() if not _is_open(effect, grid))
+    _check_support(grid, effects)
     postponed = []
     for effect in (given | effects).values():
         try:
@@ -120,6 +122,33 @@ def _is_open(effect: Effect, grid: Discretisation) -> bool:
     """Whether it is a box of walls without any face: no part of the scene."""
     return (
         isinstance(effect, BringsWalls) and isinstance(effect, HasPlanes) and not np.isfinite(effect.domain(grid)).any()
+    )
+
+
+def summing(grid: Discretisation, effects: Mapping[str, Effect]) -> list[str]:
+    """Names of the effects that sum over neighbours."""
+    return [name for name, effect in effects.items() if effect.list_radius(grid) > 0]
+
+
+def _check_support(grid: Discretisation, effects: Mapping[str, Effect]) -> None:
+    """Raise InputError where an effect sums over neighbours and a lattice has none, or such as rounding takes."""
+    ratio, names = grid.support_radius / grid.spacing, summing(grid, effects)
+    if names and ratio < ALONE * (1 - 1e-9):
+        raise InputError(
+            f"scene: support_radius = {grid.support_radius:g} m is {ratio:.4g} spacings ({grid.spacing:g} m), so that"
+            f" {names[0]} sums over no neighbour on the lattice, or one that rounding takes; give at least {FEW:g}"
+            " spacings, 2 to 3 are common."
+        )
+
+
+def few_neighbours(grid: Discretisation, effects: Mapping[str, Effect]) -> tuple[str, ...]:
+    """A note if effects sum over the nearest neighbours on the lattice alone."""
+    ratio, names = grid.support_radius / grid.spacing, summing(grid, effects)
+    if not names or ratio >= FEW * (1 - 1e-9):
+        return ()
+    return (
+        f"support_radius = {grid.support_radius:g} m is {ratio:.3g} spacings, so that {', '.join(names)} sum over the"
+        f" nearest neighbours alone: take at least {FEW:g} spacings, 2 to 3 are common",
     )
 
 

@@ -163,6 +163,7 @@ def _planned(scene: Scene, grid: Discretisation, given: Mapping[str, Effect], ab
         walls=merged,
         wall_rows=dict(zip((effect.name for effect in bringing), zip([0, *ends], ends))),
         notes=(
+            *checks.few_neighbours(grid, effects),
             *checks.coarse_places(grid, state),
             *checks.crowded(grid, state, merged, scene, effects),
             *checks.unequal_masses(state, effects),

@@ -19,7 +19,8 @@ class Scene(Checked, frozen=True, kw_only=True):
     """Everything a run needs, in SI units.
 
     spacing         initial particle distance d [m]
-    support_radius  radius h beyond which the smoothing kernels vanish [m]; at least one spacing
+    support_radius  radius h beyond which the smoothing kernels vanish [m]; at least one spacing, and
+                    1.05 where an effect sums over neighbours
     fluid           boxes, balls and clouds of particles
     solid           boxes, balls, tori, meshes and cells that become bodies of particles; they come before the fluid's
     effects         what acts on them

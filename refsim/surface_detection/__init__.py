@@ -38,7 +38,6 @@ SURFACE = Field("surface", "-", "1 in the surface set S", dtype="uint8")
 THRESHOLD = 0.98  # the paper's lambda of J(12)
 SPARSE = 0.9  # lambda of the first step where asymmetry stands beside it; the lower end of the paper's range
 NORMALS = {"color": SURFACE_NORMAL, "corrected": CORRECTED_NORMAL}
-NEAREST = 1.05  # spacings; a smaller support radius hardly reaches the nearest neighbours
 # Support radii [spacings] at which at least 97 % of the surface of liquid is found whose particles stand a tenth of a
 # spacing off a lattice, in 2D and 3D (`tests/surface_detection/test_supports.py`)
 RIGHT = 2.0, 6.0
@@ -210,11 +209,6 @@ class SurfaceDetection(Effect, FindsSurface, HasErrata, frozen=True, kw_only=Tru
             raise InputError(
                 f"{self.name}: threshold = {self.threshold} would mark every particle as near the surface; give a"
                 " number up to 1.2 (the paper uses 0.90 to 0.99)."
-            )
-        if grid.support_radius < NEAREST * grid.spacing * (1 - 1e-9):
-            raise InputError(
-                f"{self.name}: a support radius of {grid.support_radius / grid.spacing:.3g} spacings reaches too few"
-                f" neighbours to tell the surface from the bulk; give {NEAREST:g} or more, better 2."
             )
         if self.thin_features == "second_moment" and self.method == "number_density":
             raise InputError(

@@ -114,6 +114,7 @@ BAD = {
     "spacing nan": ("spacing = 0.01", "spacing = nan", "spacing = nan"),
     "radius zero": ("support_radius = 0.02", "support_radius = 0", "support_radius = 0"),
     "radius below one spacing": ("support_radius = 0.02", "support_radius = 0.009", "below one spacing"),
+    "radius of one spacing": ("support_radius = 0.02", "support_radius = 0.01", "sums over no neighbour"),
     "density negative": ("rest_density = 1000.0", "rest_density = -1.0", "rest_density = -1.0"),
     "viscosity negative": ("dynamic_viscosity = 2.0", "dynamic_viscosity = -0.05", "dynamic_viscosity = -0.05"),
     "sound speed zero": ("sound_speed = 20.0", "sound_speed = 0.0", "sound_speed = 0.0"),

@@ -104,7 +104,7 @@ def test_what_does_not_converge_is_said():
 def test_the_value_belongs_to_the_end_time():
     """A free fall has its closed form whatever the steps are; read at the last step it would be some per cent off."""
     ball = block(
-        fluid=(rs.Box(cells=(2, 2, 1)),), end_time=0.0205, dtype="float64", support_radius=0.0101, step=0.0004,
+        fluid=(rs.Box(cells=(2, 2, 1)),), end_time=0.0205, dtype="float64", support_radius=0.015, step=0.0004,
         effects=(rs.WeaklyCompressible(sound_speed=2.0, density="summation"), rs.Gravity(acceleration=(0.0, -9.81,
         0.0))),
     )  # fmt: skip
@@ -118,7 +118,7 @@ def test_the_value_belongs_to_the_end_time():
 def test_the_time_of_an_event():
     """The time at which a free fall has gone 1 mm."""
     ball = block(
-        fluid=(rs.Box(cells=(2, 2, 1)),), end_time=0.1, dtype="float64", support_radius=0.0101, step=0.0004,
+        fluid=(rs.Box(cells=(2, 2, 1)),), end_time=0.1, dtype="float64", support_radius=0.015, step=0.0004,
         effects=(rs.WeaklyCompressible(sound_speed=2.0, density="summation"), rs.Gravity(acceleration=(0.0, -9.81,
         0.0))),
     )  # fmt: skip

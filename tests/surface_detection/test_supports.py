@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from refsim import BoxWalls, Cloud, Scene, Simulation, SurfaceDetection, WeaklyCompressible
-from refsim.core.errors import InputError
 from refsim.scene.plan import make_plan
 
 SUPPORTS = (1.05, 1.1, 1.2, 1.3, 1.4, 2**0.5, 1.5, 1.6, 1.7, 1.8, 2.0, 2.3, 2.6, 3.0, 3.2, 3.5, 4.0, 4.5)
@@ -85,11 +84,6 @@ def test_plan_says_the_range_in_which_the_detector_is_right(method, low, high):
     for ratio in (1.05, 1.5, low - 0.01, high + 0.01):
         (note,) = said(scene(3, ratio, place, method=method))
         assert f"finds the surface at support radii of {low:g} to {high:g} spacings; at {ratio:.3g} it" in note
-
-
-def test_a_support_without_neighbours_is_refused():
-    with pytest.raises(InputError, match=r"a support radius of 1\.04 spacings reaches too few neighbours"):
-        make_plan(scene(2, 1.04, block(2)[0]))
 
 
 def test_given_limits_that_fail_on_the_lattice_are_noted():
