@@ -211,13 +211,15 @@ class WeaklyCompressible(
                        "cubic_spline" (throughout)
     density_bound      the run stops where more than 0.1 % of the particles are denser than this times rho0
     literal            readings of Jiang & Zhu: misprint "E3" (sign of J(11), unstable); their own choice "E24" (half
-                       of the pressure gradient in J(10)); "paper" for their own choices, "all" for both
+                       of the pressure gradient in J(10)); "paper" for their own choices, E24 and
+                       clamp_pressure = false, "all" for every printed text
     """
 
     name: ClassVar[str] = LIQUID
     source: ClassVar[str] = "Jiang & Zhu"
     errata: ClassVar[tuple[str, ...]] = ("E3", "E24")
     improvements: ClassVar[tuple[str, ...]] = ("E24",)
+    paper: ClassVar[Mapping[str, Any]] = {"clamp_pressure": False}  # Jiang & Zhu E32: J(9) has no clamp
     in_papers: ClassVar[Mapping[str, str]] = {"density": "summation", "viscosity": "laplacian"}
     of_liquid: ClassVar[bool] = True
     periodic: ClassVar[bool] = True

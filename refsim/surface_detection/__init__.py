@@ -12,6 +12,7 @@ Another effect that needs the detected sets takes the scene's settings, or the d
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
@@ -181,7 +182,7 @@ class SurfaceDetection(Effect, FindsSurface, HasErrata, frozen=True, kw_only=Tru
                  incompressible liquids; every step then depends on the detected set
     literal      readings of Jiang & Zhu: misprints "E5" (the "<" of J(13)), "E10" (V_j = m_j/rho_i); their own choices
                  "E6" (s = h), "E23" (J(12) alone is the first step, so that only N is scanned); "paper" for their own
-                 choices, "all" for both
+                 choices, these and scan_normal = "corrected", "all" for every printed text
 
     A particle with fewer than 3 neighbours within the support radius is surface, whatever its normal. With 3 or more
     neighbours, a particle whose normal is zero is not surface (Jiang & Zhu E20), unless `thin_features` marks it. Wall
@@ -192,6 +193,7 @@ class SurfaceDetection(Effect, FindsSurface, HasErrata, frozen=True, kw_only=Tru
     source: ClassVar[str] = "Jiang & Zhu"
     errata: ClassVar[tuple[str, ...]] = ("E5", "E6", "E10", "E23")
     improvements: ClassVar[tuple[str, ...]] = ("E6", "E23")
+    paper: ClassVar[Mapping[str, Any]] = {"scan_normal": "corrected"}  # Jiang & Zhu E33: J(13) scans along J(20)
     needed: ClassVar[tuple[str, ...]] = (LIQUID,)
 
     method: Literal["number_density", "fan_scan", "two_step"] = "two_step"

@@ -90,10 +90,11 @@ def liquid(**given):
         (
             (liquid(literal="paper"), rs.JiangZhu2023(surface_tension=1.0, literal="paper")),
             (
-                liquid(literal=("E24",)),
+                liquid(literal=("E24",), clamp_pressure=False),
                 rs.JiangZhu2023(
                     surface_tension=1.0, pair_mode="either", balance_pressure=False, literal=("E6", "E7", "E23")
                 ),
+                rs.SurfaceDetection(scan_normal="corrected", literal=("E6", "E23")),
             ),
             (liquid(), rs.JiangZhu2023(surface_tension=1.0)),
         ),
@@ -139,7 +140,8 @@ def test_a_scene_file_takes_a_word_or_a_list_and_plan_and_list_show_it(tmp_path,
     file.write_text(SCENE.format(literal='["paper", "E4"]'))
     assert (load_scene(file).effects[2].literal, main(["plan", str(file), "--json"])) == (("paper", "E4"), 0)
     effects = json.loads(capsys.readouterr().out)["effects"]
-    assert effects["weakly_compressible"]["literal"] == {"source": "Jiang & Zhu", "printed": ["E24"], "parameters": {}}
+    taken = {"source": "Jiang & Zhu", "printed": ["E24"], "parameters": {"clamp_pressure": False}}
+    assert effects["weakly_compressible"]["literal"] == taken
     assert effects["jiang_zhu_2023"]["literal"]["printed"] == ["E4", "E6", "E7", "E23"]
     assert effects["jiang_zhu_2023"]["literal"]["parameters"] == {"pair_mode": "either", "balance_pressure": False}
     assert main(["plan", str(file)]) == 0

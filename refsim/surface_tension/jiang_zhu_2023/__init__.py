@@ -174,7 +174,7 @@ class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
     literal             readings of the paper: misprints "E4" (sign of J(16)), "E10" (V_j = m_j/rho_i in the normals),
                         "E5" (in the surface detection); its own choices "E7" (alpha = 0.6 in 2D), "E6" and "E23" (in
                         the surface detection); "paper" for its own choices, among them pairs by the surface set
-                        (pair_mode "either", nothing balanced), "all" for every printed text
+                        (pair_mode "either", nothing balanced) and a scan along J(20), "all" for every printed text
 
     Pair modes by S detect the surface in every step, by the scene's surface detection or in two steps. Pair force and
     area term conserve linear momentum except for "one_sided" (J(18): for equal masses); the area term does not conserve
@@ -387,7 +387,9 @@ class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
         found = detection_in(others)
         wanted = (*found.literal, *sorted(self.printed() & {"E5", "E6", "E10", "E23"}))
         threshold = found.threshold if self.threshold is None else self.threshold
-        return msgspec.structs.replace(found, literal=tuple(dict.fromkeys(wanted)), threshold=threshold)
+        changes = SurfaceDetection.paper if "paper" in self.literal else {}
+        literal = tuple(dict.fromkeys(wanted))
+        return msgspec.structs.replace(found, literal=literal, threshold=threshold, **changes)
 
     def _alpha(self, dim: int) -> float:
         return ALPHA[3] if "E7" in self.printed() else ALPHA[dim]
