@@ -21,7 +21,7 @@ import refsim  # noqa: E402
 from refsim.__main__ import main as refsim_command  # noqa: E402
 from scripts.pictures import command  # noqa: E402
 from validation import checks  # noqa: E402
-from validation.drawing import GREEN, GREY, ORANGE, SKY  # noqa: E402
+from validation.drawing import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY  # noqa: E402
 from validation.page import SYSTEMS  # noqa: E402
 
 FOLDER = ROOT / "figures" / "pages"
@@ -71,14 +71,17 @@ def dam_break() -> Any:
     return figure
 
 
-VERDICTS = {"confirmed": GREEN, "mixed": SKY, "refuted": ORANGE, "not testable": GREY}
+VERDICTS = {
+    "confirmed": GREEN, "mixed": SKY, "refuted": ORANGE, "not testable": GREY, "own reading": BLUE,
+    "not claimed": PURPLE,
+}  # fmt: skip
 
 
 def verdicts() -> Any:
-    """How many claims of each source were confirmed, mixed, refuted, or cannot be tested."""
+    """The verdicts on the claims of each source, and how many readings are not the source's own."""
     import matplotlib.pyplot as plt
 
-    found = collections.Counter((claim.system, claim.verdict) for claim in checks.read_all(checks.CLAIM))
+    found = collections.Counter((claim.system, claim.word) for claim in checks.read_all(checks.CLAIM))
     systems = list(SYSTEMS)[::-1]
     figure, axes = plt.subplots(figsize=(7.6, 0.9 + 0.32 * len(systems)))
     left = np.zeros(len(systems))

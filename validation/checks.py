@@ -4,11 +4,16 @@ A check is an entry `[check.NAME]` of an experiment's `expected.toml`. It has a 
 the `source` of its bar and at most one rule (`at_most`, `at_least`, `equals`). Its `reason` says what a reader must
 know beside the number; numbers in it are templates (`validation.filling`). The kinds:
 
-verdict    a quantity of a run, passes its bar or fails; shown without one
-claim      a sentence of a paper; confirmed if every start keeps the bar, refuted if none does, else mixed
+verdict    a quantity of a run, passes its bar or fails; shown without one. With `misses = true` its bar is known to be
+           missed: `missed` if so, and a fail if it is kept
+claim      a reading of a `[sentence.NAME]` of a source; confirmed if every start keeps the bar, refuted if none does,
+           else mixed. A reading that differs from what the source states is an own reading, and what the source does
+           not say is not claimed: kept, missed or mixed
 hard case  a scene that breaks codes, and how it ends: a `Trial` (`validation.trials`)
 value      a published number of a single run, with its spread
 
+A `[sentence.NAME]` is what a source says: its `system`, its `place` (section, paragraph, sentence), key `words` of the
+original, what it `says` in English, and the `parameters` that the source gives. Claims of any experiment name it.
 Claims that are measured alike are a `[family.NAME]`, which says how they could have failed; `[map.NAME]` are the words
 of a map of what is stable.
 """
@@ -26,8 +31,11 @@ from typing import Any
 from validation.results import Result, real
 
 VERDICT, CLAIM, HARD_CASE, VALUE = KINDS = ("verdict", "claim", "hard case", "value")
-PASS, FAIL, SHOWN = "pass", "fail", "shown"
+PASS, FAIL, SHOWN, MISSED = "pass", "fail", "shown", "missed"
 CONFIRMED, REFUTED, MIXED, NOT_TESTABLE = "confirmed", "refuted", "mixed", "not testable"
+OWN_READING, NOT_CLAIMED = "own reading", "not claimed"  # followed by how it went, as in "own reading: kept"
+WENT = {CONFIRMED: "kept", REFUTED: "missed", MIXED: "mixed", NOT_TESTABLE: NOT_TESTABLE}
+VERDICTS = (CONFIRMED, REFUTED, MIXED, NOT_TESTABLE, OWN_READING, NOT_CLAIMED)
 WARNED, REFUSED, STOPPED, FAILS = "warned", "refused", "stopped", "fails"  # how a hard case ends that does not pass
 Quantities = Mapping[str, str | Callable[[Mapping[str, Any]], float | None]]
 STARTS = 5  # least number, unless the claim says why nothing can differ (`fixed`) or that these are all (`complete`)
@@ -41,14 +49,33 @@ RULES = {
 }
 _MEASURED = {"what", "unit", "measured", "spread", "starts", "over"}
 KEYS: dict[str, tuple[set[str], set[str]]] = {  # by kind: what an entry needs, and what else it may have
-    VERDICT: ({"what", "unit", "source"}, {"paper", "reason", *RULES}),
+    VERDICT: ({"what", "unit", "source"}, {"paper", "reason", "misses", *RULES}),
     CLAIM: (
-        {"system", "title", "says", "source", "reading", "verdict"},
+        {"sentence", "title", "reading", "verdict"},
         {*_MEASURED, "null", "reason", "fixed", "complete", "verify", *RULES},
     ),
     HARD_CASE: ({"what", "holds", "trial", "verdict"}, {"given", "short", "seconds", "reason"}),
     VALUE: ({"what", "unit", "source", "run", "quantity", "measured", "spread"}, {"reason"}),
 }
+
+
+@dataclass(frozen=True)
+class Sentence:
+    """What a source says in one place, as it stands in a `[sentence.NAME]`; all sentences share one space of names.
+
+    system      whose it is
+    place       section, paragraph and sentence; a formula and the words that explain it belong to the paragraph before
+    words       some characters of the original, by which a reader finds it
+    says        the same in English
+    parameters  what the source gives of the numbers that it depends on
+    """
+
+    name: str
+    system: str
+    place: str
+    words: str
+    says: str
+    parameters: str
 
 
 @dataclass(frozen=True)
@@ -67,7 +94,8 @@ class Entry:
     fixed     why nothing can differ between starts, where there is one
     null      the same quantity of the null model of the claim's family
     verify    "number" or "verdict": what of a claim `python -m validation verify` compares
-    system, title, says, reading   of a claim: whose it is, in one sentence, in the source's words, how they are read
+    misses    the bar is known to be missed
+    sentence  of a claim: what the source says; title: what is judged of it; reading: how it is read
     holds     of a hard case: what must hold; trial, given: function of the experiment and its arguments;
               short: it takes a second or so; seconds: that it may take
     run, quantity   of a value: where it comes from, `values[quantity]` of the run of that key
@@ -92,9 +120,9 @@ class Entry:
     fixed: str = ""
     null: float = math.nan
     verify: str = ""
-    system: str = ""
+    misses: bool = False
+    sentence: Sentence | None = None
     title: str = ""
-    says: str = ""
     reading: str = ""
     holds: str = ""
     trial: str = ""
@@ -103,6 +131,16 @@ class Entry:
     seconds: float = 1.0
     run: str = ""
     quantity: str = ""
+
+    @property
+    def system(self) -> str:
+        """Whose claim it is; "" of other checks."""
+        return self.sentence.system if self.sentence else ""
+
+    @property
+    def word(self) -> str:
+        """The verdict on file in one word or two."""
+        return self.verdict.partition(":")[0]
 
     def keeps(self, value: float) -> bool:
         """Whether a value keeps the bar; NaN does not."""
@@ -125,10 +163,11 @@ class Entry:
         go well.
         """
         if self.kind == CLAIM:
-            if len(values) < (1 if self.fixed else FEW if self.complete else STARTS):
-                return NOT_TESTABLE
             kept = list(map(self.keeps, values))
-            return CONFIRMED if all(kept) else MIXED if any(kept) else REFUTED
+            found = CONFIRMED if all(kept) else MIXED if any(kept) else REFUTED
+            if len(values) < (1 if self.fixed else FEW if self.complete else STARTS):
+                found = NOT_TESTABLE
+            return f"{self.word}: {WENT[found]}" if self.word in (OWN_READING, NOT_CLAIMED) else found
         if self.kind == HARD_CASE:
             kind, _, missed = outcome.partition(": ")
             known, _, may_miss = self.verdict.partition(": ")
@@ -139,7 +178,9 @@ class Entry:
             return PASS if held else FAIL
         if self.kind == VALUE:
             return PASS if self.within(values[0]) else FAIL
-        return SHOWN if not self.rule else PASS if self.keeps(values[0]) else FAIL
+        if not self.rule or not self.misses:
+            return SHOWN if not self.rule else PASS if self.keeps(values[0]) else FAIL
+        return FAIL if self.keeps(values[0]) else MISSED
 
 
 @dataclass(frozen=True)
@@ -170,7 +211,7 @@ class Check:
     value    of a claim the median over its starts, whose `values` are kept
     paper    the paper's value, or what stands on file, or ""
     bar      the bar in words, or ""
-    verdict  PASS, FAIL or SHOWN; a claim fails if its verdict is not the one on file
+    verdict  PASS, FAIL, SHOWN or MISSED; a claim fails if its verdict is not the one on file
     found    the verdict on a claim, how a hard case ended
     """
 
@@ -188,7 +229,7 @@ class Check:
     def plain(self) -> dict[str, Any]:
         """What `--json` prints of it; a value that is not finite is null."""
         if self.kind == CLAIM:
-            return {"values": self.values, "written": self.paper.partition(":")[0], "verdict": self.found}
+            return {"values": self.values, "written": self.paper.partition(";")[0], "verdict": self.found}
         value = self.value if math.isfinite(self.value) else None
         return {"value": value, "unit": self.unit, "paper": self.paper, "bar": self.bar, "verdict": self.verdict}
 
@@ -207,7 +248,7 @@ def checked(entry: Entry, values: Sequence[float], outcome: str = "", run: str =
     """The verdict on what was measured; `run` and its `words` name the run that a number comes from."""
     verdict, name, what = entry.judge(values, outcome), entry.name, entry.what
     if entry.kind == CLAIM:
-        written = f"{entry.verdict}: {in_range(entry)}" if entry.starts else entry.verdict
+        written = f"{entry.verdict}; {in_range(entry)}" if entry.starts else entry.verdict
         return Check(
             name, entry.title, median(values), entry.unit, written, entry.bar(),
             PASS if verdict == entry.verdict else FAIL, CLAIM, tuple(values), verdict,
@@ -223,10 +264,28 @@ def checked(entry: Entry, values: Sequence[float], outcome: str = "", run: str =
 def _read(path: Path) -> tuple[tuple[Entry, ...], dict[str, Any]]:
     """The checks of a file, and its tables. Raises ValueError for a table of another kind."""
     tables = tomllib.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
-    if unknown := set(tables) - {"check", "family", "map"}:
-        raise ValueError(f"{path}: an entry is [check.NAME], [family.NAME] or [map.NAME]; there are {sorted(unknown)}")
-    entries = (_entry(name, path.parent.name, given) for name, given in tables.get("check", {}).items())
+    if unknown := set(tables) - {"check", "sentence", "family", "map"}:
+        raise ValueError(
+            f"{path}: an entry is [check.NAME], [sentence.NAME], [family.NAME] or [map.NAME]; there are"
+            f" {sorted(unknown)}"
+        )
+    said = sentences(path.parent.parent)
+    entries = (_entry(name, path.parent.name, given, said) for name, given in tables.get("check", {}).items())
     return tuple(entries), tables
+
+
+@functools.cache
+def sentences(folder: Path) -> dict[str, Sentence]:
+    """What the sources say, by name, of all experiments in a folder. Raises ValueError for one that is not complete."""
+    found: dict[str, Sentence] = {}
+    for path in sorted(folder.glob("*/expected.toml")):
+        for name, given in tomllib.loads(path.read_text(encoding="utf-8")).get("sentence", {}).items():
+            needed = {"system", "place", "words", "says", "parameters"}
+            if set(given) != needed or name in found:
+                fault = "stands twice" if name in found else f"needs {', '.join(sorted(needed))} and nothing else"
+                raise ValueError(f"{path.parent.name}: [sentence.{name}] {fault}")
+            found[name] = Sentence(name, **given)
+    return found
 
 
 def read(experiment: str, kind: str, folder: Path | None = None) -> dict[str, Entry]:
@@ -253,9 +312,10 @@ def read_all(kind: str = "", folder: Path | None = None) -> list[Entry]:
 def forget() -> None:
     """Read files anew, which have been written to."""
     _read.cache_clear()
+    sentences.cache_clear()
 
 
-def _entry(name: str, experiment: str, given: Mapping[str, Any]) -> Entry:
+def _entry(name: str, experiment: str, given: Mapping[str, Any], said: Mapping[str, Sentence]) -> Entry:
     where, kind = f"{experiment}: [check.{name}]", given.get("kind", "")
     if kind not in KINDS:
         raise ValueError(f"{where} has no kind {kind!r}; choose from {', '.join(KINDS)}")
@@ -269,14 +329,22 @@ def _entry(name: str, experiment: str, given: Mapping[str, Any]) -> Entry:
         raise ValueError(f"{where} {said}; a {kind} needs {', '.join(sorted(needed))} and at most one rule")
     known = given.get("verdict", "")
     if kind == CLAIM:
-        if known not in (CONFIRMED, REFUTED, MIXED, NOT_TESTABLE):
+        word, colon, went = known.partition(": ")
+        apart = word in (OWN_READING, NOT_CLAIMED)
+        if word not in VERDICTS or apart != bool(colon) or (apart and went not in WENT.values()):
             raise ValueError(f"{where} has the verdict {known!r}")
+        if given["sentence"] not in said:
+            raise ValueError(f"{where} names the sentence {given['sentence']!r}, which no [sentence.NAME] has")
+        if apart and not given.get("reason"):
+            raise ValueError(f"{where} needs a reason: what the source states otherwise, or does not say")
         if not rules and (known != NOT_TESTABLE or not given.get("reason")):
             raise ValueError(f"{where} needs one rule, or a reason why it cannot be tested")
     if kind == HARD_CASE and (known.partition(":")[0] not in (PASS, WARNED, REFUSED, STOPPED, FAILS)
                               or ("reason" in given) == (known == PASS)):  # fmt: skip
         raise ValueError(f"{where} needs an outcome as its verdict and, unless that is a pass, a reason")
     made = {"experiment": experiment} | {key: value for key, value in given.items() if key not in RULES}
+    if kind == CLAIM:
+        made["sentence"] = said[given["sentence"]]
     if rules:
         made |= {"rule": rules[0], "bound": given[rules[0]]}
     if "spread" in made:

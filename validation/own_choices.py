@@ -121,11 +121,11 @@ def patent(literal: tuple[str, ...]) -> Measured:
 # paper, effects with the preset, scene and measure
 ROWS: dict[str, tuple[str, str, str, Callable[[tuple[str, ...]], Measured]]] = {
     "jiang_zhu": (
-        "Jiang & Zhu (E9, E23, E6, E24)", "`weakly_compressible`, `jiang_zhu_2023`",
+        "Jiang & Zhu (E9, E23, E6, E24, E32, E33)", "`weakly_compressible`, `jiang_zhu_2023`",
         "radius variation of a drop that was a cube of 13^3, 2.2 s (a settled drop: 0.005)", jiang_zhu,
     ),
     "detection": (
-        "Jiang & Zhu (E23, E6)", "`surface_detection`", "wrong surface particles, 1 - F1, splash in 2D", detection
+        "Jiang & Zhu (E23, E6, E33)", "`surface_detection`", "wrong surface particles, 1 - F1, splash in 2D", detection
     ),
     "dong": ("Dong (E21, E31)", "`dong_2016`", "radius variation of the same drop, h = 2.7 d", dong),
     "thesis": (

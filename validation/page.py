@@ -9,16 +9,25 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from html import escape
 from pathlib import Path
 from typing import Any
 
 from validation import checks
-from validation.checks import CLAIM, HARD_CASE, VALUE, Check, Entry, short
+from validation.checks import (
+    CLAIM,
+    HARD_CASE,
+    REFUTED,
+    VALUE,
+    Check,
+    Entry,
+    Sentence,
+    short,
+)
 from validation.drawing import read_origin
 from validation.experiment import COMMANDS, Experiment, discover
-from validation.filling import ROOT, filled_page, records, stored, with_reasons
+from validation.filling import ROOT, filled_page, records, replaced, stored, with_reasons
 from validation.perform import Performed
 from validation.results import finite, origin
 
@@ -78,9 +87,31 @@ def write_pages() -> None:
 
 
 def renewed(text: str) -> str:
-    """A page with the numbers and findings on file."""
+    """A page with the numbers and findings on file, and the table of refuted sentences where it has one."""
     entries = {entry.name: entry for entry in with_reasons(checks.read_all(CLAIM))}
+    if f"<!-- {TABLE} -->" in text:
+        text = replaced(text, TABLE, list(refuted(entries.values())), ROOT / "docs" / "refuted.md")
     return filled_page(text, records(entries.values()), lambda name: finding(entries[name]))
+
+
+TABLE = "refuted sentences"
+
+
+def refuted(entries: Iterable[Entry]) -> Iterator[str]:
+    """A row for each sentence of which a reading is refuted: what was found by the source's own settings, and how own
+    readings went."""
+    of: dict[Sentence, list[Entry]] = {}
+    for entry in entries:
+        if entry.sentence:
+            of.setdefault(entry.sentence, []).append(entry)
+    bad = [said for said, read in of.items() if any(entry.verdict == REFUTED for entry in read)]
+    yield "| the source | found | where |\n| --- | --- | --- |"
+    for said in sorted(bad, key=lambda said: list(SYSTEMS).index(said.system)):
+        apart = {entry.name: entry.verdict for entry in of[said] if ":" in entry.verdict}
+        names = ", ".join(f"`{entry.name}`" for entry in of[said] if entry.name not in apart)
+        others = "".join(f"<br>`{name}`: {verdict}" for name, verdict in apart.items())
+        source = SYSTEMS[said.system].partition(":")[0]
+        yield f"| {said.says} *{source}, {said.place}:* {said.words}{others} | - | {names} |"
 
 
 def finding(entry: Entry) -> str:
@@ -137,10 +168,11 @@ def system_of(entry: Entry, known: Mapping[str, Experiment]) -> str:
 
 
 def verdict_of(entry: Entry) -> str:
-    """Verdict on file in one word; "bar" of what is judged at every run, "shown" of what has no bar."""
+    """Verdict on file in one word; "bar" of what is judged at every run, "missed" where a bar is known to be missed,
+    "shown" of what has no bar."""
     if entry.kind in (CLAIM, HARD_CASE):
-        return entry.verdict.partition(":")[0]
-    return "published" if entry.kind == VALUE else "bar" if entry.rule else "shown"
+        return entry.word
+    return "published" if entry.kind == VALUE else "missed" if entry.misses else "bar" if entry.rule else "shown"
 
 
 def _choice(name: str, values: Sequence[str]) -> str:
@@ -151,9 +183,10 @@ def _choice(name: str, values: Sequence[str]) -> str:
 def _row(entry: Entry, experiment: Experiment, kept: Mapping[str, Any], system: str) -> str:
     """A row, and a second one with sources, readings, pictures and the command."""
     verdict, backend = verdict_of(entry), "cuda" if "gpu" in (kept.get("machine") or {}) else "cpu"
-    measured = checks.in_range(entry) if entry.starts or entry.kind == VALUE else entry.verdict.partition(": ")[2]
+    how = entry.verdict.partition(": ")[2]
+    measured = checks.in_range(entry) if entry.starts or entry.kind == VALUE else how
     if entry.starts:
-        measured += f", {entry.starts} {entry.over}"
+        measured = f"{how}: {measured}, {entry.starts} {entry.over}".removeprefix(": ")
     data = f'data-system="{escape(system)}" data-kind="{entry.kind}" data-verdict="{verdict}" data-backend="{backend}"'
     cells = [escape(entry.title or entry.what), f'<b class="{verdict.replace(" ", "-")}">{verdict}</b>',
              escape(measured), escape(entry.bar() or entry.paper)]  # fmt: skip
@@ -169,7 +202,9 @@ def _row(entry: Entry, experiment: Experiment, kept: Mapping[str, Any], system: 
 def _details(entry: Entry, experiment: Experiment, kept: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     """(heading, HTML) of what a row opens."""
     yield "quantity", escape(entry.what if entry.title else "")
-    yield "source", escape(f"“{entry.says}” ({entry.source})" if entry.says else entry.source)
+    said = entry.sentence
+    yield "source", escape(f"“{said.says}” ({said.words}; {said.place})" if said else entry.source)
+    yield "given there", escape(said.parameters if said else "")
     yield "reading", escape(entry.reading)
     yield "remark", escape(sentence(entry.reason) if entry.reason else "")
     yield "one start is enough", escape(entry.fixed)

@@ -5,13 +5,31 @@ import inspect
 import json
 import math
 import pathlib
+import re
+from collections import Counter
 
 import numpy as np
 import pytest
 
 from validation import checks, filling, judging, page
 from validation.__main__ import main
-from validation.checks import CLAIM, CONFIRMED, HARD_CASE, MIXED, NOT_TESTABLE, REFUTED, VALUE, Entry, Family, read_all
+from validation.checks import (
+    CLAIM,
+    CONFIRMED,
+    HARD_CASE,
+    MISSED,
+    MIXED,
+    NOT_CLAIMED,
+    NOT_TESTABLE,
+    OWN_READING,
+    REFUTED,
+    VALUE,
+    VERDICT,
+    Entry,
+    Family,
+    Sentence,
+    read_all,
+)
 from validation.experiment import Experiment, Measure, Options, Run, discover
 from validation.perform import EXIT_FAILED, EXIT_FINE, EXIT_INPUT
 from validation.results import Result
@@ -63,6 +81,50 @@ def test_the_null_model_of_a_family_refutes_every_claim(name):
         assert claim.null == pytest.approx(float(np.median(values)), rel=1e-3, abs=1e-12)
 
 
+PLACE = re.compile(r"(abstract|\[\d{4}\]|claim \d|(introduction|section \d(\.\d){0,2}), paragraph \d+), sentence \d+")
+ORIGINAL = re.compile(r"[\u4e00-\u9fffA-Za-z0-9%\[\],、()=]{3,40}")
+
+
+def test_every_sentence_of_a_source_has_its_place_and_words_of_the_original():
+    said = checks.sentences(checks.FOLDER)
+    assert {claim.sentence.name for claim in CLAIMS.values()} == set(said)
+    for name, sentence in said.items():
+        assert sentence.system in page.SYSTEMS, name
+        assert PLACE.fullmatch(sentence.place), (name, sentence.place)
+        assert ORIGINAL.fullmatch(sentence.words), (name, sentence.words)
+        assert re.search(r"[\u4e00-\u9fff]{2}", sentence.words), name
+        assert sentence.says.endswith("."), name
+        assert sentence.parameters, name
+    assert len({(s.system, s.words) for s in said.values()}) == len(said)
+
+
+def test_the_page_of_checks_counts_the_verdicts():
+    count = Counter(claim.word for claim in CLAIMS.values())
+    words = " ".join((ROOT / "docs" / "checks.md").read_text().split())
+    assert (
+        f"Of the {count.total()} claims {count[CONFIRMED]} are confirmed, {count[REFUTED]} refuted,"
+        f" {count[MIXED]} mixed, {count[NOT_TESTABLE]} not testable, {count[OWN_READING]} own readings and {count[NOT_CLAIMED]} not claimed."
+    ) in words
+
+
+def test_the_page_of_refuted_sentences_has_all_readings_of_each():
+    """A row names every claim of its sentence, so that what is confirmed of it is said beside what is refuted."""
+    rows = [row for row in (ROOT / "docs" / "refuted.md").read_text().splitlines() if row.startswith("| ")][2:]
+    found = {frozenset(re.findall(r"`(\w+)`", row)): row for row in rows}
+    wanted = {}
+    for claim in CLAIMS.values():
+        wanted.setdefault(claim.sentence.name, set()).add(claim.name)
+    refuted = {CLAIMS[name].sentence.name for name in CLAIMS if CLAIMS[name].verdict == REFUTED}
+    assert set(found) == {frozenset(wanted[name]) for name in refuted}
+    for names, row in found.items():
+        said, told, _ = row.removesuffix(" |").rsplit(" | ", 2)
+        assert {each.partition(".")[0] for each in told.split("<br>")} == {
+            CLAIMS[name].verdict for name in names if ":" not in CLAIMS[name].verdict
+        }
+        assert all(f"`{name}`: {CLAIMS[name].verdict}" in said for name in names if ":" in CLAIMS[name].verdict)
+        assert CLAIMS[next(iter(names))].sentence.words in said
+
+
 def test_numbers_on_the_pages_are_those_of_the_records():
     for path in sorted((ROOT / "docs").glob("*.md")):
         text = path.read_text()
@@ -70,10 +132,22 @@ def test_numbers_on_the_pages_are_those_of_the_records():
 
 
 # How it is judged
+SAID = Sentence("small", "s", "section 1, sentence 1", "小", "It is small.", "none")
+
+
 def claim(**changes):
-    given = {"name": "one", "experiment": "e", "kind": CLAIM, "system": "s", "title": "It is small",
-             "says": "It is small.", "source": "here", "reading": "as printed", "verdict": CONFIRMED,
-             "what": "a size", "rule": "at_most", "bound": 1.0}  # fmt: skip
+    given = {
+        "name": "one",
+        "experiment": "e",
+        "kind": CLAIM,
+        "sentence": SAID,
+        "title": "It is small",
+        "reading": "as printed",
+        "verdict": CONFIRMED,
+        "what": "a size",
+        "rule": "at_most",
+        "bound": 1.0,
+    }
     return Entry(**{**given, **changes})
 
 
@@ -84,6 +158,23 @@ def claim(**changes):
 ])  # fmt: skip
 def test_all_starts_confirm_none_refutes_and_few_judge_nothing(values, verdict):
     assert claim().judge(values) == verdict
+
+
+@pytest.mark.parametrize("apart", [OWN_READING, NOT_CLAIMED])
+@pytest.mark.parametrize(("values", "went"), [
+    (5 * [0.5], "kept"), (5 * [2.0], "missed"), ([0.5, 2.0, 2.0, 2.0, 2.0], "mixed"), ([0.5], NOT_TESTABLE),
+])  # fmt: skip
+def test_what_the_source_does_not_say_is_never_its_verdict(apart, values, went):
+    """The bar is judged all the same: how it went stands behind the colon, and another outcome fails the check."""
+    entry = claim(verdict=f"{apart}: kept")
+    assert entry.judge(values) == f"{apart}: {went}"
+    assert checks.checked(entry, values).verdict == ("pass" if went == "kept" else "fail")
+
+
+def test_a_bar_that_is_known_to_be_missed_fails_where_it_is_kept():
+    entry = Entry("a", "e", VERDICT, rule="at_most", bound=1.0, misses=True)
+    assert (entry.judge([2.0]), entry.judge([1.0])) == (MISSED, "fail")
+    assert not checks.failed([checks.checked(entry, [2.0])])
 
 
 @pytest.mark.parametrize("outcome, expected, verdict", [
@@ -104,14 +195,23 @@ def test_what_is_beyond_the_spread_deviates(value):
     assert entry.judge([1.899]) == "pass", "spreads are published with four digits"
 
 
-CLAIMED = 'kind="claim"\nsystem="s"\nsays="x"\n'
+SAYING = '[sentence.x]\nsystem="s"\nplace="abstract"\nwords="小"\nsays="x"\nparameters="none"\n'
+CLAIMED = 'kind="claim"\nsentence="x"\n'
+
+
+JUDGED = ('title="t"\nreading="r"\nwhat="a"\nunit="m"\nat_most=1\nmeasured=0.5\nspread=[0.5, 0.5]\nstarts=5\n'
+          'over="seeds"\n')  # fmt: skip
 
 
 @pytest.mark.parametrize(("text", "words"), [
-    (CLAIMED + 'verdict="not testable"\nsource="y"\ntitle="t"\nreading="r"', "a reason"),
-    (CLAIMED + 'verdict="not testable"\nsource="y"\ntitle="t"\nreason="z"', "reading"),
-    (CLAIMED + 'verdict="perhaps"\nsource="y"', "lacks"),
-    (CLAIMED + 'verdict="not testable"\nsource="y"\ntitle="t"\nreading="r"\nreason="z"\nmood="good"', "mood"),
+    (CLAIMED + 'verdict="not testable"\ntitle="t"\nreading="r"', "a reason"),
+    (CLAIMED + 'verdict="not testable"\ntitle="t"\nreason="z"', "reading"),
+    (CLAIMED + 'verdict="perhaps"', "lacks"),
+    (CLAIMED + 'verdict="not testable"\ntitle="t"\nreading="r"\nreason="z"\nmood="good"', "mood"),
+    (CLAIMED.replace("x", "y") + 'verdict="not testable"\ntitle="t"\nreading="r"\nreason="z"', "the sentence 'y'"),
+    (CLAIMED + JUDGED + 'verdict="own reading"\nreason="z"', "has the verdict 'own reading'"),
+    (CLAIMED + JUDGED + 'verdict="confirmed: kept"', "has the verdict 'confirmed: kept'"),
+    (CLAIMED + JUDGED + 'verdict="not claimed: kept"', "what the source states otherwise, or does not say"),
     ('kind="verdict"\nwhat="a"\nunit="m"\nat_most=1', "source"),
     ('kind="verdict"\nwhat="a"\nunit="m"\nsource="s"\nat_most=1\nat_least=0', "at most one rule"),
     ('kind="hard case"\nwhat="a"\nholds="b"\ntrial="c"\nverdict="refused"', "a reason"),
@@ -121,7 +221,7 @@ CLAIMED = 'kind="claim"\nsystem="s"\nsays="x"\n'
 ])  # fmt: skip
 def test_an_incomplete_entry_is_refused(text, words, tmp_path):
     (tmp_path / "e").mkdir()
-    (tmp_path / "e" / "expected.toml").write_text(f"[check.a]\n{text}")
+    (tmp_path / "e" / "expected.toml").write_text(f"{SAYING}[check.a]\n{text}")
     with pytest.raises(ValueError, match=words):
         read_all(folder=tmp_path)
 
@@ -136,11 +236,13 @@ def own(tmp_path, monkeypatch):
     """A file and one measure of our own; its values are set by the test."""
     (tmp_path / "e").mkdir()
     (tmp_path / "e" / "expected.toml").write_text(
-        '[check.small]\nkind = "claim"\nsystem = "s"\ntitle = "It is small"\nsays = "It is small indeed."\n'
-        'source = "(1)"\nreading = "as printed"\nwhat = "its size"\nunit = "m"\nat_most = 1\nmeasured = 0.5\n'
+        '[sentence.small]\nsystem = "s"\nplace = "(1)"\nwords = "小"\nsays = "It is small indeed."\n'
+        'parameters = "none"\n\n'
+        '[check.small]\nkind = "claim"\nsentence = "small"\ntitle = "It is small"\n'
+        'reading = "as printed"\nwhat = "its size"\nunit = "m"\nat_most = 1\nmeasured = 0.5\n'
         'spread = [0.5, 0.5]\nstarts = 5\nover = "seeds"\nnull = nan\nverdict = "confirmed"\n\n'
-        '[check.nice]\nkind = "claim"\nsystem = "s"\ntitle = "It is nice"\nsays = "It is nice indeed."\n'
-        'source = "(2)"\nreading = "as printed"\nverdict = "not testable"\nreason = "No measure."\n'
+        '[check.nice]\nkind = "claim"\nsentence = "small"\ntitle = "It is nice"\n'
+        'reading = "as printed"\nverdict = "not testable"\nreason = "No measure."\n'
     )
     values = [0.25, 0.5, 0.75, 0.5, 0.5]
 
@@ -172,7 +274,7 @@ def test_the_command_measures_stores_and_writes(own, capsys):
     text = "".join(page.table())
     assert "0.5 m (0.25 to 0.75), 5 seeds" in text
     assert "It could be large. Null model: a large one, which gives 9." in text
-    assert "“It is small indeed.” ((1))" in text
+    assert "“It is small indeed.” (小; (1))" in text
     assert json.loads((folder / "figures" / "claims.json").read_text())["small"]["values"] == values
     assert len(list((folder / "results" / "e").iterdir())) == 5
 

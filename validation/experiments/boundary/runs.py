@@ -1136,6 +1136,15 @@ JUDGED_SHARES = (0.5, 1.0, 1.55)  # of the runner's step, which 1 stands for; it
 QUICK_RAIN, QUICK_POUR = 640, 0.1  # particles; simulated seconds
 
 
+def _rains(options: Options) -> list[Run]:
+    """Rain at the runner's own step, tested at the end of a step, as the patent has it: the experiment's own runs."""
+    given = {"correction": "point", "share": 1.0, "backend": options.backend}
+    return [Run(f"flow_rain_{shape}_point_1", rain, {"shape": shape, **given}, 5.0) for shape in RAINED]
+
+
+COUPLING_KEEPS_OUT = Measure(_rains, each("ever_inside"), quick=False)
+
+
 def flow_planned(options: Options) -> list[Run]:
     """Liquid at meshes; the quick ones are one rain and one pour."""
     reason = "takes minutes; run without --quick" if options.quick else ""

@@ -518,6 +518,18 @@ def _history_values(found: Results) -> list[float]:
 
 SHAPE_LIKE_CSF = Measure(every(history, HISTORIES, 8.0), _history_values, quick=False)
 
+
+def corners(values: Mapping[str, Any]) -> float:
+    """Greatest q4 over the size of that of the cube at the start: above 0 the corners lie where faces were."""
+    moment = values["series"]["moment"]
+    return max(map(real, moment)) / abs(real(moment[0]))
+
+
+CUBES = {f"claim_corners_{side}": {"count": side**3} for side in SIDES}
+SIX_CORNERS = Measure(
+    every(cube, CUBES, 8.0, shape="cube", until=1.2, samples=60), each(corners), quick=False
+)  # fmt: skip
+
 # Droplets against net.
 
 

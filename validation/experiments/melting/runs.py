@@ -6,7 +6,7 @@ import itertools
 import math
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -553,6 +553,22 @@ MELTING_SOLIDS_SLOWER = Measure(shares, slower, quick=False, timed=True)
 MELTING_SUMS_IN_PARALLEL = Measure(sums, by_members, timed=True)
 MELTING_GPU_PER_STAGE = Measure(on_both, faster, quick=False, timed=True)
 MELTING_REAL_TIME = Measure(full, each("step", "seconds"), quick=False, timed=True)  # lists included
+
+
+def costs(options: Options) -> list[Run]:
+    """The scenes of table 2 on the threads of a CPU: the experiment's own runs."""
+    cost = {"size": 1.0, "backend": options.backend, "threads": options.threads, "warm": 40, "rounds": 5, "steps": 4}
+    return [Run(f"cost_{figure}", step_cost, {"figure": figure, **cost}, 12.0) for figure in PAPER]
+
+
+def search(values: Mapping[str, Any]) -> float:
+    """Seconds of the list of neighbours over those of all else that WCSPH and the coupling take."""
+    stage = values["stages"] if "heat" in values["stages"] else grouped(values["stages"])
+    return stage["neighbour list"] / stage["liquid and coupling"]
+
+
+MELTING_SEARCH_COSTLIEST = Measure(full, each(search), quick=False, timed=True)
+MELTING_SEARCH_COSTLIEST_ON_THREADS = Measure(costs, each(search), quick=False, timed=True)
 
 # Null models
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import time
 from collections.abc import Callable, Mapping
 from typing import Any
 from unittest import mock
@@ -19,9 +20,10 @@ from refsim.core.errors import InputError, RunStopped
 from refsim.scene.plan import make_plan
 from refsim.surface_tension.cohesion import COLLAPSE, PairCohesion, compression
 from validation.checks import Checks
-from validation.experiment import Experiment, Measure, Options, Results, Run
+from validation.experiment import Experiment, Measure, Options, Results, Run, each, every
 from validation.experiments.droplet.runs import BOILS, CALM, pieces, relaxed
-from validation.experiments.models.scene import ADVANCED, CUTS, MODELS, PRINTED
+from validation.experiments.droplet.scene import droplet_scene, particles
+from validation.experiments.models.scene import ADVANCED, CUTS, EQUAL, MODELS, PRINTED
 from validation.measure.drops import MODELS as SETTINGS
 from validation.measure.drops import OTHER_BASE
 from validation.metrics.droplet import nearest_neighbour_distance, sphericity, surface_mesh
@@ -38,7 +40,7 @@ def relax(context: Context, model: str, shape: str, count: int, backend: str, se
 
     At rest from: the first sample from which on the kinetic energy stays below 1e-3 of its peak.
     """
-    chosen = (MODELS | PRINTED | ADVANCED)[model]
+    chosen = (MODELS | PRINTED | ADVANCED | EQUAL)[model]
     result = relaxed(context, chosen.words, chosen.changes, shape, count, backend, seed=seed)
     values = dict(result.values)
     energy = floats(values["series"]["kinetic_energy"])
@@ -81,29 +83,33 @@ STARTS = {
     "cube": ("cube", 4913, 1), "cut": ("cut", 5039, 1), "cut_2": ("cut", 5039, 2), "cut_3": ("cut", 5039, 3),
     "cut_4": ("cut", 5039, 4),
 }  # fmt: skip
+SIDES = (9, 10, 11, 12, 13)  # of the cubes on which models are compared at equal settings
+SMALL = {f"cube_{side}": ("cube", side**3, 1) for side in SIDES}
 
 
 def drop(options: Options, model: str, start: str) -> Run:
     """A run of the experiment, or the same from another rotation."""
-    shape, count, seed = STARTS[start]
+    shape, count, seed = (STARTS | SMALL)[start]
     parameters = {"model": model, "shape": shape, "count": count, "backend": options.backend}
     if seed != 1:
         parameters["seed"] = seed
-    return Run(f"{start}_{model}", relax, parameters, estimate=40.0)
+    return Run(f"{start}_{model}", relax, parameters, estimate=40.0 if start in STARTS else 8.0)
 
 
-def measured(value: Callable[[Mapping], float], *models: str, timed: bool = False) -> Measure:
+def measured(
+    value: Callable[[Mapping], float], *models: str, timed: bool = False, starts: Mapping[str, Any] = STARTS
+) -> Measure:
     """The value of a model's drop, or of a first model's over that of a second's, start by start.
 
     Infinite where the first is (never at rest), whether or not the second is.
     """
 
     def planned(options: Options) -> list[Run]:
-        return [drop(options, model, start) for start in STARTS for model in models]
+        return [drop(options, model, start) for start in starts for model in models]
 
     def values(results: Results) -> list[float]:
         found = []
-        for start in STARTS:
+        for start in starts:
             parts = [value(results[f"{start}_{model}"].values) for model in models]
             found.append(parts[0] if len(parts) == 1 or math.isinf(parts[0]) else parts[0] / parts[1])
         return found
@@ -145,9 +151,15 @@ def expansion(values: Mapping) -> float:
     return real(extent[-1]) / real(extent[2 * (len(extent) - 1) // 3]) - 1
 
 
-def seconds(values: Mapping) -> float:
-    """Wall seconds until at rest as a ball; infinite where that never comes, as for a star that has frozen."""
-    return real(values["rest"]["wall"]) if values["rest"] is not None and whole_area(values) <= ROUND else math.inf
+def rest(values: Mapping, of: str = "wall") -> float:
+    """Wall seconds until at rest as a ball, or `of` "time" those simulated; infinite where that never comes, as for a
+    star that has frozen."""
+    return real(values["rest"][of]) if values["rest"] is not None and whole_area(values) <= ROUND else math.inf
+
+
+def rest_time(values: Mapping) -> float:
+    """Simulated seconds until at rest as a ball."""
+    return rest(values, "time")
 
 
 RIVAL_CSF_UNEVEN = measured(nearest, "csf")
@@ -163,10 +175,56 @@ RIVAL_AKINCI_AREA = measured(whole_area, "akinci")
 RIVAL_IISPH_AREA = measured(whole_area, "akinci_iisph")
 RIVAL_IISPH_ROUGH = measured(roughness, "akinci_iisph", "jiang_zhu")
 OWN_DROP_ROUND = measured(whole_area, "jiang_zhu")
-SOONER_THAN_CSF = measured(seconds, "jiang_zhu", "csf", timed=True)
-SOONER_THAN_BECKER = measured(seconds, "jiang_zhu", "becker_teschner", timed=True)
-SOONER_THAN_AKINCI = measured(seconds, "jiang_zhu", "akinci", timed=True)
-SOONER_THAN_IISPH = measured(seconds, "jiang_zhu", "akinci_iisph", timed=True)
+SOONER_THAN_CSF = measured(rest, "jiang_zhu", "csf", timed=True)
+SOONER_THAN_BECKER = measured(rest, "jiang_zhu", "becker_teschner", timed=True)
+SOONER_THAN_AKINCI = measured(rest, "jiang_zhu", "akinci", timed=True)
+SOONER_THAN_IISPH = measured(rest, "jiang_zhu", "akinci_iisph", timed=True)
+
+# Cubes of 9^3 to 13^3: the paper's own choices (pairs with one particle in S, J(10) and J(9) as printed), refsim's
+# default, and Akinci at its own best settings and at those of Jiang & Zhu.
+
+CLUSTERS_PAPER = measured(nearest, "jiang_zhu_paper", starts=SMALL)
+CLUSTERS_CLAMPED = measured(nearest, "jiang_zhu_clamped", starts=SMALL)
+CLUSTERS_EITHER = measured(nearest, "jiang_zhu_either", starts=SMALL)
+CLUSTERS_DEFAULT = measured(nearest, "jiang_zhu", starts=SMALL)
+CLUSTERS_BESIDE_AKINCI = measured(nearest, "jiang_zhu_paper", "akinci_equal", starts=SMALL)
+PAPER_DROP_ROUND = measured(whole_area, "jiang_zhu_paper", starts=SMALL)
+SOONER_PAPER = measured(rest_time, "jiang_zhu_paper", "akinci_equal", starts=SMALL)
+SOONER_BEST = measured(rest_time, "jiang_zhu", "akinci", starts=SMALL)
+SOONER_EQUAL = measured(rest_time, "jiang_zhu", "akinci_equal", starts=SMALL)
+
+
+def step_cost(context: Context, side: int, backend: str, turns: int = 24) -> Result:
+    """Processor seconds of a step on one thread at the start of a cube, by model: lower quartile of `turns` readings.
+
+    The models take turns.
+    """
+    position, spacing, _ = particles("cube", side**3)
+    made = {
+        name: context.simulation(droplet_scene(position, spacing, **(MODELS | EQUAL)[name].changes), backend, 1)
+        for name in ("jiang_zhu", "jiang_zhu_paper", "jiang_zhu_either", "akinci", "akinci_equal")
+    }
+    spent: dict[str, list[float]] = {name: [] for name in made}
+    for turn in range(turns + 2):  # what the first ones compile does not count
+        for name, simulation in made.items():
+            began = time.process_time()
+            for _ in range(4):
+                simulation.step()
+            if turn > 1:
+                spent[name].append((time.process_time() - began) / 4)
+    return Result({name: float(np.quantile(taken, 0.25)) for name, taken in spent.items()})
+
+
+def cost(own: str, over: str) -> Measure:
+    """Processor seconds of a step of one model over those of another."""
+    runs = {f"claim_step_{side}": {"side": side} for side in SIDES}
+    return Measure(every(step_cost, runs, 6.0), each(own, over), timed=True)
+
+
+STEP_ON_SURFACE = cost("jiang_zhu_paper", "jiang_zhu")
+STEP_EITHER = cost("jiang_zhu_either", "jiang_zhu")
+STEP_BEST = cost("jiang_zhu", "akinci")
+STEP_EQUAL = cost("jiang_zhu", "akinci_equal")
 
 # Null models
 

@@ -72,6 +72,21 @@ ADVANCED: dict[str, Model] = {
     if name not in BESIDE
 }
 CUTS = ("cut", "cut_2", "cut_3")  # starts of ADVANCED
+# For the claims alone: as in the paper, which leaves h, viscosity and sound speed open, and a rival at the same ones.
+EQUAL: dict[str, Model] = {
+    "jiang_zhu_paper": Model(
+        "Jiang & Zhu 2023, its own choices", 30.3, {"literal": ("paper",), "tension": {"literal": ("paper",)}}
+    ),
+    "jiang_zhu_clamped": Model(
+        "the same, negative pressures clamped", 30.3, {"literal": ("E24",), "tension": {"literal": ("paper",)}}
+    ),
+    "jiang_zhu_either": Model(
+        "pairs with one particle in S, all else refsim's", 30.3, {"tension": {"pair_mode": "either"}}
+    ),
+    "akinci_equal": Model(
+        "[9] Akinci 2013 at Jiang & Zhu's settings", 35.1, {"effects": (Akinci2013(surface_tension=1.0),)}
+    ),
+}
 # As printed, where that differs from what is shown above: for the claims alone.
 PRINTED: dict[str, Model] = {
     "becker_teschner_printed": Model(

@@ -906,6 +906,49 @@ MPM_CLUSTER_STEADIES = Measure(_steps("cluster, no inset"), _pairs("largest"), q
 MPM_THESIS_STEADIES = Measure(_steps("thesis (4.14), no inset"), _pairs("largest"), quick=False)
 
 
+def lost_beyond(context: Context, seed: int, distance: float = math.sqrt(3), tries: int = 200) -> Result:
+    """Share of a sample's force (4.18) on nodes without mass, mean over places of the grid; lengths in cells.
+
+    The sample lies at `distance` from the nearest particle, over a plane surface of a lattice of half a cell, which is
+    turned at random.
+    """
+    random, shares = np.random.default_rng(seed), []
+    outward = np.linalg.qr(random.normal(size=(3, 3)))[0][:, 0]
+    axis = 0.5 * np.arange(-7, 8)
+    lattice = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3)
+    corner = np.stack(np.meshgrid(*[np.arange(3)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    for _ in range(tries):
+        particle = lattice + random.uniform(0, 0.5, 3)
+        particle = particle[particle @ outward <= 0]
+        low, high = 0.0, 2 * distance
+        for _ in range(40):  # the height at which the nearest particle is so far away
+            middle = 0.5 * (low + high)
+            near = np.linalg.norm(particle - middle * outward, axis=1).min()
+            low, high = (middle, high) if near < distance else (low, middle)
+        place = random.uniform(0, 1, 3)
+        sample, particle = high * outward + place, particle + place
+        node = np.floor(sample - 0.5) + corner
+        value, slope = _splines(sample - node)
+        rows = [np.prod(np.where(np.arange(3) == k, slope, value), axis=1) for k in range(3)]
+        along = np.stack(rows, axis=-1)
+        force = np.linalg.norm(along - (along @ outward)[:, None] * outward, axis=1)
+        mass = np.prod(_splines(particle[:, None] - node)[0], axis=-1).sum(0)
+        shares.append(force[mass < 1e-12].sum() / force.sum())
+    return Result({"lost": float(np.mean(shares))})
+
+
+def _splines(u: NDArray) -> tuple[NDArray, NDArray]:
+    """(B, B') of the quadratic spline at u cells from a node."""
+    a = np.abs(u)
+    value = np.where(a < 0.5, 0.75 - a**2, np.where(a < 1.5, 0.5 * (1.5 - a) ** 2, 0.0))
+    return value, np.where(a < 0.5, -2 * u, np.where(a < 1.5, -np.sign(u) * (1.5 - a), 0.0))
+
+
+MPM_TENSION_BEYOND_REACH = Measure(
+    every(lost_beyond, {f"claim_reach_{seed}": {"seed": seed} for seed in SEEDS}, 1.0), each("lost")
+)
+
+
 def _fails(measure: Measure) -> list[float]:
     """The printed embedding, in the place of any other."""
     found = momentum(Context(), SEEDS[0]).values["thesis"]
