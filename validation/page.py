@@ -83,7 +83,7 @@ def write_pages() -> None:
     for page in (ROOT / "docs").glob("*.md"):
         text = page.read_text(encoding="utf-8")
         if (new := renewed(text)) != text:
-            page.write_text(new)
+            page.write_text(new, encoding="utf-8")
 
 
 def renewed(text: str) -> str:
