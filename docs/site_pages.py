@@ -159,7 +159,7 @@ def gallery() -> Iterator[str]:
     yield '<div class="gallery">\n'
     for name, experiment in discover().items():
         own = [claim for claim in claims if claim.experiment == name]
-        counted = Counter(claim.verdict for claim in own)
+        counted = Counter(claim.word for claim in own)
         papers = dict.fromkeys(SYSTEMS.get(claim.system, claim.system).partition(":")[0] for claim in own)
         verdict = ", ".join(f"{number} {words}" for words, number in counted.most_common())
         for picture in experiment.pictures:

@@ -94,6 +94,17 @@ def test_printed_readings_are_explained(name):
             assert all(here[0])
 
 
+def test_what_literal_paper_takes_is_a_choice_or_a_gap_and_no_misprint():
+    kinds = {(row[0], name): row[1] for row in entries() for names in re.findall(SWITCH, row[-1])
+             for name in re.findall(r"\w+", names[1])}  # fmt: skip
+    assert set(kinds.values()) == {"misprint", "gap", "own choice"}
+    for name, effect in PUBLISHED.items():
+        taken = {(erratum, name) for erratum in getattr(effect, "improvements", ())} & set(kinds)
+        assert {kinds[each] for each in taken} <= {"own choice", "gap"}, name
+        left = {each for each in kinds if each[1] == name} - taken
+        assert {kinds[each] for each in left} <= {"misprint", "gap"}, name
+
+
 def test_what_the_errata_call_switchable_is():
     told = {(erratum, name) for row in entries() for erratum, names in SWITCH.findall(row[-1])
             for name in re.findall(r"\w+", names)}  # fmt: skip

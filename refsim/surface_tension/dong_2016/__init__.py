@@ -41,7 +41,7 @@ class NormalCorrection(NamedTuple):
     """Parameters of D(9) in kernels."""
 
     coefficient: float  # lambda/h [m/s^2], for normals with the factor h
-    symmetric: int  # 0: V_j = m_j/rho_j as printed (Dong E21)
+    symmetric: int  # 0: V_j = m_j/rho_j (Dong E21)
 
 
 class Dong2016(PairCohesion, HasErrata, frozen=True, kw_only=True):
@@ -56,8 +56,8 @@ class Dong2016(PairCohesion, HasErrata, frozen=True, kw_only=True):
                       their tension alone) or "hu_adams" (D(3) to D(5))
     balance_pressure  the equation of state balances the cohesion of the bulk by P_int (rho/rho0)^2 (not in the paper);
                       without it cohesion compresses the liquid
-    literal           readings of the paper: its own choice "E21" (V_j = m_j/rho_j in D(9), which loses momentum), also
-                      as "all"; "paper" takes D(3) to D(5), too, and balances nothing
+    literal           other readings of formulas that are lost: "E21" (V_j = m_j/rho_j in D(9), which loses momentum),
+                      also as "all"; "paper" takes D(3) to D(5), too, and balances nothing
 
     Pair force and correction conserve linear momentum; the correction does not conserve angular momentum.
     """

@@ -15,7 +15,7 @@ def force_shape(q, molecular_force):
 def correction_pair(mass_j, density_i, density_j, kernel, normal_correction):
     """D(9): factor of (n_i - n_j) in the acceleration of i, -lambda V_j W_ij [m^2/s^2] for n in 1/m.
 
-    V_j = 2 m_j/(rho_i + rho_j), with which D(10) holds (Dong E21); printed m_j/rho_j.
+    V_j = 2 m_j/(rho_i + rho_j), with which D(10) holds (Dong E21); or m_j/rho_j; the formula is lost.
     """
     if normal_correction.symmetric:
         return -normal_correction.coefficient * (mass_j + mass_j) / (density_i + density_j) * kernel

@@ -95,7 +95,7 @@ def tension(position, mass, density, surface_normal, smoothing, molecular_force,
     """Acceleration F/m [m/s^2] by pair force and correction, each unless None; surface_normal = h n_i.
 
     D(6), D(7) a_i = sum_j m_j L(r) e_ij;
-    D(9) a_i = -lambda sum_j V_j (n_i - n_j) W_ij, V_j = 2 m_j/(rho_i + rho_j) (Dong E21) or as printed m_j/rho_j.
+    D(9) a_i = -lambda sum_j V_j (n_i - n_j) W_ij, V_j = 2 m_j/(rho_i + rho_j) (Dong E21) or m_j/rho_j; it is lost.
     """
     h = float(smoothing.support_radius)
     mass, rho = np.asarray(mass, dtype=float), np.asarray(density, dtype=float)

@@ -123,8 +123,9 @@ def nearest(values: Mapping) -> float:
 
 
 def roughness(values: Mapping) -> float:
-    """Radius variation at the end."""
-    return real(values["end"]["radius_variation"])
+    """Radius variation at the end; infinite where the drop is torn."""
+    found = real(values["end"]["radius_variation"])
+    return math.inf if math.isnan(found) else found
 
 
 def area(values: Mapping) -> float:
@@ -188,6 +189,7 @@ CLUSTERS_CLAMPED = measured(nearest, "jiang_zhu_clamped", starts=SMALL)
 CLUSTERS_EITHER = measured(nearest, "jiang_zhu_either", starts=SMALL)
 CLUSTERS_DEFAULT = measured(nearest, "jiang_zhu", starts=SMALL)
 CLUSTERS_BESIDE_AKINCI = measured(nearest, "jiang_zhu_paper", "akinci_equal", starts=SMALL)
+AKINCI_ROUGH_EQUAL = measured(roughness, "akinci_equal", "jiang_zhu_paper", starts=SMALL)
 PAPER_DROP_ROUND = measured(whole_area, "jiang_zhu_paper", starts=SMALL)
 SOONER_PAPER = measured(rest_time, "jiang_zhu_paper", "akinci_equal", starts=SMALL)
 SOONER_BEST = measured(rest_time, "jiang_zhu", "akinci", starts=SMALL)
