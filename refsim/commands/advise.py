@@ -8,17 +8,16 @@ from refsim.core.errors import InputError
 from refsim.study import advice
 from refsim.study.panels import abouts
 
-DESCRIPTION = """The cheapest measured setting for a relative error of an observable, what it took, and what it would
-take on this machine; the setting's scene is written where it has one. Without an observable, list them. For another
-scene: refsim study."""
+DESCRIPTION = """The cheapest measured setting for a relative error of an observable, and what it took; the setting's
+scene is written where it has one (refsim plan SCENE --time: what it takes here). Without an observable, list them. For
+another scene: refsim study."""
 
 
 @command("advise", "the cheapest setting for an accuracy", DESCRIPTION)
 @takes("observable", nargs="?", help="one of the panels; none lists them")
 @takes("--error", type=float, default=0.01, metavar="E", help="relative error to reach (0.01)")
 @takes("--seconds", type=float, metavar="S", help="instead: the least error within so many measured seconds")
-@takes("--gpu", action="store_true", help="the setting for a GPU; the prediction is for this machine's")
-@takes("--measured", action="store_true", help="the stored seconds alone: nothing is measured on this machine")
+@takes("--gpu", action="store_true", help="the setting for a GPU")
 @takes("--output", metavar="FILE", help="where the scene is written (OBSERVABLE.toml)")
 @takes("--overwrite", action="store_true", help="replace a file that is there")
 def execute(options: argparse.Namespace) -> CommandResult:
@@ -36,8 +35,6 @@ def execute(options: argparse.Namespace) -> CommandResult:
         raise InputError(f"advise: this setting of {options.observable} has no scene; leave --output out.")
     if found.toml:
         write_new({path: found.toml.encode()}, "file (--output)", options.overwrite, "scene", "nothing was written")
-    if not options.measured:
-        found = advice.scaled(found)
     text, data = advice.text_of(found), advice.data_of(found)
     if found.toml:
         data["scene"] = str(path)

@@ -9,7 +9,6 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from refsim.backends.arrays import choose, set_threads
 from refsim.commands import CommandResult, command, in_bytes, in_time, planned, table, takes
 from refsim.core import capabilities
 from refsim.core.capabilities import HoldsOtherMemory, having
@@ -22,7 +21,7 @@ from refsim.scene.files import load_scene
 from refsim.scene.passes import accounts
 from refsim.scene.plan import Plan
 from refsim.sph import gravity_of
-from refsim.study.cost import Prediction, every_backend
+from refsim.study.cost import STEPS, Cost, measured
 from refsim.study.memory import bytes_of, neighbour_list
 
 
@@ -210,9 +209,7 @@ def _notes(plan: Plan, steps: dict[str, Any]) -> Iterator[str]:
 @command("plan", "show what a scene would allocate and launch")
 @takes("scene", help="scene file (TOML)")
 @takes("--backend", default="cpu", help=f"whose kernels are named: {', '.join(BACKENDS)} (cpu)")
-@takes("--time", action="store_true", help="predict seconds and memory on this machine's backends")
-@takes("--threads", type=int, metavar="N", help="CPU threads for --time (one for 1,024 particles)")
-@takes("--fresh", action="store_true", help="measure the constants of --time anew")
+@takes("--time", action="store_true", help="time ten steps of the scene on one thread, and say what a run takes")
 def execute(options: argparse.Namespace) -> CommandResult:
     """Plan a scene file."""
     if options.backend not in BACKENDS:
@@ -221,30 +218,20 @@ def execute(options: argparse.Namespace) -> CommandResult:
     found = describe_plan(plan, options.backend)
     if not options.time:
         return CommandResult(found, _text(found))
-    set_threads(choose("cpu"), options.threads)  # refuses a number that is not possible here
-    predicted = every_backend(plan, options.threads, fresh=options.fresh)
-    found["time"] = [asdict(each) for each in predicted]
-    return CommandResult(found, f"{_text(found)}\n\n{_time(predicted)}")
+    cost = measured(plan, options.backend)
+    found["time"] = {**asdict(cost), "processor": cost.processor, "wall": cost.wall}
+    return CommandResult(found, f"{_text(found)}\n\n{_time(cost)}")
 
 
-def _time(predicted: list[Prediction]) -> str:
-    """What a run would take on each backend."""
-    rows = []
-    for each in predicted:
-        cells: tuple[str, ...] = ("-",) * 8
-        if math.isfinite(each.seconds):
-            start, loading, writing, whole = ("-",) * 4
-            if each.waits:
-                start, loading, writing = (in_time(each.waits[name]) for name in ("start", "loading", "writing"))
-                whole = in_time(each.whole)
-            counts = (f"{each.steps:,}", f"{each.builds:,}", in_bytes(each.bytes))
-            cells = (whole, start, loading, in_time(each.seconds), writing, *counts)
-        rows.append((each.backend, *cells))
-    head = ("backend", "in all", "start", "loading", "steps take", "writing", "steps", "list builds", "memory")
-    notes = [f"{each.backend}: {each.note}" for each in predicted if each.note]
-    title = "Time of refsim run on this machine, whose kernels are compiled"
-    lines = [title, table(rows, head, right=range(1, len(head))), *notes]
-    return "\n".join(lines)
+def _time(cost: Cost) -> str:
+    """What a run would take."""
+    rows = (
+        ("start", f"{in_time(cost.start)} by the clock, kernels compiled or loaded"),
+        ("steps", f"{in_time(cost.processor)} of the processor: {cost.steps:,} of {cost.length:.3g} s"),
+        ("wall", f"{in_time(cost.wall)}, {cost.ratio:.3g} times as much, as in the steps that were timed"),
+        ("memory", in_bytes(cost.bytes)),
+    )
+    return f"Time on this machine, backend {cost.backend}, one CPU thread, from {STEPS} steps\n{table(rows)}"
 
 
 def _text(found: dict[str, Any]) -> str:

@@ -18,7 +18,6 @@ from refsim.engine.driver import RunReport, simulate
 from refsim.engine.progress import Progress, compiling_bar, say
 from refsim.engine.simulation import Simulation
 from refsim.scene.files import load_scene
-from refsim.study.cost import seconds_left
 from refsim.study.observables import Watching, observable_of
 
 DESCRIPTION = """Run a scene to its end. The folder of the run holds particles.vtkhdf (open it in ParaView),
@@ -48,7 +47,7 @@ def execute(options: argparse.Namespace) -> CommandResult:
     if simulation.source is not None and simulation.time >= until:
         simulation.notes.append(f"the checkpoint is already at {simulation.time:.6g} s: nothing was left to do")
     watch = _watch(options, simulation)
-    progress = Progress(until, folder, options.quiet, lambda run: seconds_left(run, until, options.threads))
+    progress = Progress(until, folder, options.quiet)
 
     def shown(run: Simulation) -> None:
         progress(run)

@@ -57,17 +57,10 @@ class Progress:
     until   end of the run [s]
     folder  of the run, named in the first line; None if nothing is written
     quiet   show the notes on the run and nothing else
-    seconds_left  of the steps, predicted before the first one; None where that is not known
     """
 
-    def __init__(
-        self,
-        until: float,
-        folder: Path | None,
-        quiet: bool = False,
-        seconds_left: Callable[[Any], float | None] = lambda run: None,
-    ) -> None:
-        self.until, self.folder, self.quiet, self.seconds_left = until, folder, quiet, seconds_left
+    def __init__(self, until: float, folder: Path | None, quiet: bool = False) -> None:
+        self.until, self.folder, self.quiet = until, folder, quiet
         self.time: float | None = None
         self.bar: Any = None
         self.told = 0
@@ -101,8 +94,6 @@ class Progress:
             f"{plan.scene.name}: {plan.grid.count:,} particles in {plan.grid.dim}D, {plan.grid.dtype}, backend"
             f" {simulation.backend.name}{at}, to {self.until:g} s{into}"
         )
-        if (seconds := self.seconds_left(simulation)) is not None:
-            say(f"the steps will take about {in_time(seconds)}, by the constants of this machine (refsim plan --time)")
 
     def _open(self, simulation: Run) -> None:
         seconds = simulation.timings.account()["compiling"]

@@ -1,12 +1,13 @@
 """What accuracy costs in a scene: its value with an uncertainty, the sources of error, and the cheapest setting.
 
 Contents: study; the modules methods (other models), observables, convergence (orders and uncertainty), runs, tasks
-(runs in other processes), cost (seconds before a run), memory, result and picture.
+(runs in other processes), cost (seconds of a run from ten steps), memory, result and picture.
 """
 
 import os
+import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import closing, suppress
+from contextlib import closing
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -22,13 +23,12 @@ from refsim.scene.files import load_scene, suggestion
 from refsim.scene.plan import Plan, make_plan
 from refsim.scene.refine import RATIO, notes, refined, spaced, without
 from refsim.scene.scene import Scene
-from refsim.study import cost
 from refsim.study.convergence import converge
 from refsim.study.methods import others
 from refsim.study.observables import Observable, observable_of
 from refsim.study.result import Reference, Study
 from refsim.study.runs import Reading, Setting, kept, kept_or_made, key_of, machine, measure
-from refsim.study.tasks import Batch
+from refsim.study.tasks import Batch, weight
 
 KNOBS = ("spacing", "support", "step", "precision", "tolerance", "backend", "effects")
 TOLERANCES = ("tolerance", "residual")  # parameters of effects that end an iteration
@@ -100,7 +100,7 @@ def study(
     settings += _by_methods(scene, factors, others(scene, methods, left_out), with_spacing, backend)
     place = None if folder is None else Path(folder)
     if scheduler is None:
-        runs = _measured(settings, plan, found, reaches, threads, place, say, progress, remarks)
+        runs = _measured(settings, found, reaches, threads, place, say, progress, remarks)
     else:
         if place is None or not isinstance(observable, str):
             raise InputError(
@@ -198,27 +198,26 @@ def _without(scene: Scene, backend: str, left_out: list[str]) -> list[Setting]:
 
 
 def _measured(
-    settings: Sequence[Setting], plan: Plan, observable: Observable, reaches: float | None, threads: int | None,
+    settings: Sequence[Setting], observable: Observable, reaches: float | None, threads: int | None,
     folder: Path | None, say: Say, progress: Watch | None, remarks: list[str],
 ) -> list[tuple[Setting, Reading]]:  # fmt: skip
     """Readings of all settings, the cheapest run first; those that the folder has are not run again."""
     keys = [key_of(setting, observable, reaches, threads) for setting in settings]
     found = [kept(folder, key, remarks) for key in keys]
-    open_runs = [k for k, reading in enumerate(found) if reading is None]
-    if open_runs:
-        expected = _expected([settings[k] for k in open_runs], plan, threads)
-        total = sum(expected)
-        before = f", {len(settings) - len(open_runs)} are on file" if len(open_runs) < len(settings) else ""
-        about = "about" if reaches is None else "at most about"  # they end where the value is reached
-        say(f"{len(open_runs)} runs to do{before}; they take {about} {in_time(total)}, and compiling, the first time")
-        seconds = dict(zip(open_runs, expected))
-        for count, k in enumerate(sorted(open_runs, key=lambda k: seconds[k]), 1):
-            setting = settings[k]
-            say(f"{count} of {len(open_runs)}: {setting.label}, {about} {in_time(seconds[k])}")
-            how = setting, observable, reaches, threads
-            make, read = partial(measure, *how, progress), partial(key_of, *how)
-            found[k] = reading = kept_or_made(folder, keys[k], setting, make, read, keys[k])
-            say(f"  {reading}")
+    left = sorted((k for k, reading in enumerate(found) if reading is None), key=lambda k: weight(settings[k].scene))
+    if left:
+        before = f", {len(settings) - len(left)} are on file" if len(left) < len(settings) else ""
+        say(f"{len(left)} runs to do{before}, the cheapest first")
+    whole, done, began = sum(weight(settings[k].scene) for k in left), 0.0, time.perf_counter()
+    for count, k in enumerate(left, 1):
+        setting = settings[k]
+        rest = (time.perf_counter() - began) * (whole - done) / done if done else 0.0
+        say(f"{count} of {len(left)}: {setting.label}" + (f"; about {in_time(rest)} left" if rest else ""))
+        how = setting, observable, reaches, threads
+        make, read = partial(measure, *how, progress), partial(key_of, *how)
+        found[k] = reading = kept_or_made(folder, keys[k], setting, make, read, keys[k])
+        done += weight(setting.scene)
+        say(f"  {reading}")
     return [(setting, reading) for setting, reading in zip(settings, found) if reading is not None]
 
 
@@ -240,16 +239,3 @@ def _elsewhere(
     if failed is not None:
         raise failed
     return [(setting, batch.readings[key]) for setting, key in zip(settings, batch.keys)]
-
-
-def _expected(settings: Sequence[Setting], plan: Plan, threads: int | None) -> list[float]:
-    """Seconds of each run, from the cost model of the scene as it is."""
-    expected = []
-    constants: dict[str, cost.Constants] = {}
-    for setting in settings:
-        if setting.backend not in constants:
-            constants[setting.backend] = cost.constants_of(plan.scene, setting.backend, threads)
-        expected.append(0.0)
-        with suppress(InputError):  # its run will say why
-            expected[-1] = cost.estimate(make_plan(setting.scene), constants[setting.backend]).seconds
-    return expected

@@ -1,24 +1,19 @@
-"""What an accuracy costs in the panels: the cheapest measured setting for any error, and its seconds here."""
+"""What an accuracy costs in the panels: the cheapest measured setting for any error."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from refsim.backends.arrays import unavailable
-from refsim.backends.threads import threads_for
 from refsim.core.checked import suggestion
 from refsim.core.errors import InputError
-from refsim.core.tables import in_bytes, in_time
+from refsim.core.tables import in_bytes
 from refsim.scene.files import scene_to_toml
-from refsim.scene.plan import make_plan
 from refsim.scene.scene import Scene
 from refsim.study.choice import NORMAL, Candidate, Choice, choose, duration, kinds, least_error, percent, physics
-from refsim.study.cost import Prediction, predict
 from refsim.study.panels import Panel, abouts, panel
 from refsim.study.panels.scenes import scene_of
 
-MOST_THREADS = 2  # for the CPU, as in the panels' timings
 NOTABLE = 0.05  # share of an error from which on what is known of it is said
 
 
@@ -30,8 +25,6 @@ class Advice:
     choice      what the rules say; None where the error has no meaning, or on a GPU that was not measured
     peer        the same of other programs, on a CPU; None where none was measured
     no_meaning  why the error has none; "" where it has
-    own         seconds on this machine; NaN where there is no scene to predict them from
-    own_note    what they are, or why there are none
     """
 
     panel: Panel
@@ -40,8 +33,6 @@ class Advice:
     choice: Choice | None = None
     peer: Choice | None = None
     no_meaning: str = ""
-    own: float = math.nan
-    own_note: str = ""
 
     @cached_property
     def scene(self) -> Scene | None:
@@ -91,26 +82,6 @@ def within(observable: str, seconds: float, kind: str = "cpu") -> Advice:
     return answer(of, error, kind)
 
 
-def scaled(advice: Advice) -> Advice:
-    """The advice with seconds on this machine, predicted with constants that are measured here (some seconds)."""
-    if advice.scene is None or advice.choice is None or advice.choice.named is None:
-        return advice
-    backend = "cuda" if advice.kind == "gpu" else "cpu"
-    reason = unavailable(backend)
-    if reason is not None:
-        return replace(advice, own_note=f"not predicted: {reason}")
-    threads = min(MOST_THREADS, threads_for(make_plan(advice.scene).grid.count)) if backend == "cpu" else None
-    found: Prediction | None = predict(advice.scene, backend, threads=threads)
-    assert found is not None
-    # the setting may reach the error before its run ends
-    point = advice.choice.named.point
-    whole = (point.step_seconds or 0.0) * point.steps
-    share = min(advice.choice.seconds / whole, 1.0) if point.reached and whole else 1.0
-    where = "the GPU" if threads is None else "one CPU thread" if threads == 1 else f"{threads} CPU threads"
-    note = f"predicted for {where} of this machine"
-    return replace(advice, own=found.seconds * share, own_note=f"{note}; {found.note}" if found.note else note)
-
-
 def own_error(of: Panel, candidate: Candidate, reached: bool = True) -> str:
     """The error of a setting; also in the observable's own unit, where its number is another one.
 
@@ -150,10 +121,6 @@ def text_of(advice: Advice) -> str:
         lines.append(f"  measured   {took} on {advice.panel.where(gpu)}")
         if setting.point.bytes:
             lines.append(f"  memory     {in_bytes(setting.point.bytes)} in fields")
-    if math.isfinite(advice.own):
-        lines.append(f"  here       {in_time(advice.own)}, {advice.own_note}")
-    elif advice.own_note:
-        lines.append(f"  here       {advice.own_note}")
     if advice.peer is not None and not gpu:
         best = advice.peer
         said = best.why if best.advised is None else f"{duration(best.seconds)}, {best.advised.point.words}"
@@ -193,6 +160,5 @@ def data_of(advice: Advice) -> dict[str, Any]:
         "answer": plain(choice),
         "peer": plain(advice.peer),
         "measured_on": advice.panel.where(advice.kind == "gpu"),
-        "seconds_here": advice.own if math.isfinite(advice.own) else None,
         "scene": None,
     }

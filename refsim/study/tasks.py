@@ -63,14 +63,18 @@ def task_of(
     read = _read(scene, whole)
     work = Work(key, setting, whole, reaches, threads, os.path.realpath(folder), made_by(), read, timed, every)
     try:
-        plan = make_plan(scene)
-        memory, particles = bytes_of(plan, setting.backend)["total"], plan.grid.count
+        memory = bytes_of(make_plan(scene), setting.backend)["total"]
     except InputError:  # the run's result says why
-        memory, particles = 0, 0
-    return Task(
-        key, setting.label, compute, (work,), particles * scene.end_time / scene.spacing, memory,
-        setting.backend == "cuda",
-    )  # fmt: skip
+        memory = 0
+    return Task(key, setting.label, compute, (work,), weight(scene), memory, setting.backend == "cuda")
+
+
+def weight(scene: Scene) -> float:
+    """Work of a run, in proportion to its particles and to its steps where sound sets them; 0 where it has no plan."""
+    try:
+        return make_plan(scene).grid.count * scene.end_time / scene.spacing
+    except InputError:
+        return 0.0
 
 
 def _read(scene: Scene, observable: str) -> str:

@@ -9,7 +9,6 @@ from refsim.__main__ import main
 from refsim.commands import study
 from refsim.scene.files import load_scene
 from refsim.study import advice
-from refsim.study.cost import Prediction
 from refsim.study.panels import abouts, panel
 from refsim.study.panels.making import STIRRED_DROPS
 from refsim.study.panels.measured import Measured
@@ -36,13 +35,13 @@ def folder(tmp_path, monkeypatch):
     (["front", "--seconds", "1e-4"], "no measured setting of front takes 100 us or less; give more"),
 ])  # fmt: skip
 def test_bad_input_gets_a_sentence_and_code_2(folder, capsys, words, said):
-    assert advise(*words, "--measured") == 2
+    assert advise(*words) == 2
     assert said in capsys.readouterr().err
     assert not list(folder.iterdir())
 
 
 def test_an_answer_and_its_scene(folder, capsys):
-    assert advise("droplet", "--error", "0.007", "--measured") == 0
+    assert advise("droplet", "--error", "0.007") == 0
     text = capsys.readouterr().out
     found = advice.find("droplet", 0.007)
     for word in ("an error of 0.7 %", found.choice.advised.point.words, "best peer", "wrote"):
@@ -66,7 +65,7 @@ def test_the_least_error_that_seconds_buy(folder, capsys):
     assert found.choice.advised.most == pytest.approx(found.error)
     faster = advice.within("droplet", 0.1)
     assert faster.error > advice.within("droplet", 2.0).error
-    assert advise("tank_pressure", "--seconds", "0.3", "--measured") == 0
+    assert advise("tank_pressure", "--seconds", "0.3") == 0
     assert f"error {advice.own_error(found.panel, found.choice.advised)}" in capsys.readouterr().out
 
 
@@ -82,7 +81,7 @@ QUICK = ("implicit_pressure", "spinning_body")
 def test_the_run_of_an_answer_s_scene_has_its_error(folder, capsys, name):
     """Within the error that was asked for, by the command that the answer names."""
     wanted = ANSWERS[name]
-    assert advise(name, "--error", str(wanted), "--measured") == 0
+    assert advise(name, "--error", str(wanted)) == 0
     words = capsys.readouterr().out.splitlines()[-1].split()
     assert main([*words[1:], "--threads", "1", "--quiet", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
@@ -95,7 +94,7 @@ def test_the_run_of_an_answer_s_scene_has_its_error(folder, capsys, name):
 
 
 def test_with_gpu_the_answer_is_that_of_a_gpu(folder, capsys):
-    assert advise("droplet", "--error", "0.005", "--measured", "--gpu") == 0
+    assert advise("droplet", "--error", "0.005", "--gpu") == 0
     text = capsys.readouterr().out
     found = advice.find("droplet", 0.005, "gpu")
     assert f"setting    {found.choice.advised.point.words}; error" in text
@@ -106,39 +105,16 @@ def test_with_gpu_the_answer_is_that_of_a_gpu(folder, capsys):
     assert "not measured on a GPU" in advice.text_of(replace(found, choice=None))
 
 
-@pytest.mark.parametrize(("gains", "taken", "words"), [(1, 1, "one CPU thread of"), (8, 2, "2 CPU threads of")])
-def test_seconds_here_are_the_prediction_s_share(monkeypatch, gains, taken, words):
-    """With the threads that a run takes, at most the panels' two."""
-    given = []
-
-    def predict(scene, backend, *, threads):
-        given.append((scene.name, backend, threads))
-        return Prediction(backend, 10.0)
-
-    monkeypatch.setattr(advice, "predict", predict)
-    monkeypatch.setattr(advice, "threads_for", lambda rows: gains)
-    found = advice.find("droplet", 0.05)
-    point = found.choice.advised.point
-    whole = point.step_seconds * point.steps
-    assert 0 < found.choice.seconds < whole
-    here = advice.scaled(found)
-    assert here.own == pytest.approx(10.0 * found.choice.seconds / whole)
-    assert f"{words} this machine" in advice.text_of(here)
-    assert given == [("droplet", "cpu", taken)]
-    monkeypatch.setattr(advice, "unavailable", lambda backend: "no device was found")
-    assert "not predicted: no device was found" in advice.text_of(advice.scaled(advice.find("droplet", 0.05, "gpu")))
-
-
 def test_what_has_no_meaning_and_what_is_not_advised_is_said(folder, capsys, monkeypatch):
     assert advise("surface_tension_jump", "--error", "0.01") == 0
     assert "no meaning: the reference is known to 2.3 % (uncertainty of Akinci's flat" in capsys.readouterr().out
-    assert advise("detection_2d", "--error", "0.001", "--measured") == 0
+    assert advise("detection_2d", "--error", "0.001") == 0
     assert "not reached: " in capsys.readouterr().out
     assert not list(folder.iterdir())
     found = advice.find("droplet", 0.05)
     read = replace(found.choice, advised=None, read=found.choice.advised, why="not advised: it has not settled")
     monkeypatch.setattr(advice, "choose", lambda *given: read)
-    assert advise("droplet", "--error", "0.05", "--measured") == 0
+    assert advise("droplet", "--error", "0.05") == 0
     said = capsys.readouterr().out
     assert read.why in said
     assert f"setting    {read.read.point.words}" in said
@@ -160,9 +136,9 @@ def test_every_panel_has_an_answer_and_no_advised_point_is_unsettled(name):
 def test_the_list_and_json(folder, capsys):
     assert advise() == 0
     assert "surge front of a 2D dam break" in capsys.readouterr().out
-    assert advise("droplet", "--error", "0.05", "--measured", "--json") == 0
+    assert advise("droplet", "--error", "0.05", "--json") == 0
     found = json.loads(capsys.readouterr().out)
-    assert (found["error"], found["seconds_here"], found["scene"]) == (0.05, None, "droplet.toml")
+    assert (found["error"], found["scene"]) == (0.05, "droplet.toml")
     assert found["answer"]["error"] <= 0.05
     assert found["peer"]["program"] == "SPlisHSPlasH"
 

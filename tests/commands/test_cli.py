@@ -184,7 +184,6 @@ def test_bad_scenes_get_one_sentence(scene, capsys, name, command):
     (["run", "--resume", "tank.toml"], "is not a checkpoint"), (["run", "--resume", "."], "holds no whole checkpoint"),
     (["rnu", "tank.toml"], "no command 'rnu'; did you mean run?"),
     (["run", "tank.toml", "--outptu", "x"], "unrecognized arguments: --outptu x; see refsim run --help."),
-    (["plan", "tank.toml", "--time", "--threads", "0"], "threads = 0"),
     (["study", "frontt"], "there is no file or panel 'frontt'; did you mean front?"),
     (["study", "tank.toml", "--observable", "panel:frnt"], "there is no panel 'frnt'; did you mean front?"),
     (["study", "tank.toml", "--observable", "front", "--exact", "0"], "--exact 0 is not possible"),
