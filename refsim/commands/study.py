@@ -47,7 +47,7 @@ GIVEN = ("levels", "finer", "ratio", "error", "reaches", "backend", "threads", "
 @takes("--exact", type=float, metavar="VALUE", help="hold the observable against this value")
 @takes("--points", nargs="*", metavar="KEY", help="of a panel: measure these settings, all by default")
 @takes("--backend", default="cpu", help="cpu, cuda or numpy (cpu)")
-@takes("--threads", type=int, metavar="N", help="CPU threads (one for 1,024 particles, at most all)")
+@takes("--threads", type=int, default=1, metavar="N", help="CPU threads of a run (1)")
 @takes("--scheduler", metavar="ADDRESS", help="do the runs on the workers of a Dask scheduler")
 @takes("--output", metavar="DIR", help="folder of the study (NAME_study for NAME.toml)")
 @takes("--quiet", action="store_true", help="no progress")

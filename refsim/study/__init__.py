@@ -53,7 +53,7 @@ def study(
     reference: Reference | None = None,
     reaches: float | None = None,
     backend: str = "cpu",
-    threads: int | None = None,
+    threads: int = 1,
     folder: str | os.PathLike[str] | None = None,
     scheduler: str | None = None,
     say: Say = lambda text: None,
@@ -75,8 +75,8 @@ def study(
     reference   what the value is held against
     reaches     the study is of the first time [s] at which the observable has this value
     folder      where the runs' results are kept: a study that is called again goes on from there
-    scheduler   address of a Dask scheduler, whose workers do the runs, on one thread each unless `threads` says more;
-                the folder must be the same for them. Seconds are then those of the workers, with what ran beside
+    threads     of a CPU that a run takes; seconds are those of the processor, of all its threads
+    scheduler   address of a Dask scheduler, whose workers do the runs; the folder must be the same for them
     say         is given the lines of progress; `progress` is called after every step
     command     how the study was called, for its report
 
@@ -107,7 +107,7 @@ def study(
                 "study: with a scheduler it needs a folder for the results and an observable that is a text, as workers"
                 " read them; give folder, and FILE.py:function for a function of your own."
             )
-        runs = _elsewhere(settings, observable, found, reaches, threads or 1, place, scheduler, say, remarks)
+        runs = _elsewhere(settings, observable, found, reaches, threads, place, scheduler, say, remarks)
     worked = [(s.scene.spacing, r.value) for s, r in runs if s.kind == "spacing" and not r.failed]
     return Study(
         scene=scene,
@@ -117,7 +117,8 @@ def study(
         convergence=replace(converge(*zip(*worked)), scale=reference.scale if reference else 0.0) if worked else None,
         error=error,
         notes=(*notes(scene, factors), *remarks),
-        machine=machine() if scheduler is None else f"workers of {scheduler}, {threads or 1} threads",
+        machine=machine() if scheduler is None else f"workers of {scheduler}",
+        threads=threads,
         command=command,
         left_out=tuple(left_out),
         reference=reference,
@@ -198,7 +199,7 @@ def _without(scene: Scene, backend: str, left_out: list[str]) -> list[Setting]:
 
 
 def _measured(
-    settings: Sequence[Setting], observable: Observable, reaches: float | None, threads: int | None,
+    settings: Sequence[Setting], observable: Observable, reaches: float | None, threads: int,
     folder: Path | None, say: Say, progress: Watch | None, remarks: list[str],
 ) -> list[tuple[Setting, Reading]]:  # fmt: skip
     """Readings of all settings, the cheapest run first; those that the folder has are not run again."""

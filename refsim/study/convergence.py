@@ -22,7 +22,7 @@ class Convergence:
 
     value         Q0 where the values are in the asymptotic range, else that of the finest level
     uncertainty   half the width of the band around `value`, in its unit
-    order         p, observed; NaN where no power law goes through the values
+    order         p, observed; NaN where no power law from LOWEST to HIGHEST goes through the values
     asymptotic    whether order and extrapolation can be used
     words         why not, or how the uncertainty was found
     safety        factor F by which `uncertainty` exceeds the estimated error of the finest level
@@ -115,6 +115,7 @@ def converge(spacing: Sequence[float], value: Sequence[float]) -> Convergence:
         return Convergence(q[0], 0.0, math.nan, False, "the same value at all levels")
     p = observed_order(h[:3], q[:3])
     doubt = _doubt(h, q, p)
+    p = p if LOWEST <= p <= HIGHEST else math.nan
     if doubt:
         return Convergence(q[0], CAUTIOUS * float(np.ptp(q[:3])), p, False, f"not in the asymptotic range: {doubt}")
     limit = extrapolated(h[:2], q[:2], p)
@@ -140,11 +141,11 @@ def _doubt(h: Sequence[float], q: Sequence[float], p: float) -> str:
             return "the values alternate from level to level"
         return "the differences between levels do not shrink with the spacing"
     if not LOWEST <= p <= HIGHEST:
-        return f"the observed order {p:.2f} is not between {LOWEST:g} and {HIGHEST:g}"
+        return f"the differences between levels fall as no power of the spacing from {LOWEST:g} to {HIGHEST:g}"
     if len(q) > 3:
         before = observed_order(h[1:4], q[1:4])
         if math.isnan(before):
             return "the coarser three levels do not converge monotonically"
         if abs(before - p) > SAME_ORDER:
-            return f"the observed order changes from {before:.2f} to {p:.2f} between the levels"
+            return f"the orders of the finer and of the coarser three levels differ by more than {SAME_ORDER:g}"
     return ""

@@ -116,7 +116,10 @@ def _tensions(scene: Scene) -> Iterator[tuple[str, tuple[Effect, ...]]]:
 
 @dataclass(frozen=True)
 class Line:
-    """One method over the spacings at which it gave a value, the coarsest first; `failed`: why others did not."""
+    """One method over the spacings at which it gave a value, the coarsest first; `failed`: why others did not.
+
+    An error is at least the uncertainty of what it is taken from: below it nothing is known.
+    """
 
     label: str
     spacing: tuple[float, ...]
@@ -172,20 +175,16 @@ def lines(runs: Runs, reference: Reference) -> list[Line]:
     for label, (spacing, values) in _values(runs).items():
         own = [(s, r) for s, r in runs if s.method == label and s.kind in ("spacing", "method")]
         order = np.argsort(spacing)[::-1]
-        seconds = {s.scene.spacing: spent(s, r) for s, r in own if not r.failed}
+        seconds = {s.scene.spacing: r.seconds for s, r in own if not r.failed}
+        errors = (max(reference.error(values[k]), reference.uncertainty) for k in order)
         made.append(
             Line(
-                label or OWN, tuple(spacing[k] for k in order), tuple(reference.error(values[k]) for k in order),
+                label or OWN, tuple(spacing[k] for k in order), tuple(errors),
                 tuple(seconds[spacing[k]] for k in order), converge(spacing, values),
                 tuple(f"{s.label}: {r.failed}" for s, r in own if r.failed),
             )
         )  # fmt: skip
     return made
-
-
-def spent(setting: Setting, reading: Reading) -> float:
-    """Seconds that a run is compared by: those of the processor, whatever else it did; on a GPU those of the clock."""
-    return reading.seconds if setting.backend == "cuda" else reading.processor_seconds
 
 
 def _values(runs: Runs) -> dict[str, tuple[list[float], list[float]]]:

@@ -23,7 +23,7 @@ def draw(study: Any) -> Any:
     else:
         _methods(study, compared, errors)
     errors.axhline(100 * study.error, color=GREY, lw=1)
-    errors.set_xlabel("seconds" if compared is None else "seconds of the processor")
+    errors.set_xlabel("seconds of the processor; on a GPU of the clock")
     _sources(study, sources)
     _changes(study, changes)
     figure.suptitle(f"{study.observable} of {study.scene.name}", fontsize=11)

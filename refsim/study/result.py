@@ -61,6 +61,7 @@ class Study:
     error: float
     notes: tuple[str, ...] = ()
     machine: str = ""
+    threads: int = 1
     command: str = ""
     left_out: tuple[str, ...] = field(default_factory=tuple)
     reference: Reference | None = None
@@ -84,6 +85,7 @@ class Study:
 
         mass    of all particles at the start [kg; kg/m in 2D]
         change  of a spacing: (Q - Q0)/|Q0|, its error; of anything else: (Q - Q_scene)/|Q_scene|
+        seconds  of the processor, on a GPU of the clock; `wall_seconds` of the clock
         cost    seconds over those of the scene as it is
         unsettled  why the seconds are not to be trusted; "" where they are
         """
@@ -102,7 +104,7 @@ class Study:
             "mass": reading.mass,
             "steps": reading.steps,
             "seconds": reading.seconds,
-            "processor_seconds": reading.processor_seconds,
+            "wall_seconds": reading.wall,
             "unsettled": reading.unsettled,
             "bytes": reading.bytes,
             "value": None if reading.failed else reading.value,
@@ -213,9 +215,11 @@ class Study:
         if self.reference is not None and limit is not None:
             given, base = self.reference, self.base
             share = f" (± {percent(given.uncertainty)})" if given.uncertainty else ""
-            off = "" if base is None else f"the scene as it is has an error of {percent(given.error(base.value))}, "
-            lines.append(f"reference {given.value:.6g}{share}, {given.words}: {off}the value above of"
-                         f" {percent(given.error(limit.value))}")  # fmt: skip
+            off = "" if base is None else f"the scene as it is has an error of {_known(given, base.value)}, "
+            lines.append(
+                f"reference {given.value:.6g}{share}, {given.words}: {off}the value above of"
+                f" {_known(given, limit.value)}"
+            )
         sources = self.sources()
         if sources:
             parts = ", ".join(f"{name} {percent(e)}" for name, e in sorted(sources.items(), key=lambda item: -item[1]))
@@ -235,6 +239,12 @@ class Study:
                 f"note: sums over a support of {ratio:.3g} spacings make an error of up to {percent(support)}, which a"
                 " finer spacing at the same ratio may not remove; the bounds above leave it out"
             )
+        spent, wall = (sum(getattr(r, of) for s, r in self.runs if s.backend != "cuda") for of in ("seconds", "wall"))
+        if spent:
+            lines.append(
+                f"seconds are those of the processor, on {self.threads} thread{'s' * (self.threads > 1)}; by the clock"
+                f" the runs took {wall / spent:.2f} times as long"
+            )
         doubtful = [(s.label, r.unsettled) for s, r in self.runs if r.unsettled]
         if doubtful:
             label, why = doubtful[0]
@@ -245,9 +255,17 @@ class Study:
         return [*lines, *(f"note: {note}" for note in self.notes)]
 
     HEAD = (
-        "what", "setting", "value", "error or change", "seconds", "processor", "cost", "memory", "particles", "mass",
+        "what",
+        "setting",
+        "value",
+        "error or change",
+        "seconds",
+        "cost",
+        "memory",
+        "particles",
+        "mass",
         "steps",
-    )  # fmt: skip
+    )
 
     def compared(self) -> tuple[Reference, list[methods.Line]] | None:
         """What methods are held against, and what each of them found; None with one method or without a value."""
@@ -260,11 +278,11 @@ class Study:
         """One row for each method, as plain values.
 
         limit       extrapolated, or the finest value where it cannot be
-        error       at its finest spacing, after `seconds` of the processor
+        error       at its finest spacing, after `seconds`; the judge's uncertainty where it is not known to be larger
         in_seconds  its error in the seconds of the scene as it is; `to_error`: its seconds to the study's error. None
                     where that lies outside of its runs
         """
-        found, own = self.compared(), self._own_seconds()
+        found, own = self.compared(), None if self.base is None else self.base.seconds
         return [
             {
                 "method": line.label, "order": line.limit.order, "limit": line.limit.value,
@@ -275,13 +293,9 @@ class Study:
             for line in (found[1] if found else ())
         ]  # fmt: skip
 
-    def _own_seconds(self) -> float | None:
-        """Seconds of the scene as it is, as methods are compared; None where it failed."""
-        return next((methods.spent(s, r) for s, r in self.of("spacing") if s.factor == 1), None)
-
     def _methods(self) -> list[str]:
         """What each method buys, as the lines of a table and what failed."""
-        found, own = self.compared(), self._own_seconds()
+        found, own = self.compared(), None if self.base is None else self.base.seconds
         if found is None:
             return []
         judge, within = found[0], "-" if own is None else in_time(own)
@@ -290,34 +304,28 @@ class Study:
         for row in self.bought():
             to_error = "-" if row["to_error"] is None else in_time(row["to_error"])
             order = f"{row['order']:.2f}" if math.isfinite(row["order"]) else "-"
-            rows.append((row["method"], order, f"{row['limit']:.6g}", percent(row["error"]), in_time(row["seconds"]),
-                         percent(row["in_seconds"]), to_error))  # fmt: skip
+            error, at = (_above(row[name], judge.uncertainty) for name in ("error", "in_seconds"))
+            rows.append((row["method"], order, f"{row['limit']:.6g}", error, in_time(row["seconds"]), at, to_error))
             failed += row["failed"]
-        head = (
-            "method",
-            "order",
-            "limit",
-            "error, finest",
-            "seconds",
-            f"in {within}",
-            f"to {percent(self.error)}",
-        )
-        title = f"methods against {judge.words}, {judge.value:.6g}{known}; seconds of the processor:"
+        head = ("method", "order", "limit", "error, finest", "seconds", f"in {within}", f"to {percent(self.error)}")
+        title = f"methods against {judge.words}, {judge.value:.6g}{known}:"
         return ["", title, table(rows, head, right=range(1, len(head))), *failed]
 
     def cells(self) -> list[tuple[str, ...]]:
         """The table of runs that gave a value, as text, without its head (`HEAD`)."""
         made: list[tuple[str, ...]] = []
+        limit = self.convergence
         for row in self.rows():
             if row["what"] == "method" or row["failed"]:
                 continue
+            known = limit.relative if limit is not None and row["what"] == "spacing" else 0.0
             seconds = f"{row['seconds']:.3g}" + "*" * bool(row["unsettled"])
             cost = "-" if row["cost"] is None else f"{row['cost']:.2f}"
             made.append(
                 (
-                    row["what"], row["setting"], f"{row['value']:.6g}", percent(row["change"], signed=True), seconds,
-                    f"{row['processor_seconds']:.3g}", cost, in_bytes(row["bytes"]), f"{row['particles']:,}",
-                    f"{row['mass']:.4g}", f"{row['steps']:,}",
+                    row["what"], row["setting"], f"{row['value']:.6g}", _above(row["change"], known, signed=True),
+                    seconds, cost, in_bytes(row["bytes"]), f"{row['particles']:,}", f"{row['mass']:.4g}",
+                    f"{row['steps']:,}",
                 )
             )  # fmt: skip
         return made
@@ -407,3 +415,15 @@ def percent(share: float | None, signed: bool = False) -> str:
         return "-"
     digits = ".0f" if abs(share) >= 1 else ".2g"
     return f"{100 * share:{'+' if signed else ''}{digits}} %"
+
+
+def _above(error: float | None, known: float, signed: bool = False) -> str:
+    """An error as text; where it is within what is `known` of its judge, that."""
+    if error is None or not abs(error) <= known:
+        return percent(error, signed)
+    return f"< {percent(known)}"
+
+
+def _known(reference: Reference, value: float) -> str:
+    """The error of a value against a reference, as text."""
+    return _above(reference.error(value), reference.uncertainty)

@@ -5,7 +5,6 @@ import functools
 import hashlib
 import json
 import math
-import os
 import platform
 import time
 from collections.abc import Callable
@@ -17,7 +16,6 @@ import msgspec
 import numpy as np
 
 import refsim.core
-from refsim.backends.threads import cores
 from refsim.core.errors import InputError, RunStopped
 from refsim.core.locks import in_turn
 from refsim.core.plain import plain
@@ -41,7 +39,6 @@ CLOCK = "clock.json"  # beside a checkpoint: the seconds that its steps took
 SHORT = 1.0  # [s] of a run below which its seconds are read several times
 REPEATS = 6
 SETTLED = 0.05  # relative difference of the two least seconds of repeats, from which on they have not settled
-BUSY = 0.1  # share of a run's wall time in which a processor did not work for it, from which on the machine is busy
 SAMPLES = 400  # of a run in which an observable is to reach a value
 Watch = Callable[[Simulation], None]
 
@@ -70,7 +67,8 @@ class Reading:
     """What a run gave.
 
     value      of the observable; NaN where the run failed
-    seconds    of wall time that its steps took, without compiling; `processor_seconds` the same of the processor
+    seconds    of the processor that its steps took, without compiling; of the clock on a GPU
+    wall       the same of the clock
     bytes      of the arrays that it held at its end
     mass       of all particles at its start [kg; kg/m in 2D]
     unsettled  why its seconds are not to be trusted; "" where they are
@@ -80,7 +78,7 @@ class Reading:
 
     value: float
     seconds: float
-    processor_seconds: float
+    wall: float
     bytes: int
     particles: int
     steps: int
@@ -109,8 +107,7 @@ def measure(
     is the time at which the observable has that value, interpolated between its samples.
 
     A run of less than `SHORT` seconds is repeated until its two least seconds agree within `SETTLED`, up to `repeats`
-    times in all, and the least count. Where they do not agree, or where the processor worked for the run for less than
-    its wall time, the reading says so.
+    times in all, and the least count; where they do not agree, the reading says so.
     A run that cannot be made or stops gives a Reading with the sentence why. Raises RunStopped for a reason of
     `NOT_OF_THE_RUN`, which says nothing about the setting.
     """
@@ -119,12 +116,8 @@ def measure(
     while not runs[-1].failed and runs[0].seconds <= SHORT and len(runs) < repeats and _apart(runs) >= SETTLED:
         runs.append(_run(setting, observable, reaches, threads, progress, None, every))
     best = min(runs, key=lambda reading: reading.seconds)
-    idle = 1 - best.processor_seconds / best.seconds if best.seconds and setting.backend != "cuda" else 0.0
-    why = ""
-    if len(runs) > 1 and _apart(runs) >= SETTLED:
-        why = f"its two fastest of {len(runs)} runs differ by {100 * _apart(runs):.0f} %"
-    elif idle >= BUSY:
-        why = f"the processor worked for {best.processor_seconds:.3g} of {best.seconds:.3g} s"
+    apart = _apart(runs)
+    why = f"its two fastest of {len(runs)} runs differ by {100 * apart:.0f} %" if SETTLED <= apart < math.inf else ""
     return dataclasses.replace(best, unsettled=why)
 
 
@@ -162,7 +155,7 @@ def _run(
         value, failed = math.nan, str(error)
     search = simulation.search
     return Reading(
-        value, clock.seconds, clock.processor_seconds, held_bytes(simulation), simulation.count, simulation.steps,
+        value, clock.seconds, clock.wall, held_bytes(simulation), simulation.count, simulation.steps,
         simulation.time, search.log.rebuilds if search else 0, failed, float(simulation.plan.state.mass.sum()),
         tuple(curve),
     )  # fmt: skip
@@ -181,18 +174,20 @@ def _resumed(setting: Setting, folder: Path, threads: int | None) -> Simulation 
 class _Clock:
     """Counts the time of the steps alone; what their first calls took, which may compile, is not counted.
 
+    wall     by the clock
+    seconds  of the processor; on a GPU those of the clock
+
     Writes checkpoints, where there is a folder for them.
     """
 
     def __init__(self, simulation: Simulation, progress: Watch | None, checkpoints: Path | None, every: float) -> None:
         self.simulation, self.progress, self.checkpoints, self.every = simulation, progress, checkpoints, every
-        self.seconds = self.processor_seconds = 0.0
+        self.seconds = self.wall = 0.0
+        self.gpu = simulation.backend.name == "cuda"
         self.kept_at = time.perf_counter()
         if checkpoints is not None and simulation.steps:
             with suppress(OSError, ValueError):
-                self.seconds, self.processor_seconds = map(
-                    float, json.loads((checkpoints / CLOCK).read_text(encoding="utf-8"))
-                )
+                self.seconds, self.wall = map(float, json.loads((checkpoints / CLOCK).read_text(encoding="utf-8")))
 
     def step(self) -> None:
         """One step of the simulation. Raises RunStopped where that is impossible."""
@@ -203,8 +198,8 @@ class _Clock:
         finally:
             took, compiled = time.perf_counter() - wall, sum(s.timings.first_calls.values()) - before
             share = max(1 - compiled / took, 0.0) if took else 0.0
-            self.seconds += share * took
-            self.processor_seconds += share * (time.process_time() - used)
+            self.wall += share * took
+            self.seconds += share * (took if self.gpu else time.process_time() - used)
         if self.progress is not None:
             self.progress(s)
         overdue = time.perf_counter() - self.kept_at >= self.every
@@ -217,7 +212,7 @@ class _Clock:
         try:
             folder.mkdir(parents=True, exist_ok=True)
             self.simulation.checkpoint(checkpoint)
-            replace_file(folder / CLOCK, json.dumps([self.seconds, self.processor_seconds]).encode())
+            replace_file(folder / CLOCK, json.dumps([self.seconds, self.wall]).encode())
         except (OSError, InputError) as error:
             why = getattr(error, "strerror", None) or error
             raise RunStopped("write_failed", f"{checkpoint} cannot be written ({why}).") from error
@@ -235,7 +230,7 @@ def _watched(simulation: Simulation, observable: Observable, clock: _Clock, curv
             break
         clock.step()
     if observable.seconds is not None:
-        clock.seconds = clock.processor_seconds = observable.seconds(watch.values)
+        clock.seconds = clock.wall = observable.seconds(watch.values)
     return watch.value(simulation)
 
 
@@ -323,8 +318,8 @@ def source_digest(root: Path = Path(refsim.core.__file__).parent.parent) -> str:
 
 @functools.cache
 def machine() -> str:
-    """The machine in words that tell it from another one, with the threads that a run takes by default."""
-    return f"{platform.node()}, {platform.machine()}, {os.environ.get('NUMBA_NUM_THREADS', cores())} threads"
+    """The machine in words that tell it from another one."""
+    return f"{platform.node()}, {platform.machine()}"
 
 
 def key_of(

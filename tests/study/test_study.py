@@ -360,19 +360,36 @@ def test_a_study_by_a_scheduler_needs_a_folder_and_a_text():
 
 
 def test_seconds_that_do_not_settle_are_said(monkeypatch):
-    """Runs are repeated until two agree within 5 %; where none do, or the processor works for others, it is said."""
-    settled, busy = [(0.5, 0.5), (0.9, 0.9), (0.51, 0.51)], [(0.5, 0.3)] * 2
-    spent = iter([*settled, *busy, *[(0.1 * 2**k, 0.1 * 2**k) for k in range(6)]])
+    """Runs are repeated until two agree within 5 %; where none do it is said."""
+    spent = iter([0.5, 0.9, 0.51, *[0.1 * 2**k for k in range(6)]])
     setting = runs.Setting("spacing", "", 1.0, block(), "cpu")
     observable = observable_of("kinetic_energy", make_plan(setting.scene))
+    monkeypatch.setattr(runs, "_run", lambda *given: runs.Reading(1.0, next(spent), 9.0, 0, 1, 1, 1.0))
+    made = [runs.measure(setting, observable) for _ in range(2)]
+    assert [reading.seconds for reading in made] == [0.5, 0.1]
+    assert [reading.unsettled for reading in made] == ["", "its two fastest of 6 runs differ by 100 %"]
 
-    def ran(*given):
-        wall, processor = next(spent)
-        return runs.Reading(1.0, wall, processor, 0, 1, 1, 1.0)
 
-    monkeypatch.setattr(runs, "_run", ran)
-    made = [runs.measure(setting, observable) for _ in range(3)]
-    assert [reading.seconds for reading in made] == [0.5, 0.5, 0.1]
-    assert [reading.unsettled for reading in made] == [
-        "", "the processor worked for 0.3 of 0.5 s", "its two fastest of 6 runs differ by 100 %",
-    ]  # fmt: skip
+def test_a_busy_machine_changes_no_cost(monkeypatch):
+    """Each step takes 1 ms of the processor; the clock goes on by 5 to 200 ms meanwhile, ever more."""
+    now, own = {"processor": 0.0, "wall": 0.0}, refsim.Simulation.step
+
+    def step(self):
+        done = own(self)
+        now["processor"] += 1e-3
+        now["wall"] += 5e-3 + now["processor"]
+        self.timings.first_calls.clear()
+        return done
+
+    monkeypatch.setattr(refsim.Simulation, "step", step)
+    monkeypatch.setattr(runs.time, "perf_counter", lambda: now["wall"])
+    monkeypatch.setattr(runs.time, "process_time", lambda: now["processor"])
+    found = studied("kinetic_energy", knobs=("spacing", "step"))
+    for row in found.rows():
+        assert row["seconds"] == pytest.approx(1e-3 * row["steps"])
+        assert row["cost"] == pytest.approx(row["steps"] / found.base.steps)
+        assert row["wall_seconds"] > 5 * row["seconds"]
+    (points,) = [line.get_xdata() for line in found.plot().axes[1].lines if line.get_label() == "spacings"]
+    assert set(points) <= {row["seconds"] for row in found.rows()}
+    wall, spent = (sum(getattr(r, name) for _, r in found.runs) for name in ("wall", "seconds"))
+    assert f"on 1 thread; by the clock the runs took {wall / spent:.2f} times as long" in found.text()

@@ -1,6 +1,5 @@
 """Panels measured here: every setting several times, in turns, until its seconds settle."""
 
-import dataclasses
 import datetime
 import math
 from collections.abc import Callable, Iterable, Sequence
@@ -25,7 +24,7 @@ from refsim.study.runs import Reading, Setting, machine, measure
 MOST = 3  # times REPEATS readings, after which seconds that have not settled are left
 PATIENCE = 20.0  # seconds that a setting has taken, after which they are, too
 MISSING = "missing: "  # how the reason begins of a program that is not installed
-Read = Callable[[Point, int, int | None], Reading]
+Read = Callable[[Point, int, int], Reading]
 BARS = np.logspace(-4, -0.3, 75).tolist() + [0.1, 0.05, 0.01, 0.005, 0.001]  # errors of Point.reached
 
 
@@ -91,7 +90,7 @@ def observable(name: str) -> str:
 
 
 def measured(
-    panel: Panel, keys: Iterable[str] = (), *, backend: str = "cpu", threads: int | None = None,
+    panel: Panel, keys: Iterable[str] = (), *, backend: str = "cpu", threads: int = 1,
     readings: int = REPEATS, say: Callable[[str], None] = lambda text: None, read: Read | None = None,
 ) -> Measured:  # fmt: skip
     """Measure settings of a panel anew; all of this backend by default.
@@ -136,7 +135,7 @@ def merged(found: Measured) -> Panel:
     return replace(found.stored, places=found.here.places, points=points)
 
 
-def _reading(panel: Panel, point: Point, number: int, threads: int | None) -> Reading:
+def _reading(panel: Panel, point: Point, number: int, threads: int) -> Reading:
     scene = scene_of(panel, point, number)
     assert scene is not None
     backend = str(point.knobs.get("backend", "cpu"))
@@ -145,13 +144,7 @@ def _reading(panel: Panel, point: Point, number: int, threads: int | None) -> Re
         reads: Observable = observable_of(observable(panel.name), make_plan(scene))
     except InputError as error:
         return Reading(math.nan, 0.0, 0.0, 0, 0, 0, 0.0, failed=str(error))
-    found = measure(setting, reads, panel.about.reaches, threads, repeats=1)
-    if threads != 1 or found.failed:
-        return found
-    # of one thread the processor's seconds are those of a machine that does nothing else
-    share = min(1.0, found.processor_seconds / found.seconds) if found.seconds else 1.0
-    curve = tuple((share * spent, value) for spent, value in found.curve)
-    return dataclasses.replace(found, seconds=share * found.seconds, curve=curve)
+    return measure(setting, reads, panel.about.reaches, threads, repeats=1)
 
 
 def _noise(seconds: Sequence[float], readings: int) -> list[float]:
@@ -207,10 +200,10 @@ def _reached(curves: Sequence[Sequence[tuple[float, float]]]) -> list[tuple[floa
     return found
 
 
-def _here(backend: str, threads: int | None) -> Place:
+def _here(backend: str, threads: int) -> Place:
     today = datetime.date.today().isoformat()
     device = device_name() if backend == "cuda" else ""
-    return Place(machine().split(",")[0], threads or 1, today, device=device, versions=dict(versions()))
+    return Place(machine().partition(",")[0], threads, today, device=device, versions=dict(versions()))
 
 
 def broken(panel: Panel) -> list[str]:
