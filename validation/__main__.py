@@ -23,7 +23,7 @@ if not __package__:
 
 from refsim.core.errors import InputError, RefsimError
 from refsim.core.streams import any_letter
-from refsim.study.choice import REPEATS
+from refsim.study.advice import READINGS
 from refsim.study.panels import abouts
 from validation import accuracy, accuracy_page, judging, own_choices, page, times
 from validation.checks import CLAIM, HARD_CASE, KINDS, VALUE, VERDICT
@@ -78,8 +78,7 @@ def parser() -> argparse.ArgumentParser:
     part = add("accuracy", "measures panels of error against time, and shows them beside their stored points")
     part.add_argument("names", nargs="*", metavar="PANEL", help="all by default")
     part.add_argument("--backend", default="cpu", help="cpu or cuda (cpu)")
-    part.add_argument("--threads", type=int, default=2, metavar="N", help="CPU threads (2)")
-    part.add_argument("--repeats", type=int, default=REPEATS, metavar="N", help=f"readings of a setting ({REPEATS})")
+    part.add_argument("--readings", type=int, default=READINGS, metavar="N", help=f"of a setting ({READINGS})")
     part.add_argument("--peers", action="store_true", help="the settings of other programs instead")
     part.add_argument("--write", action="store_true", help="store what was measured and renew docs/accuracy_cost.md")
     part.add_argument("--draw", action="store_true", help="page and pictures from the stored points; measures nothing")
@@ -218,7 +217,7 @@ def panels(given: argparse.Namespace) -> int:
         print(*accuracy_page.write(), sep="\n")
         return EXIT_FINE
     chosen(given.names, dict(abouts()), "panel")  # names that there are
-    return accuracy.perform(given.names, given.backend, given.threads, given.repeats, given.peers, given.write)
+    return accuracy.perform(given.names, given.backend, given.readings, given.peers, given.write)
 
 
 def timed(given: argparse.Namespace) -> int:

@@ -1,21 +1,21 @@
 """What accuracy costs: `python -m validation accuracy [PANEL ...]`, panels measured anew beside their stored points.
 
-A panel is measured as `refsim study PANEL --points` does; other programs have runs in this repository. `--write` stores
-what was measured and renews docs/accuracy_cost.md.
+A panel is measured as `refsim study PANEL --points` does, on one thread; other programs have runs in this repository.
+`--write` stores what was measured and renews docs/accuracy_cost.md (`validation.accuracy_page`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 from refsim.core.errors import InputError
-from refsim.study.choice import REPEATS
+from refsim.study.advice import READINGS
 from refsim.study.panels import OWN, Panel, Place, Point, abouts, as_text, panel
-from refsim.study.panels.measured import Measured, Read, broken, measured, merged
+from refsim.study.panels.making import STIRRED
+from refsim.study.panels.measured import Read, broken, measured, merged, text
+from refsim.study.panels.scenes import stirred
 from refsim.study.runs import Reading
 from validation import accuracy_page
 from validation.reading import environment
@@ -35,58 +35,53 @@ PEERS = {  # what gives a reading of another program's point, of its number and 
 
 
 def perform(
-    names: Sequence[str], backend: str = "cpu", threads: int | None = None, repeats: int = REPEATS,
-    peers: bool = False, write: bool = False,
-) -> int:  # fmt: skip
+    names: Sequence[str], backend: str = "cpu", readings: int = READINGS, peers: bool = False, write: bool = False
+) -> int:
     """Measure panels, all by default, print each beside its stored points, and say which bars it breaks (code 4)."""
     failed = False
     for name in names or abouts():
-        found = measure(panel(name), backend, threads, repeats, peers)
-        print(found.text(), flush=True)
-        judged = merged(found)
+        stored = panel(name)
+        found = measure(stored, backend, readings, peers)
+        print(text(stored, found), flush=True)
+        judged = merged(stored, found)
         for sentence in broken(judged):
             print(sentence, flush=True)
             failed = True
         if write:
             (STORED / f"{name}.json").write_text(as_text(judged))
+            if name in STIRRED and not peers:
+                (STORED / f"{name}.zip").write_bytes(stirred(judged))
     if write:
         panel.cache_clear()
         accuracy_page.write()
     return 4 if failed else 0
 
 
-def measure(of: Panel, backend: str, threads: int | None, repeats: int, peers: bool = False) -> Measured:
+def measure(of: Panel, backend: str, readings: int, peers: bool = False) -> Panel:
     """All settings of a panel on a backend; with `peers` those of other programs instead."""
-    where = PEERS.get(of.name) if peers else None
-    if where is None and peers:
+    read = reader(PEERS[of.name]) if peers and of.name in PEERS else None
+    if peers and read is None:
         raise InputError(f"panel {of.name!r} has no points of other programs; leave --peers out.")
-    keys = [
-        p.key for p in of.points.values() if (p.program != OWN) == peers and p.knobs.get("backend", "cpu") == backend
-    ]
-    given = {} if where is None else {"keys": keys, "read": reader(where)}
-    with on_threads(backend, threads):
-        found = measured(of, backend=backend, threads=threads, readings=repeats, **given)
-    places = (*of.places, _place(environment(threads, backend)))
-    return replace(found, here=replace(found.here, places=places))
+    points = (p for p in of.points.values() if (p.program != OWN) == peers)
+    keys = [p.key for p in points if p.knobs.get("backend", "cpu") == backend]
+    with on_threads(backend, 1):
+        return measured(of, keys, backend=backend, readings=readings, read=read, place=_place(backend))
 
 
 def reader(where: str) -> Read:
-    """The function "module:name" that gives a reading of a point; the first one of refsim's own is thrown away."""
+    """The reading of a point by the function "module:name" of point, number and threads."""
     module, _, name = where.partition(":")
-    once: Read = getattr(import_module(module), name)
-    compiled: set[str] = set()
+    once = getattr(import_module(module), name)
 
-    def read(point: Point, number: int, threads: int | None) -> Reading:
-        if point.program == OWN and point.key not in compiled:
-            compiled.add(point.key)
-            once(point, number, threads)
-        return once(point, number, threads)
+    def read(point: Point, number: int) -> Reading:
+        return once(point, number, 1)  # type: ignore[no-any-return]
 
     return read
 
 
-def _place(where: Mapping[str, Any]) -> Place:
-    """Where and with what a reading was taken, from `validation.reading.environment`."""
+def _place(backend: str) -> Place:
+    """Where and with what a reading is taken."""
+    where = environment(1, backend)
     device, load = where["device"] or {}, where["load"]
     return Place(
         where["processor"], where["threads"], where["date"], where["commit"], device.get("name", ""),

@@ -100,13 +100,11 @@ def patent(literal: tuple[str, ...]) -> Measured:
     """
     from refsim.study.observables import observable_of
     from refsim.study.panels import panel
-    from refsim.study.panels.measured import observable
     from refsim.study.panels.scenes import changed, scene_of
     from refsim.study.runs import Setting, measure
 
     of = panel("tank_pressure")
     scene = scene_of(of, of.points["n10"])
-    assert scene is not None
     d = scene.spacing
     liquid = {"density": "summation", "gradient": "plain", "dynamic_viscosity": 8.4}
     changes = {f"effects.weakly_compressible.{name}": value for name, value in liquid.items()} | {
@@ -114,7 +112,7 @@ def patent(literal: tuple[str, ...]) -> Measured:
         "support_radius": 3.0 * d,
     }  # fmt: skip
     scene = changed(scene, list(changes.items()))
-    found = measure(Setting("", "", 1.0, scene, "cpu"), observable_of(observable(of.name), make_plan(scene)))
+    found = measure(Setting("", "", 1.0, scene, "cpu"), observable_of(f"panel:{of.name}", make_plan(scene)))
     return {"value": None if found.failed else found.value, "remark": f"stops: {found.failed}" * bool(found.failed)}
 
 

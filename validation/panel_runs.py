@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from refsim.study.panels import Point
@@ -44,8 +42,7 @@ def drop_by_splishsplash(point: Point, repeat: int, threads: int | None) -> Read
     above = [k for k, error in enumerate(found["error"]) if not error <= value]
     torn = "" if np.isfinite(value) else "torn: no outer surface all around"
     seconds = found["wall"][above[-1] + 1 if above else 0]
-    curve = tuple(zip(found["wall"], found["error"]))
-    return replace(reading(value, seconds, found["steps"], found["particles"], torn), curve=curve)
+    return reading(value, seconds, found["steps"], found["particles"], torn)
 
 
 def vortices_by_pysph(point: Point, repeat: int, threads: int | None) -> Reading:

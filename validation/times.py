@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from refsim.core.errors import InputError
-from refsim.study.choice import unsettled
+from refsim.study.advice import scattered
 from validation import timed
 from validation.limits import STEP_KERNELS, Work, least
 from validation.timed import ladders
@@ -110,7 +110,7 @@ def span(seconds: Sequence[float]) -> str:
 
 def microseconds(seconds: Sequence[float]) -> str:
     """Median of a step [us]; the range of the readings behind a circle where it has not settled."""
-    return f"\u25cb {span(seconds)}" if unsettled(seconds) else f"{1e6 * float(np.median(seconds)):,.0f}"
+    return f"\u25cb {span(seconds)}" if scattered(seconds) else f"{1e6 * float(np.median(seconds)):,.0f}"
 
 
 def effects(times: Times) -> list[str]:

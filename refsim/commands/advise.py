@@ -4,13 +4,16 @@ import argparse
 from pathlib import Path
 
 from refsim.commands import CommandResult, command, table, takes, write_new
+from refsim.core.checked import suggestion
 from refsim.core.errors import InputError
+from refsim.scene.files import scene_to_toml
 from refsim.study import advice
-from refsim.study.panels import abouts
+from refsim.study.panels import abouts, panel
+from refsim.study.panels.scenes import scene_of
 
-DESCRIPTION = """The cheapest measured setting for a relative error of an observable, and what it took; the setting's
-scene is written where it has one (refsim plan SCENE --time: what it takes here). Without an observable, list them. For
-another scene: refsim study."""
+DESCRIPTION = """The cheapest measured setting for a relative error of an observable, and what it took; its scene is
+written, and the command that gives the value is printed (refsim plan SCENE --time: what it takes here). Without an
+observable, list them. For another scene: refsim study."""
 
 
 @command("advise", "the cheapest setting for an accuracy", DESCRIPTION)
@@ -22,30 +25,28 @@ another scene: refsim study."""
 @takes("--overwrite", action="store_true", help="replace a file that is there")
 def execute(options: argparse.Namespace) -> CommandResult:
     """Advise on an observable, or list what there is."""
-    if options.observable is None:
-        listed = {name: about.words for name, about in abouts().items()}
+    name, error, kind = options.observable, options.error, "gpu" if options.gpu else "cpu"
+    if name is None:
+        listed = {each: about.words for each, about in abouts().items()}
         return CommandResult({"observables": listed}, table(list(listed.items()), ("observable", "")))
-    kind = "gpu" if options.gpu else "cpu"
+    if name not in abouts():
+        raise InputError(f"advise: there is no observable {name!r}; {suggestion(name, abouts())}")
+    advice.checked(error, options.seconds)
+    of = panel(name)
     if options.seconds is None:
-        found = advice.find(options.observable, options.error, kind)
+        found = advice.cheapest(of, error, kind)
     else:
-        found = advice.within(options.observable, options.seconds, kind)
-    path = Path(options.output or f"{options.observable}.toml")
-    if options.output and not found.toml:
-        raise InputError(f"advise: this setting of {options.observable} has no scene; leave --output out.")
-    if found.toml:
-        write_new({path: found.toml.encode()}, "file (--output)", options.overwrite, "scene", "nothing was written")
-    text, data = advice.text_of(found), advice.data_of(found)
-    if found.toml:
-        data["scene"] = str(path)
-        backend = " --backend cuda" if options.gpu else ""
-        text += f"\nwrote {path}\n{_measures(found, path)}{backend}"
-    return CommandResult(data, text)
-
-
-def _measures(found: advice.Advice, path: Path) -> str:
-    """The command that gives the value."""
-    name, choice = found.panel.name, found.choice
-    if found.panel.about.reaches is None or choice is None or choice.named is None:
-        return f"refsim run {path} --observable panel:{name}"
-    return f"refsim study {name} --points {choice.named.point.key}"
+        found = advice.least(of, kind, options.seconds)
+        if found is None:
+            raise InputError(f"advise: no measured setting of {name} takes {options.seconds:g} s or less; give more.")
+        error = found[0]
+    text, data = advice.text_of(of, error, kind, found), advice.data_of(of, error, kind, found)
+    if found is None:
+        return CommandResult(data, text)
+    point, path = found[1], Path(options.output or f"{name}.toml")
+    scene = scene_to_toml(scene_of(of, point))
+    write_new({path: scene.encode()}, "file (--output)", options.overwrite, "scene", "nothing was written")
+    value = f"refsim run {path} --observable panel:{name}" + " --backend cuda" * options.gpu
+    if of.about.reaches is not None:
+        value = f"refsim study {name} --points {point.key}" + " --backend cuda" * options.gpu
+    return CommandResult(data | {"scene": str(path), "command": value}, f"{text}\nwrote {path}\n{value}")

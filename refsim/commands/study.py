@@ -17,8 +17,8 @@ from refsim.study import KNOBS
 from refsim.study.convergence import Reference
 from refsim.study.methods import METHODS
 from refsim.study.panels import abouts, panel
+from refsim.study.panels import measured as measuring
 from refsim.study.panels.making import MADE
-from refsim.study.panels.measured import measured, observable
 from refsim.study.panels.scenes import packaged
 
 DESCRIPTION = """Run a scene at several spacings, and with every other setting changed alone, and say how accurate the
@@ -89,29 +89,24 @@ def execute(options: argparse.Namespace) -> CommandResult:
 def _packaged(options: argparse.Namespace) -> Scene:
     """The panel's scene; observable and what is in proportion to the spacing are the panel's where none are given."""
     of = panel(options.scene)
-    scene = packaged(of.name)
-    if scene is None:
-        raise InputError(f"study: panel {of.name!r} has no packaged scene; refsim advise {of.name} says what is known.")
-    options.observable = options.observable or observable(of.name)
+    options.observable = options.observable or f"panel:{of.name}"
     options.reaches = of.about.reaches if options.reaches is None else options.reaches
     options.with_spacing = options.with_spacing or ",".join(of.about.with_spacing)
-    return scene
+    return packaged(of.name)
 
 
 def _points(options: argparse.Namespace) -> CommandResult:
     """Measure the panel's settings."""
     tell = (lambda text: None) if options.quiet else say
-    found = measured(
-        panel(options.scene), options.points or (), backend=options.backend, threads=options.threads, say=tell
-    )
-    value, _, uncertainty = found.stored.reference()
-    about = found.stored.about
+    of = panel(options.scene)
+    found = measuring.measured(of, options.points or (), backend=options.backend, say=tell)
+    value, _, uncertainty = of.reference()
     data = {
-        "panel": options.scene, "observable": about.observed, "reference": value, "uncertainty": uncertainty,
-        "source": about.reference, "points": found.rows(), "left_out": list(found.left_out),
+        "panel": of.name, "observable": of.about.observed, "reference": value, "uncertainty": uncertainty,
+        "source": of.about.reference, "points": measuring.rows(of, found),
     }  # fmt: skip
-    failed = all(point.failed for point in found.here.points.values())
-    return CommandResult(data, found.text(), FAILED if failed else 0)
+    failed = all(point.failed for point in found.points.values())
+    return CommandResult(data, measuring.text(of, found), FAILED if failed else 0)
 
 
 def _command(options: argparse.Namespace) -> str:

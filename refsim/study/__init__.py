@@ -5,7 +5,6 @@ Contents: study; the modules methods (other models), observables, convergence (o
 """
 
 import os
-import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import replace
@@ -209,15 +208,15 @@ def _measured(
     if left:
         before = f", {len(settings) - len(left)} are on file" if len(left) < len(settings) else ""
         say(f"{len(left)} runs to do{before}, the cheapest first")
-    whole, done, began = sum(weight(settings[k].scene) for k in left), 0.0, time.perf_counter()
+    whole, done, took = sum(weight(settings[k].scene) for k in left), 0.0, 0.0
     for count, k in enumerate(left, 1):
         setting = settings[k]
-        rest = (time.perf_counter() - began) * (whole - done) / done if done else 0.0
-        say(f"{count} of {len(left)}: {setting.label}" + (f"; about {in_time(rest)} left" if rest else ""))
+        rest = took * (whole - done) / done if done else 0.0
+        say(f"{count} of {len(left)}: {setting.label}" + (f"; about {in_time(rest)} of steps left" if rest else ""))
         how = setting, observable, reaches, threads
         make, read = partial(measure, *how, progress), partial(key_of, *how)
         found[k] = reading = kept_or_made(folder, keys[k], setting, make, read, keys[k])
-        done += weight(setting.scene)
+        done, took = done + weight(setting.scene), took + reading.wall
         say(f"  {reading}")
     return [(setting, reading) for setting, reading in zip(settings, found) if reading is not None]
 

@@ -1,164 +1,153 @@
-"""What an accuracy costs in the panels: the cheapest measured setting for any error."""
+"""What an accuracy costs in the panels: the cheapest measured setting for any error.
 
-import math
-from dataclasses import dataclass
-from functools import cached_property
+1. The error of a setting is the largest of it and of all finer ones: those with the same other knobs whose spacing and
+   step are no larger, on any machine and in any precision. Errors of opposite sign cancel at one spacing and not at the
+   next; a setting that stops has an infinite error. The uncertainty of the reference is added.
+2. Of the settings within the error the one of the least seconds is advised. They are those of the whole run that its
+   scene makes, whatever the error.
+3. float64 is advised only where float32 with the same knobs is not within the error.
+"""
+
+from collections.abc import Iterator, Sequence
 from typing import Any
 
-from refsim.core.checked import suggestion
+import numpy as np
+
 from refsim.core.errors import InputError
 from refsim.core.tables import in_bytes
-from refsim.scene.files import scene_to_toml
-from refsim.scene.scene import Scene
-from refsim.study.choice import NORMAL, Candidate, Choice, choose, duration, kinds, least_error, percent, physics
-from refsim.study.panels import Panel, abouts, panel
-from refsim.study.panels.scenes import scene_of
+from refsim.study.panels import OWN, Panel, Point
 
-NOTABLE = 0.05  # share of an error from which on what is known of it is said
-
-
-@dataclass(frozen=True)
-class Advice:
-    """The answer for an observable and a relative error.
-
-    kind        "cpu" or "gpu"
-    choice      what the rules say; None where the error has no meaning, or on a GPU that was not measured
-    peer        the same of other programs, on a CPU; None where none was measured
-    no_meaning  why the error has none; "" where it has
-    """
-
-    panel: Panel
-    error: float
-    kind: str = "cpu"
-    choice: Choice | None = None
-    peer: Choice | None = None
-    no_meaning: str = ""
-
-    @cached_property
-    def scene(self) -> Scene | None:
-        """Scene of the named setting; None where it has none. A drop is stirred for it, which takes seconds."""
-        reached = None if self.choice is None else self.choice.advised or self.choice.read
-        return None if reached is None else scene_of(self.panel, reached.point)
-
-    @property
-    def toml(self) -> str:
-        """The scene as a file; "" without one."""
-        return "" if self.scene is None else scene_to_toml(self.scene)
+KINDS = ("cpu", "gpu", "peer")
+READINGS = 5  # of a setting's seconds
+FINE = ("spacing", "step")  # knobs of which less is finer
+SCATTER = 0.05  # interquartile range over the median, from which on seconds are told with their range
 
 
-def answer(of: Panel, error: float, kind: str = "cpu") -> Advice:
-    """The rules' answer for a relative error."""
-    found, uncertainty = kinds(of), of.reference()[2]
-    if error <= uncertainty:
-        why = f"the reference is known to {percent(uncertainty)} ({of.about.uncertain})"
-        return Advice(of, error, kind, no_meaning=why)
-    chosen = choose(found[kind], error, physics(found)) if found[kind] else None
-    peer = choose(found["peer"], error) if found["peer"] else None
-    return Advice(of, error, kind, chosen, peer)
+def kind_of(point: Point) -> str:
+    """Where a point belongs, one of KINDS."""
+    return "peer" if point.program != OWN else "gpu" if point.gpu else "cpu"
 
 
-def find(observable: str, error: float, kind: str = "cpu") -> Advice:
-    """`answer` of the panel of this name. Raises InputError for an unknown one, and for an impossible error."""
-    known = abouts()
-    if observable not in known:
-        raise InputError(f"advise: there is no observable {observable!r}; {suggestion(observable, known)}")
-    if not 0 < error < 1:
-        raise InputError(f"advise: an error of {error:g} is not possible; give a share between 0 and 1, 0.01 for 1 %.")
-    return answer(panel(observable), error, kind)
+def most(of: Panel, point: Point) -> float:
+    """The largest relative error that a setting may have (rule 1)."""
+    return max(map(of.error, _finer(of, point))) + of.reference()[2]
 
 
-def within(observable: str, seconds: float, kind: str = "cpu") -> Advice:
-    """The answer for the least error that can be had within so many seconds on the panels' machine.
-
-    Raises InputError as `find` does, and where no setting is that fast.
-    """
-    if not 0 < seconds < math.inf:
-        raise InputError(f"advise: {seconds:g} seconds are not possible; give a positive number.")
-    of = find(observable, 0.5, kind).panel
-    found = kinds(of)
-    error = least_error(found[kind], seconds, physics(found))
-    if error is None:
-        raise InputError(f"advise: no measured setting of {observable} takes {duration(seconds)} or less; give more.")
-    return answer(of, error, kind)
+def _finer(of: Panel, point: Point) -> Iterator[Point]:
+    """The point wherever it ran, and all that differ from it in a smaller spacing or step, whatever their precision."""
+    for other in of.points.values():
+        if other.program == point.program and _physics(other) == _physics(point):
+            theirs, own = ([p.knobs.get(name, 0.0) for name in FINE] for p in (other, point))
+            alike = theirs == own and other.knobs["dtype"] == point.knobs["dtype"]
+            if alike or (theirs != own and all(a <= b for a, b in zip(theirs, own))):
+                yield other
 
 
-def own_error(of: Panel, candidate: Candidate, reached: bool = True) -> str:
-    """The error of a setting; also in the observable's own unit, where its number is another one.
+def _physics(point: Point) -> dict[str, Any]:
+    """The knobs of which more or less is no finer."""
+    return {name: value for name, value in point.knobs.items() if name not in (*FINE, "backend", "dtype")}
 
-    "at most" with the reference's uncertainty added, if that is a twentieth of it or more; else with the standard
-    deviation of its readings, if that is; "at least" where no setting has less.
-    """
+
+def settings(of: Panel, kind: str) -> list[tuple[float, Point]]:
+    """The panel's points of a kind that came to an end, with their errors, the cheapest first."""
+    found = [(most(of, p), p) for p in of.points.values() if kind_of(p) == kind and not p.failed]
+    return sorted(found, key=lambda pair: price(pair[1]))
+
+
+def price(point: Point) -> float:
+    """Median seconds of a run."""
+    return float(np.median(point.seconds))
+
+
+def cheapest(of: Panel, error: float, kind: str = "cpu") -> tuple[float, Point] | None:
+    """(error, setting) of the cheapest one within a relative error; None where none is (rules 2 and 3)."""
+    within = [pair for pair in settings(of, kind) if pair[0] <= error]
+    single = [p.knobs for _, p in within if p.knobs.get("dtype") == "float32"]
+    needed = (pair for pair in within if pair[1].knobs in single or {**pair[1].knobs, "dtype": "float32"} not in single)
+    return next(needed, None)
+
+
+def least(of: Panel, kind: str = "cpu", seconds: float = np.inf) -> tuple[float, Point] | None:
+    """(error, setting) of the least error within so many seconds; None where none is that fast."""
+    within = [pair for pair in settings(of, kind) if price(pair[1]) <= seconds]
+    return min(within, key=lambda pair: pair[0], default=None)
+
+
+def scattered(seconds: Sequence[float]) -> bool:
+    """Whether readings of the same work differ by more than a median can tell."""
+    low, middle, high = np.quantile(seconds, (0.25, 0.5, 0.75))
+    return bool(high - low >= SCATTER * middle)
+
+
+def duration(seconds: Sequence[float]) -> str:
+    """Median of seconds in words, three digits; their range where they scatter."""
+    span = f" ({_span(min(seconds))} to {_span(max(seconds))})" if scattered(seconds) else ""
+    return _span(float(np.median(seconds))) + span
+
+
+def _span(seconds: float) -> str:
+    for unit, size in (("s", 1.0), ("ms", 1e-3)):
+        if seconds >= size:
+            return f"{seconds / size:.3g} {unit}"
+    return f"{seconds / 1e-6:.3g} us"
+
+
+def percent(value: float) -> str:
+    """A share in per cent, two digits."""
+    return f"{float(f'{100 * value:.2g}'):g} %"
+
+
+def in_words(of: Panel, error: float) -> str:
+    """An error in per cent, and in the observable's own unit, where its number is another one."""
     about, scale = of.about, of.reference()[1]
-    error, before, after = candidate.error, "" if reached else "at least ", ""
-    if candidate.uncertainty >= NOTABLE * error:
-        error, before = candidate.most, "at most "
-    elif NORMAL * candidate.point.error_mad >= NOTABLE * error:
-        after = f" ± {percent(NORMAL * candidate.point.error_mad)}"
     shown = about.unit and about.unit != "%" and (about.limit_of or scale > 1)
-    own = f" ({error * scale:.2g} {about.unit})" if shown else ""
-    return f"{before}{percent(error)}{after}{own}"
+    return percent(error) + (f" ({error * scale:.2g} {about.unit})" if shown else "")
 
 
-def text_of(advice: Advice) -> str:
+def checked(error: float | None, seconds: float | None) -> None:
+    """Raises InputError for an error or seconds that are not possible."""
+    if error is not None and not 0 < error < 1:
+        raise InputError(f"advise: an error of {error:g} is not possible; give a share between 0 and 1, 0.01 for 1 %.")
+    if seconds is not None and not 0 < seconds < np.inf:
+        raise InputError(f"advise: {seconds:g} seconds are not possible; give a positive number.")
+
+
+def text_of(of: Panel, error: float, kind: str, found: tuple[float, Point] | None) -> str:
     """The answer as text."""
-    about, choice, gpu = advice.panel.about, advice.choice, advice.kind == "gpu"
-    lines = [f"{about.words}: an error of {percent(advice.error)} {about.relative}"]
-    if advice.no_meaning:
-        return f"{lines[0]}\n  no meaning: {advice.no_meaning}"
-    if choice is None:
-        return f"{lines[0]}\n  not measured on a GPU; leave --gpu out."
-    if choice.why:
-        lines.append(f"  {choice.why}")
-    setting = choice.advised or choice.read
-    if setting is not None:
-        took = duration(choice.seconds)
-        if choice.advised is None:
-            fast, slow = (duration(choice.seconds * share) for share in setting.scatter)
-            took = f"{fast} to {slow}, not settled,"
-        elif setting.starts:
-            took += f" ({' to '.join(duration(choice.seconds * share) for share in setting.starts)} over the starts)"
-        lines.append(f"  setting    {setting.point.words}; error {own_error(advice.panel, setting)}")
-        lines.append(f"  measured   {took} on {advice.panel.where(gpu)}")
-        if setting.point.bytes:
-            lines.append(f"  memory     {in_bytes(setting.point.bytes)} in fields")
-    if advice.peer is not None and not gpu:
-        best = advice.peer
-        said = best.why if best.advised is None else f"{duration(best.seconds)}, {best.advised.point.words}"
-        lines.append(f"  best peer  {said}")
-    lines += [f"  note       {note}" for note in choice.notes]
-    if about.remark:
-        lines.append(f"  note       {about.remark}")
-    return "\n".join(lines)
+    about, uncertainty, nearest = of.about, of.reference()[2], least(of, kind)
+    lines = [f"{about.words}: an error of {percent(error)} {about.relative}"]
+    if error <= uncertainty:
+        return f"{lines[0]}\n  no meaning: the reference is known to {percent(uncertainty)} ({about.uncertain})"
+    if nearest is None:
+        return f"{lines[0]}\n  not measured on a {kind.upper()}"
+    if found is None:
+        lines.append("  not reached; the least error has:")
+    bound, point = found or nearest
+    lines.append(f"  setting    {point.words}; error at most {in_words(of, bound)}")
+    lines.append(f"  measured   {duration(point.seconds)} on {of.where(point.gpu)}")
+    if point.bytes:
+        lines.append(f"  memory     {in_bytes(point.bytes)} in fields")
+    if kind == "cpu" and (other := cheapest(of, error, "peer") or least(of, "peer")) is not None:
+        reached = "" if other[0] <= error else f", which has {percent(other[0])} at best"
+        lines.append(f"  others     {duration(other[1].seconds)}, {other[1].words}{reached}")
+    return "\n".join([*lines, *(f"  note       {note}" for note in (about.remark,) if note)])
 
 
-def data_of(advice: Advice) -> dict[str, Any]:
+def data_of(of: Panel, error: float, kind: str, found: tuple[float, Point] | None) -> dict[str, Any]:
     """The answer as plain values."""
-    about, choice = advice.panel.about, advice.choice
 
-    def plain(found: Choice | None) -> dict[str, Any] | None:
-        if found is None:
+    def plain(pair: tuple[float, Point] | None) -> dict[str, Any] | None:
+        if pair is None:
             return None
-        made: dict[str, Any] = {"why": found.why, "notes": list(found.notes)}
-        if found.named is not None:
-            point = found.named.point
-            made |= {
-                "key": point.key, "setting": point.words, "program": point.program, "error": found.named.most,
-                "seconds": found.seconds if math.isfinite(found.seconds) else None, "bytes": point.bytes,
-                "settled": not found.named.unsettled,
-            }  # fmt: skip
-        return made
+        bound, point = pair
+        return {
+            "key": point.key, "setting": point.words, "program": point.program, "error": bound,
+            "seconds": price(point), "bytes": point.bytes,
+        }  # fmt: skip
 
     return {
-        "observable": advice.panel.name,
-        "words": about.words,
-        "relative": about.relative,
-        "reference": about.reference,
-        "uncertainty": advice.panel.reference()[2],
-        "error": advice.error,
-        "no_meaning": advice.no_meaning or None,
-        "backend": "cuda" if advice.kind == "gpu" else "cpu",
-        "answer": plain(choice),
-        "peer": plain(advice.peer),
-        "measured_on": advice.panel.where(advice.kind == "gpu"),
-        "scene": None,
-    }
+        "observable": of.name, "words": of.about.words, "relative": of.about.relative,
+        "reference": of.about.reference, "uncertainty": of.reference()[2], "error": error,
+        "backend": "cuda" if kind == "gpu" else "cpu", "answer": plain(found), "nearest": plain(least(of, kind)),
+        "peer": plain(cheapest(of, error, "peer")), "measured_on": of.where(kind == "gpu"), "scene": None,
+    }  # fmt: skip

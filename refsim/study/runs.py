@@ -72,7 +72,6 @@ class Reading:
     bytes      of the arrays that it held at its end
     mass       of all particles at its start [kg; kg/m in 2D]
     unsettled  why its seconds are not to be trusted; "" where they are
-    curve      (seconds, value) at the moments of an observable that watches the run and reads numbers
     failed     one sentence if there is no value; "" otherwise
     """
 
@@ -86,7 +85,6 @@ class Reading:
     rebuilds: int = 0
     failed: str = ""
     mass: float = 0.0
-    curve: tuple[tuple[float, float], ...] = ()
     unsettled: str = ""
 
     def __str__(self) -> str:
@@ -140,10 +138,9 @@ def _run(
             raise
         return Reading(math.nan, 0.0, 0.0, 0, 0, 0, 0.0, failed=str(error))
     clock = _Clock(simulation, progress, checkpoints, every)
-    curve: list[tuple[float, float]] = []
     try:
         if observable.times is not None and reaches is None:
-            value = _watched(simulation, observable, clock, curve)
+            value = _watched(simulation, observable, clock)
         elif reaches is None:
             value = _at_end(simulation, observable, clock)
         else:
@@ -157,7 +154,6 @@ def _run(
     return Reading(
         value, clock.seconds, clock.wall, held_bytes(simulation), simulation.count, simulation.steps,
         simulation.time, search.log.rebuilds if search else 0, failed, float(simulation.plan.state.mass.sum()),
-        tuple(curve),
     )  # fmt: skip
 
 
@@ -219,16 +215,13 @@ class _Clock:
         self.kept_at = time.perf_counter()
 
 
-def _watched(simulation: Simulation, observable: Observable, clock: _Clock, curve: list[tuple[float, float]]) -> float:
+def _watched(simulation: Simulation, observable: Observable, clock: _Clock) -> float:
     """The observable from its moments; the run goes to the scene's end."""
-    watch, read = Watching(observable, simulation.plan.scene), 0
-    while True:
-        watch(simulation)
-        curve += [(clock.seconds, value) for value in watch.values[read:] if isinstance(value, float)]
-        read = len(watch.values)
-        if not watch.due and simulation.time >= simulation.plan.scene.end_time:
-            break
+    watch = Watching(observable, simulation.plan.scene)
+    watch(simulation)
+    while watch.due or simulation.time < simulation.plan.scene.end_time:
         clock.step()
+        watch(simulation)
     if observable.seconds is not None:
         clock.seconds = clock.wall = observable.seconds(watch.values)
     return watch.value(simulation)

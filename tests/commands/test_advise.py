@@ -1,19 +1,18 @@
 """`refsim advise`: answers as text and JSON, the scene it writes, sentences for what there is not."""
 
 import json
-from dataclasses import replace
+import os
+import subprocess
+import sys
 
 import pytest
 
 from refsim.__main__ import main
 from refsim.commands import study
-from refsim.scene.files import load_scene
+from refsim.scene.files import load_scene, parse_scene
 from refsim.study import advice
 from refsim.study.panels import abouts, panel
-from refsim.study.panels.making import STIRRED_DROPS
-from refsim.study.panels.measured import Measured
-
-STIRRED = [made.__name__ for made in STIRRED_DROPS]  # whose scenes take seconds
+from refsim.study.panels.scenes import scene_of
 
 
 def advise(*words):
@@ -32,7 +31,7 @@ def folder(tmp_path, monkeypatch):
     (["front", "--error", "2"], "an error of 2 is not possible; give a share between 0 and 1"),
     (["front", "--error", "0"], "an error of 0 is not possible"),
     (["front", "--seconds", "0"], "0 seconds are not possible; give a positive number"),
-    (["front", "--seconds", "1e-4"], "no measured setting of front takes 100 us or less; give more"),
+    (["front", "--seconds", "1e-4"], "no measured setting of front takes 0.0001 s or less; give more"),
 ])  # fmt: skip
 def test_bad_input_gets_a_sentence_and_code_2(folder, capsys, words, said):
     assert advise(*words) == 2
@@ -41,32 +40,59 @@ def test_bad_input_gets_a_sentence_and_code_2(folder, capsys, words, said):
 
 
 def test_an_answer_and_its_scene(folder, capsys):
-    assert advise("droplet", "--error", "0.007") == 0
+    assert advise("droplet", "--error", "0.007", "--json") == 0
+    found = json.loads(capsys.readouterr().out)
+    point = panel("droplet").points[found["answer"]["key"]]
+    assert found["answer"]["error"] <= 0.007
+    assert found["command"] == "refsim run droplet.toml --observable panel:droplet"
+    assert load_scene("droplet.toml") == scene_of(panel("droplet"), point)
+    assert advise("droplet", "--error", "0.007", "--gpu", "--overwrite") == 0
     text = capsys.readouterr().out
-    found = advice.find("droplet", 0.007)
-    for word in ("an error of 0.7 %", found.choice.advised.point.words, "best peer", "wrote"):
-        assert word in text
-    assert found.choice.advised.most <= 0.007
-    assert ((folder / "droplet.toml").read_text(), load_scene("droplet.toml").dtype) == (found.toml, "float32")
+    assert text.endswith("refsim run droplet.toml --observable panel:droplet --backend cuda\n")
+    assert f"on {panel('droplet').where(True)}" in text
+    assert "others" not in text  # which are measured on a CPU
 
 
-def test_the_answer_is_for_the_error_itself():
-    """The front within 4 %, which no setting of the table's rows is named for."""
-    found = advice.find("front", 0.04)
-    assert 0.01 < found.choice.advised.error <= 0.04
-    assert "an error of 4 %" in advice.text_of(found)
-    assert advice.find("contact_angle", 0.033).choice.advised.error < 0.033
-    assert advice.find("surface_tension_jump", 0.01).no_meaning
+def test_one_scene_has_one_price(folder, capsys):
+    """That of its whole run: whatever is asked, a scene that is written stands beside the same seconds."""
+    for name in abouts():
+        prices = {}
+        for error in (0.3, 0.1, 0.05, 0.02, 0.01, 0.003, 0.001):
+            for kind in advice.KINDS[:2]:
+                found = advice.cheapest(panel(name), error, kind)
+                if found is not None:
+                    assert advice.most(panel(name), found[1]) <= error
+                    told = advice.data_of(panel(name), error, kind, found)["answer"]["seconds"]
+                    assert prices.setdefault(found[1].key, told) == told
+                assert advice.text_of(panel(name), error, kind, found)
+    for error in ("0.3", "0.01"):
+        assert advise("droplet", "--error", error, "--json", "--overwrite") == 0
+        told = json.loads(capsys.readouterr().out)["answer"]
+        run = panel("droplet").points[told["key"]]
+        scene = parse_scene((folder / "droplet.toml").read_text(), "it")
+        assert told["seconds"] == advice.price(run)
+        assert scene.end_time == 0.9
+
+
+def test_an_answer_takes_two_seconds_of_the_processor(folder):
+    """Of a drop whose scene was stirred for seconds, in a process of its own."""
+    before = os.times()
+    done = subprocess.run(
+        [sys.executable, "-m", "refsim", "advise", "contact_angle", "--error", "0.05"], capture_output=True, text=True,
+        check=True,
+    )  # fmt: skip
+    after = os.times()
+    assert done.stdout.endswith("refsim run contact_angle.toml --observable panel:contact_angle\n")
+    assert after.children_user + after.children_system - before.children_user - before.children_system < 2.0
 
 
 def test_the_least_error_that_seconds_buy(folder, capsys):
-    found = advice.within("tank_pressure", 0.3)
-    assert found.choice.advised.wall <= 0.3
-    assert found.choice.advised.most == pytest.approx(found.error)
-    faster = advice.within("droplet", 0.1)
-    assert faster.error > advice.within("droplet", 2.0).error
-    assert advise("tank_pressure", "--seconds", "0.3") == 0
-    assert f"error {advice.own_error(found.panel, found.choice.advised)}" in capsys.readouterr().out
+    assert advise("tank_pressure", "--seconds", "0.3", "--json") == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["answer"]["seconds"] <= 0.3
+    assert found["error"] == found["answer"]["error"]
+    (quick, _), (slow, _) = (advice.least(panel("droplet"), seconds=s) for s in (0.3, 2.0))
+    assert quick > slow
 
 
 ANSWERS = {  # errors that are wanted of observables: each has an answer
@@ -83,7 +109,8 @@ def test_the_run_of_an_answer_s_scene_has_its_error(folder, capsys, name):
     wanted = ANSWERS[name]
     assert advise(name, "--error", str(wanted)) == 0
     words = capsys.readouterr().out.splitlines()[-1].split()
-    assert main([*words[1:], "--threads", "1", "--quiet", "--json"]) == 0
+    threads = [] if words[1] == "study" else ["--threads", "1"]
+    assert main([*words[1:], *threads, "--quiet", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     value = found["points"][0]["value"] if words[1] == "study" else found["observable"]["value"]
     known, scale, uncertainty = panel(name).reference()
@@ -93,54 +120,17 @@ def test_the_run_of_an_answer_s_scene_has_its_error(folder, capsys, name):
         assert "read during the whole run" in capsys.readouterr().err
 
 
-def test_with_gpu_the_answer_is_that_of_a_gpu(folder, capsys):
-    assert advise("droplet", "--error", "0.005", "--gpu") == 0
-    text = capsys.readouterr().out
-    found = advice.find("droplet", 0.005, "gpu")
-    assert f"setting    {found.choice.advised.point.words}; error" in text
-    assert f"on {found.panel.where(True)}" in text
-    assert text.endswith("refsim run droplet.toml --observable panel:droplet --backend cuda\n")
-    assert "best peer" not in text  # which is measured on a CPU
-    assert (folder / "droplet.toml").read_text() == found.toml
-    assert "not measured on a GPU" in advice.text_of(replace(found, choice=None))
-
-
-def test_what_has_no_meaning_and_what_is_not_advised_is_said(folder, capsys, monkeypatch):
+def test_what_has_no_meaning_and_what_is_not_reached_is_said(folder, capsys):
     assert advise("surface_tension_jump", "--error", "0.01") == 0
     assert "no meaning: the reference is known to 2.3 % (uncertainty of Akinci's flat" in capsys.readouterr().out
     assert advise("detection_2d", "--error", "0.001") == 0
-    assert "not reached: " in capsys.readouterr().out
+    assert "not reached; the least error has:" in capsys.readouterr().out
     assert not list(folder.iterdir())
-    found = advice.find("droplet", 0.05)
-    read = replace(found.choice, advised=None, read=found.choice.advised, why="not advised: it has not settled")
-    monkeypatch.setattr(advice, "choose", lambda *given: read)
-    assert advise("droplet", "--error", "0.05") == 0
-    said = capsys.readouterr().out
-    assert read.why in said
-    assert f"setting    {read.read.point.words}" in said
-    assert ", not settled" in said
-    assert [path.name for path in folder.iterdir()] == ["droplet.toml"]
 
 
-@pytest.mark.parametrize("name", abouts())
-def test_every_panel_has_an_answer_and_no_advised_point_is_unsettled(name):
-    for error in (0.1, 0.05, 0.02, 0.01, 0.003, 0.001):
-        for kind in ("cpu", "gpu"):
-            found = advice.find(name, error, kind)
-            assert advice.text_of(found)
-            if found.choice is not None and found.choice.advised is not None:
-                assert not found.choice.advised.unsettled
-                assert found.choice.advised.most <= error
-
-
-def test_the_list_and_json(folder, capsys):
+def test_the_list(folder, capsys):
     assert advise() == 0
     assert "surge front of a 2D dam break" in capsys.readouterr().out
-    assert advise("droplet", "--error", "0.05", "--json") == 0
-    found = json.loads(capsys.readouterr().out)
-    assert (found["error"], found["scene"]) == (0.05, "droplet.toml")
-    assert found["answer"]["error"] <= 0.05
-    assert found["peer"]["program"] == "SPlisHSPlasH"
 
 
 def test_a_panel_of_clouds_is_studied_by_its_settings(folder, capsys, monkeypatch):
@@ -149,8 +139,8 @@ def test_a_panel_of_clouds_is_studied_by_its_settings(folder, capsys, monkeypatc
 
     def measured(of, keys, **given):
         asked.append((of.name, keys))
-        return Measured(of, of, ())
+        return of
 
-    monkeypatch.setattr(study, "measured", measured)
+    monkeypatch.setattr(study.measuring, "measured", measured)
     assert (main(["study", "implicit_pressure", "--quiet"]), asked) == (0, [("implicit_pressure", ())])
     assert "density advanced, d = H/10, float32" in capsys.readouterr().out

@@ -323,7 +323,7 @@ def test_the_command_writes_table_picture_and_page(file, capsys):
     said = capsys.readouterr()
     assert "own.grid = 5 ± 0.56" in said.out
     assert "4 runs to do, the cheapest first" in said.err
-    assert "left" in said.err.splitlines()[3]
+    assert "of steps left" in said.err.splitlines()[3]
     assert "cheapest for an error of 10 %" in said.out
     assert {"study.html", "study.png"} < {path.name for path in (file / "tank_study").iterdir()}
     assert run("--observable", "own.py:grid", "--knobs", "spacing,precision", "--error", "0.1", "--json") == 0

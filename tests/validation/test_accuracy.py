@@ -1,12 +1,14 @@
 """Panels in the repository: the page that their points make, their runs without a packaged scene, and readings."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from refsim import Simulation
-from refsim.study.panels import FOLDER, OWN, Point, abouts, panel
+from refsim.study.panels import FOLDER, OWN, Point, abouts, panel, parse
 from refsim.study.panels.making import DENSITY, GRAVITY, MADE, implicit_pressure
-from refsim.study.panels.measured import measured
+from refsim.study.panels.measured import measured, text
 from refsim.study.panels.observables import FALL
 from validation import accuracy, accuracy_page
 from validation import panel_runs as accuracy_runs
@@ -40,34 +42,33 @@ def test_a_reading_becomes_a_point_beside_the_stored_one(monkeypatch):
         "d10": reading(2.6, 1.0, 3, 200), "d14": reading(seconds=2.0, steps=3, failed="diverged in step 3"),
         "peer_d10": reading(failed="missing: it is not there"),
     }  # fmt: skip
-    of, first = panel("front"), []
-
-    def once(point, number, threads):
-        first.append(point.key)
-        return given[point.key]
-
-    monkeypatch.setattr(accuracy_runs, "front_by_splishsplash", once)
+    of = panel("front")
+    monkeypatch.setattr(accuracy_runs, "front_by_splishsplash", lambda point, number, threads: given[point.key])
     found = measured(of, given, read=accuracy.reader(accuracy.PEERS["front"]), readings=2)
-    assert [first.count(key) for key in given] == [3, 2, 1], "refsim's first one compiles"
-    point = found.here.points["d10"]
+    point = found.points["d10"]
     value, scale, _ = of.reference()
     assert point.error == pytest.approx(abs(2.6 - value) / scale)
     assert (point.knobs, point.setting) == (of.points["d10"].knobs, of.points["d10"].setting)
-    assert (found.here.points["d14"].failed, found.here.points["d14"].spent) == ("diverged in step 3", 2.0)
-    assert found.left_out == ("SPlisHSPlasH, DFSPH, d = L/10 left out: it is not there",)
-    assert "stored value" in found.text()
+    assert found.points["d14"].failed == "diverged in step 3"
+    assert "peer_d10" not in found.points
+    assert "stored value" in text(of, found)
 
 
-def test_starts_of_unequal_cost_settle_where_each_repeats():
-    """The second round tells what differs between starts from what disturbs the machine."""
-    starts, spent = (1.0, 1.3, 1.6, 1.1, 2.0), []
-
-    def once(point, number, threads):
-        spent.append(starts[number])
-        return reading(2.6, starts[number], 3, 200)
-
-    point = measured(panel("front"), ["d10"], read=once).here.points["d10"]
-    assert (len(spent), point.noise, point.seconds) == (10, pytest.approx([1.0] * 10), spent)
+def test_the_smallest_panel_is_measured_and_stored(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(accuracy, "STORED", tmp_path)
+    monkeypatch.setattr(accuracy.accuracy_page, "write", lambda: None)
+    keys = ("n6_w2_s200", "n4_w2_s200")
+    few = replace(panel("spinning_body"), points={key: panel("spinning_body").points[key] for key in keys})
+    one = type("One", (), {"cache_clear": lambda self: None, "__call__": lambda self, name: few})()
+    monkeypatch.setattr(accuracy, "panel", one)
+    monkeypatch.setattr(accuracy, "broken", lambda judged: [])
+    assert accuracy.perform(["spinning_body"], readings=2, write=True) == 0
+    stored = parse((tmp_path / "spinning_body.json").read_text())
+    assert tuple(stored.points) == keys
+    for key, point in stored.points.items():
+        assert point.error == pytest.approx(few.points[key].error, rel=1e-2)
+        assert len(point.seconds) == 2
+        assert stored.places[point.place].commit
 
 
 @pytest.mark.slow

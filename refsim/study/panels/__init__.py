@@ -1,7 +1,8 @@
 """Panels: observables with a reference, and the settings that were measured of each, as plain files beside this one.
 
-panels.toml says what each panel observes and against which reference; NAME.json holds its points, one a line, with the
-machine, commit and date of their measurement.
+panels.toml says what each panel observes and against which reference; NAME.json holds its settings, one a line, with
+what was measured of them and the machine, commit and date. The scene of a setting is made by `scenes`, the value is
+read by the function NAME of `observables`, and `measured` measures them.
 """
 
 import functools
@@ -18,7 +19,7 @@ from refsim.core.checked import suggestion
 from refsim.core.errors import InputError
 from refsim.study.convergence import converge
 
-SCHEMA = "refsim panel, version 1"
+SCHEMA = "refsim panel, version 2"
 OWN = "refsim"
 FOLDER = importlib.resources.files("refsim") / "study" / "panels"
 
@@ -35,7 +36,6 @@ class About(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     value, scale  error = |value of a point - value|/scale
     uncertainty, uncertain  of the reference, relative, and why
     limit_of      keys of spacings whose Richardson limit is the reference
-    spread        another width of the picture, in words
     unit          of the value where errors are given in it, too
     method        knob whose values are the picture's lines
     more          errors in the table beside those of all panels
@@ -44,7 +44,6 @@ class About(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     with_spacing  parameters of the packaged scene, by name, that are in proportion to the spacing
     reaches       the value is the time at which the observable has this value
     shaken        whether each reading starts from particles displaced otherwise, so that errors have a noise
-    falls         whether the error falls during a run, so that the seconds to an error are those until it is kept
     bars          key of a setting -> (error that it keeps at most, why)
     """
 
@@ -59,7 +58,6 @@ class About(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     uncertainty: float = 0.0
     uncertain: str = "grid convergence index of the limit"
     limit_of: tuple[str, ...] | None = None
-    spread: tuple[float, str] | None = None
     unit: str = ""
     method: str = "backend"
     more: tuple[float, ...] = ()
@@ -68,12 +66,11 @@ class About(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     with_spacing: tuple[str, ...] = ()
     reaches: float | None = None
     shaken: bool = False
-    falls: bool = False
     bars: dict[str, tuple[float, str]] = {}
 
 
 class Point(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
-    """One setting, measured.
+    """One setting, and what was measured of it.
 
     key, words      name within the panel, and the setting in words
     program         "refsim", or another program
@@ -82,12 +79,9 @@ class Point(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaul
     place           number of the panel's place where it was measured
     value, error    median of the readings, and of their relative errors; `value_mad`, `error_mad`: median absolute
                     deviations
-    seconds         wall seconds to that error, one for each reading
-    noise           seconds of equal work, where readings are of unequal work; else empty
-    step_seconds    median of a step; `steps` of the run
+    seconds         of the whole run, one for each reading: of the processor, on a GPU of the clock
     bytes           of the fields
-    reached         (error, seconds until the run keeps it), from large errors to small ones; empty without a curve
-    failed          why the setting failed; "" if it did not; `spent`: seconds until then
+    failed          why the setting failed; "" if it did not
     """
 
     key: str
@@ -101,14 +95,10 @@ class Point(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaul
     error: float | None = None
     error_mad: float = 0.0
     seconds: list[float] = []
-    noise: list[float] = []
     steps: int = 0
-    step_seconds: float | None = None
     particles: int = 0
     bytes: int | None = None
-    reached: list[tuple[float, float]] = []
     failed: str = ""
-    spent: float = 0.0
 
     @property
     def gpu(self) -> bool:
@@ -152,11 +142,11 @@ class Panel:
         return found.value, abs(found.value), found.relative
 
     def error(self, point: Point) -> float:
-        """Relative error of a point; NaN where it failed."""
-        if point.failed or point.value is None:
-            return math.nan
+        """Relative error of a point; infinite where it failed."""
+        if point.failed or point.value is None or point.error is None:
+            return math.inf
         if self.about.limit_of is None:
-            return math.nan if point.error is None else point.error
+            return point.error
         value, scale, _ = self.reference()
         return abs(point.value - value) / scale
 
@@ -164,9 +154,8 @@ class Panel:
         """Machines of its own points, in words."""
         used = dict.fromkeys(p.place for p in self.points.values() if p.gpu == gpu and p.program == OWN)
         places = [self.places[k] for k in used]
-        if gpu:
-            return "; ".join(dict.fromkeys(f"{p.device}, {p.date}" for p in places))
-        return "; ".join(dict.fromkeys(f"{p.machine}, {p.threads} threads, {p.date}" for p in places))
+        words = (p.device if gpu else f"{p.machine}, {p.threads} thread{'s' * (p.threads > 1)}" for p in places)
+        return "; ".join(dict.fromkeys(f"{word}, {p.date}" for word, p in zip(words, places)))
 
 
 @functools.cache

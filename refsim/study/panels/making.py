@@ -134,6 +134,21 @@ def detection(state: str, given: Given, seed: int = 0) -> Scene:
     )  # fmt: skip
 
 
+def heat(given: Given, seed: int = 0) -> Scene:
+    """Half a cosine of temperature in an insulated slab of 4 m and 20 layers, periodic across; k = rho = c = 1."""
+    d, layers, wide = given["spacing"], 20, 10
+    conduction = HeatConduction(
+        temperature=tuple(50 + 50 * math.cos(math.pi * (k + 0.5) / layers) for k in range(layers)), conductivity=1.0,
+        scheme=given.get("effects.heat_conduction.scheme", "runge_kutta_legendre"), heat_capacity=1.0, density=1.0,
+        largest_number=1e9, largest_drift=0.0,
+    )  # fmt: skip
+    return Scene(
+        spacing=d, support_radius=2.5 * d, dtype=given["dtype"], step=given["step"] * d**2, end_time=1.6,
+        period=(0.0, wide * d, wide * d), effects=(conduction,),
+        fluid=tuple(Box(lower=(k * d, 0.0, 0.0), cells=(1, wide, wide)) for k in range(layers)),
+    )  # fmt: skip
+
+
 def melting(given: Given, seed: int = 0) -> Scene:
     """A ball of ice at -10 degrees Celsius, all beyond held at 50; k = rho = c = 1, L = 100.
 
@@ -256,22 +271,12 @@ def surface_normals(given: Given, seed: int = 0) -> Scene:
     )  # fmt: skip
 
 
-STIRRED_DROPS = (drops.contact_angle, drops.surface_tension_jump, drops.surface_tension_frequency)
-MADE: Mapping[str, Callable[..., Scene]] = (
-    {
-        made.__name__: made
-        for made in (
-            implicit_pressure,
-            tank_pressure,
-            vortex_decay,
-            melting,
-            mpm_pressure,
-            mpm_frequency,
-            signed_distance,
-            boundary_sampling,
-            surface_normals,
-        )
-    }
-    | {state: partial(detection, state) for state in CLOUDS}
-    | {made.__name__: made for made in STIRRED_DROPS}
-)
+STIRRED = {
+    made.__name__: made for made in (drops.contact_angle, drops.surface_tension_jump, drops.surface_tension_frequency)
+}
+MADE: Mapping[str, Callable[..., Scene]] = {
+    "implicit_pressure": implicit_pressure, "tank_pressure": tank_pressure, "vortex_decay": vortex_decay,
+    "heat": heat, "melting": melting, "mpm_pressure": mpm_pressure, "mpm_frequency": mpm_frequency,
+    "signed_distance": signed_distance, "boundary_sampling": boundary_sampling, "surface_normals": surface_normals,
+    **{state: partial(detection, state) for state in CLOUDS}, **STIRRED,
+}  # fmt: skip

@@ -1,60 +1,78 @@
 """Scenes of panels: NAME.toml beside this module is that of the panel's base setting, and others follow from it.
 
-Where no box or ball gives the particles, a function of `making` gives the scene of every setting.
+Where no box or ball gives the particles, a function of `making` gives the scene of every setting. Drops that are
+stirred for seconds lie in NAME.zip, one scene a setting.
 """
 
+import io
+import zipfile
 from collections.abc import Sequence
 from fractions import Fraction
 
 import msgspec
 import numpy as np
 
-from refsim.scene.files import parse_scene, put, scene_from_dict, scene_to_dict
+from refsim.scene.files import parse_scene, put, scene_from_dict, scene_to_dict, scene_to_toml
 from refsim.scene.plan import make_plan
 from refsim.scene.refine import refined
 from refsim.scene.scene import Scene
 from refsim.scene.shapes import Cloud
-from refsim.study.panels import FOLDER, OWN, Panel, Point, panel
-from refsim.study.panels.making import MADE
+from refsim.study.panels import FOLDER, Panel, Point, panel
+from refsim.study.panels.making import MADE, STIRRED
+
+DIGITS = 6  # of the places and velocities of stirred drops, whose spacing is 1
 
 
-def packaged(name: str) -> Scene | None:
+def packaged(name: str) -> Scene:
     """The scene of a panel's base setting."""
-    if name in MADE:
-        of = panel(name)
-        return scene_of(of, of.points[of.about.base])
-    return parse_scene((FOLDER / f"{name}.toml").read_text(encoding="utf-8"), f"{name}.toml")
+    of = panel(name)
+    return scene_of(of, of.points[of.about.base])
 
 
-def scene_of(panel: Panel, point: Point, reading: int | None = None) -> Scene | None:
-    """The scene of a setting; None without a packaged one and for other programs.
+def scene_of(of: Panel, point: Point, reading: int | None = None) -> Scene:
+    """The scene of a setting of refsim's.
 
-    reading  its number, where starts differ: of panels that are `shaken`, and of some of `MADE`
+    reading  its number, where starts differ: of panels that are `shaken`, and of some of `MADE`; without one a stirred
+             drop is the packaged one
 
     Against the base the spacing is refined, steps are shortened in proportion to the knob `step`, and `point.setting`
     holds other parameters of the scene file by name, as in sweeps.
     """
-    if panel.name in MADE:
-        if point.program != OWN:
-            return None
-        made = MADE[panel.name]({**point.knobs, **point.setting}, reading or 0)
-        return msgspec.structs.replace(made, name=panel.name)
-    scene = packaged(panel.name)
-    base = panel.points[panel.about.base].knobs
-    knobs = point.knobs
+    if of.name in STIRRED and reading is None:
+        with zipfile.ZipFile(io.BytesIO((FOLDER / f"{of.name}.zip").read_bytes())) as scenes:
+            return parse_scene(scenes.read(_stirred(point)).decode(), _stirred(point))
+    if of.name in MADE:
+        made = MADE[of.name]({**point.knobs, **point.setting}, reading or 0)
+        return msgspec.structs.replace(made, name=of.name)
+    scene = parse_scene((FOLDER / f"{of.name}.toml").read_text(encoding="utf-8"), f"{of.name}.toml")
+    base, knobs = of.points[of.about.base].knobs, point.knobs
     step = knobs.get("step", 1.0) / base.get("step", 1.0)
-    if scene is None or point.program != OWN:
-        return None
     if "spacing" in knobs:
         factor = Fraction(base["spacing"] / knobs["spacing"]).limit_denominator(100)
-        scene = refined(scene, float(factor), panel.about.with_spacing)
-    scene = msgspec.structs.replace(scene, dtype=knobs.get("dtype", scene.dtype))
-    if step != 1 and scene.step > 0:
-        scene = msgspec.structs.replace(scene, step=step * scene.step)
-    elif step != 1:
-        scene = msgspec.structs.replace(scene, step_factor=step * scene.step_factor)
+        scene = refined(scene, float(factor), of.about.with_spacing)
+    name = "step" if scene.step > 0 else "step_factor"
+    scene = msgspec.structs.replace(scene, dtype=knobs["dtype"], **{name: step * getattr(scene, name)})
     scene = changed(scene, tuple(point.setting.items()))
-    return shaken(scene, reading) if panel.about.shaken and reading is not None else scene
+    return shaken(scene, reading) if of.about.shaken and reading is not None else scene
+
+
+def _stirred(point: Point) -> str:
+    """Name of the packaged scene of a stirred drop, whatever it ran on."""
+    return f"{point.key.removeprefix('cuda_')}.toml"
+
+
+def stirred(of: Panel) -> bytes:
+    """NAME.zip of a panel of stirred drops: the scene of each setting that runs on a CPU, made anew."""
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as scenes:
+        for point in of.points.values():
+            if not point.gpu:
+                scene = scene_of(of, point, 0)
+                (cloud,) = scene.fluid
+                short = {name: np.round(getattr(cloud, name), DIGITS) for name in ("position", "velocity")}
+                scene = msgspec.structs.replace(scene, fluid=(Cloud(**short),))
+                scenes.writestr(zipfile.ZipInfo(_stirred(point)), scene_to_toml(scene), zipfile.ZIP_DEFLATED)
+    return packed.getvalue()
 
 
 def shaken(scene: Scene, seed: int, share: float = 0.01) -> Scene:
