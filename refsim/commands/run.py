@@ -20,7 +20,7 @@ from refsim.engine.simulation import Simulation
 from refsim.scene.files import load_scene
 from refsim.study.observables import Watching, observable_of
 
-DESCRIPTION = """Run a scene to its end. The folder of the run holds particles.vtkhdf (open it in ParaView),
+DESCRIPTION = """Run a scene to its end. The folder of the run holds particles.pvd (open it in ParaView),
 checkpoint.h5, report.json and, if the run stops, a post-mortem. Ctrl-C ends the run with a checkpoint."""
 
 

@@ -1,4 +1,4 @@
-"""Frames of other codes: npz files, PySPH's npz, bgeo (SPlisHSPlasH, Partio), VTK files, particle files of refsim."""
+"""Frames of other codes: npz files, PySPH's npz, bgeo (SPlisHSPlasH, Partio), VTK files, runs of refsim."""
 
 import gzip
 import math
@@ -16,6 +16,7 @@ import numpy as np
 from refsim.core.errors import InputError
 from refsim.core.extras import extra
 from refsim.io.frames import read_particles
+from refsim.io.results import PARTICLES
 
 
 @dataclass(frozen=True)
@@ -33,29 +34,30 @@ def trajectory(folder: Path) -> list[Snapshot]:
 
     Frames are npz files (`time`, `position`, and if there are `velocity` and `mass`; or PySPH's), bgeo files
     (SPlisHSPlasH, Partio), VTK files (.vtp, .vtu, .vtk) with point data of these names and the field data `TimeValue`
-    or a .pvd file, or one particle file of refsim (.vtkhdf). Files without a time have theirs in `times.txt`, a line
+    or a .pvd file; or the folder is that of a run of refsim. Files without a time have theirs in `times.txt`, a line
     "FILE SECONDS" for each.
     Raises InputError for a folder without frames, and for frames that cannot be read.
     """
     if not folder.is_dir():
         raise InputError(f"there is no folder {folder}; give the folder of the trajectory.")
     found: list[Snapshot] = []
+    if (folder / PARTICLES).exists():
+        for frame in read_particles(folder / PARTICLES):
+            given = {"position": frame.position}
+            given |= {name: frame.fields[name] for name in ("velocity", "mass") if name in frame.fields}
+            found.append(_checked(folder / PARTICLES, frame.time, given))
+        return found
     times = _pvd(folder) | _listed(folder)
     for path in sorted(folder.iterdir()):
         if path.suffix == ".npz":
             found.append(_npz(path))
         elif path.suffix == ".bgeo":
             found.append(_bgeo(path, times.get(path.name)))
-        elif path.suffix == ".vtkhdf":
-            for frame in read_particles(path):
-                given = {"position": frame.position}
-                given |= {name: frame.fields[name] for name in ("velocity", "mass") if name in frame.fields}
-                found.append(_checked(path, frame.time, given))
         elif path.suffix in (".vtp", ".vtu", ".vtk"):
             found.append(_vtk(path, times.get(path.name)))
     if not found:
         raise InputError(
-            f"{folder} has no frames; give npz, bgeo, vtp, vtu or vtk files, or a particle file of refsim."
+            f"{folder} has no frames; give npz, bgeo, vtp, vtu or vtk files, or the folder of a run of refsim."
         )
     return sorted(found, key=lambda frame: frame.time)
 

@@ -3,7 +3,7 @@
 import errno
 import os
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,8 @@ BAD_PATH = (
     errno.ENOENT, errno.ENOTDIR, errno.EACCES, errno.EPERM, errno.EROFS, errno.EISDIR, errno.EEXIST, errno.ELOOP,
     errno.ENAMETOOLONG, errno.EINVAL,
 )  # fmt: skip
+
+Content = bytes | bytearray | memoryview
 
 
 @contextmanager
@@ -56,12 +58,12 @@ def temporary_path(path: Path) -> Path:
     return path.with_name(f".{path.name}.{os.getpid()}.tmp")
 
 
-def remove_stale_temporaries(path: Path) -> None:
-    """Remove what killed writers of `path` left behind; nothing happens where the folder is missing or
-    read-only."""
-    prefix = f".{path.name}."
+def remove_stale_temporaries(folder: Path, name: str = "") -> None:
+    """Remove what killed writers of a file of this name, of any by default, left in a folder; nothing happens where it
+    is missing or read-only."""
+    prefix = f".{name}." if name else "."
     with suppress(OSError):
-        for entry in list(path.parent.iterdir()):
+        for entry in list(folder.iterdir()):
             if entry.name.startswith(prefix) and entry.name.endswith(".tmp") and not _is_written(entry.name):
                 entry.unlink(missing_ok=True)
 
@@ -80,9 +82,7 @@ def _is_written(temporary: str) -> bool:
     return True
 
 
-def replace_file(
-    path: Path, content: bytes | bytearray | memoryview, tidy: bool = True, put: Callable[[Path], None] | None = None
-) -> None:
+def replace_file(path: Path, content: Content, tidy: bool = True, put: Callable[[Path], None] | None = None) -> None:
     """Write `content` to `path`, which names the old file or the whole new one at every instant.
 
     tidy  whether to remove what killed writers left, for which the folder is listed
@@ -91,23 +91,46 @@ def replace_file(
     Raises OSError.
     """
     if tidy:
-        remove_stale_temporaries(path)
-    temporary = temporary_path(path)
-    try:
-        with open(temporary, "xb", buffering=0) as file:
-            write_all(file, content)
-            os.fsync(file.fileno())
+        remove_stale_temporaries(path.parent, path.name)
+    with _written_beside({path: content}) as (temporary,):
         if put is None:
             os.replace(temporary, path)
         else:
             put(temporary)
-    finally:
-        with suppress(OSError):
-            temporary.unlink(missing_ok=True)
     sync_folder(path.parent)
 
 
-def write_all(file: Any, data: bytes | bytearray | memoryview) -> None:
+def replace_files(files: Mapping[Path, Content], before: Callable[[], object] = lambda: None) -> None:
+    """Write files of one folder as `replace_file` does; none is changed before all are on the disk.
+
+    before  is called then, before the first gets its name
+
+    Raises OSError.
+    """
+    with _written_beside(files) as temporaries:
+        before()
+        for temporary, path in zip(temporaries, files):
+            os.replace(temporary, path)
+    sync_folder(next(iter(files)).parent)
+
+
+@contextmanager
+def _written_beside(files: Mapping[Path, Content]) -> Iterator[list[Path]]:
+    """Files on the disk beside those that they will replace; what is still there at the end is removed."""
+    temporaries = [temporary_path(path) for path in files]
+    try:
+        for temporary, content in zip(temporaries, files.values()):
+            with open(temporary, "xb", buffering=0) as file:
+                write_all(file, content)
+                os.fsync(file.fileno())
+        yield temporaries
+    finally:
+        for temporary in temporaries:
+            with suppress(OSError):
+                temporary.unlink(missing_ok=True)
+
+
+def write_all(file: Any, data: Content) -> None:
     """Write all of `data` to an unbuffered file, which may take less than it is given. Raises OSError."""
     view = memoryview(data).cast("B")
     while len(view):

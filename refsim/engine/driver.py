@@ -1,8 +1,8 @@
 """A whole run: frames, checkpoints, progress, a report, and a post-mortem where it stops.
 
-A run's folder holds `particles.vtkhdf` (frames), `checkpoint.h5` and the one before it, `report.json` (the run
-log, renewed with every checkpoint), of a scene with gauges `gauges.hdf5` and, after a stop, `postmortem.json` and
-`postmortem.npz`.
+A run's folder holds `particles.pvd` with the folder `particles` (frames), `checkpoint.h5` and the one before it,
+`report.json` (the run log, renewed with every checkpoint), of a scene with gauges `gauges.hdf5` and, after a stop,
+`postmortem.json` and `postmortem.npz`.
 """
 
 import json
@@ -32,10 +32,9 @@ from refsim.engine.progress import Progress, compiling_bar, wanted
 from refsim.engine.simulation import Simulation
 from refsim.engine.stock import check_particles, stock
 from refsim.io.checkpoint import KEPT, previous_path
-from refsim.io.frames import Frame, ParticleWriter
+from refsim.io.frames import OLDER, Frame, ParticleWriter, origin_of
 from refsim.io.results import PARTICLES, REPORT
 from refsim.io.series import GAUGES, write_series
-from refsim.io.vtkhdf import origin_of
 from refsim.scene.plan import Plan
 from refsim.scene.scene import Scene
 
@@ -233,7 +232,7 @@ class _Run:
         if goes_on:
             self.last_checkpoint = source
             return
-        others = (self.folder / name for name in (GAUGES, POSTMORTEM, POSTMORTEM_FIELDS))
+        others = (self.folder / name for name in (GAUGES, POSTMORTEM, POSTMORTEM_FIELDS, OLDER))
         try:
             for path in (checkpoint, previous_path(checkpoint), *others):
                 with writing("folder", self.folder, f"{path.name} is still there"):

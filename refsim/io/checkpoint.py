@@ -4,11 +4,11 @@ A checkpoint is written beside its final name and renamed into place, so a kille
 at most the interval since the last one. Values are restored bit for bit; a digest detects a
 damaged file.
 
-Layout, version 2: the file begins with a block of 512 bytes that HDF5 passes over, lines of text padded with zero
-bytes: `refsim checkpoint`, `version`, `written_ns` (clock of the writer, nanoseconds), `bytes` (of the whole file) and
-`sha256` (of the lines before it and of all that follows the block). It is compared before HDF5 sees the file: HDF5
-may read a damaged file without end. Behind the block stand one dataset per array in the group `arrays` and the
-attributes as JSON text in the dataset `attributes`. Version 1 had no digest of the file, and is not read any more.
+Layout, version 3: the file begins with a block of 512 bytes that HDF5 passes over, lines of text padded with zero
+bytes: `refsim checkpoint` (or another kind of file), `version`, `written_ns` (clock of the writer, nanoseconds),
+`bytes` (of the whole file) and `sha256` (of the lines before it and of all that follows the block). It is compared
+before HDF5 sees the file: HDF5 may read a damaged file without end. Behind the block stand one dataset per array in the
+group `arrays` and the attributes as JSON text in the dataset `attributes`. Other versions are not read.
 """
 
 import hashlib
@@ -18,12 +18,11 @@ import math
 import os
 import re
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from io import BufferedReader
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -31,11 +30,7 @@ from refsim.core.errors import InputError, RunStopped
 from refsim.core.reading import open_regular
 from refsim.core.writing import replace_file, temporary_path, writing
 
-if TYPE_CHECKING:
-    import h5py
-
-FORMAT = "refsim checkpoint"
-VERSION = 2
+VERSION = 3
 KEPT = "the last good checkpoint is untouched"
 BLOCK = 512  # bytes before what HDF5 reads; HDF5 looks for its signature there
 
@@ -55,6 +50,7 @@ def write_checkpoint(
     arrays: Mapping[str, np.ndarray],
     attributes: Mapping[str, Attribute],
     keep: int = 2,
+    what: str = "checkpoint",
 ) -> None:
     """Write a checkpoint to `path`; at every instant a whole one, old or new, lies there or beside it.
 
@@ -62,6 +58,7 @@ def write_checkpoint(
     attributes  text and plain numbers; numbers come back exactly, with their type
     keep        whole checkpoints to hold: `path` itself, then `<stem>.previous<suffix>`,
                 `<stem>.previous2<suffix>`, ...
+    what        the kind of file that is written in this way
 
     Raises RunStopped, and leaves the checkpoints that are there as they are:
       "non_finite"    an array holds a NaN or an infinity, or an attribute a NaN: nothing is written
@@ -77,13 +74,13 @@ def write_checkpoint(
         raise ValueError(f"keep must be at least 1, not {keep}")
     checked = {name: _checked_array(path, name, array) for name, array in arrays.items()}
     text = _attributes_text(path, attributes)
-    content = in_hdf5(lambda file: _fill(file, checked, text))
-    with writing("checkpoint", path, KEPT):
+    content = _in_hdf5(checked, text)
+    with writing(what, path, KEPT):
         before = -1
         with suppress(Unreadable):
-            before = _written_ns(path)
+            before = _written_ns(path, what)
         now = max(time.time_ns(), before + 1)  # after the checkpoint that is there, even when the clock was set back
-        lines = f"{FORMAT}\nversion {VERSION}\nwritten_ns {now}\nbytes {len(content)}\n".encode()
+        lines = f"refsim {what}\nversion {VERSION}\nwritten_ns {now}\nbytes {len(content)}\n".encode()
         digest = hashlib.sha256(lines)
         digest.update(content[BLOCK:])
         content[:BLOCK] = (lines + f"sha256 {digest.hexdigest()}\n".encode()).ljust(BLOCK, b"\0")
@@ -155,7 +152,7 @@ def _checked_array(path: Path, name: str, array: np.ndarray) -> np.ndarray:
             bad = np.argwhere(~finite)
             raise RunStopped(
                 "non_finite",
-                f"checkpoint {path} was not written because array {name!r} holds {len(bad)} non-finite "
+                f"{path} was not written because array {name!r} holds {len(bad)} non-finite "
                 f"values, the first at index {tuple(bad[0].tolist())}; {KEPT}",
             )
     return array if array.flags.c_contiguous else array.copy(order="C")
@@ -167,33 +164,27 @@ def _attributes_text(path: Path, attributes: Mapping[str, Attribute]) -> str:
         if not isinstance(value, str | int | float | bool):
             raise TypeError(f"attribute {name!r} is a {type(value).__name__}, not text or a plain number")
         if isinstance(value, float) and math.isnan(value):
-            raise RunStopped("non_finite", f"checkpoint {path} was not written: {name!r} is not a number; {KEPT}")
+            raise RunStopped("non_finite", f"{path} was not written: {name!r} is not a number; {KEPT}")
     return json.dumps(plain)
 
 
-def in_hdf5(fill: "Callable[[h5py.File], object]") -> memoryview:
-    """An HDF5 file with what `fill` puts into it, behind an empty block that HDF5 passes over; in memory."""
+def _in_hdf5(arrays: Mapping[str, np.ndarray], text: str) -> memoryview:
+    """An HDF5 file behind an empty block that HDF5 passes over; in memory."""
     import h5py
 
     content = io.BytesIO()
     # In this format HDF5 checksums its own structures.
     with h5py.File(content, "w", libver=("v110", "v110"), userblock_size=BLOCK) as file:
-        fill(file)
+        group = file.create_group("arrays")
+        for name, array in arrays.items():
+            group.create_dataset(name, data=array)
+        file.create_dataset("attributes", data=text, dtype=h5py.string_dtype("utf-8", len(text)))
     return content.getbuffer()
 
 
-def _fill(file: "h5py.File", arrays: Mapping[str, np.ndarray], text: str) -> None:
-    import h5py
-
-    group = file.create_group("arrays")
-    for name, array in arrays.items():
-        group.create_dataset(name, data=array)
-    file.create_dataset("attributes", data=text, dtype=h5py.string_dtype("utf-8", len(text)))
-
-
 HEAD = re.compile(
-    rb"(refsim checkpoint\nversion (\d{1,9})\nwritten_ns (\d{1,19})\nbytes (\d{1,19})\n)sha256 ([0-9a-f]{64})\n\0*"
-)  # the lines that the digest covers, too; version, clock, size; the digest
+    rb"(refsim ([a-z ]+)\nversion (\d{1,9})\nwritten_ns (\d{1,19})\nbytes (\d{1,19})\n)sha256 ([0-9a-f]{64})\n\0*"
+)  # the lines that the digest covers, too; kind, version, clock, size; the digest
 
 
 def _put_in_place(temporary: Path, path: Path, keep: int) -> None:
@@ -234,77 +225,62 @@ def _copy_name(source: Path, target: Path) -> None:
 
 
 class Unreadable(InputError):
-    """Raised with the path of a file and why it is not a whole checkpoint."""
+    """Raised with the kind of a file, its path and why it is not a whole one."""
 
     @property
     def sentence(self) -> str:
         """What is wrong, without what to do."""
-        return f"checkpoint {self.args[0]} {self.args[1]}"
+        return " ".join(map(str, self.args))
 
     def __str__(self) -> str:
-        return f"{self.sentence}; start the run again, or give a whole checkpoint."
+        return f"{self.sentence}; start the run again, or give a whole {self.args[0]}."
 
 
-def read_checkpoint(path: str | os.PathLike[str]) -> Checkpoint:
-    """Read a checkpoint after its digest was compared.
+def read_checkpoint(path: str | os.PathLike[str], what: str = "checkpoint") -> Checkpoint:
+    """Read a checkpoint, or another kind of file that was written as one, after its digest was compared.
 
-    Raises Unreadable when it is missing, is no checkpoint, is of another version, is cut short or has been altered.
+    Raises Unreadable when it is missing, is of another kind or version, is cut short or has been altered.
     """
     import h5py
 
-    with _opened(path) as file:
-        head = _head(file)
+    with _opened(path, what) as file:
+        head = _head(file, what)
         size = os.fstat(file.fileno()).st_size
-        if size != int(head[4]):
-            raise Unreadable(path, f"is cut short or damaged (it has {size} of {int(head[4])} bytes)")
-        if hashlib.file_digest(file, lambda: hashlib.sha256(head[1])).hexdigest() != head[5].decode():
-            raise Unreadable(path, "is damaged (it does not match its digest)")
-        try:
-            with h5py.File(file, "r") as root:
-                for dataset in root["arrays"].values():
-                    plain = dataset.chunks is None and not dataset.is_virtual and not dataset.external
-                    if not plain or dataset.dtype.kind not in "biufc" or dataset.nbytes > size:
-                        raise ValueError(f"{dataset.name} is of another kind than refsim writes")
-                arrays = {name: np.asarray(dataset[()]) for name, dataset in root["arrays"].items()}
-                attributes = json.loads(root["attributes"].asstr()[()])
-        except Exception as error:  # HDF5 raises many kinds for contents that the digest cannot vouch for
-            raise Unreadable(path, "is not a checkpoint of refsim (HDF5 cannot read what it should hold)") from error
-    if not isinstance(attributes, dict) or not all(isinstance(v, str | int | float) for v in attributes.values()):
-        raise Unreadable(path, "is not a checkpoint of refsim (its attributes are no table of text and numbers)")
-    return Checkpoint(arrays, attributes)
+        if size != int(head[5]):
+            raise Unreadable(what, path, f"is cut short or damaged (it has {size} of {int(head[5])} bytes)")
+        if hashlib.file_digest(file, lambda: hashlib.sha256(head[1])).hexdigest() != head[6].decode():
+            raise Unreadable(what, path, "is damaged (it does not match its digest)")
+        with h5py.File(file, "r") as root:
+            arrays = {name: np.asarray(dataset[()]) for name, dataset in root["arrays"].items()}
+            return Checkpoint(arrays, json.loads(root["attributes"].asstr()[()]))
 
 
-def _opened(path: str | os.PathLike[str]) -> BufferedReader:
+def _opened(path: str | os.PathLike[str], what: str) -> BufferedReader:
     try:
         return open_regular(path)
     except FileNotFoundError:
-        raise Unreadable(path, "does not exist") from None
+        raise Unreadable(what, path, "does not exist") from None
     except OSError as error:
-        raise Unreadable(path, f"cannot be read ({error.strerror})") from error
+        raise Unreadable(what, path, f"cannot be read ({error.strerror})") from error
 
 
-def _head(file: BufferedReader) -> re.Match[bytes]:
+def _head(file: BufferedReader, what: str) -> re.Match[bytes]:
     """The block at the beginning of a file, which then stands behind it, as `HEAD` divides it."""
     try:
         block = file.read(BLOCK)
     except OSError as error:
-        raise Unreadable(file.name, f"cannot be read ({error.strerror})") from error
+        raise Unreadable(what, file.name, f"cannot be read ({error.strerror})") from error
     found = HEAD.match(block)
-    if found is None and block.startswith(b"\x89HDF\r\n\x1a\n"):
-        raise Unreadable(
-            file.name,
-            "is an HDF5 file without the digest that a checkpoint begins with (refsim 0.1.0 wrote such checkpoints,"
-            " format version 1, and reads them)",
-        )
-    if found is None and block[: len(FORMAT)] != FORMAT.encode():
-        raise Unreadable(file.name, "is not a checkpoint (it does not begin as one)")
-    if found is not None and int(found[2]) != VERSION:
-        raise Unreadable(file.name, f"has format version {int(found[2])}, and this refsim reads version {VERSION}")
+    if not block.startswith(f"refsim {what}\n".encode()):
+        raise Unreadable(what, file.name, f"is not a {what} (it does not begin as one)")
+    if found is not None and int(found[3]) != VERSION:
+        older = f"has format version {int(found[3])}, and this refsim reads version {VERSION}"
+        raise Unreadable(what, file.name, older)
     if found is None or found.end() != BLOCK:
-        raise Unreadable(file.name, "is cut short or damaged (its first lines are not those of a checkpoint)")
+        raise Unreadable(what, file.name, f"is cut short or damaged (its first lines are not those of a {what})")
     return found
 
 
-def _written_ns(path: Path) -> int:
-    with _opened(path) as file:
-        return int(_head(file)[3])
+def _written_ns(path: Path, what: str = "checkpoint") -> int:
+    with _opened(path, what) as file:
+        return int(_head(file, what)[4])

@@ -1,19 +1,18 @@
-"""Particle output that ParaView opens: VTKHDF for a whole run.
+"""Frames of a run: a VTP file a frame in a folder, and a collection that ParaView opens with all of them.
 
-A VTKHDF file is one HDF5 file that grows by one or more frames at a time, each time in a transaction
-(`refsim.io.transactions`). A journal that a dead writer left behind is completed by the next
-`ParticleWriter(append=True)` or `read_particles`.
+Beside `particles.pvd`, the collection, stands the folder `particles`: `000000.vtp`, `000001.vtp`, ... in order of time,
+and `origin.h5`, which says what made them. A file is written beside its name and renamed, so that it is whole at every
+instant. Nothing is read from the collection: it is made anew from the files whenever frames are written.
 """
 
 from __future__ import annotations
 
+import json
 import math
 import os
-import time as clock
-from collections.abc import Callable, Collection, Mapping, Sequence
-from contextlib import suppress
-from dataclasses import dataclass
-from io import FileIO
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,16 +20,19 @@ import numpy as np
 from numpy.typing import DTypeLike
 
 from refsim.core.errors import InputError
+from refsim.core.fields import POSITION_RESIDUAL
 from refsim.core.locks import unlock
-from refsim.core.writing import replace_file, writing
-from refsim.io import vtkhdf
-from refsim.io.transactions import Staged, check_path, journal_path, locked_journal, recover
+from refsim.core.writing import remove_stale_temporaries, replace_file, replace_files, writing
+from refsim.io.checkpoint import read_checkpoint, write_checkpoint
+from refsim.io.scenes import scene_to_checkpoint
+from refsim.io.vtp import DTYPES, Head, check_digest, read_arrays, read_head, vtp_bytes
 
 if TYPE_CHECKING:
-    import h5py
-
+    from refsim.scene.plan import Plan
 
 KEPT = "the frames before it are untouched"
+ORIGIN = "origin of frames"
+OLDER = "particles.vtkhdf"  # the frames of earlier versions
 
 
 @dataclass(frozen=True)
@@ -42,22 +44,72 @@ class Frame:
     fields: dict[str, np.ndarray]
 
 
-class ParticleWriter:
-    """Writes a temporal VTKHDF file (PolyData, one vertex per particle), one or more frames at a time.
+@dataclass(frozen=True)
+class Origin:
+    """What made the frames.
 
-    path         the file, usually `*.vtkhdf`; it is created or replaced by the first frame, not before
+    scene     as TOML; "" where it is not known
+    arrays    what the scene took from files, by name (`refsim.io.scenes.scene_to_checkpoint`)
+    units     of the fields by name, that of "position" among them
+    meanings  of the fields in words
+    """
+
+    scene: str = ""
+    arrays: Mapping[str, np.ndarray] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)
+    meanings: Mapping[str, str] = field(default_factory=dict)
+
+
+def origin_of(plan: Plan) -> Origin:
+    """What frames of a run of this plan say of it: its scene, and units and meanings of the particle fields."""
+    scene, arrays = scene_to_checkpoint(plan)
+    fields = {name: f for name, f in plan.particle_fields.items() if name != POSITION_RESIDUAL.name}
+    units = {name: field.unit_in(plan.grid.dim) for name, field in fields.items()}
+    return Origin(scene, arrays, units, {name: field.meaning for name, field in fields.items()})
+
+
+def folder_of(path: Path) -> Path:
+    """The folder of the frames of a collection."""
+    return path.with_suffix("")
+
+
+def frame_files(path: Path) -> list[Path]:
+    """The files of the frames of a collection, in order of time; none where there is no folder."""
+    try:
+        files = [file for file in folder_of(path).iterdir() if file.suffix == ".vtp" and file.stem.isdecimal()]
+    except (FileNotFoundError, NotADirectoryError):
+        return []
+    except OSError as error:
+        raise InputError(f"frames of {path} cannot be read ({error.strerror}); give another folder.") from None
+    return sorted(files, key=lambda file: int(file.stem))
+
+
+def read_origin(path: Path) -> Origin:
+    """What made the frames of a collection; empty where it is not said. Raises InputError for a damaged file."""
+    file = folder_of(path) / "origin.h5"
+    if not os.path.lexists(file):
+        return Origin()
+    saved = read_checkpoint(file, ORIGIN)
+    words = {name: str(saved.attributes[name]) for name in ("scene", "units", "meanings")}
+    return Origin(words["scene"], saved.arrays, json.loads(words["units"]), json.loads(words["meanings"]))
+
+
+class ParticleWriter:
+    """Writes frames, one or more at a time, and the collection of them.
+
+    path         the collection, usually `particles.pvd`; with the first frame the folder of frames is made, or
+                 emptied, not before
     fields       name -> (components, dtype): one component is an (n,) array, more an (n, components) array;
                  dtype is float32, float64, int32, int64 or uint8
-    append       go on with the file at `path` if there is one, which must have the same fields
-    resume_time  with `append`: frames later than this time (s) are dropped
-    origin       what made the file; with `append` it replaces what the file says
+    append       go on with the frames that are there, which must have the same fields
+    resume_time  with `append`: frames later than this time (s) are removed
+    origin       what made the frames; with `append` it replaces what is said
 
     The number of particles may change between frames. After `append` or `write` returns the frames are on the disk.
-    While the writer is open, `<path>.journal` and `<path>.journal.lock` lie beside the file.
+    While the writer is open, `<path>.lock` lies beside the collection.
 
-    Raises InputError when the folder is not writable, another process writes the same file, or, with
-    `append`, the file is damaged, has no digest or has other fields; ValueError when `fields` is not of the form
-    above.
+    Raises InputError when the folder is not writable, another process writes the same frames, or, with
+    `append`, a frame is damaged or has other fields; ValueError when `fields` is not of the form above.
     """
 
     def __init__(
@@ -67,92 +119,128 @@ class ParticleWriter:
         *,
         append: bool = False,
         resume_time: float | None = None,
-        origin: vtkhdf.Origin | None = None,
+        origin: Origin | None = None,
     ) -> None:
-        self.path = Path(path)
-        self._origin, self._stated_origin = origin, vtkhdf.Origin()  # to be written, and in the file
-        self._fields = {name: vtkhdf.checked_field(name, *field) for name, field in fields.items()}
-        self._times: list[float] = []
-        self._precision: np.dtype | None = None  # of the positions in the file
-        self._file: FileIO | None = None
-        with writing("particle file", self.path, KEPT):
+        from filelock import FileLock, Timeout  # takes 20 ms
+
+        self.path, self.folder, self._origin = Path(path), folder_of(Path(path)), origin
+        self._fields = {name: _checked_field(name, *field) for name, field in fields.items()}
+        self._heads: list[Head] = []
+        self._afresh, self._refused, self.closed = True, False, False
+        with writing("collection of frames", self.path, KEPT):
+            os.stat(f"{self.path.parent}{os.sep}")  # the lock would make the folder
+            self._lock = FileLock(f"{self.path}.lock", blocking=False, thread_local=False)
             try:
-                self._journal, self._lock = locked_journal(journal_path(self.path))
-            except BlockingIOError:
-                words = f"particle file {self.path} is being written by another process"
-                raise InputError(f"{words}; wait for it") from None
+                self._lock.acquire()
+            except Timeout:
+                raise InputError(f"frames of {self.path} are being written by another process; wait for it.") from None
         try:
-            if append and self.path.exists():
+            if append:
                 self._go_on(resume_time)
-            else:
-                self._journal.truncate(0)
         except BaseException:
             self.close()
             raise
 
     @property
     def last_time(self) -> float | None:
-        """Time (s) of the last frame in the file, None before the first."""
-        return self._times[-1] if self._times else None
+        """Time (s) of the last frame, None before the first."""
+        return self._heads[-1].time if self._heads else None
 
     def write(self, time: float, position: np.ndarray, /, **fields: np.ndarray) -> None:
         """Append one frame: `time` in s, later than the last; `position` (n, 3) in m; every declared field,
-        (n,) or (n, components), of the declared dtype. The dtype of the first frame's positions holds for the
-        whole file.
+        (n,) or (n, components), of the declared dtype. The dtype of the first frame's positions holds for all.
 
         Raises as `append` does.
         """
         self.append([Frame(time, position, fields)])
 
     def append(self, frames: Sequence[Frame]) -> None:
-        """Append frames as `write` does, in one transaction: the file has all of them then, or none.
+        """Append frames as `write` does; none of them gets its name before all are on the disk.
 
-        Raises ValueError when a frame does not fit the file, RunStopped ("disk_full", "write_failed") when the disk
+        Raises ValueError when a frame does not fit the others, RunStopped ("disk_full", "write_failed") when the disk
         refuses: the frames before are then untouched, and the same frames or later ones can be tried again.
         """
-        if self._journal.closed:
+        if self.closed:
             raise ValueError(f"the writer of {self.path} is closed")
-        if self._file is not None and os.fstat(self._journal.fileno()).st_size:
-            self._settle()  # the disk refused the last frames when they were half in place
-            frames = [frame for frame in frames if frame.time not in self._times]  # without those
-        last, precision, added = self.last_time, self._precision, []
+        if self._refused:  # some of the frames may have got their names
+            there = {head.time for head in self._heads}
+            frames = [frame for frame in frames if frame.time not in there]
+        last, dtype = self.last_time, self._heads[-1].dtype if self._heads else None
         for frame in frames:
             if not math.isfinite(frame.time) or (last is not None and frame.time <= last):
                 raise ValueError(f"time {frame.time} is not later than that of the last frame, {last}")
-            arrays = self._checked_arrays(frame.position, frame.fields)
-            if precision not in (None, arrays["Points"].dtype):
-                raise ValueError(f"position must be {precision} as in the first frame")
-            last, precision = frame.time, arrays["Points"].dtype
-            added.append(arrays)
-        if not added:
+            self._check(frame)
+            if dtype not in (None, np.asarray(frame.position).dtype):
+                raise ValueError(f"position must be {dtype} as in the first frame")
+            last, dtype = frame.time, np.asarray(frame.position).dtype
+        if not frames:
             return
-        times = [float(frame.time) for frame in frames]
-        with writing(f"frame at time {times[0]} of", self.path, KEPT):
-            if self._file is None:
-                staged = Staged(None)
-                vtkhdf.edit(staged, "w", lambda root: self._begin(root, times, added))
-                staged.seal()
-                replace_file(self.path, staged.tail)
-                self._file = open(self.path, "r+b", buffering=0)  # noqa: SIM115
-            else:
-                self._transaction(lambda root: vtkhdf.append_frames(root, times, added))
-        self._precision = precision
-        self._times += times
+        number = int(self._heads[-1].path.stem) + 1 if self._heads else 0
+        files = {
+            self.folder / f"{number + k:06d}.vtp": vtp_bytes(frame.position, frame.fields, float(frame.time))
+            for k, frame in enumerate(frames)
+        }
+        with writing(f"frame at time {frames[0].time} of", self.path, KEPT):
+            try:
+                self.folder.mkdir(exist_ok=True)
+                if self._afresh:
+                    remove_stale_temporaries(self.folder)
+                replace_files(files, self._begin if self._afresh else lambda: None)
+                self._afresh = False
+                self._heads += map(read_head, files)
+                self._write_collection()
+            except BaseException:
+                self._refused = True
+                if not self._afresh:
+                    self._heads = [read_head(file) for file in frame_files(self.path)]
+                raise
+            self._refused = False
 
-    def _begin(self, root: h5py.Group, times: Sequence[float], frames: Sequence[Mapping[str, np.ndarray]]) -> None:
-        vtkhdf.create_layout(root, frames[0])
+    def _begin(self) -> None:
+        """Remove the frames of an earlier run, the last one first, and say what makes the new ones."""
+        for file in reversed(frame_files(self.path)):
+            file.unlink()
+        (self.folder / "origin.h5").unlink(missing_ok=True)
+        self._write_origin()
+
+    def _write_origin(self) -> None:
         if self._origin is not None:
-            vtkhdf.write_origin(root, self._origin)
-        vtkhdf.append_frames(root, times, frames)
+            words = {"units": json.dumps(dict(self._origin.units)), "meanings": json.dumps(dict(self._origin.meanings))}
+            text = {"scene": self._origin.scene, **words}
+            write_checkpoint(self.folder / "origin.h5", self._origin.arrays, text, keep=1, what=ORIGIN)
+
+    def _write_collection(self) -> None:
+        name = escape(self.folder.name)
+        lines = (f'<DataSet timestep="{h.time!r}" file="{name}/{h.path.name}"/>\n' for h in self._heads)
+        head = '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1"><Collection>\n'
+        replace_file(self.path, f"{head}{''.join(lines)}</Collection></VTKFile>\n".encode(errors="surrogateescape"))
+
+    def _go_on(self, resume_time: float | None) -> None:
+        """Take the frames that are there, and drop late ones."""
+        refuse_older(self.path.parent)
+        self._heads = [read_head(file) for file in frame_files(self.path)]
+        self._afresh = not self._heads
+        for head in self._heads[:1]:
+            if head.fields != self._fields:
+                raise InputError(
+                    f"frames of {self.path} hold the fields {_field_list(head.fields)}, but this run writes"
+                    f" {_field_list(self._fields)}; give another path."
+                )
+        if self._afresh:
+            return
+        with writing("collection of frames", self.path, KEPT):
+            remove_stale_temporaries(self.folder)
+            while self._heads and resume_time is not None and self._heads[-1].time > resume_time:
+                self._heads[-1].path.unlink()
+                del self._heads[-1]
+            self._write_origin()
+            self._write_collection()
 
     def close(self) -> None:
-        """Close the file; nothing is left to be written. A second call does nothing."""
-        if not self._journal.closed:
-            finished = os.fstat(self._journal.fileno()).st_size == 0
-            if finished:
-                with suppress(OSError):
-                    journal_path(self.path).unlink()
-            self._close_files()
+        """Let others write; nothing is left to be written. A second call does nothing."""
+        if not self.closed:
+            self.closed = True
+            unlock(self._lock)
 
     def __enter__(self) -> ParticleWriter:
         return self
@@ -160,119 +248,61 @@ class ParticleWriter:
     def __exit__(self, *error: object) -> None:
         self.close()
 
-    def _close_files(self) -> None:
-        self._journal.close()
-        unlock(self._lock)
-        if self._file is not None:
-            self._file.close()
-
-    def _go_on(self, resume_time: float | None) -> None:
-        """Open the file that is there, complete what a dead writer left half done, and drop late frames."""
-        found = self._settle()
-        if found != self._fields:
-            raise InputError(
-                f"particle file {self.path} holds the fields {vtkhdf.field_list(found)}, but this run writes "
-                f"{vtkhdf.field_list(self._fields)}; give another path"
-            )
-        kept = len(self._times) if resume_time is None else sum(time <= resume_time for time in self._times)
-        origin = None if self._origin is None or vtkhdf.same_words(self._origin, self._stated_origin) else self._origin
-        if kept == len(self._times) and origin is None:
-            return
-
-        def change(root: h5py.Group) -> None:
-            if kept < len(self._times):
-                vtkhdf.drop_frames(root, kept)
-            if origin is not None:
-                vtkhdf.write_origin(root, origin)
-
-        with writing("shortened particle file", self.path, KEPT):
-            self._transaction(change)
-        del self._times[kept:]
-
-    def _settle(self) -> dict[str, tuple[int, np.dtype]]:
-        """Complete what was left half done, and read what the file then holds; returns its fields."""
-        with writing("particle file", self.path, KEPT):
-            if self._file is None:
-                self._file = open(self.path, "r+b", buffering=0)  # noqa: SIM115
-            recover(self._file, self._journal)
-        found: dict[str, tuple[int, np.dtype]] = {}
-
-        def look(root: h5py.Group) -> None:
-            self._precision = root["Points"].dtype
-            self._times = root["Steps/Values"][: root["Steps"].attrs["NSteps"]].tolist()
-            found.update(vtkhdf.fields_of(root))
-            self._stated_origin = vtkhdf.read_origin(root)
-
-        vtkhdf.read_hdf5(self.path, look)
-        return found
-
-    def _transaction(self, change: Callable[[h5py.Group], object]) -> None:
-        """Let `change` edit the VTKHDF group, then put all of its writes into the file or none (OSError)."""
-        assert self._file is not None
-        staged = Staged(self._file)
-        last = vtkhdf.edit(staged, "r+", change)
-        staged.seal()
-        staged.commit(self._journal, last)
-
-    def _checked_arrays(self, position: np.ndarray, fields: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-        position = np.asarray(position)
+    def _check(self, frame: Frame) -> None:
+        position = np.asarray(frame.position)
         if position.ndim != 2 or position.shape[1] != 3 or position.dtype not in (np.float32, np.float64):
             raise ValueError(f"position must be (n, 3), float32 or float64, not {position.shape} {position.dtype}")
-        if fields.keys() != self._fields.keys():
-            raise ValueError(f"the frame has the fields {sorted(fields)}, the file {sorted(self._fields)}")
-        arrays = {"Points": position}
+        if frame.fields.keys() != self._fields.keys():
+            raise ValueError(f"the frame has the fields {sorted(frame.fields)}, the writer {sorted(self._fields)}")
         for name, (components, dtype) in self._fields.items():
-            array = np.asarray(fields[name])
+            array = np.asarray(frame.fields[name])
             shape = (len(position),) if components == 1 else (len(position), components)
             if array.shape != shape or array.dtype != dtype:
                 raise ValueError(f"field {name!r} must be {shape} {dtype}, not {array.shape} {array.dtype}")
-            arrays[f"PointData/{name}"] = array
-        return arrays
+
+
+def refuse_older(folder: Path) -> None:
+    """Raise InputError where the folder holds the frames of an older version, which this one does not read."""
+    if (folder / OLDER).exists():
+        raise InputError(
+            f"{folder / OLDER} was written by an earlier version of refsim, whose frames this one does not read; open"
+            " it in ParaView, or run the scene again into another folder."
+        )
+
+
+def heads_of(path: Path) -> list[Head]:
+    """The heads of the frames of a collection, in order of time. Raises InputError where there is none."""
+    found = [read_head(file) for file in frame_files(path)]
+    if not found:
+        refuse_older(path.parent)
+        raise InputError(f"there are no frames of {path}; give the folder of a run that has written one.")
+    return found
 
 
 def read_particles(
     path: str | os.PathLike[str], frames: slice | Collection[int] = slice(None), fields: Collection[str] | None = None
 ) -> list[Frame]:
-    """The frames of a file written by `ParticleWriter`, in order of time.
+    """The frames of a collection that `ParticleWriter` wrote, in order of time; their digests are compared.
 
     frames  which of them: a slice, or numbers from 0
-    fields  names of the fields that are read, of those that the file has; all by default
+    fields  names of the fields that are read, of those that the frames have; all by default
 
-    Completes what a writer that was killed left half done, where the folder is writable.
-    Raises InputError when the file is missing, damaged (it does not match its digest), or no particle file.
+    Raises InputError when there is no frame, or one is damaged.
     """
-
-    def read(root: h5py.Group) -> list[Frame]:
-        index = vtkhdf.read_index(root)
-        found = []
-        for k in range(len(index.times))[frames] if isinstance(frames, slice) else sorted(frames):
-            rows = index.rows(k)
-            data = {n: values[rows] for n, values in root["PointData"].items() if fields is None or n in fields}
-            found.append(Frame(float(index.times[k]), root["Points"][rows], data))
-        return found
-
-    return read_file(Path(path), read)
+    heads, found = heads_of(Path(path)), []
+    for head in heads[frames] if isinstance(frames, slice) else [heads[k] for k in sorted(frames)]:
+        check_digest(head)
+        data = read_arrays(head, ["position", *(n for n in head.fields if fields is None or n in fields)])
+        found.append(Frame(head.time, data.pop("position"), data))
+    return found
 
 
-def read_file(path: Path, read: Callable[[h5py.Group], vtkhdf.T], check: bool = True) -> vtkhdf.T:
-    """What `read` returns for the VTKHDF group of a particle file, whose digest is compared before.
-
-    check  False leaves the comparison out, for a file that was compared before: HDF5 can crash on a damaged one
-
-    Completes what a writer that was killed left half done. Reads again while a living writer is between two pages.
-    Raises InputError when the file is missing, damaged, or no particle file.
-    """
-    for _ in range(2):
-        try:
-            return _checked_and_read(path, read, check)
-        except InputError:
-            if not journal_path(path).exists():
-                raise
-            clock.sleep(0.01)
-    return _checked_and_read(path, read, check)
+def _checked_field(name: str, components: int, dtype: DTypeLike) -> tuple[int, np.dtype]:
+    dtype = np.dtype(dtype)
+    if not name or "/" in name or name in (".", "position") or components < 1 or dtype not in DTYPES:
+        raise ValueError(f"field {name!r} cannot be written as {components} components of {dtype}")
+    return int(components), dtype
 
 
-def _checked_and_read(path: Path, read: Callable[[h5py.Group], vtkhdf.T], check: bool) -> vtkhdf.T:
-    if check:
-        check_path(path)
-    return vtkhdf.read_hdf5(path, read)
+def _field_list(fields: Mapping[str, tuple[int, np.dtype]]) -> str:
+    return ", ".join(f"{name} ({count} x {dtype})" for name, (count, dtype) in sorted(fields.items())) or "none"

@@ -21,19 +21,18 @@ from refsim.core.reading import open_regular
 from refsim.core.tables import Shown, Table
 from refsim.gauges import GaugeSeries
 from refsim.io.checkpoint import Checkpoint
-from refsim.io.frames import read_file
+from refsim.io.frames import heads_of, read_origin
 from refsim.io.scenes import scene_from_checkpoint
 from refsim.io.series import GAUGES, read_series
-from refsim.io.vtkhdf import read_index, read_origin
+from refsim.io.vtp import check_digest, read_arrays
 from refsim.scene.scene import Scene
 
 if TYPE_CHECKING:
-    import h5py
     import pandas
     import pyvista
     import xarray
 
-PARTICLES, REPORT = "particles.vtkhdf", "report.json"
+PARTICLES, REPORT = "particles.pvd", "report.json"
 UNITS = {  # of the ledger, in 3D
     "particles": "-",
     "outside_walls": "-",
@@ -76,7 +75,7 @@ class RunFrame:
         return self["position"]
 
     def __len__(self) -> int:
-        return int(self._run._index.counts[self.number])
+        return self._run._heads[self.number].count
 
     def __getitem__(self, name: str) -> NDArray[Any]:
         if name not in self._read:
@@ -118,17 +117,14 @@ class Run(Shown):
         self._file = path / PARTICLES if os.path.isdir(path) else path
         self.folder = self._file.parent
 
-        def read(root: h5py.Group) -> tuple[Any, Any, dict[str, Field]]:
-            origin = read_origin(root)
-            fields = {}
-            for name, data in {"position": root["Points"], **root["PointData"]}.items():
-                components = 1 if data.ndim == 1 else data.shape[1]
-                unit, meaning = origin.units.get(name, ""), origin.meanings.get(name, "")
-                fields[name] = Field(name, unit, meaning, components, data.dtype.name)
-            return read_index(root), origin, fields
-
-        self._index, self._origin, self.fields = read_file(self._file, read, check)
-        self.times: NDArray[np.float64] = self._index.times
+        self._heads, self._origin = heads_of(self._file), read_origin(self._file)
+        self._unchecked = set(range(len(self._heads) if check else 0))  # frames whose digest is still to be compared
+        first = self._heads[0]
+        self.fields = {
+            name: Field(name, self._origin.units.get(name, ""), self._origin.meanings.get(name, ""), count, dtype.name)
+            for name, (count, dtype) in {"position": (3, first.dtype), **first.fields}.items()
+        }
+        self.times: NDArray[np.float64] = np.array([head.time for head in self._heads])
 
     # Frames
 
@@ -159,20 +155,20 @@ class Run(Shown):
 
     def _rows(self, name: str, number: int) -> NDArray[Any]:
         (name,) = self._chosen([name])
-        rows = self._index.rows(number)
-        place = "Points" if name == "position" else f"PointData/{name}"
-        found: NDArray[Any] = read_file(self._file, lambda root: root[place][rows], check=False)
-        return found
+        if number in self._unchecked:
+            check_digest(self._heads[number])
+            self._unchecked.discard(number)
+        return read_arrays(self._heads[number], [name])[name]
 
     # What was run, and what came of it
 
     @property
     def scene(self) -> Scene:
-        """The scene that was run. Raises InputError for a file that does not hold it (refsim 0.1 and 0.2.0)."""
+        """The scene that was run. Raises InputError where it is not said, because origin.h5 is missing."""
         if not self._origin.scene.strip():
             raise InputError(
-                f"particle file {self._file} does not hold its scene, because another version of refsim wrote it; load"
-                " the scene file (refsim.load_scene)."
+                f"the frames of {self._file} do not say their scene (origin.h5 is not beside them); load the scene file"
+                " (refsim.load_scene)."
             )
         saved = Checkpoint(dict(self._origin.arrays), {"scene": self._origin.scene})
         return scene_from_checkpoint(saved, str(self._file))
@@ -280,10 +276,7 @@ class Run(Shown):
         return whole
 
     def to_pyvista(self, time: float) -> pyvista.PolyData:
-        """The frame nearest to `time` [s] as pyvista's point cloud (extra "results").
-
-        pyvista's own reader shows only the first step of a VTKHDF file that has several.
-        """
+        """The frame nearest to `time` [s] as pyvista's point cloud (extra "results")."""
         return self.at(time).to_pyvista()
 
     def _chosen(self, fields: Sequence[str] | None) -> list[str]:
@@ -297,7 +290,7 @@ class Run(Shown):
 
     def _facts(self) -> tuple[str, list[tuple[str, str]]]:
         span = f", from {self.times[0]:.6g} to {self.times[-1]:.6g} s" if len(self) else ""
-        counts = sorted({int(n) for n in self._index.counts})
+        counts = sorted({head.count for head in self._heads})
         particles = f"{counts[0]:,}" + (f" to {counts[-1]:,}" if len(counts) > 1 else "") if counts else "none"
         units = (f"{name} [{field.unit}]" if field.unit else name for name, field in self.fields.items())
         return "Run", [
@@ -309,13 +302,12 @@ class Run(Shown):
 
 
 def open_run(folder: str | os.PathLike[str], *, check: bool = True) -> Run:
-    """Open the folder of a run, as `refsim run` and `simulate` write it, or its particle file.
+    """Open the folder of a run, as `refsim run` and `simulate` write it, or its collection of frames.
 
-    check  compare the particle file's digest, which reads it once from end to end; False opens a large file at once,
-           but HDF5 can crash on a damaged one
+    check  compare the digest of each frame when something of it is read first, which reads its file from end to end
 
     A run that is still being written can be opened; it has the frames that were there then.
-    Raises InputError where there is no such file, or it is damaged.
+    Raises InputError where there is no frame, or one is cut short; of a damaged one when it is read.
     """
     return Run(Path(folder), check)
 

@@ -387,7 +387,7 @@ def write_film(
     found = open_run(run)
     width, height = (n - n % 2 for n in look.size)
     series = Series(found, look, chosen_frames(frames or "all", len(found.times)))
-    remove_stale_temporaries(path)
+    remove_stale_temporaries(path.parent, path.name)
     beside = temporary_path(path)
     with writing("film", path, "nothing is left of it"), ExitStack() as at_the_end:
         at_the_end.callback(_remove, beside)

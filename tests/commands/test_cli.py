@@ -406,7 +406,7 @@ def test_run_writes_a_folder_and_a_report(scene, capsys):
     told = capsys.readouterr()
     found = json.loads(told.out)
     folder = scene.parent / "tank_run"
-    names = ["checkpoint.h5", "checkpoint.previous.h5", "particles.vtkhdf", "report.json"]
+    names = ["checkpoint.h5", "checkpoint.previous.h5", "particles", "particles.pvd", "report.json"]
     assert sorted(p.name for p in folder.iterdir()) == names
     report = json.loads((folder / "report.json").read_text())
     for key in ("steps", "time", "backend", "versions", "step_limiters", "search", "ledger", "reason"):
@@ -530,7 +530,7 @@ def test_a_run_with_compiled_kernels_loads_nothing_that_only_compiling_needs(sce
         done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
         said.append(done.stdout.splitlines()[-1])
     assert said[1] == "False"
-    first, second = (read_particles(tmp_path / name / "particles.vtkhdf") for name in ("compiled", "loaded"))
+    first, second = (read_particles(tmp_path / name / "particles.pvd") for name in ("compiled", "loaded"))
     assert len(first) > 2
     for a, b in zip(first, second, strict=True):
         assert all(np.array_equal(a.fields[name], b.fields[name]) for name in a.fields)

@@ -69,7 +69,7 @@ def test_a_run_in_a_process_without_other_letters(folder):
     assert done.returncode == 0, done.stderr
     assert done.stdout.isascii()
     assert done.stderr.isascii()
-    assert (folder / f"{NAME} out" / "particles.vtkhdf").exists()
+    assert (folder / f"{NAME} out" / "particles.pvd").exists()
 
 
 def test_every_command_line_takes_any_stream():

@@ -8,7 +8,6 @@ import trimesh
 
 import refsim as rs
 from refsim import make_plan, open_run, simulate
-from refsim.io.checkpoint import read_checkpoint, write_checkpoint
 from refsim.study.observables import observable_of
 from tests.engine.test_run import assert_same_run
 from tests.running import advanced
@@ -178,35 +177,6 @@ def test_a_run_far_away_is_resumed_bit_for_bit(tmp_path, kind):
     assert_same_run(plain, advanced(resumed, 60 - 25))
     assert np.array_equal(resumed.field("position"), plain.field("position"))
     assert resumed.plan.state.position.tobytes() == plain.plan.state.position.tobytes()
-
-
-def older(path, **changes):
-    """A checkpoint as versions without residual wrote it."""
-    saved = read_checkpoint(path)
-    arrays = {name: values for name, values in saved.arrays.items() if name != "field.position_residual"}
-    attributes = {name: value for name, value in (saved.attributes | changes).items() if value is not None}
-    write_checkpoint(path, arrays, attributes)
-
-
-def test_an_older_checkpoint_goes_on_near_the_origin_and_is_refused_far_away(tmp_path):
-    for far in (0, FAR):
-        scene = scenes("walls", (far, far, 0))
-        advanced(rs.Simulation(scene), 10).checkpoint(tmp_path / f"{far}.h5")
-        older(tmp_path / f"{far}.h5", origin=None)
-    near = rs.Simulation.resume(tmp_path / "0.h5")
-    assert any("dropped what rounding takes" in note for note in near.notes)
-    straight = advanced(rs.Simulation(scenes("walls", (0, 0, 0))), 20)
-    assert advanced(near, 10).field("position") == pytest.approx(straight.field("position"), abs=1e-5 * D)
-    with pytest.raises(rs.InputError, match=r"positions are relative to .* start the run again"):
-        rs.Simulation.resume(tmp_path / f"{FAR}.h5")
-
-
-@pytest.mark.parametrize("change", [{"origin": "[0.0, 0.0, 1.0]"}, {"origin": "[0.0]"}, {"origin": "x"}, {}])
-def test_a_checkpoint_without_its_residual_or_of_another_origin_is_refused(tmp_path, change):
-    advanced(rs.Simulation(scenes("walls", (0, 0, 0))), 2).checkpoint(tmp_path / "c.h5")
-    older(tmp_path / "c.h5", **change)
-    with pytest.raises(rs.InputError, match=r"start the run again"):
-        rs.Simulation.resume(tmp_path / "c.h5")
 
 
 def test_frames_reports_and_observables_are_places_in_the_scene(tmp_path):

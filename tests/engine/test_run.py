@@ -61,11 +61,11 @@ def assert_same_run(first, second):
     assert a.arrays.keys() == b.arrays.keys()
     for name, array in a.arrays.items():
         assert array.tobytes() == b.arrays[name].tobytes(), name
-    for snapshot in (a, b):
-        if "search_log" in snapshot.attributes:
-            log = json.loads(snapshot.attributes["search_log"])
-            snapshot.attributes["search_log"] = {k: v for k, v in log.items() if k != "list_bytes"}
-    assert a.attributes == b.attributes
+    clocks = [json.loads(snapshot.attributes["clock"]) for snapshot in (a, b)]
+    for clock in clocks:
+        clock["search_log"].pop("list_bytes", None)
+    assert clocks[0] == clocks[1]
+    assert a.attributes["scene"] == b.attributes["scene"]
 
 
 def test_a_resumed_run_is_the_same_run(tmp_path):
@@ -90,7 +90,7 @@ def test_frames_and_looks_change_nothing(tmp_path):
     assert (report.steps, report.frames) == (40, 41)
     position = plain.field("position")
     assert_same_run(advance(plain, 45), advance(watched, 45))
-    frames = read_particles(tmp_path / "run" / "particles.vtkhdf")
+    frames = read_particles(tmp_path / "run" / "particles.pvd")
     assert [len(frame.position) for frame in frames] == [128] * 41
     assert np.array_equal(frames[-1].position, position)
     assert np.array_equal(frames[0].fields["identity"], np.arange(128))
@@ -151,8 +151,9 @@ def test_another_backend_goes_on_and_says_so(tmp_path):
 def test_other_versions_are_noted(tmp_path):
     rs.Simulation(tank(), "numpy").checkpoint(tmp_path / "c.h5")
     saved = read_checkpoint(tmp_path / "c.h5")
-    then = json.loads(saved.attributes["versions"]) | {"numpy": "1.0"}
-    write_checkpoint(tmp_path / "c.h5", saved.arrays, saved.attributes | {"versions": json.dumps(then)})
+    clock = json.loads(saved.attributes["clock"])
+    clock["versions"]["numpy"] = "1.0"
+    write_checkpoint(tmp_path / "c.h5", saved.arrays, saved.attributes | {"clock": json.dumps(clock)})
     note = rs.Simulation.resume(tmp_path / "c.h5").notes[-1]
     assert "numpy 1.0 -> " in note
 
@@ -168,54 +169,19 @@ def test_a_scene_that_is_not_the_checkpoints_is_refused(tmp_path, other, words):
         rs.Simulation.resume(tmp_path / "c.h5", scene=other)
 
 
-ALWAYS = (
-    "backend", "time", "steps", "previous_length", "first_length", "squared_way", "margin", "set_between_steps",
-    "list_built", "stopped_at_walls", "limiters", "versions", "search_log", "remarks", "origin", "scene",
-)  # fmt: skip
 LOST = object()
-LACKING = r"{}.*; start the run again\.$"
-NUMBERS = "numbers are not those of a run"
-
-
-def changed(row, value):
-    """A function that gives a copy of an array with another row."""
-
-    def of(array):
-        array = array.copy()
-        array[row] = value
-        return array
-
-    return of
-
-
+NUMBERS = "numbers are not those of a run of this refsim"
 # (what is changed, what it is instead, words of the refusal)
 SPOILED = [
-    *((name, LOST, LACKING.format("has no scene" if name == "scene" else f"lacks '{name}'")) for name in ALWAYS),
-    *((name, LOST, f"lacks '{name}'") for name in ("field.velocity", "build_position")),
-    *((name, lambda a: a[:-1], "the scene has") for name in ("field.velocity", "build_position")),
-    *((name, 1e30, rf"{name} = 1e\+30 s is no step of a run that has come to") for name in ALWAYS[3:5]),
-    *((name, 0.0, f"{name} = 0 s is no step") for name in ALWAYS[3:5]),
-    ("margin", 1e30, r"margin = 1e\+30 m is more than the neighbour list's skin of 0\.00"),
-    *((name, math.inf, f"{name} = inf") for name in ("time", "first_length", "margin")),
-    *((name, -1.0, f"{name} = -1") for name in ("previous_length", "squared_way")),
-    ("steps", -1, "steps = -1 is not possible"), ("steps", 10**400, "steps = 1000"), ("time", "0.1", NUMBERS),
-    ("time", 10**400, NUMBERS), ("steps", 1.5, NUMBERS), ("backend", "quantum", NUMBERS),
-    ("list_built", "yes", NUMBERS), ("limiters", "[1]", NUMBERS), ("limiters", "[" * 100000, NUMBERS),
-    ("versions", '{"numpy": 1}', NUMBERS), ("search_log", '{"__class__": 1}', "search log"),
-    ("scene", 3, "has no scene"), ("scene", "spacing = 0.01", "the scene in"),
-    ("field.mass", changed(3, -1.0), "1 of its particles have no positive mass"),
-    ("field.mass", lambda a: a.astype("float64"), "the scene has float32"),
-    ("field.velocity", changed(3, 1e38), "beyond 1e"),
-    ("field.velocity", lambda a: a.astype("complex64"), "the scene has float32"),
-    ("field.velocity", changed((0, 2), 0.5), "v_z than 0 in a 2D scene"), ("field.identity", changed(3, 4), "identity"),
-    ("field.identity", changed(3, 2**31 - 1), "identity"),
-    ("field.position", lambda a: np.tile(a[:1], (len(a), 1)), r"its \d+ particles are all at one place"),
-    ("field.position", changed((0, 2), 0.5), "z than 0 in a 2D scene"),
-    ("build_position", lambda a: a[:, :2], "the scene has float32"),
-    *(("start.sizes", np.array(value), "clouds do not fit their numbers") for value in ([41], [-1], [40.0], 40)),
-    ("start.mass", np.array(1.0), "clouds do not fit their numbers"),
-    ("start.position", np.zeros((40, 5)), r"position has shape \(40, 5\)"),
-    ("start.velocity", np.zeros(40, complex), "velocity does not fit 40 particles"),
+    ("scene", LOST, r"has no scene.*; start the run again\.$"), ("scene", "spacing = 0.01", "the scene in"),
+    ("clock", LOST, NUMBERS), ("clock", lambda text: text.replace('"steps"', '"strides"'), NUMBERS),
+    ("clock", lambda text: text.replace('"numpy"', '"quantum"', 1), NUMBERS),
+    ("clock", lambda text: text.replace('"origin":[0.0,', '"origin":[1.0,'), r"relative to \[1\.0, "),
+    ("field.velocity", LOST, "its velocity is nothing, and a run of its scene has float32"),
+    ("build_position", LOST, "its build_position is nothing"),
+    *((name, lambda a: a[:-1], "a run of its scene has") for name in ("field.velocity", "build_position")),
+    ("field.mass", lambda a: a.astype("float64"), "a run of its scene has float32"),
+    ("start.sizes", np.array([41]), "clouds do not fit their numbers"),
 ]  # fmt: skip
 
 
@@ -230,12 +196,12 @@ def checkpoints(tmp_path_factory):
     for run in (advance(rs.Simulation(tank(), "numpy"), 3), rs.Simulation(cloud, "numpy")):
         run.checkpoint(path)
         found.append(read_checkpoint(path))
-    assert set(found[0].attributes) == set(ALWAYS)
+    assert set(found[0].attributes) == {"scene", "clock"}
     return found
 
 
 @pytest.mark.parametrize("name, value, words", SPOILED)
-def test_a_checkpoint_that_no_run_writes_is_refused(tmp_path, checkpoints, name, value, words):
+def test_a_checkpoint_that_does_not_fit_its_scene_is_refused(tmp_path, checkpoints, name, value, words):
     saved = checkpoints[name.startswith("start.")]
     given = saved.arrays | saved.attributes
     given[name] = value(given[name]) if callable(value) else value
@@ -270,7 +236,7 @@ def test_frames_that_are_held_are_written_when_a_run_stops(tmp_path, monkeypatch
     with pytest.raises((rs.RunStopped, KeyboardInterrupt)):
         simulate(tank(), backend="numpy", output=tmp_path, every=1e-9, progress=progress)
     assert written == [1, 4]  # the first one with the first checkpoint; no frame of the step that stopped
-    assert len(read_particles(tmp_path / "particles.vtkhdf")) == 5
+    assert len(read_particles(tmp_path / "particles.pvd")) == 5
 
 
 @pytest.mark.parametrize(("name", "least"), [("HELD_FOR", 0.0), ("HELD_BYTES", 0)])
@@ -281,7 +247,7 @@ def test_frames_are_held_no_longer_than_stated(tmp_path, monkeypatch, name, leas
 
     def progress(simulation):
         if simulation.steps:
-            seen.append(len(read_particles(tmp_path / "particles.vtkhdf")))
+            seen.append(len(read_particles(tmp_path / "particles.pvd")))
         if simulation.steps == 4:
             raise Killed
 
@@ -321,7 +287,7 @@ def test_frames_of_a_killed_run_have_the_times_of_the_uninterrupted_one(tmp_path
         assert resumed.steps == (steps - 1 if interval == 0 else 0)
         report = simulate(resumed, output=out, every=every)
         assert report.resumed_at_step is not None
-    whole, after = (read_particles(folder / "particles.vtkhdf") for folder in (tmp_path / "whole", out))
+    whole, after = (read_particles(folder / "particles.pvd") for folder in (tmp_path / "whole", out))
     assert [frame.time for frame in after] == [frame.time for frame in whole]
     for a, b in zip(after, whole):
         assert a.position.tobytes() == b.position.tobytes()
@@ -335,7 +301,7 @@ def test_no_frame_is_lost_where_steps_divide_the_interval(tmp_path):
         effects=(rs.Gravity(acceleration=(0.0, 0.0, -1e-3)),),
     )  # fmt: skip
     simulate(scene, backend="numpy", output=tmp_path, every=0.1)
-    times = [frame.time for frame in read_particles(tmp_path / "particles.vtkhdf")]
+    times = [frame.time for frame in read_particles(tmp_path / "particles.pvd")]
     np.testing.assert_allclose(times, np.arange(91) * 0.1, atol=1e-9)
 
 
@@ -351,7 +317,7 @@ def test_a_run_resumed_into_another_folder_has_frames_on_the_grid(tmp_path):
     simulate(
         rs.Simulation.resume(tmp_path / "other"), output=tmp_path / "other", every=every
     )  # it has a checkpoint, too
-    whole, after = (read_particles(tmp_path / name / "particles.vtkhdf") for name in ("whole", "other"))
+    whole, after = (read_particles(tmp_path / name / "particles.pvd") for name in ("whole", "other"))
     assert [frame.time for frame in after] == [frame.time for frame in whole][-len(after) :]
     with pytest.raises(rs.InputError, match="holds an earlier run"):
         simulate(rs.Simulation.resume(tmp_path / "killed"), output=tmp_path / "other")
@@ -365,16 +331,16 @@ def test_a_running_run_keeps_its_checkpoints(tmp_path, capsys):
 
     def progress(simulation):
         if simulation.steps == 2:
-            before = {file.name: file.read_bytes() for file in out.iterdir()}
+            before = {file: file.read_bytes() for file in out.rglob("*.*")}
             for command in ([path, "--overwrite"], ["--resume", out]):
                 words = ["run", *map(str, command), "--output", str(out), "--backend", "numpy", "--quiet"]
                 assert main(words) == 2
                 looked.append(capsys.readouterr().err)
-            assert {file.name: file.read_bytes() for file in out.iterdir()} == before
+            assert {file: file.read_bytes() for file in out.rglob("*.*")} == before
 
     simulate(tank(), 0.001, backend="numpy", output=out, checkpoint_every=0.0, progress=progress)
     assert len(looked) == 2
-    assert all("is being written by another process" in words for words in looked)
+    assert all("are being written by another process" in words for words in looked)
 
 
 def test_a_damaged_checkpoint_is_passed_over_and_the_run_says_so(tmp_path, capsys):
@@ -419,7 +385,7 @@ def test_a_diverging_run_stops_with_its_reason(tmp_path, capsys, scene, reason):
     assert report["reason"] == reason
     saved = read_checkpoint(out / "checkpoint.h5")
     assert all(np.isfinite(array).all() for array in saved.arrays.values() if array.dtype.kind == "f")
-    assert saved.attributes["steps"] <= report["steps"]
+    assert json.loads(saved.attributes["clock"])["steps"] <= report["steps"]
 
     post = json.loads((out / "postmortem.json").read_text())
     assert (post["reason"], post["step"]) == (reason, report["steps"])
@@ -463,7 +429,7 @@ def test_what_is_not_finite_names_its_particle_and_pass_and_leaves_the_checkpoin
 
     with pytest.raises(rs.RunStopped) as caught, np.errstate(all="ignore"):
         simulate(simulation, 1.0, output=tmp_path, progress=progress, checkpoint_every=0.0, every=1.0)
-    assert (caught.value.reason, read_checkpoint(tmp_path / "checkpoint.h5").attributes["steps"]) == ("non_finite", 2)
+    assert (caught.value.reason, load_checkpoint(tmp_path / "checkpoint.h5").clock.steps) == ("non_finite", 2)
     post = json.loads((tmp_path / "postmortem.json").read_text())
     assert (post["cause"], post["step"], post["particle"]["identity"]) == (cause, 3, 77)
     assert post["last_step_limits"]["acoustic"] > 0
@@ -572,7 +538,7 @@ def test_a_killed_run_loses_at_most_the_interval(tmp_path):
     whole = advance(rs.Simulation(tank()), final.steps)
     whole.evaluate(on_demand=False)  # as before each checkpoint, which looks at the list and so decides on a rebuild
     assert_same_run(whole, final)
-    times = [frame.time for frame in read_particles(out / "particles.vtkhdf")]
+    times = [frame.time for frame in read_particles(out / "particles.pvd")]
     assert times == sorted(set(times))
 
 

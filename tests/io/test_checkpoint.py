@@ -12,7 +12,6 @@ import pytest
 from refsim.core import writing
 from refsim.core.errors import InputError, RunStopped
 from refsim.core.writing import replace_file
-from refsim.io import checkpoint
 from refsim.io.checkpoint import previous_path, read_checkpoint, whole_checkpoint, write_checkpoint
 
 posix = pytest.mark.skipif(os.name != "posix", reason="signals and file size limits of POSIX")
@@ -147,10 +146,13 @@ def test_files_that_are_no_checkpoints(tmp_path):
     refuse(path, "does not begin as one")
     with h5py.File(path, "w") as file:
         file["x"] = 1
-    refuse(path, "without the digest that a checkpoint begins with")
+    refuse(path, "does not begin as one")
+    write_checkpoint(path, state(0), {}, what="file of gauges")
+    refuse(path, "does not begin as one")
+    assert read_checkpoint(path, "file of gauges").attributes == {}
     write_checkpoint(path, state(0), {})
-    path.write_bytes(path.read_bytes().replace(b"\nversion 2\n", b"\nversion 3\n", 1))
-    refuse(path, "format version 3, and this refsim reads version 2")
+    path.write_bytes(path.read_bytes().replace(b"\nversion 3\n", b"\nversion 2\n", 1))
+    refuse(path, "format version 2, and this refsim reads version 3")
 
 
 @posix
@@ -160,38 +162,6 @@ def test_what_never_ends_is_refused(tmp_path, make):
     refuse(tmp_path / "run.h5", "is a pipe or a device")
     with pytest.raises(InputError, match="holds no whole checkpoint"):
         whole_checkpoint(tmp_path)
-
-
-def attributes_of(text):
-    def fill(file):
-        del file["attributes"]
-        file["attributes"] = text
-
-    return fill
-
-
-@pytest.mark.parametrize("fill", [
-    lambda file: file.create_dataset("arrays/b", (10**12,), "f8"),
-    lambda file: file.create_dataset("arrays/b", (3,), "f8", chunks=(3,)),
-    lambda file: file.create_dataset("arrays/b", (1,), "f8", external="/dev/zero"),
-    lambda file: file.create_dataset("arrays/b", data=["text"]), lambda file: file.create_group("arrays/b"),
-    lambda file: file.pop("arrays"), lambda file: file.pop("attributes"),
-    attributes_of("[1]"), attributes_of('{"scene": [1]}'), attributes_of('{"scene": null}'), attributes_of("{"),
-    attributes_of('{"a":' + "[" * 100000 + "]" * 100000 + "}"), attributes_of('{"a":' + "1" * 5000 + "}"),
-    attributes_of(b"\xff\xfe"),
-])  # fmt: skip
-def test_what_refsim_never_writes_is_refused_whatever_the_digest_says(tmp_path, monkeypatch, fill):
-    """A file with a right digest, written by another program."""
-    path = tmp_path / "run.h5"
-
-    def other(file, arrays, text):
-        file["arrays/a"] = np.zeros(3)
-        file["attributes"] = text
-        fill(file)
-
-    monkeypatch.setattr(checkpoint, "_fill", other)
-    write_checkpoint(path, {}, {"step": 3})
-    refuse(path, "not a checkpoint of refsim")
 
 
 def test_a_file_cut_short_at_any_length(tmp_path):

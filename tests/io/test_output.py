@@ -1,25 +1,20 @@
-"""Particle files come back bit for bit, ParaView's own readers open them, and kills and full disks cost no frame."""
+"""Frames come back bit for bit, ParaView's own reader opens them, and kills and full disks cost no frame."""
 
 import dataclasses
 import errno
-import itertools
 import os
-import random
 import types
-from contextlib import suppress
+import xml.etree.ElementTree
 
-import h5py
 import numpy as np
 import pytest
 import vtk
 from vtk.util.numpy_support import vtk_to_numpy
 
+from refsim.core import writing
 from refsim.core.errors import InputError, RunStopped
-from refsim.io import transactions, vtkhdf
-from refsim.io.frames import Frame, ParticleWriter, read_particles
+from refsim.io.frames import OLDER, Frame, ParticleWriter, frame_files, read_particles
 from refsim.io.vtp import write_vtp
-
-posix = pytest.mark.skipif(os.name != "posix", reason="signals and file size limits of POSIX")
 
 FIELDS = {
     "density": (1, "float32"), "velocity": (3, "float32"), "energy": (1, np.float64), "phase": (1, np.int32),
@@ -77,24 +72,18 @@ def arrays_of(data):
     return points, {name: vtk_to_numpy(table.GetArray(name)) for name in names}
 
 
-def assert_vtk(path, frames, seed=0):
-    """The real reader finds these frames, in whatever order it is asked."""
+def assert_vtk(path, frames):
+    """The collection names these frames, and VTK's reader finds them."""
+    entries = xml.etree.ElementTree.parse(path).findall("Collection/DataSet")
+    assert [float(entry.attrib["timestep"]) for entry in entries] == [time for time, _, _ in frames]
     with Messages() as messages:
-        reader = vtk.vtkHDFReader()
-        reader.SetFileName(str(path))
-        reader.UpdateInformation()
-        key = vtk.vtkStreamingDemandDrivenPipeline.TIME_STEPS()
-        if len(frames) > 1:
-            assert reader.GetOutputInformation(0).Get(key) == tuple(time for time, _, _ in frames)
-        order = list(range(len(frames)))
-        random.Random(seed).shuffle(order)
-        for step in order:
-            time, position, fields = frames[step]
-            reader.UpdateTimeStep(time)
-            data = reader.GetOutput()
-            assert isinstance(data, vtk.vtkPolyData)
-            n = len(position)
+        for entry, (time, position, fields) in zip(entries, frames, strict=True):
+            reader = vtk.vtkXMLPolyDataReader()
+            reader.SetFileName(str(path.parent / entry.attrib["file"]))
+            reader.Update()
+            data, n = reader.GetOutput(), len(position)
             assert data.GetNumberOfPoints() == data.GetNumberOfVerts() == data.GetNumberOfCells() == n
+            assert data.GetFieldData().GetArray("TimeValue").GetValue(0) == time
             if n == 0:
                 continue
             points, found = arrays_of(data)
@@ -110,56 +99,32 @@ def assert_vtk(path, frames, seed=0):
     assert messages.text == ""
 
 
-def assert_file(path, frames):
-    """Both readers find these frames."""
+def assert_files(path, frames):
+    """Both readers find these frames, and nothing else lies in their folder."""
     for found, expected in zip(read_particles(path), frames, strict=True):
         assert_frame(found, expected)
     assert_vtk(path, frames)
+    assert sorted(path.with_suffix("").iterdir()) == frame_files(path)
 
 
 # -- what is written is what is read
-@pytest.mark.parametrize("counts", [[50], [50] * 6, [30, 60, 1, 0, 0, 45, 60], [0, 5, 3], [7, 0], [200, 199, 300]])
-def test_every_frame_comes_back_bit_for_bit(tmp_path, monkeypatch, counts):
-    monkeypatch.setattr(vtkhdf, "CHUNK_ROWS", 64)  # less than a frame has
-    path = tmp_path / "run.vtkhdf"
+@pytest.mark.parametrize("counts", [[50], [50] * 6, [30, 60, 1, 0, 0, 45, 60], [0, 5, 3], [7, 0]])
+@pytest.mark.parametrize("at_once", [1, 4])
+def test_every_frame_comes_back_bit_for_bit(tmp_path, counts, at_once):
+    path = tmp_path / "run.pvd"
     frames = [frame(step, n) for step, n in enumerate(counts)]
     with ParticleWriter(path, FIELDS) as writer:
         assert writer.last_time is None
-        for number, (time, position, fields) in enumerate(frames):
-            writer.write(time, position, **fields)
-            assert writer.last_time == time
-            assert len(read_particles(path)) == number + 1  # whole while the writer is at work
-            assert_vtk(path, frames[: number + 1], seed=number)
-    assert [file.name for file in tmp_path.iterdir()] == ["run.vtkhdf"]
-    for found, expected in zip(read_particles(path), frames, strict=True):
-        assert_frame(found, expected)
+        for first in range(0, len(frames), at_once):
+            some = frames[first : first + at_once]
+            writer.append([Frame(*one) for one in some])
+            assert writer.last_time == some[-1][0]
+            assert_files(path, frames[: first + len(some)])  # whole while the writer is at work
+        writer.append([])
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["run", "run.pvd"]
+    path.unlink()  # nothing is read from the collection
     assert_frame(read_particles(path, slice(-1, None))[0], frames[-1])
-
-
-@pytest.mark.parametrize("counts", [[50] * 6, [0, 1, 60, 30, 0, 45]])
-def test_frames_that_are_appended_at_once_come_back_as_those_written_one_by_one(tmp_path, counts):
-    frames = [frame(step, n) for step, n in enumerate(counts)]
-    for name, groups in {"single": range(7), "several": (0, 3, 4, 6), "all": (0, 6)}.items():
-        path = tmp_path / f"{name}.vtkhdf"
-        with ParticleWriter(path, FIELDS) as writer:
-            for first, end in itertools.pairwise(groups):
-                writer.append([Frame(*one) for one in frames[first:end]])
-                assert (writer.last_time, len(read_particles(path))) == (frames[end - 1][0], end)
-            writer.append([])
-        assert_file(path, frames)
-
-
-def test_frames_that_do_not_fit_are_refused_whole(tmp_path):
-    path = tmp_path / "run.vtkhdf"
-    first, second = (Frame(*frame(step)) for step in range(2))
-    with ParticleWriter(path, FIELDS) as writer:
-        for bad in ([first, first], [second, first], [first, dataclasses.replace(second, fields={})],
-                    [first, dataclasses.replace(second, position=second.position.astype("float64"))]):  # fmt: skip
-            with pytest.raises(ValueError, match=r"time|fields|position"):
-                writer.append(bad)
-        assert not path.exists()
-        writer.append([first, second])
-    assert len(read_particles(path)) == 2
+    assert read_particles(path, [0], ["phase"])[0].fields.keys() == {"phase"}
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
@@ -193,46 +158,77 @@ def test_single_frame_through_the_real_reader(tmp_path, dtype, n):
 @pytest.mark.parametrize("counts", [[20] * 8, [5, 0, 30, 2, 0, 40, 1, 9]])
 @pytest.mark.parametrize("resume_time", [None, -1.0, 0.25, 9.0])
 def test_append_drops_later_frames(tmp_path, resume_time, counts):
-    path = tmp_path / "run.vtkhdf"
+    path = tmp_path / "run.pvd"
     old = [frame(step, n) for step, n in enumerate(counts)]
     with ParticleWriter(path, FIELDS) as writer:
         write_frames(writer, old)
     kept = [one for one in old if resume_time is None or one[0] <= resume_time]
     new = [frame(step + 100, n) for step, n in enumerate(counts[::-1])]
     with ParticleWriter(path, FIELDS, append=True, resume_time=resume_time) as writer:
-        assert (writer.last_time, len(read_particles(path))) == ((kept[-1][0] if kept else None), len(kept))
+        assert writer.last_time == (kept[-1][0] if kept else None)
+        assert_vtk(path, kept)
         write_frames(writer, new)
-    assert_file(path, kept + new)
+    assert_files(path, kept + new)
+
+
+def test_a_new_run_takes_the_place_of_the_old_one_with_its_first_frame(tmp_path, disk):
+    path = tmp_path / "run.pvd"
+    with ParticleWriter(path, FIELDS) as writer:
+        write_frames(writer, [frame(step) for step in range(3)])
+    with ParticleWriter(path, {"a": (1, "int32")}) as writer:
+        assert_files(path, [frame(step) for step in range(3)])
+        disk.space, disk.error = 0, OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        new = (5.0, np.zeros((2, 3)), {"a": np.arange(2, dtype="int32")})
+        with pytest.raises(RunStopped, match="disk is full"):
+            write_frames(writer, [new])
+        assert_files(path, [frame(step) for step in range(3)])
+        disk.space = 10**9
+        write_frames(writer, [new])
+    assert_files(path, [new])
 
 
 def test_append_refuses_what_does_not_fit(tmp_path):
-    path = tmp_path / "run.vtkhdf"
+    path = tmp_path / "run.pvd"
     with ParticleWriter(path, FIELDS) as writer:
         write_frames(writer, [frame(0)])
-    before = path.read_bytes()
+    (file,) = frame_files(path)
+    before = file.read_bytes()
     for fields in ({}, FIELDS | {"density": (1, "float64")}, FIELDS | {"velocity": (2, "float32")}):
         with pytest.raises(InputError, match=r"velocity \(3 x float32\)"):
             ParticleWriter(path, fields, append=True)
-    assert ([file.name for file in tmp_path.iterdir()], path.read_bytes()) == (["run.vtkhdf"], before)
     for content, words in [
-        (before[:-10], "cut short"),
-        (b"time = 3", "not a particle file"),
-        (before[4096:], "without the digest"),  # as they were written before there was one
-    ]:
-        path.write_bytes(content)
+        (before[:-10], "cut short"), (before[:300], "cut short"), (b"time = 3", "does not begin as one"),
+        (before.replace(b"version 1,", b"version 2,", 1), "has version 2"),
+    ]:  # fmt: skip
+        file.write_bytes(content)
         for use in (lambda: ParticleWriter(path, FIELDS, append=True), lambda: read_particles(path)):
             with pytest.raises(InputError, match=words):
                 use()
-        assert path.read_bytes() == content
+        assert file.read_bytes() == content
+    assert sorted(one.name for one in tmp_path.iterdir()) == ["run", "run.pvd"]
+
+
+def test_frames_of_an_older_version_are_refused(tmp_path):
+    (tmp_path / OLDER).write_bytes(b"")
+    for use in (
+        lambda: ParticleWriter(tmp_path / "a.pvd", {}, append=True),
+        lambda: read_particles(tmp_path / "a.pvd"),
+    ):
+        with pytest.raises(InputError, match=r"written by an earlier version.*run the scene again"):
+            use()
 
 
 # -- bad input
-def test_frames_that_do_not_fit_are_refused_and_leave_the_file_alone(tmp_path):
-    path = tmp_path / "run.vtkhdf"
+def test_frames_that_do_not_fit_are_refused_and_leave_the_files_alone(tmp_path):
+    path = tmp_path / "run.pvd"
     _, position, fields = frame(1)
     with ParticleWriter(path, FIELDS) as writer:
+        first, second = (Frame(*frame(step)) for step in range(2))
+        for bad in ([first, first], [second, first], [first, dataclasses.replace(second, fields={})]):
+            with pytest.raises(ValueError, match=r"time|fields"):
+                writer.append(bad)
+        assert not path.with_suffix("").exists()
         write_frames(writer, [frame(0)])
-        before = path.read_bytes()
         for time, place, extra, words in [
             (0.0, position, {}, "not later"),
             (float("nan"), position, {}, "not later"),
@@ -246,7 +242,7 @@ def test_frames_that_do_not_fit_are_refused_and_leave_the_file_alone(tmp_path):
         ]:
             with pytest.raises(ValueError, match=words):
                 writer.write(time, place, **(fields | extra))
-        assert path.read_bytes() == before
+        assert_files(path, [frame(0)])
         write_frames(writer, [frame(1)])
     with pytest.raises(ValueError, match="closed"):
         writer.write(2.0, position, **fields)
@@ -257,102 +253,38 @@ def test_frames_that_do_not_fit_are_refused_and_leave_the_file_alone(tmp_path):
 def test_declarations_and_paths_that_cannot_be(tmp_path):
     for fields in ({"a": (0, "float32")}, {"a/b": (1, "float32")}, {"a": (1, "float16")}, {"": (1, "int32")}):
         with pytest.raises(ValueError, match="cannot be written"):
-            ParticleWriter(tmp_path / "run.vtkhdf", fields)
+            ParticleWriter(tmp_path / "run.pvd", fields)
     with pytest.raises(InputError, match="folder that exists"):
-        ParticleWriter(tmp_path / "no" / "run.vtkhdf", {})
+        ParticleWriter(tmp_path / "no" / "run.pvd", {})
     with pytest.raises(InputError, match="folder that exists"):
         write_vtp(tmp_path / "no" / "run.vtp", np.zeros((1, 3)))
     with pytest.raises(ValueError, match="'a'"):
         write_vtp(tmp_path / "run.vtp", np.zeros((2, 3)), a=np.zeros(3))
+    with pytest.raises(InputError, match="no frames"):
+        read_particles(tmp_path / "run.pvd")
     assert not list(tmp_path.iterdir())
 
 
-def test_a_path_without_a_file_is_told(tmp_path):
-    for path, words in ((tmp_path / "run.vtkhdf", "does not exist"), (tmp_path, "cannot be read")):
-        with pytest.raises(InputError, match=words):
-            read_particles(path)
-
-
-def refused(path, monkeypatch):
-    """The sentence that refuses a damaged file, to read and to append, before HDF5 sees it or it changes."""
-    files = {one: one.read_bytes() for one in path.parent.iterdir()}
-    with monkeypatch.context() as patch:
-        patch.setattr(h5py, "File", lambda *_, **__: pytest.fail("HDF5 was given a damaged file"))
-        with pytest.raises(InputError) as one:
-            read_particles(path)
-        with pytest.raises(InputError) as two:
-            ParticleWriter(path, FIELDS, append=True, resume_time=0.1)
-    assert (str(one.value), {one: one.read_bytes() for one in path.parent.iterdir()}) == (str(two.value), files)
-    return str(one.value)
-
-
-def test_damage_anywhere_is_told_before_hdf5_sees_it(tmp_path, monkeypatch):
-    """A flipped bit in each page, at its ends and at seeded places, zeros over pages, pages exchanged, a file cut."""
-    path, rng = tmp_path / "run.vtkhdf", np.random.default_rng(5)
+def test_damage_anywhere_is_told(tmp_path):
+    """A flipped bit at the ends of the head and at seeded places, zeros, a file cut."""
+    path, rng = tmp_path / "run.pvd", np.random.default_rng(5)
     with ParticleWriter(path, FIELDS) as writer:
         write_frames(writer, [frame(step) for step in range(3)])
-    whole = path.read_bytes()
-    pages = range(0, len(whole), 4096)
-    assert len(pages) == 15
-    damaged = []
-    places = [place for first in pages for place in (first, min(first + 4096, len(whole)) - 1)]
-    for place in [*places, *range(120), *rng.integers(len(whole), size=100)]:
-        damaged.append(bytearray(whole))
-        damaged[-1][place] ^= 1 << rng.integers(8)
-    for first in pages:
-        damaged.append(bytearray(whole))
-        damaged[-1][first : first + 100] = rng.bytes(len(whole[first : first + 100]))
-        damaged.append(bytearray(whole[:first]))
-    exchanged = bytearray(whole)
-    exchanged[4096:8192], exchanged[8192:12288] = whole[8192:12288], whole[4096:8192]
-    for content in [*damaged, exchanged]:
-        path.write_bytes(content)
-        words = refused(path, monkeypatch)
-        assert words.startswith(f"particle file {path} ")
-        assert words.endswith(transactions.ADVICE)
-        assert "\n" not in words
-
-
-def test_a_damaged_file_is_not_mended_from_a_journal(tmp_path, monkeypatch):
-    """A writer died before its pages were in place, and the file was damaged elsewhere: both files stay as they are."""
-    path = tmp_path / "run.vtkhdf"
-    writer = ParticleWriter(path, FIELDS)
-    write_frames(writer, [frame(0), frame(1)])
-    with monkeypatch.context() as patch:
-        patch.setattr(transactions, "_apply", lambda *_: (_ for _ in ()).throw(Stop))
-        with pytest.raises(Stop):
-            write_frames(writer, [frame(2)])
-    writer._close_files()
-    whole = path.read_bytes()
-    changed = bytearray(whole)
-    changed[whole.index(frame(0)[1].tobytes())] ^= 1
-    path.write_bytes(changed)
-    assert "does not match its digest" in refused(path, monkeypatch)
-    path.write_bytes(whole)
-    assert len(read_particles(path)) == 3
-
-
-def test_a_reader_leaves_the_journal_of_a_living_writer_alone(tmp_path, monkeypatch):
-    path, journal = tmp_path / "run.vtkhdf", tmp_path / "run.vtkhdf.journal"
-    writer = ParticleWriter(path, FIELDS)
-    write_frames(writer, [frame(0), frame(1)])
-    with monkeypatch.context() as patch:
-        patch.setattr(transactions, "_apply", lambda *_: (_ for _ in ()).throw(Stop))
-        with pytest.raises(Stop):
-            write_frames(writer, [frame(2)])
-    held = journal.read_bytes()
-    assert held
-    with suppress(InputError):  # the file is between two states
-        read_particles(path)
-    assert journal.read_bytes() == held
-    writer.close()
-    assert len(read_particles(path)) == 3  # completed by the reader, now that the writer has ended
-    assert journal.read_bytes() == b""
-    assert not journal.with_name("run.vtkhdf.journal.lock").exists()
+    file = frame_files(path)[1]
+    whole = file.read_bytes()
+    for place in [*range(160), len(whole) - 1, *rng.integers(len(whole), size=200)]:
+        damaged = bytearray(whole)
+        damaged[place] ^= 1 << rng.integers(8)
+        for content in (damaged, whole[:place], whole[:place] + bytes(len(whole) - place)):
+            if content != whole:
+                file.write_bytes(content)
+                with pytest.raises(InputError, match=rf"^frame {file} .*; move it away, or run the scene again\.$"):
+                    read_particles(path)
+    assert_frame(read_particles(path, [0])[0], frame(0)) if file.write_bytes(whole) else None
 
 
 def test_one_writer_at_a_time(tmp_path):
-    path = tmp_path / "run.vtkhdf"
+    path = tmp_path / "run.pvd"
     with ParticleWriter(path, FIELDS) as writer:
         write_frames(writer, [frame(0)])
         with pytest.raises(InputError, match="another process"):
@@ -365,83 +297,65 @@ def test_one_writer_at_a_time(tmp_path):
 
 # -- kills and full disks
 class Stop(BaseException):
-    """Stands for a kill between two writes."""
+    """Stands for a kill between two calls of the system."""
 
 
 @pytest.fixture
 def disk(monkeypatch):
-    """After `disk.space` further writes it takes half of one and raises `disk.error`."""
-    made, real = types.SimpleNamespace(space=10**9, error=Stop()), transactions.write_all
+    """After `disk.space` further writes, renames and fsyncs the next raises `disk.error`, a write in its middle."""
+    made = types.SimpleNamespace(space=10**9, error=Stop())
 
-    def counted(file, data):
-        made.space -= 1
-        if made.space < 0:
-            real(file, memoryview(data)[: 0 if len(data) <= transactions.PAGE else len(data) // 2])
-            raise made.error
-        real(file, data)
+    def counted(place, name):
+        real = getattr(place, name)
 
-    monkeypatch.setattr(transactions, "write_all", counted)
+        def call(*given, **named):
+            made.space -= 1
+            if made.space < 0:
+                if name == "write_all":
+                    real(given[0], memoryview(given[1])[: len(given[1]) // 2])
+                raise made.error
+            return real(*given, **named)
+
+        monkeypatch.setattr(place, name, call)
+
+    counted(writing, "write_all")
+    counted(os, "replace")
+    counted(os, "fsync")
     return made
 
 
-def test_a_stop_between_any_two_writes(tmp_path, disk):
-    """Die before or in the first, second, ... write of an append: always the old frames or the new ones."""
-    frames = [frame(step, 100 + step) for step in range(4)]
+@pytest.mark.parametrize("error", [Stop(), OSError(errno.ENOSPC, "full"), OSError(errno.EIO, "broken")])
+def test_a_stop_between_any_two_calls(tmp_path, disk, error):
+    """Each frame is there whole or not at all, none that was reported is lost, and a writer goes on from there."""
+    disk.error = error
+    frames = [frame(step, 100 + step) for step in range(6)]
     outcomes, died, allowed = set(), True, -1
     while died:
         allowed += 1
-        path = tmp_path / f"run{allowed}.vtkhdf"
+        path = tmp_path / f"run{allowed}.pvd"
         writer = ParticleWriter(path, FIELDS)
         write_frames(writer, frames[:2])
         disk.space, died = allowed, False
         try:
-            write_frames(writer, frames[2:3])
-        except Stop:
+            writer.append([Frame(*one) for one in frames[2:4]])
+        except (Stop, RunStopped):
             died = True
         disk.space = 10**9
-        writer._close_files()
-        with h5py.File(path) as file:
-            steps = file["VTKHDF/Steps"].attrs["NSteps"]
-        assert_vtk(path, frames[:steps])  # as it lies there, before anything of ours has looked at it
-        if allowed % 2:
-            found = len(read_particles(path))
-            outcomes.add(found)
-            assert_file(path, frames[:found])
+        found = read_particles(path)
+        outcomes.add(len(found))
+        assert len(found) >= (2 if died else 4)
+        for one, expected in zip(found, frames):
+            assert_frame(one, expected)
+        if isinstance(error, OSError):  # the same writer goes on when there is space
+            writer.append([Frame(*one) for one in frames[2:5]]) if died else write_frames(writer, frames[4:5])
+            assert_files(path, frames[:5])
+        writer.close()
         with ParticleWriter(path, FIELDS, append=True, resume_time=0.1) as writer:
             assert writer.last_time == 0.1
-            write_frames(writer, frames[3:])
-        assert_file(path, [*frames[:2], frames[3]])
-    assert allowed > 4
-    assert outcomes == {2, 3}
-
-
-@pytest.mark.parametrize(("number", "name"), [(errno.ENOSPC, "disk_full"), (errno.EIO, "write_failed")])
-def test_every_single_write_refused(tmp_path, disk, number, name):
-    """The disk refuses the first, second, ... write of an append; the same writer goes on when there is space."""
-    disk.error = OSError(number, os.strerror(number))
-    frames = [frame(step, 100 + step) for step in range(4)]
-    reason, allowed = "", -1
-    while reason is not None:
-        allowed += 1
-        path = tmp_path / f"run{allowed}.vtkhdf"
-        with ParticleWriter(path, FIELDS) as writer:
-            write_frames(writer, frames[:2])
-            before = path.read_bytes()
-            disk.space, reason = allowed, None
-            try:
-                write_frames(writer, frames[2:3])
-            except RunStopped as stop:
-                reason = stop.reason
-            disk.space = 10**9
-            assert_file(path, frames[: 3 if reason is None else 2])
-            if allowed < 2:  # what lies behind the old end, and the journal
-                assert path.read_bytes() == before
-            if reason is not None:
-                assert reason == name
-                write_frames(writer, frames[2:3])
-            write_frames(writer, frames[3:])
-        assert_file(path, frames)
-    assert allowed > 4
+            write_frames(writer, frames[5:])
+        assert_files(path, [*frames[:2], frames[5]])
+    assert allowed > 6
+    assert outcomes == {2, 3, 4}
 
 
 def test_vtp_on_a_full_disk(tmp_path, monkeypatch):

@@ -5,14 +5,14 @@ import json
 import pathlib
 import shutil
 
-import h5py
 import numpy as np
 import pytest
 
 import refsim as rs
 from refsim import make_plan, open_run, simulate
 from refsim.core import extras
-from refsim.io.frames import ParticleWriter, read_particles
+from refsim.io.checkpoint import read_checkpoint
+from refsim.io.frames import ORIGIN, ParticleWriter, read_particles
 from refsim.scene.files import scene_to_dict
 
 GRID = np.stack(np.meshgrid(np.arange(4) * 0.01, np.arange(5) * 0.01), -1).reshape(-1, 2)
@@ -54,7 +54,7 @@ def shuffled(path):
 
 
 def test_frames_by_number_and_time_are_those_of_the_file(folder):
-    run, frames = open_run(folder), read_particles(folder / "particles.vtkhdf")
+    run, frames = open_run(folder), read_particles(folder / "particles.pvd")
     assert len(run) == len(frames) == 6
     assert run.times.tolist() == [frame.time for frame in frames]
     for found, expected in zip(run, frames):
@@ -69,14 +69,27 @@ def test_frames_by_number_and_time_are_those_of_the_file(folder):
 
 
 def test_only_the_field_that_is_used_is_read(folder, tmp_path):
-    copy = shutil.copy(folder / "particles.vtkhdf", tmp_path)
-    run = open_run(copy)
-    frame = run[2]
+    copy = shutil.copytree(folder / "particles", tmp_path / "particles")
+    frame = open_run(tmp_path)[2]
     density = frame["density"]
-    pathlib.Path(copy).unlink()
+    shutil.rmtree(copy)
     assert frame["density"] is density
     with pytest.raises(rs.InputError, match="changed while it was read"):
         frame["velocity"]
+
+
+def test_a_damaged_frame_is_told_when_it_is_read(folder, tmp_path):
+    """The others can be read; without the check the changed number is given."""
+    shutil.copytree(folder / "particles", tmp_path / "particles")
+    file = tmp_path / "particles" / "000002.vtp"
+    content = bytearray(file.read_bytes())
+    content[-50] ^= 1
+    file.write_bytes(content)
+    run = open_run(tmp_path)
+    assert np.array_equal(run[1]["density"], open_run(folder)[1]["density"])
+    with pytest.raises(rs.InputError, match=r"000002\.vtp is damaged .*digest"):
+        run[2]["density"]
+    assert len(open_run(tmp_path, check=False)[2]["density"]) == len(run[2])
 
 
 def test_units_and_meanings_stand_in_the_file(folder):
@@ -86,9 +99,9 @@ def test_units_and_meanings_stand_in_the_file(folder):
         expected = plan.particle_fields[name]
         found = (field.unit, field.meaning, field.components)
         assert found == (expected.unit_in(2), expected.meaning, expected.components)
-    with h5py.File(folder / "particles.vtkhdf") as file:
-        assert (file["VTKHDF/PointData/density"].attrs["unit"], file["VTKHDF/Points"].attrs["unit"]) == ("kg/m^2", "m")
-        assert b"[effects.gravity]" in file["refsim/scene"][()]
+    saved = read_checkpoint(folder / "particles" / "origin.h5", ORIGIN)
+    assert json.loads(saved.attributes["units"])["density"] == "kg/m^2"
+    assert "[effects.gravity]" in saved.attributes["scene"]
 
 
 def same_start(first, second):
@@ -144,7 +157,7 @@ def test_a_time_as_printed_finds_its_frame(tmp_path):
 
 
 def test_sorted_rows_are_the_same_particle_in_every_frame(tmp_path):
-    run = shuffled(tmp_path / "mixed.vtkhdf")
+    run = shuffled(tmp_path / "mixed.pvd")
     assert run[0]["identity"].tolist() != sorted(run[0]["identity"])
     for k, frame in enumerate(run):
         by_identity = frame.sorted()
@@ -174,13 +187,14 @@ def test_errors_say_what_and_where(folder, tmp_path):
         run[6]
     with pytest.raises(rs.InputError, match=r"no frame at 1 s; give 0 to 0\.002 s"):
         run.at(1.0)
-    with pytest.raises(rs.InputError, match="does not exist"):
+    with pytest.raises(rs.InputError, match="there are no frames"):
         open_run(tmp_path)
-    alone = open_run(shutil.copy(folder / "particles.vtkhdf", tmp_path))
+    shutil.copytree(folder / "particles", tmp_path / "particles")
+    alone = open_run(tmp_path / "particles.pvd")
     with pytest.raises(rs.InputError, match=r"report .*report\.json cannot be read"):
         alone.report["steps"]
-    with pytest.raises(rs.InputError, match="does not hold its scene"):
-        shuffled(tmp_path / "mixed.vtkhdf").scene  # noqa: B018
+    with pytest.raises(rs.InputError, match="do not say their scene"):
+        shuffled(tmp_path / "mixed.pvd").scene  # noqa: B018
     (tmp_path / "report.json").write_text("{")
     with pytest.raises(rs.InputError, match="is damaged"):
         len(alone.ledger)
@@ -204,7 +218,7 @@ def test_to_xarray_has_fields_over_time_and_particle(folder, tmp_path):
     assert np.array_equal(data["position"].values[2], run[3].position)
     assert data["density"].attrs["units"] == "kg/m^2"
     assert data["density"].sel(time=run.times[2]).values.tolist() == run[2]["density"].tolist()
-    mixed = shuffled(tmp_path / "mixed.vtkhdf")
+    mixed = shuffled(tmp_path / "mixed.pvd")
     assert mixed.to_xarray(frames=slice(2))["mark"].values[1].tolist() == [[i, -i] for i in range(6)]
     with pytest.raises(rs.InputError, match="use to_pandas"):
         mixed.to_xarray()
@@ -214,7 +228,7 @@ def test_to_xarray_has_fields_over_time_and_particle(folder, tmp_path):
 
 @needs("pandas")
 def test_to_pandas_takes_frames_of_any_number(folder, tmp_path):
-    run = shuffled(tmp_path / "mixed.vtkhdf")
+    run = shuffled(tmp_path / "mixed.pvd")
     data = run.to_pandas()
     assert data.columns.tolist() == ["position_x", "position_y", "position_z", "mark_0", "mark_1"]
     assert (data.loc[0.2, "mark_1"].tolist(), len(data)) == ([0, -1, -2, -3, -4], 17)
@@ -223,7 +237,7 @@ def test_to_pandas_takes_frames_of_any_number(folder, tmp_path):
 
 
 @needs("pyvista")
-def test_to_pyvista_takes_any_step_and_its_reader_only_the_first(folder):
+def test_to_pyvista_takes_any_step_and_so_does_its_reader(folder):
     import pyvista
 
     run = open_run(folder)
@@ -231,6 +245,9 @@ def test_to_pyvista_takes_any_step_and_its_reader_only_the_first(folder):
     assert np.array_equal(np.asarray(cloud.points), run[3].position)
     assert np.array_equal(cloud.point_data["density"], run[3]["density"])
     assert cloud.field_data["TimeValue"][0] == run.times[3]
-    read = pyvista.read(folder / "particles.vtkhdf")
-    assert np.array_equal(np.asarray(read.points), run[0].position)
-    assert np.array_equal(read.point_data["density"], run[0]["density"])
+    reader = pyvista.get_reader(folder / "particles.pvd")
+    assert reader.time_values == run.times.tolist()
+    reader.set_active_time_value(reader.time_values[3])
+    (read,) = reader.read()
+    assert np.array_equal(np.asarray(read.points), run[3].position)
+    assert np.array_equal(read.point_data["density"], run[3]["density"])

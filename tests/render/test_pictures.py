@@ -16,8 +16,7 @@ from PIL import Image
 from refsim import Box, BoxWalls, Gravity, InputError, Scene, Simulation, WeaklyCompressible, simulate
 from refsim.__main__ import main
 from refsim.core.stopping import heeding
-from refsim.io.frames import ParticleWriter
-from refsim.io.vtkhdf import origin_of
+from refsim.io.frames import ParticleWriter, origin_of
 from refsim.render import space
 from refsim.render.looks import Camera, camera_of, cut_of, level_axes
 from refsim.render.pictures import Look, Series, write_film, write_pictures
@@ -248,7 +247,7 @@ def strayed(folder, count):
     x = simulation.field("position").astype("float32")
     x[:count] += [60.0, 0.0, 0.0]
     origin = origin_of(simulation.plan)
-    with ParticleWriter(folder / "particles.vtkhdf", {"identity": (1, "int32")}, origin=origin) as writer:
+    with ParticleWriter(folder / "particles.pvd", {"identity": (1, "int32")}, origin=origin) as writer:
         writer.write(0.0, x, identity=np.arange(len(x), dtype="int32"))
     return folder
 

@@ -10,8 +10,7 @@ import pytest
 
 from refsim import Box, Gravity, InputError, Scene, Simulation, WeaklyCompressible
 from refsim.__main__ import main
-from refsim.io.frames import ParticleWriter, read_particles
-from refsim.io.vtkhdf import origin_of
+from refsim.io.frames import ParticleWriter, origin_of, read_particles
 from refsim.render.view import FIELDS, view
 from tests.render.browser import Browser, chromium
 
@@ -40,7 +39,7 @@ def places(page):
 
 def test_the_page_holds_the_run_to_sixteen_bits(in_space):
     page = view(in_space).html
-    frames = read_particles(in_space / "particles.vtkhdf")
+    frames = read_particles(in_space / "particles.pvd")
     found = head(page)
     assert found["times"] == [frame.time for frame in frames]
     assert {field["name"] for field in found["fields"]} >= {"velocity", "pressure", "density"}
@@ -61,7 +60,7 @@ def test_a_particle_keeps_its_place_and_its_colour_when_the_run_sorts_its_partic
     simulation, random = Simulation(scene), np.random.default_rng(5)
     x = simulation.field("position")
     fields, origin = {"number": (1, "float32"), "identity": (1, "int32")}, origin_of(simulation.plan)
-    with ParticleWriter(tmp_path / "particles.vtkhdf", fields, origin=origin) as writer:
+    with ParticleWriter(tmp_path / "particles.pvd", fields, origin=origin) as writer:
         for frame in range(4):
             order = random.permutation(len(x)).astype("int32")
             writer.write(float(frame), x[order].astype("float32"), identity=order, number=order.astype("float32"))
@@ -82,7 +81,7 @@ def test_a_large_run_makes_a_file_of_at_most_60_megabytes(tmp_path):
     names = [name for name in simulation.plan.particle_fields if name not in ("position", "identity")]
     names += [f"more_{k}" for k in range(FIELDS + 1 - len(names))]
     fields = dict.fromkeys(names, (1, "float32")) | {"identity": (1, "int32")}
-    with ParticleWriter(tmp_path / "particles.vtkhdf", fields, origin=origin_of(simulation.plan)) as writer:
+    with ParticleWriter(tmp_path / "particles.pvd", fields, origin=origin_of(simulation.plan)) as writer:
         for frame in range(5):
             values = {name: random.normal(size=len(x)).astype("float32") for name in names}
             place = (x + random.normal(size=x.shape)).astype("float32")

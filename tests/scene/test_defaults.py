@@ -1,14 +1,12 @@
 """What a scene has that names no density, viscosity or model of walls, and how it is told."""
 
 import pathlib
-import re
 
 import pytest
 
 import refsim as rs
 from refsim import load_scene, make_plan
 from refsim.commands.plan import _text, describe_plan
-from refsim.io.checkpoint import read_checkpoint, write_checkpoint
 from tests.running import run_to
 
 EXAMPLES = pathlib.Path(__file__).parents[2] / "refsim" / "examples"
@@ -61,19 +59,6 @@ def test_a_plan_names_each_default_that_the_papers_have_otherwise_once():
     ]
     assert _text(told).count("Default: ") == 4
     assert describe_plan(make_plan(scene(walls={}, density="summation")), "cpu")["defaults"] == []
-
-
-def test_a_checkpoint_without_an_advanced_density_is_refused(tmp_path):
-    """As written by versions whose scenes did not name their density, which was summed."""
-    simulation = rs.Simulation(scene(walls={}, density="summation"), "numpy")
-    simulation.checkpoint(tmp_path / "old.h5")
-    saved = read_checkpoint(tmp_path / "old.h5")
-    named = re.compile(r'^(density = "summation"|model = "mirrored")\n', re.MULTILINE)
-    assert named.search(saved.attributes["scene"])
-    text = named.sub("", saved.attributes["scene"])
-    write_checkpoint(tmp_path / "old.h5", saved.arrays, saved.attributes | {"scene": text})
-    with pytest.raises(rs.InputError, match=r"it has no advanced density, .*; start the run again"):
-        rs.Simulation.resume(tmp_path / "old.h5")
 
 
 def test_spray_of_the_packaged_dam_break_breaks():

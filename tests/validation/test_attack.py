@@ -35,7 +35,7 @@ acceleration = [0.0, -1e29, 0.0]
 FOUND = {  # what was done, and a trial that once ended in a traceback
     "effects that need a solid": (plan, NOT_COUPLED),
     "header of zeros": (resume, ("cloud.npy", [Damage("zeros", 1330, 537)], True)),
-    "swapped frames": (resume, ("particles.vtkhdf", [Damage("cut", 8637), Damage("swapped", 2168)], False)),
+    "swapped frames": (resume, ("particles/000003.vtp", [Damage("cut", 8637), Damage("swapped", 2168)], False)),
     "lost checkpoint": (resume, ("checkpoint.h5", [Damage("gone")], False)),
     "numbers that are far apart": (plan, FAR_APART),
     "endless stack": (plan, b"spacing = " + b"[" * 5000),
