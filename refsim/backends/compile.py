@@ -304,7 +304,8 @@ class Kernel:
         """The loop as a function whose source is a file of the cache folder, where Numba's cache looks for it."""
         text = self.source(backend)
         module = types.ModuleType(f"{self.__module__}.{self.__name__}_{backend}")
-        path = pathlib.Path(cache_folder(pathlib.Path(self.body.__code__.co_filename)), f"{self.__name__}_{backend}.py")
+        source = getattr(sys.modules[self.__module__], "__file__", None) or self.body.__code__.co_filename
+        path = pathlib.Path(cache_folder(pathlib.Path(source)), f"{self.__name__}_{backend}.py")
         write_once(path, text)
         linecache.cache[str(path)] = (len(text), None, text.splitlines(keepends=True), str(path))
         module.__dict__.update(self._named(backend), __file__=str(path))

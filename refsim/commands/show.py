@@ -5,6 +5,7 @@ import ast
 import functools
 import importlib
 import importlib.util
+import inspect
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -49,19 +50,27 @@ def parsed(module: str) -> tuple[str, ast.Module]:
     return text, ast.parse(text)
 
 
-def _function(module: str, name: str) -> ast.FunctionDef | None:
-    nodes = parsed(module)[1].body
-    return next((n for n in nodes if isinstance(n, ast.FunctionDef) and n.name == name), None)
+@functools.cache
+def _function(module: str, name: str) -> Source | None:
+    """A function of the module with its decorators, or one that a call in the module makes."""
+    text, tree = parsed(module)
+    for node in tree.body:
+        if isinstance(node, ast.FunctionDef) and node.name == name:
+            first = min([node.lineno, *(d.lineno for d in node.decorator_list)])
+            return Source(module, name, first, "\n".join(text.splitlines()[first - 1 : node.end_lineno]))
+        if isinstance(node, ast.Assign) and isinstance(node.value, ast.Call) and name in ast.unparse(node.targets[0]):
+            made = inspect.unwrap(getattr(importlib.import_module(module), name, None))  # type: ignore[arg-type]
+            if inspect.isfunction(made) and made.__name__ == name:
+                return Source(module, name, 0, inspect.getsource(made).rstrip())
+    return None
 
 
 def source_of(module: str, name: str) -> Source:
     """A function with its decorators; raises InputError where the module does not define it."""
-    node = _function(module, name)
-    if node is None:
+    found = _function(module, name)
+    if found is None:
         raise InputError(f"{module} defines no function {name}, which `refsim show` could print.")
-    first = min([node.lineno, *(d.lineno for d in node.decorator_list)])
-    lines = parsed(module)[0].splitlines()[first - 1 : node.end_lineno]
-    return Source(module, name, first, "\n".join(lines))
+    return found
 
 
 @functools.cache
@@ -80,8 +89,8 @@ def called_by(module: str, name: str) -> list[tuple[str, str]]:
     waiting = [(module, name)]
     while waiting:
         place, function = waiting.pop(0)
-        node = _function(place, function)
-        for part in ast.walk(node) if node is not None else ():
+        source = _function(place, function)
+        for part in ast.walk(ast.parse(source.text)) if source is not None else ():
             if isinstance(part, ast.Attribute) and isinstance(part.value, ast.Name):
                 target = (_imported(place).get(part.value.id, ""), part.attr)
             elif isinstance(part, ast.Name):

@@ -4,9 +4,10 @@ import math
 
 from refsim.backends.compile import formula, kernel
 from refsim.backends.reductions import reduction
-from refsim.backends.tuples import added, difference, dot, over, scaled
+from refsim.backends.tuples import added, difference, dot, scaled
+from refsim.neighbours.forces import force
 from refsim.neighbours.pairs import neighbour_sum, pair
-from refsim.neighbours.rows import add_vector, first_lane, set_vector
+from refsim.neighbours.rows import first_lane, set_vector
 from refsim.smoothing.formulas import gradient_factor, kernel_slope, kernel_value, safe_distance, viscosity_laplacian
 from refsim.sph import formulas
 from refsim.sph.formulas import central_viscosity_pair, corrected, pressure_pair, viscosity_pair
@@ -300,22 +301,6 @@ def momentum_pair(
     return force[0], force[1], force[2]
 
 
-@kernel(lanes=True)
-def momentum(
-    i, lane, position, velocity, mass, density, pressure, neighbours, walls, smoothing, fluid, viscosity, period,
-    acceleration,
-):  # fmt: skip
-    """J(10) and, unless `viscosity` is None, J(11), walls after Akinci 2012; added to the acceleration [m/s^2]."""
-    force = neighbour_sum(
-        momentum_pair, i, lane, neighbours, position, period, velocity, mass, density, pressure, smoothing, fluid,
-        viscosity,
-    )  # fmt: skip
-    a = over(force, density[i])
-    if walls is not None:
-        a = added(a, wall_pressure(i, lane, position, density, pressure, walls, smoothing, fluid, period))
-    add_vector(acceleration, i, lane, a)
-
-
 @pair
 def filling_pair(r, x_ij, mass_j, density_j, smoothing):
     """-V_j x_ij grad W_ij of a neighbour, as (xx, yy, zz, xy, xz, yz); dimensionless."""
@@ -368,17 +353,7 @@ def corrected_pressure_pair(
     return f * x, f * y, f * z
 
 
-@kernel(lanes=True)
-def corrected_pressure(
-    i, lane, position, mass, density, pressure, own_pressure, correction_diagonal, correction_mixed, neighbours,
-    smoothing, fluid, period, acceleration,
-):  # fmt: skip
-    """J(10) with corrected gradients and each particle's own pressure; added to the acceleration [m/s^2]."""
-    force = neighbour_sum(
-        corrected_pressure_pair, i, lane, neighbours, position, period, mass, density, own_pressure, pressure,
-        correction_diagonal, correction_mixed, smoothing, fluid,
-    )  # fmt: skip
-    add_vector(acceleration, i, lane, over(force, density[i]))
+corrected_pressure = force(corrected_pressure_pair, divided="density", period=True)
 
 
 @pair
@@ -394,17 +369,7 @@ def central_momentum_pair(
     return f * x_ij[0], f * x_ij[1], f * x_ij[2]
 
 
-@kernel(lanes=True)
-def central_momentum(
-    i, lane, position, velocity, mass, density, pressure, neighbours, smoothing, fluid, central_viscosity, period,
-    acceleration,
-):  # fmt: skip
-    """J(10) and the viscosity along the line of centres; added to the acceleration [m/s^2]."""
-    force = neighbour_sum(
-        central_momentum_pair, i, lane, neighbours, position, period, velocity, mass, density, pressure, smoothing,
-        fluid, central_viscosity,
-    )  # fmt: skip
-    add_vector(acceleration, i, lane, over(force, density[i]))
+central_momentum = force(central_momentum_pair, divided="density", period=True)
 
 
 @pair
@@ -424,6 +389,9 @@ def wall_pressure(i, lane, position, density, pressure, walls, smoothing, fluid,
     )
 
 
+momentum = force(momentum_pair, divided="density", walled=wall_pressure, period=True)
+
+
 @pair
 def viscous_pair(r, velocity_i, velocity_j, mass_j, density_j, smoothing, viscosity):
     """J(11) [N/m^3]."""
@@ -431,13 +399,7 @@ def viscous_pair(r, velocity_i, velocity_j, mass_j, density_j, smoothing, viscos
     return f * (velocity_j[0] - velocity_i[0]), f * (velocity_j[1] - velocity_i[1]), f * (velocity_j[2] - velocity_i[2])
 
 
-@kernel(lanes=True)
-def viscous(i, lane, position, velocity, mass, density, neighbours, smoothing, viscosity, period, acceleration):
-    """J(11) alone; added to the acceleration [m/s^2]."""
-    force = neighbour_sum(
-        viscous_pair, i, lane, neighbours, position, period, velocity, mass, density, smoothing, viscosity
-    )
-    add_vector(acceleration, i, lane, over(force, density[i]))
+viscous = force(viscous_pair, divided="density", period=True)
 
 
 @pair
@@ -451,15 +413,7 @@ def central_pair(r, x_ij, velocity_i, velocity_j, mass_j, density_j, smoothing, 
     return f * x_ij[0], f * x_ij[1], f * x_ij[2]
 
 
-@kernel(lanes=True)
-def central_viscous(
-    i, lane, position, velocity, mass, density, neighbours, smoothing, central_viscosity, period, acceleration
-):  # fmt: skip
-    """Viscosity along the line of centres; added to the acceleration [m/s^2]."""
-    force = neighbour_sum(
-        central_pair, i, lane, neighbours, position, period, velocity, mass, density, smoothing, central_viscosity
-    )
-    add_vector(acceleration, i, lane, over(force, density[i]))
+central_viscous = force(central_pair, "central_viscous", divided="density", period=True)
 
 
 @kernel

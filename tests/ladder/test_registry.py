@@ -2,6 +2,7 @@
 
 import ast
 import functools
+import importlib
 import os
 import pathlib
 import re
@@ -13,6 +14,7 @@ import pytest
 
 import refsim
 from refsim import contract
+from refsim.backends.compile import Kernel
 from refsim.contract.bounds import oracle
 from refsim.contract.inputs import Inputs, fields, with_variant
 from refsim.core import cases
@@ -63,6 +65,16 @@ def names_in(node):
     return {part.id for part in ast.walk(node) if isinstance(part, ast.Name)} | {
         part.attr for part in ast.walk(node) if isinstance(part, ast.Attribute)
     }
+
+
+@functools.cache
+def made(path, root):
+    """{name: kernel} of the kernels that a module makes by calls, and does not write."""
+    if path.stem != "kernels":
+        return {}
+    module = importlib.import_module(".".join(path.relative_to(root.parent).with_suffix("").parts))
+    own = {n: v for n, v in vars(module).items() if isinstance(v, Kernel) and v.__module__ == module.__name__}
+    return {name: kernel for name, kernel in own.items() if name not in functions(path)}
 
 
 def path_of(package, root):
@@ -159,12 +171,15 @@ def stray_kernels(operations, root):
         for name, node in functions(path).items():
             if decorator(node, *KERNELS) and (path, name) not in reached:
                 yield f"{path.relative_to(root)}: no operation and no test of the ladder reaches kernel {name}"
+        for name, kernel in made(path, root).items():
+            if (path, name) not in reached or kernel.__name__ != name:
+                yield f"{path.relative_to(root)}: nothing reaches kernel {name}, or it has another name"
 
 
 def missing_forms(operations, root):
     """Operations one of whose programs is not where they say."""
     for operation, program, path, name in programs(operations, root):
-        if not path.exists() or name not in functions(path):
+        if not path.exists() or name not in functions(path) | made(path, root):
             yield f"{operation.name}: its program {program} is no {name} in {path.relative_to(root)}"
 
 
@@ -180,6 +195,8 @@ def mixed_files(operations, root):
 
 def arguments(path, name, root):
     """What a program takes, by name: a body without the row's number and the lane, of a named tuple the members."""
+    if name in made(path, root):
+        return made(path, root)[name].arguments
     node = functions(path)[name]
     names = [n for a in node.args.args if a.arg != "rows" for n in members(path, a.annotation, root) or (a.arg,)]
     found = decorator(node, "kernel", "reduction")

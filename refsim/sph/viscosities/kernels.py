@@ -1,9 +1,7 @@
 """What one neighbour and one particle do in the viscous forces."""
 
-from refsim.backends.compile import kernel
-from refsim.backends.tuples import over
-from refsim.neighbours.pairs import neighbour_sum, pair
-from refsim.neighbours.rows import add_vector
+from refsim.neighbours.forces import force
+from refsim.neighbours.pairs import pair
 from refsim.smoothing.formulas import gradient_factor
 from refsim.sph.viscosities import formulas
 
@@ -20,16 +18,7 @@ def artificial_pair(r, x_ij, velocity_i, velocity_j, mass_j, density_i, density_
     return f * x_ij[0], f * x_ij[1], f * x_ij[2]
 
 
-@kernel(lanes=True)
-def artificial(
-    i, lane, position, velocity, mass, density, neighbours, smoothing, artificial_viscosity, period, acceleration
-):  # fmt: skip
-    """Artificial viscosity; added to the acceleration [m/s^2]."""
-    a = neighbour_sum(
-        artificial_pair, i, lane, neighbours, position, period, velocity, mass, density, smoothing,
-        artificial_viscosity,
-    )  # fmt: skip
-    add_vector(acceleration, i, lane, a)
+artificial = force(artificial_pair, period=True)
 
 
 @pair
@@ -39,10 +28,4 @@ def laminar_pair(r, velocity_i, velocity_j, mass_j, density_j, smoothing, lamina
     return f * (velocity_i[0] - velocity_j[0]), f * (velocity_i[1] - velocity_j[1]), f * (velocity_i[2] - velocity_j[2])
 
 
-@kernel(lanes=True)
-def laminar(i, lane, position, velocity, mass, density, neighbours, smoothing, laminar_viscosity, period, acceleration):
-    """Laminar viscosity; added to the acceleration [m/s^2]."""
-    force = neighbour_sum(
-        laminar_pair, i, lane, neighbours, position, period, velocity, mass, density, smoothing, laminar_viscosity
-    )
-    add_vector(acceleration, i, lane, over(force, density[i]))
+laminar = force(laminar_pair, divided="density", period=True)

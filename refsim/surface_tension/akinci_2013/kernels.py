@@ -2,6 +2,7 @@
 
 from refsim.backends.compile import kernel
 from refsim.backends.tuples import added, difference, scaled
+from refsim.neighbours.forces import force, together
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import add_vector
 from refsim.smoothing.formulas import safe_distance
@@ -31,51 +32,12 @@ def tension_pair(
     return a[0], a[1], a[2]
 
 
-@kernel(lanes=True)
-def tension(
-    i, lane, position, mass, density, area_normal, neighbours, smoothing, fluid, spline, area_term, axial, acceleration
-):
-    """Cohesion and area term, each unless None, with K_ij; added to the acceleration [m/s^2]."""
-    a = neighbour_sum(
-        tension_pair, i, lane, neighbours, position, None, mass, density, area_normal, smoothing, fluid, spline,
-        area_term, axial,
-    )  # fmt: skip
-    add_vector(acceleration, i, lane, a)
+tension = force(tension_pair)
 
 
-@pair
-def fused_pair(
-    r, x_ij, velocity_i, velocity_j, mass_j, density_i, density_j, pressure_i, pressure_j, area_normal_i,
-    area_normal_j, gradient_smoothing, fluid, viscosity, spline, area_term, axial, inverse_density,
-):  # fmt: skip
-    """Cohesion and area term, each unless None, with J(10) and J(11) [m/s^2]."""
-    px, py, pz = momentum_pair(
-        r, x_ij, velocity_i, velocity_j, mass_j, density_j, pressure_i, pressure_j, gradient_smoothing, fluid,
-        viscosity,
-    )  # fmt: skip
-    tx, ty, tz = tension_pair(
-        r, x_ij, mass_j, density_i, density_j, area_normal_i, area_normal_j, gradient_smoothing, fluid, spline,
-        area_term, axial,
-    )  # fmt: skip
-    return px * inverse_density + tx, py * inverse_density + ty, pz * inverse_density + tz
-
-
-@kernel(lanes=True)
-def tension_and_momentum(
-    i, lane, position, velocity, mass, density, pressure, area_normal, neighbours, walls, gradient_smoothing, fluid,
-    viscosity, spline, area_term, axial, acceleration,
-):  # fmt: skip
-    """Cohesion and area term, each unless None, with J(10) and J(11), walls after Akinci 2012.
-
-    Added to the acceleration [m/s^2].
-    """
-    a = neighbour_sum(
-        fused_pair, i, lane, neighbours, position, None, velocity, mass, density, pressure, area_normal,
-        gradient_smoothing, fluid, viscosity, spline, area_term, axial, type(density[i])(1) / density[i],
-    )  # fmt: skip
-    if walls is not None:
-        a = added(a, wall_pressure(i, lane, position, density, pressure, walls, gradient_smoothing, fluid, None))
-    add_vector(acceleration, i, lane, a)
+fused_pair, tension_and_momentum = together(
+    momentum_pair, tension_pair, wall_pressure, {"smoothing": "gradient_smoothing"}
+)
 
 
 @pair

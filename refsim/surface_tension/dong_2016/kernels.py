@@ -1,9 +1,10 @@
 """What one neighbour and one particle do in Dong, Zhang & Chen 2016."""
 
 from refsim.backends.compile import kernel
-from refsim.backends.tuples import added, difference, over, scaled
+from refsim.backends.tuples import added, difference, scaled
+from refsim.neighbours.forces import force, together
 from refsim.neighbours.pairs import neighbour_sum, pair
-from refsim.neighbours.rows import add_vector, first_lane
+from refsim.neighbours.rows import first_lane
 from refsim.smoothing.formulas import kernel_slope, kernel_value, safe_distance
 from refsim.sph.kernels import momentum_pair as plain_momentum_pair
 from refsim.sph.kernels import own_share, wall_pressure, wall_sum
@@ -47,18 +48,7 @@ def momentum_pair(
     return a[0], a[1], a[2]
 
 
-@kernel(lanes=True)
-def momentum(
-    i, lane, position, velocity, mass, density, pressure, neighbours, walls, smoothing, fluid, viscosity, acceleration
-):
-    """D(4) and, unless `viscosity` is None, D(5), walls after Akinci 2012; added to the acceleration [m/s^2]."""
-    a = neighbour_sum(
-        momentum_pair, i, lane, neighbours, position, None, velocity, mass, density, pressure, smoothing, viscosity
-    )
-    a = over(a, mass[i])
-    if walls is not None:
-        a = added(a, wall_pressure(i, lane, position, density, pressure, walls, smoothing, fluid, None))
-    add_vector(acceleration, i, lane, a)
+momentum = force(momentum_pair, divided="mass", walled=wall_pressure)
 
 
 @pair
@@ -79,52 +69,7 @@ def tension_pair(
     return a[0], a[1], a[2]
 
 
-@kernel(lanes=True)
-def tension(
-    i, lane, position, mass, density, surface_normal, neighbours, smoothing, molecular_force, normal_correction,
-    acceleration,
-):  # fmt: skip
-    """D(6) with D(7), and D(9) with D(11), each unless None; added to the acceleration [m/s^2].
-
-    `surface_normal` is h n_i of D(11); the coefficient of the correction contains the factor 1/h.
-    """
-    a = neighbour_sum(
-        tension_pair, i, lane, neighbours, position, None, mass, density, surface_normal, smoothing, molecular_force,
-        normal_correction,
-    )  # fmt: skip
-    add_vector(acceleration, i, lane, a)
+tension = force(tension_pair)
 
 
-@pair
-def fused_pair(
-    r, x_ij, velocity_i, velocity_j, mass_j, density_i, density_j, pressure_i, pressure_j, surface_normal_i,
-    surface_normal_j, smoothing, gradient_smoothing, fluid, viscosity, molecular_force, normal_correction,
-    inverse_density,
-):  # fmt: skip
-    """D(6) and D(9), each unless None, with J(10) and J(11) [m/s^2]."""
-    px, py, pz = plain_momentum_pair(
-        r, x_ij, velocity_i, velocity_j, mass_j, density_j, pressure_i, pressure_j, gradient_smoothing, fluid,
-        viscosity,
-    )  # fmt: skip
-    tx, ty, tz = tension_pair(
-        r, x_ij, mass_j, density_i, density_j, surface_normal_i, surface_normal_j, smoothing, molecular_force,
-        normal_correction,
-    )  # fmt: skip
-    return px * inverse_density + tx, py * inverse_density + ty, pz * inverse_density + tz
-
-
-@kernel(lanes=True)
-def tension_and_momentum(
-    i, lane, position, velocity, mass, density, pressure, surface_normal, neighbours, walls, smoothing,
-    gradient_smoothing, fluid, viscosity, molecular_force, normal_correction, acceleration,
-):  # fmt: skip
-    """D(6) and D(9), each unless None, with J(10) and J(11), walls after Akinci 2012; added to the acceleration
-    [m/s^2]."""
-    a = neighbour_sum(
-        fused_pair, i, lane, neighbours, position, None, velocity, mass, density, pressure, surface_normal, smoothing,
-        gradient_smoothing, fluid, viscosity, molecular_force, normal_correction,
-        type(density[i])(1) / density[i],
-    )  # fmt: skip
-    if walls is not None:
-        a = added(a, wall_pressure(i, lane, position, density, pressure, walls, gradient_smoothing, fluid, None))
-    add_vector(acceleration, i, lane, a)
+fused_pair, tension_and_momentum = together(plain_momentum_pair, tension_pair, wall_pressure)

@@ -1,9 +1,9 @@
 """What one neighbour and one particle do in He et al. 2014."""
 
 from refsim.backends.compile import kernel
-from refsim.backends.tuples import added, over
+from refsim.neighbours.forces import force, together
 from refsim.neighbours.pairs import neighbour_sum, pair
-from refsim.neighbours.rows import add_vector, first_lane
+from refsim.neighbours.rows import first_lane
 from refsim.smoothing.formulas import kernel_slope, kernel_value, safe_distance
 from refsim.sph.kernels import momentum_pair, own_share, wall_pressure, wall_sum
 
@@ -65,50 +65,7 @@ def tension_pair(
     return f * x_ij[0], f * x_ij[1], f * x_ij[2]
 
 
-@kernel(lanes=True)
-def tension(
-    i, lane, position, mass, density, color_gradient_squared, neighbours, gradient_smoothing, gradient_energy,
-    air_pressure, acceleration,
-):  # fmt: skip
-    """Gradient energy and air pressure, each unless None; added to the acceleration [m/s^2]."""
-    force = neighbour_sum(
-        tension_pair, i, lane, neighbours, position, None, mass, density, color_gradient_squared, gradient_smoothing,
-        gradient_energy, air_pressure,
-    )  # fmt: skip
-    add_vector(acceleration, i, lane, over(force, density[i]))
+tension = force(tension_pair, divided="density")
 
 
-@pair
-def fused_pair(
-    r, x_ij, velocity_i, velocity_j, mass_j, density_j, pressure_i, pressure_j, color_gradient_squared_i,
-    color_gradient_squared_j, gradient_smoothing, fluid, viscosity, gradient_energy, air_pressure,
-):  # fmt: skip
-    """Gradient energy and air pressure, each unless None, with J(10) and J(11) [N/m^3]."""
-    px, py, pz = momentum_pair(
-        r, x_ij, velocity_i, velocity_j, mass_j, density_j, pressure_i, pressure_j, gradient_smoothing, fluid,
-        viscosity,
-    )  # fmt: skip
-    tx, ty, tz = tension_pair(
-        r, x_ij, mass_j, density_j, color_gradient_squared_i, color_gradient_squared_j, gradient_smoothing,
-        gradient_energy, air_pressure,
-    )  # fmt: skip
-    return px + tx, py + ty, pz + tz
-
-
-@kernel(lanes=True)
-def tension_and_momentum(
-    i, lane, position, velocity, mass, density, pressure, color_gradient_squared, neighbours, walls,
-    gradient_smoothing, fluid, viscosity, gradient_energy, air_pressure, acceleration,
-):  # fmt: skip
-    """Gradient energy and air pressure, each unless None, with J(10) and J(11), walls after Akinci 2012.
-
-    Added to the acceleration [m/s^2].
-    """
-    force = neighbour_sum(
-        fused_pair, i, lane, neighbours, position, None, velocity, mass, density, pressure, color_gradient_squared,
-        gradient_smoothing, fluid, viscosity, gradient_energy, air_pressure,
-    )  # fmt: skip
-    a = over(force, density[i])
-    if walls is not None:
-        a = added(a, wall_pressure(i, lane, position, density, pressure, walls, gradient_smoothing, fluid, None))
-    add_vector(acceleration, i, lane, a)
+fused_pair, tension_and_momentum = together(momentum_pair, tension_pair, wall_pressure, per_volume=True)

@@ -4,6 +4,7 @@ import math
 
 from refsim.backends.compile import formula, kernel
 from refsim.backends.tuples import added, difference, scaled
+from refsim.neighbours.forces import together
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import add_vector, first_lane
 from refsim.smoothing.formulas import kernel_value, safe_distance
@@ -95,39 +96,11 @@ def tension(
         add_vector(acceleration, i, lane, a)
 
 
-@pair
-def fused_pair(
-    r, x_ij, velocity_i, velocity_j, mass_j, density_i, density_j, pressure_i, pressure_j, area_normal_i,
-    area_normal_j, gradient_smoothing, fluid, viscosity, cohesion, area, axial, inverse_density,
-):  # fmt: skip
-    """J(16) between all pairs and J(21) or J(18), each unless None, with J(10) and J(11) [m/s^2]."""
-    px, py, pz = momentum_pair(
-        r, x_ij, velocity_i, velocity_j, mass_j, density_j, pressure_i, pressure_j, gradient_smoothing, fluid,
-        viscosity,
-    )  # fmt: skip
-    tx, ty, tz = tension_pair(
-        r, x_ij, mass_j, density_i, density_j, None, None, area_normal_i, area_normal_j, gradient_smoothing, type(r)(1),
-        type(r)(0), cohesion, area, axial,
-    )  # fmt: skip
-    return px * inverse_density + tx, py * inverse_density + ty, pz * inverse_density + tz
-
-
-@kernel(lanes=True)
-def tension_and_momentum(
-    i, lane, position, velocity, mass, density, pressure, area_normal, neighbours, walls, gradient_smoothing, fluid,
-    viscosity, cohesion, area, axial, acceleration,
-):  # fmt: skip
-    """J(16) between all pairs and J(21) or J(18), each unless None, with J(10) and J(11), walls after Akinci 2012.
-
-    Added to the acceleration [m/s^2].
-    """
-    a = neighbour_sum(
-        fused_pair, i, lane, neighbours, position, None, velocity, mass, density, pressure, area_normal,
-        gradient_smoothing, fluid, viscosity, cohesion, area, axial, type(density[i])(1) / density[i],
-    )  # fmt: skip
-    if walls is not None:
-        a = added(a, wall_pressure(i, lane, position, density, pressure, walls, gradient_smoothing, fluid, None))
-    add_vector(acceleration, i, lane, a)
+fused_pair, tension_and_momentum = together(  # cohesion between all pairs
+    momentum_pair, tension_pair, wall_pressure,
+    {"smoothing": "gradient_smoothing", "surface_weight_j": "None", "surface_j": "None", "base": "type(r)(1)",
+     "slope": "type(r)(0)"},
+)  # fmt: skip
 
 
 @pair

@@ -1,9 +1,8 @@
 """What one neighbour and one particle do for the tension by normal differences, patent CN104318598A."""
 
-from refsim.backends.compile import kernel
 from refsim.backends.tuples import difference, scaled
-from refsim.neighbours.pairs import neighbour_sum, pair
-from refsim.neighbours.rows import add_vector
+from refsim.neighbours.forces import force
+from refsim.neighbours.pairs import pair
 
 
 @pair
@@ -16,10 +15,4 @@ def difference_pair(mass_i, mass_j, surface_normal_i, surface_normal_j, smoothin
     return a[0], a[1], a[2]
 
 
-@kernel(lanes=True)
-def tension(i, lane, position, mass, surface_normal, neighbours, smoothing, normal_tension, acceleration):
-    """Patent P7; added to the acceleration [m/s^2]."""
-    a = neighbour_sum(
-        difference_pair, i, lane, neighbours, position, None, mass, surface_normal, smoothing, normal_tension
-    )
-    add_vector(acceleration, i, lane, a)
+tension = force(difference_pair, "tension")

@@ -2,10 +2,8 @@
 
 import math
 
-from refsim.backends.compile import kernel
-from refsim.backends.tuples import scaled
-from refsim.neighbours.pairs import neighbour_sum, pair
-from refsim.neighbours.rows import add_vector
+from refsim.neighbours.forces import force
+from refsim.neighbours.pairs import pair
 from refsim.smoothing.formulas import safe_distance
 
 
@@ -16,9 +14,4 @@ def cosine_pair(r, x_ij, smoothing, cosine_force):
     return f * x_ij[0], f * x_ij[1], f * x_ij[2]
 
 
-@kernel(lanes=True)
-def cosine_cohesion(i, lane, position, mass, neighbours, smoothing, cosine_force, acceleration):
-    """Pair force s cos(3 pi r/(2 h)) e_ij over m_i; added to the acceleration [m/s^2]."""
-    a = neighbour_sum(cosine_pair, i, lane, neighbours, position, None, smoothing, cosine_force)
-    strength = cosine_force.strength / mass[i]
-    add_vector(acceleration, i, lane, scaled(a, strength))
+cosine_cohesion = force(cosine_pair, "cosine_cohesion", times="cosine_force.strength", divided="mass")

@@ -1,0 +1,117 @@
+"""Kernels that follow from a pair function: the acceleration is the sum of its terms over the neighbours.
+
+`force` makes the kernel of one pair function, `together` that of two whose neighbours a GPU then reads once. Such a
+kernel takes the position, the fields that the pair function reads, the lists, and what else the pair function names;
+`refsim show OPERATION` prints it.
+"""
+
+from __future__ import annotations
+
+import inspect
+import linecache
+import sys
+import textwrap
+from collections.abc import Callable, Iterable, Mapping
+
+from refsim.backends.compile import Kernel
+from refsim.backends.tuples import added, over, scaled
+from refsim.neighbours.pair_functions import DISTANCE, SEPARATION, parts_of
+from refsim.neighbours.pairs import neighbour_sum, pair
+from refsim.neighbours.rows import add_vector
+
+WIDTH = 120
+
+
+def force(
+    of: Callable, name: str = "", *, divided: str = "", times: str = "", walled: Callable | None = None,
+    period: bool = False, given: Mapping[str, str] | None = None,
+) -> Kernel:  # fmt: skip
+    """The kernel that adds to the acceleration [m/s^2] the sum of the terms of the pair function `of`.
+
+    name     of the kernel; that of the pair function without "_pair" by default
+    divided  field of the particle by which the sum is divided
+    times    member of a group, "attraction.strength", by which it is multiplied
+    walled   formula of the walls' part, of (i, lane, position, density, pressure, walls, smoothing, fluid, period)
+    period   whether separations are to the nearest image in a periodic box
+    given    expressions for what the pair function takes and the kernel does not
+    """
+    called, given, box = _called(of), given or {}, "period" if period else "None"
+    parts = [part for part in parts_of(of) if part[0] not in (DISTANCE, SEPARATION)]
+    summed = dict.fromkeys(part for part, _ in parts)
+    groups = [part for part, index in parts if not index and part not in given]
+    taken = [part for part, index in parts if index] + [divided] * bool(divided)
+    taken += ["neighbours", *["walls"] * bool(walled), *groups, *[times.partition(".")[0]] * bool(times)]
+    taken += [*["fluid"] * bool(walled), *["period"] * period, "acceleration"]
+    lines = [
+        *_call(f"def {name or of.__name__.removesuffix('_pair')}(", ["i", "lane", "position", *taken], "):"),
+        f'    """Sum of `{called}` over the neighbours; added to the acceleration [m/s^2]."""',
+        *_call(
+            "    a = neighbour_sum(",
+            [called, "i", "lane", "neighbours", "position", box, *(given.get(part, part) for part in summed)], ")",
+        ),
+    ]  # fmt: skip
+    if times:
+        lines.append(f"    a = scaled(a, {times} / {divided}[i])")
+    elif divided:
+        lines.append(f"    a = over(a, {divided}[i])")
+    if walled:
+        smoothing = next(group for group in ("gradient_smoothing", "smoothing") if group in groups)
+        walls = f"i, lane, position, density, pressure, walls, {smoothing}, fluid, {box}"
+        lines += ["    if walls is not None:", f"        a = added(a, {_called(walled, of)}({walls}))"]
+    lines.append("    add_vector(acceleration, i, lane, a)")
+    return Kernel(_made(of, lines, *([walled] if walled else [])), lanes=True)
+
+
+def together(
+    first: Callable, second: Callable, walled: Callable, names: Mapping[str, str] | None = None,
+    per_volume: bool = False,
+) -> tuple[Callable, Kernel]:  # fmt: skip
+    """(pair function, kernel) of `first`, a force per volume, and `second`, one per mass, or with `per_volume` as well.
+
+    names  what the sum calls parameters of `second`, or values of them; `first` takes `gradient_smoothing`
+    """
+    share, unit = ("", "N/m^3") if per_volume else (" * inverse_density", "m/s^2")
+    given = {} if per_volume else {"inverse_density": "type(density[i])(1) / density[i]"}
+    renamed = {"smoothing": "gradient_smoothing"}, names or {}
+    of_first, of_second = (
+        [called.get(name, name) for name in inspect.signature(part).parameters]
+        for part, called in zip((first, second), renamed)
+    )
+    taken = [name for name in (*of_first, *of_second, *given) if name.isidentifier() and name != "None"]
+    lines = [
+        *_call("def fused_pair(", taken, "):"),
+        f'    """Terms of `{_called(first, second)}` and `{_called(second)}` [{unit}]."""',
+        *_call(f"    p = {_called(first, second)}(", of_first, ")"),
+        *_call(f"    t = {_called(second)}(", of_second, ")"),
+        f"    return {', '.join(f'p[{c}]{share} + t[{c}]' for c in range(3))}",
+    ]
+    both = pair(_made(second, lines, first))
+    divided = "density" if per_volume else ""
+    return both, force(both, "tension_and_momentum", divided=divided, walled=walled, given=given)
+
+
+def _called(function: Callable, beside: Callable | None = None) -> str:
+    """Name of a function in its own module or in that of the function `beside` it."""
+    space = vars(sys.modules[(beside or function).__module__])
+    return next((name for name, value in space.items() if value is function), function.__name__)
+
+
+def _call(begin: str, arguments: Iterable[str], end: str) -> list[str]:
+    """Lines of a call or of a head, each argument once."""
+    words = ", ".join(dict.fromkeys(arguments) if begin.startswith("def") else arguments)
+    if len(begin + words + end) <= WIDTH:
+        return [begin + words + end]
+    space = " " * (len(begin) - len(begin.lstrip()))
+    return [begin, *textwrap.wrap(f"{words},", WIDTH, initial_indent=f"{space}    ", subsequent_indent=f"{space}    "),
+            space + end]  # fmt: skip
+
+
+def _made(of: Callable, lines: list[str], *more: Callable) -> Callable:
+    """The function of these lines, as if it stood in the module of `of`; it calls `of` and the functions `more`."""
+    name, text = lines[0].removeprefix("def ").partition("(")[0], "\n".join(lines) + "\n"
+    path = f"<{of.__module__}.{name}>"
+    linecache.cache[path] = (len(text), None, text.splitlines(keepends=True), path)
+    space = {"neighbour_sum": neighbour_sum, "added": added, "over": over, "scaled": scaled, "add_vector": add_vector}
+    space |= {_called(function, of): function for function in (of, *more)} | {"__name__": of.__module__}
+    exec(compile(text, path, "exec"), space)
+    return space[name]
