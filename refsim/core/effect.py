@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 class Pass:
     """One launch of one operation; `names` says what its arguments are called here where names differ.
 
+    reads  where it names none, the plan takes the fields among the arguments of the operation's reference
     algorithm  of the program, where the backend has it; else the plain program runs ("plain": always)
     stage  "start": once, when a simulation is made or resumed, for tables that follow from its state. "begin": at the
            beginning of every step, in the effects' order; not when `evaluate` is called. "forces": before the

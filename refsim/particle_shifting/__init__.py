@@ -82,14 +82,12 @@ class ParticleShifting(Effect, CorrectsPositions, frozen=True, kw_only=True):
         if self.strength == 0:
             return ()
         names: dict[str, str | None] = {"smoothing": "gradient_smoothing"}
-        gradient = CONCENTRATION_GRADIENT.name
-        reads: tuple[str, ...] = (gradient,)
-        detected: tuple[Pass, ...] = ()
+        crowding = Pass("particle_shifting.crowding", writes=(CONCENTRATION_GRADIENT.name,), names=names)
         if self._at_surface():
-            reads = (*reads, "near_surface", "surface_normal")
             detected = (*surface_of(others).near_passes(), color_gradient_pass())
-        crowding = Pass("particle_shifting.crowding", ("position", "mass", "density"), (gradient,), names=names)
-        return (crowding, *detected, Pass("particle_shifting.shift", reads, ("shift",), stage="motion"))
+            return (crowding, *detected, Pass("particle_shifting.shift", writes=("shift",), stage="motion"))
+        names = {"near_surface": None, "surface_normal": None}
+        return (crowding, Pass("particle_shifting.shift", writes=("shift",), names=names, stage="motion"))
 
     def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         if self.strength == 0:

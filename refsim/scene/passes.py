@@ -1,7 +1,7 @@
 """The order of the passes: what is written comes before what is read, and equal passes are launched once."""
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
@@ -30,6 +30,15 @@ def motion_passes(asked: Sequence[tuple[Effect, Pass]]) -> tuple[tuple[Effect | 
     if not moving:
         last = [(None, Pass("sph.kick_drift", updates=("velocity", "position"), stage="motion"))]
     return (*ordered_passes([(e, p) for e, p in asked if "position" not in p.updates]), *last)
+
+
+def with_reads(p: Pass, fields: Container[str]) -> Pass:
+    """A pass that names no reads with the fields that its operation's reference takes and that it does not write."""
+    if p.reads or p.operation not in REGISTRY:
+        return p
+    taken = dict.fromkeys(p.names.get(name, name) for name in REGISTRY[p.operation].arguments("numpy"))
+    reads = tuple(name for name in taken if name is not None and name in fields and name not in p.written)
+    return dataclasses.replace(p, reads=reads)
 
 
 def merged_passes(

@@ -20,7 +20,7 @@ from refsim.core.tables import Shown, in_bytes
 from refsim.motion import turning_pass
 from refsim.scene import checks
 from refsim.scene.particles import placed
-from refsim.scene.passes import accounts, merged_passes, motion_passes, ordered_passes
+from refsim.scene.passes import accounts, merged_passes, motion_passes, ordered_passes, with_reads
 from refsim.scene.scene import Scene
 
 
@@ -137,7 +137,10 @@ def _planned(scene: Scene, grid: Discretisation, given: Mapping[str, Effect], ab
 
     replaced = _replaced(effects)
     asked = [
-        (e, p) for e in effects.values() for p in e.passes(effects) if p.operation not in replaced - set(e.replaces())
+        (e, with_reads(p, fields))
+        for e in effects.values()
+        for p in e.passes(effects)
+        if p.operation not in replaced - set(e.replaces())
     ]
     for turn in turning_pass(scene.motion):
         asked.append((effects["gravity"], turn))

@@ -349,17 +349,14 @@ class WeaklyCompressible(
     def passes(self, others: Others) -> tuple[Pass, ...]:
         viscous = self.dynamic_viscosity > 0
         names = {"smoothing": "gradient_smoothing"}
-        reads = ("position", "velocity", "mass", "density")
-        friction = Pass("sph.central_viscosity", reads, updates=("acceleration",), names=names)
+        friction = Pass("sph.central_viscosity", updates=("acceleration",), names=names)
         extrapolated = any(effect.extrapolates() for effect in having(others, BringsWalls))
         replaced = any("sph.pressure" in effect.replaces() for effect in others.values())
-        before = (*self._density_passes(others), Pass("sph.state", ("density",), ("pressure",)))
+        before = (*self._density_passes(others), Pass("sph.state", writes=("pressure",)))
         if self.advances() and self.central() and not (replaced or self.controls()):
-            one = Pass("sph.central_momentum", (*reads, "pressure"), updates=("acceleration",), names=names)
-            return (*before, one)
+            return (*before, Pass("sph.central_momentum", updates=("acceleration",), names=names))
         plain = Pass(
             "sph.momentum" if viscous and not self.central() else "sph.pressure",
-            (*reads, "pressure"),
             updates=("acceleration",),
             names=names | ({"walls": None} if extrapolated else {}),
         )
@@ -378,18 +375,16 @@ class WeaklyCompressible(
     def _controlled(self, others: Others) -> Iterator[Pass]:
         """The passes of a pressure force with renormalised gradients or tensile control, and of J(11)."""
         names: dict[str, str | None] = {"smoothing": "gradient_smoothing"}
-        reads: tuple[str, ...] = ("position", "mass", "density", "pressure")
         if self.corrects():
-            yield Pass("sph.gradient_correction", reads[:3], CORRECTION, names=names)
+            yield Pass("sph.gradient_correction", writes=CORRECTION, names=names)
         if self.tensile_control == "inside":
             yield from surface_of(others).near_passes()
-            yield Pass("sph.own_pressure", ("pressure", "near_surface"), ("own_pressure",))
+            yield Pass("sph.own_pressure", writes=("own_pressure",))
         elif self.tensile_control == "everywhere":
-            yield Pass("sph.own_pressure", ("pressure",), ("own_pressure",), names={"near_surface": None})
-        yield self.with_own_force("sph.corrected_pressure", reads, names, "own_pressure")
+            yield Pass("sph.own_pressure", writes=("own_pressure",), names={"near_surface": None})
+        yield self.with_own_force("sph.corrected_pressure", (), names, "own_pressure")
         if self.dynamic_viscosity > 0 and not self.central():
-            reads = ("position", "velocity", "mass", "density")
-            yield Pass("sph.viscosity", reads, updates=("acceleration",), names=names)
+            yield Pass("sph.viscosity", updates=("acceleration",), names=names)
 
     def with_own_force(self, operation: str, reads: tuple[str, ...], names: Mapping[str, str | None], own: str) -> Pass:
         """A pass of the pressure force with its correction and, as argument `own`, each particle's own pressure."""
@@ -397,7 +392,7 @@ class WeaklyCompressible(
         names |= {} if self.corrects() else dict.fromkeys(CORRECTION)
         pressure = "pressure" if self.tensile_control == "none" else "own_pressure"
         names |= {} if own == pressure else {own: pressure}
-        reads = (*dict.fromkeys((*reads, pressure)), *(CORRECTION if self.corrects() else ()))
+        reads = reads and (*dict.fromkeys((*reads, pressure)), *(CORRECTION if self.corrects() else ()))
         return Pass(operation, reads, updates=("acceleration",), names=names)
 
     def _sums_wanted(self, others: Others) -> bool:
@@ -409,16 +404,15 @@ class WeaklyCompressible(
 
     def _density_passes(self, others: Others) -> tuple[Pass, ...]:
         if not self.advances():
-            return (Pass("sph.density", ("position", "mass"), ("density", "number_density", "asymmetry")),)
+            return (Pass("sph.density", writes=("density", "number_density", "asymmetry")),)
         return (continuity_pass(others, (), LIQUID_ALONE), *self.summed_passes(others), self._kept(others))
 
     def _kept(self, others: Others) -> Pass:
         """The pass that keeps the density for the next step."""
         taken = {"number_density": bool(self.restoring), "phase": self.restoring and "two_way_coupling" in others}
         return Pass(
-            "sph.keep_density", ("density_excess", *(name for name, there in taken.items() if there)),
-            updates=("advanced_excess",), names={name: None for name, there in taken.items() if not there},
-            stage="motion",
+            "sph.keep_density", updates=("advanced_excess",), stage="motion",
+            names={name: None for name, there in taken.items() if not there},
         )  # fmt: skip
 
     def summed_passes(self, others: Others) -> tuple[Pass, ...]:
@@ -426,7 +420,7 @@ class WeaklyCompressible(
         if not self._sums_wanted(others):
             return ()
         written = ("summed_density", "number_density", "asymmetry")
-        return (Pass("sph.density", ("position", "mass"), written, names={"density": "summed_density"}),)
+        return (Pass("sph.density", writes=written, names={"density": "summed_density"}),)
 
     def notes(self, grid: Discretisation, others: Others) -> tuple[str, ...]:
         return (*self._braked(grid, others), *self.exceeded(grid, others))

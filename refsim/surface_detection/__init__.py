@@ -78,14 +78,13 @@ def near_surface_pass(on_demand: bool = False, output: str = "near_surface") -> 
     names: dict[str, str | None] = {"asymmetry": None}
     if output != "near_surface":
         names["near_surface"] = output
-    return Pass("surface_detection.near_surface", ("number_density",), (output,), on_demand=on_demand, names=names)
+    return Pass("surface_detection.near_surface", writes=(output,), on_demand=on_demand, names=names)
 
 
 def candidates_pass(on_demand: bool = False) -> Pass:
     """The pass that writes field `scan_candidates`: sparse or lopsided neighbourhoods (Jiang & Zhu E23)."""
     names = {"near_surface": "scan_candidates", "near_surface_limit": "candidate_limit"}
-    reads = ("number_density", "asymmetry")
-    return Pass("surface_detection.candidates", reads, ("scan_candidates",), on_demand=on_demand, names=names)
+    return Pass("surface_detection.candidates", writes=("scan_candidates",), on_demand=on_demand, names=names)
 
 
 def half_space_moment(fluid: WeaklyCompressible, grid: Discretisation) -> float:
@@ -152,12 +151,10 @@ def fan_scan_pass(
     `candidates` names a uint8 field: particles where it is zero are not scanned and are no surface.
     `thin_features`: what decides on films and filaments, the scan alone or also the second moment.
     """
-    field = NORMALS[normal].name
-    reads = ("position", field) if candidates is None else ("position", field, candidates)
-    names = {"surface_normal": field, "candidates": candidates}
+    names = {"surface_normal": NORMALS[normal].name, "candidates": candidates}
     if thin_features == "fan_scan":
         names["thin_feature"] = None
-    return Pass("surface_detection.fan_scan", reads, ("surface",), on_demand=on_demand, names=names)
+    return Pass("surface_detection.fan_scan", writes=("surface",), on_demand=on_demand, names=names)
 
 
 class SurfaceDetection(Effect, FindsSurface, HasErrata, frozen=True, kw_only=True):
@@ -241,7 +238,7 @@ class SurfaceDetection(Effect, FindsSurface, HasErrata, frozen=True, kw_only=Tru
     def passes(self, others: Others) -> tuple[Pass, ...]:
         if not self.release_pressure:
             return self.detection_passes(on_demand=not self.each_step)
-        release = Pass("surface_detection.release_pressure", ("surface",), updates=("pressure",))
+        release = Pass("surface_detection.release_pressure", updates=("pressure",))
         return (*self.detection_passes(), release)
 
     def near_fields(self) -> tuple[Field, ...]:

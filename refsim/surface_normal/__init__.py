@@ -10,7 +10,7 @@ denominator.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from refsim.core.effect import Discretisation, Pass
 from refsim.core.fields import Field
@@ -55,17 +55,13 @@ def color_gradient_pass(candidates: str | None = None, on_demand: bool = False) 
 
     `candidates` names a uint8 field: rows where it is zero are not computed and get a zero normal.
     """
-    return _pass("surface_normal.color_gradient", (), "surface_normal", candidates, on_demand)
+    return _pass("surface_normal.color_gradient", "surface_normal", candidates, on_demand)
 
 
 def corrected_pass(candidates: str | None = None, on_demand: bool = False) -> Pass:
     """The pass that writes field `corrected_normal`, J(20); it reads field `number_density`, for every row."""
-    return _pass("surface_normal.corrected", ("number_density",), "corrected_normal", candidates, on_demand)
+    return _pass("surface_normal.corrected", "corrected_normal", candidates, on_demand)
 
 
-def _pass(operation: str, reads: tuple[str, ...], output: str, candidates: str | None, on_demand: bool) -> Pass:
-    reads = ("position", "mass", "density", *reads)
-    names: dict[str, Any] = {"candidates": candidates}
-    if candidates is not None:
-        reads = (*reads, candidates)
-    return Pass(operation, reads, (output,), on_demand=on_demand, names=names)
+def _pass(operation: str, output: str, candidates: str | None, on_demand: bool) -> Pass:
+    return Pass(operation, writes=(output,), on_demand=on_demand, names={"candidates": candidates})

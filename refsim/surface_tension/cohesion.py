@@ -138,7 +138,7 @@ class PairCohesion(Effect, BalancesCohesion, KnowsLimits, PullsParticles, frozen
         """The pass of the pair force, where it is all that the model has."""
         if not self.coheres():
             return ()
-        return (Pass(f"{self.name}.cohesion", ("position", "mass"), updates=("acceleration",)),)
+        return (Pass(f"{self.name}.cohesion", updates=("acceleration",)),)
 
     def list_radius(self, grid: Discretisation) -> float:
         return grid.support_radius if self.passes({}) else 0.0

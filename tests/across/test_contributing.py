@@ -125,8 +125,7 @@ class VelocitySmoothing(PairCohesion, frozen=True, kw_only=True):
     rate: NotNegative | None = None
 
     def passes(self, others):
-        reads = ("position", "velocity", "mass", "density")
-        return (Pass("velocity_smoothing.smooth", reads, updates=("acceleration",)),) if self.coheres() else ()
+        return (Pass("velocity_smoothing.smooth", updates=("acceleration",)),) if self.coheres() else ()
 
     def prepare(self, grid, others):
         return {"mixing": Mixing(grid.real(self.coefficient(grid, others)))}

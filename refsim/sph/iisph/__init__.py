@@ -73,14 +73,12 @@ class ImplicitPressure(Effect, SumsDensity, frozen=True, kw_only=True):
 
     def passes(self, others: Others) -> tuple[Pass, ...]:
         names = {"smoothing": "gradient_smoothing"}
-        reads = ("position", "velocity", "mass", "density")
-        solve = Pass(
-            "iisph.solve", reads, tuple(f.name for f in WORK), ("pressure", "acceleration"), names=names, stage="motion"
-        )
+        work, changed = tuple(f.name for f in WORK), ("pressure", "acceleration")
+        solve = Pass("iisph.solve", writes=work, updates=changed, names=names, stage="motion")
         liquid = liquid_of(others)
         if liquid.dynamic_viscosity == 0 or liquid.central():  # weakly_compressible lists that pass
             return (solve,)
-        return (Pass("sph.viscosity", reads, updates=("acceleration",), names=names), solve)
+        return (Pass("sph.viscosity", updates=("acceleration",), names=names), solve)
 
     def energy(self, grid: Discretisation, others: Others) -> EnergyAccount:
         """No energy: the pressure of a liquid of constant volume does no work."""

@@ -112,15 +112,13 @@ class Akinci2013(PairCohesion, HasErrata, frozen=True, kw_only=True):
 
     def passes(self, others: Others) -> tuple[Pass, ...]:
         passes: list[Pass] = []
-        reads: tuple[str, ...] = ("position", "mass", "density")
         if self._has_area():
             passes.append(color_gradient_pass())
-            reads = (*reads, "surface_normal")
         if self.coheres() or self._has_area():
             names = {"area_normal": "surface_normal" if self._has_area() else None}
-            passes.append(Pass("akinci_2013.tension", reads, updates=("acceleration",), names=names))
+            passes.append(Pass("akinci_2013.tension", updates=("acceleration",), names=names))
         if self.adhesion > 0 and having(others, BringsWalls):
-            passes.append(Pass("akinci_2013.adhesion", ("position",), updates=("acceleration",)))
+            passes.append(Pass("akinci_2013.adhesion", updates=("acceleration",)))
         return tuple(passes)
 
     def list_radius(self, grid: Discretisation) -> float:

@@ -137,12 +137,11 @@ class CsfWang2019(Effect, KnowsLimits, HasErrata, PullsParticles, frozen=True, k
         if not self._acts():
             return ()
         corrected = (near_surface_pass(), *corrected_density_passes()) if self.density_correction else ()
-        reads = ("position", "mass", "density")
         return (
             *corrected,
-            Pass("csf_wang_2019.normal", reads, ("interface_normal",)),
-            Pass("csf_wang_2019.curvature", (*reads, "interface_normal"), ("curvature",)),
-            Pass("csf_wang_2019.force", (*reads, "interface_normal", "curvature"), updates=("acceleration",)),
+            Pass("csf_wang_2019.normal", writes=("interface_normal",)),
+            Pass("csf_wang_2019.curvature", writes=("curvature",)),
+            Pass("csf_wang_2019.force", updates=("acceleration",)),
         )
 
     def list_radius(self, grid: Discretisation) -> float:

@@ -121,29 +121,22 @@ class Dong2016(PairCohesion, HasErrata, frozen=True, kw_only=True):
         passes: list[Pass] = []
         if self.solver == "hu_adams":
             passes += [
-                Pass("dong_2016.density", ("position", "mass"), ("density", "number_density")),
-                Pass(
-                    "dong_2016.momentum",
-                    ("position", "velocity", "mass", "density", "pressure"),
-                    updates=("acceleration",),
-                    names={"smoothing": "gradient_smoothing"},
-                ),
+                Pass("dong_2016.density", writes=("density", "number_density")),
+                Pass("dong_2016.momentum", updates=("acceleration",), names={"smoothing": "gradient_smoothing"}),
             ]
         if self._filters():  # an update of `density`: precedes every pass that reads it
             passes += [
                 Pass(
-                    "dong_2016.shepard_filter", ("position", "mass"), ("corrected_density",), ("density",),
+                    "dong_2016.shepard_filter", writes=("corrected_density",), updates=("density",),
                     names={"near_surface": None},
                 ),
-                Pass("jiang_zhu_2023.replace_density", ("corrected_density",), updates=("density",)),
+                Pass("jiang_zhu_2023.replace_density", updates=("density",)),
             ]  # fmt: skip
-        reads: tuple[str, ...] = ("position", "mass")
         if self._corrects():
             passes.append(color_gradient_pass())
-            reads = (*reads, "density", "surface_normal")
         if self.coheres() or self._corrects():
             names = {} if self._corrects() else {"surface_normal": None}
-            passes.append(Pass("dong_2016.tension", reads, updates=("acceleration",), names=names))
+            passes.append(Pass("dong_2016.tension", updates=("acceleration",), names=names))
         return tuple(passes)
 
     def energy(self, grid: Discretisation, others: Others) -> EnergyAccount:

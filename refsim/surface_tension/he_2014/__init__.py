@@ -142,16 +142,14 @@ class He2014(PairCohesion, frozen=True, kw_only=True):
 
     def passes(self, others: Others) -> tuple[Pass, ...]:
         passes: list[Pass] = []
-        reads: tuple[str, ...] = ("position", "mass", "density")
         if self._has_energy():
             passes += [
-                Pass("he_2014.color", reads, ("color",)),
-                Pass("he_2014.squared_gradient", (*reads, "color"), ("color_gradient_squared",)),
+                Pass("he_2014.color", writes=("color",)),
+                Pass("he_2014.squared_gradient", writes=("color_gradient_squared",)),
             ]
-            reads = (*reads, "color_gradient_squared")
         if self._has_energy() or self.air_pressure > 0:
             names = {} if self._has_energy() else {"color_gradient_squared": None}
-            passes.append(Pass("he_2014.tension", reads, updates=("acceleration",), names=names))
+            passes.append(Pass("he_2014.tension", updates=("acceleration",), names=names))
         return tuple(passes)
 
     def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:

@@ -101,10 +101,9 @@ class AreaTerm(NamedTuple):
 
 def corrected_density_passes() -> tuple[Pass, Pass]:
     """J(14) and J(15) near the surface; an update of `density`, which precedes every pass that reads it."""
-    reads = ("position", "mass", "near_surface")
     return (
-        Pass("jiang_zhu_2023.corrected_density", reads, ("corrected_density",), ("density",)),
-        Pass("jiang_zhu_2023.replace_density", ("corrected_density",), updates=("density",)),
+        Pass("jiang_zhu_2023.corrected_density", writes=("corrected_density",), updates=("density",)),
+        Pass("jiang_zhu_2023.replace_density", updates=("density",)),
     )
 
 
@@ -252,12 +251,11 @@ class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
             passes += [near_surface_pass(), *corrected_density_passes()]
         if not self.coheres():
             return tuple(passes)
-        reads = ["position", "mass"]
         names: dict[str, str | None] = {"surface_weight": None, "surface": None, "area_normal": None}
         if self.pair_mode == "soft" or self._area() == "color":
             passes.append(color_gradient_pass())
         if self.pair_mode == "soft":
-            passes.append(Pass("jiang_zhu_2023.soft_weight", ("surface_normal",), ("surface_weight",)))
+            passes.append(Pass("jiang_zhu_2023.soft_weight", writes=("surface_weight",)))
             names["surface_weight"] = "surface_weight"
         if self._marked():
             passes += self._detection(others).detection_passes()
@@ -268,11 +266,9 @@ class JiangZhu2023(PairCohesion, HasErrata, frozen=True, kw_only=True):
         elif self._area() == "corrected":
             passes.append(corrected_pass())
             names["area_normal"] = "corrected_normal"
-            reads.append("density")
         else:
             names["area_normal"] = "surface_normal"
-        reads += [name for name in names.values() if name is not None]
-        passes.append(Pass(operation, tuple(reads), updates=("acceleration",), names=names))
+        passes.append(Pass(operation, updates=("acceleration",), names=names))
         return tuple(passes)
 
     def energy(self, grid: Discretisation, others: Others) -> EnergyAccount | None:

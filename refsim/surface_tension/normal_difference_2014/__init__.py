@@ -63,8 +63,7 @@ class NormalDifference2014(Effect, HasErrata, PullsParticles, frozen=True, kw_on
     def passes(self, others: Others) -> tuple[Pass, ...]:
         if self.area_acceleration == 0:
             return ()
-        reads = ("position", "mass", "surface_normal")
-        return (color_gradient_pass(), Pass("normal_difference_2014.tension", reads, updates=("acceleration",)))
+        return (color_gradient_pass(), Pass("normal_difference_2014.tension", updates=("acceleration",)))
 
     def list_radius(self, grid: Discretisation) -> float:
         return grid.support_radius if self.area_acceleration > 0 else 0.0
