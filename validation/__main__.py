@@ -106,6 +106,13 @@ def parser() -> argparse.ArgumentParser:
     part.set_defaults(perform=verified)
 
     command.add_commands(add("measure", "measures the drops behind packaged tables, and writes the tables"))
+    part = add("laws", "holds scenes that are drawn at random to laws, and prints the smallest scene that breaks one")
+    if importlib.util.find_spec("hypothesis"):
+        from validation.laws import command as laws
+
+        laws.add_options(part)
+    else:
+        part.set_defaults(perform=without_hypothesis)
     part = add("attack", "attacks the command line for some minutes and counts how it ends")
     if importlib.util.find_spec("hypothesis"):
         from validation import attack

@@ -41,6 +41,7 @@ class ParticleShifting(Effect, CorrectsPositions, frozen=True, kw_only=True):
     """
 
     name: ClassVar[str] = "particle_shifting"
+    scales: ClassVar[tuple[str, ...]] = ("strength",)
     periodic: ClassVar[bool] = True
 
     strength: NotNegative = 2.2

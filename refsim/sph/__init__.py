@@ -649,6 +649,7 @@ class Gravity(Effect, frozen=True, kw_only=True):
     """
 
     name: ClassVar[str] = "gravity"
+    scales: ClassVar[tuple[str, ...]] = ("acceleration",)
     periodic: ClassVar[bool] = True
 
     acceleration: tuple[float, float, float] = (0.0, 0.0, -9.81)

@@ -65,6 +65,7 @@ class SurfaceEnergy(Tension, HoldsOtherMemory, Watches, frozen=True, kw_only=Tru
     """
 
     name: ClassVar[str] = "surface_energy"
+    scales: ClassVar[tuple[str, ...]] = ("surface_tension",)
     paper: ClassVar[Mapping[str, Any]] = {"embedding": "thesis"}
     needed: ClassVar[tuple[str, ...]] = ("mpm_liquid",)
 

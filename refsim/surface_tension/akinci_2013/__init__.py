@@ -72,6 +72,7 @@ class Akinci2013(PairCohesion, HasErrata, frozen=True, kw_only=True):
 
     name: ClassVar[str] = "akinci_2013"
     potential: ClassVar[bool] = False  # K_ij depends on the densities
+    scales: ClassVar[tuple[str, ...]] = ("surface_tension", "gamma", "area_acceleration", "adhesion")
     own: ClassVar[str] = "gamma"
     source: ClassVar[str] = "Akinci et al."
     errata: ClassVar[tuple[str, ...]] = ("gamma",)

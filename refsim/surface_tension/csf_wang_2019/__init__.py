@@ -87,6 +87,7 @@ class CsfWang2019(Effect, KnowsLimits, HasErrata, PullsParticles, frozen=True, k
     """
 
     name: ClassVar[str] = "csf_wang_2019"
+    scales: ClassVar[tuple[str, ...]] = ("surface_tension",)
     source: ClassVar[str] = "Wang et al."
     errata: ClassVar[tuple[str, ...]] = ("shell",)
     virial: ClassVar[str] = "the force acts on the surface alone, and the capillary limit holds"

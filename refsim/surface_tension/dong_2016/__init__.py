@@ -63,6 +63,7 @@ class Dong2016(PairCohesion, HasErrata, frozen=True, kw_only=True):
     """
 
     name: ClassVar[str] = "dong_2016"
+    scales: ClassVar[tuple[str, ...]] = ("surface_tension", "stiffness", "correction")
     own: ClassVar[str] = "stiffness"
     source: ClassVar[str] = "Dong"
     errata: ClassVar[tuple[str, ...]] = ("E21",)

@@ -93,6 +93,7 @@ class He2014(PairCohesion, frozen=True, kw_only=True):
 
     name: ClassVar[str] = "he_2014"
     potential: ClassVar[bool] = False  # both terms depend on the densities
+    scales: ClassVar[tuple[str, ...]] = ("surface_tension", "kappa", "air_pressure")
 
     surface_tension: NotNegative | None = None
     kappa: NotNegative | None = None

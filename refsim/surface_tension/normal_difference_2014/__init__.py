@@ -42,6 +42,7 @@ class NormalDifference2014(Effect, HasErrata, PullsParticles, frozen=True, kw_on
     """
 
     name: ClassVar[str] = "normal_difference_2014"
+    scales: ClassVar[tuple[str, ...]] = ("area_acceleration",)
     source: ClassVar[str] = "patent"
     errata: ClassVar[tuple[str, ...]] = ("P7",)
     improvements: ClassVar[tuple[str, ...]] = errata
