@@ -147,8 +147,8 @@ def few_neighbours(grid: Discretisation, effects: Mapping[str, Effect]) -> tuple
     if not names or ratio >= FEW * (1 - 1e-9):
         return ()
     return (
-        f"support_radius = {grid.support_radius:g} m is {ratio:.3g} spacings, so that {', '.join(names)} sum over the"
-        f" nearest neighbours alone: take at least {FEW:g} spacings, 2 to 3 are common",
+        f"support_radius = {grid.support_radius:g} m is {ratio:.3g} spacings, so that sums of {', '.join(names)} take"
+        f" in the nearest neighbours alone: take at least {FEW:g} spacings, 2 to 3 are common",
     )
 
 
