@@ -54,7 +54,8 @@ def step_limits(plan: Plan) -> dict[str, StepLimit]:
         limits |= effect.step_limits(grid, effects)
     if not any(limit.speed_share > 0 for limit in limits.values()):
         limits["motion"] = StepLimit.crossing(grid.spacing / 2)
-    longest = min([plan.scene.end_time or 1.0, *(0.25 * pace(m, plan.scene.end_time) for m in plan.scene.motion)])
+    end = plan.scene.end_time or 1.0
+    longest = min([end, *(0.25 * pace(motion, end) for motion in plan.scene.motion)])
     if not min(stable_steps(limits, Extremes(0.0, 0.0)).values(), default=math.inf) <= longest:
         limits["resting"] = StepLimit.constant(longest)
     return limits
