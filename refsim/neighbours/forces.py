@@ -51,7 +51,7 @@ def force(
         ),
     ]  # fmt: skip
     if times:
-        lines.append(f"    a = scaled(a, {times} / {divided}[i])")
+        lines.append(f"    a = scaled(a, {times}{f' / {divided}[i]' if divided else ''})")
     elif divided:
         lines.append(f"    a = over(a, {divided}[i])")
     if walled:

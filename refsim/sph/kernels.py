@@ -294,11 +294,11 @@ def momentum_pair(
     apart = safe_distance(r, smoothing)
     share = mass_j / (density_j * apart)  # V_j/r: one division serves both terms
     f = pressure_pair(share, pressure_i, pressure_j, kernel_slope(r, smoothing), fluid)
-    force = scaled(x_ij, f)
+    total = scaled(x_ij, f)
     if viscosity is not None:
         g = viscosity_pair(share * apart, viscosity, viscosity_laplacian(r, smoothing))
-        force = added(force, scaled(difference(velocity_j, velocity_i), g))
-    return force[0], force[1], force[2]
+        total = added(total, scaled(difference(velocity_j, velocity_i), g))
+    return total[0], total[1], total[2]
 
 
 @pair
@@ -436,10 +436,10 @@ def extremes(
     Rate, excess and the last two are 0 where their arrays are None.
     """
     speed = velocity[i, 0] ** 2 + velocity[i, 1] ** 2 + velocity[i, 2] ** 2
-    force = acceleration[i, 0] ** 2 + acceleration[i, 1] ** 2 + acceleration[i, 2] ** 2
+    push = acceleration[i, 0] ** 2 + acceleration[i, 1] ** 2 + acceleration[i, 2] ** 2
     # Numba's isfinite(x) tests x - x, which the compiler removes where sums may be taken in any order.
     beyond = type(speed)(math.inf)
-    broken = not (speed < beyond and force < beyond)
+    broken = not (speed < beyond and push < beyond)
     if temperature is not None:
         broken = broken or not abs(temperature[i]) < beyond
     rate, excess = type(speed)(0), type(speed)(0)
@@ -454,7 +454,7 @@ def extremes(
         if rest_density is not None:
             rest = rest_density[i]
         dense, crushed = density[i] > density_bounds.dense * rest, density[i] > density_bounds.crushed * rest
-    return speed, force, broken, rate, excess, dense, crushed
+    return speed, push, broken, rate, excess, dense, crushed
 
 
 @reduction(into="displacement", how="largest count", rows="position")

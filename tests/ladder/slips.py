@@ -42,7 +42,12 @@ ROOT = pathlib.Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
 SECONDS = {False: 60, True: 600}  # of processor time, after which a slip has made a trial (shallow, deep) endless
 PATIENCE = 10.0  # times the processor time without a slip, plus a second: likewise
-SHARED = ("refsim.backends.", "refsim.neighbours.pairs", "refsim.neighbours.rows")  # have tests of their own
+SHARED = (
+    "refsim.backends.",
+    "refsim.neighbours.forces",
+    "refsim.neighbours.pairs",
+    "refsim.neighbours.rows",
+)  # have tests of their own
 FIRST_CASES = ("three_particles", "cloud_2d", "cloud_3d", "printed_readings")
 HARMLESS = tomllib.loads(pathlib.Path(__file__).with_name("harmless.toml").read_text())  # slips, and why
 

@@ -304,7 +304,7 @@ def virial(operation, variant, case):
 def effects_of(folder):
     """The effects of a folder, or of the next one above it that has any."""
     found = [effect for effect in EFFECTS.values() if f"{effect.__module__}.".startswith(f"{folder}.")]
-    return found or (effects_of(folder.rpartition(".")[0]) if "." in folder else [])
+    return found or (effects_of(folder.rpartition(".")[0]) if folder.count(".") > 1 else [])
 
 
 def unbalanced_virials(operations, root):
