@@ -1,8 +1,8 @@
 """Stored times and their pages: `python -m validation times [FILE ...]`.
 
 FILE is what `pytest tests/times/bench_*.py --benchmark-json FILE` wrote. Its readings go into `times.json`, and the
-tables and pictures of docs/effects_cost.md are made of what is stored there; without a file
-nothing but the pages is renewed. A kernel's benchmark stands on no page.
+tables and the picture of docs/effects_cost.md are made of what is stored there; without a file
+nothing but the page is renewed. A kernel's benchmark stands on no page.
 """
 
 from __future__ import annotations
@@ -134,39 +134,6 @@ def effects(times: Times) -> list[str]:
             ])  # fmt: skip
     said = f"CPU: {where(times, 'effects cpu', ', 2 threads')}. GPU: {where(times, 'effects cuda')}."
     return [*table(heading, rows), "", said]
-
-
-def effects_picture(times: Times) -> Any:
-    """Microseconds of a step as effects are added: a panel a ladder."""
-    import matplotlib.pyplot as plt
-
-    from validation.drawing import BLUE, SKY, headline
-
-    backends = {"CPU, 2 threads": (readings(times, "effects cpu"), -0.2, BLUE),
-                "GPU": (readings(times, "effects cuda"), 0.2, SKY)}  # fmt: skip
-    rungs = {name: [f"{name}: {rung.words}" for rung in ladder.rungs] for name, ladder in ladders().items()}
-    heights = [len(keys) for keys in rungs.values()]
-    figure, panels = plt.subplots(len(rungs), 1, figsize=(7.2, 1.0 + 0.36 * sum(heights) + 0.3 * len(rungs)),
-                                  sharex=True, gridspec_kw={"height_ratios": heights})  # fmt: skip
-    for axes, (name, keys) in zip(panels, rungs.items()):
-        for words, (found, shift, colour) in backends.items():
-            for k, key in enumerate(keys):
-                value = 1e6 * median(found[key]) if key in found else 0.0
-                axes.barh(k + shift, value, 0.36, color=colour, label=words if k == 0 else None)
-                axes.text(
-                    max(value, 10.0), k + shift, f" {value:,.0f}" if value else f" {NOT_YET}", va="center", size=9
-                )
-        axes.set_yticks(range(len(keys)), [key.partition(": ")[2] for key in keys], fontsize=9)
-        axes.invert_yaxis()
-        axes.grid(True, axis="x")
-        axes.set_title(
-            f"{ladders()[name].words}, {planned('cpu')[keys[0]]['particles']:,} particles of liquid", fontsize=9.5
-        )
-    panels[-1].set(xscale="log", xlabel="microseconds a step")
-    panels[-1].set_xlim(10.0, 3 * panels[-1].get_xlim()[1])
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=2, fontsize=9)
-    headline(figure, "What a step takes as effects are added")
-    return figure
 
 
 # Threads
@@ -378,9 +345,7 @@ PAGE = DOCS / "effects_cost.md"
 PARTS: dict[str, Callable[[Times], list[str]]] = {
     "effects": effects, "device limits": limits, "cpu scaling": scaling_table,
 }  # fmt: skip
-PICTURES: dict[str, Callable[[Times], Any]] = {
-    "effects_cost.png": effects_picture, "device_limits.png": limits_picture,
-}  # fmt: skip
+PICTURE = FIGURES / "device_limits.png"
 
 
 def page(text: str, times: Times) -> str:
@@ -405,8 +370,7 @@ def perform(files: Sequence[Path]) -> list[Path]:
         STORED.write_text(json.dumps(times, indent=1) + "\n")
     PAGE.write_text(page(PAGE.read_text(encoding="utf-8"), times))
     with style():
-        for name, drawing in PICTURES.items():
-            figure = drawing(times)
-            save_picture(figure, FIGURES / name)
-            plt.close(figure)
-    return [*([STORED] if files else []), PAGE, *(FIGURES / name for name in PICTURES)]
+        figure = limits_picture(times)
+        save_picture(figure, PICTURE)
+        plt.close(figure)
+    return [*([STORED] if files else []), PAGE, PICTURE]

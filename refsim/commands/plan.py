@@ -231,7 +231,8 @@ def _time(cost: Cost) -> str:
         ("wall", f"{in_time(cost.wall)}, {cost.ratio:.3g} times as much, as in the steps that were timed"),
         ("memory", in_bytes(cost.bytes)),
     )
-    return f"Time on this machine, backend {cost.backend}, one CPU thread, from {STEPS} steps\n{table(rows)}"
+    without = "later list builds and frames not counted"
+    return f"Time here, backend {cost.backend}, one CPU thread, from {STEPS} steps; {without}\n{table(rows)}"
 
 
 def _text(found: dict[str, Any]) -> str:

@@ -68,7 +68,7 @@ def test_the_command_times_the_scene(tmp_path, monkeypatch, capsys):
     assert found["processor"] == pytest.approx(found["steps"] * found["each"])
     assert found["wall"] == pytest.approx(found["ratio"] * found["processor"])
     assert main(given) == 0
-    assert "one CPU thread, from 10 steps" in capsys.readouterr().out
+    assert "one CPU thread, from 10 steps; later list builds" in capsys.readouterr().out
     monkeypatch.setattr(Simulation, "__init__", lambda *given: (_ for _ in ()).throw(InputError("no such backend.")))
     assert main(given) == 2
     assert "no such backend" in capsys.readouterr().err
