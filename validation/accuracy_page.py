@@ -21,7 +21,7 @@ TARGETS = (0.1, 0.05, 0.01, 0.001)
 ABSENT = "\u2013"  # not measured
 COLOURS, MARKERS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY), ("o", "s", "^", "D", "v", "P", "X", "p", "*", "<")
 HEAD = [
-    "| observable | error | cheapest setting | its error, at most | CPU, one thread | GPU | best other program |",
+    "| observable | error | cheapest setting | its error, at most | CPU | GPU | best other program |",
     "| --- | --: | --- | --: | --: | --: | --: |",
 ]
 
@@ -60,7 +60,8 @@ def _cells(of: Panel, error: float) -> list[str]:
     there = duration(gpu[1].seconds) if gpu else "" if settings(of, "gpu") else ABSENT
     if gpu and _words(gpu[1]) != _words(named[1]):
         there += f" ({_words(gpu[1])})"
-    return [_words(named[1]), in_words(of, named[0]), duration(cpu[1].seconds) if cpu else ABSENT, there, peer]
+    own = duration(cpu[1].seconds) + of.threads(cpu[1]) if cpu else ABSENT
+    return [_words(named[1]), in_words(of, named[0]), own, there, peer]
 
 
 def _words(point: Point) -> str:

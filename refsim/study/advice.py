@@ -124,7 +124,7 @@ def text_of(of: Panel, error: float, kind: str, found: tuple[float, Point] | Non
         lines.append("  not reached; the least error has:")
     bound, point = found or nearest
     lines.append(f"  setting    {point.words}; error at most {in_words(of, bound)}")
-    lines.append(f"  measured   {duration(point.seconds)} on {of.where(point.gpu)}")
+    lines.append(f"  measured   {duration(point.seconds)} on {of.where(point)}")
     if point.bytes:
         lines.append(f"  memory     {in_bytes(point.bytes)} in fields")
     if kind == "cpu" and (other := cheapest(of, error, "peer") or least(of, "peer")) is not None:
@@ -142,12 +142,12 @@ def data_of(of: Panel, error: float, kind: str, found: tuple[float, Point] | Non
         bound, point = pair
         return {
             "key": point.key, "setting": point.words, "program": point.program, "error": bound,
-            "seconds": price(point), "bytes": point.bytes,
+            "seconds": price(point), "bytes": point.bytes, "measured_on": of.where(point),
         }  # fmt: skip
 
     return {
         "observable": of.name, "words": of.about.words, "relative": of.about.relative,
         "reference": of.about.reference, "uncertainty": of.reference()[2], "error": error,
         "backend": "cuda" if kind == "gpu" else "cpu", "answer": plain(found), "nearest": plain(least(of, kind)),
-        "peer": plain(cheapest(of, error, "peer")), "measured_on": of.where(kind == "gpu"), "scene": None,
+        "peer": plain(cheapest(of, error, "peer")), "scene": None,
     }  # fmt: skip

@@ -99,7 +99,9 @@ class Swept:
         return self.task_seconds / (self.workers * self.wall) if self.workers and self.wall else math.nan
 
     def rows(self) -> list[dict[str, Any]]:
-        """A dictionary for each run: its parameters, value, seconds, steps and, without a value, the reason."""
+        """A dictionary for each run: parameters, value, seconds (of the processor, on a GPU of the clock), particles,
+        steps and, without a value, the reason.
+        """
         rows = []
         for k, (point, reading) in enumerate(zip(self.points, self.readings)):
             row = dict(point.values)

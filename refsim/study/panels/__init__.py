@@ -150,12 +150,15 @@ class Panel:
         value, scale, _ = self.reference()
         return abs(point.value - value) / scale
 
-    def where(self, gpu: bool) -> str:
-        """Machines of its own points, in words."""
-        used = dict.fromkeys(p.place for p in self.points.values() if p.gpu == gpu and p.program == OWN)
-        places = [self.places[k] for k in used]
-        words = (p.device if gpu else f"{p.machine}, {p.threads} thread{'s' * (p.threads > 1)}" for p in places)
-        return "; ".join(dict.fromkeys(f"{word}, {p.date}" for word, p in zip(words, places)))
+    def where(self, point: Point) -> str:
+        """Where and when a point was measured, in words."""
+        place = self.places[point.place]
+        return f"{place.device or place.machine}{self.threads(point)}, {place.date}"
+
+    def threads(self, point: Point) -> str:
+        """More than one thread of a CPU, in words; "" for one and for a GPU."""
+        count = 1 if point.gpu else self.places[point.place].threads
+        return f", {count} threads" if count > 1 else ""
 
 
 @functools.cache
