@@ -56,6 +56,7 @@ from refsim.backends import runtime  # noqa: E402
 from refsim.commands.plan import describe_plan  # noqa: E402
 from refsim.core.operation import REGISTRY  # noqa: E402
 from refsim.core.streams import any_letter  # noqa: E402
+from refsim.core.writing import write_file  # noqa: E402
 from refsim.study.memory import bytes_of  # noqa: E402
 from validation import pairs, searches, timed  # noqa: E402
 from validation.experiments.melting.scene import scene_of  # noqa: E402
@@ -305,7 +306,7 @@ def write(answers: list[dict[str, Any]], path: pathlib.Path) -> None:
     kept |= {a["task"]: a for a in answers if not (a["error"] or "").startswith(NO_TIME)}
     whole[SECTION] = {"tasks": [kept[task] for task in ("device", *planned(False)) if task in kept]}
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(whole, separators=(",", ":")).replace('{"task"', '\n{"task"') + "\n", encoding="utf-8")
+    write_file(path, json.dumps(whole, separators=(",", ":")).replace('{"task"', '\n{"task"') + "\n")
     print(f"report: {path}")
 
 

@@ -25,6 +25,7 @@ sys.path.insert(0, str(ROOT))
 
 from refsim.core.errors import InputError  # noqa: E402
 from refsim.core.streams import any_letter  # noqa: E402
+from refsim.core.writing import made_by, write_file  # noqa: E402
 from refsim.io.lessons import cells, judges, lessons, notebook  # noqa: E402
 from validation.experiment import chosen  # noqa: E402
 from validation.perform import EXIT_FAILED, EXIT_FINE  # noqa: E402
@@ -55,7 +56,8 @@ def run_lesson(name: str, text: str, pictures: Path | None = None) -> dict[str, 
             if inside == "code":
                 drawn += 1
                 if pictures is not None:
-                    figure.savefig(pictures / f"{name}_{drawn}.png", dpi=DPI, bbox_inches="tight")
+                    made = made_by(figure.savefig, format="png", dpi=DPI, bbox_inches="tight")
+                    write_file(pictures / f"{name}_{drawn}.png", made)
         pyplot.close("all")
 
     namespace: dict[str, Any] = {"__name__": name}
@@ -95,7 +97,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     failed = []
     for name in given.names or known:
         if given.notebooks is not None:
-            (given.notebooks / f"{name}.ipynb").write_text(notebook(known[name]), encoding="utf-8")
+            write_file(given.notebooks / f"{name}.ipynb", notebook(known[name]))
             continue
         try:
             for _ in range(1 + given.warm):

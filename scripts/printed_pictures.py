@@ -41,6 +41,7 @@ from refsim import (  # noqa: E402
 )
 from refsim.core.errors import InputError  # noqa: E402
 from refsim.core.streams import any_letter  # noqa: E402
+from refsim.core.writing import write_file  # noqa: E402
 from refsim.io.frames import Frame  # noqa: E402
 from refsim.render.pictures import Look, Series  # noqa: E402
 from refsim.render.saved_run import SavedRun, open_run  # noqa: E402
@@ -173,7 +174,7 @@ class Pour:
         d = SPACING / size
         folder.mkdir(parents=True, exist_ok=True)
         file = folder / "solid.obj"
-        self.solid().export(file)
+        write_file(file, self.solid().export(file_type="obj"))
         radius, length, low = (MM * value for value in self.jet)
         floor, half = (MM * value for value in self.floor)
         cohesion = Akinci2013(surface_tension=TENSION, area_acceleration=0.0)

@@ -8,6 +8,7 @@ import pathlib
 import shutil
 import subprocess
 import sys
+import types
 import zipfile
 
 import pytest
@@ -118,3 +119,29 @@ def unpack(copy):
         python(("-c", BUILD), copy)
         shutil.move(copy / "refsim.egg-info", copy / "unpacking")
     (copy / "unpacking").rename(copy / "unpacked")
+
+
+@pytest.fixture
+def disk(monkeypatch):
+    """After `disk.space` further writes, renames and fsyncs the next raises `disk.error`, a write in its middle."""
+    from refsim.core import writing
+
+    made = types.SimpleNamespace(space=10**9, error=None)
+
+    def counted(place, name):
+        real = getattr(place, name)
+
+        def call(*given, **named):
+            made.space -= 1
+            if made.space < 0:
+                if name == "write_all":
+                    real(given[0], memoryview(given[1])[: len(given[1]) // 2])
+                raise made.error
+            return real(*given, **named)
+
+        monkeypatch.setattr(place, name, call)
+
+    counted(writing, "write_all")
+    counted(os, "replace")
+    counted(os, "fsync")
+    return made

@@ -11,6 +11,7 @@ from importlib import import_module
 from pathlib import Path
 
 from refsim.core.errors import InputError
+from refsim.core.writing import write_file
 from refsim.study.advice import READINGS
 from refsim.study.panels import OWN, Panel, Place, Point, abouts, as_text, panel
 from refsim.study.panels.making import STIRRED
@@ -48,9 +49,9 @@ def perform(
             print(sentence, flush=True)
             failed = True
         if write:
-            (STORED / f"{name}.json").write_text(as_text(judged))
+            write_file(STORED / f"{name}.json", as_text(judged))
             if name in STIRRED and not peers:
-                (STORED / f"{name}.zip").write_bytes(stirred(judged))
+                write_file(STORED / f"{name}.zip", stirred(judged))
     if write:
         panel.cache_clear()
         accuracy_page.write()

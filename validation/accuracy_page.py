@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from refsim.core.writing import write_file
 from refsim.study.advice import cheapest, duration, in_words, least, percent, price, settings
 from refsim.study.panels import Panel, Point, abouts, panel
 from validation.drawing import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, save_picture, style
@@ -91,7 +92,7 @@ def write() -> list[Path]:
     """Renew page and pictures; returns their paths."""
     import matplotlib.pyplot as plt
 
-    PAGE.write_text(page(PAGE.read_text(encoding="utf-8")))
+    write_file(PAGE, page(PAGE.read_text(encoding="utf-8")))
     made = [PAGE]
     drawn = {f"accuracy_cost_{name}": partial(picture, panel(name)) for name in abouts()} | {"accuracy_cost": overview}
     for name, draw in drawn.items():

@@ -38,6 +38,7 @@ from hypothesis.database import DirectoryBasedExampleDatabase
 
 from refsim.core.effect import EFFECTS
 from refsim.core.errors import InputError
+from refsim.core.writing import made_by, write_file
 from refsim.io.checkpoint import read_checkpoint
 from refsim.io.frames import read_particles
 from refsim.scene import shapes, solids
@@ -174,7 +175,7 @@ def plan(text: bytes, folder: Path) -> str:
     """Plan the scene, and run three steps of a small one."""
     inputs(folder)
     path = folder / "scene.toml"
-    path.write_bytes(text)
+    write_file(path, text)
     code, words = told(["plan", str(path), "--json"])
     if code == 0 and json.loads(words)["particles"] <= 200:
         run = ("run", str(path), "--output", str(folder / "run"), "--backend", "numpy", "--until", "1e-9", "--quiet")
@@ -243,7 +244,7 @@ def resume(trial: tuple[str, list[Damage], bool], folder: Path) -> str:
         spoil(folder / name, damages)
         (scene,) = (scene for scene in SCENES if f'"{name[:5]}' in json.dumps(scene) and scene is not SCENES[0])
         path = folder / "scene.toml"
-        path.write_text(written(scene).replace("cloud.npy", name))
+        write_file(path, written(scene).replace("cloud.npy", name))
         return str(told(["plan", str(path)])[0])
     half, whole = _half()
     run, checkpoint = folder / "run", name.startswith("checkpoint")
@@ -275,16 +276,16 @@ def spoil(path: Path, damages: Sequence[Damage]) -> None:
         if damage.how == "folder":
             path.mkdir()
         elif damage.how != "gone":
-            path.write_bytes(damage.of(content))
+            write_file(path, damage.of(content))
 
 
 def inputs(folder: Path) -> None:
     """Files that scenes may name."""
     lines = [f"v {x} {y} {z}" for x, y, z in CORNERS] + [f"f {' '.join(face)}" for face in FACES.split()]
-    (folder / "stone.obj").write_text("\n".join(lines))
+    write_file(folder / "stone.obj", "\n".join(lines))
     points = np.array([[0.0, 0.0], [0.01, 0.0], [0.0, 0.01], [0.01, 0.01]])
-    np.save(folder / "cloud.npy", points)
-    np.savetxt(folder / "cloud.csv", points, delimiter=",")
+    write_file(folder / "cloud.npy", made_by(np.save, points))
+    write_file(folder / "cloud.csv", made_by(np.savetxt, points, delimiter=","))
     os.mkfifo(folder / "pipe")
 
 
@@ -305,7 +306,7 @@ def stop(trial: tuple[list[tuple[str, float]], float], folder: Path) -> str:
 
     stops, every = trial
     run, whole = folder / "run", _half()[1]
-    (folder / "tank.toml").write_text(written(TANK))
+    write_file(folder / "tank.toml", written(TANK))
     for name, delay in (*stops, ("", LONGEST)):
         there = any((run / file).exists() for file in RUN[:2])
         words = ["--resume", str(run)] if there else [*start(folder, run), "--overwrite"]
@@ -337,7 +338,7 @@ def start(folder: Path, run: Path) -> list[str]:
 def _half() -> tuple[Path, dict[str, Any]]:
     """(folder of a run stopped in the middle with two checkpoints, what the whole run reaches); once a process."""
     folder = Path(tempfile.mkdtemp(prefix="refsim-attack-"))
-    (folder / "tank.toml").write_text(written(TANK))
+    write_file(folder / "tank.toml", written(TANK))
     for name, more in (("whole", ()), ("half", ("--until", "0.03", "--checkpoint-every", "0.02"))):
         command = ["run", *start(folder, folder / name), "--every", "0.005", "--quiet", *more]
         code, words = told(command)

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from refsim.core.writing import made_by, write_file
 from refsim.render.looks import Camera
 from refsim.render.space import Body, Stage
 from validation.results import read_json
@@ -60,22 +61,21 @@ def save_picture(figure: Any, path: Path) -> None:
     from PIL import Image
 
     enlarge_words(figure)
-    drawn = io.BytesIO()
-    figure.savefig(drawn, format="png", dpi=DOTS_PER_INCH)
-    image = Image.open(drawn).convert("RGB")
+    drawn = made_by(figure.savefig, format="png", dpi=DOTS_PER_INCH)
+    image = Image.open(io.BytesIO(drawn)).convert("RGB")
     for share, quality in WEBP if path.suffix == ".webp" else ((1.0, 0),):
-        coded = io.BytesIO()
         if quality:
             size = round(share * image.width), round(share * image.height)
-            image.resize(size, Image.Resampling.LANCZOS).save(coded, "WEBP", quality=quality, method=6)
+            smaller = image.resize(size, Image.Resampling.LANCZOS)
+            coded = made_by(smaller.save, "WEBP", quality=quality, method=6)
         else:
             palette = image.quantize(COLOURS, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
-            palette.save(coded, "PNG", optimize=True)
-        if coded.tell() <= LARGEST_PICTURE:
-            path.write_bytes(coded.getvalue())
+            coded = made_by(palette.save, "PNG", optimize=True)
+        if len(coded) <= LARGEST_PICTURE:
+            write_file(path, coded, "picture")
             return
     raise ValueError(
-        f"{path.name} takes {coded.tell()} bytes, more than {LARGEST_PICTURE}: draw less, or mark it shaded."
+        f"{path.name} takes {len(coded)} bytes, more than {LARGEST_PICTURE}: draw less, or mark it shaded."
     )
 
 

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from refsim import Cloud, Dong2016, HeatConduction, RunStopped, Scene, Simulation
+from refsim.core.writing import write_file
 from refsim.scene.plan import make_plan
 from validation.running import Context
 
@@ -169,6 +170,6 @@ def page(text: str, stored: Mapping[str, Any]) -> str:
 def write() -> list[Path]:
     """Measure, store, and renew the page; returns the paths."""
     found = measure()
-    STORED.write_text(json.dumps(found, indent=1) + "\n")
-    PAGE.write_text(page(PAGE.read_text(encoding="utf-8"), found))
+    write_file(STORED, json.dumps(found, indent=1) + "\n")
+    write_file(PAGE, page(PAGE.read_text(encoding="utf-8"), found))
     return [STORED, PAGE]

@@ -14,6 +14,7 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
+from refsim.core.writing import write_file
 from validation import checks
 from validation.checks import (
     CLAIM,
@@ -63,7 +64,7 @@ def _rewrite(path: Path, name: str, values: Mapping[str, Any]) -> None:
         entry, count = re.subn(rf"^{key} = .*$", f"{key} = {_toml(value)}", entry, flags=re.MULTILINE)
         if count != 1:
             raise ValueError(f"[check.{name}] has {count} lines {key} = ...")
-    path.write_text(text[:begin] + entry + (text[stop:] if stop > 0 else ""), encoding="utf-8")
+    write_file(path, text[:begin] + entry + (text[stop:] if stop > 0 else ""))
 
 
 def _rounded(value: float) -> float:
@@ -83,7 +84,7 @@ def write_pages() -> None:
     for page in (ROOT / "docs").glob("*.md"):
         text = page.read_text(encoding="utf-8")
         if (new := renewed(text)) != text:
-            page.write_text(new, encoding="utf-8")
+            write_file(page, new)
 
 
 def renewed(text: str) -> str:
@@ -137,7 +138,7 @@ def keep(performed: Sequence[Performed], folder: Path) -> None:
                  **origin(each.results.values())}
             )  # fmt: skip
     lines = [f"{json.dumps(key)}: {json.dumps(value, allow_nan=False)}" for key, value in kept.items()]
-    path.write_text("{\n" + ",\n".join(lines) + "\n}\n")
+    write_file(path, "{\n" + ",\n".join(lines) + "\n}\n")
 
 
 # The rows of docs/checks.md

@@ -20,6 +20,7 @@ from refsim.cluster import perform as elsewhere
 from refsim.cluster.tasks import Task
 from refsim.core.errors import InputError, RunStopped
 from refsim.core.versions import versions
+from refsim.core.writing import write_file
 from validation.checks import Check, failed
 from validation.drawing import LONG_DATA, MEASURED, read_data, save_picture, shortened, style
 from validation.experiment import Options, Part, Picture, Run
@@ -300,7 +301,7 @@ def write_data(picture: Picture, results: Mapping[str, Any], folder: Path) -> Pa
     short, long = folder / f"{name}.json", folder / f"{name}.json.gz"
     compressed = len(text) > LONG_DATA
     path, other = (long, short) if compressed else (short, long)
-    path.write_bytes(gzip.compress(text.encode(), 9, mtime=0) if compressed else text.encode())
+    write_file(path, gzip.compress(text.encode(), 9, mtime=0) if compressed else text)
     other.unlink(missing_ok=True)
     return path
 

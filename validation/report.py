@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from refsim.core.tables import table
+from refsim.core.writing import write_file
 from validation.checks import CLAIM, FAIL, MISSED, PASS, SHOWN, Check, Entry, in_range, number
 from validation.perform import Performed
 from validation.tables import Table
@@ -173,7 +174,7 @@ nav a { margin-right: 0.9rem; }
 def write_page(whole: Whole, path: Path) -> Path:
     """Write the page; returns its path."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(page(whole, path), encoding="utf-8")
+    write_file(path, page(whole, path))
     return path
 
 

@@ -29,6 +29,7 @@ from typing import Any
 
 import numpy as np
 
+from refsim.core.writing import made_by, write_file
 from refsim.io.store import read_stored, set_aside, write_stored
 
 FORMAT = 1
@@ -109,7 +110,7 @@ def save(folder: Path, result: Result) -> None:
     folder.parent.mkdir(parents=True, exist_ok=True)
     partial = Path(tempfile.mkdtemp(prefix=".partial-", dir=folder.parent))
     try:
-        np.savez_compressed(partial / "arrays.npz", **result.arrays)
+        write_file(partial / "arrays.npz", made_by(np.savez_compressed, **result.arrays))
         arrays = hashlib.sha256((partial / "arrays.npz").read_bytes()).hexdigest()
         write_stored(
             partial / "result.json", {"arrays": arrays} | finite({"about": result.about, "values": result.values})

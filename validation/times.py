@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from refsim.core.errors import InputError
+from refsim.core.writing import write_file
 from refsim.study.advice import scattered
 from validation import timed
 from validation.limits import STEP_KERNELS, Work, least
@@ -367,8 +368,8 @@ def perform(files: Sequence[Path]) -> list[Path]:
     for file in files:
         times = merged(times, read(file))
     if files:
-        STORED.write_text(json.dumps(times, indent=1) + "\n")
-    PAGE.write_text(page(PAGE.read_text(encoding="utf-8"), times))
+        write_file(STORED, json.dumps(times, indent=1) + "\n")
+    write_file(PAGE, page(PAGE.read_text(encoding="utf-8"), times))
     with style():
         figure = limits_picture(times)
         save_picture(figure, PICTURE)

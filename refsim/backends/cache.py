@@ -11,7 +11,6 @@ import pathlib
 import re
 import shutil
 import sys
-import tempfile
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -201,18 +200,3 @@ def _recordable(kind: type) -> type:
         return None
 
     return type(f"Recordable{kind.__name__}", (kind,), {"__call__": call})
-
-
-def write_once(path: pathlib.Path, text: str) -> None:
-    """Write a file unless it is there already: Numba takes its age for its version."""
-    if path.exists():
-        return
-    with contextlib.suppress(OSError):  # of a read-only folder: nothing is cached then
-        handle, draft = tempfile.mkstemp(dir=path.parent)
-        try:
-            with os.fdopen(handle, "w", encoding="utf-8") as file:
-                file.write(text)
-            with contextlib.suppress(FileExistsError):  # another process was faster
-                os.link(draft, path)
-        finally:
-            os.unlink(draft)

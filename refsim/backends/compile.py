@@ -20,13 +20,14 @@ from typing import Any
 import numba
 from numba import njit
 
-from refsim.backends.cache import cache_folder, cached, write_once
+from refsim.backends.cache import cache_folder, cached
 from refsim.backends.launching import direct_launch, kinds_of
 from refsim.backends.linking import linked
 from refsim.backends.private import names, supported
 from refsim.backends.rows import over_rows
 from refsim.backends.runtime import simulated, stream
 from refsim.backends.threads import choose_layer
+from refsim.core.writing import write_once
 
 THREADS_PER_BLOCK = 128
 SIMULATED_THREADS = 8  # each is a Python thread

@@ -15,7 +15,7 @@ from typing import Any
 from refsim.commands import CommandResult, command, in_time, table, takes
 from refsim.core.errors import InputError
 from refsim.core.operation import BACKENDS, REGISTRY
-from refsim.core.writing import writing
+from refsim.core.writing import write_file
 
 WITHIN = 3.0  # widths of three runs of refsim; default of --within
 REPLAYED = "replay.npz"  # what --replay writes, in the current folder
@@ -111,8 +111,7 @@ def _judged(request: Any, options: argparse.Namespace) -> CommandResult:
     data = report.report(about, request, found, time.perf_counter() - began)
     text = report.text(data, found)
     if options.junit:
-        with writing("file", Path(options.junit), "nothing is left of it"):
-            Path(options.junit).write_bytes(report.junit(data, found))
+        write_file(options.junit, report.junit(data, found))
     if request.replay:
         (outcome,) = (o for outcomes in found.values() for o in outcomes)
         data, text = {"outcome": dataclasses.asdict(outcome), "inputs": REPLAYED}, f"{outcome}\nInputs: {REPLAYED}."

@@ -9,7 +9,7 @@ from refsim import study
 from refsim.commands import CommandResult, command, kept_in, results_folder, takes
 from refsim.core.checked import suggestion
 from refsim.core.errors import InputError
-from refsim.core.writing import replace_file, writing
+from refsim.core.writing import write_file, writing
 from refsim.engine.progress import say
 from refsim.scene.refine import RATIO
 from refsim.scene.scene import Scene
@@ -80,8 +80,8 @@ def execute(options: argparse.Namespace) -> CommandResult:
         found = study(scene, options.observable, reference=reference, folder=folder, say=tell, command=command, **given)
     with writing("study", folder, "its runs are kept"):
         folder.mkdir(parents=True, exist_ok=True)
-        found.report(folder / "study.html")
-        replace_file(folder / "study.png", found.png())
+    found.report(folder / "study.html")
+    write_file(folder / "study.png", found.png(), "study", "its runs are kept")
     text = f"{found.text()}\n{folder / 'study.html'}, {folder / 'study.png'}"
     return CommandResult(found.data() | {"folder": str(folder)}, text, 0 if found.convergence else FAILED)
 

@@ -38,6 +38,7 @@ from refsim.core import cases
 from refsim.core.errors import InputError
 from refsim.core.operation import REGISTRY, Operation
 from refsim.core.versions import VERSION
+from refsim.core.writing import made_by, write_file
 from refsim.smoothing import SHAPES
 
 FORMAT = 2
@@ -129,9 +130,9 @@ def export(
         outputs, adds, exact = map(list, (operation.outputs, operation.adds, operation.exact))
         found.append(VectorOperation(name, operation.paper, operation.equation, told, outputs, adds, exact, files))
     vectors = Vectors(FORMAT, VERSION, found)
-    (folder / INDEX).write_bytes(msgspec.json.format(msgspec.json.encode(vectors), indent=1))
-    (folder / SCHEMA).write_bytes(msgspec.json.format(msgspec.json.encode(msgspec.json.schema(Vectors)), indent=1))
-    (folder / READER).write_bytes(resources.files("refsim.contract").joinpath(READER).read_bytes())
+    write_file(folder / INDEX, msgspec.json.format(msgspec.json.encode(vectors), indent=1))
+    write_file(folder / SCHEMA, msgspec.json.format(msgspec.json.encode(msgspec.json.schema(Vectors)), indent=1))
+    write_file(folder / READER, resources.files("refsim.contract").joinpath(READER).read_bytes())
     return vectors
 
 
@@ -163,7 +164,7 @@ def _written(folder: Path, operation: Operation, dtype: str, number: int) -> Vec
         )  # fmt: skip
     file = f"{operation.name}/variant_{number}_{dtype}.npz"
     (folder / operation.name).mkdir(exist_ok=True)
-    np.savez(folder / file, allow_pickle=False, **arrays)
+    write_file(folder / file, made_by(np.savez, allow_pickle=False, **arrays))
     overrides = operation.variants[number]
     without = [name for name in operation.optional if overrides.get(name, name) is None]
     return VectorFile(file, dtype, number, describe.variants(operation)[number], without, told)
@@ -319,4 +320,4 @@ def write_replay(target: Target) -> None:
         told = _Vector("", "", inputs, oracle(target.operation, inputs)).arrays(target.operation)
     for kind, values in (("before", before), ("got", after)):
         told |= {f"{kind}/{name}": value for name, value in values.items()}
-    np.savez(REPLAY, allow_pickle=False, **told)
+    write_file(REPLAY, made_by(np.savez, allow_pickle=False, **told))

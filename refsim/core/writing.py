@@ -1,8 +1,10 @@
 """Files that are written whole or not at all, and what is said where the system refuses a write."""
 
 import errno
+import io
 import os
 import re
+import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -10,12 +12,11 @@ from typing import Any
 
 from refsim.core.errors import NO_SPACE, InputError, RunStopped
 
+Content = bytes | bytearray | memoryview
 BAD_PATH = (
     errno.ENOENT, errno.ENOTDIR, errno.EACCES, errno.EPERM, errno.EROFS, errno.EISDIR, errno.EEXIST, errno.ELOOP,
     errno.ENAMETOOLONG, errno.EINVAL,
 )  # fmt: skip
-
-Content = bytes | bytearray | memoryview
 
 
 @contextmanager
@@ -37,6 +38,42 @@ def writing(what: str, path: Path, kept: str) -> Iterator[None]:
         raise RunStopped(
             "disk_full" if full else "write_failed", f"{what} {path} was not written because {because} ({why}); {kept}"
         ) from error
+
+
+def write_file(
+    path: str | os.PathLike[str], content: str | Content, what: str = "file", kept: str = "what was there is untouched"
+) -> None:
+    """Write a file of text (UTF-8) or bytes: `path` names the old one or the whole new one at every instant.
+
+    what, kept  as `writing` takes them
+
+    A symbolic link at `path` is replaced and not followed. Raises InputError for a bad path, RunStopped where the disk
+    refuses.
+    """
+    with writing(what, Path(path), kept):
+        replace_file(Path(path), content.encode() if isinstance(content, str) else content)
+
+
+def made_by(save: Callable[..., object], *given: Any, **named: Any) -> bytes:
+    """What `save(file, *given, **named)` writes: `made_by(numpy.savez, x=x)`."""
+    file = io.BytesIO()
+    save(file, *given, **named)
+    return file.getvalue()
+
+
+def write_once(path: Path, text: str) -> None:
+    """Write a file unless it is there already; nothing happens where the folder is read-only."""
+    if path.exists():
+        return
+    with suppress(OSError):
+        handle, draft = tempfile.mkstemp(dir=path.parent)
+        try:
+            with os.fdopen(handle, "w", encoding="utf-8") as file:
+                file.write(text)
+            with suppress(FileExistsError):  # another process was faster
+                os.link(draft, path)
+        finally:
+            os.unlink(draft)
 
 
 def output_path(given: str | os.PathLike[str], what: str, *endings: str) -> Path:

@@ -25,7 +25,7 @@ from refsim.core.period import wrapped
 from refsim.core.plain import plain
 from refsim.core.tables import Shown, in_time
 from refsim.core.versions import versions
-from refsim.core.writing import replace_file, writing
+from refsim.core.writing import write_file, writing
 from refsim.engine.counting import LOOKED
 from refsim.engine.postmortem import AFTER_THESE, POSTMORTEM, POSTMORTEM_FIELDS, write_postmortem
 from refsim.engine.progress import Progress, compiling_bar, wanted
@@ -359,8 +359,7 @@ class _Run:
         assert self.folder is not None
         path = self.folder / REPORT
         self.files["report"] = str(path)
-        with writing("report", path, KEPT):
-            replace_file(path, (json.dumps(plain(asdict(self.report())), indent=1) + "\n").encode())
+        write_file(path, json.dumps(plain(asdict(self.report())), indent=1) + "\n", "report", KEPT)
 
     def stopped(self, stop: RunStopped) -> RunStopped:
         """Note why the run stopped, in a post-mortem and in the report; the error to raise, with the report."""

@@ -5,7 +5,6 @@ limits, and the command that replays it; `postmortem.npz` holds all fields of th
 """
 
 import contextlib
-import io
 import json
 import math
 from pathlib import Path
@@ -16,7 +15,7 @@ import numpy as np
 from refsim.core.effect import Extremes
 from refsim.core.errors import RunStopped
 from refsim.core.plain import plain
-from refsim.core.writing import replace_file, writing
+from refsim.core.writing import made_by, write_file
 from refsim.engine.run import Run
 from refsim.engine.stepping import stable_steps
 from refsim.io.checkpoint import KEPT
@@ -54,11 +53,8 @@ def write_postmortem(simulation: Run, stop: RunStopped, folder: Path, replay: st
         "replay": replay,
         "neighbourhood": {"file": str(folder / POSTMORTEM_FIELDS), "particles": len(near.get("identity", ()))},
     }
-    block = io.BytesIO()
-    np.savez(block, **near)  # type: ignore[arg-type]
-    with writing("post-mortem", path, KEPT):
-        replace_file(folder / POSTMORTEM_FIELDS, block.getvalue())
-        replace_file(path, (json.dumps(plain(found), indent=1) + "\n").encode())
+    write_file(folder / POSTMORTEM_FIELDS, made_by(np.savez, **near), "post-mortem", KEPT)
+    write_file(path, json.dumps(plain(found), indent=1) + "\n", "post-mortem", KEPT)
     return path
 
 

@@ -4,6 +4,7 @@ What a run does with them is `refsim.engine.gauges`, where they may stand is `re
 """
 
 import csv
+import io
 import math
 import os
 import re
@@ -17,6 +18,7 @@ from refsim.core.checked import Checked, NotNegative, given_keys, suggestion
 from refsim.core.errors import InputError
 from refsim.core.extras import extra
 from refsim.core.fields import Field
+from refsim.core.writing import write_file
 from refsim.gauges import reference as reference
 
 Vector = tuple[float, float, float]
@@ -110,15 +112,15 @@ class GaugeSeries:
         return self.values[:, self.columns.index(column)]
 
     def to_csv(self, path: str | os.PathLike[str]) -> None:
-        """Write a line for each time; the first line names the columns with their units. Raises InputError."""
-        head = ["time [s]", *(f"{name} [{unit}]" for name, unit in zip(self.columns, self.units))]
-        try:
-            with open(path, "w", newline="", encoding="utf-8") as file:
-                lines = csv.writer(file)
-                lines.writerow(head)
-                lines.writerows(np.column_stack([self.time, self.values]).tolist())
-        except OSError as error:
-            raise InputError(f"{path} cannot be written ({error.strerror}); give another path.") from None
+        """Write a line for each time; the first line names the columns with their units.
+
+        Raises InputError for a bad path, RunStopped where the disk refuses; a file that was there is then untouched.
+        """
+        text = io.StringIO(newline="")
+        lines = csv.writer(text)
+        lines.writerow(["time [s]", *(f"{name} [{unit}]" for name, unit in zip(self.columns, self.units))])
+        lines.writerows(np.column_stack([self.time, self.values]).tolist())
+        write_file(path, text.getvalue(), "table")
 
     def to_pandas(self) -> Any:
         """The series as a pandas.DataFrame, indexed by time (extra "results"); units are in `attrs["units"]`."""

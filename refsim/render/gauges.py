@@ -3,7 +3,7 @@
 import os
 from pathlib import Path
 
-from refsim.core.writing import output_path, writing
+from refsim.core.writing import made_by, output_path, write_file
 from refsim.io.series import GAUGES, read_series
 
 DOTS = 150  # pixels an inch
@@ -31,6 +31,5 @@ def plot_gauges(run: str | os.PathLike[str], output: str | os.PathLike[str], siz
         if len(names) > 1:
             axes.legend(fontsize="small")
     axes.set_xlabel("time [s]")
-    with writing("picture", path, "nothing is left of it"):
-        figure.savefig(path)
+    write_file(path, made_by(figure.savefig, format=path.suffix[1:]), "picture")
     return path

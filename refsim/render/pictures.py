@@ -1,7 +1,6 @@
 """Pictures and films of a run: what is shown of each frame, its labels, and the files."""
 
 import errno
-import io
 import logging
 import os
 import shutil
@@ -16,7 +15,14 @@ from numpy.typing import NDArray
 
 from refsim.core.errors import InputError
 from refsim.core.stopping import held_back
-from refsim.core.writing import output_path, remove_stale_temporaries, replace_file, temporary_path, writing
+from refsim.core.writing import (
+    made_by,
+    output_path,
+    remove_stale_temporaries,
+    temporary_path,
+    write_file,
+    writing,
+)
 from refsim.engine.progress import bar_of, wanted
 from refsim.io.frames import Frame
 from refsim.render import looks
@@ -357,10 +363,8 @@ def write_pictures(
     written = []
     for number, image in series:
         each = path if len(series.chosen) == 1 else path.with_stem(f"{path.stem}_{number:04d}")
-        drawn = io.BytesIO()
-        Image.fromarray(image).save(drawn, format=FORMATS[path.suffix])
-        with writing("picture", each, "pictures before it are whole"):
-            replace_file(each, drawn.getvalue())
+        drawn = made_by(Image.fromarray(image).save, format=FORMATS[path.suffix])
+        write_file(each, drawn, "picture", "pictures before it are whole")
         written.append(each)
     return written
 
@@ -389,7 +393,7 @@ def write_film(
     series = Series(found, look, chosen_frames(frames or "all", len(found.times)))
     remove_stale_temporaries(path.parent, path.name)
     beside = temporary_path(path)
-    with writing("film", path, "nothing is left of it"), ExitStack() as at_the_end:
+    with writing("film", path, "what was there is untouched"), ExitStack() as at_the_end:
         at_the_end.callback(_remove, beside)
         beside.touch(exist_ok=False)
         logging.getLogger("imageio_ffmpeg").setLevel(logging.ERROR)  # it warns of a film that is stopped

@@ -2,7 +2,6 @@
 
 import base64
 import html
-import io
 import math
 import os
 from dataclasses import dataclass, field
@@ -10,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from refsim.core.tables import html_table, in_bytes, in_time, table
-from refsim.core.writing import replace_file
+from refsim.core.writing import made_by, write_file
 from refsim.scene.scene import Scene
 from refsim.study import methods
 from refsim.study.convergence import Convergence, Reference
@@ -390,14 +389,12 @@ class Study:
             f' src="data:image/png;base64,{picture}"></div><div>{html_table("Runs", self.cells(), self.HEAD)}</div>'
             f"<pre>{html.escape(chr(10).join(self._methods()))}</pre><p>{how}</p></body></html>\n"
         )
-        replace_file(Path(path), text.encode())
+        write_file(path, text, "study")
         return Path(path)
 
     def png(self) -> bytes:
         """The picture as a file."""
-        drawn = io.BytesIO()
-        self.plot().savefig(drawn, format="png", dpi=110)
-        return drawn.getvalue()
+        return made_by(self.plot().savefig, format="png", dpi=110)
 
 
 PHONES = '<meta name="viewport" content="width=device-width,initial-scale=1">'

@@ -9,6 +9,9 @@ import ast
 import functools
 import graphlib
 import pathlib
+import re
+
+import pytest
 
 import refsim
 from refsim.core.operation import REGISTRY
@@ -89,6 +92,45 @@ def test_refsim_imports_nothing_of_validation():
     assert not [
         f"{module} imports {other}" for module in modules() for other in found[module] & modules(VALIDATION).keys()
     ]
+
+
+WRITES = ("savefig", "savez", "savez_compressed", "savetxt", "write_bytes", "write_text", "to_csv", "tofile", "imsave")
+WRITER = "refsim.core.writing"
+
+
+def writes_of_their_own(source):
+    """Calls that write into a named file, which may be half written when they end."""
+    for node in ast.walk(ast.parse(source)):
+        if not isinstance(node, ast.Call):
+            continue
+        words, function = ast.unparse(node), ast.unparse(node.func)
+        name = function.rpartition(".")[2]
+        given = [*node.args, *(keyword.value for keyword in node.keywords)]
+        modes = [str(value.value) for value in given if isinstance(value, ast.Constant)]
+        opened = name in ("open", "fdopen") and any(re.fullmatch(r"[rbt]*[wax+][rwaxbt+]*", mode) for mode in modes)
+        by_name = name in WRITES or function == "np.save" or (function.endswith(".export") and node.args)
+        if by_name or (opened and not re.search("os.(devnull|dup)", words)):  # which are no files
+            yield words
+
+
+def test_every_file_is_written_through_one_module():
+    """A new file is then whole, or the old one is; of the package, the experiments and the scripts."""
+    places = modules() | modules(VALIDATION) | {f"scripts.{p.stem}": p for p in (ROOT.parent / "scripts").glob("*.py")}
+    found = {m: list(writes_of_their_own(path.read_text())) for m, path in places.items() if m != WRITER}
+    assert not {m: calls for m, calls in found.items() if calls and ".examples." not in m}
+
+
+@pytest.mark.parametrize("call", [
+    'open(path, "w")', 'path.open(mode="ab")', 'os.fdopen(handle, "w", encoding="utf-8")', "figure.savefig(path)",
+    "np.savez(path, x=x)", "np.save(path, x)", "path.write_bytes(content)", "frame.to_csv(path)", "mesh.export(path)",
+])  # fmt: skip
+def test_a_write_of_its_own_is_found(call):
+    assert list(writes_of_their_own(call)) == [call.replace('"', "'")]
+
+
+def test_what_writes_no_file_by_itself_is_not_found():
+    harmless = 'open(path)\nopen(path, "rb")\nmade_by(figure.savefig, format="png")\nmesh.export(file_type="obj")'
+    assert not list(writes_of_their_own(harmless))
 
 
 def long_signatures(root=ROOT):

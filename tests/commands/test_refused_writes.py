@@ -9,13 +9,22 @@ import sys
 
 import pytest
 
+import refsim
 from refsim.__main__ import main
 from refsim.core import writing
 from tests.commands.test_cli import one_sentence
 from tests.tank_file import tank
 
 ROOT = pathlib.Path(__file__).parents[2]
-SCENE = tank(0.002)
+GAUGE = """
+[[gauge]]
+name = "middle"
+kind = "level"
+lower = [0.02, -0.1, 0.0]
+upper = [0.02, 0.3, 0.0]
+every = 0.0005
+"""
+SCENE = tank(0.002) + GAUGE
 SWEEP = 'scene = "tank.toml"\nobservable = "{}"\nbackend = "numpy"\n'
 STUDY = ["study", "tank.toml", "--backend", "numpy", "--levels", "1", "--knobs", "spacing", "--quiet", "--observable"]
 posix = pytest.mark.skipif(os.name != "posix", reason="links and limits of POSIX")
@@ -78,6 +87,51 @@ def test_nothing_half_written_is_left_on_a_full_disk(ran, full, capsys, words):
     assert "[disk_full]" in err
     one_sentence(err.replace(" [disk_full]", ""))
     assert not list((ran / "new").iterdir())
+
+
+def table():
+    refsim.open_run("run").gauge("middle").to_csv("table.csv")
+    return 0
+
+
+WRITERS = {  # what writes the file of that name
+    "page.html": lambda: main(["view", "run", "--html", "page.html"]),
+    "plots.png": lambda: main(["render", "run", "--gauges", "-o", "plots.png"]),
+    "droplet.toml": lambda: main(["example", "droplet", "--output", ".", "--overwrite"]),
+    "table.csv": table,
+}
+
+
+@pytest.mark.parametrize("error", [OSError(errno.ENOSPC, "full"), OSError(errno.EIO, "broken"), KeyboardInterrupt()])
+@pytest.mark.parametrize("name", WRITERS)
+def test_an_older_file_stays_whole_whatever_is_refused(ran, capsys, disk, name, error):
+    """The first, second, ... write, rename or fsync fails: one sentence, and the old file or the new one."""
+    target, perform, old, disk.error = ran / name, WRITERS[name], b"an older file", error
+    assert perform() == 0
+    whole = len(target.read_bytes())
+    target.unlink()
+    (ran / "precious").write_bytes(old)
+    allowed, outcome = -1, 3
+    while outcome == 3:
+        allowed += 1
+        target.unlink(missing_ok=True)
+        target.symlink_to(ran / "precious")
+        before = set(ran.iterdir())
+        capsys.readouterr()
+        disk.space = allowed
+        try:
+            outcome = perform()
+        except (KeyboardInterrupt, refsim.RunStopped):
+            outcome = 3
+        else:
+            if outcome:
+                one_sentence(capsys.readouterr().err.partition(" [")[0] + "\n")
+        disk.space = 10**9
+        assert target.read_bytes() == old or len(target.read_bytes()) == whole
+        assert set(ran.iterdir()) == before
+        assert (ran / "precious").read_bytes() == old  # the link was not followed
+    assert outcome == 0
+    assert allowed > 2
 
 
 @posix

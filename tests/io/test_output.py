@@ -3,7 +3,6 @@
 import dataclasses
 import errno
 import os
-import types
 import xml.etree.ElementTree
 
 import numpy as np
@@ -11,7 +10,6 @@ import pytest
 import vtk
 from vtk.util.numpy_support import vtk_to_numpy
 
-from refsim.core import writing
 from refsim.core.errors import InputError, RunStopped
 from refsim.io.frames import OLDER, Frame, ParticleWriter, frame_files, read_particles
 from refsim.io.vtp import write_vtp
@@ -298,30 +296,6 @@ def test_one_writer_at_a_time(tmp_path):
 # -- kills and full disks
 class Stop(BaseException):
     """Stands for a kill between two calls of the system."""
-
-
-@pytest.fixture
-def disk(monkeypatch):
-    """After `disk.space` further writes, renames and fsyncs the next raises `disk.error`, a write in its middle."""
-    made = types.SimpleNamespace(space=10**9, error=Stop())
-
-    def counted(place, name):
-        real = getattr(place, name)
-
-        def call(*given, **named):
-            made.space -= 1
-            if made.space < 0:
-                if name == "write_all":
-                    real(given[0], memoryview(given[1])[: len(given[1]) // 2])
-                raise made.error
-            return real(*given, **named)
-
-        monkeypatch.setattr(place, name, call)
-
-    counted(writing, "write_all")
-    counted(os, "replace")
-    counted(os, "fsync")
-    return made
 
 
 @pytest.mark.parametrize("error", [Stop(), OSError(errno.ENOSPC, "full"), OSError(errno.EIO, "broken")])

@@ -19,6 +19,7 @@ from typing import Any
 
 from refsim.cluster import perform
 from refsim.cluster.tasks import Task
+from refsim.core.writing import write_file
 from validation.results import finite
 
 DATA = Path(__file__).resolve().parent.parent / "data"
@@ -83,9 +84,7 @@ def _words(text: str) -> tuple[str, ...]:
 def write(path: Path, rows: dict[str, dict]) -> None:
     """One row a line, by key; until it is whole, the file of before stands."""
     lines = [f"{json.dumps(k)}: {json.dumps({n: finite(v) for n, v in rows[k].items()})}" for k in sorted(rows)]
-    part = path.with_suffix(".part")
-    part.write_text("{\n" + ",\n".join(lines) + "\n}\n")
-    os.replace(part, path)
+    write_file(path, "{\n" + ",\n".join(lines) + "\n}\n")
 
 
 class TimeUp(Exception):

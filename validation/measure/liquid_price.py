@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from refsim import Box, BoxWalls, Gravity, ParticleShifting, Scene, Simulation, SurfaceDetection, WeaklyCompressible
+from refsim.core.writing import write_file
 from refsim.surface_tension.akinci_2013 import Akinci2013
 from validation.filling import replaced
 from validation.reading import environment
@@ -103,7 +104,7 @@ def perform(given: argparse.Namespace) -> None:
         about = environment(threads, "cpu")
         kept = {name: about[name] for name in ("date", "processor", "commit")}
         stored[str(threads)] = {**kept, "tanks": measured(threads)}
-        given.output.write_text(json.dumps(stored, indent=1) + "\n")
+        write_file(given.output, json.dumps(stored, indent=1) + "\n")
     print(*rows(stored), sep="\n")
     if given.write:
-        PAGE.write_text(replaced(PAGE.read_text(encoding="utf-8"), "price", rows(stored), PAGE))
+        write_file(PAGE, replaced(PAGE.read_text(encoding="utf-8"), "price", rows(stored), PAGE))

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from refsim.core.writing import write_file
 from refsim.surface_tension.calibration import MAP as PACKAGED
 from validation.experiment import Run
 from validation.measure import drops
@@ -167,7 +168,7 @@ def write(rows: Iterable[Mapping[str, Any]], path: Path = PACKAGED) -> int:
 def write_settings(settings: Sequence[Any], path: Path) -> int:
     """Write one setting a line; returns how many there are."""
     entries = [json.dumps(finite(entry), allow_nan=False) for entry in settings]
-    path.write_text('{"settings": [\n' + ",\n".join(entries) + "\n]}\n", encoding="utf-8")
+    write_file(path, '{"settings": [\n' + ",\n".join(entries) + "\n]}\n")
     return len(entries)
 
 

@@ -19,6 +19,7 @@ from scipy.special import erf
 
 import refsim
 from refsim import InputError, make_plan
+from refsim.core.writing import write_file
 from refsim.scene.refine import fitting, refined
 from refsim.scene.surface_mesh import load_mesh, signed_volume
 from refsim.study.observables import observable_of
@@ -209,4 +210,4 @@ def perform(given: argparse.Namespace) -> None:
         lines[name] = row(name, given.threads, given.backend)
         print(lines[name], flush=True)
         if given.write:
-            PAGE.write_text(replaced(text, "solved", [HEAD, *filter(None, lines.values())], PAGE))
+            write_file(PAGE, replaced(text, "solved", [HEAD, *filter(None, lines.values())], PAGE))

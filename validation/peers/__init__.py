@@ -20,6 +20,8 @@ from typing import Any
 
 import numpy as np
 
+from refsim.core.writing import made_by, write_file
+
 ROOT = Path(__file__).resolve().parent.parent.parent
 
 
@@ -83,9 +85,9 @@ def answer(module: str) -> None:
 
 def _write(folder: Path, name: str, values: Mapping[str, Any]) -> None:
     arrays = {key: value for key, value in values.items() if isinstance(value, np.ndarray)}
-    np.savez(folder / f"{name}.npz", **arrays)
+    write_file(folder / f"{name}.npz", made_by(np.savez, **arrays))
     plain = {key: value for key, value in values.items() if key not in arrays}
-    (folder / f"{name}.json").write_text(json.dumps(plain))
+    write_file(folder / f"{name}.json", json.dumps(plain))
 
 
 def _read(folder: Path, name: str) -> dict[str, Any]:

@@ -17,9 +17,9 @@ import json
 import os
 import time
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
+from refsim.core.writing import write_file
 from validation.peers import launch, stopwatch
 
 CELLS = 47  # spacings along 1 m
@@ -214,7 +214,7 @@ def column(
     from validation.metrics.dam_break import front_position
 
     spacing = width / columns
-    trimesh.creation.box((1.0, 1.0, 1.0)).export("box.obj")
+    write_file("box.obj", trimesh.creation.box((1.0, 1.0, 1.0)).export(file_type="obj"))
     settings = DFSPH | {
         "sim2D": True, "gravitation": [0.0, -9.81, 0.0], "boundaryHandlingMethod": 0,  # Akinci et al. 2012
         "cflMaxTimeStepSize": step, "timeStepSize": step, "stopAt": times[-1],
@@ -244,7 +244,7 @@ def tank(cells: int, method: str, sound: float, viscosity: float, times: list[fl
 
     spacing = 1.0 / cells
     step = 0.25 * spacing / (1.1 * sound)
-    trimesh.creation.box((1.0, 1.0, 1.0)).export("box.obj")
+    write_file("box.obj", trimesh.creation.box((1.0, 1.0, 1.0)).export(file_type="obj"))
     settings = (WCSPH | {"timeStepSize": step} if method == "wcsph" else DFSPH | {"cflMaxTimeStepSize": 0.005}) | {
         "sim2D": True, "gravitation": [0.0, -9.81, 0.0], "boundaryHandlingMethod": 0, "stopAt": times[-1] + 1e-9,
     }  # fmt: skip
@@ -269,7 +269,7 @@ def body(
     import pysplishsplash as peer
     import trimesh
 
-    trimesh.creation.box((1.0, 1.0, 1.0)).export("box.obj")
+    write_file("box.obj", trimesh.creation.box((1.0, 1.0, 1.0)).export(file_type="obj"))
     settings = DFSPH | {
         "gravitation": [0.0, -9.81, 0.0], "boundaryHandlingMethod": 0, "cflMaxTimeStepSize": 0.005,
         "stopAt": times[-1] + 1e-9,
@@ -333,7 +333,7 @@ def sampled(peer: Any, base: Any, times: list[float], low: float, first: Callabl
 
 def simulator(peer: Any, scene: Mapping[str, Any], **options: Any) -> Any:
     """Its simulator with a scene file in the working folder."""
-    Path("scene.json").write_text(json.dumps(scene), encoding="utf-8")
+    write_file("scene.json", json.dumps(scene))
     base, paths = peer.Exec.SimulatorBase(), {"sceneFile": "scene.json", "outputDir": "output"}
     made = {name: os.path.abspath(path) for name, path in paths.items()}
     base.init(useGui=False, initialPause=False, **made, **options)

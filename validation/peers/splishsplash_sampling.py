@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from refsim.core.writing import write_file
 from validation.peers import stopwatch
 from validation.peers.splishsplash import launched, simulator
 
@@ -34,7 +35,7 @@ def work(vertices: np.ndarray, faces: np.ndarray, radius: float) -> dict[str, An
     folder = Path.cwd()
     rows = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in vertices]
     rows += [f"f {a} {b} {c}" for a, b, c in np.asarray(faces) + 1]
-    (folder / "mesh.obj").write_text("\n".join(rows) + "\n")
+    write_file(folder / "mesh.obj", "\n".join(rows) + "\n")
     scene = {
         "Configuration": {"particleRadius": radius, "simulationMethod": 4, "boundaryHandlingMethod": 0,
                           "timeStepSize": 1e-3, "stopAt": 1e-3},

@@ -17,7 +17,7 @@ from refsim.backends.cache import cache_root
 from refsim.boundary.akinci_2012 import BoxWalls
 from refsim.boundary.one_way_coupling import MeshBoundary
 from refsim.boundary.sampling import HEXAGONAL
-from refsim.core.writing import replace_file
+from refsim.core.writing import write_file
 from refsim.heat import HeatConduction
 from refsim.mpm import MpmLiquid
 from refsim.particle_shifting import ParticleShifting
@@ -237,7 +237,7 @@ def beside(name: str, given: Given, spacing: float, **more: Any) -> Scene:
     file = cache_root() / "panels" / f"{name}.ply"
     if not file.is_file():
         file.parent.mkdir(parents=True, exist_ok=True)
-        replace_file(file, solid(name).export(file_type="ply"))
+        write_file(file, solid(name).export(file_type="ply"))
     return Scene(
         spacing=spacing, support_radius=2.6 * spacing, dtype=given["dtype"], step=1e-9, end_time=1e-9,
         fluid=(Box(lower=(2.0, 2.0, 2.0), cells=(2, 2, 2)),),

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from refsim.boundary.mesh import SurfaceMesh, surface_mesh
+from refsim.core.writing import write_file
 
 TORUS = (1.0, 0.35)  # radii of the ring and of its tube [m]
 CUBE = 1.0  # side [m]
@@ -133,5 +134,5 @@ def mesh_file(made: Any) -> Iterator[str]:
     """A mesh as a file, while it is needed."""
     with TemporaryDirectory() as folder:
         path = Path(folder) / "solid.obj"
-        made.export(path)
+        write_file(path, made.export(file_type="obj"))
         yield str(path)

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from refsim.core.writing import made_by, write_file
 from refsim.study.panels import FOLDER
 
 STATES = {"dam_break_2d": FOLDER / "detection_2d.npz", "dam_break_3d": FOLDER / "detection_3d.npz"}
@@ -36,5 +37,5 @@ def perform(given: Any) -> None:
         walls = simulation.plan.walls.position
         cover = arc_cover_surface if depth == 1 else cap_cover_surface
         fields["surface"] = cover(fields["position"], TRUTH_RADIUS * simulation.plan.grid.spacing, walls)
-        np.savez_compressed(STATES[name], made=np.array(json.dumps(made)), **fields)
+        write_file(STATES[name], made_by(np.savez_compressed, made=np.array(json.dumps(made)), **fields))
         print(name, simulation.count, "particles", made, flush=True)

@@ -36,6 +36,7 @@ from refsim import (
 from refsim.core.effect import Discretisation
 from refsim.core.errors import RunStopped
 from refsim.core.operation import REGISTRY
+from refsim.core.writing import write_file
 from refsim.smoothing import lattice, smoothing
 from refsim.smoothing.reference import kernel_slope
 from refsim.sph import CORRECTION
@@ -449,7 +450,7 @@ def beside_mesh(offset: float, slope: bool, wide: int, deep: int, folder: str) -
     else:
         toe, mesh = 0.0, trimesh.creation.box(bounds=[[-far] * 3, box + [far, far, offset * spacing]])
     file = f"{folder}/mesh.obj"
-    mesh.export(file)
+    write_file(file, mesh.export(file_type="obj"))
     x = (np.indices((long, wide, deep)).reshape(3, -1).T + 0.5 + [0.0, 0.0, 0.0 if slope else offset]) * spacing
     x = x[x[:, 2] > x[:, 0] - toe] if slope else x
     places = [(toe + z, box[1] / 2, z) if slope else (z, box[1] / 2, offset * spacing) for z in HEIGHTS]

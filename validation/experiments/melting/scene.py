@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 import refsim
 from refsim.backends.arrays import Backend
+from refsim.core.writing import write_file
 from refsim.isosurface import extract
 from refsim.scene.solids import body_cells
 
@@ -234,6 +235,6 @@ def write_mesh(animal: str, folder: str | Path) -> tuple[str, float]:
 
     path = Path(folder) / f"{animal}.stl"
     vertices, facets = mesh(animal)
-    trimesh.Trimesh(vertices, facets).export(path)
+    write_file(path, trimesh.Trimesh(vertices, facets).export(file_type="stl"))
     edges = np.ptp(vertices, axis=0)
     return str(path), float(edges[2] / edges.max())
