@@ -258,7 +258,9 @@ class PairCohesion(Effect, BalancesCohesion, KnowsLimits, PullsParticles, frozen
 
     def energy(self, grid: Discretisation, others: Others) -> EnergyAccount | None:
         """The potential of the pair force, where it has one and is all that the model has."""
-        return self.pair_account(grid, others) if self.passes(others) and self.potential else None
+        if not self.passes(others):
+            return EnergyAccount()
+        return self.pair_account(grid, others) if self.potential else None
 
     def pair_account(self, grid: Discretisation, others: Others, uncounted: tuple[str, ...] = ()) -> EnergyAccount:
         """The potential of the pair force, zero at h; negative where the pair attracts."""
