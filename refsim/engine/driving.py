@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from refsim.core.capabilities import BringsWalls, having
+from refsim.core.effect import Effect, Pass
 from refsim.engine.binding import bound
 from refsim.engine.motions import Drive
 from refsim.engine.run import Run
@@ -15,6 +16,7 @@ from refsim.engine.wall_forces import FRICTION, WallForces
 from refsim.shape_matching.phases import FLUID
 
 PUSH = "two_way_coupling.push"  # between liquid and solids with an extrapolated pressure
+BY_WALLS = "adami_2012.wall_force"
 
 
 class Driving:
@@ -28,7 +30,9 @@ class Driving:
 
     def __init__(self, run: Run) -> None:
         self.run, plan = run, run.plan
-        self.solids = [part for part in plan.passes if part[1].operation == PUSH]
+        self.solids: list[tuple[Effect, Pass]] = []
+        if any(p.operation == PUSH for _, p in plan.passes):
+            self.solids = [part for part in plan.passes if part[1].operation in (PUSH, BY_WALLS)]
         self.forces: WallForces | None = None
         if "wall_motion" in plan.shared:
             self.forces = WallForces(run)
@@ -75,21 +79,27 @@ class Driving:
             self.push = push
 
     def _of_solids(self) -> NDArray[np.float64]:
-        """Forces (n, 3) [N] of the pressure p_k of solids' particles, V_i V_k p_k grad W_ik, in the first order.
+        """Forces (n, 3) [N] of the pressure p_k of solids' particles, V_j V_k p_k grad W_jk, and of walls on solids, in
+        the first order.
 
-        The liquid's own pressure works on the strain that its density takes, p_k on one that no density has.
+        The liquid's own pressure works on the strain that its density takes, and so do walls on it; p_k works on one
+        that no density has.
         """
         run, dtype = self.run, self.run.plan.grid.dtype
         run.lists.update()
         run.order.attend()
-        run.bring(("pressure", "density"))
-        pressure = np.where(run._host("phase") == FLUID, 0.0, run._host("pressure")).astype(dtype)
-        found = run.backend.zeros((len(pressure), 3), dtype)
-        given = {"acceleration": found, "pressure": run.backend.asarray(pressure)}
+        run.bring(sorted({name for _, p in self.solids for name in p.reads}))
+        liquid = run._host("phase") == FLUID
+        pressure = np.where(liquid, 0.0, run._host("pressure")).astype(dtype)
+        force = np.zeros((len(liquid), 3))
         for effect, p in self.solids:
+            found = run.backend.zeros(force.shape, dtype)
+            given = {"acceleration": found, "pressure": run.backend.asarray(pressure)}
             sources = (given, run._parameters[effect.name], run._shared, run.fields)
             run.timings.run(p.operation, bound(dataclasses.replace(p, algorithm="plain"), run.backend, sources))
-        return self._in_first_order(run._host("mass")[:, None] * np.asarray(run.backend.host(found), dtype=float))
+            acting = ~liquid if p.operation == BY_WALLS else np.ones(len(liquid), bool)
+            force += acting[:, None] * np.asarray(run.backend.host(found), dtype=float)
+        return self._in_first_order(run._host("mass")[:, None] * force)
 
     def _in_first_order(self, rows: NDArray) -> NDArray[np.float64]:
         ordered = np.empty(rows.shape)
@@ -99,7 +109,7 @@ class Driving:
     def _of_faces(self, forces: WallForces) -> float:
         """Power [W] of the moving faces: their friction and the liquid's own pressure on them, times their velocity.
 
-        The pressure of their particles works on the strain that the density takes.
+        The pressure of their particles works on the strain that the density takes, and on solids (`_of_solids`).
         """
         run = self.run
         reads = {name for _, p in (*self.passes, *self.pressing) for name in p.reads}
@@ -111,5 +121,9 @@ class Driving:
         push = forces.acceleration(self.passes, self.volume, rows)
         if self.pressing:
             none: Any = run.backend.zeros(run.fields["wall_pressure"].shape, run.plan.grid.dtype)
-            push += forces.acceleration(self.pressing, self.volume, rows, wall_pressure=none)
+            given = {"wall_pressure": none}
+            if self.solids:
+                wet = np.where(run._host("phase") == FLUID, run._host("pressure"), 0.0)
+                given["pressure"] = run.backend.asarray(wet.astype(run.plan.grid.dtype))
+            push += forces.acceleration(self.pressing, self.volume, rows, **given)
         return math.fsum(forces.taken(run.fields["mass"], rows) * (push @ wall))

@@ -7,7 +7,12 @@ import trimesh
 
 import refsim as rs
 from refsim import make_plan
+from refsim.boundary.akinci_2012 import box_layers
+from refsim.boundary.two_way_coupling import Delay
 from refsim.core.operation import REGISTRY
+from refsim.core.walls import WallParticles
+from refsim.smoothing import smoothing
+from refsim.sph import Fluid
 from tests.running import advanced
 from validation.experiments.liquid import runs
 from validation.running import Context
@@ -29,6 +34,104 @@ def test_liquid_solid_and_walls_balance_their_momentum():
     weight = np.array([0.0, 0.0, -runs.GRAVITY]) * mass.sum()
     size = (mass[:, None] * np.abs(simulation.field("acceleration"))).sum()
     assert np.abs(force - weight - runs.pushed(simulation)).max() <= 1e-13 * size
+
+
+def at_rest(bodies, cells, *more, floor=0, **changes):
+    """Water of (x, y, z) cells in a tank with `bodies`, (lowest cell, cells) each, at the pressure of rest, h = 3 d."""
+    lattice = np.indices(cells).reshape(3, -1).T
+    water = lattice[:, 2] >= floor
+    for low, size in bodies:
+        water &= ((lattice < low) | (lattice >= np.add(low, size))).any(1)
+    spacing, (width, depth, height) = 0.1, np.array(cells) * 0.1
+    return rs.Scene(
+        dtype="float64", spacing=spacing, support_radius=3 * spacing, **changes,
+        solid=tuple(
+            rs.SolidBox(lower=tuple(np.array(low) * spacing), upper=tuple(np.add(low, size) * spacing), density=2000.0)
+            for low, size in bodies
+        ),
+        fluid=(rs.Cloud(position=(lattice[water] + 0.5) * spacing),),
+        effects=(
+            rs.WeaklyCompressible(sound_speed=50.0), rs.Gravity(acceleration=(0.0, 0.0, -runs.GRAVITY)),
+            rs.BoxWalls(lower=(0.0, 0.0, 0.0), upper=(width, depth, 2 * height)), *more,
+            rs.ShapeMatching(), rs.TwoWayCoupling(),
+        ),
+    )  # fmt: skip
+
+
+def lifts(bodies, simulation):
+    """Force of all that is wet on each body over rho g V, (bodies, 3): (0, 0, 1) after Archimedes."""
+    force = simulation.field("mass")[:, None] * (simulation.field("acceleration") + [0.0, 0.0, runs.GRAVITY])
+    counts = [int(np.prod(size)) for _, size in bodies]
+    parts = np.split(force, np.cumsum(counts))
+    return [part.sum(0) / (runs.DENSITY * runs.GRAVITY * 1e-3 * count) for part, count in zip(parts, counts)]
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("beside", ["walls", "floor", "solid"])
+def test_a_solid_beside_walls_and_solids_has_the_lift_of_archimedes(beside, seed):
+    """Boxes drawn by lot: one or two cells from three walls, none to two from the floor or from each other."""
+    random = np.random.default_rng(seed)
+    sizes, gaps = random.integers(2, 4, (2, 3)), random.integers(0, 3, 3)
+    low = {"walls": np.maximum(gaps, 1), "floor": np.array([2, 2, gaps[0]]), "solid": np.full(3, 2)}[beside]
+    bodies = [(low, sizes[0])]
+    if beside == "solid":
+        bodies.append((low + np.eye(3, dtype=int)[seed] * (sizes[0] + gaps), sizes[1]))
+    cells = np.max([np.add(*body) for body in bodies], axis=0) + [1, 1, 3]
+    for found in lifts(bodies, rs.Simulation(at_rest(bodies, tuple(cells)), "numpy")):
+        assert found[2] == pytest.approx(1.0, abs=0.005)
+        assert np.abs(found[:2]).max() <= 0.001 * cells[2]
+
+
+def test_a_solid_beside_a_mesh_has_the_lift_of_archimedes(tmp_path):
+    """One cell above a mesh that stands two cells high in the tank, and one cell from the tank's sides."""
+    trimesh.creation.box(bounds=[[-1.0, -1.0, -1.0], [2.0, 2.0, 0.2]]).export(tmp_path / "block.obj")
+    bodies, mesh = [((1, 1, 3), (3, 2, 2))], rs.MeshBoundary(file=str(tmp_path / "block.obj"))
+    (found,) = lifts(bodies, rs.Simulation(at_rest(bodies, (5, 4, 8), mesh, floor=2), "numpy"))
+    assert found == pytest.approx([0.0, 0.0, 1.0], abs=0.005)
+
+
+@pytest.mark.parametrize("low", [(1, 1), (2, 0), (0, 3), (3, 2)])
+def test_a_square_beside_walls_and_a_square_has_the_lift_of_archimedes(low):
+    """The operations alone, in 2D: squares of 3 cells one cell apart, the pressure of the water given."""
+    spacing, cells, size = 0.1, (12, 11), 3
+    place = np.indices((*cells, 1)).reshape(3, -1).T * spacing + [0.05, 0.05, 0.0]
+    number = np.zeros(len(place), np.int32)
+    for k, corner in enumerate((np.array(low), np.array(low) + [size + 1, 0])):
+        beyond = place[:, :2] / spacing - corner
+        number[((beyond > 0) & (beyond < size)).all(1)] = 1 + k
+    wet = number == 0
+    depth, density = cells[1] * spacing - place[:, 1], np.where(wet, runs.DENSITY, 300.0)
+    walls = box_layers((0.0, 0.0, 0.0), (*np.array(cells) * spacing, 0.0), spacing, 2, 4)
+    given = {
+        "position": place, "phase": np.where(wet, 0, 1), "solid_number": number, "density": density,
+        "mass": density * spacing**2, "pressure": np.where(wet, runs.DENSITY * runs.GRAVITY * depth, 0.0),
+        "velocity": np.zeros_like(place), "followed_velocity": np.zeros_like(place), "delay": Delay(1.0),
+        "lean": (0.0, -runs.GRAVITY, 0.0), "smoothing": smoothing("wendland_c2", 3 * spacing, 2),
+        "fluid": Fluid(runs.DENSITY, 1.0, 1, 0), "walls": WallParticles(walls, np.full(len(walls), spacing**2)),
+    }  # fmt: skip
+    force = np.zeros_like(place)
+    for name in ("extrapolation", "spread", "extrapolation of walls", "wall_force", "push"):
+        method = "two_way_coupling" if name in ("extrapolation", "spread", "push") else "adami_2012"
+        operation = REGISTRY[f"{method}.{name.split()[0]}"]
+        found = operation.program("numpy")(*(given.get(argument) for argument in operation.arguments("numpy")))
+        force += given["mass"][:, None] * found.pop("acceleration", (0.0,))[0]
+        given |= {name: value for name, (value, _) in found.items()}
+    for k in (1, 2):
+        lift = force[number == k].sum(0) / (runs.DENSITY * runs.GRAVITY * (size * spacing) ** 2)
+        assert lift == pytest.approx([0.0, 1.0, 0.0], abs=0.005)
+
+
+def test_walls_bear_what_they_push_a_solid_with():
+    """The floor below a solid carries rho g H, and all forces are the weight and the walls' push, to rounding."""
+    gauge = rs.Gauge(name="floor", kind="force", on="-z")
+    simulation = rs.Simulation(at_rest([((1, 1, 1), (3, 3, 3))], (5, 5, 7), gauge=(gauge,), step=1e-5), "numpy")
+    advanced(simulation, 1)
+    assert simulation.gauge("floor").values[0][2] == pytest.approx(-runs.DENSITY * runs.GRAVITY * 0.7 * 0.25, rel=0.01)
+    simulation.evaluate()
+    mass, acceleration = simulation.field("mass"), simulation.field("acceleration")
+    weight = np.array([0.0, 0.0, -runs.GRAVITY]) * mass.sum()
+    size = (mass[:, None] * np.abs(acceleration)).sum()
+    assert np.abs(mass @ acceleration - weight - runs.pushed(simulation)).max() <= 1e-13 * size
 
 
 def test_solids_feel_a_tank_that_sways():

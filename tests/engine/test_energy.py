@@ -221,9 +221,24 @@ def test_the_pressure_of_ice_that_emerges_works_on_the_water():
     assert -audit["now"]["driving"] > 0.1 * audit["turned_over"]
 
 
+def test_walls_work_on_ice_that_leaves_the_floor():
+    """One cell above it; without their work the energy rises by 0.04 of what is turned over."""
+    simulation = rs.Simulation(ice(1, 7).with_(energy_audit=rs.EnergyAudit(every=5)), "cpu")
+    run_to(simulation, 1.0)
+    assert simulation.auditor.report()["greatest_share"] <= 0.02
+
+
+def above_a_belt():
+    """Ice one cell above a floor that moves along itself."""
+    *rest, walls = sorted(ice(1, 6).effects, key=lambda effect: isinstance(effect, rs.BoxWalls))
+    belt = {"moving_faces": ("-z",), "velocity": (0.5, 0.0, 0.0), "viscosity": 50.0}
+    return ice(1, 6).with_(effects=(*rest, msgspec.structs.replace(walls, **belt)))
+
+
+@pytest.mark.parametrize("scene", [ice(1, 6), above_a_belt()], ids=["floor", "belt"])
 @pytest.mark.parametrize("backend", ["cpu", pytest.param("cuda", marks=pytest.mark.gpu)])
-def test_the_work_of_solids_is_that_of_the_oracle(backend):
-    simulations = [rs.Simulation(ice(3, 6).with_(energy_audit=rs.EnergyAudit(every=1)), b) for b in ("numpy", backend)]
+def test_the_work_of_solids_is_that_of_the_oracle(backend, scene):
+    simulations = [rs.Simulation(scene.with_(energy_audit=rs.EnergyAudit(every=1)), b) for b in ("numpy", backend)]
     oracle, work = (-advanced(s, 3).auditor.report()["now"]["driving"] for s in simulations)
     assert work == pytest.approx(oracle, rel=1e-3)
 

@@ -49,17 +49,23 @@ class ParticleWalls(Effect, BringsWalls, FollowsScene, SumsDensity, frozen=True,
         return (*self.pressure_passes(others), *self.friction_passes())
 
     def pressure_passes(self, others: Others) -> tuple[Pass, ...]:
-        """Extrapolation and push of all walls, of the first effect with such walls; solids take no part."""
+        """Extrapolation from the liquid and push of all walls, of the first effect with such walls."""
         if self is not next((effect for effect in having(others, BringsWalls) if effect.extrapolates()), None):
             return ()
-        solids = ("phase",) if "two_way_coupling" in others else ()
-        names: dict[str, str | None] = {"smoothing": "gradient_smoothing", **({} if solids else {"phase": None})}
-        reads, liquid = ("position", "density", "pressure", *solids), liquid_of(others)
-        moving = ("position", "velocity", "mass", "advanced_excess", *solids)
+        solids = "two_way_coupling" in others
+        pushing: dict[str, str | None] = {"smoothing": "gradient_smoothing"}
+        names = pushing if solids else {**pushing, "phase": None, "wet": None}
+        reads, liquid = ("position", "density", "pressure"), liquid_of(others)
+        moving = ("position", "velocity", "mass", "advanced_excess", *(("phase",) if solids else ()))
         return (
             *((Pass("adami_2012.strain", moving, ("wall_strain",), names=names),) if liquid.advances() else ()),
-            Pass("adami_2012.extrapolation", reads, ("wall_pressure",), names=names),
-            liquid.with_own_force("adami_2012.wall_force", (*reads, "wall_pressure"), names, "pressure"),
+            Pass(
+                "adami_2012.extrapolation",
+                (*reads, *(("phase", "wet") if solids else ())),
+                ("wall_pressure",),
+                names=names,
+            ),
+            liquid.with_own_force("adami_2012.wall_force", (*reads, "wall_pressure"), pushing, "pressure"),
         )
 
     def friction_passes(self) -> tuple[Pass, ...]:

@@ -9,6 +9,7 @@ from refsim.smoothing.cases import for_each_kernel
 from refsim.sph import Fluid, Lean
 
 takes("adami_2012.strain", fluid="rest_density")
+takes("adami_2012.extrapolation", fluid="rest_density")
 example(BoxWalls(lower=(-0.03, -0.03, -0.5), upper=(0.8, 0.8, 0.8)))
 
 
@@ -35,12 +36,13 @@ def _beside(wall_position):
     return at("beside_walls", position, wall_position)
 
 
-def _extrapolated(phase, wanted):
-    """Wall particles 1 m from both of the liquid's and far away."""
+def _extrapolated(phase, wanted, wet=(0.0, 0.0)):
+    """Wall particles 1 m from both particles and far away."""
     place = np.array([[0.0, 1.0, 0.0], [0.0, 9.0, 0.0]])
     given = {
         "density": [1000.0, 500.0], "pressure": [300.0, 500.0], "lean": Lean(2.0, -9.0, 1.5),
         "walls": WallParticles(place, np.full(2, 0.5)), "period": None, "phase": np.array(phase, np.int32),
+        "wet": np.array(wet), "fluid": Fluid(2000.0, 4e5, 1, 0),
     }  # fmt: skip
     return Exact(_beside(place), given, {"wall_pressure": [wanted, 0.0]})
 
@@ -50,6 +52,10 @@ for_each_kernel(
     # mean of p_1 + rho_1 g.(0, 1, 0) and p_2 - rho_2 g.(0, 1, 0); that of the liquid alone where a solid is as near
     mean_of_two=lambda w: _extrapolated([0, 0], 0.5 * (300.0 + 1000.0 * -9.0 + 500.0 - 500.0 * -9.0)),
     beside_a_solid=lambda w: _extrapolated([0, 1], 300.0 + 1000.0 * -9.0),
+    # p_1 + rho_1 g.(0, 1, 0) of liquid, and with 1/1000 of the weight a film of p_2 - rho0 g.(0, 1, 0)
+    beside_a_film=lambda w: _extrapolated([0, 1], (300.0 - 9000.0 + 1e-3 * (500.0 + 18000.0)) / 1.001, wet=[0.0, 1.0]),
+    # mean of max(0, p_1 + rho0 g.(0, 1, 0)) = 0 and p_2 - rho0 g.(0, 1, 0) by their wetness
+    film_between_solids=lambda w: _extrapolated([1, 2], 0.75 * (500.0 + 18000.0), wet=[0.1, 0.3]),
 )
 
 
@@ -72,7 +78,7 @@ def pushed_by_its_wall(w):
     push = 0.25 * np.array([(300.0 + 200.0) / 1000.0, (500.0 + 200.0) / 500.0]) * w.slope
     given = {
         "density": [1000.0, 500.0], "pressure": [300.0, 500.0], "walls": WallParticles(place, np.array([0.25])),
-        "wall_pressure": [200.0], "phase": None, "correction_diagonal": [[9.0, 1.0, 9.0], [9.0, 3.0, 9.0]],
+        "wall_pressure": [200.0], "correction_diagonal": [[9.0, 1.0, 9.0], [9.0, 3.0, 9.0]],
         "correction_mixed": [[0.0, 9.0, 0.0], [0.5, 9.0, -0.25]],
     }  # fmt: skip
     return Exact(_beside(place), given, {"acceleration": [[0.0, -push[0], 0.0], push[1] * np.array([0.5, 3.0, -0.25])]})

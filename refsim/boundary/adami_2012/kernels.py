@@ -8,23 +8,38 @@ from refsim.smoothing.formulas import gradient_factor, kernel_value
 from refsim.sph.formulas import corrected
 from refsim.sph.kernels import LIQUID_PHASE
 
+FILM = 1e-3  # weight of a film on solids where there is liquid, too
+
 
 @pair
-def weighted_pair(r, x_ij, density_j, pressure_j, phase_j, smoothing, lean):
-    """Adami 2012 (27): W p, p = p_f + rho_f (g - a_w).(x_w - x_f) [Pa/m^dim], and W [1/m^dim]; none by solids."""
-    w = kernel_value(r, smoothing)
-    if phase_j is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
-        if phase_j != LIQUID_PHASE:
-            w = type(r)(0)
-    return w * (pressure_j + density_j * dot(lean, x_ij)), w
+def weighted_pair(r, x_ij, density_j, pressure_j, phase_j, wet_j, smoothing, lean, fluid):
+    """Adami 2012 (27): W p, p = p_f + rho_f (g - a_w).(x_w - x_f) [Pa/m^dim], and W [1/m^dim]; the same of a film on
+    solids, which is under no tension, with less weight.
+    """
+    w, p, head = kernel_value(r, smoothing), pressure_j, dot(lean, x_ij)
+    if phase_j is None:
+        return w * (p + density_j * head), w
+    if phase_j == LIQUID_PHASE:
+        p += density_j * head
+    elif wet_j is None:
+        w = type(r)(0)
+    else:
+        w *= type(r)(FILM) * wet_j
+        p += fluid.rest_density * head
+        if p < type(r)(0):
+            p = type(r)(0)
+    return w * p, w
 
 
 @kernel
-def extrapolation(i, density, pressure, phase, liquid_near_walls, walls, smoothing, lean, period, wall_pressure):
-    """Adami 2012 (27): pressure of wall particle i [Pa]; 0 where no liquid is within reach."""
+def extrapolation(
+    i, density, pressure, phase, wet, liquid_near_walls, walls, smoothing, lean, fluid, period, wall_pressure
+):
+    """Adami 2012 (27): pressure of wall particle i [Pa]; 0 where neither liquid nor a film is within reach."""
     total, weights = neighbour_sum(
-        weighted_pair, i, None, liquid_near_walls, walls.position, period, density, pressure, phase, smoothing, lean
-    )
+        weighted_pair, i, None, liquid_near_walls, walls.position, period, density, pressure, phase, wet, smoothing,
+        lean, fluid,
+    )  # fmt: skip
     zero = type(smoothing.support_radius)(0)
     wall_pressure[i] = total / weights if weights > zero else zero
 
@@ -61,13 +76,10 @@ def pushing_pair(r, x_ij, pressure_i, wall_pressure_j, volume_j, smoothing):
 
 @kernel(lanes=True)
 def wall_force(
-    i, lane, position, density, pressure, wall_pressure, phase, correction_diagonal, correction_mixed, neighbours,
-    walls, smoothing, period, acceleration,
+    i, lane, position, density, pressure, wall_pressure, correction_diagonal, correction_mixed, neighbours, walls,
+    smoothing, period, acceleration,
 ):  # fmt: skip
-    """J(10) of the liquid with the walls; added to the acceleration [m/s^2]."""
-    if phase is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
-        if phase[i] != LIQUID_PHASE:
-            return
+    """J(10) of liquid and solids with the walls; added to the acceleration [m/s^2]."""
     force = neighbour_sum(
         pushing_pair, i, lane, walls, position, period, pressure, wall_pressure, walls.volume, smoothing
     )

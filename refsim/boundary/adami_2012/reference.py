@@ -12,26 +12,31 @@ _CORRECTION = "correction_diagonal correction_mixed"
 
 
 @operation(
-    "(27)", outputs="wall_pressure", entrywise=True, optional="phase period", tolerance=16.0,
+    "(27)", outputs="wall_pressure", entrywise=True, optional="phase wet period",
+    variants=("phase wet period", "phase wet", "phase period", "period"), tolerance=16.0,
     reason="one rounding in each of distance, kernel, head, product and sum, and those of the quotient",
 )  # fmt: skip
-def extrapolation(position, density, pressure, phase, walls, smoothing, lean, period=None):
-    """Pressure of each wall particle [Pa]; 0 where no liquid is within reach. Solids (`phase` not 0) do not count.
+def extrapolation(position, density, pressure, phase, wet, walls, smoothing, lean, fluid, period=None):
+    """Pressure of each wall particle [Pa]; 0 where neither liquid nor a wet solid is within reach.
 
-    (27) p_w = sum_f W_wf (p_f + rho_f (g - a_w).(x_w - x_f)) / sum_f W_wf.
+    (27) p_w = sum_j W_wj s_j p_wj / sum_j W_wj s_j, over liquid p_wj = p_j + rho_j (g - a_w).(x_w - x_j), s_j = 1; over
+    solids (`phase` not 0) p_wj = max(0, p_j + rho0 (g - a_w).(x_w - x_j)), s_j = wet_j/1000: where no liquid is within
+    reach, a film carries their pressure.
     """
     rho, p = np.asarray(density, dtype=float), np.asarray(pressure, dtype=float)
     liquid = np.ones(len(p)) if phase is None else np.asarray(phase) == 0
-    upward = np.array([float(part) for part in lean])
+    film = np.zeros(len(p)) if wet is None else 1e-3 * np.asarray(wet, dtype=float)
+    share, heavy = np.where(liquid, 1.0, film), np.where(liquid, rho, float(fluid.rest_density))
+    upward, least = np.array([float(part) for part in lean]), np.where(liquid, -np.inf, 0.0)
     count = len(walls.position)
     sums, weights, terms = Sums(count), np.zeros(count), np.zeros(count)
     for place, separation, distance in pair_blocks(walls.position, position, None, period):
-        w = kernel_value(distance, smoothing) * liquid
+        w = kernel_value(distance, smoothing) * share
         weights[place] += w.sum(1)
         terms[place] += (w > 0).sum(1)
-        head = rho[None, :] * (separation @ upward)
-        largest = np.abs(p)[None, :] + rho[None, :] * (np.abs(separation) @ np.abs(upward))
-        sums.add(place, w * (p[None, :] + head), w * largest)
+        pressures = np.maximum(p[None, :] + heavy[None, :] * (separation @ upward), least)
+        largest = np.abs(p)[None, :] + heavy[None, :] * (np.abs(separation) @ np.abs(upward))
+        sums.add(place, w * pressures, w * largest)
     near = np.where(weights > 0, weights, 1.0)
     return {"wall_pressure": (sums.value / near, (1 + terms) * sums.scale / near)}
 
@@ -67,21 +72,19 @@ def strain(position, velocity, mass, advanced_excess, phase, walls, smoothing, f
 
 @operation(
     "J(10) with wall particles", paper="Adami, Hu & Adams 2012; Jiang & Zhu 2023", adds="acceleration",
-    optional=f"phase {_CORRECTION} period", tolerance=8.0,
-    variants=(f"phase {_CORRECTION} period", _CORRECTION, "phase period"), invariants=SYMMETRY,
-    broken={1: "rotation", 2: "rotation"},
+    optional=f"{_CORRECTION} period", tolerance=8.0, variants=(f"{_CORRECTION} period", _CORRECTION, "period"),
+    invariants=SYMMETRY, broken={1: "rotation", 2: "rotation"},
 )  # fmt: skip
 def wall_force(
-    position, density, pressure, wall_pressure, phase, correction_diagonal, correction_mixed, walls, smoothing,
-    period=None, rows=None,
+    position, density, pressure, wall_pressure, correction_diagonal, correction_mixed, walls, smoothing, period=None,
+    rows=None,
 ):  # fmt: skip
-    """Acceleration [m/s^2] of the liquid a_i = -(1/rho_i) B_i sum_w V_w (p_i + p_w) grad W_iw.
+    """Acceleration [m/s^2] of liquid and solids a_i = -(1/rho_i) B_i sum_w V_w (p_i + p_w) grad W_iw.
 
     B_i = I without a correction, which has its diagonal (xx, yy, zz) and the rest (xy, xz, yz).
     """
     pick = slice(None) if rows is None else np.asarray(rows)
     rho, p = np.asarray(density, dtype=float)[pick], np.asarray(pressure, dtype=float)[pick]
-    pushed = np.ones(len(rho)) if phase is None else np.asarray(phase)[pick] == 0
     of_wall, volume = np.asarray(wall_pressure, dtype=float), np.asarray(walls.volume, dtype=float)
     sums = Sums(len(rho), 3)
     for place, separation, distance in pair_blocks(position, walls.position, rows, period):
@@ -93,4 +96,4 @@ def wall_force(
         matrix = symmetric(correction_diagonal, correction_mixed)[pick]
         sums.value = np.einsum("nab,nb->na", matrix, sums.value)
         sums.scale = np.einsum("nab,nb->na", np.abs(matrix), sums.scale)
-    return {"acceleration": tuple(part * pushed[:, None] for part in sums.total())}
+    return {"acceleration": sums.total()}

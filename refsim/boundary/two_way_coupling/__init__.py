@@ -31,6 +31,10 @@ RELATIVE_CONTRIBUTION = Field(
 )
 
 
+SOLID_NUMBER = Field(
+    "solid_number", "-", "number of the particle's solid, from 1; 0 in the liquid", dtype="int32", state=True
+)
+WET = Field("wet", "-", "sum of W over the liquid near a solid's particle, over W(0)")
 FOLLOWED_VELOCITY = Field(
     "followed_velocity", "m/s", "velocity that follows the particle's; their difference is the acceleration of solids",
     3, state=True,
@@ -127,16 +131,19 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, SumsDensity, frozen=Tru
 
     def fields(self, others: Others) -> tuple[Field, ...]:
         if liquid_of(others).advances():
-            return (DENSITY, PRESSURE, REST_DENSITY, PHASE, FOLLOWED_VELOCITY)
+            return (DENSITY, PRESSURE, REST_DENSITY, PHASE, SOLID_NUMBER, FOLLOWED_VELOCITY, WET)
         return (DENSITY, PRESSURE, REST_DENSITY, PHASE, RELATIVE_CONTRIBUTION, VOLUME)
 
     def initial(self, grid: Discretisation, state: "InitialState", others: Others) -> Mapping[str, np.ndarray]:
         rest_density = np.full(grid.count, liquid_of(others).rest_density)
+        number = np.zeros(grid.count, np.int32)
         if grid.solids is not None:
             own = grid.solids.of_bodies("density")
             rest_density[: len(own)] = own
-        values = {"rest_density": rest_density}
-        return values | {"followed_velocity": state.velocity} if liquid_of(others).advances() else values
+            number[: len(own)] = 1 + grid.solids.lattice.body
+        if not liquid_of(others).advances():
+            return {"rest_density": rest_density}
+        return {"rest_density": rest_density, "solid_number": number, "followed_velocity": state.velocity}
 
     def passes(self, others: Others) -> tuple[Pass, ...]:
         liquid = liquid_of(others)
@@ -157,15 +164,16 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, SumsDensity, frozen=Tru
         )
 
     def _advanced_passes(self, summed: tuple[Pass, ...], others: Others) -> tuple[Pass, ...]:
-        names, moving = {"smoothing": "gradient_smoothing"}, ("position", "velocity", "phase")
+        moving = ("position", "velocity", "phase", "followed_velocity")
         return (
             continuity_pass(others, ("phase", "rest_density"), {}),
             *summed,
             Pass("sph.state", ("density",), ("pressure",)),
-            Pass("two_way_coupling.extrapolation", (*moving, "followed_velocity", "density"), updates=("pressure",)),
+            Pass("two_way_coupling.extrapolation", (*moving, "density"), ("wet",), ("pressure",)),
+            Pass("two_way_coupling.spread", (*moving, "wet"), updates=("pressure",)),
             Pass(
-                "two_way_coupling.push", ("position", "phase", "mass", "density", "pressure"),
-                updates=("acceleration",), names=names,
+                "two_way_coupling.push", ("position", "phase", "solid_number", "mass", "density", "pressure"),
+                updates=("acceleration",), names={"smoothing": "gradient_smoothing"},
             ), Pass("two_way_coupling.follow", ("velocity",), updates=("followed_velocity",), stage="motion"),
         )  # fmt: skip
 

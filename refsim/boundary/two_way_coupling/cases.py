@@ -42,6 +42,19 @@ def _coupling(case, grid):
     return {"coupling": Coupling(least, stiffness, np.int32(7), printed, printed, printed, weighted)}
 
 
+@particles("solid_number")
+def _solid_number(case, random):
+    """Three solids, mixed at random."""
+    return random.integers(1, 4, case.count).astype(np.int32)
+
+
+@particles("wet")
+def _wet(case, random):
+    """None in the liquid and in a third of the solids."""
+    solid = _phase(case, case.random("phase")) != FLUID
+    return np.where(solid, np.maximum(random.uniform(-1.0, 2.0, case.count), 0.0), 0.0)
+
+
 # of centimetres a second
 particles(followed_velocity=lambda case, random: 0.05 * vectors(case, random))
 # four crossings of the support radius at 20 m/s
@@ -49,6 +62,7 @@ groups(delay=lambda case, grid: Delay(grid.real(4 * case.support_radius / 20.0))
 
 
 takes("two_way_coupling.push", fluid="gradient_share")
+takes("two_way_coupling.spread", fluid="rest_density")
 takes("two_way_coupling.contribution", coupling="least_volume printed_volume")
 takes("two_way_coupling.density", coupling="stiffness exponent")
 takes("two_way_coupling.pressure", coupling="printed_pressure density_weighted")
@@ -168,17 +182,39 @@ def _held(**changes):
 for_each_kernel(
     "two_way_coupling.extrapolation",
     # p = 300 Pa + 1000 kg/m^3 (-9 - 2) m/s^2 * 1 m; the liquid's pressure stays
-    solid_that_rises=lambda w: Exact(PAIR, _held(), {"pressure": [300.0, 300.0 - 11000.0]}),
+    solid_that_rises=lambda w: Exact(PAIR, _held(), {"pressure": [300.0, 300.0 - 11000.0], "wet": [0.0, w.share]}),
     # 0 Pa beside another solid's particle
     solid_in_the_air=lambda w: Exact(PAIR, _held(phase=[SURFACE, SURFACE]), {"pressure": np.zeros(2)}),
 )
 
 
-def _lifted(w, phase, force):
+def _film(pressure, found, **changes):
+    """A solid's particle between two wet ones, 1 m below the first; the liquid's rest density is 1000 kg/m^3."""
+    three = at("film", [[0.0, 1.0, 0.0], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+    given = {
+        "velocity": np.zeros((3, 3)), "followed_velocity": np.zeros((3, 3)), "lean": Lean(1.0, -9.0, 0.0),
+        "delay": Delay(0.5), "phase": [SURFACE, SURFACE, INTERIOR], "wet": [3.0, 0.0, 1.0],
+        "fluid": Fluid(1000.0, 4e5, 1, 0), "pressure": pressure,
+    }  # fmt: skip
+    return Exact(three, given | changes, {"pressure": found})
+
+
+for_each_kernel(
+    "two_way_coupling.spread",
+    # (3 (500 + 9000) + 1 (2500 - 1000))/4 Pa; what is wet keeps its pressure
+    mean_of_two_that_are_wet=lambda w: _film([500.0, 7.0, 2500.0], [500.0, 7500.0, 2500.0]),
+    # -500 + 0 Pa of the second would be tension
+    breaks_under_tension=lambda w: _film([500.0, 7.0, 500.0], [500.0, 7125.0, 500.0]),
+    all_are_dry=lambda w: _film([500.0, 7.0, 2500.0], np.zeros(3), wet=np.zeros(3)),
+    liquid_keeps_its_pressure=lambda w: _film([5.0, 7.0, 9.0], [5.0, 7.0, 9.0], phase=[SURFACE, FLUID, FLUID]),
+)
+
+
+def _lifted(w, phase, body, force):
     """`force` [N] over |W'(h/2)| on the second particle, upwards."""
     given = {
-        "mass": [500.0, 1800.0], "density": [1000.0, 900.0], "phase": phase, "pressure": [30.0, 10.0],
-        "fluid": Fluid(1000.0, 1.0, 1, 0),
+        "mass": [500.0, 1800.0], "density": [1000.0, 900.0], "phase": phase, "solid_number": np.array(body, np.int32),
+        "pressure": [30.0, 10.0], "fluid": Fluid(1000.0, 1.0, 1, 0),
     }  # fmt: skip
     force = np.array([0.0, -force * w.slope, 0.0])
     return Exact(PAIR, given, {"acceleration": [force / 500, -force / 1800]})
@@ -186,9 +222,12 @@ def _lifted(w, phase, force):
 
 for_each_kernel(
     "two_way_coupling.push",
-    # F = V_i V_k (p_i + p_k) |W'(h/2)| = 0.5 * 2 m^6 * 40 Pa |W'(h/2)|; solids do not push each other
-    liquid_lifts_solid=lambda w: _lifted(w, WATER_AND_ICE, 40.0),
-    solids_do_not_push_each_other=lambda w: _lifted(w, [SURFACE, INTERIOR], 0.0),
+    # F = V_i V_k (p_i + p_k) |W'(h/2)| = 0.5 * 2 m^6 * 40 Pa |W'(h/2)| between liquid and solid, also where a solid has
+    # melted into liquid, and between two solids; particles of one solid do not push each other
+    liquid_lifts_solid=lambda w: _lifted(w, WATER_AND_ICE, [0, 1], 40.0),
+    melt_lifts_its_solid=lambda w: _lifted(w, WATER_AND_ICE, [1, 1], 40.0),
+    solid_pushes_another=lambda w: _lifted(w, [SURFACE, INTERIOR], [2, 1], 40.0),
+    one_solid_does_not_push_itself=lambda w: _lifted(w, [SURFACE, INTERIOR], [1, 1], 0.0),
 )
 
 

@@ -138,6 +138,13 @@ def wall_push(i, lane, position, density, rest_density, pressure, walls, smoothi
     )
 
 
+@formula
+def head(x_ij, velocity, followed_velocity, lean, delay):
+    """(g - a_k).(x_k - x_j) [m^2/s^2], a_k the acceleration of a solid's particle."""
+    a = over(difference(velocity, followed_velocity), delay.tau)
+    return (lean[0] - a[0]) * x_ij[0] + (lean[1] - a[1]) * x_ij[1] + (lean[2] - a[2]) * x_ij[2]
+
+
 @pair
 def held_pair(r, x_ij, velocity_i, followed_velocity_i, phase_j, density_j, pressure_j, smoothing, lean, delay):
     """Adami 2012 (27) at a solid's particle: W p, p = p_f + rho_f (g - a_k).(x_k - x_f) [Pa/m^dim], and W [1/m^dim]."""
@@ -145,41 +152,74 @@ def held_pair(r, x_ij, velocity_i, followed_velocity_i, phase_j, density_j, pres
     if phase_j != FLUID:
         return real(0), real(0)
     w = kernel_value(r, smoothing)
-    a = over(difference(velocity_i, followed_velocity_i), delay.tau)
-    head = (lean[0] - a[0]) * x_ij[0] + (lean[1] - a[1]) * x_ij[1] + (lean[2] - a[2]) * x_ij[2]
-    return w * (pressure_j + density_j * head), w
+    return w * (pressure_j + density_j * head(x_ij, velocity_i, followed_velocity_i, lean, delay)), w
 
 
 @kernel(lanes=True)
 def extrapolation(
-    i, lane, position, velocity, followed_velocity, phase, density, neighbours, smoothing, lean, delay, pressure
+    i, lane, position, velocity, followed_velocity, phase, density, neighbours, smoothing, lean, delay, wet, pressure
 ):
-    """Adami 2012 (27): pressure of a solid's particle [Pa]; 0 where no liquid is within reach."""
+    """Adami 2012 (27): pressure of a solid's particle [Pa], and the sum of W over W(0); 0 without liquid in reach."""
+    zero = type(smoothing.support_radius)(0)
     if phase[i] == FLUID:
+        if first_lane(lane):
+            wet[i] = zero
         return
     total, weights = neighbour_sum(
         held_pair, i, lane, neighbours, position, None, velocity, followed_velocity, phase, density, pressure,
         smoothing, lean, delay,
     )  # fmt: skip
     if first_lane(lane):
-        zero = type(smoothing.support_radius)(0)
+        wet[i] = weights / own_share(smoothing)
         pressure[i] = total / weights if weights > zero else zero
 
 
 @pair
-def push_pair(r, x_ij, phase_i, phase_j, mass_j, density_j, pressure_i, pressure_j, smoothing, fluid):
-    """J(10) [N/m^3] of a neighbour; none between two solids' particles."""
+def spread_pair(r, x_ij, velocity_i, followed_velocity_i, wet_j, pressure_j, smoothing, fluid, lean, delay):
+    """W_kj wet_j max(0, p_j + rho0 (g - a_k).(x_k - x_j)) [Pa/m^dim], and W_kj wet_j [1/m^dim]."""
+    zero = type(r)(0)
+    if wet_j == zero:  # whose pressure changes
+        return zero, zero
+    w = kernel_value(r, smoothing) * wet_j
+    p = pressure_j + fluid.rest_density * head(x_ij, velocity_i, followed_velocity_i, lean, delay)
+    if p < zero:
+        p = zero
+    return w * p, w
+
+
+@kernel(lanes=True)
+def spread(
+    i, lane, position, velocity, followed_velocity, phase, wet, neighbours, smoothing, fluid, lean, delay, pressure
+):
+    """Pressure [Pa] of a solid's particle without liquid in reach, by a film from those that have; 0 without any."""
+    zero = type(smoothing.support_radius)(0)
+    if phase[i] == FLUID or wet[i] > zero:
+        return
+    total, weights = neighbour_sum(
+        spread_pair, i, lane, neighbours, position, None, velocity, followed_velocity, wet, pressure, smoothing, fluid,
+        lean, delay,
+    )  # fmt: skip
+    if first_lane(lane):
+        pressure[i] = zero if weights == zero else total / weights
+
+
+@pair
+def push_pair(
+    r, x_ij, phase_i, phase_j, solid_number_i, solid_number_j, mass_j, density_j, pressure_i, pressure_j, smoothing,
+    fluid,
+):  # fmt: skip
+    """J(10) [N/m^3] of a neighbour; none between particles of one solid."""
     f = type(r)(0)
-    if phase_i == FLUID or phase_j == FLUID:
+    if phase_i == FLUID or phase_j == FLUID or solid_number_i != solid_number_j:
         f = pressure_pair(mass_j / density_j, pressure_i, pressure_j, gradient_factor(r, smoothing), fluid)
     return f * x_ij[0], f * x_ij[1], f * x_ij[2]
 
 
 @kernel(lanes=True)
-def push(i, lane, position, phase, mass, density, pressure, neighbours, smoothing, fluid, acceleration):
-    """J(10) within the liquid and between liquid and solids; added to the acceleration [m/s^2]."""
+def push(i, lane, position, phase, solid_number, mass, density, pressure, neighbours, smoothing, fluid, acceleration):
+    """J(10) between all particles that are not of one solid; added to the acceleration [m/s^2]."""
     force = neighbour_sum(
-        push_pair, i, lane, neighbours, position, None, phase, mass, density, pressure, smoothing, fluid
+        push_pair, i, lane, neighbours, position, None, phase, solid_number, mass, density, pressure, smoothing, fluid
     )
     add_vector(acceleration, i, lane, over(force, density[i]))
 

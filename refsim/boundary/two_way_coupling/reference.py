@@ -136,8 +136,15 @@ def forces(
     return {"acceleration": sums.total()}
 
 
+def _at_rest(velocity, followed_velocity, lean, delay, rows):
+    """g - a_k (n, 3) [m/s^2] of the rows, a_k = (v_k - u_k)/tau, and the scale of that difference."""
+    v, u = _rows(velocity, rows), _rows(followed_velocity, rows)
+    g, tau = np.array([float(part) for part in lean]), float(delay.tau)
+    return g - (v - u) / tau, np.abs(g) + (np.abs(v) + np.abs(u)) / tau
+
+
 @operation(
-    "(27)", paper="Adami, Hu & Adams 2012", outputs="pressure", entrywise=True, tolerance=16.0,
+    "(27)", paper="Adami, Hu & Adams 2012", outputs="wet pressure", entrywise=True, tolerance=16.0,
     reason="one rounding in each of distance, kernel, head, product and sum, and those of the quotient",
     packed="held_pair",
 )  # fmt: skip
@@ -145,44 +152,74 @@ def extrapolation(position, velocity, followed_velocity, phase, density, smoothi
     """Pressure of each solid's particle k [Pa], 0 where no liquid is within reach; the liquid's stays.
 
     (27) p_k = sum_f W_kf (p_f + rho_f (g - a_k).(x_k - x_f)) / sum_f W_kf over liquid f, a_k = (v_k - u_k)/tau.
+    wet_k = sum_f W_kf/W(0), dimensionless; 0 in the liquid.
     """
     rho, p = np.asarray(density, dtype=float), np.asarray(pressure, dtype=float)
     liquid, own = np.asarray(phase) == FLUID, _rows(phase, rows, int) == FLUID
-    v, u = _rows(velocity, rows), _rows(followed_velocity, rows)
-    lag = (v - u) / float(delay.tau)
-    doubt = (np.abs(v) + np.abs(u)) / float(delay.tau)
-    upward = np.array([float(part) for part in lean])
+    pull, doubt = _at_rest(velocity, followed_velocity, lean, delay, rows)
     sums, weights, terms = Sums(len(own)), np.zeros(len(own)), np.zeros(len(own))
     for place, separation, distance in pair_blocks(position, position, rows):
         w = kernel_value(distance, smoothing) * liquid
         weights[place] += w.sum(1)
         terms[place] += (w > 0).sum(1)
-        head = rho * (separation * (upward - lag[place, None, :])).sum(-1)
-        most = np.abs(p) + rho * (np.abs(separation) * (np.abs(upward) + doubt[place, None, :])).sum(-1)
+        head = rho * (separation * pull[place, None, :]).sum(-1)
+        most = np.abs(p) + rho * (np.abs(separation) * doubt[place, None, :]).sum(-1)
         sums.add(place, w * (p + head), w * most)
     near = np.where(weights > 0, weights, 1.0)
     kept = p if rows is None else p[rows]
     value = np.where(own, kept, sums.value / near)
-    return {"pressure": (value, np.where(own, np.abs(kept), (1 + terms) * sums.scale / near))}
+    wet = np.where(own, 0.0, weights / float(kernel_value(0.0, smoothing)))
+    return {"wet": (wet, wet), "pressure": (value, np.where(own, np.abs(kept), (1 + terms) * sums.scale / near))}
+
+
+@operation(
+    "pressure of a film", paper="this project", outputs="pressure", entrywise=True, tolerance=16.0,
+    reason="one rounding in each of distance, kernel, head, product and sum, and those of the quotient",
+)  # fmt: skip
+def spread(
+    position, velocity, followed_velocity, phase, wet, smoothing, fluid, lean, delay, pressure, rows=None
+):  # fmt: skip
+    """Pressure [Pa] of solids' particles k with wet_k = 0, 0 without particles s with wet_s > 0 in reach.
+
+    p_k = sum_s W_ks wet_s max(0, p_s + rho0 (g - a_k).(x_k - x_s)) / sum_s W_ks wet_s: a film too thin for particles
+    carries the pressure between bodies in contact, and under tension it breaks.
+    """
+    damp, p = np.asarray(wet, dtype=float), np.asarray(pressure, dtype=float)
+    pull, doubt = _at_rest(velocity, followed_velocity, lean, delay, rows)
+    kept = _rows(pressure, rows)
+    stays = (_rows(phase, rows, int) == FLUID) | (_rows(wet, rows) > 0)
+    sums, weights, terms = Sums(len(kept)), np.zeros(len(kept)), np.zeros(len(kept))
+    for place, separation, distance in pair_blocks(position, position, rows):
+        w = kernel_value(distance, smoothing) * damp
+        weights[place] += w.sum(1)
+        terms[place] += (w > 0).sum(1)
+        rest = float(fluid.rest_density)
+        film = p + rest * (separation * pull[place, None, :]).sum(-1)
+        most = np.abs(p) + rest * (np.abs(separation) * doubt[place, None, :]).sum(-1)
+        sums.add(place, w * np.maximum(film, 0), w * most)
+    near = np.where(weights > 0, weights, 1.0)
+    scale = (1 + terms) * sums.scale / near
+    return {"pressure": (np.where(stays, kept, sums.value / near), np.where(stays, np.abs(kept), scale))}
 
 
 @operation(
     "J(10)", paper="Jiang & Zhu 2023; Adami, Hu & Adams 2012", adds="acceleration", tolerance=8.0,
     invariants=f"{SYMMETRY} linear_momentum angular_momentum", packed="push_pair",
 )  # fmt: skip
-def push(position, phase, mass, density, pressure, smoothing, fluid, rows=None):
+def push(position, phase, solid_number, mass, density, pressure, smoothing, fluid, rows=None):
     """Accelerations [m/s^2] a_i = -(1/rho_i) sum_j V_j (p_i + p_j) grad W_ij of liquid and solids, V = m/rho.
 
-    Particles of solids do not push each other.
+    Particles of one solid (`solid_number`) do not push each other.
     """
     rho, p = np.asarray(density, dtype=float), np.asarray(pressure, dtype=float)
-    volume, liquid = np.asarray(mass, dtype=float) / rho, np.asarray(phase) == FLUID
+    part = np.where(np.asarray(phase) == FLUID, -1 - np.arange(len(p)), np.asarray(solid_number, dtype=int))
+    volume = np.asarray(mass, dtype=float) / rho
     pick = slice(None) if rows is None else np.asarray(rows)
-    own_rho, own_p, own_liquid = rho[pick], p[pick], liquid[pick]
+    own_rho, own_p, own_part = rho[pick], p[pick], part[pick]
     share, sums = float(fluid.gradient_share), Sums(len(own_rho), 3)
     for place, separation, distance in pair_blocks(position, position, rows):
         gradient = kernel_gradient(separation, distance, smoothing)
-        acting = (own_liquid[place, None] | liquid[None, :]) * share * volume / own_rho[place, None]
+        acting = (own_part[place, None] != part[None, :]) * share * volume / own_rho[place, None]
         both, size = own_p[place, None] + p, np.abs(own_p)[place, None] + np.abs(p)
         sums.add(place, -(acting * both)[..., None] * gradient, (acting * size)[..., None] * np.abs(gradient))
     return {"acceleration": sums.total()}

@@ -224,11 +224,11 @@ def tank(
 
 
 def pushed(simulation: Simulation) -> NDArray:
-    """Force of walls with an extrapolated pressure on the liquid (3,) [N]."""
+    """Force of walls with an extrapolated pressure on liquid and solids (3,) [N]."""
     plan, operation = simulation.plan, REGISTRY["adami_2012.wall_force"]
     given: dict[str, Any] = {n: simulation.field(n) for n in ("position", "density", "pressure", "wall_pressure")}
     given |= {"walls": plan.walls, "smoothing": plan.shared["gradient_smoothing"], "period": None}
-    given |= {n: simulation.field(n) if n in plan.fields else None for n in ("phase", *CORRECTION)}
+    given |= {n: simulation.field(n) if n in plan.fields else None for n in CORRECTION}
     push = operation.program("numpy")(*(given[name] for name in operation.arguments("numpy")))
     return simulation.field("mass") @ push["acceleration"][0]
 
