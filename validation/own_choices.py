@@ -132,7 +132,7 @@ ROWS: dict[str, tuple[str, str, str, Callable[[tuple[str, ...]], Measured]]] = {
         "pressure off Laplace's, square of 12 cells, 0.15 s", thesis,
     ),
     "shao_song": (
-        "Shao & Song (M6, M7, M8, M11)", "`heat_conduction`",
+        "Shao & Song (M6, M7, M8, M11, M26)", "`heat_conduction`",
         "temperature, insulated slab of 40 spacings, k dt/(rho c d^2) = 2, of the range", shao_song,
     ),
     "patent": ("patent (E27, E30, P8)", "`mesh_boundary`", "pressure of a tank at rest, of rho g H", patent),

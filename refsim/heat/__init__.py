@@ -58,6 +58,8 @@ TEMPERATURE_RANGE = Field(
     rows=2, state=True,
 )  # fmt: skip
 VOLUME = Field("volume", "m^3 (m^2 in 2D)", "volume V = m/rho")
+COMPENSATION_X = Field("compensation_x", "-", "xx, xy, xz of A_i, which makes up for missing neighbours", 3)
+COMPENSATION_REST = Field("compensation_rest", "-", "yy, yz, zz of A_i", 3)
 
 PerPart = float | tuple[float, ...]
 SCHEMES = {
@@ -95,7 +97,7 @@ class HeatConduction(
                    and "runge_kutta_legendre" with latent heat are also limited by the particles' own sums s_i
     mean           "harmonic" or "arithmetic" (as in M(4)) mean of two conductivities
     laplacian      "spiky" (-W'/r) or "mueller" (the viscosity kernel's Laplacian, halved)
-    calibrated     scale so that the lattice conducts with k exactly
+    calibrated     scale so that the lattice conducts with k exactly, and each pair so that a thin body does, too
     tolerance      share of its error that Chebyshev's iteration leaves
     residual       share of the first residual at which conjugate gradients stop
     iterations     of nonlinear Jacobi
@@ -104,9 +106,10 @@ class HeatConduction(
     literal        readings of Shao & Song: misprints "M5" (Laplacian of poly6, negative for near pairs), "M9"
                    (temperature differences before the sweep); their own choices "M6" (Mueller's Laplacian not halved,
                    twice the diffusivity), "M8" (both sweeps of M(4) over the whole step), "M11" (conductivity is a
-                   diffusivity [m^2/s], no heat capacity); "paper" for their own choices, with scheme "one_sided",
-                   laplacian "mueller", the arithmetic mean, nothing calibrated and any drift of the heat; "all" for
-                   every printed text
+                   diffusivity [m^2/s], no heat capacity), "M26" (nothing makes up for neighbours that are missing, as
+                   always with schemes "pair_exchange" and "one_sided"); "paper" for their own choices, with scheme
+                   "one_sided", laplacian "mueller", the arithmetic mean, nothing calibrated and any drift of the heat;
+                   "all" for every printed text
     """
 
     name: ClassVar[str] = "heat_conduction"
@@ -116,8 +119,8 @@ class HeatConduction(
     stops_as: ClassVar[str] = "heat_lost"
     remedy: ClassVar[str] = "take another scheme, a shorter step or float64, or raise largest_drift"
     source: ClassVar[str] = "Shao & Song"
-    errata: ClassVar[tuple[str, ...]] = ("M5", "M6", "M8", "M9", "M11")
-    improvements: ClassVar[tuple[str, ...]] = ("M6", "M8", "M11")
+    errata: ClassVar[tuple[str, ...]] = ("M5", "M6", "M8", "M9", "M11", "M26")
+    improvements: ClassVar[tuple[str, ...]] = ("M6", "M8", "M11", "M26")
     paper: ClassVar[Mapping[str, Any]] = {
         "scheme": "one_sided", "laplacian": "mueller", "mean": "arithmetic", "calibrated": False, "largest_drift": 0.0,
     }  # fmt: skip
@@ -161,6 +164,12 @@ class HeatConduction(
     def melts(self) -> bool:
         """Whether there is latent heat, so that the enthalpy is the state."""
         return bool(np.any(np.asarray(self.latent_heat) > 0))
+
+    @property
+    def compensates(self) -> bool:
+        """Whether pairs make up for neighbours that are missing."""
+        plain = not self.calibrated or self.scheme in ("pair_exchange", "one_sided")
+        return self.conducts and not plain and not self.printed() & {"M5", "M6", "M26"}
 
     def operation(self) -> str:
         """Name of the operation that is one step of the scheme."""
@@ -226,6 +235,8 @@ class HeatConduction(
         if not self.conducts:
             return tuple(own)
         own += [CONDUCTIVITY, TEMPERATURE_RANGE]
+        if self.compensates:
+            own += [COMPENSATION_X, COMPENSATION_REST]
         if self._limited_by_sums():
             own.append(EXCHANGE_RATE)
         if not self._volume_is_given(others):
@@ -247,11 +258,15 @@ class HeatConduction(
         if self.held:
             reads.append("reservoir")
         absent = {} if self.melts else dict.fromkeys(("enthalpy", "melting_point", "latent_heat"))
-        made = []
+        made, factors = [], ("compensation_x", "compensation_rest") if self.compensates else ()
+        reads += factors
         if LIQUID in others and not self._volume_is_given(others):
             made.append(Pass("heat.particle_volume", ("mass", "density"), ("volume",)))
+        if factors:
+            made.append(Pass("heat.compensation", ("position", "volume"), factors))
         if self._limited_by_sums():
             needs = ("position", "mass", "volume", "heat_capacity", "conductivity", *(("reservoir",) * bool(self.held)))
+            needs += factors
             made.append(Pass("heat.exchange_rate", needs, ("exchange_rate",)))
         return (*made, Pass(self.operation(), tuple(reads), updates=updates, names=absent, stage="motion"))
 

@@ -13,7 +13,7 @@ from refsim.heat.shapes import MOST_PASSES, MUELLER, POLY6, SPIKY, Conduction, c
 
 cases.example(
     HeatConduction(temperature=50.0, melting_point=0.0),
-    brings="conductivity heat_capacity temperature temperature_range volume",
+    brings="conductivity heat_capacity temperature temperature_range volume compensation_x compensation_rest",
 )
 
 SLOW = 1.0  # k dt/(rho c d^2) of the common cases, on average
@@ -48,7 +48,16 @@ def _volume(case, random):
     return case.spacing**case.dim * np.exp(random.uniform(math.log(low), math.log(high), case.count))
 
 
+# A of one particle in eight is below, of another one above, what a pair's factor may be
+def _size(case, random):
+    size = random.uniform(0.5, 1.5, (case.count, 1))
+    size[1::8], size[5::8] = 0.02, 25.0
+    return size
+
+
 particles(
+    compensation_x=lambda case, random: _size(case, random) * np.array([1.0, 0.25, -0.125]),
+    compensation_rest=lambda case, random: _size(case, random) * np.array([0.75, 0.25, 1.25]),
     reservoir=lambda case, random: (random.random(case.count) < 0.15).astype(np.uint8),
     exchange_rate=lambda case, random: random.uniform(0.0, 5.0, case.count),
 )
@@ -114,6 +123,7 @@ VARIATIONS[Conduction] = Variation(
 )
 PAIRS = "support_radius factor laplacian harmonic unit_capacity dim"
 cases.codes(Conduction, laplacian={"spiky": SPIKY, "mueller": MUELLER, "poly6": POLY6})
+takes("heat.compensation", conduction="support_radius factor laplacian dim unit_capacity")  # which changes `factor`
 takes("heat.one_sided", conduction=f"{PAIRS} frozen")
 takes("heat.pair_exchange", conduction=f"{PAIRS} sweep_share")
 takes("heat.chebyshev", conduction=f"{PAIRS} tolerance most_passes")
@@ -143,7 +153,8 @@ def _given(**more):
     return {
         "mass": MASS, "volume": VOLUME, "heat_capacity": CAPACITY, "conductivity": CONDUCTIVITY,
         "temperature": TEMPERATURE, "timestep": [0.7, 0.5], "reservoir": None, "enthalpy": None, "melting_point": None,
-        "latent_heat": None, "conduction": _conduction_of(residual=1e-14, sweep_share=0.5),
+        "latent_heat": None, "compensation_x": None, "compensation_rest": None,
+        "conduction": _conduction_of(residual=1e-14, sweep_share=0.5),
     } | more  # fmt: skip
 
 
@@ -219,6 +230,41 @@ def a_pair_by_legendre():
     x = 1 - 2 * WEIGHT * INVERSE.sum() / 5
     left = 7 / 12 + 5 / 12 * (5 * x**3 - 3 * x) / 2
     return _pair(_moved(APART * (1 - left) / INVERSE.sum()))
+
+
+# The pair stands along y, with A of yy = 2 and 4: f = 3, a factor of the weight
+
+MADE_UP = {"compensation_x": [[9.0, 7.0, 5.0]] * 2, "compensation_rest": [[2.0, 8.0, 6.0], [4.0, 8.0, 6.0]]}
+closed_form("heat.explicit", across=5.0, a_compensated_pair=lambda: _pair(_moved(3 * WEIGHT * APART), **MADE_UP))
+closed_form(
+    "heat.exchange_rate", across=5.0, rates_of_a_compensated_pair=lambda: _rates(6 * WEIGHT * INVERSE, **MADE_UP)
+)
+closed_form(  # the factor is at most 10
+    "heat.conjugate_gradient",
+    a_pair_compensated_most=lambda: _pair(
+        _moved(_alone(10 * WEIGHT) * APART), **MADE_UP | {"compensation_rest": [[99.0] * 3] * 2}
+    ),
+)
+
+
+@closed_form("heat.compensation", across=5.0)
+def compensation_of_a_pair():
+    """S = m (0, 1, 0) with m_i = V_j L r^2; along the pair A is found by four rounds, across it grows by w/0.05 x 1.05.
+
+    Along: p = 1.05/(m + 0.05), a += w p (1 - m f), f = (a_1 + a_2)/2.
+    """
+    share = 3 * 15 / (64 * math.pi)  # L r^2 [1/m^3]
+    m = share * VOLUME[::-1]
+    p = 1.05 / (m + 0.05)
+    along, over = p, 21.0
+    for k in (1, 3, 5, 7):
+        weight = 1 / (0.65 + 0.35 * math.cos(k * math.pi / 8))
+        f = min(max(along.mean(), 0.1), 10.0)
+        along, over = along + weight * p * (1 - m * f), over + weight * 21.0
+    x, rest = np.tile([over, 0.0, 0.0], (2, 1)), np.column_stack((along, np.zeros(2), np.full(2, over)))
+    return Exact(
+        PAIR, {"volume": VOLUME, "conduction": _conduction_of()}, {"compensation_x": x, "compensation_rest": rest}
+    )
 
 
 # The Laplacian of poly6 (Shao & Song M5): at q = 1/2 it is 315/(64 pi h^5) (24/4 3/4 - 18 9/16), below 0.

@@ -1,7 +1,8 @@
 """Scalar formulas of heat conduction: Shao & Song 2017, equation (4), as M(4), and what completes it."""
 
 from refsim.backends.compile import formula
-from refsim.heat.shapes import MUELLER, SPIKY
+from refsim.backends.tuples import added, dot, product, scaled, symmetric, times
+from refsim.heat.shapes import FLOOR, LARGEST_FACTOR, LEAST_FACTOR, MUELLER, SMALLEST, SPIKY
 
 
 @formula
@@ -40,6 +41,50 @@ def pair_weight(q, volume_i, volume_j, conductivity_i, conductivity_j, seconds, 
     volumes = (volume_i * conduction.inverse_volume) * (volume_j * conduction.inverse_volume)
     mean = mean_conductivity(conductivity_i, conductivity_j, conduction)
     return volumes * mean * laplacian_shape(q, conduction) * (conduction.scale * seconds)
+
+
+@formula
+def missing_factor(away, compensation_x_i, compensation_rest_i, compensation_x_j, compensation_rest_j):
+    """f_ij = e.(A_i + A_j).e/2 within 1/10 and 10, e = x_ij/r; 1 without A. Dimensionless.
+
+    `away` is along x_ij, in any unit. A_i, of (xx, xy, xz) and (yy, yz, zz), makes up for neighbours that are missing.
+    """
+    real = type(away[0])
+    value = real(1)
+    if compensation_x_i is not None:
+        x, rest = added(compensation_x_i, compensation_x_j), added(compensation_rest_i, compensation_rest_j)
+        along = dot(away, times(symmetric((*x, *rest)), away))
+        value = real(0.5) * along / max(dot(away, away), real(SMALLEST))
+        value = min(max(value, real(LEAST_FACTOR)), real(LARGEST_FACTOR))
+    return value
+
+
+@formula
+def moment_share(q, volume_j, conduction):
+    """V_j L_ij h^2, of which the moment S_i = sum_j V_j L_ij f_ij x_ij x_ij^T is made; dimensionless."""
+    h = conduction.support_radius
+    shape = volume_j * conduction.inverse_volume * laplacian_shape(q, conduction)
+    return shape * (conduction.scale * conduction.inverse_volume * h * h)
+
+
+@formula
+def inverse_moment(s):
+    """P = (1 + c) (S + c I)^-1, c = 1/20, of S = (xx, xy, xz, yy, yz, zz): I for S = I; dimensionless."""
+    real = type(s[0])
+    xx, xy, xz, yy, yz, zz = s[0] + real(FLOOR), s[1], s[2], s[3] + real(FLOOR), s[4], s[5] + real(FLOOR)
+    ax, ay, az = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
+    f = real(1 + FLOOR) / (xx * ax + xy * ay + xz * az)
+    return f * ax, f * ay, f * az, f * (xx * zz - xz * xz), f * (xy * xz - xx * yz), f * (xx * yy - xy * xy)
+
+
+@formula
+def compensated(a, p, s, weight):
+    """A' = A + w (P (I - S) + (I - S) P)/2, symmetric (xx, xy, xz, yy, yz, zz); dimensionless."""
+    one, half = type(weight)(1), type(weight)(0.5)
+    left = one - s[0], -s[1], -s[2], one - s[3], -s[4], one - s[5]
+    b = product(symmetric(p), symmetric(left))
+    change = b[0], half * (b[1] + b[3]), half * (b[2] + b[6]), b[4], half * (b[5] + b[7]), b[8]
+    return added(a, scaled(change, weight))
 
 
 @formula

@@ -9,8 +9,18 @@ import math
 import numpy as np
 
 from refsim.backends.compile import formula, kernel
-from refsim.backends.tuples import difference
-from refsim.heat.formulas import melted, pair_share, pair_weight, single_pass_share, temperature_of
+from refsim.backends.tuples import difference, put, scaled, three
+from refsim.heat.formulas import (
+    compensated,
+    inverse_moment,
+    melted,
+    missing_factor,
+    moment_share,
+    pair_share,
+    pair_weight,
+    single_pass_share,
+    temperature_of,
+)
 from refsim.heat.stages import chebyshev_omega, chebyshev_passes
 from refsim.neighbours.formulas import to_nearest_image
 from refsim.neighbours.pairs import neighbour_sum, pair
@@ -59,22 +69,100 @@ def weight_at(q, volume_i, volume_j, conductivity_i, conductivity_j, seconds, co
     return pair_weight(q, volume_i, volume_j, conductivity_i, conductivity_j, seconds, conduction)
 
 
+@formula
+def factor_of(i, j, position, compensation_x, compensation_rest, period):
+    """f_ij of particles i and j; 1 without a compensation."""
+    value = position.dtype.type(1)
+    if compensation_x is not None:
+        dx, dy, dz = difference(three(position, i), three(position, j))
+        value = missing_factor(
+            to_nearest_image(dx, dy, dz, period), three(compensation_x, i), three(compensation_rest, i),
+            three(compensation_x, j), three(compensation_rest, j),
+        )  # fmt: skip
+    return value
+
+
+@formula
+def factor_in(body, i, j, period):
+    """`factor_of` particles of a body."""
+    return factor_of(i, j, body.position, body.compensation_x, body.compensation_rest, period)
+
+
 @pair
-def rate_pair(r, volume_i, volume_j, conductivity_i, conductivity_j, conduction):
+def rate_pair(
+    r, x_ij, volume_i, volume_j, conductivity_i, conductivity_j, compensation_x_i, compensation_x_j,
+    compensation_rest_i, compensation_rest_j, conduction,
+):  # fmt: skip
     """|G_ij| [W/K]."""
     q = r * conduction.inverse_radius
-    return abs(weight_at(q, volume_i, volume_j, conductivity_i, conductivity_j, type(q)(1), conduction))
+    f = missing_factor(x_ij, compensation_x_i, compensation_rest_i, compensation_x_j, compensation_rest_j)
+    return f * abs(weight_at(q, volume_i, volume_j, conductivity_i, conductivity_j, type(q)(1), conduction))
 
 
 @kernel(lanes=True)
 def exchange_rate(
-    i, lane, position, mass, volume, heat_capacity, conductivity, reservoir, neighbours, conduction, period,
-    exchange_rate,
+    i, lane, position, mass, volume, heat_capacity, conductivity, reservoir, compensation_x, compensation_rest,
+    neighbours, conduction, period, exchange_rate,
 ):  # fmt: skip
     """s_i/dt = sum_j |G_ij|/C_i [1/s]."""
-    total = neighbour_sum(rate_pair, i, lane, neighbours, position, period, volume, conductivity, conduction)
+    total = neighbour_sum(
+        rate_pair, i, lane, neighbours, position, period, volume, conductivity, compensation_x, compensation_rest,
+        conduction,
+    )  # fmt: skip
     if first_lane(lane):
         exchange_rate[i] = total * inverse_capacity(i, mass, volume, heat_capacity, reservoir, conduction)
+
+
+@pair
+def moment_pair(
+    r, x_ij, volume_j, compensation_x_i, compensation_x_j, compensation_rest_i, compensation_rest_j, conduction
+):
+    """V_j L_ij f_ij x_ij x_ij^T, as (xx, xy, xz, yy, yz, zz); dimensionless."""
+    x, y, z = scaled(x_ij, conduction.inverse_radius)
+    f = missing_factor(x_ij, compensation_x_i, compensation_rest_i, compensation_x_j, compensation_rest_j)
+    f *= moment_share(r * conduction.inverse_radius, volume_j, conduction)
+    return f * x * x, f * x * y, f * x * z, f * y * y, f * y * z, f * z * z
+
+
+@kernel(rows_of="known")
+def note_moves(i, position, volume, moved, known):
+    """`moved` becomes 1 if a particle's place or volume is not the `known` one, which it becomes."""
+    x, y, z = three(position, i)
+    if not (known[i, 0] == x and known[i, 1] == y and known[i, 2] == z and known[i, 3] == volume[i]):
+        put(known, i, (x, y, z, volume[i]))
+        moved[0] = 1
+
+
+@formula
+def moment(i, lane, places, neighbours, compensation_x, compensation_rest):
+    """S_i = sum_j V_j L_ij f_ij x_ij x_ij^T, dimensionless."""
+    return neighbour_sum(
+        moment_pair, i, lane, neighbours, places.position, places.period, places.volume, compensation_x,
+        compensation_rest, places.conduction,
+    )  # fmt: skip
+
+
+@kernel(lanes=True)
+def invert_moments(i, lane, moved, places, neighbours, inverse_x, inverse_rest):
+    """P_i of the moments of all pairs as they are, where anything has moved."""
+    if moved[0] != 0:
+        s = moment(i, lane, places, neighbours, None, None)
+        if first_lane(lane):
+            p = inverse_moment(s)
+            put(inverse_x, i, p[0:3])
+            put(inverse_rest, i, p[3:6])
+
+
+@kernel(lanes=True)
+def compensate(i, lane, moved, weight, places, neighbours, inverse, old, new_x, new_rest):
+    """A round: A_i += w (P_i (I - S_i) + (I - S_i) P_i)/2, S_i by the old A, where anything has moved."""
+    if moved[0] != 0:
+        s = moment(i, lane, places, neighbours, old.x, old.rest)
+        if first_lane(lane):
+            own, p = (*three(old.x, i), *three(old.rest, i)), (*three(inverse.x, i), *three(inverse.rest, i))
+            a = compensated(own, p, s, weight)
+            put(new_x, i, a[0:3])
+            put(new_rest, i, a[3:6])
 
 
 @pair

@@ -8,8 +8,11 @@ import numpy as np
 from refsim.backends.chunks import CHUNKS, limits
 from refsim.backends.compile import formula, kernel
 from refsim.backends.staging import AT_A_TIME, buffer, staged
+from refsim.backends.tuples import three
+from refsim.heat.formulas import missing_factor
 from refsim.heat.kernels import capacity_of, scaled_distance, weight_at
 from refsim.heat.shapes import ExchangeRows
+from refsim.neighbours.formulas import to_nearest_image
 from refsim.neighbours.pairs import neighbour_sum, pair
 from refsim.neighbours.rows import row_of
 
@@ -32,6 +35,24 @@ def weighed(body, neighbours, step, scratch):
 
 
 @formula
+def compensate_block(i, at, size, position, compensation_x, compensation_rest, neighbours, period, exchanges, places):
+    """Multiply the weights of staged neighbours of particle i by their factors f_ij, where there is a compensation."""
+    if compensation_x is not None:
+        xx, xy, xz, yy, yz, zz = (
+            buffer(compensation_x), buffer(compensation_x), buffer(compensation_x), buffer(compensation_rest),
+            buffer(compensation_rest), buffer(compensation_rest),
+        )  # fmt: skip
+        staged(neighbours.entries, at, size, (compensation_x, compensation_rest), (xx, xy, xz, yy, yz, zz))
+        own_x, own_rest, own = three(compensation_x, i), three(compensation_rest, i), three(position, i)
+        x, y, z = places
+        for m in range(size):
+            dx, dy, dz = to_nearest_image(own[0] - x[m], own[1] - y[m], own[2] - z[m], period)
+            exchanges.weight[at + m] *= missing_factor(
+                (dx, dy, dz), own_x, own_rest, (xx[m], xy[m], xz[m]), (yy[m], yz[m], zz[m])
+            )
+
+
+@formula
 def weigh_and_pack(i, body, neighbours, seconds, conduction, period, exchanges):
     """Write the exchanges of particle i, those nearer than h, one after the other; their sum of g [J/K]."""
     position, volume, conductivity = body.position, body.volume, body.conductivity
@@ -48,6 +69,10 @@ def weigh_and_pack(i, body, neighbours, seconds, conduction, period, exchanges):
             exchanges.weight[first + begin + m] = weight_at(
                 q, volume[i], volumes[m], conductivity[i], conductivities[m], seconds, conduction
             )
+        compensate_block(
+            i, first + begin, left, position, body.compensation_x, body.compensation_rest, neighbours, period,
+            exchanges, (x, y, z),
+        )  # fmt: skip
     total = type(conduction.support_radius)(0)
     found = np.uint64(0)
     for k in range(count):

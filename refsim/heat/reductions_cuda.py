@@ -9,7 +9,7 @@ import numpy as np
 
 from refsim.backends.compile import THREADS_PER_BLOCK, cuda, cuda_kernel
 from refsim.backends.primitives import four_of, largest_of_block, set_four, sum_of_block
-from refsim.heat.kernels import capacity_of, weight_at
+from refsim.heat.kernels import capacity_of, factor_in, weight_at
 from refsim.heat.reductions import flow_along, step_ratio, stepped, turned
 from refsim.heat.shapes import ExchangeColumns
 from refsim.neighbours.formulas import to_nearest_image
@@ -71,6 +71,7 @@ def weigh(placed, conductor, step, exchanges, inverse, exchange_sum, largest):
                 dx, dy, dz = to_nearest_image(x - xj, y - yj, z - zj, step.period)
                 q = math.sqrt(dx * dx + dy * dy + dz * dz) * conduction.inverse_radius
                 g = weight_at(q, own_volume, volume_j, own_conductivity, conductivity_j, step.timestep[1], conduction)
+                g *= factor_in(conductor, i, exchanges.entries[at], step.period)
                 exchanges.weight[at] = g
                 total += g
                 xj, yj, zj, volume_j, conductivity_j = xn, yn, zn, next_volume, next_conductivity

@@ -13,22 +13,30 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from refsim.core.operation import SYMMETRY, operations, without
-from refsim.neighbours.reference import pair_blocks
+from refsim.neighbours.reference import nearest_image, pair_blocks
 
 _STEEP = "steep_volumes steep_conductivities"
 _REASON = "the scale counts the temperatures once for each pass; the few roundings of one exchange"
-_MELTS = "melting_point latent_heat enthalpy"
+_MELTS, _MADE_UP = "melting_point latent_heat enthalpy", "compensation_x compensation_rest"
 operation = operations(
-    paper="standard", cases=_STEEP, optional="reservoir period", variants=("reservoir period", "reservoir", "period"),
-    invariants=SYMMETRY, broken={1: "rotation"},
+    paper="standard", cases=_STEEP, optional=f"reservoir period {_MADE_UP}",
+    variants=(f"reservoir period {_MADE_UP}", "reservoir", f"period {_MADE_UP}"), invariants=SYMMETRY,
+    broken={1: "rotation"},
 )  # fmt: skip
 _scheme = operations(
-    paper="standard", cases=_STEEP, outputs="enthalpy temperature", reach=0, optional=f"reservoir period {_MELTS}",
-    variants=(f"reservoir period {_MELTS}", f"reservoir {_MELTS}", f"period {_MELTS}", "reservoir period"),
+    paper="standard", cases=_STEEP, outputs="enthalpy temperature", reach=0,
+    optional=f"reservoir period {_MELTS} {_MADE_UP}",
+    variants=(
+        f"reservoir period {_MELTS} {_MADE_UP}", f"reservoir {_MELTS}", f"period {_MELTS} {_MADE_UP}",
+        f"reservoir period {_MADE_UP}",
+    ),
     tolerance=1.0, reason=_REASON, invariants=SYMMETRY, broken={1: "rotation"},
     programs={"cpu": "schemes", "cuda": "schemes"},
 )  # fmt: skip
-_SOLID = {"optional": "reservoir period", "variants": ("reservoir period", "reservoir", "period")}
+_SOLID = {
+    "optional": f"reservoir period {_MADE_UP}",
+    "variants": (f"reservoir period {_MADE_UP}", "reservoir", f"period {_MADE_UP}"),
+}
 
 SPIKY, MUELLER, POLY6 = range(3)
 
@@ -42,6 +50,8 @@ class Body(NamedTuple):
     heat_capacity: Any
     conductivity: Any
     reservoir: Any
+    compensation_x: Any  # (n, 3) xx, xy, xz of A, or None
+    compensation_rest: Any  # (n, 3) yy, yz, zz
 
 
 class Melting(NamedTuple):
@@ -111,10 +121,67 @@ def capacities(mass, volume, heat_capacity, reservoir, conduction):
 
 
 def exchanges(body, step):
-    """(i, j, g) of `pairs`, and 1/C_i [K/J]."""
-    found = pairs(body.position, body.volume, body.conductivity, *step)
-    inverse = capacities(body.mass, body.volume, body.heat_capacity, body.reservoir, step.conduction)
-    return (*found, inverse)
+    """(i, j, g) of `pairs` with the factors f_ij, and 1/C_i [K/J]."""
+    i, j, g = pairs(body.position, body.volume, body.conductivity, *step)
+    if body.compensation_x is not None:
+        a = tensors(body.compensation_x, body.compensation_rest)
+        g = g * factors(i, separations(body.position, i, j, step.period)[0], j, a)
+    return i, j, g, capacities(body.mass, body.volume, body.heat_capacity, body.reservoir, step.conduction)
+
+
+def tensors(x, rest):
+    """Symmetric matrices (n, 3, 3) of (xx, xy, xz) and (yy, yz, zz)."""
+    both = np.concatenate((np.asarray(x, dtype=float), np.asarray(rest, dtype=float)), axis=1)
+    return both[:, [[0, 1, 2], [1, 3, 4], [2, 4, 5]]]
+
+
+def separations(position, i, j, period):
+    """(e, r): unit vectors (pairs, 3) along x_i - x_j and distances [m], to the nearest image."""
+    x = np.asarray(position, dtype=float)
+    away = x[i] - x[j] if period is None else nearest_image(x[i] - x[j], period)
+    r = np.linalg.norm(away, axis=1)
+    return away / r[:, None], r
+
+
+def factors(i, e, j, a):
+    """f_ij = e.(A_i + A_j).e/2 within 1/10 and 10, dimensionless."""
+    return np.clip(np.einsum("pa,pab,pb->p", e, (a[i] + a[j]) / 2, e), 0.1, 10)
+
+
+@operation(
+    "S_i = sum_j V_j L_ij f_ij x_ij x_ij^T = I, f_ij = e.(A_i + A_j).e/2 (Shao & Song M26)", optional="period",
+    outputs="compensation_x compensation_rest", variants=("period", ""), reach=5, broken={}, tolerance=4.0,
+    invariants="translation reordering",
+    programs={"cpu": "schemes", "cuda": "schemes"},
+    reason="the scale counts the moments once for each round, over the square of the least eigenvalue that is inverted",
+)  # fmt: skip
+def compensation(position, volume, conduction, period):
+    """A of each particle, with which its moment S_i is nearly I where the neighbours allow it; dimensionless.
+
+    Begun with A = P = 1.05 (S + 0.05 I)^-1, S by f = 1; four rounds A += w (P (I - S) + (I - S) P)/2 of Chebyshev's
+    iteration (Saad 2003, section 12.3) for eigenvalues from 0.3 to 1.
+    """
+    one = np.ones(len(volume))
+    i, j, g = pairs(position, volume, one, (0.0, 0.5), conduction, period)
+    e, r = separations(position, i, j, period)
+    v = np.asarray(volume, dtype=float)
+    share = g / v[i] * r**2
+
+    def moment(f):
+        s = np.zeros((len(v), 3, 3))
+        np.add.at(s, i, (share * f)[:, None, None] * e[:, :, None] * e[:, None, :])
+        return s
+
+    first = moment(1.0)
+    p = 1.05 * np.linalg.inv(first + 0.05 * np.eye(3))
+    a = p
+    for root in np.cos(np.pi / 8 * np.array([1, 3, 5, 7])):
+        left = np.eye(3) - moment(factors(i, e, j, a))
+        a = a + (p @ left + left @ p) / (2 * (0.65 + 0.35 * root))
+    size = np.bincount(i, np.abs(share), len(v)).max(initial=0)
+    scale = 4 * (1 + np.abs(p).max(initial=0)) ** 2 * (1 + size)
+    whole = np.full((len(v), 3), scale)
+    return {"compensation_x": (a[:, 0], whole), "compensation_rest": (a[:, [1, 1, 2], [1, 2, 2]], whole)}
 
 
 def flow(i, j, g, temperature):
@@ -131,10 +198,14 @@ def exchange_sums(i, j, g, inverse):
     "s_i/dt = sum_j |G_ij|/C_i of (4)", outputs="exchange_rate", tolerance=8.0,
     reason="a few roundings in each of distance, shape, mean conductivity, products and sum",
 )  # fmt: skip
-def exchange_rate(position, mass, volume, heat_capacity, conductivity, reservoir, conduction, period):
+def exchange_rate(
+    position, mass, volume, heat_capacity, conductivity, reservoir, compensation_x, compensation_rest, conduction,
+    period,
+):  # fmt: skip
     """s_i/dt = sum_j |G_ij|/C_i [1/s], 0 for reservoirs: explicit steps keep the range up to dt = 1/(the largest)."""
-    i, j, g = pairs(position, volume, conductivity, (0.0, 1.0), conduction, period)
-    rate = exchange_sums(i, j, np.abs(g), capacities(mass, volume, heat_capacity, reservoir, conduction))
+    body = Body(position, mass, volume, heat_capacity, conductivity, reservoir, compensation_x, compensation_rest)
+    i, j, g, inverse = exchanges(body, Step((0.0, 1.0), conduction, period))
+    rate = exchange_sums(i, j, np.abs(g), inverse)
     return {"exchange_rate": (rate, rate)}
 
 
@@ -235,16 +306,19 @@ def one_sided(body: Body, step: Step, temperature):
     variants=("reservoir period", without("reservoir", period="wide_box"), "period"), invariants="",
     programs={"cpu": "pair_exchange", "cuda": "pair_exchange"},
 )  # fmt: skip
-def pair_exchange(body: Body, step: Step, temperature):
+def pair_exchange(
+    position, mass, volume, heat_capacity, conductivity, reservoir, timestep, conduction, period, temperature
+):
     """M(4) for both particles of a pair at once (R3): E = g (T_j - T_i)/(1 + g (1/C_i + 1/C_j)) goes from j to i [J].
 
     Every pair once, in the order of `rounds`, and once more backwards; half of dt each (Shao & Song M8). [degrees C]
     """
-    i, j, g, inverse = exchanges(body, step)
+    step = Step(timestep, conduction, period)
+    i, j, g, inverse = exchanges(Body(position, mass, volume, heat_capacity, conductivity, reservoir, None, None), step)
     g = float(step.conduction.sweep_share) * g
     t = np.array(temperature, dtype=float)
     side, dim = float(step.conduction.support_radius) / 2, int(step.conduction.dim)
-    order = [np.array(r).T for r in rounds(body.position, side, dim, step.period)]
+    order = [np.array(r).T for r in rounds(position, side, dim, step.period)]
     size = np.abs(t).max(initial=0)
     at = i * np.int64(len(t)) + j  # sorted
     for a, b in order + order[::-1]:
@@ -318,8 +392,8 @@ def single_pass(body: Body, melting: Melting, step: Step, enthalpy, temperature)
 @_scheme(
     "backward Euler, of which (4) is one pair (CHEB)",
     variants=(
-        without(f"reservoir period {_MELTS}", conduction="planned"), f"reservoir {_MELTS}", f"period {_MELTS}",
-        "reservoir period",
+        without(f"reservoir period {_MELTS} {_MADE_UP}", conduction="planned"), f"reservoir {_MELTS}",
+        f"period {_MELTS} {_MADE_UP}", f"reservoir period {_MADE_UP}",
     ),
 )  # fmt: skip
 def chebyshev(body: Body, melting: Melting, step: Step, enthalpy, temperature):

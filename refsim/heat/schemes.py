@@ -3,9 +3,23 @@
 import numpy as np
 
 from refsim.heat import reductions
-from refsim.heat.kernels import add, advance, collect, copy, flow, pass_once, plan_chebyshev, solve_own, sweep, take_up
+from refsim.heat.kernels import (
+    add,
+    advance,
+    collect,
+    compensate,
+    copy,
+    flow,
+    invert_moments,
+    note_moves,
+    pass_once,
+    plan_chebyshev,
+    solve_own,
+    sweep,
+    take_up,
+)
 from refsim.heat.reference import Body, Melting, Step
-from refsim.heat.shapes import StageState, Substance
+from refsim.heat.shapes import ROUNDS, Places, StageState, Substance, Tensors
 from refsim.heat.stages import (
     EXPLICIT,
     MOST_CONJUGATE_PASSES,
@@ -28,6 +42,24 @@ def reduced(scratch):
 def weighed(body, neighbours, step, scratch):
     """As `reductions.weighed`, on the backend of the scratch memory."""
     return reduced(scratch)[0](body, neighbours, step, scratch)
+
+
+def compensation(position, volume, neighbours, conduction, period, scratch, compensation_x, compensation_rest):
+    """A of every particle, anew where anything has moved since the last time: a sum over neighbours for each round."""
+    n, real = volume.shape[0], volume.dtype
+    moved = scratch.array("heat moved", 1, np.int32)
+    scratch.backend.assign(moved, 0)
+    note_moves(position, volume, moved, scratch.kept("heat known places", (n, 4), real))
+    inverse, *others = (
+        Tensors(*(scratch.array(f"heat compensation {k} {part}", (n, 3), real) for part in Tensors._fields))
+        for k in range(len(ROUNDS))
+    )
+    places = Places(position, volume, conduction, period)
+    invert_moments(moved, places, neighbours, *inverse)
+    old = inverse
+    for weight, new in zip(ROUNDS, (*others, Tensors(compensation_x, compensation_rest))):
+        compensate(moved, real.type(weight), places, neighbours, inverse, old, *new)
+        old = new
 
 
 # What the schemes share

@@ -16,6 +16,11 @@ from refsim.core.scalars import int32
 from refsim.smoothing import lattice
 
 SPIKY, MUELLER, POLY6 = range(3)
+# What makes up for missing neighbours: what is added to a moment before it is inverted, bounds of a pair's factor, and
+# weights of the rounds, those of Chebyshev's iteration for eigenvalues from 0.3 to 1
+FLOOR, LEAST_FACTOR, LARGEST_FACTOR = 0.05, 0.1, 10.0
+SMALLEST = 1e-37  # [m^2] which keeps coincident particles from a division by zero
+ROUNDS = tuple(1 / (0.65 + 0.35 * math.cos((2 * k + 1) * math.pi / 8)) for k in range(4))
 MOST_PASSES = 64  # of Chebyshev's iteration: longer ones overshoot if they are truncated
 # Coefficient of l(q)/h^(dim + 2) in L_ij, by dimension: the kernels' own normalisations and their derivatives.
 NORMALISATION = {
@@ -70,6 +75,22 @@ class Substance(NamedTuple):
     heat_capacity: Any
     melting_point: Any
     latent_heat: Any
+
+
+class Tensors(NamedTuple):
+    """A symmetric matrix of each particle."""
+
+    x: Any  # (n, 3) xx, xy, xz
+    rest: Any  # (n, 3) yy, yz, zz
+
+
+class Places(NamedTuple):
+    """What the moments of the pairs follow from, beside their list."""
+
+    position: Any
+    volume: Any
+    conduction: Any
+    period: Any
 
 
 class StageState(NamedTuple):

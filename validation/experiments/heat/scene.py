@@ -85,6 +85,7 @@ class Conductor:
             "conductivity": one if conductivity is None else conductivity.astype(real),
             "reservoir": None if held is None else held.astype(np.uint8),
             "melting_point": point, "latent_heat": latent, "conduction": self.conduction,
+            "compensation_x": None, "compensation_rest": None,
             "enthalpy": enthalpy, "temperature": first, "scratch": Scratch(self.there),
             "period": period_group(period, dtype) if any(period) else None,
         }  # fmt: skip

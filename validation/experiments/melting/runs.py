@@ -168,6 +168,7 @@ def conserved(context: Context, backend: str, dtype: str, bookkeeping: str, step
     diffusivity = 0.3
     heat = refsim.HeatConduction(
         temperature=(-10.0, 40.0), conductivity=diffusivity * 1000 * 4186, heat_capacity=4186.0, melting_point=0.0,
+        literal=("M26",),
     )  # fmt: skip
     bodies = (refsim.ShapeMatching(half_width=HALF_WIDTH), refsim.TwoWayCoupling())
     effects = (LIQUID, *bodies, heat, refsim.Melting(bookkeeping=bookkeeping))
@@ -461,8 +462,9 @@ def melted(context: Context, radius: float, bookkeeping: str, backend: str, seco
     cells = np.stack(np.meshgrid(*[np.arange(wide)] * 3, indexing="ij"), -1).reshape(-1, 3)
     inside = np.linalg.norm(cells - 0.5 * (wide - 1), axis=1) * SPACING < radius
     heat = refsim.HeatConduction(
-        temperature=(-10.0, 80.0), conductivity=0.3 * 1000 * 4186, heat_capacity=4186.0, melting_point=0.0
-    )
+        temperature=(-10.0, 80.0), conductivity=0.3 * 1000 * 4186, heat_capacity=4186.0, melting_point=0.0,
+        literal=("M26",),
+    )  # fmt: skip
     walls = refsim.BoxWalls(lower=(0.0, 0.0, 0.0), upper=(wide * SPACING, wide * SPACING, 2 * wide * SPACING))
     bodies = (refsim.ShapeMatching(half_width=HALF_WIDTH), refsim.TwoWayCoupling())
     effects = (LIQUID, refsim.Gravity(), walls, *bodies, heat)
@@ -619,7 +621,7 @@ def pool(
 ) -> refsim.Scene:  # fmt: skip
     """Bodies over a basin of 9 x 9 x 4 particles; K in m^2/s."""
     heat = refsim.HeatConduction(
-        temperature=temperature, conductivity=conductivity, melting_point=0.0, mean="arithmetic", literal=("M11",)
+        temperature=temperature, conductivity=conductivity, melting_point=0.0, mean="arithmetic", literal=("M11", "M26")
     )
     walls, melting = refsim.BoxWalls(lower=(0, 0, 0), upper=(1.8, 1.8, 3.0)), refsim.Melting(bookkeeping=bookkeeping)
     effects = (LIQUID, refsim.Gravity(), walls, refsim.ShapeMatching(), refsim.TwoWayCoupling(), heat, melting)

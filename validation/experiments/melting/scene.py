@@ -165,7 +165,7 @@ def made(
         temperature=(setting.solid_temperature,) * len(solid) + (setting.water_temperature,) * len(fluid),
         conductivity=(*(scale * k for _, _, k, _ in setting.bodies),
                       *(scale * setting.water_conductivity,) * len(fluid)),
-        melting_point=0.0, scheme=scheme, mean="arithmetic", largest_number=largest_number, literal=("M11",),
+        melting_point=0.0, scheme=scheme, mean="arithmetic", largest_number=largest_number, literal=("M11", "M26"),
     )  # fmt: skip
     effects = (
         LIQUID, refsim.Gravity(), refsim.BoxWalls(lower=(0.0, 0.0, 0.0), upper=metres(*setting.tank)),

@@ -1,0 +1,180 @@
+"""A thin insulated body conducts along itself as its material does, and heat is kept."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from scipy.special import erfc
+
+from refsim import Box, Cloud, HeatConduction, Scene, Simulation, WeaklyCompressible
+
+CELLS = 16
+
+
+def bar(x, dim, support, options, backend="numpy", period=(0.0, 0.0, 0.0)):
+    """Half a cosine along x, spacing 1 m and k = rho = c = 1, in steps of 0.1 s."""
+    wave = math.pi / CELLS
+    heat = HeatConduction(
+        temperature=tuple(50 + 50 * np.cos(wave * x[:, 0])), conductivity=1.0, heat_capacity=1.0, density=1.0,
+        **options,
+    )  # fmt: skip
+    scene = Scene(
+        dim=dim, dtype="float64", spacing=1.0, support_radius=support, step=0.1, fluid=(Cloud(position=x),),
+        effects=(heat,), period=period,
+    )  # fmt: skip
+    return Simulation(scene, backend)
+
+
+def rate(simulation, steps=5):
+    """The cosine's rate of decay over that of the exact solution, and the largest relative change of the heat."""
+    wave = math.pi / CELLS
+    mode = np.cos(wave * simulation.field("position")[:, 0])
+    simulation.step()
+    first, began, change = simulation.field("temperature"), simulation.time, 0.0
+    for _ in range(steps):
+        simulation.step()
+        change = max(change, abs(math.fsum(simulation.field("temperature")) / math.fsum(first) - 1))
+    left = float(mode @ (simulation.field("temperature") - 50)) / float(mode @ (first - 50))
+    return -math.log(left) / ((simulation.time - began) * wave**2), change
+
+
+def lattice(*across):
+    """A bar of so many rows (2D), or of so many by so many (3D)."""
+    axes = [np.arange(n) + 0.5 for n in (CELLS, *across)]
+    x = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
+    return np.pad(x, ((0, 0), (0, 3 - len(axes))))
+
+
+DRAWN = np.random.default_rng(20)
+BARS = [
+    *((int(rows), h, {}) for rows, h in zip(DRAWN.integers(2, 12, 3), (2.1, 2.5, 3.0))), (1, 2.5, {}),
+    *((3, 2.5, {"scheme": scheme}) for scheme in ("implicit", "conjugate_gradient", "runge_kutta_legendre")),
+    (int(DRAWN.integers(2, 8)), 2.5, {"laplacian": "mueller"}),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("rows, support, options", BARS)
+def test_a_strip_conducts_along_itself_as_its_material_does(rows, support, options):
+    """Within 1 % of a wide body, which the lattice's own error leaves; the plain sum gives 0.58 in one row."""
+    given = {"scheme": "explicit", **options}
+    wide = rate(bar(lattice(8), 2, support, given | {"literal": ("M26",)}, period=(0.0, 8.0, 0.0)))[0]
+    found, change = rate(bar(lattice(rows), 2, support, given))
+    assert found == pytest.approx(wide, rel=0.01)
+    assert change < 1e-14
+    plain, _ = rate(bar(lattice(rows), 2, support, given | {"literal": ("M26",)}))
+    assert plain < 0.97 * wide
+
+
+@pytest.mark.parametrize("across", [(1, 1), (2, 2), (1, 5), (3, 4)], ids=str)
+def test_rods_and_slabs_conduct_alike(across):
+    found, change = rate(bar(lattice(*across), 3, 2.5, {"scheme": "explicit"}))
+    assert found == pytest.approx(1.0, abs=0.015)  # of which the lattice of a wide body takes 0.005
+    assert change < 1e-14
+
+
+def test_turned_and_uneven_strips_conduct_alike():
+    """Turned by 0.3 rad, and with every particle moved by up to a twentieth of the spacing."""
+    straight = lattice(3)
+    c, s = math.cos(0.3), math.sin(0.3)
+    turned = straight @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    moved = straight + np.random.default_rng(3).uniform(-0.05, 0.05, straight.shape) * [1, 1, 0]
+    run = bar(straight, 2, 2.5, {"scheme": "explicit"})
+    expected, _ = rate(run)
+    again = bar(straight, 2, 2.5, {"scheme": "explicit"})
+    again.set_field("position", turned)
+    for _ in range(6):
+        again.step()
+    assert again.field("temperature") == pytest.approx(run.field("temperature"), abs=1e-9)
+    assert rate(bar(moved, 2, 2.5, {"scheme": "explicit"}))[0] == pytest.approx(expected, rel=0.015)
+
+
+def test_copper_heats_a_thin_bar_of_steel():
+    """100 deg C on 0, three rows of 2 mm: 15 mm into the steel after 4 s it is 9.834 deg C, as in a wide bar."""
+    d, n = 0.002, 30
+    k, store = np.array([400.0, 50.0]), 8000.0 * np.array([385.0, 490.0])
+    effusivity = np.sqrt(k * store)
+    exact = 100 * effusivity[0] / effusivity.sum() * erfc(0.015 / math.sqrt(4 * k[1] / store[1] * 4.0))
+
+    def ended(**literal):
+        heat = HeatConduction(
+            temperature=(100.0, 0.0), conductivity=tuple(k), heat_capacity=(385.0, 490.0), density=8000.0,
+            scheme="runge_kutta_legendre", **literal,
+        )  # fmt: skip
+        scene = Scene(
+            dim=2, dtype="float64", spacing=d, support_radius=2.5 * d, step=0.25, effects=(heat,),
+            fluid=(Box(cells=(n, 3, 1)), Box(lower=(n * d, 0.0, 0.0), cells=(n, 3, 1))),
+        )  # fmt: skip
+        run = Simulation(scene, "numpy")
+        for _ in range(16):
+            run.step()
+        x, t = run.field("position")[:, 0], run.field("temperature")
+        places = np.unique(x.round(9))
+        return float(np.interp((n * d) + 0.015, places, [t[abs(x - place) < 1e-7].mean() for place in places]))
+
+    assert exact == pytest.approx(9.834, abs=1e-3)
+    assert ended() == pytest.approx(exact, abs=0.05)
+    assert ended(literal=("M26",)) < 0.85 * exact
+
+
+@pytest.mark.parametrize("kind", ["alone", "pair", "coincident", "masses", "conductivities"])
+def test_hard_places_keep_heat_and_range(kind):
+    """A particle without neighbours, a lone pair, particles nearly in one place, masses and conductivities 1000 : 1."""
+    x = {"alone": lattice(1)[::4], "pair": np.concatenate([lattice(1)[:1], lattice(1)[:1] + [0.7, 0, 0]])}.get(
+        kind, lattice(3)
+    )
+    if kind == "coincident":
+        x = np.concatenate([x, x[::5] + [1e-9, 0.0, 0.0]])
+    ratio = np.random.default_rng(1).choice([1.0, 1e-3], len(x))
+    t = tuple(np.linspace(0.0, 100.0, len(x)))
+    heat = HeatConduction(
+        temperature=t, conductivity=tuple(ratio) if kind == "conductivities" else 1.0, heat_capacity=1.0, density=1.0,
+        scheme="explicit",
+    )  # fmt: skip
+    part = Cloud(position=x, mass=ratio) if kind == "masses" else Cloud(position=x)
+    run = Simulation(
+        Scene(dim=2, dtype="float64", spacing=1.0, support_radius=2.5, end_time=1e9, fluid=(part,), effects=(heat,)),
+        "numpy",
+    )
+    before = math.fsum(run.field("mass") * run.field("temperature"))
+    for _ in range(5):
+        run.step()
+    after = run.field("temperature")
+    assert after.min() >= -1e-9
+    assert after.max() <= 100 + 1e-9
+    assert math.fsum(run.field("mass") * after) == pytest.approx(before, rel=1e-13)
+    assert (after != np.array(t)).any() == (kind != "alone")
+
+
+def test_moved_particles_are_compensated_anew_and_resting_ones_are_not():
+    """On a CPU the sums over neighbours are taken once, and again where a particle has moved."""
+    run = bar(lattice(2), 2, 2.5, {"scheme": "explicit"}, backend="cpu")
+    run.step()
+    first = run.field("compensation_x")
+    stored = run.fields["compensation_x"]
+    stored[...] = 7.0  # which a particle at rest keeps
+    run.step()
+    assert (stored == 7.0).all()
+    x = run.field("position")
+    run.set_field("position", x + [0.5, 0.0, 0.0])
+    run.step()
+    assert run.field("compensation_x") == pytest.approx(first, abs=1e-12)
+
+
+def test_a_liquid_and_a_resumed_run_are_compensated_alike(tmp_path):
+    """Bit for bit after a checkpoint, where particles move."""
+    heat = HeatConduction(temperature=(50.0, 0.0), conductivity=1e4)
+    scene = Scene(
+        dim=2, dtype="float64", spacing=0.1, support_radius=0.25, step=0.002,
+        fluid=(Box(cells=(6, 3, 1), velocity=(1.0, 0.0, 0.0)), Box(lower=(0.6, 0.0, 0.0), cells=(6, 3, 1))),
+        effects=(WeaklyCompressible(sound_speed=10.0, dynamic_viscosity=1.0), heat),
+    )  # fmt: skip
+    run = Simulation(scene, "numpy")
+    for _ in range(4):
+        run.step()
+    run.checkpoint(tmp_path / "half")
+    again = Simulation.resume(tmp_path / "half")
+    for one, _ in itertools.product((run, again), range(4)):
+        one.step()
+    assert (run.field("temperature") == again.field("temperature")).all()
+    assert run.field("temperature")[:18].mean() < 50.0
