@@ -39,14 +39,6 @@ class Scratch:
             held = self._arrays[name] = self.backend.empty(shape, dtype)
         return held
 
-    def kept(self, name: str, shape: Any, dtype: Any) -> Any:
-        """As `array`, under a name of one operation alone, which finds its values again; NaN at first."""
-        before = self._arrays.get(name)
-        found = self.array(name, shape, dtype)
-        if found is not before:
-            self.backend.assign(found, np.nan)
-        return found
-
     def called(self, name: str) -> Callable[[str, Any, Any], Any]:
         """`array` for the parts of what is called `name`."""
         return lambda part, shape, dtype: self.array(f"{name} {part}", shape, dtype)

@@ -58,8 +58,8 @@ TEMPERATURE_RANGE = Field(
     rows=2, state=True,
 )  # fmt: skip
 VOLUME = Field("volume", "m^3 (m^2 in 2D)", "volume V = m/rho")
-COMPENSATION_X = Field("compensation_x", "-", "xx, xy, xz of A_i, which makes up for missing neighbours", 3)
-COMPENSATION_REST = Field("compensation_rest", "-", "yy, yz, zz of A_i", 3)
+COMPENSATION_X = Field("compensation_x", "-", "xx, xy, xz of A_i, which makes up for missing neighbours", 3, state=True)
+COMPENSATION_REST = Field("compensation_rest", "-", "yy, yz, zz of A_i", 3, state=True)
 
 PerPart = float | tuple[float, ...]
 SCHEMES = {
@@ -255,18 +255,17 @@ class HeatConduction(
         if self.melts:
             reads += ["melting_point", "latent_heat"]
             updates = ("enthalpy", "temperature")
-        if self.held:
-            reads.append("reservoir")
+        held = ("reservoir",) * bool(self.held)
+        reads += held
         absent = {} if self.melts else dict.fromkeys(("enthalpy", "melting_point", "latent_heat"))
         made, factors = [], ("compensation_x", "compensation_rest") if self.compensates else ()
         reads += factors
         if LIQUID in others and not self._volume_is_given(others):
             made.append(Pass("heat.particle_volume", ("mass", "density"), ("volume",)))
         if factors:
-            made.append(Pass("heat.compensation", ("position", "volume"), factors))
+            made.append(Pass("heat.compensation", ("position", "velocity", "volume", *held), updates=factors))
         if self._limited_by_sums():
-            needs = ("position", "mass", "volume", "heat_capacity", "conductivity", *(("reservoir",) * bool(self.held)))
-            needs += factors
+            needs = ("position", "mass", "volume", "heat_capacity", "conductivity", *held, *factors)
             made.append(Pass("heat.exchange_rate", needs, ("exchange_rate",)))
         return (*made, Pass(self.operation(), tuple(reads), updates=updates, names=absent, stage="motion"))
 
@@ -298,6 +297,8 @@ class HeatConduction(
         return any({"temperature", "enthalpy"} & {*p.writes, *p.updates} for p in passes)
 
     def after_setting(self, name: str, field: Callable[[str], np.ndarray]) -> Mapping[str, np.ndarray]:
+        if name in ("position", "volume") and self.compensates:  # begin anew
+            return {part: np.zeros_like(field(part)) for part in ("compensation_x", "compensation_rest")}
         state = ("temperature", "enthalpy", "heat_capacity", "melting_point", "latent_heat")
         if not self.conducts or name not in state or float(field("temperature_range")[1]) >= 0.5 * ANY_TEMPERATURE:
             return {}

@@ -247,24 +247,60 @@ closed_form(  # the factor is at most 10
 )
 
 
-@closed_form("heat.compensation", across=5.0)
-def compensation_of_a_pair():
-    """S = m (0, 1, 0) with m_i = V_j L r^2; along the pair A is found by four rounds, across it grows by w/0.05 x 1.05.
+SHARE = 3 * 15 / (64 * math.pi)  # L r^2 of the pair [1/m^3]
 
-    Along: p = 1.05/(m + 0.05), a += w p (1 - m f), f = (a_1 + a_2)/2.
+
+def _compensated(along, over, weights):
+    """A of the pair after rounds: along it by S = m f, m_i = V_j L r^2, f = (a_1 + a_2)/2 within 1/10 and 10.
+
+    P is 1.05/(m + 0.05) along the pair and 21 across it, where nothing is summed.
     """
-    share = 3 * 15 / (64 * math.pi)  # L r^2 [1/m^3]
-    m = share * VOLUME[::-1]
+    m = SHARE * VOLUME[::-1]
     p = 1.05 / (m + 0.05)
-    along, over = p, 21.0
-    for k in (1, 3, 5, 7):
-        weight = 1 / (0.65 + 0.35 * math.cos(k * math.pi / 8))
+    for weight in weights:
         f = min(max(along.mean(), 0.1), 10.0)
-        along, over = along + weight * p * (1 - m * f), over + weight * 21.0
-    x, rest = np.tile([over, 0.0, 0.0], (2, 1)), np.column_stack((along, np.zeros(2), np.full(2, over)))
-    return Exact(
-        PAIR, {"volume": VOLUME, "conduction": _conduction_of()}, {"compensation_x": x, "compensation_rest": rest}
-    )
+        along = along + weight * (p * (1 - m * f) - (along - p) / 100)
+        over = over + weight * (21.0 - (over - 21.0) / 100)
+    return {
+        "compensation_x": np.tile([over, 0.0, 0.0], (2, 1)),
+        "compensation_rest": np.column_stack((along, np.zeros(2), np.full(2, over))),
+    }
+
+
+def _compensating(velocity, **before):
+    given = {"volume": VOLUME, "conduction": _conduction_of(), "velocity": velocity, "reservoir": None}
+    return given | {name: np.array(value) for name, value in before.items()}
+
+
+@closed_form("heat.compensation", across=5.0)
+def compensation_at_the_start():
+    """From 0, at rest: P, and four rounds."""
+    given = _compensating(np.zeros((2, 3)), compensation_x=np.zeros((2, 3)), compensation_rest=np.zeros((2, 3)))
+    weights = [1 / (0.65 + 0.35 * math.cos(k * math.pi / 8)) for k in (1, 3, 5, 7)]
+    return Exact(PAIR, given, _compensated(1.05 / (SHARE * VOLUME[::-1] + 0.05), 21.0, weights))
+
+
+@closed_form("heat.compensation")
+def compensation_beside_a_reservoir():
+    """A = I for a reservoir in the first of the rounds; then f = (a_1 + 1)/2."""
+    given = _compensating(np.zeros((2, 3)), compensation_x=np.zeros((2, 3)), compensation_rest=np.zeros((2, 3)))
+    m = SHARE * VOLUME[1]
+    p = along = 1.05 / (m + 0.05)
+    over = _compensated(np.ones(2), 21.0, [1 / (0.65 + 0.35 * math.cos(k * math.pi / 8)) for k in (1, 3, 5, 7)])
+    for k in (1, 3, 5, 7):
+        change = p * (1 - m * (along + 1) / 2) - (along - p) / 100
+        along += change / (0.65 + 0.35 * math.cos(k * math.pi / 8))
+    across = over["compensation_x"][0, 0]
+    made = {"compensation_x": [[across, 0, 0], [1, 0, 0]], "compensation_rest": [[along, 0, across], [1, 0, 1]]}
+    return Exact(PAIR, given | {"reservoir": [0, 1]}, {name: np.array(value) for name, value in made.items()})
+
+
+@closed_form("heat.compensation", over=(0.0, 1e-3))
+def compensation_later(speed):
+    """One round with the weight 3/2 if the second particle moves, none at rest."""
+    velocity = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, speed]])
+    start = _compensated(np.array([2.0, 4.0]), 3.0, [])
+    return Exact(PAIR, _compensating(velocity, **start), _compensated(np.array([2.0, 4.0]), 3.0, [1.5] * (speed > 0)))
 
 
 # The Laplacian of poly6 (Shao & Song M5): at q = 1/2 it is 315/(64 pi h^5) (24/4 3/4 - 18 9/16), below 0.

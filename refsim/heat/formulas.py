@@ -1,8 +1,8 @@
 """Scalar formulas of heat conduction: Shao & Song 2017, equation (4), as M(4), and what completes it."""
 
 from refsim.backends.compile import formula
-from refsim.backends.tuples import added, dot, product, scaled, symmetric, times
-from refsim.heat.shapes import FLOOR, LARGEST_FACTOR, LEAST_FACTOR, MUELLER, SMALLEST, SPIKY
+from refsim.backends.tuples import added, difference, dot, product, symmetric, times, two_of
+from refsim.heat.shapes import DRAWN_BACK, FLOOR, LARGEST_FACTOR, LEAST_FACTOR, MUELLER, SMALLEST, SPIKY
 
 
 @formula
@@ -79,12 +79,20 @@ def inverse_moment(s):
 
 @formula
 def compensated(a, p, s, weight):
-    """A' = A + w (P (I - S) + (I - S) P)/2, symmetric (xx, xy, xz, yy, yz, zz); dimensionless."""
-    one, half = type(weight)(1), type(weight)(0.5)
+    """A' = A + w ((P (I - S) + (I - S) P)/2 - (A - P)/100), symmetric (xx, xy, xz, yy, yz, zz); dimensionless.
+
+    The last term bounds A where the neighbours determine nothing. A' = P where A is 0, which no A is otherwise.
+    """
+    real = type(weight)
+    one, half = real(1), real(0.5)
     left = one - s[0], -s[1], -s[2], one - s[3], -s[4], one - s[5]
     b = product(symmetric(p), symmetric(left))
     change = b[0], half * (b[1] + b[3]), half * (b[2] + b[6]), b[4], half * (b[5] + b[7]), b[8]
-    return added(a, scaled(change, weight))
+    change = two_of(one, change, real(DRAWN_BACK), difference(p, a))
+    after = two_of(one, a, weight, change)
+    if a[0] == real(0):
+        after = p
+    return after
 
 
 @formula

@@ -35,12 +35,20 @@ def scaled_distance(away, period, conduction):
 
 
 @formula
+def held(i, reservoir):
+    """Whether the temperature of particle i is held."""
+    value = False
+    if reservoir is not None:
+        value = reservoir[i] != 0
+    return value
+
+
+@formula
 def inverse_capacity(i, mass, volume, heat_capacity, reservoir, conduction):
     """1/C_i [K/J], C_i = m_i c_i, or V_i (Shao & Song M11); 0 for a reservoir, whose temperature is held."""
     real = type(conduction.support_radius)
-    if reservoir is not None:  # noqa: SIM102  (a test of its own is what Numba prunes)
-        if reservoir[i] != 0:
-            return real(0)
+    if held(i, reservoir):
+        return real(0)
     if conduction.unit_capacity:
         return real(1) / volume[i]
     return real(1) / (mass[i] * heat_capacity[i])
@@ -117,52 +125,46 @@ def exchange_rate(
 def moment_pair(
     r, x_ij, volume_j, compensation_x_i, compensation_x_j, compensation_rest_i, compensation_rest_j, conduction
 ):
-    """V_j L_ij f_ij x_ij x_ij^T, as (xx, xy, xz, yy, yz, zz); dimensionless."""
+    """V_j L_ij x_ij x_ij^T, and the same times f_ij, as (xx, xy, xz, yy, yz, zz); dimensionless."""
     x, y, z = scaled(x_ij, conduction.inverse_radius)
     f = missing_factor(x_ij, compensation_x_i, compensation_rest_i, compensation_x_j, compensation_rest_j)
-    f *= moment_share(r * conduction.inverse_radius, volume_j, conduction)
-    return f * x * x, f * x * y, f * x * z, f * y * y, f * y * z, f * z * z
+    share = moment_share(r * conduction.inverse_radius, volume_j, conduction)
+    xx, xy, xz, yy, yz, zz = share * x * x, share * x * y, share * x * z, share * y * y, share * y * z, share * z * z
+    return xx, xy, xz, yy, yz, zz, f * xx, f * xy, f * xz, f * yy, f * yz, f * zz
 
 
-@kernel(rows_of="known")
-def note_moves(i, position, volume, moved, known):
-    """`moved` becomes 1 if a particle's place or volume is not the `known` one, which it becomes."""
-    x, y, z = three(position, i)
-    if not (known[i, 0] == x and known[i, 1] == y and known[i, 2] == z and known[i, 3] == volume[i]):
-        put(known, i, (x, y, z, volume[i]))
-        moved[0] = 1
-
-
-@formula
-def moment(i, lane, places, neighbours, compensation_x, compensation_rest):
-    """S_i = sum_j V_j L_ij f_ij x_ij x_ij^T, dimensionless."""
-    return neighbour_sum(
-        moment_pair, i, lane, neighbours, places.position, places.period, places.volume, compensation_x,
-        compensation_rest, places.conduction,
-    )  # fmt: skip
+@kernel(rows_of="velocity")
+def note_rounds(i, velocity, compensation_x, rounds):
+    """rounds[0] becomes 1 if a particle moves, rounds[1] if one has no A yet."""
+    x, y, z = three(velocity, i)
+    zero = type(x)(0)
+    if not (x == zero and y == zero and z == zero):
+        rounds[0] = 1
+    if compensation_x[i, 0] == zero:
+        rounds[1] = 1
 
 
 @kernel(lanes=True)
-def invert_moments(i, lane, moved, places, neighbours, inverse_x, inverse_rest):
-    """P_i of the moments of all pairs as they are, where anything has moved."""
-    if moved[0] != 0:
-        s = moment(i, lane, places, neighbours, None, None)
+def compensate(i, lane, rounds, k, weight, places, neighbours, old, compensation_x, compensation_rest):
+    """Round k of a start, or the one of a step in which something moves; A = I for a reservoir."""
+    if rounds[1] != 0 or (k == 0 and rounds[0] != 0):
+        sums = neighbour_sum(
+            moment_pair, i, lane, neighbours, places.position, places.period, places.volume, old.x, old.rest,
+            places.conduction,
+        )  # fmt: skip
         if first_lane(lane):
-            p = inverse_moment(s)
-            put(inverse_x, i, p[0:3])
-            put(inverse_rest, i, p[3:6])
+            a = compensated((*three(old.x, i), *three(old.rest, i)), inverse_moment(sums[0:6]), sums[6:12], weight)
+            if held(i, places.reservoir):
+                one, zero = type(weight)(1), type(weight)(0)
+                a = one, zero, zero, one, zero, one
+            put(compensation_x, i, a[0:3])
+            put(compensation_rest, i, a[3:6])
 
 
-@kernel(lanes=True)
-def compensate(i, lane, moved, weight, places, neighbours, inverse, old, new_x, new_rest):
-    """A round: A_i += w (P_i (I - S_i) + (I - S_i) P_i)/2, S_i by the old A, where anything has moved."""
-    if moved[0] != 0:
-        s = moment(i, lane, places, neighbours, old.x, old.rest)
-        if first_lane(lane):
-            own, p = (*three(old.x, i), *three(old.rest, i)), (*three(inverse.x, i), *three(inverse.rest, i))
-            a = compensated(own, p, s, weight)
-            put(new_x, i, a[0:3])
-            put(new_rest, i, a[3:6])
+@kernel
+def copy_rows(i, values, target):
+    """target = values, rows of three."""
+    put(target, i, three(values, i))
 
 
 @pair

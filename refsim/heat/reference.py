@@ -149,38 +149,45 @@ def factors(i, e, j, a):
 
 
 @operation(
-    "S_i = sum_j V_j L_ij f_ij x_ij x_ij^T = I, f_ij = e.(A_i + A_j).e/2 (Shao & Song M26)", optional="period",
-    outputs="compensation_x compensation_rest", variants=("period", ""), reach=5, broken={}, tolerance=4.0,
-    invariants="translation reordering",
-    programs={"cpu": "schemes", "cuda": "schemes"},
+    "S_i = sum_j V_j L_ij f_ij x_ij x_ij^T = I, f_ij = e.(A_i + A_j).e/2 (Shao & Song M26)",
+    optional="reservoir period", outputs="compensation_x compensation_rest", variants=("reservoir period", ""),
+    reach=0, broken={}, tolerance=4.0,
+    invariants="translation reordering", programs={"cpu": "schemes", "cuda": "schemes"},
     reason="the scale counts the moments once for each round, over the square of the least eigenvalue that is inverted",
 )  # fmt: skip
-def compensation(position, volume, conduction, period):
+def compensation(position, velocity, volume, reservoir, conduction, period, compensation_x, compensation_rest):
     """A of each particle, with which its moment S_i is nearly I where the neighbours allow it; dimensionless.
 
-    Begun with A = P = 1.05 (S + 0.05 I)^-1, S by f = 1; four rounds A += w (P (I - S) + (I - S) P)/2 of Chebyshev's
-    iteration (Saad 2003, section 12.3) for eigenvalues from 0.3 to 1.
+    A round: A += w ((P (I - S) + (I - S) P)/2 - (A - P)/100), P = 1.05 (M + 0.05 I)^-1 with M the moment for f = 1, and
+    A = P where it was 0. One with w = 3/2 if a particle moves. If some A is 0, four more, of Chebyshev's iteration for
+    eigenvalues from 0.3 to 1 (Saad 2003, section 12.3). Reservoirs have A = I.
     """
-    one = np.ones(len(volume))
-    i, j, g = pairs(position, volume, one, (0.0, 0.5), conduction, period)
+    n, a = len(volume), tensors(compensation_x, compensation_rest)
+    i, j, g = pairs(position, volume, np.ones(n), (0.0, 0.5), conduction, period)
     e, r = separations(position, i, j, period)
-    v = np.asarray(volume, dtype=float)
-    share = g / v[i] * r**2
+    share = g / np.asarray(volume, dtype=float)[i] * r**2
 
     def moment(f):
-        s = np.zeros((len(v), 3, 3))
+        s = np.zeros((n, 3, 3))
         np.add.at(s, i, (share * f)[:, None, None] * e[:, :, None] * e[:, None, :])
         return s
 
-    first = moment(1.0)
-    p = 1.05 * np.linalg.inv(first + 0.05 * np.eye(3))
-    a = p
-    for root in np.cos(np.pi / 8 * np.array([1, 3, 5, 7])):
+    p = 1.05 * np.linalg.inv(moment(1.0) + 0.05 * np.eye(3))
+    new = a[:, 0, 0] == 0
+    weights = [1.5] if new.any() or np.any(np.asarray(velocity) != 0) else []
+    if new.any():
+        weights += [1 / (0.65 + 0.35 * math.cos(k * math.pi / 8)) for k in (1, 3, 5, 7)]
+    scale = 1.0
+    for weight in weights:
         left = np.eye(3) - moment(factors(i, e, j, a))
-        a = a + (p @ left + left @ p) / (2 * (0.65 + 0.35 * root))
-    size = np.bincount(i, np.abs(share), len(v)).max(initial=0)
-    scale = 4 * (1 + np.abs(p).max(initial=0)) ** 2 * (1 + size)
-    whole = np.full((len(v), 3), scale)
+        change = (p @ left + left @ p) / 2 - (a - p) / 100
+        a = np.where((a[:, 0, 0] == 0)[:, None, None], p, a + weight * change)
+        if reservoir is not None:
+            a[np.asarray(reservoir) != 0] = np.eye(3)
+        scale = max(scale, np.abs(a).max(initial=0))
+    size = np.bincount(i, np.abs(share), n).max(initial=0)
+    scale += 4 * (1 + np.abs(p).max(initial=0)) ** 2 * (1 + size)
+    whole = np.full((n, 3), scale)
     return {"compensation_x": (a[:, 0], whole), "compensation_rest": (a[:, [1, 1, 2], [1, 2, 2]], whole)}
 
 

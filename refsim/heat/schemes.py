@@ -9,9 +9,9 @@ from refsim.heat.kernels import (
     collect,
     compensate,
     copy,
+    copy_rows,
     flow,
-    invert_moments,
-    note_moves,
+    note_rounds,
     pass_once,
     plan_chebyshev,
     solve_own,
@@ -19,7 +19,7 @@ from refsim.heat.kernels import (
     take_up,
 )
 from refsim.heat.reference import Body, Melting, Step
-from refsim.heat.shapes import ROUNDS, Places, StageState, Substance, Tensors
+from refsim.heat.shapes import ONE_ROUND, ROUNDS, Places, StageState, Substance, Tensors
 from refsim.heat.stages import (
     EXPLICIT,
     MOST_CONJUGATE_PASSES,
@@ -44,22 +44,28 @@ def weighed(body, neighbours, step, scratch):
     return reduced(scratch)[0](body, neighbours, step, scratch)
 
 
-def compensation(position, volume, neighbours, conduction, period, scratch, compensation_x, compensation_rest):
-    """A of every particle, anew where anything has moved since the last time: a sum over neighbours for each round."""
+def compensation(
+    position, velocity, volume, reservoir, neighbours, conduction, period, scratch, compensation_x, compensation_rest
+):  # fmt: skip
+    """A of every particle: five sums over neighbours at the start, one in a step in which something moves."""
     n, real = volume.shape[0], volume.dtype
-    moved = scratch.array("heat moved", 1, np.int32)
-    scratch.backend.assign(moved, 0)
-    note_moves(position, volume, moved, scratch.kept("heat known places", (n, 4), real))
-    inverse, *others = (
-        Tensors(*(scratch.array(f"heat compensation {k} {part}", (n, 3), real) for part in Tensors._fields))
-        for k in range(len(ROUNDS))
-    )
-    places = Places(position, volume, conduction, period)
-    invert_moments(moved, places, neighbours, *inverse)
-    old = inverse
-    for weight, new in zip(ROUNDS, (*others, Tensors(compensation_x, compensation_rest))):
-        compensate(moved, real.type(weight), places, neighbours, inverse, old, *new)
-        old = new
+    rounds = scratch.array("heat rounds", 2, np.int32)
+    scratch.backend.assign(rounds, 0)
+    note_rounds(velocity, compensation_x, rounds)
+    old = Tensors(*(scratch.array(f"heat old {part}", (n, 3), real) for part in Tensors._fields))
+    places = Places(position, volume, reservoir, conduction, period)
+    host = scratch.backend.name != "cuda"  # a GPU decides by itself
+    if host and not rounds.any():
+        return
+    for k, weight in enumerate(ROUNDS):
+        if host and k > 0 and not rounds[1]:
+            return
+        copy_rows(compensation_x, old.x)
+        copy_rows(compensation_rest, old.rest)
+        compensate(
+            rounds, np.int32(k), real.type(weight or ONE_ROUND), places, neighbours, old, compensation_x,
+            compensation_rest,
+        )  # fmt: skip
 
 
 # What the schemes share

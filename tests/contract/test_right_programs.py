@@ -42,7 +42,9 @@ def heat(position, mass, volume, heat_capacity, conductivity, conduction, timest
 
 STANDARD = contract.Programs(
     {"heat.explicit": heat}, dtypes=("float64",), readings=False, name="heat",
-    without=("reservoir", "period", "melting_point", "latent_heat", "enthalpy"),
+    without=(
+        "reservoir", "period", "melting_point", "latent_heat", "enthalpy", "compensation_x", "compensation_rest",
+    ),
 )  # fmt: skip
 
 

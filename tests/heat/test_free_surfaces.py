@@ -146,8 +146,8 @@ def test_hard_places_keep_heat_and_range(kind):
     assert (after != np.array(t)).any() == (kind != "alone")
 
 
-def test_moved_particles_are_compensated_anew_and_resting_ones_are_not():
-    """On a CPU the sums over neighbours are taken once, and again where a particle has moved."""
+def test_moving_particles_are_compensated_anew_and_resting_ones_are_not():
+    """The sums over neighbours are taken at the start, where positions are set, and in steps in which one moves."""
     run = bar(lattice(2), 2, 2.5, {"scheme": "explicit"}, backend="cpu")
     run.step()
     first = run.field("compensation_x")
@@ -159,6 +159,9 @@ def test_moved_particles_are_compensated_anew_and_resting_ones_are_not():
     run.set_field("position", x + [0.5, 0.0, 0.0])
     run.step()
     assert run.field("compensation_x") == pytest.approx(first, abs=1e-12)
+    run.set_field("velocity", 1e-3 * x)
+    run.step()
+    assert (abs(run.field("compensation_x") - first) > 1e-6).any()
 
 
 def test_a_liquid_and_a_resumed_run_are_compensated_alike(tmp_path):
