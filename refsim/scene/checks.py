@@ -233,6 +233,8 @@ def crowded(
         own = np.minimum(walls.volume, lattice)
     cells = Cells(place, grid)
     filled = cells.filled(np.append(volume, 0 * own)) + np.minimum(1.0, cells.filled(np.append(0 * volume, own)))
+    if filled.max() <= CROWDED:
+        return
     found = cells.at_particles(filled)[: grid.count]
     first = int(found.argmax())
     if found[first] <= CROWDED:

@@ -9,6 +9,7 @@ import refsim
 from refsim import Box, BoxWalls, Gauge, Gravity, InputError, Scene, Simulation, SolidBox, WeaklyCompressible, make_plan
 from refsim.engine.driver import simulate
 from refsim.gauges import due
+from refsim.sph.resting import column_of
 from tests.running import advanced, run_to
 from tests.sph.test_liquid_at_rest import DENSITY, DEPTH, SOUND, G
 from tests.sph.test_liquid_at_rest import tank as water
@@ -43,17 +44,18 @@ def test_a_tank_at_rest_reads_what_it_holds():
     """Weight, hydrostatic pressure, level; nothing flows."""
     simulation = run_to(Simulation(tank(16), "cpu", threads=2), 2.5)
     read = {gauge.name: simulation.gauge(gauge.name) for gauge in GAUGES}
-    weight = DENSITY * G * DEPTH**2
+    column = column_of(simulation.plan.effects, float(simulation.plan.state.mass.sum()) / DEPTH)
+    weight = column.load * G * DEPTH
     assert late(read["floor"], 1) == pytest.approx(-weight, rel=0.005)
     assert late(read["floor"], 2) == pytest.approx(-weight * 0.5, rel=0.005)  # about the origin, by half the width
     assert late(read["walls"], 1) == pytest.approx(-weight, rel=0.005)
     assert abs(late(read["walls"])) < 1e-3 * weight
-    assert -late(read["left"]) == pytest.approx(0.5 * weight, rel=0.01)
+    assert -late(read["left"]) == pytest.approx(column.side_force(), rel=0.005)  # of the compressed liquid
     assert late(read["right"]) == pytest.approx(-late(read["left"]), rel=0.01)
-    assert late(read["point"]) == pytest.approx(0.5 * DENSITY * G, rel=0.03)
-    assert late(read["patch"]) == pytest.approx(0.5 * DENSITY * G, rel=0.03)
-    assert late(read["level"]) == pytest.approx(DEPTH, rel=0.005)
-    assert late(read["at_wall"]) == pytest.approx(DEPTH, rel=0.005)
+    assert late(read["point"]) == pytest.approx(column.pressure(0.5), rel=0.03)
+    assert late(read["patch"]) == pytest.approx(column.side_force() / DEPTH, rel=0.03)
+    assert late(read["level"]) == pytest.approx(column.height(), rel=0.005)
+    assert late(read["at_wall"]) == pytest.approx(column.height(), rel=0.005)
     assert abs(late(read["flux"])) < 1e-3
 
 
