@@ -28,7 +28,7 @@ LARGEST = 0.25
 
 
 class Counted(msgspec.Struct, frozen=True):
-    """Density inside the liquid, told and counted [kg/m^dim]; the share of both in its cells, and the number of these.
+    """Density of the particles inside the liquid, told and counted [kg/m^dim], and the number of cells there.
 
     difference     counted over told, less 1
     least, most    the same of the 1 % of the cells with the least, and with the largest
@@ -104,21 +104,22 @@ class Counting:
         volume = mass / (rest + excess)
         wet = run._host("phase") == FLUID if "phase" in run.fields else np.ones(grid.count, bool)
         walls = run.plan.walls
-        other, more = np.where(wet, 0.0, volume), np.zeros(0)
         if walls is not None:
-            place, more = np.concatenate([place, grid.local(walls.position)]), walls.volume
+            place = np.concatenate([place, grid.local(walls.position)])
         cells = Cells(place, grid)
-        nothing = np.zeros(len(more))
-        left = 1 - cells.filled(np.append(other, more))
-        kept = np.flatnonzero(cells.inside(np.append(wet, nothing > 0), left <= 0.5))
-        if len(kept) < LEAST:
+        left = 1 - (0.0 if walls is None else cells.filled(walls.volume, grid.count))
+        if not wet.all():
+            left = left - cells.filled(np.where(wet, 0.0, volume))
+        told = cells.filled(np.where(wet, volume, 0.0))
+        left = np.broadcast_to(left, told.shape)
+        inside = cells.inside(np.flatnonzero(wet), left <= 0.5)
+        kept, of = np.flatnonzero(inside), wet & inside[cells.own[: grid.count]]
+        if len(kept) < LEAST or not of.any():
             return None
-        told, left = cells.filled(np.append(np.where(wet, volume, 0.0), nothing))[kept], left[kept]
-        weight = cells.filled(np.append(np.where(wet, mass, 0.0), nothing))[kept]
-        density, shares = weight.sum() / told.sum(), told / left - 1
+        density, shares = mass[of].sum() / volume[of].sum(), told[kept] / left[kept] - 1
         few = max(1, len(kept) // 100)
         ordered = np.sort(shares)
-        difference = float(told.sum() / left.sum() - 1)
+        difference = float(told[kept].sum() / left[kept].sum() - 1)
         return Counted(
             float(density), float(density * (1 + difference)), difference, float(ordered[:few].mean()),
             float(ordered[-few:].mean()), len(kept),

@@ -232,10 +232,10 @@ def crowded(
         place = np.concatenate([place, grid.local(walls.position)])
         own = np.minimum(walls.volume, lattice)
     cells = Cells(place, grid)
-    filled = cells.filled(np.append(volume, 0 * own)) + np.minimum(1.0, cells.filled(np.append(0 * volume, own)))
+    filled = cells.filled(volume) + np.minimum(1.0, cells.filled(own, grid.count))
     if filled.max() <= CROWDED:
         return
-    found = cells.at_particles(filled)[: grid.count]
+    found = cells.at_particles(filled, grid.count)
     first = int(found.argmax())
     if found[first] <= CROWDED:
         return
@@ -250,7 +250,7 @@ def crowded(
     for part, begin, end in zip(scene.fluid, [0, *ends][-len(scene.fluid) - 1 :], ends[-len(scene.fluid) :]):
         if isinstance(part, Cloud) and end > begin:
             cells = Cells(state.position[begin:end], alone)
-            if cells.at_particles(cells.filled(volume[begin:end])).max() > LATTICE:
+            if cells.at_particles(cells.filled(volume[begin:end]), end - begin).max() > LATTICE:
                 return
     yield f"{words}: parts that overlap press each other apart; leave a spacing between their particles"
 

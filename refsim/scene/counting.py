@@ -54,24 +54,24 @@ class Cells:
             at = np.minimum(np.searchsorted(cells, wanted), len(cells) - 1)
             near[:] = np.where(cells[at] == wanted, at, len(cells))
 
-    def filled(self, volume: np.ndarray) -> np.ndarray:
-        """Share of each cell that particles of these volumes (n,) [m^dim] fill; dimensionless."""
+    def filled(self, volume: np.ndarray, first: int = 0) -> np.ndarray:
+        """Share of each cell that the particles from `first` on fill, which have these volumes [m^dim]; dimensionless."""
         total = np.zeros(self.near.shape[1] + 1)
-        for part, cell, weight in self._weights():
+        for part, cell, weight in self._weights(first, len(volume)):
             total += np.bincount(cell, weight * volume[part], len(total))
         return total[:-1] / self.volume
 
-    def at_particles(self, values: np.ndarray) -> np.ndarray:
-        """(n,) mean of the cells' values around each particle, weighted as the particle fills them."""
-        found = np.zeros(len(self.own))
-        for part, cell, weight in self._weights():
+    def at_particles(self, values: np.ndarray, count: int) -> np.ndarray:
+        """Mean of the cells' values around each of the first particles (count,), weighted as they fill them."""
+        found = np.zeros(count)
+        for part, cell, weight in self._weights(0, count):
             found[part] += weight * values[cell]
         return found
 
     def inside(self, liquid: np.ndarray, solid: np.ndarray) -> np.ndarray:
         """Which cells lie in liquid and all others within REACH cells in liquid or in what is solid (cells,).
 
-        liquid  (n,) which particles are of it; a cell without any is in it if no cell beside it is two away from one
+        liquid  numbers of its particles; a cell without any is in it if no cell beside it is two away from one
         """
         beyond = np.array([False])
         wet = np.bincount(self.own[liquid], minlength=len(solid)) > 0
@@ -81,16 +81,17 @@ class Cells:
             found = found & np.append(found | solid, beyond)[self.near].all(0)
         return found & ~solid
 
-    def _weights(self) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
-        """(particles, a cell beside each, B-spline of its centre there)."""
-        for first in range(0, len(self.own), AT_ONCE):
-            part = slice(first, first + AT_ONCE)
-            place = self.place[part] / self.wide
+    def _weights(self, first: int, count: int) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
+        """(which of `count` particles from `first` on, a cell beside each, B-spline of its centre there)."""
+        for begin in range(0, count, AT_ONCE):
+            part = slice(begin, min(begin + AT_ONCE, count))
+            rows = slice(first + part.start, first + part.stop)
+            place = self.place[rows] / self.wide
             x = place - np.rint(place)
             along = 0.5 * (0.5 - x) ** 2, 0.75 - x**2, 0.5 * (0.5 + x) ** 2
             for near, offset in zip(self.near, self.offsets):
                 share = functools.reduce(np.multiply, (along[o + 1][:, axis] for axis, o in enumerate(offset)))
-                yield part, near[self.own[part]], share
+                yield part, near[self.own[rows]], share
 
 
 def _numbered(number: np.ndarray, around: int) -> tuple[np.ndarray, int]:

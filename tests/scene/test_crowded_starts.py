@@ -144,9 +144,9 @@ def test_cells_are_full_in_a_lattice_wherever_it_lies():
         far = place + np.array([1e6 * D, -3e7 * D, 0.0])  # a gap that numbers would not bridge
         cells = Cells(np.concatenate([place, far]), grid)
         share = cells.filled(np.full(2 * len(place), D**dim))
-        inside = cells.inside(np.ones(2 * len(place), bool), share < 0)
+        inside = cells.inside(np.arange(2 * len(place)), share < 0)
         assert inside.any()
         assert share[inside] == pytest.approx(1.0, rel=1e-7)  # places are rounded
         assert share.max() < 1 + 1e-7
         assert share.sum() * cells.volume == pytest.approx(2 * len(place) * D**dim, rel=1e-12)
-        assert cells.at_particles(np.ones(len(share))) == pytest.approx(1.0, rel=1e-12)
+        assert cells.at_particles(np.ones(len(share)), 2 * len(place)) == pytest.approx(1.0, rel=1e-12)
