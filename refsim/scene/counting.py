@@ -55,7 +55,7 @@ class Cells:
             near[:] = np.where(cells[at] == wanted, at, len(cells))
 
     def filled(self, volume: np.ndarray, first: int = 0) -> np.ndarray:
-        """Share of each cell that the particles from `first` on fill, which have these volumes [m^dim]; dimensionless."""
+        """Share of each cell that the particles from `first` on fill, of these volumes [m^dim]; dimensionless."""
         total = np.zeros(self.near.shape[1] + 1)
         for part, cell, weight in self._weights(first, len(volume)):
             total += np.bincount(cell, weight * volume[part], len(total))

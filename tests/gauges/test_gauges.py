@@ -11,7 +11,7 @@ from refsim.engine.driver import simulate
 from refsim.gauges import due
 from refsim.sph.resting import column_of
 from tests.running import advanced, run_to
-from tests.sph.test_liquid_at_rest import DENSITY, DEPTH, SOUND, G
+from tests.sph.test_liquid_at_rest import DEPTH, SOUND, G
 from tests.sph.test_liquid_at_rest import tank as water
 
 GAUGES = (
