@@ -25,7 +25,7 @@ from refsim.core.locks import unlock
 from refsim.core.writing import remove_stale_temporaries, replace_file, replace_files, writing
 from refsim.io.checkpoint import read_checkpoint, write_checkpoint
 from refsim.io.scenes import scene_to_checkpoint
-from refsim.io.vtp import DTYPES, Head, check_digest, read_arrays, read_head, vtp_bytes
+from refsim.io.vtp import DTYPES, Head, read_arrays, read_head, vtp_bytes
 
 if TYPE_CHECKING:
     from refsim.scene.plan import Plan
@@ -126,7 +126,7 @@ class ParticleWriter:
         self.path, self.folder, self._origin = Path(path), folder_of(Path(path)), origin
         self._fields = {name: _checked_field(name, *field) for name, field in fields.items()}
         self._heads: list[Head] = []
-        self._afresh, self._refused, self.closed = True, False, False
+        self._afresh, self.closed = True, False
         with writing("collection of frames", self.path, KEPT):
             os.stat(f"{self.path.parent}{os.sep}")  # the lock would make the folder
             self._lock = FileLock(f"{self.path}.lock", blocking=False, thread_local=False)
@@ -162,39 +162,34 @@ class ParticleWriter:
         """
         if self.closed:
             raise ValueError(f"the writer of {self.path} is closed")
-        if self._refused:  # some of the frames may have got their names
-            there = {head.time for head in self._heads}
-            frames = [frame for frame in frames if frame.time not in there]
-        last, dtype = self.last_time, self._heads[-1].dtype if self._heads else None
+        last, kinds = self.last_time, dict(self._fields)
+        if self._heads:
+            kinds["position"] = 3, self._heads[0].dtype
         for frame in frames:
             if not math.isfinite(frame.time) or (last is not None and frame.time <= last):
                 raise ValueError(f"time {frame.time} is not later than that of the last frame, {last}")
-            self._check(frame)
-            if dtype not in (None, np.asarray(frame.position).dtype):
-                raise ValueError(f"position must be {dtype} as in the first frame")
-            last, dtype = frame.time, np.asarray(frame.position).dtype
-        if not frames:
-            return
+            arrays = {name: np.asarray(values) for name, values in frame.fields.items()}
+            given = {name: (1 if a.ndim == 1 else a.shape[1], a.dtype) for name, a in arrays.items()}
+            given["position"] = 3, np.asarray(frame.position).dtype
+            last, kinds["position"] = frame.time, kinds.get("position", given["position"])
+            if given != kinds:
+                raise ValueError(f"the frame has the fields {_field_list(given)}, the run writes {_field_list(kinds)}")
         number = int(self._heads[-1].path.stem) + 1 if self._heads else 0
         files = {
             self.folder / f"{number + k:06d}.vtp": vtp_bytes(frame.position, frame.fields, float(frame.time))
             for k, frame in enumerate(frames)
         }
+        if not files:
+            return
         with writing(f"frame at time {frames[0].time} of", self.path, KEPT):
-            try:
-                self.folder.mkdir(exist_ok=True)
-                if self._afresh:
-                    remove_stale_temporaries(self.folder)
-                replace_files(files, self._begin if self._afresh else lambda: None)
-                self._afresh = False
-                self._heads += map(read_head, files)
-                self._write_collection()
-            except BaseException:
-                self._refused = True
-                if not self._afresh:
-                    self._heads = [read_head(file) for file in frame_files(self.path)]
-                raise
-            self._refused = False
+            self.folder.mkdir(exist_ok=True)
+            if self._afresh:
+                remove_stale_temporaries(self.folder)
+            replace_files(files, self._begin if self._afresh else lambda: None)
+            self._afresh = False
+            heads = [*self._heads, *map(read_head, files)]
+            self._write_collection(heads)
+        self._heads = heads
 
     def _begin(self) -> None:
         """Remove the frames of an earlier run, the last one first, and say what makes the new ones."""
@@ -209,9 +204,9 @@ class ParticleWriter:
             text = {"scene": self._origin.scene, **words}
             write_checkpoint(self.folder / "origin.h5", self._origin.arrays, text, keep=1, what=ORIGIN)
 
-    def _write_collection(self) -> None:
+    def _write_collection(self, heads: Sequence[Head]) -> None:
         name = escape(self.folder.name)
-        lines = (f'<DataSet timestep="{h.time!r}" file="{name}/{h.path.name}"/>\n' for h in self._heads)
+        lines = (f'<DataSet timestep="{h.time!r}" file="{name}/{h.path.name}"/>\n' for h in heads)
         head = '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1"><Collection>\n'
         replace_file(self.path, f"{head}{''.join(lines)}</Collection></VTKFile>\n".encode(errors="surrogateescape"))
 
@@ -219,22 +214,21 @@ class ParticleWriter:
         """Take the frames that are there, and drop late ones."""
         refuse_older(self.path.parent)
         self._heads = [read_head(file) for file in frame_files(self.path)]
-        self._afresh = not self._heads
-        for head in self._heads[:1]:
-            if head.fields != self._fields:
-                raise InputError(
-                    f"frames of {self.path} hold the fields {_field_list(head.fields)}, but this run writes"
-                    f" {_field_list(self._fields)}; give another path."
-                )
-        if self._afresh:
+        if not self._heads:
             return
+        if self._heads[0].fields != self._fields:
+            raise InputError(
+                f"frames of {self.path} hold the fields {_field_list(self._heads[0].fields)}, but this run writes"
+                f" {_field_list(self._fields)}; give another path."
+            )
+        self._afresh = False
         with writing("collection of frames", self.path, KEPT):
             remove_stale_temporaries(self.folder)
             while self._heads and resume_time is not None and self._heads[-1].time > resume_time:
                 self._heads[-1].path.unlink()
                 del self._heads[-1]
             self._write_origin()
-            self._write_collection()
+            self._write_collection(self._heads)
 
     def close(self) -> None:
         """Let others write; nothing is left to be written. A second call does nothing."""
@@ -247,18 +241,6 @@ class ParticleWriter:
 
     def __exit__(self, *error: object) -> None:
         self.close()
-
-    def _check(self, frame: Frame) -> None:
-        position = np.asarray(frame.position)
-        if position.ndim != 2 or position.shape[1] != 3 or position.dtype not in (np.float32, np.float64):
-            raise ValueError(f"position must be (n, 3), float32 or float64, not {position.shape} {position.dtype}")
-        if frame.fields.keys() != self._fields.keys():
-            raise ValueError(f"the frame has the fields {sorted(frame.fields)}, the writer {sorted(self._fields)}")
-        for name, (components, dtype) in self._fields.items():
-            array = np.asarray(frame.fields[name])
-            shape = (len(position),) if components == 1 else (len(position), components)
-            if array.shape != shape or array.dtype != dtype:
-                raise ValueError(f"field {name!r} must be {shape} {dtype}, not {array.shape} {array.dtype}")
 
 
 def refuse_older(folder: Path) -> None:
@@ -291,8 +273,8 @@ def read_particles(
     """
     heads, found = heads_of(Path(path)), []
     for head in heads[frames] if isinstance(frames, slice) else [heads[k] for k in sorted(frames)]:
-        check_digest(head)
-        data = read_arrays(head, ["position", *(n for n in head.fields if fields is None or n in fields)])
+        names = ["position", *(name for name in head.fields if fields is None or name in fields)]
+        data = read_arrays(head, names, check=True)
         found.append(Frame(head.time, data.pop("position"), data))
     return found
 

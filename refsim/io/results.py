@@ -24,7 +24,7 @@ from refsim.io.checkpoint import Checkpoint
 from refsim.io.frames import heads_of, read_origin
 from refsim.io.scenes import scene_from_checkpoint
 from refsim.io.series import GAUGES, read_series
-from refsim.io.vtp import check_digest, read_arrays
+from refsim.io.vtp import read_arrays
 from refsim.scene.scene import Scene
 
 if TYPE_CHECKING:
@@ -155,10 +155,9 @@ class Run(Shown):
 
     def _rows(self, name: str, number: int) -> NDArray[Any]:
         (name,) = self._chosen([name])
-        if number in self._unchecked:
-            check_digest(self._heads[number])
-            self._unchecked.discard(number)
-        return read_arrays(self._heads[number], [name])[name]
+        found = read_arrays(self._heads[number], [name], number in self._unchecked)[name]
+        self._unchecked.discard(number)
+        return found
 
     # What was run, and what came of it
 

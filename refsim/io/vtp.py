@@ -140,29 +140,27 @@ def read_head(path: Path) -> Head:
     )  # fmt: skip
 
 
-def check_digest(head: Head) -> None:
-    """Compare the digest of a file, which reads it once. Raises InputError."""
-    try:
-        with open_regular(head.path) as file:
-            found = HEAD.match(file.read(200))
-            file.seek(found.end() if found else 0)
-            if found is None or hashlib.file_digest(file, "sha256").hexdigest() != found[2].decode():
-                raise InputError(f"frame {head.path} is damaged (it does not match its digest); {ADVICE}.")
-    except OSError as error:
-        raise InputError(f"frame {head.path} cannot be read ({error.strerror}); {ADVICE}.") from None
+def read_arrays(head: Head, names: Collection[str], check: bool = False) -> dict[str, np.ndarray]:
+    """Arrays of a file by name, "position" among them: (n,) or (n, components).
 
+    check  compare the digest before, which reads the whole file
 
-def read_arrays(head: Head, names: Collection[str]) -> dict[str, np.ndarray]:
-    """Arrays of a file by name, "position" among them: (n,) or (n, components). Raises InputError."""
+    Raises InputError where the file is damaged or has changed.
+    """
     found = {}
     kinds = {"position": (3, head.dtype), **head.fields}
     try:
         with open_regular(head.path) as file:
+            if check:
+                stated = HEAD.match(file.read(200))
+                file.seek(stated.end() if stated else 0)
+                if stated is None or hashlib.file_digest(file, "sha256").hexdigest() != stated[2].decode():
+                    raise InputError(f"frame {head.path} is damaged (it does not match its digest); {ADVICE}.")
             for name in names:
                 components, dtype = kinds[name]
                 file.seek(head.places[name] + 8)
-                content = file.read(head.count * components * dtype.itemsize)
-                values = np.frombuffer(content, dtype).astype(dtype.newbyteorder("="))
+                values = np.frombuffer(file.read(head.count * components * dtype.itemsize), dtype)
+                values = values.astype(dtype.newbyteorder("="))
                 found[name] = values if components == 1 else values.reshape(head.count, components)
     except (OSError, ValueError):
         raise InputError(f"frame {head.path} was changed while it was read; read it again.") from None
