@@ -27,7 +27,7 @@ from refsim.study.methods import others
 from refsim.study.observables import Observable, observable_of
 from refsim.study.result import Reference, Study
 from refsim.study.runs import Reading, Setting, kept, kept_or_made, key_of, machine, measure
-from refsim.study.tasks import Batch, weight
+from refsim.study.tasks import Batch, weighed
 
 KNOBS = ("spacing", "support", "step", "precision", "tolerance", "backend", "effects")
 TOLERANCES = ("tolerance", "residual")  # parameters of effects that end an iteration
@@ -204,19 +204,20 @@ def _measured(
     """Readings of all settings, the cheapest run first; those that the folder has are not run again."""
     keys = [key_of(setting, observable, reaches, threads) for setting in settings]
     found = [kept(folder, key, remarks) for key in keys]
-    left = sorted((k for k, reading in enumerate(found) if reading is None), key=lambda k: weight(settings[k].scene))
+    work = {k: weighed(settings[k])[0] for k, reading in enumerate(found) if reading is None}
+    left = sorted(work, key=work.__getitem__)
     if left:
         before = f", {len(settings) - len(left)} are on file" if len(left) < len(settings) else ""
         say(f"{len(left)} runs to do{before}, the cheapest first")
-    whole, done, took = sum(weight(settings[k].scene) for k in left), 0.0, 0.0
+    done, took = 0.0, 0.0
     for count, k in enumerate(left, 1):
         setting = settings[k]
-        rest = took * (whole - done) / done if done else 0.0
+        rest = took * (sum(work.values()) - done) / done if done else 0.0
         say(f"{count} of {len(left)}: {setting.label}" + (f"; about {in_time(rest)} of steps left" if rest else ""))
         how = setting, observable, reaches, threads
         make, read = partial(measure, *how, progress), partial(key_of, *how)
         found[k] = reading = kept_or_made(folder, keys[k], setting, make, read, keys[k])
-        done, took = done + weight(setting.scene), took + reading.wall
+        done, took = done + work[k], took + reading.wall
         say(f"  {reading}")
     return [(setting, reading) for setting, reading in zip(settings, found) if reading is not None]
 

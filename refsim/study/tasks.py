@@ -62,19 +62,18 @@ def task_of(
     scene, whole = setting.scene, whole_name(observable)
     read = _read(scene, whole)
     work = Work(key, setting, whole, reaches, threads, os.path.realpath(folder), made_by(), read, timed, every)
+    work_of, memory = weighed(setting)
+    return Task(key, setting.label, compute, (work,), work_of, memory, setting.backend == "cuda")
+
+
+def weighed(setting: Setting) -> tuple[float, int]:
+    """(work, bytes) of a run; its work is as its particles and as its steps where sound sets them. 0 without a plan."""
+    scene = setting.scene
     try:
-        memory = bytes_of(make_plan(scene), setting.backend)["total"]
+        plan = make_plan(scene)
     except InputError:  # the run's result says why
-        memory = 0
-    return Task(key, setting.label, compute, (work,), weight(scene), memory, setting.backend == "cuda")
-
-
-def weight(scene: Scene) -> float:
-    """Work of a run, in proportion to its particles and to its steps where sound sets them; 0 where it has no plan."""
-    try:
-        return make_plan(scene).grid.count * scene.end_time / scene.spacing
-    except InputError:
-        return 0.0
+        return 0.0, 0
+    return plan.grid.count * scene.end_time / scene.spacing, bytes_of(plan, setting.backend)["total"]
 
 
 def _read(scene: Scene, observable: str) -> str:
