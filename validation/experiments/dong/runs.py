@@ -161,6 +161,19 @@ def printed(
     return Result(found.values)
 
 
+def soft(scene: Scene) -> float:
+    """The sound speed [m/s] that the printed step allows."""
+    return 0.2 * scene.support_radius / scenes.PRINTED_STEP
+
+
+def printed_fall(
+    context: Context, tension: bool, backend: str, seed: int = 1, frames: tuple[int, ...] = scenes.FRAMES
+) -> Result:
+    """The block with the printed numbers, with the sound speed that the printed step allows, with k and lambda or 0."""
+    sound_speed = soft(scenes.printed_block(seed, 1.0))
+    return falling(context, scenes.printed_block(seed, sound_speed, tension=tension), list(frames), backend)
+
+
 def printed_limits(context: Context, backend: str) -> Result:
     """What the printed step is for the block that falls: refused at ten times the impact's speed, soft below.
 
@@ -169,7 +182,7 @@ def printed_limits(context: Context, backend: str) -> Result:
     """
     speed = scenes.impact_speed()
     stiff = scenes.printed_block(1, 10 * speed)
-    soft_sound = 0.2 * stiff.support_radius / scenes.PRINTED_STEP
+    soft_sound = soft(stiff)
     plan = make_plan(scenes.printed_block(1, 10 * speed, step=0.0))
     limits = [limit for e in plan.effects.values() for limit in e.step_limits(plan.grid, plan.effects).values()]
     found = falling(context, scenes.printed_block(1, soft_sound), list(range(0, 101, 2)), backend)
@@ -533,10 +546,12 @@ SIX_CORNERS = Measure(
 # Droplets against net.
 
 
-def splash(part: str, frame: int, over: Callable[[float, float], float]) -> Measure:
+def splash(
+    part: str, frame: int, over: Callable[[float, float], float], falling: Callable[..., Result] = fall
+) -> Measure:
     """A count with tension against the same without, start by start."""
     falls = {
-        f"claim_fall_{seed}_{tension:d}": {"tension": tension, "seed": seed}
+        f"claim_{falling.__name__}_{seed}_{tension:d}": {"tension": tension, "seed": seed}
         for seed in SEEDS for tension in (True, False)
     }  # fmt: skip
 
@@ -545,9 +560,12 @@ def splash(part: str, frame: int, over: Callable[[float, float], float]) -> Meas
         counts = [real(row[part]) for row in rows]
         return [over(a, b) for a, b in zip(counts[::2], counts[1::2])]
 
-    return Measure(every(fall, falls, 3.0, frames=[*scenes.FRAMES, *scenes.LATER]), values)
+    return Measure(every(falling, falls, 3.0, frames=[*scenes.FRAMES, *scenes.LATER]), values)
 
 
+NET_PRINTED = splash("holes", 90, lambda a, b: b / max(a, 1.0), printed_fall)
+LONE_PRINTED = splash("lone", 120, lambda a, b: a / max(b, 1.0), printed_fall)
+GATHERS_PRINTED = splash("height", 160, lambda a, b: a / b, printed_fall)
 NET_WITHOUT = splash("holes", 90, lambda a, b: b / max(a, 1.0))
 FEWER_LONE = splash("lone", 120, lambda a, b: a / max(b, 1.0))
 GATHERS = splash("height", 160, lambda a, b: a / b)

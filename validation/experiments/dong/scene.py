@@ -145,14 +145,17 @@ def block_scene(
     return _falling(position, spacing, 2.7, (water, *effect), dtype)
 
 
-def printed_block(seed: int, sound_speed: float, filtered: bool = True, step: float = PRINTED_STEP) -> Scene:
+def printed_block(
+    seed: int, sound_speed: float, filtered: bool = True, step: float = PRINTED_STEP, tension: bool = True
+) -> Scene:
     """The block with every printed number but the sound speed, which the paper does not give."""
     position, spacing = block(seed)
     water = liquid(
         sound_speed=sound_speed, dynamic_viscosity=PRINTED_VISCOSITY, kernels="mueller", density_bound=PRINTED_BOUND
     )
-    tension = Dong2016(**PRINTED, filter_density=filtered)
-    return _falling(position, spacing, PRINTED_SUPPORT, (water, tension), step=step)
+    numbers = PRINTED if tension else dict.fromkeys(PRINTED, 0.0)
+    effects = (water, Dong2016(**numbers, filter_density=filtered))
+    return _falling(position, spacing, PRINTED_SUPPORT, effects, step=step)
 
 
 def _falling(
