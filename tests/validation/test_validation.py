@@ -139,8 +139,8 @@ def test_what_is_skipped_is_named_with_its_reason(options):
 
 
 def test_a_result_is_whole_or_not_there(options, monkeypatch):
-    def torn(path, **arrays):
-        Path(path).write_bytes(b"half")
+    def torn(file, **arrays):
+        file.write(b"half")
         raise OSError("disk full")
 
     monkeypatch.setattr(results.np, "savez_compressed", torn)
