@@ -71,7 +71,7 @@ def drawn(draw: Draw, effect: str | None = None) -> Drawn:
     effects: dict[str, Effect] = {liquid: _liquid(draw, liquid, scale, dim)}
     if pulled:
         pull = [0.0, 0.0, 0.0]
-        pull[dim - 1] = -(speed**2) / (200 * cells[dim - 1] * spacing)  # c = 10 sqrt(2 g H)
+        pull[dim - 1] = -(speed**2) / (400 * cells[dim - 1] * spacing)  # c = 10 sqrt(2 g H), H = the box's height
         effects["gravity"] = EFFECTS["gravity"](acceleration=tuple(pull))
     if walls:
         name = "box_walls" if liquid == "weakly_compressible" else "mpm_walls"
@@ -123,7 +123,7 @@ def _liquid(draw: Draw, name: str, scale: Unit, dim: int) -> Effect:
     if name == "mpm_liquid":
         return made(draw, EFFECTS[name], scale, dim, rest_density=density, bulk_modulus=density * speed**2)
     given = {"rest_density": density, "sound_speed": speed, "tensile_control": "none", "gradient": "plain"}
-    given["dynamic_viscosity"] = density * speed * 3.0 * unit("m").of(scale) / 250
+    given["dynamic_viscosity"] = density * speed * 3.0 * unit("m").of(scale) / 60
     kind = draw(st.sampled_from((None, None, "summation", "continuity")))
     given["density"] = kind
     if kind != "continuity":  # what belongs to an advanced density
