@@ -41,6 +41,7 @@ class Checked(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     """
 
     says_why: ClassVar[tuple[str, ...]] = ()  # fields whose impossible choices the class explains in a check of its own
+    removed: ClassVar[Mapping[str, str]] = {}  # former choices, and what to give in their place
 
     def __post_init__(self) -> None:
         for name, kind in _kinds(type(self)):
@@ -51,7 +52,9 @@ class Checked(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
                 msgspec.convert(as_plain(value), kind)
             except (msgspec.ValidationError, OverflowError) as error:
                 words = IN_PYTHON | {"object": _classes(kind)}
-                raise InputError(f"{_called(type(self))}: {name}{why(error, value, kind, words)}") from None
+                raise InputError(
+                    f"{_called(type(self))}: {name}{why(error, value, kind, words, self.removed)}"
+                ) from None
 
 
 def _called(owner: type) -> str:
@@ -83,7 +86,10 @@ def as_plain(value: Any) -> Any:
     return os.fspath(value) if isinstance(value, os.PathLike) else value
 
 
-def why(error: Exception, value: Any, kind: Any, words: Mapping[str, str] = IN_TOML) -> str:
+def why(
+    error: Exception, value: Any, kind: Any, words: Mapping[str, str] = IN_TOML,
+    removed: Mapping[str, str] | None = None,
+) -> str:  # fmt: skip
     """Why msgspec could not convert `value`, as the rest of a sentence that begins with the place."""
     if isinstance(error, OverflowError):
         return f" = {_short(value)} is too large for a number; check it."
@@ -96,6 +102,8 @@ def why(error: Exception, value: Any, kind: Any, words: Mapping[str, str] = IN_T
         inside = inside.replace("[...]", f".{key}")
     if said.startswith("Invalid enum value"):
         choices = _choices(kind)
+        if removed and found in removed:
+            return f"{inside} = {found!r} was removed; give {removed[found]!r}."
         if isinstance(found, str):
             return f"{inside} = {found!r} is not possible; {suggestion(found, map(str, choices))}"
         return f"{inside} = {found!r} is not possible; choose from {', '.join(map(repr, choices))}."

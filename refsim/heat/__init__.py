@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 
 from refsim.core.capabilities import Balance, FollowsSettings, HasErrata, KeepsBalance, KeepsLedger, KnowsParticleMass
-from refsim.core.checked import Count, NotNegative, Positive, Printed
+from refsim.core.checked import NotNegative, Positive, Printed
 from refsim.core.effect import Discretisation, Effect, Others, Pass, StepLimit
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
@@ -65,9 +65,7 @@ PerPart = float | tuple[float, ...]
 SCHEMES = {
     "implicit": ("heat.chebyshev", "heat.chebyshev"),  # without and with latent heat
     "conjugate_gradient": ("heat.conjugate_gradient", "heat.conjugate_gradient"),
-    "nonlinear_jacobi": (None, "heat.enthalpy_jacobi"),
     "runge_kutta_legendre": ("heat.runge_kutta_legendre", "heat.runge_kutta_legendre"),
-    "single_pass": ("heat.single_pass", "heat.single_pass"),
     "pair_exchange": ("heat.pair_exchange", None),
     "one_sided": ("heat.one_sided", None),
     "explicit": ("heat.explicit", "heat.explicit"),
@@ -89,10 +87,9 @@ class HeatConduction(
     held           parts whose temperature is held, by number from 0: reservoirs of heat
     density        of the lattice's particles [kg/m^3] in a scene without a liquid that gives them their mass
     scheme         "implicit" (backward Euler: Chebyshev's iteration, conjugate gradients if the step is too long for
-                   it), "conjugate_gradient", "nonlinear_jacobi" (backward Euler for latent heat, keeps heat only as far
-                   as it converges), "runge_kutta_legendre" (second order; the most accurate), "single_pass",
-                   "pair_exchange" (M(4), both particles of a pair), "one_sided" (M(4), each particle by itself),
-                   "explicit"
+                   it), "conjugate_gradient", "runge_kutta_legendre" (second order; the most accurate), "explicit", and
+                   the paper's: "pair_exchange" (M(4), both particles of a pair), "one_sided" (M(4), each particle by
+                   itself)
     largest_number  k dt/(rho c d^2) that a step may reach; it limits the step, a fixed one must keep to it; "explicit"
                    and "runge_kutta_legendre" with latent heat are also limited by the particles' own sums s_i
     mean           "harmonic" or "arithmetic" (as in M(4)) mean of two conductivities
@@ -100,7 +97,6 @@ class HeatConduction(
     calibrated     scale so that the lattice conducts with k exactly, and each pair so that a thin body does, too
     tolerance      share of its error that Chebyshev's iteration leaves
     residual       share of the first residual at which conjugate gradients stop
-    iterations     of nonlinear Jacobi
     largest_drift  share of the heat that can be exchanged by which the total may change before the run stops as
                    `heat_lost`, if nothing enters or leaves; 0 for any ("one_sided" loses heat by design)
     literal        readings of Shao & Song: misprints "M5" (Laplacian of poly6, negative for near pairs), "M9"
@@ -114,6 +110,7 @@ class HeatConduction(
 
     name: ClassVar[str] = "heat_conduction"
     periodic: ClassVar[bool] = True
+    removed: ClassVar[Mapping[str, str]] = dict.fromkeys(("single_pass", "nonlinear_jacobi"), "implicit")
     ledger_units: ClassVar[Mapping[str, str]] = {"heat": "J"}
     balanced: ClassVar[str] = "heat"
     stops_as: ClassVar[str] = "heat_lost"
@@ -133,8 +130,7 @@ class HeatConduction(
     held: tuple[int, ...] = ()
     density: Positive = 1000.0
     scheme: Literal[
-        "implicit", "conjugate_gradient", "nonlinear_jacobi", "runge_kutta_legendre", "single_pass", "pair_exchange",
-        "one_sided", "explicit",
+        "implicit", "conjugate_gradient", "runge_kutta_legendre", "pair_exchange", "one_sided", "explicit",
     ] = "implicit"  # fmt: skip
     largest_number: Positive = 10.0
     mean: Literal["harmonic", "arithmetic"] = "harmonic"
@@ -142,7 +138,6 @@ class HeatConduction(
     calibrated: bool = True
     tolerance: Positive = 4e-3
     residual: Positive = 1e-3
-    iterations: Count = 16
     largest_drift: NotNegative = 0.01
     literal: Printed = ()
 
@@ -153,7 +148,7 @@ class HeatConduction(
             return False
         if self.scheme == "implicit":
             return self.largest_number > MOST_PLANNED
-        return self.scheme not in ("single_pass", "one_sided", "nonlinear_jacobi")
+        return self.scheme != "one_sided"
 
     @property
     def conducts(self) -> bool:
@@ -176,8 +171,7 @@ class HeatConduction(
         chosen = SCHEMES[self.scheme][self.melts]
         if chosen is None:
             able = ", ".join(name for name, operations in SCHEMES.items() if operations[self.melts])
-            words = "has no latent heat" if self.melts else "is for latent heat only"
-            raise InputError(f"{self.name}: scheme = {self.scheme!r} {words}; choose one of {able}.")
+            raise InputError(f"{self.name}: scheme = {self.scheme!r} has no latent heat; choose one of {able}.")
         return chosen
 
     def check(self, grid: Discretisation, others: Others) -> None:
@@ -364,7 +358,7 @@ class HeatConduction(
         return conduction_group(
             grid, laplacian=laplacian, factor=factor, tolerance=self.tolerance, residual=self.residual,
             sweep_share=1.0 if "M8" in printed else 0.5, harmonic=self.mean == "harmonic",
-            unit_capacity="M11" in printed, frozen="M9" in printed, iterations=self.iterations,
+            unit_capacity="M11" in printed, frozen="M9" in printed,
         )  # fmt: skip
 
     def _planned_passes(self, grid: Discretisation, others: Others, conduction: Conduction) -> int:

@@ -127,7 +127,6 @@ takes("heat.compensation", conduction="support_radius factor laplacian dim unit_
 takes("heat.one_sided", conduction=f"{PAIRS} frozen")
 takes("heat.pair_exchange", conduction=f"{PAIRS} sweep_share")
 takes("heat.chebyshev", conduction=f"{PAIRS} tolerance most_passes")
-takes("heat.enthalpy_jacobi", conduction=f"{PAIRS} iterations")
 
 
 # Volumes 100 : 1, and conductivities 1000 : 1
@@ -183,11 +182,9 @@ def _swept_twice(weight):
     return _moved(once * APART * (1 + (1 - once * INVERSE.sum())))
 
 
-# E = g (T_2 - T_1); and over 1 + g (1/C_1 + 1/C_2): M(4) is backward Euler for a pair, and so is NPX
+# E = g (T_2 - T_1); and over 1 + g (1/C_1 + 1/C_2): M(4) is backward Euler for a pair
 closed_form("heat.explicit", across=5.0, a_pair_forward=lambda: _pair(_moved(WEIGHT * APART)))
-closed_form(
-    "heat.single_pass", "heat.conjugate_gradient", across=5.0, a_pair_backward=lambda: _pair(_moved(_alone() * APART))
-)
+closed_form("heat.conjugate_gradient", across=5.0, a_pair_backward=lambda: _pair(_moved(_alone() * APART)))
 # across a border in a box of four support radii
 closed_form("heat.pair_exchange", across=8.0, a_pair_in_two_sweeps=lambda: _pair(_swept_twice(WEIGHT)))
 closed_form(
@@ -196,7 +193,7 @@ closed_form(
 )
 
 
-@closed_form("heat.single_pass", "heat.conjugate_gradient", "heat.chebyshev")
+@closed_form("heat.conjugate_gradient", "heat.chebyshev")
 def a_pair_with_a_reservoir():
     """The second particle keeps its temperature: T_1 + g/C_1 (T_2 - T_1)/(1 + g/C_1)."""
     share = WEIGHT * INVERSE[0]
@@ -327,7 +324,7 @@ POOR = 0.1 * CONDUCTIVITY
 SOLVED = _conduction_of(tolerance=1e-14)  # so that Chebyshev's iteration is backward Euler
 closed_form("heat.explicit", a_poor_conductor_forward=lambda: _pair(_moved(0.1 * WEIGHT * APART), conductivity=POOR))
 closed_form(
-    "heat.single_pass", "heat.conjugate_gradient",
+    "heat.conjugate_gradient",
     a_poor_conductor_backward=lambda: _pair(_moved(_alone(0.1 * WEIGHT) * APART), conductivity=POOR),
 )  # fmt: skip
 closed_form(
@@ -355,35 +352,10 @@ def _molten(heat, **more):
 
 # H += E/m, E = g (T_2 - T_1), and over 1 + g (1/C_1 + 1/C_2); T(H) is constant from 0 to the latent heat
 closed_form("heat.explicit", ice_forward=lambda: _molten(-WEIGHT * APART))
-closed_form("heat.single_pass", "heat.conjugate_gradient", ice_in_a_single_pass=lambda: _molten(-_alone() * APART))
+closed_form("heat.conjugate_gradient", ice_backward=lambda: _molten(-_alone() * APART))
 closed_form(  # RKL1 with one stage, which s_max < 1 allows, is forward Euler
     "heat.runge_kutta_legendre", ice_by_one_stage=lambda: _molten(-WEIGHT / 2 * APART, timestep=np.array([0.7, 0.25]))
 )
-
-
-@closed_form("heat.enthalpy_jacobi")
-def ice_on_a_reservoir():
-    """Beside a reservoir at 80 the second particle's own equation is all: y = H + g (T_1 - Tm)/m, for three steps.
-
-    It stays ice (H = y/(1 + s)), stands at the melting point (H = y), or has melted (H = (y + s L)/(1 + s)).
-    """
-    place = np.array([[3.0 * k, y, 0.0] for k in range(3) for y in (0.0, 1.0)])
-    trio = at("heat_pairs", place)
-    s, load = WEIGHT * INVERSE[1], WEIGHT * (80.0 - 0.0) / MASS[1]
-    start = np.array([-load - 10.0, 20.0 - load, 130.0 - load])
-    ends = np.array([-10.0 / (1 + s), 20.0, (130.0 + s * 50.0) / (1 + s)])
-    warmth = np.array([-10.0 / (1 + s) / 3.0, 0.0, (130.0 - 50.0) / (1 + s) / 3.0])
-
-    def beside(reservoir, values):
-        return np.column_stack((np.full(3, reservoir), values)).reshape(-1)
-
-    given = _given(
-        mass=np.tile(MASS, 3), volume=np.tile(VOLUME, 3), heat_capacity=np.tile(CAPACITY, 3),
-        conductivity=np.tile(CONDUCTIVITY, 3), enthalpy=beside(7.0, start), melting_point=np.tile([70.0, 0.0], 3),
-        latent_heat=np.tile([2.0, 50.0], 3), temperature=np.tile([80.0, 0.0], 3),
-        reservoir=np.tile([1, 0], 3).astype(np.uint8), conduction=_conduction_of(),
-    )  # fmt: skip
-    return Exact(trio, given, {"enthalpy": beside(7.0, ends), "temperature": beside(80.0, warmth)})
 
 
 # The same pairs elsewhere.
@@ -449,17 +421,6 @@ def two_sweeps_of_unit_weight():
     """The same in each of two sweeps over half of 2 s."""
     conduction = _conduction_of(factor=UNIT, sweep_share=0.5)
     return _pair(_swept_twice(2.0), conductivity=np.ones(2), timestep=[0.7, 2.0], conduction=conduction)
-
-
-@closed_form("heat.enthalpy_jacobi")
-def ice_of_unit_capacity_on_a_reservoir():
-    """C = 1 J/K, beside a reservoir at 80: still ice at the end, H = (-load - 10 + load)/(1 + s)."""
-    given = _given(
-        mass=[4.0, 1.0], heat_capacity=[0.5, 1.0], enthalpy=[7.0, -80.0 * WEIGHT - 10.0], melting_point=[70.0, 0.0],
-        latent_heat=[2.0, 50.0], temperature=[80.0, 0.0], reservoir=[1, 0], conduction=_conduction_of(),
-    )  # fmt: skip
-    ended = -10.0 / (1 + WEIGHT)
-    return Exact(PAIR, given, {"enthalpy": [7.0, ended], "temperature": [80.0, ended]})
 
 
 @closed_form("heat.exchange_rate")

@@ -102,12 +102,6 @@ def pair_share(weight, inverse_i, inverse_j):
 
 
 @formula
-def single_pass_share(weight, sum_i, sum_j):
-    """NPX: g/(1 + s_i + s_j) [J/K]; of a pair that is alone it is M(4)."""
-    return weight / (type(weight)(1) + sum_i + sum_j)
-
-
-@formula
 def temperature_of(enthalpy, heat_capacity, melting_point, latent_heat):
     """T = Tm + H/c for H < 0, Tm up to the latent heat L, Tm + (H - L)/c above [degrees C]; H = 0 is solid at Tm."""
     beyond = enthalpy
@@ -116,14 +110,3 @@ def temperature_of(enthalpy, heat_capacity, melting_point, latent_heat):
         if enthalpy <= latent_heat:  # false for NaN, which minima and maxima would hide on a GPU
             beyond = type(enthalpy)(0)
     return melting_point + beyond / heat_capacity
-
-
-@formula
-def melted(load, exchange_sum, latent_heat):
-    """H [J/kg] from its own equation H + s c (T(H) - Tm) = y [J/kg]: y/(1 + s), y, or (y + s L)/(1 + s)."""
-    real = type(load)
-    if load < real(0):
-        return load / (real(1) + exchange_sum)
-    if load <= latent_heat:
-        return load
-    return (load + exchange_sum * latent_heat) / (real(1) + exchange_sum)

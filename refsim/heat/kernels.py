@@ -13,12 +13,10 @@ from refsim.backends.tuples import difference, put, scaled, three
 from refsim.heat.formulas import (
     compensated,
     inverse_moment,
-    melted,
     missing_factor,
     moment_share,
     pair_share,
     pair_weight,
-    single_pass_share,
     temperature_of,
 )
 from refsim.heat.stages import chebyshev_omega, chebyshev_passes
@@ -259,24 +257,6 @@ def plan_chebyshev(i, largest, conduction, table, number):
             table[k, 0], table[k, 1], table[k, 2], table[k, 3] = 1.0 - omega, step, step, 0.0
 
 
-@pair
-def single_pass_pair(weight_ij, exchange_sum_i, exchange_sum_j, old_i, old_j):
-    """g (T_j - T_i)/(1 + s_i + s_j) [J]."""
-    return single_pass_share(weight_ij, exchange_sum_i, exchange_sum_j) * (old_j - old_i)
-
-
-@kernel(lanes="exchanges")
-def pass_once(i, lane, exchanges, exchange_sum, inverse, old, substance, enthalpy, temperature):
-    """NPX: C_i T_i += sum_j g (T_j - T_i)/(1 + s_i + s_j), with the `old` temperatures [degrees C; J/kg]."""
-    change = inverse[i] * neighbour_sum(single_pass_pair, i, lane, exchanges, None, None, exchange_sum, old)
-    if first_lane(lane):
-        if enthalpy is None:
-            temperature[i] = old[i] + change
-        else:
-            enthalpy[i] += change * substance.heat_capacity[i]
-            temperature[i] = at_enthalpy(i, enthalpy[i], substance)
-
-
 @kernel
 def sweep(i, exchanges, inverse, conduction, backwards, old, temperature):
     """M(4) for particle i alone and its neighbours in turn (R1), with their `old` temperatures [degrees C]."""
@@ -293,20 +273,6 @@ def sweep(i, exchanges, inverse, conduction, backwards, old, temperature):
         else:
             running += share * (old[j] - running)
     temperature[i] = running
-
-
-@kernel(lanes="exchanges")
-def solve_own(i, lane, exchanges, exchange_sum, inverse, start, substance, old, enthalpy, temperature):
-    """Nonlinear Jacobi: each particle's own equation with the other `old` temperatures [J/kg; degrees C]."""
-    total = flow_to(i, lane, substance.melting_point[i], old, exchanges)
-    if first_lane(lane):
-        value, rate = start[i], inverse[i]
-        if rate != type(rate)(0):
-            value = melted(
-                start[i] + rate * substance.heat_capacity[i] * total, exchange_sum[i], substance.latent_heat[i]
-            )
-        enthalpy[i] = value
-        temperature[i] = at_enthalpy(i, value, substance)
 
 
 @kernel

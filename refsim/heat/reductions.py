@@ -18,7 +18,7 @@ from refsim.neighbours.rows import row_of
 
 
 def weighed(body, neighbours, step, scratch):
-    """(exchanges, 1/C_i [K/J], s_i, array (1,) of the largest s_i, infinite where a sum is not finite)."""
+    """(exchanges, 1/C_i [K/J], array (1,) of the largest s_i, infinite where a sum is not finite)."""
     n, real, capacity = len(body.volume), body.volume.dtype, len(neighbours.entries)
     exchanges = ExchangeRows(
         neighbours.start,
@@ -26,12 +26,12 @@ def weighed(body, neighbours, step, scratch):
         scratch.array("heat entries", capacity, np.int32),
         scratch.array("heat weight", capacity, real),
     )
-    inverse, sums = scratch.array("heat inverse", n, real), scratch.array("heat sums", n, real)
+    inverse = scratch.array("heat inverse", n, real)
     largest = scratch.array("heat largest", 1, real)
     partial = scratch.array("heat largest of chunks", CHUNKS, real)
-    weigh(body, neighbours, step, exchanges, inverse, sums, partial)
+    weigh(body, neighbours, step, exchanges, inverse, partial)
     largest[0] = partial.max()
-    return exchanges, inverse, sums, largest
+    return exchanges, inverse, largest
 
 
 @formula
@@ -86,16 +86,15 @@ def weigh_and_pack(i, body, neighbours, seconds, conduction, period, exchanges):
 
 
 @kernel
-def weigh(chunk, conductor, neighbours, step, exchanges, inverse, exchange_sum, partial):
-    """The exchanges of the particles of a chunk with weights [J/K], their 1/C_i [K/J] and s_i, and its largest s_i."""
+def weigh(chunk, conductor, neighbours, step, exchanges, inverse, partial):
+    """The exchanges of the particles of a chunk with weights [J/K], their 1/C_i [K/J], and its largest s_i."""
     real = partial.dtype.type
-    begin, end = limits(chunk, exchange_sum.shape[0])
+    begin, end = limits(chunk, inverse.shape[0])
     most = real(0)
     for i in range(begin, end):
         total = weigh_and_pack(i, conductor, neighbours, step.timestep[1], step.conduction, step.period, exchanges)
         inverse[i] = capacity_of(i, conductor, step.conduction)
         own = inverse[i] * total
-        exchange_sum[i] = own
         if not own < real(np.inf):
             own = real(np.inf)
         most = max(most, own)

@@ -17,16 +17,16 @@ from refsim.neighbours.rows import over_lanes, row_of
 
 
 def weighed(body, neighbours, step, scratch):
-    """(exchanges, 1/C_i [K/J], s_i, array (1,) of the largest s_i, infinite where a sum is not finite)."""
+    """(exchanges, 1/C_i [K/J], array (1,) of the largest s_i, infinite where a sum is not finite)."""
     n, real, capacity = body.volume.shape[0], body.volume.dtype, neighbours.entries.shape[0]
     weights = scratch.array("heat weight", capacity, real)
     exchanges = ExchangeColumns(neighbours.count, neighbours.entries, weights, neighbours.lanes)
-    inverse, sums = scratch.array("heat inverse", n, real), scratch.array("heat sums", n, real)
+    inverse = scratch.array("heat inverse", n, real)
     largest = scratch.array("heat largest", 1, real)
     placed = scratch.array("placed", (n, 4), real)
     begin(body.position, body.volume, placed, largest)
-    weigh(placed, body, step, exchanges, inverse, sums, largest)
-    return exchanges, inverse, sums, largest
+    weigh(placed, body, step, exchanges, inverse, largest)
+    return exchanges, inverse, largest
 
 
 @cuda_kernel(rows_of="placed")
@@ -39,15 +39,15 @@ def begin(position, volume, placed, largest):
         largest[0] = 0
 
 
-@cuda_kernel(rows_of="exchange_sum", lanes="exchanges")
-def weigh(placed, conductor, step, exchanges, inverse, exchange_sum, largest):
-    """The weights of every particle's neighbours [J/K], 0 beyond h, 1/C_i [K/J], s_i, and the largest s_i."""
+@cuda_kernel(rows_of="inverse", lanes="exchanges")
+def weigh(placed, conductor, step, exchanges, inverse, largest):
+    """The weights of every particle's neighbours [J/K], 0 beyond h, 1/C_i [K/J], and the largest s_i."""
     conductivity, conduction = conductor.conductivity, step.conduction
     lanes = len(exchanges.lanes)
     i, lane = cuda.grid(1) // lanes, cuda.grid(1) % lanes
     real = largest.dtype.type
     own = real(0)
-    if i < exchange_sum.shape[0]:
+    if i < inverse.shape[0]:
         first, stride, count = row_of(exchanges, i, (lane, lanes))
         total = type(conduction.support_radius)(0)
         x, y, z, own_volume = four_of(placed, i)
@@ -79,7 +79,6 @@ def weigh(placed, conductor, step, exchanges, inverse, exchange_sum, largest):
         if lane == 0:
             inverse[i] = capacity_of(i, conductor, conduction)
             own = inverse[i] * total
-            exchange_sum[i] = own
             if not own < real(np.inf):
                 own = real(np.inf)
     shared = cuda.shared.array(THREADS_PER_BLOCK, largest.dtype)

@@ -386,16 +386,6 @@ def rounds(position, side, dim, period):
             yield from (turns[k] for k in sorted(turns))
 
 
-@_scheme("(4) for all neighbours at once (NPX)", paper="Shao & Song 2017", reach=2)
-def single_pass(body: Body, melting: Melting, step: Step, enthalpy, temperature):
-    """NPX: E_ij = g (T_j - T_i)/(1 + s_i + s_j) [J]; C_i T_i += sum_j E_ij, or m_i H_i += sum_j E_ij."""
-    i, j, g, inverse = exchanges(body, step)
-    start, s = np.array(temperature, dtype=float), exchange_sums(i, j, g, inverse)
-    share = g / (1 + s[i] + s[j])
-    change, scale = inverse * flow(i, j, share, start), _scale(i, j, share, inverse, [start], 3)
-    return _gained(change, start, scale, enthalpy, body.heat_capacity, melting)
-
-
 @_scheme(
     "backward Euler, of which (4) is one pair (CHEB)",
     variants=(
@@ -487,28 +477,6 @@ def runge_kutta_legendre(body: Body, melting: Melting, step: Step, enthalpy, tem
         now += mu * w1 * inverse * flow(i, j, g, y) - (1 - b[k - 1]) * mu * w1 * first
         old, y = y, now
     return _both(y, None, _scale(i, j, g, inverse, [start, y], 2 * stages), c, latent)
-
-
-@_scheme("backward Euler with latent heat (Shao & Song M12)", **_SOLID)
-def enthalpy_jacobi(body: Body, melting: Melting, step: Step, enthalpy, temperature):
-    """Backward Euler with latent heat by nonlinear Jacobi steps: m_i (H_i - H_i^n) = dt sum_j G_ij (T_j - T(H_i)).
-
-    a = dt sum_j G_ij/m_i, y = H_i^n + sum_j g (T_j - Tm)/m_i: H = y/(1 + a/c) below 0, y up to the latent heat L,
-    (y + a L/c)/(1 + a/c) above [J/kg].
-    """
-    i, j, g, inverse = exchanges(body, step)
-    start, h, c, latent = _floats(temperature, enthalpy, body.heat_capacity, melting.latent_heat)
-    point = np.asarray(melting.melting_point, dtype=float)
-    s = exchange_sums(i, j, g, inverse)
-    old, t, seen = h, start, [start]
-    for _ in range(int(step.conduction.iterations)):
-        y = old + inverse * c * np.bincount(i, g * (t[j] - point[i]), len(t))
-        h = np.where(y < 0, y / (1 + s), np.where(y <= latent, y, (y + s * latent) / (1 + s)))
-        h = np.where(inverse == 0, old, h)
-        t = temperature_of(h, c, point, latent)
-        seen = [start, t]
-    scale = _scale(i, j, g, inverse, [*seen, point], 2 * int(step.conduction.iterations))
-    return _both(t, h, scale, c, latent)
 
 
 @operation(

@@ -12,9 +12,7 @@ from refsim.heat.kernels import (
     copy_rows,
     flow,
     note_rounds,
-    pass_once,
     plan_chebyshev,
-    solve_own,
     sweep,
     take_up,
 )
@@ -142,24 +140,17 @@ def known(largest, enthalpy, temperature, scratch):
 
 def explicit(body: Body, melting: Melting, neighbours, step: Step, scratch, enthalpy, temperature):
     """Forward Euler."""
-    exchanges, inverse, _, _ = weighed(body, neighbours, step, scratch)
+    exchanges, inverse, _ = weighed(body, neighbours, step, scratch)
     plan = written([EXPLICIT], scratch, temperature.dtype)
     run_stages(plan, exchanges, inverse, substance_of(body, melting), scratch, enthalpy, temperature)
 
 
 def one_sided(body: Body, neighbours, step: Step, scratch, temperature):
     """M(4) read literally (R1): every particle by itself, forwards, then backwards."""
-    exchanges, inverse, _, _ = weighed(body, neighbours, step, scratch)
+    exchanges, inverse, _ = weighed(body, neighbours, step, scratch)
     for backwards in (0, 1):
         old = copied(temperature, "heat start", scratch)
         sweep(exchanges, inverse, step.conduction, np.int32(backwards), old, temperature)
-
-
-def single_pass(body: Body, melting: Melting, neighbours, step: Step, scratch, enthalpy, temperature):
-    """NPX: all pairs at once."""
-    exchanges, inverse, sums, _ = weighed(body, neighbours, step, scratch)
-    old = copied(temperature, "heat start", scratch)
-    pass_once(exchanges, sums, inverse, old, substance_of(body, melting), enthalpy, temperature)
 
 
 def chebyshev(body: Body, melting: Melting, neighbours, step: Step, scratch, enthalpy, temperature):
@@ -167,7 +158,7 @@ def chebyshev(body: Body, melting: Melting, neighbours, step: Step, scratch, ent
 
     With `planned_passes` a GPU finds the number of passes itself, so that a step waits for nothing.
     """
-    exchanges, inverse, _, largest = weighed(body, neighbours, step, scratch)
+    exchanges, inverse, largest = weighed(body, neighbours, step, scratch)
     start = None if enthalpy is None else copied(temperature, "heat start", scratch)
     plan, real = None, temperature.dtype
     if step.conduction.planned_passes and scratch.backend.name == "cuda":
@@ -189,7 +180,7 @@ def chebyshev(body: Body, melting: Melting, neighbours, step: Step, scratch, ent
 
 def conjugate_gradient(body: Body, melting: Melting, neighbours, step: Step, scratch, enthalpy, temperature):
     """Backward Euler by conjugate gradients; with latent heat Chernoff's formula."""
-    exchanges, inverse, _, largest = weighed(body, neighbours, step, scratch)
+    exchanges, inverse, largest = weighed(body, neighbours, step, scratch)
     if known(largest, enthalpy, temperature, scratch) is None:
         return
     start = None if enthalpy is None else copied(temperature, "heat start", scratch)
@@ -231,19 +222,10 @@ def solve(exchanges, inverse, conduction, scratch, temperature):
 
 def runge_kutta_legendre(body: Body, melting: Melting, neighbours, step: Step, scratch, enthalpy, temperature):
     """RKL2 on temperatures, RKL1 on enthalpies."""
-    exchanges, inverse, _, largest = weighed(body, neighbours, step, scratch)
+    exchanges, inverse, largest = weighed(body, neighbours, step, scratch)
     most = known(largest, enthalpy, temperature, scratch)
     if most is None:
         return
     stages = list((legendre_stages if enthalpy is None else first_legendre_stages)(most))
     plan = written(stages, scratch, temperature.dtype)
     run_stages(plan, exchanges, inverse, substance_of(body, melting), scratch, enthalpy, temperature)
-
-
-def enthalpy_jacobi(body: Body, melting: Melting, neighbours, step: Step, scratch, enthalpy, temperature):
-    """Backward Euler with latent heat, nonlinear Jacobi."""
-    exchanges, inverse, sums, _ = weighed(body, neighbours, step, scratch)
-    start = copied(enthalpy, "heat start", scratch)
-    for _ in range(step.conduction.iterations):
-        old = copied(temperature, "heat warm 0", scratch)
-        solve_own(exchanges, sums, inverse, start, substance_of(body, melting), old, enthalpy, temperature)

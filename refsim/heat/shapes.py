@@ -48,7 +48,6 @@ class Conduction(NamedTuple):
     frozen: int  # T_j - T_i before the sweep (Shao & Song M9)
     most_passes: int  # of Chebyshev's iteration; beyond, conjugate gradients
     planned_passes: int  # capacity of a GPU's table of passes; 0 if the host finds their number
-    iterations: int  # of nonlinear Jacobi
     dim: int
 
 
@@ -142,7 +141,7 @@ def lattice_sum(conduction: Conduction, grid: Discretisation) -> float:
 def conduction_group(
     grid: Discretisation, *, laplacian: int = SPIKY, factor: float = 1.0, tolerance: float = 4e-3,
     residual: float = 1e-3, sweep_share: float = 0.5, harmonic: bool = True, unit_capacity: bool = False,
-    frozen: bool = False, most_passes: int = MOST_PASSES, planned_passes: int = 0, iterations: int = 16,
+    frozen: bool = False, most_passes: int = MOST_PASSES, planned_passes: int = 0,
 ) -> Conduction:  # fmt: skip
     """Parameters in the run's dtype, from those of a scene."""
     h, real = grid.support_radius, grid.real
@@ -150,7 +149,7 @@ def conduction_group(
     values: list[Any] = [
         real(h), real(1 / h), real(1 / grid.spacing**grid.dim), real(scale), real(factor), real(tolerance),
         real(residual), real(sweep_share),
-        *map(int32, (laplacian, harmonic, unit_capacity, frozen, most_passes, planned_passes, iterations)),
+        *map(int32, (laplacian, harmonic, unit_capacity, frozen, most_passes, planned_passes)),
         int32(grid.dim),
     ]  # fmt: skip
     return Conduction(*values)

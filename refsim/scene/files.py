@@ -318,7 +318,8 @@ def struct_of(
         try:
             made[name] = value if name in ready else msgspec.convert(value, fields[name].type)
         except (msgspec.ValidationError, OverflowError) as error:
-            raise InputError(f"{source}: {at}{name}{why(error, value, fields[name].type)}") from None
+            said = why(error, value, fields[name].type, removed=getattr(owner, "removed", None))
+            raise InputError(f"{source}: {at}{name}{said}") from None
     return owner(**made)
 
 

@@ -65,7 +65,7 @@ SCENES = {name: pairs.scene(name, name, "float32") for name in pairs.EFFECTS} | 
     "thin features": scene(LIQUID, DETECTION_THIN),
     "release": scene(LIQUID, rs.SurfaceDetection(release_pressure=True)),
     "mesh alone": scene(VISCOUS, GRAVITY, WALLS, msgspec.structs.replace(MESH, viscosity=0.0, adhesion=0.0)),
-    "ice": scene(LIQUID, msgspec.structs.replace(WARM, latent_heat=3e5, held=(0,), scheme="single_pass")),
+    "ice": scene(LIQUID, msgspec.structs.replace(WARM, latent_heat=3e5, held=(0,), scheme="explicit")),
     "stiff": scene(rs.ShapeMatching(damping=0.0, half_width=1), GRAVITY),
     "tension and detection": scene(VISCOUS, GRAVITY, WALLS, DETECTION, TENSION),
     "surface of coupled liquid": scene(CLAMPED, SHAPE, COUPLING, DETECTION_EACH_STEP),

@@ -561,7 +561,7 @@ def test_start_of_heat():
     assert (found["reservoir"].tolist(), found["volume"]) == ([0, 1, 1, 1], near([0.001] * 4))
     spare = 0.1 * 40 + 4096 * 2.0**-52 * 30
     assert found["temperature_range"] == near([-10 - spare, 30 + spare], 1e-15)
-    cold = rs.HeatConduction(temperature=(-30.0, 10.0), conductivity=0.5, scheme="single_pass")
+    cold = rs.HeatConduction(temperature=(-30.0, 10.0), conductivity=0.5, scheme="explicit")
     spare = 0.01 * 40 + 4096 * 2.0**-52 * 30
     assert cold.initial(grid(count=4), four, {})["temperature_range"] == near([-30 - spare, 10 + spare], 1e-15)
     assert "volume" not in cold.initial(grid(count=4), four, named(LIQUID))

@@ -126,7 +126,7 @@ def test_a_periodic_channel_runs_as_the_references_do(cuda):
         fluid=(rs.Box(cells=(6, 4, 1), velocity=(8.0, 0.0, 0.0)),),
         effects=(
             rs.WeaklyCompressible(sound_speed=10.0, dynamic_viscosity=20.0, clamp_pressure=False, density="summation"),
-            rs.Gravity(acceleration=(1.0, 0.0, 0.0)), rs.HeatConduction(temperature=20.0, scheme="single_pass"), walls,
+            rs.Gravity(acceleration=(1.0, 0.0, 0.0)), rs.HeatConduction(temperature=20.0, scheme="one_sided"), walls,
         ),
     )  # fmt: skip
     oracle, run = rs.Simulation(scene, "numpy"), rs.Simulation(scene, "cuda")

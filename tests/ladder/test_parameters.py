@@ -387,7 +387,7 @@ def heat(dim, name="spiky", number=0, profile=None, factor=None, planned=None, l
         "support_radius": H, "inverse_radius": 1 / H, "inverse_volume": 1 / D**dim,
         "scale": factor * float(half) / profile * D ** (2 * dim), "factor": factor, "tolerance": 4e-3, "residual": 1e-3,
         "sweep_share": 0.5, "laplacian": number, "harmonic": 1, "unit_capacity": 0, "frozen": 0, "most_passes": 64,
-        "planned_passes": min(64, passes) if planned is None else planned, "iterations": 16, "dim": dim,
+        "planned_passes": min(64, passes) if planned is None else planned, "dim": dim,
     }  # fmt: skip
     return {"conduction": group | changes}
 
@@ -681,9 +681,8 @@ SETUPS = {
         lambda dim: coupling(dim, m3=1), (3,)),
     "heat": ((HEAT,), lambda dim: heat(dim, profile=0.5)),
     "heat, other settings": ((rs.HeatConduction(temperature=1.0, laplacian="mueller", calibrated=False, tolerance=2e-2,
-        residual=1e-4, iterations=9, mean="arithmetic", largest_number=0.5),),
-        lambda dim: heat(dim, "mueller", 1, 0.5, 0.5, largest=0.5, tolerance=2e-2, residual=1e-4, iterations=9,
-        harmonic=0)),
+        residual=1e-4, mean="arithmetic", largest_number=0.5),),
+        lambda dim: heat(dim, "mueller", 1, 0.5, 0.5, largest=0.5, tolerance=2e-2, residual=1e-4, harmonic=0)),
     "heat, mueller": ((rs.HeatConduction(temperature=1.0, laplacian="mueller"),),
         lambda dim: heat(dim, "mueller", 1, 0.5)),
     "heat, printed": ((rs.HeatConduction(temperature=1.0, scheme="explicit", literal=("M5", "M8", "M9", "M11")),),

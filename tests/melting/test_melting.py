@@ -23,7 +23,7 @@ def scene(solid=(BODY,), highest=5.0, slope=0.0, melting=None, **options):
     values = {"spacing": 0.2, "support_radius": 0.5, "step": 0.004} | options
 
     def made(temperature):
-        heat = rs.HeatConduction(temperature=temperature, conductivity=0.0, melting_point=0.0, scheme="single_pass")
+        heat = rs.HeatConduction(temperature=temperature, conductivity=0.0, melting_point=0.0, scheme="explicit")
         effects = (
             LIQUID, rs.Gravity(), rs.BoxWalls(lower=(0, 0, 0), upper=(1.8, 1.8, 3)),
             rs.ShapeMatching(summation="gather"), rs.TwoWayCoupling(), heat, melting or rs.Melting(),

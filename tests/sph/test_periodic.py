@@ -60,7 +60,7 @@ def test_a_short_period_is_refused_by_pair_exchange():
     scene = channel(effects=(LIQUID, heat))
     with pytest.raises(rs.InputError, match="below four support radii"):
         make_plan(scene)
-    make_plan(scene.with_(heat_conduction__scheme="single_pass"))
+    make_plan(scene.with_(heat_conduction__scheme="explicit"))
 
 
 def test_the_walls_of_a_channel_go_once_around():

@@ -8,7 +8,7 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 
-from validation.drawing import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, YELLOW, shared_legend
+from validation.drawing import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, shared_legend
 from validation.experiment import Picture, Results
 from validation.experiments.heat import runs, scene
 from validation.experiments.heat.runs import BEST
@@ -16,8 +16,8 @@ from validation.experiments.heat.scene import SCHEMES
 from validation.results import floats
 
 COLOURS = {
-    "one_sided": VERMILION, "pair_exchange": ORANGE, "single_pass": SKY, "implicit": BLUE,
-    "conjugate_gradient": PURPLE, "runge_kutta_legendre": GREEN, "explicit": GREY, "nonlinear_jacobi": YELLOW,
+    "one_sided": VERMILION, "pair_exchange": ORANGE, "implicit": BLUE,
+    "conjugate_gradient": PURPLE, "runge_kutta_legendre": GREEN, "explicit": GREY,
 }  # fmt: skip
 EXACT = {"color": BLACK, "linestyle": "--", "linewidth": 1.1}
 
@@ -70,13 +70,13 @@ def profiles_data(results: Results) -> dict[str, Any]:
     ball = results["sphere_runge_kutta_legendre"]
     some = np.random.default_rng(0).permutation(len(ball.arrays["r"]))[:600]
     sphere = {}
-    for name in ("single_pass", "implicit", "runge_kutta_legendre"):
+    for name in ("implicit", "runge_kutta_legendre"):
         if f"sphere_{name}" in results:
             arrays = results[f"sphere_{name}"].arrays
             sphere[name] = _curve(arrays["r"][some], arrays["temperature_2"][some])
     radius = np.linspace(0, 1, 101)
     column = results["stefan_runge_kutta_legendre"].values
-    ice = _curves(results, "stefan", ("runge_kutta_legendre", "implicit", "single_pass"), "x", "temperature_2")
+    ice = _curves(results, "stefan", ("runge_kutta_legendre", "implicit"), "x", "temperature_2")
     x = np.linspace(0, 1, 201)
     truth = scene.stefan_profile(x, column["until"], runs.WALL, runs.START, column["root"])
     return {

@@ -24,9 +24,8 @@ from refsim.neighbours.rows import NeighbourColumns, NeighbourRows
 SUPPORT = 2.5  # support radius over spacing
 SCHEMES = {
     "one_sided": "M(4), each particle by itself (R1)", "pair_exchange": "M(4), both of a pair (R3)",
-    "single_pass": "single pass (NPX)", "implicit": "implicit (Chebyshev)",
+    "implicit": "implicit (Chebyshev)",
     "conjugate_gradient": "conjugate gradients", "runge_kutta_legendre": "Runge-Kutta-Legendre", "explicit": "explicit",
-    "nonlinear_jacobi": "nonlinear Jacobi",
 }  # fmt: skip
 
 
@@ -146,11 +145,9 @@ class Conductor:
         """Passes over the neighbours that a step of so many seconds takes from here, by a conductor on the CPU."""
         largest = seconds / self.spacing**2 * lattice_sum(self.conduction, self.grid)
         melts = self.enthalpy is not None
-        fixed = {"explicit": 1, "single_pass": 1, "one_sided": 2, "pair_exchange": 2}
+        fixed = {"explicit": 1, "one_sided": 2, "pair_exchange": 2}
         if self.scheme in fixed:
             return fixed[self.scheme]
-        if self.scheme == "nonlinear_jacobi":
-            return int(self.conduction.iterations)
         if self.scheme == "runge_kutta_legendre":
             return len(list((first_legendre_stages if melts else legendre_stages)(largest)))
         planned = chebyshev_passes(largest, float(self.conduction.tolerance))
@@ -159,7 +156,7 @@ class Conductor:
         return self._solved(seconds)
 
     def weighed(self, seconds: float) -> tuple[Any, ...]:
-        """Exchanges, 1/C_i, s_i and the largest s_i of a step, as schemes have them."""
+        """Exchanges, 1/C_i and the largest s_i of a step, as schemes have them."""
         from refsim.heat import schemes
 
         given = {**self.given, "timestep": np.array([0.0, seconds])}
@@ -170,7 +167,7 @@ class Conductor:
         """Passes that conjugate gradients take."""
         from refsim.heat import schemes
 
-        exchanges, inverse, _, _ = self.weighed(seconds)
+        exchanges, inverse, _ = self.weighed(seconds)
         return schemes.solve(exchanges, inverse, self.conduction, self.given["scratch"], self.temperature.copy())
 
 
