@@ -447,14 +447,14 @@ def conjugate_gradient(body: Body, melting: Melting, step: Step, enthalpy, tempe
 def runge_kutta_legendre(body: Body, melting: Melting, step: Step, enthalpy, temperature):
     """RKL2 (Meyer, Balsara & Aslam 2014): s stages, s odd with (s^2 + s - 2)/4 >= s_max, in flux form [degrees C].
 
-    With latent heat RKL1 on the enthalpy [J/kg], (s^2 + s)/2 >= s_max.
+    With latent heat RKL1 on the enthalpy [J/kg], (s^2 + s)/2 >= 5/4 s_max.
     """
     i, j, g, inverse = exchanges(body, step)
     start, h, c, latent = _floats(temperature, enthalpy, body.heat_capacity, melting.latent_heat)
     s_max = exchange_sums(i, j, g, inverse).max(initial=0)
     if h is not None:
         stages = 1
-        while (stages**2 + stages) / 2 < s_max:
+        while (stages**2 + stages) / 2 < 1.25 * s_max:
             stages += 2
         w1 = 2 / (stages**2 + stages)
         old, y, t = h, h, start

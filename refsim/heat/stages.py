@@ -56,8 +56,8 @@ def legendre_stages(largest_sum: float) -> Iterator[Stage]:
 
 
 def first_legendre_stages(largest_sum: float) -> Iterator[Stage]:
-    """RKL1: (s^2 + s)/2 >= s_max; first order, monotone in each stage's weights."""
-    number = max(1, math.ceil((math.sqrt(1 + 8 * max(largest_sum, 0.0)) - 1) / 2 - 1e-9))
+    """RKL1: (s^2 + s)/2 >= 5/4 s_max; first order. At the bound of 1 s_max melting overshoots beside a reservoir."""
+    number = max(1, math.ceil((math.sqrt(1 + 10 * max(largest_sum, 0.0)) - 1) / 2 - 1e-9))
     number += 1 - number % 2
     w = 2 / (number**2 + number)
     for j in range(1, number + 1):
