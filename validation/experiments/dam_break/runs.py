@@ -374,14 +374,24 @@ def neighbour_sums(position: np.ndarray, reach: float) -> tuple[Callable[[np.nda
     return lambda values: np.bincount(one, values[other], minlength=count), np.bincount(one, minlength=count)
 
 
+def as_printed(scene: Scene) -> Scene:
+    """The scene with the liquid of J(9) and J(10): a linear equation of state without a clamp, half of the gradient."""
+    liquid = msgspec.structs.replace(
+        scene.effects[0],
+        literal=("paper",),
+        state="linear",
+        clamp_pressure=False,
+        density_bound=10.0,
+    )  # where pressures pull, single particles fall into each other
+    return msgspec.structs.replace(scene, effects=(liquid, *scene.effects[1:]))
+
+
 def released(context: Context, columns: int, until: float, seed: int, method: str, clamp: bool, backend: str) -> Result:
     """The collapse with p = 0 on the set of one detector, in every step."""
     detection = SurfaceDetection(method=method, release_pressure=True)
     cloud = jittered(columns, 1, seed)
     scene = column_scene(columns, 1, 4.0, (detection,), cloud)
-    bound = 1.5 if clamp else 10.0  # of the density: where pressures pull, single particles fall into each other
-    liquid = msgspec.structs.replace(scene.effects[0], clamp_pressure=clamp, density_bound=bound)
-    simulation = context.simulation(msgspec.structs.replace(scene, effects=(liquid, *scene.effects[1:])), backend)
+    simulation = context.simulation(scene if clamp else as_printed(scene), backend)
     noise, marked = [], []
 
     def sample(simulation: Simulation, wall: float) -> None:
@@ -415,11 +425,14 @@ FALSE_INTERIOR_FREE = oscillation(False)
 # The density correction in a splash, without tension.
 
 
-def splash(context: Context, columns: int, until: float, seed: int, corrects: bool, backend: str) -> Result:
+def splash(
+    context: Context, columns: int, until: float, seed: int, corrects: bool, backend: str, printed: bool = False
+) -> Result:
     """Particles torn off the liquid, mean over the collapse, with and without the density correction."""
     effects: Sequence[Any] = (JiangZhu2023(gamma=0.0, density_correction=True),) if corrects else ()
     cloud = jittered(columns, 1, seed)
-    simulation = context.simulation(column_scene(columns, 1, 4.0, tuple(effects), cloud), backend)
+    scene = column_scene(columns, 1, 4.0, tuple(effects), cloud)
+    simulation = context.simulation(as_printed(scene) if printed else scene, backend)
     detached = []
 
     def sample(simulation: Simulation, wall: float) -> None:
@@ -430,21 +443,25 @@ def splash(context: Context, columns: int, until: float, seed: int, corrects: bo
     return Result({"detached": float(np.mean(detached)), "over_time": detached})
 
 
-SPLASHES = {
-    f"claim_splash_{'on' if corrects else 'off'}_{seed}": {"seed": seed, "corrects": corrects}
-    for seed in SEEDS for corrects in (False, True)
-}  # fmt: skip
+def _spray(printed: bool) -> Measure:
+    own = "_printed" if printed else ""
+    runs = {
+        f"claim_splash{own}_{'on' if corrects else 'off'}_{seed}": {"seed": seed, "corrects": corrects}
+        for seed in SEEDS for corrects in (False, True)
+    }  # fmt: skip
+    if printed:
+        runs = {name: {**given, "printed": True} for name, given in runs.items()}
+    small, whole = ({"columns": columns, "until": until} for columns, until in ((16, 1.2), (40, 1.8)))
+
+    def values(results: Results) -> list[float]:
+        torn = {name: result.values["detached"] for name, result in results.items()}
+        return [torn[f"claim_splash{own}_on_{seed}"] / torn[f"claim_splash{own}_off_{seed}"] for seed in SEEDS]
+
+    return Measure(sized(splash, runs, 30.0, small, whole), values)
 
 
-_splashes = sized(splash, SPLASHES, 30.0, {"columns": 16, "until": 1.2}, {"columns": 40, "until": 1.8})
-
-
-def _spray(results: Results) -> list[float]:
-    torn = {name: result.values["detached"] for name, result in results.items()}
-    return [torn[f"claim_splash_on_{seed}"] / torn[f"claim_splash_off_{seed}"] for seed in SEEDS]
-
-
-CORRECTION_STOPS_SPRAY = Measure(_splashes, _spray)
+CORRECTION_STOPS_SPRAY = _spray(False)
+CORRECTION_STOPS_SPRAY_PAPER = _spray(True)
 
 # lambda of J(12), alone: inside and outside of the paper's range.
 
