@@ -1,6 +1,7 @@
 """What a checkpoint of a run holds: taking it, checking one that was read, and putting it back."""
 
 import dataclasses
+import json
 import math
 import os
 from dataclasses import dataclass
@@ -10,11 +11,11 @@ from typing import Literal, cast
 import msgspec
 import numpy as np
 
-from refsim.core.errors import InputError
+from refsim.core.errors import InputError, RunStopped
 from refsim.core.versions import versions
 from refsim.engine.audit import AuditState
 from refsim.engine.run import Run
-from refsim.io.checkpoint import Checkpoint, whole_checkpoint
+from refsim.io.checkpoint import KEPT, Checkpoint, whole_checkpoint
 from refsim.io.scenes import scene_from_checkpoint, scene_to_checkpoint
 from refsim.scene.plan import Plan, make_plan
 
@@ -129,7 +130,12 @@ def snapshot(run: Run) -> Checkpoint:
         greatest_miscount=run.counting.greatest,
         origin=run.plan.grid.origin,
     )
-    return Checkpoint(arrays, {"scene": text, "clock": msgspec.json.encode(clock).decode()})
+    try:
+        numbers = json.dumps(msgspec.to_builtins(clock), allow_nan=False)
+    except ValueError:
+        words = "no checkpoint was written because a number of the run beside its fields is not finite"
+        raise RunStopped("non_finite", f"{words}; {KEPT}") from None
+    return Checkpoint(arrays, {"scene": text, "clock": numbers})
 
 
 def restore(run: Run, saved: SavedRun) -> None:

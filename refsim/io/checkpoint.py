@@ -14,7 +14,6 @@ group `arrays` and the attributes as JSON text in the dataset `attributes`. Othe
 import hashlib
 import io
 import json
-import math
 import os
 import re
 import time
@@ -61,20 +60,16 @@ def write_checkpoint(
     what        the kind of file that is written in this way
 
     Raises RunStopped, and leaves the checkpoints that are there as they are:
-      "non_finite"    an array holds a NaN or an infinity, or an attribute a NaN: nothing is written
+      "non_finite"    an array holds a NaN or an infinity: nothing is written
       "disk_full"     no space or quota left; the run itself is unharmed, so the caller may go on and try
                       again later
       "write_failed"  the disk refused for another reason
-    Raises InputError when the folder cannot be written to, TypeError or ValueError when a name, a dtype, an
-    attribute or `keep` is not of the kinds above. One writer per `path`: a write removes the
-    temporary files of killed writers.
+    Raises InputError when the folder cannot be written to. One writer per `path`: a write removes the temporary files
+    of killed writers.
     """
     path = Path(path)
-    if keep < 1:
-        raise ValueError(f"keep must be at least 1, not {keep}")
-    checked = {name: _checked_array(path, name, array) for name, array in arrays.items()}
-    text = _attributes_text(path, attributes)
-    content = _in_hdf5(checked, text)
+    finite = {name: _finite(path, name, array) for name, array in arrays.items()}
+    content = _in_hdf5(finite, json.dumps(dict(attributes)))
     with writing(what, path, KEPT):
         before = -1
         with suppress(Unreadable):
@@ -140,32 +135,17 @@ def previous_path(path: str | os.PathLike[str], generation: int = 1) -> Path:
 # -- what is written ---------------------------------------------------------------------------------------
 
 
-def _checked_array(path: Path, name: str, array: np.ndarray) -> np.ndarray:
-    if not name or "/" in name or name == ".":
-        raise ValueError(f"{name!r} cannot name an array in a checkpoint")
+def _finite(path: Path, name: str, array: np.ndarray) -> np.ndarray:
+    """The array. Raises RunStopped where it holds a NaN or an infinity."""
     array = np.asarray(array)
-    if array.dtype.kind not in "biufc":
-        raise TypeError(f"array {name!r} has dtype {array.dtype}, which a checkpoint does not hold")
-    if array.dtype.kind in "fc":
-        finite = np.isfinite(array)
-        if not finite.all():
-            bad = np.argwhere(~finite)
-            raise RunStopped(
-                "non_finite",
-                f"{path} was not written because array {name!r} holds {len(bad)} non-finite "
-                f"values, the first at index {tuple(bad[0].tolist())}; {KEPT}",
-            )
-    return array if array.flags.c_contiguous else array.copy(order="C")
-
-
-def _attributes_text(path: Path, attributes: Mapping[str, Attribute]) -> str:
-    plain = {name: value.item() if isinstance(value, np.generic) else value for name, value in attributes.items()}
-    for name, value in plain.items():
-        if not isinstance(value, str | int | float | bool):
-            raise TypeError(f"attribute {name!r} is a {type(value).__name__}, not text or a plain number")
-        if isinstance(value, float) and math.isnan(value):
-            raise RunStopped("non_finite", f"{path} was not written: {name!r} is not a number; {KEPT}")
-    return json.dumps(plain)
+    if array.dtype.kind in "fc" and not (finite := np.isfinite(array)).all():
+        bad = np.argwhere(~finite)
+        raise RunStopped(
+            "non_finite",
+            f"{path} was not written because array {name!r} holds {len(bad)} non-finite values, the first at index"
+            f" {tuple(bad[0].tolist())}; {KEPT}",
+        )
+    return array
 
 
 def _in_hdf5(arrays: Mapping[str, np.ndarray], text: str) -> memoryview:

@@ -148,6 +148,16 @@ def test_another_backend_goes_on_and_says_so(tmp_path):
     assert back.search.log.missed_neighbours == 0
 
 
+def test_a_number_that_is_not_finite_never_replaces_a_checkpoint(tmp_path):
+    run = rs.Simulation(tank(), "numpy")
+    run.checkpoint(tmp_path / "c.h5")
+    before = (tmp_path / "c.h5").read_bytes()
+    run.previous_length = math.nan
+    with pytest.raises(rs.RunStopped, match="beside its fields is not finite") as caught:
+        run.checkpoint(tmp_path / "c.h5")
+    assert (caught.value.reason, (tmp_path / "c.h5").read_bytes()) == ("non_finite", before)
+
+
 def test_other_versions_are_noted(tmp_path):
     rs.Simulation(tank(), "numpy").checkpoint(tmp_path / "c.h5")
     saved = read_checkpoint(tmp_path / "c.h5")
@@ -176,7 +186,7 @@ SPOILED = [
     ("scene", LOST, r"has no scene.*; start the run again\.$"), ("scene", "spacing = 0.01", "the scene in"),
     ("clock", LOST, NUMBERS), ("clock", lambda text: text.replace('"steps"', '"strides"'), NUMBERS),
     ("clock", lambda text: text.replace('"numpy"', '"quantum"', 1), NUMBERS),
-    ("clock", lambda text: text.replace('"origin":[0.0,', '"origin":[1.0,'), r"relative to \[1\.0, "),
+    ("clock", lambda text: text.replace('"origin": [0.0,', '"origin": [1.0,'), r"relative to \[1\.0, "),
     ("field.velocity", LOST, "its velocity is nothing, and a run of its scene has float32"),
     ("build_position", LOST, "its build_position is nothing"),
     *((name, lambda a: a[:-1], "a run of its scene has") for name in ("field.velocity", "build_position")),
