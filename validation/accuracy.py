@@ -64,7 +64,7 @@ def measure(of: Panel, backend: str, readings: int, peers: bool = False) -> Pane
     if peers and read is None:
         raise InputError(f"panel {of.name!r} has no points of other programs; leave --peers out.")
     points = (p for p in of.points.values() if (p.program != OWN) == peers)
-    keys = [p.key for p in points if p.knobs.get("backend", "cpu") == backend]
+    keys = [p.key for p in points if p.knobs["backend"] == backend]
     with on_threads(backend, 1):
         return measured(of, keys, backend=backend, readings=readings, read=read, place=_place(backend))
 

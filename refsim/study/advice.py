@@ -36,7 +36,7 @@ def most(of: Panel, point: Point) -> float:
 def _finer(of: Panel, point: Point) -> Iterator[Point]:
     """The point wherever it ran, and all that differ from it in a smaller spacing or step, whatever their precision."""
     for other in of.points.values():
-        if other.program == point.program and _physics(other) == _physics(point):
+        if other.place >= 0 and other.program == point.program and _physics(other) == _physics(point):
             theirs, own = ([p.knobs.get(name, 0.0) for name in FINE] for p in (other, point))
             alike = theirs == own and other.knobs["dtype"] == point.knobs["dtype"]
             if alike or (theirs != own and all(a <= b for a, b in zip(theirs, own))):
@@ -49,8 +49,8 @@ def _physics(point: Point) -> dict[str, Any]:
 
 
 def settings(of: Panel, kind: str) -> list[tuple[float, Point]]:
-    """The panel's points of a kind that came to an end, with their errors, the cheapest first."""
-    found = [(most(of, p), p) for p in of.points.values() if kind_of(p) == kind and not p.failed]
+    """The panel's points of a kind that were measured and came to an end, with their errors, the cheapest first."""
+    found = [(most(of, p), p) for p in of.points.values() if kind_of(p) == kind and p.place >= 0 and not p.failed]
     return sorted(found, key=lambda pair: price(pair[1]))
 
 

@@ -27,7 +27,7 @@ def folder(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize(("words", "said"), [
     (["frnt"], "there is no observable 'frnt'; did you mean front?"),
-    (["nothing-like-it"], "choose from front, droplet"),
+    (["nothing-like-it"], "choose from wall_force, heat"),
     (["front", "--error", "2"], "an error of 2 is not possible; give a share between 0 and 1"),
     (["front", "--error", "0"], "an error of 0 is not possible"),
     (["front", "--seconds", "0"], "0 seconds are not possible; give a positive number"),

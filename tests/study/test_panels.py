@@ -1,6 +1,7 @@
 """Panels: the rules that choose a setting, packaged scenes and observables, and what was measured of them."""
 
 import math
+import sys
 import zipfile
 
 import msgspec
@@ -23,7 +24,7 @@ SOLIDS = ("boundary_sampling", "signed_distance")  # whose particles are those o
 def point(key, error, seconds=1.0, **more):
     knobs = {"dtype": "float32", **more.pop("knobs", {})}
     given = {"value": error, "error": error, "seconds": [seconds], "particles": 100}
-    return Point(key, f"keeps {error}", 0, knobs, **(given | more))
+    return Point(key, 0, words=f"keeps {error}", knobs=knobs, **(given | more))
 
 
 def made(*points, **about):
@@ -101,9 +102,29 @@ def test_stored_panels_are_whole(name):
     alike = [(p.program, sorted(map(str, p.knobs.items()))) for p in of.points.values()]
     assert all(alike.count(one) == 1 for one in alike), "settings are told apart by their knobs"
     for p in of.points.values():
+        assert p.place >= 0
         assert p.failed or p.seconds
         assert of.places[p.place].commit
         assert bool(of.places[p.place].device) == p.gpu
+
+
+def test_a_panel_is_its_toml_and_its_observable(tmp_path, monkeypatch):
+    """Settings that were not measured are no answer, and belie none; what is measured of them is."""
+    file = tmp_path / "spinning_body.toml"
+    file.write_text((FOLDER / "spinning_body.toml").read_text())
+    monkeypatch.setattr(sys.modules["refsim.study.panels"], "FOLDER", tmp_path)
+    for cached in (abouts, panel):
+        cached.cache_clear()
+    try:
+        new = panel("spinning_body")
+        assert list(abouts()) == ["spinning_body"]
+        assert (cheapest(new, 0.5), least(new), new.places) == (None, None, ())
+        known = merged(new, measured(new, ["n4_w2_s200"], readings=1))
+        assert key(cheapest(known, 0.01)) == "n4_w2_s200"
+        assert [p.key for p in parse(as_text(known)).points.values() if p.place >= 0] == ["n4_w2_s200"]
+    finally:
+        for cached in (abouts, panel):
+            cached.cache_clear()
 
 
 @pytest.mark.parametrize("text", ["{}", "[1]", '{"schema": "another"}', "no json"])

@@ -1,5 +1,6 @@
 """Panels in the repository: the page that their points make, their runs without a packaged scene, and readings."""
 
+import tomllib
 from dataclasses import replace
 
 import numpy as np
@@ -23,8 +24,10 @@ def test_the_page_is_what_the_stored_points_make():
 
 @pytest.mark.parametrize("name", abouts())
 def test_every_panel_can_be_measured_anew(name):
-    """By its packaged scene; other programs' points by a run that is there."""
-    assert name in MADE or (FOLDER / f"{name}.toml").is_file()
+    """By its packaged scene, or by one that a function makes; other programs' points by a run that is there."""
+    assert ("fluid" in tomllib.loads((FOLDER / f"{name}.toml").read_text()) or name == "spinning_body") == (
+        name not in MADE
+    )
     programs = {p.program for p in panel(name).points.values()} - {OWN}
     assert bool(programs) == (name in accuracy.PEERS)
     assert name not in accuracy.PEERS or callable(accuracy.reader(accuracy.PEERS[name]))
@@ -64,8 +67,9 @@ def test_the_smallest_panel_is_measured_and_stored(tmp_path, monkeypatch, capsys
     monkeypatch.setattr(accuracy, "broken", lambda judged: [])
     assert accuracy.perform(["spinning_body"], readings=2, write=True) == 0
     stored = parse((tmp_path / "spinning_body.json").read_text())
-    assert tuple(stored.points) == keys
-    for key, point in stored.points.items():
+    found = {key: point for key, point in stored.points.items() if point.place >= 0}
+    assert found.keys() == set(keys)
+    for key, point in found.items():
         assert point.error == pytest.approx(few.points[key].error, rel=1e-2)
         assert len(point.seconds) == 2
         assert stored.places[point.place].commit
@@ -90,11 +94,11 @@ def test_peers_are_read_as_refsim_is(monkeypatch):
     times = np.linspace(0, 4.6, 93) * FALL
     column = {"time": times, "front": 0.5 * (1 + times / times[-1]), "wall": [0.0, 3.0], "steps": 7, "particles": 200}
     monkeypatch.setattr(accuracy_runs.splishsplash, "run_column", lambda given, threads: column)
-    read = accuracy_runs.front_by_splishsplash(Point("", "", 0, {}, setting={"columns": 10}), 0, 1)
+    read = accuracy_runs.front_by_splishsplash(Point("", setting={"columns": 10}), 0, 1)
     assert (read.value, read.seconds) == (pytest.approx(1 + 2.0 / 4.6, abs=1e-3), 3.0)
     drop = {"time": [0, 1, 2], "error": [0.2, 0.02, 0.02], "wall": [0.0, 1.5, 3.0], "steps": 2, "particles": 9}
     monkeypatch.setattr(accuracy_runs.splishsplash, "run_drop", lambda given, threads: drop)
-    given = Point("", "", 0, {}, setting={"settings": {}})
+    given = Point("", setting={"settings": {}})
     read = accuracy_runs.drop_by_splishsplash(given, 0, 1)
     assert (read.value, read.seconds) == (0.02, 1.5)
     monkeypatch.setattr(accuracy_runs.splishsplash, "run_drop", lambda given, threads: {"missing": "it is not there"})

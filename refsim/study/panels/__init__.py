@@ -1,15 +1,16 @@
 """Panels: observables with a reference, and the settings that were measured of each, as plain files beside this one.
 
-panels.toml says what each panel observes and against which reference; NAME.json holds its settings, one a line, with
-what was measured of them and the machine, commit and date. The scene of a setting is made by `scenes`, the value is
-read by the function NAME of `observables`, and `measured` measures them.
+NAME.toml holds the scene of the base setting, where no function of `making` makes it, and in its table [panel] what is
+observed, against which reference, and the settings. The function NAME of `observables` reads the value, `measured`
+measures the settings, and NAME.json holds what was measured, one setting a line, with the machine, commit and date.
 """
 
 import functools
 import importlib.resources
 import json
 import math
-from collections.abc import Mapping
+import tomllib
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,9 +20,36 @@ from refsim.core.checked import suggestion
 from refsim.core.errors import InputError
 from refsim.study.convergence import converge
 
-SCHEMA = "refsim panel, version 2"
+SCHEMA = "refsim panel, version 3"
 OWN = "refsim"
+GIVEN = ("words", "knobs", "setting", "program")  # of a point, by NAME.toml
 FOLDER = importlib.resources.files("refsim") / "study" / "panels"
+
+
+class Option(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A setting.
+
+    words    the setting in words
+    knobs    what distinguishes it: spacing, step (share of the stable one), dtype ...; no two have the same
+    setting  what else its run takes
+    program  "refsim", or another program, which runs on a CPU
+    on       backends on which it is measured; on "cuda" its key begins with "cuda_"
+    """
+
+    words: str
+    knobs: dict[str, Any]
+    setting: dict[str, Any] = {}
+    program: str = OWN
+    on: tuple[str, ...] = ("cpu", "cuda")
+
+    def points(self, key: str) -> Iterator["Point"]:
+        """Its points, nothing measured."""
+        for backend in self.on if self.program == OWN else ("cpu",):
+            gpu = backend == "cuda"
+            yield Point(
+                f"cuda_{key}" if gpu else key, words=self.words + ", on a GPU" * gpu, setting=self.setting,
+                knobs={**self.knobs, "backend": backend}, program=self.program,
+            )  # fmt: skip
 
 
 class About(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -45,6 +73,7 @@ class About(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     reaches       the value is the time at which the observable has this value
     shaken        whether each reading starts from particles displaced otherwise, so that errors have a noise
     bars          key of a setting -> (error that it keeps at most, why)
+    settings      by key
     """
 
     words: str
@@ -67,29 +96,24 @@ class About(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     reaches: float | None = None
     shaken: bool = False
     bars: dict[str, tuple[float, str]] = {}
+    settings: dict[str, Option] = {}
 
 
 class Point(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
-    """One setting, and what was measured of it.
+    """One setting on a backend, and what was measured of it.
 
-    key, words      name within the panel, and the setting in words
-    program         "refsim", or another program
-    knobs           what distinguishes it: spacing, step (share of the stable one), dtype, backend ...
-    setting         what else its run takes
-    place           number of the panel's place where it was measured
+    key             name within the panel
+    place           number of the panel's place where it was measured; -1 where it was not
     value, error    median of the readings, and of their relative errors; `value_mad`, `error_mad`: median absolute
                     deviations
     seconds         of the whole run, one for each reading: of the processor, on a GPU of the clock
     bytes           of the fields
     failed          why the setting failed; "" if it did not
+    words, knobs, setting, program  as in `Option`, and the knob "backend"
     """
 
     key: str
-    words: str
-    place: int
-    knobs: dict[str, Any]
-    program: str = OWN
-    setting: dict[str, Any] = {}
+    place: int = -1
     value: float | None = None
     value_mad: float = 0.0
     error: float | None = None
@@ -99,6 +123,10 @@ class Point(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaul
     particles: int = 0
     bytes: int | None = None
     failed: str = ""
+    words: str = ""
+    knobs: dict[str, Any] = {}
+    setting: dict[str, Any] = {}
+    program: str = OWN
 
     @property
     def gpu(self) -> bool:
@@ -163,8 +191,11 @@ class Panel:
 
 @functools.cache
 def abouts() -> dict[str, About]:
-    """What every panel observes, by name."""
-    return msgspec.toml.decode((FOLDER / "panels.toml").read_bytes(), type=dict[str, About])
+    """What every panel observes, by name, in the order of their pages."""
+    files = [file for file in FOLDER.iterdir() if file.name.endswith(".toml")]
+    found = {file.name.removesuffix(".toml"): tomllib.loads(file.read_text(encoding="utf-8")) for file in files}
+    known = {name: msgspec.convert(tables["panel"], About) for name, tables in found.items()}
+    return dict(sorted(known.items(), key=lambda item: (item[1].page, item[0])))
 
 
 @functools.cache
@@ -173,7 +204,14 @@ def panel(name: str) -> Panel:
     known = abouts()
     if name not in known:
         raise InputError(f"there is no panel {name!r}; {suggestion(name, known)}")
-    return parse((FOLDER / f"{name}.json").read_text(encoding="utf-8"))
+    file = FOLDER / f"{name}.json"
+    if not file.is_file():
+        return Panel(name, known[name], (), _points(known[name]))
+    return parse(file.read_text(encoding="utf-8"))
+
+
+def _points(about: About) -> dict[str, Point]:
+    return {point.key: point for key, option in about.settings.items() for point in option.points(key)}
 
 
 def parse(text: str) -> Panel:
@@ -182,15 +220,20 @@ def parse(text: str) -> Panel:
         data = json.loads(text)
         if data["schema"] != SCHEMA:
             raise ValueError(f"its schema is {data['schema']!r}, not {SCHEMA!r}")
-        points = msgspec.convert(data["points"], list[Point])
-        places = msgspec.convert(data["places"], tuple[Place, ...])
-        return Panel(data["name"], abouts()[data["name"]], places, {p.key: p for p in points})
+        about = abouts()[data["name"]]
+        points = _points(about)
+        for found in msgspec.convert(data["points"], list[Point]):
+            own = points[found.key]
+            given = {name: getattr(own, name) for name in GIVEN}
+            points[found.key] = msgspec.structs.replace(found, **given)
+        return Panel(data["name"], about, msgspec.convert(data["places"], tuple[Place, ...]), points)
     except (KeyError, TypeError, ValueError) as error:  # msgspec.ValidationError is a ValueError
         raise InputError(f"this is no stored panel ({error}); measure it anew (refsim study).") from None
 
 
 def as_text(panel: Panel) -> str:
-    """The panel as its file: one point a line, without what is at its default."""
+    """What was measured of the panel as its file: one point a line, without what is at its default."""
     head = {"schema": SCHEMA, "name": panel.name, "places": msgspec.to_builtins(panel.places)}
-    lines = [json.dumps(msgspec.to_builtins(point), allow_nan=False) for point in panel.points.values()]
+    found = (msgspec.to_builtins(point) for point in panel.points.values() if point.place >= 0)
+    lines = [json.dumps({k: v for k, v in one.items() if k not in GIVEN}, allow_nan=False) for one in found]
     return json.dumps(head)[:-1] + ', "points": [\n' + ",\n".join(lines) + "\n]}\n"

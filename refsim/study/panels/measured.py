@@ -17,7 +17,7 @@ from refsim.core.versions import versions
 from refsim.scene.plan import make_plan
 from refsim.study.advice import READINGS, duration, percent
 from refsim.study.observables import observable_of
-from refsim.study.panels import OWN, Panel, Place, Point
+from refsim.study.panels import GIVEN, OWN, Panel, Place, Point
 from refsim.study.panels.scenes import scene_of
 from refsim.study.runs import Reading, Setting, machine, measure
 
@@ -37,7 +37,7 @@ def measured(
     """
     require_backend(backend)
     own = (p for p in panel.points.values() if p.program == OWN)
-    chosen = list(keys) or [p.key for p in own if p.knobs.get("backend", "cpu") == backend]
+    chosen = list(keys) or [p.key for p in own if p.knobs["backend"] == backend]
     if unknown := [key for key in chosen if key not in panel.points]:
         raise InputError(f"panel {panel.name!r} has no setting {unknown[0]!r}; it has {', '.join(panel.points)}.")
     read = read or partial(_reading, panel)
@@ -64,7 +64,7 @@ def merged(stored: Panel, found: Panel) -> Panel:
 
 def _reading(panel: Panel, point: Point, number: int) -> Reading:
     scene = scene_of(panel, point, number)
-    setting = Setting("panel", point.words, 1.0, scene, str(point.knobs.get("backend", "cpu")))
+    setting = Setting("panel", point.words, 1.0, scene, point.knobs["backend"])
     try:
         reads = observable_of(f"panel:{panel.name}", make_plan(scene))
     except InputError as error:
@@ -74,9 +74,10 @@ def _reading(panel: Panel, point: Point, number: int) -> Reading:
 
 def _point(panel: Panel, point: Point, runs: Sequence[Reading], place: int) -> Point:
     failed = next((run.failed for run in runs if run.failed), "")
+    given = {name: getattr(point, name) for name in GIVEN}
     same = Point(
-        point.key, point.words, place, point.knobs, setting=point.setting, particles=runs[0].particles,
-        steps=runs[0].steps, program=point.program, seconds=[run.seconds for run in runs], failed=failed,
+        point.key, place, particles=runs[0].particles, steps=runs[0].steps, seconds=[run.seconds for run in runs],
+        failed=failed, **given,
     )  # fmt: skip
     if failed:
         return same

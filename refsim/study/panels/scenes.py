@@ -1,4 +1,4 @@
-"""Scenes of panels: NAME.toml beside this module is that of the panel's base setting, and others follow from it.
+"""Scenes of panels: NAME.toml beside this module has that of the panel's base setting, and others follow from it.
 
 Where no box or ball gives the particles, a function of `making` gives the scene of every setting. Drops that are
 stirred for seconds lie in NAME.zip, one scene a setting.
@@ -12,7 +12,7 @@ from fractions import Fraction
 import msgspec
 import numpy as np
 
-from refsim.scene.files import parse_scene, put, scene_from_dict, scene_to_dict, scene_to_toml
+from refsim.scene.files import parse_scene, put, scene_from_dict, scene_to_dict, scene_to_toml, tables_of
 from refsim.scene.plan import make_plan
 from refsim.scene.refine import refined
 from refsim.scene.scene import Scene
@@ -44,7 +44,8 @@ def scene_of(of: Panel, point: Point, reading: int | None = None) -> Scene:
     if of.name in MADE:
         made = MADE[of.name]({**point.knobs, **point.setting}, reading or 0)
         return msgspec.structs.replace(made, name=of.name)
-    scene = parse_scene((FOLDER / f"{of.name}.toml").read_text(encoding="utf-8"), f"{of.name}.toml")
+    tables = tables_of((FOLDER / f"{of.name}.toml").read_text(encoding="utf-8"), f"{of.name}.toml")
+    scene = scene_from_dict({key: value for key, value in tables.items() if key != "panel"}, f"{of.name}.toml")
     base, knobs = of.points[of.about.base].knobs, point.knobs
     step = knobs.get("step", 1.0) / base.get("step", 1.0)
     if "spacing" in knobs:
