@@ -29,6 +29,11 @@ def packaged(name: str) -> Scene:
     return scene_of(of, of.points[of.about.base])
 
 
+def written(of: Panel, point: Point) -> Scene:
+    """The scene of a setting as its first reading was measured; of a stirred drop the packaged one."""
+    return scene_of(of, point, 0 if of.about.shaken else None)
+
+
 def scene_of(of: Panel, point: Point, reading: int | None = None) -> Scene:
     """The scene of a setting of refsim's.
 
