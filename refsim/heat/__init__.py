@@ -244,24 +244,16 @@ class HeatConduction(
     def passes(self, others: Others) -> tuple[Pass, ...]:
         if not self.conducts:
             return ()
-        reads = ["position", "mass", "volume", "heat_capacity", "conductivity"]
-        updates: tuple[str, ...] = ("temperature",)
-        if self.melts:
-            reads += ["melting_point", "latent_heat"]
-            updates = ("enthalpy", "temperature")
-        held = ("reservoir",) * bool(self.held)
-        reads += held
+        updates = ("enthalpy", "temperature") if self.melts else ("temperature",)
         absent = {} if self.melts else dict.fromkeys(("enthalpy", "melting_point", "latent_heat"))
-        made, factors = [], ("compensation_x", "compensation_rest") if self.compensates else ()
-        reads += factors
+        made = []
         if LIQUID in others and not self._volume_is_given(others):
-            made.append(Pass("heat.particle_volume", ("mass", "density"), ("volume",)))
-        if factors:
-            made.append(Pass("heat.compensation", ("position", "velocity", "volume", *held), updates=factors))
+            made.append(Pass("heat.particle_volume", writes=("volume",)))
+        if self.compensates:
+            made.append(Pass("heat.compensation", updates=("compensation_x", "compensation_rest")))
         if self._limited_by_sums():
-            needs = ("position", "mass", "volume", "heat_capacity", "conductivity", *held, *factors)
-            made.append(Pass("heat.exchange_rate", needs, ("exchange_rate",)))
-        return (*made, Pass(self.operation(), tuple(reads), updates=updates, names=absent, stage="motion"))
+            made.append(Pass("heat.exchange_rate", writes=("exchange_rate",)))
+        return (*made, Pass(self.operation(), updates=updates, names=absent, stage="motion"))
 
     def list_radius(self, grid: Discretisation) -> float:
         return grid.support_radius if self.conducts else 0.0

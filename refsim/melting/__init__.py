@@ -77,17 +77,20 @@ class Melting(Effect, KeepsLedger, SumsDensity, frozen=True, kw_only=True):
 
     def passes(self, others: Others) -> tuple[Pass, ...]:
         latent = "enthalpy" in self._provided(others)
-        reads = ("identity", "temperature", "melting_point", *(("enthalpy", "latent_heat") if latent else ()))
         absent = {name: None for name in ("conductivity", "heat_capacity") if name not in self._materials(others)}
         absent |= {} if latent else {"enthalpy": None, "latent_heat": None}
         return (
             Pass(
-                "melting.melt", reads, ("melted", "melted_count"),
-                ("mass", "rest_density", *self._materials(others), "phase"), stage="begin", names=absent,
-            ), Pass("melting.detach", ("melted", "melted_count", "region"), ("rebuild",), ("direct",), stage="begin"),
-            Pass("shape_matching.regions", ("direct", "rebuild"), updates=("region", "region_count"), stage="begin"),
-            Pass("shape_matching.classify", ("identity", "direct"), updates=("phase",), stage="begin"),
-        )  # fmt: skip
+                "melting.melt",
+                writes=("melted", "melted_count"),
+                updates=("mass", "rest_density", *self._materials(others), "phase"),
+                stage="begin",
+                names=absent,
+            ),
+            Pass("melting.detach", writes=("rebuild",), updates=("direct",), stage="begin"),
+            Pass("shape_matching.regions", updates=("region", "region_count"), stage="begin"),
+            Pass("shape_matching.classify", updates=("phase",), stage="begin"),
+        )
 
     def _materials(self, others: Others) -> tuple[str, ...]:
         """Thermal properties that the melt takes from the liquid."""

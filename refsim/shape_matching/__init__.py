@@ -6,6 +6,7 @@ particles anew, and nodes keep their numbers. Field `place` is the row of a node
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
@@ -124,41 +125,29 @@ class ShapeMatching(Effect, HasErrata, Inspects, JudgesStart, frozen=True, kw_on
         return {"phase": phase, **rotation}
 
     def passes(self, others: Others) -> tuple[Pass, ...]:
-        tables = ("solid_position", "region", "region_count", "place")
+        regions = ("region", "region_count")
         start = (
-            Pass("shape_matching.direct_neighbours", ("phase", "place"), ("direct",), stage="start"),
-            Pass(
-                "shape_matching.regions", ("direct",), ("region", "region_count"), stage="start",
-                names={"rebuild": None},
-            ), Pass("shape_matching.classify", ("identity", "direct"), updates=("phase",), stage="start"),
-        )  # fmt: skip
+            Pass("shape_matching.direct_neighbours", writes=("direct",), stage="start"),
+            Pass("shape_matching.regions", writes=regions, stage="start", names={"rebuild": None}),
+            Pass("shape_matching.classify", updates=("phase",), stage="start"),
+        )
         if not self.holds():
             return tuple(p for p in start if p.operation != "shape_matching.regions" or "melting" in others)
-        forces = (
-            Pass(
-                "shape_matching.gather", ("position", "mass", "place", "region_count"),
-                ("region_share", "solid_position"),
-            ),
-            Pass(
-                "shape_matching.match", ("solid_position", "region_share", "region"),
-                ("region_center", "region_anchor"), ("rotation",), algorithm=self.summation,
-            ),
-        )  # fmt: skip
-        pull = Pass(
-            "shape_matching.pull", ("velocity", "region_anchor", "rotation", *tables), ("solid_velocity",),
-            ("acceleration",), stage="motion", algorithm=self.summation,
-        )  # fmt: skip
-        damping = (
-            Pass(
-                "shape_matching.region_motion", ("solid_velocity", "region_share", "region_center", *tables),
-                ("region_velocity", "region_spin"), stage="motion", algorithm=self.summation,
-            ),
-            Pass(
-                "shape_matching.damp", ("solid_velocity", "region_center", "region_velocity", "region_spin", *tables),
-                updates=("acceleration",), stage="motion", algorithm=self.summation,
-            ),
-        )  # fmt: skip
-        return (*start, *forces, pull, *damping) if self.damping > 0 else (*start, *forces, pull)
+        matched, moved, pull = ("region_center", "region_anchor"), ("region_velocity", "region_spin"), ("acceleration",)
+        summed = functools.partial(Pass, algorithm=self.summation)
+        held = (
+            *start,
+            Pass("shape_matching.gather", writes=("region_share", "solid_position")),
+            summed("shape_matching.match", writes=matched, updates=("rotation",)),
+            summed("shape_matching.pull", writes=("solid_velocity",), updates=pull, stage="motion"),
+        )
+        if self.damping == 0:
+            return held
+        return (
+            *held,
+            summed("shape_matching.region_motion", writes=moved, stage="motion"),
+            summed("shape_matching.damp", updates=pull, stage="motion"),
+        )
 
     def notes(self, grid: Discretisation, others: Others) -> tuple[str, ...]:
         if self.summation != "reduction" or not self.holds():

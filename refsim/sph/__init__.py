@@ -382,18 +382,17 @@ class WeaklyCompressible(
             yield Pass("sph.own_pressure", writes=("own_pressure",))
         elif self.tensile_control == "everywhere":
             yield Pass("sph.own_pressure", writes=("own_pressure",), names={"near_surface": None})
-        yield self.with_own_force("sph.corrected_pressure", (), names, "own_pressure")
+        yield self.with_own_force("sph.corrected_pressure", names, "own_pressure")
         if self.dynamic_viscosity > 0 and not self.central():
             yield Pass("sph.viscosity", updates=("acceleration",), names=names)
 
-    def with_own_force(self, operation: str, reads: tuple[str, ...], names: Mapping[str, str | None], own: str) -> Pass:
+    def with_own_force(self, operation: str, names: Mapping[str, str | None], own: str) -> Pass:
         """A pass of the pressure force with its correction and, as argument `own`, each particle's own pressure."""
         names = dict(names)
         names |= {} if self.corrects() else dict.fromkeys(CORRECTION)
         pressure = "pressure" if self.tensile_control == "none" else "own_pressure"
         names |= {} if own == pressure else {own: pressure}
-        reads = reads and (*dict.fromkeys((*reads, pressure)), *(CORRECTION if self.corrects() else ()))
-        return Pass(operation, reads, updates=("acceleration",), names=names)
+        return Pass(operation, updates=("acceleration",), names=names)
 
     def _sums_wanted(self, others: Others) -> bool:
         """Whether an effect needs a sum of J(8), which an advanced density does without."""
@@ -405,7 +404,7 @@ class WeaklyCompressible(
     def _density_passes(self, others: Others) -> tuple[Pass, ...]:
         if not self.advances():
             return (Pass("sph.density", writes=("density", "number_density", "asymmetry")),)
-        return (continuity_pass(others, (), LIQUID_ALONE), *self.summed_passes(others), self._kept(others))
+        return (continuity_pass(others, LIQUID_ALONE), *self.summed_passes(others), self._kept(others))
 
     def _kept(self, others: Others) -> Pass:
         """The pass that keeps the density for the next step."""
@@ -618,16 +617,14 @@ class WeaklyCompressible(
         return limits
 
 
-def continuity_pass(others: Others, of_solids: tuple[str, ...], names: Mapping[str, str | None]) -> Pass:
+def continuity_pass(others: Others, names: Mapping[str, str | None]) -> Pass:
     """The pass that advances the density; walls, where there are any, are those of `adami_2012`."""
-    reads = ("position", "velocity", "mass", "advanced_excess", *of_solids)
-    walled = bool(having(others, BringsWalls))
-    taken = {"wall_strain": walled, "shift": any(SHIFT in effect.fields(others) for effect in others.values())}
-    left_out = {name: None for name, there in taken.items() if not there}
+    shifts = any(SHIFT in effect.fields(others) for effect in others.values())
+    left_out = {} if having(others, BringsWalls) else {"wall_strain": None}
+    left_out |= {} if shifts else {"shift": None}
     return Pass(
         "sph.continuity",
-        (*reads, *(name for name, there in taken.items() if there)),
-        ("density_excess", "density"),
+        writes=("density_excess", "density"),
         names={"smoothing": "gradient_smoothing", **names, **left_out},
     )
 

@@ -55,25 +55,19 @@ class ParticleWalls(Effect, BringsWalls, FollowsScene, SumsDensity, frozen=True,
         solids = "two_way_coupling" in others
         pushing: dict[str, str | None] = {"smoothing": "gradient_smoothing"}
         names = pushing if solids else {**pushing, "phase": None, "wet": None}
-        reads, liquid = ("position", "density", "pressure"), liquid_of(others)
-        moving = ("position", "velocity", "mass", "advanced_excess", *(("phase",) if solids else ()))
+        liquid = liquid_of(others)
         return (
-            *((Pass("adami_2012.strain", moving, ("wall_strain",), names=names),) if liquid.advances() else ()),
-            Pass(
-                "adami_2012.extrapolation",
-                (*reads, *(("phase", "wet") if solids else ())),
-                ("wall_pressure",),
-                names=names,
-            ),
-            liquid.with_own_force("adami_2012.wall_force", (*reads, "wall_pressure"), pushing, "pressure"),
+            *((Pass("adami_2012.strain", writes=("wall_strain",), names=names),) if liquid.advances() else ()),
+            Pass("adami_2012.extrapolation", writes=("wall_pressure",), names=names),
+            liquid.with_own_force("adami_2012.wall_force", pushing, "pressure"),
         )
 
     def friction_passes(self) -> tuple[Pass, ...]:
         """Friction at the wall particles, where there is a viscosity."""
         if self.viscosity == 0:
             return ()
-        reads, names = ("position", "velocity", "density"), {"smoothing": "gradient_smoothing"}
-        return (Pass("one_way_coupling.wall_viscosity", reads, updates=("acceleration",), names=names),)
+        names = {"smoothing": "gradient_smoothing"}
+        return (Pass("one_way_coupling.wall_viscosity", updates=("acceleration",), names=names),)
 
     def prepare(self, grid: Discretisation, others: Others) -> dict[str, Any]:
         groups: dict[str, Any] = lean(grid, others) if self.extrapolates() else {}

@@ -210,11 +210,11 @@ class MeshBoundary(
     def passes(self, others: Others) -> tuple[Pass, ...]:
         made = [*self.pressure_passes(others)]
         if self._presses(others):
-            reads, names = ("position", "density", "pressure"), {"smoothing": "gradient_smoothing"}
-            made.append(Pass("one_way_coupling.wall_pressure", reads, updates=("acceleration",), names=names))
+            names = {"smoothing": "gradient_smoothing"}
+            made.append(Pass("one_way_coupling.wall_pressure", updates=("acceleration",), names=names))
         made += self.friction_passes()
         if self.adhesion > 0:
-            made.append(Pass("akinci_2013.adhesion", ("position",), updates=("acceleration",)))
+            made.append(Pass("akinci_2013.adhesion", updates=("acceleration",)))
         if self.correction != "none":
             made.append(correction_pass())
         return tuple(made)

@@ -32,8 +32,7 @@ class Penetration(NamedTuple):
 
 def correction_pass() -> Pass:
     """The pass that moves the particles; it updates field `corrections`, too."""
-    reads = ("acceleration", "identity")
-    return Pass("penetration.kick_drift", reads, updates=("corrections", "velocity", "position"), stage="motion")
+    return Pass("penetration.kick_drift", updates=("corrections", "velocity", "position"), stage="motion")
 
 
 def penetration_groups(

@@ -150,32 +150,28 @@ class TwoWayCoupling(Effect, LimitsMassRatio, HasErrata, SumsDensity, frozen=Tru
         if liquid.advances():
             return self._advanced_passes(liquid.summed_passes(others), others)
         viscous = liquid.dynamic_viscosity > 0
-        state = ("position", "mass", "rest_density", "phase", "relative_contribution")
         return (
             *liquid.summed_passes(others),
-            Pass("two_way_coupling.contribution", ("position", "phase"), ("relative_contribution",)),
-            Pass("two_way_coupling.density", state, ("density", "pressure", "volume")),
+            Pass("two_way_coupling.contribution", writes=("relative_contribution",)),
+            Pass("two_way_coupling.density", writes=("density", "pressure", "volume")),
             Pass(
                 "two_way_coupling.forces" if viscous else "two_way_coupling.pressure",
-                (*state, "velocity", "density", "pressure", "volume"),
                 updates=("acceleration",),
                 names={"smoothing": "gradient_smoothing"},
             ),
         )
 
     def _advanced_passes(self, summed: tuple[Pass, ...], others: Others) -> tuple[Pass, ...]:
-        moving = ("position", "velocity", "phase", "followed_velocity")
+        names = {"smoothing": "gradient_smoothing"}
         return (
-            continuity_pass(others, ("phase", "rest_density"), {}),
+            continuity_pass(others, {}),
             *summed,
-            Pass("sph.state", ("density",), ("pressure",)),
-            Pass("two_way_coupling.extrapolation", (*moving, "density"), ("wet",), ("pressure",)),
-            Pass("two_way_coupling.spread", (*moving, "wet"), updates=("pressure",)),
-            Pass(
-                "two_way_coupling.push", ("position", "phase", "solid_number", "mass", "density", "pressure"),
-                updates=("acceleration",), names={"smoothing": "gradient_smoothing"},
-            ), Pass("two_way_coupling.follow", ("velocity",), updates=("followed_velocity",), stage="motion"),
-        )  # fmt: skip
+            Pass("sph.state", writes=("pressure",)),
+            Pass("two_way_coupling.extrapolation", writes=("wet",), updates=("pressure",)),
+            Pass("two_way_coupling.spread", updates=("pressure",)),
+            Pass("two_way_coupling.push", updates=("acceleration",), names=names),
+            Pass("two_way_coupling.follow", updates=("followed_velocity",), stage="motion"),
+        )
 
     def energy(self, grid: Discretisation, others: Others) -> EnergyAccount | None:
         """Work of compression of the liquid's particles, relative to each one's own rest density."""
