@@ -13,7 +13,7 @@ import numpy as np
 from refsim.contract.bounds import errors, oracle, takes_neighbours, undecided
 from refsim.contract.causes import judgement
 from refsim.contract.inputs import Inputs, with_variant
-from refsim.contract.parameters import acts, readings_of, shape_acts, varied
+from refsim.contract.parameters import acts, shape_acts, varied
 from refsim.contract.target import Judged, NotJudged, Outcome, Target, Trial, worst
 from refsim.core import cases
 from refsim.core.operation import Operation
@@ -215,15 +215,17 @@ def parameters(target: Target) -> Iterator[Trial]:
         yield from _takes(target)
         return
     operation = target.operation
-    for dim in target.dims:
+    for dim in dict.fromkeys((*target.dims, 2)):
         start, neighbours, walls = target.prepared(FEW[dim])
         usual = functools.cache(functools.partial(oracle, operation, start))
         for name, member, inputs in varied(operation, start):
+            if dim not in target.dims and member != "dim":
+                continue
             if name not in operation.arguments(target.backend):
                 continue  # fixed in a program that serves some of the variants
             if target.kernel and member == "shape":
                 continue  # each declared kernel is a ladder of its own
-            if not target.readings and member in readings_of(inputs[name]):
+            if not target.readings and member in cases.READINGS.get(name, ()):
                 continue
             acting = acts(operation, name, member, start)
             answer = functools.partial(oracle, operation, inputs) if acting else usual
@@ -258,7 +260,7 @@ def _takes(target: Target) -> Iterator[Trial]:
     if target.variant or target.dtype != "float64":  # computed once for all variants
         return
     moved: dict[tuple[str, str], tuple[bool, bool]] = {}
-    for case in (FEW[3], CLOUDS[2], *operation.cases):
+    for case in (CLOUDS[2], FEW[3], *operation.cases):  # the first has all members
         for variant in operation.variants:
             if moved and all(found >= wanted for found, wanted in moved.values()):
                 break

@@ -20,12 +20,16 @@ def groups_of(operation: Operation, inputs: Inputs) -> dict[str, Any]:
 
 
 def varied(operation: Operation, inputs: Inputs) -> Iterator[tuple[str, str, Inputs]]:
-    """(group, member, inputs) with another value of each number in each group, and of what follows from it."""
+    """(group, member, inputs) with another value of each number in each group, and of what follows from it.
+
+    Places in space lie in no plane, so that the dimension changes where they lie in one, which lies in space.
+    """
     for name, group in groups_of(operation, inputs).items():
         rule = VARIATIONS.get(type(group), Variation())
         follows = rule.follow(group, inputs, kernel_of(operation, inputs))
         for member, value in zip(group._fields, group):
-            if np.ndim(value) == 0 and member not in follows and member not in rule.held:
+            alone = np.ndim(value) == 0 and member not in follows and member not in rule.held
+            if alone and (member != "dim" or inputs.case.dim == 2):
                 changed = group._replace(**{member: type(value)(_other(rule, member, value))})
                 yield name, member, followed(operation, inputs.replaced(**{name: changed}))
 
@@ -60,11 +64,6 @@ def kernel_of(operation: Operation, inputs: Inputs) -> Any:
     """The smoothing kernel whose support radius the operation's other groups are made for; None where it has none."""
     names = [name for name in KERNELS if name in operation.arguments("numpy")]
     return inputs[names[0]] if names else None
-
-
-def readings_of(group: Any) -> tuple[str, ...]:
-    """Members of a group that stand for a reading of a paper."""
-    return VARIATIONS.get(type(group), Variation()).readings
 
 
 def shape_acts(operation: Operation) -> tuple[str, ...]:

@@ -20,7 +20,8 @@ from refsim.contract.binding import by_name, told
 from refsim.contract.features import extended
 from refsim.contract.inputs import Inputs, backend_for
 from refsim.contract.ladder import STEPS
-from refsim.contract.parameters import KERNELS, groups_of, readings_of, shape_acts
+from refsim.contract.parameters import KERNELS, groups_of, shape_acts
+from refsim.core import cases
 from refsim.core.errors import InputError
 from refsim.core.operation import BACKENDS, REGISTRY, Made, Operation
 from refsim.smoothing import SHAPES
@@ -112,7 +113,9 @@ class Programs:
     @property
     def left_out(self) -> tuple[str, ...]:
         """Arguments that are not judged unless they are None."""
-        return (*self.without, *(() if self.walls else ("walls",)))
+        cases.discover()
+        as_printed = () if self.readings else (name for name, members in cases.READINGS.items() if not members)
+        return (*self.without, *(() if self.walls else ("walls",)), *as_printed)
 
     def excludes(self, operation: Operation, inputs: Inputs) -> str:
         """What of the inputs the backend is declared not to support, as a clause; "" if it supports all."""
@@ -156,7 +159,7 @@ def reads_otherwise(operation: Operation, inputs: Inputs) -> bool:
     return any(
         getattr(group, member) != getattr(usual_value(name, inputs.dtype), member)
         for name, group in groups_of(operation, inputs).items()
-        for member in readings_of(group)
+        for member in cases.READINGS.get(name, ())
     )
 
 

@@ -161,14 +161,12 @@ class Variation:
     other   another legal value of a member, from its own; by default 0.9 of a number, and of an integer 1 for 0 and one
             less for every other
     usual   members that act in an operation which does not say what it takes; by default all
-    readings members that stand for a misprint, or for a reading of a paper beside the adopted one
     """
 
     follow: Callable[[Any, Any, Any], Members] = lambda group, inputs, kernel: {}
     held: Mapping[str, str] = field(default_factory=dict)
     other: Mapping[str, Callable[[Any], Any]] = field(default_factory=dict)
     usual: tuple[str, ...] | None = None
-    readings: tuple[str, ...] = ()
 
 
 VARIATIONS: dict[type, Variation] = {}
@@ -188,6 +186,17 @@ def takes(*operations: str, **members: str) -> None:
     """Say which members of a parameter group act in the operations: `fluid="rest_density clamp"`."""
     for operation in operations:
         TAKES.update({(operation, group): tuple(names.split()) for group, names in members.items()})
+
+
+READINGS: dict[str, tuple[str, ...]] = {}
+
+
+def readings(**members: str) -> None:
+    """Say which members of a parameter group stand for a misprint, or for a reading of a paper beside the adopted one.
+
+    `fluid="gradient_share wall_share"`; of a group that is there for such a reading alone "".
+    """
+    READINGS.update({group: tuple(names.split()) for group, names in members.items()})
 
 
 STAND_INS: dict[str, tuple[str, ...]] = {}

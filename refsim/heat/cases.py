@@ -119,8 +119,8 @@ VARIATIONS[Conduction] = Variation(
     },
     {"dim": lambda dim: 5 - dim, "most_passes": lambda most: 2},
     ("support_radius", "factor", "laplacian", "harmonic", "unit_capacity", "dim"),
-    ("laplacian", "harmonic", "unit_capacity"),
 )
+cases.readings(conduction="laplacian harmonic unit_capacity frozen")
 PAIRS = "support_radius factor laplacian harmonic unit_capacity dim"
 cases.codes(Conduction, laplacian={"spiky": SPIKY, "mueller": MUELLER, "poly6": POLY6})
 takes("heat.compensation", conduction="support_radius factor laplacian dim unit_capacity")  # which changes `factor`

@@ -70,7 +70,7 @@ LARGEST_DILATION = 0.5  # |dt tr A| of a step
 
 
 class Liquid(NamedTuple):
-    """Stress and volume update as the kernels take them; flags stand for printed readings."""
+    """Stress and volume update as the kernels take them."""
 
     rest_density: Any  # rho0 [kg/m^dim]
     stress: Any  # share of the stress that acts, times lambda [Pa]: 2 with thesis M27, 0 with thesis M7

@@ -148,11 +148,12 @@ VARIATIONS[Background] = Variation(
     other={"least_mass": lambda least: 0.2},  # [kg], that of a node at the edge of the liquid
     usual=(),
 )
-VARIATIONS[Embedding] = Variation(other={"reading": lambda reading: reading + 1}, readings=("reading",))
+VARIATIONS[Embedding] = Variation(other={"reading": lambda reading: reading + 1})
 VARIATIONS[KernelGradient] = Variation(held={"on": "the group's presence is the reading"})
 VARIATIONS[Mirrors] = Variation(held={"on": "the group's presence is the reading"})
 cases.codes(Embedding, reading={name: number for number, name in enumerate(READINGS)})
 cases.codes(WallNodes, rules=RULES)
+cases.readings(embedding="reading", liquid="linear_stress unit_volume timeless", kernel_gradient="")
 cases.takes("mpm.grid_update", background="least_mass")
 cases.takes("mpm.particle_to_grid", "mpm.carriers_to_grid", liquid="rest_density stress linear_stress unit_volume")
 cases.takes("mpm.grid_to_particle", liquid="timeless forgets_shear")

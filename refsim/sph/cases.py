@@ -21,6 +21,7 @@ from refsim.core.cases import (
     hard_input,
     particles,
     prepared,
+    readings,
     takes,
     vectors,
 )
@@ -150,8 +151,8 @@ VARIATIONS[Smoothing] = Variation(_smoothing_follows, other={"dim": lambda dim: 
 VARIATIONS[Fluid] = Variation(
     other={"exponent": lambda g: g + 1, "internal_pressure": lambda p: 3e4},
     usual=("rest_density",),
-    readings=("gradient_share", "wall_share"),
 )
+readings(fluid="gradient_share wall_share")
 takes("sph.state", fluid="rest_density stiffness exponent clamp internal_pressure")
 takes("sph.pressure", "sph.momentum", fluid="rest_density gradient_share wall_share")
 takes("sph.central_momentum", "sph.corrected_pressure", fluid="gradient_share")

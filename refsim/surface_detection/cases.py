@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from refsim.core import cases
 from refsim.core.cases import VARIATIONS, Case, Exact, Variation, closed_form, example, groups, particles, takes
 from refsim.surface_detection import FanScan, NearSurfaceLimit, SurfaceDetection, ThinFeature
 
@@ -25,6 +26,7 @@ VARIATIONS[FanScan] = Variation(
     other={"support_radius": lambda h: 0.5 * h, "smallest_normal": lambda least: 1.0}  # longer than some normals
 )
 VARIATIONS[ThinFeature] = Variation(other={"variance": lambda least: 4 * least, "dim": lambda dim: 5 - dim})
+cases.readings(fan_scan="printed")
 takes("surface_detection.near_surface", near_surface_limit="number_density")  # J(12) alone
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from refsim.core import cases
 from refsim.core.cases import Case, Exact, case, groups, hard_input, lattice, pair_case, particles, takes, vectors
 from refsim.smoothing import smoothing
 from refsim.smoothing.cases import for_each_kernel
@@ -35,6 +36,7 @@ def _normal_term(case, grid):
     return normal_term(liquid_of(case.effects), grid, own_density=case.literal) | axial_part("axial", grid)
 
 
+cases.readings(normal_term="own_density")
 takes("surface_normal.color_gradient", normal_term="own_density")
 
 

@@ -1,8 +1,10 @@
 """Right programs pass that know no private convention: sums compared by distance, heat as the textbooks have it."""
 
 import dataclasses
+import inspect
 import math
 import pathlib
+import re
 import sys
 
 import numpy as np
@@ -12,7 +14,8 @@ from refsim import contract
 from refsim.__main__ import main
 from refsim.contract import coverage
 from refsim.contract.apart import Request
-from refsim.contract.parameters import shape_acts
+from refsim.contract.inputs import Inputs
+from refsim.contract.parameters import groups_of, shape_acts
 from refsim.core import cases
 from refsim.core.operation import REGISTRY
 from refsim.smoothing import SHAPES
@@ -59,6 +62,32 @@ def test_readings_as_printed_are_judged_unless_they_are_declared_away():
     assert any("conduction.harmonic" in words for words in failed)
     left_out = {o.not_judged for o in contract.trials(STANDARD, "heat.explicit", steps=("T2",))}
     assert "a reading as printed" in left_out
+
+
+def test_a_flag_that_is_printed_otherwise_is_a_reading():
+    """By the comment behind it: an erratum, or what is printed. Of no group a member is named that it has not."""
+    cases.discover()
+    inputs = Inputs(cases.CASES["few"](), "float32")
+    groups = {name: group for operation in REGISTRY.values() for name, group in groups_of(operation, inputs).items()}
+    for name, members in cases.READINGS.items():
+        assert set(members) <= set(groups[name]._fields), name
+    flags = []
+    for name, group in groups.items():
+        for member, words in re.findall(r"^    (\w+): .*?# (.*)$", inspect.getsource(type(group)), re.M):
+            told = re.search(r"\b[A-Z]\d+\b|\bprinted\b|\breading\b", words)
+            if told and isinstance(getattr(group, member), int | np.integer):
+                declared = cases.READINGS.get(name, (None,))
+                assert member in declared or not declared, f"{name}.{member}"
+                flags.append(f"{name}.{member}")
+    assert {"liquid.linear_stress", "fan_scan.printed", "coupling.printed_volume"} <= set(flags)
+    assert len(flags) > 15
+
+
+def test_a_group_that_is_there_for_a_reading_alone_is_left_out():
+    operation, declared = REGISTRY["mpm.particle_to_grid"], contract.Programs(readings=False)
+    variants = [variant for variant in operation.variants if variant.get("kernel_gradient", "") is not None]
+    assert {declared.unsupported(operation, variant) for variant in variants} == {"with kernel_gradient"}
+    assert {contract.Programs().unsupported(operation, variant) for variant in variants} == {""}
 
 
 # r = h
@@ -113,10 +142,23 @@ def cubic(position, mass, smoothing, density):
     density[:] = (scale * w * mass[None]).sum(1)
 
 
+def in_the_plane(position, mass, smoothing, density):
+    """With a branch that looks at x and y alone."""
+    cubic(position[:, : int(smoothing.dim)], mass, smoothing, density)
+
+
 OWN = contract.Programs(
     {"sph.density": cubic}, kernels=("cubic_spline",), dtypes=("float64",), walls=False, name="cubic",
     without=("number_density", "asymmetry", "period"),
 )  # fmt: skip
+
+
+def test_a_branch_for_the_plane_meets_places_in_the_plane_alone():
+    """T10 changes the dimension, too."""
+    programs = dataclasses.replace(OWN, programs={"sph.density": in_the_plane})
+    outcomes = [o for o in contract.trials(programs, "sph.density", steps=("T2", "T10")) if not o.not_judged]
+    assert not [str(o) for o in outcomes if not o.passed]
+    assert [o.trial for o in outcomes if ".dim" in o.trial] == ["another smoothing.dim in the plane"]
 
 
 def test_what_is_declared_and_met_no_trial_is_a_gap():

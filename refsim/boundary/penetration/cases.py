@@ -9,7 +9,7 @@ from refsim.boundary.mesh import surface_mesh
 from refsim.boundary.penetration import Penetration, marked_box, penetration_groups
 from refsim.boundary.signed_distance import DistanceField, signed_distance
 from refsim.boundary.signed_distance.cases import field_at
-from refsim.core.cases import Exact, at, closed_form, cloud, groups, hard_input, other, particles, takes
+from refsim.core.cases import Exact, at, closed_form, cloud, groups, hard_input, other, particles, readings, takes
 from refsim.sparse_grid import inverse_cell
 from refsim.winding_number.cases import FACES, OCTAHEDRON
 
@@ -61,6 +61,7 @@ def long_steps(case, grid):
 
 
 # `everywhere` interpolates more distances, with the same result.
+readings(penetration="printed")
 takes("penetration.kick_drift", penetration="restitution rebound swept printed")
 takes("penetration.kick_drift", solid_field="origin_x origin_y origin_z")
 

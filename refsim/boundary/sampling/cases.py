@@ -6,7 +6,7 @@ import numpy as np
 
 from refsim.boundary.sampling import CUTOFF, HEXAGONAL, STEP, WIDTH, facet_counts, reference, relaxation_step
 from refsim.boundary.signed_distance.cases import SHAPES, bodies
-from refsim.core.cases import CASES, Case, Exact, closed_form, groups, hard_input
+from refsim.core.cases import CASES, Case, Exact, closed_form, groups, hard_input, readings
 
 
 @groups("facet_corner", "facets_of_mesh", "facet_area", "facet_last", "sample_seed", "placed")
@@ -29,6 +29,8 @@ def as_printed(case, grid):
     """The step as printed (patent E24)."""
     return relaxation_step(case.list_radius / (CUTOFF * WIDTH), STEP, 5, True, grid.dtype)
 
+
+readings(relaxation="tangential")
 
 # groups of two, three and seven coincident particles, on the surface of the first body
 PILES = 0.045 * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, -1], [0.5, 0.5, 0]])

@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from refsim.boundary.two_way_coupling import Coupling, Delay, TwoWayCoupling
+from refsim.core import cases
 from refsim.core.cases import REST_DENSITY, Case, Exact, at, closed_form, example, groups, particles, takes, vectors
 from refsim.shape_matching.phases import FLUID, INTERIOR, SURFACE
 from refsim.smoothing.cases import for_each_kernel
@@ -61,6 +62,7 @@ particles(followed_velocity=lambda case, random: 0.05 * vectors(case, random))
 groups(delay=lambda case, grid: Delay(grid.real(4 * case.support_radius / 20.0)))
 
 
+cases.readings(coupling="printed_volume printed_pressure printed_viscosity")
 takes("two_way_coupling.push", fluid="gradient_share")
 takes("two_way_coupling.spread", fluid="rest_density")
 takes("two_way_coupling.contribution", coupling="least_volume printed_volume")

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from refsim.core.cases import Exact, at, example, groups, pair_case, particles, takes, vectors
+from refsim.core.cases import Exact, at, example, groups, pair_case, particles, readings, takes, vectors
 from refsim.smoothing.cases import for_each_kernel
 from refsim.surface_tension.csf_wang_2019 import Continuum, CsfWang2019, Marangoni
 
@@ -33,6 +33,7 @@ def _continuum(case, grid):
     return effect.prepare(grid, case.effects)
 
 
+readings(continuum="plain")
 takes("csf_wang_2019.curvature", continuum="threshold factor plain")
 takes("csf_wang_2019.force", continuum="tension threshold share")
 

@@ -12,6 +12,7 @@ from refsim.core.cases import (
     groups,
     pair_case,
     plain_keeps,
+    readings,
     takes,
 )
 from refsim.smoothing.cases import for_each_kernel
@@ -34,6 +35,7 @@ VARIATIONS[MolecularForce] = Variation(
         scale=lambda own, h, dim: 1 / (1 - (1 - float(own.rest_distance) / h) ** 2),
     )
 )
+readings(normal_correction="symmetric")
 takes("dong_2016.momentum", fluid="rest_density gradient_share wall_share")
 plain_keeps(
     "dong_2016.tension",

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from refsim.core.cases import Exact, closed_form, example, other, pair_case, prepared, takes
+from refsim.core.cases import Exact, closed_form, example, other, pair_case, prepared, readings, takes
 from refsim.surface_tension.normal_difference_2014 import NormalDifference, NormalDifference2014
 
 example(NormalDifference2014(area_acceleration=0.5), brings="surface_normal")
@@ -12,6 +12,7 @@ prepared("normal_tension", lambda case: NormalDifference2014(area_acceleration=5
 
 
 as_printed = other("normal_tension", printed_mass=1)
+readings(normal_tension="printed_mass")
 takes("normal_difference_2014.tension", smoothing="support_radius")
 
 
