@@ -324,25 +324,25 @@ def _welded(vertices: np.ndarray, faces: np.ndarray, size: float, notes: list[st
 
 def _wound_alike(vertices: np.ndarray, faces: np.ndarray, name: str, notes: list[str]) -> np.ndarray:
     """Faces wound as their neighbours across edges of two triangles; then patches so that other edges are closed."""
-    import trimesh
-
     edge, direction, _ = edge_numbers(faces)
     uses = np.bincount(edge.ravel())
-
-    def at_odds(direction: np.ndarray) -> bool:
-        return bool((np.bincount(edge.ravel(), direction.ravel())[uses == 2] != 0).any())
-
-    if at_odds(direction):
-        mended = trimesh.Trimesh(vertices, faces, process=False)
-        trimesh.repair.fix_winding(mended)
-        new = np.array(mended.faces, dtype=np.int64)
-        edge, direction, _ = edge_numbers(new)
-        if at_odds(direction):
-            raise InputError(f"{name} has one side only, like a Moebius strip, and so no interior; give a closed mesh.")
-        turned = int(np.count_nonzero((new != faces).any(1)))
-        turned = min(turned, len(faces) - turned)
-        notes.append(f"{_counted(turned, 'face')} wound as the neighbours are")
-        faces = new
+    one, other = across_edges(edge, uses == 2)
+    apart = len(faces) * (direction.ravel()[one] == direction.ravel()[other])  # one of both has to be turned
+    one, other, count = one // 3, other // 3, len(faces)
+    # Face f stands as f and, turned, as f + count: what is linked is wound alike.
+    way = connected(
+        2 * count,
+        np.concatenate([one, one + count]),
+        np.concatenate([other + apart, (other + count + apart) % (2 * count)]),
+    ).reshape(2, count)
+    if (way[0] == way[1]).any():
+        raise InputError(f"{name} has one side only, like a Moebius strip, and so no interior; give a closed mesh.")
+    number = np.bincount(way[0], minlength=int(way.max()) + 1)
+    fewer = (number[way[0]] < number[way[1]]) | ((number[way[0]] == number[way[1]]) & (way[0] > way[1]))
+    if fewer.any():
+        notes.append(f"{_counted(int(fewer.sum()), 'face')} wound as the neighbours are")
+        faces = np.where(fewer[:, None], faces[:, ::-1], faces)
+        edge, direction, _ = edge_numbers(faces)
     if not (uses > 2).any():
         return faces
     a, b = across_edges(edge, uses == 2)

@@ -2,6 +2,8 @@
 
 import json
 import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -342,3 +344,26 @@ def test_a_box_drawn_inside_out_and_one_with_a_flat_triangle_are_the_box():
     middle = np.vstack([vertices, 0.5 * (vertices[a] + vertices[b])])
     for mesh in (surface_mesh(vertices, faces[:, ::-1], "inside out"), surface_mesh(middle, flat, "flat triangle")):
         assert (len(mesh.notes), mesh.volume) == (1, pytest.approx(1.0, abs=1e-9))
+
+
+WINDS = """
+import sys
+sys.modules["networkx"] = None
+import numpy as np
+from refsim.boundary.mesh import surface_mesh
+corner = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
+sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+faces = np.array([f for a, b, c, d in sides for f in ((a, b, c), (a, c, d))])
+for turned in ([3], [0, 4, 7], list(range(12)), [0, 1, 2, 3, 4, 5]):
+    given = faces.copy()
+    given[turned] = given[turned][:, ::-1]
+    apart = np.concatenate([corner, corner + 5])
+    for mesh in (surface_mesh(corner, given), surface_mesh(apart, np.concatenate([faces, given + 8]))):
+        assert abs(mesh.volume - len(mesh.faces) / 12) < 1e-9 and len(mesh.notes) >= 1, (turned, mesh.volume)
+"""
+
+
+def test_faces_are_wound_alike_without_packages_that_nothing_requires():
+    """One face, three, all or six of a box, alone and beside a whole one, where networkx cannot be imported."""
+    done = subprocess.run([sys.executable, "-c", WINDS], capture_output=True, text=True, timeout=120)
+    assert not done.returncode, done.stderr
