@@ -3,6 +3,7 @@
 import contextlib
 import functools
 import hashlib
+import io
 import logging
 import os
 import warnings
@@ -16,6 +17,7 @@ from refsim.core.errors import InputError
 from refsim.core.reading import GREATEST, open_regular, unpacks
 
 ARCHIVES = ("zip", "gz", "bz2", "xz", "tar", "tgz", "7z", "3mf", "3dxml", "zae")  # a few MB can unpack to all memory
+TEXT = ("obj", "off", "ply", "stl", "xyz", "gltf")  # whose names and comments may be in any alphabet of one byte
 
 
 def refuse_what_unpacks(path: str | os.PathLike[str], what: str = "mesh") -> None:
@@ -54,10 +56,16 @@ def read_mesh(path: str | os.PathLike[str], what: str = "mesh", opened: list[str
     import trimesh
 
     class Beside(trimesh.resolvers.FilePathResolver):
-        """Files that a mesh names, such as buffers of .gltf; pipes and devices are refused."""
+        """Files in a mesh's folder that it names, such as buffers of .gltf; pipes and devices are refused."""
 
         def get(self, name: str) -> bytes:
             place = os.path.join(self.parent, name.strip())
+            folder = os.path.realpath(self.parent)
+            if os.path.commonpath([folder, os.path.realpath(place)]) != folder:
+                raise InputError(
+                    f"{what}: {str(path)!r} needs the file {name.strip()!r}, which is outside of its folder; put it"
+                    " beside the mesh, or save the mesh in one file."
+                )
             if opened is not None:
                 opened.append(place)
             with open_regular(place) as file:
@@ -70,8 +78,9 @@ def read_mesh(path: str | os.PathLike[str], what: str = "mesh", opened: list[str
     try:
         refuse_what_unpacks(path, what)
         with open_regular(path) as file, _silent():
+            content = io.BytesIO(_plain(file.read(), kind, f"{what}: {str(path)!r}")) if kind in TEXT else file
             read = trimesh.load(
-                file, file_type=kind, force="mesh", process=False, resolver=Beside(str(path)), **options
+                content, file_type=kind, force="mesh", process=False, resolver=Beside(str(path)), **options
             )
         vertices, faces = np.array(read.vertices, dtype=float), np.array(read.faces, dtype=np.int64)
     except InputError:
@@ -85,11 +94,6 @@ def read_mesh(path: str | os.PathLike[str], what: str = "mesh", opened: list[str
             " save it again."
         ) from None
     except ImportError as error:
-        if error.name in ("charset_normalizer", "chardet"):  # trimesh guesses the encoding with them
-            raise InputError(
-                f"{what}: {str(path)!r} cannot be read, because it is neither binary nor text in UTF-8, as its suffix"
-                " requires; save it again."
-            ) from None
         package = (
             f"needs the package {error.name}" if error.name else f"needs a package ({' '.join(str(error).split())})"
         )
@@ -102,6 +106,23 @@ def read_mesh(path: str | os.PathLike[str], what: str = "mesh", opened: list[str
         raise InputError(f"{what}: {str(path)!r} cannot be read ({words}); give a mesh file.") from None
     check_triangles(vertices, faces, str(path), what)
     return read
+
+
+def _plain(data: bytes, kind: str, name: str) -> bytes:
+    """A mesh as its reader takes it: text in UTF-8, and of a binary STL the triangles that it counts."""
+    if kind == "stl" and b"\0" in data[:134]:
+        count = int.from_bytes(data[80:84], "little")
+        if len(data) < 84 + 50 * count:
+            held = max(0, len(data) - 84) // 50
+            raise InputError(f"{name} is cut off: it counts {count} triangles and holds {held}; save it again.")
+        return data[: 84 + 50 * count]
+    head, mark, numbers = data.partition(b"end_header") if kind == "ply" else (data, b"", b"")
+    if b"\0" in head:
+        raise InputError(
+            f"{name} cannot be read, because it is neither binary nor text of one byte a letter, as its suffix"
+            " requires; save it again."
+        )
+    return head.decode("utf-8", "replace").encode() + mark + numbers
 
 
 def mesh_files(path: str | os.PathLike[str]) -> tuple[Path, ...]:

@@ -15,7 +15,7 @@ from refsim.boundary.sampling import sample
 from refsim.boundary.signed_distance import signed_distance
 from refsim.boundary.signed_distance.cases import crossed
 from refsim.core.errors import InputError
-from refsim.scene.meshes import read_mesh
+from refsim.scene.meshes import mesh_files, read_mesh
 from refsim.scene.overlaps import winding
 from refsim.winding_number.reference import solid_angles
 
@@ -319,6 +319,53 @@ def test_a_buffer_that_cannot_be_read_is_named_in_one_sentence(tmp_path, monkeyp
         told = capsys.readouterr().err
         assert len(told.strip().splitlines()) == 1
         assert words in told
+
+
+def test_files_outside_of_a_meshs_folder_are_not_opened(tmp_path):
+    """A buffer above the folder, by its whole path and behind a link; one in a folder below is taken."""
+    folder = tmp_path / "meshes"
+    (folder / "below").mkdir(parents=True)
+    for name, data in trimesh.exchange.gltf.export_gltf(trimesh.Scene(BOX)).items():
+        (folder / name).write_bytes(data)
+    model = folder / "model.gltf"
+    told = json.loads(model.read_text())
+    secret = tmp_path / "secret.bin"
+    (folder / told["buffers"][0]["uri"]).rename(secret)
+    (folder / "link.bin").symlink_to(secret)
+    for uri in ("../secret.bin", str(secret), "link.bin", "below/../../secret.bin", "/dev/zero"):
+        told["buffers"][0]["uri"] = uri
+        model.write_text(json.dumps(told))
+        with pytest.raises(InputError, match="outside of its folder; put it beside the mesh"):
+            load_mesh(model)
+        assert mesh_files(model) == (model,)
+    secret.rename(folder / "below" / "kept.bin")
+    told["buffers"][0]["uri"] = "below/kept.bin"
+    model.write_text(json.dumps(told))
+    assert load_mesh(model).volume == pytest.approx(1.0)
+
+
+def test_comments_in_latin_1_and_bytes_after_the_last_triangle_are_taken(tmp_path):
+    """Also an STL whose head begins with solid; one that is cut off, and text in UTF-16, are refused for that."""
+    remark = "würfel, größe 1 m".encode("latin-1")
+    stl, text = BOX.export(file_type="stl"), BOX.export(file_type="stl_ascii").encode()
+    obj, off = BOX.export(file_type="obj").encode(), BOX.export(file_type="off").encode()
+    ply = [BOX.export(file_type="ply", encoding=how).split(b"\n", 2) for how in ("ascii", "binary")]
+    files = {
+        "a.obj": b"# " + remark + b"\no " + remark + b"\n" + obj, "b.off": b"# " + remark + b"\n" + off,
+        "c.stl": stl + b"\0more", "d.stl": b"solid " + remark + stl[6 + len(remark) :] + b"\0\0",
+        "e.stl": text.replace(b"solid", b"solid " + remark, 1),
+        **{f"{k}.ply": b"\n".join([*rows[:2], b"comment " + remark, rows[2]]) for k, rows in enumerate(ply)},
+    }  # fmt: skip
+    for name, data in files.items():
+        (tmp_path / name).write_bytes(data)
+        assert load_mesh(tmp_path / name).volume == pytest.approx(1.0), name
+    for name, data, words in (
+        ("cut.stl", stl[:-60], "is cut off: it counts 12 triangles and holds 10"), ("head.stl", stl[:50], "is cut off"),
+        ("wide.obj", obj.decode().encode("utf-16"), "neither binary nor text of one byte a letter"),
+    ):  # fmt: skip
+        (tmp_path / name).write_bytes(data)
+        with pytest.raises(InputError, match=words):
+            load_mesh(tmp_path / name)
 
 
 @pytest.mark.parametrize("name, packed, plain", [
