@@ -7,12 +7,9 @@ it has started. `--report FILE` writes outcomes and durations; exit code 1 if a 
 from __future__ import annotations
 
 import configparser
-import contextlib
 import datetime
 import os
 import shutil
-import sqlite3
-import tomllib
 from pathlib import Path
 
 import nox
@@ -32,8 +29,6 @@ NIGHT = {  # minutes, and the command
     "verify": (40, (*VALIDATION, "verify", "--draw", "20")),
     "linkcheck": (20, (*PYTHON, "-m", "sphinx", "-q", "-b", "linkcheck", "docs", "build/linkcheck")),
 }
-MUTANTS = "tests/mutants.toml"
-SURVIVE = 10  # per cent of the mutants at most: those that change no value, such as one more node of a quadrature
 TOOLS = ("pytest>=8", "pytest-xdist>=3.6", "pytest-benchmark>=4")  # configured in pyproject.toml
 TESTS = ("tests/journeys", "tests/smoothing", "tests/io/test_checkpoint.py", "tests/scene/test_checked.py")
 OF_EXTRAS = (
@@ -66,7 +61,7 @@ for _name in NIGHT:
 @nox.session(venv_backend="none")
 def nightly(session: nox.Session) -> None:
     """Every task of the night, and the environments."""
-    for name in (*NIGHT, *(f"environments-{version}" for version in PYTHONS), "lowest", "extras", "mutants"):
+    for name in (*NIGHT, *(f"environments-{version}" for version in PYTHONS), "lowest", "extras"):
         session.notify(name)
 
 
@@ -114,35 +109,3 @@ def extras(session: nox.Session) -> None:
     """The wheel with every extra but that of a GPU, and Warp; the tests that need them, and the site."""
     names = [name for name in settings()["options.extras_require"] if name not in ("cuda", "dev")]
     installed(session, OF_EXTRAS, f"[{','.join(names)}]", "warp-lang")
-
-
-@nox.session(python=PYTHONS[0])
-def mutants(session: nox.Session) -> None:
-    """Whether closed forms notice a changed sign, factor or condition of host code: cosmic-ray, in a copy."""
-    session.install(".[test]", "cosmic-ray")
-    folder = Path(session.create_tmp()).resolve() / "copy"
-    shutil.rmtree(folder, ignore_errors=True)
-    for name in ("refsim", "tests", "validation"):
-        shutil.copytree(name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
-    shutil.copy("pyproject.toml", folder)
-    session.chdir(folder)
-    head, _, functions = Path(MUTANTS).read_text(encoding="utf-8").partition("[functions]")
-    known = tomllib.loads(functions)
-    chosen = {name: words for name, words in known.items() if name in (session.posargs or known)}
-    modules = [f"refsim/{name}.py" for name in chosen]
-    Path("mutants.toml").write_text(head.replace("[cosmic-ray]", f"[cosmic-ray]\nmodule-path = {modules}", 1))
-    session.run("cosmic-ray", "init", "mutants.toml", "mutants.sqlite")
-    session.run("cr-filter-operators", "mutants.sqlite", "mutants.toml")
-    with contextlib.closing(sqlite3.connect("mutants.sqlite")) as found:
-        kept = [(f"refsim/{name}.py", function) for name, words in chosen.items() for function in words.split()]
-        found.execute("create table kept (module, function)")
-        found.executemany("insert into kept values (?, ?)", kept)
-        found.execute("create table tried as select job_id from mutation_specs join kept on module_path = module and"
-                      " definition_name = function where job_id not in (select job_id from work_results)")  # fmt: skip
-        for table in ("work_items", "mutation_specs", "work_results"):
-            found.execute(f"delete from {table} where job_id not in (select job_id from tried)")
-        found.commit()
-    around = {"NUMBA_DISABLE_JIT": "1", "PYTHONPATH": str(folder)}
-    session.run("cosmic-ray", "exec", "mutants.toml", "mutants.sqlite", env=around)
-    session.run("cr-report", "mutants.sqlite", "--surviving-only", "--no-show-pending")
-    session.run("cr-rate", "mutants.sqlite", "--fail-over", str(SURVIVE))

@@ -1,7 +1,6 @@
 """Host code against numbers computed here: reports, energies, step limits, initial values, ledgers.
 
-Parameter groups are computed anew in tests/ladder/test_parameters.py. `nox -s mutants` changes that code and asks
-whether both notice. Nothing is compiled.
+Parameter groups are computed anew in tests/ladder/test_parameters.py. Nothing is compiled.
 """
 
 import itertools
