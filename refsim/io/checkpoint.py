@@ -183,9 +183,13 @@ def _put_in_place(temporary: Path, path: Path, keep: int) -> None:
             os.link(path, old)
         except OSError:
             os.replace(path, previous_path(path))
-    os.replace(temporary, path)
-    if old.exists():
-        os.replace(old, previous_path(path))
+    try:
+        os.replace(temporary, path)
+        if old.exists():
+            os.replace(old, previous_path(path))
+    finally:
+        with suppress(OSError):
+            old.unlink(missing_ok=True)
 
 
 def _copy_name(source: Path, target: Path) -> None:

@@ -215,6 +215,7 @@ def test_the_disk_refuses_the_first_and_the_second_and_the_next_call(tmp_path, d
         there = [read_checkpoint(file).attributes["step"] for file in (path, previous_path(path))]
         assert there in ([1, 0], [2, 1], [2, 0] if reason else [2, 1])
         assert reason in (None, "write_failed" if number == errno.EIO else "disk_full")
+        assert sorted(tmp_path.glob(f"*{path.stem}.*")) == [path, previous_path(path)]
         write_checkpoint(path, state(3, n=50), {"step": 3})
         assert read_checkpoint(path).attributes["step"] == 3
     assert allowed > 3
