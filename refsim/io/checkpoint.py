@@ -67,19 +67,29 @@ def write_checkpoint(
     Raises InputError when the folder cannot be written to. One writer per `path`: a write removes the temporary files
     of killed writers.
     """
-    path = Path(path)
+    path, before = Path(path), -1
+    with suppress(Unreadable):
+        before = _written_ns(path, what)
+    content = checkpoint_bytes(path, arrays, attributes, what, before)
+    with writing(what, path, KEPT):
+        replace_file(path, content, put=lambda new: _put_in_place(new, path, keep))
+
+
+def checkpoint_bytes(
+    path: Path, arrays: Mapping[str, np.ndarray], attributes: Mapping[str, Attribute], what: str, before: int = -1
+) -> memoryview:
+    """What `write_checkpoint` writes; later than `before` by the clock, even when that was set back [ns].
+
+    Raises RunStopped("non_finite"), whose sentence names the path.
+    """
     finite = {name: _finite(path, name, array) for name, array in arrays.items()}
     content = _in_hdf5(finite, json.dumps(dict(attributes)))
-    with writing(what, path, KEPT):
-        before = -1
-        with suppress(Unreadable):
-            before = _written_ns(path, what)
-        now = max(time.time_ns(), before + 1)  # after the checkpoint that is there, even when the clock was set back
-        lines = f"refsim {what}\nversion {VERSION}\nwritten_ns {now}\nbytes {len(content)}\n".encode()
-        digest = hashlib.sha256(lines)
-        digest.update(content[BLOCK:])
-        content[:BLOCK] = (lines + f"sha256 {digest.hexdigest()}\n".encode()).ljust(BLOCK, b"\0")
-        replace_file(path, content, put=lambda new: _put_in_place(new, path, keep))
+    now = max(time.time_ns(), before + 1)
+    lines = f"refsim {what}\nversion {VERSION}\nwritten_ns {now}\nbytes {len(content)}\n".encode()
+    digest = hashlib.sha256(lines)
+    digest.update(content[BLOCK:])
+    content[:BLOCK] = (lines + f"sha256 {digest.hexdigest()}\n".encode()).ljust(BLOCK, b"\0")
+    return content
 
 
 def whole_checkpoint(path: str | os.PathLike[str]) -> tuple[Path, Checkpoint, tuple[str, ...]]:

@@ -22,8 +22,8 @@ from numpy.typing import DTypeLike
 from refsim.core.errors import InputError
 from refsim.core.fields import POSITION_RESIDUAL
 from refsim.core.locks import unlock
-from refsim.core.writing import remove_stale_temporaries, replace_file, replace_files, writing
-from refsim.io.checkpoint import read_checkpoint, write_checkpoint
+from refsim.core.writing import Content, remove_stale_temporaries, replace_file, replace_files, writing
+from refsim.io.checkpoint import checkpoint_bytes, read_checkpoint
 from refsim.io.scenes import scene_to_checkpoint
 from refsim.io.vtp import DTYPES, Head, read_arrays, read_head, vtp_bytes
 
@@ -175,7 +175,7 @@ class ParticleWriter:
             if given != kinds:
                 raise ValueError(f"the frame has the fields {_field_list(given)}, the run writes {_field_list(kinds)}")
         number = int(self._heads[-1].path.stem) + 1 if self._heads else 0
-        files = {
+        files: dict[Path, Content] = {
             self.folder / f"{number + k:06d}.vtp": vtp_bytes(frame.position, frame.fields, float(frame.time))
             for k, frame in enumerate(frames)
         }
@@ -185,24 +185,24 @@ class ParticleWriter:
             self.folder.mkdir(exist_ok=True)
             if self._afresh:
                 remove_stale_temporaries(self.folder)
-            replace_files(files, self._begin if self._afresh else lambda: None)
+                replace_files(self._origin_file() | files, self._begin)
+            else:
+                replace_files(files)
             self._afresh = False
             heads = [*self._heads, *map(read_head, files)]
             self._write_collection(heads)
         self._heads = heads
 
     def _begin(self) -> None:
-        """Remove the frames of an earlier run, the last one first, and say what makes the new ones."""
+        """Remove the frames of an earlier run, the last one first."""
         for file in reversed(frame_files(self.path)):
             file.unlink()
-        (self.folder / "origin.h5").unlink(missing_ok=True)
-        self._write_origin()
 
-    def _write_origin(self) -> None:
-        if self._origin is not None:
-            words = {"units": json.dumps(dict(self._origin.units)), "meanings": json.dumps(dict(self._origin.meanings))}
-            text = {"scene": self._origin.scene, **words}
-            write_checkpoint(self.folder / "origin.h5", self._origin.arrays, text, keep=1, what=ORIGIN)
+    def _origin_file(self) -> dict[Path, Content]:
+        """The file that says what makes the frames."""
+        origin, file = self._origin or Origin(), self.folder / "origin.h5"
+        words = {"units": json.dumps(dict(origin.units)), "meanings": json.dumps(dict(origin.meanings))}
+        return {file: checkpoint_bytes(file, origin.arrays, {"scene": origin.scene, **words}, ORIGIN)}
 
     def _write_collection(self, heads: Sequence[Head]) -> None:
         name = escape(self.folder.name)
@@ -227,7 +227,8 @@ class ParticleWriter:
             while self._heads and resume_time is not None and self._heads[-1].time > resume_time:
                 self._heads[-1].path.unlink()
                 del self._heads[-1]
-            self._write_origin()
+            if self._origin is not None:
+                replace_files(self._origin_file())
             self._write_collection(self._heads)
 
     def close(self) -> None:

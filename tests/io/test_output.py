@@ -11,7 +11,7 @@ import vtk
 from vtk.util.numpy_support import vtk_to_numpy
 
 from refsim.core.errors import InputError, RunStopped
-from refsim.io.frames import OLDER, Frame, ParticleWriter, frame_files, read_particles
+from refsim.io.frames import OLDER, Frame, Origin, ParticleWriter, frame_files, read_origin, read_particles
 from refsim.io.vtp import write_vtp
 
 FIELDS = {
@@ -81,7 +81,7 @@ def assert_files(path, frames):
     assert [float(entry.attrib["timestep"]) for entry in entries] == [time for time, _, _ in frames]
     for entry, (time, position, fields) in zip(entries, frames):
         assert_vtp(path.parent / entry.attrib["file"], position, fields, time)
-    assert sorted(path.with_suffix("").iterdir()) == frame_files(path)
+    assert sorted(path.with_suffix("").iterdir()) == [*frame_files(path), path.with_suffix("") / "origin.h5"]
 
 
 # -- what is written is what is read
@@ -137,14 +137,25 @@ def test_a_new_run_takes_the_place_of_the_old_one_with_its_first_frame(tmp_path,
         write_frames(writer, [frame(step) for step in range(3)])
     with ParticleWriter(path, {"a": (1, "int32")}) as writer:
         assert_files(path, [frame(step) for step in range(3)])
-        disk.space, disk.error = 0, OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        disk.error = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         new = (5.0, np.zeros((2, 3)), {"a": np.arange(2, dtype="int32")})
-        with pytest.raises(RunStopped, match="disk is full"):
-            write_frames(writer, [new])
-        assert_files(path, [frame(step) for step in range(3)])
+        for disk.space in range(4):  # the writes and fsyncs of both files
+            with pytest.raises(RunStopped, match="disk is full"):
+                write_frames(writer, [new])
+            assert_files(path, [frame(step) for step in range(3)])
         disk.space = 10**9
         write_frames(writer, [new])
     assert_files(path, [new])
+
+
+def test_what_made_the_frames_is_said_until_another_origin_replaces_it(tmp_path):
+    path = tmp_path / "run.pvd"
+    for append, origin, scene in (
+        (False, Origin("one"), "one"), (True, None, "one"), (True, Origin("two"), "two"), (False, None, ""),
+    ):  # fmt: skip
+        with ParticleWriter(path, FIELDS, append=append, resume_time=0.0, origin=origin) as writer:
+            write_frames(writer, [frame(step) for step in range(int(append), 2)])
+        assert read_origin(path).scene == scene
 
 
 def test_append_refuses_what_does_not_fit(tmp_path):
