@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import msgspec
 import numpy as np
 
-from refsim.core.capabilities import BringsWalls, CorrectsPositions, having
+from refsim.core.capabilities import BringsWalls, CorrectsPositions, having, settled
 from refsim.core.effect import EFFECTS
 from refsim.core.operation import REGISTRY
 from refsim.engine.simulation import Simulation
@@ -307,13 +307,21 @@ def mass(drawn: Drawn, backend: str) -> Found:
 
 @law("rest")
 def full_tank(drawn: Drawn, backend: str) -> Found | None:
-    """Liquid on a lattice that fills the bottom of a box: in the mean a quarter of the speed of a fall, at most."""
-    return _rest(drawn, backend, drawn.scene, "a tank on its lattice")
+    """Liquid on a lattice that fills the bottom of a box: in the mean a quarter of the speed of a fall, at most.
+
+    For a density that is advanced; the papers' summed one does not come to rest (docs/liquid.md).
+    """
+    pulling = ("surface_tension", "area_acceleration")
+    calm = tuple(e for e in drawn.scene.effects if not any(name in e.scales for name in pulling))
+    settled_liquid = settled(calm).get("weakly_compressible")
+    if settled_liquid is None or not settled_liquid.advances():
+        return None
+    return _rest(drawn, backend, msgspec.structs.replace(drawn.scene, effects=calm), "a tank on its lattice")
 
 
-@law("rest")
+@law("addition")
 def weak_tension(drawn: Drawn, backend: str) -> Found | None:
-    """The same with a tension at a Bond number of 1e5."""
+    """A tension at a Bond number of 1e5 must not matter: the tank rests as without it."""
     tensions = [e for e in drawn.scene.effects if "surface_tension" in e.__struct_fields__]
     gravity = of_kind(drawn.scene, Gravity)
     if not tensions or gravity is None:
@@ -396,7 +404,7 @@ def strip(drawn: Drawn, backend: str) -> Found:
     rate = (2 / d * math.sin(math.pi / (2 * along))) ** 2 * diffusivity  # that of the chain of cells
     conduction = HeatConduction(conductivity=k, heat_capacity=capacity, density=rho, temperature=0.0)
     scene = Scene(
-        dim=dim, dtype="float64", spacing=d, support_radius=h, fluid=(box,), step=0.02 / rate, effects=(conduction,)
+        dim=dim, dtype="float64", spacing=d, support_radius=h, fluid=(box,), step=0.002 / rate, effects=(conduction,)
     )
     simulation = Simulation(scene, backend)
     mode = np.cos(np.pi * simulation.field("position")[:, 0].astype(float) / (along * d))
@@ -406,7 +414,7 @@ def strip(drawn: Drawn, backend: str) -> Found:
         return float((mode * (simulation.field("temperature").astype(float) - 50)).sum())
 
     start = amplitude()
-    for _ in range(4):
+    for _ in range(4):  # backward Euler is 0.1 % off in such steps
         simulation.step()
     found = -math.log(amplitude() / start) / simulation.time
     exact = (math.pi / (along * d)) ** 2 * diffusivity
