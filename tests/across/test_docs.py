@@ -195,7 +195,7 @@ def test_the_version_is_one():
     version = refsim.__version__
     assert f"version = {version}\n" in (ROOT / "setup.cfg").read_text()
     assert f"\nversion: {version}\n" in (ROOT / "CITATION.cff").read_text()
-    assert re.search(r"^## (\S+)", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)[1] == version
+    assert re.search(r"^## (\d\S+)", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)[1] == version
 
 
 def test_figures_stay_light():
