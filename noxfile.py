@@ -22,6 +22,7 @@ PYTEST = (*PYTHON, "-m", "pytest", "-q")
 NIGHT = {  # minutes, and the command
     "slow": (240, (*PYTEST, "-m", "slow", "--ignore", SLIPS)),
     "slips": (240, (*PYTEST, "-m", "slow", "-n", CORES, SLIPS)),
+    "laws": (130, (*VALIDATION, "laws", "--minutes", "110", "--seed", SEED)),
     "attack": (75, (*VALIDATION, "attack", "--minutes", "60", "--seed", SEED)),
     "peers": (180, (*VALIDATION, "run", "boundary", "mpm_droplet", "surface_reconstruction", "timing", "--peers")),
     "lessons": (30, (*PYTHON, "scripts/lessons.py", "--warm")),
