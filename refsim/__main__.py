@@ -19,6 +19,8 @@ from refsim.core.clock import PROCESS, Seconds
 from refsim.core.errors import InputError, RefsimError, RunStopped, refused
 from refsim.core.stopping import heeding
 from refsim.core.streams import any_letter
+from refsim.core.tables import columns, fitted
+from refsim.core.terminal import Bar, say
 
 
 class _Parser(argparse.ArgumentParser):
@@ -52,7 +54,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             if as_json:
                 _tell(json.dumps(plain(outcome.data), indent=1, allow_nan=False))
             elif outcome.text:
-                _tell(outcome.text.rstrip("\n"))
+                text = outcome.text.rstrip("\n")
+                _tell(text if outcome.verbatim else fitted(text, columns()))
         return outcome.code
     except RefsimError as error:
         return _failed(error, as_json)
@@ -112,8 +115,9 @@ def _failed(error: RefsimError, as_json: bool) -> int:
     sentence = " ".join(str(error).split())
     sentence += "" if sentence.endswith((".", "?", "!")) else "."
     reason = getattr(error, "reason", None)
+    Bar.end_line()
     with suppress(OSError):  # of a terminal that has closed
-        print(f"refsim: {sentence}" + (f" [{reason}]" if reason else ""), file=sys.stderr)
+        say(f"refsim: {sentence}" + (f" [{reason}]" if reason else ""), "red")
         for line in getattr(error, "advice", ()):
             print(f"  {line}", file=sys.stderr)
     if as_json:

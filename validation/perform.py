@@ -11,14 +11,16 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 from refsim.backends.arrays import device_name
 from refsim.cluster import perform as elsewhere
 from refsim.cluster.tasks import Task
 from refsim.core.errors import InputError, RunStopped
+from refsim.core.terminal import Bar
 from refsim.core.versions import versions
 from refsim.core.writing import write_file
 from validation.checks import Check, failed
@@ -51,7 +53,7 @@ Waiting = dict[Path, tuple[Part, Run]]
 
 
 def perform(
-    parts: Sequence[Part], options: Options, jobs: int = 1, compute: bool = True, stream: TextIO | None = None,
+    parts: Sequence[Part], options: Options, jobs: int = 1, compute: bool = True,
     shown: Callable[[Path], None] = lambda picture: None, then: Sequence[Sequence[Part]] = (),
 ) -> list[Performed]:  # fmt: skip
     """Compute what is not stored, in `jobs` processes of one thread each or by the scheduler, check and draw.
@@ -59,8 +61,8 @@ def perform(
     Runs that are timed have nothing else beside them. Runs of `then` begin when those of the parts before have ended.
     The first picture is drawn as soon as the results that it needs are there; others while processes compute or at the
     end, and again if more results have changed their data. `shown` is called with a picture's file each time.
-    Without `compute`, only what is stored counts. Progress goes to `stream` (standard error). Raises InputError where
-    `only` names no run or a folder cannot be written to, RunStopped after Ctrl-C.
+    Without `compute`, only what is stored counts. Raises InputError where `only` names no run or a folder cannot be
+    written to, RunStopped after Ctrl-C.
     """
     groups = (parts, *then)
     _refuse([part for group in groups for part in group], options, jobs)
@@ -111,7 +113,7 @@ def perform(
 
     stopped: dict[Path, str] = {}
     for group in waiting if compute else ():
-        stopped |= _compute(group, options, jobs, stream or sys.stderr, arrived, draw_next)
+        stopped |= _compute(group, options, jobs, arrived, draw_next)
     for each, folders in made:
         each.stopped |= {key: stopped[folder] for key, folder in folders.items() if folder in stopped}
         each.results = {key: each.results[key] for key in folders if key in each.results}
@@ -146,9 +148,8 @@ def _refuse(parts: Sequence[Part], options: Options, jobs: int) -> None:
 
 
 def _compute(
-    waiting: Waiting, options: Options, jobs: int, stream: TextIO, arrived: Callable[[Path], None],
-    idle: Callable[[], None],
-) -> dict[Path, str]:  # fmt: skip
+    waiting: Waiting, options: Options, jobs: int, arrived: Callable[[Path], None], idle: Callable[[], None]
+) -> dict[Path, str]:
     """Compute and store, and call `arrived` with the folder of each result; returns why runs stopped.
 
     `idle` is called when this process has time: while others compute or, where there are none, after each run.
@@ -156,23 +157,13 @@ def _compute(
     A run that fails in another process, but for one that stops with its reason, is computed again in this one, which
     reports the failure.
     """
-    from tqdm import tqdm
-
-    layout = "{desc} {percentage:3.0f}% |{bar}| {elapsed} gone, about {remaining} left"
-    total = sum(run.estimate for _, run in waiting.values())
-    pause = 0.5 if stream.isatty() else 5.0
     finished = 0
-    with tqdm(total=total, file=stream, bar_format=layout, disable=not waiting, mininterval=pause) as bar:
-
-        def show(words: str, done: float) -> None:
-            bar.set_description_str(words, refresh=False)
-            bar.update(max(done - bar.n, 0.0))
-
+    with closing(Bar(sum(run.estimate for _, run in waiting.values()), shown=bool(waiting))) as bar:
         try:
             apart = jobs > 1 or options.scheduler is not None
             together = {folder: item for folder, item in waiting.items() if apart and not item[1].alone}
             done, stopped = set(), {}
-            for folder, stop in _elsewhere(together, jobs, options.scheduler, show, idle):
+            for folder, stop in _elsewhere(together, jobs, options.scheduler, bar.to, idle):
                 done.add(folder)
                 if stop is not None:
                     stopped[folder] = f"{stop} (reason: {stop.reason})"
@@ -185,9 +176,9 @@ def _compute(
                 name = f"{part.name} {run.key}"
 
                 def progress(share: float, before: float = before, run: Run = run, name: str = name) -> None:
-                    show(name, before + min(max(share, 0.0), 1.0) * run.estimate)
+                    bar.to(before + min(max(share, 0.0), 1.0) * run.estimate, name)
 
-                bar.set_description_str(name)
+                progress(0.0)
                 try:
                     compute(part.folder, run, folder, Context(progress, options.threads), part.command)
                     finished += 1
@@ -206,7 +197,7 @@ def _compute(
 
 
 def _elsewhere(
-    waiting: Waiting, jobs: int, scheduler: str | None, show: Callable[[str, float], None], idle: Callable[[], None]
+    waiting: Waiting, jobs: int, scheduler: str | None, show: Callable[[float, str], None], idle: Callable[[], None]
 ) -> Iterator[tuple[Path, RunStopped | None]]:
     """Compute in processes or on the workers of a scheduler; yields the folder of each result that is there.
 
@@ -233,7 +224,7 @@ def _elsewhere(
             if key in shares:
                 seconds += shares[key] * run.estimate
                 names.append(f"{part.name} {run.key}" + (" (starts)" if shares[key] == 0.0 else ""))
-        show(", ".join(names), seconds)
+        show(seconds, ", ".join(names))
         begun = finished + len(shares) == len(runs)
         if begun or min((runs[key][2].estimate for key in shares), default=0.0) > PICTURE:
             idle()

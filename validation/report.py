@@ -9,13 +9,14 @@ import base64
 import dataclasses
 import datetime
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 from typing import Any, TextIO
 
-from refsim.core.tables import table
+from refsim.core.tables import columns, table
 from refsim.core.writing import write_file
 from validation.checks import CLAIM, FAIL, MISSED, PASS, SHOWN, Check, Entry, in_range, number
 from validation.perform import Performed
@@ -38,13 +39,13 @@ def report(performed: Sequence[Performed], stream: TextIO) -> None:
     """Write all tables; the checks come last."""
     for each in performed:
         for own in each.tables:
-            print(f"\n{own}", file=stream)
+            print(f"\n{own.text(columns())}", file=stream)
     lines = notes(performed)
     if now := [r.about for each in performed for key, r in each.results.items() if key not in each.reused]:
         lines.append(f"Computing took {sum(about.get('seconds', 0.0) for about in now):.1f} s.")
     if lines:
         print("\n" + "\n".join(lines), file=stream)
-    if checked := check_table(performed):
+    if checked := check_table(performed, columns()):
         print("\n" + checked, file=stream)
 
 
@@ -65,7 +66,7 @@ def notes(performed: Sequence[Performed]) -> list[str]:
     return made
 
 
-def check_table(performed: Sequence[Performed]) -> str:
+def check_table(performed: Sequence[Performed], width: float = math.inf) -> str:
     """All checks; the experiment is named once. "" without any."""
     rows, last = list[list[str]](), ""
     for each in performed:
@@ -74,7 +75,7 @@ def check_table(performed: Sequence[Performed]) -> str:
             rows.append([name if name != last else "", *_cells(c)])
             last = name
     head = ("experiment", "quantity", "paper, on file", "measured", "", "bar", "verdict")
-    return table(rows, head, right=[3]) if rows else ""
+    return table(rows, head, [3], width) if rows else ""
 
 
 def _cells(check: Check) -> list[str]:
@@ -220,4 +221,4 @@ def _claims(claims: Sequence[tuple[Entry, Check | None]]) -> str:
         verdict = entry.verdict if check is None or check.verdict == PASS else f"{entry.verdict}, now {check.found}"
         now = check.measured() if check else "(not measured here)"
         rows.append([entry.system, entry.name, verdict, in_range(entry) if entry.starts else "", now, entry.bar()])
-    return table(rows, ["system", "claim", "verdict", "written", "measured now", "bar"])
+    return table(rows, ["system", "claim", "verdict", "written", "measured now", "bar"], width=math.inf)

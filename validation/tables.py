@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -23,9 +24,13 @@ class Table:
     note: str = ""
 
     def __str__(self) -> str:
+        return self.text(math.inf)
+
+    def text(self, width: float) -> str:
+        """Its lines, at most so wide."""
         cells = [["-" if c is None else c if isinstance(c, str) else number(c) for c in row] for row in self.rows]
         numbers = [k for k in range(len(self.heading)) if any(isinstance(row[k], float | int) for row in self.rows)]
-        lines = [self.title, table(cells, self.heading, right=numbers)]
+        lines = [self.title, table(cells, self.heading, numbers, width)]
         return "\n".join([*lines, self.note] if self.note else lines)
 
 

@@ -12,6 +12,8 @@ from typing import Any
 
 from refsim.core.errors import InputError, RunStopped
 from refsim.core.plain import plain as plain
+from refsim.core.tables import columns as columns
+from refsim.core.tables import fitted as fitted
 from refsim.core.tables import in_bytes as in_bytes
 from refsim.core.tables import in_time as in_time
 from refsim.core.tables import table as table
@@ -22,11 +24,15 @@ from refsim.scene.scene import Scene
 
 @dataclass(frozen=True)
 class CommandResult:
-    """Result of a command: data for --json, text for the terminal, exit code (0, or 4 if a verdict failed)."""
+    """Result of a command: data for --json, text for the terminal, exit code (0, or 4 if a verdict failed).
+
+    verbatim  the text is a document or a program: on a terminal, too, its lines are left as they are
+    """
 
     data: Any = field(default_factory=dict)
     text: str = ""
     code: int = 0
+    verbatim: bool = False
 
 
 Execute = Callable[[argparse.Namespace], CommandResult]

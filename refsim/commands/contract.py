@@ -7,7 +7,6 @@ import os
 import sys
 import time
 from collections.abc import Sequence
-from functools import partial
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ from typing import Any
 from refsim.commands import CommandResult, command, in_time, table, takes
 from refsim.core.errors import InputError
 from refsim.core.operation import BACKENDS, REGISTRY
+from refsim.core.terminal import say, wanted
 from refsim.core.writing import write_file
 
 WITHIN = 3.0  # widths of three runs of refsim; default of --within
@@ -77,7 +77,7 @@ def execute(options: argparse.Namespace) -> CommandResult:
         return _template(options.names, options.backend or "cpu")
     if options.guide:
         text = resources.files("refsim.contract").joinpath("guide.md").read_text(encoding="utf-8")
-        return CommandResult({"guide": text}, text)
+        return CommandResult({"guide": text}, text, verbatim=True)
     if options.arguments:
         return _arguments(options.names, options.backend or "cpu")
     if not options.names:
@@ -102,9 +102,9 @@ def _judged(request: Any, options: argparse.Namespace) -> CommandResult:
     about, outcomes = apart.judge(request)
     found: dict[str, list[Any]] = {name: [] for name in about.names}
     for outcome in outcomes:
-        if not found[outcome.operation] and sys.stderr.isatty():
+        if not found[outcome.operation] and wanted():
             number, seconds = sum(map(bool, found.values())) + 1, time.perf_counter() - began
-            print(f"{number} of {len(about.names)}, {in_time(seconds)}: {outcome.operation}", file=sys.stderr)
+            say(f"{number} of {len(about.names)}, {in_time(seconds)}: {outcome.operation}")
         found[outcome.operation].append(outcome)
     if request.replay and not any(found.values()):
         raise InputError(f"--replay {request.replay}: {about.name} has no such trial; take a name that --json gives.")
@@ -200,7 +200,7 @@ def _template(names: Sequence[str], arrays: str) -> CommandResult:
     from refsim.contract import describe
 
     text = describe.template([operation.name for operation in _known(names, arrays)], arrays)
-    return CommandResult({"template": text}, text)
+    return CommandResult({"template": text}, text, verbatim=True)
 
 
 def _allowed(text: str) -> tuple[str, float]:
@@ -267,7 +267,7 @@ def _export(options: argparse.Namespace) -> CommandResult:
     from refsim.contract.programs import check_names
 
     check_names(options.names, options.dtype, options.variant)
-    told = partial(print, file=sys.stderr) if sys.stderr.isatty() else lambda name: None
+    told = say if wanted() else lambda name: None
     vectors = export(Path(options.export), options.names, options.dtype, options.variant, told)
     files = [file for operation in vectors.operations for file in operation.files]
     lines = [

@@ -4,12 +4,11 @@ import argparse
 import ast
 import functools
 import inspect
-import textwrap
 from typing import Any
 
 import msgspec
 
-from refsim.commands import CommandResult, command, table, takes
+from refsim.commands import CommandResult, columns, command, fitted, table, takes
 from refsim.commands.show import file_of, parsed
 from refsim.core.capabilities import HasErrata
 from refsim.core.checked import suggestion
@@ -18,7 +17,7 @@ from refsim.core.errors import InputError
 from refsim.core.operation import REGISTRY, Operation
 from refsim.scene.files import describe
 
-WIDTH = 100  # columns of a screen
+WIDTH = 100  # of a line at most, in a pipe, too
 
 
 @functools.cache
@@ -98,55 +97,51 @@ def execute(options: argparse.Namespace) -> CommandResult:
             for known in (operations, effects)
         )
     data = {"operations": operations, "effects": effects}
-    if options.words or options.all:
-        return CommandResult(data, "\n".join([*map(_operation, operations.items()), *map(_effect, effects.items())]))
-    return CommandResult(data, _overview(operations, effects))
+    width = min(columns(), WIDTH)
+    full = "\n".join([*map(_operation, operations.items()), *map(_effect, effects.items())])
+    text = full if options.words or options.all else _overview(operations, effects, width)
+    return CommandResult(data, fitted(text, width))
 
 
-def _overview(operations: dict[str, dict[str, Any]], effects: dict[str, dict[str, Any]]) -> str:
-    """Methods with the number of their operations, and effects, a line each."""
+def _overview(operations: dict[str, dict[str, Any]], effects: dict[str, dict[str, Any]], width: float) -> str:
+    """Methods with the number of their operations, and effects."""
     methods: dict[str, list[str]] = {}
     for name, operation in operations.items():
         methods.setdefault(name.partition(".")[0], []).append(operation["paper"])
     plain = [method for method, papers in methods.items() if set(papers) == {"standard"}]
     rows = [
-        (method, len(papers), _cut(", ".join(dict.fromkeys(papers)), 64))
+        (method, len(papers), ", ".join(dict.fromkeys(papers)))
         for method, papers in sorted(methods.items())
         if method not in plain
     ]
     also = f"; of no paper: {', '.join(plain)}" if plain else ""
     lines = [
         f"{len(operations)} operations; refsim list METHOD shows those of a method{also}",
-        table(rows, right=(1,)),
+        table(rows, right=(1,), width=width),
         f"{len(effects)} effects, tables [effects.NAME] of a scene file; refsim list NAME shows the parameters",
-        table([(name, _cut(effect["summary"], 72)) for name, effect in effects.items()]),
+        table([(name, effect["summary"]) for name, effect in effects.items()], width=width),
     ]
     return "\n".join(lines)
 
 
-def _cut(text: str, most: int) -> str:
-    return text if len(text) <= most else f"{text[: most - 3]}..."
-
-
 def _operation(entry: tuple[str, dict[str, Any]]) -> str:
     name, operation = entry
-    source = textwrap.wrap(f"{operation['paper']}: {operation['equation']}", WIDTH - 2)
-    programs = textwrap.wrap(f"programs: {' '.join(operation['programs'])}", WIDTH - 2)
-    counted = textwrap.wrap(f"bound: c = {operation['roundings']:g}: {operation['counts']}", WIDTH - 2)
-    return "\n".join([name, *(f"  {line}" for line in (*source, *programs, *counted))])
+    return (
+        f"{name}\n  {operation['paper']}: {operation['equation']}\n  programs: {' '.join(operation['programs'])}"
+        f"\n  bound: c = {operation['roundings']:g}: {operation['counts']}"
+    )
 
 
 def _effect(entry: tuple[str, dict[str, Any]]) -> str:
     name, effect = entry
-    lines = ["", *textwrap.wrap(f"[effects.{name}] {effect['summary']}", WIDTH)]
+    lines = ["", f"[effects.{name}] {effect['summary']}"]
     for p in effect["parameters"]:
         value = "required" if p["required"] else f"= {_shown(p['default'])}"
-        lines += textwrap.wrap(f"{p['name']} {value}  {p['meaning']}", WIDTH, initial_indent="  ",
-                               subsequent_indent="      ")  # fmt: skip
+        lines.append(f"  {p['name']} {value}  {p['meaning']}")
     if own := effect["paper"]:
         taken = [*own["errata"], *(f"{key} = {_shown(value)}" for key, value in own["parameters"].items())]
-        words = f'literal = "paper" takes of {own["source"]}: {", ".join(taken) or "nothing, no choice differs"}'
-        lines += textwrap.wrap(words, WIDTH, initial_indent="  ", subsequent_indent="      ")
+        words = ", ".join(taken) or "nothing, no choice differs"
+        lines.append(f'  literal = "paper" takes of {own["source"]}: {words}')
     return "\n".join(lines)
 
 

@@ -245,7 +245,7 @@ def _text(found: dict[str, Any]) -> str:
         for name, f in found["fields"].items()
     ]
     passes = [
-        (number, p["operation"], p.get("effect", "(runner)"), p["kernel"], p["when"])
+        (number, p["operation"], p.get("effect", "(runner)"), p["when"], p["kernel"])
         for number, p in enumerate(found["passes"] + found["runner"], 1)
     ]
     effects = []
@@ -262,7 +262,7 @@ def _text(found: dict[str, Any]) -> str:
         table(fields, ("field", "B/particle", "bytes", "unit", "brought by", "meaning"), right=(1, 2)),
         "",
         "Passes, in order",
-        table(passes, ("", "operation", "effect", "kernel", "when"), right=(0,)),
+        table(passes, ("", "operation", "effect", "when", "kernel"), right=(0,)),
         "",
         "Effects",
         table(effects, ("effect", "neighbours to", "wall particles", "step limits")),

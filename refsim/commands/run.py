@@ -14,8 +14,9 @@ from refsim.backends.loading import load_without_rules
 from refsim.commands import CommandResult, command, in_time, planned, table, takes
 from refsim.core.errors import InputError, RunStopped
 from refsim.core.stopping import heeding
+from refsim.core.terminal import say
 from refsim.engine.driver import RunReport, simulate
-from refsim.engine.progress import Progress, compiling_bar, say
+from refsim.engine.progress import Progress, compiling_bar
 from refsim.engine.simulation import Simulation
 from refsim.scene.files import load_scene
 from refsim.study.observables import Watching, observable_of

@@ -152,4 +152,4 @@ def execute(options: argparse.Namespace) -> CommandResult:
             lines += ["", f"## {heading}", *(f"\n{source}" for source in found[key])]
     data = {key: [asdict(source) for source in sources] for key, sources in found.items()}
     about = {"operation": operation.name, "paper": operation.paper, "equation": operation.equation}
-    return CommandResult(about | data, "\n".join(lines))
+    return CommandResult(about | data, "\n".join(lines), verbatim=True)

@@ -9,8 +9,8 @@ from refsim import study
 from refsim.commands import CommandResult, command, kept_in, results_folder, takes
 from refsim.core.checked import suggestion
 from refsim.core.errors import InputError
+from refsim.core.terminal import say
 from refsim.core.writing import write_file, writing
-from refsim.engine.progress import say
 from refsim.scene.refine import RATIO
 from refsim.scene.scene import Scene
 from refsim.study import KNOBS

@@ -3,7 +3,7 @@
 import argparse
 
 from refsim.commands import CommandResult, command, kept_in, results_folder, takes
-from refsim.engine.progress import say, wanted
+from refsim.core.terminal import say, wanted
 from refsim.sweep import TABLE, sweep
 
 DESCRIPTION = """Run a scene at every combination of parameters that a sweep file (TOML) gives, and print the observable

@@ -24,11 +24,12 @@ from refsim.core.log import log
 from refsim.core.period import wrapped
 from refsim.core.plain import plain
 from refsim.core.tables import Shown, in_time
+from refsim.core.terminal import wanted
 from refsim.core.versions import versions
 from refsim.core.writing import write_file, writing
 from refsim.engine.counting import LOOKED
 from refsim.engine.postmortem import AFTER_THESE, POSTMORTEM, POSTMORTEM_FIELDS, write_postmortem
-from refsim.engine.progress import Progress, compiling_bar, wanted
+from refsim.engine.progress import Progress, compiling_bar
 from refsim.engine.simulation import Simulation
 from refsim.engine.stock import check_particles, stock
 from refsim.io.checkpoint import KEPT, previous_path

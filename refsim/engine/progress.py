@@ -1,53 +1,25 @@
 """Progress of a run on a terminal and in Jupyter: a bar over simulated time, and one over the kernels to compile."""
 
-import importlib.util
-import sys
+import itertools
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 from refsim.core.tables import in_time
+from refsim.core.terminal import Bar, say
 from refsim.engine.run import Run
 
 
-def wanted() -> bool:
-    """Whether a bar is seen: standard error is a terminal, or the program runs in Jupyter."""
-    return in_jupyter() or sys.stderr.isatty()
-
-
-def in_jupyter() -> bool:
-    """Whether the program runs in the kernel of a notebook."""
-    shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
-    return type(shell).__name__ == "ZMQInteractiveShell"
-
-
-def bar_of(**options: Any) -> Any:
-    """A bar of tqdm: a widget in Jupyter where ipywidgets is there, else text on standard error."""
-    if in_jupyter() and importlib.util.find_spec("ipywidgets") is not None:
-        from tqdm.notebook import tqdm as bar
-    else:
-        from tqdm import tqdm as bar  # type: ignore[assignment, unused-ignore]
-    return bar(file=sys.stderr, mininterval=0.2 if wanted() else 10, **options)
-
-
-def say(text: str) -> None:
-    """A line on standard error."""
-    print(text, file=sys.stderr, flush=True)
-
-
-def compiling_bar(kernels: int, processes: int) -> Callable[[], Any]:
+def compiling_bar(kernels: int, processes: int) -> Callable[[], None]:
     """Begin a bar over the kernels that are compiled; what it returns is called after each."""
-    bar = bar_of(
-        total=kernels,
-        desc=f"compiling {kernels} kernels on {processes} cores",
-        bar_format="{desc}: {n_fmt} of {total_fmt}, {elapsed} gone",
-    )
+    bar, number = Bar(kernels), itertools.count()
 
     def after_each() -> None:
-        bar.update()
-        if bar.n == kernels:
+        done = next(number)
+        bar.to(done, f"{done} of {kernels} kernels compiled on {processes} cores")
+        if done == kernels:
             bar.close()
 
+    after_each()
     return after_each
 
 
@@ -62,7 +34,7 @@ class Progress:
     def __init__(self, until: float, folder: Path | None, quiet: bool = False) -> None:
         self.until, self.folder, self.quiet = until, folder, quiet
         self.time: float | None = None
-        self.bar: Any = None
+        self.bar: Bar | None = None
         self.told = 0
 
     def __call__(self, simulation: Run) -> None:
@@ -77,11 +49,10 @@ class Progress:
         if self.bar is None:
             self._open(simulation)
             return
-        assert self.time is not None
         limiter = simulation.last.limiter if simulation.last else ""
-        self.bar.set_postfix_str(f"step {simulation.steps:,}, {limiter} limit", refresh=False)
-        self.bar.update(min(simulation.time, self.until) - self.time)
-        self.time = min(simulation.time, self.until)
+        self.time = simulation.time
+        words = f"{self.time:.4g} of {self.until:.4g} s, step {simulation.steps:,}, {limiter} limit"
+        self.bar.to(self.time, words)
 
     def _head(self, simulation: Run) -> None:
         self.time = simulation.time
@@ -103,11 +74,7 @@ class Progress:
             end = "finds them in the cache" if is_writable() else "compiles them again: its cache cannot be written"
             say(f"compiled the kernels in {in_time(seconds)}; the next run {end}")
         self.time = simulation.time
-        self.bar = bar_of(
-            total=self.until,
-            initial=min(self.time, self.until),
-            bar_format="{percentage:3.0f}%|{bar}| {n:.4g} of {total:.4g} s, {elapsed} gone, {remaining} left{postfix}",
-        )
+        self.bar = Bar(self.until, self.time)
 
     def close(self) -> None:
         """Close the bar."""

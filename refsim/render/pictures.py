@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from refsim.core.errors import InputError
 from refsim.core.stopping import held_back
+from refsim.core.terminal import Bar, wanted
 from refsim.core.writing import (
     made_by,
     output_path,
@@ -23,7 +24,6 @@ from refsim.core.writing import (
     write_file,
     writing,
 )
-from refsim.engine.progress import bar_of, wanted
 from refsim.io.frames import Frame
 from refsim.render import looks
 from refsim.render.plane import add_area, add_discs, add_line
@@ -405,15 +405,14 @@ def write_film(
         at_the_end.callback(film.close)
         with held_back():
             film.send(None)
-        shown = wanted() if progress is None else progress
-        bar = bar_of(total=len(series.chosen), desc="pictures", disable=not shown)
-        for _, image in series:
+        bar = Bar(len(series.chosen), shown=wanted() if progress is None else progress)
+        at_the_end.callback(bar.close)
+        for number, (_, image) in enumerate(series, 1):
             try:
                 film.send(np.ascontiguousarray(image[:height, :width]))
             except OSError:
                 raise _refused_by_ffmpeg(path) from None
-            bar.update()
-        bar.close()
+            bar.to(number, f"{number} of {len(series.chosen)} pictures")
         film.close()
         try:
             frames_written, _ = imageio_ffmpeg.count_frames_and_secs(str(beside))

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from refsim.core.tables import html_table, in_bytes, in_time, table
+from refsim.core.tables import columns, html_table, in_bytes, in_time, table
 from refsim.core.writing import made_by, write_file
 from refsim.scene.scene import Scene
 from refsim.study import methods
@@ -292,7 +292,7 @@ class Study:
             for line in (found[1] if found else ())
         ]  # fmt: skip
 
-    def _methods(self) -> list[str]:
+    def _methods(self, width: float) -> list[str]:
         """What each method buys, as the lines of a table and what failed."""
         found, own = self.compared(), None if self.base is None else self.base.seconds
         if found is None:
@@ -308,7 +308,7 @@ class Study:
             failed += row["failed"]
         head = ("method", "order", "limit", "error, finest", "seconds", f"in {within}", f"to {percent(self.error)}")
         title = f"methods against {judge.words}, {judge.value:.6g}{known}:"
-        return ["", title, table(rows, head, right=range(1, len(head))), *failed]
+        return ["", title, table(rows, head, range(1, len(head)), width), *failed]
 
     def cells(self) -> list[tuple[str, ...]]:
         """The table of runs that gave a value, as text, without its head (`HEAD`)."""
@@ -331,8 +331,9 @@ class Study:
 
     def text(self) -> str:
         """Table and answers for a terminal."""
-        lines = [table(self.cells(), self.HEAD, right=range(2, len(self.HEAD))), *self._without(), ""]
-        return "\n".join([*lines, *self.answers(), *self._methods()])
+        width = columns()
+        lines = [table(self.cells(), self.HEAD, range(2, len(self.HEAD)), width), *self._without(), ""]
+        return "\n".join([*lines, *self.answers(), *self._methods(width)])
 
     def _without(self) -> list[str]:
         """Runs that failed, and what was left out, a line each."""
@@ -387,7 +388,7 @@ class Study:
             f"<style>{STYLE}</style></head><body><h1>{title}</h1><ul>{answers}</ul>"
             f'<div><img alt="value against spacing, error against time, cost and change of each setting"'
             f' src="data:image/png;base64,{picture}"></div><div>{html_table("Runs", self.cells(), self.HEAD)}</div>'
-            f"<pre>{html.escape(chr(10).join(self._methods()))}</pre><p>{how}</p></body></html>\n"
+            f"<pre>{html.escape(chr(10).join(self._methods(math.inf)))}</pre><p>{how}</p></body></html>\n"
         )
         write_file(path, text, "study")
         return Path(path)

@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 from refsim.cluster.tasks import Outcome, Task
 from refsim.core.tables import in_time
-from refsim.engine.progress import bar_of
+from refsim.core.terminal import Bar
 
 
 class Progress:
@@ -21,8 +21,7 @@ class Progress:
         self.total, self.say = sum(self.weights.values()), say
         self.done = self.count = 0.0
         self.task_seconds, self.workers, self.began = 0.0, 0, time.perf_counter()
-        form = "{percentage:3.0f}%|{bar}| {elapsed} gone, {remaining} left{postfix}"
-        self.bar = bar_of(total=1.0, bar_format=form, disable=not (shown and tasks))
+        self.bar = Bar(1.0, shown=shown and bool(tasks))
 
     def close(self) -> None:
         """Close the bar."""
@@ -32,8 +31,7 @@ class Progress:
         """The shares done of tasks under way."""
         self.workers = max(self.workers, workers)
         share = (self.done + sum(self.weights[key] * s for key, s in shares.items())) / self.total
-        self.bar.set_postfix_str(f"{workers} workers, {in_time(self.task_seconds)} of theirs so far", refresh=False)
-        self.bar.update(max(share - self.bar.n, 0.0))
+        self.bar.to(share, f"{workers} workers, {in_time(self.task_seconds)} of theirs so far")
 
     def ended(self, outcome: Outcome) -> None:
         """A task has ended."""

@@ -7,7 +7,7 @@ import types
 import pytest
 
 from refsim import Ball, RunStopped, simulate
-from refsim.engine import progress
+from refsim.core import terminal
 from refsim.scene.files import parse_scene
 from tests.tank_file import GRAVITY, tank
 
@@ -41,7 +41,7 @@ def test_a_bar_in_jupyter(capfd, monkeypatch):
     """A kernel's standard error is no terminal; its shell is known by its class."""
     shell = type("ZMQInteractiveShell", (), {})()
     monkeypatch.setitem(sys.modules, "IPython", types.SimpleNamespace(get_ipython=lambda: shell))
-    monkeypatch.setattr(progress.importlib.util, "find_spec", lambda name: None)  # no ipywidgets
+    monkeypatch.setattr(terminal.importlib.util, "find_spec", lambda name: None)  # no ipywidgets
     run()
     assert "100%" in capfd.readouterr().err
     monkeypatch.setitem(sys.modules, "IPython", types.SimpleNamespace(get_ipython=lambda: None))

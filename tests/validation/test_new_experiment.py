@@ -1,6 +1,5 @@
 """CONTRIBUTING.md adds an experiment: its files are cut out of the page, put beside the others and performed."""
 
-import io
 import json
 import pathlib
 import re
@@ -39,7 +38,7 @@ def free_fall(tmp_path, monkeypatch):
 def test_the_experiment_of_the_page_is_found_and_holds(free_fall, tmp_path):
     assert list(discover()) == ["free_fall"]
     options = Options(results=tmp_path / "results", figures=tmp_path / "figures", backend="numpy")
-    (performed,) = perform([free_fall.part(options)], options, stream=io.StringIO())
+    (performed,) = perform([free_fall.part(options)], options)
     assert {check.name: check.verdict for check in performed.checks} == {"fallen.short": "pass", "fallen.long": "pass"}
     assert [path.name for path in performed.drawn.values()] == ["free_fall.png"]
     assert set(json.loads((options.figures / "free_fall.json").read_text())) == {"short", "long", "measured"}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import importlib.util
-import io
 import json
 import re
 from pathlib import Path
@@ -61,7 +60,7 @@ def made_up(name="fake", verdict=PASS, checks=1, runs=1):
 
 def performed(experiments, folder):
     options = Options(quick=True, results=folder / "results", figures=folder / "figures")
-    done = perform([each.part(options) for each in experiments], options, stream=io.StringIO())
+    done = perform([each.part(options) for each in experiments], options)
     claims = [(claim, None) for claim in read_all(CLAIM)]
     titles = {each.name: each.title for each in experiments}
     return Whole("refsim: <a test>", done, titles, claims, 12.3, {"processor": "A & B"}, options.figures)

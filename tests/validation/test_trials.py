@@ -1,6 +1,5 @@
 """Hard cases end as it stands on file; the command notices where they do not; maps are what they say."""
 
-import io
 import math
 
 import pytest
@@ -72,7 +71,7 @@ def test_a_changed_outcome_or_a_limit_beyond_the_stable_fails(tmp_path, system, 
     )
     options = Options(results=tmp_path / "results", figures=tmp_path / "figures")
     part = judging.trial_part(experiment, options, folder=tmp_path)
-    outcomes = perform.perform([part], options, stream=io.StringIO())
+    outcomes = perform.perform([part], options)
     assert perform.exit_code(outcomes) == code
     assert (tmp_path / "figures" / "limits.png").stat().st_size > 1000
     assert "a thin thing" in str(outcomes[0].tables[0])

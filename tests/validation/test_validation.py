@@ -73,7 +73,7 @@ def options(tmp_path):
 
 
 def perform(experiment, options, **more):
-    return performing.perform([experiment.part(options)], options, stream=io.StringIO(), **more)
+    return performing.perform([experiment.part(options)], options, **more)
 
 
 def test_results_are_kept_by_their_parameters_and_reused(options):
@@ -202,7 +202,7 @@ def test_verdicts(tmp_path):
 
 def test_a_stopped_run_is_reported_and_the_others_go_on(options):
     both = [fake(function=stopping, parameters={}), fake(judge=lambda found: [measurement(verdict="fail")])]
-    outcomes = performing.perform([each.part(options) for each in both], options, stream=io.StringIO())
+    outcomes = performing.perform([each.part(options) for each in both], options)
     assert performing.exit_code(outcomes) == 3
     assert "It collapsed." in outcomes[0].stopped["one"]
     assert outcomes[1].checks
