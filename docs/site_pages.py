@@ -25,7 +25,8 @@ NAVIGATION = {
     "Solids, heat, melting": ("shape_matching", "two_way_coupling", "heat", "melting"),
     "Particles and a grid": ("mpm", "surface_energy", "isosurface", "mpm_droplet"),
     "Evidence": (
-        "errata", "refuted", "checks", "solutions", "accuracy_cost", "effects_cost", "laws", "stability", "energy_audit",
+        "errata", "refuted", "checks", "solutions", "accuracy_cost", "effects_cost", "laws", "stability",
+        "energy_audit",
     ),
     "Lessons": ("lessons",),
     "Contract": ("contract", "vectors"),
