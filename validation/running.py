@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from refsim import Plan, Scene, Simulation
-from refsim.backends.arrays import Backend, choose, set_threads
+from refsim.backends import arrays
+from refsim.backends.arrays import Backend, choose, threads_of
 from refsim.core.errors import InputError, RunStopped
 from refsim.scene.plan import make_plan
 
@@ -39,11 +40,8 @@ class Context:
 def on_threads(backend: str, threads: int | None) -> Iterator[Backend]:
     """A backend whose CPU loops use so many threads, all by default, until the block ends."""
     there = choose(backend)
-    set_threads(there, threads)
-    try:
+    with arrays.on_threads(threads_of(there, threads)):
         yield there
-    finally:
-        set_threads(there, None)
 
 
 def advance(

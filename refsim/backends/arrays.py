@@ -8,6 +8,7 @@ import functools
 import importlib.util
 import os
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -173,23 +174,28 @@ def choose(name: str) -> Backend:
     return CudaBackend() if name == "cuda" else Backend(name)
 
 
-def set_threads(backend: Backend, threads: int | None, rows: int | None = None) -> None:
-    """Use `threads` CPU threads from now on; only the CPU backend has any.
+def threads_of(backend: Backend, threads: int | None, rows: int | None = None) -> int | None:
+    """CPU threads for loops over `rows`; None where the backend has none.
 
-    By default as many as loops over `rows` gain from, or all where their number is not known. Raises InputError for
-    fewer than one, and on the CPU backend for more than there are.
+    By default as many as the loops gain from, or all where their rows are not known. Raises InputError for fewer than
+    one, and on the CPU backend for more than there are.
     """
     if threads is not None and threads < 1:
         raise InputError(f"threads = {threads} is not possible; give 1 or more.")
     if backend.name != "cpu":
-        return
+        return None
     import numba
 
     choose_layer()
     most = numba.config.NUMBA_NUM_THREADS
     if threads is not None and not 1 <= threads <= most:
         raise InputError(f"threads = {threads} is not possible here; give 1 to {most}.")
-    places.use(threads or (most if rows is None else threads_for(rows)))
+    return threads or (most if rows is None else threads_for(rows))
+
+
+def on_threads(number: int | None) -> AbstractContextManager[None]:
+    """Have the loops of the block use so many CPU threads (see `threads_of`); after it all is as before."""
+    return nullcontext() if number is None else places.used(number)
 
 
 def host_memory() -> dict[str, int | None]:

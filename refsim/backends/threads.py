@@ -1,8 +1,10 @@
 """CPU threads: the layer that starts them, how many a loop gains from, their places. No result depends on these."""
 
+import math
 import os
 import time
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 
 ROWS_OF_A_THREAD = 1024
 LOOK = 0.2  # [s] between looks at what other programs take
@@ -22,26 +24,46 @@ def choose_layer() -> None:
 
 
 class Places:
-    """Keeps each of Numba's threads on a processor of its own while other programs leave the processors alone.
+    """Numba's threads while loops of this library work: how many, and each on a processor of its own.
 
     A virtual machine does not show which processors are idle. Linux then wakes a thread on the processor of the one
     that wakes it, and short loops of all threads take turns on one. Beside another program threads are free to move.
 
-    threads  the system's numbers of Numba's threads; none where it does not tell, or where Numba started them before
+    threads  the system's numbers of Numba's threads; none where it does not tell, or where others started them
     """
 
     def __init__(self) -> None:
-        self.threads: list[int] = []
+        self.threads: list[int] | None = None  # until they are started
+        self.own: list[int] = []  # a processor for each, where each is to have one
+        self.free: list[set[int]] = []  # processors of each outside of the blocks
         self.pinned = False
+        self.number = 0  # of threads in the block that is under way
         self.seen = (0.0, 0.0)  # time of the last look [s], and what other programs had taken [s of a processor]
 
-    def use(self, number: int) -> None:
-        """Have loops use so many of Numba's threads, which the first call starts."""
+    @contextmanager
+    def used(self, number: int) -> Iterator[None]:
+        """Have the block's loops use so many of Numba's threads; after it number and processors are as before."""
+        if number == self.number:  # within another block
+            yield
+            return
         import numba
 
-        before = _tasks()
-        numba.set_num_threads(number)
-        self.threads = self.threads or sorted(_tasks() - before)
+        if self.threads is None:
+            others = _tasks()
+            numba.get_num_threads()  # starts them
+            self.threads = sorted(_tasks() - others)
+        before, around, pinned = numba.get_num_threads(), self.number, self.pinned
+        self.number = number
+        try:
+            if number != before:  # a call takes microseconds
+                numba.set_num_threads(number)
+            self._pin(pinned or number == len(self.own))
+            yield
+        finally:
+            self.number = around
+            self._pin(pinned and bool(self.own))
+            if number != before:
+                numba.set_num_threads(before)
 
     def keep(self) -> None:
         """Pin the threads, or let them move, by what other programs took since the last look."""
@@ -54,16 +76,29 @@ class Places:
             mask = sorted(os.sched_getaffinity(0))
             self.seen = at, _busy(mask) - time.process_time()
             alone = not before or self.seen[1] - taken < OTHERS * (at - before)
-            pin = alone and len(mask) == len(self.threads) == numba.get_num_threads()
-            if pin != self.pinned and _tasks().issuperset(self.threads):
-                for k, thread in enumerate(self.threads):
-                    os.sched_setaffinity(thread, mask[k : k + 1] if pin else mask)
-                self.pinned = pin
+            pin = alone and 1 < len(mask) == len(self.threads) == numba.get_num_threads()
         except (AttributeError, OSError, ValueError):  # a system without these
-            self.threads = []
+            mask, pin, self.seen = [], False, (math.inf, 0.0)
+        self.own = mask if pin else []
+        self._pin(pin)
+
+    def _pin(self, pin: bool) -> None:
+        """Each thread on one of `own`, unless it has been given other processors; or on those that it had before."""
+        if pin == self.pinned or not self.threads:
+            return
+        with suppress(OSError):  # a thread has ended, or its processors are no longer this process's
+            if pin:
+                self.free = [os.sched_getaffinity(thread) for thread in self.threads]
+                if any(each != set(self.own) for each in self.free):
+                    return
+            self.pinned = pin
+            for thread, processors in zip(self.threads, [{one} for one in self.own] if pin else self.free):
+                os.sched_setaffinity(thread, processors)
 
 
 places = Places()
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=lambda: vars(places).update(vars(Places())))  # the threads are the parent's
 
 
 def _tasks() -> set[int]:

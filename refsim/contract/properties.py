@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from refsim.backends.arrays import set_threads
+from refsim.backends.arrays import on_threads, threads_of
 from refsim.contract.answers import CLOUDS, LARGE
 from refsim.contract.bounds import errors, neighbour_counts, oracle, size
 from refsim.contract.causes import on_one_core, subset, without_walls
@@ -288,13 +288,10 @@ def repeats(target: Target) -> Iterator[Trial]:
 def _repeated(target: Target, case: str, counts: tuple[int | None, ...]) -> Outcome:
     inputs, neighbours, walls = target.prepared(case)
     answers = []
-    try:
-        for number, threads in enumerate(counts):
-            set_threads(target.place, threads)
-            with on_one_core(bool(target.loader) and number % 2 == 1):
-                answers.append(target.launch(inputs, neighbours, walls)[1])
-    finally:
-        set_threads(target.place, None)
+    for number, threads in enumerate(counts):
+        on_core = on_one_core(bool(target.loader) and number % 2 == 1)
+        with on_threads(threads_of(target.place, threads)), on_core:
+            answers.append(target.launch(inputs, neighbours, walls)[1])
     first = answers[0]
     changed = {n: np.max([size(a[n] - v) for a in answers], 0) for n, v in first.items() if v.dtype.kind == "f"}
     if all(a[n].tobytes() == v.tobytes() for a in answers for n, v in first.items()):

@@ -148,7 +148,8 @@ def simulate(
     run = _Run(simulation, until, output, every, checkpoint_every, overwrite, threads)
     bar = Progress(run.until, run.folder) if shown else None
     try:
-        run.go(bar or (progress if callable(progress) else None), asked_to_stop)
+        with simulation.at_work():
+            run.go(bar or (progress if callable(progress) else None), asked_to_stop)
     except MemoryError:
         raise run.stopped(
             RunStopped(

@@ -5,12 +5,14 @@ What a step needs beside the loop stands in modules of their own: `list_policy` 
 """
 
 import contextlib
+import functools
 import math
 import os
 from collections.abc import Callable, Collection, Generator, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import numpy as np
 
@@ -43,6 +45,8 @@ from refsim.smoothing import Smoothing
 from refsim.sph import CROWD, DENSE, LIQUID
 
 Compiling = Callable[[int, int], Callable[[], Any]]
+P = ParamSpec("P")
+R = TypeVar("R")
 DERIVED = ("identity", "position_residual")  # state that is not set by hand
 STOPPED, ENOUGH = 2e-3, 100  # stops by planes over steps times particles that get a note, and least number of both
 HELD = 0.3  # the same that stop the run
@@ -58,6 +62,17 @@ class StepResult:
     length: float
     limiter: str
     limits: dict[str, float]
+
+
+def _at_work(method: Callable[Concatenate["Simulation", P], R]) -> Callable[Concatenate["Simulation", P], R]:
+    """The method within `Simulation.at_work`."""
+
+    @functools.wraps(method)
+    def call(self: "Simulation", *given: P.args, **named: P.kwargs) -> R:
+        with self.at_work():
+            return method(self, *given, **named)
+
+    return call
 
 
 class Simulation(Shown):
@@ -82,7 +97,7 @@ class Simulation(Shown):
         self.plan = scene if isinstance(scene, Plan) else make_plan(scene)
         self.backend = backends.choose(backend)
         grid = self.plan.grid
-        backends.set_threads(self.backend, threads, grid.count)
+        self.threads = backends.threads_of(self.backend, threads, grid.count)
         self.force_passes = fused(self.plan.passes, self.backend.name)
         self._current: set[str] = set()  # fields that follow from the state and belong to the present one
         self._needs: dict[str, frozenset[int]] = {}
@@ -105,6 +120,15 @@ class Simulation(Shown):
         self.remarks: dict[str, str] = {}
         self.timings.compiles = self.backend.name != "numpy"
         self.timings.wait = self.backend.synchronize if profile else None
+        self._make(compiling or (lambda kernels, processes: lambda: None))
+
+    def at_work(self) -> AbstractContextManager[None]:
+        """Have the loops of the block use this simulation's CPU threads; after it the process's are as before."""
+        return backends.on_threads(self.threads)
+
+    @_at_work
+    def _make(self, compiling: Compiling) -> None:
+        """Make the arrays and what a step needs beside them, bind the passes, and fill the first tables."""
         self._allocate()
         self._shared = self._placed(self.plan.shared)
         self._shared["scratch"] = self.scratch = Scratch(self.backend)
@@ -118,7 +142,7 @@ class Simulation(Shown):
         self.gauges = Gauges(self) if self.plan.scene.gauge else None
         if self.backend.name == "cpu":
             with self.timings.part("compiling"):
-                self._compile_ahead(compiling or (lambda kernels, processes: lambda: None))
+                self._compile_ahead(compiling)
         self._bind()
         self.stepper = (stepping.DeviceStepper if self.backend.name == "cuda" else stepping.HostStepper)(self)
         self.start()
@@ -246,6 +270,7 @@ class Simulation(Shown):
 
     # Advancing
 
+    @_at_work
     def step(self) -> StepResult:
         """Advance by one stable step. Raises RunStopped, with the state as it was, where that is impossible."""
         places.keep()
@@ -329,6 +354,7 @@ class Simulation(Shown):
         self.remarks[effect] = note
         self.notes.append(note)
 
+    @_at_work
     def evaluate(self, on_demand: bool = True) -> None:
         """Run the passes on the present state, whether or not fields belong to it; the run is not changed by it.
 
@@ -342,6 +368,7 @@ class Simulation(Shown):
         if not all(p.written <= self._current for _, p in self.force_passes if on_demand or not p.on_demand):
             self.evaluate(on_demand)
 
+    @_at_work
     def bring(self, names: Sequence[str]) -> None:
         """Run the passes on which these fields depend, and no others, unless the fields belong to the present state."""
         stale = [name for name in names if name not in self._current]
@@ -411,6 +438,7 @@ class Simulation(Shown):
                 self.timings.run(name, call)
                 yield name, (*p.writes, *p.updates)
 
+    @_at_work
     def start(self) -> None:
         """Fill the tables that follow from the state."""
         for name, call in self.start_calls:
@@ -426,6 +454,7 @@ class Simulation(Shown):
 
     # Stopping and going on
 
+    @_at_work
     def checkpoint(self, path: str | os.PathLike[str], keep: int = 2) -> None:
         """Write a checkpoint from which `resume` goes on bit for bit; the run is not changed by it.
 

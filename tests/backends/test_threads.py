@@ -10,11 +10,10 @@ import pytest
 
 from refsim import Cloud, Scene, Simulation, WeaklyCompressible
 from refsim.backends import threads
-from refsim.backends.arrays import Backend, set_threads
 from tests.running import advanced
 
 STARTS = {
-    "threads first": "from refsim.backends.arrays import Backend, set_threads; set_threads(Backend('cpu'), 1)",
+    "threads first": "from refsim.backends.arrays import Backend, threads_of; threads_of(Backend('cpu'), 1)",
     "kernels first": "import refsim.backends.compile",
 }
 
@@ -49,14 +48,11 @@ def test_a_small_scene_takes_one_thread_and_gives_the_same_bits():
         effects=(WeaklyCompressible(sound_speed=20.0, density="summation"),),
     )  # fmt: skip
     found = []
-    try:
-        for asked, used in ((None, 1), (2, 2)):
-            run = Simulation(scene, backend="cpu", threads=asked)
-            assert numba.get_num_threads() == used
-            advanced(run, 5)
-            found.append(run.field("position").tobytes())
-    finally:
-        set_threads(Backend("cpu"), None)
+    for asked, used in ((None, 1), (2, 2)):
+        run = Simulation(scene, backend="cpu", threads=asked)
+        assert run.threads == used
+        advanced(run, 5)
+        found.append(run.field("position").tobytes())
     assert found[0] == found[1]
 
 
@@ -70,14 +66,93 @@ threads.LOOK, taken = 0.0, [0.0]
 threads._busy = lambda processors: taken[0] + time.process_time()
 threads.choose_layer()
 places = threads.places
-def look(number, seconds=0.0):
-    places.use(number)
-    taken[0] += seconds
-    places.keep()
+def where():
     return [sorted(os.sched_getaffinity(thread)) for thread in places.threads]
+def look(number, seconds=0.0):
+    with places.used(number):
+        taken[0] += seconds
+        places.keep()
+        found = where()
+    assert where() == free
+    return found
 mask = sorted(os.sched_getaffinity(0))
 free, alone = [mask] * len(mask), [[one] for one in mask]
 assert [look(len(mask)), look(len(mask), 9.0), look(len(mask)), look(1)] == [alone, free, alone, free]
+look(len(mask))
+with places.used(len(mask)):
+    assert where() == alone, "without a look, as the last one found"
+    with places.used(1), places.used(len(mask)):
+        pass
+    assert where() == alone
+os.sched_setaffinity(places.threads[0], mask[-1:])
+free[0] = mask[-1:]
+assert look(len(mask)) == free, "another program has chosen its place"
 assert sorted(os.sched_getaffinity(0)) == mask
 """
     subprocess.run([sys.executable, "-c", program], check=True, timeout=100)
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity") or threads.cores() < 2, reason="one core, or none to choose")
+def test_a_simulation_leaves_the_process_as_it_was():
+    """After import, start, steps, a run, an error in it and Ctrl-C, also where its threads were pinned meanwhile."""
+    program = """
+import gc, locale, logging, os, signal, sys, time, warnings
+import matplotlib, numba, numpy as np
+numba.config.THREADING_LAYER = "workqueue"
+def tasks():
+    return set(map(int, os.listdir("/proc/self/task")))
+others = tasks()
+numba.get_num_threads()  # starts them
+started = tasks() - others
+def state():
+    return {
+        "threads": numba.get_num_threads(), "processors": {one: os.sched_getaffinity(one) for one in started},
+        "own": os.sched_getaffinity(0), "warnings": list(warnings.filters),
+        "signals": [signal.getsignal(n) for n in sorted(signal.valid_signals() - {signal.SIGKILL, signal.SIGSTOP})],
+        "hooks": (sys.unraisablehook, sys.excepthook, sys.getrecursionlimit()), "environment": dict(os.environ),
+        "matplotlib": (dict(matplotlib.rcParams), matplotlib.get_backend(auto_select=False)),
+        "numpy": (np.geterr(), np.get_printoptions(), np.random.get_state()[1].tobytes()),
+        "logging": (logging.root.level, logging.root.handlers[:]),
+        "others": (os.getcwd(), locale.setlocale(locale.LC_ALL), gc.isenabled()),
+    }
+def same(when):
+    after = state()
+    assert [name for name in before if before[name] != after[name]] == [], (when, after)
+before = state()
+import refsim
+same("import")
+from refsim.backends import threads
+threads.LOOK, threads._busy = 0.0, lambda processors: time.process_time()
+threads.places.threads = sorted(started)
+place = 0.01 * np.indices((9, 9, 1)).reshape(3, -1).T
+def meet(how):
+    def progress(run):
+        assert not run.steps or numba.get_num_threads() == run.threads
+        pinned.append(threads.places.pinned)
+        if how is not None and run.steps == 2:
+            how()
+    return progress
+def fail():
+    raise ZeroDivisionError
+scene = refsim.Scene(dim=2, spacing=0.01, support_radius=0.026, fluid=(refsim.Cloud(position=place),),
+                     effects=(refsim.WeaklyCompressible(sound_speed=20.0, density="summation"),))
+for number in (None, len(os.sched_getaffinity(0))):
+    pinned = []
+    run = refsim.Simulation(scene, threads=number)
+    same("start")
+    end = 3 * run.step().length
+    same("step")
+    run.field("density")
+    same("field")
+    refsim.simulate(run, end, progress=meet(None))
+    same("run")
+    for how, kind in ((fail, ZeroDivisionError), (lambda: signal.raise_signal(signal.SIGINT), KeyboardInterrupt)):
+        try:
+            refsim.simulate(scene, end, threads=number, progress=meet(how))
+        except kind:
+            same(kind)
+        else:
+            raise AssertionError(kind)
+    assert any(pinned) == (number is not None)
+"""
+    subprocess.run([sys.executable, "-W", "default", "-c", program], check=True, timeout=100)

@@ -8,7 +8,7 @@ import pytest
 import trimesh
 
 from refsim.__main__ import main
-from refsim.backends.arrays import Backend, set_threads
+from refsim.backends.arrays import on_threads
 from refsim.boundary.mesh import surface_mesh
 from refsim.boundary.sampling import HEXAGONAL, facet_counts, sample
 from refsim.commands.sample import nearest_distances
@@ -54,12 +54,8 @@ def test_count_follows_the_area():
 
 
 def test_same_seed_same_bits(on_ball):
-    cpu = Backend("cpu")
-    try:
-        set_threads(cpu, 1)
+    with on_threads(1):
         again = sample(BALL, 0.08, seed=1)
-    finally:
-        set_threads(cpu, None)
     assert np.array_equal(on_ball.position, again.position)
     assert np.array_equal(on_ball.normal, again.normal)
     other = sample(BALL, 0.08, seed=2)

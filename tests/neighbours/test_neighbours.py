@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from refsim import Box, Cloud, Gravity, InputError, RunStopped, Scene, Simulation, WeaklyCompressible
-from refsim.backends.arrays import choose, set_threads
+from refsim.backends.arrays import choose, on_threads
 from refsim.core import cases
 from refsim.core.period import period_group
 from refsim.core.walls import Bounds
@@ -194,14 +194,11 @@ def test_bits_do_not_depend_on_threads_or_repetition(dtype):
 
     case = cases.CASES["large"]()
     answers = []
-    try:
-        for threads in (1, numba.config.NUMBA_NUM_THREADS, 1):
-            set_threads(CPU, threads)
+    for threads in (1, numba.config.NUMBA_NUM_THREADS, 1):
+        with on_threads(threads):
             _, position, listed = ordered(case, dtype)
-            used = [listed.entries[s : s + c].tobytes() for s, c in zip(listed.start, listed.count)]
-            answers.append((position.tobytes(), listed.start.tobytes(), listed.count.tobytes(), used))
-    finally:
-        set_threads(CPU, None)
+        used = [listed.entries[s : s + c].tobytes() for s, c in zip(listed.start, listed.count)]
+        answers.append((position.tobytes(), listed.start.tobytes(), listed.count.tobytes(), used))
     assert answers[0] == answers[1] == answers[2]
 
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.linalg import lstsq
 
 from refsim import Cloud, MpmLiquid, MpmWalls, Scene, Simulation, SurfaceEnergy
-from refsim.backends.arrays import Backend, set_threads
+from refsim.backends.arrays import Backend, on_threads
 from refsim.core.errors import InputError, RunStopped
 from refsim.sparse_grid.reference import node_table
 from refsim.surface_energy import Tension, reference
@@ -99,9 +99,8 @@ def test_same_particles_give_the_same_bits_in_any_order_on_any_threads(dim, dtyp
     order = np.random.default_rng(1).permutation(len(place)).astype(np.int32)
     surfaces = []
     for threads in (1, numba.config.NUMBA_NUM_THREADS):
-        set_threads(CPU, threads)
-        surfaces += [reconstructed(place[n], dim, dtype, number=n)[1] for n in (np.sort(order), order)]
-    set_threads(CPU, None)
+        with on_threads(threads):
+            surfaces += [reconstructed(place[n], dim, dtype, number=n)[1] for n in (np.sort(order), order)]
     for surface in surfaces[1:]:
         for name in ("position", "normal", "area"):
             assert getattr(surface.samples, name).tobytes() == getattr(surfaces[0].samples, name).tobytes()

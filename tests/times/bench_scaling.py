@@ -10,7 +10,6 @@ import os
 import pytest
 
 from refsim import Simulation
-from refsim.backends.arrays import set_threads
 from validation import timed
 
 THREADS = (1, 2, 4, 8, 16, 32)
@@ -52,10 +51,7 @@ def test_steps(reading, request, cores, system, threads, backend):
         for _ in range(STEPS):
             simulation.step()
 
-    set_threads(simulation.backend, threads)
+    simulation.threads = threads
     pin(cores[:threads])
-    try:
-        more = {"particles": simulation.count, "steps": STEPS, "threads": threads}
-        reading("scaling", backend, f"{system}, {threads}", steps, warm=1, rounds=7, iterations=1, **more)
-    finally:
-        set_threads(simulation.backend, None)
+    more = {"particles": simulation.count, "steps": STEPS, "threads": threads}
+    reading("scaling", backend, f"{system}, {threads}", steps, warm=1, rounds=7, iterations=1, **more)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from refsim.backends.arrays import Backend, choose, set_threads, unavailable
+from refsim.backends.arrays import Backend, choose, unavailable
 from refsim.core.operation import REGISTRY
 from refsim.isosurface import Mesh
 from refsim.sparse_grid import nodes
@@ -312,9 +312,9 @@ def solvers(context: Context, threads: int | None, repeats: int = 9, radius: flo
     ridge = 1e-10 * eye_array(len(active))
 
     def fitted(sweeps: int, used: int) -> np.ndarray:
-        set_threads(there, used)
         made.term = made.term._replace(iterations=np.int32(sweeps))
-        return made._fit(surface.blocks, points)
+        with on_threads("cpu", used):
+            return made._fit(surface.blocks, points)
 
     def solved(sweeps: int) -> np.ndarray:
         product = (matrix.T @ matrix).tocsr()
@@ -332,7 +332,6 @@ def solvers(context: Context, threads: int | None, repeats: int = 9, radius: flo
     rows = []
     with on_threads("cpu", threads):
         spent = beside({name: call for name, (_, call) in calls.items()}, there, repeats)
-        set_threads(there, threads)
         for name, (words, call) in calls.items():
             solution = call()
             solution = solution[active] if name.startswith("lspia") else solution
