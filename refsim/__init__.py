@@ -5,9 +5,9 @@ Every equation stands as a readable NumPy reference and as a kernel's body, of w
 """
 
 from refsim.core import clock as clock  # first: its reading is the beginning of the process
-from refsim.core import stopping  # then, so that Ctrl-C on the command line leaves no traceback from then on
+from refsim.core import stopping  # then, so that signals end a command with its exit code from then on
 
-stopping.quiet_while_importing()
+stopping.heed_while_importing()
 
 import importlib
 import pathlib

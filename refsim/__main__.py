@@ -45,11 +45,12 @@ def make_parser() -> argparse.ArgumentParser:
 @any_letter()
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code."""
-    began = Seconds.now() if arguments is not None else PROCESS
+    whole = arguments is None  # the process ends with the command
+    began = PROCESS if whole else Seconds.now()
     arguments = list(sys.argv[1:] if arguments is None else arguments)
     as_json = "--json" in arguments
     try:
-        with heeding():
+        with heeding(last=whole):
             outcome = _execute(arguments, began)
             if as_json:
                 _tell(json.dumps(plain(outcome.data), indent=1, allow_nan=False))

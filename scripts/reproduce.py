@@ -21,12 +21,13 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
 from refsim.core.errors import RefsimError  # noqa: E402
+from refsim.core.stopping import heeding  # noqa: E402
 from refsim.core.streams import any_letter  # noqa: E402
 from validation import judging  # noqa: E402
 from validation.__main__ import add_options, options_of  # noqa: E402
 from validation.checks import CLAIM, FAIL  # noqa: E402
 from validation.experiment import Experiment, Options, Part, discover  # noqa: E402
-from validation.perform import EXIT_FAILED, Performed, exit_code, machine, perform  # noqa: E402
+from validation.perform import EXIT_FAILED, EXIT_STOPPED, INTERRUPTED, exit_code, machine, perform  # noqa: E402
 from validation.report import WIDTH, Whole, as_json, summary, write_page  # noqa: E402
 
 # The main job: runs by experiment, in two groups that are performed one after the other. Other experiments follow with
@@ -63,6 +64,19 @@ def planned(experiments: Mapping[str, Experiment], options: Options) -> list[lis
 @any_letter()
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; returns its exit code."""
+    try:
+        with heeding(last=arguments is None):
+            return reproduced(arguments)
+    except RefsimError as error:
+        print(error, file=sys.stderr)
+        return error.exit_code
+    except KeyboardInterrupt:
+        print(INTERRUPTED, file=sys.stderr)
+        return EXIT_STOPPED
+
+
+def reproduced(arguments: Sequence[str] | None) -> int:
+    """Run, judge, draw and report; returns the exit code."""
     began = time.perf_counter()
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     add_options(parser)
@@ -82,14 +96,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             sys.stderr.flush()
             print(f"\nFirst picture after {time.perf_counter() - began:.0f} s: {picture}", file=out, flush=True)
 
-    performed: list[Performed] = []
-    try:
-        experiments = discover()
-        first, *then = planned(experiments, options)
-        performed += perform(first, options, jobs, shown=shown, then=then)
-    except RefsimError as error:
-        print(error, file=sys.stderr)
-        return error.exit_code
+    experiments = discover()
+    first, *then = planned(experiments, options)
+    performed = perform(first, options, jobs, shown=shown, then=then)
     claims = judging.claims_of(perform(judging.parts((), [CLAIM], options), options, compute=False))
     title = "refsim: the main job" if options.quick else "refsim: the published sizes"
     titles = {name: each.title for name, each in experiments.items()}

@@ -22,6 +22,7 @@ if not __package__:
     sys.exit(2)
 
 from refsim.core.errors import InputError, RefsimError
+from refsim.core.stopping import heeding
 from refsim.core.streams import any_letter
 from refsim.study.advice import READINGS
 from refsim.study.panels import abouts
@@ -29,7 +30,7 @@ from validation import accuracy, accuracy_page, judging, own_choices, page, time
 from validation.checks import CLAIM, HARD_CASE, KINDS, VALUE, VERDICT
 from validation.experiment import Options, Picture, chosen, discover
 from validation.measure import command
-from validation.perform import EXIT_FAILED, EXIT_FINE, Performed, exit_code, perform, redraw
+from validation.perform import EXIT_FAILED, EXIT_FINE, EXIT_STOPPED, INTERRUPTED, Performed, exit_code, perform, redraw
 from validation.report import as_json, report
 from validation.results import finite
 
@@ -267,11 +268,15 @@ def told(performed: Sequence[Performed], as_object: bool, written: bool = False)
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; returns its exit code."""
     try:
-        given = parser().parse_args(sys.argv[1:] if arguments is None else arguments)
-        return given.perform(given)
+        with heeding(last=arguments is None):
+            given = parser().parse_args(sys.argv[1:] if arguments is None else arguments)
+            return given.perform(given)
     except RefsimError as error:
         print(error, file=sys.stderr)
         return error.exit_code
+    except KeyboardInterrupt:
+        print(INTERRUPTED, file=sys.stderr)
+        return EXIT_STOPPED
     except BrokenPipeError:  # the reader of standard output, `head` say, has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_FINE

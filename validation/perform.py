@@ -32,6 +32,7 @@ from validation.running import Context
 from validation.tables import Table
 
 PICTURE = 10.0  # [s] at most, to draw one
+INTERRUPTED = "Interrupted: what was finished before is kept; the same command goes on from there."
 EXIT_FINE, EXIT_INPUT, EXIT_STOPPED, EXIT_FAILED = 0, 2, 3, 4
 
 

@@ -9,7 +9,6 @@ import contextlib
 import math
 import multiprocessing
 import os
-import signal
 import time
 from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
@@ -20,7 +19,7 @@ from typing import Any
 from refsim.backends.arrays import host_memory, unavailable
 from refsim.cluster.tasks import ATTEMPTS, ONE_THREAD, Outcome, Task, Watch, killed
 from refsim.core.errors import InputError
-from refsim.core.stopping import end_with
+from refsim.core.stopping import deaf_to_ctrl_c, end_with
 from refsim.core.tables import in_bytes
 
 PAUSE = 0.5  # [s] between two calls of `watch`
@@ -70,7 +69,7 @@ def by_processes(tasks: Sequence[Task], jobs: int, watch: Watch) -> Generator[Ou
                         )
                     slot.place, slot.began, shares[place] = place, time.perf_counter(), 0.0
                     attempts[place] += 1
-                    with _environment_of(slot.device):  # the first task starts the process
+                    with _environment_of(slot.device), deaf_to_ctrl_c():  # the first task starts the process
                         busy[slot.executor.submit(_there, place, tasks[place])] = slot
             done, _ = wait(busy, timeout=PAUSE, return_when=FIRST_COMPLETED)
             watch({tasks[s.place].key: shares[s.place] for s in busy.values()}, len(busy))
@@ -139,7 +138,6 @@ def _begin(shares: Any, parent: Any) -> None:
     global _shares
     _shares = shares
     end_with(parent)
-    signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C ends it without words; the parent says what is kept
 
 
 def _there(place: int, task: Task) -> Any:

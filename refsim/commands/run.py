@@ -13,7 +13,7 @@ from typing import Any
 from refsim.backends.loading import load_without_rules
 from refsim.commands import CommandResult, command, in_time, planned, table, takes
 from refsim.core.errors import InputError, RunStopped
-from refsim.core.stopping import heeding
+from refsim.core.stopping import Interrupted, heeding
 from refsim.core.terminal import say
 from refsim.engine.driver import RunReport, simulate
 from refsim.engine.progress import Progress, compiling_bar
@@ -115,15 +115,15 @@ def _advice(stop: RunStopped, folder: Path, options: argparse.Namespace) -> tupl
 
 @contextmanager
 def _asked_to_stop() -> Iterator[threading.Event]:
-    """An event that Ctrl-C, SIGTERM or SIGHUP sets: the run ends between two steps; the second one ends it at once."""
+    """An event that Ctrl-C, SIGTERM or SIGHUP sets: the run ends between two steps; a second Ctrl-C ends it at once."""
     asked = threading.Event()
 
     def ask(number: int, frame: Any) -> None:
         if asked.is_set():
-            raise KeyboardInterrupt
+            raise Interrupted
         asked.set()
         with suppress(OSError):  # of a terminal that has closed
-            say("\nstopping after this step, with a checkpoint; interrupt again to stop at once")
+            say("\nstopping after this step, with a checkpoint; Ctrl-C again stops at once")
 
     with heeding(ask):
         yield asked

@@ -27,6 +27,7 @@ from refsim.contract.answers import MANY, MANY_PARTICLES
 from refsim.contract.target import Outcome
 from refsim.core.errors import InputError
 from refsim.core.operation import BACKENDS
+from refsim.core.stopping import deaf_to_ctrl_c
 
 OWN_WORK = 600.0  # s without a message between two calls: oracles, neighbour lists, the start of Python
 MOST_BYTES = 1 << 20  # of a message
@@ -197,7 +198,8 @@ class _Child:
         self.pipe, there = context.Pipe(duplex=False)
         task = (there, dataclasses.replace(request, operations=tuple(operations)), list(sys.path))
         self.process = context.Process(target=_work, args=task)
-        self.process.start()
+        with deaf_to_ctrl_c():
+            self.process.start()
         there.close()
         self.called, self.stopped = "", stopped
         self.messages: queue.SimpleQueue[Any] = queue.SimpleQueue()

@@ -13,13 +13,11 @@ if TYPE_CHECKING:
     from multiprocessing.connection import Connection
 
 
-def quiet_while_importing() -> None:
-    """Let Ctrl-C end the command `refsim` without a traceback until `heeding` begins; other programs are left alone."""
-    word = os.path.splitext(os.path.basename((getattr(sys, "argv", None) or [""])[0]))[0]
-    as_module = word == "-m" and any(pair == ("-m", "refsim") for pair in zip(sys.orig_argv, sys.orig_argv[1:]))
-    if (word == "refsim" or as_module) and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        with suppress(ValueError):  # not in the main thread
-            signal.signal(signal.SIGINT, signal.SIG_DFL)
+ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.realpath(__file__))))
+COMMANDS = tuple(os.path.join(ROOT, *path) for path in (("validation", "__main__.py"), ("scripts", "reproduce.py")))
+AGAIN = 0.05  # s until a signal comes again whose exception was lost
+_heeded: list[int] = []  # signals that asked for the end since the outermost `heeding` began
+_blocks: list[Any] = []  # what the blocks of `heeding` call, the outermost first
 
 
 class Interrupted(KeyboardInterrupt):
@@ -29,26 +27,61 @@ class Interrupted(KeyboardInterrupt):
     """
 
 
+def heed_while_importing() -> None:
+    """Have signals end a command of this project with its exit code until `heeding` begins; other programs do not care.
+
+    Nothing has been started or written by then. Processes that a command starts are left alone, too.
+    """
+    program = (getattr(sys, "argv", None) or [""])[0]
+    word = os.path.splitext(os.path.basename(program))[0]
+    as_module = word == "-m" and ("-m", "refsim") in zip(sys.orig_argv, sys.orig_argv[1:])
+    own = word == "refsim" or as_module or os.path.realpath(program) in COMMANDS
+    if own and "--multiprocessing-fork" not in sys.orig_argv:
+        with suppress(ValueError):  # not in the main thread
+            for number in _numbers():
+                if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
+                    signal.signal(number, _end)
+
+
+def _end(number: int, frame: Any) -> None:
+    sentence = "Interrupted before anything was begun."
+    with suppress(OSError):
+        os.write(2, f"refsim: {sentence} [interrupted]\n".encode())
+        if "--json" in sys.argv:
+            os.write(1, f'{{"error": "{sentence}", "reason": "interrupted", "exit_code": 3}}\n'.encode())
+    os._exit(3)
+
+
+def _numbers() -> list[int]:
+    """The signals that ask for the end. SIGHUP stays ignored under nohup."""
+    numbers = [int(getattr(signal, name)) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    return [n for n in numbers if n in numbers[:2] or signal.getsignal(n) is not signal.SIG_IGN]
+
+
 def _interrupt(number: int, frame: Any) -> None:
     raise Interrupted
 
 
-AGAIN = 0.05  # s until a signal comes again whose exception was lost
-
-
 @contextmanager
-def heeding(act: Callable[[int, Any], Any] = _interrupt) -> Iterator[None]:
-    """Call `act` on each of the signals; by default it raises Interrupted. SIGHUP stays ignored under nohup.
+def heeding(act: Callable[[int, Any], Any] = _interrupt, last: bool = False) -> Iterator[None]:
+    """Call `act` on the first of the signals, and on every Ctrl-C; by default it raises Interrupted.
 
-    Python drops an exception that is raised in a callback of its own; the signal is then sent again.
+    A batch system may send SIGTERM twice: what comes after the first signal, but for Ctrl-C, is dropped. Python drops
+    an exception that is raised in a callback of its own; the signal is then sent again.
+
+    last  the process ends after the block; where a signal asked for that, no other one disturbs the end
     """
+
+    def heed(number: int, frame: Any) -> None:
+        if not _heeded or number == signal.SIGINT:
+            _heeded.append(number)
+            act(number, frame)
+
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    numbers = [signal.SIGINT, signal.SIGTERM]
-    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
-        numbers.append(signal.SIGHUP)
-    before = {number: signal.signal(number, act) for number in numbers}
+    if not _blocks:
+        _heeded.clear()
     others = sys.unraisablehook
 
     def lost(found: Any) -> None:
@@ -58,23 +91,54 @@ def heeding(act: Callable[[int, Any], Any] = _interrupt) -> Iterator[None]:
         timer.daemon = True
         timer.start()
 
-    sys.unraisablehook = lost
+    with _handled_by(heed) as before:
+        sys.unraisablehook = lost
+        _blocks.append(act)
+        try:
+            yield
+        finally:
+            sys.unraisablehook = others
+            _blocks.pop()
+            if last:
+                before |= dict.fromkeys(before, signal.SIG_IGN if _heeded else signal.SIG_DFL)
+
+
+@contextmanager
+def _handled_by(handler: Callable[[int, Any], Any]) -> Iterator[dict[int, Any]]:
+    """Handle the signals so in the block; gives the handlers that are put back after it."""
+    before = {number: signal.signal(number, handler) for number in _numbers()}
     try:
-        yield
+        yield before
     finally:
-        sys.unraisablehook = others
-        for number, handler in before.items():
-            signal.signal(number, handler)
+        for number, one in before.items():
+            signal.signal(number, one)
 
 
 @contextmanager
 def held_back() -> Iterator[None]:
     """Hold the signals back until the end of the block, which starts a process: half started, it could not be ended."""
     came: list[int] = []
-    with heeding(lambda number, frame: came.append(number)):
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    with _handled_by(lambda number, frame: came.append(number)):
         yield
     if came:
         signal.raise_signal(came[0])
+
+
+@contextmanager
+def deaf_to_ctrl_c() -> Iterator[None]:
+    """Processes that the block starts get no Ctrl-C: they would print tracebacks, and the one that starts them ends
+    them. Here it comes after the block."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def end_with(parent: "Connection") -> None:

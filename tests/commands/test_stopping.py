@@ -1,8 +1,10 @@
 """Commands that are asked to stop: one sentence, what is kept, and no process that outlives the command."""
 
 import contextlib
+import json
 import os
 import pathlib
+import shutil
 import signal
 import subprocess
 import sys
@@ -94,15 +96,83 @@ def test_a_study_that_is_asked_to_stop_says_what_is_kept(tmp_path):
     assert "Traceback" not in err
 
 
-def test_ctrl_c_during_the_imports_leaves_no_traceback(tmp_path):
-    process = start(tmp_path, "list", options=("-X", "importtime"))
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_a_signal_during_the_imports_ends_with_the_exit_code_of_a_stop(tmp_path, name):
+    process = start(tmp_path, "list", "--json", options=("-X", "importtime"))
     while "numpy" not in process.stderr.readline():
         pass
-    process.send_signal(signal.SIGINT)
+    process.send_signal(getattr(signal, name))
     out, err = ended(process, 30)
-    assert process.returncode in (-signal.SIGINT, 3)
-    assert out == ""
+    assert process.returncode == 3
+    found = json.loads(out)
+    assert (found["reason"], found["exit_code"]) == ("interrupted", 3)
+    assert f"refsim: {found['error']} [interrupted]\n" in err
     assert "Traceback" not in err
+
+
+@pytest.mark.parametrize("times", [1, 2, 20])
+def test_a_batch_system_may_ask_more_than_once(tmp_path, times):
+    """The first SIGTERM ends the run with a checkpoint; no other one disturbs that, until the process is gone."""
+    (tmp_path / "tank.toml").write_text(SCENE)
+    process = start(tmp_path, "run", "tank.toml", "--backend", "numpy", "--quiet")
+    until = time.monotonic() + 60
+    while not (tmp_path / "tank_run" / "report.json").exists():
+        assert time.monotonic() < until
+        time.sleep(0.05)
+    while times > 0 and process.poll() is None:
+        process.send_signal(signal.SIGTERM)
+        time.sleep(0.01)
+        times -= 1
+    _, err = ended(process, 30)
+    assert process.returncode == 3
+    assert "The run was interrupted after step" in err
+    assert "go on with: refsim run --resume tank_run" in err
+
+
+WHOLE = {
+    "validation": ("-m", "validation", "run", "flows", "--quick", "--jobs", "2", "--only", "cavity", "--figures", "."),
+    "reproduce": ("scripts/reproduce.py", "--quick"),
+}
+
+
+@pytest.mark.skipif(not os.path.exists("/proc/self/task"), reason="the system does not list a process's children")
+@pytest.mark.parametrize("name", ["SIGTERM", "SIGINT"])
+@pytest.mark.parametrize("words", WHOLE.values(), ids=WHOLE)
+def test_experiments_that_are_asked_to_stop_end_with_their_processes(tmp_path, words, name):
+    """SIGTERM twice, to the command alone; Ctrl-C to it and its processes, which have begun to import."""
+    for package in ("refsim", "validation"):  # results are kept beside them
+        (tmp_path / package).symlink_to(ROOT / package)
+    (tmp_path / "scripts").mkdir()
+    shutil.copy(ROOT / "scripts" / "reproduce.py", tmp_path / "scripts")
+    signals = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); import os, sys; "
+    process = subprocess.Popen(
+        [sys.executable, "-c", signals + "os.execv(sys.executable, [sys.executable, *sys.argv[1:]])", *words],
+        cwd=tmp_path, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True,
+    )  # fmt: skip
+    children = pathlib.Path(f"/proc/{process.pid}/task/{process.pid}/children")
+    until = time.monotonic() + 60
+    while b"spawn_main" not in b"".join(map(command_line, children.read_text().split())):
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < until
+        time.sleep(0.02)
+    time.sleep(0.3)
+    if name == "SIGINT":
+        os.killpg(process.pid, signal.SIGINT)
+    else:
+        process.send_signal(signal.SIGTERM)
+        time.sleep(0.1)
+        process.send_signal(signal.SIGTERM)
+    _, err = ended(process, 60)
+    assert process.returncode == 3, err
+    assert "Interrupted: what" in err
+    assert "Traceback" not in err
+    assert "leaked" not in err
+
+
+def command_line(pid):
+    with contextlib.suppress(OSError):
+        return pathlib.Path(f"/proc/{pid}/cmdline").read_bytes()
+    return b""
 
 
 def test_a_closed_terminal_is_ignored_under_nohup():
