@@ -153,7 +153,10 @@ def surface_mesh(vertices: np.ndarray, faces: np.ndarray, source: str = "mesh", 
     near = COPLANAR * size + ROUNDINGS * float(np.finfo(np.float32).eps) * rounded
     said: list[str] = []
     vertices, faces, apart = _welded(*_merged(vertices, faces, size), size, said)
-    faces, patch = _wound_alike(_wide(vertices, faces, said), name, said)
+    lines = _lines(vertices[faces])
+    if lines.any():
+        said.append(f"{_counted(int(lines.sum()), 'triangle')} without area left out")
+    faces, patch = _wound_alike(faces[~lines], name, said)
     vertices, faces, patch, hole, open_edges = _closed(vertices, faces, patch, said)
     meet = meetings(vertices, faces, near, max(near, BESIDE * apart))
     if len(meet.pairs):  # then nearly parallel triangles lie in one plane at once
@@ -236,14 +239,10 @@ def _once(faces: np.ndarray, said: list[str]) -> np.ndarray:
     return faces[kept]
 
 
-def _wide(vertices: np.ndarray, faces: np.ndarray, said: list[str]) -> np.ndarray:
-    """Faces without those that are lines."""
-    corners = vertices[faces]
+def _lines(corners: np.ndarray) -> np.ndarray:
+    """(t,) whether triangles (t, 3, 3) are lines."""
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(1, initial=0.0)
-    wide = 2 * areas(corners) > ZERO_AREA * longest**2
-    if not wide.all():
-        said.append(f"{_counted(int((~wide).sum()), 'triangle')} without area left out")
-    return faces[wide]
+    return 2 * areas(corners) <= ZERO_AREA * longest**2
 
 
 def _welded(
@@ -338,6 +337,11 @@ def _closed(
     hole, alone = np.zeros(len(faces), np.int64), set(map(tuple, ends[uses == 1].tolist()))
     if (uses == 2).all():
         return vertices, faces, patch, hole, 0
+    owner, side = np.nonzero(uses[edge] == 1)  # patches that end at one corner have a hole in common
+    at, owner = ends[edge[owner, side]].ravel(), np.repeat(patch[owner], 2)
+    order = np.argsort(at, kind="stable")
+    same = np.flatnonzero(at[order[1:]] == at[order[:-1]])
+    patch = connected(int(patch.max()) + 1, owner[order[same]], owner[order[same + 1]])[patch]
     key, place = np.unique(np.repeat(patch, 3) * len(ends) + edge.ravel(), return_inverse=True)
     net = np.bincount(place.reshape(-1), direction.ravel()).astype(int)
     following: dict[tuple[int, int], list[tuple[int, int]]] = {}
@@ -360,9 +364,7 @@ def _closed(
         new += [(*face, p, len(loop), ends_here) for face in fan]
     vertices = np.concatenate([vertices, np.reshape(added, (-1, 3))])
     fill = np.array(new, np.int64).reshape(-1, 6)
-    corners = vertices[fill[:, :3]]
-    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(1, initial=0.0)
-    fill = fill[2 * areas(corners) > ZERO_AREA * longest**2]
+    fill = fill[~_lines(vertices[fill[:, :3]])]
     faces, patch = np.concatenate([faces, fill[:, :3]]), np.concatenate([patch, fill[:, 3]])
     hole, beyond = np.concatenate([hole, fill[:, 4]]), np.concatenate([hole, fill[:, 5]])
     area = areas(vertices[faces])
@@ -391,7 +393,7 @@ def _turned_outwards(
         deep = np.round(winding((middle + step)[first], corners)) % 2 == 1
     for k in np.flatnonzero(inverted & meets).tolist():
         own = patch == k
-        about = winding((middle - step)[own], corners[~own])
+        about = winding((middle - step)[own], vertices[faces[~own]])
         deep[k] = np.average(about > 0.5, weights=areas(corners[own])) > 0.5
     if (deep & ~inverted & ~meets).any():
         raise InputError(

@@ -397,6 +397,22 @@ def test_a_box_drawn_inside_out_and_one_with_a_flat_triangle_are_the_box():
         assert (len(mesh.notes), mesh.volume) == (1, pytest.approx(1.0, abs=1e-9))
 
 
+def test_bodies_drawn_inside_out_of_which_one_lies_in_the_other_are_their_union():
+    """A bar that stands out of a block by a fifth of its length is no pocket of a block that is inside out, too."""
+    vertices, faces = bricks([[0, 0, 0], [3, 3, 3]], [[1.0, 1, 1], [3.5, 2, 2]])
+    mesh = surface_mesh(vertices, faces[:, ::-1])
+    assert (mesh.volume, mesh.area) == (pytest.approx(27.5), pytest.approx(56.0))
+    assert "2 bodies turned inside out" in mesh.notes[0]
+
+
+def test_holes_around_a_triangle_that_is_left_are_filled_one_by_one():
+    """Without its three neighbours a triangle of a box hangs on the rest by its corners."""
+    box = BOX.subdivide()
+    shared = (box.faces[:, :, None] == box.faces[5][None, None]).any(2).sum(1)
+    mesh = surface_mesh(box.vertices, box.faces[shared != 2])
+    assert (len(mesh.faces), mesh.volume, mesh.area) == (48, pytest.approx(1.0), pytest.approx(6.0))
+
+
 WINDS = """
 import sys
 sys.modules["networkx"] = None
