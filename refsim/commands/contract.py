@@ -37,6 +37,8 @@ DESCRIPTION = (
 @takes("--step", action="append", default=[], help="T1 to T7, T9 or T10; all by default")
 @takes("--time-limit", type=float, default=120.0, metavar="S",
        help="seconds for the import of the programs and for each call of one (120)")  # fmt: skip
+@takes("--allow-untried", action="store_true",
+       help="exit code 0 also where a trial was not tried, for the time that a call would take")  # fmt: skip
 @takes("--arguments", action="store_true", help="judge nothing; say what the operations named take")
 @takes("--run", metavar="SCENE",
        help="judge a trajectory: a folder of npz, bgeo or VTK files, in place of PROGRAMS, against"
@@ -87,8 +89,9 @@ def execute(options: argparse.Namespace) -> CommandResult:
         raise InputError(f"{source} is an operation; name the programs before it: refsim contract mine.py {source}.")
     check_names(operations, options.dtype, options.variant, options.step)
     request = apart.Request(
-        source, tuple(operations), tuple(options.dtype), tuple(options.variant), tuple(options.step), options.time_limit
-    )
+        source, tuple(operations), tuple(options.dtype), tuple(options.variant), tuple(options.step),
+        options.time_limit, options.allow_untried,
+    )  # fmt: skip
     if options.replay is not None:
         request = _replayed(request, options.replay)
     return _judged(request, options)
@@ -140,6 +143,7 @@ OF_MODES: dict[str, tuple[str, ...]] = {
     "chaos_only": ("run",),
     "backend": ("run", "arguments", "template"),
     "step": ("",),
+    "allow_untried": ("",),
 }
 OF_MODES |= {"dtype": ("", "export"), "variant": ("", "export"), "junit": ("",)}
 

@@ -41,6 +41,7 @@ MOST_ENDINGS = 5  # of processes for one operation; each new one imports the pro
 class Request:
     """What is judged: see `refsim.contract.programs.ladder`; `seconds` limits the import and each call.
 
+    allow_untried  whether an operation holds of which a declared trial was not tried
     first   number of the first operation's first trial
     replay  name of the one trial that is run, whose inputs are written into the current folder
     """
@@ -51,6 +52,7 @@ class Request:
     variants: tuple[int, ...] = ()
     steps: tuple[str, ...] = ()
     seconds: float = 120.0
+    allow_untried: bool = False
     first: int = 0
     replay: str = ""
 

@@ -39,4 +39,4 @@ def gaps(name: str, declared: Mapping[str, Sequence[Any]], request: Any, outcome
             for numbers in (range(len(operation.variants)), {o.variant for o in told})
         )
         found += [f"with {feature}" for feature in sorted(given - judged - {*declared["left_out"]})]
-    return found + [f"{o.not_judged} ({o.words})" for o in outcomes if o.not_judged and o.words]
+    return found

@@ -156,6 +156,7 @@ def template(names: Sequence[str], arrays: str = "cpu") -> str:
         '    # kernels=("wendland_c2",),  # smoothing kernels; all by default\n'
         "    # dims=(3,),  # 2 and 3 by default\n"
         '    # dtypes=("float32",),  # float32 and float64 by default\n'
+        "    # most_particles=3000,  # of a call; of any number by default\n"
         + ("    # walls=False,  # wall particles are not done\n" if walls else "")
         + (without if optional else "")
         + ")\n"

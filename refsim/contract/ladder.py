@@ -48,7 +48,8 @@ def performed(target: Target, step: str, trial: Trial) -> Outcome | None:
         outcome = trial.run()
     except NotJudged as reason:
         target.faults.clear()
-        outcome = dataclasses.replace(target.outcome(0.0), passed=False, not_judged=str(reason))
+        told, words = (*reason.args, "")[:2]
+        outcome = dataclasses.replace(target.outcome(0.0), passed=False, not_judged=told, words=words)
     if outcome is None and target.faults:
         outcome = target.outcome(np.inf)
     return outcome and dataclasses.replace(outcome, step=step, trial=trial.name)

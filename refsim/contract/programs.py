@@ -51,6 +51,7 @@ class Programs:
     without   optional arguments that they do not take or write
     readings  whether they take parameters that stand for misprints and for readings of a paper beside the adopted one
     same_bits whether they give the same bits in every call; without it sums may be taken in any order
+    most_particles  of a call; None: of any number
     convert   applied to each array before a function gets it: `cupy.asarray`, `torch.from_dlpack`, ...; it must share
               the memory, or the functions return their outputs
     """
@@ -65,6 +66,7 @@ class Programs:
     without: tuple[str, ...] = ()
     readings: bool = True
     same_bits: bool = True
+    most_particles: int | None = None
     convert: Callable[[Any], Any] | None = None
 
     def checked(self) -> "Programs":
@@ -81,6 +83,9 @@ class Programs:
         among(self.dims, DIMS, f"{self.name}: there is no dimension")
         optional = {name for operation in REGISTRY.values() for name in operation.optional}
         among(self.without, sorted(optional), f"{self.name}: there is no optional argument")
+        most = self.most_particles
+        if most is not None and (isinstance(most, bool) or not isinstance(most, int) or most < 1):
+            raise InputError(f"{self.name}: most_particles = {most!r} is no number of particles; give one from 1 on.")
         if self.convert is not None and not callable(self.convert):
             raise InputError(f"{self.name}: convert = {self.convert!r} is no function; give one of an array.")
         for name, program in (self.programs or {}).items():
@@ -119,6 +124,8 @@ class Programs:
 
     def excludes(self, operation: Operation, inputs: Inputs) -> str:
         """What of the inputs the backend is declared not to support, as a clause; "" if it supports all."""
+        if self.most_particles is not None and inputs.case.count > self.most_particles:
+            return f"above {self.most_particles:,} particles"
         if inputs.case.dim not in self.dims:
             return f"in {inputs.case.dim} dimensions"
         if not self.readings and (inputs.case.literal or reads_otherwise(operation, inputs)):

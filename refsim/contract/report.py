@@ -21,34 +21,37 @@ Found = Mapping[str, Sequence[Outcome]]
 
 def report(about: About, request: Request, found: Found, seconds: float) -> dict[str, Any]:
     """The verdicts as plain data; an operation holds where trials passed, none failed and nothing declared is left."""
-    operations = {
-        name: _judged(outcomes, [] if about.offered is None else gaps(name, about.declared, request, outcomes))
-        for name, outcomes in found.items()
-    }
+    operations = {}
+    for name, outcomes in found.items():
+        lacking = [] if about.offered is None else gaps(name, about.declared, request, outcomes)
+        operations[name] = _judged(outcomes, lacking, request.allow_untried)
     return {
         "programs": about.name,
         "arrays": about.arrays,
         "holds": all(operation["holds"] for operation in operations.values()),
         "seconds": round(seconds, 1),
+        "allow_untried": request.allow_untried,
         "operations": operations,
         "not_offered": [] if about.offered is None else [n for n in REGISTRY if n not in about.offered],
     }
 
 
-def _judged(every: Sequence[Outcome], lacking: list[str]) -> dict[str, Any]:
+def _judged(every: Sequence[Outcome], lacking: list[str], allowed: bool) -> dict[str, Any]:
     outcomes = [o for o in every if not o.not_judged]
     failed = [o for o in outcomes if not o.passed]
+    untried = dict(collections.Counter(o.not_judged for o in every if o.untried))
     steps: dict[str, dict[str, int]] = {}
     for o in outcomes:
         counts = steps.setdefault(o.step, {"trials": 0, "failed": 0})
         counts["trials"] += 1
         counts["failed"] += not o.passed
     return {
-        "holds": bool(outcomes) and not failed and not lacking,
+        "holds": bool(outcomes) and not failed and not lacking and (allowed or not untried),
         "trials": len(outcomes),
         "failed": len(failed),
         "gaps": lacking,
-        "not_judged": dict(collections.Counter(o.not_judged for o in every if o.not_judged)),
+        "untried": untried,
+        "not_judged": dict(collections.Counter(o.not_judged for o in every if o.not_judged and not o.untried)),
         "largest_error": max((o.error for o in outcomes), default=0.0),
         "steps": steps,
         "outcomes": [_plain(o) for o in every],
@@ -76,6 +79,11 @@ def text(data: Mapping[str, Any], found: Found) -> str:
     for name, o in operations.items():
         if o["gaps"]:
             lines += ["", f"{name} is declared, and not judged: {', '.join(o['gaps'])}."]
+        for size, count in o["untried"].items():
+            first = next(outcome.words for outcome in found[name] if outcome.untried and outcome.not_judged == size)
+            lines += ["", f"{name} is not tried {size} ({count} trial{'s' if count > 1 else ''}): {first}."]
+    if not data["allow_untried"] and any(o["untried"] for o in operations.values()):
+        lines += ["", "Declare most_particles, or take --allow-untried where that is enough."]
     counts = sum((collections.Counter(o["not_judged"]) for o in operations.values()), collections.Counter[str]())
     if reasons := ", ".join(f"{reason} ({count})" for reason, count in counts.items()):
         lines += ["", f"Not judged, as declared (trials or whole variants): {reasons}."]
@@ -95,7 +103,9 @@ def verdict(operation: Mapping[str, Any]) -> str:
     """The word for an operation's report."""
     if operation["holds"]:
         return "holds"
-    return "FAILS" if operation["failed"] else "not judged" if operation["trials"] else "no trial"
+    if operation["failed"]:
+        return "FAILS"
+    return "no trial" if not operation["trials"] else "not judged" if operation["gaps"] else "not tried"
 
 
 def _failures(name: str, outcomes: Sequence[Outcome]) -> list[str]:
@@ -132,16 +142,16 @@ def junit(data: Mapping[str, Any], found: Found) -> bytes:
     """One test suite for each operation, one test case for each trial; what is not judged is skipped, a gap fails."""
     suites = ElementTree.Element("testsuites", name=f"refsim contract {data['programs']}")
     for name, outcomes in found.items():
-        lacking = data["operations"][name]["gaps"]
-        failed = sum(not o.passed and not o.not_judged for o in outcomes) + len(lacking)
-        skipped = sum(bool(o.not_judged) for o in outcomes)
+        lacking, allowed = data["operations"][name]["gaps"], data["allow_untried"]
+        skips = [bool(o.not_judged) and (allowed or not o.untried) for o in outcomes]
+        skipped, failed = sum(skips), sum(not o.passed for o in outcomes) - sum(skips) + len(lacking)
         count = str(len(outcomes) + len(lacking))
         suite = ElementTree.SubElement(
             suites, "testsuite", name=name, tests=count, failures=str(failed), skipped=str(skipped)
         )
-        for o in outcomes:
+        for o, skip in zip(outcomes, skips):
             case = ElementTree.SubElement(suite, "testcase", classname=name, name=o.replay)
-            if o.not_judged:
+            if skip:
                 ElementTree.SubElement(case, "skipped", message=o.not_judged)
             elif not o.passed:
                 ElementTree.SubElement(case, "failure", message=_printable(o.words)).text = _printable(str(o))

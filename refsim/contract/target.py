@@ -38,7 +38,10 @@ class ProgramFailed(Exception):
 
 
 class NotJudged(Exception):
-    """The inputs hold something that the program is declared not to support; the message names it."""
+    """The inputs hold something that the program is declared not to support; the message names it.
+
+    A second message says why it is not tried in spite of what is declared.
+    """
 
 
 @dataclass
@@ -54,7 +57,7 @@ class Outcome:
     """One trial of one step: whether it passed, and the largest error as a share of what is allowed.
 
     not_judged  what the trial needs that the program is declared not to support; then nothing ran, and it did not pass;
-                with `words` that say why not in spite of what is declared
+                with `words` that say why it was not tried in spite of what is declared
     kernel      smoothing kernel of the inputs, "" for that of the case; `dim` their dimension
     telling     whether the right answer differs from zero, so that the trial could fail
     values      of a wrong answer: output, row, got, expected, error, bound, neighbours, and the pair that matters
@@ -76,6 +79,11 @@ class Outcome:
     values: Mapping[str, Any] = field(default_factory=dict)
 
     @property
+    def untried(self) -> bool:
+        """Whether it is declared, and was not tried."""
+        return bool(self.not_judged and self.words)
+
+    @property
     def replay(self) -> str:
         """The trial's name for `refsim contract --replay`."""
         return ":".join((self.operation, self.dtype, str(self.variant), self.kernel, self.step, self.trial))
@@ -84,7 +92,8 @@ class Outcome:
         verdict = "pass" if self.passed else "FAIL"
         at = f"variant {self.variant}{f', {self.kernel}' if self.kernel else ''}"
         if self.not_judged:
-            return f"not judged: {self.operation} {self.step} {self.trial}, {at}: {self.not_judged}"
+            told = f"{'not tried' if self.untried else 'not judged'}: {self.operation} {self.step} {self.trial}, {at}:"
+            return f"{told} {self.not_judged}{f'; {self.words}' if self.words else ''}"
         said = "; ".join(part for part in (self.words, told_values(self.values)) if part)
         return (
             f"{verdict} {self.operation} {self.step} {self.trial} on {self.backend} {self.dtype}, {at}:"

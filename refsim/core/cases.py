@@ -438,7 +438,9 @@ for _name, _count in (("few", 60), ("large", 3000)):
     hard_input(_name, 3, _count, floor=True)
     hard_input(f"{_name}_2d", 2, _count, floor=True, support_radius=0.26)
 # more particles than an index of 16 bits or one dimension of a launch counts; compared on sampled rows
-hard_input("many_particles", 3, 70_000)
+MANY = 70_000
+hard_input("many_particles", 3, MANY)
+hard_input("thousand", 3, 1000, floor=True)
 # particles with 300 neighbours, which are more than lists of a fixed length often hold
 hard_input("dense_cluster", 3, lambda: 0.19 * cloud("dense_cluster", 310, 3))
 

@@ -332,7 +332,7 @@ def test_a_program_that_ends_every_process_is_given_up(folder, capsys, monkeypat
     "--dtype float16", "--step T8", "--variant -1", "--variant 99", "sph.gravty", "--time-limit 0",
     "--time-limit -1", "--time-limit nan", "--time-limit inf", "--at 1", "--within 2", "--backend cpu",
     "--run a.toml --export b", "--run a.toml", "--template", "--template --dtype float32",
-    "--arguments --backend numpy", "--export new --step T1",
+    "--arguments --backend numpy", "--export new --step T1", "--export new --allow-untried",
 ])  # fmt: skip
 def test_options_are_checked_before_a_process_is_started(options, folder, capsys, monkeypatch):
     monkeypatch.setattr("multiprocessing.get_context", lambda name: pytest.fail("a process was started"))

@@ -12,10 +12,11 @@ import pytest
 
 from refsim import contract
 from refsim.__main__ import main
-from refsim.contract import coverage
-from refsim.contract.apart import Request
+from refsim.contract import answers, coverage
+from refsim.contract.apart import About, Request
 from refsim.contract.inputs import Inputs
 from refsim.contract.parameters import groups_of, shape_acts
+from refsim.contract.report import junit, report, text
 from refsim.core import cases
 from refsim.core.operation import REGISTRY
 from refsim.smoothing import SHAPES
@@ -177,6 +178,47 @@ def test_what_is_declared_and_met_no_trial_is_a_gap():
         "an answer in closed form (T1)", "the kernel cubic_spline in 3 dimensions",
     ]  # fmt: skip
     assert coverage.gaps("sph.density", declared, Request("cubic", steps=("T7",)), []) == []
+
+
+def reported(outcomes, allowed):
+    """(verdict's data, text, JUnit's XML) of these outcomes."""
+    declared = {"dtypes": ["float64"], "dims": [3], "kernels": ["cubic_spline"], "left_out": OWN.left_out}
+    about, found = About("cubic", "cpu", ["sph.density"], ["sph.density"], declared), {"sph.density": outcomes}
+    data = report(about, Request("cubic", steps=("T3",), variants=(0,), allow_untried=allowed), found, 0.0)
+    return data, text(data, found), junit(data, found).decode()
+
+
+def test_what_takes_too_long_is_said_by_number_and_size():
+    """And holds where it is declared out, or allowed."""
+    flat = dataclasses.replace(OWN, dims=(3,))
+    for most, allowed, holds in ((None, False, False), (None, True, True), (3000, False, True)):
+        programs = dataclasses.replace(flat, most_particles=most)
+        outcomes = list(contract.trials(programs, "sph.density", variants=(0,), steps=("T3",)))
+        data, words, tests = reported(outcomes, allowed)
+        assert data["holds"] is holds
+        assert ('failures="0"' in tests) is holds
+        assert ("sph.density is not tried with 70,000 particles (1 trial): a call would take" in words) is (not most)
+        assert ("Not judged, as declared (trials or whole variants): above 3,000 particles (1)" in words) is bool(most)
+
+
+@pytest.mark.parametrize("power, tried", [(1.0, True), (2.0, False)])
+def test_seconds_of_many_particles_follow_from_two_sizes(power, tried, monkeypatch):
+    """Of the processor: 1 s with 3,000 particles is 23 s or 544 s with 70,000; sleeping counts nothing."""
+    spent = []
+    monkeypatch.setattr(answers.Seconds, "now", lambda: answers.Seconds(0.0, math.fsum(spent)))
+
+    def density(position, density):
+        spent.append((len(position) / 3000) ** power)
+        density[:] = 1
+
+    programs = dataclasses.replace(OWN, programs={"sph.density": density})
+    (step,) = (
+        s for s in contract.ladder(programs, "sph.density", variants=(0,), steps=("T3",)) if s.name == answers.MANY
+    )
+    assert answers.seconds_of_many(step.target) == pytest.approx((70 / 3) ** power)
+    spent.clear()
+    monkeypatch.setattr(answers, "MOST_SECONDS", 100.0)
+    assert step.perform().untried is not tried
 
 
 def test_closed_forms_are_there_for_every_kernel():
