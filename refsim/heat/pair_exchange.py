@@ -138,7 +138,7 @@ def colours(xp: Any, position: Any, conduction: Conduction, period: Period | Non
     position = xp.asarray(position, dtype=xp.float64)
     cell = xp.empty((len(position), 3), dtype=xp.int64)
     for axis, wraps in enumerate(number):
-        if wraps:
+        if period is not None and wraps:
             own = float(period[axis]) / wraps
             cell[:, axis] = xp.floor(position[:, axis] * (1.0 / own)).astype(xp.int64) % wraps
         else:
@@ -179,7 +179,7 @@ def joined(found: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     return cells, np.cumsum([0, *map(len, found)])
 
 
-def cell_numbers(side: float, period: Period | None) -> tuple[int, int, int]:
+def cell_numbers(side: float, period: Period | None) -> tuple[int, ...]:
     """Cells along each axis of a periodic box, of at least `side` [m]; 0 where there is no period.
 
     A multiple of twice the reach, so that the colours close. Raises InputError for a period below four support radii,

@@ -1,4 +1,4 @@
-"""Types: users' programs can be checked against the public names; what mypy leaves out is what ruff leaves out."""
+"""Types: users' programs can be checked against the public names; functions have types but in the kinds left out."""
 
 import importlib.util
 import os
@@ -45,6 +45,14 @@ def test_programs_of_users_are_typed(tmp_path):
     assert re.search(r'wrong\.py:2: error: Argument "spacing" to "Scene"', found)
     assert found.count("wrong.py:3: error: Argument 1") == 2
     assert found.splitlines()[-1] == f"Found 3 errors in 1 file (checked {len(scripts) + 1} source files)"
+
+
+def test_files_that_are_left_out_are_there():
+    """Each name in a pattern of pyproject.toml is that of a file."""
+    for pattern in CONFIGURATION["ruff"]["lint"]["per-file-ignores"]:
+        before, names, after = re.fullmatch(r"([^{]*)(?:{(.*)})?(.*)", pattern).groups("")
+        for name in names.split(","):
+            assert any(ROOT.glob(before + name + after)), before + name + after
 
 
 def test_public_names_are_listed_and_there():
