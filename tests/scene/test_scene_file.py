@@ -85,9 +85,9 @@ def test_the_published_schema_is_current():
     assert committed == scene_schema(PUBLISHED), "renew it: python -m refsim schema > refsim/scene/scene.schema.json"
 
 
-@pytest.mark.parametrize("owner", [Scene, *SHAPES.values(), *PUBLISHED.values()], ids=lambda owner: owner.__name__)
-def test_every_field_says_what_it_is(owner):
-    assert set(describe(owner)) == {f.name for f in msgspec.structs.fields(owner)}
+def test_every_field_says_what_it_is():
+    for owner in (Scene, *SHAPES.values(), *PUBLISHED.values()):
+        assert set(describe(owner)) == {f.name for f in msgspec.structs.fields(owner)}, owner.__name__
 
 
 def test_the_schema_has_units_and_knows_the_examples():
