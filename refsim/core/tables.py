@@ -38,12 +38,12 @@ def fitted(text: str, width: float) -> str:
     for line in text.split("\n"):
         wide = len(line) > width
         inner = " " * (len(line) - len(line.lstrip()) + 4)
-        lines += _wrap(line, int(width), subsequent_indent=inner) if wide else [line]
+        lines += _wrap(line, int(width), inner) if wide else [line]
     return "\n".join(lines)
 
 
-def _wrap(line: str, width: int, **options: str) -> list[str]:
-    return textwrap.wrap(line, width, break_long_words=False, break_on_hyphens=False, **options) or [""]
+def _wrap(line: str, width: int, inner: str) -> list[str]:
+    return textwrap.wrap(line, width, subsequent_indent=inner, break_long_words=False, break_on_hyphens=False) or [""]
 
 
 def table(
@@ -85,14 +85,15 @@ def _narrow(lines: Sequence[Sequence[str]], widths: Sequence[int], right: Sequen
     from rich.table import Table
     from rich.text import Text
 
-    drawn = Console(file=io.StringIO(), width=width, color_system=None, legacy_windows=False)
+    written = io.StringIO()
+    drawn = Console(file=written, width=width, color_system=None, legacy_windows=False)
     for line in lines:
         grid = Table.grid(padding=(0, APART, 0, 0))
         for c, w in enumerate(widths):
             grid.add_column(width=w, justify="right" if c in right else "left")
         grid.add_row(*map(Text, line[: len(widths)]))
         drawn.print(grid, *(Padding(Text(cell), (0, 0, 0, 4)) for cell in line[len(widths) :] if cell), sep="")
-    return "\n".join(row.rstrip() for row in drawn.file.getvalue().splitlines())
+    return "\n".join(row.rstrip() for row in written.getvalue().splitlines())
 
 
 def html_table(title: str, rows: Iterable[Sequence[Any]], head: Sequence[str] = ()) -> str:
