@@ -34,6 +34,7 @@ ZERO_AREA = 1e-12  # height of a triangle over its longest side, below which it 
 SAME_PLACE = 1e-12  # fraction of the mesh's size below which vertices are merged
 WIDEST_GAP = 1e-4  # fraction of the mesh's size up to which corners of open edges are joined
 ROUNDINGS = 4.0  # of float32 coordinates between a corner and the plane of another triangle
+WITHIN = 0.1  # of a usual edge: farther apart, triangles that lie beside each other would count as meeting
 COPLANAR = 1e-7  # fraction of the mesh's size; no grid has more than 2^21 = 1/4.8e-7 spacings across a mesh
 LIKE_TODAY = 4  # edges of a hole that is filled whatever its size
 SHEET = 0.25  # share of a patch, fills included, above which it counts as a sheet and is left out
@@ -150,7 +151,8 @@ def surface_mesh(vertices: np.ndarray, faces: np.ndarray, source: str = "mesh", 
     size = float(np.ptp(vertices, axis=0).max())
     if not size > 0:
         raise InputError(f"{name} has no extent; give a closed triangle mesh.")
-    near = COPLANAR * size + ROUNDINGS * float(np.finfo(np.float32).eps) * rounded
+    side = float(np.median(np.linalg.norm(np.diff(vertices[faces[:, :2]], axis=1), axis=2)))
+    near = COPLANAR * size + min(ROUNDINGS * float(np.finfo(np.float32).eps) * rounded, WITHIN * side)
     said: list[str] = []
     vertices, faces, apart = _welded(*_merged(vertices, faces, size), size, said)
     lines = _lines(vertices[faces])
