@@ -55,7 +55,10 @@ def missing_factor(away, compensation_x_i, compensation_rest_i, compensation_x_j
         x, rest = added(compensation_x_i, compensation_x_j), added(compensation_rest_i, compensation_rest_j)
         along = dot(away, times(symmetric((*x, *rest)), away))
         value = real(0.5) * along / max(dot(away, away), real(SMALLEST))
-        value = min(max(value, real(LEAST_FACTOR)), real(LARGEST_FACTOR))
+        if value < real(LEAST_FACTOR):  # false for NaN, which minima and maxima would hide on a GPU
+            value = real(LEAST_FACTOR)
+        elif value > real(LARGEST_FACTOR):
+            value = real(LARGEST_FACTOR)
     return value
 
 
