@@ -91,6 +91,7 @@ const FanScan = (() => {
   const QUESTIONS = [
     {
       asks: "How many particles of the undisturbed block of 9 × 6 are surface?",
+      unit: "particles",
       right: [[26, 26, "They are the outermost layer: 2 · (9 + 6) − 4."]],
       wrong: [
         [30, 30, "The corners are counted twice."],
@@ -102,6 +103,7 @@ const FanScan = (() => {
     },
     {
       asks: "How wide is the fan's opening near its particle, in degrees?",
+      unit: "°",
       right: [[90, 90, "45° to either side of the outward direction."]],
       wrong: [
         [45, 45, "That is the angle between the outward direction and one side of the fan."],
@@ -112,6 +114,7 @@ const FanScan = (() => {
     },
     {
       asks: "Undisturbed: lift particle 50, in the middle of the top row, by the arrow key. Particle 49 beside it stops being surface, and is surface again once particle 50 is how many spacings above its old place?",
+      unit: "spacings",
       right: [[2.3, 2.5, "Particle 50 has left the fan of particle 49, which leans towards the gap."]],
       wrong: [
         [0.7, 1.1, "That is where particle 50 enters the fan of particle 49. Lift it out again."],

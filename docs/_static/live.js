@@ -56,16 +56,28 @@ const Live = (() => {
     return element("p", {}, element("label", {for: id}, label), select);
   }
 
-  // The number that was written: 0.5, 0,5 or 3/16; NaN for anything else.
-  function number(text) {
-    const found = text.trim().replace(/,/g, ".").replace("−", "-").match(/^([-+]?[\d.]+(?:e[-+]?\d+)?)\s*(?:\/\s*([\d.]+))?\s*[a-z°]*$/i);
-    return found ? Number(found[1]) / Number(found[2] ?? 1) : NaN;
+  // Units that an answer may be written with, by what they measure; refsim/io/exercises.py has those of the lessons.
+  const UNITS = [
+    {"": 1, "%": 0.01},
+    {m: 1, dm: 0.1, cm: 0.01, mm: 0.001},
+    {"°": 1, degrees: 1, rad: 180 / Math.PI},
+    {particles: 1, particle: 1},
+    {spacings: 1, spacing: 1, d: 1},
+  ];
+
+  // The number that was written, such as 0.5, 0,5, 3/16 or 12 cm, in a unit; NaN for anything else, another unit too.
+  function number(text, unit = "") {
+    const found = text.trim().replace(/,/g, ".").replace(/−/g, "-").match(/^([-+]?[\d.]+(?:e[-+]?\d+)?)\s*(?:\/\s*([\d.]+))?\s*(\D*)$/i);
+    if (!found) return NaN;
+    const units = UNITS.find(some => Object.hasOwn(some, unit)), written = found[3].trim() || unit;
+    return Object.hasOwn(units, written) ? Number(found[1]) / Number(found[2] ?? 1) * units[written] / units[unit] : NaN;
   }
 
-  // {right, says}: `one` has right and wrong, lists of [least, largest, sentence], and a hint for any other answer.
+  // {right, says}: `one` has right and wrong, lists of [least, largest, sentence], a hint for any other answer, and a unit.
   function judged(one, text) {
-    const value = number(text);
-    if (!Number.isFinite(value)) return {right: false, says: "Write one number, such as 0.5 or 3/16."};
+    const value = number(text, one.unit);
+    const unit = one.unit ? `, in ${one.unit}` : "";
+    if (!Number.isFinite(value)) return {right: false, says: `Write one number, such as 0.5 or 3/16${unit}.`};
     const within = ([least, largest]) => least <= value && value <= largest;
     const right = one.right.find(within);
     if (right) return {right: true, says: `Right. ${right[2]}`};
@@ -104,5 +116,5 @@ const Live = (() => {
     return -140 / (Math.PI * h ** 3) * q * (1 - q) ** 3;
   }
 
-  return {element, shape, drawing, map, follow, slider, choice, judged, questions, random, kernel, slope};
+  return {element, shape, drawing, map, follow, slider, choice, number, judged, questions, random, kernel, slope};
 })();

@@ -31,7 +31,7 @@ const SmoothedSum = (() => {
 
   const QUESTIONS = [
     {
-      asks: "A neighbour stands at the distance h/2. By which factor is its weight smaller than at the distance 0: W(h/2)/W(0) = ?",
+      asks: "A neighbour stands at the distance h/2. How large is its weight, as a share of that at the distance 0: W(h/2)/W(0) = ?",
       right: [[0.185, 0.19, "(1/2)⁴ · (1 + 4/2) = 3/16. Half way out, a neighbour counts less than a fifth."]],
       wrong: [
         [0.49, 0.51, "The weight does not fall along a straight line: put q = 1/2 into (1 − q)⁴ (1 + 4q)."],
@@ -53,6 +53,7 @@ const SmoothedSum = (() => {
     },
     {
       asks: "h = 0.13 m stays and d is halved, from 0.05 m to 0.025 m. 24 particles were within h of the middle of the plate. How many are now?",
+      unit: "particles",
       right: [[80, 100, "Four times as many, 88 if counted: the disc is the same, and each particle has a quarter of the area."]],
       wrong: [
         [40, 56, "That is twice as many. Spacings are halved along x and along y."],
@@ -63,13 +64,18 @@ const SmoothedSum = (() => {
       hint: "Which area has a particle? Divide the area of the disc by it.",
     },
     {
-      asks: "Wave, d = 0.025 m, no jitter. At its top, x = 0.25 m, the sum with h = 0.24 m gives 0.924: the error is −0.076. With which h [m] is about a quarter of the error left?",
-      right: [[0.11, 0.13, "The error goes with h²: half the width, a quarter of the error."]],
+      asks: "Wave, d = 0.025 m, no jitter. At its top, x = 0.25 m, the sum with h = 0.24 m gives 0.924: the error is −0.076. With which h [m] is a quarter of the error left, 20 to 30 % of it?",
+      unit: "m",
+      right: [
+        [0.104, 0.129, "The error goes with h²: half the width, a quarter of the error."],
+        [0.0551, 0.0618, "A quarter is left. At h = 0.12 m it is, too: at 0.06 m so few particles lie within h that another error grows."],
+      ],
       wrong: [
-        [0.05, 0.07, "You took the error to go with h; it goes with h². At h = 0.06 m the sum has so few particles that another error grows."],
-        [0.4, 0.6, "A wider kernel smooths more."],
-        [0.9, 1, "A wider kernel smooths more."],
+        [0.0001, 0.0551, "So few particles lie within h that another error grows."],
+        [0.0619, 0.104, "Less than 20 % of the error is left."],
         [0.23, 0.25, "That is the same h, and the same error."],
+        [0.13, 0.23, "More than 30 % of the error is left: h must be smaller."],
+        [0.26, 1, "A wider kernel smooths more."],
       ],
       hint: "Move h and watch the error at x = 0.25 m.",
     },

@@ -4,6 +4,9 @@ A block fenced as `{judge} N` stands below exercise N. It knows the lesson's nam
 module. It raises `Wrong`, or sets `right`, the words for a right answer. Notebooks and pages do not show it.
 """
 
+import functools
+import inspect
+import re
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
@@ -12,6 +15,15 @@ import numpy as np
 from refsim.io.lessons import judges, lessons
 
 OPEN = "replace the three dots by your answer"
+# Units that an answer may be written with, by what they measure; `docs/_static/live.js` has those of its questions.
+UNITS: tuple[dict[str, float], ...] = (
+    {"": 1, "%": 0.01},
+    {"m": 1, "dm": 0.1, "cm": 0.01, "mm": 0.001},
+    {"s": 1, "ms": 0.001, "min": 60, "h": 3600, "hours": 3600},
+    {"Pa s": 1, "mPa s": 0.001},
+    {"particles": 1, "particle": 1},
+)
+WRITTEN = re.compile(r"([-+]?[\d.]+(?:e[-+]?\d+)?)\s*(?:/\s*([\d.]+))?\s*(\D*)", re.IGNORECASE)
 
 
 class Wrong(Exception):
@@ -43,9 +55,22 @@ class Exercises:
 
     def verdict(self, exercise: int, answer: Any) -> Verdict:
         """Judge an answer."""
-        known = dict(self.names) | HELPERS | {"answer": answer}
+        given: list[Any] = []  # what the answer, a function, was called with last
+
+        def call(function: Any, *values: Any) -> Any:
+            given[:] = [value.copy() if isinstance(value, np.ndarray) else value for value in values]
+            return told(called, function, *values)
+
+        def told(helper: Any, *values: Any, **more: Any) -> Any:
+            try:
+                return helper(*values, **more)
+            except Wrong as wrong:
+                raise Wrong(f"{wrong}{'' if OPEN in str(wrong) else tried(answer, given)}") from None
+
+        beside = {"answer": answer, "called": call, "compare": functools.partial(told, compare)}
+        known = dict(self.names) | HELPERS | beside
         try:
-            if answer is ... or (isinstance(answer, tuple) and any(part is ... for part in answer)):
+            if answer is ... or (isinstance(answer, tuple | list) and any(part is ... for part in answer)):
                 raise Wrong(f"{OPEN}.")
             exec(compile(self.judges[exercise], f"judge of exercise {exercise}", "exec"), known)
         except Wrong as wrong:
@@ -58,14 +83,53 @@ class Exercises:
         print(f"Exercise {exercise}: {'right' if found.right else 'not yet'}: {found.words}")
 
 
-def number(answer: Any) -> float:
-    """The answer as one finite number; raises Wrong."""
-    return float(numbers(answer, ()))
+def tried(answer: Any, given: list[Any]) -> str:
+    """The sentence that says with which numbers, arrays and functions the answer was called; none where it was not."""
+    try:
+        names = list(inspect.signature(answer).parameters)
+    except (TypeError, ValueError):
+        names = []
+    said = []
+    for place, value in enumerate(given):
+        if isinstance(value, np.ndarray):
+            words = " ".join(np.array2string(value, precision=3, threshold=6, edgeitems=1).split())
+            words = f"{words} of shape {value.shape}"
+        elif isinstance(value, float) or callable(value):
+            words = f"{value:.6g}" if isinstance(value, float) else value.__name__
+        else:
+            continue
+        said.append(f"{names[place]} = {words}" if len(names) == len(given) else words)
+    return f" Tried: {', '.join(said)}." if said else ""
 
 
-def numbers(answer: Any, shape: tuple[int, ...]) -> np.ndarray:
+def read(text: str, unit: str) -> float:
+    """The number that a text writes, such as "0.5", "0,5", "3/16" or "12 cm", in a unit of `UNITS`; raises Wrong."""
+    found = WRITTEN.fullmatch(text.strip().replace(",", ".").replace("\u2212", "-"))
+    try:
+        value = float(found[1]) / float(found[2] or 1) if found else None
+    except (ValueError, ZeroDivisionError):
+        value = None
+    if found is None or value is None:
+        raise Wrong(f"this is {text!r}; write one number, such as 0.5 or 3/16.")
+    units = next(units for units in UNITS if unit in units)
+    written = found[3].strip().replace("\u00b7", " ") or unit
+    if written not in units:
+        raise Wrong(f"{text!r} is not {f'in {unit}' if unit else 'a plain number'}, and that is asked for.")
+    return value * units[written] / units[unit]
+
+
+def number(answer: Any, unit: str = "") -> float:
+    """The answer as one finite number, in a unit of `UNITS` where it is a text with a unit; raises Wrong."""
+    return float(numbers(answer, (), unit))
+
+
+def numbers(answer: Any, shape: tuple[int, ...], unit: str = "") -> np.ndarray:
     """The answer as an array of finite numbers of a shape; raises Wrong."""
     wanted = f"numbers in an array of shape {shape}" if shape else "one number"
+    if isinstance(answer, str):
+        answer = read(answer, unit)
+    elif isinstance(answer, list | tuple):
+        answer = [read(part, unit) if isinstance(part, str) else part for part in answer]
     if callable(answer):
         raise Wrong(f"this is a function: call it, with brackets. Asked for: {wanted}.")
     if answer is None:

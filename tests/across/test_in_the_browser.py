@@ -1,6 +1,7 @@
 """Lessons that compute in the browser: their numbers against refsim's references, by mouse, touch and keyboard."""
 
 import functools
+import json
 import pathlib
 import re
 
@@ -11,6 +12,7 @@ from refsim import Cloud, Scene, Simulation, SurfaceDetection, WeaklyCompressibl
 from refsim.smoothing import smoothing
 from refsim.smoothing.reference import kernel_value
 from refsim.surface_detection import plane_moment
+from tests.io.test_exercises import WRITTEN
 from tests.render.browser import Browser, chromium
 
 pytestmark = pytest.mark.skipif(chromium() is None, reason="Chromium is not installed")
@@ -145,9 +147,27 @@ def test_right_answers_are_praised_and_wrong_ones_told_apart(opened, page, name,
         assert wrong == [f"Not yet. {says}" for _, _, says in one["wrong"]]
         assert len(set(wrong)) >= 3
         assert answered(browser, number, "-777", False) == f"Not yet. {one['hint']}"
-        assert answered(browser, number, "many", True) == "Write one number, such as 0.5 or 3/16."
+        for text in ("many", "4x"):
+            assert answered(browser, number, text, True).startswith("Write one number, such as 0.5 or 3/16")
     if page == SUM:
-        assert all(answered(browser, 1, text, True).startswith("Right") for text in ("3/16", "0,1875", " 0.1875 "))
+        assert all(answered(browser, 1, text, True).startswith("Right") for text in ("3/16", "0,1875", " 18.75 % "))
+        assert all(answered(browser, 4, text, True).startswith("Right") for text in ("12 cm", "0.12 m", "60 mm"))
+        assert answered(browser, 4, "0.12 cm", True).startswith("Not yet")
+
+
+def test_a_written_number_is_read_as_in_the_notebooks(opened):
+    browser = opened(SUM)
+    for text, unit, value in WRITTEN:
+        found = browser.value(f"(n => Number.isFinite(n) ? n : null)(Live.number({json.dumps(text)}, '{unit}'))")
+        assert found == (value if value is None else pytest.approx(value)), text
+
+
+def test_the_error_of_a_wide_kernel_is_judged_by_the_error(opened):
+    browser = opened(SUM)
+    errors = {h: abs(1 - smoothed(lattice(0.025), 0.025, h, "wave", 0.25)[0]) for h in np.arange(30, 301, 2) / 1000}
+    for h, error in errors.items():
+        right = browser.value(f"Live.judged(SmoothedSum.QUESTIONS[3], '{h}').right")
+        assert right == (0.2 <= error / errors[0.24] <= 0.3), h
 
 
 @functools.cache

@@ -9,7 +9,7 @@ import matplotlib
 import numpy as np
 import pytest
 
-from refsim.io.exercises import HELPERS, Exercises
+from refsim.io.exercises import HELPERS, Exercises, Wrong, number
 from refsim.io.lessons import cells, judges, lessons, notebook
 from refsim.smoothing import reference, smoothing
 
@@ -19,6 +19,13 @@ every = pytest.mark.parametrize("name", LESSONS)
 SLOW = "35678"  # numbers of lessons that compile for long; the others are judged by the same program
 
 MISTAKES = tomllib.loads((pathlib.Path(__file__).parent / "wrong_answers.toml").read_text(encoding="utf-8"))
+WRITTEN = [  # as a text, the unit that is asked for, and the value in it; the pages in the browser read the same
+    ("0.12", "m", 0.12), ("0.12 m", "m", 0.12), ("12 cm", "m", 0.12), ("12cm", "m", 0.12), ("120 mm", "m", 0.12),
+    ("0.12 cm", "m", 0.0012), ("50%", "", 0.5), ("3/16", "", 0.1875), ("−0,5", "", -0.5), ("1e-3", "", 1e-3),
+    ("3/4 cm", "m", 0.0075), ("88 particles", "particles", 88), ("4x", "", None), ("4x", "particles", None),
+    ("50%", "m", None), ("12 s", "m", None), ("12 cm", "", None), ("many", "", None), ("1.2.3", "", None),
+    ("", "", None), ("1/0", "", None), ("12 toString", "m", None),
+]  # fmt: skip
 # Names that mistakes need and a lesson has not.
 BESIDE = """
 def lopsided(fluid, walls, limit):
@@ -83,6 +90,38 @@ def test_wrong_answers_are_told_what_is_wrong(name):
             verdict = known["check"].verdict(int(exercise), eval(answer, known))
             assert not verdict.right, (exercise, answer)
             assert words in verdict.words, (exercise, answer)
+
+
+RIGHT = {  # by lesson and exercise
+    "0_smoothed_sum": {
+        1: ("3/16", "0,1875", " 18.75 % "), 2: ("1/2", "50%"), 3: ("88 particles", 88),
+        4: (0.06, 0.11, 0.12, "0.12 m", "12 cm", "120mm", "1.2 dm", "6 cm"),
+    },
+    "4_stable_or_not": {2: ([8, 16, 16, 32],), 3: (["energy_gained", 2.2], ("energy_gained", "2.2 Pa·s"))},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", RIGHT)
+def test_right_answers_in_other_words_are_right(name):
+    for exercise, answers in RIGHT[name].items():
+        for answer in answers:
+            verdict = taught(name)["check"].verdict(exercise, answer)
+            assert verdict.right, (exercise, answer, verdict.words)
+
+
+@pytest.mark.parametrize("text, unit, value", WRITTEN)
+def test_a_written_number_is_read_with_its_unit(text, unit, value):
+    if value is not None:
+        assert number(text, unit) == pytest.approx(value)
+        return
+    with pytest.raises(Wrong, match=r"asked for|write one number"):
+        number(text, unit)
+
+
+@every
+def test_what_is_asked_beside_an_answer_is_said_not_to_be_judged(name):
+    for asked in re.findall(r"^\*\*\d\. .*?\*\*(.*?)^```", LESSONS[name], re.MULTILINE | re.DOTALL):
+        assert asked.partition("*Not judged:*")[0].count("?") <= 1, asked
 
 
 def test_lesson_0_sums_as_refsim_does():
