@@ -129,15 +129,15 @@ def summary(whole: Whole, page: Path) -> str:
     rows += [[words, number(c.value), c.paper, c.bar, c.verdict] for _, words, c in whole.five()]
     lines += ["", *_plain(Table("", rows[0], rows[1:]))] if len(rows) > 1 else []
     count = {verdict: sum(c.verdict == verdict for _, c in whole.checks) for verdict in (PASS, FAIL, SHOWN, MISSED)}
-    said = f"{count[PASS]} checks passed, {count[FAIL]} failed, {count[SHOWN]} are shown without a bar."
+    said = [f"{count[PASS]} checks passed, {count[FAIL]} failed, {count[SHOWN]} are shown without a bar."]
     if count[MISSED]:
-        said += f" {count[MISSED]} of the papers' own choices miss theirs, as on file."
+        said.append(f"{count[MISSED]} of the papers' own choices miss their bars, as on file.")
     measured = [check for _, check in whole.claims if check is not None]
     changed = [check for check in measured if check.verdict == FAIL]
     if measured:
-        said += f" Claims measured: {len(measured)}, {len(changed)} with a verdict other than written."
+        said.append(f"Claims measured: {len(measured)}, {len(changed)} with a verdict other than written.")
     last = [
-        said, f"It took {whole.seconds:.0f} s.", f"Pictures: {whole.figures}",
+        *said, f"It took {whole.seconds:.0f} s.", f"Pictures: {whole.figures}",
         f"Every table, picture and verdict: {page}",
     ]  # fmt: skip
     bad = [f"failed: {name} {c.name}: {number(c.value)}, bar {c.bar}" for name, c in whole.checks if c.verdict == FAIL]
