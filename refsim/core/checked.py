@@ -1,13 +1,17 @@
 """Values of scenes and effects are compared with their types; an error names the field, in TOML as in Python."""
 
+import collections.abc
 import difflib
 import functools
+import inspect
 import itertools
+import operator
 import os
 import re
+import types
 import typing
-from collections.abc import Iterable, Mapping
-from typing import Annotated, Any, ClassVar
+from collections.abc import Callable, Iterable, Mapping
+from typing import Annotated, Any, ClassVar, ParamSpec, TypeVar
 
 import msgspec
 import numpy as np
@@ -32,10 +36,43 @@ NotNegative = Annotated[float, msgspec.Meta(ge=0)]
 Share = Annotated[float, msgspec.Meta(ge=0, le=1)]
 Count = Annotated[int, msgspec.Meta(ge=1)]
 SIDES = {">": "more than", ">=": "at least", "<": "less than", "<=": "at most"}  # of the bound that a type sets
+WORDS = IN_PYTHON | {
+    "NoneType": "None",
+    "PathLike": "a path",
+    "Callable": "a function",
+    "Sequence": "a tuple or a list",
+    "Iterable": "a tuple or a list",
+    "Mapping": "a mapping",
+}  # of classes in annotations
+MAKERS = {"Scene": " (load_scene reads a file)"}
+P = ParamSpec("P")
+R = TypeVar("R")
 
 
-class Checked(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class _Named(msgspec.StructMeta):
+    """Classes whose fields are given by name; one that is not there, or is left out, is said in a sentence."""
+
+    def __call__(cls, *given: Any, **named: Any) -> Any:
+        try:
+            return super().__call__(*given, **named)
+        except TypeError:
+            made: Any = cls
+            fields = {f.name: f.required for f in msgspec.structs.fields(made)}
+            if given:
+                said = f" takes no value without a name; its names are {', '.join(fields)}."
+            elif unknown := [name for name in named if name not in fields]:
+                said = f": there is no {unknown[0]!r}; {suggestion(unknown[0], fields)}"
+            elif missing := [name for name, required in fields.items() if required and name not in named]:
+                said = f": {missing[0]} is missing; give {missing[0]} = a value."
+            else:
+                raise
+        raise InputError(f"{_called(cls)}{said}")
+
+
+class Checked(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, metaclass=_Named):
     """Base of what a scene is made of: a value of the wrong kind or out of its range is refused when it is made.
+
+    It keeps tuples in place of lists, and copies of arrays that cannot be written to; equal ones have one hash.
 
     Raises InputError, which names effect or class, field and value.
     """
@@ -44,6 +81,11 @@ class Checked(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     removed: ClassVar[Mapping[str, str]] = {}  # former choices, and what to give in their place
 
     def __post_init__(self) -> None:
+        typed = {name for name, _ in _kinds(type(self))}
+        for name in self.__struct_fields__:
+            value = getattr(self, name)
+            if (kept := _kept(value, name in typed)) is not value:
+                msgspec.structs.force_setattr(self, name, kept)
         for name, kind in _kinds(type(self)):
             value = getattr(self, name)
             if name in self.says_why and isinstance(value, str):
@@ -55,6 +97,123 @@ class Checked(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
                 raise InputError(
                     f"{_called(type(self))}: {name}{why(error, value, kind, words, self.removed)}"
                 ) from None
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Checked) and _values(self) == _values(other)
+
+    def __hash__(self) -> int:
+        return hash(_values(self))
+
+
+def _kept(value: Any, typed: bool) -> Any:
+    """`value`, or what stands for a list or an array in what does not change: a tuple; untyped arrays are copied."""
+    if isinstance(value, np.ndarray) and not typed:
+        value = value.copy()
+        value.setflags(write=False)
+    elif isinstance(value, np.ndarray) and value.ndim:
+        return _kept(value.tolist(), typed)
+    elif isinstance(value, list | tuple):
+        kept = tuple(_kept(v, typed) for v in value)
+        return value if isinstance(value, tuple) and all(map(operator.is_, kept, value)) else kept
+    return value
+
+
+def _values(value: Any) -> Any:
+    """Class and values of a struct, a tuple or an array, as what has a hash."""
+    if isinstance(value, np.ndarray):
+        return value.shape, value.dtype.str, value.tobytes()
+    if isinstance(value, tuple):
+        return tuple(map(_values, value))
+    if isinstance(value, Checked):
+        return type(value), *(_values(getattr(value, f)) for f in value.__struct_fields__)
+    return value
+
+
+def plainly(function: Callable[P, R]) -> Callable[P, R]:
+    """The function; what it cannot take is said in one sentence, before it is called.
+
+    That is an argument that it has not, one that is left out, or a value of another kind than its annotations say.
+    Raises InputError.
+    """
+    place = re.sub(r"\.__\w+__$", "", function.__qualname__)
+
+    @functools.wraps(function)
+    def call(*given: P.args, **named: P.kwargs) -> R:
+        signature, kinds = _arguments(function)
+        try:
+            values = signature.bind(*given, **named).arguments
+        except TypeError:
+            raise InputError(f"{place}{_misfit(signature, given, named)}") from None
+        for name, value in values.items():
+            if name in kinds and not _is_of(value, kinds[name]):
+                words = " or ".join(dict.fromkeys(_kinds_in_words(kinds[name])))
+                raise InputError(f"{place}: {name} = {_short(value)} is {word_for(value)}; give {words}.")
+            if isinstance(value, str | os.PathLike) and "\0" in str(value):
+                raise InputError(f"{place}: {name} = {str(value)!r} has a zero character; leave it out.")
+        return function(*given, **named)
+
+    return call
+
+
+@functools.cache
+def _arguments(function: Callable[..., Any]) -> tuple[inspect.Signature, dict[str, Any]]:
+    """Signature of a function, and the kinds of those arguments that are one value each."""
+    signature = inspect.signature(function)
+    written = {
+        p.name: p.annotation
+        for p in signature.parameters.values()
+        if p.annotation is not p.empty and p.kind not in (p.VAR_POSITIONAL, p.VAR_KEYWORD)
+    }
+    holder = types.SimpleNamespace(__annotations__=written)  # without what is returned, which may not be imported
+    return signature, typing.get_type_hints(holder, inspect.unwrap(function).__globals__)
+
+
+def _misfit(signature: inspect.Signature, given: tuple[Any, ...], named: Mapping[str, Any]) -> str:
+    """Why a function cannot be called so, as the rest of a sentence."""
+    own = [p for p in signature.parameters.values() if p.kind is not p.VAR_KEYWORD]
+    known = [p.name for p in own if p.name not in ("self", "cls")]
+    for name in named if len(own) == len(signature.parameters) else ():
+        if name not in known:
+            return f": there is no {name!r}; {suggestion(name, known)}"
+    unnamed = [p.name for p in own if p.kind is p.POSITIONAL_OR_KEYWORD]
+    if len(given) > len(unnamed):
+        others = ", ".join(known[len([name for name in unnamed if name in known]) :])
+        return f": too many values are without a name; give {f'by name {others}' if others else 'fewer'}."
+    if twice := [name for name in unnamed[: len(given)] if name in named]:
+        return f": {twice[0]} is given twice; give it once."
+    missing = [p.name for p in own[len(given) :] if p.default is p.empty and p.name not in named]
+    return f": {missing[0]} is missing; give {missing[0]} = a value."
+
+
+def _is_of(value: Any, kind: Any) -> bool:
+    """Whether a value is of a kind, by its class alone; a number of NumPy is one of Python."""
+    origin = typing.get_origin(kind)
+    if origin in (typing.Union, types.UnionType):
+        return any(_is_of(value, inner) for inner in typing.get_args(kind))
+    if kind in (float, int, bool):
+        value = as_plain(value)
+        return isinstance(value, int | float if kind is float else kind) and isinstance(value, bool) == (kind is bool)
+    if origin is typing.Literal:
+        return value in typing.get_args(kind)
+    if kind in (Any, np.ndarray) or origin is np.ndarray:  # what is made an array is looked at there
+        return True
+    if origin is not None and origin is not Annotated:
+        lists = origin in (collections.abc.Sequence, collections.abc.Iterable)
+        return isinstance(value, origin) and not (lists and isinstance(value, str))
+    return value is None if kind in (None, type(None)) else not isinstance(kind, type) or isinstance(value, kind)
+
+
+def _kinds_in_words(kind: Any) -> list[str]:
+    """What is of a kind, in words."""
+    origin = typing.get_origin(kind) or kind
+    if origin in (typing.Union, types.UnionType):
+        inner = typing.get_args(kind)
+        paths = any(typing.get_origin(k) is os.PathLike for k in inner)
+        return [w for k in inner if not (paths and k is str) for w in _kinds_in_words(k)]
+    if origin is typing.Literal:
+        return list(map(repr, typing.get_args(kind)))
+    name = getattr(origin, "__name__", "")
+    return [WORDS.get(name) or f"a {name}{MAKERS.get(name, '')}"]
 
 
 def _called(owner: type) -> str:
@@ -143,6 +302,7 @@ def word_for(value: Any) -> str:
         (str, "text"),
         (list, "a list"),
         (dict, "a table"),
+        (type, "a class"),
     ):
         if isinstance(value, kind):
             return word
@@ -157,7 +317,7 @@ def suggestion(word: str, known: Iterable[str]) -> str:
 
 
 def _short(value: Any) -> str:
-    text = repr(value)
+    text = " ".join(repr(value).split())
     return text if len(text) <= 40 else f"{text[:37]}..."
 
 

@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from refsim.core.checked import plainly
 from refsim.core.errors import InputError, RunStopped
 from refsim.core.fields import POSITION_RESIDUAL
 from refsim.core.log import log
@@ -108,6 +109,7 @@ class RunReport(Shown):
         ]
 
 
+@plainly
 def simulate(
     scene: Scene | Plan | Simulation,
     until: float | None = None,

@@ -19,8 +19,8 @@ import numpy as np
 from refsim.backends import arrays as backends
 from refsim.backends.scratch import Scratch
 from refsim.backends.threads import places
-from refsim.core.capabilities import BringsWalls, FollowsSettings, LimitsSpeed, Watches, having
-from refsim.core.checked import suggestion
+from refsim.core.capabilities import BringsWalls, FollowsSettings, HasPlanes, LimitsSpeed, Watches, having
+from refsim.core.checked import plainly, suggestion
 from refsim.core.effect import Effect, Extremes, Pass
 from refsim.core.errors import InputError, RunStopped
 from refsim.core.tables import Shown
@@ -39,8 +39,10 @@ from refsim.gauges import GaugeSeries
 from refsim.io.checkpoint import Checkpoint, write_checkpoint
 from refsim.io.scenes import check_same_scene
 from refsim.neighbours import NeighbourSearch
+from refsim.scene.checks import check_coincident, check_values
 from refsim.scene.plan import Plan, make_plan
 from refsim.scene.scene import Scene
+from refsim.scene.shapes import as_floats
 from refsim.smoothing import Smoothing
 from refsim.sph import CROWD, DENSE, LIQUID
 
@@ -48,6 +50,7 @@ Compiling = Callable[[int, int], Callable[[], Any]]
 P = ParamSpec("P")
 R = TypeVar("R")
 DERIVED = ("identity", "position_residual")  # state that is not set by hand
+INSIDE = 1e-3  # spacings behind a plane that a position may be set, for rounding
 STOPPED, ENOUGH = 2e-3, 100  # stops by planes over steps times particles that get a note, and least number of both
 HELD = 0.3  # the same that stop the run
 MANY_FOR_ALL_PAIRS = 2000  # particles above which the numpy backend is announced as slow
@@ -89,6 +92,7 @@ class Simulation(Shown):
     Raises InputError for bad input or a backend that is not there.
     """
 
+    @plainly
     def __init__(
         self, scene: Scene | Plan, backend: str = "cpu", threads: int | None = None, profile: bool = False,
         compiling: Compiling | None = None,
@@ -194,6 +198,7 @@ class Simulation(Shown):
         """The neighbour search; None where no list is needed."""
         return self.lists.search
 
+    @plainly
     def field(self, name: str) -> np.ndarray:
         """A field's values on the host (a copy): a row for each particle, in the particles' first order.
 
@@ -229,6 +234,7 @@ class Simulation(Shown):
         ordered[self._host("identity")] = values
         return ordered
 
+    @plainly
     def set_field(self, name: str, values: np.ndarray) -> None:
         """Set a field of the state between two steps; the run goes on from there, with lists that belong to it.
 
@@ -237,16 +243,23 @@ class Simulation(Shown):
                 as forces do; after positions it is what led to them
         values  one row for each particle, in the order and unit of `field`; positions are places in the scene
 
-        Raises InputError where the scene has no such state, or the values have another shape or are not finite.
+        Raises InputError where the scene has no such state, or the values have another shape or are none that a scene
+        may begin with: not finite, no positive mass, off the plane in 2D, behind a wall, two particles at one place.
         """
         known = [n for n, f in self.plan.particle_fields.items() if f.state and n not in DERIVED]
         if name not in known:
             raise InputError(f"set_field: {name!r} is no state of this scene's particles; it has {', '.join(known)}.")
-        values, wanted = np.asarray(values), self.plan.fields[name].shape(self.count)
+        wanted = self.plan.fields[name].shape(self.count)
+        try:
+            values = np.asarray(values)
+            values = as_floats(values.astype(int) if values.dtype == bool else values)
+        except (TypeError, ValueError):
+            raise InputError(f"set_field: {name} is no array of numbers; give {wanted} numbers.") from None
         if values.shape != wanted:
             raise InputError(f"set_field: {name} has shape {values.shape}; give {wanted}, one row for each particle.")
-        if not np.isfinite(values).all():
-            raise InputError(f"set_field: {name} has values that are not finite; give finite ones.")
+        check_values("set_field", name, values, self.plan.grid.dim, self.plan.grid.dtype)
+        if name == "position":
+            self._check_places(values)
         if name == "velocity" and not self.lists.velocities_set:
             self._end_step_of_density()
         self._set(name, values[self._host("identity")])
@@ -262,6 +275,18 @@ class Simulation(Shown):
         if name == "position":
             self.lists.policy.invalidate()
 
+    def _check_places(self, values: np.ndarray) -> None:
+        """Raise InputError where positions (n, 3) [m] coincide, or one that is another than now is behind a plane."""
+        grid = self.plan.grid
+        there = grid.local(values)
+        check_coincident(there, grid.dtype, "set_field")
+        moved = (values != self.stored("position")).any(1, keepdims=True)
+        bounding: list[Any] = having(self.plan.effects, HasPlanes)
+        for planes in (effect.local(grid) for effect in bounding):
+            held = np.where(moved, there, np.clip(there, *planes.domain(grid)))
+            planes.check_inside(grid, held, INSIDE * grid.spacing)
+
+    @plainly
     def gauge(self, name: str) -> GaugeSeries:
         """What the scene's gauge of this name has measured so far. Raises InputError where there is no such gauge."""
         if self.gauges is None:
@@ -454,6 +479,7 @@ class Simulation(Shown):
 
     # Stopping and going on
 
+    @plainly
     @_at_work
     def checkpoint(self, path: str | os.PathLike[str], keep: int = 2) -> None:
         """Write a checkpoint from which `resume` goes on bit for bit; the run is not changed by it.
@@ -476,6 +502,7 @@ class Simulation(Shown):
         return snapshot(self)
 
     @classmethod
+    @plainly
     def resume(
         cls,
         path: str | os.PathLike[str],

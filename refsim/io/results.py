@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from refsim.core.capabilities import KeepsLedger
-from refsim.core.checked import suggestion
+from refsim.core.checked import plainly, suggestion
 from refsim.core.effect import EFFECTS
 from refsim.core.errors import InputError
 from refsim.core.extras import extra
@@ -135,6 +135,7 @@ class Run(Shown):
     def __getitem__(self, number: int) -> RunFrame: ...
     @overload
     def __getitem__(self, number: slice) -> list[RunFrame]: ...
+    @plainly
     def __getitem__(self, number: int | slice) -> RunFrame | list[RunFrame]:
         if isinstance(number, slice):
             return [RunFrame(self, k) for k in range(len(self))[number]]
@@ -145,6 +146,7 @@ class Run(Shown):
     def __iter__(self) -> Iterator[RunFrame]:
         return (RunFrame(self, k) for k in range(len(self)))
 
+    @plainly
     def at(self, time: float) -> RunFrame:
         """The frame nearest to `time` [s]. Raises InputError for a time before the first or after the last frame."""
         first, last = self.times[0], self.times[-1]
@@ -199,6 +201,7 @@ class Run(Shown):
         """Names of the scene's gauges; none where the folder has no file of them."""
         return tuple(read_series(self.folder / GAUGES)) if (self.folder / GAUGES).exists() else ()
 
+    @plainly
     def gauge(self, name: str) -> GaugeSeries:
         """What the gauge of this name has measured. Raises InputError where there is no such gauge."""
         series = read_series(self.folder / GAUGES)
@@ -221,6 +224,7 @@ class Run(Shown):
 
     # For other libraries
 
+    @plainly
     def to_xarray(self, fields: Sequence[str] | None = None, frames: slice = slice(None)) -> xarray.Dataset:
         """Fields over time and particle as an xarray.Dataset with units, read whole (extra "results").
 
@@ -248,6 +252,7 @@ class Run(Shown):
             coordinates["axis"] = ["x", "y", "z"]
         return library.Dataset(variables, coordinates, {"scene": self._origin.scene})
 
+    @plainly
     def to_pandas(self, fields: Sequence[str] | None = None, frames: slice = slice(None)) -> pandas.DataFrame:
         """Fields as a pandas.DataFrame with one row a particle and frame (extra "results"); numbers may change.
 
@@ -274,6 +279,7 @@ class Run(Shown):
         whole.attrs["units"] = {name: self.fields[name].unit for name in self._chosen(fields)}
         return whole
 
+    @plainly
     def to_pyvista(self, time: float) -> pyvista.PolyData:
         """The frame nearest to `time` [s] as pyvista's point cloud (extra "results")."""
         return self.at(time).to_pyvista()
@@ -300,6 +306,7 @@ class Run(Shown):
         ]
 
 
+@plainly
 def open_run(folder: str | os.PathLike[str], *, check: bool = True) -> Run:
     """Open the folder of a run, as `refsim run` and `simulate` write it, or its collection of frames.
 

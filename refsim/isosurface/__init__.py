@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from refsim.backends.arrays import Backend, on_backend
+from refsim.core.checked import plainly
 from refsim.core.errors import InputError
 from refsim.core.operation import REGISTRY
 from refsim.isosurface import reference as reference
@@ -79,6 +80,7 @@ def case_tables(backend: Backend, dim: int, merged: bool) -> tuple[CaseTable, An
     return _TABLES[key]
 
 
+@plainly
 def extract(
     backend: Backend, coordinates: np.ndarray, values: np.ndarray, cell_size: float, dim: int,
     level: float = 0.0, merged: bool = False,

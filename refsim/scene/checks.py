@@ -24,6 +24,8 @@ COARSE = 1e-4  # [spacings] a coarser resolution of positions gives a note: acce
 LEAST = 1e-30  # smallest length [m] and time [s] that a scene may have
 SMALLEST = 1e-100  # magnitude of any other number that is not zero
 CROWDED, TWICE = 1.05, 1.2  # particles over those of a lattice, above which a start has a note and is refused
+FLAT = {"position": ("z", "m"), "velocity": ("v_z", "m/s")}  # what is 0 in 2D
+POSITIVE = {"mass": "kg", "rest_density": "kg/m^3", "heat_capacity": "J/(kg K)", "volume_ratio": "of the first volume"}
 LATTICE = 1.02  # largest of the same in a lattice, turned or stretched, that is counted alone
 ALONE, FEW = 1.05, 1.5  # spacings of a support below which a lattice's particle has no neighbour, few of them
 LONGEST_FIXED = 1.6  # stable steps that a fixed step may span; longer ones gained energy without diverging in tests
@@ -298,21 +300,7 @@ def check_places(state: InitialState, bounds: Any, solids: Nodes | None) -> None
 
 def check_particles(position: np.ndarray, velocity: np.ndarray, mass: np.ndarray, scene: Scene) -> None:
     for name, values in (("position", position), ("velocity", velocity), ("mass", mass)):
-        with np.errstate(over="ignore"):  # reported below
-            rounded = values.astype(scene.dtype)
-            bad = np.flatnonzero(~(np.abs(rounded) <= GREATEST).reshape(len(values), -1).all(1))
-        if len(bad):
-            raise InputError(
-                f"scene: the {name} of particle {bad[0]} is not a finite number, in {scene.dtype} and below"
-                f" {GREATEST:g} ({len(bad)} such particles); correct the input."
-            )
-    if (mass <= 0).any():
-        first = int(np.flatnonzero(mass <= 0)[0])
-        raise InputError(f"scene: the mass of particle {first} is {mass[first]} kg; give a positive mass.")
-    for values, name, unit in ((position, "z", "m"), (velocity, "v_z", "m/s")) if scene.dim == 2 else ():
-        if values[:, 2].any():
-            first = int(np.flatnonzero(values[:, 2])[0])
-            raise InputError(f"scene: particle {first} has {name} = {values[first, 2]} {unit} in 2D; set {name} to 0.")
+        check_values("scene", name, values, scene.dim, scene.dtype)
     for axis, length in enumerate(scene.period):
         x, low = position[:, axis], scene.period_lower[axis]
         outside = np.flatnonzero((length > 0) & ((x < low) | (x >= low + length)))
@@ -324,13 +312,33 @@ def check_particles(position: np.ndarray, velocity: np.ndarray, mass: np.ndarray
             )
 
 
-def check_coincident(position: np.ndarray, dtype: str) -> None:
+def check_values(place: str, name: str, values: np.ndarray, dim: int, dtype: str) -> None:
+    """Raise InputError, beginning with `place`, for values of a particle field that no scene can have."""
+    with np.errstate(over="ignore"):  # reported below
+        rounded = values.astype(dtype)
+        bad = np.flatnonzero(~(np.abs(rounded) <= GREATEST).reshape(len(values), -1).all(1))
+    if len(bad):
+        raise InputError(
+            f"{place}: the {name} of particle {bad[0]} is not a finite number, in {dtype} and below"
+            f" {GREATEST:g} ({len(bad)} such particles); correct the input."
+        )
+    if name in POSITIVE and (values <= 0).any():
+        first = int(np.flatnonzero(values <= 0)[0])
+        raise InputError(
+            f"{place}: the {name} of particle {first} is {values[first]} {POSITIVE[name]}; give a positive {name}."
+        )
+    if name in FLAT and dim == 2 and values[:, 2].any():
+        first, (z, unit) = int(np.flatnonzero(values[:, 2])[0]), FLAT[name]
+        raise InputError(f"{place}: particle {first} has {z} = {values[first, 2]} {unit} in 2D; set {z} to 0.")
+
+
+def check_coincident(position: np.ndarray, dtype: str, place: str = "scene") -> None:
     from refsim.neighbours import coincident_pairs
 
     same = coincident_pairs(position.astype(dtype))
     if same:
         a, b = same[0]
         raise InputError(
-            f"scene: particles {a} and {b} are at the same place ({len(same)} such pairs in {dtype});"
+            f"{place}: particles {a} and {b} are at the same place ({len(same)} such pairs in {dtype});"
             " remove the duplicates or move them apart."
         )

@@ -16,7 +16,7 @@ from typing import Any
 
 import msgspec
 
-from refsim.core.checked import as_plain, suggestion, why, word_for
+from refsim.core.checked import as_plain, plainly, suggestion, why, word_for
 from refsim.core.effect import EFFECTS, Effect
 from refsim.core.energy import EnergyAudit
 from refsim.core.errors import InputError
@@ -39,6 +39,7 @@ LISTED: dict[str, Any] = {  # what a scene lists: its class, or the shapes that 
 }  # fmt: skip
 
 
+@plainly
 def load_scene(path: str | os.PathLike[str]) -> Scene:
     """The scene in a TOML file; a cloud's `file` is looked for beside it.
 

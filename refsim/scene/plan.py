@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from refsim.core.capabilities import BringsWalls, JudgesStart, having
+from refsim.core.checked import plainly
 from refsim.core.effect import Discretisation, Effect, InitialState, Pass
 from refsim.core.errors import InputError
 from refsim.core.fields import BASE, POSITION_RESIDUAL, Field
@@ -89,6 +90,7 @@ class Plan(Shown):
         return {n: b // self.grid.count for n, b in self.bytes_of_fields().items() if n in self.particle_fields}
 
 
+@plainly
 def make_plan(scene: Scene) -> Plan:
     """Check the scene and work out its plan. Raises InputError, with one sentence, for bad input."""
     try:

@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal
 
 import msgspec
 
-from refsim.core.checked import Checked, NotNegative, Positive, suggestion
+from refsim.core.checked import Checked, NotNegative, Positive, plainly, suggestion
 from refsim.core.effect import Effect
 from refsim.core.energy import EnergyAudit
 from refsim.core.errors import InputError
@@ -56,6 +56,7 @@ class Scene(Checked, frozen=True, kw_only=True):
     energy_audit: EnergyAudit | None = None
     name: str = "scene"
 
+    @plainly
     def with_(self, **changes: Any) -> "Scene":
         """This scene with other values, which are checked like those of a new one.
 

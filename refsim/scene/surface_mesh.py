@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from refsim.core.checked import plainly
 from refsim.core.errors import InputError
 from refsim.scene.meshes import check_triangles, read_mesh, written_at
 from refsim.scene.overlaps import (
@@ -82,6 +83,7 @@ class SurfaceMesh:
         return np.ptp(self.vertices, axis=0)
 
 
+@plainly
 def load_mesh(path: str | os.PathLike[str], what: str = "mesh") -> SurfaceMesh:
     """The mesh in a file that trimesh reads (.obj, .stl, .ply, .off, .glb, ...), repaired as by `surface_mesh`.
 

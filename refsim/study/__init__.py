@@ -15,6 +15,7 @@ from typing import Any
 import msgspec
 
 from refsim.backends.arrays import require_backend, unavailable
+from refsim.core.checked import plainly
 from refsim.core.errors import InputError
 from refsim.core.tables import in_time
 from refsim.engine.simulation import Simulation
@@ -38,6 +39,7 @@ Say = Callable[[str], None]
 Watch = Callable[[Simulation], None]
 
 
+@plainly
 def study(
     scene: Scene | str | os.PathLike[str],
     observable: str | Callable[[Simulation], float],

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from refsim.core.checked import plainly
 from refsim.core.effect import Effect
 from refsim.core.errors import InputError
 from refsim.core.reading import GREATEST
@@ -89,6 +90,7 @@ def sigma_map() -> tuple[Mapping[str, Any], ...]:
     return tuple(json.loads(MAP.read_text(encoding="utf-8"))["settings"])
 
 
+@plainly
 def calibrate(
     sigma: float, model: str = "akinci", *, spacing: float, rest_density: float, dim: int = 3,
     support_radius: float | None = None, sound_speed: float | None = None, kernels: str = "mueller",

@@ -16,6 +16,7 @@ from typing import Any
 
 import msgspec
 
+from refsim.core.checked import plainly
 from refsim.core.effect import Discretisation
 from refsim.core.errors import InputError
 from refsim.sph import LIQUID, WeaklyCompressible
@@ -50,6 +51,7 @@ def wetting_map() -> tuple[Mapping[str, Any], ...]:
     return tuple(json.loads(WETTING_MAP.read_text(encoding="utf-8"))["settings"])
 
 
+@plainly
 def calibrate_contact_angle(
     angle: float, sigma: float, *, spacing: float, rest_density: float, dim: int = 3,
     support_radius: float | None = None, kernels: str = "mueller", density: str = "summation",

@@ -315,7 +315,7 @@ def test_a_state_that_cannot_be_set_is_refused():
         ("density", np.zeros(simulation.count), "'density' is no state of this scene's particles; it has position"),
         ("identity", np.zeros(simulation.count), "'identity' is no state"),
         ("velocity", np.zeros((3, 3)), "velocity has shape (3, 3); give"),
-        ("velocity", np.full((simulation.count, 3), np.nan), "velocity has values that are not finite"),
+        ("velocity", np.full((simulation.count, 3), np.nan), "the velocity of particle 0 is not a finite number"),
     ):
         with pytest.raises(InputError, match=re.escape(said)):
             simulation.set_field(name, values)

@@ -1,5 +1,8 @@
 """Values of the wrong kind are refused when an object is made, by the name of their field; one parameter is changed."""
 
+import copy
+import pickle
+
 import numpy as np
 import pytest
 
@@ -47,6 +50,42 @@ def test_numbers_and_arrays_of_numpy_are_taken():
         effects=[rs.Gravity(acceleration=np.array([0.0, 0.0, -9.81]))],
     )  # fmt: skip
     assert make_plan(made).grid.count == 9
+
+
+def test_a_scene_keeps_what_it_was_made_of_and_equal_ones_have_one_hash():
+    """A later change of the caller's lists and arrays changes no scene; copies keep arrays that cannot be written."""
+    place, cells, effects = np.ones((2, 3)), np.array([2, 2, 2]), [rs.Gravity(acceleration=(0, 0, -1))]
+    rows = [[0.0, 0.0, 0.0]]
+
+    def made():
+        fluid = [rs.Cloud(position=place), rs.Box(cells=cells), rs.Cloud(position=rows)]
+        return scene(fluid=fluid, effects=effects, solid=[rs.SolidCells(cells=cells[None])])
+
+    first, second = made(), made()
+    assert first == second
+    assert len({first, second}) == 1
+    place[0], cells[0], rows[0][0] = 5.0, 7, 9.0
+    effects.append(None)
+    assert first == second
+    assert len(first.effects) == 1
+    assert (first.fluid[0].position == 1.0).all()
+    assert first.fluid[1].cells == (2, 2, 2)
+    assert first.fluid[2].position == ((0.0, 0.0, 0.0),)
+    assert (first.solid[0].cells == 2).all()
+    effects.pop()
+    assert first != made()
+
+    class Other(rs.BoxWalls, frozen=True, kw_only=True):
+        """Walls of the same values and another class."""
+
+        name = ""
+
+    assert scene(effects=(rs.BoxWalls(**WALLS),)) != scene(effects=(Other(**WALLS),))
+    for copied in (copy.deepcopy(first), pickle.loads(pickle.dumps(first)), first.with_(name="scene")):
+        assert copied == first
+        assert hash(copied) == hash(first)
+        with pytest.raises(ValueError, match="read-only"):
+            copied.fluid[0].position[0] = 0.0
 
 
 def test_one_parameter_is_changed_by_one_call():

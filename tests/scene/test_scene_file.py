@@ -54,7 +54,7 @@ def test_toml_gives_the_same_scene_back_bit_for_bit():
     cloud = Cloud(position=np.array([[0.1, 0.2, 0.3], [1 / 3, 0.0, 1e-20]]), mass=np.array([1.0, 2.0]))
     again = parse_scene(scene_to_toml(scene.with_(fluid=(cloud,))), "scene").fluid[0]
     assert np.array_equal(again.position, cloud.position)
-    assert again.mass == [1.0, 2.0]
+    assert again.mass == (1.0, 2.0)
 
 
 @pytest.mark.parametrize("suffix", ["npy", "csv"])

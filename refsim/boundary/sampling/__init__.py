@@ -15,7 +15,7 @@ from refsim.backends.arrays import Backend, choose
 from refsim.boundary.mesh import SurfaceMesh
 from refsim.boundary.sampling import reference as reference
 from refsim.boundary.signed_distance import LEAST_BAND, DistanceField, NarrowBand, signed_distance
-from refsim.core.checked import Printed
+from refsim.core.checked import Printed, plainly
 from refsim.core.effect import literal_errata
 from refsim.core.errors import InputError
 from refsim.core.fields import Field
@@ -86,6 +86,7 @@ class BoundarySample:
         return float(self.residuals[-1]) if len(self.residuals) else 0.0
 
 
+@plainly
 def sample(
     mesh: SurfaceMesh, radius: float, *, seed: int = 0, density: float = HEXAGONAL, spacing: float | None = None,
     backend: str | Backend = "cpu", dtype: str = "float32", literal: Printed = (),

@@ -12,6 +12,7 @@ import numpy as np
 from refsim.backends.arrays import Backend, choose
 from refsim.boundary.mesh import SurfaceMesh, areas
 from refsim.boundary.signed_distance import reference as reference
+from refsim.core.checked import plainly
 from refsim.core.errors import InputError
 from refsim.core.operation import REGISTRY
 from refsim.scene.overlaps import edge_numbers
@@ -215,6 +216,7 @@ def band_grid(spacing: float, band: float, dtype: str) -> BandGrid:
     return BandGrid(h, inverse_cell(spacing, dtype), real(band), real(1.5 * 3**0.5 * float(h)))
 
 
+@plainly
 def signed_distance(
     mesh: SurfaceMesh, spacing: float, band: float | None = None, backend: str | Backend = "cpu",
     dtype: str = "float32",

@@ -1,0 +1,130 @@
+"""What the Python interface cannot take is said in one sentence, with the near word where there is one."""
+
+import re
+
+import numpy as np
+import pytest
+
+import refsim as rs
+
+TANK = rs.Scene(
+    spacing=0.1, support_radius=0.2, dim=2, fluid=(rs.Box(cells=(3, 3, 1)),),
+    effects=(
+        rs.WeaklyCompressible(sound_speed=10.0, density="summation"), rs.BoxWalls(lower=(0, 0, 0), upper=(1, 1, 1)),
+    ),
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def simulation():
+    return rs.Simulation(TANK, "numpy")
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("run")
+    rs.simulate(TANK, 1e-6, backend="numpy", output=folder, progress=False)
+    return rs.open_run(folder)
+
+
+@pytest.mark.parametrize("call, sentence", [
+    (lambda: rs.simulate(TANK, "out"), "simulate: until = 'out' is text; give a number or None."),
+    (lambda: rs.simulate(TANK, outptu="out"), "simulate: there is no 'outptu'; did you mean output?"),
+    (lambda: rs.simulate(TANK, None, "cpu"), "simulate: too many values are without a name; give by name backend, "),
+    (lambda: rs.simulate(), "simulate: scene is missing; give scene = a value."),
+    (lambda: rs.simulate(TANK, scene=TANK), "simulate: scene is given twice; give it once."),
+    (lambda: rs.simulate(TANK, threads=1.5), "simulate: threads = 1.5 is a number with decimals; give a whole number"),
+    (lambda: rs.simulate(TANK, threads=True), "simulate: threads = True is true or false; give a whole number or"),
+    (lambda: rs.simulate(TANK, output=3), "simulate: output = 3 is a whole number; give a path or None."),
+    (lambda: rs.simulate(TANK, overwrite="yes"), "simulate: overwrite = 'yes' is text; give True or False."),
+    (lambda: rs.simulate(TANK, asked_to_stop=True), "asked_to_stop = True is true or false; give a function."),
+    (lambda: rs.Simulation("scene.toml"),
+     "Simulation: scene = 'scene.toml' is text; give a Scene (load_scene reads a file) or a Plan."),
+    (lambda: rs.Simulation(rs.Scene), "refsim.scene.scene.Scene'> is a class; give a Scene"),
+    (lambda: rs.Simulation(TANK, bakend="cpu"), "Simulation: there is no 'bakend'; did you mean backend?"),
+    (lambda: rs.Simulation(TANK, "numpy", 1, False, None, 5), "Simulation: too many values are without a name; give f"),
+    (lambda: rs.Simulation.resume(None), "Simulation.resume: path = None is a NoneType; give a path."),
+    (lambda: rs.open_run(None), "open_run: folder = None is a NoneType; give a path."),
+    (lambda: rs.open_run("a\0b"), r"open_run: folder = 'a\x00b' has a zero character; leave it out."),
+    (lambda: rs.open_run("there", chek=False), "open_run: there is no 'chek'; did you mean check?"),
+    (lambda: rs.load_scene(None), "load_scene: path = None is a NoneType; give a path."),
+    (lambda: rs.make_plan(rs.make_plan(TANK)), "is a Plan; give a Scene"),
+    (lambda: rs.load_mesh(3), "load_mesh: path = 3 is a whole number; give a path."),
+    (lambda: rs.study(TANK, 3), "study: observable = 3 is a whole number; give text or a function."),
+    (lambda: rs.study(TANK, "front", knobs="spacing"), "study: knobs = 'spacing' is text; give a tuple or a list."),
+    (lambda: rs.study(TANK, "front", reference=3.0), "study: reference = 3.0 is a number with decimals; give a Refer"),
+    (lambda: rs.calibrate(0.07), "calibrate: spacing is missing; give spacing = a value."),
+    (lambda: rs.calibrate("s", spacing=1e-3, rest_density=1e3), "calibrate: sigma = 's' is text; give a number."),
+    (lambda: rs.calibrate_contact_angle("a", 0.07, spacing=1e-3, rest_density=1e3), "angle = 'a' is text; give a num"),
+    (lambda: rs.signed_distance.signed_distance(None, 0.1), "signed_distance: mesh = None is a NoneType; give a Surf"),
+    (lambda: rs.sampling.sample("mesh.stl", 0.1), "sample: mesh = 'mesh.stl' is text; give a SurfaceMesh"),
+    (lambda: rs.isosurface.extract(None, None, None, None, None), "extract: backend = None is a NoneType; give a Back"),
+    (lambda: rs.Scene(spaceing=0.1), "Scene: there is no 'spaceing'; did you mean spacing?"),
+    (lambda: rs.Scene(spacing=0.1), "Scene: support_radius is missing; give support_radius = a value."),
+    (lambda: rs.Scene(0.1), "Scene takes no value without a name; its names are spacing, support_radius, fluid, "),
+    (lambda: rs.Gravity((0, 0, -9.81)), "gravity takes no value without a name; its names are acceleration."),
+    (lambda: rs.Box(cell=(1, 1, 1)), "Box: there is no 'cell'; did you mean cells?"),
+    (lambda: rs.EnergyAudit(evry=1), "EnergyAudit: there is no 'evry'; did you mean every?"),
+    (lambda: TANK.with_("spacing"), "Scene.with_: too many values are without a name; give fewer."),
+])  # fmt: skip
+def test_a_call_that_is_not_possible_is_said_in_a_sentence(call, sentence):
+    with pytest.raises(rs.InputError, match=re.escape(sentence)) as said:
+        call()
+    assert "\n" not in str(said.value)
+
+
+@pytest.mark.parametrize("call, sentence", [
+    (lambda s, r: s.field(3), "Simulation.field: name = 3 is a whole number; give text."),
+    (lambda s, r: s.set_field("mass"), "Simulation.set_field: values is missing; give values = a value."),
+    (lambda s, r: s.gauge(None), "Simulation.gauge: name = None is a NoneType; give text."),
+    (lambda s, r: s.checkpoint(None), "Simulation.checkpoint: path = None is a NoneType; give a path."),
+    (lambda s, r: r.at("x"), "Run.at: time = 'x' is text; give a number."),
+    (lambda s, r: r["1"], "Run: number = '1' is text; give a whole number or a slice."),
+    (lambda s, r: r.to_xarray("position"), "Run.to_xarray: fields = 'position' is text; give a tuple or a list or N"),
+    (lambda s, r: r.to_pandas(frames=1), "Run.to_pandas: frames = 1 is a whole number; give a slice."),
+])  # fmt: skip
+def test_so_is_a_call_of_a_method(call, sentence, simulation, run):
+    with pytest.raises(rs.InputError, match=re.escape(sentence)):
+        call(simulation, run)
+
+
+def test_numbers_of_numpy_and_names_of_all_arguments_are_taken(run):
+    report = rs.simulate(
+        scene=TANK, until=np.float32(1e-6), backend="numpy", threads=np.int64(1), every=np.array(1.0), progress=False
+    )
+    assert report.steps == 1
+    assert run.at(np.float64(0.0)).position.shape == run[np.int64(0)].position.shape == (9, 3)
+
+
+def changed(values, place, value):
+    values = np.array(values, float)
+    values[place] = value
+    return values
+
+
+@pytest.mark.parametrize("name, change, sentence", [
+    ("position", lambda x: changed(x, (4, 2), 0.1), "set_field: particle 4 has z = 0.1 m in 2D; set z to 0."),
+    ("velocity", lambda v: changed(v, (4, 2), 0.1), "set_field: particle 4 has v_z = 0.1 m/s in 2D; set v_z to 0."),
+    ("mass", lambda m: changed(m, 2, -1.0), "set_field: the mass of particle 2 is -1.0 kg; give a positive mass."),
+    ("mass", lambda m: changed(m, 2, 0.0), "set_field: the mass of particle 2 is 0.0 kg; give a positive mass."),
+    ("position", lambda x: changed(x, 3, x[1]), "set_field: particles 1 and 3 are at the same place (1 such pairs in"),
+    ("position", lambda x: changed(x, (5, 0), -0.01), r"box_walls: particle 5 at (-0.01, 0.25) m is behind a wall (1"),
+    ("position", lambda x: changed(x, (5, 0), 1e31), "set_field: the position of particle 5 is not a finite number"),
+    ("mass", lambda m: "heavy", "set_field: mass is no array of numbers; give (9,) numbers."),
+    ("mass", lambda m: [[1.0], [1.0, 2.0]], "set_field: mass is no array of numbers; give (9,) numbers."),
+    ("position", lambda x: x * 1j, "set_field: position is no array of numbers; give (9, 3) numbers."),
+])  # fmt: skip
+def test_a_state_that_no_scene_may_begin_with_is_not_set(name, change, sentence, simulation):
+    before = simulation.field(name)
+    with pytest.raises(rs.InputError, match=re.escape(sentence)):
+        simulation.set_field(name, change(before))
+    assert np.array_equal(simulation.field(name), before)
+
+
+def test_a_particle_that_a_run_left_behind_a_wall_may_stay_there():
+    simulation = rs.Simulation(TANK, "numpy")
+    position = changed(simulation.field("position"), (5, 0), -0.01)
+    simulation._set("position", position)
+    simulation.set_field("position", changed(simulation.field("position"), (4, 0), 0.16))
+    with pytest.raises(rs.InputError, match=r"particle 4 .* behind a wall"):
+        simulation.set_field("position", changed(simulation.field("position"), (4, 0), -0.02))
