@@ -406,7 +406,7 @@ def test_bodies_drawn_inside_out_of_which_one_lies_in_the_other_are_their_union(
 
 
 def test_holes_around_a_triangle_that_is_left_are_filled_one_by_one():
-    """Without its three neighbours a triangle of a box hangs on the rest by its corners."""
+    """Without its three neighbours a triangle of a box shares only corners with the others."""
     box = BOX.subdivide()
     shared = (box.faces[:, :, None] == box.faces[5][None, None]).any(2).sum(1)
     mesh = surface_mesh(box.vertices, box.faces[shared != 2])
